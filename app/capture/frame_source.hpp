@@ -1,0 +1,31 @@
+// Where frames come from: a recording on disk or a camera. Everything behind this interface looks
+// the same to the session.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "core/camera_model.hpp"
+#include "core/error.hpp"
+#include "core/frame.hpp"
+
+namespace penumbra {
+
+class FrameSource {
+ public:
+  FrameSource() = default;
+  FrameSource(const FrameSource&) = delete;
+  FrameSource& operator=(const FrameSource&) = delete;
+  virtual ~FrameSource() = default;
+
+  // The next frame in order; nothing at the end. An error names the file (or device) and what to
+  // do.
+  [[nodiscard]] virtual Result<std::optional<Frame>> next() = 0;
+  [[nodiscard]] virtual std::string description()
+      const = 0;  // for people: "recording tabletop, 120 frames"
+  // How many frames there will be, where that is known.
+  [[nodiscard]] virtual std::optional<int> frame_count() const = 0;
+};
+
+}  // namespace penumbra

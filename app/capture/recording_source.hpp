@@ -1,0 +1,63 @@
+// A recording on disk: what it holds, and its frames in order.
+//
+//   camera.yaml tags.yaml frames/000000.jpg ... (or video.mkv) timestamps.csv groundtruth.tum?
+//
+// EuRoC/ASL folders open too: mav0/cam0/data.csv (timestamp [ns], filename), mav0/cam0/data/*.png,
+// mav0/cam0/sensor.yaml, and camera.yaml / tags.yaml beside mav0 where given.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include "app/capture/frame_source.hpp"
+#include "core/tag_map.hpp"
+#include "core/trajectory.hpp"
+
+namespace penumbra {
+
+struct RecordedFrame {
+  int number = 0;  // as listed
+  std::int64_t timestamp_ns = 0;
+  std::filesystem::path file;  // empty when the frames are in a video
+};
+
+// The listing of a recording: everything but the pixels.
+struct Recording {
+  std::filesystem::path folder;
+  std::string name;
+  std::vector<RecordedFrame> frames;  // in order of time
+  std::filesystem::path video;        // video.mkv, or empty
+  std::optional<CameraModel> camera;  // absent only where allowed (stills to calibrate from)
+  std::optional<TagMap> tags;
+  std::optional<Trajectory> groundtruth;
+  std::vector<std::string> notices;  // e.g. "cut off after frame 83 of 120"
+};
+
+struct OpenRecordingOptions {
+  bool require_camera = true;
+  bool require_tags = true;
+  std::optional<std::filesystem::path> camera;  // instead of the recording's
+  std::optional<std::filesystem::path> tags;    // instead of the recording's
+};
+
+// Errors name the file and what is wrong: no such folder, no camera.yaml, a bad line in
+// timestamps.csv, 0 frames, a listed frame that is missing (except at the end: then the recording
+// opens up to its last whole frame, with a notice).
+[[nodiscard]] Result<Recording> open_recording(const std::filesystem::path& folder,
+                                               const OpenRecordingOptions& options = {});
+
+struct RecordingSourceOptions {
+  int first = 0;  // frames [first, last) by position in the list
+  std::optional<int> last;
+  int look_ahead = 4;  // frames decoded ahead on a thread of its own; 0: decode when asked
+};
+
+// Frames as recorded: JPEG is decoded to its own YUV planes, PNG to grey or RGB, FFV1 to the stored
+// planes; nothing is converted. `sequence` is the frame's number in the listing. Every frame must
+// have the camera model's size.
+[[nodiscard]] Result<std::unique_ptr<FrameSource>> open_recording_source(
+    const Recording& recording, const RecordingSourceOptions& options = {});
+
+}  // namespace penumbra

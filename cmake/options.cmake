@@ -1,0 +1,27 @@
+# Flags that every target of ours has: the language, the warnings, the sanitizers.
+add_library(penumbra_options INTERFACE)
+target_compile_features(penumbra_options INTERFACE cxx_std_20)
+target_include_directories(penumbra_options INTERFACE ${PROJECT_SOURCE_DIR})
+target_compile_options(penumbra_options INTERFACE
+  -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wnon-virtual-dtor -Woverloaded-virtual
+  # Products and sums are rounded one by one on every machine: the same poses and pictures everywhere.
+  -ffp-contract=off)
+if(CMAKE_BUILD_TYPE STREQUAL "Debug")
+  target_compile_definitions(penumbra_options INTERFACE EIGEN_INITIALIZE_MATRICES_BY_NAN)
+endif()
+if(PENUMBRA_SANITIZE)
+  target_compile_options(penumbra_options INTERFACE
+    -fsanitize=${PENUMBRA_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer -O1 -g)
+  target_link_options(penumbra_options INTERFACE -fsanitize=${PENUMBRA_SANITIZE})
+endif()
+
+# penumbra_module(NAME LIBS...): a static library of the .cpp files in this folder and below.
+function(penumbra_module name)
+  file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/*.cpp)
+  list(FILTER sources EXCLUDE REGEX "/main\\.cpp$")
+  if(NOT sources)
+    set(sources ${PROJECT_SOURCE_DIR}/cmake/empty.cpp)
+  endif()
+  add_library(penumbra_${name} STATIC ${sources})
+  target_link_libraries(penumbra_${name} PUBLIC penumbra_options ${ARGN})
+endfunction()

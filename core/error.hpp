@@ -1,0 +1,36 @@
+// What went wrong in the world outside (a file, a device, a shader), as a value.
+// A message names the file, the field or line, the cause and the remedy: "camera.yaml: image_width:
+// is -3; give the width in pixels". Only main() turns an Error into text on standard error and an
+// exit code.
+#pragma once
+
+#include <fmt/format.h>
+
+#include <string>
+#include <tl/expected.hpp>
+#include <utility>
+
+namespace penumbra {
+
+struct Error {
+  std::string message;
+};
+
+// A value, or why there is none. Functions that open or load return one; a constructed object is
+// always valid.
+template <class T>
+using Result = tl::expected<T, Error>;
+
+// return fail("{}: {}: ...", file, field);
+template <class... Args>
+[[nodiscard]] tl::unexpected<Error> fail(fmt::format_string<Args...> text, Args&&... args) {
+  return tl::unexpected<Error>(Error{fmt::format(text, std::forward<Args>(args)...)});
+}
+
+// Puts the place that failed in front of an error from further down: "scene.json: objects[2].model:
+// <message>".
+[[nodiscard]] inline tl::unexpected<Error> fail_in(std::string_view place, const Error& cause) {
+  return tl::unexpected<Error>(Error{fmt::format("{}: {}", place, cause.message)});
+}
+
+}  // namespace penumbra

@@ -1,0 +1,56 @@
+// How far an estimated camera path is from the truth, in the table frame, with no alignment (the
+// table frame is known).
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "core/camera_model.hpp"
+#include "core/trajectory.hpp"
+
+namespace penumbra {
+
+// The 8 corners of a 0.2 m cube standing on the table's origin (x, y = +-0.1, z = 0 and 0.2), table
+// frame [m].
+[[nodiscard]] std::array<Eigen::Vector3d, 8> overlay_cube();
+
+struct Statistics {
+  double rmse = 0.0;
+  double median = 0.0;
+  double p95 = 0.0;
+  double max = 0.0;
+};
+// All zero for no values. median and p95 interpolate linearly between order statistics.
+[[nodiscard]] Statistics statistics_of(std::vector<double> values);
+
+// Where the corners of the overlay cube appear under both poses: estimated - true [px]. Corners
+// behind either camera are left out (valid[i] false); beyond the lens model's valid radius the
+// model is continued linearly.
+struct OverlayDifference {
+  std::array<Eigen::Vector2d, 8> difference_px{};
+  std::array<bool, 8> valid{};
+  [[nodiscard]] double rms_px() const;
+};
+[[nodiscard]] OverlayDifference overlay_difference(const CameraModel& camera,
+                                                   const CameraPose& estimated,
+                                                   const CameraPose& truth);
+
+struct Evaluation {
+  int frames_with_truth = 0;
+  int frames_with_pose = 0;     // estimated poses that have a true one at their time
+  Statistics translation_mm;    // |t_estimated - t_true|
+  Statistics rotation_deg;      // angle of R_estimated^T R_true
+  Statistics overlay_px;        // over all corners of all frames with a pose
+  Statistics overlay_frame_px;  // over the frames' RMS over the corners
+  double jitter_px = 0.0;       // RMS of the change of (estimated - true) corner positions between
+                                // consecutive true frames
+};
+[[nodiscard]] Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated,
+                                  const Trajectory& truth);
+
+// 1 sigma of the overlay error (RMS over the cube's corners) for a pose covariance as in
+// PoseEstimate.
+[[nodiscard]] double expected_overlay_error_px(const CameraModel& camera, const CameraPose& pose,
+                                               const Eigen::Matrix<double, 6, 6>& covariance);
+
+}  // namespace penumbra

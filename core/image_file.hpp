@@ -1,0 +1,36 @@
+// Pictures in files and in memory. The kind is told by the first bytes, never by the name.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <vector>
+
+#include "core/error.hpp"
+#include "core/frame.hpp"
+
+namespace penumbra {
+
+// JPEG -> yuv420p / yuv422p / yuv444p / grey8 as it was coded, full range BT.601 (JFIF), no colour
+// conversion. PNG -> grey8 or rgb24 (palette and 16-bit reduced, alpha dropped). Other chroma
+// layouts of JPEG are converted to yuv444p. A truncated or damaged picture is an error, also where
+// a decoder would paper over it. Sides up to 32768 px, 256 Mpx in all. `name` is put into the
+// error. Thread-safe.
+[[nodiscard]] Result<Frame> decode_image(std::span<const std::uint8_t> bytes,
+                                         const std::string& name);
+[[nodiscard]] Result<Frame> load_image(const std::filesystem::path& file);
+
+// RGBA8, rows top to bottom, width * 4 bytes apart.
+struct RgbaImage {
+  int width = 0;
+  int height = 0;
+  std::vector<std::uint8_t> pixels;
+};
+[[nodiscard]] Result<RgbaImage> load_rgba(const std::filesystem::path& file);  // PNG or JPEG
+[[nodiscard]] Result<RgbaImage> decode_rgba(std::span<const std::uint8_t> bytes,
+                                            const std::string& name);  // PNG or JPEG
+// 8-bit RGB PNG; alpha is dropped.
+[[nodiscard]] Result<void> save_png(const std::filesystem::path& file, int width, int height,
+                                    std::span<const std::uint8_t> rgba);
+
+}  // namespace penumbra

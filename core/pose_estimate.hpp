@@ -1,0 +1,51 @@
+// Where the camera is, and how far that can be trusted.
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <string_view>
+
+#include "core/transform.hpp"
+
+namespace penumbra {
+
+// tracked: the pose is verified and its expected overlay error (1 sigma) is under 2 px; uncertain:
+// above that, or two solutions are open; held: nothing measured in this frame, the last motion is
+// continued for a short while and drawn fading; lost: no pose.
+enum class TrackStatus { tracked, uncertain, held, lost };
+
+[[nodiscard]] constexpr std::string_view to_string(TrackStatus status) {
+  switch (status) {
+    case TrackStatus::tracked:
+      return "tracked";
+    case TrackStatus::uncertain:
+      return "uncertain";
+    case TrackStatus::held:
+      return "held";
+    case TrackStatus::lost:
+      return "lost";
+  }
+  return "lost";
+}
+
+struct PoseEstimate {
+  TrackStatus status = TrackStatus::lost;
+  CameraPose T_table_camera;  // meaningless when lost
+  // Covariance of the right perturbation T_table_camera * exp([nu; omega]), [m, rad], camera frame,
+  // translation first.
+  Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
+  double reprojection_rms_px = 0.0;  // over the corners that were used, per corner (2-D distance)
+  double expected_overlay_error_px =
+      0.0;  // 1 sigma of the overlay error (see core/evaluation.hpp), from the covariance
+  // Reprojection RMS of the second pose that explains a planar target over that of the best one;
+  // infinite when there is only one. Near 1 the view is ambiguous.
+  double ambiguity_ratio = 0.0;
+  int tags_used = 0;
+  double age_s = 0.0;  // since the last measured pose; 0 unless held
+  std::string reason;  // why the pose is uncertain, held or lost, in a few words for the HUD; empty
+                       // when tracked
+
+  [[nodiscard]] bool has_pose() const { return status != TrackStatus::lost; }
+};
+
+}  // namespace penumbra

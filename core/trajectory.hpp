@@ -1,0 +1,40 @@
+// Camera poses over time, as TUM files: `timestamp tx ty tz qx qy qz qw`, T_table_camera, seconds
+// and metres; '#' starts a comment.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "core/error.hpp"
+#include "core/transform.hpp"
+
+namespace penumbra {
+
+struct StampedPose {
+  std::int64_t timestamp_ns = 0;
+  CameraPose T_table_camera;
+  std::string comment;  // written after the pose as "# comment"; read back when there is one
+};
+
+// Poses in order of time.
+struct Trajectory {
+  std::vector<StampedPose> poses;
+
+  // The pose whose timestamp is nearest to `timestamp_ns`, or null when none is within
+  // `tolerance_ns`.
+  [[nodiscard]] const StampedPose* at(std::int64_t timestamp_ns,
+                                      std::int64_t tolerance_ns = 1'000'000) const;
+};
+
+// Errors name file and line: wrong count of numbers, a non-finite number, a quaternion that is no
+// rotation, time that runs backwards.
+[[nodiscard]] Result<Trajectory> load_trajectory(const std::filesystem::path& file);
+[[nodiscard]] Result<void> save_trajectory(const std::filesystem::path& file,
+                                           const Trajectory& trajectory);
+// One line, without the line break: timestamps with 9 decimals (they read back to the same
+// nanosecond), numbers with 17 significant digits.
+[[nodiscard]] std::string format_tum(const StampedPose& pose);
+
+}  // namespace penumbra

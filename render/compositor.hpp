@@ -1,0 +1,55 @@
+// FramePlan + video frame -> composited picture, in OpenGL. The only place that draws.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+
+#include "core/camera_model.hpp"
+#include "core/error.hpp"
+#include "core/frame.hpp"
+#include "render/frame_plan.hpp"
+#include "render/gl/context.hpp"
+#include "render/scene.hpp"
+
+namespace penumbra {
+
+struct CompositeStats {
+  double shadow_ms = 0.0, render_ms = 0.0,
+         readback_ms = 0.0;  // wall; shadow: CPU work on shadow geometry
+  double shadow_cpu_ms = 0.0, render_cpu_ms = 0.0,
+         readback_cpu_ms = 0.0;  // CPU time of the calling thread
+  std::int64_t passes_drawn = 0, passes_skipped = 0;
+  std::int64_t shadow_vertices = 0;  // vertices that the CPU projected or clipped for shadows
+  std::int64_t kernel_generations = 0;
+  std::int64_t reprojections =
+      0;  // shadows drawn from geometry that the camera's motion alone did not touch
+};
+
+class Compositor {
+ public:
+  // Uploads the scene's models. The context must be current on this thread, now and at every later
+  // call, and outlive the compositor.
+  [[nodiscard]] static Result<Compositor> create(GlContext& context,
+                                                 std::shared_ptr<const Scene> scene,
+                                                 const CameraModel& camera);
+  Compositor(Compositor&&) noexcept;
+  Compositor& operator=(Compositor&&) noexcept;
+  ~Compositor();
+
+  // Draws into a framebuffer of its own, of the camera's size.
+  [[nodiscard]] Result<CompositeStats> draw(const Frame& frame, const FramePlan& plan);
+  // The last picture: RGBA8, rows top to bottom, width * height * 4 bytes. Adds to the last stats'
+  // read-back time, given back.
+  [[nodiscard]] Result<CompositeStats> read_back(std::span<std::uint8_t> rgba);
+  // Copies the last picture to the context's window, letterboxed.
+  void present();
+
+ private:
+  struct Impl;
+  explicit Compositor(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace penumbra

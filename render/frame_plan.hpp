@@ -1,0 +1,61 @@
+// What one frame needs drawn, decided before any GL call. Pure: the same scene, pose and options
+// give the same plan.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/camera_model.hpp"
+#include "core/pose_estimate.hpp"
+#include "render/scene.hpp"
+#include "render/shadow/plane_frame.hpp"
+
+namespace penumbra {
+
+struct PlanOptions {
+  std::optional<ShadowTechnique> technique;  // overrides every shadow node's
+  std::optional<KernelSource> kernels;       // overrides every shadow node's
+  bool skip =
+      true;  // leave out what can't be seen; the picture is the same either way, bit for bit
+};
+
+struct ObjectDraw {
+  int object = 0;  // index into Scene::objects
+  Placement T_table_object;
+};
+
+// One caster's shadow on one plane.
+struct ShadowDraw {
+  int node = 0, object = 0, plane = 0;  // indices into the scene
+  ShadowTechnique technique = ShadowTechnique::layered;
+  KernelSource kernels = KernelSource::automatic;
+  PlaneFrame plane_frame;
+  Placement T_table_object;
+  LayeredConstants constants;
+  LightFractions fractions;
+  bool umbra = true, middle = true, penumbra = true;  // which layers have anything to draw
+};
+
+struct SkippedPass {
+  std::string what;    // counter in the report: "object_out_of_view", "shadow_out_of_view",
+                       // "umbra_vanished", ...
+  std::string reason;  // for the HUD: "rotor: outside the view"
+};
+
+struct FramePlan {
+  bool has_pose = false;
+  CameraPose T_table_camera;
+  float overlay_opacity = 1.0F;      // 1 when tracked, lower while held
+  std::vector<ObjectDraw> phantoms;  // depth only
+  std::vector<ObjectDraw> objects;
+  std::vector<ShadowDraw> shadows;
+  std::vector<SkippedPass> skipped;
+};
+
+[[nodiscard]] FramePlan plan_frame(const Scene& scene, const SceneState& state,
+                                   const PoseEstimate& pose, const CameraModel& camera,
+                                   const PlanOptions& options = {});
+
+}  // namespace penumbra

@@ -1,0 +1,88 @@
+// A model in memory: triangles with materials, ready to draw and to cast shadows. Object frame: z
+// up, metres.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <glm/vec2.hpp>
+#include <glm/vec3.hpp>
+#include <glm/vec4.hpp>
+#include <string>
+#include <vector>
+
+#include "core/error.hpp"
+
+namespace penumbra {
+
+// sRGB-encoded RGBA8, rows top to bottom.
+struct Texture {
+  int width = 0;
+  int height = 0;
+  std::vector<std::uint8_t> rgba;
+};
+
+struct Material {
+  std::string name;
+  glm::vec4 base_color{1.0F};  // linear light
+  glm::vec3 emissive{0.0F};    // linear light
+  float metallic = 0.0F;
+  float roughness = 0.8F;
+  int base_color_texture = -1;  // index into Model::textures, or -1
+  bool double_sided = false;
+};
+
+// One draw: an indexed triangle list with one material.
+struct Mesh {
+  std::string name;
+  std::vector<glm::vec3> positions;  // [m]
+  std::vector<glm::vec3> normals;    // unit, one per position
+  std::vector<glm::vec2> texcoords;  // one per position, or empty; (0, 0) at the texture's top left
+  std::vector<glm::vec4> colors;     // linear, one per position, or empty
+  std::vector<std::uint32_t> indices;
+  // Which vertex of the model file each vertex came from (for OBJ: the index of its `v` line; for
+  // glTF: counted through the primitives' POSITION accessors in the order of the file). Kernel
+  // files speak of these.
+  std::vector<std::uint32_t> source_vertex;
+  int material = 0;
+};
+
+struct Model {
+  std::string name;
+  std::vector<Mesh> meshes;
+  std::vector<Material> materials;
+  std::vector<Texture> textures;
+  glm::vec3 min_corner{0.0F};  // bounds over all meshes
+  glm::vec3 max_corner{0.0F};
+  std::uint32_t source_vertex_count = 0;
+
+  [[nodiscard]] std::size_t vertex_count() const;
+  [[nodiscard]] std::size_t triangle_count() const;
+};
+
+enum class UpAxis {
+  by_format,
+  y,
+  z
+};  // by_format: glTF is y up and is turned (x, y, z) -> (x, -z, y); OBJ is taken as z up
+
+struct ModelLimits {
+  std::size_t max_file_bytes = std::size_t{512} << 20U;
+  std::size_t max_vertices = 20'000'000;
+  std::size_t max_triangles = 20'000'000;
+  std::size_t max_texture_pixels = std::size_t{64} << 20U;
+  double max_coordinate_m = 1e6;
+};
+
+// .glb, .gltf, .obj. Whatever the reader returns is checked: finite numbers, index ranges,
+// accessors inside their buffers, counts and sizes; external files only beside the model. Errors
+// name the file and the cause. No input makes it crash.
+[[nodiscard]] Result<Model> load_model(const std::filesystem::path& file,
+                                       UpAxis up = UpAxis::by_format,
+                                       const ModelLimits& limits = {});
+
+// The same surface with no edge longer than `max_edge_m`, so that straight edges can follow a
+// curved lens when drawn. Splits at most `max_triangles`; what is left over stays long.
+[[nodiscard]] Mesh subdivided(const Mesh& mesh, float max_edge_m,
+                              std::size_t max_triangles = 500'000);
+
+}  // namespace penumbra

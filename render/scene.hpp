@@ -1,0 +1,131 @@
+// What is drawn into the video: objects, phantoms, planes, lights and shadow nodes. Table frame,
+// metres; read from JSON by scene_file.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/error.hpp"
+#include "core/transform.hpp"
+#include "render/model.hpp"
+#include "render/shadow/technique.hpp"
+
+namespace penumbra {
+
+// Position, rotation and uniform scale: p_parent = position + rotation * (scale * p_object).
+struct Placement {
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();  // [m]
+  Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
+  double scale = 1.0;  // > 0
+
+  [[nodiscard]] Eigen::Vector3d operator*(const Eigen::Vector3d& p) const {
+    return position + rotation * (scale * p);
+  }
+  [[nodiscard]] Placement operator*(const Placement& child) const {
+    return {*this * child.position, (rotation * child.rotation).normalized(), scale * child.scale};
+  }
+};
+
+struct Keyframe {
+  double time_s = 0.0;
+  Placement placement;
+};
+
+// A path through keyframes, and a spin on top of it. Smooth: positions by a centripetal-free
+// Catmull-Rom spline (C1), rotations by slerp eased to rest at no key; linear: straight between
+// keys.
+struct Animation {
+  enum class Interpolation { linear, smooth };
+  std::vector<Keyframe> keyframes;  // in order of time; may be empty
+  Interpolation interpolation = Interpolation::smooth;
+  bool loop = true;  // the last keyframe leads back to the first; both should agree
+  Eigen::Vector3d spin_axis = Eigen::Vector3d::UnitZ();  // object frame
+  double spin_turns_per_s = 0.0;
+};
+
+struct SceneObject {
+  std::string name;
+  std::shared_ptr<const Model> model;
+  std::string model_file;  // as resolved, for messages and caches
+  int parent = -1;         // index of an earlier object, or -1: the table
+  Placement placement;     // relative to the parent; the animation's keyframes come on top of it
+  Animation animation;
+  bool casts_shadow = true;
+  bool phantom = false;  // stands for a real thing: writes depth only
+};
+
+struct ScenePlane {
+  std::string name;
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  // unit, towards the light side
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();
+  std::vector<Eigen::Vector2d>
+      outline;                      // simple polygon in the plane's (u, v) [m]; empty: unbounded
+  std::string tag_group = "table";  // the group of tags that the plane moves with
+};
+
+struct SceneLight {
+  enum class Kind { point, directional };
+  std::string name;
+  Kind kind = Kind::point;
+  Eigen::Vector3d position = Eigen::Vector3d(0.0, 0.0, 1.0);  // point: [m]
+  Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();  // directional: unit, TOWARDS the light
+  Eigen::Vector3d color = Eigen::Vector3d::Ones();       // linear
+  double intensity = 1.0;
+};
+
+// H > 0: light height above the plane, may be +infinity (then umbra_height says where the umbra
+// vanishes); a > 0: light radius over object radius.
+struct LayeredConstants {
+  double light_height = 0.9;       // H [m]
+  double light_ratio = 3.0;        // a
+  double umbra_height = 0.3;       // h_u = H / a [m]
+  double magnification_cap = 8.0;  // faces are clipped at h = H (1 - 1/m)
+};
+
+// Share of the light that is left in each layer, in linear light, 0 (black) to 1.
+struct LightFractions {
+  double umbra = 0.15;
+  double middle = 0.4;
+  double penumbra = 0.83;
+};
+
+// Casters x planes x lights with one technique.
+struct ShadowNode {
+  std::string name;
+  std::vector<int> casters;  // indices into Scene::objects
+  std::vector<int> planes;   // indices into Scene::planes
+  std::vector<int> lights;   // indices into Scene::lights; layered and simple shadows need none
+  ShadowTechnique technique = ShadowTechnique::layered;
+  KernelSource kernels = KernelSource::automatic;
+  LayeredConstants layered;
+  LightFractions fractions;
+};
+
+struct Scene {
+  std::string name;
+  std::string file;
+  std::vector<SceneObject> objects;  // parents come before their children
+  std::vector<ScenePlane> planes;
+  std::vector<SceneLight> lights;
+  std::vector<ShadowNode> shadows;
+  Eigen::Vector3d ambient = Eigen::Vector3d::Constant(0.35);  // linear
+  std::vector<std::string> warnings;  // what is legal but against the sources' advice
+};
+
+// Every object's placement in the table frame at a time after the start.
+struct SceneState {
+  double time_s = 0.0;
+  std::vector<Placement> objects;  // one per Scene::objects
+};
+[[nodiscard]] SceneState evaluate_scene(const Scene& scene, double time_s);
+
+// Reads a scene, checks it against the published schema (scenes/scene.schema.json) and loads its
+// models, paths relative to the scene's file. Errors name the file and the place in it
+// ("scene.json: /objects/2/scale: ..."), and for a model its file as well.
+[[nodiscard]] Result<Scene> load_scene(const std::filesystem::path& file);
+
+}  // namespace penumbra

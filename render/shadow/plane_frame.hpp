@@ -1,0 +1,40 @@
+// A general shadow plane and its own coordinates: (u, v) on the plane, h above it. Metres.
+#pragma once
+
+#include <Eigen/Core>
+#include <cmath>
+
+namespace penumbra {
+
+// Normal n (unit, towards the light side), point q on the plane; e1 = normalise(a - (a.n) n) with a
+// = +x, or +y if |n_x| > 0.9; e2 = n x e1. All in the frame the plane is given in.
+struct PlaneFrame {
+  Eigen::Vector3d n = Eigen::Vector3d::UnitZ();
+  Eigen::Vector3d q = Eigen::Vector3d::Zero();
+  Eigen::Vector3d e1 = Eigen::Vector3d::UnitX();
+  Eigen::Vector3d e2 = Eigen::Vector3d::UnitY();
+
+  // `normal` need not be unit, but finite and not zero (caller checks).
+  [[nodiscard]] static PlaneFrame make(const Eigen::Vector3d& normal,
+                                       const Eigen::Vector3d& point) {
+    PlaneFrame plane;
+    plane.n = normal.normalized();
+    plane.q = point;
+    const Eigen::Vector3d a =
+        std::abs(plane.n.x()) > 0.9 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitX();
+    plane.e1 = (a - a.dot(plane.n) * plane.n).normalized();
+    plane.e2 = plane.n.cross(plane.e1);
+    return plane;
+  }
+
+  // (u, v, h). q is subtracted first: with a plane far from the origin this is what keeps float and
+  // double alike.
+  [[nodiscard]] Eigen::Vector3d to_plane(const Eigen::Vector3d& p) const {
+    const Eigen::Vector3d d = p - q;
+    return {e1.dot(d), e2.dot(d), n.dot(d)};
+  }
+  [[nodiscard]] Eigen::Vector3d lift(double u, double v) const { return q + u * e1 + v * e2; }
+  [[nodiscard]] double height(const Eigen::Vector3d& p) const { return n.dot(p - q); }
+};
+
+}  // namespace penumbra

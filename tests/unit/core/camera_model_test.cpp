@@ -1,0 +1,143 @@
+#include "core/camera_model.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <random>
+#include <tuple>
+
+namespace penumbra {
+namespace {
+
+CameraParameters base() {
+  CameraParameters p;
+  p.width = 640;
+  p.height = 480;
+  p.fx = 531.7;
+  p.fy = 530.4;
+  p.cx = 322.3;
+  p.cy = 237.6;
+  p.distortion = {-0.215, 0.062, 0.0008, -0.0006, -0.004};
+  return p;
+}
+
+CameraParameters of_model(DistortionModel model) {
+  CameraParameters p = base();
+  p.model = model;
+  if (model == DistortionModel::rational)
+    p.distortion = {0.5, -0.1, 0.001, -0.0005, 0.02, 0.8, -0.05, 0.03};
+  if (model == DistortionModel::fisheye) p.distortion = {-0.02, 0.004, -0.001, 0.0002};
+  return p;
+}
+
+class EveryModel : public testing::TestWithParam<DistortionModel> {};
+INSTANTIATE_TEST_SUITE_P(CameraModel, EveryModel,
+                         testing::Values(DistortionModel::plumb_bob, DistortionModel::rational,
+                                         DistortionModel::fisheye));
+
+TEST_P(EveryModel, UnprojectInvertsProject) {
+  const CameraModel camera = CameraModel::make(of_model(GetParam())).value();
+  for (double v = -20.0; v <= 500.0; v += 13.0) {
+    for (double u = -20.0; u <= 660.0; u += 17.0) {
+      const auto ray = camera.unproject({u, v});
+      ASSERT_TRUE(ray) << u << " " << v;
+      const auto pixel = camera.project(*ray * 0.7);
+      ASSERT_TRUE(pixel);
+      EXPECT_LT((*pixel - Eigen::Vector2d(u, v)).norm(), 1e-7);
+    }
+  }
+}
+
+TEST_P(EveryModel, JacobianAgreesWithCentralDifferences) {
+  const CameraModel camera = CameraModel::make(of_model(GetParam())).value();
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> across(-0.5, 0.5);
+  for (int i = 0; i < 200; ++i) {
+    const Eigen::Vector3d p(across(random), across(random), 0.8 + across(random) * 0.5);
+    Eigen::Matrix<double, 2, 3> J;
+    std::ignore = camera.project_unchecked(p, &J);
+    for (int axis = 0; axis < 3; ++axis) {
+      Eigen::Vector3d step = Eigen::Vector3d::Zero();
+      step[axis] = 1e-6;
+      const Eigen::Vector2d difference =
+          (camera.project_unchecked(p + step) - camera.project_unchecked(p - step)) / 2e-6;
+      EXPECT_LT((difference - J.col(axis)).norm(), 1e-5 * (1.0 + J.norm()));
+    }
+  }
+}
+
+TEST_P(EveryModel, GenericProjectionIsTheSame) {
+  const CameraModel camera = CameraModel::make(of_model(GetParam())).value();
+  const Eigen::Vector3d p(0.11, -0.2, 0.6);
+  Eigen::Vector2d generic;
+  camera.project_generic(p.data(), generic.data());
+  EXPECT_EQ(generic, camera.project_unchecked(p));
+}
+
+TEST(CameraModel, NothingBehindTheCameraOrNotFinite) {
+  const CameraModel camera = CameraModel::make(base()).value();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(camera.project({0.0, 0.0, 0.0}));
+  EXPECT_FALSE(camera.project({0.0, 0.0, -1.0}));
+  EXPECT_FALSE(camera.project({nan, 0.0, 1.0}));
+  EXPECT_FALSE(camera.unproject({nan, 0.0}));
+  EXPECT_FALSE(camera.project_extended({0.0, 0.0, -1.0}));
+}
+
+TEST(CameraModel, FindsWhereTheModelFolds) {
+  CameraParameters p = base();
+  p.distortion = {-0.28, 0.0, 0.0, 0.0, 0.0};
+  const CameraModel camera = CameraModel::make(p).value();
+  // d/dr (r + k1 r^3) = 0 at r = 1 / sqrt(-3 k1)
+  EXPECT_NEAR(camera.max_radius(), 1.0 / std::sqrt(3.0 * 0.28), 1e-4);
+  EXPECT_FALSE(camera.project({1.2, 0.0, 1.0}));
+  EXPECT_TRUE(camera.project_extended({1.2, 0.0, 1.0}));
+  const double far = camera.project_extended({3.0, 0.0, 1.0})->x();
+  const double near = camera.project_extended({2.0, 0.0, 1.0})->x();
+  EXPECT_GT(far, near) << "beyond the fold what is further out must be drawn further out";
+  // A pixel beyond the largest distorted radius has no ray.
+  EXPECT_FALSE(camera.unproject({p.cx + 0.75 * p.fx, p.cy}));
+}
+
+TEST(CameraModel, AgreesWithOpenCvsPublishedFormulaAtAPoint) {
+  const CameraModel camera = CameraModel::make(base()).value();
+  const double x = 0.3;
+  const double y = -0.2;
+  const double r2 = x * x + y * y;
+  const double radial = 1.0 - 0.215 * r2 + 0.062 * r2 * r2 - 0.004 * r2 * r2 * r2;
+  const double xd = x * radial + 2.0 * 0.0008 * x * y - 0.0006 * (r2 + 2.0 * x * x);
+  const double yd = y * radial + 0.0008 * (r2 + 2.0 * y * y) - 2.0 * 0.0006 * x * y;
+  const auto pixel = camera.project({x, y, 1.0});
+  ASSERT_TRUE(pixel);
+  EXPECT_NEAR(pixel->x(), 531.7 * xd + 322.3, 1e-9);
+  EXPECT_NEAR(pixel->y(), 530.4 * yd + 237.6, 1e-9);
+}
+
+TEST(CameraModel, RefusesWhatIsNoCamera) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  auto refuses = [](CameraParameters p, const char* field) {
+    const auto camera = CameraModel::make(p);
+    ASSERT_FALSE(camera);
+    EXPECT_THAT(camera.error().message, testing::HasSubstr(field));
+  };
+  CameraParameters p = base();
+  p.width = 0;
+  refuses(p, "image_width");
+  p = base();
+  p.fx = nan;
+  refuses(p, "fx");
+  p = base();
+  p.fy = -3.0;
+  refuses(p, "fy");
+  p = base();
+  p.cx = std::numeric_limits<double>::infinity();
+  refuses(p, "cx");
+  p = base();
+  p.distortion[3] = nan;
+  refuses(p, "p2");
+}
+
+}  // namespace
+}  // namespace penumbra

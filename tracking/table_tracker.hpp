@@ -1,0 +1,55 @@
+// Frame -> TrackedFrame: where the camera is above the table. Holds the only state between frames.
+#pragma once
+
+#include <memory>
+
+#include "core/camera_model.hpp"
+#include "core/error.hpp"
+#include "core/frame.hpp"
+#include "core/pose_estimate.hpp"
+#include "core/tag_map.hpp"
+#include "tracking/tag_detector.hpp"
+
+namespace penumbra {
+
+struct TrackerOptions {
+  TagDetectorOptions detector;
+  double tracked_overlay_px = 2.0;  // expected overlay error up to which a pose counts as tracked
+  double ambiguity_ratio = 1.6;  // a second pose whose reprojection RMS is less than this times the
+                                 // best one's leaves the view open
+  double max_reprojection_rms_px = 3.0;  // a worse fit is no pose
+  double hold_s = 0.5;  // how long the last motion is continued with nothing measured
+};
+
+struct TrackTimes {                                        // of the last frame
+  double total_ms = 0.0, detect_ms = 0.0, solve_ms = 0.0;  // wall
+  double total_cpu_ms = 0.0, detect_cpu_ms = 0.0,
+         solve_cpu_ms = 0.0;    // CPU time of the calling thread
+  bool full_detection = false;  // whether a full-frame detection ran
+};
+
+struct TrackedFrame {
+  Frame frame;
+  PoseEstimate pose;
+  TrackTimes times;
+};
+
+class TableTracker {
+ public:
+  [[nodiscard]] static Result<TableTracker> create(const CameraModel& camera, const TagMap& tags,
+                                                   const TrackerOptions& options = {});
+  TableTracker(TableTracker&&) noexcept;
+  TableTracker& operator=(TableTracker&&) noexcept;
+  ~TableTracker();
+
+  // Frames in order of time. Deterministic: the same frames give the same poses, bit for bit. A
+  // frame whose size is not the camera model's is lost, with the reason said.
+  [[nodiscard]] TrackedFrame track(const Frame& frame);
+
+ private:
+  struct Impl;
+  explicit TableTracker(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace penumbra
