@@ -1,0 +1,28 @@
+// Shadow kernels: for each vertex the point k of its part's middle that its layers shrink to and
+// grow from (shadows.md 2.6).
+#pragma once
+
+#include <Eigen/Core>
+#include <glm/vec3.hpp>
+#include <vector>
+
+#include "render/shadow/shadow_mesh.hpp"
+#include "render/shadow/technique.hpp"
+
+namespace penumbra {
+
+struct ShadowKernels {
+  Eigen::Vector3d up =
+      Eigen::Vector3d::UnitZ();  // direction d that they were made for, object frame, unit
+  std::vector<glm::vec3>
+      kernels;  // one per ShadowMesh position, object frame [m]; height along d is irrelevant
+  std::vector<float>
+      radius;  // radius of the disc at the kernel [m]; empty where the source has none
+};
+
+// Total: any triangle soup gives a finite kernel for every vertex; a vertex without a usable
+// neighbourhood gets k = x. `up` need not be unit; it must be finite and not zero.
+[[nodiscard]] ShadowKernels generate_kernels(const ShadowMesh& mesh, const Eigen::Vector3d& up,
+                                             KernelSource source);
+
+}  // namespace penumbra

@@ -1,0 +1,24 @@
+// The geometry that casts: a model's triangles with welded positions, split into connected parts.
+// Object frame, metres.
+#pragma once
+
+#include <cstdint>
+#include <glm/vec3.hpp>
+#include <vector>
+
+#include "render/model.hpp"
+
+namespace penumbra {
+
+struct ShadowMesh {
+  std::vector<glm::vec3> positions;    // [m], welded at 10 um
+  std::vector<std::uint32_t> indices;  // triangles; those that the welding collapsed are left out
+  std::vector<std::uint32_t> part;     // one per position: which connected part it belongs to
+  std::uint32_t part_count = 0;
+  std::vector<std::uint32_t>
+      from_source;  // model file vertex -> position here; kernel files speak of model file vertices
+};
+
+[[nodiscard]] ShadowMesh make_shadow_mesh(const Model& model);
+
+}  // namespace penumbra
