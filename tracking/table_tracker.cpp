@@ -49,6 +49,7 @@ struct Measurement {
   std::optional<RefinedPose> second;
   double ambiguity_ratio = std::numeric_limits<double>::infinity();
   int tags_used = 0;
+  bool ambiguous = false;  // the second pose may be the true one
   bool contradictory = false;
 };
 
@@ -159,6 +160,7 @@ Result<Measurement> TableTracker::Impl::measure_by_detection(ImageView image) {
   measurement.second = board->second;
   measurement.ambiguity_ratio = board->ambiguity_ratio();
   measurement.tags_used = board->tags_used;
+  measurement.ambiguous = board->is_ambiguous(options.ambiguity_ratio);
   measurement.contradictory = board->contradictory;
   if (measurement.best.rms_px > options.max_reprojection_rms_px)
     return fail("the tags do not fit the map ({:.1f} px)", measurement.best.rms_px);
@@ -201,10 +203,7 @@ PoseEstimate TableTracker::Impl::judge(const Measurement& measurement,
   double between_px = 0.0;  // what the other pose would do to the overlay, where it stays possible
   if (measurement.second) {
     const RefinedPose& second = *measurement.second;
-    // A fit better than the corners themselves proves nothing.
-    const double noise = std::sqrt(2.0) * RefinerOptions().noise_floor_px;
-    const double ratio = second.rms_px / std::max(measurement.best.rms_px, noise);
-    if (ratio < options.ambiguity_ratio) {
+    if (measurement.ambiguous) {
       between_px =
           overlay_difference(camera, measurement.best.T_table_camera, second.T_table_camera)
               .rms_px();
