@@ -79,7 +79,9 @@ struct WithoutOne {
 };
 
 WithoutOne leave_one_out(const CameraModel& camera, const Tags& tags,
-                         const std::vector<double>& rms, const RefinerOptions& options) {
+                         const std::vector<double>& rms, RefinerOptions options) {
+  // Enough to compare fits: the minima that stay are refined to the end once it is known which.
+  options.max_iterations = std::min(options.max_iterations, 8);
   constexpr std::size_t kMostToTry = 12;  // more tags than this outvote one: take the worst
   WithoutOne best;
   const auto worst =
@@ -170,7 +172,7 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
   }
   if (agreed) {
     used = std::move(rest);
-    minima = std::move(rest_minima);
+    if (!left_out.empty()) minima = minima_of(camera, used, options.refiner);
     result.left_out = std::move(left_out);
   } else {
     result.contradictory = true;
