@@ -154,22 +154,20 @@ constexpr std::array<Mapping, 9> kPlanar{{
     {AV_PIX_FMT_YUYV422, PixelFormat::yuyv, false},
 }};
 
-// Where the R, G and B of a pixel lie.
+// Where the R, G and B of a pixel lie. libav gives 8-bit RGB of FFV1 as bgr0 or bgra (0rgb on a
+// big-endian machine), later versions as planes.
 struct RgbLayout {
   AVPixelFormat stored;
   std::array<int, 3> plane;   // of R, G, B
   std::array<int, 3> offset;  // [bytes] in the plane
   int step;                   // [bytes] from pixel to pixel
 };
-constexpr std::array<RgbLayout, 8> kRgb{{
+constexpr std::array<RgbLayout, 5> kRgb{{
     {AV_PIX_FMT_GBRP, {2, 0, 1}, {0, 0, 0}, 1},
     {AV_PIX_FMT_BGR0, {0, 0, 0}, {2, 1, 0}, 4},
     {AV_PIX_FMT_BGRA, {0, 0, 0}, {2, 1, 0}, 4},
     {AV_PIX_FMT_0RGB, {0, 0, 0}, {1, 2, 3}, 4},
-    {AV_PIX_FMT_RGB0, {0, 0, 0}, {0, 1, 2}, 4},
     {AV_PIX_FMT_RGBA, {0, 0, 0}, {0, 1, 2}, 4},
-    {AV_PIX_FMT_RGB24, {0, 0, 0}, {0, 1, 2}, 3},
-    {AV_PIX_FMT_BGR24, {0, 0, 0}, {2, 1, 0}, 3},
 }};
 
 Frame to_rgb(const AVFrame& stored, const RgbLayout& layout) {
