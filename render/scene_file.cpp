@@ -33,7 +33,8 @@ std::string pointer_of(const std::vector<std::string>& context) {
     std::string name = step;
     if (name.size() >= 2 && name.front() == '[' && name.back() == ']')
       name = name.substr(1, name.size() - 2);
-    pointer += "/" + name;
+    pointer += '/';
+    pointer += name;
   }
   return pointer.empty() ? "/" : pointer;
 }
@@ -95,8 +96,8 @@ std::string explain(const valijson::ValidationResults::Error& error, const Json&
   }
   const auto described = properties.find(pointer.substr(pointer.rfind('/') + 1));
   const std::string hint = described != properties.end() && !described->second.empty()
-                               ? " (" + described->second + ")"
-                               : "";
+                               ? fmt::format(" ({})", described->second)
+                               : std::string();
   return fmt::format("{}: {}{}", pointer, error.description, hint);
 }
 
