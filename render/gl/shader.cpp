@@ -20,27 +20,34 @@ std::string preamble(GlApi api, std::span<const std::string_view> defines) {
   return text;
 }
 
-// Compilers say where an error is as "NUMBER:LINE" or "NUMBER(LINE)", NUMBER being that of the
-// `#line` directive: the file's name is put in its place.
+// Files are told apart by their line numbers: file i's first line is number i * kLinesPerFile + 1.
+// (The string number of `#line` would say it too, but Mesa always reports 0.)
+constexpr std::size_t kLinesPerFile = 100'000;
+
+// Compilers say where an error is as "0:LINE" or "0(LINE)": replaced by the file's name and its
+// own line.
 std::string with_file_names(std::string_view log, std::span<const ShaderText> files) {
   std::string named;
   while (!log.empty()) {
     const std::size_t end = std::min(log.find('\n'), log.size());
-    std::string_view line = log.substr(0, end);
+    const std::string_view line = log.substr(0, end);
     log.remove_prefix(std::min(end + 1, log.size()));
-    std::size_t start = 0;
-    if (line.starts_with("ERROR: ")) start = 7;
-    std::size_t index = 0;
-    const auto [rest, error] =
-        std::from_chars(line.data() + start, line.data() + line.size(), index);
-    const auto used = static_cast<std::size_t>(rest - line.data());
     if (!named.empty() && !line.empty()) named += " | ";
-    if (error == std::errc() && used < line.size() && (line[used] == ':' || line[used] == '(') &&
-        index < files.size()) {
-      named += fmt::format("{}:{}", files[index].name, line.substr(used + 1));
-    } else {
-      named += line;
+    const char* const last = line.data() + line.size();
+    const char* first = line.data() + (line.starts_with("ERROR: ") ? 7 : 0);
+    std::size_t string_number = 0;
+    std::size_t number = 0;
+    const auto string = std::from_chars(first, last, string_number);
+    if (string.ec == std::errc() && string.ptr != last &&
+        (*string.ptr == ':' || *string.ptr == '(')) {
+      const auto place = std::from_chars(string.ptr + 1, last, number);
+      if (place.ec == std::errc() && number / kLinesPerFile < files.size()) {
+        named += fmt::format("{}:{}{}", files[number / kLinesPerFile].name,
+                             number % kLinesPerFile, std::string_view(place.ptr, last));
+        continue;
+      }
     }
+    named += line;
   }
   return named;
 }
@@ -49,7 +56,7 @@ Result<GlHandle<ShaderTraits>> compile(GlApi api, unsigned stage, std::span<cons
                                        std::span<const std::string_view> defines) {
   std::string text = preamble(api, defines);
   for (std::size_t i = 0; i < files.size(); ++i) {
-    text += fmt::format("#line 1 {}\n", i);
+    text += fmt::format("#line {}\n", i * kLinesPerFile + 1);
     text += files[i].text;
     text += '\n';
   }
