@@ -1,4 +1,4 @@
-// The published JSON Schema of scenes (scenes/scene.schema.json), embedded into the program.
+// The published JSON Schema of scenes, as it was when the program was built.
 #pragma once
 
 #include <string_view>

@@ -1,4 +1,4 @@
-// Simple shapes as models, for phantoms and tests: closed, outward normals, one material.
+// Simple bodies without a file: closed, centred on the origin, z up, metres.
 #pragma once
 
 #include <glm/vec3.hpp>
@@ -7,10 +7,9 @@
 
 namespace penumbra {
 
-// All sizes in metres and > 0. Box and cylinder stand on the origin (z from 0 up), the sphere is
-// centred on it.
 [[nodiscard]] Model make_box(const glm::vec3& size);
-[[nodiscard]] Model make_sphere(float radius, int segments = 48);
-[[nodiscard]] Model make_cylinder(float radius, float height, int segments = 48);
+[[nodiscard]] Model make_sphere(float radius);
+[[nodiscard]] Model make_cylinder(float radius, float height);  // its axis is z
+[[nodiscard]] Model make_ring(float radius, float thickness);   // a torus about z
 
 }  // namespace penumbra
