@@ -4,11 +4,14 @@
 
 #include <cstdint>
 #include <glm/vec3.hpp>
+#include <limits>
 #include <vector>
 
 #include "render/model.hpp"
 
 namespace penumbra {
+
+inline constexpr std::uint32_t kNoShadowPosition = std::numeric_limits<std::uint32_t>::max();
 
 struct ShadowMesh {
   std::vector<glm::vec3> positions;    // [m], welded at 10 um
@@ -16,7 +19,8 @@ struct ShadowMesh {
   std::vector<std::uint32_t> part;     // one per position: which connected part it belongs to
   std::uint32_t part_count = 0;
   std::vector<std::uint32_t>
-      from_source;  // model file vertex -> position here; kernel files speak of model file vertices
+      from_source;  // model file vertex -> position here, or kNoShadowPosition for one that no
+                    // mesh uses; kernel files speak of model file vertices
 };
 
 [[nodiscard]] ShadowMesh make_shadow_mesh(const Model& model);

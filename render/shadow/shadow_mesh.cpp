@@ -1,0 +1,193 @@
+#include "render/shadow/shadow_mesh.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+namespace penumbra {
+
+namespace {
+
+// Vertices closer than this are one: a seam of texture coordinates or a soup of triangles must not
+// change a kernel.
+constexpr double kWeldDistance = 10e-6;  // [m]
+// A cell of the search grid. Most vertices are far enough from their cell's walls to look in one
+// cell only.
+constexpr double kCellSize = 8.0 * kWeldDistance;
+
+struct CellIndex {
+  std::int64_t x, y, z;
+  bool operator==(const CellIndex&) const = default;
+};
+
+std::uint64_t hash_of(const CellIndex& cell) {
+  std::uint64_t hash = static_cast<std::uint64_t>(cell.x) * 0x9e3779b97f4a7c15ULL;
+  hash = (hash ^ (hash >> 29U) ^ static_cast<std::uint64_t>(cell.y)) * 0xbf58476d1ce4e5b9ULL;
+  hash = (hash ^ (hash >> 32U) ^ static_cast<std::uint64_t>(cell.z)) * 0x94d049bb133111ebULL;
+  return hash ^ (hash >> 31U);
+}
+
+// Open-addressed table of the cells that hold a position; positions of a cell form a list.
+class WeldGrid {
+ public:
+  explicit WeldGrid(std::size_t expected) {
+    std::size_t size = 64;
+    while (size < 2 * expected) size *= 2;
+    slots_.resize(size, kNone);
+    cells_.resize(size);
+    next_.reserve(expected);
+  }
+
+  // The index of a position within the weld distance, or of the new one.
+  std::uint32_t find_or_add(const glm::vec3& p, std::vector<glm::vec3>& positions) {
+    const double x = static_cast<double>(p.x) / kCellSize;
+    const double y = static_cast<double>(p.y) / kCellSize;
+    const double z = static_cast<double>(p.z) / kCellSize;
+    const CellIndex home = {cell_of(x), cell_of(y), cell_of(z)};
+    const std::uint32_t found = search(home, p, positions);
+    if (found != kNone) return found;
+    constexpr double kReach = kWeldDistance / kCellSize;
+    for (std::int64_t cx = cell_of(x - kReach); cx <= cell_of(x + kReach); ++cx) {
+      for (std::int64_t cy = cell_of(y - kReach); cy <= cell_of(y + kReach); ++cy) {
+        for (std::int64_t cz = cell_of(z - kReach); cz <= cell_of(z + kReach); ++cz) {
+          const CellIndex cell = {cx, cy, cz};
+          if (cell == home) continue;
+          const std::uint32_t near = search(cell, p, positions);
+          if (near != kNone) return near;
+        }
+      }
+    }
+    const auto index = static_cast<std::uint32_t>(positions.size());
+    positions.push_back(p);
+    next_.resize(positions.size(), kNone);
+    const std::size_t slot = slot_of(home);
+    cells_[slot] = home;
+    next_[index] = slots_[slot];
+    slots_[slot] = index;
+    return index;
+  }
+
+ private:
+  static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+
+  static std::int64_t cell_of(double coordinate) {
+    // Far beyond any model; float values up there would not fit an integer.
+    constexpr double kFar = 1e18;
+    return static_cast<std::int64_t>(std::floor(std::clamp(coordinate, -kFar, kFar)));
+  }
+  [[nodiscard]] std::size_t slot_of(const CellIndex& cell) const {
+    const std::size_t mask = slots_.size() - 1;
+    std::size_t slot = hash_of(cell) & mask;
+    while (slots_[slot] != kNone && !(cells_[slot] == cell)) slot = (slot + 1) & mask;
+    return slot;
+  }
+  [[nodiscard]] std::uint32_t search(const CellIndex& cell, const glm::vec3& p,
+                                     const std::vector<glm::vec3>& positions) const {
+    for (std::uint32_t i = slots_[slot_of(cell)]; i != kNone; i = next_[i]) {
+      const double dx = static_cast<double>(positions[i].x) - static_cast<double>(p.x);
+      const double dy = static_cast<double>(positions[i].y) - static_cast<double>(p.y);
+      const double dz = static_cast<double>(positions[i].z) - static_cast<double>(p.z);
+      if (dx * dx + dy * dy + dz * dz <= kWeldDistance * kWeldDistance) return i;
+    }
+    return kNone;
+  }
+
+  std::vector<std::uint32_t> slots_;  // first position of the cell
+  std::vector<CellIndex> cells_;
+  std::vector<std::uint32_t> next_;  // next position of the same cell
+};
+
+class UnionFind {
+ public:
+  explicit UnionFind(std::size_t count) : parent_(count) {
+    std::iota(parent_.begin(), parent_.end(), 0U);
+  }
+  std::uint32_t root(std::uint32_t i) {
+    while (parent_[i] != i) {
+      parent_[i] = parent_[parent_[i]];
+      i = parent_[i];
+    }
+    return i;
+  }
+  // The lower index becomes the root, so that parts are numbered by their first position.
+  void join(std::uint32_t a, std::uint32_t b) {
+    const std::uint32_t root_a = root(a);
+    const std::uint32_t root_b = root(b);
+    if (root_a < root_b) {
+      parent_[root_b] = root_a;
+    } else {
+      parent_[root_a] = root_b;
+    }
+  }
+
+ private:
+  std::vector<std::uint32_t> parent_;
+};
+
+bool is_finite(const glm::vec3& p) {
+  return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
+}
+
+}  // namespace
+
+ShadowMesh make_shadow_mesh(const Model& model) {
+  ShadowMesh mesh;
+  std::size_t vertex_count = 0;
+  std::size_t index_count = 0;
+  for (const Mesh& source : model.meshes) {
+    vertex_count += source.positions.size();
+    index_count += source.indices.size();
+  }
+  mesh.positions.reserve(vertex_count);
+  mesh.indices.reserve(index_count);
+  mesh.from_source.assign(model.source_vertex_count, kNoShadowPosition);
+
+  WeldGrid grid(vertex_count);
+  std::vector<std::uint32_t> welded;
+  std::vector<std::array<std::uint32_t, 2>> collapsed_edges;
+  for (const Mesh& source : model.meshes) {
+    welded.resize(source.positions.size());
+    for (std::size_t i = 0; i < source.positions.size(); ++i) {
+      // A vertex that is not a number can't cast; its faces are left out below.
+      welded[i] = is_finite(source.positions[i])
+                      ? grid.find_or_add(source.positions[i], mesh.positions)
+                      : kNoShadowPosition;
+      if (i < source.source_vertex.size() && source.source_vertex[i] < mesh.from_source.size()) {
+        mesh.from_source[source.source_vertex[i]] = welded[i];
+      }
+    }
+    for (std::size_t i = 0; i + 2 < source.indices.size(); i += 3) {
+      std::array<std::uint32_t, 3> face{};
+      bool usable = true;
+      for (std::size_t corner = 0; corner < 3; ++corner) {
+        const std::uint32_t vertex = source.indices[i + corner];
+        face[corner] = vertex < welded.size() ? welded[vertex] : kNoShadowPosition;
+        usable = usable && face[corner] != kNoShadowPosition;
+      }
+      if (!usable) continue;
+      if (face[0] == face[1] || face[1] == face[2] || face[2] == face[0]) {
+        // No area, but it still holds its neighbours together.
+        collapsed_edges.push_back({face[0], face[0] == face[1] ? face[2] : face[1]});
+        continue;
+      }
+      mesh.indices.insert(mesh.indices.end(), face.begin(), face.end());
+    }
+  }
+
+  UnionFind parts(mesh.positions.size());
+  for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
+    parts.join(mesh.indices[i], mesh.indices[i + 1]);
+    parts.join(mesh.indices[i], mesh.indices[i + 2]);
+  }
+  for (const auto& edge : collapsed_edges) parts.join(edge[0], edge[1]);
+  mesh.part.resize(mesh.positions.size());
+  for (std::uint32_t i = 0; i < mesh.positions.size(); ++i) {
+    const std::uint32_t root = parts.root(i);
+    mesh.part[i] = root == i ? mesh.part_count++ : mesh.part[root];
+  }
+  return mesh;
+}
+
+}  // namespace penumbra
