@@ -3,94 +3,344 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 namespace penumbra {
 
 namespace {
 
-// Covers the cells whose centres lie in the triangle (corners in cells, cell centres at + 0.5).
-void cover_triangle(Footprint& footprint, const std::array<Eigen::Vector2d, 3>& corners) {
-  const double low = std::min({corners[0].y(), corners[1].y(), corners[2].y()});
-  const double high = std::max({corners[0].y(), corners[1].y(), corners[2].y()});
-  const int first_row = std::max(0, static_cast<int>(std::ceil(low - 0.5)));
-  const int last_row = std::min(footprint.height - 1, static_cast<int>(std::floor(high - 0.5)));
-  for (int row = first_row; row <= last_row; ++row) {
-    const double y = row + 0.5;
-    double left = footprint.width;
-    double right = 0.0;
-    for (std::size_t i = 0; i < 3; ++i) {
-      const Eigen::Vector2d& a = corners[i];
-      const Eigen::Vector2d& b = corners[(i + 1) % 3];
-      if ((a.y() < y && b.y() < y) || (a.y() > y && b.y() > y) || a.y() == b.y()) continue;
-      const double x = a.x() + (y - a.y()) / (b.y() - a.y()) * (b.x() - a.x());
-      left = std::min(left, x);
-      right = std::max(right, x);
-    }
-    const int first = std::max(0, static_cast<int>(std::ceil(left - 0.5)));
-    const int last = std::min(footprint.width - 1, static_cast<int>(std::floor(right - 0.5)));
-    if (first > last) continue;
-    const auto begin =
-        footprint.covered.begin() + static_cast<std::ptrdiff_t>(row) * footprint.width;
-    std::fill(begin + first, begin + last + 1, std::uint8_t{1});
+constexpr int kMaxSideCells = 512;
+// A cell's centre this close to a face counts as covered, so that rounding opens no crack between
+// neighbouring faces.
+constexpr float kEdgeTolerance = 1e-3F;  // [cells]
+
+float cross(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
+
+// Points that may lie on the convex hull: all of a few, or the highest and lowest of each column of
+// many (the hull is then right to a column's width, which is enough to orient a raster).
+void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
+                            std::vector<Eigen::Vector2f>& candidates) {
+  constexpr std::size_t kColumns = 32;
+  candidates.clear();
+  if (points.size() <= 2 * kColumns) {
+    candidates.assign(points.begin(), points.end());
+    return;
   }
+  float left = points[0].x();
+  float right = points[0].x();
+  for (const Eigen::Vector2f& p : points) {
+    left = std::min(left, p.x());
+    right = std::max(right, p.x());
+  }
+  struct Column {
+    Eigen::Vector2f low, high;
+    bool used = false;
+  };
+  std::array<Column, kColumns> columns;
+  const float scale = right > left ? static_cast<float>(kColumns) / (right - left) : 0.0F;
+  // The ends themselves are corners of the hull and would be lost inside their columns.
+  Eigen::Vector2f leftmost = points[0];
+  Eigen::Vector2f rightmost = points[0];
+  for (const Eigen::Vector2f& p : points) {
+    const auto index = std::min(static_cast<std::size_t>((p.x() - left) * scale), kColumns - 1);
+    Column& column = columns[index];
+    if (!column.used) column = {p, p, true};
+    if (p.y() < column.low.y()) column.low = p;
+    if (p.y() > column.high.y()) column.high = p;
+    if (p.x() < leftmost.x()) leftmost = p;
+    if (p.x() > rightmost.x()) rightmost = p;
+  }
+  candidates.push_back(leftmost);
+  candidates.push_back(rightmost);
+  for (const Column& column : columns) {
+    if (!column.used) continue;
+    candidates.push_back(column.low);
+    candidates.push_back(column.high);
+  }
+}
+
+// Andrew's monotone chain; sorts `points`.
+void convex_hull(std::vector<Eigen::Vector2f>& points, std::vector<Eigen::Vector2f>& hull) {
+  std::sort(points.begin(), points.end(), [](const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
+    return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
+  });
+  hull.clear();
+  const auto extend = [&hull](const Eigen::Vector2f& p, std::size_t keep) {
+    while (hull.size() >= keep + 2 &&
+           cross(hull.back() - hull[hull.size() - 2], p - hull.back()) <= 0.0F) {
+      hull.pop_back();
+    }
+    hull.push_back(p);
+  };
+  for (const Eigen::Vector2f& p : points) extend(p, 0);
+  const std::size_t lower = hull.size() - 1;
+  for (std::size_t i = points.size(); i-- > 0;) extend(points[i], lower);
+  if (hull.size() > 1) hull.pop_back();
 }
 
 }  // namespace
 
-Footprint rasterise_footprint(std::span<const Eigen::Vector2d> points,
-                              std::span<const std::uint32_t> faces, int cells) {
-  Footprint footprint;
-  if (points.empty() || cells < 1) return footprint;
-  Eigen::Vector2d low = points[0];
-  Eigen::Vector2d high = points[0];
-  for (const Eigen::Vector2d& point : points) {
-    low = low.cwiseMin(point);
-    high = high.cwiseMax(point);
+bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budget) {
+  width_ = height_ = 0;
+  if (points.empty()) return false;
+  gather_hull_candidates(points, hull_candidates_);
+  convex_hull(hull_candidates_, hull_);
+
+  // The least rectangle round a convex polygon has a side along one of its edges.
+  float longest = 0.0F;
+  for (std::size_t i = 0; i < hull_.size(); ++i) {
+    longest = std::max(longest, (hull_[(i + 1) % hull_.size()] - hull_[i]).squaredNorm());
   }
-  const Eigen::Vector2d extent = high - low;
-  footprint.cell = extent.maxCoeff() / cells;
-  if (!(footprint.cell > 0.0) || !std::isfinite(footprint.cell)) return footprint;
-  const auto cells_along = [&](double length) {
-    return std::clamp(static_cast<int>(std::ceil(length / footprint.cell)), 1, cells) + 2;
-  };
-  footprint.width = cells_along(extent.x());
-  footprint.height = cells_along(extent.y());
-  // Centred, so that a symmetric silhouette gets a symmetric raster.
-  footprint.origin = 0.5 * (low + high) -
-                     0.5 * footprint.cell * Eigen::Vector2d(footprint.width, footprint.height);
-  footprint.covered.assign(
-      static_cast<std::size_t>(footprint.width) * static_cast<std::size_t>(footprint.height), 0);
-  for (std::size_t i = 0; i + 2 < faces.size(); i += 3) {
-    std::array<Eigen::Vector2d, 3> corners;
-    for (std::size_t corner = 0; corner < 3; ++corner) {
-      corners[corner] = (points[faces[i + corner]] - footprint.origin) / footprint.cell;
+  float least_area = std::numeric_limits<float>::infinity();
+  axis_ = Eigen::Vector2f::UnitX();
+  for (std::size_t i = 0; i < hull_.size(); ++i) {
+    const Eigen::Vector2f edge = hull_[(i + 1) % hull_.size()] - hull_[i];
+    const float squared = edge.squaredNorm();
+    if (!(squared > 1e-4F * longest)) continue;  // too short to have a direction
+    const Eigen::Vector2f along = edge / std::sqrt(squared);
+    float first = std::numeric_limits<float>::infinity();
+    float last = -first;
+    float depth = 0.0F;
+    for (const Eigen::Vector2f& p : hull_) {
+      const Eigen::Vector2f d = p - hull_[i];
+      first = std::min(first, along.dot(d));
+      last = std::max(last, along.dot(d));
+      depth = std::max(depth, cross(along, d));
     }
-    cover_triangle(footprint, corners);
+    // A later edge has to be clearly better: of equal ones the first wins on every machine.
+    if ((last - first) * depth < 0.999F * least_area) {
+      least_area = (last - first) * depth;
+      axis_ = along;
+    }
   }
-  return footprint;
+
+  Eigen::Vector2f low = Eigen::Vector2f::Constant(std::numeric_limits<float>::infinity());
+  Eigen::Vector2f high = -low;
+  for (const Eigen::Vector2f& p : points) {
+    const Eigen::Vector2f q(axis_.dot(p), cross(axis_, p));
+    low = low.cwiseMin(q);
+    high = high.cwiseMax(q);
+  }
+  const Eigen::Vector2f extent = high - low;
+  const float longer = extent.maxCoeff();
+  cell_ = std::max(std::sqrt(extent.x() * extent.y() / static_cast<float>(cell_budget)),
+                   longer / static_cast<float>(kMaxSideCells));
+  if (!(cell_ > std::numeric_limits<float>::min()) || !std::isfinite(cell_)) return false;
+  const auto cells_along = [this](float length) {
+    return std::clamp(static_cast<int>(std::ceil(length / cell_)), 1, kMaxSideCells) + 2;
+  };
+  width_ = cells_along(extent.x());
+  height_ = cells_along(extent.y());
+  // Centred, so that a symmetric silhouette gets a symmetric raster.
+  const Eigen::Vector2f corner =
+      0.5F * (low + high) -
+      0.5F * cell_ * Eigen::Vector2f(static_cast<float>(width_), static_cast<float>(height_));
+  origin_ = {axis_.x() * corner.x() - axis_.y() * corner.y(),
+             axis_.y() * corner.x() + axis_.x() * corner.y()};
+  return true;
 }
 
-Eigen::Vector2d footprint_centroid(const Footprint& footprint,
-                                   std::span<const Eigen::Vector2d> points) {
-  Eigen::Vector2d sum = Eigen::Vector2d::Zero();
-  std::size_t count = 0;
-  for (int row = 0; row < footprint.height; ++row) {
-    for (int column = 0; column < footprint.width; ++column) {
-      if (footprint
-              .covered[static_cast<std::size_t>(row) * static_cast<std::size_t>(footprint.width) +
-                       static_cast<std::size_t>(column)] == 0) {
+bool FootprintRaster::cover(std::span<const Eigen::Vector2f> points,
+                            std::span<const std::uint32_t> faces, int cell_budget) {
+  if (!fit(points, cell_budget)) return false;
+  covered_.assign(row_offset(height_), 0);
+  cells_.resize(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) cells_[i] = to_cells(points[i]);
+  for (std::size_t i = 0; i + 2 < faces.size(); i += 3) {
+    cover_triangle(cells_[faces[i]], cells_[faces[i + 1]], cells_[faces[i + 2]]);
+  }
+  // Thinner than a cell on the whole: centres alone would leave gaps.
+  if (covered_count() < static_cast<std::size_t>(std::max(width_, height_))) {
+    for (std::size_t i = 0; i + 2 < faces.size(); i += 3) {
+      for (std::size_t corner = 0; corner < 3; ++corner) {
+        cover_segment(cells_[faces[i + corner]], cells_[faces[i + (corner + 1) % 3]]);
+      }
+    }
+  }
+  return true;
+}
+
+void FootprintRaster::cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen::Vector2f c) {
+  if (b.y() < a.y()) std::swap(a, b);
+  if (c.y() < b.y()) std::swap(b, c);
+  if (b.y() < a.y()) std::swap(a, b);
+  const int first_row = std::max(0, static_cast<int>(std::ceil(a.y() - 0.5F - kEdgeTolerance)));
+  const int last_row =
+      std::min(height_ - 1, static_cast<int>(std::floor(c.y() - 0.5F + kEdgeTolerance)));
+  if (first_row > last_row) return;
+  const auto slope = [](const Eigen::Vector2f& from, const Eigen::Vector2f& to) {
+    const float rise = to.y() - from.y();
+    return rise > 0.0F ? (to.x() - from.x()) / rise : 0.0F;
+  };
+  const float slope_ac = slope(a, c);
+  const float slope_ab = slope(a, b);
+  const float slope_bc = slope(b, c);
+  for (int row = first_row; row <= last_row; ++row) {
+    const float y = std::clamp(static_cast<float>(row) + 0.5F, a.y(), c.y());
+    const float across = a.x() + (y - a.y()) * slope_ac;
+    // At the height of b its own x bounds the span, also where an edge through it is level.
+    float left = across;
+    float right = across;
+    const auto widen = [&](float x) {
+      left = std::min(left, x);
+      right = std::max(right, x);
+    };
+    if (y < b.y()) {
+      widen(a.x() + (y - a.y()) * slope_ab);
+    } else if (y > b.y()) {
+      widen(b.x() + (y - b.y()) * slope_bc);
+    } else {
+      widen(b.x());
+      if (y == a.y()) widen(a.x());
+      if (y == c.y()) widen(c.x());
+    }
+    const int first = std::max(0, static_cast<int>(std::ceil(left - 0.5F - kEdgeTolerance)));
+    const int last =
+        std::min(width_ - 1, static_cast<int>(std::floor(right - 0.5F + kEdgeTolerance)));
+    if (first > last) continue;
+    std::fill_n(covered_.begin() + static_cast<std::ptrdiff_t>(row_offset(row)) + first,
+                last - first + 1, std::uint8_t{1});
+  }
+}
+
+void FootprintRaster::cover_segment(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
+  const Eigen::Vector2f d = b - a;
+  const int steps = std::max(1, static_cast<int>(std::ceil(d.cwiseAbs().maxCoeff())));
+  for (int i = 0; i <= steps; ++i) {
+    const Eigen::Vector2f p = a + d * (static_cast<float>(i) / static_cast<float>(steps));
+    const int column = std::clamp(static_cast<int>(std::floor(p.x())), 1, width_ - 2);
+    const int row = std::clamp(static_cast<int>(std::floor(p.y())), 1, height_ - 2);
+    covered_[row_offset(row) + static_cast<std::size_t>(column)] = 1;
+  }
+}
+
+std::size_t FootprintRaster::covered_count() const {
+  return static_cast<std::size_t>(std::count(covered_.begin(), covered_.end(), std::uint8_t{1}));
+}
+
+void FootprintRaster::fill_small_holes(double share) {
+  // Runs of uncovered cells, joined from row to row into regions (4-connected).
+  runs_.clear();
+  const auto root = [this](std::uint32_t i) {
+    while (runs_[i].parent != i) {
+      runs_[i].parent = runs_[runs_[i].parent].parent;
+      i = runs_[i].parent;
+    }
+    return i;
+  };
+  std::size_t covered = 0;
+  std::size_t above = 0;  // first run of the row above
+  std::size_t row_begin = 0;
+  for (int row = 0; row < height_; ++row) {
+    const std::uint8_t* cells = covered_row(row);
+    above = row_begin;
+    row_begin = runs_.size();
+    std::size_t candidate = above;
+    for (int column = 0; column < width_;) {
+      if (cells[column] != 0) {
+        ++covered;
+        ++column;
         continue;
       }
-      sum += footprint.centre(column, row);
+      const int first = column;
+      while (column < width_ && cells[column] == 0) ++column;
+      const auto index = static_cast<std::uint32_t>(runs_.size());
+      const bool open = row == 0 || row == height_ - 1 || first == 0 || column == width_;
+      runs_.push_back(
+          {row, first, column - 1, index, static_cast<std::uint32_t>(column - first), open});
+      while (candidate < row_begin && runs_[candidate].last < first) ++candidate;
+      for (std::size_t other = candidate; other < row_begin && runs_[other].first < column;
+           ++other) {
+        const std::uint32_t a = root(index);
+        const std::uint32_t b = root(static_cast<std::uint32_t>(other));
+        if (a == b) continue;
+        const std::uint32_t low = std::min(a, b);
+        const std::uint32_t high = std::max(a, b);
+        runs_[high].parent = low;
+        runs_[low].size += runs_[high].size;
+        runs_[low].open = runs_[low].open || runs_[high].open;
+      }
+    }
+  }
+  const double limit = share * static_cast<double>(covered);
+  for (std::uint32_t i = 0; i < runs_.size(); ++i) {
+    const Run& region = runs_[root(i)];
+    if (region.open || region.size >= limit) continue;
+    std::fill_n(
+        covered_.begin() + static_cast<std::ptrdiff_t>(row_offset(runs_[i].row)) + runs_[i].first,
+        runs_[i].last - runs_[i].first + 1, std::uint8_t{1});
+  }
+}
+
+void FootprintRaster::compute_depth() {
+  const auto width = static_cast<std::size_t>(width_);
+  depth_.resize(covered_.size());
+  // Columns: steps to the nearest uncovered cell up or down. The margin ends every column.
+  std::fill_n(depth_.begin(), width, 0.0F);
+  for (int row = 1; row < height_; ++row) {
+    const std::uint8_t* cells = covered_row(row);
+    const float* before = depth_.data() + row_offset(row - 1);
+    float* here = depth_.data() + row_offset(row);
+    for (std::size_t column = 0; column < width; ++column) {
+      here[column] = cells[column] != 0 ? before[column] + 1.0F : 0.0F;
+    }
+  }
+  for (int row = height_ - 2; row >= 0; --row) {
+    const float* below = depth_.data() + row_offset(row + 1);
+    float* here = depth_.data() + row_offset(row);
+    for (std::size_t column = 0; column < width; ++column) {
+      here[column] = std::min(here[column], below[column] + 1.0F);
+    }
+  }
+  // Rows: D(x)^2 = min over x' of (x - x')^2 + g(x')^2, from near x' to far ones and all x at once;
+  // a step of dx can no longer lower a D of less than dx. All numbers are small integers: exact.
+  squared_column_distance_.resize(width);
+  float* g2 = squared_column_distance_.data();
+  for (int row = 0; row < height_; ++row) {
+    float* best = depth_.data() + row_offset(row);
+    float largest = 0.0F;
+    for (std::size_t column = 0; column < width; ++column) {
+      g2[column] = best[column] * best[column];
+      best[column] = g2[column];
+      largest = std::max(largest, g2[column]);
+    }
+    if (largest <= 0.0F) continue;
+    for (std::size_t dx = 1; dx < width; ++dx) {
+      const auto step = static_cast<float>(dx * dx);
+      if (step >= largest) break;
+      for (std::size_t column = dx; column < width; ++column) {
+        best[column] = std::min(best[column], step + g2[column - dx]);
+      }
+      for (std::size_t column = 0; column + dx < width; ++column) {
+        best[column] = std::min(best[column], step + g2[column + dx]);
+      }
+      if (dx % 4 == 0) largest = *std::max_element(best, best + width);
+    }
+    for (std::size_t column = 0; column < width; ++column) best[column] = std::sqrt(best[column]);
+  }
+}
+
+Eigen::Vector2f FootprintRaster::centroid() const {
+  double sum_column = 0.0;
+  double sum_row = 0.0;
+  std::size_t count = 0;
+  for (int row = 0; row < height_; ++row) {
+    const std::uint8_t* cells = covered_row(row);
+    for (int column = 0; column < width_; ++column) {
+      if (cells[column] == 0) continue;
+      sum_column += column;
+      sum_row += row;
       ++count;
     }
   }
   if (count == 0) {
-    for (const Eigen::Vector2d& point : points) sum += point;
-    count = points.size();
+    return from_cells({0.5F * static_cast<float>(width_), 0.5F * static_cast<float>(height_)});
   }
-  return count == 0 ? Eigen::Vector2d(Eigen::Vector2d::Zero())
-                    : Eigen::Vector2d(sum / static_cast<double>(count));
+  const auto n = static_cast<double>(count);
+  return from_cells(
+      {static_cast<float>(sum_column / n + 0.5), static_cast<float>(sum_row / n + 0.5)});
 }
 
 }  // namespace penumbra

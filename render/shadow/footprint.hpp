@@ -1,5 +1,4 @@
-// A silhouette as a raster: triangles seen along a direction, one byte per cell, and how far each
-// cell is from the outside.
+// A silhouette as a raster: triangles seen along a direction, and how deep inside each cell lies.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,27 +8,74 @@
 
 namespace penumbra {
 
-// Cells are square; cell (column, row) has its centre at origin + (column + 0.5, row + 0.5) cell.
-struct Footprint {
-  int width = 0;      // [cells]
-  int height = 0;     // [cells]
-  double cell = 0.0;  // [m]
-  Eigen::Vector2d origin = Eigen::Vector2d::Zero();
-  std::vector<std::uint8_t> covered;  // row after row, 1 where the cell's centre is covered
+// Square cells in a rectangle that may be turned: the least rectangle round the points, so that
+// turning the points turns the raster with them. Cell (column, row) has its centre at
+// (column + 0.5, row + 0.5) in cell coordinates. There is an empty margin of one cell on each side.
+// One object serves many silhouettes one after another without allocating anew.
+class FootprintRaster {
+ public:
+  // Fits the rectangle and covers the cells whose centres lie in a face; `faces` holds three
+  // indices into `points` per face. The rectangle gets about `cell_budget` cells. False, and no
+  // cells, where the points have no extent. Points are finite [m].
+  bool cover(std::span<const Eigen::Vector2f> points, std::span<const std::uint32_t> faces,
+             int cell_budget);
 
-  [[nodiscard]] Eigen::Vector2d centre(int column, int row) const {
-    return origin + cell * Eigen::Vector2d(column + 0.5, row + 0.5);
+  // Covers enclosed holes of less than `share` of the covered cells: missing faces.
+  void fill_small_holes(double share);
+
+  // Exact Euclidean distance transform: depth() is the distance from a covered cell's centre to the
+  // nearest centre that is not covered [cells], 0 in those.
+  void compute_depth();
+
+  [[nodiscard]] int width() const { return width_; }    // [cells]
+  [[nodiscard]] int height() const { return height_; }  // [cells]
+  [[nodiscard]] float cell() const { return cell_; }    // [m]
+  [[nodiscard]] std::size_t covered_count() const;
+  [[nodiscard]] const std::uint8_t* covered_row(int row) const {
+    return covered_.data() + row_offset(row);
   }
+  [[nodiscard]] const float* depth_row(int row) const { return depth_.data() + row_offset(row); }
+
+  [[nodiscard]] Eigen::Vector2f to_cells(const Eigen::Vector2f& p) const {
+    const Eigen::Vector2f d = (p - origin_) / cell_;
+    return {axis_.x() * d.x() + axis_.y() * d.y(), axis_.x() * d.y() - axis_.y() * d.x()};
+  }
+  [[nodiscard]] Eigen::Vector2f from_cells(const Eigen::Vector2f& c) const {
+    return origin_ + cell_ * Eigen::Vector2f(axis_.x() * c.x() - axis_.y() * c.y(),
+                                             axis_.y() * c.x() + axis_.x() * c.y());
+  }
+
+  // Area centroid of the covered cells [m]; the middle of the rectangle where none is covered.
+  [[nodiscard]] Eigen::Vector2f centroid() const;
+
+ private:
+  [[nodiscard]] std::size_t row_offset(int row) const {
+    return static_cast<std::size_t>(row) * static_cast<std::size_t>(width_);
+  }
+  bool fit(std::span<const Eigen::Vector2f> points, int cell_budget);
+  void cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen::Vector2f c);
+  void cover_segment(const Eigen::Vector2f& a, const Eigen::Vector2f& b);
+
+  int width_ = 0;
+  int height_ = 0;
+  float cell_ = 0.0F;
+  Eigen::Vector2f origin_ = Eigen::Vector2f::Zero();  // corner of cell (0, 0) [m]
+  Eigen::Vector2f axis_ = Eigen::Vector2f::UnitX();   // direction of a row, unit
+  std::vector<std::uint8_t> covered_;
+  std::vector<float> depth_;
+
+  // Scratch, kept to spare allocations.
+  struct Run {
+    int row, first, last;
+    std::uint32_t parent;
+    std::uint32_t size;
+    bool open;  // reaches the margin
+  };
+  std::vector<Eigen::Vector2f> cells_;
+  std::vector<Eigen::Vector2f> hull_;
+  std::vector<Eigen::Vector2f> hull_candidates_;
+  std::vector<Run> runs_;
+  std::vector<float> squared_column_distance_;
 };
-
-// A raster with an empty margin of one cell on each side, its longer side about `cells` cells.
-// `faces` holds three indices into `points` per triangle. Points must be finite. Empty (0 x 0)
-// where the points have no extent.
-[[nodiscard]] Footprint rasterise_footprint(std::span<const Eigen::Vector2d> points,
-                                            std::span<const std::uint32_t> faces, int cells);
-
-// Area centroid of the covered cells, or of the points where no cell is covered.
-[[nodiscard]] Eigen::Vector2d footprint_centroid(const Footprint& footprint,
-                                                 std::span<const Eigen::Vector2d> points);
 
 }  // namespace penumbra

@@ -237,4 +237,26 @@ PlanePoint project_to_layer(const CasterVertex& vertex, const LayeredConstants& 
   return {vertex.u + growth * du, vertex.v + growth * dv};
 }
 
+std::vector<PlanePoint> layer_triangles(std::span<const CasterVertex> vertices,
+                                        std::span<const std::uint32_t> indices,
+                                        const LayeredConstants& constants, ShadowLayer layer) {
+  const std::vector<CasterVertex> clipped =
+      clip_to_heights(vertices, indices, layer_height_range(constants, layer));
+  std::vector<PlanePoint> triangles;
+  triangles.reserve(clipped.size());
+  for (const CasterVertex& vertex : clipped) {
+    triangles.push_back(project_to_layer(vertex, constants, layer));
+  }
+  return triangles;
+}
+
+std::vector<PlanePoint> orthogonal_triangles(std::span<const CasterVertex> vertices,
+                                             std::span<const std::uint32_t> indices) {
+  std::vector<PlanePoint> triangles;
+  for (const CasterVertex& vertex : clip_to_heights(vertices, indices, {0.0, kInfinity})) {
+    triangles.push_back({vertex.u, vertex.v});
+  }
+  return triangles;
+}
+
 }  // namespace penumbra

@@ -70,4 +70,14 @@ struct PlanePoint {
 [[nodiscard]] PlanePoint project_to_layer(const CasterVertex& vertex,
                                           const LayeredConstants& constants, ShadowLayer layer);
 
+// A whole layer: the faces clipped to its heights and projected, three points per triangle. Their
+// union is the layer; they overlap and have both orientations.
+[[nodiscard]] std::vector<PlanePoint> layer_triangles(std::span<const CasterVertex> vertices,
+                                                      std::span<const std::uint32_t> indices,
+                                                      const LayeredConstants& constants,
+                                                      ShadowLayer layer);
+// The same for the orthogonal shadow: matter above the plane, projected straight down.
+[[nodiscard]] std::vector<PlanePoint> orthogonal_triangles(std::span<const CasterVertex> vertices,
+                                                           std::span<const std::uint32_t> indices);
+
 }  // namespace penumbra

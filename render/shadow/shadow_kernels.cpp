@@ -1,6 +1,9 @@
 #include "render/shadow/shadow_kernels.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <numeric>
+#include <span>
 
 #include "core/assert.hpp"
 #include "render/shadow/footprint.hpp"
@@ -10,7 +13,19 @@ namespace penumbra {
 
 namespace {
 
-constexpr int kCentroidCells = 128;
+// Relaxed local thickness (shadows.md 2.6): a vertex belongs to the largest disc inside its part's
+// silhouette that reaches it when grown by kReach. At least sqrt(2): the corners of a square then
+// share its centre, so that a cube scales as a cube.
+constexpr float kReach = 1.5F;
+// Discs this close to the largest count as equally large; of those the one that is nearest, in its
+// own radii, wins.
+constexpr float kEqualRadius = 0.97F;
+// A cell whose depth grows by less than this share of the distance to any neighbour is on a ridge.
+constexpr float kRidgeSlope = 0.7F;
+constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
+constexpr int kMinSideCells = 32;
+constexpr int kMaxSideCells = 128;
+constexpr int kTileCells = 8;
 
 // One of d and -d, the same for both: a silhouette seen from behind has the same kernels.
 Eigen::Vector3d canonical_direction(const Eigen::Vector3d& up) {
@@ -19,10 +34,305 @@ Eigen::Vector3d canonical_direction(const Eigen::Vector3d& up) {
   return flip ? Eigen::Vector3d(-d) : d;
 }
 
-// Adds the kernels of one set of positions that share a centre.
-Eigen::Vector2d centre_of(std::span<const Eigen::Vector2d> points,
-                          std::span<const std::uint32_t> faces) {
-  return footprint_centroid(rasterise_footprint(points, faces, kCentroidCells), points);
+Eigen::Vector3d to_eigen(const glm::vec3& p) {
+  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
+}
+
+// A kernel in the plane of the silhouette.
+struct PlanarKernel {
+  Eigen::Vector2f centre = Eigen::Vector2f::Zero();
+  float radius = 0.0F;
+};
+
+// The positions and faces of one part, contiguous.
+struct PartGeometry {
+  std::span<const Eigen::Vector2f> points;  // [m], from the part's reference point
+  std::span<const std::uint32_t> faces;     // indices into points
+};
+
+// Kernels of one part after another; keeps its buffers.
+class LocalThickness {
+ public:
+  explicit LocalThickness(bool smooth) : smooth_(smooth) {}
+
+  void generate(const PartGeometry& part, std::span<PlanarKernel> kernels) {
+    for (std::size_t i = 0; i < kernels.size(); ++i) kernels[i] = {part.points[i], 0.0F};
+    const int side = std::clamp(
+        static_cast<int>(std::lround(10.0 * std::sqrt(static_cast<double>(part.points.size())))),
+        kMinSideCells, kMaxSideCells);
+    if (part.faces.empty() || !raster_.cover(part.points, part.faces, side * side)) return;
+    raster_.fill_small_holes(kHoleShare);
+    raster_.compute_depth();
+    find_discs();
+    if (discs_.empty()) return;
+    sort_vertices_into_tiles(part.points);
+    for (std::size_t tile = 0; tile + 1 < tile_begin_.size(); ++tile) {
+      const std::size_t begin = tile_begin_[tile];
+      const std::size_t end = tile_begin_[tile + 1];
+      if (begin == end) continue;
+      gather_near_discs(tile);
+      for (std::size_t i = begin; i < end; ++i) {
+        const std::uint32_t vertex = tile_vertices_[i];
+        assign(points_[vertex], kernels[vertex]);
+      }
+    }
+  }
+
+ private:
+  struct Disc {
+    float x, y, radius;  // [cells]
+  };
+
+  void find_discs() {
+    discs_.clear();
+    for (int row = 1; row + 1 < raster_.height(); ++row) {
+      const float* above = raster_.depth_row(row - 1);
+      const float* here = raster_.depth_row(row);
+      const float* below = raster_.depth_row(row + 1);
+      for (int column = 1; column + 1 < raster_.width(); ++column) {
+        const float depth = here[column];
+        if (depth <= 0.0F) continue;
+        const float straight = depth + kRidgeSlope;
+        const float diagonal = depth + kRidgeSlope * 1.41421356F;
+        if (here[column - 1] >= straight || here[column + 1] >= straight ||
+            above[column] >= straight || below[column] >= straight ||
+            above[column - 1] >= diagonal || above[column + 1] >= diagonal ||
+            below[column - 1] >= diagonal || below[column + 1] >= diagonal) {
+          continue;
+        }
+        // The outline runs half a cell before the nearest centre outside.
+        discs_.push_back(
+            {static_cast<float>(column) + 0.5F, static_cast<float>(row) + 0.5F, depth - 0.5F});
+      }
+    }
+    std::stable_sort(discs_.begin(), discs_.end(),
+                     [](const Disc& a, const Disc& b) { return a.radius > b.radius; });
+  }
+
+  void sort_vertices_into_tiles(std::span<const Eigen::Vector2f> points) {
+    tile_columns_ = (raster_.width() + kTileCells - 1) / kTileCells;
+    const int tile_rows = (raster_.height() + kTileCells - 1) / kTileCells;
+    points_.resize(points.size());
+    vertex_tile_.resize(points.size());
+    tile_begin_.assign(static_cast<std::size_t>(tile_columns_ * tile_rows) + 1, 0);
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      points_[i] = raster_.to_cells(points[i]);
+      const int column =
+          std::clamp(static_cast<int>(points_[i].x()) / kTileCells, 0, tile_columns_ - 1);
+      const int row = std::clamp(static_cast<int>(points_[i].y()) / kTileCells, 0, tile_rows - 1);
+      vertex_tile_[i] = static_cast<std::uint32_t>(row * tile_columns_ + column);
+      ++tile_begin_[vertex_tile_[i] + 1];
+    }
+    std::partial_sum(tile_begin_.begin(), tile_begin_.end(), tile_begin_.begin());
+    tile_vertices_.resize(points.size());
+    tile_fill_.assign(tile_begin_.begin(), tile_begin_.end() - 1);
+    for (std::uint32_t i = 0; i < points.size(); ++i) {
+      tile_vertices_[tile_fill_[vertex_tile_[i]]++] = i;
+    }
+  }
+
+  // The discs that may reach a vertex of the tile, in order of their radius.
+  void gather_near_discs(std::size_t tile) {
+    const int row = static_cast<int>(tile) / tile_columns_;
+    const int column = static_cast<int>(tile) % tile_columns_;
+    const float x = (static_cast<float>(column) + 0.5F) * kTileCells;
+    const float y = (static_cast<float>(row) + 0.5F) * kTileCells;
+    // Half a tile's diagonal, and the cell by which a border vertex may lie outside.
+    constexpr float kSlack = 0.5F * kTileCells * 1.41421356F + 1.0F;
+    near_.clear();
+    for (const Disc& disc : discs_) {
+      const float dx = disc.x - x;
+      const float dy = disc.y - y;
+      const float reach = kReach * disc.radius + kSlack;
+      if (dx * dx + dy * dy <= reach * reach) near_.push_back(disc);
+    }
+  }
+
+  void assign(const Eigen::Vector2f& p, PlanarKernel& kernel) const {
+    const Disc* winner = nullptr;
+    float winner_distance = 0.0F;  // squared, in radii
+    float limit = 0.0F;
+    for (const Disc& disc : near_) {
+      if (winner != nullptr && disc.radius < limit) break;
+      const float dx = disc.x - p.x();
+      const float dy = disc.y - p.y();
+      const float distance = (dx * dx + dy * dy) / (disc.radius * disc.radius);
+      if (distance > kReach * kReach) continue;
+      if (winner == nullptr) limit = kEqualRadius * disc.radius;
+      if (winner == nullptr || distance < winner_distance) {
+        winner = &disc;
+        winner_distance = distance;
+      }
+    }
+    if (winner == nullptr) {
+      // A border vertex between cells: the disc that misses it by least, and by one cell at most.
+      float least = 1.0F;
+      for (const Disc& disc : near_) {
+        const float miss = std::hypot(disc.x - p.x(), disc.y - p.y()) - kReach * disc.radius;
+        if (miss >= least) continue;
+        least = miss;
+        winner = &disc;
+      }
+    }
+    if (winner == nullptr) return;
+    Disc chosen = *winner;
+    if (smooth_) blend(p, chosen);
+    kernel.centre = raster_.from_cells({chosen.x, chosen.y});
+    kernel.radius = chosen.radius * raster_.cell();
+  }
+
+  // Mean of all discs that reach p, weighted r^8 (1 - |p - c|^2 / (kReach r)^2)^2.
+  void blend(const Eigen::Vector2f& p, Disc& chosen) const {
+    float x = 0.0F;
+    float y = 0.0F;
+    float radius = 0.0F;
+    float sum = 0.0F;
+    for (const Disc& disc : near_) {
+      const float dx = disc.x - p.x();
+      const float dy = disc.y - p.y();
+      const float inside =
+          1.0F - (dx * dx + dy * dy) / (kReach * kReach * disc.radius * disc.radius);
+      if (inside <= 0.0F) continue;
+      const float relative = disc.radius / chosen.radius;
+      const float squared = relative * relative;
+      const float weight = squared * squared * squared * squared * inside * inside;
+      x += weight * disc.x;
+      y += weight * disc.y;
+      radius += weight * disc.radius;
+      sum += weight;
+    }
+    if (sum <= 0.0F) return;
+    chosen = {x / sum, y / sum, radius / sum};
+  }
+
+  bool smooth_;
+  FootprintRaster raster_;
+  std::vector<Disc> discs_, near_;
+  std::vector<Eigen::Vector2f> points_;  // [cells]
+  std::vector<std::uint32_t> vertex_tile_, tile_begin_, tile_fill_, tile_vertices_;
+  int tile_columns_ = 0;
+};
+
+// The positions of all parts one after another, projected along a direction.
+struct PartList {
+  std::vector<std::uint32_t> position_begin, face_begin;  // part_count + 1
+  std::vector<std::uint32_t> positions;                   // mesh position of each point
+  std::vector<Eigen::Vector2f> points;                    // from the part's first point
+  std::vector<std::uint32_t> faces;  // indices into the part's points, three per face
+};
+
+PartList split_into_parts(const ShadowMesh& mesh, const std::vector<Eigen::Vector2d>& projected) {
+  PartList list;
+  const std::size_t count = mesh.positions.size();
+  list.position_begin.assign(mesh.part_count + 1, 0);
+  for (const std::uint32_t part : mesh.part) ++list.position_begin[part + 1];
+  std::partial_sum(list.position_begin.begin(), list.position_begin.end(),
+                   list.position_begin.begin());
+  std::vector<std::uint32_t> fill(list.position_begin.begin(), list.position_begin.end() - 1);
+  std::vector<std::uint32_t> local(count);
+  list.positions.resize(count);
+  list.points.resize(count);
+  for (std::uint32_t i = 0; i < count; ++i) {
+    const std::uint32_t part = mesh.part[i];
+    const std::uint32_t place = fill[part]++;
+    local[i] = place - list.position_begin[part];
+    list.positions[place] = i;
+    list.points[place] =
+        (projected[i] - projected[list.positions[list.position_begin[part]]]).cast<float>();
+  }
+  list.face_begin.assign(mesh.part_count + 1, 0);
+  for (std::size_t i = 0; i < mesh.indices.size(); i += 3) {
+    list.face_begin[mesh.part[mesh.indices[i]] + 1] += 3;
+  }
+  std::partial_sum(list.face_begin.begin(), list.face_begin.end(), list.face_begin.begin());
+  fill.assign(list.face_begin.begin(), list.face_begin.end() - 1);
+  list.faces.resize(mesh.indices.size());
+  for (std::size_t i = 0; i < mesh.indices.size(); i += 3) {
+    std::uint32_t& place = fill[mesh.part[mesh.indices[i]]];
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      list.faces[place++] = local[mesh.indices[i + corner]];
+    }
+  }
+  return list;
+}
+
+ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector3d& up,
+                                     KernelSource source) {
+  ShadowKernels result;
+  result.up = up.normalized();
+  const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
+  const std::size_t count = mesh.positions.size();
+  std::vector<Eigen::Vector2d> projected(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    projected[i] = view.to_plane(to_eigen(mesh.positions[i])).head<2>();
+  }
+
+  result.kernels.resize(count);
+  const auto set_kernel = [&](std::size_t i, const Eigen::Vector2d& to_kernel) {
+    const Eigen::Vector3d k =
+        to_eigen(mesh.positions[i]) + to_kernel.x() * view.e1 + to_kernel.y() * view.e2;
+    result.kernels[i] =
+        glm::vec3(static_cast<float>(k.x()), static_cast<float>(k.y()), static_cast<float>(k.z()));
+  };
+
+  if (source == KernelSource::centroid) {
+    std::vector<Eigen::Vector2f> points(count);
+    for (std::size_t i = 0; i < count; ++i) points[i] = (projected[i] - projected[0]).cast<float>();
+    FootprintRaster raster;
+    if (!raster.cover(points, mesh.indices, kMaxSideCells * kMaxSideCells)) {
+      result.kernels = mesh.positions;
+      return result;
+    }
+    const Eigen::Vector2d centre = projected[0] + raster.centroid().cast<double>();
+    for (std::size_t i = 0; i < count; ++i) set_kernel(i, centre - projected[i]);
+    return result;
+  }
+
+  const PartList parts = split_into_parts(mesh, projected);
+  LocalThickness thickness(source == KernelSource::smooth);
+  std::vector<PlanarKernel> kernels(count);
+  for (std::size_t part = 0; part < mesh.part_count; ++part) {
+    const std::size_t begin = parts.position_begin[part];
+    const std::size_t size = parts.position_begin[part + 1] - begin;
+    const PartGeometry geometry = {
+        std::span(parts.points).subspan(begin, size),
+        std::span(parts.faces)
+            .subspan(parts.face_begin[part], parts.face_begin[part + 1] - parts.face_begin[part])};
+    thickness.generate(geometry, std::span(kernels).subspan(begin, size));
+  }
+  result.radius.resize(count);
+  for (std::size_t place = 0; place < count; ++place) {
+    const std::uint32_t i = parts.positions[place];
+    set_kernel(i, (kernels[place].centre - parts.points[place]).cast<double>());
+    result.radius[i] = kernels[place].radius;
+  }
+  return result;
+}
+
+// Layered Penumbrae, section 5.3, in the exact form of shadows.md 2.7: k = sum of d_i^2 k_i over
+// the sets k_i made for up = axis i. Exact on the axes only.
+ShadowKernels compose_per_axis(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
+  const Eigen::Vector3d d = up.normalized();
+  ShadowKernels result;
+  result.up = d;
+  std::vector<Eigen::Vector3d> sum(mesh.positions.size(), Eigen::Vector3d::Zero());
+  result.radius.assign(mesh.positions.size(), 0.0F);
+  for (int axis = 0; axis < 3; ++axis) {
+    const double weight = d[axis] * d[axis];
+    if (weight <= 0.0) continue;
+    const ShadowKernels set =
+        generate_for_direction(mesh, Eigen::Vector3d::Unit(axis), KernelSource::automatic);
+    for (std::size_t i = 0; i < sum.size(); ++i) {
+      sum[i] += weight * to_eigen(set.kernels[i]);
+      result.radius[i] += static_cast<float>(weight) * set.radius[i];
+    }
+  }
+  result.kernels.reserve(sum.size());
+  for (const Eigen::Vector3d& k : sum) {
+    result.kernels.emplace_back(static_cast<float>(k.x()), static_cast<float>(k.y()),
+                                static_cast<float>(k.z()));
+  }
+  return result;
 }
 
 }  // namespace
@@ -30,47 +340,8 @@ Eigen::Vector2d centre_of(std::span<const Eigen::Vector2d> points,
 ShadowKernels generate_kernels(const ShadowMesh& mesh, const Eigen::Vector3d& up,
                                KernelSource source) {
   PENUMBRA_ASSERT(up.allFinite() && up.squaredNorm() > 0.0);
-  ShadowKernels result;
-  result.up = up.normalized();
-  const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
-
-  std::vector<Eigen::Vector2d> points(mesh.positions.size());
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const Eigen::Vector3d p(mesh.positions[i].x, mesh.positions[i].y, mesh.positions[i].z);
-    points[i] = view.to_plane(p).head<2>();
-  }
-
-  std::vector<Eigen::Vector2d> kernels(points.size());
-  if (source == KernelSource::centroid) {
-    const Eigen::Vector2d centre = centre_of(points, mesh.indices);
-    std::fill(kernels.begin(), kernels.end(), centre);
-  } else {
-    std::vector<std::vector<Eigen::Vector2d>> part_points(mesh.part_count);
-    std::vector<std::vector<std::uint32_t>> part_faces(mesh.part_count);
-    std::vector<std::uint32_t> place(points.size());
-    for (std::size_t i = 0; i < points.size(); ++i) {
-      place[i] = static_cast<std::uint32_t>(part_points[mesh.part[i]].size());
-      part_points[mesh.part[i]].push_back(points[i]);
-    }
-    for (const std::uint32_t index : mesh.indices) {
-      part_faces[mesh.part[index]].push_back(place[index]);
-    }
-    std::vector<Eigen::Vector2d> centres(mesh.part_count);
-    for (std::size_t part = 0; part < mesh.part_count; ++part) {
-      centres[part] = centre_of(part_points[part], part_faces[part]);
-    }
-    for (std::size_t i = 0; i < points.size(); ++i) kernels[i] = centres[mesh.part[i]];
-  }
-
-  result.kernels.resize(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const Eigen::Vector3d p(mesh.positions[i].x, mesh.positions[i].y, mesh.positions[i].z);
-    const Eigen::Vector2d to_kernel = kernels[i] - points[i];
-    const Eigen::Vector3d k = p + to_kernel.x() * view.e1 + to_kernel.y() * view.e2;
-    result.kernels[i] =
-        glm::vec3(static_cast<float>(k.x()), static_cast<float>(k.y()), static_cast<float>(k.z()));
-  }
-  return result;
+  if (source == KernelSource::per_axis) return compose_per_axis(mesh, up);
+  return generate_for_direction(mesh, up, source);
 }
 
 }  // namespace penumbra

@@ -37,11 +37,37 @@ inline constexpr std::array kShadowTechniqueNames = {
   return std::nullopt;
 }
 
-// Where shadow kernels come from (shadows.md: COCL is the layered technique with one kernel for the
-// whole object).
+// Where shadow kernels come from.
 enum class KernelSource {
-  automatic,  // generated from the silhouette, per connected part
-  centroid,   // COCL: one kernel, the centre of the footprint
+  automatic,  // from the silhouette, per connected part: the largest disc near each vertex
+  smooth,     // the same, blended over all discs near a vertex: fewer twisted faces
+  per_axis,   // composed of the sets for the three axes (Layered Penumbrae, section 5.3)
+  centroid,   // COCL: one kernel for the whole object, the centroid of its footprint
 };
+
+struct KernelSourceName {
+  KernelSource source;
+  std::string_view name;
+};
+inline constexpr std::array kKernelSourceNames = {
+    KernelSourceName{KernelSource::automatic, "auto"},
+    KernelSourceName{KernelSource::smooth, "smooth"},
+    KernelSourceName{KernelSource::per_axis, "per-axis"},
+    KernelSourceName{KernelSource::centroid, "cocl"},
+};
+
+[[nodiscard]] constexpr std::string_view to_string(KernelSource source) {
+  for (const KernelSourceName& entry : kKernelSourceNames) {
+    if (entry.source == source) return entry.name;
+  }
+  return "auto";
+}
+[[nodiscard]] constexpr std::optional<KernelSource> kernel_source_from_string(
+    std::string_view name) {
+  for (const KernelSourceName& entry : kKernelSourceNames) {
+    if (entry.name == name) return entry.source;
+  }
+  return std::nullopt;
+}
 
 }  // namespace penumbra

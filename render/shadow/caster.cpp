@@ -1,0 +1,38 @@
+#include "render/shadow/caster.hpp"
+
+#include "core/assert.hpp"
+
+namespace penumbra {
+
+std::vector<CasterVertex> place_caster(const ShadowMesh& mesh, const ShadowKernels& kernels,
+                                       const Placement& T_world_object, const PlaneFrame& plane) {
+  PENUMBRA_ASSERT(kernels.kernels.size() == mesh.positions.size());
+  // Object -> plane as one affine map whose offset is taken relative to the plane's point first:
+  // a plane far from the origin costs no digits.
+  Eigen::Matrix3d R_plane_world;
+  R_plane_world.row(0) = plane.e1;
+  R_plane_world.row(1) = plane.e2;
+  R_plane_world.row(2) = plane.n;
+  const Eigen::Matrix3d linear =
+      T_world_object.scale * (R_plane_world * T_world_object.rotation.toRotationMatrix());
+  const Eigen::Vector3d offset = R_plane_world * (T_world_object.position - plane.q);
+  const auto to_plane = [&](const glm::vec3& p) -> Eigen::Vector3d {
+    return linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                                    static_cast<double>(p.z)) +
+           offset;
+  };
+  std::vector<CasterVertex> vertices;
+  vertices.reserve(mesh.positions.size());
+  for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+    const Eigen::Vector3f x = to_plane(mesh.positions[i]).cast<float>();
+    const Eigen::Vector3f k = to_plane(kernels.kernels[i]).cast<float>();
+    vertices.push_back({x.x(), x.y(), x.z(), k.x(), k.y()});
+  }
+  return vertices;
+}
+
+Eigen::Vector3d up_in_object(const Placement& T_world_object, const PlaneFrame& plane) {
+  return T_world_object.rotation.conjugate() * plane.n;
+}
+
+}  // namespace penumbra

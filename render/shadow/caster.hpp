@@ -1,0 +1,24 @@
+// A shadow mesh with its kernels, placed in the world and seen from a plane: what the layers are
+// computed from.
+#pragma once
+
+#include <vector>
+
+#include "render/scene.hpp"
+#include "render/shadow/layered_penumbra.hpp"
+#include "render/shadow/plane_frame.hpp"
+#include "render/shadow/shadow_kernels.hpp"
+
+namespace penumbra {
+
+// One vertex per mesh position, in plane coordinates [m]; computed in double, kept in float.
+[[nodiscard]] std::vector<CasterVertex> place_caster(const ShadowMesh& mesh,
+                                                     const ShadowKernels& kernels,
+                                                     const Placement& T_world_object,
+                                                     const PlaneFrame& plane);
+
+// The plane's normal in the object's frame: the direction that kernels are made for.
+[[nodiscard]] Eigen::Vector3d up_in_object(const Placement& T_world_object,
+                                           const PlaneFrame& plane);
+
+}  // namespace penumbra
