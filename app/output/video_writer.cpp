@@ -53,7 +53,7 @@ class VideoWriter final : public FrameWriter {
   VideoWriter(OutputFile file, VideoCodec codec, const FrameFormat& format)
       : file_(std::move(file)), codec_(codec), format_(format) {}
 
-  // The muxer, encoder and buffers; the header is written with the first frame.
+  // The muxer, encoder and buffers, and the header of the file.
   Result<void> open() {
     const AVCodec* encoder = codec_ == VideoCodec::ffv1 ? avcodec_find_encoder(AV_CODEC_ID_FFV1)
                                                         : avcodec_find_encoder_by_name("libx264");
