@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "app/versions.hpp"
+#include "core/assert.hpp"
 
 namespace penumbra {
 namespace {
@@ -55,10 +56,18 @@ StageSummary StageTimes::summary() const {
   return summary;
 }
 
+RunRecorder::RunRecorder() {
+  // A stage that never ran is told too, with a count of 0.
+  for (const char* stage : {"capture", "track", "detect", "align", "solve", "plan", "shadow",
+                            "render", "readback", "encode", "frame"}) {
+    stages_.emplace_back(stage, StageTimes());
+  }
+}
+
 void RunRecorder::add_time(std::string_view stage, StageTime time) {
   auto found = std::find_if(stages_.begin(), stages_.end(),
                             [&](const auto& entry) { return entry.first == stage; });
-  if (found == stages_.end()) found = stages_.insert(stages_.end(), {std::string(stage), {}});
+  PENUMBRA_ASSERT(found != stages_.end());
   found->second.add(time);
 }
 
@@ -96,7 +105,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   add_time("plan", frame.plan_time);
   add_time("shadow", {drawn.shadow_ms, drawn.shadow_cpu_ms});
   add_time("render", {drawn.render_ms, drawn.render_cpu_ms});
-  add_time("readback", {drawn.readback_ms, drawn.readback_cpu_ms});
+  if (frame.read_back) add_time("readback", {drawn.readback_ms, drawn.readback_cpu_ms});
 
   work_.shadow_vertices += drawn.shadow_vertices;
   work_.kernel_generations += drawn.kernel_generations;

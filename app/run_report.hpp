@@ -53,7 +53,8 @@ struct RunReport {
 
 class RunRecorder {
  public:
-  // The order of the first calls is the order of the stages in the report.
+  RunRecorder();
+  // `stage` is one of the report's.
   void add_time(std::string_view stage, StageTime time);
   // Counts a frame; its stages' times are added here.
   void add_frame(const SessionFrame& frame);

@@ -60,7 +60,8 @@ Result<SessionFrame> Session::step(const Frame& frame, std::span<std::uint8_t> r
   result.plan_time = plan_watch.elapsed();
 
   auto drawn = compositor_.draw(frame, result.plan);
-  if (drawn && !rgba.empty()) drawn = compositor_.read_back(rgba);
+  result.read_back = !rgba.empty();
+  if (drawn && result.read_back) drawn = compositor_.read_back(rgba);
   if (!drawn) return tl::unexpected(drawn.error());
   result.composite = *drawn;
   return result;

@@ -30,6 +30,7 @@ struct SessionFrame {
   FramePlan plan;
   CompositeStats composite;
   StageTime plan_time;
+  bool read_back = false;
 };
 
 class Session {

@@ -53,9 +53,9 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   const auto options = std::make_shared<ReplayOptions>();
   ReplayRequest& request = options->request;
 
-  command->add_option("recording", request.recording, "Folder of the recording")
+  command->add_option("RECORDING", request.recording, "The recording")
       ->required()
-      ->type_name("RECORDING");
+      ->type_name("FOLDER");
   command->add_option("--scene", options->scene, "Scene to draw (default: the program's own)")
       ->type_name("FILE.json");
   command->add_option("--tags", request.tags, "What lies on the table (default: the recording's)")

@@ -38,6 +38,7 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
   frame.tracked.times.full_detection = full_detection;
   frame.composite.shadow_vertices = 100;
   frame.composite.passes_drawn = 3;
+  frame.read_back = status != TrackStatus::lost;
   frame.plan.skipped = {{"object_out_of_view", "rotor: outside the view"}};
   return frame;
 }
@@ -70,8 +71,8 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   EXPECT_TRUE(json["versions"].contains("penumbra"));
   EXPECT_TRUE(json["gl"].contains("renderer"));
   EXPECT_TRUE(json["gl"].contains("version"));
-  for (const char* stage :
-       {"capture", "track", "detect", "solve", "shadow", "render", "readback", "encode", "frame"}) {
+  for (const char* stage : {"capture", "track", "detect", "align", "solve", "shadow", "render",
+                            "readback", "encode", "frame"}) {
     ASSERT_TRUE(json["time_ms"].contains(stage)) << stage;
     for (const char* field : {"median", "p95", "max", "cpu_median", "cpu_mean", "count"}) {
       EXPECT_TRUE(json["time_ms"][stage].contains(field)) << stage << " " << field;
@@ -79,6 +80,7 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   }
   EXPECT_EQ(json["time_ms"]["track"]["count"], 5);
   EXPECT_EQ(json["time_ms"]["track"]["median"], 3.0);
+  EXPECT_EQ(json["time_ms"]["readback"]["count"], 4);
   EXPECT_EQ(json["tracking"]["reprojection_rms_px"]["median"], 0.25);
   EXPECT_EQ(json["tracking"]["full_detections"], 4);
   EXPECT_EQ(json["tracking"]["tracked_updates"], 1);
