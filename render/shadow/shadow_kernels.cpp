@@ -19,13 +19,19 @@ namespace {
 constexpr float kReach = 1.5F;
 // Discs this close to the largest count as equally large; of those the one that is nearest, in its
 // own radii, wins.
-constexpr float kEqualRadius = 0.97F;
+constexpr float kEqualRadius = 0.96F;
 // A cell whose depth grows by less than this share of the distance to any neighbour is on a ridge.
-constexpr float kRidgeSlope = 0.7F;
+constexpr float kRidgeSlope = 0.6F;
+// Ridge cells this close in depth are the same ridge, seen in two rows of cells.
+constexpr float kSameDepth = 0.5F;    // [cells]
 constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
 constexpr int kMinSideCells = 32;
 constexpr int kMaxSideCells = 128;
 constexpr int kTileCells = 8;
+// A disc of one cell says little about its size: how much further than kReach radii it may reach,
+// in cells of a raster whose longer side has the nominal number of cells.
+constexpr float kReachSlack = 0.5F;
+constexpr float kBorderSlack = 1.0F;  // the same for a vertex that no disc reaches
 
 // One of d and -d, the same for both: a silhouette seen from behind has the same kernels.
 Eigen::Vector3d canonical_direction(const Eigen::Vector3d& up) {
@@ -63,6 +69,8 @@ class LocalThickness {
     if (part.faces.empty() || !raster_.cover(part.points, part.faces, side * side)) return;
     raster_.fill_small_holes(kHoleShare);
     raster_.compute_depth();
+    nominal_cell_ =
+        static_cast<float>(std::max(raster_.width(), raster_.height())) / static_cast<float>(side);
     find_discs();
     if (discs_.empty()) return;
     sort_vertices_into_tiles(part.points);
@@ -84,25 +92,50 @@ class LocalThickness {
   };
 
   void find_discs() {
-    discs_.clear();
+    const auto width = static_cast<std::ptrdiff_t>(raster_.width());
+    ridge_.assign(static_cast<std::size_t>(width) * static_cast<std::size_t>(raster_.height()),
+                  0.0F);
     for (int row = 1; row + 1 < raster_.height(); ++row) {
       const float* above = raster_.depth_row(row - 1);
       const float* here = raster_.depth_row(row);
       const float* below = raster_.depth_row(row + 1);
-      for (int column = 1; column + 1 < raster_.width(); ++column) {
+      float* ridge = ridge_.data() + row * width;
+      for (std::ptrdiff_t column = 1; column + 1 < width; ++column) {
+        const float straight = std::max(std::max(here[column - 1], here[column + 1]),
+                                        std::max(above[column], below[column]));
+        const float diagonal = std::max(std::max(above[column - 1], above[column + 1]),
+                                        std::max(below[column - 1], below[column + 1]));
         const float depth = here[column];
+        const bool on_ridge =
+            depth + kRidgeSlope > straight && depth + kRidgeSlope * 1.41421356F > diagonal;
+        ridge[column] = on_ridge ? depth : 0.0F;
+      }
+    }
+    discs_.clear();
+    for (int row = 1; row + 1 < raster_.height(); ++row) {
+      const float* ridge = ridge_.data() + row * width;
+      for (std::ptrdiff_t column = 1; column + 1 < width; ++column) {
+        const float depth = ridge[column];
         if (depth <= 0.0F) continue;
-        const float straight = depth + kRidgeSlope;
-        const float diagonal = depth + kRidgeSlope * 1.41421356F;
-        if (here[column - 1] >= straight || here[column + 1] >= straight ||
-            above[column] >= straight || below[column] >= straight ||
-            above[column - 1] >= diagonal || above[column + 1] >= diagonal ||
-            below[column - 1] >= diagonal || below[column + 1] >= diagonal) {
-          continue;
+        // A ridge between two rows of cells shows in both: its middle is the mean of what is
+        // equally deep around. Without this a kernel lies half a cell off.
+        float x = 0.0F;
+        float y = 0.0F;
+        float count = 0.0F;
+        for (std::ptrdiff_t dy = -1; dy <= 1; ++dy) {
+          for (std::ptrdiff_t dx = -1; dx <= 1; ++dx) {
+            if (std::abs(ridge[dy * width + column + dx] - depth) > kSameDepth) continue;
+            x += static_cast<float>(dx);
+            y += static_cast<float>(dy);
+            count += 1.0F;
+          }
         }
-        // The outline runs half a cell before the nearest centre outside.
-        discs_.push_back(
-            {static_cast<float>(column) + 0.5F, static_cast<float>(row) + 0.5F, depth - 0.5F});
+        x /= count;
+        y /= count;
+        // The outline runs half a cell before the nearest centre outside; a centre moved to the
+        // middle of the ridge is that much deeper.
+        discs_.push_back({static_cast<float>(column) + 0.5F + x, static_cast<float>(row) + 0.5F + y,
+                          depth - 0.5F + std::sqrt(x * x + y * y)});
       }
     }
     std::stable_sort(discs_.begin(), discs_.end(),
@@ -138,12 +171,12 @@ class LocalThickness {
     const float x = (static_cast<float>(column) + 0.5F) * kTileCells;
     const float y = (static_cast<float>(row) + 0.5F) * kTileCells;
     // Half a tile's diagonal, and the cell by which a border vertex may lie outside.
-    constexpr float kSlack = 0.5F * kTileCells * 1.41421356F + 1.0F;
+    const float slack = 0.5F * kTileCells * 1.41421356F + kBorderSlack * nominal_cell_;
     near_.clear();
     for (const Disc& disc : discs_) {
       const float dx = disc.x - x;
       const float dy = disc.y - y;
-      const float reach = kReach * disc.radius + kSlack;
+      const float reach = kReach * disc.radius + slack;
       if (dx * dx + dy * dy <= reach * reach) near_.push_back(disc);
     }
   }
@@ -152,12 +185,15 @@ class LocalThickness {
     const Disc* winner = nullptr;
     float winner_distance = 0.0F;  // squared, in radii
     float limit = 0.0F;
+    const float slack = kReachSlack * nominal_cell_;
     for (const Disc& disc : near_) {
       if (winner != nullptr && disc.radius < limit) break;
       const float dx = disc.x - p.x();
       const float dy = disc.y - p.y();
-      const float distance = (dx * dx + dy * dy) / (disc.radius * disc.radius);
-      if (distance > kReach * kReach) continue;
+      const float squared = dx * dx + dy * dy;
+      const float reach = kReach * disc.radius + slack;
+      if (squared > reach * reach) continue;
+      const float distance = squared / (disc.radius * disc.radius);
       if (winner == nullptr) limit = kEqualRadius * disc.radius;
       if (winner == nullptr || distance < winner_distance) {
         winner = &disc;
@@ -165,8 +201,8 @@ class LocalThickness {
       }
     }
     if (winner == nullptr) {
-      // A border vertex between cells: the disc that misses it by least, and by one cell at most.
-      float least = 1.0F;
+      // A border vertex between cells: the disc that misses it by least.
+      float least = kBorderSlack * nominal_cell_;
       for (const Disc& disc : near_) {
         const float miss = std::hypot(disc.x - p.x(), disc.y - p.y()) - kReach * disc.radius;
         if (miss >= least) continue;
@@ -206,7 +242,9 @@ class LocalThickness {
   }
 
   bool smooth_;
+  float nominal_cell_ = 1.0F;  // [cells]
   FootprintRaster raster_;
+  std::vector<float> ridge_;  // depth of ridge cells, else 0
   std::vector<Disc> discs_, near_;
   std::vector<Eigen::Vector2f> points_;  // [cells]
   std::vector<std::uint32_t> vertex_tile_, tile_begin_, tile_fill_, tile_vertices_;

@@ -1,0 +1,62 @@
+// Time of what shadows need on the CPU: welding, kernels, layers, polygons.
+#include <benchmark/benchmark.h>
+
+#include "render/shadow/caster.hpp"
+#include "support/shadow_cases.hpp"
+#include "support/shapes.hpp"
+
+namespace penumbra {
+namespace {
+
+Model shared_model(const char* name) {
+  const auto folder = test::shared_dir();
+  if (folder.empty()) return {};
+  const auto json = test::read_json(folder / "vectors" / "meshes" / name);
+  return test::model_of(json.at("vertices").get<std::vector<float>>(),
+                        json.at("triangles").get<std::vector<std::uint32_t>>());
+}
+
+Model model_named(int which) {
+  switch (which) {
+    case 0:
+      return shared_model("hand.json");
+    case 1:
+      return shared_model("tree.json");
+    case 2:
+      return test::torus_model(24, 64);
+    case 3:
+      return test::torus_model(160, 325);
+    default:
+      return test::bush_model(1462);
+  }
+}
+
+void label(benchmark::State& state, const ShadowMesh& mesh) {
+  state.SetLabel(std::to_string(mesh.positions.size()) + " vertices, " +
+                 std::to_string(mesh.indices.size() / 3) + " faces, " +
+                 std::to_string(mesh.part_count) + " parts");
+}
+
+void weld(benchmark::State& state) {
+  const Model model = model_named(static_cast<int>(state.range(0)));
+  ShadowMesh mesh;
+  for (auto _ : state) mesh = make_shadow_mesh(model);
+  label(state, mesh);
+}
+BENCHMARK(weld)->DenseRange(0, 4)->Unit(benchmark::kMillisecond);
+
+void kernels(benchmark::State& state, KernelSource source) {
+  const ShadowMesh mesh = make_shadow_mesh(model_named(static_cast<int>(state.range(0))));
+  const Eigen::Vector3d up = Eigen::Vector3d(0.1, 0.2, 1.0);
+  for (auto _ : state) benchmark::DoNotOptimize(generate_kernels(mesh, up, source));
+  label(state, mesh);
+}
+BENCHMARK_CAPTURE(kernels, automatic, KernelSource::automatic)
+    ->DenseRange(0, 4)
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(kernels, smooth, KernelSource::smooth)
+    ->DenseRange(0, 4)
+    ->Unit(benchmark::kMillisecond);
+
+}  // namespace
+}  // namespace penumbra
