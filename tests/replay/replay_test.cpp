@@ -112,8 +112,8 @@ TEST(ReplayTest, TheSameCommandTwiceGivesTheSameBytes) {
     EXPECT_EQ(contents_of(folder.path() / other), frames) << other;
     EXPECT_EQ(bytes_of(folder.path() / (std::string(other) + ".tum")), poses) << other;
   }
-  EXPECT_EQ(bytes_of(folder.path() / "a.mkv"), bytes_of(folder.path() / "b.mkv"));
-  EXPECT_EQ(bytes_of(folder.path() / "a.mp4"), bytes_of(folder.path() / "b.mp4"));
+  EXPECT_EQ(fingerprint_of(folder.path() / "a.mkv"), fingerprint_of(folder.path() / "b.mkv"));
+  EXPECT_EQ(fingerprint_of(folder.path() / "a.mp4"), fingerprint_of(folder.path() / "b.mp4"));
   EXPECT_EQ(bytes_of(folder.path() / "a.mkv.tum"), poses);
 }
 
@@ -129,7 +129,7 @@ TEST(ReplayTest, WritesExactlyTheFramesAskedFor) {
   EXPECT_EQ(done.report["time_ms"]["encode"]["count"], 6);
   EXPECT_EQ(done.report["time_ms"]["readback"]["count"], 6);
   std::vector<std::string> names;
-  for (const auto& [name, bytes] : contents_of(folder.path() / "out")) names.push_back(name);
+  for (const auto& [name, fingerprint] : contents_of(folder.path() / "out")) names.push_back(name);
   EXPECT_THAT(names, testing::ElementsAre("000057.png", "000058.png", "000059.png", "000060.png",
                                           "000061.png", "000062.png"));
   EXPECT_EQ(pose_count(folder.path() / "out.tum"), 6);
@@ -139,7 +139,6 @@ TEST(ReplayTest, WritesExactlyTheFramesAskedFor) {
 
 TEST(ReplayTest, GivenPosesNeedNoTracker) {
   const TemporaryFolder folder;
-  const std::vector<std::string> frames = {"--frames", "10:14"};
   const Replay truth =
       replay(folder.path(), {bundled("tabletop"), "--frames", "10:14", "--poses-from",
                              "groundtruth", "--output", folder.path() / "truth"});
@@ -169,10 +168,10 @@ TEST(ReplayTest, TechniquesAreDifferentPictures) {
         penumbra({"replay", bundled("tabletop"), "--frames", "30:31", "--poses-from", "groundtruth",
                   "--shadow", technique, "--output", folder.path() / technique});
     ASSERT_EQ(result.exit_code, 0) << result.err;
-    const std::string picture = bytes_of(folder.path() / technique / "000030.png");
+    const std::string picture = fingerprint_of(folder.path() / technique / "000030.png");
     ASSERT_FALSE(picture.empty());
-    for (const auto& [other, bytes] : pictures) {
-      EXPECT_NE(picture, bytes) << technique << " and " << other;
+    for (const auto& [other, fingerprint] : pictures) {
+      EXPECT_NE(picture, fingerprint) << technique << " and " << other;
     }
     pictures[technique] = picture;
   }
@@ -180,7 +179,7 @@ TEST(ReplayTest, TechniquesAreDifferentPictures) {
       penumbra({"replay", bundled("tabletop"), "--frames", "30:31", "--poses-from", "groundtruth",
                 "--shadow", "layered", "--kernels", "cocl", "--output", folder.path() / "k"});
   ASSERT_EQ(kernels.exit_code, 0) << kernels.err;
-  EXPECT_EQ(bytes_of(folder.path() / "k" / "000030.png"), pictures["cocl"]);
+  EXPECT_EQ(fingerprint_of(folder.path() / "k" / "000030.png"), pictures["cocl"]);
 }
 
 TEST(ReplayTest, CtrlCLeavesReadableFiles) {
