@@ -92,9 +92,9 @@ Result<std::unique_ptr<GlContext>> open_context(const ReplayRequest& request,
     options.title = "penumbra";
     auto window = create_window_context(options);
     if (window) return window;
-    fmt::print("no window ({}): going on offscreen\n", window.error().message);
+    fmt::print("{}; going on offscreen\n", window.error().message);
   } else if (request.window) {
-    fmt::print("no display: going on offscreen\n");
+    fmt::print("no display; going on offscreen\n");
   }
   std::fflush(stdout);
   return create_offscreen_context();
@@ -259,7 +259,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       if (request.realtime || has_window) {
         pacer.wait_for((*frame)->timestamp_ns, viewer ? viewer->paused_ms() : 0.0);
       }
-      if (viewer) stopped = !viewer->show(*session, interrupt);
+      if (viewer) stopped = !viewer->show([&] { session->present(); }, interrupt);
       stopped = interrupt.interrupted() || stopped;
     }
   }

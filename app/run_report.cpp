@@ -22,12 +22,16 @@ Json json_of(const StageSummary& s) {
 }
 
 Json json_of(const Evaluation& e) {
+  // With no pose there is no error: null, never a perfect 0.
+  const auto known = [&](const Json& value, int fewest_poses) {
+    return e.frames_with_pose >= fewest_poses ? value : Json();
+  };
   Json json;
-  json["translation_mm"] = json_of(e.translation_mm);
-  json["rotation_deg"] = json_of(e.rotation_deg);
-  json["overlay_px"] = json_of(e.overlay_px);
-  json["overlay_frame_px"] = json_of(e.overlay_frame_px);
-  json["jitter_px"] = e.jitter_px;
+  json["translation_mm"] = known(json_of(e.translation_mm), 1);
+  json["rotation_deg"] = known(json_of(e.rotation_deg), 1);
+  json["overlay_px"] = known(json_of(e.overlay_px), 1);
+  json["overlay_frame_px"] = known(json_of(e.overlay_frame_px), 1);
+  json["jitter_px"] = known(e.jitter_px, 2);
   json["frames_with_truth"] = e.frames_with_truth;
   json["frames_with_pose"] = e.frames_with_pose;
   json["share_with_pose"] =
@@ -184,10 +188,12 @@ std::string evaluation_table(const Evaluation& evaluation) {
     text += fmt::format("{:<22}{:>10.4f}{:>10.4f}{:>10.4f}{:>10.4f}\n", name, s.rmse, s.median,
                         s.p95, s.max);
   };
-  row("translation [mm]", evaluation.translation_mm);
-  row("rotation [deg]", evaluation.rotation_deg);
-  row("overlay [px]", evaluation.overlay_px);
-  text += fmt::format("{:<22}{:>10.4f}\n", "jitter [px]", evaluation.jitter_px);
+  if (evaluation.frames_with_pose > 0) {
+    row("translation [mm]", evaluation.translation_mm);
+    row("rotation [deg]", evaluation.rotation_deg);
+    row("overlay [px]", evaluation.overlay_px);
+    text += fmt::format("{:<22}{:>10.4f}\n", "jitter [px]", evaluation.jitter_px);
+  }
   const double share = evaluation.frames_with_truth > 0
                            ? 100.0 * evaluation.frames_with_pose / evaluation.frames_with_truth
                            : 0.0;

@@ -6,6 +6,8 @@
 #include <chrono>
 #include <thread>
 
+#include "app/stopwatch.hpp"
+
 namespace penumbra {
 
 Viewer::Viewer(GlContext& context) : context_(context) {
@@ -19,14 +21,14 @@ Viewer::~Viewer() {
   context_.on_key({});
 }
 
-bool Viewer::show(Session& session, InterruptWatch& interrupt) {
+bool Viewer::show(const std::function<void()>& present, InterruptWatch& interrupt) {
   // While paused the picture is drawn again at an easy rate: the window may be resized or
   // uncovered.
   constexpr std::chrono::milliseconds kPausedRefresh(30);
   const Stopwatch pause;
   bool waited = false;
   do {
-    session.present();
+    present();
     context_.swap();
     if (!context_.poll_events()) closed_ = true;
     if (paused_ && !closed_) {

@@ -1,10 +1,9 @@
 // The window: shows each picture; Esc or q closes, space pauses.
 #pragma once
 
-#include <memory>
+#include <functional>
 
 #include "app/interrupt.hpp"
-#include "app/session.hpp"
 #include "render/gl/context.hpp"
 
 namespace penumbra {
@@ -17,9 +16,9 @@ class Viewer {
   Viewer& operator=(const Viewer&) = delete;
   ~Viewer();
 
-  // Shows the session's last picture and answers keys, while paused until that ends. False once
-  // the window was closed (or the program interrupted).
-  [[nodiscard]] bool show(Session& session, InterruptWatch& interrupt);
+  // Shows a picture, which `present` draws into the window, and answers keys; while paused until
+  // that ends or the program is interrupted. False once the window was closed.
+  [[nodiscard]] bool show(const std::function<void()>& present, InterruptWatch& interrupt);
   // How long the pauses were, all together [ms]: time that does not count for pacing.
   [[nodiscard]] double paused_ms() const { return paused_ms_; }
 

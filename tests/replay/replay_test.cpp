@@ -208,6 +208,34 @@ TEST(ReplayTest, CtrlCLeavesReadableFiles) {
   EXPECT_FALSE(fs::exists(folder.path() / "out.partial"));
 }
 
+TEST(ReplayTest, AWindowShowsTheSameFrames) {
+  const fs::path xvfb = "/usr/bin/xvfb-run";
+  if (!fs::exists(xvfb))
+    GTEST_SKIP() << xvfb << " is not installed: no display to open a window on";
+  const TemporaryFolder folder;
+  const auto arguments = [&](const std::string& name) {
+    return std::vector<std::string>{"replay", bundled("corner"), "--frames",
+                                    "0:6",    "--output",        folder.path() / name};
+  };
+  std::vector<std::string> in_window = {"-a", program().string()};
+  for (const std::string& argument : arguments("window")) in_window.push_back(argument);
+  const ProgramResult window = run_program(xvfb, in_window);
+  ASSERT_EQ(window.exit_code, 0) << window.err;
+  EXPECT_THAT(window.out, testing::Not(HasSubstr("offscreen")));
+  const ProgramResult offscreen = penumbra(arguments("offscreen"));
+  ASSERT_EQ(offscreen.exit_code, 0) << offscreen.err;
+  EXPECT_EQ(contents_of(folder.path() / "window").size(), 6U);
+  EXPECT_EQ(contents_of(folder.path() / "window"), contents_of(folder.path() / "offscreen"));
+}
+
+TEST(ReplayTest, ADisplayThatIsNotThereIsToldAndReplayGoesOn) {
+  const ProgramResult result =
+      run_program(program(), {"replay", bundled("corner"), "--frames", "0:2"}, {"DISPLAY=:987"});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(result.err, "");
+  EXPECT_THAT(lines_of(result.out).at(0), HasSubstr("going on offscreen"));
+}
+
 TEST(ReplayTest, DemoEndsWithItsVideo) {
   const TemporaryFolder folder;
   const ProgramResult result = run_program(program(), {"demo"}, {}, folder.path());

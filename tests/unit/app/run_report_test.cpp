@@ -59,6 +59,8 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   report.accuracy = Evaluation();
   report.accuracy->overlay_px = {0.2, 0.1, 0.4, 0.5};
   report.accuracy->jitter_px = 0.05;
+  report.accuracy->frames_with_truth = 5;
+  report.accuracy->frames_with_pose = 2;
 
   const Json json = Json::parse(report_json(report));
   EXPECT_EQ(json["frames"], 5);
@@ -99,6 +101,9 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   EXPECT_EQ(json["accuracy"]["overlay_px"]["p95"], 0.4);
   EXPECT_EQ(json["accuracy"]["jitter_px"], 0.05);
 
+  report.accuracy->frames_with_pose = 0;
+  EXPECT_TRUE(Json::parse(report_json(report))["accuracy"]["overlay_px"].is_null())
+      << "no pose is no error of 0";
   report.accuracy.reset();
   EXPECT_FALSE(Json::parse(report_json(report)).contains("accuracy"));
 }
