@@ -8,19 +8,6 @@
 namespace penumbra {
 namespace {
 
-std::string in_quotes(std::string_view text) {
-  std::string result = "\"";
-  for (const char c : text) {
-    if (c == '"' || c == '\\') {
-      result += '\\';
-      result += c;
-    } else {
-      result += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
-    }
-  }
-  return result + "\"";
-}
-
 template <class Range>
 std::string joined(const Range& values) {
   return fmt::format("[{}]", fmt::join(values, ", "));

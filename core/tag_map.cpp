@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/text.hpp"
 #include "core/yaml_fields.hpp"
 
 namespace penumbra {
@@ -163,6 +164,27 @@ Result<TagMap> load_tag_map(const std::filesystem::path& file) {
     return fail("{}: is not readable as a tag map ({}); correct the file", file.string(),
                 error.what());
   }
+}
+
+Result<void> save_tag_map(const std::filesystem::path& file, const TagMap& map) {
+  std::string text =
+      "# Tag frame: origin at the tag's centre, x right and y up on the upright printed tag, z out "
+      "of\n"
+      "# the paper. size_m: edge of the black border's outer square. position, quaternion_xyzw: "
+      "the tag\n"
+      "# frame in the table frame.\ntags:\n";
+  for (const MappedTag& tag : map.tags()) {
+    const Eigen::Vector3d& p = tag.T_table_tag.translation();
+    const Eigen::Quaterniond& q = tag.T_table_tag.rotation();
+    // {} writes the shortest digits that read back to the same double.
+    text += fmt::format(
+        "  - {{id: {}, family: {}, size_m: {}, position: [{}, {}, {}], "
+        "quaternion_xyzw: [{}, {}, {}, {}]",
+        tag.id, to_string(tag.family), tag.size_m, p.x(), p.y(), p.z(), q.x(), q.y(), q.z(), q.w());
+    if (tag.group != "table") text += fmt::format(", group: {}", in_quotes(tag.group));
+    text += "}\n";
+  }
+  return write_text_file(file, text);
 }
 
 }  // namespace penumbra

@@ -129,4 +129,17 @@ std::string format_ns_as_seconds(std::int64_t nanoseconds) {
                      size % 1'000'000'000U);
 }
 
+std::string in_quotes(std::string_view text) {
+  std::string result = "\"";
+  for (const char c : text) {
+    if (c == '"' || c == '\\') {
+      result += '\\';
+      result += c;
+    } else {
+      result += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
+    }
+  }
+  return result + "\"";
+}
+
 }  // namespace penumbra

@@ -31,4 +31,7 @@ namespace penumbra {
 // Seconds with 9 decimals.
 [[nodiscard]] std::string format_ns_as_seconds(std::int64_t nanoseconds);
 
+// As a double-quoted YAML string.
+[[nodiscard]] std::string in_quotes(std::string_view text);
+
 }  // namespace penumbra

@@ -107,6 +107,36 @@ TEST(TagMap, ChecksWhatCodeGivesIt) {
   EXPECT_FALSE(TagMap::make({bad}));
 }
 
+TEST(TagMap, SavesWhatReadsBackTheSame) {
+  std::vector<MappedTag> tags(2);
+  tags[0].id = 3;
+  tags[0].size_m = 0.1 / 3.0;
+  tags[0].T_table_tag = {Eigen::Quaterniond(0.1, -0.7, 0.3, 0.6),
+                         Eigen::Vector3d(1.0 / 7.0, -2e-9, 0.3)};
+  tags[1].id = 3;
+  tags[1].family = TagFamily::tag25h9;
+  tags[1].size_m = 0.05;
+  tags[1].group = "a \"quoted\" wall";
+  const TagMap map = TagMap::make(tags).value();
+  const test::TemporaryFolder folder;
+  ASSERT_TRUE(save_tag_map(folder.path() / "tags.yaml", map));
+  const auto read = load_tag_map(folder.path() / "tags.yaml");
+  ASSERT_TRUE(read) << read.error().message;
+  ASSERT_EQ(read->tags().size(), 2U);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const MappedTag& before = map.tags()[i];
+    const MappedTag& after = read->tags()[i];
+    EXPECT_EQ(after.id, before.id);
+    EXPECT_EQ(after.family, before.family);
+    EXPECT_EQ(after.group, before.group);
+    EXPECT_EQ(after.size_m, before.size_m);
+    EXPECT_EQ(after.T_table_tag.translation(), before.T_table_tag.translation());
+    EXPECT_LT(
+        (after.T_table_tag.rotation().coeffs() - before.T_table_tag.rotation().coeffs()).norm(),
+        1e-15);
+  }
+}
+
 TEST(TagMap, ReadsEverySharedMap) {
   const auto shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
