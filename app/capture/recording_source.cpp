@@ -11,6 +11,11 @@
 namespace penumbra {
 namespace {
 
+struct TimedFrame {
+  Frame frame;
+  StageTime time;  // to read and decode it
+};
+
 // Frame after frame: what the look-ahead thread calls.
 class Decoder {
  public:
@@ -20,8 +25,9 @@ class Decoder {
     if (camera) size_ = {camera->width(), camera->height()};
   }
 
-  Result<std::optional<Frame>> next() {
-    if (at_ == frames_.size()) return std::optional<Frame>();
+  Result<std::optional<TimedFrame>> next() {
+    if (at_ == frames_.size()) return std::optional<TimedFrame>();
+    const Stopwatch watch;
     const RecordedFrame& listed = frames_[at_++];
     Result<Frame> frame = video_ ? next_of_video(listed) : load_image(listed.file);
     if (!frame) return tl::unexpected(frame.error());
@@ -33,7 +39,7 @@ class Decoder {
     }
     frame->sequence = static_cast<std::uint64_t>(listed.number);
     frame->timestamp_ns = listed.timestamp_ns;
-    return std::optional<Frame>(std::move(*frame));
+    return std::optional<TimedFrame>({std::move(*frame), watch.elapsed()});
   }
 
  private:
@@ -65,7 +71,14 @@ class RecordingSource final : public FrameSource {
         decoder_(std::move(decoder)),
         frames_([this] { return decoder_->next(); }, look_ahead) {}
 
-  Result<std::optional<Frame>> next() override { return frames_.next(); }
+  Result<std::optional<Frame>> next() override {
+    auto timed = frames_.next();
+    if (!timed) return tl::unexpected(timed.error());
+    if (!*timed) return std::optional<Frame>();
+    capture_time_ = (*timed)->time;
+    return std::optional<Frame>(std::move((*timed)->frame));
+  }
+  [[nodiscard]] StageTime capture_time() const override { return capture_time_; }
   [[nodiscard]] std::string description() const override { return description_; }
   [[nodiscard]] std::optional<int> frame_count() const override { return count_; }
 
@@ -73,7 +86,8 @@ class RecordingSource final : public FrameSource {
   const std::string description_;
   const int count_;
   const std::unique_ptr<Decoder> decoder_;
-  LookAhead<Frame> frames_;  // last: its thread uses the decoder
+  StageTime capture_time_;
+  LookAhead<TimedFrame> frames_;  // last: its thread uses the decoder
 };
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace penumbra {
 
@@ -16,6 +17,19 @@ constexpr float kEdgeTolerance = 1e-3F;  // [cells]
 
 float cross(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
   return a.x() * b.y() - a.y() * b.x();
+}
+
+// The largest of non-negative values. Eight running maxima, because one alone is a chain of waits.
+float largest_of(const float* values, std::size_t count) {
+  std::array<float, 8> lanes{};
+  std::size_t i = 0;
+  for (; i + lanes.size() <= count; i += lanes.size()) {
+    for (std::size_t lane = 0; lane < lanes.size(); ++lane) {
+      lanes[lane] = std::max(lanes[lane], values[i + lane]);
+    }
+  }
+  for (; i < count; ++i) lanes[0] = std::max(lanes[0], values[i]);
+  return *std::max_element(lanes.begin(), lanes.end());
 }
 
 // Points that may lie on the convex hull: all of a few, or the highest and lowest of each column of
@@ -116,12 +130,25 @@ bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budg
     }
   }
 
-  Eigen::Vector2f low = Eigen::Vector2f::Constant(std::numeric_limits<float>::infinity());
-  Eigen::Vector2f high = -low;
+  float left = std::numeric_limits<float>::infinity();
+  float bottom = left;
+  float right = -left;
+  float top = -left;
   for (const Eigen::Vector2f& p : points) {
-    const Eigen::Vector2f q(axis_.dot(p), cross(axis_, p));
-    low = low.cwiseMin(q);
-    high = high.cwiseMax(q);
+    const float along = axis_.dot(p);
+    const float across = cross(axis_, p);
+    left = std::min(left, along);
+    right = std::max(right, along);
+    bottom = std::min(bottom, across);
+    top = std::max(top, across);
+  }
+  Eigen::Vector2f low(left, bottom);
+  Eigen::Vector2f high(right, top);
+  // Short columns make the distance transform cheap.
+  if (top - bottom > right - left) {
+    axis_ = {-axis_.y(), axis_.x()};
+    low = {bottom, -right};
+    high = {top, -left};
   }
   const Eigen::Vector2f extent = high - low;
   const float longer = extent.maxCoeff();
@@ -145,7 +172,7 @@ bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budg
 bool FootprintRaster::cover(std::span<const Eigen::Vector2f> points,
                             std::span<const std::uint32_t> faces, int cell_budget) {
   if (!fit(points, cell_budget)) return false;
-  covered_.assign(row_offset(height_), 0);
+  covered_.assign(row_offset(height_), 0.0F);
   cells_.resize(points.size());
   for (std::size_t i = 0; i < points.size(); ++i) cells_[i] = to_cells(points[i]);
   for (std::size_t i = 0; i + 2 < faces.size(); i += 3) {
@@ -163,13 +190,19 @@ bool FootprintRaster::cover(std::span<const Eigen::Vector2f> points,
 }
 
 void FootprintRaster::cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen::Vector2f c) {
+  // Cells lie in the margin at least: coordinates are above 0 and truncation rounds down.
+  const auto first_centre_from = [](float x) {
+    return static_cast<int>(x + (0.5F - kEdgeTolerance));
+  };
+  const auto end_of_centres_at = [](float x) {
+    return static_cast<int>(x + (0.5F + kEdgeTolerance));
+  };
   if (b.y() < a.y()) std::swap(a, b);
   if (c.y() < b.y()) std::swap(b, c);
   if (b.y() < a.y()) std::swap(a, b);
-  const int first_row = std::max(0, static_cast<int>(std::ceil(a.y() - 0.5F - kEdgeTolerance)));
-  const int last_row =
-      std::min(height_ - 1, static_cast<int>(std::floor(c.y() - 0.5F + kEdgeTolerance)));
-  if (first_row > last_row) return;
+  const int first_row = std::max(0, first_centre_from(a.y()));
+  const int end_row = std::min(height_, end_of_centres_at(c.y()));
+  if (first_row >= end_row) return;
   const auto slope = [](const Eigen::Vector2f& from, const Eigen::Vector2f& to) {
     const float rise = to.y() - from.y();
     return rise > 0.0F ? (to.x() - from.x()) / rise : 0.0F;
@@ -177,31 +210,22 @@ void FootprintRaster::cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen
   const float slope_ac = slope(a, c);
   const float slope_ab = slope(a, b);
   const float slope_bc = slope(b, c);
-  for (int row = first_row; row <= last_row; ++row) {
+  for (int row = first_row; row < end_row; ++row) {
     const float y = std::clamp(static_cast<float>(row) + 0.5F, a.y(), c.y());
+    // The long edge a-c bounds the span on one side, a-b or b-c on the other. A level edge has both
+    // its ends at this height.
     const float across = a.x() + (y - a.y()) * slope_ac;
-    // At the height of b its own x bounds the span, also where an edge through it is level.
-    float left = across;
-    float right = across;
-    const auto widen = [&](float x) {
-      left = std::min(left, x);
-      right = std::max(right, x);
-    };
-    if (y < b.y()) {
-      widen(a.x() + (y - a.y()) * slope_ab);
-    } else if (y > b.y()) {
-      widen(b.x() + (y - b.y()) * slope_bc);
-    } else {
-      widen(b.x());
-      if (y == a.y()) widen(a.x());
-      if (y == c.y()) widen(c.x());
+    const float other = y < b.y() ? a.x() + (y - a.y()) * slope_ab : b.x() + (y - b.y()) * slope_bc;
+    float left = std::min(across, other);
+    float right = std::max(across, other);
+    if (a.y() == c.y()) {
+      left = std::min(left, c.x());
+      right = std::max(right, c.x());
     }
-    const int first = std::max(0, static_cast<int>(std::ceil(left - 0.5F - kEdgeTolerance)));
-    const int last =
-        std::min(width_ - 1, static_cast<int>(std::floor(right - 0.5F + kEdgeTolerance)));
-    if (first > last) continue;
-    std::fill_n(covered_.begin() + static_cast<std::ptrdiff_t>(row_offset(row)) + first,
-                last - first + 1, std::uint8_t{1});
+    const int first = std::max(0, first_centre_from(left));
+    const int end = std::min(width_, end_of_centres_at(right));
+    float* cells = covered_.data() + row_offset(row);
+    for (int column = first; column < end; ++column) cells[column] = 1.0F;
   }
 }
 
@@ -212,15 +236,39 @@ void FootprintRaster::cover_segment(const Eigen::Vector2f& a, const Eigen::Vecto
     const Eigen::Vector2f p = a + d * (static_cast<float>(i) / static_cast<float>(steps));
     const int column = std::clamp(static_cast<int>(std::floor(p.x())), 1, width_ - 2);
     const int row = std::clamp(static_cast<int>(std::floor(p.y())), 1, height_ - 2);
-    covered_[row_offset(row) + static_cast<std::size_t>(column)] = 1;
+    covered_[row_offset(row) + static_cast<std::size_t>(column)] = 1.0F;
   }
 }
 
 std::size_t FootprintRaster::covered_count() const {
-  return static_cast<std::size_t>(std::count(covered_.begin(), covered_.end(), std::uint8_t{1}));
+  std::array<float, 8> lanes{};  // exact: there are fewer cells than 2^24
+  std::size_t i = 0;
+  for (; i + lanes.size() <= covered_.size(); i += lanes.size()) {
+    for (std::size_t lane = 0; lane < lanes.size(); ++lane) lanes[lane] += covered_[i + lane];
+  }
+  for (; i < covered_.size(); ++i) lanes[0] += covered_[i];
+  return static_cast<std::size_t>(std::accumulate(lanes.begin(), lanes.end(), 0.0F));
 }
 
 void FootprintRaster::fill_small_holes(double share) {
+  // Most small parts have one run of cells in each row, and then no hole.
+  bool one_run_per_row = true;
+  for (int row = 1; row + 1 < height_ && one_run_per_row; ++row) {
+    const float* cells = covered_row(row);
+    std::array<float, 8> lanes{};
+    const int steps = width_ - 1;
+    int column = 0;
+    for (; column + 8 <= steps; column += 8) {
+      for (int lane = 0; lane < 8; ++lane) {
+        lanes[static_cast<std::size_t>(lane)] +=
+            std::abs(cells[column + lane + 1] - cells[column + lane]);
+      }
+    }
+    for (; column < steps; ++column) lanes[0] += std::abs(cells[column + 1] - cells[column]);
+    one_run_per_row = std::accumulate(lanes.begin(), lanes.end(), 0.0F) <= 2.0F;
+  }
+  if (one_run_per_row) return;
+
   // Runs of uncovered cells, joined from row to row into regions (4-connected).
   runs_.clear();
   const auto root = [this](std::uint32_t i) {
@@ -234,18 +282,18 @@ void FootprintRaster::fill_small_holes(double share) {
   std::size_t above = 0;  // first run of the row above
   std::size_t row_begin = 0;
   for (int row = 0; row < height_; ++row) {
-    const std::uint8_t* cells = covered_row(row);
+    const float* cells = covered_row(row);
     above = row_begin;
     row_begin = runs_.size();
     std::size_t candidate = above;
     for (int column = 0; column < width_;) {
-      if (cells[column] != 0) {
+      if (cells[column] != 0.0F) {
         ++covered;
         ++column;
         continue;
       }
       const int first = column;
-      while (column < width_ && cells[column] == 0) ++column;
+      while (column < width_ && cells[column] == 0.0F) ++column;
       const auto index = static_cast<std::uint32_t>(runs_.size());
       const bool open = row == 0 || row == height_ - 1 || first == 0 || column == width_;
       runs_.push_back(
@@ -270,7 +318,7 @@ void FootprintRaster::fill_small_holes(double share) {
     if (region.open || region.size >= limit) continue;
     std::fill_n(
         covered_.begin() + static_cast<std::ptrdiff_t>(row_offset(runs_[i].row)) + runs_[i].first,
-        runs_[i].last - runs_[i].first + 1, std::uint8_t{1});
+        runs_[i].last - runs_[i].first + 1, 1.0F);
   }
 }
 
@@ -280,11 +328,11 @@ void FootprintRaster::compute_depth() {
   // Columns: steps to the nearest uncovered cell up or down. The margin ends every column.
   std::fill_n(depth_.begin(), width, 0.0F);
   for (int row = 1; row < height_; ++row) {
-    const std::uint8_t* cells = covered_row(row);
+    const float* cells = covered_row(row);
     const float* before = depth_.data() + row_offset(row - 1);
     float* here = depth_.data() + row_offset(row);
     for (std::size_t column = 0; column < width; ++column) {
-      here[column] = cells[column] != 0 ? before[column] + 1.0F : 0.0F;
+      here[column] = (before[column] + 1.0F) * cells[column];
     }
   }
   for (int row = height_ - 2; row >= 0; --row) {
@@ -300,12 +348,11 @@ void FootprintRaster::compute_depth() {
   float* g2 = squared_column_distance_.data();
   for (int row = 0; row < height_; ++row) {
     float* best = depth_.data() + row_offset(row);
-    float largest = 0.0F;
     for (std::size_t column = 0; column < width; ++column) {
       g2[column] = best[column] * best[column];
       best[column] = g2[column];
-      largest = std::max(largest, g2[column]);
     }
+    float largest = largest_of(g2, width);
     if (largest <= 0.0F) continue;
     for (std::size_t dx = 1; dx < width; ++dx) {
       const auto step = static_cast<float>(dx * dx);
@@ -316,7 +363,7 @@ void FootprintRaster::compute_depth() {
       for (std::size_t column = 0; column + dx < width; ++column) {
         best[column] = std::min(best[column], step + g2[column + dx]);
       }
-      if (dx % 4 == 0) largest = *std::max_element(best, best + width);
+      if (dx % 4 == 0) largest = largest_of(best, width);
     }
     for (std::size_t column = 0; column < width; ++column) best[column] = std::sqrt(best[column]);
   }
@@ -327,9 +374,9 @@ Eigen::Vector2f FootprintRaster::centroid() const {
   double sum_row = 0.0;
   std::size_t count = 0;
   for (int row = 0; row < height_; ++row) {
-    const std::uint8_t* cells = covered_row(row);
+    const float* cells = covered_row(row);
     for (int column = 0; column < width_; ++column) {
-      if (cells[column] == 0) continue;
+      if (cells[column] == 0.0F) continue;
       sum_column += column;
       sum_row += row;
       ++count;

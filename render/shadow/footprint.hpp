@@ -10,8 +10,9 @@ namespace penumbra {
 
 // Square cells in a rectangle that may be turned: the least rectangle round the points, so that
 // turning the points turns the raster with them. Cell (column, row) has its centre at
-// (column + 0.5, row + 0.5) in cell coordinates. There is an empty margin of one cell on each side.
-// One object serves many silhouettes one after another without allocating anew.
+// (column + 0.5, row + 0.5) in cell coordinates; rows run along the longer side. There is an empty
+// margin of one cell on each side. One object serves many silhouettes one after another without
+// allocating anew.
 class FootprintRaster {
  public:
   // Fits the rectangle and covers the cells whose centres lie in a face; `faces` holds three
@@ -31,7 +32,8 @@ class FootprintRaster {
   [[nodiscard]] int height() const { return height_; }  // [cells]
   [[nodiscard]] float cell() const { return cell_; }    // [m]
   [[nodiscard]] std::size_t covered_count() const;
-  [[nodiscard]] const std::uint8_t* covered_row(int row) const {
+  // 1 where a cell is covered, else 0.
+  [[nodiscard]] const float* covered_row(int row) const {
     return covered_.data() + row_offset(row);
   }
   [[nodiscard]] const float* depth_row(int row) const { return depth_.data() + row_offset(row); }
@@ -61,7 +63,7 @@ class FootprintRaster {
   float cell_ = 0.0F;
   Eigen::Vector2f origin_ = Eigen::Vector2f::Zero();  // corner of cell (0, 0) [m]
   Eigen::Vector2f axis_ = Eigen::Vector2f::UnitX();   // direction of a row, unit
-  std::vector<std::uint8_t> covered_;
+  std::vector<float> covered_;  // float, so that sums over rows need no conversion
   std::vector<float> depth_;
 
   // Scratch, kept to spare allocations.

@@ -1,6 +1,7 @@
 #include "render/shadow/shadow_kernels.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numeric>
 #include <span>
@@ -28,6 +29,7 @@ constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
 constexpr int kMinSideCells = 32;
 constexpr int kMaxSideCells = 128;
 constexpr int kTileCells = 8;
+constexpr std::size_t kFewVertices = 64;  // then tiles cost more than they spare
 // A disc of one cell says little about its size: how much further than kReach radii it may reach,
 // in cells of a raster whose longer side has the nominal number of cells.
 constexpr float kReachSlack = 0.5F;
@@ -64,7 +66,7 @@ class LocalThickness {
   void generate(const PartGeometry& part, std::span<PlanarKernel> kernels) {
     for (std::size_t i = 0; i < kernels.size(); ++i) kernels[i] = {part.points[i], 0.0F};
     const int side = std::clamp(
-        static_cast<int>(std::lround(10.0 * std::sqrt(static_cast<double>(part.points.size())))),
+        static_cast<int>(std::lround(8.0 * std::sqrt(static_cast<double>(part.points.size())))),
         kMinSideCells, kMaxSideCells);
     if (part.faces.empty() || !raster_.cover(part.points, part.faces, side * side)) return;
     raster_.fill_small_holes(kHoleShare);
@@ -73,6 +75,13 @@ class LocalThickness {
         static_cast<float>(std::max(raster_.width(), raster_.height())) / static_cast<float>(side);
     find_discs();
     if (discs_.empty()) return;
+    if (part.points.size() <= kFewVertices) {
+      near_.swap(discs_);
+      for (std::size_t i = 0; i < part.points.size(); ++i) {
+        assign(raster_.to_cells(part.points[i]), kernels[i]);
+      }
+      return;
+    }
     sort_vertices_into_tiles(part.points);
     for (std::size_t tile = 0; tile + 1 < tile_begin_.size(); ++tile) {
       const std::size_t begin = tile_begin_[tile];
@@ -107,16 +116,22 @@ class LocalThickness {
                                         std::max(below[column - 1], below[column + 1]));
         const float depth = here[column];
         const bool on_ridge =
-            depth + kRidgeSlope > straight && depth + kRidgeSlope * 1.41421356F > diagonal;
+            (depth + kRidgeSlope > straight) & (depth + kRidgeSlope * 1.41421356F > diagonal);
         ridge[column] = on_ridge ? depth : 0.0F;
       }
     }
     discs_.clear();
+    ridge_columns_.resize(static_cast<std::size_t>(width));
     for (int row = 1; row + 1 < raster_.height(); ++row) {
       const float* ridge = ridge_.data() + row * width;
+      std::size_t found = 0;
       for (std::ptrdiff_t column = 1; column + 1 < width; ++column) {
+        ridge_columns_[found] = column;  // no branch: it would be a coin's toss
+        found += ridge[column] > 0.0F ? 1U : 0U;
+      }
+      for (std::size_t i = 0; i < found; ++i) {
+        const std::ptrdiff_t column = ridge_columns_[i];
         const float depth = ridge[column];
-        if (depth <= 0.0F) continue;
         // A ridge between two rows of cells shows in both: its middle is the mean of what is
         // equally deep around. Without this a kernel lies half a cell off.
         float x = 0.0F;
@@ -138,8 +153,21 @@ class LocalThickness {
                           depth - 0.5F + std::sqrt(x * x + y * y)});
       }
     }
-    std::stable_sort(discs_.begin(), discs_.end(),
-                     [](const Disc& a, const Disc& b) { return a.radius > b.radius; });
+    sort_discs();
+  }
+
+  // Largest first, equal ones in the order of the raster. Radii are positive: their bits sort as
+  // they do.
+  void sort_discs() {
+    disc_keys_.resize(discs_.size());
+    for (std::size_t i = 0; i < discs_.size(); ++i) {
+      disc_keys_[i] =
+          (static_cast<std::uint64_t>(~std::bit_cast<std::uint32_t>(discs_[i].radius)) << 32U) | i;
+    }
+    std::sort(disc_keys_.begin(), disc_keys_.end());
+    near_.resize(discs_.size());
+    for (std::size_t i = 0; i < discs_.size(); ++i) near_[i] = discs_[disc_keys_[i] & 0xffffffffU];
+    discs_.swap(near_);
   }
 
   void sort_vertices_into_tiles(std::span<const Eigen::Vector2f> points) {
@@ -245,7 +273,9 @@ class LocalThickness {
   float nominal_cell_ = 1.0F;  // [cells]
   FootprintRaster raster_;
   std::vector<float> ridge_;  // depth of ridge cells, else 0
+  std::vector<std::ptrdiff_t> ridge_columns_;
   std::vector<Disc> discs_, near_;
+  std::vector<std::uint64_t> disc_keys_;
   std::vector<Eigen::Vector2f> points_;  // [cells]
   std::vector<std::uint32_t> vertex_tile_, tile_begin_, tile_fill_, tile_vertices_;
   int tile_columns_ = 0;
