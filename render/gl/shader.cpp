@@ -42,8 +42,8 @@ std::string with_file_names(std::string_view log, std::span<const ShaderText> fi
         (*string.ptr == ':' || *string.ptr == '(')) {
       const auto place = std::from_chars(string.ptr + 1, last, number);
       if (place.ec == std::errc() && number / kLinesPerFile < files.size()) {
-        named += fmt::format("{}:{}{}", files[number / kLinesPerFile].name,
-                             number % kLinesPerFile, std::string_view(place.ptr, last));
+        named += fmt::format("{}:{}{}", files[number / kLinesPerFile].name, number % kLinesPerFile,
+                             std::string_view(place.ptr, last));
         continue;
       }
     }
