@@ -90,12 +90,13 @@ RgbaImage image_of(const test::Picture& picture) {
   return {picture.width, picture.height, picture.rgba};
 }
 
-RgbaImage composite(const View& view, ShadowTechnique technique) {
-  Studio studio(solids(), view.camera);
+RgbaImage composite(const View& view, ShadowTechnique technique,
+                    const std::shared_ptr<const Scene>& scene = solids(), double time_s = 0.0) {
+  Studio studio(scene, view.camera);
   PlanOptions options;
   options.technique = technique;
   return image_of(
-      studio.draw(view.frame, studio.plan(test::tracked(view.T_table_camera), options)));
+      studio.draw(view.frame, studio.plan(test::tracked(view.T_table_camera), options, time_s)));
 }
 
 struct Case {
@@ -122,6 +123,29 @@ TEST_P(Golden, CompositedFrame) {
   EXPECT_TRUE(matches_golden(
       fmt::format("solids__{}__{}__{:06}", c.recording, to_string(c.technique), c.frame),
       composite(*view, c.technique)));
+}
+
+// The scene that the program ships with, at the time of the frame.
+class DefaultScene : public testing::TestWithParam<Case> {};
+INSTANTIATE_TEST_SUITE_P(Golden, DefaultScene,
+                         testing::Values(Case{"tabletop", ShadowTechnique::layered, 0},
+                                         Case{"tabletop", ShadowTechnique::layered, 60},
+                                         Case{"tabletop", ShadowTechnique::layered, 110},
+                                         Case{"corner", ShadowTechnique::layered, 30}),
+                         [](const auto& instance) {
+                           return std::string(instance.param.recording) + "_" +
+                                  std::to_string(instance.param.frame);
+                         });
+
+TEST_P(DefaultScene, CompositedFrame) {
+  const Case& c = GetParam();
+  const auto view = half_size_view(c.recording, c.frame);
+  ASSERT_TRUE(view) << view.error().message;
+  const auto scene = load_scene(test::source_dir() / "scenes" / "default.json");
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_TRUE(matches_golden(
+      fmt::format("default__{}__{}__{:06}", c.recording, to_string(c.technique), c.frame),
+      composite(*view, c.technique, std::make_shared<const Scene>(*scene), c.frame / 30.0)));
 }
 
 std::string layer_name(ShadowLayer layer) {
