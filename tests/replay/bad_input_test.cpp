@@ -103,6 +103,24 @@ TEST_F(BadInput, SceneThatBreaksTheSchema) {
   expect_replay_fails({"--scene", file("none.json")}, {"none.json"});
 }
 
+TEST_F(BadInput, ModelsThatAreNoModels) {
+  write(file("scene.json"), R"({"objects": [{"name": "thing", "model": "thing.glb"}]})");
+  expect_replay_fails({"--scene", file("scene.json")}, {"thing.glb"});  // there is none
+  std::mt19937 random(5);
+  std::string bytes;
+  for (int i = 0; i < 4096; ++i) bytes += static_cast<char>(random());
+  write(file("thing.glb"), bytes);
+  expect_replay_fails({"--scene", file("scene.json")}, {"thing.glb"});
+  write(file("thing.obj"), bytes);
+  write(file("scene.json"), R"({"objects": [{"name": "thing", "model": "thing.obj"}]})");
+  expect_replay_fails({"--scene", file("scene.json")}, {"thing.obj"});
+  // Its reader would take nan for 0.
+  write(file("thing.obj"), "v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n");
+  expect_replay_fails({"--scene", file("scene.json")}, {"thing.obj", "nan"});
+  write(file("thing.obj"), "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n");
+  EXPECT_EQ(penumbra({"replay", recording(), "--scene", file("scene.json")}).exit_code, 0);
+}
+
 TEST_F(BadInput, NoFrames) {
   write(recording() / "timestamps.csv", "frame,timestamp_s,file\n");
   expect_replay_fails({}, {"timestamps.csv"});

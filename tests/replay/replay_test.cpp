@@ -85,6 +85,29 @@ TEST(ReplayTest, CornerWithTagsInTwoPlanesIsTracked) {
   EXPECT_LE(done.report["accuracy"]["overlay_px"]["max"].get<double>(), 2.0);
 }
 
+class SharedRecordings : public testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(ReplayTest, SharedRecordings,
+                         testing::Values("shake", "grazing", "still", "single", "reentry"));
+
+TEST_P(SharedRecordings, ReplayWithEveryFrameAccountedFor) {
+  const fs::path shared = shared_dir();
+  if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  const TemporaryFolder folder;
+  const fs::path recording = shared / "recordings" / GetParam();
+  const Replay done = replay(folder.path(), {recording.string(), "--output", folder.path() / "out",
+                                             "--poses", folder.path() / "out.tum"});
+  ASSERT_EQ(done.result.exit_code, 0) << done.result.err;
+  const auto listed = lines_of(bytes_of(recording / "timestamps.csv")).size() - 1;
+  EXPECT_EQ(done.report["frames"].get<std::size_t>(), listed);
+  EXPECT_EQ(contents_of(folder.path() / "out").size(), listed);
+  int accounted = 0;
+  for (const char* state : {"frames_tracked", "frames_uncertain", "frames_held", "frames_lost"}) {
+    accounted += done.report[state].get<int>();
+  }
+  EXPECT_EQ(static_cast<std::size_t>(accounted), listed);
+  EXPECT_EQ(pose_count(folder.path() / "out.tum"), done.report["frames_tracked"].get<int>());
+}
+
 TEST(ReplayTest, TheSameCommandTwiceGivesTheSameBytes) {
   const TemporaryFolder folder;
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
