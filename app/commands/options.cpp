@@ -61,7 +61,7 @@ void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
 }
 
 void add_common_options(CLI::App& command) {
-  command.set_version_flag("--version", "penumbra " + program_version(),
+  command.set_version_flag("--version", fmt::format("penumbra {}", program_version()),
                            "Print the version and exit");
   command
       .add_option_function<std::string>(
