@@ -46,7 +46,7 @@ TEST_F(SceneFile, DefaultSceneLoadsWithoutWarnings) {
   EXPECT_EQ(scene->shadows[0].casters.size(), 3U);
   // a = M / (M - 1), H = a h_max
   EXPECT_NEAR(scene->shadows[0].layered.light_ratio, 3.0, 1e-12);
-  EXPECT_NEAR(scene->shadows[0].layered.light_height, 0.6, 1e-12);
+  EXPECT_NEAR(scene->shadows[0].layered.light_height, 3.0 * 0.24, 1e-12);
   // It lifts within a recording of four seconds, from near contact to where the layers part.
   EXPECT_LT(evaluate_scene(*scene, 0.0).objects[0].position.z(), 0.02);
   EXPECT_GT(evaluate_scene(*scene, 3.8).objects[0].position.z(), 0.14);
