@@ -2,6 +2,7 @@
 #include <benchmark/benchmark.h>
 
 #include "render/shadow/caster.hpp"
+#include "render/shadow/layer_polygons.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"
 
@@ -57,6 +58,23 @@ BENCHMARK_CAPTURE(kernels, automatic, KernelSource::automatic)
 BENCHMARK_CAPTURE(kernels, smooth, KernelSource::smooth)
     ->DenseRange(0, 4)
     ->Unit(benchmark::kMillisecond);
+
+void polygons(benchmark::State& state) {
+  const ShadowMesh mesh = make_shadow_mesh(model_named(static_cast<int>(state.range(0))));
+  const PlaneFrame plane;
+  const Placement placement = {Eigen::Vector3d(0, 0, 0.12), Eigen::Quaterniond::Identity(), 1.0};
+  const LayeredConstants constants = make_layered_constants(4.0 / 3.0, 8.0 / 3.0, 0.0).value();
+  const auto vertices = place_caster(mesh, generate_kernels(mesh, plane.n, KernelSource::automatic),
+                                     placement, plane);
+  for (auto _ : state) {
+    for (const ShadowLayer layer : kShadowLayers) {
+      benchmark::DoNotOptimize(
+          union_of_triangles(layer_triangles(vertices, mesh.indices, constants, layer)));
+    }
+  }
+  label(state, mesh);
+}
+BENCHMARK(polygons)->DenseRange(0, 4)->Unit(benchmark::kMillisecond)->Iterations(1);
 
 }  // namespace
 }  // namespace penumbra
