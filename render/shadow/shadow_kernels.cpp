@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <span>
 
@@ -339,8 +340,12 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
   const auto set_kernel = [&](std::size_t i, const Eigen::Vector2d& to_kernel) {
     const Eigen::Vector3d k =
         to_eigen(mesh.positions[i]) + to_kernel.x() * view.e1 + to_kernel.y() * view.e2;
-    result.kernels[i] =
-        glm::vec3(static_cast<float>(k.x()), static_cast<float>(k.y()), static_cast<float>(k.z()));
+    // Coordinates at the end of float's range overflow; such a vertex stays where it is.
+    const auto fits = [](double x) { return std::abs(x) <= std::numeric_limits<float>::max(); };
+    result.kernels[i] = fits(k.x()) && fits(k.y()) && fits(k.z())
+                            ? glm::vec3(static_cast<float>(k.x()), static_cast<float>(k.y()),
+                                        static_cast<float>(k.z()))
+                            : mesh.positions[i];
   };
 
   if (source == KernelSource::centroid) {
