@@ -4,22 +4,23 @@
 
 namespace penumbra {
 
-std::vector<CasterVertex> place_caster(const ShadowMesh& mesh, const ShadowKernels& kernels,
-                                       const Placement& T_world_object, const PlaneFrame& plane) {
-  PENUMBRA_ASSERT(kernels.kernels.size() == mesh.positions.size());
-  // Object -> plane as one affine map whose offset is taken relative to the plane's point first:
-  // a plane far from the origin costs no digits.
+PlaneMap plane_map(const Placement& T_world_object, const PlaneFrame& plane) {
   Eigen::Matrix3d R_plane_world;
   R_plane_world.row(0) = plane.e1;
   R_plane_world.row(1) = plane.e2;
   R_plane_world.row(2) = plane.n;
-  const Eigen::Matrix3d linear =
-      T_world_object.scale * (R_plane_world * T_world_object.rotation.toRotationMatrix());
-  const Eigen::Vector3d offset = R_plane_world * (T_world_object.position - plane.q);
+  return {T_world_object.scale * (R_plane_world * T_world_object.rotation.toRotationMatrix()),
+          R_plane_world * (T_world_object.position - plane.q)};
+}
+
+std::vector<CasterVertex> place_caster(const ShadowMesh& mesh, const ShadowKernels& kernels,
+                                       const Placement& T_world_object, const PlaneFrame& plane) {
+  PENUMBRA_ASSERT(kernels.kernels.size() == mesh.positions.size());
+  const PlaneMap map = plane_map(T_world_object, plane);
   const auto to_plane = [&](const glm::vec3& p) -> Eigen::Vector3d {
-    return linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
-                                    static_cast<double>(p.z)) +
-           offset;
+    return map.linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                                        static_cast<double>(p.z)) +
+           map.offset;
   };
   std::vector<CasterVertex> vertices;
   vertices.reserve(mesh.positions.size());

@@ -11,6 +11,14 @@
 
 namespace penumbra {
 
+// Object coordinates to plane coordinates (u, v, h): linear p + offset. The offset is taken
+// relative to the plane's point first, so that a plane far from the origin costs no digits.
+struct PlaneMap {
+  Eigen::Matrix3d linear;
+  Eigen::Vector3d offset;  // [m]
+};
+[[nodiscard]] PlaneMap plane_map(const Placement& T_world_object, const PlaneFrame& plane);
+
 // One vertex per mesh position, in plane coordinates [m]; computed in double, kept in float.
 [[nodiscard]] std::vector<CasterVertex> place_caster(const ShadowMesh& mesh,
                                                      const ShadowKernels& kernels,
