@@ -32,6 +32,22 @@ std::vector<CasterVertex> place_caster(const ShadowMesh& mesh, const ShadowKerne
   return vertices;
 }
 
+std::vector<PartLight> part_lights(std::span<const PartDisc> discs, const Placement& T_world_object,
+                                   const PlaneFrame& plane) {
+  const PlaneMap map = plane_map(T_world_object, plane);
+  std::vector<PartLight> lights;
+  lights.reserve(discs.size());
+  for (const PartDisc& disc : discs) {
+    const Eigen::Vector3d centre =
+        map.linear * Eigen::Vector3d(static_cast<double>(disc.centre.x),
+                                     static_cast<double>(disc.centre.y),
+                                     static_cast<double>(disc.centre.z)) +
+        map.offset;
+    lights.push_back({centre.head<2>(), T_world_object.scale * static_cast<double>(disc.radius)});
+  }
+  return lights;
+}
+
 Eigen::Vector3d up_in_object(const Placement& T_world_object, const PlaneFrame& plane) {
   return T_world_object.rotation.conjugate() * plane.n;
 }

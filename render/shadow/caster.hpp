@@ -2,11 +2,13 @@
 // computed from.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "render/scene.hpp"
 #include "render/shadow/layered_penumbra.hpp"
 #include "render/shadow/plane_frame.hpp"
+#include "render/shadow/power_distance.hpp"
 #include "render/shadow/shadow_kernels.hpp"
 
 namespace penumbra {
@@ -24,6 +26,11 @@ struct PlaneMap {
                                                      const ShadowKernels& kernels,
                                                      const Placement& T_world_object,
                                                      const PlaneFrame& plane);
+
+// Each part's light in plane coordinates, for the layers of power_distance.hpp.
+[[nodiscard]] std::vector<PartLight> part_lights(std::span<const PartDisc> discs,
+                                                 const Placement& T_world_object,
+                                                 const PlaneFrame& plane);
 
 // The plane's normal in the object's frame: the direction that kernels are made for.
 [[nodiscard]] Eigen::Vector3d up_in_object(const Placement& T_world_object,
