@@ -7,7 +7,6 @@ find_package(fmt REQUIRED)
 find_package(spdlog REQUIRED)
 find_package(yaml-cpp REQUIRED)
 find_package(Ceres 2.1 REQUIRED)
-find_package(OpenCV 4.6 REQUIRED COMPONENTS core imgproc calib3d)
 find_package(nlohmann_json REQUIRED)
 find_package(valijson REQUIRED)
 find_package(glm REQUIRED)
@@ -29,3 +28,13 @@ endif()
 if(PENUMBRA_BENCHMARKS)
   find_package(benchmark REQUIRED)
 endif()
+
+# OpenCV by its parts: Debian's OpenCVConfig.cmake comes only with the package of all of OpenCV, a gigabyte of viewers and
+# databases that nothing here needs.
+find_path(OPENCV_INCLUDE_DIR opencv2/core.hpp PATH_SUFFIXES opencv4 REQUIRED)
+foreach(part core imgproc calib3d)
+  find_library(OPENCV_${part}_LIBRARY opencv_${part} REQUIRED)
+  add_library(opencv_${part} UNKNOWN IMPORTED)
+  set_target_properties(opencv_${part} PROPERTIES
+    IMPORTED_LOCATION ${OPENCV_${part}_LIBRARY} INTERFACE_INCLUDE_DIRECTORIES ${OPENCV_INCLUDE_DIR})
+endforeach()

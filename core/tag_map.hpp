@@ -61,4 +61,7 @@ class TagMap {
 // group?}. Errors name file, tag and field.
 [[nodiscard]] Result<TagMap> load_tag_map(const std::filesystem::path& file);
 
+// Numbers are written so that they read back to the same double.
+[[nodiscard]] Result<void> save_tag_map(const std::filesystem::path& file, const TagMap& map);
+
 }  // namespace penumbra

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "app/stopwatch.hpp"
 #include "core/camera_model.hpp"
 #include "core/error.hpp"
 #include "core/frame.hpp"
@@ -22,6 +23,9 @@ class FrameSource {
   // The next frame in order; nothing at the end. An error names the file (or device) and what to
   // do.
   [[nodiscard]] virtual Result<std::optional<Frame>> next() = 0;
+  // What reading and decoding the last frame took, on the thread that did it (which may have been
+  // ahead of next()).
+  [[nodiscard]] virtual StageTime capture_time() const = 0;
   [[nodiscard]] virtual std::string description()
       const = 0;  // for people: "recording tabletop, 120 frames"
   // How many frames there will be, where that is known.

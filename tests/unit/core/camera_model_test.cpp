@@ -35,7 +35,10 @@ CameraParameters of_model(DistortionModel model) {
 class EveryModel : public testing::TestWithParam<DistortionModel> {};
 INSTANTIATE_TEST_SUITE_P(CameraModel, EveryModel,
                          testing::Values(DistortionModel::plumb_bob, DistortionModel::rational,
-                                         DistortionModel::fisheye));
+                                         DistortionModel::fisheye),
+                         [](const auto& instance) {
+                           return std::string(to_string(instance.param));
+                         });
 
 TEST_P(EveryModel, UnprojectInvertsProject) {
   const CameraModel camera = CameraModel::make(of_model(GetParam())).value();

@@ -1,0 +1,30 @@
+// The commands of the program: each adds itself to the command line and says what to run.
+#pragma once
+
+#include <functional>
+
+#include "core/error.hpp"
+
+namespace CLI {
+class App;
+}
+
+namespace penumbra {
+
+// What the process tells its caller. A command returns success or interrupted; main() makes the
+// others from an Error and from a command line that makes no sense.
+enum class ExitCode : int {
+  success = 0,
+  failure = 1,
+  usage = 2,
+  interrupted = 130,  // Ctrl-C or SIGTERM: files are whole, but hold less than was asked for
+};
+
+// Filled while the command line is parsed, run afterwards.
+using ChosenCommand = std::function<Result<ExitCode>()>;
+
+void add_demo_command(CLI::App& program, ChosenCommand& chosen);
+void add_replay_command(CLI::App& program, ChosenCommand& chosen);
+void add_evaluate_command(CLI::App& program, ChosenCommand& chosen);
+
+}  // namespace penumbra

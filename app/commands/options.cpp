@@ -1,0 +1,95 @@
+#include "app/commands/options.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "app/versions.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::string_view kCocl = "cocl";
+
+}  // namespace
+
+std::string known_techniques() {
+  std::string list;
+  for (const ShadowTechniqueName& entry : kShadowTechniqueNames) {
+    if (!list.empty()) list += ", ";
+    // Beside the technique that it is a case of.
+    if (entry.technique == ShadowTechnique::layered) list += std::string(kCocl) + ", ";
+    list += entry.name;
+  }
+  return list;
+}
+
+std::string known_kernels() {
+  std::string list;
+  for (const KernelSourceName& entry : kKernelSourceNames) {
+    if (!list.empty()) list += ", ";
+    list += entry.name;
+  }
+  return list;
+}
+
+void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
+  command
+      .add_option_function<std::string>(
+          "--shadow",
+          [&choice](const std::string& name) {
+            const auto technique =
+                shadow_technique_from_string(name == kCocl ? "layered" : std::string_view(name));
+            if (!technique) {
+              throw CLI::ValidationError("--shadow", fmt::format("{}: no such technique; known: {}",
+                                                                 name, known_techniques()));
+            }
+            choice.technique = technique;
+            if (name == kCocl) choice.kernels = KernelSource::centroid;
+          },
+          fmt::format("Technique of every shadow in place of the scene's: {}", known_techniques()))
+      ->type_name("TECHNIQUE");
+  command
+      .add_option_function<std::string>(
+          "--kernels",
+          [&choice](const std::string& name) {
+            choice.kernels = kernel_source_from_string(name);
+            if (!choice.kernels) {
+              throw CLI::ValidationError("--kernels", fmt::format("{}: no such kernels; known: {}",
+                                                                  name, known_kernels()));
+            }
+          },
+          "Shadow kernels in place of the scene's: auto (from the silhouette, for each part), "
+          "smooth "
+          "(the same, blended), per-axis (composed of three sets), cocl (one for the whole object)")
+      ->type_name("KERNELS");
+}
+
+void add_common_options(CLI::App& command) {
+  command.set_version_flag("--version", fmt::format("penumbra {}", program_version()),
+                           "Print the version and exit");
+  command
+      .add_option_function<std::string>(
+          "--log-level",
+          [](const std::string& name) {
+            for (const auto level :
+                 {spdlog::level::trace, spdlog::level::debug, spdlog::level::info,
+                  spdlog::level::warn, spdlog::level::err, spdlog::level::off}) {
+              if (spdlog::level::to_string_view(level) == name) {
+                spdlog::set_level(level);
+                return;
+              }
+            }
+            throw CLI::ValidationError(
+                "--log-level",
+                fmt::format("{}: no such level; known: trace, debug, info, warning, error, off",
+                            name));
+          },
+          "What is told on standard error: trace, debug, info, warning, error, off")
+      ->type_name("LEVEL")
+      ->default_str("warning");
+}
+
+}  // namespace penumbra

@@ -1,0 +1,115 @@
+#include "app/output/output_file.hpp"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <system_error>
+#include <utility>
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string message_of(int error) {
+  return std::generic_category().message(error);
+}
+
+}  // namespace
+
+Result<OutputFile> OutputFile::create(const fs::path& target) {
+  if (target.empty()) return fail("the output path is empty; name a file");
+  OutputFile file;
+  std::error_code error;
+  // A link is written through, not replaced.
+  const fs::path resolved =
+      fs::is_symlink(target, error) ? fs::weakly_canonical(target, error) : target;
+  file.target_ = error ? target : resolved;
+  const fs::file_status status = fs::status(file.target_, error);
+  if (fs::is_directory(status)) {
+    return fail("{}: is a folder; name a file", target.string());
+  }
+  const fs::path parent =
+      file.target_.has_parent_path() ? file.target_.parent_path() : fs::path(".");
+  if (!fs::is_directory(parent, error)) {
+    return fail("{}: cannot be written: there is no folder {}; make it or choose another place",
+                target.string(), parent.string());
+  }
+  file.direct_ = fs::exists(status) && !fs::is_regular_file(status);
+  file.partial_ = file.target_;
+  if (!file.direct_) file.partial_ += ".partial";
+  const int handle = open(file.partial_.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0666);
+  if (handle < 0) {
+    const std::string cause = message_of(errno);
+    file.partial_.clear();
+    return fail("{}: cannot be written: {}; choose another place or free this one", target.string(),
+                cause);
+  }
+  close(handle);
+  return file;
+}
+
+OutputFile::OutputFile(OutputFile&& other) noexcept
+    : target_(std::move(other.target_)),
+      partial_(std::exchange(other.partial_, {})),
+      direct_(other.direct_) {}
+
+OutputFile& OutputFile::operator=(OutputFile&& other) noexcept {
+  if (this != &other) {
+    discard();
+    target_ = std::move(other.target_);
+    partial_ = std::exchange(other.partial_, {});
+    direct_ = other.direct_;
+  }
+  return *this;
+}
+
+OutputFile::~OutputFile() {
+  discard();
+}
+
+void OutputFile::discard() noexcept {
+  if (partial_.empty() || direct_) return;
+  std::error_code ignored;
+  fs::remove(partial_, ignored);
+}
+
+Result<void> OutputFile::commit() {
+  if (!direct_) {
+    std::error_code error;
+    fs::rename(partial_, target_, error);
+    if (error) {
+      return fail("{}: cannot be written: {}; choose another place", target_.string(),
+                  error.message());
+    }
+  }
+  partial_.clear();
+  return {};
+}
+
+Result<void> write_text(OutputFile& file, const std::string& text) {
+  const int handle = open(file.partial().c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  if (handle < 0) {
+    return fail("{}: cannot be written: {}", file.target().string(), message_of(errno));
+  }
+  std::size_t done = 0;
+  int error = 0;
+  while (done < text.size() && error == 0) {
+    const ssize_t count = write(handle, text.data() + done, text.size() - done);
+    if (count >= 0) {
+      done += static_cast<std::size_t>(count);
+    } else if (errno != EINTR) {
+      error = errno;
+    }
+  }
+  if (close(handle) != 0 && error == 0) error = errno;
+  if (error != 0) {
+    return fail("{}: cannot be written: {}; free some space or choose another place",
+                file.target().string(), message_of(error));
+  }
+  return file.commit();
+}
+
+}  // namespace penumbra

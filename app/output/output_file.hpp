@@ -1,0 +1,40 @@
+// A file that appears under its name only when it is whole.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "core/error.hpp"
+
+namespace penumbra {
+
+// Work goes to "PATH.partial"; commit() renames it to PATH. Without commit() the partial file is
+// removed and what was at PATH before stays. Devices and pipes (/dev/stdout) are written directly.
+class OutputFile {
+ public:
+  // Creates the partial file. Fails, naming the path, where it can't be written: so a wrong path is
+  // known before the work begins.
+  [[nodiscard]] static Result<OutputFile> create(const std::filesystem::path& target);
+  OutputFile(OutputFile&& other) noexcept;
+  OutputFile& operator=(OutputFile&& other) noexcept;
+  OutputFile(const OutputFile&) = delete;
+  OutputFile& operator=(const OutputFile&) = delete;
+  ~OutputFile();
+
+  [[nodiscard]] const std::filesystem::path& target() const { return target_; }
+  // Where to write until commit().
+  [[nodiscard]] const std::filesystem::path& partial() const { return partial_; }
+  [[nodiscard]] Result<void> commit();
+
+ private:
+  OutputFile() = default;
+  void discard() noexcept;
+  std::filesystem::path target_;
+  std::filesystem::path partial_;  // empty once committed or moved from
+  bool direct_ = false;
+};
+
+// Writes a whole text through an OutputFile.
+[[nodiscard]] Result<void> write_text(OutputFile& file, const std::string& text);
+
+}  // namespace penumbra

@@ -1,0 +1,297 @@
+#include "app/replay_run.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <thread>
+#include <vector>
+
+#include "app/capture/recording_source.hpp"
+#include "app/interrupt.hpp"
+#include "app/output/frame_writer.hpp"
+#include "app/output/output_file.hpp"
+#include "app/output/pose_writer.hpp"
+#include "app/progress.hpp"
+#include "app/session.hpp"
+#include "app/viewer.hpp"
+#include "core/units.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool same_path(const fs::path& a, const fs::path& b) {
+  std::error_code error;
+  if (fs::equivalent(a, b, error)) return true;
+  return fs::weakly_canonical(a, error) == fs::weakly_canonical(b, error);
+}
+
+// No output may take the place of what this run reads, or of another output.
+Result<void> check_outputs(const ReplayRequest& request, const Recording& recording) {
+  std::vector<fs::path> taken = {request.scene,
+                                 recording.folder,
+                                 recording.folder / "camera.yaml",
+                                 recording.folder / "tags.yaml",
+                                 recording.folder / "timestamps.csv",
+                                 recording.folder / "groundtruth.tum"};
+  if (request.tags) taken.push_back(*request.tags);
+  if (!recording.video.empty()) taken.push_back(recording.video);
+  if (request.poses_from) taken.emplace_back(*request.poses_from);
+  std::error_code ignored;
+  for (const auto& output : {request.output, request.poses, request.report}) {
+    if (!output) continue;
+    for (const fs::path& other : taken) {
+      if (same_path(*output, other)) {
+        return fail("{}: is read or written by this run already; name another file",
+                    output->string());
+      }
+    }
+    // Devices may be named twice (/dev/null).
+    if (!fs::exists(*output, ignored) || fs::is_regular_file(*output, ignored)) {
+      taken.push_back(*output);
+    }
+  }
+  return {};
+}
+
+Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& recording) {
+  if (!request.poses_from) {
+    auto tracker = TableTracker::create(*recording.camera, *recording.tags);
+    if (!tracker) return tl::unexpected(tracker.error());
+    return PoseSource(std::move(*tracker));
+  }
+  if (*request.poses_from == "groundtruth") {
+    if (!recording.groundtruth) {
+      return fail(
+          "{}: there is no such file; give --poses-from a TUM file, or leave it out to track",
+          (recording.folder / "groundtruth.tum").string());
+    }
+    return PoseSource(*recording.groundtruth);
+  }
+  auto trajectory = load_trajectory(*request.poses_from);
+  if (!trajectory) return tl::unexpected(trajectory.error());
+  const bool any = std::any_of(
+      recording.frames.begin(), recording.frames.end(),
+      [&](const RecordedFrame& frame) { return trajectory->at(frame.timestamp_ns) != nullptr; });
+  if (!any) {
+    return fail("{}: has no pose within 1 ms of any frame of {}; is it of another recording?",
+                *request.poses_from, recording.folder.string());
+  }
+  return PoseSource(std::move(*trajectory));
+}
+
+Result<std::unique_ptr<GlContext>> open_context(const ReplayRequest& request,
+                                                const CameraModel& camera) {
+  if (request.window && display_available()) {
+    WindowOptions options;
+    options.width = camera.width();
+    options.height = camera.height();
+    options.title = "penumbra";
+    auto window = create_window_context(options);
+    if (window) return window;
+    fmt::print("{}; going on offscreen\n", window.error().message);
+  } else if (request.window) {
+    fmt::print("no display; going on offscreen\n");
+  }
+  std::fflush(stdout);
+  return create_offscreen_context();
+}
+
+// The median time between frames.
+double frame_interval_s(const Recording& recording) {
+  std::vector<std::int64_t> gaps;
+  for (std::size_t i = 1; i < recording.frames.size(); ++i) {
+    gaps.push_back(recording.frames[i].timestamp_ns - recording.frames[i - 1].timestamp_ns);
+  }
+  if (gaps.empty()) return 1.0 / 30.0;
+  const auto middle = gaps.begin() + static_cast<std::ptrdiff_t>(gaps.size() / 2);
+  std::nth_element(gaps.begin(), middle, gaps.end());
+  return std::clamp(seconds(*middle), 1e-4, 10.0);
+}
+
+// Shows frames at the pace they were recorded.
+class Pacer {
+ public:
+  void wait_for(std::int64_t timestamp_ns, double paused_ms) {
+    if (!first_ns_) {
+      first_ns_ = timestamp_ns;
+      start_.restart();
+    }
+    const double due_ms = static_cast<double>(timestamp_ns - *first_ns_) * 1e-6 + paused_ms;
+    const double early_ms = due_ms - start_.elapsed().wall_ms;
+    if (early_ms > 0.0) {
+      std::this_thread::sleep_for(std::chrono::duration<double, std::milli>(early_ms));
+    }
+  }
+
+ private:
+  std::optional<std::int64_t> first_ns_;
+  Stopwatch start_;
+};
+
+struct Outputs {
+  std::unique_ptr<FrameWriter> frames;
+  std::optional<PoseWriter> poses;
+  std::optional<OutputFile> report;
+};
+
+Result<Outputs> open_outputs(const ReplayRequest& request, const Recording& recording) {
+  Outputs outputs;
+  if (request.report) {
+    auto file = OutputFile::create(*request.report);
+    if (!file) return tl::unexpected(file.error());
+    outputs.report = std::move(*file);
+  }
+  if (request.poses) {
+    auto writer = PoseWriter::create(*request.poses, request.poses_all);
+    if (!writer) return tl::unexpected(writer.error());
+    outputs.poses = std::move(*writer);
+  }
+  if (request.output) {
+    auto writer = create_frame_writer(
+        *request.output,
+        {recording.camera->width(), recording.camera->height(), frame_interval_s(recording)});
+    if (!writer) return tl::unexpected(writer.error());
+    outputs.frames = std::move(*writer);
+  }
+  return outputs;
+}
+
+Result<void> check_range(const ReplayRequest& request, const Recording& recording) {
+  const int count = static_cast<int>(recording.frames.size());
+  if (request.frames.first >= count) {
+    return fail("{}: --frames begins at {}, but there are {} frames (0 to {})",
+                recording.folder.string(), request.frames.first, count, count - 1);
+  }
+  if (request.frames.last && *request.frames.last > count) {
+    spdlog::warn("{}: --frames ends at {}, but there are {} frames", recording.folder.string(),
+                 *request.frames.last, count);
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<RunReport> run_replay(const ReplayRequest& request) {
+  InterruptWatch interrupt;  // first: decoders and OpenGL start threads
+
+  OpenRecordingOptions open_options;
+  open_options.tags = request.tags;
+  open_options.require_tags = !request.poses_from;  // given poses need no tags
+  auto recording = open_recording(request.recording, open_options);
+  if (!recording) return tl::unexpected(recording.error());
+  for (const std::string& notice : recording->notices) spdlog::warn("{}", notice);
+  if (auto checked = check_range(request, *recording); !checked)
+    return tl::unexpected(checked.error());
+  const CameraModel& camera = *recording->camera;
+
+  auto poses = open_poses(request, *recording);
+  if (!poses) return tl::unexpected(poses.error());
+  auto loaded_scene = load_scene(request.scene);
+  if (!loaded_scene) return tl::unexpected(loaded_scene.error());
+  const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
+  for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
+
+  if (auto checked = check_outputs(request, *recording); !checked)
+    return tl::unexpected(checked.error());
+  auto outputs = open_outputs(request, *recording);
+  if (!outputs) return tl::unexpected(outputs.error());
+
+  RecordingSourceOptions source_options;
+  source_options.first = request.frames.first;
+  source_options.last = request.frames.last;
+  if (source_options.last) {
+    source_options.last =
+        std::min(*source_options.last, static_cast<int>(recording->frames.size()));
+  }
+  if (request.threads < 2) source_options.look_ahead = 0;
+  auto source = open_recording_source(*recording, source_options);
+  if (!source) return tl::unexpected(source.error());
+
+  auto context = open_context(request, camera);
+  if (!context) return tl::unexpected(context.error());
+  SessionOptions session_options;
+  session_options.plan = request.plan;
+  session_options.scene_start_ns = recording->frames.front().timestamp_ns;
+  auto session = Session::create(**context, scene, camera, std::move(*poses), session_options);
+  if (!session) return tl::unexpected(session.error());
+
+  const bool has_window = (*context)->window_size().width > 0;
+  std::optional<Viewer> viewer;
+  if (has_window) viewer.emplace(**context);
+  Pacer pacer;
+  std::vector<std::uint8_t> pixels;
+  if (outputs->frames) {
+    pixels.resize(static_cast<std::size_t>(camera.width()) *
+                  static_cast<std::size_t>(camera.height()) * 4U);
+  }
+  RunRecorder run;
+  bool stopped = false;
+  {
+    ProgressBar progress((*source)->frame_count().value_or(0));
+    while (!stopped) {
+      const Stopwatch frame_watch;
+      auto frame = (*source)->next();
+      if (!frame) return tl::unexpected(frame.error());
+      if (!*frame) break;
+      run.add_time("capture", (*source)->capture_time());
+
+      auto done = session->step(**frame, pixels);
+      if (!done) return tl::unexpected(done.error());
+      run.add_frame(*done);
+
+      if (outputs->poses) {
+        auto written = outputs->poses->write((*frame)->timestamp_ns, done->tracked.pose);
+        if (!written) return tl::unexpected(written.error());
+      }
+      if (outputs->frames) {
+        const Stopwatch encode_watch;
+        auto written = outputs->frames->write((*frame)->sequence, (*frame)->timestamp_ns, pixels);
+        if (!written) return tl::unexpected(written.error());
+        run.add_time("encode", encode_watch.elapsed());
+      }
+      run.add_time("frame", frame_watch.elapsed());
+      progress.update(run.frames());
+
+      if (request.realtime || has_window) {
+        pacer.wait_for((*frame)->timestamp_ns, viewer ? viewer->paused_ms() : 0.0);
+      }
+      if (viewer) stopped = !viewer->show([&] { session->present(); }, interrupt);
+      stopped = interrupt.interrupted() || stopped;
+    }
+  }
+  if (run.frames() == 0) {
+    return fail("{}: no frame was replayed", recording->folder.string());
+  }
+
+  if (outputs->frames) {
+    if (auto finished = outputs->frames->finish(); !finished)
+      return tl::unexpected(finished.error());
+  }
+  if (outputs->poses) {
+    if (auto finished = outputs->poses->finish(); !finished)
+      return tl::unexpected(finished.error());
+  }
+  RunReport report = run.report();
+  report.recording = request.recording.string();
+  report.scene = request.scene.string();
+  report.width = camera.width();
+  report.height = camera.height();
+  report.interrupted = interrupt.interrupted();
+  report.gl_renderer = (*context)->info().renderer;
+  report.gl_version = (*context)->info().version;
+  if (recording->groundtruth) {
+    const Evaluation accuracy = accuracy_of(camera, run, *recording->groundtruth);
+    if (accuracy.frames_with_truth > 0) report.accuracy = accuracy;
+  }
+  if (outputs->report) {
+    if (auto written = write_text(*outputs->report, report_json(report)); !written)
+      return tl::unexpected(written.error());
+  }
+  return report;
+}
+
+}  // namespace penumbra

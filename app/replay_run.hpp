@@ -1,0 +1,35 @@
+// A recording, replayed: every frame in order through the session, to a window and to files.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "app/frame_range.hpp"
+#include "app/run_report.hpp"
+#include "core/error.hpp"
+#include "render/frame_plan.hpp"
+
+namespace penumbra {
+
+struct ReplayRequest {
+  std::filesystem::path recording;
+  std::filesystem::path scene;
+  std::optional<std::filesystem::path> tags;  // instead of the recording's
+  PlanOptions plan;
+  std::optional<std::filesystem::path> output;
+  std::optional<std::filesystem::path> poses;
+  bool poses_all = false;  // uncertain and held ones too
+  std::optional<std::filesystem::path> report;
+  std::optional<std::string> poses_from;  // "groundtruth" or a TUM file: no tracker
+  FrameRange frames;
+  int threads = 2;  // 1: decode when asked; more: decode ahead on a thread of its own
+  bool realtime = false;
+  bool window = true;  // where there is a display
+};
+
+// Every path is checked before the first frame. Stopped by Ctrl-C or by closing the window, the
+// files hold the frames up to then and the report says so; an error leaves none.
+[[nodiscard]] Result<RunReport> run_replay(const ReplayRequest& request);
+
+}  // namespace penumbra

@@ -1,0 +1,226 @@
+#include "app/run_report.hpp"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <numeric>
+
+#include "app/versions.hpp"
+#include "core/assert.hpp"
+
+namespace penumbra {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json json_of(const Statistics& s) {
+  return {{"rmse", s.rmse}, {"median", s.median}, {"p95", s.p95}, {"max", s.max}};
+}
+
+Json json_of(const StageSummary& s) {
+  return {{"median", s.median},         {"p95", s.p95},           {"max", s.max},
+          {"cpu_median", s.cpu_median}, {"cpu_mean", s.cpu_mean}, {"count", s.count}};
+}
+
+Json json_of(const Evaluation& e) {
+  // With no pose there is no error: null, never a perfect 0.
+  const auto known = [&](const Json& value, int fewest_poses) {
+    return e.frames_with_pose >= fewest_poses ? value : Json();
+  };
+  Json json;
+  json["translation_mm"] = known(json_of(e.translation_mm), 1);
+  json["rotation_deg"] = known(json_of(e.rotation_deg), 1);
+  json["overlay_px"] = known(json_of(e.overlay_px), 1);
+  json["overlay_frame_px"] = known(json_of(e.overlay_frame_px), 1);
+  json["jitter_px"] = known(e.jitter_px, 2);
+  json["frames_with_truth"] = e.frames_with_truth;
+  json["frames_with_pose"] = e.frames_with_pose;
+  json["share_with_pose"] =
+      e.frames_with_truth > 0 ? static_cast<double>(e.frames_with_pose) / e.frames_with_truth : 0.0;
+  return json;
+}
+
+}  // namespace
+
+void StageTimes::add(StageTime time) {
+  wall_ms_.push_back(time.wall_ms);
+  cpu_ms_.push_back(time.cpu_ms);
+}
+
+StageSummary StageTimes::summary() const {
+  StageSummary summary;
+  summary.count = wall_ms_.size();
+  if (wall_ms_.empty()) return summary;
+  const Statistics wall = statistics_of(wall_ms_);
+  summary.median = wall.median;
+  summary.p95 = wall.p95;
+  summary.max = wall.max;
+  summary.cpu_median = statistics_of(cpu_ms_).median;
+  summary.cpu_mean =
+      std::accumulate(cpu_ms_.begin(), cpu_ms_.end(), 0.0) / static_cast<double>(cpu_ms_.size());
+  return summary;
+}
+
+RunRecorder::RunRecorder() {
+  // A stage that never ran is told too, with a count of 0.
+  for (const char* stage : {"capture", "track", "detect", "align", "solve", "plan", "shadow",
+                            "render", "readback", "encode", "frame"}) {
+    stages_.emplace_back(stage, StageTimes());
+  }
+}
+
+void RunRecorder::add_time(std::string_view stage, StageTime time) {
+  auto found = std::find_if(stages_.begin(), stages_.end(),
+                            [&](const auto& entry) { return entry.first == stage; });
+  PENUMBRA_ASSERT(found != stages_.end());
+  found->second.add(time);
+}
+
+void RunRecorder::add_frame(const SessionFrame& frame) {
+  const PoseEstimate& pose = frame.tracked.pose;
+  const TrackTimes& times = frame.tracked.times;
+  const CompositeStats& drawn = frame.composite;
+  ++report_.frames;
+  switch (pose.status) {
+    case TrackStatus::tracked:
+      ++report_.frames_tracked;
+      tracked_.poses.push_back({frame.tracked.frame.timestamp_ns, pose.T_table_camera, {}});
+      break;
+    case TrackStatus::uncertain:
+      ++report_.frames_uncertain;
+      break;
+    case TrackStatus::held:
+      ++report_.frames_held;
+      break;
+    case TrackStatus::lost:
+      ++report_.frames_lost;
+      break;
+  }
+  times_ns_.push_back(frame.tracked.frame.timestamp_ns);
+  if (pose.tags_used > 0) reprojection_px_.push_back(pose.reprojection_rms_px);
+  if (times.full_detection) {
+    ++report_.full_detections;
+  } else if (pose.tags_used > 0) {
+    ++report_.tracked_updates;
+  }
+
+  add_time("track", {times.total_ms, times.total_cpu_ms});
+  add_time("detect", {times.detect_ms, times.detect_cpu_ms});
+  add_time("solve", {times.solve_ms, times.solve_cpu_ms});
+  add_time("plan", frame.plan_time);
+  add_time("shadow", {drawn.shadow_ms, drawn.shadow_cpu_ms});
+  add_time("render", {drawn.render_ms, drawn.render_cpu_ms});
+  if (frame.read_back) add_time("readback", {drawn.readback_ms, drawn.readback_cpu_ms});
+
+  work_.shadow_vertices += drawn.shadow_vertices;
+  work_.kernel_generations += drawn.kernel_generations;
+  work_.reprojections += drawn.reprojections;
+  // Caster x plane x light whose shadow geometry was not reused as it was.
+  work_.triples_recomputed += std::max<std::int64_t>(
+      0, static_cast<std::int64_t>(frame.plan.shadows.size()) - drawn.reprojections);
+  work_.passes_drawn += drawn.passes_drawn;
+  work_.passes_skipped += drawn.passes_skipped;
+  for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
+}
+
+RunReport RunRecorder::report() const {
+  RunReport report = report_;
+  report.frames_captured = report.frames;
+  for (const auto& [stage, times] : stages_) report.time_ms.emplace_back(stage, times.summary());
+  report.reprojection_rms_px = statistics_of(reprojection_px_);
+  report.work = {
+      {"shadow_vertices", work_.shadow_vertices}, {"kernel_generations", work_.kernel_generations},
+      {"reprojections", work_.reprojections},     {"triples_recomputed", work_.triples_recomputed},
+      {"passes_drawn", work_.passes_drawn},       {"passes_skipped", work_.passes_skipped}};
+  return report;
+}
+
+Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run, const Trajectory& truth) {
+  Trajectory processed;
+  for (const std::int64_t time_ns : run.times_ns()) {
+    if (const StampedPose* pose = truth.at(time_ns); pose != nullptr) {
+      processed.poses.push_back(*pose);
+    }
+  }
+  return evaluate(camera, run.tracked(), processed);
+}
+
+std::string report_json(const RunReport& report) {
+  Json json;
+  json["recording"] = report.recording;
+  json["scene"] = report.scene;
+  json["frames"] = report.frames;
+  json["frames_captured"] = report.frames_captured;
+  json["frames_dropped"] = report.frames_dropped;
+  json["frames_tracked"] = report.frames_tracked;
+  json["frames_uncertain"] = report.frames_uncertain;
+  json["frames_held"] = report.frames_held;
+  json["frames_lost"] = report.frames_lost;
+  json["interrupted"] = report.interrupted;
+  Json versions;
+  for (const auto& [name, version] : component_versions()) versions[name] = version;
+  json["versions"] = versions;
+  json["gl"] = {{"renderer", report.gl_renderer}, {"version", report.gl_version}};
+  Json time_ms = Json::object();
+  for (const auto& [stage, summary] : report.time_ms) time_ms[stage] = json_of(summary);
+  json["time_ms"] = time_ms;
+  json["tracking"] = {{"reprojection_rms_px", json_of(report.reprojection_rms_px)},
+                      {"full_detections", report.full_detections},
+                      {"tracked_updates", report.tracked_updates}};
+  Json work = Json::object();
+  for (const auto& [name, count] : report.work) work[name] = count;
+  json["work"] = work;
+  Json skipped = Json::object();
+  for (const auto& [name, count] : report.skipped) skipped[name] = count;
+  json["skipped"] = skipped;
+  if (report.accuracy) json["accuracy"] = json_of(*report.accuracy);
+  // A folder name that is no UTF-8 must not cost the report.
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+std::string evaluation_json(const Evaluation& evaluation) {
+  return json_of(evaluation).dump(2) + "\n";
+}
+
+std::string evaluation_table(const Evaluation& evaluation) {
+  std::string text =
+      fmt::format("{:<22}{:>10}{:>10}{:>10}{:>10}\n", "error", "rmse", "median", "p95", "max");
+  const auto row = [&](std::string_view name, const Statistics& s) {
+    text += fmt::format("{:<22}{:>10.4f}{:>10.4f}{:>10.4f}{:>10.4f}\n", name, s.rmse, s.median,
+                        s.p95, s.max);
+  };
+  if (evaluation.frames_with_pose > 0) {
+    row("translation [mm]", evaluation.translation_mm);
+    row("rotation [deg]", evaluation.rotation_deg);
+    row("overlay [px]", evaluation.overlay_px);
+    text += fmt::format("{:<22}{:>10.4f}\n", "jitter [px]", evaluation.jitter_px);
+  }
+  const double share = evaluation.frames_with_truth > 0
+                           ? 100.0 * evaluation.frames_with_pose / evaluation.frames_with_truth
+                           : 0.0;
+  text += fmt::format("frames with a pose: {} of {} ({:.1f} %)\n", evaluation.frames_with_pose,
+                      evaluation.frames_with_truth, share);
+  return text;
+}
+
+std::string report_table(const RunReport& report) {
+  std::string text =
+      fmt::format("{}: {} frames of {} x {}{}\n", report.recording, report.frames, report.width,
+                  report.height, report.interrupted ? " (interrupted)" : "");
+  text += fmt::format("tracked {}, uncertain {}, held {}, lost {}\n", report.frames_tracked,
+                      report.frames_uncertain, report.frames_held, report.frames_lost);
+  text += fmt::format("OpenGL: {}, {}\n\n", report.gl_renderer, report.gl_version);
+  text += fmt::format("{:<22}{:>10}{:>10}{:>10}{:>10}\n", "time [ms]", "median", "p95", "max",
+                      "CPU mean");
+  for (const auto& [stage, s] : report.time_ms) {
+    if (s.count == 0) continue;
+    text += fmt::format("{:<22}{:>10.3f}{:>10.3f}{:>10.3f}{:>10.3f}\n", stage, s.median, s.p95,
+                        s.max, s.cpu_mean);
+  }
+  if (report.accuracy) {
+    text += '\n';
+    text += evaluation_table(*report.accuracy);
+  }
+  return text;
+}
+
+}  // namespace penumbra

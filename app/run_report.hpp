@@ -1,0 +1,95 @@
+// What a run measured: collected frame by frame, then a JSON report or a table for people.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "app/session.hpp"
+#include "app/stopwatch.hpp"
+#include "core/evaluation.hpp"
+
+namespace penumbra {
+
+struct StageSummary {
+  double median = 0.0, p95 = 0.0, max = 0.0;  // wall [ms]
+  double cpu_median = 0.0, cpu_mean = 0.0;    // CPU time of the thread that did it [ms]
+  std::size_t count = 0;
+};
+
+// Times of one stage over many frames.
+class StageTimes {
+ public:
+  void add(StageTime time);
+  [[nodiscard]] StageSummary summary() const;
+
+ private:
+  std::vector<double> wall_ms_;
+  std::vector<double> cpu_ms_;
+};
+
+struct RunReport {
+  std::string recording;
+  std::string scene;
+  int width = 0, height = 0;  // [px]
+  int frames = 0;             // processed
+  int frames_captured = 0, frames_dropped = 0;
+  int frames_tracked = 0, frames_uncertain = 0, frames_held = 0, frames_lost = 0;
+  bool interrupted = false;
+  std::string gl_renderer;
+  std::string gl_version;
+  std::vector<std::pair<std::string, StageSummary>> time_ms;  // in the order of the pipeline
+  Statistics reprojection_rms_px;  // over the frames in which tags were measured
+  int full_detections = 0;         // frames searched as a whole
+  int tracked_updates = 0;         // frames measured without such a search
+  std::vector<std::pair<std::string, std::int64_t>> work;
+  std::map<std::string, std::int64_t> skipped;
+  std::optional<Evaluation> accuracy;  // of the tracked frames
+};
+
+class RunRecorder {
+ public:
+  RunRecorder();
+  // `stage` is one of the report's.
+  void add_time(std::string_view stage, StageTime time);
+  // Counts a frame; its stages' times are added here.
+  void add_frame(const SessionFrame& frame);
+
+  [[nodiscard]] int frames() const { return report_.frames; }
+  // Timestamps of the processed frames, and the poses of the tracked ones.
+  [[nodiscard]] const std::vector<std::int64_t>& times_ns() const { return times_ns_; }
+  [[nodiscard]] const Trajectory& tracked() const { return tracked_; }
+  // The report so far; names and accuracy are the caller's to fill.
+  [[nodiscard]] RunReport report() const;
+
+ private:
+  struct Work {
+    std::int64_t shadow_vertices = 0, kernel_generations = 0, reprojections = 0,
+                 triples_recomputed = 0, passes_drawn = 0, passes_skipped = 0;
+  };
+  RunReport report_;
+  std::vector<std::pair<std::string, StageTimes>> stages_;
+  std::vector<double> reprojection_px_;
+  std::vector<std::int64_t> times_ns_;
+  Trajectory tracked_;
+  Work work_;
+};
+
+// The errors of the tracked poses against those true poses that belong to processed frames.
+[[nodiscard]] Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run,
+                                     const Trajectory& truth);
+
+[[nodiscard]] std::string report_json(const RunReport& report);
+// {"rmse", "median", "p95", "max", ...} of an evaluation, as in the report's "accuracy", with the
+// counts of frames.
+[[nodiscard]] std::string evaluation_json(const Evaluation& evaluation);
+
+// For people; ends with a line break.
+[[nodiscard]] std::string report_table(const RunReport& report);
+[[nodiscard]] std::string evaluation_table(const Evaluation& evaluation);
+
+}  // namespace penumbra

@@ -1,0 +1,70 @@
+#include "app/session.hpp"
+
+#include <limits>
+#include <utility>
+
+#include "core/units.hpp"
+
+namespace penumbra {
+namespace {
+
+// A given pose is taken as the truth.
+TrackedFrame look_up(const Trajectory& trajectory, const Frame& frame) {
+  const Stopwatch watch;
+  TrackedFrame tracked;
+  tracked.frame = frame;
+  tracked.pose.ambiguity_ratio = std::numeric_limits<double>::infinity();
+  if (const StampedPose* given = trajectory.at(frame.timestamp_ns); given != nullptr) {
+    tracked.pose.status = TrackStatus::tracked;
+    tracked.pose.T_table_camera = given->T_table_camera;
+  } else {
+    tracked.pose.reason = "no pose given for this time";
+  }
+  const StageTime time = watch.elapsed();
+  tracked.times.total_ms = time.wall_ms;
+  tracked.times.total_cpu_ms = time.cpu_ms;
+  return tracked;
+}
+
+}  // namespace
+
+Session::Session(std::shared_ptr<const Scene> scene, const CameraModel& camera, PoseSource poses,
+                 const SessionOptions& options, Compositor compositor)
+    : scene_(std::move(scene)),
+      camera_(camera),
+      poses_(std::move(poses)),
+      options_(options),
+      compositor_(std::move(compositor)) {}
+
+Result<Session> Session::create(GlContext& context, std::shared_ptr<const Scene> scene,
+                                const CameraModel& camera, PoseSource poses,
+                                const SessionOptions& options) {
+  auto compositor = Compositor::create(context, scene, camera);
+  if (!compositor) return tl::unexpected(compositor.error());
+  return Session(std::move(scene), camera, std::move(poses), options, std::move(*compositor));
+}
+
+TrackedFrame Session::track(const Frame& frame) {
+  if (auto* tracker = std::get_if<TableTracker>(&poses_)) return tracker->track(frame);
+  return look_up(std::get<Trajectory>(poses_), frame);
+}
+
+Result<SessionFrame> Session::step(const Frame& frame, std::span<std::uint8_t> rgba) {
+  SessionFrame result;
+  result.tracked = track(frame);
+
+  const Stopwatch plan_watch;
+  const SceneState state =
+      evaluate_scene(*scene_, seconds(frame.timestamp_ns - options_.scene_start_ns));
+  result.plan = plan_frame(*scene_, state, result.tracked.pose, camera_, options_.plan);
+  result.plan_time = plan_watch.elapsed();
+
+  auto drawn = compositor_.draw(frame, result.plan);
+  result.read_back = !rgba.empty();
+  if (drawn && result.read_back) drawn = compositor_.read_back(rgba);
+  if (!drawn) return tl::unexpected(drawn.error());
+  result.composite = *drawn;
+  return result;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,35 @@
+// Wall and CPU time of a piece of work on one thread.
+#pragma once
+
+#include <ctime>
+
+namespace penumbra {
+
+struct StageTime {
+  double wall_ms = 0.0;
+  double cpu_ms = 0.0;  // of the thread that did the work
+};
+
+class Stopwatch {
+ public:
+  Stopwatch() { restart(); }
+  void restart() {
+    wall_ms_ = now_ms(CLOCK_MONOTONIC);
+    cpu_ms_ = now_ms(CLOCK_THREAD_CPUTIME_ID);
+  }
+  // Since construction or restart; ask on the thread that started it.
+  [[nodiscard]] StageTime elapsed() const {
+    return {now_ms(CLOCK_MONOTONIC) - wall_ms_, now_ms(CLOCK_THREAD_CPUTIME_ID) - cpu_ms_};
+  }
+
+ private:
+  static double now_ms(clockid_t clock) {
+    timespec t{};
+    clock_gettime(clock, &t);
+    return static_cast<double>(t.tv_sec) * 1e3 + static_cast<double>(t.tv_nsec) * 1e-6;
+  }
+  double wall_ms_ = 0.0;
+  double cpu_ms_ = 0.0;
+};
+
+}  // namespace penumbra

@@ -1,0 +1,14 @@
+// What this program was built from, for --version and reports.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace penumbra {
+
+[[nodiscard]] std::string program_version();
+// Name and version of the program, the compiler and the libraries that decide its results.
+[[nodiscard]] std::vector<std::pair<std::string, std::string>> component_versions();
+
+}  // namespace penumbra

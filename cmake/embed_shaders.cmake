@@ -1,0 +1,29 @@
+# cmake -D OUTPUT=FILE.cpp -D FOLDER=DIR -D NAMES="a.glsl b.glsl" -P embed_shaders.cmake
+# Writes the shader files into one source file as string literals, known by name alone: no path of the building machine gets
+# into the program.
+separate_arguments(NAMES)
+set(entries "")
+foreach(name IN LISTS NAMES)
+  file(READ "${FOLDER}/${name}" text)
+  string(APPEND entries "    EmbeddedShader{\"${name}\", R\"glsl(${text})glsl\"},\n")
+endforeach()
+file(CONFIGURE OUTPUT "${OUTPUT}" @ONLY CONTENT [=[
+// Written by cmake/embed_shaders.cmake from render/shaders.
+#include <array>
+
+#include "render/gl/shader.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::array kShaders = {
+@entries@};
+
+}  // namespace
+
+std::span<const EmbeddedShader> embedded_shaders() {
+  return kShaders;
+}
+
+}  // namespace penumbra
+]=])

@@ -1,0 +1,163 @@
+#include "core/evaluation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <tuple>
+
+#include "core/units.hpp"
+
+namespace penumbra {
+namespace {
+
+// Linear interpolation between the order statistics of sorted values.
+double quantile(const std::vector<double>& sorted, double share) {
+  const double position = share * static_cast<double>(sorted.size() - 1);
+  const auto below = static_cast<std::size_t>(position);
+  const std::size_t above = std::min(below + 1, sorted.size() - 1);
+  const double weight = position - static_cast<double>(below);
+  return sorted[below] + weight * (sorted[above] - sorted[below]);
+}
+
+// d pixel / d p_camera of CameraModel::project_extended: exact inside the lens model, by central
+// differences where it is continued.
+std::optional<Eigen::Matrix<double, 2, 3>> projection_jacobian(const CameraModel& camera,
+                                                               const Eigen::Vector3d& p) {
+  Eigen::Matrix<double, 2, 3> J;
+  if (camera.project(p)) {
+    std::ignore = camera.project_unchecked(p, &J);
+  } else {
+    const double step = 1e-6 * p.z();
+    for (int axis = 0; axis < 3; ++axis) {
+      Eigen::Vector3d offset = Eigen::Vector3d::Zero();
+      offset[axis] = step;
+      const std::optional<Eigen::Vector2d> high = camera.project_extended(p + offset);
+      const std::optional<Eigen::Vector2d> low = camera.project_extended(p - offset);
+      if (!high || !low) return std::nullopt;
+      J.col(axis) = (*high - *low) / (2.0 * step);
+    }
+  }
+  if (!J.allFinite()) return std::nullopt;
+  return J;
+}
+
+}  // namespace
+
+std::array<Eigen::Vector3d, 8> overlay_cube() {
+  std::array<Eigen::Vector3d, 8> corners;
+  for (unsigned i = 0; i < 8; ++i) {
+    corners[i] = {(i & 1U) != 0 ? 0.1 : -0.1, (i & 2U) != 0 ? 0.1 : -0.1,
+                  (i & 4U) != 0 ? 0.2 : 0.0};
+  }
+  return corners;
+}
+
+Statistics statistics_of(std::vector<double> values) {
+  Statistics result;
+  if (values.empty()) return result;
+  std::sort(values.begin(), values.end());
+  double sum = 0.0;
+  for (const double value : values) sum += value * value;
+  result.rmse = std::sqrt(sum / static_cast<double>(values.size()));
+  result.median = quantile(values, 0.5);
+  result.p95 = quantile(values, 0.95);
+  result.max = values.back();
+  return result;
+}
+
+double OverlayDifference::rms_px() const {
+  double sum = 0.0;
+  int count = 0;
+  for (std::size_t i = 0; i < difference_px.size(); ++i) {
+    if (!valid[i]) continue;
+    sum += difference_px[i].squaredNorm();
+    ++count;
+  }
+  return count == 0 ? std::numeric_limits<double>::infinity() : std::sqrt(sum / count);
+}
+
+OverlayDifference overlay_difference(const CameraModel& camera, const CameraPose& estimated,
+                                     const CameraPose& truth) {
+  OverlayDifference result;
+  const auto T_estimated_table = estimated.inverse();
+  const auto T_true_table = truth.inverse();
+  const std::array<Eigen::Vector3d, 8> corners = overlay_cube();
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    const std::optional<Eigen::Vector2d> a =
+        camera.project_extended(T_estimated_table * corners[i]);
+    const std::optional<Eigen::Vector2d> b = camera.project_extended(T_true_table * corners[i]);
+    result.valid[i] = a.has_value() && b.has_value();
+    result.difference_px[i] = result.valid[i] ? Eigen::Vector2d(*a - *b) : Eigen::Vector2d(0, 0);
+  }
+  return result;
+}
+
+Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated,
+                    const Trajectory& truth) {
+  Evaluation result;
+  std::vector<double> translation;
+  std::vector<double> rotation;
+  std::vector<double> corner;
+  std::vector<double> frame;
+  double change_sum = 0.0;
+  int change_count = 0;
+  std::optional<OverlayDifference> previous;
+  for (const StampedPose& true_pose : truth.poses) {
+    ++result.frames_with_truth;
+    const StampedPose* pose = estimated.at(true_pose.timestamp_ns);
+    if (pose == nullptr) {
+      previous.reset();
+      continue;
+    }
+    ++result.frames_with_pose;
+    const CameraPose& a = pose->T_table_camera;
+    const CameraPose& b = true_pose.T_table_camera;
+    translation.push_back(1e3 * (a.translation() - b.translation()).norm());
+    rotation.push_back(degrees(a.rotation().angularDistance(b.rotation())));
+    const OverlayDifference difference = overlay_difference(camera, a, b);
+    bool any = false;
+    for (std::size_t i = 0; i < difference.valid.size(); ++i) {
+      if (!difference.valid[i]) continue;
+      any = true;
+      corner.push_back(difference.difference_px[i].norm());
+      if (previous && previous->valid[i]) {
+        change_sum += (difference.difference_px[i] - previous->difference_px[i]).squaredNorm();
+        ++change_count;
+      }
+    }
+    if (any) frame.push_back(difference.rms_px());
+    previous = difference;
+  }
+  result.translation_mm = statistics_of(std::move(translation));
+  result.rotation_deg = statistics_of(std::move(rotation));
+  result.overlay_px = statistics_of(std::move(corner));
+  result.overlay_frame_px = statistics_of(std::move(frame));
+  result.jitter_px = change_count == 0 ? 0.0 : std::sqrt(change_sum / change_count);
+  return result;
+}
+
+double expected_overlay_error_px(const CameraModel& camera, const CameraPose& pose,
+                                 const Eigen::Matrix<double, 6, 6>& covariance) {
+  const auto T_camera_table = pose.inverse();
+  double sum = 0.0;
+  int count = 0;
+  for (const Eigen::Vector3d& corner : overlay_cube()) {
+    const Eigen::Vector3d p = T_camera_table * corner;
+    if (!p.allFinite() || p.z() <= 0.0) continue;
+    const std::optional<Eigen::Matrix<double, 2, 3>> J_p = projection_jacobian(camera, p);
+    if (!J_p) continue;
+    // T exp([nu; omega]) moves the point to p - nu - omega x p = p - nu + [p]x omega.
+    Eigen::Matrix<double, 3, 6> J_pose;
+    J_pose << -1.0, 0.0, 0.0, 0.0, -p.z(), p.y(),  //
+        0.0, -1.0, 0.0, p.z(), 0.0, -p.x(),        //
+        0.0, 0.0, -1.0, -p.y(), p.x(), 0.0;
+    const Eigen::Matrix<double, 2, 6> J = *J_p * J_pose;
+    sum += (J * covariance * J.transpose()).trace();
+    ++count;
+  }
+  if (count == 0 || !(sum >= 0.0)) return std::numeric_limits<double>::infinity();
+  return std::sqrt(sum / count);
+}
+
+}  // namespace penumbra

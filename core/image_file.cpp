@@ -1,0 +1,387 @@
+#include "core/image_file.hpp"
+
+#include <spng.h>
+#include <turbojpeg.h>
+
+#include <array>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <new>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "core/assert.hpp"
+#include "core/file.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr int kMaxSide = 32768;                     // [px]
+constexpr std::size_t kMaxPixels = 256'000'000;     // of one picture
+constexpr std::size_t kCheapPixels = 16'000'000;    // up to here a size is believed as it stands
+constexpr std::size_t kMaxChunkBytes = 64'000'000;  // of what PNG stores beside the pixels
+
+// Warnings of the decoder are damage: it would go on with grey blocks. The scan limit keeps a small
+// progressive file from costing minutes.
+constexpr int kJpegFlags = TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS;
+
+enum class Kind { jpeg, png };
+
+Result<Kind> kind_of(std::span<const std::uint8_t> bytes, const std::string& name) {
+  constexpr std::array<std::uint8_t, 3> kJpeg{0xFF, 0xD8, 0xFF};
+  constexpr std::array<std::uint8_t, 8> kPng{0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
+  const auto starts_with = [&](std::span<const std::uint8_t> magic) {
+    return bytes.size() >= magic.size() &&
+           std::memcmp(bytes.data(), magic.data(), magic.size()) == 0;
+  };
+  if (bytes.empty()) return fail("{}: the picture is empty (0 bytes)", name);
+  if (starts_with(kJpeg)) return Kind::jpeg;
+  if (starts_with(kPng)) return Kind::png;
+  return fail("{}: is neither JPEG nor PNG; convert it to one of them", name);
+}
+
+Result<void> check_size(std::uint64_t width, std::uint64_t height, const std::string& name) {
+  if (width == 0 || height == 0) return fail("{}: picture of {}x{} px", name, width, height);
+  if (width > kMaxSide || height > kMaxSide || width * height > kMaxPixels) {
+    return fail("{}: picture of {}x{} px; sides go up to {} px and pictures up to {} Mpx", name,
+                width, height, kMaxSide, kMaxPixels / 1'000'000);
+  }
+  return {};
+}
+
+// --- JPEG ---
+
+struct DestroyTurbo {
+  void operator()(void* handle) const { tjDestroy(handle); }
+};
+using Turbo = std::unique_ptr<void, DestroyTurbo>;
+
+tl::unexpected<Error> jpeg_failure(tjhandle handle, const std::string& name) {
+  return fail("{}: damaged JPEG ({}); record or copy it again", name, tjGetErrorStr2(handle));
+}
+
+struct JpegHeader {
+  int width = 0;
+  int height = 0;
+  int subsampling = -1;  // TJSAMP; -1: a layout that has no name
+  int colorspace = -1;   // TJCS
+};
+
+Result<JpegHeader> read_jpeg_header(tjhandle handle, std::span<const std::uint8_t> bytes,
+                                    const std::string& name) {
+  JpegHeader header;
+  const int status =
+      tjDecompressHeader3(handle, bytes.data(), static_cast<unsigned long>(bytes.size()),
+                          &header.width, &header.height, &header.subsampling, &header.colorspace);
+  // A size with no subsampling is a layout TurboJPEG has no name for; it still decodes to RGB.
+  const bool only_unnamed = header.width > 0 && header.height > 0 && header.subsampling < 0;
+  if (status != 0 && !only_unnamed) return jpeg_failure(handle, name);
+  if (auto ok = check_size(static_cast<std::uint64_t>(header.width),
+                           static_cast<std::uint64_t>(header.height), name);
+      !ok) {
+    return tl::unexpected(ok.error());
+  }
+  // A block of 64 pixels takes at least one bit of Huffman code.
+  const auto pixels =
+      static_cast<std::size_t>(header.width) * static_cast<std::size_t>(header.height);
+  if (pixels > kCheapPixels && pixels / 512 > bytes.size()) {
+    return fail("{}: damaged JPEG ({} bytes cannot hold {}x{} px); record or copy it again", name,
+                bytes.size(), header.width, header.height);
+  }
+  if (header.colorspace == TJCS_CMYK || header.colorspace == TJCS_YCCK) {
+    return fail("{}: is a CMYK JPEG; convert it to RGB", name);
+  }
+  return header;
+}
+
+std::optional<PixelFormat> stored_format(const JpegHeader& header) {
+  if (header.colorspace == TJCS_RGB) return std::nullopt;  // its planes are not Y, Cb, Cr
+  switch (header.subsampling) {
+    case TJSAMP_GRAY:
+      return PixelFormat::grey8;
+    case TJSAMP_420:
+      return PixelFormat::yuv420p;
+    case TJSAMP_422:
+      return PixelFormat::yuv422p;
+    case TJSAMP_444:
+      return PixelFormat::yuv444p;
+    default:
+      return std::nullopt;
+  }
+}
+
+struct Strides {
+  std::array<int, 3> bytes{};
+};
+
+Strides strides_of(const Frame& frame) {
+  Strides strides;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i) {
+    strides.bytes[i] = static_cast<int>(frame.planes[i].stride);
+  }
+  return strides;
+}
+
+Result<std::vector<std::uint8_t>> decode_jpeg_packed(tjhandle handle,
+                                                     std::span<const std::uint8_t> bytes,
+                                                     const JpegHeader& header, int pixel_format,
+                                                     const std::string& name) {
+  const int pitch = header.width * tjPixelSize[pixel_format];
+  std::vector<std::uint8_t> pixels(static_cast<std::size_t>(pitch) *
+                                   static_cast<std::size_t>(header.height));
+  if (tjDecompress2(handle, bytes.data(), static_cast<unsigned long>(bytes.size()), pixels.data(),
+                    header.width, pitch, header.height, pixel_format, kJpegFlags) != 0) {
+    return jpeg_failure(handle, name);
+  }
+  return pixels;
+}
+
+Result<Frame> decode_jpeg(std::span<const std::uint8_t> bytes, const std::string& name) {
+  const Turbo decoder(tjInitDecompress());
+  if (!decoder)
+    return fail("{}: the JPEG decoder does not start: {}", name, tjGetErrorStr2(nullptr));
+  const Result<JpegHeader> header = read_jpeg_header(decoder.get(), bytes, name);
+  if (!header) return tl::unexpected(header.error());
+
+  const std::optional<PixelFormat> format = stored_format(*header);
+  if (!format) {
+    const auto rgb = decode_jpeg_packed(decoder.get(), bytes, *header, TJPF_RGB, name);
+    if (!rgb) return tl::unexpected(rgb.error());
+    const Turbo encoder(tjInitCompress());
+    if (!encoder) return fail("{}: the JPEG encoder does not start", name);
+    FrameBuffer buffer = allocate_frame(PixelFormat::yuv444p, header->width, header->height);
+    Strides strides = strides_of(buffer.frame);
+    if (tjEncodeYUVPlanes(encoder.get(), rgb->data(), header->width, header->width * 3,
+                          header->height, TJPF_RGB, buffer.plane_data.data(), strides.bytes.data(),
+                          TJSAMP_444, 0) != 0) {
+      return jpeg_failure(encoder.get(), name);
+    }
+    return std::move(buffer.frame);
+  }
+
+  // TurboJPEG fills whole chroma samples: one column or row of luma more than the picture has where
+  // a side is odd. The frame then views all but that.
+  const int padded_width = tjPlaneWidth(0, header->width, header->subsampling);
+  const int padded_height = tjPlaneHeight(0, header->height, header->subsampling);
+  PENUMBRA_ASSERT(padded_width >= header->width && padded_height >= header->height);
+  FrameBuffer buffer = allocate_frame(*format, padded_width, padded_height);
+  Strides strides = strides_of(buffer.frame);
+  for (int i = 0; i < buffer.frame.plane_count; ++i) {
+    const PixelPlane& plane = buffer.frame.planes[static_cast<std::size_t>(i)];
+    PENUMBRA_ASSERT(plane.width == tjPlaneWidth(i, header->width, header->subsampling) &&
+                    plane.height == tjPlaneHeight(i, header->height, header->subsampling));
+  }
+  if (tjDecompressToYUVPlanes(decoder.get(), bytes.data(), static_cast<unsigned long>(bytes.size()),
+                              buffer.plane_data.data(), header->width, strides.bytes.data(),
+                              header->height, kJpegFlags) != 0) {
+    return jpeg_failure(decoder.get(), name);
+  }
+  buffer.frame.width = buffer.frame.planes[0].width = header->width;
+  buffer.frame.height = buffer.frame.planes[0].height = header->height;
+  return std::move(buffer.frame);
+}
+
+Result<RgbaImage> decode_jpeg_rgba(std::span<const std::uint8_t> bytes, const std::string& name) {
+  const Turbo decoder(tjInitDecompress());
+  if (!decoder)
+    return fail("{}: the JPEG decoder does not start: {}", name, tjGetErrorStr2(nullptr));
+  const Result<JpegHeader> header = read_jpeg_header(decoder.get(), bytes, name);
+  if (!header) return tl::unexpected(header.error());
+  auto pixels = decode_jpeg_packed(decoder.get(), bytes, *header, TJPF_RGBA, name);
+  if (!pixels) return tl::unexpected(pixels.error());
+  return RgbaImage{header->width, header->height, std::move(*pixels)};
+}
+
+// --- PNG ---
+
+struct FreePng {
+  void operator()(spng_ctx* context) const { spng_ctx_free(context); }
+};
+using Png = std::unique_ptr<spng_ctx, FreePng>;
+
+tl::unexpected<Error> png_failure(int status, const std::string& name) {
+  return fail("{}: damaged PNG ({}); record or copy it again", name, spng_strerror(status));
+}
+
+// Whether the chunks reach the end mark with its check sum (libspng does not miss the latter).
+bool reaches_end_mark(std::span<const std::uint8_t> bytes) {
+  constexpr std::size_t kAround = 12;  // length, type, check sum
+  std::size_t at = 8;
+  while (at + kAround <= bytes.size()) {
+    const std::size_t length = (std::size_t{bytes[at]} << 24U) |
+                               (std::size_t{bytes[at + 1]} << 16U) |
+                               (std::size_t{bytes[at + 2]} << 8U) | bytes[at + 3];
+    if (length > bytes.size() - at - kAround) return false;
+    if (std::memcmp(bytes.data() + at + 4, "IEND", 4) == 0) return true;
+    at += length + kAround;
+  }
+  return false;
+}
+
+// A decoder over `bytes` that has read the header.
+Result<Png> open_png(std::span<const std::uint8_t> bytes, const std::string& name,
+                     spng_ihdr& header) {
+  if (!reaches_end_mark(bytes)) {
+    return fail("{}: damaged PNG (cut off before its end mark); record or copy it again", name);
+  }
+  Png png(spng_ctx_new(0));
+  if (!png) return fail("{}: no memory for the PNG decoder", name);
+  int status = spng_set_png_buffer(png.get(), bytes.data(), bytes.size());
+  if (status == 0) status = spng_set_image_limits(png.get(), kMaxSide, kMaxSide);
+  if (status == 0) status = spng_set_chunk_limits(png.get(), kMaxChunkBytes, kMaxChunkBytes);
+  if (status == 0) status = spng_set_crc_action(png.get(), SPNG_CRC_ERROR, SPNG_CRC_ERROR);
+  if (status == 0) status = spng_get_ihdr(png.get(), &header);
+  if (status == SPNG_EUSER_WIDTH || status == SPNG_EUSER_HEIGHT) {
+    return fail("{}: a side is over {} px", name, kMaxSide);
+  }
+  if (status != 0) return png_failure(status, name);
+  if (auto ok = check_size(header.width, header.height, name); !ok) {
+    return tl::unexpected(ok.error());
+  }
+  return png;
+}
+
+// Decodes all rows, `stride` bytes apart, and reads the file to its end mark.
+Result<void> read_png_rows(spng_ctx* png, int format, int flags, std::uint8_t* pixels,
+                           std::size_t row_bytes, std::size_t stride, const std::string& name) {
+  int status = spng_decode_image(png, nullptr, 0, format, flags | SPNG_DECODE_PROGRESSIVE);
+  while (status == 0) {
+    spng_row_info row{};
+    status = spng_get_row_info(png, &row);
+    if (status == 0) status = spng_decode_row(png, pixels + row.row_num * stride, row_bytes);
+  }
+  if (status != SPNG_EOI) return png_failure(status, name);
+  status = spng_decode_chunks(png);
+  if (status != 0) return png_failure(status, name);
+  return {};
+}
+
+Result<Frame> decode_png(std::span<const std::uint8_t> bytes, const std::string& name) {
+  spng_ihdr header{};
+  const Result<Png> png = open_png(bytes, name, header);
+  if (!png) return tl::unexpected(png.error());
+  const int width = static_cast<int>(header.width);
+  const int height = static_cast<int>(header.height);
+  const auto columns = static_cast<std::size_t>(width);
+  const bool grey = header.color_type == SPNG_COLOR_TYPE_GRAYSCALE ||
+                    header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA;
+  FrameBuffer buffer =
+      allocate_frame(grey ? PixelFormat::grey8 : PixelFormat::rgb24, width, height);
+  const auto stride = static_cast<std::size_t>(buffer.frame.planes[0].stride);
+
+  // libspng reduces to one grey byte only what has no alpha and up to 8 bits; the rest goes through
+  // RGB, whose three channels are then equal.
+  const bool through_rgb =
+      grey && (header.color_type != SPNG_COLOR_TYPE_GRAYSCALE || header.bit_depth > 8);
+  if (!through_rgb) {
+    auto read = grey ? read_png_rows(png->get(), SPNG_FMT_G8, 0, buffer.plane_data[0], columns,
+                                     stride, name)
+                     : read_png_rows(png->get(), SPNG_FMT_RGB8, 0, buffer.plane_data[0],
+                                     columns * 3, stride, name);
+    if (!read) return tl::unexpected(read.error());
+    return std::move(buffer.frame);
+  }
+  std::vector<std::uint8_t> rgb(columns * 3 * static_cast<std::size_t>(height));
+  if (auto read =
+          read_png_rows(png->get(), SPNG_FMT_RGB8, 0, rgb.data(), columns * 3, columns * 3, name);
+      !read) {
+    return tl::unexpected(read.error());
+  }
+  for (std::size_t y = 0; y < static_cast<std::size_t>(height); ++y) {
+    std::uint8_t* out = buffer.plane_data[0] + y * stride;
+    const std::uint8_t* in = rgb.data() + y * columns * 3;
+    for (std::size_t x = 0; x < columns; ++x) out[x] = in[3 * x];
+  }
+  return std::move(buffer.frame);
+}
+
+Result<RgbaImage> decode_png_rgba(std::span<const std::uint8_t> bytes, const std::string& name) {
+  spng_ihdr header{};
+  const Result<Png> png = open_png(bytes, name, header);
+  if (!png) return tl::unexpected(png.error());
+  RgbaImage image{static_cast<int>(header.width), static_cast<int>(header.height), {}};
+  const std::size_t row_bytes = std::size_t{4} * header.width;
+  image.pixels.resize(row_bytes * header.height);
+  if (auto read = read_png_rows(png->get(), SPNG_FMT_RGBA8, SPNG_DECODE_TRNS, image.pixels.data(),
+                                row_bytes, row_bytes, name);
+      !read) {
+    return tl::unexpected(read.error());
+  }
+  return image;
+}
+
+}  // namespace
+
+Result<Frame> decode_image(std::span<const std::uint8_t> bytes, const std::string& name) {
+  const Result<Kind> kind = kind_of(bytes, name);
+  if (!kind) return tl::unexpected(kind.error());
+  try {
+    return *kind == Kind::jpeg ? decode_jpeg(bytes, name) : decode_png(bytes, name);
+  } catch (const std::bad_alloc&) {
+    return fail("{}: no memory for the picture", name);
+  }
+}
+
+Result<Frame> load_image(const std::filesystem::path& file) {
+  const auto bytes = read_file(file);
+  if (!bytes) return tl::unexpected(bytes.error());
+  return decode_image(*bytes, file.string());
+}
+
+Result<RgbaImage> decode_rgba(std::span<const std::uint8_t> bytes, const std::string& name) {
+  const Result<Kind> kind = kind_of(bytes, name);
+  if (!kind) return tl::unexpected(kind.error());
+  try {
+    return *kind == Kind::jpeg ? decode_jpeg_rgba(bytes, name) : decode_png_rgba(bytes, name);
+  } catch (const std::bad_alloc&) {
+    return fail("{}: no memory for the picture", name);
+  }
+}
+
+Result<RgbaImage> load_rgba(const std::filesystem::path& file) {
+  const auto bytes = read_file(file);
+  if (!bytes) return tl::unexpected(bytes.error());
+  return decode_rgba(*bytes, file.string());
+}
+
+Result<void> save_png(const std::filesystem::path& file, int width, int height,
+                      std::span<const std::uint8_t> rgba) {
+  PENUMBRA_ASSERT(width > 0 && height > 0);
+  const auto pixels = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+  PENUMBRA_ASSERT(rgba.size() == pixels * 4);
+  std::vector<std::uint8_t> rgb(pixels * 3);
+  for (std::size_t i = 0; i < pixels; ++i) {
+    rgb[3 * i] = rgba[4 * i];
+    rgb[3 * i + 1] = rgba[4 * i + 1];
+    rgb[3 * i + 2] = rgba[4 * i + 2];
+  }
+
+  const Png png(spng_ctx_new(SPNG_CTX_ENCODER));
+  if (!png) return fail("{}: no memory for the PNG encoder", file.string());
+  spng_ihdr header{};
+  header.width = static_cast<std::uint32_t>(width);
+  header.height = static_cast<std::uint32_t>(height);
+  header.bit_depth = 8;
+  header.color_type = SPNG_COLOR_TYPE_TRUECOLOR;
+  int status = spng_set_option(png.get(), SPNG_ENCODE_TO_BUFFER, 1);
+  if (status == 0) status = spng_set_option(png.get(), SPNG_IMG_COMPRESSION_LEVEL, 1);
+  if (status == 0) status = spng_set_option(png.get(), SPNG_FILTER_CHOICE, SPNG_FILTER_CHOICE_SUB);
+  if (status == 0) status = spng_set_ihdr(png.get(), &header);
+  if (status == 0) {
+    status =
+        spng_encode_image(png.get(), rgb.data(), rgb.size(), SPNG_FMT_PNG, SPNG_ENCODE_FINALIZE);
+  }
+  if (status != 0) return fail("{}: cannot be encoded: {}", file.string(), spng_strerror(status));
+  struct FreeBytes {
+    void operator()(void* bytes) const { std::free(bytes); }
+  };
+  std::size_t size = 0;
+  const std::unique_ptr<void, FreeBytes> encoded(spng_get_png_buffer(png.get(), &size, &status));
+  if (!encoded) return fail("{}: cannot be encoded: {}", file.string(), spng_strerror(status));
+  return write_file(file, {static_cast<const std::uint8_t*>(encoded.get()), size});
+}
+
+}  // namespace penumbra

@@ -1,0 +1,145 @@
+#include "core/text.hpp"
+
+#include <charconv>
+#include <cstdio>
+#include <fstream>
+#include <system_error>
+
+namespace penumbra {
+
+Result<std::string> read_text_file(const std::filesystem::path& file, std::size_t max_bytes) {
+  std::error_code code;
+  const std::filesystem::file_status status = std::filesystem::status(file, code);
+  if (!std::filesystem::exists(status))
+    return fail("{}: there is no such file; check the path", file.string());
+  if (std::filesystem::is_directory(status))
+    return fail("{}: is a folder; a file is needed here", file.string());
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream) return fail("{}: cannot be opened; check its permissions", file.string());
+  // Read to the end rather than by the size that the file system tells: pipes have none.
+  std::string text;
+  std::string block(1 << 16, '\0');
+  while (stream.read(block.data(), static_cast<std::streamsize>(block.size())) ||
+         stream.gcount() > 0) {
+    text.append(block, 0, static_cast<std::size_t>(stream.gcount()));
+    if (text.size() > max_bytes) {
+      return fail("{}: is larger than {} bytes, more than such a file ever needs; check the path",
+                  file.string(), max_bytes);
+    }
+  }
+  if (stream.bad()) return fail("{}: reading it failed; check the disk", file.string());
+  return text;
+}
+
+Result<void> write_text_file(const std::filesystem::path& file, std::string_view text) {
+  std::ofstream stream(file, std::ios::binary | std::ios::trunc);
+  if (!stream) {
+    return fail("{}: cannot be written; check that its folder exists and is writable",
+                file.string());
+  }
+  stream.write(text.data(), static_cast<std::streamsize>(text.size()));
+  stream.flush();
+  if (!stream) return fail("{}: writing it failed; check the space on the disk", file.string());
+  return {};
+}
+
+std::string_view trim(std::string_view text) {
+  constexpr std::string_view kBlank = " \t\r\n\v\f";
+  const std::size_t first = text.find_first_not_of(kBlank);
+  if (first == std::string_view::npos) return {};
+  return text.substr(first, text.find_last_not_of(kBlank) - first + 1);
+}
+
+std::optional<double> parse_number(std::string_view text) {
+  if (text.starts_with('+') && !text.starts_with("+-")) text.remove_prefix(1);
+  double value = 0.0;
+  const char* end = text.data() + text.size();
+  const auto [stopped, error] = std::from_chars(text.data(), end, value);
+  if (error != std::errc() || stopped != end) return std::nullopt;
+  return value;
+}
+
+std::optional<std::int64_t> parse_integer(std::string_view text) {
+  if (text.starts_with('+') && !text.starts_with("+-")) text.remove_prefix(1);
+  std::int64_t value = 0;
+  const char* end = text.data() + text.size();
+  const auto [stopped, error] = std::from_chars(text.data(), end, value);
+  if (error != std::errc() || stopped != end) return std::nullopt;
+  return value;
+}
+
+std::optional<std::int64_t> parse_seconds_as_ns(std::string_view text) {
+  constexpr std::int64_t kLargest = 4'000'000'000'000'000'000;  // differences fit into 64 bits
+  bool negative = false;
+  if (text.starts_with('-') || text.starts_with('+')) {
+    negative = text.front() == '-';
+    text.remove_prefix(1);
+  }
+  // digits without leading zeros, times 10^exponent
+  std::string digits;
+  std::int64_t exponent = 0;
+  bool any_digit = false;
+  bool after_point = false;
+  std::size_t i = 0;
+  for (; i < text.size(); ++i) {
+    const char c = text[i];
+    if (c >= '0' && c <= '9') {
+      any_digit = true;
+      if (c != '0' || !digits.empty()) digits.push_back(c);
+      if (after_point) --exponent;
+    } else if (c == '.' && !after_point) {
+      after_point = true;
+    } else {
+      break;
+    }
+  }
+  if (!any_digit) return std::nullopt;
+  if (i < text.size()) {
+    if (text[i] != 'e' && text[i] != 'E') return std::nullopt;
+    const std::optional<std::int64_t> written = parse_integer(text.substr(i + 1));
+    if (!written || *written < -1000 || *written > 1000) return std::nullopt;
+    exponent += *written;
+  }
+  exponent += 9;  // seconds to nanoseconds
+  bool round_up = false;
+  if (exponent < 0) {
+    const auto dropped = static_cast<std::size_t>(-exponent);
+    if (dropped > digits.size()) return 0;
+    round_up = digits[digits.size() - dropped] >= '5';
+    digits.erase(digits.size() - dropped);
+    exponent = 0;
+  }
+  if (!digits.empty()) {
+    if (digits.size() + static_cast<std::size_t>(exponent) > 19) return std::nullopt;
+    for (; exponent > 0; --exponent) digits.push_back('0');
+  }
+  std::uint64_t value = 0;
+  for (const char c : digits) value = 10 * value + static_cast<std::uint64_t>(c - '0');
+  value += round_up ? 1 : 0;
+  if (value > static_cast<std::uint64_t>(kLargest)) return std::nullopt;
+  const auto result = static_cast<std::int64_t>(value);
+  return negative ? -result : result;
+}
+
+std::string format_ns_as_seconds(std::int64_t nanoseconds) {
+  const bool negative = nanoseconds < 0;
+  const std::uint64_t size = negative ? 0U - static_cast<std::uint64_t>(nanoseconds)
+                                      : static_cast<std::uint64_t>(nanoseconds);
+  return fmt::format("{}{}.{:09}", negative ? "-" : "", size / 1'000'000'000U,
+                     size % 1'000'000'000U);
+}
+
+std::string in_quotes(std::string_view text) {
+  std::string result = "\"";
+  for (const char c : text) {
+    if (c == '"' || c == '\\') {
+      result += '\\';
+      result += c;
+    } else {
+      result += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
+    }
+  }
+  return result + "\"";
+}
+
+}  // namespace penumbra

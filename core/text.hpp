@@ -1,0 +1,37 @@
+// Text files and the numbers in them.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "core/error.hpp"
+
+namespace penumbra {
+
+// The whole file. Errors name the file: it is missing, a folder, not readable, or larger than
+// `max_bytes`.
+[[nodiscard]] Result<std::string> read_text_file(const std::filesystem::path& file,
+                                                 std::size_t max_bytes);
+[[nodiscard]] Result<void> write_text_file(const std::filesystem::path& file,
+                                           std::string_view text);
+
+[[nodiscard]] std::string_view trim(std::string_view text);  // blanks, tabs, line ends
+
+// The whole of `text` as a number, in the C locale; nothing when there is anything else in it.
+// "nan" and "inf" are numbers here: the caller says that they are not finite.
+[[nodiscard]] std::optional<double> parse_number(std::string_view text);
+[[nodiscard]] std::optional<std::int64_t> parse_integer(std::string_view text);
+
+// Decimal seconds ("1311868164.363181", "1.4e9") as nanoseconds, exactly: no double between. Digits
+// beyond the nanosecond are rounded to nearest. Nothing for anything else, or beyond +-4e9 s.
+[[nodiscard]] std::optional<std::int64_t> parse_seconds_as_ns(std::string_view text);
+// Seconds with 9 decimals.
+[[nodiscard]] std::string format_ns_as_seconds(std::int64_t nanoseconds);
+
+// As a double-quoted YAML string.
+[[nodiscard]] std::string in_quotes(std::string_view text);
+
+}  // namespace penumbra

@@ -1,0 +1,117 @@
+#include "core/yaml_fields.hpp"
+
+#include <cmath>
+#include <limits>
+
+#include "core/text.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::size_t kLargestFile = std::size_t{8} << 20U;
+
+// What is written there, short enough for a message.
+std::string shown(const YAML::Node& node) {
+  if (!node.IsScalar()) return node.IsNull() ? "empty" : "not a single value";
+  std::string text = node.Scalar().substr(0, 40);
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20) c = ' ';
+  }
+  return "'" + text + "'";
+}
+
+}  // namespace
+
+Result<YAML::Node> load_yaml_map(const std::filesystem::path& file) {
+  const Result<std::string> text = read_text_file(file, kLargestFile);
+  if (!text) return tl::unexpected(text.error());
+  try {
+    YAML::Node root = YAML::Load(*text);
+    if (!root.IsMap()) {
+      return fail("{}: is no YAML map; it must hold lines of the form `name: value`",
+                  file.string());
+    }
+    return root;
+  } catch (const YAML::Exception& error) {
+    return fail("{}: line {}: is not valid YAML ({}); correct the line", file.string(),
+                error.mark.line + 1, error.msg);
+  } catch (const std::exception& error) {
+    return fail("{}: is not valid YAML ({}); correct the file", file.string(), error.what());
+  }
+}
+
+YAML::Node YamlFields::find(const char* key) const {
+  return map_[key];  // const: never inserts
+}
+
+bool YamlFields::has(const char* key) const {
+  return find(key).IsDefined();
+}
+
+std::string YamlFields::place_of(const char* key) const {
+  const YAML::Node found = find(key);
+  if (!found.IsDefined() || found.Mark().line < 0) return fmt::format("{}: {}", place_, key);
+  return fmt::format("{}: {} (line {})", place_, key, found.Mark().line + 1);
+}
+
+Result<YAML::Node> YamlFields::node(const char* key, const char* remedy) const {
+  YAML::Node found = find(key);
+  if (!found.IsDefined()) return fail("{}: {}: is missing; {}", place_, key, remedy);
+  return found;
+}
+
+Result<double> YamlFields::number(const char* key, const char* remedy) const {
+  const Result<YAML::Node> found = node(key, remedy);
+  if (!found) return tl::unexpected(found.error());
+  const std::optional<double> value =
+      found->IsScalar() ? parse_number(found->Scalar()) : std::nullopt;
+  if (!value || !std::isfinite(*value))
+    return fail("{}: {} is no finite number; {}", place_of(key), shown(*found), remedy);
+  return *value;
+}
+
+Result<int> YamlFields::integer(const char* key, const char* remedy) const {
+  const Result<YAML::Node> found = node(key, remedy);
+  if (!found) return tl::unexpected(found.error());
+  const std::optional<std::int64_t> value =
+      found->IsScalar() ? parse_integer(found->Scalar()) : std::nullopt;
+  if (!value || *value < std::numeric_limits<int>::min() ||
+      *value > std::numeric_limits<int>::max())
+    return fail("{}: {} is no whole number; {}", place_of(key), shown(*found), remedy);
+  return static_cast<int>(*value);
+}
+
+Result<std::string> YamlFields::text(const char* key, const char* remedy) const {
+  const Result<YAML::Node> found = node(key, remedy);
+  if (!found) return tl::unexpected(found.error());
+  if (!found->IsScalar() || found->Scalar().empty())
+    return fail("{}: {} is no text; {}", place_of(key), shown(*found), remedy);
+  return found->Scalar();
+}
+
+Result<std::vector<double>> YamlFields::numbers(const char* key, const char* remedy) const {
+  const Result<YAML::Node> found = node(key, remedy);
+  if (!found) return tl::unexpected(found.error());
+  if (!found->IsSequence()) return fail("{}: is no list of numbers; {}", place_of(key), remedy);
+  std::vector<double> values;
+  for (std::size_t i = 0; i < found->size(); ++i) {
+    const YAML::Node item = (*found)[i];
+    const std::optional<double> value =
+        item.IsScalar() ? parse_number(item.Scalar()) : std::nullopt;
+    if (!value || !std::isfinite(*value)) {
+      return fail("{}: value {} is {}, no finite number; {}", place_of(key), i + 1, shown(item),
+                  remedy);
+    }
+    values.push_back(*value);
+  }
+  return values;
+}
+
+Result<YamlFields> YamlFields::fields(const char* key, const char* remedy) const {
+  const Result<YAML::Node> found = node(key, remedy);
+  if (!found) return tl::unexpected(found.error());
+  if (!found->IsMap()) return fail("{}: is no map; {}", place_of(key), remedy);
+  return YamlFields(*found, fmt::format("{}: {}", place_, key));
+}
+
+}  // namespace penumbra

@@ -1,0 +1,134 @@
+#include "render/camera_gl.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace penumbra {
+namespace {
+
+// Without a fold the lens formulas are followed up to 89 degrees from the axis.
+constexpr double kLargestRadius = 57.0;
+
+glm::mat4x3 columns(const Eigen::Matrix3d& linear, const Eigen::Vector3d& origin) {
+  return {to_gl(Eigen::Vector3d(linear.col(0))), to_gl(Eigen::Vector3d(linear.col(1))),
+          to_gl(Eigen::Vector3d(linear.col(2))), to_gl(origin)};
+}
+
+Eigen::Matrix3d plane_axes(const PlaneFrame& plane) {
+  Eigen::Matrix3d axes;
+  axes << plane.e1, plane.e2, plane.n;
+  return axes;
+}
+
+// Undistorted normalised coordinates of a pixel; where the model reaches no such pixel, along the
+// chord that lens.glsl (and CameraModel::project_extended) continues on.
+Eigen::Vector2d undistorted(const CameraModel& camera, const Eigen::Vector2d& pixel) {
+  if (const auto ray = camera.unproject(pixel)) return ray->head<2>();
+  const CameraParameters& p = camera.parameters();
+  const Eigen::Vector2d target((pixel.x() - p.cx) / p.fx, (pixel.y() - p.cy) / p.fy);
+  const double reach = std::isfinite(camera.max_radius()) ? camera.max_radius() : kLargestRadius;
+  const Eigen::Vector2d edge = target.normalized() * reach;
+  Eigen::Vector2d distorted;
+  distort<double>(p.model, p.distortion, edge.x(), edge.y(), distorted.x(), distorted.y());
+  const double chord = distorted.norm() / reach;
+  return target / std::max(chord, 1e-3);
+}
+
+}  // namespace
+
+LensUniforms make_lens(const CameraModel& camera) {
+  const CameraParameters& p = camera.parameters();
+  const auto f = [](double value) { return static_cast<float>(value); };
+  LensUniforms lens;
+  lens.scale_offset = {f(2.0 * p.fx / p.width), f(2.0 * p.fy / p.height),
+                       f((2.0 * p.cx + 1.0) / p.width - 1.0),
+                       f((2.0 * p.cy + 1.0) / p.height - 1.0)};
+  const auto& k = p.distortion;
+  lens.k_low = {f(k[0]), f(k[1]), f(k[2]), f(k[3])};
+  lens.k_high = {f(k[4]), f(k[5]), f(k[6]), f(k[7])};
+  if (camera.has_distortion()) {
+    switch (p.model) {
+      case DistortionModel::plumb_bob:
+        lens.model = 1;
+        break;
+      case DistortionModel::rational:
+        lens.model = 2;
+        break;
+      case DistortionModel::fisheye:
+        lens.model = 3;
+        break;
+    }
+  }
+  lens.max_radius = f(std::isfinite(camera.max_radius()) ? camera.max_radius() : kLargestRadius);
+  lens.depth = {f((kFar + kNear) / (kFar - kNear)), f(-2.0 * kFar * kNear / (kFar - kNear))};
+  return lens;
+}
+
+glm::vec3 to_gl(const Eigen::Vector3d& v) {
+  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
+}
+
+glm::mat4x3 to_gl(const Placement& placement) {
+  return columns(placement.rotation.toRotationMatrix() * placement.scale, placement.position);
+}
+
+glm::mat4x3 camera_from_object(const CameraPose& T_table_camera, const Placement& T_table_object) {
+  const auto T_camera_table = T_table_camera.inverse();
+  return columns(T_camera_table.rotation_matrix() * T_table_object.rotation.toRotationMatrix() *
+                     T_table_object.scale,
+                 T_camera_table * T_table_object.position);
+}
+
+glm::mat4x3 camera_from_plane(const CameraPose& T_table_camera, const PlaneFrame& plane) {
+  const auto T_camera_table = T_table_camera.inverse();
+  return columns(T_camera_table.rotation_matrix() * plane_axes(plane), T_camera_table * plane.q);
+}
+
+glm::mat4x3 plane_from_object(const PlaneFrame& plane, const Placement& T_table_object) {
+  return columns(plane_axes(plane).transpose() * T_table_object.rotation.toRotationMatrix() *
+                     T_table_object.scale,
+                 plane.to_plane(T_table_object.position));
+}
+
+bool ViewFrustum::misses(std::span<const Eigen::Vector3d> hull) const {
+  const auto all = [&](auto&& outside) { return std::ranges::all_of(hull, outside); };
+  using P = const Eigen::Vector3d&;
+  return all([](P p) { return p.z() < kNear; }) || all([](P p) { return p.z() > kFar; }) ||
+         all([this](P p) { return p.x() < x_min * p.z(); }) ||
+         all([this](P p) { return p.x() > x_max * p.z(); }) ||
+         all([this](P p) { return p.y() < y_min * p.z(); }) ||
+         all([this](P p) { return p.y() > y_max * p.z(); });
+}
+
+ViewFrustum make_frustum(const CameraModel& camera) {
+  // The extremes lie on the border, for the lens maps the view onto the picture continuously and
+  // one to one. Taken at a few places; the margin covers what is between them, and the sag of the
+  // straight edges that triangles are drawn with.
+  constexpr int kSteps = 8;
+  const double right = camera.width() - 0.5;
+  const double bottom = camera.height() - 0.5;
+  ViewFrustum frustum{1e9, -1e9, 1e9, -1e9};
+  const auto include = [&](double u, double v) {
+    const Eigen::Vector2d p = undistorted(camera, {u, v});
+    frustum.x_min = std::min(frustum.x_min, p.x());
+    frustum.x_max = std::max(frustum.x_max, p.x());
+    frustum.y_min = std::min(frustum.y_min, p.y());
+    frustum.y_max = std::max(frustum.y_max, p.y());
+  };
+  for (int i = 0; i <= kSteps; ++i) {
+    const double t = static_cast<double>(i) / kSteps;
+    include(-0.5 + t * (right + 0.5), -0.5);
+    include(-0.5 + t * (right + 0.5), bottom);
+    include(-0.5, -0.5 + t * (bottom + 0.5));
+    include(right, -0.5 + t * (bottom + 0.5));
+  }
+  const double margin_x = 0.05 * (frustum.x_max - frustum.x_min);
+  const double margin_y = 0.05 * (frustum.y_max - frustum.y_min);
+  frustum.x_min -= margin_x;
+  frustum.x_max += margin_x;
+  frustum.y_min -= margin_y;
+  frustum.y_max += margin_y;
+  return frustum;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,146 @@
+#include "render/compositor.hpp"
+
+#include <epoxy/gl.h>
+
+#include <chrono>
+#include <ctime>
+#include <optional>
+
+#include "core/assert.hpp"
+#include "render/camera_gl.hpp"
+#include "render/gl/framebuffer.hpp"
+#include "render/passes/object_pass.hpp"
+#include "render/passes/shadow_pass.hpp"
+#include "render/passes/video_pass.hpp"
+
+namespace penumbra {
+namespace {
+
+// Wall and CPU time of this thread since it was made.
+class StageClock {
+ public:
+  StageClock() : wall_(std::chrono::steady_clock::now()), cpu_ms_(thread_cpu_ms()) {}
+  void add_to(double& wall_ms, double& cpu_ms) const {
+    wall_ms +=
+        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - wall_).count();
+    cpu_ms += thread_cpu_ms() - cpu_ms_;
+  }
+
+ private:
+  static double thread_cpu_ms() {
+    timespec now{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
+  }
+  std::chrono::steady_clock::time_point wall_;
+  double cpu_ms_;
+};
+
+}  // namespace
+
+struct Compositor::Impl {
+  Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
+       Framebuffer target, ObjectPass object_pass, ShadowPass shadow_pass)
+      : context(gl),
+        scene(std::move(shown)),
+        width(camera.width()),
+        height(camera.height()),
+        lens(make_lens(camera)),
+        framebuffer(std::move(target)),
+        video(gl.info().api),
+        objects(std::move(object_pass)),
+        shadows(std::move(shadow_pass)) {}
+
+  GlContext& context;
+  std::shared_ptr<const Scene> scene;
+  int width;
+  int height;
+  LensUniforms lens;
+  Framebuffer framebuffer;
+  VideoPass video;
+  ObjectPass objects;
+  ShadowPass shadows;
+  CompositeStats stats;
+};
+
+Compositor::Compositor(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Compositor::Compositor(Compositor&&) noexcept = default;
+Compositor& Compositor::operator=(Compositor&&) noexcept = default;
+Compositor::~Compositor() {
+  // Names are deleted in the context that they were made in.
+  if (impl_) impl_->context.make_current();
+}
+
+Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const Scene> scene,
+                                      const CameraModel& camera) {
+  PENUMBRA_ASSERT(scene != nullptr);
+  auto framebuffer = Framebuffer::create(camera.width(), camera.height());
+  if (!framebuffer) return tl::unexpected(framebuffer.error());
+  auto objects = ObjectPass::create(context.info().api, *scene);
+  if (!objects) return tl::unexpected(objects.error());
+  auto shadows = ShadowPass::create(context.info().api, *scene);
+  if (!shadows) return tl::unexpected(shadows.error());
+  return Compositor(std::make_unique<Impl>(context, std::move(scene), camera,
+                                           std::move(*framebuffer), std::move(*objects),
+                                           std::move(*shadows)));
+}
+
+Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& plan) {
+  Impl& m = *impl_;
+  if (frame.empty() || frame.width != m.width || frame.height != m.height) {
+    return fail(
+        "frame {} is {} x {} px, the camera model's {} x {}; give the camera model that "
+        "belongs to the video",
+        frame.sequence, frame.width, frame.height, m.width, m.height);
+  }
+  m.stats = {};
+  const StageClock shadow_clock;
+  ShadowWork work;
+  m.shadows.prepare(*m.scene, plan, work);
+  shadow_clock.add_to(m.stats.shadow_ms, m.stats.shadow_cpu_ms);
+
+  const StageClock render_clock;
+  m.framebuffer.bind();
+  m.video.upload(frame);
+  if (auto drawn = m.video.draw(frame); !drawn) return tl::unexpected(drawn.error());
+  int calls = 1;
+  if (plan.has_pose) {
+    glDepthMask(GL_TRUE);
+    glStencilMask(0xFF);
+    glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
+    calls += m.objects.draw_phantoms(*m.scene, plan, m.lens);
+    calls += m.objects.draw_objects(*m.scene, plan, m.lens);
+    calls += m.shadows.draw(plan, m.lens);
+    m.framebuffer.invalidate_depth_stencil();
+  }
+  // A CPU rasteriser works in this process: waited for here, so that its time counts here and not
+  // in the read-back.
+  if (m.context.info().software) glFinish();
+  render_clock.add_to(m.stats.render_ms, m.stats.render_cpu_ms);
+
+  m.stats.passes_drawn = calls;
+  m.stats.passes_skipped = static_cast<std::int64_t>(plan.skipped.size()) + work.layers_skipped;
+  m.stats.shadow_vertices = work.vertices;
+  m.stats.kernel_generations = work.kernel_generations;
+  m.stats.reprojections = work.reprojections;
+  return m.stats;
+}
+
+Result<CompositeStats> Compositor::read_back(std::span<std::uint8_t> rgba) {
+  Impl& m = *impl_;
+  const std::size_t size =
+      std::size_t{4} * static_cast<std::size_t>(m.width) * static_cast<std::size_t>(m.height);
+  PENUMBRA_ASSERT(rgba.size() == size);
+  const StageClock clock;
+  m.framebuffer.read_rgba(rgba);
+  clock.add_to(m.stats.readback_ms, m.stats.readback_cpu_ms);
+  if (const GLenum error = glGetError(); error != GL_NO_ERROR)
+    return fail("the graphics driver reports error {:#x} while the picture is read back", error);
+  return m.stats;
+}
+
+void Compositor::present() {
+  impl_->framebuffer.present(impl_->context.window_size());
+}
+
+}  // namespace penumbra

@@ -1,0 +1,237 @@
+#include "render/frame_plan.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "core/assert.hpp"
+#include "render/camera_gl.hpp"
+#include "render/shadow/layered_penumbra.hpp"
+
+namespace penumbra {
+namespace {
+
+// A held pose is continued motion, trusted less with every moment: the overlay fades out over this
+// long.
+constexpr double kFadeSeconds = 0.5;
+
+using BoxCorners = std::array<Eigen::Vector3d, 8>;
+
+BoxCorners box_corners(const Model& model, const Placement& T_table_object) {
+  BoxCorners corners;
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    const auto pick = [i, &model](glm::length_t axis) {
+      return static_cast<double>((i >> static_cast<std::size_t>(axis) & 1U) != 0U
+                                     ? model.max_corner[axis]
+                                     : model.min_corner[axis]);
+    };
+    corners[i] = T_table_object * Eigen::Vector3d(pick(0), pick(1), pick(2));
+  }
+  return corners;
+}
+
+struct Disc {  // on a plane
+  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+  double radius = 0.0;
+};
+
+// Holds every layer. A kernel lies inside the footprint's bounding circle of radius r, so an
+// imaginary vertex k + s (x - k) is at most s r + (s - 1) r away from its centre. The rest is
+// slack for kernels that stand a raster cell outside.
+Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top) {
+  Disc disc;
+  for (const Eigen::Vector3d& corner : corners)
+    disc.centre += draw.plane_frame.to_plane(corner).head<2>() / 8.0;
+  for (const Eigen::Vector3d& corner : corners) {
+    disc.radius =
+        std::max(disc.radius, (draw.plane_frame.to_plane(corner).head<2>() - disc.centre).norm());
+  }
+  double s = 1.0;
+  if (draw.technique == ShadowTechnique::layered) {
+    for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra}) {
+      const HeightRange range = layer_height_range(draw.constants, layer);
+      s = std::max(s, layer_factor(draw.constants, layer, std::clamp(top, range.low, range.high)));
+    }
+  }
+  disc.radius *= 1.05 * (2.0 * s - 1.0);
+  return disc;
+}
+
+bool misses_outline(const Disc& disc, const std::vector<Eigen::Vector2d>& outline) {
+  if (outline.empty()) return false;
+  Eigen::Vector2d low = outline.front();
+  Eigen::Vector2d high = outline.front();
+  for (const Eigen::Vector2d& p : outline) {
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
+  }
+  return ((low.array() > disc.centre.array() + disc.radius) ||
+          (high.array() < disc.centre.array() - disc.radius))
+      .any();
+}
+
+class Planner {
+ public:
+  Planner(const Scene& scene, const SceneState& state, const CameraModel& camera,
+          const PlanOptions& options, FramePlan& plan)
+      : scene_(scene),
+        state_(state),
+        options_(options),
+        plan_(plan),
+        frustum_(make_frustum(camera)),
+        T_camera_table_(plan.T_table_camera.inverse()) {}
+
+  void plan_objects() {
+    for (std::size_t i = 0; i < scene_.objects.size(); ++i) {
+      const SceneObject& object = scene_.objects[i];
+      if (!object.model) continue;  // a joint of the hierarchy
+      const ObjectDraw draw{static_cast<int>(i), state_.objects[i]};
+      if (options_.skip && out_of_view(box_corners(*object.model, draw.T_table_object))) {
+        skip("object_out_of_view", object.name, "outside the view");
+        continue;
+      }
+      (object.phantom ? plan_.phantoms : plan_.objects).push_back(draw);
+    }
+  }
+
+  void plan_shadows() {
+    for (std::size_t n = 0; n < scene_.shadows.size(); ++n) {
+      const ShadowNode& node = scene_.shadows[n];
+      const ShadowTechnique technique = options_.technique.value_or(node.technique);
+      if (technique == ShadowTechnique::none) {
+        skip("technique_none", node.name, "no shadows asked for");
+        continue;
+      }
+      for (const int plane_index : node.planes) {
+        const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(plane_index)];
+        const PlaneFrame frame = PlaneFrame::make(plane.normal, plane.point);
+        // From behind there is no plane to see: no picture depends on `skip` here.
+        if (frame.height(plan_.T_table_camera.translation()) <= 0.0) {
+          skip("camera_behind_plane", plane.name, "seen from behind");
+          continue;
+        }
+        for (const int caster : node.casters) {
+          ShadowDraw draw;
+          draw.node = static_cast<int>(n);
+          draw.object = caster;
+          draw.plane = plane_index;
+          draw.technique = technique;
+          draw.kernels = options_.kernels.value_or(node.kernels);
+          draw.plane_frame = frame;
+          draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
+          draw.constants = node.layered;
+          draw.fractions = node.fractions;
+          plan_shadow(draw, plane);
+        }
+      }
+    }
+  }
+
+ private:
+  void plan_shadow(ShadowDraw draw, const ScenePlane& plane) {
+    const SceneObject& object = scene_.objects[static_cast<std::size_t>(draw.object)];
+    if (!object.model || !object.casts_shadow) {
+      skip("casts_no_shadow", object.name, "casts no shadow");
+      return;
+    }
+    if (draw.technique == ShadowTechnique::simple) draw.umbra = draw.penumbra = false;
+    if (options_.skip && !something_to_see(draw, object, plane)) return;
+    plan_.shadows.push_back(draw);
+  }
+
+  // Drops what cannot show; the mesh lies inside its box, so the box decides on the safe side.
+  bool something_to_see(ShadowDraw& draw, const SceneObject& object, const ScenePlane& plane) {
+    const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
+    double bottom = std::numeric_limits<double>::infinity();
+    double top = -bottom;
+    for (const Eigen::Vector3d& corner : corners) {
+      const double h = draw.plane_frame.height(corner);
+      bottom = std::min(bottom, h);
+      top = std::max(top, h);
+    }
+    if (top < -kContactTolerance) {
+      skip("shadow_below_plane", object.name, "under the plane");
+      return false;
+    }
+    if (draw.technique == ShadowTechnique::layered) {
+      const auto above = [&](ShadowLayer layer) {
+        return bottom > layer_height_range(draw.constants, layer).high + kContactTolerance;
+      };
+      if (above(ShadowLayer::umbra)) {
+        draw.umbra = false;
+        skip("umbra_vanished", object.name, "above the umbra's height");
+      }
+      if (above(ShadowLayer::middle)) draw.middle = false;
+      if (above(ShadowLayer::penumbra)) draw.penumbra = false;
+      if (!draw.umbra && !draw.middle && !draw.penumbra) {
+        skip("shadow_above_light", object.name, "above the light");
+        return false;
+      }
+    }
+    const Disc disc = shadow_bounds(corners, draw, top);
+    if (misses_outline(disc, plane.outline)) {
+      skip("shadow_off_receiver", object.name, "off the plane's outline");
+      return false;
+    }
+    std::array<Eigen::Vector3d, 4> square;
+    for (std::size_t i = 0; i < square.size(); ++i) {
+      const double du = (i & 1U) != 0U ? disc.radius : -disc.radius;
+      const double dv = (i & 2U) != 0U ? disc.radius : -disc.radius;
+      square[i] =
+          T_camera_table_ * draw.plane_frame.lift(disc.centre.x() + du, disc.centre.y() + dv);
+    }
+    if (frustum_.misses(square)) {
+      skip("shadow_out_of_view", object.name, "its shadow is outside the view");
+      return false;
+    }
+    return true;
+  }
+
+  bool out_of_view(BoxCorners corners) const {
+    for (Eigen::Vector3d& corner : corners) corner = T_camera_table_ * corner;
+    return frustum_.misses(corners);
+  }
+
+  void skip(const char* what, const std::string& name, const char* why) {
+    plan_.skipped.push_back({what, name + ": " + why});
+  }
+
+  static constexpr double kContactTolerance = 1e-6;  // [m]
+
+  const Scene& scene_;
+  const SceneState& state_;
+  const PlanOptions& options_;
+  FramePlan& plan_;
+  ViewFrustum frustum_;
+  Transform<frame::Camera, frame::Table> T_camera_table_;
+};
+
+}  // namespace
+
+FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEstimate& pose,
+                     const CameraModel& camera, const PlanOptions& options) {
+  PENUMBRA_ASSERT(state.objects.size() == scene.objects.size());
+  FramePlan plan;
+  if (!pose.has_pose() || !pose.T_table_camera.is_finite()) {
+    plan.skipped.push_back(
+        {"no_pose", "overlay: " + (pose.reason.empty() ? std::string("no pose") : pose.reason)});
+    return plan;
+  }
+  if (pose.status == TrackStatus::held) {
+    plan.overlay_opacity =
+        static_cast<float>(std::clamp(1.0 - pose.age_s / kFadeSeconds, 0.0, 1.0));
+    if (plan.overlay_opacity <= 0.0F) {
+      plan.skipped.push_back({"faded_out", "overlay: the pose is too old"});
+      return plan;
+    }
+  }
+  plan.has_pose = true;
+  plan.T_table_camera = pose.T_table_camera;
+  Planner planner(scene, state, camera, options, plan);
+  planner.plan_objects();
+  planner.plan_shadows();
+  return plan;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,172 @@
+// Offscreen contexts through EGL, with no window system and no display.
+#include <epoxy/egl.h>
+#include <epoxy/gl.h>
+
+#include <array>
+#include <string_view>
+#include <vector>
+
+#include "render/gl/context.hpp"
+#include "render/gl/context_info.hpp"
+
+namespace penumbra {
+namespace {
+
+bool has_word(const char* words, std::string_view word) {
+  if (words == nullptr) return false;
+  const std::string_view all(words);
+  for (std::size_t at = all.find(word); at != std::string_view::npos; at = all.find(word, at + 1)) {
+    const std::size_t end = at + word.size();
+    if ((at == 0 || all[at - 1] == ' ') && (end == all.size() || all[end] == ' ')) return true;
+  }
+  return false;
+}
+
+std::string_view egl_error_name(EGLint error) {
+  switch (error) {
+    case EGL_SUCCESS:
+      return "no error said";
+    case EGL_NOT_INITIALIZED:
+      return "EGL_NOT_INITIALIZED";
+    case EGL_BAD_ALLOC:
+      return "EGL_BAD_ALLOC";
+    case EGL_BAD_ATTRIBUTE:
+      return "EGL_BAD_ATTRIBUTE";
+    case EGL_BAD_CONFIG:
+      return "EGL_BAD_CONFIG";
+    case EGL_BAD_MATCH:
+      return "EGL_BAD_MATCH";
+    default:
+      return "another EGL error";
+  }
+}
+
+class EglContext final : public GlContext {
+ public:
+  EglContext(EGLDisplay display, EGLContext context) : display_(display), context_(context) {}
+  EglContext(const EglContext&) = delete;
+  EglContext& operator=(const EglContext&) = delete;
+  ~EglContext() override {
+    if (eglGetCurrentContext() == context_)
+      eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+    eglDestroyContext(display_, context_);
+    // The display is the platform's one and other contexts may live on it: eglTerminate would end
+    // them all.
+  }
+
+  bool bind(EGLenum api_name) {
+    api_name_ = api_name;
+    eglBindAPI(api_name_);
+    return eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, context_) == EGL_TRUE;
+  }
+  void read_info(GlApi api) { info_ = current_gl_info(api); }
+
+  void make_current() override {
+    eglBindAPI(api_name_);
+    eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, context_);
+  }
+  [[nodiscard]] const GlInfo& info() const override { return info_; }
+  [[nodiscard]] bool poll_events() override { return true; }
+  void swap() override {}
+  [[nodiscard]] Size window_size() const override { return {}; }
+  void on_key(std::function<void(int)> /*handler*/) override {}
+
+ private:
+  EGLDisplay display_;
+  EGLContext context_;
+  EGLenum api_name_ = EGL_OPENGL_API;
+  GlInfo info_;
+};
+
+struct Platform {
+  const char* name;
+  EGLDisplay display;
+};
+
+// Displays in the order of preference. The default one needs a window system on some drivers, so it
+// comes last.
+std::vector<Platform> find_platforms() {
+  std::vector<Platform> platforms;
+  const char* client = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
+  if (has_word(client, "EGL_EXT_platform_base")) {
+    if (has_word(client, "EGL_MESA_platform_surfaceless")) {
+      platforms.push_back({"surfaceless", eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA,
+                                                                   EGL_DEFAULT_DISPLAY, nullptr)});
+    }
+    const bool enumerates =
+        has_word(client, "EGL_EXT_device_base") || has_word(client, "EGL_EXT_device_enumeration");
+    if (enumerates && has_word(client, "EGL_EXT_platform_device")) {
+      std::array<EGLDeviceEXT, 16> devices{};
+      EGLint count = 0;
+      if (eglQueryDevicesEXT(static_cast<EGLint>(devices.size()), devices.data(), &count) ==
+          EGL_TRUE) {
+        for (EGLint i = 0; i < count; ++i) {
+          platforms.push_back(
+              {"device", eglGetPlatformDisplayEXT(EGL_PLATFORM_DEVICE_EXT,
+                                                  devices[static_cast<std::size_t>(i)], nullptr)});
+        }
+      }
+    }
+  }
+  platforms.push_back({"default display", eglGetDisplay(EGL_DEFAULT_DISPLAY)});
+  return platforms;
+}
+
+// The context, or what this platform lacks.
+Result<std::unique_ptr<GlContext>> try_platform(const Platform& platform, GlApi api) {
+  if (platform.display == EGL_NO_DISPLAY) return fail("{}: not there", platform.name);
+  EGLint major = 0;
+  EGLint minor = 0;
+  if (eglInitialize(platform.display, &major, &minor) != EGL_TRUE)
+    return fail("{}: {}", platform.name, egl_error_name(eglGetError()));
+  const char* extensions = eglQueryString(platform.display, EGL_EXTENSIONS);
+  if (!has_word(extensions, "EGL_KHR_surfaceless_context"))
+    return fail("{}: no EGL_KHR_surfaceless_context", platform.name);
+
+  const EGLenum api_name = api == GlApi::gl33 ? EGL_OPENGL_API : EGL_OPENGL_ES_API;
+  if (eglBindAPI(api_name) != EGL_TRUE) return fail("{}: the API is not there", platform.name);
+  EGLConfig config = nullptr;  // EGL_NO_CONFIG_KHR
+  if (!has_word(extensions, "EGL_KHR_no_config_context")) {
+    const std::array<EGLint, 5> wanted = {EGL_RENDERABLE_TYPE,
+                                          api == GlApi::gl33 ? EGL_OPENGL_BIT : EGL_OPENGL_ES3_BIT,
+                                          EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_NONE};
+    EGLint count = 0;
+    if (eglChooseConfig(platform.display, wanted.data(), &config, 1, &count) != EGL_TRUE ||
+        count < 1)
+      return fail("{}: no framebuffer configuration", platform.name);
+  }
+  const std::array<EGLint, 7> desktop = {EGL_CONTEXT_MAJOR_VERSION,
+                                         3,
+                                         EGL_CONTEXT_MINOR_VERSION,
+                                         3,
+                                         EGL_CONTEXT_OPENGL_PROFILE_MASK,
+                                         EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
+                                         EGL_NONE};
+  const std::array<EGLint, 3> embedded = {EGL_CONTEXT_CLIENT_VERSION, 3, EGL_NONE};
+  EGLContext context = eglCreateContext(platform.display, config, EGL_NO_CONTEXT,
+                                        api == GlApi::gl33 ? desktop.data() : embedded.data());
+  if (context == EGL_NO_CONTEXT)
+    return fail("{}: {}", platform.name, egl_error_name(eglGetError()));
+  auto owner = std::make_unique<EglContext>(platform.display, context);
+  if (!owner->bind(api_name)) return fail("{}: {}", platform.name, egl_error_name(eglGetError()));
+  owner->read_info(api);
+  return owner;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<GlContext>> create_offscreen_context(GlApi api) {
+  std::string causes;
+  for (const Platform& platform : find_platforms()) {
+    Result<std::unique_ptr<GlContext>> context = try_platform(platform, api);
+    if (context) return context;
+    if (!causes.empty()) causes += "; ";
+    causes += context.error().message;
+  }
+  return fail(
+      "EGL gives no {} context without a display ({}); install a Mesa driver (Debian: "
+      "libegl-mesa0, libgl1-mesa-dri)",
+      api == GlApi::gl33 ? "OpenGL 3.3 core" : "OpenGL ES 3.0", causes);
+}
+
+}  // namespace penumbra

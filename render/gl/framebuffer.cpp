@@ -1,0 +1,81 @@
+#include "render/gl/framebuffer.hpp"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+
+#include "core/assert.hpp"
+
+namespace penumbra {
+
+Result<Framebuffer> Framebuffer::create(int width, int height) {
+  GLint largest = 0;
+  glGetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &largest);
+  if (width > largest || height > largest) {
+    return fail("a picture of {} x {} px is too large for this graphics driver (at most {} px)",
+                width, height, largest);
+  }
+  Framebuffer f;
+  f.width_ = width;
+  f.height_ = height;
+  f.framebuffer_ = GlHandle<FramebufferTraits>::create();
+  f.color_ = GlHandle<RenderbufferTraits>::create();
+  f.depth_stencil_ = GlHandle<RenderbufferTraits>::create();
+  glBindRenderbuffer(GL_RENDERBUFFER, f.color_.id());
+  glRenderbufferStorage(GL_RENDERBUFFER, GL_RGBA8, width, height);
+  glBindRenderbuffer(GL_RENDERBUFFER, f.depth_stencil_.id());
+  glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH24_STENCIL8, width, height);
+  glBindFramebuffer(GL_FRAMEBUFFER, f.framebuffer_.id());
+  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, f.color_.id());
+  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_RENDERBUFFER,
+                            f.depth_stencil_.id());
+  const GLenum status = glCheckFramebufferStatus(GL_FRAMEBUFFER);
+  if (status != GL_FRAMEBUFFER_COMPLETE) {
+    return fail("the graphics driver refuses a framebuffer of {} x {} px (status {:#x})", width,
+                height, status);
+  }
+  return f;
+}
+
+void Framebuffer::bind() const {
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+  glViewport(0, 0, width_, height_);
+}
+
+void Framebuffer::read_rgba(std::span<std::uint8_t> rgba) const {
+  PENUMBRA_ASSERT(rgba.size() == std::size_t{4} * static_cast<std::size_t>(width_) *
+                                     static_cast<std::size_t>(height_));
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_.id());
+  glPixelStorei(GL_PACK_ALIGNMENT, 1);
+  glReadPixels(0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, rgba.data());
+}
+
+void Framebuffer::invalidate_depth_stencil() const {
+  if (epoxy_is_desktop_gl() && epoxy_gl_version() < 43) return;
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+  const GLenum attachment = GL_DEPTH_STENCIL_ATTACHMENT;
+  glInvalidateFramebuffer(GL_FRAMEBUFFER, 1, &attachment);
+}
+
+void Framebuffer::present(GlContext::Size window) const {
+  if (window.width <= 0 || window.height <= 0) return;
+  const double scale = std::min(static_cast<double>(window.width) / width_,
+                                static_cast<double>(window.height) / height_);
+  const int w = std::max(1, static_cast<int>(scale * width_ + 0.5));
+  const int h = std::max(1, static_cast<int>(scale * height_ + 0.5));
+  const int x = (window.width - w) / 2;
+  const int y = (window.height - h) / 2;
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_.id());
+  glDisable(GL_SCISSOR_TEST);
+  if (w != window.width || h != window.height) {
+    glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+    glClearColor(0.0F, 0.0F, 0.0F, 1.0F);
+    glClear(GL_COLOR_BUFFER_BIT);
+  }
+  // A window's row 0 is its bottom one: turned over here.
+  glBlitFramebuffer(0, 0, width_, height_, x, y + h, x + w, y, GL_COLOR_BUFFER_BIT,
+                    w == width_ && h == height_ ? GL_NEAREST : GL_LINEAR);
+}
+
+}  // namespace penumbra

@@ -1,0 +1,39 @@
+// Two-dimensional 8-bit textures.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "render/gl/handle.hpp"
+
+namespace penumbra {
+
+enum class TexelFormat { r8, rg8, rgb8, rgba8, srgb8_alpha8 };
+[[nodiscard]] int bytes_per_texel(TexelFormat format);
+
+enum class TextureFilter {
+  nearest,   // fetched texel by texel
+  trilinear  // with mipmaps, repeating
+};
+
+class Texture2d {
+ public:
+  explicit Texture2d(TextureFilter filter);
+
+  // Rows top to bottom, `stride` bytes apart; row 0 is at texture coordinate 0. Storage is kept
+  // while size and format stay.
+  void upload(TexelFormat format, int width, int height, const std::uint8_t* data,
+              std::ptrdiff_t stride);
+  void bind(int unit) const;
+
+ private:
+  GlHandle<TextureTraits> handle_;
+  TextureFilter filter_;
+  TexelFormat format_ = TexelFormat::r8;
+  int width_ = 0;
+  int height_ = 0;
+  std::vector<std::uint8_t> packed_;  // for strides that are no whole number of texels
+};
+
+}  // namespace penumbra

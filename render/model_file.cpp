@@ -1,0 +1,204 @@
+// Model file -> Model: picks the reader, turns the axes, checks whatever came back.
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "core/file.hpp"
+#include "core/image_file.hpp"
+#include "render/model.hpp"
+#include "render/model_parts.hpp"
+
+namespace penumbra {
+namespace {
+
+bool is_finite(const glm::vec3& v) {
+  return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
+}
+
+// y up -> z up: (x, y, z) -> (x, -z, y).
+glm::vec3 turned_up(const glm::vec3& v) {
+  return {v.x, -v.z, v.y};
+}
+
+}  // namespace
+
+std::size_t Model::vertex_count() const {
+  std::size_t count = 0;
+  for (const Mesh& mesh : meshes) count += mesh.positions.size();
+  return count;
+}
+
+std::size_t Model::triangle_count() const {
+  std::size_t count = 0;
+  for (const Mesh& mesh : meshes) count += mesh.indices.size() / 3;
+  return count;
+}
+
+Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
+                                           std::string_view name) {
+  const std::filesystem::path path(name);
+  const bool climbs = std::any_of(path.begin(), path.end(),
+                                  [](const std::filesystem::path& part) { return part == ".."; });
+  if (name.empty() || path.is_absolute() || climbs ||
+      name.find_first_of(std::string_view("\\:\0", 3)) != std::string_view::npos) {
+    return fail("\"{}\": is not a file beside the model; name it relative to the model, without ..",
+                name.substr(0, 80));
+  }
+  return folder / path;
+}
+
+float linear_from_srgb(float encoded) {
+  return encoded <= 0.04045F ? encoded / 12.92F : std::pow((encoded + 0.055F) / 1.055F, 2.4F);
+}
+
+Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes, const std::string& name,
+                        const ModelLimits& limits) {
+  Result<RgbaImage> image = decode_rgba(bytes, name);
+  if (!image) return tl::unexpected(image.error());
+  std::size_t pixels =
+      static_cast<std::size_t>(image->width) * static_cast<std::size_t>(image->height);
+  for (const Texture& texture : model.textures) pixels += texture.rgba.size() / 4;
+  if (pixels > limits.max_texture_pixels) {
+    return fail("{}: the model's textures have more than the {} pixels allowed", name,
+                limits.max_texture_pixels);
+  }
+  model.textures.push_back({image->width, image->height, std::move(image->pixels)});
+  return static_cast<int>(model.textures.size()) - 1;
+}
+
+Result<void> check_model(Model& model, const std::string& name, const ModelLimits& limits) {
+  if (model.triangle_count() == 0) {
+    return fail("{}: has no triangles; export the model with its faces", name);
+  }
+  if (model.vertex_count() > limits.max_vertices) {
+    return fail("{}: has {} vertices, more than the {} allowed", name, model.vertex_count(),
+                limits.max_vertices);
+  }
+  if (model.triangle_count() > limits.max_triangles) {
+    return fail("{}: has {} triangles, more than the {} allowed", name, model.triangle_count(),
+                limits.max_triangles);
+  }
+  glm::vec3 low(std::numeric_limits<float>::max());
+  glm::vec3 high(std::numeric_limits<float>::lowest());
+  const auto max_coordinate = static_cast<float>(limits.max_coordinate_m);
+  for (Mesh& mesh : model.meshes) {
+    const std::size_t count = mesh.positions.size();
+    const bool agrees = mesh.normals.size() == count && mesh.source_vertex.size() == count &&
+                        (mesh.texcoords.empty() || mesh.texcoords.size() == count) &&
+                        (mesh.colors.empty() || mesh.colors.size() == count) &&
+                        mesh.indices.size() % 3 == 0;
+    if (!agrees) {
+      return fail("{}: mesh \"{}\": its attributes have different lengths", name, mesh.name);
+    }
+    if (mesh.material < 0 || static_cast<std::size_t>(mesh.material) >= model.materials.size()) {
+      return fail("{}: mesh \"{}\": material {} does not exist", name, mesh.name, mesh.material);
+    }
+    for (const glm::vec3& p : mesh.positions) {
+      if (!is_finite(p)) {
+        return fail("{}: mesh \"{}\": a vertex is not a finite number; export the model again",
+                    name, mesh.name);
+      }
+      const float largest = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)});
+      if (largest > max_coordinate) {
+        return fail("{}: mesh \"{}\": a vertex lies {} m from the origin, over the {} m allowed",
+                    name, mesh.name, largest, limits.max_coordinate_m);
+      }
+      low = glm::vec3(std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z));
+      high = glm::vec3(std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z));
+    }
+    for (glm::vec3& n : mesh.normals) {
+      // In double: the square of a normal from a strange file may overflow or vanish in float.
+      const double length =
+          std::hypot(static_cast<double>(n.x), static_cast<double>(n.y), static_cast<double>(n.z));
+      if (!std::isfinite(length)) {
+        return fail("{}: mesh \"{}\": a normal is not a finite number", name, mesh.name);
+      }
+      n = length > 1e-12
+              ? glm::vec3(static_cast<float>(n.x / length), static_cast<float>(n.y / length),
+                          static_cast<float>(n.z / length))
+              : glm::vec3(0.0F, 0.0F, 1.0F);
+    }
+    for (const glm::vec2& t : mesh.texcoords) {
+      if (!(std::abs(t.x) <= 1e6F && std::abs(t.y) <= 1e6F)) {
+        return fail("{}: mesh \"{}\": a texture coordinate is not a number within +-1e6", name,
+                    mesh.name);
+      }
+    }
+    for (glm::vec4& c : mesh.colors) {
+      for (int i = 0; i < 4; ++i) {
+        if (!std::isfinite(c[i])) {
+          return fail("{}: mesh \"{}\": a vertex colour is not a finite number", name, mesh.name);
+        }
+        c[i] = std::clamp(c[i], 0.0F, 1.0F);
+      }
+    }
+    for (const std::uint32_t index : mesh.indices) {
+      if (index >= count) {
+        return fail("{}: mesh \"{}\": a face names vertex {}, there are {}", name, mesh.name, index,
+                    count);
+      }
+    }
+    for (const std::uint32_t source : mesh.source_vertex) {
+      if (source >= model.source_vertex_count) {
+        return fail("{}: mesh \"{}\": source vertex {} of {}", name, mesh.name, source,
+                    model.source_vertex_count);
+      }
+    }
+  }
+  for (const Material& material : model.materials) {
+    const auto in_unit = [](float x) { return x >= 0.0F && x <= 1.0F; };  // false for NaN
+    bool good = in_unit(material.metallic) && in_unit(material.roughness);
+    for (int i = 0; i < 4; ++i) good = good && in_unit(material.base_color[i]);
+    for (int i = 0; i < 3; ++i) good = good && in_unit(material.emissive[i]);
+    if (!good) {
+      return fail("{}: material \"{}\": a factor is outside 0 to 1", name, material.name);
+    }
+    if (material.base_color_texture >= static_cast<int>(model.textures.size())) {
+      return fail("{}: material \"{}\": texture {} does not exist", name, material.name,
+                  material.base_color_texture);
+    }
+  }
+  model.min_corner = low;
+  model.max_corner = high;
+  return {};
+}
+
+Result<Model> load_model(const std::filesystem::path& file, UpAxis up, const ModelLimits& limits) {
+  const std::string name = file.string();
+  std::string extension = file.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const bool gltf = extension == ".glb" || extension == ".gltf";
+  if (!gltf && extension != ".obj") {
+    return fail("{}: is not a kind of model that can be read; give a .glb, .gltf or .obj file",
+                name);
+  }
+  const Result<std::vector<std::uint8_t>> bytes = read_file(file, limits.max_file_bytes);
+  if (!bytes) return tl::unexpected(bytes.error());
+  if (bytes->empty()) return fail("{}: is empty; export the model again", name);
+  // The readers are libraries: what they throw ends here.
+  try {
+    Result<Model> model = gltf ? read_gltf(file, *bytes, extension == ".glb", limits)
+                               : read_obj(file, *bytes, limits);
+    if (!model) return model;
+    model->name = file.stem().string();
+    // The readers give the file's own axes.
+    if (up == UpAxis::y || (up == UpAxis::by_format && gltf)) {
+      for (Mesh& mesh : model->meshes) {
+        for (glm::vec3& p : mesh.positions) p = turned_up(p);
+        for (glm::vec3& n : mesh.normals) n = turned_up(n);
+      }
+    }
+    const Result<void> checked = check_model(*model, name, limits);
+    if (!checked) return tl::unexpected(checked.error());
+    return model;
+  } catch (const std::bad_alloc&) {
+    return fail("{}: needs more memory than there is; give a smaller model", name);
+  } catch (const std::exception& error) {
+    return fail("{}: can't be read: {}", name, error.what());
+  }
+}
+
+}  // namespace penumbra

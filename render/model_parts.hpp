@@ -1,0 +1,50 @@
+// What the readers of model files share: reading beside the model, normals, checks of the result.
+// Internal to render.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/error.hpp"
+#include "render/model.hpp"
+
+namespace penumbra {
+
+// Nesting beyond this is refused: readers of JSON and walks over nodes recurse.
+inline constexpr int kMaxModelDepth = 64;
+
+// A file that a model names. Only relative names that stay in the model's folder or below it: no
+// root, no "..", no scheme, no backslash.
+[[nodiscard]] Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
+                                                         std::string_view name);
+
+// sRGB-encoded 0..1 -> linear light.
+[[nodiscard]] float linear_from_srgb(float encoded);
+
+// Unit normals where `mesh.normals` is empty: the faces' normals, weighted by the corner's angle.
+// A vertex without a face of any area gets +z.
+void generate_normals(Mesh& mesh);
+
+// Decodes a PNG or JPEG into the model, counted against the limit for all textures together.
+// Gives the texture's index.
+[[nodiscard]] Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes,
+                                      const std::string& name, const ModelLimits& limits);
+
+// Everything that drawing and shadows rely on: finite numbers within the limits, sizes that agree,
+// indices in range, unit normals. Fills in the bounds.
+[[nodiscard]] Result<void> check_model(Model& model, const std::string& name,
+                                       const ModelLimits& limits);
+
+[[nodiscard]] Result<Model> read_gltf(const std::filesystem::path& file,
+                                      std::span<const std::uint8_t> bytes, bool binary,
+                                      const ModelLimits& limits);
+[[nodiscard]] Result<Model> read_obj(const std::filesystem::path& file,
+                                     std::span<const std::uint8_t> bytes,
+                                     const ModelLimits& limits);
+
+}  // namespace penumbra

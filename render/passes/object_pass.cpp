@@ -1,0 +1,192 @@
+#include "render/passes/object_pass.hpp"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "core/assert.hpp"
+#include "render/passes/lens_uniforms.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::size_t kMaxLights = 8;
+
+struct Vertex {
+  glm::vec3 position;
+  glm::vec3 normal;
+  glm::vec2 texcoord;
+  glm::vec4 color;
+};
+
+glm::vec4 light_place(const SceneLight& light) {
+  return light.kind == SceneLight::Kind::point ? glm::vec4(to_gl(light.position), 1.0F)
+                                               : glm::vec4(to_gl(light.direction), 0.0F);
+}
+
+}  // namespace
+
+float longest_model_edge(double scale) {
+  return static_cast<float>(kLongestEdge / std::exp2(std::ceil(std::log2(scale))));
+}
+
+Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene) {
+  if (scene.lights.size() > kMaxLights) {
+    return fail("{}: lights: {} of them; at most {} can be drawn", scene.file, scene.lights.size(),
+                kMaxLights);
+  }
+  constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "object.vert.glsl"};
+  constexpr std::array<std::string_view, 1> kFragment = {"object.frag.glsl"};
+  constexpr std::array<std::string_view, 1> kDefines = {"MAX_LIGHTS 8"};
+  auto program = ShaderProgram::link(api, kVertex, kFragment, kDefines);
+  if (!program) return tl::unexpected(program.error());
+  ObjectPass pass(std::move(*program));
+
+  const SceneState start = evaluate_scene(scene, 0.0);
+  std::map<std::pair<const Model*, float>, std::shared_ptr<GpuModel>> uploaded;
+  for (std::size_t i = 0; i < scene.objects.size(); ++i) {
+    const auto& model = scene.objects[i].model;
+    pass.descriptions_.push_back(model);
+    if (!model) {
+      pass.models_.emplace_back();
+      continue;
+    }
+    const float edge = longest_model_edge(start.objects[i].scale);
+    auto& entry = uploaded[{model.get(), edge}];
+    if (!entry) entry = upload(*model, edge);
+    pass.models_.push_back(entry);
+  }
+  return pass;
+}
+
+std::shared_ptr<ObjectPass::GpuModel> ObjectPass::upload(const Model& model, float max_edge) {
+  auto gpu = std::make_shared<GpuModel>();
+  for (const Texture& texture : model.textures) {
+    gpu->textures.emplace_back(TextureFilter::trilinear);
+    gpu->textures.back().upload(TexelFormat::srgb8_alpha8, texture.width, texture.height,
+                                texture.rgba.data(), std::ptrdiff_t{4} * texture.width);
+  }
+  for (const Mesh& source : model.meshes) {
+    const Mesh mesh = subdivided(source, max_edge);
+    std::vector<Vertex> vertices(mesh.positions.size());
+    for (std::size_t i = 0; i < vertices.size(); ++i) {
+      vertices[i] = {mesh.positions[i], i < mesh.normals.size() ? mesh.normals[i] : glm::vec3(0.0F),
+                     i < mesh.texcoords.size() ? mesh.texcoords[i] : glm::vec2(0.0F),
+                     i < mesh.colors.size() ? mesh.colors[i] : glm::vec4(1.0F)};
+    }
+    GpuMesh& out = gpu->meshes.emplace_back();
+    out.index_count = static_cast<int>(mesh.indices.size());
+    out.material = mesh.material;
+    out.layout.bind();
+    out.vertices.write(std::span<const Vertex>(vertices));
+    VertexArray::attribute(0, 3, sizeof(Vertex), offsetof(Vertex, position));
+    VertexArray::attribute(1, 3, sizeof(Vertex), offsetof(Vertex, normal));
+    VertexArray::attribute(2, 2, sizeof(Vertex), offsetof(Vertex, texcoord));
+    VertexArray::attribute(3, 4, sizeof(Vertex), offsetof(Vertex, color));
+    out.indices.write(std::span<const std::uint32_t>(mesh.indices));
+  }
+  return gpu;
+}
+
+void ObjectPass::set_lights(const Scene& scene) const {
+  std::array<glm::vec4, kMaxLights> places{};
+  std::array<glm::vec4, kMaxLights> colors{};
+  std::size_t count = 0;
+  for (const SceneLight& light : scene.lights) {
+    places[count] = light_place(light);
+    colors[count] = glm::vec4(to_gl(Eigen::Vector3d(light.color * light.intensity)), 0.0F);
+    ++count;
+  }
+  if (count == 0) {  // a lamp over the left shoulder, so that shapes are seen
+    places[0] = {-0.35F, -0.45F, 0.82F, 0.0F};
+    colors[0] = {0.8F, 0.8F, 0.8F, 0.0F};
+    count = 1;
+  }
+  program_.set("light_count", static_cast<int>(count));
+  program_.set("light_place", std::span<const glm::vec4>(places));
+  program_.set("light_color", std::span<const glm::vec4>(colors));
+  program_.set("ambient", to_gl(scene.ambient));
+}
+
+int ObjectPass::draw_all(const Scene& scene, std::span<const ObjectDraw> draws,
+                         const CameraPose& pose) const {
+  PENUMBRA_ASSERT(models_.size() == scene.objects.size());
+  const Material plain;
+  int calls = 0;
+  for (const ObjectDraw& draw : draws) {
+    const auto index = static_cast<std::size_t>(draw.object);
+    const GpuModel* gpu = models_[index].get();
+    if (gpu == nullptr) continue;
+    const Model& model = *descriptions_[index];
+    program_.set("table_from_object", to_gl(draw.T_table_object));
+    program_.set("camera_from_object", camera_from_object(pose, draw.T_table_object));
+    for (const GpuMesh& mesh : gpu->meshes) {
+      const auto at = static_cast<std::size_t>(mesh.material);
+      const Material& material =
+          mesh.material >= 0 && at < model.materials.size() ? model.materials[at] : plain;
+      program_.set("base_color", glm::vec3(material.base_color));
+      program_.set("emissive", material.emissive);
+      program_.set("metallic", material.metallic);
+      program_.set("roughness", material.roughness);
+      const int texture = material.base_color_texture;
+      const bool textured =
+          texture >= 0 && static_cast<std::size_t>(texture) < gpu->textures.size();
+      program_.set("has_texture", textured ? 1 : 0);
+      program_.set("base_color_texture", 0);
+      if (textured) gpu->textures[static_cast<std::size_t>(texture)].bind(0);
+      mesh.layout.bind();
+      glDrawElements(GL_TRIANGLES, mesh.index_count, GL_UNSIGNED_INT, nullptr);
+      ++calls;
+    }
+  }
+  return calls;
+}
+
+int ObjectPass::draw_phantoms(const Scene& scene, const FramePlan& plan,
+                              const LensUniforms& lens) const {
+  if (plan.phantoms.empty()) return 0;
+  program_.use();
+  set_lens(program_, lens);
+  glEnable(GL_DEPTH_TEST);
+  glDepthFunc(GL_LESS);
+  glDepthMask(GL_TRUE);
+  glDisable(GL_STENCIL_TEST);
+  glDisable(GL_BLEND);
+  glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+  const int calls = draw_all(scene, plan.phantoms, plan.T_table_camera);
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  return calls;
+}
+
+int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan,
+                             const LensUniforms& lens) const {
+  if (plan.objects.empty()) return 0;
+  program_.use();
+  set_lens(program_, lens);
+  set_lights(scene);
+  program_.set("eye", to_gl(plan.T_table_camera.translation()));
+  glEnable(GL_DEPTH_TEST);
+  glDepthFunc(GL_LESS);
+  glDepthMask(GL_TRUE);
+  glDisable(GL_STENCIL_TEST);
+  glDisable(GL_BLEND);
+  if (plan.overlay_opacity >= 1.0F) return draw_all(scene, plan.objects, plan.T_table_camera);
+
+  glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+  int calls = draw_all(scene, plan.objects, plan.T_table_camera);
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  glDepthFunc(GL_EQUAL);
+  glDepthMask(GL_FALSE);
+  glEnable(GL_BLEND);
+  glBlendColor(0.0F, 0.0F, 0.0F, plan.overlay_opacity);
+  glBlendFuncSeparate(GL_CONSTANT_ALPHA, GL_ONE_MINUS_CONSTANT_ALPHA, GL_ZERO, GL_ONE);
+  calls += draw_all(scene, plan.objects, plan.T_table_camera);
+  glDisable(GL_BLEND);
+  glDepthMask(GL_TRUE);
+  glDepthFunc(GL_LESS);
+  return calls;
+}
+
+}  // namespace penumbra

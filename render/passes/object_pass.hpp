@@ -1,0 +1,58 @@
+// Virtual objects with light and depth, and phantoms with depth alone.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "render/camera_gl.hpp"
+#include "render/frame_plan.hpp"
+#include "render/gl/buffer.hpp"
+#include "render/gl/shader.hpp"
+#include "render/gl/texture.hpp"
+#include "render/scene.hpp"
+
+namespace penumbra {
+
+// Edges of what is drawn are at most this long [m], so that they can follow a curved lens.
+inline constexpr double kLongestEdge = 0.02;
+// The same in the units of a model drawn at this scale; rounded down to a power of two times
+// kLongestEdge, so that models at like scales are uploaded once.
+[[nodiscard]] float longest_model_edge(double scale);
+
+class ObjectPass {
+ public:
+  // Uploads every model of the scene.
+  [[nodiscard]] static Result<ObjectPass> create(GlApi api, const Scene& scene);
+
+  // Depth of the phantoms. Number of draw calls, here and below.
+  int draw_phantoms(const Scene& scene, const FramePlan& plan, const LensUniforms& lens) const;
+  // An opacity under 1 (held poses) mixes the objects' surface into the video: depth first, then
+  // colour where the depth is equal, so that their insides do not show.
+  int draw_objects(const Scene& scene, const FramePlan& plan, const LensUniforms& lens) const;
+
+ private:
+  struct GpuMesh {
+    VertexArray layout;
+    GlBuffer vertices{BufferUse::vertices};
+    GlBuffer indices{BufferUse::indices};
+    int index_count = 0;
+    int material = 0;
+  };
+  struct GpuModel {
+    std::vector<GpuMesh> meshes;
+    std::vector<Texture2d> textures;
+  };
+  explicit ObjectPass(ShaderProgram program) : program_(std::move(program)) {}
+
+  static std::shared_ptr<GpuModel> upload(const Model& model, float max_edge);
+  int draw_all(const Scene& scene, std::span<const ObjectDraw> draws, const CameraPose& pose) const;
+  void set_lights(const Scene& scene) const;
+
+  ShaderProgram program_;
+  std::vector<std::shared_ptr<const GpuModel>> models_;     // one per scene object; null: no model
+  std::vector<std::shared_ptr<const Model>> descriptions_;  // their materials
+};
+
+}  // namespace penumbra

@@ -1,0 +1,416 @@
+#include "render/passes/shadow_pass.hpp"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <cmath>
+#include <glm/common.hpp>
+#include <limits>
+#include <optional>
+
+#include "core/assert.hpp"
+#include "render/passes/lens_uniforms.hpp"
+#include "render/passes/object_pass.hpp"
+
+namespace penumbra {
+namespace {
+
+// A caster that stands on the plane is not cut by rounding: this far below the plane (or above a
+// clip height) still counts as within [m].
+constexpr double kContactTolerance = 1e-6;
+constexpr std::size_t kMaxKernelSets = 64;  // kept per caster
+constexpr unsigned kOutlineBit = 0x80U;     // of the stencil: inside the receiver
+constexpr unsigned kDarkenedBits = 0x7FU;
+
+bool same(const Placement& a, const Placement& b) {
+  return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs() &&
+         a.scale == b.scale;
+}
+bool same(const PlaneFrame& a, const PlaneFrame& b) {
+  return a.n == b.n && a.q == b.q;
+}
+bool same(const LayeredConstants& a, const LayeredConstants& b) {
+  return a.light_height == b.light_height && a.light_ratio == b.light_ratio &&
+         a.umbra_height == b.umbra_height && a.magnification_cap == b.magnification_cap;
+}
+
+std::array<bool, 3> wanted_layers(const ShadowDraw& draw) {
+  return {draw.umbra, draw.middle, draw.penumbra};
+}
+
+HeightRange range_of(const ShadowDraw& draw, ShadowLayer layer) {
+  if (draw.technique == ShadowTechnique::simple)
+    return {0.0, std::numeric_limits<double>::infinity()};
+  return layer_height_range(draw.constants, layer);
+}
+
+// Heights above the plane of object points: n . (position + R s p - q).
+struct HeightMap {
+  Eigen::Vector3d gradient;
+  double offset;
+
+  HeightMap(const PlaneFrame& plane, const Placement& T)
+      : gradient(T.scale * (T.rotation.conjugate() * plane.n)), offset(plane.height(T.position)) {}
+  [[nodiscard]] double operator()(const glm::vec3& p) const {
+    return gradient.dot(Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                                        static_cast<double>(p.z))) +
+           offset;
+  }
+};
+
+// Lowest and highest point: of the box, which is enough in most frames, or of the vertices.
+HeightRange box_heights(const HeightMap& height, const glm::vec3& low, const glm::vec3& high) {
+  HeightRange range{height(low), height(low)};
+  for (int i = 1; i < 8; ++i) {
+    const double h = height({(i & 1) != 0 ? high.x : low.x, (i & 2) != 0 ? high.y : low.y,
+                             (i & 4) != 0 ? high.z : low.z});
+    range.low = std::min(range.low, h);
+    range.high = std::max(range.high, h);
+  }
+  return range;
+}
+HeightRange vertex_heights(const HeightMap& height, const std::vector<glm::vec3>& positions) {
+  HeightRange range{std::numeric_limits<double>::infinity(),
+                    -std::numeric_limits<double>::infinity()};
+  for (const glm::vec3& p : positions) {
+    const double h = height(p);
+    range.low = std::min(range.low, h);
+    range.high = std::max(range.high, h);
+  }
+  return range;
+}
+
+// Inside by no more than rounding.
+bool within(const HeightRange& heights, const HeightRange& range) {
+  return heights.low >= range.low - kContactTolerance &&
+         heights.high <= range.high + kContactTolerance;
+}
+bool apart(const HeightRange& heights, const HeightRange& range) {
+  return heights.high < range.low - kContactTolerance ||
+         heights.low > range.high + kContactTolerance;
+}
+
+// Share of the light that is left -> factor for the video's encoded value: darkening linear light
+// by k is multiplying the encoded value by k^(1/2.2). Fades to 1 with the overlay's opacity.
+float encoded_factor(double light_fraction, float opacity) {
+  const double factor = std::pow(std::clamp(light_fraction, 0.0, 1.0), 1.0 / 2.2);
+  return static_cast<float>(1.0 - static_cast<double>(opacity) * (1.0 - factor));
+}
+
+}  // namespace
+
+Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene) {
+  constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "shadow.vert.glsl"};
+  constexpr std::array<std::string_view, 1> kFragment = {"shadow.frag.glsl"};
+  constexpr std::array<std::string_view, 2> kOutlineVertex = {"lens.glsl", "outline.vert.glsl"};
+  constexpr std::array<std::string_view, 1> kOutlineFragment = {"outline.frag.glsl"};
+  auto shadow = ShaderProgram::link(api, kVertex, kFragment);
+  if (!shadow) return tl::unexpected(shadow.error());
+  auto outline = ShaderProgram::link(api, kOutlineVertex, kOutlineFragment);
+  if (!outline) return tl::unexpected(outline.error());
+  ShadowPass pass(std::move(*shadow), std::move(*outline));
+  for (const ScenePlane& plane : scene.planes) {
+    Outline& out = pass.outlines_.emplace_back();
+    std::vector<glm::vec2> points;
+    for (std::size_t i = 0; i < plane.outline.size(); ++i) {
+      const Eigen::Vector2d& a = plane.outline[i];
+      const Eigen::Vector2d& b = plane.outline[(i + 1) % plane.outline.size()];
+      const int pieces =
+          std::clamp(static_cast<int>(std::ceil((b - a).norm() / kLongestEdge)), 1, 1000);
+      for (int j = 0; j < pieces; ++j) {
+        const Eigen::Vector2d p = a + (b - a) * (static_cast<double>(j) / pieces);
+        points.emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()));
+      }
+    }
+    if (points.empty()) continue;
+    out.count = static_cast<int>(points.size());
+    out.layout.bind();
+    out.vertices.write(std::span<const glm::vec2>(points));
+    VertexArray::attribute(0, 2, sizeof(glm::vec2), 0);
+  }
+  return pass;
+}
+
+ShadowPass::Caster& ShadowPass::caster_of(const SceneObject& object, double scale) {
+  const float edge = longest_model_edge(scale);
+  auto& entry = casters_[{object.model.get(), edge}];
+  if (!entry) {
+    entry = std::make_unique<Caster>();
+    entry->mesh = make_shadow_mesh(*object.model);
+    entry->geometry = split_long_edges(entry->mesh, edge);
+    if (!entry->mesh.positions.empty()) {
+      entry->min_corner = entry->max_corner = entry->mesh.positions.front();
+      for (const glm::vec3& p : entry->mesh.positions) {
+        entry->min_corner = glm::min(entry->min_corner, p);
+        entry->max_corner = glm::max(entry->max_corner, p);
+      }
+    }
+  }
+  return *entry;
+}
+
+ShadowPass::KernelSet& ShadowPass::kernels_of(Caster& caster, const KernelKey& key,
+                                              ShadowWork& work) {
+  const auto found = caster.sets.find(key);
+  if (found != caster.sets.end()) {
+    found->second.last_used = frame_count_;
+    return found->second;
+  }
+  if (caster.sets.size() >= kMaxKernelSets) {
+    const auto oldest = std::ranges::min_element(
+        caster.sets, {}, [](const auto& entry) { return entry.second.last_used; });
+    if (oldest->second.last_used != frame_count_) caster.sets.erase(oldest);
+  }
+  KernelSet& set = caster.sets[key];
+  set.last_used = frame_count_;
+  set.kernels =
+      level_kernels(caster.geometry, generate_kernels(caster.mesh, key.direction.up(), key.source));
+  ++work.kernel_generations;
+  std::vector<glm::vec3> interleaved;
+  interleaved.reserve(2 * set.kernels.size());
+  for (std::size_t i = 0; i < set.kernels.size(); ++i) {
+    interleaved.push_back(caster.geometry.positions[i]);
+    interleaved.push_back(set.kernels[i]);
+  }
+  set.layout.bind();
+  set.vertices.write(std::span<const glm::vec3>(interleaved));
+  VertexArray::attribute(0, 3, 2 * sizeof(glm::vec3), 0);
+  VertexArray::attribute(1, 3, 2 * sizeof(glm::vec3), sizeof(glm::vec3));
+  if (caster.indices_written) {
+    caster.indices.bind();
+  } else {
+    caster.indices.write(std::span<const std::uint32_t>(caster.geometry.indices));
+    caster.indices_written = true;
+  }
+  return set;
+}
+
+void ShadowPass::clip_layers(const ShadowDraw& draw, const Caster& caster, const KernelSet& kernels,
+                             Prepared& prepared, ShadowWork& work) {
+  const PlaneFrame& plane = draw.plane_frame;
+  std::vector<CasterVertex> vertices;
+  vertices.reserve(caster.geometry.positions.size());
+  const auto to_plane = [&](const glm::vec3& p) {
+    return plane.to_plane(draw.T_table_object * Eigen::Vector3d(static_cast<double>(p.x),
+                                                                static_cast<double>(p.y),
+                                                                static_cast<double>(p.z)));
+  };
+  for (std::size_t i = 0; i < caster.geometry.positions.size(); ++i) {
+    const Eigen::Vector3d x = to_plane(caster.geometry.positions[i]);
+    const Eigen::Vector3d k = to_plane(kernels.kernels[i]);
+    vertices.push_back({static_cast<float>(x.x()), static_cast<float>(x.y()),
+                        static_cast<float>(x.z()), static_cast<float>(k.x()),
+                        static_cast<float>(k.y())});
+  }
+  work.vertices += static_cast<std::int64_t>(vertices.size());
+
+  std::vector<CasterVertex> clipped;
+  for (std::size_t i = 0; i < 3; ++i) {
+    LayerGeometry& layer = prepared.layers[i];
+    if (layer.source != LayerSource::clipped) continue;
+    const HeightRange range = range_of(draw, kShadowLayers[i]);
+    // Middle and penumbra are cut alike: one copy serves both.
+    if (i == 2 && prepared.layers[1].source == LayerSource::clipped &&
+        range_of(draw, ShadowLayer::middle).high == range.high) {
+      layer = prepared.layers[1];
+      continue;
+    }
+    const std::vector<CasterVertex> faces =
+        clip_to_heights(vertices, caster.geometry.indices, range);
+    layer.first = static_cast<int>(clipped.size());
+    layer.count = static_cast<int>(faces.size());
+    clipped.insert(clipped.end(), faces.begin(), faces.end());
+  }
+  // (u, v, h) and (ku, kv, 0), laid out as the whole caster is; the missing third coordinate is 0.
+  prepared.clipped_layout.bind();
+  prepared.clipped.write(std::span<const CasterVertex>(clipped), BufferLife::every_frame);
+  if (!prepared.clipped_layout_made) {
+    VertexArray::attribute(0, 3, sizeof(CasterVertex), offsetof(CasterVertex, u));
+    VertexArray::attribute(1, 2, sizeof(CasterVertex), offsetof(CasterVertex, ku));
+    prepared.clipped_layout_made = true;
+  }
+}
+
+void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared,
+                             ShadowWork& work) {
+  const Eigen::Vector3d up = draw.T_table_object.rotation.conjugate() * draw.plane_frame.n;
+  const KernelKey key{draw.kernels, KernelDirection::nearest(up)};
+  const KernelSet& kernels = kernels_of(caster, key, work);
+  if (prepared.valid && same(prepared.T_table_object, draw.T_table_object) &&
+      same(prepared.plane, draw.plane_frame) && same(prepared.constants, draw.constants) &&
+      prepared.technique == draw.technique && prepared.wanted == wanted_layers(draw) &&
+      prepared.kernel_key == key) {
+    ++work.reprojections;
+    return;
+  }
+  prepared.valid = true;
+  prepared.T_table_object = draw.T_table_object;
+  prepared.plane = draw.plane_frame;
+  prepared.constants = draw.constants;
+  prepared.technique = draw.technique;
+  prepared.wanted = wanted_layers(draw);
+  prepared.kernel_key = key;
+  prepared.layers = {};
+
+  const HeightMap height(draw.plane_frame, draw.T_table_object);
+  const HeightRange box = box_heights(height, caster.min_corner, caster.max_corner);
+  std::optional<HeightRange> exact;
+  bool clips = false;
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (!prepared.wanted[i]) continue;
+    const HeightRange range = range_of(draw, kShadowLayers[i]);
+    HeightRange heights = box;
+    if (!within(box, range)) {
+      if (!exact) exact = vertex_heights(height, caster.mesh.positions);
+      heights = *exact;
+    }
+    LayerGeometry& layer = prepared.layers[i];
+    if (apart(heights, range)) {
+      layer.source = LayerSource::nothing;
+      ++work.layers_skipped;
+    } else if (within(heights, range)) {
+      layer.source = LayerSource::whole;
+    } else {
+      layer.source = LayerSource::clipped;
+      clips = true;
+    }
+  }
+  if (clips) clip_layers(draw, caster, kernels, prepared, work);
+}
+
+void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work) {
+  ++frame_count_;
+  items_.clear();
+  std::map<std::tuple<int, int, int>, int> repeats;
+  for (const ShadowDraw& draw : plan.shadows) {
+    const SceneObject& object = scene.objects[static_cast<std::size_t>(draw.object)];
+    Caster& caster = caster_of(object, draw.T_table_object.scale);
+    const int repeat = repeats[{draw.node, draw.object, draw.plane}]++;
+    Prepared& prepared = prepared_[{draw.node, draw.object, draw.plane, repeat}];
+    if (caster.geometry.indices.empty()) {
+      prepared.layers = {};
+      prepared.valid = false;
+    } else {
+      prepare_one(draw, caster, prepared, work);
+    }
+    items_.push_back({&caster, &prepared});
+  }
+}
+
+void ShadowPass::mark_outline(const Outline& outline, const FramePlan& plan,
+                              const PlaneFrame& frame, const LensUniforms& lens) const {
+  // A fan whose triangles each turn the bit over leaves it set inside, for any simple polygon.
+  outline_program_.use();
+  set_lens(outline_program_, lens);
+  outline_program_.set("camera_from_plane", camera_from_plane(plan.T_table_camera, frame));
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_BLEND);
+  glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+  glStencilMask(kOutlineBit);
+  glStencilFunc(GL_ALWAYS, 0, 0xFF);
+  glStencilOp(GL_KEEP, GL_KEEP, GL_INVERT);
+  outline.layout.bind();
+  glDrawArrays(GL_TRIANGLE_FAN, 0, outline.count);
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+}
+
+int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
+                            const FramePlan& plan) const {
+  const Item& it = items_[item];
+  const LayerGeometry& layer = it.prepared->layers[static_cast<std::size_t>(first_layer)];
+  if (layer.source == LayerSource::nothing) return 0;
+  const ShaderProgram& p = shadow_program_;
+  const bool layered = draw.technique == ShadowTechnique::layered;
+  // H = inf, or a simple shadow, has 1/H = 0; a simple shadow casts its middle layer at factor 1.
+  const LayeredConstants& c = draw.constants;
+  p.set("inverse_light_height", layered ? static_cast<float>(1.0 / c.light_height) : 0.0F);
+  p.set("umbra_height", static_cast<float>(c.umbra_height));
+  p.set("inverse_umbra_height", layered ? static_cast<float>(1.0 / c.umbra_height) : 0.0F);
+  p.set("height_cap", static_cast<float>(std::min(range_of(draw, ShadowLayer::middle).high, 1e30)));
+  p.set("layer_light", glm::vec3(encoded_factor(draw.fractions.umbra, plan.overlay_opacity),
+                                 encoded_factor(draw.fractions.middle, plan.overlay_opacity),
+                                 encoded_factor(draw.fractions.penumbra, plan.overlay_opacity)));
+  p.set("first_layer", first_layer);
+  if (layer.source == LayerSource::whole) {
+    p.set("plane_from_caster", plane_from_object(draw.plane_frame, draw.T_table_object));
+    const auto set = it.caster->sets.find(it.prepared->kernel_key);
+    PENUMBRA_ASSERT(set != it.caster->sets.end());
+    set->second.layout.bind();
+    glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(it.caster->geometry.indices.size()),
+                            GL_UNSIGNED_INT, nullptr, count);
+  } else {
+    PENUMBRA_ASSERT(count == 1);
+    if (layer.count == 0) return 0;
+    p.set("plane_from_caster", glm::mat4x3(1.0F));
+    it.prepared->clipped_layout.bind();
+    glDrawArraysInstanced(GL_TRIANGLES, layer.first, layer.count, 1);
+  }
+  return 1;
+}
+
+int ShadowPass::draw_plane(const FramePlan& plan, int plane) const {
+  std::vector<std::size_t> casters;
+  for (std::size_t i = 0; i < plan.shadows.size(); ++i) {
+    if (plan.shadows[i].plane == plane) casters.push_back(i);
+  }
+  int calls = 0;
+  if (casters.size() == 1) {
+    // All the layers that are whole and follow each other in one instanced draw: instances are
+    // drawn in order.
+    const std::size_t item = casters.front();
+    const auto& layers = items_[item].prepared->layers;
+    for (int first = 0; first < 3;) {
+      int count = 1;
+      const auto whole = [&layers](int layer) {
+        return layers[static_cast<std::size_t>(layer)].source == LayerSource::whole;
+      };
+      while (whole(first) && first + count < 3 && whole(first + count)) ++count;
+      calls += draw_layers(plan.shadows[item], item, first, count, plan);
+      first += count;
+    }
+    return calls;
+  }
+  for (int layer = 0; layer < 3; ++layer) {
+    for (const std::size_t item : casters)
+      calls += draw_layers(plan.shadows[item], item, layer, 1, plan);
+  }
+  return calls;
+}
+
+int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens) const {
+  PENUMBRA_ASSERT(items_.size() == plan.shadows.size());
+  if (plan.shadows.empty()) return 0;
+  glEnable(GL_STENCIL_TEST);
+  int calls = 0;
+  for (std::size_t plane = 0; plane < outlines_.size(); ++plane) {
+    const auto first = std::ranges::find(plan.shadows, static_cast<int>(plane), &ShadowDraw::plane);
+    if (first == plan.shadows.end()) continue;
+    const Outline& outline = outlines_[plane];
+    if (outline.count > 0) mark_outline(outline, plan, first->plane_frame, lens);
+    shadow_program_.use();
+    set_lens(shadow_program_, lens);
+    shadow_program_.set("camera_from_plane",
+                        camera_from_plane(plan.T_table_camera, first->plane_frame));
+    glEnable(GL_DEPTH_TEST);
+    glDepthFunc(GL_LESS);
+    glDepthMask(GL_FALSE);
+    glEnable(GL_BLEND);
+    glBlendFunc(GL_ZERO, GL_SRC_COLOR);
+    glStencilMask(kDarkenedBits);
+    if (outline.count > 0) {
+      glStencilFunc(GL_EQUAL, static_cast<GLint>(kOutlineBit), 0xFF);
+    } else {
+      glStencilFunc(GL_EQUAL, 0, kDarkenedBits);
+    }
+    glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
+    calls += draw_plane(plan, static_cast<int>(plane));
+    if (outline.count > 0) mark_outline(outline, plan, first->plane_frame, lens);  // and unmark
+  }
+  glStencilMask(0xFF);
+  glDisable(GL_STENCIL_TEST);
+  glDisable(GL_BLEND);
+  glDepthMask(GL_TRUE);
+  return calls;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,119 @@
+// Shadows on planes: layers projected in the vertex shader, each pixel darkened once with its
+// darkest layer (umbra before middle before penumbra, over all casters of a plane together).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <tuple>
+#include <vector>
+
+#include "render/camera_gl.hpp"
+#include "render/frame_plan.hpp"
+#include "render/gl/buffer.hpp"
+#include "render/gl/shader.hpp"
+#include "render/scene.hpp"
+#include "render/shadow/caster_geometry.hpp"
+#include "render/shadow/kernel_direction.hpp"
+#include "render/shadow/layered_penumbra.hpp"
+#include "render/shadow/shadow_mesh.hpp"
+
+namespace penumbra {
+
+struct ShadowWork {
+  std::int64_t layers_drawn = 0;
+  std::int64_t layers_skipped = 0;  // nothing of the caster within the layer's heights
+  std::int64_t vertices = 0;        // that the CPU projected and clipped
+  std::int64_t kernel_generations = 0;
+  std::int64_t reprojections = 0;  // casters that stood still: only the camera's map is new
+};
+
+class ShadowPass {
+ public:
+  [[nodiscard]] static Result<ShadowPass> create(GlApi api, const Scene& scene);
+
+  // The CPU's part: kernels where the tilt is new, clipping where a caster straddles a height.
+  // Adds to `work`.
+  void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
+  // The plan must be the one prepared. Depth test on, depth write off; the stencil must be cleared.
+  // Number of draw calls.
+  int draw(const FramePlan& plan, const LensUniforms& lens) const;
+
+ private:
+  struct KernelKey {
+    KernelSource source = KernelSource::automatic;
+    KernelDirection direction;
+    friend auto operator<=>(const KernelKey&, const KernelKey&) = default;
+  };
+  // A caster's vertices with one set of kernels: { position, kernel }.
+  struct KernelSet {
+    std::vector<glm::vec3> kernels;
+    VertexArray layout;
+    GlBuffer vertices{BufferUse::vertices};
+    std::uint64_t last_used = 0;
+  };
+  struct Caster {
+    ShadowMesh mesh;
+    CasterGeometry geometry;
+    GlBuffer indices{BufferUse::indices};
+    bool indices_written = false;
+    glm::vec3 min_corner{0.0F};
+    glm::vec3 max_corner{0.0F};
+    std::map<KernelKey, KernelSet> sets;
+  };
+  enum class LayerSource { nothing, whole, clipped };
+  struct LayerGeometry {
+    LayerSource source = LayerSource::nothing;
+    int first = 0;  // vertices in the clipped buffer
+    int count = 0;
+  };
+  // What one shadow was made from, and what of it is on the GPU.
+  struct Prepared {
+    bool valid = false;
+    Placement T_table_object;
+    PlaneFrame plane;
+    LayeredConstants constants;
+    ShadowTechnique technique = ShadowTechnique::layered;
+    std::array<bool, 3> wanted{};
+    KernelKey kernel_key;
+    std::array<LayerGeometry, 3> layers;
+    VertexArray clipped_layout;
+    GlBuffer clipped{BufferUse::vertices};
+    bool clipped_layout_made = false;
+  };
+  struct Outline {
+    VertexArray layout;
+    GlBuffer vertices{BufferUse::vertices};
+    int count = 0;  // 0: the plane is unbounded
+  };
+
+  ShadowPass(ShaderProgram shadow, ShaderProgram outline)
+      : shadow_program_(std::move(shadow)), outline_program_(std::move(outline)) {}
+
+  Caster& caster_of(const SceneObject& object, double scale);
+  KernelSet& kernels_of(Caster& caster, const KernelKey& key, ShadowWork& work);
+  void prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
+  void clip_layers(const ShadowDraw& draw, const Caster& caster, const KernelSet& kernels,
+                   Prepared& prepared, ShadowWork& work);
+  int draw_plane(const FramePlan& plan, int plane) const;
+  int draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
+                  const FramePlan& plan) const;
+  void mark_outline(const Outline& outline, const FramePlan& plan, const PlaneFrame& frame,
+                    const LensUniforms& lens) const;
+
+  ShaderProgram shadow_program_;
+  ShaderProgram outline_program_;
+  std::vector<Outline> outlines_;  // one per scene plane
+  std::map<std::pair<const Model*, float>, std::unique_ptr<Caster>> casters_;
+  // One per shadow of the plan before: (node, object, plane, n-th of these in the plan).
+  std::map<std::tuple<int, int, int, int>, Prepared> prepared_;
+  struct Item {
+    Caster* caster = nullptr;
+    Prepared* prepared = nullptr;
+  };
+  std::vector<Item> items_;  // one per shadow of the plan
+  std::uint64_t frame_count_ = 0;
+};
+
+}  // namespace penumbra

@@ -1,0 +1,99 @@
+// Scene + time -> where every object is.
+#include "render/scene.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/assert.hpp"
+
+namespace penumbra {
+namespace {
+
+// The spline's velocity at a key: through its two neighbours, in their own times (Catmull-Rom for
+// uneven keys). A loop's first and last key are one key; open ends move as their only segment.
+Eigen::Vector3d velocity_at(const Animation& animation, std::size_t key) {
+  const std::vector<Keyframe>& keys = animation.keyframes;
+  const std::size_t last = keys.size() - 1;
+  const auto slope = [&keys](std::size_t i) {  // of the segment from key i
+    return Eigen::Vector3d((keys[i + 1].placement.position - keys[i].placement.position) /
+                           (keys[i + 1].time_s - keys[i].time_s));
+  };
+  if (key == 0 || key == last) {
+    if (!animation.loop) return slope(key == 0 ? 0 : last - 1);
+    const double before = keys[last].time_s - keys[last - 1].time_s;
+    const double after = keys[1].time_s - keys[0].time_s;
+    return (slope(last - 1) * before + slope(0) * after) / (before + after);
+  }
+  return (keys[key + 1].placement.position - keys[key - 1].placement.position) /
+         (keys[key + 1].time_s - keys[key - 1].time_s);
+}
+
+Placement on_path(const Animation& animation, double time_s) {
+  const std::vector<Keyframe>& keys = animation.keyframes;
+  if (keys.empty()) return {};
+  const double start = keys.front().time_s;
+  const double period = keys.back().time_s - start;
+  if (keys.size() == 1 || !(period > 0.0)) return keys.front().placement;
+  double time = time_s;
+  if (animation.loop) {
+    time = start + std::fmod(time_s - start, period);
+    if (time < start) time += period;
+  }
+  if (time <= start) return keys.front().placement;
+  if (time >= keys.back().time_s) return keys.back().placement;
+  const auto after =
+      std::upper_bound(keys.begin(), keys.end(), time,
+                       [](double value, const Keyframe& key) { return value < key.time_s; });
+  const auto i = static_cast<std::size_t>(after - keys.begin()) - 1;
+  const Keyframe& a = keys[i];
+  const Keyframe& b = keys[i + 1];
+  const double span = b.time_s - a.time_s;
+  const double t = (time - a.time_s) / span;
+  if (t == 0.0) return a.placement;
+  Placement placement;
+  if (animation.interpolation == Animation::Interpolation::linear) {
+    placement.position = a.placement.position + t * (b.placement.position - a.placement.position);
+  } else {  // cubic Hermite
+    const double t2 = t * t, t3 = t2 * t;
+    placement.position = (2.0 * t3 - 3.0 * t2 + 1.0) * a.placement.position +
+                         (t3 - 2.0 * t2 + t) * span * velocity_at(animation, i) +
+                         (-2.0 * t3 + 3.0 * t2) * b.placement.position +
+                         (t3 - t2) * span * velocity_at(animation, i + 1);
+  }
+  placement.rotation = a.placement.rotation.slerp(t, b.placement.rotation);
+  // A cubic could swing below 0.
+  placement.scale = a.placement.scale + t * (b.placement.scale - a.placement.scale);
+  return placement;
+}
+
+Placement spun(const Animation& animation, double time_s) {
+  Placement placement;
+  const double turn = std::fmod(animation.spin_turns_per_s * time_s, 1.0);
+  placement.rotation =
+      Eigen::AngleAxisd(2.0 * std::numbers::pi * turn, animation.spin_axis.normalized());
+  return placement;
+}
+
+}  // namespace
+
+SceneState evaluate_scene(const Scene& scene, double time_s) {
+  PENUMBRA_ASSERT(std::isfinite(time_s));
+  SceneState state;
+  state.time_s = time_s;
+  state.objects.reserve(scene.objects.size());
+  for (const SceneObject& object : scene.objects) {
+    Placement placement = object.placement * on_path(object.animation, time_s);
+    if (object.animation.spin_turns_per_s != 0.0) {
+      placement = placement * spun(object.animation, time_s);
+    }
+    if (object.parent >= 0) {
+      PENUMBRA_ASSERT(static_cast<std::size_t>(object.parent) < state.objects.size());
+      placement = state.objects[static_cast<std::size_t>(object.parent)] * placement;
+    }
+    state.objects.push_back(placement);
+  }
+  return state;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,664 @@
+// JSON scene -> Scene. The published schema says what is allowed, valijson checks it, and the
+// message is made here, from the place in the file and the part of the schema that it broke. What a
+// schema can't say (names that must exist, keys that go together) is checked after it.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+#include <valijson/adapters/nlohmann_json_adapter.hpp>
+#include <valijson/schema.hpp>
+#include <valijson/schema_parser.hpp>
+#include <valijson/validation_results.hpp>
+#include <valijson/validator.hpp>
+
+#include "core/file.hpp"
+#include "core/units.hpp"
+#include "render/scene.hpp"
+#include "render/scene_schema.hpp"
+#include "render/shadow/layered_penumbra.hpp"
+#include "render/shapes.hpp"
+
+namespace penumbra {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::size_t kMaxSceneBytes = std::size_t{64} << 20U;
+constexpr double kShortestKey_s = 1e-6;
+
+// --- what a value is, for messages ---
+
+std::string shortened(const std::string& text) {
+  return text.size() <= 60 ? text : text.substr(0, 57) + "...";
+}
+
+std::string shown(const json& value) {
+  if (value.is_object()) return "an object";
+  if (value.is_array()) return fmt::format("a list of {}", value.size());
+  return shortened(value.dump(-1, ' ', true, json::error_handler_t::replace));
+}
+
+// Steps from one word to the other by inserting, dropping or changing a letter (Levenshtein).
+std::size_t edit_distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = row[0];
+    row[0] = i;
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      const std::size_t above = row[j];
+      row[j] = std::min({above + 1, row[j - 1] + 1, diagonal + (a[i - 1] == b[j - 1] ? 0U : 1U)});
+      diagonal = above;
+    }
+  }
+  return row[b.size()];
+}
+
+// "; did you mean X?" where a word of the list is near, else the list.
+std::string suggestion(std::string_view word, const std::vector<std::string>& known) {
+  const std::string_view start = word.substr(0, 64);
+  const std::string* nearest = nullptr;
+  std::size_t best = std::max<std::size_t>(2, start.size() / 3) + 1;
+  for (const std::string& candidate : known) {
+    const std::size_t distance = edit_distance(start, candidate);
+    if (distance < best) {
+      best = distance;
+      nearest = &candidate;
+    }
+  }
+  if (nearest != nullptr) return fmt::format("did you mean \"{}\"?", *nearest);
+  std::string list;
+  for (std::size_t i = 0; i < known.size() && i < 20; ++i) {
+    list += (i == 0 ? "" : ", ") + shortened(known[i]);
+  }
+  return known.empty() ? "there are none" : "known are " + list;
+}
+
+// --- the first place that breaks the schema ---
+
+const json& resolved(const json& root, const json& schema) {
+  const auto reference = schema.find("$ref");
+  if (reference == schema.end()) return schema;
+  return root.at(json::json_pointer(reference->get<std::string>().substr(1)));
+}
+
+bool has_type(const json& value, const std::string& type) {
+  if (type == "object") return value.is_object();
+  if (type == "array") return value.is_array();
+  if (type == "string") return value.is_string();
+  if (type == "boolean") return value.is_boolean();
+  return value.is_number();
+}
+
+struct Violation {
+  std::string pointer;
+  std::string cause;
+};
+
+// Walks value and schema side by side, through the keywords that the schema uses.
+std::optional<Violation> find_violation(const json& root, const json& reference, const json& value,
+                                        const std::string& pointer) {
+  const json& schema = resolved(root, reference);
+  const std::string wanted = "give " + schema.value("description", std::string("a valid value"));
+  const auto wrong = [&]() {
+    return Violation{pointer, fmt::format("is {}; {}", shown(value), wanted)};
+  };
+  if (const auto type = schema.find("type"); type != schema.end()) {
+    const bool good = type->is_string()
+                          ? has_type(value, type->get<std::string>())
+                          : std::any_of(type->begin(), type->end(), [&value](const json& one) {
+                              return has_type(value, one.get<std::string>());
+                            });
+    if (!good) return wrong();
+  }
+  if (const auto choices = schema.find("enum"); choices != schema.end()) {
+    std::vector<std::string> names;
+    for (const json& choice : *choices) names.push_back(choice.get<std::string>());
+    if (std::find(choices->begin(), choices->end(), value) == choices->end()) {
+      const std::string given = value.get<std::string>();
+      std::string list;
+      for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
+      return Violation{pointer, fmt::format("is \"{}\"; give one of {}", shortened(given), list)};
+    }
+  }
+  if (value.is_number()) {
+    const double x = value.get<double>();
+    if (!std::isfinite(x) || x < schema.value("minimum", x) || x > schema.value("maximum", x) ||
+        (schema.contains("exclusiveMinimum") && x <= schema["exclusiveMinimum"].get<double>())) {
+      return wrong();
+    }
+  }
+  if (value.is_string()) {
+    const std::string& text = value.get_ref<const std::string&>();
+    if (text.size() < schema.value("minLength", std::size_t{0})) return wrong();
+    if (schema.value("pattern", std::string()) == "^inf$" && text != "inf") return wrong();
+  }
+  if (value.is_array()) {
+    if (value.size() < schema.value("minItems", std::size_t{0}) ||
+        value.size() > schema.value("maxItems", std::numeric_limits<std::size_t>::max())) {
+      return wrong();
+    }
+    const auto items = schema.find("items");
+    for (std::size_t i = 0; items != schema.end() && i < value.size(); ++i) {
+      auto found = find_violation(root, *items, value[i], fmt::format("{}/{}", pointer, i));
+      if (found) return found;
+    }
+  }
+  if (value.is_object()) {
+    const json& properties = schema.at("properties");
+    std::vector<std::string> known;
+    for (const auto& [key, unused] : properties.items()) known.push_back(key);
+    for (const auto& [key, member] : value.items()) {
+      const std::string place = pointer + "/" + shortened(key);
+      const auto property = properties.find(key);
+      if (property == properties.end()) {
+        return Violation{place, "is not a known key; " + suggestion(key, known)};
+      }
+      auto found = find_violation(root, *property, member, place);
+      if (found) return found;
+    }
+    for (const json& key : schema.value("required", json::array())) {
+      if (!value.contains(key.get<std::string>())) {
+        return Violation{pointer, fmt::format("has no \"{}\"; add it", key.get<std::string>())};
+      }
+    }
+  }
+  return std::nullopt;
+}
+
+// --- JSON -> Scene ---
+
+class SceneReader {
+ public:
+  explicit SceneReader(const std::filesystem::path& file) : file_(file), name_(file.string()) {}
+
+  [[nodiscard]] Result<Scene> read(const json& root);
+
+ private:
+  template <class... Args>
+  [[nodiscard]] tl::unexpected<Error> fail_at(const std::string& pointer,
+                                              fmt::format_string<Args...> text,
+                                              Args&&... args) const {
+    return fail("{}: {}: {}", name_, pointer, fmt::format(text, std::forward<Args>(args)...));
+  }
+
+  [[nodiscard]] Result<void> read_object(const json& from, const std::string& pointer,
+                                         bool phantom);
+  [[nodiscard]] Result<std::shared_ptr<const Model>> read_model(const json& from,
+                                                                const std::string& pointer,
+                                                                std::string& model_file);
+  [[nodiscard]] Result<Model> read_shape(const json& from, const std::string& pointer) const;
+  [[nodiscard]] Result<Animation> read_animation(const json& from, const std::string& pointer);
+  [[nodiscard]] Result<void> read_plane(const json& from, const std::string& pointer);
+  [[nodiscard]] Result<void> read_light(const json& from, const std::string& pointer);
+  [[nodiscard]] Result<void> read_shadow(const json& from, const std::string& pointer);
+  [[nodiscard]] Result<LayeredConstants> read_layered(const json& from,
+                                                      const std::string& pointer) const;
+  template <class List>
+  [[nodiscard]] Result<std::vector<int>> indices_of(const json& names, const List& list,
+                                                    const std::string& pointer,
+                                                    std::string_view kind) const;
+  template <class List>
+  [[nodiscard]] Result<void> check_new_name(const std::string& given, const List& list,
+                                            const std::string& pointer) const;
+
+  std::filesystem::path file_;
+  std::string name_;
+  Scene scene_;
+  std::map<std::string, std::shared_ptr<const Model>> models_;
+};
+
+Eigen::Vector3d vector_of(const json& from) {
+  return {from[0].get<double>(), from[1].get<double>(), from[2].get<double>()};
+}
+
+template <class List>
+std::vector<std::string> names_of(const List& list) {
+  std::vector<std::string> names;
+  for (const auto& entry : list) names.push_back(entry.name);
+  return names;
+}
+
+template <class List>
+int index_of(const List& list, const std::string& name) {
+  const auto found = std::find_if(list.begin(), list.end(),
+                                  [&name](const auto& entry) { return entry.name == name; });
+  return found == list.end() ? -1 : static_cast<int>(found - list.begin());
+}
+
+// About x, then y, then z of the parent.
+Placement placement_of(const json& from) {
+  Placement placement;
+  if (const auto at = from.find("position"); at != from.end()) placement.position = vector_of(*at);
+  if (const auto at = from.find("rotation_deg"); at != from.end()) {
+    const Eigen::Vector3d angles = vector_of(*at);
+    placement.rotation = Eigen::AngleAxisd(radians(angles.z()), Eigen::Vector3d::UnitZ()) *
+                         Eigen::AngleAxisd(radians(angles.y()), Eigen::Vector3d::UnitY()) *
+                         Eigen::AngleAxisd(radians(angles.x()), Eigen::Vector3d::UnitX());
+    placement.rotation.normalize();
+  }
+  placement.scale = from.value("scale", 1.0);
+  return placement;
+}
+
+template <class List>
+Result<void> SceneReader::check_new_name(const std::string& given, const List& list,
+                                         const std::string& pointer) const {
+  if (index_of(list, given) >= 0) {
+    return fail_at(pointer + "/name", "\"{}\" is taken; give each its own name", shortened(given));
+  }
+  return {};
+}
+
+template <class List>
+Result<std::vector<int>> SceneReader::indices_of(const json& names, const List& list,
+                                                 const std::string& pointer,
+                                                 std::string_view kind) const {
+  std::vector<int> indices;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const std::string name = names[i].get<std::string>();
+    const int index = index_of(list, name);
+    const std::string place = fmt::format("{}/{}", pointer, i);
+    if (index < 0) {
+      return fail_at(place, "there is no {} \"{}\"; {}", kind, shortened(name),
+                     suggestion(name, names_of(list)));
+    }
+    if (std::find(indices.begin(), indices.end(), index) != indices.end()) {
+      return fail_at(place, "\"{}\" is named twice; name it once", shortened(name));
+    }
+    indices.push_back(index);
+  }
+  return indices;
+}
+
+Result<Model> SceneReader::read_shape(const json& from, const std::string& pointer) const {
+  static const std::map<std::string, std::vector<std::string>> kMeasures = {
+      {"box", {"size"}},
+      {"sphere", {"radius"}},
+      {"cylinder", {"radius", "height"}},
+      {"ring", {"radius", "thickness"}}};
+  const std::string kind = from.at("kind").get<std::string>();
+  const std::vector<std::string>& measures = kMeasures.at(kind);
+  for (const std::string& measure : measures) {
+    if (!from.contains(measure)) {
+      return fail_at(pointer, "has no \"{}\"; a {} needs it", measure, kind);
+    }
+  }
+  for (const auto& [key, unused] : from.items()) {
+    const bool used = key == "kind" || key == "color" ||
+                      std::find(measures.begin(), measures.end(), key) != measures.end();
+    if (!used) return fail_at(pointer + "/" + key, "a {} has none; remove it", kind);
+  }
+  const auto length = [&from](const char* key) { return from.at(key).get<float>(); };
+  Model model;
+  if (kind == "box") {
+    const json& size = from.at("size");
+    model = make_box({size[0].get<float>(), size[1].get<float>(), size[2].get<float>()});
+  } else if (kind == "sphere") {
+    model = make_sphere(length("radius"));
+  } else if (kind == "cylinder") {
+    model = make_cylinder(length("radius"), length("height"));
+  } else {
+    if (length("thickness") > 2.0F * length("radius")) {
+      return fail_at(pointer + "/thickness", "is over twice the radius; make the ring thinner");
+    }
+    model = make_ring(length("radius"), length("thickness"));
+  }
+  if (model.triangle_count() == 0) {
+    return fail_at(pointer, "is too small to have faces; make it larger");
+  }
+  if (const auto color = from.find("color"); color != from.end()) {
+    const Eigen::Vector3f rgb = vector_of(*color).cast<float>();
+    model.materials[0].base_color = glm::vec4(rgb.x(), rgb.y(), rgb.z(), 1.0F);
+  }
+  return model;
+}
+
+Result<std::shared_ptr<const Model>> SceneReader::read_model(const json& from,
+                                                             const std::string& pointer,
+                                                             std::string& model_file) {
+  if (from.contains("model") == from.contains("shape")) {
+    return fail_at(pointer, "needs a \"model\" or a \"shape\"; give one of them");
+  }
+  if (from.contains("shape")) {
+    if (from.contains("up")) return fail_at(pointer + "/up", "is for models; remove it");
+    Result<Model> shape = read_shape(from.at("shape"), pointer + "/shape");
+    if (!shape) return tl::unexpected(shape.error());
+    return std::make_shared<const Model>(std::move(*shape));
+  }
+  const std::string given = from.at("model").get<std::string>();
+  const std::filesystem::path path = (file_.parent_path() / given).lexically_normal();
+  model_file = path.string();
+  UpAxis up = UpAxis::by_format;
+  if (from.contains("up")) up = from.at("up") == "y" ? UpAxis::y : UpAxis::z;
+  const std::string key = fmt::format("{} {}", static_cast<int>(up), model_file);
+  std::shared_ptr<const Model>& known = models_[key];
+  if (known == nullptr) {
+    Result<Model> model = load_model(path, up);
+    if (!model) return fail_at(pointer + "/model", "{}", model.error().message);
+    known = std::make_shared<const Model>(std::move(*model));
+  }
+  return known;
+}
+
+Result<Animation> SceneReader::read_animation(const json& from, const std::string& pointer) {
+  Animation animation;
+  animation.loop = from.value("loop", true);
+  if (from.value("interpolation", std::string("smooth")) == "linear") {
+    animation.interpolation = Animation::Interpolation::linear;
+  }
+  if (const auto spin = from.find("spin"); spin != from.end()) {
+    animation.spin_turns_per_s = spin->at("turns_per_s").get<double>();
+    if (const auto axis = spin->find("axis"); axis != spin->end()) {
+      animation.spin_axis = vector_of(*axis);
+      if (animation.spin_axis.norm() < 1e-9) {
+        return fail_at(pointer + "/spin/axis", "has no length; give a direction");
+      }
+      animation.spin_axis.normalize();
+    }
+  }
+  if (const auto keys = from.find("keyframes"); keys != from.end()) {
+    for (std::size_t i = 0; i < keys->size(); ++i) {
+      const json& key = (*keys)[i];
+      const double time = key.at("time_s").get<double>();
+      if (i > 0 && !(time >= animation.keyframes.back().time_s + kShortestKey_s)) {
+        return fail_at(fmt::format("{}/keyframes/{}/time_s", pointer, i),
+                       "is {}, not after the key before; put the keys in order of time", time);
+      }
+      animation.keyframes.push_back({time, placement_of(key)});
+    }
+    const Placement& first = animation.keyframes.front().placement;
+    const Placement& last = animation.keyframes.back().placement;
+    const bool closed = (first.position - last.position).norm() < 1e-6 &&
+                        first.rotation.angularDistance(last.rotation) < 1e-6 &&
+                        std::abs(first.scale - last.scale) < 1e-6;
+    if (animation.loop && !closed) {
+      scene_.warnings.push_back(fmt::format(
+          "{}: {}/keyframes: the loop jumps; make the last key like the first", name_, pointer));
+    }
+  }
+  return animation;
+}
+
+Result<void> SceneReader::read_object(const json& from, const std::string& pointer, bool phantom) {
+  SceneObject object;
+  object.name = from.at("name").get<std::string>();
+  object.phantom = phantom;
+  if (Result<void> checked = check_new_name(object.name, scene_.objects, pointer); !checked) {
+    return checked;
+  }
+  if (const auto parent = from.find("parent"); parent != from.end()) {
+    const std::string name = parent->get<std::string>();
+    object.parent = index_of(scene_.objects, name);
+    if (object.parent < 0) {
+      return fail_at(pointer + "/parent", "no object before this one is called \"{}\"; {}",
+                     shortened(name), suggestion(name, names_of(scene_.objects)));
+    }
+  }
+  Result<std::shared_ptr<const Model>> model = read_model(from, pointer, object.model_file);
+  if (!model) return tl::unexpected(model.error());
+  object.model = std::move(*model);
+  object.placement = placement_of(from);
+  // The shadow of a real thing is in the picture already.
+  object.casts_shadow = from.value("casts_shadow", !phantom);
+  if (const auto animation = from.find("animation"); animation != from.end()) {
+    Result<Animation> read = read_animation(*animation, pointer + "/animation");
+    if (!read) return tl::unexpected(read.error());
+    object.animation = std::move(*read);
+  }
+  scene_.objects.push_back(std::move(object));
+  return {};
+}
+
+Result<void> SceneReader::read_plane(const json& from, const std::string& pointer) {
+  ScenePlane plane;
+  plane.name = from.at("name").get<std::string>();
+  if (Result<void> checked = check_new_name(plane.name, scene_.planes, pointer); !checked) {
+    return checked;
+  }
+  if (const auto normal = from.find("normal"); normal != from.end()) {
+    plane.normal = vector_of(*normal);
+    if (plane.normal.norm() < 1e-9) {
+      return fail_at(pointer + "/normal", "has no length; give a direction");
+    }
+    plane.normal.normalize();
+  }
+  if (const auto point = from.find("point"); point != from.end()) plane.point = vector_of(*point);
+  plane.tag_group = from.value("tag_group", std::string("table"));
+  if (const auto outline = from.find("outline"); outline != from.end()) {
+    double doubled_area = 0.0;
+    for (std::size_t i = 0; i < outline->size(); ++i) {
+      const json& a = (*outline)[i];
+      const json& b = (*outline)[(i + 1) % outline->size()];
+      plane.outline.emplace_back(a[0].get<double>(), a[1].get<double>());
+      doubled_area +=
+          a[0].get<double>() * b[1].get<double>() - b[0].get<double>() * a[1].get<double>();
+    }
+    if (std::abs(doubled_area) < 1e-12) {
+      return fail_at(pointer + "/outline", "has no area; give the corners in their order");
+    }
+  }
+  scene_.planes.push_back(std::move(plane));
+  return {};
+}
+
+Result<void> SceneReader::read_light(const json& from, const std::string& pointer) {
+  SceneLight light;
+  light.name = from.at("name").get<std::string>();
+  if (Result<void> checked = check_new_name(light.name, scene_.lights, pointer); !checked) {
+    return checked;
+  }
+  const bool directional = from.at("kind") == "directional";
+  const char* needed = directional ? "direction" : "position";
+  const char* useless = directional ? "position" : "direction";
+  if (!from.contains(needed)) {
+    return fail_at(pointer, "has no \"{}\"; a {} light needs it", needed,
+                   directional ? "directional" : "point");
+  }
+  if (from.contains(useless)) {
+    return fail_at(fmt::format("{}/{}", pointer, useless), "a {} light has none; remove it",
+                   directional ? "directional" : "point");
+  }
+  if (directional) {
+    light.kind = SceneLight::Kind::directional;
+    light.direction = vector_of(from.at("direction"));
+    if (light.direction.norm() < 1e-9) {
+      return fail_at(pointer + "/direction", "has no length; give the direction to the light");
+    }
+    light.direction.normalize();
+  } else {
+    light.position = vector_of(from.at("position"));
+  }
+  if (const auto color = from.find("color"); color != from.end()) light.color = vector_of(*color);
+  light.intensity = from.value("intensity", 1.0);
+  scene_.lights.push_back(std::move(light));
+  return {};
+}
+
+Result<LayeredConstants> SceneReader::read_layered(const json& from,
+                                                   const std::string& pointer) const {
+  const auto number = [&from](const char* key) {
+    const auto found = from.find(key);
+    return found == from.end()  ? 0.0
+           : found->is_string() ? std::numeric_limits<double>::infinity()
+                                : found->get<double>();
+  };
+  std::set<std::string> keys;
+  for (const auto& [key, unused] : from.items()) keys.insert(key);
+  Result<LayeredConstants> constants;
+  if (keys == std::set<std::string>{"workspace_height", "magnification"}) {
+    constants =
+        layered_constants_for_workspace(number("workspace_height"), number("magnification"));
+  } else if (keys == std::set<std::string>{"light_height", "light_ratio"} ||
+             keys == std::set<std::string>{"light_height", "umbra_height"}) {
+    constants = make_layered_constants(number("light_height"), number("light_ratio"),
+                                       number("umbra_height"));
+  } else {
+    return fail_at(pointer,
+                   "give light_height with light_ratio or umbra_height, or workspace_height with "
+                   "magnification");
+  }
+  if (!constants) return fail_at(pointer, "{}", constants.error().message);
+  return constants;
+}
+
+Result<void> SceneReader::read_shadow(const json& from, const std::string& pointer) {
+  ShadowNode node;
+  node.name = from.at("name").get<std::string>();
+  if (Result<void> checked = check_new_name(node.name, scene_.shadows, pointer); !checked) {
+    return checked;
+  }
+  const auto technique = shadow_technique_from_string(from.at("technique").get<std::string>());
+  if (!technique) return fail_at(pointer + "/technique", "is not a technique of this program");
+  node.technique = *technique;
+  node.kernels = kernel_source_from_string(from.value("kernels", std::string("auto")))
+                     .value_or(KernelSource::automatic);  // the schema knows the words
+  if (const auto names = from.find("casters"); names != from.end()) {
+    Result<std::vector<int>> casters =
+        indices_of(*names, scene_.objects, pointer + "/casters", "object");
+    if (!casters) return tl::unexpected(casters.error());
+    // An object says last whether it casts.
+    for (const int caster : *casters) {
+      if (scene_.objects[static_cast<std::size_t>(caster)].casts_shadow) {
+        node.casters.push_back(caster);
+      }
+    }
+  } else {
+    for (std::size_t i = 0; i < scene_.objects.size(); ++i) {
+      if (scene_.objects[i].casts_shadow) node.casters.push_back(static_cast<int>(i));
+    }
+  }
+  if (const auto names = from.find("planes"); names != from.end()) {
+    Result<std::vector<int>> planes =
+        indices_of(*names, scene_.planes, pointer + "/planes", "plane");
+    if (!planes) return tl::unexpected(planes.error());
+    node.planes = std::move(*planes);
+  } else {
+    node.planes = {0};
+  }
+  if (const auto names = from.find("lights"); names != from.end()) {
+    Result<std::vector<int>> lights =
+        indices_of(*names, scene_.lights, pointer + "/lights", "light");
+    if (!lights) return tl::unexpected(lights.error());
+    node.lights = std::move(*lights);
+  }
+  if (const auto layered = from.find("layered"); layered != from.end()) {
+    Result<LayeredConstants> constants = read_layered(*layered, pointer + "/layered");
+    if (!constants) return tl::unexpected(constants.error());
+    node.layered = *constants;
+    if (std::isfinite(node.layered.light_height) && node.layered.light_ratio <= 1.0) {
+      scene_.warnings.push_back(
+          fmt::format("{}: {}/layered: with a light_ratio of 1 or less the umbra never vanishes; "
+                      "give more than 1",
+                      name_, pointer));
+    }
+  }
+  if (const auto left = from.find("light_left"); left != from.end()) {
+    LightFractions& fractions = node.fractions;
+    fractions.umbra = left->value("umbra", fractions.umbra);
+    fractions.middle = left->value("middle", fractions.middle);
+    fractions.penumbra = left->value("penumbra", fractions.penumbra);
+    if (!(fractions.umbra <= fractions.middle && fractions.middle <= fractions.penumbra)) {
+      scene_.warnings.push_back(
+          fmt::format("{}: {}/light_left: the umbra should be darkest and the penumbra lightest",
+                      name_, pointer));
+    }
+  }
+  scene_.shadows.push_back(std::move(node));
+  return {};
+}
+
+Result<Scene> SceneReader::read(const json& root) {
+  scene_.file = name_;
+  scene_.name = root.value("name", file_.stem().string());
+  if (const auto ambient = root.find("ambient"); ambient != root.end()) {
+    scene_.ambient = vector_of(*ambient);
+  }
+  const auto each = [&root](const char* key, const auto& read) -> Result<void> {
+    const auto list = root.find(key);
+    for (std::size_t i = 0; list != root.end() && i < list->size(); ++i) {
+      Result<void> done = read((*list)[i], fmt::format("/{}/{}", key, i));
+      if (!done) return done;
+    }
+    return {};
+  };
+  Result<void> done = each("objects", [this](const json& from, const std::string& pointer) {
+    return read_object(from, pointer, false);
+  });
+  if (done) {
+    done = each("phantoms", [this](const json& from, const std::string& pointer) {
+      return read_object(from, pointer, true);
+    });
+  }
+  if (done) {
+    done = each("planes", [this](const json& from, const std::string& pointer) {
+      return read_plane(from, pointer);
+    });
+  }
+  if (done && scene_.planes.empty()) {
+    ScenePlane table;
+    table.name = "table";
+    scene_.planes.push_back(table);
+  }
+  if (done) {
+    done = each("lights", [this](const json& from, const std::string& pointer) {
+      return read_light(from, pointer);
+    });
+  }
+  if (done) {
+    done = each("shadows", [this](const json& from, const std::string& pointer) {
+      return read_shadow(from, pointer);
+    });
+  }
+  if (!done) return tl::unexpected(done.error());
+  return std::move(scene_);
+}
+
+// "[json.exception.parse_error.101] parse error at line 3, column 5: ..." -> from "parse" on.
+std::string without_tag(std::string_view text) {
+  const std::size_t tag = text.find("] ");
+  return std::string(text.substr(tag == std::string_view::npos ? 0 : tag + 2)).substr(0, 200);
+}
+
+Result<void> check_schema(const std::string& name, const json& root) {
+  const json schema_document = json::parse(scene_schema());
+  valijson::Schema schema;
+  valijson::SchemaParser().populateSchema(valijson::adapters::NlohmannJsonAdapter(schema_document),
+                                          schema);
+  valijson::Validator validator;
+  valijson::ValidationResults results;
+  if (validator.validate(schema, valijson::adapters::NlohmannJsonAdapter(root), &results)) {
+    return {};
+  }
+  if (const auto found = find_violation(schema_document, schema_document, root, "")) {
+    return fail("{}: {}: {}", name, found->pointer.empty() ? "/" : found->pointer, found->cause);
+  }
+  valijson::ValidationResults::Error error;
+  results.popError(error);
+  return fail("{}: breaks the schema of scenes: {}", name, error.description);
+}
+
+}  // namespace
+
+Result<Scene> load_scene(const std::filesystem::path& file) {
+  const std::string name = file.string();
+  const Result<std::vector<std::uint8_t>> bytes = read_file(file, kMaxSceneBytes);
+  if (!bytes) return tl::unexpected(bytes.error());
+  try {
+    const json root = json::parse(bytes->begin(), bytes->end());
+    if (Result<void> checked = check_schema(name, root); !checked) {
+      return tl::unexpected(checked.error());
+    }
+    return SceneReader(file).read(root);
+  } catch (const json::exception& error) {
+    return fail("{}: is not JSON: {}; check commas and brackets there", name,
+                without_tag(error.what()));
+  } catch (const std::exception& error) {
+    return fail("{}: can't be read: {}", name, error.what());
+  }
+}
+
+}  // namespace penumbra

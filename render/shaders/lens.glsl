@@ -1,0 +1,46 @@
+// Camera frame (x right, y down, z forward, metres) -> clip coordinates, through the lens: the same
+// formulas as core/camera_model.hpp. Row 0 of the framebuffer is the picture's top row.
+uniform vec4 lens_scale_offset;  // normalised distorted (x, y) -> NDC: xy scale, zw offset
+uniform vec4 lens_k_low;         // k1 k2 p1 p2; fisheye: k1 k2 k3 k4
+uniform vec4 lens_k_high;        // k3 k4 k5 k6
+uniform int lens_model;          // 0: no distortion, 1: plumb_bob, 2: rational, 3: fisheye
+uniform float lens_max_radius;   // up to here the model is followed; beyond, along its chord
+uniform vec2 lens_depth;         // clip z = x * z + y
+
+vec2 lens_distort(vec2 p) {
+  float r2 = dot(p, p);
+  if (lens_model == 3) {
+    float r = sqrt(r2);
+    if (r < 1.0e-4) return p;  // theta_d / r -> 1
+    float theta = atan(r, 1.0);
+    float t2 = theta * theta;
+    float scale = 1.0 + t2 * (lens_k_low.x + t2 * (lens_k_low.y +
+                        t2 * (lens_k_low.z + t2 * lens_k_low.w)));
+    return p * (theta * scale / r);
+  }
+  float radial = 1.0 + r2 * (lens_k_low.x + r2 * (lens_k_low.y + r2 * lens_k_high.x));
+  if (lens_model == 2)
+    radial /= 1.0 + r2 * (lens_k_high.y + r2 * (lens_k_high.z + r2 * lens_k_high.w));
+  vec2 tangential = vec2(lens_k_low.z * 2.0 * p.x * p.y + lens_k_low.w * (r2 + 2.0 * p.x * p.x),
+                         lens_k_low.z * (r2 + 2.0 * p.y * p.y) + lens_k_low.w * 2.0 * p.x * p.y);
+  return p * radial + tangential;
+}
+
+// w stays the depth z, so that the rasteriser interpolates and clips as for a pinhole. Beyond
+// lens_max_radius, and behind the camera, the chord's slope makes x_d * z a function of the
+// direction alone: what straddles the camera's plane stays connected. `farther` > 1 moves the depth
+// (not the place) away from the camera by that ratio.
+vec4 lens_clip(vec3 p, float farther) {
+  vec2 distorted_z;  // distorted (x, y) times z
+  if (lens_model == 0) {
+    distorted_z = p.xy;
+  } else {
+    float rz = length(p.xy);
+    if (p.z > 0.0 && rz <= lens_max_radius * p.z)
+      distorted_z = lens_distort(p.xy / p.z) * p.z;
+    else
+      distorted_z = lens_distort(p.xy * (lens_max_radius / rz)) * (rz / lens_max_radius);
+  }
+  return vec4(lens_scale_offset.xy * distorted_z + lens_scale_offset.zw * p.z,
+              lens_depth.x * p.z + lens_depth.y / farther, p.z);
+}

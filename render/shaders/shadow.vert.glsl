@@ -1,0 +1,41 @@
+// A caster's vertex -> its place on the plane in one layer (Layered Penumbrae, section 3): the same
+// formulas as render/shadow/layered_penumbra.hpp, written with 1/H so that a light at the zenith
+// (H = inf, 1/H = 0) is no special case:
+//   q = 1 / (1 - h/H);  umbra k + (1 - h/h_u) q (x - k);  middle x + (h/H) q (x - k);
+//   penumbra x + (h/H + h/h_u) q (x - k)
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 kernel;
+
+uniform mat4x3 plane_from_caster;  // -> (u, v, h)
+uniform mat4x3 camera_from_plane;
+uniform float inverse_light_height;  // 1/H [1/m]
+uniform float umbra_height;          // h_u [m]
+uniform float inverse_umbra_height;  // 1/h_u [1/m]
+uniform float height_cap;            // [m]
+uniform int first_layer;             // of the first instance: 0 umbra, 1 middle, 2 penumbra
+uniform vec3 layer_light;            // what is left of the video's (encoded) value, per layer
+
+flat out float light_left;
+
+void main() {
+  vec3 x = plane_from_caster * vec4(position, 1.0);
+  vec2 k = (plane_from_caster * vec4(kernel, 1.0)).xy;
+  float h = clamp(x.z, 0.0, height_cap);
+  float q = 1.0 / (1.0 - h * inverse_light_height);
+  float t = h * inverse_light_height * q;
+  int layer = first_layer + gl_InstanceID;
+  vec2 place;
+  if (layer == 0) {
+    // Anchored at k: at h_u the factor is exactly 0.
+    place = k + max((umbra_height - h) * inverse_umbra_height * q, 0.0) * (x.xy - k);
+    light_left = layer_light.x;
+  } else if (layer == 1) {
+    place = x.xy + t * (x.xy - k);
+    light_left = layer_light.y;
+  } else {
+    place = x.xy + (t + h * inverse_umbra_height * q) * (x.xy - k);
+    light_left = layer_light.z;
+  }
+  // 0.1 % farther in depth: what stands on the plane is in front of it, whatever the rounding.
+  gl_Position = lens_clip(camera_from_plane * vec4(place, 0.0, 1.0), 1.001);
+}

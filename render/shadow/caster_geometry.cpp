@@ -1,0 +1,94 @@
+#include "render/shadow/caster_geometry.hpp"
+
+#include <algorithm>
+#include <glm/geometric.hpp>
+#include <unordered_map>
+
+#include "core/assert.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::uint32_t kNotSplit = 0xFFFFFFFFU;
+
+std::uint64_t edge_key(std::uint32_t a, std::uint32_t b) {
+  return static_cast<std::uint64_t>(std::min(a, b)) << 32U | std::max(a, b);
+}
+
+}  // namespace
+
+CasterGeometry split_long_edges(const ShadowMesh& mesh, float max_edge_m,
+                                std::size_t max_triangles) {
+  CasterGeometry g;
+  g.positions = mesh.positions;
+  g.indices = mesh.indices;
+  g.mesh_positions = mesh.positions.size();
+  if (!(max_edge_m > 0.0F)) return g;
+  std::unordered_map<std::uint64_t, std::uint32_t> midpoints;
+  for (bool splitting = true; splitting && g.indices.size() / 3 < max_triangles;) {
+    splitting = false;
+    midpoints.clear();
+    std::vector<std::uint32_t> next;
+    next.reserve(g.indices.size() * 2);
+    const auto midpoint = [&](std::uint32_t a, std::uint32_t b) {
+      if (!(glm::distance(g.positions[a], g.positions[b]) > max_edge_m)) return kNotSplit;
+      const auto [entry, is_new] =
+          midpoints.try_emplace(edge_key(a, b), static_cast<std::uint32_t>(g.positions.size()));
+      if (is_new) {
+        g.positions.push_back(0.5F * (g.positions[a] + g.positions[b]));
+        g.midpoint_of.push_back({std::min(a, b), std::max(a, b)});
+        splitting = true;
+      }
+      return entry->second;
+    };
+    const auto add = [&next](std::uint32_t a, std::uint32_t b, std::uint32_t c) {
+      next.insert(next.end(), {a, b, c});
+    };
+    for (std::size_t i = 0; i + 2 < g.indices.size(); i += 3) {
+      std::array<std::uint32_t, 3> v = {g.indices[i], g.indices[i + 1], g.indices[i + 2]};
+      std::array<std::uint32_t, 3> m = {midpoint(v[0], v[1]), midpoint(v[1], v[2]),
+                                        midpoint(v[2], v[0])};  // of the edge that starts at v
+      const auto count = 3 - std::ranges::count(m, kNotSplit);
+      const auto turn = [&] {
+        std::ranges::rotate(v, v.begin() + 1);
+        std::ranges::rotate(m, m.begin() + 1);
+      };
+      if (count == 0) {
+        add(v[0], v[1], v[2]);
+      } else if (count == 1) {
+        while (m[0] == kNotSplit) turn();
+        add(v[0], m[0], v[2]);
+        add(m[0], v[1], v[2]);
+      } else if (count == 2) {
+        while (m[2] != kNotSplit) turn();
+        add(m[0], v[1], m[1]);
+        add(v[0], m[0], m[1]);
+        add(v[0], m[1], v[2]);
+      } else {
+        add(v[0], m[0], m[2]);
+        add(m[0], v[1], m[1]);
+        add(m[2], m[1], v[2]);
+        add(m[0], m[1], m[2]);
+      }
+    }
+    g.indices = std::move(next);
+  }
+  return g;
+}
+
+std::vector<glm::vec3> level_kernels(const CasterGeometry& geometry, const ShadowKernels& kernels) {
+  PENUMBRA_ASSERT(kernels.kernels.size() == geometry.mesh_positions);
+  const glm::vec3 up(static_cast<float>(kernels.up.x()), static_cast<float>(kernels.up.y()),
+                     static_cast<float>(kernels.up.z()));
+  std::vector<glm::vec3> levelled;
+  levelled.reserve(geometry.positions.size());
+  for (std::size_t i = 0; i < geometry.mesh_positions; ++i) {
+    const glm::vec3& k = kernels.kernels[i];
+    levelled.push_back(k + glm::dot(geometry.positions[i] - k, up) * up);
+  }
+  for (const auto& [a, b] : geometry.midpoint_of)
+    levelled.push_back(0.5F * (levelled[a] + levelled[b]));
+  return levelled;
+}
+
+}  // namespace penumbra

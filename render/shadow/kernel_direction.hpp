@@ -1,0 +1,40 @@
+// Which kernel set serves an up direction. Kernels are made for a grid of directions, no more than
+// 2 degrees from any (shadows.md 2.7): the same tilt always gets the same kernels, whatever was
+// drawn before, and sets can be kept.
+#pragma once
+
+#include <Eigen/Core>
+#include <cmath>
+#include <compare>
+
+namespace penumbra {
+
+// A cell of a cube's three faces, by two angles from the face's axis. d and -d are the same (k(d) =
+// k(-d)).
+struct KernelDirection {
+  int axis = 2;  // of the largest component
+  int a = 0;     // angles towards the next two axes, in steps
+  int b = 0;
+
+  // Half a cell's diagonal is at most 1.77 degrees.
+  static constexpr double kStepRad = 2.5 * 3.14159265358979323846 / 180.0;
+
+  [[nodiscard]] static KernelDirection nearest(const Eigen::Vector3d& up) {
+    KernelDirection cell;
+    up.cwiseAbs().maxCoeff(&cell.axis);
+    const double along = up[cell.axis];
+    cell.a = static_cast<int>(std::lround(std::atan(up[(cell.axis + 1) % 3] / along) / kStepRad));
+    cell.b = static_cast<int>(std::lround(std::atan(up[(cell.axis + 2) % 3] / along) / kStepRad));
+    return cell;
+  }
+  [[nodiscard]] Eigen::Vector3d up() const {
+    Eigen::Vector3d d = Eigen::Vector3d::Zero();
+    d[axis] = 1.0;
+    d[(axis + 1) % 3] = std::tan(a * kStepRad);
+    d[(axis + 2) % 3] = std::tan(b * kStepRad);
+    return d.normalized();
+  }
+  friend auto operator<=>(const KernelDirection&, const KernelDirection&) = default;
+};
+
+}  // namespace penumbra

@@ -1,0 +1,203 @@
+// Composited frames of recorded video against golden pictures, 320 x 240, at true poses; and the
+// proof that the comparison can fail.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/camera_file.hpp"
+#include "core/image_file.hpp"
+#include "core/trajectory.hpp"
+#include "support/golden.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::compare;
+using test::matches_golden;
+using test::Studio;
+
+// A recorded frame, its camera and its true pose, all at half the size.
+struct View {
+  CameraModel camera;
+  Frame frame;
+  CameraPose T_table_camera;
+};
+
+void halve(const PixelPlane& from, const PixelPlane& to, std::uint8_t* out) {
+  for (int y = 0; y < to.height; ++y) {
+    for (int x = 0; x < to.width; ++x) {
+      const std::uint8_t* a = from.data + 2 * y * from.stride + 2 * x;
+      const std::uint8_t* b = a + from.stride;
+      out[y * to.stride + x] = static_cast<std::uint8_t>((a[0] + a[1] + b[0] + b[1] + 2) / 4);
+    }
+  }
+}
+
+Result<View> half_size_view(const std::string& recording, int number) {
+  const auto folder = test::recordings_dir() / recording;
+  const auto camera = load_camera(folder / "camera.yaml");
+  if (!camera) return tl::unexpected(camera.error());
+  const auto frame = load_image(folder / "frames" / fmt::format("{:06}.jpg", number));
+  if (!frame) return tl::unexpected(frame.error());
+  const auto truth = load_trajectory(folder / "groundtruth.tum");
+  if (!truth) return tl::unexpected(truth.error());
+
+  CameraParameters p = camera->parameters();
+  p.width /= 2;
+  p.height /= 2;
+  p.fx *= 0.5;
+  p.fy *= 0.5;
+  p.cx = 0.5 * p.cx - 0.25;  // pixel (0, 0) is the mean of four, centred half a pixel further in
+  p.cy = 0.5 * p.cy - 0.25;
+  View view{CameraModel::make(p).value(), {}, {}};
+  FrameBuffer buffer = allocate_frame(frame->format, p.width, p.height);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(frame->plane_count); ++i)
+    halve(frame->planes[i], buffer.frame.planes[i], buffer.plane_data[i]);
+  buffer.frame.color_matrix = frame->color_matrix;
+  buffer.frame.color_range = frame->color_range;
+  view.frame = buffer.frame;
+  view.T_table_camera = truth->poses.at(static_cast<std::size_t>(number)).T_table_camera;
+  return view;
+}
+
+// Solids over the sheet: level and tilted, hovering and standing, one umbra cut at its height.
+std::shared_ptr<const Scene> solids() {
+  test::SceneBuilder builder;
+  test::ShapeBuilder ring;
+  ring.torus(0.034, 0.011, 24, 64);
+  builder.add(test::finished(ring.build(), {0.75F, 0.16F, 0.08F, 1.0F}),
+              test::at(0.055, 0.02, 0.075, {1.0, 0.2, 0.0}, 0.35));
+  test::ShapeBuilder block;
+  block.box(-0.022, -0.022, 0.0, 0.022, 0.022, 0.044);
+  builder.add(test::finished(block.build(), {0.1F, 0.32F, 0.62F, 1.0F}),
+              test::at(-0.06, 0.035, 0.0, {0, 0, 1}, 0.5));
+  test::ShapeBuilder bar;
+  bar.box(-0.06, -0.008, -0.008, 0.06, 0.008, 0.008);
+  builder.add(test::finished(bar.build(), {0.85F, 0.6F, 0.1F, 1.0F}),
+              test::at(-0.01, -0.045, 0.095, {0.1, 1.0, 0.3}, -0.4));
+  builder.scene().shadows[0].layered = make_layered_constants(0.36, 3.0, 0.0).value();
+  SceneLight lamp;
+  lamp.position = {-0.2, -0.1, 0.8};
+  lamp.intensity = 0.85;
+  builder.scene().lights.push_back(lamp);
+  builder.scene().name = "solids";
+  return builder.build();
+}
+
+RgbaImage image_of(const test::Picture& picture) {
+  return {picture.width, picture.height, picture.rgba};
+}
+
+RgbaImage composite(const View& view, ShadowTechnique technique) {
+  Studio studio(solids(), view.camera);
+  PlanOptions options;
+  options.technique = technique;
+  return image_of(
+      studio.draw(view.frame, studio.plan(test::tracked(view.T_table_camera), options)));
+}
+
+struct Case {
+  const char* recording;
+  ShadowTechnique technique;
+  int frame;
+};
+class Golden : public testing::TestWithParam<Case> {};
+INSTANTIATE_TEST_SUITE_P(Solids, Golden,
+                         testing::Values(Case{"tabletop", ShadowTechnique::layered, 0},
+                                         Case{"tabletop", ShadowTechnique::layered, 75},
+                                         Case{"tabletop", ShadowTechnique::simple, 0},
+                                         Case{"corner", ShadowTechnique::layered, 20}),
+                         [](const auto& instance) {
+                           return std::string(instance.param.recording) + "_" +
+                                  std::string(to_string(instance.param.technique)) + "_" +
+                                  std::to_string(instance.param.frame);
+                         });
+
+TEST_P(Golden, CompositedFrame) {
+  const Case& c = GetParam();
+  const auto view = half_size_view(c.recording, c.frame);
+  ASSERT_TRUE(view) << view.error().message;
+  EXPECT_TRUE(matches_golden(
+      fmt::format("solids__{}__{}__{:06}", c.recording, to_string(c.technique), c.frame),
+      composite(*view, c.technique)));
+}
+
+// The comparison must see a wrong shadow: each layer left out, and each moved by 2 px.
+class WrongShadow : public testing::TestWithParam<ShadowLayer> {};
+INSTANTIATE_TEST_SUITE_P(
+    Golden, WrongShadow, testing::ValuesIn(kShadowLayers), [](const auto& instance) {
+      return std::array{"umbra", "middle", "penumbra"}[static_cast<std::size_t>(instance.param)];
+    });
+
+void keep_only(ShadowDraw& draw, ShadowLayer layer) {
+  draw.umbra = draw.umbra && layer == ShadowLayer::umbra;
+  draw.middle = draw.middle && layer == ShadowLayer::middle;
+  draw.penumbra = draw.penumbra && layer == ShadowLayer::penumbra;
+}
+void leave_out(ShadowDraw& draw, ShadowLayer layer) {
+  draw.umbra = draw.umbra && layer != ShadowLayer::umbra;
+  draw.middle = draw.middle && layer != ShadowLayer::middle;
+  draw.penumbra = draw.penumbra && layer != ShadowLayer::penumbra;
+}
+
+TEST_P(WrongShadow, LeftOutIsSeen) {
+  const auto view = half_size_view("tabletop", 0);
+  ASSERT_TRUE(view) << view.error().message;
+  const RgbaImage right = composite(*view, ShadowTechnique::layered);
+  Studio studio(solids(), view->camera);
+  // Of one object only, the hardest to see.
+  for (std::size_t object = 0; object < 3; ++object) {
+    FramePlan plan = studio.plan(test::tracked(view->T_table_camera));
+    leave_out(plan.shadows.at(object), GetParam());
+    EXPECT_FALSE(compare(image_of(studio.draw(view->frame, plan)), right).acceptable()) << object;
+  }
+}
+
+TEST_P(WrongShadow, MovedByTwoPixelsIsSeen) {
+  const auto view = half_size_view("tabletop", 0);
+  ASSERT_TRUE(view) << view.error().message;
+  const RgbaImage right = composite(*view, ShadowTechnique::layered);
+  Studio studio(solids(), view->camera);
+  const FramePlan plan = studio.plan(test::tracked(view->T_table_camera));
+  for (std::size_t object = 0; object < 3; ++object) {
+    // How far on the table 2 px are, there.
+    const Eigen::Vector3d at = plan.shadows.at(object).T_table_object.position;
+    const auto pixel = [&](double dx) {
+      return *view->camera.project(plan.T_table_camera.inverse() *
+                                   Eigen::Vector3d(at.x() + dx, at.y(), 0.0));
+    };
+    const double metres = 2.0 / ((pixel(1e-4) - pixel(-1e-4)).norm() / 2e-4);
+    FramePlan moved = plan;
+    ShadowDraw layer = plan.shadows[object];
+    keep_only(layer, GetParam());
+    layer.T_table_object.position.x() += metres;
+    leave_out(moved.shadows[object], GetParam());
+    moved.shadows.push_back(layer);
+    const auto difference = compare(image_of(studio.draw(view->frame, moved)), right);
+    EXPECT_FALSE(difference.acceptable()) << object << ": " << difference.over_tolerance;
+
+    // In place, the layer drawn apart is the same picture.
+    moved.shadows.back().T_table_object.position = at;
+    EXPECT_TRUE(compare(image_of(studio.draw(view->frame, moved)), right).exact) << object;
+  }
+}
+
+TEST(GoldenComparison, Tolerance) {
+  RgbaImage a{100, 100, std::vector<std::uint8_t>(40'000, 100)};
+  RgbaImage b = a;
+  EXPECT_TRUE(compare(a, b).exact);
+  for (std::size_t i = 0; i < b.pixels.size(); i += 4) b.pixels[i] = 102;
+  EXPECT_FALSE(compare(a, b).exact);
+  EXPECT_TRUE(compare(a, b).acceptable()) << "2 codes everywhere";
+  b.pixels[0] = 200;
+  EXPECT_TRUE(compare(a, b).acceptable()) << "1 of 10 000 pixels";
+  b.pixels[4] = 103;
+  EXPECT_FALSE(compare(a, b).acceptable()) << "2 of 10 000";
+  b.width = 50;
+  EXPECT_FALSE(compare(a, b).acceptable()) << "another size";
+}
+
+}  // namespace
+}  // namespace penumbra

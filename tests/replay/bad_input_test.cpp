@@ -1,0 +1,170 @@
+// Bad input: exit code 1 and one line that names the file and the cause, nothing left at the
+// output.
+
+#include <gmock/gmock.h>
+
+#include <functional>
+#include <random>
+
+#include "replay_support.hpp"
+
+namespace penumbra::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+// The first frames of a bundled recording, to be damaged.
+class BadInput : public testing::Test {
+ protected:
+  static constexpr int kFrames = 6;
+
+  void SetUp() override {
+    const fs::path source = recordings_dir() / "corner";
+    fs::create_directories(recording() / "frames");
+    for (const char* file : {"camera.yaml", "tags.yaml", "groundtruth.tum"}) {
+      fs::copy_file(source / file, recording() / file);
+    }
+    std::string listing;
+    int count = -1;  // the header
+    for (const std::string& line : lines_of(bytes_of(source / "timestamps.csv"))) {
+      if (count == kFrames) break;
+      listing += line + "\n";
+      ++count;
+    }
+    write(recording() / "timestamps.csv", listing);
+    for (int i = 0; i < kFrames; ++i) {
+      std::array<char, 32> name{};
+      std::snprintf(name.data(), name.size(), "%06d.jpg", i);
+      fs::copy_file(source / "frames" / name.data(), recording() / "frames" / name.data());
+    }
+  }
+
+  [[nodiscard]] fs::path recording() const { return folder_.path() / "recording"; }
+  [[nodiscard]] fs::path file(const char* name) const { return folder_.path() / name; }
+  static void write(const fs::path& path, const std::string& text) {
+    std::ofstream(path, std::ios::binary) << text;
+  }
+
+  // Replays with every output and expects the failure; the outputs must not be there.
+  void expect_replay_fails(const std::vector<std::string>& more,
+                           const std::vector<std::string>& parts) {
+    std::vector<std::string> arguments = {"replay",        recording(),        "--output",
+                                          file("out.mkv"), "--poses",          file("out.tum"),
+                                          "--report",      file("report.json")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    expect_failure(penumbra(arguments), parts);
+    for (const auto& entry : fs::directory_iterator(folder_.path())) {
+      const std::string name = entry.path().filename().string();
+      EXPECT_FALSE(name.starts_with("out") || name.starts_with("report")) << "left over: " << name;
+    }
+  }
+
+  TemporaryFolder folder_;
+};
+
+TEST_F(BadInput, NoneWhereNothingIsDamaged) {
+  const ProgramResult result =
+      penumbra({"replay", recording(), "--report", file("report.json"), "--output", file("out")});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(read_json(file("report.json"))["frames"], kFrames);
+  EXPECT_EQ(contents_of(file("out")).size(), static_cast<std::size_t>(kFrames));
+}
+
+TEST_F(BadInput, TruncatedJpeg) {
+  const fs::path picture = recording() / "frames" / "000003.jpg";
+  fs::resize_file(picture, fs::file_size(picture) / 2);
+  expect_replay_fails({}, {"000003.jpg"});
+  expect_replay_fails({"--threads", "1"}, {"000003.jpg"});
+}
+
+TEST_F(BadInput, MissingCamera) {
+  fs::remove(recording() / "camera.yaml");
+  expect_replay_fails({}, {"camera.yaml"});
+}
+
+TEST_F(BadInput, DuplicateTag) {
+  std::string tags = bytes_of(recording() / "tags.yaml");
+  // The second tag gets the first one's id.
+  const std::size_t first = tags.find("id:");
+  const std::size_t second = tags.find("id:", first + 1);
+  ASSERT_NE(second, std::string::npos);
+  const auto number_end = [&](std::size_t at) { return tags.find_first_of(",\n}", at); };
+  const std::string id = tags.substr(first, number_end(first) - first);
+  tags.replace(second, number_end(second) - second, id);
+  write(recording() / "tags.yaml", tags);
+  expect_replay_fails({}, {"tags.yaml", "id"});
+}
+
+TEST_F(BadInput, SceneThatBreaksTheSchema) {
+  write(file("scene.json"), R"({"objects": 7, "nonsense": true})");
+  expect_replay_fails({"--scene", file("scene.json")}, {"scene.json"});
+  write(file("scene.json"), "{ this is no JSON");
+  expect_replay_fails({"--scene", file("scene.json")}, {"scene.json"});
+  expect_replay_fails({"--scene", file("none.json")}, {"none.json"});
+}
+
+TEST_F(BadInput, ModelsThatAreNoModels) {
+  write(file("scene.json"), R"({"objects": [{"name": "thing", "model": "thing.glb"}]})");
+  expect_replay_fails({"--scene", file("scene.json")}, {"thing.glb"});  // there is none
+  std::mt19937 random(5);
+  std::string bytes;
+  for (int i = 0; i < 4096; ++i) bytes += static_cast<char>(random());
+  write(file("thing.glb"), bytes);
+  expect_replay_fails({"--scene", file("scene.json")}, {"thing.glb"});
+  write(file("thing.obj"), bytes);
+  write(file("scene.json"), R"({"objects": [{"name": "thing", "model": "thing.obj"}]})");
+  expect_replay_fails({"--scene", file("scene.json")}, {"thing.obj"});
+  // Its reader would take nan for 0.
+  write(file("thing.obj"), "v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n");
+  expect_replay_fails({"--scene", file("scene.json")}, {"thing.obj", "nan"});
+  write(file("thing.obj"), "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n");
+  EXPECT_EQ(penumbra({"replay", recording(), "--scene", file("scene.json")}).exit_code, 0);
+}
+
+TEST_F(BadInput, NoFrames) {
+  write(recording() / "timestamps.csv", "frame,timestamp_s,file\n");
+  expect_replay_fails({}, {"timestamps.csv"});
+}
+
+TEST_F(BadInput, ListedFrameIsMissing) {
+  fs::remove(recording() / "frames" / "000002.jpg");
+  expect_replay_fails({}, {"000002.jpg"});
+}
+
+TEST_F(BadInput, CutOffAtTheEndOpensUpToThere) {
+  fs::remove(recording() / "frames" / "000004.jpg");
+  fs::remove(recording() / "frames" / "000005.jpg");
+  const ProgramResult result = penumbra({"replay", recording(), "--report", file("report.json")});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(read_json(file("report.json"))["frames"], 4);
+  EXPECT_THAT(result.err, testing::HasSubstr("warning"));
+}
+
+TEST_F(BadInput, PosesThatAreNoPoses) {
+  write(file("poses.tum"), "0.0 0 0 1 0 0 0 1\n1.0 0 nan 1 0 0 0 1\n");
+  expect_replay_fails({"--poses-from", file("poses.tum")}, {"poses.tum", "2"});
+  write(file("poses.tum"), "5000.0 0 0 1 0 0 0 1\n");
+  expect_replay_fails({"--poses-from", file("poses.tum")}, {"poses.tum"});
+  fs::remove(recording() / "groundtruth.tum");
+  expect_replay_fails({"--poses-from", "groundtruth"}, {"groundtruth.tum"});
+}
+
+TEST_F(BadInput, NoRecording) {
+  expect_failure(penumbra({"replay", file("nowhere")}), {"nowhere"});
+}
+
+TEST_F(BadInput, OutputsThatCannotBeWritten) {
+  const std::string missing = file("no") / "out.mkv";
+  expect_failure(penumbra({"replay", recording(), "--output", missing}), {missing});
+  expect_failure(penumbra({"replay", recording(), "--poses", file("no") / "out.tum"}), {"out.tum"});
+  expect_failure(penumbra({"replay", recording(), "--output", recording()}), {"recording"});
+  const fs::path truth = recording() / "groundtruth.tum";
+  const std::string before = bytes_of(truth);
+  expect_failure(penumbra({"replay", recording(), "--poses", truth}), {"groundtruth.tum"});
+  EXPECT_EQ(bytes_of(truth), before);
+  expect_failure(penumbra({"replay", recording(), "--poses", file("one"), "--report", file("one")}),
+                 {"one"});
+}
+
+}  // namespace
+}  // namespace penumbra::test

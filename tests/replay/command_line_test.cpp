@@ -1,0 +1,139 @@
+// The command line: help, versions, exit codes.
+
+#include <gmock/gmock.h>
+
+#include "replay_support.hpp"
+
+namespace penumbra::test {
+namespace {
+
+using testing::HasSubstr;
+
+TEST(CommandLine, EveryCommandHasHelpWithAnExample) {
+  EXPECT_EQ(penumbra({"--help"}).exit_code, 0);
+  EXPECT_THAT(penumbra({"--help"}).out, HasSubstr("Example:\n  penumbra demo"));
+  for (const char* command : {"demo", "replay", "evaluate"}) {
+    const ProgramResult help = penumbra({command, "--help"});
+    EXPECT_EQ(help.exit_code, 0);
+    EXPECT_THAT(help.out, HasSubstr(std::string("Example:\n  penumbra ") + command));
+    EXPECT_THAT(help.out, HasSubstr("--log-level"));
+    EXPECT_EQ(help.err, "");
+    EXPECT_THAT(penumbra({"--help"}).out, HasSubstr(command));
+  }
+}
+
+TEST(CommandLine, VersionIsOneLine) {
+  const ProgramResult version = penumbra({"--version"});
+  EXPECT_EQ(version.exit_code, 0);
+  EXPECT_THAT(version.out, testing::MatchesRegex("penumbra [0-9]+\\.[0-9]+\\.[0-9]+\n"));
+  EXPECT_EQ(penumbra({"replay", "--version"}).out, version.out);
+}
+
+class WrongUsage : public testing::TestWithParam<std::vector<std::string>> {};
+INSTANTIATE_TEST_SUITE_P(
+    CommandLine, WrongUsage,
+    testing::Values(std::vector<std::string>{}, std::vector<std::string>{"sing"},
+                    std::vector<std::string>{"replay"},
+                    std::vector<std::string>{"replay", "r", "--no-such-option"},
+                    std::vector<std::string>{"replay", "r", "second"},
+                    std::vector<std::string>{"replay", "r", "--shadow", "pink"},
+                    std::vector<std::string>{"replay", "r", "--kernels", "pink"},
+                    std::vector<std::string>{"replay", "r", "--frames", "9:3"},
+                    std::vector<std::string>{"replay", "r", "--threads", "0"},
+                    std::vector<std::string>{"replay", "r", "--threads", "many"},
+                    std::vector<std::string>{"replay", "r", "--poses-all"},
+                    std::vector<std::string>{"replay", "r", "--log-level", "loud"},
+                    std::vector<std::string>{"demo", "--output", "folder"},
+                    std::vector<std::string>{"evaluate"},
+                    std::vector<std::string>{"evaluate", "--estimated", "a.tum"}));
+
+TEST_P(WrongUsage, IsExitCode2AndOneLine) {
+  const ProgramResult result = penumbra(GetParam());
+  EXPECT_EQ(result.exit_code, 2);
+  EXPECT_EQ(result.out, "");
+  ASSERT_EQ(lines_of(result.err).size(), 1U) << result.err;
+  EXPECT_THAT(result.err, testing::StartsWith("penumbra: error: "));
+  EXPECT_THAT(result.err, HasSubstr("--help"));
+}
+
+TEST(CommandLine, AnUnknownTechniqueListsTheKnownOnes) {
+  const ProgramResult result = penumbra({"replay", "r", "--shadow", "pink"});
+  EXPECT_THAT(result.err, HasSubstr("pink"));
+  EXPECT_THAT(result.err, HasSubstr("none, simple, cocl, layered"));
+}
+
+TEST(CommandLine, WrongResourcesAreAFailure) {
+  expect_failure(penumbra({"demo"}, {"PENUMBRA_RESOURCES=/nowhere"}),
+                 {"PENUMBRA_RESOURCES", "/nowhere"});
+}
+
+TEST(Evaluate, ATrajectoryAgainstItselfIsExact) {
+  const std::string truth = bundled("tabletop") + "/groundtruth.tum";
+  const std::string camera = bundled("tabletop") + "/camera.yaml";
+  const ProgramResult result = penumbra(
+      {"evaluate", "--estimated", truth, "--groundtruth", truth, "--camera", camera, "--json"});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const auto json = nlohmann::json::parse(result.out, nullptr, false);
+  ASSERT_TRUE(json.is_object()) << result.out;
+  EXPECT_EQ(json["frames_with_pose"], 120);
+  EXPECT_EQ(json["share_with_pose"], 1.0);
+  EXPECT_LT(json["overlay_px"]["max"].get<double>(), 1e-9);
+  EXPECT_LT(json["jitter_px"].get<double>(), 1e-9);
+  const ProgramResult table =
+      penumbra({"evaluate", "--estimated", truth, "--groundtruth", truth, "--camera", camera});
+  EXPECT_EQ(table.exit_code, 0);
+  EXPECT_THAT(table.out, HasSubstr("frames with a pose: 120 of 120"));
+}
+
+TEST(Evaluate, SeesAMovedCamera) {
+  const TemporaryFolder folder;
+  // 1 mm higher in one frame of the 120.
+  std::string moved;
+  int line_number = 0;
+  for (const std::string& line : lines_of(bytes_of(bundled("tabletop") + "/groundtruth.tum"))) {
+    if (line.starts_with("#")) continue;
+    double t = 0;
+    double x = 0;
+    double y = 0;
+    double z = 0;
+    int end = 0;
+    ASSERT_EQ(std::sscanf(line.c_str(), "%lf %lf %lf %lf%n", &t, &x, &y, &z, &end), 4);
+    if (++line_number == 60) z += 0.001;
+    std::array<char, 200> head{};
+    std::snprintf(head.data(), head.size(), "%.9f %.17g %.17g %.17g", t, x, y, z);
+    moved += head.data() + line.substr(static_cast<std::size_t>(end)) + "\n";
+  }
+  std::ofstream(folder.path() / "moved.tum") << moved;
+  const ProgramResult result =
+      penumbra({"evaluate", "--estimated", folder.path() / "moved.tum", "--groundtruth",
+                bundled("tabletop") + "/groundtruth.tum", "--camera",
+                bundled("tabletop") + "/camera.yaml", "--json"});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const auto json = nlohmann::json::parse(result.out, nullptr, false);
+  EXPECT_NEAR(json["translation_mm"]["max"].get<double>(), 1.0, 1e-6);
+  EXPECT_NEAR(json["translation_mm"]["rmse"].get<double>(), 1.0 / std::sqrt(120.0), 1e-6);
+  EXPECT_LT(json["translation_mm"]["median"].get<double>(), 1e-9);
+  EXPECT_GT(json["overlay_px"]["max"].get<double>(), 0.1);
+}
+
+TEST(Evaluate, FailsInOneLineOnWhatItCannotCompare) {
+  const TemporaryFolder folder;
+  const std::string truth = bundled("tabletop") + "/groundtruth.tum";
+  const std::string camera = bundled("tabletop") + "/camera.yaml";
+  const std::string late = folder.path() / "late.tum";
+  std::ofstream(late) << "9999.0 0 0 1 0 0 0 1\n";
+  expect_failure(
+      penumbra({"evaluate", "--estimated", late, "--groundtruth", truth, "--camera", camera}),
+      {late, "no pose"});
+  expect_failure(penumbra({"evaluate", "--estimated", folder.path() / "none.tum", "--groundtruth",
+                           truth, "--camera", camera}),
+                 {"none.tum"});
+  const std::string not_finite = folder.path() / "nan.tum";
+  std::ofstream(not_finite) << "0.0 0 0 1 0 0 0 1\n0.1 nan 0 1 0 0 0 1\n";
+  expect_failure(
+      penumbra({"evaluate", "--estimated", not_finite, "--groundtruth", truth, "--camera", camera}),
+      {not_finite, "2"});
+}
+
+}  // namespace
+}  // namespace penumbra::test

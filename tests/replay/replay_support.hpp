@@ -1,0 +1,80 @@
+// What the replay tests share: running the built program over recordings and reading what it wrote.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "support/paths.hpp"
+#include "support/run_program.hpp"
+
+namespace penumbra::test {
+
+inline ProgramResult penumbra(const std::vector<std::string>& arguments,
+                              const std::vector<std::string>& environment = {}) {
+  return run_program(program(), arguments, environment);
+}
+
+inline std::string bundled(const char* name) {
+  return (recordings_dir() / name).string();
+}
+
+inline std::string bytes_of(const std::filesystem::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+}
+
+// Stands for a file's bytes in comparisons, so that a failure prints a line and not a picture:
+// their number and FNV-1a hash; empty for no file.
+inline std::string fingerprint_of(const std::filesystem::path& file) {
+  const std::string bytes = bytes_of(file);
+  if (bytes.empty()) return {};
+  std::uint64_t hash = 14695981039346656037U;
+  for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211U;
+  return std::to_string(bytes.size()) + " bytes, " + std::to_string(hash);
+}
+
+// File name -> fingerprint of every file in a folder.
+inline std::map<std::string, std::string> contents_of(const std::filesystem::path& folder) {
+  std::map<std::string, std::string> contents;
+  std::error_code none;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, none)) {
+    contents[entry.path().filename().string()] = fingerprint_of(entry.path());
+  }
+  return contents;
+}
+
+inline nlohmann::json read_json(const std::filesystem::path& file) {
+  return nlohmann::json::parse(bytes_of(file), nullptr, false);
+}
+
+inline std::vector<std::string> lines_of(const std::string& text) {
+  std::vector<std::string> lines;
+  std::size_t start = 0;
+  while (start < text.size()) {
+    const std::size_t end = std::min(text.find('\n', start), text.size());
+    lines.push_back(text.substr(start, end - start));
+    start = end + 1;
+  }
+  return lines;
+}
+
+// Exit code 1 and exactly one line on standard error, which names every one of `parts`.
+inline void expect_failure(const ProgramResult& result, const std::vector<std::string>& parts) {
+  EXPECT_EQ(result.exit_code, 1) << result.err;
+  const std::vector<std::string> lines = lines_of(result.err);
+  ASSERT_EQ(lines.size(), 1U) << result.err;
+  EXPECT_TRUE(lines[0].starts_with("penumbra: error: ")) << lines[0];
+  for (const std::string& part : parts) {
+    EXPECT_NE(lines[0].find(part), std::string::npos) << "'" << part << "' is not in: " << lines[0];
+  }
+}
+
+}  // namespace penumbra::test

@@ -1,0 +1,276 @@
+// Whole replays of the bundled recordings by the built program.
+
+#include <gmock/gmock.h>
+
+#include <thread>
+
+#include "replay_support.hpp"
+
+namespace penumbra::test {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using testing::HasSubstr;
+
+struct Replay {
+  ProgramResult result;
+  json report;
+};
+
+Replay replay(const fs::path& folder, std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), "replay");
+  arguments.insert(arguments.end(), {"--report", folder / "report.json"});
+  Replay replay;
+  replay.result = penumbra(arguments);
+  replay.report = read_json(folder / "report.json");
+  return replay;
+}
+
+// Lines of a TUM file that are poses.
+int pose_count(const fs::path& file) {
+  int count = 0;
+  for (const std::string& line : lines_of(bytes_of(file))) count += line.starts_with("#") ? 0 : 1;
+  return count;
+}
+
+TEST(ReplayTest, TabletopIsTrackedInEveryFrameWithinTwoPixels) {
+  const TemporaryFolder folder;
+  const Replay done =
+      replay(folder.path(), {bundled("tabletop"), "--poses", folder.path() / "out.tum"});
+  ASSERT_EQ(done.result.exit_code, 0) << done.result.err;
+  EXPECT_EQ(done.result.err, "");
+  EXPECT_THAT(done.result.out, HasSubstr("no display"));
+  ASSERT_TRUE(done.report.is_object());
+  EXPECT_EQ(done.report["frames"], 120);
+  EXPECT_EQ(done.report["frames_captured"], 120);
+  EXPECT_EQ(done.report["frames_dropped"], 0);
+  EXPECT_EQ(done.report["frames_tracked"], 120);
+  EXPECT_EQ(done.report["frames_lost"], 0);
+  EXPECT_EQ(pose_count(folder.path() / "out.tum"), 120);
+  const json& accuracy = done.report["accuracy"];
+  EXPECT_EQ(accuracy["frames_with_truth"], 120);
+  EXPECT_EQ(accuracy["frames_with_pose"], 120);
+  EXPECT_LE(accuracy["overlay_px"]["median"].get<double>(), 0.5);
+  EXPECT_LE(accuracy["overlay_px"]["max"].get<double>(), 2.0);
+  EXPECT_GT(accuracy["overlay_px"]["max"].get<double>(), 0.0) << "no tracker is perfect";
+  for (const char* stage : {"capture", "track", "detect", "solve", "shadow", "render", "frame"}) {
+    EXPECT_EQ(done.report["time_ms"][stage]["count"], 120) << stage;
+  }
+  for (const char* stage : {"capture", "track", "render", "frame"}) {
+    EXPECT_GT(done.report["time_ms"][stage]["median"].get<double>(), 0.0) << stage;
+  }
+  EXPECT_GT(done.report["time_ms"]["capture"]["cpu_mean"].get<double>(), 0.0);
+  EXPECT_GT(done.report["work"]["passes_drawn"].get<int>(), 120);
+
+  // The same by `evaluate`, from the poses file.
+  const ProgramResult evaluated =
+      penumbra({"evaluate", "--estimated", folder.path() / "out.tum", "--groundtruth",
+                bundled("tabletop") + "/groundtruth.tum", "--camera",
+                bundled("tabletop") + "/camera.yaml", "--json"});
+  ASSERT_EQ(evaluated.exit_code, 0) << evaluated.err;
+  const json again = json::parse(evaluated.out, nullptr, false);
+  EXPECT_NEAR(again["overlay_px"]["rmse"].get<double>(),
+              accuracy["overlay_px"]["rmse"].get<double>(), 1e-9);
+  EXPECT_NEAR(again["jitter_px"].get<double>(), accuracy["jitter_px"].get<double>(), 1e-9);
+}
+
+TEST(ReplayTest, CornerWithTagsInTwoPlanesIsTracked) {
+  const TemporaryFolder folder;
+  const Replay done = replay(folder.path(), {bundled("corner")});
+  ASSERT_EQ(done.result.exit_code, 0) << done.result.err;
+  EXPECT_EQ(done.report["frames"], 40);
+  EXPECT_EQ(done.report["frames_tracked"], 40);
+  EXPECT_LE(done.report["accuracy"]["overlay_px"]["median"].get<double>(), 0.5);
+  EXPECT_LE(done.report["accuracy"]["overlay_px"]["max"].get<double>(), 2.0);
+}
+
+class SharedRecordings : public testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(ReplayTest, SharedRecordings,
+                         testing::Values("shake", "grazing", "still", "single", "reentry"));
+
+TEST_P(SharedRecordings, ReplayWithEveryFrameAccountedFor) {
+  const fs::path shared = shared_dir();
+  if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  const TemporaryFolder folder;
+  const fs::path recording = shared / "recordings" / GetParam();
+  const Replay done = replay(folder.path(), {recording.string(), "--output", folder.path() / "out",
+                                             "--poses", folder.path() / "out.tum"});
+  ASSERT_EQ(done.result.exit_code, 0) << done.result.err;
+  const auto listed = lines_of(bytes_of(recording / "timestamps.csv")).size() - 1;
+  EXPECT_EQ(done.report["frames"].get<std::size_t>(), listed);
+  EXPECT_EQ(contents_of(folder.path() / "out").size(), listed);
+  int accounted = 0;
+  for (const char* state : {"frames_tracked", "frames_uncertain", "frames_held", "frames_lost"}) {
+    accounted += done.report[state].get<int>();
+  }
+  EXPECT_EQ(static_cast<std::size_t>(accounted), listed);
+  EXPECT_EQ(pose_count(folder.path() / "out.tum"), done.report["frames_tracked"].get<int>());
+}
+
+TEST(ReplayTest, TheSameCommandTwiceGivesTheSameBytes) {
+  const TemporaryFolder folder;
+  const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
+    const fs::path base = folder.path() / name;
+    std::vector<std::string> arguments = {
+        "replay",   bundled("corner"), "--frames", "4:16",
+        "--output", base.string(),     "--poses",  base.string() + ".tum"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const ProgramResult result = penumbra(arguments);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+  };
+  run("a", {});
+  run("b", {});
+  run("one-thread", {"--threads", "1"});
+  run("no-skip", {"--no-skip"});
+  run("a.mkv", {});
+  run("b.mkv", {});
+  run("a.mp4", {});
+  run("b.mp4", {});
+  const auto frames = contents_of(folder.path() / "a");
+  ASSERT_EQ(frames.size(), 12U);
+  const std::string poses = bytes_of(folder.path() / "a.tum");
+  EXPECT_EQ(pose_count(folder.path() / "a.tum"), 12);
+  for (const char* other : {"b", "one-thread", "no-skip"}) {
+    EXPECT_EQ(contents_of(folder.path() / other), frames) << other;
+    EXPECT_EQ(bytes_of(folder.path() / (std::string(other) + ".tum")), poses) << other;
+  }
+  EXPECT_EQ(fingerprint_of(folder.path() / "a.mkv"), fingerprint_of(folder.path() / "b.mkv"));
+  EXPECT_EQ(fingerprint_of(folder.path() / "a.mp4"), fingerprint_of(folder.path() / "b.mp4"));
+  EXPECT_EQ(bytes_of(folder.path() / "a.mkv.tum"), poses);
+}
+
+// Frames in equal frames out, by name and by number: a harness once passed with 0 frames replayed.
+TEST(ReplayTest, WritesExactlyTheFramesAskedFor) {
+  const TemporaryFolder folder;
+  const Replay done =
+      replay(folder.path(), {bundled("tabletop"), "--frames", "57:63", "--output",
+                             folder.path() / "out", "--poses", folder.path() / "out.tum"});
+  ASSERT_EQ(done.result.exit_code, 0) << done.result.err;
+  EXPECT_EQ(done.report["frames"], 6);
+  EXPECT_EQ(done.report["accuracy"]["frames_with_truth"], 6);
+  EXPECT_EQ(done.report["time_ms"]["encode"]["count"], 6);
+  EXPECT_EQ(done.report["time_ms"]["readback"]["count"], 6);
+  std::vector<std::string> names;
+  for (const auto& [name, fingerprint] : contents_of(folder.path() / "out")) names.push_back(name);
+  EXPECT_THAT(names, testing::ElementsAre("000057.png", "000058.png", "000059.png", "000060.png",
+                                          "000061.png", "000062.png"));
+  EXPECT_EQ(pose_count(folder.path() / "out.tum"), 6);
+  expect_failure(penumbra({"replay", bundled("tabletop"), "--frames", "120:130"}),
+                 {"tabletop", "120 frames"});
+}
+
+TEST(ReplayTest, GivenPosesNeedNoTracker) {
+  const TemporaryFolder folder;
+  const Replay truth =
+      replay(folder.path(), {bundled("tabletop"), "--frames", "10:14", "--poses-from",
+                             "groundtruth", "--output", folder.path() / "truth"});
+  ASSERT_EQ(truth.result.exit_code, 0) << truth.result.err;
+  EXPECT_EQ(truth.report["frames_tracked"], 4);
+  EXPECT_LT(truth.report["accuracy"]["overlay_px"]["max"].get<double>(), 1e-9);
+  EXPECT_EQ(truth.report["tracking"]["full_detections"], 0);
+  // Rendered from the poses that a replay wrote: the same pictures as that replay's.
+  const Replay tracked =
+      replay(folder.path(), {bundled("tabletop"), "--frames", "10:14", "--output",
+                             folder.path() / "tracked", "--poses", folder.path() / "out.tum"});
+  ASSERT_EQ(tracked.result.exit_code, 0) << tracked.result.err;
+  const Replay given =
+      replay(folder.path(), {bundled("tabletop"), "--frames", "10:14", "--output",
+                             folder.path() / "given", "--poses-from", folder.path() / "out.tum"});
+  ASSERT_EQ(given.result.exit_code, 0) << given.result.err;
+  EXPECT_EQ(contents_of(folder.path() / "given").size(), 4U);
+  EXPECT_EQ(contents_of(folder.path() / "given"), contents_of(folder.path() / "tracked"));
+  EXPECT_NE(contents_of(folder.path() / "given"), contents_of(folder.path() / "truth"));
+}
+
+TEST(ReplayTest, TechniquesAreDifferentPictures) {
+  const TemporaryFolder folder;
+  std::map<std::string, std::string> pictures;
+  for (const char* technique : {"none", "simple", "cocl", "layered"}) {
+    const ProgramResult result =
+        penumbra({"replay", bundled("tabletop"), "--frames", "30:31", "--poses-from", "groundtruth",
+                  "--shadow", technique, "--output", folder.path() / technique});
+    ASSERT_EQ(result.exit_code, 0) << result.err;
+    const std::string picture = fingerprint_of(folder.path() / technique / "000030.png");
+    ASSERT_FALSE(picture.empty());
+    for (const auto& [other, fingerprint] : pictures) {
+      EXPECT_NE(picture, fingerprint) << technique << " and " << other;
+    }
+    pictures[technique] = picture;
+  }
+  const ProgramResult kernels =
+      penumbra({"replay", bundled("tabletop"), "--frames", "30:31", "--poses-from", "groundtruth",
+                "--shadow", "layered", "--kernels", "cocl", "--output", folder.path() / "k"});
+  ASSERT_EQ(kernels.exit_code, 0) << kernels.err;
+  EXPECT_EQ(fingerprint_of(folder.path() / "k" / "000030.png"), pictures["cocl"]);
+}
+
+TEST(ReplayTest, CtrlCLeavesReadableFiles) {
+  const TemporaryFolder folder;
+  const ProgramResult result =
+      run_program(program(),
+                  {"replay", bundled("tabletop"), "--realtime", "--output", folder.path() / "out",
+                   "--poses", folder.path() / "out.tum", "--report", folder.path() / "report.json"},
+                  {}, {}, [&](pid_t child) {
+                    // Once the first pictures are there; given up after a minute.
+                    for (int i = 0; i < 6000; ++i) {
+                      if (fs::exists(folder.path() / "out.partial" / "000002.png")) break;
+                      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+                    }
+                    kill(child, SIGINT);
+                  });
+  EXPECT_EQ(result.exit_code, 130) << result.err;
+  const json report = read_json(folder.path() / "report.json");
+  ASSERT_TRUE(report.is_object());
+  EXPECT_EQ(report["interrupted"], true);
+  const int frames = report["frames"].get<int>();
+  EXPECT_GE(frames, 2);
+  EXPECT_LT(frames, 120);
+  EXPECT_EQ(contents_of(folder.path() / "out").size(), static_cast<std::size_t>(frames));
+  EXPECT_EQ(pose_count(folder.path() / "out.tum"), report["frames_tracked"].get<int>());
+  EXPECT_FALSE(fs::exists(folder.path() / "out.partial"));
+}
+
+TEST(ReplayTest, AWindowShowsTheSameFrames) {
+  const fs::path xvfb = "/usr/bin/xvfb-run";
+  if (!fs::exists(xvfb))
+    GTEST_SKIP() << xvfb << " is not installed: no display to open a window on";
+  const TemporaryFolder folder;
+  const auto arguments = [&](const std::string& name) {
+    return std::vector<std::string>{"replay", bundled("corner"), "--frames",
+                                    "0:6",    "--output",        folder.path() / name};
+  };
+  std::vector<std::string> in_window = {"-a", program().string()};
+  for (const std::string& argument : arguments("window")) in_window.push_back(argument);
+  const ProgramResult window = run_program(xvfb, in_window);
+  ASSERT_EQ(window.exit_code, 0) << window.err;
+  EXPECT_THAT(window.out, testing::Not(HasSubstr("offscreen")));
+  const ProgramResult offscreen = penumbra(arguments("offscreen"));
+  ASSERT_EQ(offscreen.exit_code, 0) << offscreen.err;
+  EXPECT_EQ(contents_of(folder.path() / "window").size(), 6U);
+  EXPECT_EQ(contents_of(folder.path() / "window"), contents_of(folder.path() / "offscreen"));
+}
+
+TEST(ReplayTest, ADisplayThatIsNotThereIsToldAndReplayGoesOn) {
+  const ProgramResult result =
+      run_program(program(), {"replay", bundled("corner"), "--frames", "0:2"}, {"DISPLAY=:987"});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(result.err, "");
+  EXPECT_THAT(lines_of(result.out).at(0), HasSubstr("going on offscreen"));
+}
+
+TEST(ReplayTest, DemoEndsWithItsVideo) {
+  const TemporaryFolder folder;
+  const ProgramResult result = run_program(program(), {"demo"}, {}, folder.path());
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const std::vector<std::string> lines = lines_of(result.out);
+  ASSERT_FALSE(lines.empty());
+  const fs::path video = fs::canonical(folder.path()) / "penumbra-demo.mp4";
+  EXPECT_EQ(lines.back(), "video: " + video.string());
+  EXPECT_GT(fs::file_size(video), 10'000U);
+  EXPECT_THAT(result.out, HasSubstr("overlay [px]"));
+  EXPECT_THAT(result.out, HasSubstr("120 frames"));
+}
+
+}  // namespace
+}  // namespace penumbra::test

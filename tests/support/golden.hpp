@@ -1,0 +1,109 @@
+// Pictures compared with golden ones on disk.
+//
+// First exactly: the same build on the same rasteriser draws the same bits. Else within a
+// tolerance: no more than 2 codes off, but for at most 0.01 % of the pixels (edges that fall the
+// other way on another rasteriser). On failure the picture, the golden one and their difference
+// are written to the build folder's golden-output/. PENUMBRA_RENEW_GOLDENS=1 writes the golden
+// pictures instead: look at them before they are committed.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+
+#include "core/image_file.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra::test {
+
+struct PictureDifference {
+  bool same_size = false;
+  bool exact = false;
+  std::size_t pixels = 0;
+  std::size_t over_tolerance = 0;  // pixels more than 2 codes off in any channel
+  int largest = 0;                 // [codes]
+
+  static constexpr int kToleranceCodes = 2;
+  // 0.01 % of the pixels, rounded down.
+  [[nodiscard]] bool acceptable() const { return same_size && over_tolerance * 10'000 <= pixels; }
+};
+
+// Colour only; alpha is not kept in PNGs.
+inline PictureDifference compare(const RgbaImage& actual, const RgbaImage& golden) {
+  PictureDifference d;
+  d.same_size = actual.width == golden.width && actual.height == golden.height &&
+                actual.pixels.size() == golden.pixels.size();
+  if (!d.same_size) return d;
+  d.pixels = actual.pixels.size() / 4;
+  for (std::size_t i = 0; i < actual.pixels.size(); i += 4) {
+    int most = 0;
+    for (std::size_t c = 0; c < 3; ++c) {
+      most = std::max(most, std::abs(static_cast<int>(actual.pixels[i + c]) -
+                                     static_cast<int>(golden.pixels[i + c])));
+    }
+    d.largest = std::max(d.largest, most);
+    if (most > PictureDifference::kToleranceCodes) ++d.over_tolerance;
+  }
+  d.exact = d.largest == 0;
+  return d;
+}
+
+inline std::filesystem::path golden_dir() {
+  return source_dir() / "tests" / "golden";
+}
+inline std::filesystem::path golden_output_dir() {
+  return program().parent_path() / "golden-output";
+}
+
+inline void write_failure(const std::string& name, const RgbaImage& actual,
+                          const RgbaImage& golden) {
+  std::filesystem::create_directories(golden_output_dir());
+  const auto write = [&](const char* kind, const RgbaImage& image) {
+    if (image.pixels.empty()) return;
+    const auto file = golden_output_dir() / (name + "." + kind + ".png");
+    const auto saved = save_png(file, image.width, image.height, image.pixels);
+    std::printf("%s\n", saved ? file.c_str() : saved.error().message.c_str());
+  };
+  write("actual", actual);
+  write("golden", golden);
+  if (actual.width != golden.width || actual.height != golden.height) return;
+  RgbaImage difference = actual;
+  for (std::size_t i = 0; i < difference.pixels.size(); ++i) {
+    const int d = std::abs(static_cast<int>(actual.pixels[i]) - static_cast<int>(golden.pixels[i]));
+    difference.pixels[i] = static_cast<std::uint8_t>(std::min(255, d * 16));  // to be seen
+  }
+  write("difference", difference);
+}
+
+// `name` without folder and ending: SCENE__RECORDING__TECHNIQUE__FRAME.
+inline testing::AssertionResult matches_golden(const std::string& name, const RgbaImage& actual) {
+  const auto file = golden_dir() / (name + ".png");
+  const char* renew = std::getenv("PENUMBRA_RENEW_GOLDENS");
+  if (renew != nullptr && std::string(renew) == "1") {
+    const auto saved = save_png(file, actual.width, actual.height, actual.pixels);
+    if (!saved) return testing::AssertionFailure() << saved.error().message;
+    return testing::AssertionSuccess() << file << " renewed";
+  }
+  const auto golden = load_rgba(file);
+  if (!golden) {
+    write_failure(name, actual, RgbaImage());
+    return testing::AssertionFailure() << golden.error().message;
+  }
+  const PictureDifference d = compare(actual, *golden);
+  if (d.exact && d.same_size) return testing::AssertionSuccess();
+  if (d.acceptable()) {
+    return testing::AssertionSuccess()
+           << "not the same bits: " << d.over_tolerance << " px over tolerance";
+  }
+  write_failure(name, actual, *golden);
+  return testing::AssertionFailure()
+         << name << ": " << d.over_tolerance << " of " << d.pixels << " px differ by more than "
+         << PictureDifference::kToleranceCodes << " codes, the largest by " << d.largest << "; see "
+         << golden_output_dir();
+}
+
+}  // namespace penumbra::test

@@ -1,0 +1,115 @@
+#include "app/output/output_file.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <iterator>
+
+#include "app/output/pose_writer.hpp"
+#include "core/trajectory.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string text_of(const fs::path& file) {
+  std::ifstream stream(file);
+  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+}
+
+TEST(OutputFile, AppearsWhenItIsWhole) {
+  const test::TemporaryFolder folder;
+  const fs::path target = folder.path() / "a.json";
+  auto file = OutputFile::create(target);
+  ASSERT_TRUE(file);
+  EXPECT_FALSE(fs::exists(target));
+  ASSERT_TRUE(write_text(*file, "{}\n"));
+  EXPECT_EQ(text_of(target), "{}\n");
+  EXPECT_FALSE(fs::exists(file->partial()));
+}
+
+TEST(OutputFile, LeavesNothingWhenItIsDropped) {
+  const test::TemporaryFolder folder;
+  {
+    auto file = OutputFile::create(folder.path() / "a.json");
+    ASSERT_TRUE(file);
+    OutputFile moved = std::move(*file);
+    EXPECT_TRUE(fs::exists(moved.partial()));
+  }
+  EXPECT_TRUE(fs::is_empty(folder.path()));
+}
+
+TEST(OutputFile, WritesThroughALink) {
+  const test::TemporaryFolder folder;
+  fs::create_directory(folder.path() / "real");
+  std::ofstream(folder.path() / "real" / "a") << "old";
+  fs::create_symlink(folder.path() / "real" / "a", folder.path() / "link");
+  auto file = OutputFile::create(folder.path() / "link");
+  ASSERT_TRUE(file);
+  ASSERT_TRUE(write_text(*file, "new"));
+  EXPECT_TRUE(fs::is_symlink(folder.path() / "link"));
+  EXPECT_EQ(text_of(folder.path() / "real" / "a"), "new");
+}
+
+TEST(OutputFile, WritesADeviceDirectly) {
+  auto file = OutputFile::create("/dev/null");
+  ASSERT_TRUE(file) << file.error().message;
+  EXPECT_EQ(file->partial(), "/dev/null");
+  EXPECT_TRUE(write_text(*file, "text"));
+  EXPECT_TRUE(fs::is_character_file("/dev/null"));
+}
+
+TEST(OutputFile, AFullDiskIsAnError) {
+  auto file = OutputFile::create("/dev/full");
+  ASSERT_TRUE(file) << file.error().message;
+  const auto written = write_text(*file, "text");
+  ASSERT_FALSE(written);
+  EXPECT_THAT(written.error().message,
+              testing::StartsWith("/dev/full: cannot be written: No space"));
+  EXPECT_FALSE(PoseWriter::create("/dev/full", false));
+}
+
+PoseEstimate pose_of(TrackStatus status) {
+  PoseEstimate pose;
+  pose.status = status;
+  pose.T_table_camera = CameraPose(Eigen::Quaterniond(0.5, 0.5, -0.5, 0.5), {0.1, -0.2, 0.7});
+  if (status != TrackStatus::tracked) pose.reason = "one tag";
+  return pose;
+}
+
+void write_every_state(const fs::path& file, bool all) {
+  auto writer = PoseWriter::create(file, all);
+  ASSERT_TRUE(writer);
+  ASSERT_TRUE(writer->write(1'000'000'001, pose_of(TrackStatus::tracked)));
+  ASSERT_TRUE(writer->write(1'033'000'000, pose_of(TrackStatus::uncertain)));
+  ASSERT_TRUE(writer->write(1'066'000'000, pose_of(TrackStatus::held)));
+  ASSERT_TRUE(writer->write(1'100'000'000, pose_of(TrackStatus::lost)));
+  ASSERT_TRUE(writer->finish());
+}
+
+TEST(PoseWriter, WritesTrackedPosesOnly) {
+  const test::TemporaryFolder folder;
+  write_every_state(folder.path() / "a.tum", false);
+  const auto read = load_trajectory(folder.path() / "a.tum");
+  ASSERT_TRUE(read) << read.error().message;
+  ASSERT_EQ(read->poses.size(), 1U);
+  EXPECT_EQ(read->poses[0].timestamp_ns, 1'000'000'001);
+  EXPECT_EQ(read->poses[0].T_table_camera.translation(), Eigen::Vector3d(0.1, -0.2, 0.7));
+}
+
+TEST(PoseWriter, WritesAllWithACommentWhereAskedTo) {
+  const test::TemporaryFolder folder;
+  write_every_state(folder.path() / "a.tum", true);
+  const auto read = load_trajectory(folder.path() / "a.tum");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->poses.size(), 3U);
+  EXPECT_THAT(text_of(folder.path() / "a.tum"),
+              testing::AllOf(testing::HasSubstr("# uncertain: one tag\n1.033000000 "),
+                             testing::HasSubstr("# held: one tag\n1.066000000 ")));
+}
+
+}  // namespace
+}  // namespace penumbra

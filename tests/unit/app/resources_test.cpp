@@ -1,0 +1,75 @@
+#include "app/resources.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <csignal>
+
+#include "app/interrupt.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+
+void make_resources(const fs::path& folder) {
+  fs::create_directories(folder / "scenes");
+  fs::create_directories(folder / "recordings");
+}
+
+TEST(Resources, OfASourceTreeAreAboveTheProgram) {
+  const test::TemporaryFolder root;
+  make_resources(root.path());
+  const auto found = find_resources_of(root.path() / "build" / "release" / "penumbra", nullptr);
+  ASSERT_TRUE(found) << found.error().message;
+  EXPECT_EQ(*found, root.path());
+}
+
+TEST(Resources, OfAnInstalledProgramAreInShare) {
+  const test::TemporaryFolder root;
+  make_resources(root.path());
+  make_resources(root.path() / "usr" / "share" / "penumbra");
+  const auto found = find_resources_of(root.path() / "usr" / "bin" / "penumbra", nullptr);
+  ASSERT_TRUE(found) << found.error().message;
+  EXPECT_EQ(*found, root.path() / "usr" / "share" / "penumbra");
+}
+
+TEST(Resources, TheEnvironmentComesFirstAndMustBeRight) {
+  const test::TemporaryFolder root;
+  make_resources(root.path() / "tree");
+  make_resources(root.path() / "given");
+  const fs::path program = root.path() / "tree" / "penumbra";
+  EXPECT_EQ(find_resources_of(program, (root.path() / "given").c_str()), root.path() / "given");
+  EXPECT_EQ(find_resources_of(program, ""), root.path() / "tree");
+  const auto wrong = find_resources_of(program, (root.path() / "nothing").c_str());
+  ASSERT_FALSE(wrong);
+  EXPECT_THAT(wrong.error().message, testing::HasSubstr("PENUMBRA_RESOURCES"));
+}
+
+TEST(Resources, NoneIsAnErrorThatSaysWhatToDo) {
+  const test::TemporaryFolder root;
+  const auto found = find_resources_of(root.path() / "bin" / "penumbra", nullptr);
+  ASSERT_FALSE(found);
+  EXPECT_THAT(found.error().message, testing::HasSubstr("PENUMBRA_RESOURCES"));
+}
+
+TEST(InterruptWatch, TakesOneSignalAndGivesTheOldStateBack) {
+  sigset_t before;
+  pthread_sigmask(SIG_BLOCK, nullptr, &before);
+  {
+    InterruptWatch watch;
+    EXPECT_FALSE(watch.interrupted());
+    raise(SIGTERM);
+    EXPECT_TRUE(watch.interrupted());
+    EXPECT_TRUE(watch.interrupted());
+    sigset_t now;
+    pthread_sigmask(SIG_BLOCK, nullptr, &now);
+    EXPECT_EQ(sigismember(&now, SIGTERM), sigismember(&before, SIGTERM));
+  }
+  InterruptWatch next;
+  EXPECT_FALSE(next.interrupted());
+}
+
+}  // namespace
+}  // namespace penumbra

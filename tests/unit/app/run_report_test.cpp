@@ -1,0 +1,160 @@
+#include "app/run_report.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "app/frame_range.hpp"
+#include "app/progress.hpp"
+
+namespace penumbra {
+namespace {
+
+using Json = nlohmann::json;
+
+TEST(StageTimes, SummarisesWallAndCpu) {
+  StageTimes times;
+  for (int i = 1; i <= 5; ++i) times.add({i == 5 ? 100.0 : i * 1.0, i * 2.0});
+  const StageSummary s = times.summary();
+  EXPECT_EQ(s.count, 5U);
+  EXPECT_DOUBLE_EQ(s.median, 3.0);
+  EXPECT_DOUBLE_EQ(s.max, 100.0);
+  EXPECT_DOUBLE_EQ(s.cpu_median, 6.0);
+  EXPECT_DOUBLE_EQ(s.cpu_mean, 6.0);
+  EXPECT_GT(s.p95, 4.0);
+  EXPECT_LE(s.p95, 100.0);
+  EXPECT_EQ(StageTimes().summary().count, 0U);
+}
+
+SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_detection) {
+  SessionFrame frame;
+  frame.tracked.frame.timestamp_ns = timestamp_ns;
+  frame.tracked.pose.status = status;
+  frame.tracked.pose.tags_used =
+      status == TrackStatus::tracked || status == TrackStatus::uncertain ? 4 : 0;
+  frame.tracked.pose.reprojection_rms_px = 0.25;
+  frame.tracked.times.total_ms = 3.0;
+  frame.tracked.times.full_detection = full_detection;
+  frame.composite.shadow_vertices = 100;
+  frame.composite.passes_drawn = 3;
+  frame.read_back = status != TrackStatus::lost;
+  frame.plan.skipped = {{"object_out_of_view", "rotor: outside the view"}};
+  return frame;
+}
+
+TEST(RunReport, HasEveryFieldOfTheContract) {
+  RunRecorder run;
+  run.add_time("capture", {1.0, 0.5});
+  run.add_frame(frame_of(TrackStatus::tracked, 0, true));
+  run.add_frame(frame_of(TrackStatus::tracked, 10, false));
+  run.add_frame(frame_of(TrackStatus::uncertain, 20, true));
+  run.add_frame(frame_of(TrackStatus::held, 30, true));
+  run.add_frame(frame_of(TrackStatus::lost, 40, true));
+  run.add_time("encode", {2.0, 2.0});
+  run.add_time("frame", {9.0, 8.0});
+  RunReport report = run.report();
+  report.recording = "some\xff/recording";
+  report.scene = "scene.json";
+  report.accuracy = Evaluation();
+  report.accuracy->overlay_px = {0.2, 0.1, 0.4, 0.5};
+  report.accuracy->jitter_px = 0.05;
+  report.accuracy->frames_with_truth = 5;
+  report.accuracy->frames_with_pose = 2;
+
+  const Json json = Json::parse(report_json(report));
+  EXPECT_EQ(json["frames"], 5);
+  EXPECT_EQ(json["frames_captured"], 5);
+  EXPECT_EQ(json["frames_dropped"], 0);
+  EXPECT_EQ(json["frames_tracked"], 2);
+  EXPECT_EQ(json["frames_uncertain"], 1);
+  EXPECT_EQ(json["frames_held"], 1);
+  EXPECT_EQ(json["frames_lost"], 1);
+  EXPECT_TRUE(json["versions"].contains("penumbra"));
+  EXPECT_TRUE(json["gl"].contains("renderer"));
+  EXPECT_TRUE(json["gl"].contains("version"));
+  for (const char* stage : {"capture", "track", "detect", "align", "solve", "shadow", "render",
+                            "readback", "encode", "frame"}) {
+    ASSERT_TRUE(json["time_ms"].contains(stage)) << stage;
+    for (const char* field : {"median", "p95", "max", "cpu_median", "cpu_mean", "count"}) {
+      EXPECT_TRUE(json["time_ms"][stage].contains(field)) << stage << " " << field;
+    }
+  }
+  EXPECT_EQ(json["time_ms"]["track"]["count"], 5);
+  EXPECT_EQ(json["time_ms"]["track"]["median"], 3.0);
+  EXPECT_EQ(json["time_ms"]["readback"]["count"], 4);
+  EXPECT_EQ(json["tracking"]["reprojection_rms_px"]["median"], 0.25);
+  EXPECT_EQ(json["tracking"]["full_detections"], 4);
+  EXPECT_EQ(json["tracking"]["tracked_updates"], 1);
+  EXPECT_EQ(json["work"]["shadow_vertices"], 500);
+  EXPECT_EQ(json["work"]["passes_drawn"], 15);
+  for (const char* counter :
+       {"kernel_generations", "reprojections", "triples_recomputed", "passes_skipped"}) {
+    EXPECT_TRUE(json["work"].contains(counter)) << counter;
+  }
+  EXPECT_EQ(json["skipped"]["object_out_of_view"], 5);
+  for (const char* error : {"translation_mm", "rotation_deg", "overlay_px"}) {
+    for (const char* field : {"rmse", "median", "p95", "max"}) {
+      EXPECT_TRUE(json["accuracy"][error].contains(field)) << error << " " << field;
+    }
+  }
+  EXPECT_EQ(json["accuracy"]["overlay_px"]["p95"], 0.4);
+  EXPECT_EQ(json["accuracy"]["jitter_px"], 0.05);
+
+  report.accuracy->frames_with_pose = 0;
+  EXPECT_TRUE(Json::parse(report_json(report))["accuracy"]["overlay_px"].is_null())
+      << "no pose is no error of 0";
+  report.accuracy.reset();
+  EXPECT_FALSE(Json::parse(report_json(report)).contains("accuracy"));
+}
+
+TEST(RunReport, AccuracyIsOfTheTrackedFramesThatWereProcessed) {
+  CameraParameters p;
+  p.width = 640;
+  p.height = 480;
+  p.fx = p.fy = 500.0;
+  p.cx = 320.0;
+  p.cy = 240.0;
+  const CameraModel camera = CameraModel::make(p).value();
+  // Looking straight down from 1 m: camera x = table x, camera y = -table y.
+  const CameraPose above(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.0, 0.0, 1.0});
+  const CameraPose beside(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.003, 0.0, 1.0});
+  Trajectory truth;
+  for (int i = 0; i < 10; ++i) truth.poses.push_back({i * 100'000'000LL, above, {}});
+  RunRecorder run;
+  for (int i = 2; i < 6; ++i) {
+    SessionFrame frame =
+        frame_of(i == 5 ? TrackStatus::lost : TrackStatus::tracked, i * 100'000'000LL, true);
+    frame.tracked.pose.T_table_camera = i == 4 ? beside : above;
+    run.add_frame(frame);
+  }
+  const Evaluation accuracy = accuracy_of(camera, run, truth);
+  EXPECT_EQ(accuracy.frames_with_truth, 4);
+  EXPECT_EQ(accuracy.frames_with_pose, 3);
+  EXPECT_NEAR(accuracy.translation_mm.max, 3.0, 1e-9);
+  // 3 mm beside: 500 px * 0.003 on the table, 500 px * 0.003 / 0.8 at the cube's top.
+  EXPECT_NEAR(accuracy.overlay_px.max, 1.875, 1e-9);
+}
+
+TEST(FrameRange, IsHalfOpen) {
+  const auto range = parse_frame_range("3:17");
+  ASSERT_TRUE(range);
+  EXPECT_EQ(range->first, 3);
+  EXPECT_EQ(range->last, 17);
+  EXPECT_EQ(parse_frame_range(":5")->first, 0);
+  EXPECT_FALSE(parse_frame_range("5:")->last);
+  for (const char* text :
+       {"", "7", "5:5", "6:5", "-1:4", "a:b", "1:2:3", "1.5:3", " 1:2", "0:99999999999"}) {
+    EXPECT_FALSE(parse_frame_range(text)) << text;
+  }
+}
+
+TEST(ProgressText, FillsUp) {
+  EXPECT_EQ(progress_text(0, 10, 0.0).substr(0, 32), "[" + std::string(30, ' ') + "]");
+  EXPECT_EQ(progress_text(5, 10, 500.0),
+            "[" + std::string(15, '#') + std::string(15, ' ') + "]    5/10  10.0 frames/s");
+  EXPECT_EQ(progress_text(10, 10, 500.0).substr(0, 32), "[" + std::string(30, '#') + "]");
+}
+
+}  // namespace
+}  // namespace penumbra

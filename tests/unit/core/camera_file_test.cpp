@@ -1,0 +1,125 @@
+#include "core/camera_file.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/text.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+std::string camera_text(const std::string& model = "distortion_model: plumb_bob",
+                        const std::string& coefficients = "[-0.2, 0.06, 0.0008, -0.0006, -0.004]",
+                        const std::string& matrix = "[500, 0, 320.5, 0, 510, 240, 0, 0, 1]",
+                        const std::string& width = "640") {
+  return "%YAML 1.1\n---\nimage_width: " + width + "\nimage_height: 480\ncamera_name: \"desk\"\n" +
+         "camera_matrix:\n  rows: 3\n  cols: 3\n  data: " + matrix + "\n" + model +
+         "\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n  data: " + coefficients +
+         "\nfx: 1.0\nsomething_else: {a: [1, 2]}\n";
+}
+
+class CameraFile : public testing::Test {
+ protected:
+  Result<CameraModel> load(std::string_view text) {
+    EXPECT_TRUE(write_text_file(file_, text));
+    return load_camera(file_);
+  }
+  void refuses(std::string_view text, const char* what) {
+    const Result<CameraModel> read = load(text);
+    ASSERT_FALSE(read) << text;
+    EXPECT_THAT(read.error().message,
+                testing::AllOf(testing::HasSubstr("camera.yaml"), testing::HasSubstr(what)));
+  }
+  test::TemporaryFolder folder_;
+  std::filesystem::path file_ = folder_.path() / "camera.yaml";
+};
+
+TEST_F(CameraFile, TheMatrixWinsOverFlatNumbers) {
+  const auto camera = load(camera_text());
+  ASSERT_TRUE(camera) << camera.error().message;
+  const CameraParameters& p = camera->parameters();
+  EXPECT_EQ(p.width, 640);
+  EXPECT_EQ(p.height, 480);
+  EXPECT_EQ(p.fx, 500.0);
+  EXPECT_EQ(p.fy, 510.0);
+  EXPECT_EQ(p.cx, 320.5);
+  EXPECT_EQ(p.cy, 240.0);
+  EXPECT_EQ(p.name, "desk");
+  EXPECT_EQ(p.model, DistortionModel::plumb_bob);
+  EXPECT_THAT(p.distortion, testing::ElementsAre(-0.2, 0.06, 0.0008, -0.0006, -0.004, 0, 0, 0));
+}
+
+TEST_F(CameraFile, ReadsEveryModelUnderBothKeys) {
+  EXPECT_TRUE(load(camera_text("camera_model: plumb_bob", "[1e-3, 0, 0, 0]")));
+  EXPECT_EQ(
+      load(camera_text("distortion_model: rational_polynomial", "[0.1, 0.2, 0, 0, 0, 0.1, 0, 0]"))
+          ->parameters()
+          .model,
+      DistortionModel::rational);
+  EXPECT_EQ(
+      load(camera_text("distortion_model: equidistant", "[0.1, 0, 0, 0]"))->parameters().model,
+      DistortionModel::fisheye);
+  EXPECT_EQ(load(camera_text("camera_model: fisheye", "[0.1, 0, 0, 0]"))->parameters().model,
+            DistortionModel::fisheye);
+}
+
+TEST_F(CameraFile, ErrorsNameFileAndField) {
+  refuses("", "map");
+  refuses(camera_text("distortion_model: omnidirectional"), "omnidirectional");
+  refuses(camera_text("no_model: x"), "distortion_model: is missing");
+  refuses(camera_text("distortion_model: plumb_bob", "[1, 2]"), "distortion_coefficients");
+  refuses(camera_text("distortion_model: equidistant", "[0, 0, 0, 0, 0]"), "equidistant has 4");
+  refuses(camera_text("distortion_model: plumb_bob", "[0, nan, 0, 0, 0]"), "data");
+  refuses(camera_text("distortion_model: plumb_bob", "[0, 0, 0, 0, 0]", "[500, 0, 320]"),
+          "camera_matrix: data");
+  refuses(camera_text("distortion_model: plumb_bob", "[0, 0, 0, 0, 0]",
+                      "[500, 3, 320, 0, 500, 240, 0, 0, 1]"),
+          "skew");
+  refuses(camera_text("distortion_model: plumb_bob", "[0, 0, 0, 0, 0]",
+                      "[-500, 0, 320, 0, 500, 240, 0, 0, 1]"),
+          "fx");
+  refuses(camera_text("distortion_model: plumb_bob", "[0, 0, 0, 0, 0]",
+                      "[500, 0, 320, 0, 500, 240, 0, 0, 1]", "wide"),
+          "image_width");
+  refuses("image_width: 640\nimage_height: 480\n", "camera_matrix: is missing");
+  refuses(camera_text() + "tone_curve: bright\n", "tone_curve");
+  refuses(camera_text() + "tone_curve: -2\n", "tone_curve");
+  refuses("image_width: [\n", "line");
+  EXPECT_FALSE(load_camera(folder_.path() / "absent.yaml"));
+}
+
+TEST_F(CameraFile, WhatIsWrittenReadsBackBitForBit) {
+  for (const DistortionModel model :
+       {DistortionModel::plumb_bob, DistortionModel::rational, DistortionModel::fisheye}) {
+    CameraParameters p;
+    p.width = 1280;
+    p.height = 720;
+    p.fx = 1000.0 / 3.0;
+    p.fy = 331.7;
+    p.cx = 640.25;
+    p.cy = 359.0 + 1e-12;
+    p.model = model;
+    p.distortion = {-0.1 / 3.0, 0.01, -0.001, 0.0002};
+    p.name = "a \"quoted\" \\ name";
+    p.tone_curve = 1.55;
+    p.rolling_shutter_row_s = 1.0 / 48000.0;
+    ASSERT_TRUE(save_camera(file_, CameraModel::make(p).value()));
+    const auto read = load_camera(file_);
+    ASSERT_TRUE(read) << read.error().message;
+    const CameraParameters& q = read->parameters();
+    EXPECT_EQ(q.width, p.width);
+    EXPECT_EQ(q.fx, p.fx);
+    EXPECT_EQ(q.fy, p.fy);
+    EXPECT_EQ(q.cx, p.cx);
+    EXPECT_EQ(q.cy, p.cy);
+    EXPECT_EQ(q.model, p.model);
+    EXPECT_EQ(q.distortion, p.distortion);
+    EXPECT_EQ(q.name, p.name);
+    EXPECT_EQ(q.tone_curve, p.tone_curve);
+    EXPECT_EQ(q.rolling_shutter_row_s, p.rolling_shutter_row_s);
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,147 @@
+#include "core/evaluation.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+namespace penumbra {
+namespace {
+
+// 500 px focal length, no distortion.
+CameraModel pinhole() {
+  CameraParameters p;
+  p.width = 640;
+  p.height = 480;
+  p.fx = 500.0;
+  p.fy = 500.0;
+  p.cx = 320.0;
+  p.cy = 240.0;
+  return CameraModel::make(p).value();
+}
+
+// Straight above the table at height z, looking down: x stays x, y and z are turned around.
+CameraPose above(double x, double y, double z) {
+  return {Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), Eigen::Vector3d(x, y, z)};
+}
+
+TEST(Evaluation, StatisticsInterpolate) {
+  const Statistics s = statistics_of({4.0, 1.0, 3.0, 2.0});
+  EXPECT_DOUBLE_EQ(s.median, 2.5);
+  EXPECT_DOUBLE_EQ(s.max, 4.0);
+  EXPECT_DOUBLE_EQ(s.rmse, std::sqrt(30.0 / 4.0));
+  EXPECT_DOUBLE_EQ(s.p95, 3.0 + 0.85);  // position 0.95 * 3 = 2.85
+  EXPECT_EQ(statistics_of({}).max, 0.0);
+  EXPECT_EQ(statistics_of({7.0}).p95, 7.0);
+}
+
+TEST(Evaluation, TheCubeStandsOnTheTable) {
+  const auto cube = overlay_cube();
+  int low = 0;
+  for (const Eigen::Vector3d& p : cube) {
+    EXPECT_DOUBLE_EQ(std::abs(p.x()), 0.1);
+    EXPECT_DOUBLE_EQ(std::abs(p.y()), 0.1);
+    EXPECT_TRUE(p.z() == 0.0 || p.z() == 0.2);
+    low += p.z() == 0.0 ? 1 : 0;
+  }
+  EXPECT_EQ(low, 4);
+}
+
+TEST(Evaluation, AShiftMovesNearAndFarCornersByHand) {
+  // From 1 m, a shift of 1 mm moves the corners on the table by 500 * 0.001 / 1 = 0.5 px, those at
+  // 0.2 m by 500 * 0.001 / 0.8 = 0.625 px, against the shift.
+  const OverlayDifference d =
+      overlay_difference(pinhole(), above(0.001, 0.0, 1.0), above(0.0, 0.0, 1.0));
+  for (std::size_t i = 0; i < 8; ++i) {
+    ASSERT_TRUE(d.valid[i]);
+    const double expected = overlay_cube()[i].z() == 0.0 ? 0.5 : 0.625;
+    EXPECT_NEAR(d.difference_px[i].x(), -expected, 1e-9);
+    EXPECT_NEAR(d.difference_px[i].y(), 0.0, 1e-9);
+  }
+  EXPECT_NEAR(d.rms_px(), std::sqrt((0.25 + 0.390625) / 2.0), 1e-9);
+}
+
+TEST(Evaluation, CornersBehindTheCameraAreLeftOut) {
+  const OverlayDifference d =
+      overlay_difference(pinhole(), above(0.0, 0.0, 0.1), above(0.0, 0.0, 0.1));
+  for (std::size_t i = 0; i < 8; ++i) EXPECT_EQ(d.valid[i], overlay_cube()[i].z() == 0.0);
+  EXPECT_EQ(d.rms_px(), 0.0);
+  EXPECT_TRUE(
+      std::isinf(overlay_difference(pinhole(), above(0, 0, -1.0), above(0, 0, 1.0)).rms_px()));
+}
+
+TEST(Evaluation, ARecordingByHand) {
+  Trajectory truth;
+  Trajectory estimated;
+  for (int i = 0; i < 5; ++i) truth.poses.push_back({i * 33'333'000LL, above(0.0, 0.0, 1.0), {}});
+  // Frame 2 has no pose; frame 3's is 0.4 ms off in time, which still is the same frame.
+  estimated.poses.push_back({0, above(0.0, 0.0, 1.0), {}});
+  estimated.poses.push_back({33'333'000, above(0.001, 0.0, 1.0), {}});
+  estimated.poses.push_back({3 * 33'333'000LL + 400'000, above(0.0, 0.002, 1.0), {}});
+  estimated.poses.push_back({4 * 33'333'000LL, above(0.0, 0.002, 1.0), {}});
+  estimated.poses.push_back({9'000'000'000, above(0.0, 0.0, 5.0), {}});  // no truth there
+
+  const Evaluation e = evaluate(pinhole(), estimated, truth);
+  EXPECT_EQ(e.frames_with_truth, 5);
+  EXPECT_EQ(e.frames_with_pose, 4);
+  EXPECT_NEAR(e.translation_mm.max, 2.0, 1e-9);
+  EXPECT_NEAR(e.translation_mm.median, 1.5, 1e-9);
+  EXPECT_NEAR(e.rotation_deg.max, 0.0, 1e-9);
+  // Corner errors: 8 of 0, 4 of 0.5, 4 of 0.625, and twice (4 of 1, 4 of 1.25).
+  EXPECT_NEAR(e.overlay_px.max, 1.25, 1e-9);
+  EXPECT_NEAR(e.overlay_px.rmse, std::sqrt((4 * 0.25 + 4 * 0.390625 + 8 * 1.0 + 8 * 1.5625) / 32.0),
+              1e-9);
+  EXPECT_NEAR(e.overlay_frame_px.max, std::sqrt((1.0 + 1.5625) / 2.0), 1e-9);
+  // Changes: frames 0-1 (0.5 and 0.625) and 3-4 (none); 1-2 and 2-3 have no pair.
+  EXPECT_NEAR(e.jitter_px, std::sqrt((4 * 0.25 + 4 * 0.390625) / 16.0), 1e-9);
+}
+
+TEST(Evaluation, RotationIsTheWholeAngle) {
+  Trajectory truth;
+  Trajectory estimated;
+  truth.poses.push_back({0, above(0, 0, 1.0), {}});
+  const CameraPose turned =
+      above(0, 0, 1.0) * Transform<frame::Camera, frame::Camera>(
+                             Eigen::Quaterniond(Eigen::AngleAxisd(std::numbers::pi / 180.0,
+                                                                  Eigen::Vector3d(1, 2, 2) / 3.0)),
+                             Eigen::Vector3d::Zero());
+  // The same rotation with the other sign of its quaternion.
+  estimated.poses.push_back(
+      {0, CameraPose(Eigen::Quaterniond(-turned.rotation().coeffs()), turned.translation()), {}});
+  EXPECT_NEAR(evaluate(pinhole(), estimated, truth).rotation_deg.max, 1.0, 1e-9);
+}
+
+TEST(Evaluation, ExpectedErrorIsWhatSamplesOfTheCovarianceShow) {
+  CameraParameters p = pinhole().parameters();
+  p.distortion = {-0.215, 0.062, 0.0008, -0.0006, -0.004};
+  const CameraModel camera = CameraModel::make(p).value();
+  const CameraPose looking_down(Eigen::Quaterniond(0.1, 0.98, 0.05, -0.1),
+                                Eigen::Vector3d(0.05, -0.03, 0.8));
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  Eigen::Matrix<double, 6, 6> root;
+  for (int i = 0; i < 36; ++i) root(i / 6, i % 6) = 1e-4 * normal(random);
+  root.topRows<3>() *= 3.0;
+  const Eigen::Matrix<double, 6, 6> covariance = root * root.transpose();
+  const double expected = expected_overlay_error_px(camera, looking_down, covariance);
+  double sum = 0.0;
+  constexpr int kTrials = 20000;
+  for (int i = 0; i < kTrials; ++i) {
+    Eigen::Matrix<double, 6, 1> z;
+    for (int j = 0; j < 6; ++j) z[j] = normal(random);
+    const Eigen::Matrix<double, 6, 1> xi = root * z;
+    const double angle = xi.tail<3>().norm();
+    const Transform<frame::Camera, frame::Camera> step(
+        Eigen::Quaterniond(Eigen::AngleAxisd(angle, xi.tail<3>() / angle)), xi.head<3>());
+    const double error = overlay_difference(camera, looking_down * step, looking_down).rms_px();
+    sum += error * error;
+  }
+  EXPECT_NEAR(std::sqrt(sum / kTrials) / expected, 1.0, 0.02);
+  // Looking away there is nothing to draw on, so nothing to trust.
+  EXPECT_TRUE(std::isinf(expected_overlay_error_px(camera, above(0, 0, -1.0), covariance)));
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,155 @@
+#include "core/tag_map.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "core/text.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr const char* kTag =
+    "  - {id: 3, family: tag36h11, size_m: 0.04, position: [0.1, 0.2, 0], quaternion_xyzw: [0, 0, "
+    "0.7071067811865476, 0.7071067811865476]}\n";
+
+class TagMapFile : public testing::Test {
+ protected:
+  Result<TagMap> load(std::string_view text) {
+    EXPECT_TRUE(write_text_file(file_, text));
+    return load_tag_map(file_);
+  }
+  void refuses(std::string_view text, const char* what) {
+    const Result<TagMap> read = load(text);
+    ASSERT_FALSE(read) << text;
+    EXPECT_THAT(read.error().message,
+                testing::AllOf(testing::HasSubstr("tags.yaml"), testing::HasSubstr(what)));
+  }
+  test::TemporaryFolder folder_;
+  std::filesystem::path file_ = folder_.path() / "tags.yaml";
+};
+
+TEST_F(TagMapFile, ReadsATagAndPlacesItsCorners) {
+  const auto map = load(std::string("tags:\n") + kTag);
+  ASSERT_TRUE(map) << map.error().message;
+  const MappedTag* tag = map->find(TagFamily::tag36h11, 3);
+  ASSERT_NE(tag, nullptr);
+  EXPECT_EQ(tag->group, "table");
+  EXPECT_EQ(map->find(TagFamily::tag36h11, 4), nullptr);
+  EXPECT_EQ(map->find(TagFamily::tag25h9, 3), nullptr);
+  EXPECT_THAT(map->families(), testing::ElementsAre(TagFamily::tag36h11));
+  // A quarter turn to the left about z: the tag's (-s/2, -s/2) lies at (s/2, -s/2) of its place.
+  const auto corners = tag->corners();
+  EXPECT_LT((corners[0] - Eigen::Vector3d(0.12, 0.18, 0)).norm(), 1e-12);
+  EXPECT_LT((corners[1] - Eigen::Vector3d(0.12, 0.22, 0)).norm(), 1e-12);
+  EXPECT_LT((corners[2] - Eigen::Vector3d(0.08, 0.22, 0)).norm(), 1e-12);
+  EXPECT_LT((corners[3] - Eigen::Vector3d(0.08, 0.18, 0)).norm(), 1e-12);
+}
+
+TEST_F(TagMapFile, ReadsGroupsAndEveryFamily) {
+  for (const char* family :
+       {"tag36h11", "tag36h10", "tag25h9", "tag16h5", "tagCircle21h7", "tagCircle49h12",
+        "tagStandard41h12", "tagStandard52h13", "tagCustom48h12"}) {
+    const auto map = load(std::string("tags: [{id: 0, family: ") + family +
+                          ", size_m: 1, position: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1], "
+                          "group: lid}]");
+    ASSERT_TRUE(map) << map.error().message;
+    EXPECT_EQ(map->tags()[0].group, "lid");
+    EXPECT_EQ(to_string(map->tags()[0].family), family);
+  }
+}
+
+TEST_F(TagMapFile, ErrorsNameFileTagAndField) {
+  const std::string head = "tags:\n";
+  refuses("", "map");
+  refuses("tags: 3\n", "tags");
+  refuses("tags: []\n", "empty");
+  refuses("other: []\n", "tags");
+  refuses("tags: [1, 2]\n", "tags[0]");
+  refuses("tags: [{id: 1\n", "line");
+  refuses(head + kTag + kTag, "listed twice");
+  const auto with = [](const char* id, const char* family, const char* size, const char* position,
+                       const char* rotation) {
+    return fmt::format(
+        "tags: [{{id: {}, family: {}, size_m: {}, position: {}, quaternion_xyzw: {}}}]", id, family,
+        size, position, rotation);
+  };
+  refuses(with("x", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 0, 1]"), "id");
+  refuses(with("-1", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 0, 1]"), "negative");
+  refuses(with("1", "tag99h99", "0.1", "[0, 0, 0]", "[0, 0, 0, 1]"), "tag99h99");
+  refuses(with("1", "tag36h11", "0", "[0, 0, 0]", "[0, 0, 0, 1]"), "size_m");
+  refuses(with("1", "tag36h11", "-0.1", "[0, 0, 0]", "[0, 0, 0, 1]"), "size_m");
+  refuses(with("1", "tag36h11", "nan", "[0, 0, 0]", "[0, 0, 0, 1]"), "size_m");
+  refuses(with("1", "tag36h11", "0.1", "[0, 0]", "[0, 0, 0, 1]"), "position");
+  refuses(with("1", "tag36h11", "0.1", "[0, .nan, 0]", "[0, 0, 0, 1]"), "position");
+  refuses(with("1", "tag36h11", "0.1", "[0, 1e9, 0]", "[0, 0, 0, 1]"), "position");
+  refuses(with("1", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 0, 0]"), "quaternion_xyzw");
+  refuses(with("1", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 0, 1.01]"), "quaternion_xyzw");
+  refuses(with("1", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 1]"), "quaternion_xyzw");
+  refuses("tags: [{id: 1, family: tag36h11}]", "size_m: is missing");
+  refuses(std::string(100000, '['), "YAML");
+}
+
+TEST(TagMap, ChecksWhatCodeGivesIt) {
+  MappedTag tag;
+  tag.size_m = 0.1;
+  EXPECT_TRUE(TagMap::make({tag}));
+  EXPECT_FALSE(TagMap::make({}));
+  EXPECT_FALSE(TagMap::make({tag, tag}));
+  MappedTag bad = tag;
+  bad.size_m = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(TagMap::make({bad}));
+  bad = tag;
+  bad.T_table_tag = {Eigen::Quaterniond::Identity(),
+                     Eigen::Vector3d(0, 0, std::numeric_limits<double>::infinity())};
+  EXPECT_FALSE(TagMap::make({bad}));
+}
+
+TEST(TagMap, SavesWhatReadsBackTheSame) {
+  std::vector<MappedTag> tags(2);
+  tags[0].id = 3;
+  tags[0].size_m = 0.1 / 3.0;
+  tags[0].T_table_tag = {Eigen::Quaterniond(0.1, -0.7, 0.3, 0.6),
+                         Eigen::Vector3d(1.0 / 7.0, -2e-9, 0.3)};
+  tags[1].id = 3;
+  tags[1].family = TagFamily::tag25h9;
+  tags[1].size_m = 0.05;
+  tags[1].group = "a \"quoted\" wall";
+  const TagMap map = TagMap::make(tags).value();
+  const test::TemporaryFolder folder;
+  ASSERT_TRUE(save_tag_map(folder.path() / "tags.yaml", map));
+  const auto read = load_tag_map(folder.path() / "tags.yaml");
+  ASSERT_TRUE(read) << read.error().message;
+  ASSERT_EQ(read->tags().size(), 2U);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const MappedTag& before = map.tags()[i];
+    const MappedTag& after = read->tags()[i];
+    EXPECT_EQ(after.id, before.id);
+    EXPECT_EQ(after.family, before.family);
+    EXPECT_EQ(after.group, before.group);
+    EXPECT_EQ(after.size_m, before.size_m);
+    EXPECT_EQ(after.T_table_tag.translation(), before.T_table_tag.translation());
+    EXPECT_LT(
+        (after.T_table_tag.rotation().coeffs() - before.T_table_tag.rotation().coeffs()).norm(),
+        1e-15);
+  }
+}
+
+TEST(TagMap, ReadsEverySharedMap) {
+  const auto shared = test::shared_dir();
+  if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  int read = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(shared / "recordings")) {
+    const auto file = entry.path() / "tags.yaml";
+    if (!std::filesystem::exists(file)) continue;
+    const auto map = load_tag_map(file);
+    ASSERT_TRUE(map) << map.error().message;
+    ++read;
+  }
+  EXPECT_GE(read, 8);
+}
+
+}  // namespace
+}  // namespace penumbra

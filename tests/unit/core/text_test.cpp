@@ -1,0 +1,73 @@
+#include "core/text.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <rapidcheck.h>
+
+#include <rapidcheck/gtest.h>
+#include <cmath>
+
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+TEST(Text, SecondsBecomeExactNanoseconds) {
+  EXPECT_EQ(parse_seconds_as_ns("0"), 0);
+  EXPECT_EQ(parse_seconds_as_ns("0.033333"), 33333000);
+  EXPECT_EQ(parse_seconds_as_ns("1311868164.363181"), 1311868164363181000);
+  // A double has no room for these: 1403636579763555584 is the nearest one.
+  EXPECT_EQ(parse_seconds_as_ns("1403636579.763555527"), 1403636579763555527);
+  EXPECT_EQ(parse_seconds_as_ns("1.403636579763555527e+09"), 1403636579763555527);
+  EXPECT_EQ(parse_seconds_as_ns("-0.5"), -500000000);
+  EXPECT_EQ(parse_seconds_as_ns(".25"), 250000000);
+  EXPECT_EQ(parse_seconds_as_ns("7."), 7000000000);
+  EXPECT_EQ(parse_seconds_as_ns("+3"), 3000000000);
+  EXPECT_EQ(parse_seconds_as_ns("0000000000000000000000001"), 1000000000);
+}
+
+TEST(Text, DigitsBeyondTheNanosecondAreRounded) {
+  EXPECT_EQ(parse_seconds_as_ns("0.0000000004"), 0);
+  EXPECT_EQ(parse_seconds_as_ns("0.0000000005"), 1);
+  EXPECT_EQ(parse_seconds_as_ns("0.9999999999"), 1000000000);
+  EXPECT_EQ(parse_seconds_as_ns("1e-30"), 0);
+}
+
+TEST(Text, WhatIsNoTimeIsRefused) {
+  for (const char* text : {"", "-", ".", "abc", "1.2.3", "nan", "inf", "1e", "1e400", "12 3",
+                           "99999999999", "--1", "1,5", "0x10"}) {
+    EXPECT_EQ(parse_seconds_as_ns(text), std::nullopt) << text;
+  }
+}
+
+RC_GTEST_PROP(Text, WrittenTimesReadBack, ()) {
+  const auto time =
+      *rc::gen::inRange<std::int64_t>(-4'000'000'000'000'000'000, 4'000'000'000'000'000'000);
+  RC_ASSERT(parse_seconds_as_ns(format_ns_as_seconds(time)) == time);
+}
+
+TEST(Text, NumbersAreTakenWhole) {
+  EXPECT_EQ(parse_number("-1.5e3"), -1500.0);
+  EXPECT_EQ(parse_number("+2"), 2.0);
+  EXPECT_TRUE(std::isnan(parse_number("nan").value()));
+  for (const char* text : {"", " 1", "1 ", "1.0abc", "+-1", "e3", "0x1p3"})
+    EXPECT_EQ(parse_number(text), std::nullopt) << text;
+  EXPECT_EQ(parse_integer("42"), 42);
+  EXPECT_EQ(parse_integer("4.0"), std::nullopt);
+  EXPECT_EQ(parse_integer("99999999999999999999"), std::nullopt);
+}
+
+TEST(Text, FilesThatCannotBeReadAreNamed) {
+  const test::TemporaryFolder folder;
+  const auto missing = read_text_file(folder.path() / "none.txt", 10);
+  ASSERT_FALSE(missing);
+  EXPECT_THAT(missing.error().message, testing::HasSubstr("none.txt"));
+  EXPECT_FALSE(read_text_file(folder.path(), 10));
+  ASSERT_TRUE(write_text_file(folder.path() / "a.txt", "0123456789"));
+  EXPECT_EQ(read_text_file(folder.path() / "a.txt", 10).value(), "0123456789");
+  EXPECT_FALSE(read_text_file(folder.path() / "a.txt", 9));
+  EXPECT_FALSE(write_text_file(folder.path() / "no" / "a.txt", "x"));
+}
+
+}  // namespace
+}  // namespace penumbra

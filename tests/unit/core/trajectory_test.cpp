@@ -1,0 +1,95 @@
+#include "core/trajectory.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "core/text.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+class TrajectoryFile : public testing::Test {
+ protected:
+  Result<Trajectory> load(std::string_view text) {
+    EXPECT_TRUE(write_text_file(file_, text));
+    return load_trajectory(file_);
+  }
+  void refuses(std::string_view text, const char* what) {
+    const Result<Trajectory> read = load(text);
+    ASSERT_FALSE(read) << text;
+    EXPECT_THAT(read.error().message,
+                testing::AllOf(testing::HasSubstr("path.tum"), testing::HasSubstr(what)));
+  }
+  test::TemporaryFolder folder_;
+  std::filesystem::path file_ = folder_.path() / "path.tum";
+};
+
+TEST_F(TrajectoryFile, ReadsPosesAndComments) {
+  const auto read = load(
+      "# a comment\n\n1.5 1 2 3 0 0 0 1\r\n"
+      "  2.25\t-1 0.5 3e-1 0 0 0.6 0.8 # held 0.1 s\n"
+      "3 0 0 0 1 0 0 0");
+  ASSERT_TRUE(read) << read.error().message;
+  ASSERT_EQ(read->poses.size(), 3U);
+  EXPECT_EQ(read->poses[0].timestamp_ns, 1500000000);
+  EXPECT_EQ(read->poses[0].T_table_camera.translation(), Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(read->poses[1].comment, "held 0.1 s");
+  EXPECT_NEAR(read->poses[1].T_table_camera.rotation().z(), 0.6, 1e-15);
+  EXPECT_EQ(read->poses[2].T_table_camera.rotation().x(), 1.0);
+}
+
+TEST_F(TrajectoryFile, ErrorsNameFileAndLine) {
+  refuses("0 0 0 0 0 0 0\n", "line 1");
+  refuses("0 0 0 0 0 0 0 1\n# x\n1 0 0 0 0 0 0 1 5\n", "line 3");
+  refuses("0 nan 0 0 0 0 0 1\n", "tx");
+  refuses("0 0 inf 0 0 0 0 1\n", "ty");
+  refuses("0 0 0 0 0 0 0 0x1\n", "qw");
+  refuses("0 0 0 0 0 0 0 0\n", "quaternion");
+  refuses("0 0 0 0 0 0 0 1.01\n", "quaternion");
+  refuses("when 0 0 0 0 0 0 1\n", "timestamp");
+  refuses("1 0 0 0 0 0 0 1\n0.5 0 0 0 0 0 0 1\n", "line 2");
+  EXPECT_FALSE(load_trajectory(folder_.path() / "absent.tum"));
+}
+
+TEST_F(TrajectoryFile, WhatIsWrittenReadsBackBitForBit) {
+  Trajectory trajectory;
+  for (int i = 0; i < 20; ++i) {
+    StampedPose pose;
+    pose.timestamp_ns = 1403636579763555527 + i * 33333333LL;
+    pose.T_table_camera = CameraPose(Eigen::Quaterniond(0.3 + i, -0.2, 0.7, 0.1),
+                                     Eigen::Vector3d(1.0 / 3.0, i, -1e-9));
+    if (i % 2 == 1) pose.comment = "held\nfor a while";
+    trajectory.poses.push_back(pose);
+  }
+  ASSERT_TRUE(save_trajectory(file_, trajectory));
+  const auto read = load_trajectory(file_);
+  ASSERT_TRUE(read) << read.error().message;
+  ASSERT_EQ(read->poses.size(), 20U);
+  for (std::size_t i = 0; i < 20; ++i) {
+    EXPECT_EQ(read->poses[i].timestamp_ns, trajectory.poses[i].timestamp_ns);
+    EXPECT_EQ(read->poses[i].T_table_camera.translation(),
+              trajectory.poses[i].T_table_camera.translation());
+    EXPECT_LT(read->poses[i].T_table_camera.rotation().angularDistance(
+                  trajectory.poses[i].T_table_camera.rotation()),
+              1e-15);
+  }
+  EXPECT_EQ(read->poses[1].comment, "held for a while");
+  EXPECT_FALSE(save_trajectory(folder_.path() / "no" / "path.tum", trajectory));
+}
+
+TEST(Trajectory, FindsTheNearestPose) {
+  Trajectory t;
+  for (const std::int64_t time : {0, 10, 20, 40}) t.poses.push_back({time, {}, {}});
+  EXPECT_EQ(t.at(0, 0), &t.poses[0]);
+  EXPECT_EQ(t.at(14, 5), &t.poses[1]);
+  EXPECT_EQ(t.at(16, 5), &t.poses[2]);
+  EXPECT_EQ(t.at(30, 5), nullptr);
+  EXPECT_EQ(t.at(30, 10), &t.poses[2]) << "the earlier of two equally near ones";
+  EXPECT_EQ(t.at(-3, 5), &t.poses[0]);
+  EXPECT_EQ(t.at(99, 5), nullptr);
+  EXPECT_EQ(Trajectory{}.at(0, 100), nullptr);
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,315 @@
+#include "render/compositor.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "render/gl/shader.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::Picture;
+using test::SceneBuilder;
+using test::ShapeBuilder;
+using test::Studio;
+
+std::shared_ptr<const Model> box(double side, const glm::vec4& color) {
+  ShapeBuilder shape;
+  shape.box(-side / 2, -side / 2, -side / 2, side / 2, side / 2, side / 2);
+  return test::finished(shape.build(), color);
+}
+
+Frame noise_frame(PixelFormat format, int width, int height, ColorMatrix matrix, ColorRange range) {
+  FrameBuffer buffer = allocate_frame(format, width, height);
+  std::mt19937 random(5);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(buffer.frame.plane_count); ++i) {
+    const PixelPlane& plane = buffer.frame.planes[i];
+    const std::ptrdiff_t bytes = plane.stride * plane.height;
+    for (std::ptrdiff_t j = 0; j < bytes; ++j)
+      buffer.plane_data[i][j] = static_cast<std::uint8_t>(random() & 0xFFU);
+  }
+  buffer.frame.color_matrix = matrix;
+  buffer.frame.color_range = range;
+  return buffer.frame;
+}
+
+// The standards' formulas, in double, for one pixel.
+std::array<double, 3> reference_rgb(const Frame& f, int x, int y) {
+  const auto byte = [&f](std::size_t plane, int bx, int by) {
+    return static_cast<double>(f.planes[plane].data[by * f.planes[plane].stride + bx]);
+  };
+  if (f.format == PixelFormat::rgb24)
+    return {byte(0, 3 * x, y), byte(0, 3 * x + 1, y), byte(0, 3 * x + 2, y)};
+  double luma = 0;
+  double u = 128;
+  double v = 128;
+  switch (f.format) {
+    case PixelFormat::grey8:
+      luma = byte(0, x, y);
+      break;
+    case PixelFormat::yuyv:
+      luma = byte(0, 2 * x, y);
+      u = byte(0, (x / 2) * 4 + 1, y);
+      v = byte(0, (x / 2) * 4 + 3, y);
+      break;
+    case PixelFormat::nv12:
+      luma = byte(0, x, y);
+      u = byte(1, (x / 2) * 2, y / 2);
+      v = byte(1, (x / 2) * 2 + 1, y / 2);
+      break;
+    default: {
+      luma = byte(0, x, y);
+      const int cx = f.format == PixelFormat::yuv444p ? x : x / 2;
+      const int cy = f.format == PixelFormat::yuv420p ? y / 2 : y;
+      u = byte(1, cx, cy);
+      v = byte(2, cx, cy);
+    }
+  }
+  const double kr = f.color_matrix == ColorMatrix::bt601 ? 0.299 : 0.2126;
+  const double kb = f.color_matrix == ColorMatrix::bt601 ? 0.114 : 0.0722;
+  const bool limited = f.color_range == ColorRange::limited;
+  luma = limited ? (luma - 16) * 255 / 219 : luma;
+  u = (u - 128) * (limited ? 255.0 / 224 : 1.0);
+  v = (v - 128) * (limited ? 255.0 / 224 : 1.0);
+  const double r = luma + 2 * (1 - kr) * v;
+  const double b = luma + 2 * (1 - kb) * u;
+  const double g = (luma - kr * r - kb * b) / (1 - kr - kb);
+  const auto clip = [](double c) { return std::clamp(c, 0.0, 255.0); };
+  return {clip(r), clip(g), clip(b)};
+}
+
+TEST(Compositor, VideoIsDrawnPixelByPixelInEveryFormat) {
+  SceneBuilder empty;
+  for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+    for (const auto& [width, height] : {std::pair{64, 48}, std::pair{37, 23}}) {
+      Studio studio(empty.build(), test::camera_of(width, height, 50.0), api);
+      for (const PixelFormat format :
+           {PixelFormat::grey8, PixelFormat::rgb24, PixelFormat::yuyv, PixelFormat::nv12,
+            PixelFormat::yuv420p, PixelFormat::yuv422p, PixelFormat::yuv444p}) {
+        for (const ColorMatrix matrix : {ColorMatrix::bt601, ColorMatrix::bt709}) {
+          for (const ColorRange range : {ColorRange::full, ColorRange::limited}) {
+            const Frame frame = noise_frame(format, width, height, matrix, range);
+            const Picture picture = studio.draw(frame, FramePlan());
+            double worst = 0.0;
+            for (int y = 0; y < height; ++y) {
+              for (int x = 0; x < width; ++x) {
+                const auto expected = reference_rgb(frame, x, y);
+                for (std::size_t c = 0; c < 3; ++c)
+                  worst = std::max(worst, std::abs(picture.at(x, y)[c] - expected[c]));
+                ASSERT_EQ(picture.at(x, y)[3], 255);
+              }
+            }
+            EXPECT_LE(worst, 0.51) << static_cast<int>(format) << " " << width;
+          }
+        }
+      }
+    }
+  }
+}
+
+Frame test_frame(int width, int height) {
+  FrameBuffer buffer = allocate_frame(PixelFormat::yuv420p, width, height);
+  const Frame& f = buffer.frame;
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x)
+      buffer.plane_data[0][y * f.planes[0].stride + x] =
+          static_cast<std::uint8_t>(150 + ((x / 16 + y / 16) % 2) * 50);
+  }
+  for (std::size_t p = 1; p < 3; ++p) {
+    for (int y = 0; y < f.planes[p].height; ++y) {
+      for (int x = 0; x < f.planes[p].width; ++x)
+        buffer.plane_data[p][y * f.planes[p].stride + x] =
+            static_cast<std::uint8_t>(p == 1 ? 110 + x % 20 : 140 - y % 20);
+    }
+  }
+  return f;
+}
+
+std::shared_ptr<const Scene> busy_scene() {
+  SceneBuilder builder;
+  ShapeBuilder shape;
+  shape.torus(0.06, 0.02, 20, 60);
+  builder.add(test::finished(shape.build(), {0.1F, 0.4F, 0.8F, 1.0F}),
+              test::at(0.05, 0.0, 0.1, {1, 0, 0}, 0.4));
+  builder.add(box(0.06, {0.8F, 0.25F, 0.1F, 1.0F}), test::at(-0.08, 0.04, 0.03));
+  builder.add(box(0.05, {0.8F, 0.8F, 0.1F, 1.0F}), test::at(0.0, -0.1, 0.29, {1, 1, 0}, 0.5));
+  builder.add(box(0.08, {0.8F, 0.8F, 0.8F, 1.0F}), test::at(0.1, -0.08, 0.04), false, true);
+  SceneLight lamp;
+  lamp.position = {0.2, -0.3, 0.9};
+  lamp.intensity = 0.8;
+  builder.scene().lights.push_back(lamp);
+  return builder.build();
+}
+
+std::vector<CameraPose> views() {
+  std::vector<CameraPose> poses;
+  for (int i = 0; i < 16; ++i) {
+    const double turn = 0.4 * i;
+    const double up = 0.08 + 0.05 * (i % 9);
+    const Eigen::Vector3d eye(0.45 * std::cos(turn), 0.45 * std::sin(turn), up);
+    // Targets that wander off, so that objects and shadows leave the view on all sides.
+    poses.push_back(test::look_at(eye, {0.3 * std::sin(2.1 * i), 0.3 * std::cos(1.3 * i), 0.02}));
+  }
+  poses.push_back(test::look_at({0.06, 0.01, 0.1}, {0.3, 0.1, 0.05}));  // among the objects
+  poses.push_back(test::look_at({0.3, 0.3, -0.2}, {0.0, 0.0, 0.1}));    // from under the table
+  poses.push_back(test::look_at({0.3, 0.3, 0.2}, {0.6, 0.6, 0.1}));     // away from it all
+  return poses;
+}
+
+const std::array<double, 8> kBent = {-0.28, 0.09, 0.0012, -0.0009, -0.006};
+
+TEST(Compositor, LeavingOutWhatCannotShowChangesNoBit) {
+  const auto scene = busy_scene();
+  const CameraModel camera = test::camera_of(320, 240, 260.0, DistortionModel::plumb_bob, kBent);
+  Studio with(scene, camera);
+  Studio without(scene, camera);
+  const Frame frame = test_frame(320, 240);
+  std::size_t skipped = 0;
+  PlanOptions all;
+  all.skip = false;
+  for (const ShadowTechnique technique :
+       {ShadowTechnique::none, ShadowTechnique::simple, ShadowTechnique::layered}) {
+    PlanOptions options;
+    options.technique = all.technique = technique;
+    for (const CameraPose& pose : views()) {
+      const FramePlan plan = with.plan(test::tracked(pose), options);
+      skipped += plan.skipped.size();
+      ASSERT_EQ(with.draw(frame, plan), without.draw(frame, without.plan(test::tracked(pose), all)))
+          << pose.translation().transpose();
+    }
+  }
+  EXPECT_GT(skipped, 60U);
+}
+
+TEST(Compositor, BothApisAndEveryRunDrawTheSame) {
+  const auto scene = busy_scene();
+  const CameraModel camera = test::camera_of(320, 240, 260.0, DistortionModel::plumb_bob, kBent);
+  Studio desktop(scene, camera, GlApi::gl33);
+  Studio embedded(scene, camera, GlApi::gles30);
+  Studio again(scene, camera, GlApi::gl33);
+  const Frame frame = test_frame(320, 240);
+  for (const CameraPose& pose : views()) {
+    const FramePlan plan = desktop.plan(test::tracked(pose));
+    const Picture picture = desktop.draw(frame, plan);
+    ASSERT_EQ(picture, again.draw(frame, plan));
+    const Picture other = embedded.draw(frame, plan);
+    int over = 0;
+    for (std::size_t i = 0; i < picture.rgba.size(); ++i)
+      over += std::abs(picture.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
+    EXPECT_LE(over, 8);
+  }
+}
+
+TEST(Compositor, PhantomsHideAndAreNotSeen) {
+  const CameraModel camera = test::camera_of(320, 240, 300.0);
+  const CameraPose pose = test::look_at({0.0, -0.5, 0.3}, {0.0, 0.0, 0.05});
+  const Frame frame = test::plain_frame(320, 240, 200);
+  SceneBuilder alone;
+  alone.add(box(0.12, glm::vec4(1.0F)), test::at(0.0, -0.15, 0.06), false, true);
+  Studio phantom(alone.build(), camera);
+  EXPECT_EQ(phantom.draw(frame, phantom.plan(test::tracked(pose))),
+            phantom.draw(frame, FramePlan()));
+
+  SceneBuilder behind;
+  behind.add(box(0.05, {0.9F, 0.1F, 0.1F, 1.0F}), test::at(0.0, 0.05, 0.03));
+  Studio open(behind.build(), camera);
+  behind.add(box(0.12, glm::vec4(1.0F)), test::at(0.0, -0.15, 0.06), false, true);
+  Studio hidden(behind.build(), camera);
+  const auto changed = [&](Studio& studio) {
+    const Picture a = studio.draw(frame, studio.plan(test::tracked(pose)));
+    int count = 0;
+    for (int y = 0; y < 240; ++y) {
+      for (int x = 0; x < 320; ++x) count += a.red(x, y) != 200 ? 1 : 0;
+    }
+    return count;
+  };
+  const int seen = changed(open);
+  EXPECT_GT(seen, 300);
+  EXPECT_LT(changed(hidden), seen / 3);
+}
+
+TEST(Compositor, NothingOfAShadowIsSeenFromBehindThePlane) {
+  SceneBuilder builder;
+  builder.add(box(0.1, glm::vec4(1.0F)), test::at(0, 0, 0.2));
+  Studio studio(builder.build(), test::camera_of(320, 240, 300.0));
+  for (const bool skip : {true, false}) {
+    PlanOptions options;
+    options.skip = skip;
+    const FramePlan plan =
+        studio.plan(test::tracked(test::look_at({0, -0.3, -0.3}, {0, 0, 0})), options);
+    EXPECT_TRUE(plan.shadows.empty());
+    EXPECT_EQ(plan.objects.size(), 1U);
+  }
+}
+
+TEST(Compositor, AHeldPoseFadesOut) {
+  SceneBuilder builder;
+  builder.add(box(0.1, {0.9F, 0.1F, 0.1F, 1.0F}), test::at(0, 0, 0.15));
+  Studio studio(builder.build(), test::camera_of(320, 240, 300.0));
+  PoseEstimate pose = test::tracked(test::look_at({0, -0.3, 0.4}, {0, 0, 0.05}));
+  const Frame frame = test::plain_frame(320, 240, 200);
+  const Picture full = studio.draw(frame, studio.plan(pose));
+  pose.status = TrackStatus::held;
+  pose.age_s = 0.25;
+  const Picture half = studio.draw(frame, studio.plan(pose));
+  for (std::size_t i = 0; i < full.rgba.size(); ++i) {
+    if (i % 4 == 3) {
+      ASSERT_EQ(half.rgba[i], 255);
+    } else {
+      ASSERT_NEAR(half.rgba[i], 0.5 * (full.rgba[i] + 200), 1.01);
+    }
+  }
+  pose.age_s = 0.6;
+  EXPECT_FALSE(studio.plan(pose).has_pose);
+}
+
+TEST(Compositor, RefusesAFrameOfAnotherSize) {
+  SceneBuilder builder;
+  Studio studio(builder.build(), test::camera_of(64, 48, 60.0));
+  const auto drawn = studio.compositor().draw(test::plain_frame(48, 64, 0), FramePlan());
+  ASSERT_FALSE(drawn);
+  EXPECT_THAT(drawn.error().message, testing::HasSubstr("48 x 64"));
+}
+
+TEST(Compositor, RefusesMoreLightsThanItDraws) {
+  SceneBuilder builder;
+  builder.scene().lights.resize(9);
+  const auto context = create_offscreen_context();
+  ASSERT_TRUE(context);
+  const auto made = Compositor::create(**context, builder.build(), test::camera_of(64, 48, 60.0));
+  ASSERT_FALSE(made);
+  EXPECT_THAT(made.error().message, testing::HasSubstr("lights: 9"));
+}
+
+TEST(Shader, AnErrorNamesTheFileAndTheLine) {
+  for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+    const auto context = create_offscreen_context(api);
+    ASSERT_TRUE(context) << context.error().message;
+    const std::array<ShaderText, 2> vertex = {
+        ShaderText{"first.glsl", "vec4 place() {\n  return vec4(0.0);\n}\n"},
+        ShaderText{"second.glsl", "void main() {\n  gl_Position = plase();\n}\n"}};
+    const std::array<ShaderText, 1> fragment = {ShaderText{"f.glsl", "void main() {}\n"}};
+    const auto program = ShaderProgram::link_texts(api, vertex, fragment);
+    ASSERT_FALSE(program);
+    EXPECT_THAT(program.error().message, testing::HasSubstr("second.glsl:2"));
+  }
+}
+
+TEST(Context, SaysWhatItIs) {
+  for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+    const auto context = create_offscreen_context(api);
+    ASSERT_TRUE(context) << context.error().message;
+    EXPECT_FALSE((*context)->info().renderer.empty());
+    EXPECT_EQ((*context)->info().api, api);
+    EXPECT_TRUE((*context)->poll_events());
+    EXPECT_EQ((*context)->window_size().width, 0);
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,165 @@
+#include "render/frame_plan.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::SceneBuilder;
+
+std::shared_ptr<const Model> cube(double side) {
+  test::ShapeBuilder shape;
+  shape.box(-side / 2, -side / 2, -side / 2, side / 2, side / 2, side / 2);
+  return test::finished(shape.build(), glm::vec4(1.0F));
+}
+
+CameraModel camera() {
+  return test::camera_of(320, 240, 300.0);
+}
+PoseEstimate above() {
+  return test::tracked(test::look_at({0.0, -0.4, 0.5}, {0.0, 0.0, 0.0}));
+}
+
+std::vector<std::string> whats(const FramePlan& plan) {
+  std::vector<std::string> names;
+  for (const SkippedPass& skipped : plan.skipped) names.push_back(skipped.what);
+  return names;
+}
+FramePlan plan_of(const SceneBuilder& builder, const PoseEstimate& pose,
+                  const PlanOptions& options = {}) {
+  const auto scene = builder.build();
+  SceneState state;
+  for (const SceneObject& object : scene->objects) state.objects.push_back(object.placement);
+  return plan_frame(*scene, state, pose, camera(), options);
+}
+
+TEST(FramePlan, EverythingInViewIsDrawn) {
+  SceneBuilder builder;
+  builder.add(cube(0.05), test::at(0, 0, 0.1));
+  builder.add(cube(0.05), test::at(0.1, 0, 0.025), true, true);
+  const FramePlan plan = plan_of(builder, above());
+  EXPECT_TRUE(plan.has_pose);
+  EXPECT_EQ(plan.overlay_opacity, 1.0F);
+  EXPECT_EQ(plan.objects.size(), 1U);
+  EXPECT_EQ(plan.phantoms.size(), 1U);
+  ASSERT_EQ(plan.shadows.size(), 2U);
+  EXPECT_TRUE(plan.shadows[0].umbra && plan.shadows[0].middle && plan.shadows[0].penumbra);
+  EXPECT_TRUE(plan.skipped.empty());
+}
+
+TEST(FramePlan, WithoutAPoseNothingIsDrawnOverTheVideo) {
+  SceneBuilder builder;
+  builder.add(cube(0.05), test::at(0, 0, 0.1));
+  PoseEstimate lost;
+  lost.reason = "no tag found";
+  const FramePlan plan = plan_of(builder, lost);
+  EXPECT_FALSE(plan.has_pose);
+  EXPECT_TRUE(plan.objects.empty() && plan.shadows.empty());
+  EXPECT_THAT(whats(plan), testing::ElementsAre("no_pose"));
+  EXPECT_THAT(plan.skipped[0].reason, testing::HasSubstr("no tag found"));
+
+  PoseEstimate broken = above();
+  broken.T_table_camera =
+      CameraPose(Eigen::Quaterniond::Identity(),
+                 Eigen::Vector3d(std::numeric_limits<double>::quiet_NaN(), 0.0, 0.0));
+  EXPECT_FALSE(plan_of(builder, broken).has_pose);
+}
+
+TEST(FramePlan, LeavesOutWhatIsOutOfView) {
+  SceneBuilder builder;
+  builder.add(cube(0.05), test::at(3.0, 0, 0.1));
+  const FramePlan plan = plan_of(builder, above());
+  EXPECT_TRUE(plan.objects.empty() && plan.shadows.empty());
+  EXPECT_THAT(whats(plan), testing::ElementsAre("object_out_of_view", "shadow_out_of_view"));
+  EXPECT_EQ(plan.skipped[0].reason, "object1: outside the view");
+  PlanOptions all;
+  all.skip = false;
+  const FramePlan whole = plan_of(builder, above(), all);
+  EXPECT_EQ(whole.objects.size(), 1U);
+  EXPECT_EQ(whole.shadows.size(), 1U);
+}
+
+// The object is above the picture, its shadow in it.
+TEST(FramePlan, AShadowIsSeenWithoutItsObject) {
+  SceneBuilder builder;
+  builder.add(cube(0.05), test::at(0, 0.1, 0.28));
+  const FramePlan plan =
+      plan_of(builder, test::tracked(test::look_at({0.0, -0.2, 0.25}, {0.0, 0.1, -0.05})));
+  EXPECT_TRUE(plan.objects.empty());
+  EXPECT_EQ(plan.shadows.size(), 1U);
+}
+
+TEST(FramePlan, LayersVanishWithHeight) {
+  SceneBuilder builder;
+  builder.scene().shadows[0].layered = make_layered_constants(0.4, 4.0, 0.0).value();  // h_u 0.1
+  builder.add(cube(0.02), test::at(0, 0, 0.12));
+  const FramePlan plan = plan_of(builder, above());
+  ASSERT_EQ(plan.shadows.size(), 1U);
+  EXPECT_FALSE(plan.shadows[0].umbra);
+  EXPECT_TRUE(plan.shadows[0].middle && plan.shadows[0].penumbra);
+  EXPECT_THAT(whats(plan), testing::ElementsAre("umbra_vanished"));
+
+  SceneBuilder high;
+  high.scene().shadows[0].layered = builder.scene().shadows[0].layered;
+  high.add(cube(0.02), test::at(0, 0, 0.45));
+  EXPECT_THAT(whats(plan_of(high, above())), testing::Contains("shadow_above_light"));
+
+  SceneBuilder low;
+  low.add(cube(0.02), test::at(0, 0, -0.05));
+  EXPECT_THAT(whats(plan_of(low, above())), testing::Contains("shadow_below_plane"));
+}
+
+TEST(FramePlan, OtherReasons) {
+  SceneBuilder builder;
+  const int quiet = builder.add(cube(0.02), test::at(0, 0, 0.1));
+  builder.scene().objects[static_cast<std::size_t>(quiet)].casts_shadow = false;
+  EXPECT_THAT(whats(plan_of(builder, above())), testing::ElementsAre("casts_no_shadow"));
+  PlanOptions none;
+  none.technique = ShadowTechnique::none;
+  EXPECT_THAT(whats(plan_of(builder, above(), none)), testing::ElementsAre("technique_none"));
+  EXPECT_THAT(whats(plan_of(builder, test::tracked(test::look_at({0, -0.4, -0.5}, {0, 0, 0})))),
+              testing::ElementsAre("camera_behind_plane"));
+
+  SceneBuilder beside;
+  beside.add(cube(0.02), test::at(0, 0, 0.05));
+  beside.scene().planes[0].outline = {{1.0, 1.0}, {1.2, 1.0}, {1.2, 1.2}};
+  EXPECT_THAT(whats(plan_of(beside, above())), testing::ElementsAre("shadow_off_receiver"));
+}
+
+TEST(FramePlan, OptionsOverrideTheNodes) {
+  SceneBuilder builder;
+  builder.add(cube(0.02), test::at(0, 0, 0.1));
+  PlanOptions options;
+  options.technique = ShadowTechnique::simple;
+  options.kernels = KernelSource::centroid;
+  const FramePlan plan = plan_of(builder, above(), options);
+  ASSERT_EQ(plan.shadows.size(), 1U);
+  EXPECT_EQ(plan.shadows[0].technique, ShadowTechnique::simple);
+  EXPECT_EQ(plan.shadows[0].kernels, KernelSource::centroid);
+  EXPECT_FALSE(plan.shadows[0].umbra || plan.shadows[0].penumbra);
+}
+
+TEST(FramePlan, AHeldPoseFades) {
+  SceneBuilder builder;
+  PoseEstimate pose = above();
+  pose.status = TrackStatus::held;
+  float last = 1.01F;
+  for (const double age : {0.0, 0.1, 0.2, 0.4}) {
+    pose.age_s = age;
+    const float opacity = plan_of(builder, pose).overlay_opacity;
+    EXPECT_LT(opacity, last);
+    EXPECT_GT(opacity, 0.0F);
+    last = opacity;
+  }
+  pose.age_s = 0.5;
+  EXPECT_THAT(whats(plan_of(builder, pose)), testing::ElementsAre("faded_out"));
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,410 @@
+// Shadows as drawn: areas against closed formulas, sets of pixels against the CPU's projection.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <set>
+
+#include "render/passes/object_pass.hpp"
+#include "render/shadow/caster_geometry.hpp"
+#include "render/shadow/kernel_direction.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::Picture;
+using test::SceneBuilder;
+using test::ShapeBuilder;
+using test::Studio;
+
+constexpr int kSide = 400;
+constexpr double kEyeHeight = 1.0;
+constexpr double kFocal = 800.0;
+
+// Straight down from 1 m, 800 px per metre of the table.
+CameraModel overhead_camera() {
+  CameraParameters p;
+  p.width = p.height = kSide;
+  p.fx = p.fy = kFocal;
+  p.cx = p.cy = 199.5 + 0.27;
+  return CameraModel::make(p).value();
+}
+PoseEstimate overhead() {
+  return test::tracked(test::look_at({0.0, 0.0, kEyeHeight}, {0.0, 0.0, 0.0}));
+}
+Frame white() {
+  return test::plain_frame(kSide, kSide, 255);
+}
+
+constexpr double square(double x) {
+  return x * x;
+}
+
+std::shared_ptr<const Model> disc(double radius) {
+  ShapeBuilder shape;
+  const std::uint32_t centre = shape.vertex(0, 0, 0);
+  std::vector<std::uint32_t> rim;
+  for (int i = 0; i < 96; ++i) {
+    const double t = 2.0 * std::numbers::pi * i / 96;
+    rim.push_back(shape.vertex(radius * std::cos(t), radius * std::sin(t), 0.0));
+  }
+  for (std::size_t i = 0; i < 96; ++i) shape.triangle(centre, rim[i], rim[(i + 1) % 96]);
+  return test::finished(shape.build(), glm::vec4(1.0F));
+}
+std::shared_ptr<const Model> box(double x, double y, double z) {
+  ShapeBuilder shape;
+  shape.box(-x / 2, -y / 2, -z / 2, x / 2, y / 2, z / 2);
+  return test::finished(shape.build(), glm::vec4(0.8F, 0.3F, 0.1F, 1.0F));
+}
+std::shared_ptr<const Model> torus() {
+  ShapeBuilder shape;
+  shape.torus(0.06, 0.015, 16, 48);
+  return test::finished(shape.build(), glm::vec4(0.2F, 0.5F, 0.9F, 1.0F));
+}
+
+LayeredConstants constants_with(double light_height, double ratio, double umbra_height = 0.0) {
+  return make_layered_constants(light_height, ratio, umbra_height).value();
+}
+
+// The layer of the only shadow, drawn alone: its pixels, and their area on the table.
+struct Layer {
+  std::vector<std::uint8_t> pixels;
+  double area_m2 = 0.0;
+};
+Layer draw_layer(Studio& studio, const PoseEstimate& pose, ShadowLayer layer, bool skip = true) {
+  PlanOptions options;
+  options.skip = skip;
+  FramePlan plan = studio.plan(pose, options);
+  for (ShadowDraw& shadow : plan.shadows) {
+    shadow.umbra = shadow.umbra && layer == ShadowLayer::umbra;
+    shadow.middle = shadow.middle && layer == ShadowLayer::middle;
+    shadow.penumbra = shadow.penumbra && layer == ShadowLayer::penumbra;
+  }
+  const Picture picture = studio.draw_shadows(white(), plan);
+  Layer drawn;
+  int count = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const bool dark = picture.red(x, y) < 255;
+      drawn.pixels.push_back(dark ? 1 : 0);
+      count += dark ? 1 : 0;
+    }
+  }
+  drawn.area_m2 = count * square(kEyeHeight / kFocal);
+  return drawn;
+}
+
+int differing(const std::vector<std::uint8_t>& a, const std::vector<std::uint8_t>& b) {
+  int count = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) count += a[i] != b[i] ? 1 : 0;
+  return count;
+}
+
+// Pixels whose centres lie in any of the projected triangles, seen from overhead.
+std::vector<std::uint8_t> covered_by(const std::vector<PlanePoint>& points) {
+  std::vector<std::uint8_t> mask(static_cast<std::size_t>(kSide * kSide), 0);
+  const CameraModel camera = overhead_camera();
+  const CameraPose pose = overhead().T_table_camera;
+  std::vector<Eigen::Vector2d> px;
+  for (const PlanePoint& p : points) {
+    px.push_back(*camera.project(
+        pose.inverse() * Eigen::Vector3d(static_cast<double>(p.u), static_cast<double>(p.v), 0.0)));
+  }
+  for (std::size_t i = 0; i + 2 < px.size(); i += 3) {
+    const Eigen::Vector2d& a = px[i];
+    const Eigen::Vector2d& b = px[i + 1];
+    const Eigen::Vector2d& c = px[i + 2];
+    const auto low = [&](int axis) {
+      return std::max(0, static_cast<int>(std::ceil(std::min({a[axis], b[axis], c[axis]}))));
+    };
+    const auto high = [&](int axis) {
+      return std::min(kSide - 1,
+                      static_cast<int>(std::floor(std::max({a[axis], b[axis], c[axis]}))));
+    };
+    const auto side = [](const Eigen::Vector2d& from, const Eigen::Vector2d& to, double x,
+                         double y) {
+      return (to.x() - from.x()) * (y - from.y()) - (to.y() - from.y()) * (x - from.x());
+    };
+    if (side(a, b, c.x(), c.y()) == 0.0) continue;
+    for (int y = low(1); y <= high(1); ++y) {
+      for (int x = low(0); x <= high(0); ++x) {
+        const double s0 = side(a, b, x, y);
+        const double s1 = side(b, c, x, y);
+        const double s2 = side(c, a, x, y);
+        if ((s0 >= 0 && s1 >= 0 && s2 >= 0) || (s0 <= 0 && s1 <= 0 && s2 <= 0))
+          mask[static_cast<std::size_t>(y * kSide + x)] = 1;
+      }
+    }
+  }
+  return mask;
+}
+
+// The same layer by the CPU's functions alone.
+std::vector<std::uint8_t> cpu_layer(const Scene& scene, ShadowLayer layer) {
+  const SceneObject& object = scene.objects[0];
+  const ShadowNode& node = scene.shadows[0];
+  const PlaneFrame plane = PlaneFrame::make(scene.planes[0].normal, scene.planes[0].point);
+  const ShadowMesh mesh = make_shadow_mesh(*object.model);
+  const CasterGeometry geometry =
+      split_long_edges(mesh, longest_model_edge(object.placement.scale));
+  const Eigen::Vector3d up = object.placement.rotation.conjugate() * plane.n;
+  const auto kernels = level_kernels(
+      geometry, generate_kernels(mesh, KernelDirection::nearest(up).up(), node.kernels));
+  std::vector<CasterVertex> vertices;
+  for (std::size_t i = 0; i < kernels.size(); ++i) {
+    const Eigen::Vector3d x = plane.to_plane(
+        object.placement *
+        Eigen::Vector3d(geometry.positions[i].x, geometry.positions[i].y, geometry.positions[i].z));
+    const Eigen::Vector3d k = plane.to_plane(
+        object.placement * Eigen::Vector3d(kernels[i].x, kernels[i].y, kernels[i].z));
+    const auto f = [](double value) { return static_cast<float>(value); };
+    vertices.push_back({f(x.x()), f(x.y()), f(x.z()), f(k.x()), f(k.y())});
+  }
+  std::vector<PlanePoint> points;
+  for (const CasterVertex& v :
+       clip_to_heights(vertices, geometry.indices, layer_height_range(node.layered, layer)))
+    points.push_back(project_to_layer(v, node.layered, layer));
+  return covered_by(points);
+}
+
+TEST(ShadowPass, AreasOfALevelDiscAreTheFactorsSquared) {
+  struct Case {
+    LayeredConstants constants;
+    double h;
+  };
+  const double inf = std::numeric_limits<double>::infinity();
+  const std::vector<Case> cases = {
+      {constants_with(0.9, 3.0), 0.0},     {constants_with(0.9, 3.0), 0.05},
+      {constants_with(0.9, 3.0), 0.15},    {constants_with(0.9, 3.0), 0.25},
+      {constants_with(1.5, 5.0), 0.1},     {constants_with(inf, 0.0, 0.3), 0.1},
+      {constants_with(inf, 0.0, 0.3), 0.2}};
+  for (const Case& c : cases) {
+    SceneBuilder builder;
+    builder.add(disc(0.05), test::at(0.011, -0.017, c.h));
+    builder.scene().shadows[0].layered = c.constants;
+    Studio studio(builder.build(), overhead_camera());
+    for (const ShadowLayer layer : kShadowLayers) {
+      const double s = layer_factor(c.constants, layer, c.h);
+      const double expected =
+          48.0 * std::sin(2.0 * std::numbers::pi / 96.0) * square(0.05 * s);  // 96 corners
+      const double drawn = draw_layer(studio, overhead(), layer).area_m2;
+      // A pixel is 1.6 mm^2; the boundary's counting error is a few tens of pixels at most.
+      EXPECT_NEAR(drawn, expected, 0.004 * expected + 12 * square(kEyeHeight / kFocal))
+          << "H " << c.constants.light_height << " h " << c.h << " lambda " << lambda_of(layer);
+    }
+  }
+}
+
+TEST(ShadowPass, AreasOfACube) {
+  const LayeredConstants constants = constants_with(0.9, 3.0);
+  SceneBuilder builder;
+  builder.add(box(0.08, 0.08, 0.08), test::at(0.003, 0.005, 0.1));
+  builder.scene().shadows[0].layered = constants;
+  Studio studio(builder.build(), overhead_camera());
+  // The umbra is the bottom's (it shrinks upwards), the others the top's.
+  const double umbra = square(0.08 * layer_factor(constants, ShadowLayer::umbra, 0.06));
+  const double middle = square(0.08 * layer_factor(constants, ShadowLayer::middle, 0.14));
+  const double penumbra = square(0.08 * layer_factor(constants, ShadowLayer::penumbra, 0.14));
+  EXPECT_NEAR(draw_layer(studio, overhead(), ShadowLayer::umbra).area_m2, umbra, 0.02 * umbra);
+  EXPECT_NEAR(draw_layer(studio, overhead(), ShadowLayer::middle).area_m2, middle, 0.02 * middle);
+  EXPECT_NEAR(draw_layer(studio, overhead(), ShadowLayer::penumbra).area_m2, penumbra,
+              0.02 * penumbra);
+}
+
+TEST(ShadowPass, LayersNestForADiscAndACube) {
+  for (const auto& model : {disc(0.05), box(0.08, 0.05, 0.06)}) {
+    SceneBuilder builder;
+    builder.add(model, test::at(0.0, 0.0, 0.12, {0, 0, 1}, 0.3));
+    Studio studio(builder.build(), overhead_camera());
+    const Layer umbra = draw_layer(studio, overhead(), ShadowLayer::umbra);
+    const Layer middle = draw_layer(studio, overhead(), ShadowLayer::middle);
+    const Layer penumbra = draw_layer(studio, overhead(), ShadowLayer::penumbra);
+    EXPECT_GT(umbra.area_m2, 0.0);
+    EXPECT_GT(middle.area_m2, umbra.area_m2);
+    EXPECT_GT(penumbra.area_m2, middle.area_m2);
+    for (std::size_t i = 0; i < umbra.pixels.size(); ++i) {
+      ASSERT_LE(umbra.pixels[i], middle.pixels[i]);
+      ASSERT_LE(middle.pixels[i], penumbra.pixels[i]);
+    }
+  }
+}
+
+TEST(ShadowPass, AgreesWithTheCpusProjection) {
+  const double inf = std::numeric_limits<double>::infinity();
+  struct Case {
+    const char* name;
+    std::shared_ptr<const Model> model;
+    Placement placement;
+    LayeredConstants constants;
+  };
+  const std::vector<Case> cases = {
+      {"torus, tilted", torus(), test::at(0.01, 0.02, 0.12, {1, 0.3, 0}, 0.6),
+       constants_with(0.9, 3.0)},
+      {"bar through h_u", box(0.2, 0.02, 0.02), test::at(0, 0, 0.3, {0, 1, 0}, -0.5236),
+       constants_with(0.9, 3.0)},
+      {"bar through the plane", box(0.2, 0.02, 0.02), test::at(0, 0, 0.02, {0, 1, 0}, -0.5236),
+       constants_with(0.9, 3.0)},
+      {"bar through the cap", box(0.2, 0.02, 0.02), test::at(0, 0, 0.33, {0, 1, 0}, -0.5236),
+       LayeredConstants{0.45, 1.2, 0.375, 4.0}},
+      {"zenith", torus(), test::at(0, 0, 0.28, {0, 1, 0}, 0.5), constants_with(inf, 0.0, 0.3)},
+      {"scaled", torus(), test::at(0, 0, 0.1, {0, 1, 1}, 0.5, 0.7), constants_with(0.6, 2.0)}};
+  for (const Case& c : cases) {
+    SceneBuilder builder;
+    builder.add(c.model, c.placement);
+    builder.scene().shadows[0].layered = c.constants;
+    Studio studio(builder.build(), overhead_camera());
+    for (const ShadowLayer layer : kShadowLayers) {
+      const Layer drawn = draw_layer(studio, overhead(), layer);
+      const std::vector<std::uint8_t> expected = cpu_layer(studio.scene(), layer);
+      const auto size = std::count(expected.begin(), expected.end(), 1);
+      // Only centres that fall on an edge may differ: rounding of 1/256 px and of float.
+      EXPECT_LE(differing(drawn.pixels, expected), 2 + size / 400)
+          << c.name << ", lambda " << lambda_of(layer) << ", " << size << " px";
+      EXPECT_GT(size, 100) << c.name;
+    }
+  }
+}
+
+// A bar of 0.2 m at 30 degrees that rises through h_u: its umbra shrinks without a jump, though it
+// has 12 triangles only (shadows.md 2.2).
+TEST(ShadowPass, UmbraOfARisingBarShrinksEvenly) {
+  double last = -1.0;
+  double start = 0.0;
+  double largest_jump = 0.0;
+  for (int i = 0; i <= 24; ++i) {
+    SceneBuilder builder;
+    builder.add(box(0.2, 0.02, 0.02),
+                test::at(0, 0, 0.2 + 0.007 * i, {0, 1, 0}, -std::numbers::pi / 6));
+    builder.scene().shadows[0].layered = constants_with(0.9, 3.0);
+    Studio studio(builder.build(), overhead_camera());
+    const double area = draw_layer(studio, overhead(), ShadowLayer::umbra).area_m2;
+    if (i == 0) start = area;
+    if (last >= 0.0) {
+      EXPECT_LE(area, last * 1.01) << i;
+      largest_jump = std::max(largest_jump, (last - area) / start);
+    }
+    last = area;
+  }
+  EXPECT_LE(largest_jump, 7 * 0.015) << "of the start's area, per 7 mm";
+  EXPECT_EQ(last, 0.0) << "wholly above h_u";
+}
+
+TEST(ShadowPass, OverlappingCastersDarkenAPixelOnceWithItsDarkestLayer) {
+  SceneBuilder both;
+  SceneBuilder one;
+  SceneBuilder other;
+  const Placement a = test::at(-0.03, 0.0, 0.12);
+  const Placement b = test::at(0.04, 0.02, 0.16, {1, 0, 0}, 0.3);
+  both.add(box(0.1, 0.06, 0.05), a);
+  both.add(torus(), b);
+  one.add(box(0.1, 0.06, 0.05), a);
+  other.add(torus(), b);
+  const auto draw = [](const SceneBuilder& builder) {
+    Studio studio(builder.build(), overhead_camera());
+    return studio.draw_shadows(white(), studio.plan(overhead()));
+  };
+  const Picture together = draw(both);
+  const Picture first = draw(one);
+  const Picture second = draw(other);
+  std::set<int> values;
+  int overlap = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      values.insert(together.red(x, y));
+      ASSERT_EQ(together.red(x, y), std::min(first.red(x, y), second.red(x, y))) << x << " " << y;
+      overlap += first.red(x, y) < 255 && second.red(x, y) < 255 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(overlap, 1000);
+  // The light fractions of the scene, encoded: 255 f^(1/2.2).
+  std::set<int> expected = {255};
+  for (const double f : {0.15, 0.4, 0.83})
+    expected.insert(static_cast<int>(std::lround(255.0 * std::pow(f, 1.0 / 2.2))));
+  EXPECT_EQ(values, expected);
+}
+
+TEST(ShadowPass, SimpleIsTheFootprint) {
+  SceneBuilder builder;
+  builder.add(box(0.08, 0.05, 0.02), test::at(0, 0, 0.2));
+  Studio studio(builder.build(), overhead_camera());
+  PlanOptions options;
+  options.technique = ShadowTechnique::simple;
+  const Picture picture = studio.draw_shadows(white(), studio.plan(overhead(), options));
+  int dark = 0;
+  for (std::size_t i = 0; i < picture.rgba.size(); i += 4) dark += picture.rgba[i] < 255 ? 1 : 0;
+  EXPECT_NEAR(dark * square(kEyeHeight / kFocal), 0.08 * 0.05, 0.01 * 0.08 * 0.05);
+}
+
+TEST(ShadowPass, ReceiverOutlineCutsTheShadow) {
+  SceneBuilder builder;
+  builder.add(box(0.16, 0.16, 0.02), test::at(0, 0, 0.05));
+  // An L; its inner corner lies at the origin, under the shadow.
+  builder.scene().planes[0].outline = {{-0.3, -0.3}, {0.3, -0.3}, {0.3, 0.0},
+                                       {0.0, 0.0},   {0.0, 0.3},  {-0.3, 0.3}};
+  Studio cut(builder.build(), overhead_camera());
+  builder.scene().planes[0].outline.clear();
+  Studio whole(builder.build(), overhead_camera());
+  const Layer a = draw_layer(cut, overhead(), ShadowLayer::penumbra);
+  const Layer b = draw_layer(whole, overhead(), ShadowLayer::penumbra);
+  EXPECT_NEAR(a.area_m2, 0.75 * b.area_m2, 0.01 * b.area_m2);
+  const CameraModel camera = overhead_camera();
+  const auto pixel = [&](double x, double y) {
+    const auto p = *camera.project(overhead().T_table_camera.inverse() * Eigen::Vector3d(x, y, 0));
+    return static_cast<std::size_t>(std::lround(p.y()) * kSide + std::lround(p.x()));
+  };
+  EXPECT_EQ(a.pixels[pixel(0.04, 0.04)], 0);
+  EXPECT_EQ(b.pixels[pixel(0.04, 0.04)], 1);
+  EXPECT_EQ(a.pixels[pixel(-0.04, 0.04)], 1);
+  EXPECT_EQ(a.pixels[pixel(0.04, -0.04)], 1);
+}
+
+TEST(ShadowPass, NothingIsDoneForACameraThatMovesAlone) {
+  SceneBuilder builder;
+  builder.add(box(0.2, 0.02, 0.02), test::at(0, 0, 0.3, {0, 1, 0}, -0.5236));  // clipped
+  builder.add(torus(), test::at(0.1, 0, 0.1));
+  Studio studio(builder.build(), overhead_camera());
+  studio.draw(white(), studio.plan(overhead()));
+  EXPECT_EQ(studio.stats().kernel_generations, 2);
+  EXPECT_GT(studio.stats().shadow_vertices, 0);
+  studio.draw(white(), studio.plan(test::tracked(test::look_at({0.3, -0.4, 0.8}, {0, 0, 0}))));
+  EXPECT_EQ(studio.stats().kernel_generations, 0);
+  EXPECT_EQ(studio.stats().shadow_vertices, 0);
+  EXPECT_EQ(studio.stats().reprojections, 2);
+}
+
+TEST(ShadowPass, KernelDirectionsAreWithinTwoDegrees) {
+  for (int i = 0; i < 2000; ++i) {
+    const Eigen::Vector3d d =
+        Eigen::Vector3d(std::sin(i * 1.7), std::sin(i * 2.3 + 1.0), std::sin(i * 3.1 + 2.0))
+            .normalized();
+    const KernelDirection cell = KernelDirection::nearest(d);
+    EXPECT_LE(std::acos(std::min(1.0, std::abs(cell.up().dot(d)))), 2.0 * std::numbers::pi / 180);
+    EXPECT_EQ(cell, KernelDirection::nearest(-d)) << "k(d) = k(-d)";
+  }
+  EXPECT_EQ(KernelDirection::nearest({0, 0, 1}).up(), Eigen::Vector3d(0, 0, 1));
+}
+
+TEST(ShadowPass, SplittingKeepsTheSurfaceAndItsKernels) {
+  ShapeBuilder shape;
+  shape.box(-0.1, -0.05, 0.0, 0.1, 0.05, 0.02);
+  const ShadowMesh mesh = make_shadow_mesh(shape.build());
+  const CasterGeometry g = split_long_edges(mesh, 0.02F);
+  EXPECT_GT(g.indices.size(), mesh.indices.size());
+  double area = 0.0;
+  for (std::size_t i = 0; i + 2 < g.indices.size(); i += 3) {
+    const glm::vec3 a = g.positions[g.indices[i]];
+    const glm::vec3 b = g.positions[g.indices[i + 1]];
+    const glm::vec3 c = g.positions[g.indices[i + 2]];
+    area += 0.5 * static_cast<double>(glm::length(glm::cross(b - a, c - a)));
+    for (const auto& [p, q] : {std::pair{a, b}, std::pair{b, c}, std::pair{c, a}})
+      EXPECT_LE(glm::distance(p, q), 0.02F);
+  }
+  EXPECT_NEAR(area, 2.0 * (0.2 * 0.1 + 0.2 * 0.02 + 0.1 * 0.02), 1e-6);
+}
+
+}  // namespace
+}  // namespace penumbra
