@@ -38,8 +38,9 @@ Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path,
   if (!file) return fail("{}: cannot be opened: {}", path.string(), why(errno));
   try {
     std::vector<std::uint8_t> bytes(static_cast<std::size_t>(size));
-    const std::size_t got = std::fread(bytes.data(), 1, bytes.size(), file.get());
-    if (got != bytes.size()) return fail("{}: cannot be read to its end", path.string());
+    const bool whole =
+        bytes.empty() || std::fread(bytes.data(), 1, bytes.size(), file.get()) == bytes.size();
+    if (!whole) return fail("{}: cannot be read to its end", path.string());
     return bytes;
   } catch (const std::bad_alloc&) {
     return fail("{}: no memory for its {} bytes", path.string(), size);
@@ -49,7 +50,8 @@ Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path,
 Result<void> write_file(const std::filesystem::path& path, std::span<const std::uint8_t> bytes) {
   File file(std::fopen(path.c_str(), "wb"));
   if (!file) return fail("{}: cannot be written: {}", path.string(), why(errno));
-  const bool written = std::fwrite(bytes.data(), 1, bytes.size(), file.get()) == bytes.size();
+  const bool written =
+      bytes.empty() || std::fwrite(bytes.data(), 1, bytes.size(), file.get()) == bytes.size();
   const int write_error = errno;
   if (!written) return fail("{}: cannot be written: {}", path.string(), why(write_error));
   if (std::fclose(file.release()) != 0) {

@@ -51,6 +51,11 @@ struct Compositor::Impl {
         objects(std::move(object_pass)),
         shadows(std::move(shadow_pass)) {}
 
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+  // Names are deleted in the context that they were made in.
+  ~Impl() { context.make_current(); }
+
   GlContext& context;
   std::shared_ptr<const Scene> scene;
   int width;
@@ -66,10 +71,7 @@ struct Compositor::Impl {
 Compositor::Compositor(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Compositor::Compositor(Compositor&&) noexcept = default;
 Compositor& Compositor::operator=(Compositor&&) noexcept = default;
-Compositor::~Compositor() {
-  // Names are deleted in the context that they were made in.
-  if (impl_) impl_->context.make_current();
-}
+Compositor::~Compositor() = default;
 
 Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const Scene> scene,
                                       const CameraModel& camera) {

@@ -14,6 +14,8 @@
 #include <algorithm>
 #include <memory>
 
+#include "core/assert.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -72,9 +74,12 @@ Result<TagPattern> TagPattern::make(TagFamily family, int id) {
   pattern.width_at_border_ = handle->width_at_border;
   pattern.total_width_ = handle->total_width;
   const int width = pattern.total_width_;
-  pattern.cells_.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(width));
+  const auto side = static_cast<std::size_t>(width);
+  pattern.cells_.assign(side * side, 0);
   const auto set_white = [&](int column, int row_from_top) {
-    pattern.cells_[static_cast<std::size_t>((width - 1 - row_from_top) * width + column)] = 1;
+    const int cell = (width - 1 - row_from_top) * width + column;
+    PENUMBRA_ASSERT(cell >= 0 && cell < width * width);
+    pattern.cells_[static_cast<std::size_t>(cell)] = 1;
   };
 
   // The white ring: around a black border it lies outside, a reversed border is itself white.

@@ -40,9 +40,10 @@ class LookAhead {
 
   // By one thread at a time.
   [[nodiscard]] Item next() {
-    if (last_) return *last_;
+    if (ended_) return error_ ? Item(tl::unexpected(*error_)) : Item(std::optional<T>());
     Item item = depth_ == 0 ? make_guarded() : take();
-    if (is_last(item)) last_ = item;
+    ended_ = is_last(item);
+    if (!item) error_ = item.error();
     return item;
   }
 
@@ -91,7 +92,8 @@ class LookAhead {
   std::condition_variable changed_;
   std::deque<Item> made_;  // guarded by mutex_
   bool stop_ = false;      // guarded by mutex_
-  std::optional<Item> last_;
+  bool ended_ = false;
+  std::optional<Error> error_;  // what it ended with, if not well
   std::thread thread_;
 };
 

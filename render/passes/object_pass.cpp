@@ -167,6 +167,7 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan,
   set_lens(program_, lens);
   set_lights(scene);
   program_.set("eye", to_gl(plan.T_table_camera.translation()));
+  glFrontFace(GL_CW);  // counter-clockwise faces, seen in a framebuffer whose row 0 is the top
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
   glDepthMask(GL_TRUE);

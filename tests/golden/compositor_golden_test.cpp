@@ -62,7 +62,7 @@ Result<View> half_size_view(const std::string& recording, int number) {
   return view;
 }
 
-// Solids over the sheet: level and tilted, hovering and standing, one umbra cut at its height.
+// Solids over the sheet: level and tilted, one umbra cut at its height.
 std::shared_ptr<const Scene> solids() {
   test::SceneBuilder builder;
   test::ShapeBuilder ring;
@@ -72,7 +72,7 @@ std::shared_ptr<const Scene> solids() {
   test::ShapeBuilder block;
   block.box(-0.022, -0.022, 0.0, 0.022, 0.022, 0.044);
   builder.add(test::finished(block.build(), {0.1F, 0.32F, 0.62F, 1.0F}),
-              test::at(-0.06, 0.035, 0.0, {0, 0, 1}, 0.5));
+              test::at(-0.06, 0.035, 0.03, {0, 0, 1}, 0.5));
   test::ShapeBuilder bar;
   bar.box(-0.06, -0.008, -0.008, 0.06, 0.008, 0.008);
   builder.add(test::finished(bar.build(), {0.85F, 0.6F, 0.1F, 1.0F}),
@@ -90,12 +90,13 @@ RgbaImage image_of(const test::Picture& picture) {
   return {picture.width, picture.height, picture.rgba};
 }
 
-RgbaImage composite(const View& view, ShadowTechnique technique) {
-  Studio studio(solids(), view.camera);
+RgbaImage composite(const View& view, ShadowTechnique technique,
+                    const std::shared_ptr<const Scene>& scene = solids(), double time_s = 0.0) {
+  Studio studio(scene, view.camera);
   PlanOptions options;
   options.technique = technique;
   return image_of(
-      studio.draw(view.frame, studio.plan(test::tracked(view.T_table_camera), options)));
+      studio.draw(view.frame, studio.plan(test::tracked(view.T_table_camera), options, time_s)));
 }
 
 struct Case {
@@ -124,12 +125,38 @@ TEST_P(Golden, CompositedFrame) {
       composite(*view, c.technique)));
 }
 
+// The scene that the program ships with, at the time of the frame.
+class DefaultScene : public testing::TestWithParam<Case> {};
+INSTANTIATE_TEST_SUITE_P(Golden, DefaultScene,
+                         testing::Values(Case{"tabletop", ShadowTechnique::layered, 0},
+                                         Case{"tabletop", ShadowTechnique::layered, 60},
+                                         Case{"tabletop", ShadowTechnique::layered, 110},
+                                         Case{"corner", ShadowTechnique::layered, 30}),
+                         [](const auto& instance) {
+                           return std::string(instance.param.recording) + "_" +
+                                  std::to_string(instance.param.frame);
+                         });
+
+TEST_P(DefaultScene, CompositedFrame) {
+  const Case& c = GetParam();
+  const auto view = half_size_view(c.recording, c.frame);
+  ASSERT_TRUE(view) << view.error().message;
+  const auto scene = load_scene(test::source_dir() / "scenes" / "default.json");
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_TRUE(matches_golden(
+      fmt::format("default__{}__{}__{:06}", c.recording, to_string(c.technique), c.frame),
+      composite(*view, c.technique, std::make_shared<const Scene>(*scene), c.frame / 30.0)));
+}
+
+std::string layer_name(ShadowLayer layer) {
+  constexpr std::array kNames = {"umbra", "middle", "penumbra"};
+  return kNames[static_cast<std::size_t>(layer)];
+}
+
 // The comparison must see a wrong shadow: each layer left out, and each moved by 2 px.
 class WrongShadow : public testing::TestWithParam<ShadowLayer> {};
-INSTANTIATE_TEST_SUITE_P(
-    Golden, WrongShadow, testing::ValuesIn(kShadowLayers), [](const auto& instance) {
-      return std::array{"umbra", "middle", "penumbra"}[static_cast<std::size_t>(instance.param)];
-    });
+INSTANTIATE_TEST_SUITE_P(Golden, WrongShadow, testing::ValuesIn(kShadowLayers),
+                         [](const auto& layer) { return layer_name(layer.param); });
 
 void keep_only(ShadowDraw& draw, ShadowLayer layer) {
   draw.umbra = draw.umbra && layer == ShadowLayer::umbra;

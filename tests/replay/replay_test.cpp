@@ -232,17 +232,15 @@ TEST(ReplayTest, CtrlCLeavesReadableFiles) {
 }
 
 TEST(ReplayTest, AWindowShowsTheSameFrames) {
-  const fs::path xvfb = "/usr/bin/xvfb-run";
-  if (!fs::exists(xvfb))
-    GTEST_SKIP() << xvfb << " is not installed: no display to open a window on";
+  const fs::path with_display = test::source_dir() / "tests/support/with-display";
   const TemporaryFolder folder;
   const auto arguments = [&](const std::string& name) {
     return std::vector<std::string>{"replay", bundled("corner"), "--frames",
                                     "0:6",    "--output",        folder.path() / name};
   };
-  std::vector<std::string> in_window = {"-a", program().string()};
+  std::vector<std::string> in_window = {program().string()};
   for (const std::string& argument : arguments("window")) in_window.push_back(argument);
-  const ProgramResult window = run_program(xvfb, in_window);
+  const ProgramResult window = run_program(with_display, in_window);
   ASSERT_EQ(window.exit_code, 0) << window.err;
   EXPECT_THAT(window.out, testing::Not(HasSubstr("offscreen")));
   const ProgramResult offscreen = penumbra(arguments("offscreen"));

@@ -1,0 +1,44 @@
+// A sheet of tags to print at true scale, and what lies on it.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+#include "core/error.hpp"
+#include "core/tag_map.hpp"
+
+namespace penumbra {
+
+struct PageSize {
+  double width_m = 0.297;
+  double height_m = 0.210;
+};
+
+// "a5", "a4", "a3", "a2", "a1", "a0", "letter", "legal", "tabloid" (any case, portrait), or
+// "210x297" in millimetres.
+[[nodiscard]] Result<PageSize> page_size_from_string(std::string_view name);
+
+// Rows and columns of tags, ids counted in reading order from the top left, centred on the page:
+// the table frame's origin is the board's centre, x right, y up on the sheet, z out of the paper.
+struct TagBoard {
+  TagFamily family = TagFamily::tag36h11;
+  int first_id = 0;
+  int columns = 4;
+  int rows = 3;
+  double tag_size_m = 0.04;  // edge of the black border's outer square
+  double pitch_m = 0.055;    // from one tag's centre to the next
+};
+
+// Where the tags are. `printed_scale` is true length over nominal length of the sheet as it came
+// out of the printer: 0.992 where the 100 mm ruler measures 99.2 mm. Fails when tags (with their
+// white margins) overlap or the family has no such ids.
+[[nodiscard]] Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale = 1.0);
+
+// The sheet as PDF: tags as vector shapes, a 100 mm ruler ("measure this: 100 mm"), and a line that
+// says what it is. The page is turned to landscape where the board only fits so. Fails, naming both
+// sizes, when it fits neither way, and when the file can't be written.
+[[nodiscard]] Result<void> write_tag_board(const std::filesystem::path& pdf, const TagBoard& board,
+                                           const PageSize& page);
+
+}  // namespace penumbra

@@ -1,0 +1,72 @@
+// A composited frame at 640 x 480 by technique: whole frame (upload, video, object, shadow), CPU
+// time of this thread and of the software rasteriser's (LP_NUM_THREADS=0 keeps it on this one).
+#include <benchmark/benchmark.h>
+
+#include <cstdlib>
+#include <memory>
+
+#include "app/capture/recording_source.hpp"
+#include "core/units.hpp"
+#include "render/compositor.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+struct Studio {
+  std::unique_ptr<GlContext> context;
+  std::shared_ptr<const Scene> scene;
+  Recording recording;
+  std::vector<Frame> frames;
+  std::unique_ptr<Compositor> compositor;
+};
+
+Studio& studio() {
+  static Studio studio = [] {
+    setenv("LP_NUM_THREADS", "0", 1);
+    Studio s;
+    s.context = create_offscreen_context().value();
+    s.context->make_current();
+    s.scene = std::make_shared<const Scene>(
+        load_scene(test::source_dir() / "scenes" / "default.json").value());
+    s.recording = open_recording(test::recordings_dir() / "tabletop").value();
+    RecordingSourceOptions options;
+    options.first = 60;
+    options.last = 90;
+    const auto source = open_recording_source(s.recording, options).value();
+    while (std::optional<Frame> frame = source->next().value()) s.frames.push_back(*frame);
+    s.compositor = std::make_unique<Compositor>(
+        Compositor::create(*s.context, s.scene, *s.recording.camera).value());
+    return s;
+  }();
+  return studio;
+}
+
+void composite(benchmark::State& state, ShadowTechnique technique) {
+  Studio& s = studio();
+  PlanOptions options;
+  options.technique = technique;
+  std::vector<std::uint8_t> rgba(640 * 480 * 4);
+  std::size_t i = 0;
+  std::int64_t shadow_vertices = 0;
+  for (auto _ : state) {
+    const Frame& frame = s.frames[i++ % s.frames.size()];
+    PoseEstimate pose;
+    pose.status = TrackStatus::tracked;
+    pose.T_table_camera = s.recording.groundtruth->at(frame.timestamp_ns)->T_table_camera;
+    const FramePlan plan =
+        plan_frame(*s.scene, evaluate_scene(*s.scene, seconds(frame.timestamp_ns)), pose,
+                   *s.recording.camera, options);
+    shadow_vertices += s.compositor->draw(frame, plan).value().shadow_vertices;
+    benchmark::DoNotOptimize(s.compositor->read_back(rgba).value());
+  }
+  state.counters["cpu_shadow_vertices"] =
+      static_cast<double>(shadow_vertices) / static_cast<double>(state.iterations());
+}
+
+BENCHMARK_CAPTURE(composite, simple, ShadowTechnique::simple)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(composite, none, ShadowTechnique::none)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(composite, layered, ShadowTechnique::layered)->Unit(benchmark::kMillisecond);
+
+}  // namespace
+}  // namespace penumbra

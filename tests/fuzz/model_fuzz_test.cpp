@@ -1,0 +1,143 @@
+// Damaged models and scenes: refused with one line, or sound. Deterministic.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <random>
+#include <string>
+
+#include "render/model.hpp"
+#include "render/scene.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+std::string contents(const std::filesystem::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+std::string mutated(std::string text, std::mt19937& random) {
+  static const std::vector<std::string> kWords = {"nan", "-1", "1e39", "99999999999", "0", "[",
+                                                  "}",   "\"", "..",   "4294967295",  "",  "\n"};
+  const auto below = [&random](std::size_t n) { return random() % std::max<std::size_t>(n, 1); };
+  const std::size_t changes = 1 + below(4);
+  for (std::size_t i = 0; i < changes && !text.empty(); ++i) {
+    // Headers matter more than vertices: half of the changes are near the start.
+    const std::size_t at =
+        below(below(2) == 0 ? std::min<std::size_t>(text.size(), 3000) : text.size());
+    switch (below(6)) {
+      case 0:
+        text[at] = static_cast<char>(random() & 0xFFU);
+        break;
+      case 1:
+        text[at] = static_cast<char>(text[at] ^ (1 << below(8)));
+        break;
+      case 2: {
+        std::size_t from = at;
+        while (from < text.size() && (text[from] < '0' || text[from] > '9')) ++from;
+        std::size_t to = from;
+        while (to < text.size() && text[to] >= '0' && text[to] <= '9') ++to;
+        text.replace(from, to - from, kWords[below(kWords.size())]);
+        break;
+      }
+      case 3:
+        text.insert(at, kWords[below(kWords.size())]);
+        break;
+      case 4:
+        text.erase(at, 1 + below(20));
+        break;
+      default:
+        if (below(4) == 0) text.resize(at);
+    }
+  }
+  return text;
+}
+
+void expect_sound(const Model& model) {
+  for (const Mesh& mesh : model.meshes) {
+    ASSERT_EQ(mesh.normals.size(), mesh.positions.size());
+    for (const glm::vec3& p : mesh.positions) {
+      ASSERT_TRUE(std::abs(p.x) <= 1e6F && std::abs(p.y) <= 1e6F && std::abs(p.z) <= 1e6F);
+    }
+    for (const std::uint32_t index : mesh.indices) ASSERT_LT(index, mesh.positions.size());
+  }
+}
+
+// Tries `count` mutations; how many were accepted.
+int fuzz_model(const std::string& good, const std::string& extension, int count, unsigned seed) {
+  test::TemporaryFolder folder;
+  std::mt19937 random(seed);
+  const std::filesystem::path file = folder.path() / ("model" + extension);
+  int accepted = 0;
+  for (int i = 0; i < count; ++i) {
+    // A new file: some file systems write an emptied one through to the disk.
+    std::filesystem::remove(file);
+    std::ofstream(file, std::ios::binary) << mutated(good, random);
+    const Result<Model> model = load_model(file);
+    if (model) {
+      ++accepted;
+      expect_sound(*model);
+    } else {
+      EXPECT_EQ(model.error().message.find('\n'), std::string::npos) << model.error().message;
+      EXPECT_NE(model.error().message.find("model" + extension), std::string::npos)
+          << model.error().message;
+    }
+  }
+  return accepted;
+}
+
+TEST(Fuzz, DamagedGlb) {
+  const std::string good = contents(test::source_dir() / "scenes/models/helicopter_tail_rotor.glb");
+  const int accepted = fuzz_model(good, ".glb", 3000, 1);
+  EXPECT_GT(accepted, 0);
+  EXPECT_LT(accepted, 3000);
+}
+
+TEST(Fuzz, DamagedGltf) {
+  // The same JSON as text, its buffer embedded.
+  const std::string json =
+      R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,)"
+      R"("scale":[1,2,-1],"children":[1]},{"mesh":0,"rotation":[0,0,0,1]}],"meshes":[{"primitives":)"
+      R"([{"attributes":{"POSITION":0},"indices":1,"material":0}]}],"materials":[{)"
+      R"("pbrMetallicRoughness":{"baseColorFactor":[1,0.5,0.2,1]}}],"accessors":[{"bufferView":0,)"
+      R"("componentType":5126,"count":3,"type":"VEC3"},{"bufferView":1,"componentType":5123,)"
+      R"("count":3,"type":"SCALAR"}],"bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,)"
+      R"("byteOffset":36,"byteLength":6}],"buffers":[{"byteLength":42,"uri":)"
+      R"("data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAABAAIA"}]})";
+  const int accepted = fuzz_model(json, ".gltf", 4000, 2);
+  EXPECT_GT(accepted, 0);
+  EXPECT_LT(accepted, 4000);
+}
+
+TEST(Fuzz, DamagedObj) {
+  std::string good = "o thing\nusemtl paint\n";
+  for (int i = 0; i < 40; ++i) {
+    good +=
+        fmt::format("v {} {} {}\nvt {} 0.5\nvn 0 0 1\n", 0.1 * i, 0.01 * i * i, i % 3, 0.02 * i);
+  }
+  for (int i = 1; i < 38; ++i)
+    good += fmt::format("f {0}/{0}/{0} {1}//{1} {2} {3}/1\n", i, i + 1, i + 2, i + 3);
+  const int accepted = fuzz_model(good, ".obj", 4000, 3);
+  EXPECT_GT(accepted, 0);
+  EXPECT_LT(accepted, 4000);
+}
+
+TEST(Fuzz, RandomBytes) {
+  test::TemporaryFolder folder;
+  std::mt19937 random(4);
+  for (int i = 0; i < 600; ++i) {
+    std::string bytes(random() % 4000, '\0');
+    for (char& byte : bytes) byte = static_cast<char>(random() & 0xFFU);
+    const char* extension = i % 3 == 0 ? ".glb" : i % 3 == 1 ? ".gltf" : ".obj";
+    const std::filesystem::path file = folder.path() / (std::string("model") + extension);
+    // A new file: some file systems write an emptied one through to the disk.
+    std::filesystem::remove(file);
+    std::ofstream(file, std::ios::binary) << bytes;
+    EXPECT_FALSE(load_model(file));
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

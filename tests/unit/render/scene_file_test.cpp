@@ -1,0 +1,169 @@
+// Scenes from JSON, and where their objects are in time.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <string>
+
+#include "render/scene.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+using testing::HasSubstr;
+
+const std::string kBox = R"({"name":"box","shape":{"kind":"box","size":[0.1,0.1,0.1]}})";
+
+class SceneFile : public testing::Test {
+ protected:
+  Result<Scene> load(const std::string& text) {
+    const std::filesystem::path file = folder_.path() / "scene.json";
+    std::ofstream(file, std::ios::binary) << text;
+    return load_scene(file);
+  }
+  std::string error_of(const std::string& text) {
+    const Result<Scene> scene = load(text);
+    return scene ? "was accepted" : scene.error().message;
+  }
+  std::string shadow_error(const std::string& keys) {
+    return error_of("{\"objects\":[" + kBox +
+                    "],\"shadows\":[{\"name\":\"s\",\"technique\":"
+                    "\"layered\"," +
+                    keys + "}]}");
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(SceneFile, DefaultSceneLoadsWithoutWarnings) {
+  const Result<Scene> scene = load_scene(test::source_dir() / "scenes/default.json");
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_TRUE(scene->warnings.empty());
+  ASSERT_EQ(scene->objects.size(), 4U);
+  EXPECT_TRUE(scene->objects[3].phantom);
+  EXPECT_EQ(scene->planes.size(), 3U);
+  EXPECT_EQ(scene->shadows[0].casters.size(), 3U);
+  // a = M / (M - 1), H = a h_max
+  EXPECT_NEAR(scene->shadows[0].layered.light_ratio, 3.0, 1e-12);
+  EXPECT_NEAR(scene->shadows[0].layered.light_height, 3.0 * 0.24, 1e-12);
+  // It lifts within a recording of four seconds, from near contact to where the layers part.
+  EXPECT_LT(evaluate_scene(*scene, 0.0).objects[0].position.z(), 0.02);
+  EXPECT_GT(evaluate_scene(*scene, 3.8).objects[0].position.z(), 0.14);
+}
+
+TEST_F(SceneFile, ViolationsNameThePlaceAndWhatIsAllowed) {
+  EXPECT_THAT(error_of("{"), HasSubstr("scene.json: is not JSON: parse error at line 1"));
+  EXPECT_THAT(error_of("[]"), HasSubstr("scene.json: /: is a list of 0; give"));
+  EXPECT_THAT(error_of("{}"), HasSubstr("/: has no \"objects\"; add it"));
+  EXPECT_THAT(error_of(R"({"objects":[],"shadow":[]})"),
+              HasSubstr("/shadow: is not a known key; did you mean \"shadows\"?"));
+  EXPECT_THAT(error_of(R"({"objects":[{"name":"a","scale":"big"}]})"),
+              HasSubstr("/objects/0/scale: is \"big\"; give a number from 1e-6 to 1e6"));
+  EXPECT_THAT(error_of(R"({"objects":[{"name":"a","scale":-1}]})"),
+              HasSubstr("/objects/0/scale: is -1; give a number from 1e-6 to 1e6"));
+  EXPECT_THAT(error_of(R"({"objects":[{"name":"a","position":[1,2]}]})"),
+              HasSubstr("/objects/0/position: is a list of 2; give three numbers [x, y, z]"));
+  EXPECT_THAT(error_of(R"({"objects":[{"name":"a"}]})"),
+              HasSubstr("/objects/0: needs a \"model\" or a \"shape\""));
+  EXPECT_THAT(error_of(R"({"objects":[{"name":"a","model":"none.glb"}]})"),
+              HasSubstr("/objects/0/model: "));
+  EXPECT_THAT(error_of(R"({"objects":[{"name":"a","position":[1e999,0,0]}]})"),
+              HasSubstr("is not JSON"));
+  EXPECT_THAT(error_of("{\"objects\":[" + kBox + "," + kBox + "]}"),
+              HasSubstr("/objects/1/name: \"box\" is taken"));
+  EXPECT_THAT(error_of(R"({"objects":[{"name":"a","shape":{"kind":"sphere"}}]})"),
+              HasSubstr("/objects/0/shape: has no \"radius\"; a sphere needs it"));
+  EXPECT_THAT(error_of(R"({"objects":[],"lights":[{"name":"l","kind":"spot"}]})"),
+              HasSubstr("/lights/0/kind: is \"spot\"; give one of point, directional"));
+  EXPECT_THAT(error_of(R"({"objects":[],"lights":[{"name":"l","kind":"point"}]})"),
+              HasSubstr("/lights/0: has no \"position\""));
+  EXPECT_THAT(error_of(R"({"objects":[],"planes":[{"name":"p","normal":[0,0,0]}]})"),
+              HasSubstr("/planes/0/normal: has no length"));
+}
+
+TEST_F(SceneFile, ShadowNodesAreChecked) {
+  EXPECT_THAT(shadow_error(R"("casters":["bax"])"),
+              HasSubstr("/shadows/0/casters/0: there is no object \"bax\"; did you mean \"box\"?"));
+  EXPECT_THAT(shadow_error(R"("planes":["floor"])"), HasSubstr("there is no plane \"floor\""));
+  EXPECT_THAT(shadow_error(R"("layered":{"light_height":1})"),
+              HasSubstr("/shadows/0/layered: give light_height with light_ratio or umbra_height"));
+  EXPECT_THAT(shadow_error(R"("layered":{"light_height":"high","light_ratio":3})"),
+              HasSubstr("/shadows/0/layered/light_height: is \"high\"; give metres above"));
+  EXPECT_THAT(shadow_error(R"("layered":{"workspace_height":0.2,"magnification":1})"),
+              HasSubstr("/shadows/0/layered/magnification: is 1; give a number over 1"));
+  const Result<Scene> zenith = load("{\"objects\":[" + kBox +
+                                    R"(],"shadows":[{"name":"s","technique":"layered","layered":)"
+                                    R"({"light_height":"inf","umbra_height":0.3}}]})");
+  ASSERT_TRUE(zenith) << zenith.error().message;
+  EXPECT_TRUE(std::isinf(zenith->shadows[0].layered.light_height));
+  EXPECT_EQ(zenith->shadows[0].layered.umbra_height, 0.3);
+}
+
+Scene moving(const std::string& interpolation, bool loop) {
+  Scene scene;
+  SceneObject object;
+  object.animation.interpolation = interpolation == "linear" ? Animation::Interpolation::linear
+                                                             : Animation::Interpolation::smooth;
+  object.animation.loop = loop;
+  const double times[] = {1.0, 1.5, 3.0, 4.0};
+  const Eigen::Vector3d points[] = {{0, 0, 0}, {0.1, 0, 0.2}, {0.3, -0.1, 0.1}, {0, 0, 0}};
+  for (std::size_t i = 0; i < 4; ++i) {
+    Keyframe key;
+    key.time_s = times[i];
+    key.placement.position = points[i];
+    key.placement.scale = 1.0 + 0.5 * static_cast<double>(i % 3);
+    object.animation.keyframes.push_back(key);
+  }
+  object.animation.keyframes.back().placement = object.animation.keyframes.front().placement;
+  scene.objects.push_back(object);
+  return scene;
+}
+
+TEST_F(SceneFile, AnimationPassesItsKeysExactlyAndIsContinuous) {
+  for (const char* interpolation : {"linear", "smooth"}) {
+    const Scene scene = moving(interpolation, true);
+    const auto at = [&scene](double t) { return evaluate_scene(scene, t).objects[0]; };
+    for (const Keyframe& key : scene.objects[0].animation.keyframes) {
+      EXPECT_EQ(at(key.time_s).position, key.placement.position);
+      EXPECT_EQ(at(key.time_s).scale, key.placement.scale);
+    }
+    for (double t = 0.0; t < 8.0; t += 0.001) {
+      ASSERT_LT((at(t + 0.001).position - at(t).position).norm(), 0.002) << interpolation << t;
+    }
+    EXPECT_LT((at(2.2).position - at(2.2 + 3.0 * 7).position).norm(), 1e-12);
+  }
+}
+
+TEST_F(SceneFile, SmoothPathHasNoKinkAtItsKeysNorWhereItLoops) {
+  const Scene scene = moving("smooth", true);
+  const auto at = [&scene](double t) { return evaluate_scene(scene, t).objects[0].position; };
+  for (const double key : {1.5, 3.0, 4.0}) {
+    const double h = 1e-6;
+    const Eigen::Vector3d before = (at(key) - at(key - h)) / h, after = (at(key + h) - at(key)) / h;
+    EXPECT_LT((before - after).norm(), 1e-4) << key;
+  }
+}
+
+TEST_F(SceneFile, PathThatDoesNotLoopRestsAtItsEnds) {
+  const Scene scene = moving("smooth", false);
+  EXPECT_EQ(evaluate_scene(scene, 0.0).objects[0].position, Eigen::Vector3d(0, 0, 0));
+  EXPECT_EQ(evaluate_scene(scene, 99.0).objects[0].position, Eigen::Vector3d(0, 0, 0));
+}
+
+TEST_F(SceneFile, ChildrenFollowTheirParentsAndSpin) {
+  const Result<Scene> scene =
+      load("{\"objects\":[" + kBox +
+           R"(,{"name":"child","parent":"box","shape":{"kind":"sphere","radius":0.1},)"
+           R"("position":[1,0,0],"animation":{"spin":{"axis":[0,0,2],"turns_per_s":0.25}}}]})");
+  ASSERT_TRUE(scene) << scene.error().message;
+  Scene turned = *scene;
+  turned.objects[0].placement.position = {0, 0, 1};
+  turned.objects[0].placement.scale = 2.0;
+  const Placement child = evaluate_scene(turned, 1.0).objects[1];
+  EXPECT_LT((child.position - Eigen::Vector3d(2, 0, 1)).norm(), 1e-12);
+  EXPECT_LT((child * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(2, 2, 1)).norm(), 1e-12);
+}
+
+}  // namespace
+}  // namespace penumbra

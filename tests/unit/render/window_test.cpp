@@ -1,0 +1,65 @@
+// The window, where there is a display (a desktop, or tests/support/with-display); else, that its absence is said.
+#include <epoxy/gl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cstdlib>
+
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+TEST(Window, WithoutADisplayFailsInOneLine) {
+  if (display_available()) GTEST_SKIP() << "there is a display";
+  const auto window = create_window_context({});
+  ASSERT_FALSE(window);
+  EXPECT_THAT(window.error().message, testing::HasSubstr("DISPLAY"));
+  EXPECT_THAT(window.error().message, testing::Not(testing::HasSubstr("\n")));
+}
+
+TEST(Window, ShowsThePictureUprightAndLetterboxed) {
+  if (!display_available()) GTEST_SKIP() << "no display: DISPLAY and WAYLAND_DISPLAY are not set";
+  WindowOptions options;
+  options.width = 300;
+  options.height = 240;
+  options.vsync = false;
+  for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+    options.api = api;
+    auto context = create_window_context(options);
+    ASSERT_TRUE(context) << context.error().message;
+    const GlContext::Size size = (*context)->window_size();
+    const CameraModel camera = test::camera_of(150, 100, 100.0);
+    auto compositor = Compositor::create(**context, test::SceneBuilder().build(), camera).value();
+    FrameBuffer frame = allocate_frame(PixelFormat::grey8, 150, 100);
+    for (int y = 0; y < 100; ++y) {
+      for (int x = 0; x < 150; ++x) {
+        frame.plane_data[0][y * frame.frame.planes[0].stride + x] =
+            static_cast<std::uint8_t>(y < 50 ? (x < 75 ? 250 : 200) : (x < 75 ? 150 : 100));
+      }
+    }
+    ASSERT_TRUE(compositor.draw(frame.frame, FramePlan()));
+    compositor.present();
+    ASSERT_EQ(size.width, 300);
+    ASSERT_EQ(size.height, 240);
+    // 300 x 200 in 300 x 240: 20 rows of black above and below. A window's row 0 is its lowest.
+    const auto value = [](int x, int y_from_bottom) {
+      std::array<std::uint8_t, 4> pixel{};
+      glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
+      glReadPixels(x, y_from_bottom, 1, 1, GL_RGBA, GL_UNSIGNED_BYTE, pixel.data());
+      return static_cast<int>(pixel[0]);
+    };
+    EXPECT_EQ(value(30, 235), 0);
+    EXPECT_EQ(value(30, 5), 0);
+    EXPECT_EQ(value(30, 200), 250);
+    EXPECT_EQ(value(270, 200), 200);
+    EXPECT_EQ(value(30, 40), 150);
+    EXPECT_EQ(value(270, 40), 100);
+    (*context)->swap();
+    EXPECT_TRUE((*context)->poll_events());
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

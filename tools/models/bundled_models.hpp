@@ -1,0 +1,33 @@
+// The models that penumbra ships, made from formulas. Object frame: z up, metres.
+#pragma once
+
+#include <glm/vec3.hpp>
+#include <string>
+#include <vector>
+
+#include "render/model.hpp"
+
+namespace penumbra::models {
+
+// Where the helicopter's rotors go, in its object frame [m]. The main rotor turns about z, the tail
+// rotor about y.
+constexpr glm::dvec3 kMastTop(0.0, 0.0, 0.062);
+constexpr glm::dvec3 kTailRotorHub(-0.0785, 0.0052, 0.0515);
+
+[[nodiscard]] Model make_helicopter();
+[[nodiscard]] Model make_helicopter_rotor();
+[[nodiscard]] Model make_helicopter_tail_rotor();
+[[nodiscard]] Model make_sphere();
+[[nodiscard]] Model make_cube();
+[[nodiscard]] Model make_bar();
+[[nodiscard]] Model make_ring();
+[[nodiscard]] Model make_l_shape();
+[[nodiscard]] Model make_tube();
+[[nodiscard]] Model make_tree();
+[[nodiscard]] Model make_hand();
+[[nodiscard]] Model make_spiral_staircase();
+
+// All of them; each one's name is its file's without ".glb".
+[[nodiscard]] std::vector<Model> make_bundled_models();
+
+}  // namespace penumbra::models
