@@ -2,6 +2,8 @@
 #include <benchmark/benchmark.h>
 
 #include "render/shadow/caster.hpp"
+#include "render/shadow/layer_polygons.hpp"
+#include "render/shadow/layer_update.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"
 
@@ -57,6 +59,60 @@ BENCHMARK_CAPTURE(kernels, automatic, KernelSource::automatic)
 BENCHMARK_CAPTURE(kernels, smooth, KernelSource::smooth)
     ->DenseRange(0, 4)
     ->Unit(benchmark::kMillisecond);
+
+// Three layers of the paper's tree size, and a plain copy of the same numbers.
+ShadowMesh mesh_of_vertices(std::size_t count) {
+  ShadowMesh mesh = make_shadow_mesh(test::bush_model(1462));
+  mesh.positions.resize(count);
+  return mesh;
+}
+void layer_update(benchmark::State& state) {
+  const ShadowMesh mesh = mesh_of_vertices(static_cast<std::size_t>(state.range(0)));
+  ShadowKernels kernels;
+  kernels.kernels = mesh.positions;
+  for (glm::vec3& k : kernels.kernels) k.x += 0.01F;
+  const CasterArrays caster = CasterArrays::make(mesh, kernels);
+  const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
+  Placement placement;
+  LayerArrays layers;
+  for (auto _ : state) {
+    placement.position.z() += 1e-6;
+    update_layers(caster, placement, PlaneFrame(), constants, layers);
+    benchmark::DoNotOptimize(layers.u[2].data());
+    benchmark::ClobberMemory();
+  }
+}
+BENCHMARK(layer_update)->Arg(12581)->Unit(benchmark::kMicrosecond);
+void layer_copy(benchmark::State& state) {
+  const auto count = static_cast<std::size_t>(state.range(0));
+  const std::vector<float> from(6 * count, 1.0F);
+  std::vector<float> to(7 * count);
+  for (auto _ : state) {
+    std::copy(from.begin(), from.end(), to.begin());
+    std::copy(from.begin(), from.begin() + static_cast<std::ptrdiff_t>(count),
+              to.begin() + static_cast<std::ptrdiff_t>(6 * count));
+    benchmark::DoNotOptimize(to.data());
+    benchmark::ClobberMemory();
+  }
+}
+BENCHMARK(layer_copy)->Arg(12581)->Unit(benchmark::kMicrosecond);
+
+void polygons(benchmark::State& state) {
+  const ShadowMesh mesh = make_shadow_mesh(model_named(static_cast<int>(state.range(0))));
+  const PlaneFrame plane;
+  const Placement placement = {Eigen::Vector3d(0, 0, 0.12), Eigen::Quaterniond::Identity(), 1.0};
+  const LayeredConstants constants = make_layered_constants(4.0 / 3.0, 8.0 / 3.0, 0.0).value();
+  const auto vertices = place_caster(mesh, generate_kernels(mesh, plane.n, KernelSource::automatic),
+                                     placement, plane);
+  for (auto _ : state) {
+    for (const ShadowLayer layer : kShadowLayers) {
+      benchmark::DoNotOptimize(
+          union_of_triangles(layer_triangles(vertices, mesh.indices, constants, layer)));
+    }
+  }
+  label(state, mesh);
+}
+BENCHMARK(polygons)->DenseRange(0, 4)->Unit(benchmark::kMillisecond)->Iterations(1);
 
 }  // namespace
 }  // namespace penumbra
