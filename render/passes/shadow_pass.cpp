@@ -11,6 +11,7 @@
 #include "core/assert.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/object_pass.hpp"
+#include "render/shadow/kernel_file.hpp"
 
 namespace penumbra {
 namespace {
@@ -164,7 +165,7 @@ ShadowPass::KernelSet& ShadowPass::kernels_of(Caster& caster, const KernelKey& k
   KernelSet& set = caster.sets[key];
   set.last_used = frame_count_;
   set.kernels =
-      level_kernels(caster.geometry, generate_kernels(caster.mesh, key.direction.up(), key.source));
+      level_kernels(caster.geometry, kernels_for(caster.mesh, key.direction.up(), key.source));
   ++work.kernel_generations;
   std::vector<glm::vec3> interleaved;
   interleaved.reserve(2 * set.kernels.size());
