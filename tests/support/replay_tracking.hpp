@@ -1,0 +1,94 @@
+// Tracks every frame of a recording and compares with its ground truth. For tests.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "core/camera_file.hpp"
+#include "core/evaluation.hpp"
+#include "core/image_file.hpp"
+#include "core/text.hpp"
+#include "core/trajectory.hpp"
+#include "tracking/table_tracker.hpp"
+
+namespace penumbra::test {
+
+struct ListedFrame {
+  std::int64_t timestamp_ns = 0;
+  std::filesystem::path file;
+};
+
+inline Result<std::vector<ListedFrame>> list_frames(const std::filesystem::path& recording) {
+  const auto text = read_text_file(recording / "timestamps.csv", 1 << 20);
+  if (!text) return tl::unexpected(text.error());
+  std::vector<ListedFrame> frames;
+  std::string_view rest = *text;
+  rest.remove_prefix(std::min(rest.find('\n') + 1, rest.size()));  // the heading
+  while (!rest.empty()) {
+    const std::size_t end = std::min(rest.find('\n'), rest.size());
+    const std::string_view line = trim(rest.substr(0, end));
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+    if (line.empty()) continue;
+    const std::size_t first = line.find(',');
+    const std::size_t second = line.find(',', first + 1);
+    const auto time = parse_seconds_as_ns(line.substr(first + 1, second - first - 1));
+    if (!time) return fail("{}: timestamps.csv: no time in '{}'", recording.string(), line);
+    frames.push_back({*time, recording / std::string(line.substr(second + 1))});
+  }
+  return frames;
+}
+
+struct TrackedRecording {
+  std::vector<TrackedFrame> frames;
+  std::vector<double> overlay_px;  // per frame RMS over the corners; negative without a pose
+  std::array<int, 4> count{};      // by TrackStatus
+  Evaluation tracked;              // of the tracked frames
+  int wrong = 0;                   // tracked frames with overlay_px > 5
+
+  [[nodiscard]] int count_of(TrackStatus status) const {
+    return count[static_cast<std::size_t>(status)];
+  }
+};
+
+inline Result<TrackedRecording> track_recording(const std::filesystem::path& recording,
+                                                const TrackerOptions& options = {}) {
+  const auto camera = load_camera(recording / "camera.yaml");
+  if (!camera) return tl::unexpected(camera.error());
+  const auto tags = load_tag_map(recording / "tags.yaml");
+  if (!tags) return tl::unexpected(tags.error());
+  const auto truth = load_trajectory(recording / "groundtruth.tum");
+  if (!truth) return tl::unexpected(truth.error());
+  const auto listed = list_frames(recording);
+  if (!listed) return tl::unexpected(listed.error());
+  auto tracker = TableTracker::create(*camera, *tags, options);
+  if (!tracker) return tl::unexpected(tracker.error());
+
+  TrackedRecording result;
+  Trajectory tracked;
+  for (const ListedFrame& entry : *listed) {
+    auto frame = load_image(entry.file);
+    if (!frame) return tl::unexpected(frame.error());
+    frame->timestamp_ns = entry.timestamp_ns;
+    TrackedFrame t = tracker->track(*frame);
+    t.frame = {};  // not all pictures at once
+    ++result.count[static_cast<std::size_t>(t.pose.status)];
+    const StampedPose* true_pose = truth->at(entry.timestamp_ns);
+    double error = -1.0;
+    if (true_pose != nullptr && t.pose.has_pose())
+      error =
+          overlay_difference(*camera, t.pose.T_table_camera, true_pose->T_table_camera).rms_px();
+    result.overlay_px.push_back(error);
+    if (t.pose.status == TrackStatus::tracked) {
+      tracked.poses.push_back({entry.timestamp_ns, t.pose.T_table_camera, {}});
+      if (!(error <= 5.0)) ++result.wrong;
+    }
+    result.frames.push_back(std::move(t));
+  }
+  result.tracked = evaluate(*camera, tracked, *truth);
+  return result;
+}
+
+}  // namespace penumbra::test

@@ -1,0 +1,51 @@
+// Corners of several tags -> one camera pose: starts in closed form, refines them, leaves out tags
+// that contradict the others, and says whether a second pose explains the view as well.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/camera_model.hpp"
+#include "core/error.hpp"
+#include "core/transform.hpp"
+#include "tracking/pose_refiner.hpp"
+
+namespace penumbra {
+
+// One tag as it was seen: where its corners are on the table, and in the image.
+struct TagObservation {
+  int id = 0;
+  std::array<Eigen::Vector3d, 4> corners_table;  // [m]
+  std::array<Eigen::Vector2d, 4> corners_px;
+};
+
+struct BoardPose {
+  RefinedPose best;
+  // The other minimum of a planar target, where there is one; it fits worse.
+  std::optional<RefinedPose> second;
+  int tags_used = 0;
+  std::vector<int> left_out;  // ids of tags that contradict the rest
+  // The tags contradict each other and no majority says which are right.
+  bool contradictory = false;
+  // RMS of the second over that of the best; infinite when there is no second.
+  [[nodiscard]] double ambiguity_ratio() const;
+};
+
+struct BoardPoseOptions {
+  RefinerOptions refiner;
+  // A tag whose RMS [px] is over both contradicts the others: this much, and this many times the
+  // median over the tags.
+  double outlier_px = 1.5;
+  double outlier_times_median = 4.0;
+};
+
+// An error says in a few words why there is no pose: no usable tags, or corners that fix none.
+[[nodiscard]] Result<BoardPose> estimate_board_pose(const CameraModel& camera,
+                                                    std::span<const TagObservation> tags,
+                                                    const BoardPoseOptions& options = {});
+
+}  // namespace penumbra
