@@ -65,9 +65,9 @@ struct Tag {
 
   // Of the current frame.
   bool visible = false;
-  Eigen::Matrix3d R_lattice_camera;
-  Eigen::Vector3d centre;  // of the camera in the lattice [cells]
-  Eigen::Matrix3d ray_from_lattice;
+  Eigen::Matrix3d R_lattice_camera = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // of the camera in the lattice [cells]
+  Eigen::Matrix3d ray_from_lattice = Eigen::Matrix3d::Identity();
   std::array<float, 9> lattice_from_ray{};
   std::vector<float> ray_x, ray_y, pixel_x, pixel_y, depth;  // of the vertices
   double cell_px = 0.0;   // the smaller side of the central cell, across it

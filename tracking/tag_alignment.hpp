@@ -19,11 +19,9 @@
 #include "core/image_view.hpp"
 #include "core/tag_map.hpp"
 #include "core/transform.hpp"
+#include "tracking/pose_refiner.hpp"
 
 namespace penumbra {
-
-using Vector6d = Eigen::Matrix<double, 6, 1>;
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 enum class AlignmentEffort {
   fast,      // up to `samples_per_tag` pixels per tag

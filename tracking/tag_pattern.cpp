@@ -14,6 +14,8 @@
 #include <algorithm>
 #include <memory>
 
+#include "core/assert.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -72,6 +74,7 @@ Result<TagPattern> TagPattern::make(TagFamily family, int id) {
   pattern.width_at_border_ = handle->width_at_border;
   pattern.total_width_ = handle->total_width;
   const int width = pattern.total_width_;
+  PENUMBRA_ASSERT(width > 0 && width < 64);
   pattern.cells_.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(width));
   const auto set_white = [&](int column, int row_from_top) {
     pattern.cells_[static_cast<std::size_t>((width - 1 - row_from_top) * width + column)] = 1;
