@@ -18,7 +18,8 @@ inline constexpr int kSearchColumns = 64;
 
 struct Lens {
   float fx = 0.0F, fy = 0.0F, cx = 0.0F, cy = 0.0F;
-  enum class Kind { none, polynomial, fisheye } kind = Kind::none;
+  // polynomial: k4 k5 k6 (the denominator of the rational model) are 0
+  enum class Kind { none, polynomial, rational, fisheye } kind = Kind::none;
   float k[8] = {};  // k1 k2 p1 p2 k3 k4 k5 k6, or k1..k4 of the fisheye
 };
 
@@ -29,9 +30,26 @@ struct Blur {
   float motion_x_px = 0.0F, motion_y_px = 0.0F;
 };
 
+// Lattice points (a, b) -> ray, pixel, depth (<= 0: behind the camera), and the blur there.
+// ka, kb: 1 / sigma along a and b [1/cells]; rho: their correlation.
+struct Vertices {
+  int count = 0;  // multiple of 16
+  const float* a = nullptr;
+  const float* b = nullptr;
+  float* ray_x = nullptr;
+  float* ray_y = nullptr;
+  float* pixel_x = nullptr;
+  float* pixel_y = nullptr;
+  float* depth = nullptr;
+  float* ka = nullptr;
+  float* kb = nullptr;
+  float* rho = nullptr;
+};
+
 // One tag's samples: pixels with their grey levels and what the model needs of them. The model is
-// anchored at the lattice vertex (va, vb) nearest to the pixel; `c` are its coefficients, see
-// accumulate. ka, kb: 1 / sigma of the blur along a and b [1/cells]; rho: their correlation.
+// anchored at the lattice vertex (va, vb) nearest to the pixel (with two lines per axis: the vertex
+// below and left of it); `c` are its coefficients (see
+// pattern in the body), ka, kb and rho its blur.
 struct Samples {
   int count = 0;  // multiple of kBlock; padding has weight 0
   float* pixel_x = nullptr;
@@ -52,9 +70,9 @@ struct Samples {
 // Normal equations of one tag, parameters (nu, omega) of the right perturbation of
 // T_camera_lattice [cells, rad], gain, offset; residual = value - (gain * model + offset).
 struct Sums {
-  double H[36] = {};  // upper triangle of the 8x8 matrix, row by row
-  double g[8] = {};   // J^T W r, with J = -d residual / d parameters
-  double cost = 0.0;  // sum of w r^2
+  double H[36] = {};         // upper triangle of the 8x8 matrix, row by row
+  double g[8] = {};          // J^T W r, with J = -d residual / d parameters
+  double cost = 0.0;         // sum of w r^2
   double weight = 0.0;       // sum of w
   double base_weight = 0.0;  // sum of the samples' own weights
 };
@@ -67,18 +85,16 @@ struct AccumulateInput {
   // Variance of a residual beyond the base one, where the model is at an edge, over the base
   // variance: weights are divided by 1 + edge_noise * 4 m (1 - m).
   float edge_noise = 0.0F;
-  int reach = 1;            // edges per axis that matter: 1 or 3
+  int reach = 1;            // lines per axis that matter: 1, 2 or 3
   bool correlated = false;  // whether rho is used
 };
 
 struct Variant {
   const char* name;
-  // (x, y) on the lattice -> ray and pixel and depth; depth <= 0: behind the camera.
-  void (*project)(const Lens& lens, const float* ray_from_lattice, int count, const float* a,
-                  const float* b, float* ray_x, float* ray_y, float* pixel_x, float* pixel_y,
-                  float* depth);
-  // Rays of the pixels (ray_x, ray_y hold a guess within a few pixels), their vertex and blur.
-  void (*prepare)(const Lens& lens, const Blur& blur, const float* lattice_from_ray,
+  void (*project)(const Lens& lens, const Blur& blur, const float* ray_from_lattice,
+                  const float* lattice_from_ray, const Vertices& vertices);
+  // Rays of the pixels (ray_x, ray_y hold a guess within two pixels) and their anchor.
+  void (*prepare)(const Lens& lens, const float* lattice_from_ray, int reach,
                   const Samples& samples);
   void (*accumulate)(const AccumulateInput& input, const Samples& samples, Sums& sums);
   // The model alone, at the pose of `input`, into samples.model.

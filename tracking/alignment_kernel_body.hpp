@@ -41,11 +41,11 @@ PENUMBRA_INLINE float normal_cdf(float u, float& density) {
 }
 
 // Bivariate normal distribution: product plus an integral over the correlation (Plackett), with
-// r = sin(theta), by four Gauss-Legendre nodes. d_x, d_y: derivatives.
+// r = sin(theta), by three Gauss-Legendre nodes. d_x, d_y: derivatives.
 PENUMBRA_INLINE float binormal_cdf(float x, float y, float rho, float cdf_x, float cdf_y,
                                    float density_x, float density_y, float& d_x, float& d_y) {
-  constexpr float kNode[4] = {0.06943184F, 0.33000948F, 0.66999052F, 0.93056816F};
-  constexpr float kWeight[4] = {0.17392742F, 0.32607258F, 0.32607258F, 0.17392742F};
+  constexpr float kNode[3] = {0.11270167F, 0.5F, 0.88729833F};
+  constexpr float kWeight[3] = {0.27777778F, 0.44444444F, 0.27777778F};
   // asin for |rho| <= 0.95: Abramowitz and Stegun 4.4.45, error under 7e-5.
   const float r = __builtin_fabsf(rho);
   const float arc = 1.5707288F + r * (-0.2121144F + r * (0.0742610F - r * 0.0187293F));
@@ -54,7 +54,8 @@ PENUMBRA_INLINE float binormal_cdf(float x, float y, float rho, float cdf_x, flo
   const float squares = 0.5F * (x * x + y * y);
   const float product = x * y;
   float integral = 0.0F;
-  for (int k = 0; k < 4; ++k) {
+#pragma GCC unroll 3
+  for (int k = 0; k < 3; ++k) {
     const float theta = angle * kNode[k];
     const float t2 = theta * theta;
     // sin by its series; |theta| < 1.26
@@ -100,13 +101,15 @@ PENUMBRA_INLINE void distort(const Lens& lens, float x, float y, float& xd, floa
     j00 = 1.0F;
     j01 = 0.0F;
     j11 = 1.0F;
-  } else if constexpr (kind == Lens::Kind::polynomial) {
-    const float numerator = 1.0F + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
-    const float d_numerator = k[0] + r2 * (2.0F * k[1] + r2 * 3.0F * k[4]);
-    const float inverse = 1.0F / (1.0F + r2 * (k[5] + r2 * (k[6] + r2 * k[7])));
-    const float d_denominator = k[5] + r2 * (2.0F * k[6] + r2 * 3.0F * k[7]);
-    const float radial = numerator * inverse;
-    const float d_radial = (d_numerator - radial * d_denominator) * inverse;
+  } else if constexpr (kind != Lens::Kind::fisheye) {
+    float radial = 1.0F + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
+    float d_radial = k[0] + r2 * (2.0F * k[1] + r2 * 3.0F * k[4]);
+    if constexpr (kind == Lens::Kind::rational) {
+      const float inverse = 1.0F / (1.0F + r2 * (k[5] + r2 * (k[6] + r2 * k[7])));
+      const float d_denominator = k[5] + r2 * (2.0F * k[6] + r2 * 3.0F * k[7]);
+      radial *= inverse;
+      d_radial = (d_radial - radial * d_denominator) * inverse;
+    }
     const float xy2 = 2.0F * x * y;
     xd = x * radial + k[2] * xy2 + k[3] * (r2 + 2.0F * x * x);
     yd = y * radial + k[2] * (r2 + 2.0F * y * y) + k[3] * xy2;
@@ -132,13 +135,22 @@ PENUMBRA_INLINE void distort(const Lens& lens, float x, float y, float& xd, floa
 }
 
 template <Lens::Kind kind>
-void project_kind(const Lens& lens, const float* M, int count, const float* a, const float* b,
-                  float* ray_x, float* ray_y, float* pixel_x, float* pixel_y, float* depth) {
+void project_as(const Lens& lens, const Blur& blur, const float* M, const float* N,
+                const Vertices& v) {
+  const float inverse_fx = 1.0F / lens.fx;
+  const float inverse_fy = 1.0F / lens.fy;
+  const float mxx = blur.motion_x_px * blur.motion_x_px * (1.0F / 12.0F);
+  const float mxy = blur.motion_x_px * blur.motion_y_px * (1.0F / 12.0F);
+  const float myy = blur.motion_y_px * blur.motion_y_px * (1.0F / 12.0F);
+  const float cxx = blur.variance_px2 + mxx;
+  const float cyy = blur.variance_px2 + myy;
 #pragma omp simd
-  for (int i = 0; i < count; ++i) {
-    const float X = M[0] * a[i] + M[1] * b[i] + M[2];
-    const float Y = M[3] * a[i] + M[4] * b[i] + M[5];
-    const float Z = M[6] * a[i] + M[7] * b[i] + M[8];
+  for (int i = 0; i < v.count; ++i) {
+    const float a = v.a[i];
+    const float b = v.b[i];
+    const float X = M[0] * a + M[1] * b + M[2];
+    const float Y = M[3] * a + M[4] * b + M[5];
+    const float Z = M[6] * a + M[7] * b + M[8];
     const float inverse = 1.0F / (Z > 1e-9F ? Z : 1e-9F);
     const float x = X * inverse;
     const float y = Y * inverse;
@@ -148,65 +160,21 @@ void project_kind(const Lens& lens, const float* M, int count, const float* a, c
     float j01 = 0.0F;
     float j11 = 0.0F;
     distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
-    ray_x[i] = x;
-    ray_y[i] = y;
-    pixel_x[i] = lens.fx * xd + lens.cx;
-    pixel_y[i] = lens.fy * yd + lens.cy;
-    depth[i] = Z;
-  }
-}
-
-template <Lens::Kind kind>
-void prepare_kind(const Lens& lens, const Blur& blur, const float* M, const Samples& s) {
-  const float inverse_fx = 1.0F / lens.fx;
-  const float inverse_fy = 1.0F / lens.fy;
-  const float mxx = blur.motion_x_px * blur.motion_x_px * (1.0F / 12.0F);
-  const float mxy = blur.motion_x_px * blur.motion_y_px * (1.0F / 12.0F);
-  const float myy = blur.motion_y_px * blur.motion_y_px * (1.0F / 12.0F);
-  const float cxx = blur.variance_px2 + mxx;
-  const float cyy = blur.variance_px2 + myy;
-#pragma omp simd
-  for (int i = 0; i < s.count; ++i) {
-    const float target_x = (s.pixel_x[i] - lens.cx) * inverse_fx;
-    const float target_y = (s.pixel_y[i] - lens.cy) * inverse_fy;
-    float x = s.ray_x[i];
-    float y = s.ray_y[i];
-    float i00 = 1.0F;
-    float i01 = 0.0F;
-    float i11 = 1.0F;
-    if constexpr (kind == Lens::Kind::none) {
-      x = target_x;
-      y = target_y;
-    } else {
-      // Two Newton steps bring a guess a few pixels off to float precision.
-      for (int step = 0; step < 2; ++step) {
-        float xd = 0.0F;
-        float yd = 0.0F;
-        float j00 = 0.0F;
-        float j01 = 0.0F;
-        float j11 = 0.0F;
-        distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
-        const float inverse_det = 1.0F / (j00 * j11 - j01 * j01);
-        i00 = j11 * inverse_det;
-        i01 = -j01 * inverse_det;
-        i11 = j00 * inverse_det;
-        const float ex = target_x - xd;
-        const float ey = target_y - yd;
-        x += i00 * ex + i01 * ey;
-        y += i01 * ex + i11 * ey;
-      }
-    }
-    const float A = M[0] * x + M[1] * y + M[2];
-    const float B = M[3] * x + M[4] * y + M[5];
-    const float S = M[6] * x + M[7] * y + M[8];
-    const float inverse_s = 1.0F / S;
-    const float a = A * inverse_s;
-    const float b = B * inverse_s;
+    v.ray_x[i] = x;
+    v.ray_y[i] = y;
+    v.pixel_x[i] = lens.fx * xd + lens.cx;
+    v.pixel_y[i] = lens.fy * yd + lens.cy;
+    v.depth[i] = Z;
+    const float inverse_det = 1.0F / (j00 * j11 - j01 * j01);
+    const float i00 = j11 * inverse_det;
+    const float i01 = -j01 * inverse_det;
+    const float i11 = j00 * inverse_det;
     // d(a, b) / d ray, then by the pixel
-    const float ax = (M[0] - a * M[6]) * inverse_s;
-    const float ay = (M[1] - a * M[7]) * inverse_s;
-    const float bx = (M[3] - b * M[6]) * inverse_s;
-    const float by = (M[4] - b * M[7]) * inverse_s;
+    const float inverse_s = 1.0F / (N[6] * x + N[7] * y + N[8]);
+    const float ax = (N[0] - a * N[6]) * inverse_s;
+    const float ay = (N[1] - a * N[7]) * inverse_s;
+    const float bx = (N[3] - b * N[6]) * inverse_s;
+    const float by = (N[4] - b * N[7]) * inverse_s;
     const float au = (ax * i00 + ay * i01) * inverse_fx;
     const float av = (ax * i01 + ay * i11) * inverse_fy;
     const float bu = (bx * i00 + by * i01) * inverse_fx;
@@ -217,23 +185,67 @@ void prepare_kind(const Lens& lens, const Blur& blur, const float* M, const Samp
     const float ka = 1.0F / __builtin_sqrtf(var_a);
     const float kb = 1.0F / __builtin_sqrtf(var_b);
     const float rho = cov * ka * kb;
-    s.ray_x[i] = x;
-    s.ray_y[i] = y;
-    s.va[i] = (a + 12582912.0F) - 12582912.0F;
-    s.vb[i] = (b + 12582912.0F) - 12582912.0F;
-    s.ka[i] = ka;
-    s.kb[i] = kb;
-    s.rho[i] = rho > 0.95F ? 0.95F : rho < -0.95F ? -0.95F : rho;
+    v.ka[i] = ka;
+    v.kb[i] = kb;
+    v.rho[i] = rho > 0.95F ? 0.95F : rho < -0.95F ? -0.95F : rho;
   }
 }
 
-// The blurred pattern at a pixel and its derivatives by a and b.
+template <Lens::Kind kind>
+void prepare_as(const Lens& lens, const float* M, int reach, const Samples& s) {
+  const float anchor_shift = reach == 2 ? 0.5F : 0.0F;
+  const float inverse_fx = 1.0F / lens.fx;
+  const float inverse_fy = 1.0F / lens.fy;
+#pragma omp simd
+  for (int i = 0; i < s.count; ++i) {
+    const float target_x = (s.pixel_x[i] - lens.cx) * inverse_fx;
+    const float target_y = (s.pixel_y[i] - lens.cy) * inverse_fy;
+    float x = target_x;
+    float y = target_y;
+    if constexpr (kind != Lens::Kind::none) {
+      // Newton from a guess a few pixels off; the second step, with the first one's derivative,
+      // brings it to float precision.
+      float xd = 0.0F;
+      float yd = 0.0F;
+      float j00 = 0.0F;
+      float j01 = 0.0F;
+      float j11 = 0.0F;
+      x = s.ray_x[i];
+      y = s.ray_y[i];
+      distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
+      const float inverse_det = 1.0F / (j00 * j11 - j01 * j01);
+      float ex = target_x - xd;
+      float ey = target_y - yd;
+      x += (j11 * ex - j01 * ey) * inverse_det;
+      y += (j00 * ey - j01 * ex) * inverse_det;
+      float u00 = 0.0F;
+      float u01 = 0.0F;
+      float u11 = 0.0F;
+      distort<kind>(lens, x, y, xd, yd, u00, u01, u11);
+      ex = target_x - xd;
+      ey = target_y - yd;
+      x += (j11 * ex - j01 * ey) * inverse_det;
+      y += (j00 * ey - j01 * ex) * inverse_det;
+    }
+    const float inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
+    const float a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
+    const float b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
+    s.ray_x[i] = x;
+    s.ray_y[i] = y;
+    // The nearest vertex, or the one below and left of it (adding 1.5 * 2^23 rounds).
+    s.va[i] = ((a - anchor_shift) + 12582912.0F) - 12582912.0F;
+    s.vb[i] = ((b - anchor_shift) + 12582912.0F) - 12582912.0F;
+  }
+}
+
+// The blurred pattern at a pixel and its derivatives by a and b. (a, b) is the place relative to
+// the anchor.
 //
 // One edge per axis: with F the normal distributions of the distances to the vertex's two lines,
 //   m = c0 + c1 Fa + c2 Fb + c3 F(a and b),   c3 the vertex's corner.
-// Three per axis: c[4 * j + i] = the change of colour that vertex (i, j) of the 3x3 around the
-// anchor makes, for i, j < 3; c[4 * j + 3] that of row j's line, c[12 + i] that of column i's,
-// c[15] the colour below and left of all.
+// Two or three per axis (lines 0, 1 or -1, 0, 1 from the anchor): c[4 * j + i] = the change of
+// colour that the vertex of lines i and j makes, c[4 * j + 3] that of row j's line, c[12 + i] that
+// of column i's, c[15] the colour below and left of all.
 template <int reach, bool correlated>
 PENUMBRA_INLINE float pattern(float a, float b, float ka, float kb, float rho,
                               const float* const* c, int i, float& m_a, float& m_b) {
@@ -257,28 +269,30 @@ PENUMBRA_INLINE float pattern(float a, float b, float ka, float kb, float rho,
       return c[0][i] + c[1][i] * Fa + Fb * (c[2][i] + c[3][i] * Fa);
     }
   } else {
-    float ua[3];
-    float ub[3];
-    float Fa[3];
-    float Fb[3];
-    float da[3];
-    float db[3];
-    for (int k = 0; k < 3; ++k) {
-      ua[k] = ka * (a + 1.0F - static_cast<float>(k));
-      ub[k] = kb * (b + 1.0F - static_cast<float>(k));
-      Fa[k] = normal_cdf(ua[k], da[k]);
-      Fb[k] = normal_cdf(ub[k], db[k]);
-    }
+    constexpr float kFirst = reach == 3 ? -1.0F : 0.0F;
+    float ua[reach];
+    float ub[reach];
+    float Fa[reach];
+    float Fb[reach];
+    float da[reach];
+    float db[reach];
     float m = c[15][i];
     m_a = 0.0F;
     m_b = 0.0F;
-    for (int k = 0; k < 3; ++k) {
+#pragma GCC unroll 3
+    for (int k = 0; k < reach; ++k) {
+      ua[k] = ka * (a - (kFirst + static_cast<float>(k)));
+      ub[k] = kb * (b - (kFirst + static_cast<float>(k)));
+      Fa[k] = normal_cdf(ua[k], da[k]);
+      Fb[k] = normal_cdf(ub[k], db[k]);
       m += c[12 + k][i] * Fa[k] + c[4 * k + 3][i] * Fb[k];
       m_a += c[12 + k][i] * da[k];
       m_b += c[4 * k + 3][i] * db[k];
     }
-    for (int row = 0; row < 3; ++row) {
-      for (int column = 0; column < 3; ++column) {
+#pragma GCC unroll 3
+    for (int row = 0; row < reach; ++row) {
+#pragma GCC unroll 3
+      for (int column = 0; column < reach; ++column) {
         const float corner = c[4 * row + column][i];
         if constexpr (correlated) {
           float dx = 0.0F;
@@ -366,18 +380,16 @@ void accumulate_as(const AccumulateInput& in, const Samples& s, Sums& sums) {
       for (int q = p; q < 8; ++q, ++k) {
 #pragma omp simd
         for (int l = 0; l < kLanes; ++l) {
-          H[k][l] +=
-              (W[p][l] * J[q][l] + W[p][l + kLanes] * J[q][l + kLanes]) +
-              (W[p][l + 2 * kLanes] * J[q][l + 2 * kLanes] +
-               W[p][l + 3 * kLanes] * J[q][l + 3 * kLanes]);
+          H[k][l] += (W[p][l] * J[q][l] + W[p][l + kLanes] * J[q][l + kLanes]) +
+                     (W[p][l + 2 * kLanes] * J[q][l + 2 * kLanes] +
+                      W[p][l + 3 * kLanes] * J[q][l + 3 * kLanes]);
         }
       }
 #pragma omp simd
       for (int l = 0; l < kLanes; ++l) {
-        g[p][l] +=
-            (J[p][l] * weighted[l] + J[p][l + kLanes] * weighted[l + kLanes]) +
-            (J[p][l + 2 * kLanes] * weighted[l + 2 * kLanes] +
-             J[p][l + 3 * kLanes] * weighted[l + 3 * kLanes]);
+        g[p][l] += (J[p][l] * weighted[l] + J[p][l + kLanes] * weighted[l + kLanes]) +
+                   (J[p][l + 2 * kLanes] * weighted[l + 2 * kLanes] +
+                    J[p][l + 3 * kLanes] * weighted[l + 3 * kLanes]);
       }
     }
 #pragma omp simd
@@ -418,33 +430,37 @@ void evaluate_as(const AccumulateInput& in, const Samples& s) {
   }
 }
 
-void project(const Lens& lens, const float* M, int count, const float* a, const float* b,
-             float* ray_x, float* ray_y, float* pixel_x, float* pixel_y, float* depth) {
+void project(const Lens& lens, const Blur& blur, const float* ray_from_lattice,
+             const float* lattice_from_ray, const Vertices& vertices) {
   switch (lens.kind) {
     case Lens::Kind::none:
-      project_kind<Lens::Kind::none>(lens, M, count, a, b, ray_x, ray_y, pixel_x, pixel_y, depth);
+      project_as<Lens::Kind::none>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
       break;
     case Lens::Kind::polynomial:
-      project_kind<Lens::Kind::polynomial>(lens, M, count, a, b, ray_x, ray_y, pixel_x, pixel_y,
-                                           depth);
+      project_as<Lens::Kind::polynomial>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
+      break;
+    case Lens::Kind::rational:
+      project_as<Lens::Kind::rational>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
       break;
     case Lens::Kind::fisheye:
-      project_kind<Lens::Kind::fisheye>(lens, M, count, a, b, ray_x, ray_y, pixel_x, pixel_y,
-                                        depth);
+      project_as<Lens::Kind::fisheye>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
       break;
   }
 }
 
-void prepare(const Lens& lens, const Blur& blur, const float* M, const Samples& samples) {
+void prepare(const Lens& lens, const float* lattice_from_ray, int reach, const Samples& samples) {
   switch (lens.kind) {
     case Lens::Kind::none:
-      prepare_kind<Lens::Kind::none>(lens, blur, M, samples);
+      prepare_as<Lens::Kind::none>(lens, lattice_from_ray, reach, samples);
       break;
     case Lens::Kind::polynomial:
-      prepare_kind<Lens::Kind::polynomial>(lens, blur, M, samples);
+      prepare_as<Lens::Kind::polynomial>(lens, lattice_from_ray, reach, samples);
+      break;
+    case Lens::Kind::rational:
+      prepare_as<Lens::Kind::rational>(lens, lattice_from_ray, reach, samples);
       break;
     case Lens::Kind::fisheye:
-      prepare_kind<Lens::Kind::fisheye>(lens, blur, M, samples);
+      prepare_as<Lens::Kind::fisheye>(lens, lattice_from_ray, reach, samples);
       break;
   }
 }
@@ -453,6 +469,9 @@ void accumulate(const AccumulateInput& in, const Samples& samples, Sums& sums) {
   if (in.reach == 1) {
     in.correlated ? accumulate_as<1, true>(in, samples, sums)
                   : accumulate_as<1, false>(in, samples, sums);
+  } else if (in.reach == 2) {
+    in.correlated ? accumulate_as<2, true>(in, samples, sums)
+                  : accumulate_as<2, false>(in, samples, sums);
   } else {
     in.correlated ? accumulate_as<3, true>(in, samples, sums)
                   : accumulate_as<3, false>(in, samples, sums);
@@ -462,28 +481,43 @@ void accumulate(const AccumulateInput& in, const Samples& samples, Sums& sums) {
 void evaluate(const AccumulateInput& in, const Samples& samples) {
   if (in.reach == 1) {
     in.correlated ? evaluate_as<1, true>(in, samples) : evaluate_as<1, false>(in, samples);
+  } else if (in.reach == 2) {
+    in.correlated ? evaluate_as<2, true>(in, samples) : evaluate_as<2, false>(in, samples);
   } else {
     in.correlated ? evaluate_as<3, true>(in, samples) : evaluate_as<3, false>(in, samples);
   }
 }
 
+// 32 sums at a time in vector registers; the compiler splits them for narrower machines.
+using Bytes = std::uint8_t __attribute__((vector_size(32)));
+using Words = std::int16_t __attribute__((vector_size(64)));
+
 void search(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,
             int count, int rows, int row_step, std::int16_t* scores) {
+  static_assert(kSearchColumns == 64);
   for (int row = 0; row < rows; ++row) {
-    alignas(64) std::int16_t sum[kSearchColumns] = {};
+    Words low = {};
+    Words high = {};
     for (int k = 0; k < positive; ++k) {
       const std::uint8_t* pixels = points[k] + row * row_step * strides[k];
-#pragma omp simd
-      for (int l = 0; l < kSearchColumns; ++l)
-        sum[l] = static_cast<std::int16_t>(sum[l] + pixels[l]);
+      Bytes left;
+      Bytes right;
+      __builtin_memcpy(&left, pixels, sizeof left);
+      __builtin_memcpy(&right, pixels + 32, sizeof right);
+      low += __builtin_convertvector(left, Words);
+      high += __builtin_convertvector(right, Words);
     }
     for (int k = positive; k < count; ++k) {
       const std::uint8_t* pixels = points[k] + row * row_step * strides[k];
-#pragma omp simd
-      for (int l = 0; l < kSearchColumns; ++l)
-        sum[l] = static_cast<std::int16_t>(sum[l] - pixels[l]);
+      Bytes left;
+      Bytes right;
+      __builtin_memcpy(&left, pixels, sizeof left);
+      __builtin_memcpy(&right, pixels + 32, sizeof right);
+      low -= __builtin_convertvector(left, Words);
+      high -= __builtin_convertvector(right, Words);
     }
-    __builtin_memcpy(scores + row * kSearchColumns, sum, sizeof sum);
+    __builtin_memcpy(scores + row * kSearchColumns, &low, sizeof low);
+    __builtin_memcpy(scores + row * kSearchColumns + 32, &high, sizeof high);
   }
 }
 

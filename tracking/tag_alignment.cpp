@@ -14,9 +14,10 @@
 namespace penumbra {
 namespace {
 
-constexpr int kSearchReach = 31;     // [px] the code search looks this far to each side
-constexpr int kMaxSearchCells = 36;  // per tag; sums of so many bytes fit in 16 bits
+constexpr int kSearchReach = 31;          // [px] the code search looks this far to each side
+constexpr int kMaxSearchCells = 36;       // per tag; sums of so many bytes fit in 16 bits
 constexpr double kCornerMoved_px = 0.25;  // a fine stage that moved the tags by more is repeated
+constexpr double kConverged_px = 0.03;    // the step after such a one is below a hundredth
 constexpr int kFineRounds = 3;
 
 // 64-byte aligned arrays of floats, one behind the other.
@@ -58,9 +59,10 @@ struct Tag {
   double cell_m = 0.0;
   int side = 0;  // lattice vertices per side
   std::vector<float> lattice_a, lattice_b;
-  std::vector<std::array<float, 4>> coefficients1;   // per vertex, see kernel::pattern
-  std::vector<std::array<float, 16>> coefficients3;  // per vertex
-  std::vector<DataCell> search_cells;                // as many white as black, the white ones first
+  std::vector<std::array<float, 4>> coefficients1;  // per vertex, see kernel::pattern
+  std::vector<std::array<float, 16>> coefficients2;
+  std::vector<std::array<float, 16>> coefficients3;
+  std::vector<DataCell> search_cells;  // as many white as black, the white ones first
   int search_white = 0;
 
   // Of the current frame.
@@ -69,8 +71,8 @@ struct Tag {
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // of the camera in the lattice [cells]
   Eigen::Matrix3d ray_from_lattice = Eigen::Matrix3d::Identity();
   std::array<float, 9> lattice_from_ray{};
-  std::vector<float> ray_x, ray_y, pixel_x, pixel_y, depth;  // of the vertices
-  double cell_px = 0.0;   // the smaller side of the central cell, across it
+  std::vector<float> ray_x, ray_y, pixel_x, pixel_y, depth, ka, kb, rho;  // of the vertices
+  double cell_px = 0.0;  // the smaller side of the central cell, across it
   double cell_max_px = 0.0;
   double correlation = 0.0;
   Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();
@@ -133,9 +135,8 @@ Vector6d log_se3(const Eigen::Isometry3d& T) {
   if (angle < 1e-4) {
     V_inverse += W * W / 12.0;
   } else {
-    V_inverse += (1.0 / (angle * angle) -
-                  (1.0 + std::cos(angle)) / (2.0 * angle * std::sin(angle))) *
-                 W * W;
+    V_inverse +=
+        (1.0 / (angle * angle) - (1.0 + std::cos(angle)) / (2.0 * angle * std::sin(angle))) * W * W;
   }
   Vector6d xi;
   xi.head<3>() = V_inverse * T.translation();
@@ -167,8 +168,7 @@ struct TagAligner::Impl {
   void set_tone(double exponent) {
     options.tone_exponent = exponent;
     for (int i = 0; i < 256; ++i)
-      tone[static_cast<std::size_t>(i)] =
-          static_cast<float>(255.0 * std::pow(i / 255.0, exponent));
+      tone[static_cast<std::size_t>(i)] = static_cast<float>(255.0 * std::pow(i / 255.0, exponent));
   }
 
   // --- geometry of one tag at the current pose
@@ -182,8 +182,7 @@ struct TagAligner::Impl {
     tag.ray_from_lattice.col(1) = R.col(1) * tag.cell_m;
     tag.ray_from_lattice.col(2) = T.translation() - half * tag.cell_m * (R.col(0) + R.col(1));
     tag.R_lattice_camera = R.transpose();
-    tag.centre =
-        -(R.transpose() * T.translation()) / tag.cell_m + Eigen::Vector3d(half, half, 0.0);
+    tag.centre = -(R.transpose() * T.translation()) / tag.cell_m + Eigen::Vector3d(half, half, 0.0);
     const Eigen::Matrix3d inverse = tag.ray_from_lattice.inverse() * tag.cell_m;  // S near 1
     for (int r = 0; r < 3; ++r) {
       for (int c = 0; c < 3; ++c)
@@ -192,15 +191,30 @@ struct TagAligner::Impl {
     }
   }
 
-  void project_lattice(Tag& tag) const {
+  // `added_variance_px2` blurs the model beyond what the lens does.
+  void project_lattice(Tag& tag, double added_variance_px2) const {
     std::array<float, 9> M{};
     for (int r = 0; r < 3; ++r) {
       for (int c = 0; c < 3; ++c)
         M[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(tag.ray_from_lattice(r, c));
     }
-    kernel->project(lens, M.data(), static_cast<int>(tag.lattice_a.size()), tag.lattice_a.data(),
-                    tag.lattice_b.data(), tag.ray_x.data(), tag.ray_y.data(), tag.pixel_x.data(),
-                    tag.pixel_y.data(), tag.depth.data());
+    kernel::Blur blur;
+    blur.variance_px2 = static_cast<float>(options.blur_px * options.blur_px + added_variance_px2);
+    blur.motion_x_px = static_cast<float>(tag.motion_px.x());
+    blur.motion_y_px = static_cast<float>(tag.motion_px.y());
+    kernel::Vertices vertices;
+    vertices.count = static_cast<int>(tag.lattice_a.size());
+    vertices.a = tag.lattice_a.data();
+    vertices.b = tag.lattice_b.data();
+    vertices.ray_x = tag.ray_x.data();
+    vertices.ray_y = tag.ray_y.data();
+    vertices.pixel_x = tag.pixel_x.data();
+    vertices.pixel_y = tag.pixel_y.data();
+    vertices.depth = tag.depth.data();
+    vertices.ka = tag.ka.data();
+    vertices.kb = tag.kb.data();
+    vertices.rho = tag.rho.data();
+    kernel->project(lens, blur, M.data(), tag.lattice_from_ray.data(), vertices);
     const auto max_r2 = static_cast<float>(camera.max_radius() * camera.max_radius());
     for (std::size_t k = 0; k < tag.depth.size(); ++k) {
       const float r2 = tag.ray_x[k] * tag.ray_x[k] + tag.ray_y[k] * tag.ray_y[k];
@@ -241,10 +255,11 @@ struct TagAligner::Impl {
     const Eigen::Matrix2d G = basis.inverse();
     const Eigen::Matrix2d cov_lattice = G * cov * G.transpose();
     tag.correlation = cov_lattice(0, 1) / std::sqrt(cov_lattice(0, 0) * cov_lattice(1, 1));
-    // One edge per axis is enough where the next one is far beyond the blur.
+    // A line matters up to 2.5 sigma. With one line per axis the next is half a cell or more away,
+    // with two a whole one, with three one and a half.
     const double sigma_cells = std::sqrt(std::max(cov_lattice(0, 0), cov_lattice(1, 1)));
-    tag.reach = sigma_cells < 0.2 ? 1 : 3;
-    tag.correlated = std::abs(tag.correlation) > 0.15;
+    tag.reach = sigma_cells < 0.2 ? 1 : (sigma_cells < 0.4 ? 2 : 3);
+    tag.correlated = std::abs(tag.correlation) > 0.3;
     return true;
   }
 
@@ -252,13 +267,19 @@ struct TagAligner::Impl {
     for (Tag* tag : active) place(*tag);
   }
 
-  void find_visible(const Vector6d& exposure_motion) {
+  // A wide stage feels edges from further off: the model is blurred by up to a quarter of a cell.
+  [[nodiscard]] static double wide_variance_px2(const Tag& tag) {
+    const double added_px = std::min(2.45, 0.25 * tag.cell_px);
+    return added_px * added_px;
+  }
+
+  void find_visible(const Vector6d& exposure_motion, bool wide) {
     active.clear();
     for (Tag& tag : tags) {
       place(tag);
       tag.visible = measure(tag, exposure_motion);
       if (!tag.visible) continue;
-      project_lattice(tag);
+      project_lattice(tag, wide ? wide_variance_px2(tag) : 0.0);
       active.push_back(&tag);
     }
   }
@@ -283,7 +304,7 @@ struct TagAligner::Impl {
   [[nodiscard]] bool search(bool independent);
   void read_levels();
   void select(Tag& tag, bool wide, int cap);
-  void finish_samples(Tag& tag, double added_variance_px);
+  void finish_samples(Tag& tag);
   bool step(double cutoff, double& moved_px);
   void stage(bool wide);
   void verify();
@@ -335,8 +356,8 @@ bool TagAligner::Impl::search(bool independent) {
       } else {
         // The window leaves the image: a copy with the border's pixels repeated.
         std::uint8_t* copy =
-            search_scratch.data() +
-            static_cast<std::size_t>(scratch_used++) * static_cast<std::size_t>(window_rows * columns);
+            search_scratch.data() + static_cast<std::size_t>(scratch_used++) *
+                                        static_cast<std::size_t>(window_rows * columns);
         for (int r = 0; r < window_rows; ++r) {
           const std::uint8_t* source = image.row(std::clamp(y + r, 0, image.height - 1));
           for (int c = 0; c < columns; ++c)
@@ -406,15 +427,17 @@ bool TagAligner::Impl::search(bool independent) {
       const double curvature = before - 2.0 * middle + after;
       return curvature < -1e-9 ? std::clamp(0.5 * (before - after) / curvature, -0.5, 0.5) : 0.0;
     };
-    const double dx = at_column - kSearchReach +
-                      vertex(value_at(at_row, at_column - 1), score, value_at(at_row, at_column + 1));
-    const double dy = first_row + row_step * (at_row + vertex(value_at(at_row - 1, at_column), score,
-                                                              value_at(at_row + 1, at_column)));
+    const double dx =
+        at_column - kSearchReach +
+        vertex(value_at(at_row, at_column - 1), score, value_at(at_row, at_column + 1));
+    const double dy =
+        first_row + row_step * (at_row + vertex(value_at(at_row - 1, at_column), score,
+                                                value_at(at_row + 1, at_column)));
     const double half = 0.5 * (tag->side - 1);
     const Eigen::Vector3d p_camera = tag->ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
     const Eigen::Vector2d centre = camera.project_unchecked(p_camera);
-    displaced.push_back({T_table_camera * p_camera, centre + Eigen::Vector2d(dx, dy),
-                         0.4 + 0.1 * tag->cell_px});
+    displaced.push_back(
+        {T_table_camera * p_camera, centre + Eigen::Vector2d(dx, dy), 0.4 + 0.1 * tag->cell_px});
   }
   if (displaced.empty()) return false;
 
@@ -475,7 +498,7 @@ void TagAligner::Impl::read_levels() {
 }
 
 // Fills in what the kernel needs beside pixels and guesses of their rays.
-void TagAligner::Impl::finish_samples(Tag& tag, double added_variance_px) {
+void TagAligner::Impl::finish_samples(Tag& tag) {
   kernel::Samples& s = tag.samples;
   const int padded = (tag.used + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
   for (int i = 0; i < tag.used; ++i) {
@@ -492,11 +515,7 @@ void TagAligner::Impl::finish_samples(Tag& tag, double added_variance_px) {
     s.weight[i] = 0.0F;
   }
   s.count = padded;
-  kernel::Blur blur;
-  blur.variance_px2 = static_cast<float>(options.blur_px * options.blur_px + added_variance_px);
-  blur.motion_x_px = static_cast<float>(tag.motion_px.x());
-  blur.motion_y_px = static_cast<float>(tag.motion_px.y());
-  kernel->prepare(lens, blur, tag.lattice_from_ray.data(), s);
+  kernel->prepare(lens, tag.lattice_from_ray.data(), tag.reach, s);
   const auto last = static_cast<float>(tag.side - 1);
   for (int i = 0; i < padded; ++i) {
     const float va = std::clamp(s.va[i], 0.0F, last);
@@ -505,11 +524,15 @@ void TagAligner::Impl::finish_samples(Tag& tag, double added_variance_px) {
     s.vb[i] = vb;
     const auto vertex =
         static_cast<std::size_t>(static_cast<int>(vb) * tag.side + static_cast<int>(va));
+    s.ka[i] = tag.ka[vertex];
+    s.kb[i] = tag.kb[vertex];
+    s.rho[i] = tag.rho[vertex];
     if (tag.reach == 1) {
       const std::array<float, 4>& c = tag.coefficients1[vertex];
       for (std::size_t k = 0; k < 4; ++k) s.c[k][i] = c[k];
     } else {
-      const std::array<float, 16>& c = tag.coefficients3[vertex];
+      const std::array<float, 16>& c =
+          tag.reach == 2 ? tag.coefficients2[vertex] : tag.coefficients3[vertex];
       for (std::size_t k = 0; k < 16; ++k) s.c[k][i] = c[k];
     }
   }
@@ -536,22 +559,19 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
   }
   tag.used = 0;
   if (!(length > 0.0) || !(length < 1e7)) {
-    finish_samples(tag, 0.0);
+    finish_samples(tag);
     return;
   }
 
   const double motion = tag.motion_px.norm() / std::sqrt(12.0);
   const double sigma = std::hypot(options.blur_px, motion);
   Band band;
-  double added_variance = 0.0;
   if (wide) {
     // Far enough out to feel an edge half a cell away.
     const double unit = std::max(tag.cell_px / 10.0, 0.3);
     for (const double o : {-5.0, -3.0, -1.0, 1.0, 3.0, 5.0})
       band.offsets[static_cast<std::size_t>(band.count++)] =
           static_cast<int>(std::floor(o * unit + 0.5));
-    const double added = std::min(2.45, 0.25 * tag.cell_px);
-    added_variance = added * added;
   } else {
     // The pixels within about 1.75 sigma hold all but a hundredth of what an edge tells.
     const int half_count = std::clamp(static_cast<int>(std::lround(1.75 * sigma)), 1, 8);
@@ -615,7 +635,7 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
   }
   PENUMBRA_ASSERT(used <= tag.storage.capacity());
   tag.used = used;
-  finish_samples(tag, added_variance);
+  finish_samples(tag);
 }
 
 // One Gauss-Newton step over all active tags, gains and offsets eliminated. `cutoff`: of Tukey's
@@ -693,8 +713,8 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
     tag.gain = std::max(tag.gain + levels[0], 1.5);
     tag.offset += levels[1];
   }
-  const Eigen::Isometry3d before = T_camera_table;
-  T_camera_table = exp_se3(xi) * T_camera_table;
+  const Eigen::Isometry3d motion = exp_se3(xi);
+  T_camera_table = motion * T_camera_table;
   moved_px = 0.0;
   for (Tag* tag : active) {
     const double width = tag->side - 1;
@@ -703,7 +723,7 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
           Eigen::Vector2d(0.0, width)}) {
       const Eigen::Vector3d p =
           tag->ray_from_lattice * Eigen::Vector3d(corner.x(), corner.y(), 1.0);
-      const Eigen::Vector3d q = exp_se3(xi) * p;
+      const Eigen::Vector3d q = motion * p;
       if (!(p.z() > 0.0 && q.z() > 0.0)) continue;
       const Eigen::Vector2d shift((q.x() / q.z() - p.x() / p.z()) * camera.parameters().fx,
                                   (q.y() / q.z() - p.y() / p.z()) * camera.parameters().fy);
@@ -711,20 +731,19 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
     }
     place(*tag);
   }
-  (void)before;
   return true;
 }
 
 bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search,
                                bool independent) {
   T_camera_table = T_predicted;
-  find_visible(exposure_motion);
+  find_visible(exposure_motion, true);
   result.counters.tags_visible = static_cast<int>(active.size());
   if (active.empty()) {
     result.reason = "no tag in view";
     return false;
   }
-  if (with_search && search(independent)) find_visible(exposure_motion);
+  if (with_search && search(independent)) find_visible(exposure_motion, true);
   if (active.empty()) {
     result.reason = "no tag in view";
     return false;
@@ -737,11 +756,10 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
     result.reason = "too few pixels on tags";
     return false;
   }
-  const int cap =
-      options.effort == AlignmentEffort::fast ? options.samples_per_tag : 1'000'000;
+  const int cap = options.effort == AlignmentEffort::fast ? options.samples_per_tag : 1'000'000;
   for (int round = 0; round < kFineRounds; ++round) {
     ++result.counters.fine_rounds;
-    find_visible(exposure_motion);
+    find_visible(exposure_motion, false);
     result.counters.samples = 0;
     for (Tag* tag : active) {
       select(*tag, false, cap);
@@ -754,7 +772,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
         return false;
       }
       round_moved += moved;
-      if (moved < 0.01) break;
+      if (moved < kConverged_px) break;
     }
     if (round_moved < kCornerMoved_px) break;
   }
@@ -768,7 +786,7 @@ void TagAligner::Impl::verify() {
   result.tags_verified = 0;
   int visible = 0;
   for (Tag* tag : active) {
-    project_lattice(*tag);
+    project_lattice(*tag, 0.0);
     TagAlignment check;
     check.index = static_cast<int>(tag - tags.data());
     check.gain = tag->gain;
@@ -795,7 +813,7 @@ void TagAligner::Impl::verify() {
       s.ray_y[tag->used] = tag->ray_y[v];
       ++tag->used;
     }
-    finish_samples(*tag, 0.0);
+    finish_samples(*tag);
     kernel::AccumulateInput in;
     std::copy(tag->lattice_from_ray.begin(), tag->lattice_from_ray.end(), in.lattice_from_ray);
     in.reach = tag->reach;
@@ -879,9 +897,10 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
   impl->lens.cx = static_cast<float>(p.cx);
   impl->lens.cy = static_cast<float>(p.cy);
   for (std::size_t k = 0; k < 8; ++k) impl->lens.k[k] = static_cast<float>(p.distortion[k]);
-  impl->lens.kind = !camera.has_distortion()                  ? kernel::Lens::Kind::none
-                    : p.model == DistortionModel::fisheye ? kernel::Lens::Kind::fisheye
-                                                          : kernel::Lens::Kind::polynomial;
+  impl->lens.kind = !camera.has_distortion()               ? kernel::Lens::Kind::none
+                    : p.model == DistortionModel::fisheye  ? kernel::Lens::Kind::fisheye
+                    : p.model == DistortionModel::rational ? kernel::Lens::Kind::rational
+                                                           : kernel::Lens::Kind::polynomial;
   impl->set_tone(p.tone_curve ? *p.tone_curve : options.tone_exponent);
   for (const MappedTag& mapped : tags) {
     Result<TagPattern> pattern = TagPattern::make(mapped.family, mapped.id);
@@ -902,24 +921,37 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
         const float c1 = colour(0, -1) - c0;
         const float c2 = colour(-1, 0) - c0;
         tag.coefficients1.push_back({c0, c1, c2, colour(0, 0) - c0 - c1 - c2});
-        std::array<float, 16> c{};
-        for (int row = 0; row < 3; ++row) {
-          for (int column = 0; column < 3; ++column) {
-            c[static_cast<std::size_t>(4 * row + column)] =
-                colour(column - 1, row - 1) - colour(column - 2, row - 1) -
-                colour(column - 1, row - 2) + colour(column - 2, row - 2);
+        const auto several = [&](int lines) {
+          const int first = lines == 3 ? -1 : 0;  // of the lines; cells count from first - 1
+          std::array<float, 16> c{};
+          for (int row = 0; row < lines; ++row) {
+            const int dj = first + row;
+            for (int column = 0; column < lines; ++column) {
+              const int di = first + column;
+              c[static_cast<std::size_t>(4 * row + column)] =
+                  colour(di, dj) - colour(di - 1, dj) - colour(di, dj - 1) + colour(di - 1, dj - 1);
+            }
+            c[static_cast<std::size_t>(4 * row + 3)] =
+                colour(first - 1, dj) - colour(first - 1, dj - 1);
           }
-          c[static_cast<std::size_t>(4 * row + 3)] = colour(-2, row - 1) - colour(-2, row - 2);
-        }
-        for (int column = 0; column < 3; ++column)
-          c[static_cast<std::size_t>(12 + column)] =
-              colour(column - 1, -2) - colour(column - 2, -2);
-        c[15] = colour(-2, -2);
-        tag.coefficients3.push_back(c);
+          for (int column = 0; column < lines; ++column)
+            c[static_cast<std::size_t>(12 + column)] =
+                colour(first + column, first - 1) - colour(first + column - 1, first - 1);
+          c[15] = colour(first - 1, first - 1);
+          return c;
+        };
+        tag.coefficients2.push_back(several(2));
+        tag.coefficients3.push_back(several(3));
       }
     }
+    // Filled up for the kernel with repetitions of the last vertex.
+    while (tag.lattice_a.size() % 16 != 0) {
+      tag.lattice_a.push_back(tag.lattice_a.back());
+      tag.lattice_b.push_back(tag.lattice_b.back());
+    }
     const std::size_t vertices = tag.lattice_a.size();
-    for (auto* array : {&tag.ray_x, &tag.ray_y, &tag.pixel_x, &tag.pixel_y, &tag.depth})
+    for (auto* array : {&tag.ray_x, &tag.ray_y, &tag.pixel_x, &tag.pixel_y, &tag.depth, &tag.ka,
+                        &tag.kb, &tag.rho})
       array->resize(vertices);
     // As many white as black cells, spread over the tag.
     std::vector<DataCell> white;

@@ -36,7 +36,7 @@ struct AlignmentOptions {
   double blur_px = 0.58;
   // Linear light = (grey / 255) ^ exponent; the camera model's tone curve where it has one.
   double tone_exponent = 1.0;
-  double min_cell_px = 0.7;  // tags whose cells are smaller across are left out
+  double min_cell_px = 0.7;      // tags whose cells are smaller across are left out
   const char* kernel = nullptr;  // name of the instruction set to use; null: the best
 };
 
@@ -54,8 +54,8 @@ struct TagAlignment {
   bool verified = false;
   double gain = 0.0;  // white - black [grey levels of linearised light]
   double offset = 0.0;
-  int cells_read = 0;   // data cells that were decided
-  int cells_wrong = 0;  // of these
+  int cells_read = 0;         // data cells that were decided
+  int cells_wrong = 0;        // of these
   double weight_share = 0.0;  // of the samples, after Tukey's weights
 };
 
@@ -72,8 +72,8 @@ struct AlignmentResult {
   bool verified = false;
   CameraPose T_table_camera;
   Matrix6d covariance = Matrix6d::Zero();  // as in PoseEstimate, the prior included
-  double residual_rms = 0.0;  // weighted, as a share of the gain
-  std::vector<TagAlignment> tags;  // the visible ones
+  double residual_rms = 0.0;               // weighted, as a share of the gain
+  std::vector<TagAlignment> tags;          // the visible ones
   int tags_verified = 0;
   AlignmentCounters counters;
   std::string_view reason;  // why it is not verified

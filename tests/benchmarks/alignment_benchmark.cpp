@@ -89,8 +89,7 @@ std::optional<Recording> load(const std::filesystem::path& folder) {
     frame.frame = *image;
     recording.frames.push_back(std::move(frame));
   }
-  for (LoadedFrame& frame : recording.frames)
-    frame.luma_view = luma(frame.frame, frame.scratch);
+  for (LoadedFrame& frame : recording.frames) frame.luma_view = luma(frame.frame, frame.scratch);
   return recording;
 }
 
@@ -186,8 +185,7 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
       input.covariance = prior(0.7 * dt, 2.0 * dt);
       if (past.size() > 1) {
         const Past& before = past[past.size() - 2];
-        const double ratio =
-            dt / seconds(past.back().timestamp_ns - before.timestamp_ns);
+        const double ratio = dt / seconds(past.back().timestamp_ns - before.timestamp_ns);
         const Vector6d xi = ratio * perturbation_between(before.pose, past.back().pose);
         input.predicted = perturbed(past.back().pose, xi);
         input.covariance = prior(9.0 * dt * dt, 15.0 * dt * dt);
@@ -235,10 +233,11 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
       outcome.ratio.push_back(error / expected);
     }
     if (verbose)
-      std::printf("  %4zu %s error %.3f expected %.3f visible %d samples %d rounds %d second %d us %.0f\n",
-                  outcome.us.size() - 1, detected ? "detect" : "align ", error, expected,
-                  counters.tags_visible, counters.samples, counters.fine_rounds,
-                  counters.second_try ? 1 : 0, outcome.us.back());
+      std::printf(
+          "  %4zu %s error %.3f expected %.3f visible %d samples %d rounds %d second %d us %.0f\n",
+          outcome.us.size() - 1, detected ? "detect" : "align ", error, expected,
+          counters.tags_visible, counters.samples, counters.fine_rounds,
+          counters.second_try ? 1 : 0, outcome.us.back());
   }
   return outcome;
 }
@@ -268,15 +267,16 @@ void print(const Recording& recording, const char* method, const Outcome& outcom
   double ratio = 0.0;
   for (const double r : outcome.ratio) ratio += r * r;
   std::printf(
-      "%-10s %-16s %3zu/%-3zu <5px %3d >1px %3d  rms %7.4f med %6.4f p95 %7.4f max %8.3f  jit %6.4f  "
+      "%-10s %-16s %3zu/%-3zu <5px %3d >1px %3d  rms %7.4f med %6.4f p95 %7.4f max %8.3f  jit "
+      "%6.4f  "
       "us %7.0f mean %7.0f",
       recording.name.c_str(), method, errors.size(), outcome.us.size(), under5, over1, frame.rmse,
       frame.median, frame.p95, frame.max, e.jitter_px, median(outcome.us), mean);
   if (outcome.rounds > 0.0)
-    std::printf("  det %d 2nd %d rounds %.1f smp %.0f ev %.1f err/exp %.2f", outcome.detections,
-                outcome.second_tries, outcome.rounds / n, outcome.samples / n,
-                outcome.evaluations / n,
-                std::sqrt(ratio / static_cast<double>(std::max<std::size_t>(1, outcome.ratio.size()))));
+    std::printf(
+        "  det %d 2nd %d rounds %.1f smp %.0f ev %.1f err/exp %.2f", outcome.detections,
+        outcome.second_tries, outcome.rounds / n, outcome.samples / n, outcome.evaluations / n,
+        std::sqrt(ratio / static_cast<double>(std::max<std::size_t>(1, outcome.ratio.size()))));
   std::printf("\n");
   std::fflush(stdout);
 }
