@@ -58,6 +58,7 @@ struct Samples {
   float* ray_y = nullptr;
   float* value = nullptr;
   float* weight = nullptr;
+  std::int32_t* vertex = nullptr;  // of the anchor: vb * side + va
   float* va = nullptr;
   float* vb = nullptr;
   float* ka = nullptr;
@@ -93,8 +94,9 @@ struct Variant {
   const char* name;
   void (*project)(const Lens& lens, const Blur& blur, const float* ray_from_lattice,
                   const float* lattice_from_ray, const Vertices& vertices);
-  // Rays of the pixels (ray_x, ray_y hold a guess within two pixels) and their anchor.
-  void (*prepare)(const Lens& lens, const float* lattice_from_ray, int reach,
+  // Rays of the pixels (ray_x, ray_y hold a guess within a few pixels), and their anchor on a
+  // lattice of side x side vertices.
+  void (*prepare)(const Lens& lens, const float* lattice_from_ray, int reach, int side,
                   const Samples& samples);
   void (*accumulate)(const AccumulateInput& input, const Samples& samples, Sums& sums);
   // The model alone, at the pose of `input`, into samples.model.

@@ -192,7 +192,8 @@ void project_as(const Lens& lens, const Blur& blur, const float* M, const float*
 }
 
 template <Lens::Kind kind>
-void prepare_as(const Lens& lens, const float* M, int reach, const Samples& s) {
+void prepare_as(const Lens& lens, const float* M, int reach, int side, const Samples& s) {
+  const auto last = static_cast<float>(side - 1);
   const float anchor_shift = reach == 2 ? 0.5F : 0.0F;
   const float inverse_fx = 1.0F / lens.fx;
   const float inverse_fy = 1.0F / lens.fy;
@@ -233,8 +234,13 @@ void prepare_as(const Lens& lens, const float* M, int reach, const Samples& s) {
     s.ray_x[i] = x;
     s.ray_y[i] = y;
     // The nearest vertex, or the one below and left of it (adding 1.5 * 2^23 rounds).
-    s.va[i] = ((a - anchor_shift) + 12582912.0F) - 12582912.0F;
-    s.vb[i] = ((b - anchor_shift) + 12582912.0F) - 12582912.0F;
+    const float va = ((a - anchor_shift) + 12582912.0F) - 12582912.0F;
+    const float vb = ((b - anchor_shift) + 12582912.0F) - 12582912.0F;
+    const float va_low = va > 0.0F ? va : 0.0F;
+    const float vb_low = vb > 0.0F ? vb : 0.0F;
+    s.va[i] = va_low < last ? va_low : last;
+    s.vb[i] = vb_low < last ? vb_low : last;
+    s.vertex[i] = static_cast<std::int32_t>(s.vb[i]) * side + static_cast<std::int32_t>(s.va[i]);
   }
 }
 
@@ -448,19 +454,20 @@ void project(const Lens& lens, const Blur& blur, const float* ray_from_lattice,
   }
 }
 
-void prepare(const Lens& lens, const float* lattice_from_ray, int reach, const Samples& samples) {
+void prepare(const Lens& lens, const float* lattice_from_ray, int reach, int side,
+             const Samples& samples) {
   switch (lens.kind) {
     case Lens::Kind::none:
-      prepare_as<Lens::Kind::none>(lens, lattice_from_ray, reach, samples);
+      prepare_as<Lens::Kind::none>(lens, lattice_from_ray, reach, side, samples);
       break;
     case Lens::Kind::polynomial:
-      prepare_as<Lens::Kind::polynomial>(lens, lattice_from_ray, reach, samples);
+      prepare_as<Lens::Kind::polynomial>(lens, lattice_from_ray, reach, side, samples);
       break;
     case Lens::Kind::rational:
-      prepare_as<Lens::Kind::rational>(lens, lattice_from_ray, reach, samples);
+      prepare_as<Lens::Kind::rational>(lens, lattice_from_ray, reach, side, samples);
       break;
     case Lens::Kind::fisheye:
-      prepare_as<Lens::Kind::fisheye>(lens, lattice_from_ray, reach, samples);
+      prepare_as<Lens::Kind::fisheye>(lens, lattice_from_ray, reach, side, samples);
       break;
   }
 }
@@ -488,36 +495,34 @@ void evaluate(const AccumulateInput& in, const Samples& samples) {
   }
 }
 
-// 32 sums at a time in vector registers; the compiler splits them for narrower machines.
-using Bytes = std::uint8_t __attribute__((vector_size(32)));
-using Words = std::int16_t __attribute__((vector_size(64)));
+// Widens 16 bytes in one load; the compiler splits the sums for narrower machines.
+using Bytes = std::uint8_t __attribute__((vector_size(16)));
+using Words = std::int16_t __attribute__((vector_size(32)));
 
 void search(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,
             int count, int rows, int row_step, std::int16_t* scores) {
-  static_assert(kSearchColumns == 64);
+  constexpr int kParts = kSearchColumns / 16;
   for (int row = 0; row < rows; ++row) {
-    Words low = {};
-    Words high = {};
+    Words sum[kParts] = {};
     for (int k = 0; k < positive; ++k) {
       const std::uint8_t* pixels = points[k] + row * row_step * strides[k];
-      Bytes left;
-      Bytes right;
-      __builtin_memcpy(&left, pixels, sizeof left);
-      __builtin_memcpy(&right, pixels + 32, sizeof right);
-      low += __builtin_convertvector(left, Words);
-      high += __builtin_convertvector(right, Words);
+#pragma GCC unroll 4
+      for (int part = 0; part < kParts; ++part) {
+        Bytes bytes;
+        __builtin_memcpy(&bytes, pixels + 16 * part, sizeof bytes);
+        sum[part] += __builtin_convertvector(bytes, Words);
+      }
     }
     for (int k = positive; k < count; ++k) {
       const std::uint8_t* pixels = points[k] + row * row_step * strides[k];
-      Bytes left;
-      Bytes right;
-      __builtin_memcpy(&left, pixels, sizeof left);
-      __builtin_memcpy(&right, pixels + 32, sizeof right);
-      low -= __builtin_convertvector(left, Words);
-      high -= __builtin_convertvector(right, Words);
+#pragma GCC unroll 4
+      for (int part = 0; part < kParts; ++part) {
+        Bytes bytes;
+        __builtin_memcpy(&bytes, pixels + 16 * part, sizeof bytes);
+        sum[part] -= __builtin_convertvector(bytes, Words);
+      }
     }
-    __builtin_memcpy(scores + row * kSearchColumns, &low, sizeof low);
-    __builtin_memcpy(scores + row * kSearchColumns + 32, &high, sizeof high);
+    __builtin_memcpy(scores + row * kSearchColumns, sum, sizeof sum);
   }
 }
 

@@ -15,6 +15,7 @@ namespace penumbra {
 namespace {
 
 constexpr int kSearchReach = 31;          // [px] the code search looks this far to each side
+constexpr int kSearchPoints = 256;        // in all
 constexpr int kMaxSearchCells = 36;       // per tag; sums of so many bytes fit in 16 bits
 constexpr double kCornerMoved_px = 0.25;  // a fine stage that moved the tags by more is repeated
 constexpr double kConverged_px = 0.03;    // the step after such a one is below a hundredth
@@ -29,6 +30,7 @@ class SampleStorage {
     capacity_ = capacity + capacity / 2;
     capacity_ = (capacity_ + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
     data_.assign(static_cast<std::size_t>(capacity_) * kArrays + 16, 0.0F);
+    vertex_.assign(static_cast<std::size_t>(capacity_), 0);
   }
   [[nodiscard]] int capacity() const { return capacity_; }
   [[nodiscard]] kernel::Samples view() {
@@ -44,12 +46,14 @@ class SampleStorage {
                           &s.vb, &s.ka, &s.kb, &s.rho, &s.model})
       *array = take();
     for (float*& array : s.c) array = take();
+    s.vertex = vertex_.data();
     return s;
   }
 
  private:
   static constexpr std::size_t kArrays = 28;
   std::vector<float> data_;
+  std::vector<std::int32_t> vertex_;
   int capacity_ = 0;
 };
 
@@ -59,9 +63,9 @@ struct Tag {
   double cell_m = 0.0;
   int side = 0;  // lattice vertices per side
   std::vector<float> lattice_a, lattice_b;
-  std::vector<std::array<float, 4>> coefficients1;  // per vertex, see kernel::pattern
-  std::vector<std::array<float, 16>> coefficients2;
-  std::vector<std::array<float, 16>> coefficients3;
+  // Of each vertex for 1, 2 and 3 lines per axis, see kernel::Samples.
+  std::vector<std::array<float, 4>> coefficients1;
+  std::vector<std::array<float, 16>> coefficients2, coefficients3;
   std::vector<DataCell> search_cells;  // as many white as black, the white ones first
   int search_white = 0;
 
@@ -92,6 +96,12 @@ Eigen::Matrix3d skew(const Eigen::Vector3d& v) {
   Eigen::Matrix3d m;
   m << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0;
   return m;
+}
+
+// floor of |x| < 2^20, without a call.
+int floor_of(double x) {
+  constexpr int kShift = 1 << 20;
+  return static_cast<int>(x + kShift) - kShift;
 }
 
 // Places along the rows across an edge that are sampled, in pixels from the edge's own pixel.
@@ -302,6 +312,7 @@ struct TagAligner::Impl {
   }
 
   [[nodiscard]] bool search(bool independent);
+  void fetch_ahead() const;
   void read_levels();
   void select(Tag& tag, bool wide, int cap);
   void finish_samples(Tag& tag);
@@ -318,12 +329,16 @@ struct TagAligner::Impl {
 // `independent`: every tag's own highest peak counts, wherever it is.
 bool TagAligner::Impl::search(bool independent) {
   const int columns = kernel::kSearchColumns;
+  // With many tags a part of each one's cells is enough.
+  const int pairs_per_tag =
+      std::clamp(kSearchPoints / (2 * static_cast<int>(active.size())), 4, kMaxSearchCells / 2);
   double smallest_cell = 1e9;
   for (const Tag* tag : active) smallest_cell = std::min(smallest_cell, tag->cell_px);
   const int row_step = smallest_cell < 3.5 ? 1 : 2;
   const int rows = 2 * (kSearchReach / row_step) + 1;
   const int first_row = -(kSearchReach / row_step) * row_step;
   score_sum.assign(static_cast<std::size_t>(rows * columns), 0);
+  fetch_ahead();
   std::array<const std::uint8_t*, kMaxSearchCells> points{};
   std::array<std::ptrdiff_t, kMaxSearchCells> strides{};
   const int window_rows = rows * row_step;
@@ -336,8 +351,11 @@ bool TagAligner::Impl::search(bool independent) {
     int positive = 0;
     bool complete = true;
     int inside = 0;
-    for (std::size_t k = 0; k < tag->search_cells.size() && complete; ++k) {
-      const DataCell& cell = tag->search_cells[k];
+    const int pairs = std::min(pairs_per_tag, tag->search_white);
+    for (int k = 0; k < 2 * pairs; ++k) {
+      const int of_colour = k < pairs ? k : k - pairs;
+      const DataCell& cell = tag->search_cells[static_cast<std::size_t>(
+          (k < pairs ? 0 : tag->search_white) + of_colour * tag->search_white / pairs)];
       double px = 0.0;
       double py = 0.0;
       if (!cell_pixel(*tag, cell.i, cell.j, px, py)) {
@@ -469,6 +487,37 @@ bool TagAligner::Impl::search(bool independent) {
   return true;
 }
 
+// Asks for the image around the tags: it is read in no order that a processor foresees, and a frame
+// fresh from a camera or a decoder lies in no near cache.
+void TagAligner::Impl::fetch_ahead() const {
+  float x0 = 1e9F;
+  float y0 = 1e9F;
+  float x1 = -1e9F;
+  float y1 = -1e9F;
+  for (const Tag* tag : active) {
+    const auto last = static_cast<std::size_t>(tag->side - 1);
+    const auto width = static_cast<std::size_t>(tag->side);
+    for (const std::size_t v : {std::size_t{0}, last, last * width, last * width + last}) {
+      if (!(tag->depth[v] > 0.0F)) continue;
+      x0 = std::min(x0, tag->pixel_x[v]);
+      y0 = std::min(y0, tag->pixel_y[v]);
+      x1 = std::max(x1, tag->pixel_x[v]);
+      y1 = std::max(y1, tag->pixel_y[v]);
+    }
+  }
+  const auto clip = [](float value, int limit) {
+    return static_cast<int>(std::clamp(value, 0.0F, static_cast<float>(limit)));
+  };
+  const int left = clip(x0 - kSearchReach, image.width - 1);
+  const int right = clip(x1 + kSearchReach, image.width - 1);
+  const int top = clip(y0 - kSearchReach, image.height - 1);
+  const int bottom = clip(y1 + kSearchReach, image.height - 1);
+  for (int y = top; y <= bottom; ++y) {
+    const std::uint8_t* row = image.row(y);
+    for (int x = left; x <= right; x += 64) __builtin_prefetch(row + x);
+  }
+}
+
 // Gain and offset of each tag from its data cells, so that nothing is carried over from another
 // exposure.
 void TagAligner::Impl::read_levels() {
@@ -515,25 +564,34 @@ void TagAligner::Impl::finish_samples(Tag& tag) {
     s.weight[i] = 0.0F;
   }
   s.count = padded;
-  kernel->prepare(lens, tag.lattice_from_ray.data(), tag.reach, s);
-  const auto last = static_cast<float>(tag.side - 1);
+  kernel->prepare(lens, tag.lattice_from_ray.data(), tag.reach, tag.side, s);
+  // What depends on the anchor alone. One record per vertex; gathering it here is faster than by
+  // vector instructions.
+  if (tag.reach == 1) {
+    for (int i = 0; i < padded; ++i) {
+      const auto v = static_cast<std::size_t>(s.vertex[i]);
+      const std::array<float, 4>& c = tag.coefficients1[v];
+      s.ka[i] = tag.ka[v];
+      s.kb[i] = tag.kb[v];
+      s.rho[i] = tag.rho[v];
+      s.c[0][i] = c[0];
+      s.c[1][i] = c[1];
+      s.c[2][i] = c[2];
+      s.c[3][i] = c[3];
+    }
+    return;
+  }
+  const std::vector<std::array<float, 16>>& table =
+      tag.reach == 2 ? tag.coefficients2 : tag.coefficients3;
   for (int i = 0; i < padded; ++i) {
-    const float va = std::clamp(s.va[i], 0.0F, last);
-    const float vb = std::clamp(s.vb[i], 0.0F, last);
-    s.va[i] = va;
-    s.vb[i] = vb;
-    const auto vertex =
-        static_cast<std::size_t>(static_cast<int>(vb) * tag.side + static_cast<int>(va));
-    s.ka[i] = tag.ka[vertex];
-    s.kb[i] = tag.kb[vertex];
-    s.rho[i] = tag.rho[vertex];
-    if (tag.reach == 1) {
-      const std::array<float, 4>& c = tag.coefficients1[vertex];
-      for (std::size_t k = 0; k < 4; ++k) s.c[k][i] = c[k];
-    } else {
-      const std::array<float, 16>& c =
-          tag.reach == 2 ? tag.coefficients2[vertex] : tag.coefficients3[vertex];
-      for (std::size_t k = 0; k < 16; ++k) s.c[k][i] = c[k];
+    const auto v = static_cast<std::size_t>(s.vertex[i]);
+    const std::array<float, 16>& c = table[v];
+    s.ka[i] = tag.ka[v];
+    s.kb[i] = tag.kb[v];
+    s.rho[i] = tag.rho[v];
+    for (const std::size_t k : {0U, 1U, 3U, 4U, 5U, 7U, 12U, 13U, 15U}) s.c[k][i] = c[k];
+    if (tag.reach == 3) {
+      for (const std::size_t k : {2U, 6U, 8U, 9U, 10U, 11U, 14U}) s.c[k][i] = c[k];
     }
   }
 }
@@ -602,21 +660,28 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
     // Now x is the direction of the walk.
     const double span = x1 - x0;
     const double run_length = std::abs(span);
-    if (!(run_length > 1e-6)) continue;
+    if (!(run_length > 1e-6 && std::abs(x0) < 1e5 && std::abs(y0) < 1e5 && std::abs(x1) < 1e5 &&
+          std::abs(y1) < 1e5))
+      continue;
     const double direction = span < 0.0 ? -1.0 : 1.0;
-    const double slope = (y1 - y0) / run_length;
+    if (carry >= run_length) {
+      carry -= run_length;
+      continue;
+    }
+    const double inverse_length = 1.0 / run_length;
+    const double slope = (y1 - y0) * inverse_length;
     const int walk_limit = along_x ? image.width : image.height;
     const int cross_limit = along_x ? image.height : image.width;
     const auto rx0 = static_cast<double>(tag.ray_x[v0]);
     const auto ry0 = static_cast<double>(tag.ray_y[v0]);
-    const double drx = (static_cast<double>(tag.ray_x[v1]) - rx0) / run_length;
-    const double dry = (static_cast<double>(tag.ray_y[v1]) - ry0) / run_length;
+    const double drx = (static_cast<double>(tag.ray_x[v1]) - rx0) * inverse_length;
+    const double dry = (static_cast<double>(tag.ray_y[v1]) - ry0) * inverse_length;
     double at = carry;
     for (; at < run_length; at += stride) {
-      const auto walk = static_cast<int>(std::floor(x0 + direction * at + 0.5));
+      const int walk = floor_of(x0 + direction * at + 0.5);
       if (walk < 0 || walk >= walk_limit) continue;
       const double exact = direction * (walk - x0);  // where this pixel's centre is along the run
-      const auto cross = static_cast<int>(std::floor(y0 + slope * exact));
+      const int cross = floor_of(y0 + slope * exact);
       if (cross + band.offsets[0] < 0 ||
           cross + band.offsets[static_cast<std::size_t>(band.count - 1)] >= cross_limit)
         continue;
@@ -756,7 +821,10 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
     result.reason = "too few pixels on tags";
     return false;
   }
-  const int cap = options.effort == AlignmentEffort::fast ? options.samples_per_tag : 1'000'000;
+  const int cap = options.effort == AlignmentEffort::accurate
+                      ? 1'000'000
+                      : std::min(options.samples_per_tag,
+                                 std::max(100, options.samples / static_cast<int>(active.size())));
   for (int round = 0; round < kFineRounds; ++round) {
     ++result.counters.fine_rounds;
     find_visible(exposure_motion, false);
@@ -921,7 +989,7 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
         const float c1 = colour(0, -1) - c0;
         const float c2 = colour(-1, 0) - c0;
         tag.coefficients1.push_back({c0, c1, c2, colour(0, 0) - c0 - c1 - c2});
-        const auto several = [&](int lines) {
+        for (const int lines : {2, 3}) {
           const int first = lines == 3 ? -1 : 0;  // of the lines; cells count from first - 1
           std::array<float, 16> c{};
           for (int row = 0; row < lines; ++row) {
@@ -938,10 +1006,8 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
             c[static_cast<std::size_t>(12 + column)] =
                 colour(first + column, first - 1) - colour(first + column - 1, first - 1);
           c[15] = colour(first - 1, first - 1);
-          return c;
-        };
-        tag.coefficients2.push_back(several(2));
-        tag.coefficients3.push_back(several(3));
+          (lines == 2 ? tag.coefficients2 : tag.coefficients3).push_back(c);
+        }
       }
     }
     // Filled up for the kernel with repetitions of the last vertex.
@@ -960,6 +1026,7 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
       (cell.white ? white : black).push_back(cell);
     const std::size_t pairs =
         std::min({white.size(), black.size(), static_cast<std::size_t>(kMaxSearchCells / 2)});
+    tag.search_white = static_cast<int>(pairs);
     for (std::vector<DataCell>* cells : {&white, &black}) {
       for (std::size_t k = 0; k < pairs; ++k)
         tag.search_cells.push_back((*cells)[k * cells->size() / pairs]);

@@ -24,13 +24,14 @@
 namespace penumbra {
 
 enum class AlignmentEffort {
-  fast,      // up to `samples_per_tag` pixels per tag
+  fast,      // up to `samples_per_tag` pixels per tag and `samples` in all
   accurate,  // every pixel at an edge
 };
 
 struct AlignmentOptions {
   AlignmentEffort effort = AlignmentEffort::fast;
   int samples_per_tag = 400;
+  int samples = 3000;  // of all tags together, where that gives a tag 100 and more; fast only
   // Sigma of the point spread, the pixel's box included: a lens of 0.5 px gives
   // sqrt(0.25 + 1/12) px.
   double blur_px = 0.58;

@@ -25,6 +25,7 @@
 #include "core/tag_map.hpp"
 #include "core/trajectory.hpp"
 #include "core/units.hpp"
+#include "tracking/motion_model.hpp"
 #include "tracking/pose_refiner.hpp"
 #include "tracking/pose_solver.hpp"
 #include "tracking/tag_alignment.hpp"
@@ -160,11 +161,7 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
   detector_options.quad_decimate = 2.0F;
   const std::vector<TagFamily> families = {TagFamily::tag36h11};
   auto detector = TagDetector::create(families, detector_options);
-  struct Past {
-    std::int64_t timestamp_ns;
-    CameraPose pose;
-  };
-  std::vector<Past> past;
+  MotionModel motion;
   for (const LoadedFrame& frame : recording.frames) {
     const double start = thread_cpu_us();
     std::optional<CameraPose> pose;
@@ -177,25 +174,19 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
           radians_ * radians_, radians_ * radians_;
       return P;
     };
-    if (!past.empty()) {
+    if (motion.has_state()) {
+      const MotionPrediction prediction = motion.predict(frame.timestamp_ns);
       AlignmentInput input;
       input.luma = frame.luma_view;
-      const double dt = seconds(frame.timestamp_ns - past.back().timestamp_ns);
-      input.predicted = past.back().pose;
-      input.covariance = prior(0.7 * dt, 2.0 * dt);
-      if (past.size() > 1) {
-        const Past& before = past[past.size() - 2];
-        const double ratio = dt / seconds(past.back().timestamp_ns - before.timestamp_ns);
-        const Vector6d xi = ratio * perturbation_between(before.pose, past.back().pose);
-        input.predicted = perturbed(past.back().pose, xi);
-        input.covariance = prior(9.0 * dt * dt, 15.0 * dt * dt);
-        input.exposure_motion = exposure_share * xi;
-      }
+      input.predicted = prediction.T_table_camera;
+      input.covariance = prediction.covariance;
+      input.exposure_motion = exposure_share / 30.0 * prediction.velocity;
       const AlignmentResult& result = aligner->align(input);
       counters = result.counters;
       if (result.verified) {
         pose = result.T_table_camera;
         covariance = result.covariance;
+        motion.update(frame.timestamp_ns, *pose, covariance);
       }
     }
     if (!pose) {
@@ -210,13 +201,10 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
         if (result.verified) {
           pose = result.T_table_camera;
           covariance = result.covariance;
+          motion.start(frame.timestamp_ns, *pose, covariance);
         }
       }
-      past.clear();
-    }
-    if (pose) {
-      past.push_back({frame.timestamp_ns, *pose});
-      if (past.size() > 2) past.erase(past.begin());
+      if (!pose) motion.reset();
     }
     outcome.us.push_back(thread_cpu_us() - start);
     outcome.second_tries += counters.second_try ? 1 : 0;
