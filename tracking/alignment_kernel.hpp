@@ -14,7 +14,6 @@
 namespace penumbra::kernel {
 
 inline constexpr int kBlock = 64;  // sample arrays are padded to a multiple of this
-inline constexpr int kSearchColumns = 64;
 
 struct Lens {
   float fx = 0.0F, fy = 0.0F, cx = 0.0F, cy = 0.0F;
@@ -101,10 +100,10 @@ struct Variant {
   void (*accumulate)(const AccumulateInput& input, const Samples& samples, Sums& sums);
   // The model alone, at the pose of `input`, into samples.model.
   void (*evaluate)(const AccumulateInput& input, const Samples& samples);
-  // scores[r * kSearchColumns + c] = sum over the first `positive` points minus the sum over the
-  // others of point[r * row_step * stride + c].
+  // scores[r * columns + c] = sum over the first `positive` points minus the sum over the others of
+  // point[r * row_step * stride + c]; columns: 16, 32 or 64.
   void (*search)(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,
-                 int count, int rows, int row_step, std::int16_t* scores);
+                 int count, int columns, int rows, int row_step, std::int16_t* scores);
 };
 
 // The widest variant that this processor runs.

@@ -499,15 +499,15 @@ void evaluate(const AccumulateInput& in, const Samples& samples) {
 using Bytes = std::uint8_t __attribute__((vector_size(16)));
 using Words = std::int16_t __attribute__((vector_size(32)));
 
-void search(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,
-            int count, int rows, int row_step, std::int16_t* scores) {
-  constexpr int kParts = kSearchColumns / 16;
+template <int parts>
+void search_as(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,
+               int count, int rows, int row_step, std::int16_t* scores) {
   for (int row = 0; row < rows; ++row) {
-    Words sum[kParts] = {};
+    Words sum[parts] = {};
     for (int k = 0; k < positive; ++k) {
       const std::uint8_t* pixels = points[k] + row * row_step * strides[k];
 #pragma GCC unroll 4
-      for (int part = 0; part < kParts; ++part) {
+      for (int part = 0; part < parts; ++part) {
         Bytes bytes;
         __builtin_memcpy(&bytes, pixels + 16 * part, sizeof bytes);
         sum[part] += __builtin_convertvector(bytes, Words);
@@ -516,13 +516,24 @@ void search(const std::uint8_t* const* points, const std::ptrdiff_t* strides, in
     for (int k = positive; k < count; ++k) {
       const std::uint8_t* pixels = points[k] + row * row_step * strides[k];
 #pragma GCC unroll 4
-      for (int part = 0; part < kParts; ++part) {
+      for (int part = 0; part < parts; ++part) {
         Bytes bytes;
         __builtin_memcpy(&bytes, pixels + 16 * part, sizeof bytes);
         sum[part] -= __builtin_convertvector(bytes, Words);
       }
     }
-    __builtin_memcpy(scores + row * kSearchColumns, sum, sizeof sum);
+    __builtin_memcpy(scores + row * 16 * parts, sum, sizeof sum);
+  }
+}
+
+void search(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,
+            int count, int columns, int rows, int row_step, std::int16_t* scores) {
+  if (columns == 16) {
+    search_as<1>(points, strides, positive, count, rows, row_step, scores);
+  } else if (columns == 32) {
+    search_as<2>(points, strides, positive, count, rows, row_step, scores);
+  } else {
+    search_as<4>(points, strides, positive, count, rows, row_step, scores);
   }
 }
 

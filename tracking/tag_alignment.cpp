@@ -312,6 +312,7 @@ struct TagAligner::Impl {
   }
 
   [[nodiscard]] bool search(bool independent);
+  [[nodiscard]] bool search_within(int search_reach, bool independent);
   void fetch_ahead() const;
   void read_levels();
   void select(Tag& tag, bool wide, int cap);
@@ -328,15 +329,35 @@ struct TagAligner::Impl {
 // tags' displacements, with the prediction's covariance deciding what they leave open.
 // `independent`: every tag's own highest peak counts, wherever it is.
 bool TagAligner::Impl::search(bool independent) {
-  const int columns = kernel::kSearchColumns;
+  if (independent) return search_within(kSearchReach, true);
+  // As far as the prediction may be off (3.5 sigma); where the peak is not well inside, everywhere.
+  double sigma_px = 0.0;
+  for (const Tag* tag : active) {
+    const double half = 0.5 * (tag->side - 1);
+    const Eigen::Vector3d p = tag->ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
+    Eigen::Matrix<double, 2, 3> J_p;
+    static_cast<void>(camera.project_unchecked(p, &J_p));
+    Eigen::Matrix<double, 2, 6> J;
+    J << J_p, -J_p * skew(p);
+    const Eigen::Matrix2d spread = J * prior_covariance * J.transpose();
+    sigma_px = std::max(sigma_px, std::sqrt(std::max(spread(0, 0), spread(1, 1))));
+  }
+  const double reach = 3.5 * sigma_px + 2.0;
+  if (reach <= 7.0 && search_within(7, false)) return true;
+  if (reach <= 15.0 && search_within(15, false)) return true;
+  return search_within(kSearchReach, false);
+}
+
+bool TagAligner::Impl::search_within(int search_reach, bool independent) {
+  const int columns = 2 * (search_reach + 1);
   // With many tags a part of each one's cells is enough.
   const int pairs_per_tag =
       std::clamp(kSearchPoints / (2 * static_cast<int>(active.size())), 4, kMaxSearchCells / 2);
   double smallest_cell = 1e9;
   for (const Tag* tag : active) smallest_cell = std::min(smallest_cell, tag->cell_px);
   const int row_step = smallest_cell < 3.5 ? 1 : 2;
-  const int rows = 2 * (kSearchReach / row_step) + 1;
-  const int first_row = -(kSearchReach / row_step) * row_step;
+  const int rows = 2 * (search_reach / row_step) + 1;
+  const int first_row = -(search_reach / row_step) * row_step;
   score_sum.assign(static_cast<std::size_t>(rows * columns), 0);
   fetch_ahead();
   std::array<const std::uint8_t*, kMaxSearchCells> points{};
@@ -362,9 +383,9 @@ bool TagAligner::Impl::search(bool independent) {
         complete = false;
         break;
       }
-      const int x = static_cast<int>(std::lround(px)) - kSearchReach;
+      const int x = static_cast<int>(std::lround(px)) - search_reach;
       const int y = static_cast<int>(std::lround(py)) + first_row;
-      const int cx = x + kSearchReach;
+      const int cx = x + search_reach;
       const int cy = y - first_row;
       inside += cx >= 0 && cy >= 0 && cx < image.width && cy < image.height ? 1 : 0;
       const auto slot = static_cast<std::size_t>(count);
@@ -389,7 +410,7 @@ bool TagAligner::Impl::search(bool independent) {
     }
     if (!complete || 2 * inside < count || count < 4) continue;
     tag->scores.resize(static_cast<std::size_t>(rows * columns));
-    kernel->search(points.data(), strides.data(), positive, count, rows, row_step,
+    kernel->search(points.data(), strides.data(), positive, count, columns, rows, row_step,
                    tag->scores.data());
     tag->score_points = count;
     total += count;
@@ -405,6 +426,9 @@ bool TagAligner::Impl::search(bool independent) {
   constexpr double kLeastContrast = 12.0;
   const double contrast = 2.0 * score_sum[static_cast<std::size_t>(best)] / total;
   if (!independent && contrast < kLeastContrast) return false;
+  if (!independent && search_reach < kSearchReach &&
+      (best_row < 2 || best_column < 2 || best_row > rows - 3 || best_column > columns - 3))
+    return false;
 
   struct Displaced {
     Eigen::Vector3d p;  // of the tag's centre, in the table frame
@@ -446,7 +470,7 @@ bool TagAligner::Impl::search(bool independent) {
       return curvature < -1e-9 ? std::clamp(0.5 * (before - after) / curvature, -0.5, 0.5) : 0.0;
     };
     const double dx =
-        at_column - kSearchReach +
+        at_column - search_reach +
         vertex(value_at(at_row, at_column - 1), score, value_at(at_row, at_column + 1));
     const double dy =
         first_row + row_step * (at_row + vertex(value_at(at_row - 1, at_column), score,
