@@ -64,7 +64,8 @@ struct Samples {
   float* kb = nullptr;
   float* rho = nullptr;
   float* c[16] = {};
-  float* model = nullptr;  // out: the pattern's blurred value, 0 black to 1 white
+  float* model = nullptr;     // out of evaluate: the pattern's blurred value, 0 black to 1 white
+  float* residual = nullptr;  // out of accumulate
 };
 
 // Normal equations of one tag, parameters (nu, omega) of the right perturbation of

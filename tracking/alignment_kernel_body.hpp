@@ -375,6 +375,7 @@ void accumulate_as(const AccumulateInput& in, const Samples& s, Sums& sums) {
       J[7][l] = 1.0F;
       weight[l] = w;
       residual[l] = r;
+      s.residual[i] = r;
       weighted[l] = w * r;
     }
     for (int p = 0; p < 8; ++p) {

@@ -20,6 +20,7 @@ constexpr int kMaxSearchCells = 36;       // per tag; sums of so many bytes fit 
 constexpr double kCornerMoved_px = 0.25;  // a fine stage that moved the tags by more is repeated
 constexpr double kConverged_px = 0.03;    // the step after such a one is below a hundredth
 constexpr int kFineRounds = 3;
+constexpr int kFineSteps = 5;  // per round at most
 
 // 64-byte aligned arrays of floats, one behind the other.
 class SampleStorage {
@@ -43,7 +44,7 @@ class SampleStorage {
     };
     kernel::Samples s;
     for (float** array : {&s.pixel_x, &s.pixel_y, &s.ray_x, &s.ray_y, &s.value, &s.weight, &s.va,
-                          &s.vb, &s.ka, &s.kb, &s.rho, &s.model})
+                          &s.vb, &s.ka, &s.kb, &s.rho, &s.model, &s.residual})
       *array = take();
     for (float*& array : s.c) array = take();
     s.vertex = vertex_.data();
@@ -51,7 +52,7 @@ class SampleStorage {
   }
 
  private:
-  static constexpr std::size_t kArrays = 28;
+  static constexpr std::size_t kArrays = 29;
   std::vector<float> data_;
   std::vector<std::int32_t> vertex_;
   int capacity_ = 0;
@@ -170,7 +171,9 @@ struct TagAligner::Impl {
   Matrix6d prior_information = Matrix6d::Zero();
   Matrix6d prior_covariance = Matrix6d::Zero();
   double extra_blur_px = 0.0;
-  double variance = 0.0;  // of a residual [grey^2]
+  double variance = 0.0;     // of a residual [grey^2]
+  double noise_share = 0.0;  // sigma of a residual over the gain, by the median; 0: unknown
+  std::vector<float> noise_scratch;
   Matrix6d information = Matrix6d::Zero();
   std::vector<std::int32_t> score_sum;
   std::vector<std::uint8_t> search_scratch;
@@ -319,6 +322,7 @@ struct TagAligner::Impl {
   void finish_samples(Tag& tag);
   bool step(double cutoff, double& moved_px);
   void stage(bool wide);
+  void measure_noise();
   void verify();
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);
   bool attempt(const Vector6d& exposure_motion, bool with_search, bool independent);
@@ -751,8 +755,9 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
     for (int c = 0; c < 3; ++c) in.centre[c] = static_cast<float>(tag.centre[c]);
     in.gain = static_cast<float>(tag.gain);
     in.offset = static_cast<float>(tag.offset);
-    // Never cut into the noise itself.
-    const double limit = std::max(cutoff * tag.gain, 4.685 * std::sqrt(variance));
+    // Never cut into the noise itself, and no further out than it asks for.
+    double limit = cutoff * tag.gain;
+    if (noise_share > 0.0) limit = tag.gain * std::clamp(4.685 * noise_share, 0.03, cutoff);
     in.inverse_cutoff = cutoff > 0.0 ? static_cast<float>(1.0 / limit) : 0.0F;
     in.reach = tag.reach;
     in.correlated = tag.correlated;
@@ -839,6 +844,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
   }
   read_levels();
   variance = 0.0;
+  noise_share = 0.0;
   double moved = 0.0;
   for (Tag* tag : active) select(*tag, true, 90);
   if (!step(0.0, moved) || !step(0.8, moved)) {
@@ -849,6 +855,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
                       ? 1'000'000
                       : std::min(options.samples_per_tag,
                                  std::max(100, options.samples / static_cast<int>(active.size())));
+  noise_share = 0.0;
   for (int round = 0; round < kFineRounds; ++round) {
     ++result.counters.fine_rounds;
     find_visible(exposure_motion, false);
@@ -858,18 +865,42 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
       result.counters.samples += tag->used;
     }
     double round_moved = 0.0;
-    for (int i = 0; i < 3; ++i) {
-      if (!step(i == 0 && round == 0 ? 0.6 : 0.25, moved)) {
+    for (int i = 0; i < kFineSteps; ++i) {
+      if (!step(0.6, moved)) {
         result.reason = "too few pixels on tags";
         return false;
       }
+      const double before = noise_share;
+      measure_noise();
       round_moved += moved;
-      if (moved < kConverged_px) break;
+      // While outliers are still being left behind the pose may yet move.
+      if (i > 0 && moved < kConverged_px && noise_share > 0.85 * before) break;
     }
     if (round_moved < kCornerMoved_px) break;
   }
   verify();
   return result.verified;
+}
+
+// The residuals' size as a share of the gain, by their median: what covers a part of the tags does
+// not count.
+void TagAligner::Impl::measure_noise() {
+  int total = 0;
+  for (const Tag* tag : active) total += tag->used;
+  const int stride = std::max(1, total / 384);
+  noise_scratch.clear();
+  int next = 0;
+  for (const Tag* tag : active) {
+    if (!(tag->gain > 1.5)) continue;
+    const auto inverse_gain = static_cast<float>(1.0 / tag->gain);
+    for (; next < tag->used; next += stride)
+      noise_scratch.push_back(std::abs(tag->samples.residual[next]) * inverse_gain);
+    next -= tag->used;
+  }
+  if (noise_scratch.size() < 16) return;
+  const auto middle = noise_scratch.begin() + static_cast<std::ptrdiff_t>(noise_scratch.size() / 2);
+  std::nth_element(noise_scratch.begin(), middle, noise_scratch.end());
+  noise_share = 1.4826 * static_cast<double>(*middle);
 }
 
 // Reads the data cells at the solved pose against the model's own blurred values.
@@ -911,17 +942,22 @@ void TagAligner::Impl::verify() {
     in.reach = tag->reach;
     in.correlated = tag->correlated;
     kernel->evaluate(in, s);
+    int decidable = 0;
     for (int i = 0; i < tag->used; ++i) {
       const double expected = static_cast<double>(s.model[i]) - 0.5;
       if (std::abs(expected) < 0.15) continue;  // too blurred to be one or the other
       const double read = static_cast<double>(s.value[i]) - (tag->offset + 0.5 * tag->gain);
+      // What reads as neither black nor white is covered by something.
+      ++decidable;
+      if (std::abs(read) < 0.25 * tag->gain && std::abs(expected) > 0.45) continue;
       ++check.cells_read;
       check.cells_wrong += expected * read < 0.0 ? 1 : 0;
     }
     const int least = std::max(8, static_cast<int>(cells.size()) / 4);
+    const int right = check.cells_read - check.cells_wrong;
     check.verified = check.cells_read >= least && 4 * check.cells_wrong <= check.cells_read &&
-                     check.gain > 12.0 && check.weight_share > 0.45;
-    visible += check.cells_read >= least ? 1 : 0;
+                     20 * right >= 9 * decidable && check.gain > 12.0 && check.weight_share > 0.3;
+    visible += decidable >= least ? 1 : 0;
     result.tags_verified += check.verified ? 1 : 0;
     result.tags.push_back(check);
   }
