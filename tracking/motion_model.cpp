@@ -26,7 +26,8 @@ constexpr double kAngularSpeed_rad_s = 2.0;
 
 // Moves q towards what the last innovation says: at once when it says more, slowly when less.
 double adapted(double q, double ratio, double least, double most) {
-  const double factor = ratio > 1.0 ? std::min(ratio, 25.0) : std::pow(std::max(ratio, 0.05), 0.1);
+  const double factor =
+      ratio > 1.0 ? std::min(ratio, 1000.0) : std::pow(std::max(ratio, 0.05), 0.1);
   return std::clamp(q * factor, least, most);
 }
 

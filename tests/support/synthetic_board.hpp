@@ -119,7 +119,8 @@ inline Matrix6d loose_prior(double metres, double angle) {
 // levels], each tag's gain and offset unknown: by central differences of the exact picture.
 inline Matrix6d pose_bound(PatternRenderer& renderer, const CameraModel& camera,
                            std::span<const MappedTag> tags, const CameraPose& pose,
-                           const PatternRenderOptions& options, double noise) {
+                           PatternRenderOptions options, double noise) {
+  options.samples = 256;  // errors of a few thousandths do not show in a sum of squares
   const std::array<CameraPose, 1> centre = {pose};
   const std::vector<double> light = renderer.render_light(centre, options);
   std::array<std::vector<double>, 6> derivative;
