@@ -183,10 +183,10 @@ Result<PatternRenderer> PatternRenderer::create(const CameraModel& camera,
   return PatternRenderer(std::move(impl));
 }
 
-GreyImage PatternRenderer::render(std::span<const CameraPose> path,
-                                  const PatternRenderOptions& options,
-                                  std::span<const GroupPlacement> placements) {
-  PENUMBRA_ASSERT(!path.empty() && options.samples > 0 && options.gamma > 0.0);
+std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> path,
+                                                  const PatternRenderOptions& options,
+                                                  std::span<const GroupPlacement> placements) {
+  PENUMBRA_ASSERT(!path.empty() && options.samples > 0);
   const int width = impl_->camera.width();
   const int height = impl_->camera.height();
   const auto at = [width](int x, int y) {
@@ -312,9 +312,17 @@ GreyImage PatternRenderer::render(std::span<const CameraPose> path,
     }
   }
 
+  return light;
+}
+
+GreyImage PatternRenderer::render(std::span<const CameraPose> path,
+                                  const PatternRenderOptions& options,
+                                  std::span<const GroupPlacement> placements) {
+  PENUMBRA_ASSERT(options.gamma > 0.0);
+  const std::vector<double> light = render_light(path, options, placements);
   GreyImage image;
-  image.width = width;
-  image.height = height;
+  image.width = impl_->camera.width();
+  image.height = impl_->camera.height();
   image.pixels.resize(light.size());
   Noise noise(options.seed);
   for (std::size_t i = 0; i < light.size(); ++i) {
