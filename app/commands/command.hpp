@@ -27,5 +27,7 @@ void add_demo_command(CLI::App& program, ChosenCommand& chosen);
 void add_replay_command(CLI::App& program, ChosenCommand& chosen);
 void add_evaluate_command(CLI::App& program, ChosenCommand& chosen);
 void add_target_command(CLI::App& program, ChosenCommand& chosen);
+void add_shadow_command(CLI::App& program, ChosenCommand& chosen);
+void add_kernels_command(CLI::App& program, ChosenCommand& chosen);
 
 }  // namespace penumbra
