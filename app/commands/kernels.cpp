@@ -91,7 +91,7 @@ auto with_progress(const Work& work, std::size_t triangles) {
     constexpr int kSteps = 100;
     const double expected_ms = 1000.0 + static_cast<double>(triangles) / kTriangles_per_ms;
     const Stopwatch watch;
-    ProgressBar bar(kSteps);
+    ProgressBar bar(kSteps, "");
     while (running.wait_for(100ms) != std::future_status::ready) {
       const double share = (1000.0 + watch.elapsed().wall_ms) / expected_ms;
       bar.update(std::min(kSteps - 1, static_cast<int>(share * kSteps)));

@@ -457,13 +457,13 @@ Result<ExitCode> run_shadow(const ShadowJob& job) {
     if (const auto done = write_shadow_png(output->partial(), picture_of(job, *result)); !done) {
       return tl::unexpected(done.error());
     }
+    if (const auto done = output->commit(); !done) return tl::unexpected(done.error());
   } else {
     const std::string text = job.format == ShadowJob::Format::json
                                  ? shadow_json(job, *result)
                                  : shadow_svg(picture_of(job, *result));
     if (const auto done = write_text(*output, text); !done) return tl::unexpected(done.error());
   }
-  if (const auto done = output->commit(); !done) return tl::unexpected(done.error());
   fmt::print("shadow: {}\n", job.output.string());
   return ExitCode::success;
 }

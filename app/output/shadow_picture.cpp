@@ -137,7 +137,7 @@ void draw(Canvas& canvas, const ShadowPicture& picture, const Layout& layout) {
   const auto entry = [&](std::uint32_t color, const std::string& words) {
     canvas.rectangle(x, line - 1.7 * unit, 2.0 * unit, 2.0 * unit, color);
     canvas.text(x + 2.7 * unit, line, size, words);
-    x += (5.0 + 1.15 * static_cast<double>(words.size())) * unit;
+    x += (6.0 + 1.4 * static_cast<double>(words.size())) * unit;
   };
   for (const ShadowPicture::Layer& layer : picture.layers) {
     entry(layer_color(layer.name), layer.name);
@@ -243,6 +243,9 @@ class CairoCanvas final : public Canvas {
     cairo_set_line_join(cairo_.get(), CAIRO_LINE_JOIN_ROUND);
     cairo_select_font_face(cairo_.get(), "sans-serif", CAIRO_FONT_SLANT_NORMAL,
                            CAIRO_FONT_WEIGHT_NORMAL);
+    // To the last pixel, which the sheet may cover in part only.
+    use(kPaper);
+    cairo_paint(cairo_.get());
     cairo_scale(cairo_.get(), pixels_per_mm, pixels_per_mm);
   }
   void begin_group(const std::string&) override {}
