@@ -28,5 +28,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen);
 void add_evaluate_command(CLI::App& program, ChosenCommand& chosen);
 void add_shadow_command(CLI::App& program, ChosenCommand& chosen);
 void add_target_command(CLI::App& program, ChosenCommand& chosen);
+void add_shadow_command(CLI::App& program, ChosenCommand& chosen);
+void add_kernels_command(CLI::App& program, ChosenCommand& chosen);
 
 }  // namespace penumbra

@@ -1,5 +1,6 @@
 #include "render/shadow/kernel_file.hpp"
 
+#include <Eigen/Geometry>
 #include <cmath>
 #include <limits>
 #include <nlohmann/json.hpp>

@@ -12,7 +12,7 @@ using testing::HasSubstr;
 TEST(CommandLine, EveryCommandHasHelpWithAnExample) {
   EXPECT_EQ(penumbra({"--help"}).exit_code, 0);
   EXPECT_THAT(penumbra({"--help"}).out, HasSubstr("Example:\n  penumbra demo"));
-  for (const char* command : {"demo", "replay", "evaluate"}) {
+  for (const char* command : {"demo", "replay", "evaluate", "target", "shadow", "kernels"}) {
     const ProgramResult help = penumbra({command, "--help"});
     EXPECT_EQ(help.exit_code, 0);
     EXPECT_THAT(help.out, HasSubstr(std::string("Example:\n  penumbra ") + command));
@@ -44,6 +44,29 @@ INSTANTIATE_TEST_SUITE_P(
                     std::vector<std::string>{"replay", "r", "--poses-all"},
                     std::vector<std::string>{"replay", "r", "--log-level", "loud"},
                     std::vector<std::string>{"demo", "--output", "folder"},
+                    std::vector<std::string>{"shadow"}, std::vector<std::string>{"kernels"},
+                    std::vector<std::string>{"kernels", "m.obj"},
+                    std::vector<std::string>{"kernels", "m.obj", "--output", "k.txt"},
+                    std::vector<std::string>{"kernels", "m.obj", "--output", "k.json", "--up", "1"},
+                    std::vector<std::string>{"kernels", "m.obj", "--output", "k.json", "--up",
+                                             "0,0,0"},
+                    std::vector<std::string>{"shadow", "m.obj", "--technique", "pink"},
+                    std::vector<std::string>{"shadow", "m.obj", "--technique", "hard"},
+                    std::vector<std::string>{"shadow", "m.obj", "--light", "0 0 1 1"},
+                    std::vector<std::string>{"shadow", "m.obj", "--kernels", "pink"},
+                    std::vector<std::string>{"shadow", "m.obj", "--light-mode", "pink"},
+                    std::vector<std::string>{"shadow", "m.obj", "--light-height", "-1"},
+                    std::vector<std::string>{"shadow", "m.obj", "--light-height", "nan"},
+                    std::vector<std::string>{"shadow", "m.obj", "--light-height", "inf"},
+                    std::vector<std::string>{"shadow", "m.obj", "--light-ratio", "0"},
+                    std::vector<std::string>{"shadow", "m.obj", "--magnification", "2"},
+                    std::vector<std::string>{"shadow", "m.obj", "--magnification", "1",
+                                             "--workspace-height", "0.3"},
+                    std::vector<std::string>{"shadow", "m.obj", "--pose", "0 0 0"},
+                    std::vector<std::string>{"shadow", "m.obj", "--pose", "0 0 0 0 0 0 0"},
+                    std::vector<std::string>{"shadow", "m.obj", "--plane", "0 0 0 0 0 0"},
+                    std::vector<std::string>{"shadow", "m.obj", "--up", "x"},
+                    std::vector<std::string>{"shadow", "m.obj", "--output", "layers.gif"},
                     std::vector<std::string>{"evaluate"},
                     std::vector<std::string>{"evaluate", "--estimated", "a.tum"}));
 
