@@ -514,7 +514,8 @@ Result<void> SceneReader::read_shadow(const json& from, const std::string& point
   const auto technique = shadow_technique_from_string(from.at("technique").get<std::string>());
   if (!technique) return fail_at(pointer + "/technique", "is not a technique of this program");
   node.technique = *technique;
-  if (from.value("kernels", std::string("auto")) == "cocl") node.kernels = KernelSource::centroid;
+  node.kernels = kernel_source_from_string(from.value("kernels", std::string("auto")))
+                     .value_or(KernelSource::automatic);  // the schema knows the words
   if (const auto names = from.find("casters"); names != from.end()) {
     Result<std::vector<int>> casters =
         indices_of(*names, scene_.objects, pointer + "/casters", "object");

@@ -22,6 +22,9 @@ void add_shadow_options(CLI::App& command, ShadowChoice& choice);
 // Every word that --shadow takes, from the list in render/shadow/technique.hpp.
 [[nodiscard]] std::string known_techniques();
 
+// Every word that --kernels takes.
+[[nodiscard]] std::string known_kernels();
+
 // --version and --log-level.
 void add_common_options(CLI::App& command);
 

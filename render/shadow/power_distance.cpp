@@ -37,6 +37,8 @@ class PartField {
         static_cast<std::size_t>(window.width) * static_cast<std::size_t>(window.height);
     greatest_.assign(count, -1.0F);
     least_.assign(count, kInfinity);
+    gap_x_.assign(count, kInfinity);
+    gap_y_.assign(count, kInfinity);
     for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
       cover_triangle(triangles[i], triangles[i + 1], triangles[i + 2]);
     }
@@ -56,22 +58,51 @@ class PartField {
     return sites_;
   }
 
+  // Roughly the signed distance to the outline, right beside it: > 0 in covered cells.
+  const std::vector<float>& middle() {
+    const auto stride = static_cast<std::size_t>(window_.width);
+    sites_.resize(greatest_.size());
+    for (std::size_t i = 0; i < sites_.size(); ++i) sites_[i] = covered(i) ? 1.0F : -1.0F;
+    for (int row = 1; row + 1 < window_.height; ++row) {
+      for (int column = 1; column + 1 < window_.width; ++column) {
+        const std::size_t i = index_of(column, row);
+        if (covered(i)) continue;
+        const auto along = [&](std::size_t beside, float distance) {
+          if (!covered(beside) || distance == kInfinity) return;
+          // The zero between the two centres falls on the outline.
+          sites_[i] = std::max(sites_[i], -distance);
+          sites_[beside] = std::min(sites_[beside], 1.0F - distance);
+        };
+        along(i - 1, gap_x_[i]);
+        along(i + 1, gap_x_[i]);
+        along(i - stride, gap_y_[i]);
+        along(i + stride, gap_y_[i]);
+      }
+    }
+    return sites_;
+  }
+
   // Field value > 0 in covered cells that no disc round the outline reaches.
   const std::vector<float>& umbra() {
     const int width = window_.width;
     const int height = window_.height;
     sites_.assign(greatest_.size(), kInfinity);
-    for (int row = 1; row + 1 < height; ++row) {
-      for (int column = 1; column + 1 < width; ++column) {
+    const auto stride = static_cast<std::ptrdiff_t>(width);
+    const std::array<std::ptrdiff_t, 8> steps = {-1,          1,           -stride,    stride,
+                                                 -stride - 1, -stride + 1, stride - 1, stride + 1};
+    for (int row = 2; row + 2 < height; ++row) {
+      for (int column = 2; column + 2 < width; ++column) {
         const std::size_t i = index_of(column, row);
         if (covered(i)) continue;
-        const auto stride = static_cast<std::size_t>(width);
-        const float rho =
-            std::min(std::min(std::min(least_[i - 1], least_[i + 1]),
-                              std::min(least_[i - stride], least_[i + stride])),
-                     std::min(std::min(least_[i - stride - 1], least_[i - stride + 1]),
-                              std::min(least_[i + stride - 1], least_[i + stride + 1])));
-        if (rho < kInfinity) sites_[i] = -(rho + kHalfCell) * (rho + kHalfCell);
+        float rho = kInfinity;
+        for (std::size_t direction = 0; direction < steps.size(); ++direction) {
+          // Corners count only where no side is covered: they lie deeper inside.
+          if (direction == 4 && rho < kInfinity) break;
+          rho = std::min(rho, outline_rho(i, steps[direction]));
+        }
+        if (rho == kInfinity) continue;
+        const float radius = rho + gap(i);
+        sites_[i] = -radius * radius;
       }
     }
     transform();
@@ -87,6 +118,21 @@ class PartField {
            static_cast<std::size_t>(column);
   }
 
+  // rho of the matter that makes the outline between an uncovered cell and the next one in a
+  // direction, or infinity. Where the lower surface rises towards the outline, as on a round body,
+  // it is followed half a cell further, at most to where it meets the upper one.
+  [[nodiscard]] float outline_rho(std::size_t uncovered, std::ptrdiff_t step) const {
+    const std::size_t near = uncovered + static_cast<std::size_t>(step);
+    if (!covered(near)) return kInfinity;
+    const std::size_t deep = near + static_cast<std::size_t>(step);
+    if (!covered(deep)) return least_[near];
+    const float rise = std::max(0.0F, least_[near] - least_[deep]);
+    const float fall = std::max(0.0F, greatest_[deep] - greatest_[near]);
+    if (rise <= 0.0F) return least_[near];
+    return least_[near] +
+           rise * std::min(kHalfCell, (greatest_[near] - least_[near]) / (rise + fall));
+  }
+
   void cover_triangle(FieldPoint a, FieldPoint b, FieldPoint c) {
     if (b.y < a.y) std::swap(a, b);
     if (c.y < b.y) std::swap(b, c);
@@ -94,7 +140,7 @@ class PartField {
     const auto bottom = static_cast<float>(window_.bottom);
     const auto left_edge = static_cast<float>(window_.left);
     // Corners lie inside the window by more than a cell: truncation rounds down.
-    const int first_row = static_cast<int>(a.y - bottom + 0.5F);
+    const int first_row = std::max(1, static_cast<int>(a.y - bottom + 0.5F));
     const int end_row = std::min(window_.height - 1, static_cast<int>(c.y - bottom + 0.5F));
     if (first_row >= end_row) return;
     const float area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
@@ -126,7 +172,54 @@ class PartField {
         greatest_[i] = std::max(greatest_[i], rho);
         least_[i] = std::min(least_[i], rho);
       }
+      // How far matter begins from the centres beside the span, also where it covers none itself.
+      const float left = std::min(across, other) - left_edge;
+      const float right = std::max(across, other) - left_edge;
+      float& before = gap_x_[begin + static_cast<std::size_t>(first - 1)];
+      float& after = gap_x_[begin + static_cast<std::size_t>(end)];
+      before = std::min(before, left - (static_cast<float>(first) - 0.5F));
+      after = std::min(after, static_cast<float>(end) + 0.5F - right);
     }
+    // The same along columns; here only the ends of the spans matter.
+    if (b.x < a.x) std::swap(a, b);
+    if (c.x < b.x) std::swap(b, c);
+    if (b.x < a.x) std::swap(a, b);
+    const int first_column = std::max(1, static_cast<int>(a.x - left_edge + 0.5F));
+    const int end_column = std::min(window_.width - 1, static_cast<int>(c.x - left_edge + 0.5F));
+    const auto tilt = [](const FieldPoint& from, const FieldPoint& to) {
+      const float run = to.x - from.x;
+      return run > 0.0F ? (to.y - from.y) / run : 0.0F;
+    };
+    const float tilt_ac = tilt(a, c);
+    const float tilt_ab = tilt(a, b);
+    const float tilt_bc = tilt(b, c);
+    for (int column = first_column; column < end_column; ++column) {
+      const float x = static_cast<float>(column) + 0.5F + left_edge;
+      const float across = a.y + (x - a.x) * tilt_ac - bottom;
+      const float other =
+          (x < b.x ? a.y + (x - a.x) * tilt_ab : b.y + (x - b.x) * tilt_bc) - bottom;
+      const float low_end = std::min(across, other);
+      const float high_end = std::max(across, other);
+      const int first = std::max(1, static_cast<int>(low_end + 0.5F));
+      const int end = std::min(window_.height - 1, static_cast<int>(high_end + 0.5F));
+      float& before = gap_y_[index_of(column, first - 1)];
+      float& after = gap_y_[index_of(column, end)];
+      before = std::min(before, low_end - (static_cast<float>(first) - 0.5F));
+      after = std::min(after, static_cast<float>(end) + 0.5F - high_end);
+    }
+  }
+
+  // Distance from the centre of an uncovered cell to the outline that passes beside it [cells];
+  // half a cell where only a corner is near.
+  [[nodiscard]] float gap(std::size_t i) const {
+    const float x = gap_x_[i];
+    const float y = gap_y_[i];
+    if (x < kInfinity && y < kInfinity) {
+      const float sum = x * x + y * y;
+      return sum > 0.0F ? x * y / std::sqrt(sum) : 0.0F;
+    }
+    const float one = std::min(x, y);
+    return one < kInfinity ? one : kHalfCell;
   }
 
   // sites_ -> min over all cells of squared distance + value, exactly, in place: one pass along
@@ -184,6 +277,7 @@ class PartField {
 
   Window window_;
   std::vector<float> greatest_, least_;  // rho per cell; -1 and infinity where not covered
+  std::vector<float> gap_x_, gap_y_;     // from centres to matter along row and column; infinity
   std::vector<float> sites_, turned_;
   std::vector<float> place_, height_, begins_;
 };
@@ -305,7 +399,8 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
     }
     for (const double level : kLevels) {
       if (level < 1.0) {
-        if (heights.high - heights.low <= 0.0) break;  // flat: all levels are the same
+        if (std::isinf(constants.light_height)) break;  // all outlines are of one size
+        if (heights.high - heights.low <= 0.0) break;   // flat: all levels are the same
         const double top = heights.low + level * (heights.high - heights.low);
         std::vector<std::uint32_t> order(corners.size());
         std::iota(order.begin(), order.end(), 0U);
@@ -322,7 +417,11 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
                       std::max(job.bounds[3], point.y + point.rho)};
       }
       job.end = points.size();
-      if (!std::isfinite(job.bounds[0] + job.bounds[1] + job.bounds[2] + job.bounds[3])) {
+      // Nothing of this size casts on a table, and larger numbers would overflow.
+      constexpr float kFar = 1e12F;  // [m]
+      const bool near = job.bounds[0] > -kFar && job.bounds[1] > -kFar && job.bounds[2] < kFar &&
+                        job.bounds[3] < kFar;
+      if (!near) {
         points.resize(job.begin);
         continue;
       }
@@ -345,8 +444,8 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
   field.origin = {static_cast<double>(left), static_cast<double>(bottom)};
   const std::size_t count =
       static_cast<std::size_t>(field.width) * static_cast<std::size_t>(field.height);
-  field.umbra.assign(count, -1.0F);
-  field.middle.assign(count, -0.5F);
+  field.umbra.assign(count, -1e6F);
+  field.middle.assign(count, -1.0F);
   field.penumbra.assign(count, -1e6F);
 
   for (FieldPoint& point : points) {
@@ -378,17 +477,7 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
     };
     if (job.whole) {
       merge(part_field.penumbra(), field.penumbra);
-      for (int row = 0; row < window.height; ++row) {
-        for (int column = 0; column < window.width; ++column) {
-          const std::size_t i =
-              static_cast<std::size_t>(row) * static_cast<std::size_t>(window.width) +
-              static_cast<std::size_t>(column);
-          if (!part_field.covered(i)) continue;
-          field.middle[static_cast<std::size_t>(row + window.bottom) *
-                           static_cast<std::size_t>(field.width) +
-                       static_cast<std::size_t>(column + window.left)] = 0.5F;
-        }
-      }
+      merge(part_field.middle(), field.middle);
     }
     merge(part_field.umbra(), field.umbra);
   }

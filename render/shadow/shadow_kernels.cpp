@@ -29,6 +29,7 @@ constexpr float kSameDepth = 0.5F;    // [cells]
 constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
 constexpr int kMinSideCells = 32;
 constexpr int kMaxSideCells = 128;
+constexpr int kMedianFiner = 2;  // a part's median radius is worth twice the cells along each side
 constexpr int kTileCells = 8;
 constexpr std::size_t kFewVertices = 64;  // then tiles cost more than they spare
 // A disc of one cell says little about its size: how much further than kReach radii it may reach,
@@ -66,7 +67,7 @@ class LocalThickness {
 
   void generate(const PartGeometry& part, std::span<PlanarKernel> kernels) {
     for (std::size_t i = 0; i < kernels.size(); ++i) kernels[i] = {part.points[i], 0.0F};
-    if (!rasterise(part)) return;
+    if (!rasterise(part, 1)) return;
     if (part.points.size() <= kFewVertices) {
       near_.swap(discs_);
       for (std::size_t i = 0; i < part.points.size(); ++i) {
@@ -90,7 +91,7 @@ class LocalThickness {
   // Centroid of the part's silhouette, and the median of the radii that its cells are assigned.
   PlanarKernel median(const PartGeometry& part) {
     PlanarKernel result;
-    if (!rasterise(part)) {
+    if (!rasterise(part, kMedianFiner)) {
       for (const Eigen::Vector2f& point : part.points) result.centre += point;
       if (!part.points.empty()) result.centre /= static_cast<float>(part.points.size());
       return result;
@@ -106,9 +107,9 @@ class LocalThickness {
       const float* cells = raster_.covered_row(row);
       for (int column = 0; column < raster_.width(); ++column) {
         if (cells[column] == 0.0F || covered++ % step != 0) continue;
-        PlanarKernel kernel;
-        assign({static_cast<float>(column) + 0.5F, static_cast<float>(row) + 0.5F}, kernel);
-        radii_.push_back(kernel.radius);
+        radii_.push_back(
+            thickness_at(static_cast<float>(column) + 0.5F, static_cast<float>(row) + 0.5F) *
+            raster_.cell());
       }
     }
     const auto middle = radii_.begin() + static_cast<std::ptrdiff_t>(radii_.size() / 2);
@@ -122,12 +123,24 @@ class LocalThickness {
     float x, y, radius;  // [cells]
   };
 
+  // Radius of the largest disc that holds the point [cells].
+  [[nodiscard]] float thickness_at(float x, float y) const {
+    for (const Disc& disc : near_) {
+      const float dx = disc.x - x;
+      const float dy = disc.y - y;
+      const float reach = disc.radius + 0.5F;
+      if (dx * dx + dy * dy <= reach * reach) return disc.radius;
+    }
+    return 0.0F;
+  }
+
   // Raster, depth and discs of a part; false where it has none.
-  bool rasterise(const PartGeometry& part) {
+  bool rasterise(const PartGeometry& part, int finer) {
     const int side = std::clamp(
         static_cast<int>(std::lround(8.0 * std::sqrt(static_cast<double>(part.points.size())))),
         kMinSideCells, kMaxSideCells);
-    if (part.faces.empty() || !raster_.cover(part.points, part.faces, side * side)) return false;
+    if (part.faces.empty() || !raster_.cover(part.points, part.faces, finer * finer * side * side))
+      return false;
     raster_.fill_small_holes(kHoleShare);
     raster_.compute_depth();
     nominal_cell_ =
