@@ -41,6 +41,7 @@ ExitCode run(int argc, char** argv) {
   penumbra::add_demo_command(program, chosen);
   penumbra::add_replay_command(program, chosen);
   penumbra::add_evaluate_command(program, chosen);
+  penumbra::add_shadow_command(program, chosen);
   penumbra::add_target_command(program, chosen);
 
   try {

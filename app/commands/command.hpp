@@ -26,6 +26,7 @@ using ChosenCommand = std::function<Result<ExitCode>()>;
 void add_demo_command(CLI::App& program, ChosenCommand& chosen);
 void add_replay_command(CLI::App& program, ChosenCommand& chosen);
 void add_evaluate_command(CLI::App& program, ChosenCommand& chosen);
+void add_shadow_command(CLI::App& program, ChosenCommand& chosen);
 void add_target_command(CLI::App& program, ChosenCommand& chosen);
 
 }  // namespace penumbra

@@ -484,4 +484,48 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
   return field;
 }
 
+std::vector<PlanePoint> field_triangles(const ShadowField& field, ShadowLayer layer) {
+  std::vector<PlanePoint> triangles;
+  const std::vector<float>& values = field.layer(layer);
+  // Marching squares over the squares between four centres. A point on a side is computed from the
+  // side's lower end, so that neighbours share it.
+  struct Corner {
+    int column, row;
+    float value;
+  };
+  const auto position = [&field](double column, double row) {
+    return PlanePoint{static_cast<float>(field.origin.x() + field.cell * (column + 0.5)),
+                      static_cast<float>(field.origin.y() + field.cell * (row + 0.5))};
+  };
+  const auto crossing = [&](Corner a, Corner b) {
+    if (b.row < a.row || (b.row == a.row && b.column < a.column)) std::swap(a, b);
+    const double t = static_cast<double>(a.value) /
+                     (static_cast<double>(a.value) - static_cast<double>(b.value));
+    return position(a.column + t * (b.column - a.column), a.row + t * (b.row - a.row));
+  };
+  for (int row = 0; row + 1 < field.height; ++row) {
+    for (int column = 0; column + 1 < field.width; ++column) {
+      const std::size_t i = static_cast<std::size_t>(row) * static_cast<std::size_t>(field.width) +
+                            static_cast<std::size_t>(column);
+      const auto stride = static_cast<std::size_t>(field.width);
+      const std::array<Corner, 4> corners = {Corner{column, row, values[i]},
+                                             Corner{column + 1, row, values[i + 1]},
+                                             Corner{column + 1, row + 1, values[i + stride + 1]},
+                                             Corner{column, row + 1, values[i + stride]}};
+      std::array<PlanePoint, 8> polygon;
+      std::size_t count = 0;
+      for (std::size_t c = 0; c < 4; ++c) {
+        const Corner& from = corners[c];
+        const Corner& to = corners[(c + 1) % 4];
+        if (from.value > 0.0F) polygon[count++] = position(from.column, from.row);
+        if ((from.value > 0.0F) != (to.value > 0.0F)) polygon[count++] = crossing(from, to);
+      }
+      for (std::size_t c = 2; c < count; ++c) {
+        triangles.insert(triangles.end(), {polygon[0], polygon[c - 1], polygon[c]});
+      }
+    }
+  }
+  return triangles;
+}
+
 }  // namespace penumbra

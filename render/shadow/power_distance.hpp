@@ -55,4 +55,8 @@ struct ShadowFieldOptions {
                                                 const LayeredConstants& constants,
                                                 const ShadowFieldOptions& options = {});
 
+// Triangles that cover a layer's inside, bounded by the zero contour of its field: three points
+// each, for union_of_triangles.
+[[nodiscard]] std::vector<PlanePoint> field_triangles(const ShadowField& field, ShadowLayer layer);
+
 }  // namespace penumbra

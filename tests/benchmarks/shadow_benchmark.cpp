@@ -1,7 +1,10 @@
 // Time of what shadows need on the CPU: welding, kernels, layers, polygons.
 #include <benchmark/benchmark.h>
 
+#include <array>
 #include <optional>
+#include <string>
+#include <utility>
 
 #include "render/shadow/caster.hpp"
 #include "render/shadow/layer_polygons.hpp"
@@ -20,47 +23,49 @@ Model shared_model(const char* name) {
                         json.at("triangles").get<std::vector<std::uint32_t>>());
 }
 
-Model model_named(int which) {
-  switch (which) {
-    case 0:
-      return shared_model("hand.json");
-    case 1:
-      return shared_model("tree.json");
-    case 2:
-      return test::torus_model(24, 64);
-    case 3:
-      return test::torus_model(160, 325);
-    default:
-      return test::bush_model(1462);
+enum class Shape { hand, torus_3k, torus_104k, tree, bush };
+constexpr std::array kShapes = {std::pair{Shape::hand, "hand 3k faces"},
+                                std::pair{Shape::torus_3k, "torus 3k faces"},
+                                std::pair{Shape::torus_104k, "torus 104k faces"},
+                                std::pair{Shape::tree, "tree 23k faces in 1463 parts"},
+                                std::pair{Shape::bush, "bush 23k faces in 1463 parts"}};
+
+// Empty for what is not there.
+ShadowMesh mesh_of(Shape shape) {
+  switch (shape) {
+    case Shape::hand:
+      return make_shadow_mesh(shared_model("hand.json"));
+    case Shape::tree:
+      return make_shadow_mesh(shared_model("tree.json"));
+    case Shape::torus_3k:
+      return make_shadow_mesh(test::torus_model(24, 64));
+    case Shape::torus_104k:
+      return make_shadow_mesh(test::torus_model(160, 325));
+    case Shape::bush:
+      return make_shadow_mesh(test::bush_model(1462));
   }
+  return {};
 }
 
-void label(benchmark::State& state, const ShadowMesh& mesh) {
-  state.SetLabel(std::to_string(mesh.positions.size()) + " vertices, " +
-                 std::to_string(mesh.indices.size() / 3) + " faces, " +
-                 std::to_string(mesh.part_count) + " parts");
+// A model whose weld gives the mesh again.
+Model model_of(const ShadowMesh& mesh) {
+  Model model;
+  model.meshes.emplace_back();
+  model.meshes[0].positions = mesh.positions;
+  model.meshes[0].indices = mesh.indices;
+  return model;
 }
 
-void weld(benchmark::State& state) {
-  const Model model = model_named(static_cast<int>(state.range(0)));
-  ShadowMesh mesh;
-  for (auto _ : state) mesh = make_shadow_mesh(model);
-  label(state, mesh);
+void weld(benchmark::State& state, Shape shape) {
+  const Model model = model_of(mesh_of(shape));
+  for (auto _ : state) benchmark::DoNotOptimize(make_shadow_mesh(model));
 }
-BENCHMARK(weld)->DenseRange(0, 4)->Unit(benchmark::kMillisecond);
 
-void kernels(benchmark::State& state, KernelSource source) {
-  const ShadowMesh mesh = make_shadow_mesh(model_named(static_cast<int>(state.range(0))));
+void kernels(benchmark::State& state, Shape shape, KernelSource source) {
+  const ShadowMesh mesh = mesh_of(shape);
   const Eigen::Vector3d up = Eigen::Vector3d(0.1, 0.2, 1.0);
   for (auto _ : state) benchmark::DoNotOptimize(generate_kernels(mesh, up, source));
-  label(state, mesh);
 }
-BENCHMARK_CAPTURE(kernels, automatic, KernelSource::automatic)
-    ->DenseRange(0, 4)
-    ->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(kernels, smooth, KernelSource::smooth)
-    ->DenseRange(0, 4)
-    ->Unit(benchmark::kMillisecond);
 
 // Agreement with ray-cast shadows beside the time of all 20 cases: mean IoU of umbra and penumbra.
 void agreement(benchmark::State& state, std::optional<KernelSource> kernels) {
@@ -127,9 +132,8 @@ void layer_copy(benchmark::State& state) {
 }
 BENCHMARK(layer_copy)->Arg(12581)->Unit(benchmark::kMicrosecond);
 
-void field(benchmark::State& state) {
-  const ShadowMesh mesh = make_shadow_mesh(model_named(static_cast<int>(state.range(0))));
-  const bool own_lights = state.range(1) != 0;
+void field(benchmark::State& state, Shape shape, bool own_lights) {
+  const ShadowMesh mesh = mesh_of(shape);
   const PlaneFrame plane;
   const Placement placement = {Eigen::Vector3d(0, 0, 0.12), Eigen::Quaterniond::Identity(), 1.0};
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
@@ -145,18 +149,14 @@ void field(benchmark::State& state) {
     benchmark::DoNotOptimize(
         power_distance_layers(vertices, mesh.indices, part, lights, constants));
   }
-  label(state, mesh);
 }
-BENCHMARK(field)->ArgsProduct({{0, 1, 2, 3, 4}, {0, 1}})->Unit(benchmark::kMillisecond);
-void discs(benchmark::State& state) {
-  const ShadowMesh mesh = make_shadow_mesh(model_named(static_cast<int>(state.range(0))));
+void discs(benchmark::State& state, Shape shape) {
+  const ShadowMesh mesh = mesh_of(shape);
   for (auto _ : state) benchmark::DoNotOptimize(part_discs(mesh, Eigen::Vector3d::UnitZ()));
-  label(state, mesh);
 }
-BENCHMARK(discs)->DenseRange(0, 4)->Unit(benchmark::kMillisecond);
 
-void polygons(benchmark::State& state) {
-  const ShadowMesh mesh = make_shadow_mesh(model_named(static_cast<int>(state.range(0))));
+void polygons(benchmark::State& state, Shape shape) {
+  const ShadowMesh mesh = mesh_of(shape);
   const PlaneFrame plane;
   const Placement placement = {Eigen::Vector3d(0, 0, 0.12), Eigen::Quaterniond::Identity(), 1.0};
   const LayeredConstants constants = make_layered_constants(4.0 / 3.0, 8.0 / 3.0, 0.0).value();
@@ -168,9 +168,32 @@ void polygons(benchmark::State& state) {
           union_of_triangles(layer_triangles(vertices, mesh.indices, constants, layer)));
     }
   }
-  label(state, mesh);
 }
-BENCHMARK(polygons)->DenseRange(0, 4)->Unit(benchmark::kMillisecond)->Iterations(1);
+
+// Every shape under every stage, by name.
+const bool kRegistered = [] {
+  for (const auto& [shape, name] : kShapes) {
+    if ((shape == Shape::hand || shape == Shape::tree) && test::shared_dir().empty()) continue;
+    const std::string title = name;
+    const Shape which = shape;
+    const auto add = [](const std::string& label, auto function) {
+      benchmark::RegisterBenchmark(label.c_str(), function)->Unit(benchmark::kMillisecond);
+    };
+    add("weld/" + title, [which](benchmark::State& state) { weld(state, which); });
+    add("kernels/auto/" + title,
+        [which](benchmark::State& state) { kernels(state, which, KernelSource::automatic); });
+    add("kernels/smooth/" + title,
+        [which](benchmark::State& state) { kernels(state, which, KernelSource::smooth); });
+    add("part lights/" + title, [which](benchmark::State& state) { discs(state, which); });
+    add("field 256/one light/" + title,
+        [which](benchmark::State& state) { field(state, which, false); });
+    add("field 256/a light per part/" + title,
+        [which](benchmark::State& state) { field(state, which, true); });
+    add("polygons of 3 layers/" + title,
+        [which](benchmark::State& state) { polygons(state, which); });
+  }
+  return true;
+}();
 
 }  // namespace
 }  // namespace penumbra
