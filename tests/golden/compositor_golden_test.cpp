@@ -152,6 +152,22 @@ TEST_P(DefaultScene, CompositedFrame) {
       composite(*view, c.technique, std::make_shared<const Scene>(*scene), c.frame / 30.0)));
 }
 
+// Before the recording ends the shadow has met the phantom: without it, the picture is another one.
+TEST(DefaultSceneTest, ItsShadowMeetsThePhantom) {
+  const auto view = half_size_view("tabletop", 116);
+  ASSERT_TRUE(view) << view.error().message;
+  const auto scene = load_scene(test::source_dir() / "scenes" / "default.json");
+  ASSERT_TRUE(scene) << scene.error().message;
+  Scene without = *scene;
+  std::erase_if(without.objects, [](const SceneObject& object) { return object.phantom; });
+  ASSERT_LT(without.objects.size(), scene->objects.size());
+  const auto at_frame = [&](const Scene& which) {
+    return composite(*view, ShadowTechnique::layered, std::make_shared<const Scene>(which),
+                     116 / 30.0);
+  };
+  EXPECT_NE(at_frame(*scene).pixels, at_frame(without).pixels);
+}
+
 std::string layer_name(ShadowLayer layer) {
   constexpr std::array kNames = {"umbra", "middle", "penumbra"};
   return kNames[static_cast<std::size_t>(layer)];
