@@ -114,9 +114,9 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   work_.shadow_vertices += drawn.shadow_vertices;
   work_.kernel_generations += drawn.kernel_generations;
   work_.reprojections += drawn.reprojections;
-  // Caster x plane x light whose shadow geometry was not reused as it was.
-  work_.triples_recomputed += std::max<std::int64_t>(
-      0, static_cast<std::int64_t>(frame.plan.shadows.size()) - drawn.reprojections);
+  work_.triples_recomputed += drawn.triples_recomputed;
+  work_.faces_tested += drawn.faces_tested;
+  work_.faces_twisted += drawn.faces_twisted;
   work_.passes_drawn += drawn.passes_drawn;
   work_.passes_skipped += drawn.passes_skipped;
   for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
@@ -130,6 +130,7 @@ RunReport RunRecorder::report() const {
   report.work = {
       {"shadow_vertices", work_.shadow_vertices}, {"kernel_generations", work_.kernel_generations},
       {"reprojections", work_.reprojections},     {"triples_recomputed", work_.triples_recomputed},
+      {"kernel_faces", work_.faces_tested},       {"twisted_faces", work_.faces_twisted},
       {"passes_drawn", work_.passes_drawn},       {"passes_skipped", work_.passes_skipped}};
   return report;
 }

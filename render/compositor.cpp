@@ -125,6 +125,9 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   m.stats.shadow_vertices = work.vertices;
   m.stats.kernel_generations = work.kernel_generations;
   m.stats.reprojections = work.reprojections;
+  m.stats.triples_recomputed = work.recomputed;
+  m.stats.faces_tested = work.faces_tested;
+  m.stats.faces_twisted = work.faces_twisted;
   return m.stats;
 }
 

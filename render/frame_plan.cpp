@@ -48,7 +48,9 @@ Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top
         std::max(disc.radius, (draw.plane_frame.to_plane(corner).head<2>() - disc.centre).norm());
   }
   double s = 1.0;
-  if (draw.technique == ShadowTechnique::layered) {
+  // A part's light at the middle of the part, no larger than a times the disc: the image of its rim
+  // is at most r + 2 t r + a t r away, less than the (2 s - 1) r of kernels.
+  if (draw.technique != ShadowTechnique::simple) {
     for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra}) {
       const HeightRange range = layer_height_range(draw.constants, layer);
       s = std::max(s, layer_factor(draw.constants, layer, std::clamp(top, range.low, range.high)));
@@ -154,13 +156,17 @@ class Planner {
       skip("shadow_below_plane", object.name, "under the plane");
       return false;
     }
-    if (draw.technique == ShadowTechnique::layered) {
+    if (draw.technique != ShadowTechnique::simple) {
+      // Of a field's parts, each keeps its umbra to a height of its own: the field has it or not.
+      const bool field = draw.technique == ShadowTechnique::field;
       const auto above = [&](ShadowLayer layer) {
-        return bottom > layer_height_range(draw.constants, layer).high + kContactTolerance;
+        return bottom >
+               layer_height_range(draw.constants, field ? ShadowLayer::middle : layer).high +
+                   kContactTolerance;
       };
       if (above(ShadowLayer::umbra)) {
         draw.umbra = false;
-        skip("umbra_vanished", object.name, "above the umbra's height");
+        if (!field) skip("umbra_vanished", object.name, "above the umbra's height");
       }
       if (above(ShadowLayer::middle)) draw.middle = false;
       if (above(ShadowLayer::penumbra)) draw.penumbra = false;

@@ -37,6 +37,9 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
   frame.tracked.times.total_ms = 3.0;
   frame.tracked.times.full_detection = full_detection;
   frame.composite.shadow_vertices = 100;
+  frame.composite.triples_recomputed = 2;
+  frame.composite.faces_tested = 50;
+  frame.composite.faces_twisted = 4;
   frame.composite.passes_drawn = 3;
   frame.read_back = status != TrackStatus::lost;
   frame.plan.skipped = {{"object_out_of_view", "rotor: outside the view"}};
@@ -87,6 +90,9 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   EXPECT_EQ(json["tracking"]["full_detections"], 4);
   EXPECT_EQ(json["tracking"]["tracked_updates"], 1);
   EXPECT_EQ(json["work"]["shadow_vertices"], 500);
+  EXPECT_EQ(json["work"]["triples_recomputed"], 10);
+  EXPECT_EQ(json["work"]["kernel_faces"], 250);
+  EXPECT_EQ(json["work"]["twisted_faces"], 20);
   EXPECT_EQ(json["work"]["passes_drawn"], 15);
   for (const char* counter :
        {"kernel_generations", "reprojections", "triples_recomputed", "passes_skipped"}) {

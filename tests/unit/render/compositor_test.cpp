@@ -172,8 +172,8 @@ TEST(Compositor, LeavingOutWhatCannotShowChangesNoBit) {
   std::size_t skipped = 0;
   PlanOptions all;
   all.skip = false;
-  for (const ShadowTechnique technique :
-       {ShadowTechnique::none, ShadowTechnique::simple, ShadowTechnique::layered}) {
+  for (const ShadowTechnique technique : {ShadowTechnique::none, ShadowTechnique::simple,
+                                          ShadowTechnique::layered, ShadowTechnique::field}) {
     PlanOptions options;
     options.technique = all.technique = technique;
     for (const CameraPose& pose : views()) {
@@ -193,15 +193,19 @@ TEST(Compositor, BothApisAndEveryRunDrawTheSame) {
   Studio embedded(scene, camera, GlApi::gles30);
   Studio again(scene, camera, GlApi::gl33);
   const Frame frame = test_frame(320, 240);
-  for (const CameraPose& pose : views()) {
-    const FramePlan plan = desktop.plan(test::tracked(pose));
-    const Picture picture = desktop.draw(frame, plan);
-    ASSERT_EQ(picture, again.draw(frame, plan));
-    const Picture other = embedded.draw(frame, plan);
-    int over = 0;
-    for (std::size_t i = 0; i < picture.rgba.size(); ++i)
-      over += std::abs(picture.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
-    EXPECT_LE(over, 8);
+  for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field}) {
+    PlanOptions options;
+    options.technique = technique;
+    for (const CameraPose& pose : views()) {
+      const FramePlan plan = desktop.plan(test::tracked(pose), options);
+      const Picture picture = desktop.draw(frame, plan);
+      ASSERT_EQ(picture, again.draw(frame, plan));
+      const Picture other = embedded.draw(frame, plan);
+      int over = 0;
+      for (std::size_t i = 0; i < picture.rgba.size(); ++i)
+        over += std::abs(picture.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
+      EXPECT_LE(over, 8);
+    }
   }
 }
 
