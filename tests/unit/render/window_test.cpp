@@ -1,4 +1,5 @@
-// The window, where there is a display (a desktop, or tests/support/with-display); else, that its absence is said.
+// The window, where there is a display (a desktop, or tests/support/with-display); else, that its
+// absence is said.
 #include <epoxy/gl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
