@@ -3,22 +3,44 @@
 #include <ctime>
 
 namespace penumbra {
+namespace {
+
+// Ends the process by the first signal that comes from outside.
+void end_by_signal(const sigset_t& watched) {
+  siginfo_t info{};
+  int number = -1;
+  while (number < 0) number = sigwaitinfo(&watched, &info);
+  if (info.si_code == SI_TKILL) return;  // hold()
+  std::signal(number, SIG_DFL);
+  pthread_sigmask(SIG_UNBLOCK, &watched, nullptr);
+  std::raise(number);
+}
+
+}  // namespace
 
 InterruptWatch::InterruptWatch() {
   sigemptyset(&watched_);
   sigaddset(&watched_, SIGINT);
   sigaddset(&watched_, SIGTERM);
   pthread_sigmask(SIG_BLOCK, &watched_, &before_);
+  ender_ = std::thread([watched = watched_] { end_by_signal(watched); });
 }
 
 InterruptWatch::~InterruptWatch() {
+  hold();
   if (!interrupted_) pthread_sigmask(SIG_SETMASK, &before_, nullptr);
+}
+
+void InterruptWatch::hold() {
+  if (!ender_.joinable()) return;
+  pthread_kill(ender_.native_handle(), SIGTERM);  // to that thread alone
+  ender_.join();
 }
 
 bool InterruptWatch::interrupted() {
   if (interrupted_) return true;
   const timespec at_once{};
-  if (sigtimedwait(&watched_, nullptr, &at_once) > 0) {
+  if (!ender_.joinable() && sigtimedwait(&watched_, nullptr, &at_once) > 0) {
     interrupted_ = true;
     pthread_sigmask(SIG_SETMASK, &before_, nullptr);
   }
