@@ -5,12 +5,12 @@
 namespace penumbra {
 namespace {
 
-// Ends the process by the first signal that comes from outside.
-void end_by_signal(const sigset_t& watched) {
-  siginfo_t info{};
-  int number = -1;
-  while (number < 0) number = sigwaitinfo(&watched, &info);
-  if (info.si_code == SI_TKILL) return;  // hold()
+// Ends the process by the first signal, unless hold() sent it.
+void end_by_signal(const sigset_t& watched, const std::atomic<bool>& held) {
+  int number = 0;
+  while (sigwait(&watched, &number) != 0) {
+  }
+  if (held) return;
   std::signal(number, SIG_DFL);
   pthread_sigmask(SIG_UNBLOCK, &watched, nullptr);
   std::raise(number);
@@ -23,7 +23,7 @@ InterruptWatch::InterruptWatch() {
   sigaddset(&watched_, SIGINT);
   sigaddset(&watched_, SIGTERM);
   pthread_sigmask(SIG_BLOCK, &watched_, &before_);
-  ender_ = std::thread([watched = watched_] { end_by_signal(watched); });
+  ender_ = std::thread([this] { end_by_signal(watched_, held_); });
 }
 
 InterruptWatch::~InterruptWatch() {
@@ -33,6 +33,7 @@ InterruptWatch::~InterruptWatch() {
 
 void InterruptWatch::hold() {
   if (!ender_.joinable()) return;
+  held_ = true;
   pthread_kill(ender_.native_handle(), SIGTERM);  // to that thread alone
   ender_.join();
 }

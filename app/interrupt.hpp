@@ -1,6 +1,7 @@
 // Ctrl-C and SIGTERM as a question that a loop asks, so that files are closed before the end.
 #pragma once
 
+#include <atomic>
 #include <csignal>
 #include <thread>
 
@@ -27,6 +28,7 @@ class InterruptWatch {
   sigset_t watched_{};
   sigset_t before_{};
   bool interrupted_ = false;
+  std::atomic<bool> held_ = false;
   std::thread ender_;  // until hold()
 };
 
