@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "app/stopwatch.hpp"
+#include "core/stopwatch.hpp"
 
 namespace penumbra {
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <set>
 #include <thread>
 #include <vector>
 
@@ -15,6 +16,7 @@
 #include "app/output/pose_writer.hpp"
 #include "app/progress.hpp"
 #include "app/session.hpp"
+#include "app/versions.hpp"
 #include "app/viewer.hpp"
 #include "core/units.hpp"
 
@@ -23,31 +25,47 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool same_path(const fs::path& a, const fs::path& b) {
-  std::error_code error;
-  if (fs::equivalent(a, b, error)) return true;
-  return fs::weakly_canonical(a, error) == fs::weakly_canonical(b, error);
-}
-
-// No output may take the place of what this run reads, or of another output.
+// No output may take the place of what this run reads, or of another output. A recording is only
+// read: nothing is written anywhere in its folder.
 Result<void> check_outputs(const ReplayRequest& request, const Recording& recording) {
-  std::vector<fs::path> taken = {request.scene,
-                                 recording.folder,
-                                 recording.folder / "camera.yaml",
-                                 recording.folder / "tags.yaml",
-                                 recording.folder / "timestamps.csv",
-                                 recording.folder / "groundtruth.tum"};
+  std::vector<fs::path> taken = {request.scene};
+  for (const char* file : {"camera.yaml", "tags.yaml", "timestamps.csv", "groundtruth.tum"}) {
+    taken.push_back(recording.folder / file);  // may be links to elsewhere
+  }
   if (request.tags) taken.push_back(*request.tags);
   if (!recording.video.empty()) taken.push_back(recording.video);
   if (request.poses_from) taken.emplace_back(*request.poses_from);
   std::error_code ignored;
+  std::set<fs::path> frame_folders;  // links followed
+  for (const RecordedFrame& frame : recording.frames) {
+    if (frame.file.empty()) continue;
+    frame_folders.insert(frame.file.parent_path());
+    if (fs::is_symlink(frame.file, ignored)) {
+      frame_folders.insert(fs::weakly_canonical(frame.file, ignored).parent_path());
+    }
+  }
   for (const auto& output : {request.output, request.poses, request.report}) {
     if (!output) continue;
+    if (lies_in(*output, recording.folder)) {
+      return fail("{}: lies in the recording {}, which is only read; name a place outside it",
+                  output->string(), recording.folder.string());
+    }
+    for (const fs::path& frames : frame_folders) {
+      if (lies_in(frames, *output)) {
+        return fail("{}: holds frames of the recording {}; name another place", output->string(),
+                    recording.folder.string());
+      }
+    }
     for (const fs::path& other : taken) {
       if (same_path(*output, other)) {
         return fail("{}: is read or written by this run already; name another file",
                     output->string());
       }
+    }
+    if (output != request.output && request.output &&
+        output_kind(*request.output) == OutputKind::folder && lies_in(*output, *request.output)) {
+      return fail("{}: lies in {}, which holds pictures and nothing else; name another place",
+                  output->string(), request.output->string());
     }
     // Devices may be named twice (/dev/null).
     if (!fs::exists(*output, ignored) || fs::is_regular_file(*output, ignored)) {
@@ -83,21 +101,36 @@ Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& rec
   return PoseSource(std::move(*trajectory));
 }
 
+// OpenGL 3.3, or OpenGL ES 3.0 where the driver has no more (Raspberry Pi 4). Fails with what was
+// said of the first.
+template <typename Create>
+Result<std::unique_ptr<GlContext>> with_either_api(const Create& create) {
+  auto context = create(GlApi::gl33);
+  if (context) return context;
+  auto embedded = create(GlApi::gles30);
+  if (!embedded) return context;
+  spdlog::info("{}; going on with OpenGL ES", context.error().message);
+  return embedded;
+}
+
 Result<std::unique_ptr<GlContext>> open_context(const ReplayRequest& request,
                                                 const CameraModel& camera) {
   if (request.window && display_available()) {
-    WindowOptions options;
-    options.width = camera.width();
-    options.height = camera.height();
-    options.title = "penumbra";
-    auto window = create_window_context(options);
+    auto window = with_either_api([&](GlApi api) {
+      WindowOptions options;
+      options.width = camera.width();
+      options.height = camera.height();
+      options.title = "penumbra";
+      options.api = api;
+      return create_window_context(options);
+    });
     if (window) return window;
     fmt::print("{}; going on offscreen\n", window.error().message);
   } else if (request.window) {
     fmt::print("no display; going on offscreen\n");
   }
   std::fflush(stdout);
-  return create_offscreen_context();
+  return with_either_api([](GlApi api) { return create_offscreen_context(api); });
 }
 
 // The median time between frames.
@@ -116,11 +149,12 @@ double frame_interval_s(const Recording& recording) {
 class Pacer {
  public:
   void wait_for(std::int64_t timestamp_ns, double paused_ms) {
-    if (!first_ns_) {
+    if (!started_) {
+      started_ = true;
       first_ns_ = timestamp_ns;
       start_.restart();
     }
-    const double due_ms = static_cast<double>(timestamp_ns - *first_ns_) * 1e-6 + paused_ms;
+    const double due_ms = static_cast<double>(timestamp_ns - first_ns_) * 1e-6 + paused_ms;
     const double early_ms = due_ms - start_.elapsed().wall_ms;
     if (early_ms > 0.0) {
       std::this_thread::sleep_for(std::chrono::duration<double, std::milli>(early_ms));
@@ -128,7 +162,8 @@ class Pacer {
   }
 
  private:
-  std::optional<std::int64_t> first_ns_;
+  bool started_ = false;
+  std::int64_t first_ns_ = 0;
   Stopwatch start_;
 };
 
@@ -197,8 +232,6 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
 
   if (auto checked = check_outputs(request, *recording); !checked)
     return tl::unexpected(checked.error());
-  auto outputs = open_outputs(request, *recording);
-  if (!outputs) return tl::unexpected(outputs.error());
 
   RecordingSourceOptions source_options;
   source_options.first = request.frames.first;
@@ -213,11 +246,17 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
 
   auto context = open_context(request, camera);
   if (!context) return tl::unexpected(context.error());
+  spdlog::info("OpenGL: {}, {}", (*context)->info().renderer, (*context)->info().version);
+  for (const auto& [name, version] : component_versions()) spdlog::info("{} {}", name, version);
   SessionOptions session_options;
   session_options.plan = request.plan;
   session_options.scene_start_ns = recording->frames.front().timestamp_ns;
   auto session = Session::create(**context, scene, camera, std::move(*poses), session_options);
   if (!session) return tl::unexpected(session.error());
+
+  interrupt.hold();
+  auto outputs = open_outputs(request, *recording);
+  if (!outputs) return tl::unexpected(outputs.error());
 
   const bool has_window = (*context)->window_size().width > 0;
   std::optional<Viewer> viewer;
@@ -242,6 +281,9 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       auto done = session->step(**frame, pixels);
       if (!done) return tl::unexpected(done.error());
       run.add_frame(*done);
+      const PoseEstimate& pose = done->tracked.pose;
+      spdlog::debug("frame {}: {}{}{}", (*frame)->sequence, to_string(pose.status),
+                    pose.reason.empty() ? "" : ": ", pose.reason);
 
       if (outputs->poses) {
         auto written = outputs->poses->write((*frame)->timestamp_ns, done->tracked.pose);

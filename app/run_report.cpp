@@ -104,8 +104,8 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   }
 
   add_time("track", {times.total_ms, times.total_cpu_ms});
-  add_time("detect", {times.detect_ms, times.detect_cpu_ms});
-  add_time("solve", {times.solve_ms, times.solve_cpu_ms});
+  if (times.detect_ms > 0.0) add_time("detect", {times.detect_ms, times.detect_cpu_ms});
+  if (times.solve_ms > 0.0) add_time("solve", {times.solve_ms, times.solve_cpu_ms});
   add_time("plan", frame.plan_time);
   add_time("shadow", {drawn.shadow_ms, drawn.shadow_cpu_ms});
   add_time("render", {drawn.render_ms, drawn.render_cpu_ms});

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "app/session.hpp"
-#include "app/stopwatch.hpp"
 #include "core/evaluation.hpp"
+#include "core/stopwatch.hpp"
 
 namespace penumbra {
 

@@ -7,7 +7,7 @@
 #include <span>
 #include <variant>
 
-#include "app/stopwatch.hpp"
+#include "core/stopwatch.hpp"
 #include "core/trajectory.hpp"
 #include "render/compositor.hpp"
 #include "render/frame_plan.hpp"

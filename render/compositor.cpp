@@ -2,11 +2,10 @@
 
 #include <epoxy/gl.h>
 
-#include <chrono>
-#include <ctime>
 #include <optional>
 
 #include "core/assert.hpp"
+#include "core/stopwatch.hpp"
 #include "render/camera_gl.hpp"
 #include "render/gl/framebuffer.hpp"
 #include "render/passes/object_pass.hpp"
@@ -14,29 +13,6 @@
 #include "render/passes/video_pass.hpp"
 
 namespace penumbra {
-namespace {
-
-// Wall and CPU time of this thread since it was made.
-class StageClock {
- public:
-  StageClock() : wall_(std::chrono::steady_clock::now()), cpu_ms_(thread_cpu_ms()) {}
-  void add_to(double& wall_ms, double& cpu_ms) const {
-    wall_ms +=
-        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - wall_).count();
-    cpu_ms += thread_cpu_ms() - cpu_ms_;
-  }
-
- private:
-  static double thread_cpu_ms() {
-    timespec now{};
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
-  }
-  std::chrono::steady_clock::time_point wall_;
-  double cpu_ms_;
-};
-
-}  // namespace
 
 struct Compositor::Impl {
   Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
@@ -96,12 +72,12 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
         frame.sequence, frame.width, frame.height, m.width, m.height);
   }
   m.stats = {};
-  const StageClock shadow_clock;
+  const Stopwatch shadow_clock;
   ShadowWork work;
   m.shadows.prepare(*m.scene, plan, work);
   shadow_clock.add_to(m.stats.shadow_ms, m.stats.shadow_cpu_ms);
 
-  const StageClock render_clock;
+  const Stopwatch render_clock;
   m.framebuffer.bind();
   m.video.upload(frame);
   if (auto drawn = m.video.draw(frame); !drawn) return tl::unexpected(drawn.error());
@@ -136,7 +112,7 @@ Result<CompositeStats> Compositor::read_back(std::span<std::uint8_t> rgba) {
   const std::size_t size =
       std::size_t{4} * static_cast<std::size_t>(m.width) * static_cast<std::size_t>(m.height);
   PENUMBRA_ASSERT(rgba.size() == size);
-  const StageClock clock;
+  const Stopwatch clock;
   m.framebuffer.read_rgba(rgba);
   clock.add_to(m.stats.readback_ms, m.stats.readback_cpu_ms);
   if (const GLenum error = glGetError(); error != GL_NO_ERROR)

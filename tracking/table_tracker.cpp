@@ -1,10 +1,7 @@
 #include "tracking/table_tracker.hpp"
 
-#include <time.h>
-
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -12,6 +9,7 @@
 #include <vector>
 
 #include "core/evaluation.hpp"
+#include "core/stopwatch.hpp"
 #include "core/units.hpp"
 #include "tracking/board_pose.hpp"
 
@@ -22,26 +20,6 @@ constexpr std::string_view kTableGroup = "table";
 // How long a measured pose still says where the camera is now, well enough to choose between two
 // poses or to give a velocity.
 constexpr double kPriorLifetime_s = 0.2;
-
-// Wall time, and CPU time of this thread, since it was made.
-class Stopwatch {
- public:
-  Stopwatch() : wall_(std::chrono::steady_clock::now()), cpu_ms_(cpu_now_ms()) {}
-  [[nodiscard]] double wall_ms() const {
-    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - wall_)
-        .count();
-  }
-  [[nodiscard]] double cpu_ms() const { return cpu_now_ms() - cpu_ms_; }
-
- private:
-  static double cpu_now_ms() {
-    timespec now{};
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
-  }
-  std::chrono::steady_clock::time_point wall_;
-  double cpu_ms_;
-};
 
 // What one frame says about the pose, whatever method found it.
 struct Measurement {
@@ -127,8 +105,7 @@ std::optional<CameraPose> TableTracker::Impl::predict(std::int64_t timestamp_ns)
 Result<Measurement> TableTracker::Impl::measure_by_detection(ImageView image) {
   const Stopwatch detect;
   const std::vector<TagDetection> detections = detector.detect(image);
-  times.detect_ms += detect.wall_ms();
-  times.detect_cpu_ms += detect.cpu_ms();
+  detect.add_to(times.detect_ms, times.detect_cpu_ms);
   times.full_detection = true;
 
   const Stopwatch solve;
@@ -149,8 +126,7 @@ Result<Measurement> TableTracker::Impl::measure_by_detection(ImageView image) {
     observations.push_back({tag->id, tag->corners(), detection.corners_px});
   }
   const Result<BoardPose> board = estimate_board_pose(camera, observations);
-  times.solve_ms += solve.wall_ms();
-  times.solve_cpu_ms += solve.cpu_ms();
+  solve.add_to(times.solve_ms, times.solve_cpu_ms);
   if (!board) {
     if (observations.empty() && seen_twice) return fail("the same tag is in view twice");
     return tl::unexpected(board.error());
@@ -341,8 +317,7 @@ TrackedFrame TableTracker::track(const Frame& frame) {
   result.frame = frame;
   result.pose = impl_->estimate(frame);
   result.times = impl_->times;
-  result.times.total_ms = total.wall_ms();
-  result.times.total_cpu_ms = total.cpu_ms();
+  total.add_to(result.times.total_ms, result.times.total_cpu_ms);
   return result;
 }
 

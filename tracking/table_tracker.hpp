@@ -21,7 +21,8 @@ struct TrackerOptions {
   double hold_s = 0.5;  // how long the last motion is continued with nothing measured
 };
 
-struct TrackTimes {                                        // of the last frame
+// Of the last frame. A wall time of 0: that stage did not run.
+struct TrackTimes {
   double total_ms = 0.0, detect_ms = 0.0, solve_ms = 0.0;  // wall
   double total_cpu_ms = 0.0, detect_cpu_ms = 0.0,
          solve_cpu_ms = 0.0;    // CPU time of the calling thread

@@ -67,6 +67,22 @@ INSTANTIATE_TEST_SUITE_P(
                     std::vector<std::string>{"shadow", "m.obj", "--plane", "0 0 0 0 0 0"},
                     std::vector<std::string>{"shadow", "m.obj", "--up", "x"},
                     std::vector<std::string>{"shadow", "m.obj", "--output", "layers.gif"},
+                    std::vector<std::string>{"replay", ""},
+                    std::vector<std::string>{"replay", "r", "--output", ""},
+                    std::vector<std::string>{"target"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--tags", "x.pdf"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--tags", "./x.pdf"},
+                    std::vector<std::string>{"target", "--output", "tags.yaml"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--page", "b9"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--page", "30x30"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--family", "tag1"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--measured", "9"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--measured", "nan"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--columns", "0"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--rows", "101"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--tag-size", "-1"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--pitch", "0.04"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--first-id", "580"},
                     std::vector<std::string>{"evaluate"},
                     std::vector<std::string>{"evaluate", "--estimated", "a.tum"}));
 
@@ -83,6 +99,40 @@ TEST(CommandLine, AnUnknownTechniqueListsTheKnownOnes) {
   const ProgramResult result = penumbra({"replay", "r", "--shadow", "pink"});
   EXPECT_THAT(result.err, HasSubstr("pink"));
   EXPECT_THAT(result.err, HasSubstr("none, simple, cocl, layered"));
+}
+
+TEST(CommandLine, AnUnknownCommandListsTheKnownOnes) {
+  const ProgramResult result = penumbra({"bogus"});
+  EXPECT_EQ(result.exit_code, 2);
+  EXPECT_THAT(result.err, HasSubstr("'bogus' is no command"));
+  for (const char* command : {"demo", "replay", "evaluate", "target"}) {
+    EXPECT_THAT(result.err, HasSubstr(command));
+  }
+}
+
+TEST(CommandLine, AnEmptyValueIsToldByItsOption) {
+  EXPECT_THAT(penumbra({"replay", "r", "--output", ""}).err, HasSubstr("--output: is empty"));
+  EXPECT_THAT(penumbra({"replay", "r", "--scene="}).err, HasSubstr("--scene"));
+  EXPECT_THAT(penumbra({"replay", ""}).err, HasSubstr("RECORDING: is empty"));
+}
+
+TEST(Target, WritesASheetAndItsTags) {
+  const TemporaryFolder folder;
+  const std::filesystem::path sheet = folder.path() / "sheet.pdf";
+  ASSERT_EQ(penumbra({"target", "--output", sheet}).exit_code, 0);
+  EXPECT_TRUE(bytes_of(sheet).starts_with("%PDF"));
+  EXPECT_THAT(bytes_of(folder.path() / "tags.yaml"), HasSubstr("tag36h11"));
+  EXPECT_EQ(contents_of(folder.path()).size(), 2U);
+}
+
+TEST(Target, LeavesARecordingAlone) {
+  const TemporaryFolder folder;
+  std::ofstream(folder.path() / "timestamps.csv") << "frame,timestamp_s,file\n";
+  std::ofstream(folder.path() / "tags.yaml") << "precious";
+  expect_failure(penumbra({"target", "--output", folder.path() / "sheet.pdf"}),
+                 {"tags.yaml", "recording"});
+  EXPECT_EQ(bytes_of(folder.path() / "tags.yaml"), "precious");
+  EXPECT_EQ(contents_of(folder.path()).size(), 2U);
 }
 
 TEST(CommandLine, WrongResourcesAreAFailure) {

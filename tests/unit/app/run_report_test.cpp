@@ -35,6 +35,7 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
       status == TrackStatus::tracked || status == TrackStatus::uncertain ? 4 : 0;
   frame.tracked.pose.reprojection_rms_px = 0.25;
   frame.tracked.times.total_ms = 3.0;
+  if (full_detection) frame.tracked.times.detect_ms = 2.0;
   frame.tracked.times.full_detection = full_detection;
   frame.composite.shadow_vertices = 100;
   frame.composite.triples_recomputed = 2;
@@ -85,6 +86,8 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   }
   EXPECT_EQ(json["time_ms"]["track"]["count"], 5);
   EXPECT_EQ(json["time_ms"]["track"]["median"], 3.0);
+  EXPECT_EQ(json["time_ms"]["detect"]["count"], 4) << "one frame was not searched";
+  EXPECT_EQ(json["time_ms"]["solve"]["count"], 0) << "it never ran";
   EXPECT_EQ(json["time_ms"]["readback"]["count"], 4);
   EXPECT_EQ(json["tracking"]["reprojection_rms_px"]["median"], 0.25);
   EXPECT_EQ(json["tracking"]["full_detections"], 4);
