@@ -78,9 +78,9 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   PENUMBRA_ASSERT(scene != nullptr);
   auto framebuffer = Framebuffer::create(camera.width(), camera.height());
   if (!framebuffer) return tl::unexpected(framebuffer.error());
-  auto objects = ObjectPass::create(context.info().api, *scene);
+  auto objects = ObjectPass::create(context.info().api, *scene, camera);
   if (!objects) return tl::unexpected(objects.error());
-  auto shadows = ShadowPass::create(context.info().api, *scene);
+  auto shadows = ShadowPass::create(context.info().api, *scene, camera);
   if (!shadows) return tl::unexpected(shadows.error());
   return Compositor(std::make_unique<Impl>(context, std::move(scene), camera,
                                            std::move(*framebuffer), std::move(*objects),

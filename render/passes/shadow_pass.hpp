@@ -29,9 +29,15 @@ struct ShadowWork {
   std::int64_t reprojections = 0;  // casters that stood still: only the camera's map is new
 };
 
+// For each object of the scene: the longest edge [object units] of the caster made of it, so that
+// its shadow's edges can follow the lens.
+[[nodiscard]] std::vector<float> longest_caster_edges(const Scene& scene,
+                                                      const CameraModel& camera);
+
 class ShadowPass {
  public:
-  [[nodiscard]] static Result<ShadowPass> create(GlApi api, const Scene& scene);
+  [[nodiscard]] static Result<ShadowPass> create(GlApi api, const Scene& scene,
+                                                 const CameraModel& camera);
 
   // The CPU's part: kernels where the tilt is new, clipping where a caster straddles a height.
   // Adds to `work`.
@@ -91,7 +97,7 @@ class ShadowPass {
   ShadowPass(ShaderProgram shadow, ShaderProgram outline)
       : shadow_program_(std::move(shadow)), outline_program_(std::move(outline)) {}
 
-  Caster& caster_of(const SceneObject& object, double scale);
+  Caster& caster_of(const Scene& scene, int object);
   KernelSet& kernels_of(Caster& caster, const KernelKey& key, ShadowWork& work);
   void prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
   void clip_layers(const ShadowDraw& draw, const Caster& caster, const KernelSet& kernels,
@@ -105,6 +111,7 @@ class ShadowPass {
   ShaderProgram shadow_program_;
   ShaderProgram outline_program_;
   std::vector<Outline> outlines_;  // one per scene plane
+  std::vector<float> edges_;       // the longest of each scene object's model, as a caster
   std::map<std::pair<const Model*, float>, std::unique_ptr<Caster>> casters_;
   // One per shadow of the plan before: (node, object, plane, n-th of these in the plan).
   std::map<std::tuple<int, int, int, int>, Prepared> prepared_;
