@@ -26,6 +26,14 @@ std::string known_techniques() {
   return list;
 }
 
+std::string known_kernels() {
+  std::string list;
+  for (const KernelSourceName& entry : kKernelSourceNames) {
+    list += (list.empty() ? "" : ", ") + std::string(entry.name);
+  }
+  return list;
+}
+
 void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
   command
       .add_option_function<std::string>(
@@ -46,17 +54,16 @@ void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       .add_option_function<std::string>(
           "--kernels",
           [&choice](const std::string& name) {
-            if (name == "auto") {
-              choice.kernels = KernelSource::automatic;
-            } else if (name == kCocl) {
-              choice.kernels = KernelSource::centroid;
-            } else {
-              throw CLI::ValidationError(
-                  "--kernels", fmt::format("{}: no such kernels; known: auto, cocl", name));
+            choice.kernels = kernel_source_from_string(name);
+            if (!choice.kernels) {
+              throw CLI::ValidationError("--kernels", fmt::format("{}: no such kernels; known: {}",
+                                                                  name, known_kernels()));
             }
           },
-          "Shadow kernels in place of the scene's: auto (from the silhouette, for each part), cocl "
-          "(one for the whole object)")
+          fmt::format("Shadow kernels in place of the scene's: {} (auto: from the silhouette, for "
+                      "each part; smooth: the same, blended; per-axis: from the sets of the three "
+                      "axes; cocl: one for the whole object)",
+                      known_kernels()))
       ->type_name("KERNELS");
 }
 
