@@ -13,6 +13,19 @@
 #include "render/passes/video_pass.hpp"
 
 namespace penumbra {
+namespace {
+
+// The first error that OpenGL has noted, if any; the rest are of the same cause and dropped.
+std::optional<GLenum> noted_gl_error() {
+  const GLenum first = glGetError();
+  if (first == GL_NO_ERROR) return std::nullopt;
+  // A lost context may report for ever.
+  for (int i = 0; i < 16 && glGetError() != GL_NO_ERROR; ++i) {
+  }
+  return first;
+}
+
+}  // namespace
 
 struct Compositor::Impl {
   Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
@@ -54,9 +67,9 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   PENUMBRA_ASSERT(scene != nullptr);
   auto framebuffer = Framebuffer::create(camera.width(), camera.height());
   if (!framebuffer) return tl::unexpected(framebuffer.error());
-  auto objects = ObjectPass::create(context.info().api, *scene);
+  auto objects = ObjectPass::create(context.info().api, *scene, camera);
   if (!objects) return tl::unexpected(objects.error());
-  auto shadows = ShadowPass::create(context.info().api, *scene);
+  auto shadows = ShadowPass::create(context.info().api, *scene, camera);
   if (!shadows) return tl::unexpected(shadows.error());
   return Compositor(std::make_unique<Impl>(context, std::move(scene), camera,
                                            std::move(*framebuffer), std::move(*objects),
@@ -95,6 +108,9 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   // in the read-back.
   if (m.context.info().software) glFinish();
   render_clock.add_to(m.stats.render_ms, m.stats.render_cpu_ms);
+  if (const auto error = noted_gl_error())
+    return fail("the graphics driver reports error {:#x} while frame {} is drawn", *error,
+                frame.sequence);
 
   m.stats.passes_drawn = calls;
   m.stats.passes_skipped = static_cast<std::int64_t>(plan.skipped.size()) + work.layers_skipped;
@@ -115,8 +131,8 @@ Result<CompositeStats> Compositor::read_back(std::span<std::uint8_t> rgba) {
   const Stopwatch clock;
   m.framebuffer.read_rgba(rgba);
   clock.add_to(m.stats.readback_ms, m.stats.readback_cpu_ms);
-  if (const GLenum error = glGetError(); error != GL_NO_ERROR)
-    return fail("the graphics driver reports error {:#x} while the picture is read back", error);
+  if (const auto error = noted_gl_error())
+    return fail("the graphics driver reports error {:#x} while the picture is read back", *error);
   return m.stats;
 }
 

@@ -12,9 +12,18 @@
 namespace penumbra {
 namespace {
 
-// A held pose is continued motion, trusted less with every moment: the overlay fades out over this
-// long.
-constexpr double kFadeSeconds = 0.5;
+// A pose that may be flipped or far off must not look like a tracked one.
+constexpr double kUncertainOpacity = 0.5;
+
+// A held pose is continued motion, trusted less with every moment: it fades out from how the pose
+// before it was drawn.
+double overlay_opacity(const PoseEstimate& pose) {
+  const auto measured = [](TrackStatus status) {
+    return status == TrackStatus::uncertain ? kUncertainOpacity : 1.0;
+  };
+  if (pose.status != TrackStatus::held) return measured(pose.status);
+  return measured(pose.held_from) * std::clamp(1.0 - pose.age_s / kHoldSeconds, 0.0, 1.0);
+}
 
 using BoxCorners = std::array<Eigen::Vector3d, 8>;
 
@@ -224,13 +233,10 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
         {"no_pose", "overlay: " + (pose.reason.empty() ? std::string("no pose") : pose.reason)});
     return plan;
   }
-  if (pose.status == TrackStatus::held) {
-    plan.overlay_opacity =
-        static_cast<float>(std::clamp(1.0 - pose.age_s / kFadeSeconds, 0.0, 1.0));
-    if (plan.overlay_opacity <= 0.0F) {
-      plan.skipped.push_back({"faded_out", "overlay: the pose is too old"});
-      return plan;
-    }
+  plan.overlay_opacity = static_cast<float>(overlay_opacity(pose));
+  if (plan.overlay_opacity <= 0.0F) {
+    plan.skipped.push_back({"faded_out", "overlay: the pose is too old"});
+    return plan;
   }
   plan.has_pose = true;
   plan.T_table_camera = pose.T_table_camera;

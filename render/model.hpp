@@ -34,7 +34,7 @@ struct Material {
 
 // One draw: an indexed triangle list with one material.
 struct Mesh {
-  std::string name;
+  std::string name;                  // of the first of the file's meshes that are in it
   std::vector<glm::vec3> positions;  // [m]
   std::vector<glm::vec3> normals;    // unit, one per position
   std::vector<glm::vec2> texcoords;  // one per position, or empty; (0, 0) at the texture's top left
@@ -78,6 +78,7 @@ struct ModelLimits {
   std::size_t max_triangles = 20'000'000;
   std::size_t max_texture_pixels = std::size_t{64} << 20U;
   double max_coordinate_m = 1e6;
+  std::size_t max_meshes = 4096;  // one draw each
 };
 
 // .glb, .gltf, .obj. Whatever the reader returns is checked: finite numbers, index ranges,

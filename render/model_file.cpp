@@ -120,6 +120,10 @@ Result<void> check_model(Model& model, const std::string& name, const ModelLimit
     return fail("{}: has {} triangles, more than the {} allowed", name, model.triangle_count(),
                 limits.max_triangles);
   }
+  if (model.meshes.size() > limits.max_meshes) {
+    return fail("{}: has {} materials in use, more than the {} allowed; merge some of them", name,
+                model.meshes.size(), limits.max_meshes);
+  }
   glm::vec3 low(std::numeric_limits<float>::max());
   glm::vec3 high(std::numeric_limits<float>::lowest());
   const auto max_coordinate = static_cast<float>(limits.max_coordinate_m);

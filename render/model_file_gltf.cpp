@@ -268,6 +268,9 @@ class GltfReader {
   std::vector<bool> placed_;               // per node
   bool kernels_disagree_ = false;
   std::unordered_map<int, int> image_index_;  // glTF image -> Model::textures
+  std::unordered_map<int, std::size_t> mesh_of_material_;  // -> Model::meshes
+  std::size_t placed_vertices_ = 0;                        // by the nodes so far
+  std::size_t placed_triangles_ = 0;
 };
 
 Result<std::span<const std::uint8_t>> GltfReader::view_bytes(int view,
@@ -704,11 +707,18 @@ Result<void> GltfReader::place_mesh(int index, const Eigen::Matrix4d& T_root_nod
       linear.col(0).cross(linear.col(1));
   if (mirrored) cofactor = -cofactor;
   const double cofactor_size = cofactor.cwiseAbs().maxCoeff();
-  if (cofactor_size > 0.0) cofactor /= cofactor_size;
+  if (!(cofactor_size > 0.0)) {
+    return fail(
+        "{}: {}: its scale leaves no surface to see; give scales other than 0, or remove "
+        "the node",
+        name_, what);
+  }
+  cofactor /= cofactor_size;
   take_kernel_extras(gltf_.meshes[static_cast<std::size_t>(index)].extras, linear, what);
   for (const Mesh& from : meshes_[static_cast<std::size_t>(index)]) {
-    if (model_.vertex_count() + from.positions.size() > limits_.max_vertices ||
-        model_.triangle_count() + from.indices.size() / 3 > limits_.max_triangles) {
+    placed_vertices_ += from.positions.size();
+    placed_triangles_ += from.indices.size() / 3;
+    if (placed_vertices_ > limits_.max_vertices || placed_triangles_ > limits_.max_triangles) {
       return fail("{}: {}: the model has more than the {} vertices or {} triangles allowed", name_,
                   what, limits_.max_vertices, limits_.max_triangles);
     }
@@ -743,7 +753,12 @@ Result<void> GltfReader::place_mesh(int index, const Eigen::Matrix4d& T_root_nod
              static_cast<float>(turned.z())};
       }
     }
-    model_.meshes.push_back(std::move(mesh));
+    const auto [entry, is_new] = mesh_of_material_.try_emplace(mesh.material, model_.meshes.size());
+    if (is_new) {
+      model_.meshes.push_back(std::move(mesh));
+    } else {
+      append_mesh(model_.meshes[entry->second], mesh);
+    }
   }
   return {};
 }
@@ -766,7 +781,9 @@ Result<void> GltfReader::place_node(int index, const Eigen::Matrix4d& T_root_par
   if (!matrix) return tl::unexpected(matrix.error());
   const Eigen::Matrix4d T_root_node = T_root_parent * *matrix;
   if (node.mesh >= 0) {
-    const Result<void> placed = place_mesh(node.mesh, T_root_node, what);
+    const Result<void> placed = place_mesh(
+        node.mesh, T_root_node,
+        node.name.empty() ? what : fmt::format("{} (\"{}\")", what, node.name.substr(0, 60)));
     if (!placed) return placed;
   }
   for (const int child : node.children) {

@@ -35,6 +35,10 @@ inline constexpr std::string_view kKernelGeometryKey = "shadow_kernel_geometry";
 // A vertex without a face of any area gets +z.
 void generate_normals(Mesh& mesh);
 
+// Adds a mesh of the same material: a draw of its own for each of thousands of parts would take
+// seconds. Attributes that only one of the two has are filled in with what their absence means.
+void append_mesh(Mesh& mesh, const Mesh& more);
+
 // Decodes a PNG or JPEG into the model, counted against the limit for all textures together.
 // Gives the texture's index.
 [[nodiscard]] Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes,

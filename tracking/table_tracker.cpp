@@ -61,6 +61,7 @@ struct TableTracker::Impl {
   // The last two tracked poses, newest first.
   std::optional<TimedPose> last;
   std::optional<TimedPose> before_last;
+  TrackStatus last_status = TrackStatus::tracked;  // of the last measured pose
 
   TrackTimes times;
 
@@ -239,6 +240,7 @@ PoseEstimate TableTracker::Impl::without_measurement(std::int64_t timestamp_ns,
   const std::optional<CameraPose> predicted = predict(timestamp_ns);
   if (!predicted || !predicted->is_finite()) return estimate;
   estimate.status = TrackStatus::held;
+  estimate.held_from = last_status;
   estimate.T_table_camera = *predicted;
   estimate.age_s = age_s;
   estimate.ambiguity_ratio = std::numeric_limits<double>::infinity();
@@ -274,6 +276,7 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame) {
   const Result<Measurement> measurement = measure_by_detection(image);
   if (!measurement) return without_measurement(frame.timestamp_ns, measurement.error().message);
   PoseEstimate estimate = judge(*measurement, predicted);
+  last_status = estimate.status;
   if (estimate.status == TrackStatus::tracked) {
     before_last = std::exchange(
         last, TimedPose{frame.timestamp_ns, estimate.T_table_camera, estimate.covariance});
@@ -303,8 +306,8 @@ Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMa
   }
   Result<TagDetector> detector = TagDetector::create(families, options.detector);
   if (!detector) return tl::unexpected(detector.error());
-  auto impl = std::make_unique<Impl>(
-      Impl{camera, tags, options, std::move(*detector), {}, {}, {}, {}, {}, {}});
+  auto impl = std::make_unique<Impl>(Impl{
+      camera, tags, options, std::move(*detector), {}, {}, {}, {}, {}, TrackStatus::tracked, {}});
   if (camera.parameters().tone_curve)
     impl->linearise = linearising_table(*camera.parameters().tone_curve);
   return TableTracker(std::move(impl));

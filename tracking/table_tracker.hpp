@@ -18,7 +18,7 @@ struct TrackerOptions {
   double ambiguity_ratio = 1.6;  // a second pose whose reprojection RMS is less than this times the
                                  // best one's leaves the view open
   double max_reprojection_rms_px = 3.0;  // a worse fit is no pose
-  double hold_s = 0.5;  // how long the last motion is continued with nothing measured
+  double hold_s = kHoldSeconds;  // how long the last motion is continued with nothing measured
 };
 
 // Of the last frame. A wall time of 0: that stage did not run.

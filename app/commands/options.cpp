@@ -61,9 +61,10 @@ void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
                                                                   name, known_kernels()));
             }
           },
-          "Shadow kernels in place of the scene's: auto (from the silhouette, for each part), "
-          "smooth "
-          "(the same, blended), per-axis (composed of three sets), cocl (one for the whole object)")
+          fmt::format("Shadow kernels in place of the scene's: {} (auto: from the silhouette, for "
+                      "each part; smooth: the same, blended; per-axis: from the sets of the three "
+                      "axes; cocl: one for the whole object)",
+                      known_kernels()))
       ->type_name("KERNELS");
 }
 

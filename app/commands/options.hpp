@@ -21,6 +21,8 @@ void add_shadow_options(CLI::App& command, ShadowChoice& choice);
 
 // Every word that --shadow takes, from the list in render/shadow/technique.hpp.
 [[nodiscard]] std::string known_techniques();
+// Every word that --kernels takes, from the same place.
+[[nodiscard]] std::string known_kernels();
 
 // Every word that --kernels takes.
 [[nodiscard]] std::string known_kernels();

@@ -19,7 +19,7 @@
 #include "app/commands/options.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/shadow_picture.hpp"
-#include "app/stopwatch.hpp"
+#include "core/stopwatch.hpp"
 #include "core/text.hpp"
 #include "render/shadow/caster.hpp"
 #include "render/shadow/fixed_light.hpp"

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <glm/common.hpp>
 #include <limits>
+#include <map>
 #include <optional>
 
 #include "core/assert.hpp"
@@ -115,9 +116,44 @@ glm::mat4x3 plane_from_own(const PlanarMotion& T) {
           glm::vec3(static_cast<float>(T.slide.x()), static_cast<float>(T.slide.y()), 0.0F)};
 }
 
+// How much longer than the caster's edge its shadow's can be: the penumbra's factor at the greatest
+// height that the object comes to.
+std::vector<double> largest_magnifications(const Scene& scene) {
+  std::vector<double> magnifications(scene.objects.size(), 1.0);
+  std::map<int, std::vector<double>> heights_over;  // a plane
+  for (const ShadowNode& node : scene.shadows) {
+    const HeightRange range = layer_height_range(node.layered, ShadowLayer::penumbra);
+    for (const int plane : node.planes) {
+      std::vector<double>& heights = heights_over[plane];
+      if (heights.empty()) {
+        const ScenePlane& at = scene.planes[static_cast<std::size_t>(plane)];
+        heights = greatest_heights(scene, at.normal, at.point);
+      }
+      for (const int caster : node.casters) {
+        const auto i = static_cast<std::size_t>(caster);
+        const double height = std::clamp(heights[i], range.low, range.high);
+        magnifications[i] =
+            std::max(magnifications[i], layer_factor(node.layered, ShadowLayer::penumbra, height));
+      }
+    }
+  }
+  return magnifications;
+}
+
 }  // namespace
 
-Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene) {
+std::vector<float> longest_caster_edges(const Scene& scene, const CameraModel& camera) {
+  const double longest = longest_edge(camera);
+  const std::vector<double> scales = largest_scales(scene);
+  const std::vector<double> magnifications = largest_magnifications(scene);
+  std::vector<float> edges;
+  for (std::size_t i = 0; i < scales.size(); ++i) {
+    edges.push_back(longest_model_edge(longest, scales[i] * magnifications[i]));
+  }
+  return edges;
+}
+
+Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const CameraModel& camera) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "shadow.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"shadow.frag.glsl"};
   constexpr std::array<std::string_view, 2> kOutlineVertex = {"lens.glsl", "outline.vert.glsl"};
@@ -129,14 +165,15 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene) {
   auto field = FieldQuad::create(api);
   if (!field) return tl::unexpected(field.error());
   ShadowPass pass(std::move(*shadow), std::move(*outline), std::move(*field));
+  pass.edges_ = longest_caster_edges(scene, camera);
+  const double longest = longest_edge(camera);
   for (const ScenePlane& plane : scene.planes) {
     Outline& out = pass.outlines_.emplace_back();
     std::vector<glm::vec2> points;
     for (std::size_t i = 0; i < plane.outline.size(); ++i) {
       const Eigen::Vector2d& a = plane.outline[i];
       const Eigen::Vector2d& b = plane.outline[(i + 1) % plane.outline.size()];
-      const int pieces =
-          std::clamp(static_cast<int>(std::ceil((b - a).norm() / kLongestEdge)), 1, 1000);
+      const int pieces = std::clamp(static_cast<int>(std::ceil((b - a).norm() / longest)), 1, 1000);
       for (int j = 0; j < pieces; ++j) {
         const Eigen::Vector2d p = a + (b - a) * (static_cast<double>(j) / pieces);
         points.emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()));
@@ -151,8 +188,9 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene) {
   return pass;
 }
 
-ShadowPass::Caster& ShadowPass::caster_of(const SceneObject& object, double scale) {
-  const float edge = longest_model_edge(scale);
+ShadowPass::Caster& ShadowPass::caster_of(const Scene& scene, int index) {
+  const SceneObject& object = scene.objects[static_cast<std::size_t>(index)];
+  const float edge = edges_[static_cast<std::size_t>(index)];
   auto& entry = casters_[{object.model.get(), edge}];
   if (!entry) {
     entry = std::make_unique<Caster>();
@@ -382,8 +420,7 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   items_.clear();
   std::map<std::tuple<int, int, int>, int> repeats;
   for (const ShadowDraw& draw : plan.shadows) {
-    const SceneObject& object = scene.objects[static_cast<std::size_t>(draw.object)];
-    Caster& caster = caster_of(object, draw.T_table_object.scale);
+    Caster& caster = caster_of(scene, draw.object);
     const int repeat = repeats[{draw.node, draw.object, draw.plane}]++;
     Prepared& prepared = prepared_[{draw.node, draw.object, draw.plane, repeat}];
     if (caster.geometry.indices.empty()) {

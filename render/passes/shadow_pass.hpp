@@ -38,9 +38,15 @@ struct ShadowWork {
   std::int64_t faces_twisted = 0;
 };
 
+// For each object of the scene: the longest edge [object units] of the caster made of it, so that
+// its shadow's edges can follow the lens.
+[[nodiscard]] std::vector<float> longest_caster_edges(const Scene& scene,
+                                                      const CameraModel& camera);
+
 class ShadowPass {
  public:
-  [[nodiscard]] static Result<ShadowPass> create(GlApi api, const Scene& scene);
+  [[nodiscard]] static Result<ShadowPass> create(GlApi api, const Scene& scene,
+                                                 const CameraModel& camera);
 
   // The CPU's part: kernels where the tilt is new, clipping where a caster straddles a height.
   // Adds to `work`.
@@ -105,7 +111,7 @@ class ShadowPass {
         outline_program_(std::move(outline)),
         field_quad_(std::move(field)) {}
 
-  Caster& caster_of(const SceneObject& object, double scale);
+  Caster& caster_of(const Scene& scene, int object);
   KernelSet& kernels_of(Caster& caster, const KernelKey& key, ShadowWork& work);
   static const std::vector<PartDisc>& parts_of(Caster& caster, const KernelDirection& direction,
                                                ShadowWork& work);
@@ -127,6 +133,7 @@ class ShadowPass {
   ShaderProgram outline_program_;
   FieldQuad field_quad_;
   std::vector<Outline> outlines_;  // one per scene plane
+  std::vector<float> edges_;       // the longest of each scene object's model, as a caster
   std::map<std::pair<const Model*, float>, std::unique_ptr<Caster>> casters_;
   // One per shadow of the plan before: (node, object, plane, n-th of these in the plan).
   std::map<std::tuple<int, int, int, int>, Prepared> prepared_;

@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include "render/shadow/technique.hpp"
 #include "replay_support.hpp"
 
 namespace penumbra::test {
@@ -93,6 +94,17 @@ TEST_P(WrongUsage, IsExitCode2AndOneLine) {
   ASSERT_EQ(lines_of(result.err).size(), 1U) << result.err;
   EXPECT_THAT(result.err, testing::StartsWith("penumbra: error: "));
   EXPECT_THAT(result.err, HasSubstr("--help"));
+}
+
+TEST(CommandLine, TakesEveryKindOfKernels) {
+  for (const KernelSourceName& entry : kKernelSourceNames) {
+    const ProgramResult result =
+        penumbra({"replay", "no-such-recording", "--kernels", std::string(entry.name)});
+    EXPECT_THAT(result.err, HasSubstr("no-such-recording")) << entry.name;
+    EXPECT_THAT(result.err, testing::Not(HasSubstr("--kernels"))) << entry.name;
+  }
+  EXPECT_THAT(penumbra({"replay", "r", "--kernels", "pink"}).err,
+              HasSubstr("known: auto, smooth, per-axis, cocl"));
 }
 
 TEST(CommandLine, AnUnknownTechniqueListsTheKnownOnes) {

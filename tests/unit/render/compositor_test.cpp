@@ -1,5 +1,6 @@
 #include "render/compositor.hpp"
 
+#include <epoxy/gl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -278,6 +279,18 @@ TEST(Compositor, RefusesAFrameOfAnotherSize) {
   const auto drawn = studio.compositor().draw(test::plain_frame(48, 64, 0), FramePlan());
   ASSERT_FALSE(drawn);
   EXPECT_THAT(drawn.error().message, testing::HasSubstr("48 x 64"));
+}
+
+TEST(Compositor, ReportsWhatTheDriverRefusesInTheSameFrame) {
+  SceneBuilder builder;
+  Studio studio(builder.build(), test::camera_of(64, 48, 60.0));
+  const Frame frame = test::plain_frame(64, 48, 0);
+  glEnable(0xFFFF);  // no such thing
+  const auto drawn = studio.compositor().draw(frame, FramePlan());
+  ASSERT_FALSE(drawn);
+  EXPECT_THAT(drawn.error().message, testing::HasSubstr("0x500 while frame"));
+  EXPECT_TRUE(studio.compositor().draw(frame, FramePlan()))
+      << "one frame's error is not the next's";
 }
 
 TEST(Compositor, RefusesMoreLightsThanItDraws) {

@@ -145,6 +145,26 @@ TEST(FramePlan, OptionsOverrideTheNodes) {
   EXPECT_FALSE(plan.shadows[0].umbra || plan.shadows[0].penumbra);
 }
 
+TEST(FramePlan, AnUncertainPoseIsDrawnFaded) {
+  SceneBuilder builder;
+  builder.add(cube(0.05), test::at(0, 0, 0.1));
+  PoseEstimate pose = above();
+  pose.status = TrackStatus::uncertain;
+  const FramePlan plan = plan_of(builder, pose);
+  EXPECT_EQ(plan.overlay_opacity, 0.5F);
+  EXPECT_EQ(plan.objects.size(), 1U);
+
+  // Held after it, the overlay must not come back brighter.
+  pose.status = TrackStatus::held;
+  pose.held_from = TrackStatus::uncertain;
+  pose.age_s = 0.0;
+  EXPECT_EQ(plan_of(builder, pose).overlay_opacity, 0.5F);
+  pose.age_s = 0.5 * kHoldSeconds;
+  EXPECT_EQ(plan_of(builder, pose).overlay_opacity, 0.25F);
+  pose.age_s = kHoldSeconds;
+  EXPECT_FALSE(plan_of(builder, pose).has_pose);
+}
+
 TEST(FramePlan, AHeldPoseFades) {
   SceneBuilder builder;
   PoseEstimate pose = above();
