@@ -111,7 +111,7 @@ TEST_F(ShadowCommand, PicturesAndTable) {
 }
 
 TEST_F(ShadowCommand, StoredKernelsAreUsedUntilTheModelChanges) {
-  for (const std::string model :
+  for (const std::string& model :
        {file("square.obj").string(),
         (source_dir() / "scenes" / "models" / "helicopter.glb").string()}) {
     SCOPED_TRACE(model);
@@ -182,9 +182,12 @@ double area_of(const nlohmann::json& polygons) {
 TEST_F(ShadowCommand, VectorsThroughTheProgram) {
   if (shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const fs::path vectors = shared_dir() / "vectors";
-  for (const char* id : {"cube_tilted", "bar_straddle", "helicopter_tilted_plane", "torus_ring"}) {
+  const auto index = read_json(vectors / "index.json");
+  ASSERT_GT(index.at("cases").size(), 10U);
+  for (const auto& entry : index.at("cases")) {
+    const std::string id = entry.at("id");
     SCOPED_TRACE(id);
-    const auto json = read_json(vectors / (std::string(id) + ".json"));
+    const auto json = read_json(vectors / (id + ".json"));
     const auto mesh = read_json(vectors / json.at("mesh").get<std::string>());
     std::string obj;
     const auto& xyz = mesh.at("vertices");
@@ -205,7 +208,7 @@ TEST_F(ShadowCommand, VectorsThroughTheProgram) {
     const auto& R = json.at("object_to_world").at("rotation");
     const auto& t = json.at("object_to_world").at("translation");
     const auto m = [&R](std::size_t i) { return R[i].get<double>(); };
-    // The rotation as a quaternion; these cases turn by less than half a turn.
+    // The rotation as a quaternion; the cases turn by less than half a turn.
     const double w = 0.5 * std::sqrt(std::max(0.0, 1.0 + m(0) + m(4) + m(8)));
     ASSERT_GT(w, 0.1);
     const std::string pose = fmt::format(
