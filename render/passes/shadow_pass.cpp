@@ -321,8 +321,8 @@ void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& p
   if (draw.technique == ShadowTechnique::layered) {
     key.source = draw.kernels;
     // Of the own frame: turning on the plane changes nothing, not by rounding either.
-    key.direction = KernelDirection::nearest(own.T_own_object.rotation.conjugate() *
-                                             Eigen::Vector3d::UnitZ());
+    key.direction =
+        KernelDirection::nearest(own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ());
   }
   const KernelSet* kernels = field ? nullptr : &kernels_of(caster, key, work);
   const bool reused =

@@ -110,6 +110,15 @@ TEST(FramePlan, LayersVanishWithHeight) {
   high.add(cube(0.02), test::at(0, 0, 0.45));
   EXPECT_THAT(whats(plan_of(high, above())), testing::Contains("shadow_above_light"));
 
+  // Each part of a field keeps its umbra to a height of its own: the field says which.
+  PlanOptions field;
+  field.technique = ShadowTechnique::field;
+  const FramePlan fields = plan_of(builder, above(), field);
+  ASSERT_EQ(fields.shadows.size(), 1U);
+  EXPECT_TRUE(fields.shadows[0].umbra && fields.shadows[0].middle && fields.shadows[0].penumbra);
+  EXPECT_THAT(whats(fields), testing::IsEmpty());
+  EXPECT_THAT(whats(plan_of(high, above(), field)), testing::Contains("shadow_above_light"));
+
   SceneBuilder low;
   low.add(cube(0.02), test::at(0, 0, -0.05));
   EXPECT_THAT(whats(plan_of(low, above())), testing::Contains("shadow_below_plane"));
