@@ -142,7 +142,7 @@ TEST(Target, LeavesARecordingAlone) {
   std::ofstream(folder.path() / "timestamps.csv") << "frame,timestamp_s,file\n";
   std::ofstream(folder.path() / "tags.yaml") << "precious";
   expect_failure(penumbra({"target", "--output", folder.path() / "sheet.pdf"}),
-                 {"tags.yaml", "recording"});
+                 {"sheet.pdf", "recording"});
   EXPECT_EQ(bytes_of(folder.path() / "tags.yaml"), "precious");
   EXPECT_EQ(contents_of(folder.path()).size(), 2U);
 }
