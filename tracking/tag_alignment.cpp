@@ -105,6 +105,10 @@ int floor_of(double x) {
   return static_cast<int>(x + kShift) - kShift;
 }
 
+int ceil_of(double x) {
+  return -floor_of(-x);
+}
+
 // Places along the rows across an edge that are sampled, in pixels from the edge's own pixel.
 struct Band {
   std::array<int, 16> offsets{};
@@ -347,7 +351,6 @@ bool TagAligner::Impl::search(bool independent) {
     sigma_px = std::max(sigma_px, std::sqrt(std::max(spread(0, 0), spread(1, 1))));
   }
   const double reach = 3.5 * sigma_px + 2.0;
-  if (reach <= 7.0 && search_within(7, false)) return true;
   if (reach <= 15.0 && search_within(15, false)) return true;
   return search_within(kSearchReach, false);
 }
@@ -658,15 +661,16 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
     for (const double o : {-5.0, -3.0, -1.0, 1.0, 3.0, 5.0})
       band.offsets[static_cast<std::size_t>(band.count++)] =
           static_cast<int>(std::floor(o * unit + 0.5));
-  } else {
-    // The pixels within about 1.75 sigma hold all but a hundredth of what an edge tells.
-    const int half_count = std::clamp(static_cast<int>(std::lround(1.75 * sigma)), 1, 8);
-    for (int o = -half_count + 1; o <= half_count; ++o)
-      band.offsets[static_cast<std::size_t>(band.count++)] = o;
   }
-  const double stride = std::max(1.0, length * band.count / cap);
-  const int capacity = static_cast<int>(length / stride * band.count) +
-                       band.count * (static_cast<int>(runs.size()) + 4);
+  // Within 2.1 sigma of an edge lies all but a two-hundredth of what it tells; a limited number of
+  // pixels is best spent closer.
+  const double reach_px = (options.effort == AlignmentEffort::accurate ? 2.1 : 1.25) * sigma;
+  const double steepness = std::hypot(1.0, tilt / length);
+  const double rows = wide ? band.count : std::min(2.0 * reach_px * steepness, 16.0);
+  const double stride = std::max(1.0, length * rows / cap);
+  const int most_rows = wide ? band.count : std::min(static_cast<int>(3.0 * reach_px) + 2, 17);
+  const int capacity =
+      most_rows * (static_cast<int>(length / stride) + 2 * static_cast<int>(runs.size()) + 4);
   tag.storage.resize(capacity);
   tag.samples = tag.storage.view();
   kernel::Samples& s = tag.samples;
@@ -704,19 +708,29 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
     const auto ry0 = static_cast<double>(tag.ray_y[v0]);
     const double drx = (static_cast<double>(tag.ray_x[v1]) - rx0) * inverse_length;
     const double dry = (static_cast<double>(tag.ray_y[v1]) - ry0) * inverse_length;
+    const double run_reach = std::min(reach_px * std::sqrt(1.0 + slope * slope), 8.0);
+    int first = 0;
+    int last = 0;
     double at = carry;
     for (; at < run_length; at += stride) {
       const int walk = floor_of(x0 + direction * at + 0.5);
       if (walk < 0 || walk >= walk_limit) continue;
       const double exact = direction * (walk - x0);  // where this pixel's centre is along the run
       const int cross = floor_of(y0 + slope * exact);
-      if (cross + band.offsets[0] < 0 ||
-          cross + band.offsets[static_cast<std::size_t>(band.count - 1)] >= cross_limit)
-        continue;
+      if (wide) {
+        if (cross + band.offsets[0] < 0 ||
+            cross + band.offsets[static_cast<std::size_t>(band.count - 1)] >= cross_limit)
+          continue;
+      } else {
+        first = ceil_of(y0 + slope * exact - run_reach);
+        last = std::min(floor_of(y0 + slope * exact + run_reach), first + most_rows - 1);
+        if (first < 0 || last >= cross_limit) continue;
+      }
       const auto guess_x = static_cast<float>(rx0 + drx * exact);
       const auto guess_y = static_cast<float>(ry0 + dry * exact);
-      for (int k = 0; k < band.count; ++k) {
-        const int across = cross + band.offsets[static_cast<std::size_t>(k)];
+      const int count = wide ? band.count : last - first + 1;
+      for (int k = 0; k < count; ++k) {
+        const int across = wide ? cross + band.offsets[static_cast<std::size_t>(k)] : first + k;
         s.pixel_x[used] = static_cast<float>(along_x ? walk : across);
         s.pixel_y[used] = static_cast<float>(along_x ? across : walk);
         s.ray_x[used] = guess_x;
