@@ -315,7 +315,7 @@ struct TagAligner::Impl {
     }
     x = 0.25 * static_cast<double>(sum_x);
     y = 0.25 * static_cast<double>(sum_y);
-    return std::abs(x) < 1e6 && std::abs(y) < 1e6;
+    return std::abs(x) < 1e5 && std::abs(y) < 1e5;
   }
 
   [[nodiscard]] bool search(bool independent);
@@ -338,7 +338,7 @@ struct TagAligner::Impl {
 // `independent`: every tag's own highest peak counts, wherever it is.
 bool TagAligner::Impl::search(bool independent) {
   if (independent) return search_within(kSearchReach, true);
-  // As far as the prediction may be off (3.5 sigma); where the peak is not well inside, everywhere.
+  // As far as the prediction may be off (3 sigma); where the peak is not well inside, everywhere.
   double sigma_px = 0.0;
   for (const Tag* tag : active) {
     const double half = 0.5 * (tag->side - 1);
@@ -350,7 +350,7 @@ bool TagAligner::Impl::search(bool independent) {
     const Eigen::Matrix2d spread = J * prior_covariance * J.transpose();
     sigma_px = std::max(sigma_px, std::sqrt(std::max(spread(0, 0), spread(1, 1))));
   }
-  const double reach = 3.5 * sigma_px + 2.0;
+  const double reach = 3.0 * sigma_px + 2.0;
   if (reach <= 15.0 && search_within(15, false)) return true;
   return search_within(kSearchReach, false);
 }
@@ -390,8 +390,8 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent) {
         complete = false;
         break;
       }
-      const int x = static_cast<int>(std::lround(px)) - search_reach;
-      const int y = static_cast<int>(std::lround(py)) + first_row;
+      const int x = floor_of(px + 0.5) - search_reach;
+      const int y = floor_of(py + 0.5) + first_row;
       const int cx = x + search_reach;
       const int cy = y - first_row;
       inside += cx >= 0 && cy >= 0 && cx < image.width && cy < image.height ? 1 : 0;
@@ -561,8 +561,8 @@ void TagAligner::Impl::read_levels() {
       double x = 0.0;
       double y = 0.0;
       if (!cell_pixel(*tag, cell.i, cell.j, x, y)) continue;
-      const auto px = static_cast<int>(std::lround(x));
-      const auto py = static_cast<int>(std::lround(y));
+      const int px = floor_of(x + 0.5);
+      const int py = floor_of(y + 0.5);
       if (px < 0 || py < 0 || px >= image.width || py >= image.height) continue;
       const double value = static_cast<double>(tone[image.row(py)[px]]);
       (cell.white ? white : black) += value;
@@ -888,7 +888,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
       measure_noise();
       round_moved += moved;
       // While outliers are still being left behind the pose may yet move.
-      if (i > 0 && moved < kConverged_px && noise_share > 0.85 * before) break;
+      if (i > 0 && moved < kConverged_px && noise_share > 0.7 * before) break;
     }
     if (round_moved < kCornerMoved_px) break;
   }
@@ -901,7 +901,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
 void TagAligner::Impl::measure_noise() {
   int total = 0;
   for (const Tag* tag : active) total += tag->used;
-  const int stride = std::max(1, total / 384);
+  const int stride = std::max(1, total / 256);
   noise_scratch.clear();
   int next = 0;
   for (const Tag* tag : active) {
@@ -940,8 +940,8 @@ void TagAligner::Impl::verify() {
       double x = 0.0;
       double y = 0.0;
       if (!cell_pixel(*tag, cell.i, cell.j, x, y)) continue;
-      const auto px = static_cast<int>(std::lround(x));
-      const auto py = static_cast<int>(std::lround(y));
+      const int px = floor_of(x + 0.5);
+      const int py = floor_of(y + 0.5);
       if (px < 0 || py < 0 || px >= image.width || py >= image.height) continue;
       const auto v = static_cast<std::size_t>(cell.j * tag->side + cell.i);
       s.pixel_x[tag->used] = static_cast<float>(px);
