@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <string>
+#include <string_view>
 #include <tl/expected.hpp>
 #include <utility>
 
@@ -21,16 +22,25 @@ struct Error {
 template <class T>
 using Result = tl::expected<T, Error>;
 
+// A message is one line, whatever bytes of a damaged file it quotes: line breaks and other control
+// characters become blanks.
+[[nodiscard]] inline std::string on_one_line(std::string text) {
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) c = ' ';
+  }
+  return text;
+}
+
 // return fail("{}: {}: ...", file, field);
 template <class... Args>
 [[nodiscard]] tl::unexpected<Error> fail(fmt::format_string<Args...> text, Args&&... args) {
-  return tl::unexpected<Error>(Error{fmt::format(text, std::forward<Args>(args)...)});
+  return tl::unexpected<Error>(Error{on_one_line(fmt::format(text, std::forward<Args>(args)...))});
 }
 
 // Puts the place that failed in front of an error from further down: "scene.json: objects[2].model:
 // <message>".
 [[nodiscard]] inline tl::unexpected<Error> fail_in(std::string_view place, const Error& cause) {
-  return tl::unexpected<Error>(Error{fmt::format("{}: {}", place, cause.message)});
+  return tl::unexpected<Error>(Error{on_one_line(fmt::format("{}: {}", place, cause.message))});
 }
 
 }  // namespace penumbra

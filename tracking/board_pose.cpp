@@ -72,13 +72,33 @@ std::vector<double> tag_rms(const CameraModel& camera, const Tags& tags, const C
   return result;
 }
 
-// Whether every tag agrees with the pose about as well as the others do. The middle one of the
-// RMS's (the lower of two) is what "the others" means.
-bool all_agree(const std::vector<double>& rms, const BoardPoseOptions& options) {
-  std::vector<double> sorted = rms;
-  std::sort(sorted.begin(), sorted.end());
-  const double middle = sorted[(sorted.size() - 1) / 2];
-  return sorted.back() <= std::max(options.outlier_px, options.outlier_times_median * middle);
+// The tag without which the others fit best, and their minima then.
+struct WithoutOne {
+  std::size_t index = 0;
+  std::vector<RefinedPose> minima;
+};
+
+WithoutOne leave_one_out(const CameraModel& camera, const Tags& tags,
+                         const std::vector<double>& rms, RefinerOptions options) {
+  // Enough to compare fits: the minima that stay are refined to the end once it is known which.
+  options.max_iterations = std::min(options.max_iterations, 8);
+  constexpr std::size_t kMostToTry = 12;  // more tags than this outvote one: take the worst
+  WithoutOne best;
+  const auto worst =
+      static_cast<std::size_t>(std::max_element(rms.begin(), rms.end()) - rms.begin());
+  best.index = worst;
+  for (std::size_t i = 0; i < tags.size(); ++i) {
+    if (tags.size() > kMostToTry && i != worst) continue;
+    Tags trial = tags;
+    trial.erase(trial.begin() + static_cast<std::ptrdiff_t>(i));
+    std::vector<RefinedPose> minima = minima_of(camera, trial, options);
+    if (minima.empty()) continue;
+    if (best.minima.empty() || minima.front().rms_px < best.minima.front().rms_px) {
+      best.index = i;
+      best.minima = std::move(minima);
+    }
+  }
+  return best;
 }
 
 }  // namespace
@@ -86,6 +106,22 @@ bool all_agree(const std::vector<double>& rms, const BoardPoseOptions& options) 
 double BoardPose::ambiguity_ratio() const {
   if (!second) return std::numeric_limits<double>::infinity();
   return best.rms_px > 0.0 ? second->rms_px / best.rms_px : std::numeric_limits<double>::infinity();
+}
+
+bool BoardPose::is_ambiguous(double ratio) const {
+  if (!second) return false;
+  // A fit better than corners ever are proves nothing.
+  const double floor_px = std::sqrt(2.0) * RefinerOptions().noise_floor_px;
+  if (second->rms_px < ratio * std::max(best.rms_px, floor_px)) return true;
+  // One tag has 8 numbers for 6 unknowns: by luck the wrong pose fits it perfectly, and the true
+  // one misses it by what noise there is. Take 0.3 px per axis, and leave the second pose out only
+  // where the log-likelihood speaks 18 / 2 against it (1 in 8000 of the right ones).
+  constexpr double kNoise_px = 0.3;
+  constexpr double kChiSquare = 18.0;
+  const double noise = std::max(kNoise_px, best.noise_px);
+  const double difference =
+      4.0 * tags_used * (second->rms_px * second->rms_px - best.rms_px * best.rms_px);
+  return difference < kChiSquare * noise * noise;
 }
 
 Result<BoardPose> estimate_board_pose(const CameraModel& camera,
@@ -103,45 +139,40 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
 
   BoardPose result;
   std::vector<RefinedPose> minima = minima_of(camera, used, options.refiner);
-  const auto agrees = [&](const std::vector<RefinedPose>& poses, const Tags& of) {
-    return !poses.empty() && all_agree(tag_rms(camera, of, poses.front().T_table_camera), options);
-  };
   // A tag that was moved, misread or half hidden pulls at all the others, so that its own error
   // need not be the largest: leave out the one without which the rest fits best, again and again,
   // as long as those that stay are the majority.
-  const std::size_t total = used.size();
   Tags rest = used;
   std::vector<RefinedPose> rest_minima = minima;
   std::vector<int> left_out;
-  while (!agrees(rest_minima, rest)) {
-    if (rest.size() <= 2 || 2 * (rest.size() - 1) <= total) break;
-    constexpr std::size_t kMostToTry = 12;  // more tags than this outvote one: take the worst
-    std::size_t first = 0;
-    std::size_t last = rest.size();
-    if (rest.size() > kMostToTry && !rest_minima.empty()) {
-      const std::vector<double> rms = tag_rms(camera, rest, rest_minima.front().T_table_camera);
-      first = static_cast<std::size_t>(std::max_element(rms.begin(), rms.end()) - rms.begin());
-      last = first + 1;
+  bool agreed = false;
+  while (true) {
+    std::vector<double> rms(rest.size(), std::numeric_limits<double>::infinity());
+    if (!rest_minima.empty()) rms = tag_rms(camera, rest, rest_minima.front().T_table_camera);
+    std::vector<double> sorted = rms;
+    std::sort(sorted.begin(), sorted.end());
+    const double middle = sorted[(sorted.size() - 1) / 2];  // the lower of two
+    const double worst = sorted.back();
+    agreed = worst <= options.outlier_px;
+    if (agreed) break;
+    const bool alike =
+        worst <= options.outlier_times_middle * middle && worst <= options.outlier_always_px;
+    if (rest.size() <= 2 || 2 * (rest.size() - 1) <= used.size()) {
+      agreed = alike;
+      break;
     }
-    std::size_t best = first;
-    std::vector<RefinedPose> best_minima;
-    for (std::size_t i = first; i < last; ++i) {
-      Tags trial = rest;
-      trial.erase(trial.begin() + static_cast<std::ptrdiff_t>(i));
-      std::vector<RefinedPose> trial_minima = minima_of(camera, trial, options.refiner);
-      if (trial_minima.empty()) continue;
-      if (best_minima.empty() || trial_minima.front().rms_px < best_minima.front().rms_px) {
-        best = i;
-        best_minima = std::move(trial_minima);
-      }
-    }
-    left_out.push_back(rest[best].id);
-    rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(best));
-    rest_minima = std::move(best_minima);
+    WithoutOne without = leave_one_out(camera, rest, rms, options.refiner);
+    // Noise alone never falls to a third when one tag goes.
+    agreed = alike && (without.minima.empty() ||
+                       3.0 * without.minima.front().rms_px > rest_minima.front().rms_px);
+    if (agreed) break;
+    left_out.push_back(rest[without.index].id);
+    rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(without.index));
+    rest_minima = std::move(without.minima);
   }
-  if (agrees(rest_minima, rest)) {
+  if (agreed) {
     used = std::move(rest);
-    minima = std::move(rest_minima);
+    if (!left_out.empty()) minima = minima_of(camera, used, options.refiner);
     result.left_out = std::move(left_out);
   } else {
     result.contradictory = true;

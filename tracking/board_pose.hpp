@@ -33,14 +33,18 @@ struct BoardPose {
   bool contradictory = false;
   // RMS of the second over that of the best; infinite when there is no second.
   [[nodiscard]] double ambiguity_ratio() const;
+  // Whether the second pose may be the true one: its RMS is less than `ratio` times that of the
+  // best, or noise as corners of small tags have it would explain the difference.
+  [[nodiscard]] bool is_ambiguous(double ratio) const;
 };
 
 struct BoardPoseOptions {
   RefinerOptions refiner;
-  // A tag whose RMS [px] is over both contradicts the others: this much, and this many times the
-  // median over the tags.
+  // A tag contradicts the others when its RMS is over the first, and either over so many times the
+  // middle tag's or over what blur does to any tag.
   double outlier_px = 1.5;
-  double outlier_times_median = 4.0;
+  double outlier_times_middle = 2.5;
+  double outlier_always_px = 3.0;
 };
 
 // An error says in a few words why there is no pose: no usable tags, or corners that fix none.

@@ -1,0 +1,357 @@
+// The listing of a recording.
+#include <algorithm>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "app/capture/recording_source.hpp"
+#include "app/capture/video_reader.hpp"
+#include "core/camera_file.hpp"
+#include "core/image_file.hpp"
+#include "core/sensor_file.hpp"
+#include "core/text.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::size_t kMaxListBytes = 256'000'000;
+constexpr std::int64_t kMaxFrameNumber = 1'000'000'000;
+constexpr std::int64_t kMaxTimeNs = 4'000'000'000'000'000'000;  // differences fit into 64 bits
+
+bool is_there(const std::filesystem::path& path) {
+  std::error_code ignored;
+  return std::filesystem::exists(path, ignored);
+}
+
+bool is_folder(const std::filesystem::path& path) {
+  std::error_code ignored;
+  return std::filesystem::is_directory(path, ignored);
+}
+
+std::string name_of(const std::filesystem::path& folder) {
+  std::error_code error;
+  const std::filesystem::path whole = std::filesystem::canonical(folder, error);
+  return error || whole.filename().empty() ? folder.string() : whole.filename().string();
+}
+
+// What is printed of a line that may be anything.
+std::string shown(std::string_view text) {
+  std::string out;
+  for (const char c : text.substr(0, 40)) out.push_back(c >= ' ' && c <= '~' ? c : '?');
+  if (text.size() > 40) out += "...";
+  return out;
+}
+
+struct Row {
+  int line = 0;
+  bool ended = true;  // with a line break: the last line of a file that was cut off has none
+  std::vector<std::string_view> fields;
+};
+
+// Comma-separated rows; empty lines and comments are left out. EuRoC's header is a comment too: the
+// first one that speaks of a timestamp.
+std::vector<Row> split_rows(std::string_view text) {
+  if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
+  std::vector<Row> rows;
+  for (int line = 1; !text.empty(); ++line) {
+    const std::size_t end = text.find('\n');
+    std::string_view content = text.substr(0, end);
+    text = end == std::string_view::npos ? std::string_view() : text.substr(end + 1);
+    std::string_view body = trim(content);
+    if (rows.empty() && body.starts_with('#') && body.find("timestamp") != body.npos) {
+      body = trim(body.substr(1));
+    } else if (body.starts_with('#')) {
+      continue;
+    }
+    if (body.empty()) continue;
+    Row row{line, end != std::string_view::npos, {}};
+    while (true) {
+      const std::size_t comma = body.find(',');
+      row.fields.push_back(trim(body.substr(0, comma)));
+      if (comma == std::string_view::npos) break;
+      body.remove_prefix(comma + 1);
+    }
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
+
+// A picture's path in a listing stays inside the recording.
+bool stays_inside(const std::filesystem::path& path) {
+  return path.is_relative() &&
+         std::none_of(path.begin(), path.end(), [](const auto& part) { return part == ".."; });
+}
+
+using RowReader = std::function<Result<RecordedFrame>(const Row&)>;
+
+Result<void> read_rows(const std::vector<Row>& rows, const std::string& csv, const RowReader& read,
+                       Recording& recording) {
+  for (std::size_t i = 1; i < rows.size(); ++i) {
+    const Row& row = rows[i];
+    Result<RecordedFrame> frame = read(row);
+    if (frame && !recording.frames.empty()) {
+      const RecordedFrame& before = recording.frames.back();
+      if (frame->number <= before.number) {
+        frame = fail(
+            "{}: line {}: frame: {} does not come after {} of the line before; number "
+            "frames in order",
+            csv, row.line, frame->number, before.number);
+      } else if (frame->timestamp_ns <= before.timestamp_ns) {
+        frame = fail(
+            "{}: line {}: timestamp: {} s does not come after {} s of the line before; "
+            "times must grow",
+            csv, row.line, format_ns_as_seconds(frame->timestamp_ns),
+            format_ns_as_seconds(before.timestamp_ns));
+      }
+    }
+    if (!frame) {
+      // Being cut off in the middle of its last line is how a listing ends after a crash.
+      if (i + 1 == rows.size() && !row.ended && !recording.frames.empty()) {
+        recording.notices.push_back(
+            fmt::format("{}: line {} is cut off and left out", csv, row.line));
+        return {};
+      }
+      return tl::unexpected(frame.error());
+    }
+    recording.frames.push_back(std::move(*frame));
+  }
+  return {};
+}
+
+Result<void> list_own(const std::filesystem::path& folder, Recording& recording) {
+  const std::filesystem::path csv_file = folder / "timestamps.csv";
+  const std::string csv = csv_file.string();
+  if (!is_there(csv_file)) {
+    return fail("{}: no such file; a recording needs it, with the lines frame,timestamp_s,file",
+                csv);
+  }
+  const auto text = read_text_file(csv_file, kMaxListBytes);
+  if (!text) return tl::unexpected(text.error());
+  const std::vector<Row> rows = split_rows(*text);
+  if (rows.empty()) {
+    return fail("{}: is empty; its first line must be frame,timestamp_s,file", csv);
+  }
+  const auto& header = rows.front().fields;
+  const auto column = [&](std::string_view name) {
+    const auto found = std::find(header.begin(), header.end(), name);
+    return found == header.end() ? std::optional<std::size_t>()
+                                 : static_cast<std::size_t>(found - header.begin());
+  };
+  const auto number_column = column("frame");
+  const auto time_column = column("timestamp_s");
+  const auto file_column = column("file");
+  const bool pictures = recording.video.empty();
+  if (!number_column || !time_column || (pictures && !file_column)) {
+    return fail("{}: line {}: has no column {}; the first line must be frame,timestamp_s,file", csv,
+                rows.front().line,
+                !number_column ? "frame" : (!time_column ? "timestamp_s" : "file"));
+  }
+  const auto read = [&](const Row& row) -> Result<RecordedFrame> {
+    if (row.fields.size() != header.size()) {
+      return fail("{}: line {}: has {} fields; the first line names {}", csv, row.line,
+                  row.fields.size(), header.size());
+    }
+    RecordedFrame frame;
+    const std::string_view number = row.fields[*number_column];
+    const auto parsed_number = parse_integer(number);
+    if (!parsed_number || *parsed_number < 0 || *parsed_number > kMaxFrameNumber) {
+      return fail("{}: line {}: frame: '{}' is no frame number (0, 1, 2, ...)", csv, row.line,
+                  shown(number));
+    }
+    frame.number = static_cast<int>(*parsed_number);
+    const std::string_view time = row.fields[*time_column];
+    const auto parsed_time = parse_seconds_as_ns(time);
+    if (!parsed_time) {
+      return fail("{}: line {}: timestamp_s: '{}' is no finite number of seconds", csv, row.line,
+                  shown(time));
+    }
+    frame.timestamp_ns = *parsed_time;
+    if (pictures) {
+      const std::string_view file = row.fields[*file_column];
+      if (file.empty() || file.find('\0') != std::string_view::npos || !stays_inside(file)) {
+        return fail("{}: line {}: file: '{}' is no path inside the recording", csv, row.line,
+                    shown(file));
+      }
+      frame.file = folder / file;
+    }
+    return frame;
+  };
+  if (auto listed = read_rows(rows, csv, read, recording); !listed) return listed;
+  if (recording.frames.empty()) {
+    return fail("{}: lists 0 frames; record again, or list the frames there are", csv);
+  }
+  return {};
+}
+
+Result<void> list_euroc(const std::filesystem::path& cam0, Recording& recording) {
+  const std::filesystem::path csv_file = cam0 / "data.csv";
+  const std::string csv = csv_file.string();
+  const auto text = read_text_file(csv_file, kMaxListBytes);
+  if (!text) return tl::unexpected(text.error());
+  const std::vector<Row> rows = split_rows(*text);
+  if (rows.empty() || rows.front().fields.size() < 2 ||
+      !rows.front().fields[0].starts_with("timestamp")) {
+    return fail("{}: line 1: must be #timestamp [ns],filename", csv);
+  }
+  int number = 0;
+  const auto read = [&](const Row& row) -> Result<RecordedFrame> {
+    if (row.fields.size() < 2) {
+      return fail("{}: line {}: has no file name after the timestamp", csv, row.line);
+    }
+    RecordedFrame frame;
+    frame.number = number++;
+    const auto time = parse_integer(row.fields[0]);
+    if (!time || *time > kMaxTimeNs || *time < -kMaxTimeNs) {
+      return fail("{}: line {}: timestamp: '{}' is no whole number of nanoseconds", csv, row.line,
+                  shown(row.fields[0]));
+    }
+    frame.timestamp_ns = *time;
+    const std::string_view file = row.fields[1];
+    if (file.empty() || file.find('\0') != std::string_view::npos || !stays_inside(file)) {
+      return fail("{}: line {}: filename: '{}' is no path inside the recording", csv, row.line,
+                  shown(file));
+    }
+    frame.file = cam0 / "data" / file;
+    return frame;
+  };
+  if (auto listed = read_rows(rows, csv, read, recording); !listed) return listed;
+  if (recording.frames.empty()) return fail("{}: lists 0 frames", csv);
+  return {};
+}
+
+// Drops the frames at the end that are missing or not whole: what a crash or a full disk leaves. A
+// frame missing before them is an error.
+Result<void> settle_pictures(Recording& recording) {
+  const std::size_t listed = recording.frames.size();
+  std::string first_cause;  // of the first frame that is dropped
+  while (!recording.frames.empty()) {
+    const std::filesystem::path& file = recording.frames.back().file;
+    if (!is_there(file)) {
+      first_cause = fmt::format("{}: is missing", file.string());
+    } else if (const auto picture = load_image(file); !picture) {
+      first_cause = picture.error().message;
+    } else {
+      break;
+    }
+    recording.frames.pop_back();
+  }
+  if (recording.frames.empty()) {
+    return fail("{}; none of the {} listed frames is whole", first_cause, listed);
+  }
+  for (const RecordedFrame& frame : recording.frames) {
+    if (!is_there(frame.file)) {
+      return fail(
+          "{}: is listed but missing, and frames after it are there; restore it or take "
+          "its line out of the listing",
+          frame.file.string());
+    }
+  }
+  if (recording.frames.size() < listed) {
+    recording.notices.push_back(
+        fmt::format("{}: cut off after frame {}, {} of {} frames ({})", recording.folder.string(),
+                    recording.frames.back().number, recording.frames.size(), listed, first_cause));
+  }
+  return {};
+}
+
+Result<void> settle_video(Recording& recording) {
+  const Result<int> count = count_video_frames(recording.video);
+  if (!count) return tl::unexpected(count.error());
+  const auto stored = static_cast<std::size_t>(*count);
+  const std::size_t listed = recording.frames.size();
+  if (stored == 0) return fail("{}: holds 0 whole frames; record again", recording.video.string());
+  if (stored < listed) {
+    recording.frames.resize(stored);
+    recording.notices.push_back(fmt::format("{}: cut off after frame {}, {} of {} frames",
+                                            recording.video.string(),
+                                            recording.frames.back().number, stored, listed));
+  } else if (stored > listed) {
+    recording.notices.push_back(
+        fmt::format("{}: holds {} frames, but timestamps.csv lists {}; the rest is left out",
+                    recording.video.string(), stored, listed));
+  }
+  return {};
+}
+
+Result<void> load_surroundings(const std::filesystem::path& folder,
+                               const std::filesystem::path& sensor,
+                               const OpenRecordingOptions& options, Recording& recording) {
+  const std::filesystem::path camera = options.camera.value_or(folder / "camera.yaml");
+  const auto set_camera = [&](Result<CameraModel> loaded) -> Result<void> {
+    if (!loaded) return tl::unexpected(loaded.error());
+    recording.camera = std::move(*loaded);
+    return {};
+  };
+  if (options.camera || is_there(camera)) {
+    if (auto ok = set_camera(load_camera(camera)); !ok) return ok;
+  } else if (!sensor.empty() && is_there(sensor)) {
+    if (auto ok = set_camera(load_euroc_sensor(sensor)); !ok) return ok;
+  } else if (options.require_camera) {
+    return fail("{}: no such file; put the camera's calibration there (penumbra calibrate)",
+                camera.string());
+  }
+
+  const std::filesystem::path tags = options.tags.value_or(folder / "tags.yaml");
+  if (options.tags || is_there(tags)) {
+    auto map = load_tag_map(tags);
+    if (!map) return tl::unexpected(map.error());
+    recording.tags = std::move(*map);
+  } else if (options.require_tags) {
+    return fail("{}: no such file; put the list of tags on the table there, or name one (--tags)",
+                tags.string());
+  }
+
+  const std::filesystem::path truth = folder / "groundtruth.tum";
+  if (is_there(truth)) {
+    auto trajectory = load_trajectory(truth);
+    if (!trajectory) return tl::unexpected(trajectory.error());
+    recording.groundtruth = std::move(*trajectory);
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<Recording> open_recording(const std::filesystem::path& folder,
+                                 const OpenRecordingOptions& options) {
+  if (!is_there(folder)) return fail("{}: no such recording", folder.string());
+  if (!is_folder(folder)) {
+    return fail("{}: is no folder; a recording is a folder with frames/ or video.mkv",
+                folder.string());
+  }
+  Recording recording;
+  recording.folder = folder;
+  recording.name = name_of(folder);
+
+  const std::filesystem::path cam0 = folder / "mav0" / "cam0";
+  const bool euroc = is_there(cam0 / "data.csv") && !is_there(folder / "timestamps.csv");
+  Result<void> listed;
+  if (euroc) {
+    listed = list_euroc(cam0, recording);
+  } else {
+    if (!is_folder(folder / "frames")) {
+      if (!is_there(folder / "video.mkv")) {
+        return fail(
+            "{}: holds neither frames/ nor video.mkv (nor mav0/cam0/data.csv); is it a "
+            "recording?",
+            folder.string());
+      }
+      recording.video = folder / "video.mkv";
+    }
+    listed = list_own(folder, recording);
+  }
+  if (!listed) return tl::unexpected(listed.error());
+  // Before the frames are looked at: a recording without its camera says just that.
+  if (auto loaded =
+          load_surroundings(folder, euroc ? cam0 / "sensor.yaml" : "", options, recording);
+      !loaded) {
+    return tl::unexpected(loaded.error());
+  }
+  auto settled = recording.video.empty() ? settle_pictures(recording) : settle_video(recording);
+  if (!settled) return tl::unexpected(settled.error());
+  return recording;
+}
+
+}  // namespace penumbra

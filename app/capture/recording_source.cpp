@@ -1,0 +1,110 @@
+// The frames of a recording, decoded ahead.
+#include "app/capture/recording_source.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "app/capture/look_ahead.hpp"
+#include "app/capture/video_reader.hpp"
+#include "core/image_file.hpp"
+
+namespace penumbra {
+namespace {
+
+// Frame after frame: what the look-ahead thread calls.
+class Decoder {
+ public:
+  Decoder(std::vector<RecordedFrame> frames, std::optional<VideoReader> video,
+          const std::filesystem::path& video_file, const std::optional<CameraModel>& camera)
+      : frames_(std::move(frames)), video_(std::move(video)), video_file_(video_file) {
+    if (camera) size_ = {camera->width(), camera->height()};
+  }
+
+  Result<std::optional<Frame>> next() {
+    if (at_ == frames_.size()) return std::optional<Frame>();
+    const RecordedFrame& listed = frames_[at_++];
+    Result<Frame> frame = video_ ? next_of_video(listed) : load_image(listed.file);
+    if (!frame) return tl::unexpected(frame.error());
+    if (size_ && (frame->width != size_->first || frame->height != size_->second)) {
+      return fail(
+          "{}: is {}x{} px, but the camera model is of {}x{} px; calibrate at the size that "
+          "is recorded",
+          place(listed), frame->width, frame->height, size_->first, size_->second);
+    }
+    frame->sequence = static_cast<std::uint64_t>(listed.number);
+    frame->timestamp_ns = listed.timestamp_ns;
+    return std::optional<Frame>(std::move(*frame));
+  }
+
+ private:
+  [[nodiscard]] std::string place(const RecordedFrame& listed) const {
+    return video_ ? fmt::format("{}: frame {}", video_file_.string(), listed.number)
+                  : listed.file.string();
+  }
+
+  Result<Frame> next_of_video(const RecordedFrame& listed) {
+    auto frame = video_->next();
+    if (!frame) return tl::unexpected(frame.error());
+    if (!*frame) return fail("{}: is missing; the file ends before it", place(listed));
+    return std::move(**frame);
+  }
+
+  const std::vector<RecordedFrame> frames_;
+  std::optional<VideoReader> video_;
+  const std::filesystem::path video_file_;
+  std::optional<std::pair<int, int>> size_;  // [px]
+  std::size_t at_ = 0;
+};
+
+class RecordingSource final : public FrameSource {
+ public:
+  RecordingSource(std::string description, int count, std::unique_ptr<Decoder> decoder,
+                  int look_ahead)
+      : description_(std::move(description)),
+        count_(count),
+        decoder_(std::move(decoder)),
+        frames_([this] { return decoder_->next(); }, look_ahead) {}
+
+  Result<std::optional<Frame>> next() override { return frames_.next(); }
+  [[nodiscard]] std::string description() const override { return description_; }
+  [[nodiscard]] std::optional<int> frame_count() const override { return count_; }
+
+ private:
+  const std::string description_;
+  const int count_;
+  const std::unique_ptr<Decoder> decoder_;
+  LookAhead<Frame> frames_;  // last: its thread uses the decoder
+};
+
+}  // namespace
+
+Result<std::unique_ptr<FrameSource>> open_recording_source(const Recording& recording,
+                                                           const RecordingSourceOptions& options) {
+  const int total = static_cast<int>(recording.frames.size());
+  const int last = std::min(options.last.value_or(total), total);
+  if (options.first < 0 || options.first >= last) {
+    return fail("{}: frames {}:{} are none of its {} frames", recording.folder.string(),
+                options.first, options.last.value_or(total), total);
+  }
+  std::optional<VideoReader> video;
+  if (!recording.video.empty()) {
+    auto opened = VideoReader::open(recording.video);
+    if (!opened) return tl::unexpected(opened.error());
+    if (options.first > 0) {
+      if (auto skipped = opened->skip(options.first); !skipped) {
+        return tl::unexpected(skipped.error());
+      }
+    }
+    video = std::move(*opened);
+  }
+  std::vector<RecordedFrame> frames(recording.frames.begin() + options.first,
+                                    recording.frames.begin() + last);
+  const int count = last - options.first;
+  auto decoder = std::make_unique<Decoder>(std::move(frames), std::move(video), recording.video,
+                                           recording.camera);
+  return std::make_unique<RecordingSource>(
+      fmt::format("recording {}, {} frames", recording.name, count), count, std::move(decoder),
+      options.look_ahead);
+}
+
+}  // namespace penumbra

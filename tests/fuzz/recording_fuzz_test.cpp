@@ -1,0 +1,244 @@
+// Damaged files of a recording: an error of one line, or finite and ordered values.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "app/capture/recording_source.hpp"
+#include "core/camera_file.hpp"
+#include "core/sensor_file.hpp"
+#include "support/mutate.hpp"
+#include "support/recording_folder.hpp"
+#include "support/video_file.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::mutated;
+using test::Random;
+using test::write_text;
+
+struct Tally {
+  int inputs = 0;
+  int accepted = 0;
+};
+
+void report(const Tally& tally) {
+  testing::Test::RecordProperty("inputs", tally.inputs);
+  testing::Test::RecordProperty("accepted", tally.accepted);
+  std::printf("%d inputs, %d accepted, the others refused\n", tally.inputs, tally.accepted);
+}
+
+// An error is one line of text that names the file.
+void check_error(const Error& error, const std::string& name) {
+  for (const char c : error.message) {
+    ASSERT_TRUE(static_cast<unsigned char>(c) >= 0x20) << error.message;
+  }
+  ASSERT_NE(error.message.find(name), std::string::npos) << error.message;
+}
+
+#define PENUMBRA_HARD_WORDS                                                                        \
+  {                                                                                                \
+    "nan", "-inf", "1e400", "-0", "1e-320", "99999999999999999999", "2147483648", "-1", "~", "[",  \
+        "]", "{", "}", "&a", "*a", "!!binary x", "|", "'", "\"", "0x10", "1_000", "true", "",      \
+        "- - - -", "? :", "<<: *a", "\xFF\xFE", "4294967296", "1.7976931348623157e308", "#", "---" \
+  }
+
+TEST(RecordingFuzz, CameraFile) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "camera.yaml";
+  Random random(11);
+  Tally tally;
+  for (int i = 0; i < 4000; ++i, ++tally.inputs) {
+    write_text(file, mutated(test::small_camera_yaml(), random, PENUMBRA_HARD_WORDS));
+    const auto camera = load_camera(file);
+    if (!camera) {
+      ASSERT_NO_FATAL_FAILURE(check_error(camera.error(), "camera.yaml"));
+      continue;
+    }
+    ++tally.accepted;
+    const CameraParameters& p = camera->parameters();
+    ASSERT_TRUE(p.width > 0 && p.height > 0);
+    ASSERT_TRUE(std::isfinite(p.fx) && std::isfinite(p.fy) && p.fx > 0.0 && p.fy > 0.0);
+    ASSERT_TRUE(std::isfinite(p.cx) && std::isfinite(p.cy));
+    for (const double k : p.distortion) ASSERT_TRUE(std::isfinite(k));
+    ASSERT_FALSE(std::isnan(camera->max_radius()));
+    ASSERT_GT(camera->max_radius(), 0.0);
+    const auto pixel = camera->project({0.01, 0.02, 1.0});
+    if (pixel) {
+      ASSERT_TRUE(pixel->allFinite()) << test::read_bytes(file);
+    }
+  }
+  report(tally);
+}
+
+TEST(RecordingFuzz, SensorFile) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "sensor.yaml";
+  const std::string whole =
+      "sensor_type: camera\nrate_hz: 20\nresolution: [64, 48]\ncamera_model: pinhole\n"
+      "intrinsics: [45.8654, 45.7296, 36.7215, 24.8375] #fu, fv, cu, cv\n"
+      "distortion_model: radial-tangential\n"
+      "distortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]\n";
+  Random random(12);
+  Tally tally;
+  for (int i = 0; i < 2000; ++i, ++tally.inputs) {
+    write_text(file, mutated(whole, random, PENUMBRA_HARD_WORDS));
+    const auto camera = load_euroc_sensor(file);
+    if (!camera) {
+      ASSERT_NO_FATAL_FAILURE(check_error(camera.error(), "sensor.yaml"));
+      continue;
+    }
+    ++tally.accepted;
+    const CameraParameters& p = camera->parameters();
+    ASSERT_TRUE(std::isfinite(p.fx) && std::isfinite(p.fy) && std::isfinite(p.cx) &&
+                std::isfinite(p.cy));
+    for (const double k : p.distortion) ASSERT_TRUE(std::isfinite(k));
+  }
+  report(tally);
+}
+
+TEST(RecordingFuzz, TagMap) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "tags.yaml";
+  Random random(13);
+  Tally tally;
+  for (int i = 0; i < 4000; ++i, ++tally.inputs) {
+    write_text(file, mutated(test::small_tags_yaml(), random, PENUMBRA_HARD_WORDS));
+    const auto map = load_tag_map(file);
+    if (!map) {
+      ASSERT_NO_FATAL_FAILURE(check_error(map.error(), "tags.yaml"));
+      continue;
+    }
+    ++tally.accepted;
+    ASSERT_FALSE(map->tags().empty());
+    for (const MappedTag& tag : map->tags()) {
+      ASSERT_TRUE(std::isfinite(tag.size_m) && tag.size_m > 0.0);
+      ASSERT_TRUE(tag.T_table_tag.is_finite());
+      ASSERT_NEAR(tag.T_table_tag.rotation().norm(), 1.0, 1e-9);
+      for (const Eigen::Vector3d& corner : tag.corners()) ASSERT_TRUE(corner.allFinite());
+    }
+  }
+  report(tally);
+}
+
+TEST(RecordingFuzz, DeeplyNestedYamlIsAnError) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "tags.yaml";
+  for (const char* open : {"[", "{", "- ", "{a: ", "? "}) {
+    std::string text = "tags: ";
+    for (int i = 0; i < 20000; ++i) text += open;
+    write_text(file, text);
+    EXPECT_FALSE(load_tag_map(file)) << open;
+    EXPECT_FALSE(load_camera(file)) << open;
+  }
+}
+
+TEST(RecordingFuzz, Trajectory) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "groundtruth.tum";
+  const std::string whole = test::truth(12);
+  Random random(14);
+  Tally tally;
+  for (int i = 0; i < 4000; ++i, ++tally.inputs) {
+    write_text(file, mutated(whole, random, PENUMBRA_HARD_WORDS));
+    const auto trajectory = load_trajectory(file);
+    if (!trajectory) {
+      ASSERT_NO_FATAL_FAILURE(check_error(trajectory.error(), "groundtruth.tum"));
+      continue;
+    }
+    ++tally.accepted;
+    for (std::size_t k = 0; k < trajectory->poses.size(); ++k) {
+      const StampedPose& pose = trajectory->poses[k];
+      ASSERT_TRUE(pose.T_table_camera.is_finite());
+      ASSERT_NEAR(pose.T_table_camera.rotation().norm(), 1.0, 1e-9);
+      if (k > 0) {
+        ASSERT_GE(pose.timestamp_ns, trajectory->poses[k - 1].timestamp_ns);
+      }
+    }
+  }
+  report(tally);
+}
+
+TEST(RecordingFuzz, Listing) {
+  const test::TemporaryFolder root;
+  const auto folder = root.path() / "small";
+  test::write_recording(folder, 6);
+  const std::string whole = test::listing(6);
+  Random random(15);
+  Tally tally;
+  for (int i = 0; i < 4000; ++i, ++tally.inputs) {
+    write_text(folder / "timestamps.csv", mutated(whole, random, PENUMBRA_HARD_WORDS));
+    const auto recording = open_recording(folder);
+    if (!recording) {
+      ASSERT_NO_FATAL_FAILURE(check_error(recording.error(), folder.string()));
+      continue;
+    }
+    ++tally.accepted;
+    ASSERT_FALSE(recording->frames.empty());
+    for (std::size_t k = 1; k < recording->frames.size(); ++k) {
+      ASSERT_GT(recording->frames[k].timestamp_ns, recording->frames[k - 1].timestamp_ns);
+      ASSERT_GT(recording->frames[k].number, recording->frames[k - 1].number);
+    }
+  }
+  report(tally);
+}
+
+TEST(RecordingFuzz, Video) {
+  const test::TemporaryFolder root;
+  const auto folder = root.path() / "filmed";
+  test::write_recording(folder, 6, "");
+  const auto fill = [](AVFrame& frame, int index) {
+    for (int plane = 0; plane < 3; ++plane) {
+      for (int i = 0; i < frame.linesize[plane] * (plane > 0 ? 24 : 48); ++i) {
+        frame.data[plane][i] = static_cast<std::uint8_t>(i * (index + 3) + plane);
+      }
+    }
+  };
+  Random random(16);
+  Tally tally;
+  for (const int gop : {1, 6}) {
+    test::VideoSpec spec;
+    spec.frames = 6;
+    spec.gop = gop;
+    test::write_video(folder / "video.mkv", spec, fill);
+    const std::string whole = test::read_bytes(folder / "video.mkv");
+    for (int i = 0; i < 1000; ++i, ++tally.inputs) {
+      // Half of them in the headers.
+      const std::size_t head = i % 2 == 0 ? std::min<std::size_t>(900, whole.size()) : 0;
+      write_text(folder / "video.mkv",
+                 head > 0 ? mutated(whole.substr(0, head), random) + whole.substr(head)
+                          : mutated(whole, random));
+      const auto recording = open_recording(folder);
+      if (!recording) {
+        ASSERT_NO_FATAL_FAILURE(check_error(recording.error(), "video.mkv"));
+        continue;
+      }
+      auto source = open_recording_source(*recording);
+      if (!source) {
+        ASSERT_NO_FATAL_FAILURE(check_error(source.error(), "video.mkv"));
+        continue;
+      }
+      std::size_t frames = 0;
+      while (true) {
+        const auto frame = (*source)->next();
+        if (!frame) {
+          ASSERT_NO_FATAL_FAILURE(check_error(frame.error(), "video.mkv"));
+          break;
+        }
+        if (!*frame) {
+          ASSERT_EQ(frames, recording->frames.size());
+          ++tally.accepted;
+          break;
+        }
+        ASSERT_EQ((*frame)->width, 64);
+        ASSERT_EQ((*frame)->height, 48);
+        ++frames;
+        ASSERT_LE(frames, recording->frames.size());
+      }
+    }
+  }
+  report(tally);
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,83 @@
+// Seeded damage to bytes, for fuzz tests: the same inputs in every run and on every machine.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+namespace penumbra::test {
+
+// splitmix64 (Steele, Lea and Flood 2014): small, and the same everywhere, unlike the standard
+// library's distributions.
+class Random {
+ public:
+  explicit Random(std::uint64_t seed) : state_(seed) {}
+  std::uint64_t next() {
+    state_ += 0x9E3779B97F4A7C15U;
+    std::uint64_t z = state_;
+    z = (z ^ (z >> 30U)) * 0xBF58476D1CE4E5B9U;
+    z = (z ^ (z >> 27U)) * 0x94D049BB133111EBU;
+    return z ^ (z >> 31U);
+  }
+  // In [0, count); count > 0.
+  std::size_t below(std::size_t count) { return static_cast<std::size_t>(next() % count); }
+
+ private:
+  std::uint64_t state_;
+};
+
+// One to four injuries, most often one: flipped bits, bytes set to telling values, pieces removed,
+// doubled, moved or zeroed, cuts. `words` are spliced in whole: what a text format finds hard.
+inline std::string mutated(std::string bytes, Random& random,
+                           std::initializer_list<std::string_view> words = {}) {
+  constexpr std::array<unsigned char, 8> kTelling{0x00, 0xFF, 0x7F, 0x80, 0x01, 0xFE, 0x20, 0x0A};
+  const std::size_t injuries = 1 + random.below(1 + random.below(4));
+  for (std::size_t i = 0; i < injuries; ++i) {
+    if (bytes.empty()) bytes.push_back(static_cast<char>(random.below(256)));
+    const std::size_t at = random.below(bytes.size());
+    const std::size_t length = 1 + random.below(std::min<std::size_t>(64, bytes.size() - at));
+    switch (random.below(words.size() == 0 ? 8 : 12)) {
+      case 0:
+      case 1:
+        bytes[at] = static_cast<char>(bytes[at] ^ (1 << random.below(8)));
+        break;
+      case 2:
+        bytes[at] = static_cast<char>(kTelling[random.below(kTelling.size())]);
+        break;
+      case 3:
+        for (std::size_t k = 0; k < std::min<std::size_t>(4, bytes.size() - at); ++k) {
+          bytes[at + k] = static_cast<char>(random.below(256));
+        }
+        break;
+      case 4:
+        bytes.erase(at, length);
+        break;
+      case 5:
+        bytes.insert(random.below(bytes.size()), bytes.substr(at, length));
+        break;
+      case 6:
+        std::fill_n(bytes.begin() + static_cast<std::ptrdiff_t>(at), length, '\0');
+        break;
+      case 7:
+        bytes.resize(at);
+        break;
+      default: {
+        const std::string_view word = words.begin()[random.below(words.size())];
+        // Over a number or a word where there is one.
+        const std::size_t first = bytes.find_first_of("-0123456789abcdefghijklmnopqrstuvwxyz", at);
+        if (first == std::string::npos) {
+          bytes.insert(at, word);
+        } else {
+          const std::size_t last = bytes.find_first_of(" ,:[]{}\n\r\t", first);
+          bytes.replace(first, (last == std::string::npos ? bytes.size() : last) - first, word);
+        }
+        break;
+      }
+    }
+  }
+  return bytes;
+}
+
+}  // namespace penumbra::test

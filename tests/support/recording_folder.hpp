@@ -1,0 +1,106 @@
+// Small recordings of our own for tests: JPEG frames of 64x48 px in a temporary folder.
+#pragma once
+
+#include <turbojpeg.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "support/paths.hpp"
+
+namespace penumbra::test {
+
+// Always a new file: some file systems flush to the disk when one is cut and written again.
+inline void write_text(const std::filesystem::path& file, const std::string& text) {
+  std::error_code ignored;
+  std::filesystem::remove(file, ignored);
+  std::ofstream(file, std::ios::binary) << text;
+}
+
+inline std::string read_bytes(const std::filesystem::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+}
+
+// A flat grey picture with a pattern that tells its number.
+inline std::string jpeg_of(int number, int width = 64, int height = 48) {
+  std::vector<std::uint8_t> rgb;
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      rgb.push_back(static_cast<std::uint8_t>(10 * number + x));
+      rgb.push_back(static_cast<std::uint8_t>(10 * number + y));
+      rgb.push_back(static_cast<std::uint8_t>(100 + number));
+    }
+  }
+  tjhandle encoder = tjInitCompress();
+  unsigned char* data = nullptr;
+  unsigned long size = 0;
+  tjCompress2(encoder, rgb.data(), width, 0, height, TJPF_RGB, &data, &size, TJSAMP_420, 90, 0);
+  std::string bytes(reinterpret_cast<const char*>(data), size);
+  tjFree(data);
+  tjDestroy(encoder);
+  return bytes;
+}
+
+inline const char* small_camera_yaml() {
+  return "image_width: 64\n"
+         "image_height: 48\n"
+         "camera_name: small\n"
+         "camera_matrix:\n  rows: 3\n  cols: 3\n"
+         "  data: [53.0, 0.0, 31.5, 0.0, 53.0, 23.5, 0.0, 0.0, 1.0]\n"
+         "distortion_model: plumb_bob\n"
+         "distortion_coefficients:\n  rows: 1\n  cols: 5\n"
+         "  data: [-0.2, 0.06, 0.0008, -0.0006, -0.004]\n";
+}
+
+inline const char* small_tags_yaml() {
+  return "tags:\n"
+         "  - {id: 0, family: tag36h11, size_m: 0.04, position: [-0.05, 0, 0], quaternion_xyzw: "
+         "[0, 0, 0, 1]}\n"
+         "  - {id: 1, family: tag36h11, size_m: 0.04, position: [0.05, 0, 0], quaternion_xyzw: "
+         "[0, 0, 0, 1]}\n";
+}
+
+inline std::string number6(int number) {
+  std::string digits = std::to_string(number);
+  return std::string(6 - digits.size(), '0') + digits;
+}
+
+inline std::string listing(int frames, const std::string& extension = ".jpg") {
+  std::string text = "frame,timestamp_s,file\n";
+  for (int i = 0; i < frames; ++i) {
+    text += std::to_string(i) + ",1311868164." + number6(363181 + 33333 * i) + ",";
+    if (!extension.empty()) text += "frames/" + number6(i) + extension;
+    text += "\n";
+  }
+  return text;
+}
+
+inline std::string truth(int frames) {
+  std::string text = "# timestamp tx ty tz qx qy qz qw\n";
+  for (int i = 0; i < frames; ++i) {
+    text += "1311868164." + number6(363181 + 33333 * i) + " 0.1 -0.3 0.4 0.92 0 0 0.39191835\n";
+  }
+  return text;
+}
+
+// camera.yaml, tags.yaml, groundtruth.tum and timestamps.csv; frames/ too unless `extension` is
+// empty (for a video).
+inline void write_recording(const std::filesystem::path& folder, int frames,
+                            const std::string& extension = ".jpg") {
+  std::filesystem::create_directories(folder);
+  write_text(folder / "camera.yaml", small_camera_yaml());
+  write_text(folder / "tags.yaml", small_tags_yaml());
+  write_text(folder / "groundtruth.tum", truth(frames));
+  write_text(folder / "timestamps.csv", listing(frames, extension));
+  if (extension.empty()) return;
+  std::filesystem::create_directories(folder / "frames");
+  for (int i = 0; i < frames; ++i) {
+    write_text(folder / "frames" / (number6(i) + extension), jpeg_of(i));
+  }
+}
+
+}  // namespace penumbra::test

@@ -1,0 +1,101 @@
+#include "app/capture/look_ahead.hpp"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <memory>
+#include <stdexcept>
+#include <thread>
+
+namespace penumbra {
+namespace {
+
+using Numbers = LookAhead<int>;
+
+class Depths : public testing::TestWithParam<int> {};
+
+TEST_P(Depths, ItemsComeInOrderAndTheEndStays) {
+  int made = 0;
+  Numbers numbers(
+      [&]() -> Numbers::Item {
+        if (made == 1000) return std::optional<int>();
+        return std::optional<int>(made++);
+      },
+      GetParam());
+  for (int i = 0; i < 1000; ++i) {
+    const auto item = numbers.next();
+    ASSERT_TRUE(item);
+    ASSERT_EQ(*item, std::optional<int>(i));
+  }
+  for (int i = 0; i < 3; ++i) {
+    const auto end = numbers.next();
+    ASSERT_TRUE(end);
+    EXPECT_FALSE(end->has_value());
+  }
+}
+
+TEST_P(Depths, AnErrorComesInItsPlaceAndStays) {
+  int made = 0;
+  Numbers numbers(
+      [&]() -> Numbers::Item {
+        if (made == 3) return fail("frame 3 is broken");
+        return std::optional<int>(made++);
+      },
+      GetParam());
+  for (int i = 0; i < 3; ++i) ASSERT_EQ(*numbers.next(), std::optional<int>(i));
+  for (int i = 0; i < 2; ++i) {
+    const auto item = numbers.next();
+    ASSERT_FALSE(item);
+    EXPECT_EQ(item.error().message, "frame 3 is broken");
+  }
+  EXPECT_EQ(made, 3);
+}
+
+TEST_P(Depths, AnExceptionIsAnError) {
+  Numbers numbers([]() -> Numbers::Item { throw std::runtime_error("thrown"); }, GetParam());
+  const auto item = numbers.next();
+  ASSERT_FALSE(item);
+  EXPECT_EQ(item.error().message, "thrown");
+}
+
+INSTANTIATE_TEST_SUITE_P(All, Depths, testing::Values(0, 1, 2, 7));
+
+TEST(LookAhead, NeverMakesMoreThanItsDepthAhead) {
+  std::atomic<int> made = 0;
+  std::atomic<int> taken = 0;
+  std::atomic<int> most = 0;
+  {
+    Numbers numbers(
+        [&]() -> Numbers::Item {
+          // This one is being made while at most 3 wait; `taken` lags behind by the one in hand.
+          most = std::max(most.load(), made.load() + 1 - taken.load());
+          return std::optional<int>(made++);
+        },
+        3);
+    for (int i = 0; i < 500; ++i) {
+      ASSERT_EQ(*numbers.next(), std::optional<int>(i));
+      ++taken;
+    }
+  }
+  EXPECT_LE(most.load(), 3 + 1);
+}
+
+TEST(LookAhead, LeavingEarlyJoinsTheThreadAndFreesWhatWaits) {
+  const auto counted = std::make_shared<int>(7);
+  for (int round = 0; round < 200; ++round) {
+    LookAhead<std::shared_ptr<int>> items(
+        [&]() -> LookAhead<std::shared_ptr<int>>::Item { return std::optional(counted); }, 4);
+    for (int i = 0; i < round % 5; ++i) ASSERT_TRUE(items.next());
+  }
+  EXPECT_EQ(counted.use_count(), 1);
+}
+
+TEST(LookAhead, WorksAheadOfWhoTakes) {
+  std::atomic<int> made = 0;
+  Numbers numbers([&]() -> Numbers::Item { return std::optional<int>(made++); }, 4);
+  while (made.load() < 4) std::this_thread::yield();  // with nobody asking
+  EXPECT_EQ(*numbers.next(), std::optional<int>(0));
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,695 @@
+#include "app/capture/recording_source.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cstring>
+
+#include "core/image_file.hpp"
+#include "support/recording_folder.hpp"
+#include "support/video_file.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::TemporaryFolder;
+using test::write_text;
+using testing::AllOf;
+using testing::HasSubstr;
+
+constexpr int kFrames = 8;
+constexpr std::int64_t kStartNs = 1311868164363181000;
+constexpr std::int64_t kStepNs = 33333000;
+
+struct Played {
+  std::vector<Frame> frames;
+  std::string error;  // empty: it ended well
+};
+
+Played play(const Recording& recording, const RecordingSourceOptions& options = {}) {
+  Played played;
+  auto source = open_recording_source(recording, options);
+  if (!source) return {{}, source.error().message};
+  while (true) {
+    auto frame = (*source)->next();
+    if (!frame) {
+      played.error = frame.error().message;
+      return played;
+    }
+    if (!*frame) return played;
+    played.frames.push_back(std::move(**frame));
+  }
+}
+
+// Opens and plays; the first error of either.
+std::string error_of(const std::filesystem::path& folder) {
+  const auto recording = open_recording(folder);
+  return recording ? play(*recording).error : recording.error().message;
+}
+
+int sample(const Frame& frame, std::size_t plane, int x, int y) {
+  return frame.planes[plane].data[y * frame.planes[plane].stride + x];
+}
+
+bool same_pixels(const Frame& a, const Frame& b) {
+  if (a.format != b.format || a.plane_count != b.plane_count) return false;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(a.plane_count); ++i) {
+    const int bytes = a.planes[i].width * (a.format == PixelFormat::rgb24 ? 3 : 1);
+    if (a.planes[i].width != b.planes[i].width || a.planes[i].height != b.planes[i].height) {
+      return false;
+    }
+    for (int y = 0; y < a.planes[i].height; ++y) {
+      if (std::memcmp(a.planes[i].data + y * a.planes[i].stride,
+                      b.planes[i].data + y * b.planes[i].stride,
+                      static_cast<std::size_t>(bytes)) != 0) {
+        return false;
+      }
+    }
+  }
+  return true;
+}
+
+class RecordingOfFrames : public testing::Test {
+ protected:
+  RecordingOfFrames() { test::write_recording(folder(), kFrames); }
+  [[nodiscard]] std::filesystem::path folder() const { return root_.path() / "small"; }
+  [[nodiscard]] std::filesystem::path frame(int number) const {
+    return folder() / "frames" / (test::number6(number) + ".jpg");
+  }
+  void replace(const std::string& file, const std::string& from, const std::string& to) const {
+    std::string text = test::read_bytes(folder() / file);
+    const std::size_t at = text.find(from);
+    ASSERT_NE(at, std::string::npos) << from;
+    write_text(folder() / file, text.replace(at, from.size(), to));
+  }
+
+ private:
+  TemporaryFolder root_;
+};
+
+TEST_F(RecordingOfFrames, EveryFrameComesInOrderWithItsTime) {
+  const auto recording = open_recording(folder() / "");
+  ASSERT_TRUE(recording) << recording.error().message;
+  EXPECT_EQ(recording->name, "small");
+  EXPECT_TRUE(recording->notices.empty());
+  EXPECT_EQ(recording->tags->tags().size(), 2U);
+  EXPECT_EQ(recording->groundtruth->poses.size(), std::size_t{kFrames});
+  for (const int look_ahead : {0, 1, 4, 100}) {
+    RecordingSourceOptions options;
+    options.look_ahead = look_ahead;
+    const Played played = play(*recording, options);
+    ASSERT_EQ(played.error, "");
+    ASSERT_EQ(played.frames.size(), std::size_t{kFrames});
+    for (int i = 0; i < kFrames; ++i) {
+      const Frame& got = played.frames[static_cast<std::size_t>(i)];
+      EXPECT_EQ(got.sequence, static_cast<std::uint64_t>(i));
+      EXPECT_EQ(got.timestamp_ns, kStartNs + i * kStepNs);
+      EXPECT_EQ(got.format, PixelFormat::yuv420p);
+      EXPECT_TRUE(same_pixels(got, *load_image(frame(i))));
+      // The pose of this frame is found under exactly its time.
+      EXPECT_NE(recording->groundtruth->at(got.timestamp_ns, 0), nullptr);
+    }
+  }
+}
+
+TEST_F(RecordingOfFrames, ARangeOfFramesIsHalfOpen) {
+  const auto recording = open_recording(folder());
+  ASSERT_TRUE(recording);
+  RecordingSourceOptions options;
+  options.first = 2;
+  options.last = 5;
+  const auto source = open_recording_source(*recording, options);
+  ASSERT_TRUE(source);
+  EXPECT_EQ((*source)->frame_count(), 3);
+  EXPECT_EQ((*source)->description(), "recording small, 3 frames");
+  const Played played = play(*recording, options);
+  ASSERT_EQ(played.frames.size(), 3U);
+  EXPECT_EQ(played.frames[0].sequence, 2U);
+  EXPECT_EQ(played.frames[2].sequence, 4U);
+  options.last = 100;
+  EXPECT_EQ(play(*recording, options).frames.size(), 6U);
+  for (const auto& [first, last] : {std::pair{8, 9}, {-1, 3}, {5, 5}, {5, 2}}) {
+    options.first = first;
+    options.last = last;
+    EXPECT_THAT(play(*recording, options).error, HasSubstr("none of its 8 frames"));
+  }
+}
+
+TEST_F(RecordingOfFrames, CanBeLeftInTheMiddle) {
+  const auto recording = open_recording(folder());
+  ASSERT_TRUE(recording);
+  for (int taken = 0; taken < kFrames; ++taken) {
+    auto source = open_recording_source(*recording);
+    ASSERT_TRUE(source);
+    Frame kept;
+    for (int i = 0; i < taken; ++i) kept = **(*source)->next();
+    source->reset();
+    // A frame outlives its source.
+    if (taken > 0) {
+      EXPECT_TRUE(same_pixels(kept, *load_image(frame(taken - 1))));
+    }
+  }
+}
+
+TEST_F(RecordingOfFrames, AFolderThatIsNoRecordingIsNamed) {
+  EXPECT_THAT(error_of(folder() / "none"), HasSubstr("small/none: no such recording"));
+  EXPECT_THAT(error_of(folder() / "camera.yaml"), HasSubstr("is no folder"));
+  const TemporaryFolder empty;
+  EXPECT_THAT(error_of(empty.path()), HasSubstr("neither frames/ nor video.mkv"));
+}
+
+TEST_F(RecordingOfFrames, WhatIsMissingIsNamed) {
+  for (const char* name : {"camera.yaml", "tags.yaml", "timestamps.csv"}) {
+    test::write_recording(folder(), kFrames);
+    std::filesystem::remove(folder() / name);
+    EXPECT_THAT(error_of(folder()), AllOf(HasSubstr(name), HasSubstr("no such file")));
+  }
+}
+
+TEST_F(RecordingOfFrames, OnlyWhatIsAskedForIsNeeded) {
+  std::filesystem::remove(folder() / "camera.yaml");
+  std::filesystem::remove(folder() / "tags.yaml");
+  std::filesystem::remove(folder() / "groundtruth.tum");
+  OpenRecordingOptions options;
+  options.require_camera = false;
+  options.require_tags = false;
+  const auto recording = open_recording(folder(), options);
+  ASSERT_TRUE(recording) << recording.error().message;
+  EXPECT_FALSE(recording->camera || recording->tags || recording->groundtruth);
+  EXPECT_EQ(play(*recording).frames.size(), std::size_t{kFrames});
+}
+
+TEST_F(RecordingOfFrames, CameraAndTagsCanComeFromElsewhere) {
+  const TemporaryFolder elsewhere;
+  std::filesystem::rename(folder() / "camera.yaml", elsewhere.path() / "c.yaml");
+  std::filesystem::rename(folder() / "tags.yaml", elsewhere.path() / "t.yaml");
+  OpenRecordingOptions options;
+  options.camera = elsewhere.path() / "c.yaml";
+  options.tags = elsewhere.path() / "t.yaml";
+  EXPECT_TRUE(open_recording(folder(), options));
+  options.tags = elsewhere.path() / "none.yaml";
+  const auto missing = open_recording(folder(), options);
+  ASSERT_FALSE(missing);
+  EXPECT_THAT(missing.error().message, HasSubstr("none.yaml"));
+}
+
+TEST_F(RecordingOfFrames, ATagListedTwiceIsAnError) {
+  replace("tags.yaml", "{id: 1,", "{id: 0,");
+  EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("tags.yaml"), HasSubstr("0")));
+}
+
+TEST_F(RecordingOfFrames, ATruePoseWithNanIsAnError) {
+  replace("groundtruth.tum", "-0.3", "nan");
+  EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("groundtruth.tum"), HasSubstr("2")));
+}
+
+TEST_F(RecordingOfFrames, NoFramesIsAnError) {
+  write_text(folder() / "timestamps.csv", "frame,timestamp_s,file\n");
+  EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("timestamps.csv"), HasSubstr("0 frames")));
+  write_text(folder() / "timestamps.csv", "");
+  EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("timestamps.csv"), HasSubstr("empty")));
+}
+
+struct BadLine {
+  const char* line;
+  const char* message;
+};
+
+TEST_F(RecordingOfFrames, ABadLineIsNamedWithItsCause) {
+  const std::string good = test::read_bytes(folder() / "timestamps.csv");
+  for (const BadLine& bad : {BadLine{"3,nan,frames/000003.jpg", "timestamp_s: 'nan'"},
+                             {"3,inf,frames/000003.jpg", "timestamp_s: 'inf'"},
+                             {"3,,frames/000003.jpg", "timestamp_s: ''"},
+                             {"x,1311868164.463180,frames/000003.jpg", "frame: 'x'"},
+                             {"-1,1311868164.463180,frames/000003.jpg", "frame: '-1'"},
+                             {"3,1311868164.463180", "has 2 fields"},
+                             {"3,1311868164.463180,", "no path inside"},
+                             {"3,1311868164.463180,/etc/passwd", "no path inside"},
+                             {"3,1311868164.463180,../small/frames/000003.jpg", "no path inside"},
+                             {"3,1311868164.429847,frames/000003.jpg", "times must grow"},
+                             {"3,1311868164.2,frames/000003.jpg", "times must grow"},
+                             {"2,1311868164.463180,frames/000003.jpg", "number frames in order"},
+                             {"1,1311868164.463180,frames/000003.jpg", "number frames in order"}}) {
+    std::string text = good;
+    const std::size_t at = text.find("3,1311868164.463180,frames/000003.jpg");
+    ASSERT_NE(at, std::string::npos);
+    write_text(folder() / "timestamps.csv", text.replace(at, 37, bad.line));
+    EXPECT_THAT(error_of(folder()),
+                AllOf(HasSubstr("timestamps.csv: line 5"), HasSubstr(bad.message)));
+  }
+}
+
+TEST_F(RecordingOfFrames, AHeaderWithoutTheColumnsIsAnError) {
+  replace("timestamps.csv", "timestamp_s", "time");
+  EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("line 1"), HasSubstr("timestamp_s")));
+}
+
+TEST_F(RecordingOfFrames, WindowsLineEndsCommentsAndColumnOrderDoNotMatter) {
+  std::string text = "\xEF\xBB\xBF# made by hand\r\nfile,frame,exposure,timestamp_s\r\n\r\n";
+  for (int i = 0; i < kFrames; ++i) {
+    text += "frames/" + test::number6(i) + ".jpg, " + std::to_string(2 * i) + ",x, " +
+            std::to_string(i) + ".5\r\n";
+  }
+  write_text(folder() / "timestamps.csv", text);
+  const auto recording = open_recording(folder());
+  ASSERT_TRUE(recording) << recording.error().message;
+  const Played played = play(*recording);
+  ASSERT_EQ(played.frames.size(), std::size_t{kFrames});
+  EXPECT_EQ(played.frames[3].sequence, 6U);
+  EXPECT_EQ(played.frames[3].timestamp_ns, 3'500'000'000);
+}
+
+TEST_F(RecordingOfFrames, AMissingFrameInTheMiddleIsAnError) {
+  std::filesystem::remove(frame(3));
+  EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("frames/000003.jpg"), HasSubstr("missing")));
+}
+
+TEST_F(RecordingOfFrames, MissingFramesAtTheEndLeaveANotice) {
+  std::filesystem::remove(frame(7));
+  std::filesystem::remove(frame(6));
+  const auto recording = open_recording(folder());
+  ASSERT_TRUE(recording) << recording.error().message;
+  EXPECT_EQ(recording->frames.size(), 6U);
+  ASSERT_EQ(recording->notices.size(), 1U);
+  EXPECT_THAT(recording->notices[0], AllOf(HasSubstr("cut off after frame 5"), HasSubstr("6 of 8"),
+                                           HasSubstr("000006.jpg: is missing")));
+  EXPECT_EQ(play(*recording).frames.size(), 6U);
+}
+
+TEST_F(RecordingOfFrames, ALastFrameThatIsNotWholeLeavesANotice) {
+  const std::string whole = test::read_bytes(frame(7));
+  for (const std::size_t length : {std::size_t{0}, whole.size() / 2, whole.size() - 2}) {
+    write_text(frame(7), whole.substr(0, length));
+    const auto recording = open_recording(folder());
+    ASSERT_TRUE(recording) << recording.error().message;
+    EXPECT_EQ(recording->frames.size(), 7U);
+    ASSERT_EQ(recording->notices.size(), 1U);
+    EXPECT_THAT(recording->notices[0], HasSubstr("000007.jpg"));
+    EXPECT_EQ(play(*recording).error, "");
+  }
+}
+
+TEST_F(RecordingOfFrames, AListingCutInItsLastLineOpens) {
+  const std::string whole = test::read_bytes(folder() / "timestamps.csv");
+  const std::size_t last_line = whole.rfind("7,1311868164");
+  for (std::size_t length = last_line + 1; length < whole.size() - 1; ++length) {
+    write_text(folder() / "timestamps.csv", whole.substr(0, length));
+    const auto recording = open_recording(folder());
+    ASSERT_TRUE(recording) << recording.error().message;
+    EXPECT_EQ(recording->frames.size(), 7U) << whole.substr(0, length);
+    EXPECT_FALSE(recording->notices.empty());
+  }
+  // Without its line break only.
+  write_text(folder() / "timestamps.csv", whole.substr(0, whole.size() - 1));
+  EXPECT_EQ(open_recording(folder())->frames.size(), 8U);
+  // A file system may leave zeros.
+  write_text(folder() / "timestamps.csv", whole.substr(0, last_line) + std::string(100, '\0'));
+  EXPECT_EQ(open_recording(folder())->frames.size(), 7U);
+}
+
+TEST_F(RecordingOfFrames, ADamagedFrameInTheMiddleIsAnErrorInItsPlace) {
+  const std::string whole = test::read_bytes(frame(3));
+  write_text(frame(3), whole.substr(0, whole.size() / 2));
+  const auto recording = open_recording(folder());
+  ASSERT_TRUE(recording) << recording.error().message;
+  for (const int look_ahead : {0, 4}) {
+    RecordingSourceOptions options;
+    options.look_ahead = look_ahead;
+    const Played played = play(*recording, options);
+    EXPECT_EQ(played.frames.size(), 3U);
+    EXPECT_THAT(played.error, AllOf(HasSubstr("000003.jpg"), HasSubstr("damaged JPEG")));
+  }
+}
+
+TEST_F(RecordingOfFrames, NoWholeFrameIsAnError) {
+  for (int i = 0; i < kFrames; ++i) write_text(frame(i), "garbage");
+  EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("000000.jpg"), HasSubstr("none of the 8")));
+}
+
+TEST_F(RecordingOfFrames, AFrameOfAnotherSizeIsAnErrorWithBothSizes) {
+  write_text(frame(2), test::jpeg_of(2, 32, 24));
+  EXPECT_THAT(error_of(folder()),
+              AllOf(HasSubstr("000002.jpg"), HasSubstr("32x24"), HasSubstr("64x48")));
+}
+
+// --- video ---
+
+int value_at(int plane, int x, int y, int index) {
+  return (x * 3 + y * 5 + index * 17 + plane * 50 + (x * y * (index + 1)) % 7) & 0xFF;
+}
+
+void fill_planes(AVFrame& frame, int index) {
+  const auto format = static_cast<AVPixelFormat>(frame.format);
+  for (int plane = 0; plane < av_pix_fmt_count_planes(format); ++plane) {
+    const int bytes = av_image_get_linesize(format, frame.width, plane);
+    const AVPixFmtDescriptor* description = av_pix_fmt_desc_get(format);
+    const bool chroma = plane > 0 && (description->flags & AV_PIX_FMT_FLAG_RGB) == 0;
+    const int rows =
+        chroma ? AV_CEIL_RSHIFT(frame.height, description->log2_chroma_h) : frame.height;
+    for (int y = 0; y < rows; ++y) {
+      for (int x = 0; x < bytes; ++x) {
+        frame.data[plane][y * frame.linesize[plane] + x] =
+            static_cast<std::uint8_t>(value_at(plane, x, y, index));
+      }
+    }
+  }
+}
+
+class RecordingOfVideo : public testing::Test {
+ protected:
+  RecordingOfVideo() { test::write_recording(folder(), kFrames, ""); }
+  [[nodiscard]] std::filesystem::path folder() const { return root_.path() / "filmed"; }
+  [[nodiscard]] std::filesystem::path video() const { return folder() / "video.mkv"; }
+
+ private:
+  TemporaryFolder root_;
+};
+
+struct Stored {
+  AVPixelFormat stored;
+  AVCodecID codec;
+  PixelFormat format;
+};
+
+TEST_F(RecordingOfVideo, EveryLayoutComesBackExactly) {
+  for (const Stored& layout : {Stored{AV_PIX_FMT_GRAY8, AV_CODEC_ID_FFV1, PixelFormat::grey8},
+                               {AV_PIX_FMT_YUV420P, AV_CODEC_ID_FFV1, PixelFormat::yuv420p},
+                               {AV_PIX_FMT_YUV422P, AV_CODEC_ID_FFV1, PixelFormat::yuv422p},
+                               {AV_PIX_FMT_YUV444P, AV_CODEC_ID_FFV1, PixelFormat::yuv444p},
+                               {AV_PIX_FMT_NV12, AV_CODEC_ID_RAWVIDEO, PixelFormat::nv12},
+                               {AV_PIX_FMT_YUYV422, AV_CODEC_ID_RAWVIDEO, PixelFormat::yuyv}}) {
+    SCOPED_TRACE(av_get_pix_fmt_name(layout.stored));
+    test::VideoSpec spec;
+    spec.format = layout.stored;
+    spec.codec = layout.codec;
+    test::write_video(video(), spec, fill_planes);
+    const auto recording = open_recording(folder());
+    ASSERT_TRUE(recording) << recording.error().message;
+    EXPECT_TRUE(recording->notices.empty());
+    const Played played = play(*recording);
+    ASSERT_EQ(played.error, "");
+    ASSERT_EQ(played.frames.size(), std::size_t{kFrames});
+    for (int i = 0; i < kFrames; ++i) {
+      const Frame& frame = played.frames[static_cast<std::size_t>(i)];
+      ASSERT_EQ(frame.format, layout.format);
+      EXPECT_EQ(frame.timestamp_ns, kStartNs + i * kStepNs);
+      for (std::size_t p = 0; p < static_cast<std::size_t>(frame.plane_count); ++p) {
+        const PixelPlane& plane = frame.planes[p];
+        const int group = layout.format == PixelFormat::yuyv             ? 4
+                          : layout.format == PixelFormat::nv12 && p == 1 ? 2
+                                                                         : 1;
+        for (int y = 0; y < plane.height; ++y) {
+          for (int x = 0; x < plane.width * group; ++x) {
+            ASSERT_EQ(sample(frame, p, x, y), value_at(static_cast<int>(p), x, y, i))
+                << "frame " << i << " plane " << p << " at " << x << ", " << y;
+          }
+        }
+      }
+    }
+  }
+}
+
+// Byte c (R, G, B) of a packed pixel lies at `offset[c]`.
+struct Packed {
+  AVPixelFormat stored;
+  AVCodecID codec;
+  std::array<int, 3> offset;
+};
+
+TEST_F(RecordingOfVideo, RgbLayoutsBecomeRgb) {
+  for (const Packed& layout : {Packed{AV_PIX_FMT_BGR0, AV_CODEC_ID_FFV1, {2, 1, 0}},
+                               {AV_PIX_FMT_BGRA, AV_CODEC_ID_FFV1, {2, 1, 0}},
+                               {AV_PIX_FMT_RGBA, AV_CODEC_ID_RAWVIDEO, {0, 1, 2}}}) {
+    SCOPED_TRACE(av_get_pix_fmt_name(layout.stored));
+    test::VideoSpec spec;
+    spec.format = layout.stored;
+    spec.codec = layout.codec;
+    test::write_video(video(), spec, fill_planes);
+    const auto recording = open_recording(folder());
+    ASSERT_TRUE(recording) << recording.error().message;
+    const Played played = play(*recording);
+    ASSERT_EQ(played.frames.size(), std::size_t{kFrames}) << played.error;
+    const Frame& frame = played.frames[5];
+    ASSERT_EQ(frame.format, PixelFormat::rgb24);
+    for (int y = 0; y < 48; ++y) {
+      for (int x = 0; x < 64; ++x) {
+        for (int c = 0; c < 3; ++c) {
+          const int expected =
+              value_at(0, 4 * x + layout.offset[static_cast<std::size_t>(c)], y, 5);
+          ASSERT_EQ(sample(frame, 0, 3 * x + c, y), expected) << x << ", " << y << ", " << c;
+        }
+      }
+    }
+  }
+}
+
+TEST_F(RecordingOfVideo, RangeAndMatrixAreThoseOfTheFile) {
+  test::VideoSpec spec;
+  test::write_video(video(), spec, fill_planes);
+  EXPECT_EQ(play(*open_recording(folder())).frames[0].color_range, ColorRange::limited);
+  EXPECT_EQ(play(*open_recording(folder())).frames[0].color_matrix, ColorMatrix::bt601);
+  spec.range = AVCOL_RANGE_JPEG;
+  spec.matrix = AVCOL_SPC_BT709;
+  test::write_video(video(), spec, fill_planes);
+  EXPECT_EQ(play(*open_recording(folder())).frames[0].color_range, ColorRange::full);
+  EXPECT_EQ(play(*open_recording(folder())).frames[0].color_matrix, ColorMatrix::bt709);
+}
+
+TEST_F(RecordingOfVideo, AnyRangeOfFramesIsTheSameAsInTheWhole) {
+  for (const int gop : {1, 3, 100}) {
+    test::VideoSpec spec;
+    spec.gop = gop;
+    test::write_video(video(), spec, fill_planes);
+    const auto recording = open_recording(folder());
+    ASSERT_TRUE(recording);
+    const Played whole = play(*recording);
+    ASSERT_EQ(whole.frames.size(), std::size_t{kFrames});
+    for (int first = 0; first < kFrames; ++first) {
+      RecordingSourceOptions options;
+      options.first = first;
+      const Played part = play(*recording, options);
+      ASSERT_EQ(part.error, "");
+      ASSERT_EQ(part.frames.size(), static_cast<std::size_t>(kFrames - first));
+      for (std::size_t i = 0; i < part.frames.size(); ++i) {
+        EXPECT_TRUE(same_pixels(part.frames[i], whole.frames[i + static_cast<std::size_t>(first)]));
+        EXPECT_EQ(part.frames[i].sequence, i + static_cast<std::size_t>(first));
+      }
+    }
+  }
+}
+
+TEST_F(RecordingOfVideo, GarbageIsNamed) {
+  write_text(video(), "this is no video at all");
+  EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("video.mkv"), HasSubstr("Matroska")));
+  write_text(video(), "");
+  EXPECT_THAT(error_of(folder()), HasSubstr("video.mkv"));
+}
+
+TEST_F(RecordingOfVideo, ALossyVideoIsRefusedByName) {
+  test::VideoSpec spec;
+  spec.codec = AV_CODEC_ID_MPEG4;
+  spec.gop = 12;
+  test::write_video(video(), spec, fill_planes);
+  EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("video.mkv"), HasSubstr("mpeg4")));
+}
+
+TEST_F(RecordingOfVideo, TenBitsAreRefusedByName) {
+  test::VideoSpec spec;
+  spec.format = AV_PIX_FMT_YUV420P10LE;
+  test::write_video(video(), spec, [](AVFrame& frame, int) {
+    for (int plane = 0; plane < 3; ++plane) {
+      for (int i = 0; i < frame.linesize[plane] * (plane > 0 ? 24 : 48); ++i) {
+        frame.data[plane][i] = 0;
+      }
+    }
+  });
+  EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("video.mkv"), HasSubstr("yuv420p10le")));
+}
+
+TEST_F(RecordingOfVideo, AnotherSizeThanTheCamerasIsAnErrorWithBoth) {
+  test::VideoSpec spec;
+  spec.width = 32;
+  test::write_video(video(), spec, fill_planes);
+  EXPECT_THAT(error_of(folder()),
+              AllOf(HasSubstr("video.mkv: frame 0"), HasSubstr("32x48"), HasSubstr("64x48")));
+}
+
+TEST_F(RecordingOfVideo, CutAnywhereItOpensUpToItsLastWholeFrame) {
+  test::write_video(video(), {}, fill_planes);
+  const std::string whole = test::read_bytes(video());
+  const Played all = play(*open_recording(folder()));
+  ASSERT_EQ(all.frames.size(), std::size_t{kFrames});
+  int opened = 0;
+  for (std::size_t length = 0; length < whole.size(); length += 97) {
+    write_text(video(), whole.substr(0, length));
+    const auto recording = open_recording(folder());
+    if (!recording) {
+      EXPECT_THAT(recording.error().message, HasSubstr("video.mkv"));
+      continue;
+    }
+    ++opened;
+    const Played played = play(*recording);
+    ASSERT_EQ(played.error, "") << length;
+    ASSERT_EQ(played.frames.size(), recording->frames.size());
+    EXPECT_EQ(recording->notices.empty(), recording->frames.size() == std::size_t{kFrames});
+    for (std::size_t i = 0; i < played.frames.size(); ++i) {
+      ASSERT_TRUE(same_pixels(played.frames[i], all.frames[i]));
+    }
+  }
+  EXPECT_GT(opened, 50);
+}
+
+TEST_F(RecordingOfVideo, AFlippedBitNeverGivesOtherPixels) {
+  for (const AVPixelFormat format : {AV_PIX_FMT_GRAY8, AV_PIX_FMT_YUV420P}) {
+    test::VideoSpec spec;
+    spec.format = format;
+    test::write_video(video(), spec, fill_planes);
+    const std::string whole = test::read_bytes(video());
+    const Played all = play(*open_recording(folder()));
+    ASSERT_EQ(all.frames.size(), std::size_t{kFrames});
+    int refused = 0;
+    int tried = 0;
+    // The pixels' part of the file: what stands before it are names and sizes.
+    for (std::size_t at = 1000; at + 1000 < whole.size(); at += 31, ++tried) {
+      std::string broken = whole;
+      broken[at] = static_cast<char>(broken[at] ^ 0x10);
+      write_text(video(), broken);
+      const auto recording = open_recording(folder());
+      if (!recording) {
+        ++refused;
+        continue;
+      }
+      const Played played = play(*recording);
+      refused += played.error.empty() ? 0 : 1;
+      for (std::size_t i = 0; i < played.frames.size(); ++i) {
+        ASSERT_TRUE(same_pixels(played.frames[i], all.frames[i])) << "byte " << at;
+      }
+    }
+    EXPECT_GT(refused, tried * 95 / 100) << "of " << tried;
+  }
+}
+
+TEST_F(RecordingOfVideo, FewerOrMoreFramesThanListedLeaveANotice) {
+  test::VideoSpec spec;
+  spec.frames = kFrames - 2;
+  test::write_video(video(), spec, fill_planes);
+  auto recording = open_recording(folder());
+  ASSERT_TRUE(recording);
+  EXPECT_EQ(recording->frames.size(), 6U);
+  ASSERT_EQ(recording->notices.size(), 1U);
+  EXPECT_THAT(recording->notices[0], HasSubstr("6 of 8"));
+  spec.frames = kFrames + 3;
+  test::write_video(video(), spec, fill_planes);
+  recording = open_recording(folder());
+  ASSERT_TRUE(recording);
+  EXPECT_EQ(play(*recording).frames.size(), std::size_t{kFrames});
+  ASSERT_EQ(recording->notices.size(), 1U);
+  EXPECT_THAT(recording->notices[0], HasSubstr("holds 11 frames"));
+}
+
+// --- EuRoC ---
+
+class RecordingOfEuroc : public testing::Test {
+ protected:
+  RecordingOfEuroc() {
+    std::filesystem::create_directories(cam0() / "data");
+    std::string list = "#timestamp [ns],filename\n";
+    for (int i = 0; i < kFrames; ++i) {
+      const std::string time = std::to_string(1403636579763555584 + i * 50'000'001LL);
+      list += time + "," + time + ".png\r\n";
+      write_text(cam0() / "data" / (time + ".png"), test::jpeg_of(i));
+    }
+    write_text(cam0() / "data.csv", list);
+    write_text(root_.path() / "tags.yaml", test::small_tags_yaml());
+    write_sensor("radial-tangential");
+  }
+  void write_sensor(const std::string& model) const {
+    write_text(cam0() / "sensor.yaml",
+               "# General sensor definitions.\nsensor_type: camera\nrate_hz: 20\n"
+               "resolution: [64, 48]\ncamera_model: pinhole\n"
+               "intrinsics: [45.8654, 45.7296, 36.7215, 24.8375] #fu, fv, cu, cv\n"
+               "distortion_model: " +
+                   model +
+                   "\ndistortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, "
+                   "1.76187114e-05]\n");
+  }
+  [[nodiscard]] std::filesystem::path folder() const { return root_.path(); }
+  [[nodiscard]] std::filesystem::path cam0() const { return root_.path() / "mav0" / "cam0"; }
+
+ private:
+  TemporaryFolder root_;
+};
+
+TEST_F(RecordingOfEuroc, OpensWithItsSensorAsCamera) {
+  const auto recording = open_recording(folder());
+  ASSERT_TRUE(recording) << recording.error().message;
+  EXPECT_EQ(recording->camera->parameters().fx, 45.8654);
+  EXPECT_EQ(recording->camera->parameters().cy, 24.8375);
+  EXPECT_EQ(recording->camera->parameters().model, DistortionModel::plumb_bob);
+  EXPECT_EQ(recording->camera->parameters().distortion[3], 1.76187114e-05);
+  EXPECT_EQ(recording->camera->parameters().distortion[4], 0.0);
+  const Played played = play(*recording);
+  ASSERT_EQ(played.frames.size(), std::size_t{kFrames}) << played.error;
+  EXPECT_EQ(played.frames[7].timestamp_ns, 1403636579763555584 + 350'000'007);
+  EXPECT_EQ(played.frames[7].sequence, 7U);
+}
+
+TEST_F(RecordingOfEuroc, EquidistantIsFisheyeAndACameraFileWins) {
+  write_sensor("equidistant");
+  EXPECT_EQ(open_recording(folder())->camera->parameters().model, DistortionModel::fisheye);
+  write_text(folder() / "camera.yaml", test::small_camera_yaml());
+  EXPECT_EQ(open_recording(folder())->camera->parameters().fx, 53.0);
+}
+
+TEST_F(RecordingOfEuroc, AnUnknownModelIsNamed) {
+  write_sensor("fov");
+  EXPECT_THAT(error_of(folder()),
+              AllOf(HasSubstr("sensor.yaml"), HasSubstr("distortion_model"), HasSubstr("fov")));
+}
+
+TEST_F(RecordingOfEuroc, ABadLineIsNamed) {
+  write_text(cam0() / "data.csv",
+             "#timestamp [ns],filename\n1403636579763555584,1403636579763555584.png\n1e9,b.png\n");
+  EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("data.csv: line 3"), HasSubstr("1e9")));
+}
+
+// --- the project's own recordings ---
+
+TEST(BundledRecordings, OpenAndPlayToTheEnd) {
+  for (const auto& [name, frames] : {std::pair{"tabletop", 120}, {"corner", 40}}) {
+    const auto recording = open_recording(test::recordings_dir() / name);
+    ASSERT_TRUE(recording) << recording.error().message;
+    EXPECT_EQ(recording->name, name);
+    EXPECT_TRUE(recording->notices.empty());
+    const Played played = play(*recording);
+    EXPECT_EQ(played.error, "");
+    ASSERT_EQ(played.frames.size(), static_cast<std::size_t>(frames));
+    ASSERT_EQ(recording->groundtruth->poses.size(), static_cast<std::size_t>(frames));
+    for (std::size_t i = 0; i < played.frames.size(); ++i) {
+      EXPECT_EQ(played.frames[i].timestamp_ns, recording->groundtruth->poses[i].timestamp_ns);
+    }
+  }
+}
+
+TEST(SharedRecordings, OpenAndPlayToTheEnd) {
+  const auto shared = test::shared_dir();
+  if (shared.empty()) GTEST_SKIP() << "no folder of shared data (PENUMBRA_SHARED)";
+  int opened = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(shared / "recordings")) {
+    OpenRecordingOptions options;
+    options.require_tags = false;  // stills of a chessboard have none
+    const auto recording = open_recording(entry.path(), options);
+    ASSERT_TRUE(recording) << recording.error().message;
+    EXPECT_TRUE(recording->notices.empty()) << recording->notices.front();
+    const Played played = play(*recording);
+    EXPECT_EQ(played.error, "");
+    EXPECT_EQ(played.frames.size(), recording->frames.size());
+    EXPECT_EQ(recording->groundtruth->poses.size(), recording->frames.size());
+    ++opened;
+  }
+  EXPECT_GE(opened, 10);
+}
+
+}  // namespace
+}  // namespace penumbra

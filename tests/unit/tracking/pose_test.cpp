@@ -1,0 +1,225 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <limits>
+#include <tuple>
+
+#include "core/evaluation.hpp"
+#include "support/synthetic_view.hpp"
+#include "tracking/pose_refiner.hpp"
+#include "tracking/pose_solver.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::desk_camera;
+using test::flat_tag;
+using test::looking_at_origin;
+using test::observe;
+using test::points_of;
+using test::sheet;
+
+CameraModel camera_of(DistortionModel model) {
+  CameraParameters p = desk_camera().parameters();
+  p.model = model;
+  if (model == DistortionModel::rational)
+    p.distortion = {0.5, -0.1, 0.001, -0.0005, 0.02, 0.8, -0.05, 0.03};
+  if (model == DistortionModel::fisheye) p.distortion = {-0.02, 0.004, -0.001, 0.0002};
+  return CameraModel::make(p).value();
+}
+
+class EveryLens : public testing::TestWithParam<DistortionModel> {};
+INSTANTIATE_TEST_SUITE_P(PoseRefiner, EveryLens,
+                         testing::Values(DistortionModel::plumb_bob, DistortionModel::rational,
+                                         DistortionModel::fisheye));
+
+TEST_P(EveryLens, JacobianAgreesWithCentralDifferences) {
+  const CameraModel camera = camera_of(GetParam());
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> unit(-1.0, 1.0);
+  for (int i = 0; i < 100; ++i) {
+    const CameraPose pose = looking_at_origin(0.5 + 0.2 * unit(random), 0.6 * unit(random),
+                                              3.0 * unit(random), 3.0 * unit(random));
+    const Eigen::Vector3d p(0.1 * unit(random), 0.1 * unit(random), 0.1 * unit(random));
+    const Eigen::Matrix<double, 2, 6> J = reprojection_jacobian(camera, pose, p);
+    for (int axis = 0; axis < 6; ++axis) {
+      Vector6d step = Vector6d::Zero();
+      step[axis] = 1e-6;
+      const Eigen::Vector2d high = camera.project_unchecked(perturbed(pose, step).inverse() * p);
+      const Eigen::Vector2d low = camera.project_unchecked(perturbed(pose, -step).inverse() * p);
+      EXPECT_LT(((high - low) / 2e-6 - J.col(axis)).norm(), 1e-4 * (1.0 + J.col(axis).norm()));
+    }
+  }
+}
+
+TEST_P(EveryLens, ExactCornersGiveTheExactPose) {
+  const CameraModel camera = camera_of(GetParam());
+  std::mt19937 random(6);
+  const CameraPose truth = looking_at_origin(0.55, 0.6, 0.4, -0.3);
+  for (const auto& tags : {sheet(), std::vector<MappedTag>{flat_tag(0, 0.02, 0.01, 0.08)}}) {
+    const auto points = points_of(observe(camera, truth, tags, 0.0, random));
+    const auto starts = solve_pose(camera, points);
+    ASSERT_FALSE(starts.empty());
+    const auto refined = refine_pose(camera, points, starts.front());
+    ASSERT_TRUE(refined);
+    EXPECT_LT(perturbation_between(truth, refined->T_table_camera).norm(), 1e-7);
+    EXPECT_LT(refined->rms_px, 1e-6);
+    EXPECT_GE(refined->noise_px, RefinerOptions().noise_floor_px);
+  }
+}
+
+TEST(PoseRefiner, PerturbationsGoThereAndBack) {
+  const CameraPose pose = looking_at_origin(0.5, 0.4, 1.0, 2.0);
+  for (const double size : {0.0, 1e-13, 1e-7, 1e-3, 1.0, 3.0}) {
+    Vector6d xi;
+    xi << 0.1, -0.2, 0.3, size * 0.48, size * 0.6, size * -0.64;
+    const Vector6d back = perturbation_between(pose, perturbed(pose, xi));
+    EXPECT_LT((back - xi).norm(), 1e-9) << size;
+  }
+}
+
+TEST(PoseRefiner, AWrongStartStillEndsAtTheTruth) {
+  const CameraModel camera = desk_camera();
+  std::mt19937 random(8);
+  const CameraPose truth = looking_at_origin(0.5, 0.5, 0.2, 0.1);
+  const auto points = points_of(observe(camera, truth, sheet(), 0.0, random));
+  Vector6d off;
+  off << 0.05, -0.05, 0.1, 0.2, -0.2, 0.3;
+  const auto refined = refine_pose(camera, points, perturbed(truth, off));
+  ASSERT_TRUE(refined);
+  EXPECT_LT(perturbation_between(truth, refined->T_table_camera).norm(), 1e-6);
+}
+
+// The normalised error squared of 6 parameters has mean 6 when the covariance is right. With the
+// variance estimated from f = 2n - 6 residuals and its upper side taken, it is
+// 6 f / (f - 2) / (1 + sqrt(2 / f)).
+TEST(PoseRefiner, TheCovarianceIsWhatTrialsShow) {
+  const CameraModel camera = desk_camera();
+  std::mt19937 random(9);
+  for (const double noise : {0.3, 0.8}) {
+    double sum = 0.0;
+    constexpr int kTrials = 400;
+    for (int i = 0; i < kTrials; ++i) {
+      const CameraPose truth = looking_at_origin(0.55, 0.5, 0.01 * i, -0.02 * i);
+      const auto points = points_of(observe(camera, truth, sheet(), noise, random));
+      RefinerOptions options;
+      options.robust_scale_px = 100.0;  // the noise is normal: nothing to be robust against
+      const auto refined = refine_pose(camera, points, truth, options);
+      ASSERT_TRUE(refined);
+      const Vector6d error = perturbation_between(refined->T_table_camera, truth);
+      sum += error.dot(refined->covariance.inverse() * error);
+    }
+    constexpr double kFreedom = 2 * 48 - 6;
+    const double expected = 6.0 * kFreedom / (kFreedom - 2.0) / (1.0 + std::sqrt(2.0 / kFreedom));
+    // Its spread over 400 trials: sqrt(2 * 6 / 400) = 0.17; four of them.
+    EXPECT_NEAR(sum / kTrials, expected, 0.7) << noise;
+  }
+}
+
+TEST(PoseRefiner, FewCornersPromiseNoMoreThanTheyKeep) {
+  const CameraModel camera = desk_camera();
+  std::mt19937 random(10);
+  const std::vector<MappedTag> one = {flat_tag(0, 0.0, 0.0, 0.06)};
+  double error2 = 0.0;
+  double promised2 = 0.0;
+  for (int i = 0; i < 300; ++i) {
+    const CameraPose truth = looking_at_origin(0.4, 0.8, 0.02 * i, 0.01 * i);
+    const auto points = points_of(observe(camera, truth, one, 0.3, random));
+    const auto refined = refine_pose(camera, points, truth);
+    ASSERT_TRUE(refined);
+    const double e = overlay_difference(camera, refined->T_table_camera, truth).rms_px();
+    const double p =
+        expected_overlay_error_px(camera, refined->T_table_camera, refined->covariance);
+    error2 += e * e;
+    promised2 += p * p;
+  }
+  EXPECT_LT(std::sqrt(error2 / promised2), 1.15);
+  EXPECT_GT(std::sqrt(error2 / promised2), 0.4) << "nor is it worth nothing";
+}
+
+TEST(PoseRefiner, RefusesWhatFixesNoPose) {
+  const CameraModel camera = desk_camera();
+  std::mt19937 random(11);
+  const CameraPose truth = looking_at_origin(0.5, 0.3, 0.0, 0.0);
+  auto points = points_of(observe(camera, truth, sheet(), 0.0, random));
+  EXPECT_FALSE(refine_pose(camera, {}, truth));
+  EXPECT_FALSE(refine_pose(camera, std::span(points).first(2), truth));
+  // Behind the camera.
+  EXPECT_FALSE(refine_pose(camera, points,
+                           CameraPose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, 0.5))));
+  // On one line.
+  std::vector<PointObservation> line;
+  for (int i = 0; i < 6; ++i) {
+    const Eigen::Vector3d p(0.02 * i, 0.01 * i, 0.0);
+    line.push_back({p, *camera.project(truth.inverse() * p)});
+  }
+  EXPECT_FALSE(refine_pose(camera, line, truth));
+  points[3].pixel.x() = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(refine_pose(camera, points, truth));
+}
+
+TEST(PoseSolver, FindsBothPosesOfASmallTag) {
+  const CameraModel camera = desk_camera();
+  std::mt19937 random(12);
+  int both = 0;
+  int truth_among_them = 0;
+  constexpr int kTrials = 100;
+  for (int i = 0; i < kTrials; ++i) {
+    const CameraPose truth = looking_at_origin(0.9, radians(20.0), 0.06 * i, 0.1);
+    const auto points =
+        points_of(observe(camera, truth, {flat_tag(0, 0.0, 0.0, 0.04)}, 0.1, random));
+    const auto starts = solve_pose(camera, points);
+    both += starts.size() == 2 ? 1 : 0;
+    bool close = false;
+    for (const CameraPose& start : starts)
+      close = close || start.rotation().angularDistance(truth.rotation()) < radians(8.0);
+    truth_among_them += close ? 1 : 0;
+  }
+  EXPECT_EQ(both, kTrials);
+  EXPECT_GE(truth_among_them, 95);
+}
+
+TEST(PoseSolver, PointsOffThePlaneHaveOnePose) {
+  const CameraModel camera = desk_camera();
+  std::mt19937 random(13);
+  std::vector<MappedTag> tags = sheet();
+  for (int i = 0; i < 3; ++i) {
+    MappedTag upright = flat_tag(30 + i, 0.0, 0.0, 0.06);
+    upright.T_table_tag = {
+        Eigen::Quaterniond(Eigen::AngleAxisd(radians(90.0), Eigen::Vector3d::UnitX())),
+        Eigen::Vector3d(-0.08 + 0.08 * i, 0.12, 0.08)};
+    tags.push_back(upright);
+  }
+  const CameraPose truth = looking_at_origin(0.6, 0.9, 0.1, 0.0);
+  const auto starts = solve_pose(camera, points_of(observe(camera, truth, tags, 0.0, random)));
+  ASSERT_EQ(starts.size(), 1U);
+  EXPECT_LT(perturbation_between(truth, starts[0]).norm(), 1e-4);
+}
+
+TEST(PoseSolver, DegenerateInputHasNone) {
+  const CameraModel camera = desk_camera();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  std::mt19937 random(14);
+  const CameraPose truth = looking_at_origin(0.5, 0.3, 0.0, 0.0);
+  const auto points = points_of(observe(camera, truth, {flat_tag(0, 0.0, 0.0, 0.05)}, 0.0, random));
+  EXPECT_TRUE(solve_pose(camera, {}).empty());
+  for (const std::size_t count : {1U, 2U, 3U})
+    EXPECT_TRUE(solve_pose(camera, std::span(points).first(count)).empty());
+  std::vector<PointObservation> line;
+  for (int i = 0; i < 8; ++i) {
+    const Eigen::Vector3d p(0.02 * i - 0.08, 0.01 * i, 0.0);
+    line.push_back({p, *camera.project(truth.inverse() * p)});
+  }
+  EXPECT_TRUE(solve_pose(camera, line).empty());
+  EXPECT_TRUE(solve_pose(camera, std::vector<PointObservation>(4, points[0])).empty());
+  auto bad = points;
+  bad[1].pixel.y() = nan;
+  EXPECT_TRUE(solve_pose(camera, bad).empty());
+  bad = points;
+  bad[2].p_table.x() = nan;
+  EXPECT_TRUE(solve_pose(camera, bad).empty());
+}
+
+}  // namespace
+}  // namespace penumbra

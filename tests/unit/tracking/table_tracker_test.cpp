@@ -1,0 +1,185 @@
+#include "tracking/table_tracker.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "support/paths.hpp"
+#include "support/replay_tracking.hpp"
+#include "support/synthetic_view.hpp"
+
+namespace penumbra {
+namespace {
+
+Frame grey_frame(int width, int height, std::int64_t timestamp_ns) {
+  FrameBuffer buffer = allocate_frame(PixelFormat::grey8, width, height);
+  for (int y = 0; y < height; ++y) {
+    std::uint8_t* row = buffer.plane_data[0] + y * buffer.frame.planes[0].stride;
+    std::fill(row, row + width, std::uint8_t{90});
+  }
+  buffer.frame.timestamp_ns = timestamp_ns;
+  return buffer.frame;
+}
+
+TEST(TableTracker, NeedsATagThatIsFixedToTheTable) {
+  std::vector<MappedTag> tags = test::sheet();
+  for (MappedTag& tag : tags) tag.group = "lid";
+  const auto tracker = TableTracker::create(test::desk_camera(), TagMap::make(tags).value());
+  ASSERT_FALSE(tracker);
+  EXPECT_THAT(tracker.error().message, testing::HasSubstr("group"));
+  TrackerOptions options;
+  options.tracked_overlay_px = std::nan("");
+  EXPECT_FALSE(
+      TableTracker::create(test::desk_camera(), TagMap::make(test::sheet()).value(), options));
+}
+
+TEST(TableTracker, SaysWhyThereIsNoPose) {
+  auto tracker =
+      TableTracker::create(test::desk_camera(), TagMap::make(test::sheet()).value()).value();
+  const PoseEstimate nothing = tracker.track(grey_frame(640, 480, 0)).pose;
+  EXPECT_EQ(nothing.status, TrackStatus::lost);
+  EXPECT_THAT(nothing.reason, testing::HasSubstr("no tag"));
+  const PoseEstimate other_size = tracker.track(grey_frame(320, 240, 1)).pose;
+  EXPECT_EQ(other_size.status, TrackStatus::lost);
+  EXPECT_THAT(other_size.reason,
+              testing::AllOf(testing::HasSubstr("320x240"), testing::HasSubstr("640x480")));
+  EXPECT_EQ(tracker.track(Frame{}).pose.status, TrackStatus::lost);
+}
+
+// The bundled recording, its first frames.
+class OnTabletop : public testing::Test {
+ protected:
+  void SetUp() override {
+    recording_ = test::recordings_dir() / "tabletop";
+    if (!std::filesystem::exists(recording_ / "camera.yaml"))
+      GTEST_SKIP() << "recordings/tabletop is not there";
+    camera_.emplace(load_camera(recording_ / "camera.yaml").value());
+    map_.emplace(load_tag_map(recording_ / "tags.yaml").value());
+    truth_ = load_trajectory(recording_ / "groundtruth.tum").value();
+    listed_ = test::list_frames(recording_).value();
+  }
+  [[nodiscard]] Frame frame(std::size_t i) const {
+    Frame loaded = load_image(listed_[i].file).value();
+    loaded.timestamp_ns = listed_[i].timestamp_ns;
+    return loaded;
+  }
+  [[nodiscard]] double error_px(const PoseEstimate& pose, std::int64_t time) const {
+    return overlay_difference(*camera_, pose.T_table_camera, truth_.at(time)->T_table_camera)
+        .rms_px();
+  }
+  std::filesystem::path recording_;
+  std::optional<CameraModel> camera_;
+  std::optional<TagMap> map_;
+  Trajectory truth_;
+  std::vector<test::ListedFrame> listed_;
+};
+
+TEST_F(OnTabletop, HoldsTheLastMotionForAWhileAndThenLosesIt) {
+  TrackerOptions options;
+  options.hold_s = 0.25;
+  auto tracker = TableTracker::create(*camera_, *map_, options).value();
+  constexpr std::size_t kSeen = 6;
+  for (std::size_t i = 0; i < kSeen; ++i) {
+    const TrackedFrame tracked = tracker.track(frame(i));
+    ASSERT_EQ(tracked.pose.status, TrackStatus::tracked) << tracked.pose.reason;
+    EXPECT_EQ(tracked.pose.reason, "");
+    EXPECT_EQ(tracked.pose.age_s, 0.0);
+    EXPECT_TRUE(tracked.times.full_detection);
+    EXPECT_GT(tracked.times.detect_cpu_ms, 0.0);
+    EXPECT_GE(tracked.times.total_cpu_ms, tracked.times.detect_cpu_ms + tracked.times.solve_cpu_ms);
+  }
+  const std::int64_t last = listed_[kSeen - 1].timestamp_ns;
+  const CameraPose still = tracker.track(frame(kSeen)).pose.T_table_camera;
+  double promised = 0.0;
+  for (std::size_t i = kSeen + 1; i < kSeen + 7; ++i) {
+    const PoseEstimate held = tracker.track(grey_frame(640, 480, listed_[i].timestamp_ns)).pose;
+    ASSERT_EQ(held.status, TrackStatus::held);
+    EXPECT_NEAR(held.age_s, seconds(listed_[i].timestamp_ns - listed_[kSeen].timestamp_ns), 1e-12);
+    EXPECT_THAT(held.reason, testing::HasSubstr("no tag"));
+    EXPECT_GT(held.expected_overlay_error_px, promised) << "it must get less certain";
+    promised = held.expected_overlay_error_px;
+    if (i == kSeen + 2) {
+      // Continued, it is nearer to the truth than standing still would be.
+      const std::int64_t time = listed_[i].timestamp_ns;
+      EXPECT_LT(error_px(held, time),
+                overlay_difference(*camera_, still, truth_.at(time)->T_table_camera).rms_px());
+    }
+  }
+  const PoseEstimate lost = tracker.track(grey_frame(640, 480, last + 2'000'000'000)).pose;
+  EXPECT_EQ(lost.status, TrackStatus::lost);
+  // Seen again, it is tracked at once.
+  Frame again = frame(20);
+  again.timestamp_ns = last + 3'000'000'000;
+  EXPECT_EQ(tracker.track(again).pose.status, TrackStatus::tracked);
+  // A clock that goes back starts anew.
+  EXPECT_EQ(tracker.track(frame(3)).pose.status, TrackStatus::tracked);
+  EXPECT_EQ(tracker.track(grey_frame(640, 480, 0)).pose.status, TrackStatus::lost);
+}
+
+TEST_F(OnTabletop, ATagThatWasMovedDoesNotMoveTheTable) {
+  std::vector<MappedTag> tags = map_->tags();
+  tags[5].T_table_tag = {tags[5].T_table_tag.rotation(),
+                         tags[5].T_table_tag.translation() + Eigen::Vector3d(0.015, 0.01, 0.0)};
+  auto tracker = TableTracker::create(*camera_, TagMap::make(tags).value()).value();
+  for (std::size_t i = 0; i < 5; ++i) {
+    const PoseEstimate pose = tracker.track(frame(i)).pose;
+    EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
+    EXPECT_EQ(pose.tags_used, 11);
+    EXPECT_LT(error_px(pose, listed_[i].timestamp_ns), 0.6);
+  }
+}
+
+TEST_F(OnTabletop, TagsOfOtherGroupsSayNothingAboutTheTable) {
+  std::vector<MappedTag> tags = map_->tags();
+  for (std::size_t i = 0; i < 4; ++i) {
+    tags[i].group = "lid";
+    tags[i].T_table_tag = {tags[i].T_table_tag.rotation(), Eigen::Vector3d(1.0, 2.0, 3.0)};
+  }
+  auto tracker = TableTracker::create(*camera_, TagMap::make(tags).value()).value();
+  const PoseEstimate pose = tracker.track(frame(0)).pose;
+  EXPECT_EQ(pose.status, TrackStatus::tracked);
+  EXPECT_EQ(pose.tags_used, 8);
+  EXPECT_LT(error_px(pose, listed_[0].timestamp_ns), 0.6);
+}
+
+TEST_F(OnTabletop, AMapThatDoesNotFitIsNeverTracked) {
+  std::vector<MappedTag> tags = map_->tags();
+  // Every tag in another one's place.
+  for (std::size_t i = 0; i < tags.size(); ++i)
+    tags[i].T_table_tag = map_->tags()[(i * 7 + 3) % tags.size()].T_table_tag;
+  auto tracker = TableTracker::create(*camera_, TagMap::make(tags).value()).value();
+  const PoseEstimate pose = tracker.track(frame(0)).pose;
+  EXPECT_NE(pose.status, TrackStatus::tracked);
+  EXPECT_NE(pose.reason, "");
+}
+
+TEST_F(OnTabletop, AKnownToneCurveTakesTheCornersOutOfTheTags) {
+  CameraParameters parameters = camera_->parameters();
+  parameters.tone_curve = 1.5;
+  const CameraModel with_curve = CameraModel::make(parameters).value();
+  auto plain = TableTracker::create(*camera_, *map_).value();
+  auto linear = TableTracker::create(with_curve, *map_).value();
+  double plain_rms = 0.0;
+  double linear_rms = 0.0;
+  for (std::size_t i = 0; i < 10; ++i) {
+    plain_rms += plain.track(frame(i)).pose.reprojection_rms_px;
+    linear_rms += linear.track(frame(i)).pose.reprojection_rms_px;
+  }
+  EXPECT_LT(linear_rms, 0.8 * plain_rms);
+}
+
+TEST_F(OnTabletop, TheSameFramesGiveTheSameBits) {
+  auto a = TableTracker::create(*camera_, *map_).value();
+  auto b = TableTracker::create(*camera_, *map_).value();
+  for (std::size_t i = 0; i < 4; ++i) {
+    const PoseEstimate x = a.track(frame(i)).pose;
+    const PoseEstimate y = b.track(frame(i)).pose;
+    EXPECT_EQ(x.T_table_camera.matrix(), y.T_table_camera.matrix());
+    EXPECT_EQ(x.covariance, y.covariance);
+    EXPECT_EQ(x.expected_overlay_error_px, y.expected_overlay_error_px);
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

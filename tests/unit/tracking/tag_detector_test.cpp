@@ -1,0 +1,191 @@
+#include "tracking/tag_detector.hpp"
+
+#include <apriltag/apriltag.h>
+#include <apriltag/tag36h11.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+#include <random>
+
+#include "core/camera_file.hpp"
+#include "core/image_file.hpp"
+#include "support/paths.hpp"
+#include "support/replay_tracking.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::array<TagFamily, 1> kFamily = {TagFamily::tag36h11};
+
+struct Drawn {
+  int width = 0;
+  int height = 0;
+  std::ptrdiff_t stride = 0;
+  std::vector<std::uint8_t> pixels;
+  std::array<Eigen::Vector2d, 4> corners_px;  // pixel centres at whole numbers
+
+  [[nodiscard]] ImageView view() const { return {pixels.data(), width, height, stride}; }
+};
+
+// An upright tag of family 36h11 turned by `angle` about its centre, every pixel the mean of 16 x
+// 16 samples of the printed pattern.
+Drawn draw_tag(int id, Eigen::Vector2d centre, double side_px, double angle, int padding) {
+  Drawn drawn;
+  drawn.width = 160;
+  drawn.height = 120;
+  drawn.stride = drawn.width + padding;
+  drawn.pixels.assign(static_cast<std::size_t>(drawn.stride * drawn.height), 0);
+  apriltag_family_t* family = tag36h11_create();
+  image_u8_t* pattern = apriltag_to_image(family, id);
+  const double cell = side_px / family->width_at_border;
+  const double c = std::cos(angle);
+  const double s = std::sin(angle);
+  constexpr int kSamples = 16;
+  for (int y = 0; y < drawn.height; ++y) {
+    for (int x = 0; x < drawn.width; ++x) {
+      double sum = 0.0;
+      for (int i = 0; i < kSamples * kSamples; ++i) {
+        const double u = x - 0.5 + (i % kSamples + 0.5) / kSamples - centre.x();
+        const double v = y - 0.5 + (i / kSamples + 0.5) / kSamples - centre.y();
+        const int a = static_cast<int>(std::floor((c * u + s * v) / cell + 0.5 * pattern->width));
+        const int b = static_cast<int>(std::floor((-s * u + c * v) / cell + 0.5 * pattern->height));
+        const bool inside = a >= 0 && b >= 0 && a < pattern->width && b < pattern->height;
+        sum += inside ? pattern->buf[b * pattern->stride + a] : 160.0;
+      }
+      drawn.pixels[static_cast<std::size_t>(y * drawn.stride + x)] =
+          static_cast<std::uint8_t>(std::lround(20.0 + 0.8 * sum / (kSamples * kSamples)));
+    }
+  }
+  const double h = 0.5 * side_px;
+  // y up on the tag is up in the image when upright: rows count down.
+  const std::array<Eigen::Vector2d, 4> upright = {{{-h, h}, {h, h}, {h, -h}, {-h, -h}}};
+  for (std::size_t i = 0; i < 4; ++i) {
+    drawn.corners_px[i] = centre + Eigen::Vector2d(c * upright[i].x() - s * upright[i].y(),
+                                                   s * upright[i].x() + c * upright[i].y());
+  }
+  std::free(pattern->buf);  // Debian exports no image_u8_destroy beside the detector
+  std::free(pattern);
+  tag36h11_destroy(family);
+  return drawn;
+}
+
+TEST(TagDetector, CornersAreInOrderAndPixelCentresAreWholeNumbers) {
+  TagDetector detector = TagDetector::create(kFamily).value();
+  Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+  int count = 0;
+  for (int i = 0; i < 24; ++i) {
+    const Drawn drawn =
+        draw_tag(i, {80.0 + 0.13 * i, 58.0 - 0.21 * i}, 44.0 + 0.37 * i, 0.26 * i, i % 3 * 7);
+    const auto tags = detector.detect(drawn.view());
+    ASSERT_EQ(tags.size(), 1U) << i;
+    EXPECT_EQ(tags[0].id, i);
+    EXPECT_EQ(tags[0].hamming, 0);
+    for (std::size_t k = 0; k < 4; ++k) {
+      const Eigen::Vector2d error = tags[0].corners_px[k] - drawn.corners_px[k];
+      EXPECT_LT(error.norm(), 0.6) << i << " corner " << k;
+      sum += error;
+      ++count;
+    }
+  }
+  // With the library's own origin this would be (0.5, 0.5).
+  EXPECT_LT((sum / count).cwiseAbs().maxCoeff(), 0.06) << sum / count;
+}
+
+TEST(TagDetector, NoSizeOfImageMakesItCrash) {
+  std::mt19937 random(1);
+  std::vector<std::uint8_t> noise(64 * 64);
+  for (auto& value : noise) value = static_cast<std::uint8_t>(random());
+  for (const float decimate : {1.0F, 1.5F, 2.0F, 3.0F, 4.0F}) {
+    TagDetectorOptions options;
+    options.quad_decimate = decimate;
+    TagDetector detector = TagDetector::create(kFamily, options).value();
+    for (int height = 1; height <= 40; ++height) {
+      for (int width = 1; width <= 40; ++width) {
+        const ImageView packed{noise.data(), width, height, width};
+        const ImageView strided{noise.data(), width, height, 64};
+        EXPECT_TRUE(detector.detect(packed).empty());
+        EXPECT_TRUE(detector.detect(strided).empty());
+      }
+    }
+  }
+}
+
+TEST(TagDetector, EmptyViewsHaveNoTags) {
+  TagDetector detector = TagDetector::create(kFamily).value();
+  EXPECT_TRUE(detector.detect({}).empty());
+  const std::vector<std::uint8_t> pixels(100 * 100, 128);
+  EXPECT_TRUE(detector.detect({pixels.data(), 100, 100, 100}).empty());
+  EXPECT_TRUE(detector.detect({pixels.data(), 100, 100, 50}).empty()) << "rows that overlap";
+  EXPECT_TRUE(detector.detect({pixels.data(), 0, 100, 100}).empty());
+}
+
+TEST(TagDetector, RefusesOptionsThatTheLibraryMisreads) {
+  const auto refuses = [](TagDetectorOptions options) {
+    EXPECT_FALSE(TagDetector::create(kFamily, options));
+  };
+  for (const float decimate : {0.0F, 0.5F, 2.5F, 9.0F, std::numeric_limits<float>::quiet_NaN()}) {
+    TagDetectorOptions options;
+    options.quad_decimate = decimate;
+    refuses(options);
+  }
+  TagDetectorOptions options;
+  options.max_hamming = 3;
+  refuses(options);
+  EXPECT_FALSE(TagDetector::create({}));
+}
+
+TEST(TagDetector, TheSameImageGivesTheSameBits) {
+  const Drawn drawn = draw_tag(7, {70.3, 60.8}, 50.0, 0.4, 0);
+  TagDetector a = TagDetector::create(kFamily).value();
+  TagDetector b = TagDetector::create(kFamily).value();
+  const auto first = a.detect(drawn.view());
+  ASSERT_EQ(first.size(), 1U);
+  for (const auto& again : {a.detect(drawn.view()), b.detect(drawn.view())})
+    EXPECT_EQ(again.at(0).corners_px, first[0].corners_px);
+}
+
+// The rendered sheet's exact corners. Its tone curve lets white bleed into black, so that each
+// corner lies some 0.2 px inside its tag: that cancels over the four, an origin off by half a pixel
+// does not.
+TEST(TagDetector, AgreesWithTheTruthOfARecording) {
+  const auto recording = test::recordings_dir() / "tabletop";
+  if (!std::filesystem::exists(recording / "camera.yaml"))
+    GTEST_SKIP() << "recordings/tabletop is not there";
+  const CameraModel camera = load_camera(recording / "camera.yaml").value();
+  const TagMap map = load_tag_map(recording / "tags.yaml").value();
+  const Trajectory truth = load_trajectory(recording / "groundtruth.tum").value();
+  const auto frames = test::list_frames(recording).value();
+  TagDetector detector = TagDetector::create(map.families()).value();
+  Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+  double inward = 0.0;
+  int count = 0;
+  for (std::size_t i = 0; i < frames.size(); i += 12) {
+    const Frame frame = load_image(frames[i].file).value();
+    std::vector<std::uint8_t> scratch;
+    const auto T_camera_table = truth.at(frames[i].timestamp_ns)->T_table_camera.inverse();
+    for (const TagDetection& tag : detector.detect(luma(frame, scratch))) {
+      const MappedTag* mapped = map.find(tag.family, tag.id);
+      ASSERT_NE(mapped, nullptr);
+      const auto corners = mapped->corners();
+      const auto centre = *camera.project(T_camera_table * mapped->T_table_tag.translation());
+      for (std::size_t k = 0; k < 4; ++k) {
+        const Eigen::Vector2d exact = *camera.project(T_camera_table * corners[k]);
+        const Eigen::Vector2d error = tag.corners_px[k] - exact;
+        ASSERT_LT(error.norm(), 2.0) << "frame " << i << " tag " << tag.id << " corner " << k;
+        sum += error;
+        inward += error.dot((centre - exact).normalized());
+        ++count;
+      }
+    }
+  }
+  ASSERT_GT(count, 300);
+  EXPECT_LT((sum / count).cwiseAbs().maxCoeff(), 0.1) << (sum / count).transpose();
+  EXPECT_GT(inward / count, 0.05);
+  EXPECT_LT(inward / count, 0.4);
+}
+
+}  // namespace
+}  // namespace penumbra
