@@ -105,6 +105,10 @@ int floor_of(double x) {
   return static_cast<int>(x + kShift) - kShift;
 }
 
+int ceil_of(double x) {
+  return -floor_of(-x);
+}
+
 // Places along the rows across an edge that are sampled, in pixels from the edge's own pixel.
 struct Band {
   std::array<int, 16> offsets{};
@@ -311,7 +315,7 @@ struct TagAligner::Impl {
     }
     x = 0.25 * static_cast<double>(sum_x);
     y = 0.25 * static_cast<double>(sum_y);
-    return std::abs(x) < 1e6 && std::abs(y) < 1e6;
+    return std::abs(x) < 1e5 && std::abs(y) < 1e5;
   }
 
   [[nodiscard]] bool search(bool independent);
@@ -334,7 +338,7 @@ struct TagAligner::Impl {
 // `independent`: every tag's own highest peak counts, wherever it is.
 bool TagAligner::Impl::search(bool independent) {
   if (independent) return search_within(kSearchReach, true);
-  // As far as the prediction may be off (3.5 sigma); where the peak is not well inside, everywhere.
+  // As far as the prediction may be off (3 sigma); where the peak is not well inside, everywhere.
   double sigma_px = 0.0;
   for (const Tag* tag : active) {
     const double half = 0.5 * (tag->side - 1);
@@ -346,8 +350,7 @@ bool TagAligner::Impl::search(bool independent) {
     const Eigen::Matrix2d spread = J * prior_covariance * J.transpose();
     sigma_px = std::max(sigma_px, std::sqrt(std::max(spread(0, 0), spread(1, 1))));
   }
-  const double reach = 3.5 * sigma_px + 2.0;
-  if (reach <= 7.0 && search_within(7, false)) return true;
+  const double reach = 3.0 * sigma_px + 2.0;
   if (reach <= 15.0 && search_within(15, false)) return true;
   return search_within(kSearchReach, false);
 }
@@ -387,8 +390,8 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent) {
         complete = false;
         break;
       }
-      const int x = static_cast<int>(std::lround(px)) - search_reach;
-      const int y = static_cast<int>(std::lround(py)) + first_row;
+      const int x = floor_of(px + 0.5) - search_reach;
+      const int y = floor_of(py + 0.5) + first_row;
       const int cx = x + search_reach;
       const int cy = y - first_row;
       inside += cx >= 0 && cy >= 0 && cx < image.width && cy < image.height ? 1 : 0;
@@ -558,8 +561,8 @@ void TagAligner::Impl::read_levels() {
       double x = 0.0;
       double y = 0.0;
       if (!cell_pixel(*tag, cell.i, cell.j, x, y)) continue;
-      const auto px = static_cast<int>(std::lround(x));
-      const auto py = static_cast<int>(std::lround(y));
+      const int px = floor_of(x + 0.5);
+      const int py = floor_of(y + 0.5);
       if (px < 0 || py < 0 || px >= image.width || py >= image.height) continue;
       const double value = static_cast<double>(tone[image.row(py)[px]]);
       (cell.white ? white : black) += value;
@@ -658,15 +661,16 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
     for (const double o : {-5.0, -3.0, -1.0, 1.0, 3.0, 5.0})
       band.offsets[static_cast<std::size_t>(band.count++)] =
           static_cast<int>(std::floor(o * unit + 0.5));
-  } else {
-    // The pixels within about 1.75 sigma hold all but a hundredth of what an edge tells.
-    const int half_count = std::clamp(static_cast<int>(std::lround(1.75 * sigma)), 1, 8);
-    for (int o = -half_count + 1; o <= half_count; ++o)
-      band.offsets[static_cast<std::size_t>(band.count++)] = o;
   }
-  const double stride = std::max(1.0, length * band.count / cap);
-  const int capacity = static_cast<int>(length / stride * band.count) +
-                       band.count * (static_cast<int>(runs.size()) + 4);
+  // Within 2.1 sigma of an edge lies all but a two-hundredth of what it tells; a limited number of
+  // pixels is best spent closer.
+  const double reach_px = (options.effort == AlignmentEffort::accurate ? 2.1 : 1.25) * sigma;
+  const double steepness = std::hypot(1.0, tilt / length);
+  const double rows = wide ? band.count : std::min(2.0 * reach_px * steepness, 16.0);
+  const double stride = std::max(1.0, length * rows / cap);
+  const int most_rows = wide ? band.count : std::min(static_cast<int>(3.0 * reach_px) + 2, 17);
+  const int capacity =
+      most_rows * (static_cast<int>(length / stride) + 2 * static_cast<int>(runs.size()) + 4);
   tag.storage.resize(capacity);
   tag.samples = tag.storage.view();
   kernel::Samples& s = tag.samples;
@@ -704,19 +708,29 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
     const auto ry0 = static_cast<double>(tag.ray_y[v0]);
     const double drx = (static_cast<double>(tag.ray_x[v1]) - rx0) * inverse_length;
     const double dry = (static_cast<double>(tag.ray_y[v1]) - ry0) * inverse_length;
+    const double run_reach = std::min(reach_px * std::sqrt(1.0 + slope * slope), 8.0);
+    int first = 0;
+    int last = 0;
     double at = carry;
     for (; at < run_length; at += stride) {
       const int walk = floor_of(x0 + direction * at + 0.5);
       if (walk < 0 || walk >= walk_limit) continue;
       const double exact = direction * (walk - x0);  // where this pixel's centre is along the run
       const int cross = floor_of(y0 + slope * exact);
-      if (cross + band.offsets[0] < 0 ||
-          cross + band.offsets[static_cast<std::size_t>(band.count - 1)] >= cross_limit)
-        continue;
+      if (wide) {
+        if (cross + band.offsets[0] < 0 ||
+            cross + band.offsets[static_cast<std::size_t>(band.count - 1)] >= cross_limit)
+          continue;
+      } else {
+        first = ceil_of(y0 + slope * exact - run_reach);
+        last = std::min(floor_of(y0 + slope * exact + run_reach), first + most_rows - 1);
+        if (first < 0 || last >= cross_limit) continue;
+      }
       const auto guess_x = static_cast<float>(rx0 + drx * exact);
       const auto guess_y = static_cast<float>(ry0 + dry * exact);
-      for (int k = 0; k < band.count; ++k) {
-        const int across = cross + band.offsets[static_cast<std::size_t>(k)];
+      const int count = wide ? band.count : last - first + 1;
+      for (int k = 0; k < count; ++k) {
+        const int across = wide ? cross + band.offsets[static_cast<std::size_t>(k)] : first + k;
         s.pixel_x[used] = static_cast<float>(along_x ? walk : across);
         s.pixel_y[used] = static_cast<float>(along_x ? across : walk);
         s.ray_x[used] = guess_x;
@@ -874,7 +888,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
       measure_noise();
       round_moved += moved;
       // While outliers are still being left behind the pose may yet move.
-      if (i > 0 && moved < kConverged_px && noise_share > 0.85 * before) break;
+      if (i > 0 && moved < kConverged_px && noise_share > 0.7 * before) break;
     }
     if (round_moved < kCornerMoved_px) break;
   }
@@ -887,7 +901,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
 void TagAligner::Impl::measure_noise() {
   int total = 0;
   for (const Tag* tag : active) total += tag->used;
-  const int stride = std::max(1, total / 384);
+  const int stride = std::max(1, total / 256);
   noise_scratch.clear();
   int next = 0;
   for (const Tag* tag : active) {
@@ -926,8 +940,8 @@ void TagAligner::Impl::verify() {
       double x = 0.0;
       double y = 0.0;
       if (!cell_pixel(*tag, cell.i, cell.j, x, y)) continue;
-      const auto px = static_cast<int>(std::lround(x));
-      const auto py = static_cast<int>(std::lround(y));
+      const int px = floor_of(x + 0.5);
+      const int py = floor_of(y + 0.5);
       if (px < 0 || py < 0 || px >= image.width || py >= image.height) continue;
       const auto v = static_cast<std::size_t>(cell.j * tag->side + cell.i);
       s.pixel_x[tag->used] = static_cast<float>(px);

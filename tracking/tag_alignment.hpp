@@ -31,7 +31,7 @@ enum class AlignmentEffort {
 struct AlignmentOptions {
   AlignmentEffort effort = AlignmentEffort::fast;
   int samples_per_tag = 400;
-  int samples = 3000;  // of all tags together, where that gives a tag 100 and more; fast only
+  int samples = 2400;  // of all tags together, where that gives a tag 100 and more; fast only
   // Sigma of the point spread, the pixel's box included: a lens of 0.5 px gives
   // sqrt(0.25 + 1/12) px.
   double blur_px = 0.58;

@@ -146,6 +146,7 @@ Outcome run_detector(const Recording& recording, float decimate) {
 }
 
 bool verbose = false;
+bool only_fast = false;
 double tone = 1.0;
 double blur = 0.58;
 double exposure_share = 0.0;
@@ -283,6 +284,8 @@ int main(int argc, char** argv) {
       verbose = true;
     } else if (std::strcmp(argv[i], "-n") == 0) {
       detectors = false;
+    } else if (std::strcmp(argv[i], "-f") == 0) {
+      only_fast = true;
     } else if (std::strncmp(argv[i], "tone=", 5) == 0) {
       tone = std::strtod(argv[i] + 5, nullptr);
     } else if (std::strncmp(argv[i], "blur=", 5) == 0) {
@@ -301,6 +304,9 @@ int main(int argc, char** argv) {
     if (detectors) {
       print(*recording, "libapriltag d1", run_detector(*recording, 1.0F));
       print(*recording, "libapriltag d2", run_detector(*recording, 2.0F));
+    }
+    if (only_fast) {
+      for (int k = 0; k < 20; ++k) run_alignment(*recording, AlignmentEffort::fast);
     }
     print(*recording, "fast", run_alignment(*recording, AlignmentEffort::fast));
     print(*recording, "accurate", run_alignment(*recording, AlignmentEffort::accurate));

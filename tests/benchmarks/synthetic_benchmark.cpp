@@ -4,6 +4,7 @@
 
 #include <Eigen/LU>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <random>
 
@@ -51,6 +52,10 @@ int main(int argc, char** argv) {
     }
     return argc == 1;
   };
+  int samples = PatternRenderOptions().samples;
+  for (int i = 1; i < argc; ++i) {
+    if (std::strncmp(argv[i], "samples=", 8) == 0) samples = std::atoi(argv[i] + 8);
+  }
   const auto run = [&](TagAligner& aligner, const GreyImage& image, const CameraPose& truth,
                        const CameraPose& start, double start_px, const Vector6d& motion,
                        Score& score, double bound_px) {
@@ -74,6 +79,22 @@ int main(int argc, char** argv) {
     }
   };
 
+  if (wants("bias")) {
+    AlignmentOptions options;
+    options.effort = AlignmentEffort::accurate;
+    auto aligner = TagAligner::create(camera, tags, options).value();
+    std::mt19937_64 random(7);
+    Score score;
+    for (int k = 0; k < 12; ++k) {
+      const CameraPose truth = random_view(random);
+      PatternRenderOptions render;
+      render.samples = samples;
+      const std::array<CameraPose, 1> path = {truth};
+      run(aligner, renderer.render(path, render), truth,
+          displaced(camera, tags, truth, 2.0, random), 2.0, Vector6d::Zero(), score, 0.0);
+    }
+    score.print("accurate, no noise");
+  }
   if (wants("noise")) {
     for (const AlignmentEffort effort : {AlignmentEffort::fast, AlignmentEffort::accurate}) {
       for (const double noise : {0.0, 1.0, 2.0, 5.0}) {
@@ -86,6 +107,7 @@ int main(int argc, char** argv) {
           const CameraPose truth = random_view(random);
           PatternRenderOptions render;
           render.noise_grey = noise;
+          render.samples = samples;
           render.seed = static_cast<std::uint64_t>(k) + 1;
           const std::array<CameraPose, 1> path = {truth};
           const GreyImage image = renderer.render(path, render);
