@@ -49,13 +49,15 @@ TrackedFrame Session::track(const Frame& frame) {
   return look_up(std::get<Trajectory>(poses_), frame);
 }
 
-Result<SessionFrame> Session::step(const Frame& frame, std::span<std::uint8_t> rgba) {
+Result<SessionFrame> Session::draw(TrackedFrame tracked, std::span<std::uint8_t> rgba) {
   SessionFrame result;
-  result.tracked = track(frame);
+  result.tracked = std::move(tracked);
+  const Frame& frame = result.tracked.frame;
+  if (!options_.scene_start_ns) options_.scene_start_ns = frame.timestamp_ns;
 
   const Stopwatch plan_watch;
   const SceneState state =
-      evaluate_scene(*scene_, seconds(frame.timestamp_ns - options_.scene_start_ns));
+      evaluate_scene(*scene_, seconds(frame.timestamp_ns - *options_.scene_start_ns));
   result.plan = plan_frame(*scene_, state, result.tracked.pose, camera_, options_.plan);
   result.plan_time = plan_watch.elapsed();
 
