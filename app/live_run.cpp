@@ -14,6 +14,7 @@
 #include "app/capture/mailbox.hpp"
 #include "app/capture/recording_feed.hpp"
 #include "app/capture/recording_writer.hpp"
+#include "app/capture/v4l2_device.hpp"
 #include "app/interrupt.hpp"
 #include "app/session.hpp"
 #include "app/viewer.hpp"
@@ -37,32 +38,47 @@ std::int64_t now_ns() {
       .count();
 }
 
-Result<std::unique_ptr<LiveSource>> open_camera(const LiveRequest& request,
-                                                const CameraModel& camera) {
-  const std::size_t colon = request.camera.find(':');
-  const std::string kind = request.camera.substr(0, colon);
-  const std::string name =
-      colon == std::string::npos ? std::string() : request.camera.substr(colon + 1);
-  if (kind == "recording" && !name.empty()) {
-    OpenRecordingOptions options;
-    options.require_camera = options.require_tags = false;
-    const auto recording = open_recording(name, options);
-    if (!recording) return tl::unexpected(recording.error());
-    return open_recording_feed(*recording, request.fps);
-  }
+struct CameraName {
+  enum class Kind { v4l2, recording } kind = Kind::v4l2;
+  std::string name;
+};
+
+Result<CameraName> parse_camera(const std::string& camera) {
+  if (camera.starts_with('/')) return CameraName{CameraName::Kind::v4l2, camera};
+  const std::size_t colon = camera.find(':');
+  const std::string kind = camera.substr(0, colon);
+  const std::string name = colon == std::string::npos ? std::string() : camera.substr(colon + 1);
+  if (kind == "v4l2" && !name.empty()) return CameraName{CameraName::Kind::v4l2, name};
+  if (kind == "recording" && !name.empty()) return CameraName{CameraName::Kind::recording, name};
   if (kind == "libcamera") {
     return fail(
         "--camera {}: this penumbra is built without libcamera; name a V4L2 device "
         "(v4l2:/dev/video0)",
-        request.camera);
+        camera);
   }
-  const bool bare_path = request.camera.starts_with('/');
-  if ((kind != "v4l2" || name.empty()) && !bare_path) {
-    return fail("--camera {}: is no camera; give v4l2:/dev/video0 (penumbra devices lists them)",
-                request.camera);
+  return fail("--camera {}: is no camera; give v4l2:/dev/video0 (penumbra devices lists them)",
+              camera);
+}
+
+// What is wrong with the camera at first sight: before anything else is set up.
+Result<void> check_camera(const CameraName& camera) {
+  if (camera.kind == CameraName::Kind::recording) return {};
+  const auto device = V4l2Device::open(camera.name);
+  if (!device) return tl::unexpected(device.error());
+  return {};
+}
+
+Result<std::unique_ptr<LiveSource>> open_camera(const CameraName& name, const LiveRequest& request,
+                                                const CameraModel& camera) {
+  if (name.kind == CameraName::Kind::recording) {
+    OpenRecordingOptions options;
+    options.require_camera = options.require_tags = false;
+    const auto recording = open_recording(name.name, options);
+    if (!recording) return tl::unexpected(recording.error());
+    return open_recording_feed(*recording, request.fps);
   }
   V4l2Options options;
-  options.device = bare_path ? request.camera : name;
+  options.device = name.name;
   options.width = request.width.value_or(camera.width());
   options.height = request.height.value_or(camera.height());
   options.fps = request.fps.value_or(options.fps);
@@ -226,7 +242,21 @@ Result<RunReport> run_live(const LiveRequest& request) {
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
   for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
 
-  auto source = open_camera(request, *camera);
+  const auto name = parse_camera(request.camera);
+  if (!name) return tl::unexpected(name.error());
+  if (auto checked = check_camera(*name); !checked) return tl::unexpected(checked.error());
+  auto context = open_run_context({request.window, request.vsync}, *camera);
+  if (!context) return tl::unexpected(context.error());
+  SessionOptions session_options;
+  session_options.plan = request.plan;
+  auto session = Session::create(**context, scene, *camera, std::move(*tracker), session_options);
+  if (!session) return tl::unexpected(session.error());
+  // Before the camera starts: what it gives first would be old by the time it is drawn.
+  if (auto warm = session->warm_up(PixelFormat::yuv420p); !warm) {
+    return tl::unexpected(warm.error());
+  }
+
+  auto source = open_camera(*name, request, *camera);
   if (!source) return tl::unexpected(source.error());
   if (auto checked = check_size(request, (*source)->format(), *camera); !checked) {
     return tl::unexpected(checked.error());
@@ -249,12 +279,6 @@ Result<RunReport> run_live(const LiveRequest& request) {
     writer->add_event(now_ns(), "start", (*source)->description());
   }
 
-  auto context = open_run_context({request.window, request.vsync}, *camera);
-  if (!context) return tl::unexpected(context.error());
-  SessionOptions session_options;
-  session_options.plan = request.plan;
-  auto session = Session::create(**context, scene, *camera, std::move(*tracker), session_options);
-  if (!session) return tl::unexpected(session.error());
   std::optional<Viewer> viewer;
   if ((*context)->window_size().width > 0) viewer.emplace(**context);
   std::vector<std::uint8_t> pixels;

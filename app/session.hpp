@@ -43,6 +43,9 @@ class Session {
                                               const CameraModel& camera, PoseSource poses,
                                               const SessionOptions& options);
 
+  // Draws a made-up frame of this format, so that the first real one does not wait for the driver
+  // to compile its shaders.
+  [[nodiscard]] Result<void> warm_up(PixelFormat format);
   // The two halves of a step. Frames are tracked in order, by one thread at a time, which need not
   // be the one that draws: neither touches what the other does.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
