@@ -76,6 +76,8 @@ ExitCode run(int argc, char** argv) {
   ChosenCommand chosen;
   penumbra::add_demo_command(program, chosen);
   penumbra::add_replay_command(program, chosen);
+  penumbra::add_live_command(program, chosen);
+  penumbra::add_devices_command(program, chosen);
   penumbra::add_evaluate_command(program, chosen);
   penumbra::add_shadow_command(program, chosen);
   penumbra::add_target_command(program, chosen);

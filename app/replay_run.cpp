@@ -11,10 +11,8 @@
 
 #include "app/capture/recording_source.hpp"
 #include "app/interrupt.hpp"
-#include "app/output/frame_writer.hpp"
-#include "app/output/output_file.hpp"
-#include "app/output/pose_writer.hpp"
 #include "app/progress.hpp"
+#include "app/run_outputs.hpp"
 #include "app/session.hpp"
 #include "app/versions.hpp"
 #include "app/viewer.hpp"
@@ -56,23 +54,8 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
                     recording.folder.string());
       }
     }
-    for (const fs::path& other : taken) {
-      if (same_path(*output, other)) {
-        return fail("{}: is read or written by this run already; name another file",
-                    output->string());
-      }
-    }
-    if (output != request.output && request.output &&
-        output_kind(*request.output) == OutputKind::folder && lies_in(*output, *request.output)) {
-      return fail("{}: lies in {}, which holds pictures and nothing else; name another place",
-                  output->string(), request.output->string());
-    }
-    // Devices may be named twice (/dev/null).
-    if (!fs::exists(*output, ignored) || fs::is_regular_file(*output, ignored)) {
-      taken.push_back(*output);
-    }
   }
-  return {};
+  return check_output_paths(request, std::move(taken));
 }
 
 Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& recording) {
@@ -99,38 +82,6 @@ Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& rec
                 *request.poses_from, recording.folder.string());
   }
   return PoseSource(std::move(*trajectory));
-}
-
-// OpenGL 3.3, or OpenGL ES 3.0 where the driver has no more (Raspberry Pi 4). Fails with what was
-// said of the first.
-template <typename Create>
-Result<std::unique_ptr<GlContext>> with_either_api(const Create& create) {
-  auto context = create(GlApi::gl33);
-  if (context) return context;
-  auto embedded = create(GlApi::gles30);
-  if (!embedded) return context;
-  spdlog::info("{}; going on with OpenGL ES", context.error().message);
-  return embedded;
-}
-
-Result<std::unique_ptr<GlContext>> open_context(const ReplayRequest& request,
-                                                const CameraModel& camera) {
-  if (request.window && display_available()) {
-    auto window = with_either_api([&](GlApi api) {
-      WindowOptions options;
-      options.width = camera.width();
-      options.height = camera.height();
-      options.title = "penumbra";
-      options.api = api;
-      return create_window_context(options);
-    });
-    if (window) return window;
-    fmt::print("{}; going on offscreen\n", window.error().message);
-  } else if (request.window) {
-    fmt::print("no display; going on offscreen\n");
-  }
-  std::fflush(stdout);
-  return with_either_api([](GlApi api) { return create_offscreen_context(api); });
 }
 
 // The median time between frames.
@@ -166,34 +117,6 @@ class Pacer {
   std::int64_t first_ns_ = 0;
   Stopwatch start_;
 };
-
-struct Outputs {
-  std::unique_ptr<FrameWriter> frames;
-  std::optional<PoseWriter> poses;
-  std::optional<OutputFile> report;
-};
-
-Result<Outputs> open_outputs(const ReplayRequest& request, const Recording& recording) {
-  Outputs outputs;
-  if (request.report) {
-    auto file = OutputFile::create(*request.report);
-    if (!file) return tl::unexpected(file.error());
-    outputs.report = std::move(*file);
-  }
-  if (request.poses) {
-    auto writer = PoseWriter::create(*request.poses, request.poses_all);
-    if (!writer) return tl::unexpected(writer.error());
-    outputs.poses = std::move(*writer);
-  }
-  if (request.output) {
-    auto writer = create_frame_writer(
-        *request.output,
-        {recording.camera->width(), recording.camera->height(), frame_interval_s(recording)});
-    if (!writer) return tl::unexpected(writer.error());
-    outputs.frames = std::move(*writer);
-  }
-  return outputs;
-}
 
 Result<void> check_range(const ReplayRequest& request, const Recording& recording) {
   const int count = static_cast<int>(recording.frames.size());
@@ -244,7 +167,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   auto source = open_recording_source(*recording, source_options);
   if (!source) return tl::unexpected(source.error());
 
-  auto context = open_context(request, camera);
+  auto context = open_run_context({request.window, true}, camera);
   if (!context) return tl::unexpected(context.error());
   spdlog::info("OpenGL: {}, {}", (*context)->info().renderer, (*context)->info().version);
   for (const auto& [name, version] : component_versions()) spdlog::info("{} {}", name, version);
@@ -255,7 +178,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   if (!session) return tl::unexpected(session.error());
 
   interrupt.hold();
-  auto outputs = open_outputs(request, *recording);
+  auto outputs =
+      open_outputs(request, {camera.width(), camera.height(), frame_interval_s(*recording)});
   if (!outputs) return tl::unexpected(outputs.error());
 
   const bool has_window = (*context)->window_size().width > 0;
@@ -285,16 +209,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       spdlog::debug("frame {}: {}{}{}", (*frame)->sequence, to_string(pose.status),
                     pose.reason.empty() ? "" : ": ", pose.reason);
 
-      if (outputs->poses) {
-        auto written = outputs->poses->write((*frame)->timestamp_ns, done->tracked.pose);
-        if (!written) return tl::unexpected(written.error());
-      }
-      if (outputs->frames) {
-        const Stopwatch encode_watch;
-        auto written = outputs->frames->write((*frame)->sequence, (*frame)->timestamp_ns, pixels);
-        if (!written) return tl::unexpected(written.error());
-        run.add_time("encode", encode_watch.elapsed());
-      }
+      if (auto written = outputs->write(*done, pixels, run); !written)
+        return tl::unexpected(written.error());
       run.add_time("frame", frame_watch.elapsed());
       progress.update(run.frames());
 
@@ -309,14 +225,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     return fail("{}: no frame was replayed", recording->folder.string());
   }
 
-  if (outputs->frames) {
-    if (auto finished = outputs->frames->finish(); !finished)
-      return tl::unexpected(finished.error());
-  }
-  if (outputs->poses) {
-    if (auto finished = outputs->poses->finish(); !finished)
-      return tl::unexpected(finished.error());
-  }
+  if (auto finished = outputs->finish(); !finished) return tl::unexpected(finished.error());
   RunReport report = run.report();
   report.recording = request.recording.string();
   report.scene = request.scene.string();
@@ -329,10 +238,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     const Evaluation accuracy = accuracy_of(camera, run, *recording->groundtruth);
     if (accuracy.frames_with_truth > 0) report.accuracy = accuracy;
   }
-  if (outputs->report) {
-    if (auto written = write_text(*outputs->report, report_json(report)); !written)
-      return tl::unexpected(written.error());
-  }
+  if (auto written = outputs->write_report(report); !written)
+    return tl::unexpected(written.error());
   return report;
 }
 

@@ -63,7 +63,7 @@ StageSummary StageTimes::summary() const {
 RunRecorder::RunRecorder() {
   // A stage that never ran is told too, with a count of 0.
   for (const char* stage : {"capture", "track", "detect", "align", "solve", "plan", "shadow",
-                            "render", "readback", "encode", "frame"}) {
+                            "render", "readback", "encode", "frame", "latency"}) {
     stages_.emplace_back(stage, StageTimes());
   }
 }
@@ -173,6 +173,11 @@ std::string report_json(const RunReport& report) {
   Json skipped = Json::object();
   for (const auto& [name, count] : report.skipped) skipped[name] = count;
   json["skipped"] = skipped;
+  if (!report.camera_faults.empty()) {
+    Json faults = Json::object();
+    for (const auto& [name, count] : report.camera_faults) faults[name] = count;
+    json["camera_faults"] = faults;
+  }
   if (report.accuracy) json["accuracy"] = json_of(*report.accuracy);
   // A folder name that is no UTF-8 must not cost the report.
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
@@ -209,6 +214,13 @@ std::string report_table(const RunReport& report) {
                   report.height, report.interrupted ? " (interrupted)" : "");
   text += fmt::format("tracked {}, uncertain {}, held {}, lost {}\n", report.frames_tracked,
                       report.frames_uncertain, report.frames_held, report.frames_lost);
+  if (report.frames_dropped > 0) {
+    text += fmt::format("captured {}, of which {} were too late to be shown\n",
+                        report.frames_captured, report.frames_dropped);
+  }
+  for (const auto& [fault, count] : report.camera_faults) {
+    text += fmt::format("camera: {} {}\n", fault, count);
+  }
   text += fmt::format("OpenGL: {}, {}\n\n", report.gl_renderer, report.gl_version);
   text += fmt::format("{:<22}{:>10}{:>10}{:>10}{:>10}\n", "time [ms]", "median", "p95", "max",
                       "CPU mean");

@@ -48,6 +48,8 @@ struct RunReport {
   int tracked_updates = 0;         // frames measured without such a search
   std::vector<std::pair<std::string, std::int64_t>> work;
   std::map<std::string, std::int64_t> skipped;
+  // Live only: what the camera did that it should not have, and what became of it.
+  std::map<std::string, std::int64_t> camera_faults;
   std::optional<Evaluation> accuracy;  // of the tracked frames
 };
 

@@ -50,6 +50,7 @@ class LiveSource : public FrameSource {
   // Ends a next_image() that waits, and every later one at once. By any thread.
   virtual void stop() = 0;
   [[nodiscard]] virtual StreamFormat format() const = 0;
+  [[nodiscard]] virtual std::string description() const = 0;  // for people: device, card, format
   [[nodiscard]] virtual FaultCounter& faults() = 0;
   // The camera's controls as they are now: name -> value.
   [[nodiscard]] virtual std::vector<std::pair<std::string, std::int64_t>> controls() const = 0;

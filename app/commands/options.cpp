@@ -68,6 +68,22 @@ void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       ->type_name("KERNELS");
 }
 
+void add_output_options(CLI::App& command, OutputRequest& request) {
+  command
+      .add_option("--output", request.output,
+                  "Composited frames: *.mkv (FFV1, lossless), *.mp4 (H.264), or a folder of "
+                  "000000.png ... numbered by frame")
+      ->type_name("PATH");
+  CLI::Option* poses = command.add_option("--poses", request.poses, "Tracked poses, as a TUM file")
+                           ->type_name("FILE.tum");
+  command
+      .add_flag("--poses-all", request.poses_all,
+                "Uncertain and held poses too, each after a comment that says so")
+      ->needs(poses);
+  command.add_option("--report", request.report, "What was measured, as JSON")
+      ->type_name("FILE.json");
+}
+
 void add_common_options(CLI::App& command) {
   command.set_version_flag("--version", fmt::format("penumbra {}", program_version()),
                            "Print the version and exit");

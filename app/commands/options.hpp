@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 
+#include "app/run_outputs.hpp"
 #include "render/shadow/technique.hpp"
 
 namespace CLI {
@@ -18,6 +19,9 @@ struct ShadowChoice {
   std::optional<KernelSource> kernels;
 };
 void add_shadow_options(CLI::App& command, ShadowChoice& choice);
+
+// --output, --poses, --poses-all and --report.
+void add_output_options(CLI::App& command, OutputRequest& request);
 
 // Every word that --shadow takes, from the list in render/shadow/technique.hpp.
 [[nodiscard]] std::string known_techniques();

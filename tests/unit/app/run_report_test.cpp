@@ -78,7 +78,7 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   EXPECT_TRUE(json["gl"].contains("renderer"));
   EXPECT_TRUE(json["gl"].contains("version"));
   for (const char* stage : {"capture", "track", "detect", "align", "solve", "shadow", "render",
-                            "readback", "encode", "frame"}) {
+                            "readback", "encode", "frame", "latency"}) {
     ASSERT_TRUE(json["time_ms"].contains(stage)) << stage;
     for (const char* field : {"median", "p95", "max", "cpu_median", "cpu_mean", "count"}) {
       EXPECT_TRUE(json["time_ms"][stage].contains(field)) << stage << " " << field;
