@@ -870,6 +870,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
                       : std::min(options.samples_per_tag,
                                  std::max(100, options.samples / static_cast<int>(active.size())));
   noise_share = 0.0;
+  const double settled = options.effort == AlignmentEffort::accurate ? 0.85 : 0.7;
   for (int round = 0; round < kFineRounds; ++round) {
     ++result.counters.fine_rounds;
     find_visible(exposure_motion, false);
@@ -888,7 +889,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
       measure_noise();
       round_moved += moved;
       // While outliers are still being left behind the pose may yet move.
-      if (i > 0 && moved < kConverged_px && noise_share > 0.7 * before) break;
+      if (i > 0 && moved < kConverged_px && noise_share > settled * before) break;
     }
     if (round_moved < kCornerMoved_px) break;
   }
@@ -901,7 +902,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
 void TagAligner::Impl::measure_noise() {
   int total = 0;
   for (const Tag* tag : active) total += tag->used;
-  const int stride = std::max(1, total / 256);
+  const int stride = std::max(1, total / 384);
   noise_scratch.clear();
   int next = 0;
   for (const Tag* tag : active) {
