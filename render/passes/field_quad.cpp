@@ -54,7 +54,8 @@ void FieldTexture::upload(const ShadowField& field) {
            static_cast<float>(field.origin.y() + 0.5 * field.cell), cell * last_.x, cell * last_.y};
 }
 
-FieldQuad::FieldQuad(ShaderProgram program) : program_(std::move(program)) {
+FieldQuad::FieldQuad(ShaderProgram program, double longest_edge_m)
+    : program_(std::move(program)), longest_edge_m_(longest_edge_m) {
   for (std::size_t i = 0; i < kGrids; ++i) {
     Grid& grid = grids_[i];
     const std::uint32_t pieces = 1U << i;
@@ -79,12 +80,12 @@ FieldQuad::FieldQuad(ShaderProgram program) : program_(std::move(program)) {
   }
 }
 
-Result<FieldQuad> FieldQuad::create(GlApi api) {
+Result<FieldQuad> FieldQuad::create(GlApi api, double longest_edge_m) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "field.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"field.frag.glsl"};
   auto program = ShaderProgram::link(api, kVertex, kFragment);
   if (!program) return tl::unexpected(program.error());
-  return FieldQuad(std::move(*program));
+  return FieldQuad(std::move(*program), longest_edge_m);
 }
 
 void FieldQuad::begin(const LensUniforms& lens, const glm::mat4x3& camera_from_plane) {
@@ -109,7 +110,7 @@ void FieldQuad::draw(const FieldTexture& field, const PlanarMotion& T_plane_own,
   const auto longest = static_cast<double>(std::max(field.rect_.z, field.rect_.w));
   std::size_t grid = 0;
   while (!straight_ && grid + 1 < kGrids &&
-         longest > kLongestEdge * static_cast<double>(1U << grid))
+         longest > longest_edge_m_ * static_cast<double>(1U << grid))
     ++grid;
   field.texture_->bind(0);
   grids_[grid].layout.bind();

@@ -34,7 +34,7 @@ class FieldTexture {
 
 class FieldQuad {
  public:
-  [[nodiscard]] static Result<FieldQuad> create(GlApi api);
+  [[nodiscard]] static Result<FieldQuad> create(GlApi api, double longest_edge_m);
 
   // Of each plane, before its fields are drawn.
   void begin(const LensUniforms& lens, const glm::mat4x3& camera_from_plane);
@@ -53,10 +53,11 @@ class FieldQuad {
   };
   static constexpr std::size_t kGrids = 7;  // up to 64 x 64
 
-  explicit FieldQuad(ShaderProgram program);
+  FieldQuad(ShaderProgram program, double longest_edge_m);
 
   ShaderProgram program_;
   std::array<Grid, kGrids> grids_;
+  double longest_edge_m_ = 0.0;  // pieces are no longer than this, so that they follow the lens
   bool straight_ = false;  // the lens has no distortion: one piece is exact
 };
 

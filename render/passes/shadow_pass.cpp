@@ -162,7 +162,7 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const Camer
   if (!shadow) return tl::unexpected(shadow.error());
   auto outline = ShaderProgram::link(api, kOutlineVertex, kOutlineFragment);
   if (!outline) return tl::unexpected(outline.error());
-  auto field = FieldQuad::create(api);
+  auto field = FieldQuad::create(api, longest_edge(camera));
   if (!field) return tl::unexpected(field.error());
   ShadowPass pass(std::move(*shadow), std::move(*outline), std::move(*field));
   pass.edges_ = longest_caster_edges(scene, camera);
