@@ -205,25 +205,24 @@ class Pipeline {
 // then no pose. Never a still picture that looks live.
 class Silence {
  public:
-  void saw(const TrackedFrame& tracked) {
-    last_ = tracked;
-    gone_ = false;
-  }
+  void saw(const TrackedFrame& tracked) { last_ = tracked; }
   // What to draw now; nothing when that is on the screen already.
   [[nodiscard]] std::optional<TrackedFrame> picture(std::int64_t silence_ns) {
-    if (!last_ || gone_ || silence_ns < kSilence_ns) return std::nullopt;
+    if (!last_ || silence_ns < kSilence_ns) return std::nullopt;
     TrackedFrame tracked = *last_;
     const double age_s = last_->pose.age_s + seconds(silence_ns);
-    gone_ = !tracked.pose.has_pose() || age_s > kHold_s;
-    tracked.pose.status = gone_ ? TrackStatus::lost : TrackStatus::held;
+    const bool gone = !tracked.pose.has_pose() || age_s > kHold_s;
+    tracked.pose.status = gone ? TrackStatus::lost : TrackStatus::held;
     tracked.pose.age_s = age_s;
+    // Drawn for the last time; its buffer goes back: a driver that lost its camera waits for every
+    // one of them before it takes the camera again.
+    if (gone) last_.reset();
     tracked.pose.reason = "no frame from the camera";
     return tracked;
   }
 
  private:
   std::optional<TrackedFrame> last_;
-  bool gone_ = false;
 };
 
 }  // namespace

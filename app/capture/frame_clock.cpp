@@ -8,7 +8,8 @@ namespace {
 
 // A frame is stamped before it arrives, and no driver keeps one for longer than this.
 constexpr std::int64_t kOldest_ns = 10'000'000'000;
-constexpr std::int64_t kClockJitter_ns = 1'000'000;
+// Some drivers name the moment at which the frame is going to end.
+constexpr std::int64_t kYoungest_ns = 1'000'000'000;
 // Numbers that jump by more than this were set back, not lost.
 constexpr std::uint32_t kMostLost = 1U << 20U;
 // A pause of this many intervals, with consecutive numbers, has a lost frame in it.
@@ -29,7 +30,7 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
   FrameStamp stamp;
   stamp.timestamp_ns = driver_ns;
   if (monotonic) {
-    const bool possible = driver_ns <= arrival_ns + kClockJitter_ns &&
+    const bool possible = driver_ns <= arrival_ns + kYoungest_ns &&
                           driver_ns >= arrival_ns - kOldest_ns &&
                           (!any_ || driver_ns > timestamp_ns_);
     stamp.bad_time = !possible;
