@@ -1,13 +1,16 @@
 // Ctrl-C and SIGTERM as a question that a loop asks, so that files are closed before the end.
 #pragma once
 
+#include <atomic>
 #include <csignal>
+#include <thread>
 
 namespace penumbra {
 
-// From construction on, SIGINT and SIGTERM wait in the kernel: for this thread and for every thread
-// it starts, so make one before anything that starts threads (OpenGL, decoders). No handler and no
-// global is needed.
+// From construction on, SIGINT and SIGTERM are blocked in this thread and in every thread it
+// starts, so make one before anything that starts threads (OpenGL, decoders). Until hold() a thread
+// of its own takes them and ends the process at once, as without this. No handler and no global is
+// needed.
 class InterruptWatch {
  public:
   InterruptWatch();
@@ -15,14 +18,18 @@ class InterruptWatch {
   InterruptWatch& operator=(const InterruptWatch&) = delete;
   ~InterruptWatch();
 
-  // True from the first signal on. That signal is taken; a second one then ends the process at
-  // once, should closing the files hang.
+  // Call it before the first file is opened: from here on a signal waits to be asked for.
+  void hold();
+  // True from the first signal after hold() on. That signal is taken; a second one then ends the
+  // process at once, should closing the files hang.
   [[nodiscard]] bool interrupted();
 
  private:
   sigset_t watched_{};
   sigset_t before_{};
   bool interrupted_ = false;
+  std::atomic<bool> held_ = false;
+  std::thread ender_;  // until hold()
 };
 
 }  // namespace penumbra

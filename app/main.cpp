@@ -6,9 +6,12 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <exception>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
@@ -28,6 +31,39 @@ void print_error(std::string message) {
   fmt::print(stderr, "penumbra: error: {}\n", message);
 }
 
+// Prints what is wrong with the command line and where to read more.
+ExitCode wrong_usage(const CLI::App& program, const std::string& what) {
+  const auto commands = program.get_subcommands();
+  print_error(fmt::format("{} (see penumbra {}--help)", what,
+                          commands.empty() ? "" : commands.front()->get_name() + " "));
+  return ExitCode::usage;
+}
+
+// What was typed in place of a command, if that is what is wrong.
+std::optional<std::string> unknown_command(const CLI::App& program) {
+  if (!program.get_subcommands().empty()) return std::nullopt;
+  const std::vector<std::string> words = program.remaining();
+  if (words.empty() || words.front().starts_with('-')) return std::nullopt;
+  std::string known;
+  for (const CLI::App* command : program.get_subcommands([](const CLI::App*) { return true; })) {
+    known += (known.empty() ? "" : ", ") + command->get_name();
+  }
+  return fmt::format("'{}' is no command; known: {}", words.front(), known);
+}
+
+// No option of ours means anything when it is empty.
+std::optional<std::string> empty_option(const CLI::App& program) {
+  for (const CLI::App* command : program.get_subcommands()) {
+    for (const CLI::Option* option : command->get_options()) {
+      const std::vector<std::string>& values = option->results();
+      if (std::find(values.begin(), values.end(), "") != values.end()) {
+        return fmt::format("{}: is empty; give it a value", option->get_name());
+      }
+    }
+  }
+  return std::nullopt;
+}
+
 ExitCode run(int argc, char** argv) {
   CLI::App program("Handheld augmented reality over a table with AprilTags, with layered penumbrae",
                    "penumbra");
@@ -40,8 +76,12 @@ ExitCode run(int argc, char** argv) {
   ChosenCommand chosen;
   penumbra::add_demo_command(program, chosen);
   penumbra::add_replay_command(program, chosen);
+  penumbra::add_live_command(program, chosen);
+  penumbra::add_devices_command(program, chosen);
   penumbra::add_evaluate_command(program, chosen);
+  penumbra::add_shadow_command(program, chosen);
   penumbra::add_target_command(program, chosen);
+  penumbra::add_kernels_command(program, chosen);
 
   try {
     program.parse(argc, argv);
@@ -50,11 +90,10 @@ ExitCode run(int argc, char** argv) {
       program.exit(error);
       return ExitCode::success;
     }
-    const auto commands = program.get_subcommands();
-    print_error(fmt::format("{} (see penumbra {}--help)", error.what(),
-                            commands.empty() ? "" : commands.front()->get_name() + " "));
-    return ExitCode::usage;
+    const auto unknown = unknown_command(program);
+    return wrong_usage(program, unknown ? *unknown : error.what());
   }
+  if (const auto empty = empty_option(program)) return wrong_usage(program, *empty);
   const auto result = chosen();
   if (result) return *result;
   print_error(result.error().message);

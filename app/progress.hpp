@@ -3,13 +3,14 @@
 
 #include <string>
 
-#include "app/stopwatch.hpp"
+#include "core/stopwatch.hpp"
 
 namespace penumbra {
 
 class ProgressBar {
  public:
-  explicit ProgressBar(int total);
+  // `unit`: what is counted, for the rate; without one only the bar is drawn.
+  explicit ProgressBar(int total, std::string unit = "frames");
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
   ~ProgressBar();  // takes the bar away
@@ -18,12 +19,14 @@ class ProgressBar {
 
  private:
   int total_ = 0;
+  std::string unit_;
   bool terminal_ = false;
   Stopwatch since_start_;
   double last_drawn_ms_ = -1e9;
 };
 
 // "[######          ]  45/120  31.2 frames/s"
-[[nodiscard]] std::string progress_text(int done, int total, double elapsed_ms);
+[[nodiscard]] std::string progress_text(int done, int total, double elapsed_ms,
+                                        const std::string& unit = "frames");
 
 }  // namespace penumbra

@@ -5,16 +5,16 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <set>
 #include <thread>
 #include <vector>
 
 #include "app/capture/recording_source.hpp"
 #include "app/interrupt.hpp"
-#include "app/output/frame_writer.hpp"
-#include "app/output/output_file.hpp"
-#include "app/output/pose_writer.hpp"
 #include "app/progress.hpp"
+#include "app/run_outputs.hpp"
 #include "app/session.hpp"
+#include "app/versions.hpp"
 #include "app/viewer.hpp"
 #include "core/units.hpp"
 
@@ -23,38 +23,39 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool same_path(const fs::path& a, const fs::path& b) {
-  std::error_code error;
-  if (fs::equivalent(a, b, error)) return true;
-  return fs::weakly_canonical(a, error) == fs::weakly_canonical(b, error);
-}
-
-// No output may take the place of what this run reads, or of another output.
+// No output may take the place of what this run reads, or of another output. A recording is only
+// read: nothing is written anywhere in its folder.
 Result<void> check_outputs(const ReplayRequest& request, const Recording& recording) {
-  std::vector<fs::path> taken = {request.scene,
-                                 recording.folder,
-                                 recording.folder / "camera.yaml",
-                                 recording.folder / "tags.yaml",
-                                 recording.folder / "timestamps.csv",
-                                 recording.folder / "groundtruth.tum"};
+  std::vector<fs::path> taken = {request.scene};
+  for (const char* file : {"camera.yaml", "tags.yaml", "timestamps.csv", "groundtruth.tum"}) {
+    taken.push_back(recording.folder / file);  // may be links to elsewhere
+  }
   if (request.tags) taken.push_back(*request.tags);
   if (!recording.video.empty()) taken.push_back(recording.video);
   if (request.poses_from) taken.emplace_back(*request.poses_from);
   std::error_code ignored;
-  for (const auto& output : {request.output, request.poses, request.report}) {
-    if (!output) continue;
-    for (const fs::path& other : taken) {
-      if (same_path(*output, other)) {
-        return fail("{}: is read or written by this run already; name another file",
-                    output->string());
-      }
-    }
-    // Devices may be named twice (/dev/null).
-    if (!fs::exists(*output, ignored) || fs::is_regular_file(*output, ignored)) {
-      taken.push_back(*output);
+  std::set<fs::path> frame_folders;  // links followed
+  for (const RecordedFrame& frame : recording.frames) {
+    if (frame.file.empty()) continue;
+    frame_folders.insert(frame.file.parent_path());
+    if (fs::is_symlink(frame.file, ignored)) {
+      frame_folders.insert(fs::weakly_canonical(frame.file, ignored).parent_path());
     }
   }
-  return {};
+  for (const auto& output : {request.output, request.poses, request.report}) {
+    if (!output) continue;
+    if (lies_in(*output, recording.folder)) {
+      return fail("{}: lies in the recording {}, which is only read; name a place outside it",
+                  output->string(), recording.folder.string());
+    }
+    for (const fs::path& frames : frame_folders) {
+      if (lies_in(frames, *output)) {
+        return fail("{}: holds frames of the recording {}; name another place", output->string(),
+                    recording.folder.string());
+      }
+    }
+  }
+  return check_output_paths(request, std::move(taken));
 }
 
 Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& recording) {
@@ -83,23 +84,6 @@ Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& rec
   return PoseSource(std::move(*trajectory));
 }
 
-Result<std::unique_ptr<GlContext>> open_context(const ReplayRequest& request,
-                                                const CameraModel& camera) {
-  if (request.window && display_available()) {
-    WindowOptions options;
-    options.width = camera.width();
-    options.height = camera.height();
-    options.title = "penumbra";
-    auto window = create_window_context(options);
-    if (window) return window;
-    fmt::print("{}; going on offscreen\n", window.error().message);
-  } else if (request.window) {
-    fmt::print("no display; going on offscreen\n");
-  }
-  std::fflush(stdout);
-  return create_offscreen_context();
-}
-
 // The median time between frames.
 double frame_interval_s(const Recording& recording) {
   std::vector<std::int64_t> gaps;
@@ -116,11 +100,12 @@ double frame_interval_s(const Recording& recording) {
 class Pacer {
  public:
   void wait_for(std::int64_t timestamp_ns, double paused_ms) {
-    if (!first_ns_) {
+    if (!started_) {
+      started_ = true;
       first_ns_ = timestamp_ns;
       start_.restart();
     }
-    const double due_ms = static_cast<double>(timestamp_ns - *first_ns_) * 1e-6 + paused_ms;
+    const double due_ms = static_cast<double>(timestamp_ns - first_ns_) * 1e-6 + paused_ms;
     const double early_ms = due_ms - start_.elapsed().wall_ms;
     if (early_ms > 0.0) {
       std::this_thread::sleep_for(std::chrono::duration<double, std::milli>(early_ms));
@@ -128,37 +113,10 @@ class Pacer {
   }
 
  private:
-  std::optional<std::int64_t> first_ns_;
+  bool started_ = false;
+  std::int64_t first_ns_ = 0;
   Stopwatch start_;
 };
-
-struct Outputs {
-  std::unique_ptr<FrameWriter> frames;
-  std::optional<PoseWriter> poses;
-  std::optional<OutputFile> report;
-};
-
-Result<Outputs> open_outputs(const ReplayRequest& request, const Recording& recording) {
-  Outputs outputs;
-  if (request.report) {
-    auto file = OutputFile::create(*request.report);
-    if (!file) return tl::unexpected(file.error());
-    outputs.report = std::move(*file);
-  }
-  if (request.poses) {
-    auto writer = PoseWriter::create(*request.poses, request.poses_all);
-    if (!writer) return tl::unexpected(writer.error());
-    outputs.poses = std::move(*writer);
-  }
-  if (request.output) {
-    auto writer = create_frame_writer(
-        *request.output,
-        {recording.camera->width(), recording.camera->height(), frame_interval_s(recording)});
-    if (!writer) return tl::unexpected(writer.error());
-    outputs.frames = std::move(*writer);
-  }
-  return outputs;
-}
 
 Result<void> check_range(const ReplayRequest& request, const Recording& recording) {
   const int count = static_cast<int>(recording.frames.size());
@@ -197,8 +155,6 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
 
   if (auto checked = check_outputs(request, *recording); !checked)
     return tl::unexpected(checked.error());
-  auto outputs = open_outputs(request, *recording);
-  if (!outputs) return tl::unexpected(outputs.error());
 
   RecordingSourceOptions source_options;
   source_options.first = request.frames.first;
@@ -211,13 +167,20 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   auto source = open_recording_source(*recording, source_options);
   if (!source) return tl::unexpected(source.error());
 
-  auto context = open_context(request, camera);
+  auto context = open_run_context({request.window, true}, camera);
   if (!context) return tl::unexpected(context.error());
+  spdlog::info("OpenGL: {}, {}", (*context)->info().renderer, (*context)->info().version);
+  for (const auto& [name, version] : component_versions()) spdlog::info("{} {}", name, version);
   SessionOptions session_options;
   session_options.plan = request.plan;
   session_options.scene_start_ns = recording->frames.front().timestamp_ns;
   auto session = Session::create(**context, scene, camera, std::move(*poses), session_options);
   if (!session) return tl::unexpected(session.error());
+
+  interrupt.hold();
+  auto outputs =
+      open_outputs(request, {camera.width(), camera.height(), frame_interval_s(*recording)});
+  if (!outputs) return tl::unexpected(outputs.error());
 
   const bool has_window = (*context)->window_size().width > 0;
   std::optional<Viewer> viewer;
@@ -242,17 +205,12 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       auto done = session->step(**frame, pixels);
       if (!done) return tl::unexpected(done.error());
       run.add_frame(*done);
+      const PoseEstimate& pose = done->tracked.pose;
+      spdlog::debug("frame {}: {}{}{}", (*frame)->sequence, to_string(pose.status),
+                    pose.reason.empty() ? "" : ": ", pose.reason);
 
-      if (outputs->poses) {
-        auto written = outputs->poses->write((*frame)->timestamp_ns, done->tracked.pose);
-        if (!written) return tl::unexpected(written.error());
-      }
-      if (outputs->frames) {
-        const Stopwatch encode_watch;
-        auto written = outputs->frames->write((*frame)->sequence, (*frame)->timestamp_ns, pixels);
-        if (!written) return tl::unexpected(written.error());
-        run.add_time("encode", encode_watch.elapsed());
-      }
+      if (auto written = outputs->write(*done, pixels, run); !written)
+        return tl::unexpected(written.error());
       run.add_time("frame", frame_watch.elapsed());
       progress.update(run.frames());
 
@@ -267,14 +225,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     return fail("{}: no frame was replayed", recording->folder.string());
   }
 
-  if (outputs->frames) {
-    if (auto finished = outputs->frames->finish(); !finished)
-      return tl::unexpected(finished.error());
-  }
-  if (outputs->poses) {
-    if (auto finished = outputs->poses->finish(); !finished)
-      return tl::unexpected(finished.error());
-  }
+  if (auto finished = outputs->finish(); !finished) return tl::unexpected(finished.error());
   RunReport report = run.report();
   report.recording = request.recording.string();
   report.scene = request.scene.string();
@@ -287,10 +238,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     const Evaluation accuracy = accuracy_of(camera, run, *recording->groundtruth);
     if (accuracy.frames_with_truth > 0) report.accuracy = accuracy;
   }
-  if (outputs->report) {
-    if (auto written = write_text(*outputs->report, report_json(report)); !written)
-      return tl::unexpected(written.error());
-  }
+  if (auto written = outputs->write_report(report); !written)
+    return tl::unexpected(written.error());
   return report;
 }
 

@@ -6,21 +6,18 @@
 #include <string>
 
 #include "app/frame_range.hpp"
+#include "app/run_outputs.hpp"
 #include "app/run_report.hpp"
 #include "core/error.hpp"
 #include "render/frame_plan.hpp"
 
 namespace penumbra {
 
-struct ReplayRequest {
+struct ReplayRequest : OutputRequest {
   std::filesystem::path recording;
   std::filesystem::path scene;
   std::optional<std::filesystem::path> tags;  // instead of the recording's
   PlanOptions plan;
-  std::optional<std::filesystem::path> output;
-  std::optional<std::filesystem::path> poses;
-  bool poses_all = false;  // uncertain and held ones too
-  std::optional<std::filesystem::path> report;
   std::optional<std::string> poses_from;  // "groundtruth" or a TUM file: no tracker
   FrameRange frames;
   int threads = 2;  // 1: decode when asked; more: decode ahead on a thread of its own

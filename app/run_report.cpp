@@ -63,7 +63,7 @@ StageSummary StageTimes::summary() const {
 RunRecorder::RunRecorder() {
   // A stage that never ran is told too, with a count of 0.
   for (const char* stage : {"capture", "track", "detect", "align", "solve", "plan", "shadow",
-                            "render", "readback", "encode", "frame"}) {
+                            "render", "readback", "encode", "frame", "latency"}) {
     stages_.emplace_back(stage, StageTimes());
   }
 }
@@ -104,8 +104,8 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   }
 
   add_time("track", {times.total_ms, times.total_cpu_ms});
-  add_time("detect", {times.detect_ms, times.detect_cpu_ms});
-  add_time("solve", {times.solve_ms, times.solve_cpu_ms});
+  if (times.detect_ms > 0.0) add_time("detect", {times.detect_ms, times.detect_cpu_ms});
+  if (times.solve_ms > 0.0) add_time("solve", {times.solve_ms, times.solve_cpu_ms});
   add_time("plan", frame.plan_time);
   add_time("shadow", {drawn.shadow_ms, drawn.shadow_cpu_ms});
   add_time("render", {drawn.render_ms, drawn.render_cpu_ms});
@@ -114,9 +114,9 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   work_.shadow_vertices += drawn.shadow_vertices;
   work_.kernel_generations += drawn.kernel_generations;
   work_.reprojections += drawn.reprojections;
-  // Caster x plane x light whose shadow geometry was not reused as it was.
-  work_.triples_recomputed += std::max<std::int64_t>(
-      0, static_cast<std::int64_t>(frame.plan.shadows.size()) - drawn.reprojections);
+  work_.triples_recomputed += drawn.triples_recomputed;
+  work_.faces_tested += drawn.faces_tested;
+  work_.faces_twisted += drawn.faces_twisted;
   work_.passes_drawn += drawn.passes_drawn;
   work_.passes_skipped += drawn.passes_skipped;
   for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
@@ -130,6 +130,7 @@ RunReport RunRecorder::report() const {
   report.work = {
       {"shadow_vertices", work_.shadow_vertices}, {"kernel_generations", work_.kernel_generations},
       {"reprojections", work_.reprojections},     {"triples_recomputed", work_.triples_recomputed},
+      {"kernel_faces", work_.faces_tested},       {"twisted_faces", work_.faces_twisted},
       {"passes_drawn", work_.passes_drawn},       {"passes_skipped", work_.passes_skipped}};
   return report;
 }
@@ -172,6 +173,11 @@ std::string report_json(const RunReport& report) {
   Json skipped = Json::object();
   for (const auto& [name, count] : report.skipped) skipped[name] = count;
   json["skipped"] = skipped;
+  if (!report.camera_faults.empty()) {
+    Json faults = Json::object();
+    for (const auto& [name, count] : report.camera_faults) faults[name] = count;
+    json["camera_faults"] = faults;
+  }
   if (report.accuracy) json["accuracy"] = json_of(*report.accuracy);
   // A folder name that is no UTF-8 must not cost the report.
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
@@ -208,6 +214,13 @@ std::string report_table(const RunReport& report) {
                   report.height, report.interrupted ? " (interrupted)" : "");
   text += fmt::format("tracked {}, uncertain {}, held {}, lost {}\n", report.frames_tracked,
                       report.frames_uncertain, report.frames_held, report.frames_lost);
+  if (report.frames_dropped > 0) {
+    text += fmt::format("captured {}, of which {} were too late to be shown\n",
+                        report.frames_captured, report.frames_dropped);
+  }
+  for (const auto& [fault, count] : report.camera_faults) {
+    text += fmt::format("camera: {} {}\n", fault, count);
+  }
   text += fmt::format("OpenGL: {}, {}\n\n", report.gl_renderer, report.gl_version);
   text += fmt::format("{:<22}{:>10}{:>10}{:>10}{:>10}\n", "time [ms]", "median", "p95", "max",
                       "CPU mean");

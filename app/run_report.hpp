@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "app/session.hpp"
-#include "app/stopwatch.hpp"
 #include "core/evaluation.hpp"
+#include "core/stopwatch.hpp"
 
 namespace penumbra {
 
@@ -48,6 +48,8 @@ struct RunReport {
   int tracked_updates = 0;         // frames measured without such a search
   std::vector<std::pair<std::string, std::int64_t>> work;
   std::map<std::string, std::int64_t> skipped;
+  // Live only: what the camera did that it should not have, and what became of it.
+  std::map<std::string, std::int64_t> camera_faults;
   std::optional<Evaluation> accuracy;  // of the tracked frames
 };
 
@@ -69,7 +71,8 @@ class RunRecorder {
  private:
   struct Work {
     std::int64_t shadow_vertices = 0, kernel_generations = 0, reprojections = 0,
-                 triples_recomputed = 0, passes_drawn = 0, passes_skipped = 0;
+                 triples_recomputed = 0, faces_tested = 0, faces_twisted = 0, passes_drawn = 0,
+                 passes_skipped = 0;
   };
   RunReport report_;
   std::vector<std::pair<std::string, StageTimes>> stages_;

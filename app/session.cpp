@@ -1,5 +1,6 @@
 #include "app/session.hpp"
 
+#include <cstring>
 #include <limits>
 #include <utility>
 
@@ -49,13 +50,38 @@ TrackedFrame Session::track(const Frame& frame) {
   return look_up(std::get<Trajectory>(poses_), frame);
 }
 
-Result<SessionFrame> Session::step(const Frame& frame, std::span<std::uint8_t> rgba) {
+Result<void> Session::warm_up(PixelFormat format) {
+  const FrameBuffer grey = allocate_frame(format, camera_.width(), camera_.height());
+  constexpr int kMiddle = 128;
+  for (int i = 0; i < grey.frame.plane_count; ++i) {
+    const auto plane = static_cast<std::size_t>(i);
+    const PixelPlane& view = grey.frame.planes[plane];
+    std::memset(grey.plane_data[plane], kMiddle,
+                static_cast<std::size_t>(view.stride) * static_cast<std::size_t>(view.height));
+  }
+  // Straight down onto the table's middle, from where most of it is seen.
+  constexpr double kHeight_m = 0.6;
+  PoseEstimate pose;
+  pose.status = TrackStatus::tracked;
+  const Eigen::Quaterniond half_turn_about_x(0.0, 1.0, 0.0, 0.0);
+  pose.T_table_camera = CameraPose(half_turn_about_x, Eigen::Vector3d(0.0, 0.0, kHeight_m));
+  const SceneState state = evaluate_scene(*scene_, 0.0);
+  const FramePlan plan = plan_frame(*scene_, state, pose, camera_, options_.plan);
+  if (auto drawn = compositor_.draw(grey.frame, plan); !drawn) {
+    return tl::unexpected(drawn.error());
+  }
+  return {};
+}
+
+Result<SessionFrame> Session::draw(TrackedFrame tracked, std::span<std::uint8_t> rgba) {
   SessionFrame result;
-  result.tracked = track(frame);
+  result.tracked = std::move(tracked);
+  const Frame& frame = result.tracked.frame;
+  if (!options_.scene_start_ns) options_.scene_start_ns = frame.timestamp_ns;
 
   const Stopwatch plan_watch;
   const SceneState state =
-      evaluate_scene(*scene_, seconds(frame.timestamp_ns - options_.scene_start_ns));
+      evaluate_scene(*scene_, seconds(frame.timestamp_ns - *options_.scene_start_ns));
   result.plan = plan_frame(*scene_, state, result.tracked.pose, camera_, options_.plan);
   result.plan_time = plan_watch.elapsed();
 

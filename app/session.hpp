@@ -1,13 +1,14 @@
 // One frame, all the way: track -> plan -> composite. Live and replay both call this and nothing
-// else.
+// else; live tracks the next frame on another thread meanwhile.
 #pragma once
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <variant>
 
-#include "app/stopwatch.hpp"
+#include "core/stopwatch.hpp"
 #include "core/trajectory.hpp"
 #include "render/compositor.hpp"
 #include "render/frame_plan.hpp"
@@ -22,7 +23,8 @@ using PoseSource = std::variant<TableTracker, Trajectory>;
 
 struct SessionOptions {
   PlanOptions plan;
-  std::int64_t scene_start_ns = 0;  // the frames' clock at which the scene's time is 0
+  // The frames' clock at which the scene's time is 0; nothing: the first frame that is drawn.
+  std::optional<std::int64_t> scene_start_ns;
 };
 
 struct SessionFrame {
@@ -41,15 +43,23 @@ class Session {
                                               const CameraModel& camera, PoseSource poses,
                                               const SessionOptions& options);
 
+  // Draws a made-up frame of this format, so that the first real one does not wait for the driver
+  // to compile its shaders.
+  [[nodiscard]] Result<void> warm_up(PixelFormat format);
+  // The two halves of a step. Frames are tracked in order, by one thread at a time, which need not
+  // be the one that draws: neither touches what the other does.
+  [[nodiscard]] TrackedFrame track(const Frame& frame);
   // `rgba`, if not empty, receives the picture: RGBA8, width * height * 4 bytes.
-  [[nodiscard]] Result<SessionFrame> step(const Frame& frame, std::span<std::uint8_t> rgba = {});
+  [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, std::span<std::uint8_t> rgba = {});
+  [[nodiscard]] Result<SessionFrame> step(const Frame& frame, std::span<std::uint8_t> rgba = {}) {
+    return draw(track(frame), rgba);
+  }
   // Draws the last picture into the context's window.
   void present() { compositor_.present(); }
 
  private:
   Session(std::shared_ptr<const Scene> scene, const CameraModel& camera, PoseSource poses,
           const SessionOptions& options, Compositor compositor);
-  [[nodiscard]] TrackedFrame track(const Frame& frame);
 
   std::shared_ptr<const Scene> scene_;
   CameraModel camera_;

@@ -6,7 +6,7 @@
 #include <chrono>
 #include <thread>
 
-#include "app/stopwatch.hpp"
+#include "core/stopwatch.hpp"
 
 namespace penumbra {
 

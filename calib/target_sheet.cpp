@@ -58,6 +58,24 @@ Result<BoardExtent> extent_of(const TagBoard& board) {
                      board.pitch_m * (board.rows - 1) + printed};
 }
 
+// The page as it must lie for the board.
+Result<PageSize> turned_page(const TagBoard& board, const PageSize& page) {
+  const Result<BoardExtent> extent = extent_of(board);
+  if (!extent) return tl::unexpected(extent.error());
+  const double needed_width = extent->width + 2.0 * kMargin;
+  const double needed_height = extent->height + 2.0 * kMargin + kFooter;
+  double width = page.width_m;
+  double height = page.height_m;
+  if (needed_width > width || needed_height > height) std::swap(width, height);
+  if (needed_width > width || needed_height > height) {
+    return fail(
+        "the board needs {:.0f} x {:.0f} mm with its margins and does not fit on a page of {:.0f} "
+        "x {:.0f} mm; use a larger --page or smaller tags",
+        needed_width * 1e3, needed_height * 1e3, page.width_m * 1e3, page.height_m * 1e3);
+  }
+  return PageSize{width, height};
+}
+
 void draw_tag(cairo_t* cr, const TagPattern& pattern, double centre_x, double centre_y,
               double size) {
   const double cell = size / pattern.width_at_border();
@@ -154,24 +172,20 @@ Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale) {
   return TagMap::make(std::move(tags));
 }
 
+Result<void> check_fits(const TagBoard& board, const PageSize& page) {
+  const Result<PageSize> turned = turned_page(board, page);
+  if (!turned) return tl::unexpected(turned.error());
+  return {};
+}
+
 Result<void> write_tag_board(const std::filesystem::path& pdf, const TagBoard& board,
                              const PageSize& page) {
-  const Result<BoardExtent> extent = extent_of(board);
-  if (!extent) return tl::unexpected(extent.error());
+  const Result<PageSize> turned = turned_page(board, page);
+  if (!turned) return tl::unexpected(turned.error());
   const Result<TagMap> map = tag_map_of(board);
   if (!map) return tl::unexpected(map.error());
-
-  const double needed_width = extent->width + 2.0 * kMargin;
-  const double needed_height = extent->height + 2.0 * kMargin + kFooter;
-  double width = page.width_m;
-  double height = page.height_m;
-  if (needed_width > width || needed_height > height) std::swap(width, height);
-  if (needed_width > width || needed_height > height) {
-    return fail(
-        "the board needs {:.0f} x {:.0f} mm with its margins and does not fit on a page of {:.0f} "
-        "x {:.0f} mm; use a larger --page or smaller tags",
-        needed_width * 1e3, needed_height * 1e3, page.width_m * 1e3, page.height_m * 1e3);
-  }
+  const double width = turned->width_m;
+  const double height = turned->height_m;
 
   const std::unique_ptr<cairo_surface_t, decltype(&cairo_surface_destroy)> surface(
       cairo_pdf_surface_create(pdf.c_str(), width * kPointsPerMetre, height * kPointsPerMetre),

@@ -35,6 +35,9 @@ struct TagBoard {
 // white margins) overlap or the family has no such ids.
 [[nodiscard]] Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale = 1.0);
 
+// Fails, naming both sizes, when the board fits on the page neither upright nor turned.
+[[nodiscard]] Result<void> check_fits(const TagBoard& board, const PageSize& page);
+
 // The sheet as PDF: tags as vector shapes, a 100 mm ruler ("measure this: 100 mm"), and a line that
 // says what it is. The page is turned to landscape where the board only fits so. Fails, naming both
 // sizes, when it fits neither way, and when the file can't be written.

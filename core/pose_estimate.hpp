@@ -28,6 +28,9 @@ enum class TrackStatus { tracked, uncertain, held, lost };
   return "lost";
 }
 
+// How long the last motion is continued with nothing measured, and fades as it is drawn [s].
+inline constexpr double kHoldSeconds = 0.5;
+
 struct PoseEstimate {
   TrackStatus status = TrackStatus::lost;
   CameraPose T_table_camera;  // meaningless when lost
@@ -42,6 +45,9 @@ struct PoseEstimate {
   double ambiguity_ratio = 0.0;
   int tags_used = 0;
   double age_s = 0.0;  // since the last measured pose; 0 unless held
+  // Of the last measured pose, where held: tracked or uncertain. Fading starts from how that one
+  // was drawn.
+  TrackStatus held_from = TrackStatus::tracked;
   std::string reason;  // why the pose is uncertain, held or lost, in a few words for the HUD; empty
                        // when tracked
 

@@ -131,4 +131,40 @@ ViewFrustum make_frustum(const CameraModel& camera) {
   return frustum;
 }
 
+double longest_edge(const CameraModel& camera) {
+  constexpr double kNearestDistance = 0.15;  // [m]; nearer, the sheet's tags are not seen whole
+  constexpr double kLongestEdge_px = 32.0;
+  constexpr double kTolerance_px = 0.1;  // leaves a part of the 0.15 px allowed to the rest
+  constexpr double kShortest = 0.001;    // [m]; a lens that needs less bends beyond all use
+  constexpr double kLongest = 0.02;      // [m]
+  constexpr int kSamples = 12;           // along each side of the picture
+  const double focal = std::max(camera.parameters().fx, camera.parameters().fy);
+  double length = kLongestEdge_px / focal;  // at depth 1
+  // How far the middle of a chord, at depth 1, is from where the lens shows it grows with the
+  // square of the chord's length.
+  const double half = 0.5 * length;
+  double worst = 0.0;
+  for (int i = 0; i <= kSamples; ++i) {
+    for (int j = 0; j <= kSamples; ++j) {
+      const Eigen::Vector2d pixel((camera.width() - 1) * static_cast<double>(i) / kSamples,
+                                  (camera.height() - 1) * static_cast<double>(j) / kSamples);
+      const auto ray = camera.unproject(pixel);
+      if (!ray || !(ray->z() > 0.0)) continue;
+      const Eigen::Vector3d middle = *ray / ray->z();
+      for (const Eigen::Vector3d& direction :
+           {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0), Eigen::Vector3d(1, 1, 0),
+            Eigen::Vector3d(1, -1, 0)}) {
+        const Eigen::Vector3d step = half * direction.normalized();
+        const auto a = camera.project(middle - step);
+        const auto b = camera.project(middle + step);
+        const auto m = camera.project(middle);
+        if (a && b && m) worst = std::max(worst, (0.5 * (*a + *b) - *m).norm());
+      }
+    }
+  }
+  if (worst < 1e-3) return kLongest;  // a pinhole: straight is right
+  if (worst > kTolerance_px) length *= std::sqrt(kTolerance_px / worst);
+  return std::clamp(length * kNearestDistance, kShortest, kLongest);
+}
+
 }  // namespace penumbra

@@ -2,11 +2,10 @@
 
 #include <epoxy/gl.h>
 
-#include <chrono>
-#include <ctime>
 #include <optional>
 
 #include "core/assert.hpp"
+#include "core/stopwatch.hpp"
 #include "render/camera_gl.hpp"
 #include "render/gl/framebuffer.hpp"
 #include "render/passes/object_pass.hpp"
@@ -16,25 +15,15 @@
 namespace penumbra {
 namespace {
 
-// Wall and CPU time of this thread since it was made.
-class StageClock {
- public:
-  StageClock() : wall_(std::chrono::steady_clock::now()), cpu_ms_(thread_cpu_ms()) {}
-  void add_to(double& wall_ms, double& cpu_ms) const {
-    wall_ms +=
-        std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - wall_).count();
-    cpu_ms += thread_cpu_ms() - cpu_ms_;
+// The first error that OpenGL has noted, if any; the rest are of the same cause and dropped.
+std::optional<GLenum> noted_gl_error() {
+  const GLenum first = glGetError();
+  if (first == GL_NO_ERROR) return std::nullopt;
+  // A lost context may report for ever.
+  for (int i = 0; i < 16 && glGetError() != GL_NO_ERROR; ++i) {
   }
-
- private:
-  static double thread_cpu_ms() {
-    timespec now{};
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
-  }
-  std::chrono::steady_clock::time_point wall_;
-  double cpu_ms_;
-};
+  return first;
+}
 
 }  // namespace
 
@@ -78,9 +67,9 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   PENUMBRA_ASSERT(scene != nullptr);
   auto framebuffer = Framebuffer::create(camera.width(), camera.height());
   if (!framebuffer) return tl::unexpected(framebuffer.error());
-  auto objects = ObjectPass::create(context.info().api, *scene);
+  auto objects = ObjectPass::create(context.info().api, *scene, camera);
   if (!objects) return tl::unexpected(objects.error());
-  auto shadows = ShadowPass::create(context.info().api, *scene);
+  auto shadows = ShadowPass::create(context.info().api, *scene, camera);
   if (!shadows) return tl::unexpected(shadows.error());
   return Compositor(std::make_unique<Impl>(context, std::move(scene), camera,
                                            std::move(*framebuffer), std::move(*objects),
@@ -96,12 +85,12 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
         frame.sequence, frame.width, frame.height, m.width, m.height);
   }
   m.stats = {};
-  const StageClock shadow_clock;
+  const Stopwatch shadow_clock;
   ShadowWork work;
   m.shadows.prepare(*m.scene, plan, work);
   shadow_clock.add_to(m.stats.shadow_ms, m.stats.shadow_cpu_ms);
 
-  const StageClock render_clock;
+  const Stopwatch render_clock;
   m.framebuffer.bind();
   m.video.upload(frame);
   if (auto drawn = m.video.draw(frame); !drawn) return tl::unexpected(drawn.error());
@@ -119,12 +108,18 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   // in the read-back.
   if (m.context.info().software) glFinish();
   render_clock.add_to(m.stats.render_ms, m.stats.render_cpu_ms);
+  if (const auto error = noted_gl_error())
+    return fail("the graphics driver reports error {:#x} while frame {} is drawn", *error,
+                frame.sequence);
 
   m.stats.passes_drawn = calls;
   m.stats.passes_skipped = static_cast<std::int64_t>(plan.skipped.size()) + work.layers_skipped;
   m.stats.shadow_vertices = work.vertices;
   m.stats.kernel_generations = work.kernel_generations;
   m.stats.reprojections = work.reprojections;
+  m.stats.triples_recomputed = work.recomputed;
+  m.stats.faces_tested = work.faces_tested;
+  m.stats.faces_twisted = work.faces_twisted;
   return m.stats;
 }
 
@@ -133,11 +128,11 @@ Result<CompositeStats> Compositor::read_back(std::span<std::uint8_t> rgba) {
   const std::size_t size =
       std::size_t{4} * static_cast<std::size_t>(m.width) * static_cast<std::size_t>(m.height);
   PENUMBRA_ASSERT(rgba.size() == size);
-  const StageClock clock;
+  const Stopwatch clock;
   m.framebuffer.read_rgba(rgba);
   clock.add_to(m.stats.readback_ms, m.stats.readback_cpu_ms);
-  if (const GLenum error = glGetError(); error != GL_NO_ERROR)
-    return fail("the graphics driver reports error {:#x} while the picture is read back", error);
+  if (const auto error = noted_gl_error())
+    return fail("the graphics driver reports error {:#x} while the picture is read back", *error);
   return m.stats;
 }
 

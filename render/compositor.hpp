@@ -23,8 +23,12 @@ struct CompositeStats {
   std::int64_t passes_drawn = 0, passes_skipped = 0;
   std::int64_t shadow_vertices = 0;  // vertices that the CPU projected or clipped for shadows
   std::int64_t kernel_generations = 0;
-  std::int64_t reprojections =
-      0;  // shadows drawn from geometry that the camera's motion alone did not touch
+  // Shadows drawn from the geometry of an earlier frame: only the camera moved, or the caster slid
+  // or turned on the plane. The other casters x planes x lights are recomputed.
+  std::int64_t reprojections = 0;
+  std::int64_t triples_recomputed = 0;
+  // Faces of the kernel sets made in this frame, and those that turn over in some layer.
+  std::int64_t faces_tested = 0, faces_twisted = 0;
 };
 
 class Compositor {

@@ -12,9 +12,18 @@
 namespace penumbra {
 namespace {
 
-// A held pose is continued motion, trusted less with every moment: the overlay fades out over this
-// long.
-constexpr double kFadeSeconds = 0.5;
+// A pose that may be flipped or far off must not look like a tracked one.
+constexpr double kUncertainOpacity = 0.5;
+
+// A held pose is continued motion, trusted less with every moment: it fades out from how the pose
+// before it was drawn.
+double overlay_opacity(const PoseEstimate& pose) {
+  const auto measured = [](TrackStatus status) {
+    return status == TrackStatus::uncertain ? kUncertainOpacity : 1.0;
+  };
+  if (pose.status != TrackStatus::held) return measured(pose.status);
+  return measured(pose.held_from) * std::clamp(1.0 - pose.age_s / kHoldSeconds, 0.0, 1.0);
+}
 
 using BoxCorners = std::array<Eigen::Vector3d, 8>;
 
@@ -48,7 +57,9 @@ Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top
         std::max(disc.radius, (draw.plane_frame.to_plane(corner).head<2>() - disc.centre).norm());
   }
   double s = 1.0;
-  if (draw.technique == ShadowTechnique::layered) {
+  // A part's light at the middle of the part, no larger than a times the disc: the image of its rim
+  // is at most r + 2 t r + a t r away, less than the (2 s - 1) r of kernels.
+  if (draw.technique != ShadowTechnique::simple) {
     for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra}) {
       const HeightRange range = layer_height_range(draw.constants, layer);
       s = std::max(s, layer_factor(draw.constants, layer, std::clamp(top, range.low, range.high)));
@@ -154,13 +165,17 @@ class Planner {
       skip("shadow_below_plane", object.name, "under the plane");
       return false;
     }
-    if (draw.technique == ShadowTechnique::layered) {
+    if (draw.technique != ShadowTechnique::simple) {
+      // Of a field's parts, each keeps its umbra to a height of its own: the field has it or not.
+      const bool field = draw.technique == ShadowTechnique::field;
       const auto above = [&](ShadowLayer layer) {
-        return bottom > layer_height_range(draw.constants, layer).high + kContactTolerance;
+        return bottom >
+               layer_height_range(draw.constants, field ? ShadowLayer::middle : layer).high +
+                   kContactTolerance;
       };
       if (above(ShadowLayer::umbra)) {
         draw.umbra = false;
-        skip("umbra_vanished", object.name, "above the umbra's height");
+        if (!field) skip("umbra_vanished", object.name, "above the umbra's height");
       }
       if (above(ShadowLayer::middle)) draw.middle = false;
       if (above(ShadowLayer::penumbra)) draw.penumbra = false;
@@ -218,13 +233,10 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
         {"no_pose", "overlay: " + (pose.reason.empty() ? std::string("no pose") : pose.reason)});
     return plan;
   }
-  if (pose.status == TrackStatus::held) {
-    plan.overlay_opacity =
-        static_cast<float>(std::clamp(1.0 - pose.age_s / kFadeSeconds, 0.0, 1.0));
-    if (plan.overlay_opacity <= 0.0F) {
-      plan.skipped.push_back({"faded_out", "overlay: the pose is too old"});
-      return plan;
-    }
+  plan.overlay_opacity = static_cast<float>(overlay_opacity(pose));
+  if (plan.overlay_opacity <= 0.0F) {
+    plan.skipped.push_back({"faded_out", "overlay: the pose is too old"});
+    return plan;
   }
   plan.has_pose = true;
   plan.T_table_camera = pose.T_table_camera;

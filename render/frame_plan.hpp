@@ -47,7 +47,7 @@ struct SkippedPass {
 struct FramePlan {
   bool has_pose = false;
   CameraPose T_table_camera;
-  float overlay_opacity = 1.0F;      // 1 when tracked, lower while held
+  float overlay_opacity = 1.0F;      // 1 when tracked, lower when uncertain or held
   std::vector<ObjectDraw> phantoms;  // depth only
   std::vector<ObjectDraw> objects;
   std::vector<ShadowDraw> shadows;

@@ -158,6 +158,34 @@ void generate_normals(Mesh& mesh) {
   }
 }
 
+void append_mesh(Mesh& mesh, const Mesh& more) {
+  PENUMBRA_ASSERT(mesh.material == more.material);
+  const std::size_t before = mesh.positions.size();
+  const std::size_t after = before + more.positions.size();
+  const auto append = [&](auto& to, const auto& from, const auto& absent) {
+    if (to.empty() && from.empty()) return;
+    to.resize(before, absent);
+    to.insert(to.end(), from.begin(), from.end());
+    to.resize(after, absent);
+  };
+  // Stored kernels are of use only where every vertex has one.
+  if (mesh.shadow_kernels.size() == before && more.shadow_kernels.size() == more.positions.size()) {
+    mesh.shadow_kernels.insert(mesh.shadow_kernels.end(), more.shadow_kernels.begin(),
+                               more.shadow_kernels.end());
+  } else {
+    mesh.shadow_kernels.clear();
+  }
+  append(mesh.normals, more.normals, glm::vec3(0.0F, 0.0F, 1.0F));
+  append(mesh.texcoords, more.texcoords, glm::vec2(0.0F));
+  append(mesh.colors, more.colors, glm::vec4(1.0F));
+  mesh.positions.insert(mesh.positions.end(), more.positions.begin(), more.positions.end());
+  mesh.source_vertex.insert(mesh.source_vertex.end(), more.source_vertex.begin(),
+                            more.source_vertex.end());
+  for (const std::uint32_t index : more.indices) {
+    mesh.indices.push_back(static_cast<std::uint32_t>(before) + index);
+  }
+}
+
 Mesh subdivided(const Mesh& mesh, float max_edge_m, std::size_t max_triangles) {
   PENUMBRA_ASSERT(max_edge_m > 0.0F);
   const float wanted = max_edge_m * max_edge_m;

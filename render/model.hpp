@@ -7,6 +7,7 @@
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
 #include <glm/vec4.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -33,7 +34,7 @@ struct Material {
 
 // One draw: an indexed triangle list with one material.
 struct Mesh {
-  std::string name;
+  std::string name;                  // of the first of the file's meshes that are in it
   std::vector<glm::vec3> positions;  // [m]
   std::vector<glm::vec3> normals;    // unit, one per position
   std::vector<glm::vec2> texcoords;  // one per position, or empty; (0, 0) at the texture's top left
@@ -43,6 +44,8 @@ struct Mesh {
   // glTF: counted through the primitives' POSITION accessors in the order of the file). Kernel
   // files speak of these.
   std::vector<std::uint32_t> source_vertex;
+  // Shadow kernels that came with the model, one per position [m], or empty.
+  std::vector<glm::vec3> shadow_kernels;
   int material = 0;
 };
 
@@ -54,6 +57,10 @@ struct Model {
   glm::vec3 min_corner{0.0F};  // bounds over all meshes
   glm::vec3 max_corner{0.0F};
   std::uint32_t source_vertex_count = 0;
+  // The up direction (unit) that Mesh::shadow_kernels were made for; absent where there are none.
+  std::optional<glm::vec3> shadow_kernel_up;
+  std::string shadow_kernel_geometry;  // geometry_key() of the model they were made for; may be ""
+  std::vector<std::string> warnings;   // what was left out of the file, and why
 
   [[nodiscard]] std::size_t vertex_count() const;
   [[nodiscard]] std::size_t triangle_count() const;
@@ -71,6 +78,7 @@ struct ModelLimits {
   std::size_t max_triangles = 20'000'000;
   std::size_t max_texture_pixels = std::size_t{64} << 20U;
   double max_coordinate_m = 1e6;
+  std::size_t max_meshes = 4096;  // one draw each
 };
 
 // .glb, .gltf, .obj. Whatever the reader returns is checked: finite numbers, index ranges,
@@ -79,6 +87,10 @@ struct ModelLimits {
 [[nodiscard]] Result<Model> load_model(const std::filesystem::path& file,
                                        UpAxis up = UpAxis::by_format,
                                        const ModelLimits& limits = {});
+
+// A hash of what shadow kernels depend on: every mesh's positions and faces. Tells that a model has
+// changed since its kernels were stored.
+[[nodiscard]] std::string geometry_key(const Model& model);
 
 // The same surface with no edge longer than `max_edge_m`, so that straight edges can follow a
 // curved lens when drawn. Splits at most `max_triangles`; what is left over stays long.

@@ -1,5 +1,6 @@
 // Model file -> Model: picks the reader, turns the axes, checks whatever came back.
 #include <algorithm>
+#include <bit>
 #include <cctype>
 #include <cmath>
 #include <limits>
@@ -15,6 +16,30 @@ namespace {
 
 bool is_finite(const glm::vec3& v) {
   return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
+}
+
+// Kernels that don't belong to this geometry are left out: they are made anew where they are
+// needed.
+void check_stored_kernels(Model& model, const std::string& name) {
+  if (!model.shadow_kernel_up) return;
+  const auto drop = [&](std::string_view cause) {
+    for (Mesh& mesh : model.meshes) mesh.shadow_kernels.clear();
+    model.shadow_kernel_up.reset();
+    model.warnings.push_back(
+        fmt::format("{}: its stored shadow kernels are not used and made anew: {}", name, cause));
+  };
+  bool complete = true;
+  bool finite = is_finite(*model.shadow_kernel_up);
+  for (const Mesh& mesh : model.meshes) {
+    complete = complete && mesh.shadow_kernels.size() == mesh.positions.size();
+    for (const glm::vec3& k : mesh.shadow_kernels) finite = finite && is_finite(k);
+  }
+  if (!complete) return drop("not every mesh has them");
+  if (!finite) return drop("one is not a finite number");
+  if (!model.shadow_kernel_geometry.empty() &&
+      model.shadow_kernel_geometry != geometry_key(model)) {
+    return drop("the model has changed since; store them again with penumbra kernels");
+  }
 }
 
 // y up -> z up: (x, y, z) -> (x, -z, y).
@@ -34,6 +59,21 @@ std::size_t Model::triangle_count() const {
   std::size_t count = 0;
   for (const Mesh& mesh : meshes) count += mesh.indices.size() / 3;
   return count;
+}
+
+std::string geometry_key(const Model& model) {
+  std::uint64_t hash = 1469598103934665603ULL;  // FNV-1a over 32-bit words
+  const auto add = [&hash](std::uint32_t word) { hash = (hash ^ word) * 1099511628211ULL; };
+  for (const Mesh& mesh : model.meshes) {
+    add(static_cast<std::uint32_t>(mesh.positions.size()));
+    add(static_cast<std::uint32_t>(mesh.indices.size()));
+    for (const glm::vec3& p : mesh.positions) {
+      // -0 and 0 are the same place.
+      for (int i = 0; i < 3; ++i) add(std::bit_cast<std::uint32_t>(p[i] == 0.0F ? 0.0F : p[i]));
+    }
+    for (const std::uint32_t index : mesh.indices) add(index);
+  }
+  return fmt::format("{:016x}", hash);
 }
 
 Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
@@ -79,6 +119,10 @@ Result<void> check_model(Model& model, const std::string& name, const ModelLimit
   if (model.triangle_count() > limits.max_triangles) {
     return fail("{}: has {} triangles, more than the {} allowed", name, model.triangle_count(),
                 limits.max_triangles);
+  }
+  if (model.meshes.size() > limits.max_meshes) {
+    return fail("{}: has {} materials in use, more than the {} allowed; merge some of them", name,
+                model.meshes.size(), limits.max_meshes);
   }
   glm::vec3 low(std::numeric_limits<float>::max());
   glm::vec3 high(std::numeric_limits<float>::lowest());
@@ -189,10 +233,13 @@ Result<Model> load_model(const std::filesystem::path& file, UpAxis up, const Mod
       for (Mesh& mesh : model->meshes) {
         for (glm::vec3& p : mesh.positions) p = turned_up(p);
         for (glm::vec3& n : mesh.normals) n = turned_up(n);
+        for (glm::vec3& k : mesh.shadow_kernels) k = turned_up(k);
       }
+      if (model->shadow_kernel_up) model->shadow_kernel_up = turned_up(*model->shadow_kernel_up);
     }
     const Result<void> checked = check_model(*model, name, limits);
     if (!checked) return tl::unexpected(checked.error());
+    check_stored_kernels(*model, name);
     return model;
   } catch (const std::bad_alloc&) {
     return fail("{}: needs more memory than there is; give a smaller model", name);

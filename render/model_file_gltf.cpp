@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <glm/geometric.hpp>
 #include <limits>
 #include <optional>
 #include <unordered_map>
@@ -254,6 +255,8 @@ class GltfReader {
   [[nodiscard]] Result<Eigen::Matrix4d> node_matrix(const tinygltf::Node& node,
                                                     const std::string& what) const;
   [[nodiscard]] Result<void> place_node(int index, const Eigen::Matrix4d& T_root_parent, int depth);
+  void take_kernel_extras(const tinygltf::Value& extras, const Eigen::Matrix3d& linear,
+                          const std::string& what);
   [[nodiscard]] Result<void> place_mesh(int mesh, const Eigen::Matrix4d& T_root_node,
                                         const std::string& what);
 
@@ -261,9 +264,13 @@ class GltfReader {
   const tinygltf::Model& gltf_;
   const ModelLimits& limits_;
   Model model_;
-  std::vector<std::vector<Mesh>> meshes_;     // per glTF mesh its primitives, in the mesh's frame
-  std::vector<bool> placed_;                  // per node
+  std::vector<std::vector<Mesh>> meshes_;  // per glTF mesh its primitives, in the mesh's frame
+  std::vector<bool> placed_;               // per node
+  bool kernels_disagree_ = false;
   std::unordered_map<int, int> image_index_;  // glTF image -> Model::textures
+  std::unordered_map<int, std::size_t> mesh_of_material_;  // -> Model::meshes
+  std::size_t placed_vertices_ = 0;                        // by the nodes so far
+  std::size_t placed_triangles_ = 0;
 };
 
 Result<std::span<const std::uint8_t>> GltfReader::view_bytes(int view,
@@ -544,6 +551,8 @@ Result<Mesh> GltfReader::read_primitive(const tinygltf::Primitive& primitive,
   if (!normals) return tl::unexpected(normals.error());
   const Result<Elements> colors = attribute(primitive, "COLOR_0", 3, 4, count, what);
   if (!colors) return tl::unexpected(colors.error());
+  const Result<Elements> kernels = attribute(primitive, "_SHADOW_KERNEL", 3, 3, count, what);
+  if (!kernels) return tl::unexpected(kernels.error());
   if (primitive.material >= static_cast<int>(gltf_.materials.size())) {
     return fail("{}: {}: names material {}, there are {}", name_, what, primitive.material,
                 gltf_.materials.size());
@@ -569,6 +578,10 @@ Result<Mesh> GltfReader::read_primitive(const tinygltf::Primitive& primitive,
     mesh.positions.emplace_back(number(*positions, i, 0), number(*positions, i, 1),
                                 number(*positions, i, 2));
     mesh.source_vertex.push_back(model_.source_vertex_count + static_cast<std::uint32_t>(i));
+  }
+  for (std::size_t i = 0; i < kernels->count; ++i) {
+    mesh.shadow_kernels.emplace_back(number(*kernels, i, 0), number(*kernels, i, 1),
+                                     number(*kernels, i, 2));
   }
   for (std::size_t i = 0; i < normals->count; ++i) {
     mesh.normals.emplace_back(number(*normals, i, 0), number(*normals, i, 1),
@@ -642,6 +655,40 @@ Result<Eigen::Matrix4d> GltfReader::node_matrix(const tinygltf::Node& node,
   return placement.matrix();
 }
 
+// What a mesh says of its `_SHADOW_KERNEL` attribute. The direction is in the mesh's own axes, as
+// the attribute is.
+void GltfReader::take_kernel_extras(const tinygltf::Value& extras, const Eigen::Matrix3d& linear,
+                                    const std::string& what) {
+  if (!extras.IsObject() || !extras.Has(std::string(kKernelUpKey))) return;
+  const tinygltf::Value& up = extras.Get(std::string(kKernelUpKey));
+  Eigen::Vector3d direction = Eigen::Vector3d::Zero();
+  bool usable = up.IsArray() && up.ArrayLen() == 3;
+  for (int i = 0; usable && i < 3; ++i) {
+    usable = up.Get(i).IsNumber();
+    if (usable) direction[i] = up.Get(i).GetNumberAsDouble();
+  }
+  direction = (linear * direction).stableNormalized();
+  if (!usable || !direction.allFinite() || !(direction.norm() > 0.5)) {
+    model_.warnings.push_back(
+        fmt::format("{}: {}: {} is no direction; its stored shadow kernels are not used", name_,
+                    what, kKernelUpKey));
+    return;
+  }
+  const glm::vec3 turned(static_cast<float>(direction.x()), static_cast<float>(direction.y()),
+                         static_cast<float>(direction.z()));
+  if (model_.shadow_kernel_up && glm::dot(turned, *model_.shadow_kernel_up) < 0.99999F) {
+    model_.warnings.push_back(fmt::format(
+        "{}: {}: its shadow kernels are for another direction than those of other meshes", name_,
+        what));
+    kernels_disagree_ = true;
+  }
+  model_.shadow_kernel_up = turned;
+  if (extras.Has(std::string(kKernelGeometryKey)) &&
+      extras.Get(std::string(kKernelGeometryKey)).IsString()) {
+    model_.shadow_kernel_geometry = extras.Get(std::string(kKernelGeometryKey)).Get<std::string>();
+  }
+}
+
 Result<void> GltfReader::place_mesh(int index, const Eigen::Matrix4d& T_root_node,
                                     const std::string& what) {
   if (!has(meshes_, index)) {
@@ -660,10 +707,18 @@ Result<void> GltfReader::place_mesh(int index, const Eigen::Matrix4d& T_root_nod
       linear.col(0).cross(linear.col(1));
   if (mirrored) cofactor = -cofactor;
   const double cofactor_size = cofactor.cwiseAbs().maxCoeff();
-  if (cofactor_size > 0.0) cofactor /= cofactor_size;
+  if (!(cofactor_size > 0.0)) {
+    return fail(
+        "{}: {}: its scale leaves no surface to see; give scales other than 0, or remove "
+        "the node",
+        name_, what);
+  }
+  cofactor /= cofactor_size;
+  take_kernel_extras(gltf_.meshes[static_cast<std::size_t>(index)].extras, linear, what);
   for (const Mesh& from : meshes_[static_cast<std::size_t>(index)]) {
-    if (model_.vertex_count() + from.positions.size() > limits_.max_vertices ||
-        model_.triangle_count() + from.indices.size() / 3 > limits_.max_triangles) {
+    placed_vertices_ += from.positions.size();
+    placed_triangles_ += from.indices.size() / 3;
+    if (placed_vertices_ > limits_.max_vertices || placed_triangles_ > limits_.max_triangles) {
       return fail("{}: {}: the model has more than the {} vertices or {} triangles allowed", name_,
                   what, limits_.max_vertices, limits_.max_triangles);
     }
@@ -676,6 +731,11 @@ Result<void> GltfReader::place_mesh(int index, const Eigen::Matrix4d& T_root_nod
                     limits_.max_coordinate_m);
       }
       p = {static_cast<float>(placed.x()), static_cast<float>(placed.y()),
+           static_cast<float>(placed.z())};
+    }
+    for (glm::vec3& k : mesh.shadow_kernels) {
+      const Eigen::Vector4d placed = T_root_node * Eigen::Vector4d(k.x, k.y, k.z, 1.0);
+      k = {static_cast<float>(placed.x()), static_cast<float>(placed.y()),
            static_cast<float>(placed.z())};
     }
     if (mirrored) {
@@ -693,7 +753,12 @@ Result<void> GltfReader::place_mesh(int index, const Eigen::Matrix4d& T_root_nod
              static_cast<float>(turned.z())};
       }
     }
-    model_.meshes.push_back(std::move(mesh));
+    const auto [entry, is_new] = mesh_of_material_.try_emplace(mesh.material, model_.meshes.size());
+    if (is_new) {
+      model_.meshes.push_back(std::move(mesh));
+    } else {
+      append_mesh(model_.meshes[entry->second], mesh);
+    }
   }
   return {};
 }
@@ -716,7 +781,9 @@ Result<void> GltfReader::place_node(int index, const Eigen::Matrix4d& T_root_par
   if (!matrix) return tl::unexpected(matrix.error());
   const Eigen::Matrix4d T_root_node = T_root_parent * *matrix;
   if (node.mesh >= 0) {
-    const Result<void> placed = place_mesh(node.mesh, T_root_node, what);
+    const Result<void> placed = place_mesh(
+        node.mesh, T_root_node,
+        node.name.empty() ? what : fmt::format("{} (\"{}\")", what, node.name.substr(0, 60)));
     if (!placed) return placed;
   }
   for (const int child : node.children) {
@@ -748,6 +815,7 @@ Result<Model> GltfReader::read() {
         return tl::unexpected(done.error());
       }
     }
+    if (kernels_disagree_) model_.shadow_kernel_up.reset();
     return std::move(model_);
   }
   // A file without scenes is a library: everything in it is taken.
@@ -770,6 +838,7 @@ Result<Model> GltfReader::read() {
       if (!done) return tl::unexpected(done.error());
     }
   }
+  if (kernels_disagree_) model_.shadow_kernel_up.reset();
   return std::move(model_);
 }
 
@@ -809,7 +878,12 @@ Result<Model> read_gltf(const std::filesystem::path& file, std::span<const std::
   if (!read && !neighbours.refused.empty()) return fail("{}: {}", name, neighbours.refused);
   if (!read) return fail("{}: is not glTF 2.0: {}", name, first_line(error));
   if (!neighbours.refused.empty()) return fail("{}: {}", name, neighbours.refused);
-  return GltfReader(name, gltf, limits).read();
+  Result<Model> model = GltfReader(name, gltf, limits).read();
+  if (model && !model->shadow_kernel_up) {
+    for (Mesh& mesh : model->meshes)
+      mesh.shadow_kernels.clear();  // nobody knows for which direction
+  }
+  return model;
 }
 
 }  // namespace penumbra

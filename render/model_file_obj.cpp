@@ -36,6 +36,15 @@ std::vector<std::string_view> words_of(std::string_view line) {
   }
 }
 
+bool continues(std::string_view line) {
+  if (line.ends_with('\r')) line.remove_suffix(1);
+  return line.ends_with('\\');
+}
+bool is_comment(std::string_view line) {
+  const std::size_t first = line.find_first_not_of(" \t");
+  return first != std::string_view::npos && line[first] == '#';
+}
+
 std::optional<double> finite_number(std::string_view word) {
   if (word.starts_with('+')) word.remove_prefix(1);
   double value = 0.0;
@@ -204,11 +213,30 @@ Result<void> ObjReader::read_material_file(std::string_view line) {
 Result<void> ObjReader::check_lines(std::string_view text) {
   // One list of materials, however many files it came from.
   obj_ = "mtllib materials\n";
+  std::string joined;
+  std::size_t next_line = 1;
   for (std::size_t at = 0; at < text.size();) {
-    const std::size_t end = std::min(text.find('\n', at), text.size());
-    const std::string_view line = text.substr(at, end - at);
-    at = end + 1;
-    ++line_;
+    std::string_view line = text.substr(at, text.find('\n', at) - at);
+    at += line.size() + 1;
+    line_ = next_line++;
+    // A backslash at the end: the next line belongs to this one. Not of a comment, where it may be
+    // the end of a path.
+    if (continues(line) && !is_comment(line)) {
+      joined.clear();
+      while (continues(line)) {
+        joined += line.substr(0, line.rfind('\\'));
+        joined += ' ';
+        if (at >= text.size()) {
+          line = {};
+          break;
+        }
+        line = text.substr(at, text.find('\n', at) - at);
+        at += line.size() + 1;
+        ++next_line;
+      }
+      joined += line;
+      line = joined;
+    }
     if (line.find('\0') != std::string_view::npos) {
       return fail("{}: line {}: is not text; is this an OBJ file?", name_, line_);
     }

@@ -18,6 +18,11 @@ namespace penumbra {
 // Nesting beyond this is refused: readers of JSON and walks over nodes recurse.
 inline constexpr int kMaxModelDepth = 64;
 
+// In the `extras` of a glTF mesh whose primitives have a _SHADOW_KERNEL attribute: the up direction
+// that the kernels were made for, in the mesh's axes, and the geometry_key() of the model.
+inline constexpr std::string_view kKernelUpKey = "shadow_kernel_up";
+inline constexpr std::string_view kKernelGeometryKey = "shadow_kernel_geometry";
+
 // A file that a model names. Only relative names that stay in the model's folder or below it: no
 // root, no "..", no scheme, no backslash.
 [[nodiscard]] Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
@@ -29,6 +34,10 @@ inline constexpr int kMaxModelDepth = 64;
 // Unit normals where `mesh.normals` is empty: the faces' normals, weighted by the corner's angle.
 // A vertex without a face of any area gets +z.
 void generate_normals(Mesh& mesh);
+
+// Adds a mesh of the same material: a draw of its own for each of thousands of parts would take
+// seconds. Attributes that only one of the two has are filled in with what their absence means.
+void append_mesh(Mesh& mesh, const Mesh& more);
 
 // Decodes a PNG or JPEG into the model, counted against the limit for all textures together.
 // Gives the texture's index.

@@ -3,12 +3,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <set>
 
 #include "core/assert.hpp"
 
 namespace penumbra {
 namespace {
+
+constexpr std::size_t kHeightSamples = 64;  // of all animations together, besides their keys
 
 // The spline's velocity at a key: through its two neighbours, in their own times (Catmull-Rom for
 // uneven keys). A loop's first and last key are one key; open ends move as their only segment.
@@ -94,6 +98,57 @@ SceneState evaluate_scene(const Scene& scene, double time_s) {
     state.objects.push_back(placement);
   }
   return state;
+}
+
+std::vector<double> largest_scales(const Scene& scene) {
+  std::vector<double> scales;
+  scales.reserve(scene.objects.size());
+  for (const SceneObject& object : scene.objects) {
+    // Between keys the scale goes straight from one to the next.
+    double largest = object.animation.keyframes.empty() ? 1.0 : 0.0;
+    for (const Keyframe& key : object.animation.keyframes) {
+      largest = std::max(largest, key.placement.scale);
+    }
+    const double parent = object.parent < 0 ? 1.0 : scales[static_cast<std::size_t>(object.parent)];
+    scales.push_back(parent * object.placement.scale * largest);
+  }
+  return scales;
+}
+
+std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& plane_normal,
+                                     const Eigen::Vector3d& plane_point) {
+  std::set<double> times = {0.0};
+  double end = 0.0;
+  for (const SceneObject& object : scene.objects) {
+    const std::vector<Keyframe>& keys = object.animation.keyframes;
+    if (keys.empty()) continue;
+    end = std::max(end, keys.back().time_s);
+    for (std::size_t i = 0; i < keys.size(); i += 1 + keys.size() / kHeightSamples) {
+      times.insert(keys[i].time_s);
+    }
+  }
+  // A smooth path may swing out beyond its keys.
+  for (std::size_t i = 1; end > 0.0 && i <= kHeightSamples; ++i) {
+    times.insert(end * static_cast<double>(i) / static_cast<double>(kHeightSamples));
+  }
+  std::vector<double> heights(scene.objects.size(), -std::numeric_limits<double>::infinity());
+  for (const double time : times) {
+    const SceneState state = evaluate_scene(scene, time);
+    for (std::size_t i = 0; i < heights.size(); ++i) {
+      if (!scene.objects[i].model) continue;
+      const Model& model = *scene.objects[i].model;
+      double radius = 0.0;
+      for (int axis = 0; axis < 3; ++axis) {
+        radius =
+            std::hypot(radius, static_cast<double>(std::max(std::abs(model.min_corner[axis]),
+                                                            std::abs(model.max_corner[axis]))));
+      }
+      const Placement& at = state.objects[i];
+      heights[i] =
+          std::max(heights[i], plane_normal.dot(at.position - plane_point) + at.scale * radius);
+    }
+  }
+  return heights;
 }
 
 }  // namespace penumbra

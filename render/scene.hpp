@@ -35,9 +35,9 @@ struct Keyframe {
   Placement placement;
 };
 
-// A path through keyframes, and a spin on top of it. Smooth: positions by a centripetal-free
-// Catmull-Rom spline (C1), rotations by slerp eased to rest at no key; linear: straight between
-// keys.
+// A path through keyframes, and a spin on top of it. Smooth: positions along a cubic whose velocity
+// at a key is that between its two neighbours (Catmull-Rom for keys at uneven times; no kink).
+// Linear: positions along straight lines. Both turn by slerp and scale linearly from key to key.
 struct Animation {
   enum class Interpolation { linear, smooth };
   std::vector<Keyframe> keyframes;  // in order of time; may be empty
@@ -122,6 +122,16 @@ struct SceneState {
   std::vector<Placement> objects;  // one per Scene::objects
 };
 [[nodiscard]] SceneState evaluate_scene(const Scene& scene, double time_s);
+
+// Over all times, one per Scene::objects: the largest scale in the table frame (or a little more,
+// where the largest of an object and of its parent come at different times).
+[[nodiscard]] std::vector<double> largest_scales(const Scene& scene);
+// The farthest that any point of the object's model comes above the plane [m], for each object,
+// over all times: at its keys and at steps between them, a sphere about its origin taken for its
+// shape.
+[[nodiscard]] std::vector<double> greatest_heights(const Scene& scene,
+                                                   const Eigen::Vector3d& plane_normal,
+                                                   const Eigen::Vector3d& plane_point);
 
 // Reads a scene, checks it against the published schema (scenes/scene.schema.json) and loads its
 // models, paths relative to the scene's file. Errors name the file and the place in it

@@ -2,11 +2,13 @@
 // message is made here, from the place in the file and the part of the schema that it broke. What a
 // schema can't say (names that must exist, keys that go together) is checked after it.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <regex>
 #include <set>
 #include <valijson/adapters/nlohmann_json_adapter.hpp>
 #include <valijson/schema.hpp>
@@ -37,7 +39,9 @@ std::string shortened(const std::string& text) {
 
 std::string shown(const json& value) {
   if (value.is_object()) return "an object";
-  if (value.is_array()) return fmt::format("a list of {}", value.size());
+  if (value.is_array()) {
+    return value.empty() ? "an empty list" : fmt::format("a list of {}", value.size());
+  }
   return shortened(value.dump(-1, ' ', true, json::error_handler_t::replace));
 }
 
@@ -77,7 +81,57 @@ std::string suggestion(std::string_view word, const std::vector<std::string>& kn
   return known.empty() ? "there are none" : "known are " + list;
 }
 
+// --- keys given twice ---
+
+// The JSON reader keeps the last of them without a word, and the other is lost.
+class DuplicateKeys {
+ public:
+  // For json::parse.
+  bool operator()(json::parse_event_t event, const json& parsed) {
+    using Event = json::parse_event_t;
+    const bool begins = event == Event::object_start || event == Event::array_start;
+    if ((begins || event == Event::value) && !open_.empty() && open_.back().is_list) {
+      ++open_.back().entries;
+    }
+    if (begins) {
+      open_.push_back({event == Event::array_start, 0, "", {}});
+    } else if (event == Event::object_end || event == Event::array_end) {
+      open_.pop_back();
+    } else if (event == Event::key) {
+      open_.back().key = parsed.get<std::string>();
+      if (!open_.back().keys.insert(open_.back().key).second && !first_) first_ = pointer();
+    }
+    return true;
+  }
+  [[nodiscard]] const std::optional<std::string>& first() const { return first_; }
+
+ private:
+  struct Level {
+    bool is_list = false;
+    std::size_t entries = 0;  // of a list, with the one being read
+    std::string key;          // of an object, being read
+    std::set<std::string> keys;
+  };
+  [[nodiscard]] std::string pointer() const {
+    std::string place;
+    for (const Level& level : open_) {
+      place += "/" + (level.is_list ? std::to_string(level.entries - 1) : shortened(level.key));
+    }
+    return place;
+  }
+
+  std::vector<Level> open_;
+  std::optional<std::string> first_;
+};
+
 // --- the first place that breaks the schema ---
+
+// Of UTF-8: bytes that go on with a character don't count.
+std::size_t character_count(const std::string& text) {
+  return static_cast<std::size_t>(std::count_if(text.begin(), text.end(), [](char c) {
+    return (static_cast<unsigned char>(c) & 0xC0U) != 0x80U;
+  }));
+}
 
 const json& resolved(const json& root, const json& schema) {
   const auto reference = schema.find("$ref");
@@ -98,7 +152,8 @@ struct Violation {
   std::string cause;
 };
 
-// Walks value and schema side by side, through the keywords that the schema uses.
+// Walks value and schema side by side, through the keywords that the schema uses. A keyword that is
+// new here goes into schema_keywords() as well.
 std::optional<Violation> find_violation(const json& root, const json& reference, const json& value,
                                         const std::string& pointer) {
   const json& schema = resolved(root, reference);
@@ -133,8 +188,16 @@ std::optional<Violation> find_violation(const json& root, const json& reference,
   }
   if (value.is_string()) {
     const std::string& text = value.get_ref<const std::string&>();
-    if (text.size() < schema.value("minLength", std::size_t{0})) return wrong();
-    if (schema.value("pattern", std::string()) == "^inf$" && text != "inf") return wrong();
+    const std::size_t characters = character_count(text);
+    if (characters < schema.value("minLength", std::size_t{0}) ||
+        characters > schema.value("maxLength", std::numeric_limits<std::size_t>::max())) {
+      return wrong();
+    }
+    const auto pattern = schema.find("pattern");
+    if (pattern != schema.end() &&
+        !std::regex_search(text, std::regex(pattern->get<std::string>(), std::regex::ECMAScript))) {
+      return wrong();
+    }
   }
   if (value.is_array()) {
     if (value.size() < schema.value("minItems", std::size_t{0}) ||
@@ -427,7 +490,14 @@ Result<void> SceneReader::read_plane(const json& from, const std::string& pointe
     plane.normal.normalize();
   }
   if (const auto point = from.find("point"); point != from.end()) plane.point = vector_of(*point);
-  plane.tag_group = from.value("tag_group", std::string("table"));
+  if (const auto group = from.find("tag_group"); group != from.end()) {
+    const std::string name = group->get<std::string>();
+    if (name != plane.tag_group) {
+      return fail_at(pointer + "/tag_group",
+                     "is \"{}\", and planes move with no group but \"{}\"; remove it",
+                     shortened(name), plane.tag_group);
+    }
+  }
   if (const auto outline = from.find("outline"); outline != from.end()) {
     double doubled_area = 0.0;
     for (std::size_t i = 0; i < outline->size(); ++i) {
@@ -514,7 +584,11 @@ Result<void> SceneReader::read_shadow(const json& from, const std::string& point
   const auto technique = shadow_technique_from_string(from.at("technique").get<std::string>());
   if (!technique) return fail_at(pointer + "/technique", "is not a technique of this program");
   node.technique = *technique;
-  if (from.value("kernels", std::string("auto")) == "cocl") node.kernels = KernelSource::centroid;
+  if (const auto given = from.find("kernels"); given != from.end()) {
+    const auto kernels = kernel_source_from_string(given->get<std::string>());
+    if (!kernels) return fail_at(pointer + "/kernels", "are not kernels of this program");
+    node.kernels = *kernels;
+  }
   if (const auto names = from.find("casters"); names != from.end()) {
     Result<std::vector<int>> casters =
         indices_of(*names, scene_.objects, pointer + "/casters", "object");
@@ -642,12 +716,32 @@ Result<void> check_schema(const std::string& name, const json& root) {
 
 }  // namespace
 
+std::span<const std::string_view> schema_keywords() {
+  static constexpr std::array<std::string_view, 15> kKeywords = {
+      "$ref",       "additionalProperties",
+      "enum",       "exclusiveMinimum",
+      "items",      "maxItems",
+      "maxLength",  "maximum",
+      "minItems",   "minLength",
+      "minimum",    "pattern",
+      "properties", "required",
+      "type"};
+  return kKeywords;
+}
+
 Result<Scene> load_scene(const std::filesystem::path& file) {
   const std::string name = file.string();
   const Result<std::vector<std::uint8_t>> bytes = read_file(file, kMaxSceneBytes);
   if (!bytes) return tl::unexpected(bytes.error());
   try {
-    const json root = json::parse(bytes->begin(), bytes->end());
+    DuplicateKeys duplicates;
+    const json root = json::parse(bytes->begin(), bytes->end(),
+                                  [&duplicates](int, json::parse_event_t event, json& parsed) {
+                                    return duplicates(event, parsed);
+                                  });
+    if (duplicates.first()) {
+      return fail("{}: {}: is given twice; remove one of them", name, *duplicates.first());
+    }
     if (Result<void> checked = check_schema(name, root); !checked) {
       return tl::unexpected(checked.error());
     }

@@ -28,31 +28,44 @@ struct View {
   std::array<double, 4> box{};  // pixels that may see it: x0, y0, x1, y1
 };
 
-// Van der Corput sequence.
-double radical_inverse(unsigned index, unsigned base) {
-  double result = 0.0;
-  double digit = 1.0 / base;
-  while (index > 0) {
-    result += digit * (index % base);
-    index /= base;
-    digit /= base;
-  }
-  return result;
+// Fraction of k times an irrational number: points that fill an interval evenly.
+double scattered(int k, double step) {
+  const double value = k * step;
+  return value - std::floor(value);
 }
 
-// Sub-pixel offsets spread as the lens's Gaussian plus the pixel's box, evenly (Halton points in
-// bases 2, 3, 5 and 7, half a step in): the error falls almost as 1 / count.
+// Distribution of the point spread along one axis: the lens's Gaussian and the pixel's box.
+double spread_cdf(double x, double sigma) {
+  const auto integral = [sigma](double z) {  // of the normal distribution
+    if (sigma < 1e-6) return std::max(z, 0.0);
+    const double t = z / sigma;
+    return z * 0.5 * std::erfc(-t / std::numbers::sqrt2) +
+           sigma * std::exp(-0.5 * t * t) / std::sqrt(2.0 * std::numbers::pi);
+  };
+  return integral(x + 0.5) - integral(x - 0.5);
+}
+
+// Where spread_cdf reaches `share`, by bisection.
+double spread_quantile(double share, double sigma) {
+  double low = -0.5 - 9.0 * sigma;
+  double high = -low;
+  for (int i = 0; i < 60; ++i) {
+    const double middle = 0.5 * (low + high);
+    (spread_cdf(middle, sigma) < share ? low : high) = middle;
+  }
+  return 0.5 * (low + high);
+}
+
+// Sub-pixel offsets with the point spread's density: a lattice of two dimensions (steps by the
+// golden ratio), whose error falls almost as 1 / count, through the quantiles of each axis.
 std::vector<Eigen::Vector2d> make_offsets(int count, double sigma) {
   std::vector<Eigen::Vector2d> offsets;
   offsets.reserve(static_cast<std::size_t>(count));
   for (int k = 0; k < count; ++k) {
-    const double u1 = (k + 0.5) / count;
-    const double u2 = radical_inverse(static_cast<unsigned>(k), 2);
-    const double radius = sigma * std::sqrt(-2.0 * std::log(u1));
-    const double angle = 2.0 * std::numbers::pi * u2;
     offsets.emplace_back(
-        radius * std::cos(angle) + radical_inverse(static_cast<unsigned>(k), 3) - 0.5,
-        radius * std::sin(angle) + radical_inverse(static_cast<unsigned>(k), 5) - 0.5);
+        spread_quantile((k + 0.5) / count, sigma),
+        spread_quantile(scattered(k, std::numbers::phi) * (count - 1.0) / count + 0.5 / count,
+                        sigma));
   }
   Eigen::Vector2d mean = Eigen::Vector2d::Zero();
   for (const Eigen::Vector2d& offset : offsets) mean += offset;
@@ -183,10 +196,10 @@ Result<PatternRenderer> PatternRenderer::create(const CameraModel& camera,
   return PatternRenderer(std::move(impl));
 }
 
-GreyImage PatternRenderer::render(std::span<const CameraPose> path,
-                                  const PatternRenderOptions& options,
-                                  std::span<const GroupPlacement> placements) {
-  PENUMBRA_ASSERT(!path.empty() && options.samples > 0 && options.gamma > 0.0);
+std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> path,
+                                                  const PatternRenderOptions& options,
+                                                  std::span<const GroupPlacement> placements) {
+  PENUMBRA_ASSERT(!path.empty() && options.samples > 0);
   const int width = impl_->camera.width();
   const int height = impl_->camera.height();
   const auto at = [width](int x, int y) {
@@ -199,9 +212,10 @@ GreyImage PatternRenderer::render(std::span<const CameraPose> path,
   // The moment of each sub-sample, in no step with its offset.
   std::vector<std::size_t> times(offsets.size());
   for (std::size_t s = 0; s < times.size(); ++s) {
-    times[s] = std::min(path.size() - 1,
-                        static_cast<std::size_t>(radical_inverse(static_cast<unsigned>(s), 7) *
-                                                 static_cast<double>(path.size())));
+    times[s] =
+        std::min(path.size() - 1,
+                 static_cast<std::size_t>(scattered(static_cast<int>(s), std::numbers::sqrt2) *
+                                          static_cast<double>(path.size())));
   }
   double reach_px = 0.0;
   for (const Eigen::Vector2d& offset : offsets) reach_px = std::max(reach_px, offset.norm());
@@ -312,9 +326,17 @@ GreyImage PatternRenderer::render(std::span<const CameraPose> path,
     }
   }
 
+  return light;
+}
+
+GreyImage PatternRenderer::render(std::span<const CameraPose> path,
+                                  const PatternRenderOptions& options,
+                                  std::span<const GroupPlacement> placements) {
+  PENUMBRA_ASSERT(options.gamma > 0.0);
+  const std::vector<double> light = render_light(path, options, placements);
   GreyImage image;
-  image.width = width;
-  image.height = height;
+  image.width = impl_->camera.width();
+  image.height = impl_->camera.height();
   image.pixels.resize(light.size());
   Noise noise(options.seed);
   for (std::size_t i = 0; i < light.size(); ++i) {

@@ -62,6 +62,10 @@ class PatternRenderer {
   [[nodiscard]] GreyImage render(std::span<const CameraPose> path,
                                  const PatternRenderOptions& options,
                                  std::span<const GroupPlacement> placements = {});
+  // The same before the tone curve, the noise and the rounding: linear light per pixel.
+  [[nodiscard]] std::vector<double> render_light(std::span<const CameraPose> path,
+                                                 const PatternRenderOptions& options,
+                                                 std::span<const GroupPlacement> placements = {});
 
  private:
   struct Impl;

@@ -1,10 +1,7 @@
 #include "tracking/table_tracker.hpp"
 
-#include <time.h>
-
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -12,6 +9,7 @@
 #include <vector>
 
 #include "core/evaluation.hpp"
+#include "core/stopwatch.hpp"
 #include "core/units.hpp"
 #include "tracking/board_pose.hpp"
 
@@ -22,26 +20,6 @@ constexpr std::string_view kTableGroup = "table";
 // How long a measured pose still says where the camera is now, well enough to choose between two
 // poses or to give a velocity.
 constexpr double kPriorLifetime_s = 0.2;
-
-// Wall time, and CPU time of this thread, since it was made.
-class Stopwatch {
- public:
-  Stopwatch() : wall_(std::chrono::steady_clock::now()), cpu_ms_(cpu_now_ms()) {}
-  [[nodiscard]] double wall_ms() const {
-    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - wall_)
-        .count();
-  }
-  [[nodiscard]] double cpu_ms() const { return cpu_now_ms() - cpu_ms_; }
-
- private:
-  static double cpu_now_ms() {
-    timespec now{};
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
-  }
-  std::chrono::steady_clock::time_point wall_;
-  double cpu_ms_;
-};
 
 // What one frame says about the pose, whatever method found it.
 struct Measurement {
@@ -83,6 +61,7 @@ struct TableTracker::Impl {
   // The last two tracked poses, newest first.
   std::optional<TimedPose> last;
   std::optional<TimedPose> before_last;
+  TrackStatus last_status = TrackStatus::tracked;  // of the last measured pose
 
   TrackTimes times;
 
@@ -127,8 +106,7 @@ std::optional<CameraPose> TableTracker::Impl::predict(std::int64_t timestamp_ns)
 Result<Measurement> TableTracker::Impl::measure_by_detection(ImageView image) {
   const Stopwatch detect;
   const std::vector<TagDetection> detections = detector.detect(image);
-  times.detect_ms += detect.wall_ms();
-  times.detect_cpu_ms += detect.cpu_ms();
+  detect.add_to(times.detect_ms, times.detect_cpu_ms);
   times.full_detection = true;
 
   const Stopwatch solve;
@@ -149,8 +127,7 @@ Result<Measurement> TableTracker::Impl::measure_by_detection(ImageView image) {
     observations.push_back({tag->id, tag->corners(), detection.corners_px});
   }
   const Result<BoardPose> board = estimate_board_pose(camera, observations);
-  times.solve_ms += solve.wall_ms();
-  times.solve_cpu_ms += solve.cpu_ms();
+  solve.add_to(times.solve_ms, times.solve_cpu_ms);
   if (!board) {
     if (observations.empty() && seen_twice) return fail("the same tag is in view twice");
     return tl::unexpected(board.error());
@@ -263,6 +240,7 @@ PoseEstimate TableTracker::Impl::without_measurement(std::int64_t timestamp_ns,
   const std::optional<CameraPose> predicted = predict(timestamp_ns);
   if (!predicted || !predicted->is_finite()) return estimate;
   estimate.status = TrackStatus::held;
+  estimate.held_from = last_status;
   estimate.T_table_camera = *predicted;
   estimate.age_s = age_s;
   estimate.ambiguity_ratio = std::numeric_limits<double>::infinity();
@@ -298,6 +276,7 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame) {
   const Result<Measurement> measurement = measure_by_detection(image);
   if (!measurement) return without_measurement(frame.timestamp_ns, measurement.error().message);
   PoseEstimate estimate = judge(*measurement, predicted);
+  last_status = estimate.status;
   if (estimate.status == TrackStatus::tracked) {
     before_last = std::exchange(
         last, TimedPose{frame.timestamp_ns, estimate.T_table_camera, estimate.covariance});
@@ -327,8 +306,8 @@ Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMa
   }
   Result<TagDetector> detector = TagDetector::create(families, options.detector);
   if (!detector) return tl::unexpected(detector.error());
-  auto impl = std::make_unique<Impl>(
-      Impl{camera, tags, options, std::move(*detector), {}, {}, {}, {}, {}, {}});
+  auto impl = std::make_unique<Impl>(Impl{
+      camera, tags, options, std::move(*detector), {}, {}, {}, {}, {}, TrackStatus::tracked, {}});
   if (camera.parameters().tone_curve)
     impl->linearise = linearising_table(*camera.parameters().tone_curve);
   return TableTracker(std::move(impl));
@@ -341,8 +320,7 @@ TrackedFrame TableTracker::track(const Frame& frame) {
   result.frame = frame;
   result.pose = impl_->estimate(frame);
   result.times = impl_->times;
-  result.times.total_ms = total.wall_ms();
-  result.times.total_cpu_ms = total.cpu_ms();
+  total.add_to(result.times.total_ms, result.times.total_cpu_ms);
   return result;
 }
 

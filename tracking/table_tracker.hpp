@@ -18,10 +18,11 @@ struct TrackerOptions {
   double ambiguity_ratio = 1.6;  // a second pose whose reprojection RMS is less than this times the
                                  // best one's leaves the view open
   double max_reprojection_rms_px = 3.0;  // a worse fit is no pose
-  double hold_s = 0.5;  // how long the last motion is continued with nothing measured
+  double hold_s = kHoldSeconds;  // how long the last motion is continued with nothing measured
 };
 
-struct TrackTimes {                                        // of the last frame
+// Of the last frame. A wall time of 0: that stage did not run.
+struct TrackTimes {
   double total_ms = 0.0, detect_ms = 0.0, solve_ms = 0.0;  // wall
   double total_cpu_ms = 0.0, detect_cpu_ms = 0.0,
          solve_cpu_ms = 0.0;    // CPU time of the calling thread

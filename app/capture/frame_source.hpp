@@ -4,12 +4,11 @@
 
 #include <memory>
 #include <optional>
-#include <string>
 
-#include "app/stopwatch.hpp"
 #include "core/camera_model.hpp"
 #include "core/error.hpp"
 #include "core/frame.hpp"
+#include "core/stopwatch.hpp"
 
 namespace penumbra {
 
@@ -26,8 +25,6 @@ class FrameSource {
   // What reading and decoding the last frame took, on the thread that did it (which may have been
   // ahead of next()).
   [[nodiscard]] virtual StageTime capture_time() const = 0;
-  [[nodiscard]] virtual std::string description()
-      const = 0;  // for people: "recording tabletop, 120 frames"
   // How many frames there will be, where that is known.
   [[nodiscard]] virtual std::optional<int> frame_count() const = 0;
 };

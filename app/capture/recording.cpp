@@ -289,8 +289,7 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
   } else if (!sensor.empty() && is_there(sensor)) {
     if (auto ok = set_camera(load_euroc_sensor(sensor)); !ok) return ok;
   } else if (options.require_camera) {
-    return fail("{}: no such file; put the camera's calibration there (penumbra calibrate)",
-                camera.string());
+    return fail("{}: no such file; put the camera's calibration there", camera.string());
   }
 
   const std::filesystem::path tags = options.tags.value_or(folder / "tags.yaml");
@@ -313,6 +312,14 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
 }
 
 }  // namespace
+
+bool is_recording(const std::filesystem::path& folder) {
+  const bool own = is_there(folder / "timestamps.csv") ||
+                   (is_folder(folder / "frames") &&
+                    (is_there(folder / "camera.yaml") || is_there(folder / "tags.yaml")));
+  return own || is_there(folder / "mav0" / "cam0" / "data.csv") ||
+         (is_there(folder / "data.csv") && is_folder(folder / "data"));
+}
 
 Result<Recording> open_recording(const std::filesystem::path& folder,
                                  const OpenRecordingOptions& options) {

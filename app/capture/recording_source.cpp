@@ -64,10 +64,8 @@ class Decoder {
 
 class RecordingSource final : public FrameSource {
  public:
-  RecordingSource(std::string description, int count, std::unique_ptr<Decoder> decoder,
-                  int look_ahead)
-      : description_(std::move(description)),
-        count_(count),
+  RecordingSource(int count, std::unique_ptr<Decoder> decoder, int look_ahead)
+      : count_(count),
         decoder_(std::move(decoder)),
         frames_([this] { return decoder_->next(); }, look_ahead) {}
 
@@ -79,11 +77,9 @@ class RecordingSource final : public FrameSource {
     return std::optional<Frame>(std::move((*timed)->frame));
   }
   [[nodiscard]] StageTime capture_time() const override { return capture_time_; }
-  [[nodiscard]] std::string description() const override { return description_; }
   [[nodiscard]] std::optional<int> frame_count() const override { return count_; }
 
  private:
-  const std::string description_;
   const int count_;
   const std::unique_ptr<Decoder> decoder_;
   StageTime capture_time_;
@@ -116,9 +112,7 @@ Result<std::unique_ptr<FrameSource>> open_recording_source(const Recording& reco
   const int count = last - options.first;
   auto decoder = std::make_unique<Decoder>(std::move(frames), std::move(video), recording.video,
                                            recording.camera);
-  return std::make_unique<RecordingSource>(
-      fmt::format("recording {}, {} frames", recording.name, count), count, std::move(decoder),
-      options.look_ahead);
+  return std::make_unique<RecordingSource>(count, std::move(decoder), options.look_ahead);
 }
 
 }  // namespace penumbra

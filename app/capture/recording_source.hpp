@@ -42,6 +42,9 @@ struct OpenRecordingOptions {
   std::optional<std::filesystem::path> tags;    // instead of the recording's
 };
 
+// Whether the folder is a recording, or the camera's folder of an EuRoC one, by what lies in it.
+[[nodiscard]] bool is_recording(const std::filesystem::path& folder);
+
 // Errors name the file and what is wrong: no such folder, no camera.yaml, a bad line in
 // timestamps.csv, 0 frames, a listed frame that is missing (except at the end: then the recording
 // opens up to its last whole frame, with a notice).

@@ -25,7 +25,11 @@ using ChosenCommand = std::function<Result<ExitCode>()>;
 
 void add_demo_command(CLI::App& program, ChosenCommand& chosen);
 void add_replay_command(CLI::App& program, ChosenCommand& chosen);
+void add_live_command(CLI::App& program, ChosenCommand& chosen);
+void add_devices_command(CLI::App& program, ChosenCommand& chosen);
 void add_evaluate_command(CLI::App& program, ChosenCommand& chosen);
+void add_shadow_command(CLI::App& program, ChosenCommand& chosen);
 void add_target_command(CLI::App& program, ChosenCommand& chosen);
+void add_kernels_command(CLI::App& program, ChosenCommand& chosen);
 
 }  // namespace penumbra

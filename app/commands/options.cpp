@@ -26,6 +26,15 @@ std::string known_techniques() {
   return list;
 }
 
+std::string known_kernels() {
+  std::string list;
+  for (const KernelSourceName& entry : kKernelSourceNames) {
+    if (!list.empty()) list += ", ";
+    list += entry.name;
+  }
+  return list;
+}
+
 void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
   command
       .add_option_function<std::string>(
@@ -46,18 +55,33 @@ void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       .add_option_function<std::string>(
           "--kernels",
           [&choice](const std::string& name) {
-            if (name == "auto") {
-              choice.kernels = KernelSource::automatic;
-            } else if (name == kCocl) {
-              choice.kernels = KernelSource::centroid;
-            } else {
-              throw CLI::ValidationError(
-                  "--kernels", fmt::format("{}: no such kernels; known: auto, cocl", name));
+            choice.kernels = kernel_source_from_string(name);
+            if (!choice.kernels) {
+              throw CLI::ValidationError("--kernels", fmt::format("{}: no such kernels; known: {}",
+                                                                  name, known_kernels()));
             }
           },
-          "Shadow kernels in place of the scene's: auto (from the silhouette, for each part), cocl "
-          "(one for the whole object)")
+          fmt::format("Shadow kernels in place of the scene's: {} (auto: from the silhouette, for "
+                      "each part; smooth: the same, blended; per-axis: from the sets of the three "
+                      "axes; cocl: one for the whole object)",
+                      known_kernels()))
       ->type_name("KERNELS");
+}
+
+void add_output_options(CLI::App& command, OutputRequest& request) {
+  command
+      .add_option("--output", request.output,
+                  "Composited frames: *.mkv (FFV1, lossless), *.mp4 (H.264), or a folder of "
+                  "000000.png ... numbered by frame")
+      ->type_name("PATH");
+  CLI::Option* poses = command.add_option("--poses", request.poses, "Tracked poses, as a TUM file")
+                           ->type_name("FILE.tum");
+  command
+      .add_flag("--poses-all", request.poses_all,
+                "Uncertain and held poses too, each after a comment that says so")
+      ->needs(poses);
+  command.add_option("--report", request.report, "What was measured, as JSON")
+      ->type_name("FILE.json");
 }
 
 void add_common_options(CLI::App& command) {

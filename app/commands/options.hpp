@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 
+#include "app/run_outputs.hpp"
 #include "render/shadow/technique.hpp"
 
 namespace CLI {
@@ -19,8 +20,16 @@ struct ShadowChoice {
 };
 void add_shadow_options(CLI::App& command, ShadowChoice& choice);
 
+// --output, --poses, --poses-all and --report.
+void add_output_options(CLI::App& command, OutputRequest& request);
+
 // Every word that --shadow takes, from the list in render/shadow/technique.hpp.
 [[nodiscard]] std::string known_techniques();
+// Every word that --kernels takes, from the same place.
+[[nodiscard]] std::string known_kernels();
+
+// Every word that --kernels takes.
+[[nodiscard]] std::string known_kernels();
 
 // --version and --log-level.
 void add_common_options(CLI::App& command);

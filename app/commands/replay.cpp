@@ -61,19 +61,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_option("--tags", request.tags, "What lies on the table (default: the recording's)")
       ->type_name("FILE.yaml");
   add_shadow_options(*command, options->shadow);
-  command
-      ->add_option("--output", request.output,
-                   "Composited frames: *.mkv (FFV1, lossless), *.mp4 (H.264), or a folder of "
-                   "000000.png ... numbered by frame")
-      ->type_name("PATH");
-  CLI::Option* poses = command->add_option("--poses", request.poses, "Tracked poses, as a TUM file")
-                           ->type_name("FILE.tum");
-  command
-      ->add_flag("--poses-all", request.poses_all,
-                 "Uncertain and held poses too, each after a comment that says so")
-      ->needs(poses);
-  command->add_option("--report", request.report, "What was measured, as JSON")
-      ->type_name("FILE.json");
+  add_output_options(*command, request);
   command
       ->add_option("--poses-from", request.poses_from,
                    "Draw with given poses instead of tracking: groundtruth (the recording's), or a "

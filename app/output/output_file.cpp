@@ -38,9 +38,17 @@ Result<OutputFile> OutputFile::create(const fs::path& target) {
                 target.string(), parent.string());
   }
   file.direct_ = fs::exists(status) && !fs::is_regular_file(status);
-  file.partial_ = file.target_;
-  if (!file.direct_) file.partial_ += ".partial";
-  const int handle = open(file.partial_.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NONBLOCK, 0666);
+  int handle = -1;
+  if (file.direct_) {
+    file.partial_ = file.target_;
+    handle = open(file.partial_.c_str(), O_WRONLY | O_CLOEXEC | O_NONBLOCK);
+  } else {
+    for (int attempt = 0; attempt < kPartialAttempts; ++attempt) {
+      file.partial_ = partial_path(file.target_, attempt);
+      handle = open(file.partial_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+      if (handle >= 0 || errno != EEXIST) break;
+    }
+  }
   if (handle < 0) {
     const std::string cause = message_of(errno);
     file.partial_.clear();
@@ -87,6 +95,29 @@ Result<void> OutputFile::commit() {
   }
   partial_.clear();
   return {};
+}
+
+fs::path partial_path(const fs::path& target, int attempt) {
+  fs::path path = target;
+  path += fmt::format(".partial-{}-{}", getpid(), attempt);
+  return path;
+}
+
+bool same_path(const fs::path& a, const fs::path& b) {
+  std::error_code error;
+  if (fs::equivalent(a, b, error)) return true;
+  return fs::weakly_canonical(fs::absolute(a, error), error) ==
+         fs::weakly_canonical(fs::absolute(b, error), error);
+}
+
+bool lies_in(const fs::path& path, const fs::path& folder) {
+  std::error_code error;
+  fs::path at = fs::weakly_canonical(fs::absolute(path, error), error);
+  while (!same_path(at, folder)) {
+    if (!at.has_relative_path()) return false;
+    at = at.parent_path();
+  }
+  return true;
 }
 
 Result<void> write_text(OutputFile& file, const std::string& text) {

@@ -8,8 +8,9 @@
 
 namespace penumbra {
 
-// Work goes to "PATH.partial"; commit() renames it to PATH. Without commit() the partial file is
-// removed and what was at PATH before stays. Devices and pipes (/dev/stdout) are written directly.
+// Work goes to a file of this run's own beside PATH (see partial_path); commit() renames it to
+// PATH. Without commit() the partial file is removed and what was at PATH before stays. Devices and
+// pipes (/dev/stdout) are written directly.
 class OutputFile {
  public:
   // Creates the partial file. Fails, naming the path, where it can't be written: so a wrong path is
@@ -36,5 +37,15 @@ class OutputFile {
 
 // Writes a whole text through an OutputFile.
 [[nodiscard]] Result<void> write_text(OutputFile& file, const std::string& text);
+
+// "PATH.partial-PID-ATTEMPT". Whoever makes it tries 0, 1, ... and takes the first that is not
+// there: two runs with one target never share it.
+[[nodiscard]] std::filesystem::path partial_path(const std::filesystem::path& target, int attempt);
+inline constexpr int kPartialAttempts = 1000;
+
+// Whether both name the same file or folder, which need not be there yet.
+[[nodiscard]] bool same_path(const std::filesystem::path& a, const std::filesystem::path& b);
+// Whether `path` is `folder` or lies somewhere below it; links are followed.
+[[nodiscard]] bool lies_in(const std::filesystem::path& path, const std::filesystem::path& folder);
 
 }  // namespace penumbra

@@ -2,8 +2,12 @@
 
 #include <algorithm>
 #include <cctype>
-#include <string_view>
+#include <string>
+#include <system_error>
+#include <vector>
 
+#include "app/capture/recording_source.hpp"
+#include "app/output/output_file.hpp"
 #include "core/assert.hpp"
 #include "core/image_file.hpp"
 
@@ -12,9 +16,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// As write() names them: 000000.png to 999999.png, and up to nine digits where there are that many
+// frames. Pictures named by a time in nanoseconds are somebody's recording.
 bool is_numbered_png(const fs::path& file) {
   const std::string stem = file.stem().string();
-  return file.extension() == ".png" && stem.size() >= 6 &&
+  return file.extension() == ".png" && stem.size() >= 6 && stem.size() <= 9 &&
+         (stem.size() == 6 || stem[0] != '0') &&
          std::all_of(stem.begin(), stem.end(),
                      [](unsigned char c) { return std::isdigit(c) != 0; });
 }
@@ -22,16 +29,18 @@ bool is_numbered_png(const fs::path& file) {
 // Whether `folder` may be given away for a new set of numbered pictures.
 Result<void> check_replaceable(const fs::path& folder) {
   std::error_code error;
-  for (const char* file : {"timestamps.csv", "camera.yaml", "tags.yaml"}) {
-    if (fs::exists(folder.parent_path() / file, error) && folder.filename() == "frames") {
-      return fail("{}: holds the frames of the recording {}; name another folder", folder.string(),
-                  folder.parent_path().string());
+  fs::path at = fs::canonical(folder, error);
+  for (; !error && at.has_relative_path(); at = at.parent_path()) {
+    if (is_recording(at)) {
+      return fail("{}: belongs to the recording {}; name another folder", folder.string(),
+                  at.string());
     }
   }
   fs::directory_iterator entries(folder, error);
   if (error) return fail("{}: cannot be read: {}", folder.string(), error.message());
   for (const fs::directory_entry& entry : entries) {
-    if (!entry.is_regular_file(error) || !is_numbered_png(entry.path())) {
+    if (entry.symlink_status(error).type() != fs::file_type::regular ||
+        !is_numbered_png(entry.path())) {
       return fail(
           "{}: holds {}, which is no numbered picture; name a new folder, or a file ending in .mkv "
           "or .mp4",
@@ -41,41 +50,48 @@ Result<void> check_replaceable(const fs::path& folder) {
   return {};
 }
 
+// What is no numbered picture stays, and the folder with it.
+void remove_pictures(const fs::path& folder) {
+  std::error_code ignored;
+  std::vector<fs::path> pictures;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, ignored)) {
+    if (is_numbered_png(entry.path())) pictures.push_back(entry.path());
+  }
+  for (const fs::path& picture : pictures) fs::remove(picture, ignored);
+  fs::remove(folder, ignored);
+}
+
 class PngWriter final : public FrameWriter {
  public:
   PngWriter(fs::path folder, const FrameFormat& format)
-      : folder_(std::move(folder)), partial_(folder_), format_(format) {
-    partial_ += ".partial";
-  }
+      : folder_(std::move(folder)), format_(format) {}
   PngWriter(const PngWriter&) = delete;
   PngWriter& operator=(const PngWriter&) = delete;
   ~PngWriter() override {
-    if (finished_ || !owns_partial_) return;
+    if (finished_ || partial_.empty()) return;
     std::error_code ignored;
     fs::remove_all(partial_, ignored);
   }
 
   Result<void> prepare() {
     std::error_code error;
+    // A link is written through, not replaced.
+    if (fs::is_symlink(folder_, error)) folder_ = fs::weakly_canonical(folder_, error);
     const fs::file_status status = fs::status(folder_, error);
     if (fs::exists(status)) {
       if (!fs::is_directory(status)) {
         return fail("{}: is no folder; name a folder, or a file ending in .mkv or .mp4",
                     folder_.string());
       }
-      if (auto checked = check_replaceable(fs::absolute(folder_)); !checked) return checked;
+      if (auto checked = check_replaceable(folder_); !checked) return checked;
     }
-    if (fs::exists(partial_, error)) {
-      // Left over from a run that was killed; nothing but pictures of ours may go.
-      if (auto checked = check_replaceable(partial_); !checked) return checked;
-      fs::remove_all(partial_, error);
-    }
-    fs::create_directories(partial_, error);
+    error.clear();
+    if (folder_.has_parent_path()) fs::create_directories(folder_.parent_path(), error);
+    if (!error) partial_ = make_beside(error);
     if (error) {
       return fail("{}: cannot be made: {}; choose another place", folder_.string(),
                   error.message());
     }
-    owns_partial_ = true;
     return {};
   }
 
@@ -91,12 +107,27 @@ class PngWriter final : public FrameWriter {
     PENUMBRA_ASSERT(!finished_);
     if (!any_) return fail("{}: no frame was written", folder_.string());
     std::error_code error;
-    // The names were checked at the start; anything put there since is not ours to remove.
-    if (fs::exists(folder_, error)) {
-      if (auto checked = check_replaceable(fs::absolute(folder_)); !checked) return checked;
-      fs::remove_all(folder_, error);
+    if (!fs::exists(folder_, error)) {
+      fs::rename(partial_, folder_, error);
+    } else {
+      // The names were checked at the start; anything put there since is not ours to remove.
+      if (auto checked = check_replaceable(folder_); !checked) return checked;
+      // Aside first: at no time is the old set gone and the new one not there.
+      const fs::path aside = make_beside(error);
+      if (!error) fs::rename(folder_, aside, error);
+      if (!error) {
+        fs::rename(partial_, folder_, error);
+        std::error_code ignored;
+        if (error) {
+          fs::rename(aside, folder_, ignored);
+        } else {
+          remove_pictures(aside);
+        }
+      } else if (!aside.empty()) {
+        std::error_code ignored;
+        fs::remove(aside, ignored);
+      }
     }
-    fs::rename(partial_, folder_, error);
     if (error) {
       return fail("{}: cannot be written: {}; choose another place", folder_.string(),
                   error.message());
@@ -106,10 +137,20 @@ class PngWriter final : public FrameWriter {
   }
 
  private:
+  // A new, empty folder with a name of its own.
+  [[nodiscard]] fs::path make_beside(std::error_code& error) const {
+    for (int attempt = 0; attempt < kPartialAttempts; ++attempt) {
+      const fs::path path = partial_path(folder_, attempt);
+      if (fs::create_directory(path, error)) return path;
+      if (error) return {};
+    }
+    error = std::make_error_code(std::errc::file_exists);
+    return {};
+  }
+
   fs::path folder_;
-  fs::path partial_;
+  fs::path partial_;  // empty before it is made
   FrameFormat format_;
-  bool owns_partial_ = false;
   bool any_ = false;
   bool finished_ = false;
 };

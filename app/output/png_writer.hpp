@@ -5,9 +5,9 @@
 
 namespace penumbra {
 
-// Pictures go to "FOLDER.partial", which finish() renames. A folder that is there already is
-// replaced if it holds nothing but such pictures; one that holds anything else, or belongs to a
-// recording, is refused.
+// Pictures go to a folder of this run's own beside it, which finish() renames. A folder that is
+// there already is replaced if it holds nothing but such pictures; one that holds anything else, or
+// belongs to a recording, is refused.
 [[nodiscard]] Result<std::unique_ptr<FrameWriter>> create_png_writer(
     const std::filesystem::path& folder, const FrameFormat& format);
 

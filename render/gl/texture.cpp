@@ -10,6 +10,7 @@ namespace {
 struct GlFormat {
   GLint internal;
   GLenum external;
+  GLenum type = GL_UNSIGNED_BYTE;
 };
 
 GlFormat gl_format(TexelFormat format) {
@@ -24,6 +25,8 @@ GlFormat gl_format(TexelFormat format) {
       return {GL_RGBA8, GL_RGBA};
     case TexelFormat::srgb8_alpha8:
       return {GL_SRGB8_ALPHA8, GL_RGBA};
+    case TexelFormat::rgba16f:
+      return {GL_RGBA16F, GL_RGBA, GL_HALF_FLOAT};
   }
   return {GL_R8, GL_RED};
 }
@@ -41,6 +44,8 @@ int bytes_per_texel(TexelFormat format) {
     case TexelFormat::rgba8:
     case TexelFormat::srgb8_alpha8:
       return 4;
+    case TexelFormat::rgba16f:
+      return 8;
   }
   return 1;
 }
@@ -75,10 +80,9 @@ void Texture2d::upload(TexelFormat format, int width, int height, const std::uin
   glPixelStorei(GL_UNPACK_ALIGNMENT, 1);
   glPixelStorei(GL_UNPACK_ROW_LENGTH, static_cast<GLint>(stride / texel));
   if (width == width_ && height == height_ && format == format_) {
-    glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, width, height, gl.external, GL_UNSIGNED_BYTE, data);
+    glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, width, height, gl.external, gl.type, data);
   } else {
-    glTexImage2D(GL_TEXTURE_2D, 0, gl.internal, width, height, 0, gl.external, GL_UNSIGNED_BYTE,
-                 data);
+    glTexImage2D(GL_TEXTURE_2D, 0, gl.internal, width, height, 0, gl.external, gl.type, data);
     width_ = width;
     height_ = height;
     format_ = format;

@@ -1,4 +1,4 @@
-// Two-dimensional 8-bit textures.
+// Two-dimensional textures: 8-bit, and half floats.
 #pragma once
 
 #include <cstddef>
@@ -9,7 +9,7 @@
 
 namespace penumbra {
 
-enum class TexelFormat { r8, rg8, rgb8, rgba8, srgb8_alpha8 };
+enum class TexelFormat { r8, rg8, rgb8, rgba8, srgb8_alpha8, rgba16f };
 [[nodiscard]] int bytes_per_texel(TexelFormat format);
 
 enum class TextureFilter {

@@ -28,11 +28,11 @@ glm::vec4 light_place(const SceneLight& light) {
 
 }  // namespace
 
-float longest_model_edge(double scale) {
-  return static_cast<float>(kLongestEdge / std::exp2(std::ceil(std::log2(scale))));
+float longest_model_edge(double longest_edge_m, double scale) {
+  return static_cast<float>(longest_edge_m / std::exp2(std::ceil(4.0 * std::log2(scale)) / 4.0));
 }
 
-Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene) {
+Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const CameraModel& camera) {
   if (scene.lights.size() > kMaxLights) {
     return fail("{}: lights: {} of them; at most {} can be drawn", scene.file, scene.lights.size(),
                 kMaxLights);
@@ -44,7 +44,8 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene) {
   if (!program) return tl::unexpected(program.error());
   ObjectPass pass(std::move(*program));
 
-  const SceneState start = evaluate_scene(scene, 0.0);
+  const double longest = longest_edge(camera);
+  const std::vector<double> scales = largest_scales(scene);
   std::map<std::pair<const Model*, float>, std::shared_ptr<GpuModel>> uploaded;
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
     const auto& model = scene.objects[i].model;
@@ -53,7 +54,7 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene) {
       pass.models_.emplace_back();
       continue;
     }
-    const float edge = longest_model_edge(start.objects[i].scale);
+    const float edge = longest_model_edge(longest, scales[i]);
     auto& entry = uploaded[{model.get(), edge}];
     if (!entry) entry = upload(*model, edge);
     pass.models_.push_back(entry);

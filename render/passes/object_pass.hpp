@@ -15,16 +15,16 @@
 
 namespace penumbra {
 
-// Edges of what is drawn are at most this long [m], so that they can follow a curved lens.
-inline constexpr double kLongestEdge = 0.02;
-// The same in the units of a model drawn at this scale; rounded down to a power of two times
-// kLongestEdge, so that models at like scales are uploaded once.
-[[nodiscard]] float longest_model_edge(double scale);
+// An edge of this length [m] in the units of a model drawn at this scale; rounded down to a
+// quarter power of two times it, so that models at like scales are uploaded once.
+[[nodiscard]] float longest_model_edge(double longest_edge_m, double scale);
 
 class ObjectPass {
  public:
-  // Uploads every model of the scene.
-  [[nodiscard]] static Result<ObjectPass> create(GlApi api, const Scene& scene);
+  // Uploads every model of the scene, with edges short enough for the camera's lens at the largest
+  // scale that the object is drawn at.
+  [[nodiscard]] static Result<ObjectPass> create(GlApi api, const Scene& scene,
+                                                 const CameraModel& camera);
 
   // Depth of the phantoms. Number of draw calls, here and below.
   int draw_phantoms(const Scene& scene, const FramePlan& plan, const LensUniforms& lens) const;

@@ -4,13 +4,18 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <glm/common.hpp>
 #include <limits>
+#include <map>
 #include <optional>
 
 #include "core/assert.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/object_pass.hpp"
+#include "render/shadow/caster.hpp"
+#include "render/shadow/kernel_file.hpp"
+#include "render/shadow/twist.hpp"
 
 namespace penumbra {
 namespace {
@@ -19,16 +24,16 @@ namespace {
 // clip height) still counts as within [m].
 constexpr double kContactTolerance = 1e-6;
 constexpr std::size_t kMaxKernelSets = 64;  // kept per caster
-constexpr unsigned kOutlineBit = 0x80U;     // of the stencil: inside the receiver
+// Tilt and height of layers are kept to what floats can tell; those of fields to 1/32 of a cell.
+constexpr int kLayerBits = 26;
+constexpr int kFieldBits = 13;
+// Factors between which faces are tested for twists: from an umbra that has almost vanished to a
+// penumbra at 0.65 of that height.
+constexpr double kLeastFactor = 0.05;
+constexpr double kGreatestFactor = 1.65;
+constexpr unsigned kOutlineBit = 0x80U;  // of the stencil: inside the receiver
 constexpr unsigned kDarkenedBits = 0x7FU;
 
-bool same(const Placement& a, const Placement& b) {
-  return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs() &&
-         a.scale == b.scale;
-}
-bool same(const PlaneFrame& a, const PlaneFrame& b) {
-  return a.n == b.n && a.q == b.q;
-}
 bool same(const LayeredConstants& a, const LayeredConstants& b) {
   return a.light_height == b.light_height && a.light_ratio == b.light_ratio &&
          a.umbra_height == b.umbra_height && a.magnification_cap == b.magnification_cap;
@@ -97,9 +102,58 @@ float encoded_factor(double light_fraction, float opacity) {
   return static_cast<float>(1.0 - static_cast<double>(opacity) * (1.0 - factor));
 }
 
+glm::vec3 layer_light(const ShadowDraw& draw, const FramePlan& plan) {
+  return {encoded_factor(draw.fractions.umbra, plan.overlay_opacity),
+          encoded_factor(draw.fractions.middle, plan.overlay_opacity),
+          encoded_factor(draw.fractions.penumbra, plan.overlay_opacity)};
+}
+
+// (u, v, h) of the own frame -> of the plane.
+glm::mat4x3 plane_from_own(const PlanarMotion& T) {
+  const auto c = static_cast<float>(T.cosine);
+  const auto s = static_cast<float>(T.sine);
+  return {glm::vec3(c, s, 0.0F), glm::vec3(-s, c, 0.0F), glm::vec3(0.0F, 0.0F, 1.0F),
+          glm::vec3(static_cast<float>(T.slide.x()), static_cast<float>(T.slide.y()), 0.0F)};
+}
+
+// How much longer than the caster's edge its shadow's can be: the penumbra's factor at the greatest
+// height that the object comes to.
+std::vector<double> largest_magnifications(const Scene& scene) {
+  std::vector<double> magnifications(scene.objects.size(), 1.0);
+  std::map<int, std::vector<double>> heights_over;  // a plane
+  for (const ShadowNode& node : scene.shadows) {
+    const HeightRange range = layer_height_range(node.layered, ShadowLayer::penumbra);
+    for (const int plane : node.planes) {
+      std::vector<double>& heights = heights_over[plane];
+      if (heights.empty()) {
+        const ScenePlane& at = scene.planes[static_cast<std::size_t>(plane)];
+        heights = greatest_heights(scene, at.normal, at.point);
+      }
+      for (const int caster : node.casters) {
+        const auto i = static_cast<std::size_t>(caster);
+        const double height = std::clamp(heights[i], range.low, range.high);
+        magnifications[i] =
+            std::max(magnifications[i], layer_factor(node.layered, ShadowLayer::penumbra, height));
+      }
+    }
+  }
+  return magnifications;
+}
+
 }  // namespace
 
-Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene) {
+std::vector<float> longest_caster_edges(const Scene& scene, const CameraModel& camera) {
+  const double longest = longest_edge(camera);
+  const std::vector<double> scales = largest_scales(scene);
+  const std::vector<double> magnifications = largest_magnifications(scene);
+  std::vector<float> edges;
+  for (std::size_t i = 0; i < scales.size(); ++i) {
+    edges.push_back(longest_model_edge(longest, scales[i] * magnifications[i]));
+  }
+  return edges;
+}
+
+Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const CameraModel& camera) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "shadow.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"shadow.frag.glsl"};
   constexpr std::array<std::string_view, 2> kOutlineVertex = {"lens.glsl", "outline.vert.glsl"};
@@ -108,15 +162,18 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene) {
   if (!shadow) return tl::unexpected(shadow.error());
   auto outline = ShaderProgram::link(api, kOutlineVertex, kOutlineFragment);
   if (!outline) return tl::unexpected(outline.error());
-  ShadowPass pass(std::move(*shadow), std::move(*outline));
+  auto field = FieldQuad::create(api, longest_edge(camera));
+  if (!field) return tl::unexpected(field.error());
+  ShadowPass pass(std::move(*shadow), std::move(*outline), std::move(*field));
+  pass.edges_ = longest_caster_edges(scene, camera);
+  const double longest = longest_edge(camera);
   for (const ScenePlane& plane : scene.planes) {
     Outline& out = pass.outlines_.emplace_back();
     std::vector<glm::vec2> points;
     for (std::size_t i = 0; i < plane.outline.size(); ++i) {
       const Eigen::Vector2d& a = plane.outline[i];
       const Eigen::Vector2d& b = plane.outline[(i + 1) % plane.outline.size()];
-      const int pieces =
-          std::clamp(static_cast<int>(std::ceil((b - a).norm() / kLongestEdge)), 1, 1000);
+      const int pieces = std::clamp(static_cast<int>(std::ceil((b - a).norm() / longest)), 1, 1000);
       for (int j = 0; j < pieces; ++j) {
         const Eigen::Vector2d p = a + (b - a) * (static_cast<double>(j) / pieces);
         points.emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()));
@@ -131,8 +188,9 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene) {
   return pass;
 }
 
-ShadowPass::Caster& ShadowPass::caster_of(const SceneObject& object, double scale) {
-  const float edge = longest_model_edge(scale);
+ShadowPass::Caster& ShadowPass::caster_of(const Scene& scene, int index) {
+  const SceneObject& object = scene.objects[static_cast<std::size_t>(index)];
+  const float edge = edges_[static_cast<std::size_t>(index)];
   auto& entry = casters_[{object.model.get(), edge}];
   if (!entry) {
     entry = std::make_unique<Caster>();
@@ -143,6 +201,7 @@ ShadowPass::Caster& ShadowPass::caster_of(const SceneObject& object, double scal
       for (const glm::vec3& p : entry->mesh.positions) {
         entry->min_corner = glm::min(entry->min_corner, p);
         entry->max_corner = glm::max(entry->max_corner, p);
+        entry->size = std::max(entry->size, static_cast<double>(glm::length(p)));
       }
     }
   }
@@ -163,9 +222,19 @@ ShadowPass::KernelSet& ShadowPass::kernels_of(Caster& caster, const KernelKey& k
   }
   KernelSet& set = caster.sets[key];
   set.last_used = frame_count_;
-  set.kernels =
-      level_kernels(caster.geometry, generate_kernels(caster.mesh, key.direction.up(), key.source));
-  ++work.kernel_generations;
+  if (key.source) {
+    const ShadowKernels made = kernels_for(caster.mesh, key.direction.up(), *key.source);
+    ++work.kernel_generations;
+    const TwistReport twists =
+        find_twists(place_caster(caster.mesh, made, Placement(),
+                                 PlaneFrame::make(key.direction.up(), Eigen::Vector3d::Zero())),
+                    caster.mesh.indices, kLeastFactor, kGreatestFactor);
+    work.faces_tested += static_cast<std::int64_t>(twists.faces_tested);
+    work.faces_twisted += static_cast<std::int64_t>(twists.faces_twisted);
+    set.kernels = level_kernels(caster.geometry, made);
+  } else {
+    set.kernels = caster.geometry.positions;
+  }
   std::vector<glm::vec3> interleaved;
   interleaved.reserve(2 * set.kernels.size());
   for (std::size_t i = 0; i < set.kernels.size(); ++i) {
@@ -185,19 +254,30 @@ ShadowPass::KernelSet& ShadowPass::kernels_of(Caster& caster, const KernelKey& k
   return set;
 }
 
+const std::vector<PartDisc>& ShadowPass::parts_of(Caster& caster, const KernelDirection& direction,
+                                                  ShadowWork& work) {
+  const auto found = caster.part_sets.find(direction);
+  if (found != caster.part_sets.end()) return found->second;
+  // A few bytes for each part: when there are too many, all are forgotten.
+  if (caster.part_sets.size() >= 4 * kMaxKernelSets) caster.part_sets.clear();
+  ++work.kernel_generations;
+  return caster.part_sets.emplace(direction, part_discs(caster.mesh, direction.up())).first->second;
+}
+
 void ShadowPass::clip_layers(const ShadowDraw& draw, const Caster& caster, const KernelSet& kernels,
                              Prepared& prepared, ShadowWork& work) {
-  const PlaneFrame& plane = draw.plane_frame;
+  // In the own frame: sliding and turning leave the faces as they are.
+  const PlaneMap map = plane_map(prepared.own.T_own_object, PlaneFrame());
   std::vector<CasterVertex> vertices;
   vertices.reserve(caster.geometry.positions.size());
-  const auto to_plane = [&](const glm::vec3& p) {
-    return plane.to_plane(draw.T_table_object * Eigen::Vector3d(static_cast<double>(p.x),
-                                                                static_cast<double>(p.y),
-                                                                static_cast<double>(p.z)));
+  const auto to_own = [&](const glm::vec3& p) -> Eigen::Vector3d {
+    return map.linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                                        static_cast<double>(p.z)) +
+           map.offset;
   };
   for (std::size_t i = 0; i < caster.geometry.positions.size(); ++i) {
-    const Eigen::Vector3d x = to_plane(caster.geometry.positions[i]);
-    const Eigen::Vector3d k = to_plane(kernels.kernels[i]);
+    const Eigen::Vector3d x = to_own(caster.geometry.positions[i]);
+    const Eigen::Vector3d k = to_own(kernels.kernels[i]);
     vertices.push_back({static_cast<float>(x.x()), static_cast<float>(x.y()),
                         static_cast<float>(x.z()), static_cast<float>(k.x()),
                         static_cast<float>(k.y())});
@@ -233,25 +313,82 @@ void ShadowPass::clip_layers(const ShadowDraw& draw, const Caster& caster, const
 
 void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared,
                              ShadowWork& work) {
-  const Eigen::Vector3d up = draw.T_table_object.rotation.conjugate() * draw.plane_frame.n;
-  const KernelKey key{draw.kernels, KernelDirection::nearest(up)};
-  const KernelSet& kernels = kernels_of(caster, key, work);
-  if (prepared.valid && same(prepared.T_table_object, draw.T_table_object) &&
-      same(prepared.plane, draw.plane_frame) && same(prepared.constants, draw.constants) &&
-      prepared.technique == draw.technique && prepared.wanted == wanted_layers(draw) &&
-      prepared.kernel_key == key) {
-    ++work.reprojections;
-    return;
+  const bool field = draw.technique == ShadowTechnique::field;
+  const OwnFrame own =
+      OwnFrame::make(draw.T_table_object, draw.plane_frame, draw.T_table_object.scale * caster.size,
+                     field ? kFieldBits : kLayerBits);
+  KernelKey key;
+  if (draw.technique == ShadowTechnique::layered) {
+    key.source = draw.kernels;
+    // Of the own frame: turning on the plane changes nothing, not by rounding either.
+    key.direction =
+        KernelDirection::nearest(own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ());
   }
-  prepared.valid = true;
-  prepared.T_table_object = draw.T_table_object;
-  prepared.plane = draw.plane_frame;
-  prepared.constants = draw.constants;
-  prepared.technique = draw.technique;
+  const KernelSet* kernels = field ? nullptr : &kernels_of(caster, key, work);
+  const bool reused =
+      prepared.valid && prepared.technique == draw.technique && prepared.own.same_shape(own) &&
+      prepared.kernel_key == key &&
+      (draw.technique == ShadowTechnique::simple || same(prepared.constants, draw.constants)) &&
+      (field || prepared.wanted == wanted_layers(draw));
+  prepared.own = own;
   prepared.wanted = wanted_layers(draw);
-  prepared.kernel_key = key;
-  prepared.layers = {};
+  if (reused) {
+    ++work.reprojections;
+  } else {
+    ++work.recomputed;
+    prepared.valid = true;
+    prepared.constants = draw.constants;
+    prepared.technique = draw.technique;
+    prepared.kernel_key = key;
+    prepared.layers = {};
+    if (field) {
+      make_field(draw, caster, prepared, work);
+    } else {
+      place_layers(draw, caster, *kernels, prepared, work);
+    }
+  }
+  if (field) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      prepared.layers[i].source = LayerSource::nothing;
+      if (!prepared.wanted[i]) continue;
+      if (prepared.field.layers()[i]) {
+        prepared.layers[i].source = LayerSource::field;
+      } else {
+        ++work.layers_skipped;
+      }
+    }
+  }
+}
 
+void ShadowPass::make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared,
+                            ShadowWork& work) {
+  const Placement& T_own_object = prepared.own.T_own_object;
+  const PlaneFrame plane;
+  const Eigen::Vector3d up = T_own_object.rotation.conjugate() * plane.n;
+  const std::vector<PartDisc>& parts = parts_of(caster, KernelDirection::nearest(up), work);
+  const PlaneMap map = plane_map(T_own_object, plane);
+  // What lies on the plane is not cut by the rounding of tilt and height.
+  const auto contact = static_cast<float>(
+      kContactTolerance + std::ldexp(T_own_object.scale * caster.size, 2 - kFieldBits));
+  std::vector<CasterVertex> vertices;
+  vertices.reserve(caster.mesh.positions.size());
+  for (const glm::vec3& p : caster.mesh.positions) {
+    const Eigen::Vector3f x =
+        (map.linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                                      static_cast<double>(p.z)) +
+         map.offset)
+            .cast<float>();
+    const float h = x.z() < 0.0F && x.z() > -contact ? 0.0F : x.z();
+    vertices.push_back({x.x(), x.y(), h, x.x(), x.y()});
+  }
+  work.vertices += static_cast<std::int64_t>(vertices.size());
+  prepared.field.upload(power_distance_layers(vertices, caster.mesh.indices, caster.mesh.part,
+                                              part_lights(parts, T_own_object, plane),
+                                              draw.constants));
+}
+
+void ShadowPass::place_layers(const ShadowDraw& draw, const Caster& caster,
+                              const KernelSet& kernels, Prepared& prepared, ShadowWork& work) {
   const HeightMap height(draw.plane_frame, draw.T_table_object);
   const HeightRange box = box_heights(height, caster.min_corner, caster.max_corner);
   std::optional<HeightRange> exact;
@@ -283,8 +420,7 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   items_.clear();
   std::map<std::tuple<int, int, int>, int> repeats;
   for (const ShadowDraw& draw : plan.shadows) {
-    const SceneObject& object = scene.objects[static_cast<std::size_t>(draw.object)];
-    Caster& caster = caster_of(object, draw.T_table_object.scale);
+    Caster& caster = caster_of(scene, draw.object);
     const int repeat = repeats[{draw.node, draw.object, draw.plane}]++;
     Prepared& prepared = prepared_[{draw.node, draw.object, draw.plane, repeat}];
     if (caster.geometry.indices.empty()) {
@@ -320,6 +456,8 @@ int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_
   const LayerGeometry& layer = it.prepared->layers[static_cast<std::size_t>(first_layer)];
   if (layer.source == LayerSource::nothing) return 0;
   const ShaderProgram& p = shadow_program_;
+  if (layer.source == LayerSource::field) return draw_field(draw, item, first_layer, count, plan);
+  p.use();
   const bool layered = draw.technique == ShadowTechnique::layered;
   // H = inf, or a simple shadow, has 1/H = 0; a simple shadow casts its middle layer at factor 1.
   const LayeredConstants& c = draw.constants;
@@ -327,9 +465,7 @@ int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_
   p.set("umbra_height", static_cast<float>(c.umbra_height));
   p.set("inverse_umbra_height", layered ? static_cast<float>(1.0 / c.umbra_height) : 0.0F);
   p.set("height_cap", static_cast<float>(std::min(range_of(draw, ShadowLayer::middle).high, 1e30)));
-  p.set("layer_light", glm::vec3(encoded_factor(draw.fractions.umbra, plan.overlay_opacity),
-                                 encoded_factor(draw.fractions.middle, plan.overlay_opacity),
-                                 encoded_factor(draw.fractions.penumbra, plan.overlay_opacity)));
+  p.set("layer_light", layer_light(draw, plan));
   p.set("first_layer", first_layer);
   if (layer.source == LayerSource::whole) {
     p.set("plane_from_caster", plane_from_object(draw.plane_frame, draw.T_table_object));
@@ -341,10 +477,23 @@ int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_
   } else {
     PENUMBRA_ASSERT(count == 1);
     if (layer.count == 0) return 0;
-    p.set("plane_from_caster", glm::mat4x3(1.0F));
+    p.set("plane_from_caster", plane_from_own(it.prepared->own.T_plane_own));
     it.prepared->clipped_layout.bind();
     glDrawArraysInstanced(GL_TRIANGLES, layer.first, layer.count, 1);
   }
+  return 1;
+}
+
+int ShadowPass::draw_field(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
+                           const FramePlan& plan) const {
+  const Prepared& prepared = *items_[item].prepared;
+  std::array<bool, 3> wanted{};
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto layer = static_cast<int>(i);
+    wanted[i] = prepared.wanted[i] && layer >= first_layer && layer < first_layer + count;
+  }
+  field_quad_.use();
+  field_quad_.draw(prepared.field, prepared.own.T_plane_own, wanted, layer_light(draw, plan));
   return 1;
 }
 
@@ -356,15 +505,17 @@ int ShadowPass::draw_plane(const FramePlan& plan, int plane) const {
   int calls = 0;
   if (casters.size() == 1) {
     // All the layers that are whole and follow each other in one instanced draw: instances are
-    // drawn in order.
+    // drawn in order. Those of a field in one rectangle.
     const std::size_t item = casters.front();
     const auto& layers = items_[item].prepared->layers;
     for (int first = 0; first < 3;) {
       int count = 1;
-      const auto whole = [&layers](int layer) {
-        return layers[static_cast<std::size_t>(layer)].source == LayerSource::whole;
+      const auto source = [&layers](int layer) {
+        return layers[static_cast<std::size_t>(layer)].source;
       };
-      while (whole(first) && first + count < 3 && whole(first + count)) ++count;
+      const bool together =
+          source(first) == LayerSource::whole || source(first) == LayerSource::field;
+      while (together && first + count < 3 && source(first + count) == source(first)) ++count;
       calls += draw_layers(plan.shadows[item], item, first, count, plan);
       first += count;
     }
@@ -377,7 +528,7 @@ int ShadowPass::draw_plane(const FramePlan& plan, int plane) const {
   return calls;
 }
 
-int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens) const {
+int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens) {
   PENUMBRA_ASSERT(items_.size() == plan.shadows.size());
   if (plan.shadows.empty()) return 0;
   glEnable(GL_STENCIL_TEST);
@@ -387,10 +538,11 @@ int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens) const {
     if (first == plan.shadows.end()) continue;
     const Outline& outline = outlines_[plane];
     if (outline.count > 0) mark_outline(outline, plan, first->plane_frame, lens);
+    const glm::mat4x3 to_camera = camera_from_plane(plan.T_table_camera, first->plane_frame);
     shadow_program_.use();
     set_lens(shadow_program_, lens);
-    shadow_program_.set("camera_from_plane",
-                        camera_from_plane(plan.T_table_camera, first->plane_frame));
+    shadow_program_.set("camera_from_plane", to_camera);
+    field_quad_.begin(lens, to_camera);
     glEnable(GL_DEPTH_TEST);
     glDepthFunc(GL_LESS);
     glDepthMask(GL_FALSE);

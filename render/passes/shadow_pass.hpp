@@ -1,11 +1,13 @@
-// Shadows on planes: layers projected in the vertex shader, each pixel darkened once with its
-// darkest layer (umbra before middle before penumbra, over all casters of a plane together).
+// Shadows on planes: layers projected in the vertex shader, or fields as textured rectangles; each
+// pixel darkened once with its darkest layer (umbra before middle before penumbra, over all casters
+// of a plane together).
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <tuple>
 #include <vector>
 
@@ -13,36 +15,49 @@
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/shader.hpp"
+#include "render/passes/field_quad.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/caster_geometry.hpp"
 #include "render/shadow/kernel_direction.hpp"
 #include "render/shadow/layered_penumbra.hpp"
+#include "render/shadow/own_frame.hpp"
 #include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra {
 
 struct ShadowWork {
   std::int64_t layers_drawn = 0;
-  std::int64_t layers_skipped = 0;  // nothing of the caster within the layer's heights
-  std::int64_t vertices = 0;        // that the CPU projected and clipped
-  std::int64_t kernel_generations = 0;
-  std::int64_t reprojections = 0;  // casters that stood still: only the camera's map is new
+  std::int64_t layers_skipped = 0;      // nothing of the caster within the layer's heights
+  std::int64_t vertices = 0;            // that the CPU projected and clipped
+  std::int64_t kernel_generations = 0;  // kernel sets, and sets of part lights, for a tilt
+  // Shadows of this plan whose geometry is that of a plan before, on its place or slid and turned;
+  // and the others.
+  std::int64_t reprojections = 0;
+  std::int64_t recomputed = 0;
+  std::int64_t faces_tested = 0;  // of the kernel sets made: for twists
+  std::int64_t faces_twisted = 0;
 };
+
+// For each object of the scene: the longest edge [object units] of the caster made of it, so that
+// its shadow's edges can follow the lens.
+[[nodiscard]] std::vector<float> longest_caster_edges(const Scene& scene,
+                                                      const CameraModel& camera);
 
 class ShadowPass {
  public:
-  [[nodiscard]] static Result<ShadowPass> create(GlApi api, const Scene& scene);
+  [[nodiscard]] static Result<ShadowPass> create(GlApi api, const Scene& scene,
+                                                 const CameraModel& camera);
 
   // The CPU's part: kernels where the tilt is new, clipping where a caster straddles a height.
   // Adds to `work`.
   void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
   // The plan must be the one prepared. Depth test on, depth write off; the stencil must be cleared.
   // Number of draw calls.
-  int draw(const FramePlan& plan, const LensUniforms& lens) const;
+  int draw(const FramePlan& plan, const LensUniforms& lens);
 
  private:
   struct KernelKey {
-    KernelSource source = KernelSource::automatic;
+    std::optional<KernelSource> source;  // none: of no use to the technique
     KernelDirection direction;
     friend auto operator<=>(const KernelKey&, const KernelKey&) = default;
   };
@@ -60,9 +75,12 @@ class ShadowPass {
     bool indices_written = false;
     glm::vec3 min_corner{0.0F};
     glm::vec3 max_corner{0.0F};
+    double size = 0.0;  // largest distance of a point from the object's origin, unscaled [m]
     std::map<KernelKey, KernelSet> sets;
+    // Of fields: the size of each part's light, for the same directions as kernels.
+    std::map<KernelDirection, std::vector<PartDisc>> part_sets;
   };
-  enum class LayerSource { nothing, whole, clipped };
+  enum class LayerSource { nothing, whole, clipped, field };
   struct LayerGeometry {
     LayerSource source = LayerSource::nothing;
     int first = 0;  // vertices in the clipped buffer
@@ -71,8 +89,7 @@ class ShadowPass {
   // What one shadow was made from, and what of it is on the GPU.
   struct Prepared {
     bool valid = false;
-    Placement T_table_object;
-    PlaneFrame plane;
+    OwnFrame own;
     LayeredConstants constants;
     ShadowTechnique technique = ShadowTechnique::layered;
     std::array<bool, 3> wanted{};
@@ -81,6 +98,7 @@ class ShadowPass {
     VertexArray clipped_layout;
     GlBuffer clipped{BufferUse::vertices};
     bool clipped_layout_made = false;
+    FieldTexture field;
   };
   struct Outline {
     VertexArray layout;
@@ -88,23 +106,34 @@ class ShadowPass {
     int count = 0;  // 0: the plane is unbounded
   };
 
-  ShadowPass(ShaderProgram shadow, ShaderProgram outline)
-      : shadow_program_(std::move(shadow)), outline_program_(std::move(outline)) {}
+  ShadowPass(ShaderProgram shadow, ShaderProgram outline, FieldQuad field)
+      : shadow_program_(std::move(shadow)),
+        outline_program_(std::move(outline)),
+        field_quad_(std::move(field)) {}
 
-  Caster& caster_of(const SceneObject& object, double scale);
+  Caster& caster_of(const Scene& scene, int object);
   KernelSet& kernels_of(Caster& caster, const KernelKey& key, ShadowWork& work);
+  static const std::vector<PartDisc>& parts_of(Caster& caster, const KernelDirection& direction,
+                                               ShadowWork& work);
   void prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
+  void place_layers(const ShadowDraw& draw, const Caster& caster, const KernelSet& kernels,
+                    Prepared& prepared, ShadowWork& work);
   void clip_layers(const ShadowDraw& draw, const Caster& caster, const KernelSet& kernels,
                    Prepared& prepared, ShadowWork& work);
+  void make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
   int draw_plane(const FramePlan& plan, int plane) const;
   int draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
                   const FramePlan& plan) const;
+  int draw_field(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
+                 const FramePlan& plan) const;
   void mark_outline(const Outline& outline, const FramePlan& plan, const PlaneFrame& frame,
                     const LensUniforms& lens) const;
 
   ShaderProgram shadow_program_;
   ShaderProgram outline_program_;
+  FieldQuad field_quad_;
   std::vector<Outline> outlines_;  // one per scene plane
+  std::vector<float> edges_;       // the longest of each scene object's model, as a caster
   std::map<std::pair<const Model*, float>, std::unique_ptr<Caster>> casters_;
   // One per shadow of the plan before: (node, object, plane, n-th of these in the plan).
   std::map<std::tuple<int, int, int, int>, Prepared> prepared_;

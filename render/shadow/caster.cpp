@@ -4,22 +4,23 @@
 
 namespace penumbra {
 
-std::vector<CasterVertex> place_caster(const ShadowMesh& mesh, const ShadowKernels& kernels,
-                                       const Placement& T_world_object, const PlaneFrame& plane) {
-  PENUMBRA_ASSERT(kernels.kernels.size() == mesh.positions.size());
-  // Object -> plane as one affine map whose offset is taken relative to the plane's point first:
-  // a plane far from the origin costs no digits.
+PlaneMap plane_map(const Placement& T_world_object, const PlaneFrame& plane) {
   Eigen::Matrix3d R_plane_world;
   R_plane_world.row(0) = plane.e1;
   R_plane_world.row(1) = plane.e2;
   R_plane_world.row(2) = plane.n;
-  const Eigen::Matrix3d linear =
-      T_world_object.scale * (R_plane_world * T_world_object.rotation.toRotationMatrix());
-  const Eigen::Vector3d offset = R_plane_world * (T_world_object.position - plane.q);
+  return {T_world_object.scale * (R_plane_world * T_world_object.rotation.toRotationMatrix()),
+          R_plane_world * (T_world_object.position - plane.q)};
+}
+
+std::vector<CasterVertex> place_caster(const ShadowMesh& mesh, const ShadowKernels& kernels,
+                                       const Placement& T_world_object, const PlaneFrame& plane) {
+  PENUMBRA_ASSERT(kernels.kernels.size() == mesh.positions.size());
+  const PlaneMap map = plane_map(T_world_object, plane);
   const auto to_plane = [&](const glm::vec3& p) -> Eigen::Vector3d {
-    return linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
-                                    static_cast<double>(p.z)) +
-           offset;
+    return map.linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                                        static_cast<double>(p.z)) +
+           map.offset;
   };
   std::vector<CasterVertex> vertices;
   vertices.reserve(mesh.positions.size());
@@ -29,6 +30,22 @@ std::vector<CasterVertex> place_caster(const ShadowMesh& mesh, const ShadowKerne
     vertices.push_back({x.x(), x.y(), x.z(), k.x(), k.y()});
   }
   return vertices;
+}
+
+std::vector<PartLight> part_lights(std::span<const PartDisc> discs, const Placement& T_world_object,
+                                   const PlaneFrame& plane) {
+  const PlaneMap map = plane_map(T_world_object, plane);
+  std::vector<PartLight> lights;
+  lights.reserve(discs.size());
+  for (const PartDisc& disc : discs) {
+    const Eigen::Vector3d centre =
+        map.linear * Eigen::Vector3d(static_cast<double>(disc.centre.x),
+                                     static_cast<double>(disc.centre.y),
+                                     static_cast<double>(disc.centre.z)) +
+        map.offset;
+    lights.push_back({centre.head<2>(), T_world_object.scale * static_cast<double>(disc.radius)});
+  }
+  return lights;
 }
 
 Eigen::Vector3d up_in_object(const Placement& T_world_object, const PlaneFrame& plane) {

@@ -2,20 +2,35 @@
 // computed from.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "render/scene.hpp"
 #include "render/shadow/layered_penumbra.hpp"
 #include "render/shadow/plane_frame.hpp"
+#include "render/shadow/power_distance.hpp"
 #include "render/shadow/shadow_kernels.hpp"
 
 namespace penumbra {
+
+// Object coordinates to plane coordinates (u, v, h): linear p + offset. The offset is taken
+// relative to the plane's point first, so that a plane far from the origin costs no digits.
+struct PlaneMap {
+  Eigen::Matrix3d linear;
+  Eigen::Vector3d offset;  // [m]
+};
+[[nodiscard]] PlaneMap plane_map(const Placement& T_world_object, const PlaneFrame& plane);
 
 // One vertex per mesh position, in plane coordinates [m]; computed in double, kept in float.
 [[nodiscard]] std::vector<CasterVertex> place_caster(const ShadowMesh& mesh,
                                                      const ShadowKernels& kernels,
                                                      const Placement& T_world_object,
                                                      const PlaneFrame& plane);
+
+// Each part's light in plane coordinates, for the layers of power_distance.hpp.
+[[nodiscard]] std::vector<PartLight> part_lights(std::span<const PartDisc> discs,
+                                                 const Placement& T_world_object,
+                                                 const PlaneFrame& plane);
 
 // The plane's normal in the object's frame: the direction that kernels are made for.
 [[nodiscard]] Eigen::Vector3d up_in_object(const Placement& T_world_object,

@@ -180,8 +180,11 @@ float layer_factor_f(const LayeredConstants& constants, ShadowLayer layer, float
   }
   const auto light = static_cast<float>(constants.light_height);
   const auto ratio = static_cast<float>(constants.light_ratio);
-  // fma rounds once: next to h_u, where the terms cancel, 1 - (a - 1) t would err by 3e-8.
-  return std::max(0.0F, std::fma(-ratio, height, light) / (light - height));
+  // The product of two floats is exact in double. Next to h_u, where the terms cancel, this keeps
+  // what 1 - (a - 1) t would lose (3e-8).
+  const double left =
+      static_cast<double>(light) - static_cast<double>(ratio) * static_cast<double>(height);
+  return std::max(0.0F, static_cast<float>(left) / (light - height));
 }
 
 std::vector<CasterVertex> clip_to_heights(std::span<const CasterVertex> vertices,

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <span>
 
@@ -28,6 +29,7 @@ constexpr float kSameDepth = 0.5F;    // [cells]
 constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
 constexpr int kMinSideCells = 32;
 constexpr int kMaxSideCells = 128;
+constexpr int kMedianFiner = 2;  // a part's median radius is worth twice the cells along each side
 constexpr int kTileCells = 8;
 constexpr std::size_t kFewVertices = 64;  // then tiles cost more than they spare
 // A disc of one cell says little about its size: how much further than kReach radii it may reach,
@@ -65,16 +67,7 @@ class LocalThickness {
 
   void generate(const PartGeometry& part, std::span<PlanarKernel> kernels) {
     for (std::size_t i = 0; i < kernels.size(); ++i) kernels[i] = {part.points[i], 0.0F};
-    const int side = std::clamp(
-        static_cast<int>(std::lround(8.0 * std::sqrt(static_cast<double>(part.points.size())))),
-        kMinSideCells, kMaxSideCells);
-    if (part.faces.empty() || !raster_.cover(part.points, part.faces, side * side)) return;
-    raster_.fill_small_holes(kHoleShare);
-    raster_.compute_depth();
-    nominal_cell_ =
-        static_cast<float>(std::max(raster_.width(), raster_.height())) / static_cast<float>(side);
-    find_discs();
-    if (discs_.empty()) return;
+    if (!rasterise(part, 1)) return;
     if (part.points.size() <= kFewVertices) {
       near_.swap(discs_);
       for (std::size_t i = 0; i < part.points.size(); ++i) {
@@ -95,10 +88,66 @@ class LocalThickness {
     }
   }
 
+  // Centroid of the part's silhouette, and the median of the radii that its cells are assigned.
+  PlanarKernel median(const PartGeometry& part) {
+    PlanarKernel result;
+    if (!rasterise(part, kMedianFiner)) {
+      for (const Eigen::Vector2f& point : part.points) result.centre += point;
+      if (!part.points.empty()) result.centre /= static_cast<float>(part.points.size());
+      return result;
+    }
+    result.centre = raster_.centroid();
+    near_.swap(discs_);
+    radii_.clear();
+    // Some 500 cells say the median to a cell's accuracy.
+    constexpr std::size_t kSamples = 500;
+    const std::size_t step = std::max<std::size_t>(1, raster_.covered_count() / kSamples);
+    std::size_t covered = 0;
+    for (int row = 0; row < raster_.height(); ++row) {
+      const float* cells = raster_.covered_row(row);
+      for (int column = 0; column < raster_.width(); ++column) {
+        if (cells[column] == 0.0F || covered++ % step != 0) continue;
+        radii_.push_back(
+            thickness_at(static_cast<float>(column) + 0.5F, static_cast<float>(row) + 0.5F) *
+            raster_.cell());
+      }
+    }
+    const auto middle = radii_.begin() + static_cast<std::ptrdiff_t>(radii_.size() / 2);
+    std::nth_element(radii_.begin(), middle, radii_.end());
+    if (middle != radii_.end()) result.radius = *middle;
+    return result;
+  }
+
  private:
   struct Disc {
     float x, y, radius;  // [cells]
   };
+
+  // Radius of the largest disc that holds the point [cells].
+  [[nodiscard]] float thickness_at(float x, float y) const {
+    for (const Disc& disc : near_) {
+      const float dx = disc.x - x;
+      const float dy = disc.y - y;
+      const float reach = disc.radius + 0.5F;
+      if (dx * dx + dy * dy <= reach * reach) return disc.radius;
+    }
+    return 0.0F;
+  }
+
+  // Raster, depth and discs of a part; false where it has none.
+  bool rasterise(const PartGeometry& part, int finer) {
+    const int side = std::clamp(
+        static_cast<int>(std::lround(8.0 * std::sqrt(static_cast<double>(part.points.size())))),
+        kMinSideCells, kMaxSideCells);
+    if (part.faces.empty() || !raster_.cover(part.points, part.faces, finer * finer * side * side))
+      return false;
+    raster_.fill_small_holes(kHoleShare);
+    raster_.compute_depth();
+    nominal_cell_ =
+        static_cast<float>(std::max(raster_.width(), raster_.height())) / static_cast<float>(side);
+    find_discs();
+    return !discs_.empty();
+  }
 
   void find_discs() {
     const auto width = static_cast<std::ptrdiff_t>(raster_.width());
@@ -273,6 +322,7 @@ class LocalThickness {
   float nominal_cell_ = 1.0F;  // [cells]
   FootprintRaster raster_;
   std::vector<float> ridge_;  // depth of ridge cells, else 0
+  std::vector<float> radii_;
   std::vector<std::ptrdiff_t> ridge_columns_;
   std::vector<Disc> discs_, near_;
   std::vector<std::uint64_t> disc_keys_;
@@ -324,23 +374,42 @@ PartList split_into_parts(const ShadowMesh& mesh, const std::vector<Eigen::Vecto
   return list;
 }
 
+std::vector<Eigen::Vector2d> project_along(const ShadowMesh& mesh, const PlaneFrame& view) {
+  std::vector<Eigen::Vector2d> projected;
+  projected.reserve(mesh.positions.size());
+  for (const glm::vec3& p : mesh.positions) {
+    projected.push_back(view.to_plane(to_eigen(p)).head<2>());
+  }
+  return projected;
+}
+
+PartGeometry geometry_of(const PartList& parts, std::size_t part) {
+  return {
+      std::span(parts.points)
+          .subspan(parts.position_begin[part],
+                   parts.position_begin[part + 1] - parts.position_begin[part]),
+      std::span(parts.faces)
+          .subspan(parts.face_begin[part], parts.face_begin[part + 1] - parts.face_begin[part])};
+}
+
 ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector3d& up,
                                      KernelSource source) {
   ShadowKernels result;
   result.up = up.normalized();
   const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
   const std::size_t count = mesh.positions.size();
-  std::vector<Eigen::Vector2d> projected(count);
-  for (std::size_t i = 0; i < count; ++i) {
-    projected[i] = view.to_plane(to_eigen(mesh.positions[i])).head<2>();
-  }
+  const std::vector<Eigen::Vector2d> projected = project_along(mesh, view);
 
   result.kernels.resize(count);
   const auto set_kernel = [&](std::size_t i, const Eigen::Vector2d& to_kernel) {
     const Eigen::Vector3d k =
         to_eigen(mesh.positions[i]) + to_kernel.x() * view.e1 + to_kernel.y() * view.e2;
-    result.kernels[i] =
-        glm::vec3(static_cast<float>(k.x()), static_cast<float>(k.y()), static_cast<float>(k.z()));
+    // Coordinates at the end of float's range overflow; such a vertex stays where it is.
+    const auto fits = [](double x) { return std::abs(x) <= std::numeric_limits<float>::max(); };
+    result.kernels[i] = fits(k.x()) && fits(k.y()) && fits(k.z())
+                            ? glm::vec3(static_cast<float>(k.x()), static_cast<float>(k.y()),
+                                        static_cast<float>(k.z()))
+                            : mesh.positions[i];
   };
 
   if (source == KernelSource::centroid) {
@@ -360,13 +429,9 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
   LocalThickness thickness(source == KernelSource::smooth);
   std::vector<PlanarKernel> kernels(count);
   for (std::size_t part = 0; part < mesh.part_count; ++part) {
-    const std::size_t begin = parts.position_begin[part];
-    const std::size_t size = parts.position_begin[part + 1] - begin;
-    const PartGeometry geometry = {
-        std::span(parts.points).subspan(begin, size),
-        std::span(parts.faces)
-            .subspan(parts.face_begin[part], parts.face_begin[part + 1] - parts.face_begin[part])};
-    thickness.generate(geometry, std::span(kernels).subspan(begin, size));
+    const PartGeometry geometry = geometry_of(parts, part);
+    thickness.generate(
+        geometry, std::span(kernels).subspan(parts.position_begin[part], geometry.points.size()));
   }
   result.radius.resize(count);
   for (std::size_t place = 0; place < count; ++place) {
@@ -410,6 +475,26 @@ ShadowKernels generate_kernels(const ShadowMesh& mesh, const Eigen::Vector3d& up
   PENUMBRA_ASSERT(up.allFinite() && up.squaredNorm() > 0.0);
   if (source == KernelSource::per_axis) return compose_per_axis(mesh, up);
   return generate_for_direction(mesh, up, source);
+}
+
+std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
+  PENUMBRA_ASSERT(up.allFinite() && up.squaredNorm() > 0.0);
+  const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
+  const std::vector<Eigen::Vector2d> projected = project_along(mesh, view);
+  const PartList parts = split_into_parts(mesh, projected);
+  LocalThickness thickness(false);
+  std::vector<PartDisc> discs(mesh.part_count);
+  for (std::size_t part = 0; part < mesh.part_count; ++part) {
+    const PlanarKernel disc = thickness.median(geometry_of(parts, part));
+    const std::uint32_t first = parts.positions[parts.position_begin[part]];
+    const Eigen::Vector3d centre = to_eigen(mesh.positions[first]) +
+                                   static_cast<double>(disc.centre.x()) * view.e1 +
+                                   static_cast<double>(disc.centre.y()) * view.e2;
+    discs[part] = {glm::vec3(static_cast<float>(centre.x()), static_cast<float>(centre.y()),
+                             static_cast<float>(centre.z())),
+                   disc.radius};
+  }
+  return discs;
 }
 
 }  // namespace penumbra

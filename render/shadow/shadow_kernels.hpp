@@ -25,4 +25,13 @@ struct ShadowKernels {
 [[nodiscard]] ShadowKernels generate_kernels(const ShadowMesh& mesh, const Eigen::Vector3d& up,
                                              KernelSource source);
 
+// A part's size as its light sees it: the area-weighted median of its silhouette's local thickness
+// (radius [m], 0 for a part without area), and the centroid of its silhouette (object frame [m],
+// height along `up` irrelevant). One per part.
+struct PartDisc {
+  glm::vec3 centre{0.0F};
+  float radius = 0.0F;
+};
+[[nodiscard]] std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up);
+
 }  // namespace penumbra

@@ -126,6 +126,36 @@ class UnionFind {
   std::vector<std::uint32_t> parent_;
 };
 
+// Keeps vertices apart that are at one place but were given different kernels.
+class KernelSplitter {
+ public:
+  // `welded` is the position the vertex was welded to, which may be the newest one.
+  std::uint32_t position_for(std::uint32_t welded, const glm::vec3& kernel, ShadowMesh& mesh) {
+    if (next_.size() <= welded) next_.resize(welded + 1U, kNoShadowPosition);
+    for (std::size_t i = mesh.stored_kernels.size(); i <= welded; ++i) {
+      mesh.stored_kernels.push_back(kernel);
+    }
+    std::uint32_t last = welded;
+    for (std::uint32_t i = welded; i != kNoShadowPosition;
+         i = i < next_.size() ? next_[i] : kNoShadowPosition) {
+      if (mesh.stored_kernels[i] == kernel) return i;
+      last = i;
+    }
+    const auto twin = static_cast<std::uint32_t>(mesh.positions.size());
+    mesh.positions.push_back(mesh.positions[welded]);
+    mesh.stored_kernels.push_back(kernel);
+    next_.resize(twin + 1U, kNoShadowPosition);
+    next_[last] = twin;
+    twins_.push_back({welded, twin});
+    return twin;
+  }
+  [[nodiscard]] const std::vector<std::array<std::uint32_t, 2>>& twins() const { return twins_; }
+
+ private:
+  std::vector<std::uint32_t> next_;  // a chain of the positions at one place
+  std::vector<std::array<std::uint32_t, 2>> twins_;
+};
+
 bool is_finite(const glm::vec3& p) {
   return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
 }
@@ -145,6 +175,9 @@ ShadowMesh make_shadow_mesh(const Model& model) {
   mesh.from_source.assign(model.source_vertex_count, kNoShadowPosition);
 
   WeldGrid grid(vertex_count);
+  const bool stored = model.shadow_kernel_up.has_value();
+  if (stored) mesh.stored_up = *model.shadow_kernel_up;
+  KernelSplitter splitter;
   std::vector<std::uint32_t> welded;
   std::vector<std::array<std::uint32_t, 2>> collapsed_edges;
   for (const Mesh& source : model.meshes) {
@@ -154,6 +187,9 @@ ShadowMesh make_shadow_mesh(const Model& model) {
       welded[i] = is_finite(source.positions[i])
                       ? grid.find_or_add(source.positions[i], mesh.positions)
                       : kNoShadowPosition;
+      if (stored && welded[i] != kNoShadowPosition && i < source.shadow_kernels.size()) {
+        welded[i] = splitter.position_for(welded[i], source.shadow_kernels[i], mesh);
+      }
       if (i < source.source_vertex.size() && source.source_vertex[i] < mesh.from_source.size()) {
         mesh.from_source[source.source_vertex[i]] = welded[i];
       }
@@ -182,6 +218,11 @@ ShadowMesh make_shadow_mesh(const Model& model) {
     parts.join(mesh.indices[i], mesh.indices[i + 2]);
   }
   for (const auto& edge : collapsed_edges) parts.join(edge[0], edge[1]);
+  for (const auto& twins : splitter.twins()) parts.join(twins[0], twins[1]);
+  // A position that no vertex with a kernel made.
+  for (std::size_t i = mesh.stored_kernels.size(); stored && i < mesh.positions.size(); ++i) {
+    mesh.stored_kernels.push_back(mesh.positions[i]);
+  }
   mesh.part.resize(mesh.positions.size());
   for (std::uint32_t i = 0; i < mesh.positions.size(); ++i) {
     const std::uint32_t root = parts.root(i);

@@ -21,6 +21,10 @@ struct ShadowMesh {
   std::vector<std::uint32_t>
       from_source;  // model file vertex -> position here, or kNoShadowPosition for one that no
                     // mesh uses; kernel files speak of model file vertices
+  // Kernels that came with the model, one per position [m], or empty; made for stored_up. Vertices
+  // at one place that have different ones are positions of their own.
+  std::vector<glm::vec3> stored_kernels;
+  glm::vec3 stored_up{0.0F, 0.0F, 1.0F};
 };
 
 [[nodiscard]] ShadowMesh make_shadow_mesh(const Model& model);

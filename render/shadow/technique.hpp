@@ -11,6 +11,7 @@ enum class ShadowTechnique {
   none,
   simple,   // orthogonal projection onto the plane, one layer
   layered,  // layered penumbrae: umbra, middle, penumbra
+  field,    // the same three layers of lights of one size, as power-distance fields: no kernels
 };
 
 struct ShadowTechniqueName {
@@ -21,6 +22,7 @@ inline constexpr std::array kShadowTechniqueNames = {
     ShadowTechniqueName{ShadowTechnique::none, "none"},
     ShadowTechniqueName{ShadowTechnique::simple, "simple"},
     ShadowTechniqueName{ShadowTechnique::layered, "layered"},
+    ShadowTechniqueName{ShadowTechnique::field, "field"},
 };
 
 [[nodiscard]] constexpr std::string_view to_string(ShadowTechnique technique) {

@@ -2,6 +2,7 @@
 // time of this thread and of the software rasteriser's (LP_NUM_THREADS=0 keeps it on this one).
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <memory>
 
@@ -49,6 +50,8 @@ void composite(benchmark::State& state, ShadowTechnique technique) {
   std::vector<std::uint8_t> rgba(640 * 480 * 4);
   std::size_t i = 0;
   std::int64_t shadow_vertices = 0;
+  double shadow_cpu_ms = 0.0;
+  double longest_shadow_cpu_ms = 0.0;
   for (auto _ : state) {
     const Frame& frame = s.frames[i++ % s.frames.size()];
     PoseEstimate pose;
@@ -57,16 +60,22 @@ void composite(benchmark::State& state, ShadowTechnique technique) {
     const FramePlan plan =
         plan_frame(*s.scene, evaluate_scene(*s.scene, seconds(frame.timestamp_ns)), pose,
                    *s.recording.camera, options);
-    shadow_vertices += s.compositor->draw(frame, plan).value().shadow_vertices;
+    const CompositeStats drawn = s.compositor->draw(frame, plan).value();
+    shadow_vertices += drawn.shadow_vertices;
+    shadow_cpu_ms += drawn.shadow_cpu_ms;
+    longest_shadow_cpu_ms = std::max(longest_shadow_cpu_ms, drawn.shadow_cpu_ms);
     benchmark::DoNotOptimize(s.compositor->read_back(rgba).value());
   }
   state.counters["cpu_shadow_vertices"] =
       static_cast<double>(shadow_vertices) / static_cast<double>(state.iterations());
+  state.counters["shadow_cpu_ms"] = shadow_cpu_ms / static_cast<double>(state.iterations());
+  state.counters["shadow_cpu_ms_max"] = longest_shadow_cpu_ms;
 }
 
 BENCHMARK_CAPTURE(composite, simple, ShadowTechnique::simple)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(composite, none, ShadowTechnique::none)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(composite, layered, ShadowTechnique::layered)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(composite, field, ShadowTechnique::field)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace penumbra

@@ -131,9 +131,13 @@ INSTANTIATE_TEST_SUITE_P(Golden, DefaultScene,
                          testing::Values(Case{"tabletop", ShadowTechnique::layered, 0},
                                          Case{"tabletop", ShadowTechnique::layered, 60},
                                          Case{"tabletop", ShadowTechnique::layered, 110},
+                                         Case{"tabletop", ShadowTechnique::field, 60},
+                                         Case{"tabletop", ShadowTechnique::field, 110},
+                                         Case{"tabletop", ShadowTechnique::simple, 60},
                                          Case{"corner", ShadowTechnique::layered, 30}),
                          [](const auto& instance) {
                            return std::string(instance.param.recording) + "_" +
+                                  std::string(to_string(instance.param.technique)) + "_" +
                                   std::to_string(instance.param.frame);
                          });
 

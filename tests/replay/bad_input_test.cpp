@@ -166,5 +166,53 @@ TEST_F(BadInput, OutputsThatCannotBeWritten) {
                  {"one"});
 }
 
+TEST_F(BadInput, OutputsInTheRecordingAreRefused) {
+  const auto before = contents_of(recording() / "frames");
+  const std::size_t entries = contents_of(recording()).size();
+  for (const fs::path& output :
+       {recording() / "frames", recording() / "new", recording() / "out.mkv", folder_.path(),
+        recording() / "frames" / ".." / "new"}) {
+    expect_failure(penumbra({"replay", recording(), "--output", output}), {"recording"});
+  }
+  fs::create_directory_symlink(recording(), file("link"));
+  expect_failure(penumbra({"replay", recording(), "--output", file("link") / "new"}),
+                 {"recording"});
+  expect_failure(penumbra({"replay", recording(), "--poses", recording() / "poses.tum"}),
+                 {"recording"});
+  expect_failure(penumbra({"replay", recording(), "--output", file("out"), "--poses",
+                           file("out") / "poses.tum"}),
+                 {"out", "pictures and nothing else"});
+  EXPECT_EQ(contents_of(recording() / "frames"), before);
+  EXPECT_EQ(contents_of(recording()).size(), entries);
+  EXPECT_FALSE(fs::exists(file("out")));
+}
+
+// EuRoC's frames are named by their time, all digits: they were taken for an earlier output.
+TEST_F(BadInput, FramesOfAnEurocRecordingAreNoOutput) {
+  const fs::path euroc = file("euroc");
+  const fs::path data = euroc / "mav0" / "cam0" / "data";
+  ASSERT_EQ(penumbra({"replay", recording(), "--output", file("pictures")}).exit_code, 0);
+  fs::create_directories(data);
+  for (const char* name : {"camera.yaml", "tags.yaml"}) {
+    fs::copy_file(recording() / name, euroc / name);
+  }
+  std::string csv = "#timestamp [ns],filename\n";
+  for (int i = 0; i < kFrames; ++i) {
+    const std::string number = std::to_string(100000 + i);
+    csv += number + "," + number + ".png\n";
+    fs::copy_file(file("pictures") / ("00000" + std::to_string(i) + ".png"),
+                  data / (number + ".png"));
+  }
+  write(data.parent_path() / "data.csv", csv);
+  ASSERT_EQ(penumbra({"replay", euroc, "--frames", "1:2"}).exit_code, 0);
+  const auto before = contents_of(data);
+  ASSERT_EQ(before.size(), static_cast<std::size_t>(kFrames));
+  expect_failure(penumbra({"replay", euroc, "--frames", "1:2", "--output", data}), {"recording"});
+  // Of another recording too.
+  expect_failure(penumbra({"replay", recording(), "--output", data}), {"recording"});
+  EXPECT_EQ(contents_of(data), before);
+  EXPECT_EQ(contents_of(data.parent_path()).size(), 2U);
+}
+
 }  // namespace
 }  // namespace penumbra::test

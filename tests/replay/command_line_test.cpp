@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include "render/shadow/technique.hpp"
 #include "replay_support.hpp"
 
 namespace penumbra::test {
@@ -12,7 +13,7 @@ using testing::HasSubstr;
 TEST(CommandLine, EveryCommandHasHelpWithAnExample) {
   EXPECT_EQ(penumbra({"--help"}).exit_code, 0);
   EXPECT_THAT(penumbra({"--help"}).out, HasSubstr("Example:\n  penumbra demo"));
-  for (const char* command : {"demo", "replay", "evaluate"}) {
+  for (const char* command : {"demo", "replay", "evaluate", "target", "shadow", "kernels"}) {
     const ProgramResult help = penumbra({command, "--help"});
     EXPECT_EQ(help.exit_code, 0);
     EXPECT_THAT(help.out, HasSubstr(std::string("Example:\n  penumbra ") + command));
@@ -44,6 +45,45 @@ INSTANTIATE_TEST_SUITE_P(
                     std::vector<std::string>{"replay", "r", "--poses-all"},
                     std::vector<std::string>{"replay", "r", "--log-level", "loud"},
                     std::vector<std::string>{"demo", "--output", "folder"},
+                    std::vector<std::string>{"shadow"}, std::vector<std::string>{"kernels"},
+                    std::vector<std::string>{"kernels", "m.obj"},
+                    std::vector<std::string>{"kernels", "m.obj", "--output", "k.txt"},
+                    std::vector<std::string>{"kernels", "m.obj", "--output", "k.json", "--up", "1"},
+                    std::vector<std::string>{"kernels", "m.obj", "--output", "k.json", "--up",
+                                             "0,0,0"},
+                    std::vector<std::string>{"shadow", "m.obj", "--technique", "pink"},
+                    std::vector<std::string>{"shadow", "m.obj", "--technique", "hard"},
+                    std::vector<std::string>{"shadow", "m.obj", "--light", "0 0 1 1"},
+                    std::vector<std::string>{"shadow", "m.obj", "--kernels", "pink"},
+                    std::vector<std::string>{"shadow", "m.obj", "--light-mode", "pink"},
+                    std::vector<std::string>{"shadow", "m.obj", "--light-height", "-1"},
+                    std::vector<std::string>{"shadow", "m.obj", "--light-height", "nan"},
+                    std::vector<std::string>{"shadow", "m.obj", "--light-height", "inf"},
+                    std::vector<std::string>{"shadow", "m.obj", "--light-ratio", "0"},
+                    std::vector<std::string>{"shadow", "m.obj", "--magnification", "2"},
+                    std::vector<std::string>{"shadow", "m.obj", "--magnification", "1",
+                                             "--workspace-height", "0.3"},
+                    std::vector<std::string>{"shadow", "m.obj", "--pose", "0 0 0"},
+                    std::vector<std::string>{"shadow", "m.obj", "--pose", "0 0 0 0 0 0 0"},
+                    std::vector<std::string>{"shadow", "m.obj", "--plane", "0 0 0 0 0 0"},
+                    std::vector<std::string>{"shadow", "m.obj", "--up", "x"},
+                    std::vector<std::string>{"shadow", "m.obj", "--output", "layers.gif"},
+                    std::vector<std::string>{"replay", ""},
+                    std::vector<std::string>{"replay", "r", "--output", ""},
+                    std::vector<std::string>{"target"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--tags", "x.pdf"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--tags", "./x.pdf"},
+                    std::vector<std::string>{"target", "--output", "tags.yaml"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--page", "b9"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--page", "30x30"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--family", "tag1"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--measured", "9"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--measured", "nan"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--columns", "0"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--rows", "101"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--tag-size", "-1"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--pitch", "0.04"},
+                    std::vector<std::string>{"target", "--output", "x.pdf", "--first-id", "580"},
                     std::vector<std::string>{"evaluate"},
                     std::vector<std::string>{"evaluate", "--estimated", "a.tum"}));
 
@@ -56,10 +96,55 @@ TEST_P(WrongUsage, IsExitCode2AndOneLine) {
   EXPECT_THAT(result.err, HasSubstr("--help"));
 }
 
+TEST(CommandLine, TakesEveryKindOfKernels) {
+  for (const KernelSourceName& entry : kKernelSourceNames) {
+    const ProgramResult result =
+        penumbra({"replay", "no-such-recording", "--kernels", std::string(entry.name)});
+    EXPECT_THAT(result.err, HasSubstr("no-such-recording")) << entry.name;
+    EXPECT_THAT(result.err, testing::Not(HasSubstr("--kernels"))) << entry.name;
+  }
+  EXPECT_THAT(penumbra({"replay", "r", "--kernels", "pink"}).err,
+              HasSubstr("known: auto, smooth, per-axis, cocl"));
+}
+
 TEST(CommandLine, AnUnknownTechniqueListsTheKnownOnes) {
   const ProgramResult result = penumbra({"replay", "r", "--shadow", "pink"});
   EXPECT_THAT(result.err, HasSubstr("pink"));
   EXPECT_THAT(result.err, HasSubstr("none, simple, cocl, layered"));
+}
+
+TEST(CommandLine, AnUnknownCommandListsTheKnownOnes) {
+  const ProgramResult result = penumbra({"bogus"});
+  EXPECT_EQ(result.exit_code, 2);
+  EXPECT_THAT(result.err, HasSubstr("'bogus' is no command"));
+  for (const char* command : {"demo", "replay", "evaluate", "target"}) {
+    EXPECT_THAT(result.err, HasSubstr(command));
+  }
+}
+
+TEST(CommandLine, AnEmptyValueIsToldByItsOption) {
+  EXPECT_THAT(penumbra({"replay", "r", "--output", ""}).err, HasSubstr("--output: is empty"));
+  EXPECT_THAT(penumbra({"replay", "r", "--scene="}).err, HasSubstr("--scene"));
+  EXPECT_THAT(penumbra({"replay", ""}).err, HasSubstr("RECORDING: is empty"));
+}
+
+TEST(Target, WritesASheetAndItsTags) {
+  const TemporaryFolder folder;
+  const std::filesystem::path sheet = folder.path() / "sheet.pdf";
+  ASSERT_EQ(penumbra({"target", "--output", sheet}).exit_code, 0);
+  EXPECT_TRUE(bytes_of(sheet).starts_with("%PDF"));
+  EXPECT_THAT(bytes_of(folder.path() / "tags.yaml"), HasSubstr("tag36h11"));
+  EXPECT_EQ(contents_of(folder.path()).size(), 2U);
+}
+
+TEST(Target, LeavesARecordingAlone) {
+  const TemporaryFolder folder;
+  std::ofstream(folder.path() / "timestamps.csv") << "frame,timestamp_s,file\n";
+  std::ofstream(folder.path() / "tags.yaml") << "precious";
+  expect_failure(penumbra({"target", "--output", folder.path() / "sheet.pdf"}),
+                 {"sheet.pdf", "recording"});
+  EXPECT_EQ(bytes_of(folder.path() / "tags.yaml"), "precious");
+  EXPECT_EQ(contents_of(folder.path()).size(), 2U);
 }
 
 TEST(CommandLine, WrongResourcesAreAFailure) {

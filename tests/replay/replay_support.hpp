@@ -46,7 +46,8 @@ inline std::map<std::string, std::string> contents_of(const std::filesystem::pat
   std::map<std::string, std::string> contents;
   std::error_code none;
   for (const auto& entry : std::filesystem::directory_iterator(folder, none)) {
-    contents[entry.path().filename().string()] = fingerprint_of(entry.path());
+    contents[entry.path().filename().string()] =
+        entry.is_directory() ? "a folder" : fingerprint_of(entry.path());
   }
   return contents;
 }

@@ -3,8 +3,8 @@
 // First exactly: the same build on the same rasteriser draws the same bits. Else within a
 // tolerance: no more than 2 codes off, but for at most 0.01 % of the pixels (edges that fall the
 // other way on another rasteriser). On failure the picture, the golden one and their difference
-// are written to the build folder's golden-output/. PENUMBRA_RENEW_GOLDENS=1 writes the golden
-// pictures instead: look at them before they are committed.
+// are written to the build folder's golden-output/. scripts/renew-goldens writes the golden
+// pictures instead (by PENUMBRA_RENEW_GOLDENS=1): look at them before they are committed.
 #pragma once
 
 #include <gtest/gtest.h>

@@ -19,12 +19,15 @@ inline std::filesystem::path program() {
 }
 
 // The folder of shared data (recordings, vectors, real photographs): $PENUMBRA_SHARED, or ../shared
-// beside the checkout. Empty where there is none: then a test says so in a line and is skipped.
+// beside the checkout. Empty where there is none, or one that holds other things: then a test says
+// so in a line and is skipped.
 inline std::filesystem::path shared_dir() {
   const char* given = std::getenv("PENUMBRA_SHARED");
   const std::filesystem::path folder =
       given != nullptr ? std::filesystem::path(given) : source_dir().parent_path() / "shared";
-  return std::filesystem::is_directory(folder) ? folder : std::filesystem::path();
+  return std::filesystem::is_directory(folder / "recordings" / "tabletop")
+             ? folder
+             : std::filesystem::path();
 }
 
 // A folder of its own that is removed at the end of the test.

@@ -42,6 +42,18 @@ TEST(OutputFile, LeavesNothingWhenItIsDropped) {
   EXPECT_TRUE(fs::is_empty(folder.path()));
 }
 
+TEST(OutputFile, TwoRunsWithOneTargetDoNotMeet) {
+  const test::TemporaryFolder folder;
+  auto one = OutputFile::create(folder.path() / "a.json");
+  auto other = OutputFile::create(folder.path() / "a.json");
+  ASSERT_TRUE(one && other);
+  EXPECT_NE(one->partial(), other->partial());
+  ASSERT_TRUE(write_text(*one, "one"));
+  EXPECT_EQ(text_of(folder.path() / "a.json"), "one");
+  ASSERT_TRUE(write_text(*other, "other"));
+  EXPECT_EQ(text_of(folder.path() / "a.json"), "other");
+}
+
 TEST(OutputFile, WritesThroughALink) {
   const test::TemporaryFolder folder;
   fs::create_directory(folder.path() / "real");

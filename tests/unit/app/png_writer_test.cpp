@@ -74,6 +74,44 @@ TEST(PngWriter, RefusesTheFramesOfARecording) {
   EXPECT_TRUE(fs::exists(frames / "000000.png"));
 }
 
+// EuRoC names pictures by their time: all digits too.
+TEST(PngWriter, RefusesPicturesNamedByTime) {
+  const test::TemporaryFolder temporary;
+  const fs::path folder = temporary.path() / "data";
+  fs::create_directory(folder);
+  std::ofstream(folder / "1403636579763555584.png") << "precious";
+  EXPECT_FALSE(create_png_writer(folder, {2, 1, 0.03}));
+  fs::rename(folder / "1403636579763555584.png", folder / "000001.png");
+  std::ofstream(temporary.path() / "data.csv") << "#timestamp [ns],filename\n";
+  EXPECT_FALSE(create_png_writer(folder, {2, 1, 0.03}));
+  EXPECT_EQ(names_in(folder), (std::set<std::string>{"000001.png"}));
+}
+
+TEST(PngWriter, WritesThroughALink) {
+  const test::TemporaryFolder temporary;
+  write(temporary.path() / "real", {0, 1});
+  fs::create_directory_symlink(temporary.path() / "real", temporary.path() / "link");
+  write(temporary.path() / "link", {2});
+  EXPECT_TRUE(fs::is_symlink(temporary.path() / "link"));
+  EXPECT_EQ(names_in(temporary.path() / "real"), (std::set<std::string>{"000002.png"}));
+  EXPECT_EQ(names_in(temporary.path()), (std::set<std::string>{"link", "real"}));
+}
+
+TEST(PngWriter, TwoRunsWithOneTargetDoNotMeet) {
+  const test::TemporaryFolder temporary;
+  const fs::path folder = temporary.path() / "out";
+  auto one = create_png_writer(folder, {2, 1, 0.03});
+  auto other = create_png_writer(folder, {2, 1, 0.03});
+  ASSERT_TRUE(one && other);
+  ASSERT_TRUE((*one)->write(1, 0, kPicture));
+  ASSERT_TRUE((*other)->write(2, 0, kPicture));
+  ASSERT_TRUE((*one)->finish());
+  EXPECT_EQ(names_in(folder), (std::set<std::string>{"000001.png"}));
+  ASSERT_TRUE((*other)->finish());
+  EXPECT_EQ(names_in(folder), (std::set<std::string>{"000002.png"}));
+  EXPECT_EQ(names_in(temporary.path()), (std::set<std::string>{"out"}));
+}
+
 TEST(PngWriter, WithoutFinishTheOldFolderStays) {
   const test::TemporaryFolder temporary;
   const fs::path folder = temporary.path() / "out";

@@ -59,6 +59,7 @@ TEST(InterruptWatch, TakesOneSignalAndGivesTheOldStateBack) {
   pthread_sigmask(SIG_BLOCK, nullptr, &before);
   {
     InterruptWatch watch;
+    watch.hold();
     EXPECT_FALSE(watch.interrupted());
     raise(SIGTERM);
     EXPECT_TRUE(watch.interrupted());

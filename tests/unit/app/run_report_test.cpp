@@ -35,8 +35,12 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
       status == TrackStatus::tracked || status == TrackStatus::uncertain ? 4 : 0;
   frame.tracked.pose.reprojection_rms_px = 0.25;
   frame.tracked.times.total_ms = 3.0;
+  if (full_detection) frame.tracked.times.detect_ms = 2.0;
   frame.tracked.times.full_detection = full_detection;
   frame.composite.shadow_vertices = 100;
+  frame.composite.triples_recomputed = 2;
+  frame.composite.faces_tested = 50;
+  frame.composite.faces_twisted = 4;
   frame.composite.passes_drawn = 3;
   frame.read_back = status != TrackStatus::lost;
   frame.plan.skipped = {{"object_out_of_view", "rotor: outside the view"}};
@@ -74,7 +78,7 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   EXPECT_TRUE(json["gl"].contains("renderer"));
   EXPECT_TRUE(json["gl"].contains("version"));
   for (const char* stage : {"capture", "track", "detect", "align", "solve", "shadow", "render",
-                            "readback", "encode", "frame"}) {
+                            "readback", "encode", "frame", "latency"}) {
     ASSERT_TRUE(json["time_ms"].contains(stage)) << stage;
     for (const char* field : {"median", "p95", "max", "cpu_median", "cpu_mean", "count"}) {
       EXPECT_TRUE(json["time_ms"][stage].contains(field)) << stage << " " << field;
@@ -82,11 +86,16 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   }
   EXPECT_EQ(json["time_ms"]["track"]["count"], 5);
   EXPECT_EQ(json["time_ms"]["track"]["median"], 3.0);
+  EXPECT_EQ(json["time_ms"]["detect"]["count"], 4) << "one frame was not searched";
+  EXPECT_EQ(json["time_ms"]["solve"]["count"], 0) << "it never ran";
   EXPECT_EQ(json["time_ms"]["readback"]["count"], 4);
   EXPECT_EQ(json["tracking"]["reprojection_rms_px"]["median"], 0.25);
   EXPECT_EQ(json["tracking"]["full_detections"], 4);
   EXPECT_EQ(json["tracking"]["tracked_updates"], 1);
   EXPECT_EQ(json["work"]["shadow_vertices"], 500);
+  EXPECT_EQ(json["work"]["triples_recomputed"], 10);
+  EXPECT_EQ(json["work"]["kernel_faces"], 250);
+  EXPECT_EQ(json["work"]["twisted_faces"], 20);
   EXPECT_EQ(json["work"]["passes_drawn"], 15);
   for (const char* counter :
        {"kernel_generations", "reprojections", "triples_recomputed", "passes_skipped"}) {

@@ -1,5 +1,6 @@
 #include "render/compositor.hpp"
 
+#include <epoxy/gl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -172,8 +173,8 @@ TEST(Compositor, LeavingOutWhatCannotShowChangesNoBit) {
   std::size_t skipped = 0;
   PlanOptions all;
   all.skip = false;
-  for (const ShadowTechnique technique :
-       {ShadowTechnique::none, ShadowTechnique::simple, ShadowTechnique::layered}) {
+  for (const ShadowTechnique technique : {ShadowTechnique::none, ShadowTechnique::simple,
+                                          ShadowTechnique::layered, ShadowTechnique::field}) {
     PlanOptions options;
     options.technique = all.technique = technique;
     for (const CameraPose& pose : views()) {
@@ -193,15 +194,19 @@ TEST(Compositor, BothApisAndEveryRunDrawTheSame) {
   Studio embedded(scene, camera, GlApi::gles30);
   Studio again(scene, camera, GlApi::gl33);
   const Frame frame = test_frame(320, 240);
-  for (const CameraPose& pose : views()) {
-    const FramePlan plan = desktop.plan(test::tracked(pose));
-    const Picture picture = desktop.draw(frame, plan);
-    ASSERT_EQ(picture, again.draw(frame, plan));
-    const Picture other = embedded.draw(frame, plan);
-    int over = 0;
-    for (std::size_t i = 0; i < picture.rgba.size(); ++i)
-      over += std::abs(picture.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
-    EXPECT_LE(over, 8);
+  for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field}) {
+    PlanOptions options;
+    options.technique = technique;
+    for (const CameraPose& pose : views()) {
+      const FramePlan plan = desktop.plan(test::tracked(pose), options);
+      const Picture picture = desktop.draw(frame, plan);
+      ASSERT_EQ(picture, again.draw(frame, plan));
+      const Picture other = embedded.draw(frame, plan);
+      int over = 0;
+      for (std::size_t i = 0; i < picture.rgba.size(); ++i)
+        over += std::abs(picture.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
+      EXPECT_LE(over, 8);
+    }
   }
 }
 
@@ -274,6 +279,18 @@ TEST(Compositor, RefusesAFrameOfAnotherSize) {
   const auto drawn = studio.compositor().draw(test::plain_frame(48, 64, 0), FramePlan());
   ASSERT_FALSE(drawn);
   EXPECT_THAT(drawn.error().message, testing::HasSubstr("48 x 64"));
+}
+
+TEST(Compositor, ReportsWhatTheDriverRefusesInTheSameFrame) {
+  SceneBuilder builder;
+  Studio studio(builder.build(), test::camera_of(64, 48, 60.0));
+  const Frame frame = test::plain_frame(64, 48, 0);
+  glEnable(0xFFFF);  // no such thing
+  const auto drawn = studio.compositor().draw(frame, FramePlan());
+  ASSERT_FALSE(drawn);
+  EXPECT_THAT(drawn.error().message, testing::HasSubstr("0x500 while frame"));
+  EXPECT_TRUE(studio.compositor().draw(frame, FramePlan()))
+      << "one frame's error is not the next's";
 }
 
 TEST(Compositor, RefusesMoreLightsThanItDraws) {

@@ -110,6 +110,15 @@ TEST(FramePlan, LayersVanishWithHeight) {
   high.add(cube(0.02), test::at(0, 0, 0.45));
   EXPECT_THAT(whats(plan_of(high, above())), testing::Contains("shadow_above_light"));
 
+  // Each part of a field keeps its umbra to a height of its own: the field says which.
+  PlanOptions field;
+  field.technique = ShadowTechnique::field;
+  const FramePlan fields = plan_of(builder, above(), field);
+  ASSERT_EQ(fields.shadows.size(), 1U);
+  EXPECT_TRUE(fields.shadows[0].umbra && fields.shadows[0].middle && fields.shadows[0].penumbra);
+  EXPECT_THAT(whats(fields), testing::IsEmpty());
+  EXPECT_THAT(whats(plan_of(high, above(), field)), testing::Contains("shadow_above_light"));
+
   SceneBuilder low;
   low.add(cube(0.02), test::at(0, 0, -0.05));
   EXPECT_THAT(whats(plan_of(low, above())), testing::Contains("shadow_below_plane"));
@@ -143,6 +152,26 @@ TEST(FramePlan, OptionsOverrideTheNodes) {
   EXPECT_EQ(plan.shadows[0].technique, ShadowTechnique::simple);
   EXPECT_EQ(plan.shadows[0].kernels, KernelSource::centroid);
   EXPECT_FALSE(plan.shadows[0].umbra || plan.shadows[0].penumbra);
+}
+
+TEST(FramePlan, AnUncertainPoseIsDrawnFaded) {
+  SceneBuilder builder;
+  builder.add(cube(0.05), test::at(0, 0, 0.1));
+  PoseEstimate pose = above();
+  pose.status = TrackStatus::uncertain;
+  const FramePlan plan = plan_of(builder, pose);
+  EXPECT_EQ(plan.overlay_opacity, 0.5F);
+  EXPECT_EQ(plan.objects.size(), 1U);
+
+  // Held after it, the overlay must not come back brighter.
+  pose.status = TrackStatus::held;
+  pose.held_from = TrackStatus::uncertain;
+  pose.age_s = 0.0;
+  EXPECT_EQ(plan_of(builder, pose).overlay_opacity, 0.5F);
+  pose.age_s = 0.5 * kHoldSeconds;
+  EXPECT_EQ(plan_of(builder, pose).overlay_opacity, 0.25F);
+  pose.age_s = kHoldSeconds;
+  EXPECT_FALSE(plan_of(builder, pose).has_pose);
 }
 
 TEST(FramePlan, AHeldPoseFades) {

@@ -122,6 +122,85 @@ TEST_F(ModelFile, NodesNestNoDeeperThanAllowed) {
               HasSubstr("JSON is nested deeper than 64"));
 }
 
+// A draw call for each would take seconds per frame.
+TEST_F(ModelFile, NodesOfOneMaterialAreOneMesh) {
+  constexpr int kNodes = 20'000;
+  std::string nodes = "\"nodes\":[", list;
+  for (int i = 0; i < kNodes; ++i) {
+    nodes += fmt::format("{}{{\"mesh\":{},\"translation\":[0,0,{}]}}", i == 0 ? "" : ",", i % 3, i);
+    list += fmt::format("{}{}", i == 0 ? "" : ",", i);
+  }
+  nodes += "]";
+  std::string text = kTriangle;
+  const auto replace = [&text](const std::string& from, const std::string& to) {
+    ASSERT_NE(text.find(from), std::string::npos) << from;
+    text.replace(text.find(from), from.size(), to);
+  };
+  replace(R"("nodes":[{"mesh":0}])", nodes);
+  replace(R"({"nodes":[0]})", "{\"nodes\":[" + list + "]}");
+  const std::string triangle = R"({"attributes":{"POSITION":0},"indices":1})";
+  const std::string metal = R"({"attributes":{"POSITION":0},"indices":1,"material":0})";
+  // Of the plain material, of a metal, and of the plain one with texture coordinates.
+  replace(R"("meshes":[{"primitives":[)" + triangle + "]}]",
+          R"("materials":[{"name":"metal"}],"meshes":[{"name":"a","primitives":[)" + triangle +
+              R"(]},{"name":"b","primitives":[)" + metal + R"(]},{"name":"c","primitives":[)" +
+              R"({"attributes":{"POSITION":0,"COLOR_0":0},"indices":1})" + "]}]");
+  write("data.bin", triangle_data());
+  const Result<Model> model = load_model(write("model.gltf", text));
+  ASSERT_TRUE(model) << error_of(model);
+  ASSERT_EQ(model->meshes.size(), 2U);
+  EXPECT_EQ(model->meshes[0].name, "a");
+  EXPECT_EQ(model->meshes[1].name, "b");
+  EXPECT_EQ(model->triangle_count(), std::size_t{kNodes});
+  EXPECT_EQ(model->source_vertex_count, 9U);
+  const Mesh& plain = model->meshes[0];
+  // Triangle t is of node t + t / 2: every third one is of metal.
+  for (const std::uint32_t t : {0U, 1U, 2U, 9'999U}) {
+    const std::uint32_t node = t + t / 2 + t % 2;
+    for (std::uint32_t k = 0; k < 3; ++k) {
+      const std::uint32_t i = plain.indices[3 * t + k];
+      EXPECT_EQ(i, 3 * t + k);
+      EXPECT_EQ(plain.source_vertex[i], (node % 3) * 3 + k);
+      EXPECT_EQ(plain.positions[i].y, -static_cast<float>(node)) << t;
+    }
+    EXPECT_EQ(plain.colors[3 * t], node % 3 == 2 ? glm::vec4(0, 0, 0, 1) : glm::vec4(1.0F));
+  }
+}
+
+TEST_F(ModelFile, TooManyMaterialsAreRefused) {
+  ModelLimits limits;
+  limits.max_meshes = 2;
+  std::string text, materials;
+  for (int i = 0; i < 3; ++i) {
+    text += fmt::format("v {0} 0 0\nv {0} 1 0\nv {0} 0 1\nusemtl m{0}\nf -3 -2 -1\n", i);
+    materials += fmt::format("newmtl m{}\nKd 0 0 1\n", i);
+  }
+  write("m.mtl", materials);
+  const auto file = write("model.obj", "mtllib m.mtl\n" + text);
+  EXPECT_THAT(error_of(load_model(file, UpAxis::by_format, limits)),
+              HasSubstr("has 3 materials in use, more than the 2 allowed"));
+  EXPECT_TRUE(load_model(file));
+}
+
+TEST_F(ModelFile, NodesWithoutAnExtentAreRefusedByName) {
+  EXPECT_THAT(error_of(gltf(R"({"mesh":0})", R"({"mesh":0,"name":"lid","scale":[0,0,0]})")),
+              HasSubstr("nodes/0 (\"lid\"): its scale leaves no surface to see"));
+  EXPECT_THAT(error_of(gltf(R"({"mesh":0})", R"({"mesh":0,"scale":[0,1,0]})")),
+              HasSubstr("nodes/0: its scale leaves no surface to see"));
+  EXPECT_TRUE(gltf(R"({"mesh":0})", R"({"mesh":0,"scale":[1,1,0]})")) << "flat is not nothing";
+}
+
+TEST_F(ModelFile, ObjLinesGoOnAfterABackslash) {
+  const Result<Model> model =
+      obj("# from C:\\models\\\nv 0 0 0\nv 1 \\\r\n 0 \\\n 0\nv 0 1 0\nf 1 2\\\n 3\n");
+  ASSERT_TRUE(model) << error_of(model);
+  EXPECT_EQ(model->triangle_count(), 1U);
+  EXPECT_EQ(model->source_vertex_count, 3U);
+  EXPECT_EQ(model->max_corner, glm::vec3(1, 1, 0));
+  EXPECT_THAT(error_of(obj("v 0 \\\n0 0\nv 1 0 x\nf 1 1 1\n")), HasSubstr("line 3: \"x\""));
+  EXPECT_THAT(error_of(obj("v 0 0 \\")), HasSubstr("line 1: \"v\" has 2 numbers"));
+}
+
 TEST_F(ModelFile, FilesOutsideTheFolderAreNotRead) {
   for (const std::string uri :
        {"../data.bin", "/etc/passwd", "a/../../data.bin", "file:data.bin"}) {

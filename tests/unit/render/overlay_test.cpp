@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <functional>
+#include <limits>
 #include <numbers>
 
 #include "render/camera_gl.hpp"
@@ -217,6 +219,139 @@ TEST(Overlay, NothingFoldsBackIntoThePicture) {
   for (int y = 0; y < 480; ++y) {
     for (int x = 0; x < 560; ++x) ASSERT_EQ(picture.red(x, y), 0) << x << " " << y;
   }
+}
+
+// A curve in the picture, of a line in the camera frame, closely sampled: row at a column.
+double row_at(const std::vector<Eigen::Vector2d>& curve, double x) {
+  for (std::size_t i = 0; i + 1 < curve.size(); ++i) {
+    const Eigen::Vector2d& a = curve[i];
+    const Eigen::Vector2d& b = curve[i + 1];
+    if (a.x() <= x && x < b.x()) return a.y() + (x - a.x()) / (b.x() - a.x()) * (b.y() - a.y());
+  }
+  return std::numeric_limits<double>::quiet_NaN();
+}
+
+CameraModel strong_lens() {
+  CameraParameters p;
+  p.width = 640;
+  p.height = 480;
+  p.fx = p.fy = 600.0;
+  p.cx = 319.5;
+  p.cy = 239.5;
+  p.distortion = {-0.28, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+  return CameraModel::make(p).value();
+}
+
+// Where a strip from (x0, y0) to (x1, y1), `width` wide downwards, at depth z of the camera frame
+// is drawn, against where it is: the largest mean over a window of columns, of both of its edges.
+double worst_window_px(const CameraModel& camera, const std::vector<double>& top_rows,
+                       const std::vector<double>& bottom_rows,
+                       const std::function<bool(int, int)>& covered) {
+  constexpr int kWindow = 24;
+  std::vector<double> top_error, bottom_error;
+  for (int x = 0; x < camera.width(); ++x) {
+    const double top = top_rows[static_cast<std::size_t>(x)];
+    const double bottom = bottom_rows[static_cast<std::size_t>(x)];
+    if (!std::isfinite(top) || !std::isfinite(bottom)) continue;
+    const int middle = static_cast<int>(0.5 * (top + bottom));
+    int first = middle, last = middle;
+    while (first > 0 && covered(x, first - 1)) --first;
+    while (last + 1 < camera.height() && covered(x, last + 1)) ++last;
+    EXPECT_TRUE(covered(x, middle)) << x;
+    top_error.push_back(first - std::ceil(top));
+    bottom_error.push_back(last - std::floor(bottom));
+  }
+  double worst = 0.0;
+  EXPECT_GT(top_error.size(), 400U);
+  for (const auto& errors : {top_error, bottom_error}) {
+    for (std::size_t i = 0; i + kWindow <= errors.size(); ++i) {
+      double sum = 0.0;
+      for (std::size_t j = i; j < i + kWindow; ++j) sum += errors[j];
+      worst = std::max(worst, std::abs(sum / kWindow));
+    }
+  }
+  return worst;
+}
+
+std::vector<double> rows_of_line(const CameraModel& camera, const Eigen::Vector3d& a,
+                                 const Eigen::Vector3d& b) {
+  std::vector<Eigen::Vector2d> curve;
+  for (int i = 0; i <= 2000; ++i) {
+    const auto p = camera.project(a + (b - a) * (i / 2000.0));
+    if (p) curve.push_back(*p);
+  }
+  std::vector<double> rows;
+  for (int x = 0; x < camera.width(); ++x) rows.push_back(row_at(curve, x));
+  return rows;
+}
+
+// A long thin thing near the picture's upper rim, as near as the camera comes, that grows to ten
+// times the size it starts with: its edges must follow the lens even then.
+TEST(Overlay, LongEdgesFollowTheLensCloseUp) {
+  const CameraModel camera = strong_lens();
+  const Eigen::Vector3d a(-0.09, -0.0500, 0.15), b(0.09, -0.0330, 0.15);
+  const Eigen::Vector3d down(0.0, 0.006, 0.0);
+  Model strip;
+  Mesh& mesh = strip.meshes.emplace_back();
+  for (const Eigen::Vector3d& p : {a, b, Eigen::Vector3d(b + down), Eigen::Vector3d(a + down)}) {
+    mesh.positions.push_back(to_gl(Eigen::Vector3d(0.1 * p)));
+  }
+  mesh.indices = {0, 1, 2, 0, 2, 3};
+  SceneBuilder builder;
+  const int index =
+      builder.add(test::finished(strip, glm::vec4(0.0F), glm::vec3(4.0F)), Placement{}, false);
+  Animation& animation = builder.scene().objects[static_cast<std::size_t>(index)].animation;
+  animation.loop = false;
+  animation.keyframes.resize(2);
+  animation.keyframes[1].time_s = 1.0;
+  animation.keyframes[1].placement.scale = 10.0;
+  Studio studio(builder.build(), camera);
+  const test::Picture picture = studio.draw(test::plain_frame(640, 480, 0),
+                                            studio.plan(test::tracked(CameraPose()), {}, 1.0));
+  const double worst =
+      worst_window_px(camera, rows_of_line(camera, a, b), rows_of_line(camera, a + down, b + down),
+                      [&](int x, int y) { return picture.red(x, y) >= 128; });
+  std::printf("long edge close up: worst %.3f px\n", worst);
+  EXPECT_LE(worst, 0.15);
+}
+
+// The same of a shadow: a level strip's penumbra on a plane 0.15 m from the camera, twice as
+// long as the strip.
+TEST(Overlay, LongShadowEdgesFollowTheLensCloseUp) {
+  const CameraModel camera = strong_lens();
+  const double height = 0.1, light = 0.4, ratio = 8.0 / 4.0;  // factor (H + a h) / (H - h) = 2
+  SceneBuilder builder;
+  builder.scene().shadows[0].layered = make_layered_constants(light, ratio, 0.0).value();
+  const double factor =
+      layer_factor(builder.scene().shadows[0].layered, ShadowLayer::penumbra, height);
+  ASSERT_NEAR(factor, 2.0, 1e-12);
+  Model strip;
+  Mesh& mesh = strip.meshes.emplace_back();
+  const Eigen::Vector2d a(-0.045, 0.025), b(0.045, 0.0165), down(0.0, -0.003);
+  const std::array<Eigen::Vector2d, 4> corners = {a, a + down, b + down, b};
+  for (const Eigen::Vector2d& p : corners)
+    mesh.positions.push_back(to_gl(Eigen::Vector3d(p.x(), p.y(), 0.0)));
+  mesh.indices = {0, 1, 2, 0, 2, 3};
+  builder.scene().shadows[0].kernels = KernelSource::centroid;
+  builder.scene().shadows[0].fractions = {0.0, 0.0, 0.0};
+  builder.add(test::finished(strip, glm::vec4(1.0F)), test::at(0, 0, height));
+  // The camera looks straight down: camera x is table x, camera y is -table y.
+  Eigen::Matrix3d R;
+  R << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+  const CameraPose pose(R, Eigen::Vector3d(0.0, 0.0, 0.15));
+  Studio studio(builder.build(), camera);
+  const test::Picture picture =
+      studio.draw_shadows(test::plain_frame(640, 480, 200), studio.plan(test::tracked(pose)));
+  const Eigen::Vector2d kernel = 0.25 * (corners[0] + corners[1] + corners[2] + corners[3]);
+  const auto shadow = [&](const Eigen::Vector2d& p) {
+    const Eigen::Vector2d at = kernel + factor * (p - kernel);
+    return Eigen::Vector3d(pose.inverse() * Eigen::Vector3d(at.x(), at.y(), 0.0));
+  };
+  const double worst = worst_window_px(camera, rows_of_line(camera, shadow(a), shadow(b)),
+                                       rows_of_line(camera, shadow(a + down), shadow(b + down)),
+                                       [&](int x, int y) { return picture.red(x, y) < 100; });
+  std::printf("long shadow close up: worst %.3f px\n", worst);
+  EXPECT_LE(worst, 0.15);
 }
 
 TEST(Overlay, MapsToThePlaneAndBack) {

@@ -2,11 +2,15 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 
 #include "render/scene.hpp"
+#include "render/scene_schema.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {
@@ -54,7 +58,8 @@ TEST_F(SceneFile, DefaultSceneLoadsWithoutWarnings) {
 
 TEST_F(SceneFile, ViolationsNameThePlaceAndWhatIsAllowed) {
   EXPECT_THAT(error_of("{"), HasSubstr("scene.json: is not JSON: parse error at line 1"));
-  EXPECT_THAT(error_of("[]"), HasSubstr("scene.json: /: is a list of 0; give"));
+  EXPECT_THAT(error_of("[]"),
+              HasSubstr("scene.json: /: is an empty list; give an object that says what is drawn"));
   EXPECT_THAT(error_of("{}"), HasSubstr("/: has no \"objects\"; add it"));
   EXPECT_THAT(error_of(R"({"objects":[],"shadow":[]})"),
               HasSubstr("/shadow: is not a known key; did you mean \"shadows\"?"));
@@ -80,6 +85,90 @@ TEST_F(SceneFile, ViolationsNameThePlaceAndWhatIsAllowed) {
               HasSubstr("/lights/0: has no \"position\""));
   EXPECT_THAT(error_of(R"({"objects":[],"planes":[{"name":"p","normal":[0,0,0]}]})"),
               HasSubstr("/planes/0/normal: has no length"));
+}
+
+TEST_F(SceneFile, ANameTooLongHasItsPlace) {
+  EXPECT_THAT(error_of(R"({"objects":[{"name":")" + std::string(300, 'a') + "\"}]}"),
+              HasSubstr("/objects/0/name: is \"aaaa"));
+  // Characters are counted, not bytes: 200 of two bytes each are allowed.
+  std::string umlauts;
+  for (int i = 0; i < 200; ++i) umlauts += "\u00e4";
+  EXPECT_TRUE(load(R"({"name":")" + umlauts + R"(","objects":[]})"));
+}
+
+TEST_F(SceneFile, AKeyGivenTwiceIsRefused) {
+  EXPECT_THAT(error_of(R"({"objects":[],"objects":[]})"),
+              HasSubstr("scene.json: /objects: is given twice; remove one of them"));
+  EXPECT_THAT(
+      error_of("{\"objects\":[" + kBox +
+               R"(,{"name":"b","position":[0,[1],{}],"shape":{"kind":"box","kind":"ring"}}]})"),
+      HasSubstr("/objects/1/shape/kind: is given twice"));
+  EXPECT_TRUE(
+      load("{\"objects\":[" + kBox + R"(,{"name":"b","shape":{"kind":"box","size":[1,1,1]}}]})"))
+      << "the same key of two objects";
+}
+
+// The messages walk the schema by themselves: what they do not know would go unexplained.
+void expect_known_keywords(const nlohmann::json& schema, const std::string& place) {
+  static const std::set<std::string_view> kTypes = {"object", "array", "string", "boolean",
+                                                    "number"};
+  static const std::set<std::string_view> kDescribing = {"$schema", "title", "description",
+                                                         "definitions"};
+  const auto known = schema_keywords();
+  for (const auto& [key, value] : schema.items()) {
+    EXPECT_TRUE(kDescribing.contains(key) ||
+                std::find(known.begin(), known.end(), key) != known.end())
+        << place << ": " << key;
+    if (key == "properties" || key == "definitions") {
+      for (const auto& [name, part] : value.items()) {
+        expect_known_keywords(part, place + "/" + key + "/" + name);
+      }
+    } else if (key == "items") {
+      ASSERT_TRUE(value.is_object()) << place;
+      expect_known_keywords(value, place + "/items");
+    } else if (key == "type") {
+      for (const auto& type : value.is_array() ? value : nlohmann::json::array({value})) {
+        EXPECT_TRUE(kTypes.contains(type.get<std::string>())) << place << ": " << type;
+      }
+    } else if (key == "additionalProperties") {
+      EXPECT_EQ(value, false) << place;
+    } else if (key == "$ref") {
+      EXPECT_EQ(schema.size(), 1U) << place << ": what stands beside a $ref does not count";
+    }
+  }
+  if (!schema.contains("$ref")) {
+    EXPECT_TRUE(schema.contains("description")) << place << ": the message's remedy";
+    EXPECT_EQ(schema.value("type", nlohmann::json()) == "object", schema.contains("properties"))
+        << place;
+  }
+}
+
+TEST_F(SceneFile, EveryKeywordOfTheSchemaIsExplained) {
+  expect_known_keywords(nlohmann::json::parse(scene_schema()), "#");
+}
+
+TEST_F(SceneFile, SchemaNamesEveryTechniqueAndKindOfKernels) {
+  const nlohmann::json schema = nlohmann::json::parse(scene_schema());
+  const nlohmann::json& node = schema.at("definitions").at("shadow").at("properties");
+  nlohmann::json techniques, kernels;
+  for (const auto& entry : kShadowTechniqueNames) techniques.push_back(std::string(entry.name));
+  for (const auto& entry : kKernelSourceNames) kernels.push_back(std::string(entry.name));
+  EXPECT_EQ(node.at("technique").at("enum"), techniques);
+  EXPECT_EQ(node.at("kernels").at("enum"), kernels);
+  for (const auto& entry : kKernelSourceNames) {
+    const Result<Scene> scene = load(
+        "{\"objects\":[" + kBox + R"(],"shadows":[{"name":"s","technique":"layered","kernels":")" +
+        std::string(entry.name) + "\"}]}");
+    ASSERT_TRUE(scene) << scene.error().message;
+    EXPECT_EQ(scene->shadows[0].kernels, entry.source);
+  }
+}
+
+TEST_F(SceneFile, APlaneMovesWithNoGroupButTheTable) {
+  EXPECT_THAT(error_of(R"({"objects":[],"planes":[{"name":"p","tag_group":"box"}]})"),
+              HasSubstr("/planes/0/tag_group: is \"box\", and planes move with no group but "
+                        "\"table\"; remove it"));
+  EXPECT_TRUE(load(R"({"objects":[],"planes":[{"name":"p","tag_group":"table"}]})"));
 }
 
 TEST_F(SceneFile, ShadowNodesAreChecked) {

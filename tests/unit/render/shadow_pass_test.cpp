@@ -7,7 +7,7 @@
 #include <numbers>
 #include <set>
 
-#include "render/passes/object_pass.hpp"
+#include "render/passes/shadow_pass.hpp"
 #include "render/shadow/caster_geometry.hpp"
 #include "render/shadow/kernel_direction.hpp"
 #include "support/shapes.hpp"
@@ -150,7 +150,7 @@ std::vector<std::uint8_t> cpu_layer(const Scene& scene, ShadowLayer layer) {
   const PlaneFrame plane = PlaneFrame::make(scene.planes[0].normal, scene.planes[0].point);
   const ShadowMesh mesh = make_shadow_mesh(*object.model);
   const CasterGeometry geometry =
-      split_long_edges(mesh, longest_model_edge(object.placement.scale));
+      split_long_edges(mesh, longest_caster_edges(scene, overhead_camera())[0]);
   const Eigen::Vector3d up = object.placement.rotation.conjugate() * plane.n;
   const auto kernels = level_kernels(
       geometry, generate_kernels(mesh, KernelDirection::nearest(up).up(), node.kernels));

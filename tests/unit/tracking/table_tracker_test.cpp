@@ -52,8 +52,7 @@ class OnTabletop : public testing::Test {
  protected:
   void SetUp() override {
     recording_ = test::recordings_dir() / "tabletop";
-    if (!std::filesystem::exists(recording_ / "camera.yaml"))
-      GTEST_SKIP() << "recordings/tabletop is not there";
+    ASSERT_TRUE(std::filesystem::exists(recording_ / "camera.yaml")) << recording_;
     camera_.emplace(load_camera(recording_ / "camera.yaml").value());
     map_.emplace(load_tag_map(recording_ / "tags.yaml").value());
     truth_ = load_trajectory(recording_ / "groundtruth.tum").value();

@@ -152,8 +152,7 @@ TEST(TagDetector, TheSameImageGivesTheSameBits) {
 // does not.
 TEST(TagDetector, AgreesWithTheTruthOfARecording) {
   const auto recording = test::recordings_dir() / "tabletop";
-  if (!std::filesystem::exists(recording / "camera.yaml"))
-    GTEST_SKIP() << "recordings/tabletop is not there";
+  ASSERT_TRUE(std::filesystem::exists(recording / "camera.yaml")) << recording;
   const CameraModel camera = load_camera(recording / "camera.yaml").value();
   const TagMap map = load_tag_map(recording / "tags.yaml").value();
   const Trajectory truth = load_trajectory(recording / "groundtruth.tum").value();

@@ -21,6 +21,12 @@ class Stopwatch {
   [[nodiscard]] StageTime elapsed() const {
     return {now_ms(CLOCK_MONOTONIC) - wall_ms_, now_ms(CLOCK_THREAD_CPUTIME_ID) - cpu_ms_};
   }
+  // elapsed() on top of what is there.
+  void add_to(double& wall_ms, double& cpu_ms) const {
+    const StageTime time = elapsed();
+    wall_ms += time.wall_ms;
+    cpu_ms += time.cpu_ms;
+  }
 
  private:
   static double now_ms(clockid_t clock) {

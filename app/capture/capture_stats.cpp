@@ -1,0 +1,60 @@
+#include "app/capture/capture_stats.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <utility>
+
+namespace penumbra {
+namespace {
+
+// Events nobody takes don't pile up.
+constexpr std::size_t kMostEvents = 256;
+
+}  // namespace
+
+std::string_view name_of(CaptureFault fault) {
+  constexpr std::array<std::string_view, kCaptureFaultCount> kNames = {
+      "silent",       "io_error",    "disconnected", "refused", "busy",       "forbidden",
+      "wrong_format", "error_frame", "damaged",      "gap",     "silent_gap", "bad_time"};
+  return kNames[static_cast<std::size_t>(fault)];
+}
+
+void FaultCounter::count(CaptureFault fault, std::string_view detail, std::uint64_t times) {
+  bool first = false;
+  {
+    const std::lock_guard lock(mutex_);
+    std::uint64_t& counter = stats_.faults[static_cast<std::size_t>(fault)];
+    first = counter == 0;
+    counter += times;
+    if (events_.size() < kMostEvents) events_.push_back({fault, std::string(detail)});
+  }
+  spdlog::log(first ? spdlog::level::warn : spdlog::level::debug, "{}: {}{}", camera_, detail,
+              first ? " (told once, counted from now on)" : "");
+}
+
+void FaultCounter::count_frame() {
+  const std::lock_guard lock(mutex_);
+  ++stats_.frames;
+}
+
+void FaultCounter::count_restart() {
+  const std::lock_guard lock(mutex_);
+  ++stats_.restarts;
+}
+
+void FaultCounter::set_trouble(std::optional<std::string> trouble) {
+  const std::lock_guard lock(mutex_);
+  stats_.trouble = std::move(trouble);
+}
+
+CaptureStats FaultCounter::stats() const {
+  const std::lock_guard lock(mutex_);
+  return stats_;
+}
+
+std::vector<FaultCounter::Event> FaultCounter::take_events() {
+  const std::lock_guard lock(mutex_);
+  return std::exchange(events_, {});
+}
+
+}  // namespace penumbra

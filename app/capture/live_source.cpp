@@ -1,0 +1,84 @@
+#include "app/capture/live_source.hpp"
+
+#include "core/image_file.hpp"
+
+namespace penumbra {
+namespace {
+
+// Of a JPEG stream (ITU-T T.81, annex B).
+constexpr std::uint8_t kStartOfImage = 0xD8;
+constexpr std::uint8_t kEndOfImage = 0xD9;
+constexpr std::uint8_t kStartOfScan = 0xDA;
+
+bool is_frame_header(std::uint8_t marker) {
+  return marker >= 0xC0 && marker <= 0xCF && marker != 0xC4 && marker != 0xC8 && marker != 0xCC;
+}
+
+}  // namespace
+
+std::span<const std::uint8_t> trim_jpeg(std::span<const std::uint8_t> bytes) {
+  std::size_t size = bytes.size();
+  while (size > 0 && bytes[size - 1] == 0) --size;
+  return bytes.first(size);
+}
+
+bool is_whole_jpeg(std::span<const std::uint8_t> bytes, int width, int height) {
+  const std::size_t size = bytes.size();
+  if (size < 4 || bytes[0] != 0xFF || bytes[1] != kStartOfImage || bytes[size - 2] != 0xFF ||
+      bytes[size - 1] != kEndOfImage) {
+    return false;
+  }
+  // Segment after segment up to the first scan.
+  std::size_t at = 2;
+  while (at + 4 <= size && bytes[at] == 0xFF) {
+    const std::uint8_t marker = bytes[at + 1];
+    if (marker == 0xFF) {  // a fill byte
+      ++at;
+      continue;
+    }
+    const std::size_t length = (std::size_t{bytes[at + 2]} << 8U) | bytes[at + 3];
+    if (length < 2 || at + 2 + length > size) return false;
+    if (marker == kStartOfScan) return true;
+    if (is_frame_header(marker)) {
+      if (length < 8) return false;
+      const int rows = (bytes[at + 5] << 8) | bytes[at + 6];
+      const int columns = (bytes[at + 7] << 8) | bytes[at + 8];
+      if (rows != height || columns != width) return false;
+    }
+    at += 2 + length;
+  }
+  return false;
+}
+
+std::optional<Frame> LiveSource::decode(const CapturedImage& image) {
+  Frame frame;
+  if (image.is_jpeg()) {
+    auto decoded = decode_image(image.jpeg, "a frame");
+    if (!decoded) {
+      faults().count(CaptureFault::damaged, decoded.error().message);
+      return std::nullopt;
+    }
+    frame = std::move(*decoded);
+  } else {
+    frame = image.frame;
+    frame.owner = image.owner;
+  }
+  frame.sequence = image.sequence;
+  frame.timestamp_ns = image.timestamp_ns;
+  return frame;
+}
+
+Result<std::optional<Frame>> LiveSource::next() {
+  while (true) {
+    auto image = next_image();
+    if (!image) return tl::unexpected(image.error());
+    if (!*image) return std::optional<Frame>();
+    const Stopwatch watch;
+    auto frame = decode(**image);
+    if (!frame) continue;
+    capture_time_ = watch.elapsed();
+    return frame;
+  }
+}
+
+}  // namespace penumbra

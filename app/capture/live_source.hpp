@@ -1,0 +1,67 @@
+// A camera, or what stands for one: frames come at their own pace, and who is late loses some.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "app/capture/capture_stats.hpp"
+#include "app/capture/frame_source.hpp"
+
+namespace penumbra {
+
+// One picture as the camera gave it.
+struct CapturedImage {
+  std::uint64_t sequence = 0;     // from 0; a gap is a lost frame
+  std::int64_t timestamp_ns = 0;  // the driver's, on the monotonic clock
+  // Either a JPEG, not yet decoded, or a frame whose planes lie in the camera's buffer.
+  std::span<const std::uint8_t> jpeg;
+  Frame frame;  // empty for a JPEG
+  std::shared_ptr<const void> owner;
+
+  [[nodiscard]] bool is_jpeg() const { return frame.empty(); }
+};
+
+// What the stream is, once it runs.
+struct StreamFormat {
+  std::string name;  // "MJPEG", "NV12", ...
+  int width = 0;     // [px]
+  int height = 0;    // [px]
+  double interval_s = 1.0 / 30.0;
+};
+
+class LiveSource : public FrameSource {
+ public:
+  // Waits for the next picture, through faults and the camera's absence; nothing after stop(), or
+  // when there is no more. Called by one thread.
+  [[nodiscard]] virtual Result<std::optional<CapturedImage>> next_image() = 0;
+  // Decodes where that is needed. A picture that is damaged is counted, and is nothing. By any
+  // thread.
+  [[nodiscard]] std::optional<Frame> decode(const CapturedImage& image);
+
+  // The next whole frame, decoded.
+  [[nodiscard]] Result<std::optional<Frame>> next() override;
+  [[nodiscard]] StageTime capture_time() const override { return capture_time_; }
+  [[nodiscard]] std::optional<int> frame_count() const override { return std::nullopt; }
+
+  // Ends a next_image() that waits, and every later one at once. By any thread.
+  virtual void stop() = 0;
+  [[nodiscard]] virtual StreamFormat format() const = 0;
+  [[nodiscard]] virtual std::string description() const = 0;  // for people: device, card, format
+  [[nodiscard]] virtual FaultCounter& faults() = 0;
+  // The camera's controls as they are now: name -> value.
+  [[nodiscard]] virtual std::vector<std::pair<std::string, std::int64_t>> controls() const = 0;
+
+ private:
+  StageTime capture_time_;
+};
+
+// Whether the bytes are a JPEG of that size from its first mark to its last: half a picture is not.
+[[nodiscard]] bool is_whole_jpeg(std::span<const std::uint8_t> bytes, int width, int height);
+// The JPEG without the zeros that some cameras fill up with.
+[[nodiscard]] std::span<const std::uint8_t> trim_jpeg(std::span<const std::uint8_t> bytes);
+
+}  // namespace penumbra

@@ -1,0 +1,17 @@
+// A recording that plays as if it were a camera: at its own pace, over and over, and who is late
+// loses frames. For trying things out and for tests.
+#pragma once
+
+#include <memory>
+#include <optional>
+
+#include "app/capture/live_source.hpp"
+#include "app/capture/recording_source.hpp"
+
+namespace penumbra {
+
+// `fps`: another pace than the recorded one. The recording has pictures (frames/), no video.
+[[nodiscard]] Result<std::unique_ptr<LiveSource>> open_recording_feed(const Recording& recording,
+                                                                      std::optional<double> fps);
+
+}  // namespace penumbra

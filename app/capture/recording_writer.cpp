@@ -1,0 +1,310 @@
+#include "app/capture/recording_writer.hpp"
+
+#include <fcntl.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <condition_variable>
+#include <deque>
+#include <exception>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <span>
+#include <system_error>
+#include <thread>
+#include <variant>
+
+#include "app/capture/lossless_video.hpp"
+#include "app/output/output_file.hpp"
+#include "core/text.hpp"
+#include "core/trajectory.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+// What waits for the disk: a second of video, and lines for far longer.
+constexpr std::size_t kMostImages = 32;
+constexpr std::size_t kMostLines = 4096;
+
+Result<void> write_all(int descriptor, std::span<const std::uint8_t> bytes, const fs::path& file) {
+  while (!bytes.empty()) {
+    const ssize_t count = write(descriptor, bytes.data(), bytes.size());
+    if (count < 0 && errno == EINTR) continue;
+    if (count <= 0) {
+      return fail("{}: cannot be written: {}; free some space or choose another place",
+                  file.string(), std::generic_category().message(errno));
+    }
+    bytes = bytes.subspan(static_cast<std::size_t>(count));
+  }
+  return {};
+}
+
+// A file that is only added to, line by line.
+class LineFile {
+ public:
+  LineFile() = default;
+  LineFile(const LineFile&) = delete;
+  LineFile& operator=(const LineFile&) = delete;
+  ~LineFile() {
+    if (descriptor_ >= 0) close(descriptor_);
+  }
+  Result<void> create(const fs::path& file) {
+    file_ = file;
+    descriptor_ = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666);
+    if (descriptor_ < 0) {
+      return fail("{}: cannot be written: {}; choose another place", file.string(),
+                  std::generic_category().message(errno));
+    }
+    return {};
+  }
+  Result<void> add(std::string_view line) {
+    const std::string whole = std::string(line) + '\n';
+    return write_all(descriptor_,
+                     {reinterpret_cast<const std::uint8_t*>(whole.data()), whole.size()}, file_);
+  }
+
+ private:
+  fs::path file_;
+  int descriptor_ = -1;
+};
+
+struct PoseLine {
+  std::string text;
+};
+struct EventLine {
+  std::string text;
+};
+using Item = std::variant<CapturedImage, PoseLine, EventLine>;
+
+}  // namespace
+
+struct RecordingWriter::Impl {
+  fs::path folder;
+  RecordingHead head;
+  LineFile timestamps, poses, events;
+  std::optional<LosslessVideo> video;
+
+  mutable std::mutex mutex;
+  std::condition_variable changed;
+  std::deque<Item> queue;          // guarded by mutex
+  std::size_t images_waiting = 0;  // guarded by mutex
+  RecordingCounts counts;          // guarded by mutex
+  bool closing = false;            // guarded by mutex
+  std::thread thread;
+
+  Result<void> write_controls() {
+    Json json;
+    RecordingCounts now;
+    {
+      const std::lock_guard lock(mutex);
+      now = counts;
+    }
+    json["camera"] = head.camera;
+    json["format"] = head.format.name;
+    json["width"] = head.format.width;
+    json["height"] = head.format.height;
+    json["interval_s"] = head.format.interval_s;
+    json["controls"] = Json::object();
+    for (const auto& [name, value] : head.controls) json["controls"][name] = value;
+    json["frames_written"] = now.written;
+    json["frames_dropped"] = now.dropped;
+    auto file = OutputFile::create(folder / "controls.json");
+    if (!file) return tl::unexpected(file.error());
+    return write_text(*file, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  }
+
+  Result<void> open() {
+    std::error_code error;
+    if (fs::exists(folder, error) &&
+        (!fs::is_directory(folder, error) ||
+         fs::directory_iterator(folder, error) != fs::directory_iterator())) {
+      return fail("{}: is there already and not empty; name a new folder to record to",
+                  folder.string());
+    }
+    fs::create_directories(folder, error);
+    if (!error && is_jpeg()) fs::create_directories(folder / "frames", error);
+    if (error) {
+      return fail("{}: cannot be made: {}; choose another place", folder.string(), error.message());
+    }
+    if (auto written = write_text_file(folder / "camera.yaml", head.camera_yaml); !written) {
+      return written;
+    }
+    if (auto written = write_text_file(folder / "tags.yaml", head.tags_yaml); !written) {
+      return written;
+    }
+    if (auto written = write_controls(); !written) return written;
+    if (auto made = events.create(folder / "events.jsonl"); !made) return made;
+    if (auto made = poses.create(folder / "poses.tum"); !made) return made;
+    if (auto made = poses.add("# timestamp tx ty tz qx qy qz qw (T_table_camera, tracked poses)");
+        !made) {
+      return made;
+    }
+    if (auto made = timestamps.create(folder / "timestamps.csv"); !made) return made;
+    return timestamps.add("frame,timestamp_s,file");
+  }
+
+  [[nodiscard]] bool is_jpeg() const {
+    return head.format.name == "MJPEG" || head.format.name == "JPEG";
+  }
+
+  // The picture first, then the line that lists it.
+  Result<void> write_image(const CapturedImage& image, std::uint64_t number) {
+    std::string name = "video.mkv";
+    if (image.is_jpeg()) {
+      name = fmt::format("frames/{:06}.jpg", number);
+      const fs::path file = folder / name;
+      const int descriptor = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+      if (descriptor < 0) {
+        return fail("{}: cannot be written: {}; free some space or choose another place",
+                    file.string(), std::generic_category().message(errno));
+      }
+      const Result<void> written = write_all(descriptor, image.jpeg, file);
+      close(descriptor);
+      if (!written) {
+        std::error_code ignored;
+        fs::remove(file, ignored);
+        return written;
+      }
+    } else {
+      if (!video) {
+        auto made = LosslessVideo::create(folder / name, image.frame);
+        if (!made) return tl::unexpected(made.error());
+        video = std::move(*made);
+      }
+      if (auto written = video->write(image.frame); !written) return written;
+    }
+    return timestamps.add(
+        fmt::format("{},{},{}", number, format_ns_as_seconds(image.timestamp_ns), name));
+  }
+
+  Result<void> write(const Item& item) {
+    if (const auto* image = std::get_if<CapturedImage>(&item)) {
+      std::uint64_t number = 0;
+      {
+        const std::lock_guard lock(mutex);
+        number = counts.written;
+      }
+      if (auto written = write_image(*image, number); !written) return written;
+      const std::lock_guard lock(mutex);
+      ++counts.written;
+      return {};
+    }
+    if (const auto* pose = std::get_if<PoseLine>(&item)) return poses.add(pose->text);
+    return events.add(std::get<EventLine>(item).text);
+  }
+
+  Result<void> write_guarded(const Item& item) {
+    try {
+      return write(item);
+    } catch (const std::exception& error) {
+      return fail("{}: {}", folder.string(), error.what());
+    }
+  }
+
+  void run() {
+    while (true) {
+      std::optional<Item> item;
+      {
+        std::unique_lock lock(mutex);
+        changed.wait(lock, [this] { return closing || !queue.empty(); });
+        if (queue.empty()) return;
+        item = std::move(queue.front());
+        queue.pop_front();
+        if (std::holds_alternative<CapturedImage>(*item)) --images_waiting;
+        if (counts.error) continue;  // the disk is full, say: what comes is let go
+      }
+      if (auto written = write_guarded(*item); !written) {
+        spdlog::warn("{}; the recording ends here, the picture goes on", written.error().message);
+        const std::lock_guard lock(mutex);
+        counts.error = written.error().message;
+      }
+    }
+  }
+
+  void add(Item item) {
+    bool first_dropped = false;
+    {
+      const std::lock_guard lock(mutex);
+      if (closing || counts.error) return;
+      const bool is_image = std::holds_alternative<CapturedImage>(item);
+      if (is_image ? images_waiting >= kMostImages : queue.size() >= kMostLines) {
+        if (is_image) first_dropped = ++counts.dropped == 1;
+      } else {
+        if (is_image) ++images_waiting;
+        queue.push_back(std::move(item));
+      }
+    }
+    changed.notify_one();
+    if (first_dropped) {
+      spdlog::warn("{}: the disk is too slow: frames are left out of the recording (told once)",
+                   folder.string());
+    }
+  }
+};
+
+RecordingWriter::RecordingWriter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {
+  impl_->thread = std::thread([m = impl_.get()] { m->run(); });
+}
+
+RecordingWriter::~RecordingWriter() {
+  (void)finish();
+}
+
+Result<std::unique_ptr<RecordingWriter>> RecordingWriter::create(const fs::path& folder,
+                                                                 const RecordingHead& head) {
+  auto impl = std::make_unique<Impl>();
+  impl->folder = folder;
+  impl->head = head;
+  if (auto opened = impl->open(); !opened) return tl::unexpected(opened.error());
+  return std::unique_ptr<RecordingWriter>(new RecordingWriter(std::move(impl)));
+}
+
+void RecordingWriter::add_image(const CapturedImage& image) {
+  impl_->add(image);
+}
+
+void RecordingWriter::add_pose(std::int64_t timestamp_ns, const PoseEstimate& pose) {
+  if (pose.status != TrackStatus::tracked) return;
+  impl_->add(PoseLine{format_tum({timestamp_ns, pose.T_table_camera, {}})});
+}
+
+void RecordingWriter::add_event(std::int64_t timestamp_ns, std::string_view event,
+                                std::string_view detail) {
+  Json json;
+  json["event"] = event;
+  if (!detail.empty()) json["detail"] = detail;
+  const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  // The time is written as a decimal number, to the nanosecond.
+  impl_->add(EventLine{
+      fmt::format("{{\"timestamp_s\":{},{}", format_ns_as_seconds(timestamp_ns), text.substr(1))});
+}
+
+RecordingCounts RecordingWriter::counts() const {
+  const std::lock_guard lock(impl_->mutex);
+  return impl_->counts;
+}
+
+Result<void> RecordingWriter::finish() {
+  Impl& m = *impl_;
+  if (!m.thread.joinable()) return {};
+  {
+    const std::lock_guard lock(m.mutex);
+    m.closing = true;
+  }
+  m.changed.notify_all();
+  m.thread.join();
+  if (m.video && !m.counts.error) {
+    if (auto finished = m.video->finish(); !finished) m.counts.error = finished.error().message;
+  }
+  if (!m.counts.error) {
+    if (auto written = m.write_controls(); !written) m.counts.error = written.error().message;
+  }
+  if (m.counts.error) return fail("{}", *m.counts.error);
+  return {};
+}
+
+}  // namespace penumbra

@@ -1,0 +1,62 @@
+// A live session on disk, as a recording: what the camera gave, unchanged, while it runs.
+//
+// Everything is only ever added to, a frame before the line that lists it: whenever the program or
+// the disk ends, what is there opens, less at most the frame that was being written. Writing has a
+// thread of its own; when the disk is too slow, frames are left out and counted, and the picture on
+// the screen goes on.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "app/capture/live_source.hpp"
+#include "core/pose_estimate.hpp"
+
+namespace penumbra {
+
+struct RecordingHead {
+  std::string camera;  // for people: which camera, at what
+  StreamFormat format;
+  std::vector<std::pair<std::string, std::int64_t>> controls;
+  std::string camera_yaml;  // the text of the file
+  std::string tags_yaml;
+};
+
+struct RecordingCounts {
+  std::uint64_t written = 0;
+  std::uint64_t dropped = 0;         // the disk was too slow
+  std::optional<std::string> error;  // why writing ended early
+};
+
+class RecordingWriter {
+ public:
+  // Makes the folder; one that holds anything already is refused.
+  [[nodiscard]] static Result<std::unique_ptr<RecordingWriter>> create(
+      const std::filesystem::path& folder, const RecordingHead& head);
+  RecordingWriter(const RecordingWriter&) = delete;
+  RecordingWriter& operator=(const RecordingWriter&) = delete;
+  ~RecordingWriter();  // as finish()
+
+  // None of these waits for the disk. JPEGs are stored byte for byte, other pictures lossless as
+  // FFV1 with a check sum for each slice. By any thread.
+  void add_image(const CapturedImage& image);
+  void add_pose(std::int64_t timestamp_ns, const PoseEstimate& pose);  // tracked ones are kept
+  void add_event(std::int64_t timestamp_ns, std::string_view event, std::string_view detail = {});
+  [[nodiscard]] RecordingCounts counts() const;
+
+  // Everything added so far is written when this returns; nothing can be added after it.
+  [[nodiscard]] Result<void> finish();
+
+ private:
+  struct Impl;
+  explicit RecordingWriter(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace penumbra

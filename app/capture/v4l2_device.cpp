@@ -1,0 +1,225 @@
+#include "app/capture/v4l2_device.hpp"
+
+#include <fcntl.h>
+#include <linux/videodev2.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <system_error>
+
+#include "core/text.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A broken driver's lists don't go on for ever.
+constexpr unsigned kMostEntries = 256;
+
+template <std::size_t N>
+std::string text_of(const __u8 (&field)[N]) {
+  const auto* begin = reinterpret_cast<const char*>(field);
+  return on_one_line(std::string(begin, strnlen(begin, N)));
+}
+
+double rate_of(const v4l2_fract& interval) {
+  return interval.numerator > 0 ? static_cast<double>(interval.denominator) / interval.numerator
+                                : 0.0;
+}
+
+double fastest_rate(const V4l2Device& device, std::uint32_t fourcc, std::uint32_t width,
+                    std::uint32_t height) {
+  double fastest = 0.0;
+  for (unsigned i = 0; i < kMostEntries; ++i) {
+    v4l2_frmivalenum entry{};
+    entry.index = i;
+    entry.pixel_format = fourcc;
+    entry.width = width;
+    entry.height = height;
+    if (device.call(VIDIOC_ENUM_FRAMEINTERVALS, &entry) != 0) break;
+    if (entry.type != V4L2_FRMIVAL_TYPE_DISCRETE) {
+      return std::max(fastest, rate_of(entry.stepwise.min));
+    }
+    fastest = std::max(fastest, rate_of(entry.discrete));
+  }
+  return fastest;
+}
+
+std::vector<V4l2Size> sizes_of(const V4l2Device& device, std::uint32_t fourcc) {
+  std::vector<V4l2Size> sizes;
+  for (unsigned i = 0; i < kMostEntries; ++i) {
+    v4l2_frmsizeenum entry{};
+    entry.index = i;
+    entry.pixel_format = fourcc;
+    if (device.call(VIDIOC_ENUM_FRAMESIZES, &entry) != 0) break;
+    V4l2Size size;
+    if (entry.type == V4L2_FRMSIZE_TYPE_DISCRETE) {
+      size.width = size.max_width = static_cast<int>(entry.discrete.width);
+      size.height = size.max_height = static_cast<int>(entry.discrete.height);
+    } else {
+      size.width = static_cast<int>(entry.stepwise.min_width);
+      size.height = static_cast<int>(entry.stepwise.min_height);
+      size.max_width = static_cast<int>(entry.stepwise.max_width);
+      size.max_height = static_cast<int>(entry.stepwise.max_height);
+    }
+    size.fastest = fastest_rate(device, fourcc, static_cast<std::uint32_t>(size.max_width),
+                                static_cast<std::uint32_t>(size.max_height));
+    sizes.push_back(size);
+    if (entry.type != V4L2_FRMSIZE_TYPE_DISCRETE) break;
+  }
+  return sizes;
+}
+
+}  // namespace
+
+std::string fourcc_text(std::uint32_t fourcc) {
+  std::string text;
+  for (int i = 0; i < 4; ++i) {
+    const char c = static_cast<char>((fourcc >> (8 * i)) & 0x7FU);
+    if (c > ' ') text.push_back(c);
+  }
+  return text;
+}
+
+std::string v4l2_help(const fs::path& path, int error) {
+  const std::string name = path.string();
+  switch (error) {
+    case ENOENT:
+    case ENODEV:
+    case ENXIO:
+      return fmt::format("{}: no such camera; plug it in, or see what there is: penumbra devices",
+                         name);
+    case EACCES:
+    case EPERM:
+      return fmt::format(
+          "{}: no permission to use the camera; join the video group (sudo usermod -aG video "
+          "$USER) and log in again",
+          name);
+    case EBUSY:
+      return fmt::format(
+          "{}: another program uses the camera; close that one (fuser -v {} names it)", name, name);
+    default:
+      return fmt::format("{}: the camera does not work: {}; plug it in again", name,
+                         std::generic_category().message(error));
+  }
+}
+
+Result<V4l2Device> V4l2Device::open(const fs::path& path) {
+  std::error_code ignored;
+  V4l2Device device;
+  device.path_ = path;
+  device.descriptor_ = ::open(path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
+  if (device.descriptor_ < 0) return fail("{}", v4l2_help(path, errno));
+  if (!fs::is_character_file(path, ignored)) {
+    return fail("{}: is no camera; see what there is: penumbra devices", path.string());
+  }
+  v4l2_capability about{};
+  const int error = device.call(VIDIOC_QUERYCAP, &about);
+  if (error == ENOTTY || error == EINVAL) {
+    return fail("{}: is no camera; see what there is: penumbra devices", path.string());
+  }
+  if (error != 0) return fail("{}", v4l2_help(path, error));
+  device.identity_ = {text_of(about.driver), text_of(about.card), text_of(about.bus_info)};
+  const std::uint32_t can =
+      (about.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? about.device_caps : about.capabilities;
+  if ((can & V4L2_CAP_VIDEO_CAPTURE) == 0) {
+    const char* what = (can & V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0
+                           ? "gives pictures in several planes only, which is not supported"
+                       : (can & V4L2_CAP_META_CAPTURE) != 0 ? "gives data about pictures, not them"
+                                                            : "gives no pictures";
+    return fail("{}: {} ({}); see what there is: penumbra devices", path.string(), what,
+                device.identity_.card);
+  }
+  if ((can & V4L2_CAP_STREAMING) == 0) {
+    return fail("{}: can't stream ({}); see what there is: penumbra devices", path.string(),
+                device.identity_.card);
+  }
+  return device;
+}
+
+V4l2Device::V4l2Device(V4l2Device&& other) noexcept
+    : path_(std::move(other.path_)),
+      identity_(std::move(other.identity_)),
+      descriptor_(std::exchange(other.descriptor_, -1)) {}
+
+V4l2Device& V4l2Device::operator=(V4l2Device&& other) noexcept {
+  std::swap(path_, other.path_);
+  std::swap(identity_, other.identity_);
+  std::swap(descriptor_, other.descriptor_);
+  return *this;
+}
+
+V4l2Device::~V4l2Device() {
+  if (descriptor_ >= 0) close(descriptor_);
+}
+
+int V4l2Device::call(unsigned long request, void* argument) const {
+  while (ioctl(descriptor_, request, argument) != 0) {
+    if (errno != EINTR) return errno;
+  }
+  return 0;
+}
+
+std::vector<V4l2Format> V4l2Device::formats() const {
+  std::vector<V4l2Format> formats;
+  for (unsigned i = 0; i < kMostEntries; ++i) {
+    v4l2_fmtdesc entry{};
+    entry.index = i;
+    entry.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    if (call(VIDIOC_ENUM_FMT, &entry) != 0) break;
+    formats.push_back(
+        {entry.pixelformat, text_of(entry.description), sizes_of(*this, entry.pixelformat)});
+  }
+  return formats;
+}
+
+std::vector<std::pair<std::string, std::int64_t>> V4l2Device::controls() const {
+  std::vector<std::pair<std::string, std::int64_t>> controls;
+  v4l2_queryctrl entry{};
+  entry.id = V4L2_CTRL_FLAG_NEXT_CTRL;
+  for (unsigned i = 0; i < kMostEntries && call(VIDIOC_QUERYCTRL, &entry) == 0; ++i) {
+    const bool number = entry.type == V4L2_CTRL_TYPE_INTEGER ||
+                        entry.type == V4L2_CTRL_TYPE_BOOLEAN || entry.type == V4L2_CTRL_TYPE_MENU ||
+                        entry.type == V4L2_CTRL_TYPE_INTEGER_MENU;
+    const bool readable =
+        (entry.flags & (V4L2_CTRL_FLAG_DISABLED | V4L2_CTRL_FLAG_WRITE_ONLY)) == 0;
+    if (number && readable) {
+      v4l2_control control{};
+      control.id = entry.id;
+      if (call(VIDIOC_G_CTRL, &control) == 0) {
+        controls.emplace_back(text_of(entry.name), control.value);
+      }
+    }
+    entry.id |= V4L2_CTRL_FLAG_NEXT_CTRL;
+  }
+  return controls;
+}
+
+bool V4l2Device::set_control(std::uint32_t id, std::int32_t value) const {
+  v4l2_control control{};
+  control.id = id;
+  control.value = value;
+  return call(VIDIOC_S_CTRL, &control) == 0;
+}
+
+std::vector<fs::path> list_v4l2_paths() {
+  std::vector<std::pair<std::int64_t, fs::path>> found;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator("/dev", error)) {
+    const std::string name = entry.path().filename().string();
+    if (!name.starts_with("video")) continue;
+    if (const auto number = parse_integer(std::string_view(name).substr(5))) {
+      found.emplace_back(*number, entry.path());
+    }
+  }
+  std::sort(found.begin(), found.end());
+  std::vector<fs::path> paths;
+  for (auto& [number, path] : found) paths.push_back(std::move(path));
+  return paths;
+}
+
+}  // namespace penumbra

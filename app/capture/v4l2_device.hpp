@@ -1,0 +1,71 @@
+// A Video4Linux device: what it is, what it offers, and its controls.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/error.hpp"
+
+namespace penumbra {
+
+struct V4l2Size {
+  int width = 0;   // [px]
+  int height = 0;  // [px]
+  // Any size from this one up to max_width x max_height, where the driver lists a range.
+  int max_width = 0;
+  int max_height = 0;
+  double fastest = 0.0;  // highest rate [1/s]; 0 where the driver does not say
+
+  [[nodiscard]] bool covers(int w, int h) const {
+    return w >= width && w <= max_width && h >= height && h <= max_height;
+  }
+};
+
+struct V4l2Format {
+  std::uint32_t fourcc = 0;
+  std::string description;
+  std::vector<V4l2Size> sizes;
+};
+
+struct V4l2Identity {
+  std::string driver, card, bus;
+};
+
+// An open device; closed by the destructor.
+class V4l2Device {
+ public:
+  // Errors say what to do: no such device, no permission (the video group), not a camera.
+  [[nodiscard]] static Result<V4l2Device> open(const std::filesystem::path& path);
+  V4l2Device(V4l2Device&& other) noexcept;
+  V4l2Device& operator=(V4l2Device&& other) noexcept;
+  ~V4l2Device();
+
+  // ioctl that goes on after signals. 0, or the error's number.
+  [[nodiscard]] int call(unsigned long request, void* argument) const;
+  [[nodiscard]] int descriptor() const { return descriptor_; }
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+  [[nodiscard]] const V4l2Identity& identity() const { return identity_; }
+
+  [[nodiscard]] std::vector<V4l2Format> formats() const;
+  [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const;
+  // False: there is no such control, or it can't be set to that.
+  bool set_control(std::uint32_t id, std::int32_t value) const;
+
+ private:
+  V4l2Device() = default;
+  std::filesystem::path path_;
+  V4l2Identity identity_;
+  int descriptor_ = -1;
+};
+
+// /dev/video*, in the order of their numbers.
+[[nodiscard]] std::vector<std::filesystem::path> list_v4l2_paths();
+[[nodiscard]] std::string fourcc_text(std::uint32_t fourcc);
+// What to say of a device that answers with this error (an errno).
+[[nodiscard]] std::string v4l2_help(const std::filesystem::path& path, int error);
+
+}  // namespace penumbra

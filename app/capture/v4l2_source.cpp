@@ -1,0 +1,593 @@
+#include "app/capture/v4l2_source.hpp"
+
+#include <linux/videodev2.h>
+#include <poll.h>
+#include <spdlog/spdlog.h>
+#include <sys/eventfd.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <ctime>
+#include <mutex>
+#include <system_error>
+#include <tuple>
+#include <utility>
+
+#include "app/capture/buffer_ring.hpp"
+#include "app/capture/frame_clock.hpp"
+#include "app/capture/v4l2_device.hpp"
+#include "core/units.hpp"
+
+namespace penumbra {
+namespace {
+
+// One being filled, one waiting, and what the mailbox, the tracker, the renderer and the writer
+// hold.
+constexpr unsigned kBuffers = 6;
+// With fewer than this in the driver it would have to lose frames: pictures are copied then.
+constexpr std::size_t kDriverNeeds = 2;
+constexpr int kSilence_ms = 1000;  // without a frame: the stream is set up again
+constexpr int kRetry_ms = 200;     // between attempts to open the camera again
+constexpr int kFirstTries = 3;     // a camera that was just closed may need a moment
+
+struct KnownFormat {
+  std::uint32_t fourcc;
+  const char* option;  // of --format
+  const char* name;
+  PixelFormat pixels;  // of what is not a JPEG
+  bool jpeg;
+};
+// In the order of what a frame costs: read as it lies, unpacked, decoded. Grey costs least of all,
+// but a person wants to see colour: it comes last, for cameras that have nothing else.
+constexpr std::array<KnownFormat, 6> kFormats{{
+    {V4L2_PIX_FMT_NV12, "nv12", "NV12", PixelFormat::nv12, false},
+    {V4L2_PIX_FMT_YUV420, "yu12", "YU12", PixelFormat::yuv420p, false},
+    {V4L2_PIX_FMT_YUYV, "yuyv", "YUYV", PixelFormat::yuyv, false},
+    {V4L2_PIX_FMT_MJPEG, "mjpeg", "MJPEG", PixelFormat::yuv420p, true},
+    {V4L2_PIX_FMT_JPEG, "mjpeg", "JPEG", PixelFormat::yuv420p, true},
+    {V4L2_PIX_FMT_GREY, "grey", "GREY", PixelFormat::grey8, false},
+}};
+
+std::int64_t monotonic_ns() {
+  timespec t{};
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
+}
+
+std::string message_of(int error) {
+  return std::generic_category().message(error);
+}
+
+// Why a stream could not be started.
+struct Trouble {
+  CaptureFault fault;
+  std::string message;
+};
+template <class T>
+using Started = tl::expected<T, Trouble>;
+
+CaptureFault fault_of(int error) {
+  switch (error) {
+    case ENODEV:
+    case ENOENT:
+    case ENXIO:
+      return CaptureFault::disconnected;
+    case EACCES:
+    case EPERM:
+      return CaptureFault::forbidden;
+    case EBUSY:
+      return CaptureFault::busy;
+    case EINVAL:
+      return CaptureFault::refused;
+    default:
+      return CaptureFault::io_error;
+  }
+}
+
+tl::unexpected<Trouble> trouble(const V4l2Device& device, const char* call, int error) {
+  const CaptureFault fault = fault_of(error);
+  if (fault == CaptureFault::refused || fault == CaptureFault::io_error) {
+    return tl::unexpected<Trouble>(
+        {fault, fmt::format("{}: {} fails: {}; plug the camera in again", device.path().string(),
+                            call, message_of(error))});
+  }
+  return tl::unexpected<Trouble>({fault, v4l2_help(device.path(), error)});
+}
+
+// Where the planes lie in a buffer, and how many bytes a frame has at least.
+struct Layout {
+  std::array<std::size_t, 3> offset{};
+  Frame frame;  // all but the data pointers
+  std::size_t bytes = 0;
+};
+
+Layout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) {
+  Layout layout;
+  Frame& frame = layout.frame;
+  frame.width = static_cast<int>(granted.width);
+  frame.height = static_cast<int>(granted.height);
+  frame.format = known.pixels;
+  const int samples_bytes = known.pixels == PixelFormat::yuyv ? 2 : 1;
+  const int half_width = (frame.width + 1) / 2;
+  const int half_height = (frame.height + 1) / 2;
+  const std::ptrdiff_t stride =
+      std::max<std::ptrdiff_t>(granted.bytesperline, std::ptrdiff_t{samples_bytes} * frame.width);
+  frame.planes[0] = {nullptr, known.pixels == PixelFormat::yuyv ? half_width : frame.width,
+                     frame.height, stride};
+  frame.plane_count = 1;
+  if (known.pixels == PixelFormat::nv12) {
+    frame.planes[1] = {nullptr, half_width, half_height, stride};
+    frame.plane_count = 2;
+  } else if (known.pixels == PixelFormat::yuv420p) {
+    frame.planes[1] = frame.planes[2] = {nullptr, half_width, half_height, stride / 2};
+    frame.plane_count = 3;
+  }
+  for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i) {
+    layout.offset[i] = layout.bytes;
+    layout.bytes += static_cast<std::size_t>(frame.planes[i].stride) *
+                    static_cast<std::size_t>(frame.planes[i].height);
+  }
+  const std::uint32_t encoding =
+      granted.ycbcr_enc != V4L2_YCBCR_ENC_DEFAULT
+          ? granted.ycbcr_enc
+          : std::uint32_t{V4L2_MAP_YCBCR_ENC_DEFAULT(granted.colorspace)};
+  frame.color_matrix = encoding == V4L2_YCBCR_ENC_709 || encoding == V4L2_YCBCR_ENC_XV709
+                           ? ColorMatrix::bt709
+                           : ColorMatrix::bt601;
+  const std::uint32_t range =
+      granted.quantization != V4L2_QUANTIZATION_DEFAULT
+          ? granted.quantization
+          : std::uint32_t{V4L2_MAP_QUANTIZATION_DEFAULT(false, granted.colorspace, encoding)};
+  frame.color_range =
+      range == V4L2_QUANTIZATION_FULL_RANGE ? ColorRange::full : ColorRange::limited;
+  return layout;
+}
+
+// A camera that streams: the device, its buffers, what it granted. Stops when destroyed; buffers
+// that frames still hold stay mapped until those are gone.
+class Stream {
+ public:
+  // `as_before`: only this format will do.
+  static Started<std::unique_ptr<Stream>> start(V4l2Device device, const V4l2Options& options,
+                                                const std::optional<StreamFormat>& as_before) {
+    std::unique_ptr<Stream> stream(new Stream(std::move(device)));
+    if (auto set = stream->set_format(options, as_before); !set) {
+      return tl::unexpected(set.error());
+    }
+    stream->set_rate(options.fps);
+    stream->set_controls(options.controls, !as_before);
+    if (auto mapped = stream->map_buffers(); !mapped) return tl::unexpected(mapped.error());
+    if (!stream->ring_->queue_all()) return trouble(stream->device_, "VIDIOC_QBUF", EINVAL);
+    int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    if (const int error = stream->device_.call(VIDIOC_STREAMON, &type); error != 0) {
+      return trouble(stream->device_, "VIDIOC_STREAMON", error);
+    }
+    return stream;
+  }
+  Stream(const Stream&) = delete;
+  Stream& operator=(const Stream&) = delete;
+  ~Stream() {
+    if (ring_) ring_->close();
+    int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    (void)device_.call(VIDIOC_STREAMOFF, &type);
+    // Gives the device free for others (and for us, again) though frames may still have it mapped.
+    v4l2_requestbuffers none{};
+    none.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    none.memory = V4L2_MEMORY_MMAP;
+    (void)device_.call(VIDIOC_REQBUFS, &none);
+  }
+
+  [[nodiscard]] const V4l2Device& device() const { return device_; }
+  [[nodiscard]] BufferRing& ring() { return *ring_; }
+  [[nodiscard]] const StreamFormat& format() const { return format_; }
+  [[nodiscard]] const KnownFormat& known() const { return *known_; }
+  [[nodiscard]] const Layout& layout() const { return layout_; }
+
+ private:
+  explicit Stream(V4l2Device device) : device_(std::move(device)) {}
+
+  Started<void> choose(const V4l2Options& options, const std::optional<StreamFormat>& as_before) {
+    // By: the size is there, the rate is reached, what a frame costs.
+    using Merit = std::tuple<bool, double, int>;
+    std::optional<Merit> best;
+    for (const V4l2Format& offered : device_.formats()) {
+      const auto known = std::find_if(kFormats.begin(), kFormats.end(), [&](const auto& format) {
+        return format.fourcc == offered.fourcc;
+      });
+      if (known == kFormats.end()) continue;
+      if (as_before && as_before->name != known->name) continue;
+      if (options.format && *options.format != known->option) continue;
+      bool has_size = offered.sizes.empty();  // the driver does not say
+      double rate = options.fps;
+      for (const V4l2Size& size : offered.sizes) {
+        if (!size.covers(options.width, options.height)) continue;
+        has_size = true;
+        if (size.fastest > 0.0) rate = size.fastest;
+      }
+      constexpr double kAsGood = 0.95;  // 29.97 is 30
+      int cost = static_cast<int>(known - kFormats.begin());
+      if (options.recording && known->jpeg) cost = -1;
+      const Merit merit(has_size, rate >= kAsGood * options.fps ? options.fps : rate, -cost);
+      if (!best || merit > *best) {
+        best = merit;
+        known_ = &*known;
+      }
+    }
+    if (best) return {};
+    const std::string wish = as_before ? as_before->name : options.format.value_or("");
+    return tl::unexpected<Trouble>(
+        {CaptureFault::wrong_format,
+         fmt::format("{}: gives {} pictures; see what it offers: penumbra devices",
+                     device_.path().string(),
+                     wish.empty() ? "no NV12, YU12, YUYV, MJPEG or GREY" : "no " + wish)});
+  }
+
+  Started<void> set_format(const V4l2Options& options,
+                           const std::optional<StreamFormat>& as_before) {
+    if (auto chosen = choose(options, as_before); !chosen) return chosen;
+    v4l2_format wish{};
+    wish.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    wish.fmt.pix.width = static_cast<std::uint32_t>(options.width);
+    wish.fmt.pix.height = static_cast<std::uint32_t>(options.height);
+    wish.fmt.pix.pixelformat = known_->fourcc;
+    wish.fmt.pix.field = V4L2_FIELD_NONE;
+    if (const int error = device_.call(VIDIOC_S_FMT, &wish); error != 0) {
+      return trouble(device_, "VIDIOC_S_FMT", error);
+    }
+    const v4l2_pix_format& granted = wish.fmt.pix;
+    format_.name = known_->name;
+    format_.width = static_cast<int>(granted.width);
+    format_.height = static_cast<int>(granted.height);
+    const bool same =
+        !as_before || (as_before->width == format_.width && as_before->height == format_.height);
+    if (granted.pixelformat != known_->fourcc || !same || granted.width == 0 ||
+        granted.height == 0) {
+      return tl::unexpected<Trouble>(
+          {CaptureFault::wrong_format,
+           fmt::format("{}: grants {}x{} {} for {}x{} {}; choose another --size or --format",
+                       device_.path().string(), granted.width, granted.height,
+                       fourcc_text(granted.pixelformat), options.width, options.height,
+                       known_->name)});
+    }
+    if (!known_->jpeg) layout_ = layout_of(*known_, granted);
+    return {};
+  }
+
+  void set_rate(double fps) {
+    v4l2_streamparm parameters{};
+    parameters.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    v4l2_fract& interval = parameters.parm.capture.timeperframe;
+    interval = {1000, static_cast<std::uint32_t>(std::lround(fps * 1000.0))};
+    format_.interval_s = 1.0 / fps;
+    // A driver without rates answers with an error, and goes on at its own.
+    if (device_.call(VIDIOC_S_PARM, &parameters) == 0 && interval.numerator > 0 &&
+        interval.denominator > 0) {
+      format_.interval_s = static_cast<double>(interval.numerator) / interval.denominator;
+    }
+  }
+
+  void set_controls(const CameraControls& wish, bool say) {
+    const auto set = [&](const char* what, std::uint32_t id, std::int32_t value) {
+      if (!device_.set_control(id, value) && say) {
+        spdlog::warn("{}: the camera takes no {} of {}; it stays as it is", device_.path().string(),
+                     what, value);
+      }
+    };
+    (void)device_.set_control(V4L2_CID_FOCUS_AUTO, 0);
+    if (wish.focus) set("focus", V4L2_CID_FOCUS_ABSOLUTE, *wish.focus);
+    if (wish.auto_exposure) {
+      if (!device_.set_control(V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_AUTO)) {
+        set("automatic exposure", V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_APERTURE_PRIORITY);
+      }
+    } else if (wish.exposure_ms) {
+      (void)device_.set_control(V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_MANUAL);
+      constexpr double kSteps_per_ms = 10.0;  // the control counts in 100 us
+      set("exposure [0.1 ms]", V4L2_CID_EXPOSURE_ABSOLUTE,
+          static_cast<std::int32_t>(std::lround(*wish.exposure_ms * kSteps_per_ms)));
+    }
+    if (wish.gain) {
+      (void)device_.set_control(V4L2_CID_AUTOGAIN, 0);
+      set("gain", V4L2_CID_GAIN, *wish.gain);
+    }
+    if (wish.auto_white_balance) set("automatic white balance", V4L2_CID_AUTO_WHITE_BALANCE, 1);
+    if (wish.white_balance_k) {
+      (void)device_.set_control(V4L2_CID_AUTO_WHITE_BALANCE, 0);
+      set("white balance [K]", V4L2_CID_WHITE_BALANCE_TEMPERATURE, *wish.white_balance_k);
+    }
+  }
+
+  Started<void> map_buffers() {
+    v4l2_requestbuffers request{};
+    request.count = kBuffers;
+    request.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    request.memory = V4L2_MEMORY_MMAP;
+    if (const int error = device_.call(VIDIOC_REQBUFS, &request); error != 0) {
+      return trouble(device_, "VIDIOC_REQBUFS", error);
+    }
+    std::vector<std::span<const std::uint8_t>> buffers;
+    const auto unmap = [](const std::vector<std::span<const std::uint8_t>>& mapped) {
+      for (const auto& bytes : mapped) {
+        munmap(const_cast<std::uint8_t*>(bytes.data()), bytes.size());
+      }
+    };
+    int failed = request.count < kDriverNeeds ? ENOMEM : 0;
+    for (unsigned i = 0; i < request.count && failed == 0; ++i) {
+      v4l2_buffer buffer{};
+      buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+      buffer.memory = V4L2_MEMORY_MMAP;
+      buffer.index = i;
+      failed = device_.call(VIDIOC_QUERYBUF, &buffer);
+      if (failed != 0) break;
+      void* start = mmap(nullptr, buffer.length, PROT_READ, MAP_SHARED, device_.descriptor(),
+                         static_cast<off_t>(buffer.m.offset));
+      if (start == MAP_FAILED) {
+        failed = errno;
+        break;
+      }
+      buffers.emplace_back(static_cast<const std::uint8_t*>(start), buffer.length);
+    }
+    if (failed != 0) {
+      unmap(buffers);
+      return trouble(device_, "mapping its buffers", failed);
+    }
+    ring_ = BufferRing::create(buffers, {[&device = device_](unsigned index) {
+                                           v4l2_buffer buffer{};
+                                           buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+                                           buffer.memory = V4L2_MEMORY_MMAP;
+                                           buffer.index = index;
+                                           return device.call(VIDIOC_QBUF, &buffer) == 0;
+                                         },
+                                         [buffers, unmap] { unmap(buffers); }});
+    return {};
+  }
+
+  const V4l2Device device_;  // outlives the ring's use of it: the destructor closes the ring
+  const KnownFormat* known_ = nullptr;
+  StreamFormat format_;
+  Layout layout_;
+  std::shared_ptr<BufferRing> ring_;
+};
+
+class V4l2Source final : public LiveSource {
+ public:
+  V4l2Source(V4l2Options options, std::unique_ptr<Stream> stream)
+      : options_(std::move(options)),
+        path_(stream->device().path()),
+        identity_(stream->device().identity()),
+        format_(stream->format()),
+        faults_(options_.device.string()),
+        clock_(nanoseconds(format_.interval_s)),
+        stop_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)),
+        controls_(stream->device().controls()),
+        stream_(std::move(stream)) {}
+  ~V4l2Source() override {
+    if (stop_ >= 0) close(stop_);
+  }
+
+  Result<std::optional<CapturedImage>> next_image() override {
+    while (!stopped()) {
+      if (!stream_ && !reopen()) {
+        wait(kRetry_ms);
+        continue;
+      }
+      if (auto image = dequeue()) return image;
+    }
+    stream_.reset();
+    return std::optional<CapturedImage>();
+  }
+
+  void stop() override {
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const ssize_t written = write(stop_, &one, sizeof(one));
+  }
+  [[nodiscard]] StreamFormat format() const override { return format_; }
+  [[nodiscard]] FaultCounter& faults() override { return faults_; }
+  [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const override {
+    return controls_;
+  }
+  [[nodiscard]] std::string description() const override {
+    return fmt::format("{} ({}), {} {}x{} at {:.4g}/s", options_.device.string(), identity_.card,
+                       format_.name, format_.width, format_.height, 1.0 / format_.interval_s);
+  }
+
+ private:
+  bool stopped() const { return wait(0); }
+  // True once stop() was called.
+  bool wait(int timeout_ms) const {
+    pollfd waiting{stop_, POLLIN, 0};
+    return poll(&waiting, 1, timeout_ms) > 0;
+  }
+
+  void lose_stream(CaptureFault fault, const std::string& what) {
+    faults_.count(fault, what);
+    faults_.set_trouble(what);
+    outage_ = fault;
+    stream_.reset();
+  }
+
+  // The camera where it was, or where it came back: another number, perhaps another socket.
+  Started<V4l2Device> find() const {
+    std::vector<std::filesystem::path> paths = {options_.device, path_};
+    for (auto& path : list_v4l2_paths()) paths.push_back(std::move(path));
+    std::optional<Trouble> first;
+    std::optional<V4l2Device> elsewhere;
+    for (const auto& path : paths) {
+      auto device = V4l2Device::open(path);
+      if (!device) {
+        if (!first) {
+          const bool there = access(path.c_str(), F_OK) == 0;
+          const bool allowed = there && access(path.c_str(), R_OK | W_OK) == 0;
+          first = Trouble{there && !allowed ? CaptureFault::forbidden : CaptureFault::disconnected,
+                          device.error().message};
+        }
+        continue;
+      }
+      const V4l2Identity& found = device->identity();
+      if (found.card != identity_.card || found.driver != identity_.driver) continue;
+      if (found.bus == identity_.bus) return std::move(*device);
+      if (!elsewhere) elsewhere = std::move(*device);
+    }
+    if (elsewhere) return std::move(*elsewhere);
+    return tl::unexpected<Trouble>(
+        first.value_or(Trouble{CaptureFault::disconnected, fmt::format("{}: is another camera now",
+                                                                       options_.device.string())}));
+  }
+
+  bool reopen() {
+    auto started = find().and_then(
+        [&](V4l2Device device) { return Stream::start(std::move(device), options_, format_); });
+    if (!started) {
+      // Once for an outage, not for every attempt.
+      if (outage_ != started.error().fault) {
+        outage_ = started.error().fault;
+        faults_.count(started.error().fault, started.error().message);
+        faults_.set_trouble(started.error().message);
+      }
+      return false;
+    }
+    stream_ = std::move(*started);
+    path_ = stream_->device().path();
+    clock_.restart(nanoseconds(stream_->format().interval_s));
+    faults_.count_restart();
+    return true;
+  }
+
+  // One buffer; nothing where there was none, or none that is any good.
+  std::optional<CapturedImage> dequeue() {
+    std::array<pollfd, 2> waiting{
+        {{stream_->device().descriptor(), POLLIN, 0}, {stop_, POLLIN, 0}}};
+    const int ready = poll(waiting.data(), waiting.size(), kSilence_ms);
+    if (ready < 0 || waiting[1].revents != 0) return std::nullopt;
+    if (ready == 0) {
+      // Told once for a silence, however long.
+      if (outage_ != CaptureFault::silent) {
+        faults_.count(CaptureFault::silent,
+                      fmt::format("no frame for {} s, and no error", kSilence_ms / 1000));
+      }
+      faults_.set_trouble("the camera is silent");
+      outage_ = CaptureFault::silent;
+      stream_.reset();
+      return std::nullopt;
+    }
+    if (stream_->ring().refused()) {
+      lose_stream(CaptureFault::refused, "the driver does not take a buffer back");
+      return std::nullopt;
+    }
+    v4l2_buffer buffer{};
+    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    buffer.memory = V4L2_MEMORY_MMAP;
+    const int error = stream_->device().call(VIDIOC_DQBUF, &buffer);
+    if (error == EAGAIN && (waiting[0].revents & (POLLERR | POLLHUP)) == 0) return std::nullopt;
+    if (error != 0) {
+      lose_stream(fault_of(error == EAGAIN ? EIO : error),
+                  fmt::format("no frames: {}", message_of(error == EAGAIN ? EIO : error)));
+      return std::nullopt;
+    }
+    if (buffer.index >= stream_->ring().size()) {
+      lose_stream(CaptureFault::io_error, "the driver names a buffer that there is not");
+      return std::nullopt;
+    }
+    return receive(buffer);
+  }
+
+  std::optional<CapturedImage> receive(const v4l2_buffer& buffer) {
+    CapturedImage image;
+    image.owner = stream_->ring().lend(buffer.index);
+
+    const std::int64_t driver_ns = static_cast<std::int64_t>(
+        static_cast<std::uint64_t>(buffer.timestamp.tv_sec) * std::uint64_t{1'000'000'000} +
+        static_cast<std::uint64_t>(buffer.timestamp.tv_usec) * 1000U);
+    const bool monotonic =
+        (buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
+    const FrameStamp stamp = clock_.next(buffer.sequence, driver_ns, monotonic, monotonic_ns());
+    image.sequence = stamp.sequence;
+    image.timestamp_ns = stamp.timestamp_ns;
+    if (stamp.lost_counted > 0) {
+      faults_.count(CaptureFault::gap, "frames are missing, by the driver's numbers",
+                    stamp.lost_counted);
+    }
+    if (stamp.lost_silent > 0) {
+      faults_.count(CaptureFault::silent_gap, "frames are missing, by the time between others",
+                    stamp.lost_silent);
+    }
+    if (stamp.bad_time) {
+      faults_.count(CaptureFault::bad_time,
+                    "a timestamp that can't be true; the time of arrival stands for it");
+    }
+
+    if ((buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused == 0) {
+      faults_.count(CaptureFault::error_frame, "a frame is marked as bad and left out");
+      return std::nullopt;
+    }
+    auto bytes = stream_->ring().buffer(buffer.index);
+    bytes = bytes.first(std::min<std::size_t>(bytes.size(), buffer.bytesused));
+    if (stream_->known().jpeg) {
+      bytes = trim_jpeg(bytes);
+      if (!is_whole_jpeg(bytes, format_.width, format_.height)) {
+        faults_.count(CaptureFault::damaged, "a JPEG that is not whole is left out");
+        return std::nullopt;
+      }
+    } else if (bytes.size() < stream_->layout().bytes) {
+      faults_.count(CaptureFault::error_frame, "a frame that is too short is left out");
+      return std::nullopt;
+    }
+
+    if (stream_->ring().in_driver() < kDriverNeeds) {
+      const std::shared_ptr<std::uint8_t[]> copy(new std::uint8_t[bytes.size()]);
+      std::memcpy(copy.get(), bytes.data(), bytes.size());
+      bytes = {copy.get(), bytes.size()};
+      image.owner = copy;
+    }
+    if (stream_->known().jpeg) {
+      image.jpeg = bytes;
+    } else {
+      image.frame = stream_->layout().frame;
+      for (std::size_t i = 0; i < static_cast<std::size_t>(image.frame.plane_count); ++i) {
+        image.frame.planes[i].data = bytes.data() + stream_->layout().offset[i];
+      }
+      image.frame.sequence = image.sequence;
+      image.frame.timestamp_ns = image.timestamp_ns;
+    }
+    if (outage_) {
+      spdlog::info("{}: frames come again", options_.device.string());
+      faults_.set_trouble(std::nullopt);
+      outage_.reset();
+    }
+    faults_.count_frame();
+    return image;
+  }
+
+  const V4l2Options options_;
+  std::filesystem::path path_;  // where the camera is now
+  const V4l2Identity identity_;
+  const StreamFormat format_;
+  FaultCounter faults_;
+  FrameClock clock_;
+  const int stop_;  // an eventfd
+  const std::vector<std::pair<std::string, std::int64_t>> controls_;
+  std::optional<CaptureFault> outage_;  // why no frames come, until they do again
+  std::unique_ptr<Stream> stream_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<LiveSource>> open_v4l2_source(const V4l2Options& options) {
+  for (int attempt = 1;; ++attempt) {
+    auto device = V4l2Device::open(options.device);
+    if (!device) return tl::unexpected(device.error());
+    auto stream = Stream::start(std::move(*device), options, std::nullopt);
+    if (stream) return std::make_unique<V4l2Source>(options, std::move(*stream));
+    const CaptureFault fault = stream.error().fault;
+    const bool again = fault == CaptureFault::refused || fault == CaptureFault::io_error;
+    if (!again || attempt == kFirstTries) return fail("{}", stream.error().message);
+    spdlog::warn("{}; trying again", stream.error().message);
+    poll(nullptr, 0, kRetry_ms);
+  }
+}
+
+}  // namespace penumbra

@@ -1,0 +1,59 @@
+// penumbra devices: which cameras there are, what they offer, and why one can't be used.
+
+#include <fmt/format.h>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "app/capture/v4l2_device.hpp"
+#include "app/commands/command.hpp"
+#include "app/commands/options.hpp"
+
+namespace penumbra {
+namespace {
+
+std::string text_of(const V4l2Size& size) {
+  std::string text = fmt::format("{}x{}", size.width, size.height);
+  if (size.max_width != size.width || size.max_height != size.height) {
+    text += fmt::format(" to {}x{}", size.max_width, size.max_height);
+  }
+  if (size.fastest > 0.0) text += fmt::format(" at up to {:.4g}/s", size.fastest);
+  return text;
+}
+
+Result<ExitCode> list_devices() {
+  const auto paths = list_v4l2_paths();
+  if (paths.empty()) {
+    fmt::print(
+        "no V4L2 camera: there is no /dev/video*; plug one in (in a container or a virtual "
+        "machine: pass it on)\n");
+  }
+  for (const auto& path : paths) {
+    const auto device = V4l2Device::open(path);
+    if (!device) {
+      fmt::print("v4l2:{}  can't be used\n  {}\n", path.string(), device.error().message);
+      continue;
+    }
+    const V4l2Identity& about = device->identity();
+    fmt::print("v4l2:{}  {} ({}, {})\n", path.string(), about.card, about.driver, about.bus);
+    for (const V4l2Format& format : device->formats()) {
+      fmt::print("  {:<5} {}\n", fourcc_text(format.fourcc), format.description);
+      for (const V4l2Size& size : format.sizes) fmt::print("        {}\n", text_of(size));
+    }
+  }
+  fmt::print("libcamera: not built into this penumbra\n");
+  return ExitCode::success;
+}
+
+}  // namespace
+
+void add_devices_command(CLI::App& program, ChosenCommand& chosen) {
+  CLI::App* command = program.add_subcommand(
+      "devices", "List cameras, their formats, sizes and rates, and why one can't be used");
+  add_common_options(*command);
+  command->footer("Example:\n  penumbra devices");
+  command->callback([&chosen] { chosen = list_devices; });
+}
+
+}  // namespace penumbra

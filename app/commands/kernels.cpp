@@ -1,0 +1,185 @@
+// penumbra kernels: computes the shadow kernels of a model once and keeps them.
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <cctype>
+#include <chrono>
+#include <cmath>
+#include <future>
+#include <memory>
+
+#include "app/commands/command.hpp"
+#include "app/commands/options.hpp"
+#include "app/output/output_file.hpp"
+#include "app/progress.hpp"
+#include "core/stopwatch.hpp"
+#include "core/file.hpp"
+#include "core/text.hpp"
+#include "render/shadow/kernel_glb.hpp"
+
+namespace penumbra {
+namespace {
+
+struct KernelsOptions {
+  std::filesystem::path model;
+  std::filesystem::path output;
+  std::string up = "0,0,1";
+  std::string kernels = "auto";
+  Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();
+  KernelSource source = KernelSource::automatic;
+  bool glb = false;
+};
+
+std::string lower_extension(const std::filesystem::path& file) {
+  std::string extension = file.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension;
+}
+
+Eigen::Vector3d direction_from(const std::string& text) {
+  const auto wrong = [&text] {
+    return CLI::ValidationError("--up", fmt::format("{}: is no direction x,y,z", text));
+  };
+  Eigen::Vector3d direction;
+  std::size_t begin = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::size_t comma = text.find(',', begin);
+    if ((comma == std::string::npos) != (axis == 2)) throw wrong();
+    const auto number = parse_number(trim(std::string_view(text).substr(
+        begin, comma == std::string::npos ? std::string::npos : comma - begin)));
+    if (!number || !std::isfinite(*number)) throw wrong();
+    direction[axis] = *number;
+    begin = comma + 1;
+  }
+  if (!(direction.stableNorm() > 0.0)) throw wrong();
+  return direction.stableNormalized();
+}
+
+Result<std::vector<std::uint8_t>> encode(const KernelsOptions& options, const Model& model,
+                                         const KernelFile& kernels) {
+  if (!options.glb) {
+    const std::string text = kernel_file_json(kernels);
+    return std::vector<std::uint8_t>(text.begin(), text.end());
+  }
+  if (lower_extension(options.model) == ".glb") {
+    const auto bytes = read_file(options.model);
+    if (!bytes) return tl::unexpected(bytes.error());
+    return add_kernels_to_glb(*bytes, kernels, options.model.string());
+  }
+  if (!model.textures.empty()) {
+    spdlog::warn(
+        "{}: its {} pictures are not in {}; store the kernels in a .json file to keep them",
+        options.model.string(), model.textures.size(), options.output.string());
+  }
+  return make_glb_with_kernels(model, kernels);
+}
+
+// Shows that something goes on; how much of it is left is not known, so the bar runs by the time
+// that this many triangles usually take.
+template <class Work>
+auto with_progress(const Work& work, std::size_t triangles) {
+  auto running = std::async(std::launch::async, work);
+  using namespace std::chrono_literals;
+  if (running.wait_for(1s) != std::future_status::ready) {
+    constexpr double kTriangles_per_ms = 500.0;
+    constexpr int kSteps = 100;
+    const double expected_ms = 1000.0 + static_cast<double>(triangles) / kTriangles_per_ms;
+    const Stopwatch watch;
+    ProgressBar bar(kSteps, "");
+    while (running.wait_for(100ms) != std::future_status::ready) {
+      const double share = (1000.0 + watch.elapsed().wall_ms) / expected_ms;
+      bar.update(std::min(kSteps - 1, static_cast<int>(share * kSteps)));
+    }
+  }
+  return running.get();
+}
+
+Result<ExitCode> run_kernels(const KernelsOptions& options) {
+  std::error_code ignored;
+  if (std::filesystem::equivalent(options.model, options.output, ignored) && !options.glb) {
+    return fail("{}: is the model itself; give another name", options.output.string());
+  }
+  auto output = OutputFile::create(options.output);
+  if (!output) return tl::unexpected(output.error());
+  const auto model = load_model(options.model);
+  if (!model) return tl::unexpected(model.error());
+  // What was stored before is replaced: the user need not hear that it does not fit.
+  Model plain = *model;
+  for (Mesh& mesh : plain.meshes) mesh.shadow_kernels.clear();
+  plain.shadow_kernel_up.reset();
+  double time_ms = 0.0;
+  const KernelFile kernels = with_progress(
+      [&] {
+        const ShadowMesh mesh = make_shadow_mesh(plain);
+        const Stopwatch watch;
+        const ShadowKernels made = generate_kernels(mesh, options.direction, options.source);
+        time_ms = watch.elapsed().wall_ms;
+        return kernels_to_keep(plain, mesh, made);
+      },
+      plain.triangle_count());
+  const auto bytes = encode(options, plain, kernels);
+  if (!bytes) return tl::unexpected(bytes.error());
+  if (const auto done = write_file(output->partial(), *bytes); !done) {
+    return tl::unexpected(done.error());
+  }
+  if (const auto done = output->commit(); !done) return tl::unexpected(done.error());
+  fmt::print("kernels: {} ({} vertices, {:.1f} ms)\n", options.output.string(),
+             kernels.kernels.size(), time_ms);
+  return ExitCode::success;
+}
+
+}  // namespace
+
+void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
+  CLI::App* command = program.add_subcommand(
+      "kernels", "Compute the shadow kernels of a model and keep them, in a file or in the model");
+  add_common_options(*command);
+  const auto options = std::make_shared<KernelsOptions>();
+  command->add_option("MODEL", options->model, "The model (.glb, .gltf, .obj)")
+      ->required()
+      ->type_name("FILE");
+  command
+      ->add_option("--up", options->up,
+                   "The direction they are for, in the object's frame (z up). Other tilts get new "
+                   "ones when they are drawn")
+      ->capture_default_str()
+      ->type_name("x,y,z");
+  command->add_option("--kernels", options->kernels, "auto, smooth, per-axis or cocl")
+      ->capture_default_str()
+      ->type_name("KERNELS");
+  command
+      ->add_option("--output", options->output,
+                   "A kernel file, or a model with the attribute _SHADOW_KERNEL, which every "
+                   "command then uses")
+      ->required()
+      ->type_name("FILE.json|FILE.glb");
+  command->footer(
+      "Example:\n"
+      "  penumbra kernels helicopter.glb --output helicopter_kernels.glb\n"
+      "  penumbra kernels helicopter.glb --up 0,0.2,1 --output kernels.json");
+  command->callback([options, &chosen] {
+    const std::string extension = lower_extension(options->output);
+    if (extension != ".json" && extension != ".glb") {
+      throw CLI::ValidationError("--output",
+                                 fmt::format("{}: is no .json or .glb", options->output.string()));
+    }
+    options->glb = extension == ".glb";
+    options->direction = direction_from(options->up);
+    const auto source = kernel_source_from_string(options->kernels);
+    if (!source) {
+      throw CLI::ValidationError(
+          "--kernels", fmt::format("{}: no such kernels; known: auto, smooth, per-axis, cocl",
+                                   options->kernels));
+    }
+    options->source = *source;
+    chosen = [options] { return run_kernels(*options); };
+  });
+}
+
+}  // namespace penumbra

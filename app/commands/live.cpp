@@ -1,0 +1,170 @@
+// penumbra live: a camera -> augmented video in a window, video, poses, report, recording.
+
+#include <fmt/format.h>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <memory>
+
+#include "app/commands/command.hpp"
+#include "app/commands/options.hpp"
+#include "app/live_run.hpp"
+#include "app/resources.hpp"
+#include "core/text.hpp"
+
+namespace penumbra {
+namespace {
+
+struct LiveOptions {
+  LiveRequest request;
+  std::optional<std::filesystem::path> calibration, tags, scene;
+  ShadowChoice shadow;
+  bool no_skip = false, no_window = false, no_vsync = false;
+};
+
+Result<ExitCode> live(const LiveOptions& options) {
+  LiveRequest request = options.request;
+  const auto resources = find_resources();
+  if (!resources && (!options.scene || !options.tags)) return tl::unexpected(resources.error());
+  if (!options.calibration) {
+    return fail(
+        "--calibration: no camera is calibrated yet; name the camera's camera.yaml, which "
+        "penumbra calibrate makes");
+  }
+  request.calibration = *options.calibration;
+  // What lies on the table: as named, or beside the calibration, or the bundled board.
+  std::error_code ignored;
+  const std::filesystem::path beside = request.calibration.parent_path() / "tags.yaml";
+  if (options.tags) {
+    request.tags = *options.tags;
+  } else if (std::filesystem::exists(beside, ignored)) {
+    request.tags = beside;
+  } else {
+    request.tags = *resources / "recordings" / "tabletop" / "tags.yaml";
+  }
+  request.scene = options.scene ? *options.scene : *resources / "scenes" / "default.json";
+  request.plan.technique = options.shadow.technique;
+  request.plan.kernels = options.shadow.kernels;
+  request.plan.skip = !options.no_skip;
+  request.window = !options.no_window;
+  request.vsync = !options.no_vsync;
+
+  const auto report = run_live(request);
+  if (!report) return tl::unexpected(report.error());
+  fmt::print("{}", report_table(*report));
+  // Without a duration, Ctrl-C is how a session ends.
+  return report->interrupted && request.duration_s ? ExitCode::interrupted : ExitCode::success;
+}
+
+void read_size(const std::string& text, LiveRequest& request) {
+  const std::size_t cross = text.find('x');
+  const auto width = parse_integer(std::string_view(text).substr(0, cross));
+  const auto height = cross == std::string::npos
+                          ? std::nullopt
+                          : parse_integer(std::string_view(text).substr(cross + 1));
+  constexpr std::int64_t kLargest = 16384;
+  if (!width || !height || *width < 1 || *height < 1 || *width > kLargest || *height > kLargest) {
+    throw CLI::ValidationError("--size", fmt::format("{}: is no size such as 640x480", text));
+  }
+  request.width = static_cast<int>(*width);
+  request.height = static_cast<int>(*height);
+}
+
+// "auto", or a number that `set` takes; false: neither.
+template <class Set>
+auto automatic_or_number(const char* option, bool& automatic, Set set) {
+  return [option, &automatic, set](const std::string& text) {
+    automatic = text == "auto";
+    if (automatic) return;
+    const auto number = parse_number(text);
+    if (!number || !(*number >= 0.0 && *number <= 1e6)) {
+      throw CLI::ValidationError(option, fmt::format("{}: is neither auto nor a number", text));
+    }
+    set(*number);
+  };
+}
+
+}  // namespace
+
+void add_live_command(CLI::App& program, ChosenCommand& chosen) {
+  CLI::App* command =
+      program.add_subcommand("live", "Augment what a camera sees: track, composite, show, record");
+  add_common_options(*command);
+  const auto options = std::make_shared<LiveOptions>();
+  LiveRequest& request = options->request;
+
+  command
+      ->add_option("--camera", request.camera,
+                   "The camera: v4l2:/dev/video0, or recording:FOLDER to play a recording as if it "
+                   "were one")
+      ->capture_default_str()
+      ->type_name("CAMERA");
+  command
+      ->add_option("--calibration", options->calibration,
+                   "The camera's model, at the size it gives (penumbra calibrate)")
+      ->type_name("camera.yaml");
+  command
+      ->add_option_function<std::string>(
+          "--size", [&request](const std::string& text) { read_size(text, request); },
+          "Size of the pictures (default: the calibration's)")
+      ->type_name("WIDTHxHEIGHT");
+  command->add_option("--fps", request.fps, "Rate to ask the camera for (default: 30)")
+      ->check(CLI::Range(0.1, 1000.0))
+      ->type_name("RATE");
+  command
+      ->add_option("--format", request.format,
+                   "Pixel format (default: the one that costs least at that size and rate)")
+      ->check(CLI::IsMember({"grey", "nv12", "yu12", "yuyv", "mjpeg"}));
+  CameraControls& controls = request.controls;
+  command
+      ->add_option_function<std::string>(
+          "--exposure",
+          automatic_or_number("--exposure", controls.auto_exposure,
+                              [&controls](double ms) { controls.exposure_ms = ms; }),
+          "Exposure time [ms], or auto (default: as the camera is)")
+      ->type_name("MS|auto");
+  command->add_option("--gain", controls.gain, "Gain, in the camera's steps")->type_name("N");
+  command
+      ->add_option_function<std::string>(
+          "--white-balance",
+          automatic_or_number(
+              "--white-balance", controls.auto_white_balance,
+              [&controls](double k) { controls.white_balance_k = static_cast<int>(k); }),
+          "White balance [K], or auto (default: as the camera is)")
+      ->type_name("K|auto");
+  command
+      ->add_option("--focus", controls.focus,
+                   "Focus, in the camera's steps; it is locked in any case, where it can be")
+      ->type_name("N");
+  command
+      ->add_option("--record", request.record,
+                   "Store what the camera gives, as a recording that replay opens")
+      ->type_name("FOLDER");
+  command
+      ->add_option("--duration", request.duration_s,
+                   "End after so many seconds from the first frame")
+      ->check(CLI::PositiveNumber)
+      ->type_name("SECONDS");
+  command->add_option("--scene", options->scene, "Scene to draw (default: the program's own)")
+      ->type_name("FILE.json");
+  command
+      ->add_option("--tags", options->tags,
+                   "What lies on the table (default: tags.yaml beside the calibration, or the "
+                   "bundled board's)")
+      ->type_name("FILE.yaml");
+  add_shadow_options(*command, options->shadow);
+  add_output_options(*command, request);
+  command->add_flag("--no-skip", options->no_skip,
+                    "Do all work, also what can't be seen; the results are the same");
+  command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
+  command->add_flag("--no-vsync", options->no_vsync,
+                    "Show frames at once: less latency, perhaps torn");
+  command->footer(
+      "In the window: space pauses, Esc or q closes. Ctrl-C ends cleanly.\n\n"
+      "Example:\n"
+      "  penumbra live --calibration camera.yaml --record session");
+  command->callback([options, &chosen] { chosen = [options] { return live(*options); }; });
+}
+
+}  // namespace penumbra

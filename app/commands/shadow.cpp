@@ -1,0 +1,571 @@
+// penumbra shadow: the shadow layers of one model on one plane, as numbers or as a picture.
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "app/commands/command.hpp"
+#include "app/commands/options.hpp"
+#include "app/output/output_file.hpp"
+#include "app/output/shadow_picture.hpp"
+#include "core/stopwatch.hpp"
+#include "core/text.hpp"
+#include "render/shadow/caster.hpp"
+#include "render/shadow/fixed_light.hpp"
+#include "render/shadow/kernel_file.hpp"
+#include "render/shadow/layer_polygons.hpp"
+#include "render/shadow/power_distance.hpp"
+#include "render/shadow/projected_shadow.hpp"
+#include "render/shadow/twist.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr int kFieldCells = 512;  // along the longer side: offline, time is no matter
+constexpr std::array<std::pair<ShadowLayer, const char*>, 3> kLayerNames = {
+    {{ShadowLayer::umbra, "umbra"},
+     {ShadowLayer::middle, "middle"},
+     {ShadowLayer::penumbra, "penumbra"}}};
+constexpr std::string_view kPoseOption = "--pose";
+constexpr std::string_view kPlaneOption = "--plane";
+constexpr std::string_view kLightOption = "--light";
+
+struct ShadowOptions {
+  std::filesystem::path model;
+  std::filesystem::path output;
+  std::string technique = "layered";
+  std::string kernels = "auto";
+  std::string light_mode = "proportional";
+  std::string up;
+  std::string light_height;
+  std::optional<double> light_ratio;
+  std::optional<double> umbra_height;
+  std::optional<double> workspace_height;
+  std::optional<double> magnification;
+  std::string pose;
+  std::string plane;
+  std::string light;
+  bool show_kernels = false;
+};
+
+// The options once they make sense.
+struct ShadowJob {
+  enum class Technique { layered, field, simple, hard };
+  enum class Format { table, json, svg, png };
+  std::filesystem::path model;
+  std::filesystem::path output;
+  Format format = Format::table;
+  Technique technique = Technique::layered;
+  KernelSource source = KernelSource::automatic;
+  std::filesystem::path kernel_file;  // in place of the source
+  bool fixed_light = false;
+  UpAxis up = UpAxis::by_format;
+  LayeredConstants constants;
+  Placement placement;
+  PlaneFrame plane;
+  Eigen::Vector4d light = Eigen::Vector4d::Zero();
+  bool show_kernels = false;
+};
+
+[[noreturn]] void wrong(std::string_view option, const std::string& why) {
+  throw CLI::ValidationError(std::string(option), why);
+}
+
+template <int kCount>
+Eigen::Matrix<double, kCount, 1> numbers_from(std::string_view option, const std::string& text) {
+  Eigen::Matrix<double, kCount, 1> numbers;
+  std::istringstream words(text);
+  std::string word;
+  int count = 0;
+  while (words >> word) {
+    const auto number = parse_number(word);
+    if (!number || !std::isfinite(*number)) {
+      wrong(option, fmt::format("{}: is not a finite number", word));
+    }
+    if (count < kCount) numbers[count] = *number;
+    ++count;
+  }
+  if (count != kCount) {
+    wrong(option,
+          fmt::format("has {} numbers, {} are needed, in one pair of quotes", count, kCount));
+  }
+  return numbers;
+}
+
+LayeredConstants constants_from(const ShadowOptions& options) {
+  const bool workspace = options.workspace_height || options.magnification;
+  if (workspace) {
+    if (!options.workspace_height || !options.magnification) {
+      wrong("--workspace-height", "goes together with --magnification; give both");
+    }
+    if (!options.light_height.empty() || options.light_ratio || options.umbra_height) {
+      wrong("--workspace-height", "chooses the light; leave out the options that name it");
+    }
+    const auto constants =
+        layered_constants_for_workspace(*options.workspace_height, *options.magnification);
+    if (!constants) wrong("--workspace-height", constants.error().message);
+    return *constants;
+  }
+  const LayeredConstants usual;
+  double ratio = options.light_ratio.value_or(0.0);
+  if (options.light_ratio && !(ratio > 0.0)) {
+    wrong("--light-ratio", fmt::format("is {}; give a number above 0", ratio));
+  }
+  const double umbra = options.umbra_height.value_or(0.0);
+  if (options.umbra_height && !(umbra > 0.0)) {
+    wrong("--umbra-height", fmt::format("is {}; give metres above 0", umbra));
+  }
+  double height = usual.light_height;
+  if (!options.light_height.empty()) {
+    const auto number = parse_number(options.light_height);
+    if (!number) {
+      wrong("--light-height", fmt::format("{}: is not a number of metres", options.light_height));
+    }
+    height = *number;
+    if (std::isfinite(height) && !options.light_ratio && !options.umbra_height) {
+      ratio = usual.light_ratio;
+    }
+  } else if (options.umbra_height) {
+    height = umbra * (options.light_ratio ? ratio : usual.light_ratio);
+  } else if (!options.light_ratio) {
+    ratio = usual.light_ratio;
+  }
+  const auto constants = make_layered_constants(height, ratio, umbra);
+  if (!constants) wrong("--light-height", constants.error().message);
+  return *constants;
+}
+
+ShadowJob job_from(const ShadowOptions& options) {
+  ShadowJob job;
+  job.model = options.model;
+  job.output = options.output;
+  job.show_kernels = options.show_kernels;
+  if (!options.output.empty()) {
+    std::string extension = options.output.extension().string();
+    std::transform(extension.begin(), extension.end(), extension.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    if (extension == ".json") {
+      job.format = ShadowJob::Format::json;
+    } else if (extension == ".svg") {
+      job.format = ShadowJob::Format::svg;
+    } else if (extension == ".png") {
+      job.format = ShadowJob::Format::png;
+    } else {
+      wrong("--output", fmt::format("{}: is no .json, .svg or .png", options.output.string()));
+    }
+  }
+  std::string kernels = options.kernels;
+  if (options.technique == "simple") {
+    job.technique = ShadowJob::Technique::simple;
+  } else if (options.technique == "hard") {
+    job.technique = ShadowJob::Technique::hard;
+    if (options.light.empty()) wrong("--technique", "hard needs --light \"x y z w\"");
+    job.light = numbers_from<4>(kLightOption, options.light);
+    if (job.light.w() < 0.0 || (job.light.head<3>().isZero(0.0) && job.light.w() == 0.0)) {
+      wrong(kLightOption, "give a place (w = 1), or a direction towards the light (w = 0)");
+    }
+  } else if (options.technique == "cocl") {
+    if (kernels != "auto" && kernels != "cocl") {
+      wrong("--technique", "cocl has kernels of its own; leave out --kernels");
+    }
+    kernels = "cocl";
+  } else if (options.technique == "field") {
+    job.technique = ShadowJob::Technique::field;
+    if (kernels != "auto") wrong("--technique", "field needs no kernels; leave out --kernels");
+  } else if (options.technique != "layered") {
+    wrong("--technique",
+          fmt::format("{}: no such technique; known: layered, cocl, field, simple, hard",
+                      options.technique));
+  }
+  if (!options.light.empty() && job.technique != ShadowJob::Technique::hard) {
+    wrong(kLightOption, "is for --technique hard; layers take --light-height");
+  }
+  if (const auto source = kernel_source_from_string(kernels)) {
+    job.source = *source;
+  } else if (std::filesystem::path(kernels).has_extension() || std::filesystem::exists(kernels)) {
+    job.kernel_file = kernels;
+  } else {
+    wrong("--kernels", fmt::format("{}: no such kernels; known: auto, smooth, per-axis, cocl, or a "
+                                   "kernel file (.json)",
+                                   kernels));
+  }
+  if (options.light_mode == "fixed") {
+    job.fixed_light = true;
+    if (job.technique == ShadowJob::Technique::layered && job.source == KernelSource::centroid) {
+      wrong("--light-mode", "fixed needs kernels with a thickness; cocl has none");
+    }
+  } else if (options.light_mode != "proportional") {
+    wrong("--light-mode",
+          fmt::format("{}: no such mode; known: proportional, fixed", options.light_mode));
+  }
+  if (options.up == "y") job.up = UpAxis::y;
+  if (options.up == "z") job.up = UpAxis::z;
+  if (!options.up.empty() && options.up != "y" && options.up != "z") {
+    wrong("--up", fmt::format("{}: is neither y nor z", options.up));
+  }
+  job.constants = constants_from(options);
+  if (!options.pose.empty()) {
+    const auto pose = numbers_from<7>(kPoseOption, options.pose);
+    const Eigen::Quaterniond rotation(pose[6], pose[3], pose[4], pose[5]);
+    if (!(std::abs(rotation.norm() - 1.0) < 0.01)) {
+      wrong(kPoseOption, "its last four numbers are no unit quaternion (qx qy qz qw)");
+    }
+    job.placement = {pose.head<3>(), rotation.normalized(), 1.0};
+  }
+  if (!options.plane.empty()) {
+    const auto plane = numbers_from<6>(kPlaneOption, options.plane);
+    if (!(plane.head<3>().stableNorm() > 0.0)) wrong(kPlaneOption, "its normal is zero");
+    job.plane = PlaneFrame::make(plane.head<3>().stableNormalized(), plane.tail<3>());
+  }
+  return job;
+}
+
+struct ShadowResult {
+  std::vector<ShadowPicture::Layer> layers;  // umbra, middle, penumbra; or shadow
+  LayerOutline object;
+  std::vector<Eigen::Vector2d> kernels;
+  std::string kernel_source = "none";
+  double kernel_ms = 0.0;
+  std::size_t twisted_faces = 0;
+  std::size_t faces = 0;
+  std::size_t vertices = 0;
+};
+
+struct KernelChoice {
+  ShadowKernels kernels;
+  std::string source;
+  double time_ms = 0.0;
+};
+
+KernelChoice choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from_file) {
+  const Eigen::Vector3d up = up_in_object(job.placement, job.plane);
+  KernelChoice choice;
+  const Stopwatch watch;
+  if (from_file) {
+    choice.kernels = stored_kernels_of(mesh);
+    choice.source = job.kernel_file.string();
+    if (!has_stored_kernels_for(mesh, up)) {
+      spdlog::warn(
+          "{}: its kernels are for up {:.3g},{:.3g},{:.3g}; the plane's normal is {:.3g},{:.3g},"
+          "{:.3g} for the object",
+          job.kernel_file.string(), choice.kernels.up.x(), choice.kernels.up.y(),
+          choice.kernels.up.z(), up.x(), up.y(), up.z());
+    }
+  } else {
+    const bool stored = job.source == KernelSource::automatic && has_stored_kernels_for(mesh, up);
+    choice.kernels = kernels_for(mesh, up, job.source);
+    choice.source = stored ? "stored" : std::string(to_string(job.source));
+  }
+  choice.time_ms = watch.elapsed().wall_ms;
+  return choice;
+}
+
+// Kernels that were kept have no radii: those of the discs made for the same direction serve.
+void complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up) {
+  if (kernels.radius.size() == mesh.positions.size()) return;
+  kernels.radius = generate_kernels(mesh, up, KernelSource::automatic).radius;
+}
+
+Result<void> add_layer(ShadowResult& result, const std::string& name,
+                       const std::vector<PlanePoint>& triangles) {
+  auto outline = union_of_triangles(triangles);
+  if (!outline) return fail_in(name, outline.error());
+  result.layers.push_back({name, std::move(*outline)});
+  return {};
+}
+
+std::size_t count_twists(std::span<const CasterVertex> vertices,
+                         std::span<const std::uint32_t> indices,
+                         const LayeredConstants& constants) {
+  // The factors that matter between the plane and the caster's top.
+  double top = 0.0;
+  for (const CasterVertex& vertex : vertices) top = std::max(top, static_cast<double>(vertex.h));
+  double least = 1.0;
+  double greatest = 1.0;
+  for (const ShadowLayer layer : kShadowLayers) {
+    const double s = layer_factor(constants, layer, top);
+    least = std::min(least, s);
+    greatest = std::max(greatest, s);
+  }
+  return find_twists(vertices, indices, least, greatest).faces_twisted;
+}
+
+Result<ShadowResult> compute_shadow(const ShadowJob& job) {
+  auto model = load_model(job.model, job.up);
+  if (!model) return tl::unexpected(model.error());
+  bool from_file = false;
+  if (!job.kernel_file.empty()) {
+    const auto file = load_kernel_file(job.kernel_file);
+    if (!file) return tl::unexpected(file.error());
+    const auto taken = attach_kernels(*model, *file, job.kernel_file.string());
+    if (!taken) return tl::unexpected(taken.error());
+    from_file = *taken;
+  }
+  for (const std::string& warning : model->warnings) spdlog::warn("{}", warning);
+  const ShadowMesh mesh = make_shadow_mesh(*model);
+  const bool layered = job.technique == ShadowJob::Technique::layered;
+  ShadowResult result;
+  result.faces = mesh.indices.size() / 3;
+  result.vertices = mesh.positions.size();
+  KernelChoice choice;
+  if (layered) {
+    choice = choose_kernels(job, mesh, from_file);
+    result.kernel_source = choice.source;
+    result.kernel_ms = choice.time_ms;
+  } else {
+    choice.kernels.kernels = mesh.positions;
+  }
+  const auto vertices = place_caster(mesh, choice.kernels, job.placement, job.plane);
+  auto object = union_of_triangles(orthogonal_triangles(vertices, mesh.indices));
+  if (!object) return tl::unexpected(object.error());
+  result.object = *object;
+  if (job.technique == ShadowJob::Technique::simple) {
+    result.layers.push_back({"shadow", std::move(*object)});
+  } else if (job.technique == ShadowJob::Technique::hard) {
+    const auto triangles = projected_triangles(vertices, mesh.indices, job.light, job.plane);
+    if (triangles.empty() && plane_covector(job.plane).dot(job.light) <= 0.0) {
+      spdlog::warn("the light is in or under the plane, so there is no shadow");
+    }
+    if (const auto added = add_layer(result, "shadow", triangles); !added) {
+      return tl::unexpected(added.error());
+    }
+  } else if (job.technique == ShadowJob::Technique::field) {
+    const ShadowField field = power_distance_layers(
+        vertices, mesh.indices, mesh.part,
+        part_lights(part_discs(mesh, up_in_object(job.placement, job.plane)), job.placement,
+                    job.plane),
+        job.constants, {.cells = kFieldCells});
+    for (const auto& [layer, name] : kLayerNames) {
+      if (const auto added = add_layer(result, name, field_triangles(field, layer)); !added) {
+        return tl::unexpected(added.error());
+      }
+    }
+  } else {
+    std::vector<VertexDisc> discs;
+    if (job.fixed_light) {
+      const Eigen::Vector3d up = up_in_object(job.placement, job.plane);
+      complete_radii(choice.kernels, mesh, up);
+      discs = vertex_discs(mesh, choice.kernels, part_discs(mesh, up), job.placement.scale);
+      result.twisted_faces = fixed_light_twists(vertices, discs, mesh.indices, job.constants);
+    } else {
+      result.twisted_faces = count_twists(vertices, mesh.indices, job.constants);
+    }
+    for (const auto& [layer, name] : kLayerNames) {
+      const auto triangles =
+          job.fixed_light
+              ? fixed_light_triangles(vertices, discs, mesh.indices, job.constants, layer)
+              : layer_triangles(vertices, mesh.indices, job.constants, layer);
+      if (const auto added = add_layer(result, name, triangles); !added) {
+        return tl::unexpected(added.error());
+      }
+    }
+    if (job.show_kernels) {
+      for (const CasterVertex& vertex : vertices) {
+        const Eigen::Vector2d k(static_cast<double>(vertex.ku), static_cast<double>(vertex.kv));
+        if (k.allFinite()) result.kernels.push_back(k);
+      }
+      // Vertices that share a kernel give one dot.
+      const auto by_place = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+        return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
+      };
+      std::sort(result.kernels.begin(), result.kernels.end(), by_place);
+      result.kernels.erase(std::unique(result.kernels.begin(), result.kernels.end()),
+                           result.kernels.end());
+    }
+  }
+  return result;
+}
+
+nlohmann::ordered_json number_or_inf(double value) {
+  if (std::isinf(value)) return "inf";
+  return value;
+}
+
+std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
+  nlohmann::ordered_json json;
+  json["H"] = number_or_inf(job.constants.light_height);
+  json["a"] = number_or_inf(job.constants.light_ratio);
+  json["umbra_height"] = job.constants.umbra_height;
+  const auto ring_json = [](const std::vector<Eigen::Vector2d>& ring) {
+    auto list = nlohmann::ordered_json::array();
+    for (const Eigen::Vector2d& p : ring) list.push_back({p.x(), p.y()});
+    return list;
+  };
+  for (const ShadowPicture::Layer& layer : result.layers) {
+    auto& layer_json = json["layers"][layer.name];
+    layer_json["area"] = layer.outline.area;
+    auto polygons = nlohmann::ordered_json::array();
+    for (const LayerPolygon& polygon : layer.outline.polygons) {
+      nlohmann::ordered_json polygon_json;
+      polygon_json["outer"] = ring_json(polygon.outer);
+      polygon_json["holes"] = nlohmann::ordered_json::array();
+      for (const auto& hole : polygon.holes) polygon_json["holes"].push_back(ring_json(hole));
+      polygons.push_back(std::move(polygon_json));
+    }
+    layer_json["polygons"] = std::move(polygons);
+  }
+  json["kernels"] = {{"source", result.kernel_source}, {"time_ms", result.kernel_ms}};
+  json["twisted_faces"] = result.twisted_faces;
+  return json.dump() + "\n";
+}
+
+std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
+  std::string table = fmt::format("{}: {} vertices, {} faces\n", job.model.filename().string(),
+                                  result.vertices, result.faces);
+  if (job.technique == ShadowJob::Technique::layered ||
+      job.technique == ShadowJob::Technique::field) {
+    table += fmt::format("light: H = {:g} m, a = {:g}, the umbra vanishes at {:g} m\n",
+                         job.constants.light_height, job.constants.light_ratio,
+                         job.constants.umbra_height);
+  }
+  table += "layer      area [cm2]  pieces  holes\n";
+  for (const ShadowPicture::Layer& layer : result.layers) {
+    std::size_t holes = 0;
+    for (const LayerPolygon& polygon : layer.outline.polygons) holes += polygon.holes.size();
+    table += fmt::format("{:<9} {:>11.3f} {:>7} {:>6}\n", layer.name, 1e4 * layer.outline.area,
+                         layer.outline.polygons.size(), holes);
+  }
+  if (job.technique == ShadowJob::Technique::layered) {
+    table += fmt::format("kernels: {}, {:.2f} ms; twisted faces: {} of {}\n", result.kernel_source,
+                         result.kernel_ms, result.twisted_faces, result.faces);
+  }
+  return table;
+}
+
+ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result) {
+  ShadowPicture picture;
+  picture.title = job.model.stem().string();
+  if (job.technique == ShadowJob::Technique::layered) {
+    picture.title +=
+        std::isinf(job.constants.light_height)
+            ? fmt::format("   light at the zenith, umbra to {:g} m", job.constants.umbra_height)
+            : fmt::format("   H = {:g} m, a = {:.3g}", job.constants.light_height,
+                          job.constants.light_ratio);
+  }
+  picture.layers.assign(result.layers.rbegin(), result.layers.rend());
+  picture.object = result.object;
+  picture.kernels = result.kernels;
+  return picture;
+}
+
+Result<ExitCode> run_shadow(const ShadowJob& job) {
+  if (job.constants.light_ratio <= 1.0 && job.technique == ShadowJob::Technique::layered) {
+    spdlog::warn("a = {:g}: the umbra never vanishes; the usual light has a > 1",
+                 job.constants.light_ratio);
+  }
+  if (job.format == ShadowJob::Format::table) {
+    const auto result = compute_shadow(job);
+    if (!result) return tl::unexpected(result.error());
+    fmt::print("{}", shadow_table(job, *result));
+    return ExitCode::success;
+  }
+  auto output = OutputFile::create(job.output);
+  if (!output) return tl::unexpected(output.error());
+  const auto result = compute_shadow(job);
+  if (!result) return tl::unexpected(result.error());
+  if (job.format == ShadowJob::Format::png) {
+    if (const auto done = write_shadow_png(output->partial(), picture_of(job, *result)); !done) {
+      return tl::unexpected(done.error());
+    }
+    if (const auto done = output->commit(); !done) return tl::unexpected(done.error());
+  } else {
+    const std::string text = job.format == ShadowJob::Format::json
+                                 ? shadow_json(job, *result)
+                                 : shadow_svg(picture_of(job, *result));
+    if (const auto done = write_text(*output, text); !done) return tl::unexpected(done.error());
+  }
+  fmt::print("shadow: {}\n", job.output.string());
+  return ExitCode::success;
+}
+
+}  // namespace
+
+void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
+  CLI::App* command = program.add_subcommand(
+      "shadow", "Compute the shadow layers of a model: areas, outlines, a picture");
+  add_common_options(*command);
+  const auto options = std::make_shared<ShadowOptions>();
+  command->add_option("MODEL", options->model, "The model (.glb, .gltf, .obj)")
+      ->required()
+      ->type_name("FILE");
+  command
+      ->add_option("--light-height", options->light_height,
+                   "Height H of the light over the plane [m] (default: 0.9), or inf together with "
+                   "--umbra-height")
+      ->type_name("H|inf");
+  command
+      ->add_option("--light-ratio", options->light_ratio,
+                   "Radius of the light over that of the object (default: 3)")
+      ->type_name("A");
+  command
+      ->add_option("--umbra-height", options->umbra_height,
+                   "Height at which the umbra vanishes, H / A [m]; in place of --light-ratio")
+      ->type_name("HU");
+  command
+      ->add_option("--workspace-height", options->workspace_height,
+                   "Highest point that objects take [m]: chooses H and A, with --magnification")
+      ->type_name("Z");
+  command
+      ->add_option("--magnification", options->magnification,
+                   "How much larger the middle layer may get there (above 1)")
+      ->type_name("M");
+  command
+      ->add_option("--kernels", options->kernels,
+                   "auto (from the silhouette, for each part; those stored in the model where they "
+                   "fit), smooth, per-axis, cocl, or a kernel file")
+      ->capture_default_str()
+      ->type_name("auto|smooth|per-axis|cocl|FILE");
+  command
+      ->add_option("--light-mode", options->light_mode,
+                   "proportional: a light for each part by its thickness; fixed: one size of light")
+      ->capture_default_str()
+      ->type_name("proportional|fixed");
+  command
+      ->add_option("--pose", options->pose,
+                   "The object in the world: metres and a unit quaternion (default: as it is)")
+      ->type_name("\"tx ty tz qx qy qz qw\"");
+  command
+      ->add_option("--plane", options->plane,
+                   "The plane: its normal, and a point on it (default: 0 0 1 0 0 0)")
+      ->type_name("\"nx ny nz px py pz\"");
+  command->add_option("--technique", options->technique, "layered, cocl, field, simple, or hard")
+      ->capture_default_str()
+      ->type_name("TECHNIQUE");
+  command
+      ->add_option(
+          "--light", options->light,
+          "The light of a hard shadow: a place (w = 1), or the direction towards it (w = 0)")
+      ->type_name("\"x y z w\"");
+  command
+      ->add_option("--up", options->up,
+                   "Which axis of the file points up (default: y for glTF, z for OBJ)")
+      ->type_name("y|z");
+  command->add_flag("--show-kernels", options->show_kernels, "Kernels as dots in the picture");
+  command
+      ->add_option("--output", options->output,
+                   "Outlines (.json), or a picture (.svg, .png); without it a table is printed")
+      ->type_name("FILE");
+  command->footer(
+      "Example:\n"
+      "  penumbra shadow helicopter.glb --pose \"0 0 0.1 0 0 0 1\"\n"
+      "  penumbra shadow helicopter.glb --pose \"0 0 0.1 0 0 0 1\" --workspace-height 0.3 "
+      "--magnification 1.5 --show-kernels --output layers.svg");
+  command->callback([options, &chosen] {
+    // Wrong usage ends here.
+    const auto job = std::make_shared<ShadowJob>(job_from(*options));
+    chosen = [job] { return run_shadow(*job); };
+  });
+}
+
+}  // namespace penumbra

@@ -1,0 +1,375 @@
+#include "app/live_run.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <atomic>
+#include <chrono>
+#include <exception>
+#include <functional>
+#include <mutex>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "app/capture/mailbox.hpp"
+#include "app/capture/recording_feed.hpp"
+#include "app/capture/recording_writer.hpp"
+#include "app/capture/v4l2_device.hpp"
+#include "app/interrupt.hpp"
+#include "app/session.hpp"
+#include "app/viewer.hpp"
+#include "core/camera_file.hpp"
+#include "core/text.hpp"
+#include "core/units.hpp"
+
+namespace penumbra {
+namespace {
+
+using Clock = std::chrono::steady_clock;  // CLOCK_MONOTONIC, which drivers stamp frames with
+using std::chrono::milliseconds;
+
+constexpr milliseconds kPatience(50);              // between looks at the window and at Ctrl-C
+constexpr std::int64_t kSilence_ns = 250'000'000;  // without a frame: the picture is not live
+constexpr double kHold_s = 0.5;                    // then the pose fades out over this
+constexpr std::size_t kMaxYamlBytes = 16'000'000;
+
+std::int64_t now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch())
+      .count();
+}
+
+struct CameraName {
+  enum class Kind { v4l2, recording } kind = Kind::v4l2;
+  std::string name;
+};
+
+Result<CameraName> parse_camera(const std::string& camera) {
+  if (camera.starts_with('/')) return CameraName{CameraName::Kind::v4l2, camera};
+  const std::size_t colon = camera.find(':');
+  const std::string kind = camera.substr(0, colon);
+  const std::string name = colon == std::string::npos ? std::string() : camera.substr(colon + 1);
+  if (kind == "v4l2" && !name.empty()) return CameraName{CameraName::Kind::v4l2, name};
+  if (kind == "recording" && !name.empty()) return CameraName{CameraName::Kind::recording, name};
+  if (kind == "libcamera") {
+    return fail(
+        "--camera {}: this penumbra is built without libcamera; name a V4L2 device "
+        "(v4l2:/dev/video0)",
+        camera);
+  }
+  return fail("--camera {}: is no camera; give v4l2:/dev/video0 (penumbra devices lists them)",
+              camera);
+}
+
+// What is wrong with the camera at first sight: before anything else is set up.
+Result<void> check_camera(const CameraName& camera) {
+  if (camera.kind == CameraName::Kind::recording) return {};
+  const auto device = V4l2Device::open(camera.name);
+  if (!device) return tl::unexpected(device.error());
+  return {};
+}
+
+Result<std::unique_ptr<LiveSource>> open_camera(const CameraName& name, const LiveRequest& request,
+                                                const CameraModel& camera) {
+  if (name.kind == CameraName::Kind::recording) {
+    OpenRecordingOptions options;
+    options.require_camera = options.require_tags = false;
+    const auto recording = open_recording(name.name, options);
+    if (!recording) return tl::unexpected(recording.error());
+    return open_recording_feed(*recording, request.fps);
+  }
+  V4l2Options options;
+  options.device = name.name;
+  options.width = request.width.value_or(camera.width());
+  options.height = request.height.value_or(camera.height());
+  options.fps = request.fps.value_or(options.fps);
+  options.format = request.format;
+  options.recording = request.record.has_value();
+  options.controls = request.controls;
+  return open_v4l2_source(options);
+}
+
+Result<void> check_size(const LiveRequest& request, const StreamFormat& format,
+                        const CameraModel& camera) {
+  if (format.width == camera.width() && format.height == camera.height()) return {};
+  return fail(
+      "{}: is a calibration of {}x{} px, but the camera gives {}x{} px; ask for the calibrated "
+      "size (--size {}x{}), or calibrate at this one (penumbra calibrate)",
+      request.calibration.string(), camera.width(), camera.height(), format.width, format.height,
+      camera.width(), camera.height());
+}
+
+Result<std::unique_ptr<RecordingWriter>> open_recording_writer(const LiveRequest& request,
+                                                               const LiveSource& source) {
+  auto camera_yaml = read_text_file(request.calibration, kMaxYamlBytes);
+  if (!camera_yaml) return tl::unexpected(camera_yaml.error());
+  auto tags_yaml = read_text_file(request.tags, kMaxYamlBytes);
+  if (!tags_yaml) return tl::unexpected(tags_yaml.error());
+  return RecordingWriter::create(*request.record,
+                                 {source.description(), source.format(), source.controls(),
+                                  std::move(*camera_yaml), std::move(*tags_yaml)});
+}
+
+// A frame with its pose, on its way to be drawn.
+struct ReadyFrame {
+  TrackedFrame tracked;
+  StageTime capture_time;  // to decode it
+};
+
+// The camera's thread and the tracker's. The newest picture waits for the tracker, older ones are
+// dropped; a tracked frame is always drawn.
+class Pipeline {
+ public:
+  Pipeline(LiveSource& source, Session& session, RecordingWriter* writer)
+      : source_(source), session_(session), writer_(writer), last_capture_ns_(now_ns()) {
+    capture_ = std::thread([this] { guarded([this] { capture(); }); });
+    tracking_ = std::thread([this] { guarded([this] { track(); }); });
+  }
+  Pipeline(const Pipeline&) = delete;
+  Pipeline& operator=(const Pipeline&) = delete;
+  ~Pipeline() { stop(); }
+
+  [[nodiscard]] std::optional<ReadyFrame> take() { return ready_.take(kPatience); }
+  // Nothing will come any more.
+  [[nodiscard]] bool finished() const { return ready_.finished(); }
+  // How long the camera has given nothing.
+  [[nodiscard]] std::int64_t silence_ns() const { return now_ns() - last_capture_ns_; }
+  void stop() {
+    source_.stop();
+    inbox_.close();
+    ready_.close();
+    if (capture_.joinable()) capture_.join();
+    if (tracking_.joinable()) tracking_.join();
+  }
+  // Why it ended by itself, if not well.
+  [[nodiscard]] std::optional<Error> error() const {
+    const std::lock_guard lock(mutex_);
+    return error_;
+  }
+
+ private:
+  void guarded(const std::function<void()>& work) {
+    try {
+      work();
+    } catch (const std::exception& error) {
+      set_error({error.what()});
+    }
+    // Whoever ends, the others have nothing left to do.
+    source_.stop();
+    inbox_.close();
+  }
+  void set_error(Error error) {
+    const std::lock_guard lock(mutex_);
+    if (!error_) error_ = std::move(error);
+  }
+
+  void capture() {
+    while (true) {
+      auto image = source_.next_image();
+      if (!image) {
+        set_error(image.error());
+        return;
+      }
+      if (!*image) return;
+      last_capture_ns_ = now_ns();
+      if (writer_ != nullptr) writer_->add_image(**image);
+      inbox_.put(std::move(**image));
+    }
+  }
+
+  void track() {
+    while (!inbox_.finished()) {
+      auto image = inbox_.take(kPatience);
+      if (!image) continue;
+      const Stopwatch watch;
+      const std::optional<Frame> frame = source_.decode(*image);
+      if (!frame) continue;
+      image.reset();  // a JPEG's buffer goes back to the camera
+      const StageTime time = watch.elapsed();
+      if (!ready_.hand_over({session_.track(*frame), time})) break;
+    }
+    ready_.close();
+  }
+
+  LiveSource& source_;
+  Session& session_;
+  RecordingWriter* const writer_;
+  std::atomic<std::int64_t> last_capture_ns_;
+  Mailbox<CapturedImage> inbox_;
+  Mailbox<ReadyFrame> ready_;
+  mutable std::mutex mutex_;
+  std::optional<Error> error_;  // guarded by mutex_
+  std::thread capture_, tracking_;
+};
+
+// What is on the screen while the camera gives nothing: the last picture, its pose held and fading,
+// then no pose. Never a still picture that looks live.
+class Silence {
+ public:
+  void saw(const TrackedFrame& tracked) { last_ = tracked; }
+  // What to draw now; nothing when that is on the screen already.
+  [[nodiscard]] std::optional<TrackedFrame> picture(std::int64_t silence_ns) {
+    if (!last_ || silence_ns < kSilence_ns) return std::nullopt;
+    TrackedFrame tracked = *last_;
+    const double age_s = last_->pose.age_s + seconds(silence_ns);
+    const bool gone = !tracked.pose.has_pose() || age_s > kHold_s;
+    tracked.pose.status = gone ? TrackStatus::lost : TrackStatus::held;
+    tracked.pose.age_s = age_s;
+    // Drawn for the last time; its buffer goes back: a driver that lost its camera waits for every
+    // one of them before it takes the camera again.
+    if (gone) last_.reset();
+    tracked.pose.reason = "no frame from the camera";
+    return tracked;
+  }
+
+ private:
+  std::optional<TrackedFrame> last_;
+};
+
+}  // namespace
+
+Result<RunReport> run_live(const LiveRequest& request) {
+  InterruptWatch interrupt;  // first: everything below starts threads
+
+  const auto camera = load_camera(request.calibration);
+  if (!camera) return tl::unexpected(camera.error());
+  const auto tags = load_tag_map(request.tags);
+  if (!tags) return tl::unexpected(tags.error());
+  auto tracker = TableTracker::create(*camera, *tags);
+  if (!tracker) return tl::unexpected(tracker.error());
+  auto loaded_scene = load_scene(request.scene);
+  if (!loaded_scene) return tl::unexpected(loaded_scene.error());
+  const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
+  for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
+
+  const auto name = parse_camera(request.camera);
+  if (!name) return tl::unexpected(name.error());
+  if (auto checked = check_camera(*name); !checked) return tl::unexpected(checked.error());
+  auto context = open_run_context({request.window, request.vsync}, *camera);
+  if (!context) return tl::unexpected(context.error());
+  SessionOptions session_options;
+  session_options.plan = request.plan;
+  auto session = Session::create(**context, scene, *camera, std::move(*tracker), session_options);
+  if (!session) return tl::unexpected(session.error());
+  // Before the camera starts: what it gives first would be old by the time it is drawn.
+  if (auto warm = session->warm_up(PixelFormat::yuv420p); !warm) {
+    return tl::unexpected(warm.error());
+  }
+
+  auto source = open_camera(*name, request, *camera);
+  if (!source) return tl::unexpected(source.error());
+  if (auto checked = check_size(request, (*source)->format(), *camera); !checked) {
+    return tl::unexpected(checked.error());
+  }
+  spdlog::info("{}", (*source)->description());
+
+  std::vector<std::filesystem::path> taken = {request.scene, request.calibration, request.tags};
+  if (request.record) taken.push_back(*request.record);
+  if (auto checked = check_output_paths(request, std::move(taken)); !checked) {
+    return tl::unexpected(checked.error());
+  }
+  interrupt.hold();
+  auto outputs =
+      open_outputs(request, {camera->width(), camera->height(), (*source)->format().interval_s});
+  if (!outputs) return tl::unexpected(outputs.error());
+  std::unique_ptr<RecordingWriter> writer;
+  if (request.record) {
+    auto opened = open_recording_writer(request, **source);
+    if (!opened) return tl::unexpected(opened.error());
+    writer = std::move(*opened);
+    writer->add_event(now_ns(), "start", (*source)->description());
+  }
+
+  std::optional<Viewer> viewer;
+  if ((*context)->window_size().width > 0) viewer.emplace(**context);
+  std::vector<std::uint8_t> pixels;
+  if (outputs->frames) {
+    pixels.resize(static_cast<std::size_t>(camera->width()) *
+                  static_cast<std::size_t>(camera->height()) * 4U);
+  }
+
+  RunRecorder run;
+  Silence silence;
+  std::optional<Stopwatch> since_first;
+  bool stopped = false;
+  const auto show = [&] {
+    if (viewer && !viewer->show([&] { session->present(); }, interrupt)) stopped = true;
+  };
+  Pipeline pipeline(**source, *session, writer.get());
+  while (!stopped && !pipeline.finished()) {
+    auto ready = pipeline.take();
+    if (writer) {
+      for (const auto& event : (*source)->faults().take_events()) {
+        writer->add_event(now_ns(), name_of(event.fault), event.detail);
+      }
+    }
+    if (ready) {
+      if (!since_first) since_first.emplace();
+      const Stopwatch watch;
+      const std::int64_t timestamp_ns = ready->tracked.frame.timestamp_ns;
+      run.add_time("capture", ready->capture_time);
+      silence.saw(ready->tracked);
+      auto done = session->draw(std::move(ready->tracked), pixels);
+      if (!done) return tl::unexpected(done.error());
+      run.add_frame(*done);
+      if (writer) writer->add_pose(timestamp_ns, done->tracked.pose);
+      show();
+      // From the driver's stamp to the picture's being on the screen (or, offscreen, drawn).
+      run.add_time("latency", {static_cast<double>(now_ns() - timestamp_ns) * 1e-6, 0.0});
+      if (auto written = outputs->write(*done, pixels, run); !written) {
+        return tl::unexpected(written.error());
+      }
+      run.add_time("frame", watch.elapsed());
+    } else {
+      if (auto picture = silence.picture(pipeline.silence_ns())) {
+        if (auto drawn = session->draw(std::move(*picture)); !drawn) {
+          return tl::unexpected(drawn.error());
+        }
+      }
+      show();
+    }
+    if (request.duration_s && since_first &&
+        since_first->elapsed().wall_ms >= *request.duration_s * 1e3) {
+      stopped = true;
+    }
+    if (interrupt.interrupted()) stopped = true;
+  }
+  pipeline.stop();
+  if (const auto error = pipeline.error()) return tl::unexpected(*error);
+
+  const CaptureStats stats = (*source)->faults().stats();
+  RunReport report = run.report();
+  report.recording = request.camera;
+  report.scene = request.scene.string();
+  report.width = camera->width();
+  report.height = camera->height();
+  report.frames_captured = static_cast<int>(stats.frames);
+  report.frames_dropped = report.frames_captured - report.frames;
+  report.interrupted = interrupt.interrupted();
+  report.gl_renderer = (*context)->info().renderer;
+  report.gl_version = (*context)->info().version;
+  for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {
+    if (stats.faults[i] == 0) continue;
+    report.camera_faults[std::string(name_of(static_cast<CaptureFault>(i)))] =
+        static_cast<std::int64_t>(stats.faults[i]);
+  }
+  if (stats.restarts > 0) {
+    report.camera_faults["restarts"] = static_cast<std::int64_t>(stats.restarts);
+  }
+  if (writer) {
+    writer->add_event(now_ns(), "end");
+    if (auto finished = writer->finish(); !finished) spdlog::error("{}", finished.error().message);
+    const RecordingCounts counts = writer->counts();
+    fmt::print("recorded {} frames to {}{}\n", counts.written, request.record->string(),
+               counts.dropped > 0
+                   ? fmt::format("; {} left out, the disk was too slow", counts.dropped)
+                   : std::string());
+  }
+  if (report.frames == 0) return fail("{}: gave no frame", request.camera);
+  if (auto finished = outputs->finish(); !finished) return tl::unexpected(finished.error());
+  if (auto written = outputs->write_report(report); !written) {
+    return tl::unexpected(written.error());
+  }
+  return report;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,124 @@
+#include "app/run_outputs.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <cstdio>
+#include <system_error>
+#include <utility>
+
+#include "app/session.hpp"
+#include "core/stopwatch.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+
+// OpenGL 3.3, or OpenGL ES 3.0 where the driver has no more (Raspberry Pi 4). Fails with what was
+// said of the first.
+template <typename Create>
+Result<std::unique_ptr<GlContext>> with_either_api(const Create& create) {
+  auto context = create(GlApi::gl33);
+  if (context) return context;
+  auto embedded = create(GlApi::gles30);
+  if (!embedded) return context;
+  spdlog::info("{}; going on with OpenGL ES", context.error().message);
+  return embedded;
+}
+
+}  // namespace
+
+Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::path> taken) {
+  std::error_code ignored;
+  for (const auto& output : {request.output, request.poses, request.report}) {
+    if (!output) continue;
+    for (const fs::path& other : taken) {
+      if (same_path(*output, other)) {
+        return fail("{}: is read or written by this run already; name another file",
+                    output->string());
+      }
+    }
+    if (output != request.output && request.output &&
+        output_kind(*request.output) == OutputKind::folder && lies_in(*output, *request.output)) {
+      return fail("{}: lies in {}, which holds pictures and nothing else; name another place",
+                  output->string(), request.output->string());
+    }
+    // Devices may be named twice (/dev/null).
+    if (!fs::exists(*output, ignored) || fs::is_regular_file(*output, ignored)) {
+      taken.push_back(*output);
+    }
+  }
+  return {};
+}
+
+Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat& format) {
+  RunOutputs outputs;
+  if (request.report) {
+    auto file = OutputFile::create(*request.report);
+    if (!file) return tl::unexpected(file.error());
+    outputs.report = std::move(*file);
+  }
+  if (request.poses) {
+    auto writer = PoseWriter::create(*request.poses, request.poses_all);
+    if (!writer) return tl::unexpected(writer.error());
+    outputs.poses = std::move(*writer);
+  }
+  if (request.output) {
+    auto writer = create_frame_writer(*request.output, format);
+    if (!writer) return tl::unexpected(writer.error());
+    outputs.frames = std::move(*writer);
+  }
+  return outputs;
+}
+
+Result<void> RunOutputs::write(const SessionFrame& frame, std::span<const std::uint8_t> pixels,
+                               RunRecorder& run) {
+  const Frame& video = frame.tracked.frame;
+  if (poses) {
+    if (auto written = poses->write(video.timestamp_ns, frame.tracked.pose); !written) {
+      return written;
+    }
+  }
+  if (frames) {
+    const Stopwatch watch;
+    auto written = frames->write(video.sequence, video.timestamp_ns, pixels);
+    if (!written) return written;
+    run.add_time("encode", watch.elapsed());
+  }
+  return {};
+}
+
+Result<void> RunOutputs::finish() {
+  if (frames) {
+    if (auto finished = frames->finish(); !finished) return finished;
+  }
+  if (poses) return poses->finish();
+  return {};
+}
+
+Result<void> RunOutputs::write_report(const RunReport& measured) {
+  if (!report) return {};
+  return write_text(*report, report_json(measured));
+}
+
+Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
+                                                    const CameraModel& camera) {
+  if (choice.window && display_available()) {
+    auto window = with_either_api([&](GlApi api) {
+      WindowOptions options;
+      options.width = camera.width();
+      options.height = camera.height();
+      options.vsync = choice.vsync;
+      options.api = api;
+      return create_window_context(options);
+    });
+    if (window) return window;
+    fmt::print("{}; going on offscreen\n", window.error().message);
+  } else if (choice.window) {
+    fmt::print("no display; going on offscreen\n");
+  }
+  std::fflush(stdout);
+  return with_either_api([](GlApi api) { return create_offscreen_context(api); });
+}
+
+}  // namespace penumbra

@@ -1,0 +1,56 @@
+// What a run writes, and what it draws with: the same for replay and live.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "app/output/frame_writer.hpp"
+#include "app/output/output_file.hpp"
+#include "app/output/pose_writer.hpp"
+#include "app/run_report.hpp"
+#include "core/camera_model.hpp"
+#include "core/error.hpp"
+#include "render/gl/context.hpp"
+
+namespace penumbra {
+
+struct OutputRequest {
+  std::optional<std::filesystem::path> output;  // composited frames
+  std::optional<std::filesystem::path> poses;
+  bool poses_all = false;  // uncertain and held ones too
+  std::optional<std::filesystem::path> report;
+};
+
+// No output may take the place of what is read (`taken`), or of another output.
+[[nodiscard]] Result<void> check_output_paths(const OutputRequest& request,
+                                              std::vector<std::filesystem::path> taken);
+
+struct RunOutputs {
+  std::unique_ptr<FrameWriter> frames;
+  std::optional<PoseWriter> poses;
+  std::optional<OutputFile> report;
+
+  // What is asked for of one frame; the time to encode it goes to `run`. `pixels` is empty where no
+  // composited frames are wanted.
+  [[nodiscard]] Result<void> write(const SessionFrame& frame, std::span<const std::uint8_t> pixels,
+                                   RunRecorder& run);
+  // Frames and poses are on disk, under their names, when this returns.
+  [[nodiscard]] Result<void> finish();
+  [[nodiscard]] Result<void> write_report(const RunReport& measured);
+};
+[[nodiscard]] Result<RunOutputs> open_outputs(const OutputRequest& request,
+                                              const FrameFormat& format);
+
+struct WindowChoice {
+  bool window = true;  // where there is a display
+  bool vsync = true;
+};
+// Where there is no display, says so in one line and goes on offscreen.
+[[nodiscard]] Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
+                                                                  const CameraModel& camera);
+
+}  // namespace penumbra

@@ -1,0 +1,120 @@
+#include "render/passes/field_quad.hpp"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+
+#include "render/passes/lens_uniforms.hpp"
+#include "render/passes/object_pass.hpp"
+
+namespace penumbra {
+namespace {
+
+// To nearest, ties to even. What is out of range is clamped: next to a zero contour nothing is.
+// Under 2^-14 it is 0.
+std::uint16_t half_float(float value) {
+  constexpr float kLargest = 60'000.0F;
+  constexpr std::uint32_t kSmallestNormal = 0x38800000U;
+  constexpr std::uint32_t kBiasDifference = 0x38000000U;
+  const float clamped = value > -kLargest ? (value < kLargest ? value : kLargest) : -kLargest;
+  const auto bits = std::bit_cast<std::uint32_t>(clamped);
+  const std::uint32_t sign = (bits >> 16U) & 0x8000U;
+  const std::uint32_t magnitude = bits & 0x7FFFFFFFU;
+  const std::uint32_t half =
+      (magnitude - kBiasDifference + 0x0FFFU + ((magnitude >> 13U) & 1U)) >> 13U;
+  return static_cast<std::uint16_t>(sign | (magnitude < kSmallestNormal ? 0U : half));
+}
+
+}  // namespace
+
+void FieldTexture::upload(const ShadowField& field) {
+  layers_ = {};
+  if (field.width < 2 || field.height < 2) return;
+  const std::size_t count =
+      static_cast<std::size_t>(field.width) * static_cast<std::size_t>(field.height);
+  texels_.assign(4 * count, 0);
+  for (std::size_t layer = 0; layer < 3; ++layer) {
+    const float* values = field.layer(kShadowLayers[layer]).data();
+    float greatest = 0.0F;
+    for (std::size_t i = 0; i < count; ++i) {
+      greatest = values[i] > greatest ? values[i] : greatest;
+      texels_[4 * i + layer] = half_float(values[i]);
+    }
+    layers_[layer] = greatest > 0.0F;
+  }
+  if (!texture_) texture_.emplace(TextureFilter::nearest);
+  texture_->upload(TexelFormat::rgba16f, field.width, field.height,
+                   reinterpret_cast<const std::uint8_t*>(texels_.data()),
+                   static_cast<std::ptrdiff_t>(8) * field.width);
+  last_ = {static_cast<float>(field.width - 1), static_cast<float>(field.height - 1)};
+  const auto cell = static_cast<float>(field.cell);
+  rect_ = {static_cast<float>(field.origin.x() + 0.5 * field.cell),
+           static_cast<float>(field.origin.y() + 0.5 * field.cell), cell * last_.x, cell * last_.y};
+}
+
+FieldQuad::FieldQuad(ShaderProgram program, double longest_edge_m)
+    : program_(std::move(program)), longest_edge_m_(longest_edge_m) {
+  for (std::size_t i = 0; i < kGrids; ++i) {
+    Grid& grid = grids_[i];
+    const std::uint32_t pieces = 1U << i;
+    std::vector<glm::vec2> corners;
+    std::vector<std::uint32_t> indices;
+    for (std::uint32_t row = 0; row <= pieces; ++row) {
+      for (std::uint32_t column = 0; column <= pieces; ++column) {
+        corners.emplace_back(static_cast<float>(column) / static_cast<float>(pieces),
+                             static_cast<float>(row) / static_cast<float>(pieces));
+        if (row == pieces || column == pieces) continue;
+        const std::uint32_t first = row * (pieces + 1) + column;
+        const std::uint32_t above = first + pieces + 1;
+        for (const std::uint32_t index : {first, first + 1, above, above, first + 1, above + 1})
+          indices.push_back(index);
+      }
+    }
+    grid.layout.bind();
+    grid.vertices.write(std::span<const glm::vec2>(corners));
+    VertexArray::attribute(0, 2, sizeof(glm::vec2), 0);
+    grid.indices.write(std::span<const std::uint32_t>(indices));
+    grid.index_count = static_cast<int>(indices.size());
+  }
+}
+
+Result<FieldQuad> FieldQuad::create(GlApi api, double longest_edge_m) {
+  constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "field.vert.glsl"};
+  constexpr std::array<std::string_view, 1> kFragment = {"field.frag.glsl"};
+  auto program = ShaderProgram::link(api, kVertex, kFragment);
+  if (!program) return tl::unexpected(program.error());
+  return FieldQuad(std::move(*program), longest_edge_m);
+}
+
+void FieldQuad::begin(const LensUniforms& lens, const glm::mat4x3& camera_from_plane) {
+  program_.use();
+  set_lens(program_, lens);
+  program_.set("camera_from_plane", camera_from_plane);
+  program_.set("field", 0);
+  straight_ = lens.model == 0;
+}
+
+void FieldQuad::draw(const FieldTexture& field, const PlanarMotion& T_plane_own,
+                     const std::array<bool, 3>& wanted, const glm::vec3& layer_light) const {
+  program_.set("field_rect", field.rect_);
+  program_.set("field_last", field.last_);
+  program_.set("plane_from_own", glm::vec4(static_cast<float>(T_plane_own.cosine),
+                                           static_cast<float>(T_plane_own.sine),
+                                           static_cast<float>(T_plane_own.slide.x()),
+                                           static_cast<float>(T_plane_own.slide.y())));
+  program_.set("layer_wanted", glm::vec3(wanted[0] ? 1.0F : 0.0F, wanted[1] ? 1.0F : 0.0F,
+                                         wanted[2] ? 1.0F : 0.0F));
+  program_.set("layer_light", layer_light);
+  const auto longest = static_cast<double>(std::max(field.rect_.z, field.rect_.w));
+  std::size_t grid = 0;
+  while (!straight_ && grid + 1 < kGrids &&
+         longest > longest_edge_m_ * static_cast<double>(1U << grid))
+    ++grid;
+  field.texture_->bind(0);
+  grids_[grid].layout.bind();
+  glDrawElements(GL_TRIANGLES, grids_[grid].index_count, GL_UNSIGNED_INT, nullptr);
+}
+
+}  // namespace penumbra

@@ -1,0 +1,64 @@
+// Draws a shadow field as one textured rectangle on its plane.
+#pragma once
+
+#include <array>
+#include <glm/vec2.hpp>
+#include <glm/vec3.hpp>
+#include <glm/vec4.hpp>
+#include <optional>
+
+#include "render/camera_gl.hpp"
+#include "render/gl/buffer.hpp"
+#include "render/gl/shader.hpp"
+#include "render/gl/texture.hpp"
+#include "render/shadow/own_frame.hpp"
+#include "render/shadow/power_distance.hpp"
+
+namespace penumbra {
+
+// One field on the GPU, in half floats: a zero contour is where it was to 1/2000 of a cell.
+class FieldTexture {
+ public:
+  void upload(const ShadowField& field);
+  // Which layers the field has anything of.
+  [[nodiscard]] const std::array<bool, 3>& layers() const { return layers_; }
+
+ private:
+  friend class FieldQuad;
+  std::optional<Texture2d> texture_;
+  std::array<bool, 3> layers_{};
+  glm::vec4 rect_{0.0F};  // centre of the first texel, extents to the last one's [m], own frame
+  glm::vec2 last_{0.0F};  // index of the last texel
+  std::vector<std::uint16_t> texels_;
+};
+
+class FieldQuad {
+ public:
+  [[nodiscard]] static Result<FieldQuad> create(GlApi api, double longest_edge_m);
+
+  // Of each plane, before its fields are drawn.
+  void begin(const LensUniforms& lens, const glm::mat4x3& camera_from_plane);
+  // Darkens to the darkest of the wanted layers. begin() must be the last to have used a program.
+  void draw(const FieldTexture& field, const PlanarMotion& T_plane_own,
+            const std::array<bool, 3>& wanted, const glm::vec3& layer_light) const;
+  void use() const { program_.use(); }
+
+ private:
+  // The unit square in 2^i by 2^i pieces.
+  struct Grid {
+    VertexArray layout;
+    GlBuffer vertices{BufferUse::vertices};
+    GlBuffer indices{BufferUse::indices};
+    int index_count = 0;
+  };
+  static constexpr std::size_t kGrids = 7;  // up to 64 x 64
+
+  FieldQuad(ShaderProgram program, double longest_edge_m);
+
+  ShaderProgram program_;
+  std::array<Grid, kGrids> grids_;
+  double longest_edge_m_ = 0.0;  // pieces are no longer than this, so that they follow the lens
+  bool straight_ = false;  // the lens has no distortion: one piece is exact
+};
+
+}  // namespace penumbra

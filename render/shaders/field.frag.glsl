@@ -1,0 +1,28 @@
+// The darkest layer whose field is > 0 here. Interpolated by hand: the hardware's weights have 8
+// bits only, and differ from one to the other.
+in vec2 texel;
+uniform sampler2D field;    // umbra, middle, penumbra
+uniform vec2 field_last;    // index of the last texel
+uniform vec3 layer_wanted;  // 1 or 0
+uniform vec3 layer_light;   // what is left of the video's (encoded) value
+layout(location = 0) out vec4 factor;
+
+void main() {
+  vec2 base = clamp(floor(texel), vec2(0.0), field_last - 1.0);
+  vec2 part = texel - base;
+  ivec2 i = ivec2(base);
+  vec3 low = mix(texelFetch(field, i, 0).rgb, texelFetch(field, i + ivec2(1, 0), 0).rgb, part.x);
+  vec3 high = mix(texelFetch(field, i + ivec2(0, 1), 0).rgb,
+                  texelFetch(field, i + ivec2(1, 1), 0).rgb, part.x);
+  vec3 inside = mix(low, high, part.y) * layer_wanted;
+  float light_left;
+  if (inside.x > 0.0)
+    light_left = layer_light.x;
+  else if (inside.y > 0.0)
+    light_left = layer_light.y;
+  else if (inside.z > 0.0)
+    light_left = layer_light.z;
+  else
+    discard;
+  factor = vec4(vec3(light_left), 1.0);  // blended: video * factor
+}

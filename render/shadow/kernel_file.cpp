@@ -1,0 +1,155 @@
+#include "render/shadow/kernel_file.hpp"
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "core/text.hpp"
+
+namespace penumbra {
+
+namespace {
+
+constexpr std::size_t kMaxKernelFileBytes = std::size_t{1} << 30U;
+
+// A number that a float holds.
+std::optional<double> number_from(const nlohmann::json& json) {
+  if (!json.is_number()) return std::nullopt;
+  const double value = json.get<double>();
+  if (!std::isfinite(value) || std::abs(value) > std::numeric_limits<float>::max()) {
+    return std::nullopt;
+  }
+  return value;
+}
+
+Eigen::Vector3d to_eigen(const glm::vec3& p) {
+  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
+}
+
+}  // namespace
+
+Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
+  const std::string name = file.string();
+  const Result<std::string> text = read_text_file(file, kMaxKernelFileBytes);
+  if (!text) return tl::unexpected(text.error());
+  const nlohmann::json json = nlohmann::json::parse(*text, nullptr, false);
+  if (!json.is_object()) {
+    return fail("{}: is not a kernel file (a JSON object); make one with penumbra kernels", name);
+  }
+  const auto list = json.find("kernels");
+  if (list == json.end() || !list->is_array() || list->empty() || list->size() % 3 != 0) {
+    return fail("{}: kernels: is not a list of three numbers per vertex; give x0, y0, z0, x1, ...",
+                name);
+  }
+  KernelFile result;
+  result.kernels.reserve(list->size() / 3);
+  for (std::size_t i = 0; i < list->size(); i += 3) {
+    glm::vec3 kernel(0.0F);
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto value = number_from((*list)[i + static_cast<std::size_t>(axis)]);
+      if (!value) {
+        return fail("{}: kernels[{}]: is not a finite number; give metres", name,
+                    i + static_cast<std::size_t>(axis));
+      }
+      kernel[axis] = static_cast<float>(*value);
+    }
+    result.kernels.push_back(kernel);
+  }
+  const auto up = json.find("up");
+  if (up != json.end()) {
+    bool usable = up->is_array() && up->size() == 3;
+    for (int axis = 0; usable && axis < 3; ++axis) {
+      const auto value = number_from((*up)[static_cast<std::size_t>(axis)]);
+      usable = value.has_value();
+      if (usable) result.up[axis] = *value;
+    }
+    if (!usable || !(result.up.stableNorm() > 0.0)) {
+      return fail("{}: up: is not a direction; give three numbers, such as [0, 0, 1]", name);
+    }
+    result.up.stableNormalize();
+  }
+  const auto geometry = json.find("geometry");
+  if (geometry != json.end()) {
+    if (!geometry->is_string()) {
+      return fail("{}: geometry: is not a text; leave it out or make the file anew", name);
+    }
+    result.geometry = geometry->get<std::string>();
+  }
+  return result;
+}
+
+std::string kernel_file_json(const KernelFile& kernels) {
+  nlohmann::ordered_json json;
+  json["up"] = {kernels.up.x(), kernels.up.y(), kernels.up.z()};
+  if (!kernels.geometry.empty()) json["geometry"] = kernels.geometry;
+  auto& list = json["kernels"] = nlohmann::ordered_json::array();
+  for (const glm::vec3& k : kernels.kernels) {
+    // As float, so that the file has no digits that a float does not hold.
+    for (int axis = 0; axis < 3; ++axis) list.push_back(k[axis]);
+  }
+  return json.dump() + "\n";
+}
+
+Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::string& file) {
+  if (kernels.kernels.size() != model.source_vertex_count) {
+    return fail(
+        "{}: kernels: has {} triples, the model \"{}\" has {} vertices; make it anew with "
+        "penumbra kernels",
+        file, kernels.kernels.size(), model.name, model.source_vertex_count);
+  }
+  if (!kernels.geometry.empty() && kernels.geometry != geometry_key(model)) {
+    model.warnings.push_back(
+        fmt::format("{}: was made before the model \"{}\" changed; its kernels are made anew", file,
+                    model.name));
+    return false;
+  }
+  for (Mesh& mesh : model.meshes) {
+    mesh.shadow_kernels.resize(mesh.positions.size());
+    for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+      mesh.shadow_kernels[i] = kernels.kernels[mesh.source_vertex[i]];
+    }
+  }
+  model.shadow_kernel_up =
+      glm::vec3(static_cast<float>(kernels.up.x()), static_cast<float>(kernels.up.y()),
+                static_cast<float>(kernels.up.z()));
+  return true;
+}
+
+KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,
+                           const ShadowKernels& kernels) {
+  KernelFile result;
+  result.up = kernels.up;
+  result.geometry = geometry_key(model);
+  result.kernels.assign(mesh.from_source.size(), glm::vec3(0.0F));
+  for (std::size_t i = 0; i < mesh.from_source.size(); ++i) {
+    if (mesh.from_source[i] != kNoShadowPosition) {
+      result.kernels[i] = kernels.kernels[mesh.from_source[i]];
+    }
+  }
+  return result;
+}
+
+ShadowKernels stored_kernels_of(const ShadowMesh& mesh) {
+  ShadowKernels kernels;
+  kernels.up = to_eigen(mesh.stored_up).normalized();
+  kernels.kernels = mesh.stored_kernels;
+  return kernels;
+}
+
+bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
+  if (mesh.stored_kernels.empty()) return false;
+  const Eigen::Vector3d own = to_eigen(mesh.stored_up);
+  // The sine keeps small angles, which the cosine loses.
+  return own.cross(up).norm() <= std::sin(kKernelTiltRad) * own.norm() * up.norm();
+}
+
+ShadowKernels kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up, KernelSource source) {
+  if (source == KernelSource::automatic && has_stored_kernels_for(mesh, up)) {
+    return stored_kernels_of(mesh);
+  }
+  return generate_kernels(mesh, up, source);
+}
+
+}  // namespace penumbra

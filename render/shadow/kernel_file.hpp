@@ -1,0 +1,50 @@
+// Shadow kernels that are kept: in a JSON file beside a model, or in the model itself.
+//
+//   {"kernels": [x0,y0,z0, x1,...], "up": [0,0,1], "geometry": "..."}
+//
+// One triple per vertex of the model file, in its order; object frame, metres; for the direction
+// `up`. "geometry" is the geometry_key() of the model they were made for and may be left out.
+#pragma once
+
+#include <Eigen/Core>
+#include <filesystem>
+#include <glm/vec3.hpp>
+#include <string>
+#include <vector>
+
+#include "core/error.hpp"
+#include "render/shadow/shadow_kernels.hpp"
+
+namespace penumbra {
+
+struct KernelFile {
+  std::vector<glm::vec3> kernels;  // one per vertex of the model file, object frame [m]
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // unit
+  std::string geometry;                           // "" where the file does not say
+};
+
+[[nodiscard]] Result<KernelFile> load_kernel_file(const std::filesystem::path& file);
+[[nodiscard]] std::string kernel_file_json(const KernelFile& kernels);
+
+// Gives a model the kernels of a file, in place of those it came with. True where they were taken;
+// false, with a warning in the model, where the model has changed since they were made. Fails where
+// the file is for another number of vertices.
+[[nodiscard]] Result<bool> attach_kernels(Model& model, const KernelFile& kernels,
+                                          const std::string& file);
+
+// What to keep: a vertex of the file that no face uses gets the origin.
+[[nodiscard]] KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,
+                                         const ShadowKernels& kernels);
+
+// The kernels that came with the mesh.
+[[nodiscard]] ShadowKernels stored_kernels_of(const ShadowMesh& mesh);
+// Up to here from their own direction kernels still serve (shadows.md 2.7).
+inline constexpr double kKernelTiltRad = 2.0 * 3.14159265358979323846 / 180.0;
+// Whether the mesh came with kernels that serve this direction. k(d) = k(-d).
+[[nodiscard]] bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up);
+// The kernels that came with the mesh where `source` is automatic and they serve this direction;
+// generated ones otherwise.
+[[nodiscard]] ShadowKernels kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up,
+                                        KernelSource source);
+
+}  // namespace penumbra

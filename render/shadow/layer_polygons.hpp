@@ -1,0 +1,27 @@
+// The outline of a layer: the union of its projected triangles as polygons with holes.
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+#include "core/error.hpp"
+#include "render/shadow/layered_penumbra.hpp"
+
+namespace penumbra {
+
+struct LayerPolygon {
+  std::vector<Eigen::Vector2d> outer;  // counter-clockwise [m], not closed by repetition
+  std::vector<std::vector<Eigen::Vector2d>> holes;  // clockwise
+};
+
+struct LayerOutline {
+  double area = 0.0;  // [m^2]
+  std::vector<LayerPolygon> polygons;
+};
+
+// Three points per triangle, either orientation, overlapping as they like. Coordinates are rounded
+// to 1e-9 of the layer's size. Specks under 1e-12 m^2 are left out.
+[[nodiscard]] Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles);
+
+}  // namespace penumbra

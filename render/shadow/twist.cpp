@@ -1,0 +1,80 @@
+#include "render/shadow/twist.hpp"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+namespace penumbra {
+
+namespace {
+
+// A face's area is compared with the square of the caster's extent.
+constexpr double kEdgeOn = 1e-7;
+
+double signed_area(const std::array<Eigen::Vector2d, 3>& p) {
+  const Eigen::Vector2d b = p[1] - p[0];
+  const Eigen::Vector2d c = p[2] - p[0];
+  return 0.5 * (b.x() * c.y() - b.y() * c.x());
+}
+
+}  // namespace
+
+TwistReport find_twists(std::span<const CasterVertex> vertices,
+                        std::span<const std::uint32_t> indices, double least, double greatest) {
+  TwistReport report;
+  Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector2d high = -low;
+  for (const CasterVertex& vertex : vertices) {
+    const Eigen::Vector2d p(static_cast<double>(vertex.u), static_cast<double>(vertex.v));
+    if (!p.allFinite()) continue;
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
+  }
+  const double extent = (high - low).maxCoeff();
+  const double edge_on = kEdgeOn * extent * extent;
+
+  double tested_area = 0.0;
+  double twisted_area = 0.0;
+  for (std::size_t i = 0; i + 2 < indices.size(); i += 3) {
+    // A(s) = A_k + s B + s^2 A_d: of the kernels, of the offsets x - k, and what is left of A(1).
+    std::array<Eigen::Vector2d, 3> points;
+    std::array<Eigen::Vector2d, 3> kernels;
+    std::array<Eigen::Vector2d, 3> offsets;
+    bool usable = true;
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      if (indices[i + corner] >= vertices.size()) {
+        usable = false;
+        break;
+      }
+      const CasterVertex& vertex = vertices[indices[i + corner]];
+      points[corner] = {static_cast<double>(vertex.u), static_cast<double>(vertex.v)};
+      kernels[corner] = {static_cast<double>(vertex.ku), static_cast<double>(vertex.kv)};
+      offsets[corner] = points[corner] - kernels[corner];
+    }
+    if (!usable) continue;
+    const double area = signed_area(points);
+    if (!(std::abs(area) > edge_on)) continue;  // also where it is not a number
+    const double kernel_area = signed_area(kernels);
+    const double offset_area = signed_area(offsets);
+    const double mixed = area - kernel_area - offset_area;
+    const auto turns_over = [&](double s) {
+      return (kernel_area + s * (mixed + s * offset_area)) * area < 0.0;
+    };
+    bool twisted = turns_over(least) || turns_over(greatest);
+    const double turning_point = -mixed / (2.0 * offset_area);
+    if (turning_point > least && turning_point < greatest) {
+      twisted = twisted || turns_over(turning_point);
+    }
+    ++report.faces_tested;
+    tested_area += std::abs(area);
+    if (!twisted) continue;
+    ++report.faces_twisted;
+    twisted_area += std::abs(area);
+  }
+  if (tested_area > 0.0) report.area_share = twisted_area / tested_area;
+  return report;
+}
+
+}  // namespace penumbra

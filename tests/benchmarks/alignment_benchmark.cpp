@@ -1,0 +1,315 @@
+// Recordings with exact truth through the pattern alignment and through full-frame libapriltag with
+// PnP, one thread, in one run: time against overlay error.
+//
+//   alignment_benchmark FOLDER_OF_RECORDINGS [name ...]
+#include <time.h>
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "core/camera_file.hpp"
+#include "core/evaluation.hpp"
+#include "core/image_file.hpp"
+#include "core/tag_map.hpp"
+#include "core/trajectory.hpp"
+#include "core/units.hpp"
+#include "tracking/motion_model.hpp"
+#include "tracking/pose_refiner.hpp"
+#include "tracking/pose_solver.hpp"
+#include "tracking/tag_alignment.hpp"
+#include "tracking/tag_detector.hpp"
+
+namespace {
+
+using namespace penumbra;
+
+double thread_cpu_us() {
+  timespec now{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return 1e6 * static_cast<double>(now.tv_sec) + 1e-3 * static_cast<double>(now.tv_nsec);
+}
+
+struct LoadedFrame {
+  std::int64_t timestamp_ns = 0;
+  Frame frame;
+  std::vector<std::uint8_t> scratch;
+  ImageView luma_view;
+};
+
+struct Recording {
+  std::string name;
+  CameraModel camera;
+  std::vector<MappedTag> tags;
+  Trajectory truth;
+  std::vector<LoadedFrame> frames;
+};
+
+std::optional<Recording> load(const std::filesystem::path& folder) {
+  Recording recording;
+  recording.name = folder.filename();
+  auto camera = load_camera(folder / "camera.yaml");
+  auto tags = load_tag_map(folder / "tags.yaml");
+  auto truth = load_trajectory(folder / "groundtruth.tum");
+  if (!camera || !tags || !truth) {
+    std::fprintf(stderr, "%s: not a recording with truth\n", folder.c_str());
+    return std::nullopt;
+  }
+  recording.camera = *camera;
+  for (const MappedTag& tag : tags->tags()) {
+    if (tag.group == "table") recording.tags.push_back(tag);
+  }
+  recording.truth = *truth;
+  std::ifstream listing(folder / "timestamps.csv");
+  std::string line;
+  std::getline(listing, line);
+  while (std::getline(listing, line)) {
+    std::istringstream fields(line);
+    std::string number, time, file;
+    std::getline(fields, number, ',');
+    std::getline(fields, time, ',');
+    std::getline(fields, file, ',');
+    auto image = load_image(folder / file);
+    if (!image) {
+      std::fprintf(stderr, "%s\n", image.error().message.c_str());
+      return std::nullopt;
+    }
+    LoadedFrame frame;
+    frame.timestamp_ns = nanoseconds(std::strtod(time.c_str(), nullptr));
+    frame.frame = *image;
+    recording.frames.push_back(std::move(frame));
+  }
+  for (LoadedFrame& frame : recording.frames) frame.luma_view = luma(frame.frame, frame.scratch);
+  return recording;
+}
+
+struct Outcome {
+  std::vector<double> us;
+  Trajectory poses;  // of frames with a verified pose
+  int detections = 0, second_tries = 0;
+  double rounds = 0.0, samples = 0.0, evaluations = 0.0;
+  std::vector<double> ratio;  // error over expected
+};
+
+std::vector<PointObservation> observations_of(const Recording& recording,
+                                              const std::vector<TagDetection>& detections) {
+  std::vector<PointObservation> observations;
+  for (const TagDetection& detection : detections) {
+    for (const MappedTag& tag : recording.tags) {
+      if (tag.family != detection.family || tag.id != detection.id) continue;
+      const auto corners = tag.corners();
+      for (std::size_t k = 0; k < 4; ++k)
+        observations.push_back({corners[k], detection.corners_px[k]});
+    }
+  }
+  return observations;
+}
+
+std::optional<CameraPose> detect_pose(const Recording& recording, TagDetector& detector,
+                                      ImageView image) {
+  const auto observations = observations_of(recording, detector.detect(image));
+  if (observations.empty()) return std::nullopt;
+  const auto starts = solve_pose(recording.camera, observations);
+  std::optional<RefinedPose> best;
+  for (const CameraPose& start : starts) {
+    const auto refined = refine_pose(recording.camera, observations, start);
+    if (refined && (!best || refined->rms_px < best->rms_px)) best = refined;
+  }
+  if (!best) return std::nullopt;
+  return best->T_table_camera;
+}
+
+Outcome run_detector(const Recording& recording, float decimate) {
+  Outcome outcome;
+  TagDetectorOptions options;
+  options.quad_decimate = decimate;
+  const std::vector<TagFamily> families = {TagFamily::tag36h11};
+  auto detector = TagDetector::create(families, options);
+  for (const LoadedFrame& frame : recording.frames) {
+    const double start = thread_cpu_us();
+    const auto pose = detect_pose(recording, *detector, frame.luma_view);
+    outcome.us.push_back(thread_cpu_us() - start);
+    if (pose) outcome.poses.poses.push_back({frame.timestamp_ns, *pose, {}});
+  }
+  return outcome;
+}
+
+bool verbose = false;
+bool only_fast = false;
+double tone = 1.0;
+double blur = 0.58;
+double exposure_share = 0.0;
+
+Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
+  Outcome outcome;
+  AlignmentOptions options;
+  options.effort = effort;
+  options.tone_exponent = tone;
+  options.blur_px = blur;
+  auto aligner = TagAligner::create(recording.camera, recording.tags, options);
+  TagDetectorOptions detector_options;
+  detector_options.quad_decimate = 2.0F;
+  const std::vector<TagFamily> families = {TagFamily::tag36h11};
+  auto detector = TagDetector::create(families, detector_options);
+  MotionModel motion;
+  for (const LoadedFrame& frame : recording.frames) {
+    const double start = thread_cpu_us();
+    std::optional<CameraPose> pose;
+    Matrix6d covariance = Matrix6d::Zero();
+    AlignmentCounters counters;
+    bool detected = false;
+    const auto prior = [](double metres, double radians_) {
+      Matrix6d P = Matrix6d::Zero();
+      P.diagonal() << metres * metres, metres * metres, metres * metres, radians_ * radians_,
+          radians_ * radians_, radians_ * radians_;
+      return P;
+    };
+    if (motion.has_state()) {
+      const MotionPrediction prediction = motion.predict(frame.timestamp_ns);
+      AlignmentInput input;
+      input.luma = frame.luma_view;
+      input.predicted = prediction.T_table_camera;
+      input.covariance = prediction.covariance;
+      input.exposure_motion = exposure_share / 30.0 * prediction.velocity;
+      const AlignmentResult& result = aligner->align(input);
+      counters = result.counters;
+      if (result.verified) {
+        pose = result.T_table_camera;
+        covariance = result.covariance;
+        motion.update(frame.timestamp_ns, *pose, covariance);
+      }
+    }
+    if (!pose) {
+      ++outcome.detections;
+      detected = true;
+      if (const auto found = detect_pose(recording, *detector, frame.luma_view)) {
+        AlignmentInput input;
+        input.luma = frame.luma_view;
+        input.predicted = *found;
+        input.covariance = prior(0.05, 0.1);
+        const AlignmentResult& result = aligner->refine(input);
+        if (result.verified) {
+          pose = result.T_table_camera;
+          covariance = result.covariance;
+          motion.start(frame.timestamp_ns, *pose, covariance);
+        }
+      }
+      if (!pose) motion.reset();
+    }
+    outcome.us.push_back(thread_cpu_us() - start);
+    outcome.second_tries += counters.second_try ? 1 : 0;
+    outcome.rounds += counters.fine_rounds;
+    outcome.samples += counters.samples;
+    outcome.evaluations += counters.evaluations;
+    if (pose) outcome.poses.poses.push_back({frame.timestamp_ns, *pose, {}});
+    const StampedPose* truth = recording.truth.at(frame.timestamp_ns);
+    double error = -1.0;
+    double expected = 0.0;
+    if (pose && truth != nullptr) {
+      error = overlay_difference(recording.camera, *pose, truth->T_table_camera).rms_px();
+      expected = expected_overlay_error_px(recording.camera, *pose, covariance);
+      outcome.ratio.push_back(error / expected);
+    }
+    if (verbose)
+      std::printf(
+          "  %4zu %s error %.3f expected %.3f visible %d samples %d rounds %d second %d us %.0f\n",
+          outcome.us.size() - 1, detected ? "detect" : "align ", error, expected,
+          counters.tags_visible, counters.samples, counters.fine_rounds,
+          counters.second_try ? 1 : 0, outcome.us.back());
+  }
+  return outcome;
+}
+
+double median(std::vector<double> values) {
+  return statistics_of(std::move(values)).median;
+}
+
+void print(const Recording& recording, const char* method, const Outcome& outcome) {
+  const Evaluation e = evaluate(recording.camera, outcome.poses, recording.truth);
+  std::vector<double> errors;
+  int under5 = 0;
+  int over1 = 0;
+  for (const StampedPose& pose : outcome.poses.poses) {
+    const StampedPose* truth = recording.truth.at(pose.timestamp_ns);
+    if (truth == nullptr) continue;
+    errors.push_back(
+        overlay_difference(recording.camera, pose.T_table_camera, truth->T_table_camera).rms_px());
+    under5 += errors.back() < 5.0 ? 1 : 0;
+    over1 += errors.back() > 1.0 ? 1 : 0;
+  }
+  const Statistics frame = statistics_of(errors);
+  double mean = 0.0;
+  for (const double us : outcome.us) mean += us;
+  const auto n = static_cast<double>(outcome.us.size());
+  mean /= n;
+  double ratio = 0.0;
+  for (const double r : outcome.ratio) ratio += r * r;
+  std::printf(
+      "%-10s %-16s %3zu/%-3zu <5px %3d >1px %3d  rms %7.4f med %6.4f p95 %7.4f max %8.3f  jit "
+      "%6.4f  "
+      "us %7.0f mean %7.0f",
+      recording.name.c_str(), method, errors.size(), outcome.us.size(), under5, over1, frame.rmse,
+      frame.median, frame.p95, frame.max, e.jitter_px, median(outcome.us), mean);
+  if (outcome.rounds > 0.0)
+    std::printf(
+        "  det %d 2nd %d rounds %.1f smp %.0f ev %.1f err/exp %.2f", outcome.detections,
+        outcome.second_tries, outcome.rounds / n, outcome.samples / n, outcome.evaluations / n,
+        std::sqrt(ratio / static_cast<double>(std::max<std::size_t>(1, outcome.ratio.size()))));
+  std::printf("\n");
+  std::fflush(stdout);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 2) {
+    std::fprintf(stderr, "usage: alignment_benchmark FOLDER_OF_RECORDINGS [name ...]\n");
+    return 2;
+  }
+  std::vector<std::string> names;
+  bool detectors = true;
+  for (int i = 2; i < argc; ++i) {
+    if (std::strcmp(argv[i], "-v") == 0) {
+      verbose = true;
+    } else if (std::strcmp(argv[i], "-n") == 0) {
+      detectors = false;
+    } else if (std::strcmp(argv[i], "-f") == 0) {
+      only_fast = true;
+    } else if (std::strncmp(argv[i], "tone=", 5) == 0) {
+      tone = std::strtod(argv[i] + 5, nullptr);
+    } else if (std::strncmp(argv[i], "blur=", 5) == 0) {
+      blur = std::strtod(argv[i] + 5, nullptr);
+    } else if (std::strncmp(argv[i], "exp=", 4) == 0) {
+      exposure_share = std::strtod(argv[i] + 4, nullptr);
+    } else {
+      names.emplace_back(argv[i]);
+    }
+  }
+  if (names.empty())
+    names = {"tabletop", "still", "grazing", "single", "shake", "reentry", "corner"};
+  for (const std::string& name : names) {
+    const auto recording = load(std::filesystem::path(argv[1]) / name);
+    if (!recording) return 1;
+    if (detectors) {
+      print(*recording, "libapriltag d1", run_detector(*recording, 1.0F));
+      print(*recording, "libapriltag d2", run_detector(*recording, 2.0F));
+    }
+    if (only_fast) {
+      for (int k = 0; k < 20; ++k) run_alignment(*recording, AlignmentEffort::fast);
+    }
+    print(*recording, "fast", run_alignment(*recording, AlignmentEffort::fast));
+    print(*recording, "accurate", run_alignment(*recording, AlignmentEffort::accurate));
+  }
+  return 0;
+}

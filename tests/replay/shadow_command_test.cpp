@@ -1,0 +1,238 @@
+// penumbra shadow and penumbra kernels, as a person runs them.
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+
+#include <cmath>
+
+#include "replay_support.hpp"
+
+namespace penumbra::test {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+// A square of 0.2 m, 0.1 m over the plane.
+constexpr const char* kSquare =
+    "v -0.1 -0.1 0.1\nv 0.1 -0.1 0.1\nv 0.1 0.1 0.1\nv -0.1 0.1 0.1\nf 1 2 3\nf 1 3 4\n";
+
+class ShadowCommand : public testing::Test {
+ protected:
+  void SetUp() override { std::ofstream(file("square.obj")) << kSquare; }
+  [[nodiscard]] fs::path file(const std::string& name) const { return folder_.path() / name; }
+  void write(const std::string& name, const std::string& text) const {
+    std::ofstream(file(name), std::ios::binary) << text;
+  }
+  // `penumbra shadow` with these arguments, as JSON.
+  nlohmann::json layers(std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), "shadow");
+    arguments.insert(arguments.end(), {"--output", file("layers.json")});
+    const ProgramResult result = penumbra(arguments);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    last_warnings_ = result.err;
+    return read_json(file("layers.json"));
+  }
+  TemporaryFolder folder_;
+  std::string last_warnings_;
+};
+
+TEST_F(ShadowCommand, ASquareScalesByTheFormulas) {
+  const auto json = layers({file("square.obj"), "--light-height", "0.9", "--light-ratio", "3"});
+  EXPECT_EQ(json["H"], 0.9);
+  EXPECT_EQ(json["a"], 3.0);
+  EXPECT_NEAR(json["umbra_height"].get<double>(), 0.3, 1e-12);
+  // s = (H + lambda a h) / (H - h) at h = 0.1.
+  const std::map<std::string, double> factors = {
+      {"umbra", 0.6 / 0.8}, {"middle", 0.9 / 0.8}, {"penumbra", 1.2 / 0.8}};
+  ASSERT_EQ(json["layers"].size(), 3U);
+  for (const auto& [name, s] : factors) {
+    const auto& layer = json["layers"][name];
+    EXPECT_NEAR(layer["area"].get<double>(), 0.04 * s * s, 1e-4 * 0.04 * s * s) << name;
+    ASSERT_EQ(layer["polygons"].size(), 1U);
+    EXPECT_TRUE(layer["polygons"][0]["holes"].is_array());
+    EXPECT_TRUE(layer["polygons"][0]["holes"].empty());
+    EXPECT_EQ(layer["polygons"][0]["outer"].size(), 4U);
+    EXPECT_EQ(layer["polygons"][0]["outer"][0].size(), 2U);
+  }
+  EXPECT_EQ(json["kernels"]["source"], "auto");
+  EXPECT_GE(json["kernels"]["time_ms"].get<double>(), 0.0);
+  EXPECT_EQ(json["twisted_faces"], 0);
+}
+
+TEST_F(ShadowCommand, ConstantsByEveryWay) {
+  EXPECT_EQ(layers({file("square.obj"), "--light-height", "inf", "--umbra-height", "0.3"})["H"],
+            "inf");
+  auto json = layers({file("square.obj"), "--workspace-height", "0.3", "--magnification", "1.5"});
+  EXPECT_NEAR(json["H"].get<double>(), 0.9, 1e-12);
+  EXPECT_NEAR(json["a"].get<double>(), 3.0, 1e-12);
+  json = layers({file("square.obj"), "--light-height", "1.2", "--umbra-height", "0.4"});
+  EXPECT_NEAR(json["a"].get<double>(), 3.0, 1e-12);
+}
+
+TEST_F(ShadowCommand, PoseAndPlane) {
+  // Lifted to the height where the umbra vanishes; the plane's normal turned with the object.
+  auto json = layers({file("square.obj"), "--pose", "0 0 0.2 0 0 0 1"});
+  EXPECT_EQ(json["layers"]["umbra"]["area"], 0.0);
+  EXPECT_EQ(json["layers"]["umbra"]["polygons"], nlohmann::json::array());
+  json = layers({file("square.obj"), "--plane", "-1 0 0 0.5 0 0", "--pose",
+                 "0.4 0 0 0 -0.7071067811865476 0 0.7071067811865476"});
+  EXPECT_NEAR(json["layers"]["middle"]["area"].get<double>(), 0.04 * std::pow(0.9 / 0.7, 2), 1e-5);
+}
+
+TEST_F(ShadowCommand, OneLayerForSimpleAndHard) {
+  auto json = layers({file("square.obj"), "--technique", "simple"});
+  ASSERT_EQ(json["layers"].size(), 1U);
+  EXPECT_NEAR(json["layers"]["shadow"]["area"].get<double>(), 0.04, 1e-8);
+  json = layers({file("square.obj"), "--technique", "hard", "--light", "0 0 0.5 1"});
+  ASSERT_EQ(json["layers"].size(), 1U);
+  EXPECT_NEAR(json["layers"]["shadow"]["area"].get<double>(), 0.04 * std::pow(0.5 / 0.4, 2), 1e-7);
+  json = layers({file("square.obj"), "--technique", "hard", "--light", "0 0 -1 1"});
+  EXPECT_EQ(json["layers"]["shadow"]["area"], 0.0);
+  EXPECT_THAT(last_warnings_, HasSubstr("warn"));
+}
+
+TEST_F(ShadowCommand, PicturesAndTable) {
+  const std::string ring = (source_dir() / "scenes" / "models" / "ring.glb").string();
+  EXPECT_EQ(penumbra({"shadow", ring, "--show-kernels", "--output", file("ring.svg")}).exit_code,
+            0);
+  const std::string svg = bytes_of(file("ring.svg"));
+  for (const char* part : {"<svg", "id=\"umbra\"", "id=\"middle\"", "id=\"penumbra\"",
+                           "id=\"object\"", "id=\"kernels\"", "<circle", "</svg>"}) {
+    EXPECT_THAT(svg, HasSubstr(part));
+  }
+  EXPECT_EQ(penumbra({"shadow", ring, "--output", file("ring.png")}).exit_code, 0);
+  EXPECT_TRUE(bytes_of(file("ring.png")).starts_with("\x89PNG"));
+  const ProgramResult table = penumbra({"shadow", ring});
+  EXPECT_EQ(table.exit_code, 0);
+  for (const char* part : {"umbra", "middle", "penumbra", "area", "twisted"}) {
+    EXPECT_THAT(table.out, HasSubstr(part));
+  }
+}
+
+TEST_F(ShadowCommand, StoredKernelsAreUsedUntilTheModelChanges) {
+  for (const std::string& model :
+       {file("square.obj").string(),
+        (source_dir() / "scenes" / "models" / "helicopter.glb").string()}) {
+    SCOPED_TRACE(model);
+    const auto fresh = layers({model});
+    for (const char* kept : {"kept.json", "kept.glb"}) {
+      EXPECT_EQ(penumbra({"kernels", model, "--output", file(kept)}).exit_code, 0);
+    }
+    const auto from_glb = layers({file("kept.glb")});
+    EXPECT_EQ(from_glb["kernels"]["source"], "stored");
+    EXPECT_NEAR(from_glb["layers"]["umbra"]["area"].get<double>(),
+                fresh["layers"]["umbra"]["area"].get<double>(), 1e-8);
+    const auto from_json = layers({model, "--kernels", file("kept.json")});
+    EXPECT_NEAR(from_json["layers"]["umbra"]["area"].get<double>(),
+                fresh["layers"]["umbra"]["area"].get<double>(), 1e-8);
+    // Another tilt than they were made for.
+    EXPECT_EQ(
+        layers({file("kept.glb"), "--pose", "0 0 0 0.1 0 0 0.99498743710662"})["kernels"]["source"],
+        "auto");
+  }
+  ASSERT_EQ(penumbra({"kernels", file("square.obj"), "--output", file("kept.json")}).exit_code, 0);
+  std::string changed = kSquare;
+  changed.replace(changed.find("0.1 0.1 0.1"), 11, "0.3 0.1 0.1");
+  write("square.obj", changed);
+  EXPECT_EQ(layers({file("square.obj"), "--kernels", file("kept.json")})["kernels"]["source"],
+            "auto");
+  EXPECT_THAT(last_warnings_, HasSubstr("changed"));
+}
+
+TEST_F(ShadowCommand, FailsInOneLine) {
+  expect_failure(penumbra({"shadow", file("none.obj")}), {"none.obj"});
+  write("bad.glb", "no model");
+  expect_failure(penumbra({"shadow", file("bad.glb")}), {"bad.glb"});
+  expect_failure(penumbra({"kernels", file("bad.glb"), "--output", file("k.json")}), {"bad.glb"});
+  EXPECT_FALSE(fs::exists(file("k.json")));
+  expect_failure(penumbra({"shadow", file("square.obj"), "--output", file("no") / "layers.json"}),
+                 {"layers.json"});
+  const auto with = [&](const std::string& text) {
+    write("k.json", text);
+    return penumbra({"shadow", file("square.obj"), "--kernels", file("k.json")});
+  };
+  expect_failure(with("{ no json"), {"k.json"});
+  expect_failure(with(R"({"up": [0,0,1]})"), {"k.json", "kernels"});
+  expect_failure(with(R"({"kernels": [0,0,0], "up": [0,0,1]})"), {"k.json", "1", "4"});
+  expect_failure(with(R"({"kernels": [0,0,"x",0,0,0,0,0,0,0,0,0]})"), {"k.json", "kernels[2]"});
+  expect_failure(with(R"({"kernels": [0,0,0,0,0,0,0,0,0,0,0,0], "up": [0,0,0]})"),
+                 {"k.json", "up"});
+}
+
+// Area of polygons with holes, by their rings.
+double area_of(const nlohmann::json& polygons) {
+  const auto ring_area = [](const nlohmann::json& ring) {
+    double twice = 0.0;
+    for (std::size_t i = 0; i < ring.size(); ++i) {
+      const auto& a = ring[i];
+      const auto& b = ring[(i + 1) % ring.size()];
+      twice += a[0].get<double>() * b[1].get<double>() - a[1].get<double>() * b[0].get<double>();
+    }
+    return 0.5 * std::abs(twice);
+  };
+  double area = 0.0;
+  for (const auto& polygon : polygons) {
+    area += ring_area(polygon["outer"]);
+    for (const auto& hole : polygon["holes"]) area -= ring_area(hole);
+  }
+  return area;
+}
+
+TEST_F(ShadowCommand, VectorsThroughTheProgram) {
+  if (shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const fs::path vectors = shared_dir() / "vectors";
+  const auto index = read_json(vectors / "index.json");
+  ASSERT_GT(index.at("cases").size(), 10U);
+  for (const auto& entry : index.at("cases")) {
+    const std::string id = entry.at("id");
+    SCOPED_TRACE(id);
+    const auto json = read_json(vectors / (id + ".json"));
+    const auto mesh = read_json(vectors / json.at("mesh").get<std::string>());
+    std::string obj;
+    const auto& xyz = mesh.at("vertices");
+    for (std::size_t i = 0; i < xyz.size(); i += 3) {
+      obj += fmt::format("v {} {} {}\n", xyz[i].get<double>(), xyz[i + 1].get<double>(),
+                         xyz[i + 2].get<double>());
+    }
+    const auto& faces = mesh.at("triangles");
+    for (std::size_t i = 0; i < faces.size(); i += 3) {
+      obj += fmt::format("f {} {} {}\n", faces[i].get<int>() + 1, faces[i + 1].get<int>() + 1,
+                         faces[i + 2].get<int>() + 1);
+    }
+    write("mesh.obj", obj);
+    nlohmann::json kernels;
+    kernels["kernels"] = mesh.at("kernels").at(json.at("kernel_set").get<std::string>());
+    kernels["up"] = {0, 0, 1};
+    write("kernels.json", kernels.dump());
+    const auto& R = json.at("object_to_world").at("rotation");
+    const auto& t = json.at("object_to_world").at("translation");
+    const auto m = [&R](std::size_t i) { return R[i].get<double>(); };
+    // The rotation as a quaternion; the cases turn by less than half a turn.
+    const double w = 0.5 * std::sqrt(std::max(0.0, 1.0 + m(0) + m(4) + m(8)));
+    ASSERT_GT(w, 0.1);
+    const std::string pose = fmt::format(
+        "{} {} {} {} {} {} {}", t[0].get<double>(), t[1].get<double>(), t[2].get<double>(),
+        (m(7) - m(5)) / (4 * w), (m(2) - m(6)) / (4 * w), (m(3) - m(1)) / (4 * w), w);
+    const auto& n = json.at("plane").at("normal");
+    const auto& q = json.at("plane").at("point");
+    const std::string plane =
+        fmt::format("{} {} {} {} {} {}", n[0].get<double>(), n[1].get<double>(), n[2].get<double>(),
+                    q[0].get<double>(), q[1].get<double>(), q[2].get<double>());
+    const auto& constants = json.at("constants");
+    const auto result =
+        layers({file("mesh.obj"), "--kernels", file("kernels.json"), "--pose", pose, "--plane",
+                plane, "--light-height", fmt::format("{}", constants.at("H").get<double>()),
+                "--light-ratio", fmt::format("{}", constants.at("a").get<double>())});
+    const double tolerance = json.at("tolerance").at("area_rel").get<double>();
+    for (const char* layer : {"umbra", "middle", "penumbra"}) {
+      const double expected = json.at("expected").at(layer).at("area").get<double>();
+      const double area = result["layers"][layer]["area"].get<double>();
+      EXPECT_NEAR(area, expected, tolerance * expected + 1e-12) << layer;
+      EXPECT_NEAR(area_of(result["layers"][layer]["polygons"]), area, 1e-6 * area + 1e-12) << layer;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace penumbra::test

@@ -1,0 +1,180 @@
+// A board of tags, a camera with a lens and poses around it, for tests with exact truth.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <random>
+#include <span>
+#include <vector>
+
+#include "core/camera_model.hpp"
+#include "core/tag_map.hpp"
+#include "core/transform.hpp"
+#include "core/units.hpp"
+#include "tracking/pattern_renderer.hpp"
+#include "tracking/pose_refiner.hpp"
+
+namespace penumbra::test {
+
+// 1280x720 with a radial-tangential lens.
+inline CameraModel wide_camera() {
+  CameraParameters p;
+  p.width = 1280;
+  p.height = 720;
+  p.fx = 980.0;
+  p.fy = 976.0;
+  p.cx = 644.0;
+  p.cy = 355.0;
+  p.distortion = {-0.19, 0.055, 0.0007, -0.0005, -0.003, 0.0, 0.0, 0.0};
+  return CameraModel::make(p).value();
+}
+
+// `columns` x `rows` tags of `size_m`, a third of their size apart, ids from 0.
+inline std::vector<MappedTag> board(int columns, int rows, double size_m) {
+  std::vector<MappedTag> tags;
+  const double pitch = size_m * 4.0 / 3.0;
+  for (int j = 0; j < rows; ++j) {
+    for (int i = 0; i < columns; ++i) {
+      MappedTag tag;
+      tag.id = j * columns + i;
+      tag.size_m = size_m;
+      tag.T_table_tag = {
+          Eigen::Quaterniond::Identity(),
+          Eigen::Vector3d((i - 0.5 * (columns - 1)) * pitch, (0.5 * (rows - 1) - j) * pitch, 0.0)};
+      tags.push_back(tag);
+    }
+  }
+  return tags;
+}
+
+// The camera looks at `target` from `distance_m`, `elevation` above the table, from `azimuth`,
+// turned by `roll` around its axis.
+inline CameraPose looking_at(const Eigen::Vector3d& target, double distance_m, double elevation,
+                             double azimuth, double roll) {
+  const Eigen::Vector3d away(std::cos(elevation) * std::cos(azimuth),
+                             std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
+  const Eigen::Vector3d z = -away;
+  Eigen::Vector3d x = z.cross(Eigen::Vector3d::UnitZ());
+  if (x.norm() < 1e-6) x = Eigen::Vector3d::UnitX();
+  x.normalize();
+  Eigen::Matrix3d R;
+  R << x, z.cross(x), z;
+  R = R * Eigen::AngleAxisd(roll, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  return {R, target + distance_m * away};
+}
+
+// Poses from which a board of six 60 mm tags has cells of about 10 px.
+inline CameraPose random_view(std::mt19937_64& random) {
+  std::uniform_real_distribution<double> u(0.0, 1.0);
+  return looking_at({0.03 * (u(random) - 0.5), 0.03 * (u(random) - 0.5), 0.0},
+                    0.55 + 0.12 * u(random), radians(40.0 + 40.0 * u(random)),
+                    radians(360.0 * u(random)), radians(30.0 * (u(random) - 0.5)));
+}
+
+// Mean distance of the tags' corners in the image under both poses [px].
+inline double corner_distance_px(const CameraModel& camera, std::span<const MappedTag> tags,
+                                 const CameraPose& a, const CameraPose& b) {
+  double sum = 0.0;
+  int count = 0;
+  for (const MappedTag& tag : tags) {
+    for (const Eigen::Vector3d& corner : tag.corners()) {
+      const auto pa = camera.project(a.inverse() * corner);
+      const auto pb = camera.project(b.inverse() * corner);
+      if (!pa || !pb) continue;
+      sum += (*pa - *pb).norm();
+      ++count;
+    }
+  }
+  return count > 0 ? sum / count : 1e9;
+}
+
+// A pose off by a random motion in all six directions that moves the tags' corners by
+// `distance_px` in the mean.
+inline CameraPose displaced(const CameraModel& camera, std::span<const MappedTag> tags,
+                            const CameraPose& pose, double distance_px, std::mt19937_64& random) {
+  std::normal_distribution<double> n(0.0, 1.0);
+  Vector6d direction;
+  // Metres and radians that move the image about as much.
+  for (int k = 0; k < 3; ++k) direction[k] = 0.6 * n(random);
+  for (int k = 3; k < 6; ++k) direction[k] = n(random);
+  double low = 0.0;
+  double high = 1.0;
+  for (int i = 0; i < 60; ++i) {
+    const double middle = 0.5 * (low + high);
+    const double distance =
+        corner_distance_px(camera, tags, pose, perturbed(pose, direction * middle));
+    (distance < distance_px ? low : high) = middle;
+  }
+  return perturbed(pose, direction * low);
+}
+
+inline Matrix6d loose_prior(double metres, double angle) {
+  Matrix6d P = Matrix6d::Zero();
+  P.diagonal().head<3>().setConstant(metres * metres);
+  P.diagonal().tail<3>().setConstant(angle * angle);
+  return P;
+}
+
+// The Cramer-Rao bound of a pose's covariance from one picture with white noise of `noise` [grey
+// levels], each tag's gain and offset unknown: by central differences of the exact picture.
+inline Matrix6d pose_bound(PatternRenderer& renderer, const CameraModel& camera,
+                           std::span<const MappedTag> tags, const CameraPose& pose,
+                           PatternRenderOptions options, double noise) {
+  options.samples = 256;  // errors of a few thousandths do not show in a sum of squares
+  const std::array<CameraPose, 1> centre = {pose};
+  const std::vector<double> light = renderer.render_light(centre, options);
+  std::array<std::vector<double>, 6> derivative;
+  for (int k = 0; k < 6; ++k) {
+    const double step = k < 3 ? 2e-4 : 3e-4;  // about a third of a pixel
+    Vector6d xi = Vector6d::Zero();
+    xi[k] = step;
+    const std::array<CameraPose, 1> plus = {perturbed(pose, xi)};
+    const std::array<CameraPose, 1> minus = {perturbed(pose, -xi)};
+    const std::vector<double> a = renderer.render_light(plus, options);
+    const std::vector<double> b = renderer.render_light(minus, options);
+    auto& d = derivative[static_cast<std::size_t>(k)];
+    d.resize(a.size());
+    for (std::size_t i = 0; i < a.size(); ++i) d[i] = 255.0 * (a[i] - b[i]) / (2.0 * step);
+  }
+  Matrix6d information = Matrix6d::Zero();
+  for (const MappedTag& tag : tags) {
+    // Pixels of this tag: within its black square and half the margin.
+    double x0 = 1e9, y0 = 1e9, x1 = -1e9, y1 = -1e9;
+    for (const Eigen::Vector3d& corner : tag.corners()) {
+      const Eigen::Vector3d centre_of = tag.T_table_tag.translation();
+      const auto p = camera.project(pose.inverse() * (centre_of + 1.12 * (corner - centre_of)));
+      if (!p) return Matrix6d::Constant(1e9);
+      x0 = std::min(x0, p->x());
+      x1 = std::max(x1, p->x());
+      y0 = std::min(y0, p->y());
+      y1 = std::max(y1, p->y());
+    }
+    Eigen::Matrix<double, 8, 8> H = Eigen::Matrix<double, 8, 8>::Zero();
+    for (int y = std::max(0, static_cast<int>(y0));
+         y <= std::min(camera.height() - 1, static_cast<int>(y1)); ++y) {
+      for (int x = std::max(0, static_cast<int>(x0));
+           x <= std::min(camera.width() - 1, static_cast<int>(x1)); ++x) {
+        const auto ray = camera.unproject({x, y});
+        if (!ray) continue;
+        // On this tag's sheet?
+        const auto T_tag_camera = tag.T_table_tag.inverse() * pose;
+        const Eigen::Vector3d c = T_tag_camera.translation();
+        const Eigen::Vector3d d = T_tag_camera.rotation() * *ray;
+        const Eigen::Vector3d hit = c - d * (c.z() / d.z());
+        if (std::max(std::abs(hit.x()), std::abs(hit.y())) > 0.56 * tag.size_m) continue;
+        const auto i = static_cast<std::size_t>(y * camera.width() + x);
+        Eigen::Matrix<double, 8, 1> J;
+        for (std::size_t k = 0; k < 6; ++k) J[static_cast<Eigen::Index>(k)] = derivative[k][i];
+        J[6] = light[i];
+        J[7] = 1.0;
+        H += J * J.transpose();
+      }
+    }
+    information += H.topLeftCorner<6, 6>() - H.topRightCorner<6, 2>() *
+                                                 H.bottomRightCorner<2, 2>().inverse() *
+                                                 H.topRightCorner<6, 2>().transpose();
+  }
+  return noise * noise * information.inverse();
+}
+
+}  // namespace penumbra::test

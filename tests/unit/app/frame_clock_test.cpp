@@ -1,0 +1,111 @@
+#include "app/capture/frame_clock.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+
+namespace penumbra {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kStart = 5'000'000 * kMs;
+
+// Frames 10 ms apart that arrive 2 ms after their stamp.
+class Camera {
+ public:
+  FrameStamp frame(std::uint32_t sequence, std::int64_t at_ms) {
+    return clock.next(sequence, kStart + at_ms * kMs, true, kStart + (at_ms + 2) * kMs);
+  }
+  FrameClock clock{10 * kMs};
+};
+
+TEST(FrameClock, CountsFromZeroWithTheDriversTimes) {
+  Camera camera;
+  for (std::uint32_t i = 0; i < 50; ++i) {
+    const FrameStamp stamp = camera.frame(100 + i, 10 * i);
+    EXPECT_EQ(stamp.sequence, i);
+    EXPECT_EQ(stamp.timestamp_ns, kStart + 10 * i * kMs);
+    EXPECT_EQ(stamp.lost_counted + stamp.lost_silent, 0U);
+    EXPECT_FALSE(stamp.bad_time);
+  }
+}
+
+TEST(FrameClock, AGapInTheNumbersIsCountedOnce) {
+  Camera camera;
+  (void)camera.frame(5, 0);
+  const FrameStamp stamp = camera.frame(9, 40);
+  EXPECT_EQ(stamp.lost_counted, 3U);
+  EXPECT_EQ(stamp.lost_silent, 0U);
+  EXPECT_EQ(stamp.sequence, 4U);
+}
+
+TEST(FrameClock, AGapInTheTimesIsCountedThoughTheNumbersAreWhole) {
+  Camera camera;
+  for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
+  const FrameStamp stamp = camera.frame(20, 240);
+  EXPECT_EQ(stamp.lost_counted, 0U);
+  EXPECT_EQ(stamp.lost_silent, 4U);
+  EXPECT_EQ(camera.frame(21, 250).lost_silent, 0U);
+}
+
+TEST(FrameClock, ACameraSlowerThanItPromisedLosesNothingOnceThatIsKnown) {
+  Camera camera;
+  for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 30 * i);
+  EXPECT_EQ(camera.frame(20, 600).lost_silent, 0U);
+  EXPECT_EQ(camera.frame(21, 690).lost_silent, 2U);
+}
+
+TEST(FrameClock, NumbersWrapAt32Bits) {
+  Camera camera;
+  (void)camera.frame(0xFFFFFFFFU, 0);
+  const FrameStamp stamp = camera.frame(0, 10);
+  EXPECT_EQ(stamp.lost_counted, 0U);
+  EXPECT_EQ(stamp.sequence, 1U);
+}
+
+TEST(FrameClock, NumbersThatFallBackOrRepeatAreNoGap) {
+  Camera camera;
+  (void)camera.frame(1000, 0);
+  EXPECT_EQ(camera.frame(3, 10).sequence, 1U);
+  EXPECT_EQ(camera.frame(3, 20).sequence, 2U);
+  EXPECT_EQ(camera.frame(4, 30).lost_counted, 0U);
+}
+
+TEST(FrameClock, ATimeThatCannotBeTrueIsReplacedByTheArrival) {
+  Camera camera;
+  (void)camera.frame(0, 0);
+  // Just before the end of 64-bit nanoseconds, then wrapped to the beginning; then backwards.
+  std::int64_t last = kStart;
+  std::int64_t arrival = kStart;
+  for (const std::int64_t driver_ns : {INT64_MAX - 5, std::int64_t{3}, kStart - 10 * kMs}) {
+    arrival += 10 * kMs;
+    const FrameStamp stamp = camera.clock.next(1, driver_ns, true, arrival);
+    EXPECT_TRUE(stamp.bad_time) << driver_ns;
+    EXPECT_EQ(stamp.timestamp_ns, arrival);
+    EXPECT_GT(stamp.timestamp_ns, last);
+    EXPECT_EQ(stamp.lost_silent, 0U);
+    last = stamp.timestamp_ns;
+  }
+}
+
+TEST(FrameClock, TimesAlwaysGrow) {
+  FrameClock clock(10 * kMs);
+  const FrameStamp first = clock.next(0, 0, false, kStart);
+  const FrameStamp second = clock.next(1, 0, false, kStart);
+  EXPECT_EQ(first.timestamp_ns, kStart);
+  EXPECT_GT(second.timestamp_ns, first.timestamp_ns);
+  EXPECT_FALSE(second.bad_time);  // this driver never promised a clock
+}
+
+TEST(FrameClock, ARestartIsNoGap) {
+  Camera camera;
+  for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
+  camera.clock.restart(10 * kMs);
+  const FrameStamp stamp = camera.frame(500, 5000);
+  EXPECT_EQ(stamp.sequence, 20U);
+  EXPECT_EQ(stamp.lost_counted + stamp.lost_silent, 0U);
+  EXPECT_EQ(stamp.timestamp_ns, kStart + 5000 * kMs);
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,93 @@
+#include "app/capture/mailbox.hpp"
+
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <thread>
+
+namespace penumbra {
+namespace {
+
+using std::chrono::milliseconds;
+
+TEST(Mailbox, TheNewestItemIsTakenAndOlderOnesAreCounted) {
+  Mailbox<int> box;
+  box.put(1);
+  box.put(2);
+  box.put(3);
+  EXPECT_EQ(box.take(milliseconds(0)), 3);
+  EXPECT_EQ(box.dropped(), 2U);
+  EXPECT_EQ(box.take(milliseconds(0)), std::nullopt);
+  EXPECT_EQ(box.dropped(), 2U);
+}
+
+TEST(Mailbox, ADroppedItemIsLetGoAtOnce) {
+  Mailbox<std::shared_ptr<int>> box;
+  const auto first = std::make_shared<int>(1);
+  box.put(first);
+  EXPECT_EQ(first.use_count(), 2);
+  box.put(std::make_shared<int>(2));
+  EXPECT_EQ(first.use_count(), 1);
+}
+
+TEST(Mailbox, AfterCloseTheLastItemIsStillThereAndNothingMoreComesIn) {
+  Mailbox<int> box;
+  box.put(1);
+  box.close();
+  box.put(2);
+  EXPECT_FALSE(box.hand_over(3));
+  EXPECT_FALSE(box.finished());
+  EXPECT_EQ(box.take(milliseconds(0)), 1);
+  EXPECT_TRUE(box.finished());
+  // No wait for what cannot come.
+  EXPECT_EQ(box.take(std::chrono::hours(1)), std::nullopt);
+}
+
+TEST(Mailbox, HandedOverItemsAllArriveInOrder) {
+  Mailbox<int> box;
+  std::thread giver([&] {
+    for (int i = 0; i < 1000; ++i) ASSERT_TRUE(box.hand_over(i));
+    box.close();
+  });
+  int expected = 0;
+  while (!box.finished()) {
+    if (const auto item = box.take(milliseconds(100))) {
+      ASSERT_EQ(*item, expected++);
+    }
+  }
+  giver.join();
+  EXPECT_EQ(expected, 1000);
+  EXPECT_EQ(box.dropped(), 0U);
+}
+
+TEST(Mailbox, BetweenThreadsItemsGrowAndNoneIsUncounted) {
+  Mailbox<std::unique_ptr<int>> box;
+  constexpr int kItems = 20000;
+  std::thread giver([&] {
+    for (int i = 0; i < kItems; ++i) box.put(std::make_unique<int>(i));
+    box.close();
+  });
+  int last = -1;
+  std::uint64_t taken = 0;
+  while (!box.finished()) {
+    const auto item = box.take(milliseconds(100));
+    if (!item) continue;
+    ASSERT_GT(**item, last);
+    last = **item;
+    ++taken;
+  }
+  giver.join();
+  EXPECT_EQ(last, kItems - 1);
+  EXPECT_EQ(taken + box.dropped(), static_cast<std::uint64_t>(kItems));
+}
+
+TEST(Mailbox, CloseWakesAWaitingGiver) {
+  Mailbox<int> box;
+  box.put(1);
+  std::thread giver([&] { EXPECT_FALSE(box.hand_over(2)); });
+  box.close();
+  giver.join();
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,277 @@
+#include "app/capture/recording_writer.hpp"
+
+#include <gtest/gtest.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <csignal>
+#include <cstring>
+#include <new>
+#include <random>
+#include <thread>
+
+#include "app/capture/recording_source.hpp"
+#include "core/file.hpp"
+#include "core/text.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kWidth = 66;
+constexpr int kHeight = 34;
+
+CapturedImage jpeg_image(int number) {
+  const auto file =
+      test::recordings_dir() / "tabletop" / "frames" / fmt::format("{:06}.jpg", number % 100);
+  auto bytes = std::make_shared<const std::vector<std::uint8_t>>(read_file(file).value());
+  CapturedImage image;
+  image.sequence = static_cast<std::uint64_t>(number);
+  image.timestamp_ns = 7'000'000'000'123 + number * std::int64_t{33'333'333};
+  image.jpeg = *bytes;
+  image.owner = bytes;
+  return image;
+}
+
+// Every sample differs from its neighbours and from the same one of the next frame.
+CapturedImage raw_image(PixelFormat format, int number) {
+  FrameBuffer buffer = allocate_frame(format, kWidth, kHeight);
+  std::minstd_rand random(static_cast<unsigned>(number + 1));
+  for (std::size_t i = 0; i < static_cast<std::size_t>(buffer.frame.plane_count); ++i) {
+    const PixelPlane& plane = buffer.frame.planes[i];
+    for (std::ptrdiff_t k = 0; k < plane.stride * plane.height; ++k) {
+      buffer.plane_data[i][k] = static_cast<std::uint8_t>(random() >> 8U);
+    }
+  }
+  CapturedImage image;
+  image.frame = buffer.frame;
+  image.frame.color_range = ColorRange::limited;
+  image.frame.color_matrix = ColorMatrix::bt709;
+  image.sequence = static_cast<std::uint64_t>(number);
+  image.timestamp_ns = image.frame.timestamp_ns = 5'000'000'000 + number * std::int64_t{40'000'001};
+  image.owner = image.frame.owner;
+  return image;
+}
+
+RecordingHead head_for(const char* format, int width, int height) {
+  const auto folder = test::recordings_dir() / "tabletop";
+  RecordingHead head;
+  head.camera = "a camera";
+  head.format = {format, width, height, 1.0 / 30.0};
+  head.controls = {{"Gain", 7}};
+  head.camera_yaml = read_text_file(folder / "camera.yaml", 100'000).value();
+  if (width != 640) {
+    const std::string old = "image_width: 640\nimage_height: 480\n";
+    const std::size_t at = head.camera_yaml.find(old);
+    if (at != std::string::npos) {
+      head.camera_yaml.replace(at, old.size(),
+                               fmt::format("image_width: {}\nimage_height: {}\n", width, height));
+    }
+  }
+  head.tags_yaml = read_text_file(folder / "tags.yaml", 100'000).value();
+  return head;
+}
+
+OpenRecordingOptions no_camera() {
+  OpenRecordingOptions options;
+  options.require_camera = false;
+  return options;
+}
+
+TEST(RecordingWriter, KeepsTheCamerasOwnBytesAndTimes) {
+  const test::TemporaryFolder temporary;
+  const fs::path folder = temporary.path() / "session";
+  auto writer = RecordingWriter::create(folder, head_for("MJPEG", 640, 480));
+  ASSERT_TRUE(writer) << writer.error().message;
+  for (int i = 0; i < 20; ++i) (*writer)->add_image(jpeg_image(i));
+  PoseEstimate pose;
+  pose.status = TrackStatus::tracked;
+  (*writer)->add_pose(jpeg_image(3).timestamp_ns, pose);
+  pose.status = TrackStatus::uncertain;
+  (*writer)->add_pose(jpeg_image(4).timestamp_ns, pose);
+  (*writer)->add_event(1'500'000'000, "gap", "two \"frames\"");
+  ASSERT_TRUE((*writer)->finish());
+  EXPECT_EQ((*writer)->counts().written, 20U);
+
+  const auto recording = open_recording(folder);
+  ASSERT_TRUE(recording) << recording.error().message;
+  EXPECT_TRUE(recording->notices.empty());
+  ASSERT_EQ(recording->frames.size(), 20U);
+  for (int i = 0; i < 20; ++i) {
+    const CapturedImage image = jpeg_image(i);
+    const RecordedFrame& frame = recording->frames[static_cast<std::size_t>(i)];
+    EXPECT_EQ(frame.timestamp_ns, image.timestamp_ns);
+    const auto bytes = read_file(frame.file).value();
+    EXPECT_TRUE(std::equal(bytes.begin(), bytes.end(), image.jpeg.begin(), image.jpeg.end())) << i;
+  }
+  const auto poses = load_trajectory(folder / "poses.tum");
+  ASSERT_TRUE(poses) << poses.error().message;
+  ASSERT_EQ(poses->poses.size(), 1U);
+  EXPECT_EQ(poses->poses[0].timestamp_ns, jpeg_image(3).timestamp_ns);
+  EXPECT_EQ(read_text_file(folder / "events.jsonl", 1000).value(),
+            "{\"timestamp_s\":1.500000000,\"event\":\"gap\",\"detail\":\"two \\\"frames\\\"\"}\n");
+  const std::string controls = read_text_file(folder / "controls.json", 10'000).value();
+  EXPECT_NE(controls.find("\"Gain\": 7"), std::string::npos) << controls;
+  EXPECT_NE(controls.find("\"frames_written\": 20"), std::string::npos) << controls;
+}
+
+class RawFormats : public testing::TestWithParam<PixelFormat> {};
+
+TEST_P(RawFormats, EverySampleComesBack) {
+  const test::TemporaryFolder temporary;
+  const fs::path folder = temporary.path() / "session";
+  auto writer = RecordingWriter::create(folder, head_for("raw", kWidth, kHeight));
+  ASSERT_TRUE(writer) << writer.error().message;
+  constexpr int kFrames = 5;
+  for (int i = 0; i < kFrames; ++i) (*writer)->add_image(raw_image(GetParam(), i));
+  ASSERT_TRUE((*writer)->finish());
+
+  fs::remove(folder / "camera.yaml");
+  const auto recording = open_recording(folder, no_camera());
+  ASSERT_TRUE(recording) << recording.error().message;
+  ASSERT_EQ(recording->frames.size(), static_cast<std::size_t>(kFrames));
+  const auto source = open_recording_source(*recording);
+  ASSERT_TRUE(source);
+  for (int i = 0; i < kFrames; ++i) {
+    const Frame sent = raw_image(GetParam(), i).frame;
+    const auto read = (*source)->next();
+    ASSERT_TRUE(read) << read.error().message;
+    const Frame& frame = read->value();
+    EXPECT_EQ(frame.timestamp_ns, sent.timestamp_ns);
+    EXPECT_EQ(frame.color_range, sent.color_range);
+    EXPECT_EQ(frame.color_matrix, sent.color_matrix);
+    std::vector<std::uint8_t> scratch_sent, scratch_read;
+    const ImageView a = luma(sent, scratch_sent);
+    const ImageView b = luma(frame, scratch_read);
+    for (int y = 0; y < kHeight; ++y) ASSERT_EQ(std::memcmp(a.row(y), b.row(y), kWidth), 0) << y;
+    if (sent.plane_count == 1 && sent.format != PixelFormat::yuyv) continue;
+    // U and V at each chroma position, wherever either format keeps them.
+    const int rows = frame.planes[1].height;
+    for (int y = 0; y < rows; ++y) {
+      for (int x = 0; x < (kWidth + 1) / 2; ++x) {
+        const auto at = [&](std::size_t plane, std::ptrdiff_t k) {
+          return sent.planes[plane].data[y * sent.planes[plane].stride + k];
+        };
+        int u = 0;
+        int v = 0;
+        if (sent.format == PixelFormat::yuyv) {
+          u = at(0, 4 * x + 1);
+          v = at(0, 4 * x + 3);
+        } else if (sent.format == PixelFormat::nv12) {
+          u = at(1, 2 * x);
+          v = at(1, 2 * x + 1);
+        } else {
+          u = at(1, x);
+          v = at(2, x);
+        }
+        ASSERT_EQ(frame.planes[1].data[y * frame.planes[1].stride + x], u);
+        ASSERT_EQ(frame.planes[2].data[y * frame.planes[2].stride + x], v);
+      }
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(All, RawFormats,
+                         testing::Values(PixelFormat::grey8, PixelFormat::yuyv, PixelFormat::nv12,
+                                         PixelFormat::yuv420p));
+
+TEST(RecordingWriter, RefusesAFolderThatHoldsSomething) {
+  const test::TemporaryFolder temporary;
+  ASSERT_TRUE(write_text_file(temporary.path() / "thesis.txt", "words"));
+  const auto writer = RecordingWriter::create(temporary.path(), head_for("MJPEG", 640, 480));
+  ASSERT_FALSE(writer);
+  EXPECT_NE(writer.error().message.find("not empty"), std::string::npos);
+}
+
+TEST(RecordingWriter, ADiskThatIsTooSlowLosesFramesAndCountsThem) {
+  const test::TemporaryFolder temporary;
+  auto writer =
+      RecordingWriter::create(temporary.path() / "session", head_for("raw", kWidth, kHeight));
+  ASSERT_TRUE(writer) << writer.error().message;
+  constexpr int kFrames = 3000;
+  const CapturedImage image = raw_image(PixelFormat::yuyv, 0);
+  for (int i = 0; i < kFrames; ++i) {
+    CapturedImage next = image;
+    next.timestamp_ns += i;
+    (*writer)->add_image(next);
+  }
+  ASSERT_TRUE((*writer)->finish());
+  const RecordingCounts counts = (*writer)->counts();
+  EXPECT_EQ(counts.written + counts.dropped, static_cast<std::uint64_t>(kFrames));
+  EXPECT_GT(counts.dropped, 0U);
+}
+
+// What a process that is killed at any moment leaves: everything that it had said was written.
+class Killed : public testing::TestWithParam<bool> {};
+
+TEST_P(Killed, WhatWasWrittenOpensAndReads) {
+  const bool raw = GetParam();
+  constexpr int kKills = 40;
+  using Counter = std::atomic<std::uint64_t>;
+  void* memory =
+      mmap(nullptr, sizeof(Counter), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  ASSERT_NE(memory, MAP_FAILED);
+  auto& written = *new (memory) Counter(0);
+  std::minstd_rand random(20);
+  for (int kill_number = 0; kill_number < kKills; ++kill_number) {
+    const test::TemporaryFolder temporary;
+    const fs::path folder = temporary.path() / "session";
+    written = 0;
+    const pid_t child = fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      auto writer = RecordingWriter::create(
+          folder, raw ? head_for("raw", kWidth, kHeight) : head_for("MJPEG", 640, 480));
+      if (!writer) _exit(1);
+      for (int i = 0;; ++i) {
+        (*writer)->add_image(raw ? raw_image(PixelFormat::yuyv, i) : jpeg_image(i));
+        written = (*writer)->counts().written;
+      }
+    }
+    while (written < 2 && waitpid(child, nullptr, WNOHANG) == 0) std::this_thread::yield();
+    std::this_thread::sleep_for(std::chrono::microseconds(random() % 30'000));
+    ASSERT_EQ(kill(child, SIGKILL), 0);
+    int status = 0;
+    ASSERT_EQ(waitpid(child, &status, 0), child);
+    ASSERT_TRUE(WIFSIGNALED(status));
+
+    fs::remove(folder / "camera.yaml");
+    const auto recording = open_recording(folder, no_camera());
+    ASSERT_TRUE(recording) << "kill " << kill_number << ": " << recording.error().message;
+    EXPECT_GE(recording->frames.size(), written.load()) << "kill " << kill_number;
+    const auto source = open_recording_source(*recording);
+    ASSERT_TRUE(source) << source.error().message;
+    for (std::size_t i = 0; i < recording->frames.size(); ++i) {
+      const auto frame = (*source)->next();
+      ASSERT_TRUE(frame) << "kill " << kill_number << ": " << frame.error().message;
+      ASSERT_TRUE(frame->has_value());
+    }
+  }
+  munmap(memory, sizeof(Counter));
+}
+
+INSTANTIATE_TEST_SUITE_P(Formats, Killed, testing::Bool(), [](const auto& test) {
+  return test.param ? std::string("Raw") : std::string("Jpeg");
+});
+
+TEST(WholeJpeg, TellsAHalfPictureFromAWholeOne) {
+  const CapturedImage image = jpeg_image(0);
+  EXPECT_TRUE(is_whole_jpeg(image.jpeg, 640, 480));
+  EXPECT_FALSE(is_whole_jpeg(image.jpeg, 320, 240));
+  for (const std::size_t size : {std::size_t{0}, std::size_t{1}, std::size_t{3}, std::size_t{20},
+                                 image.jpeg.size() / 2, image.jpeg.size() - 1}) {
+    EXPECT_FALSE(is_whole_jpeg(image.jpeg.first(size), 640, 480)) << size;
+  }
+  std::vector<std::uint8_t> padded(image.jpeg.begin(), image.jpeg.end());
+  padded.resize(padded.size() + 100);
+  EXPECT_FALSE(is_whole_jpeg(padded, 640, 480));
+  EXPECT_EQ(trim_jpeg(padded).size(), image.jpeg.size());
+  EXPECT_TRUE(is_whole_jpeg(trim_jpeg(padded), 640, 480));
+}
+
+}  // namespace
+}  // namespace penumbra

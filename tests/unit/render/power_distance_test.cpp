@@ -1,0 +1,160 @@
+#include "render/shadow/power_distance.hpp"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "render/shadow/caster.hpp"
+#include "support/shadow_cases.hpp"
+#include "support/shapes.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+ShadowField field_of(const ShadowMesh& mesh, const Placement& placement,
+                     const LayeredConstants& constants, const ShadowFieldOptions& options = {}) {
+  const PlaneFrame plane;
+  const ShadowKernels none{plane.n, mesh.positions, {}};
+  return power_distance_layers(
+      place_caster(mesh, none, placement, plane), mesh.indices, mesh.part,
+      part_lights(part_discs(mesh, up_in_object(placement, plane)), placement, plane), constants,
+      options);
+}
+
+test::Mask mask_of(const ShadowField& field, ShadowLayer layer, double half, int pixels = 512) {
+  test::Mask mask({-half, -half}, 2.0 * half / pixels, pixels);
+  for (int row = 0; row < pixels; ++row)
+    for (int column = 0; column < pixels; ++column)
+      mask.bits[mask.index(column, row)] =
+          field.sample(layer, mask.origin + mask.pixel * Eigen::Vector2d(column + 0.5, row + 0.5)) >
+                  0.0F
+              ? 1
+              : 0;
+  return mask;
+}
+
+// What a disc light of radius R at height H above (0, 0) leaves of the plane behind a convex mesh:
+// of the light points on the rim, in how many shadows a pixel lies. Behind a convex caster the
+// hidden part of the disc is convex, so that the rim decides.
+struct Truth {
+  test::Mask all, any, centre;
+};
+Truth ray_cast(const ShadowMesh& mesh, const Placement& placement, double H, double R,
+               double half) {
+  const int pixels = 512;
+  const test::Mask empty({-half, -half}, 2.0 * half / pixels, pixels);
+  Truth truth{empty, empty, empty};
+  std::fill(truth.all.bits.begin(), truth.all.bits.end(), std::uint8_t{1});
+  constexpr int kRim = 128;
+  for (int i = 0; i <= kRim; ++i) {
+    const double turn = 2.0 * std::numbers::pi * i / kRim;
+    const Eigen::Vector2d light =
+        i == kRim ? Eigen::Vector2d(0, 0) : Eigen::Vector2d(R * std::cos(turn), R * std::sin(turn));
+    test::Mask shadow = empty;
+    for (std::size_t f = 0; f < mesh.indices.size(); f += 3) {
+      std::array<Eigen::Vector2d, 3> corners;
+      for (std::size_t c = 0; c < 3; ++c) {
+        const glm::vec3& q = mesh.positions[mesh.indices[f + c]];
+        const Eigen::Vector3d p =
+            placement * Eigen::Vector3d(static_cast<double>(q.x), static_cast<double>(q.y),
+                                        static_cast<double>(q.z));
+        corners[c] = light + (p.head<2>() - light) * (H / (H - p.z()));
+      }
+      shadow.cover_triangle(corners);
+    }
+    if (i == kRim) truth.centre = shadow;
+    for (std::size_t b = 0; b < shadow.bits.size(); ++b) {
+      truth.any.bits[b] = truth.any.bits[b] | shadow.bits[b];
+      truth.all.bits[b] = truth.all.bits[b] & shadow.bits[b];
+    }
+  }
+  return truth;
+}
+
+TEST(PowerDistance, ABoxUnderANearLightAsRaysSeeIt) {
+  const ShadowMesh mesh = make_shadow_mesh(test::box_model(0.08));
+  const Placement placement = {Eigen::Vector3d(0, 0, 0.12),
+                               Eigen::Quaterniond(Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitZ())),
+                               1.0};
+  const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
+  const ShadowField field = field_of(mesh, placement, constants);
+  const Truth truth = ray_cast(mesh, placement, 0.9, 3.0 * 0.04, 0.12);
+  const auto agreement = [&](ShadowLayer layer, const test::Mask& expected) {
+    return test::iou(mask_of(field, layer, 0.12).bits, expected.bits);
+  };
+  EXPECT_GT(agreement(ShadowLayer::middle, truth.centre), 0.985);
+  EXPECT_GT(agreement(ShadowLayer::penumbra, truth.any), 0.98);
+  EXPECT_GT(agreement(ShadowLayer::umbra, truth.all), 0.95);
+}
+
+TEST(PowerDistance, ABallUnderANearLightAsRaysSeeIt) {
+  test::ShapeBuilder shape;
+  shape.sphere(0.05, 24, 48);
+  const ShadowMesh mesh = make_shadow_mesh(shape.build());
+  const Placement placement = {Eigen::Vector3d(0, 0, 0.15), Eigen::Quaterniond::Identity(), 1.0};
+  const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
+  const ShadowField field = field_of(mesh, placement, constants);
+  const double radius = static_cast<double>(part_discs(mesh, Eigen::Vector3d::UnitZ())[0].radius);
+  EXPECT_NEAR(radius, 0.05, 0.0008);
+  const Truth truth = ray_cast(mesh, placement, 0.9, 3.0 * radius, 0.15);
+  EXPECT_GT(test::iou(mask_of(field, ShadowLayer::middle, 0.15).bits, truth.centre.bits), 0.98);
+  EXPECT_GT(test::iou(mask_of(field, ShadowLayer::penumbra, 0.15).bits, truth.any.bits), 0.975);
+  EXPECT_GT(test::iou(mask_of(field, ShadowLayer::umbra, 0.15).bits, truth.all.bits), 0.94);
+}
+
+TEST(PowerDistance, LayersMeetInContactAndTheUmbraVanishes) {
+  test::ShapeBuilder shape;
+  shape.prism({{-0.05, -0.05}, {0.05, -0.05}, {0.05, 0.05}, {-0.05, 0.05}}, 0.0, 0.0);
+  const ShadowMesh mesh = make_shadow_mesh(shape.build());
+  for (const double H : {0.9, kInfinity}) {
+    const LayeredConstants constants = std::isinf(H) ? make_layered_constants(H, 0.0, 0.3).value()
+                                                     : make_layered_constants(H, 3.0, 0.0).value();
+    const ShadowField contact =
+        field_of(mesh, {Eigen::Vector3d::Zero(), Eigen::Quaterniond::Identity(), 1.0}, constants);
+    for (const ShadowLayer layer : kShadowLayers)
+      EXPECT_NEAR(mask_of(contact, layer, 0.07).area(), 0.01, 1.3e-4);
+    const ShadowField gone = field_of(
+        mesh, {Eigen::Vector3d(0, 0, 0.31), Eigen::Quaterniond::Identity(), 1.0}, constants);
+    EXPECT_EQ(mask_of(gone, ShadowLayer::umbra, 0.07).area(), 0.0);
+    EXPECT_GT(mask_of(gone, ShadowLayer::middle, 0.1).area(), 0.0099);
+  }
+}
+
+TEST(PowerDistance, NestsEverywhere) {
+  const ShadowMesh mesh = make_shadow_mesh(test::bush_model(60));
+  const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
+  const ShadowField field =
+      field_of(mesh, {Eigen::Vector3d(0, 0, 0.02), Eigen::Quaterniond::Identity(), 1.0}, constants);
+  for (std::size_t i = 0; i < field.umbra.size(); ++i) {
+    ASSERT_TRUE(field.umbra[i] <= 0.0F || field.middle[i] > 0.0F);
+    ASSERT_TRUE(field.middle[i] <= 0.0F || field.penumbra[i] > 0.0F);
+  }
+}
+
+TEST(PowerDistance, TotalOnNothingAndOnNonsense) {
+  const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
+  EXPECT_EQ(power_distance_layers({}, {}, {}, {}, constants).width, 0);
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const std::vector<CasterVertex> vertices = {{0, 0, 0.1F, 0, 0},    {0.1F, 0, 0.1F, 0, 0},
+                                              {0, 0.1F, 0.1F, 0, 0}, {nan, 0, 0.1F, 0, 0},
+                                              {0, 0, -1.0F, 0, 0},   {3e38F, 0, 0.1F, 0, 0}};
+  const std::vector<std::uint32_t> part(vertices.size(), 0);
+  const std::vector<PartLight> lights = {{Eigen::Vector2d::Zero(), 0.03}};
+  for (const std::vector<std::uint32_t>& indices : {std::vector<std::uint32_t>{0, 1, 2},
+                                                    {0, 1, 3},
+                                                    {0, 0, 0},
+                                                    {4, 4, 4},
+                                                    {0, 1, 5},
+                                                    {0, 1, 99},
+                                                    {0, 1, 4}}) {
+    const ShadowField field = power_distance_layers(vertices, indices, part, lights, constants);
+    for (const ShadowLayer layer : kShadowLayers)
+      for (const float value : field.layer(layer)) ASSERT_FALSE(std::isnan(value));
+    EXPECT_EQ(field.sample(ShadowLayer::umbra, {1e9, 0.0}), -1.0F);
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,126 @@
+// The hard shadow of a point or parallel light, against printed examples and an exact oracle.
+#include "render/shadow/projected_shadow.hpp"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "render/shadow/layer_polygons.hpp"
+#include "support/shadow_cases.hpp"
+
+namespace penumbra {
+namespace {
+
+const Eigen::Vector4d kTable(0.0, 0.0, 1.0, 0.0);
+
+// A cube of edge 1 with its middle at a height, as two triangles a side.
+struct Cube {
+  std::vector<CasterVertex> vertices;
+  std::vector<std::uint32_t> indices = {0, 2, 1, 0, 3, 2, 4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4,
+                                        1, 2, 6, 1, 6, 5, 2, 3, 7, 2, 7, 6, 3, 0, 4, 3, 4, 7};
+  explicit Cube(float middle) {
+    for (const float z : {-0.5F, 0.5F}) {
+      for (const auto& [x, y] : {std::pair{-0.5F, -0.5F}, std::pair{0.5F, -0.5F},
+                                 std::pair{0.5F, 0.5F}, std::pair{-0.5F, 0.5F}}) {
+        vertices.push_back({x, y, middle + z, x, y});
+      }
+    }
+  }
+};
+
+double shadow_area(const Cube& cube, const Eigen::Vector4d& light) {
+  const auto outline =
+      union_of_triangles(projected_triangles(cube.vertices, cube.indices, light, PlaneFrame{}));
+  return outline ? outline->area : -1.0;
+}
+
+TEST(ProjectedShadow, PrintedAnchors) {
+  const Eigen::Vector3d p(1.0, 1.0, 2.0);
+  const Eigen::Vector4d antishadow = project_from_light({2.25, 0.0, 1.0, 1.0}, kTable, p);
+  EXPECT_EQ(antishadow.w(), -1.0);
+  EXPECT_LT((antishadow.hnormalized() - Eigen::Vector3d(3.5, -1.0, 0.0)).norm(), 1e-12);
+  EXPECT_EQ(classify_shadow({2.25, 0.0, 1.0, 1.0}, kTable, p), ShadowOfPoint::at_or_above_light);
+  const Eigen::Vector4d local = project_from_light({2.25, -5.0, 5.0, 1.0}, kTable, p);
+  EXPECT_EQ(local.w(), 3.0);
+  EXPECT_LT((local.hnormalized() - Eigen::Vector3d(1.0 / 6.0, 5.0, 0.0)).norm(), 1e-12);
+  const Eigen::Vector4d parallel = project_from_light({1.45, -0.8, 2.0, 0.0}, kTable, p);
+  EXPECT_LT((parallel.hnormalized() - Eigen::Vector3d(-0.45, 1.8, 0.0)).norm(), 1e-12);
+}
+
+TEST(ProjectedShadow, OnlyWhatIsBetweenPlaneAndLightCasts) {
+  const Eigen::Vector4d light(0.3, 0.2, 3.0, 1.0);
+  EXPECT_EQ(shadow_area(Cube(-2.0F), light), 0.0) << "wholly under the plane";
+  EXPECT_NEAR(shadow_area(Cube(-0.4F), {0.0, 0.0, 3.0, 1.0}), std::pow(3.0 / 2.9, 2), 1e-5);
+  EXPECT_EQ(shadow_area(Cube(4.0F), light), 0.0) << "wholly over the light";
+  EXPECT_EQ(shadow_area(Cube(1.0F), {0.0, 0.0, 0.0, 1.0}), 0.0) << "light in the plane";
+  EXPECT_EQ(shadow_area(Cube(1.0F), {0.0, 0.0, -1.0, 0.0}), 0.0) << "light under the horizon";
+  EXPECT_NEAR(shadow_area(Cube(1.0F), {0.0, 0.0, 2.0, 0.0}), 1.0, 1e-6);
+}
+
+TEST(ProjectedShadow, PointsOfTheOracle) {
+  if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const auto json = test::read_json(test::shared_dir() / "vectors" / "projection_points.json");
+  std::size_t count = 0;
+  for (const char* list : {"examples", "points"}) {
+    for (const auto& entry : json.at(list)) {
+      const auto four = [&entry](const char* key) {
+        const auto v = entry.at(key).get<std::vector<double>>();
+        return Eigen::Vector4d(v.at(0), v.at(1), v.at(2), v.at(3));
+      };
+      const Eigen::Vector4d light = four("light");
+      const Eigen::Vector4d plane = four("plane");
+      const Eigen::Vector3d point = test::vector_from(entry.at("point"));
+      const Eigen::Vector4d s = project_from_light(light, plane, point);
+      EXPECT_LT((s - four("homogeneous")).norm(), 1e-8);
+      EXPECT_NEAR(s.w(), entry.at("w").get<double>(), 1e-8);
+      const ShadowOfPoint kind = classify_shadow(light, plane, point);
+      const std::string expected = entry.at("classification").get<std::string>();
+      EXPECT_EQ(kind, expected == "shadow"        ? ShadowOfPoint::shadow
+                      : expected == "below_plane" ? ShadowOfPoint::below_plane
+                                                  : ShadowOfPoint::at_or_above_light)
+          << expected;
+      ++count;
+    }
+  }
+  EXPECT_GT(count, 20U);
+}
+
+TEST(ProjectedShadow, ClippedCubesOfTheOracle) {
+  if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const auto json = test::read_json(test::shared_dir() / "vectors" / "projective_clip.json");
+  for (const auto& entry : json.at("cases")) {
+    const auto xyz = entry.at("vertices").get<std::vector<float>>();
+    std::vector<CasterVertex> vertices;
+    for (std::size_t i = 0; i + 2 < xyz.size(); i += 3) {
+      vertices.push_back({xyz[i], xyz[i + 1], xyz[i + 2], 0.0F, 0.0F});
+    }
+    const Eigen::Vector3d light = test::vector_from(entry.at("light"));
+    const auto triangles =
+        projected_triangles(vertices, entry.at("triangles").get<std::vector<std::uint32_t>>(),
+                            {light.x(), light.y(), light.z(), 1.0}, PlaneFrame{});
+    const auto receiver = entry.at("receiver").get<std::vector<double>>();
+    const double extent = receiver[2] - receiver[0];
+    constexpr int kPixels = 2048;
+    test::Mask ours({receiver[0], receiver[1]}, extent / kPixels, kPixels);
+    test::Mask theirs = ours;
+    ours.cover(triangles);
+    for (const auto& polygon : entry.at("polygons")) {
+      std::vector<std::vector<Eigen::Vector2d>> rings;
+      const auto add = [&](const nlohmann::json& ring) {
+        auto& points = rings.emplace_back();
+        for (const auto& p : ring) {
+          points.push_back(
+              (Eigen::Vector2d(p.at(0).get<double>(), p.at(1).get<double>()) - ours.origin) /
+              ours.pixel);
+        }
+      };
+      add(polygon.at("outer"));
+      for (const auto& hole : polygon.at("holes")) add(hole);
+      theirs.cover_rings(rings);
+    }
+    EXPECT_GE(test::iou(ours.bits, theirs.bits), entry.at("iou_min").get<double>());
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,324 @@
+// What a change between two frames makes the CPU do again (shadows.md 2.10), for every technique;
+// and shadow fields as drawn.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "render/shadow/caster.hpp"
+#include "render/shadow/kernel_direction.hpp"
+#include "render/shadow/own_frame.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::Picture;
+using test::SceneBuilder;
+using test::ShapeBuilder;
+using test::Studio;
+
+constexpr int kSide = 300;
+constexpr double kDegree = std::numbers::pi / 180.0;
+
+CameraModel camera() {
+  return test::camera_of(kSide, kSide, 600.0);
+}
+PoseEstimate overhead() {
+  return test::tracked(test::look_at({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0}));
+}
+Frame white() {
+  return test::plain_frame(kSide, kSide, 255);
+}
+ShapeBuilder l_shape() {
+  ShapeBuilder shape;
+  shape.box(-0.05, -0.05, 0.0, 0.05, -0.02, 0.03);
+  shape.box(-0.05, -0.02, 0.0, -0.02, 0.05, 0.03);
+  return shape;
+}
+std::shared_ptr<const Model> l_model() {
+  return test::finished(l_shape().build(), glm::vec4(0.8F, 0.3F, 0.1F, 1.0F));
+}
+std::shared_ptr<const Model> card() {
+  ShapeBuilder shape;
+  const std::uint32_t a = shape.vertex(-0.05, -0.05, 0.0);
+  const std::uint32_t b = shape.vertex(0.05, -0.05, 0.0);
+  const std::uint32_t c = shape.vertex(0.05, 0.05, 0.0);
+  const std::uint32_t d = shape.vertex(-0.05, 0.05, 0.0);
+  shape.triangle(a, b, c);
+  shape.triangle(a, c, d);
+  return test::finished(shape.build(), glm::vec4(1.0F));
+}
+Placement turned(const Placement& placement, const Eigen::Vector3d& axis, double angle) {
+  Placement result = placement;
+  result.rotation =
+      Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis.normalized())) * placement.rotation;
+  return result;
+}
+
+// One caster, moved by hand.
+class Stage {
+ public:
+  Stage(ShadowTechnique technique, std::shared_ptr<const Model> model, const Placement& start)
+      : scene_([&] {
+          SceneBuilder builder;
+          builder.add(std::move(model), start);
+          builder.scene().shadows[0].technique = technique;
+          builder.scene().shadows[0].layered = make_layered_constants(0.6, 2.5, 0.0).value();
+          return builder.build();
+        }()),
+        studio_(scene_, camera()) {}
+
+  Picture draw(const Placement& placement, const PoseEstimate& pose = overhead(),
+               const LayeredConstants* constants = nullptr) {
+    FramePlan plan = studio_.plan(pose);
+    if (plan.shadows.size() != 1) throw std::runtime_error("one shadow is expected");
+    plan.shadows[0].T_table_object = placement;
+    if (constants != nullptr) plan.shadows[0].constants = *constants;
+    return studio_.draw_shadows(white(), plan);
+  }
+  [[nodiscard]] const CompositeStats& stats() const { return studio_.stats(); }
+
+ private:
+  std::shared_ptr<const Scene> scene_;
+  Studio studio_;
+};
+
+struct Case {
+  const char* name;
+  ShadowTechnique technique;
+  Placement placement;
+  bool on_cpu;  // whether the CPU has to touch vertices when something changes
+};
+class ShadowReuse : public testing::TestWithParam<Case> {
+ protected:
+  // Nothing but the place of what there is already.
+  static void expect_reused(const CompositeStats& stats, const char* what) {
+    EXPECT_EQ(stats.shadow_vertices, 0) << what;
+    EXPECT_EQ(stats.kernel_generations, 0) << what;
+    EXPECT_EQ(stats.reprojections, 1) << what;
+    EXPECT_EQ(stats.triples_recomputed, 0) << what;
+  }
+  static void expect_recomputed(const CompositeStats& stats, const char* what) {
+    EXPECT_EQ(stats.shadow_vertices > 0, GetParam().on_cpu) << what;
+    EXPECT_EQ(stats.reprojections, 0) << what;
+    EXPECT_EQ(stats.triples_recomputed, 1) << what;
+  }
+};
+// Tilted about a slanted axis, so that no rounding is exact; "clipped" reaches under the plane.
+const Placement kFree = test::at(0.01, 0.02, 0.11, {1.0, 0.4, 0.2}, 0.33);
+const Placement kClipped = test::at(0.01, 0.02, 0.01, {1.0, 0.4, 0.2}, 0.33);
+INSTANTIATE_TEST_SUITE_P(
+    Techniques, ShadowReuse,
+    testing::Values(Case{"simple", ShadowTechnique::simple, kFree, false},
+                    Case{"simple_clipped", ShadowTechnique::simple, kClipped, true},
+                    Case{"layered", ShadowTechnique::layered, kFree, false},
+                    Case{"layered_clipped", ShadowTechnique::layered, kClipped, true},
+                    Case{"field", ShadowTechnique::field, kFree, true},
+                    Case{"field_clipped", ShadowTechnique::field, kClipped, true}),
+    [](const auto& instance) { return std::string(instance.param.name); });
+
+TEST_P(ShadowReuse, CameraAlone) {
+  Stage stage(GetParam().technique, l_model(), GetParam().placement);
+  stage.draw(GetParam().placement);
+  expect_recomputed(stage.stats(), "the first frame");
+  EXPECT_EQ(stage.stats().kernel_generations,
+            GetParam().technique == ShadowTechnique::simple ? 0 : 1);
+  for (int i = 0; i < 20; ++i) {
+    const Eigen::Vector3d eye(0.5 * std::cos(0.3 * i), 0.5 * std::sin(0.3 * i), 0.5 + 0.02 * i);
+    stage.draw(GetParam().placement, test::tracked(test::look_at(eye, {0, 0, 0})));
+    expect_reused(stage.stats(), "the camera moved");
+  }
+}
+
+TEST_P(ShadowReuse, SlideAndYaw) {
+  Placement placement = GetParam().placement;
+  Stage stage(GetParam().technique, l_model(), placement);
+  stage.draw(placement);
+  for (int i = 1; i <= 40; ++i) {
+    placement = turned(placement, Eigen::Vector3d::UnitZ(), 0.17);
+    placement.position.x() = 0.03 * std::sin(0.7 * i);
+    placement.position.y() = 0.02 * std::cos(1.1 * i);
+    const Picture moved = stage.draw(placement);
+    expect_reused(stage.stats(), "slid and turned");
+    if (i % 10 != 0) continue;
+    Stage fresh(GetParam().technique, l_model(), placement);
+    EXPECT_EQ(moved, fresh.draw(placement)) << "the picture does not depend on what was before";
+  }
+}
+
+TEST_P(ShadowReuse, HeightAlone) {
+  Placement placement = GetParam().placement;
+  Stage stage(GetParam().technique, l_model(), placement);
+  stage.draw(placement);
+  for (int i = 1; i <= 5; ++i) {
+    placement.position.z() += 0.002;
+    stage.draw(placement);
+    expect_recomputed(stage.stats(), "lifted");
+    EXPECT_EQ(stage.stats().kernel_generations, 0);
+  }
+}
+
+TEST_P(ShadowReuse, ConstantsAlone) {
+  Stage stage(GetParam().technique, l_model(), GetParam().placement);
+  stage.draw(GetParam().placement);
+  const LayeredConstants other = make_layered_constants(0.7, 2.0, 0.0).value();
+  stage.draw(GetParam().placement, overhead(), &other);
+  EXPECT_EQ(stage.stats().kernel_generations, 0);
+  if (GetParam().technique == ShadowTechnique::simple) {
+    expect_reused(stage.stats(), "constants that it does not use");
+  } else {
+    expect_recomputed(stage.stats(), "another light");
+  }
+}
+
+TEST_P(ShadowReuse, TiltMakesNewKernelsBeyondItsThresholdOnly) {
+  const Placement start = GetParam().placement;
+  Stage stage(GetParam().technique, l_model(), start);
+  stage.draw(start);
+  const auto cell = [](const Placement& p) {
+    return KernelDirection::nearest(p.rotation.conjugate() * Eigen::Vector3d::UnitZ());
+  };
+  std::int64_t generations = 0;
+  int cells = 0;
+  KernelDirection last = cell(start);
+  for (int i = 1; i <= 100; ++i) {
+    const Placement tilted = turned(start, {0.3, 1.0, 0.0}, 0.15 * i * kDegree);
+    stage.draw(tilted);
+    generations += stage.stats().kernel_generations;
+    if (cell(tilted) != last) ++cells;
+    last = cell(tilted);
+  }
+  EXPECT_GT(cells, 4);
+  EXPECT_LT(cells, 20);
+  EXPECT_EQ(generations, GetParam().technique == ShadowTechnique::simple ? 0 : cells);
+  stage.draw(start);
+  EXPECT_EQ(stage.stats().kernel_generations, 0) << "kept from the start";
+}
+
+TEST(ShadowField, ATiltThatMovesNoEdgeIsReused) {
+  // Level: in the middle of a step of the rounding.
+  const Placement level = test::at(0.0, 0.0, 0.1);
+  Stage stage(ShadowTechnique::field, l_model(), level);
+  const Picture before = stage.draw(level);
+  const Picture after = stage.draw(turned(level, {1, 0, 0}, 4e-5));
+  EXPECT_EQ(stage.stats().reprojections, 1);
+  EXPECT_EQ(after, before);
+  stage.draw(turned(level, {1, 0, 0}, 1e-3));
+  EXPECT_EQ(stage.stats().triples_recomputed, 1);
+}
+
+TEST(OwnFrame, PutsTheObjectWhereItIs) {
+  for (int i = 0; i < 200; ++i) {
+    const PlaneFrame plane =
+        PlaneFrame::make(Eigen::Vector3d(std::sin(1.3 * i), std::sin(2.1 * i), std::cos(0.7 * i)) +
+                             Eigen::Vector3d::Constant(0.01),
+                         {0.1 * i, -0.3, 0.02 * i});
+    const Placement T = test::at(std::cos(0.9 * i), std::sin(1.7 * i), 0.3,
+                                 {std::sin(0.3 * i), 0.5, std::cos(i)}, 0.37 * i, 0.5 + 0.01 * i);
+    const OwnFrame own = OwnFrame::make(T, plane, T.scale, 40);
+    for (const Eigen::Vector3d& p : {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0),
+                                     Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0, 0, 0)}) {
+      const Eigen::Vector3d expected = plane.to_plane(T * p);
+      const Eigen::Vector3d x = own.T_own_object * p;
+      const Eigen::Vector2d placed = own.T_plane_own * Eigen::Vector2d(x.head<2>());
+      EXPECT_NEAR((placed - expected.head<2>()).norm(), 0.0, 1e-10);
+      EXPECT_NEAR(x.z(), expected.z(), 1e-10);
+    }
+  }
+}
+
+// Pixels of the field itself, looked up on the table.
+TEST(ShadowField, IsDrawnWhereTheFieldIs) {
+  const Placement unturned = test::at(0.0, 0.0, 0.09);
+  const double yaw = 0.6;
+  Placement placement = turned(unturned, Eigen::Vector3d::UnitZ(), yaw);
+  placement.position += Eigen::Vector3d(0.013, -0.021, 0.0);
+  Stage stage(ShadowTechnique::field, l_model(), placement);
+  const Picture picture = stage.draw(placement);
+
+  const ShadowMesh mesh = make_shadow_mesh(*l_model());
+  const PlaneFrame plane;
+  const ShadowKernels none{plane.n, mesh.positions, {}};
+  const ShadowField field =
+      power_distance_layers(place_caster(mesh, none, unturned, plane), mesh.indices, mesh.part,
+                            part_lights(part_discs(mesh, plane.n), unturned, plane),
+                            make_layered_constants(0.6, 2.5, 0.0).value());
+  const CameraModel lens = camera();
+  const CameraPose pose = overhead().T_table_camera;
+  std::array<int, 4> size{};
+  int differing = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const Eigen::Vector3d ray =
+          pose.rotation() * Eigen::Vector3d((x - lens.parameters().cx) / lens.parameters().fx,
+                                            (y - lens.parameters().cy) / lens.parameters().fy, 1.0);
+      const Eigen::Vector3d on_table =
+          pose.translation() - ray * (pose.translation().z() / ray.z());
+      const Eigen::Vector2d p =
+          Eigen::Rotation2Dd(-yaw) * (on_table.head<2>() - placement.position.head<2>());
+      std::size_t layer = 3;
+      for (std::size_t i = 0; i < 3 && layer == 3; ++i) {
+        if (field.sample(kShadowLayers[i], p) > 0.0F) layer = i;
+      }
+      ++size[layer];
+      constexpr std::array kLight = {0.15, 0.4, 0.83, 1.0};
+      const auto expected =
+          static_cast<int>(std::lround(255.0 * std::pow(kLight[layer], 1.0 / 2.2)));
+      differing += picture.red(x, y) != expected ? 1 : 0;
+    }
+  }
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_GT(size[i], 300) << i;
+  // Half floats move an edge by 1/2000 cell at most: pixels whose centre is that near to it.
+  EXPECT_LE(differing, 5);
+}
+
+TEST(ShadowField, OverlappingCastersDarkenOnce) {
+  SceneBuilder both, one, other;
+  const Placement a = test::at(-0.02, 0.0, 0.1);
+  const Placement b = test::at(0.03, 0.02, 0.15, {1, 0, 0}, 0.3);
+  both.add(l_model(), a);
+  both.add(card(), b);
+  one.add(l_model(), a);
+  other.add(card(), b);
+  const auto draw = [](SceneBuilder& builder) {
+    builder.scene().shadows[0].technique = ShadowTechnique::field;
+    Studio studio(builder.build(), camera());
+    return studio.draw_shadows(white(), studio.plan(overhead()));
+  };
+  const Picture together = draw(both);
+  const Picture first = draw(one);
+  const Picture second = draw(other);
+  int overlap = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      ASSERT_EQ(together.red(x, y), std::min(first.red(x, y), second.red(x, y))) << x << " " << y;
+      overlap += first.red(x, y) < 255 && second.red(x, y) < 255 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(overlap, 500);
+}
+
+TEST(ShadowField, ACardOnThePlaneIsNotCutByRounding) {
+  for (const double angle : {0.0, 0.7, 2.9}) {
+    // The plane is slanted, and the card lies in it: every height is a rounding error.
+    SceneBuilder builder;
+    Placement placement = test::at(0.0, 0.0, 0.0, {1.0, 0.3, 0.0}, 0.4);
+    const Eigen::Vector3d normal = placement.rotation * Eigen::Vector3d::UnitZ();
+    placement = turned(placement, normal, angle);
+    builder.add(card(), placement);
+    builder.scene().planes[0].normal = normal;
+    builder.scene().shadows[0].technique = ShadowTechnique::field;
+    Studio studio(builder.build(), camera());
+    const Picture picture = studio.draw_shadows(white(), studio.plan(overhead()));
+    int dark = 0;
+    for (int y = 0; y < kSide; ++y)
+      for (int x = 0; x < kSide; ++x) dark += picture.red(x, y) < 255 ? 1 : 0;
+    const double expected = 0.01 * normal.z() * 600.0 * 598.2;
+    EXPECT_NEAR(dark, expected, 0.06 * expected) << angle;
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

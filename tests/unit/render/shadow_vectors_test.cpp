@@ -1,0 +1,308 @@
+// Layers of given meshes and kernels against an independent oracle in double precision.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include "render/shadow/layer_polygons.hpp"
+#include "render/shadow/twist.hpp"
+#include "support/shadow_cases.hpp"
+
+namespace penumbra {
+namespace {
+
+std::filesystem::path vectors_dir() {
+  return test::shared_dir().empty() ? std::filesystem::path() : test::shared_dir() / "vectors";
+}
+
+// Mesh and kernels as given, vertex for vertex: nothing welded.
+struct GivenCaster {
+  ShadowMesh mesh;
+  ShadowKernels kernels;
+
+  GivenCaster(const std::string& mesh_file, const std::string& kernel_set) {
+    const nlohmann::json json = test::read_json(vectors_dir() / mesh_file);
+    mesh.positions = points(json.at("vertices"));
+    mesh.indices = json.at("triangles").get<std::vector<std::uint32_t>>();
+    mesh.part.assign(mesh.positions.size(), 0);
+    mesh.part_count = 1;
+    kernels.kernels = points(json.at("kernels").at(kernel_set));
+  }
+  static std::vector<glm::vec3> points(const nlohmann::json& flat) {
+    const auto xyz = flat.get<std::vector<float>>();
+    std::vector<glm::vec3> result;
+    for (std::size_t i = 0; i + 2 < xyz.size(); i += 3)
+      result.emplace_back(xyz[i], xyz[i + 1], xyz[i + 2]);
+    return result;
+  }
+};
+
+LayeredConstants constants_from(const nlohmann::json& json) {
+  LayeredConstants constants =
+      make_layered_constants(json.at("H").get<double>(), json.at("a").get<double>(), 0.0).value();
+  if (json.contains("mag_cap")) constants.magnification_cap = json.at("mag_cap").get<double>();
+  return constants;
+}
+
+Eigen::Vector2d point_from(const nlohmann::json& pair) {
+  return {pair.at(0).get<double>(), pair.at(1).get<double>()};
+}
+
+double distance_to_ring(const Eigen::Vector2d& p, const std::vector<Eigen::Vector2d>& ring) {
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    const Eigen::Vector2d& a = ring[i];
+    const Eigen::Vector2d d = ring[(i + 1) % ring.size()] - a;
+    const double t = std::clamp((p - a).dot(d) / std::max(d.squaredNorm(), 1e-300), 0.0, 1.0);
+    least = std::min(least, (p - a - t * d).norm());
+  }
+  return least;
+}
+
+std::vector<std::vector<Eigen::Vector2d>> all_rings(const LayerOutline& outline) {
+  std::vector<std::vector<Eigen::Vector2d>> rings;
+  for (const LayerPolygon& polygon : outline.polygons) {
+    rings.push_back(polygon.outer);
+    rings.insert(rings.end(), polygon.holes.begin(), polygon.holes.end());
+  }
+  return rings;
+}
+
+double ring_moment(const std::vector<Eigen::Vector2d>& ring, Eigen::Vector2d& moment) {
+  double area = 0.0;
+  for (std::size_t i = 0; i < ring.size(); ++i) {
+    const Eigen::Vector2d& a = ring[i];
+    const Eigen::Vector2d& b = ring[(i + 1) % ring.size()];
+    const double cross = a.x() * b.y() - a.y() * b.x();
+    area += 0.5 * cross;
+    moment += (a + b) * cross / 6.0;
+  }
+  return area;
+}
+
+void expect_layer(const nlohmann::json& expected, const nlohmann::json& tolerance,
+                  const std::vector<PlanePoint>& triangles, const std::string& what) {
+  SCOPED_TRACE(what);
+  const auto outline = union_of_triangles(triangles);
+  ASSERT_TRUE(outline) << outline.error().message;
+  const double area = expected.at("area").get<double>();
+  EXPECT_NEAR(outline->area, area, tolerance.at("area_rel").get<double>() * area + 1e-12);
+  if (area == 0.0) return;
+  const auto rings = all_rings(*outline);
+  const double boundary = tolerance.at("boundary_m").get<double>();
+
+  const auto bounds = expected.at("bounds").get<std::vector<double>>();
+  Eigen::Vector2d low = rings.at(0).at(0);
+  Eigen::Vector2d high = low;
+  Eigen::Vector2d moment = Eigen::Vector2d::Zero();
+  double signed_area = 0.0;
+  for (const auto& ring : rings) {
+    for (const auto& p : ring) {
+      low = low.cwiseMin(p);
+      high = high.cwiseMax(p);
+    }
+    signed_area += ring_moment(ring, moment);
+  }
+  EXPECT_NEAR(signed_area, outline->area, 1e-9 * area) << "outer rings turn left, holes right";
+  EXPECT_LT((low - Eigen::Vector2d(bounds[0], bounds[1])).norm(), boundary);
+  EXPECT_LT((high - Eigen::Vector2d(bounds[2], bounds[3])).norm(), boundary);
+  EXPECT_LT((moment / signed_area - point_from(expected.at("centroid"))).norm(), 5.0 * boundary);
+
+  // Masks of 1024 pixels across, of the triangles themselves and of the oracle's polygons.
+  const double extent = 1.02 * (high - low).maxCoeff();
+  const Eigen::Vector2d corner = 0.5 * (low + high) - Eigen::Vector2d::Constant(0.5 * extent);
+  test::Mask ours(corner, extent / 1024.0, 1024);
+  ours.cover(triangles);
+  test::Mask theirs(corner, extent / 1024.0, 1024);
+  test::Mask polygons(corner, extent / 1024.0, 1024);
+  std::vector<std::vector<Eigen::Vector2d>> their_rings;
+  std::vector<std::vector<Eigen::Vector2d>> their_rings_m;
+  for (const auto& polygon : expected.at("polygons")) {
+    const auto add = [&](const nlohmann::json& ring) {
+      auto& points = their_rings.emplace_back();
+      auto& points_m = their_rings_m.emplace_back();
+      for (const auto& p : ring) {
+        points_m.push_back(point_from(p));
+        points.push_back((point_from(p) - corner) / theirs.pixel);
+      }
+    };
+    add(polygon.at("outer"));
+    for (const auto& hole : polygon.at("holes")) add(hole);
+  }
+  theirs.cover_rings(their_rings);
+
+  // Some samples lie on slits without width that rounding opened inside the oracle's union; its own
+  // polygons don't have them.
+  const auto distance_to = [](const Eigen::Vector2d& p, const auto& some_rings) {
+    double least = std::numeric_limits<double>::infinity();
+    for (const auto& ring : some_rings) least = std::min(least, distance_to_ring(p, ring));
+    return least;
+  };
+  const double simplified = expected.at("polygons_simplified_by_m").get<double>();
+  std::size_t compared = 0;
+  std::size_t missed = 0;
+  for (const auto& sample : expected.at("boundary_samples")) {
+    const Eigen::Vector2d p = point_from(sample);
+    if (distance_to(p, their_rings_m) > 2.0 * simplified + boundary) continue;
+    ++compared;
+    if (distance_to(p, rings) > boundary) ++missed;
+  }
+  EXPECT_EQ(missed, 0U) << "boundary samples further than " << boundary << " m";
+  EXPECT_GE(compared, expected.at("boundary_samples").size() / 2);
+  std::vector<std::vector<Eigen::Vector2d>> our_rings;
+  for (const auto& ring : rings) {
+    auto& points = our_rings.emplace_back();
+    for (const auto& p : ring) points.push_back((p - corner) / theirs.pixel);
+  }
+  polygons.cover_rings(our_rings);
+  const double iou_min = tolerance.at("iou_min").get<double>();
+  EXPECT_GE(test::iou(ours.bits, theirs.bits), iou_min);
+  EXPECT_GE(test::iou(polygons.bits, theirs.bits), iou_min);
+}
+
+TEST(ShadowVectors, EveryLayerCase) {
+  if (vectors_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const nlohmann::json index = test::read_json(vectors_dir() / "index.json");
+  std::size_t cases = 0;
+  for (const auto& entry : index.at("cases")) {
+    const std::string id = entry.at("id").get<std::string>();
+    SCOPED_TRACE(id);
+    const nlohmann::json json = test::read_json(vectors_dir() / (id + ".json"));
+    const GivenCaster caster(json.at("mesh").get<std::string>(),
+                             json.at("kernel_set").get<std::string>());
+    const LayeredConstants constants = constants_from(json.at("constants"));
+    EXPECT_NEAR(constants.umbra_height, json.at("constants").at("h_umbra").get<double>(), 1e-9);
+    const auto& plane_json = json.at("plane");
+    const PlaneFrame plane = PlaneFrame::make(test::vector_from(plane_json.at("normal")),
+                                              test::vector_from(plane_json.at("point")));
+    EXPECT_LT((plane.e1 - test::vector_from(plane_json.at("e1"))).norm(), 1e-8);
+    EXPECT_LT((plane.e2 - test::vector_from(plane_json.at("e2"))).norm(), 1e-8);
+    const auto& pose = json.at("object_to_world");
+    const Placement placement = {test::vector_from(pose.at("translation")),
+                                 Eigen::Quaterniond(test::matrix_from(pose.at("rotation"))), 1.0};
+    const auto vertices = place_caster(caster.mesh, caster.kernels, placement, plane);
+
+    for (const auto& sample : json.at("vertex_samples")) {
+      const CasterVertex& vertex = vertices.at(sample.at("vertex").get<std::size_t>());
+      const Eigen::Vector3d uvh = test::vector_from(sample.at("uvh"));
+      EXPECT_NEAR(vertex.u, uvh.x(), 1e-7);
+      EXPECT_NEAR(vertex.v, uvh.y(), 1e-7);
+      EXPECT_NEAR(vertex.h, uvh.z(), 1e-7);
+      const Eigen::Vector2d k = point_from(sample.at("kernel_uv"));
+      EXPECT_NEAR(vertex.ku, k.x(), 1e-7);
+      EXPECT_NEAR(vertex.kv, k.y(), 1e-7);
+      for (const auto& [layer, key] :
+           {std::pair{ShadowLayer::umbra, "umbra"}, std::pair{ShadowLayer::middle, "middle"},
+            std::pair{ShadowLayer::penumbra, "penumbra"}}) {
+        const HeightRange range = layer_height_range(constants, layer);
+        if (sample.at(key).is_null()) {
+          EXPECT_TRUE(uvh.z() < range.low + 1e-9 || uvh.z() > range.high - 1e-9) << key;
+          continue;
+        }
+        const PlanePoint point = project_to_layer(vertex, constants, layer);
+        EXPECT_LT((Eigen::Vector2d(point.u, point.v) - point_from(sample.at(key))).norm(), 2e-7)
+            << key;
+      }
+    }
+    const auto& expected = json.at("expected");
+    const auto& tolerance = json.at("tolerance");
+    expect_layer(expected.at("umbra"), tolerance,
+                 layer_triangles(vertices, caster.mesh.indices, constants, ShadowLayer::umbra),
+                 "umbra");
+    expect_layer(expected.at("middle"), tolerance,
+                 layer_triangles(vertices, caster.mesh.indices, constants, ShadowLayer::middle),
+                 "middle");
+    expect_layer(expected.at("penumbra"), tolerance,
+                 layer_triangles(vertices, caster.mesh.indices, constants, ShadowLayer::penumbra),
+                 "penumbra");
+    expect_layer(expected.at("orthogonal"), tolerance,
+                 orthogonal_triangles(vertices, caster.mesh.indices), "orthogonal");
+    ++cases;
+  }
+  EXPECT_GT(cases, 0U);
+}
+
+TEST(ShadowVectors, FactorsWithinTheFloatBound) {
+  if (vectors_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const nlohmann::json json = test::read_json(vectors_dir() / "factors.json");
+  ASSERT_GT(json.at("cases").size(), 0U);
+  for (const auto& entry : json.at("cases")) {
+    const double H = entry.at("H").get<double>();
+    const double a = entry.at("a").get<double>();
+    const double h = entry.at("h").get<double>();
+    const LayeredConstants constants = make_layered_constants(H, a, 0.0).value();
+    const bool visible = entry.at("umbra_visible").get<bool>();
+    EXPECT_EQ(layer_factor_f(constants, ShadowLayer::umbra, static_cast<float>(h)) > 0.0F, visible);
+    for (const auto& [layer, key] :
+         {std::pair{ShadowLayer::umbra, "umbra"}, std::pair{ShadowLayer::middle, "middle"},
+          std::pair{ShadowLayer::penumbra, "penumbra"}}) {
+      const double exact =
+          layer == ShadowLayer::umbra && !visible ? 0.0 : entry.at(key).get<double>();
+      const double bound = 4e-7 * (1.0 + std::abs(exact)) * H / (H - h);
+      EXPECT_NEAR(layer_factor_f(constants, layer, static_cast<float>(h)), exact, bound) << key;
+      EXPECT_NEAR(layer_factor(constants, layer, h), exact,
+                  1e-13 * (1.0 + std::abs(exact)) * H / (H - h))
+          << key;
+    }
+  }
+}
+
+TEST(ShadowVectors, AreasWhileRisingThroughPlaneAndUmbraHeight) {
+  if (vectors_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  std::size_t sweeps = 0;
+  for (const auto& file : std::filesystem::directory_iterator(vectors_dir())) {
+    if (file.path().filename().string().rfind("sweep_", 0) != 0) continue;
+    ++sweeps;
+    SCOPED_TRACE(file.path().filename().string());
+    const nlohmann::json json = test::read_json(file.path());
+    const GivenCaster caster(json.at("mesh").get<std::string>(),
+                             json.at("kernel_set").get<std::string>());
+    const LayeredConstants constants = constants_from(json.at("constants"));
+    const double tolerance = json.at("tolerance_area_rel").get<double>();
+    const auto& heights = json.at("translation_z");
+    double largest[3] = {0.0, 0.0, 0.0};
+    for (const auto& areas : json.at("areas_umbra_middle_penumbra"))
+      for (std::size_t i = 0; i < 3; ++i)
+        largest[i] = std::max(largest[i], areas.at(i).get<double>());
+    for (std::size_t step = 0; step < heights.size(); ++step) {
+      const Placement placement = {Eigen::Vector3d(0.0, 0.0, heights.at(step).get<double>()),
+                                   Eigen::Quaterniond(test::matrix_from(json.at("rotation"))), 1.0};
+      const auto vertices = place_caster(caster.mesh, caster.kernels, placement, PlaneFrame());
+      for (std::size_t i = 0; i < 3; ++i) {
+        const auto outline = union_of_triangles(
+            layer_triangles(vertices, caster.mesh.indices, constants, kShadowLayers[i]));
+        ASSERT_TRUE(outline);
+        const double expected = json.at("areas_umbra_middle_penumbra").at(step).at(i).get<double>();
+        // Relative to the layer's own size in the sweep, where it is about to vanish.
+        EXPECT_NEAR(outline->area, expected, tolerance * std::max(expected, 0.02 * largest[i]))
+            << "step " << step << " layer " << i;
+      }
+    }
+  }
+  EXPECT_GT(sweeps, 0U);
+}
+
+TEST(ShadowVectors, TwistedFaces) {
+  if (vectors_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const nlohmann::json json = test::read_json(vectors_dir() / "twist.json");
+  ASSERT_GT(json.at("cases").size(), 0U);
+  for (const auto& entry : json.at("cases")) {
+    const std::string mesh = entry.at("mesh").get<std::string>();
+    const std::string set = entry.at("kernel_set").get<std::string>();
+    SCOPED_TRACE(mesh + " " + set);
+    const GivenCaster caster(mesh, set);
+    const PlaneFrame plane =
+        PlaneFrame::make(test::vector_from(entry.at("up")), Eigen::Vector3d::Zero());
+    const auto vertices = place_caster(caster.mesh, caster.kernels, Placement(), plane);
+    const TwistReport report =
+        find_twists(vertices, caster.mesh.indices, entry.at("s_min").get<double>(),
+                    entry.at("s_max").get<double>());
+    const double slack = entry.at("ambiguous").get<double>() + 1.0;
+    EXPECT_NEAR(static_cast<double>(report.faces_twisted), entry.at("twisted").get<double>(),
+                slack);
+    // A few faces lie at the limit of being seen edge-on.
+    const double tested = entry.at("faces_tested").get<double>();
+    EXPECT_NEAR(static_cast<double>(report.faces_tested), tested, 1.0 + 0.002 * tested);
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

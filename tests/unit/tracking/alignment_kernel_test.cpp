@@ -1,0 +1,363 @@
+#include "tracking/alignment_kernel.hpp"
+
+#include <ceres/tiny_solver.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <random>
+#include <vector>
+
+#include "tracking/tag_alignment.hpp"
+
+namespace penumbra {
+namespace {
+
+using kernel::AccumulateInput;
+using kernel::Samples;
+using kernel::Sums;
+using kernel::Variant;
+
+std::vector<const Variant*> variants() {
+  std::vector<const Variant*> list;
+  for (const Variant* const* v = kernel::available_variants(); *v != nullptr; ++v)
+    list.push_back(*v);
+  return list;
+}
+
+// A lattice of 11 x 11 vertices seen at an angle, cells of 10 mm half a metre away.
+Eigen::Isometry3d lattice_pose() {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();  // T_camera_lattice [cells]
+  T.linear() = (Eigen::AngleAxisd(2.5, Eigen::Vector3d::UnitX()) *
+                Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitY()) *
+                Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitZ()))
+                   .toRotationMatrix();
+  T.translation() = Eigen::Vector3d(-4.0, 3.5, 50.0);
+  return T;
+}
+
+void set_pose(const Eigen::Isometry3d& T, AccumulateInput& in) {
+  Eigen::Matrix3d ray_from_lattice;
+  ray_from_lattice << T.linear().col(0), T.linear().col(1), T.translation();
+  const Eigen::Matrix3d M = ray_from_lattice.inverse();
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) in.lattice_from_ray[3 * r + c] = static_cast<float>(M(r, c));
+  }
+  const Eigen::Vector3d centre = T.inverse().translation();
+  for (int k = 0; k < 3; ++k) in.centre[k] = static_cast<float>(centre[k]);
+}
+
+// Random samples over the lattice with random patterns.
+struct SampleSet {
+  std::vector<std::vector<float>> arrays;
+  std::vector<std::int32_t> vertex;
+  Samples s;
+
+  explicit SampleSet(int count) {
+    s.count = count;
+    vertex.resize(static_cast<std::size_t>(count));
+    s.vertex = vertex.data();
+    arrays.reserve(40);
+    const auto take = [&] {
+      arrays.emplace_back(static_cast<std::size_t>(count), 0.0F);
+      return arrays.back().data();
+    };
+    for (float** array : {&s.pixel_x, &s.pixel_y, &s.ray_x, &s.ray_y, &s.value, &s.weight, &s.va,
+                          &s.vb, &s.ka, &s.kb, &s.rho, &s.model, &s.residual})
+      *array = take();
+    for (float*& array : s.c) array = take();
+  }
+};
+
+SampleSet random_samples(int count, const Eigen::Isometry3d& T, float correlation) {
+  SampleSet set(count);
+  std::mt19937 random(5);
+  std::uniform_real_distribution<float> u(0.0F, 1.0F);
+  for (int i = 0; i < count; ++i) {
+    const Eigen::Vector3d p(1.0 + 8.0 * static_cast<double>(u(random)),
+                            1.0 + 8.0 * static_cast<double>(u(random)), 0.0);
+    const Eigen::Vector3d q = T * p;
+    Samples& s = set.s;
+    s.ray_x[i] = static_cast<float>(q.x() / q.z());
+    s.ray_y[i] = static_cast<float>(q.y() / q.z());
+    s.va[i] = std::round(static_cast<float>(p.x()));
+    s.vb[i] = std::round(static_cast<float>(p.y()));
+    s.ka[i] = 3.0F + 2.0F * u(random);
+    s.kb[i] = 3.0F + 2.0F * u(random);
+    s.rho[i] = correlation * u(random);
+    s.weight[i] = 1.0F;
+    s.value[i] = 40.0F + 150.0F * u(random);
+    for (float*& c : s.c) c[i] = std::floor(3.0F * u(random)) - 1.0F;
+  }
+  return set;
+}
+
+TEST(AlignmentKernel, JacobiansAreThoseOfCentralDifferences) {
+  const Eigen::Isometry3d T = lattice_pose();
+  for (const int reach : {1, 2, 3}) {
+    for (const bool correlated : {false, true}) {
+      SampleSet set = random_samples(kernel::kBlock, T, correlated ? 0.8F : 0.0F);
+      AccumulateInput in;
+      set_pose(T, in);
+      in.gain = 120.0F;
+      in.offset = 30.0F;
+      in.reach = reach;
+      in.correlated = correlated;
+      const Variant& variant = kernel::best_variant();
+      // The derivative of each sample's model by each motion.
+      std::array<std::vector<double>, 6> numeric;
+      for (int k = 0; k < 6; ++k) {
+        const double step = k < 3 ? 4e-3 : 4e-4;
+        Vector6d xi = Vector6d::Zero();
+        xi[k] = step;
+        AccumulateInput moved = in;
+        set_pose(T * exp_se3(xi), moved);
+        variant.evaluate(moved, set.s);
+        std::vector<float> plus(set.s.model, set.s.model + set.s.count);
+        set_pose(T * exp_se3(-xi), moved);
+        variant.evaluate(moved, set.s);
+        for (int i = 0; i < set.s.count; ++i) {
+          numeric[static_cast<std::size_t>(k)].push_back(
+              120.0 *
+              (static_cast<double>(plus[static_cast<std::size_t>(i)]) -
+               static_cast<double>(set.s.model[i])) /
+              (2.0 * step));
+        }
+      }
+      variant.evaluate(in, set.s);
+      for (int i = 0; i < set.s.count; ++i) {
+        // With one sample's weight the gradient is its own Jacobian times its residual.
+        for (int j = 0; j < set.s.count; ++j) set.s.weight[j] = i == j ? 1.0F : 0.0F;
+        set.s.value[i] = in.offset + in.gain * set.s.model[i] + 1.0F;
+        Sums sums;
+        variant.accumulate(in, set.s, sums);
+        for (int k = 0; k < 6; ++k) {
+          const double expected = numeric[static_cast<std::size_t>(k)][static_cast<std::size_t>(i)];
+          const double scale = k < 3 ? 120.0 : 1200.0;
+          EXPECT_NEAR(sums.g[k], expected, 0.01 * std::abs(expected) + 0.003 * scale)
+              << "reach " << reach << ", correlated " << correlated << ", parameter " << k;
+        }
+        EXPECT_NEAR(sums.g[6], static_cast<double>(set.s.model[i]), 1e-4);
+        EXPECT_NEAR(sums.g[7], 1.0, 1e-4);
+      }
+    }
+  }
+}
+
+// Without correlation the bivariate distribution is the product, and with lines far apart the
+// vertex alone says the same as its neighbourhood.
+TEST(AlignmentKernel, ModelsAgreeWhereTheyShould) {
+  const Eigen::Isometry3d T = lattice_pose();
+  SampleSet set = random_samples(kernel::kBlock, T, 0.0F);
+  AccumulateInput in;
+  set_pose(T, in);
+  const Variant& variant = kernel::best_variant();
+  for (const int reach : {1, 2, 3}) {
+    in.reach = reach;
+    in.correlated = false;
+    variant.evaluate(in, set.s);
+    const std::vector<float> plain(set.s.model, set.s.model + set.s.count);
+    in.correlated = true;
+    variant.evaluate(in, set.s);
+    for (int i = 0; i < set.s.count; ++i)
+      EXPECT_NEAR(set.s.model[i], plain[static_cast<std::size_t>(i)], 2e-4F);
+  }
+}
+
+TEST(AlignmentKernel, CorrelatedBlurIsTheBivariateNormal) {
+  // P(X < x, Y < y) by summation over a fine grid, against the kernel with a lone corner.
+  const Eigen::Isometry3d T = lattice_pose();
+  SampleSet set = random_samples(kernel::kBlock, T, 0.0F);
+  AccumulateInput in;
+  set_pose(T, in);
+  in.correlated = true;
+  const std::array<double, 4> correlations = {-0.8, -0.4, 0.3, 0.9};
+  for (int i = 0; i < set.s.count; ++i) {
+    for (int k = 0; k < 4; ++k) set.s.c[k][i] = k == 3 ? 1.0F : 0.0F;
+    set.s.rho[i] = static_cast<float>(correlations[static_cast<std::size_t>(i % 4)]);
+  }
+  kernel::best_variant().evaluate(in, set.s);
+  for (int i = 0; i < 16; ++i) {
+    const double rho = static_cast<double>(set.s.rho[i]);
+    const Eigen::Matrix3d M =
+        Eigen::Map<const Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>(in.lattice_from_ray)
+            .cast<double>();
+    const Eigen::Vector3d h = M * Eigen::Vector3d(static_cast<double>(set.s.ray_x[i]),
+                                                  static_cast<double>(set.s.ray_y[i]), 1.0);
+    const double x =
+        static_cast<double>(set.s.ka[i]) * (h.x() / h.z() - static_cast<double>(set.s.va[i]));
+    const double y =
+        static_cast<double>(set.s.kb[i]) * (h.y() / h.z() - static_cast<double>(set.s.vb[i]));
+    double sum = 0.0;
+    constexpr int kSteps = 4000;
+    for (int k = 0; k < kSteps; ++k) {
+      const double u = -8.0 + (x + 8.0) * (k + 0.5) / kSteps;
+      const double conditional =
+          0.5 * std::erfc(-(y - rho * u) / std::sqrt(1.0 - rho * rho) / std::sqrt(2.0));
+      sum += std::exp(-0.5 * u * u) / std::sqrt(2.0 * M_PI) * conditional;
+    }
+    EXPECT_NEAR(static_cast<double>(set.s.model[i]), sum * (x + 8.0) / kSteps, 3e-3);
+  }
+}
+
+// Sums run in fixed lanes and nothing is fused: every instruction set gives the same bits, and so
+// the same poses on every machine.
+TEST(AlignmentKernel, EveryVariantGivesTheSameBits) {
+  const Eigen::Isometry3d T = lattice_pose();
+  std::mt19937 random(3);
+  std::vector<std::uint8_t> image(200 * 200);
+  for (std::uint8_t& pixel : image) pixel = static_cast<std::uint8_t>(random() & 255U);
+  std::array<const std::uint8_t*, 20> points{};
+  std::array<std::ptrdiff_t, 20> strides{};
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    points[k] = image.data() + random() % 100 * 200 + random() % 100;
+    strides[k] = 200;
+  }
+  const auto all = variants();
+  ASSERT_FALSE(all.empty());
+  for (const int reach : {1, 2, 3}) {
+    for (const bool correlated : {false, true}) {
+      for (const auto kind : {kernel::Lens::Kind::none, kernel::Lens::Kind::polynomial,
+                              kernel::Lens::Kind::rational, kernel::Lens::Kind::fisheye}) {
+        std::vector<Sums> results;
+        std::vector<std::vector<float>> rays;
+        std::vector<std::vector<std::int16_t>> scores;
+        for (const Variant* variant : all) {
+          SampleSet set = random_samples(4 * kernel::kBlock, T, 0.7F);
+          kernel::Lens lens;
+          lens.fx = 530.0F;
+          lens.fy = 528.0F;
+          lens.cx = 320.0F;
+          lens.cy = 240.0F;
+          lens.kind = kind;
+          lens.k[0] = -0.1F;
+          lens.k[1] = 0.02F;
+          for (int i = 0; i < set.s.count; ++i) {
+            set.s.pixel_x[i] = std::round(lens.fx * set.s.ray_x[i] + lens.cx);
+            set.s.pixel_y[i] = std::round(lens.fy * set.s.ray_y[i] + lens.cy);
+          }
+          AccumulateInput in;
+          set_pose(T, in);
+          in.gain = 120.0F;
+          in.offset = 30.0F;
+          in.inverse_cutoff = 1.0F / 80.0F;
+          in.reach = reach;
+          in.correlated = correlated;
+          variant->prepare(lens, in.lattice_from_ray, reach, 11, set.s);
+          Sums sums;
+          variant->accumulate(in, set.s, sums);
+          results.push_back(sums);
+          rays.emplace_back(set.s.ray_x, set.s.ray_x + set.s.count);
+          std::vector<std::int16_t> map(64 * 20);
+          variant->search(points.data(), strides.data(), 10, 20, 64, 20, 2, map.data());
+          scores.push_back(map);
+        }
+        for (std::size_t k = 1; k < all.size(); ++k) {
+          EXPECT_EQ(std::memcmp(&results[0], &results[k], sizeof(Sums)), 0) << all[k]->name;
+          EXPECT_EQ(rays[0], rays[k]) << all[k]->name;
+          EXPECT_EQ(scores[0], scores[k]) << all[k]->name;
+        }
+        EXPECT_GT(results[0].weight, 1.0);
+      }
+    }
+  }
+}
+
+// The pose problem of one tag with gain and offset eliminated, as the few residuals that have the
+// same normal equations: what a general solver is given.
+struct CompressedProblem {
+  using Scalar = double;
+  enum { NUM_RESIDUALS = 7, NUM_PARAMETERS = 6 };
+
+  const Variant* variant;
+  const SampleSet* set;
+  Eigen::Isometry3d T0;
+  mutable double gain, offset;
+  mutable int evaluations = 0;
+
+  void normal_equations(const Vector6d& xi, Matrix6d& H, Vector6d& g, double& cost) const {
+    AccumulateInput in;
+    set_pose(T0 * exp_se3(xi), in);
+    in.gain = static_cast<float>(gain);
+    in.offset = static_cast<float>(offset);
+    Sums sums;
+    variant->accumulate(in, set->s, sums);
+    ++evaluations;
+    Eigen::Matrix<double, 8, 8> full;
+    int index = 0;
+    for (int p = 0; p < 8; ++p) {
+      for (int q = p; q < 8; ++q, ++index) full(p, q) = full(q, p) = sums.H[index];
+    }
+    const Eigen::Map<const Eigen::Matrix<double, 8, 1>> gradient(sums.g);
+    const Eigen::Matrix2d inverse = full.bottomRightCorner<2, 2>().inverse();
+    const Eigen::Matrix<double, 6, 2> cross = full.topRightCorner<6, 2>();
+    H = full.topLeftCorner<6, 6>() - cross * inverse * cross.transpose();
+    g = gradient.head<6>() - cross * inverse * gradient.tail<2>();
+    cost = sums.cost - gradient.tail<2>().dot(inverse * gradient.tail<2>());
+    // Gain and offset go to their best values, which do not change the eliminated problem.
+    const Eigen::Vector2d levels = inverse * gradient.tail<2>();
+    gain += levels[0];
+    offset += levels[1];
+  }
+
+  bool operator()(const double* x, double* residuals, double* jacobian) const {
+    Matrix6d H;
+    Vector6d g;
+    double cost = 0.0;
+    normal_equations(Eigen::Map<const Vector6d>(x), H, g, cost);
+    const Eigen::LLT<Matrix6d> llt(H);
+    const Vector6d projected = llt.matrixL().solve(g);
+    Eigen::Map<Eigen::Matrix<double, 7, 1>> r(residuals);
+    r.head<6>() = -projected;
+    r[6] = std::sqrt(std::max(0.0, cost - projected.squaredNorm()));
+    if (jacobian != nullptr) {
+      Eigen::Map<Eigen::Matrix<double, 7, 6>> J(jacobian);
+      J.setZero();
+      J.topRows<6>() = llt.matrixU();
+    }
+    return true;
+  }
+};
+
+TEST(AlignmentKernel, HandWrittenStepsEndWhereTinySolverDoes) {
+  const Eigen::Isometry3d truth = lattice_pose();
+  SampleSet set = random_samples(8 * kernel::kBlock, truth, 0.0F);
+  AccumulateInput in;
+  set_pose(truth, in);
+  const Variant& variant = kernel::best_variant();
+  variant.evaluate(in, set.s);
+  std::mt19937 random(9);
+  std::normal_distribution<float> noise(0.0F, 2.0F);
+  for (int i = 0; i < set.s.count; ++i)
+    set.s.value[i] = 35.0F + 140.0F * set.s.model[i] + noise(random);
+  Vector6d off;
+  off << 0.05, -0.04, 0.2, 0.01, -0.012, 0.008;
+  const Eigen::Isometry3d start = truth * exp_se3(off);
+
+  CompressedProblem tiny{&variant, &set, start, 120.0, 45.0};
+  ceres::TinySolver<CompressedProblem> solver;
+  solver.options.max_num_iterations = 30;
+  Vector6d found = Vector6d::Zero();
+  solver.Solve(tiny, &found);
+
+  CompressedProblem hand{&variant, &set, start, 120.0, 45.0};
+  for (int i = 0; i < 6; ++i) {
+    Matrix6d H;
+    Vector6d g;
+    double cost = 0.0;
+    hand.normal_equations(Vector6d::Zero(), H, g, cost);
+    hand.T0 = hand.T0 * exp_se3(H.ldlt().solve(g));
+  }
+  const Vector6d difference = log_se3((start * exp_se3(found)).inverse() * hand.T0);
+  EXPECT_LT(difference.head<3>().norm(), 2e-3);  // cells
+  EXPECT_LT(difference.tail<3>().norm(), 1e-4);
+  const Vector6d error = log_se3(truth.inverse() * hand.T0);
+  EXPECT_LT(error.head<2>().norm(), 0.05);
+  EXPECT_LE(hand.evaluations, tiny.evaluations);
+}
+
+}  // namespace
+}  // namespace penumbra

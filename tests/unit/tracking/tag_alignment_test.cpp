@@ -1,0 +1,245 @@
+#include "tracking/tag_alignment.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
+#include <random>
+
+#include "core/evaluation.hpp"
+#include "support/synthetic_board.hpp"
+#include "tracking/alignment_kernel.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::board;
+using test::displaced;
+using test::loose_prior;
+using test::random_view;
+using test::wide_camera;
+
+class TagAlignmentTest : public ::testing::Test {
+ protected:
+  GreyImage picture(const CameraPose& pose, const PatternRenderOptions& options) {
+    const std::array<CameraPose, 1> path = {pose};
+    return renderer_.render(path, options);
+  }
+  const AlignmentResult& align(TagAligner& aligner, const GreyImage& image, const CameraPose& start,
+                               double start_px) {
+    AlignmentInput input;
+    input.luma = image.view();
+    input.predicted = start;
+    input.covariance = loose_prior(0.0007 * start_px, 0.0012 * start_px);
+    return aligner.align(input);
+  }
+  double overlay_px(const CameraPose& estimated, const CameraPose& truth) const {
+    return overlay_difference(camera_, estimated, truth).rms_px();
+  }
+
+  const CameraModel camera_ = wide_camera();
+  const std::vector<MappedTag> tags_ = board(3, 2, 0.06);
+  PatternRenderer renderer_ = PatternRenderer::create(camera_, tags_).value();
+  std::mt19937_64 random_{4};
+};
+
+TEST_F(TagAlignmentTest, WithoutNoiseThePoseIsTrueToAHundredthOfAPixel) {
+  AlignmentOptions options;
+  options.effort = AlignmentEffort::accurate;
+  auto aligner = TagAligner::create(camera_, tags_, options).value();
+  for (int k = 0; k < 3; ++k) {
+    const CameraPose truth = random_view(random_);
+    const GreyImage image = picture(truth, {});
+    const AlignmentResult& result =
+        align(aligner, image, displaced(camera_, tags_, truth, 2.0, random_), 2.0);
+    ASSERT_TRUE(result.verified) << result.reason;
+    EXPECT_LT(overlay_px(result.T_table_camera, truth), 0.012);
+    EXPECT_EQ(result.tags_verified, 6);
+  }
+}
+
+TEST_F(TagAlignmentTest, NoiseCostsWhatTheBoundSays) {
+  double fast2 = 0.0;
+  double accurate2 = 0.0;
+  double expected2 = 0.0;
+  constexpr int kPoses = 4;
+  constexpr int kPictures = 6;  // of each pose, with other noise
+  for (int k = 0; k < kPoses; ++k) {
+    const CameraPose truth = random_view(random_);
+    PatternRenderOptions render;
+    const std::array<CameraPose, 1> path = {truth};
+    const std::vector<double> light = renderer_.render_light(path, render);
+    const double bound = expected_overlay_error_px(
+        camera_, truth, test::pose_bound(renderer_, camera_, tags_, truth, render, 2.0));
+    for (int j = 0; j < kPictures; ++j) {
+      std::normal_distribution<double> noise(0.0, 2.0);
+      GreyImage image;
+      image.width = camera_.width();
+      image.height = camera_.height();
+      for (const double l : light)
+        image.pixels.push_back(static_cast<std::uint8_t>(
+            std::lround(std::clamp(255.0 * l + noise(random_), 0.0, 255.0))));
+      const CameraPose start = displaced(camera_, tags_, truth, 2.0, random_);
+      for (const AlignmentEffort effort : {AlignmentEffort::fast, AlignmentEffort::accurate}) {
+        AlignmentOptions options;
+        options.effort = effort;
+        auto aligner = TagAligner::create(camera_, tags_, options).value();
+        const AlignmentResult& result = align(aligner, image, start, 2.0);
+        ASSERT_TRUE(result.verified);
+        const double ratio = overlay_px(result.T_table_camera, truth) / bound;
+        (effort == AlignmentEffort::fast ? fast2 : accurate2) +=
+            ratio * ratio / (kPoses * kPictures);
+        if (effort == AlignmentEffort::accurate) {
+          const double expected =
+              expected_overlay_error_px(camera_, result.T_table_camera, result.covariance);
+          expected2 += expected * expected / (bound * bound * kPoses * kPictures);
+        }
+      }
+    }
+  }
+  EXPECT_LT(std::sqrt(fast2), 4.0);
+  EXPECT_LT(std::sqrt(accurate2), 1.7);
+  // The covariance promises neither less than is possible nor much more than is found.
+  EXPECT_GT(std::sqrt(expected2), 0.7);
+  EXPECT_LT(std::sqrt(expected2), 2.0);
+  RecordProperty("fast_over_bound", std::to_string(std::sqrt(fast2)));
+  RecordProperty("expected_over_bound", std::to_string(std::sqrt(expected2)));
+  RecordProperty("accurate_over_bound", std::to_string(std::sqrt(accurate2)));
+}
+
+TEST_F(TagAlignmentTest, ConvergesFromMoreThanACellAway) {
+  auto aligner = TagAligner::create(camera_, tags_).value();
+  PatternRenderOptions render;
+  render.noise_grey = 2.0;
+  render.samples = 128;
+  for (const double start_px : {8.0, 16.0}) {  // cells are about 10 px
+    int converged = 0;
+    constexpr int kStarts = 20;
+    for (int k = 0; k < 4; ++k) {
+      const CameraPose truth = random_view(random_);
+      const GreyImage image = picture(truth, render);
+      for (int j = 0; j < kStarts / 4; ++j) {
+        const AlignmentResult& result =
+            align(aligner, image, displaced(camera_, tags_, truth, start_px, random_), start_px);
+        const bool close = overlay_px(result.T_table_camera, truth) < 0.15;
+        EXPECT_EQ(result.verified, close) << "from " << start_px << " px";
+        converged += result.verified && close ? 1 : 0;
+      }
+    }
+    EXPECT_GE(converged, start_px < 10.0 ? kStarts : kStarts - 2) << "from " << start_px << " px";
+  }
+}
+
+TEST_F(TagAlignmentTest, HoldsWithAThirdOfEveryTagCovered) {
+  auto aligner = TagAligner::create(camera_, tags_).value();
+  double sum2 = 0.0;
+  constexpr int kPoses = 4;
+  for (int k = 0; k < kPoses; ++k) {
+    const CameraPose truth = random_view(random_);
+    PatternRenderOptions render;
+    render.noise_grey = 2.0;
+    render.cover_share = 0.30;
+    render.samples = 512;
+    render.seed = static_cast<std::uint64_t>(k) + 1;
+    const AlignmentResult& result =
+        align(aligner, picture(truth, render), displaced(camera_, tags_, truth, 2.0, random_), 2.0);
+    ASSERT_TRUE(result.verified) << result.reason;
+    const double error = overlay_px(result.T_table_camera, truth);
+    sum2 += error * error / kPoses;
+  }
+  EXPECT_LT(std::sqrt(sum2), 0.035);
+}
+
+TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
+  double known2 = 0.0;
+  double unknown2 = 0.0;
+  for (int k = 0; k < 3; ++k) {
+    const CameraPose truth = random_view(random_);
+    const Vector6d motion =
+        perturbation_between(truth, displaced(camera_, tags_, truth, 8.0, random_));
+    std::vector<CameraPose> path;
+    for (int i = 0; i < 16; ++i)
+      path.push_back(perturbed(truth, motion * ((i + 0.5) / 16.0 - 0.5)));
+    PatternRenderOptions render;
+    render.noise_grey = 2.0;
+    render.samples = 512;
+    const GreyImage image = renderer_.render(path, render);
+    AlignmentInput input;
+    input.luma = image.view();
+    input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
+    input.covariance = loose_prior(0.003, 0.005);
+    auto aligner = TagAligner::create(camera_, tags_).value();
+    const AlignmentResult& without = aligner.align(input);
+    ASSERT_TRUE(without.verified);
+    unknown2 += std::pow(overlay_px(without.T_table_camera, truth), 2);
+    input.exposure_motion = motion;
+    const AlignmentResult& with = aligner.align(input);
+    ASSERT_TRUE(with.verified);
+    known2 += std::pow(overlay_px(with.T_table_camera, truth), 2);
+  }
+  EXPECT_LT(std::sqrt(known2 / 3.0), 0.12);
+  EXPECT_LT(known2, unknown2);
+}
+
+TEST_F(TagAlignmentTest, OtherTagsOrNoneAreNotVerified) {
+  auto others = board(3, 2, 0.06);
+  for (MappedTag& tag : others) tag.id += 100;
+  auto aligner = TagAligner::create(camera_, others).value();
+  PatternRenderOptions render;
+  render.noise_grey = 2.0;
+  render.samples = 128;
+  for (int k = 0; k < 4; ++k) {
+    const CameraPose truth = random_view(random_);
+    EXPECT_FALSE(
+        align(aligner, picture(truth, render), displaced(camera_, tags_, truth, 4.0, random_), 4.0)
+            .verified);
+  }
+  GreyImage blank;
+  blank.width = camera_.width();
+  blank.height = camera_.height();
+  blank.pixels.assign(static_cast<std::size_t>(blank.width * blank.height), 128);
+  const CameraPose view = random_view(random_);
+  EXPECT_FALSE(align(aligner, blank, view, 4.0).verified);
+  // Looking away from the board.
+  const CameraPose away(view.rotation() * Eigen::AngleAxisd(3.0, Eigen::Vector3d::UnitY()),
+                        view.translation());
+  EXPECT_FALSE(align(aligner, blank, away, 4.0).verified);
+}
+
+TEST_F(TagAlignmentTest, EveryInstructionSetGivesTheSamePose) {
+  const CameraPose truth = random_view(random_);
+  PatternRenderOptions render;
+  render.noise_grey = 3.0;
+  render.samples = 128;
+  const GreyImage image = picture(truth, render);
+  const CameraPose start = displaced(camera_, tags_, truth, 6.0, random_);
+  std::optional<CameraPose> first;
+  for (const kernel::Variant* const* v = kernel::available_variants(); *v != nullptr; ++v) {
+    AlignmentOptions options;
+    options.kernel = (*v)->name;
+    auto aligner = TagAligner::create(camera_, tags_, options).value();
+    const AlignmentResult& result = align(aligner, image, start, 6.0);
+    ASSERT_TRUE(result.verified);
+    if (!first) first = result.T_table_camera;
+    EXPECT_EQ(result.T_table_camera.translation(), first->translation()) << (*v)->name;
+    EXPECT_EQ(result.T_table_camera.rotation().coeffs(), first->rotation().coeffs()) << (*v)->name;
+  }
+}
+
+TEST(Se3, LogarithmUndoesTheExponential) {
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> n(0.0, 1.0);
+  for (const double scale : {1e-9, 1e-5, 1e-2, 1.0}) {
+    for (int k = 0; k < 20; ++k) {
+      Vector6d xi;
+      for (double& x : xi) x = scale * n(random);
+      if (xi.tail<3>().norm() > 3.0) continue;
+      EXPECT_LT((log_se3(exp_se3(xi)) - xi).norm(), 1e-9 * (1.0 + scale));
+    }
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

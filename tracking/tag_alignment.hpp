@@ -1,0 +1,115 @@
+// Frame to frame: the known tag pattern is laid over the grey levels, with no detection.
+//
+// From a predicted pose the camera's pose is found that explains the grey levels around the edges
+// of all visible tags of one rigid group best: a code search brings the prediction within a cell, a
+// wide and a fine photometric stage (closed-form blurred edges, gain and offset per tag, Tukey's
+// weights) solve one SE(3) pose over all tags with the full lens model, and the cells are decoded
+// at the solved pose before it counts.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "core/camera_model.hpp"
+#include "core/error.hpp"
+#include "core/image_view.hpp"
+#include "core/tag_map.hpp"
+#include "core/transform.hpp"
+#include "tracking/pose_refiner.hpp"
+
+namespace penumbra {
+
+enum class AlignmentEffort {
+  fast,      // up to `samples_per_tag` pixels per tag and `samples` in all
+  accurate,  // every pixel at an edge
+};
+
+struct AlignmentOptions {
+  AlignmentEffort effort = AlignmentEffort::fast;
+  int samples_per_tag = 400;
+  int samples = 2400;  // of all tags together, where that gives a tag 100 and more; fast only
+  // Sigma of the point spread, the pixel's box included: a lens of 0.5 px gives
+  // sqrt(0.25 + 1/12) px.
+  double blur_px = 0.58;
+  // Linear light = (grey / 255) ^ exponent; the camera model's tone curve where it has one.
+  double tone_exponent = 1.0;
+  double min_cell_px = 0.7;      // tags whose cells are smaller across are left out
+  const char* kernel = nullptr;  // name of the instruction set to use; null: the best
+};
+
+struct AlignmentInput {
+  ImageView luma;
+  CameraPose predicted;  // T_table_camera
+  // Of the prediction: T_table_camera * exp([nu; omega]) [m, rad], camera frame.
+  Matrix6d covariance = Matrix6d::Identity();
+  // The camera's motion during the exposure, the same kind of vector; zero when unknown.
+  Vector6d exposure_motion = Vector6d::Zero();
+};
+
+struct TagAlignment {
+  int index = 0;  // in the list given to create
+  bool verified = false;
+  double gain = 0.0;  // white - black [grey levels of linearised light]
+  double offset = 0.0;
+  int cells_read = 0;         // data cells that were decided
+  int cells_wrong = 0;        // of these
+  double weight_share = 0.0;  // of the samples, after Tukey's weights
+};
+
+struct AlignmentCounters {
+  int tags_visible = 0;
+  int searched_points = 0;
+  int samples = 0;      // of the last fine stage
+  int evaluations = 0;  // of the sums over all tags
+  int fine_rounds = 0;
+  bool second_try = false;  // whether the wider search was needed
+};
+
+struct AlignmentResult {
+  bool verified = false;
+  CameraPose T_table_camera;
+  Matrix6d covariance = Matrix6d::Zero();  // as in PoseEstimate, the prior included
+  double residual_rms = 0.0;               // weighted, as a share of the gain
+  std::vector<TagAlignment> tags;          // the visible ones
+  int tags_verified = 0;
+  AlignmentCounters counters;
+  std::string_view reason;  // why it is not verified
+};
+
+class TagAligner {
+ public:
+  // `tags`: of one rigid group. Fails when a tag's id does not exist in its family.
+  [[nodiscard]] static Result<TagAligner> create(const CameraModel& camera,
+                                                 std::span<const MappedTag> tags,
+                                                 const AlignmentOptions& options = {});
+  TagAligner(TagAligner&&) noexcept;
+  TagAligner& operator=(TagAligner&&) noexcept;
+  ~TagAligner();
+
+  [[nodiscard]] const AlignmentOptions& options() const;
+  void set_effort(AlignmentEffort effort);
+  void set_tone_exponent(double exponent);
+  void set_blur(double blur_px);
+
+  // The image's size must be the camera's. Same input, same bits.
+  [[nodiscard]] const AlignmentResult& align(const AlignmentInput& input);
+
+  // Verifies a pose that came from elsewhere (a detection) as align does its own, and refines it
+  // with no search.
+  [[nodiscard]] const AlignmentResult& refine(const AlignmentInput& input);
+
+ private:
+  struct Impl;
+  explicit TagAligner(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+// Motions: exp([nu; omega]) and its inverse.
+[[nodiscard]] Eigen::Isometry3d exp_se3(const Vector6d& xi);
+[[nodiscard]] Vector6d log_se3(const Eigen::Isometry3d& T);
+
+}  // namespace penumbra
