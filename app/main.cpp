@@ -81,7 +81,6 @@ ExitCode run(int argc, char** argv) {
   penumbra::add_evaluate_command(program, chosen);
   penumbra::add_shadow_command(program, chosen);
   penumbra::add_target_command(program, chosen);
-  penumbra::add_shadow_command(program, chosen);
   penumbra::add_kernels_command(program, chosen);
 
   try {

@@ -30,7 +30,6 @@ void add_devices_command(CLI::App& program, ChosenCommand& chosen);
 void add_evaluate_command(CLI::App& program, ChosenCommand& chosen);
 void add_shadow_command(CLI::App& program, ChosenCommand& chosen);
 void add_target_command(CLI::App& program, ChosenCommand& chosen);
-void add_shadow_command(CLI::App& program, ChosenCommand& chosen);
 void add_kernels_command(CLI::App& program, ChosenCommand& chosen);
 
 }  // namespace penumbra
