@@ -234,7 +234,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (!camera) return tl::unexpected(camera.error());
   const auto tags = load_tag_map(request.tags);
   if (!tags) return tl::unexpected(tags.error());
-  auto tracker = TableTracker::create(*camera, *tags);
+  auto tracker = TableTracker::create(*camera, *tags, request.tracking);
   if (!tracker) return tl::unexpected(tracker.error());
   auto loaded_scene = load_scene(request.scene);
   if (!loaded_scene) return tl::unexpected(loaded_scene.error());

@@ -11,6 +11,7 @@
 #include "app/run_report.hpp"
 #include "core/error.hpp"
 #include "render/frame_plan.hpp"
+#include "tracking/table_tracker.hpp"
 
 namespace penumbra {
 
@@ -20,6 +21,7 @@ struct LiveRequest : OutputRequest {
   std::filesystem::path tags;
   std::filesystem::path scene;
   PlanOptions plan;
+  TrackerOptions tracking;
   std::optional<int> width, height;  // [px]; the calibration's
   std::optional<double> fps;
   std::optional<std::string> format;  // of V4L2

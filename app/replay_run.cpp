@@ -60,7 +60,7 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
 
 Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& recording) {
   if (!request.poses_from) {
-    auto tracker = TableTracker::create(*recording.camera, *recording.tags);
+    auto tracker = TableTracker::create(*recording.camera, *recording.tags, request.tracking);
     if (!tracker) return tl::unexpected(tracker.error());
     return PoseSource(std::move(*tracker));
   }

@@ -10,6 +10,7 @@
 #include "app/run_report.hpp"
 #include "core/error.hpp"
 #include "render/frame_plan.hpp"
+#include "tracking/table_tracker.hpp"
 
 namespace penumbra {
 
@@ -18,6 +19,7 @@ struct ReplayRequest : OutputRequest {
   std::filesystem::path scene;
   std::optional<std::filesystem::path> tags;  // instead of the recording's
   PlanOptions plan;
+  TrackerOptions tracking;
   std::optional<std::string> poses_from;  // "groundtruth" or a TUM file: no tracker
   FrameRange frames;
   int threads = 2;  // 1: decode when asked; more: decode ahead on a thread of its own

@@ -105,6 +105,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
 
   add_time("track", {times.total_ms, times.total_cpu_ms});
   if (times.detect_ms > 0.0) add_time("detect", {times.detect_ms, times.detect_cpu_ms});
+  if (times.align_ms > 0.0) add_time("align", {times.align_ms, times.align_cpu_ms});
   if (times.solve_ms > 0.0) add_time("solve", {times.solve_ms, times.solve_cpu_ms});
   add_time("plan", frame.plan_time);
   add_time("shadow", {drawn.shadow_ms, drawn.shadow_cpu_ms});

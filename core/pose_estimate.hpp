@@ -37,7 +37,9 @@ struct PoseEstimate {
   // Covariance of the right perturbation T_table_camera * exp([nu; omega]), [m, rad], camera frame,
   // translation first.
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
-  double reprojection_rms_px = 0.0;  // over the corners that were used, per corner (2-D distance)
+  // Over the corners that were used, per corner (2-D distance); of an alignment, the displacement
+  // of the edges that would leave its residuals.
+  double reprojection_rms_px = 0.0;
   double expected_overlay_error_px =
       0.0;  // 1 sigma of the overlay error (see core/evaluation.hpp), from the covariance
   // Reprojection RMS of the second pose that explains a planar target over that of the best one;

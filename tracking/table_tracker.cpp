@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -12,6 +13,8 @@
 #include "core/stopwatch.hpp"
 #include "core/units.hpp"
 #include "tracking/board_pose.hpp"
+#include "tracking/motion_model.hpp"
+#include "tracking/tag_alignment.hpp"
 
 namespace penumbra {
 namespace {
@@ -21,6 +24,37 @@ constexpr std::string_view kTableGroup = "table";
 // poses or to give a velocity.
 constexpr double kPriorLifetime_s = 0.2;
 
+// Image motion in a thirtieth of a second [px], RMS over the overlay cube: below the first the view
+// rests, above the second it moves again.
+constexpr double kRests_px = 1.0;
+constexpr double kMoves_px = 1.5;
+constexpr int kFewTags = 3;  // with less than these every pixel counts
+// From here on motion blur, of half a frame, is wider than the lens's own by so much that more
+// pixels only repeat its error.
+constexpr double kBlurs_px = 12.0;
+
+// What the alignment's covariance doesn't know. Blur along the motion displaces all edges together,
+// by a share of the motion, though by no more than some times what the residuals show (strong
+// shake: 0.3 to 0.6 px, errors up to 1.2 px); the tone curve and the lens leave a bias.
+constexpr double kCovarianceTimes = 4.0;
+constexpr double kMotionShare = 0.05;
+constexpr double kResidualTimes = 3.0;
+constexpr double kBias_px = 0.05;
+constexpr double kUnknownMotion_px = 5.0;  // of the first frame, where nothing says
+
+// Residuals of the wrong one of two poses over those of the right one, from which on the picture
+// decides.
+constexpr double kResidualRatio = 1.05;
+constexpr std::string_view kTwoPoses = "two poses fit";
+
+// Of a pose from elsewhere that only says where to begin.
+Matrix6d loose_covariance() {
+  Matrix6d covariance = Matrix6d::Zero();
+  covariance.diagonal().head<3>().setConstant(0.05 * 0.05);
+  covariance.diagonal().tail<3>().setConstant(0.1 * 0.1);
+  return covariance;
+}
+
 // What one frame says about the pose, whatever method found it.
 struct Measurement {
   RefinedPose best;
@@ -29,6 +63,7 @@ struct Measurement {
   int tags_used = 0;
   bool ambiguous = false;  // the second pose may be the true one
   bool contradictory = false;
+  bool aligned = false;  // by the alignment: the covariance is what it should be
 };
 
 struct TimedPose {
@@ -46,13 +81,49 @@ std::array<std::uint8_t, 256> linearising_table(double exponent) {
   return table;
 }
 
+struct ModeName {
+  std::string_view name;
+  TrackingMode mode;
+};
+constexpr std::array<ModeName, 4> kModes = {{{"detect", TrackingMode::detect},
+                                             {"fast", TrackingMode::fast},
+                                             {"accurate", TrackingMode::accurate},
+                                             {"auto", TrackingMode::automatic}}};
+
 }  // namespace
 
+std::string_view to_string(TrackingMode mode) {
+  for (const ModeName& entry : kModes) {
+    if (entry.mode == mode) return entry.name;
+  }
+  return "auto";
+}
+
+std::optional<TrackingMode> tracking_mode_from_string(std::string_view name) {
+  for (const ModeName& entry : kModes) {
+    if (entry.name == name) return entry.mode;
+  }
+  return std::nullopt;
+}
+
 struct TableTracker::Impl {
+  Impl(CameraModel camera_, TagMap tags_, TrackerOptions options_, TagDetector detector_,
+       TagDetector half_detector_, TagAligner aligner_, std::vector<MappedTag> table_tags_)
+      : camera(std::move(camera_)),
+        tags(std::move(tags_)),
+        options(options_),
+        detector(std::move(detector_)),
+        half_detector(std::move(half_detector_)),
+        aligner(std::move(aligner_)),
+        table_tags(std::move(table_tags_)) {}
+
   CameraModel camera;
   TagMap tags;
   TrackerOptions options;
   TagDetector detector;
+  TagDetector half_detector;  // quads searched at half the resolution
+  TagAligner aligner;
+  std::vector<MappedTag> table_tags;  // in the aligner's order
   std::optional<std::array<std::uint8_t, 256>> linearise;
 
   std::vector<std::uint8_t> luma_scratch;
@@ -63,11 +134,27 @@ struct TableTracker::Impl {
   std::optional<TimedPose> before_last;
   TrackStatus last_status = TrackStatus::tracked;  // of the last measured pose
 
+  // Frame to frame.
+  MotionModel motion;
+  bool branch_open = false;  // which of a lone tag's two poses is followed is not known
+  bool rests = false;
+  int last_tags = 0;
+  bool half_next = false;  // which detector looks next
+
   TrackTimes times;
 
   [[nodiscard]] ImageView tracking_image(const Frame& frame);
   [[nodiscard]] std::optional<CameraPose> predict(std::int64_t timestamp_ns) const;
-  [[nodiscard]] Result<Measurement> measure_by_detection(ImageView image);
+  [[nodiscard]] Result<Measurement> measure_by_detection(ImageView image,
+                                                         TagDetector& with_detector);
+  [[nodiscard]] double image_motion_px(const MotionPrediction& prediction) const;
+  void choose_effort(double motion_px);
+  [[nodiscard]] std::optional<RefinedPose> aligned(const AlignmentResult& result,
+                                                   double motion_px) const;
+  void add_second(ImageView image, double motion_px, Measurement& measurement);
+  [[nodiscard]] std::optional<PoseEstimate> follow(const Frame& frame, ImageView image);
+  [[nodiscard]] PoseEstimate find(const Frame& frame, ImageView image,
+                                  const std::optional<CameraPose>& predicted);
   [[nodiscard]] int tags_in_view(const CameraPose& pose) const;
   [[nodiscard]] PoseEstimate judge(const Measurement& measurement,
                                    const std::optional<CameraPose>& predicted) const;
@@ -103,9 +190,10 @@ std::optional<CameraPose> TableTracker::Impl::predict(std::int64_t timestamp_ns)
   return perturbed(last->pose, xi * (ahead_s / step_s));
 }
 
-Result<Measurement> TableTracker::Impl::measure_by_detection(ImageView image) {
+Result<Measurement> TableTracker::Impl::measure_by_detection(ImageView image,
+                                                             TagDetector& with_detector) {
   const Stopwatch detect;
-  const std::vector<TagDetection> detections = detector.detect(image);
+  const std::vector<TagDetection> detections = with_detector.detect(image);
   detect.add_to(times.detect_ms, times.detect_cpu_ms);
   times.full_detection = true;
 
@@ -206,8 +294,10 @@ PoseEstimate TableTracker::Impl::judge(const Measurement& measurement,
   // Where most of the tags that should be readable are not, the picture is blurred or the view
   // grazing, and the corners that did come out are displaced together: their residuals don't show
   // it (strong shake: overlay errors of 4 times what they promise). The share of unread tags does.
-  const double share = static_cast<double>(std::max(tags_in_view(chosen.T_table_camera), 1)) /
-                       static_cast<double>(std::max(measurement.tags_used, 1));
+  const double share = measurement.aligned
+                           ? 1.0
+                           : static_cast<double>(std::max(tags_in_view(chosen.T_table_camera), 1)) /
+                                 static_cast<double>(std::max(measurement.tags_used, 1));
   estimate.covariance = chosen.covariance * std::max(share, 1.0);
   estimate.reprojection_rms_px = chosen.rms_px;
   estimate.ambiguity_ratio = measurement.ambiguity_ratio;
@@ -218,7 +308,7 @@ PoseEstimate TableTracker::Impl::judge(const Measurement& measurement,
   if (measurement.contradictory) {
     estimate.reason = "the tags contradict each other";
   } else if (open) {
-    estimate.reason = "two poses fit";
+    estimate.reason = kTwoPoses;
   } else if (!(estimate.expected_overlay_error_px < options.tracked_overlay_px)) {
     estimate.reason =
         std::isfinite(estimate.expected_overlay_error_px)
@@ -268,19 +358,210 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame) {
     last.reset();
     before_last.reset();
   }
-  const ImageView image = tracking_image(frame);
   const bool recent = last && seconds(frame.timestamp_ns - last->timestamp_ns) <= kPriorLifetime_s;
   const std::optional<CameraPose> predicted = recent ? predict(frame.timestamp_ns) : std::nullopt;
-
-  // A frame-to-frame measurement from `predicted` belongs here, before the detection.
-  const Result<Measurement> measurement = measure_by_detection(image);
-  if (!measurement) return without_measurement(frame.timestamp_ns, measurement.error().message);
-  PoseEstimate estimate = judge(*measurement, predicted);
+  PoseEstimate estimate;
+  if (options.mode == TrackingMode::detect) {
+    const Result<Measurement> measurement = measure_by_detection(tracking_image(frame), detector);
+    if (!measurement) return without_measurement(frame.timestamp_ns, measurement.error().message);
+    estimate = judge(*measurement, predicted);
+  } else {
+    if (motion.has_state() &&
+        (frame.timestamp_ns <= motion.timestamp_ns() ||
+         seconds(frame.timestamp_ns - motion.timestamp_ns()) > kPriorLifetime_s))
+      motion.reset();
+    const ImageView image = luma(frame, luma_scratch);
+    const std::optional<PoseEstimate> followed = follow(frame, image);
+    estimate = followed ? *followed : find(frame, image, predicted);
+    if (estimate.status == TrackStatus::lost || estimate.status == TrackStatus::held)
+      return estimate;
+  }
   last_status = estimate.status;
   if (estimate.status == TrackStatus::tracked) {
     before_last = std::exchange(
         last, TimedPose{frame.timestamp_ns, estimate.T_table_camera, estimate.covariance});
   }
+  return estimate;
+}
+
+// How far the overlay goes in a thirtieth of a second, as predicted.
+double TableTracker::Impl::image_motion_px(const MotionPrediction& prediction) const {
+  constexpr double kFrame_s = 1.0 / 30.0;
+  return overlay_difference(camera,
+                            perturbed(prediction.T_table_camera, kFrame_s * prediction.velocity),
+                            prediction.T_table_camera)
+      .rms_px();
+}
+
+void TableTracker::Impl::choose_effort(double motion_px) {
+  rests = motion_px < (rests ? kMoves_px : kRests_px);
+  bool every_pixel = options.mode == TrackingMode::accurate;
+  if (options.mode == TrackingMode::automatic) every_pixel = rests || last_tags < kFewTags;
+  times.every_pixel = every_pixel && motion_px < kBlurs_px;
+  aligner.set_effort(times.every_pixel ? AlignmentEffort::accurate : AlignmentEffort::fast);
+}
+
+// The alignment's pose with a covariance that says what it is worth in the image.
+std::optional<RefinedPose> TableTracker::Impl::aligned(const AlignmentResult& result,
+                                                       double motion_px) const {
+  if (!result.verified || !result.T_table_camera.is_finite() || !result.covariance.allFinite())
+    return std::nullopt;
+  RefinedPose pose;
+  pose.T_table_camera = result.T_table_camera;
+  // As a displacement of the edges: a blurred edge rises by 1 / (sqrt(2 pi) sigma) of the gain per
+  // pixel. Two axes.
+  pose.noise_px =
+      result.residual_rms * std::sqrt(2.0 * std::numbers::pi) * aligner.options().blur_px;
+  pose.rms_px = std::sqrt(2.0) * pose.noise_px;
+  const double promised =
+      expected_overlay_error_px(camera, result.T_table_camera, result.covariance);
+  pose.covariance = result.covariance;
+  if (promised > 0.0 && std::isfinite(promised)) {
+    const double blur_error_px = std::min(kMotionShare * motion_px, kResidualTimes * pose.rms_px);
+    const double systematic = std::hypot(kBias_px, blur_error_px);
+    pose.covariance *= kCovarianceTimes + systematic * systematic / (promised * promised);
+  }
+  return pose;
+}
+
+// The other pose that a lone tag (or a few in one plane, seen from afar) allows, aligned as well:
+// the picture itself is asked which of the two it is.
+void TableTracker::Impl::add_second(ImageView image, double motion_px, Measurement& measurement) {
+  if (!measurement.second) return;
+  const double first_residual = measurement.best.noise_px;
+  AlignmentInput input;
+  input.luma = image;
+  input.predicted = measurement.second->T_table_camera;
+  input.covariance = loose_covariance();
+  measurement.second.reset();
+  measurement.ambiguous = false;
+  measurement.ambiguity_ratio = std::numeric_limits<double>::infinity();
+  if (!input.predicted.is_finite()) return;
+  const std::optional<RefinedPose> second = aligned(aligner.refine(input), motion_px);
+  if (!second) return;
+  measurement.second = second;
+  measurement.ambiguity_ratio = second->noise_px / std::max(first_residual, 1e-9);
+  if (measurement.ambiguity_ratio < 1.0) {
+    std::swap(measurement.best, *measurement.second);
+    measurement.ambiguity_ratio = 1.0 / std::max(measurement.ambiguity_ratio, 1e-9);
+  }
+  measurement.ambiguous = measurement.ambiguity_ratio < kResidualRatio;
+}
+
+// The frame by alignment from where the last ones say the camera is; nothing when that does not
+// verify.
+std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, ImageView image) {
+  if (!motion.has_state()) return std::nullopt;
+  const MotionPrediction prediction = motion.predict(frame.timestamp_ns);
+  if (!prediction.T_table_camera.is_finite() || !prediction.covariance.allFinite()) {
+    motion.reset();
+    return std::nullopt;
+  }
+  const double motion_px = image_motion_px(prediction);
+  choose_effort(motion_px);
+  const Stopwatch align;
+  AlignmentInput input;
+  input.luma = image;
+  input.predicted = prediction.T_table_camera;
+  input.covariance = prediction.covariance;
+  const AlignmentResult& result = aligner.align(input);
+  // What the prediction missed is motion too.
+  const double uneven_px = std::hypot(
+      motion_px,
+      result.verified
+          ? overlay_difference(camera, result.T_table_camera, prediction.T_table_camera).rms_px()
+          : 0.0);
+  const std::optional<RefinedPose> best = aligned(result, uneven_px);
+  if (!best) {
+    align.add_to(times.align_ms, times.align_cpu_ms);
+    return std::nullopt;
+  }
+  const Matrix6d filter_covariance = result.covariance;
+  Measurement measurement;
+  measurement.best = *best;
+  measurement.aligned = true;
+  measurement.tags_used = result.tags_verified;
+  last_tags = result.tags_verified;
+  if (result.tags_verified == 1 || branch_open) {
+    std::vector<TagObservation> observations;
+    for (const TagAlignment& tag : result.tags) {
+      if (!tag.verified) continue;
+      const MappedTag& mapped = table_tags[static_cast<std::size_t>(tag.index)];
+      TagObservation observation{mapped.id, mapped.corners(), {}};
+      bool all = true;
+      for (std::size_t i = 0; i < 4 && all; ++i) {
+        const auto pixel =
+            camera.project(best->T_table_camera.inverse() * observation.corners_table[i]);
+        all = pixel.has_value();
+        if (all) observation.corners_px[i] = *pixel;
+      }
+      if (all) observations.push_back(observation);
+    }
+    const Stopwatch solve;
+    const Result<BoardPose> board = estimate_board_pose(camera, observations);
+    solve.add_to(times.solve_ms, times.solve_cpu_ms);
+    if (board) measurement.second = board->second;
+    add_second(image, uneven_px, measurement);
+  }
+  align.add_to(times.align_ms, times.align_cpu_ms);
+  PoseEstimate estimate =
+      judge(measurement, branch_open ? std::nullopt : std::optional(prediction.T_table_camera));
+  branch_open = estimate.status == TrackStatus::uncertain && measurement.ambiguous &&
+                estimate.reason == kTwoPoses;
+  if (estimate.T_table_camera.matrix() == best->T_table_camera.matrix()) {
+    motion.update(frame.timestamp_ns, best->T_table_camera, filter_covariance);
+  } else {
+    motion.start(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
+  }
+  return estimate;
+}
+
+// The frame by detection, refined by alignment where that verifies. One full frame is searched for
+// each frame that comes, at half the resolution and at the full one in turn: what is lost for long
+// costs no more than detecting does.
+PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
+                                      const std::optional<CameraPose>& predicted) {
+  TagDetector& with_detector = half_next ? half_detector : detector;
+  half_next = !half_next;
+  Result<Measurement> measurement = measure_by_detection(tracking_image(frame), with_detector);
+  if (!measurement) return without_measurement(frame.timestamp_ns, measurement.error().message);
+  if (!measurement->contradictory) {
+    const Stopwatch align;
+    times.every_pixel = options.mode != TrackingMode::fast;
+    aligner.set_effort(times.every_pixel ? AlignmentEffort::accurate : AlignmentEffort::fast);
+    AlignmentInput input;
+    input.luma = image;
+    input.predicted = measurement->best.T_table_camera;
+    input.covariance = loose_covariance();
+    // How fast the camera goes is not known here.
+    const AlignmentResult& result = aligner.refine(input);
+    const std::optional<RefinedPose> best = aligned(result, kUnknownMotion_px);
+    if (best) {
+      measurement->best = *best;
+      measurement->aligned = true;
+      measurement->tags_used = result.tags_verified;
+      last_tags = result.tags_verified;
+      if (measurement->ambiguous) {
+        add_second(image, kUnknownMotion_px, *measurement);
+      } else {
+        measurement->second.reset();
+      }
+    }
+    align.add_to(times.align_ms, times.align_cpu_ms);
+  }
+  const PoseEstimate estimate = judge(*measurement, predicted);
+  if (measurement->contradictory) {
+    motion.reset();
+    return estimate;
+  }
+  const bool was_open = std::exchange(branch_open, estimate.reason == kTwoPoses);
+  if (motion.has_state() && !was_open && !branch_open) {
+    // Two poses give a velocity.
+    motion.update(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
+  } else {
+    motion.start(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
+  }
+  if (estimate.status == TrackStatus::tracked) half_next = true;
   return estimate;
 }
 
@@ -296,8 +577,11 @@ Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMa
       !positive(options.max_reprojection_rms_px) || !(options.hold_s >= 0.0))
     return fail("tracker options: every limit must be a positive number");
   std::vector<TagFamily> families;
+  std::vector<MappedTag> table_tags;
   for (const MappedTag& tag : tags.tags()) {
-    if (tag.group == kTableGroup) families.push_back(tag.family);
+    if (tag.group != kTableGroup) continue;
+    families.push_back(tag.family);
+    table_tags.push_back(tag);
   }
   if (families.empty()) {
     return fail(
@@ -306,8 +590,15 @@ Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMa
   }
   Result<TagDetector> detector = TagDetector::create(families, options.detector);
   if (!detector) return tl::unexpected(detector.error());
-  auto impl = std::make_unique<Impl>(Impl{
-      camera, tags, options, std::move(*detector), {}, {}, {}, {}, {}, TrackStatus::tracked, {}});
+  TagDetectorOptions half = options.detector;
+  half.quad_decimate = std::max(half.quad_decimate, 2.0F);
+  Result<TagDetector> half_detector = TagDetector::create(families, half);
+  if (!half_detector) return tl::unexpected(half_detector.error());
+  Result<TagAligner> aligner = TagAligner::create(camera, table_tags);
+  if (!aligner) return tl::unexpected(aligner.error());
+  auto impl =
+      std::make_unique<Impl>(camera, tags, options, std::move(*detector), std::move(*half_detector),
+                             std::move(*aligner), std::move(table_tags));
   if (camera.parameters().tone_curve)
     impl->linearise = linearising_table(*camera.parameters().tone_curve);
   return TableTracker(std::move(impl));

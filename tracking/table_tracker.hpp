@@ -2,6 +2,8 @@
 #pragma once
 
 #include <memory>
+#include <optional>
+#include <string_view>
 
 #include "core/camera_model.hpp"
 #include "core/error.hpp"
@@ -12,7 +14,20 @@
 
 namespace penumbra {
 
+// How a frame is measured once a pose is held.
+enum class TrackingMode {
+  detect,     // every frame by detection: the baseline
+  fast,       // the tag pattern aligned with the image, a limited number of pixels
+  accurate,   // every pixel at an edge, except where the picture is blurred by motion
+  automatic,  // fast while the view moves, accurate when it rests or shows less than three tags
+};
+
+[[nodiscard]] std::string_view to_string(TrackingMode mode);
+// "auto" for automatic; nothing for a word that is none of them.
+[[nodiscard]] std::optional<TrackingMode> tracking_mode_from_string(std::string_view name);
+
 struct TrackerOptions {
+  TrackingMode mode = TrackingMode::automatic;
   TagDetectorOptions detector;
   double tracked_overlay_px = 2.0;  // expected overlay error up to which a pose counts as tracked
   double ambiguity_ratio = 1.6;  // a second pose whose reprojection RMS is less than this times the
@@ -23,10 +38,11 @@ struct TrackerOptions {
 
 // Of the last frame. A wall time of 0: that stage did not run.
 struct TrackTimes {
-  double total_ms = 0.0, detect_ms = 0.0, solve_ms = 0.0;  // wall
-  double total_cpu_ms = 0.0, detect_cpu_ms = 0.0,
+  double total_ms = 0.0, detect_ms = 0.0, align_ms = 0.0, solve_ms = 0.0;  // wall
+  double total_cpu_ms = 0.0, detect_cpu_ms = 0.0, align_cpu_ms = 0.0,
          solve_cpu_ms = 0.0;    // CPU time of the calling thread
   bool full_detection = false;  // whether a full-frame detection ran
+  bool every_pixel = false;     // whether the last alignment used every pixel at an edge
 };
 
 struct TrackedFrame {

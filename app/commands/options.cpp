@@ -68,6 +68,26 @@ void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       ->type_name("KERNELS");
 }
 
+void add_tracking_option(CLI::App& command, TrackingMode& mode) {
+  command
+      .add_option_function<std::string>(
+          "--tracking",
+          [&mode](const std::string& name) {
+            const auto known = tracking_mode_from_string(name);
+            if (!known) {
+              throw CLI::ValidationError(
+                  "--tracking",
+                  fmt::format("{}: no such way; known: fast, accurate, auto, detect", name));
+            }
+            mode = *known;
+          },
+          "fast: a limited number of pixels; accurate: every pixel at an edge; auto: fast while "
+          "the view moves, accurate when it rests; detect: every frame by detection, the baseline "
+          "to compare with")
+      ->type_name("fast|accurate|auto|detect")
+      ->default_str("auto");
+}
+
 void add_output_options(CLI::App& command, OutputRequest& request) {
   command
       .add_option("--output", request.output,

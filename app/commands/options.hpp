@@ -6,6 +6,7 @@
 
 #include "app/run_outputs.hpp"
 #include "render/shadow/technique.hpp"
+#include "tracking/table_tracker.hpp"
 
 namespace CLI {
 class App;
@@ -19,6 +20,9 @@ struct ShadowChoice {
   std::optional<KernelSource> kernels;
 };
 void add_shadow_options(CLI::App& command, ShadowChoice& choice);
+
+// --tracking.
+void add_tracking_option(CLI::App& command, TrackingMode& mode);
 
 // --output, --poses, --poses-all and --report.
 void add_output_options(CLI::App& command, OutputRequest& request);

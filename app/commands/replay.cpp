@@ -61,6 +61,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_option("--tags", request.tags, "What lies on the table (default: the recording's)")
       ->type_name("FILE.yaml");
   add_shadow_options(*command, options->shadow);
+  add_tracking_option(*command, request.tracking.mode);
   add_output_options(*command, request);
   command
       ->add_option("--poses-from", request.poses_from,

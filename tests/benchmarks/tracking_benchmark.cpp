@@ -50,8 +50,9 @@ void detect(benchmark::State& state, float quad_decimate) {
 }
 
 // The whole tracker, image in memory -> pose with covariance.
-void track(benchmark::State& state, float quad_decimate) {
+void track(benchmark::State& state, TrackingMode mode, float quad_decimate) {
   TrackerOptions options;
+  options.mode = mode;
   options.detector.quad_decimate = quad_decimate;
   Trajectory estimated;
   for (auto _ : state) {
@@ -77,8 +78,10 @@ void track(benchmark::State& state, float quad_decimate) {
 
 BENCHMARK_CAPTURE(detect, decimate_1, 1.0F)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(detect, decimate_2, 2.0F)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(track, decimate_1, 1.0F)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(track, decimate_2, 2.0F)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(track, decimate_1, TrackingMode::detect, 1.0F)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(track, decimate_2, TrackingMode::detect, 2.0F)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(track, fast, TrackingMode::fast, 1.0F)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(track, accurate, TrackingMode::accurate, 1.0F)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace penumbra

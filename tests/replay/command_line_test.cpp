@@ -39,6 +39,7 @@ INSTANTIATE_TEST_SUITE_P(
                     std::vector<std::string>{"replay", "r", "second"},
                     std::vector<std::string>{"replay", "r", "--shadow", "pink"},
                     std::vector<std::string>{"replay", "r", "--kernels", "pink"},
+                    std::vector<std::string>{"replay", "r", "--tracking", "pink"},
                     std::vector<std::string>{"replay", "r", "--frames", "9:3"},
                     std::vector<std::string>{"replay", "r", "--threads", "0"},
                     std::vector<std::string>{"replay", "r", "--threads", "many"},

@@ -56,9 +56,13 @@ TEST(ReplayTest, TabletopIsTrackedInEveryFrameWithinTwoPixels) {
   EXPECT_LE(accuracy["overlay_px"]["median"].get<double>(), 0.5);
   EXPECT_LE(accuracy["overlay_px"]["max"].get<double>(), 2.0);
   EXPECT_GT(accuracy["overlay_px"]["max"].get<double>(), 0.0) << "no tracker is perfect";
-  for (const char* stage : {"capture", "track", "detect", "solve", "shadow", "render", "frame"}) {
+  for (const char* stage : {"capture", "track", "align", "shadow", "render", "frame"}) {
     EXPECT_EQ(done.report["time_ms"][stage]["count"], 120) << stage;
   }
+  // Found once, and aligned from there on.
+  EXPECT_EQ(done.report["time_ms"]["detect"]["count"], 1);
+  EXPECT_EQ(done.report["tracking"]["full_detections"], 1);
+  EXPECT_EQ(done.report["tracking"]["tracked_updates"], 119);
   for (const char* stage : {"capture", "track", "render", "frame"}) {
     EXPECT_GT(done.report["time_ms"][stage]["median"].get<double>(), 0.0) << stage;
   }
@@ -180,6 +184,28 @@ TEST(ReplayTest, WritesExactlyTheFramesAskedFor) {
   EXPECT_EQ(pose_count(folder.path() / "out.tum"), 6);
   expect_failure(penumbra({"replay", bundled("tabletop"), "--frames", "120:130"}),
                  {"tabletop", "120 frames"});
+}
+
+TEST(ReplayTest, TrackingSaysHowAFrameIsMeasured) {
+  const TemporaryFolder folder;
+  double rmse_detect = 0.0;
+  for (const char* mode : {"detect", "fast", "accurate", "auto"}) {
+    const Replay done =
+        replay(folder.path(), {bundled("tabletop"), "--frames", "0:6", "--tracking", mode});
+    ASSERT_EQ(done.result.exit_code, 0) << done.result.err;
+    EXPECT_EQ(done.report["frames_tracked"], 6) << mode;
+    const bool detects = std::string_view(mode) == "detect";
+    EXPECT_EQ(done.report["tracking"]["full_detections"], detects ? 6 : 1) << mode;
+    EXPECT_EQ(done.report["tracking"]["tracked_updates"], detects ? 0 : 5) << mode;
+    EXPECT_EQ(done.report["time_ms"]["detect"]["count"], detects ? 6 : 1) << mode;
+    EXPECT_EQ(done.report["time_ms"]["align"]["count"], detects ? 0 : 6) << mode;
+    const auto rmse = done.report["accuracy"]["overlay_px"]["rmse"].get<double>();
+    if (detects) {
+      rmse_detect = rmse;
+    } else {
+      EXPECT_LT(rmse, 0.55 * rmse_detect) << mode;
+    }
+  }
 }
 
 TEST(ReplayTest, GivenPosesNeedNoTracker) {

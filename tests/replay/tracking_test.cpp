@@ -3,7 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <sstream>
 #include <string>
+#include <vector>
 
 #include "support/paths.hpp"
 #include "support/replay_tracking.hpp"
@@ -17,16 +20,37 @@ struct Expected {
   int least_tracked = 0;   // of all frames
   double median_px = 0.0;  // of the overlay error over the corners of tracked frames
   double max_px = 0.0;     // of a tracked frame's RMS over the corners
+  int most_detections = 0;
+  TrackingMode mode = TrackingMode::automatic;
 };
 
 // What was measured, with a margin for the rounding of other machines; a tracked frame must never
 // reach 5 px.
 const std::vector<Expected>& expectations() {
+  constexpr auto kDetect = TrackingMode::detect;
+  constexpr auto kFast = TrackingMode::fast;
+  constexpr auto kAccurate = TrackingMode::accurate;
   static const std::vector<Expected> list = {
-      {"tabletop", true, 120, 0.5, 2.0}, {"corner", true, 40, 0.5, 2.0},
-      {"corner", false, 90, 0.5, 2.0},   {"still", false, 50, 0.5, 2.0},
-      {"reentry", false, 56, 0.5, 5.0},  {"single", false, 36, 1.5, 5.0},
-      {"shake", false, 40, 1.5, 5.0},    {"grazing", false, 70, 1.5, 5.0},
+      {"tabletop", true, 120, 0.06, 0.3, 1},
+      {"corner", true, 40, 0.06, 0.3, 1},
+      {"corner", false, 90, 0.06, 0.3, 1},
+      {"still", false, 50, 0.04, 0.2, 1},
+      {"reentry", false, 58, 0.08, 1.0, 38},
+      {"single", false, 88, 0.4, 4.0, 3},
+      {"shake", false, 86, 0.4, 2.5, 6},
+      {"grazing", false, 90, 0.06, 0.3, 1},
+      {"tabletop", true, 120, 0.06, 0.3, 1, kFast},
+      {"single", false, 55, 0.4, 4.0, 3, kFast},
+      {"shake", false, 84, 0.4, 3.0, 8, kFast},
+      {"tabletop", true, 120, 0.05, 0.2, 1, kAccurate},
+      {"shake", false, 84, 0.4, 3.0, 8, kAccurate},
+      {"tabletop", true, 120, 0.5, 2.0, 120, kDetect},
+      {"corner", false, 90, 0.5, 2.0, 90, kDetect},
+      {"still", false, 50, 0.5, 2.0, 50, kDetect},
+      {"reentry", false, 56, 0.5, 5.0, 90, kDetect},
+      {"single", false, 36, 1.5, 5.0, 90, kDetect},
+      {"shake", false, 40, 1.5, 5.0, 90, kDetect},
+      {"grazing", false, 70, 1.5, 5.0, 90, kDetect},
   };
   return list;
 }
@@ -34,7 +58,9 @@ const std::vector<Expected>& expectations() {
 class TrackedRecordings : public testing::TestWithParam<Expected> {};
 INSTANTIATE_TEST_SUITE_P(Tracking, TrackedRecordings, testing::ValuesIn(expectations()),
                          [](const testing::TestParamInfo<Expected>& test) {
-                           return test.param.name + (test.param.bundled ? "_bundled" : "_shared");
+                           return test.param.name +
+                                  (test.param.bundled ? "_bundled_" : "_shared_") +
+                                  std::string(to_string(test.param.mode));
                          });
 
 TEST_P(TrackedRecordings, WhatIsTrackedIsRight) {
@@ -44,7 +70,9 @@ TEST_P(TrackedRecordings, WhatIsTrackedIsRight) {
     GTEST_SKIP() << "no shared recordings beside the checkout";
   const std::filesystem::path folder =
       (expected.bundled ? test::recordings_dir() : shared / "recordings") / expected.name;
-  const auto result = test::track_recording(folder);
+  TrackerOptions options;
+  options.mode = expected.mode;
+  const auto result = test::track_recording(folder, options);
   ASSERT_TRUE(result) << result.error().message;
   for (std::size_t i = 0; i < result->frames.size(); ++i) {
     const PoseEstimate& pose = result->frames[i].pose;
@@ -56,9 +84,53 @@ TEST_P(TrackedRecordings, WhatIsTrackedIsRight) {
       EXPECT_NE(pose.reason, "") << "frame " << i;
     }
   }
+  int detections = 0;
+  for (const TrackedFrame& frame : result->frames) detections += frame.times.full_detection ? 1 : 0;
+  EXPECT_LE(detections, expected.most_detections);
   EXPECT_EQ(result->wrong, 0);
   EXPECT_GE(result->count_of(TrackStatus::tracked), expected.least_tracked);
   EXPECT_LE(result->tracked.overlay_px.median, expected.median_px);
+}
+
+// The board leaves the view and comes back.
+TEST(Reentry, NothingIsReportedWhileTheBoardIsAwayAndItIsBackAtOnce) {
+  const std::filesystem::path shared = test::shared_dir();
+  if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  const std::filesystem::path folder = shared / "recordings" / "reentry";
+  const auto result = test::track_recording(folder);
+  ASSERT_TRUE(result) << result.error().message;
+  // Corners in the image, of the tag that shows most.
+  std::vector<int> corners(result->frames.size(), 0);
+  std::istringstream lines(read_text_file(folder / "visibility.csv", 1 << 20).value());
+  std::string line;
+  std::getline(lines, line);  // the heading
+  while (std::getline(lines, line)) {
+    std::size_t frame = 0;
+    int id = 0;
+    int count = 0;
+    char comma = 0;
+    std::istringstream fields(line);
+    fields >> frame >> comma >> id >> comma >> count;
+    ASSERT_TRUE(fields && frame < corners.size()) << line;
+    corners[frame] = std::max(corners[frame], count);
+  }
+  int away = 0;
+  std::size_t back = 0;  // frame of the return
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    const TrackStatus status = result->frames[i].pose.status;
+    if (corners[i] == 0) {
+      ++away;
+      EXPECT_NE(status, TrackStatus::tracked) << "frame " << i;
+      EXPECT_NE(status, TrackStatus::uncertain) << "frame " << i;
+    }
+    if (i > 0 && corners[i] == 4 && corners[i - 1] < 4) back = i;
+  }
+  EXPECT_GT(away, 20);
+  ASSERT_GT(back, 0U);
+  const auto first = std::find_if(
+      result->frames.begin() + static_cast<std::ptrdiff_t>(back), result->frames.end(),
+      [](const TrackedFrame& frame) { return frame.pose.status == TrackStatus::tracked; });
+  EXPECT_LE(first - result->frames.begin(), static_cast<std::ptrdiff_t>(back) + 3);
 }
 
 }  // namespace

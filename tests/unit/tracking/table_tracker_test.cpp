@@ -3,11 +3,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "support/paths.hpp"
 #include "support/replay_tracking.hpp"
 #include "support/synthetic_view.hpp"
+#include "tracking/pattern_renderer.hpp"
 
 namespace penumbra {
 namespace {
@@ -76,6 +79,7 @@ class OnTabletop : public testing::Test {
 
 TEST_F(OnTabletop, HoldsTheLastMotionForAWhileAndThenLosesIt) {
   TrackerOptions options;
+  options.mode = TrackingMode::detect;
   options.hold_s = 0.25;
   auto tracker = TableTracker::create(*camera_, *map_, options).value();
   constexpr std::size_t kSeen = 6;
@@ -157,8 +161,10 @@ TEST_F(OnTabletop, AKnownToneCurveTakesTheCornersOutOfTheTags) {
   CameraParameters parameters = camera_->parameters();
   parameters.tone_curve = 1.5;
   const CameraModel with_curve = CameraModel::make(parameters).value();
-  auto plain = TableTracker::create(*camera_, *map_).value();
-  auto linear = TableTracker::create(with_curve, *map_).value();
+  TrackerOptions options;
+  options.mode = TrackingMode::detect;
+  auto plain = TableTracker::create(*camera_, *map_, options).value();
+  auto linear = TableTracker::create(with_curve, *map_, options).value();
   double plain_rms = 0.0;
   double linear_rms = 0.0;
   for (std::size_t i = 0; i < 10; ++i) {
@@ -169,14 +175,161 @@ TEST_F(OnTabletop, AKnownToneCurveTakesTheCornersOutOfTheTags) {
 }
 
 TEST_F(OnTabletop, TheSameFramesGiveTheSameBits) {
-  auto a = TableTracker::create(*camera_, *map_).value();
-  auto b = TableTracker::create(*camera_, *map_).value();
-  for (std::size_t i = 0; i < 4; ++i) {
-    const PoseEstimate x = a.track(frame(i)).pose;
-    const PoseEstimate y = b.track(frame(i)).pose;
-    EXPECT_EQ(x.T_table_camera.matrix(), y.T_table_camera.matrix());
-    EXPECT_EQ(x.covariance, y.covariance);
-    EXPECT_EQ(x.expected_overlay_error_px, y.expected_overlay_error_px);
+  for (const TrackingMode mode : {TrackingMode::detect, TrackingMode::fast, TrackingMode::accurate,
+                                  TrackingMode::automatic}) {
+    TrackerOptions options;
+    options.mode = mode;
+    auto a = TableTracker::create(*camera_, *map_, options).value();
+    auto b = TableTracker::create(*camera_, *map_, options).value();
+    for (std::size_t i = 0; i < 8; ++i) {
+      // Nothing to see in between, so that recovery is in it.
+      const Frame shown = i == 3 ? grey_frame(640, 480, listed_[i].timestamp_ns) : frame(i);
+      const PoseEstimate x = a.track(shown).pose;
+      const PoseEstimate y = b.track(shown).pose;
+      EXPECT_EQ(x.status, y.status);
+      EXPECT_EQ(x.T_table_camera.matrix(), y.T_table_camera.matrix());
+      EXPECT_EQ(x.covariance, y.covariance);
+      EXPECT_EQ(x.expected_overlay_error_px, y.expected_overlay_error_px);
+    }
+  }
+}
+
+TEST_F(OnTabletop, DetectsOnceAndAlignsFromThereOn) {
+  for (const TrackingMode mode :
+       {TrackingMode::fast, TrackingMode::accurate, TrackingMode::automatic}) {
+    TrackerOptions options;
+    options.mode = mode;
+    auto tracker = TableTracker::create(*camera_, *map_, options).value();
+    for (std::size_t i = 0; i < 10; ++i) {
+      const TrackedFrame tracked = tracker.track(frame(i));
+      ASSERT_EQ(tracked.pose.status, TrackStatus::tracked) << tracked.pose.reason;
+      EXPECT_EQ(tracked.times.full_detection, i == 0);
+      EXPECT_EQ(tracked.times.detect_cpu_ms > 0.0, i == 0);
+      EXPECT_GT(tracked.times.align_cpu_ms, 0.0);
+      EXPECT_EQ(tracked.pose.tags_used, 12);
+      EXPECT_GT(tracked.pose.reprojection_rms_px, 0.0);
+      EXPECT_LT(error_px(tracked.pose, listed_[i].timestamp_ns), 0.2);
+      if (mode != TrackingMode::automatic) {
+        EXPECT_EQ(tracked.times.every_pixel, mode == TrackingMode::accurate);
+      }
+    }
+  }
+}
+
+TEST_F(OnTabletop, AutomaticTakesEveryPixelOnceTheViewRests) {
+  auto tracker = TableTracker::create(*camera_, *map_).value();
+  int moving = 0;
+  for (std::size_t i = 0; i < 60; ++i) {
+    const TrackedFrame tracked = tracker.track(frame(i));
+    ASSERT_EQ(tracked.pose.status, TrackStatus::tracked);
+    const double moved_px =
+        i == 0 ? 0.0
+               : overlay_difference(*camera_, truth_.at(listed_[i].timestamp_ns)->T_table_camera,
+                                    truth_.at(listed_[i - 1].timestamp_ns)->T_table_camera)
+                     .rms_px();
+    if (i > 2 && moved_px > 4.0) {
+      EXPECT_FALSE(tracked.times.every_pixel) << moved_px;
+      ++moving;
+    }
+  }
+  EXPECT_GT(moving, 10) << "the recording must show motion";
+  // The same picture again and again: nothing moves any more.
+  for (std::size_t i = 60; i < 75; ++i) {
+    Frame same = frame(59);
+    same.timestamp_ns = listed_[i].timestamp_ns;
+    const TrackedFrame tracked = tracker.track(same);
+    ASSERT_EQ(tracked.pose.status, TrackStatus::tracked);
+    if (i > 66) {
+      EXPECT_TRUE(tracked.times.every_pixel);
+    }
+  }
+}
+
+TEST_F(OnTabletop, LooksWithOneDetectionAFrameUntilItIsBack) {
+  auto tracker = TableTracker::create(*camera_, *map_).value();
+  for (std::size_t i = 0; i < 5; ++i)
+    ASSERT_EQ(tracker.track(frame(i)).pose.status, TrackStatus::tracked);
+  std::int64_t time = listed_[4].timestamp_ns;
+  for (int i = 0; i < 30; ++i) {
+    time += 33'333'333;
+    const TrackedFrame away = tracker.track(grey_frame(640, 480, time));
+    EXPECT_TRUE(away.times.full_detection);
+    EXPECT_TRUE(away.pose.status == TrackStatus::held || away.pose.status == TrackStatus::lost);
+    EXPECT_NE(away.pose.reason, "");
+  }
+  Frame back = frame(50);
+  back.timestamp_ns = time + 33'333'333;
+  const TrackedFrame found = tracker.track(back);
+  EXPECT_EQ(found.pose.status, TrackStatus::tracked) << found.pose.reason;
+  EXPECT_LT(error_px(found.pose, listed_[50].timestamp_ns), 0.5);
+}
+
+TEST_F(OnTabletop, DetectionAndAlignmentAgreeWithinTheirErrors) {
+  TrackerOptions detect_options;
+  detect_options.mode = TrackingMode::detect;
+  auto detect = TableTracker::create(*camera_, *map_, detect_options).value();
+  auto align = TableTracker::create(*camera_, *map_).value();
+  double ratio2 = 0.0;
+  constexpr std::size_t kFrames = 40;
+  for (std::size_t i = 0; i < kFrames; ++i) {
+    const PoseEstimate a = detect.track(frame(i)).pose;
+    const PoseEstimate b = align.track(frame(i)).pose;
+    ASSERT_EQ(a.status, TrackStatus::tracked);
+    ASSERT_EQ(b.status, TrackStatus::tracked);
+    const double between =
+        overlay_difference(*camera_, a.T_table_camera, b.T_table_camera).rms_px();
+    const double expected = std::hypot(a.expected_overlay_error_px, b.expected_overlay_error_px);
+    EXPECT_LT(between, 3.0 * expected) << "frame " << i;
+    ratio2 += between * between / (expected * expected * kFrames);
+  }
+  EXPECT_LT(std::sqrt(ratio2), 1.5);
+}
+
+TEST(TrackingModes, HaveTheirWords) {
+  for (const TrackingMode mode :
+       {TrackingMode::detect, TrackingMode::fast, TrackingMode::accurate, TrackingMode::automatic})
+    EXPECT_EQ(tracking_mode_from_string(to_string(mode)), mode);
+  EXPECT_EQ(tracking_mode_from_string("auto"), TrackingMode::automatic);
+  EXPECT_FALSE(tracking_mode_from_string("automatic"));
+}
+
+// One tag, seen from nearly above: two poses explain it, and the tilt goes through zero.
+TEST(TableTracker, FollowsASingleTagWithoutBeingSureOfTheWrongPose) {
+  const CameraModel camera = test::desk_camera();
+  for (const double size_m : {0.03, 0.08}) {
+    const std::vector<MappedTag> tags = {test::flat_tag(3, 0.0, 0.0, size_m)};
+    auto renderer = PatternRenderer::create(camera, tags).value();
+    int tracked = 0;
+    for (int path = 0; path < 3; ++path) {
+      auto tracker = TableTracker::create(camera, TagMap::make(tags).value()).value();
+      for (int i = 0; i < 30; ++i) {
+        const double t = i / 30.0;
+        const CameraPose truth =
+            test::looking_at_origin(0.6 + 0.05 * std::sin(2.0 * t), 0.2 - (0.1 + 0.2 * path) * t,
+                                    0.7 * path + 0.3 * t, 0.2 * t);
+        PatternRenderOptions render;
+        render.noise_grey = 8.0;
+        render.samples = 32;
+        render.seed = static_cast<std::uint64_t>(100 * path + i + 1);
+        const std::array<CameraPose, 1> poses = {truth};
+        const GreyImage picture = renderer.render(poses, render);
+        FrameBuffer buffer = allocate_frame(PixelFormat::grey8, camera.width(), camera.height());
+        for (int y = 0; y < camera.height(); ++y)
+          std::copy_n(picture.pixels.data() + y * camera.width(), camera.width(),
+                      buffer.plane_data[0] + y * buffer.frame.planes[0].stride);
+        buffer.frame.timestamp_ns = nanoseconds(t);
+        const PoseEstimate pose = tracker.track(buffer.frame).pose;
+        if (pose.status != TrackStatus::tracked) {
+          EXPECT_NE(pose.reason, "");
+          continue;
+        }
+        ++tracked;
+        const double error = overlay_difference(camera, pose.T_table_camera, truth).rms_px();
+        EXPECT_LT(error, 5.0) << "path " << path << ", frame " << i;
+        EXPECT_LT(error, 4.0 * pose.expected_overlay_error_px);
+      }
+    }
+    EXPECT_GE(tracked, size_m > 0.05 ? 80 : 1) << size_m;
   }
 }
 
