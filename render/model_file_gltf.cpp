@@ -267,7 +267,7 @@ class GltfReader {
   std::vector<std::vector<Mesh>> meshes_;  // per glTF mesh its primitives, in the mesh's frame
   std::vector<bool> placed_;               // per node
   bool kernels_disagree_ = false;
-  std::unordered_map<int, int> image_index_;  // glTF image -> Model::textures
+  std::unordered_map<int, int> image_index_;               // glTF image -> Model::textures
   std::unordered_map<int, std::size_t> mesh_of_material_;  // -> Model::meshes
   std::size_t placed_vertices_ = 0;                        // by the nodes so far
   std::size_t placed_triangles_ = 0;

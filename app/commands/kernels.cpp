@@ -17,8 +17,8 @@
 #include "app/commands/options.hpp"
 #include "app/output/output_file.hpp"
 #include "app/progress.hpp"
-#include "core/stopwatch.hpp"
 #include "core/file.hpp"
+#include "core/stopwatch.hpp"
 #include "core/text.hpp"
 #include "render/shadow/kernel_glb.hpp"
 

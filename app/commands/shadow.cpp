@@ -341,11 +341,11 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
       return tl::unexpected(added.error());
     }
   } else if (job.technique == ShadowJob::Technique::field) {
-    const ShadowField field = power_distance_layers(
-        vertices, mesh.indices, mesh.part,
-        part_lights(part_discs(mesh, up_in_object(job.placement, job.plane)), job.placement,
-                    job.plane),
-        job.constants, {.cells = kFieldCells});
+    const ShadowField field =
+        power_distance_layers(vertices, mesh.indices, mesh.part,
+                              part_lights(part_discs(mesh, up_in_object(job.placement, job.plane)),
+                                          job.placement, job.plane),
+                              job.constants, {.cells = kFieldCells});
     for (const auto& [layer, name] : kLayerNames) {
       if (const auto added = add_layer(result, name, field_triangles(field, layer)); !added) {
         return tl::unexpected(added.error());

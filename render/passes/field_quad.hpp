@@ -58,7 +58,7 @@ class FieldQuad {
   ShaderProgram program_;
   std::array<Grid, kGrids> grids_;
   double longest_edge_m_ = 0.0;  // pieces are no longer than this, so that they follow the lens
-  bool straight_ = false;  // the lens has no distortion: one piece is exact
+  bool straight_ = false;        // the lens has no distortion: one piece is exact
 };
 
 }  // namespace penumbra
