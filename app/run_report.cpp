@@ -120,6 +120,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   work_.faces_twisted += drawn.faces_twisted;
   work_.passes_drawn += drawn.passes_drawn;
   work_.passes_skipped += drawn.passes_skipped;
+  for (const ShadowEvent& event : frame.events) ++events_[static_cast<std::size_t>(event.kind)];
   for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
 }
 
@@ -133,6 +134,9 @@ RunReport RunRecorder::report() const {
       {"reprojections", work_.reprojections},     {"triples_recomputed", work_.triples_recomputed},
       {"kernel_faces", work_.faces_tested},       {"twisted_faces", work_.faces_twisted},
       {"passes_drawn", work_.passes_drawn},       {"passes_skipped", work_.passes_skipped}};
+  for (std::size_t i = 0; i < events_.size(); ++i) {
+    report.work.emplace_back(kShadowEventNames[i], events_[i]);
+  }
   return report;
 }
 

@@ -83,6 +83,10 @@ Result<SessionFrame> Session::draw(TrackedFrame tracked, std::span<std::uint8_t>
   const SceneState state =
       evaluate_scene(*scene_, seconds(frame.timestamp_ns - *options_.scene_start_ns));
   result.plan = plan_frame(*scene_, state, result.tracked.pose, camera_, options_.plan);
+  if (result.plan.has_pose) {
+    if (last_state_) result.events = shadow_events(*last_state_, state);
+    last_state_ = state;
+  }
   result.plan_time = plan_watch.elapsed();
 
   auto drawn = compositor_.draw(frame, result.plan);

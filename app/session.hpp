@@ -7,12 +7,14 @@
 #include <optional>
 #include <span>
 #include <variant>
+#include <vector>
 
 #include "core/stopwatch.hpp"
 #include "core/trajectory.hpp"
 #include "render/compositor.hpp"
 #include "render/frame_plan.hpp"
 #include "render/scene.hpp"
+#include "render/shadow/shadow_node.hpp"
 #include "tracking/table_tracker.hpp"
 
 namespace penumbra {
@@ -30,6 +32,7 @@ struct SessionOptions {
 struct SessionFrame {
   TrackedFrame tracked;
   FramePlan plan;
+  std::vector<ShadowEvent> events;  // since the frame before that had a pose
   CompositeStats composite;
   StageTime plan_time;
   bool read_back = false;
@@ -66,6 +69,7 @@ class Session {
   PoseSource poses_;
   SessionOptions options_;
   Compositor compositor_;
+  std::optional<SceneState> last_state_;  // as drawn
 };
 
 }  // namespace penumbra

@@ -99,7 +99,8 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       "Ctrl-C ends early with exit code 130; the files hold the frames up to then.\n\n"
       "Example:\n"
       "  penumbra replay recordings/tabletop --output out.mkv --poses out.tum --report "
-      "report.json");
+      "report.json\n"
+      "  penumbra replay recordings/tabletop --shadow volume --output volume.mp4");
   command->callback([options, &chosen] { chosen = [options] { return replay(*options); }; });
 }
 
