@@ -52,7 +52,7 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
         caster->volume(draw.T_table_object, draw.light_place, draw.floors, draw.reach);
     if (made.light_inside) ++work.layers_skipped;
     if (longest_edge_) {
-      made.triangles = split_for_lens(std::move(made.triangles), *longest_edge_);
+      made.triangles = split_for_lens(made.triangles, *longest_edge_);
     }
     work.vertices += static_cast<std::int64_t>(made.triangles.size());
     volume.valid = true;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 
 namespace penumbra {
@@ -129,9 +130,12 @@ std::vector<PlanePoint> projected_triangles_as_printed(std::span<const CasterVer
   return projected_triangles(replaced, kept, light, plane);
 }
 
-std::vector<PlanePoint> split_for_lens(std::vector<PlanePoint> triangles,
-                                       const Eigen::Vector2d& centre, double longest_edge,
-                                       std::size_t max_triangles) {
+namespace {
+
+// Nothing where that takes more than max_triangles.
+std::optional<std::vector<PlanePoint>> try_split(std::vector<PlanePoint> triangles,
+                                                 const Eigen::Vector2d& centre, double longest_edge,
+                                                 double coarser, std::size_t max_triangles) {
   // Seen from within this distance [m] of the centre ...
   constexpr double kNear = 0.5;
   // ... an edge may be this share of its distance: 28 px for a lens of 700 px.
@@ -146,7 +150,8 @@ std::vector<PlanePoint> split_for_lens(std::vector<PlanePoint> triangles,
     const auto [au, av] = std::pair(static_cast<double>(a.u), static_cast<double>(a.v));
     const auto [bu, bv] = std::pair(static_cast<double>(b.u), static_cast<double>(b.v));
     const double distance = from_centre(0.5 * (au + bu), 0.5 * (av + bv));
-    return std::hypot(au - bu, av - bv) / std::max(longest_edge, kShare * (distance - kNear));
+    return std::hypot(au - bu, av - bv) /
+           (coarser * std::max(longest_edge, kShare * (distance - kNear)));
   };
   const auto too_far = [&](const PlanePoint& a, const PlanePoint& b, const PlanePoint& c) {
     const Eigen::Vector2d p(static_cast<double>(a.u), static_cast<double>(a.v));
@@ -168,12 +173,12 @@ std::vector<PlanePoint> split_for_lens(std::vector<PlanePoint> triangles,
       for (const PlanePoint& point : {p, q, r}) triangles.push_back(point);
     };
     if (too_far(a, b, c)) continue;
-    const bool full = (done.size() + triangles.size()) / 3 >= max_triangles;
+    if ((done.size() + triangles.size()) / 3 >= max_triangles) return std::nullopt;
     const auto ab = excess(a, b);
     const auto bc = excess(b, c);
     const auto ca = excess(c, a);
     const auto most = std::max({ab, bc, ca});
-    if (full || !(most > 1)) {
+    if (!(most > 1)) {
       for (const auto& point : {a, b, c}) done.push_back(point);
     } else if (ab == most) {
       const PlanePoint m = middle(a, b);
@@ -190,6 +195,19 @@ std::vector<PlanePoint> split_for_lens(std::vector<PlanePoint> triangles,
     }
   }
   return done;
+}
+
+}  // namespace
+
+std::vector<PlanePoint> split_for_lens(const std::vector<PlanePoint>& triangles,
+                                       const Eigen::Vector2d& centre, double longest_edge,
+                                       std::size_t max_triangles) {
+  for (double coarser = 1.0; coarser < 1000.0; coarser *= 2.0) {
+    if (auto split = try_split(triangles, centre, longest_edge, coarser, max_triangles)) {
+      return std::move(*split);
+    }
+  }
+  return triangles;
 }
 
 }  // namespace penumbra

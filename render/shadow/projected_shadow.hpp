@@ -66,8 +66,8 @@ enum class ShadowOfPoint {
 // Triangles, three points each, cut into smaller ones, so that straight edges can follow a lens:
 // no edge is longer than `longest_edge` [m], or than what looks as short from near the table's
 // origin (at `centre`) where it is farther from it. Edges are cut alike in all of their triangles;
-// stops cutting at `max_triangles`.
-[[nodiscard]] std::vector<PlanePoint> split_for_lens(std::vector<PlanePoint> triangles,
+// where that takes more than `max_triangles`, all of them are cut more coarsely.
+[[nodiscard]] std::vector<PlanePoint> split_for_lens(const std::vector<PlanePoint>& triangles,
                                                      const Eigen::Vector2d& centre,
                                                      double longest_edge,
                                                      std::size_t max_triangles = 200'000);

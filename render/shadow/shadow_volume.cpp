@@ -5,6 +5,7 @@
 #include <glm/geometric.hpp>
 #include <limits>
 #include <map>
+#include <optional>
 #include <utility>
 
 namespace penumbra {
@@ -155,15 +156,17 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
   return result;
 }
 
-std::vector<glm::vec3> split_for_lens(std::vector<glm::vec3> triangles, double longest_edge,
-                                      std::size_t max_triangles) {
+namespace {
+
+// Nothing where that takes more than max_triangles.
+std::optional<std::vector<glm::vec3>> try_split(std::vector<glm::vec3> triangles, float longest,
+                                                float coarser, std::size_t max_triangles) {
   constexpr float kNear = 0.5F;  // as for planes
   constexpr float kShare = 0.04F;
-  const auto longest = static_cast<float>(longest_edge);
   const auto excess = [&](const glm::vec3& a, const glm::vec3& b) {
-    return glm::length(a - b) / std::max(longest, kShare * (glm::length(0.5F * (a + b)) - kNear));
+    return glm::length(a - b) /
+           (coarser * std::max(longest, kShare * (glm::length(0.5F * (a + b)) - kNear)));
   };
-  const std::vector<glm::vec3> uncut = triangles;
   std::vector<glm::vec3> done;
   done.reserve(triangles.size());
   while (!triangles.empty()) {
@@ -174,7 +177,7 @@ std::vector<glm::vec3> split_for_lens(std::vector<glm::vec3> triangles, double l
     const auto add = [&triangles](const glm::vec3& p, const glm::vec3& q, const glm::vec3& r) {
       for (const glm::vec3& point : {p, q, r}) triangles.push_back(point);
     };
-    if ((done.size() + triangles.size()) / 3 >= max_triangles) return uncut;
+    if ((done.size() + triangles.size()) / 3 >= max_triangles) return std::nullopt;
     const auto ab = excess(a, b);
     const auto bc = excess(b, c);
     const auto ca = excess(c, a);
@@ -196,6 +199,19 @@ std::vector<glm::vec3> split_for_lens(std::vector<glm::vec3> triangles, double l
     }
   }
   return done;
+}
+
+}  // namespace
+
+std::vector<glm::vec3> split_for_lens(const std::vector<glm::vec3>& triangles, double longest_edge,
+                                      std::size_t max_triangles) {
+  for (float coarser = 1.0F; coarser < 1000.0F; coarser *= 2.0F) {
+    if (auto split =
+            try_split(triangles, static_cast<float>(longest_edge), coarser, max_triangles)) {
+      return std::move(*split);
+    }
+  }
+  return triangles;
 }
 
 }  // namespace penumbra

@@ -57,8 +57,8 @@ class VolumeCaster {
 };
 
 // Cut so that straight edges can follow a lens, as for planes in projected_shadow.hpp; still
-// closed. Uncut where that would take more than `max_triangles`: bent edges are the lesser evil.
-[[nodiscard]] std::vector<glm::vec3> split_for_lens(std::vector<glm::vec3> triangles,
+// closed.
+[[nodiscard]] std::vector<glm::vec3> split_for_lens(const std::vector<glm::vec3>& triangles,
                                                     double longest_edge,
                                                     std::size_t max_triangles = 200'000);
 
