@@ -31,6 +31,7 @@ using std::chrono::milliseconds;
 constexpr milliseconds kPatience(50);              // between looks at the window and at Ctrl-C
 constexpr std::int64_t kSilence_ns = 250'000'000;  // without a frame: the picture is not live
 constexpr double kHold_s = 0.5;                    // then the pose fades out over this
+constexpr int kEncodeAhead = 4;                    // composited frames that wait for the encoder
 constexpr std::size_t kMaxYamlBytes = 16'000'000;
 
 std::int64_t now_ns() {
@@ -235,7 +236,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   const auto tags = load_tag_map(request.tags);
   if (!tags) return tl::unexpected(tags.error());
   auto tracker = TableTracker::create(*camera, *tags, request.tracking);
-  if (!tracker) return tl::unexpected(tracker.error());
+  if (!tracker) return fail("{}: {}", request.tags.string(), tracker.error().message);
   auto loaded_scene = load_scene(request.scene);
   if (!loaded_scene) return tl::unexpected(loaded_scene.error());
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
@@ -268,8 +269,8 @@ Result<RunReport> run_live(const LiveRequest& request) {
     return tl::unexpected(checked.error());
   }
   interrupt.hold();
-  auto outputs =
-      open_outputs(request, {camera->width(), camera->height(), (*source)->format().interval_s});
+  auto outputs = open_outputs(
+      request, {camera->width(), camera->height(), (*source)->format().interval_s}, kEncodeAhead);
   if (!outputs) return tl::unexpected(outputs.error());
   std::unique_ptr<RecordingWriter> writer;
   if (request.record) {
@@ -336,6 +337,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   pipeline.stop();
   if (const auto error = pipeline.error()) return tl::unexpected(*error);
 
+  const auto finished = outputs->finish(run);
   const CaptureStats stats = (*source)->faults().stats();
   RunReport report = run.report();
   report.recording = request.camera;
@@ -357,7 +359,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   }
   if (writer) {
     writer->add_event(now_ns(), "end");
-    if (auto finished = writer->finish(); !finished) spdlog::error("{}", finished.error().message);
+    if (auto closed = writer->finish(); !closed) spdlog::error("{}", closed.error().message);
     const RecordingCounts counts = writer->counts();
     fmt::print("recorded {} frames to {}{}\n", counts.written, request.record->string(),
                counts.dropped > 0
@@ -365,7 +367,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
                    : std::string());
   }
   if (report.frames == 0) return fail("{}: gave no frame", request.camera);
-  if (auto finished = outputs->finish(); !finished) return tl::unexpected(finished.error());
+  if (!finished) return tl::unexpected(finished.error());
   if (auto written = outputs->write_report(report); !written) {
     return tl::unexpected(written.error());
   }

@@ -9,6 +9,7 @@
 #include <thread>
 #include <vector>
 
+#include "app/capture/look_ahead.hpp"
 #include "app/capture/recording_source.hpp"
 #include "app/interrupt.hpp"
 #include "app/progress.hpp"
@@ -22,6 +23,16 @@ namespace penumbra {
 namespace {
 
 namespace fs = std::filesystem;
+
+// How far tracking runs ahead of drawing, and drawing ahead of encoding [frames].
+constexpr int kTrackAhead = 2;
+constexpr int kEncodeAhead = 2;
+
+struct TrackedItem {
+  TrackedFrame tracked;
+  StageTime capture_time;
+};
+using TrackAhead = LookAhead<TrackedItem>;
 
 // No output may take the place of what this run reads, or of another output. A recording is only
 // read: nothing is written anywhere in its folder.
@@ -61,7 +72,10 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
 Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& recording) {
   if (!request.poses_from) {
     auto tracker = TableTracker::create(*recording.camera, *recording.tags, request.tracking);
-    if (!tracker) return tl::unexpected(tracker.error());
+    if (!tracker) {
+      return fail("{}: {}", request.tags.value_or(recording.folder / "tags.yaml").string(),
+                  tracker.error().message);
+    }
     return PoseSource(std::move(*tracker));
   }
   if (*request.poses_from == "groundtruth") {
@@ -119,16 +133,28 @@ class Pacer {
 };
 
 Result<void> check_range(const ReplayRequest& request, const Recording& recording) {
-  const int count = static_cast<int>(recording.frames.size());
-  if (request.frames.first >= count) {
-    return fail("{}: --frames begins at {}, but there are {} frames (0 to {})",
-                recording.folder.string(), request.frames.first, count, count - 1);
+  const int first = recording.frames.front().number;
+  const int last = recording.frames.back().number;
+  const bool past = request.frames.last && *request.frames.last > last + 1;
+  if (request.frames.first > last || (request.frames.last && *request.frames.last <= first)) {
+    return fail("{}: has no frame in --frames {}:{}; its frames are {} to {}",
+                recording.folder.string(), request.frames.first,
+                request.frames.last ? std::to_string(*request.frames.last) : "", first, last);
   }
-  if (request.frames.last && *request.frames.last > count) {
-    spdlog::warn("{}: --frames ends at {}, but there are {} frames", recording.folder.string(),
-                 *request.frames.last, count);
+  if (past) {
+    spdlog::warn("{}: --frames ends at {}, but the last frame is {}", recording.folder.string(),
+                 *request.frames.last, last);
   }
   return {};
+}
+
+// Where in the listing the first frame with this number or a greater one is: a recording that lost
+// frames has gaps in its numbers.
+int place_of(const Recording& recording, int number) {
+  const auto found = std::lower_bound(
+      recording.frames.begin(), recording.frames.end(), number,
+      [](const RecordedFrame& frame, int wanted) { return frame.number < wanted; });
+  return static_cast<int>(found - recording.frames.begin());
 }
 
 }  // namespace
@@ -157,13 +183,14 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     return tl::unexpected(checked.error());
 
   RecordingSourceOptions source_options;
-  source_options.first = request.frames.first;
-  source_options.last = request.frames.last;
-  if (source_options.last) {
-    source_options.last =
-        std::min(*source_options.last, static_cast<int>(recording->frames.size()));
+  source_options.first = place_of(*recording, request.frames.first);
+  if (request.frames.last) source_options.last = place_of(*recording, *request.frames.last);
+  if (source_options.last && *source_options.last <= source_options.first) {
+    return fail("{}: has no frame in --frames {}:{}", recording->folder.string(),
+                request.frames.first, *request.frames.last);
   }
-  if (request.threads < 2) source_options.look_ahead = 0;
+  const bool overlapped = request.threads > 1;
+  if (!overlapped) source_options.look_ahead = 0;
   auto source = open_recording_source(*recording, source_options);
   if (!source) return tl::unexpected(source.error());
 
@@ -179,7 +206,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
 
   interrupt.hold();
   auto outputs =
-      open_outputs(request, {camera.width(), camera.height(), frame_interval_s(*recording)});
+      open_outputs(request, {camera.width(), camera.height(), frame_interval_s(*recording)},
+                   overlapped ? kEncodeAhead : 0);
   if (!outputs) return tl::unexpected(outputs.error());
 
   const bool has_window = (*context)->window_size().width > 0;
@@ -191,22 +219,34 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     pixels.resize(static_cast<std::size_t>(camera.width()) *
                   static_cast<std::size_t>(camera.height()) * 4U);
   }
+  // The next frames are tracked while this one is drawn and the one before it encoded; each stage
+  // takes the frames in order, so that nothing depends on which thread was faster.
+  TrackAhead tracked(
+      [&]() -> TrackAhead::Item {
+        auto frame = (*source)->next();
+        if (!frame) return tl::unexpected(frame.error());
+        if (!*frame) return std::optional<TrackedItem>();
+        return std::optional<TrackedItem>({session->track(**frame), (*source)->capture_time()});
+      },
+      overlapped ? kTrackAhead : 0);
   RunRecorder run;
   bool stopped = false;
   {
     ProgressBar progress((*source)->frame_count().value_or(0));
     while (!stopped) {
       const Stopwatch frame_watch;
-      auto frame = (*source)->next();
-      if (!frame) return tl::unexpected(frame.error());
-      if (!*frame) break;
-      run.add_time("capture", (*source)->capture_time());
+      auto item = tracked.next();
+      if (!item) return tl::unexpected(item.error());
+      if (!*item) break;
+      run.add_time("capture", (*item)->capture_time);
+      const std::uint64_t sequence = (*item)->tracked.frame.sequence;
+      const std::int64_t timestamp_ns = (*item)->tracked.frame.timestamp_ns;
 
-      auto done = session->step(**frame, pixels);
+      auto done = session->draw(std::move((*item)->tracked), pixels);
       if (!done) return tl::unexpected(done.error());
       run.add_frame(*done);
       const PoseEstimate& pose = done->tracked.pose;
-      spdlog::debug("frame {}: {}{}{}", (*frame)->sequence, to_string(pose.status),
+      spdlog::debug("frame {}: {}{}{}", sequence, to_string(pose.status),
                     pose.reason.empty() ? "" : ": ", pose.reason);
 
       if (auto written = outputs->write(*done, pixels, run); !written)
@@ -215,7 +255,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       progress.update(run.frames());
 
       if (request.realtime || has_window) {
-        pacer.wait_for((*frame)->timestamp_ns, viewer ? viewer->paused_ms() : 0.0);
+        pacer.wait_for(timestamp_ns, viewer ? viewer->paused_ms() : 0.0);
       }
       if (viewer) stopped = !viewer->show([&] { session->present(); }, interrupt);
       stopped = interrupt.interrupted() || stopped;
@@ -225,8 +265,9 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     return fail("{}: no frame was replayed", recording->folder.string());
   }
 
-  if (auto finished = outputs->finish(); !finished) return tl::unexpected(finished.error());
+  if (auto finished = outputs->finish(run); !finished) return tl::unexpected(finished.error());
   RunReport report = run.report();
+  report.threads = overlapped ? request.threads : 1;
   report.recording = request.recording.string();
   report.scene = request.scene.string();
   report.width = camera.width();

@@ -22,7 +22,9 @@ struct ReplayRequest : OutputRequest {
   TrackerOptions tracking;
   std::optional<std::string> poses_from;  // "groundtruth" or a TUM file: no tracker
   FrameRange frames;
-  int threads = 2;  // 1: decode when asked; more: decode ahead on a thread of its own
+  // 1: one stage after another; more: frames are decoded, tracked, drawn and encoded side by side,
+  // each stage on a thread of its own. The results are the same.
+  int threads = 2;
   bool realtime = false;
   bool window = true;  // where there is a display
 };

@@ -16,8 +16,8 @@
 namespace penumbra {
 
 struct StageSummary {
-  double median = 0.0, p95 = 0.0, max = 0.0;  // wall [ms]
-  double cpu_median = 0.0, cpu_mean = 0.0;    // CPU time of the thread that did it [ms]
+  double median = 0.0, p95 = 0.0, max = 0.0, mean = 0.0;  // wall [ms]
+  double cpu_median = 0.0, cpu_mean = 0.0;                // CPU time of the thread that did it [ms]
   std::size_t count = 0;
 };
 
@@ -44,12 +44,15 @@ struct RunReport {
   std::string gl_version;
   std::vector<std::pair<std::string, StageSummary>> time_ms;  // in the order of the pipeline
   Statistics reprojection_rms_px;  // over the frames in which tags were measured
+  bool tags_measured = false;      // in any frame
   int full_detections = 0;         // frames searched as a whole
   int tracked_updates = 0;         // frames measured without such a search
   std::vector<std::pair<std::string, std::int64_t>> work;
   std::map<std::string, std::int64_t> skipped;
   // Live only: what the camera did that it should not have, and what became of it.
   std::map<std::string, std::int64_t> camera_faults;
+  // The stages that can run side by side, and which of them the others wait for.
+  int threads = 1;
   std::optional<Evaluation> accuracy;  // of the tracked frames
 };
 

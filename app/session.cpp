@@ -90,6 +90,7 @@ Result<SessionFrame> Session::draw(TrackedFrame tracked, std::span<std::uint8_t>
   if (drawn && result.read_back) drawn = compositor_.read_back(rgba);
   if (!drawn) return tl::unexpected(drawn.error());
   result.composite = *drawn;
+  result.draw_time = plan_watch.elapsed();
   return result;
 }
 

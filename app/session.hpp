@@ -32,6 +32,7 @@ struct SessionFrame {
   FramePlan plan;
   CompositeStats composite;
   StageTime plan_time;
+  StageTime draw_time;  // plan, shadows, rendering and read-back together
   bool read_back = false;
 };
 

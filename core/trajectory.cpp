@@ -44,6 +44,12 @@ Result<StampedPose> parse_pose(std::string_view text) {
       return fail("{}: '{}' is no finite number; leave out frames that have no pose", kColumns[i],
                   fields[i]);
     }
+    // Farther than the Moon is a slip of units, and its squares leave the range of numbers.
+    constexpr double kFarthest_m = 1e9;
+    if (i <= 3 && std::abs(*value) > kFarthest_m) {
+      return fail("{}: {} is no position in metres; give metres in the table's frame", kColumns[i],
+                  fields[i]);
+    }
     values[i] = *value;
   }
   const Eigen::Quaterniond rotation(values[7], values[4], values[5], values[6]);

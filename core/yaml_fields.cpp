@@ -2,6 +2,9 @@
 
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <set>
+#include <string>
 
 #include "core/text.hpp"
 
@@ -20,6 +23,25 @@ std::string shown(const YAML::Node& node) {
   return "'" + text + "'";
 }
 
+// A key that a map names twice; which of the two is meant, nobody knows. (YAML forbids it, yaml-cpp
+// takes the first.)
+std::optional<std::string> duplicate_key(const YAML::Node& node) {
+  if (node.IsMap()) {
+    std::set<std::string> keys;
+    for (const auto& entry : node) {
+      if (entry.first.IsScalar() && !keys.insert(entry.first.Scalar()).second) {
+        return fmt::format("line {}: {}", entry.first.Mark().line + 1, shown(entry.first));
+      }
+      if (auto found = duplicate_key(entry.second)) return found;
+    }
+  } else if (node.IsSequence()) {
+    for (const auto& entry : node) {
+      if (auto found = duplicate_key(entry)) return found;
+    }
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 Result<YAML::Node> load_yaml_map(const std::filesystem::path& file) {
@@ -30,6 +52,9 @@ Result<YAML::Node> load_yaml_map(const std::filesystem::path& file) {
     if (!root.IsMap()) {
       return fail("{}: is no YAML map; it must hold lines of the form `name: value`",
                   file.string());
+    }
+    if (const auto twice = duplicate_key(root)) {
+      return fail("{}: {} is there twice; keep one of them", file.string(), *twice);
     }
     return root;
   } catch (const YAML::Exception& error) {

@@ -878,6 +878,10 @@ Result<Model> read_gltf(const std::filesystem::path& file, std::span<const std::
   if (!read && !neighbours.refused.empty()) return fail("{}: {}", name, neighbours.refused);
   if (!read) return fail("{}: is not glTF 2.0: {}", name, first_line(error));
   if (!neighbours.refused.empty()) return fail("{}: {}", name, neighbours.refused);
+  if (!gltf.asset.version.starts_with("2.") && gltf.asset.version != "2") {
+    return fail("{}: asset: version is '{}'; only glTF 2.0 is read, export it as that", name,
+                gltf.asset.version.substr(0, 20));
+  }
   Result<Model> model = GltfReader(name, gltf, limits).read();
   if (model && !model->shadow_kernel_up) {
     for (Mesh& mesh : model->meshes)

@@ -41,7 +41,7 @@ Result<ExitCode> replay(const ReplayOptions& options) {
   const auto report = run_replay(request);
   if (!report) return tl::unexpected(report.error());
   fmt::print("{}", report_table(*report));
-  return report->interrupted ? ExitCode::interrupted : ExitCode::success;
+  return ExitCode::success;
 }
 
 }  // namespace
@@ -80,12 +80,12 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
             }
             request.frames = *range;
           },
-          "Only frames A to B - 1; either may be left out")
+          "Only frames numbered A to B - 1; either may be left out")
       ->type_name("A:B");
   command
       ->add_option("--threads", request.threads,
-                   "1: everything on one thread; more: frames are decoded ahead. The results are "
-                   "the same")
+                   "1: one stage after another; more: frames are decoded, tracked, drawn and "
+                   "encoded side by side. The results are the same")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str()
       ->type_name("N");
@@ -96,7 +96,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
   command->footer(
       "In the window: space pauses, Esc or q closes.\n"
-      "Ctrl-C ends early with exit code 130; the files hold the frames up to then.\n\n"
+      "Ctrl-C ends early; the files hold the frames up to then, and the report says so.\n\n"
       "Example:\n"
       "  penumbra replay recordings/tabletop --output out.mkv --poses out.tum --report "
       "report.json");

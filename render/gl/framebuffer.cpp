@@ -12,8 +12,10 @@ Result<Framebuffer> Framebuffer::create(int width, int height) {
   GLint largest = 0;
   glGetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &largest);
   if (width > largest || height > largest) {
-    return fail("a picture of {} x {} px is too large for this graphics driver (at most {} px)",
-                width, height, largest);
+    return fail(
+        "a picture of {} x {} px is too large for this graphics driver (at most {} px); use a "
+        "smaller size",
+        width, height, largest);
   }
   Framebuffer f;
   f.width_ = width;

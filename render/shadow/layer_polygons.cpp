@@ -158,7 +158,11 @@ Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles) {
   ClipperLib::PolyTree tree;
   try {
     ClipperLib::Clipper clipper;
-    clipper.AddPaths(closed_walks(boundary_edges(triangles, grid)), ClipperLib::ptSubject, true);
+    // No path with an area: every triangle is seen edge-on, and the layer is empty.
+    if (!clipper.AddPaths(closed_walks(boundary_edges(triangles, grid)), ClipperLib::ptSubject,
+                          true)) {
+      return outline;
+    }
     if (!clipper.Execute(ClipperLib::ctUnion, tree, ClipperLib::pftPositive,
                          ClipperLib::pftPositive)) {
       return fail("shadow layer: the union of its triangles failed");
