@@ -32,6 +32,9 @@ struct PartDisc {
   glm::vec3 centre{0.0F};
   float radius = 0.0F;
 };
-[[nodiscard]] std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up);
+// Silhouettes of small parts are measured in cells of `finest_cell` of the object's extent, half a
+// cell of its shadow field; 0: as finely as if each were the whole object.
+[[nodiscard]] std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up,
+                                               double finest_cell = 1.0 / 512.0);
 
 }  // namespace penumbra
