@@ -32,7 +32,6 @@
 namespace penumbra {
 namespace {
 
-constexpr int kFieldCells = 512;  // along the longer side: offline, time is no matter
 constexpr std::array<std::pair<ShadowLayer, const char*>, 3> kLayerNames = {
     {{ShadowLayer::umbra, "umbra"},
      {ShadowLayer::middle, "middle"},
@@ -341,11 +340,12 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
       return tl::unexpected(added.error());
     }
   } else if (job.technique == ShadowJob::Technique::field) {
+    // With as many cells as the renderer uses: what is written is what is painted.
     const ShadowField field =
         power_distance_layers(vertices, mesh.indices, mesh.part,
                               part_lights(part_discs(mesh, up_in_object(job.placement, job.plane)),
                                           job.placement, job.plane),
-                              job.constants, {.cells = kFieldCells});
+                              job.constants);
     for (const auto& [layer, name] : kLayerNames) {
       if (const auto added = add_layer(result, name, field_triangles(field, layer)); !added) {
         return tl::unexpected(added.error());

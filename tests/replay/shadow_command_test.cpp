@@ -1,6 +1,5 @@
 // penumbra shadow and penumbra kernels, as a person runs them.
 
-#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -158,80 +157,6 @@ TEST_F(ShadowCommand, FailsInOneLine) {
   expect_failure(with(R"({"kernels": [0,0,"x",0,0,0,0,0,0,0,0,0]})"), {"k.json", "kernels[2]"});
   expect_failure(with(R"({"kernels": [0,0,0,0,0,0,0,0,0,0,0,0], "up": [0,0,0]})"),
                  {"k.json", "up"});
-}
-
-// Area of polygons with holes, by their rings.
-double area_of(const nlohmann::json& polygons) {
-  const auto ring_area = [](const nlohmann::json& ring) {
-    double twice = 0.0;
-    for (std::size_t i = 0; i < ring.size(); ++i) {
-      const auto& a = ring[i];
-      const auto& b = ring[(i + 1) % ring.size()];
-      twice += a[0].get<double>() * b[1].get<double>() - a[1].get<double>() * b[0].get<double>();
-    }
-    return 0.5 * std::abs(twice);
-  };
-  double area = 0.0;
-  for (const auto& polygon : polygons) {
-    area += ring_area(polygon["outer"]);
-    for (const auto& hole : polygon["holes"]) area -= ring_area(hole);
-  }
-  return area;
-}
-
-TEST_F(ShadowCommand, VectorsThroughTheProgram) {
-  if (shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
-  const fs::path vectors = shared_dir() / "vectors";
-  const auto index = read_json(vectors / "index.json");
-  ASSERT_GT(index.at("cases").size(), 10U);
-  for (const auto& entry : index.at("cases")) {
-    const std::string id = entry.at("id");
-    SCOPED_TRACE(id);
-    const auto json = read_json(vectors / (id + ".json"));
-    const auto mesh = read_json(vectors / json.at("mesh").get<std::string>());
-    std::string obj;
-    const auto& xyz = mesh.at("vertices");
-    for (std::size_t i = 0; i < xyz.size(); i += 3) {
-      obj += fmt::format("v {} {} {}\n", xyz[i].get<double>(), xyz[i + 1].get<double>(),
-                         xyz[i + 2].get<double>());
-    }
-    const auto& faces = mesh.at("triangles");
-    for (std::size_t i = 0; i < faces.size(); i += 3) {
-      obj += fmt::format("f {} {} {}\n", faces[i].get<int>() + 1, faces[i + 1].get<int>() + 1,
-                         faces[i + 2].get<int>() + 1);
-    }
-    write("mesh.obj", obj);
-    nlohmann::json kernels;
-    kernels["kernels"] = mesh.at("kernels").at(json.at("kernel_set").get<std::string>());
-    kernels["up"] = {0, 0, 1};
-    write("kernels.json", kernels.dump());
-    const auto& R = json.at("object_to_world").at("rotation");
-    const auto& t = json.at("object_to_world").at("translation");
-    const auto m = [&R](std::size_t i) { return R[i].get<double>(); };
-    // The rotation as a quaternion; the cases turn by less than half a turn.
-    const double w = 0.5 * std::sqrt(std::max(0.0, 1.0 + m(0) + m(4) + m(8)));
-    ASSERT_GT(w, 0.1);
-    const std::string pose = fmt::format(
-        "{} {} {} {} {} {} {}", t[0].get<double>(), t[1].get<double>(), t[2].get<double>(),
-        (m(7) - m(5)) / (4 * w), (m(2) - m(6)) / (4 * w), (m(3) - m(1)) / (4 * w), w);
-    const auto& n = json.at("plane").at("normal");
-    const auto& q = json.at("plane").at("point");
-    const std::string plane =
-        fmt::format("{} {} {} {} {} {}", n[0].get<double>(), n[1].get<double>(), n[2].get<double>(),
-                    q[0].get<double>(), q[1].get<double>(), q[2].get<double>());
-    const auto& constants = json.at("constants");
-    const auto result =
-        layers({file("mesh.obj"), "--kernels", file("kernels.json"), "--pose", pose, "--plane",
-                plane, "--light-height", fmt::format("{}", constants.at("H").get<double>()),
-                "--light-ratio", fmt::format("{}", constants.at("a").get<double>())});
-    const double tolerance = json.at("tolerance").at("area_rel").get<double>();
-    for (const char* layer : {"umbra", "middle", "penumbra"}) {
-      const double expected = json.at("expected").at(layer).at("area").get<double>();
-      const double area = result["layers"][layer]["area"].get<double>();
-      EXPECT_NEAR(area, expected, tolerance * expected + 1e-12) << layer;
-      EXPECT_NEAR(area_of(result["layers"][layer]["polygons"]), area, 1e-6 * area + 1e-12) << layer;
-    }
-  }
 }
 
 }  // namespace
