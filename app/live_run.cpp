@@ -237,7 +237,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (!tags) return tl::unexpected(tags.error());
   auto tracker = TableTracker::create(*camera, *tags, request.tracking);
   if (!tracker) return fail("{}: {}", request.tags.string(), tracker.error().message);
-  auto loaded_scene = load_scene(request.scene);
+  auto loaded_scene = load_run_scene(request.scene, request.kernel_file);
   if (!loaded_scene) return tl::unexpected(loaded_scene.error());
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
   for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
@@ -264,6 +264,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   spdlog::info("{}", (*source)->description());
 
   std::vector<std::filesystem::path> taken = {request.scene, request.calibration, request.tags};
+  if (request.kernel_file) taken.push_back(*request.kernel_file);
   if (request.record) taken.push_back(*request.record);
   if (auto checked = check_output_paths(request, std::move(taken)); !checked) {
     return tl::unexpected(checked.error());

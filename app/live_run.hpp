@@ -21,6 +21,7 @@ struct LiveRequest : OutputRequest {
   std::filesystem::path tags;
   std::filesystem::path scene;
   PlanOptions plan;
+  std::optional<std::filesystem::path> kernel_file;  // for the scene's casters that it fits
   TrackerOptions tracking;
   std::optional<int> width, height;  // [px]; the calibration's
   std::optional<double> fps;

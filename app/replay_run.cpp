@@ -41,6 +41,7 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
   for (const char* file : {"camera.yaml", "tags.yaml", "timestamps.csv", "groundtruth.tum"}) {
     taken.push_back(recording.folder / file);  // may be links to elsewhere
   }
+  if (request.kernel_file) taken.push_back(*request.kernel_file);
   if (request.tags) taken.push_back(*request.tags);
   if (!recording.video.empty()) taken.push_back(recording.video);
   if (request.poses_from) taken.emplace_back(*request.poses_from);
@@ -174,7 +175,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
 
   auto poses = open_poses(request, *recording);
   if (!poses) return tl::unexpected(poses.error());
-  auto loaded_scene = load_scene(request.scene);
+  auto loaded_scene = load_run_scene(request.scene, request.kernel_file);
   if (!loaded_scene) return tl::unexpected(loaded_scene.error());
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
   for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);

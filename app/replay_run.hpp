@@ -19,6 +19,7 @@ struct ReplayRequest : OutputRequest {
   std::filesystem::path scene;
   std::optional<std::filesystem::path> tags;  // instead of the recording's
   PlanOptions plan;
+  std::optional<std::filesystem::path> kernel_file;  // for the scene's casters that it fits
   TrackerOptions tracking;
   std::optional<std::string> poses_from;  // "groundtruth" or a TUM file: no tracker
   FrameRange frames;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "app/session.hpp"
+#include "render/shadow/kernel_file.hpp"
 
 namespace penumbra {
 namespace {
@@ -48,6 +49,16 @@ Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::pa
     }
   }
   return {};
+}
+
+Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path>& kernel_file) {
+  Result<Scene> loaded = load_scene(scene);
+  if (!loaded || !kernel_file) return loaded;
+  const Result<KernelFile> kernels = load_kernel_file(*kernel_file);
+  if (!kernels) return tl::unexpected(kernels.error());
+  const Result<void> given = give_kernels(*loaded, *kernels, kernel_file->string());
+  if (!given) return tl::unexpected(given.error());
+  return loaded;
 }
 
 Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat& format,

@@ -15,6 +15,7 @@
 #include "core/camera_model.hpp"
 #include "core/error.hpp"
 #include "render/gl/context.hpp"
+#include "render/scene.hpp"
 
 namespace penumbra {
 
@@ -46,6 +47,10 @@ struct RunOutputs {
 // they are encoded as they are written.
 [[nodiscard]] Result<RunOutputs> open_outputs(const OutputRequest& request,
                                               const FrameFormat& format, int encode_ahead);
+
+// The scene, with the kernels of a file for those of its casters that have as many vertices.
+[[nodiscard]] Result<Scene> load_run_scene(const std::filesystem::path& scene,
+                                           const std::optional<std::filesystem::path>& kernel_file);
 
 struct WindowChoice {
   bool window = true;  // where there is a display

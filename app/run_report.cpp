@@ -146,6 +146,9 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   work_.kernel_generations += drawn.kernel_generations;
   work_.reprojections += drawn.reprojections;
   work_.triples_recomputed += drawn.triples_recomputed;
+  work_.proxy_shadows += drawn.proxy_shadows;
+  work_.proxy_checks += drawn.proxy_checks;
+  work_.proxy_faces_saved += drawn.proxy_faces_saved;
   work_.faces_tested += drawn.faces_tested;
   work_.faces_twisted += drawn.faces_twisted;
   work_.passes_drawn += drawn.passes_drawn;
@@ -159,11 +162,17 @@ RunReport RunRecorder::report() const {
   for (const auto& [stage, times] : stages_) report.time_ms.emplace_back(stage, times.summary());
   report.reprojection_rms_px = statistics_of(reprojection_px_);
   report.tags_measured = !reprojection_px_.empty();
-  report.work = {
-      {"shadow_vertices", work_.shadow_vertices}, {"kernel_generations", work_.kernel_generations},
-      {"reprojections", work_.reprojections},     {"triples_recomputed", work_.triples_recomputed},
-      {"kernel_faces", work_.faces_tested},       {"twisted_faces", work_.faces_twisted},
-      {"passes_drawn", work_.passes_drawn},       {"passes_skipped", work_.passes_skipped}};
+  report.work = {{"shadow_vertices", work_.shadow_vertices},
+                 {"kernel_generations", work_.kernel_generations},
+                 {"reprojections", work_.reprojections},
+                 {"triples_recomputed", work_.triples_recomputed},
+                 {"proxy_shadows", work_.proxy_shadows},
+                 {"proxy_checks", work_.proxy_checks},
+                 {"proxy_faces_saved", work_.proxy_faces_saved},
+                 {"kernel_faces", work_.faces_tested},
+                 {"twisted_faces", work_.faces_twisted},
+                 {"passes_drawn", work_.passes_drawn},
+                 {"passes_skipped", work_.passes_skipped}};
   return report;
 }
 

@@ -118,6 +118,9 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   m.stats.kernel_generations = work.kernel_generations;
   m.stats.reprojections = work.reprojections;
   m.stats.triples_recomputed = work.recomputed;
+  m.stats.proxy_shadows = work.proxy_shadows;
+  m.stats.proxy_checks = work.proxy_checks;
+  m.stats.proxy_faces_saved = work.proxy_faces_saved;
   m.stats.faces_tested = work.faces_tested;
   m.stats.faces_twisted = work.faces_twisted;
   return m.stats;

@@ -27,6 +27,9 @@ struct CompositeStats {
   // or turned on the plane. The other casters x planes x lights are recomputed.
   std::int64_t reprojections = 0;
   std::int64_t triples_recomputed = 0;
+  std::int64_t proxy_shadows = 0;      // drawn from a reduced mesh
+  std::int64_t proxy_checks = 0;       // times that a reduced mesh was compared with its model
+  std::int64_t proxy_faces_saved = 0;  // by those drawn, over all their layers
   // Faces of the kernel sets made in this frame, and those that turn over in some layer.
   std::int64_t faces_tested = 0, faces_twisted = 0;
 };

@@ -17,6 +17,8 @@ namespace penumbra {
 struct PlanOptions {
   std::optional<ShadowTechnique> technique;  // overrides every shadow node's
   std::optional<KernelSource> kernels;       // overrides every shadow node's
+  std::optional<LightMode> light_mode;       // overrides every shadow node's
+  bool proxies = true;                       // false: every object casts with its own mesh
   bool skip =
       true;  // leave out what can't be seen; the picture is the same either way, bit for bit
 };
@@ -31,6 +33,8 @@ struct ShadowDraw {
   int node = 0, object = 0, plane = 0;  // indices into the scene
   ShadowTechnique technique = ShadowTechnique::layered;
   KernelSource kernels = KernelSource::automatic;
+  LightMode light_mode = LightMode::proportional;
+  bool proxy = true;  // a reduced mesh may cast, where the object allows it
   PlaneFrame plane_frame;
   Placement T_table_object;
   LayeredConstants constants;

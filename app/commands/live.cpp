@@ -44,8 +44,7 @@ Result<ExitCode> live(const LiveOptions& options) {
     request.tags = *resources / "recordings" / "tabletop" / "tags.yaml";
   }
   request.scene = options.scene ? *options.scene : *resources / "scenes" / "default.json";
-  request.plan.technique = options.shadow.technique;
-  request.plan.kernels = options.shadow.kernels;
+  request.kernel_file = options.shadow.kernel_file;
   request.plan.skip = !options.no_skip;
   request.window = !options.no_window;
   request.vsync = !options.no_vsync;
@@ -165,7 +164,10 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       "In the window: space pauses, Esc or q closes. Ctrl-C ends cleanly.\n\n"
       "Example:\n"
       "  penumbra live --calibration camera.yaml --record session");
-  command->callback([options, &chosen] { chosen = [options] { return live(*options); }; });
+  command->callback([options, &chosen] {
+    apply(options->shadow, options->request.plan);  // wrong usage ends here
+    chosen = [options] { return live(*options); };
+  });
 }
 
 }  // namespace penumbra

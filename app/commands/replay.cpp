@@ -33,8 +33,7 @@ Result<ExitCode> replay(const ReplayOptions& options) {
     if (!resources) return tl::unexpected(resources.error());
     request.scene = *resources / "scenes" / "default.json";
   }
-  request.plan.technique = options.shadow.technique;
-  request.plan.kernels = options.shadow.kernels;
+  request.kernel_file = options.shadow.kernel_file;
   request.plan.skip = !options.no_skip;
   request.window = !options.no_window;
 
@@ -100,7 +99,10 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       "Example:\n"
       "  penumbra replay recordings/tabletop --output out.mkv --poses out.tum --report "
       "report.json");
-  command->callback([options, &chosen] { chosen = [options] { return replay(*options); }; });
+  command->callback([options, &chosen] {
+    apply(options->shadow, options->request.plan);  // wrong usage ends here
+    chosen = [options] { return replay(*options); };
+  });
 }
 
 }  // namespace penumbra

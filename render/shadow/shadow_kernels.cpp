@@ -119,17 +119,22 @@ Eigen::Vector2f extent_of(const Points& points) {
 // Kernels of one part after another; keeps its buffers.
 class LocalThickness {
  public:
-  explicit LocalThickness(bool smooth) : smooth_(smooth) {}
+  explicit LocalThickness(bool smooth, KernelProgress* progress = nullptr)
+      : smooth_(smooth), progress_(progress) {}
 
   void generate(const PartGeometry& part, std::span<PlanarKernel> kernels) {
     for (std::size_t i = 0; i < kernels.size(); ++i) kernels[i] = {part.points[i], 0.0F};
     const int side = side_cells(part);
-    if (!rasterise(part, side, side * side)) return;
+    if (!rasterise(part, side, side * side)) {
+      if (progress_ != nullptr) progress_->done += part.points.size();
+      return;
+    }
     if (part.points.size() <= kFewVertices) {
       near_.swap(discs_);
       for (std::size_t i = 0; i < part.points.size(); ++i) {
         assign(raster_.to_cells(part.points[i]), kernels[i]);
       }
+      if (progress_ != nullptr) progress_->done += part.points.size();
       return;
     }
     sort_vertices_into_tiles(part.points);
@@ -142,6 +147,7 @@ class LocalThickness {
         const std::uint32_t vertex = tile_vertices_[i];
         assign(points_[vertex], kernels[vertex]);
       }
+      if (progress_ != nullptr) progress_->done += end - begin;
     }
   }
 
@@ -382,6 +388,7 @@ class LocalThickness {
   }
 
   bool smooth_;
+  KernelProgress* progress_;
   float nominal_cell_ = 1.0F;  // [cells]
   FootprintRaster raster_;
   std::vector<float> ridge_;  // depth of ridge cells, else 0
@@ -456,7 +463,7 @@ PartGeometry geometry_of(const PartList& parts, std::size_t part) {
 }
 
 ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector3d& up,
-                                     KernelSource source) {
+                                     KernelSource source, KernelProgress* progress) {
   ShadowKernels result;
   result.up = up.normalized();
   const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
@@ -489,7 +496,7 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
   }
 
   const PartList parts = split_into_parts(mesh, projected);
-  LocalThickness thickness(source == KernelSource::smooth);
+  LocalThickness thickness(source == KernelSource::smooth, progress);
   std::vector<PlanarKernel> kernels(count);
   for (std::size_t part = 0; part < mesh.part_count; ++part) {
     const PartGeometry geometry = geometry_of(parts, part);
@@ -507,7 +514,8 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
 
 // Layered Penumbrae, section 5.3, in the exact form of shadows.md 2.7: k = sum of d_i^2 k_i over
 // the sets k_i made for up = axis i. Exact on the axes only.
-ShadowKernels compose_per_axis(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
+ShadowKernels compose_per_axis(const ShadowMesh& mesh, const Eigen::Vector3d& up,
+                               KernelProgress* progress) {
   const Eigen::Vector3d d = up.normalized();
   ShadowKernels result;
   result.up = d;
@@ -516,8 +524,8 @@ ShadowKernels compose_per_axis(const ShadowMesh& mesh, const Eigen::Vector3d& up
   for (int axis = 0; axis < 3; ++axis) {
     const double weight = d[axis] * d[axis];
     if (weight <= 0.0) continue;
-    const ShadowKernels set =
-        generate_for_direction(mesh, Eigen::Vector3d::Unit(axis), KernelSource::automatic);
+    const ShadowKernels set = generate_for_direction(mesh, Eigen::Vector3d::Unit(axis),
+                                                     KernelSource::automatic, progress);
     for (std::size_t i = 0; i < sum.size(); ++i) {
       sum[i] += weight * to_eigen(set.kernels[i]);
       result.radius[i] += static_cast<float>(weight) * set.radius[i];
@@ -534,10 +542,17 @@ ShadowKernels compose_per_axis(const ShadowMesh& mesh, const Eigen::Vector3d& up
 }  // namespace
 
 ShadowKernels generate_kernels(const ShadowMesh& mesh, const Eigen::Vector3d& up,
-                               KernelSource source) {
+                               KernelSource source, KernelProgress* progress) {
   PENUMBRA_ASSERT(up.allFinite() && up.squaredNorm() > 0.0);
-  if (source == KernelSource::per_axis) return compose_per_axis(mesh, up);
-  return generate_for_direction(mesh, up, source);
+  const bool per_axis = source == KernelSource::per_axis;
+  if (progress != nullptr) {
+    const auto sets = per_axis ? static_cast<std::size_t>((up.array() != 0.0).count()) : 1U;
+    progress->total = sets * mesh.positions.size();
+  }
+  ShadowKernels kernels = per_axis ? compose_per_axis(mesh, up, progress)
+                                   : generate_for_direction(mesh, up, source, progress);
+  if (progress != nullptr) progress->done = progress->total.load();
+  return kernels;
 }
 
 std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up,

@@ -341,6 +341,80 @@ TEST(ReplayTest, TechniquesAreDifferentPictures) {
   EXPECT_EQ(fingerprint_of(folder.path() / "k" / "000030.png"), pictures["cocl"]);
 }
 
+// One frame of a scene of the helicopter alone, tilted by nothing, drawn with these options.
+class HelicopterReplay : public testing::Test {
+ protected:
+  HelicopterReplay() {
+    std::ofstream(scene()) << R"({"objects":[{"name":"helicopter","position":[0,0,0.08],"model":")"
+                           << model() << R"("}],"shadows":[{"name":"s","technique":"layered"}]})";
+  }
+  [[nodiscard]] std::string scene() const { return folder_.path() / "scene.json"; }
+  [[nodiscard]] std::string file(const char* name) const { return folder_.path() / name; }
+  static std::string model() { return source_dir() / "scenes/models/helicopter.glb"; }
+  ProgramResult replay(const std::vector<std::string>& options, const std::string& output) {
+    std::vector<std::string> arguments = {
+        "replay",      bundled("tabletop"), "--frames", "30:31",    "--poses-from",
+        "groundtruth", "--scene",           scene(),    "--output", output};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    return penumbra(arguments);
+  }
+  // The fingerprint of the frame's picture.
+  std::string picture(const std::vector<std::string>& options) {
+    const std::string output = file("frames");
+    const ProgramResult result = replay(options, output);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    last_warnings_ = result.err;
+    const std::string fingerprint = fingerprint_of(output + "/000030.png");
+    std::filesystem::remove_all(output);
+    EXPECT_FALSE(fingerprint.empty());
+    return fingerprint;
+  }
+  TemporaryFolder folder_;
+  std::string last_warnings_;
+};
+
+TEST_F(HelicopterReplay, TakesKernelsFromAFile) {
+  const std::string automatic = picture({});
+  for (const char* source : {"auto", "cocl", "smooth"}) {
+    const std::string kernels = file("k.json");
+    ASSERT_EQ(penumbra({"kernels", model(), "--kernels", source, "--output", kernels}).exit_code,
+              0);
+    EXPECT_EQ(picture({"--kernels", kernels}), picture({"--kernels", source})) << source;
+    EXPECT_EQ(last_warnings_, "");
+  }
+  EXPECT_EQ(picture({"--kernels", "auto"}), automatic);
+  EXPECT_NE(picture({"--kernels", "cocl"}), automatic);
+  // Without a scene's word and without --shadow, a file of another kind than the node's counts.
+  EXPECT_NE(picture({"--kernels", "per-axis"}), picture({"--kernels", "cocl"}));
+}
+
+TEST_F(HelicopterReplay, KernelsThatDoNotFitAreTold) {
+  const auto with = [&](const std::string& text) {
+    std::ofstream(file("k.json"), std::ios::binary) << text;
+    return replay({"--kernels", file("k.json")}, file("frames"));
+  };
+  expect_failure(with(R"({"kernels": [0,0,0, 1,1,1], "up": [0,0,1]})"),
+                 {"k.json", "2 triples", "helicopter"});
+  expect_failure(with("{"), {"k.json"});
+  expect_failure(replay({"--kernels", file("none.json")}, file("frames")), {"none.json"});
+  EXPECT_FALSE(std::filesystem::exists(file("frames")));
+  // Of the same number of vertices, but made for another shape.
+  ASSERT_EQ(penumbra({"kernels", model(), "--output", file("k.json")}).exit_code, 0);
+  std::string text = bytes_of(file("k.json"));
+  const std::size_t key = text.find("\"geometry\":\"") + 12;
+  text[key] = text[key] == '0' ? '1' : '0';
+  std::ofstream(file("k.json"), std::ios::binary) << text;
+  EXPECT_EQ(picture({"--kernels", file("k.json")}), picture({}));
+}
+
+TEST_F(HelicopterReplay, LightOfOneSize) {
+  const std::string proportional = picture({});
+  EXPECT_EQ(picture({"--light-mode", "proportional"}), proportional);
+  const std::string fixed = picture({"--light-mode", "fixed"});
+  EXPECT_NE(fixed, proportional);
+  EXPECT_EQ(picture({"--light-mode", "fixed", "--no-skip"}), fixed);
+}
+
 TEST(ReplayTest, CtrlCLeavesReadableFiles) {
   const TemporaryFolder folder;
   const ProgramResult result = run_program(

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 
 #include "replay_support.hpp"
 
@@ -137,6 +139,97 @@ TEST_F(ShadowCommand, StoredKernelsAreUsedUntilTheModelChanges) {
   EXPECT_EQ(layers({file("square.obj"), "--kernels", file("kept.json")})["kernels"]["source"],
             "auto");
   EXPECT_THAT(last_warnings_, HasSubstr("changed"));
+}
+
+TEST_F(ShadowCommand, AModelThatChangedAroundItsKernelsIsNoticed) {
+  for (const std::string& model :
+       {file("square.obj").string(),
+        (source_dir() / "scenes" / "models" / "helicopter.glb").string()}) {
+    SCOPED_TRACE(model);
+    ASSERT_EQ(penumbra({"kernels", model, "--output", file("kept.glb")}).exit_code, 0);
+    EXPECT_EQ(layers({file("kept.glb")})["kernels"]["source"], "stored");
+    // As an editor that keeps attributes it does not know: one coordinate moves by a centimetre.
+    std::string glb = bytes_of(file("kept.glb"));
+    const auto word = [&glb](std::size_t at) {
+      std::uint32_t value = 0;
+      std::memcpy(&value, glb.data() + at, sizeof value);
+      return std::size_t{value};
+    };
+    const std::size_t json_size = word(12);
+    const auto json = nlohmann::json::parse(glb.substr(20, json_size));
+    const auto& accessor =
+        json["accessors"]
+            [json["meshes"][0]["primitives"][0]["attributes"]["POSITION"].get<std::size_t>()];
+    const auto& view = json["bufferViews"][accessor["bufferView"].get<std::size_t>()];
+    const std::size_t at = 20 + json_size + 8 + view.value("byteOffset", std::size_t{0}) +
+                           accessor.value("byteOffset", std::size_t{0});
+    float x = 0.0F;
+    std::memcpy(&x, glb.data() + at, sizeof x);
+    x += 0.01F;
+    std::memcpy(glb.data() + at, &x, sizeof x);
+    write("kept.glb", glb);
+    EXPECT_EQ(layers({file("kept.glb")})["kernels"]["source"], "auto");
+    EXPECT_THAT(last_warnings_, HasSubstr("kept.glb"));
+    EXPECT_THAT(last_warnings_, HasSubstr("changed"));
+  }
+}
+
+TEST_F(ShadowCommand, KernelsAreQuietInAPipe) {
+  const ProgramResult result = penumbra({"kernels", source_dir() / "scenes/models/tree.glb",
+                                         "--kernels", "per-axis", "--output", file("k.json")});
+  EXPECT_EQ(result.exit_code, 0);
+  EXPECT_EQ(result.err, "");
+  EXPECT_EQ(lines_of(result.out).size(), 1U) << result.out;
+}
+
+TEST_F(ShadowCommand, GroupsArePartsThatShareALight) {
+  // Two tiles side by side, which share no vertex.
+  write("tiles.obj",
+        "o left\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\nf 1 2 3\nf 1 3 4\n"
+        "o right\nv 0 -0.02 0.1\nv 0.1 -0.02 0.1\nv 0.1 0.08 0.1\nv 0 0.08 0.1\nf 5 6 7\n"
+        "f 5 7 8\n");
+  const std::string tiles = file("tiles.obj");
+  const auto pieces = [](const nlohmann::json& json) {
+    return json["layers"]["umbra"]["polygons"].size();
+  };
+  EXPECT_EQ(pieces(layers({tiles})), 2U);
+  EXPECT_EQ(pieces(layers({tiles, "--group", "all"})), 1U);
+  EXPECT_EQ(pieces(layers({tiles, "--group", "left", "--group", "right"})), 2U);
+  EXPECT_EQ(pieces(layers({tiles, "--group", "*t"})), 1U);
+  expect_failure(penumbra({"shadow", tiles, "--group", "tower"}),
+                 {"tiles.obj", "tower", "left, right"});
+  // Kept kernels keep the group.
+  ASSERT_EQ(penumbra({"kernels", tiles, "--group", "all", "--output", file("tiles.glb")}).exit_code,
+            0);
+  EXPECT_EQ(pieces(layers({file("tiles.glb")})), 1U);
+}
+
+TEST_F(ShadowCommand, AProxySaysHowWellItAgrees) {
+  const std::string models = source_dir() / "scenes" / "models";
+  const auto plain = layers({models + "/tree.glb", "--pose", "0 0 0.05 0 0 0 1"});
+  EXPECT_FALSE(plain.contains("proxy"));
+  const auto with = layers({models + "/tree.glb", "--pose", "0 0 0.05 0 0 0 1", "--proxy", "auto"});
+  const auto& proxy = with["proxy"];
+  EXPECT_LT(proxy["faces"], 0.75 * proxy["of_faces"].get<double>());
+  ASSERT_EQ(proxy["heights"].size(), 2U);
+  double least = 1.0;
+  for (const auto& height : proxy["heights"]) {
+    for (const char* layer : {"umbra", "middle", "penumbra"}) {
+      least = std::min(least, height["iou"][layer].get<double>());
+    }
+  }
+  EXPECT_EQ(proxy["used"].get<bool>(), least >= 0.98) << least;
+  EXPECT_EQ(with["layers"] == plain["layers"], !proxy["used"].get<bool>());
+  const auto few = layers({models + "/cube.glb", "--proxy", "auto"});
+  EXPECT_FALSE(few["proxy"]["used"]);
+  EXPECT_EQ(few["proxy"]["faces"], 0);
+  // A file that casts another shadow is not used.
+  const auto wrong = layers({models + "/ring.glb", "--proxy", models + "/cube.glb"});
+  EXPECT_FALSE(wrong["proxy"]["used"]);
+  EXPECT_GT(wrong["proxy"]["faces"], 0);
+  EXPECT_EQ(wrong["layers"], layers({models + "/ring.glb"})["layers"]);
+  expect_failure(penumbra({"shadow", models + "/ring.glb", "--proxy", file("none.glb")}),
+                 {"none.glb"});
 }
 
 TEST_F(ShadowCommand, FailsInOneLine) {

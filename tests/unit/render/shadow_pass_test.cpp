@@ -8,7 +8,9 @@
 #include <set>
 
 #include "render/passes/shadow_pass.hpp"
+#include "render/shadow/caster.hpp"
 #include "render/shadow/caster_geometry.hpp"
+#include "render/shadow/fixed_light.hpp"
 #include "render/shadow/kernel_direction.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
@@ -266,6 +268,60 @@ TEST(ShadowPass, AgreesWithTheCpusProjection) {
           << c.name << ", lambda " << lambda_of(layer) << ", " << size << " px";
       EXPECT_GT(size, 100) << c.name;
     }
+  }
+}
+
+// The same layer of a light of one size as `penumbra shadow` computes it, on the mesh as it is.
+std::vector<std::uint8_t> cpu_light_layer(const Scene& scene, ShadowLayer layer) {
+  const SceneObject& object = scene.objects[0];
+  const ShadowNode& node = scene.shadows[0];
+  const PlaneFrame plane = PlaneFrame::make(scene.planes[0].normal, scene.planes[0].point);
+  const ShadowMesh mesh = make_shadow_mesh(*object.model);
+  const Eigen::Vector3d up =
+      KernelDirection::nearest(object.placement.rotation.conjugate() * plane.n).up();
+  const ShadowKernels kernels = generate_kernels(mesh, up, node.kernels);
+  return covered_by(fixed_light_triangles(
+      place_caster(mesh, kernels, object.placement, plane),
+      vertex_discs(mesh, kernels, part_discs(mesh, up), object.placement.scale), mesh.indices,
+      node.layered, layer));
+}
+
+TEST(ShadowPass, ALightOfOneSizeAgreesWithTheCpusProjection) {
+  // Thick at one end and thin at the other, so that the two modes differ.
+  ShapeBuilder club;
+  club.limb({-0.06, 0.0, 0.0}, {0.06, 0.01, 0.0}, 0.025, 0.006, 24);
+  club.sphere(0.025, 16, 24, -0.06);
+  const auto model = test::finished(club.build(), glm::vec4(1.0F));
+  struct Case {
+    const char* name;
+    std::shared_ptr<const Model> model;
+    Placement placement;
+  };
+  const std::vector<Case> cases = {
+      {"club", model, test::at(0.0, 0.0, 0.12, {0, 0, 1}, 0.4)},
+      {"club, tilted and larger", model, test::at(0.0, 0.0, 0.15, {0, 1, 0}, 0.5, 1.2)},
+      {"club on the table", model, test::at(0.0, 0.0, 0.025)},
+      {"torus", torus(), test::at(0.01, 0.02, 0.2, {1, 0.3, 0}, 0.6)}};
+  for (const Case& c : cases) {
+    SceneBuilder builder;
+    builder.add(c.model, c.placement);
+    builder.scene().shadows[0].layered = constants_with(0.9, 3.0);
+    Studio proportional(builder.build(), overhead_camera());
+    builder.scene().shadows[0].light_mode = LightMode::fixed;
+    Studio studio(builder.build(), overhead_camera());
+    int changed = 0;
+    for (const ShadowLayer layer : kShadowLayers) {
+      const Layer drawn = draw_layer(studio, overhead(), layer);
+      const std::vector<std::uint8_t> expected = cpu_light_layer(studio.scene(), layer);
+      const auto size = std::count(expected.begin(), expected.end(), 1);
+      // The kernels' heights differ within the 1.8 degrees that one set serves.
+      EXPECT_LE(differing(drawn.pixels, expected), 4 + size / 100)
+          << c.name << ", lambda " << lambda_of(layer) << ", " << size << " px";
+      EXPECT_GT(size, 100) << c.name;
+      EXPECT_EQ(draw_layer(studio, overhead(), layer, false).pixels, drawn.pixels) << c.name;
+      changed += differing(drawn.pixels, draw_layer(proportional, overhead(), layer).pixels);
+    }
+    EXPECT_GT(changed, 300) << c.name << ": no other shadow than a proportional light's";
   }
 }
 
