@@ -82,6 +82,7 @@ ExitCode run(int argc, char** argv) {
   penumbra::add_shadow_command(program, chosen);
   penumbra::add_target_command(program, chosen);
   penumbra::add_kernels_command(program, chosen);
+  penumbra::add_simulate_command(program, chosen);
 
   try {
     program.parse(argc, argv);

@@ -31,5 +31,6 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen);
 void add_shadow_command(CLI::App& program, ChosenCommand& chosen);
 void add_target_command(CLI::App& program, ChosenCommand& chosen);
 void add_kernels_command(CLI::App& program, ChosenCommand& chosen);
+void add_simulate_command(CLI::App& program, ChosenCommand& chosen);
 
 }  // namespace penumbra

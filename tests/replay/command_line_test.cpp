@@ -13,7 +13,8 @@ using testing::HasSubstr;
 TEST(CommandLine, EveryCommandHasHelpWithAnExample) {
   EXPECT_EQ(penumbra({"--help"}).exit_code, 0);
   EXPECT_THAT(penumbra({"--help"}).out, HasSubstr("Example:\n  penumbra demo"));
-  for (const char* command : {"demo", "replay", "evaluate", "target", "shadow", "kernels"}) {
+  for (const char* command :
+       {"demo", "replay", "evaluate", "target", "shadow", "kernels", "simulate"}) {
     const ProgramResult help = penumbra({command, "--help"});
     EXPECT_EQ(help.exit_code, 0);
     EXPECT_THAT(help.out, HasSubstr(std::string("Example:\n  penumbra ") + command));
