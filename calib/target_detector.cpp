@@ -1,5 +1,6 @@
 #include "calib/target_detector.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
@@ -140,7 +141,8 @@ struct TargetDetector::Impl {
   Target target;
   std::optional<TagDetector> tags;
   std::optional<TagDetector> two_cell_tags;
-  int cells = 8;  // of a tag's black square, across
+  int cells = 8;       // of a tag's black square, across
+  double gap_m = 0.0;  // between the black squares of neighbouring tags in a grid
 
   [[nodiscard]] TargetView detect_tags(ImageView luma);
   [[nodiscard]] TargetView detect_chessboard(ImageView luma) const;
@@ -149,6 +151,10 @@ struct TargetDetector::Impl {
   [[nodiscard]] bool has_squares(ImageView luma, const TargetView& view) const;
   [[nodiscard]] std::optional<std::array<Eigen::Vector2d, 4>> follow_edges(
       ImageView luma, const MappedTag& tag, const CameraModel& camera,
+      const Transform<frame::Camera, frame::Table>& T_camera_board) const;
+  [[nodiscard]] std::optional<Eigen::Vector2d> follow_crossing(
+      ImageView luma, const Eigen::Vector3d& corner, double arm_m, double clear_m,
+      const CameraModel& camera,
       const Transform<frame::Camera, frame::Table>& T_camera_board) const;
   // Every tag of the map once; ids that are seen twice are nobody's.
   [[nodiscard]] std::map<std::size_t, TagDetection> seen_tags(ImageView luma, TagDetector& detector,
@@ -181,15 +187,7 @@ std::map<std::size_t, TagDetection> TargetDetector::Impl::seen_tags(ImageView lu
 // own margin nor another tag lies.
 bool TargetDetector::Impl::has_squares(ImageView luma, const TargetView& view) const {
   if (!target.may_have_squares) return false;
-  const double size = target.tags->tags().front().size_m;
-  double gap = 1e9;  // between neighbours [m]
-  for (std::size_t i = 1; i < target.tags->tags().size(); ++i) {
-    gap = std::min(gap, (target.tags->tags()[i].T_table_tag.translation() -
-                         target.tags->tags()[0].T_table_tag.translation())
-                                .norm() -
-                            size);
-  }
-  const double spacing = std::min(gap / size, 0.5);
+  const double spacing = std::min(gap_m / target.tags->tags().front().size_m, 0.5);
   int black = 0;
   int white = 0;
   for (std::size_t i = 0; i + 3 < view.corners.size(); ++i) {
@@ -273,7 +271,7 @@ TargetView TargetDetector::Impl::detect_tags(ImageView luma) {
   if (has_squares(luma, view)) {
     view.black_squares = true;
     // Where a square touches a tag's corner, that is a saddle and no corner.
-    const double spacing = 0.3;
+    const double spacing = std::min(gap_m / target.tags->tags().front().size_m, 0.5);
     std::vector<TargetCorner> saddles;
     for (std::size_t i = 0; i < view.corners.size(); ++i) {
       const std::size_t first = i - i % 4;
@@ -387,9 +385,118 @@ TargetView TargetDetector::Impl::detect_charuco(ImageView luma) {
   return view;
 }
 
-// The tag's four sides are looked for around the curves where camera and pose put them, along the
-// normals; each side is moved and turned a little, and they meet in the corners. A straight line
-// fitted to a side would be off by what the lens bends it: 0.1 px on the tags of a webcam.
+namespace {
+
+// A straight edge of the board as it was found in the picture: how far it lies, along the normals,
+// from the curve where camera and pose put it.
+struct FollowedEdge {
+  double at_begin = 0.0;  // [px]
+  double at_middle = 0.0;
+  double at_end = 0.0;
+  Eigen::Vector2d normal_begin;
+  Eigen::Vector2d normal_middle;
+  Eigen::Vector2d normal_end;
+};
+
+// Follows the edge from a to b [m, board frame] within `reach` px of its curve. A straight line
+// fitted to it would be off by what the lens bends it: 0.1 px on the tags of a webcam. Normals point
+// away from `away_from` [px]. `alternates`: black and white change sides in the middle (at a
+// chessboard's corner), so what a tone curve does to one half it does to the other the other way
+// round; else white is where normals point. Nothing where less than half of the edge is seen.
+std::optional<FollowedEdge> follow_edge(ImageView luma, const CameraModel& camera,
+                                        const Transform<frame::Camera, frame::Table>& T_camera_board,
+                                        const Eigen::Vector3d& a, const Eigen::Vector3d& b,
+                                        const Eigen::Vector2d& away_from, double reach,
+                                        bool alternates) {
+  struct Place {
+    double t = 0.0;  // -0.5 at a, 0.5 at b
+    Eigen::Vector2d p;
+    Eigen::Vector2d normal;
+  };
+  const auto place_at = [&](double t) -> std::optional<Place> {
+    const auto p = camera.project(T_camera_board * Eigen::Vector3d(a + (t + 0.5) * (b - a)));
+    const auto q = camera.project(T_camera_board * Eigen::Vector3d(a + (t + 0.51) * (b - a)));
+    if (!p || !q || !((*q - *p).norm() > 1e-6)) return std::nullopt;
+    Eigen::Vector2d normal(-(*q - *p).y(), (*q - *p).x());
+    normal.normalize();
+    if (normal.dot(*p - away_from) < 0.0) normal = -normal;
+    return Place{t, *p, normal};
+  };
+  const auto begin = place_at(-0.5);
+  const auto middle = place_at(0.0);
+  const auto end = place_at(0.49);
+  if (!begin || !middle || !end) return std::nullopt;
+  const double length = (end->p - begin->p).norm();
+  if (reach < 1.2 || length < 8.0) return std::nullopt;
+  const double corner = std::clamp(1.5 * reach / length, 0.04, 0.2);  // corners are round
+  const int count = std::clamp(static_cast<int>(length), 10, 80);
+  std::vector<Place> places;
+  for (int k = 0; k < count; ++k) {
+    const double t = (k + 0.5) / count - 0.5;
+    if (std::abs(t) > 0.5 - corner || (alternates && std::abs(t) < corner)) continue;
+    const auto place = place_at(t);
+    if (!place) return std::nullopt;
+    places.push_back(*place);
+  }
+  // Offset = x0 + x1 t + x2 sign(t).
+  Eigen::Vector3d x = Eigen::Vector3d::Zero();
+  for (int round = 0; round < 5; ++round) {
+    Eigen::Matrix3d A = Eigen::Vector3d(0.0, 1e-9, alternates ? 1e-9 : 1.0).asDiagonal();
+    Eigen::Vector3d rhs = Eigen::Vector3d::Zero();
+    std::size_t used = 0;
+    for (const Place& place : places) {
+      const Eigen::Vector3d basis(1.0, place.t, !alternates ? 0.0 : place.t < 0.0 ? -1.0 : 1.0);
+      const double expected = basis.dot(x);
+      constexpr double kStep = 0.25;  // [px]
+      const int steps = static_cast<int>(reach / kStep);
+      std::array<double, 64> values{};
+      bool ok = true;
+      for (int s = 0; s <= 2 * steps + 1; ++s) {
+        const auto value =
+            sample(luma, place.p + (expected + (s - steps - 0.5) * kStep) * place.normal);
+        if (!value) {
+          ok = false;
+          break;
+        }
+        values[static_cast<std::size_t>(s)] = *value;
+      }
+      if (!ok) continue;
+      // Where the change from black to white is: its centre of mass, as seen through a window that
+      // forgets the next edge. A change the other way is another edge's.
+      const double whole = values[static_cast<std::size_t>(2 * steps + 1)] - values[0];
+      const double sign = alternates && whole < 0.0 ? -1.0 : 1.0;
+      const double width = round < 2 ? 0.6 * reach : std::min(0.6 * reach, 1.2);
+      double mass = 0.0;
+      double moment = 0.0;
+      for (int s = 0; s <= 2 * steps; ++s) {
+        const double rise = sign * (values[static_cast<std::size_t>(s + 1)] -
+                                    values[static_cast<std::size_t>(s)]);
+        if (rise <= 0.0) continue;
+        const double at = (s - steps) * kStep;
+        const double weight = rise * std::exp(-0.5 * at * at / (width * width));
+        mass += weight;
+        moment += weight * at;
+      }
+      if (mass < 10.0) continue;
+      // The window draws the centre of mass of a change of sigma 0.8 px towards its own middle.
+      const double offset = moment / mass * (1.0 + 0.64 / (width * width));
+      if (!(std::abs(offset) < reach)) continue;
+      const double weight = round == 0 ? 1.0 : 1.0 / (1.0 + 4.0 * offset * offset);
+      A += weight * basis * basis.transpose();
+      rhs += weight * (expected + offset) * basis;
+      ++used;
+    }
+    if (2 * used < places.size() || used < 6) return std::nullopt;
+    x = A.ldlt().solve(rhs);
+    if (!x.allFinite() || x.cwiseAbs().maxCoeff() > 6.0) return std::nullopt;
+  }
+  return FollowedEdge{x[0] - 0.5 * x[1], x[0],           x[0] + 0.5 * x[1],
+                      begin->normal,     middle->normal, end->normal};
+}
+
+}  // namespace
+
+// The tag's four sides, and where they meet.
 std::optional<std::array<Eigen::Vector2d, 4>> TargetDetector::Impl::follow_edges(
     ImageView luma, const MappedTag& tag, const CameraModel& camera,
     const Transform<frame::Camera, frame::Table>& T_camera_board) const {
@@ -402,106 +509,24 @@ std::optional<std::array<Eigen::Vector2d, 4>> TargetDetector::Impl::follow_edges
   }
   const Eigen::Vector2d centre =
       0.25 * (predicted[0] + predicted[1] + predicted[2] + predicted[3]);
-  struct Side {
-    double at_begin = 0.0;  // offsets along the outward normals there [px]
-    double at_end = 0.0;
-    Eigen::Vector2d normal_begin;
-    Eigen::Vector2d normal_end;
-  };
-  std::array<Side, 4> sides;
+  std::array<FollowedEdge, 4> sides;
   for (std::size_t i = 0; i < 4; ++i) {
-    const Eigen::Vector3d& a = corners[i];
-    const Eigen::Vector3d& b = corners[(i + 1) % 4];
-    const double length = (predicted[(i + 1) % 4] - predicted[i]).norm();
-    // The black border is one cell wide; across the sides that meet this one it may be less.
+    // The black border is one cell wide.
+    const Eigen::Vector2d along = predicted[(i + 1) % 4] - predicted[i];
     double cell = 1e9;
-    for (std::size_t k = 0; k < 4; ++k) {
-      const Eigen::Vector2d along = predicted[(i + 1) % 4] - predicted[i];
-      if (k == i) continue;
+    for (const std::size_t k : {(i + 2) % 4, (i + 3) % 4}) {
       const Eigen::Vector2d d = predicted[k] - predicted[i];
-      const double height = std::abs(along.x() * d.y() - along.y() * d.x()) / along.norm();
-      if (k == (i + 2) % 4 || k == (i + 3) % 4) cell = std::min(cell, height / cells);
+      cell = std::min(cell, std::abs(along.x() * d.y() - along.y() * d.x()) / along.norm() / cells);
     }
-    const double reach = std::min(0.85 * cell, 4.0);
-    if (reach < 1.2 || length < 10.0) return std::nullopt;
-    struct Place {
-      double t = 0.0;
-      Eigen::Vector2d p;
-      Eigen::Vector2d normal;
-    };
-    const auto place_at = [&](double t) -> std::optional<Place> {
-      const auto p = camera.project(T_camera_board * Eigen::Vector3d(a + t * (b - a)));
-      const auto q = camera.project(T_camera_board * Eigen::Vector3d(a + (t + 0.01) * (b - a)));
-      if (!p || !q || !((*q - *p).norm() > 1e-6)) return std::nullopt;
-      Eigen::Vector2d normal(-(*q - *p).y(), (*q - *p).x());
-      normal.normalize();
-      if (normal.dot(*p - centre) < 0.0) normal = -normal;
-      return Place{t, *p, normal};
-    };
-    const int count = std::clamp(static_cast<int>(length), 10, 60);
-    const double ends = std::clamp(1.5 * reach / length, 0.04, 0.2);  // the corners are round
-    std::vector<Place> places;
-    for (int k = 0; k < count; ++k) {
-      const auto place = place_at(ends + (1.0 - 2.0 * ends) * (k + 0.5) / count);
-      if (!place) return std::nullopt;
-      places.push_back(*place);
-    }
-    double level = 0.0;  // offset at t = 1/2 and its change along the side
-    double slope = 0.0;
-    for (int round = 0; round < 4; ++round) {
-      double sw = 0.0, st = 0.0, stt = 0.0, se = 0.0, ste = 0.0;
-      int used = 0;
-      for (const Place& place : places) {
-        const double expected = level + slope * (place.t - 0.5);
-        // Where the steepest part of the rise from black to white is: its centre of mass.
-        constexpr double kStep = 0.25;  // [px]
-        const int steps = static_cast<int>(reach / kStep);
-        double mass = 0.0;
-        double moment = 0.0;
-        double before = 0.0;
-        bool ok = true;
-        for (int s = -steps; s <= steps + 1 && ok; ++s) {
-          const double at = (s - 0.5) * kStep;
-          const auto value = sample(luma, place.p + (expected + at) * place.normal);
-          if (!value) {
-            ok = false;
-            break;
-          }
-          if (s > -steps) {
-            const double rise = *value - before;
-            mass += rise;
-            moment += rise * (at - 0.5 * kStep);
-          }
-          before = *value;
-        }
-        if (!ok || mass < 15.0) continue;
-        const double offset = moment / mass;
-        if (!(std::abs(offset) < reach)) continue;
-        const double weight = round == 0 ? 1.0 : 1.0 / (1.0 + 4.0 * offset * offset);
-        const double t = place.t - 0.5;
-        const double e = expected + offset;
-        sw += weight;
-        st += weight * t;
-        stt += weight * t * t;
-        se += weight * e;
-        ste += weight * t * e;
-        ++used;
-      }
-      const double determinant = sw * stt - st * st;
-      if (used < count / 2 || !(determinant > 1e-9)) return std::nullopt;
-      level = (stt * se - st * ste) / determinant;
-      slope = (sw * ste - st * se) / determinant;
-      if (!(std::abs(level) < 6.0 && std::abs(slope) < 6.0)) return std::nullopt;
-    }
-    const auto begin = place_at(0.0);
-    const auto end = place_at(0.99);
-    if (!begin || !end) return std::nullopt;
-    sides[i] = {level - 0.5 * slope, level + 0.5 * slope, begin->normal, end->normal};
+    const auto side = follow_edge(luma, camera, T_camera_board, corners[i], corners[(i + 1) % 4],
+                                  centre, std::min(0.75 * cell, 4.0), false);
+    if (!side) return std::nullopt;
+    sides[i] = *side;
   }
   std::array<Eigen::Vector2d, 4> found;
   for (std::size_t i = 0; i < 4; ++i) {
-    const Side& before = sides[(i + 3) % 4];
-    const Side& after = sides[i];
+    const FollowedEdge& before = sides[(i + 3) % 4];
+    const FollowedEdge& after = sides[i];
     Eigen::Matrix2d normals;
     normals.row(0) = before.normal_end.transpose();
     normals.row(1) = after.normal_begin.transpose();
@@ -509,6 +534,37 @@ std::optional<std::array<Eigen::Vector2d, 4>> TargetDetector::Impl::follow_edges
     found[i] = predicted[i] + normals.inverse() * Eigen::Vector2d(before.at_end, after.at_begin);
   }
   return found;
+}
+
+// A corner where two edges cross and black and white change sides, from `arm_m` of each edge on
+// both sides of it; nothing else lies within `clear_m` of them.
+std::optional<Eigen::Vector2d> TargetDetector::Impl::follow_crossing(
+    ImageView luma, const Eigen::Vector3d& corner, double arm_m, double clear_m,
+    const CameraModel& camera,
+    const Transform<frame::Camera, frame::Table>& T_camera_board) const {
+  const auto predicted = camera.project(T_camera_board * corner);
+  if (!predicted || !inside(luma, *predicted, kBorder)) return std::nullopt;
+  Eigen::Matrix2d normals;
+  Eigen::Vector2d offsets;
+  for (int axis = 0; axis < 2; ++axis) {
+    const Eigen::Vector3d x = axis == 0 ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitY();
+    const Eigen::Vector3d y = axis == 0 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitX();
+    const auto away = camera.project(T_camera_board * Eigen::Vector3d(corner - clear_m * y));
+    const auto along = camera.project(T_camera_board * Eigen::Vector3d(corner + arm_m * x));
+    if (!away || !along) return std::nullopt;
+    const Eigen::Vector2d e = *along - *predicted;
+    const Eigen::Vector2d d = *away - *predicted;
+    const double clear = std::abs(e.x() * d.y() - e.y() * d.x()) / e.norm();
+    const auto edge = follow_edge(luma, camera, T_camera_board, corner - arm_m * x,
+                                  corner + arm_m * x, *away, std::min(clear, 4.0), true);
+    if (!edge) return std::nullopt;
+    normals.row(axis) = edge->normal_middle.transpose();
+    offsets[axis] = edge->at_middle;
+  }
+  if (std::abs(normals.determinant()) < 0.2) return std::nullopt;
+  const Eigen::Vector2d moved = normals.inverse() * offsets;
+  if (!(moved.norm() < 5.0)) return std::nullopt;
+  return *predicted + moved;
 }
 
 TargetDetector::TargetDetector(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -527,6 +583,13 @@ Result<TargetDetector> TargetDetector::create(const Target& target) {
     const MappedTag& first = target.tags->tags().front();
     if (const auto pattern = TagPattern::make(first.family, first.id))
       impl->cells = pattern->width_at_border();
+    const auto& tags_of = target.tags->tags();
+    impl->gap_m = 1e9;
+    for (std::size_t i = 1; i < tags_of.size(); ++i) {
+      const double distance =
+          (tags_of[i].T_table_tag.translation() - tags_of[0].T_table_tag.translation()).norm();
+      impl->gap_m = std::min(impl->gap_m, distance - tags_of[0].size_m);
+    }
     if (families.size() == 1 && families.front() == TagFamily::tag36h11) {
       TagDetectorOptions options;
       options.border_cells = 2;
@@ -562,7 +625,6 @@ TargetView TargetDetector::detect(ImageView luma) {
 TargetView TargetDetector::refine(ImageView luma, const TargetView& view, const CameraModel& camera,
                                   const CameraPose& T_board_camera) const {
   const Target& target = impl_->target;
-  if (target.kind == TargetKind::chessboard) return view;
   TargetView refined = view;
   refined.corners.clear();
   const auto T_camera_board = T_board_camera.inverse();
@@ -581,25 +643,28 @@ TargetView TargetDetector::refine(ImageView luma, const TargetView& view, const 
                ? refined
                : view;
   }
-  // Saddles: each is looked for where it must be, found before or not.
+  // Crossings: each is looked for where it must be, found before or not.
+  double arm_m = target.square_m;
+  double clear_m = 0.4 * target.square_m;
+  if (target.kind == TargetKind::charuco) {
+    clear_m = 0.4 * (target.square_m - target.tags->tags().front().size_m);
+  } else if (target.kind == TargetKind::tags) {
+    arm_m = impl_->gap_m;
+    clear_m = 0.75 * target.tags->tags().front().size_m / impl_->cells;
+  }
   std::vector<const TargetCorner*> before(target.points.size(), nullptr);
   for (const TargetCorner& corner : view.corners)
     before[static_cast<std::size_t>(corner.point)] = &corner;
-  const double gap_m = target.kind == TargetKind::charuco
-                           ? 0.5 * (target.square_m - target.tags->tags().front().size_m)
-                           : 0.3 * target.tags->tags().front().size_m;
   for (std::size_t i = 0; i < target.points.size(); ++i) {
-    const auto pixel = camera.project(T_camera_board * target.points[i]);
-    const auto right =
-        camera.project(T_camera_board * (target.points[i] + Eigen::Vector3d(gap_m, 0, 0)));
-    const auto up =
-        camera.project(T_camera_board * (target.points[i] + Eigen::Vector3d(0, gap_m, 0)));
-    if (!pixel || !right || !up) continue;
-    const double gap_px = std::min((*right - *pixel).norm(), (*up - *pixel).norm());
-    const auto found = find_saddle(luma, *pixel, 0.6 * gap_px, std::max(1.5, 0.4 * gap_px));
-    if (found) refined.corners.push_back({static_cast<int>(i), *found, Eigen::Vector2d::Zero()});
+    const auto found =
+        impl_->follow_crossing(luma, target.points[i], arm_m, clear_m, camera, T_camera_board);
+    if (found) {
+      refined.corners.push_back({static_cast<int>(i), *found, Eigen::Vector2d::Zero()});
+    } else if (before[i] != nullptr) {
+      refined.corners.push_back(*before[i]);
+    }
   }
-  return refined.corners.size() >= view.corners.size() / 2 ? refined : view;
+  return refined;
 }
 
 }  // namespace penumbra
