@@ -15,7 +15,6 @@
 #include "render/passes/object_pass.hpp"
 #include "render/shadow/caster.hpp"
 #include "render/shadow/kernel_file.hpp"
-#include "render/shadow/twist.hpp"
 
 namespace penumbra {
 namespace {
@@ -231,6 +230,7 @@ ShadowPass::KernelSet& ShadowPass::kernels_of(Caster& caster, const KernelKey& k
                     caster.mesh.indices, kLeastFactor, kGreatestFactor);
     work.faces_tested += static_cast<std::int64_t>(twists.faces_tested);
     work.faces_twisted += static_cast<std::int64_t>(twists.faces_twisted);
+    set.twist = twists;
     set.kernels = level_kernels(caster.geometry, made);
   } else {
     set.kernels = caster.geometry.positions;
@@ -429,8 +429,19 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
     } else {
       prepare_one(draw, caster, prepared, work);
     }
-    items_.push_back({&caster, &prepared});
+    items_.push_back({&caster, &prepared, draw.node, draw.object, draw.plane});
   }
+}
+
+std::vector<CasterTwist> ShadowPass::twists() const {
+  std::vector<CasterTwist> twists;
+  for (const Item& item : items_) {
+    const KernelKey& key = item.prepared->kernel_key;
+    const auto set = item.caster->sets.find(key);
+    if (!item.prepared->valid || !key.source || set == item.caster->sets.end()) continue;
+    twists.push_back({item.node, item.object, item.plane, set->second.twist});
+  }
+  return twists;
 }
 
 void ShadowPass::mark_outline(const Outline& outline, const FramePlan& plan,

@@ -22,6 +22,7 @@
 #include "render/shadow/layered_penumbra.hpp"
 #include "render/shadow/own_frame.hpp"
 #include "render/shadow/shadow_mesh.hpp"
+#include "render/shadow/twist.hpp"
 
 namespace penumbra {
 
@@ -54,6 +55,8 @@ class ShadowPass {
   // The plan must be the one prepared. Depth test on, depth write off; the stencil must be cleared.
   // Number of draw calls.
   int draw(const FramePlan& plan, const LensUniforms& lens);
+  // Of those shadows of the last plan that are made with kernels.
+  [[nodiscard]] std::vector<CasterTwist> twists() const;
 
  private:
   struct KernelKey {
@@ -66,6 +69,7 @@ class ShadowPass {
     std::vector<glm::vec3> kernels;
     VertexArray layout;
     GlBuffer vertices{BufferUse::vertices};
+    TwistReport twist;
     std::uint64_t last_used = 0;
   };
   struct Caster {
@@ -140,6 +144,7 @@ class ShadowPass {
   struct Item {
     Caster* caster = nullptr;
     Prepared* prepared = nullptr;
+    int node = 0, object = 0, plane = 0;
   };
   std::vector<Item> items_;  // one per shadow of the plan
   std::uint64_t frame_count_ = 0;
