@@ -24,7 +24,7 @@ namespace penumbra {
 namespace {
 
 constexpr const char* kFontFile = "/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf";
-constexpr std::array<float, 3> kFontSizes = {15.0F, 18.0F, 27.0F};  // [px]
+constexpr std::array<float, 3> kFontSizes = {15.0F, 18.0F, 24.0F};  // [px]
 // A finger needs so much [px at a font of 15 px].
 constexpr float kTouchHeight = 46.0F;
 constexpr std::size_t kMostDebugLines = 10;
@@ -45,9 +45,7 @@ void text(const std::string& words) {
 }
 void text(const HudColor& color, const std::string& words) {
   ImGui::PushStyleColor(ImGuiCol_Text, to_imgui(color));
-  ImGui::PushTextWrapPos(0.0F);
   text(words);
-  ImGui::PopTextWrapPos();
   ImGui::PopStyleColor();
 }
 
@@ -143,7 +141,7 @@ struct Overlay::Impl {
 
   // Sizes that follow the letters.
   void set_style(GlContext::Size size, bool compact) {
-    const std::size_t at = size.height < 600 ? 0 : size.height < 1300 ? 1 : 2;
+    const std::size_t at = size.height < 600 ? 0 : size.height < 900 ? 1 : 2;
     font = sized[at];
     em = kFontSizes[at];
     ImGuiStyle style;
@@ -153,6 +151,7 @@ struct Overlay::Impl {
     style.WindowBorderSize = 0.0F;
     style.WindowPadding = {0.6F * em, 0.5F * em};
     style.ItemSpacing = {0.5F * em, 0.3F * em};
+    style.FramePadding = {0.5F * em, 0.25F * em};
     if (compact) {
       style.FramePadding = {0.7F * em, 0.7F * em};
       style.GrabMinSize = 2.0F * em;
@@ -258,6 +257,7 @@ struct Overlay::Impl {
     const auto height = static_cast<float>(size.height);
     ImGui::SetNextWindowSize({width, 0.0F});
     begin_window("status", {0.0F, 0.0F}, {0.0F, 0.0F}, kPlain);
+    ImGui::PushTextWrapPos(width - 0.6F * em);
     const HudStatus status = status_of(state.pose);
     text(status.color, state.has_picture ? status.text : "waiting for the first picture");
     if (state.paused) {
@@ -274,6 +274,7 @@ struct Overlay::Impl {
     }
     if (!times.empty()) text(kQuiet, times + " ms");
     camera_and_recording(state);
+    ImGui::PopTextWrapPos();
     status_bottom = ImGui::GetWindowPos().y + ImGui::GetWindowSize().y;
     end_window();
 
@@ -419,8 +420,10 @@ struct Overlay::Impl {
     begin_window("shadows", {width - (open.compact ? 0.0F : 0.5F * em), top}, {1.0F, 0.0F},
                  (kPlain & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_AlwaysAutoResize);
     ImGui::PushItemWidth(-1.0F);
+    ImGui::PushTextWrapPos(most.x - em);
     for (const HudNode& node : state.nodes) node_panel(node, actions);
     if (state.nodes.empty()) text("the scene has no shadows");
+    ImGui::PopTextWrapPos();
     ImGui::PopItemWidth();
     if (ImGui::Button("close", {ImGui::GetContentRegionAvail().x, 0.0F})) {
       actions.commands.push_back(WindowCommand::panels);
@@ -477,9 +480,7 @@ struct Overlay::Impl {
     for (const KeyHelp& key : key_help()) {
       text(std::string(key.keys));
       ImGui::SameLine(column + 2.0F * em);
-      ImGui::PushStyleColor(ImGuiCol_Text, to_imgui(kQuiet));
-      text(std::string(key.what));
-      ImGui::PopStyleColor();
+      text(kQuiet, std::string(key.what));
     }
     if (ImGui::Button("close", {ImGui::GetContentRegionAvail().x, 0.0F})) {
       actions.commands.push_back(WindowCommand::help);

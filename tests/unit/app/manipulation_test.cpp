@@ -100,7 +100,7 @@ TEST_F(Hands, APartTakesItsWholeAlong) {
 
 TEST_F(Hands, ASlideKeepsThePointUnderThePointerAndTheHeight) {
   Manipulator hands;
-  const Eigen::Vector3d top(0.05, 0.02, 0.30);
+  const Eigen::Vector3d top(0.05, -0.02, 0.30);
   ASSERT_TRUE(hands.take(scene(), state(), pointer_at(top), DragMode::slide));
   const auto moved = hands.drag(pointer_at(top + Eigen::Vector3d(-0.11, 0.07, 0.0)));
   ASSERT_TRUE(moved);
@@ -140,7 +140,7 @@ TEST_F(Hands, NothingIsPushedBelowTheTable) {
 TEST_F(Hands, SeenFromAboveUpInThePictureLifts) {
   pose = look_at({0.05, 0.0199, 1.2}, {0.05, 0.02, 0.0});
   Manipulator hands;
-  const PointerView start = pointer_at({0.05, 0.02, 0.30});
+  const PointerView start = pointer_at({0.05, -0.02, 0.30});
   ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::lift));
   const auto up = view_at(camera, pose, start.pixel - Eigen::Vector2d(0.0, 50.0));
   const auto moved = hands.drag(up.value());

@@ -152,13 +152,13 @@ TEST_P(OverlayOf, ASliderIsAnEdit) {
   HudActions actions;
   HudPanels panels;
   panels.panels = true;
-  const auto draw = [&] { shoot(*overlay, busy_state(), panels, 1280, 720, actions); };
+  const auto draw = [&] { shoot(*overlay, busy_state(), panels, 640, 400, actions); };
   draw();
   draw();
   WindowEvent event;
-  for (int y = 20; y < 400; y += 6) {
+  for (int y = 20; y < 360; y += 8) {
     event.y = y;
-    event.x = 1000.0;
+    event.x = 450.0;
     event.kind = WindowEvent::Kind::pointer_moved;
     overlay->handle(event);
     draw();
@@ -166,7 +166,7 @@ TEST_P(OverlayOf, ASliderIsAnEdit) {
     overlay->handle(event);
     draw();
     event.kind = WindowEvent::Kind::pointer_moved;
-    event.x = 1030.0;
+    event.x = 480.0;
     overlay->handle(event);
     draw();
     event.kind = WindowEvent::Kind::button_up;
