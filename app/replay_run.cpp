@@ -12,9 +12,12 @@
 #include "app/capture/look_ahead.hpp"
 #include "app/capture/recording_source.hpp"
 #include "app/interrupt.hpp"
+#include "app/overlay.hpp"
 #include "app/progress.hpp"
 #include "app/run_outputs.hpp"
+#include "app/scene_edit.hpp"
 #include "app/session.hpp"
+#include "app/session_host.hpp"
 #include "app/versions.hpp"
 #include "app/viewer.hpp"
 #include "core/units.hpp"
@@ -133,6 +136,29 @@ class Pacer {
   Stopwatch start_;
 };
 
+// What a person changed in the scene while it was recorded happens again, at the same frames.
+class RecordedEdits {
+ public:
+  RecordedEdits(const Recording& recording, const SceneEvents& events, const fs::path& scene)
+      : file_(recording.folder / "events.jsonl"), scene_(scene), events_(events.edits) {}
+
+  void replay_until(std::int64_t timestamp_ns, Session& session) {
+    for (; next_ < events_.size() && events_[next_].timestamp_ns <= timestamp_ns; ++next_) {
+      if (session.replay_edit(events_[next_].edit) || warned_) continue;
+      warned_ = true;
+      spdlog::warn("{}: changes what is not in {}; such changes are left out", file_.string(),
+                   scene_.string());
+    }
+  }
+
+ private:
+  fs::path file_;
+  fs::path scene_;
+  const std::vector<SceneEvent>& events_;
+  std::size_t next_ = 0;
+  bool warned_ = false;
+};
+
 Result<void> check_range(const ReplayRequest& request, const Recording& recording) {
   const int first = recording.frames.front().number;
   const int last = recording.frames.back().number;
@@ -180,6 +206,10 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
   for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
 
+  auto events = request.edits ? load_scene_events(recording->folder / "events.jsonl")
+                              : Result<SceneEvents>(SceneEvents());
+  if (!events) return tl::unexpected(events.error());
+
   if (auto checked = check_outputs(request, *recording); !checked)
     return tl::unexpected(checked.error());
 
@@ -201,7 +231,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   for (const auto& [name, version] : component_versions()) spdlog::info("{} {}", name, version);
   SessionOptions session_options;
   session_options.plan = request.plan;
-  session_options.scene_start_ns = recording->frames.front().timestamp_ns;
+  session_options.scene_start_ns =
+      events->scene_start_ns.value_or(recording->frames.front().timestamp_ns);
   auto session = Session::create(**context, scene, camera, std::move(*poses), session_options);
   if (!session) return tl::unexpected(session.error());
 
@@ -211,9 +242,16 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
                    overlapped ? kEncodeAhead : 0);
   if (!outputs) return tl::unexpected(outputs.error());
 
+  RunRecorder run;
   const bool has_window = (*context)->window_size().width > 0;
+  SessionHost host(*session, run, static_cast<int>(recording->frames.size()));
   std::optional<Viewer> viewer;
-  if (has_window) viewer.emplace(**context);
+  if (has_window) {
+    auto overlay = Overlay::create(**context);
+    if (!overlay) return tl::unexpected(overlay.error());
+    viewer.emplace(**context, host, std::move(*overlay), request.viewer);
+  }
+  RecordedEdits edits(*recording, *events, request.scene);
   Pacer pacer;
   std::vector<std::uint8_t> pixels;
   if (outputs->frames) {
@@ -230,7 +268,6 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
         return std::optional<TrackedItem>({session->track(**frame), (*source)->capture_time()});
       },
       overlapped ? kTrackAhead : 0);
-  RunRecorder run;
   bool stopped = false;
   {
     ProgressBar progress((*source)->frame_count().value_or(0));
@@ -242,6 +279,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       run.add_time("capture", (*item)->capture_time);
       const std::uint64_t sequence = (*item)->tracked.frame.sequence;
       const std::int64_t timestamp_ns = (*item)->tracked.frame.timestamp_ns;
+      edits.replay_until(timestamp_ns, *session);
 
       auto done = session->draw(std::move((*item)->tracked), pixels);
       if (!done) return tl::unexpected(done.error());
@@ -258,7 +296,10 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       if (request.realtime || has_window) {
         pacer.wait_for(timestamp_ns, viewer ? viewer->paused_ms() : 0.0);
       }
-      if (viewer) stopped = !viewer->show([&] { session->present(); }, interrupt);
+      if (viewer) {
+        host.saw(*done);
+        stopped = !viewer->show(interrupt);
+      }
       stopped = interrupt.interrupted() || stopped;
     }
   }

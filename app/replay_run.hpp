@@ -8,6 +8,7 @@
 #include "app/frame_range.hpp"
 #include "app/run_outputs.hpp"
 #include "app/run_report.hpp"
+#include "app/viewer.hpp"
 #include "core/error.hpp"
 #include "render/frame_plan.hpp"
 #include "tracking/table_tracker.hpp"
@@ -28,6 +29,8 @@ struct ReplayRequest : OutputRequest {
   int threads = 2;
   bool realtime = false;
   bool window = true;  // where there is a display
+  ViewerOptions viewer;
+  bool edits = true;  // what was moved and changed while it was recorded happens again
 };
 
 // Every path is checked before the first frame. Stopped by Ctrl-C or by closing the window, the

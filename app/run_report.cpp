@@ -89,6 +89,13 @@ StageSummary StageTimes::summary() const {
   return summary;
 }
 
+std::optional<double> StageTimes::recent_ms(std::size_t count) const {
+  if (wall_ms_.empty() || count == 0) return std::nullopt;
+  const std::size_t used = std::min(count, wall_ms_.size());
+  return std::accumulate(wall_ms_.end() - static_cast<std::ptrdiff_t>(used), wall_ms_.end(), 0.0) /
+         static_cast<double>(used);
+}
+
 RunRecorder::RunRecorder() {
   // A stage that never ran is told too, with a count of 0.
   for (const char* stage : {"capture", "track", "detect", "align", "solve", "plan", "shadow",
@@ -142,6 +149,15 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   add_time("draw", frame.draw_time);
   if (frame.read_back) add_time("readback", {drawn.readback_ms, drawn.readback_cpu_ms});
 
+  add_work(drawn);
+  for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
+}
+
+void RunRecorder::add_redrawn(const SessionFrame& frame) {
+  add_work(frame.composite);
+}
+
+void RunRecorder::add_work(const CompositeStats& drawn) {
   work_.shadow_vertices += drawn.shadow_vertices;
   work_.kernel_generations += drawn.kernel_generations;
   work_.reprojections += drawn.reprojections;
@@ -153,7 +169,13 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   work_.faces_twisted += drawn.faces_twisted;
   work_.passes_drawn += drawn.passes_drawn;
   work_.passes_skipped += drawn.passes_skipped;
-  for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
+}
+
+std::optional<double> RunRecorder::recent_ms(std::string_view stage, std::size_t count) const {
+  const auto found = std::find_if(stages_.begin(), stages_.end(),
+                                  [&](const auto& entry) { return entry.first == stage; });
+  PENUMBRA_ASSERT(found != stages_.end());
+  return found->second.recent_ms(count);
 }
 
 RunReport RunRecorder::report() const {
@@ -162,18 +184,22 @@ RunReport RunRecorder::report() const {
   for (const auto& [stage, times] : stages_) report.time_ms.emplace_back(stage, times.summary());
   report.reprojection_rms_px = statistics_of(reprojection_px_);
   report.tags_measured = !reprojection_px_.empty();
-  report.work = {{"shadow_vertices", work_.shadow_vertices},
-                 {"kernel_generations", work_.kernel_generations},
-                 {"reprojections", work_.reprojections},
-                 {"triples_recomputed", work_.triples_recomputed},
-                 {"proxy_shadows", work_.proxy_shadows},
-                 {"proxy_checks", work_.proxy_checks},
-                 {"proxy_faces_saved", work_.proxy_faces_saved},
-                 {"kernel_faces", work_.faces_tested},
-                 {"twisted_faces", work_.faces_twisted},
-                 {"passes_drawn", work_.passes_drawn},
-                 {"passes_skipped", work_.passes_skipped}};
+  report.work = work();
   return report;
+}
+
+std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
+  return {{"shadow_vertices", work_.shadow_vertices},
+          {"kernel_generations", work_.kernel_generations},
+          {"reprojections", work_.reprojections},
+          {"triples_recomputed", work_.triples_recomputed},
+          {"proxy_shadows", work_.proxy_shadows},
+          {"proxy_checks", work_.proxy_checks},
+          {"proxy_faces_saved", work_.proxy_faces_saved},
+          {"kernel_faces", work_.faces_tested},
+          {"twisted_faces", work_.faces_twisted},
+          {"passes_drawn", work_.passes_drawn},
+          {"passes_skipped", work_.passes_skipped}};
 }
 
 Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run, const Trajectory& truth) {

@@ -26,6 +26,8 @@ class StageTimes {
  public:
   void add(StageTime time);
   [[nodiscard]] StageSummary summary() const;
+  // Wall, mean of the last `count` frames [ms]; nothing before the first.
+  [[nodiscard]] std::optional<double> recent_ms(std::size_t count) const;
 
  private:
   std::vector<double> wall_ms_;
@@ -64,7 +66,13 @@ class RunRecorder {
   // Counts a frame; its stages' times are added here.
   void add_frame(const SessionFrame& frame);
 
+  // A frame that was counted, drawn again in an edited scene: only its work is added.
+  void add_redrawn(const SessionFrame& frame);
+
   [[nodiscard]] int frames() const { return report_.frames; }
+  [[nodiscard]] std::optional<double> recent_ms(std::string_view stage, std::size_t count) const;
+  // The report's "work" so far.
+  [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> work() const;
   // Timestamps of the processed frames, and the poses of the tracked ones.
   [[nodiscard]] const std::vector<std::int64_t>& times_ns() const { return times_ns_; }
   [[nodiscard]] const Trajectory& tracked() const { return tracked_; }
@@ -77,6 +85,8 @@ class RunRecorder {
                  triples_recomputed = 0, proxy_shadows = 0, proxy_checks = 0, proxy_faces_saved = 0,
                  faces_tested = 0, faces_twisted = 0, passes_drawn = 0, passes_skipped = 0;
   };
+  void add_work(const CompositeStats& drawn);
+
   RunReport report_;
   std::vector<std::pair<std::string, StageTimes>> stages_;
   std::vector<double> reprojection_px_;

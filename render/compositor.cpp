@@ -139,6 +139,10 @@ Result<CompositeStats> Compositor::read_back(std::span<std::uint8_t> rgba) {
   return m.stats;
 }
 
+std::vector<CasterTwist> Compositor::twists() const {
+  return impl_->shadows.twists();
+}
+
 void Compositor::present() {
   impl_->framebuffer.present(impl_->context.window_size());
 }

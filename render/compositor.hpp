@@ -5,6 +5,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "core/camera_model.hpp"
 #include "core/error.hpp"
@@ -12,6 +13,7 @@
 #include "render/frame_plan.hpp"
 #include "render/gl/context.hpp"
 #include "render/scene.hpp"
+#include "render/shadow/twist.hpp"
 
 namespace penumbra {
 
@@ -52,6 +54,8 @@ class Compositor {
   [[nodiscard]] Result<CompositeStats> read_back(std::span<std::uint8_t> rgba);
   // Copies the last picture to the context's window, letterboxed.
   void present();
+  // For a debug view: how many faces of each caster of the last picture turn over.
+  [[nodiscard]] std::vector<CasterTwist> twists() const;
 
  private:
   struct Impl;

@@ -20,7 +20,7 @@ struct LiveOptions {
   LiveRequest request;
   std::optional<std::filesystem::path> calibration, tags, scene;
   ShadowChoice shadow;
-  bool no_skip = false, no_window = false, no_vsync = false;
+  bool no_skip = false, no_window = false, no_vsync = false, no_hud = false;
 };
 
 Result<ExitCode> live(const LiveOptions& options) {
@@ -47,6 +47,7 @@ Result<ExitCode> live(const LiveOptions& options) {
   request.kernel_file = options.shadow.kernel_file;
   request.plan.skip = !options.no_skip;
   request.window = !options.no_window;
+  request.viewer.hud = !options.no_hud;
   request.vsync = !options.no_vsync;
 
   const auto report = run_live(request);
@@ -158,10 +159,12 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_flag("--no-skip", options->no_skip,
                     "Do all work, also what can't be seen; the results are the same");
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
+  command->add_flag("--no-hud", options->no_hud,
+                    "The window's HUD is hidden at first (H shows it)");
   command->add_flag("--no-vsync", options->no_vsync,
                     "Show frames at once: less latency, perhaps torn");
   command->footer(
-      "In the window: space pauses, Esc or q closes. Ctrl-C ends cleanly.\n\n"
+      "In the window: F1 lists the keys, space pauses, Esc or q closes. Ctrl-C ends cleanly.\n\n"
       "Example:\n"
       "  penumbra live --calibration camera.yaml --record session");
   command->callback([options, &chosen] {

@@ -21,7 +21,7 @@ struct ReplayOptions {
   std::optional<std::filesystem::path> scene;
   ShadowChoice shadow;
   bool no_skip = false;
-  bool no_window = false;
+  bool no_window = false, no_hud = false, no_edits = false;
 };
 
 Result<ExitCode> replay(const ReplayOptions& options) {
@@ -36,6 +36,8 @@ Result<ExitCode> replay(const ReplayOptions& options) {
   request.kernel_file = options.shadow.kernel_file;
   request.plan.skip = !options.no_skip;
   request.window = !options.no_window;
+  request.viewer.hud = !options.no_hud;
+  request.edits = !options.no_edits;
 
   const auto report = run_replay(request);
   if (!report) return tl::unexpected(report.error());
@@ -93,8 +95,12 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_flag("--realtime", request.realtime,
                     "At the pace it was recorded (always so in a window)");
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
+  command->add_flag("--no-hud", options->no_hud,
+                    "The window's HUD is hidden at first (H shows it)");
+  command->add_flag("--no-edits", options->no_edits,
+                    "Leave out what was moved and changed while it was recorded");
   command->footer(
-      "In the window: space pauses, Esc or q closes.\n"
+      "In the window: F1 lists the keys, space pauses, Esc or q closes.\n"
       "Ctrl-C ends early; the files hold the frames up to then, and the report says so.\n\n"
       "Example:\n"
       "  penumbra replay recordings/tabletop --output out.mkv --poses out.tum --report "

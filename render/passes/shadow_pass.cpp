@@ -16,7 +16,6 @@
 #include "render/shadow/caster.hpp"
 #include "render/shadow/fixed_light.hpp"
 #include "render/shadow/kernel_file.hpp"
-#include "render/shadow/twist.hpp"
 
 namespace penumbra {
 namespace {
@@ -269,6 +268,7 @@ ShadowPass::KernelSet& ShadowPass::kernels_of(Caster& caster, const KernelKey& k
                   caster.mesh.indices, kLeastFactor, kGreatestFactor);
   work.faces_tested += static_cast<std::int64_t>(twists.faces_tested);
   work.faces_twisted += static_cast<std::int64_t>(twists.faces_twisted);
+  set.twist = twists;
   return set;
 }
 
@@ -576,8 +576,19 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
             (caster.whole.geometry.indices.size() - caster.reduced.geometry.indices.size()) / 3);
       }
     }
-    items_.push_back({&caster, &prepared});
+    items_.push_back({&caster, &prepared, draw.node, draw.object, draw.plane});
   }
+}
+
+std::vector<CasterTwist> ShadowPass::twists() const {
+  std::vector<CasterTwist> twists;
+  for (const Item& item : items_) {
+    const KernelKey& key = item.prepared->kernel_key;
+    const auto set = item.caster->sets.find(key);
+    if (!item.prepared->valid || !key.source || set == item.caster->sets.end()) continue;
+    twists.push_back({item.node, item.object, item.plane, set->second.twist});
+  }
+  return twists;
 }
 
 void ShadowPass::mark_outline(const Outline& outline, const FramePlan& plan,

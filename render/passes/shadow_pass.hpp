@@ -25,6 +25,7 @@
 #include "render/shadow/own_frame.hpp"
 #include "render/shadow/shadow_mesh.hpp"
 #include "render/shadow/shadow_proxy.hpp"
+#include "render/shadow/twist.hpp"
 
 namespace penumbra {
 
@@ -60,6 +61,8 @@ class ShadowPass {
   // The plan must be the one prepared. Depth test on, depth write off; the stencil must be cleared.
   // Number of draw calls.
   int draw(const FramePlan& plan, const LensUniforms& lens);
+  // Of those shadows of the last plan that are made with kernels.
+  [[nodiscard]] std::vector<CasterTwist> twists() const;
 
  private:
   struct KernelKey {
@@ -83,6 +86,7 @@ class ShadowPass {
   struct KernelSet {
     ShadowKernels made;  // for the full mesh; none where the technique needs none
     BodyVertices whole, reduced;
+    TwistReport twist;
     std::uint64_t last_used = 0;
   };
   // Where the proxy was compared with the full mesh.
@@ -181,6 +185,7 @@ class ShadowPass {
   struct Item {
     Caster* caster = nullptr;
     Prepared* prepared = nullptr;
+    int node = 0, object = 0, plane = 0;
   };
   std::vector<Item> items_;  // one per shadow of the plan
   std::uint64_t frame_count_ = 0;
