@@ -25,7 +25,7 @@ Result<ExitCode> simulate(const SimulateRequest& request) {
   const auto summary = run_simulate(request);
   if (!summary) return tl::unexpected(summary.error());
   fmt::print("frames: {}\nrecording: {}\n", summary->frames, request.output.string());
-  return summary->interrupted ? ExitCode::interrupted : ExitCode::success;
+  return ExitCode::success;
 }
 
 // CLI11's own Range lets "nan" through.
@@ -102,7 +102,7 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
   command->footer(
       "The recording holds frames/*.png, timestamps.csv, camera.yaml, tags.yaml and "
       "groundtruth.tum,\nand opens in every command that takes one.\n"
-      "Ctrl-C ends early with exit code 130; the recording holds the frames up to then.\n\n"
+      "Ctrl-C ends early; the recording holds the frames up to then.\n\n"
       "Example:\n"
       "  penumbra simulate board --camera recordings/tabletop/camera.yaml --tags "
       "recordings/tabletop/tags.yaml \\\n"
