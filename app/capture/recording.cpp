@@ -258,6 +258,10 @@ Result<void> settle_pictures(Recording& recording) {
       first_cause = fmt::format("{}: is missing", file.string());
     } else if (auto readable = check_readable(file); !readable) {
       return readable;
+    } else if (recording.frames.size() > 1 &&
+               (file / "").lexically_normal() ==
+                   ((recording.frames.end() - 2)->file.parent_path() / "").lexically_normal()) {
+      first_cause = fmt::format("{}: is where the name was cut off", file.string());
     } else if (!std::filesystem::is_regular_file(file, ignored)) {
       return fail("{}: is no file; a recording's pictures are files", file.string());
     } else if (const auto picture = load_image(file); !picture) {
