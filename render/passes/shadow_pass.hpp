@@ -39,7 +39,8 @@ struct ShadowWork {
 };
 
 // For each object of the scene: the longest edge [object units] of the caster made of it, so that
-// its shadow's edges can follow the lens.
+// its shadow's edges can follow the lens at the nearest distance expected; 0 (no edge needs
+// splitting) for a lens without distortion.
 [[nodiscard]] std::vector<float> longest_caster_edges(const Scene& scene,
                                                       const CameraModel& camera);
 
@@ -68,11 +69,15 @@ class ShadowPass {
     GlBuffer vertices{BufferUse::vertices};
     std::uint64_t last_used = 0;
   };
+  struct IndexRange {
+    std::size_t first = 0, count = 0;
+  };
   struct Caster {
     ShadowMesh mesh;
     CasterGeometry geometry;
     GlBuffer indices{BufferUse::indices};
     bool indices_written = false;
+    std::vector<IndexRange> ranges;  // of the coarser surfaces, then of the finest
     glm::vec3 min_corner{0.0F};
     glm::vec3 max_corner{0.0F};
     double size = 0.0;  // largest distance of a point from the object's origin, unscaled [m]
@@ -95,6 +100,7 @@ class ShadowPass {
     std::array<bool, 3> wanted{};
     KernelKey kernel_key;
     std::array<LayerGeometry, 3> layers;
+    std::size_t surface = 0;  // which of the caster's ranges is fine enough in this frame
     VertexArray clipped_layout;
     GlBuffer clipped{BufferUse::vertices};
     bool clipped_layout_made = false;
@@ -113,6 +119,8 @@ class ShadowPass {
 
   Caster& caster_of(const Scene& scene, int object);
   KernelSet& kernels_of(Caster& caster, const KernelKey& key, ShadowWork& work);
+  [[nodiscard]] std::size_t surface_for(const ShadowDraw& draw, const FramePlan& plan,
+                                        const Caster& caster) const;
   static const std::vector<PartDisc>& parts_of(Caster& caster, const KernelDirection& direction,
                                                ShadowWork& work);
   void prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
@@ -132,8 +140,11 @@ class ShadowPass {
   ShaderProgram shadow_program_;
   ShaderProgram outline_program_;
   FieldQuad field_quad_;
-  std::vector<Outline> outlines_;  // one per scene plane
-  std::vector<float> edges_;       // the longest of each scene object's model, as a caster
+  std::vector<Outline> outlines_;    // one per scene plane
+  std::vector<float> edges_;         // the longest of each scene object's model, as a caster
+  double edge_at_unit_depth_ = 0.0;  // 1 m from the camera, the longest that follows the lens [m]
+  // A pixel at the nearest distance expected: finer cells of a field would not be seen [m].
+  double finest_field_cell_ = 0.0;
   std::map<std::pair<const Model*, float>, std::unique_ptr<Caster>> casters_;
   // One per shadow of the plan before: (node, object, plane, n-th of these in the plan).
   std::map<std::tuple<int, int, int, int>, Prepared> prepared_;
