@@ -243,6 +243,7 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
         {"no_pose", "overlay: " + (pose.reason.empty() ? std::string("no pose") : pose.reason)});
     return plan;
   }
+  plan.finest_edges = options.finest_edges;
   plan.overlay_opacity = static_cast<float>(overlay_opacity(pose));
   if (plan.overlay_opacity <= 0.0F) {
     plan.skipped.push_back({"faded_out", "overlay: the pose is too old"});

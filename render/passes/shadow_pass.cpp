@@ -3,6 +3,7 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <glm/common.hpp>
@@ -164,6 +165,7 @@ std::vector<bool> steady_scales(const Scene& scene) {
 }  // namespace
 
 std::vector<float> longest_caster_edges(const Scene& scene, const CameraModel& camera) {
+  if (!camera.has_distortion()) return std::vector<float>(scene.objects.size(), 0.0F);
   const double longest = longest_edge(camera);
   const std::vector<double> scales = largest_scales(scene);
   const std::vector<double> magnifications = largest_magnifications(scene);
@@ -189,6 +191,9 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const Camer
   pass.edges_ = longest_caster_edges(scene, camera);
   pass.steady_ = steady_scales(scene);
   const double longest = longest_edge(camera);
+  pass.edge_at_unit_depth_ = longest / kNearestDistance;
+  pass.finest_field_cell_ =
+      kNearestDistance / std::max(camera.parameters().fx, camera.parameters().fy);
   for (const ScenePlane& plane : scene.planes) {
     Outline& out = pass.outlines_.emplace_back();
     std::vector<glm::vec2> points;
@@ -297,7 +302,14 @@ void ShadowPass::write_vertices(Caster& caster, KernelSet& set, bool reduced) {
   if (body.indices_written) {
     body.indices.bind();
   } else {
-    body.indices.write(std::span<const std::uint32_t>(body.geometry.indices));
+    std::vector<std::uint32_t> all;
+    const auto add = [&](const std::vector<std::uint32_t>& indices) {
+      body.ranges.push_back({all.size(), indices.size()});
+      all.insert(all.end(), indices.begin(), indices.end());
+    };
+    for (const CasterGeometry::Coarser& coarser : body.geometry.coarser) add(coarser.indices);
+    add(body.geometry.indices);
+    body.indices.write(std::span<const std::uint32_t>(all));
     body.indices_written = true;
   }
 }
@@ -520,9 +532,11 @@ void ShadowPass::make_field(const ShadowDraw& draw, Caster& caster, Prepared& pr
     vertices.push_back({x.x(), x.y(), h, x.x(), x.y()});
   }
   work.vertices += static_cast<std::int64_t>(vertices.size());
+  ShadowFieldOptions options;
+  options.finest_cell = finest_field_cell_;
   prepared.field.upload(power_distance_layers(vertices, caster.mesh.indices, caster.mesh.part,
                                               part_lights(parts, T_own_object, plane),
-                                              draw.constants));
+                                              draw.constants, options));
 }
 
 void ShadowPass::place_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels,
@@ -557,6 +571,49 @@ void ShadowPass::place_layers(const ShadowDraw& draw, Caster& caster, KernelSet&
   if (clips) clip_layers(draw, caster, kernels, prepared, work);
 }
 
+// The coarsest of the caster's surfaces whose shadow still follows the lens where it is nearest to
+// the camera. Of the present frame alone: the same placement and pose give the same picture,
+// whatever came before.
+std::size_t ShadowPass::surface_for(const ShadowDraw& draw, const FramePlan& plan,
+                                    const Caster& caster, const Body& body) const {
+  const std::size_t finest = body.geometry.coarser.size();
+  if (plan.finest_edges || finest == 0) return finest;
+  std::array<Eigen::Vector3d, 8> corners;
+  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+  double top = 0.0;
+  for (int i = 0; i < 8; ++i) {
+    const Eigen::Vector3d corner(
+        static_cast<double>((i & 1) != 0 ? caster.max_corner.x : caster.min_corner.x),
+        static_cast<double>((i & 2) != 0 ? caster.max_corner.y : caster.min_corner.y),
+        static_cast<double>((i & 4) != 0 ? caster.max_corner.z : caster.min_corner.z));
+    Eigen::Vector3d& on_plane = corners[static_cast<std::size_t>(i)];
+    on_plane = draw.plane_frame.to_plane(draw.T_table_object * corner);
+    centre += on_plane.head<2>() / 8.0;
+    top = std::max(top, on_plane.z());
+  }
+  double radius = 0.0;
+  for (const Eigen::Vector3d& corner : corners)
+    radius = std::max(radius, (corner.head<2>() - centre).norm());
+  double magnification = 1.0;
+  if (draw.technique != ShadowTechnique::simple) {
+    for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra})
+      magnification = std::max(magnification, layer_factor(draw.constants, layer, top));
+  }
+  // A kernel lies inside the circle round the footprint: no image is farther out than this.
+  radius *= 1.05 * (2.0 * magnification - 1.0);
+  const Eigen::Vector3d axis = plan.T_table_camera.rotation() * Eigen::Vector3d::UnitZ();
+  const PlaneFrame& plane = draw.plane_frame;
+  const Eigen::Vector3d middle = plane.q + centre.x() * plane.e1 + centre.y() * plane.e2;
+  const double depth = axis.dot(middle - plan.T_table_camera.translation()) -
+                       radius * std::hypot(axis.dot(plane.e1), axis.dot(plane.e2));
+  if (depth <= kNearestDistance) return finest;
+  const double longest = edge_at_unit_depth_ * depth / (draw.T_table_object.scale * magnification);
+  for (std::size_t i = 0; i < finest; ++i) {
+    if (static_cast<double>(body.geometry.coarser[i].longest_edge) <= longest) return i;
+  }
+  return finest;
+}
+
 void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work) {
   ++frame_count_;
   items_.clear();
@@ -570,6 +627,8 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
       prepared.valid = false;
     } else {
       prepare_one(draw, caster, prepared, work);
+      const Body& body = prepared.reduced ? caster.reduced : caster.whole;
+      prepared.surface = surface_for(draw, plan, caster, body);
       for (const LayerGeometry& layer : prepared.layers) {
         if (!prepared.reduced || layer.source == LayerSource::nothing) continue;
         work.proxy_faces_saved += static_cast<std::int64_t>(
@@ -632,8 +691,10 @@ int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_
     const bool reduced = it.prepared->reduced;
     const Body& body = reduced ? it.caster->reduced : it.caster->whole;
     (reduced ? set->second.reduced : set->second.whole).layout.bind();
-    glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(body.geometry.indices.size()),
-                            GL_UNSIGNED_INT, nullptr, count);
+    const IndexRange& range = body.ranges[it.prepared->surface];
+    glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(range.count), GL_UNSIGNED_INT,
+                            reinterpret_cast<const void*>(range.first * sizeof(std::uint32_t)),
+                            count);
   } else {
     PENUMBRA_ASSERT(count == 1);
     if (layer.count == 0) return 0;

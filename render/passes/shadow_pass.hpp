@@ -46,7 +46,8 @@ struct ShadowWork {
 };
 
 // For each object of the scene: the longest edge [object units] of the caster made of it, so that
-// its shadow's edges can follow the lens.
+// its shadow's edges can follow the lens at the nearest distance expected; 0 (no edge needs
+// splitting) for a lens without distortion.
 [[nodiscard]] std::vector<float> longest_caster_edges(const Scene& scene,
                                                       const CameraModel& camera);
 
@@ -70,11 +71,15 @@ class ShadowPass {
     KernelDirection direction;
     friend auto operator<=>(const KernelKey&, const KernelKey&) = default;
   };
+  struct IndexRange {
+    std::size_t first = 0, count = 0;
+  };
   // A mesh that casts, and its faces on the GPU.
   struct Body {
     CasterGeometry geometry;
     GlBuffer indices{BufferUse::indices};
     bool indices_written = false;
+    std::vector<IndexRange> ranges;  // of the coarser surfaces, then of the finest
   };
   // A body's vertices with one set of kernels: { position, kernel }.
   struct BodyVertices {
@@ -128,6 +133,7 @@ class ShadowPass {
     std::array<bool, 3> wanted{};
     KernelKey kernel_key;
     std::array<LayerGeometry, 3> layers;
+    std::size_t surface = 0;  // which of the caster's ranges is fine enough in this frame
     VertexArray clipped_layout;
     GlBuffer clipped{BufferUse::vertices};
     bool clipped_layout_made = false;
@@ -154,6 +160,8 @@ class ShadowPass {
                    ShadowWork& work);
   static void complete_set(Caster& caster, KernelSet& set, ShadowWork& work);
   static void write_vertices(Caster& caster, KernelSet& set, bool reduced);
+  [[nodiscard]] std::size_t surface_for(const ShadowDraw& draw, const FramePlan& plan,
+                                        const Caster& caster, const Body& body) const;
   static const std::vector<PartDisc>& parts_of(Caster& caster, const KernelDirection& direction,
                                                ShadowWork& work);
   void prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
@@ -176,9 +184,12 @@ class ShadowPass {
   ShaderProgram shadow_program_;
   ShaderProgram outline_program_;
   FieldQuad field_quad_;
-  std::vector<Outline> outlines_;  // one per scene plane
-  std::vector<float> edges_;       // the longest of each scene object's model, as a caster
-  std::vector<bool> steady_;       // of each scene object: its scale never changes
+  std::vector<Outline> outlines_;    // one per scene plane
+  std::vector<float> edges_;         // the longest of each scene object's model, as a caster
+  std::vector<bool> steady_;         // of each scene object: its scale never changes
+  double edge_at_unit_depth_ = 0.0;  // 1 m from the camera, the longest that follows the lens [m]
+  // A pixel at the nearest distance expected: finer cells of a field would not be seen [m].
+  double finest_field_cell_ = 0.0;
   std::map<CasterKey, std::unique_ptr<Caster>> casters_;
   // One per shadow of the plan before: (node, object, plane, n-th of these in the plan).
   std::map<std::tuple<int, int, int, int>, Prepared> prepared_;

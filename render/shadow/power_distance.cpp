@@ -694,7 +694,9 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
   if (jobs.empty() || !(extent > 0.0F)) return field;
 
   constexpr int kMargin = 3;
-  const float cell = extent / static_cast<float>(std::max(8, options.cells) - 2 * kMargin);
+  const float cell = std::max(extent / static_cast<float>(std::max(8, options.cells) - 2 * kMargin),
+                              // Some cells it takes in any case.
+                              std::min(static_cast<float>(options.finest_cell), extent / 24.0F));
   if (!(cell > std::numeric_limits<float>::min())) return field;
   field.cell = static_cast<double>(cell);
   field.width = static_cast<int>(std::ceil((all.right - all.left) / cell)) + 2 * kMargin;

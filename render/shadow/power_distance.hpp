@@ -48,7 +48,8 @@ enum class FieldLevels {
 };
 
 struct ShadowFieldOptions {
-  int cells = 256;  // along the longer side
+  int cells = 256;           // along the longer side, at most
+  double finest_cell = 0.0;  // cells are no smaller than this [m]
   FieldLevels levels = FieldLevels::from_one_raster;
 };
 

@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -460,6 +461,27 @@ TEST(ShadowPass, SplittingKeepsTheSurfaceAndItsKernels) {
       EXPECT_LE(glm::distance(p, q), 0.02F);
   }
   EXPECT_NEAR(area, 2.0 * (0.2 * 0.1 + 0.2 * 0.02 + 0.1 * 0.02), 1e-6);
+  // On the way, the same surface of longer and longer edges.
+  ASSERT_GT(g.coarser.size(), 1U);
+  EXPECT_EQ(g.coarser[0].indices, mesh.indices);
+  float longer = std::numeric_limits<float>::infinity();
+  for (const CasterGeometry::Coarser& coarser : g.coarser) {
+    EXPECT_LT(coarser.longest_edge, longer);
+    EXPECT_LT(coarser.indices.size(), g.indices.size());
+    EXPECT_GT(coarser.longest_edge, 0.02F);
+    longer = coarser.longest_edge;
+    float longest = 0.0F;
+    double same_area = 0.0;
+    for (std::size_t i = 0; i + 2 < coarser.indices.size(); i += 3) {
+      const glm::vec3 a = g.positions[coarser.indices[i]];
+      const glm::vec3 b = g.positions[coarser.indices[i + 1]];
+      const glm::vec3 c = g.positions[coarser.indices[i + 2]];
+      same_area += 0.5 * static_cast<double>(glm::length(glm::cross(b - a, c - a)));
+      longest = std::max({longest, glm::distance(a, b), glm::distance(b, c), glm::distance(c, a)});
+    }
+    EXPECT_NEAR(same_area, area, 1e-6);
+    EXPECT_EQ(longest, coarser.longest_edge);
+  }
 }
 
 }  // namespace
