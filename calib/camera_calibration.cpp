@@ -215,8 +215,9 @@ Result<void> CameraCalibrator::Impl::check_found() const {
         "sheet with penumbra target",
         wide, pictures.size());
   }
-  const auto most = std::max_element(reasons.begin(), reasons.end(),
-                                     [](const auto& a, const auto& b) { return a.second < b.second; });
+  const auto most =
+      std::max_element(reasons.begin(), reasons.end(),
+                       [](const auto& a, const auto& b) { return a.second < b.second; });
   const std::string because =
       most == reasons.end() ? "" : fmt::format(" ({} times: {})", most->second, most->first);
   if (seen == 0) {
@@ -235,15 +236,17 @@ Result<void> CameraCalibrator::Impl::check_found() const {
 void CameraCalibrator::Impl::leave_out_blurred() {
   std::vector<double> blurs;
   for (const CalibrationPicture& picture : pictures) {
-    if (picture.left_out.empty() && picture.view.blur_px > 0.0) blurs.push_back(picture.view.blur_px);
+    if (picture.left_out.empty() && picture.view.blur_px > 0.0)
+      blurs.push_back(picture.view.blur_px);
   }
   if (blurs.size() < 6) return;
   const double limit = std::max(2.0 * median(blurs), 1.5);
   auto left = static_cast<int>(blurs.size());
   for (CalibrationPicture& picture : pictures) {
     if (!picture.left_out.empty() || picture.view.blur_px <= limit || left <= 4) continue;
-    picture.left_out = fmt::format("blurred: edges are {:.1f} px wide (sigma), {:.1f} in most views",
-                                   picture.view.blur_px, median(blurs));
+    picture.left_out =
+        fmt::format("blurred: edges are {:.1f} px wide (sigma), {:.1f} in most views",
+                    picture.view.blur_px, median(blurs));
     --left;
   }
 }
@@ -267,8 +270,8 @@ void CameraCalibrator::Impl::leave_out_surplus() {
       distance[i] = std::min(distance[i], view_distance(pictures[candidates[i]].view,
                                                         pictures[candidates[next]].view));
       // A view of the whole target says more than one of a corner of it.
-      const double worth = distance[i] *
-                           std::sqrt(static_cast<double>(pictures[candidates[i]].view.corners.size()));
+      const double worth =
+          distance[i] * std::sqrt(static_cast<double>(pictures[candidates[i]].view.corners.size()));
       if (!chosen[i] && worth > most) {
         most = worth;
         furthest = i;
@@ -297,9 +300,9 @@ std::vector<CalibrationView> CameraCalibrator::Impl::used_views() {
 void CameraCalibrator::Impl::refine_corners(const CalibrationSolution& solution) {
   for (CalibrationPicture& picture : pictures) {
     if (picture.solved < 0) continue;
-    picture.view = detector->refine(
-        picture.picture(), picture.view, solution.camera,
-        solution.views[static_cast<std::size_t>(picture.solved)].T_board_camera);
+    picture.view =
+        detector->refine(picture.picture(), picture.view, solution.camera,
+                         solution.views[static_cast<std::size_t>(picture.solved)].T_board_camera);
   }
 }
 
@@ -315,7 +318,8 @@ Result<CalibrationSolution> CameraCalibrator::Impl::first_solution(
   // A wide lens can't be described by a polynomial in tan(angle): where that fits badly, or not at
   // all, the other is tried before corners are refined with it.
   if (!best || best->noise_px > 0.5 || best->outliers * 20 > best->corners) {
-    Result<CalibrationSolution> wide = solve_intrinsics(width, height, target.points, views, solver);
+    Result<CalibrationSolution> wide =
+        solve_intrinsics(width, height, target.points, views, solver);
     if (wide && (!best || wide->noise_px < best->noise_px)) return wide;
   }
   return best;
@@ -395,8 +399,8 @@ void CameraCalibrator::Impl::choose_model(CameraCalibration& result,
   const auto consider = [&](DistortionModel model, BoardShape shape) {
     auto tried = try_one(model, shape);
     if (!tried) return;
-    const bool better = !best || (tried->second && best->second &&
-                                  *tried->second < kWorthwhile * *best->second);
+    const bool better =
+        !best || (tried->second && best->second && *tried->second < kWorthwhile * *best->second);
     if (!better) return;
     best = std::move(tried);
     chosen = result.trials.size() - 1;
@@ -448,7 +452,8 @@ void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
   if (solution.views.size() < 10)
     result.advice.push_back(fmt::format("{} views are few: take 20", solution.views.size()));
   if (result.blur_px > 1.5)
-    result.advice.push_back(fmt::format("pictures are blurred ({:.1f} px): hold still, focus, more light", result.blur_px));
+    result.advice.push_back(fmt::format(
+        "pictures are blurred ({:.1f} px): hold still, focus, more light", result.blur_px));
   if (solution.shape != BoardShape::rigid)
     result.advice.push_back("the target is not flat or not true: glue it on glass or a board");
 
@@ -464,8 +469,9 @@ void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
       to_string(result.grade), sigma, result.uncertainty.mean_px, error);
   if (result.grade != CalibrationGrade::good) {
     if (result.advice.empty()) {
-      text += error > 1.0 ? "; the corners are off by too much: is the target flat, the focus fixed?"
-                          : "; take more views";
+      text += error > 1.0
+                  ? "; the corners are off by too much: is the target flat, the focus fixed?"
+                  : "; take more views";
     } else {
       text += fmt::format("; {}", fmt::join(result.advice, "; "));
     }

@@ -1,5 +1,5 @@
-// Pictures of a target -> a camera that can be trusted, or what is missing: which views count, which
-// lens explains them, what the result is worth, and a verdict in words.
+// Pictures of a target -> a camera that can be trusted, or what is missing: which views count,
+// which lens explains them, what the result is worth, and a verdict in words.
 #pragma once
 
 #include <cstdint>
@@ -25,12 +25,14 @@ struct CalibrationOptions {
 struct CalibrationPicture {
   std::string name;
   TargetView view;
-  std::string left_out;   // why; empty when used
-  int solved = -1;        // index into CalibrationSolution::views; -1 when left out
-  int width = 0;          // [px]
-  int height = 0;         // [px]
+  std::string left_out;            // why; empty when used
+  int solved = -1;                 // index into CalibrationSolution::views; -1 when left out
+  int width = 0;                   // [px]
+  int height = 0;                  // [px]
   std::vector<std::uint8_t> luma;  // rows of `width` bytes; empty where nothing was found
-  [[nodiscard]] ImageView picture() const { return {luma.data(), luma.empty() ? 0 : width, height, width}; }
+  [[nodiscard]] ImageView picture() const {
+    return {luma.data(), luma.empty() ? 0 : width, height, width};
+  }
 };
 
 // A lens and board that were tried.
@@ -60,7 +62,8 @@ struct ProjectionDifference {
   double mean_px = 0.0;
   double largest_px = 0.0;
 };
-[[nodiscard]] ProjectionDifference projection_difference(const CameraModel& a, const CameraModel& b);
+[[nodiscard]] ProjectionDifference projection_difference(const CameraModel& a,
+                                                         const CameraModel& b);
 
 enum class CalibrationGrade { good, usable, poor };
 [[nodiscard]] std::string_view to_string(CalibrationGrade grade);

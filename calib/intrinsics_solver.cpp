@@ -2,6 +2,7 @@
 
 #include <ceres/ceres.h>
 #include <ceres/rotation.h>
+#include <glog/logging.h>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -19,8 +20,8 @@
 namespace penumbra {
 namespace {
 
-constexpr int kLens = 12;  // fx fy cx cy k[8]
-constexpr int kView = 7;   // angle-axis and translation of T_camera_board, edge shift
+constexpr int kLens = 12;                // fx fy cx cy k[8]
+constexpr int kView = 7;                 // angle-axis and translation of T_camera_board, edge shift
 constexpr double kEdgeShiftPrior = 1.0;  // [px]
 constexpr double kNearest = 1e-6;        // [m] in front of the camera
 
@@ -64,9 +65,9 @@ ViewParameters view_of(const CameraPose& T_board_camera, double edge_shift_px) {
 CameraPose pose_of(const ViewParameters& view) {
   const Eigen::Vector3d axis(view[0], view[1], view[2]);
   const double angle = axis.norm();
-  const Eigen::Quaterniond q =
-      angle < 1e-12 ? Eigen::Quaterniond::Identity()
-                    : Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis / angle));
+  const Eigen::Quaterniond q = angle < 1e-12
+                                   ? Eigen::Quaterniond::Identity()
+                                   : Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis / angle));
   return Transform<frame::Camera, frame::Table>(q, Eigen::Vector3d(view[3], view[4], view[5]))
       .inverse();
 }
@@ -157,6 +158,8 @@ class Bundle {
   // [px]; `robust_px`: scale of the loss, 0 for none.
   bool solve(int free_coefficients, bool square_pixels, bool move_centre, double noise,
              double robust_px, int iterations) {
+    // Ceres says on standard error what it tries in vain; what matters is in the result.
+    FLAGS_minloglevel = std::max(FLAGS_minloglevel, static_cast<int>(google::GLOG_ERROR));
     ceres::Problem::Options ownership;
     ownership.cost_function_ownership = ceres::TAKE_OWNERSHIP;
     ceres::Problem problem(ownership);
@@ -169,8 +172,7 @@ class Bundle {
     for (int i = 0; i < 8; ++i) {
       if (i >= std::min(count, free_coefficients)) fixed.push_back(4 + i);
     }
-    if (!fixed.empty())
-      problem.SetManifold(lens.data(), new ceres::SubsetManifold(kLens, fixed));
+    if (!fixed.empty()) problem.SetManifold(lens.data(), new ceres::SubsetManifold(kLens, fixed));
     ordering->AddElementToGroup(lens.data(), 1);
     for (ShapeParameters& shape : shapes_) {
       problem.AddParameterBlock(shape.data(), 3);
@@ -279,9 +281,8 @@ class Bundle {
     }
 
     const int n_lens = lens_count(options_.model);
-    const int n_shape = options_.shape == BoardShape::rigid
-                            ? 0
-                            : static_cast<int>(3 * shapes_.size());
+    const int n_shape =
+        options_.shape == BoardShape::rigid ? 0 : static_cast<int>(3 * shapes_.size());
     const int n = n_lens + n_shape;
     Eigen::MatrixXd S = Eigen::MatrixXd::Zero(n, n);
     // Per view, the score (gradient) of the lens and shape, poses eliminated.
@@ -328,8 +329,7 @@ class Bundle {
         g.head(n_lens) += J_l.transpose() * r;
         h += J_view.transpose() * r;
         if (n_shape > 0) {
-          const int first =
-              n_lens + (options_.shape == BoardShape::free ? 3 * corner.point : 0);
+          const int first = n_lens + (options_.shape == BoardShape::free ? 3 * corner.point : 0);
           S.block(first, first, 3, 3) += J_shape.transpose() * J_shape;
           const Eigen::MatrixXd across = J_l.transpose() * J_shape;
           S.block(0, first, n_lens, 3) += across;
@@ -348,8 +348,7 @@ class Bundle {
       solution.views.push_back(std::move(view));
     }
     const int inliers = solution.corners - solution.outliers;
-    const double freedom =
-        2.0 * inliers - n_lens - 6.0 * static_cast<double>(views_.size());
+    const double freedom = 2.0 * inliers - n_lens - 6.0 * static_cast<double>(views_.size());
     if (freedom < 10.0) {
       return fail("{} corners in {} views do not fix a camera; take more views", inliers,
                   views_.size());
@@ -382,9 +381,9 @@ class Bundle {
     }
     const double n_views = static_cast<double>(views_.size());
     meat *= n_views / std::max(n_views - 1.0, 1.0);
-    const Eigen::LDLT<Eigen::MatrixXd> plain(
-        scale.head(n_lens).cwiseInverse().asDiagonal() * lens_inverse *
-        scale.head(n_lens).cwiseInverse().asDiagonal());
+    const Eigen::LDLT<Eigen::MatrixXd> plain(scale.head(n_lens).cwiseInverse().asDiagonal() *
+                                             lens_inverse *
+                                             scale.head(n_lens).cwiseInverse().asDiagonal());
     const Eigen::MatrixXd ratio =
         plain.solve(scale.head(n_lens).cwiseInverse().asDiagonal() * meat *
                     scale.head(n_lens).cwiseInverse().asDiagonal());
@@ -402,8 +401,8 @@ class Bundle {
   }
   [[nodiscard]] CornerCost cost_of(const TargetCorner& corner) const {
     const Eigen::Vector3d& p = board_[static_cast<std::size_t>(corner.point)];
-    return {options_.model, p,           bow_of(p), options_.shape == BoardShape::bowed,
-            corner.pixel,   corner.spread};
+    return {options_.model, p, bow_of(p), options_.shape == BoardShape::bowed, corner.pixel,
+            corner.spread};
   }
   [[nodiscard]] ShapeParameters& shape_of(int point) {
     return options_.shape == BoardShape::free ? shapes_[static_cast<std::size_t>(point)]
@@ -459,7 +458,8 @@ std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vect
     chosen.push_back(observations_of(views[v], board));
   std::vector<Guess> guesses;
   const bool fisheye = model == DistortionModel::fisheye;
-  for (const double k1 : fisheye ? std::vector<double>{0.0} : std::vector<double>{0.0, -0.15, -0.3}) {
+  for (const double k1 :
+       fisheye ? std::vector<double>{0.0} : std::vector<double>{0.0, -0.15, -0.3}) {
     for (double f = 0.25; f < 5.0; f *= 1.2) {
       CameraParameters p;
       p.width = width;
@@ -506,7 +506,8 @@ std::optional<CameraPose> best_pose(const CameraModel& camera,
   return best;
 }
 
-Result<CalibrationSolution> polish(Bundle& bundle, const SolverOptions& options, bool robust_first) {
+Result<CalibrationSolution> polish(Bundle& bundle, const SolverOptions& options,
+                                   bool robust_first) {
   double noise = std::clamp(bundle.robust_noise(), 0.02, 2.0);
   const auto fails = [] {
     return fail("no camera explains the corners; is it the right target file, and one camera?");
@@ -530,12 +531,14 @@ Result<CalibrationSolution> polish(Bundle& bundle, const SolverOptions& options,
 Result<void> check_views(std::span<const Eigen::Vector3d> board,
                          std::span<const CalibrationView> views) {
   if (views.size() < 3) {
-    return fail("{} usable views do not fix a camera; take at least 3, better 20, with the target "
-                "tilted in several directions",
-                views.size());
+    return fail(
+        "{} usable views do not fix a camera; take at least 3, better 20, with the target "
+        "tilted in several directions",
+        views.size());
   }
   for (const CalibrationView& view : views) {
-    if (view.corners.size() < 4) return fail("{}: has {} corners; 4 fix a pose", view.name, view.corners.size());
+    if (view.corners.size() < 4)
+      return fail("{}: has {} corners; 4 fix a pose", view.name, view.corners.size());
     for (const TargetCorner& corner : view.corners) {
       if (corner.point < 0 || static_cast<std::size_t>(corner.point) >= board.size() ||
           !corner.pixel.allFinite())
@@ -596,7 +599,8 @@ Result<CalibrationSolution> solve_intrinsics(int width, int height,
       why = solved.error().message;
       continue;
     }
-    const double error = solved->noise_px * (1.0 + static_cast<double>(solved->outliers) / solved->corners);
+    const double error =
+        solved->noise_px * (1.0 + static_cast<double>(solved->outliers) / solved->corners);
     if (error < 0.98 * least) {
       least = error;
       best = std::move(*solved);
@@ -651,10 +655,9 @@ std::optional<double> pose_only_error(const CameraModel& camera,
     for (const TargetCorner& corner : view.corners) {
       shifts = shifts || !corner.spread.isZero();
       problem.AddResidualBlock(
-          new CornerFunction(new CornerCost{camera.parameters().model,
-                                            board[static_cast<std::size_t>(corner.point)],
-                                            Eigen::Vector3d::Zero(), false, corner.pixel,
-                                            corner.spread}),
+          new CornerFunction(new CornerCost{
+              camera.parameters().model, board[static_cast<std::size_t>(corner.point)],
+              Eigen::Vector3d::Zero(), false, corner.pixel, corner.spread}),
           nullptr, lens.data(), at.data(), none.data());
     }
     problem.SetParameterBlockConstant(lens.data());

@@ -1,8 +1,8 @@
 // Corners in several views of one target -> camera model: bundle adjustment over the lens, every
 // view's pose and (where asked) the board's shape, and what the result is worth.
 //
-// Residuals are (projected - measured) corners [px]. Lens parameters are, in this order, fx fy cx cy
-// and the coefficients of core/camera_model.hpp.
+// Residuals are (projected - measured) corners [px]. Lens parameters are, in this order, fx fy cx
+// cy and the coefficients of core/camera_model.hpp.
 #pragma once
 
 #include <Eigen/Core>
@@ -44,7 +44,7 @@ struct SolverOptions {
 
 struct SolvedView {
   CameraPose T_board_camera;
-  double edge_shift_px = 0.0;  // by which black squares look larger in this view
+  double edge_shift_px = 0.0;                 // by which black squares look larger in this view
   std::vector<Eigen::Vector2d> residuals_px;  // one per corner
   std::vector<bool> outlier;
   double rms_px = 0.0;  // of 2-D distances, outliers left out
@@ -58,28 +58,30 @@ struct CalibrationSolution {
   // Of the lens parameters, 4 + coefficient_count rows. Scaled by the residuals' own spread, and
   // by how much residuals of one view hang together.
   Eigen::MatrixXd covariance;
-  double noise_px = 0.0;      // one axis, outliers left out
-  double rms_px = 0.0;        // 2-D distance, outliers left out
-  double rms_all_px = 0.0;    // with outliers
-  double clustering = 1.0;    // factor by which the covariance was raised
+  double noise_px = 0.0;    // one axis, outliers left out
+  double rms_px = 0.0;      // 2-D distance, outliers left out
+  double rms_all_px = 0.0;  // with outliers
+  double clustering = 1.0;  // factor by which the covariance was raised
   int corners = 0;
   int outliers = 0;
 };
 
 // Without a start: the lens is guessed from the views themselves, wide ones too. `width` and
 // `height` are the pictures' [px]. An error says in one line what the views lack.
-[[nodiscard]] Result<CalibrationSolution> solve_intrinsics(
-    int width, int height, std::span<const Eigen::Vector3d> board,
-    std::span<const CalibrationView> views, const SolverOptions& options = {});
+[[nodiscard]] Result<CalibrationSolution> solve_intrinsics(int width, int height,
+                                                           std::span<const Eigen::Vector3d> board,
+                                                           std::span<const CalibrationView> views,
+                                                           const SolverOptions& options = {});
 
 // From a solution near by (of any model and shape: what it lacks starts at zero).
-[[nodiscard]] Result<CalibrationSolution> solve_intrinsics(
-    const CalibrationSolution& start, std::span<const Eigen::Vector3d> board,
-    std::span<const CalibrationView> views, const SolverOptions& options = {});
+[[nodiscard]] Result<CalibrationSolution> solve_intrinsics(const CalibrationSolution& start,
+                                                           std::span<const Eigen::Vector3d> board,
+                                                           std::span<const CalibrationView> views,
+                                                           const SolverOptions& options = {});
 
-// RMS distance [px] of all corners of views that took no part in the solution: `folds` times a share
-// of the views is left out, the rest solved (from `solution`), and only poses fitted to those left
-// out. Nothing for fewer than 4 views or where a part can't be solved.
+// RMS distance [px] of all corners of views that took no part in the solution: `folds` times a
+// share of the views is left out, the rest solved (from `solution`), and only poses fitted to those
+// left out. Nothing for fewer than 4 views or where a part can't be solved.
 [[nodiscard]] std::optional<double> held_out_error(const CalibrationSolution& solution,
                                                    std::span<const Eigen::Vector3d> board,
                                                    std::span<const CalibrationView> views,
@@ -92,9 +94,8 @@ struct CalibrationSolution {
 
 // Covariance [px^2] of where `camera` projects what lies in the direction that `pixel` shows: what
 // the lens parameters' covariance does to that pixel. Nothing where the lens reaches no such pixel.
-[[nodiscard]] std::optional<Eigen::Matrix2d> projection_covariance(const CameraModel& camera,
-                                                                   const Eigen::MatrixXd& covariance,
-                                                                   const Eigen::Vector2d& pixel);
+[[nodiscard]] std::optional<Eigen::Matrix2d> projection_covariance(
+    const CameraModel& camera, const Eigen::MatrixXd& covariance, const Eigen::Vector2d& pixel);
 
 // d pixel / d lens parameters for a direction (x, y, 1): 2 x (4 + coefficient_count).
 [[nodiscard]] Eigen::MatrixXd lens_jacobian(const CameraModel& camera, const Eigen::Vector2d& xy);

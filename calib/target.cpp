@@ -58,7 +58,8 @@ Result<Target> read_aprilgrid(const YamlFields& fields) {
     const Result<std::string> family = fields.text("family", "name a family of libapriltag");
     if (!family) return tl::unexpected(family.error());
     const auto known = tag_family_from_string(*family);
-    if (!known) return fail("{}: '{}' is not known; use tag36h11", fields.place_of("family"), *family);
+    if (!known)
+      return fail("{}: '{}' is not known; use tag36h11", fields.place_of("family"), *family);
     grid.family = *known;
   }
   if (fields.has("first_id")) {
@@ -154,11 +155,10 @@ Result<Target> tag_target(TagMap map) {
     smallest = std::min(smallest, tag.size_m);
     largest = std::max(largest, tag.size_m);
   }
-  target.description =
-      smallest == largest
-          ? fmt::format("{} tags of {:g} mm", map.tags().size(), smallest * 1e3)
-          : fmt::format("{} tags of {:g} to {:g} mm", map.tags().size(), smallest * 1e3,
-                        largest * 1e3);
+  target.description = smallest == largest
+                           ? fmt::format("{} tags of {:g} mm", map.tags().size(), smallest * 1e3)
+                           : fmt::format("{} tags of {:g} to {:g} mm", map.tags().size(),
+                                         smallest * 1e3, largest * 1e3);
   target.tags = std::move(map);
   return target;
 }
@@ -191,7 +191,8 @@ Result<Target> charuco_target(const CharucoBoard& board) {
   if (const auto ok = check_count(board.rows, "the number of squares down"); !ok)
     return tl::unexpected(ok.error());
   if (board.columns < 3 || board.rows < 3)
-    return fail("a ChArUco board of {} x {} squares; give at least 3 x 3", board.columns, board.rows);
+    return fail("a ChArUco board of {} x {} squares; give at least 3 x 3", board.columns,
+                board.rows);
   if (const auto ok = check_length(board.square_m, "the edge of a square"); !ok)
     return tl::unexpected(ok.error());
   if (const auto ok = check_length(board.tag_m, "the edge of a tag"); !ok)

@@ -130,8 +130,8 @@ void set_spreads(std::array<TargetCorner, 4>& corners) {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   for (const TargetCorner& c : corners) centre += 0.25 * c.pixel;
   for (std::size_t i = 0; i < 4; ++i) {
-    corners[i].spread = spread_at(corners[(i + 3) % 4].pixel, corners[i].pixel,
-                                  corners[(i + 1) % 4].pixel, centre);
+    corners[i].spread =
+        spread_at(corners[(i + 3) % 4].pixel, corners[i].pixel, corners[(i + 1) % 4].pixel, centre);
   }
 }
 
@@ -219,9 +219,9 @@ double TargetDetector::Impl::blur_of(ImageView luma, const TargetView& view) con
     const TargetCorner* q = at[static_cast<std::size_t>(b)];
     if (p == nullptr || q == nullptr) continue;
     const double length = (p->pixel - q->pixel).norm();
-    const double reach = target.kind == TargetKind::tags         ? 0.9 * length / cells
+    const double reach = target.kind == TargetKind::tags      ? 0.9 * length / cells
                          : target.kind == TargetKind::charuco ? 0.1 * length
-                                                                 : 0.4 * length;
+                                                              : 0.4 * length;
     if (const auto blur = blur_across(luma, p->pixel, q->pixel, std::min(reach, 10.0)))
       blurs.push_back(*blur);
   }
@@ -253,17 +253,15 @@ TargetView TargetDetector::Impl::detect_tags(ImageView luma) {
     view.corners.insert(view.corners.end(), corners.begin(), corners.end());
   }
   if (two_cell_tags && 4 * seen.size() < target.tags->tags().size()) {
-    view.two_cell_tags =
-        static_cast<int>(seen_tags(luma, *two_cell_tags, nullptr).size());
+    view.two_cell_tags = static_cast<int>(seen_tags(luma, *two_cell_tags, nullptr).size());
   }
   const std::size_t needed = std::min<std::size_t>(kFewestCorners, target.points.size());
   if (view.corners.size() < needed) {
-    view.problem =
-        seen.empty() ? "no tag of the target is seen"
-        : repeated > 0
-            ? "the target's tags are seen twice"
-            : fmt::format("only {} of {} tags are seen whole{}", view.corners.size() / 4,
-                          target.tags->tags().size(), cut > 0 ? ": cut off" : "");
+    view.problem = seen.empty() ? "no tag of the target is seen"
+                   : repeated > 0
+                       ? "the target's tags are seen twice"
+                       : fmt::format("only {} of {} tags are seen whole{}", view.corners.size() / 4,
+                                     target.tags->tags().size(), cut > 0 ? ": cut off" : "");
     if (view.two_cell_tags > static_cast<int>(seen.size())) {
       view.problem = fmt::format("{} tags have a black border of two cells", view.two_cell_tags);
     }
@@ -317,8 +315,8 @@ TargetView TargetDetector::Impl::detect_chessboard(ImageView luma) const {
   // No window reaches a neighbouring corner.
   double nearest = 1e9;
   for (const auto& [a, b] : target.edges) {
-    nearest = std::min(nearest, cv::norm(found[static_cast<std::size_t>(a)] -
-                                         found[static_cast<std::size_t>(b)]));
+    nearest = std::min(
+        nearest, cv::norm(found[static_cast<std::size_t>(a)] - found[static_cast<std::size_t>(b)]));
   }
   const int half = std::clamp(static_cast<int>(0.35 * nearest), 2, 11);
   std::vector<cv::Point2f> refined = found;
@@ -361,13 +359,13 @@ TargetView TargetDetector::Impl::detect_charuco(ImageView luma) {
       }
       const cv::Mat h = cv::getPerspectiveTransform(from.data(), to.data());
       std::vector<cv::Point2f> out;
-      cv::perspectiveTransform(
-          std::vector<cv::Point2f>{
-              {static_cast<float>(offset.x()), static_cast<float>(offset.y())}},
-          out, h);
+      cv::perspectiveTransform(std::vector<cv::Point2f>{{static_cast<float>(offset.x()),
+                                                         static_cast<float>(offset.y())}},
+                               out, h);
       predicted += Eigen::Vector2d(out[0].x, out[0].y);
       for (std::size_t i = 0; i < 4; ++i)
-        square_px = std::min(square_px, cv::norm(to[i] - to[(i + 1) % 4]) * target.square_m / tag.size_m);
+        square_px =
+            std::min(square_px, cv::norm(to[i] - to[(i + 1) % 4]) * target.square_m / tag.size_m);
       ++count;
     }
     if (count == 0) continue;
@@ -399,15 +397,14 @@ struct FollowedEdge {
 };
 
 // Follows the edge from a to b [m, board frame] within `reach` px of its curve. A straight line
-// fitted to it would be off by what the lens bends it: 0.1 px on the tags of a webcam. Normals point
-// away from `away_from` [px]. `alternates`: black and white change sides in the middle (at a
+// fitted to it would be off by what the lens bends it: 0.1 px on the tags of a webcam. Normals
+// point away from `away_from` [px]. `alternates`: black and white change sides in the middle (at a
 // chessboard's corner), so what a tone curve does to one half it does to the other the other way
 // round; else white is where normals point. Nothing where less than half of the edge is seen.
-std::optional<FollowedEdge> follow_edge(ImageView luma, const CameraModel& camera,
-                                        const Transform<frame::Camera, frame::Table>& T_camera_board,
-                                        const Eigen::Vector3d& a, const Eigen::Vector3d& b,
-                                        const Eigen::Vector2d& away_from, double reach,
-                                        bool alternates) {
+std::optional<FollowedEdge> follow_edge(
+    ImageView luma, const CameraModel& camera,
+    const Transform<frame::Camera, frame::Table>& T_camera_board, const Eigen::Vector3d& a,
+    const Eigen::Vector3d& b, const Eigen::Vector2d& away_from, double reach, bool alternates) {
   struct Place {
     double t = 0.0;  // -0.5 at a, 0.5 at b
     Eigen::Vector2d p;
@@ -469,8 +466,8 @@ std::optional<FollowedEdge> follow_edge(ImageView luma, const CameraModel& camer
       double mass = 0.0;
       double moment = 0.0;
       for (int s = 0; s <= 2 * steps; ++s) {
-        const double rise = sign * (values[static_cast<std::size_t>(s + 1)] -
-                                    values[static_cast<std::size_t>(s)]);
+        const double rise =
+            sign * (values[static_cast<std::size_t>(s + 1)] - values[static_cast<std::size_t>(s)]);
         if (rise <= 0.0) continue;
         const double at = (s - steps) * kStep;
         const double weight = rise * std::exp(-0.5 * at * at / (width * width));
@@ -507,8 +504,7 @@ std::optional<std::array<Eigen::Vector2d, 4>> TargetDetector::Impl::follow_edges
     if (!pixel || !inside(luma, *pixel, kBorder)) return std::nullopt;
     predicted[i] = *pixel;
   }
-  const Eigen::Vector2d centre =
-      0.25 * (predicted[0] + predicted[1] + predicted[2] + predicted[3]);
+  const Eigen::Vector2d centre = 0.25 * (predicted[0] + predicted[1] + predicted[2] + predicted[3]);
   std::array<FollowedEdge, 4> sides;
   for (std::size_t i = 0; i < 4; ++i) {
     // The black border is one cell wide.
@@ -540,8 +536,7 @@ std::optional<std::array<Eigen::Vector2d, 4>> TargetDetector::Impl::follow_edges
 // both sides of it; nothing else lies within `clear_m` of them.
 std::optional<Eigen::Vector2d> TargetDetector::Impl::follow_crossing(
     ImageView luma, const Eigen::Vector3d& corner, double arm_m, double clear_m,
-    const CameraModel& camera,
-    const Transform<frame::Camera, frame::Table>& T_camera_board) const {
+    const CameraModel& camera, const Transform<frame::Camera, frame::Table>& T_camera_board) const {
   const auto predicted = camera.project(T_camera_board * corner);
   if (!predicted || !inside(luma, *predicted, kBorder)) return std::nullopt;
   Eigen::Matrix2d normals;
@@ -631,7 +626,8 @@ TargetView TargetDetector::refine(ImageView luma, const TargetView& view, const 
   if (target.kind == TargetKind::tags && !view.black_squares) {
     for (std::size_t i = 0; i + 3 < view.corners.size(); i += 4) {
       const auto tag = static_cast<std::size_t>(view.corners[i].point / 4);
-      const auto found = impl_->follow_edges(luma, target.tags->tags()[tag], camera, T_camera_board);
+      const auto found =
+          impl_->follow_edges(luma, target.tags->tags()[tag], camera, T_camera_board);
       if (!found) continue;
       std::array<TargetCorner, 4> corners;
       for (std::size_t k = 0; k < 4; ++k)
