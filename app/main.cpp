@@ -81,6 +81,8 @@ ExitCode run(int argc, char** argv) {
   penumbra::add_evaluate_command(program, chosen);
   penumbra::add_shadow_command(program, chosen);
   penumbra::add_target_command(program, chosen);
+  penumbra::add_calibrate_command(program, chosen);
+  penumbra::add_map_command(program, chosen);
   penumbra::add_kernels_command(program, chosen);
   penumbra::add_simulate_command(program, chosen);
 

@@ -2,6 +2,7 @@
 
 #include <ceres/ceres.h>
 #include <ceres/rotation.h>
+#include <glog/logging.h>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -157,6 +158,8 @@ class Bundle {
   // [px]; `robust_px`: scale of the loss, 0 for none.
   bool solve(int free_coefficients, bool square_pixels, bool move_centre, double noise,
              double robust_px, int iterations) {
+    // Ceres says on standard error what it tries in vain; what matters is in the result.
+    FLAGS_minloglevel = std::max(FLAGS_minloglevel, static_cast<int>(google::GLOG_ERROR));
     ceres::Problem::Options ownership;
     ownership.cost_function_ownership = ceres::TAKE_OWNERSHIP;
     ceres::Problem problem(ownership);

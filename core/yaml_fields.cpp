@@ -11,8 +11,6 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kLargestFile = std::size_t{8} << 20U;
-
 // What is written there, short enough for a message.
 std::string shown(const YAML::Node& node) {
   if (!node.IsScalar()) return node.IsNull() ? "empty" : "not a single value";
@@ -45,23 +43,26 @@ std::optional<std::string> duplicate_key(const YAML::Node& node) {
 }  // namespace
 
 Result<YAML::Node> load_yaml_map(const std::filesystem::path& file) {
-  const Result<std::string> text = read_text_file(file, kLargestFile);
+  const Result<std::string> text = read_text_file(file, kMaxYamlBytes);
   if (!text) return tl::unexpected(text.error());
+  return parse_yaml_map(*text, file.string());
+}
+
+Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& name) {
   try {
-    YAML::Node root = YAML::Load(*text);
+    YAML::Node root = YAML::Load(text);
     if (!root.IsMap()) {
-      return fail("{}: is no YAML map; it must hold lines of the form `name: value`",
-                  file.string());
+      return fail("{}: is no YAML map; it must hold lines of the form `name: value`", name);
     }
     if (const auto twice = duplicate_key(root)) {
       return fail("{}: {} is there twice; keep one of them", file.string(), *twice);
     }
     return root;
   } catch (const YAML::Exception& error) {
-    return fail("{}: line {}: is not valid YAML ({}); correct the line", file.string(),
-                error.mark.line + 1, error.msg);
+    return fail("{}: line {}: is not valid YAML ({}); correct the line", name, error.mark.line + 1,
+                error.msg);
   } catch (const std::exception& error) {
-    return fail("{}: is not valid YAML ({}); correct the file", file.string(), error.what());
+    return fail("{}: is not valid YAML ({}); correct the file", name, error.what());
   }
 }
 

@@ -314,6 +314,7 @@ Result<void> settle_video(Recording& recording) {
 Result<void> load_surroundings(const std::filesystem::path& folder,
                                const std::filesystem::path& sensor,
                                const OpenRecordingOptions& options, Recording& recording) {
+  if (!options.surroundings) return {};
   const std::filesystem::path camera = options.camera.value_or(folder / "camera.yaml");
   const auto set_camera = [&](Result<CameraModel> loaded) -> Result<void> {
     if (!loaded) return tl::unexpected(loaded.error());

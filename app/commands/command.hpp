@@ -30,6 +30,8 @@ void add_devices_command(CLI::App& program, ChosenCommand& chosen);
 void add_evaluate_command(CLI::App& program, ChosenCommand& chosen);
 void add_shadow_command(CLI::App& program, ChosenCommand& chosen);
 void add_target_command(CLI::App& program, ChosenCommand& chosen);
+void add_calibrate_command(CLI::App& program, ChosenCommand& chosen);
+void add_map_command(CLI::App& program, ChosenCommand& chosen);
 void add_kernels_command(CLI::App& program, ChosenCommand& chosen);
 void add_simulate_command(CLI::App& program, ChosenCommand& chosen);
 
