@@ -265,7 +265,7 @@ struct Overlay::Impl {
       text({1.0F, 0.9F, 0.3F, 1.0F}, "  PAUSED");
     }
     std::string line = fmt::format("{:.0f} frames/s", state.frames_per_s);
-    if (state.latency_ms) line += fmt::format("   {:.0f} ms", *state.latency_ms);
+    if (state.latency_ms) line += fmt::format("   latency {:.0f} ms", *state.latency_ms);
     line += "   " + measured_tags(state.pose);
     text(line);
     std::string times;

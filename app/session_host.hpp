@@ -29,6 +29,7 @@ class SessionHost : public ViewerHost {
   void redraw() override;
   // A PNG of the picture without the HUD, into the current folder.
   [[nodiscard]] std::string save_screenshot() override;
+  [[nodiscard]] std::string toggle_recording() override { return "only live is recorded"; }
   void describe(HudState& state, bool debug) const override;
 
  private:

@@ -65,7 +65,7 @@ void add_demo_command(CLI::App& program, ChosenCommand& chosen) {
   add_shadow_options(*command, options->shadow);
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
   command->footer(
-      "The last line of the output names the video. In the window: space pauses, Esc or q closes.\n"
+      "The last line of the output names the video. In the window F1 lists the keys.\n"
       "Ctrl-C ends early; the video holds the frames up to then.\n\n"
       "Example:\n"
       "  penumbra demo --output demo.mp4");

@@ -5,6 +5,8 @@
 #include <deque>
 #include <utility>
 
+#include "app/overlay.hpp"
+#include "render/gl/framebuffer.hpp"
 #include "render/shapes.hpp"
 #include "support/studio.hpp"
 
@@ -83,11 +85,18 @@ class Host : public ViewerHost {
     ++recordings;
     return "recording";
   }
+  void describe(HudState& state, bool debug) const override {
+    ++described;
+    debug_asked = debug;
+    state.has_picture = true;
+  }
 
   int presented = 0, redrawn = 0, screenshots = 0, recordings = 0;
   ShadowStyle style;
   SessionView shown;
   std::vector<SceneEdit> edits;
+  mutable int described = 0;
+  mutable bool debug_asked = false;
 };
 
 TEST(Viewer, ShowsEachPictureOnce) {
@@ -216,6 +225,72 @@ TEST(Viewer, TheMouseDragsAnObjectWhereverTheWindowLetterboxesIt) {
   };
   EXPECT_EQ(place(host.edits.front()), Eigen::Vector3d(0.0, 0.0, 0.1));
   EXPECT_LT((place(host.edits.back()) - Eigen::Vector3d(0.1, 0.05, 0.1)).norm(), 1e-5);
+}
+
+// With a real HUD, drawn into a framebuffer of an offscreen context.
+class ViewerWithHud : public testing::Test {
+ protected:
+  ViewerWithHud()
+      : gl(create_offscreen_context().value()), target(Framebuffer::create(640, 480).value()) {
+    target.bind();
+  }
+  std::unique_ptr<GlContext> gl;
+  Framebuffer target;
+  Host host;
+  InterruptWatch interrupt;
+};
+
+TEST_F(ViewerWithHud, HiddenItIsNeitherAskedForNorDrawn) {
+  ScriptedWindow window(std::deque<int>{0, kX, 'H', 'D', 'H', 0});
+  window.size = {640, 480};
+  ViewerOptions options;
+  options.hud = false;
+  Viewer viewer(window, host, Overlay::create(*gl).value(), options);
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(viewer.hud_drawings(), 0);
+  EXPECT_EQ(host.described, 0);
+  EXPECT_TRUE(viewer.show(interrupt)) << "shown from here on";
+  EXPECT_EQ(viewer.hud_drawings(), 1);
+  EXPECT_FALSE(host.debug_asked);
+  EXPECT_TRUE(viewer.show(interrupt)) << "with the debug view";
+  EXPECT_TRUE(host.debug_asked);
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(viewer.hud_drawings(), 2) << "hidden again";
+}
+
+TEST_F(ViewerWithHud, ATouchInTheCornerBringsItBack) {
+  ScriptedWindow window(
+      std::deque<WindowEvent>{pointer(WindowEvent::Kind::button_down, 10.0, 10.0)});
+  window.size = {640, 480};
+  ViewerOptions options;
+  options.hud = false;
+  Viewer viewer(window, host, Overlay::create(*gl).value(), options);
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(viewer.hud_drawings(), 2);
+}
+
+// An object that lies under a button is not taken by a click on the button.
+TEST_F(ViewerWithHud, AClickOnItDoesNotReachThePicture) {
+  test::SceneBuilder builder;
+  builder.add(test::finished(make_box({2.0F, 2.0F, 0.1F}), glm::vec4(1.0F)), test::at(0, 0, 0));
+  const Scene& scene = builder.scene();
+  const SceneState state = evaluate_scene(scene, 0.0);
+  const CameraModel camera = test::camera_of(640, 480, 500.0);
+  host.shown = {&scene, &state, &camera, test::look_at({0.0, -0.4, 0.8}, {0.0, 0.0, 0.0})};
+  using Kind = WindowEvent::Kind;
+  const WindowEvent nothing = key(0);
+  ScriptedWindow window(std::deque<WindowEvent>{
+      nothing, nothing, pointer(Kind::button_down, 30.0, 460.0),
+      pointer(Kind::button_up, 30.0, 460.0), nothing, nothing,
+      pointer(Kind::button_down, 320.0, 300.0), pointer(Kind::button_up, 320.0, 300.0)});
+  window.size = {640, 480};
+  Viewer viewer(window, host, Overlay::create(*gl).value());
+  for (int i = 0; i < 6; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  ASSERT_EQ(host.edits.size(), 2U) << "the technique of both nodes";
+  EXPECT_TRUE(std::holds_alternative<ShadowStyled>(host.edits.back()));
+  EXPECT_TRUE(viewer.show(interrupt));
+  ASSERT_GT(host.edits.size(), 2U);
+  EXPECT_TRUE(std::holds_alternative<ObjectPlaced>(host.edits.back()));
 }
 
 }  // namespace
