@@ -55,7 +55,7 @@ Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& na
       return fail("{}: is no YAML map; it must hold lines of the form `name: value`", name);
     }
     if (const auto twice = duplicate_key(root)) {
-      return fail("{}: {} is there twice; keep one of them", file.string(), *twice);
+      return fail("{}: {} is there twice; keep one of them", name, *twice);
     }
     return root;
   } catch (const YAML::Exception& error) {
