@@ -174,7 +174,7 @@ class ShadowPass {
   FieldQuad field_quad_;
   std::vector<Outline> outlines_;  // one per scene plane
   std::vector<float> edges_;       // the longest of each scene object's model, as a caster
-  std::vector<bool> steady_;       // of each scene object: its scale never changes
+  std::vector<bool> steady_;       // of each scene object: a proxy may cast
   std::map<CasterKey, std::unique_ptr<Caster>> casters_;
   // One per shadow of the plan before: (node, object, plane, n-th of these in the plan).
   std::map<std::tuple<int, int, int, int>, Prepared> prepared_;
