@@ -10,6 +10,7 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <set>
 
 #include "core/assert.hpp"
 #include "render/passes/lens_uniforms.hpp"
@@ -148,16 +149,44 @@ std::vector<double> largest_magnifications(const Scene& scene) {
 
 namespace {
 
-// Of each object, whether its scale is the same at all times.
-std::vector<bool> steady_scales(const Scene& scene) {
-  std::vector<bool> steady;
+// Times at which a scene's objects are looked at: their keys, between them, and around a spin.
+std::set<double> telling_times(const Scene& scene) {
+  constexpr std::size_t kMostKeys = 32;  // of one object
+  constexpr int kSpinSteps = 8;
+  std::set<double> times = {0.0};
   for (const SceneObject& object : scene.objects) {
-    bool same_scale = object.parent < 0 || steady[static_cast<std::size_t>(object.parent)];
-    for (const Keyframe& key : object.animation.keyframes) {
-      same_scale =
-          same_scale && key.placement.scale == object.animation.keyframes.front().placement.scale;
+    const std::vector<Keyframe>& keys = object.animation.keyframes;
+    for (std::size_t i = 0; i < keys.size(); i += 1 + keys.size() / kMostKeys) {
+      times.insert(keys[i].time_s);
+      if (i > 0) times.insert(0.5 * (keys[i].time_s + keys[i - 1].time_s));
     }
-    steady.push_back(same_scale);
+    const double rate = std::abs(object.animation.spin_turns_per_s);
+    for (int i = 1; rate > 0.0 && i < kSpinSteps; ++i) times.insert(i / (kSpinSteps * rate));
+  }
+  return times;
+}
+
+// Of each object, whether its scale and the tilt that its kernels are for stay the same: a proxy is
+// compared once for each, which costs as much as it spares in many frames.
+std::vector<bool> steady_casters(const Scene& scene) {
+  std::vector<bool> steady(scene.objects.size(), true);
+  const SceneState start = evaluate_scene(scene, 0.0);
+  for (const double time : telling_times(scene)) {
+    const SceneState state = evaluate_scene(scene, time);
+    for (const ShadowNode& node : scene.shadows) {
+      for (const int plane : node.planes) {
+        const Eigen::Vector3d& up = scene.planes[static_cast<std::size_t>(plane)].normal;
+        const auto tilt = [&up](const Placement& placement) {
+          return KernelDirection::nearest(placement.rotation.conjugate() * up);
+        };
+        for (const int caster : node.casters) {
+          const auto i = static_cast<std::size_t>(caster);
+          const Placement& now = state.objects[i];
+          const Placement& before = start.objects[i];
+          steady[i] = steady[i] && now.scale == before.scale && tilt(now) == tilt(before);
+        }
+      }
+    }
   }
   return steady;
 }
@@ -189,7 +218,7 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const Camer
   if (!field) return tl::unexpected(field.error());
   ShadowPass pass(std::move(*shadow), std::move(*outline), std::move(*field));
   pass.edges_ = longest_caster_edges(scene, camera);
-  pass.steady_ = steady_scales(scene);
+  pass.steady_ = steady_casters(scene);
   const double longest = longest_edge(camera);
   pass.edge_at_unit_depth_ = longest / kNearestDistance;
   pass.finest_field_cell_ =
@@ -318,7 +347,6 @@ void ShadowPass::write_vertices(Caster& caster, KernelSet& set, bool reduced) {
 bool ShadowPass::proxy_casts(const ShadowDraw& draw, Caster& caster, const KernelKey& key,
                              KernelSet& set, ShadowWork& work) {
   if (!caster.proxy || !draw.proxy || draw.technique != ShadowTechnique::layered) return false;
-  // A scale that goes on changing would be compared in every frame.
   if (!steady_[static_cast<std::size_t>(draw.object)]) return false;
   const LayeredConstants& c = draw.constants;
   const ProxyKey proxy_key{key,

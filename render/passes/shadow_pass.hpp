@@ -186,7 +186,7 @@ class ShadowPass {
   FieldQuad field_quad_;
   std::vector<Outline> outlines_;    // one per scene plane
   std::vector<float> edges_;         // the longest of each scene object's model, as a caster
-  std::vector<bool> steady_;         // of each scene object: its scale never changes
+  std::vector<bool> steady_;         // of each scene object: a proxy may cast
   double edge_at_unit_depth_ = 0.0;  // 1 m from the camera, the longest that follows the lens [m]
   // A pixel at the nearest distance expected: finer cells of a field would not be seen [m].
   double finest_field_cell_ = 0.0;

@@ -208,6 +208,32 @@ TEST_F(DrawnProxy, IsNotDrawnWhereItWouldShow) {
   EXPECT_EQ(with, full);
 }
 
+TEST_F(DrawnProxy, IsForWhatKeepsItsTiltAndScale) {
+  const auto checks = [&](const std::vector<Placement>& keys, double spin) {
+    SceneBuilder builder;
+    builder.add(test::finished(smooth_ball(), glm::vec4(1.0F)), test::at(0.0, 0.0, 0.1));
+    builder.scene().shadows[0].layered = kLight;
+    Animation& animation = builder.scene().objects[0].animation;
+    animation.loop = false;
+    animation.spin_turns_per_s = spin;
+    for (const Placement& key : keys) {
+      animation.keyframes.push_back({static_cast<double>(animation.keyframes.size()), key});
+    }
+    Studio studio(builder.build(), camera());
+    draw(studio, true);
+    return studio.stats().proxy_checks;
+  };
+  const Eigen::Vector3d y(0, 1, 0);
+  const Eigen::Vector3d z(0, 0, 1);
+  EXPECT_EQ(checks({}, 0.0), 1);
+  EXPECT_EQ(checks({test::at(0, 0, 0), test::at(0.05, 0, 0.1, z, 1.0)}, 0.7), 1)
+      << "lifted, slid and turned";
+  EXPECT_EQ(checks({test::at(0, 0, 0), test::at(0, 0, 0, y, 0.5)}, 0.0), 0) << "tilted";
+  EXPECT_EQ(checks({test::at(0, 0, 0, y, 0.5)}, 0.0), 1) << "tilted for good";
+  EXPECT_EQ(checks({test::at(0, 0, 0, y, 0.5)}, 0.7), 0) << "wobbling";
+  EXPECT_EQ(checks({test::at(0, 0, 0), test::at(0, 0, 0, z, 0.0, 1.1)}, 0.0), 0) << "scaled";
+}
+
 TEST_F(DrawnProxy, TheSceneMayTurnItOffOrGiveItsOwn) {
   SceneBuilder builder;
   builder.add(test::finished(smooth_ball(), glm::vec4(1.0F)), test::at(0.0, 0.0, 0.1));
