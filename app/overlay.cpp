@@ -141,7 +141,9 @@ struct Overlay::Impl {
 
   // Sizes that follow the letters.
   void set_style(GlContext::Size size, bool compact) {
-    const std::size_t at = size.height < 600 ? 0 : size.height < 900 ? 1 : 2;
+    // As on a wide screen, whatever the window's proportions.
+    const int height = std::min(size.height, size.width * 9 / 16);
+    const std::size_t at = height < 600 ? 0 : height < 900 ? 1 : 2;
     font = sized[at];
     em = kFontSizes[at];
     ImGuiStyle style;
