@@ -44,7 +44,7 @@ struct TagBoard {
 struct ChessboardSheet {
   int inner_columns = 9;
   int inner_rows = 6;
-  double square_m = 0.025;
+  double square_m = 0.022;
 };
 
 // Whatever can be printed. An AprilGrid here has tags with a border of one cell and no black

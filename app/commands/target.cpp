@@ -183,7 +183,7 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
       ->check(CLI::Range(0.01, 10.0));
   command
       ->add_option("--square", options->square_m,
-                   "charuco, chessboard: edge of a square [m] (0.03, 0.025)")
+                   "charuco, chessboard: edge of a square [m] (0.03, 0.022)")
       ->check(CLI::Range(0.001, 2.0));
   command
       ->add_option("--measured", options->measured_mm,
