@@ -39,6 +39,17 @@ CLI::Validator within(double low, double high) {
       fmt::format("{} to {}", low, high));
 }
 
+// CLI11 reads "-1" as the largest unsigned number.
+CLI::Validator whole_number() {
+  return CLI::Validator(
+      [](std::string& text) {
+        const auto value = parse_integer(text);
+        if (value && *value >= 0) return std::string();
+        return fmt::format("{}: is no whole number from 0", text);
+      },
+      "N");
+}
+
 }  // namespace
 
 void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
@@ -81,6 +92,7 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
       ->check(within(0.0, 10.0))
       ->capture_default_str();
   command->add_option("--seed", request->seed, "Of the noise: the same gives the same bytes")
+      ->check(whole_number())
       ->capture_default_str();
   command
       ->add_option("--tone", request->tone_curve,
