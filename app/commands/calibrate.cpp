@@ -133,7 +133,7 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
     });
     if (!read) return tl::unexpected(read.error());
   }
-  if (interrupted) return ExitCode::interrupted;
+  if (interrupted) return fail("{}: ended early; no file was written", options.source.string());
   const auto calibration = calibrator->finish();
   if (!calibration) return fail_in(options.source.string(), calibration.error());
   const CameraModel& camera = calibration->solution.camera;

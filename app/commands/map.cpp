@@ -71,7 +71,9 @@ Result<ExitCode> run_map(const MapOptions& options) {
       if (!*frame) break;
       frames.push_back({detector->detect(luma(**frame, scratch))});
       progress.update(static_cast<int>(frames.size()));
-      if (interrupt.interrupted()) return ExitCode::interrupted;
+      if (interrupt.interrupted()) {
+        return fail("{}: ended early; no file was written", options.recording.string());
+      }
     }
   }
   const auto result = survey_tags(*recording->camera, frames, survey);
