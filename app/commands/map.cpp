@@ -5,8 +5,10 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -33,6 +35,32 @@ struct MapOptions {
   std::string family = "tag36h11";
   int anchor = 0;
 };
+
+// What cameras and JPEG files encode light with (sRGB), where camera.yaml does not say.
+constexpr double kTypicalToneCurve = 2.2;
+
+using Curve = std::array<std::uint8_t, 256>;
+
+Curve linearising_curve(double exponent) {
+  Curve curve{};
+  for (std::size_t i = 0; i < curve.size(); ++i) {
+    curve[i] = static_cast<std::uint8_t>(
+        std::lround(255.0 * std::pow(static_cast<double>(i) / 255.0, exponent)));
+  }
+  return curve;
+}
+
+// In encoded light white bleeds into black and tags look smaller than they are, which the distances
+// between them would have to make up for: their edges are looked for in linear light.
+ImageView in_linear_light(ImageView luma, const Curve& curve, std::vector<std::uint8_t>& light) {
+  light.resize(static_cast<std::size_t>(luma.width) * static_cast<std::size_t>(luma.height));
+  auto out = light.begin();
+  for (int y = 0; y < luma.height; ++y) {
+    out = std::transform(luma.row(y), luma.row(y) + luma.width, out,
+                         [&](std::uint8_t value) { return curve[value]; });
+  }
+  return {light.data(), luma.width, luma.height, luma.width};
+}
 
 Result<ExitCode> run_map(const MapOptions& options) {
   SurveyOptions survey;
@@ -65,11 +93,14 @@ Result<ExitCode> run_map(const MapOptions& options) {
   {
     ProgressBar progress((*source)->frame_count().value_or(0));
     std::vector<std::uint8_t> scratch;
+    std::vector<std::uint8_t> light;
+    const auto curve =
+        linearising_curve(recording->camera->parameters().tone_curve.value_or(kTypicalToneCurve));
     for (;;) {
       const auto frame = (*source)->next();
       if (!frame) return tl::unexpected(frame.error());
       if (!*frame) break;
-      frames.push_back({detector->detect(luma(**frame, scratch))});
+      frames.push_back({detector->detect(in_linear_light(luma(**frame, scratch), curve, light))});
       progress.update(static_cast<int>(frames.size()));
       if (interrupt.interrupted()) {
         return fail("{}: ended early; no file was written", options.recording.string());
@@ -91,11 +122,13 @@ Result<ExitCode> run_map(const MapOptions& options) {
                p.y(), p.z(), sigma);
   }
   fmt::print(
-      "{} tags from {} frames, residual {:.3f} px; {:.2f} mm (RMS) off one plane, which is tilted "
+      "{} tags from {} frames, residual {:.3f} px, black squares {:+.2f} px at their edges; {:.2f} "
+      "mm (RMS) off one plane, which is tilted "
       "by "
       "{:.2f} degrees against tag {}\ntags: {}\n",
-      result->tags.size(), result->frames_used, result->rms_px, result->flatness_m * 1e3,
-      result->plane_tilt_rad * 180.0 / M_PI, options.anchor, options.output.string());
+      result->tags.size(), result->frames_used, result->rms_px, result->edge_shift_px,
+      result->flatness_m * 1e3, result->plane_tilt_rad * 180.0 / M_PI, options.anchor,
+      options.output.string());
   return ExitCode::success;
 }
 
