@@ -189,6 +189,12 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
       ->add_option("--measured", options->measured_mm,
                    "What the sheet's 100 mm ruler measures on paper [mm]: scales the file")
       ->check(CLI::Range(50.0, 200.0))
+      ->check([](const std::string& text) {
+        // CLI11's own Range lets "nan" through.
+        return text.find_first_not_of("0123456789.eE+-") == std::string::npos
+                   ? std::string()
+                   : text + " is no number of millimetres";
+      })
       ->capture_default_str();
   command->footer(
       "Example:\n"

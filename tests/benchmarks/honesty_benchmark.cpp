@@ -34,9 +34,9 @@ struct Group {
 }  // namespace
 
 int main(int argc, char** argv) {
-  int sessions = 120;
+  int sessions = 40;
   int first = 1;
-  int frames = 8;
+  int frames = 4;
   bool csv = false;
   for (int i = 1; i < argc; ++i) {
     if (std::strncmp(argv[i], "sessions=", 9) == 0) sessions = std::atoi(argv[i] + 9);
