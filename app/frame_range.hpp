@@ -6,7 +6,7 @@
 
 namespace penumbra {
 
-// A half-open range of frames by their place in the recording.
+// A half-open range of frames by their numbers in the recording.
 struct FrameRange {
   int first = 0;
   std::optional<int> last;

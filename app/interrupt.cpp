@@ -22,6 +22,7 @@ InterruptWatch::InterruptWatch() {
   sigemptyset(&watched_);
   sigaddset(&watched_, SIGINT);
   sigaddset(&watched_, SIGTERM);
+  sigaddset(&watched_, SIGHUP);  // its terminal was closed
   pthread_sigmask(SIG_BLOCK, &watched_, &before_);
   ender_ = std::thread([this] { end_by_signal(watched_, held_); });
 }

@@ -7,10 +7,10 @@
 
 namespace penumbra {
 
-// From construction on, SIGINT and SIGTERM are blocked in this thread and in every thread it
-// starts, so make one before anything that starts threads (OpenGL, decoders). Until hold() a thread
-// of its own takes them and ends the process at once, as without this. No handler and no global is
-// needed.
+// From construction on, SIGINT, SIGTERM and SIGHUP are blocked in this thread and in every thread
+// it starts, so make one before anything that starts threads (OpenGL, decoders). Until hold() a
+// thread of its own takes them and ends the process at once, as without this. No handler and no
+// global is needed.
 class InterruptWatch {
  public:
   InterruptWatch();

@@ -2,10 +2,13 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <exception>
 #include <functional>
+#include <future>
+#include <memory>
 #include <mutex>
 #include <thread>
 #include <utility>
@@ -16,7 +19,10 @@
 #include "app/capture/recording_writer.hpp"
 #include "app/capture/v4l2_device.hpp"
 #include "app/interrupt.hpp"
+#include "app/overlay.hpp"
+#include "app/scene_edit.hpp"
 #include "app/session.hpp"
+#include "app/session_host.hpp"
 #include "app/viewer.hpp"
 #include "core/camera_file.hpp"
 #include "core/text.hpp"
@@ -31,6 +37,7 @@ using std::chrono::milliseconds;
 constexpr milliseconds kPatience(50);              // between looks at the window and at Ctrl-C
 constexpr std::int64_t kSilence_ns = 250'000'000;  // without a frame: the picture is not live
 constexpr double kHold_s = 0.5;                    // then the pose fades out over this
+constexpr int kEncodeAhead = 4;                    // composited frames that wait for the encoder
 constexpr std::size_t kMaxYamlBytes = 16'000'000;
 
 std::int64_t now_ns() {
@@ -99,15 +106,97 @@ Result<void> check_size(const LiveRequest& request, const StreamFormat& format,
 }
 
 Result<std::unique_ptr<RecordingWriter>> open_recording_writer(const LiveRequest& request,
-                                                               const LiveSource& source) {
+                                                               const LiveSource& source,
+                                                               const std::filesystem::path& to) {
   auto camera_yaml = read_text_file(request.calibration, kMaxYamlBytes);
   if (!camera_yaml) return tl::unexpected(camera_yaml.error());
   auto tags_yaml = read_text_file(request.tags, kMaxYamlBytes);
   if (!tags_yaml) return tl::unexpected(tags_yaml.error());
-  return RecordingWriter::create(*request.record,
-                                 {source.description(), source.format(), source.controls(),
-                                  std::move(*camera_yaml), std::move(*tags_yaml)});
+  return RecordingWriter::create(to, {source.description(), source.format(), source.controls(),
+                                      std::move(*camera_yaml), std::move(*tags_yaml)});
 }
+
+// The recording that is being written, if any: begun and ended while the camera runs.
+class Recorder {
+ public:
+  Recorder(const LiveRequest& request, const LiveSource& source)
+      : request_(request), source_(source) {}
+  Recorder(const Recorder&) = delete;
+  Recorder& operator=(const Recorder&) = delete;
+  ~Recorder() = default;
+
+  [[nodiscard]] Result<void> start(const std::filesystem::path& folder) {
+    auto opened = open_recording_writer(request_, source_, folder);
+    if (!opened) return tl::unexpected(opened.error());
+    std::shared_ptr<RecordingWriter> writer = std::move(*opened);
+    writer->add_event(now_ns(), "start", source_.description());
+    scene_told_ = false;
+    const std::lock_guard lock(mutex_);
+    writer_ = std::move(writer);
+    return {};
+  }
+
+  // What was given so far is written by a thread of its own: the picture goes on.
+  void stop() {
+    std::shared_ptr<RecordingWriter> writer;
+    {
+      const std::lock_guard lock(mutex_);
+      writer = std::exchange(writer_, nullptr);
+    }
+    if (!writer) return;
+    writer->add_event(now_ns(), "end");
+    ended_.push_back(std::async(std::launch::async, [writer = std::move(writer)] {
+      if (auto finished = writer->finish(); !finished) {
+        spdlog::error("{}", finished.error().message);
+      }
+      const RecordingCounts counts = writer->counts();
+      return fmt::format("recorded {} frames to {}{}\n", counts.written, writer->folder().string(),
+                         counts.dropped > 0
+                             ? fmt::format("; {} left out, the disk was too slow", counts.dropped)
+                             : std::string());
+    }));
+  }
+
+  // Ends the last one too; what became of each.
+  [[nodiscard]] std::string finish() {
+    stop();
+    std::string words;
+    for (std::future<std::string>& ended : ended_) words += ended.get();
+    ended_.clear();
+    return words;
+  }
+
+  // By any thread.
+  [[nodiscard]] std::shared_ptr<RecordingWriter> writer() const {
+    const std::lock_guard lock(mutex_);
+    return writer_;
+  }
+
+  // What belongs to a frame that was drawn; at first also how the scene came to be as it is.
+  void add(const SessionFrame& frame, const Session& session) {
+    const auto to = writer();
+    if (!to) return;
+    const std::int64_t timestamp_ns = frame.tracked.frame.timestamp_ns;
+    if (!scene_told_) {
+      scene_told_ = true;
+      to->add_event(session.scene_start_ns().value_or(timestamp_ns), kSceneStartEvent);
+      for (const SceneEdit& edit : session.edits_so_far()) {
+        to->add_scene_edit({timestamp_ns, edit});
+      }
+    } else {
+      for (const SceneEdit& edit : frame.edits) to->add_scene_edit({timestamp_ns, edit});
+    }
+    to->add_pose(timestamp_ns, frame.tracked.pose);
+  }
+
+ private:
+  const LiveRequest& request_;
+  const LiveSource& source_;
+  mutable std::mutex mutex_;
+  std::shared_ptr<RecordingWriter> writer_;  // guarded by mutex_
+  std::vector<std::future<std::string>> ended_;
+  bool scene_told_ = false;
+};
 
 // A frame with its pose, on its way to be drawn.
 struct ReadyFrame {
@@ -119,8 +208,8 @@ struct ReadyFrame {
 // dropped; a tracked frame is always drawn.
 class Pipeline {
  public:
-  Pipeline(LiveSource& source, Session& session, RecordingWriter* writer)
-      : source_(source), session_(session), writer_(writer), last_capture_ns_(now_ns()) {
+  Pipeline(LiveSource& source, Session& session, const Recorder& recorder)
+      : source_(source), session_(session), recorder_(recorder), last_capture_ns_(now_ns()) {
     capture_ = std::thread([this] { guarded([this] { capture(); }); });
     tracking_ = std::thread([this] { guarded([this] { track(); }); });
   }
@@ -171,7 +260,7 @@ class Pipeline {
       }
       if (!*image) return;
       last_capture_ns_ = now_ns();
-      if (writer_ != nullptr) writer_->add_image(**image);
+      if (const auto writer = recorder_.writer()) writer->add_image(**image);
       inbox_.put(std::move(**image));
     }
   }
@@ -192,7 +281,7 @@ class Pipeline {
 
   LiveSource& source_;
   Session& session_;
-  RecordingWriter* const writer_;
+  const Recorder& recorder_;
   std::atomic<std::int64_t> last_capture_ns_;
   Mailbox<CapturedImage> inbox_;
   Mailbox<ReadyFrame> ready_;
@@ -225,6 +314,59 @@ class Silence {
   std::optional<TrackedFrame> last_;
 };
 
+// The session in the window, with its camera.
+class LiveHost final : public SessionHost {
+ public:
+  LiveHost(Session& session, RunRecorder& run, LiveSource& source, Recorder& recorder,
+           const LiveRequest& request)
+      : SessionHost(session, run),
+        run_(run),
+        source_(source),
+        recorder_(recorder),
+        request_(request) {}
+
+  [[nodiscard]] std::string toggle_recording() override {
+    if (const auto writer = recorder_.writer()) {
+      const std::string folder = writer->folder().string();
+      recorder_.stop();
+      return "recording ended: " + folder;
+    }
+    const std::filesystem::path folder =
+        request_.record ? free_name(*request_.record, "") : free_name("");
+    if (auto started = recorder_.start(folder); !started) return started.error().message;
+    return "recording to " + folder.string();
+  }
+
+  void describe(HudState& state, bool debug) const override {
+    SessionHost::describe(state, debug);
+    state.live = true;
+    state.latency_ms = run_.recent_ms("latency", kLatencyFrames);
+    const CaptureStats stats = source_.faults().stats();
+    state.frames_dropped = std::max(0, static_cast<int>(stats.frames) - run_.frames());
+    state.trouble = stats.trouble;
+    for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {
+      if (stats.faults[i] == 0) continue;
+      state.faults.emplace_back(name_of(static_cast<CaptureFault>(i)),
+                                static_cast<std::int64_t>(stats.faults[i]));
+    }
+    if (stats.restarts > 0) {
+      state.faults.emplace_back("restarts", static_cast<std::int64_t>(stats.restarts));
+    }
+    if (const auto writer = recorder_.writer()) {
+      const RecordingCounts counts = writer->counts();
+      state.recording =
+          HudRecording{writer->folder().string(), counts.written, counts.dropped, counts.error};
+    }
+  }
+
+ private:
+  static constexpr std::size_t kLatencyFrames = 30;
+  const RunRecorder& run_;
+  LiveSource& source_;
+  Recorder& recorder_;
+  const LiveRequest& request_;
+};
+
 }  // namespace
 
 Result<RunReport> run_live(const LiveRequest& request) {
@@ -235,8 +377,8 @@ Result<RunReport> run_live(const LiveRequest& request) {
   const auto tags = load_tag_map(request.tags);
   if (!tags) return tl::unexpected(tags.error());
   auto tracker = TableTracker::create(*camera, *tags, request.tracking);
-  if (!tracker) return tl::unexpected(tracker.error());
-  auto loaded_scene = load_scene(request.scene);
+  if (!tracker) return fail("{}: {}", request.tags.string(), tracker.error().message);
+  auto loaded_scene = load_run_scene(request.scene, request.kernel_file);
   if (!loaded_scene) return tl::unexpected(loaded_scene.error());
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
   for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
@@ -263,42 +405,47 @@ Result<RunReport> run_live(const LiveRequest& request) {
   spdlog::info("{}", (*source)->description());
 
   std::vector<std::filesystem::path> taken = {request.scene, request.calibration, request.tags};
+  if (request.kernel_file) taken.push_back(*request.kernel_file);
   if (request.record) taken.push_back(*request.record);
   if (auto checked = check_output_paths(request, std::move(taken)); !checked) {
     return tl::unexpected(checked.error());
   }
   interrupt.hold();
-  auto outputs =
-      open_outputs(request, {camera->width(), camera->height(), (*source)->format().interval_s});
+  auto outputs = open_outputs(
+      request, {camera->width(), camera->height(), (*source)->format().interval_s}, kEncodeAhead);
   if (!outputs) return tl::unexpected(outputs.error());
-  std::unique_ptr<RecordingWriter> writer;
+  Recorder recorder(request, **source);
   if (request.record) {
-    auto opened = open_recording_writer(request, **source);
-    if (!opened) return tl::unexpected(opened.error());
-    writer = std::move(*opened);
-    writer->add_event(now_ns(), "start", (*source)->description());
+    if (auto started = recorder.start(*request.record); !started) {
+      return tl::unexpected(started.error());
+    }
   }
 
+  RunRecorder run;
+  LiveHost host(*session, run, **source, recorder, request);
   std::optional<Viewer> viewer;
-  if ((*context)->window_size().width > 0) viewer.emplace(**context);
+  if ((*context)->window_size().width > 0) {
+    auto overlay = Overlay::create(**context);
+    if (!overlay) return tl::unexpected(overlay.error());
+    viewer.emplace(**context, host, std::move(*overlay), request.viewer);
+  }
   std::vector<std::uint8_t> pixels;
   if (outputs->frames) {
     pixels.resize(static_cast<std::size_t>(camera->width()) *
                   static_cast<std::size_t>(camera->height()) * 4U);
   }
 
-  RunRecorder run;
   Silence silence;
   std::optional<Stopwatch> since_first;
   bool stopped = false;
   const auto show = [&] {
-    if (viewer && !viewer->show([&] { session->present(); }, interrupt)) stopped = true;
+    if (viewer && !viewer->show(interrupt)) stopped = true;
   };
-  Pipeline pipeline(**source, *session, writer.get());
+  Pipeline pipeline(**source, *session, recorder);
   while (!stopped && !pipeline.finished()) {
     auto ready = pipeline.take();
-    if (writer) {
-      for (const auto& event : (*source)->faults().take_events()) {
+    for (const auto& event : (*source)->faults().take_events()) {
+      if (const auto writer = recorder.writer()) {
         writer->add_event(now_ns(), name_of(event.fault), event.detail);
       }
     }
@@ -311,7 +458,8 @@ Result<RunReport> run_live(const LiveRequest& request) {
       auto done = session->draw(std::move(ready->tracked), pixels);
       if (!done) return tl::unexpected(done.error());
       run.add_frame(*done);
-      if (writer) writer->add_pose(timestamp_ns, done->tracked.pose);
+      recorder.add(*done, *session);
+      if (viewer) host.saw(*done);
       show();
       // From the driver's stamp to the picture's being on the screen (or, offscreen, drawn).
       run.add_time("latency", {static_cast<double>(now_ns() - timestamp_ns) * 1e-6, 0.0});
@@ -321,9 +469,10 @@ Result<RunReport> run_live(const LiveRequest& request) {
       run.add_time("frame", watch.elapsed());
     } else {
       if (auto picture = silence.picture(pipeline.silence_ns())) {
-        if (auto drawn = session->draw(std::move(*picture)); !drawn) {
-          return tl::unexpected(drawn.error());
-        }
+        auto drawn = session->redraw(std::move(*picture));
+        if (!drawn) return tl::unexpected(drawn.error());
+        if (viewer) host.saw(*drawn);
+        if (!drawn->tracked.pose.has_pose()) host.forget_frame();
       }
       show();
     }
@@ -336,6 +485,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   pipeline.stop();
   if (const auto error = pipeline.error()) return tl::unexpected(*error);
 
+  const auto finished = outputs->finish(run);
   const CaptureStats stats = (*source)->faults().stats();
   RunReport report = run.report();
   report.recording = request.camera;
@@ -355,17 +505,9 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (stats.restarts > 0) {
     report.camera_faults["restarts"] = static_cast<std::int64_t>(stats.restarts);
   }
-  if (writer) {
-    writer->add_event(now_ns(), "end");
-    if (auto finished = writer->finish(); !finished) spdlog::error("{}", finished.error().message);
-    const RecordingCounts counts = writer->counts();
-    fmt::print("recorded {} frames to {}{}\n", counts.written, request.record->string(),
-               counts.dropped > 0
-                   ? fmt::format("; {} left out, the disk was too slow", counts.dropped)
-                   : std::string());
-  }
+  fmt::print("{}", recorder.finish());
   if (report.frames == 0) return fail("{}: gave no frame", request.camera);
-  if (auto finished = outputs->finish(); !finished) return tl::unexpected(finished.error());
+  if (!finished) return tl::unexpected(finished.error());
   if (auto written = outputs->write_report(report); !written) {
     return tl::unexpected(written.error());
   }

@@ -9,6 +9,7 @@
 #include "app/capture/v4l2_source.hpp"
 #include "app/run_outputs.hpp"
 #include "app/run_report.hpp"
+#include "app/viewer.hpp"
 #include "core/error.hpp"
 #include "render/frame_plan.hpp"
 #include "tracking/table_tracker.hpp"
@@ -21,6 +22,7 @@ struct LiveRequest : OutputRequest {
   std::filesystem::path tags;
   std::filesystem::path scene;
   PlanOptions plan;
+  std::optional<std::filesystem::path> kernel_file;  // for the scene's casters that it fits
   TrackerOptions tracking;
   std::optional<int> width, height;  // [px]; the calibration's
   std::optional<double> fps;
@@ -30,6 +32,7 @@ struct LiveRequest : OutputRequest {
   std::optional<double> duration_s;  // from the first frame; nothing: until it is stopped
   bool window = true;                // where there is a display
   bool vsync = true;
+  ViewerOptions viewer;
 };
 
 // Ends after the duration, by Ctrl-C, or when the window is closed; the files hold everything up to

@@ -70,7 +70,7 @@ ExitCode run(int argc, char** argv) {
   penumbra::add_common_options(program);
   program.require_subcommand(1);
   program.footer(
-      "Exit codes: 0 success, 1 failure, 2 wrong usage, 130 ended early by Ctrl-C.\n\n"
+      "Exit codes: 0 success (also when ended by Ctrl-C), 1 failure, 2 wrong usage.\n\n"
       "Example:\n"
       "  penumbra demo");
   ChosenCommand chosen;
@@ -81,7 +81,10 @@ ExitCode run(int argc, char** argv) {
   penumbra::add_evaluate_command(program, chosen);
   penumbra::add_shadow_command(program, chosen);
   penumbra::add_target_command(program, chosen);
+  penumbra::add_calibrate_command(program, chosen);
+  penumbra::add_map_command(program, chosen);
   penumbra::add_kernels_command(program, chosen);
+  penumbra::add_simulate_command(program, chosen);
 
   try {
     program.parse(argc, argv);

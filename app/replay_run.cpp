@@ -9,11 +9,15 @@
 #include <thread>
 #include <vector>
 
+#include "app/capture/look_ahead.hpp"
 #include "app/capture/recording_source.hpp"
 #include "app/interrupt.hpp"
+#include "app/overlay.hpp"
 #include "app/progress.hpp"
 #include "app/run_outputs.hpp"
+#include "app/scene_edit.hpp"
 #include "app/session.hpp"
+#include "app/session_host.hpp"
 #include "app/versions.hpp"
 #include "app/viewer.hpp"
 #include "core/units.hpp"
@@ -23,6 +27,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// How far tracking runs ahead of drawing, and drawing ahead of encoding [frames].
+constexpr int kTrackAhead = 2;
+constexpr int kEncodeAhead = 2;
+
+struct TrackedItem {
+  TrackedFrame tracked;
+  StageTime capture_time;
+};
+using TrackAhead = LookAhead<TrackedItem>;
+
 // No output may take the place of what this run reads, or of another output. A recording is only
 // read: nothing is written anywhere in its folder.
 Result<void> check_outputs(const ReplayRequest& request, const Recording& recording) {
@@ -30,6 +44,7 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
   for (const char* file : {"camera.yaml", "tags.yaml", "timestamps.csv", "groundtruth.tum"}) {
     taken.push_back(recording.folder / file);  // may be links to elsewhere
   }
+  if (request.kernel_file) taken.push_back(*request.kernel_file);
   if (request.tags) taken.push_back(*request.tags);
   if (!recording.video.empty()) taken.push_back(recording.video);
   if (request.poses_from) taken.emplace_back(*request.poses_from);
@@ -61,7 +76,10 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
 Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& recording) {
   if (!request.poses_from) {
     auto tracker = TableTracker::create(*recording.camera, *recording.tags, request.tracking);
-    if (!tracker) return tl::unexpected(tracker.error());
+    if (!tracker) {
+      return fail("{}: {}", request.tags.value_or(recording.folder / "tags.yaml").string(),
+                  tracker.error().message);
+    }
     return PoseSource(std::move(*tracker));
   }
   if (*request.poses_from == "groundtruth") {
@@ -118,17 +136,52 @@ class Pacer {
   Stopwatch start_;
 };
 
-Result<void> check_range(const ReplayRequest& request, const Recording& recording) {
-  const int count = static_cast<int>(recording.frames.size());
-  if (request.frames.first >= count) {
-    return fail("{}: --frames begins at {}, but there are {} frames (0 to {})",
-                recording.folder.string(), request.frames.first, count, count - 1);
+// What a person changed in the scene while it was recorded happens again, at the same frames.
+class RecordedEdits {
+ public:
+  RecordedEdits(const Recording& recording, const SceneEvents& events, const fs::path& scene)
+      : file_(recording.folder / "events.jsonl"), scene_(scene), events_(events.edits) {}
+
+  void replay_until(std::int64_t timestamp_ns, Session& session) {
+    for (; next_ < events_.size() && events_[next_].timestamp_ns <= timestamp_ns; ++next_) {
+      if (session.replay_edit(events_[next_].edit) || warned_) continue;
+      warned_ = true;
+      spdlog::warn("{}: changes what is not in {}; such changes are left out", file_.string(),
+                   scene_.string());
+    }
   }
-  if (request.frames.last && *request.frames.last > count) {
-    spdlog::warn("{}: --frames ends at {}, but there are {} frames", recording.folder.string(),
-                 *request.frames.last, count);
+
+ private:
+  fs::path file_;
+  fs::path scene_;
+  const std::vector<SceneEvent>& events_;
+  std::size_t next_ = 0;
+  bool warned_ = false;
+};
+
+Result<void> check_range(const ReplayRequest& request, const Recording& recording) {
+  const int first = recording.frames.front().number;
+  const int last = recording.frames.back().number;
+  const bool past = request.frames.last && *request.frames.last > last + 1;
+  if (request.frames.first > last || (request.frames.last && *request.frames.last <= first)) {
+    return fail("{}: has no frame in --frames {}:{}; its frames are {} to {}",
+                recording.folder.string(), request.frames.first,
+                request.frames.last ? std::to_string(*request.frames.last) : "", first, last);
+  }
+  if (past) {
+    spdlog::warn("{}: --frames ends at {}, but the last frame is {}", recording.folder.string(),
+                 *request.frames.last, last);
   }
   return {};
+}
+
+// Where in the listing the first frame with this number or a greater one is: a recording that lost
+// frames has gaps in its numbers.
+int place_of(const Recording& recording, int number) {
+  const auto found = std::lower_bound(
+      recording.frames.begin(), recording.frames.end(), number,
+      [](const RecordedFrame& frame, int wanted) { return frame.number < wanted; });
+  return static_cast<int>(found - recording.frames.begin());
 }
 
 }  // namespace
@@ -148,22 +201,27 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
 
   auto poses = open_poses(request, *recording);
   if (!poses) return tl::unexpected(poses.error());
-  auto loaded_scene = load_scene(request.scene);
+  auto loaded_scene = load_run_scene(request.scene, request.kernel_file);
   if (!loaded_scene) return tl::unexpected(loaded_scene.error());
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
   for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
+
+  auto events = request.edits ? load_scene_events(recording->folder / "events.jsonl")
+                              : Result<SceneEvents>(SceneEvents());
+  if (!events) return tl::unexpected(events.error());
 
   if (auto checked = check_outputs(request, *recording); !checked)
     return tl::unexpected(checked.error());
 
   RecordingSourceOptions source_options;
-  source_options.first = request.frames.first;
-  source_options.last = request.frames.last;
-  if (source_options.last) {
-    source_options.last =
-        std::min(*source_options.last, static_cast<int>(recording->frames.size()));
+  source_options.first = place_of(*recording, request.frames.first);
+  if (request.frames.last) source_options.last = place_of(*recording, *request.frames.last);
+  if (source_options.last && *source_options.last <= source_options.first) {
+    return fail("{}: has no frame in --frames {}:{}", recording->folder.string(),
+                request.frames.first, *request.frames.last);
   }
-  if (request.threads < 2) source_options.look_ahead = 0;
+  const bool overlapped = request.threads > 1;
+  if (!overlapped) source_options.look_ahead = 0;
   auto source = open_recording_source(*recording, source_options);
   if (!source) return tl::unexpected(source.error());
 
@@ -173,40 +231,61 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   for (const auto& [name, version] : component_versions()) spdlog::info("{} {}", name, version);
   SessionOptions session_options;
   session_options.plan = request.plan;
-  session_options.scene_start_ns = recording->frames.front().timestamp_ns;
+  session_options.scene_start_ns =
+      events->scene_start_ns.value_or(recording->frames.front().timestamp_ns);
   auto session = Session::create(**context, scene, camera, std::move(*poses), session_options);
   if (!session) return tl::unexpected(session.error());
 
   interrupt.hold();
   auto outputs =
-      open_outputs(request, {camera.width(), camera.height(), frame_interval_s(*recording)});
+      open_outputs(request, {camera.width(), camera.height(), frame_interval_s(*recording)},
+                   overlapped ? kEncodeAhead : 0);
   if (!outputs) return tl::unexpected(outputs.error());
 
+  RunRecorder run;
   const bool has_window = (*context)->window_size().width > 0;
+  SessionHost host(*session, run, static_cast<int>(recording->frames.size()));
   std::optional<Viewer> viewer;
-  if (has_window) viewer.emplace(**context);
+  if (has_window) {
+    auto overlay = Overlay::create(**context);
+    if (!overlay) return tl::unexpected(overlay.error());
+    viewer.emplace(**context, host, std::move(*overlay), request.viewer);
+  }
+  RecordedEdits edits(*recording, *events, request.scene);
   Pacer pacer;
   std::vector<std::uint8_t> pixels;
   if (outputs->frames) {
     pixels.resize(static_cast<std::size_t>(camera.width()) *
                   static_cast<std::size_t>(camera.height()) * 4U);
   }
-  RunRecorder run;
+  // The next frames are tracked while this one is drawn and the one before it encoded; each stage
+  // takes the frames in order, so that nothing depends on which thread was faster.
+  TrackAhead tracked(
+      [&]() -> TrackAhead::Item {
+        auto frame = (*source)->next();
+        if (!frame) return tl::unexpected(frame.error());
+        if (!*frame) return std::optional<TrackedItem>();
+        return std::optional<TrackedItem>({session->track(**frame), (*source)->capture_time()});
+      },
+      overlapped ? kTrackAhead : 0);
   bool stopped = false;
   {
     ProgressBar progress((*source)->frame_count().value_or(0));
     while (!stopped) {
       const Stopwatch frame_watch;
-      auto frame = (*source)->next();
-      if (!frame) return tl::unexpected(frame.error());
-      if (!*frame) break;
-      run.add_time("capture", (*source)->capture_time());
+      auto item = tracked.next();
+      if (!item) return tl::unexpected(item.error());
+      if (!*item) break;
+      run.add_time("capture", (*item)->capture_time);
+      const std::uint64_t sequence = (*item)->tracked.frame.sequence;
+      const std::int64_t timestamp_ns = (*item)->tracked.frame.timestamp_ns;
+      edits.replay_until(timestamp_ns, *session);
 
-      auto done = session->step(**frame, pixels);
+      auto done = session->draw(std::move((*item)->tracked), pixels);
       if (!done) return tl::unexpected(done.error());
       run.add_frame(*done);
       const PoseEstimate& pose = done->tracked.pose;
-      spdlog::debug("frame {}: {}{}{}", (*frame)->sequence, to_string(pose.status),
+      spdlog::debug("frame {}: {}{}{}", sequence, to_string(pose.status),
                     pose.reason.empty() ? "" : ": ", pose.reason);
 
       if (auto written = outputs->write(*done, pixels, run); !written)
@@ -215,9 +294,12 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       progress.update(run.frames());
 
       if (request.realtime || has_window) {
-        pacer.wait_for((*frame)->timestamp_ns, viewer ? viewer->paused_ms() : 0.0);
+        pacer.wait_for(timestamp_ns, viewer ? viewer->paused_ms() : 0.0);
       }
-      if (viewer) stopped = !viewer->show([&] { session->present(); }, interrupt);
+      if (viewer) {
+        host.saw(*done);
+        stopped = !viewer->show(interrupt);
+      }
       stopped = interrupt.interrupted() || stopped;
     }
   }
@@ -225,8 +307,9 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     return fail("{}: no frame was replayed", recording->folder.string());
   }
 
-  if (auto finished = outputs->finish(); !finished) return tl::unexpected(finished.error());
+  if (auto finished = outputs->finish(run); !finished) return tl::unexpected(finished.error());
   RunReport report = run.report();
+  report.threads = overlapped ? request.threads : 1;
   report.recording = request.recording.string();
   report.scene = request.scene.string();
   report.width = camera.width();

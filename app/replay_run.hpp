@@ -8,6 +8,7 @@
 #include "app/frame_range.hpp"
 #include "app/run_outputs.hpp"
 #include "app/run_report.hpp"
+#include "app/viewer.hpp"
 #include "core/error.hpp"
 #include "render/frame_plan.hpp"
 #include "tracking/table_tracker.hpp"
@@ -19,12 +20,17 @@ struct ReplayRequest : OutputRequest {
   std::filesystem::path scene;
   std::optional<std::filesystem::path> tags;  // instead of the recording's
   PlanOptions plan;
+  std::optional<std::filesystem::path> kernel_file;  // for the scene's casters that it fits
   TrackerOptions tracking;
   std::optional<std::string> poses_from;  // "groundtruth" or a TUM file: no tracker
   FrameRange frames;
-  int threads = 2;  // 1: decode when asked; more: decode ahead on a thread of its own
+  // 1: one stage after another; more: frames are decoded, tracked, drawn and encoded side by side,
+  // each stage on a thread of its own. The results are the same.
+  int threads = 2;
   bool realtime = false;
   bool window = true;  // where there is a display
+  ViewerOptions viewer;
+  bool edits = true;  // what was moved and changed while it was recorded happens again
 };
 
 // Every path is checked before the first frame. Stopped by Ctrl-C or by closing the window, the

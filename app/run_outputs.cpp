@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "app/session.hpp"
-#include "core/stopwatch.hpp"
+#include "render/shadow/kernel_file.hpp"
 
 namespace penumbra {
 namespace {
@@ -51,7 +51,18 @@ Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::pa
   return {};
 }
 
-Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat& format) {
+Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path>& kernel_file) {
+  Result<Scene> loaded = load_scene(scene);
+  if (!loaded || !kernel_file) return loaded;
+  const Result<KernelFile> kernels = load_kernel_file(*kernel_file);
+  if (!kernels) return tl::unexpected(kernels.error());
+  const Result<void> given = give_kernels(*loaded, *kernels, kernel_file->string());
+  if (!given) return tl::unexpected(given.error());
+  return loaded;
+}
+
+Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat& format,
+                                int encode_ahead) {
   RunOutputs outputs;
   if (request.report) {
     auto file = OutputFile::create(*request.report);
@@ -66,7 +77,7 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
   if (request.output) {
     auto writer = create_frame_writer(*request.output, format);
     if (!writer) return tl::unexpected(writer.error());
-    outputs.frames = std::move(*writer);
+    outputs.frames = std::make_unique<BackgroundWriter>(std::move(*writer), encode_ahead);
   }
   return outputs;
 }
@@ -80,17 +91,18 @@ Result<void> RunOutputs::write(const SessionFrame& frame, std::span<const std::u
     }
   }
   if (frames) {
-    const Stopwatch watch;
     auto written = frames->write(video.sequence, video.timestamp_ns, pixels);
+    for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
     if (!written) return written;
-    run.add_time("encode", watch.elapsed());
   }
   return {};
 }
 
-Result<void> RunOutputs::finish() {
+Result<void> RunOutputs::finish(RunRecorder& run) {
   if (frames) {
-    if (auto finished = frames->finish(); !finished) return finished;
+    auto finished = frames->finish();
+    for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
+    if (!finished) return finished;
   }
   if (poses) return poses->finish();
   return {};

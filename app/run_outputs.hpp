@@ -8,13 +8,14 @@
 #include <span>
 #include <vector>
 
-#include "app/output/frame_writer.hpp"
+#include "app/output/background_writer.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/pose_writer.hpp"
 #include "app/run_report.hpp"
 #include "core/camera_model.hpp"
 #include "core/error.hpp"
 #include "render/gl/context.hpp"
+#include "render/scene.hpp"
 
 namespace penumbra {
 
@@ -30,20 +31,26 @@ struct OutputRequest {
                                               std::vector<std::filesystem::path> taken);
 
 struct RunOutputs {
-  std::unique_ptr<FrameWriter> frames;
+  std::unique_ptr<BackgroundWriter> frames;
   std::optional<PoseWriter> poses;
   std::optional<OutputFile> report;
 
-  // What is asked for of one frame; the time to encode it goes to `run`. `pixels` is empty where no
-  // composited frames are wanted.
+  // What is asked for of one frame; the times of those encoded since the last call go to `run`.
+  // `pixels` is empty where no composited frames are wanted.
   [[nodiscard]] Result<void> write(const SessionFrame& frame, std::span<const std::uint8_t> pixels,
                                    RunRecorder& run);
   // Frames and poses are on disk, under their names, when this returns.
-  [[nodiscard]] Result<void> finish();
+  [[nodiscard]] Result<void> finish(RunRecorder& run);
   [[nodiscard]] Result<void> write_report(const RunReport& measured);
 };
+// `encode_ahead`: how many composited frames may wait for an encoder on a thread of its own; 0:
+// they are encoded as they are written.
 [[nodiscard]] Result<RunOutputs> open_outputs(const OutputRequest& request,
-                                              const FrameFormat& format);
+                                              const FrameFormat& format, int encode_ahead);
+
+// The scene, with the kernels of a file for those of its casters that have as many vertices.
+[[nodiscard]] Result<Scene> load_run_scene(const std::filesystem::path& scene,
+                                           const std::optional<std::filesystem::path>& kernel_file);
 
 struct WindowChoice {
   bool window = true;  // where there is a display

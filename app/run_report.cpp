@@ -1,6 +1,7 @@
 #include "app/run_report.hpp"
 
 #include <algorithm>
+#include <array>
 #include <nlohmann/json.hpp>
 #include <numeric>
 
@@ -17,26 +18,52 @@ Json json_of(const Statistics& s) {
 }
 
 Json json_of(const StageSummary& s) {
-  return {{"median", s.median},         {"p95", s.p95},           {"max", s.max},
-          {"cpu_median", s.cpu_median}, {"cpu_mean", s.cpu_mean}, {"count", s.count}};
+  return {
+      {"median", s.median},         {"p95", s.p95},           {"max", s.max},    {"mean", s.mean},
+      {"cpu_median", s.cpu_median}, {"cpu_mean", s.cpu_mean}, {"count", s.count}};
 }
 
 Json json_of(const Evaluation& e) {
   // With no pose there is no error: null, never a perfect 0.
-  const auto known = [&](const Json& value, int fewest_poses) {
-    return e.frames_with_pose >= fewest_poses ? value : Json();
-  };
+  const auto known = [&](const Json& value) { return e.frames_with_pose > 0 ? value : Json(); };
   Json json;
-  json["translation_mm"] = known(json_of(e.translation_mm), 1);
-  json["rotation_deg"] = known(json_of(e.rotation_deg), 1);
-  json["overlay_px"] = known(json_of(e.overlay_px), 1);
-  json["overlay_frame_px"] = known(json_of(e.overlay_frame_px), 1);
-  json["jitter_px"] = known(e.jitter_px, 2);
+  json["translation_mm"] = known(json_of(e.translation_mm));
+  json["rotation_deg"] = known(json_of(e.rotation_deg));
+  json["overlay_px"] = known(json_of(e.overlay_px));
+  json["overlay_frame_px"] = known(json_of(e.overlay_frame_px));
+  json["jitter_px"] = e.jitter_changes > 0 ? Json(e.jitter_px) : Json();
   json["frames_with_truth"] = e.frames_with_truth;
   json["frames_with_pose"] = e.frames_with_pose;
   json["share_with_pose"] =
       e.frames_with_truth > 0 ? static_cast<double>(e.frames_with_pose) / e.frames_with_truth : 0.0;
   return json;
+}
+
+// What each thread of the pipeline was busy with, per frame, and what the frame rate hangs on: the
+// busiest of them where they run side by side, else all of them, one after another.
+Json pipeline_json(const RunReport& report) {
+  constexpr std::array kStages = {"capture", "track", "draw", "encode"};
+  Json busy = Json::object();
+  std::string busiest;
+  double most_ms = 0.0;
+  double sum_ms = 0.0;
+  for (const char* stage : kStages) {
+    for (const auto& [name, summary] : report.time_ms) {
+      if (name != stage || summary.count == 0 || report.frames == 0) continue;
+      const double ms = summary.mean * static_cast<double>(summary.count) / report.frames;
+      busy[stage] = ms;
+      sum_ms += ms;
+      if (ms > most_ms) {
+        most_ms = ms;
+        busiest = stage;
+      }
+    }
+  }
+  const bool side_by_side = report.threads > 1;
+  return {{"threads", report.threads},
+          {"busy_ms_per_frame", busy},
+          {"critical_path", side_by_side ? busiest : "every stage"},
+          {"critical_ms_per_frame", side_by_side ? most_ms : sum_ms}};
 }
 
 }  // namespace
@@ -54,16 +81,25 @@ StageSummary StageTimes::summary() const {
   summary.median = wall.median;
   summary.p95 = wall.p95;
   summary.max = wall.max;
+  summary.mean =
+      std::accumulate(wall_ms_.begin(), wall_ms_.end(), 0.0) / static_cast<double>(wall_ms_.size());
   summary.cpu_median = statistics_of(cpu_ms_).median;
   summary.cpu_mean =
       std::accumulate(cpu_ms_.begin(), cpu_ms_.end(), 0.0) / static_cast<double>(cpu_ms_.size());
   return summary;
 }
 
+std::optional<double> StageTimes::recent_ms(std::size_t count) const {
+  if (wall_ms_.empty() || count == 0) return std::nullopt;
+  const std::size_t used = std::min(count, wall_ms_.size());
+  return std::accumulate(wall_ms_.end() - static_cast<std::ptrdiff_t>(used), wall_ms_.end(), 0.0) /
+         static_cast<double>(used);
+}
+
 RunRecorder::RunRecorder() {
   // A stage that never ran is told too, with a count of 0.
   for (const char* stage : {"capture", "track", "detect", "align", "solve", "plan", "shadow",
-                            "render", "readback", "encode", "frame", "latency"}) {
+                            "render", "readback", "draw", "encode", "frame", "latency"}) {
     stages_.emplace_back(stage, StageTimes());
   }
 }
@@ -110,18 +146,37 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   add_time("plan", frame.plan_time);
   add_time("shadow", {drawn.shadow_ms, drawn.shadow_cpu_ms});
   add_time("render", {drawn.render_ms, drawn.render_cpu_ms});
+  add_time("draw", frame.draw_time);
   if (frame.read_back) add_time("readback", {drawn.readback_ms, drawn.readback_cpu_ms});
 
+  add_work(drawn);
+  for (const ShadowEvent& event : frame.events) ++events_[static_cast<std::size_t>(event.kind)];
+  for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
+}
+
+void RunRecorder::add_redrawn(const SessionFrame& frame) {
+  add_work(frame.composite);
+}
+
+void RunRecorder::add_work(const CompositeStats& drawn) {
   work_.shadow_vertices += drawn.shadow_vertices;
   work_.kernel_generations += drawn.kernel_generations;
   work_.reprojections += drawn.reprojections;
   work_.triples_recomputed += drawn.triples_recomputed;
+  work_.proxy_shadows += drawn.proxy_shadows;
+  work_.proxy_checks += drawn.proxy_checks;
+  work_.proxy_faces_saved += drawn.proxy_faces_saved;
   work_.faces_tested += drawn.faces_tested;
   work_.faces_twisted += drawn.faces_twisted;
   work_.passes_drawn += drawn.passes_drawn;
   work_.passes_skipped += drawn.passes_skipped;
-  for (const ShadowEvent& event : frame.events) ++events_[static_cast<std::size_t>(event.kind)];
-  for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
+}
+
+std::optional<double> RunRecorder::recent_ms(std::string_view stage, std::size_t count) const {
+  const auto found = std::find_if(stages_.begin(), stages_.end(),
+                                  [&](const auto& entry) { return entry.first == stage; });
+  PENUMBRA_ASSERT(found != stages_.end());
+  return found->second.recent_ms(count);
 }
 
 RunReport RunRecorder::report() const {
@@ -129,15 +184,28 @@ RunReport RunRecorder::report() const {
   report.frames_captured = report.frames;
   for (const auto& [stage, times] : stages_) report.time_ms.emplace_back(stage, times.summary());
   report.reprojection_rms_px = statistics_of(reprojection_px_);
-  report.work = {
-      {"shadow_vertices", work_.shadow_vertices}, {"kernel_generations", work_.kernel_generations},
-      {"reprojections", work_.reprojections},     {"triples_recomputed", work_.triples_recomputed},
-      {"kernel_faces", work_.faces_tested},       {"twisted_faces", work_.faces_twisted},
-      {"passes_drawn", work_.passes_drawn},       {"passes_skipped", work_.passes_skipped}};
-  for (std::size_t i = 0; i < events_.size(); ++i) {
-    report.work.emplace_back(kShadowEventNames[i], events_[i]);
-  }
+  report.tags_measured = !reprojection_px_.empty();
+  report.work = work();
   return report;
+}
+
+std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
+  std::vector<std::pair<std::string, std::int64_t>> counts = {
+      {"shadow_vertices", work_.shadow_vertices},
+      {"kernel_generations", work_.kernel_generations},
+      {"reprojections", work_.reprojections},
+      {"triples_recomputed", work_.triples_recomputed},
+      {"proxy_shadows", work_.proxy_shadows},
+      {"proxy_checks", work_.proxy_checks},
+      {"proxy_faces_saved", work_.proxy_faces_saved},
+      {"kernel_faces", work_.faces_tested},
+      {"twisted_faces", work_.faces_twisted},
+      {"passes_drawn", work_.passes_drawn},
+      {"passes_skipped", work_.passes_skipped}};
+  for (std::size_t i = 0; i < events_.size(); ++i) {
+    counts.emplace_back(kShadowEventNames[i], events_[i]);
+  }
+  return counts;
 }
 
 Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run, const Trajectory& truth) {
@@ -169,9 +237,13 @@ std::string report_json(const RunReport& report) {
   Json time_ms = Json::object();
   for (const auto& [stage, summary] : report.time_ms) time_ms[stage] = json_of(summary);
   json["time_ms"] = time_ms;
-  json["tracking"] = {{"reprojection_rms_px", json_of(report.reprojection_rms_px)},
-                      {"full_detections", report.full_detections},
-                      {"tracked_updates", report.tracked_updates}};
+  json["pipeline"] = pipeline_json(report);
+  json["tracking"] = {
+      {"reprojection_rms_px", report.tags_measured
+                                  ? json_of(report.reprojection_rms_px)
+                                  : Json({{"rmse", {}}, {"median", {}}, {"p95", {}}, {"max", {}}})},
+      {"full_detections", report.full_detections},
+      {"tracked_updates", report.tracked_updates}};
   Json work = Json::object();
   for (const auto& [name, count] : report.work) work[name] = count;
   json["work"] = work;
@@ -194,16 +266,18 @@ std::string evaluation_json(const Evaluation& evaluation) {
 
 std::string evaluation_table(const Evaluation& evaluation) {
   std::string text =
-      fmt::format("{:<22}{:>10}{:>10}{:>10}{:>10}\n", "error", "rmse", "median", "p95", "max");
+      fmt::format("{:<22} {:>10} {:>10} {:>10} {:>10}\n", "error", "rmse", "median", "p95", "max");
   const auto row = [&](std::string_view name, const Statistics& s) {
-    text += fmt::format("{:<22}{:>10.4f}{:>10.4f}{:>10.4f}{:>10.4f}\n", name, s.rmse, s.median,
+    text += fmt::format("{:<22} {:>10.4f} {:>10.4f} {:>10.4f} {:>10.4f}\n", name, s.rmse, s.median,
                         s.p95, s.max);
   };
   if (evaluation.frames_with_pose > 0) {
     row("translation [mm]", evaluation.translation_mm);
     row("rotation [deg]", evaluation.rotation_deg);
     row("overlay [px]", evaluation.overlay_px);
-    text += fmt::format("{:<22}{:>10.4f}\n", "jitter [px]", evaluation.jitter_px);
+    if (evaluation.jitter_changes > 0) {
+      text += fmt::format("{:<22} {:>10.4f}\n", "jitter [px]", evaluation.jitter_px);
+    }
   }
   const double share = evaluation.frames_with_truth > 0
                            ? 100.0 * evaluation.frames_with_pose / evaluation.frames_with_truth

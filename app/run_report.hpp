@@ -18,8 +18,8 @@
 namespace penumbra {
 
 struct StageSummary {
-  double median = 0.0, p95 = 0.0, max = 0.0;  // wall [ms]
-  double cpu_median = 0.0, cpu_mean = 0.0;    // CPU time of the thread that did it [ms]
+  double median = 0.0, p95 = 0.0, max = 0.0, mean = 0.0;  // wall [ms]
+  double cpu_median = 0.0, cpu_mean = 0.0;                // CPU time of the thread that did it [ms]
   std::size_t count = 0;
 };
 
@@ -28,6 +28,8 @@ class StageTimes {
  public:
   void add(StageTime time);
   [[nodiscard]] StageSummary summary() const;
+  // Wall, mean of the last `count` frames [ms]; nothing before the first.
+  [[nodiscard]] std::optional<double> recent_ms(std::size_t count) const;
 
  private:
   std::vector<double> wall_ms_;
@@ -46,12 +48,15 @@ struct RunReport {
   std::string gl_version;
   std::vector<std::pair<std::string, StageSummary>> time_ms;  // in the order of the pipeline
   Statistics reprojection_rms_px;  // over the frames in which tags were measured
+  bool tags_measured = false;      // in any frame
   int full_detections = 0;         // frames searched as a whole
   int tracked_updates = 0;         // frames measured without such a search
   std::vector<std::pair<std::string, std::int64_t>> work;
   std::map<std::string, std::int64_t> skipped;
   // Live only: what the camera did that it should not have, and what became of it.
   std::map<std::string, std::int64_t> camera_faults;
+  // The stages that can run side by side, and which of them the others wait for.
+  int threads = 1;
   std::optional<Evaluation> accuracy;  // of the tracked frames
 };
 
@@ -63,7 +68,13 @@ class RunRecorder {
   // Counts a frame; its stages' times are added here.
   void add_frame(const SessionFrame& frame);
 
+  // A frame that was counted, drawn again in an edited scene: only its work is added.
+  void add_redrawn(const SessionFrame& frame);
+
   [[nodiscard]] int frames() const { return report_.frames; }
+  [[nodiscard]] std::optional<double> recent_ms(std::string_view stage, std::size_t count) const;
+  // The report's "work" so far.
+  [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> work() const;
   // Timestamps of the processed frames, and the poses of the tracked ones.
   [[nodiscard]] const std::vector<std::int64_t>& times_ns() const { return times_ns_; }
   [[nodiscard]] const Trajectory& tracked() const { return tracked_; }
@@ -73,9 +84,11 @@ class RunRecorder {
  private:
   struct Work {
     std::int64_t shadow_vertices = 0, kernel_generations = 0, reprojections = 0,
-                 triples_recomputed = 0, faces_tested = 0, faces_twisted = 0, passes_drawn = 0,
-                 passes_skipped = 0;
+                 triples_recomputed = 0, proxy_shadows = 0, proxy_checks = 0, proxy_faces_saved = 0,
+                 faces_tested = 0, faces_twisted = 0, passes_drawn = 0, passes_skipped = 0;
   };
+  void add_work(const CompositeStats& drawn);
+
   RunReport report_;
   std::vector<std::pair<std::string, StageTimes>> stages_;
   std::vector<double> reprojection_px_;

@@ -2,6 +2,7 @@
 
 #include <cstring>
 #include <limits>
+#include <string>
 #include <utility>
 
 #include "core/units.hpp"
@@ -27,11 +28,17 @@ TrackedFrame look_up(const Trajectory& trajectory, const Frame& frame) {
   return tracked;
 }
 
+// Kind and name of what is edited.
+std::pair<std::size_t, std::string> subject_of(const SceneEdit& edit) {
+  if (const auto* placed = std::get_if<ObjectPlaced>(&edit)) return {0, placed->object};
+  return {1, std::get<ShadowStyled>(edit).node};
+}
+
 }  // namespace
 
-Session::Session(std::shared_ptr<const Scene> scene, const CameraModel& camera, PoseSource poses,
+Session::Session(const Scene& scene, const CameraModel& camera, PoseSource poses,
                  const SessionOptions& options, Compositor compositor)
-    : scene_(std::move(scene)),
+    : scene_(scene),
       camera_(camera),
       poses_(std::move(poses)),
       options_(options),
@@ -42,7 +49,7 @@ Result<Session> Session::create(GlContext& context, std::shared_ptr<const Scene>
                                 const SessionOptions& options) {
   auto compositor = Compositor::create(context, scene, camera);
   if (!compositor) return tl::unexpected(compositor.error());
-  return Session(std::move(scene), camera, std::move(poses), options, std::move(*compositor));
+  return Session(*scene, camera, std::move(poses), options, std::move(*compositor));
 }
 
 TrackedFrame Session::track(const Frame& frame) {
@@ -65,8 +72,8 @@ Result<void> Session::warm_up(PixelFormat format) {
   pose.status = TrackStatus::tracked;
   const Eigen::Quaterniond half_turn_about_x(0.0, 1.0, 0.0, 0.0);
   pose.T_table_camera = CameraPose(half_turn_about_x, Eigen::Vector3d(0.0, 0.0, kHeight_m));
-  const SceneState state = evaluate_scene(*scene_, 0.0);
-  const FramePlan plan = plan_frame(*scene_, state, pose, camera_, options_.plan);
+  const SceneState state = evaluate_scene(scene_, 0.0);
+  const FramePlan plan = plan_frame(scene_, state, pose, camera_, options_.plan);
   if (auto drawn = compositor_.draw(grey.frame, plan); !drawn) {
     return tl::unexpected(drawn.error());
   }
@@ -74,27 +81,77 @@ Result<void> Session::warm_up(PixelFormat format) {
 }
 
 Result<SessionFrame> Session::draw(TrackedFrame tracked, std::span<std::uint8_t> rgba) {
+  auto result = compose(std::move(tracked), rgba);
+  if (result) result->edits = std::exchange(edits_, {});
+  return result;
+}
+
+Result<SessionFrame> Session::redraw(TrackedFrame tracked) {
+  return compose(std::move(tracked), {});
+}
+
+Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8_t> rgba) {
   SessionFrame result;
   result.tracked = std::move(tracked);
   const Frame& frame = result.tracked.frame;
   if (!options_.scene_start_ns) options_.scene_start_ns = frame.timestamp_ns;
 
   const Stopwatch plan_watch;
-  const SceneState state =
-      evaluate_scene(*scene_, seconds(frame.timestamp_ns - *options_.scene_start_ns));
-  result.plan = plan_frame(*scene_, state, result.tracked.pose, camera_, options_.plan);
+  SceneState state = evaluate_scene(scene_, seconds(frame.timestamp_ns - *options_.scene_start_ns));
+  result.plan = plan_frame(scene_, state, result.tracked.pose, camera_, options_.plan);
   if (result.plan.has_pose) {
-    if (last_state_) result.events = shadow_events(*last_state_, state);
-    last_state_ = state;
+    if (state_with_pose_) result.events = shadow_events(*state_with_pose_, state);
+    state_with_pose_ = state;
   }
+  state_ = std::move(state);
   result.plan_time = plan_watch.elapsed();
+  drawn_pose_.reset();
+  if (result.plan.has_pose) drawn_pose_ = result.plan.T_table_camera;
 
   auto drawn = compositor_.draw(frame, result.plan);
   result.read_back = !rgba.empty();
   if (drawn && result.read_back) drawn = compositor_.read_back(rgba);
   if (!drawn) return tl::unexpected(drawn.error());
   result.composite = *drawn;
+  result.draw_time = plan_watch.elapsed();
   return result;
+}
+
+Result<void> Session::read_back(std::span<std::uint8_t> rgba) {
+  const auto read = compositor_.read_back(rgba);
+  if (!read) return tl::unexpected(read.error());
+  return {};
+}
+
+bool Session::edit(const SceneEdit& edit) {
+  if (std::holds_alternative<ShadowStyled>(edit) &&
+      (options_.plan.technique || options_.plan.kernels)) {
+    // What the options said of every node is from now on each node's own.
+    for (ShadowNode& node : scene_.shadows) {
+      const ShadowStyle style = style_in_effect(node);
+      node.technique = style.technique;
+      node.kernels = style.kernels;
+    }
+    options_.plan.technique.reset();
+    options_.plan.kernels.reset();
+  }
+  if (!apply(scene_, edit)) return false;
+  edits_.push_back(edit);
+  std::erase_if(edits_so_far_,
+                [&](const SceneEdit& earlier) { return subject_of(earlier) == subject_of(edit); });
+  edits_so_far_.push_back(edit);
+  return true;
+}
+
+SessionView Session::view() const {
+  return {&scene_, state_ ? &*state_ : nullptr, &camera_, drawn_pose_};
+}
+
+ShadowStyle Session::style_in_effect(const ShadowNode& node) const {
+  ShadowStyle style = style_of(node);
+  style.technique = options_.plan.technique.value_or(node.technique);
+  style.kernels = options_.plan.kernels.value_or(node.kernels);
+  return style;
 }
 
 }  // namespace penumbra

@@ -9,6 +9,7 @@
 #include <variant>
 #include <vector>
 
+#include "app/scene_edit.hpp"
 #include "core/stopwatch.hpp"
 #include "core/trajectory.hpp"
 #include "render/compositor.hpp"
@@ -35,7 +36,17 @@ struct SessionFrame {
   std::vector<ShadowEvent> events;  // since the frame before that had a pose
   CompositeStats composite;
   StageTime plan_time;
+  StageTime draw_time;  // plan, shadows, rendering and read-back together
   bool read_back = false;
+  std::vector<SceneEdit> edits;  // made since the frame before: in effect from this one on
+};
+
+// What the last picture shows.
+struct SessionView {
+  const Scene* scene = nullptr;       // with what was edited
+  const SceneState* state = nullptr;  // nullptr before the first picture
+  const CameraModel* camera = nullptr;
+  std::optional<CameraPose> T_table_camera;  // as it was drawn with
 };
 
 class Session {
@@ -57,19 +68,48 @@ class Session {
   [[nodiscard]] Result<SessionFrame> step(const Frame& frame, std::span<std::uint8_t> rgba = {}) {
     return draw(track(frame), rgba);
   }
+  // Draws a frame that was drawn before, in the scene as it is now: a picture that stands still.
+  [[nodiscard]] Result<SessionFrame> redraw(TrackedFrame tracked);
   // Draws the last picture into the context's window.
   void present() { compositor_.present(); }
+  // The last picture: RGBA8, width * height * 4 bytes.
+  [[nodiscard]] Result<void> read_back(std::span<std::uint8_t> rgba);
+
+  // Changes the scene from the next picture on; only shadows that depend on it are computed again.
+  // False where the scene has nothing of that name.
+  bool edit(const SceneEdit& edit);
+  // The same, as something that a recording says: not among the edits of a SessionFrame.
+  bool replay_edit(const SceneEdit& edit) { return apply(scene_, edit); }
+  // The last edit of everything that was edited: what leads from the scene as loaded to the present
+  // one, for a recording that begins now.
+  [[nodiscard]] const std::vector<SceneEdit>& edits_so_far() const { return edits_so_far_; }
+  // The frames' clock at which the scene's time is 0; nothing before the first frame.
+  [[nodiscard]] std::optional<std::int64_t> scene_start_ns() const {
+    return options_.scene_start_ns;
+  }
+  [[nodiscard]] SessionView view() const;
+  [[nodiscard]] const CameraModel& camera() const { return camera_; }
+  // How the node is drawn, by the options or by the scene.
+  [[nodiscard]] ShadowStyle style_in_effect(const ShadowNode& node) const;
+  // The faces of each caster that turn over; of the kernels of the last picture.
+  [[nodiscard]] std::vector<CasterTwist> twists() const { return compositor_.twists(); }
 
  private:
-  Session(std::shared_ptr<const Scene> scene, const CameraModel& camera, PoseSource poses,
+  Session(const Scene& scene, const CameraModel& camera, PoseSource poses,
           const SessionOptions& options, Compositor compositor);
 
-  std::shared_ptr<const Scene> scene_;
+  [[nodiscard]] Result<SessionFrame> compose(TrackedFrame tracked, std::span<std::uint8_t> rgba);
+
+  Scene scene_;  // models are shared with the compositor's
   CameraModel camera_;
   PoseSource poses_;
   SessionOptions options_;
   Compositor compositor_;
-  std::optional<SceneState> last_state_;  // as drawn
+  std::vector<SceneEdit> edits_;  // since the last frame
+  std::vector<SceneEdit> edits_so_far_;
+  std::optional<SceneState> state_;
+  std::optional<SceneState> state_with_pose_;  // the last that was drawn
+  std::optional<CameraPose> drawn_pose_;
 };
 
 }  // namespace penumbra

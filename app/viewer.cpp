@@ -1,43 +1,245 @@
 #include "app/viewer.hpp"
 
-#define GLFW_INCLUDE_NONE
-#include <GLFW/glfw3.h>
+#include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <chrono>
 #include <thread>
+#include <utility>
 
-#include "core/stopwatch.hpp"
+#include "render/gl/framebuffer.hpp"
 
 namespace penumbra {
+namespace {
 
-Viewer::Viewer(GlContext& context) : context_(context) {
-  context_.on_key([this](int key) {
-    if (key == GLFW_KEY_ESCAPE || key == GLFW_KEY_Q) closed_ = true;
-    if (key == GLFW_KEY_SPACE) paused_ = !paused_;
-  });
+// While paused the picture is drawn again at an easy rate: the window may be resized or uncovered.
+constexpr std::chrono::milliseconds kPausedRefresh(30);
+constexpr double kMessage_ms = 4000.0;
+constexpr std::size_t kRateFrames = 30;  // over which the rate is taken
+constexpr double kCorner_px = 48.0;      // a touch here brings a hidden HUD back
+
+}  // namespace
+
+Viewer::Viewer(GlContext& context, ViewerHost& host, std::unique_ptr<Overlay> overlay,
+               const ViewerOptions& options)
+    : context_(context), host_(host), overlay_(std::move(overlay)), hud_(options.hud) {
+  context_.on_event([this](const WindowEvent& event) { take(event); });
 }
 
 Viewer::~Viewer() {
-  context_.on_key({});
+  context_.on_event({});
 }
 
-bool Viewer::show(const std::function<void()>& present, InterruptWatch& interrupt) {
-  // While paused the picture is drawn again at an easy rate: the window may be resized or
-  // uncovered.
-  constexpr std::chrono::milliseconds kPausedRefresh(30);
+bool Viewer::show(InterruptWatch& interrupt) {
   const Stopwatch pause;
   bool waited = false;
+  step_ = false;
+  shown_ms_.push_back(clock_.elapsed().wall_ms);
+  if (shown_ms_.size() > kRateFrames) shown_ms_.pop_front();
   do {
-    present();
+    host_.present();
+    draw_hud();
     context_.swap();
     if (!context_.poll_events()) closed_ = true;
-    if (paused_ && !closed_) {
+    follow_pointer();
+    if (paused_ && !closed_ && !step_) {
+      if (std::exchange(edited_, false)) host_.redraw();
       waited = true;
       std::this_thread::sleep_for(kPausedRefresh);
     }
-  } while (paused_ && !closed_ && !interrupt.interrupted());
-  if (waited) paused_ms_ += pause.elapsed().wall_ms;
+  } while (paused_ && !closed_ && !step_ && !interrupt.interrupted());
+  edited_ = false;
+  if (waited) {
+    paused_ms_ += pause.elapsed().wall_ms;
+    shown_ms_.clear();
+  }
   return !closed_;
+}
+
+void Viewer::draw_hud() {
+  if (!overlay_ || !hud_) return;
+  HudState state;
+  host_.describe(state, panels_.debug);
+  state.nodes = host_.nodes();
+  if (shown_ms_.size() > 1 && shown_ms_.back() > shown_ms_.front()) {
+    state.frames_per_s =
+        1e3 * static_cast<double>(shown_ms_.size() - 1) / (shown_ms_.back() - shown_ms_.front());
+  }
+  state.paused = paused_;
+  state.selected = manipulator_.selected();
+  state.drag = drag_;
+  if (!message_.empty() && since_message_.elapsed().wall_ms < kMessage_ms) {
+    state.message = message_;
+  }
+  const GlContext::Size size = context_.window_size();
+  panels_.compact = compact_.value_or(is_small(size));
+  HudActions actions;
+  overlay_->draw(state, panels_, size, actions);
+  ++hud_drawings_;
+  act_on_clicks(std::move(actions));
+}
+
+void Viewer::act_on_clicks(HudActions actions) {
+  for (const WindowCommand command : actions.commands) act(command);
+  for (const SceneEdit& change : actions.edits) edit(change);
+}
+
+void Viewer::take(const WindowEvent& event) {
+  if (overlay_ && hud_) overlay_->handle(event);
+  using Kind = WindowEvent::Kind;
+  switch (event.kind) {
+    case Kind::key_down:
+      take_key(event);
+      break;
+    case Kind::button_down:
+    case Kind::button_up:
+    case Kind::pointer_moved:
+      take_pointer(event);
+      break;
+    case Kind::key_up:
+    case Kind::scrolled:
+    case Kind::text:
+      break;
+  }
+}
+
+void Viewer::take_key(const WindowEvent& event) {
+  if (overlay_ && hud_ && overlay_->typing()) return;
+  if (const auto technique = technique_of_key(event)) set_technique(*technique);
+  if (const auto command = command_of_key(event)) act(*command);
+}
+
+void Viewer::take_pointer(const WindowEvent& event) {
+  pointer_ = {event.x, event.y};
+  if (event.kind == WindowEvent::Kind::pointer_moved) {
+    pointer_moved_ = true;
+    return;
+  }
+  if (event.kind == WindowEvent::Kind::button_up) {
+    if (event.code != drag_button_) return;
+    pointer_moved_ = true;
+    follow_pointer();
+    manipulator_.let_go();
+    drag_button_ = -1;
+    return;
+  }
+  if (!hud_ && event.code == WindowEvent::kLeft && event.x < kCorner_px && event.y < kCorner_px) {
+    hud_ = true;
+    return;
+  }
+  if (manipulator_.holding() || (overlay_ && hud_ && overlay_->covers(event.x, event.y))) return;
+  DragMode mode = drag_;
+  if (event.code == WindowEvent::kMiddle || event.shift) mode = DragMode::lift;
+  if (event.code == WindowEvent::kRight || event.control) mode = DragMode::turn;
+  const SessionView view = host_.view();
+  const auto pointer = pointer_view();
+  if (!pointer || view.state == nullptr) return;
+  if (const auto held = manipulator_.take(*view.scene, *view.state, *pointer, mode)) {
+    drag_button_ = event.code;
+    edit(*held);
+  }
+}
+
+std::optional<PointerView> Viewer::pointer_view() const {
+  const SessionView view = host_.view();
+  if (view.camera == nullptr || !view.T_table_camera) return std::nullopt;
+  const PictureArea area =
+      picture_area(view.camera->width(), view.camera->height(), context_.window_size());
+  // From the window's pixels, whose corner is 0, to the picture's, whose first centre is 0.
+  const double scale = static_cast<double>(view.camera->width()) / area.width;
+  const Eigen::Vector2d pixel =
+      (pointer_ - Eigen::Vector2d(area.x, area.y)) * scale - Eigen::Vector2d::Constant(0.5);
+  return view_at(*view.camera, *view.T_table_camera, pixel);
+}
+
+// Once for all the moves since the last picture.
+void Viewer::follow_pointer() {
+  if (!std::exchange(pointer_moved_, false) || !manipulator_.holding()) return;
+  const auto pointer = pointer_view();
+  if (!pointer) return;
+  if (const auto placed = manipulator_.drag(*pointer)) edit(*placed);
+}
+
+void Viewer::edit(const SceneEdit& edit) {
+  host_.edit(edit);
+  edited_ = true;
+}
+
+void Viewer::set_technique(ShadowTechnique technique) {
+  for (HudNode& node : host_.nodes()) {
+    node.style.technique = technique;
+    edit(ShadowStyled{node.name, node.style});
+  }
+  say("shadows: " + std::string(to_string(technique)));
+}
+
+void Viewer::say(std::string message) {
+  if (message.empty()) return;
+  spdlog::info("{}", message);
+  message_ = std::move(message);
+  since_message_.restart();
+}
+
+void Viewer::act(WindowCommand command) {
+  switch (command) {
+    case WindowCommand::quit:
+      closed_ = true;
+      break;
+    case WindowCommand::pause:
+      paused_ = !paused_;
+      break;
+    case WindowCommand::step:
+      paused_ = step_ = true;
+      break;
+    case WindowCommand::screenshot:
+      say(host_.save_screenshot());
+      break;
+    case WindowCommand::record:
+      say(host_.toggle_recording());
+      break;
+    case WindowCommand::full_screen:
+      context_.toggle_full_screen();
+      break;
+    case WindowCommand::hud:
+      hud_ = !hud_;
+      break;
+    case WindowCommand::help:
+      panels_.help = !panels_.help;
+      hud_ = hud_ || panels_.help;
+      break;
+    case WindowCommand::debug:
+      panels_.debug = !panels_.debug;
+      hud_ = hud_ || panels_.debug;
+      break;
+    case WindowCommand::panels:
+      panels_.panels = !panels_.panels;
+      hud_ = hud_ || panels_.panels;
+      break;
+    case WindowCommand::layout:
+      compact_ = !compact_.value_or(is_small(context_.window_size()));
+      break;
+    case WindowCommand::slide:
+      drag_ = DragMode::slide;
+      break;
+    case WindowCommand::lift:
+      drag_ = DragMode::lift;
+      break;
+    case WindowCommand::turn:
+      drag_ = DragMode::turn;
+      break;
+    case WindowCommand::put: {
+      const SessionView view = host_.view();
+      const auto pointer = pointer_view();
+      if (!pointer || view.state == nullptr) break;
+      if (const auto placed = manipulator_.put(*view.scene, *view.state, *pointer)) edit(*placed);
+      break;
+    }
+    case WindowCommand::next_technique: {
+      const std::vector<HudNode> nodes = host_.nodes();
+      if (!nodes.empty()) set_technique(technique_after(nodes.front().style.technique));
+      break;
+    }
+  }
 }
 
 }  // namespace penumbra

@@ -1,32 +1,101 @@
-// The window: shows each picture; Esc or q closes, space pauses.
+// The window: shows each picture with the HUD over it, answers keys, mouse and touch.
 #pragma once
 
-#include <functional>
+#include <Eigen/Core>
+#include <array>
+#include <deque>
+#include <memory>
+#include <optional>
+#include <string>
 
+#include "app/hud.hpp"
 #include "app/interrupt.hpp"
+#include "app/manipulation.hpp"
+#include "app/overlay.hpp"
+#include "app/session.hpp"
+#include "core/stopwatch.hpp"
 #include "render/gl/context.hpp"
 
 namespace penumbra {
 
+// What the window shows and acts on: a run, live or replayed. What a run cannot do, does nothing.
+class ViewerHost {
+ public:
+  ViewerHost() = default;
+  ViewerHost(const ViewerHost&) = delete;
+  ViewerHost& operator=(const ViewerHost&) = delete;
+  virtual ~ViewerHost() = default;
+
+  // Draws the last picture into the window.
+  virtual void present() = 0;
+  // What it shows; without a scene nothing can be taken.
+  [[nodiscard]] virtual SessionView view() const { return {}; }
+  [[nodiscard]] virtual std::vector<HudNode> nodes() const { return {}; }
+  virtual void edit(const SceneEdit& /*edit*/) {}
+  // Draws the last picture again with what was edited, while it stands still.
+  virtual void redraw() {}
+  // Says what became of it, for the person.
+  [[nodiscard]] virtual std::string save_screenshot() { return {}; }
+  [[nodiscard]] virtual std::string toggle_recording() { return {}; }
+  // Fills in what was measured; `debug`: for the debug view too.
+  virtual void describe(HudState& /*state*/, bool /*debug*/) const {}
+};
+
+struct ViewerOptions {
+  bool hud = true;  // shown at first
+};
+
 class Viewer {
  public:
-  // `context` has a window and outlives the viewer.
-  explicit Viewer(GlContext& context);
+  // `context` has a window; both outlive the viewer. Without an overlay nothing is drawn over the
+  // picture, and keys work all the same.
+  Viewer(GlContext& context, ViewerHost& host, std::unique_ptr<Overlay> overlay,
+         const ViewerOptions& options = {});
   Viewer(const Viewer&) = delete;
   Viewer& operator=(const Viewer&) = delete;
   ~Viewer();
 
-  // Shows a picture, which `present` draws into the window, and answers keys; while paused until
-  // that ends or the program is interrupted. False once the window was closed.
-  [[nodiscard]] bool show(const std::function<void()>& present, InterruptWatch& interrupt);
+  // Shows the last picture and answers what was done; while paused until that ends, a step is asked
+  // for, or the program is interrupted. False once the window was closed.
+  [[nodiscard]] bool show(InterruptWatch& interrupt);
   // How long the pauses were, all together [ms]: time that does not count for pacing.
   [[nodiscard]] double paused_ms() const { return paused_ms_; }
+  [[nodiscard]] bool paused() const { return paused_; }
+  // How often the HUD was laid out and drawn: not at all while it is hidden.
+  [[nodiscard]] int hud_drawings() const { return hud_drawings_; }
 
  private:
+  void draw_hud();
+  void take(const WindowEvent& event);
+  void take_key(const WindowEvent& event);
+  void take_pointer(const WindowEvent& event);
+  void act(WindowCommand command);
+  void act_on_clicks(HudActions actions);
+  void edit(const SceneEdit& edit);
+  void set_technique(ShadowTechnique technique);
+  void say(std::string message);
+  // Nothing outside of the picture, or without a pose.
+  [[nodiscard]] std::optional<PointerView> pointer_view() const;
+  void follow_pointer();
+
   GlContext& context_;
-  bool paused_ = false;
-  bool closed_ = false;
+  ViewerHost& host_;
+  std::unique_ptr<Overlay> overlay_;
+  HudPanels panels_;
+  std::optional<bool> compact_;  // as a person chose it; else by the window's size
+  bool hud_ = true;
+  bool paused_ = false, step_ = false, closed_ = false, edited_ = false;
   double paused_ms_ = 0.0;
+  int hud_drawings_ = 0;
+  Manipulator manipulator_;
+  DragMode drag_ = DragMode::slide;
+  int drag_button_ = -1;                               // that holds the object
+  Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
+  bool pointer_moved_ = false;
+  std::string message_;
+  Stopwatch since_message_;
+  std::deque<double> shown_ms_;  // when the last pictures were shown
+  Stopwatch clock_;
 };
 
 }  // namespace penumbra

@@ -8,8 +8,10 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
+#include <functional>
 #include <memory>
 
+#include "core/text.hpp"
 #include "tracking/tag_pattern.hpp"
 
 namespace penumbra {
@@ -58,19 +60,25 @@ Result<BoardExtent> extent_of(const TagBoard& board) {
                      board.pitch_m * (board.rows - 1) + printed};
 }
 
-// The page as it must lie for the board.
-Result<PageSize> turned_page(const TagBoard& board, const PageSize& page) {
-  const Result<BoardExtent> extent = extent_of(board);
-  if (!extent) return tl::unexpected(extent.error());
-  const double needed_width = extent->width + 2.0 * kMargin;
-  const double needed_height = extent->height + 2.0 * kMargin + kFooter;
+// What is drawn: its size, what draws it around a centre on the page, and what it is in words.
+struct Sheet {
+  double width = 0.0;   // [m]
+  double height = 0.0;  // [m]
+  std::function<void(cairo_t*, double, double)> draw;
+  std::string caption;
+};
+
+// The page as it must lie for the sheet.
+Result<PageSize> turned_page(const Sheet& sheet, const PageSize& page) {
+  const double needed_width = sheet.width + 2.0 * kMargin;
+  const double needed_height = sheet.height + 2.0 * kMargin + kFooter;
   double width = page.width_m;
   double height = page.height_m;
   if (needed_width > width || needed_height > height) std::swap(width, height);
   if (needed_width > width || needed_height > height) {
     return fail(
         "the board needs {:.0f} x {:.0f} mm with its margins and does not fit on a page of {:.0f} "
-        "x {:.0f} mm; use a larger --page or smaller tags",
+        "x {:.0f} mm; use a larger --page or a smaller board",
         needed_width * 1e3, needed_height * 1e3, page.width_m * 1e3, page.height_m * 1e3);
   }
   return PageSize{width, height};
@@ -96,6 +104,94 @@ void draw_tag(cairo_t* cr, const TagPattern& pattern, double centre_x, double ce
     }
   }
   cairo_fill(cr);
+}
+
+void draw_square(cairo_t* cr, double left, double top, double size) {
+  cairo_rectangle(cr, left, top, size, size);
+}
+
+void draw_tags(cairo_t* cr, const TagMap& map, double centre_x, double centre_y) {
+  for (const MappedTag& tag : map.tags()) {
+    const Result<TagPattern> pattern = TagPattern::make(tag.family, tag.id);
+    if (!pattern) continue;  // the map was made of known tags only
+    const Eigen::Vector3d& p_table = tag.T_table_tag.translation();
+    draw_tag(cr, *pattern, centre_x + p_table.x(), centre_y - p_table.y(), tag.size_m);
+  }
+}
+
+Result<Sheet> sheet_of(const TagBoard& board) {
+  const Result<BoardExtent> extent = extent_of(board);
+  if (!extent) return tl::unexpected(extent.error());
+  Result<TagMap> map = tag_map_of(board);
+  if (!map) return tl::unexpected(map.error());
+  return Sheet{
+      extent->width, extent->height,
+      [map = std::move(*map)](cairo_t* cr, double x, double y) { draw_tags(cr, map, x, y); },
+      fmt::format("{} ids {} to {}, black squares {:g} mm, pitch {:g} mm", to_string(board.family),
+                  board.first_id, board.first_id + board.columns * board.rows - 1,
+                  board.tag_size_m * 1e3, board.pitch_m * 1e3)};
+}
+
+Result<Sheet> sheet_of(const AprilGrid& grid) {
+  Result<TagMap> map = tag_map_of(grid);
+  if (!map) return tl::unexpected(map.error());
+  const Result<TagPattern> pattern = TagPattern::make(grid.family, grid.first_id);
+  if (!pattern) return tl::unexpected(pattern.error());
+  const double pitch = grid.tag_size_m * (1.0 + grid.spacing);
+  const double printed = grid.tag_size_m * pattern->total_width() / pattern->width_at_border();
+  if (!(pitch >= printed * (1.0 - 1e-9))) {
+    return fail("spacing {}: tags need {:.3f} of their size between them for their white margins",
+                grid.spacing, printed / grid.tag_size_m - 1.0);
+  }
+  return Sheet{
+      pitch * (grid.columns - 1) + printed, pitch * (grid.rows - 1) + printed,
+      [map = std::move(*map)](cairo_t* cr, double x, double y) { draw_tags(cr, map, x, y); },
+      fmt::format("{} x {} {}, tagSize {:g} mm, tagSpacing {:g}", grid.columns, grid.rows,
+                  to_string(grid.family), grid.tag_size_m * 1e3, grid.spacing)};
+}
+
+Result<Sheet> sheet_of(const CharucoBoard& board) {
+  Result<Target> target = charuco_target(board);
+  if (!target) return tl::unexpected(target.error());
+  return Sheet{board.columns * board.square_m, board.rows * board.square_m,
+               [board, map = std::move(*target->tags)](cairo_t* cr, double x, double y) {
+                 // All as one path, so that squares that touch leave no hairline.
+                 for (int j = 0; j < board.rows; ++j) {
+                   for (int i = j % 2; i < board.columns; i += 2) {
+                     draw_square(cr, x + (i - 0.5 * board.columns) * board.square_m,
+                                 y + (j - 0.5 * board.rows) * board.square_m, board.square_m);
+                   }
+                 }
+                 cairo_fill(cr);
+                 draw_tags(cr, map, x, y);
+               },
+               fmt::format("ChArUco {} x {}, squares {:g} mm, {} {:g} mm from id {}", board.columns,
+                           board.rows, board.square_m * 1e3, to_string(board.family),
+                           board.tag_m * 1e3, board.first_id)};
+}
+
+Result<Sheet> sheet_of(const ChessboardSheet& board) {
+  const Result<Target> target =
+      chessboard_target(board.inner_columns, board.inner_rows, board.square_m);
+  if (!target) return tl::unexpected(target.error());
+  const int columns = board.inner_columns + 1;
+  const int rows = board.inner_rows + 1;
+  return Sheet{(columns + 1) * board.square_m, (rows + 1) * board.square_m,
+               [=](cairo_t* cr, double x, double y) {
+                 for (int j = 0; j < rows; ++j) {
+                   for (int i = j % 2; i < columns; i += 2) {
+                     draw_square(cr, x + (i - 0.5 * columns) * board.square_m,
+                                 y + (j - 0.5 * rows) * board.square_m, board.square_m);
+                   }
+                 }
+                 cairo_fill(cr);
+               },
+               fmt::format("{} x {} inner corners, squares {:g} mm", board.inner_columns,
+                           board.inner_rows, board.square_m * 1e3)};
+}
+
+Result<Sheet> sheet_of(const SheetTarget& target) {
+  return std::visit([](const auto& board) { return sheet_of(board); }, target);
 }
 
 void draw_ruler(cairo_t* cr, double x, double y) {
@@ -172,18 +268,29 @@ Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale) {
   return TagMap::make(std::move(tags));
 }
 
-Result<void> check_fits(const TagBoard& board, const PageSize& page) {
-  const Result<PageSize> turned = turned_page(board, page);
+Result<void> check_fits(const SheetTarget& target, const PageSize& page) {
+  const Result<Sheet> sheet = sheet_of(target);
+  if (!sheet) return tl::unexpected(sheet.error());
+  const Result<PageSize> turned = turned_page(*sheet, page);
   if (!turned) return tl::unexpected(turned.error());
   return {};
 }
 
+Result<void> check_fits(const TagBoard& board, const PageSize& page) {
+  return check_fits(SheetTarget(board), page);
+}
+
 Result<void> write_tag_board(const std::filesystem::path& pdf, const TagBoard& board,
                              const PageSize& page) {
-  const Result<PageSize> turned = turned_page(board, page);
+  return write_sheet(pdf, board, page);
+}
+
+Result<void> write_sheet(const std::filesystem::path& pdf, const SheetTarget& target,
+                         const PageSize& page) {
+  const Result<Sheet> sheet = sheet_of(target);
+  if (!sheet) return tl::unexpected(sheet.error());
+  const Result<PageSize> turned = turned_page(*sheet, page);
   if (!turned) return tl::unexpected(turned.error());
-  const Result<TagMap> map = tag_map_of(board);
-  if (!map) return tl::unexpected(map.error());
   const double width = turned->width_m;
   const double height = turned->height_m;
 
@@ -195,26 +302,14 @@ Result<void> write_tag_board(const std::filesystem::path& pdf, const TagBoard& b
   cairo_t* cr = context.get();
   cairo_scale(cr, kPointsPerMetre, kPointsPerMetre);
   cairo_set_source_rgb(cr, 0.0, 0.0, 0.0);
-
-  const double centre_x = 0.5 * width;
-  const double centre_y = 0.5 * (height - kFooter);
-  for (const MappedTag& tag : map->tags()) {
-    const Result<TagPattern> pattern = TagPattern::make(tag.family, tag.id);
-    if (!pattern) return tl::unexpected(pattern.error());
-    const Eigen::Vector3d& p_table = tag.T_table_tag.translation();
-    draw_tag(cr, *pattern, centre_x + p_table.x(), centre_y - p_table.y(), tag.size_m);
-  }
+  sheet->draw(cr, 0.5 * width, 0.5 * (height - kFooter));
   const double footer_y = height - kMargin - 0.002;
   const double ruler_x = std::min(kMargin + 0.004, width - kRulerLength);
   draw_ruler(cr, ruler_x, footer_y);
   draw_text(cr, ruler_x, footer_y - 0.0045, "measure this: 100 mm");
   if (width > 0.25) {
     draw_text(cr, ruler_x + kRulerLength + 0.006, footer_y,
-              fmt::format("{} ids {} to {}, black squares {:g} mm, pitch {:g} mm. Print at 100 %, "
-                          "not fitted to the page.",
-                          to_string(board.family), board.first_id,
-                          board.first_id + board.columns * board.rows - 1, board.tag_size_m * 1e3,
-                          board.pitch_m * 1e3));
+              sheet->caption + ". Print at 100 %, not fitted to the page.");
   }
   cairo_show_page(cr);
   cairo_surface_finish(surface.get());
@@ -224,6 +319,45 @@ Result<void> write_tag_board(const std::filesystem::path& pdf, const TagBoard& b
                 cairo_status_to_string(status));
   }
   return {};
+}
+
+Result<void> save_target(const std::filesystem::path& file, const SheetTarget& target,
+                         double printed_scale) {
+  if (!(printed_scale >= 0.5 && printed_scale <= 2.0)) {
+    return fail(
+        "the sheet's scale is {}; measure the ruler again: 100 mm should come out at 50 to 200 mm",
+        printed_scale);
+  }
+  if (const auto* tags = std::get_if<TagBoard>(&target)) {
+    const Result<TagMap> map = tag_map_of(*tags, printed_scale);
+    if (!map) return tl::unexpected(map.error());
+    return save_tag_map(file, *map);
+  }
+  std::string text;
+  if (const auto* grid = std::get_if<AprilGrid>(&target)) {
+    text = fmt::format(
+        "# Tags with a border of one cell, no black squares between them; id {} at the bottom "
+        "left,\n# ids to the right, then up. tagSize: metres. tagSpacing: gap between tags over "
+        "their size.\n"
+        "target_type: aprilgrid\ntagCols: {}\ntagRows: {}\ntagSize: {}\ntagSpacing: {}\n"
+        "family: {}\nfirst_id: {}\n",
+        grid->first_id, grid->columns, grid->rows, grid->tag_size_m * printed_scale, grid->spacing,
+        to_string(grid->family), grid->first_id);
+  } else if (const auto* charuco = std::get_if<CharucoBoard>(&target)) {
+    text = fmt::format(
+        "# Squares, the top left one black, a tag in every white one; ids in reading order. "
+        "Metres.\n"
+        "target_type: charuco\ncolumns: {}\nrows: {}\nsquare_m: {}\ntag_m: {}\nfamily: {}\n"
+        "first_id: {}\n",
+        charuco->columns, charuco->rows, charuco->square_m * printed_scale,
+        charuco->tag_m * printed_scale, to_string(charuco->family), charuco->first_id);
+  } else if (const auto* chess = std::get_if<ChessboardSheet>(&target)) {
+    text = fmt::format(
+        "# Corners between squares, across and down. Metres.\n"
+        "target_type: checkerboard\ninner_cols: {}\ninner_rows: {}\nsquare_m: {}\n",
+        chess->inner_columns, chess->inner_rows, chess->square_m * printed_scale);
+  }
+  return write_text_file(file, text);
 }
 
 }  // namespace penumbra

@@ -4,7 +4,9 @@
 #include <filesystem>
 #include <string>
 #include <string_view>
+#include <variant>
 
+#include "calib/target.hpp"
 #include "core/error.hpp"
 #include "core/tag_map.hpp"
 
@@ -37,6 +39,26 @@ struct TagBoard {
 
 // Fails, naming both sizes, when the board fits on the page neither upright nor turned.
 [[nodiscard]] Result<void> check_fits(const TagBoard& board, const PageSize& page);
+
+// `inner_columns` x `inner_rows` corners between squares, a white margin of half a square around.
+struct ChessboardSheet {
+  int inner_columns = 9;
+  int inner_rows = 6;
+  double square_m = 0.022;
+};
+
+// Whatever can be printed. An AprilGrid here has tags with a border of one cell and no black
+// squares between them: libapriltag finds all of its tags, and Kalibr's own has other ones.
+using SheetTarget = std::variant<TagBoard, AprilGrid, CharucoBoard, ChessboardSheet>;
+
+// As check_fits and write_tag_board, for every kind of sheet.
+[[nodiscard]] Result<void> check_fits(const SheetTarget& target, const PageSize& page);
+[[nodiscard]] Result<void> write_sheet(const std::filesystem::path& pdf, const SheetTarget& target,
+                                       const PageSize& page);
+// The file that load_target() reads: tags.yaml for a TagBoard, else target_type and its numbers,
+// lengths times `printed_scale`.
+[[nodiscard]] Result<void> save_target(const std::filesystem::path& file, const SheetTarget& target,
+                                       double printed_scale = 1.0);
 
 // The sheet as PDF: tags as vector shapes, a 100 mm ruler ("measure this: 100 mm"), and a line that
 // says what it is. The page is turned to landscape where the board only fits so. Fails, naming both

@@ -1,6 +1,8 @@
-// Headers that are compiled once per module and per set of tests (see options.cmake). Nothing includes this file by name.
+// Headers that are compiled once per module and per set of tests (see options.cmake). Nothing
+// includes this file by name.
 #pragma once
 
+#include <fmt/format.h>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -8,7 +10,6 @@
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
-#include <fmt/format.h>
 #include <fstream>
 #include <functional>
 #include <map>

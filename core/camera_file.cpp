@@ -1,6 +1,7 @@
 #include "core/camera_file.hpp"
 
 #include <algorithm>
+#include <initializer_list>
 
 #include "core/text.hpp"
 #include "core/yaml_fields.hpp"
@@ -13,7 +14,178 @@ std::string joined(const Range& values) {
   return fmt::format("[{}]", fmt::join(values, ", "));
 }
 
-Result<CameraParameters> read_camera(const YamlFields& fields) {
+// The first of `keys` that is there; the first of all where none is.
+const char* present(const YamlFields& fields, std::initializer_list<const char*> keys) {
+  for (const char* key : keys) {
+    if (fields.has(key)) return key;
+  }
+  return *keys.begin();
+}
+
+// Coefficients as OpenCV counts them: 4 or 5 of plumb_bob, 8 of rational, more only where they are
+// 0.
+Result<void> take_opencv_coefficients(const std::vector<double>& d, const std::string& place,
+                                      CameraParameters& p) {
+  if (d.size() != 4 && d.size() != 5 && d.size() != 8 && d.size() != 12 && d.size() != 14)
+    return fail("{}: has {} numbers; give 4, 5 or 8", place, d.size());
+  for (std::size_t i = 8; i < d.size(); ++i) {
+    if (d[i] != 0.0)
+      return fail(
+          "{}: holds thin-prism or tilt coefficients, which are not supported; calibrate "
+          "with 8 or fewer",
+          place);
+  }
+  bool rational = false;
+  for (std::size_t i = 5; i < std::min<std::size_t>(d.size(), 8); ++i)
+    rational = rational || d[i] != 0.0;
+  p.model = d.size() >= 8 && rational ? DistortionModel::rational : DistortionModel::plumb_bob;
+  std::copy(d.begin(), d.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(d.size(), 8)),
+            p.distortion.begin());
+  return {};
+}
+
+Result<CameraParameters> read_opencv(const YamlFields& fields) {
+  CameraParameters p;
+  const char* width_key = present(fields, {"image_width", "image_Width", "Image_Width", "width"});
+  const Result<int> width = fields.integer(width_key, "give the image's width in pixels");
+  if (!width) return tl::unexpected(width.error());
+  const char* height_key =
+      present(fields, {"image_height", "image_Height", "Image_Height", "height"});
+  const Result<int> height = fields.integer(height_key, "give the image's height in pixels");
+  if (!height) return tl::unexpected(height.error());
+  p.width = *width;
+  p.height = *height;
+  constexpr const char* kMatrix = "give a 3x3 !!opencv-matrix";
+  const char* matrix_key =
+      present(fields, {"camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "M1"});
+  const Result<YamlFields> matrix = fields.fields(matrix_key, kMatrix);
+  if (!matrix) return tl::unexpected(matrix.error());
+  const Result<std::vector<double>> k = matrix->numbers("data", kMatrix);
+  if (!k) return tl::unexpected(k.error());
+  if (k->size() != 9)
+    return fail("{}: has {} numbers; {}", matrix->place_of("data"), k->size(), kMatrix);
+  if ((*k)[1] != 0.0 || (*k)[3] != 0.0 || (*k)[6] != 0.0 || (*k)[7] != 0.0 || (*k)[8] != 1.0)
+    return fail("{}: is no camera matrix without skew; {}", matrix->place_of("data"), kMatrix);
+  p.fx = (*k)[0];
+  p.cx = (*k)[2];
+  p.fy = (*k)[4];
+  p.cy = (*k)[5];
+  constexpr const char* kDistortion = "give an !!opencv-matrix of 4, 5 or 8 coefficients";
+  const char* distortion_key =
+      present(fields, {"distortion_coefficients", "Distortion_Coefficients", "distCoeffs",
+                       "distortionCoefficients", "D", "D1"});
+  const Result<YamlFields> distortion = fields.fields(distortion_key, kDistortion);
+  if (!distortion) return tl::unexpected(distortion.error());
+  const Result<std::vector<double>> d = distortion->numbers("data", kDistortion);
+  if (!d) return tl::unexpected(d.error());
+  if (fields.has("fisheye_model")) {
+    const Result<int> fisheye = fields.integer("fisheye_model", "give 0 or 1");
+    if (!fisheye) return tl::unexpected(fisheye.error());
+    if (*fisheye != 0) {
+      if (d->size() != 4)
+        return fail("{}: has {} numbers, but a fisheye lens has 4", distortion->place_of("data"),
+                    d->size());
+      p.model = DistortionModel::fisheye;
+      std::copy(d->begin(), d->end(), p.distortion.begin());
+      return p;
+    }
+  }
+  if (auto ok = take_opencv_coefficients(*d, distortion->place_of("data"), p); !ok)
+    return tl::unexpected(ok.error());
+  return p;
+}
+
+Result<CameraParameters> read_kalibr(const YamlFields& chain) {
+  CameraParameters p;
+  const Result<YamlFields> camera = chain.fields("cam0", "give the camera's map");
+  if (!camera) return tl::unexpected(camera.error());
+  const Result<std::string> kind = camera->text("camera_model", "name pinhole");
+  if (!kind) return tl::unexpected(kind.error());
+  if (*kind != "pinhole")
+    return fail("{}: '{}' is not supported; calibrate as pinhole-radtan or pinhole-equi",
+                camera->place_of("camera_model"), *kind);
+  const Result<std::vector<double>> k = camera->numbers("intrinsics", "give [fx, fy, cx, cy]");
+  if (!k) return tl::unexpected(k.error());
+  if (k->size() != 4)
+    return fail("{}: has {} numbers; give [fx, fy, cx, cy]", camera->place_of("intrinsics"),
+                k->size());
+  const Result<std::vector<double>> size = camera->numbers("resolution", "give [width, height]");
+  if (!size) return tl::unexpected(size.error());
+  if (size->size() != 2 || !((*size)[0] >= 1.0 && (*size)[0] <= 1e6) ||
+      !((*size)[1] >= 1.0 && (*size)[1] <= 1e6))
+    return fail("{}: is no size; give [width, height]", camera->place_of("resolution"));
+  p.width = static_cast<int>((*size)[0]);
+  p.height = static_cast<int>((*size)[1]);
+  p.fx = (*k)[0];
+  p.fy = (*k)[1];
+  p.cx = (*k)[2];
+  p.cy = (*k)[3];
+  const Result<std::string> model =
+      camera->text("distortion_model", "name radtan, equidistant or none");
+  if (!model) return tl::unexpected(model.error());
+  if (*model == "none") return p;
+  const Result<std::vector<double>> d =
+      camera->numbers("distortion_coeffs", "give the model's 4 coefficients");
+  if (!d) return tl::unexpected(d.error());
+  if (*model != "radtan" && *model != "equidistant")
+    return fail("{}: the lens model '{}' is not supported; use radtan or equidistant",
+                camera->place_of("distortion_model"), *model);
+  if (d->size() != 4 && !(*model == "radtan" && d->size() == 5))
+    return fail("{}: has {} numbers, but {} has 4", camera->place_of("distortion_coeffs"),
+                d->size(), *model);
+  p.model = *model == "radtan" ? DistortionModel::plumb_bob : DistortionModel::fisheye;
+  std::copy(d->begin(), d->end(), p.distortion.begin());
+  return p;
+}
+
+Result<CameraParameters> read_mrcal(const YamlFields& fields) {
+  CameraParameters p;
+  const Result<std::string> model = fields.text("lensmodel", "name LENSMODEL_OPENCV5");
+  if (!model) return tl::unexpected(model.error());
+  std::size_t count = 0;
+  if (*model == "LENSMODEL_OPENCV4") {
+    count = 4;
+  } else if (*model == "LENSMODEL_OPENCV5") {
+    count = 5;
+  } else if (*model == "LENSMODEL_OPENCV8") {
+    count = 8;
+  } else if (*model != "LENSMODEL_PINHOLE") {
+    return fail("{}: '{}' is not supported; fit LENSMODEL_OPENCV8 with mrcal-convert-lensmodel",
+                fields.place_of("lensmodel"), *model);
+  }
+  const Result<std::vector<double>> k =
+      fields.numbers("intrinsics", "give fx, fy, cx, cy and the model's coefficients");
+  if (!k) return tl::unexpected(k.error());
+  if (k->size() != 4 + count)
+    return fail("{}: has {} numbers, but {} has {}", fields.place_of("intrinsics"), k->size(),
+                *model, 4 + count);
+  const Result<std::vector<double>> size = fields.numbers("imagersize", "give [width, height]");
+  if (!size) return tl::unexpected(size.error());
+  if (size->size() != 2 || !((*size)[0] >= 1.0 && (*size)[0] <= 1e6) ||
+      !((*size)[1] >= 1.0 && (*size)[1] <= 1e6))
+    return fail("{}: is no size; give [width, height]", fields.place_of("imagersize"));
+  p.width = static_cast<int>((*size)[0]);
+  p.height = static_cast<int>((*size)[1]);
+  p.fx = (*k)[0];
+  p.fy = (*k)[1];
+  p.cx = (*k)[2];
+  p.cy = (*k)[3];
+  p.model = count == 8 ? DistortionModel::rational : DistortionModel::plumb_bob;
+  std::copy(k->begin() + 4, k->end(), p.distortion.begin());
+  return p;
+}
+
+// What other tools write that is not quite YAML: OpenCV's first line, Python's bytes in mrcal's.
+std::string as_yaml(std::string text) {
+  if (text.starts_with("%YAML:")) text.erase(0, std::min(text.find('\n'), text.size()));
+  if (text.find("lensmodel") != std::string::npos) {
+    for (std::size_t at = text.find(" b'"); at != std::string::npos; at = text.find(" b'", at))
+      text.erase(at + 1, 1);
+  }
+  return text;
+}
+
+Result<CameraParameters> read_ros(const YamlFields& fields) {
   CameraParameters p;
   const Result<int> width = fields.integer("image_width", "give the image's width in pixels");
   if (!width) return tl::unexpected(width.error());
@@ -92,10 +264,18 @@ Result<CameraParameters> read_camera(const YamlFields& fields) {
 }  // namespace
 
 Result<CameraModel> load_camera(const std::filesystem::path& file) {
-  const Result<YAML::Node> root = load_yaml_map(file);
+  const Result<std::string> text = read_text_file(file, kMaxYamlBytes);
+  if (!text) return tl::unexpected(text.error());
+  const Result<YAML::Node> root = parse_yaml_map(as_yaml(*text), file.string());
   if (!root) return tl::unexpected(root.error());
   try {
-    const Result<CameraParameters> parameters = read_camera(YamlFields(*root, file.string()));
+    const YamlFields fields(*root, file.string());
+    const bool opencv =
+        text->starts_with("%YAML:") || fields.has("Camera_Matrix") || fields.has("cameraMatrix");
+    const Result<CameraParameters> parameters = fields.has("lensmodel") ? read_mrcal(fields)
+                                                : fields.has("cam0")    ? read_kalibr(fields)
+                                                : opencv                ? read_opencv(fields)
+                                                                        : read_ros(fields);
     if (!parameters) return tl::unexpected(parameters.error());
     Result<CameraModel> camera = CameraModel::make(*parameters);
     if (!camera) return fail_in(file.string(), camera.error());
@@ -106,8 +286,25 @@ Result<CameraModel> load_camera(const std::filesystem::path& file) {
   }
 }
 
-Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera) {
-  const CameraParameters& p = camera.parameters();
+namespace {
+
+std::string record_text(const CalibrationRecord& record) {
+  std::string text = fmt::format("calibrated_on: {}\n", in_quotes(record.calibrated_on));
+  if (record.focus_position) text += fmt::format("focus_position: {}\n", *record.focus_position);
+  text += fmt::format(
+      "# one sigma; standard deviations in the order fx fy cx cy k1 ...\n"
+      "uncertainty:\n  target: {}\n  views: {}\n  rms_px: {:.4f}\n",
+      in_quotes(record.target), record.views, record.rms_px);
+  if (record.held_out_px) text += fmt::format("  held_out_px: {:.4f}\n", *record.held_out_px);
+  text += fmt::format(
+      "  projection_mean_px: {:.4f}\n  projection_largest_px: {:.4f}\n"
+      "  standard_deviations: [{:.6g}]\n",
+      record.projection_mean_px, record.projection_largest_px,
+      fmt::join(record.standard_deviations, ", "));
+  return text;
+}
+
+std::string ros_text(const CameraParameters& p) {
   const int count = coefficient_count(p.model);
   const std::array<double, 9> k = {p.fx, 0.0, p.cx, 0.0, p.fy, p.cy, 0.0, 0.0, 1.0};
   const std::array<double, 9> r = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
@@ -127,6 +324,73 @@ Result<void> save_camera(const std::filesystem::path& file, const CameraModel& c
   if (p.tone_curve) text += fmt::format("tone_curve: {}\n", *p.tone_curve);
   if (p.rolling_shutter_row_s)
     text += fmt::format("rolling_shutter_row_s: {}\n", *p.rolling_shutter_row_s);
+  return text;
+}
+
+// OpenCV reads a number without a point as an integer, and `.` as part of one: always with one.
+template <class Range>
+std::string with_points(const Range& values) {
+  std::string text = "[";
+  for (const double value : values) {
+    std::string digits = fmt::format("{}", value);
+    if (digits.find_first_of(".e") == std::string::npos) digits += ".";
+    text += (text.size() > 1 ? ", " : "") + digits;
+  }
+  return text + "]";
+}
+
+std::string opencv_text(const CameraParameters& p) {
+  const int count = coefficient_count(p.model);
+  const std::array<double, 9> k = {p.fx, 0.0, p.cx, 0.0, p.fy, p.cy, 0.0, 0.0, 1.0};
+  const std::vector<double> distortion(p.distortion.begin(), p.distortion.begin() + count);
+  std::string text = "%YAML:1.0\n---\n";
+  text += fmt::format("image_width: {}\nimage_height: {}\n", p.width, p.height);
+  text +=
+      fmt::format("camera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: {}\n",
+                  with_points(k));
+  text += fmt::format(
+      "distortion_coefficients: !!opencv-matrix\n   rows: {}\n   cols: 1\n   dt: d\n   data: {}\n",
+      count, with_points(distortion));
+  text += fmt::format("fisheye_model: {}\n", p.model == DistortionModel::fisheye ? 1 : 0);
+  return text;
+}
+
+std::string kalibr_text(const CameraParameters& p) {
+  const std::vector<double> k = {p.fx, p.fy, p.cx, p.cy};
+  // Kalibr's radtan has no k3; readers of ours take a fifth number, and only then is it written.
+  const bool k3 = p.model == DistortionModel::plumb_bob && p.distortion[4] != 0.0;
+  const std::vector<double> distortion(p.distortion.begin(), p.distortion.begin() + (k3 ? 5 : 4));
+  return fmt::format(
+      "cam0:\n  camera_model: pinhole\n  intrinsics: {}\n  distortion_model: {}\n"
+      "  distortion_coeffs: {}\n  resolution: [{}, {}]\n  rostopic: /camera/image_raw\n",
+      joined(k), p.model == DistortionModel::fisheye ? "equidistant" : "radtan", joined(distortion),
+      p.width, p.height);
+}
+
+}  // namespace
+
+Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,
+                         CameraFileFormat format, const CalibrationRecord* record) {
+  const CameraParameters& p = camera.parameters();
+  std::string text;
+  switch (format) {
+    case CameraFileFormat::ros:
+      text = ros_text(p);
+      break;
+    case CameraFileFormat::opencv:
+      text = opencv_text(p);
+      break;
+    case CameraFileFormat::kalibr:
+      if (p.model == DistortionModel::rational) {
+        return fail(
+            "{}: Kalibr's files have no rational lens; write another format or calibrate "
+            "with --model plumb_bob",
+            file.string());
+      }
+      text = kalibr_text(p);
+      break;
+  }
+  if (record != nullptr) text += record_text(*record);
   return write_text_file(file, text);
 }
 

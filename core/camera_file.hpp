@@ -2,17 +2,43 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
 
 #include "core/camera_model.hpp"
 
 namespace penumbra {
 
-// ROS camera_info YAML: image_width, image_height, camera_matrix.data, distortion_model (or
-// camera_model), distortion_coefficients.data; optional tone_curve, rolling_shutter_row_s. Other
-// keys are ignored (also the flat fx: ... of some recordings: camera_matrix wins). Errors name file
-// and field. An unknown distortion model is refused by name.
+// What kind of file it is is told by what it holds, never by its name:
+// - ROS camera_info YAML: image_width, image_height, camera_matrix.data, distortion_model (or
+//   camera_model), distortion_coefficients.data; optional tone_curve, rolling_shutter_row_s. Other
+//   keys are ignored (also the flat fx: ... of some recordings: camera_matrix wins).
+// - OpenCV FileStorage YAML: camera_matrix and distortion_coefficients (also as Camera_Matrix,
+//   cameraMatrix, ...) with 4, 5 or 8 coefficients, image_width, image_height; fisheye_model: 1.
+// - Kalibr camchain YAML: cam0 with pinhole, radtan or equidistant or none.
+// - mrcal .cameramodel: LENSMODEL_PINHOLE, LENSMODEL_OPENCV4, 5 and 8.
+// Errors name file and field. An unknown lens model is refused by name.
 [[nodiscard]] Result<CameraModel> load_camera(const std::filesystem::path& file);
-[[nodiscard]] Result<void> save_camera(const std::filesystem::path& file,
-                                       const CameraModel& camera);
+
+enum class CameraFileFormat { ros, opencv, kalibr };
+
+// How a camera was calibrated: extra keys that readers of ROS and OpenCV files ignore.
+struct CalibrationRecord {
+  std::string calibrated_on;  // "2026-03-01"
+  std::string target;         // what was looked at
+  int views = 0;
+  double rms_px = 0.0;                      // 2-D distance
+  std::optional<double> held_out_px;        // of views that took no part
+  double projection_mean_px = 0.0;          // 1 sigma, over the image
+  double projection_largest_px = 0.0;       // 1 sigma, at the worst place
+  std::vector<double> standard_deviations;  // fx fy cx cy k1 ...
+  std::optional<double> focus_position;
+};
+
+// Fails for a lens that the format can't say: Kalibr has no rational model.
+[[nodiscard]] Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,
+                                       CameraFileFormat format = CameraFileFormat::ros,
+                                       const CalibrationRecord* record = nullptr);
 
 }  // namespace penumbra

@@ -41,9 +41,10 @@ struct CameraParameters {
   std::optional<double> rolling_shutter_row_s;  // [s] from one row's read-out to the next
 };
 
-// Distorts normalised image coordinates; any scalar (double, ceres::Jet).
-template <class T>
-void distort(DistortionModel model, const std::array<double, 8>& k, const T& x, const T& y, T& x_d,
+// Distorts normalised image coordinates; any scalar (double, ceres::Jet), coefficients of the same
+// or of another one.
+template <class T, class K>
+void distort(DistortionModel model, const std::array<K, 8>& k, const T& x, const T& y, T& x_d,
              T& y_d) {
   using std::atan2;
   using std::sqrt;

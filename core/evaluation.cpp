@@ -42,6 +42,17 @@ std::optional<Eigen::Matrix<double, 2, 3>> projection_jacobian(const CameraModel
   return J;
 }
 
+// A corner that is in front of the true camera, but has no place in the picture under the estimate
+// (behind the camera): the angle between the two directions, at the focal length. Leaving it out
+// would call the worst poses the best.
+double error_behind_camera_px(const CameraModel& camera, const Eigen::Vector3d& p_estimated,
+                              const Eigen::Vector3d& p_true) {
+  const double angle =
+      std::atan2(p_estimated.stableNormalized().cross(p_true.stableNormalized()).norm(),
+                 p_estimated.stableNormalized().dot(p_true.stableNormalized()));
+  return std::max(camera.parameters().fx, camera.parameters().fy) * angle;
+}
+
 }  // namespace
 
 std::array<Eigen::Vector3d, 8> overlay_cube() {
@@ -84,11 +95,17 @@ OverlayDifference overlay_difference(const CameraModel& camera, const CameraPose
   const auto T_true_table = truth.inverse();
   const std::array<Eigen::Vector3d, 8> corners = overlay_cube();
   for (std::size_t i = 0; i < corners.size(); ++i) {
-    const std::optional<Eigen::Vector2d> a =
-        camera.project_extended(T_estimated_table * corners[i]);
-    const std::optional<Eigen::Vector2d> b = camera.project_extended(T_true_table * corners[i]);
-    result.valid[i] = a.has_value() && b.has_value();
-    result.difference_px[i] = result.valid[i] ? Eigen::Vector2d(*a - *b) : Eigen::Vector2d(0, 0);
+    const Eigen::Vector3d p_estimated = T_estimated_table * corners[i];
+    const Eigen::Vector3d p_true = T_true_table * corners[i];
+    const std::optional<Eigen::Vector2d> a = camera.project_extended(p_estimated);
+    const std::optional<Eigen::Vector2d> b = camera.project_extended(p_true);
+    result.valid[i] = b.has_value();
+    result.difference_px[i].setZero();
+    if (a && b) {
+      result.difference_px[i] = *a - *b;
+    } else if (b) {
+      result.difference_px[i].x() = error_behind_camera_px(camera, p_estimated, p_true);
+    }
   }
   return result;
 }
@@ -133,6 +150,7 @@ Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated,
   result.rotation_deg = statistics_of(std::move(rotation));
   result.overlay_px = statistics_of(std::move(corner));
   result.overlay_frame_px = statistics_of(std::move(frame));
+  result.jitter_changes = change_count;
   result.jitter_px = change_count == 0 ? 0.0 : std::sqrt(change_sum / change_count);
   return result;
 }

@@ -24,8 +24,9 @@ struct Statistics {
 [[nodiscard]] Statistics statistics_of(std::vector<double> values);
 
 // Where the corners of the overlay cube appear under both poses: estimated - true [px]. Corners
-// behind either camera are left out (valid[i] false); beyond the lens model's valid radius the
-// model is continued linearly.
+// behind the true camera are left out (valid[i] false); one that is behind the estimated camera
+// alone counts as the angle between its two directions times the focal length. Beyond the lens
+// model's valid radius the model is continued linearly.
 struct OverlayDifference {
   std::array<Eigen::Vector2d, 8> difference_px{};
   std::array<bool, 8> valid{};
@@ -44,6 +45,7 @@ struct Evaluation {
   Statistics overlay_frame_px;  // over the frames' RMS over the corners
   double jitter_px = 0.0;       // RMS of the change of (estimated - true) corner positions between
                                 // consecutive true frames
+  int jitter_changes = 0;       // how many changes that is; 0: there is no jitter to tell
 };
 [[nodiscard]] Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated,
                                   const Trajectory& truth);

@@ -25,7 +25,12 @@ Result<std::vector<std::uint8_t>> read_file(const std::filesystem::path& path,
                                             std::size_t max_bytes) {
   std::error_code error;
   const std::filesystem::file_status status = std::filesystem::status(path, error);
-  if (!std::filesystem::exists(status)) return fail("{}: no such file", path.string());
+  if (status.type() == std::filesystem::file_type::not_found) {
+    return fail("{}: no such file", path.string());
+  }
+  if (!std::filesystem::exists(status)) {
+    return fail("{}: cannot be read: {}", path.string(), error.message());
+  }
   if (!std::filesystem::is_regular_file(status)) {
     return fail("{}: is not a file; give a regular file", path.string());
   }

@@ -347,6 +347,38 @@ Result<RgbaImage> load_rgba(const std::filesystem::path& file) {
   return decode_rgba(*bytes, file.string());
 }
 
+namespace {
+
+// `samples`: rows without padding, of 1 or 3 bytes for each pixel.
+Result<void> encode_png(const std::filesystem::path& file, int width, int height,
+                        spng_color_type color, std::span<const std::uint8_t> samples) {
+  const Png png(spng_ctx_new(SPNG_CTX_ENCODER));
+  if (!png) return fail("{}: no memory for the PNG encoder", file.string());
+  spng_ihdr header{};
+  header.width = static_cast<std::uint32_t>(width);
+  header.height = static_cast<std::uint32_t>(height);
+  header.bit_depth = 8;
+  header.color_type = static_cast<std::uint8_t>(color);
+  int status = spng_set_option(png.get(), SPNG_ENCODE_TO_BUFFER, 1);
+  if (status == 0) status = spng_set_option(png.get(), SPNG_IMG_COMPRESSION_LEVEL, 1);
+  if (status == 0) status = spng_set_option(png.get(), SPNG_FILTER_CHOICE, SPNG_FILTER_CHOICE_SUB);
+  if (status == 0) status = spng_set_ihdr(png.get(), &header);
+  if (status == 0) {
+    status = spng_encode_image(png.get(), samples.data(), samples.size(), SPNG_FMT_PNG,
+                               SPNG_ENCODE_FINALIZE);
+  }
+  if (status != 0) return fail("{}: cannot be encoded: {}", file.string(), spng_strerror(status));
+  struct FreeBytes {
+    void operator()(void* bytes) const { std::free(bytes); }
+  };
+  std::size_t size = 0;
+  const std::unique_ptr<void, FreeBytes> encoded(spng_get_png_buffer(png.get(), &size, &status));
+  if (!encoded) return fail("{}: cannot be encoded: {}", file.string(), spng_strerror(status));
+  return write_file(file, {static_cast<const std::uint8_t*>(encoded.get()), size});
+}
+
+}  // namespace
+
 Result<void> save_png(const std::filesystem::path& file, int width, int height,
                       std::span<const std::uint8_t> rgba) {
   PENUMBRA_ASSERT(width > 0 && height > 0);
@@ -358,30 +390,16 @@ Result<void> save_png(const std::filesystem::path& file, int width, int height,
     rgb[3 * i + 1] = rgba[4 * i + 1];
     rgb[3 * i + 2] = rgba[4 * i + 2];
   }
+  return encode_png(file, width, height, SPNG_COLOR_TYPE_TRUECOLOR, rgb);
+}
 
-  const Png png(spng_ctx_new(SPNG_CTX_ENCODER));
-  if (!png) return fail("{}: no memory for the PNG encoder", file.string());
-  spng_ihdr header{};
-  header.width = static_cast<std::uint32_t>(width);
-  header.height = static_cast<std::uint32_t>(height);
-  header.bit_depth = 8;
-  header.color_type = SPNG_COLOR_TYPE_TRUECOLOR;
-  int status = spng_set_option(png.get(), SPNG_ENCODE_TO_BUFFER, 1);
-  if (status == 0) status = spng_set_option(png.get(), SPNG_IMG_COMPRESSION_LEVEL, 1);
-  if (status == 0) status = spng_set_option(png.get(), SPNG_FILTER_CHOICE, SPNG_FILTER_CHOICE_SUB);
-  if (status == 0) status = spng_set_ihdr(png.get(), &header);
-  if (status == 0) {
-    status =
-        spng_encode_image(png.get(), rgb.data(), rgb.size(), SPNG_FMT_PNG, SPNG_ENCODE_FINALIZE);
-  }
-  if (status != 0) return fail("{}: cannot be encoded: {}", file.string(), spng_strerror(status));
-  struct FreeBytes {
-    void operator()(void* bytes) const { std::free(bytes); }
-  };
-  std::size_t size = 0;
-  const std::unique_ptr<void, FreeBytes> encoded(spng_get_png_buffer(png.get(), &size, &status));
-  if (!encoded) return fail("{}: cannot be encoded: {}", file.string(), spng_strerror(status));
-  return write_file(file, {static_cast<const std::uint8_t*>(encoded.get()), size});
+Result<void> save_grey_png(const std::filesystem::path& file, ImageView image) {
+  PENUMBRA_ASSERT(!image.empty());
+  const auto width = static_cast<std::size_t>(image.width);
+  std::vector<std::uint8_t> grey(width * static_cast<std::size_t>(image.height));
+  for (int y = 0; y < image.height; ++y)
+    std::copy_n(image.row(y), width, grey.begin() + static_cast<std::ptrdiff_t>(width) * y);
+  return encode_png(file, image.width, image.height, SPNG_COLOR_TYPE_GRAYSCALE, grey);
 }
 
 }  // namespace penumbra

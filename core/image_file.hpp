@@ -8,6 +8,7 @@
 
 #include "core/error.hpp"
 #include "core/frame.hpp"
+#include "core/image_view.hpp"
 
 namespace penumbra {
 
@@ -32,5 +33,7 @@ struct RgbaImage {
 // 8-bit RGB PNG; alpha is dropped.
 [[nodiscard]] Result<void> save_png(const std::filesystem::path& file, int width, int height,
                                     std::span<const std::uint8_t> rgba);
+// 8-bit grey PNG.
+[[nodiscard]] Result<void> save_grey_png(const std::filesystem::path& file, ImageView image);
 
 }  // namespace penumbra

@@ -28,6 +28,12 @@ struct Trajectory {
                                       std::int64_t tolerance_ns = 1'000'000) const;
 };
 
+// The camera between the poses of a trajectory that has any: a curve through all of them with no
+// kink. Its velocity at a pose is that between the two neighbours (Catmull-Rom, for uneven times);
+// positions are cubics, rotations cubics of the rotation vector from the pose before. Beyond the
+// ends the motion goes on at the end's velocity.
+[[nodiscard]] CameraPose pose_between(const Trajectory& trajectory, std::int64_t timestamp_ns);
+
 // Errors name file and line: wrong count of numbers, a non-finite number, a quaternion that is no
 // rotation, time that runs backwards.
 [[nodiscard]] Result<Trajectory> load_trajectory(const std::filesystem::path& file);

@@ -2,13 +2,14 @@
 
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <set>
+#include <string>
 
 #include "core/text.hpp"
 
 namespace penumbra {
 namespace {
-
-constexpr std::size_t kLargestFile = std::size_t{8} << 20U;
 
 // What is written there, short enough for a message.
 std::string shown(const YAML::Node& node) {
@@ -20,23 +21,48 @@ std::string shown(const YAML::Node& node) {
   return "'" + text + "'";
 }
 
+// A key that a map names twice; which of the two is meant, nobody knows. (YAML forbids it, yaml-cpp
+// takes the first.)
+std::optional<std::string> duplicate_key(const YAML::Node& node) {
+  if (node.IsMap()) {
+    std::set<std::string> keys;
+    for (const auto& entry : node) {
+      if (entry.first.IsScalar() && !keys.insert(entry.first.Scalar()).second) {
+        return fmt::format("line {}: {}", entry.first.Mark().line + 1, shown(entry.first));
+      }
+      if (auto found = duplicate_key(entry.second)) return found;
+    }
+  } else if (node.IsSequence()) {
+    for (const auto& entry : node) {
+      if (auto found = duplicate_key(entry)) return found;
+    }
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 Result<YAML::Node> load_yaml_map(const std::filesystem::path& file) {
-  const Result<std::string> text = read_text_file(file, kLargestFile);
+  const Result<std::string> text = read_text_file(file, kMaxYamlBytes);
   if (!text) return tl::unexpected(text.error());
+  return parse_yaml_map(*text, file.string());
+}
+
+Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& name) {
   try {
-    YAML::Node root = YAML::Load(*text);
+    YAML::Node root = YAML::Load(text);
     if (!root.IsMap()) {
-      return fail("{}: is no YAML map; it must hold lines of the form `name: value`",
-                  file.string());
+      return fail("{}: is no YAML map; it must hold lines of the form `name: value`", name);
+    }
+    if (const auto twice = duplicate_key(root)) {
+      return fail("{}: {} is there twice; keep one of them", name, *twice);
     }
     return root;
   } catch (const YAML::Exception& error) {
-    return fail("{}: line {}: is not valid YAML ({}); correct the line", file.string(),
-                error.mark.line + 1, error.msg);
+    return fail("{}: line {}: is not valid YAML ({}); correct the line", name, error.mark.line + 1,
+                error.msg);
   } catch (const std::exception& error) {
-    return fail("{}: is not valid YAML ({}); correct the file", file.string(), error.what());
+    return fail("{}: is not valid YAML ({}); correct the file", name, error.what());
   }
 }
 

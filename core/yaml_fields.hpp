@@ -4,6 +4,7 @@
 
 #include <yaml-cpp/yaml.h>
 
+#include <cstddef>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -15,6 +16,9 @@ namespace penumbra {
 
 // The root of a YAML file that is a map. yaml-cpp's exceptions end here.
 [[nodiscard]] Result<YAML::Node> load_yaml_map(const std::filesystem::path& file);
+// The same of a file's text; `name` is put into errors.
+[[nodiscard]] Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& name);
+inline constexpr std::size_t kMaxYamlBytes = std::size_t{8} << 20U;
 
 // One map of the file. `place` stands in front of every message: "tags.yaml: tags[3]".
 class YamlFields {

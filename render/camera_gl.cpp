@@ -137,7 +137,6 @@ ViewFrustum make_frustum(const CameraModel& camera) {
 }
 
 double longest_edge(const CameraModel& camera) {
-  constexpr double kNearestDistance = 0.15;  // [m]; nearer, the sheet's tags are not seen whole
   constexpr double kLongestEdge_px = 32.0;
   constexpr double kTolerance_px = 0.1;  // leaves a part of the 0.15 px allowed to the rest
   constexpr double kShortest = 0.001;    // [m]; a lens that needs less bends beyond all use

@@ -51,6 +51,8 @@ struct LensUniforms {
 // long [m], they are off by no more than about 0.1 px and span at most 32 px, at the nearest
 // distance expected (0.15 m), anywhere in the picture.
 [[nodiscard]] double longest_edge(const CameraModel& camera);
+inline constexpr double kNearestDistance =
+    0.15;  // [m]; nearer, the sheet's tags are not seen whole
 
 // What the picture can show, in undistorted normalised coordinates, with a margin: whatever lies
 // outside of it cannot touch a pixel.

@@ -139,6 +139,9 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   m.stats.kernel_generations = work.kernel_generations;
   m.stats.reprojections = work.reprojections;
   m.stats.triples_recomputed = work.recomputed;
+  m.stats.proxy_shadows = work.proxy_shadows;
+  m.stats.proxy_checks = work.proxy_checks;
+  m.stats.proxy_faces_saved = work.proxy_faces_saved;
   m.stats.faces_tested = work.faces_tested;
   m.stats.faces_twisted = work.faces_twisted;
   return m.stats;
@@ -155,6 +158,10 @@ Result<CompositeStats> Compositor::read_back(std::span<std::uint8_t> rgba) {
   if (const auto error = noted_gl_error())
     return fail("the graphics driver reports error {:#x} while the picture is read back", *error);
   return m.stats;
+}
+
+std::vector<CasterTwist> Compositor::twists() const {
+  return impl_->shadows.twists();
 }
 
 void Compositor::present() {

@@ -5,6 +5,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "core/camera_model.hpp"
 #include "core/error.hpp"
@@ -12,6 +13,7 @@
 #include "render/frame_plan.hpp"
 #include "render/gl/context.hpp"
 #include "render/scene.hpp"
+#include "render/shadow/twist.hpp"
 
 namespace penumbra {
 
@@ -27,6 +29,9 @@ struct CompositeStats {
   // or turned on the plane. The other casters x planes x lights are recomputed.
   std::int64_t reprojections = 0;
   std::int64_t triples_recomputed = 0;
+  std::int64_t proxy_shadows = 0;      // drawn from a reduced mesh
+  std::int64_t proxy_checks = 0;       // times that a reduced mesh was compared with its model
+  std::int64_t proxy_faces_saved = 0;  // by those drawn, over all their layers
   // Faces of the kernel sets made in this frame, and those that turn over in some layer.
   std::int64_t faces_tested = 0, faces_twisted = 0;
 };
@@ -49,6 +54,8 @@ class Compositor {
   [[nodiscard]] Result<CompositeStats> read_back(std::span<std::uint8_t> rgba);
   // Copies the last picture to the context's window, letterboxed.
   void present();
+  // For a debug view: how many faces of each caster of the last picture turn over.
+  [[nodiscard]] std::vector<CasterTwist> twists() const;
 
  private:
   struct Impl;

@@ -68,7 +68,9 @@ Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top
       s = std::max(s, layer_factor(draw.constants, layer, std::clamp(top, range.low, range.high)));
     }
   }
-  disc.radius *= 1.05 * (2.0 * s - 1.0);
+  // A disc of hardly a cell may reach 2.5 of its radii: of one light's growth, no more than that.
+  const double reach = draw.light_mode == LightMode::fixed ? 2.5 : 2.0;
+  disc.radius *= 1.05 * (reach * s - 1.0);
   return disc;
 }
 
@@ -147,6 +149,11 @@ class Planner {
           draw.technique =
               technique == ShadowTechnique::walls ? ShadowTechnique::simple : technique;
           draw.kernels = options_.kernels.value_or(node.kernels);
+          // One kernel for the whole object has no thickness to measure a light by.
+          if (technique == ShadowTechnique::layered && draw.kernels != KernelSource::centroid) {
+            draw.light_mode = options_.light_mode.value_or(node.light_mode);
+          }
+          draw.proxy = options_.proxies;
           draw.plane_frame = frame;
           draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
           draw.constants = node.layered;
@@ -335,16 +342,17 @@ class Planner {
       return false;
     }
     if (draw.technique != ShadowTechnique::simple) {
-      // Of a field's parts, each keeps its umbra to a height of its own: the field has it or not.
-      const bool field = draw.technique == ShadowTechnique::field;
+      // Under a light of one size each part keeps its umbra to a height of its own.
+      const bool one_light =
+          draw.technique == ShadowTechnique::field || draw.light_mode == LightMode::fixed;
       const auto above = [&](ShadowLayer layer) {
         return bottom >
-               layer_height_range(draw.constants, field ? ShadowLayer::middle : layer).high +
+               layer_height_range(draw.constants, one_light ? ShadowLayer::middle : layer).high +
                    kContactTolerance;
       };
       if (above(ShadowLayer::umbra)) {
         draw.umbra = false;
-        if (!field) skip("umbra_vanished", object.name, "above the umbra's height");
+        if (!one_light) skip("umbra_vanished", object.name, "above the umbra's height");
       }
       if (above(ShadowLayer::middle)) draw.middle = false;
       if (above(ShadowLayer::penumbra)) draw.penumbra = false;
@@ -353,6 +361,8 @@ class Planner {
         return false;
       }
     }
+    // Kernels from a file may lie anywhere, and so may the layers.
+    if (draw.technique == ShadowTechnique::layered && object.model->shadow_kernel_up) return true;
     const Disc disc = shadow_bounds(corners, draw, top);
     if (misses_outline(disc, plane.outline)) {
       skip("shadow_off_receiver", object.name, "off the plane's outline");
@@ -407,6 +417,7 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
         {"no_pose", "overlay: " + (pose.reason.empty() ? std::string("no pose") : pose.reason)});
     return plan;
   }
+  plan.finest_edges = options.finest_edges;
   plan.overlay_opacity = static_cast<float>(overlay_opacity(pose));
   if (plan.overlay_opacity <= 0.0F) {
     plan.skipped.push_back({"faded_out", "overlay: the pose is too old"});

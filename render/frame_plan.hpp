@@ -17,8 +17,13 @@ namespace penumbra {
 struct PlanOptions {
   std::optional<ShadowTechnique> technique;  // overrides every shadow node's
   std::optional<KernelSource> kernels;       // overrides every shadow node's
+  std::optional<LightMode> light_mode;       // overrides every shadow node's
+  bool proxies = true;                       // false: every object casts with its own mesh
   bool skip =
       true;  // leave out what can't be seen; the picture is the same either way, bit for bit
+  // Split casters' edges as the nearest distance expected asks for, not as the present one does;
+  // the picture is the same to 0.15 px.
+  bool finest_edges = false;
 };
 
 struct ObjectDraw {
@@ -38,6 +43,8 @@ struct ShadowDraw {
   int node = 0, object = 0, plane = 0;  // indices into the scene
   ShadowTechnique technique = ShadowTechnique::layered;
   KernelSource kernels = KernelSource::automatic;
+  LightMode light_mode = LightMode::proportional;
+  bool proxy = true;  // a reduced mesh may cast, where the object allows it
   PlaneFrame plane_frame;
   Placement T_table_object;
   LayeredConstants constants;
@@ -76,6 +83,7 @@ struct SkippedPass {
 struct FramePlan {
   bool has_pose = false;
   CameraPose T_table_camera;
+  bool finest_edges = false;         // of casters, whatever the distance
   float overlay_opacity = 1.0F;      // 1 when tracked, lower when uncertain or held
   std::vector<ObjectDraw> phantoms;  // depth only
   std::vector<ObjectDraw> objects;

@@ -133,6 +133,7 @@ void Splitter::split(float threshold_squared) {
     add(m01, m12, m20);
   }
   mesh_.indices = std::move(result);
+  mesh_.node_faces.clear();  // of other faces
 }
 
 }  // namespace
@@ -181,6 +182,10 @@ void append_mesh(Mesh& mesh, const Mesh& more) {
   mesh.positions.insert(mesh.positions.end(), more.positions.begin(), more.positions.end());
   mesh.source_vertex.insert(mesh.source_vertex.end(), more.source_vertex.begin(),
                             more.source_vertex.end());
+  for (NodeFaces run : more.node_faces) {
+    run.first_index += mesh.indices.size();
+    mesh.node_faces.push_back(run);
+  }
   for (const std::uint32_t index : more.indices) {
     mesh.indices.push_back(static_cast<std::uint32_t>(before) + index);
   }

@@ -32,6 +32,19 @@ struct Material {
   bool double_sided = false;
 };
 
+// What the file calls a thing: a node of glTF with its mesh, an object or group of OBJ.
+struct ModelNode {
+  std::string name;
+  std::string mesh;  // glTF: the mesh's name
+  int parent = -1;   // index of an earlier node, or -1
+};
+// A run of a mesh's triangles that came from one node.
+struct NodeFaces {
+  std::uint32_t node = 0;       // index into Model::nodes
+  std::size_t first_index = 0;  // into Mesh::indices
+  std::size_t index_count = 0;
+};
+
 // One draw: an indexed triangle list with one material.
 struct Mesh {
   std::string name;                  // of the first of the file's meshes that are in it
@@ -44,6 +57,7 @@ struct Mesh {
   // glTF: counted through the primitives' POSITION accessors in the order of the file). Kernel
   // files speak of these.
   std::vector<std::uint32_t> source_vertex;
+  std::vector<NodeFaces> node_faces;  // in order; empty where the maker has no names
   // Shadow kernels that came with the model, one per position [m], or empty.
   std::vector<glm::vec3> shadow_kernels;
   int material = 0;
@@ -54,7 +68,8 @@ struct Model {
   std::vector<Mesh> meshes;
   std::vector<Material> materials;
   std::vector<Texture> textures;
-  glm::vec3 min_corner{0.0F};  // bounds over all meshes
+  std::vector<ModelNode> nodes;  // those with faces, and their ancestors
+  glm::vec3 min_corner{0.0F};    // bounds over all meshes
   glm::vec3 max_corner{0.0F};
   std::uint32_t source_vertex_count = 0;
   // The up direction (unit) that Mesh::shadow_kernels were made for; absent where there are none.

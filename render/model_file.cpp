@@ -184,6 +184,13 @@ Result<void> check_model(Model& model, const std::string& name, const ModelLimit
                     count);
       }
     }
+    for (const NodeFaces& run : mesh.node_faces) {
+      if (run.node >= model.nodes.size() || run.first_index > mesh.indices.size() ||
+          run.index_count > mesh.indices.size() - run.first_index) {
+        return fail("{}: mesh \"{}\": faces of node {} of {}", name, mesh.name, run.node,
+                    model.nodes.size());
+      }
+    }
     for (const std::uint32_t source : mesh.source_vertex) {
       if (source >= model.source_vertex_count) {
         return fail("{}: mesh \"{}\": source vertex {} of {}", name, mesh.name, source,

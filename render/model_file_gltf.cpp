@@ -254,11 +254,13 @@ class GltfReader {
   [[nodiscard]] Result<void> read_meshes();
   [[nodiscard]] Result<Eigen::Matrix4d> node_matrix(const tinygltf::Node& node,
                                                     const std::string& what) const;
-  [[nodiscard]] Result<void> place_node(int index, const Eigen::Matrix4d& T_root_parent, int depth);
+  [[nodiscard]] Result<void> place_node(int index, const Eigen::Matrix4d& T_root_parent, int depth,
+                                        int parent = -1);
   void take_kernel_extras(const tinygltf::Value& extras, const Eigen::Matrix3d& linear,
                           const std::string& what);
   [[nodiscard]] Result<void> place_mesh(int mesh, const Eigen::Matrix4d& T_root_node,
-                                        const std::string& what);
+                                        const std::string& what, std::uint32_t node);
+  std::uint32_t add_node(const std::string& node, int mesh, int parent);
 
   std::string name_;
   const tinygltf::Model& gltf_;
@@ -689,8 +691,16 @@ void GltfReader::take_kernel_extras(const tinygltf::Value& extras, const Eigen::
   }
 }
 
+// Names of a node and of its mesh, -1 where it has none.
+std::uint32_t GltfReader::add_node(const std::string& node, int mesh, int parent) {
+  model_.nodes.push_back(
+      {node, has(gltf_.meshes, mesh) ? gltf_.meshes[static_cast<std::size_t>(mesh)].name : "",
+       parent});
+  return static_cast<std::uint32_t>(model_.nodes.size() - 1);
+}
+
 Result<void> GltfReader::place_mesh(int index, const Eigen::Matrix4d& T_root_node,
-                                    const std::string& what) {
+                                    const std::string& what, std::uint32_t node) {
   if (!has(meshes_, index)) {
     return fail("{}: {}: names mesh {}, there are {}", name_, what, index, meshes_.size());
   }
@@ -724,6 +734,7 @@ Result<void> GltfReader::place_mesh(int index, const Eigen::Matrix4d& T_root_nod
     }
     Mesh mesh = from;
     if (mesh.indices.empty()) continue;
+    mesh.node_faces = {{node, 0, mesh.indices.size()}};
     for (glm::vec3& p : mesh.positions) {
       const Eigen::Vector4d placed = T_root_node * Eigen::Vector4d(p.x, p.y, p.z, 1.0);
       if (!(placed.head<3>().cwiseAbs().maxCoeff() <= limits_.max_coordinate_m)) {
@@ -763,7 +774,8 @@ Result<void> GltfReader::place_mesh(int index, const Eigen::Matrix4d& T_root_nod
   return {};
 }
 
-Result<void> GltfReader::place_node(int index, const Eigen::Matrix4d& T_root_parent, int depth) {
+Result<void> GltfReader::place_node(int index, const Eigen::Matrix4d& T_root_parent, int depth,
+                                    int parent) {
   const std::string what = fmt::format("nodes/{}", index);
   if (!has(gltf_.nodes, index)) {
     return fail("{}: {}: does not exist, there are {}", name_, what, gltf_.nodes.size());
@@ -780,14 +792,16 @@ Result<void> GltfReader::place_node(int index, const Eigen::Matrix4d& T_root_par
   const Result<Eigen::Matrix4d> matrix = node_matrix(node, what);
   if (!matrix) return tl::unexpected(matrix.error());
   const Eigen::Matrix4d T_root_node = T_root_parent * *matrix;
+  const std::uint32_t known = add_node(node.name, node.mesh, parent);
   if (node.mesh >= 0) {
     const Result<void> placed = place_mesh(
         node.mesh, T_root_node,
-        node.name.empty() ? what : fmt::format("{} (\"{}\")", what, node.name.substr(0, 60)));
+        node.name.empty() ? what : fmt::format("{} (\"{}\")", what, node.name.substr(0, 60)),
+        known);
     if (!placed) return placed;
   }
   for (const int child : node.children) {
-    const Result<void> placed = place_node(child, T_root_node, depth + 1);
+    const Result<void> placed = place_node(child, T_root_node, depth + 1, static_cast<int>(known));
     if (!placed) return placed;
   }
   return {};
@@ -833,8 +847,9 @@ Result<Model> GltfReader::read() {
   }
   if (gltf_.nodes.empty()) {
     for (std::size_t mesh = 0; mesh < meshes_.size(); ++mesh) {
+      const auto index = static_cast<int>(mesh);
       Result<void> done =
-          place_mesh(static_cast<int>(mesh), identity, fmt::format("meshes/{}", mesh));
+          place_mesh(index, identity, fmt::format("meshes/{}", mesh), add_node("", index, -1));
       if (!done) return tl::unexpected(done.error());
     }
   }
@@ -878,6 +893,10 @@ Result<Model> read_gltf(const std::filesystem::path& file, std::span<const std::
   if (!read && !neighbours.refused.empty()) return fail("{}: {}", name, neighbours.refused);
   if (!read) return fail("{}: is not glTF 2.0: {}", name, first_line(error));
   if (!neighbours.refused.empty()) return fail("{}: {}", name, neighbours.refused);
+  if (!gltf.asset.version.starts_with("2.") && gltf.asset.version != "2") {
+    return fail("{}: asset: version is '{}'; only glTF 2.0 is read, export it as that", name,
+                gltf.asset.version.substr(0, 20));
+  }
   Result<Model> model = GltfReader(name, gltf, limits).read();
   if (model && !model->shadow_kernel_up) {
     for (Mesh& mesh : model->meshes)

@@ -268,8 +268,9 @@ Result<void> ObjReader::check_lines(std::string_view text) {
       checked = read_material_file(line.substr(line.find("mtllib")));
       hand_on = false;
     } else {
-      // Groups and smoothing change nothing here; lines, points and curves have no surface.
-      hand_on = key == "usemtl";
+      // Names of objects and groups are kept; smoothing changes nothing here; lines, points and
+      // curves have no surface.
+      hand_on = key == "usemtl" || key == "o" || key == "g";
     }
     if (!checked) return checked;
     if (hand_on) {
@@ -411,10 +412,14 @@ Result<void> ObjReader::take_faces(const tinyobj::attrib_t& attributes,
   // All triangles of the file, then one mesh per material.
   std::vector<tinyobj::index_t> corners;
   std::vector<int> materials;
+  std::vector<std::uint32_t> nodes;  // of each triangle
   for (const tinyobj::shape_t& shape : shapes) {
     if (shape.mesh.indices.size() != 3 * shape.mesh.material_ids.size()) {
       return fail("{}: a face can't be split into triangles; export triangles", name_);
     }
+    nodes.insert(nodes.end(), shape.mesh.material_ids.size(),
+                 static_cast<std::uint32_t>(model_.nodes.size()));
+    model_.nodes.push_back({shape.name, "", -1});
     corners.insert(corners.end(), shape.mesh.indices.begin(), shape.mesh.indices.end());
     for (const int material : shape.mesh.material_ids) {
       materials.push_back(material >= 0 && material < plain ? material : plain);
@@ -494,6 +499,11 @@ Result<void> ObjReader::take_faces(const tinyobj::attrib_t& attributes,
     }
     if (vertices[3 * t] != vertices[3 * t + 1] && vertices[3 * t + 1] != vertices[3 * t + 2] &&
         vertices[3 * t + 2] != vertices[3 * t]) {
+      std::vector<NodeFaces>& runs = part.mesh.node_faces;
+      if (runs.empty() || runs.back().node != nodes[t]) {
+        runs.push_back({nodes[t], part.mesh.indices.size(), 0});
+      }
+      runs.back().index_count += triangle.size();
       part.mesh.indices.insert(part.mesh.indices.end(), triangle.begin(), triangle.end());
     }
   }

@@ -56,7 +56,11 @@ struct SceneObject {
   Placement placement;     // relative to the parent; the animation's keyframes come on top of it
   Animation animation;
   bool casts_shadow = true;
-  bool phantom = false;  // stands for a real thing: writes depth only
+  // Parts that share one light: "all", or names of the model's nodes (part_groups.hpp).
+  std::vector<std::string> groups;
+  ProxyMode proxy = ProxyMode::automatic;
+  std::shared_ptr<const Model> proxy_model;  // where `proxy` is a model
+  bool phantom = false;                      // stands for a real thing: writes depth only
 };
 
 struct ScenePlane {
@@ -118,6 +122,7 @@ struct ShadowNode {
                              // empty: the scene's first
   ShadowTechnique technique = ShadowTechnique::layered;
   KernelSource kernels = KernelSource::automatic;
+  LightMode light_mode = LightMode::proportional;  // of layered shadows; cocl has no other
   LayeredConstants layered;
   LightFractions fractions;
 };

@@ -1,6 +1,7 @@
 // JSON scene -> Scene. The published schema says what is allowed, valijson checks it, and the
 // message is made here, from the place in the file and the part of the schema that it broke. What a
 // schema can't say (names that must exist, keys that go together) is checked after it.
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -22,6 +23,8 @@
 #include "render/scene.hpp"
 #include "render/scene_schema.hpp"
 #include "render/shadow/layered_penumbra.hpp"
+#include "render/shadow/part_groups.hpp"
+#include "render/shadow/plane_frame.hpp"
 #include "render/shapes.hpp"
 
 namespace penumbra {
@@ -254,6 +257,12 @@ class SceneReader {
   [[nodiscard]] Result<std::shared_ptr<const Model>> read_model(const json& from,
                                                                 const std::string& pointer,
                                                                 std::string& model_file);
+  [[nodiscard]] Result<std::shared_ptr<const Model>> model_from(const std::string& given,
+                                                                const json& object,
+                                                                const std::string& pointer,
+                                                                std::string& model_file);
+  [[nodiscard]] Result<void> read_casting(const json& from, const std::string& pointer,
+                                          SceneObject& object);
   [[nodiscard]] Result<Model> read_shape(const json& from, const std::string& pointer) const;
   [[nodiscard]] Result<Animation> read_animation(const json& from, const std::string& pointer);
   [[nodiscard]] Result<void> read_plane(const json& from, const std::string& pointer);
@@ -262,6 +271,7 @@ class SceneReader {
   [[nodiscard]] Result<void> read_shadow(const json& from, const std::string& pointer);
   [[nodiscard]] Result<LayeredConstants> read_layered(const json& from,
                                                       const std::string& pointer) const;
+  void advise_on_size(const ShadowNode& node, const std::string& pointer);
   template <class List>
   [[nodiscard]] Result<std::vector<int>> indices_of(const json& names, const List& list,
                                                     const std::string& pointer,
@@ -395,19 +405,51 @@ Result<std::shared_ptr<const Model>> SceneReader::read_model(const json& from,
     if (!shape) return tl::unexpected(shape.error());
     return std::make_shared<const Model>(std::move(*shape));
   }
-  const std::string given = from.at("model").get<std::string>();
+  return model_from(from.at("model").get<std::string>(), from, pointer + "/model", model_file);
+}
+
+Result<std::shared_ptr<const Model>> SceneReader::model_from(const std::string& given,
+                                                             const json& object,
+                                                             const std::string& pointer,
+                                                             std::string& model_file) {
   const std::filesystem::path path = (file_.parent_path() / given).lexically_normal();
   model_file = path.string();
   UpAxis up = UpAxis::by_format;
-  if (from.contains("up")) up = from.at("up") == "y" ? UpAxis::y : UpAxis::z;
+  if (object.contains("up")) up = object.at("up") == "y" ? UpAxis::y : UpAxis::z;
   const std::string key = fmt::format("{} {}", static_cast<int>(up), model_file);
   std::shared_ptr<const Model>& known = models_[key];
   if (known == nullptr) {
     Result<Model> model = load_model(path, up);
-    if (!model) return fail_at(pointer + "/model", "{}", model.error().message);
+    if (!model) return fail_at(pointer, "{}", model.error().message);
     known = std::make_shared<const Model>(std::move(*model));
   }
   return known;
+}
+
+// What the object's shadow is made of: groups and proxy.
+Result<void> SceneReader::read_casting(const json& from, const std::string& pointer,
+                                       SceneObject& object) {
+  if (const auto group = from.find("group"); group != from.end()) {
+    if (group->is_string()) {
+      object.groups = {group->get<std::string>()};
+    } else {
+      object.groups = group->get<std::vector<std::string>>();
+    }
+    const Result<void> checked = check_groups(*object.model, object.groups);
+    if (!checked) return fail_at(pointer + "/group", "{}", checked.error().message);
+  }
+  const std::string proxy = from.value("proxy", std::string("auto"));
+  if (proxy == "none") {
+    object.proxy = ProxyMode::none;
+  } else if (proxy != "auto") {
+    object.proxy = ProxyMode::model;
+    std::string ignored;
+    Result<std::shared_ptr<const Model>> model =
+        model_from(proxy, from, pointer + "/proxy", ignored);
+    if (!model) return tl::unexpected(model.error());
+    object.proxy_model = std::move(*model);
+  }
+  return {};
 }
 
 Result<Animation> SceneReader::read_animation(const json& from, const std::string& pointer) {
@@ -467,6 +509,7 @@ Result<void> SceneReader::read_object(const json& from, const std::string& point
   Result<std::shared_ptr<const Model>> model = read_model(from, pointer, object.model_file);
   if (!model) return tl::unexpected(model.error());
   object.model = std::move(*model);
+  if (Result<void> read = read_casting(from, pointer, object); !read) return read;
   object.placement = placement_of(from);
   // The shadow of a real thing is in the picture already.
   object.casts_shadow = from.value("casts_shadow", !phantom);
@@ -624,6 +667,59 @@ Result<LayeredConstants> SceneReader::read_layered(const json& from,
   return constants;
 }
 
+// Layered Penumbrae, section 5.1: where the umbra vanishes the middle layer is M = a / (a - 1)
+// times as large as the object and the penumbra 2 M times, which should fit the sheet: M <= W / (2
+// r). W: half the width of the plane's outline, r: the radius of the footprint as the scene begins.
+void SceneReader::advise_on_size(const ShadowNode& node, const std::string& pointer) {
+  if (node.technique != ShadowTechnique::layered && node.technique != ShadowTechnique::field)
+    return;
+  const double ratio = node.layered.light_ratio;
+  if (!(ratio > 1.0)) return;
+  const double magnification = std::isinf(ratio) ? 1.0 : ratio / (ratio - 1.0);
+  const SceneState start = evaluate_scene(scene_, 0.0);
+  for (const int index : node.planes) {
+    const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(index)];
+    if (plane.outline.empty()) continue;
+    Eigen::AlignedBox2d sheet;
+    for (const Eigen::Vector2d& corner : plane.outline) sheet.extend(corner);
+    const double half_width = 0.5 * sheet.sizes().minCoeff();
+    const PlaneFrame frame = PlaneFrame::make(plane.normal, plane.point);
+    const SceneObject* widest = nullptr;
+    double radius = 0.0;
+    for (const int caster : node.casters) {
+      const SceneObject& object = scene_.objects[static_cast<std::size_t>(caster)];
+      if (!object.model) continue;
+      const glm::vec3& low = object.model->min_corner;
+      const glm::vec3& high = object.model->max_corner;
+      Eigen::AlignedBox2d footprint;
+      for (unsigned i = 0; i < 8; ++i) {
+        const Eigen::Vector3d corner(static_cast<double>((i & 1U) != 0U ? high.x : low.x),
+                                     static_cast<double>((i & 2U) != 0U ? high.y : low.y),
+                                     static_cast<double>((i & 4U) != 0U ? high.z : low.z));
+        footprint.extend(
+            frame.to_plane(start.objects[static_cast<std::size_t>(caster)] * corner).head<2>());
+      }
+      const double own = 0.5 * footprint.diagonal().norm();
+      if (widest == nullptr || own > radius) {
+        widest = &object;
+        radius = own;
+      }
+    }
+    if (widest == nullptr || magnification <= half_width / (2.0 * radius)) continue;
+    const double fits = half_width / (2.0 * radius);
+    scene_.warnings.push_back(fmt::format(
+        "{}: {}: where its umbra vanishes the penumbra of \"{}\" is {:.2g} m wide, and the plane "
+        "\"{}\" {:.2g} m; {}",
+        name_, pointer, shortened(widest->name), 4.0 * magnification * radius,
+        shortened(plane.name), 2.0 * half_width,
+        fits > 1.0
+            ? fmt::format("give a magnification of {:.2f} or less (a light_ratio of {:.1f} or "
+                          "more)",
+                          fits, fits / (fits - 1.0))
+            : "lower the height at which it vanishes, or take a smaller object"));
+  }
+}
+
 Result<void> SceneReader::read_shadow(const json& from, const std::string& pointer) {
   ShadowNode node;
   node.name = from.at("name").get<std::string>();
@@ -637,6 +733,15 @@ Result<void> SceneReader::read_shadow(const json& from, const std::string& point
     const auto kernels = kernel_source_from_string(given->get<std::string>());
     if (!kernels) return fail_at(pointer + "/kernels", "are not kernels of this program");
     node.kernels = *kernels;
+  }
+  if (const auto given = from.find("light_mode"); given != from.end()) {
+    const auto mode = light_mode_from_string(given->get<std::string>());
+    if (!mode) return fail_at(pointer + "/light_mode", "is not a mode of this program");
+    if (*mode == LightMode::fixed && node.kernels == KernelSource::centroid) {
+      return fail_at(pointer + "/light_mode",
+                     "is \"fixed\", which needs kernels with a thickness; cocl has none");
+    }
+    node.light_mode = *mode;
   }
   if (const auto names = from.find("casters"); names != from.end()) {
     Result<std::vector<int>> casters =
@@ -686,6 +791,7 @@ Result<void> SceneReader::read_shadow(const json& from, const std::string& point
                       name_, pointer));
     }
   }
+  advise_on_size(node, pointer);
   if (const auto left = from.find("light_left"); left != from.end()) {
     LightFractions& fractions = node.fractions;
     fractions.umbra = left->value("umbra", fractions.umbra);

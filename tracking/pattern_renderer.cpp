@@ -7,6 +7,7 @@
 #include <numbers>
 #include <optional>
 #include <random>
+#include <thread>
 
 #include "core/assert.hpp"
 #include "tracking/tag_pattern.hpp"
@@ -98,6 +99,16 @@ class Noise {
 };
 
 }  // namespace
+
+void add_noise(std::span<std::uint8_t> rgba, double sigma_grey, std::uint64_t seed) {
+  if (!(sigma_grey > 0.0)) return;
+  Noise noise(seed);
+  for (std::size_t i = 0; i < rgba.size(); ++i) {
+    if (i % 4 == 3) continue;
+    rgba[i] = static_cast<std::uint8_t>(
+        std::lround(std::clamp(rgba[i] + sigma_grey * noise(), 0.0, 255.0)));
+  }
+}
 
 struct PatternRenderer::Impl {
   CameraModel camera;
@@ -271,38 +282,48 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
     return value;
   };
 
-  // The one light that every sub-sample of a pixel meets, where that is certain: one tag, no
-  // motion, and cells of one colour as far as the point spread reaches.
+  // The one light that every sub-sample of a pixel meets, where that is certain: one tag, and cells
+  // of one colour as far as the point spread reaches at any time of the exposure.
   const auto uniform_light = [&](int k, const Impl::PixelRay& ray) -> std::optional<double> {
-    if (path.size() != 1 || options.cover_share > 0.0) return std::nullopt;
-    const auto& view = views[static_cast<std::size_t>(k)];
-    if (!view) return options.background;
-    const Eigen::Vector3d h = view->lattice_from_ray * Eigen::Vector3d(ray.xy.x(), ray.xy.y(), 1.0);
-    if (h.z() <= 0.0) return std::nullopt;
-    const Eigen::Vector2d ab = h.head<2>() / h.z();
-    const Eigen::Matrix2d d_ab_d_pixel = (view->lattice_from_ray.topLeftCorner<2, 2>() -
-                                          ab * view->lattice_from_ray.bottomLeftCorner<1, 2>()) /
-                                         h.z() * ray.d_xy_d_pixel;
-    const Eigen::Vector2d reach = 1.2 * reach_px * d_ab_d_pixel.rowwise().norm();
+    if (options.cover_share > 0.0) return std::nullopt;
     const TagPattern& pattern = impl_->sheets[static_cast<std::size_t>(k)].pattern;
     const double size = pattern.total_width();
-    if (!((ab - reach).minCoeff() >= 0.0 && (ab + reach).maxCoeff() < size)) return std::nullopt;
-    const bool white = pattern.white(static_cast<int>(ab.x()), static_cast<int>(ab.y()));
-    for (int j = static_cast<int>(ab.y() - reach.y()); j <= static_cast<int>(ab.y() + reach.y());
-         ++j) {
-      for (int i = static_cast<int>(ab.x() - reach.x()); i <= static_cast<int>(ab.x() + reach.x());
-           ++i) {
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    Eigen::Vector2d low = Eigen::Vector2d::Constant(kInfinity);
+    Eigen::Vector2d high = -low;
+    bool unseen = false;
+    for (std::size_t time = 0; time < path.size(); ++time) {
+      const auto& view = views[static_cast<std::size_t>(k) * path.size() + time];
+      if (!view) {
+        unseen = true;
+        continue;
+      }
+      const Eigen::Vector3d h =
+          view->lattice_from_ray * Eigen::Vector3d(ray.xy.x(), ray.xy.y(), 1.0);
+      if (h.z() <= 0.0) return std::nullopt;
+      const Eigen::Vector2d ab = h.head<2>() / h.z();
+      const Eigen::Matrix2d d_ab_d_pixel = (view->lattice_from_ray.topLeftCorner<2, 2>() -
+                                            ab * view->lattice_from_ray.bottomLeftCorner<1, 2>()) /
+                                           h.z() * ray.d_xy_d_pixel;
+      const Eigen::Vector2d reach = 1.2 * reach_px * d_ab_d_pixel.rowwise().norm();
+      low = low.cwiseMin(ab - reach);
+      high = high.cwiseMax(ab + reach);
+    }
+    const bool beside = !(high.minCoeff() >= 0.0 && low.maxCoeff() < size);
+    if (beside) return options.background;
+    if (unseen || !(low.minCoeff() >= 0.0 && high.maxCoeff() < size)) return std::nullopt;
+    const bool white = pattern.white(static_cast<int>(low.x()), static_cast<int>(low.y()));
+    for (int j = static_cast<int>(low.y()); j <= static_cast<int>(high.y()); ++j) {
+      for (int i = static_cast<int>(low.x()); i <= static_cast<int>(high.x()); ++i) {
         if (pattern.white(i, j) != white) return std::nullopt;
       }
     }
     return white ? options.white : options.black;
   };
 
-  std::vector<int> candidates;
-  for (int y = 0; y < height; ++y) {
+  const auto render_row = [&](int y, std::vector<int>& candidates) {
     const std::vector<int>& in_row = rows[static_cast<std::size_t>(y)];
-    if (in_row.empty()) continue;
-    for (int x = 0; x < width; ++x) {
+    for (int x = 0; x < width && !in_row.empty(); ++x) {
       candidates.clear();
       for (const int k : in_row) {
         const std::array<int, 4>& box = boxes[static_cast<std::size_t>(k)];
@@ -324,7 +345,17 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
       }
       light[at(x, y)] = options.gain * sum / static_cast<double>(offsets.size());
     }
-  }
+  };
+  // Rows have nothing in common but what they read.
+  const int threads = std::clamp(options.threads, 1, height);
+  const auto render_rows = [&](int first) {
+    std::vector<int> candidates;
+    for (int y = first; y < height; y += threads) render_row(y, candidates);
+  };
+  std::vector<std::jthread> helpers;
+  for (int k = 1; k < threads; ++k) helpers.emplace_back(render_rows, k);
+  render_rows(0);
+  helpers.clear();  // waits for them
 
   return light;
 }

@@ -39,7 +39,12 @@ struct PatternRenderOptions {
   // Share of each tag's printed square that something covers, from its left side; its light.
   double cover_share = 0.0;
   double cover = 0.30;
+  int threads = 1;  // that draw; the picture is the same, bit for bit
 };
+
+// White noise of `sigma_grey` grey levels on RGBA8, each colour for itself, the same on every
+// machine; alpha stays.
+void add_noise(std::span<std::uint8_t> rgba, double sigma_grey, std::uint64_t seed);
 
 // Where a rigid group of tags has moved to, from its place in the tag map.
 struct GroupPlacement {

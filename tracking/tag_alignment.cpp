@@ -20,7 +20,8 @@ constexpr int kMaxSearchCells = 36;       // per tag; sums of so many bytes fit 
 constexpr double kCornerMoved_px = 0.25;  // a fine stage that moved the tags by more is repeated
 constexpr double kConverged_px = 0.03;    // the step after such a one is below a hundredth
 constexpr int kFineRounds = 3;
-constexpr int kFineSteps = 5;  // per round at most
+constexpr int kFineSteps = 5;        // per round at most
+constexpr double kFineCutoff = 0.6;  // of Tukey's weights, as a share of the gain
 
 // 64-byte aligned arrays of floats, one behind the other.
 class SampleStorage {
@@ -87,6 +88,12 @@ struct Tag {
   SampleStorage storage;
   kernel::Samples samples;
   int used = 0;  // samples without padding
+  // Of the last selection: a run's samples end where the next begin.
+  struct RunSamples {
+    int end = 0;
+    bool vertical = false;
+  };
+  std::vector<RunSamples> run_samples;
   kernel::Sums sums;
   std::vector<std::int16_t> scores;
   int score_points = 0;
@@ -327,6 +334,7 @@ struct TagAligner::Impl {
   bool step(double cutoff, double& moved_px);
   void stage(bool wide);
   void measure_noise();
+  [[nodiscard]] double design_effect(double cutoff) const;
   void verify();
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);
   bool attempt(const Vector6d& exposure_motion, bool with_search, bool independent);
@@ -647,6 +655,7 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
     tilt += std::min(dx, dy);
   }
   tag.used = 0;
+  tag.run_samples.clear();
   if (!(length > 0.0) || !(length < 1e7)) {
     finish_samples(tag);
     return;
@@ -739,6 +748,7 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
       }
     }
     carry = at - run_length;
+    tag.run_samples.push_back({used, run.vertical});
   }
   PENUMBRA_ASSERT(used <= tag.storage.capacity());
   tag.used = used;
@@ -881,7 +891,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
     }
     double round_moved = 0.0;
     for (int i = 0; i < kFineSteps; ++i) {
-      if (!step(0.6, moved)) {
+      if (!step(kFineCutoff, moved)) {
         result.reason = "too few pixels on tags";
         return false;
       }
@@ -893,6 +903,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
     }
     if (round_moved < kCornerMoved_px) break;
   }
+  result.design_effect = design_effect(kFineCutoff);
   verify();
   return result.verified;
 }
@@ -916,6 +927,73 @@ void TagAligner::Impl::measure_noise() {
   const auto middle = noise_scratch.begin() + static_cast<std::ptrdiff_t>(noise_scratch.size() / 2);
   std::nth_element(noise_scratch.begin(), middle, noise_scratch.end());
   noise_share = 1.4826 * static_cast<double>(*middle);
+}
+
+// How many times larger the variance of the mean displacement of an edge is than independent
+// residuals would make it (the "design effect" of samples that come in clusters): the residuals of
+// each run of samples along one edge, projected on what a displacement of that edge would do to
+// them, squared, over what the residuals' own variance lets expect. What compression, denoising and
+// wrong models of blur do to whole edges shows here. A tone curve or a bright lamp widens all white
+// areas: a displacement of every edge towards black, by more where the edge is blurred by motion,
+// with which opposite edges of a cell leave the pose where it is; it is taken out first, for each
+// of the tag's two directions.
+double TagAligner::Impl::design_effect(double cutoff) const {
+  struct Direction {  // edges along b, and along a
+    double s = 0.0, q = 0.0, ss = 0.0, sq = 0.0, qq = 0.0;
+  };
+  std::array<Direction, 2> directions;
+  double expected = 0.0;
+  int runs = 0;
+  int parameters = 8;  // the pose and the widenings
+  const double limit = noise_share > 0.0 ? std::clamp(4.685 * noise_share, 0.03, cutoff) : cutoff;
+  const auto inverse_limit = static_cast<float>(1.0 / limit);
+  for (const Tag* tag : active) {
+    if (tag->used < 16 || !(tag->gain > 1.5)) continue;
+    parameters += 2;
+    const kernel::Samples& s = tag->samples;
+    const auto inverse_gain = static_cast<float>(1.0 / tag->gain);
+    const auto offset = static_cast<float>(tag->offset);
+    double tag_expected = 0.0;
+    int begin = 0;
+    for (const auto& [end, vertical] : tag->run_samples) {
+      float along = 0.0F;
+      float width = 0.0F;
+      float squares = 0.0F;
+      for (int i = begin; i < end; ++i) {
+        const float r = s.residual[i] * inverse_gain;
+        const float m = (s.value[i] - offset) * inverse_gain - r;
+        const float t = r * inverse_limit;
+        const float inside = std::max(1.0F - t * t, 0.0F);
+        const float slope = std::max(m * (1.0F - m), 0.0F);  // of a blurred edge, nearly
+        const float lever = slope * inside * inside;
+        along += lever * r;
+        width += lever * slope;
+        squares += lever * lever;
+      }
+      begin = end;
+      if (!(squares > 0.0F)) continue;
+      const auto S = static_cast<double>(along);
+      const auto Q = static_cast<double>(width);
+      Direction& direction = directions[vertical ? 0 : 1];
+      direction.s += S;
+      direction.q += Q;
+      direction.ss += S * S;
+      direction.sq += S * Q;
+      direction.qq += Q * Q;
+      tag_expected += static_cast<double>(squares);
+      ++runs;
+    }
+    expected += tag_expected * variance / (tag->gain * tag->gain);
+  }
+  const int free = runs - parameters;
+  if (free < 4 || !(expected > 0.0)) return 1.0;
+  double found = 0.0;
+  for (const Direction& d : directions) {
+    if (!(d.q > 0.0)) continue;
+    const double widening = d.s / d.q;
+    found += d.ss - 2.0 * widening * d.sq + widening * widening * d.qq;
+  }
+  return std::max(found, 0.0) / expected * runs / free;
 }
 
 // Reads the data cells at the solved pose against the model's own blurred values.
@@ -990,6 +1068,7 @@ const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool w
   result.counters = {};
   result.reason = {};
   result.residual_rms = 0.0;
+  result.design_effect = 1.0;
   image = input.luma;
   T_predicted = Eigen::Isometry3d::Identity();
   const CameraPose& pose = input.predicted;

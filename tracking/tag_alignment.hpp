@@ -74,7 +74,10 @@ struct AlignmentResult {
   CameraPose T_table_camera;
   Matrix6d covariance = Matrix6d::Zero();  // as in PoseEstimate, the prior included
   double residual_rms = 0.0;               // weighted, as a share of the gain
-  std::vector<TagAlignment> tags;          // the visible ones
+  // Variance of an edge's mean residual over that of independent ones: how many samples are worth
+  // one. The covariance is that of independent ones.
+  double design_effect = 1.0;
+  std::vector<TagAlignment> tags;  // the visible ones
   int tags_verified = 0;
   AlignmentCounters counters;
   std::string_view reason;  // why it is not verified

@@ -109,6 +109,8 @@ Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
   if (!std::isfinite(options.decode_sharpening) || options.decode_sharpening < 0.0) {
     return fail("tag detector: decode_sharpening is {}; give 0 or more", options.decode_sharpening);
   }
+  if (options.border_cells != 1 && options.border_cells != 2)
+    return fail("tag detector: border_cells is {}; give 1 or 2", options.border_cells);
   auto impl = std::make_unique<Impl>();
   impl->options = options;
   impl->detector = apriltag_detector_create();
@@ -128,6 +130,19 @@ Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
     apriltag_family_t* handle = functions.create();
     if (handle == nullptr)
       return fail("tag detector: no memory for the family {}", to_string(family));
+    if (options.border_cells == 2) {
+      if (family != TagFamily::tag36h11) {
+        functions.destroy(handle);
+        return fail("tag detector: border_cells 2 is for tag36h11, not {}", to_string(family));
+      }
+      // The same codes, one cell further in.
+      handle->width_at_border += 2;
+      handle->total_width += 2;
+      for (std::uint32_t bit = 0; bit < handle->nbits; ++bit) {
+        ++handle->bit_x[bit];
+        ++handle->bit_y[bit];
+      }
+    }
     impl->families.push_back({family, handle, functions.destroy});
     apriltag_detector_add_family_bits(impl->detector, handle, options.max_hamming);
   }

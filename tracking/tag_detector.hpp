@@ -29,6 +29,9 @@ struct TagDetectorOptions {
   bool refine_edges = true;
   double decode_sharpening = 0.25;
   int max_hamming = 1;  // detections with more corrected bits are dropped
+  // Width of the black border [cells]: 1 as libapriltag's families have it, or 2 as the boards of
+  // the Kalibr calibrator, whose corners are then those of the wider square. 2: tag36h11 only.
+  int border_cells = 1;
 };
 
 class TagDetector {

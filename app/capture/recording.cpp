@@ -1,10 +1,14 @@
 // The listing of a recording.
+#include <unistd.h>
+
 #include <algorithm>
+#include <cerrno>
 #include <cstdint>
 #include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <system_error>
 
 #include "app/capture/recording_source.hpp"
 #include "app/capture/video_reader.hpp"
@@ -17,7 +21,7 @@ namespace penumbra {
 namespace {
 
 constexpr std::size_t kMaxListBytes = 256'000'000;
-constexpr std::int64_t kMaxFrameNumber = 1'000'000'000;
+constexpr std::int64_t kMaxFrameNumber = 999'999'999;           // nine digits in a picture's name
 constexpr std::int64_t kMaxTimeNs = 4'000'000'000'000'000'000;  // differences fit into 64 bits
 
 bool is_there(const std::filesystem::path& path) {
@@ -28,6 +32,27 @@ bool is_there(const std::filesystem::path& path) {
 bool is_folder(const std::filesystem::path& path) {
   std::error_code ignored;
   return std::filesystem::is_directory(path, ignored);
+}
+
+// Nothing at that place, as a recording that was cut off leaves it; a place that may not be looked
+// into is something else.
+bool is_missing(const std::filesystem::path& path) {
+  std::error_code ignored;
+  return std::filesystem::status(path, ignored).type() == std::filesystem::file_type::not_found;
+}
+
+Result<void> check_readable(const std::filesystem::path& path) {
+  std::error_code error;
+  const auto status = std::filesystem::status(path, error);
+  const bool folder = std::filesystem::is_directory(status);
+  if (status.type() == std::filesystem::file_type::none) {
+    return fail("{}: cannot be read: {}; see who may read it", path.string(), error.message());
+  }
+  if (access(path.c_str(), folder ? R_OK | X_OK : R_OK) != 0) {
+    return fail("{}: cannot be read: {}; see who may read it", path.string(),
+                std::generic_category().message(errno));
+  }
+  return {};
 }
 
 std::string name_of(const std::filesystem::path& folder) {
@@ -228,8 +253,17 @@ Result<void> settle_pictures(Recording& recording) {
   std::string first_cause;  // of the first frame that is dropped
   while (!recording.frames.empty()) {
     const std::filesystem::path& file = recording.frames.back().file;
-    if (!is_there(file)) {
+    std::error_code ignored;
+    if (is_missing(file)) {
       first_cause = fmt::format("{}: is missing", file.string());
+    } else if (auto readable = check_readable(file); !readable) {
+      return readable;
+    } else if (recording.frames.size() > 1 &&
+               (file / "").lexically_normal() ==
+                   ((recording.frames.end() - 2)->file.parent_path() / "").lexically_normal()) {
+      first_cause = fmt::format("{}: is where the name was cut off", file.string());
+    } else if (!std::filesystem::is_regular_file(file, ignored)) {
+      return fail("{}: is no file; a recording's pictures are files", file.string());
     } else if (const auto picture = load_image(file); !picture) {
       first_cause = picture.error().message;
     } else {
@@ -241,7 +275,9 @@ Result<void> settle_pictures(Recording& recording) {
     return fail("{}; none of the {} listed frames is whole", first_cause, listed);
   }
   for (const RecordedFrame& frame : recording.frames) {
-    if (!is_there(frame.file)) {
+    if (!is_missing(frame.file)) {
+      if (auto readable = check_readable(frame.file); !readable) return readable;
+    } else {
       return fail(
           "{}: is listed but missing, and frames after it are there; restore it or take "
           "its line out of the listing",
@@ -278,6 +314,7 @@ Result<void> settle_video(Recording& recording) {
 Result<void> load_surroundings(const std::filesystem::path& folder,
                                const std::filesystem::path& sensor,
                                const OpenRecordingOptions& options, Recording& recording) {
+  if (!options.surroundings) return {};
   const std::filesystem::path camera = options.camera.value_or(folder / "camera.yaml");
   const auto set_camera = [&](Result<CameraModel> loaded) -> Result<void> {
     if (!loaded) return tl::unexpected(loaded.error());
@@ -328,6 +365,7 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
     return fail("{}: is no folder; a recording is a folder with frames/ or video.mkv",
                 folder.string());
   }
+  if (auto readable = check_readable(folder); !readable) return tl::unexpected(readable.error());
   Recording recording;
   recording.folder = folder;
   recording.name = name_of(folder);
@@ -346,6 +384,12 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
             folder.string());
       }
       recording.video = folder / "video.mkv";
+    } else if (auto readable = check_readable(folder / "frames"); !readable) {
+      return tl::unexpected(readable.error());
+    } else if (is_there(folder / "video.mkv")) {
+      recording.notices.push_back(
+          fmt::format("{}: has frames/ too, which are read; the video is left out",
+                      (folder / "video.mkv").string()));
     }
     listed = list_own(folder, recording);
   }

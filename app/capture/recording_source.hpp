@@ -38,6 +38,8 @@ struct Recording {
 struct OpenRecordingOptions {
   bool require_camera = true;
   bool require_tags = true;
+  // Whether camera, tags and ground truth are read at all: calibration looks at pixels only.
+  bool surroundings = true;
   std::optional<std::filesystem::path> camera;  // instead of the recording's
   std::optional<std::filesystem::path> tags;    // instead of the recording's
 };

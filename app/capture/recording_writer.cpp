@@ -283,6 +283,14 @@ void RecordingWriter::add_event(std::int64_t timestamp_ns, std::string_view even
       fmt::format("{{\"timestamp_s\":{},{}", format_ns_as_seconds(timestamp_ns), text.substr(1))});
 }
 
+void RecordingWriter::add_scene_edit(const SceneEvent& event) {
+  impl_->add(EventLine{event_line(event)});
+}
+
+const std::filesystem::path& RecordingWriter::folder() const {
+  return impl_->folder;
+}
+
 RecordingCounts RecordingWriter::counts() const {
   const std::lock_guard lock(impl_->mutex);
   return impl_->counts;

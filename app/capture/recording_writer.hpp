@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "app/capture/live_source.hpp"
+#include "app/scene_edit.hpp"
 #include "core/pose_estimate.hpp"
 
 namespace penumbra {
@@ -48,6 +49,8 @@ class RecordingWriter {
   void add_image(const CapturedImage& image);
   void add_pose(std::int64_t timestamp_ns, const PoseEstimate& pose);  // tracked ones are kept
   void add_event(std::int64_t timestamp_ns, std::string_view event, std::string_view detail = {});
+  void add_scene_edit(const SceneEvent& event);
+  [[nodiscard]] const std::filesystem::path& folder() const;
   [[nodiscard]] RecordingCounts counts() const;
 
   // Everything added so far is written when this returns; nothing can be added after it.

@@ -47,15 +47,20 @@ class Demuxer {
     Demuxer demuxer;
     demuxer.name_ = file.string();
     std::error_code error;
-    if (!std::filesystem::is_regular_file(file, error)) {
+    const std::filesystem::file_status status = std::filesystem::status(file, error);
+    if (status.type() == std::filesystem::file_type::not_found) {
       return fail("{}: no such file", demuxer.name_);
     }
+    if (!std::filesystem::is_regular_file(status)) {
+      return fail("{}: {}", demuxer.name_,
+                  error ? "cannot be read: " + error.message() : "is no file");
+    }
     AVFormatContext* format = nullptr;
-    const int status = avformat_open_input(&format, ("file:" + demuxer.name_).c_str(),
+    const int opened = avformat_open_input(&format, ("file:" + demuxer.name_).c_str(),
                                            av_find_input_format("matroska"), nullptr);
-    if (status < 0) {
+    if (opened < 0) {
       return fail("{}: cannot be read as Matroska video ({}); record or copy it again",
-                  demuxer.name_, why(status));
+                  demuxer.name_, why(opened));
     }
     demuxer.format_.reset(format);
     for (unsigned i = 0; i < format->nb_streams; ++i) {

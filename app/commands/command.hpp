@@ -11,13 +11,13 @@ class App;
 
 namespace penumbra {
 
-// What the process tells its caller. A command returns success or interrupted; main() makes the
-// others from an Error and from a command line that makes no sense.
+// What the process tells its caller. A command returns success (also when it was ended early by
+// Ctrl-C or SIGTERM: that is how a session ends, and its files are whole); main() makes the others
+// from an Error and from a command line that makes no sense.
 enum class ExitCode : int {
   success = 0,
   failure = 1,
   usage = 2,
-  interrupted = 130,  // Ctrl-C or SIGTERM: files are whole, but hold less than was asked for
 };
 
 // Filled while the command line is parsed, run afterwards.
@@ -30,6 +30,9 @@ void add_devices_command(CLI::App& program, ChosenCommand& chosen);
 void add_evaluate_command(CLI::App& program, ChosenCommand& chosen);
 void add_shadow_command(CLI::App& program, ChosenCommand& chosen);
 void add_target_command(CLI::App& program, ChosenCommand& chosen);
+void add_calibrate_command(CLI::App& program, ChosenCommand& chosen);
+void add_map_command(CLI::App& program, ChosenCommand& chosen);
 void add_kernels_command(CLI::App& program, ChosenCommand& chosen);
+void add_simulate_command(CLI::App& program, ChosenCommand& chosen);
 
 }  // namespace penumbra

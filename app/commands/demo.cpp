@@ -37,7 +37,7 @@ Result<ExitCode> demo(const DemoOptions& options) {
   if (!report) return tl::unexpected(report.error());
   fmt::print("{}\nvideo: {}\n", report_table(*report),
              std::filesystem::absolute(options.output).lexically_normal().string());
-  return report->interrupted ? ExitCode::interrupted : ExitCode::success;
+  return ExitCode::success;
 }
 
 }  // namespace
@@ -65,8 +65,8 @@ void add_demo_command(CLI::App& program, ChosenCommand& chosen) {
   add_shadow_options(*command, options->shadow);
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
   command->footer(
-      "The last line of the output names the video. In the window: space pauses, Esc or q closes.\n"
-      "Ctrl-C ends early with exit code 130; the video holds the frames up to then.\n\n"
+      "The last line of the output names the video. In the window F1 lists the keys.\n"
+      "Ctrl-C ends early; the video holds the frames up to then.\n\n"
       "Example:\n"
       "  penumbra demo --output demo.mp4");
   command->callback([options, &chosen] { chosen = [options] { return demo(*options); }; });

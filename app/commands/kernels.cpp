@@ -11,7 +11,10 @@
 #include <chrono>
 #include <cmath>
 #include <future>
+#include <limits>
 #include <memory>
+#include <optional>
+#include <utility>
 
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
@@ -21,6 +24,7 @@
 #include "core/stopwatch.hpp"
 #include "core/text.hpp"
 #include "render/shadow/kernel_glb.hpp"
+#include "render/shadow/part_groups.hpp"
 
 namespace penumbra {
 namespace {
@@ -30,6 +34,7 @@ struct KernelsOptions {
   std::filesystem::path output;
   std::string up = "0,0,1";
   std::string kernels = "auto";
+  std::vector<std::string> groups;
   Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();
   KernelSource source = KernelSource::automatic;
   bool glb = false;
@@ -80,22 +85,24 @@ Result<std::vector<std::uint8_t>> encode(const KernelsOptions& options, const Mo
   return make_glb_with_kernels(model, kernels);
 }
 
-// Shows that something goes on; how much of it is left is not known, so the bar runs by the time
-// that this many triangles usually take.
+// Shows how far the kernels are where they take longer than a second. An empty bar until it is
+// known how many there are.
 template <class Work>
-auto with_progress(const Work& work, std::size_t triangles) {
+auto with_progress(const Work& work, const KernelProgress& progress) {
   auto running = std::async(std::launch::async, work);
   using namespace std::chrono_literals;
   if (running.wait_for(1s) != std::future_status::ready) {
-    constexpr double kTriangles_per_ms = 500.0;
-    constexpr int kSteps = 100;
-    const double expected_ms = 1000.0 + static_cast<double>(triangles) / kTriangles_per_ms;
-    const Stopwatch watch;
-    ProgressBar bar(kSteps, "");
-    while (running.wait_for(100ms) != std::future_status::ready) {
-      const double share = (1000.0 + watch.elapsed().wall_ms) / expected_ms;
-      bar.update(std::min(kSteps - 1, static_cast<int>(share * kSteps)));
-    }
+    std::optional<ProgressBar> bar(std::in_place, 1, "");
+    bool counting = false;
+    do {
+      const std::size_t total = progress.total;
+      constexpr auto kMost = static_cast<std::size_t>(std::numeric_limits<int>::max());
+      if (total > 0 && total <= kMost && !counting) {
+        counting = true;
+        bar.emplace(static_cast<int>(total), "vertices");
+      }
+      bar->update(counting ? static_cast<int>(std::min<std::size_t>(progress.done, total)) : 0);
+    } while (running.wait_for(100ms) != std::future_status::ready);
   }
   return running.get();
 }
@@ -107,22 +114,31 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
   }
   auto output = OutputFile::create(options.output);
   if (!output) return tl::unexpected(output.error());
-  const auto model = load_model(options.model);
-  if (!model) return tl::unexpected(model.error());
-  // What was stored before is replaced: the user need not hear that it does not fit.
-  Model plain = *model;
-  for (Mesh& mesh : plain.meshes) mesh.shadow_kernels.clear();
-  plain.shadow_kernel_up.reset();
   double time_ms = 0.0;
-  const KernelFile kernels = with_progress(
-      [&] {
-        const ShadowMesh mesh = make_shadow_mesh(plain);
+  Model plain;
+  KernelFile kernels;
+  KernelProgress progress;
+  const Result<void> made = with_progress(
+      [&]() -> Result<void> {
+        auto model = load_model(options.model);
+        if (!model) return tl::unexpected(model.error());
+        if (const auto checked = check_groups(*model, options.groups); !checked) {
+          return fail("{}: {}", options.model.string(), checked.error().message);
+        }
+        // What was stored before is replaced: the user need not hear that it does not fit.
+        plain = std::move(*model);
+        for (Mesh& mesh : plain.meshes) mesh.shadow_kernels.clear();
+        plain.shadow_kernel_up.reset();
+        const ShadowMesh mesh = make_shadow_mesh(plain, options.groups);
         const Stopwatch watch;
-        const ShadowKernels made = generate_kernels(mesh, options.direction, options.source);
+        const ShadowKernels set =
+            generate_kernels(mesh, options.direction, options.source, &progress);
         time_ms = watch.elapsed().wall_ms;
-        return kernels_to_keep(plain, mesh, made);
+        kernels = kernels_to_keep(plain, mesh, set);
+        return {};
       },
-      plain.triangle_count());
+      progress);
+  if (!made) return tl::unexpected(made.error());
   const auto bytes = encode(options, plain, kernels);
   if (!bytes) return tl::unexpected(bytes.error());
   if (const auto done = write_file(output->partial(), *bytes); !done) {
@@ -154,6 +170,12 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
       ->capture_default_str()
       ->type_name("KERNELS");
   command
+      ->add_option("--group", options->groups,
+                   "Parts that share one light: all, or a glTF node or mesh or OBJ object by its "
+                   "name (* and ? stand for what varies); may be given again for other groups")
+      ->allow_extra_args(false)
+      ->type_name("all|NAME");
+  command
       ->add_option("--output", options->output,
                    "A kernel file, or a model with the attribute _SHADOW_KERNEL, which every "
                    "command then uses")
@@ -162,7 +184,8 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
   command->footer(
       "Example:\n"
       "  penumbra kernels helicopter.glb --output helicopter_kernels.glb\n"
-      "  penumbra kernels helicopter.glb --up 0,0.2,1 --output kernels.json");
+      "  penumbra kernels helicopter.glb --up 0,0.2,1 --output kernels.json\n"
+      "  penumbra kernels house.glb --group \"brick*\" --output house_kernels.glb");
   command->callback([options, &chosen] {
     const std::string extension = lower_extension(options->output);
     if (extension != ".json" && extension != ".glb") {

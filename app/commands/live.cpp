@@ -20,7 +20,7 @@ struct LiveOptions {
   LiveRequest request;
   std::optional<std::filesystem::path> calibration, tags, scene;
   ShadowChoice shadow;
-  bool no_skip = false, no_window = false, no_vsync = false;
+  bool no_skip = false, no_window = false, no_vsync = false, no_hud = false;
 };
 
 Result<ExitCode> live(const LiveOptions& options) {
@@ -44,17 +44,17 @@ Result<ExitCode> live(const LiveOptions& options) {
     request.tags = *resources / "recordings" / "tabletop" / "tags.yaml";
   }
   request.scene = options.scene ? *options.scene : *resources / "scenes" / "default.json";
-  request.plan.technique = options.shadow.technique;
-  request.plan.kernels = options.shadow.kernels;
+  request.kernel_file = options.shadow.kernel_file;
   request.plan.skip = !options.no_skip;
   request.window = !options.no_window;
+  request.viewer.hud = !options.no_hud;
   request.vsync = !options.no_vsync;
 
   const auto report = run_live(request);
   if (!report) return tl::unexpected(report.error());
   fmt::print("{}", report_table(*report));
   // Without a duration, Ctrl-C is how a session ends.
-  return report->interrupted && request.duration_s ? ExitCode::interrupted : ExitCode::success;
+  return ExitCode::success;
 }
 
 void read_size(const std::string& text, LiveRequest& request) {
@@ -159,13 +159,18 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_flag("--no-skip", options->no_skip,
                     "Do all work, also what can't be seen; the results are the same");
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
+  command->add_flag("--no-hud", options->no_hud,
+                    "The window's HUD is hidden at first (H shows it)");
   command->add_flag("--no-vsync", options->no_vsync,
                     "Show frames at once: less latency, perhaps torn");
   command->footer(
-      "In the window: space pauses, Esc or q closes. Ctrl-C ends cleanly.\n\n"
+      "In the window: F1 lists the keys, space pauses, Esc or q closes. Ctrl-C ends cleanly.\n\n"
       "Example:\n"
       "  penumbra live --calibration camera.yaml --record session");
-  command->callback([options, &chosen] { chosen = [options] { return live(*options); }; });
+  command->callback([options, &chosen] {
+    apply(options->shadow, options->request.plan);  // wrong usage ends here
+    chosen = [options] { return live(*options); };
+  });
 }
 
 }  // namespace penumbra

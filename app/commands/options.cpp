@@ -47,7 +47,7 @@ void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
                                                                  name, known_techniques()));
             }
             choice.technique = technique;
-            if (name == kCocl) choice.kernels = KernelSource::centroid;
+            choice.cocl = name == kCocl;
           },
           fmt::format("Technique of every shadow in place of the scene's: {}", known_techniques()))
       ->type_name("TECHNIQUE");
@@ -55,17 +55,75 @@ void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
       .add_option_function<std::string>(
           "--kernels",
           [&choice](const std::string& name) {
-            choice.kernels = kernel_source_from_string(name);
-            if (!choice.kernels) {
-              throw CLI::ValidationError("--kernels", fmt::format("{}: no such kernels; known: {}",
-                                                                  name, known_kernels()));
-            }
+            const KernelChoice given = kernel_choice_from(name);
+            choice.kernels = given.source;
+            choice.kernel_file = given.file;
           },
           fmt::format("Shadow kernels in place of the scene's: {} (auto: from the silhouette, for "
                       "each part; smooth: the same, blended; per-axis: from the sets of the three "
-                      "axes; cocl: one for the whole object)",
+                      "axes; cocl: one for the whole object), or a kernel file for the objects of "
+                      "as many vertices",
                       known_kernels()))
-      ->type_name("KERNELS");
+      ->type_name("KERNELS|FILE.json");
+  command
+      .add_option_function<std::string>(
+          "--light-mode",
+          [&choice](const std::string& name) { choice.light_mode = light_mode_choice_from(name); },
+          "Light of layered shadows in place of the scene's: proportional (for each part by its "
+          "thickness) or fixed (one size)")
+      ->type_name("proportional|fixed");
+  command
+      .add_option_function<std::string>(
+          "--proxy",
+          [&choice](const std::string& name) {
+            if (name != "auto" && name != "none") {
+              throw CLI::ValidationError("--proxy",
+                                         fmt::format("{}: is neither auto nor none", name));
+            }
+            choice.proxies = name == "auto";
+          },
+          "auto: a reduced mesh casts a layered shadow where that agrees with the model's to 0.98, "
+          "unless the scene says otherwise; none: every object casts with its own mesh")
+      ->type_name("auto|none")
+      ->default_str("auto");
+}
+
+KernelChoice kernel_choice_from(const std::string& text) {
+  if (const auto source = kernel_source_from_string(text)) return {*source, std::nullopt};
+  std::error_code ignored;
+  if (std::filesystem::path(text).has_extension() || std::filesystem::exists(text, ignored)) {
+    return {KernelSource::automatic, text};
+  }
+  throw CLI::ValidationError(
+      "--kernels", fmt::format("{}: no such kernels; known: {}, or a kernel file (.json)", text,
+                               known_kernels()));
+}
+
+LightMode light_mode_choice_from(const std::string& text) {
+  const auto mode = light_mode_from_string(text);
+  if (!mode) {
+    throw CLI::ValidationError("--light-mode",
+                               fmt::format("{}: no such mode; known: proportional, fixed", text));
+  }
+  return *mode;
+}
+
+void apply(const ShadowChoice& choice, PlanOptions& plan) {
+  plan.technique = choice.technique;
+  plan.kernels = choice.kernels;
+  plan.light_mode = choice.light_mode;
+  plan.proxies = choice.proxies;
+  if (choice.cocl) {
+    if (choice.kernel_file || (choice.kernels && *choice.kernels != KernelSource::automatic &&
+                               *choice.kernels != KernelSource::centroid)) {
+      throw CLI::ValidationError("--shadow", "cocl has kernels of its own; leave out --kernels");
+    }
+    plan.kernels = KernelSource::centroid;
+  }
+  if (plan.light_mode == LightMode::fixed && plan.kernels == KernelSource::centroid) {
+    throw CLI::ValidationError("--light-mode",
+                               "fixed needs kernels with a thickness; cocl has none");
+  }
 }
 
 void add_tracking_option(CLI::App& command, TrackingMode& mode) {

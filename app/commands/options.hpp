@@ -1,10 +1,12 @@
 // Options that several commands share.
 #pragma once
 
+#include <filesystem>
 #include <optional>
 #include <string>
 
 #include "app/run_outputs.hpp"
+#include "render/frame_plan.hpp"
 #include "render/shadow/technique.hpp"
 #include "tracking/table_tracker.hpp"
 
@@ -14,12 +16,29 @@ class App;
 
 namespace penumbra {
 
-// --shadow and --kernels. "cocl" is the layered technique with one kernel per object.
+// --shadow, --kernels, --light-mode and --proxy. "cocl" is the layered technique with one kernel
+// per object.
 struct ShadowChoice {
   std::optional<ShadowTechnique> technique;
+  bool cocl = false;  // by --shadow
   std::optional<KernelSource> kernels;
+  std::optional<std::filesystem::path> kernel_file;  // in place of a source
+  std::optional<LightMode> light_mode;
+  bool proxies = true;
 };
 void add_shadow_options(CLI::App& command, ShadowChoice& choice);
+// Over those of the scene. Throws CLI::ValidationError where the options contradict each other.
+void apply(const ShadowChoice& choice, PlanOptions& plan);
+
+// Where kernels come from, by the words of --kernels: a source, or the kernel file in its place.
+// Throws CLI::ValidationError.
+struct KernelChoice {
+  KernelSource source = KernelSource::automatic;
+  std::optional<std::filesystem::path> file;
+};
+[[nodiscard]] KernelChoice kernel_choice_from(const std::string& text);
+// Throws CLI::ValidationError.
+[[nodiscard]] LightMode light_mode_choice_from(const std::string& text);
 
 // --tracking.
 void add_tracking_option(CLI::App& command, TrackingMode& mode);
@@ -30,9 +49,6 @@ void add_output_options(CLI::App& command, OutputRequest& request);
 // Every word that --shadow takes, from the list in render/shadow/technique.hpp.
 [[nodiscard]] std::string known_techniques();
 // Every word that --kernels takes, from the same place.
-[[nodiscard]] std::string known_kernels();
-
-// Every word that --kernels takes.
 [[nodiscard]] std::string known_kernels();
 
 // --version and --log-level.

@@ -21,7 +21,7 @@ struct ReplayOptions {
   std::optional<std::filesystem::path> scene;
   ShadowChoice shadow;
   bool no_skip = false;
-  bool no_window = false;
+  bool no_window = false, no_hud = false, no_edits = false;
 };
 
 Result<ExitCode> replay(const ReplayOptions& options) {
@@ -33,15 +33,16 @@ Result<ExitCode> replay(const ReplayOptions& options) {
     if (!resources) return tl::unexpected(resources.error());
     request.scene = *resources / "scenes" / "default.json";
   }
-  request.plan.technique = options.shadow.technique;
-  request.plan.kernels = options.shadow.kernels;
+  request.kernel_file = options.shadow.kernel_file;
   request.plan.skip = !options.no_skip;
   request.window = !options.no_window;
+  request.viewer.hud = !options.no_hud;
+  request.edits = !options.no_edits;
 
   const auto report = run_replay(request);
   if (!report) return tl::unexpected(report.error());
   fmt::print("{}", report_table(*report));
-  return report->interrupted ? ExitCode::interrupted : ExitCode::success;
+  return ExitCode::success;
 }
 
 }  // namespace
@@ -80,12 +81,12 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
             }
             request.frames = *range;
           },
-          "Only frames A to B - 1; either may be left out")
+          "Only frames numbered A to B - 1; either may be left out")
       ->type_name("A:B");
   command
       ->add_option("--threads", request.threads,
-                   "1: everything on one thread; more: frames are decoded ahead. The results are "
-                   "the same")
+                   "1: one stage after another; more: frames are decoded, tracked, drawn and "
+                   "encoded side by side. The results are the same")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str()
       ->type_name("N");
@@ -94,14 +95,21 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_flag("--realtime", request.realtime,
                     "At the pace it was recorded (always so in a window)");
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
+  command->add_flag("--no-hud", options->no_hud,
+                    "The window's HUD is hidden at first (H shows it)");
+  command->add_flag("--no-edits", options->no_edits,
+                    "Leave out what was moved and changed while it was recorded");
   command->footer(
-      "In the window: space pauses, Esc or q closes.\n"
-      "Ctrl-C ends early with exit code 130; the files hold the frames up to then.\n\n"
+      "In the window: F1 lists the keys, space pauses, Esc or q closes.\n"
+      "Ctrl-C ends early; the files hold the frames up to then, and the report says so.\n\n"
       "Example:\n"
       "  penumbra replay recordings/tabletop --output out.mkv --poses out.tum --report "
       "report.json\n"
       "  penumbra replay recordings/tabletop --shadow volume --output volume.mp4");
-  command->callback([options, &chosen] { chosen = [options] { return replay(*options); }; });
+  command->callback([options, &chosen] {
+    apply(options->shadow, options->request.plan);  // wrong usage ends here
+    chosen = [options] { return replay(*options); };
+  });
 }
 
 }  // namespace penumbra

@@ -25,14 +25,15 @@
 #include "render/shadow/fixed_light.hpp"
 #include "render/shadow/kernel_file.hpp"
 #include "render/shadow/layer_polygons.hpp"
+#include "render/shadow/part_groups.hpp"
 #include "render/shadow/power_distance.hpp"
 #include "render/shadow/projected_shadow.hpp"
+#include "render/shadow/shadow_proxy.hpp"
 #include "render/shadow/twist.hpp"
 
 namespace penumbra {
 namespace {
 
-constexpr int kFieldCells = 512;  // along the longer side: offline, time is no matter
 constexpr std::array<std::pair<ShadowLayer, const char*>, 3> kLayerNames = {
     {{ShadowLayer::umbra, "umbra"},
      {ShadowLayer::middle, "middle"},
@@ -47,6 +48,8 @@ struct ShadowOptions {
   std::string technique = "layered";
   std::string kernels = "auto";
   std::string light_mode = "proportional";
+  std::vector<std::string> groups;
+  std::string proxy = "none";
   std::string up;
   std::string light_height;
   std::optional<double> light_ratio;
@@ -70,6 +73,9 @@ struct ShadowJob {
   KernelSource source = KernelSource::automatic;
   std::filesystem::path kernel_file;  // in place of the source
   bool fixed_light = false;
+  std::vector<std::string> groups;  // of parts that are one
+  ProxyMode proxy = ProxyMode::none;
+  std::filesystem::path proxy_file;
   UpAxis up = UpAxis::by_format;
   LayeredConstants constants;
   Placement placement;
@@ -191,23 +197,21 @@ ShadowJob job_from(const ShadowOptions& options) {
   if (!options.light.empty() && job.technique != ShadowJob::Technique::hard) {
     wrong(kLightOption, "is for --technique hard; layers take --light-height");
   }
-  if (const auto source = kernel_source_from_string(kernels)) {
-    job.source = *source;
-  } else if (std::filesystem::path(kernels).has_extension() || std::filesystem::exists(kernels)) {
-    job.kernel_file = kernels;
-  } else {
-    wrong("--kernels", fmt::format("{}: no such kernels; known: auto, smooth, per-axis, cocl, or a "
-                                   "kernel file (.json)",
-                                   kernels));
+  const KernelChoice chosen = kernel_choice_from(kernels);
+  job.source = chosen.source;
+  if (chosen.file) job.kernel_file = *chosen.file;
+  job.fixed_light = light_mode_choice_from(options.light_mode) == LightMode::fixed;
+  if (job.fixed_light && job.technique == ShadowJob::Technique::layered &&
+      job.source == KernelSource::centroid) {
+    wrong("--light-mode", "fixed needs kernels with a thickness; cocl has none");
   }
-  if (options.light_mode == "fixed") {
-    job.fixed_light = true;
-    if (job.technique == ShadowJob::Technique::layered && job.source == KernelSource::centroid) {
-      wrong("--light-mode", "fixed needs kernels with a thickness; cocl has none");
+  job.groups = options.groups;
+  if (options.proxy != "none") {
+    if (job.technique != ShadowJob::Technique::layered) {
+      wrong("--proxy", "is for layered shadows; leave it out");
     }
-  } else if (options.light_mode != "proportional") {
-    wrong("--light-mode",
-          fmt::format("{}: no such mode; known: proportional, fixed", options.light_mode));
+    job.proxy = options.proxy == "auto" ? ProxyMode::automatic : ProxyMode::model;
+    if (job.proxy == ProxyMode::model) job.proxy_file = options.proxy;
   }
   if (options.up == "y") job.up = UpAxis::y;
   if (options.up == "z") job.up = UpAxis::z;
@@ -231,6 +235,13 @@ ShadowJob job_from(const ShadowOptions& options) {
   return job;
 }
 
+// What the proxy does, told in JSON and in the table.
+struct ProxyResult {
+  std::size_t faces = 0;  // 0: none was made
+  bool used = false;
+  ProxyAgreement agreement;
+};
+
 struct ShadowResult {
   std::vector<ShadowPicture::Layer> layers;  // umbra, middle, penumbra; or shadow
   LayerOutline object;
@@ -240,17 +251,19 @@ struct ShadowResult {
   std::size_t twisted_faces = 0;
   std::size_t faces = 0;
   std::size_t vertices = 0;
+  std::size_t parts = 0;
+  ProxyResult proxy;
 };
 
-struct KernelChoice {
+struct KernelSet {
   ShadowKernels kernels;
   std::string source;
   double time_ms = 0.0;
 };
 
-KernelChoice choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from_file) {
+KernelSet choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from_file) {
   const Eigen::Vector3d up = up_in_object(job.placement, job.plane);
-  KernelChoice choice;
+  KernelSet choice;
   const Stopwatch watch;
   if (from_file) {
     choice.kernels = stored_kernels_of(mesh);
@@ -269,12 +282,6 @@ KernelChoice choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool f
   }
   choice.time_ms = watch.elapsed().wall_ms;
   return choice;
-}
-
-// Kernels that were kept have no radii: those of the discs made for the same direction serve.
-void complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up) {
-  if (kernels.radius.size() == mesh.positions.size()) return;
-  kernels.radius = generate_kernels(mesh, up, KernelSource::automatic).radius;
 }
 
 Result<void> add_layer(ShadowResult& result, const std::string& name,
@@ -301,6 +308,15 @@ std::size_t count_twists(std::span<const CasterVertex> vertices,
   return find_twists(vertices, indices, least, greatest).faces_twisted;
 }
 
+// Nothing where the mesh is not worth reducing.
+Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const ShadowMesh& mesh) {
+  if (job.proxy == ProxyMode::automatic) return simplified_caster(mesh);
+  if (job.proxy == ProxyMode::none) return std::optional<ShadowProxy>();
+  const auto model = load_model(job.proxy_file, job.up);
+  if (!model) return tl::unexpected(model.error());
+  return std::optional<ShadowProxy>(proxy_from_model(mesh, *model));
+}
+
 Result<ShadowResult> compute_shadow(const ShadowJob& job) {
   auto model = load_model(job.model, job.up);
   if (!model) return tl::unexpected(model.error());
@@ -313,12 +329,16 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
     from_file = *taken;
   }
   for (const std::string& warning : model->warnings) spdlog::warn("{}", warning);
-  const ShadowMesh mesh = make_shadow_mesh(*model);
+  if (const auto checked = check_groups(*model, job.groups); !checked) {
+    return fail("{}: {}", job.model.string(), checked.error().message);
+  }
+  const ShadowMesh mesh = make_shadow_mesh(*model, job.groups);
   const bool layered = job.technique == ShadowJob::Technique::layered;
   ShadowResult result;
   result.faces = mesh.indices.size() / 3;
   result.vertices = mesh.positions.size();
-  KernelChoice choice;
+  result.parts = mesh.part_count;
+  KernelSet choice;
   if (layered) {
     choice = choose_kernels(job, mesh, from_file);
     result.kernel_source = choice.source;
@@ -326,7 +346,7 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
   } else {
     choice.kernels.kernels = mesh.positions;
   }
-  const auto vertices = place_caster(mesh, choice.kernels, job.placement, job.plane);
+  auto vertices = place_caster(mesh, choice.kernels, job.placement, job.plane);
   auto object = union_of_triangles(orthogonal_triangles(vertices, mesh.indices));
   if (!object) return tl::unexpected(object.error());
   result.object = *object;
@@ -341,31 +361,53 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
       return tl::unexpected(added.error());
     }
   } else if (job.technique == ShadowJob::Technique::field) {
+    // With as many cells as the renderer uses: what is written is what is painted.
     const ShadowField field =
         power_distance_layers(vertices, mesh.indices, mesh.part,
                               part_lights(part_discs(mesh, up_in_object(job.placement, job.plane)),
                                           job.placement, job.plane),
-                              job.constants, {.cells = kFieldCells});
+                              job.constants);
     for (const auto& [layer, name] : kLayerNames) {
       if (const auto added = add_layer(result, name, field_triangles(field, layer)); !added) {
         return tl::unexpected(added.error());
       }
     }
   } else {
+    const Eigen::Vector3d up = up_in_object(job.placement, job.plane);
+    std::vector<PartDisc> parts;
+    if (job.fixed_light) {
+      complete_radii(choice.kernels, mesh, up);
+      parts = part_discs(mesh, up);
+    }
+    const auto proxy = make_proxy(job, mesh);
+    if (!proxy) return tl::unexpected(proxy.error());
+    if (*proxy) {
+      const ProxyUse use{job.constants,
+                         job.fixed_light ? LightMode::fixed : LightMode::proportional,
+                         job.placement.scale};
+      // For the tilt of this shadow, which stored kernels are near.
+      ShadowKernels at_tilt = choice.kernels;
+      at_tilt.up = up;
+      result.proxy.agreement = compare_with_proxy(mesh, at_tilt, parts, **proxy, use, true);
+      result.proxy.faces = (*proxy)->mesh.indices.size() / 3;
+      result.proxy.used = result.proxy.agreement.kept();
+    }
+    const bool reduced = result.proxy.used;
+    const ShadowMesh& caster = reduced ? (*proxy)->mesh : mesh;
+    if (reduced) choice.kernels = carried_kernels(**proxy, choice.kernels);
+    if (reduced) vertices = place_caster(caster, choice.kernels, job.placement, job.plane);
     std::vector<VertexDisc> discs;
     if (job.fixed_light) {
-      const Eigen::Vector3d up = up_in_object(job.placement, job.plane);
-      complete_radii(choice.kernels, mesh, up);
-      discs = vertex_discs(mesh, choice.kernels, part_discs(mesh, up), job.placement.scale);
-      result.twisted_faces = fixed_light_twists(vertices, discs, mesh.indices, job.constants);
+      discs = vertex_discs(caster, choice.kernels, parts, job.placement.scale);
+      result.twisted_faces = fixed_light_twists(vertices, discs, caster.indices, job.constants);
     } else {
-      result.twisted_faces = count_twists(vertices, mesh.indices, job.constants);
+      result.twisted_faces = count_twists(vertices, caster.indices, job.constants);
     }
     for (const auto& [layer, name] : kLayerNames) {
       const auto triangles =
           job.fixed_light
-              ? fixed_light_triangles(vertices, discs, mesh.indices, job.constants, layer)
-              : layer_triangles(vertices, mesh.indices, job.constants, layer);
+              ? fixed_light_triangles(vertices, discs, caster.indices, job.constants, layer)
+              : layer_triangles(vertices, caster.indices, job.constants, layer);
       if (const auto added = add_layer(result, name, triangles); !added) {
         return tl::unexpected(added.error());
       }
@@ -417,6 +459,21 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
   }
   json["kernels"] = {{"source", result.kernel_source}, {"time_ms", result.kernel_ms}};
   json["twisted_faces"] = result.twisted_faces;
+  if (job.proxy != ProxyMode::none) {
+    auto& proxy = json["proxy"];
+    proxy["used"] = result.proxy.used;
+    proxy["faces"] = result.proxy.faces;
+    proxy["of_faces"] = result.faces;
+    proxy["least_iou"] = kLeastProxyAgreement;
+    auto& heights = proxy["heights"] = nlohmann::ordered_json::array();
+    for (std::size_t i = 0; result.proxy.faces > 0 && i < kProxyHeights.size(); ++i) {
+      auto& height = heights.emplace_back();
+      height["umbra_heights"] = kProxyHeights[i];
+      for (std::size_t layer = 0; layer < kLayerNames.size(); ++layer) {
+        height["iou"][kLayerNames[layer].second] = result.proxy.agreement.iou[i][layer];
+      }
+    }
+  }
   return json.dump() + "\n";
 }
 
@@ -429,6 +486,7 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
                          job.constants.light_height, job.constants.light_ratio,
                          job.constants.umbra_height);
   }
+  if (!job.groups.empty()) table += fmt::format("parts: {}\n", result.parts);
   table += "layer      area [cm2]  pieces  holes\n";
   for (const ShadowPicture::Layer& layer : result.layers) {
     std::size_t holes = 0;
@@ -438,7 +496,15 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
   }
   if (job.technique == ShadowJob::Technique::layered) {
     table += fmt::format("kernels: {}, {:.2f} ms; twisted faces: {} of {}\n", result.kernel_source,
-                         result.kernel_ms, result.twisted_faces, result.faces);
+                         result.kernel_ms, result.twisted_faces,
+                         result.proxy.used ? result.proxy.faces : result.faces);
+  }
+  if (job.proxy != ProxyMode::none) {
+    table +=
+        result.proxy.faces == 0
+            ? fmt::format("proxy: none, {} faces are not worth reducing\n", result.faces)
+            : fmt::format("proxy: {} faces, its layers agree to {:.4f}: {}\n", result.proxy.faces,
+                          result.proxy.agreement.least(), result.proxy.used ? "used" : "not used");
   }
   return table;
 }
@@ -460,7 +526,8 @@ ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result) {
 }
 
 Result<ExitCode> run_shadow(const ShadowJob& job) {
-  if (job.constants.light_ratio <= 1.0 && job.technique == ShadowJob::Technique::layered) {
+  if (job.constants.light_ratio <= 1.0 && (job.technique == ShadowJob::Technique::layered ||
+                                           job.technique == ShadowJob::Technique::field)) {
     spdlog::warn("a = {:g}: the umbra never vanishes; the usual light has a > 1",
                  job.constants.light_ratio);
   }
@@ -531,6 +598,19 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
                    "proportional: a light for each part by its thickness; fixed: one size of light")
       ->capture_default_str()
       ->type_name("proportional|fixed");
+  command
+      ->add_option("--group", options->groups,
+                   "Parts that share one light: all, or a glTF node or mesh or OBJ object by its "
+                   "name (* and ? stand for what varies); may be given again for other groups")
+      ->allow_extra_args(false)
+      ->type_name("all|NAME");
+  command
+      ->add_option(
+          "--proxy", options->proxy,
+          "A reduced mesh that casts where its layers agree with the model's to 0.98: auto "
+          "(made from the model), none, or a model file")
+      ->capture_default_str()
+      ->type_name("auto|none|FILE");
   command
       ->add_option("--pose", options->pose,
                    "The object in the world: metres and a unit quaternion (default: as it is)")

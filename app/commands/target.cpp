@@ -6,6 +6,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 #include <memory>
+#include <optional>
 
 #include "app/capture/recording_source.hpp"
 #include "app/commands/command.hpp"
@@ -22,45 +23,88 @@ struct TargetOptions {
   std::string page = "a4";
   std::string family = "tag36h11";
   double measured_mm = 100.0;
-  TagBoard board;
+  std::string type = "tags";
+  int first_id = 0;
+  // Each type has its own, where none is given.
+  std::optional<int> columns;
+  std::optional<int> rows;
+  std::optional<double> tag_size_m;
+  std::optional<double> pitch_m;
+  std::optional<double> spacing;
+  std::optional<double> square_m;
 };
 
-struct Target {
-  TagBoard board;
+struct ChosenSheet {
+  SheetTarget target;
   PageSize page;
-  TagMap map;
   std::filesystem::path sheet;
   std::filesystem::path tags;
 };
 
+SheetTarget sheet_target_of(const TargetOptions& options, TagFamily family) {
+  if (options.type == "aprilgrid") {
+    AprilGrid grid;
+    grid.columns = options.columns.value_or(grid.columns);
+    grid.rows = options.rows.value_or(4);
+    grid.tag_size_m = options.tag_size_m.value_or(grid.tag_size_m);
+    grid.spacing = options.spacing.value_or(grid.spacing);
+    grid.family = family;
+    grid.first_id = options.first_id;
+    return grid;
+  }
+  if (options.type == "charuco") {
+    CharucoBoard board;
+    board.columns = options.columns.value_or(board.columns);
+    board.rows = options.rows.value_or(board.rows);
+    board.square_m = options.square_m.value_or(board.square_m);
+    board.tag_m = options.tag_size_m.value_or(0.73 * board.square_m);
+    board.family = family;
+    board.first_id = options.first_id;
+    return board;
+  }
+  if (options.type == "chessboard") {
+    ChessboardSheet board;
+    board.inner_columns = options.columns.value_or(board.inner_columns);
+    board.inner_rows = options.rows.value_or(board.inner_rows);
+    board.square_m = options.square_m.value_or(board.square_m);
+    return board;
+  }
+  TagBoard board;
+  board.columns = options.columns.value_or(board.columns);
+  board.rows = options.rows.value_or(board.rows);
+  board.tag_size_m = options.tag_size_m.value_or(board.tag_size_m);
+  board.pitch_m = options.pitch_m.value_or(board.pitch_m);
+  board.family = family;
+  board.first_id = options.first_id;
+  return board;
+}
+
 // Whatever is wrong here is wrong usage: nothing but the options is looked at.
-Target target_of(const TargetOptions& options) {
-  TagBoard board = options.board;
+ChosenSheet target_of(const TargetOptions& options) {
   const auto family = tag_family_from_string(options.family);
   if (!family) {
     throw CLI::ValidationError(
         "--family", fmt::format("'{}' is not known; use a family of libapriltag, such as tag36h11",
                                 options.family));
   }
-  board.family = *family;
+  const SheetTarget target = sheet_target_of(options, *family);
   const auto page = page_size_from_string(options.page);
   if (!page) throw CLI::ValidationError("--page", page.error().message);
-  auto map = tag_map_of(board, options.measured_mm / 100.0);
-  if (!map) throw CLI::ValidationError(map.error().message);
-  if (const auto fits = check_fits(board, *page); !fits) {
+  if (const auto fits = check_fits(target, *page); !fits) {
     throw CLI::ValidationError(fits.error().message);
   }
   std::filesystem::path tags = options.tags;
-  if (tags.empty()) tags = options.output.parent_path() / "tags.yaml";
+  if (tags.empty())
+    tags = options.output.parent_path() / (options.type == "tags" ? "tags.yaml" : "target.yaml");
   if (same_path(options.output, tags)) {
     throw CLI::ValidationError(
         "--output", fmt::format("{}: is the file of the tags too (--tags); name two files",
                                 options.output.string()));
   }
-  return {board, *page, std::move(*map), options.output, tags};
+  return {target, *page, options.output, tags};
 }
 
-Result<ExitCode> run_target(const TargetOptions& options, const Target& target) {
+Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& target) {
   const std::filesystem::path& tags_file = target.tags;
   for (const std::filesystem::path& file : {target.sheet, target.tags}) {
     const std::filesystem::path folder = std::filesystem::absolute(file).parent_path();
@@ -73,15 +117,17 @@ Result<ExitCode> run_target(const TargetOptions& options, const Target& target) 
   if (!sheet) return tl::unexpected(sheet.error());
   auto tags = OutputFile::create(tags_file);
   if (!tags) return tl::unexpected(tags.error());
-  if (const auto written = write_tag_board(sheet->partial(), target.board, target.page); !written) {
+  if (const auto written = write_sheet(sheet->partial(), target.target, target.page); !written) {
     return tl::unexpected(written.error());
   }
-  if (const auto written = save_tag_map(tags->partial(), target.map); !written) {
+  if (const auto written = save_target(tags->partial(), target.target, options.measured_mm / 100.0);
+      !written) {
     return tl::unexpected(written.error());
   }
   if (const auto done = sheet->commit(); !done) return tl::unexpected(done.error());
   if (const auto done = tags->commit(); !done) return tl::unexpected(done.error());
-  fmt::print("sheet: {}\ntags: {}\n", target.sheet.string(), tags_file.string());
+  fmt::print("sheet: {}\n{}: {}\n", target.sheet.string(),
+             options.type == "tags" ? "tags" : "target", tags_file.string());
   if (options.measured_mm == 100.0) {
     fmt::print(
         "Print at 100 %. Measure the ruler: if it is not 100 mm, say so with --measured MM.\n");
@@ -93,46 +139,68 @@ Result<ExitCode> run_target(const TargetOptions& options, const Target& target) 
 
 void add_target_command(CLI::App& program, ChosenCommand& chosen) {
   CLI::App* command = program.add_subcommand(
-      "target", "Make a sheet of tags to print at true scale, with its tags.yaml");
+      "target", "Make a sheet to print at true scale, with the file that says what is on it");
   add_common_options(*command);
   const auto options = std::make_shared<TargetOptions>();
-  TagBoard& board = options->board;
   command->add_option("--output", options->output, "The sheet")->required()->type_name("FILE.pdf");
   command
       ->add_option("--tags", options->tags,
-                   "What lies on the sheet (default: tags.yaml beside the sheet)")
+                   "What lies on the sheet (default: tags.yaml, or target.yaml, beside the sheet)")
       ->type_name("FILE.yaml");
   command
       ->add_option("--page", options->page,
                    "a0 to a5, letter, legal, tabloid, or WIDTHxHEIGHT in millimetres")
       ->capture_default_str();
   command->add_option("--family", options->family, "Tag family")->capture_default_str();
-  command->add_option("--first-id", board.first_id, "Id of the top left tag")
+  command
+      ->add_option("--type", options->type,
+                   "tags: a table to track on; to calibrate from: aprilgrid, charuco (tags in a "
+                   "chessboard), chessboard")
+      ->check(CLI::IsMember({"tags", "aprilgrid", "charuco", "chessboard"}))
+      ->capture_default_str();
+  command->add_option("--first-id", options->first_id, "Id of the first tag")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  command->add_option("--columns", board.columns, "Tags across")
-      ->check(CLI::Range(1, 100))
-      ->capture_default_str();
-  command->add_option("--rows", board.rows, "Tags down")
-      ->check(CLI::Range(1, 100))
-      ->capture_default_str();
   command
-      ->add_option("--tag-size", board.tag_size_m,
-                   "Edge of a tag's black square, white margin not included [m]")
-      ->check(CLI::Range(0.001, 2.0))
-      ->capture_default_str();
-  command->add_option("--pitch", board.pitch_m, "From one tag's centre to the next [m]")
-      ->check(CLI::Range(0.001, 10.0))
-      ->capture_default_str();
+      ->add_option("--columns", options->columns,
+                   "Tags or squares across; of a chessboard: inner corners (4, 6, 8, 9)")
+      ->check(CLI::Range(1, 100));
+  command
+      ->add_option("--rows", options->rows,
+                   "Tags or squares down; of a chessboard: inner corners (3, 4, 6, 6)")
+      ->check(CLI::Range(1, 100));
+  command
+      ->add_option(
+          "--tag-size", options->tag_size_m,
+          "Edge of a tag's black square, white margin not included [m] (0.04, 0.03, 0.0219)")
+      ->check(CLI::Range(0.001, 2.0));
+  command
+      ->add_option("--pitch", options->pitch_m, "tags: from one's centre to the next [m] (0.055)")
+      ->check(CLI::Range(0.001, 10.0));
+  command
+      ->add_option("--spacing", options->spacing,
+                   "aprilgrid: gap between tags over their size (0.3)")
+      ->check(CLI::Range(0.01, 10.0));
+  command
+      ->add_option("--square", options->square_m,
+                   "charuco, chessboard: edge of a square [m] (0.03, 0.022)")
+      ->check(CLI::Range(0.001, 2.0));
   command
       ->add_option("--measured", options->measured_mm,
-                   "What the sheet's 100 mm ruler measures on paper [mm]: scales tags.yaml")
+                   "What the sheet's 100 mm ruler measures on paper [mm]: scales the file")
       ->check(CLI::Range(50.0, 200.0))
+      ->check([](const std::string& text) {
+        // CLI11's own Range lets "nan" through.
+        return text.find_first_not_of("0123456789.eE+-") == std::string::npos
+                   ? std::string()
+                   : text + " is no number of millimetres";
+      })
       ->capture_default_str();
   command->footer(
       "Example:\n"
       "  penumbra target --output sheet.pdf --page a4\n"
-      "  penumbra target --output sheet.pdf --page a4 --measured 99.2");
+      "  penumbra target --output sheet.pdf --page a4 --measured 99.2\n"
+      "  penumbra target --type aprilgrid --output grid.pdf");
   command->callback([options, &chosen] {
     chosen = [options, target = target_of(*options)] { return run_target(*options, target); };
   });

@@ -24,9 +24,7 @@ Result<OutputFile> OutputFile::create(const fs::path& target) {
   OutputFile file;
   std::error_code error;
   // A link is written through, not replaced.
-  const fs::path resolved =
-      fs::is_symlink(target, error) ? fs::weakly_canonical(target, error) : target;
-  file.target_ = error ? target : resolved;
+  file.target_ = follow_links(target);
   const fs::file_status status = fs::status(file.target_, error);
   if (fs::is_directory(status)) {
     return fail("{}: is a folder; name a file", target.string());
@@ -101,6 +99,18 @@ fs::path partial_path(const fs::path& target, int attempt) {
   fs::path path = target;
   path += fmt::format(".partial-{}-{}", getpid(), attempt);
   return path;
+}
+
+fs::path follow_links(const fs::path& path) {
+  constexpr int kMostLinks = 40;  // as the kernel's own limit
+  fs::path at = path;
+  std::error_code error;
+  for (int i = 0; i < kMostLinks && fs::is_symlink(at, error); ++i) {
+    const fs::path next = fs::read_symlink(at, error);
+    if (error) return path;
+    at = next.is_absolute() ? next : at.parent_path() / next;
+  }
+  return at;
 }
 
 bool same_path(const fs::path& a, const fs::path& b) {

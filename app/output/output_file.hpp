@@ -43,6 +43,10 @@ class OutputFile {
 [[nodiscard]] std::filesystem::path partial_path(const std::filesystem::path& target, int attempt);
 inline constexpr int kPartialAttempts = 1000;
 
+// Where a link leads, link after link, also when there is nothing yet: what is written to a link
+// goes there. Any other path as it is.
+[[nodiscard]] std::filesystem::path follow_links(const std::filesystem::path& path);
+
 // Whether both name the same file or folder, which need not be there yet.
 [[nodiscard]] bool same_path(const std::filesystem::path& a, const std::filesystem::path& b);
 // Whether `path` is `folder` or lies somewhere below it; links are followed.

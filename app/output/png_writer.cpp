@@ -76,7 +76,7 @@ class PngWriter final : public FrameWriter {
   Result<void> prepare() {
     std::error_code error;
     // A link is written through, not replaced.
-    if (fs::is_symlink(folder_, error)) folder_ = fs::weakly_canonical(folder_, error);
+    folder_ = follow_links(folder_);
     const fs::file_status status = fs::status(folder_, error);
     if (fs::exists(status)) {
       if (!fs::is_directory(status)) {
@@ -99,8 +99,14 @@ class PngWriter final : public FrameWriter {
                      std::span<const std::uint8_t> rgba) override {
     PENUMBRA_ASSERT(!finished_);
     any_ = true;
-    return save_png(partial_ / fmt::format("{:06}.png", number), format_.width, format_.height,
-                    rgba);
+    const std::string name = fmt::format("{:06}.png", number);
+    auto saved = save_png(partial_ / name, format_.width, format_.height, rgba);
+    if (saved) return saved;
+    // By the name that the user gave, not by that of the folder that is filled meanwhile.
+    const std::string at = (partial_ / name).string();
+    std::string message = saved.error().message;
+    if (message.starts_with(at)) message = (folder_ / name).string() + message.substr(at.size());
+    return fail("{}; free some space or choose another place", message);
   }
 
   Result<void> finish() override {

@@ -137,7 +137,8 @@ class VideoWriter final : public FrameWriter {
       if (auto made = make_scaler(); !made) return made;
     }
 
-    error = avio_open(&muxer_->pb, file_.partial().c_str(), AVIO_FLAG_WRITE);
+    // "file:": a name with a colon in it is no protocol.
+    error = avio_open(&muxer_->pb, ("file:" + file_.partial().string()).c_str(), AVIO_FLAG_WRITE);
     if (error < 0) return failed("cannot be written", error);
     AVDictionary* mux_options = nullptr;
     // The index goes to the front when the file is finished, so that a browser plays it at once.

@@ -19,6 +19,19 @@ struct GlInfo {
   bool software = false;  // a CPU rasteriser: llvmpipe, softpipe, swrast
 };
 
+// What a person did in the window: a key, the mouse, or a finger (which window systems pass on as
+// the left button).
+struct WindowEvent {
+  enum class Kind { key_down, key_up, button_down, button_up, pointer_moved, scrolled, text };
+  static constexpr int kLeft = 0, kRight = 1, kMiddle = 2;  // buttons
+
+  Kind kind = Kind::key_down;
+  int code = 0;  // GLFW's of the key or button; of text: the Unicode code point
+  bool shift = false, control = false, alt = false;
+  // The pointer, in pixels of the window's framebuffer from its top left corner; scrolled: steps.
+  double x = 0.0, y = 0.0;
+};
+
 class GlContext {
  public:
   GlContext() = default;
@@ -37,8 +50,10 @@ class GlContext {
     int height = 0;
   };
   [[nodiscard]] virtual Size window_size() const = 0;
-  // Called with GLFW's key code when a key goes down.
-  virtual void on_key(std::function<void(int)> handler) = 0;
+  // Called from poll_events().
+  virtual void on_event(std::function<void(const WindowEvent&)> handler) = 0;
+  // To the whole of the screen and back. Offscreen: nothing.
+  virtual void toggle_full_screen() = 0;
 };
 
 [[nodiscard]] Result<std::unique_ptr<GlContext>> create_offscreen_context(GlApi api = GlApi::gl33);

@@ -69,7 +69,8 @@ class EglContext final : public GlContext {
   [[nodiscard]] bool poll_events() override { return true; }
   void swap() override {}
   [[nodiscard]] Size window_size() const override { return {}; }
-  void on_key(std::function<void(int)> /*handler*/) override {}
+  void on_event(std::function<void(const WindowEvent&)> /*handler*/) override {}
+  void toggle_full_screen() override {}
 
  private:
   EGLDisplay display_;

@@ -21,9 +21,25 @@ class GlfwContext final : public GlContext {
  public:
   explicit GlfwContext(GLFWwindow* window) : window_(window) {
     glfwSetWindowUserPointer(window_, this);
-    glfwSetKeyCallback(window_, [](GLFWwindow* w, int key, int, int action, int) {
-      auto* self = static_cast<GlfwContext*>(glfwGetWindowUserPointer(w));
-      if (action == GLFW_PRESS && self->on_key_) self->on_key_(key);
+    glfwSetKeyCallback(window_, [](GLFWwindow* w, int key, int, int action, int modifiers) {
+      if (action == GLFW_REPEAT) return;
+      tell(w, action == GLFW_PRESS ? Kind::key_down : Kind::key_up, key, modifiers);
+    });
+    glfwSetMouseButtonCallback(window_, [](GLFWwindow* w, int button, int action, int modifiers) {
+      tell(w, action == GLFW_PRESS ? Kind::button_down : Kind::button_up, button, modifiers);
+    });
+    glfwSetCursorPosCallback(window_, [](GLFWwindow* w, double, double) {
+      tell(w, Kind::pointer_moved, 0, current_modifiers(w));
+    });
+    glfwSetScrollCallback(window_, [](GLFWwindow* w, double x, double y) {
+      WindowEvent event;
+      event.kind = Kind::scrolled;
+      event.x = x;
+      event.y = y;
+      pass_on(w, event);
+    });
+    glfwSetCharCallback(window_, [](GLFWwindow* w, unsigned code) {
+      tell(w, Kind::text, static_cast<int>(code), 0);
     });
   }
   GlfwContext(const GlfwContext&) = delete;
@@ -47,12 +63,62 @@ class GlfwContext final : public GlContext {
     glfwGetFramebufferSize(window_, &size.width, &size.height);
     return size;
   }
-  void on_key(std::function<void(int)> handler) override { on_key_ = std::move(handler); }
+  void on_event(std::function<void(const WindowEvent&)> handler) override {
+    on_event_ = std::move(handler);
+  }
+  void toggle_full_screen() override {
+    if (glfwGetWindowMonitor(window_) != nullptr) {
+      glfwSetWindowMonitor(window_, nullptr, at_x_, at_y_, at_width_, at_height_, GLFW_DONT_CARE);
+      return;
+    }
+    GLFWmonitor* monitor = glfwGetPrimaryMonitor();
+    const GLFWvidmode* mode = monitor != nullptr ? glfwGetVideoMode(monitor) : nullptr;
+    if (mode == nullptr) return;
+    glfwGetWindowPos(window_, &at_x_, &at_y_);
+    glfwGetWindowSize(window_, &at_width_, &at_height_);
+    glfwSetWindowMonitor(window_, monitor, 0, 0, mode->width, mode->height, mode->refreshRate);
+  }
 
  private:
+  using Kind = WindowEvent::Kind;
+
+  static int current_modifiers(GLFWwindow* window) {
+    const auto down = [window](int left, int right) {
+      return glfwGetKey(window, left) == GLFW_PRESS || glfwGetKey(window, right) == GLFW_PRESS;
+    };
+    return (down(GLFW_KEY_LEFT_SHIFT, GLFW_KEY_RIGHT_SHIFT) ? GLFW_MOD_SHIFT : 0) |
+           (down(GLFW_KEY_LEFT_CONTROL, GLFW_KEY_RIGHT_CONTROL) ? GLFW_MOD_CONTROL : 0) |
+           (down(GLFW_KEY_LEFT_ALT, GLFW_KEY_RIGHT_ALT) ? GLFW_MOD_ALT : 0);
+  }
+  static void pass_on(GLFWwindow* window, const WindowEvent& event) {
+    const auto* self = static_cast<GlfwContext*>(glfwGetWindowUserPointer(window));
+    if (self->on_event_) self->on_event_(event);
+  }
+  // With where the pointer is.
+  static void tell(GLFWwindow* window, Kind kind, int code, int modifiers) {
+    WindowEvent event;
+    event.kind = kind;
+    event.code = code;
+    event.shift = (modifiers & GLFW_MOD_SHIFT) != 0;
+    event.control = (modifiers & GLFW_MOD_CONTROL) != 0;
+    event.alt = (modifiers & GLFW_MOD_ALT) != 0;
+    glfwGetCursorPos(window, &event.x, &event.y);
+    // From screen coordinates to pixels.
+    int width = 0, height = 0, width_px = 0, height_px = 0;
+    glfwGetWindowSize(window, &width, &height);
+    glfwGetFramebufferSize(window, &width_px, &height_px);
+    if (width > 0 && height > 0) {
+      event.x *= static_cast<double>(width_px) / width;
+      event.y *= static_cast<double>(height_px) / height;
+    }
+    pass_on(window, event);
+  }
+
   GLFWwindow* window_;
   GlInfo info_;
-  std::function<void(int)> on_key_;
+  std::function<void(const WindowEvent&)> on_event_;
+  // Where the window was before it filled the screen.
+  int at_x_ = 0, at_y_ = 0, at_width_ = 640, at_height_ = 480;
 };
 
 }  // namespace

@@ -8,12 +8,25 @@
 
 namespace penumbra {
 
+PictureArea picture_area(int picture_width, int picture_height, GlContext::Size window) {
+  const double scale = std::min(static_cast<double>(window.width) / picture_width,
+                                static_cast<double>(window.height) / picture_height);
+  PictureArea area;
+  area.width = std::max(1, static_cast<int>(scale * picture_width + 0.5));
+  area.height = std::max(1, static_cast<int>(scale * picture_height + 0.5));
+  area.x = (window.width - area.width) / 2;
+  area.y = (window.height - area.height) / 2;
+  return area;
+}
+
 Result<Framebuffer> Framebuffer::create(int width, int height) {
   GLint largest = 0;
   glGetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &largest);
   if (width > largest || height > largest) {
-    return fail("a picture of {} x {} px is too large for this graphics driver (at most {} px)",
-                width, height, largest);
+    return fail(
+        "a picture of {} x {} px is too large for this graphics driver (at most {} px); use a "
+        "smaller size",
+        width, height, largest);
   }
   Framebuffer f;
   f.width_ = width;
@@ -59,23 +72,20 @@ void Framebuffer::invalidate_depth_stencil() const {
 
 void Framebuffer::present(GlContext::Size window) const {
   if (window.width <= 0 || window.height <= 0) return;
-  const double scale = std::min(static_cast<double>(window.width) / width_,
-                                static_cast<double>(window.height) / height_);
-  const int w = std::max(1, static_cast<int>(scale * width_ + 0.5));
-  const int h = std::max(1, static_cast<int>(scale * height_ + 0.5));
-  const int x = (window.width - w) / 2;
-  const int y = (window.height - h) / 2;
+  const PictureArea area = picture_area(width_, height_, window);
+  const int bottom = window.height - area.y - area.height;
   glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
   glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_.id());
   glDisable(GL_SCISSOR_TEST);
-  if (w != window.width || h != window.height) {
+  if (area.width != window.width || area.height != window.height) {
     glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
     glClearColor(0.0F, 0.0F, 0.0F, 1.0F);
     glClear(GL_COLOR_BUFFER_BIT);
   }
   // A window's row 0 is its bottom one: turned over here.
-  glBlitFramebuffer(0, 0, width_, height_, x, y + h, x + w, y, GL_COLOR_BUFFER_BIT,
-                    w == width_ && h == height_ ? GL_NEAREST : GL_LINEAR);
+  glBlitFramebuffer(0, 0, width_, height_, area.x, bottom + area.height, area.x + area.width,
+                    bottom, GL_COLOR_BUFFER_BIT,
+                    area.width == width_ && area.height == height_ ? GL_NEAREST : GL_LINEAR);
 }
 
 }  // namespace penumbra

@@ -11,6 +11,14 @@
 
 namespace penumbra {
 
+// The part of a window that a picture fills, as large as fits with its proportions [px], from the
+// window's top left corner.
+struct PictureArea {
+  int x = 0, y = 0, width = 0, height = 0;
+};
+[[nodiscard]] PictureArea picture_area(int picture_width, int picture_height,
+                                       GlContext::Size window);
+
 class Framebuffer {
  public:
   [[nodiscard]] static Result<Framebuffer> create(int width, int height);
@@ -20,7 +28,7 @@ class Framebuffer {
   void read_rgba(std::span<std::uint8_t> rgba) const;
   // Depth and stencil are of no use after the frame; on a tiler this saves writing them out.
   void invalidate_depth_stencil() const;
-  // Into the window's framebuffer, as large as fits with the picture's proportions.
+  // Into the window's framebuffer, at picture_area().
   void present(GlContext::Size window) const;
 
  private:

@@ -3,19 +3,21 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <glm/common.hpp>
 #include <limits>
 #include <map>
 #include <optional>
+#include <set>
 
 #include "core/assert.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/object_pass.hpp"
 #include "render/shadow/caster.hpp"
+#include "render/shadow/fixed_light.hpp"
 #include "render/shadow/kernel_file.hpp"
-#include "render/shadow/twist.hpp"
 
 namespace penumbra {
 namespace {
@@ -24,6 +26,9 @@ namespace {
 // clip height) still counts as within [m].
 constexpr double kContactTolerance = 1e-6;
 constexpr std::size_t kMaxKernelSets = 64;  // kept per caster
+constexpr std::size_t kMaxProxyChecks = 4096;
+// A reduced mesh whose edges were split again for the lens must still spare this much.
+constexpr double kWorthwhileFaces = 0.75;
 // Tilt and height of layers are kept to what floats can tell; those of fields to 1/32 of a cell.
 constexpr int kLayerBits = 26;
 constexpr int kFieldBits = 13;
@@ -140,7 +145,54 @@ std::vector<double> largest_magnifications(const Scene& scene) {
 
 }  // namespace
 
+namespace {
+
+// Times at which a scene's objects are looked at: their keys, between them, and around a spin.
+std::set<double> telling_times(const Scene& scene) {
+  constexpr std::size_t kMostKeys = 32;  // of one object
+  constexpr int kSpinSteps = 8;
+  std::set<double> times = {0.0};
+  for (const SceneObject& object : scene.objects) {
+    const std::vector<Keyframe>& keys = object.animation.keyframes;
+    for (std::size_t i = 0; i < keys.size(); i += 1 + keys.size() / kMostKeys) {
+      times.insert(keys[i].time_s);
+      if (i > 0) times.insert(0.5 * (keys[i].time_s + keys[i - 1].time_s));
+    }
+    const double rate = std::abs(object.animation.spin_turns_per_s);
+    for (int i = 1; rate > 0.0 && i < kSpinSteps; ++i) times.insert(i / (kSpinSteps * rate));
+  }
+  return times;
+}
+
+// Of each object, whether its scale and the tilt that its kernels are for stay the same: a proxy is
+// compared once for each, which costs as much as it spares in many frames.
+std::vector<bool> steady_casters(const Scene& scene) {
+  std::vector<bool> steady(scene.objects.size(), true);
+  const SceneState start = evaluate_scene(scene, 0.0);
+  for (const double time : telling_times(scene)) {
+    const SceneState state = evaluate_scene(scene, time);
+    for (const ShadowNode& node : scene.shadows) {
+      for (const int plane : node.planes) {
+        const Eigen::Vector3d& up = scene.planes[static_cast<std::size_t>(plane)].normal;
+        const auto tilt = [&up](const Placement& placement) {
+          return KernelDirection::nearest(placement.rotation.conjugate() * up);
+        };
+        for (const int caster : node.casters) {
+          const auto i = static_cast<std::size_t>(caster);
+          const Placement& now = state.objects[i];
+          const Placement& before = start.objects[i];
+          steady[i] = steady[i] && now.scale == before.scale && tilt(now) == tilt(before);
+        }
+      }
+    }
+  }
+  return steady;
+}
+
+}  // namespace
+
 std::vector<float> longest_caster_edges(const Scene& scene, const CameraModel& camera) {
+  if (!camera.has_distortion()) return std::vector<float>(scene.objects.size(), 0.0F);
   const double longest = longest_edge(camera);
   const std::vector<double> scales = largest_scales(scene);
   const std::vector<double> magnifications = largest_magnifications(scene);
@@ -160,17 +212,33 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const Camer
   if (!field) return tl::unexpected(field.error());
   ShadowPass pass(std::move(*shadow), std::move(*field));
   pass.edges_ = longest_caster_edges(scene, camera);
+  pass.steady_ = steady_casters(scene);
+  pass.edge_at_unit_depth_ = longest_edge(camera) / kNearestDistance;
+  pass.finest_field_cell_ =
+      kNearestDistance / std::max(camera.parameters().fx, camera.parameters().fy);
   return pass;
 }
 
 ShadowPass::Caster& ShadowPass::caster_of(const Scene& scene, int index) {
   const SceneObject& object = scene.objects[static_cast<std::size_t>(index)];
   const float edge = edges_[static_cast<std::size_t>(index)];
-  auto& entry = casters_[{object.model.get(), edge}];
+  auto& entry =
+      casters_[{object.model.get(), edge, object.proxy, object.proxy_model.get(), object.groups}];
   if (!entry) {
     entry = std::make_unique<Caster>();
-    entry->mesh = make_shadow_mesh(*object.model);
-    entry->geometry = split_long_edges(entry->mesh, edge);
+    entry->mesh = make_shadow_mesh(*object.model, object.groups);
+    entry->whole.geometry = split_long_edges(entry->mesh, edge);
+    if (object.proxy == ProxyMode::automatic) entry->proxy = simplified_caster(entry->mesh);
+    if (object.proxy == ProxyMode::model && object.proxy_model) {
+      entry->proxy = proxy_from_model(entry->mesh, *object.proxy_model);
+    }
+    if (entry->proxy) {
+      entry->reduced.geometry = split_long_edges(entry->proxy->mesh, edge);
+      const auto most =
+          kWorthwhileFaces * static_cast<double>(entry->whole.geometry.indices.size());
+      const std::size_t faces = entry->reduced.geometry.indices.size();
+      if (faces == 0 || static_cast<double>(faces) > most) entry->proxy.reset();
+    }
     if (!entry->mesh.positions.empty()) {
       entry->min_corner = entry->max_corner = entry->mesh.positions.front();
       for (const glm::vec3& p : entry->mesh.positions) {
@@ -197,36 +265,83 @@ ShadowPass::KernelSet& ShadowPass::kernels_of(Caster& caster, const KernelKey& k
   }
   KernelSet& set = caster.sets[key];
   set.last_used = frame_count_;
-  if (key.source) {
-    const ShadowKernels made = kernels_for(caster.mesh, key.direction.up(), *key.source);
-    ++work.kernel_generations;
-    const TwistReport twists =
-        find_twists(place_caster(caster.mesh, made, Placement(),
-                                 PlaneFrame::make(key.direction.up(), Eigen::Vector3d::Zero())),
-                    caster.mesh.indices, kLeastFactor, kGreatestFactor);
-    work.faces_tested += static_cast<std::int64_t>(twists.faces_tested);
-    work.faces_twisted += static_cast<std::int64_t>(twists.faces_twisted);
-    set.kernels = level_kernels(caster.geometry, made);
-  } else {
-    set.kernels = caster.geometry.positions;
+  if (!key.source) {
+    set.made.kernels = caster.mesh.positions;
+    return set;
   }
+  set.made = kernels_for(caster.mesh, key.direction.up(), *key.source);
+  ++work.kernel_generations;
+  const TwistReport twists =
+      find_twists(place_caster(caster.mesh, set.made, Placement(),
+                               PlaneFrame::make(key.direction.up(), Eigen::Vector3d::Zero())),
+                  caster.mesh.indices, kLeastFactor, kGreatestFactor);
+  work.faces_tested += static_cast<std::int64_t>(twists.faces_tested);
+  work.faces_twisted += static_cast<std::int64_t>(twists.faces_twisted);
+  set.twist = twists;
+  return set;
+}
+
+// Stored kernels come without radii; those of generated ones for the same direction serve.
+void ShadowPass::complete_set(Caster& caster, KernelSet& set, ShadowWork& work) {
+  if (complete_radii(set.made, caster.mesh, set.made.up)) ++work.kernel_generations;
+}
+
+void ShadowPass::write_vertices(Caster& caster, KernelSet& set, bool reduced) {
+  BodyVertices& vertices = reduced ? set.reduced : set.whole;
+  if (vertices.made) return;
+  vertices.made = true;
+  Body& body = reduced ? caster.reduced : caster.whole;
+  vertices.kernels =
+      level_kernels(body.geometry, reduced ? carried_kernels(*caster.proxy, set.made) : set.made);
   std::vector<glm::vec3> interleaved;
-  interleaved.reserve(2 * set.kernels.size());
-  for (std::size_t i = 0; i < set.kernels.size(); ++i) {
-    interleaved.push_back(caster.geometry.positions[i]);
-    interleaved.push_back(set.kernels[i]);
+  interleaved.reserve(2 * vertices.kernels.size());
+  for (std::size_t i = 0; i < vertices.kernels.size(); ++i) {
+    interleaved.push_back(body.geometry.positions[i]);
+    interleaved.push_back(vertices.kernels[i]);
   }
-  set.layout.bind();
-  set.vertices.write(std::span<const glm::vec3>(interleaved));
+  vertices.layout.bind();
+  vertices.vertices.write(std::span<const glm::vec3>(interleaved));
   VertexArray::attribute(0, 3, 2 * sizeof(glm::vec3), 0);
   VertexArray::attribute(1, 3, 2 * sizeof(glm::vec3), sizeof(glm::vec3));
-  if (caster.indices_written) {
-    caster.indices.bind();
+  if (body.indices_written) {
+    body.indices.bind();
   } else {
-    caster.indices.write(std::span<const std::uint32_t>(caster.geometry.indices));
-    caster.indices_written = true;
+    std::vector<std::uint32_t> all;
+    const auto add = [&](const std::vector<std::uint32_t>& indices) {
+      body.ranges.push_back({all.size(), indices.size()});
+      all.insert(all.end(), indices.begin(), indices.end());
+    };
+    for (const CasterGeometry::Coarser& coarser : body.geometry.coarser) add(coarser.indices);
+    add(body.geometry.indices);
+    body.indices.write(std::span<const std::uint32_t>(all));
+    body.indices_written = true;
   }
-  return set;
+}
+
+// Decided by the tilt alone, whatever was drawn before: the same view has the same shadow.
+bool ShadowPass::proxy_casts(const ShadowDraw& draw, Caster& caster, const KernelKey& key,
+                             KernelSet& set, ShadowWork& work) {
+  if (!caster.proxy || !draw.proxy || draw.technique != ShadowTechnique::layered) return false;
+  if (!steady_[static_cast<std::size_t>(draw.object)]) return false;
+  const LayeredConstants& c = draw.constants;
+  const ProxyKey proxy_key{key,
+                           draw.light_mode,
+                           {c.light_height, c.light_ratio, c.umbra_height, c.magnification_cap},
+                           draw.T_table_object.scale};
+  const auto known = caster.proxy_kept.find(proxy_key);
+  if (known != caster.proxy_kept.end()) return known->second;
+  if (caster.proxy_kept.size() >= kMaxProxyChecks) caster.proxy_kept.clear();
+  std::span<const PartDisc> parts;
+  if (draw.light_mode == LightMode::fixed) {
+    complete_set(caster, set, work);
+    parts = parts_of(caster, key.direction, work);
+  }
+  ++work.proxy_checks;
+  const ProxyUse use{c, draw.light_mode, draw.T_table_object.scale};
+  const bool kept =
+      compare_with_proxy(caster.mesh, set.made, parts, *caster.proxy, use, false).kept();
+  caster.proxy_kept.emplace(proxy_key, kept);
+  return kept;
 }
 
 const std::vector<PartDisc>& ShadowPass::parts_of(Caster& caster, const KernelDirection& direction,
@@ -239,24 +354,48 @@ const std::vector<PartDisc>& ShadowPass::parts_of(Caster& caster, const KernelDi
   return caster.part_sets.emplace(direction, part_discs(caster.mesh, direction.up())).first->second;
 }
 
-void ShadowPass::clip_layers(const ShadowDraw& draw, const Caster& caster, const KernelSet& kernels,
-                             Prepared& prepared, ShadowWork& work) {
-  // In the own frame: sliding and turning leave the faces as they are.
-  const PlaneMap map = plane_map(prepared.own.T_own_object, PlaneFrame());
+void ShadowPass::upload_clipped(std::span<const CasterVertex> faces, Prepared& prepared) {
+  // (u, v, h) and (ku, kv, 0), laid out as the whole caster is; the missing third coordinate is 0.
+  prepared.clipped_layout.bind();
+  prepared.clipped.write(faces, BufferLife::every_frame);
+  if (!prepared.clipped_layout_made) {
+    VertexArray::attribute(0, 3, sizeof(CasterVertex), offsetof(CasterVertex, u));
+    VertexArray::attribute(1, 2, sizeof(CasterVertex), offsetof(CasterVertex, ku));
+    prepared.clipped_layout_made = true;
+  }
+}
+
+namespace {
+
+// In the own frame: sliding and turning leave the faces as they are.
+std::vector<CasterVertex> own_vertices(const OwnFrame& own, const std::vector<glm::vec3>& positions,
+                                       const std::vector<glm::vec3>& kernels) {
+  const PlaneMap map = plane_map(own.T_own_object, PlaneFrame());
   std::vector<CasterVertex> vertices;
-  vertices.reserve(caster.geometry.positions.size());
+  vertices.reserve(positions.size());
   const auto to_own = [&](const glm::vec3& p) -> Eigen::Vector3d {
     return map.linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
                                         static_cast<double>(p.z)) +
            map.offset;
   };
-  for (std::size_t i = 0; i < caster.geometry.positions.size(); ++i) {
-    const Eigen::Vector3d x = to_own(caster.geometry.positions[i]);
-    const Eigen::Vector3d k = to_own(kernels.kernels[i]);
+  for (std::size_t i = 0; i < positions.size(); ++i) {
+    const Eigen::Vector3d x = to_own(positions[i]);
+    const Eigen::Vector3d k = to_own(kernels[i]);
     vertices.push_back({static_cast<float>(x.x()), static_cast<float>(x.y()),
                         static_cast<float>(x.z()), static_cast<float>(k.x()),
                         static_cast<float>(k.y())});
   }
+  return vertices;
+}
+
+}  // namespace
+
+void ShadowPass::clip_layers(const ShadowDraw& draw, const Caster& caster, const KernelSet& kernels,
+                             Prepared& prepared, ShadowWork& work) {
+  const Body& body = prepared.reduced ? caster.reduced : caster.whole;
+  const std::vector<CasterVertex> vertices =
+      own_vertices(prepared.own, body.geometry.positions,
+                   (prepared.reduced ? kernels.reduced : kernels.whole).kernels);
   work.vertices += static_cast<std::int64_t>(vertices.size());
 
   std::vector<CasterVertex> clipped;
@@ -270,20 +409,53 @@ void ShadowPass::clip_layers(const ShadowDraw& draw, const Caster& caster, const
       layer = prepared.layers[1];
       continue;
     }
-    const std::vector<CasterVertex> faces =
-        clip_to_heights(vertices, caster.geometry.indices, range);
+    const std::vector<CasterVertex> faces = clip_to_heights(vertices, body.geometry.indices, range);
     layer.first = static_cast<int>(clipped.size());
     layer.count = static_cast<int>(faces.size());
     clipped.insert(clipped.end(), faces.begin(), faces.end());
   }
-  // (u, v, h) and (ku, kv, 0), laid out as the whole caster is; the missing third coordinate is 0.
-  prepared.clipped_layout.bind();
-  prepared.clipped.write(std::span<const CasterVertex>(clipped), BufferLife::every_frame);
-  if (!prepared.clipped_layout_made) {
-    VertexArray::attribute(0, 3, sizeof(CasterVertex), offsetof(CasterVertex, u));
-    VertexArray::attribute(1, 2, sizeof(CasterVertex), offsetof(CasterVertex, ku));
-    prepared.clipped_layout_made = true;
+  upload_clipped(clipped, prepared);
+}
+
+// A light of one size: each vertex has a ratio of its own, which is projected here by the same code
+// as offline. What is uploaded lies on the plane, where all layers' factors are 1.
+void ShadowPass::light_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels,
+                              Prepared& prepared, ShadowWork& work) {
+  complete_set(caster, kernels, work);
+  const std::vector<PartDisc>& parts = parts_of(caster, prepared.kernel_key.direction, work);
+  const Body& body = prepared.reduced ? caster.reduced : caster.whole;
+  std::vector<CasterVertex> vertices =
+      own_vertices(prepared.own, body.geometry.positions,
+                   (prepared.reduced ? kernels.reduced : kernels.whole).kernels);
+  for (CasterVertex& vertex : vertices) {
+    // What stands on the plane is not cut by rounding.
+    if (vertex.h < 0.0F && static_cast<double>(vertex.h) > -kContactTolerance) vertex.h = 0.0F;
   }
+  const double scale = prepared.own.T_own_object.scale;
+  std::vector<VertexDisc> discs =
+      prepared.reduced ? vertex_discs(caster.proxy->mesh,
+                                      carried_kernels(*caster.proxy, kernels.made), parts, scale)
+                       : vertex_discs(caster.mesh, kernels.made, parts, scale);
+  for (const auto& [a, b] : body.geometry.midpoint_of) {
+    discs.push_back({0.5F * (discs[a].radius + discs[b].radius), discs[a].part_radius});
+  }
+  work.vertices += static_cast<std::int64_t>(vertices.size());
+  std::vector<CasterVertex> projected;
+  for (std::size_t i = 0; i < 3; ++i) {
+    LayerGeometry& layer = prepared.layers[i];
+    if (!prepared.wanted[i]) continue;
+    const std::vector<PlanePoint> faces = fixed_light_triangles(
+        vertices, discs, body.geometry.indices, draw.constants, kShadowLayers[i]);
+    if (faces.empty()) {
+      ++work.layers_skipped;
+      continue;
+    }
+    layer.source = LayerSource::clipped;
+    layer.first = static_cast<int>(projected.size());
+    layer.count = static_cast<int>(faces.size());
+    for (const PlanePoint& p : faces) projected.push_back({p.u, p.v, 0.0F, p.u, p.v});
+  }
+  upload_clipped(projected, prepared);
 }
 
 void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared,
@@ -299,9 +471,13 @@ void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& p
     key.direction =
         KernelDirection::nearest(own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ());
   }
-  const KernelSet* kernels = field ? nullptr : &kernels_of(caster, key, work);
+  KernelSet* kernels = field ? nullptr : &kernels_of(caster, key, work);
+  const bool reduced = kernels != nullptr && proxy_casts(draw, caster, key, *kernels, work);
+  if (kernels != nullptr) write_vertices(caster, *kernels, reduced);
+  if (reduced) ++work.proxy_shadows;
   const bool reused =
-      prepared.valid && prepared.technique == draw.technique && prepared.own.same_shape(own) &&
+      prepared.valid && prepared.technique == draw.technique && prepared.reduced == reduced &&
+      prepared.light_mode == draw.light_mode && prepared.own.same_shape(own) &&
       prepared.kernel_key == key &&
       (draw.technique == ShadowTechnique::simple || same(prepared.constants, draw.constants)) &&
       (field || prepared.wanted == wanted_layers(draw));
@@ -314,6 +490,8 @@ void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& p
     prepared.valid = true;
     prepared.constants = draw.constants;
     prepared.technique = draw.technique;
+    prepared.light_mode = draw.light_mode;
+    prepared.reduced = reduced;
     prepared.kernel_key = key;
     prepared.layers = {};
     if (field) {
@@ -357,13 +535,19 @@ void ShadowPass::make_field(const ShadowDraw& draw, Caster& caster, Prepared& pr
     vertices.push_back({x.x(), x.y(), h, x.x(), x.y()});
   }
   work.vertices += static_cast<std::int64_t>(vertices.size());
+  ShadowFieldOptions options;
+  options.finest_cell = finest_field_cell_;
   prepared.field.upload(power_distance_layers(vertices, caster.mesh.indices, caster.mesh.part,
                                               part_lights(parts, T_own_object, plane),
-                                              draw.constants));
+                                              draw.constants, options));
 }
 
-void ShadowPass::place_layers(const ShadowDraw& draw, const Caster& caster,
-                              const KernelSet& kernels, Prepared& prepared, ShadowWork& work) {
+void ShadowPass::place_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels,
+                              Prepared& prepared, ShadowWork& work) {
+  if (draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::fixed) {
+    light_layers(draw, caster, kernels, prepared, work);
+    return;
+  }
   const HeightMap height(draw.plane_frame, draw.T_table_object);
   const HeightRange box = box_heights(height, caster.min_corner, caster.max_corner);
   std::optional<HeightRange> exact;
@@ -390,6 +574,49 @@ void ShadowPass::place_layers(const ShadowDraw& draw, const Caster& caster,
   if (clips) clip_layers(draw, caster, kernels, prepared, work);
 }
 
+// The coarsest of the caster's surfaces whose shadow still follows the lens where it is nearest to
+// the camera. Of the present frame alone: the same placement and pose give the same picture,
+// whatever came before.
+std::size_t ShadowPass::surface_for(const ShadowDraw& draw, const FramePlan& plan,
+                                    const Caster& caster, const Body& body) const {
+  const std::size_t finest = body.geometry.coarser.size();
+  if (plan.finest_edges || finest == 0) return finest;
+  std::array<Eigen::Vector3d, 8> corners;
+  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+  double top = 0.0;
+  for (int i = 0; i < 8; ++i) {
+    const Eigen::Vector3d corner(
+        static_cast<double>((i & 1) != 0 ? caster.max_corner.x : caster.min_corner.x),
+        static_cast<double>((i & 2) != 0 ? caster.max_corner.y : caster.min_corner.y),
+        static_cast<double>((i & 4) != 0 ? caster.max_corner.z : caster.min_corner.z));
+    Eigen::Vector3d& on_plane = corners[static_cast<std::size_t>(i)];
+    on_plane = draw.plane_frame.to_plane(draw.T_table_object * corner);
+    centre += on_plane.head<2>() / 8.0;
+    top = std::max(top, on_plane.z());
+  }
+  double radius = 0.0;
+  for (const Eigen::Vector3d& corner : corners)
+    radius = std::max(radius, (corner.head<2>() - centre).norm());
+  double magnification = 1.0;
+  if (draw.technique != ShadowTechnique::simple) {
+    for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra})
+      magnification = std::max(magnification, layer_factor(draw.constants, layer, top));
+  }
+  // A kernel lies inside the circle round the footprint: no image is farther out than this.
+  radius *= 1.05 * (2.0 * magnification - 1.0);
+  const Eigen::Vector3d axis = plan.T_table_camera.rotation() * Eigen::Vector3d::UnitZ();
+  const PlaneFrame& plane = draw.plane_frame;
+  const Eigen::Vector3d middle = plane.q + centre.x() * plane.e1 + centre.y() * plane.e2;
+  const double depth = axis.dot(middle - plan.T_table_camera.translation()) -
+                       radius * std::hypot(axis.dot(plane.e1), axis.dot(plane.e2));
+  if (depth <= kNearestDistance) return finest;
+  const double longest = edge_at_unit_depth_ * depth / (draw.T_table_object.scale * magnification);
+  for (std::size_t i = 0; i < finest; ++i) {
+    if (static_cast<double>(body.geometry.coarser[i].longest_edge) <= longest) return i;
+  }
+  return finest;
+}
+
 void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work) {
   ++frame_count_;
   items_.clear();
@@ -398,14 +625,32 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
     Caster& caster = caster_of(scene, draw.object);
     const int repeat = repeats[{draw.node, draw.object, draw.plane}]++;
     Prepared& prepared = prepared_[{draw.node, draw.object, draw.plane, repeat}];
-    if (caster.geometry.indices.empty()) {
+    if (caster.whole.geometry.indices.empty()) {
       prepared.layers = {};
       prepared.valid = false;
     } else {
       prepare_one(draw, caster, prepared, work);
+      const Body& body = prepared.reduced ? caster.reduced : caster.whole;
+      prepared.surface = surface_for(draw, plan, caster, body);
+      for (const LayerGeometry& layer : prepared.layers) {
+        if (!prepared.reduced || layer.source == LayerSource::nothing) continue;
+        work.proxy_faces_saved += static_cast<std::int64_t>(
+            (caster.whole.geometry.indices.size() - caster.reduced.geometry.indices.size()) / 3);
+      }
     }
-    items_.push_back({&caster, &prepared});
+    items_.push_back({&caster, &prepared, draw.node, draw.object, draw.plane});
   }
+}
+
+std::vector<CasterTwist> ShadowPass::twists() const {
+  std::vector<CasterTwist> twists;
+  for (const Item& item : items_) {
+    const KernelKey& key = item.prepared->kernel_key;
+    const auto set = item.caster->sets.find(key);
+    if (!item.prepared->valid || !key.source || set == item.caster->sets.end()) continue;
+    twists.push_back({item.node, item.object, item.plane, set->second.twist});
+  }
+  return twists;
 }
 
 int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
@@ -429,9 +674,13 @@ int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_
     p.set("plane_from_caster", plane_from_object(draw.plane_frame, draw.T_table_object));
     const auto set = it.caster->sets.find(it.prepared->kernel_key);
     PENUMBRA_ASSERT(set != it.caster->sets.end());
-    set->second.layout.bind();
-    glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(it.caster->geometry.indices.size()),
-                            GL_UNSIGNED_INT, nullptr, count);
+    const bool reduced = it.prepared->reduced;
+    const Body& body = reduced ? it.caster->reduced : it.caster->whole;
+    (reduced ? set->second.reduced : set->second.whole).layout.bind();
+    const IndexRange& range = body.ranges[it.prepared->surface];
+    glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(range.count), GL_UNSIGNED_INT,
+                            reinterpret_cast<const void*>(range.first * sizeof(std::uint32_t)),
+                            count);
   } else {
     PENUMBRA_ASSERT(count == 1);
     if (layer.count == 0) return 0;

@@ -8,6 +8,8 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
+#include <string>
 #include <tuple>
 #include <vector>
 
@@ -23,6 +25,8 @@
 #include "render/shadow/layered_penumbra.hpp"
 #include "render/shadow/own_frame.hpp"
 #include "render/shadow/shadow_mesh.hpp"
+#include "render/shadow/shadow_proxy.hpp"
+#include "render/shadow/twist.hpp"
 
 namespace penumbra {
 
@@ -35,12 +39,16 @@ struct ShadowWork {
   // and the others.
   std::int64_t reprojections = 0;
   std::int64_t recomputed = 0;
-  std::int64_t faces_tested = 0;  // of the kernel sets made: for twists
+  std::int64_t proxy_shadows = 0;      // shadows that a reduced mesh cast
+  std::int64_t proxy_checks = 0;       // comparisons of a reduced mesh with its model
+  std::int64_t proxy_faces_saved = 0;  // over the layers drawn
+  std::int64_t faces_tested = 0;       // of the kernel sets made: for twists
   std::int64_t faces_twisted = 0;
 };
 
 // For each object of the scene: the longest edge [object units] of the caster made of it, so that
-// its shadow's edges can follow the lens.
+// its shadow's edges can follow the lens at the nearest distance expected; 0 (no edge needs
+// splitting) for a lens without distortion.
 [[nodiscard]] std::vector<float> longest_caster_edges(const Scene& scene,
                                                       const CameraModel& camera);
 
@@ -54,6 +62,8 @@ class ShadowPass {
   void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
   // The plan must be the one prepared, and `receivers` begun for it. Number of draw calls.
   int draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers);
+  // Of those shadows of the last plan that are made with kernels.
+  [[nodiscard]] std::vector<CasterTwist> twists() const;
 
  private:
   struct KernelKey {
@@ -61,18 +71,44 @@ class ShadowPass {
     KernelDirection direction;
     friend auto operator<=>(const KernelKey&, const KernelKey&) = default;
   };
-  // A caster's vertices with one set of kernels: { position, kernel }.
-  struct KernelSet {
-    std::vector<glm::vec3> kernels;
-    VertexArray layout;
-    GlBuffer vertices{BufferUse::vertices};
-    std::uint64_t last_used = 0;
+  struct IndexRange {
+    std::size_t first = 0, count = 0;
   };
-  struct Caster {
-    ShadowMesh mesh;
+  // A mesh that casts, and its faces on the GPU.
+  struct Body {
     CasterGeometry geometry;
     GlBuffer indices{BufferUse::indices};
     bool indices_written = false;
+    std::vector<IndexRange> ranges;  // of the coarser surfaces, then of the finest
+  };
+  // A body's vertices with one set of kernels: { position, kernel }.
+  struct BodyVertices {
+    bool made = false;
+    std::vector<glm::vec3> kernels;
+    VertexArray layout;
+    GlBuffer vertices{BufferUse::vertices};
+  };
+  struct KernelSet {
+    ShadowKernels made;  // for the full mesh; none where the technique needs none
+    BodyVertices whole, reduced;
+    TwistReport twist;
+    std::uint64_t last_used = 0;
+  };
+  // Where the proxy was compared with the full mesh.
+  struct ProxyKey {
+    KernelKey kernels;
+    LightMode light_mode = LightMode::proportional;
+    std::array<double, 4> constants{};
+    double scale = 1.0;
+    friend auto operator<=>(const ProxyKey&, const ProxyKey&) = default;
+  };
+  struct Caster {
+    ShadowMesh mesh;
+    Body whole;
+    // A reduced mesh that may cast layers, and where it has been found to be as good.
+    std::optional<ShadowProxy> proxy;
+    Body reduced;
+    std::map<ProxyKey, bool> proxy_kept;
     glm::vec3 min_corner{0.0F};
     glm::vec3 max_corner{0.0F};
     double size = 0.0;  // largest distance of a point from the object's origin, unscaled [m]
@@ -92,9 +128,12 @@ class ShadowPass {
     OwnFrame own;
     LayeredConstants constants;
     ShadowTechnique technique = ShadowTechnique::layered;
+    LightMode light_mode = LightMode::proportional;
+    bool reduced = false;  // the proxy casts
     std::array<bool, 3> wanted{};
     KernelKey kernel_key;
     std::array<LayerGeometry, 3> layers;
+    std::size_t surface = 0;  // which of the caster's ranges is fine enough in this frame
     VertexArray clipped_layout;
     GlBuffer clipped{BufferUse::vertices};
     bool clipped_layout_made = false;
@@ -103,15 +142,28 @@ class ShadowPass {
   ShadowPass(ShaderProgram shadow, FieldQuad field)
       : shadow_program_(std::move(shadow)), field_quad_(std::move(field)) {}
 
+  // The model, its longest edge as a caster, what casts in its place, and its groups.
+  using CasterKey =
+      std::tuple<const Model*, float, ProxyMode, const Model*, std::vector<std::string>>;
+
   Caster& caster_of(const Scene& scene, int object);
   KernelSet& kernels_of(Caster& caster, const KernelKey& key, ShadowWork& work);
+  bool proxy_casts(const ShadowDraw& draw, Caster& caster, const KernelKey& key, KernelSet& set,
+                   ShadowWork& work);
+  static void complete_set(Caster& caster, KernelSet& set, ShadowWork& work);
+  static void write_vertices(Caster& caster, KernelSet& set, bool reduced);
+  [[nodiscard]] std::size_t surface_for(const ShadowDraw& draw, const FramePlan& plan,
+                                        const Caster& caster, const Body& body) const;
   static const std::vector<PartDisc>& parts_of(Caster& caster, const KernelDirection& direction,
                                                ShadowWork& work);
   void prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
-  void place_layers(const ShadowDraw& draw, const Caster& caster, const KernelSet& kernels,
-                    Prepared& prepared, ShadowWork& work);
+  void place_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels, Prepared& prepared,
+                    ShadowWork& work);
   void clip_layers(const ShadowDraw& draw, const Caster& caster, const KernelSet& kernels,
                    Prepared& prepared, ShadowWork& work);
+  void light_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels, Prepared& prepared,
+                    ShadowWork& work);
+  static void upload_clipped(std::span<const CasterVertex> faces, Prepared& prepared);
   void make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
   int draw_plane(const FramePlan& plan, int plane) const;
   int draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
@@ -121,13 +173,18 @@ class ShadowPass {
 
   ShaderProgram shadow_program_;
   FieldQuad field_quad_;
-  std::vector<float> edges_;  // the longest of each scene object's model, as a caster
-  std::map<std::pair<const Model*, float>, std::unique_ptr<Caster>> casters_;
+  std::vector<float> edges_;         // the longest of each scene object's model, as a caster
+  std::vector<bool> steady_;         // of each scene object: a proxy may cast
+  double edge_at_unit_depth_ = 0.0;  // 1 m from the camera, the longest that follows the lens [m]
+  // A pixel at the nearest distance expected: finer cells of a field would not be seen [m].
+  double finest_field_cell_ = 0.0;
+  std::map<CasterKey, std::unique_ptr<Caster>> casters_;
   // One per shadow of the plan before: (node, object, plane, n-th of these in the plan).
   std::map<std::tuple<int, int, int, int>, Prepared> prepared_;
   struct Item {
     Caster* caster = nullptr;
     Prepared* prepared = nullptr;
+    int node = 0, object = 0, plane = 0;
   };
   std::vector<Item> items_;  // one per shadow of the plan
   std::uint64_t frame_count_ = 0;

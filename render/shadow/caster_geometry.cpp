@@ -30,8 +30,11 @@ CasterGeometry split_long_edges(const ShadowMesh& mesh, float max_edge_m,
     midpoints.clear();
     std::vector<std::uint32_t> next;
     next.reserve(g.indices.size() * 2);
+    float longest = 0.0F;
     const auto midpoint = [&](std::uint32_t a, std::uint32_t b) {
-      if (!(glm::distance(g.positions[a], g.positions[b]) > max_edge_m)) return kNotSplit;
+      const float length = glm::distance(g.positions[a], g.positions[b]);
+      longest = std::max(longest, length);
+      if (!(length > max_edge_m)) return kNotSplit;
       const auto [entry, is_new] =
           midpoints.try_emplace(edge_key(a, b), static_cast<std::uint32_t>(g.positions.size()));
       if (is_new) {
@@ -70,6 +73,9 @@ CasterGeometry split_long_edges(const ShadowMesh& mesh, float max_edge_m,
         add(m[2], m[1], v[2]);
         add(m[0], m[1], m[2]);
       }
+    }
+    if (splitting) {
+      g.coarser.push_back({std::move(g.indices), longest});
     }
     g.indices = std::move(next);
   }

@@ -15,6 +15,13 @@ struct CasterGeometry {
   std::vector<glm::vec3> positions;    // object frame [m]; the mesh's own come first
   std::vector<std::uint32_t> indices;  // triangles
   std::size_t mesh_positions = 0;
+  // The same surface before edges were split, and after each round of splitting but the last: of
+  // the same positions. Coarsest first.
+  struct Coarser {
+    std::vector<std::uint32_t> indices;  // triangles
+    float longest_edge = 0.0F;           // object frame [m]
+  };
+  std::vector<Coarser> coarser;
   // The two earlier vertices that each added one lies midway between, from index mesh_positions on.
   std::vector<std::array<std::uint32_t, 2>> midpoint_of;
 };

@@ -6,6 +6,8 @@
 #include <limits>
 #include <numeric>
 
+#include "core/vector_clones.hpp"
+
 namespace penumbra {
 
 namespace {
@@ -20,6 +22,7 @@ float cross(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
 }
 
 // The largest of non-negative values. Eight running maxima, because one alone is a chain of waits.
+PENUMBRA_VECTOR_CLONES
 float largest_of(const float* values, std::size_t count) {
   std::array<float, 8> lanes{};
   std::size_t i = 0;
@@ -29,7 +32,38 @@ float largest_of(const float* values, std::size_t count) {
     }
   }
   for (; i < count; ++i) lanes[0] = std::max(lanes[0], values[i]);
-  return *std::max_element(lanes.begin(), lanes.end());
+  float largest = 0.0F;
+  for (const float lane : lanes) largest = std::max(largest, lane);
+  return largest;
+}
+
+// squared[x] = min over x' of (x - x')^2 + g2[x'], from near x' to far ones and all x at once; a
+// step of dx can no longer lower a value of less than dx^2. All numbers are small integers: exact.
+PENUMBRA_VECTOR_CLONES
+void lower_by_steps(const float* g2, float* squared, std::size_t width, float largest) {
+  for (std::size_t dx = 1; dx < width; ++dx) {
+    const auto step = static_cast<float>(dx * dx);
+    if (step >= largest) break;
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // two arrays
+#endif
+    for (std::size_t x = dx; x < width; ++x) {
+      const float from_left = step + g2[x - dx];
+      squared[x] = from_left < squared[x] ? from_left : squared[x];
+    }
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep
+#endif
+    for (std::size_t x = 0; x + dx < width; ++x) {
+      const float from_right = step + g2[x + dx];
+      squared[x] = from_right < squared[x] ? from_right : squared[x];
+    }
+    if (dx % 4 == 0) largest = largest_of(squared, width);
+  }
+}
+PENUMBRA_VECTOR_CLONES
+void take_roots(float* values, std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i) values[i] = std::sqrt(values[i]);
 }
 
 // Points that may lie on the convex hull: all of a few, or the highest and lowest of each column of
@@ -342,30 +376,19 @@ void FootprintRaster::compute_depth() {
       here[column] = std::min(here[column], below[column] + 1.0F);
     }
   }
-  // Rows: D(x)^2 = min over x' of (x - x')^2 + g(x')^2, from near x' to far ones and all x at once;
-  // a step of dx can no longer lower a D of less than dx. All numbers are small integers: exact.
+  // Rows: D(x)^2 = min over x' of (x - x')^2 + g(x')^2.
   squared_column_distance_.resize(width);
   float* g2 = squared_column_distance_.data();
   for (int row = 0; row < height_; ++row) {
-    float* best = depth_.data() + row_offset(row);
+    float* squared = depth_.data() + row_offset(row);
     for (std::size_t column = 0; column < width; ++column) {
-      g2[column] = best[column] * best[column];
-      best[column] = g2[column];
+      g2[column] = squared[column] * squared[column];
+      squared[column] = g2[column];
     }
-    float largest = largest_of(g2, width);
+    const float largest = largest_of(g2, width);
     if (largest <= 0.0F) continue;
-    for (std::size_t dx = 1; dx < width; ++dx) {
-      const auto step = static_cast<float>(dx * dx);
-      if (step >= largest) break;
-      for (std::size_t column = dx; column < width; ++column) {
-        best[column] = std::min(best[column], step + g2[column - dx]);
-      }
-      for (std::size_t column = 0; column + dx < width; ++column) {
-        best[column] = std::min(best[column], step + g2[column + dx]);
-      }
-      if (dx % 4 == 0) largest = largest_of(best, width);
-    }
-    for (std::size_t column = 0; column < width; ++column) best[column] = std::sqrt(best[column]);
+    lower_by_steps(g2, squared, width, largest);
+    take_roots(squared, width);
   }
 }
 

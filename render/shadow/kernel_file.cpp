@@ -1,8 +1,10 @@
 #include "render/shadow/kernel_file.hpp"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -117,6 +119,46 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
   return true;
 }
 
+Result<void> give_kernels(Scene& scene, const KernelFile& kernels, const std::string& file) {
+  std::vector<std::shared_ptr<const Model>> casters;  // each model once
+  std::string counts;
+  for (const SceneObject& object : scene.objects) {
+    if (!object.model || !object.casts_shadow) continue;
+    if (std::find(casters.begin(), casters.end(), object.model) != casters.end()) continue;
+    casters.push_back(object.model);
+    if (casters.size() <= 12) {
+      counts += fmt::format("{}{} {}", casters.size() == 1 ? "" : ", ", object.name,
+                            object.model->source_vertex_count);
+    }
+  }
+  if (casters.size() > 12) counts += ", ...";
+  std::erase_if(casters, [&](const auto& model) {
+    return model->source_vertex_count != kernels.kernels.size();
+  });
+  if (casters.empty()) {
+    return fail(
+        "{}: kernels: has {} triples, and no caster of {} has as many vertices ({}); make it anew "
+        "with penumbra kernels",
+        file, kernels.kernels.size(), scene.file, counts.empty() ? "there is none" : counts);
+  }
+  const auto is_for = [&](const auto& model) { return geometry_key(*model) == kernels.geometry; };
+  if (!kernels.geometry.empty() && std::any_of(casters.begin(), casters.end(), is_for)) {
+    std::erase_if(casters, [&](const auto& model) { return !is_for(model); });
+  }
+  for (const std::shared_ptr<const Model>& model : casters) {
+    const auto changed = std::make_shared<Model>(*model);
+    changed->warnings.clear();
+    const Result<bool> taken = attach_kernels(*changed, kernels, file);
+    if (!taken) return tl::unexpected(taken.error());
+    scene.warnings.insert(scene.warnings.end(), changed->warnings.begin(), changed->warnings.end());
+    if (!*taken) continue;
+    for (SceneObject& object : scene.objects) {
+      if (object.model == model) object.model = changed;
+    }
+  }
+  return {};
+}
+
 KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,
                            const ShadowKernels& kernels) {
   KernelFile result;
@@ -143,6 +185,12 @@ bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
   const Eigen::Vector3d own = to_eigen(mesh.stored_up);
   // The sine keeps small angles, which the cosine loses.
   return own.cross(up).norm() <= std::sin(kKernelTiltRad) * own.norm() * up.norm();
+}
+
+bool complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up) {
+  if (kernels.radius.size() == mesh.positions.size()) return false;
+  kernels.radius = generate_kernels(mesh, up, KernelSource::automatic).radius;
+  return true;
 }
 
 ShadowKernels kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up, KernelSource source) {

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "core/error.hpp"
+#include "render/scene.hpp"
 #include "render/shadow/shadow_kernels.hpp"
 
 namespace penumbra {
@@ -32,6 +33,12 @@ struct KernelFile {
 [[nodiscard]] Result<bool> attach_kernels(Model& model, const KernelFile& kernels,
                                           const std::string& file);
 
+// Gives them to every casting model of the scene that has as many vertices (of those, where the
+// file says which model it is for and that one is there, to it alone). What was not taken is in the
+// scene's warnings. Fails where no caster has that number of vertices.
+[[nodiscard]] Result<void> give_kernels(Scene& scene, const KernelFile& kernels,
+                                        const std::string& file);
+
 // What to keep: a vertex of the file that no face uses gets the origin.
 [[nodiscard]] KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,
                                          const ShadowKernels& kernels);
@@ -42,6 +49,9 @@ struct KernelFile {
 inline constexpr double kKernelTiltRad = 2.0 * 3.14159265358979323846 / 180.0;
 // Whether the mesh came with kernels that serve this direction. k(d) = k(-d).
 [[nodiscard]] bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up);
+// Kernels that were kept have no radii: gives them those of the discs made for `up`. False where
+// they have their own.
+bool complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up);
 // The kernels that came with the mesh where `source` is automatic and they serve this direction;
 // generated ones otherwise.
 [[nodiscard]] ShadowKernels kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up,

@@ -64,29 +64,48 @@ struct Edge {
   int count;
 };
 
-// The boundary of all triangles turned counter-clockwise, as directed edges. An edge between two
-// neighbours runs both ways and drops out, so what is left of a mesh is its silhouettes; the
-// winding number round every point is the number of triangles that cover it.
-std::vector<Edge> boundary_edges(std::span<const PlanePoint> triangles, const Grid& grid) {
-  std::vector<Edge> edges;
-  edges.reserve(triangles.size());
-  const auto add = [&edges](std::uint64_t from, std::uint64_t to) {
-    edges.push_back(from < to ? Edge{from, to, 1} : Edge{to, from, -1});
-  };
-  for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
-    const Corner a = grid.snap(triangles[i]);
-    const Corner b = grid.snap(triangles[i + 1]);
-    const Corner c = grid.snap(triangles[i + 2]);
+struct Triangle {
+  Corner a, b, c;  // counter-clockwise
+
+  // Three times the centroid's coordinate along an axis.
+  [[nodiscard]] std::int64_t thrice_centroid(std::size_t axis) const {
+    return static_cast<std::int64_t>(a[axis]) + b[axis] + c[axis];
+  }
+};
+
+// Those with an area, turned counter-clockwise.
+std::vector<Triangle> snapped_triangles(std::span<const PlanePoint> points, const Grid& grid) {
+  std::vector<Triangle> triangles;
+  triangles.reserve(points.size() / 3);
+  for (std::size_t i = 0; i + 2 < points.size(); i += 3) {
+    const Corner a = grid.snap(points[i]);
+    const Corner b = grid.snap(points[i + 1]);
+    const Corner c = grid.snap(points[i + 2]);
     const auto difference = [](std::int32_t p, std::int32_t q) {
       return static_cast<std::int64_t>(p) - q;
     };
     // At most 2e18: it fits.
     const std::int64_t area = difference(b[0], a[0]) * difference(c[1], a[1]) -
                               difference(b[1], a[1]) * difference(c[0], a[0]);
-    if (area == 0) continue;
-    const std::uint64_t p = key_of(a);
-    const std::uint64_t q = key_of(area > 0 ? b : c);
-    const std::uint64_t r = key_of(area > 0 ? c : b);
+    if (area > 0) triangles.push_back({a, b, c});
+    if (area < 0) triangles.push_back({a, c, b});
+  }
+  return triangles;
+}
+
+// The boundary of all triangles, as directed edges. An edge between two neighbours runs both ways
+// and drops out, so what is left of a mesh is its silhouettes; the winding number round every point
+// is the number of triangles that cover it.
+std::vector<Edge> boundary_edges(std::span<const Triangle> triangles) {
+  std::vector<Edge> edges;
+  edges.reserve(3 * triangles.size());
+  const auto add = [&edges](std::uint64_t from, std::uint64_t to) {
+    edges.push_back(from < to ? Edge{from, to, 1} : Edge{to, from, -1});
+  };
+  for (const Triangle& triangle : triangles) {
+    const std::uint64_t p = key_of(triangle.a);
+    const std::uint64_t q = key_of(triangle.b);
+    const std::uint64_t r = key_of(triangle.c);
     add(p, q);
     add(q, r);
     add(r, p);
@@ -142,9 +161,60 @@ ClipperLib::Paths closed_walks(const std::vector<Edge>& edges) {
   return walks;
 }
 
+// Of a union made in pieces, each is this many times shorter than what goes in one.
+constexpr std::size_t kPiecesShorter = 10;
+
+// Throws what Clipper throws; false where it gives up.
+template <class Solution>
+bool unite(const ClipperLib::Paths& paths, Solution& solution) {
+  // Faces seen edge-on leave nothing; Clipper would call that a failure.
+  if (paths.empty()) return true;
+  ClipperLib::Clipper clipper;
+  clipper.AddPaths(paths, ClipperLib::ptSubject, true);
+  return clipper.Execute(ClipperLib::ctUnion, solution, ClipperLib::pftPositive,
+                         ClipperLib::pftPositive);
+}
+
+// Closed paths, positive inside, whose union is that of the triangles. Where their boundary is too
+// long for one go it is that of the two halves of the plane united, and so on: what lies inside is
+// gone before the halves meet. Changes the order of the triangles.
+bool outline_paths(std::span<Triangle> triangles, std::size_t edges_at_once,
+                   std::size_t edges_of_a_piece, ClipperLib::Paths& outline) {
+  const std::vector<Edge> edges = boundary_edges(triangles);
+  if (edges.size() <= edges_at_once || triangles.size() < 2) {
+    outline = closed_walks(edges);
+    return true;
+  }
+  Corner low = triangles.front().a;
+  Corner high = low;
+  for (const Triangle& triangle : triangles) {
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      low[axis] = std::min(low[axis], triangle.a[axis]);
+      high[axis] = std::max(high[axis], triangle.a[axis]);
+    }
+  }
+  const std::size_t axis =
+      static_cast<std::int64_t>(high[0]) - low[0] < static_cast<std::int64_t>(high[1]) - low[1] ? 1
+                                                                                                : 0;
+  const std::size_t half = triangles.size() / 2;
+  std::nth_element(triangles.begin(), triangles.begin() + static_cast<std::ptrdiff_t>(half),
+                   triangles.end(), [axis](const Triangle& a, const Triangle& b) {
+                     return a.thrice_centroid(axis) < b.thrice_centroid(axis);
+                   });
+  for (const std::span<Triangle>& part : {triangles.first(half), triangles.subspan(half)}) {
+    ClipperLib::Paths paths;
+    ClipperLib::Paths united;
+    if (!outline_paths(part, edges_of_a_piece, edges_of_a_piece, paths) || !unite(paths, united))
+      return false;
+    outline.insert(outline.end(), united.begin(), united.end());
+  }
+  return true;
+}
+
 }  // namespace
 
-Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles) {
+Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles,
+                                        std::size_t edges_at_once) {
   LayerOutline outline;
   for (const PlanePoint& p : triangles) {
     if (!std::isfinite(p.u) || !std::isfinite(p.v)) {
@@ -157,10 +227,10 @@ Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles) {
 
   ClipperLib::PolyTree tree;
   try {
-    ClipperLib::Clipper clipper;
-    clipper.AddPaths(closed_walks(boundary_edges(triangles, grid)), ClipperLib::ptSubject, true);
-    if (!clipper.Execute(ClipperLib::ctUnion, tree, ClipperLib::pftPositive,
-                         ClipperLib::pftPositive)) {
+    std::vector<Triangle> snapped = snapped_triangles(triangles, grid);
+    ClipperLib::Paths paths;
+    if (!outline_paths(snapped, edges_at_once, edges_at_once / kPiecesShorter, paths) ||
+        !unite(paths, tree)) {
       return fail("shadow layer: the union of its triangles failed");
     }
   } catch (const ClipperLib::clipperException& error) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <span>
 #include <vector>
 
@@ -22,6 +23,12 @@ struct LayerOutline {
 
 // Three points per triangle, either orientation, overlapping as they like. Coordinates are rounded
 // to 1e-9 of the layer's size. Specks under 1e-12 m^2 are left out.
-[[nodiscard]] Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles);
+//
+// A boundary of more edges than `edges_at_once` (those that two neighbours share do not count) is
+// made in pieces, which are united. The union is the same, but for that rounding: a polygon library
+// finds every crossing of two edges, also those that the union covers, and a soup of faces has
+// hundreds of millions of them.
+[[nodiscard]] Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles,
+                                                      std::size_t edges_at_once = 6000);
 
 }  // namespace penumbra

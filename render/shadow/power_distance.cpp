@@ -6,134 +6,337 @@
 #include <limits>
 #include <numeric>
 
+#include "core/vector_clones.hpp"
+#include "render/shadow/power_transform.hpp"
+
 namespace penumbra {
 
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr float kAllMatter = std::numeric_limits<float>::max();  // as a level of rho
 // A cell stands for its whole square, so its disc is half a cell larger.
 constexpr float kHalfCell = 0.5F;
 // Far from the light's axis the largest outline belongs to the top of a part and the best umbra to
 // matter further down: the umbra is the union of those of all matter and of matter below these
 // shares of the part's height.
-constexpr std::array<double, 3> kLevels = {1.0, 0.5, 0.02};
+constexpr std::array<double, 2> kLevels = {0.5, 0.02};
 
 // A projected corner: position on the plane and radius of the light's image there.
 struct FieldPoint {
   float x, y, rho;
 };
 
-// Rectangle of cells of the whole field that a part can reach.
+// Rectangle of cells of the whole field.
 struct Window {
   int left = 0, bottom = 0, width = 0, height = 0;
 };
 
+// flags[x] = 1 where a cell's value is above the level and one of its eight neighbours' is not;
+// for x in [1, width - 1).
+PENUMBRA_VECTOR_CLONES
+void flag_outline(const float* above, const float* here, const float* below, std::size_t width,
+                  float level, float* column_least, float* flags) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // different arrays, here and below
+#endif
+  for (std::size_t x = 0; x < width; ++x) {
+    const float least = above[x] < below[x] ? above[x] : below[x];
+    column_least[x] = least < here[x] ? least : here[x];
+  }
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep
+#endif
+  for (std::size_t x = 1; x + 1 < width; ++x) {
+    const float beside =
+        column_least[x - 1] < column_least[x + 1] ? column_least[x - 1] : column_least[x + 1];
+    const float least = beside < column_least[x] ? beside : column_least[x];
+    const bool outline = (least <= level) & (here[x] > level);
+    flags[x] = outline ? 1.0F : 0.0F;
+  }
+}
+
+// flags[x] = 1 where a covered cell's disc may reach beyond those of its four neighbours. `rows`
+// hold the greatest rho, -1 where not covered. A neighbour q in the direction of a point z is at
+// least 0.707 nearer to z than p along the line: |z - q|^2 <= d^2 - 1.414 d + 1 with d = |z - p|,
+// so q does for every z on p's rim, and 3/2 cells inside of it, what p does, where
+//   r_p^2 - r_q^2 <= 1.414 (r_p - 1.5) - 1.
+PENUMBRA_VECTOR_CLONES
+void flag_reaching(const float* above, const float* here, const float* below, std::size_t width,
+                   float* flags) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep
+#endif
+  for (std::size_t x = 1; x + 1 < width; ++x) {
+    const float upright = above[x] < below[x] ? above[x] : below[x];
+    const float level = here[x - 1] < here[x + 1] ? here[x - 1] : here[x + 1];
+    const float least = upright < level ? upright : level;
+    const float own = here[x] + kHalfCell;
+    const float least_beside = least + kHalfCell;
+    const bool reaches =
+        (least < 0.0F) | (own * own - least_beside * least_beside > 1.4142F * (own - 1.5F) - 1.0F);
+    flags[x] = ((here[x] >= 0.0F) & reaches) ? 1.0F : 0.0F;
+  }
+}
+
+// to[x] = max(to[x], own disc of a covered cell or, beyond, -distance).
+PENUMBRA_VECTOR_CLONES
+void merge_penumbra(const float* distance, float* to, std::size_t count) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep
+#endif
+  for (std::size_t x = 0; x < count; ++x) to[x] = to[x] > -distance[x] ? to[x] : -distance[x];
+}
+PENUMBRA_VECTOR_CLONES
+void merge_own_discs(const float* greatest, float* to, std::size_t count) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep
+#endif
+  for (std::size_t x = 0; x < count; ++x) {
+    const float radius = greatest[x] + kHalfCell;
+    const float own = greatest[x] >= 0.0F ? radius * radius : to[x];
+    to[x] = to[x] > own ? to[x] : own;
+  }
+}
+// Covered up to the level: distance; beyond: minus its size.
+PENUMBRA_VECTOR_CLONES
+void merge_umbra(const float* distance, const float* least, float level, float* to,
+                 std::size_t count) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep
+#endif
+  for (std::size_t x = 0; x < count; ++x) {
+    const float outside = distance[x] < 0.0F ? distance[x] : -distance[x];
+    const float value = least[x] <= level ? distance[x] : outside;
+    to[x] = to[x] > value ? to[x] : value;
+  }
+}
+PENUMBRA_VECTOR_CLONES
+void merge_larger(const float* from, float* to, std::size_t count) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep
+#endif
+  for (std::size_t x = 0; x < count; ++x) to[x] = to[x] > from[x] ? to[x] : from[x];
+}
+
+// One part's matter on the raster, and the layers that come of it. One object serves many parts one
+// after another without allocating anew.
 class PartField {
  public:
-  // Corners are in cells of the whole field.
-  void cover(std::span<const FieldPoint> triangles, const Window& window) {
+  // The window holds all corners, with two cells more on each side. Corners are in cells of the
+  // whole field.
+  void cover(std::span<const FieldPoint> points, std::span<const std::uint32_t> corners,
+             const Window& window) {
     window_ = window;
     const std::size_t count =
         static_cast<std::size_t>(window.width) * static_cast<std::size_t>(window.height);
     greatest_.assign(count, -1.0F);
     least_.assign(count, kInfinity);
-    gap_x_.assign(count, kInfinity);
-    gap_y_.assign(count, kInfinity);
-    for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
-      cover_triangle(triangles[i], triangles[i + 1], triangles[i + 2]);
+    gaps_.start(count);
+    column_least_.resize(static_cast<std::size_t>(window.width));
+    flags_.resize(static_cast<std::size_t>(window.width));
+    for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
+      cover_triangle(points[corners[i]], points[corners[i + 1]], points[corners[i + 2]], gaps_);
     }
   }
 
-  [[nodiscard]] bool covered(std::size_t index) const { return greatest_[index] >= 0.0F; }
-
-  // Field value > 0 where some covered cell's disc reaches.
-  const std::vector<float>& penumbra() {
-    sites_.resize(greatest_.size());
-    for (std::size_t i = 0; i < sites_.size(); ++i) {
-      const float rho = greatest_[i] + kHalfCell;
-      sites_[i] = greatest_[i] >= 0.0F ? -rho * rho : kInfinity;
-    }
-    transform();
-    for (float& value : sites_) value = -value;
-    return sites_;
-  }
-
-  // Roughly the signed distance to the outline, right beside it: > 0 in covered cells.
-  const std::vector<float>& middle() {
-    const auto stride = static_cast<std::size_t>(window_.width);
-    sites_.resize(greatest_.size());
-    for (std::size_t i = 0; i < sites_.size(); ++i) sites_[i] = covered(i) ? 1.0F : -1.0F;
+  // Field value > 0 where some covered cell's disc reaches. `reach`: the cells that it can.
+  void add_penumbra(const Window& reach, ShadowField& field) {
+    transform_.start(reach.width, reach.height);
+    const int left = window_.left - reach.left;
+    const int bottom = window_.bottom - reach.bottom;
     for (int row = 1; row + 1 < window_.height; ++row) {
-      for (int column = 1; column + 1 < window_.width; ++column) {
-        const std::size_t i = index_of(column, row);
-        if (covered(i)) continue;
-        const auto along = [&](std::size_t beside, float distance) {
-          if (!covered(beside) || distance == kInfinity) return;
-          // The zero between the two centres falls on the outline.
-          sites_[i] = std::max(sites_[i], -distance);
-          sites_[beside] = std::min(sites_[beside], 1.0F - distance);
-        };
-        along(i - 1, gap_x_[i]);
-        along(i + 1, gap_x_[i]);
-        along(i - stride, gap_y_[i]);
-        along(i + stride, gap_y_[i]);
-      }
+      const float* here = greatest_.data() + index_of(0, row);
+      flag_reaching(here + window_.width, here, here - window_.width,
+                    static_cast<std::size_t>(window_.width), flags_.data());
+      for_each_flagged([&](std::size_t column) {
+        transform_.add(static_cast<int>(column) + left, row + bottom, here[column] + kHalfCell);
+      });
     }
-    return sites_;
+    transform_.run();
+    for (int row = 0; row < reach.height; ++row) {
+      merge_penumbra(transform_.row(row), row_of(field, field.penumbra, reach, row),
+                     static_cast<std::size_t>(reach.width));
+    }
+    for (int row = 0; row < window_.height; ++row) {
+      merge_own_discs(greatest_.data() + index_of(0, row),
+                      row_of(field, field.penumbra, window_, row),
+                      static_cast<std::size_t>(window_.width));
+    }
   }
 
-  // Field value > 0 in covered cells that no disc round the outline reaches.
-  const std::vector<float>& umbra() {
-    const int width = window_.width;
-    const int height = window_.height;
-    sites_.assign(greatest_.size(), kInfinity);
-    const auto stride = static_cast<std::ptrdiff_t>(width);
-    const std::array<std::ptrdiff_t, 8> steps = {-1,          1,           -stride,    stride,
-                                                 -stride - 1, -stride + 1, stride - 1, stride + 1};
-    for (int row = 2; row + 2 < height; ++row) {
-      for (int column = 2; column + 2 < width; ++column) {
-        const std::size_t i = index_of(column, row);
-        if (covered(i)) continue;
-        float rho = kInfinity;
-        for (std::size_t direction = 0; direction < steps.size(); ++direction) {
-          // Corners count only where no side is covered: they lie deeper inside.
-          if (direction == 4 && rho < kInfinity) break;
-          rho = std::min(rho, outline_rho(i, steps[direction]));
+  // Roughly the signed distance to the outline, right beside it: > 0 in covered cells. The outline
+  // found must be that of all matter.
+  void add_middle(ShadowField& field) {
+    const auto stride = static_cast<std::size_t>(window_.width);
+    middle_.resize(least_.size());
+    for (std::size_t i = 0; i < middle_.size(); ++i)
+      middle_[i] = least_[i] < kInfinity ? 1.0F : -1.0F;
+    for (const std::uint32_t i : outline_) {
+      const auto along = [&](std::size_t beside, float distance) {
+        if (!covered(beside) || distance == kInfinity) return;
+        // The zero between the two centres falls on the outline.
+        middle_[i] = std::max(middle_[i], -distance);
+        middle_[beside] = std::min(middle_[beside], 1.0F - distance);
+      };
+      along(i - 1, gaps_.x[i]);
+      along(i + 1, gaps_.x[i]);
+      along(i - stride, gaps_.y[i]);
+      along(i + stride, gaps_.y[i]);
+    }
+    for (int row = 0; row < window_.height; ++row) {
+      merge_larger(middle_.data() + index_of(0, row), row_of(field, field.middle, window_, row),
+                   stride);
+    }
+  }
+
+  // Finds the cells just outside of the matter whose rho is at most `level`: rho grows with the
+  // height. For add_umbra() and add_middle().
+  void find_outline(float level) {
+    level_ = level;
+    outline_.clear();
+    for (int row = 1; row + 1 < window_.height; ++row) {
+      const float* here = least_.data() + index_of(0, row);
+      flag_outline(here + window_.width, here, here - window_.width,
+                   static_cast<std::size_t>(window_.width), level, column_least_.data(),
+                   flags_.data());
+      for_each_flagged([&](std::size_t column) {
+        outline_.push_back(static_cast<std::uint32_t>(index_of(0, row) + column));
+      });
+    }
+  }
+
+  // Where the outline found runs over higher matter: how far the matter below the level, cut at it,
+  // is from the centres beside it. The points and corners are those that were covered.
+  void find_cut_gaps(std::span<const FieldPoint> points, std::span<const std::uint32_t> corners) {
+    cut_gaps_.start(least_.size());
+    const int tile_columns = window_.width / kTile + 1;
+    tiles_.assign(static_cast<std::size_t>(tile_columns) *
+                      (static_cast<std::size_t>(window_.height / kTile) + 1),
+                  0);
+    bool over_matter = false;
+    for (const std::uint32_t i : outline_) {
+      if (!covered(i)) continue;
+      over_matter = true;
+      const int row = static_cast<int>(i) / window_.width;
+      const int column = static_cast<int>(i) - row * window_.width;
+      tiles_[static_cast<std::size_t>(row / kTile * tile_columns + column / kTile)] = 1;
+    }
+    if (!over_matter) return;
+    const auto touches = [&](const std::array<FieldPoint, 3>& face) {
+      const auto [left, right] = std::minmax({face[0].x, face[1].x, face[2].x});
+      const auto [low, high] = std::minmax({face[0].y, face[1].y, face[2].y});
+      // Faces lie inside the window by two cells; gaps are of the next centres.
+      const int first_column = static_cast<int>(left - 1.0F) - window_.left;
+      const int last_column = static_cast<int>(right + 1.0F) - window_.left;
+      const int first_row = static_cast<int>(low - 1.0F) - window_.bottom;
+      const int last_row = static_cast<int>(high + 1.0F) - window_.bottom;
+      for (int row = first_row / kTile; row <= last_row / kTile; ++row) {
+        for (int column = first_column / kTile; column <= last_column / kTile; ++column) {
+          if (tiles_[static_cast<std::size_t>(row * tile_columns + column)] != 0) return true;
         }
-        if (rho == kInfinity) continue;
-        const float radius = rho + gap(i);
-        sites_[i] = -radius * radius;
+      }
+      return false;
+    };
+    for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
+      std::array<FieldPoint, 3> face = {points[corners[i]], points[corners[i + 1]],
+                                        points[corners[i + 2]]};
+      if (std::min({face[0].rho, face[1].rho, face[2].rho}) >= level_ || !touches(face)) continue;
+      std::ranges::sort(face, {}, &FieldPoint::rho);
+      const auto& [low, middle, high] = face;
+      if (high.rho <= level_) {
+        cover_triangle(low, middle, high, cut_gaps_);
+        continue;
+      }
+      // rho is linear in the image of a flat face: so is the cut.
+      const FieldPoint on_long = at_level(low, high, level_);
+      if (middle.rho < level_) {
+        cover_triangle(low, middle, on_long, cut_gaps_);
+        cover_triangle(middle, at_level(middle, high, level_), on_long, cut_gaps_);
+      } else {
+        cover_triangle(low, at_level(low, middle, level_), on_long, cut_gaps_);
       }
     }
-    transform();
-    for (std::size_t i = 0; i < sites_.size(); ++i) {
-      if (!covered(i)) sites_[i] = -std::abs(sites_[i]);
+  }
+
+  // Field value > 0 in cells with matter below the level that no disc round the outline found
+  // reaches.
+  void add_umbra(ShadowField& field) {
+    transform_.start(window_.width, window_.height);
+    for (const std::uint32_t i : outline_) {
+      const auto stride = static_cast<std::ptrdiff_t>(window_.width);
+      const std::array<std::ptrdiff_t, 8> steps = {
+          -1, 1, -stride, stride, -stride - 1, -stride + 1, stride - 1, stride + 1};
+      float rho = kInfinity;
+      for (std::size_t direction = 0; direction < steps.size(); ++direction) {
+        // Corners count only where no side is covered: they lie deeper inside.
+        if (direction == 4 && rho < kInfinity) break;
+        rho = std::min(rho, outline_rho(i, steps[direction]));
+      }
+      if (rho == kInfinity) continue;
+      const int row = static_cast<int>(i) / window_.width;
+      transform_.add(static_cast<int>(i) - row * window_.width, row, rho + gap(i));
     }
-    return sites_;
+    transform_.run();
+    for (int row = 0; row < window_.height; ++row) {
+      merge_umbra(transform_.row(row), least_.data() + index_of(0, row), level_,
+                  row_of(field, field.umbra, window_, row),
+                  static_cast<std::size_t>(window_.width));
+    }
   }
 
  private:
+  // From centres to matter beside them along row and column [cells]; infinity where none is beside.
+  struct Gaps {
+    std::vector<float> x, y;
+    void start(std::size_t count) {
+      x.assign(count, kInfinity);
+      y.assign(count, kInfinity);
+    }
+  };
+
   [[nodiscard]] std::size_t index_of(int column, int row) const {
     return static_cast<std::size_t>(row) * static_cast<std::size_t>(window_.width) +
            static_cast<std::size_t>(column);
   }
+  // The cells of a window's row in a layer of the field.
+  static float* row_of(const ShadowField& field, std::vector<float>& layer, const Window& window,
+                       int row) {
+    return layer.data() +
+           static_cast<std::size_t>(row + window.bottom) * static_cast<std::size_t>(field.width) +
+           static_cast<std::size_t>(window.left);
+  }
+  [[nodiscard]] bool covered(std::size_t index) const { return least_[index] < kInfinity; }
+
+  template <class Use>
+  void for_each_flagged(Use use) {
+    flagged_.resize(flags_.size());
+    std::size_t found = 0;
+    for (std::size_t x = 1; x + 1 < flags_.size(); ++x) {
+      flagged_[found] = static_cast<std::uint32_t>(x);  // no branch: few are
+      found += flags_[x] > 0.0F ? 1U : 0U;
+    }
+    for (std::size_t i = 0; i < found; ++i) use(flagged_[i]);
+  }
 
   // rho of the matter that makes the outline between an uncovered cell and the next one in a
   // direction, or infinity. Where the lower surface rises towards the outline, as on a round body,
-  // it is followed half a cell further, at most to where it meets the upper one.
+  // it is followed half a cell further, at most to where it meets the upper one. An outline that
+  // the level makes is at the level.
   [[nodiscard]] float outline_rho(std::size_t uncovered, std::ptrdiff_t step) const {
     const std::size_t near = uncovered + static_cast<std::size_t>(step);
-    if (!covered(near)) return kInfinity;
+    if (!(least_[near] <= level_)) return kInfinity;
+    if (covered(uncovered)) return least_[near];
     const std::size_t deep = near + static_cast<std::size_t>(step);
-    if (!covered(deep)) return least_[near];
+    if (!(least_[deep] <= level_)) return least_[near];
     const float rise = std::max(0.0F, least_[near] - least_[deep]);
-    const float fall = std::max(0.0F, greatest_[deep] - greatest_[near]);
+    const float high_near = std::min(greatest_[near], level_);
+    const float fall = std::max(0.0F, std::min(greatest_[deep], level_) - high_near);
     if (rise <= 0.0F) return least_[near];
-    return least_[near] +
-           rise * std::min(kHalfCell, (greatest_[near] - least_[near]) / (rise + fall));
+    return least_[near] + rise * std::min(kHalfCell, (high_near - least_[near]) / (rise + fall));
   }
 
-  void cover_triangle(FieldPoint a, FieldPoint b, FieldPoint c) {
+  void cover_triangle(FieldPoint a, FieldPoint b, FieldPoint c, Gaps& gaps) {
     if (b.y < a.y) std::swap(a, b);
     if (c.y < b.y) std::swap(b, c);
     if (b.y < a.y) std::swap(a, b);
@@ -175,8 +378,8 @@ class PartField {
       // How far matter begins from the centres beside the span, also where it covers none itself.
       const float left = std::min(across, other) - left_edge;
       const float right = std::max(across, other) - left_edge;
-      float& before = gap_x_[begin + static_cast<std::size_t>(first - 1)];
-      float& after = gap_x_[begin + static_cast<std::size_t>(end)];
+      float& before = gaps.x[begin + static_cast<std::size_t>(first - 1)];
+      float& after = gaps.x[begin + static_cast<std::size_t>(end)];
       before = std::min(before, left - (static_cast<float>(first) - 0.5F));
       after = std::min(after, static_cast<float>(end) + 0.5F - right);
     }
@@ -202,8 +405,8 @@ class PartField {
       const float high_end = std::max(across, other);
       const int first = std::max(1, static_cast<int>(low_end + 0.5F));
       const int end = std::min(window_.height - 1, static_cast<int>(high_end + 0.5F));
-      float& before = gap_y_[index_of(column, first - 1)];
-      float& after = gap_y_[index_of(column, end)];
+      float& before = gaps.y[index_of(column, first - 1)];
+      float& after = gaps.y[index_of(column, end)];
       before = std::min(before, low_end - (static_cast<float>(first) - 0.5F));
       after = std::min(after, static_cast<float>(end) + 0.5F - high_end);
     }
@@ -212,8 +415,12 @@ class PartField {
   // Distance from the centre of an uncovered cell to the outline that passes beside it [cells];
   // half a cell where only a corner is near.
   [[nodiscard]] float gap(std::size_t i) const {
-    const float x = gap_x_[i];
-    const float y = gap_y_[i];
+    float x = covered(i) ? kInfinity : gaps_.x[i];
+    float y = covered(i) ? kInfinity : gaps_.y[i];
+    if (level_ < kAllMatter) {
+      x = std::min(x, cut_gaps_.x[i]);
+      y = std::min(y, cut_gaps_.y[i]);
+    }
     if (x < kInfinity && y < kInfinity) {
       const float sum = x * x + y * y;
       return sum > 0.0F ? x * y / std::sqrt(sum) : 0.0F;
@@ -222,64 +429,21 @@ class PartField {
     return one < kInfinity ? one : kHalfCell;
   }
 
-  // sites_ -> min over all cells of squared distance + value, exactly, in place: one pass along
-  // rows, one along columns, each the lower envelope of parabolas (Felzenszwalb and Huttenlocher,
-  // "Distance Transforms of Sampled Functions").
-  void transform() {
-    const int width = window_.width;
-    const int height = window_.height;
-    turned_.resize(sites_.size());
-    envelope_pass(sites_.data(), turned_.data(), width, height);
-    envelope_pass(turned_.data(), sites_.data(), height, width);
-  }
-
-  // Each of `rows` rows of `length` values; the result is written transposed.
-  void envelope_pass(const float* from, float* to, int length, int rows) {
-    const auto n = static_cast<std::size_t>(length);
-    const auto stride = static_cast<std::size_t>(rows);
-    place_.resize(n);
-    height_.resize(n);
-    begins_.resize(n + 1);
-    for (int row = 0; row < rows; ++row) {
-      const float* values = from + static_cast<std::size_t>(row) * n;
-      std::size_t count = 0;
-      for (std::size_t q = 0; q < n; ++q) {
-        if (values[q] == kInfinity) continue;
-        const auto x = static_cast<float>(q);
-        const float lifted = values[q] + x * x;
-        float begin = -kInfinity;
-        while (count > 0) {
-          begin = (lifted - height_[count - 1]) / (2.0F * (x - place_[count - 1]));
-          if (begin > begins_[count - 1]) break;
-          --count;
-          begin = -kInfinity;
-        }
-        place_[count] = x;
-        height_[count] = lifted;
-        begins_[count] = begin;
-        ++count;
-      }
-      float* out = to + row;
-      if (count == 0) {
-        for (std::size_t q = 0; q < n; ++q) out[q * stride] = kInfinity;
-        continue;
-      }
-      begins_[count] = kInfinity;
-      std::size_t k = 0;
-      for (std::size_t q = 0; q < n; ++q) {
-        const auto x = static_cast<float>(q);
-        while (begins_[k + 1] < x) ++k;
-        // |x - p|^2 + f = x^2 - 2 x p + (p^2 + f)
-        out[q * stride] = x * (x - 2.0F * place_[k]) + height_[k];
-      }
-    }
+  static FieldPoint at_level(const FieldPoint& low, const FieldPoint& high, float level) {
+    const float t = (level - low.rho) / (high.rho - low.rho);
+    return {low.x + t * (high.x - low.x), low.y + t * (high.y - low.y), level};
   }
 
   Window window_;
   std::vector<float> greatest_, least_;  // rho per cell; -1 and infinity where not covered
-  std::vector<float> gap_x_, gap_y_;     // from centres to matter along row and column; infinity
-  std::vector<float> sites_, turned_;
-  std::vector<float> place_, height_, begins_;
+  Gaps gaps_, cut_gaps_;
+  float level_ = kAllMatter;            // of the outline
+  std::vector<std::uint32_t> outline_;  // indices of cells
+  static constexpr int kTile = 8;       // [cells]
+  std::vector<std::uint8_t> tiles_;     // 1 where the outline runs over higher matter
+  std::vector<float> middle_, column_least_, flags_;
+  std::vector<std::uint32_t> flagged_;
+  PowerTransform transform_;
 };
 
 // Vertex and face lists of each part.
@@ -321,6 +485,59 @@ PartFaces faces_by_part(std::span<const CasterVertex> vertices,
 struct HeightBounds {
   double low = std::numeric_limits<double>::infinity();
   double high = -std::numeric_limits<double>::infinity();
+
+  void add(float h) {
+    low = std::min(low, static_cast<double>(h));
+    high = std::max(high, static_cast<double>(h));
+  }
+};
+
+struct Bounds {
+  float left = kInfinity, bottom = kInfinity, right = -kInfinity, top = -kInfinity;
+
+  void add(const FieldPoint& point, float radius) {
+    left = std::min(left, point.x - radius);
+    bottom = std::min(bottom, point.y - radius);
+    right = std::max(right, point.x + radius);
+    top = std::max(top, point.y + radius);
+  }
+  void add(const Bounds& other) {
+    left = std::min(left, other.left);
+    bottom = std::min(bottom, other.bottom);
+    right = std::max(right, other.right);
+    top = std::max(top, other.top);
+  }
+  [[nodiscard]] bool within(float size) const {
+    return left > -size && bottom > -size && right < size && top < size;
+  }
+};
+
+// Whether clipping to the range leaves a vertex alone. (Ends are left to the clipping, which knows
+// how they round.)
+bool is_within(const CasterVertex& vertex, const HeightRange& range) {
+  return std::isfinite(vertex.u) && std::isfinite(vertex.v) && std::isfinite(vertex.ku) &&
+         std::isfinite(vertex.kv) && static_cast<double>(vertex.h) >= range.low &&
+         static_cast<double>(vertex.h) < std::min(range.high, 1e30);
+}
+
+// Which point a vertex became in the part at hand: a vertex may have faces in several.
+class PartVertices {
+ public:
+  explicit PartVertices(std::size_t count) : point_(count), part_(count, 0) {}
+  void start() { ++current_; }
+  // The vertex's point, or the next one where it has none yet.
+  std::pair<std::uint32_t, bool> find(std::uint32_t vertex, std::size_t next) {
+    const bool is_new = part_[vertex] != current_;
+    if (is_new) {
+      part_[vertex] = current_;
+      point_[vertex] = static_cast<std::uint32_t>(next);
+    }
+    return {point_[vertex], is_new};
+  }
+
+ private:
+  std::vector<std::uint32_t> point_, part_;
+  std::uint32_t current_ = 0;
 };
 
 // Projects clipped corners from the light of their part.
@@ -340,6 +557,10 @@ class LightProjection {
     return {static_cast<float>(static_cast<double>(vertex.u) + t * du),
             static_cast<float>(static_cast<double>(vertex.v) + t * dv),
             static_cast<float>(radius_ * (std::isinf(light_height_) ? h : t))};
+  }
+  // The light must not be at the zenith.
+  [[nodiscard]] float rho_at(double h) const {
+    return static_cast<float>(radius_ * (h / (light_height_ - h)));
   }
 
  private:
@@ -376,71 +597,112 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
   const std::size_t part_count = lights.size();
   const PartFaces faces = faces_by_part(vertices, indices, part, part_count);
   const HeightRange range = layer_height_range(constants, ShadowLayer::middle);
+  const bool zenith = std::isinf(constants.light_height);
 
-  // Corners of all parts and levels, first in metres.
+  // Corners of all parts, first in metres.
   struct Job {
-    std::size_t begin, end;  // into points
-    bool whole;
-    std::array<float, 4> bounds;  // left, bottom, right, top, grown by rho
+    std::size_t begin = 0, end = 0;  // into corners
+    Bounds matter, reach;
+    // Heights below which matter has an umbra of its own, as rho; < 0: none. And whether there is
+    // only an umbra to compute, of matter cut at such a height.
+    std::array<float, kLevels.size()> levels = {-1.0F, -1.0F};
+    float top = 0.0F;  // of all its matter, as rho
+    bool cut = false;
   };
   std::vector<FieldPoint> points;
+  std::vector<std::uint32_t> corners;  // indices into points, three per face
   std::vector<Job> jobs;
-  std::array<float, 4> all = {kInfinity, kInfinity, -kInfinity, -kInfinity};
+  Bounds all;
+  points.reserve(vertices.size());
+  corners.reserve(indices.size());
+  const auto finish = [&](Job job) {
+    job.end = corners.size();
+    for (std::size_t i = job.begin; i < job.end; ++i) {
+      job.matter.add(points[corners[i]], 0.0F);
+      job.reach.add(points[corners[i]], points[corners[i]].rho);
+    }
+    // Nothing of this size casts on a table, and larger numbers would overflow.
+    if (!job.reach.within(1e12F)) {
+      corners.resize(job.begin);
+      return;
+    }
+    all.add(job.reach);
+    jobs.push_back(job);
+  };
+  PartVertices part_vertices(vertices.size());
+  std::vector<std::uint32_t> straddling;
   for (std::size_t p = 0; p < part_count; ++p) {
     const auto part_faces =
         std::span(faces.indices).subspan(faces.begin[p], faces.begin[p + 1] - faces.begin[p]);
+    if (part_faces.empty()) continue;
     const LightProjection project(constants, lights[p]);
-    std::vector<CasterVertex> corners = clip_to_heights(vertices, part_faces, range);
-    if (corners.empty()) continue;
+    Job job;
+    job.begin = corners.size();
     HeightBounds heights;
-    for (const CasterVertex& corner : corners) {
-      heights.low = std::min(heights.low, static_cast<double>(corner.h));
-      heights.high = std::max(heights.high, static_cast<double>(corner.h));
-    }
-    for (const double level : kLevels) {
-      if (level < 1.0) {
-        if (std::isinf(constants.light_height)) break;  // all outlines are of one size
-        if (heights.high - heights.low <= 0.0) break;   // flat: all levels are the same
-        const double top = heights.low + level * (heights.high - heights.low);
-        std::vector<std::uint32_t> order(corners.size());
-        std::iota(order.begin(), order.end(), 0U);
-        corners = clip_to_heights(corners, order, {0.0, top});
-        if (corners.empty()) break;
-      }
-      Job job = {points.size(), 0, level == 1.0, {kInfinity, kInfinity, -kInfinity, -kInfinity}};
-      for (const CasterVertex& corner : corners) {
-        const FieldPoint point = project(corner);
-        points.push_back(point);
-        job.bounds = {std::min(job.bounds[0], point.x - point.rho),
-                      std::min(job.bounds[1], point.y - point.rho),
-                      std::max(job.bounds[2], point.x + point.rho),
-                      std::max(job.bounds[3], point.y + point.rho)};
-      }
-      job.end = points.size();
-      // Nothing of this size casts on a table, and larger numbers would overflow.
-      constexpr float kFar = 1e12F;  // [m]
-      const bool near = job.bounds[0] > -kFar && job.bounds[1] > -kFar && job.bounds[2] < kFar &&
-                        job.bounds[3] < kFar;
-      if (!near) {
-        points.resize(job.begin);
+    straddling.clear();
+    part_vertices.start();
+    for (std::size_t i = 0; i < part_faces.size(); i += 3) {
+      const auto face = part_faces.subspan(i, 3);
+      bool whole = true;
+      for (const std::uint32_t index : face) whole = whole && is_within(vertices[index], range);
+      if (!whole) {
+        straddling.insert(straddling.end(), face.begin(), face.end());
         continue;
       }
-      all = {std::min(all[0], job.bounds[0]), std::min(all[1], job.bounds[1]),
-             std::max(all[2], job.bounds[2]), std::max(all[3], job.bounds[3])};
-      jobs.push_back(job);
+      for (const std::uint32_t index : face) {
+        const auto [point, is_new] = part_vertices.find(index, points.size());
+        if (is_new) {
+          points.push_back(project(vertices[index]));
+          heights.add(vertices[index].h);
+        }
+        corners.push_back(point);
+      }
+    }
+    for (const CasterVertex& corner : clip_to_heights(vertices, straddling, range)) {
+      corners.push_back(static_cast<std::uint32_t>(points.size()));
+      points.push_back(project(corner));
+      heights.add(corner.h);
+    }
+    if (corners.size() == job.begin) continue;
+    // At the zenith all outlines are of one size, and so they are of flat matter.
+    const bool levelled = !zenith && heights.high > heights.low;
+    const auto top_of = [&heights](double level) {
+      return heights.low + level * (heights.high - heights.low);
+    };
+    if (levelled && options.levels == FieldLevels::from_one_raster) {
+      for (std::size_t i = 0; i < kLevels.size(); ++i)
+        job.levels[i] = project.rho_at(top_of(kLevels[i]));
+      job.top = project.rho_at(heights.high);
+    }
+    finish(job);
+    if (!levelled || options.levels != FieldLevels::cut) continue;
+    for (const double level : kLevels) {
+      Job cut;
+      cut.begin = corners.size();
+      cut.cut = true;
+      const std::vector<CasterVertex> whole = clip_to_heights(vertices, part_faces, range);
+      std::vector<std::uint32_t> order(whole.size());
+      std::iota(order.begin(), order.end(), 0U);
+      for (const CasterVertex& corner : clip_to_heights(whole, order, {0.0, top_of(level)})) {
+        corners.push_back(static_cast<std::uint32_t>(points.size()));
+        points.push_back(project(corner));
+      }
+      if (corners.size() > cut.begin) finish(cut);
     }
   }
-  const float extent = std::max(all[2] - all[0], all[3] - all[1]);
+  const float extent = std::max(all.right - all.left, all.top - all.bottom);
   if (jobs.empty() || !(extent > 0.0F)) return field;
 
   constexpr int kMargin = 3;
-  const float cell = extent / static_cast<float>(std::max(8, options.cells) - 2 * kMargin);
+  const float cell = std::max(extent / static_cast<float>(std::max(8, options.cells) - 2 * kMargin),
+                              // Some cells it takes in any case.
+                              std::min(static_cast<float>(options.finest_cell), extent / 24.0F));
   if (!(cell > std::numeric_limits<float>::min())) return field;
   field.cell = static_cast<double>(cell);
-  field.width = static_cast<int>(std::ceil((all[2] - all[0]) / cell)) + 2 * kMargin;
-  field.height = static_cast<int>(std::ceil((all[3] - all[1]) / cell)) + 2 * kMargin;
-  const float left = all[0] - static_cast<float>(kMargin) * cell;
-  const float bottom = all[1] - static_cast<float>(kMargin) * cell;
+  field.width = static_cast<int>(std::ceil((all.right - all.left) / cell)) + 2 * kMargin;
+  field.height = static_cast<int>(std::ceil((all.top - all.bottom) / cell)) + 2 * kMargin;
+  const float left = all.left - static_cast<float>(kMargin) * cell;
+  const float bottom = all.bottom - static_cast<float>(kMargin) * cell;
   field.origin = {static_cast<double>(left), static_cast<double>(bottom)};
   const std::size_t count =
       static_cast<std::size_t>(field.width) * static_cast<std::size_t>(field.height);
@@ -451,35 +713,37 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
   for (FieldPoint& point : points) {
     point = {(point.x - left) / cell, (point.y - bottom) / cell, point.rho / cell};
   }
-  PartField part_field;
-  for (const Job& job : jobs) {
-    const auto to_window = [&](float value, float from) {
+  const auto window_of = [&](const Bounds& bounds) {
+    const auto to_cells = [cell](float value, float from) {
       return static_cast<int>((value - from) / cell);
     };
     Window window;
-    window.left = std::max(0, to_window(job.bounds[0], left) - 2);
-    window.bottom = std::max(0, to_window(job.bounds[1], bottom) - 2);
-    window.width = std::min(field.width, to_window(job.bounds[2], left) + 4) - window.left;
-    window.height = std::min(field.height, to_window(job.bounds[3], bottom) + 4) - window.bottom;
-    part_field.cover(std::span(points).subspan(job.begin, job.end - job.begin), window);
-    const auto merge = [&](const std::vector<float>& values, std::vector<float>& into) {
-      for (int row = 0; row < window.height; ++row) {
-        const float* from =
-            values.data() + static_cast<std::size_t>(row) * static_cast<std::size_t>(window.width);
-        float* to =
-            into.data() +
-            static_cast<std::size_t>(row + window.bottom) * static_cast<std::size_t>(field.width) +
-            static_cast<std::size_t>(window.left);
-        for (int column = 0; column < window.width; ++column) {
-          to[column] = std::max(to[column], from[column]);
-        }
-      }
-    };
-    if (job.whole) {
-      merge(part_field.penumbra(), field.penumbra);
-      merge(part_field.middle(), field.middle);
+    window.left = std::max(0, to_cells(bounds.left, left) - 2);
+    window.bottom = std::max(0, to_cells(bounds.bottom, bottom) - 2);
+    window.width = std::min(field.width, to_cells(bounds.right, left) + 4) - window.left;
+    window.height = std::min(field.height, to_cells(bounds.top, bottom) + 4) - window.bottom;
+    return window;
+  };
+  PartField part_field;
+  for (const Job& job : jobs) {
+    const auto faces_of_job = std::span(corners).subspan(job.begin, job.end - job.begin);
+    part_field.cover(points, faces_of_job, window_of(job.matter));
+    part_field.find_outline(kAllMatter);
+    part_field.add_umbra(field);
+    if (job.cut) continue;
+    part_field.add_penumbra(window_of(job.reach), field);
+    part_field.add_middle(field);
+    float last = job.top / cell;
+    for (const float level : job.levels) {
+      const float rho = level / cell;
+      // Matter as flat as that has one outline.
+      constexpr float kFlat = 0.1F;  // [cells]
+      if (level < 0.0F || last - rho < kFlat) continue;
+      part_field.find_outline(rho);
+      part_field.find_cut_gaps(points, faces_of_job);
+      part_field.add_umbra(field);
+      last = rho;
     }
-    merge(part_field.umbra(), field.umbra);
   }
   return field;
 }

@@ -41,8 +41,16 @@ struct ShadowField {
   [[nodiscard]] float sample(ShadowLayer which, const Eigen::Vector2d& p) const;
 };
 
+// Of a light at a finite height, where the umbra of the lower matter alone comes from.
+enum class FieldLevels {
+  from_one_raster,  // of the whole part's cells, those with matter below the level
+  cut,              // faces cut at the level, on a raster of their own: exact, and slower
+};
+
 struct ShadowFieldOptions {
-  int cells = 256;  // along the longer side
+  int cells = 256;           // along the longer side, at most
+  double finest_cell = 0.0;  // cells are no smaller than this [m]
+  FieldLevels levels = FieldLevels::from_one_raster;
 };
 
 // `part` gives the part of each vertex; `lights` has one light per part. Kernels of the vertices

@@ -8,6 +8,7 @@
 #include <span>
 
 #include "core/assert.hpp"
+#include "core/vector_clones.hpp"
 #include "render/shadow/footprint.hpp"
 #include "render/shadow/plane_frame.hpp"
 
@@ -30,6 +31,8 @@ constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
 constexpr int kMinSideCells = 32;
 constexpr int kMaxSideCells = 128;
 constexpr int kMedianFiner = 2;  // a part's median radius is worth twice the cells along each side
+// However small they would be, a part's median radius has so many cells.
+constexpr int kFewestMedianCells = 32 * 32;
 constexpr int kTileCells = 8;
 constexpr std::size_t kFewVertices = 64;  // then tiles cost more than they spare
 // A disc of one cell says little about its size: how much further than kReach radii it may reach,
@@ -54,25 +57,84 @@ struct PlanarKernel {
   float radius = 0.0F;
 };
 
+// How many of the cells that are left a disc holds; they are left no more.
+PENUMBRA_VECTOR_CLONES
+std::int32_t take_held(const float* x, const float* y, std::int32_t* left, std::size_t count,
+                       float disc_x, float disc_y, float squared_reach) {
+  std::int32_t held = 0;
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // three arrays
+#endif
+  for (std::size_t i = 0; i < count; ++i) {
+    const float dx = disc_x - x[i];
+    const float dy = disc_y - y[i];
+    const std::int32_t now = dx * dx + dy * dy <= squared_reach ? left[i] : 0;
+    held += now;
+    left[i] -= now;
+  }
+  return held;
+}
+
+// Cells of a silhouette, each until a disc holds it.
+struct CellSamples {
+  std::vector<float> x, y;         // of the centres [cells]
+  std::vector<std::int32_t> left;  // 1, or 0 once held
+
+  void clear() {
+    x.clear();
+    y.clear();
+    left.clear();
+  }
+  void add(float column, float row) {
+    x.push_back(column);
+    y.push_back(row);
+    left.push_back(1);
+  }
+  // How many of those that are left the disc holds.
+  std::size_t take(float disc_x, float disc_y, float squared_reach) {
+    return static_cast<std::size_t>(
+        take_held(x.data(), y.data(), left.data(), x.size(), disc_x, disc_y, squared_reach));
+  }
+};
+
 // The positions and faces of one part, contiguous.
 struct PartGeometry {
   std::span<const Eigen::Vector2f> points;  // [m], from the part's reference point
   std::span<const std::uint32_t> faces;     // indices into points
 };
 
+// Of the points' bounds along the axes; 0 of none.
+template <class Points>
+Eigen::Vector2f extent_of(const Points& points) {
+  if (points.empty()) return Eigen::Vector2f::Zero();
+  auto low = points[0];
+  auto high = points[0];
+  for (const auto& point : points) {
+    low = low.cwiseMin(point);
+    high = high.cwiseMax(point);
+  }
+  return (high - low).template cast<float>();
+}
+
 // Kernels of one part after another; keeps its buffers.
 class LocalThickness {
  public:
-  explicit LocalThickness(bool smooth) : smooth_(smooth) {}
+  explicit LocalThickness(bool smooth, KernelProgress* progress = nullptr)
+      : smooth_(smooth), progress_(progress) {}
 
   void generate(const PartGeometry& part, std::span<PlanarKernel> kernels) {
     for (std::size_t i = 0; i < kernels.size(); ++i) kernels[i] = {part.points[i], 0.0F};
-    if (!rasterise(part, 1)) return;
+    const int side = side_cells(part);
+    if (!rasterise(part, side, side * side)) {
+      if (progress_ != nullptr) progress_->done += part.points.size();
+      return;
+    }
     if (part.points.size() <= kFewVertices) {
       near_.swap(discs_);
       for (std::size_t i = 0; i < part.points.size(); ++i) {
         assign(raster_.to_cells(part.points[i]), kernels[i]);
       }
+      if (progress_ != nullptr) progress_->done += part.points.size();
       return;
     }
     sort_vertices_into_tiles(part.points);
@@ -85,36 +147,52 @@ class LocalThickness {
         const std::uint32_t vertex = tile_vertices_[i];
         assign(points_[vertex], kernels[vertex]);
       }
+      if (progress_ != nullptr) progress_->done += end - begin;
     }
   }
 
-  // Centroid of the part's silhouette, and the median of the radii that its cells are assigned.
-  PlanarKernel median(const PartGeometry& part) {
+  // Centroid of the part's silhouette, and the median of the radii that its cells are assigned; in
+  // cells of no less than `finest_cell` [m].
+  PlanarKernel median(const PartGeometry& part, float finest_cell) {
     PlanarKernel result;
-    if (!rasterise(part, kMedianFiner)) {
+    const int side = side_cells(part);
+    const Eigen::Vector2f extent = extent_of(part.points);
+    const int most = kMedianFiner * kMedianFiner * side * side;
+    const float of_use = extent.x() * extent.y() / (finest_cell * finest_cell);
+    const int budget = of_use < static_cast<float>(most)
+                           ? std::max(kFewestMedianCells, static_cast<int>(of_use))
+                           : most;
+    if (!rasterise(part, side, budget)) {
       for (const Eigen::Vector2f& point : part.points) result.centre += point;
       if (!part.points.empty()) result.centre /= static_cast<float>(part.points.size());
       return result;
     }
     result.centre = raster_.centroid();
-    near_.swap(discs_);
-    radii_.clear();
     // Some 500 cells say the median to a cell's accuracy.
     constexpr std::size_t kSamples = 500;
     const std::size_t step = std::max<std::size_t>(1, raster_.covered_count() / kSamples);
     std::size_t covered = 0;
+    samples_.clear();
     for (int row = 0; row < raster_.height(); ++row) {
       const float* cells = raster_.covered_row(row);
       for (int column = 0; column < raster_.width(); ++column) {
         if (cells[column] == 0.0F || covered++ % step != 0) continue;
-        radii_.push_back(
-            thickness_at(static_cast<float>(column) + 0.5F, static_cast<float>(row) + 0.5F) *
-            raster_.cell());
+        samples_.add(static_cast<float>(column) + 0.5F, static_cast<float>(row) + 0.5F);
       }
     }
-    const auto middle = radii_.begin() + static_cast<std::ptrdiff_t>(radii_.size() / 2);
-    std::nth_element(radii_.begin(), middle, radii_.end());
-    if (middle != radii_.end()) result.radius = *middle;
+    // A cell's thickness is the radius of the largest disc that holds it: from the largest disc on,
+    // the median is the one with which half of the cells are held.
+    std::size_t left = samples_.x.size() - samples_.x.size() / 2;
+    for (const Disc& disc : discs_) {
+      const float reach = disc.radius + 0.5F;
+      const std::size_t held = samples_.take(disc.x, disc.y, reach * reach);
+      if (held < left) {
+        left -= held;
+        continue;
+      }
+      result.radius = disc.radius * raster_.cell();
+      break;
+    }
     return result;
   }
 
@@ -123,24 +201,15 @@ class LocalThickness {
     float x, y, radius;  // [cells]
   };
 
-  // Radius of the largest disc that holds the point [cells].
-  [[nodiscard]] float thickness_at(float x, float y) const {
-    for (const Disc& disc : near_) {
-      const float dx = disc.x - x;
-      const float dy = disc.y - y;
-      const float reach = disc.radius + 0.5F;
-      if (dx * dx + dy * dy <= reach * reach) return disc.radius;
-    }
-    return 0.0F;
+  static int side_cells(const PartGeometry& part) {
+    return std::clamp(
+        static_cast<int>(std::lround(8.0 * std::sqrt(static_cast<double>(part.points.size())))),
+        kMinSideCells, kMaxSideCells);
   }
 
   // Raster, depth and discs of a part; false where it has none.
-  bool rasterise(const PartGeometry& part, int finer) {
-    const int side = std::clamp(
-        static_cast<int>(std::lround(8.0 * std::sqrt(static_cast<double>(part.points.size())))),
-        kMinSideCells, kMaxSideCells);
-    if (part.faces.empty() || !raster_.cover(part.points, part.faces, finer * finer * side * side))
-      return false;
+  bool rasterise(const PartGeometry& part, int side, int cell_budget) {
+    if (part.faces.empty() || !raster_.cover(part.points, part.faces, cell_budget)) return false;
     raster_.fill_small_holes(kHoleShare);
     raster_.compute_depth();
     nominal_cell_ =
@@ -319,10 +388,11 @@ class LocalThickness {
   }
 
   bool smooth_;
+  KernelProgress* progress_;
   float nominal_cell_ = 1.0F;  // [cells]
   FootprintRaster raster_;
   std::vector<float> ridge_;  // depth of ridge cells, else 0
-  std::vector<float> radii_;
+  CellSamples samples_;
   std::vector<std::ptrdiff_t> ridge_columns_;
   std::vector<Disc> discs_, near_;
   std::vector<std::uint64_t> disc_keys_;
@@ -393,7 +463,7 @@ PartGeometry geometry_of(const PartList& parts, std::size_t part) {
 }
 
 ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector3d& up,
-                                     KernelSource source) {
+                                     KernelSource source, KernelProgress* progress) {
   ShadowKernels result;
   result.up = up.normalized();
   const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
@@ -426,7 +496,7 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
   }
 
   const PartList parts = split_into_parts(mesh, projected);
-  LocalThickness thickness(source == KernelSource::smooth);
+  LocalThickness thickness(source == KernelSource::smooth, progress);
   std::vector<PlanarKernel> kernels(count);
   for (std::size_t part = 0; part < mesh.part_count; ++part) {
     const PartGeometry geometry = geometry_of(parts, part);
@@ -444,7 +514,8 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
 
 // Layered Penumbrae, section 5.3, in the exact form of shadows.md 2.7: k = sum of d_i^2 k_i over
 // the sets k_i made for up = axis i. Exact on the axes only.
-ShadowKernels compose_per_axis(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
+ShadowKernels compose_per_axis(const ShadowMesh& mesh, const Eigen::Vector3d& up,
+                               KernelProgress* progress) {
   const Eigen::Vector3d d = up.normalized();
   ShadowKernels result;
   result.up = d;
@@ -453,8 +524,8 @@ ShadowKernels compose_per_axis(const ShadowMesh& mesh, const Eigen::Vector3d& up
   for (int axis = 0; axis < 3; ++axis) {
     const double weight = d[axis] * d[axis];
     if (weight <= 0.0) continue;
-    const ShadowKernels set =
-        generate_for_direction(mesh, Eigen::Vector3d::Unit(axis), KernelSource::automatic);
+    const ShadowKernels set = generate_for_direction(mesh, Eigen::Vector3d::Unit(axis),
+                                                     KernelSource::automatic, progress);
     for (std::size_t i = 0; i < sum.size(); ++i) {
       sum[i] += weight * to_eigen(set.kernels[i]);
       result.radius[i] += static_cast<float>(weight) * set.radius[i];
@@ -471,21 +542,30 @@ ShadowKernels compose_per_axis(const ShadowMesh& mesh, const Eigen::Vector3d& up
 }  // namespace
 
 ShadowKernels generate_kernels(const ShadowMesh& mesh, const Eigen::Vector3d& up,
-                               KernelSource source) {
+                               KernelSource source, KernelProgress* progress) {
   PENUMBRA_ASSERT(up.allFinite() && up.squaredNorm() > 0.0);
-  if (source == KernelSource::per_axis) return compose_per_axis(mesh, up);
-  return generate_for_direction(mesh, up, source);
+  const bool per_axis = source == KernelSource::per_axis;
+  if (progress != nullptr) {
+    const auto sets = per_axis ? static_cast<std::size_t>((up.array() != 0.0).count()) : 1U;
+    progress->total = sets * mesh.positions.size();
+  }
+  ShadowKernels kernels = per_axis ? compose_per_axis(mesh, up, progress)
+                                   : generate_for_direction(mesh, up, source, progress);
+  if (progress != nullptr) progress->done = progress->total.load();
+  return kernels;
 }
 
-std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
+std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up,
+                                 double finest_cell) {
   PENUMBRA_ASSERT(up.allFinite() && up.squaredNorm() > 0.0);
   const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
   const std::vector<Eigen::Vector2d> projected = project_along(mesh, view);
   const PartList parts = split_into_parts(mesh, projected);
   LocalThickness thickness(false);
+  const float finest_cell_m = static_cast<float>(finest_cell) * extent_of(projected).maxCoeff();
   std::vector<PartDisc> discs(mesh.part_count);
   for (std::size_t part = 0; part < mesh.part_count; ++part) {
-    const PlanarKernel disc = thickness.median(geometry_of(parts, part));
+    const PlanarKernel disc = thickness.median(geometry_of(parts, part), finest_cell_m);
     const std::uint32_t first = parts.positions[parts.position_begin[part]];
     const Eigen::Vector3d centre = to_eigen(mesh.positions[first]) +
                                    static_cast<double>(disc.centre.x()) * view.e1 +

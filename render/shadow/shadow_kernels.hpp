@@ -3,6 +3,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <atomic>
+#include <cstddef>
 #include <glm/vec3.hpp>
 #include <vector>
 
@@ -20,10 +22,16 @@ struct ShadowKernels {
       radius;  // radius of the disc at the kernel [m]; empty where the source has none
 };
 
+// How far a generation is, to be read by another thread.
+struct KernelProgress {
+  std::atomic<std::size_t> done{0}, total{0};  // [vertices]
+};
+
 // Total: any triangle soup gives a finite kernel for every vertex; a vertex without a usable
 // neighbourhood gets k = x. `up` need not be unit; it must be finite and not zero.
 [[nodiscard]] ShadowKernels generate_kernels(const ShadowMesh& mesh, const Eigen::Vector3d& up,
-                                             KernelSource source);
+                                             KernelSource source,
+                                             KernelProgress* progress = nullptr);
 
 // A part's size as its light sees it: the area-weighted median of its silhouette's local thickness
 // (radius [m], 0 for a part without area), and the centroid of its silhouette (object frame [m],
@@ -32,6 +40,9 @@ struct PartDisc {
   glm::vec3 centre{0.0F};
   float radius = 0.0F;
 };
-[[nodiscard]] std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up);
+// Silhouettes of small parts are measured in cells of `finest_cell` of the object's extent, half a
+// cell of its shadow field; 0: as finely as if each were the whole object.
+[[nodiscard]] std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up,
+                                               double finest_cell = 1.0 / 512.0);
 
 }  // namespace penumbra

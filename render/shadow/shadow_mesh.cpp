@@ -6,6 +6,8 @@
 #include <limits>
 #include <numeric>
 
+#include "render/shadow/part_groups.hpp"
+
 namespace penumbra {
 
 namespace {
@@ -156,13 +158,34 @@ class KernelSplitter {
   std::vector<std::array<std::uint32_t, 2>> twins_;
 };
 
+// One position of each of the mesh's faces that the group holds.
+void collect_group(const Mesh& source, const std::vector<std::uint32_t>& welded,
+                   const std::vector<bool>& members, const std::string& group,
+                   std::vector<std::uint32_t>& positions) {
+  const auto collect = [&](std::size_t first, std::size_t count) {
+    for (std::size_t i = first; i < first + count && i < source.indices.size(); i += 3) {
+      const std::uint32_t vertex = source.indices[i];
+      if (vertex < welded.size() && welded[vertex] != kNoShadowPosition) {
+        positions.push_back(welded[vertex]);
+      }
+    }
+  };
+  if (group == kGroupOfAll) {
+    collect(0, source.indices.size());
+    return;
+  }
+  for (const NodeFaces& run : source.node_faces) {
+    if (members[run.node]) collect(run.first_index, run.index_count);
+  }
+}
+
 bool is_finite(const glm::vec3& p) {
   return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
 }
 
 }  // namespace
 
-ShadowMesh make_shadow_mesh(const Model& model) {
+ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> groups) {
   ShadowMesh mesh;
   std::size_t vertex_count = 0;
   std::size_t index_count = 0;
@@ -180,6 +203,9 @@ ShadowMesh make_shadow_mesh(const Model& model) {
   KernelSplitter splitter;
   std::vector<std::uint32_t> welded;
   std::vector<std::array<std::uint32_t, 2>> collapsed_edges;
+  std::vector<std::vector<bool>> members;  // per group, which of the model's nodes
+  for (const std::string& group : groups) members.push_back(nodes_of_group(model, group));
+  std::vector<std::vector<std::uint32_t>> grouped(groups.size());  // positions, one per face
   for (const Mesh& source : model.meshes) {
     welded.resize(source.positions.size());
     for (std::size_t i = 0; i < source.positions.size(); ++i) {
@@ -210,6 +236,9 @@ ShadowMesh make_shadow_mesh(const Model& model) {
       }
       mesh.indices.insert(mesh.indices.end(), face.begin(), face.end());
     }
+    for (std::size_t group = 0; group < members.size(); ++group) {
+      collect_group(source, welded, members[group], groups[group], grouped[group]);
+    }
   }
 
   UnionFind parts(mesh.positions.size());
@@ -219,6 +248,9 @@ ShadowMesh make_shadow_mesh(const Model& model) {
   }
   for (const auto& edge : collapsed_edges) parts.join(edge[0], edge[1]);
   for (const auto& twins : splitter.twins()) parts.join(twins[0], twins[1]);
+  for (const std::vector<std::uint32_t>& group : grouped) {
+    for (const std::uint32_t position : group) parts.join(group.front(), position);
+  }
   // A position that no vertex with a kernel made.
   for (std::size_t i = mesh.stored_kernels.size(); stored && i < mesh.positions.size(); ++i) {
     mesh.stored_kernels.push_back(mesh.positions[i]);

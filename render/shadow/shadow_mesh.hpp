@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <glm/vec3.hpp>
 #include <limits>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "render/model.hpp"
@@ -27,6 +29,8 @@ struct ShadowMesh {
   glm::vec3 stored_up{0.0F, 0.0F, 1.0F};
 };
 
-[[nodiscard]] ShadowMesh make_shadow_mesh(const Model& model);
+// `groups` name parts that are to be one (part_groups.hpp).
+[[nodiscard]] ShadowMesh make_shadow_mesh(const Model& model,
+                                          std::span<const std::string> groups = {});
 
 }  // namespace penumbra

@@ -45,6 +45,28 @@ inline constexpr std::array kShadowTechniqueNames = {
   return std::nullopt;
 }
 
+// How large the light of layered shadows is.
+enum class LightMode {
+  proportional,  // for each part in proportion to its thickness there: all of it loses its umbra at
+                 // one height
+  fixed,         // one size: thin parts lose their umbra first (fixed_light.hpp)
+};
+[[nodiscard]] constexpr std::string_view to_string(LightMode mode) {
+  return mode == LightMode::fixed ? "fixed" : "proportional";
+}
+[[nodiscard]] constexpr std::optional<LightMode> light_mode_from_string(std::string_view name) {
+  if (name == "proportional") return LightMode::proportional;
+  if (name == "fixed") return LightMode::fixed;
+  return std::nullopt;
+}
+
+// Whether a reduced mesh may cast layered shadows in place of the model (shadow_proxy.hpp).
+enum class ProxyMode {
+  automatic,  // one made from the model, where its layers are as good as the model's
+  none,
+  model,  // a file that the author made; used as it is
+};
+
 // Where shadow kernels come from.
 enum class KernelSource {
   automatic,  // from the silhouette, per connected part: the largest disc near each vertex

@@ -10,7 +10,8 @@ namespace penumbra {
 
 namespace {
 
-// A face's area is compared with the square of the caster's extent.
+// Twice a face's area, the cross product of its sides, is compared with the square of the caster's
+// extent.
 constexpr double kEdgeOn = 1e-7;
 
 double signed_area(const std::array<Eigen::Vector2d, 3>& p) {
@@ -55,7 +56,7 @@ TwistReport find_twists(std::span<const CasterVertex> vertices,
     }
     if (!usable) continue;
     const double area = signed_area(points);
-    if (!(std::abs(area) > edge_on)) continue;  // also where it is not a number
+    if (!(2.0 * std::abs(area) > edge_on)) continue;  // also where it is not a number
     const double kernel_area = signed_area(kernels);
     const double offset_area = signed_area(offsets);
     const double mixed = area - kernel_area - offset_area;

@@ -16,6 +16,12 @@ struct TwistReport {
   double area_share = 0.0;  // of the tested faces' projected area
 };
 
+// Of the kernels of one shadow in a scene, for a debug view.
+struct CasterTwist {
+  int node = 0, object = 0, plane = 0;  // indices into the scene
+  TwistReport twist;
+};
+
 // For every factor from `least` to `greatest`, the same for all corners of a face.
 [[nodiscard]] TwistReport find_twists(std::span<const CasterVertex> vertices,
                                       std::span<const std::uint32_t> indices, double least,

@@ -2,6 +2,7 @@
 // output.
 
 #include <gmock/gmock.h>
+#include <unistd.h>
 
 #include <functional>
 #include <random>
@@ -68,6 +69,63 @@ TEST_F(BadInput, NoneWhereNothingIsDamaged) {
   EXPECT_EQ(result.exit_code, 0) << result.err;
   EXPECT_EQ(read_json(file("report.json"))["frames"], kFrames);
   EXPECT_EQ(contents_of(file("out")).size(), static_cast<std::size_t>(kFrames));
+}
+
+TEST_F(BadInput, ATagIdThatTheFamilyHasNotNamesTheFile) {
+  std::string tags = bytes_of(recording() / "tags.yaml");
+  const std::size_t at = tags.find("id: ");
+  ASSERT_NE(at, std::string::npos);
+  tags.replace(at, tags.find_first_of(",\n}", at) - at, "id: 99999");
+  write(recording() / "tags.yaml", tags);
+  expect_replay_fails({}, {"tags.yaml", "99999", "0 to 586"});
+}
+
+TEST_F(BadInput, AKeyThatIsThereTwice) {
+  write(recording() / "camera.yaml",
+        bytes_of(recording() / "camera.yaml") + "\nimage_width: 640\n");
+  expect_replay_fails({}, {"camera.yaml", "image_width", "twice"});
+}
+
+TEST_F(BadInput, APositionFartherThanTheMoon) {
+  write(file("far.tum"), "0.0 1e30 0 0 0 0 0 1\n");
+  expect_replay_fails({"--poses-from", file("far.tum")}, {"far.tum", "tx", "1e30"});
+}
+
+TEST_F(BadInput, APictureThatIsNoFileIsNoCutOffEnd) {
+  fs::remove(recording() / "frames" / "000005.jpg");
+  fs::create_directory(recording() / "frames" / "000005.jpg");
+  expect_replay_fails({}, {"000005.jpg", "is no file"});
+}
+
+TEST_F(BadInput, WhatMayNotBeReadIsNotCalledMissing) {
+  // To root everything is readable, so the program runs as nobody.
+  const bool root = geteuid() == 0;
+  const auto as_nobody = [&](const std::vector<std::string>& arguments) {
+    if (!root) return penumbra(arguments);
+    std::vector<std::string> words = {"--reuid", "65534",          "--regid",
+                                      "65534",   "--clear-groups", program().string()};
+    words.insert(words.end(), arguments.begin(), arguments.end());
+    return run_program("/usr/bin/setpriv", words);
+  };
+  if (as_nobody({"--version"}).exit_code != 0) {
+    GTEST_SKIP() << "the program lies where only root may run it";
+  }
+  fs::permissions(folder_.path(), fs::perms::all);
+  for (const auto& entry : fs::recursive_directory_iterator(folder_.path())) {
+    fs::permissions(entry.path(), fs::perms::all);
+  }
+  const auto expect_denied = [&](const char* name) {
+    expect_failure(as_nobody({"replay", recording(), "--report", file("report.json")}),
+                   {name, "Permission denied"});
+  };
+  fs::permissions(recording() / "frames" / "000005.jpg", fs::perms::none);
+  expect_denied("000005.jpg");
+  fs::permissions(recording() / "frames", fs::perms::none);
+  expect_denied("frames");
+  fs::permissions(recording() / "frames", fs::perms::all);
+  fs::permissions(recording(), fs::perms::none);
+  expect_denied("recording");
+  fs::permissions(recording(), fs::perms::all);
 }
 
 TEST_F(BadInput, TruncatedJpeg) {

@@ -13,7 +13,8 @@ using testing::HasSubstr;
 TEST(CommandLine, EveryCommandHasHelpWithAnExample) {
   EXPECT_EQ(penumbra({"--help"}).exit_code, 0);
   EXPECT_THAT(penumbra({"--help"}).out, HasSubstr("Example:\n  penumbra demo"));
-  for (const char* command : {"demo", "replay", "evaluate", "target", "shadow", "kernels"}) {
+  for (const char* command :
+       {"demo", "replay", "evaluate", "target", "shadow", "kernels", "simulate"}) {
     const ProgramResult help = penumbra({command, "--help"});
     EXPECT_EQ(help.exit_code, 0);
     EXPECT_THAT(help.out, HasSubstr(std::string("Example:\n  penumbra ") + command));
@@ -40,6 +41,11 @@ INSTANTIATE_TEST_SUITE_P(
         std::vector<std::string>{"replay", "r", "second"},
         std::vector<std::string>{"replay", "r", "--shadow", "pink"},
         std::vector<std::string>{"replay", "r", "--kernels", "pink"},
+        std::vector<std::string>{"replay", "r", "--light-mode", "pink"},
+        std::vector<std::string>{"replay", "r", "--light-mode", "fixed", "--kernels", "cocl"},
+        std::vector<std::string>{"replay", "r", "--light-mode", "fixed", "--shadow", "cocl"},
+        std::vector<std::string>{"replay", "r", "--shadow", "cocl", "--kernels", "k.json"},
+        std::vector<std::string>{"replay", "r", "--proxy", "some"},
         std::vector<std::string>{"replay", "r", "--tracking", "pink"},
         std::vector<std::string>{"replay", "r", "--frames", "9:3"},
         std::vector<std::string>{"replay", "r", "--threads", "0"},
@@ -56,6 +62,7 @@ INSTANTIATE_TEST_SUITE_P(
         std::vector<std::string>{"shadow", "m.obj", "--light", "0 0 1 1"},
         std::vector<std::string>{"shadow", "m.obj", "--kernels", "pink"},
         std::vector<std::string>{"shadow", "m.obj", "--light-mode", "pink"},
+        std::vector<std::string>{"shadow", "m.obj", "--proxy", "auto", "--technique", "field"},
         std::vector<std::string>{"shadow", "m.obj", "--light-height", "-1"},
         std::vector<std::string>{"shadow", "m.obj", "--light-height", "nan"},
         std::vector<std::string>{"shadow", "m.obj", "--light-height", "inf"},

@@ -8,10 +8,10 @@
 #include <fstream>
 #include <iterator>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
+#include "support/json_file.hpp"
 #include "support/paths.hpp"
 #include "support/run_program.hpp"
 
@@ -50,10 +50,6 @@ inline std::map<std::string, std::string> contents_of(const std::filesystem::pat
         entry.is_directory() ? "a folder" : fingerprint_of(entry.path());
   }
   return contents;
-}
-
-inline nlohmann::json read_json(const std::filesystem::path& file) {
-  return nlohmann::json::parse(bytes_of(file), nullptr, false);
 }
 
 inline std::vector<std::string> lines_of(const std::string& text) {

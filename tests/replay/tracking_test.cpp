@@ -40,7 +40,7 @@ const std::vector<Expected>& expectations() {
       {"shake", false, 86, 0.4, 2.5, 6},
       {"grazing", false, 90, 0.06, 0.3, 1},
       {"tabletop", true, 120, 0.06, 0.3, 1, kFast},
-      {"single", false, 55, 0.4, 4.0, 3, kFast},
+      {"single", false, 80, 0.4, 5.0, 3, kFast},
       {"shake", false, 84, 0.4, 3.0, 8, kFast},
       {"tabletop", true, 120, 0.05, 0.2, 1, kAccurate},
       {"shake", false, 84, 0.4, 3.0, 8, kAccurate},

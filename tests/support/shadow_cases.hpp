@@ -5,23 +5,20 @@
 #include <zlib.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
 #include "render/shadow/caster.hpp"
+#include "support/json_file.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra::test {
-
-inline nlohmann::json read_json(const std::filesystem::path& file) {
-  std::ifstream stream(file);
-  return nlohmann::json::parse(stream);
-}
 
 // A model of one mesh, each vertex its own source vertex.
 inline Model model_of(const std::vector<float>& xyz, const std::vector<std::uint32_t>& indices) {
@@ -65,6 +62,53 @@ inline Eigen::Vector3d vector_from(const nlohmann::json& three) {
   return {three.at(0).get<double>(), three.at(1).get<double>(), three.at(2).get<double>()};
 }
 
+inline Eigen::Vector2d point_from(const nlohmann::json& pair) {
+  return {pair.at(0).get<double>(), pair.at(1).get<double>()};
+}
+
+using Ring = std::vector<Eigen::Vector2d>;  // closed, plane coordinates [m]
+
+// The rings of {"outer": [[u, v], ...], "holes": [...]}, as the vectors and the program write them.
+inline std::vector<Ring> rings_from(const nlohmann::json& polygons) {
+  std::vector<Ring> rings;
+  const auto add = [&rings](const nlohmann::json& points) {
+    Ring& ring = rings.emplace_back();
+    for (const auto& p : points) ring.push_back(point_from(p));
+  };
+  for (const auto& polygon : polygons) {
+    add(polygon.at("outer"));
+    for (const auto& hole : polygon.at("holes")) add(hole);
+  }
+  return rings;
+}
+
+inline double distance_to_segment(const Eigen::Vector2d& p, const Eigen::Vector2d& a,
+                                  const Eigen::Vector2d& b) {
+  const Eigen::Vector2d d = b - a;
+  const double t = std::clamp((p - a).dot(d) / std::max(d.squaredNorm(), 1e-300), 0.0, 1.0);
+  return (p - a - t * d).norm();
+}
+inline double distance_to_rings(const Eigen::Vector2d& p, const std::vector<Ring>& rings) {
+  double least = std::numeric_limits<double>::infinity();
+  for (const Ring& ring : rings)
+    for (std::size_t i = 0; i < ring.size(); ++i)
+      least = std::min(least, distance_to_segment(p, ring[i], ring[(i + 1) % ring.size()]));
+  return least;
+}
+
+// H may be "inf": JSON has no number for it.
+inline LayeredConstants constants_from(const nlohmann::json& json) {
+  const bool zenith = json.at("H").is_string();
+  LayeredConstants constants =
+      make_layered_constants(
+          zenith ? std::numeric_limits<double>::infinity() : json.at("H").get<double>(),
+          zenith ? 0.0 : json.at("a").get<double>(),
+          zenith ? json.at("h_umbra").get<double>() : 0.0)
+          .value();
+  if (json.contains("mag_cap")) constants.magnification_cap = json.at("mag_cap").get<double>();
+  return constants;
+}
+
 // Square bitmap of plane coordinates; a pixel is set where its centre is covered. Row 0 has the
 // lowest v.
 struct Mask {
@@ -99,8 +143,15 @@ struct Mask {
       cover_triangle(corners);
     }
   }
-  // Rings in pixels, even-odd.
-  void cover_rings(const std::vector<std::vector<Eigen::Vector2d>>& rings) {
+  // Even-odd.
+  void cover(const std::vector<Ring>& rings) {
+    std::vector<Ring> in_pixels = rings;
+    for (Ring& ring : in_pixels)
+      for (Eigen::Vector2d& p : ring) p = (p - origin) / pixel;
+    cover_rings(in_pixels);
+  }
+  // The same for rings in pixels.
+  void cover_rings(const std::vector<Ring>& rings) {
     double low = size;
     double high = 0.0;
     for (const auto& ring : rings) {

@@ -37,6 +37,7 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
   frame.tracked.times.total_ms = 3.0;
   if (full_detection) frame.tracked.times.detect_ms = 2.0;
   frame.tracked.times.full_detection = full_detection;
+  frame.draw_time = {2.5, 2.0};
   frame.composite.shadow_vertices = 100;
   frame.composite.triples_recomputed = 2;
   frame.composite.faces_tested = 50;
@@ -63,6 +64,7 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   report.accuracy = Evaluation();
   report.accuracy->overlay_px = {0.2, 0.1, 0.4, 0.5};
   report.accuracy->jitter_px = 0.05;
+  report.accuracy->jitter_changes = 8;
   report.accuracy->frames_with_truth = 5;
   report.accuracy->frames_with_pose = 2;
 
@@ -101,6 +103,19 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
        {"kernel_generations", "reprojections", "triples_recomputed", "passes_skipped"}) {
     EXPECT_TRUE(json["work"].contains(counter)) << counter;
   }
+  // 5 captures would be told by the source; here one of 1 ms, 5 tracked of 3 ms, one encoded of 2
+  // ms.
+  EXPECT_EQ(json["pipeline"]["threads"], 1);
+  EXPECT_DOUBLE_EQ(json["pipeline"]["busy_ms_per_frame"]["capture"], 0.2);
+  EXPECT_DOUBLE_EQ(json["pipeline"]["busy_ms_per_frame"]["track"], 3.0);
+  EXPECT_DOUBLE_EQ(json["pipeline"]["busy_ms_per_frame"]["draw"], 2.5);
+  EXPECT_DOUBLE_EQ(json["pipeline"]["busy_ms_per_frame"]["encode"], 0.4);
+  EXPECT_EQ(json["pipeline"]["critical_path"], "every stage");
+  EXPECT_DOUBLE_EQ(json["pipeline"]["critical_ms_per_frame"], 6.1);
+  report.threads = 2;
+  const Json side_by_side = Json::parse(report_json(report))["pipeline"];
+  EXPECT_EQ(side_by_side["critical_path"], "track");
+  EXPECT_DOUBLE_EQ(side_by_side["critical_ms_per_frame"], 3.0);
   EXPECT_EQ(json["skipped"]["object_out_of_view"], 5);
   for (const char* error : {"translation_mm", "rotation_deg", "overlay_px"}) {
     for (const char* field : {"rmse", "median", "p95", "max"}) {
@@ -109,6 +124,8 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   }
   EXPECT_EQ(json["accuracy"]["overlay_px"]["p95"], 0.4);
   EXPECT_EQ(json["accuracy"]["jitter_px"], 0.05);
+  report.accuracy->jitter_changes = 0;
+  EXPECT_TRUE(Json::parse(report_json(report))["accuracy"]["jitter_px"].is_null());
 
   report.accuracy->frames_with_pose = 0;
   EXPECT_TRUE(Json::parse(report_json(report))["accuracy"]["overlay_px"].is_null())

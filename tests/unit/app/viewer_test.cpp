@@ -5,85 +5,292 @@
 #include <deque>
 #include <utility>
 
+#include "app/overlay.hpp"
+#include "render/gl/framebuffer.hpp"
+#include "render/shapes.hpp"
+#include "support/studio.hpp"
+
 namespace penumbra {
 namespace {
 
 constexpr int kEscape = 256;  // GLFW's codes
 constexpr int kSpace = 32;
+constexpr int kPeriod = 46;
 constexpr int kQ = 81;
 constexpr int kX = 88;
 
-// A window whose keys are written down beforehand: one entry for each time that it is polled.
+WindowEvent key(int code) {
+  WindowEvent event;
+  event.code = code;
+  return event;
+}
+WindowEvent pointer(WindowEvent::Kind kind, double x, double y, int button = 0) {
+  WindowEvent event;
+  event.kind = kind;
+  event.code = button;
+  event.x = x;
+  event.y = y;
+  return event;
+}
+
+// A window whose events are written down beforehand: one entry for each time that it is polled; no
+// code: nothing happens.
 class ScriptedWindow final : public GlContext {
  public:
-  explicit ScriptedWindow(std::deque<int> keys) : keys_(std::move(keys)) {}
+  explicit ScriptedWindow(std::deque<int> keys) {
+    for (const int code : keys) events_.push_back(key(code));
+  }
+  explicit ScriptedWindow(std::deque<WindowEvent> events) : events_(std::move(events)) {}
   void make_current() override {}
   [[nodiscard]] const GlInfo& info() const override { return info_; }
   [[nodiscard]] bool poll_events() override {
-    if (keys_.empty()) return open;
-    const int key = keys_.front();
-    keys_.pop_front();
-    if (key != 0) handler_(key);
+    if (events_.empty()) return open;
+    const WindowEvent event = events_.front();
+    events_.pop_front();
+    if (event.kind != WindowEvent::Kind::key_down || event.code != 0) handler_(event);
     return open;
   }
   void swap() override { ++swaps; }
-  [[nodiscard]] Size window_size() const override { return {64, 48}; }
-  void on_key(std::function<void(int)> handler) override { handler_ = std::move(handler); }
+  [[nodiscard]] Size window_size() const override { return size; }
+  void on_event(std::function<void(const WindowEvent&)> handler) override {
+    handler_ = std::move(handler);
+  }
+  void toggle_full_screen() override { full_screen = !full_screen; }
 
   bool open = true;
+  bool full_screen = false;
   int swaps = 0;
+  Size size{64, 48};
 
  private:
   GlInfo info_;
-  std::deque<int> keys_;
-  std::function<void(int)> handler_;
+  std::deque<WindowEvent> events_;
+  std::function<void(const WindowEvent&)> handler_;
+};
+
+class Host : public ViewerHost {
+ public:
+  void present() override { ++presented; }
+  [[nodiscard]] SessionView view() const override { return shown; }
+  [[nodiscard]] std::vector<HudNode> nodes() const override {
+    return {{"one", style}, {"two", style}};
+  }
+  void edit(const SceneEdit& edit) override { edits.push_back(edit); }
+  void redraw() override { ++redrawn; }
+  [[nodiscard]] std::string save_screenshot() override {
+    ++screenshots;
+    return "saved";
+  }
+  [[nodiscard]] std::string toggle_recording() override {
+    ++recordings;
+    return "recording";
+  }
+  void describe(HudState& state, bool debug) const override {
+    ++described;
+    debug_asked = debug;
+    state.has_picture = true;
+  }
+
+  int presented = 0, redrawn = 0, screenshots = 0, recordings = 0;
+  ShadowStyle style;
+  SessionView shown;
+  std::vector<SceneEdit> edits;
+  mutable int described = 0;
+  mutable bool debug_asked = false;
 };
 
 TEST(Viewer, ShowsEachPictureOnce) {
-  ScriptedWindow window({0, kX, 0});
+  ScriptedWindow window(std::deque<int>{0, kX, 0});
   InterruptWatch interrupt;
-  Viewer viewer(window);
-  int presented = 0;
-  for (int i = 0; i < 3; ++i) EXPECT_TRUE(viewer.show([&] { ++presented; }, interrupt));
-  EXPECT_EQ(presented, 3);
+  Host host;
+  Viewer viewer(window, host, nullptr);
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(host.presented, 3);
   EXPECT_EQ(window.swaps, 3);
   EXPECT_EQ(viewer.paused_ms(), 0.0);
 }
 
 TEST(Viewer, EscapeAndQClose) {
-  for (const int key : {kEscape, kQ}) {
-    ScriptedWindow window({0, key});
+  for (const int code : {kEscape, kQ}) {
+    ScriptedWindow window(std::deque<int>{0, code});
     InterruptWatch interrupt;
-    Viewer viewer(window);
-    EXPECT_TRUE(viewer.show([] {}, interrupt));
-    EXPECT_FALSE(viewer.show([] {}, interrupt));
+    Host host;
+    Viewer viewer(window, host, nullptr);
+    EXPECT_TRUE(viewer.show(interrupt));
+    EXPECT_FALSE(viewer.show(interrupt));
   }
 }
 
 TEST(Viewer, AClosedWindowIsSeen) {
-  ScriptedWindow window({});
+  ScriptedWindow window(std::deque<int>{});
   window.open = false;
   InterruptWatch interrupt;
-  Viewer viewer(window);
-  EXPECT_FALSE(viewer.show([] {}, interrupt));
+  Host host;
+  Viewer viewer(window, host, nullptr);
+  EXPECT_FALSE(viewer.show(interrupt));
 }
 
 TEST(Viewer, SpacePausesUntilSpace) {
-  ScriptedWindow window({kSpace, 0, 0, kSpace, 0});
+  ScriptedWindow window(std::deque<int>{kSpace, 0, 0, kSpace, 0});
   InterruptWatch interrupt;
-  Viewer viewer(window);
-  EXPECT_TRUE(viewer.show([] {}, interrupt));
+  Host host;
+  Viewer viewer(window, host, nullptr);
+  EXPECT_TRUE(viewer.show(interrupt));
   EXPECT_EQ(window.swaps, 4) << "the picture is drawn again while it stands still";
   EXPECT_GT(viewer.paused_ms(), 0.0);
-  EXPECT_TRUE(viewer.show([] {}, interrupt));
+  EXPECT_TRUE(viewer.show(interrupt));
   EXPECT_EQ(window.swaps, 5);
 }
 
 TEST(Viewer, APauseEndsByClosing) {
-  ScriptedWindow window({kSpace, 0, kEscape});
+  ScriptedWindow window(std::deque<int>{kSpace, 0, kEscape});
   InterruptWatch interrupt;
-  Viewer viewer(window);
-  EXPECT_FALSE(viewer.show([] {}, interrupt));
+  Host host;
+  Viewer viewer(window, host, nullptr);
+  EXPECT_FALSE(viewer.show(interrupt));
+}
+
+TEST(Viewer, AStepShowsOneMoreAndPausesAgain) {
+  ScriptedWindow window(std::deque<int>{kPeriod, 0, kPeriod, kEscape});
+  Host host;
+  InterruptWatch interrupt;
+  Viewer viewer(window, host, nullptr);
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_TRUE(viewer.paused());
+  EXPECT_EQ(window.swaps, 1);
+  EXPECT_TRUE(viewer.show(interrupt)) << "waits for the second step";
+  EXPECT_EQ(window.swaps, 3);
+  EXPECT_FALSE(viewer.show(interrupt));
+}
+
+TEST(Viewer, KeysDoWhatTheHelpSays) {
+  ScriptedWindow window(std::deque<int>{'S', 'R', 'F', 300, '3', '0', 'N'});
+  Host host;
+  InterruptWatch interrupt;
+  Viewer viewer(window, host, nullptr);
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(host.screenshots, 1);
+  EXPECT_EQ(host.recordings, 1);
+  EXPECT_TRUE(window.full_screen);
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_FALSE(window.full_screen) << "F11";
+  const auto last = [&] { return std::get<ShadowStyled>(host.edits.back()); };
+  EXPECT_TRUE(viewer.show(interrupt));
+  ASSERT_EQ(host.edits.size(), 2U) << "both nodes";
+  EXPECT_EQ(last().node, "two");
+  EXPECT_EQ(last().style.technique, techniques_by_key()[2]);
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(last().style.technique, ShadowTechnique::none);
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(last().style.technique, technique_after(host.style.technique));
+}
+
+TEST(Viewer, WhatIsChangedInAPauseIsDrawnAgainOnce) {
+  ScriptedWindow window(std::deque<int>{kSpace, 0, '1', 0, 0, kSpace});
+  Host host;
+  InterruptWatch interrupt;
+  Viewer viewer(window, host, nullptr);
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(host.redrawn, 1);
+}
+
+TEST(Viewer, TheMouseDragsAnObjectWhereverTheWindowLetterboxesIt) {
+  test::SceneBuilder builder;
+  builder.add(test::finished(make_box({0.2F, 0.2F, 0.2F}), glm::vec4(1.0F)),
+              test::at(0.0, 0.0, 0.1));
+  const Scene& scene = builder.scene();
+  const SceneState state = evaluate_scene(scene, 0.0);
+  const CameraModel camera = test::camera_of(160, 120, 150.0);
+  const CameraPose pose = test::look_at({0.0, -0.8, 0.8}, {0.0, 0.0, 0.1});
+  // Twice as large, with 40 px of black on either side.
+  const auto in_window = [&](const Eigen::Vector3d& p) {
+    const Eigen::Vector2d pixel = camera.project(pose.inverse() * p).value();
+    return Eigen::Vector2d(40.0 + 2.0 * (pixel.x() + 0.5), 2.0 * (pixel.y() + 0.5));
+  };
+  using Kind = WindowEvent::Kind;
+  const Eigen::Vector2d from = in_window({0.0, 0.0, 0.2});
+  const Eigen::Vector2d to = in_window({0.1, 0.05, 0.2});
+  ScriptedWindow window(std::deque<WindowEvent>{
+      pointer(Kind::button_down, from.x(), from.y()), pointer(Kind::pointer_moved, to.x(), to.y()),
+      pointer(Kind::button_up, to.x(), to.y()), pointer(Kind::pointer_moved, from.x(), from.y())});
+  window.size = {400, 240};
+  Host host;
+  host.shown = {&scene, &state, &camera, pose};
+  InterruptWatch interrupt;
+  Viewer viewer(window, host, nullptr);
+  for (int i = 0; i < 4; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  ASSERT_GE(host.edits.size(), 2U);
+  const auto place = [&](const SceneEdit& edit) {
+    return std::get<ObjectPlaced>(edit).placement.position;
+  };
+  EXPECT_EQ(place(host.edits.front()), Eigen::Vector3d(0.0, 0.0, 0.1));
+  EXPECT_LT((place(host.edits.back()) - Eigen::Vector3d(0.1, 0.05, 0.1)).norm(), 1e-5);
+}
+
+// With a real HUD, drawn into a framebuffer of an offscreen context.
+class ViewerWithHud : public testing::Test {
+ protected:
+  ViewerWithHud()
+      : gl(create_offscreen_context().value()), target(Framebuffer::create(640, 480).value()) {
+    target.bind();
+  }
+  std::unique_ptr<GlContext> gl;
+  Framebuffer target;
+  Host host;
+  InterruptWatch interrupt;
+};
+
+TEST_F(ViewerWithHud, HiddenItIsNeitherAskedForNorDrawn) {
+  ScriptedWindow window(std::deque<int>{0, kX, 'H', 'D', 'H', 0});
+  window.size = {640, 480};
+  ViewerOptions options;
+  options.hud = false;
+  Viewer viewer(window, host, Overlay::create(*gl).value(), options);
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(viewer.hud_drawings(), 0);
+  EXPECT_EQ(host.described, 0);
+  EXPECT_TRUE(viewer.show(interrupt)) << "shown from here on";
+  EXPECT_EQ(viewer.hud_drawings(), 1);
+  EXPECT_FALSE(host.debug_asked);
+  EXPECT_TRUE(viewer.show(interrupt)) << "with the debug view";
+  EXPECT_TRUE(host.debug_asked);
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(viewer.hud_drawings(), 2) << "hidden again";
+}
+
+TEST_F(ViewerWithHud, ATouchInTheCornerBringsItBack) {
+  ScriptedWindow window(
+      std::deque<WindowEvent>{pointer(WindowEvent::Kind::button_down, 10.0, 10.0)});
+  window.size = {640, 480};
+  ViewerOptions options;
+  options.hud = false;
+  Viewer viewer(window, host, Overlay::create(*gl).value(), options);
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(viewer.hud_drawings(), 2);
+}
+
+// An object that lies under a button is not taken by a click on the button.
+TEST_F(ViewerWithHud, AClickOnItDoesNotReachThePicture) {
+  test::SceneBuilder builder;
+  builder.add(test::finished(make_box({2.0F, 2.0F, 0.1F}), glm::vec4(1.0F)), test::at(0, 0, 0));
+  const Scene& scene = builder.scene();
+  const SceneState state = evaluate_scene(scene, 0.0);
+  const CameraModel camera = test::camera_of(640, 480, 500.0);
+  host.shown = {&scene, &state, &camera, test::look_at({0.0, -0.4, 0.8}, {0.0, 0.0, 0.0})};
+  using Kind = WindowEvent::Kind;
+  const WindowEvent nothing = key(0);
+  ScriptedWindow window(std::deque<WindowEvent>{
+      nothing, nothing, pointer(Kind::button_down, 30.0, 460.0),
+      pointer(Kind::button_up, 30.0, 460.0), nothing, nothing,
+      pointer(Kind::button_down, 320.0, 300.0), pointer(Kind::button_up, 320.0, 300.0)});
+  window.size = {640, 480};
+  Viewer viewer(window, host, Overlay::create(*gl).value());
+  for (int i = 0; i < 6; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  ASSERT_EQ(host.edits.size(), 2U) << "the technique of both nodes";
+  EXPECT_TRUE(std::holds_alternative<ShadowStyled>(host.edits.back()));
+  EXPECT_TRUE(viewer.show(interrupt));
+  ASSERT_GT(host.edits.size(), 2U);
+  EXPECT_TRUE(std::holds_alternative<ObjectPlaced>(host.edits.back()));
 }
 
 }  // namespace

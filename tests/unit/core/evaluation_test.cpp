@@ -68,8 +68,24 @@ TEST(Evaluation, CornersBehindTheCameraAreLeftOut) {
       overlay_difference(pinhole(), above(0.0, 0.0, 0.1), above(0.0, 0.0, 0.1));
   for (std::size_t i = 0; i < 8; ++i) EXPECT_EQ(d.valid[i], overlay_cube()[i].z() == 0.0);
   EXPECT_EQ(d.rms_px(), 0.0);
-  EXPECT_TRUE(
-      std::isinf(overlay_difference(pinhole(), above(0, 0, -1.0), above(0, 0, 1.0)).rms_px()));
+}
+
+TEST(Evaluation, APoseThatSeesNothingIsTheWorstNotTheBest) {
+  // Under the table, looking away from it: the true picture has every corner, the estimate none.
+  const OverlayDifference d = overlay_difference(pinhole(), above(0, 0, -1.0), above(0, 0, 1.0));
+  for (std::size_t i = 0; i < 8; ++i) {
+    EXPECT_TRUE(d.valid[i]);
+    // At least a quarter turn away, at 500 px to the radian.
+    EXPECT_GT(d.difference_px[i].norm(), 500.0 * std::numbers::pi / 2.0);
+    EXPECT_LE(d.difference_px[i].norm(), 500.0 * std::numbers::pi);
+  }
+  Trajectory truth;
+  Trajectory estimated;
+  truth.poses.push_back({0, above(0, 0, 1.0), {}});
+  estimated.poses.push_back({0, above(0, 0, -1.0), {}});
+  const Evaluation e = evaluate(pinhole(), estimated, truth);
+  EXPECT_GT(e.overlay_px.median, 700.0);
+  EXPECT_EQ(e.jitter_changes, 0) << "one frame has no jitter, which is not one of 0";
 }
 
 TEST(Evaluation, ARecordingByHand) {
@@ -94,6 +110,7 @@ TEST(Evaluation, ARecordingByHand) {
   EXPECT_NEAR(e.overlay_px.rmse, std::sqrt((4 * 0.25 + 4 * 0.390625 + 8 * 1.0 + 8 * 1.5625) / 32.0),
               1e-9);
   EXPECT_NEAR(e.overlay_frame_px.max, std::sqrt((1.0 + 1.5625) / 2.0), 1e-9);
+  EXPECT_EQ(e.jitter_changes, 16);
   // Changes: frames 0-1 (0.5 and 0.625) and 3-4 (none); 1-2 and 2-3 have no pair.
   EXPECT_NEAR(e.jitter_px, std::sqrt((4 * 0.25 + 4 * 0.390625) / 16.0), 1e-9);
 }

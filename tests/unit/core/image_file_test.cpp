@@ -318,6 +318,29 @@ TEST(Png, SavedPicturesReadBackTheSame) {
   EXPECT_EQ(read->pixels, rgba);
 }
 
+TEST(Png, SavedGreyPicturesReadBackTheSame) {
+  const test::TemporaryFolder folder;
+  constexpr int kWidth = 37;
+  constexpr int kHeight = 11;
+  constexpr int kStride = 40;
+  Bytes grey(std::size_t{kStride} * kHeight);
+  for (std::size_t i = 0; i < grey.size(); ++i) grey[i] = static_cast<std::uint8_t>(7 * i);
+  const auto file = folder.path() / "grey.png";
+  const auto saved = save_grey_png(file, {grey.data(), kWidth, kHeight, kStride});
+  ASSERT_TRUE(saved) << saved.error().message;
+  const auto read = load_image(file);
+  ASSERT_TRUE(read) << read.error().message;
+  ASSERT_EQ(read->format, PixelFormat::grey8);
+  ASSERT_EQ(read->width, kWidth);
+  ASSERT_EQ(read->height, kHeight);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      ASSERT_EQ(read->planes[0].data[y * read->planes[0].stride + x],
+                grey[static_cast<std::size_t>(y * kStride + x)]);
+    }
+  }
+}
+
 TEST(Png, AFolderThatIsNotThereIsAnErrorWithItsName) {
   const auto saved = save_png("/nonexistent/folder/a.png", 1, 1, Bytes(4));
   ASSERT_FALSE(saved);

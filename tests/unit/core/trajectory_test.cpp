@@ -3,7 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "core/text.hpp"
+#include "core/units.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {
@@ -76,6 +79,56 @@ TEST_F(TrajectoryFile, WhatIsWrittenReadsBackBitForBit) {
   }
   EXPECT_EQ(read->poses[1].comment, "held for a while");
   EXPECT_FALSE(save_trajectory(folder_.path() / "no" / "path.tum", trajectory));
+}
+
+// A camera that turns and slides evenly, at uneven times.
+CameraPose on_the_way(double t) {
+  return {
+      Eigen::Quaterniond(Eigen::AngleAxisd(0.9 * t, Eigen::Vector3d(1.0, 2.0, -1.0).normalized())),
+      Eigen::Vector3d(0.3 * t, -0.2 * t, 1.0 + 0.1 * t)};
+}
+
+TEST(Trajectory, AnEvenMotionGoesOnBetweenAndBeyondItsPoses) {
+  Trajectory t;
+  for (const double time : {0.0, 0.4, 0.5, 1.1, 1.2})
+    t.poses.push_back({nanoseconds(time), on_the_way(time), {}});
+  for (const double time : {-0.3, 0.0, 0.1, 0.4, 0.47, 0.8, 1.13, 1.2, 1.5}) {
+    const CameraPose pose = pose_between(t, nanoseconds(time));
+    EXPECT_LT((pose.translation() - on_the_way(time).translation()).norm(), 1e-9) << time;
+    EXPECT_LT(pose.rotation().angularDistance(on_the_way(time).rotation()), 1e-8) << time;
+  }
+  Trajectory one;
+  one.poses = {t.poses[1]};
+  EXPECT_EQ(pose_between(one, 5).translation(), t.poses[1].T_table_camera.translation());
+}
+
+TEST(Trajectory, ACurveThroughPosesHasNoKink) {
+  Trajectory t;
+  for (int i = 0; i < 8; ++i) {
+    const double a = 0.7 * i;
+    t.poses.push_back(
+        {nanoseconds(0.1 * i + 0.02 * (i % 3)),
+         {Eigen::Quaterniond(Eigen::AngleAxisd(0.5 * std::sin(a), Eigen::Vector3d::UnitX()) *
+                             Eigen::AngleAxisd(0.8 * std::cos(1.3 * a), Eigen::Vector3d::UnitY())),
+          Eigen::Vector3d(std::sin(a), std::cos(a), 0.1 * a)},
+         {}});
+  }
+  for (std::size_t i = 1; i + 1 < t.poses.size(); ++i) {
+    const std::int64_t time = t.poses[i].timestamp_ns;
+    const CameraPose& pose = t.poses[i].T_table_camera;
+    EXPECT_LT((pose_between(t, time).translation() - pose.translation()).norm(), 1e-12);
+    EXPECT_LT(pose_between(t, time).rotation().angularDistance(pose.rotation()), 1e-7);
+    constexpr std::int64_t kStep = 10'000;
+    const CameraPose before = pose_between(t, time - kStep);
+    const CameraPose after = pose_between(t, time + kStep);
+    const auto T_before = before.inverse() * pose;
+    const auto T_after = pose.inverse() * after;
+    EXPECT_LT((T_before.translation() - T_after.translation()).norm(),
+              0.01 * T_after.translation().norm() + 1e-9);
+    const Eigen::Vector3d turn_before = 2.0 * T_before.rotation().vec();
+    const Eigen::Vector3d turn_after = 2.0 * T_after.rotation().vec();
+    EXPECT_LT((turn_before - turn_after).norm(), 0.01 * turn_after.norm() + 1e-9);
+  }
 }
 
 TEST(Trajectory, FindsTheNearestPose) {

@@ -365,5 +365,40 @@ TEST(Overlay, MapsToThePlaneAndBack) {
   EXPECT_NEAR(p.z, exact.z(), 1e-6);
 }
 
+// Edges split as the present distance asks for, against edges split as the nearest one does.
+TEST(Overlay, ShadowEdgesSplitByDistanceAreTheSame) {
+  const CameraModel camera = strong_lens();
+  SceneBuilder builder;
+  Model slab;
+  Mesh& mesh = slab.meshes.emplace_back();
+  for (const Eigen::Vector2d& p : {Eigen::Vector2d(-0.09, -0.06), Eigen::Vector2d(0.08, -0.07),
+                                   Eigen::Vector2d(0.09, 0.05), Eigen::Vector2d(-0.08, 0.06)})
+    mesh.positions.push_back(to_gl(Eigen::Vector3d(p.x(), p.y(), 0.0)));
+  mesh.indices = {0, 1, 2, 0, 2, 3};
+  builder.scene().shadows[0].fractions = {0.0, 0.3, 0.8};
+  builder.add(test::finished(slab, glm::vec4(1.0F)), test::at(0, 0, 0.05));
+  Studio studio(builder.build(), camera);
+  for (const double distance : {0.2, 0.4, 0.8, 1.6}) {
+    const PoseEstimate pose =
+        test::tracked(test::look_at({0.02, -0.3 * distance, distance}, {0.0, 0.0, 0.0}));
+    const Frame frame = test::plain_frame(640, 480, 200);
+    const test::Picture picture = studio.draw_shadows(frame, studio.plan(pose));
+    PlanOptions options;
+    options.finest_edges = true;
+    const test::Picture finest = studio.draw_shadows(frame, studio.plan(pose, options));
+    int differing = 0;
+    int edge = 0;
+    for (int y = 0; y + 1 < 480; ++y) {
+      for (int x = 0; x + 1 < 640; ++x) {
+        differing += picture.red(x, y) != finest.red(x, y) ? 1 : 0;
+        edge += finest.red(x, y) != finest.red(x + 1, y) ? 1 : 0;
+        edge += finest.red(x, y) != finest.red(x, y + 1) ? 1 : 0;
+      }
+    }
+    EXPECT_GT(edge, 100) << distance;
+    EXPECT_LE(differing, 0.15 * edge) << distance;
+  }
+}
+
 }  // namespace
 }  // namespace penumbra

@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
+#include <numbers>
 
 #include "render/shadow/caster.hpp"
 #include "support/shadow_cases.hpp"
@@ -102,6 +105,80 @@ TEST(PowerDistance, ABallUnderANearLightAsRaysSeeIt) {
   EXPECT_GT(test::iou(mask_of(field, ShadowLayer::middle, 0.15).bits, truth.centre.bits), 0.98);
   EXPECT_GT(test::iou(mask_of(field, ShadowLayer::penumbra, 0.15).bits, truth.any.bits), 0.975);
   EXPECT_GT(test::iou(mask_of(field, ShadowLayer::umbra, 0.15).bits, truth.all.bits), 0.94);
+}
+
+// Umbrae of lower matter from the whole part's raster against those of faces cut at the level: both
+// ways are judged by rays, and nothing else differs.
+TEST(PowerDistance, LevelsFromOneRasterAreAsGoodAsCutOnes) {
+  test::ShapeBuilder cone;
+  std::vector<std::uint32_t> ring;
+  for (int i = 0; i < 40; ++i) {
+    const double turn = 2.0 * std::numbers::pi * i / 40;
+    ring.push_back(cone.vertex(0.04 * std::cos(turn), 0.04 * std::sin(turn), 0.0));
+  }
+  const std::uint32_t tip = cone.vertex(0.01, 0.0, 0.06);
+  const std::uint32_t foot = cone.vertex(0.0, 0.0, -0.03);
+  for (std::size_t i = 0; i < 40; ++i) {
+    cone.triangle(ring[i], ring[(i + 1) % 40], tip);
+    cone.triangle(ring[(i + 1) % 40], ring[i], foot);
+  }
+  test::ShapeBuilder ball;
+  ball.sphere(0.05, 24, 48);
+  const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
+  double of_fast = 0.0;
+  double of_exact = 0.0;
+  for (const Model& model : {test::box_model(0.08), cone.build(), ball.build()}) {
+    const ShadowMesh mesh = make_shadow_mesh(model);
+    for (const double tilt : {0.0, 0.7, 2.0}) {
+      const Placement placement = {
+          Eigen::Vector3d(0, 0, 0.12),
+          Eigen::Quaterniond(Eigen::AngleAxisd(tilt, Eigen::Vector3d(1, 2, 0).normalized())), 1.0};
+      const ShadowField fast = field_of(mesh, placement, constants);
+      ShadowFieldOptions options;
+      options.levels = FieldLevels::cut;
+      const ShadowField exact = field_of(mesh, placement, constants, options);
+      ASSERT_EQ(fast.width, exact.width);
+      EXPECT_EQ(fast.middle, exact.middle);
+      EXPECT_EQ(fast.penumbra, exact.penumbra);
+      const PlaneFrame plane;
+      const PartLight light =
+          part_lights(part_discs(mesh, up_in_object(placement, plane)), placement, plane)[0];
+      ASSERT_LT(light.centre.norm(), 0.02);
+      EXPECT_GT(test::iou(mask_of(fast, ShadowLayer::umbra, 0.12).bits,
+                          mask_of(exact, ShadowLayer::umbra, 0.12).bits),
+                0.97)
+          << tilt;
+      // The rays start from above the origin.
+      if (light.centre.norm() > 1e-3) continue;
+      const Truth truth = ray_cast(mesh, placement, 0.9, 3.0 * light.radius, 0.12);
+      const auto agreement = [&](const ShadowField& field) {
+        return test::iou(mask_of(field, ShadowLayer::umbra, 0.12).bits, truth.all.bits);
+      };
+      EXPECT_GT(agreement(fast), agreement(exact) - 0.01) << tilt;
+      of_fast += agreement(fast);
+      of_exact += agreement(exact);
+    }
+  }
+  EXPECT_GT(of_exact, 0.0);
+  EXPECT_GT(of_fast, 0.998 * of_exact);
+}
+
+TEST(PowerDistance, LightsOfSmallPartsFromFewerCells) {
+  // What the coarser cells change of a radius is less than a quarter of a cell of the field.
+  for (const ShadowMesh& mesh :
+       {make_shadow_mesh(test::bush_model(60)), make_shadow_mesh(test::box_model(0.08))}) {
+    for (const Eigen::Vector3d& up : {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0.3, -0.5, 0.8)}) {
+      float extent = 0.0F;
+      for (const glm::vec3& p : mesh.positions)
+        extent = std::max({extent, std::abs(p.x), std::abs(p.y), std::abs(p.z)});
+      const auto coarse = part_discs(mesh, up);
+      const auto fine = part_discs(mesh, up, 0.0);
+      ASSERT_EQ(coarse.size(), fine.size());
+      for (std::size_t part = 0; part < fine.size(); ++part) {
+        EXPECT_NEAR(coarse[part].radius, fine[part].radius, 0.25F * extent / 256.0F) << part;
+      }
+    }
+  }
 }
 
 TEST(PowerDistance, LayersMeetInContactAndTheUmbraVanishes) {

@@ -3,11 +3,13 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "render/scene.hpp"
 #include "render/scene_schema.hpp"
@@ -169,6 +171,90 @@ TEST_F(SceneFile, APlaneMovesWithNoGroupButTheTable) {
               HasSubstr("/planes/0/tag_group: is \"box\", and planes move with no group but "
                         "\"table\"; remove it"));
   EXPECT_TRUE(load(R"({"objects":[],"planes":[{"name":"p","tag_group":"table"}]})"));
+}
+
+TEST_F(SceneFile, ObjectsSayWhatCasts) {
+  const auto object = [this](const std::string& keys) {
+    return R"({"objects":[{"name":"a","model":")" +
+           (test::source_dir() / "scenes/models/helicopter.glb").string() + "\"" + keys + "}]}";
+  };
+  const Result<Scene> plain = load(object(""));
+  ASSERT_TRUE(plain) << plain.error().message;
+  EXPECT_TRUE(plain->objects[0].groups.empty());
+  EXPECT_EQ(plain->objects[0].proxy, ProxyMode::automatic);
+  const Result<Scene> one = load(object(R"(,"group":"all","proxy":"none")"));
+  ASSERT_TRUE(one) << one.error().message;
+  EXPECT_EQ(one->objects[0].groups, std::vector<std::string>{"all"});
+  EXPECT_EQ(one->objects[0].proxy, ProxyMode::none);
+  const Result<Scene> two = load(object(R"(,"group":["*","all"])"));
+  ASSERT_TRUE(two) << two.error().message;
+  EXPECT_EQ(two->objects[0].groups.size(), 2U);
+  EXPECT_THAT(error_of(object(R"(,"group":["all","no such"])")),
+              HasSubstr("/objects/0/group: group \"no such\": the model \"helicopter\" has no such "
+                        "node or mesh; there are: all, "));
+  EXPECT_THAT(error_of(object(R"(,"group":7)")), HasSubstr("/objects/0/group: is 7; give which"));
+  EXPECT_THAT(error_of(object(R"(,"proxy":"nowhere.glb")")), HasSubstr("/objects/0/proxy: "));
+  const Result<Scene> own = load(
+      object(",\"proxy\":\"" + (test::source_dir() / "scenes/models/cube.glb").string() + "\""));
+  ASSERT_TRUE(own) << own.error().message;
+  EXPECT_EQ(own->objects[0].proxy, ProxyMode::model);
+  ASSERT_NE(own->objects[0].proxy_model, nullptr);
+  EXPECT_EQ(own->objects[0].proxy_model->name, "cube");
+}
+
+TEST_F(SceneFile, AdviceOnTheLightThatIsNotFollowedIsTold) {
+  // The box has a footprint of radius 0.0707 m; its shadow falls on a sheet of half width W.
+  const auto warnings = [this](const std::string& layered, double half_width) {
+    const Result<Scene> scene = load(fmt::format(
+        R"({{"objects":[{0}],"planes":[{{"name":"sheet","outline":)"
+        R"([[{1},-9],[{2},-9],[{2},9],[{1},9]]}}],"shadows":[{{"name":"s","technique":"layered",)"
+        R"("layered":{3}}}]}})",
+        kBox, -half_width, half_width, layered));
+    EXPECT_TRUE(scene) << scene.error().message;
+    std::string all;
+    for (const std::string& warning : scene->warnings) all += warning + "\n";
+    return all;
+  };
+  const std::string m15 = R"({"workspace_height":0.3,"magnification":1.5})";
+  // W / (2 r) = 1.5 at W = 0.2121 m.
+  EXPECT_EQ(warnings(m15, 0.213), "");
+  EXPECT_THAT(warnings(m15, 0.211),
+              HasSubstr("/shadows/0: where its umbra vanishes the penumbra of \"box\" is 0.42 m "
+                        "wide, and the plane \"sheet\" 0.42 m; give a magnification of 1.49"));
+  EXPECT_EQ(warnings(R"({"light_height":0.9,"light_ratio":3})", 0.213), "");
+  EXPECT_THAT(warnings(R"({"light_height":0.9,"light_ratio":3})", 0.211), HasSubstr("or less"));
+  EXPECT_THAT(warnings(m15, 0.1), HasSubstr("lower the height"));
+  EXPECT_EQ(warnings(R"({"light_height":"inf","umbra_height":0.3})", 0.15), "");
+  EXPECT_THAT(warnings(R"({"light_height":0.3,"light_ratio":1})", 5.0),
+              HasSubstr("the umbra never vanishes"));
+  EXPECT_THAT(warnings(R"({"light_height":0.3,"light_ratio":0.5})", 5.0),
+              HasSubstr("the umbra never vanishes"));
+  // Both ways of giving constants are the same light (shadows.md 2.4).
+  const std::vector<std::array<double, 4>> examples = {
+      {0.3, 1.25, 1.5, 5.0}, {0.3, 1.5, 0.9, 3.0}, {0.3, 2.0, 0.6, 2.0}};
+  for (const auto& [h, m, H, a] : examples) {
+    const Result<Scene> scene = load(fmt::format(
+        "{{\"objects\":[{}],\"shadows\":[{{\"name\":\"s\",\"technique\":\"layered\",\"layered\":"
+        "{{\"workspace_height\":{},\"magnification\":{}}}}}]}}",
+        kBox, h, m));
+    ASSERT_TRUE(scene) << scene.error().message;
+    EXPECT_NEAR(scene->shadows[0].layered.light_height, H, 1e-12);
+    EXPECT_NEAR(scene->shadows[0].layered.light_ratio, a, 1e-12);
+    EXPECT_NEAR(scene->shadows[0].layered.umbra_height, h, 1e-12);
+  }
+}
+
+TEST_F(SceneFile, LightModesAreChecked) {
+  const auto node = [](const std::string& keys) {
+    return "{\"objects\":[" + kBox + R"(],"shadows":[{"name":"s","technique":"layered")" + keys +
+           "}]}";
+  };
+  EXPECT_EQ(load(node(""))->shadows[0].light_mode, LightMode::proportional);
+  EXPECT_EQ(load(node(R"(,"light_mode":"fixed")"))->shadows[0].light_mode, LightMode::fixed);
+  EXPECT_THAT(error_of(node(R"(,"light_mode":"broken")")),
+              HasSubstr("/shadows/0/light_mode: is \"broken\"; give one of proportional, fixed"));
+  EXPECT_THAT(error_of(node(R"(,"light_mode":"fixed","kernels":"cocl")")),
+              HasSubstr("/shadows/0/light_mode: is \"fixed\", which needs kernels"));
 }
 
 TEST_F(SceneFile, ShadowNodesAreChecked) {

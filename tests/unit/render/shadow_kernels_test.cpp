@@ -258,6 +258,19 @@ TEST(ShadowKernels, EachPartHasItsOwn) {
   }
 }
 
+TEST(ShadowKernels, TellHowFarTheyAre) {
+  const ShadowMesh mesh = make_shadow_mesh(test::bush_model(40));
+  for (const KernelSource source : {KernelSource::automatic, KernelSource::smooth,
+                                    KernelSource::per_axis, KernelSource::centroid}) {
+    KernelProgress progress;
+    const ShadowKernels with = generate_kernels(mesh, {0.3, 0.2, 1.0}, source, &progress);
+    const std::size_t sets = source == KernelSource::per_axis ? 3 : 1;
+    EXPECT_EQ(progress.total, sets * mesh.positions.size()) << to_string(source);
+    EXPECT_EQ(progress.done, progress.total) << to_string(source);
+    EXPECT_EQ(with.kernels, generate_kernels(mesh, {0.3, 0.2, 1.0}, source).kernels);
+  }
+}
+
 TEST(ShadowKernels, PerAxisIsExactOnAnAxisAndAMixtureBetween) {
   const ShadowMesh mesh = make_shadow_mesh(l_shape());
   const auto direct = generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);

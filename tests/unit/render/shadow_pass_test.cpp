@@ -2,13 +2,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <set>
 
 #include "render/passes/shadow_pass.hpp"
+#include "render/shadow/caster.hpp"
 #include "render/shadow/caster_geometry.hpp"
+#include "render/shadow/fixed_light.hpp"
 #include "render/shadow/kernel_direction.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
@@ -269,6 +272,70 @@ TEST(ShadowPass, AgreesWithTheCpusProjection) {
   }
 }
 
+// The same layer of a light of one size by the functions of `penumbra shadow`, on the mesh whose
+// long edges are split.
+std::vector<std::uint8_t> cpu_light_layer(const Scene& scene, ShadowLayer layer) {
+  const SceneObject& object = scene.objects[0];
+  const ShadowNode& node = scene.shadows[0];
+  const PlaneFrame plane = PlaneFrame::make(scene.planes[0].normal, scene.planes[0].point);
+  const ShadowMesh mesh = make_shadow_mesh(*object.model);
+  const CasterGeometry geometry =
+      split_long_edges(mesh, longest_caster_edges(scene, overhead_camera())[0]);
+  const Eigen::Vector3d up =
+      KernelDirection::nearest(object.placement.rotation.conjugate() * plane.n).up();
+  const ShadowKernels kernels = generate_kernels(mesh, up, node.kernels);
+  std::vector<VertexDisc> discs =
+      vertex_discs(mesh, kernels, part_discs(mesh, up), object.placement.scale);
+  for (const auto& [a, b] : geometry.midpoint_of) {
+    discs.push_back({0.5F * (discs[a].radius + discs[b].radius), discs[a].part_radius});
+  }
+  ShadowMesh split;
+  split.positions = geometry.positions;
+  split.indices = geometry.indices;
+  const ShadowKernels levelled{up, level_kernels(geometry, kernels), {}};
+  return covered_by(fixed_light_triangles(place_caster(split, levelled, object.placement, plane),
+                                          discs, split.indices, node.layered, layer));
+}
+
+TEST(ShadowPass, ALightOfOneSizeAgreesWithTheCpusProjection) {
+  // Thick at one end and thin at the other, so that the two modes differ.
+  ShapeBuilder club;
+  club.limb({-0.06, 0.0, 0.0}, {0.06, 0.01, 0.0}, 0.025, 0.006, 24);
+  club.sphere(0.025, 16, 24, -0.06);
+  const auto model = test::finished(club.build(), glm::vec4(1.0F));
+  struct Case {
+    const char* name;
+    std::shared_ptr<const Model> model;
+    Placement placement;
+  };
+  const std::vector<Case> cases = {
+      {"club", model, test::at(0.0, 0.0, 0.12, {0, 0, 1}, 0.4)},
+      {"club, tilted and larger", model,
+       test::at(0.0, 0.0, 0.15, {0, 1, 0}, 11.0 * KernelDirection::kStepRad, 1.2)},
+      {"club on the table", model, test::at(0.0, 0.0, 0.025)},
+      {"torus", torus(), test::at(0.01, 0.02, 0.2, {1, 0.3, 0}, 0.6)}};
+  for (const Case& c : cases) {
+    SceneBuilder builder;
+    builder.add(c.model, c.placement);
+    builder.scene().shadows[0].layered = constants_with(0.9, 3.0);
+    Studio proportional(builder.build(), overhead_camera());
+    builder.scene().shadows[0].light_mode = LightMode::fixed;
+    Studio studio(builder.build(), overhead_camera());
+    int changed = 0;
+    for (const ShadowLayer layer : kShadowLayers) {
+      const Layer drawn = draw_layer(studio, overhead(), layer);
+      const std::vector<std::uint8_t> expected = cpu_light_layer(studio.scene(), layer);
+      const auto size = std::count(expected.begin(), expected.end(), 1);
+      EXPECT_LE(differing(drawn.pixels, expected), 4 + size / 100)
+          << c.name << ", lambda " << lambda_of(layer) << ", " << size << " px";
+      EXPECT_GT(size, 100) << c.name;
+      EXPECT_EQ(draw_layer(studio, overhead(), layer, false).pixels, drawn.pixels) << c.name;
+      changed += differing(drawn.pixels, draw_layer(proportional, overhead(), layer).pixels);
+    }
+    EXPECT_GT(changed, 100) << c.name << ": no other shadow than a proportional light's";
+  }
+}
+
 // A bar of 0.2 m at 30 degrees that rises through h_u: its umbra shrinks without a jump, though it
 // has 12 triangles only (shadows.md 2.2).
 TEST(ShadowPass, UmbraOfARisingBarShrinksEvenly) {
@@ -404,6 +471,27 @@ TEST(ShadowPass, SplittingKeepsTheSurfaceAndItsKernels) {
       EXPECT_LE(glm::distance(p, q), 0.02F);
   }
   EXPECT_NEAR(area, 2.0 * (0.2 * 0.1 + 0.2 * 0.02 + 0.1 * 0.02), 1e-6);
+  // On the way, the same surface of longer and longer edges.
+  ASSERT_GT(g.coarser.size(), 1U);
+  EXPECT_EQ(g.coarser[0].indices, mesh.indices);
+  float longer = std::numeric_limits<float>::infinity();
+  for (const CasterGeometry::Coarser& coarser : g.coarser) {
+    EXPECT_LT(coarser.longest_edge, longer);
+    EXPECT_LT(coarser.indices.size(), g.indices.size());
+    EXPECT_GT(coarser.longest_edge, 0.02F);
+    longer = coarser.longest_edge;
+    float longest = 0.0F;
+    double same_area = 0.0;
+    for (std::size_t i = 0; i + 2 < coarser.indices.size(); i += 3) {
+      const glm::vec3 a = g.positions[coarser.indices[i]];
+      const glm::vec3 b = g.positions[coarser.indices[i + 1]];
+      const glm::vec3 c = g.positions[coarser.indices[i + 2]];
+      same_area += 0.5 * static_cast<double>(glm::length(glm::cross(b - a, c - a)));
+      longest = std::max({longest, glm::distance(a, b), glm::distance(b, c), glm::distance(c, a)});
+    }
+    EXPECT_NEAR(same_area, area, 1e-6);
+    EXPECT_EQ(longest, coarser.longest_edge);
+  }
 }
 
 }  // namespace

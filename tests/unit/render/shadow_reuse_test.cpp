@@ -60,11 +60,13 @@ Placement turned(const Placement& placement, const Eigen::Vector3d& axis, double
 // One caster, moved by hand.
 class Stage {
  public:
-  Stage(ShadowTechnique technique, std::shared_ptr<const Model> model, const Placement& start)
+  Stage(ShadowTechnique technique, std::shared_ptr<const Model> model, const Placement& start,
+        LightMode light_mode = LightMode::proportional)
       : scene_([&] {
           SceneBuilder builder;
           builder.add(std::move(model), start);
           builder.scene().shadows[0].technique = technique;
+          builder.scene().shadows[0].light_mode = light_mode;
           builder.scene().shadows[0].layered = make_layered_constants(0.6, 2.5, 0.0).value();
           return builder.build();
         }()),
@@ -90,9 +92,15 @@ struct Case {
   ShadowTechnique technique;
   Placement placement;
   bool on_cpu;  // whether the CPU has to touch vertices when something changes
+  LightMode light_mode = LightMode::proportional;
 };
 class ShadowReuse : public testing::TestWithParam<Case> {
  protected:
+  // Kernels; and for a light of one size the sizes of the parts too.
+  static int sets_per_tilt() {
+    if (GetParam().technique == ShadowTechnique::simple) return 0;
+    return GetParam().light_mode == LightMode::fixed ? 2 : 1;
+  }
   // Nothing but the place of what there is already.
   static void expect_reused(const CompositeStats& stats, const char* what) {
     EXPECT_EQ(stats.shadow_vertices, 0) << what;
@@ -115,16 +123,16 @@ INSTANTIATE_TEST_SUITE_P(
                     Case{"simple_clipped", ShadowTechnique::simple, kClipped, true},
                     Case{"layered", ShadowTechnique::layered, kFree, false},
                     Case{"layered_clipped", ShadowTechnique::layered, kClipped, true},
+                    Case{"fixed_light", ShadowTechnique::layered, kFree, true, LightMode::fixed},
                     Case{"field", ShadowTechnique::field, kFree, true},
                     Case{"field_clipped", ShadowTechnique::field, kClipped, true}),
     [](const auto& instance) { return std::string(instance.param.name); });
 
 TEST_P(ShadowReuse, CameraAlone) {
-  Stage stage(GetParam().technique, l_model(), GetParam().placement);
+  Stage stage(GetParam().technique, l_model(), GetParam().placement, GetParam().light_mode);
   stage.draw(GetParam().placement);
   expect_recomputed(stage.stats(), "the first frame");
-  EXPECT_EQ(stage.stats().kernel_generations,
-            GetParam().technique == ShadowTechnique::simple ? 0 : 1);
+  EXPECT_EQ(stage.stats().kernel_generations, sets_per_tilt());
   for (int i = 0; i < 20; ++i) {
     const Eigen::Vector3d eye(0.5 * std::cos(0.3 * i), 0.5 * std::sin(0.3 * i), 0.5 + 0.02 * i);
     stage.draw(GetParam().placement, test::tracked(test::look_at(eye, {0, 0, 0})));
@@ -134,7 +142,7 @@ TEST_P(ShadowReuse, CameraAlone) {
 
 TEST_P(ShadowReuse, SlideAndYaw) {
   Placement placement = GetParam().placement;
-  Stage stage(GetParam().technique, l_model(), placement);
+  Stage stage(GetParam().technique, l_model(), placement, GetParam().light_mode);
   stage.draw(placement);
   for (int i = 1; i <= 40; ++i) {
     placement = turned(placement, Eigen::Vector3d::UnitZ(), 0.17);
@@ -143,14 +151,14 @@ TEST_P(ShadowReuse, SlideAndYaw) {
     const Picture moved = stage.draw(placement);
     expect_reused(stage.stats(), "slid and turned");
     if (i % 10 != 0) continue;
-    Stage fresh(GetParam().technique, l_model(), placement);
+    Stage fresh(GetParam().technique, l_model(), placement, GetParam().light_mode);
     EXPECT_EQ(moved, fresh.draw(placement)) << "the picture does not depend on what was before";
   }
 }
 
 TEST_P(ShadowReuse, HeightAlone) {
   Placement placement = GetParam().placement;
-  Stage stage(GetParam().technique, l_model(), placement);
+  Stage stage(GetParam().technique, l_model(), placement, GetParam().light_mode);
   stage.draw(placement);
   for (int i = 1; i <= 5; ++i) {
     placement.position.z() += 0.002;
@@ -161,7 +169,7 @@ TEST_P(ShadowReuse, HeightAlone) {
 }
 
 TEST_P(ShadowReuse, ConstantsAlone) {
-  Stage stage(GetParam().technique, l_model(), GetParam().placement);
+  Stage stage(GetParam().technique, l_model(), GetParam().placement, GetParam().light_mode);
   stage.draw(GetParam().placement);
   const LayeredConstants other = make_layered_constants(0.7, 2.0, 0.0).value();
   stage.draw(GetParam().placement, overhead(), &other);
@@ -175,7 +183,7 @@ TEST_P(ShadowReuse, ConstantsAlone) {
 
 TEST_P(ShadowReuse, TiltMakesNewKernelsBeyondItsThresholdOnly) {
   const Placement start = GetParam().placement;
-  Stage stage(GetParam().technique, l_model(), start);
+  Stage stage(GetParam().technique, l_model(), start, GetParam().light_mode);
   stage.draw(start);
   const auto cell = [](const Placement& p) {
     return KernelDirection::nearest(p.rotation.conjugate() * Eigen::Vector3d::UnitZ());
@@ -192,7 +200,7 @@ TEST_P(ShadowReuse, TiltMakesNewKernelsBeyondItsThresholdOnly) {
   }
   EXPECT_GT(cells, 4);
   EXPECT_LT(cells, 20);
-  EXPECT_EQ(generations, GetParam().technique == ShadowTechnique::simple ? 0 : cells);
+  EXPECT_EQ(generations, sets_per_tilt() * cells);
   stage.draw(start);
   EXPECT_EQ(stage.stats().kernel_generations, 0) << "kept from the start";
 }

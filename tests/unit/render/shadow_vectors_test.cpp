@@ -35,30 +35,8 @@ struct GivenCaster {
   }
 };
 
-LayeredConstants constants_from(const nlohmann::json& json) {
-  LayeredConstants constants =
-      make_layered_constants(json.at("H").get<double>(), json.at("a").get<double>(), 0.0).value();
-  if (json.contains("mag_cap")) constants.magnification_cap = json.at("mag_cap").get<double>();
-  return constants;
-}
-
-Eigen::Vector2d point_from(const nlohmann::json& pair) {
-  return {pair.at(0).get<double>(), pair.at(1).get<double>()};
-}
-
-double distance_to_ring(const Eigen::Vector2d& p, const std::vector<Eigen::Vector2d>& ring) {
-  double least = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < ring.size(); ++i) {
-    const Eigen::Vector2d& a = ring[i];
-    const Eigen::Vector2d d = ring[(i + 1) % ring.size()] - a;
-    const double t = std::clamp((p - a).dot(d) / std::max(d.squaredNorm(), 1e-300), 0.0, 1.0);
-    least = std::min(least, (p - a - t * d).norm());
-  }
-  return least;
-}
-
-std::vector<std::vector<Eigen::Vector2d>> all_rings(const LayerOutline& outline) {
-  std::vector<std::vector<Eigen::Vector2d>> rings;
+std::vector<test::Ring> all_rings(const LayerOutline& outline) {
+  std::vector<test::Ring> rings;
   for (const LayerPolygon& polygon : outline.polygons) {
     rings.push_back(polygon.outer);
     rings.insert(rings.end(), polygon.holes.begin(), polygon.holes.end());
@@ -66,7 +44,7 @@ std::vector<std::vector<Eigen::Vector2d>> all_rings(const LayerOutline& outline)
   return rings;
 }
 
-double ring_moment(const std::vector<Eigen::Vector2d>& ring, Eigen::Vector2d& moment) {
+double ring_moment(const test::Ring& ring, Eigen::Vector2d& moment) {
   double area = 0.0;
   for (std::size_t i = 0; i < ring.size(); ++i) {
     const Eigen::Vector2d& a = ring[i];
@@ -76,6 +54,42 @@ double ring_moment(const std::vector<Eigen::Vector2d>& ring, Eigen::Vector2d& mo
     moment += (a + b) * cross / 6.0;
   }
   return area;
+}
+
+// Whether a point lies inside the union of the triangles where two of them meet: in an edge whose
+// ends both have, to the last bit, and that they lie on either side of. Whatever the arithmetic,
+// such a point is none of the union's boundary.
+bool on_seam(const Eigen::Vector2d& p, const std::vector<PlanePoint>& triangles) {
+  constexpr double kNear = 1e-8;  // [m]: the floats of the layer, the ten digits of the samples
+  const auto in_double = [&](std::size_t i) {
+    return Eigen::Vector2d(static_cast<double>(triangles[i].u),
+                           static_cast<double>(triangles[i].v));
+  };
+  struct Seam {
+    Eigen::Vector2d from, to;
+    bool left = false, right = false;
+  };
+  std::vector<Seam> seams;
+  for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      Eigen::Vector2d a = in_double(i + corner);
+      Eigen::Vector2d b = in_double(i + (corner + 1) % 3);
+      if (b.x() < a.x() || (b.x() == a.x() && b.y() < a.y())) std::swap(a, b);
+      const Eigen::Vector2d d = b - a;
+      const double along = (p - a).dot(d) / d.squaredNorm();
+      if (!(along > 1e-3 && along < 1.0 - 1e-3)) continue;
+      if (test::distance_to_segment(p, a, b) > kNear) continue;
+      const Eigen::Vector2d c = in_double(i + (corner + 2) % 3) - a;
+      const double height = (d.x() * c.y() - d.y() * c.x()) / d.norm();
+      auto seam = std::find_if(seams.begin(), seams.end(),
+                               [&](const Seam& other) { return other.from == a && other.to == b; });
+      if (seam == seams.end()) seam = seams.insert(seam, Seam{a, b});
+      seam->left = seam->left || height > kNear;
+      seam->right = seam->right || height < -kNear;
+    }
+  }
+  return std::any_of(seams.begin(), seams.end(),
+                     [](const Seam& seam) { return seam.left && seam.right; });
 }
 
 void expect_layer(const nlohmann::json& expected, const nlohmann::json& tolerance,
@@ -104,7 +118,8 @@ void expect_layer(const nlohmann::json& expected, const nlohmann::json& toleranc
   EXPECT_NEAR(signed_area, outline->area, 1e-9 * area) << "outer rings turn left, holes right";
   EXPECT_LT((low - Eigen::Vector2d(bounds[0], bounds[1])).norm(), boundary);
   EXPECT_LT((high - Eigen::Vector2d(bounds[2], bounds[3])).norm(), boundary);
-  EXPECT_LT((moment / signed_area - point_from(expected.at("centroid"))).norm(), 5.0 * boundary);
+  EXPECT_LT((moment / signed_area - test::point_from(expected.at("centroid"))).norm(),
+            5.0 * boundary);
 
   // Masks of 1024 pixels across, of the triangles themselves and of the oracle's polygons.
   const double extent = 1.02 * (high - low).maxCoeff();
@@ -113,46 +128,18 @@ void expect_layer(const nlohmann::json& expected, const nlohmann::json& toleranc
   ours.cover(triangles);
   test::Mask theirs(corner, extent / 1024.0, 1024);
   test::Mask polygons(corner, extent / 1024.0, 1024);
-  std::vector<std::vector<Eigen::Vector2d>> their_rings;
-  std::vector<std::vector<Eigen::Vector2d>> their_rings_m;
-  for (const auto& polygon : expected.at("polygons")) {
-    const auto add = [&](const nlohmann::json& ring) {
-      auto& points = their_rings.emplace_back();
-      auto& points_m = their_rings_m.emplace_back();
-      for (const auto& p : ring) {
-        points_m.push_back(point_from(p));
-        points.push_back((point_from(p) - corner) / theirs.pixel);
-      }
-    };
-    add(polygon.at("outer"));
-    for (const auto& hole : polygon.at("holes")) add(hole);
-  }
-  theirs.cover_rings(their_rings);
+  theirs.cover(test::rings_from(expected.at("polygons")));
+  polygons.cover(rings);
 
-  // Some samples lie on slits without width that rounding opened inside the oracle's union; its own
-  // polygons don't have them.
-  const auto distance_to = [](const Eigen::Vector2d& p, const auto& some_rings) {
-    double least = std::numeric_limits<double>::infinity();
-    for (const auto& ring : some_rings) least = std::min(least, distance_to_ring(p, ring));
-    return least;
-  };
-  const double simplified = expected.at("polygons_simplified_by_m").get<double>();
-  std::size_t compared = 0;
-  std::size_t missed = 0;
+  // The union of the oracle, in rounded double precision, left slits without width between faces
+  // that share an edge, and some of its samples lie on them: inside the layer, up to 50 mm from
+  // its boundary, which its own polygons show too. Exactly those are left out.
   for (const auto& sample : expected.at("boundary_samples")) {
-    const Eigen::Vector2d p = point_from(sample);
-    if (distance_to(p, their_rings_m) > 2.0 * simplified + boundary) continue;
-    ++compared;
-    if (distance_to(p, rings) > boundary) ++missed;
+    const Eigen::Vector2d p = test::point_from(sample);
+    const double distance = test::distance_to_rings(p, rings);
+    if (distance > boundary && on_seam(p, triangles)) continue;
+    EXPECT_LE(distance, boundary) << p.transpose();
   }
-  EXPECT_EQ(missed, 0U) << "boundary samples further than " << boundary << " m";
-  EXPECT_GE(compared, expected.at("boundary_samples").size() / 2);
-  std::vector<std::vector<Eigen::Vector2d>> our_rings;
-  for (const auto& ring : rings) {
-    auto& points = our_rings.emplace_back();
-    for (const auto& p : ring) points.push_back((p - corner) / theirs.pixel);
-  }
-  polygons.cover_rings(our_rings);
   const double iou_min = tolerance.at("iou_min").get<double>();
   EXPECT_GE(test::iou(ours.bits, theirs.bits), iou_min);
   EXPECT_GE(test::iou(polygons.bits, theirs.bits), iou_min);
@@ -168,7 +155,7 @@ TEST(ShadowVectors, EveryLayerCase) {
     const nlohmann::json json = test::read_json(vectors_dir() / (id + ".json"));
     const GivenCaster caster(json.at("mesh").get<std::string>(),
                              json.at("kernel_set").get<std::string>());
-    const LayeredConstants constants = constants_from(json.at("constants"));
+    const LayeredConstants constants = test::constants_from(json.at("constants"));
     EXPECT_NEAR(constants.umbra_height, json.at("constants").at("h_umbra").get<double>(), 1e-9);
     const auto& plane_json = json.at("plane");
     const PlaneFrame plane = PlaneFrame::make(test::vector_from(plane_json.at("normal")),
@@ -186,7 +173,7 @@ TEST(ShadowVectors, EveryLayerCase) {
       EXPECT_NEAR(vertex.u, uvh.x(), 1e-7);
       EXPECT_NEAR(vertex.v, uvh.y(), 1e-7);
       EXPECT_NEAR(vertex.h, uvh.z(), 1e-7);
-      const Eigen::Vector2d k = point_from(sample.at("kernel_uv"));
+      const Eigen::Vector2d k = test::point_from(sample.at("kernel_uv"));
       EXPECT_NEAR(vertex.ku, k.x(), 1e-7);
       EXPECT_NEAR(vertex.kv, k.y(), 1e-7);
       for (const auto& [layer, key] :
@@ -198,7 +185,8 @@ TEST(ShadowVectors, EveryLayerCase) {
           continue;
         }
         const PlanePoint point = project_to_layer(vertex, constants, layer);
-        EXPECT_LT((Eigen::Vector2d(point.u, point.v) - point_from(sample.at(key))).norm(), 2e-7)
+        EXPECT_LT((Eigen::Vector2d(point.u, point.v) - test::point_from(sample.at(key))).norm(),
+                  2e-7)
             << key;
       }
     }
@@ -255,13 +243,9 @@ TEST(ShadowVectors, AreasWhileRisingThroughPlaneAndUmbraHeight) {
     const nlohmann::json json = test::read_json(file.path());
     const GivenCaster caster(json.at("mesh").get<std::string>(),
                              json.at("kernel_set").get<std::string>());
-    const LayeredConstants constants = constants_from(json.at("constants"));
+    const LayeredConstants constants = test::constants_from(json.at("constants"));
     const double tolerance = json.at("tolerance_area_rel").get<double>();
     const auto& heights = json.at("translation_z");
-    double largest[3] = {0.0, 0.0, 0.0};
-    for (const auto& areas : json.at("areas_umbra_middle_penumbra"))
-      for (std::size_t i = 0; i < 3; ++i)
-        largest[i] = std::max(largest[i], areas.at(i).get<double>());
     for (std::size_t step = 0; step < heights.size(); ++step) {
       const Placement placement = {Eigen::Vector3d(0.0, 0.0, heights.at(step).get<double>()),
                                    Eigen::Quaterniond(test::matrix_from(json.at("rotation"))), 1.0};
@@ -271,8 +255,7 @@ TEST(ShadowVectors, AreasWhileRisingThroughPlaneAndUmbraHeight) {
             layer_triangles(vertices, caster.mesh.indices, constants, kShadowLayers[i]));
         ASSERT_TRUE(outline);
         const double expected = json.at("areas_umbra_middle_penumbra").at(step).at(i).get<double>();
-        // Relative to the layer's own size in the sweep, where it is about to vanish.
-        EXPECT_NEAR(outline->area, expected, tolerance * std::max(expected, 0.02 * largest[i]))
+        EXPECT_NEAR(outline->area, expected, tolerance * expected + 1e-12)
             << "step " << step << " layer " << i;
       }
     }
@@ -298,9 +281,7 @@ TEST(ShadowVectors, TwistedFaces) {
     const double slack = entry.at("ambiguous").get<double>() + 1.0;
     EXPECT_NEAR(static_cast<double>(report.faces_twisted), entry.at("twisted").get<double>(),
                 slack);
-    // A few faces lie at the limit of being seen edge-on.
-    const double tested = entry.at("faces_tested").get<double>();
-    EXPECT_NEAR(static_cast<double>(report.faces_tested), tested, 1.0 + 0.002 * tested);
+    EXPECT_EQ(report.faces_tested, entry.at("faces_tested").get<std::size_t>());
   }
 }
 

@@ -1,0 +1,127 @@
+// penumbra simulate SCENE: a synthetic recording with exact truth.
+
+#include <fmt/format.h>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include "app/commands/command.hpp"
+#include "app/commands/options.hpp"
+#include "app/simulate_run.hpp"
+#include "core/text.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr const char* kBoard = "board";
+
+Result<ExitCode> simulate(const SimulateRequest& request) {
+  const auto summary = run_simulate(request);
+  if (!summary) return tl::unexpected(summary.error());
+  fmt::print("frames: {}\nrecording: {}\n", summary->frames, request.output.string());
+  return ExitCode::success;
+}
+
+// CLI11's own Range lets "nan" through.
+CLI::Validator within(double low, double high) {
+  return CLI::Validator(
+      [low, high](std::string& text) {
+        const auto value = parse_number(text);
+        if (value && *value >= low && *value <= high) return std::string();
+        return fmt::format("{}: is no number from {} to {}", text, low, high);
+      },
+      fmt::format("{} to {}", low, high));
+}
+
+// CLI11 reads "-1" as the largest unsigned number.
+CLI::Validator whole_number() {
+  return CLI::Validator(
+      [](std::string& text) {
+        const auto value = parse_integer(text);
+        if (value && *value >= 0) return std::string();
+        return fmt::format("{}: is no whole number from 0", text);
+      },
+      "N");
+}
+
+}  // namespace
+
+void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
+  CLI::App* command = program.add_subcommand(
+      "simulate", "Make a synthetic recording with exact truth: tags, lens, motion blur, noise");
+  add_common_options(*command);
+  const auto request = std::make_shared<SimulateRequest>();
+  request->threads = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1U, 16U));
+  command
+      ->add_option_function<std::string>(
+          "SCENE",
+          [request](const std::string& scene) {
+            if (scene != kBoard) request->scene = scene;
+          },
+          "Scene whose objects are drawn over the tags, or `board` for the tags alone")
+      ->required()
+      ->type_name("FILE.json|board");
+  command->add_option("--camera", request->camera, "The camera and its lens")
+      ->required()
+      ->type_name("camera.yaml");
+  command->add_option("--tags", request->tags, "What lies on the table")
+      ->required()
+      ->type_name("tags.yaml");
+  command
+      ->add_option("--trajectory", request->trajectory,
+                   "Camera poses: one frame for each, its exposure half before and half after")
+      ->required()
+      ->type_name("FILE.tum");
+  command->add_option("--output", request->output, "The recording: a new or empty folder")
+      ->required()
+      ->type_name("DIR");
+  command
+      ->add_option("--noise", request->noise_grey,
+                   "Sigma of white noise, after the tone curve [grey levels]")
+      ->check(within(0.0, 255.0))
+      ->capture_default_str();
+  command
+      ->add_option("--blur", request->exposure_s,
+                   "Exposure: the camera moves meanwhile, on a smooth curve through the poses [s]")
+      ->check(within(0.0, 10.0))
+      ->capture_default_str();
+  command->add_option("--seed", request->seed, "Of the noise: the same gives the same bytes")
+      ->check(whole_number())
+      ->capture_default_str();
+  command
+      ->add_option("--tone", request->tone_curve,
+                   "Exponent of the tone curve, light = value ^ exponent (default: tone_curve of "
+                   "the camera file, or 1). The camera file is kept as it is")
+      ->check(within(0.2, 5.0))
+      ->type_name("EXPONENT");
+  command->add_option("--gain", request->gain, "Brightness: multiplies the light")
+      ->check(within(0.001, 1000.0))
+      ->capture_default_str();
+  command->add_option("--lens-blur", request->lens_blur_px, "Sigma of the lens's own blur [px]")
+      ->check(within(0.0, 10.0))
+      ->capture_default_str();
+  command
+      ->add_option("--cover", request->cover_share,
+                   "Share of every tag that something grey hides, from its left side")
+      ->check(within(0.0, 1.0))
+      ->capture_default_str();
+  command->footer(
+      "The recording holds frames/*.png, timestamps.csv, camera.yaml, tags.yaml and "
+      "groundtruth.tum,\nand opens in every command that takes one.\n"
+      "Ctrl-C ends early; the recording holds the frames up to then.\n\n"
+      "Example:\n"
+      "  penumbra simulate board --camera recordings/tabletop/camera.yaml --tags "
+      "recordings/tabletop/tags.yaml \\\n"
+      "    --trajectory recordings/tabletop/groundtruth.tum --output synthetic --noise 2 --blur "
+      "0.01 --seed 7\n"
+      "  penumbra replay synthetic --report report.json");
+  command->callback([request, &chosen] { chosen = [request] { return simulate(*request); }; });
+}
+
+}  // namespace penumbra

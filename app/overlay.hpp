@@ -1,0 +1,43 @@
+// The HUD over the picture, with Dear ImGui: what is measured, panels to change what is drawn,
+// buttons. Draws into the window only, never into the picture that is written.
+#pragma once
+
+#include <memory>
+
+#include "app/hud.hpp"
+#include "core/error.hpp"
+#include "render/gl/context.hpp"
+
+namespace penumbra {
+
+class Overlay {
+ public:
+  // `context` is current on this thread, now and at every later call, and outlives the overlay.
+  [[nodiscard]] static Result<std::unique_ptr<Overlay>> create(const GlContext& context);
+  Overlay(const Overlay&) = delete;
+  Overlay& operator=(const Overlay&) = delete;
+  ~Overlay();
+
+  // Pointer and keys, as they happen.
+  void handle(const WindowEvent& event);
+  // Whether something of the last drawing lies at this pixel of the window, or waits for a click
+  // anywhere (an open list).
+  [[nodiscard]] bool covers(double x, double y) const;
+  // Whether keys are being typed into a field.
+  [[nodiscard]] bool typing() const;
+
+  // Over the framebuffer that is bound, which has this size [px]. What was clicked since the last
+  // drawing is added to `actions`.
+  void draw(const HudState& state, const HudPanels& panels, GlContext::Size size,
+            HudActions& actions);
+
+ private:
+  struct Impl;
+  explicit Overlay(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+// Whether a window is so small that only the compact layout fits [px].
+[[nodiscard]] bool is_small(GlContext::Size window);
+
+}  // namespace penumbra

@@ -1,0 +1,119 @@
+#include "app/session_host.hpp"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <array>
+#include <cstdint>
+#include <ctime>
+#include <filesystem>
+#include <string_view>
+#include <system_error>
+
+#include "core/image_file.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::size_t kMeanFrames = 30;
+constexpr std::array<std::string_view, 6> kStages = {"capture", "track",    "shadow",
+                                                     "render",  "readback", "encode"};
+
+}  // namespace
+
+std::filesystem::path free_name(const std::filesystem::path& base, const std::string& extension) {
+  std::error_code ignored;
+  std::filesystem::path name = base.string() + extension;
+  for (int i = 2; std::filesystem::exists(name, ignored); ++i) {
+    name = fmt::format("{}-{}{}", base.string(), i, extension);
+  }
+  return name;
+}
+
+std::filesystem::path free_name(const std::string& extension) {
+  const std::time_t now = std::time(nullptr);
+  std::tm local{};
+  localtime_r(&now, &local);
+  std::array<char, 32> text{};
+  const std::size_t length =
+      std::strftime(text.data(), text.size(), "penumbra-%Y%m%d-%H%M%S", &local);
+  return free_name(std::filesystem::path(std::string(text.data(), length)), extension);
+}
+
+void SessionHost::saw(const SessionFrame& frame) {
+  last_ = frame;
+}
+
+void SessionHost::forget_frame() {
+  if (last_) last_->tracked.frame = Frame();
+}
+
+std::vector<HudNode> SessionHost::nodes() const {
+  std::vector<HudNode> nodes;
+  for (const ShadowNode& node : session_.view().scene->shadows) {
+    nodes.push_back({node.name, session_.style_in_effect(node)});
+  }
+  return nodes;
+}
+
+void SessionHost::edit(const SceneEdit& edit) {
+  session_.edit(edit);
+}
+
+void SessionHost::redraw() {
+  if (!last_ || last_->tracked.frame.empty()) return;
+  auto drawn = session_.redraw(last_->tracked);
+  if (!drawn) {
+    spdlog::warn("{}", drawn.error().message);
+    return;
+  }
+  run_.add_redrawn(*drawn);
+  last_ = std::move(*drawn);
+}
+
+std::string SessionHost::save_screenshot() {
+  const CameraModel& camera = session_.camera();
+  std::vector<std::uint8_t> pixels(static_cast<std::size_t>(camera.width()) *
+                                   static_cast<std::size_t>(camera.height()) * 4U);
+  const std::filesystem::path file = free_name(".png");
+  if (auto read = session_.read_back(pixels); !read) return read.error().message;
+  if (auto saved = save_png(file, camera.width(), camera.height(), pixels); !saved) {
+    return saved.error().message;
+  }
+  std::error_code ignored;
+  return "picture saved: " + std::filesystem::absolute(file, ignored).string();
+}
+
+void SessionHost::describe(HudState& state, bool debug) const {
+  state.frame_count = frame_count_;
+  if (last_) {
+    state.has_picture = true;
+    state.frame = last_->tracked.frame.sequence;
+    state.pose = last_->tracked.pose;
+    const auto add = [&](std::string_view stage) {
+      if (const auto mean = run_.recent_ms(stage, kMeanFrames)) {
+        state.stages.emplace_back(stage, *mean);
+      }
+    };
+    for (const std::string_view stage : kStages) {
+      add(stage);
+      if (stage != "track") continue;
+      // Only what the last frame went through: the others' times may be old.
+      const TrackTimes& times = last_->tracked.times;
+      if (times.detect_ms > 0.0) add("detect");
+      if (times.align_ms > 0.0) add("align");
+      if (times.solve_ms > 0.0) add("solve");
+    }
+  }
+  if (!debug || !last_) return;
+  state.drawn = last_->composite;
+  state.skipped = last_->plan.skipped;
+  state.work = run_.work();
+  const Scene& scene = *session_.view().scene;
+  for (const CasterTwist& twist : session_.twists()) {
+    state.twists.push_back(
+        {scene.objects[static_cast<std::size_t>(twist.object)].name, twist.twist});
+  }
+}
+
+}  // namespace penumbra

@@ -1,0 +1,49 @@
+// A session in the window: what both live and replay give the viewer.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "app/run_report.hpp"
+#include "app/session.hpp"
+#include "app/viewer.hpp"
+
+namespace penumbra {
+
+class SessionHost : public ViewerHost {
+ public:
+  // Both outlive this. `frame_count`: of a recording.
+  SessionHost(Session& session, RunRecorder& run, std::optional<int> frame_count = std::nullopt)
+      : session_(session), run_(run), frame_count_(frame_count) {}
+
+  // What the window is about to show.
+  void saw(const SessionFrame& frame);
+  // The frame's buffer is wanted back: it can't be drawn again.
+  void forget_frame();
+
+  void present() override { session_.present(); }
+  [[nodiscard]] SessionView view() const override { return session_.view(); }
+  [[nodiscard]] std::vector<HudNode> nodes() const override;
+  void edit(const SceneEdit& edit) override;
+  void redraw() override;
+  // A PNG of the picture without the HUD, into the current folder.
+  [[nodiscard]] std::string save_screenshot() override;
+  [[nodiscard]] std::string toggle_recording() override { return "only live is recorded"; }
+  void describe(HudState& state, bool debug) const override;
+
+ private:
+  Session& session_;
+  RunRecorder& run_;
+  std::optional<int> frame_count_;
+  std::optional<SessionFrame> last_;
+};
+
+// "penumbra-20260131-142305EXTENSION" in the current folder, by the clock; with -2, -3, ... where
+// that is there already.
+[[nodiscard]] std::filesystem::path free_name(const std::string& extension);
+// PATH, or PATH-2, PATH-3, ...: the first that is not there.
+[[nodiscard]] std::filesystem::path free_name(const std::filesystem::path& base,
+                                              const std::string& extension);
+
+}  // namespace penumbra

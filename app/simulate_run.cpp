@@ -1,0 +1,311 @@
+#include "app/simulate_run.hpp"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "app/interrupt.hpp"
+#include "app/output/output_file.hpp"
+#include "app/progress.hpp"
+#include "app/run_outputs.hpp"
+#include "app/session.hpp"
+#include "core/camera_file.hpp"
+#include "core/evaluation.hpp"
+#include "core/image_file.hpp"
+#include "core/tag_map.hpp"
+#include "core/text.hpp"
+#include "core/trajectory.hpp"
+#include "core/units.hpp"
+#include "tracking/pattern_renderer.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kLargestText = std::size_t{16} << 20U;
+constexpr int kMostMoments = 64;       // of an exposure, of the tags
+constexpr int kMostSceneMoments = 16;  // of the objects: each is drawn in full
+constexpr double kMomentApart_px = 0.25;
+
+// A new folder beside the one that is wanted, renamed at the end, removed where there is none.
+class RecordingFolder {
+ public:
+  RecordingFolder() = default;
+  RecordingFolder(const RecordingFolder&) = delete;
+  RecordingFolder& operator=(const RecordingFolder&) = delete;
+  ~RecordingFolder() {
+    std::error_code ignored;
+    if (!partial_.empty()) fs::remove_all(partial_, ignored);
+  }
+
+  Result<void> create(const fs::path& folder) {
+    target_ = folder.lexically_normal();
+    if (!target_.has_filename()) target_ = target_.parent_path();  // "out/" is "out"
+    std::error_code error;
+    if (fs::exists(target_, error)) {
+      if (!fs::is_directory(target_, error)) {
+        return fail("{}: is no folder; name a new one for the recording", folder.string());
+      }
+      if (fs::directory_iterator(target_, error) != fs::directory_iterator() || error) {
+        return fail("{}: is there already and not empty; name a new folder for the recording",
+                    folder.string());
+      }
+    }
+    error.clear();
+    if (target_.has_parent_path()) fs::create_directories(target_.parent_path(), error);
+    for (int attempt = 0; !error && attempt < kPartialAttempts; ++attempt) {
+      const fs::path path = partial_path(target_, attempt);
+      if (fs::create_directory(path, error)) {
+        partial_ = path;
+        break;
+      }
+    }
+    if (!error && !partial_.empty()) fs::create_directory(partial_ / "frames", error);
+    if (error || partial_.empty()) {
+      return fail("{}: cannot be made: {}; choose another place", folder.string(),
+                  error ? error.message() : "every name beside it is taken");
+    }
+    return {};
+  }
+  [[nodiscard]] const fs::path& partial() const { return partial_; }
+
+  Result<void> commit() {
+    std::error_code error;
+    fs::rename(partial_, target_, error);  // over an empty folder too
+    if (error) {
+      return fail("{}: cannot be made: {}; choose another place", target_.string(),
+                  error.message());
+    }
+    partial_.clear();
+    return {};
+  }
+
+ private:
+  fs::path target_;
+  fs::path partial_;
+};
+
+// Each frame's noise is its own, and does not depend on the frames before (splitmix64).
+std::uint64_t seed_of(std::uint64_t seed, int frame) {
+  std::uint64_t z = seed + 0x9E3779B97F4A7C15U * (static_cast<std::uint64_t>(frame) + 1U);
+  z = (z ^ (z >> 30U)) * 0xBF58476D1CE4E5B9U;
+  z = (z ^ (z >> 27U)) * 0x94D049BB133111EBU;
+  return z ^ (z >> 31U);
+}
+
+Result<Trajectory> load_path(const fs::path& file) {
+  auto path = load_trajectory(file);
+  if (!path) return path;
+  if (path->poses.empty())
+    return fail("{}: has no pose; give one line for each frame", file.string());
+  for (std::size_t i = 1; i < path->poses.size(); ++i) {
+    if (path->poses[i].timestamp_ns == path->poses[i - 1].timestamp_ns) {
+      return fail("{}: timestamp: two poses at {} s; each frame needs a time of its own",
+                  file.string(), format_ns_as_seconds(path->poses[i].timestamp_ns));
+    }
+  }
+  return path;
+}
+
+class Simulation {
+ public:
+  Simulation(const SimulateRequest& request, CameraModel camera, Trajectory path,
+             PatternRenderer renderer)
+      : request_(request),
+        camera_(std::move(camera)),
+        path_(std::move(path)),
+        renderer_(std::move(renderer)) {
+    light_.lens_blur_px = request.lens_blur_px;
+    light_.gain = request.gain;
+    light_.gamma = request.tone_curve.value_or(camera_.parameters().tone_curve.value_or(1.0));
+    light_.cover_share = request.cover_share;
+    light_.threads = request.threads;
+  }
+
+  [[nodiscard]] int frames() const { return static_cast<int>(path_.poses.size()); }
+  [[nodiscard]] const CameraModel& camera() const { return camera_; }
+  [[nodiscard]] const Trajectory& path() const { return path_; }
+
+  Result<void> add_scene(GlContext& context, std::shared_ptr<const Scene> scene) {
+    SessionOptions options;
+    options.scene_start_ns = path_.poses.front().timestamp_ns;
+    auto session =
+        Session::create(context, std::move(scene), camera_, PoseSource(Trajectory{}), options);
+    if (!session) return tl::unexpected(session.error());
+    session_.emplace(std::move(*session));
+    return {};
+  }
+
+  Result<void> write_frame(int number, const fs::path& file) {
+    const std::int64_t middle_ns = path_.poses[static_cast<std::size_t>(number)].timestamp_ns;
+    const std::vector<std::int64_t> times = moments(middle_ns, kMostMoments);
+    std::vector<CameraPose> poses;
+    for (const std::int64_t time : times) poses.push_back(pose_between(path_, time));
+    PatternRenderOptions light = light_;
+    light.seed = seed_of(request_.seed, number);
+    if (!session_) {
+      light.noise_grey = request_.noise_grey;
+      const GreyImage image = renderer_.render(poses, light);
+      return save_grey_png(file, image.view());
+    }
+    // The scene is drawn over the blurred tags at several moments, and the pictures' light is
+    // averaged: an object's edge is as blurred as its motion makes it. The noise comes last.
+    const GreyImage tags = renderer_.render(poses, light);
+    auto drawn = draw_scene(tags, moments(middle_ns, kMostSceneMoments));
+    if (!drawn) return tl::unexpected(drawn.error());
+    add_noise(*drawn, request_.noise_grey, light.seed);
+    return save_png(file, camera_.width(), camera_.height(), *drawn);
+  }
+
+ private:
+  // Moments of an exposure, each standing for the same share of it: close enough for the image to
+  // move by a fraction of a pixel from one to the next.
+  [[nodiscard]] std::vector<std::int64_t> moments(std::int64_t middle_ns, int most) const {
+    const std::int64_t exposure_ns = nanoseconds(request_.exposure_s);
+    int count = 1;
+    if (exposure_ns > 0) {
+      const double moved_px =
+          overlay_difference(camera_, pose_between(path_, middle_ns - exposure_ns / 2),
+                             pose_between(path_, middle_ns + exposure_ns / 2))
+              .rms_px();
+      // Where the table's middle is not seen nothing says how far the image moves.
+      count = std::isfinite(moved_px) && moved_px > 0.0 && moved_px < kMostMoments * kMomentApart_px
+                  ? static_cast<int>(std::ceil(2.0 * moved_px / kMomentApart_px)) + 1
+                  : kMostMoments;
+      count = std::clamp(count, 2, most);
+    }
+    std::vector<std::int64_t> times;
+    for (int k = 0; k < count; ++k) {
+      times.push_back(middle_ns +
+                      std::llround(static_cast<double>(exposure_ns) * ((k + 0.5) / count - 0.5)));
+    }
+    return times;
+  }
+
+  Result<std::vector<std::uint8_t>> draw_scene(const GreyImage& tags,
+                                               const std::vector<std::int64_t>& times) {
+    const auto pixels =
+        static_cast<std::size_t>(tags.width) * static_cast<std::size_t>(tags.height);
+    std::vector<std::uint8_t> rgba(4 * pixels);
+    std::vector<double> sum(times.size() > 1 ? 3 * pixels : 0);
+    std::array<double, 256> linear{};
+    for (std::size_t i = 0; i < linear.size(); ++i)
+      linear[i] = std::pow(static_cast<double>(i) / 255.0, light_.gamma);
+    for (const std::int64_t time : times) {
+      TrackedFrame tracked;
+      tracked.frame.width = tags.width;
+      tracked.frame.height = tags.height;
+      tracked.frame.timestamp_ns = time;
+      tracked.frame.planes[0] = {tags.pixels.data(), tags.width, tags.height, tags.width};
+      tracked.frame.plane_count = 1;
+      tracked.pose.status = TrackStatus::tracked;
+      tracked.pose.T_table_camera = pose_between(path_, time);
+      tracked.pose.ambiguity_ratio = std::numeric_limits<double>::infinity();
+      if (auto drawn = session_->draw(std::move(tracked), rgba); !drawn)
+        return tl::unexpected(drawn.error());
+      if (times.size() == 1) return rgba;
+      for (std::size_t i = 0; i < pixels; ++i) {
+        for (std::size_t c = 0; c < 3; ++c) sum[3 * i + c] += linear[rgba[4 * i + c]];
+      }
+    }
+    const double share = 1.0 / static_cast<double>(times.size());
+    for (std::size_t i = 0; i < pixels; ++i) {
+      for (std::size_t c = 0; c < 3; ++c) {
+        rgba[4 * i + c] = static_cast<std::uint8_t>(
+            std::lround(255.0 * std::pow(share * sum[3 * i + c], 1.0 / light_.gamma)));
+      }
+    }
+    return rgba;
+  }
+
+  const SimulateRequest& request_;
+  CameraModel camera_;
+  Trajectory path_;
+  PatternRenderer renderer_;
+  PatternRenderOptions light_;
+  std::optional<Session> session_;
+};
+
+}  // namespace
+
+Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
+  InterruptWatch interrupt;  // first: OpenGL and the renderer start threads
+
+  auto camera = load_camera(request.camera);
+  if (!camera) return tl::unexpected(camera.error());
+  const auto tags = load_tag_map(request.tags);
+  if (!tags) return tl::unexpected(tags.error());
+  auto path = load_path(request.trajectory);
+  if (!path) return tl::unexpected(path.error());
+  // The files go into the recording as they are, with all that they say.
+  const auto camera_text = read_text_file(request.camera, kLargestText);
+  if (!camera_text) return tl::unexpected(camera_text.error());
+  const auto tags_text = read_text_file(request.tags, kLargestText);
+  if (!tags_text) return tl::unexpected(tags_text.error());
+  if (camera->parameters().rolling_shutter_row_s.value_or(0.0) != 0.0) {
+    spdlog::warn("{}: rolling_shutter_row_s: rows are exposed at once here, whatever it says",
+                 request.camera.string());
+  }
+  auto renderer = PatternRenderer::create(*camera, tags->tags());
+  if (!renderer) return fail_in(request.tags.string(), renderer.error());
+
+  std::shared_ptr<const Scene> scene;
+  std::unique_ptr<GlContext> context;
+  Simulation simulation(request, std::move(*camera), std::move(*path), std::move(*renderer));
+  if (request.scene) {
+    auto loaded = load_scene(*request.scene);
+    if (!loaded) return tl::unexpected(loaded.error());
+    scene = std::make_shared<const Scene>(std::move(*loaded));
+    for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
+    auto opened = open_run_context({false, false}, simulation.camera());
+    if (!opened) return tl::unexpected(opened.error());
+    context = std::move(*opened);
+    if (auto added = simulation.add_scene(*context, scene); !added) {
+      return tl::unexpected(added.error());
+    }
+  }
+
+  interrupt.hold();
+  RecordingFolder folder;
+  if (auto made = folder.create(request.output); !made) return tl::unexpected(made.error());
+  if (auto written = write_text_file(folder.partial() / "camera.yaml", *camera_text); !written)
+    return tl::unexpected(written.error());
+  if (auto written = write_text_file(folder.partial() / "tags.yaml", *tags_text); !written)
+    return tl::unexpected(written.error());
+
+  SimulateSummary summary;
+  std::string listing = "frame,timestamp_s,file\n";
+  Trajectory truth;
+  {
+    ProgressBar progress(simulation.frames());
+    for (int i = 0; i < simulation.frames() && !summary.interrupted; ++i) {
+      const std::string name = fmt::format("frames/{:06}.png", i);
+      if (auto written = simulation.write_frame(i, folder.partial() / name); !written)
+        return tl::unexpected(written.error());
+      StampedPose pose = simulation.path().poses[static_cast<std::size_t>(i)];
+      pose.comment.clear();
+      listing += fmt::format("{},{},{}\n", i, format_ns_as_seconds(pose.timestamp_ns), name);
+      truth.poses.push_back(std::move(pose));
+      progress.update(++summary.frames);
+      summary.interrupted = interrupt.interrupted();
+    }
+  }
+  if (auto written = save_trajectory(folder.partial() / "groundtruth.tum", truth); !written)
+    return tl::unexpected(written.error());
+  if (auto written = write_text_file(folder.partial() / "timestamps.csv", listing); !written)
+    return tl::unexpected(written.error());
+  if (auto done = folder.commit(); !done) return tl::unexpected(done.error());
+  return summary;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,22 @@
+// A calibration as one HTML file that needs nothing else: verdict first, then what it rests on.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "calib/camera_calibration.hpp"
+
+namespace penumbra {
+
+struct ReportInput {
+  std::string title;                   // what was calibrated from
+  std::string date;                    // "2026-03-01"
+  std::string target;                  // Target::description
+  std::optional<CameraModel> earlier;  // a calibration to compare with, of the same image size
+  std::string earlier_name;
+};
+
+[[nodiscard]] std::string calibration_report(const CameraCalibration& calibration,
+                                             const ReportInput& input);
+
+}  // namespace penumbra

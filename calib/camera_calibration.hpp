@@ -1,0 +1,106 @@
+// Pictures of a target -> a camera that can be trusted, or what is missing: which views count,
+// which lens explains them, what the result is worth, and a verdict in words.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "calib/intrinsics_solver.hpp"
+#include "calib/target.hpp"
+#include "calib/target_detector.hpp"
+
+namespace penumbra {
+
+struct CalibrationOptions {
+  std::optional<DistortionModel> model;  // else chosen by cross-validation
+  std::optional<BoardShape> shape;       // else chosen by cross-validation
+  int most_views = 60;                   // of more, those are taken that differ most
+};
+
+// One picture, used or not.
+struct CalibrationPicture {
+  std::string name;
+  TargetView view;
+  std::string left_out;            // why; empty when used
+  int solved = -1;                 // index into CalibrationSolution::views; -1 when left out
+  int width = 0;                   // [px]
+  int height = 0;                  // [px]
+  std::vector<std::uint8_t> luma;  // rows of `width` bytes; empty where nothing was found
+  [[nodiscard]] ImageView picture() const {
+    return {luma.data(), luma.empty() ? 0 : width, height, width};
+  }
+};
+
+// A lens and board that were tried.
+struct ModelTrial {
+  DistortionModel model = DistortionModel::plumb_bob;
+  BoardShape shape = BoardShape::rigid;
+  double rms_px = 0.0;
+  std::optional<double> held_out_px;
+  bool chosen = false;
+};
+
+// Standard deviation of the projection over the image [px], along its worst direction.
+struct UncertaintyMap {
+  int columns = 0;
+  int rows = 0;
+  std::vector<double> sigma_px;  // row by row, at the middles of equal cells; NaN where unreachable
+  double mean_px = 0.0;
+  double largest_px = 0.0;
+};
+[[nodiscard]] UncertaintyMap uncertainty_map(const CameraModel& camera,
+                                             const Eigen::MatrixXd& covariance, int columns = 32,
+                                             int rows = 24);
+
+// How far two cameras' projections are from each other, over the first one's image: no rotation is
+// fitted.
+struct ProjectionDifference {
+  double mean_px = 0.0;
+  double largest_px = 0.0;
+};
+[[nodiscard]] ProjectionDifference projection_difference(const CameraModel& a,
+                                                         const CameraModel& b);
+
+enum class CalibrationGrade { good, usable, poor };
+[[nodiscard]] std::string_view to_string(CalibrationGrade grade);
+
+struct CameraCalibration {
+  CalibrationSolution solution;
+  std::vector<CalibrationPicture> pictures;
+  std::vector<ModelTrial> trials;
+  std::optional<double> held_out_px;
+  UncertaintyMap uncertainty;
+  double tilt_spread_deg = 0.0;
+  double blur_px = 0.0;  // middle of the used views
+  CalibrationGrade grade = CalibrationGrade::poor;
+  std::string verdict;              // one line: the grade, why, and what to do
+  std::vector<std::string> advice;  // "no views near the top left", ...
+};
+
+class CameraCalibrator {
+ public:
+  [[nodiscard]] static Result<CameraCalibrator> create(const Target& target,
+                                                       const CalibrationOptions& options = {});
+  CameraCalibrator(CameraCalibrator&&) noexcept;
+  CameraCalibrator& operator=(CameraCalibrator&&) noexcept;
+  ~CameraCalibrator();
+
+  // Looks for the target in a picture. Fails when the picture's size is not that of the others.
+  [[nodiscard]] Result<void> add(const std::string& name, ImageView luma);
+  // A picture that can't be read.
+  void add_unreadable(const std::string& name, const std::string& why);
+
+  // Solves, once. An error is one line that says what the pictures lack.
+  [[nodiscard]] Result<CameraCalibration> finish();
+
+ private:
+  struct Impl;
+  explicit CameraCalibrator(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace penumbra

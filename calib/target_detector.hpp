@@ -1,0 +1,57 @@
+// Luma -> corners of a calibration target with sub-pixel places.
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "calib/target.hpp"
+#include "core/camera_model.hpp"
+#include "core/error.hpp"
+#include "core/image_view.hpp"
+#include "core/transform.hpp"
+
+namespace penumbra {
+
+struct TargetCorner {
+  int point = 0;          // of Target::points
+  Eigen::Vector2d pixel;  // [px], (0, 0) at the centre of the top-left pixel
+  // Where the corner moves to for each pixel by which the edges of its black square move outwards:
+  // what tone curves and blur do to squares (but not to the saddles of chessboards: zero there).
+  Eigen::Vector2d spread = Eigen::Vector2d::Zero();
+};
+
+struct TargetView {
+  std::vector<TargetCorner> corners;  // by point; each point once
+  // Sigma of the blur across the target's edges [px], the larger of most edges; 0 when unknown.
+  double blur_px = 0.0;
+  // Tags of this board that were seen with a border of two cells, as Kalibr prints them.
+  int two_cell_tags = 0;
+  bool black_squares = false;  // the sheet has Kalibr's squares at the tags' corners
+  // Why there are no corners, or too few: empty when the view can be used.
+  std::string problem;
+};
+
+class TargetDetector {
+ public:
+  [[nodiscard]] static Result<TargetDetector> create(const Target& target);
+  TargetDetector(TargetDetector&&) noexcept;
+  TargetDetector& operator=(TargetDetector&&) noexcept;
+  ~TargetDetector();
+
+  [[nodiscard]] TargetView detect(ImageView luma);
+
+  // The corners again, now that camera and pose are known nearly: edges of tags are followed along
+  // the curves that the lens makes of them, and corners that detection missed are looked for where
+  // they must be. `view` is what detect() gave for the same picture.
+  [[nodiscard]] TargetView refine(ImageView luma, const TargetView& view, const CameraModel& camera,
+                                  const CameraPose& T_board_camera) const;
+
+ private:
+  struct Impl;
+  explicit TargetDetector(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace penumbra

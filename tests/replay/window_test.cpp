@@ -1,0 +1,87 @@
+// The whole program in a real window, on a virtual display.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+
+#include "replay/replay_support.hpp"
+
+namespace penumbra::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool has_xvfb() {
+  return std::system("command -v Xvfb >/dev/null 2>&1") == 0;
+}
+
+ProgramResult in_window(std::vector<std::string> arguments, const fs::path& working_folder) {
+  arguments.insert(arguments.begin(), program().string());
+  return run_program(source_dir() / "tests" / "support" / "with-display", arguments, {},
+                     working_folder);
+}
+
+TEST(Window, PicturesAreTheSameWithAndWithoutWindowAndHud) {
+  if (!has_xvfb()) GTEST_SKIP() << "no Xvfb";
+  const TemporaryFolder folder;
+  const auto arguments = [&](const std::string& name, const std::vector<std::string>& more) {
+    std::vector<std::string> words = {
+        "replay",       bundled("tabletop"), "--frames", "30:36",
+        "--poses-from", "groundtruth",       "--output", (folder.path() / name).string()};
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  };
+  const ProgramResult offscreen = penumbra(arguments("offscreen", {"--no-window"}));
+  ASSERT_EQ(offscreen.exit_code, 0) << offscreen.err;
+  const ProgramResult hud = in_window(arguments("hud", {}), folder.path());
+  ASSERT_EQ(hud.exit_code, 0) << hud.err;
+  EXPECT_EQ(hud.out.find("offscreen"), std::string::npos) << "there was a window";
+  const ProgramResult bare = in_window(arguments("bare", {"--no-hud"}), folder.path());
+  ASSERT_EQ(bare.exit_code, 0) << bare.err;
+  const auto expected = contents_of(folder.path() / "offscreen");
+  EXPECT_EQ(expected.size(), 6U);
+  EXPECT_EQ(contents_of(folder.path() / "hud"), expected);
+  EXPECT_EQ(contents_of(folder.path() / "bare"), expected);
+}
+
+// What was done while it was recorded happens again, the same each time, and can be left out.
+TEST(Window, RecordedEditsAreReplayed) {
+  const TemporaryFolder folder;
+  const fs::path recording = folder.path() / "recording";
+  fs::create_directory(recording);
+  for (const auto& entry : fs::directory_iterator(bundled("tabletop"))) {
+    fs::create_symlink(entry.path(), recording / entry.path().filename());
+  }
+  std::string first_time = lines_of(bytes_of(recording / "timestamps.csv"))[1 + 33];
+  first_time = first_time.substr(first_time.find(',') + 1);
+  first_time = first_time.substr(0, first_time.find(','));
+  std::ofstream(recording / "events.jsonl")
+      << R"({"timestamp_s":)" << first_time
+      << R"(,"event":"object_moved","object":"helicopter","position":[0.0,0.0,0.05],)"
+      << R"("quaternion_xyzw":[0.0,0.0,0.0,1.0],"scale":1.0})"
+      << "\n";
+  const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
+    std::vector<std::string> words = {
+        "replay",      recording.string(), "--frames",
+        "31:35",       "--poses-from",     "groundtruth",
+        "--no-window", "--output",         (folder.path() / name).string()};
+    words.insert(words.end(), more.begin(), more.end());
+    const ProgramResult result = penumbra(words);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    return contents_of(folder.path() / name);
+  };
+  const auto edited = run("edited", {});
+  const auto again = run("again", {});
+  const auto without = run("without", {"--no-edits"});
+  ASSERT_EQ(edited.size(), 4U);
+  EXPECT_EQ(edited, again);
+  for (const char* before : {"000031.png", "000032.png"}) {
+    EXPECT_EQ(edited.at(before), without.at(before));
+  }
+  for (const char* after : {"000033.png", "000034.png"}) {
+    EXPECT_NE(edited.at(after), without.at(after));
+  }
+}
+
+}  // namespace
+}  // namespace penumbra::test

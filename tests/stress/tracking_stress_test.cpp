@@ -1,0 +1,264 @@
+// Tracking at the ends of what a picture can be: exact synthetic frames with one thing driven far.
+// Whatever it is, nothing is ever non-finite and no wrong pose is called tracked; where a pose is
+// to be expected, there is one. PENUMBRA_STRESS=long walks the whole ranges.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "core/evaluation.hpp"
+#include "support/random_session.hpp"
+#include "tracking/table_tracker.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::Draw;
+using test::Layout;
+using test::Lens;
+using test::Session;
+
+bool long_form() {
+  const char* form = std::getenv("PENUMBRA_STRESS");
+  return form != nullptr && std::string(form) == "long";
+}
+
+// A sheet of 12 tags seen well, strolled over.
+Session ordinary() {
+  Draw draw(5);
+  Session session;
+  session.camera = test::lens_camera(Lens::plumb_bob, 480, 360, 0.85);
+  session.tags = test::layout_of(Layout::sheet, draw);
+  session.motion = test::hand(1, 0.42, radians(62.0), draw);
+  session.light.noise_grey = 2.0;
+  session.light.samples = 64;
+  return session;
+}
+
+// Distance at which a tag of `size_m` is `side_px` wide.
+double distance_for(const Session& session, double side_px) {
+  return session.camera.parameters().fx * session.tags.front().size_m / side_px;
+}
+
+struct Cell {
+  std::string name;
+  std::function<void(Session&)> change;
+  bool tracked = true;  // whether a pose is expected in most frames
+};
+
+std::vector<Cell> cells() {
+  std::vector<Cell> list;
+  const bool whole = long_form();
+  const auto add = [&](const std::string& what, const std::vector<double>& few,
+                       const std::vector<double>& all,
+                       const std::function<void(Session&, double)>& change,
+                       const std::function<bool(double)>& tracked) {
+    for (const double value : whole ? all : few) {
+      list.push_back({fmt::format("{} {}", what, value),
+                      [change, value](Session& s) { change(s, value); }, tracked(value)});
+    }
+  };
+  const auto always = [](double) { return true; };
+  add(
+      "noise", {0, 12}, {0, 1, 2, 4, 8, 12}, [](Session& s, double v) { s.light.noise_grey = v; },
+      always);
+  // The cells are about 6 px; the exposure is cut at the frame's end.
+  add(
+      "blur cells", {1, 3}, {0.25, 0.5, 1, 1.5, 2, 3},
+      [](Session& s, double v) {
+        s.exposure_s = s.frame_s;
+        const double px =
+            test::corner_distance_px(s.camera, s.tags, s.motion.at(0.0), s.motion.at(s.frame_s));
+        const double times = 6.0 * v / std::max(px, 0.01);
+        for (test::Sway* sway : {&s.motion.x, &s.motion.y, &s.motion.azimuth, &s.motion.roll})
+          sway->amplitude *= std::min(times, 12.0);
+      },
+      [](double v) { return v < 1.0; });
+  add(
+      "side px", {8, 400}, {8, 12, 16, 25, 50, 100, 200, 400},
+      [](Session& s, double v) {
+        Draw draw(3);
+        s.tags = test::layout_of(Layout::one, draw);
+        s.motion.distance.middle = distance_for(s, v);
+        // The overlay's cube is 0.2 m: it must stay before the camera.
+        const double scale = std::max(1.0, 0.5 / s.motion.distance.middle);
+        for (MappedTag& tag : s.tags) tag.size_m *= scale;
+        s.motion.distance.middle *= scale;
+        s.motion.elevation.middle = radians(50.0);
+        s.motion.x.middle = s.tags.front().T_table_tag.translation().x();
+        s.motion.y.middle = s.tags.front().T_table_tag.translation().y();
+      },
+      [](double v) { return v > 90.0 && v < 300.0; });
+  add(
+      "tilt deg", {75, 85}, {0, 15, 30, 45, 60, 75, 80, 85},
+      [](Session& s, double v) { s.motion.elevation.middle = radians(90.0 - v); },
+      [](double v) { return v < 70.0; });
+  add(
+      "distance times", {100}, {3, 10, 30, 100},
+      [](Session& s, double v) {
+        for (MappedTag& tag : s.tags) {
+          tag.size_m *= v;
+          tag.T_table_tag = {tag.T_table_tag.rotation(), v * tag.T_table_tag.translation()};
+        }
+        s.motion.distance.middle *= v;
+        s.motion.distance.amplitude *= v;
+      },
+      always);
+  add(
+      "cover", {0.3, 0.8}, {0.1, 0.3, 0.5, 0.65, 0.8},
+      [](Session& s, double v) { s.light.cover_share = v; }, [](double) { return false; });
+  add(
+      "brightness", {0.1, 4}, {0.1, 0.2, 0.5, 1, 2, 4},
+      [](Session& s, double v) {
+        s.light.gain = v;
+        s.light.noise_grey = 1.0;
+      },
+      [](double v) { return v > 0.4 && v < 1.3; });
+  add(
+      "gamma", {2.4}, {1, 1.4, 1.8, 2.2, 2.4}, [](Session& s, double v) { s.light.gamma = v; },
+      always);
+  add(
+      "fisheye", {0.4}, {0.6, 0.5, 0.4, 0.35},
+      [](Session& s, double v) {
+        s.camera = test::lens_camera(Lens::fisheye, 480, 360, v);
+        s.motion.distance.middle = 0.36;
+      },
+      [](double v) { return v > 0.39; });
+  add(
+      "tags", {1, 196}, {1, 4, 49, 196},
+      [](Session& s, double v) {
+        const int side = static_cast<int>(std::lround(std::sqrt(v)));
+        s.tags = test::board(side, side, 0.30 / side);
+        if (side == 1) s.tags.front().size_m = 0.1;
+        s.motion.elevation.middle = radians(55.0);
+        s.motion.distance.middle = 0.5;
+      },
+      [](double v) { return v < 150; });
+  return list;
+}
+
+void expect_honest(const Session& session, const PoseEstimate& pose, const CameraPose& truth) {
+  if (!pose.has_pose()) return;
+  EXPECT_TRUE(pose.T_table_camera.is_finite());
+  EXPECT_TRUE(pose.covariance.allFinite());
+  EXPECT_FALSE(std::isnan(pose.expected_overlay_error_px));
+  if (pose.status != TrackStatus::tracked) return;
+  const double error = overlay_difference(session.camera, pose.T_table_camera, truth).rms_px();
+  EXPECT_LT(error, 5.0);
+  EXPECT_LT(error, std::max(1.0, 4.0 * pose.expected_overlay_error_px));
+  EXPECT_LT(pose.expected_overlay_error_px, 2.0);
+}
+
+TEST(TrackingStress, EveryCellIsHonest) {
+  for (const Cell& cell : cells()) {
+    SCOPED_TRACE(cell.name);
+    Session session = ordinary();
+    cell.change(session);
+    auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+    auto tracker = TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    const int frames = long_form() ? 12 : 3;
+    int tracked = 0;
+    for (int f = 0; f < frames; ++f) {
+      SCOPED_TRACE(f);
+      const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+      tracked += pose.status == TrackStatus::tracked ? 1 : 0;
+      expect_honest(session, pose, session.truth(f));
+    }
+    if (cell.tracked) {
+      EXPECT_GE(tracked, frames - 1);
+    }
+  }
+}
+
+TEST(TrackingStress, RandomSessionsAreHonest) {
+  const int sessions = long_form() ? 400 : 4;
+  for (int s = 0; s < sessions; ++s) {
+    SCOPED_TRACE(s);
+    test::SessionKind kind;
+    const Session session = test::random_session(5000U + static_cast<std::uint64_t>(s), kind);
+    auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+    auto tracker = TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    for (int f = 0; f < 3; ++f)
+      expect_honest(session, tracker.track(session.picture(renderer, f)).pose, session.truth(f));
+  }
+}
+
+// There and back over the same pictures: what drifts has nothing to hide behind.
+TEST(TrackingStress, TenThousandFramesWithoutDrift) {
+  Session session = ordinary();
+  session.camera = test::lens_camera(Lens::plumb_bob, 320, 240, 0.85);
+  auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+  constexpr int kViews = 8;
+  std::vector<Frame> views;
+  for (int f = 0; f < kViews; ++f) views.push_back(session.picture(renderer, f));
+  TrackerOptions options;
+  options.mode = TrackingMode::fast;
+  auto tracker =
+      TableTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
+  double first = 0.0;
+  double last = 0.0;
+  int tracked = 0;
+  constexpr int kFrames = 10'000;
+  constexpr int kPeriod = 2 * (kViews - 1);
+  for (int i = 0; i < kFrames; ++i) {
+    const int phase = i % kPeriod;
+    const int view = phase < kViews ? phase : kPeriod - phase;
+    Frame frame = views[static_cast<std::size_t>(view)];
+    frame.timestamp_ns = 1'000'000'000 + i * std::int64_t{33'333'333};
+    const PoseEstimate pose = tracker.track(frame).pose;
+    ASSERT_TRUE(pose.has_pose()) << "frame " << i << ": " << pose.reason;
+    tracked += pose.status == TrackStatus::tracked ? 1 : 0;
+    const double error =
+        overlay_difference(session.camera, pose.T_table_camera, session.truth(view)).rms_px();
+    ASSERT_LT(error, 0.5) << "frame " << i;
+    if (i < 2 * kPeriod) first = std::max(first, error);
+    if (i >= kFrames - 2 * kPeriod) last = std::max(last, error);
+  }
+  EXPECT_EQ(tracked, kFrames);
+  EXPECT_LT(last, first + 0.02);
+}
+
+// A second print of a tag of the map lies on the table.
+TEST(TrackingStress, ACopyOfATagInViewMisleadsNobody) {
+  const Session session = ordinary();
+  std::vector<MappedTag> drawn = session.tags;
+  MappedTag copy = drawn[5];
+  copy.T_table_tag = {copy.T_table_tag.rotation(), Eigen::Vector3d(0.14, 0.0, 0.0)};
+  drawn.push_back(copy);
+  auto renderer = PatternRenderer::create(session.camera, drawn).value();
+  auto tracker = TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+  for (int f = 0; f < 4; ++f) {
+    const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+    EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
+    expect_honest(session, pose, session.truth(f));
+  }
+}
+
+// A tag lies elsewhere than the map has it, by less than a cell and by more than a tag.
+TEST(TrackingStress, ATagThatWasMovedIsLeftOut) {
+  for (const double moved_m : {0.002, 0.004, 0.012, 0.1}) {
+    SCOPED_TRACE(moved_m);
+    const Session session = ordinary();
+    std::vector<MappedTag> drawn = session.tags;
+    drawn[3].T_table_tag = {drawn[3].T_table_tag.rotation(),
+                            drawn[3].T_table_tag.translation() + Eigen::Vector3d(moved_m, 0, 0)};
+    auto renderer = PatternRenderer::create(session.camera, drawn).value();
+    auto tracker = TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    for (int f = 0; f < 4; ++f) {
+      const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+      EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
+      expect_honest(session, pose, session.truth(f));
+      EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px(),
+                0.6);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

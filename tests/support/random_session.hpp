@@ -1,0 +1,225 @@
+// Short synthetic sessions with exact truth, drawn at random: a lens, tags, a hand's motion, light.
+// Nothing in them was chosen to suit the tracker.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "core/camera_model.hpp"
+#include "core/evaluation.hpp"
+#include "core/frame.hpp"
+#include "core/tag_map.hpp"
+#include "core/transform.hpp"
+#include "core/units.hpp"
+#include "support/synthetic_board.hpp"
+#include "tracking/pattern_renderer.hpp"
+
+namespace penumbra::test {
+
+// Uniform in [0, 1), the same on every machine.
+class Draw {
+ public:
+  explicit Draw(std::uint64_t seed) : engine_(seed) {}
+  double operator()() { return static_cast<double>(engine_() >> 11U) * 0x1.0p-53; }
+  double between(double low, double high) { return low + (high - low) * (*this)(); }
+  // Evenly over the ratios between them.
+  double log_between(double low, double high) { return low * std::pow(high / low, (*this)()); }
+  int below(int count) { return std::min(count - 1, static_cast<int>(count * (*this)())); }
+
+ private:
+  std::mt19937_64 engine_;
+};
+
+enum class Lens { none, plumb_bob, rational, fisheye };
+
+// `focal`: focal length over the image's width.
+inline CameraModel lens_camera(Lens lens, int width, int height, double focal) {
+  CameraParameters p;
+  p.width = width;
+  p.height = height;
+  p.fx = focal * width;
+  p.fy = 0.997 * p.fx;
+  p.cx = 0.503 * width;
+  p.cy = 0.492 * height;
+  switch (lens) {
+    case Lens::none:
+      break;
+    case Lens::plumb_bob:
+      p.distortion = {-0.21, 0.06, 0.0008, -0.0006, -0.004};
+      break;
+    case Lens::rational:
+      p.model = DistortionModel::rational;
+      p.distortion = {0.31, -0.05, 0.0006, -0.0004, 0.002, 0.62, -0.02, 0.004};
+      break;
+    case Lens::fisheye:
+      p.model = DistortionModel::fisheye;
+      p.distortion = {-0.04, 0.012, -0.006, 0.001};
+      break;
+  }
+  return CameraModel::make(p).value();
+}
+
+// A value that sways about its middle.
+struct Sway {
+  double middle = 0.0, amplitude = 0.0, hertz = 0.0, phase = 0.0;
+  [[nodiscard]] double at(double t) const {
+    return middle + amplitude * std::sin(2.0 * std::numbers::pi * hertz * t + phase);
+  }
+};
+
+// A hand: looks at a point near the table's middle from about one place.
+struct HandMotion {
+  Sway x, y, distance, elevation, azimuth, roll;
+  [[nodiscard]] CameraPose at(double t) const {
+    return looking_at({x.at(t), y.at(t), 0.0}, distance.at(t),
+                      std::clamp(elevation.at(t), 0.03, 1.55), azimuth.at(t), roll.at(t));
+  }
+};
+
+struct Session {
+  CameraModel camera;
+  std::vector<MappedTag> tags;
+  HandMotion motion;
+  double frame_s = 1.0 / 30.0;
+  double exposure_s = 0.0;
+  PatternRenderOptions light;
+
+  [[nodiscard]] CameraPose truth(int frame) const { return motion.at(frame * frame_s); }
+  // The picture of a frame whose exposure has its middle at the frame's time.
+  [[nodiscard]] Frame picture(PatternRenderer& renderer, int frame) const {
+    const double middle = frame * frame_s;
+    const CameraPose begin = motion.at(middle - 0.5 * exposure_s);
+    const double moved_px =
+        exposure_s > 0.0
+            ? corner_distance_px(camera, tags, begin, motion.at(middle + 0.5 * exposure_s))
+            : 0.0;
+    const int steps = moved_px > 0.05 && moved_px < 1e8
+                          ? std::clamp(static_cast<int>(4.0 * moved_px) + 2, 2, 64)
+                          : 1;
+    std::vector<CameraPose> path;
+    for (int k = 0; k < steps; ++k)
+      path.push_back(motion.at(middle + exposure_s * ((k + 0.5) / steps - 0.5)));
+    PatternRenderOptions options = light;
+    options.seed = light.seed * 1000003U + static_cast<std::uint64_t>(frame);
+    const GreyImage image = renderer.render(path, options);
+    FrameBuffer buffer = allocate_frame(PixelFormat::grey8, image.width, image.height);
+    for (int y = 0; y < image.height; ++y) {
+      std::copy_n(image.view().row(y), image.width,
+                  buffer.plane_data[0] + y * buffer.frame.planes[0].stride);
+    }
+    buffer.frame.sequence = static_cast<std::uint64_t>(frame);
+    buffer.frame.timestamp_ns = nanoseconds(1.0 + middle);
+    return buffer.frame;
+  }
+};
+
+enum class Layout { one, two, line, sheet, loose, many };
+inline constexpr std::array<const char*, 6> kLayoutNames = {"one",   "two",   "line",
+                                                            "sheet", "loose", "many"};
+
+inline std::vector<MappedTag> layout_of(Layout layout, Draw& draw) {
+  std::vector<MappedTag> tags;
+  const int first_id = draw.below(300);
+  const auto add = [&](double x, double y, double size, double turn) {
+    MappedTag tag;
+    tag.id = first_id + static_cast<int>(tags.size());
+    tag.size_m = size;
+    tag.T_table_tag = {Eigen::Quaterniond(Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ())),
+                       Eigen::Vector3d(x, y, 0.0)};
+    tags.push_back(tag);
+  };
+  const auto grid = [&](int columns, int rows, double size) {
+    for (int j = 0; j < rows; ++j) {
+      for (int i = 0; i < columns; ++i)
+        add(1.4 * size * (i - 0.5 * (columns - 1)), 1.4 * size * (0.5 * (rows - 1) - j), size, 0.0);
+    }
+  };
+  switch (layout) {
+    case Layout::one:
+      add(draw.between(-0.03, 0.03), draw.between(-0.03, 0.03), 0.08, draw.between(0.0, 6.28));
+      break;
+    case Layout::two:
+      add(-0.07, draw.between(-0.03, 0.03), 0.05, draw.between(0.0, 6.28));
+      add(0.07, draw.between(-0.03, 0.03), 0.05, draw.between(0.0, 6.28));
+      break;
+    case Layout::line:
+      grid(6, 1, 0.035);
+      break;
+    case Layout::sheet:
+      grid(4, 3, 0.04);
+      break;
+    case Layout::loose:
+      for (int k = 0; k < 7; ++k) {
+        const double angle = 2.0 * std::numbers::pi * (k + draw.between(-0.2, 0.2)) / 7.0;
+        const double radius = draw.between(0.09, 0.16);
+        add(radius * std::cos(angle), radius * std::sin(angle), draw.between(0.03, 0.05),
+            draw.between(0.0, 6.28));
+      }
+      break;
+    case Layout::many:
+      grid(8, 6, 0.025);
+      break;
+  }
+  return tags;
+}
+
+// How fast the hand is: 0 rests, 1 strolls, 2 hurries, 3 shakes.
+inline HandMotion hand(int haste, double distance_m, double elevation, Draw& draw) {
+  constexpr std::array<double, 4> kTurn = {0.0002, 0.02, 0.06, 0.022};  // [rad]
+  constexpr std::array<double, 4> kShift = {0.0002, 0.015, 0.035, 0.010};
+  constexpr std::array<double, 4> kHertz = {0.7, 0.6, 1.1, 4.0};
+  const auto h = static_cast<std::size_t>(haste);
+  const auto sway = [&](double middle, double amplitude) {
+    return Sway{middle, amplitude * draw.between(0.4, 1.0), kHertz[h] * draw.between(0.6, 1.4),
+                draw.between(0.0, 6.28)};
+  };
+  return {sway(draw.between(-0.02, 0.02), kShift[h]), sway(draw.between(-0.02, 0.02), kShift[h]),
+          sway(distance_m, 0.5 * kShift[h]),          sway(elevation, kTurn[h]),
+          sway(draw.between(0.0, 6.28), kTurn[h]),    sway(draw.between(-0.6, 0.6), kTurn[h])};
+}
+
+// What varies from one random session to the next, for sorting results.
+struct SessionKind {
+  Lens lens = Lens::none;
+  Layout layout = Layout::sheet;
+  int haste = 0;
+  bool tone_known = false;
+};
+
+inline Session random_session(std::uint64_t seed, SessionKind& kind) {
+  Draw draw(seed * 7919U + 17U);
+  Session session;
+  kind.lens = static_cast<Lens>(draw.below(4));
+  kind.layout = static_cast<Layout>(draw.below(6));
+  kind.haste = draw.below(4);
+  const double focal =
+      kind.lens == Lens::fisheye ? draw.between(0.45, 0.6) : draw.between(0.75, 1.0);
+  CameraParameters p = lens_camera(kind.lens, 640, 480, focal).parameters();
+  session.light.gamma = draw() < 0.3 ? 1.0 : draw.between(1.0, 2.4);
+  kind.tone_known = draw() < 0.4;
+  if (kind.tone_known) p.tone_curve = session.light.gamma;
+  session.camera = CameraModel::make(p).value();
+  session.tags = layout_of(kind.layout, draw);
+  const double reach_m = kind.layout == Layout::one ? 0.12 : 0.25;
+  // No nearer than the overlay's cube reaches.
+  const double distance_m = std::max(0.34, focal * draw.log_between(1.2, 4.5) * reach_m);
+  session.motion = hand(kind.haste, distance_m, radians(draw.between(20.0, 88.0)), draw);
+  session.exposure_s = draw() < 0.3 ? 0.0 : draw.between(0.002, 0.025);
+  session.light.lens_blur_px = draw.between(0.3, 0.9);
+  session.light.gain = draw.log_between(0.35, 1.2);
+  session.light.black = draw.between(0.03, 0.10);
+  session.light.white = draw.between(0.6, 0.95);
+  session.light.background = draw.between(0.1, 0.6);
+  session.light.noise_grey = draw() < 0.15 ? 0.0 : draw.between(0.5, 8.0);
+  session.light.samples = 128;
+  session.light.seed = seed;
+  return session;
+}
+
+}  // namespace penumbra::test

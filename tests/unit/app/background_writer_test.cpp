@@ -1,0 +1,108 @@
+#include "app/output/background_writer.hpp"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <stdexcept>
+#include <thread>
+
+namespace penumbra {
+namespace {
+
+struct Log {
+  std::vector<std::uint64_t> numbers;
+  std::vector<std::uint8_t> first_bytes;
+  int finished = 0;
+  std::atomic<int> done = 0;
+};
+
+// Slow; fails or throws at one frame.
+class SlowWriter final : public FrameWriter {
+ public:
+  SlowWriter(Log& log, std::uint64_t bad, bool throws) : log_(log), bad_(bad), throws_(throws) {}
+  Result<void> write(std::uint64_t number, std::int64_t,
+                     std::span<const std::uint8_t> rgba) override {
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    if (number == bad_) {
+      if (throws_) throw std::runtime_error("disk gone");
+      return fail("disk full");
+    }
+    log_.numbers.push_back(number);
+    log_.first_bytes.push_back(rgba[0]);
+    ++log_.done;
+    return {};
+  }
+  Result<void> finish() override {
+    ++log_.finished;
+    return {};
+  }
+
+ private:
+  Log& log_;
+  const std::uint64_t bad_;
+  const bool throws_;
+};
+
+constexpr std::uint64_t kNone = 1'000'000;
+
+BackgroundWriter slow_writer(Log& log, int depth, std::uint64_t bad = kNone, bool throws = false) {
+  return BackgroundWriter(std::make_unique<SlowWriter>(log, bad, throws), depth);
+}
+
+class EncodeDepth : public testing::TestWithParam<int> {};
+
+TEST_P(EncodeDepth, EveryFrameIsWrittenInItsOrderWithItsOwnPixels) {
+  Log log;
+  auto writer = slow_writer(log, GetParam());
+  std::vector<std::uint8_t> pixels(16);
+  for (std::uint64_t i = 0; i < 40; ++i) {
+    pixels[0] = static_cast<std::uint8_t>(i);
+    ASSERT_TRUE(writer.write(i, 0, pixels));
+    // The caller draws over its picture at once; what waits is bounded.
+    pixels[0] = 255;
+    EXPECT_LE(static_cast<int>(i) + 1 - log.done, GetParam() + 2);
+  }
+  ASSERT_TRUE(writer.finish());
+  ASSERT_EQ(log.numbers.size(), 40U);
+  for (std::size_t i = 0; i < 40; ++i) {
+    EXPECT_EQ(log.numbers[i], i);
+    EXPECT_EQ(log.first_bytes[i], i);
+  }
+  EXPECT_EQ(log.finished, 1);
+  EXPECT_EQ(writer.take_times().size(), 40U);
+  EXPECT_TRUE(writer.take_times().empty()) << "each time is told once";
+}
+
+TEST_P(EncodeDepth, AnErrorComesOutAtTheLatestAtTheEndAndNothingIsFinished) {
+  for (const bool throws : {false, true}) {
+    if (throws && GetParam() == 0) continue;  // on the caller's own thread it simply flies on
+    Log log;
+    auto writer = slow_writer(log, GetParam(), 5, throws);
+    const std::vector<std::uint8_t> pixels(16);
+    Result<void> result;
+    std::uint64_t written = 0;
+    for (; written < 100 && result; ++written) result = writer.write(written, 0, pixels);
+    EXPECT_LT(written, 100U) << "an encoder that failed is not fed to the end";
+    if (GetParam() > 0) result = writer.finish();
+    ASSERT_FALSE(result);
+    EXPECT_EQ(result.error().message, throws ? "disk gone" : "disk full");
+    EXPECT_EQ(log.numbers.size(), 5U) << "nothing is written after the frame that failed";
+    EXPECT_EQ(log.finished, 0);
+  }
+}
+
+TEST_P(EncodeDepth, LetGoWithoutFinishItEndsAndFinishesNothing) {
+  Log log;
+  {
+    auto writer = slow_writer(log, GetParam());
+    const std::vector<std::uint8_t> pixels(16);
+    for (std::uint64_t i = 0; i < 4; ++i) ASSERT_TRUE(writer.write(i, 0, pixels));
+  }
+  EXPECT_EQ(log.finished, 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(Encode, EncodeDepth, testing::Values(0, 1, 4));
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,108 @@
+#include "app/hud.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <set>
+
+#include "render/shadow/layered_penumbra.hpp"
+
+namespace penumbra {
+namespace {
+
+TEST(Hud, EveryStatusHasItsWordAndAColourOfItsOwn) {
+  std::set<std::array<float, 3>> colors;
+  PoseEstimate pose;
+  pose.reason = "no tag seen";
+  for (const TrackStatus status :
+       {TrackStatus::tracked, TrackStatus::uncertain, TrackStatus::held, TrackStatus::lost}) {
+    pose.status = status;
+    const HudStatus said = status_of(pose);
+    EXPECT_THAT(said.text, testing::StartsWith(std::string(to_string(status))));
+    EXPECT_EQ(said.text.find("no tag seen") != std::string::npos, status != TrackStatus::tracked);
+    colors.insert({said.color.red, said.color.green, said.color.blue});
+  }
+  EXPECT_EQ(colors.size(), 4U);
+}
+
+TEST(Hud, AHeldPoseFadesAndSaysItsAge) {
+  PoseEstimate pose;
+  pose.status = TrackStatus::held;
+  pose.age_s = 0.1;
+  const HudStatus young = status_of(pose);
+  pose.age_s = 0.4;
+  const HudStatus old = status_of(pose);
+  EXPECT_GT(young.color.alpha, old.color.alpha);
+  EXPECT_GT(old.color.alpha, 0.3F) << "still to be read";
+  EXPECT_THAT(old.text, testing::HasSubstr("0.40 s"));
+}
+
+TEST(Hud, TechniquesInWords) {
+  std::vector<HudNode> nodes(3);
+  EXPECT_EQ(technique_in_words(nodes), "layered");
+  nodes[1].style.kernels = KernelSource::centroid;
+  nodes[2].style.technique = ShadowTechnique::simple;
+  EXPECT_EQ(technique_in_words(nodes), "layered, cocl, simple");
+  EXPECT_EQ(technique_in_words({}), "none");
+}
+
+// The numbers of shadows.md 2.4, and back.
+TEST(Hud, TheWorkspaceOfConstantsIsTheOneTheyWereMadeFor) {
+  for (const double magnification : {1.25, 1.5, 2.0}) {
+    const LayeredConstants constants = layered_constants_for_workspace(0.3, magnification).value();
+    const auto workspace = workspace_of(constants);
+    ASSERT_TRUE(workspace);
+    EXPECT_NEAR(workspace->height_m, 0.3, 1e-12);
+    EXPECT_NEAR(workspace->magnification, magnification, 1e-12);
+  }
+  EXPECT_FALSE(workspace_of(make_layered_constants(0.9, 0.8, 0.0).value()));
+  const auto zenith = workspace_of(
+      make_layered_constants(std::numeric_limits<double>::infinity(), 0.0, 0.4).value());
+  ASSERT_TRUE(zenith);
+  EXPECT_EQ(zenith->magnification, 1.0);
+}
+
+TEST(Hud, StrengthGoesFromNoShadowToTheWholeOne) {
+  const LightFractions full;
+  EXPECT_EQ(with_opacity(full, 0.0).umbra, 1.0);
+  EXPECT_DOUBLE_EQ(with_opacity(full, 1.0).umbra, full.umbra);
+  EXPECT_DOUBLE_EQ(with_opacity(full, 0.5).penumbra, 0.5 * (1.0 + full.penumbra));
+}
+
+TEST(Hud, KeysAndTheirHelp) {
+  std::string help;
+  for (const KeyHelp& key : key_help()) help += std::string(key.keys) + " ";
+  for (const char* name : {"F1", "H", "D", "P", "C", "S", "R", "F11", "Esc", "space", "B"}) {
+    EXPECT_THAT(help, testing::HasSubstr(name));
+  }
+  WindowEvent event;
+  event.code = 'H';
+  EXPECT_EQ(command_of_key(event), WindowCommand::hud);
+  event.control = true;
+  EXPECT_FALSE(command_of_key(event));
+  event.control = false;
+  event.kind = WindowEvent::Kind::key_up;
+  EXPECT_FALSE(command_of_key(event));
+  event.kind = WindowEvent::Kind::key_down;
+  event.code = '0';
+  EXPECT_EQ(technique_of_key(event), ShadowTechnique::none);
+  event.code = '1';
+  EXPECT_EQ(technique_of_key(event), techniques_by_key().front());
+  event.code = '9';
+  EXPECT_FALSE(technique_of_key(event));
+}
+
+TEST(Hud, EveryTechniqueComesByGoingOn) {
+  std::set<ShadowTechnique> seen;
+  ShadowTechnique technique = ShadowTechnique::none;
+  for (std::size_t i = 0; i < techniques_by_key().size(); ++i) {
+    technique = technique_after(technique);
+    seen.insert(technique);
+  }
+  EXPECT_EQ(seen.size(), techniques_by_key().size());
+  EXPECT_EQ(technique_after(technique), techniques_by_key().front());
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,200 @@
+#include "app/manipulation.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "render/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::at;
+using test::look_at;
+
+std::shared_ptr<const Model> box(float x, float y, float z) {
+  return test::finished(make_box({x, y, z}), glm::vec4(1.0F));
+}
+
+// A table seen at an angle, through a lens.
+class Hands : public testing::Test {
+ protected:
+  Hands() {
+    cube = builder.add(box(0.1F, 0.1F, 0.1F), at(0.05, 0.02, 0.25));
+    far_cube = builder.add(box(0.1F, 0.1F, 0.1F), at(0.05, 0.4, 0.05));
+    wing = builder.add(box(0.3F, 0.02F, 0.02F), at(0.0, 0.0, 0.06));
+    builder.scene().objects[static_cast<std::size_t>(wing)].parent = cube;
+    wall = builder.add(box(0.1F, 0.1F, 0.1F), at(-0.3, 0.0, 0.05), false, true);
+    hidden = builder.add(box(0.02F, 0.02F, 0.02F), at(-0.3, 0.1, 0.02));
+  }
+
+  [[nodiscard]] SceneState state() const { return evaluate_scene(*builder.build(), 0.0); }
+  [[nodiscard]] Eigen::Vector2d pixel_of(const Eigen::Vector3d& p) const {
+    return camera.project(pose.inverse() * p).value();
+  }
+  [[nodiscard]] PointerView pointer_at(const Eigen::Vector3d& p) const {
+    return view_at(camera, pose, pixel_of(p)).value();
+  }
+  [[nodiscard]] const Scene& scene() { return builder.scene(); }
+
+  test::SceneBuilder builder;
+  CameraModel camera = test::camera_of(640, 480, 500.0, DistortionModel::plumb_bob,
+                                       {-0.28, 0.09, 0.001, -0.0007, 0.0, 0.0, 0.0, 0.0});
+  CameraPose pose = look_at({0.1, -0.8, 0.6}, {0.0, 0.0, 0.05});
+  int cube = 0, far_cube = 0, wing = 0, wall = 0, hidden = 0;
+};
+
+TEST_F(Hands, TheRayOfAPixelGoesThroughWhatIsSeenThere) {
+  for (const Eigen::Vector3d& p : {Eigen::Vector3d(0.0, 0.0, 0.0), Eigen::Vector3d(0.3, 0.2, 0.1),
+                                   Eigen::Vector3d(-0.3, -0.1, 0.0)}) {
+    const PointerView view = pointer_at(p);
+    const Eigen::Vector3d to_p = p - view.ray.origin;
+    EXPECT_LT(to_p.cross(view.ray.direction).norm(), 1e-6);
+    EXPECT_GT(to_p.dot(view.ray.direction), 0.0);
+    EXPECT_NEAR(view.right.z(), 0.0, 1e-12);
+    EXPECT_NEAR(view.right.norm(), 1.0, 1e-12);
+  }
+}
+
+TEST_F(Hands, TheNearestSurfaceIsPicked) {
+  // In one line from the camera: the near cube before the far one.
+  const Ray ray{{0.05, -1.0, 0.25}, Eigen::Vector3d(0.0, 1.0, 0.0)};
+  const auto picked = pick(scene(), state(), ray);
+  ASSERT_TRUE(picked);
+  EXPECT_EQ(picked->object, cube);
+  EXPECT_NEAR(picked->distance, 1.0 + 0.02 - 0.05, 1e-7);
+  EXPECT_FALSE(pick(scene(), state(), {{0.05, -1.0, 0.25}, Eigen::Vector3d(0, -1, 0)})) << "behind";
+  EXPECT_FALSE(pick(scene(), state(), {{2.0, -1.0, 0.25}, Eigen::Vector3d(0, 1, 0)})) << "beside";
+}
+
+TEST_F(Hands, ScaledAndTurnedObjectsArePickedWhereTheyAre) {
+  test::SceneBuilder turned;
+  turned.add(box(0.1F, 0.2F, 0.3F), at(0.3, 0.1, 0.2, {0, 1, 0}, 0.5 * std::numbers::pi, 2.0));
+  const SceneState now = evaluate_scene(turned.scene(), 0.0);
+  // 0.3 m along x now, twice: half of it is 0.3 m.
+  const auto picked = pick(turned.scene(), now, {{-1.0, 0.1, 0.2}, Eigen::Vector3d(1, 0, 0)});
+  ASSERT_TRUE(picked);
+  EXPECT_NEAR(picked->distance, 1.0, 1e-6);
+}
+
+TEST_F(Hands, WhatAPhantomHidesCannotBeTaken) {
+  Manipulator hands;
+  const Ray ray{{-0.3, -1.0, 0.02}, Eigen::Vector3d(0.0, 1.0, 0.0)};
+  PointerView pointer;
+  pointer.ray = ray;
+  EXPECT_EQ(pick(scene(), state(), ray)->object, wall);
+  EXPECT_FALSE(hands.take(scene(), state(), pointer, DragMode::slide));
+  EXPECT_FALSE(hands.holding());
+  EXPECT_TRUE(hands.selected().empty());
+}
+
+TEST_F(Hands, APartTakesItsWholeAlong) {
+  Manipulator hands;
+  const auto taken = hands.take(scene(), state(), pointer_at({0.18, 0.0, 0.31}), DragMode::slide);
+  ASSERT_TRUE(taken);
+  EXPECT_EQ(taken->object, scene().objects[static_cast<std::size_t>(cube)].name);
+  EXPECT_EQ(taken->placement.position, Eigen::Vector3d(0.05, 0.02, 0.25)) << "held where it was";
+}
+
+TEST_F(Hands, ASlideKeepsThePointUnderThePointerAndTheHeight) {
+  Manipulator hands;
+  const Eigen::Vector3d top(0.05, -0.02, 0.30);
+  ASSERT_TRUE(hands.take(scene(), state(), pointer_at(top), DragMode::slide));
+  const auto moved = hands.drag(pointer_at(top + Eigen::Vector3d(-0.11, 0.07, 0.0)));
+  ASSERT_TRUE(moved);
+  EXPECT_FALSE(moved->turned);
+  EXPECT_LT((moved->placement.position - Eigen::Vector3d(-0.06, 0.09, 0.25)).norm(), 1e-6);
+  EXPECT_EQ(moved->placement.position.z(), 0.25) << "to the last bit";
+}
+
+TEST_F(Hands, AboveTheHorizonASlideStaysWhereItWas) {
+  pose = look_at({0.0, -0.8, 0.3}, {0.0, 0.0, 0.28});
+  Manipulator hands;
+  ASSERT_TRUE(hands.take(scene(), state(), pointer_at({0.05, -0.03, 0.25}), DragMode::slide));
+  EXPECT_FALSE(hands.drag(view_at(camera, pose, {320.0, 5.0}).value()));
+}
+
+TEST_F(Hands, ALiftMovesUpAndSidewaysOnly) {
+  Manipulator hands;
+  const Eigen::Vector3d front(0.05, -0.03, 0.25);
+  const PointerView start = pointer_at(front);
+  ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::lift));
+  const Eigen::Vector3d shift = 0.08 * Eigen::Vector3d::UnitZ() - 0.05 * start.right;
+  const auto moved = hands.drag(pointer_at(front + shift));
+  ASSERT_TRUE(moved);
+  const Eigen::Vector3d done = moved->placement.position - Eigen::Vector3d(0.05, 0.02, 0.25);
+  EXPECT_LT((done - shift).norm(), 1e-6);
+}
+
+TEST_F(Hands, NothingIsPushedBelowTheTable) {
+  Manipulator hands;
+  const Eigen::Vector3d front(0.05, -0.03, 0.25);
+  ASSERT_TRUE(hands.take(scene(), state(), pointer_at(front), DragMode::lift));
+  const auto moved = hands.drag(pointer_at(front - Eigen::Vector3d(0.0, 0.0, 0.24)));
+  ASSERT_TRUE(moved);
+  EXPECT_NEAR(moved->placement.position.z(), 0.05, 1e-7) << "it stands on the table";
+}
+
+TEST_F(Hands, SeenFromAboveUpInThePictureLifts) {
+  pose = look_at({0.05, 0.0199, 1.2}, {0.05, 0.02, 0.0});
+  Manipulator hands;
+  const PointerView start = pointer_at({0.05, -0.02, 0.30});
+  ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::lift));
+  const auto up = view_at(camera, pose, start.pixel - Eigen::Vector2d(0.0, 50.0));
+  const auto moved = hands.drag(up.value());
+  ASSERT_TRUE(moved);
+  // 50 px of 1/500 rad each at 0.9 m.
+  EXPECT_NEAR(moved->placement.position.z() - 0.25, 0.9 * 50.0 / 500.0, 1e-3);
+  EXPECT_NEAR(moved->placement.position.x(), 0.05, 1e-9);
+}
+
+TEST_F(Hands, ATurnIsAboutTheTablesNormalAndThePicturesHorizontal) {
+  Manipulator hands;
+  const PointerView start = pointer_at({0.05, -0.03, 0.25});
+  ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::turn));
+  PointerView pointer = start;
+  pointer.pixel.x() += 160.0;  // a quarter of the width: a quarter turn
+  auto turned = hands.drag(pointer);
+  ASSERT_TRUE(turned);
+  EXPECT_TRUE(turned->turned);
+  EXPECT_EQ(turned->placement.position, Eigen::Vector3d(0.05, 0.02, 0.25));
+  const Eigen::Quaterniond quarter(
+      Eigen::AngleAxisd(0.5 * std::numbers::pi, Eigen::Vector3d::UnitZ()));
+  EXPECT_LT(turned->placement.rotation.angularDistance(quarter), 1e-9);
+  pointer.pixel = start.pixel + Eigen::Vector2d(0.0, 80.0);
+  turned = hands.drag(pointer);
+  const Eigen::Quaterniond tilt(Eigen::AngleAxisd(0.25 * std::numbers::pi, start.right));
+  EXPECT_LT(turned->placement.rotation.angularDistance(tilt), 1e-9);
+}
+
+TEST_F(Hands, AnUnmovedPointerMovesNothing) {
+  for (const DragMode mode : {DragMode::slide, DragMode::lift, DragMode::turn}) {
+    Manipulator hands;
+    const PointerView start = pointer_at({0.05, -0.03, 0.25});
+    const auto taken = hands.take(scene(), state(), start, mode);
+    ASSERT_TRUE(taken);
+    const auto dragged = hands.drag(start);
+    ASSERT_TRUE(dragged);
+    EXPECT_LT((dragged->placement.position - taken->placement.position).norm(), 1e-12);
+    EXPECT_LT(dragged->placement.rotation.angularDistance(taken->placement.rotation), 1e-7);
+    hands.let_go();
+    EXPECT_FALSE(hands.drag(start));
+    EXPECT_EQ(hands.selected(), taken->object) << "still selected";
+  }
+}
+
+TEST_F(Hands, TheSelectedObjectIsPutOnTheTable) {
+  Manipulator hands;
+  const PointerView target = pointer_at({-0.1, -0.15, 0.0});
+  EXPECT_FALSE(hands.put(scene(), state(), target)) << "nothing is selected";
+  ASSERT_TRUE(hands.take(scene(), state(), pointer_at({0.05, -0.03, 0.25}), DragMode::slide));
+  hands.let_go();
+  const auto put = hands.put(scene(), state(), target);
+  ASSERT_TRUE(put);
+  EXPECT_LT((put->placement.position - Eigen::Vector3d(-0.1, -0.15, 0.05)).norm(), 1e-6);
+}
+
+}  // namespace
+}  // namespace penumbra

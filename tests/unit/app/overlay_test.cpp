@@ -1,0 +1,216 @@
+// The HUD drawn offscreen, with both APIs.
+#include "app/overlay.hpp"
+
+#include <epoxy/gl.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+#include <vector>
+
+#include "core/image_file.hpp"
+#include "render/gl/framebuffer.hpp"
+#include "render/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+HudState busy_state() {
+  HudState state;
+  state.live = true;
+  state.has_picture = true;
+  state.frame = 117;
+  state.pose.status = TrackStatus::uncertain;
+  state.pose.reason = "two poses explain the picture";
+  state.pose.tags_used = 12;
+  state.pose.reprojection_rms_px = 0.213;
+  state.pose.expected_overlay_error_px = 2.61;
+  state.frames_per_s = 29.8;
+  state.stages = {
+      {"capture", 1.2}, {"track", 6.4}, {"align", 4.1}, {"shadow", 0.3}, {"render", 5.2}};
+  state.latency_ms = 48.2;
+  state.frames_dropped = 3;
+  state.faults = {{"silent", 2}, {"gap", 14}};
+  state.trouble = "no frame for 0.8 s";
+  state.recording = HudRecording{"session", 512, 2, std::nullopt};
+  state.nodes = {{"layers on the table", {}}};
+  state.skipped = {{"object_out_of_view", "rotor: outside the view"}};
+  state.twists = {{"helicopter", {2000, 12, 0.013}}};
+  state.work = {{"shadow_vertices", 8124}, {"kernel_generations", 3}, {"reprojections", 114}};
+  state.selected = "helicopter";
+  state.message = "picture saved: penumbra-20260131-142305.png";
+  return state;
+}
+
+struct Shot {
+  int width = 0, height = 0;
+  std::vector<std::uint8_t> rgba;
+};
+
+// A window's worth of grey with the HUD on it, the right way up.
+Shot shoot(Overlay& overlay, const HudState& state, const HudPanels& panels, int width, int height,
+           HudActions& actions) {
+  const auto framebuffer = Framebuffer::create(width, height).value();
+  framebuffer.bind();
+  glClearColor(0.6F, 0.6F, 0.6F, 1.0F);
+  glClear(GL_COLOR_BUFFER_BIT);
+  overlay.draw(state, panels, {width, height}, actions);
+  Shot shot{width, height, {}};
+  std::vector<std::uint8_t> upside_down(static_cast<std::size_t>(width * height * 4));
+  framebuffer.read_rgba(upside_down);
+  const std::ptrdiff_t row = std::ptrdiff_t{4} * width;
+  for (std::ptrdiff_t y = height - 1; y >= 0; --y) {
+    shot.rgba.insert(shot.rgba.end(), upside_down.begin() + y * row,
+                     upside_down.begin() + (y + 1) * row);
+  }
+  return shot;
+}
+
+std::size_t changed_pixels(const Shot& shot) {
+  std::size_t changed = 0;
+  for (std::size_t i = 0; i < shot.rgba.size(); i += 4) {
+    changed += shot.rgba[i] != 153 || shot.rgba[i + 1] != 153 || shot.rgba[i + 2] != 153 ? 1U : 0U;
+  }
+  return changed;
+}
+
+// For looking at: PENUMBRA_HUD_PICTURES=FOLDER.
+void keep(const Shot& shot, const std::string& name) {
+  const char* folder = std::getenv("PENUMBRA_HUD_PICTURES");
+  if (folder == nullptr) return;
+  const auto file = std::filesystem::path(folder) / (name + ".png");
+  ASSERT_TRUE(save_png(file, shot.width, shot.height, shot.rgba));
+}
+
+class OverlayOf : public testing::TestWithParam<GlApi> {
+ protected:
+  OverlayOf() : context(create_offscreen_context(GetParam()).value()) {
+    overlay = Overlay::create(*context).value();
+  }
+  [[nodiscard]] std::string prefix() const { return GetParam() == GlApi::gl33 ? "gl-" : "gles-"; }
+  std::unique_ptr<GlContext> context;
+  std::unique_ptr<Overlay> overlay;
+};
+
+TEST_P(OverlayOf, EveryLayoutIsDrawnAndLeavesThePictureInView) {
+  struct Case {
+    const char* name;
+    int width, height;
+    HudPanels panels;
+    double most;  // share of the window
+  };
+  const std::vector<Case> cases = {
+      {"full-1280x720", 1280, 720, {}, 0.35},
+      {"full-panels-debug-1280x720", 1280, 720, {false, true, true, false}, 0.75},
+      {"full-help-1280x720", 1280, 720, {true, false, false, false}, 0.8},
+      {"compact-640x480", 640, 480, {false, false, false, true}, 0.45},
+      {"compact-panels-640x480", 640, 480, {false, false, true, true}, 0.95},
+      {"compact-debug-640x480", 640, 480, {false, true, false, true}, 0.95},
+      {"compact-help-640x480", 640, 480, {true, false, false, true}, 1.0},
+      {"full-640x480", 640, 480, {}, 0.6},
+      {"full-1920x1080", 1920, 1080, {}, 0.3},
+  };
+  for (const Case& one : cases) {
+    HudActions actions;
+    // Sizes settle in the second drawing.
+    shoot(*overlay, busy_state(), one.panels, one.width, one.height, actions);
+    const Shot shot = shoot(*overlay, busy_state(), one.panels, one.width, one.height, actions);
+    const double share = static_cast<double>(changed_pixels(shot)) / (one.width * one.height);
+    EXPECT_GT(share, 0.02) << one.name;
+    EXPECT_LT(share, one.most) << one.name;
+    EXPECT_TRUE(actions.commands.empty() && actions.edits.empty()) << one.name;
+    keep(shot, prefix() + one.name);
+  }
+}
+
+TEST_P(OverlayOf, AClickIsACommandAlsoWhenItIsShorterThanAPicture) {
+  HudActions actions;
+  HudPanels panels;
+  panels.compact = true;
+  shoot(*overlay, busy_state(), panels, 640, 480, actions);
+  shoot(*overlay, busy_state(), panels, 640, 480, actions);
+  // The buttons fill the lowest row from side to side; the first one changes the technique.
+  WindowEvent event;
+  event.x = 30.0;
+  event.y = 460.0;
+  EXPECT_TRUE(overlay->covers(event.x, event.y));
+  EXPECT_FALSE(overlay->covers(320.0, 300.0)) << "the picture's middle is free";
+  event.kind = WindowEvent::Kind::button_down;
+  overlay->handle(event);
+  event.kind = WindowEvent::Kind::button_up;
+  overlay->handle(event);
+  for (int i = 0; i < 3; ++i) shoot(*overlay, busy_state(), panels, 640, 480, actions);
+  ASSERT_EQ(actions.commands.size(), 1U);
+  EXPECT_EQ(actions.commands[0], WindowCommand::next_technique);
+}
+
+// Drags along every height of the open panel until one of its sliders answers.
+TEST_P(OverlayOf, ASliderIsAnEdit) {
+  HudActions actions;
+  HudPanels panels;
+  panels.panels = true;
+  const auto draw = [&] { shoot(*overlay, busy_state(), panels, 640, 400, actions); };
+  draw();
+  draw();
+  WindowEvent event;
+  for (int y = 20; y < 360; y += 8) {
+    event.y = y;
+    event.x = 450.0;
+    event.kind = WindowEvent::Kind::pointer_moved;
+    overlay->handle(event);
+    draw();
+    event.kind = WindowEvent::Kind::button_down;
+    overlay->handle(event);
+    draw();
+    event.kind = WindowEvent::Kind::pointer_moved;
+    event.x = 480.0;
+    overlay->handle(event);
+    draw();
+    event.kind = WindowEvent::Kind::button_up;
+    overlay->handle(event);
+    draw();
+  }
+  bool constants = false, strength = false;
+  for (const SceneEdit& edit : actions.edits) {
+    const auto& style = std::get<ShadowStyled>(edit).style;
+    EXPECT_EQ(std::get<ShadowStyled>(edit).node, "layers on the table");
+    constants = constants || style.layered.light_height != LayeredConstants().light_height;
+    strength = strength || style.fractions.umbra != LightFractions().umbra;
+  }
+  EXPECT_TRUE(constants);
+  EXPECT_TRUE(strength);
+}
+
+TEST_P(OverlayOf, ThePictureUnderItIsTheSameToTheLastBit) {
+  test::SceneBuilder builder;
+  builder.add(test::finished(make_box({0.1F, 0.1F, 0.1F}), glm::vec4(0.8F, 0.2F, 0.1F, 1.0F)),
+              test::at(0, 0, 0.1));
+  builder.scene().shadows[0].technique = ShadowTechnique::field;
+  const CameraModel camera = test::camera_of(320, 240, 300.0);
+  auto compositor = Compositor::create(*context, builder.build(), camera).value();
+  const PoseEstimate pose = test::tracked(test::look_at({0.1, -0.4, 0.5}, {0, 0, 0}));
+  const auto plan = plan_frame(builder.scene(), evaluate_scene(builder.scene(), 0.0), pose, camera);
+  const auto draw = [&] {
+    std::vector<std::uint8_t> rgba(std::size_t{320} * 240 * 4);
+    EXPECT_TRUE(compositor.draw(test::plain_frame(320, 240, 180), plan));
+    EXPECT_TRUE(compositor.read_back(rgba));
+    return rgba;
+  };
+  const auto before = draw();
+  HudActions actions;
+  for (int i = 0; i < 3; ++i) {
+    shoot(*overlay, busy_state(), {true, true, true, i == 1}, 640, 480, actions);
+    EXPECT_EQ(draw(), before);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(BothApis, OverlayOf, testing::Values(GlApi::gl33, GlApi::gles30),
+                         [](const auto& api) {
+                           return api.param == GlApi::gl33 ? "Gl33" : "Gles30";
+                         });
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,141 @@
+#include "app/scene_edit.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "support/recording_folder.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::SceneBuilder;
+
+ObjectPlaced placed_somewhere() {
+  ObjectPlaced placed;
+  placed.object = "object1";
+  // Numbers with no short decimal.
+  placed.placement.position = {std::sqrt(0.02), -1.0 / 3.0, 0.1 + 0.2};
+  placed.placement.rotation =
+      Eigen::Quaterniond(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()));
+  placed.placement.scale = std::exp(0.1);
+  return placed;
+}
+
+TEST(SceneEdit, APlacedObjectStaysThereAndItsAnimationEnds) {
+  SceneBuilder builder;
+  builder.add(nullptr, test::at(0, 0, 0));
+  Scene scene = builder.scene();
+  scene.objects[0].animation.spin_turns_per_s = 1.0;
+  scene.objects[0].animation.keyframes = {{0.0, test::at(1, 0, 0)}, {1.0, test::at(2, 0, 0)}};
+  const ObjectPlaced placed = placed_somewhere();
+  ASSERT_TRUE(apply(scene, placed));
+  for (const double time : {0.0, 0.3, 7.0}) {
+    const Placement at = evaluate_scene(scene, time).objects[0];
+    EXPECT_EQ(at.position, placed.placement.position);
+    EXPECT_TRUE(at.rotation.coeffs().isApprox(placed.placement.rotation.coeffs(), 1e-15));
+  }
+}
+
+TEST(SceneEdit, WhatIsNotThereOrOfNoUseChangesNothing) {
+  SceneBuilder builder;
+  builder.add(nullptr, test::at(1, 2, 3));
+  Scene scene = builder.scene();
+  ObjectPlaced placed = placed_somewhere();
+  placed.object = "nobody";
+  EXPECT_FALSE(apply(scene, placed));
+  placed = placed_somewhere();
+  placed.placement.position.x() = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(apply(scene, placed));
+  placed = placed_somewhere();
+  placed.placement.rotation.coeffs() *= 2.0;
+  EXPECT_FALSE(apply(scene, placed));
+  ShadowStyled styled{"shadow", style_of(scene.shadows[0])};
+  styled.style.fractions.umbra = 1.5;
+  EXPECT_FALSE(apply(scene, styled));
+  styled.style.fractions.umbra = 0.5;
+  styled.node = "nobody";
+  EXPECT_FALSE(apply(scene, styled));
+  EXPECT_EQ(scene.objects[0].placement.position, Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(scene.shadows[0].fractions.umbra, LightFractions().umbra);
+}
+
+TEST(SceneEdit, AMoveIsReadAsItWasWrittenBitForBit) {
+  ObjectPlaced placed = placed_somewhere();
+  for (const bool turned : {false, true}) {
+    placed.turned = turned;
+    const std::string line = event_line({1311868164363181123, placed});
+    EXPECT_THAT(line, testing::HasSubstr(turned ? "\"object_rotated\"" : "\"object_moved\""));
+    const auto event = parse_event_line(line, "test");
+    ASSERT_TRUE(event) << event.error().message;
+    ASSERT_TRUE(event->has_value());
+    EXPECT_EQ((*event)->timestamp_ns, 1311868164363181123);
+    const auto& read = std::get<ObjectPlaced>((*event)->edit);
+    EXPECT_EQ(read.object, placed.object);
+    EXPECT_EQ(read.turned, turned);
+    EXPECT_EQ(read.placement.position, placed.placement.position);
+    EXPECT_EQ(read.placement.rotation.coeffs(), placed.placement.rotation.coeffs());
+    EXPECT_EQ(read.placement.scale, placed.placement.scale);
+  }
+}
+
+TEST(SceneEdit, AStyleIsReadAsItWasWrittenAlsoAtTheZenith) {
+  ShadowStyled styled{"a \"node\"", {}};
+  styled.style.technique = ShadowTechnique::field;
+  styled.style.kernels = KernelSource::per_axis;
+  styled.style.layered.light_height = styled.style.layered.light_ratio =
+      std::numeric_limits<double>::infinity();
+  styled.style.layered.umbra_height = 1.0 / 3.0;
+  styled.style.fractions = {0.1, 0.3, 0.7};
+  const auto event = parse_event_line(event_line({5, styled}), "test");
+  ASSERT_TRUE(event && *event);
+  const auto& read = std::get<ShadowStyled>((*event)->edit);
+  EXPECT_EQ(read.node, styled.node);
+  EXPECT_EQ(read.style.technique, styled.style.technique);
+  EXPECT_EQ(read.style.kernels, styled.style.kernels);
+  EXPECT_EQ(read.style.layered.light_height, styled.style.layered.light_height);
+  EXPECT_EQ(read.style.layered.umbra_height, styled.style.layered.umbra_height);
+  EXPECT_EQ(read.style.fractions.middle, 0.3);
+}
+
+TEST(SceneEdit, OtherEventsAreNoEditsAndDamagedOnesAreErrors) {
+  const auto other = parse_event_line(R"({"timestamp_s":1.5,"event":"start"})", "test");
+  ASSERT_TRUE(other);
+  EXPECT_FALSE(other->has_value());
+  for (
+      const char* bad :
+      {"", "[]", "nonsense", R"({"timestamp_s":1,"event":"object_moved"})",
+       R"({"event":"object_moved","object":"a","position":[0,0,0],"quaternion_xyzw":[0,0,0,1],"scale":1})",
+       R"({"timestamp_s":1,"event":"object_moved","object":"a","position":[0,0],"quaternion_xyzw":[0,0,0,1],"scale":1})",
+       R"({"timestamp_s":1,"event":"object_moved","object":"a","position":[0,0,0],"quaternion_xyzw":[0,0,0,9],"scale":1})",
+       R"({"timestamp_s":1,"event":"object_moved","object":"a","position":[0,0,"x"],"quaternion_xyzw":[0,0,0,1],"scale":1})",
+       R"({"timestamp_s":1,"event":"object_moved","object":"a","position":[0,0,1e300],"quaternion_xyzw":[0,0,0,1],"scale":1})",
+       R"({"timestamp_s":1,"event":"shadow_changed","node":"a","technique":"magic"})"}) {
+    EXPECT_FALSE(parse_event_line(bad, "test")) << bad;
+  }
+}
+
+TEST(SceneEdit, AFileCutOffInItsLastLineIsReadUpToThere) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "events.jsonl";
+  EXPECT_TRUE(load_scene_events(file)->edits.empty()) << "no file, no edits";
+  const std::string late = event_line({2'000'000'000, placed_somewhere()}) + "\n";
+  const std::string early = event_line({1'000'000'000, placed_somewhere()}) + "\n";
+  const std::string start = "{\"timestamp_s\":0.500000001,\"event\":\"scene_start\"}\n";
+  test::write_text(file, start + late + early + late.substr(0, 40));
+  const auto events = load_scene_events(file);
+  ASSERT_TRUE(events) << events.error().message;
+  ASSERT_EQ(events->edits.size(), 2U);
+  EXPECT_EQ(events->edits[0].timestamp_ns, 1'000'000'000) << "in order of time";
+  EXPECT_EQ(events->scene_start_ns, 500'000'001);
+  test::write_text(file, late.substr(0, 40) + "\n" + early);
+  const auto damaged = load_scene_events(file);
+  ASSERT_FALSE(damaged);
+  EXPECT_THAT(damaged.error().message, testing::HasSubstr("line 1"));
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,198 @@
+// What is changed while a session runs: the next picture shows it, and only what depends on it is
+// computed again.
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <vector>
+
+#include "app/session.hpp"
+#include "render/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr int kWidth = 160;
+constexpr int kHeight = 120;
+
+class EditedSession : public testing::Test {
+ protected:
+  EditedSession() {
+    for (const double x : {-0.12, 0.12}) {
+      const int object =
+          builder.add(test::finished(make_box({0.1F, 0.06F, 0.04F}), glm::vec4(1.0F)),
+                      test::at(x, 0.0, 0.1), false);
+      if (object > 0) builder.scene().shadows.push_back(builder.scene().shadows[0]);
+    }
+    builder.scene().shadows[0].name = "left";
+    builder.scene().shadows[0].casters = {0};
+    builder.scene().shadows[1].name = "right";
+    builder.scene().shadows[1].casters = {1};
+    context = create_offscreen_context().value();
+    restart({});
+  }
+
+  void restart(const PlanOptions& plan) {
+    session.reset();
+    Trajectory poses;
+    for (int i = 0; i < 30; ++i) {
+      poses.poses.push_back({i * 1'000'000'000LL, test::look_at({0.1, -0.5, 0.5}, {0, 0, 0}), {}});
+    }
+    SessionOptions options;
+    options.plan = plan;
+    session.emplace(
+        Session::create(*context, builder.build(), camera, std::move(poses), options).value());
+    frame_number = 0;
+  }
+
+  SessionFrame step() {
+    Frame frame = test::plain_frame(kWidth, kHeight, 200);
+    frame.timestamp_ns = 1'000'000'000LL * frame_number++;
+    picture.assign(static_cast<std::size_t>(kWidth) * kHeight * 4, 0);
+    return session->step(frame, picture).value();
+  }
+  [[nodiscard]] ShadowStyled styled(const char* name) const {
+    for (const ShadowNode& node : session->view().scene->shadows) {
+      if (node.name == name) return {name, session->style_in_effect(node)};
+    }
+    return {};
+  }
+
+  test::SceneBuilder builder;
+  CameraModel camera = test::camera_of(kWidth, kHeight, 140.0);
+  std::unique_ptr<GlContext> context;
+  std::optional<Session> session;
+  std::vector<std::uint8_t> picture;
+  int frame_number = 0;
+};
+
+TEST_F(EditedSession, LightFractionsComputeNothing) {
+  EXPECT_EQ(step().composite.triples_recomputed, 2);
+  const auto before = picture;
+  EXPECT_EQ(step().composite.triples_recomputed, 0);
+  EXPECT_EQ(picture, before) << "a still scene";
+  ShadowStyled edit = styled("left");
+  edit.style.fractions = {0.9, 0.95, 0.99};
+  ASSERT_TRUE(session->edit(edit));
+  const SessionFrame after = step();
+  EXPECT_NE(picture, before);
+  EXPECT_EQ(after.composite.triples_recomputed, 0);
+  EXPECT_EQ(after.composite.kernel_generations, 0);
+  EXPECT_EQ(after.composite.reprojections, 2);
+}
+
+TEST_F(EditedSession, HAndAProjectThatNodeAnewWithTheSameKernels) {
+  step();
+  const auto before = picture;
+  ShadowStyled edit = styled("right");
+  edit.style.layered = layered_constants_for_workspace(0.2, 2.0).value();
+  ASSERT_TRUE(session->edit(edit));
+  const SessionFrame after = step();
+  EXPECT_NE(picture, before);
+  EXPECT_EQ(after.composite.triples_recomputed, 1);
+  EXPECT_EQ(after.composite.reprojections, 1);
+  EXPECT_EQ(after.composite.kernel_generations, 0);
+}
+
+TEST_F(EditedSession, KernelsAreMadeForThatNodeOnceAndKept) {
+  step();
+  ShadowStyled edit = styled("left");
+  const ShadowStyled original = edit;
+  edit.style.kernels = KernelSource::centroid;
+  ASSERT_TRUE(session->edit(edit));
+  SessionFrame after = step();
+  EXPECT_EQ(after.composite.kernel_generations, 1);
+  EXPECT_EQ(after.composite.triples_recomputed, 1);
+  EXPECT_EQ(step().composite.kernel_generations, 0);
+  ASSERT_TRUE(session->edit(original));
+  after = step();
+  EXPECT_EQ(after.composite.kernel_generations, 0) << "they are there still";
+  EXPECT_EQ(after.composite.triples_recomputed, 1);
+}
+
+TEST_F(EditedSession, TheTechniqueChangesOneNode) {
+  step();
+  const auto before = picture;
+  ShadowStyled edit = styled("left");
+  edit.style.technique = ShadowTechnique::simple;
+  ASSERT_TRUE(session->edit(edit));
+  const SessionFrame after = step();
+  EXPECT_NE(picture, before);
+  EXPECT_EQ(after.composite.triples_recomputed, 1);
+  EXPECT_EQ(after.composite.reprojections, 1);
+  ASSERT_EQ(after.edits.size(), 1U);
+  EXPECT_EQ(std::get<ShadowStyled>(after.edits[0]).node, "left");
+  EXPECT_TRUE(step().edits.empty()) << "told once";
+}
+
+TEST_F(EditedSession, WhatTheOptionsSaidStaysForTheOtherNodes) {
+  PlanOptions plan;
+  plan.technique = ShadowTechnique::simple;
+  restart(plan);
+  step();
+  ShadowStyled edit = styled("left");
+  EXPECT_EQ(edit.style.technique, ShadowTechnique::simple);
+  edit.style.technique = ShadowTechnique::layered;
+  ASSERT_TRUE(session->edit(edit));
+  EXPECT_EQ(step().composite.triples_recomputed, 1);
+  EXPECT_EQ(styled("right").style.technique, ShadowTechnique::simple);
+  EXPECT_EQ(styled("left").style.technique, ShadowTechnique::layered);
+}
+
+TEST_F(EditedSession, AMovedObjectIsRedrawnAndASlideComputesNothing) {
+  step();
+  const auto before = picture;
+  Placement placement = test::at(-0.12, 0.05, 0.1);
+  ASSERT_TRUE(session->edit(ObjectPlaced{"object1", placement, false}));
+  SessionFrame after = step();
+  EXPECT_NE(picture, before);
+  EXPECT_EQ(after.composite.triples_recomputed, 0) << "it slid on the plane";
+  placement.position.z() = 0.14;
+  ASSERT_TRUE(session->edit(ObjectPlaced{"object1", placement, false}));
+  after = step();
+  EXPECT_EQ(after.composite.triples_recomputed, 1) << "it rose";
+  EXPECT_EQ(after.composite.kernel_generations, 0);
+  EXPECT_FALSE(session->edit(ObjectPlaced{"nobody", placement, false}));
+}
+
+TEST_F(EditedSession, ARedrawnFrameKeepsTheEditsForTheNextOne) {
+  const SessionFrame first = step();
+  ASSERT_TRUE(session->edit(ObjectPlaced{"object1", test::at(0, 0.1, 0.1), false}));
+  EXPECT_TRUE(session->redraw(first.tracked)->edits.empty());
+  EXPECT_EQ(step().edits.size(), 1U);
+  EXPECT_EQ(session->edits_so_far().size(), 1U);
+  ASSERT_TRUE(session->edit(ObjectPlaced{"object1", test::at(0, 0.2, 0.1), false}));
+  EXPECT_EQ(session->edits_so_far().size(), 1U) << "the last one of each";
+}
+
+// An edit that is replayed gives the frames that it gave, bit for bit.
+TEST_F(EditedSession, ReplayedEditsGiveTheSamePictures) {
+  const std::vector<SceneEdit> edits = {
+      ObjectPlaced{
+          "object2",
+          {{0.05, 1.0 / 3.0 - 0.3, 0.2},
+           Eigen::Quaterniond(Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, 3).normalized())),
+           1.0},
+          true},
+      ObjectPlaced{"object1", test::at(-0.1, 0.07, 0.13), false}};
+  std::vector<std::vector<std::uint8_t>> pictures;
+  std::vector<std::string> lines;
+  for (const SceneEdit& edit : edits) {
+    ASSERT_TRUE(session->edit(edit));
+    const SessionFrame done = step();
+    for (const SceneEdit& told : done.edits) {
+      lines.push_back(event_line({done.tracked.frame.timestamp_ns, told}));
+    }
+    pictures.push_back(picture);
+  }
+  ASSERT_EQ(lines.size(), edits.size());
+  restart({});
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    ASSERT_TRUE(session->replay_edit((*parse_event_line(lines[i], "test"))->edit));
+    EXPECT_TRUE(step().edits.empty());
+    EXPECT_EQ(picture, pictures[i]) << "frame " << i;
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

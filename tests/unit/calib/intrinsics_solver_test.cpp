@@ -1,0 +1,152 @@
+// The solver against simulated views, where the lens is known.
+#include "calib/intrinsics_solver.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "calib/camera_calibration.hpp"
+#include "support/calibration_views.hpp"
+
+namespace penumbra {
+namespace {
+
+using testing::HasSubstr;
+
+TEST(IntrinsicsSolver, FindsAWebcamWithoutAStart) {
+  std::mt19937 rng(1);
+  const CameraModel truth = test::webcam();
+  const auto board = test::flat_board();
+  const auto views = test::simulate_views(truth, board, {.noise_px = 0.0}, rng);
+  const auto solved = solve_intrinsics(640, 480, board, views);
+  ASSERT_TRUE(solved) << solved.error().message;
+  EXPECT_LT(projection_difference(truth, solved->camera).mean_px, 1e-4);
+  EXPECT_LT(solved->rms_px, 1e-5);
+  EXPECT_NEAR(solved->camera.parameters().fx, 531.7, 1e-3);
+}
+
+TEST(IntrinsicsSolver, FindsAWideLensWithoutAStart) {
+  std::mt19937 rng(2);
+  const CameraModel truth = test::wide_lens();
+  const auto board = test::flat_board();
+  const auto views = test::simulate_views(truth, board, {.noise_px = 0.0, .distance_m = 0.15}, rng);
+  SolverOptions options;
+  options.model = DistortionModel::fisheye;
+  const auto solved = solve_intrinsics(640, 480, board, views, options);
+  ASSERT_TRUE(solved) << solved.error().message;
+  EXPECT_LT(projection_difference(truth, solved->camera).mean_px, 1e-3);
+}
+
+TEST(IntrinsicsSolver, LeavesOutCornersThatAreWrong) {
+  std::mt19937 rng(3);
+  const CameraModel truth = test::webcam();
+  const auto board = test::flat_board();
+  auto views = test::simulate_views(truth, board, {.noise_px = 0.05}, rng);
+  int wrong = 0;
+  for (CalibrationView& view : views) {
+    for (std::size_t i = 5; i < view.corners.size(); i += 17, ++wrong)
+      view.corners[i].pixel += Eigen::Vector2d(6.0, -4.0);
+  }
+  const auto solved = solve_intrinsics(640, 480, board, views);
+  ASSERT_TRUE(solved) << solved.error().message;
+  EXPECT_GE(solved->outliers, wrong);
+  EXPECT_LT(solved->outliers, wrong + solved->corners / 100);
+  EXPECT_LT(projection_difference(truth, solved->camera).mean_px, 0.1);
+  SolverOptions all;
+  all.remove_outliers = false;
+  const auto spoilt = solve_intrinsics(*solved, board, views, all);
+  ASSERT_TRUE(spoilt);
+  EXPECT_GT(projection_difference(truth, spoilt->camera).mean_px, 0.2) << "they do spoil it";
+}
+
+TEST(IntrinsicsSolver, FindsTheBowOfABoard) {
+  std::mt19937 rng(4);
+  const CameraModel truth = test::webcam();
+  const auto board = test::flat_board();
+  auto bowed = board;
+  for (Eigen::Vector3d& p : bowed) p.z() += 0.15 * p.x() * p.x();
+  const auto views = test::simulate_views(truth, bowed, {.views = 20, .noise_px = 0.05}, rng);
+  const auto rigid = solve_intrinsics(640, 480, board, views);
+  ASSERT_TRUE(rigid);
+  for (const BoardShape shape : {BoardShape::bowed, BoardShape::free}) {
+    SolverOptions options;
+    options.shape = shape;
+    const auto solved = solve_intrinsics(*rigid, board, views, options);
+    ASSERT_TRUE(solved) << solved.error().message;
+    EXPECT_LT(solved->rms_px, 0.5 * rigid->rms_px) << to_string(shape);
+    EXPECT_LT(projection_difference(truth, solved->camera).mean_px,
+              projection_difference(truth, rigid->camera).mean_px)
+        << to_string(shape);
+    const auto held_out = held_out_error(*solved, board, views, options);
+    const auto held_out_rigid = held_out_error(*rigid, board, views, SolverOptions{});
+    ASSERT_TRUE(held_out && held_out_rigid);
+    EXPECT_LT(*held_out, *held_out_rigid) << to_string(shape);
+  }
+}
+
+TEST(IntrinsicsSolver, LensJacobianIsThatOfCentralDifferences) {
+  for (const CameraModel& camera : {test::webcam(), test::wide_lens()}) {
+    const CameraParameters& p = camera.parameters();
+    const int count = 4 + coefficient_count(p.model);
+    for (const Eigen::Vector2d& xy : {Eigen::Vector2d(0.3, -0.2), Eigen::Vector2d(-0.5, 0.4)}) {
+      const Eigen::MatrixXd J = lens_jacobian(camera, xy);
+      ASSERT_EQ(J.cols(), count);
+      for (int i = 0; i < count; ++i) {
+        const auto moved = [&](double by) {
+          CameraParameters q = p;
+          double* const at[] = {&q.fx, &q.fy, &q.cx, &q.cy};
+          (i < 4 ? *at[i] : q.distortion[static_cast<std::size_t>(i - 4)]) += by;
+          return CameraModel::make(q).value().project_unchecked({xy.x(), xy.y(), 1.0});
+        };
+        const double step = 1e-6;
+        const Eigen::Vector2d numeric = (moved(step) - moved(-step)) / (2.0 * step);
+        EXPECT_LT((numeric - J.col(i)).norm(), 1e-4 * (1.0 + J.col(i).norm())) << i;
+      }
+    }
+  }
+}
+
+TEST(IntrinsicsSolver, SaysWhatTwoViewsLack) {
+  std::mt19937 rng(5);
+  const auto board = test::flat_board();
+  const auto views = test::simulate_views(test::webcam(), board, {.views = 2}, rng);
+  const auto solved = solve_intrinsics(640, 480, board, views);
+  ASSERT_FALSE(solved);
+  EXPECT_THAT(solved.error().message, HasSubstr("at least 3"));
+}
+
+// Short form of the stress test: true projections lie where the covariance says they may.
+TEST(IntrinsicsSolver, UncertaintyHoldsWhatItPromises) {
+  const CameraModel truth = test::webcam();
+  const auto board = test::flat_board();
+  int inside = 0;
+  int all = 0;
+  double ratio = 0.0;
+  for (unsigned run = 0; run < 20; ++run) {
+    std::mt19937 rng(100 + run);
+    const auto views = test::simulate_views(truth, board, {.views = 12, .noise_px = 0.2}, rng);
+    const auto solved = solve_intrinsics(640, 480, board, views);
+    ASSERT_TRUE(solved) << solved.error().message;
+    for (int j = 0; j < 6; ++j) {
+      for (int i = 0; i < 8; ++i) {
+        const Eigen::Vector2d pixel((i + 0.5) * 80.0, (j + 0.5) * 80.0);
+        const auto direction = solved->camera.unproject(pixel);
+        const auto covariance = projection_covariance(solved->camera, solved->covariance, pixel);
+        ASSERT_TRUE(direction && covariance);
+        const Eigen::Vector2d error = truth.project_unchecked(*direction) - pixel;
+        const double sigmas = std::sqrt(error.dot(covariance->inverse() * error));
+        ++all;
+        if (sigmas <= 3.0) ++inside;
+        ratio += sigmas * sigmas / 2.0;
+      }
+    }
+  }
+  EXPECT_GE(inside, 0.95 * all);
+  // Neither is the promise so wide that it says nothing.
+  EXPECT_GT(ratio / all, 0.3);
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,264 @@
+// Reduced meshes as casters: the rule that decides, and that nothing else is drawn from them.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "render/shadow/caster.hpp"
+#include "render/shadow/fixed_light.hpp"
+#include "render/shadow/shadow_proxy.hpp"
+#include "support/paths.hpp"
+#include "support/shadow_cases.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::Picture;
+using test::SceneBuilder;
+using test::Studio;
+
+const LayeredConstants kLight = make_layered_constants(0.9, 3.0, 0.0).value();  // h_u = 0.3 m
+
+ShadowMesh bundled(const char* name) {
+  const Result<Model> model = load_model(test::source_dir() / "scenes/models" / name);
+  EXPECT_TRUE(model) << name;
+  return make_shadow_mesh(model.value());
+}
+
+// Agreement of a layer by another raster than the one that decides, four times finer.
+double agreement(const ShadowMesh& full, const ShadowProxy& proxy, double height,
+                 ShadowLayer layer) {
+  const PlaneFrame plane;
+  const ShadowKernels kernels = generate_kernels(full, plane.n, KernelSource::automatic);
+  double bottom = 1e9, top = -1e9;
+  for (const glm::vec3& p : full.positions) {
+    bottom = std::min(bottom, static_cast<double>(p.z));
+    top = std::max(top, static_cast<double>(p.z));
+  }
+  const double lift = std::max(-bottom, height - 0.5 * (bottom + top));
+  const Placement placed{{0.0, 0.0, lift}, Eigen::Quaterniond::Identity(), 1.0};
+  const auto a =
+      layer_triangles(place_caster(full, kernels, placed, plane), full.indices, kLight, layer);
+  const auto b =
+      layer_triangles(place_caster(proxy.mesh, carried_kernels(proxy, kernels), placed, plane),
+                      proxy.mesh.indices, kLight, layer);
+  Eigen::Vector2d low(1e9, 1e9), high(-1e9, -1e9);
+  for (const auto& points : {a, b}) {
+    for (const PlanePoint& p : points) {
+      const Eigen::Vector2d point(static_cast<double>(p.u), static_cast<double>(p.v));
+      low = low.cwiseMin(point);
+      high = high.cwiseMax(point);
+    }
+  }
+  constexpr int kCells = 1024;
+  const double cell = (high - low).maxCoeff() / kCells;
+  test::Mask first(low, cell, kCells), second(low, cell, kCells);
+  first.cover(a);
+  second.cover(b);
+  return test::iou(first.bits, second.bits);
+}
+
+TEST(ShadowProxy, TheRuleSeesWhatAFinerRasterSees) {
+  for (const char* name : {"hand.glb", "tree.glb", "helicopter.glb", "spiral_staircase.glb"}) {
+    SCOPED_TRACE(name);
+    const ShadowMesh full = bundled(name);
+    const auto proxy = simplified_caster(full);
+    if (full.indices.size() / 3 <= kLeastProxyFaces) {
+      EXPECT_FALSE(proxy);
+      continue;
+    }
+    ASSERT_TRUE(proxy);
+    const double share =
+        static_cast<double>(proxy->mesh.indices.size()) / static_cast<double>(full.indices.size());
+    EXPECT_LE(share, 0.75);
+    const ShadowKernels kernels =
+        generate_kernels(full, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
+    const ProxyAgreement found =
+        compare_with_proxy(full, kernels, {}, *proxy, {kLight, LightMode::proportional, 1.0}, true);
+    for (std::size_t at = 0; at < kProxyHeights.size(); ++at) {
+      for (std::size_t i = 0; i < kShadowLayers.size(); ++i) {
+        const double finer =
+            agreement(full, *proxy, kProxyHeights[at] * kLight.umbra_height, kShadowLayers[i]);
+        EXPECT_NEAR(found.iou[at][i], finer, 0.01)
+            << "at " << kProxyHeights[at] << " h_u, layer " << i << ", share " << share;
+      }
+    }
+    // Stopping early decides alike.
+    EXPECT_EQ(
+        compare_with_proxy(full, kernels, {}, *proxy, {kLight, LightMode::proportional, 1.0}, false)
+            .kept(),
+        found.kept());
+  }
+}
+
+TEST(ShadowProxy, AgreesWithItselfAndNotWithAnother) {
+  const ShadowMesh hand = make_shadow_mesh(test::torus_model(20, 60));
+  const ShadowKernels kernels =
+      generate_kernels(hand, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
+  const auto discs = part_discs(hand, Eigen::Vector3d::UnitZ());
+  ShadowProxy same{hand, {}};
+  for (std::uint32_t i = 0; i < hand.positions.size(); ++i) same.source_of.push_back(i);
+  for (const LightMode mode : {LightMode::proportional, LightMode::fixed}) {
+    const ProxyAgreement found =
+        compare_with_proxy(hand, kernels, discs, same, {kLight, mode, 1.0}, true);
+    EXPECT_EQ(found.least(), 1.0) << to_string(mode);
+  }
+  // A ring with its hole filled.
+  ShadowProxy filled = same;
+  const auto centre = static_cast<std::uint32_t>(filled.mesh.positions.size());
+  filled.mesh.positions.emplace_back(0.0F, 0.0F, 0.0F);
+  filled.mesh.part.push_back(0);
+  filled.source_of.push_back(0);
+  for (std::uint32_t i = 0; i < 60; ++i) {
+    filled.mesh.indices.insert(filled.mesh.indices.end(), {centre, i, (i + 1) % 60});
+  }
+  EXPECT_FALSE(
+      compare_with_proxy(hand, kernels, discs, filled, {kLight, LightMode::proportional, 1.0}, true)
+          .kept());
+}
+
+TEST(ShadowProxy, KernelsAreThoseOfTheNearestVertex) {
+  const ShadowMesh full = make_shadow_mesh(test::torus_model(20, 60));
+  const Model coarse = test::torus_model(10, 30);
+  const ShadowProxy proxy = proxy_from_model(full, coarse);
+  ASSERT_EQ(proxy.source_of.size(), proxy.mesh.positions.size());
+  for (std::size_t i = 0; i < proxy.source_of.size(); ++i) {
+    float least = 1e9F;
+    for (const glm::vec3& p : full.positions) {
+      least = std::min(least, glm::distance(p, proxy.mesh.positions[i]));
+    }
+    EXPECT_EQ(glm::distance(full.positions[proxy.source_of[i]], proxy.mesh.positions[i]), least);
+  }
+}
+
+TEST(ShadowProxy, NoneForFewFacesNorForNone) {
+  EXPECT_FALSE(simplified_caster(make_shadow_mesh(test::torus_model(10, 30))));
+  EXPECT_FALSE(simplified_caster(ShadowMesh{}));
+}
+
+// As drawn: on and off.
+class DrawnProxy : public testing::Test {
+ protected:
+  static constexpr int kSide = 400;
+  static std::shared_ptr<const Scene> scene_of(Model shape, const Placement& placement) {
+    SceneBuilder builder;
+    builder.add(test::finished(shape, glm::vec4(1.0F)), placement);
+    builder.scene().shadows[0].layered = kLight;
+    return builder.build();
+  }
+  static Picture draw(Studio& studio, bool proxies, bool skip = true) {
+    PlanOptions options;
+    options.proxies = proxies;
+    options.skip = skip;
+    const PoseEstimate pose = test::tracked(test::look_at({0.0, 0.0, 0.8}, {0.0, 0.0, 0.0}));
+    return studio.draw_shadows(test::plain_frame(kSide, kSide, 255), studio.plan(pose, options));
+  }
+  static CameraModel camera() { return test::camera_of(kSide, kSide, 800.0); }
+};
+
+Model smooth_ball() {
+  test::ShapeBuilder shape;
+  shape.sphere(0.05, 48, 96);
+  return shape.build();
+}
+
+TEST_F(DrawnProxy, SparesFacesAndNobodySees) {
+  // Tilted, so that its outline is no ring of its mesh.
+  Studio studio(scene_of(smooth_ball(), test::at(0.0, 0.0, 0.1, {1, 0.3, 0}, 0.7)), camera());
+  const Picture full = draw(studio, false);
+  EXPECT_EQ(studio.stats().proxy_shadows, 0);
+  EXPECT_EQ(studio.stats().proxy_checks, 0);
+  EXPECT_EQ(studio.stats().proxy_faces_saved, 0);
+  const Picture reduced = draw(studio, true);
+  EXPECT_EQ(studio.stats().proxy_shadows, 1);
+  EXPECT_EQ(studio.stats().proxy_checks, 1);
+  EXPECT_GT(studio.stats().proxy_faces_saved, 3 * 2000);
+  std::size_t dark = 0, different = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      dark += full.red(x, y) < 255 ? 1U : 0U;
+      different += full.red(x, y) != reduced.red(x, y) ? 1U : 0U;
+    }
+  }
+  EXPECT_GT(dark, 5000U);
+  // Three layers, each to 0.98.
+  EXPECT_LT(static_cast<double>(different), 0.06 * static_cast<double>(dark));
+  EXPECT_GT(different, 0U) << "no reduced mesh was drawn";
+  // Decided once; and by the tilt alone.
+  EXPECT_EQ(draw(studio, true), reduced);
+  EXPECT_EQ(studio.stats().proxy_checks, 0);
+  EXPECT_EQ(studio.stats().proxy_shadows, 1);
+  EXPECT_EQ(studio.stats().reprojections, 1);
+  EXPECT_EQ(draw(studio, true, false), reduced) << "skipping changes nothing";
+}
+
+TEST_F(DrawnProxy, IsNotDrawnWhereItWouldShow) {
+  // Thin loose twigs do not take a reduction.
+  const Model bush = test::bush_model(300, 6);
+  Studio studio(scene_of(bush, test::at(0.0, 0.0, 0.02, {0, 0, 1}, 0.0, 0.25)), camera());
+  const Picture full = draw(studio, false);
+  const Picture with = draw(studio, true);
+  const ShadowMesh mesh = make_shadow_mesh(*studio.scene().objects[0].model);
+  const auto proxy = simplified_caster(mesh);
+  ASSERT_TRUE(proxy) << "there is one to refuse";
+  EXPECT_EQ(studio.stats().proxy_checks, 1);
+  EXPECT_EQ(studio.stats().proxy_shadows, 0);
+  EXPECT_EQ(with, full);
+}
+
+TEST_F(DrawnProxy, IsForWhatKeepsItsTiltAndScale) {
+  const auto checks = [&](const std::vector<Placement>& keys, double spin) {
+    SceneBuilder builder;
+    builder.add(test::finished(smooth_ball(), glm::vec4(1.0F)), test::at(0.0, 0.0, 0.1));
+    builder.scene().shadows[0].layered = kLight;
+    Animation& animation = builder.scene().objects[0].animation;
+    animation.loop = false;
+    animation.spin_turns_per_s = spin;
+    for (const Placement& key : keys) {
+      animation.keyframes.push_back({static_cast<double>(animation.keyframes.size()), key});
+    }
+    Studio studio(builder.build(), camera());
+    draw(studio, true);
+    return studio.stats().proxy_checks;
+  };
+  const Eigen::Vector3d y(0, 1, 0);
+  const Eigen::Vector3d z(0, 0, 1);
+  EXPECT_EQ(checks({}, 0.0), 1);
+  EXPECT_EQ(checks({test::at(0, 0, 0), test::at(0.05, 0, 0.1, z, 1.0)}, 0.7), 1)
+      << "lifted, slid and turned";
+  EXPECT_EQ(checks({test::at(0, 0, 0), test::at(0, 0, 0, y, 0.5)}, 0.0), 0) << "tilted";
+  EXPECT_EQ(checks({test::at(0, 0, 0, y, 0.5)}, 0.0), 1) << "tilted for good";
+  EXPECT_EQ(checks({test::at(0, 0, 0, y, 0.5)}, 0.7), 0) << "wobbling";
+  EXPECT_EQ(checks({test::at(0, 0, 0), test::at(0, 0, 0, z, 0.0, 1.1)}, 0.0), 0) << "scaled";
+}
+
+TEST_F(DrawnProxy, TheSceneMayTurnItOffOrGiveItsOwn) {
+  SceneBuilder builder;
+  builder.add(test::finished(smooth_ball(), glm::vec4(1.0F)), test::at(0.0, 0.0, 0.1));
+  builder.scene().shadows[0].layered = kLight;
+  builder.scene().objects[0].proxy = ProxyMode::none;
+  Studio off(builder.build(), camera());
+  draw(off, true);
+  EXPECT_EQ(off.stats().proxy_checks, 0);
+
+  builder.scene().objects[0].proxy = ProxyMode::model;
+  test::ShapeBuilder coarse;
+  coarse.sphere(0.05, 24, 48);
+  builder.scene().objects[0].proxy_model = test::finished(coarse.build(), glm::vec4(1.0F));
+  Studio own(builder.build(), camera());
+  draw(own, true);
+  EXPECT_EQ(own.stats().proxy_shadows, 1);
+
+  // One that shows is not drawn, whoever made it.
+  builder.scene().objects[0].proxy_model = test::finished(test::box_model(0.1), glm::vec4(1.0F));
+  Studio wrong(builder.build(), camera());
+  const Picture picture = draw(wrong, true);
+  EXPECT_EQ(wrong.stats().proxy_checks, 1);
+  EXPECT_EQ(wrong.stats().proxy_shadows, 0);
+  EXPECT_EQ(picture, draw(off, true));
+}
+
+}  // namespace
+}  // namespace penumbra
