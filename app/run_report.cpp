@@ -150,6 +150,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   if (frame.read_back) add_time("readback", {drawn.readback_ms, drawn.readback_cpu_ms});
 
   add_work(drawn);
+  for (const ShadowEvent& event : frame.events) ++events_[static_cast<std::size_t>(event.kind)];
   for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
 }
 
@@ -189,17 +190,22 @@ RunReport RunRecorder::report() const {
 }
 
 std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
-  return {{"shadow_vertices", work_.shadow_vertices},
-          {"kernel_generations", work_.kernel_generations},
-          {"reprojections", work_.reprojections},
-          {"triples_recomputed", work_.triples_recomputed},
-          {"proxy_shadows", work_.proxy_shadows},
-          {"proxy_checks", work_.proxy_checks},
-          {"proxy_faces_saved", work_.proxy_faces_saved},
-          {"kernel_faces", work_.faces_tested},
-          {"twisted_faces", work_.faces_twisted},
-          {"passes_drawn", work_.passes_drawn},
-          {"passes_skipped", work_.passes_skipped}};
+  std::vector<std::pair<std::string, std::int64_t>> counts = {
+      {"shadow_vertices", work_.shadow_vertices},
+      {"kernel_generations", work_.kernel_generations},
+      {"reprojections", work_.reprojections},
+      {"triples_recomputed", work_.triples_recomputed},
+      {"proxy_shadows", work_.proxy_shadows},
+      {"proxy_checks", work_.proxy_checks},
+      {"proxy_faces_saved", work_.proxy_faces_saved},
+      {"kernel_faces", work_.faces_tested},
+      {"twisted_faces", work_.faces_twisted},
+      {"passes_drawn", work_.passes_drawn},
+      {"passes_skipped", work_.passes_skipped}};
+  for (std::size_t i = 0; i < events_.size(); ++i) {
+    counts.emplace_back(kShadowEventNames[i], events_[i]);
+  }
+  return counts;
 }
 
 Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run, const Trajectory& truth) {

@@ -1,6 +1,7 @@
 // What a run measured: collected frame by frame, then a JSON report or a table for people.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -12,6 +13,7 @@
 #include "app/session.hpp"
 #include "core/evaluation.hpp"
 #include "core/stopwatch.hpp"
+#include "render/shadow/shadow_node.hpp"
 
 namespace penumbra {
 
@@ -93,6 +95,7 @@ class RunRecorder {
   std::vector<std::int64_t> times_ns_;
   Trajectory tracked_;
   Work work_;
+  std::array<std::int64_t, kShadowEventNames.size()> events_{};  // by ShadowEventKind
 };
 
 // The errors of the tracked poses against those true poses that belong to processed frames.

@@ -97,8 +97,13 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   if (!options_.scene_start_ns) options_.scene_start_ns = frame.timestamp_ns;
 
   const Stopwatch plan_watch;
-  state_ = evaluate_scene(scene_, seconds(frame.timestamp_ns - *options_.scene_start_ns));
-  result.plan = plan_frame(scene_, *state_, result.tracked.pose, camera_, options_.plan);
+  SceneState state = evaluate_scene(scene_, seconds(frame.timestamp_ns - *options_.scene_start_ns));
+  result.plan = plan_frame(scene_, state, result.tracked.pose, camera_, options_.plan);
+  if (result.plan.has_pose) {
+    if (state_with_pose_) result.events = shadow_events(*state_with_pose_, state);
+    state_with_pose_ = state;
+  }
+  state_ = std::move(state);
   result.plan_time = plan_watch.elapsed();
   drawn_pose_.reset();
   if (result.plan.has_pose) drawn_pose_ = result.plan.T_table_camera;

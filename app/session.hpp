@@ -15,6 +15,7 @@
 #include "render/compositor.hpp"
 #include "render/frame_plan.hpp"
 #include "render/scene.hpp"
+#include "render/shadow/shadow_node.hpp"
 #include "tracking/table_tracker.hpp"
 
 namespace penumbra {
@@ -32,6 +33,7 @@ struct SessionOptions {
 struct SessionFrame {
   TrackedFrame tracked;
   FramePlan plan;
+  std::vector<ShadowEvent> events;  // since the frame before that had a pose
   CompositeStats composite;
   StageTime plan_time;
   StageTime draw_time;  // plan, shadows, rendering and read-back together
@@ -106,6 +108,7 @@ class Session {
   std::vector<SceneEdit> edits_;  // since the last frame
   std::vector<SceneEdit> edits_so_far_;
   std::optional<SceneState> state_;
+  std::optional<SceneState> state_with_pose_;  // the last that was drawn
   std::optional<CameraPose> drawn_pose_;
 };
 

@@ -68,6 +68,11 @@ glm::vec3 to_gl(const Eigen::Vector3d& v) {
   return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
 }
 
+glm::mat3 to_gl(const Eigen::Matrix3d& m) {
+  return {to_gl(Eigen::Vector3d(m.col(0))), to_gl(Eigen::Vector3d(m.col(1))),
+          to_gl(Eigen::Vector3d(m.col(2)))};
+}
+
 glm::mat4x3 to_gl(const Placement& placement) {
   return columns(placement.rotation.toRotationMatrix() * placement.scale, placement.position);
 }

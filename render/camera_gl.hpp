@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <glm/mat3x3.hpp>
 #include <glm/mat4x3.hpp>
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
@@ -33,6 +34,7 @@ struct LensUniforms {
 [[nodiscard]] LensUniforms make_lens(const CameraModel& camera);
 
 [[nodiscard]] glm::vec3 to_gl(const Eigen::Vector3d& v);
+[[nodiscard]] glm::mat3 to_gl(const Eigen::Matrix3d& m);
 
 // Affine maps, composed in double and rounded once. Columns: where x, y, z go, and the origin.
 [[nodiscard]] glm::mat4x3 to_gl(const Placement& placement);

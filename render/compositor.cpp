@@ -8,9 +8,12 @@
 #include "core/stopwatch.hpp"
 #include "render/camera_gl.hpp"
 #include "render/gl/framebuffer.hpp"
+#include "render/passes/hard_pass.hpp"
 #include "render/passes/object_pass.hpp"
+#include "render/passes/receivers.hpp"
 #include "render/passes/shadow_pass.hpp"
 #include "render/passes/video_pass.hpp"
+#include "render/passes/volume_pass.hpp"
 
 namespace penumbra {
 namespace {
@@ -29,7 +32,8 @@ std::optional<GLenum> noted_gl_error() {
 
 struct Compositor::Impl {
   Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
-       Framebuffer target, ObjectPass object_pass, ShadowPass shadow_pass)
+       Framebuffer target, ObjectPass object_pass, Receivers receiving, ShadowPass shadow_pass,
+       HardPass hard_pass, VolumePass volume_pass)
       : context(gl),
         scene(std::move(shown)),
         width(camera.width()),
@@ -38,7 +42,10 @@ struct Compositor::Impl {
         framebuffer(std::move(target)),
         video(gl.info().api),
         objects(std::move(object_pass)),
-        shadows(std::move(shadow_pass)) {}
+        receivers(std::move(receiving)),
+        shadows(std::move(shadow_pass)),
+        hard_shadows(std::move(hard_pass)),
+        volumes(std::move(volume_pass)) {}
 
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
@@ -53,7 +60,10 @@ struct Compositor::Impl {
   Framebuffer framebuffer;
   VideoPass video;
   ObjectPass objects;
+  Receivers receivers;
   ShadowPass shadows;
+  HardPass hard_shadows;
+  VolumePass volumes;
   CompositeStats stats;
 };
 
@@ -69,11 +79,17 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   if (!framebuffer) return tl::unexpected(framebuffer.error());
   auto objects = ObjectPass::create(context.info().api, *scene, camera);
   if (!objects) return tl::unexpected(objects.error());
+  auto receivers = Receivers::create(context.info().api, *scene, camera);
+  if (!receivers) return tl::unexpected(receivers.error());
   auto shadows = ShadowPass::create(context.info().api, *scene, camera);
   if (!shadows) return tl::unexpected(shadows.error());
-  return Compositor(std::make_unique<Impl>(context, std::move(scene), camera,
-                                           std::move(*framebuffer), std::move(*objects),
-                                           std::move(*shadows)));
+  auto hard = HardPass::create(context.info().api, *scene, camera);
+  if (!hard) return tl::unexpected(hard.error());
+  auto volumes = VolumePass::create(context.info().api, camera);
+  if (!volumes) return tl::unexpected(volumes.error());
+  return Compositor(std::make_unique<Impl>(
+      context, std::move(scene), camera, std::move(*framebuffer), std::move(*objects),
+      std::move(*receivers), std::move(*shadows), std::move(*hard), std::move(*volumes)));
 }
 
 Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& plan) {
@@ -88,6 +104,8 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   const Stopwatch shadow_clock;
   ShadowWork work;
   m.shadows.prepare(*m.scene, plan, work);
+  m.hard_shadows.prepare(*m.scene, plan, work);
+  m.volumes.prepare(*m.scene, plan, work);
   shadow_clock.add_to(m.stats.shadow_ms, m.stats.shadow_cpu_ms);
 
   const Stopwatch render_clock;
@@ -101,7 +119,10 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
     calls += m.objects.draw_phantoms(*m.scene, plan, m.lens);
     calls += m.objects.draw_objects(*m.scene, plan, m.lens);
-    calls += m.shadows.draw(plan, m.lens);
+    calls += m.receivers.begin_frame(plan, m.lens, !plan.volumes.empty());
+    calls += m.shadows.draw(plan, m.lens, m.receivers);
+    calls += m.hard_shadows.draw(*m.scene, plan, m.lens, m.receivers);
+    calls += m.volumes.draw(*m.scene, plan, m.lens, m.objects);
     m.framebuffer.invalidate_depth_stencil();
   }
   // A CPU rasteriser works in this process: waited for here, so that its time counts here and not

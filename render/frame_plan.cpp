@@ -4,10 +4,13 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <set>
 
 #include "core/assert.hpp"
 #include "render/camera_gl.hpp"
 #include "render/shadow/layered_penumbra.hpp"
+#include "render/shadow/projected_shadow.hpp"
 
 namespace penumbra {
 namespace {
@@ -71,7 +74,9 @@ Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top
   return disc;
 }
 
-bool misses_outline(const Disc& disc, const std::vector<Eigen::Vector2d>& outline) {
+// Of the rectangle from `least` to `greatest`.
+bool misses_outline(const Eigen::Vector2d& least, const Eigen::Vector2d& greatest,
+                    const std::vector<Eigen::Vector2d>& outline) {
   if (outline.empty()) return false;
   Eigen::Vector2d low = outline.front();
   Eigen::Vector2d high = outline.front();
@@ -79,9 +84,12 @@ bool misses_outline(const Disc& disc, const std::vector<Eigen::Vector2d>& outlin
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
-  return ((low.array() > disc.centre.array() + disc.radius) ||
-          (high.array() < disc.centre.array() - disc.radius))
-      .any();
+  return ((low.array() > greatest.array()) || (high.array() < least.array())).any();
+}
+
+bool misses_outline(const Disc& disc, const std::vector<Eigen::Vector2d>& outline) {
+  return misses_outline(disc.centre.array() - disc.radius, disc.centre.array() + disc.radius,
+                        outline);
 }
 
 class Planner {
@@ -116,7 +124,7 @@ class Planner {
         skip("technique_none", node.name, "no shadows asked for");
         continue;
       }
-      for (const int plane_index : node.planes) {
+      for (const int plane_index : planes_of(node, technique)) {
         const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(plane_index)];
         const PlaneFrame frame = PlaneFrame::make(plane.normal, plane.point);
         // From behind there is no plane to see: no picture depends on `skip` here.
@@ -124,12 +132,22 @@ class Planner {
           skip("camera_behind_plane", plane.name, "seen from behind");
           continue;
         }
+        if (std::ranges::find(plan_.receivers, plane_index, &PlaneReceiver::plane) ==
+            plan_.receivers.end()) {
+          plan_.receivers.push_back({plane_index, frame});
+        }
+        if (technique == ShadowTechnique::volume) continue;  // not for each plane: below
+        if (technique == ShadowTechnique::hard) {
+          plan_hard_shadows(node, static_cast<int>(n), {plane_index, frame});
+          continue;
+        }
         for (const int caster : node.casters) {
           ShadowDraw draw;
           draw.node = static_cast<int>(n);
           draw.object = caster;
           draw.plane = plane_index;
-          draw.technique = technique;
+          draw.technique =
+              technique == ShadowTechnique::walls ? ShadowTechnique::simple : technique;
           draw.kernels = options_.kernels.value_or(node.kernels);
           // One kernel for the whole object has no thickness to measure a light by.
           if (technique == ShadowTechnique::layered && draw.kernels != KernelSource::centroid) {
@@ -143,6 +161,7 @@ class Planner {
           plan_shadow(draw, plane);
         }
       }
+      if (technique == ShadowTechnique::volume) plan_volumes(node, static_cast<int>(n));
     }
   }
 
@@ -156,6 +175,156 @@ class Planner {
     if (draw.technique == ShadowTechnique::simple) draw.umbra = draw.penumbra = false;
     if (options_.skip && !something_to_see(draw, object, plane)) return;
     plan_.shadows.push_back(draw);
+  }
+
+  static std::vector<int> planes_of(const ShadowNode& node, ShadowTechnique technique) {
+    std::vector<int> planes = node.planes;
+    if (technique == ShadowTechnique::walls) {
+      planes.insert(planes.end(), node.walls.begin(), node.walls.end());
+    }
+    return planes;
+  }
+
+  // Those that the node names, or the scene's first.
+  std::vector<int> lights_of(const ShadowNode& node) {
+    if (!node.lights.empty()) return node.lights;
+    if (!scene_.lights.empty()) return {0};
+    skip("no_light", node.name, "the scene has no light");
+    return {};
+  }
+
+  void plan_hard_shadows(const ShadowNode& node, int node_index, const PlaneReceiver& receiver) {
+    for (const int light : lights_of(node)) {
+      const Eigen::Vector4d& place = plan_.lights[static_cast<std::size_t>(light)].place;
+      // Under the plane, or the horizon: none of its light arrives.
+      if (light_height(receiver.frame, place) <= 0.0) {
+        skip("light_below_plane", scene_.lights[static_cast<std::size_t>(light)].name,
+             "in or under the plane");
+        continue;
+      }
+      std::set<int>& lights = lights_on_[receiver.plane];
+      if (!lights.contains(light) && lights.size() == kMaxHardLights) {
+        skip("too_many_lights", scene_.lights[static_cast<std::size_t>(light)].name,
+             "one light too many for the plane");
+        continue;
+      }
+      lights.insert(light);
+      for (const int caster : node.casters) {
+        const SceneObject& object = scene_.objects[static_cast<std::size_t>(caster)];
+        if (!object.model || !object.casts_shadow) {
+          skip("casts_no_shadow", object.name, "casts no shadow");
+          continue;
+        }
+        HardShadowDraw draw;
+        draw.node = node_index;
+        draw.object = caster;
+        draw.plane = receiver.plane;
+        draw.light = light;
+        draw.plane_frame = receiver.frame;
+        draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
+        draw.light_place = place;
+        if (options_.skip && !hard_shadow_shows(draw, object)) continue;
+        plan_.hard_shadows.push_back(draw);
+      }
+    }
+  }
+
+  // Of the first light alone: a stencil counts one at a time.
+  void plan_volumes(const ShadowNode& node, int node_index) {
+    const std::vector<int> lights = lights_of(node);
+    if (lights.empty() || node.planes.empty()) return;
+    for (std::size_t i = 1; i < lights.size(); ++i) {
+      skip("volume_of_one_light", scene_.lights[static_cast<std::size_t>(lights[i])].name,
+           "volumes are of the first light");
+    }
+    const int light = plan_.volumes.empty() ? lights.front() : plan_.volumes.front().light;
+    ShadowVolumeDraw draw;
+    draw.node = node_index;
+    draw.light = light;
+    draw.light_place = plan_.lights[static_cast<std::size_t>(light)].place;
+    const ScenePlane& first = scene_.planes[static_cast<std::size_t>(node.planes.front())];
+    draw.light_left = light_left_at(light, first.normal, first.point);
+    draw.reach = kReceiverReach;
+    for (const int index : node.planes) {
+      const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(index)];
+      if (plane.outline.empty()) draw.floors.push_back(PlaneFrame::make(plane.normal, plane.point));
+    }
+    for (const int caster : node.casters) {
+      const SceneObject& object = scene_.objects[static_cast<std::size_t>(caster)];
+      const bool again = std::ranges::find(plan_.volumes, caster, &ShadowVolumeDraw::object) !=
+                         plan_.volumes.end();
+      if (again) continue;
+      if (!object.model || !object.casts_shadow) {
+        skip("casts_no_shadow", object.name, "casts no shadow");
+        continue;
+      }
+      draw.object = caster;
+      draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
+      plan_.volumes.push_back(draw);
+    }
+  }
+
+  // By Lambert's law, as blocked_light.frag.glsl has it for planes.
+  [[nodiscard]] Eigen::Vector3d light_left_at(int light, const Eigen::Vector3d& normal,
+                                              const Eigen::Vector3d& place) const {
+    const Eigen::Array3d sky = scene_.ambient.array() * Eigen::Array3d(1.08, 1.12, 1.18);
+    const Eigen::Array3d ground = scene_.ambient.array() * Eigen::Array3d(0.52, 0.49, 0.45);
+    Eigen::Array3d all = ground + (0.5 + 0.5 * normal.z()) * (sky - ground);
+    Eigen::Array3d blocked = Eigen::Array3d::Zero();
+    for (std::size_t i = 0; i < plan_.lights.size(); ++i) {
+      const Eigen::Vector4d& at = plan_.lights[i].place;
+      const Eigen::Vector3d l = (at.head<3>() - place * at.w()).normalized();
+      const Eigen::Array3d arriving = plan_.lights[i].color.array() * std::max(normal.dot(l), 0.0);
+      all += arriving;
+      if (static_cast<int>(i) == light) blocked = arriving;
+    }
+    return (1.0 - blocked / all.max(1e-4)).max(0.0).min(1.0);
+  }
+
+  // The box's image decides; where the box reaches under the plane or up to the light, nothing is
+  // said.
+  bool hard_shadow_shows(const HardShadowDraw& draw, const SceneObject& object) {
+    const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(draw.plane)];
+    const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
+    double bottom = std::numeric_limits<double>::infinity();
+    double top = -bottom;
+    for (const Eigen::Vector3d& corner : corners) {
+      const double h = draw.plane_frame.height(corner);
+      bottom = std::min(bottom, h);
+      top = std::max(top, h);
+    }
+    if (top < -kContactTolerance) {
+      skip("shadow_below_plane", object.name, "under the plane");
+      return false;
+    }
+    const HeightRange range = hard_shadow_range(draw.plane_frame, draw.light_place);
+    if (bottom > range.high) {
+      skip("shadow_above_light", object.name, "above the light");
+      return false;
+    }
+    if (bottom < -kContactTolerance || top > range.high) return true;
+    std::array<Eigen::Vector3d, 8> image;
+    std::array<Eigen::Vector2d, 8> flat;
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      const Eigen::Vector3d p = draw.plane_frame.to_plane(corners[i]);
+      flat[i] = shadow_point(draw.plane_frame, draw.light_place, p);
+      image[i] = T_camera_table_ * draw.plane_frame.lift(flat[i].x(), flat[i].y());
+    }
+    Eigen::Vector2d low = flat.front();
+    Eigen::Vector2d high = flat.front();
+    for (const Eigen::Vector2d& p : flat) {
+      low = low.cwiseMin(p);
+      high = high.cwiseMax(p);
+    }
+    if (misses_outline(low, high, plane.outline)) {
+      skip("shadow_off_receiver", object.name, "off the plane's outline");
+      return false;
+    }
+    if (frustum_.misses(image)) {
+      skip("shadow_out_of_view", object.name, "its shadow is outside the view");
+      return false;
+    }
+    return true;
   }
 
   // Drops what cannot show; the mesh lies inside its box, so the box decides on the safe side.
@@ -223,11 +392,15 @@ class Planner {
   }
 
   static constexpr double kContactTolerance = 1e-6;  // [m]
+  // Shadow volumes end this far from the table's origin [m], where a camera less than 8 m away from
+  // it still has them before its far plane.
+  static constexpr double kReceiverReach = 12.0;
 
   const Scene& scene_;
   const SceneState& state_;
   const PlanOptions& options_;
   FramePlan& plan_;
+  std::map<int, std::set<int>> lights_on_;  // of a plane, with hard shadows
   ViewFrustum frustum_;
   Transform<frame::Camera, frame::Table> T_camera_table_;
 };
@@ -237,6 +410,7 @@ class Planner {
 FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEstimate& pose,
                      const CameraModel& camera, const PlanOptions& options) {
   PENUMBRA_ASSERT(state.objects.size() == scene.objects.size());
+  PENUMBRA_ASSERT(state.lights.size() == scene.lights.size());
   FramePlan plan;
   if (!pose.has_pose() || !pose.T_table_camera.is_finite()) {
     plan.skipped.push_back(
@@ -251,6 +425,7 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
   }
   plan.has_pose = true;
   plan.T_table_camera = pose.T_table_camera;
+  plan.lights = state.lights;
   Planner planner(scene, state, camera, options, plan);
   planner.plan_objects();
   planner.plan_shadows();

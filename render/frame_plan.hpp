@@ -31,7 +31,14 @@ struct ObjectDraw {
   Placement T_table_object;
 };
 
-// One caster's shadow on one plane.
+// A plane that shadows fall on. In front of each of them the eye sees it, and it hides those
+// behind.
+struct PlaneReceiver {
+  int plane = 0;  // index into Scene::planes
+  PlaneFrame frame;
+};
+
+// One caster's layered, field or simple shadow on one plane. `walls` are simple ones.
 struct ShadowDraw {
   int node = 0, object = 0, plane = 0;  // indices into the scene
   ShadowTechnique technique = ShadowTechnique::layered;
@@ -43,6 +50,28 @@ struct ShadowDraw {
   LayeredConstants constants;
   LightFractions fractions;
   bool umbra = true, middle = true, penumbra = true;  // which layers have anything to draw
+};
+
+// Lights whose hard shadows one plane can show.
+inline constexpr std::size_t kMaxHardLights = 7;
+
+// One caster's projected shadow on one plane from one light.
+struct HardShadowDraw {
+  int node = 0, object = 0, plane = 0, light = 0;  // indices into the scene
+  PlaneFrame plane_frame;
+  Placement T_table_object;
+  Eigen::Vector4d light_place;  // as PlacedLight::place
+};
+
+// One caster's shadow volume, on everything that is drawn into the depth buffer. All of a frame's
+// are of one light: light_left is the same in all.
+struct ShadowVolumeDraw {
+  int node = 0, object = 0, light = 0;  // indices into the scene
+  Placement T_table_object;
+  Eigen::Vector4d light_place;     // as PlacedLight::place
+  std::vector<PlaneFrame> floors;  // the unbounded planes that receive
+  double reach = 0.0;              // of the volume, from the table's origin [m]
+  Eigen::Vector3d light_left;      // share of the light, linear
 };
 
 struct SkippedPass {
@@ -58,7 +87,11 @@ struct FramePlan {
   float overlay_opacity = 1.0F;      // 1 when tracked, lower when uncertain or held
   std::vector<ObjectDraw> phantoms;  // depth only
   std::vector<ObjectDraw> objects;
+  std::vector<PlaneReceiver> receivers;  // of all nodes' techniques, seen or not, each once
   std::vector<ShadowDraw> shadows;
+  std::vector<HardShadowDraw> hard_shadows;
+  std::vector<ShadowVolumeDraw> volumes;
+  std::vector<PlacedLight> lights;  // one per Scene::lights
   std::vector<SkippedPass> skipped;
 };
 

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "core/assert.hpp"
+#include "render/sun.hpp"
 
 namespace penumbra {
 namespace {
@@ -97,6 +98,26 @@ SceneState evaluate_scene(const Scene& scene, double time_s) {
     }
     state.objects.push_back(placement);
   }
+  state.lights.reserve(scene.lights.size());
+  for (const SceneLight& light : scene.lights) {
+    PlacedLight placed;
+    placed.color = light.color * light.intensity;
+    Placement moved = on_path(light.animation, time_s);
+    if (light.animation.spin_turns_per_s != 0.0) moved = moved * spun(light.animation, time_s);
+    if (light.sun) {
+      const SunPosition at =
+          sun_position(light.sun->start_utc_s + 3600.0 * light.sun->hours_per_s * time_s,
+                       light.sun->latitude_deg, light.sun->longitude_deg);
+      const Eigen::Vector3d direction = direction_to(at, light.sun->north_deg);
+      placed.place << direction, 0.0;
+      if (!(direction.z() > 0.0)) placed.color.setZero();
+    } else if (light.kind == SceneLight::Kind::point) {
+      placed.place << light.position + moved.position, 1.0;
+    } else {
+      placed.place << moved.rotation * light.direction, 0.0;
+    }
+    state.lights.push_back(placed);
+  }
   return state;
 }
 
@@ -149,6 +170,43 @@ std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& 
     }
   }
   return heights;
+}
+
+void add_default_walls(Scene& scene, ShadowNode& node) {
+  constexpr double kLevel = 0.99;  // of the normal's third coordinate
+  for (const int plane : node.planes) {
+    if (scene.planes[static_cast<std::size_t>(plane)].normal.z() < kLevel) return;
+  }
+  if (node.planes.empty() || node.casters.empty()) return;
+  const double floor = scene.planes[static_cast<std::size_t>(node.planes.front())].point.z();
+  // How far the casters come in a direction, from the origin.
+  const auto reach = [&](const Eigen::Vector3d& direction) {
+    const std::vector<double> heights = greatest_heights(scene, direction, Eigen::Vector3d::Zero());
+    double most = -std::numeric_limits<double>::infinity();
+    for (const int caster : node.casters) {
+      most = std::max(most, heights[static_cast<std::size_t>(caster)]);
+    }
+    return most;
+  };
+  const double left = -reach(-Eigen::Vector3d::UnitX());
+  const double right = reach(Eigen::Vector3d::UnitX());
+  const double front = -reach(-Eigen::Vector3d::UnitY());
+  const double back = reach(Eigen::Vector3d::UnitY());
+  const double height = reach(Eigen::Vector3d::UnitZ()) - floor;
+  if (!std::isfinite(left) || !(height > 0.0)) return;
+  const auto stand = [&](const char* side, const Eigen::Vector3d& normal, double x, double y,
+                         double half_width) {
+    ScenePlane wall;
+    wall.name = node.name + ": virtual " + side + " wall";
+    wall.normal = normal;
+    wall.point = {x, y, floor};
+    wall.outline = {
+        {-half_width, 0.0}, {half_width, 0.0}, {half_width, height}, {-half_width, height}};
+    node.walls.push_back(static_cast<int>(scene.planes.size()));
+    scene.planes.push_back(std::move(wall));
+  };
+  stand("back", -Eigen::Vector3d::UnitY(), 0.5 * (left + right), back, 0.5 * (right - left));
+  stand("left", Eigen::Vector3d::UnitX(), left, 0.5 * (front + back), 0.5 * (back - front));
 }
 
 }  // namespace penumbra

@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -71,6 +72,16 @@ struct ScenePlane {
   std::string tag_group = "table";  // the group of tags that the plane moves with
 };
 
+// The sun over a place on the earth: what it gives is white and as the light says, and nothing
+// while it is under the horizon.
+struct Sun {
+  double latitude_deg = 0.0;   // north > 0
+  double longitude_deg = 0.0;  // east > 0
+  double start_utc_s = 0.0;    // seconds since 1970-01-01 00:00 UTC, at the scene's time 0
+  double hours_per_s = 0.0;    // how much of the day passes in a second of the scene
+  double north_deg = 0.0;      // where north is on the table: turned left (towards -x) from +y
+};
+
 struct SceneLight {
   enum class Kind { point, directional };
   std::string name;
@@ -79,6 +90,10 @@ struct SceneLight {
   Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();  // directional: unit, TOWARDS the light
   Eigen::Vector3d color = Eigen::Vector3d::Ones();       // linear
   double intensity = 1.0;
+  // A point moves along the keyframes' positions, on top of its own; a direction turns by their
+  // rotations and the spin (table frame).
+  Animation animation;
+  std::optional<Sun> sun;  // of a directional light: where its direction comes from
 };
 
 // H > 0: light height above the plane, may be +infinity (then umbra_height says where the umbra
@@ -102,7 +117,9 @@ struct ShadowNode {
   std::string name;
   std::vector<int> casters;  // indices into Scene::objects
   std::vector<int> planes;   // indices into Scene::planes
-  std::vector<int> lights;   // indices into Scene::lights; layered and simple shadows need none
+  std::vector<int> walls;    // further planes, that `walls` falls on
+  std::vector<int> lights;   // indices into Scene::lights; layered and simple shadows need none;
+                             // empty: the scene's first
   ShadowTechnique technique = ShadowTechnique::layered;
   KernelSource kernels = KernelSource::automatic;
   LightMode light_mode = LightMode::proportional;  // of layered shadows; cocl has no other
@@ -121,10 +138,18 @@ struct Scene {
   std::vector<std::string> warnings;  // what is legal but against the sources' advice
 };
 
-// Every object's placement in the table frame at a time after the start.
+// Where a light is (w = 1), or the unit direction towards it (w = 0), in the table frame; and what
+// it gives.
+struct PlacedLight {
+  Eigen::Vector4d place = Eigen::Vector4d::UnitW();
+  Eigen::Vector3d color = Eigen::Vector3d::Ones();  // linear, times the intensity
+};
+
+// Every object's placement, and every light's, in the table frame at a time after the start.
 struct SceneState {
   double time_s = 0.0;
-  std::vector<Placement> objects;  // one per Scene::objects
+  std::vector<Placement> objects;   // one per Scene::objects
+  std::vector<PlacedLight> lights;  // one per Scene::lights
 };
 [[nodiscard]] SceneState evaluate_scene(const Scene& scene, double time_s);
 
@@ -137,6 +162,13 @@ struct SceneState {
 [[nodiscard]] std::vector<double> greatest_heights(const Scene& scene,
                                                    const Eigen::Vector3d& plane_normal,
                                                    const Eigen::Vector3d& plane_point);
+
+// Virtual walls for `walls` (multiple orthographic shadows): two vertical planes through the far
+// edges of the working volume, which is what the node's casters come to over all times. They stand
+// on the node's first plane and face a viewer at its right and front (x > 0, y < 0). New planes of
+// the scene, named after the node; none where nothing casts, the first plane is not level, or the
+// node has planes that stand up already.
+void add_default_walls(Scene& scene, ShadowNode& node);
 
 // Reads a scene, checks it against the published schema (scenes/scene.schema.json) and loads its
 // models, paths relative to the scene's file. Errors name the file and the place in it

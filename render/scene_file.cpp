@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -266,6 +267,7 @@ class SceneReader {
   [[nodiscard]] Result<Animation> read_animation(const json& from, const std::string& pointer);
   [[nodiscard]] Result<void> read_plane(const json& from, const std::string& pointer);
   [[nodiscard]] Result<void> read_light(const json& from, const std::string& pointer);
+  [[nodiscard]] Result<Sun> read_sun(const json& from, const std::string& pointer) const;
   [[nodiscard]] Result<void> read_shadow(const json& from, const std::string& pointer);
   [[nodiscard]] Result<LayeredConstants> read_layered(const json& from,
                                                       const std::string& pointer) const;
@@ -282,6 +284,7 @@ class SceneReader {
   std::string name_;
   Scene scene_;
   std::map<std::string, std::shared_ptr<const Model>> models_;
+  std::vector<std::size_t> unwalled_nodes_;  // shadow nodes that leave their walls to us
 };
 
 Eigen::Vector3d vector_of(const json& from) {
@@ -564,31 +567,77 @@ Result<void> SceneReader::read_light(const json& from, const std::string& pointe
   if (Result<void> checked = check_new_name(light.name, scene_.lights, pointer); !checked) {
     return checked;
   }
-  const bool directional = from.at("kind") == "directional";
-  const char* needed = directional ? "direction" : "position";
-  const char* useless = directional ? "position" : "direction";
+  const std::string kind = from.at("kind").get<std::string>();
+  const std::string needed = kind == "directional" ? "direction"
+                             : kind == "sun"       ? "sun"
+                                                   : "position";
   if (!from.contains(needed)) {
-    return fail_at(pointer, "has no \"{}\"; a {} light needs it", needed,
-                   directional ? "directional" : "point");
+    return fail_at(pointer, "has no \"{}\"; a {} light needs it", needed, kind);
   }
-  if (from.contains(useless)) {
-    return fail_at(fmt::format("{}/{}", pointer, useless), "a {} light has none; remove it",
-                   directional ? "directional" : "point");
+  for (const char* useless : {"position", "direction", "sun"}) {
+    if (useless != needed && from.contains(useless)) {
+      return fail_at(fmt::format("{}/{}", pointer, useless), "a {} light has none; remove it",
+                     kind);
+    }
   }
-  if (directional) {
+  if (kind == "sun" && from.contains("animation")) {
+    return fail_at(pointer + "/animation",
+                   "the sun goes its own way; give hours_per_s in its place");
+  }
+  if (kind == "point") {
+    light.position = vector_of(from.at("position"));
+  } else {
     light.kind = SceneLight::Kind::directional;
+  }
+  if (kind == "directional") {
     light.direction = vector_of(from.at("direction"));
     if (light.direction.norm() < 1e-9) {
       return fail_at(pointer + "/direction", "has no length; give the direction to the light");
     }
     light.direction.normalize();
-  } else {
-    light.position = vector_of(from.at("position"));
+  }
+  if (kind == "sun") {
+    Result<Sun> sun = read_sun(from.at("sun"), pointer + "/sun");
+    if (!sun) return tl::unexpected(sun.error());
+    light.sun = *sun;
+  }
+  if (const auto animation = from.find("animation"); animation != from.end()) {
+    Result<Animation> read = read_animation(*animation, pointer + "/animation");
+    if (!read) return tl::unexpected(read.error());
+    light.animation = std::move(*read);
   }
   if (const auto color = from.find("color"); color != from.end()) light.color = vector_of(*color);
   light.intensity = from.value("intensity", 1.0);
   scene_.lights.push_back(std::move(light));
   return {};
+}
+
+Result<Sun> SceneReader::read_sun(const json& from, const std::string& pointer) const {
+  Sun sun;
+  sun.latitude_deg = from.at("latitude_deg").get<double>();
+  sun.longitude_deg = from.at("longitude_deg").get<double>();
+  sun.hours_per_s = from.value("hours_per_s", 0.0);
+  sun.north_deg = from.value("north_deg", 0.0);
+  // The schema has checked that these are digits: "2026-06-21", "10:30".
+  const auto number = [](const std::string& text, std::size_t at, std::size_t length) {
+    return std::stoi(text.substr(at, length));
+  };
+  const std::string date = from.at("date").get<std::string>();
+  const std::string time = from.at("time_utc").get<std::string>();
+  const std::chrono::year_month_day day(
+      std::chrono::year(number(date, 0, 4)),
+      std::chrono::month(static_cast<unsigned>(number(date, 5, 2))),
+      std::chrono::day(static_cast<unsigned>(number(date, 8, 2))));
+  if (!day.ok()) return fail_at(pointer + "/date", "is \"{}\", not a day of the calendar", date);
+  const int hour = number(time, 0, 2);
+  const int minute = number(time, 3, 2);
+  if (hour > 23 || minute > 59) {
+    return fail_at(pointer + "/time_utc", "is \"{}\"; give 00:00 to 23:59", time);
+  }
+  sun.start_utc_s =
+      86400.0 * static_cast<double>(std::chrono::sys_days(day).time_since_epoch().count()) +
+      3600.0 * hour + 60.0 * minute;
+  return sun;
 }
 
 Result<LayeredConstants> SceneReader::read_layered(const json& from,
@@ -717,6 +766,14 @@ Result<void> SceneReader::read_shadow(const json& from, const std::string& point
   } else {
     node.planes = {0};
   }
+  if (const auto names = from.find("walls"); names != from.end()) {
+    Result<std::vector<int>> walls = indices_of(*names, scene_.planes, pointer + "/walls", "plane");
+    if (!walls) return tl::unexpected(walls.error());
+    node.walls = std::move(*walls);
+    for (const int plane : node.planes) std::erase(node.walls, plane);
+  } else {
+    unwalled_nodes_.push_back(scene_.shadows.size());
+  }
   if (const auto names = from.find("lights"); names != from.end()) {
     Result<std::vector<int>> lights =
         indices_of(*names, scene_.lights, pointer + "/lights", "light");
@@ -793,6 +850,7 @@ Result<Scene> SceneReader::read(const json& root) {
     });
   }
   if (!done) return tl::unexpected(done.error());
+  for (const std::size_t node : unwalled_nodes_) add_default_walls(scene_, scene_.shadows[node]);
   return std::move(scene_);
 }
 

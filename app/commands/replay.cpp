@@ -104,7 +104,8 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       "Ctrl-C ends early; the files hold the frames up to then, and the report says so.\n\n"
       "Example:\n"
       "  penumbra replay recordings/tabletop --output out.mkv --poses out.tum --report "
-      "report.json");
+      "report.json\n"
+      "  penumbra replay recordings/tabletop --shadow volume --output volume.mp4");
   command->callback([options, &chosen] {
     apply(options->shadow, options->request.plan);  // wrong usage ends here
     chosen = [options] { return replay(*options); };

@@ -8,11 +8,10 @@
 
 #include "core/assert.hpp"
 #include "render/passes/lens_uniforms.hpp"
+#include "render/passes/light_uniforms.hpp"
 
 namespace penumbra {
 namespace {
-
-constexpr std::size_t kMaxLights = 8;
 
 struct Vertex {
   glm::vec3 position;
@@ -20,11 +19,6 @@ struct Vertex {
   glm::vec2 texcoord;
   glm::vec4 color;
 };
-
-glm::vec4 light_place(const SceneLight& light) {
-  return light.kind == SceneLight::Kind::point ? glm::vec4(to_gl(light.position), 1.0F)
-                                               : glm::vec4(to_gl(light.direction), 0.0F);
-}
 
 }  // namespace
 
@@ -38,9 +32,8 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
                 kMaxLights);
   }
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "object.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kFragment = {"object.frag.glsl"};
-  constexpr std::array<std::string_view, 1> kDefines = {"MAX_LIGHTS 8"};
-  auto program = ShaderProgram::link(api, kVertex, kFragment, kDefines);
+  constexpr std::array<std::string_view, 2> kFragment = {"ambient.glsl", "object.frag.glsl"};
+  auto program = ShaderProgram::link(api, kVertex, kFragment, kLightDefines);
   if (!program) return tl::unexpected(program.error());
   ObjectPass pass(std::move(*program));
 
@@ -91,23 +84,13 @@ std::shared_ptr<ObjectPass::GpuModel> ObjectPass::upload(const Model& model, flo
   return gpu;
 }
 
-void ObjectPass::set_lights(const Scene& scene) const {
-  std::array<glm::vec4, kMaxLights> places{};
-  std::array<glm::vec4, kMaxLights> colors{};
-  std::size_t count = 0;
-  for (const SceneLight& light : scene.lights) {
-    places[count] = light_place(light);
-    colors[count] = glm::vec4(to_gl(Eigen::Vector3d(light.color * light.intensity)), 0.0F);
-    ++count;
+void ObjectPass::set_lights(const Scene& scene, const FramePlan& plan) const {
+  if (plan.lights.empty()) {  // a lamp over the left shoulder, so that shapes are seen
+    const PlacedLight lamp{{-0.35, -0.45, 0.82, 0.0}, Eigen::Vector3d::Constant(0.8)};
+    set_light_uniforms(program_, {&lamp, 1});
+  } else {
+    set_light_uniforms(program_, plan.lights);
   }
-  if (count == 0) {  // a lamp over the left shoulder, so that shapes are seen
-    places[0] = {-0.35F, -0.45F, 0.82F, 0.0F};
-    colors[0] = {0.8F, 0.8F, 0.8F, 0.0F};
-    count = 1;
-  }
-  program_.set("light_count", static_cast<int>(count));
-  program_.set("light_place", std::span<const glm::vec4>(places));
-  program_.set("light_color", std::span<const glm::vec4>(colors));
   program_.set("ambient", to_gl(scene.ambient));
 }
 
@@ -166,7 +149,7 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan,
   if (plan.objects.empty()) return 0;
   program_.use();
   set_lens(program_, lens);
-  set_lights(scene);
+  set_lights(scene, plan);
   program_.set("eye", to_gl(plan.T_table_camera.translation()));
   glFrontFace(GL_CW);  // counter-clockwise faces, seen in a framebuffer whose row 0 is the top
   glEnable(GL_DEPTH_TEST);
@@ -189,6 +172,13 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan,
   glDepthMask(GL_TRUE);
   glDepthFunc(GL_LESS);
   return calls;
+}
+
+int ObjectPass::draw_alone(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+                           const LensUniforms& lens) const {
+  program_.use();
+  set_lens(program_, lens);
+  return draw_all(scene, {&draw, 1}, plan.T_table_camera);
 }
 
 }  // namespace penumbra

@@ -31,6 +31,9 @@ class ObjectPass {
   // An opacity under 1 (held poses) mixes the objects' surface into the video: depth first, then
   // colour where the depth is equal, so that their insides do not show.
   int draw_objects(const Scene& scene, const FramePlan& plan, const LensUniforms& lens) const;
+  // One object with the tests and masks as they are: the same depths as above.
+  int draw_alone(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+                 const LensUniforms& lens) const;
 
  private:
   struct GpuMesh {
@@ -48,7 +51,7 @@ class ObjectPass {
 
   static std::shared_ptr<GpuModel> upload(const Model& model, float max_edge);
   int draw_all(const Scene& scene, std::span<const ObjectDraw> draws, const CameraPose& pose) const;
-  void set_lights(const Scene& scene) const;
+  void set_lights(const Scene& scene, const FramePlan& plan) const;
 
   ShaderProgram program_;
   std::vector<std::shared_ptr<const GpuModel>> models_;     // one per scene object; null: no model

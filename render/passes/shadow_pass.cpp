@@ -36,8 +36,6 @@ constexpr int kFieldBits = 13;
 // penumbra at 0.65 of that height.
 constexpr double kLeastFactor = 0.05;
 constexpr double kGreatestFactor = 1.65;
-constexpr unsigned kOutlineBit = 0x80U;  // of the stencil: inside the receiver
-constexpr unsigned kDarkenedBits = 0x7FU;
 
 bool same(const LayeredConstants& a, const LayeredConstants& b) {
   return a.light_height == b.light_height && a.light_ratio == b.light_ratio &&
@@ -208,39 +206,16 @@ std::vector<float> longest_caster_edges(const Scene& scene, const CameraModel& c
 Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const CameraModel& camera) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "shadow.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"shadow.frag.glsl"};
-  constexpr std::array<std::string_view, 2> kOutlineVertex = {"lens.glsl", "outline.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kOutlineFragment = {"outline.frag.glsl"};
   auto shadow = ShaderProgram::link(api, kVertex, kFragment);
   if (!shadow) return tl::unexpected(shadow.error());
-  auto outline = ShaderProgram::link(api, kOutlineVertex, kOutlineFragment);
-  if (!outline) return tl::unexpected(outline.error());
   auto field = FieldQuad::create(api, longest_edge(camera));
   if (!field) return tl::unexpected(field.error());
-  ShadowPass pass(std::move(*shadow), std::move(*outline), std::move(*field));
+  ShadowPass pass(std::move(*shadow), std::move(*field));
   pass.edges_ = longest_caster_edges(scene, camera);
   pass.steady_ = steady_casters(scene);
-  const double longest = longest_edge(camera);
-  pass.edge_at_unit_depth_ = longest / kNearestDistance;
+  pass.edge_at_unit_depth_ = longest_edge(camera) / kNearestDistance;
   pass.finest_field_cell_ =
       kNearestDistance / std::max(camera.parameters().fx, camera.parameters().fy);
-  for (const ScenePlane& plane : scene.planes) {
-    Outline& out = pass.outlines_.emplace_back();
-    std::vector<glm::vec2> points;
-    for (std::size_t i = 0; i < plane.outline.size(); ++i) {
-      const Eigen::Vector2d& a = plane.outline[i];
-      const Eigen::Vector2d& b = plane.outline[(i + 1) % plane.outline.size()];
-      const int pieces = std::clamp(static_cast<int>(std::ceil((b - a).norm() / longest)), 1, 1000);
-      for (int j = 0; j < pieces; ++j) {
-        const Eigen::Vector2d p = a + (b - a) * (static_cast<double>(j) / pieces);
-        points.emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()));
-      }
-    }
-    if (points.empty()) continue;
-    out.count = static_cast<int>(points.size());
-    out.layout.bind();
-    out.vertices.write(std::span<const glm::vec2>(points));
-    VertexArray::attribute(0, 2, sizeof(glm::vec2), 0);
-  }
   return pass;
 }
 
@@ -678,23 +653,6 @@ std::vector<CasterTwist> ShadowPass::twists() const {
   return twists;
 }
 
-void ShadowPass::mark_outline(const Outline& outline, const FramePlan& plan,
-                              const PlaneFrame& frame, const LensUniforms& lens) const {
-  // A fan whose triangles each turn the bit over leaves it set inside, for any simple polygon.
-  outline_program_.use();
-  set_lens(outline_program_, lens);
-  outline_program_.set("camera_from_plane", camera_from_plane(plan.T_table_camera, frame));
-  glDisable(GL_DEPTH_TEST);
-  glDisable(GL_BLEND);
-  glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  glStencilMask(kOutlineBit);
-  glStencilFunc(GL_ALWAYS, 0, 0xFF);
-  glStencilOp(GL_KEEP, GL_KEEP, GL_INVERT);
-  outline.layout.bind();
-  glDrawArrays(GL_TRIANGLE_FAN, 0, outline.count);
-  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-}
-
 int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
                             const FramePlan& plan) const {
   const Item& it = items_[item];
@@ -777,35 +735,24 @@ int ShadowPass::draw_plane(const FramePlan& plan, int plane) const {
   return calls;
 }
 
-int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens) {
+int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers) {
   PENUMBRA_ASSERT(items_.size() == plan.shadows.size());
-  if (plan.shadows.empty()) return 0;
-  glEnable(GL_STENCIL_TEST);
   int calls = 0;
-  for (std::size_t plane = 0; plane < outlines_.size(); ++plane) {
-    const auto first = std::ranges::find(plan.shadows, static_cast<int>(plane), &ShadowDraw::plane);
+  for (const PlaneReceiver& receiver : plan.receivers) {
+    const auto first = std::ranges::find(plan.shadows, receiver.plane, &ShadowDraw::plane);
     if (first == plan.shadows.end()) continue;
-    const Outline& outline = outlines_[plane];
-    if (outline.count > 0) mark_outline(outline, plan, first->plane_frame, lens);
-    const glm::mat4x3 to_camera = camera_from_plane(plan.T_table_camera, first->plane_frame);
+    receivers.begin_plane(plan, receiver.plane, receiver.frame, lens);
+    const glm::mat4x3 to_camera = camera_from_plane(plan.T_table_camera, receiver.frame);
     shadow_program_.use();
     set_lens(shadow_program_, lens);
     shadow_program_.set("camera_from_plane", to_camera);
     field_quad_.begin(lens, to_camera);
-    glEnable(GL_DEPTH_TEST);
-    glDepthFunc(GL_LESS);
-    glDepthMask(GL_FALSE);
     glEnable(GL_BLEND);
     glBlendFunc(GL_ZERO, GL_SRC_COLOR);
-    glStencilMask(kDarkenedBits);
-    if (outline.count > 0) {
-      glStencilFunc(GL_EQUAL, static_cast<GLint>(kOutlineBit), 0xFF);
-    } else {
-      glStencilFunc(GL_EQUAL, 0, kDarkenedBits);
-    }
+    // Each pixel once, with the layer that comes first.
+    receivers.stencil_test(0, kShadowBits);
     glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
-    calls += draw_plane(plan, static_cast<int>(plane));
-    if (outline.count > 0) mark_outline(outline, plan, first->plane_frame, lens);  // and unmark
+    calls += draw_plane(plan, receiver.plane);
   }
   glStencilMask(0xFF);
   glDisable(GL_STENCIL_TEST);

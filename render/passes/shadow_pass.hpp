@@ -18,6 +18,7 @@
 #include "render/gl/buffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/passes/field_quad.hpp"
+#include "render/passes/receivers.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/caster_geometry.hpp"
 #include "render/shadow/kernel_direction.hpp"
@@ -59,9 +60,8 @@ class ShadowPass {
   // The CPU's part: kernels where the tilt is new, clipping where a caster straddles a height.
   // Adds to `work`.
   void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
-  // The plan must be the one prepared. Depth test on, depth write off; the stencil must be cleared.
-  // Number of draw calls.
-  int draw(const FramePlan& plan, const LensUniforms& lens);
+  // The plan must be the one prepared, and `receivers` begun for it. Number of draw calls.
+  int draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers);
   // Of those shadows of the last plan that are made with kernels.
   [[nodiscard]] std::vector<CasterTwist> twists() const;
 
@@ -139,16 +139,8 @@ class ShadowPass {
     bool clipped_layout_made = false;
     FieldTexture field;
   };
-  struct Outline {
-    VertexArray layout;
-    GlBuffer vertices{BufferUse::vertices};
-    int count = 0;  // 0: the plane is unbounded
-  };
-
-  ShadowPass(ShaderProgram shadow, ShaderProgram outline, FieldQuad field)
-      : shadow_program_(std::move(shadow)),
-        outline_program_(std::move(outline)),
-        field_quad_(std::move(field)) {}
+  ShadowPass(ShaderProgram shadow, FieldQuad field)
+      : shadow_program_(std::move(shadow)), field_quad_(std::move(field)) {}
 
   // The model, its longest edge as a caster, what casts in its place, and its groups.
   using CasterKey =
@@ -178,13 +170,9 @@ class ShadowPass {
                   const FramePlan& plan) const;
   int draw_field(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
                  const FramePlan& plan) const;
-  void mark_outline(const Outline& outline, const FramePlan& plan, const PlaneFrame& frame,
-                    const LensUniforms& lens) const;
 
   ShaderProgram shadow_program_;
-  ShaderProgram outline_program_;
   FieldQuad field_quad_;
-  std::vector<Outline> outlines_;    // one per scene plane
   std::vector<float> edges_;         // the longest of each scene object's model, as a caster
   std::vector<bool> steady_;         // of each scene object: a proxy may cast
   double edge_at_unit_depth_ = 0.0;  // 1 m from the camera, the longest that follows the lens [m]

@@ -19,13 +19,6 @@ uniform int light_count;
 uniform vec4 light_place[MAX_LIGHTS];  // w 1: position; w 0: direction towards the light
 uniform vec4 light_color[MAX_LIGHTS];
 
-// Light from the upper half of the room, less and warmer from the table below.
-vec3 hemisphere(float up) {
-  vec3 sky = ambient * vec3(1.08, 1.12, 1.18);
-  vec3 ground = ambient * vec3(0.52, 0.49, 0.45);
-  return mix(ground, sky, clamp(0.5 + 0.5 * up, 0.0, 1.0));
-}
-
 void main() {
   vec3 albedo = base_color * tint.rgb;
   if (has_texture != 0) albedo *= texture(base_color_texture, surface).rgb;
@@ -61,8 +54,9 @@ void main() {
   }
   vec3 mirror = reflect(-view, n);
   vec3 ambient_fresnel = f0 + (max(vec3(1.0 - roughness), f0) - f0) * pow(max(1.0 - n_v, 0.0), 5.0);
-  sum += diffuse * hemisphere(n.z);
-  sum += ambient_fresnel * hemisphere(mix(clamp(mirror.z * 2.5, -1.0, 1.0), n.z, roughness));
+  sum += diffuse * hemisphere(ambient, n.z);
+  sum += ambient_fresnel *
+         hemisphere(ambient, mix(clamp(mirror.z * 2.5, -1.0, 1.0), n.z, roughness));
 
   // A shoulder above 0.75 in place of a hard clip.
   const float knee = 0.75;

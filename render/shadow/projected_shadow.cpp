@@ -1,6 +1,10 @@
 #include "render/shadow/projected_shadow.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
+#include <optional>
+#include <utility>
 
 namespace penumbra {
 
@@ -33,27 +37,175 @@ ShadowOfPoint classify_shadow(const Eigen::Vector4d& light, const Eigen::Vector4
   return d_point < 0.0 ? ShadowOfPoint::below_plane : ShadowOfPoint::shadow;
 }
 
+namespace {
+
+// In plane coordinates: a place, or a direction.
+Eigen::Vector3d light_on_plane(const PlaneFrame& plane, const Eigen::Vector4d& light) {
+  return light.w() != 0.0
+             ? plane.to_plane(light.head<3>() / light.w())
+             : Eigen::Vector3d(plane.e1.dot(light.head<3>()), plane.e2.dot(light.head<3>()),
+                               plane.n.dot(light.head<3>()));
+}
+
+HeightRange range_below(const Eigen::Vector3d& to_light, bool local) {
+  return {0.0,
+          local ? to_light.z() * (1.0 - kLightMargin) : std::numeric_limits<double>::infinity()};
+}
+
+// S = P + (P - L) d_P / (d_L - d_P): exact for points on the plane.
+Eigen::Vector2d thrown(const Eigen::Vector2d& p, double h, const Eigen::Vector3d& to_light,
+                       bool local) {
+  return local ? Eigen::Vector2d(p + (p - to_light.head<2>()) * (h / (to_light.z() - h)))
+               : Eigen::Vector2d(p - to_light.head<2>() * (h / to_light.z()));
+}
+
+}  // namespace
+
+double light_height(const PlaneFrame& plane, const Eigen::Vector4d& light) {
+  return light_on_plane(plane, light).z();
+}
+
+HeightRange hard_shadow_range(const PlaneFrame& plane, const Eigen::Vector4d& light) {
+  return range_below(light_on_plane(plane, light), light.w() != 0.0);
+}
+
+Eigen::Vector2d shadow_point(const PlaneFrame& plane, const Eigen::Vector4d& light,
+                             const Eigen::Vector3d& point) {
+  return thrown(point.head<2>(), point.z(), light_on_plane(plane, light), light.w() != 0.0);
+}
+
 std::vector<PlanePoint> projected_triangles(std::span<const CasterVertex> vertices,
                                             std::span<const std::uint32_t> indices,
                                             const Eigen::Vector4d& light, const PlaneFrame& plane) {
   std::vector<PlanePoint> triangles;
   const bool local = light.w() != 0.0;
-  // The light in plane coordinates, a direction or a place; the plane's point is subtracted first.
-  const Eigen::Vector3d to_light = local ? plane.to_plane(light.head<3>() / light.w())
-                                         : plane.to_plane(light.head<3>() + plane.q);
+  const Eigen::Vector3d to_light = light_on_plane(plane, light);
   if (!to_light.allFinite() || to_light.z() <= 0.0) return triangles;
-  const HeightRange range = {
-      0.0, local ? to_light.z() * (1.0 - kLightMargin) : std::numeric_limits<double>::infinity()};
-  const std::vector<CasterVertex> faces = clip_to_heights(vertices, indices, range);
+  const std::vector<CasterVertex> faces =
+      clip_to_heights(vertices, indices, range_below(to_light, local));
   triangles.reserve(faces.size());
   for (const CasterVertex& vertex : faces) {
     const Eigen::Vector2d p(static_cast<double>(vertex.u), static_cast<double>(vertex.v));
-    const double h = static_cast<double>(vertex.h);
-    // S = P + (P - L) d_P / (d_L - d_P): exact for points on the plane.
-    const Eigen::Vector2d s =
-        local ? Eigen::Vector2d(p + (p - to_light.head<2>()) * (h / (to_light.z() - h)))
-              : Eigen::Vector2d(p - to_light.head<2>() * (h / to_light.z()));
+    const Eigen::Vector2d s = thrown(p, static_cast<double>(vertex.h), to_light, local);
     triangles.push_back({static_cast<float>(s.x()), static_cast<float>(s.y())});
+  }
+  return triangles;
+}
+
+std::vector<PlanePoint> projected_triangles_as_printed(std::span<const CasterVertex> vertices,
+                                                       std::span<const std::uint32_t> indices,
+                                                       const Eigen::Vector4d& light,
+                                                       const PlaneFrame& plane, double c) {
+  const double top =
+      light.w() != 0.0 ? light_on_plane(plane, light).z() : std::numeric_limits<double>::infinity();
+  const auto good = [&](std::uint32_t i) { return static_cast<double>(vertices[i].h) < top; };
+  std::vector<CasterVertex> replaced(vertices.begin(), vertices.end());
+  std::vector<bool> usable(vertices.size());
+  for (std::uint32_t i = 0; i < vertices.size(); ++i) usable[i] = good(i);
+  for (std::size_t face = 0; face + 2 < indices.size(); face += 3) {
+    for (std::size_t from = 0; from < 3; ++from) {
+      const std::uint32_t i = indices[face + from];
+      for (const std::size_t step : {1U, 2U}) {
+        const std::uint32_t j = indices[face + (from + step) % 3];
+        if (usable[i] || !good(j)) continue;
+        const CasterVertex& bad = vertices[i];
+        const CasterVertex& near = vertices[j];
+        // From the bad vertex to Q, and on by c of the way to the neighbour.
+        const double to_q = (static_cast<double>(bad.h) - top) /
+                            (static_cast<double>(bad.h) - static_cast<double>(near.h));
+        const auto t = static_cast<float>(to_q + c * (1.0 - to_q));
+        replaced[i] = {bad.u + t * (near.u - bad.u), bad.v + t * (near.v - bad.v),
+                       bad.h + t * (near.h - bad.h), 0.0F, 0.0F};
+        usable[i] = true;
+      }
+    }
+  }
+  std::vector<std::uint32_t> kept;
+  for (std::size_t face = 0; face + 2 < indices.size(); face += 3) {
+    const auto corners = indices.subspan(face, 3);
+    if (std::ranges::all_of(corners, [&](std::uint32_t i) { return usable[i]; })) {
+      kept.insert(kept.end(), corners.begin(), corners.end());
+    }
+  }
+  return projected_triangles(replaced, kept, light, plane);
+}
+
+namespace {
+
+// Nothing where that takes more than max_triangles.
+std::optional<std::vector<PlanePoint>> try_split(std::vector<PlanePoint> triangles,
+                                                 const Eigen::Vector2d& centre, double longest_edge,
+                                                 double coarser, std::size_t max_triangles) {
+  // Seen from within this distance [m] of the centre ...
+  constexpr double kNear = 0.5;
+  // ... an edge may be this share of its distance: 28 px for a lens of 700 px.
+  constexpr double kShare = 0.04;
+  // Nothing is drawn of what is farther away [m].
+  constexpr double kDrawn = 30.0;
+  const auto from_centre = [&centre](double u, double v) {
+    return std::hypot(u - centre.x(), v - centre.y());
+  };
+  // The edge's length over what is allowed; no more than 1 is good.
+  const auto excess = [&](const PlanePoint& a, const PlanePoint& b) {
+    const auto [au, av] = std::pair(static_cast<double>(a.u), static_cast<double>(a.v));
+    const auto [bu, bv] = std::pair(static_cast<double>(b.u), static_cast<double>(b.v));
+    const double distance = from_centre(0.5 * (au + bu), 0.5 * (av + bv));
+    return std::hypot(au - bu, av - bv) /
+           (coarser * std::max(longest_edge, kShare * (distance - kNear)));
+  };
+  const auto too_far = [&](const PlanePoint& a, const PlanePoint& b, const PlanePoint& c) {
+    const Eigen::Vector2d p(static_cast<double>(a.u), static_cast<double>(a.v));
+    const Eigen::Vector2d q(static_cast<double>(b.u), static_cast<double>(b.v));
+    const Eigen::Vector2d r(static_cast<double>(c.u), static_cast<double>(c.v));
+    return (p - centre).norm() - std::max((p - q).norm(), (p - r).norm()) > kDrawn;
+  };
+  const auto middle = [](const PlanePoint& a, const PlanePoint& b) {
+    return PlanePoint{0.5F * (a.u + b.u), 0.5F * (a.v + b.v)};
+  };
+  std::vector<PlanePoint> done;
+  done.reserve(triangles.size());
+  while (!triangles.empty()) {
+    const PlanePoint c = triangles.back();
+    const PlanePoint b = triangles[triangles.size() - 2];
+    const PlanePoint a = triangles[triangles.size() - 3];
+    triangles.resize(triangles.size() - 3);
+    const auto add = [&triangles](const PlanePoint& p, const PlanePoint& q, const PlanePoint& r) {
+      for (const PlanePoint& point : {p, q, r}) triangles.push_back(point);
+    };
+    if (too_far(a, b, c)) continue;
+    if ((done.size() + triangles.size()) / 3 >= max_triangles) return std::nullopt;
+    const auto ab = excess(a, b);
+    const auto bc = excess(b, c);
+    const auto ca = excess(c, a);
+    const auto most = std::max({ab, bc, ca});
+    if (!(most > 1)) {
+      for (const auto& point : {a, b, c}) done.push_back(point);
+    } else if (ab == most) {
+      const PlanePoint m = middle(a, b);
+      add(a, m, c);
+      add(m, b, c);
+    } else if (bc == most) {
+      const PlanePoint m = middle(b, c);
+      add(a, b, m);
+      add(a, m, c);
+    } else {
+      const PlanePoint m = middle(c, a);
+      add(a, b, m);
+      add(m, b, c);
+    }
+  }
+  return done;
+}
+
+}  // namespace
+
+std::vector<PlanePoint> split_for_lens(const std::vector<PlanePoint>& triangles,
+                                       const Eigen::Vector2d& centre, double longest_edge,
+                                       std::size_t max_triangles) {
+  for (double coarser = 1.0; coarser < 1000.0; coarser *= 2.0) {
+    if (auto split = try_split(triangles, centre, longest_edge, coarser, max_triangles)) {
+      return std::move(*split);
+    }
   }
   return triangles;
 }

@@ -12,6 +12,9 @@ enum class ShadowTechnique {
   simple,   // orthogonal projection onto the plane, one layer
   layered,  // layered penumbrae: umbra, middle, penumbra
   field,    // the same three layers of lights of one size, as power-distance fields: no kernels
+  walls,    // simple, onto several planes at once: the table and walls about it
+  hard,     // projected from the scene's lights, one layer for each
+  volume,   // a light's shadow volume on everything that is there, for a 3D cursor
 };
 
 struct ShadowTechniqueName {
@@ -23,6 +26,9 @@ inline constexpr std::array kShadowTechniqueNames = {
     ShadowTechniqueName{ShadowTechnique::simple, "simple"},
     ShadowTechniqueName{ShadowTechnique::layered, "layered"},
     ShadowTechniqueName{ShadowTechnique::field, "field"},
+    ShadowTechniqueName{ShadowTechnique::walls, "walls"},
+    ShadowTechniqueName{ShadowTechnique::hard, "hard"},
+    ShadowTechniqueName{ShadowTechnique::volume, "volume"},
 };
 
 [[nodiscard]] constexpr std::string_view to_string(ShadowTechnique technique) {

@@ -134,6 +134,10 @@ INSTANTIATE_TEST_SUITE_P(Golden, DefaultScene,
                                          Case{"tabletop", ShadowTechnique::field, 60},
                                          Case{"tabletop", ShadowTechnique::field, 110},
                                          Case{"tabletop", ShadowTechnique::simple, 60},
+                                         Case{"tabletop", ShadowTechnique::walls, 60},
+                                         Case{"tabletop", ShadowTechnique::hard, 60},
+                                         Case{"tabletop", ShadowTechnique::hard, 110},
+                                         Case{"tabletop", ShadowTechnique::volume, 110},
                                          Case{"corner", ShadowTechnique::layered, 30}),
                          [](const auto& instance) {
                            return std::string(instance.param.recording) + "_" +

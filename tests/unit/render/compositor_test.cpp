@@ -173,15 +173,14 @@ TEST(Compositor, LeavingOutWhatCannotShowChangesNoBit) {
   std::size_t skipped = 0;
   PlanOptions all;
   all.skip = false;
-  for (const ShadowTechnique technique : {ShadowTechnique::none, ShadowTechnique::simple,
-                                          ShadowTechnique::layered, ShadowTechnique::field}) {
+  for (const auto& [technique, name] : kShadowTechniqueNames) {
     PlanOptions options;
     options.technique = all.technique = technique;
     for (const CameraPose& pose : views()) {
       const FramePlan plan = with.plan(test::tracked(pose), options);
       skipped += plan.skipped.size();
       ASSERT_EQ(with.draw(frame, plan), without.draw(frame, without.plan(test::tracked(pose), all)))
-          << pose.translation().transpose();
+          << name << ", " << pose.translation().transpose();
     }
   }
   EXPECT_GT(skipped, 60U);
@@ -194,7 +193,7 @@ TEST(Compositor, BothApisAndEveryRunDrawTheSame) {
   Studio embedded(scene, camera, GlApi::gles30);
   Studio again(scene, camera, GlApi::gl33);
   const Frame frame = test_frame(320, 240);
-  for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field}) {
+  for (const auto& [technique, name] : kShadowTechniqueNames) {
     PlanOptions options;
     options.technique = technique;
     for (const CameraPose& pose : views()) {
@@ -205,7 +204,7 @@ TEST(Compositor, BothApisAndEveryRunDrawTheSame) {
       int over = 0;
       for (std::size_t i = 0; i < picture.rgba.size(); ++i)
         over += std::abs(picture.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
-      EXPECT_LE(over, 8);
+      EXPECT_LE(over, 8) << name;
     }
   }
 }

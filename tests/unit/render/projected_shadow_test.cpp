@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <limits>
 
 #include "render/shadow/layer_polygons.hpp"
@@ -55,6 +58,83 @@ TEST(ProjectedShadow, OnlyWhatIsBetweenPlaneAndLightCasts) {
   EXPECT_EQ(shadow_area(Cube(1.0F), {0.0, 0.0, 0.0, 1.0}), 0.0) << "light in the plane";
   EXPECT_EQ(shadow_area(Cube(1.0F), {0.0, 0.0, -1.0, 0.0}), 0.0) << "light under the horizon";
   EXPECT_NEAR(shadow_area(Cube(1.0F), {0.0, 0.0, 2.0, 0.0}), 1.0, 1e-6);
+}
+
+// A cube beside the light, half above it: two points a face are needed there, and the printed
+// heuristic gives one, whichever neighbour comes first.
+TEST(ProjectedShadow, PrintedHeuristicIsNoClipping) {
+  struct Mesh {
+    std::vector<CasterVertex> vertices;
+    std::vector<std::uint32_t> indices;
+  };
+  // Each side in cells x cells squares.
+  const auto cube = [](int cells) {
+    Mesh mesh;
+    const auto point = [&](float x, float y, float z) {
+      for (std::uint32_t i = 0; i < mesh.vertices.size(); ++i) {
+        const CasterVertex& v = mesh.vertices[i];
+        if (std::abs(v.u - x) + std::abs(v.v - y) + std::abs(v.h - z) < 1e-4F) return i;
+      }
+      mesh.vertices.push_back({x, y, z, 0.0F, 0.0F});
+      return static_cast<std::uint32_t>(mesh.vertices.size() - 1);
+    };
+    const auto side = [&](int axis, float at) {
+      for (int i = 0; i < cells; ++i) {
+        for (int j = 0; j < cells; ++j) {
+          std::array<std::uint32_t, 4> corner{};
+          for (std::size_t k = 0; k < 4; ++k) {
+            std::array<float, 3> p{};
+            const auto cell = [&](int n) {
+              return static_cast<float>(n) / static_cast<float>(cells) - 0.5F;
+            };
+            p[static_cast<std::size_t>(axis)] = at;
+            p[static_cast<std::size_t>(axis + 1) % 3] = cell(i + (k == 1 || k == 2 ? 1 : 0));
+            p[static_cast<std::size_t>(axis + 2) % 3] = cell(j + (k >= 2 ? 1 : 0));
+            corner[k] = point(1.6F + p[0], 0.2F + p[1], 2.1F + p[2]);
+          }
+          for (const std::size_t k : {0U, 1U, 2U, 0U, 2U, 3U}) mesh.indices.push_back(corner[k]);
+        }
+      }
+    };
+    for (int axis = 0; axis < 3; ++axis) {
+      for (const float at : {-0.5F, 0.5F}) side(axis, at);
+    }
+    return mesh;
+  };
+  const Eigen::Vector4d light(0.0, 0.0, 2.1, 1.0);
+  constexpr int kPixels = 600;  // of a receiver of 12 m
+  const auto mask_of = [](const std::vector<PlanePoint>& triangles) {
+    test::Mask mask({-6.0, -6.0}, 12.0 / kPixels, kPixels);
+    mask.cover(triangles);
+    return mask.bits;
+  };
+  const auto similarity = [&](Mesh mesh, std::size_t first_face, double c) {
+    const auto exact = mask_of(projected_triangles(mesh.vertices, mesh.indices, light, {}));
+    std::rotate(mesh.indices.begin(),
+                mesh.indices.begin() + static_cast<std::ptrdiff_t>(3 * first_face),
+                mesh.indices.end());
+    const auto printed =
+        mask_of(projected_triangles_as_printed(mesh.vertices, mesh.indices, light, {}, c));
+    return test::iou(exact, printed);
+  };
+  const Mesh coarse = cube(1);
+  for (const double c : {0.02, 0.1, 0.3}) {
+    double worst = 1.0;
+    double best = 0.0;
+    for (std::size_t face = 0; face < 12; ++face) {
+      const double iou = similarity(coarse, face, c);
+      worst = std::min(worst, iou);
+      best = std::max(best, iou);
+    }
+    EXPECT_LT(worst, 0.95) << "c = " << c << ": as good as clipping";
+    EXPECT_GT(worst, 0.5) << c;
+    EXPECT_GT(best, worst + 0.01) << "c = " << c << ": the order of faces is told to matter";
+  }
+  EXPECT_GT(similarity(cube(6), 0, 0.02), 0.99) << "small faces hide it";
+  // Where no vertex is at the light's height or above, it is the same thing.
+  Mesh low = coarse;
+  for (CasterVertex& vertex : low.vertices) vertex.h -= 1.0F;
+  EXPECT_EQ(similarity(low, 0, 0.1), 1.0);
 }
 
 TEST(ProjectedShadow, PointsOfTheOracle) {

@@ -340,5 +340,49 @@ TEST_F(SceneFile, ChildrenFollowTheirParentsAndSpin) {
   EXPECT_LT((child * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(2, 2, 1)).norm(), 1e-12);
 }
 
+TEST_F(SceneFile, LightsMoveAndTheSunKeepsTheCalendar) {
+  const auto sun = [](const std::string& keys) {
+    return R"({"objects":[],"lights":[{"name":"l","kind":"sun")" + keys + "}]}";
+  };
+  const std::string place = R"("latitude_deg":48,"longitude_deg":11)";
+  const Result<Scene> scene = load(
+      sun(R"(,"sun":{)" + place + R"(,"date":"2026-06-21","time_utc":"10:30","hours_per_s":2})"));
+  ASSERT_TRUE(scene) << scene.error().message;
+  ASSERT_TRUE(scene->lights[0].sun);
+  EXPECT_EQ(scene->lights[0].sun->start_utc_s, 1782000000.0 + 10.5 * 3600.0);
+  EXPECT_EQ(scene->lights[0].kind, SceneLight::Kind::directional);
+  EXPECT_THAT(error_of(sun("")), HasSubstr("/lights/0: has no \"sun\"; a sun light needs it"));
+  EXPECT_THAT(error_of(sun(R"(,"sun":{)" + place + R"(,"date":"2026-02-30","time_utc":"10:30"})")),
+              HasSubstr("/lights/0/sun/date: is \"2026-02-30\", not a day of the calendar"));
+  EXPECT_THAT(error_of(sun(R"(,"sun":{)" + place + R"(,"date":"2026-02-03","time_utc":"24:30"})")),
+              HasSubstr("/lights/0/sun/time_utc"));
+  EXPECT_THAT(error_of(sun(R"(,"sun":{)" + place + R"(,"date":"yesterday","time_utc":"24:30"})")),
+              HasSubstr("/lights/0/sun/date"));
+  EXPECT_THAT(error_of(sun(R"(,"direction":[0,0,1],"sun":{)" + place +
+                           R"(,"date":"2026-02-03","time_utc":"04:30"})")),
+              HasSubstr("/lights/0/direction: a sun light has none"));
+  const Result<Scene> moving =
+      load(R"({"objects":[],"lights":[{"name":"l","kind":"point","position":[0,0,1],"animation":)"
+           R"({"loop":false,"keyframes":[{"time_s":0},{"time_s":1,"position":[0.5,0,0]}]}}]})");
+  ASSERT_TRUE(moving) << moving.error().message;
+  EXPECT_EQ(evaluate_scene(*moving, 2.0).lights[0].place, Eigen::Vector4d(0.5, 0, 1, 1));
+}
+
+TEST_F(SceneFile, WallsAreTheNodesOrMadeForIt) {
+  const std::string wall = R"("planes":[{"name":"table"},{"name":"wall","normal":[0,-1,0]}],)";
+  const std::string node = R"("shadows":[{"name":"s","technique":"walls","planes":["table"])";
+  const Result<Scene> named =
+      load("{\"objects\":[" + kBox + "]," + wall + node + R"(,"walls":["wall"]}]})");
+  ASSERT_TRUE(named) << named.error().message;
+  EXPECT_EQ(named->shadows[0].walls, std::vector<int>{1});
+  EXPECT_EQ(named->planes.size(), 2U);
+  const Result<Scene> made = load("{\"objects\":[" + kBox + "]," + wall + node + "}]}");
+  ASSERT_TRUE(made) << made.error().message;
+  EXPECT_EQ(made->planes.size(), 4U);
+  EXPECT_EQ(made->shadows[0].walls, (std::vector<int>{2, 3}));
+  EXPECT_THAT(error_of("{\"objects\":[" + kBox + "]," + wall + node + R"(,"walls":["w"]}]})"),
+              HasSubstr("/shadows/0/walls"));
+}
+
 }  // namespace
 }  // namespace penumbra

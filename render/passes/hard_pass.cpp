@@ -1,0 +1,198 @@
+#include "render/passes/hard_pass.hpp"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <set>
+
+#include "core/assert.hpp"
+#include "render/passes/lens_uniforms.hpp"
+#include "render/passes/light_uniforms.hpp"
+#include "render/shadow/caster.hpp"
+#include "render/shadow/projected_shadow.hpp"
+
+namespace penumbra {
+namespace {
+
+bool same(const PlaneFrame& a, const PlaneFrame& b) {
+  return a.n == b.n && a.q == b.q;
+}
+bool same(const Placement& a, const Placement& b) {
+  return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs() &&
+         a.scale == b.scale;
+}
+
+}  // namespace
+
+Result<HardPass> HardPass::create(GlApi api, const Scene& scene, const CameraModel& camera) {
+  if (scene.lights.size() > kMaxLights) {
+    return fail("{}: lights: {} of them; at most {} can be drawn", scene.file, scene.lights.size(),
+                kMaxLights);
+  }
+  constexpr std::array<std::string_view, 2> kShape = {"lens.glsl", "plane_shape.vert.glsl"};
+  constexpr std::array<std::string_view, 1> kNothing = {"outline.frag.glsl"};
+  constexpr std::array<std::string_view, 2> kReceiver = {"lens.glsl", "receiver.vert.glsl"};
+  constexpr std::array<std::string_view, 2> kLight = {"ambient.glsl", "blocked_light.frag.glsl"};
+  auto shape = ShaderProgram::link(api, kShape, kNothing);
+  if (!shape) return tl::unexpected(shape.error());
+  auto light = ShaderProgram::link(api, kReceiver, kLight, kLightDefines);
+  if (!light) return tl::unexpected(light.error());
+  HardPass pass(std::move(*shape), std::move(*light));
+  if (make_lens(camera).model != 0) pass.longest_edge_ = longest_edge(camera);
+  return pass;
+}
+
+const ShadowMesh& HardPass::mesh_of(const Scene& scene, int object) {
+  const Model* model = scene.objects[static_cast<std::size_t>(object)].model.get();
+  auto& entry = meshes_[model];
+  if (!entry) entry = std::make_unique<ShadowMesh>(make_shadow_mesh(*model));
+  return *entry;
+}
+
+void HardPass::make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow,
+                    ShadowWork& work) {
+  shadow.valid = true;
+  shadow.plane = draw.plane_frame;
+  shadow.T_table_object = draw.T_table_object;
+  shadow.light = draw.light_place;
+  const ShadowKernels none{draw.plane_frame.n, mesh.positions, {}};
+  const std::vector<CasterVertex> vertices =
+      place_caster(mesh, none, draw.T_table_object, draw.plane_frame);
+  work.vertices += static_cast<std::int64_t>(vertices.size());
+  std::vector<PlanePoint> triangles =
+      projected_triangles(vertices, mesh.indices, draw.light_place, draw.plane_frame);
+  if (longest_edge_) {
+    triangles = split_for_lens(std::move(triangles),
+                               draw.plane_frame.to_plane(Eigen::Vector3d::Zero()).head<2>(),
+                               *longest_edge_);
+  }
+  shadow.low.setConstant(std::numeric_limits<double>::infinity());
+  shadow.high = -shadow.low;
+  for (const PlanePoint& p : triangles) {
+    const Eigen::Vector2d point(static_cast<double>(p.u), static_cast<double>(p.v));
+    shadow.low = shadow.low.cwiseMin(point);
+    shadow.high = shadow.high.cwiseMax(point);
+  }
+  shadow.count = static_cast<int>(triangles.size());
+  shadow.layout.bind();
+  shadow.vertices.write(std::span<const PlanePoint>(triangles), BufferLife::every_frame);
+  if (!shadow.layout_made) {
+    VertexArray::attribute(0, 2, sizeof(PlanePoint), 0);
+    shadow.layout_made = true;
+  }
+}
+
+void HardPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work) {
+  std::set<Key> seen;  // several nodes may ask for the same shadow
+  for (const HardShadowDraw& draw : plan.hard_shadows) {
+    const Key key = {draw.object, draw.plane, draw.light};
+    if (!seen.insert(key).second) continue;
+    Shadow& shadow = shadows_[key];
+    if (shadow.valid && same(shadow.plane, draw.plane_frame) &&
+        same(shadow.T_table_object, draw.T_table_object) && shadow.light == draw.light_place) {
+      ++work.reprojections;
+      continue;
+    }
+    ++work.recomputed;
+    make(draw, mesh_of(scene, draw.object), shadow, work);
+  }
+}
+
+int HardPass::draw_plane(const Scene& scene, const FramePlan& plan, const PlaneReceiver& receiver,
+                         const LensUniforms& lens, Receivers& receivers) {
+  struct Blocked {
+    int light = 0;
+    Eigen::Vector2d low, high;
+  };
+  std::vector<Blocked> lights;
+  std::vector<std::vector<const Shadow*>> shadows;  // of each of them
+  std::set<Key> seen;
+  for (const HardShadowDraw& draw : plan.hard_shadows) {
+    if (draw.plane != receiver.plane) continue;
+    const Key key = {draw.object, draw.plane, draw.light};
+    const Shadow& shadow = shadows_.at(key);
+    if (shadow.count == 0 || !seen.insert(key).second) continue;
+    const auto found = std::ranges::find(lights, draw.light, &Blocked::light);
+    const auto at = static_cast<std::size_t>(found - lights.begin());
+    if (found == lights.end()) {
+      PENUMBRA_ASSERT(lights.size() < kMaxHardLights);
+      lights.push_back({draw.light, shadow.low, shadow.high});
+      shadows.emplace_back();
+    }
+    lights[at].low = lights[at].low.cwiseMin(shadow.low);
+    lights[at].high = lights[at].high.cwiseMax(shadow.high);
+    shadows[at].push_back(&shadow);
+  }
+  if (lights.empty()) return 0;
+
+  receivers.begin_plane(plan, receiver.plane, receiver.frame, lens);
+  int calls = 0;
+  shape_program_.use();
+  set_lens(shape_program_, lens);
+  shape_program_.set("camera_from_plane", camera_from_plane(plan.T_table_camera, receiver.frame));
+  glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+  glDisable(GL_BLEND);
+  glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
+  for (std::size_t i = 0; i < lights.size(); ++i) {
+    const unsigned bit = 1U << i;
+    glStencilMask(bit);
+    receivers.stencil_test(bit, 0);
+    for (const Shadow* shadow : shadows[i]) {
+      shadow->layout.bind();
+      glDrawArrays(GL_TRIANGLES, 0, shadow->count);
+      ++calls;
+    }
+  }
+
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  glStencilMask(0);
+  glStencilOp(GL_KEEP, GL_KEEP, GL_KEEP);
+  glDisable(GL_DEPTH_TEST);
+  glEnable(GL_BLEND);
+  glBlendFunc(GL_ZERO, GL_SRC_COLOR);
+  const ShaderProgram& p = light_program_;
+  p.use();
+  p.set("table_from_camera", to_gl(plan.T_table_camera.rotation().toRotationMatrix()));
+  p.set("eye", to_gl(plan.T_table_camera.translation()));
+  p.set("normal", to_gl(receiver.frame.n));
+  p.set("ambient", to_gl(scene.ambient));
+  p.set("opacity", plan.overlay_opacity);
+  const unsigned all = (1U << lights.size()) - 1U;
+  std::vector<bool> blocked(plan.lights.size());
+  for (unsigned set = 1; set <= all; ++set) {
+    // Of lights whose shadows can't meet there is no pixel.
+    std::fill(blocked.begin(), blocked.end(), false);
+    Eigen::Vector2d low = Eigen::Vector2d::Constant(-std::numeric_limits<double>::infinity());
+    Eigen::Vector2d high = -low;
+    for (std::size_t i = 0; i < lights.size(); ++i) {
+      if ((set >> i & 1U) == 0) continue;
+      blocked[static_cast<std::size_t>(lights[i].light)] = true;
+      low = low.cwiseMax(lights[i].low);
+      high = high.cwiseMin(lights[i].high);
+    }
+    if ((low.array() > high.array()).any()) continue;
+    set_light_uniforms(p, plan.lights, blocked);
+    receivers.stencil_test(set, all);
+    receivers.draw_grid(p, plan, receiver.frame, lens);
+    ++calls;
+  }
+  return calls;
+}
+
+int HardPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+                   Receivers& receivers) {
+  if (plan.hard_shadows.empty()) return 0;
+  int calls = 0;
+  for (const PlaneReceiver& receiver : plan.receivers) {
+    calls += draw_plane(scene, plan, receiver, lens, receivers);
+  }
+  glStencilMask(0xFF);
+  glDisable(GL_STENCIL_TEST);
+  glDisable(GL_BLEND);
+  glDepthMask(GL_TRUE);
+  return calls;
+}
+
+}  // namespace penumbra

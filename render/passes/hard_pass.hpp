@@ -1,0 +1,69 @@
+// Hard shadows of the scene's lights on planes. Each light has a stencil bit of its own, set where
+// any caster keeps it away: casters of one light darken a pixel once. Then each set of lights that
+// pixels miss is darkened by just the share of the light that these lights give there, so that the
+// shadows of several lights add up as light does.
+#pragma once
+
+#include <glm/vec3.hpp>
+#include <map>
+#include <memory>
+#include <optional>
+#include <tuple>
+#include <vector>
+
+#include "render/camera_gl.hpp"
+#include "render/frame_plan.hpp"
+#include "render/gl/buffer.hpp"
+#include "render/gl/shader.hpp"
+#include "render/passes/receivers.hpp"
+#include "render/passes/shadow_pass.hpp"
+#include "render/scene.hpp"
+#include "render/shadow/shadow_mesh.hpp"
+
+namespace penumbra {
+
+static_assert(kShadowBits == (1U << kMaxHardLights) - 1U, "each light has a stencil bit");
+
+class HardPass {
+ public:
+  [[nodiscard]] static Result<HardPass> create(GlApi api, const Scene& scene,
+                                               const CameraModel& camera);
+
+  // The CPU's part: casters clipped and projected where a caster, plane or light moved. Adds to
+  // `work`.
+  void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
+  // The plan must be the one prepared, and `receivers` begun for it. Number of draw calls.
+  int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+           Receivers& receivers);
+
+ private:
+  // One caster's shadow from one light on one plane, on the GPU.
+  struct Shadow {
+    bool valid = false;
+    PlaneFrame plane;
+    Placement T_table_object;
+    Eigen::Vector4d light;
+    Eigen::Vector2d low, high;  // bounds on the plane [m]
+    int count = 0;              // vertices; 0: no shadow
+    bool layout_made = false;
+    VertexArray layout;
+    GlBuffer vertices{BufferUse::vertices};
+  };
+  using Key = std::tuple<int, int, int>;  // object, plane, light
+
+  HardPass(ShaderProgram shape, ShaderProgram light)
+      : shape_program_(std::move(shape)), light_program_(std::move(light)) {}
+
+  const ShadowMesh& mesh_of(const Scene& scene, int object);
+  void make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow, ShadowWork& work);
+  int draw_plane(const Scene& scene, const FramePlan& plan, const PlaneReceiver& receiver,
+                 const LensUniforms& lens, Receivers& receivers);
+
+  ShaderProgram shape_program_;
+  ShaderProgram light_program_;
+  std::optional<double> longest_edge_;  // [m]; none: the lens keeps straight edges straight
+  std::map<const Model*, std::unique_ptr<ShadowMesh>> meshes_;
+  std::map<Key, Shadow> shadows_;
+};
+
+}  // namespace penumbra

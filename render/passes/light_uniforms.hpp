@@ -1,0 +1,24 @@
+// Gives a program the scene's lights: light_count, light_place, light_color.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include "render/gl/shader.hpp"
+#include "render/scene.hpp"
+
+namespace penumbra {
+
+inline constexpr std::size_t kMaxLights = 8;
+// For ShaderProgram::link.
+inline constexpr std::array<std::string_view, 1> kLightDefines = {"MAX_LIGHTS 8"};
+
+// `blocked`, one per light or empty, goes into the fourth component of light_color. No more lights
+// than kMaxLights.
+void set_light_uniforms(const ShaderProgram& program, std::span<const PlacedLight> lights,
+                        const std::vector<bool>& blocked = {});
+
+}  // namespace penumbra

@@ -1,0 +1,177 @@
+#include "render/passes/receivers.hpp"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <glm/vec2.hpp>
+
+#include "core/assert.hpp"
+#include "render/passes/lens_uniforms.hpp"
+
+namespace penumbra {
+namespace {
+
+// Cells of at most 16 px at 640 x 480; a lens bends them by less than 0.05 px.
+constexpr int kColumns = 40;
+constexpr int kRows = 30;
+
+}  // namespace
+
+glm::vec3 inverse_depth(const CameraPose& T_table_camera, const PlaneFrame& plane) {
+  // z with h(eye + z R (x, y, 1)) = 0.
+  const double height = plane.height(T_table_camera.translation());
+  return to_gl(Eigen::Vector3d(T_table_camera.rotation().conjugate() * plane.n / -height));
+}
+
+Result<Receivers> Receivers::create(GlApi api, const Scene& scene, const CameraModel& camera) {
+  constexpr std::array<std::string_view, 2> kOutline = {"lens.glsl", "outline.vert.glsl"};
+  constexpr std::array<std::string_view, 2> kPlane = {"lens.glsl", "receiver.vert.glsl"};
+  constexpr std::array<std::string_view, 1> kNothing = {"outline.frag.glsl"};
+  auto outline = ShaderProgram::link(api, kOutline, kNothing);
+  if (!outline) return tl::unexpected(outline.error());
+  auto plane = ShaderProgram::link(api, kPlane, kNothing);
+  if (!plane) return tl::unexpected(plane.error());
+  Receivers receivers(std::move(*outline), std::move(*plane));
+
+  const double longest = longest_edge(camera);
+  for (const ScenePlane& receiver : scene.planes) {
+    Outline& out = receivers.outlines_.emplace_back();
+    std::vector<glm::vec2> points;
+    for (std::size_t i = 0; i < receiver.outline.size(); ++i) {
+      const Eigen::Vector2d& a = receiver.outline[i];
+      const Eigen::Vector2d& b = receiver.outline[(i + 1) % receiver.outline.size()];
+      const int pieces = std::clamp(static_cast<int>(std::ceil((b - a).norm() / longest)), 1, 1000);
+      for (int j = 0; j < pieces; ++j) {
+        const Eigen::Vector2d p = a + (b - a) * (static_cast<double>(j) / pieces);
+        points.emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()));
+      }
+    }
+    if (points.empty()) continue;
+    out.count = static_cast<int>(points.size());
+    out.layout.bind();
+    out.vertices.write(std::span<const glm::vec2>(points));
+    VertexArray::attribute(0, 2, sizeof(glm::vec2), 0);
+  }
+
+  const ViewFrustum view = make_frustum(camera);
+  receivers.view_rect_ = {static_cast<float>(view.x_min), static_cast<float>(view.y_min),
+                          static_cast<float>(view.x_max - view.x_min),
+                          static_cast<float>(view.y_max - view.y_min)};
+  std::vector<glm::vec2> corners;
+  for (int y = 0; y <= kRows; ++y) {
+    for (int x = 0; x <= kColumns; ++x) {
+      corners.emplace_back(static_cast<float>(x) / kColumns, static_cast<float>(y) / kRows);
+    }
+  }
+  std::vector<std::uint32_t> indices;
+  for (std::uint32_t y = 0; y < kRows; ++y) {
+    for (std::uint32_t x = 0; x < kColumns; ++x) {
+      const std::uint32_t a = y * (kColumns + 1) + x;
+      const std::uint32_t c = a + kColumns + 1;
+      for (const std::uint32_t i : {a, a + 1, c + 1, a, c + 1, c}) indices.push_back(i);
+    }
+  }
+  receivers.grid_layout_.bind();
+  receivers.grid_vertices_.write(std::span<const glm::vec2>(corners));
+  VertexArray::attribute(0, 2, sizeof(glm::vec2), 0);
+  receivers.grid_indices_.write(std::span<const std::uint32_t>(indices));
+  receivers.grid_index_count_ = static_cast<int>(indices.size());
+  return receivers;
+}
+
+void Receivers::turn_outline_over(const Outline& outline, const FramePlan& plan,
+                                  const PlaneFrame& frame, const LensUniforms& lens) const {
+  // A fan whose triangles each turn the bit over leaves it set inside, for any simple polygon.
+  outline_program_.use();
+  set_lens(outline_program_, lens);
+  outline_program_.set("camera_from_plane", camera_from_plane(plan.T_table_camera, frame));
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_BLEND);
+  glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+  glStencilMask(kReceiverBit);
+  glStencilFunc(GL_ALWAYS, 0, 0xFF);
+  glStencilOp(GL_KEEP, GL_KEEP, GL_INVERT);
+  outline.layout.bind();
+  glDrawArrays(GL_TRIANGLE_FAN, 0, outline.count);
+}
+
+void Receivers::draw_grid(const ShaderProgram& program, const FramePlan& plan,
+                          const PlaneFrame& frame, const LensUniforms& lens) const {
+  set_lens(program, lens);
+  program.set("view_rect", view_rect_);
+  program.set("inverse_depth", inverse_depth(plan.T_table_camera, frame));
+  grid_layout_.bind();
+  glDrawElements(GL_TRIANGLES, grid_index_count_, GL_UNSIGNED_INT, nullptr);
+}
+
+int Receivers::begin_frame(const FramePlan& plan, const LensUniforms& lens, bool depth) {
+  used_ = false;
+  marked_ = false;
+  depth_drawn_ = depth || plan.receivers.size() > 1;
+  if (!depth_drawn_) return 0;
+  glEnable(GL_STENCIL_TEST);
+  for (const PlaneReceiver& receiver : plan.receivers) {
+    const Outline& outline = outlines_[static_cast<std::size_t>(receiver.plane)];
+    if (outline.count > 0) turn_outline_over(outline, plan, receiver.frame, lens);
+    plane_program_.use();
+    glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+    glDisable(GL_BLEND);
+    glEnable(GL_DEPTH_TEST);
+    glDepthFunc(GL_LESS);
+    glDepthMask(GL_TRUE);
+    glStencilMask(0);
+    glStencilFunc(outline.count > 0 ? GL_EQUAL : GL_ALWAYS, static_cast<GLint>(kReceiverBit),
+                  kReceiverBit);
+    draw_grid(plane_program_, plan, receiver.frame, lens);
+    if (outline.count > 0) turn_outline_over(outline, plan, receiver.frame, lens);
+  }
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  glStencilMask(0xFF);
+  glDisable(GL_STENCIL_TEST);
+  return static_cast<int>(plan.receivers.size());
+}
+
+void Receivers::begin_plane(const FramePlan& plan, int plane, const PlaneFrame& frame,
+                            const LensUniforms& lens) {
+  glEnable(GL_STENCIL_TEST);
+  glStencilMask(0xFF);
+  if (used_) glClear(GL_STENCIL_BUFFER_BIT);
+  used_ = true;
+  const Outline& outline = outlines_[static_cast<std::size_t>(plane)];
+  if (outline.count > 0) turn_outline_over(outline, plan, frame, lens);
+  marked_ = outline.count > 0 || depth_drawn_;
+  glEnable(GL_DEPTH_TEST);
+  glDepthFunc(GL_LESS);
+  if (depth_drawn_) {
+    // The pixels whose depth is this plane's; with an outline, those of them that are marked.
+    plane_program_.use();
+    glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+    glDisable(GL_BLEND);
+    glDepthFunc(GL_EQUAL);
+    glDepthMask(GL_FALSE);
+    glStencilMask(kReceiverBit);
+    if (outline.count > 0) {
+      glStencilFunc(GL_EQUAL, static_cast<GLint>(kReceiverBit), kReceiverBit);
+      glStencilOp(GL_KEEP, GL_ZERO, GL_KEEP);
+    } else {
+      glStencilFunc(GL_ALWAYS, static_cast<GLint>(kReceiverBit), kReceiverBit);
+      glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
+    }
+    draw_grid(plane_program_, plan, frame, lens);
+    glDisable(GL_DEPTH_TEST);
+  }
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  glDepthMask(GL_FALSE);
+  glStencilMask(kShadowBits);
+}
+
+void Receivers::stencil_test(unsigned bits, unsigned compared) const {
+  PENUMBRA_ASSERT((bits & ~kShadowBits) == 0 && (compared & ~kShadowBits) == 0);
+  const unsigned own = marked_ ? kReceiverBit : 0U;
+  glStencilFunc(GL_EQUAL, static_cast<GLint>(own | bits), own | compared);
+}
+
+}  // namespace penumbra

@@ -1,0 +1,50 @@
+#include "render/shadow/shadow_node.hpp"
+
+#include <algorithm>
+
+#include "core/assert.hpp"
+
+namespace penumbra {
+
+std::vector<ShadowEvent> shadow_events(const SceneState& before, const SceneState& now) {
+  PENUMBRA_ASSERT(before.objects.size() == now.objects.size());
+  PENUMBRA_ASSERT(before.lights.size() == now.lights.size());
+  std::vector<ShadowEvent> events;
+  const auto add = [&events](ShadowEventKind kind, std::size_t index, bool happened) {
+    if (happened) events.push_back({kind, static_cast<int>(index)});
+  };
+  for (std::size_t i = 0; i < now.lights.size(); ++i) {
+    add(ShadowEventKind::light_moved, i, before.lights[i].place != now.lights[i].place);
+  }
+  for (std::size_t i = 0; i < now.objects.size(); ++i) {
+    const Placement& a = before.objects[i];
+    const Placement& b = now.objects[i];
+    add(ShadowEventKind::object_moved, i, a.position != b.position);
+    add(ShadowEventKind::object_resized, i, a.scale != b.scale);
+    add(ShadowEventKind::object_rotated, i, a.rotation.coeffs() != b.rotation.coeffs());
+  }
+  return events;
+}
+
+std::vector<ShadowTriple> affected_triples(const Scene& scene, const ShadowNode& node,
+                                           const std::vector<ShadowEvent>& events) {
+  std::vector<int> lights = node.lights;
+  if (lights.empty() && !scene.lights.empty()) lights = {0};
+  std::vector<ShadowTriple> triples;
+  for (const int object : node.casters) {
+    for (const int plane : node.planes) {
+      for (const int light : lights) {
+        const bool named = std::ranges::any_of(events, [&](const ShadowEvent& event) {
+          return event.index == (event.kind == ShadowEventKind::light_moved ? light : object);
+        });
+        if (named) triples.push_back({object, plane, light});
+      }
+    }
+  }
+  std::ranges::sort(triples);
+  const auto repeated = std::ranges::unique(triples);
+  triples.erase(repeated.begin(), repeated.end());
+  return triples;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,39 @@
+// What changed between two moments of a scene, in the words of Sudarsky's shadow node (shadows.md
+// 5.1), and which shadows depend on it. An event says what changed, never the new value: shadows
+// are computed from the current places.
+#pragma once
+
+#include <array>
+#include <compare>
+#include <string_view>
+#include <vector>
+
+#include "render/scene.hpp"
+
+namespace penumbra {
+
+enum class ShadowEventKind { light_moved, object_moved, object_resized, object_rotated };
+inline constexpr std::array<std::string_view, 4> kShadowEventNames = {
+    "light_moved", "object_moved", "object_resized", "object_rotated"};
+
+struct ShadowEvent {
+  ShadowEventKind kind = ShadowEventKind::light_moved;
+  int index = 0;  // into Scene::lights or Scene::objects
+  friend auto operator<=>(const ShadowEvent&, const ShadowEvent&) = default;
+};
+
+// In order of lights, then objects. An object that a parent carries along moves itself.
+[[nodiscard]] std::vector<ShadowEvent> shadow_events(const SceneState& before,
+                                                     const SceneState& now);
+
+// One shadow: a caster on a plane from a light.
+struct ShadowTriple {
+  int object = 0, plane = 0, light = 0;  // indices into the scene
+  friend auto operator<=>(const ShadowTriple&, const ShadowTriple&) = default;
+};
+// The triples of the node that contain what an event names, each once however many events name it,
+// sorted. Lights: the node's, or the scene's first.
+[[nodiscard]] std::vector<ShadowTriple> affected_triples(const Scene& scene, const ShadowNode& node,
+                                                         const std::vector<ShadowEvent>& events);
+
+}  // namespace penumbra

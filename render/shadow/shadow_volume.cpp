@@ -1,0 +1,217 @@
+#include "render/shadow/shadow_volume.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <limits>
+#include <map>
+#include <optional>
+#include <utility>
+
+namespace penumbra {
+namespace {
+
+// The far end lies this far under a floor [m], behind whatever rounding makes of the floor.
+constexpr double kUnderFloor = 0.02;
+
+glm::vec3 to_float(const Eigen::Vector3d& p) {
+  return {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())};
+}
+
+// t >= 0 with |p + t d| = radius; 0 where p is outside already.
+double leaves_sphere(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double radius) {
+  const double a = d.squaredNorm();
+  const double b = p.dot(d);
+  const double c = p.squaredNorm() - radius * radius;
+  if (!(c < 0.0) || !(a > 0.0)) return 0.0;
+  return (-b + std::sqrt(b * b - a * c)) / a;
+}
+
+}  // namespace
+
+VolumeCaster::VolumeCaster(const ShadowMesh& mesh) : indices_(mesh.indices) {
+  positions_.reserve(mesh.positions.size());
+  for (const glm::vec3& p : mesh.positions) {
+    positions_.emplace_back(static_cast<double>(p.x), static_cast<double>(p.y),
+                            static_cast<double>(p.z));
+  }
+  closed_.assign(mesh.part_count, true);
+  std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> edge_of;
+  std::vector<int> balance;
+  for (std::size_t i = 0; i + 2 < indices_.size(); i += 3) {
+    part_.push_back(mesh.part[indices_[i]]);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t from = indices_[i + k];
+      const std::uint32_t to = indices_[i + (k + 1) % 3];
+      const auto [found, is_new] =
+          edge_of.try_emplace(std::minmax(from, to), static_cast<std::uint32_t>(edges_.size()));
+      if (is_new) {
+        edges_.push_back({std::min(from, to), std::max(from, to)});
+        balance.push_back(0);
+      }
+      const int sign = from < to ? 1 : -1;
+      balance[found->second] += sign;
+      sides_.push_back({found->second, sign});
+    }
+  }
+  for (std::size_t i = 0; i < sides_.size(); ++i) {
+    if (balance[sides_[i].edge] != 0) closed_[part_[i / 3]] = false;
+  }
+}
+
+ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::Vector4d& light,
+                                  std::span<const PlaneFrame> floors, double reach) const {
+  ShadowVolume result;
+  const bool local = light.w() != 0.0;
+  const Eigen::Vector3d from =
+      local ? Eigen::Vector3d(light.head<3>() / light.w()) : light.head<3>().normalized();
+  std::vector<Eigen::Vector3d> near(positions_.size());
+  for (std::size_t i = 0; i < near.size(); ++i) {
+    near[i] = T_table_object * positions_[i];
+    if (!near[i].allFinite()) return result;
+  }
+  if (!from.allFinite()) return result;
+
+  // Faces that count, each turned towards the light: +1 as it is, -1 the other way round.
+  const std::size_t faces = indices_.size() / 3;
+  std::vector<int> turn(faces, 0);
+  std::vector<int> lit(closed_.size(), 0);
+  for (std::size_t face = 0; face < faces; ++face) {
+    const Eigen::Vector3d& a = near[indices_[3 * face]];
+    const Eigen::Vector3d normal =
+        (near[indices_[3 * face + 1]] - a).cross(near[indices_[3 * face + 2]] - a);
+    const Eigen::Vector3d to_light = local ? Eigen::Vector3d(from - a) : from;
+    // A light in the face's own plane does not light it.
+    const double facing = normal.dot(to_light);
+    const double least = 1e-9 * normal.norm() * to_light.norm();
+    if (facing > least) {
+      turn[face] = 1;
+      ++lit[part_[face]];
+    } else if (facing < -least && !closed_[part_[face]]) {
+      turn[face] = -1;
+      ++lit[part_[face]];
+    }
+  }
+  for (std::size_t part = 0; part < lit.size(); ++part) {
+    if (lit[part] == 0 && closed_[part]) result.light_inside = true;
+  }
+
+  // One factor for the whole volume, so that its walls and far end keep the shape of the light's
+  // cone: p + t (p - L), or p - t L.
+  double to_floors = floors.empty() ? std::numeric_limits<double>::infinity() : 0.0;
+  double to_sphere = std::numeric_limits<double>::infinity();
+  std::vector<bool> used(near.size());
+  for (std::size_t face = 0; face < faces; ++face) {
+    for (std::size_t k = 0; k < 3 && turn[face] != 0; ++k) used[indices_[3 * face + k]] = true;
+  }
+  const auto away = [&](const Eigen::Vector3d& p) {
+    return local ? Eigen::Vector3d(p - from) : Eigen::Vector3d(-from);
+  };
+  for (std::size_t i = 0; i < near.size(); ++i) {
+    if (!used[i]) continue;
+    const Eigen::Vector3d direction = away(near[i]);
+    to_sphere = std::min(to_sphere, leaves_sphere(near[i], direction, reach));
+    for (const PlaneFrame& floor : floors) {
+      const double fall = -floor.n.dot(direction);
+      const double height = floor.height(near[i]) + kUnderFloor;
+      if (height <= 0.0) continue;
+      to_floors =
+          std::max(to_floors, fall > 0.0 ? height / fall : std::numeric_limits<double>::infinity());
+    }
+  }
+  const double t = std::min(to_floors, to_sphere);
+  if (!std::isfinite(t) || !(t > 0.0)) return result;
+  std::vector<glm::vec3> here(near.size());
+  std::vector<glm::vec3> far(near.size());
+  for (std::size_t i = 0; i < near.size(); ++i) {
+    here[i] = to_float(near[i]);
+    far[i] = to_float(near[i] + t * away(near[i]));
+  }
+
+  const auto add = [&result](const glm::vec3& a, const glm::vec3& b, const glm::vec3& c) {
+    for (const glm::vec3& p : {a, b, c}) result.triangles.push_back(p);
+  };
+  std::vector<int> silhouette(edges_.size(), 0);
+  for (std::size_t face = 0; face < faces; ++face) {
+    if (turn[face] == 0) continue;
+    const std::uint32_t a = indices_[3 * face];
+    const std::uint32_t b = indices_[3 * face + (turn[face] > 0 ? 1U : 2U)];
+    const std::uint32_t c = indices_[3 * face + (turn[face] > 0 ? 2U : 1U)];
+    add(here[a], here[b], here[c]);
+    add(far[a], far[c], far[b]);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Side& side = sides_[3 * face + k];
+      silhouette[side.edge] += turn[face] * side.sign;
+    }
+  }
+  for (std::size_t i = 0; i < edges_.size(); ++i) {
+    // Along a face from a to b, the wall runs from b to a.
+    const auto [a, b] = silhouette[i] > 0 ? std::pair(edges_[i].a, edges_[i].b)
+                                          : std::pair(edges_[i].b, edges_[i].a);
+    for (int n = std::abs(silhouette[i]); n > 0; --n) {
+      add(here[b], here[a], far[a]);
+      add(here[b], far[a], far[b]);
+    }
+  }
+  return result;
+}
+
+namespace {
+
+// Nothing where that takes more than max_triangles.
+std::optional<std::vector<glm::vec3>> try_split(std::vector<glm::vec3> triangles, float longest,
+                                                float coarser, std::size_t max_triangles) {
+  constexpr float kNear = 0.5F;  // as for planes
+  constexpr float kShare = 0.04F;
+  const auto excess = [&](const glm::vec3& a, const glm::vec3& b) {
+    return glm::length(a - b) /
+           (coarser * std::max(longest, kShare * (glm::length(0.5F * (a + b)) - kNear)));
+  };
+  std::vector<glm::vec3> done;
+  done.reserve(triangles.size());
+  while (!triangles.empty()) {
+    const glm::vec3 c = triangles.back();
+    const glm::vec3 b = triangles[triangles.size() - 2];
+    const glm::vec3 a = triangles[triangles.size() - 3];
+    triangles.resize(triangles.size() - 3);
+    const auto add = [&triangles](const glm::vec3& p, const glm::vec3& q, const glm::vec3& r) {
+      for (const glm::vec3& point : {p, q, r}) triangles.push_back(point);
+    };
+    if ((done.size() + triangles.size()) / 3 >= max_triangles) return std::nullopt;
+    const auto ab = excess(a, b);
+    const auto bc = excess(b, c);
+    const auto ca = excess(c, a);
+    const auto most = std::max({ab, bc, ca});
+    if (!(most > 1)) {
+      for (const auto& point : {a, b, c}) done.push_back(point);
+    } else if (ab == most) {
+      const glm::vec3 m = 0.5F * (a + b);
+      add(a, m, c);
+      add(m, b, c);
+    } else if (bc == most) {
+      const glm::vec3 m = 0.5F * (b + c);
+      add(a, b, m);
+      add(a, m, c);
+    } else {
+      const glm::vec3 m = 0.5F * (c + a);
+      add(a, b, m);
+      add(m, b, c);
+    }
+  }
+  return done;
+}
+
+}  // namespace
+
+std::vector<glm::vec3> split_for_lens(const std::vector<glm::vec3>& triangles, double longest_edge,
+                                      std::size_t max_triangles) {
+  for (float coarser = 1.0F; coarser < 1000.0F; coarser *= 2.0F) {
+    if (auto split =
+            try_split(triangles, static_cast<float>(longest_edge), coarser, max_triangles)) {
+      return std::move(*split);
+    }
+  }
+  return triangles;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,65 @@
+// The space that a caster keeps a light away from, as a closed surface (Hudson, "Casting Fast
+// Shadows for a 3D Cursor"; shadows.md 6): the faces that the light sees, walls from their
+// silhouette away from the light, and the same faces again at the far end. How often a ray enters
+// more than it leaves (z-fail counting) says whether a point lies within.
+//
+// Convex casters give a volume that a ray enters once. Others give one that may overlap itself: the
+// count is then more than 1, and still 0 outside. Nothing is replaced by its hull.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <glm/vec3.hpp>
+#include <span>
+#include <vector>
+
+#include "render/scene.hpp"
+#include "render/shadow/plane_frame.hpp"
+#include "render/shadow/shadow_mesh.hpp"
+
+namespace penumbra {
+
+struct ShadowVolume {
+  std::vector<glm::vec3> triangles;  // table frame [m], three points each, closed and oriented
+  // A closed part of the caster has no face that the light sees: the light is in it, and all that
+  // is outside would be dark. That part is left out.
+  bool light_inside = false;
+};
+
+// Faces, and which of them share an edge.
+class VolumeCaster {
+ public:
+  explicit VolumeCaster(const ShadowMesh& mesh);
+
+  // `light`: (x, y, z, w) as in projected_shadow.hpp, table frame. The volume reaches under each of
+  // `floors` (planes without an end) where light falls onto them, and otherwise to where it leaves
+  // the sphere about the table's origin of radius `reach` [m], beyond which nothing receives.
+  // Empty if nothing is finite or the light is under all of the caster's faces.
+  [[nodiscard]] ShadowVolume volume(const Placement& T_table_object, const Eigen::Vector4d& light,
+                                    std::span<const PlaneFrame> floors, double reach) const;
+
+ private:
+  struct Edge {
+    std::uint32_t a = 0, b = 0;  // a < b
+  };
+  struct Side {
+    std::uint32_t edge = 0;
+    int sign = 1;  // +1: the face runs from a to b
+  };
+  std::vector<Eigen::Vector3d> positions_;
+  std::vector<std::uint32_t> indices_;
+  std::vector<Side> sides_;  // three per face
+  std::vector<Edge> edges_;
+  std::vector<std::uint32_t> part_;  // of each face
+  // Whether the part's faces are closed and turned the same way: then those that the light sees
+  // suffice. Of others every face counts, turned towards the light.
+  std::vector<bool> closed_;
+};
+
+// Cut so that straight edges can follow a lens, as for planes in projected_shadow.hpp; still
+// closed.
+[[nodiscard]] std::vector<glm::vec3> split_for_lens(const std::vector<glm::vec3>& triangles,
+                                                    double longest_edge,
+                                                    std::size_t max_triangles = 200'000);
+
+}  // namespace penumbra

@@ -1,0 +1,326 @@
+// Hard shadows as drawn: sets of pixels against the CPU's projection, light against Lambert's law.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "render/shadow/caster.hpp"
+#include "render/shadow/projected_shadow.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::Picture;
+using test::SceneBuilder;
+using test::ShapeBuilder;
+using test::Studio;
+
+constexpr int kSide = 200;
+
+CameraModel straight_camera() {
+  return test::camera_of(kSide, kSide, 300.0);
+}
+CameraModel bent_camera() {
+  return test::camera_of(kSide, kSide, 280.0, DistortionModel::plumb_bob,
+                         {-0.28, 0.08, 0.001, -0.0008, 0.0, 0.0, 0.0, 0.0});
+}
+PoseEstimate slanted() {
+  return test::tracked(test::look_at({0.35, -0.5, 0.55}, {0.0, 0.02, 0.0}));
+}
+Frame white() {
+  return test::plain_frame(kSide, kSide, 255);
+}
+
+std::shared_ptr<const Model> box(double x, double y, double z) {
+  ShapeBuilder shape;
+  shape.box(-x / 2, -y / 2, -z / 2, x / 2, y / 2, z / 2);
+  return test::finished(shape.build(), glm::vec4(0.8F, 0.3F, 0.1F, 1.0F));
+}
+std::shared_ptr<const Model> ring() {
+  ShapeBuilder shape;
+  shape.torus(0.06, 0.02, 16, 40);
+  return test::finished(shape.build(), glm::vec4(1.0F));
+}
+
+SceneLight lamp(double x, double y, double z, double intensity = 1.0) {
+  SceneLight light;
+  light.name = "lamp";
+  light.position = {x, y, z};
+  light.intensity = intensity;
+  return light;
+}
+SceneLight parallel(double x, double y, double z, double intensity = 1.0) {
+  SceneLight light;
+  light.name = "sun";
+  light.kind = SceneLight::Kind::directional;
+  light.direction = Eigen::Vector3d(x, y, z).normalized();
+  light.intensity = intensity;
+  return light;
+}
+SceneBuilder with_lights(const std::vector<SceneLight>& lights) {
+  SceneBuilder builder;
+  builder.scene().shadows[0].technique = ShadowTechnique::hard;
+  for (const SceneLight& light : lights) {
+    builder.scene().shadows[0].lights.push_back(static_cast<int>(builder.scene().lights.size()));
+    builder.scene().lights.push_back(light);
+  }
+  return builder;
+}
+
+// Where the ray of a pixel's centre meets a plane.
+std::optional<Eigen::Vector3d> seen_at(const CameraModel& camera, const CameraPose& pose,
+                                       const PlaneFrame& plane, int x, int y) {
+  const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
+  if (!ray) return std::nullopt;
+  const Eigen::Vector3d direction = pose.rotation() * *ray;
+  const double t = -plane.height(pose.translation()) / plane.n.dot(direction);
+  if (!(t > 0.0)) return std::nullopt;
+  return pose.translation() + t * direction;
+}
+
+// Whether any face of a scene's casters keeps the light away there.
+class Blocked {
+ public:
+  Blocked(const Scene& scene, int light, const PlaneFrame& plane) : plane_(plane) {
+    const SceneState state = evaluate_scene(scene, 0.0);
+    for (const int caster : scene.shadows[0].casters) {
+      const auto i = static_cast<std::size_t>(caster);
+      const ShadowMesh mesh = make_shadow_mesh(*scene.objects[i].model);
+      const ShadowKernels none{plane.n, mesh.positions, {}};
+      const auto triangles =
+          projected_triangles(place_caster(mesh, none, state.objects[i], plane), mesh.indices,
+                              state.lights[static_cast<std::size_t>(light)].place, plane);
+      triangles_.insert(triangles_.end(), triangles.begin(), triangles.end());
+    }
+  }
+  [[nodiscard]] bool at(const Eigen::Vector3d& place) const {
+    const Eigen::Vector2d p = plane_.to_plane(place).head<2>();
+    const auto side = [&p](const PlanePoint& a, const PlanePoint& b) {
+      return (static_cast<double>(b.u) - static_cast<double>(a.u)) *
+                 (p.y() - static_cast<double>(a.v)) -
+             (static_cast<double>(b.v) - static_cast<double>(a.v)) *
+                 (p.x() - static_cast<double>(a.u));
+    };
+    for (std::size_t i = 0; i + 2 < triangles_.size(); i += 3) {
+      const double a = side(triangles_[i], triangles_[i + 1]);
+      const double b = side(triangles_[i + 1], triangles_[i + 2]);
+      const double c = side(triangles_[i + 2], triangles_[i]);
+      if ((a > 0 && b > 0 && c > 0) || (a < 0 && b < 0 && c < 0)) return true;
+    }
+    return false;
+  }
+
+ private:
+  PlaneFrame plane_;
+  std::vector<PlanePoint> triangles_;
+};
+
+// Red of white video that misses these lights (scene.ambient as it is), by the formulas of
+// blocked_light.frag.glsl.
+double expected_red(const Scene& scene, const std::vector<bool>& blocked, const PlaneFrame& plane,
+                    const Eigen::Vector3d& place) {
+  const double up = 0.5 + 0.5 * plane.n.z();
+  double all = scene.ambient.x() * (0.52 + up * (1.08 - 0.52));
+  double gone = 0.0;
+  const SceneState state = evaluate_scene(scene, 0.0);
+  for (std::size_t i = 0; i < state.lights.size(); ++i) {
+    const Eigen::Vector4d& at = state.lights[i].place;
+    const Eigen::Vector3d l = (at.head<3>() - place * at.w()).normalized();
+    const double arriving = state.lights[i].color.x() * std::max(plane.n.dot(l), 0.0);
+    all += arriving;
+    if (blocked[i]) gone += arriving;
+  }
+  return 255.0 * std::pow(1.0 - gone / all, 1.0 / 2.2);
+}
+
+struct Agreement {
+  int dark = 0;       // pixels that should be
+  int differing = 0;  // by more than 1.5 codes
+  int deepest = 0;    // the largest number of lights that a pixel misses
+};
+Agreement agreement(const Scene& scene, const CameraModel& camera, const PoseEstimate& pose,
+                    const Picture& picture, const PlaneFrame& plane = {}) {
+  std::vector<Blocked> lights;
+  for (int i = 0; i < static_cast<int>(scene.lights.size()); ++i) {
+    lights.emplace_back(scene, i, plane);
+  }
+  Agreement result;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const auto place = seen_at(camera, pose.T_table_camera, plane, x, y);
+      double expected = 255.0;
+      if (place) {
+        std::vector<bool> blocked;
+        for (const Blocked& light : lights) blocked.push_back(light.at(*place));
+        expected = expected_red(scene, blocked, plane, *place);
+        result.deepest =
+            std::max(result.deepest, static_cast<int>(std::ranges::count(blocked, true)));
+      }
+      result.dark += expected < 254.0 ? 1 : 0;
+      result.differing += std::abs(picture.red(x, y) - expected) > 1.5 ? 1 : 0;
+    }
+  }
+  return result;
+}
+
+struct LensCase {
+  const char* name;
+  CameraModel camera;
+};
+class HardShadow : public testing::TestWithParam<LensCase> {};
+INSTANTIATE_TEST_SUITE_P(Lenses, HardShadow,
+                         testing::Values(LensCase{"straight", straight_camera()},
+                                         LensCase{"bent", bent_camera()}),
+                         [](const auto& instance) { return std::string(instance.param.name); });
+
+TEST_P(HardShadow, AgreesWithTheCpusProjection) {
+  struct Case {
+    const char* name;
+    std::shared_ptr<const Model> model;
+    Placement placement;
+    SceneLight light;
+  };
+  const std::vector<Case> cases = {
+      {"ring under a lamp", ring(), test::at(0.01, 0.02, 0.1, {1, 0.3, 0}, 0.6),
+       lamp(-0.2, 0.1, 0.6)},
+      {"bar through the plane", box(0.2, 0.03, 0.03), test::at(0, 0, 0.02, {0, 1, 0}, -0.5),
+       lamp(-0.2, 0.1, 0.5)},
+      {"bar up past the light", box(0.02, 0.02, 0.5), test::at(0.05, 0, 0.25),
+       lamp(-0.1, 0.0, 0.3)},
+      {"beside the light, half above it", box(0.1, 0.1, 0.1), test::at(0.06, 0.0, 0.13),
+       lamp(-0.05, 0.02, 0.14)},
+      {"parallel light", ring(), test::at(0, 0, 0.12, {0, 1, 0}, 0.5), parallel(0.3, -0.2, 0.7)},
+      {"parallel, low", box(0.05, 0.05, 0.05), test::at(-0.1, 0, 0.03), parallel(-0.9, 0.1, 0.2)},
+      {"scaled", ring(), test::at(0, 0, 0.1, {0, 1, 1}, 0.5, 0.7), lamp(0.1, 0.3, 0.4)}};
+  for (const Case& c : cases) {
+    SceneBuilder builder = with_lights({c.light});
+    builder.add(c.model, c.placement);
+    Studio studio(builder.build(), GetParam().camera);
+    const Picture picture = studio.draw_shadows(white(), studio.plan(slanted()));
+    const Agreement a = agreement(studio.scene(), GetParam().camera, slanted(), picture);
+    EXPECT_GT(a.dark, 200) << c.name;
+    // Only centres that fall on an edge: rounding, and 0.1 px of the lens.
+    EXPECT_LE(a.differing, 4 + a.dark / 100) << c.name << ", " << a.dark << " px";
+  }
+}
+
+TEST_P(HardShadow, OnASlantedPlaneThatEnds) {
+  SceneBuilder builder = with_lights({lamp(-0.2, -0.3, 0.5)});
+  builder.add(box(0.08, 0.08, 0.08), test::at(0.0, 0.0, 0.08, {1, 1, 0}, 0.4));
+  ScenePlane& plane = builder.scene().planes[0];
+  plane.normal = Eigen::Vector3d(0.2, -0.5, 1.0).normalized();
+  plane.point = {0.02, 0.05, 0.01};
+  const PlaneFrame frame = PlaneFrame::make(plane.normal, plane.point);
+  Studio whole(builder.build(), GetParam().camera);
+  const Picture all = whole.draw_shadows(white(), whole.plan(slanted()));
+  const Agreement a = agreement(whole.scene(), GetParam().camera, slanted(), all, frame);
+  EXPECT_GT(a.dark, 1000);
+  EXPECT_LE(a.differing, 4 + a.dark / 100);
+
+  plane.outline = {{-0.3, -0.3}, {0.05, -0.3}, {0.05, 0.05}, {-0.3, 0.05}};
+  Studio cut(builder.build(), GetParam().camera);
+  const Picture part = cut.draw_shadows(white(), cut.plan(slanted()));
+  int kept = 0;
+  int wrong = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const auto place = seen_at(GetParam().camera, slanted().T_table_camera, frame, x, y);
+      const Eigen::Vector3d p = frame.to_plane(*place);
+      const double inside =
+          std::min({p.x() + 0.3, p.y() + 0.3, 0.05 - p.x(), 0.05 - p.y()});  // [m] to the edge
+      if (std::abs(inside) < 0.002) continue;
+      const int expected = inside > 0.0 ? all.red(x, y) : 255;
+      kept += expected < 255 ? 1 : 0;
+      wrong += part.red(x, y) != expected ? 1 : 0;
+    }
+  }
+  EXPECT_GT(kept, 250);
+  EXPECT_LT(kept, a.dark - 250);
+  EXPECT_EQ(wrong, 0);
+}
+
+// Two boxes and three lights: a pixel that misses two of them loses what those two give, and one
+// that misses a light because of both boxes loses it once.
+TEST(HardShadowLight, AddsUpAsLightDoes) {
+  SceneBuilder builder = with_lights(
+      {lamp(-0.25, 0.0, 0.5, 0.8), lamp(0.2, 0.25, 0.4, 0.5), parallel(0.1, -0.3, 0.9, 0.6)});
+  builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
+  builder.add(box(0.12, 0.04, 0.02), test::at(0.03, 0.02, 0.15, {0, 0, 1}, 0.7));
+  Studio studio(builder.build(), straight_camera());
+  const Picture picture = studio.draw_shadows(white(), studio.plan(slanted()));
+  const Agreement a = agreement(studio.scene(), straight_camera(), slanted(), picture);
+  EXPECT_EQ(a.deepest, 3) << "all three lights are missed somewhere";
+  EXPECT_GT(a.dark, 2000);
+  EXPECT_LE(a.differing, 4 + a.dark / 60);
+}
+
+TEST(HardShadowLight, NoneFromBelowAndTheFirstWhereNoneIsNamed) {
+  SceneBuilder builder = with_lights({lamp(0.0, 0.0, -0.2), parallel(0.2, 0.1, -0.5)});
+  builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
+  Studio studio(builder.build(), straight_camera());
+  const FramePlan plan = studio.plan(slanted());
+  EXPECT_TRUE(plan.hard_shadows.empty());
+  EXPECT_EQ(plan.skipped.size(), 2U);
+  const Picture picture = studio.draw_shadows(white(), plan);
+  EXPECT_EQ(std::ranges::count_if(picture.rgba, [](std::uint8_t v) { return v < 255; }), 0);
+
+  SceneBuilder unnamed = with_lights({lamp(0.1, 0.1, 0.5), lamp(-0.3, 0.1, 0.5)});
+  unnamed.scene().shadows[0].lights.clear();
+  unnamed.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
+  Studio first(unnamed.build(), straight_camera());
+  ASSERT_EQ(first.plan(slanted()).hard_shadows.size(), 1U);
+  EXPECT_EQ(first.plan(slanted()).hard_shadows[0].light, 0);
+  unnamed.scene().lights.clear();
+  Studio dark(unnamed.build(), straight_camera());
+  EXPECT_EQ(dark.plan(slanted()).hard_shadows.size(), 0U);
+}
+
+TEST(HardShadowLight, SkippingChangesNoPixel) {
+  for (int i = 0; i < 12; ++i) {
+    SceneBuilder builder = with_lights({lamp(-0.25, 0.0, 0.3, 0.8), parallel(0.5, -0.3, 0.3, 0.6)});
+    builder.add(box(0.1, 0.1, 0.02), test::at(0.9 - 0.15 * i, 0.0, 0.08));
+    builder.add(ring(), test::at(0.1, 0.1 * i - 0.4, 0.05 * i - 0.12, {1, 0, 0}, 0.3));
+    ScenePlane& wall = builder.scene().planes.emplace_back();
+    wall.name = "wall";
+    wall.normal = {0, -1, 0};
+    wall.point = {0, 0.2, 0};
+    wall.outline = {{-0.1, 0.0}, {0.1, 0.0}, {0.1, 0.2}, {-0.1, 0.2}};
+    builder.scene().shadows[0].planes = {0, 1};
+    Studio studio(builder.build(), bent_camera());
+    PlanOptions all;
+    all.skip = false;
+    const Picture plain = studio.draw(white(), studio.plan(slanted(), all));
+    EXPECT_EQ(studio.draw(white(), studio.plan(slanted())), plain) << i;
+  }
+}
+
+TEST(HardShadowWork, OnlyWhatMovedIsProjectedAgain) {
+  SceneBuilder builder = with_lights({lamp(-0.25, 0.0, 0.5), lamp(0.2, 0.25, 0.4)});
+  builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
+  builder.add(box(0.04, 0.04, 0.02), test::at(0.1, 0.1, 0.08));
+  Studio studio(builder.build(), straight_camera());
+  FramePlan plan = studio.plan(slanted());
+  studio.draw(white(), plan);
+  EXPECT_EQ(studio.stats().triples_recomputed, 4);
+  const auto redraw = [&] {
+    studio.draw(white(), plan);
+    return std::pair(studio.stats().triples_recomputed, studio.stats().reprojections);
+  };
+  plan.T_table_camera = test::look_at({-0.2, -0.5, 0.6}, {0, 0, 0});
+  EXPECT_EQ(redraw(), std::pair(std::int64_t{0}, std::int64_t{4})) << "the camera alone";
+  EXPECT_EQ(studio.stats().shadow_vertices, 0);
+  for (HardShadowDraw& draw : plan.hard_shadows) {
+    if (draw.light == 1) draw.light_place.x() += 0.01;
+  }
+  EXPECT_EQ(redraw(), std::pair(std::int64_t{2}, std::int64_t{2})) << "one light";
+  for (HardShadowDraw& draw : plan.hard_shadows) {
+    if (draw.object == 0) draw.T_table_object.position.z() += 0.01;
+  }
+  EXPECT_EQ(redraw(), std::pair(std::int64_t{2}, std::int64_t{2})) << "one object";
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,228 @@
+// Several planes at once: each pixel has the shadow of the plane that it shows.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "render/shadow/caster.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::Picture;
+using test::SceneBuilder;
+using test::ShapeBuilder;
+using test::Studio;
+
+constexpr int kSide = 320;
+
+std::shared_ptr<const Model> box(double x, double y, double z) {
+  ShapeBuilder shape;
+  shape.box(-x / 2, -y / 2, -z / 2, x / 2, y / 2, z / 2);
+  return test::finished(shape.build(), glm::vec4(0.8F, 0.3F, 0.1F, 1.0F));
+}
+std::shared_ptr<const Model> ring() {
+  ShapeBuilder shape;
+  shape.torus(0.06, 0.02, 16, 40);
+  return test::finished(shape.build(), glm::vec4(1.0F));
+}
+CameraModel straight_camera() {
+  return test::camera_of(kSide, kSide, 400.0);
+}
+CameraModel bent_camera() {
+  return test::camera_of(kSide, kSide, 400.0, DistortionModel::plumb_bob,
+                         {-0.28, 0.08, 0.001, -0.0008, 0.0, 0.0, 0.0, 0.0});
+}
+PoseEstimate slanted() {
+  return test::tracked(test::look_at({0.35, -0.55, 0.4}, {0.0, 0.05, 0.06}));
+}
+Frame white() {
+  return test::plain_frame(kSide, kSide, 255);
+}
+
+// A table without end; a back wall with a piece of table behind it; a left wall.
+SceneBuilder room() {
+  SceneBuilder builder;
+  const auto wall = [&](const char* name, const Eigen::Vector3d& normal,
+                        const Eigen::Vector3d& point, std::vector<Eigen::Vector2d> outline) {
+    ScenePlane& plane = builder.scene().planes.emplace_back();
+    plane.name = name;
+    plane.normal = normal;
+    plane.point = point;
+    plane.outline = std::move(outline);
+  };
+  wall("back", {0, -1, 0}, {0, 0.12, 0},
+       {{-0.15, -0.02}, {0.15, -0.02}, {0.15, 0.12}, {-0.15, 0.12}});
+  wall("left", {1, 0, 0}, {-0.15, 0, 0}, {{-0.12, 0}, {0.12, 0}, {0.12, 0.2}, {-0.12, 0.2}});
+  ShadowNode& node = builder.scene().shadows[0];
+  node.technique = ShadowTechnique::walls;
+  node.walls = {1, 2};
+  builder.add(ring(), test::at(0.0, 0.02, 0.09, {1, 0.3, 0}, 0.9));
+  builder.add(box(0.06, 0.06, 0.06), test::at(0.02, 0.21, 0.03));  // behind the back wall
+  builder.add(box(0.1, 0.03, 0.03), test::at(-0.12, 0.1, 0.03, {0, 0, 1}, 0.5));  // into the corner
+  return builder;
+}
+
+// Which of the scene's planes a pixel shows: -1 for none.
+int plane_shown(const Scene& scene, const CameraModel& camera, const CameraPose& pose, int x, int y,
+                Eigen::Vector3d& place) {
+  const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
+  if (!ray) return -1;
+  const Eigen::Vector3d direction = pose.rotation() * *ray;
+  int shown = -1;
+  double nearest = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < scene.planes.size(); ++i) {
+    const ScenePlane& plane = scene.planes[i];
+    const PlaneFrame frame = PlaneFrame::make(plane.normal, plane.point);
+    if (frame.height(pose.translation()) <= 0.0) continue;
+    const double t = -frame.height(pose.translation()) / frame.n.dot(direction);
+    if (!(t > 0.0) || t >= nearest) continue;
+    const Eigen::Vector3d p = frame.to_plane(pose.translation() + t * direction);
+    if (!plane.outline.empty()) {  // a rectangle
+      const Eigen::Vector2d low = plane.outline[0];
+      const Eigen::Vector2d high = plane.outline[2];
+      if ((p.head<2>().array() < low.array()).any() || (p.head<2>().array() > high.array()).any()) {
+        continue;
+      }
+    }
+    nearest = t;
+    shown = static_cast<int>(i);
+    place = p;
+  }
+  return shown;
+}
+
+// The orthogonal shadow of a scene's casters on one of its planes.
+class SimpleShadow {
+ public:
+  SimpleShadow(const Scene& scene, std::size_t plane) {
+    const ScenePlane& at = scene.planes[plane];
+    const PlaneFrame frame = PlaneFrame::make(at.normal, at.point);
+    for (const int caster : scene.shadows[0].casters) {
+      const SceneObject& object = scene.objects[static_cast<std::size_t>(caster)];
+      const ShadowMesh mesh = make_shadow_mesh(*object.model);
+      const ShadowKernels none{frame.n, mesh.positions, {}};
+      const auto triangles =
+          orthogonal_triangles(place_caster(mesh, none, object.placement, frame), mesh.indices);
+      triangles_.insert(triangles_.end(), triangles.begin(), triangles.end());
+    }
+  }
+  [[nodiscard]] bool at(const Eigen::Vector3d& p) const {
+    const auto side = [&p](const PlanePoint& a, const PlanePoint& b) {
+      return (static_cast<double>(b.u) - static_cast<double>(a.u)) *
+                 (p.y() - static_cast<double>(a.v)) -
+             (static_cast<double>(b.v) - static_cast<double>(a.v)) *
+                 (p.x() - static_cast<double>(a.u));
+    };
+    for (std::size_t i = 0; i + 2 < triangles_.size(); i += 3) {
+      const double a = side(triangles_[i], triangles_[i + 1]);
+      const double b = side(triangles_[i + 1], triangles_[i + 2]);
+      const double c = side(triangles_[i + 2], triangles_[i]);
+      if ((a > 0 && b > 0 && c > 0) || (a < 0 && b < 0 && c < 0)) return true;
+    }
+    return false;
+  }
+
+ private:
+  std::vector<PlanePoint> triangles_;
+};
+
+class SeveralPlanes : public testing::TestWithParam<bool> {};
+INSTANTIATE_TEST_SUITE_P(Lenses, SeveralPlanes, testing::Bool(), [](const auto& instance) {
+  return std::string(instance.param ? "bent" : "straight");
+});
+
+TEST_P(SeveralPlanes, EachPixelHasTheShadowOfThePlaneThatItShows) {
+  const CameraModel camera = GetParam() ? bent_camera() : straight_camera();
+  Studio studio(room().build(), camera);
+  const FramePlan plan = studio.plan(slanted());
+  EXPECT_EQ(plan.receivers.size(), 3U);
+  const Picture picture = studio.draw_shadows(white(), plan);
+  // Once: never darker than one shadow, seams between planes included.
+  const int dark = static_cast<int>(std::lround(255.0 * std::pow(0.4, 1.0 / 2.2)));
+  std::vector<int> size(3);
+  std::vector<SimpleShadow> shadows;
+  for (std::size_t i = 0; i < size.size(); ++i) shadows.emplace_back(studio.scene(), i);
+  Scene table = studio.scene();
+  table.planes.resize(1);
+  int differing = 0;
+  int hidden = 0;  // the table's shadow, behind the wall
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      Eigen::Vector3d p;
+      const int plane = plane_shown(studio.scene(), camera, slanted().T_table_camera, x, y, p);
+      const bool shadow = plane >= 0 && shadows[static_cast<std::size_t>(plane)].at(p);
+      if (shadow) ++size[static_cast<std::size_t>(plane)];
+      differing += picture.red(x, y) != (shadow ? dark : 255) ? 1 : 0;
+      ASSERT_TRUE(picture.red(x, y) == dark || picture.red(x, y) == 255) << x << " " << y;
+      if (plane == 1) {
+        const int below = plane_shown(table, camera, slanted().T_table_camera, x, y, p);
+        hidden += below == 0 && shadows[0].at(p) ? 1 : 0;
+      }
+    }
+  }
+  for (std::size_t i = 0; i < size.size(); ++i) EXPECT_GT(size[i], 500) << i;
+  EXPECT_GT(hidden, 300) << "the wall has something to hide";
+  EXPECT_LE(differing, 90) << "edges only";
+}
+
+TEST(SeveralPlanesTest, OrderOfPlanesAndSkippingChangeNothing) {
+  Scene scene = room().scene();
+  const auto draw = [&](bool skip) {
+    Studio studio(std::make_shared<const Scene>(scene), bent_camera());
+    PlanOptions options;
+    options.skip = skip;
+    return studio.draw(white(), studio.plan(slanted(), options));
+  };
+  const Picture first = draw(true);
+  EXPECT_EQ(draw(false), first);
+  scene.shadows[0].walls = {2, 1};
+  EXPECT_EQ(draw(true), first);
+  scene.shadows[0].planes = {2, 0};
+  scene.shadows[0].walls = {1};
+  EXPECT_EQ(draw(true), first);
+}
+
+// Of two planes one of which is out of view, the other's shadow is that of the plane alone.
+TEST(SeveralPlanesTest, APlaneOutOfViewChangesNothing) {
+  SceneBuilder builder = room();
+  builder.scene().planes[1].point.y() = 60.0;
+  builder.scene().planes[2].point.x() = -60.0;
+  Studio with(builder.build(), straight_camera());
+  builder.scene().shadows[0].walls.clear();
+  Studio without(builder.build(), straight_camera());
+  const Picture a = with.draw_shadows(white(), with.plan(slanted()));
+  const Picture b = without.draw_shadows(white(), without.plan(slanted()));
+  EXPECT_EQ(a, b);
+}
+
+TEST(DefaultWalls, StandAtTheFarEdgesOfWhatCastersComeTo) {
+  SceneBuilder builder;
+  builder.add(box(0.02, 0.02, 0.02), test::at(0.1, -0.1, 0.05));
+  Keyframe start;
+  Keyframe end;
+  end.time_s = 2.0;
+  end.placement.position = {-0.3, 0.25, 0.1};
+  builder.scene().objects[0].animation.keyframes = {start, end};
+  builder.scene().objects[0].animation.interpolation = Animation::Interpolation::linear;
+  builder.scene().objects[0].animation.loop = false;
+  add_default_walls(builder.scene(), builder.scene().shadows[0]);
+  ASSERT_EQ(builder.scene().planes.size(), 3U);
+  EXPECT_EQ(builder.scene().shadows[0].walls, (std::vector<int>{1, 2}));
+  const double r = 0.01 * std::sqrt(3.0);
+  EXPECT_NEAR(builder.scene().planes[1].point.y(), 0.15 + r, 1e-6);
+  EXPECT_NEAR(builder.scene().planes[2].point.x(), -0.2 - r, 1e-6);
+  EXPECT_NEAR(builder.scene().planes[1].outline[2].y(), 0.15 + r, 1e-6);
+  EXPECT_NEAR(builder.scene().planes[1].outline[2].x(), 0.15 + r, 1e-6);
+  // A node with a wall of its own has what it needs.
+  builder.scene().shadows[0].planes = {0, 1};
+  builder.scene().shadows[0].walls.clear();
+  add_default_walls(builder.scene(), builder.scene().shadows[0]);
+  EXPECT_TRUE(builder.scene().shadows[0].walls.empty());
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,320 @@
+// Shadow volumes: closed surfaces, and what they darken against points looked up one by one.
+#include "render/shadow/shadow_volume.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numbers>
+#include <tuple>
+
+#include "render/camera_gl.hpp"
+#include "support/shadow_cases.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::Picture;
+using test::SceneBuilder;
+using test::ShapeBuilder;
+using test::Studio;
+
+constexpr int kSide = 240;
+
+std::shared_ptr<const Model> box(double x, double y, double z) {
+  ShapeBuilder shape;
+  shape.box(-x / 2, -y / 2, -z / 2, x / 2, y / 2, z / 2);
+  return test::finished(shape.build(), glm::vec4(0.8F, 0.3F, 0.1F, 1.0F));
+}
+std::shared_ptr<const Model> ring() {
+  ShapeBuilder shape;
+  shape.torus(0.06, 0.02, 16, 40);
+  return test::finished(shape.build(), glm::vec4(1.0F));
+}
+Frame white(int side = kSide) {
+  return test::plain_frame(side, side, 255);
+}
+SceneBuilder with_light(const Eigen::Vector3d& place,
+                        SceneLight::Kind kind = SceneLight::Kind::point) {
+  SceneBuilder builder;
+  builder.scene().shadows[0].technique = ShadowTechnique::volume;
+  SceneLight& light = builder.scene().lights.emplace_back();
+  light.name = "lamp";
+  light.kind = kind;
+  (kind == SceneLight::Kind::point ? light.position : light.direction) = place;
+  return builder;
+}
+ShadowMesh mesh_of(ShapeBuilder shape) {
+  return make_shadow_mesh(shape.build());
+}
+const PlaneFrame kTable;
+
+// Every edge is run through as often one way as the other.
+bool closed(const std::vector<glm::vec3>& triangles) {
+  const auto key = [](const glm::vec3& p) { return std::tuple(p.x, p.y, p.z); };
+  std::map<std::pair<std::tuple<float, float, float>, std::tuple<float, float, float>>, int> edges;
+  for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto a = key(triangles[i + k]);
+      const auto b = key(triangles[i + (k + 1) % 3]);
+      if (a < b) ++edges[{a, b}];
+      if (b < a) --edges[{b, a}];
+    }
+  }
+  return std::ranges::all_of(edges, [](const auto& edge) { return edge.second == 0; });
+}
+
+TEST(ShadowVolume, IsClosedWhateverCastsIt) {
+  ShapeBuilder cube;
+  cube.box(-0.05, -0.05, 0.1, 0.05, 0.05, 0.2);
+  ShapeBuilder torus;
+  torus.torus(0.06, 0.02, 16, 40);
+  ShapeBuilder open;  // three sides of a box, one of them turned the wrong way
+  open.quad(open.vertex(0, 0, 0.1), open.vertex(0.1, 0, 0.1), open.vertex(0.1, 0.1, 0.1),
+            open.vertex(0, 0.1, 0.1));
+  open.quad(open.vertex(0, 0, 0.1), open.vertex(0.1, 0, 0.1), open.vertex(0.1, 0, 0.2),
+            open.vertex(0, 0, 0.2));
+  open.quad(open.vertex(0, 0, 0.1), open.vertex(0, 0.1, 0.1), open.vertex(0, 0.1, 0.2),
+            open.vertex(0, 0, 0.2));
+  for (const ShapeBuilder& shape : {cube, torus, open}) {
+    const VolumeCaster caster(mesh_of(shape));
+    for (const Eigen::Vector4d& light :
+         {Eigen::Vector4d(0.3, 0.1, 0.6, 1.0), Eigen::Vector4d(-0.4, 0.1, 0.12, 1.0),
+          Eigen::Vector4d(0.2, 0.3, 0.9, 0.0)}) {
+      const ShadowVolume volume =
+          caster.volume(test::at(0.01, 0.02, 0.03, {1, 2, 3}, 0.4), light, {{kTable}}, 12.0);
+      ASSERT_FALSE(volume.triangles.empty());
+      EXPECT_FALSE(volume.light_inside);
+      EXPECT_TRUE(closed(volume.triangles));
+      EXPECT_TRUE(closed(split_for_lens(volume.triangles, 0.01)));
+      float lowest = 1.0F;
+      for (const glm::vec3& p : volume.triangles) lowest = std::min(lowest, p.z);
+      EXPECT_LT(lowest, 0.0F) << "it reaches through the table";
+    }
+  }
+}
+
+TEST(ShadowVolume, OfALightInsideIsNone) {
+  ShapeBuilder cube;
+  cube.box(-0.05, -0.05, 0.1, 0.05, 0.05, 0.2);
+  const VolumeCaster caster(mesh_of(cube));
+  const ShadowVolume inside = caster.volume({}, {0.0, 0.0, 0.15, 1.0}, {{kTable}}, 12.0);
+  EXPECT_TRUE(inside.light_inside);
+  EXPECT_TRUE(inside.triangles.empty());
+  // In the plane of its top: that face counts as unlit, two sides remain.
+  const ShadowVolume level = caster.volume({}, {0.3, 0.3, 0.2, 1.0}, {{kTable}}, 12.0);
+  EXPECT_FALSE(level.light_inside);
+  EXPECT_TRUE(closed(level.triangles));
+}
+
+// The cases of the oracle: a bitmap of the table, seen from outside, from inside the volume, and
+// with the near plane in the volume's wall.
+TEST(ShadowVolume, MasksOfTheOracle) {
+  if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const auto json = test::read_json(test::shared_dir() / "vectors" / "shadow_volume.json");
+  std::size_t count = 0;
+  for (const auto& entry : json.at("cases")) {
+    const auto xyz = entry.at("caster_hull_points").get<std::vector<double>>();
+    ASSERT_EQ(xyz.size(), 24U) << "boxes are all that is hulled here";
+    Eigen::Vector3d low = Eigen::Vector3d::Constant(1e9);
+    Eigen::Vector3d high = -low;
+    for (std::size_t i = 0; i < xyz.size(); i += 3) {
+      const Eigen::Vector3d p(xyz[i], xyz[i + 1], xyz[i + 2]);
+      low = low.cwiseMin(p);
+      high = high.cwiseMax(p);
+    }
+    SceneBuilder builder = with_light(test::vector_from(entry.at("light")));
+    const Eigen::Vector3d size = high - low;
+    const Eigen::Vector3d middle = 0.5 * (low + high);
+    builder.add(box(size.x(), size.y(), size.z()), test::at(middle.x(), middle.y(), middle.z()));
+    const int side = entry.at("size").get<int>();
+    CameraParameters p;
+    p.width = p.height = side;
+    p.fx = p.fy =
+        0.5 * side / std::tan(0.5 * entry.at("fov_deg").get<double>() * std::numbers::pi / 180.0);
+    p.cx = p.cy = 0.5 * (side - 1);
+    Studio studio(builder.build(), CameraModel::make(p).value());
+    Eigen::Matrix3d R;
+    R << test::vector_from(entry.at("right")), -test::vector_from(entry.at("up")),
+        test::vector_from(entry.at("forward"));
+    const CameraPose pose(R, test::vector_from(entry.at("eye")));
+    FramePlan plan = studio.plan(test::tracked(pose));
+    plan.objects.clear();  // "caster not drawn"
+    const Picture picture = studio.draw(white(side), plan);
+    const auto rows = entry.at("rows").get<std::vector<std::string>>();
+    int dark = 0;
+    int wrong = 0;
+    for (int y = 0; y < side; ++y) {
+      for (int x = 0; x < side; ++x) {
+        const bool expected = rows[static_cast<std::size_t>(y)][static_cast<std::size_t>(x)] == '#';
+        dark += expected ? 1 : 0;
+        wrong += (picture.red(x, y) < 255) != expected ? 1 : 0;
+      }
+    }
+    EXPECT_GT(dark, 20);
+    EXPECT_LE(wrong, side * side / 100) << "case " << count << ", " << dark << " dark";
+    ++count;
+  }
+  EXPECT_GE(count, 3U);
+}
+
+// A box in the table frame, for rays.
+struct Block {
+  Placement placement;
+  Eigen::Vector3d half;
+  // The first t > least at which p + t d enters or leaves it.
+  [[nodiscard]] double hit(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double least) const {
+    const Eigen::Vector3d from =
+        placement.rotation.conjugate() * (p - placement.position) / placement.scale;
+    const Eigen::Vector3d along = placement.rotation.conjugate() * d / placement.scale;
+    double enter = -std::numeric_limits<double>::infinity();
+    double leave = -enter;
+    for (int i = 0; i < 3; ++i) {
+      const double a = (-half[i] - from[i]) / along[i];
+      const double b = (half[i] - from[i]) / along[i];
+      enter = std::max(enter, std::min(a, b));
+      leave = std::min(leave, std::max(a, b));
+    }
+    if (enter > leave || leave <= least) return std::numeric_limits<double>::infinity();
+    return enter > least ? enter : leave;
+  }
+};
+
+struct View {
+  const char* name;
+  Eigen::Vector3d eye, target;
+};
+
+// The table, a phantom box and a virtual one, and a caster of two boxes: every pixel against the
+// ray from what it shows to the light. From outside, from within the shadow, and with its wall
+// through the near plane.
+class VolumeView : public testing::TestWithParam<std::tuple<View, bool>> {};
+INSTANTIATE_TEST_SUITE_P(
+    Views, VolumeView,
+    testing::Combine(
+        testing::Values(View{"outside", {0.35, -0.5, 0.45}, {0.02, 0.0, 0.03}},
+                        View{"inside", {0.04, -0.01, 0.06}, {0.12, 0.03, 0.0}},
+                        View{"wall_in_near_plane", {0.008, -0.05, 0.05}, {0.1, 0.03, 0.0}},
+                        View{"above_the_caster", {-0.1, -0.05, 0.5}, {0.0, 0.0, 0.0}}),
+        testing::Bool()),
+    [](const auto& instance) {
+      return std::string(std::get<0>(instance.param).name) +
+             (std::get<1>(instance.param) ? "_bent" : "");
+    });
+
+TEST_P(VolumeView, DarkensWhatTheLightDoesNotReach) {
+  const auto& [view, bent] = GetParam();
+  const Eigen::Vector3d light(-0.25, 0.05, 0.6);
+  SceneBuilder builder = with_light(light);
+  const std::vector<Block> casters = {
+      {test::at(0.0, 0.0, 0.16, {1, 0, 0}, 0.3), {0.05, 0.03, 0.01}},
+      {test::at(0.02, 0.02, 0.2, {0, 0, 1}, 0.5), {0.01, 0.06, 0.01}}};
+  const std::vector<Block> others = {
+      {test::at(0.1, 0.02, 0.02, {0, 0, 1}, 0.3), {0.03, 0.03, 0.02}},
+      {test::at(0.03, 0.09, 0.015), {0.02, 0.02, 0.015}}};
+  for (const Block& block : casters) {
+    builder.add(box(2 * block.half.x(), 2 * block.half.y(), 2 * block.half.z()), block.placement);
+  }
+  for (std::size_t i = 0; i < others.size(); ++i) {
+    const Eigen::Vector3d& half = others[i].half;
+    builder.add(box(2 * half.x(), 2 * half.y(), 2 * half.z()), others[i].placement, false, i == 0);
+  }
+  const CameraModel camera =
+      bent ? test::camera_of(kSide, kSide, 200.0, DistortionModel::plumb_bob,
+                             {-0.25, 0.06, 0.001, -0.0008, 0.0, 0.0, 0.0, 0.0})
+           : test::camera_of(kSide, kSide, 200.0);
+  Studio studio(builder.build(), camera);
+  const PoseEstimate pose = test::tracked(test::look_at(view.eye, view.target));
+  const Picture with = studio.draw(white(), studio.plan(pose));
+  PlanOptions none;
+  none.technique = ShadowTechnique::none;
+  const Picture without = studio.draw(white(), studio.plan(pose, none));
+
+  int dark = 0;
+  int on_phantom = 0;
+  int wrong = 0;
+  int compared = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
+      ASSERT_TRUE(ray);
+      const Eigen::Vector3d d = pose.T_table_camera.rotation() * (*ray / ray->z());
+      double t = -view.eye.z() / d.z();
+      if (!(t > 0.0)) t = std::numeric_limits<double>::infinity();
+      bool phantom = false;
+      for (std::size_t i = 0; i < others.size(); ++i) {
+        const double at = others[i].hit(view.eye, d, kNear);
+        if (at < t) phantom = i == 0;
+        t = std::min(t, at);
+      }
+      double caster = t;
+      for (const Block& block : casters) caster = std::min(caster, block.hit(view.eye, d, kNear));
+      if (caster < t || !std::isfinite(t)) continue;  // a caster's own picture
+      const Eigen::Vector3d place = view.eye + t * d;
+      const Eigen::Vector3d to_light = light - place;
+      bool blocked = false;
+      for (const Block& block : casters)
+        blocked = blocked || block.hit(place, to_light, 1e-9) < 1.0;
+      ++compared;
+      dark += blocked ? 1 : 0;
+      on_phantom += blocked && phantom ? 1 : 0;
+      const bool drawn = with.red(x, y) < without.red(x, y);
+      wrong += drawn != blocked ? 1 : 0;
+    }
+  }
+  EXPECT_GT(dark, 1000);
+  EXPECT_GT(compared - dark, 1000) << "not all of it";
+  if (std::string(view.name) == "outside") {
+    EXPECT_GT(on_phantom, 50);
+  }
+  EXPECT_LE(wrong, 20 + dark / 60) << dark << " dark of " << compared;
+}
+
+TEST(ShadowVolume, EmptyDepthIsNeverDark) {
+  SceneBuilder builder = with_light({0.0, 0.0, 0.5});
+  builder.add(ring(), test::at(0.0, 0.0, 0.2));
+  builder.scene().planes[0].outline = {{0.03, -0.06}, {0.15, -0.06}, {0.15, 0.06}, {0.03, 0.06}};
+  const CameraModel camera = test::camera_of(kSide, kSide, 200.0);
+  Studio studio(builder.build(), camera);
+  FramePlan plan = studio.plan(test::tracked(test::look_at({0.3, -0.4, 0.4}, {0, 0, 0})));
+  plan.objects.clear();
+  const Picture picture = studio.draw(white(), plan);
+  int dark = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      if (picture.red(x, y) == 255) continue;
+      ++dark;
+      const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
+      const Eigen::Vector3d d = plan.T_table_camera.rotation() * *ray;
+      const Eigen::Vector3d eye = plan.T_table_camera.translation();
+      const Eigen::Vector3d p = eye - d * (eye.z() / d.z());
+      EXPECT_LE((p.head<2>() - Eigen::Vector2d(0.09, 0.0)).cwiseAbs().maxCoeff(), 0.062)
+          << "off the sheet";
+    }
+  }
+  EXPECT_GT(dark, 100);
+}
+
+TEST(ShadowVolume, IsMadeAgainWhereItsCasterOrLightMovedOnly) {
+  SceneBuilder builder = with_light({0.1, 0.2, 0.8}, SceneLight::Kind::directional);
+  builder.add(ring(), test::at(0.0, 0.0, 0.2));
+  builder.add(box(0.02, 0.02, 0.02), test::at(0.1, 0.0, 0.1));
+  Studio studio(builder.build(), test::camera_of(kSide, kSide, 200.0));
+  FramePlan plan = studio.plan(test::tracked(test::look_at({0.3, -0.4, 0.4}, {0, 0, 0})));
+  studio.draw(white(), plan);
+  EXPECT_EQ(studio.stats().triples_recomputed, 2);
+  plan.T_table_camera = test::look_at({-0.3, -0.4, 0.4}, {0, 0, 0});
+  studio.draw(white(), plan);
+  EXPECT_EQ(studio.stats().triples_recomputed, 0);
+  EXPECT_EQ(studio.stats().shadow_vertices, 0);
+  plan.volumes[1].T_table_object.position.z() += 0.01;
+  studio.draw(white(), plan);
+  EXPECT_EQ(studio.stats().triples_recomputed, 1);
+}
+
+}  // namespace
+}  // namespace penumbra
