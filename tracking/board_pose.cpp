@@ -72,6 +72,43 @@ std::vector<double> tag_rms(const CameraModel& camera, const Tags& tags, const C
   return result;
 }
 
+// Whether the tags do not lie where the map says, with no single one to blame (somebody bumped a
+// part of the board). Noise moves the corners of a tag each its own way; a tag that lies elsewhere
+// has its four moved together, and a pose takes only 6 numbers of that away. So compare, per degree
+// of freedom, how far the tags are displaced as wholes with how far their corners scatter.
+bool displaced_as_wholes(const CameraModel& camera, const Tags& tags, const CameraPose& pose) {
+  // Less than this is what lens, tone curve and printing do to real tags [px].
+  constexpr double kLeast_px = 0.5;
+  // Independent noise stays under this in 999 of 1000 cases: the F distribution's quantiles of
+  // 2 n - 6 and 6 n degrees of freedom for 4 and 5 tags, and for 6, which bounds those of more.
+  constexpr std::array<double, 3> kGreatestRatio = {9.4, 6.2, 5.0};
+  constexpr std::size_t kFewestTags = 4;
+  if (tags.size() < kFewestTags) return false;
+  const double greatest_ratio =
+      kGreatestRatio[std::min(tags.size() - kFewestTags, kGreatestRatio.size() - 1)];
+  const auto T_camera_table = pose.inverse();
+  double between = 0.0;
+  double within = 0.0;
+  for (const TagObservation& tag : tags) {
+    std::array<Eigen::Vector2d, 4> residual;
+    Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+    for (std::size_t i = 0; i < 4; ++i) {
+      const std::optional<Eigen::Vector2d> pixel =
+          camera.project_extended(T_camera_table * tag.corners_table[i]);
+      if (!pixel) return false;
+      residual[i] = *pixel - tag.corners_px[i];
+      mean += residual[i] / 4.0;
+    }
+    between += mean.squaredNorm();
+    for (const Eigen::Vector2d& r : residual) within += (r - mean).squaredNorm();
+  }
+  const auto count = static_cast<double>(tags.size());
+  if (between < kLeast_px * kLeast_px * count) return false;
+  const double between_variance = 4.0 * between / (2.0 * count - 6.0);
+  const double within_variance = within / (6.0 * count);
+  return between_variance > greatest_ratio * within_variance;
+}
+
 // The tag without which the others fit best, and their minima then.
 struct WithoutOne {
   std::size_t index = 0;
@@ -170,6 +207,8 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
     rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(without.index));
     rest_minima = std::move(without.minima);
   }
+  // A bare majority may be the half that was moved, with one or two of the others fitting it.
+  if (3 * left_out.size() > used.size()) agreed = false;
   if (agreed) {
     used = std::move(rest);
     if (!left_out.empty()) minima = minima_of(camera, used, options.refiner);
@@ -179,6 +218,9 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
   }
   if (minima.empty()) return fail("the corners in view do not fix a pose");
   result.best = minima.front();
+  if (agreed && displaced_as_wholes(camera, used, result.best.T_table_camera)) {
+    result.contradictory = true;
+  }
   if (minima.size() > 1) result.second = minima[1];
   result.tags_used = static_cast<int>(used.size());
   return result;

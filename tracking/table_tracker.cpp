@@ -461,10 +461,10 @@ std::optional<RefinedPose> TableTracker::Impl::aligned(const AlignmentResult& re
   // The alignment weighs image (information H) and prediction (P^-1) with A = H + P^-1. If the
   // image's errors have F times the covariance it took them to have, the estimate's covariance is
   // A^-1 (F H + P^-1) A^-1 = F A^-1 - (F - 1) A^-1 P^-1 A^-1.
-  const double times = covariance_times(result, pose.noise_px);
+  const double larger = covariance_times(result, pose.noise_px);
   const Matrix6d& inverse = result.covariance;
   pose.covariance =
-      times * inverse - (times - 1.0) * (inverse * prior.ldlt().solve(inverse)).eval();
+      larger * inverse - (larger - 1.0) * (inverse * prior.ldlt().solve(inverse)).eval();
   pose.covariance = 0.5 * (pose.covariance + pose.covariance.transpose()).eval();
   const double promised = expected_overlay_error_px(camera, result.T_table_camera, pose.covariance);
   if (promised > 0.0 && std::isfinite(promised)) {

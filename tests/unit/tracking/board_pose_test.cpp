@@ -89,6 +89,31 @@ TEST_F(BoardPoseTest, HalfOfTheTagsWrongIsAContradiction) {
   EXPECT_TRUE(board->contradictory);
 }
 
+// A part of the board was bumped: no tag is an outlier by itself, and the fit is not that bad.
+TEST_F(BoardPoseTest, ABumpedHalfOfTheBoardIsAContradictionAndNoiseIsNone) {
+  for (int trial = 0; trial < 200; ++trial) {
+    std::vector<MappedTag> really = sheet();
+    auto map = really;
+    for (std::size_t i = 0; i < really.size() / 2; ++i) {
+      really[i].T_table_tag = {
+          really[i].T_table_tag.rotation(),
+          really[i].T_table_tag.translation() + Eigen::Vector3d(0.006, 0.0, 0.0)};
+    }
+    auto bumped = observe(camera_, truth_, really, kNoise_px, random_);
+    for (std::size_t i = 0; i < map.size(); ++i) bumped[i].corners_table = map[i].corners();
+    const auto board = estimate_board_pose(camera_, bumped);
+    ASSERT_TRUE(board);
+    EXPECT_TRUE(board->contradictory) << trial;
+    // Noise, however strong, is no contradiction.
+    for (const double noise : {0.2, 0.6, 1.0}) {
+      const auto noisy =
+          estimate_board_pose(camera_, observe(camera_, truth_, sheet(), noise, random_));
+      ASSERT_TRUE(noisy);
+      EXPECT_FALSE(noisy->contradictory) << noise << ", " << trial;
+    }
+  }
+}
+
 TEST_F(BoardPoseTest, ASmallFrontalTagIsReportedAsOpen) {
   // 24 px wide, 20 degrees: solvers choose the wrong one of its two poses in almost a third of the
   // views. The report must say so in every one where the choice is wrong.
