@@ -6,6 +6,7 @@
 #include <limits>
 #include <map>
 #include <set>
+#include <utility>
 
 #include "core/assert.hpp"
 #include "render/camera_gl.hpp"
@@ -47,6 +48,18 @@ struct Disc {  // on a plane
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0.0;
 };
+
+// The lowest and the highest corner's height [m].
+std::pair<double, double> heights_above(const PlaneFrame& plane, const BoxCorners& corners) {
+  double bottom = std::numeric_limits<double>::infinity();
+  double top = -bottom;
+  for (const Eigen::Vector3d& corner : corners) {
+    const double h = plane.height(corner);
+    bottom = std::min(bottom, h);
+    top = std::max(top, h);
+  }
+  return {bottom, top};
+}
 
 // Holds every layer. A kernel lies inside the footprint's bounding circle of radius r, so an
 // imaginary vertex k + s (x - k) is at most s r + (s - 1) r away from its centre. The rest is
@@ -286,13 +299,7 @@ class Planner {
   bool hard_shadow_shows(const HardShadowDraw& draw, const SceneObject& object) {
     const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(draw.plane)];
     const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
-    double bottom = std::numeric_limits<double>::infinity();
-    double top = -bottom;
-    for (const Eigen::Vector3d& corner : corners) {
-      const double h = draw.plane_frame.height(corner);
-      bottom = std::min(bottom, h);
-      top = std::max(top, h);
-    }
+    const auto [bottom, top] = heights_above(draw.plane_frame, corners);
     if (top < -kContactTolerance) {
       skip("shadow_below_plane", object.name, "under the plane");
       return false;
@@ -330,13 +337,7 @@ class Planner {
   // Drops what cannot show; the mesh lies inside its box, so the box decides on the safe side.
   bool something_to_see(ShadowDraw& draw, const SceneObject& object, const ScenePlane& plane) {
     const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
-    double bottom = std::numeric_limits<double>::infinity();
-    double top = -bottom;
-    for (const Eigen::Vector3d& corner : corners) {
-      const double h = draw.plane_frame.height(corner);
-      bottom = std::min(bottom, h);
-      top = std::max(top, h);
-    }
+    const auto [bottom, top] = heights_above(draw.plane_frame, corners);
     if (top < -kContactTolerance) {
       skip("shadow_below_plane", object.name, "under the plane");
       return false;

@@ -13,7 +13,7 @@ namespace penumbra {
 namespace {
 
 TEST(CalibrationUncertainty, TwoHundredCalibrationsAreWhereTheySay) {
-  const CameraModel truth = test::webcam();
+  const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
   int inside = 0;
   int all = 0;

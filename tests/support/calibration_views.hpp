@@ -8,20 +8,9 @@
 
 #include "calib/intrinsics_solver.hpp"
 #include "core/camera_model.hpp"
+#include "support/cameras.hpp"
 
 namespace penumbra::test {
-
-inline CameraModel webcam() {
-  CameraParameters p;
-  p.width = 640;
-  p.height = 480;
-  p.fx = 531.7;
-  p.fy = 530.4;
-  p.cx = 322.3;
-  p.cy = 237.6;
-  p.distortion = {-0.215, 0.062, 0.0008, -0.0006, -0.004};
-  return CameraModel::make(p).value();
-}
 
 // Equidistant, 130 degrees across the image.
 inline CameraModel wide_lens() {

@@ -4,6 +4,7 @@
 
 #include <cstdlib>
 #include <filesystem>
+#include <stdexcept>
 #include <string>
 
 namespace penumbra::test {
@@ -20,14 +21,17 @@ inline std::filesystem::path program() {
 
 // The folder of shared data (recordings, vectors, real photographs): $PENUMBRA_SHARED, or ../shared
 // beside the checkout. Empty where there is none, or one that holds other things: then a test says
-// so in a line and is skipped.
+// so in a line and is skipped. One that was named but is not there is an error, as a test that was
+// asked for must not pass by being skipped.
 inline std::filesystem::path shared_dir() {
   const char* given = std::getenv("PENUMBRA_SHARED");
   const std::filesystem::path folder =
       given != nullptr ? std::filesystem::path(given) : source_dir().parent_path() / "shared";
-  return std::filesystem::is_directory(folder / "recordings" / "tabletop")
-             ? folder
-             : std::filesystem::path();
+  if (std::filesystem::is_directory(folder / "recordings" / "tabletop")) return folder;
+  if (given != nullptr) {
+    throw std::runtime_error("PENUMBRA_SHARED: " + folder.string() + " holds no shared recordings");
+  }
+  return {};
 }
 
 // A folder of its own that is removed at the end of the test.

@@ -8,21 +8,10 @@
 #include "core/camera_model.hpp"
 #include "core/tag_map.hpp"
 #include "core/units.hpp"
+#include "support/cameras.hpp"
 #include "tracking/board_pose.hpp"
 
 namespace penumbra::test {
-
-inline CameraModel desk_camera() {
-  CameraParameters p;
-  p.width = 640;
-  p.height = 480;
-  p.fx = 531.7;
-  p.fy = 530.4;
-  p.cx = 322.3;
-  p.cy = 237.6;
-  p.distortion = {-0.215, 0.062, 0.0008, -0.0006, -0.004};
-  return CameraModel::make(p).value();
-}
 
 // Looks at the table's origin from `distance`, `tilt` away from straight above, from the side that
 // `azimuth` names, rolled by `roll` about its axis [m, rad].

@@ -17,7 +17,7 @@ using testing::HasSubstr;
 
 TEST(IntrinsicsSolver, FindsAWebcamWithoutAStart) {
   std::mt19937 rng(1);
-  const CameraModel truth = test::webcam();
+  const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
   const auto views = test::simulate_views(truth, board, {.noise_px = 0.0}, rng);
   const auto solved = solve_intrinsics(640, 480, board, views);
@@ -41,7 +41,7 @@ TEST(IntrinsicsSolver, FindsAWideLensWithoutAStart) {
 
 TEST(IntrinsicsSolver, LeavesOutCornersThatAreWrong) {
   std::mt19937 rng(3);
-  const CameraModel truth = test::webcam();
+  const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
   auto views = test::simulate_views(truth, board, {.noise_px = 0.05}, rng);
   int wrong = 0;
@@ -63,7 +63,7 @@ TEST(IntrinsicsSolver, LeavesOutCornersThatAreWrong) {
 
 TEST(IntrinsicsSolver, FindsTheBowOfABoard) {
   std::mt19937 rng(4);
-  const CameraModel truth = test::webcam();
+  const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
   auto bowed = board;
   for (Eigen::Vector3d& p : bowed) p.z() += 0.15 * p.x() * p.x();
@@ -87,7 +87,7 @@ TEST(IntrinsicsSolver, FindsTheBowOfABoard) {
 }
 
 TEST(IntrinsicsSolver, LensJacobianIsThatOfCentralDifferences) {
-  for (const CameraModel& camera : {test::webcam(), test::wide_lens()}) {
+  for (const CameraModel& camera : {test::desk_camera(), test::wide_lens()}) {
     const CameraParameters& p = camera.parameters();
     const int count = 4 + coefficient_count(p.model);
     for (const Eigen::Vector2d& xy : {Eigen::Vector2d(0.3, -0.2), Eigen::Vector2d(-0.5, 0.4)}) {
@@ -111,7 +111,7 @@ TEST(IntrinsicsSolver, LensJacobianIsThatOfCentralDifferences) {
 TEST(IntrinsicsSolver, SaysWhatTwoViewsLack) {
   std::mt19937 rng(5);
   const auto board = test::flat_board();
-  const auto views = test::simulate_views(test::webcam(), board, {.views = 2}, rng);
+  const auto views = test::simulate_views(test::desk_camera(), board, {.views = 2}, rng);
   const auto solved = solve_intrinsics(640, 480, board, views);
   ASSERT_FALSE(solved);
   EXPECT_THAT(solved.error().message, HasSubstr("at least 3"));
@@ -119,7 +119,7 @@ TEST(IntrinsicsSolver, SaysWhatTwoViewsLack) {
 
 // Short form of the stress test: true projections lie where the covariance says they may.
 TEST(IntrinsicsSolver, UncertaintyHoldsWhatItPromises) {
-  const CameraModel truth = test::webcam();
+  const CameraModel truth = test::desk_camera();
   const auto board = test::flat_board();
   int inside = 0;
   int all = 0;

@@ -8,19 +8,13 @@
 #include <random>
 #include <tuple>
 
+#include "support/cameras.hpp"
+
 namespace penumbra {
 namespace {
 
 CameraParameters base() {
-  CameraParameters p;
-  p.width = 640;
-  p.height = 480;
-  p.fx = 531.7;
-  p.fy = 530.4;
-  p.cx = 322.3;
-  p.cy = 237.6;
-  p.distortion = {-0.215, 0.062, 0.0008, -0.0006, -0.004};
-  return p;
+  return test::desk_camera().parameters();
 }
 
 CameraParameters of_model(DistortionModel model) {

@@ -7,13 +7,17 @@
 
 #include "render/shadow/caster.hpp"
 #include "render/shadow/projected_shadow.hpp"
+#include "support/plane_coverage.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
+#include "support/studio_models.hpp"
 
 namespace penumbra {
 namespace {
 
+using test::box;
 using test::Picture;
+using test::ring;
 using test::SceneBuilder;
 using test::ShapeBuilder;
 using test::Studio;
@@ -32,17 +36,6 @@ PoseEstimate slanted() {
 }
 Frame white() {
   return test::plain_frame(kSide, kSide, 255);
-}
-
-std::shared_ptr<const Model> box(double x, double y, double z) {
-  ShapeBuilder shape;
-  shape.box(-x / 2, -y / 2, -z / 2, x / 2, y / 2, z / 2);
-  return test::finished(shape.build(), glm::vec4(0.8F, 0.3F, 0.1F, 1.0F));
-}
-std::shared_ptr<const Model> ring() {
-  ShapeBuilder shape;
-  shape.torus(0.06, 0.02, 16, 40);
-  return test::finished(shape.build(), glm::vec4(1.0F));
 }
 
 SceneLight lamp(double x, double y, double z, double intensity = 1.0) {
@@ -97,20 +90,7 @@ class Blocked {
     }
   }
   [[nodiscard]] bool at(const Eigen::Vector3d& place) const {
-    const Eigen::Vector2d p = plane_.to_plane(place).head<2>();
-    const auto side = [&p](const PlanePoint& a, const PlanePoint& b) {
-      return (static_cast<double>(b.u) - static_cast<double>(a.u)) *
-                 (p.y() - static_cast<double>(a.v)) -
-             (static_cast<double>(b.v) - static_cast<double>(a.v)) *
-                 (p.x() - static_cast<double>(a.u));
-    };
-    for (std::size_t i = 0; i + 2 < triangles_.size(); i += 3) {
-      const double a = side(triangles_[i], triangles_[i + 1]);
-      const double b = side(triangles_[i + 1], triangles_[i + 2]);
-      const double c = side(triangles_[i + 2], triangles_[i]);
-      if ((a > 0 && b > 0 && c > 0) || (a < 0 && b < 0 && c < 0)) return true;
-    }
-    return false;
+    return test::covers(triangles_, plane_.to_plane(place).head<2>());
   }
 
  private:

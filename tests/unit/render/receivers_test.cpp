@@ -6,29 +6,23 @@
 #include <vector>
 
 #include "render/shadow/caster.hpp"
+#include "support/plane_coverage.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
+#include "support/studio_models.hpp"
 
 namespace penumbra {
 namespace {
 
+using test::box;
 using test::Picture;
+using test::ring;
 using test::SceneBuilder;
 using test::ShapeBuilder;
 using test::Studio;
 
 constexpr int kSide = 320;
 
-std::shared_ptr<const Model> box(double x, double y, double z) {
-  ShapeBuilder shape;
-  shape.box(-x / 2, -y / 2, -z / 2, x / 2, y / 2, z / 2);
-  return test::finished(shape.build(), glm::vec4(0.8F, 0.3F, 0.1F, 1.0F));
-}
-std::shared_ptr<const Model> ring() {
-  ShapeBuilder shape;
-  shape.torus(0.06, 0.02, 16, 40);
-  return test::finished(shape.build(), glm::vec4(1.0F));
-}
 CameraModel straight_camera() {
   return test::camera_of(kSide, kSide, 400.0);
 }
@@ -111,19 +105,7 @@ class SimpleShadow {
     }
   }
   [[nodiscard]] bool at(const Eigen::Vector3d& p) const {
-    const auto side = [&p](const PlanePoint& a, const PlanePoint& b) {
-      return (static_cast<double>(b.u) - static_cast<double>(a.u)) *
-                 (p.y() - static_cast<double>(a.v)) -
-             (static_cast<double>(b.v) - static_cast<double>(a.v)) *
-                 (p.x() - static_cast<double>(a.u));
-    };
-    for (std::size_t i = 0; i + 2 < triangles_.size(); i += 3) {
-      const double a = side(triangles_[i], triangles_[i + 1]);
-      const double b = side(triangles_[i + 1], triangles_[i + 2]);
-      const double c = side(triangles_[i + 2], triangles_[i]);
-      if ((a > 0 && b > 0 && c > 0) || (a < 0 && b < 0 && c < 0)) return true;
-    }
-    return false;
+    return test::covers(triangles_, p.head<2>());
   }
 
  private:

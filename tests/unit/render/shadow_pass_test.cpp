@@ -15,10 +15,12 @@
 #include "render/shadow/kernel_direction.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
+#include "support/studio_models.hpp"
 
 namespace penumbra {
 namespace {
 
+using test::box;
 using test::Picture;
 using test::SceneBuilder;
 using test::ShapeBuilder;
@@ -57,11 +59,6 @@ std::shared_ptr<const Model> disc(double radius) {
   }
   for (std::size_t i = 0; i < 96; ++i) shape.triangle(centre, rim[i], rim[(i + 1) % 96]);
   return test::finished(shape.build(), glm::vec4(1.0F));
-}
-std::shared_ptr<const Model> box(double x, double y, double z) {
-  ShapeBuilder shape;
-  shape.box(-x / 2, -y / 2, -z / 2, x / 2, y / 2, z / 2);
-  return test::finished(shape.build(), glm::vec4(0.8F, 0.3F, 0.1F, 1.0F));
 }
 std::shared_ptr<const Model> torus() {
   ShapeBuilder shape;

@@ -14,27 +14,20 @@
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
+#include "support/studio_models.hpp"
 
 namespace penumbra {
 namespace {
 
+using test::box;
 using test::Picture;
+using test::ring;
 using test::SceneBuilder;
 using test::ShapeBuilder;
 using test::Studio;
 
 constexpr int kSide = 240;
 
-std::shared_ptr<const Model> box(double x, double y, double z) {
-  ShapeBuilder shape;
-  shape.box(-x / 2, -y / 2, -z / 2, x / 2, y / 2, z / 2);
-  return test::finished(shape.build(), glm::vec4(0.8F, 0.3F, 0.1F, 1.0F));
-}
-std::shared_ptr<const Model> ring() {
-  ShapeBuilder shape;
-  shape.torus(0.06, 0.02, 16, 40);
-  return test::finished(shape.build(), glm::vec4(1.0F));
-}
 Frame white(int side = kSide) {
   return test::plain_frame(side, side, 255);
 }

@@ -1,0 +1,21 @@
+// Cameras for tests.
+#pragma once
+
+#include "core/camera_model.hpp"
+
+namespace penumbra::test {
+
+// A webcam of 640 x 480 px with a lens that bends as theirs do.
+inline CameraModel desk_camera() {
+  CameraParameters p;
+  p.width = 640;
+  p.height = 480;
+  p.fx = 531.7;
+  p.fy = 530.4;
+  p.cx = 322.3;
+  p.cy = 237.6;
+  p.distortion = {-0.215, 0.062, 0.0008, -0.0006, -0.004};
+  return CameraModel::make(p).value();
+}
+
+}  // namespace penumbra::test
