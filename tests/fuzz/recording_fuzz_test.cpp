@@ -17,12 +17,12 @@ using test::mutated;
 using test::Random;
 using test::write_text;
 
-struct Tally {
+struct RecordingTally {
   int inputs = 0;
   int accepted = 0;
 };
 
-void report(const Tally& tally) {
+void report(const RecordingTally& tally) {
   testing::Test::RecordProperty("inputs", tally.inputs);
   testing::Test::RecordProperty("accepted", tally.accepted);
   std::printf("%d inputs, %d accepted, the others refused\n", tally.inputs, tally.accepted);
@@ -47,7 +47,7 @@ TEST(RecordingFuzz, CameraFile) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "camera.yaml";
   Random random(11);
-  Tally tally;
+  RecordingTally tally;
   for (int i = 0; i < 4000; ++i, ++tally.inputs) {
     write_text(file, mutated(test::small_camera_yaml(), random, PENUMBRA_HARD_WORDS));
     const auto camera = load_camera(file);
@@ -80,7 +80,7 @@ TEST(RecordingFuzz, SensorFile) {
       "distortion_model: radial-tangential\n"
       "distortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]\n";
   Random random(12);
-  Tally tally;
+  RecordingTally tally;
   for (int i = 0; i < 2000; ++i, ++tally.inputs) {
     write_text(file, mutated(whole, random, PENUMBRA_HARD_WORDS));
     const auto camera = load_euroc_sensor(file);
@@ -101,7 +101,7 @@ TEST(RecordingFuzz, TagMap) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "tags.yaml";
   Random random(13);
-  Tally tally;
+  RecordingTally tally;
   for (int i = 0; i < 4000; ++i, ++tally.inputs) {
     write_text(file, mutated(test::small_tags_yaml(), random, PENUMBRA_HARD_WORDS));
     const auto map = load_tag_map(file);
@@ -138,7 +138,7 @@ TEST(RecordingFuzz, Trajectory) {
   const auto file = folder.path() / "groundtruth.tum";
   const std::string whole = test::truth(12);
   Random random(14);
-  Tally tally;
+  RecordingTally tally;
   for (int i = 0; i < 4000; ++i, ++tally.inputs) {
     write_text(file, mutated(whole, random, PENUMBRA_HARD_WORDS));
     const auto trajectory = load_trajectory(file);
@@ -165,7 +165,7 @@ TEST(RecordingFuzz, Listing) {
   test::write_recording(folder, 6);
   const std::string whole = test::listing(6);
   Random random(15);
-  Tally tally;
+  RecordingTally tally;
   for (int i = 0; i < 4000; ++i, ++tally.inputs) {
     write_text(folder / "timestamps.csv", mutated(whole, random, PENUMBRA_HARD_WORDS));
     const auto recording = open_recording(folder);
@@ -195,7 +195,7 @@ TEST(RecordingFuzz, Video) {
     }
   };
   Random random(16);
-  Tally tally;
+  RecordingTally tally;
   for (const int gop : {1, 6}) {
     test::VideoSpec spec;
     spec.frames = 6;

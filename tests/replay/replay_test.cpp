@@ -17,12 +17,11 @@ namespace penumbra::test {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::json;
 using testing::HasSubstr;
 
 struct Replay {
   ProgramResult result;
-  json report;
+  nlohmann::json report;
 };
 
 Replay replay(const fs::path& folder, std::vector<std::string> arguments) {
@@ -55,7 +54,7 @@ TEST(ReplayTest, TabletopIsTrackedInEveryFrameWithinTwoPixels) {
   EXPECT_EQ(done.report["frames_tracked"], 120);
   EXPECT_EQ(done.report["frames_lost"], 0);
   EXPECT_EQ(pose_count(folder.path() / "out.tum"), 120);
-  const json& accuracy = done.report["accuracy"];
+  const nlohmann::json& accuracy = done.report["accuracy"];
   EXPECT_EQ(accuracy["frames_with_truth"], 120);
   EXPECT_EQ(accuracy["frames_with_pose"], 120);
   EXPECT_LE(accuracy["overlay_px"]["median"].get<double>(), 0.5);
@@ -80,7 +79,7 @@ TEST(ReplayTest, TabletopIsTrackedInEveryFrameWithinTwoPixels) {
                 bundled("tabletop") + "/groundtruth.tum", "--camera",
                 bundled("tabletop") + "/camera.yaml", "--json"});
   ASSERT_EQ(evaluated.exit_code, 0) << evaluated.err;
-  const json again = json::parse(evaluated.out, nullptr, false);
+  const nlohmann::json again = nlohmann::json::parse(evaluated.out, nullptr, false);
   EXPECT_NEAR(again["overlay_px"]["rmse"].get<double>(),
               accuracy["overlay_px"]["rmse"].get<double>(), 1e-9);
   EXPECT_NEAR(again["jitter_px"].get<double>(), accuracy["jitter_px"].get<double>(), 1e-9);
@@ -169,7 +168,7 @@ TEST(ReplayTest, WithoutSkippingTheFramesAreTheSameAndNothingIsSkipped) {
     if (frame == 40) break;
   }
   std::ofstream(folder.path() / "away.tum") << poses;
-  std::map<std::string, json> reports;
+  std::map<std::string, nlohmann::json> reports;
   for (const std::string name : {"skip", "no-skip"}) {
     std::vector<std::string> arguments = {bundled("tabletop"),
                                           "--frames",
@@ -431,7 +430,7 @@ TEST(ReplayTest, CtrlCLeavesReadableFiles) {
         kill(child, SIGINT);
       });
   EXPECT_EQ(result.exit_code, 0) << result.err;
-  const json report = read_json(folder.path() / "report.json");
+  const nlohmann::json report = read_json(folder.path() / "report.json");
   ASSERT_TRUE(report.is_object());
   EXPECT_EQ(report["interrupted"], true);
   const int frames = report["frames"].get<int>();
@@ -487,7 +486,7 @@ TEST(ReplayTest, GoesOnWithOpenGlEsWhereThereIsNoOpenGl33) {
                 "--report", folder.path() / "report.json"},
                {"MESA_GL_VERSION_OVERRIDE=3.1"});
   ASSERT_EQ(result.exit_code, 0) << result.err;
-  const json report = read_json(folder.path() / "report.json");
+  const nlohmann::json report = read_json(folder.path() / "report.json");
   EXPECT_THAT(report["gl"]["version"].get<std::string>(), HasSubstr("OpenGL ES 3"));
   EXPECT_EQ(contents_of(folder.path() / "out").size(), 2U);
 }

@@ -126,17 +126,17 @@ TEST_P(RawFormats, EverySampleComesBack) {
   const fs::path folder = temporary.path() / "session";
   auto writer = RecordingWriter::create(folder, head_for("raw", kWidth, kHeight));
   ASSERT_TRUE(writer) << writer.error().message;
-  constexpr int kFrames = 5;
-  for (int i = 0; i < kFrames; ++i) (*writer)->add_image(raw_image(GetParam(), i));
+  constexpr int kWritten = 5;
+  for (int i = 0; i < kWritten; ++i) (*writer)->add_image(raw_image(GetParam(), i));
   ASSERT_TRUE((*writer)->finish());
 
   fs::remove(folder / "camera.yaml");
   const auto recording = open_recording(folder, no_camera());
   ASSERT_TRUE(recording) << recording.error().message;
-  ASSERT_EQ(recording->frames.size(), static_cast<std::size_t>(kFrames));
+  ASSERT_EQ(recording->frames.size(), static_cast<std::size_t>(kWritten));
   const auto source = open_recording_source(*recording);
   ASSERT_TRUE(source);
-  for (int i = 0; i < kFrames; ++i) {
+  for (int i = 0; i < kWritten; ++i) {
     const Frame sent = raw_image(GetParam(), i).frame;
     const auto read = (*source)->next();
     ASSERT_TRUE(read) << read.error().message;
@@ -192,16 +192,16 @@ TEST(RecordingWriter, ADiskThatIsTooSlowLosesFramesAndCountsThem) {
   auto writer =
       RecordingWriter::create(temporary.path() / "session", head_for("raw", kWidth, kHeight));
   ASSERT_TRUE(writer) << writer.error().message;
-  constexpr int kFrames = 3000;
+  constexpr int kWritten = 3000;
   const CapturedImage image = raw_image(PixelFormat::yuyv, 0);
-  for (int i = 0; i < kFrames; ++i) {
+  for (int i = 0; i < kWritten; ++i) {
     CapturedImage next = image;
     next.timestamp_ns += i;
     (*writer)->add_image(next);
   }
   ASSERT_TRUE((*writer)->finish());
   const RecordingCounts counts = (*writer)->counts();
-  EXPECT_EQ(counts.written + counts.dropped, static_cast<std::uint64_t>(kFrames));
+  EXPECT_EQ(counts.written + counts.dropped, static_cast<std::uint64_t>(kWritten));
   EXPECT_GT(counts.dropped, 0U);
 }
 

@@ -12,8 +12,8 @@
 namespace penumbra {
 namespace {
 
-constexpr int kWidth = 160;
-constexpr int kHeight = 120;
+constexpr int kPictureWidth = 160;
+constexpr int kPictureHeight = 120;
 
 class EditedSession : public testing::Test {
  protected:
@@ -46,9 +46,9 @@ class EditedSession : public testing::Test {
   }
 
   SessionFrame step() {
-    Frame frame = test::plain_frame(kWidth, kHeight, 200);
+    Frame frame = test::plain_frame(kPictureWidth, kPictureHeight, 200);
     frame.timestamp_ns = 1'000'000'000LL * frame_number++;
-    picture.assign(static_cast<std::size_t>(kWidth) * kHeight * 4, 0);
+    picture.assign(static_cast<std::size_t>(kPictureWidth) * kPictureHeight * 4, 0);
     return session->step(frame, picture).value();
   }
   [[nodiscard]] ShadowStyled styled(const char* name) const {
@@ -59,7 +59,7 @@ class EditedSession : public testing::Test {
   }
 
   test::SceneBuilder builder;
-  CameraModel camera = test::camera_of(kWidth, kHeight, 140.0);
+  CameraModel camera = test::camera_of(kPictureWidth, kPictureHeight, 140.0);
   std::unique_ptr<GlContext> context;
   std::optional<Session> session;
   std::vector<std::uint8_t> picture;

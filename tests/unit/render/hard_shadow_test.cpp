@@ -12,7 +12,7 @@
 #include "support/studio.hpp"
 #include "support/studio_models.hpp"
 
-namespace penumbra {
+namespace penumbra::hard_shadow_test {
 namespace {
 
 using test::box;
@@ -303,4 +303,4 @@ TEST(HardShadowWork, OnlyWhatMovedIsProjectedAgain) {
 }
 
 }  // namespace
-}  // namespace penumbra
+}  // namespace penumbra::hard_shadow_test

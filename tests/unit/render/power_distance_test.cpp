@@ -14,7 +14,7 @@
 namespace penumbra {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 
 ShadowField field_of(const ShadowMesh& mesh, const Placement& placement,
                      const LayeredConstants& constants, const ShadowFieldOptions& options = {}) {
@@ -185,7 +185,7 @@ TEST(PowerDistance, LayersMeetInContactAndTheUmbraVanishes) {
   test::ShapeBuilder shape;
   shape.prism({{-0.05, -0.05}, {0.05, -0.05}, {0.05, 0.05}, {-0.05, 0.05}}, 0.0, 0.0);
   const ShadowMesh mesh = make_shadow_mesh(shape.build());
-  for (const double H : {0.9, kInfinity}) {
+  for (const double H : {0.9, kNoLimit}) {
     const LayeredConstants constants = std::isinf(H) ? make_layered_constants(H, 0.0, 0.3).value()
                                                      : make_layered_constants(H, 3.0, 0.0).value();
     const ShadowField contact =

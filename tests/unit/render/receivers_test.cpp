@@ -11,7 +11,7 @@
 #include "support/studio.hpp"
 #include "support/studio_models.hpp"
 
-namespace penumbra {
+namespace penumbra::receivers_test {
 namespace {
 
 using test::box;
@@ -207,4 +207,4 @@ TEST(DefaultWalls, StandAtTheFarEdgesOfWhatCastersComeTo) {
 }
 
 }  // namespace
-}  // namespace penumbra
+}  // namespace penumbra::receivers_test

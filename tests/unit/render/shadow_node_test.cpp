@@ -10,7 +10,7 @@
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 
-namespace penumbra {
+namespace penumbra::shadow_node_test {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
@@ -150,4 +150,4 @@ TEST(Sun, LightsTheTableFromItsSide) {
 }
 
 }  // namespace
-}  // namespace penumbra
+}  // namespace penumbra::shadow_node_test

@@ -17,7 +17,7 @@
 #include "support/studio.hpp"
 #include "support/studio_models.hpp"
 
-namespace penumbra {
+namespace penumbra::shadow_pass_test {
 namespace {
 
 using test::box;
@@ -492,4 +492,4 @@ TEST(ShadowPass, SplittingKeepsTheSurfaceAndItsKernels) {
 }
 
 }  // namespace
-}  // namespace penumbra
+}  // namespace penumbra::shadow_pass_test

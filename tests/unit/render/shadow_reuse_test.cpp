@@ -11,7 +11,7 @@
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 
-namespace penumbra {
+namespace penumbra::shadow_reuse_test {
 namespace {
 
 using test::Picture;
@@ -271,9 +271,9 @@ TEST(ShadowField, IsDrawnWhereTheFieldIs) {
         if (field.sample(kShadowLayers[i], p) > 0.0F) layer = i;
       }
       ++size[layer];
-      constexpr std::array kLight = {0.15, 0.4, 0.83, 1.0};
+      constexpr std::array kLightLeft = {0.15, 0.4, 0.83, 1.0};
       const auto expected =
-          static_cast<int>(std::lround(255.0 * std::pow(kLight[layer], 1.0 / 2.2)));
+          static_cast<int>(std::lround(255.0 * std::pow(kLightLeft[layer], 1.0 / 2.2)));
       differing += picture.red(x, y) != expected ? 1 : 0;
     }
   }
@@ -329,4 +329,4 @@ TEST(ShadowField, ACardOnThePlaneIsNotCutByRounding) {
 }
 
 }  // namespace
-}  // namespace penumbra
+}  // namespace penumbra::shadow_reuse_test

@@ -16,7 +16,7 @@
 #include "support/studio.hpp"
 #include "support/studio_models.hpp"
 
-namespace penumbra {
+namespace penumbra::shadow_volume_test {
 namespace {
 
 using test::box;
@@ -310,4 +310,4 @@ TEST(ShadowVolume, IsMadeAgainWhereItsCasterOrLightMovedOnly) {
 }
 
 }  // namespace
-}  // namespace penumbra
+}  // namespace penumbra::shadow_volume_test
