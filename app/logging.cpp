@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdarg>
 #include <cstdio>
+#include <cstdlib>
 #include <string_view>
 
 extern "C" {
@@ -34,6 +35,8 @@ void set_up_logging() {
   spdlog::set_default_logger(logger);
   spdlog::set_level(spdlog::level::warn);
   av_log_set_callback(&log_libav);
+  // Before the first thread and the first display; a person who asks for another level keeps it.
+  setenv("EGL_LOG_LEVEL", "fatal", 0);
 }
 
 }  // namespace penumbra

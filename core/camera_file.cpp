@@ -1,7 +1,9 @@
 #include "core/camera_file.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <initializer_list>
+#include <optional>
 
 #include "core/text.hpp"
 #include "core/yaml_fields.hpp"
@@ -263,6 +265,27 @@ Result<CameraParameters> read_ros(const YamlFields& fields) {
 
 }  // namespace
 
+namespace {
+
+// A lens whose picture folds back onto itself so near its middle was never measured: a sign or a
+// power of ten is wrong, or the coefficients are another model's.
+Result<void> check_lens(const CameraModel& camera) {
+  if (!std::isfinite(camera.max_radius())) return {};
+  const double shorter = std::min(camera.width(), camera.height());
+  const CameraParameters& p = camera.parameters();
+  const Eigen::Vector2d centre(p.cx, p.cy);
+  // Just inside, so that rounding does not decide.
+  const std::optional<Eigen::Vector2d> fold =
+      camera.project({camera.max_radius() * (1.0 - 1e-9), 0.0, 1.0});
+  if (fold && (*fold - centre).norm() >= 0.25 * shorter) return {};
+  return fail(
+      "distortion: this lens folds its picture {:.0f} px from the middle of {} x {}; correct the "
+      "coefficients or the distortion_model",
+      fold ? (*fold - centre).norm() : 0.0, camera.width(), camera.height());
+}
+
+}  // namespace
+
 Result<CameraModel> load_camera(const std::filesystem::path& file) {
   const Result<std::string> text = read_text_file(file, kMaxYamlBytes);
   if (!text) return tl::unexpected(text.error());
@@ -279,6 +302,7 @@ Result<CameraModel> load_camera(const std::filesystem::path& file) {
     if (!parameters) return tl::unexpected(parameters.error());
     Result<CameraModel> camera = CameraModel::make(*parameters);
     if (!camera) return fail_in(file.string(), camera.error());
+    if (auto ok = check_lens(*camera); !ok) return fail_in(file.string(), ok.error());
     return camera;
   } catch (const std::exception& error) {  // yaml-cpp's own, should one get past the checks
     return fail("{}: is not readable as a camera file ({}); correct the file", file.string(),

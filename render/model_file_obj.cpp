@@ -169,8 +169,13 @@ Result<void> ObjReader::read_material_file(std::string_view line) {
   named = named.substr(first, last - first + 1);
   const Result<std::filesystem::path> file = beside_model(file_.parent_path(), named);
   if (!file) return fail("{}: line {}: {}", name_, line_, file.error().message);
-  // Models are often passed on without it; they are drawn in plain grey then.
-  if (!std::filesystem::exists(*file)) return {};
+  // Models are often passed on without it.
+  if (!std::filesystem::exists(*file)) {
+    model_.warnings.push_back(
+        fmt::format("{}: line {}: there is no {}; its materials are drawn in plain grey", name_,
+                    line_, file->string()));
+    return {};
+  }
   const Result<std::vector<std::uint8_t>> bytes = read_file(*file, limits_.max_file_bytes);
   if (!bytes) return fail("{}: line {}: {}", name_, line_, bytes.error().message);
   const std::string_view text(reinterpret_cast<const char*>(bytes->data()), bytes->size());

@@ -422,6 +422,7 @@ Result<std::shared_ptr<const Model>> SceneReader::model_from(const std::string& 
     Result<Model> model = load_model(path, up);
     if (!model) return fail_at(pointer, "{}", model.error().message);
     known = std::make_shared<const Model>(std::move(*model));
+    scene_.warnings.insert(scene_.warnings.end(), known->warnings.begin(), known->warnings.end());
   }
   return known;
 }

@@ -89,6 +89,16 @@ TEST_F(CameraFile, ErrorsNameFileAndField) {
   EXPECT_FALSE(load_camera(folder_.path() / "absent.yaml"));
 }
 
+// A k1 of -5000 once was a lens that showed a fortieth of the picture and nothing around it.
+TEST_F(CameraFile, ALensThatFoldsItsPictureNearTheMiddleIsRefused) {
+  refuses(camera_text("distortion_model: plumb_bob", "[-5000, 0, 0, 0, 0]"), "folds its picture");
+  refuses(camera_text("distortion_model: plumb_bob", "[-20, 0, 0, 0, 0]"), "distortion");
+  refuses(camera_text("distortion_model: equidistant", "[-20, 0, 0, 0]"), "folds");
+  // The corners alone: fits of wide lenses do that.
+  EXPECT_TRUE(load(camera_text("distortion_model: plumb_bob", "[-0.35, 0.05, 0, 0, 0]")));
+  EXPECT_TRUE(load(camera_text("distortion_model: plumb_bob", "[-1.2, 0, 0, 0, 0]")));
+}
+
 TEST_F(CameraFile, WhatIsWrittenReadsBackBitForBit) {
   for (const DistortionModel model :
        {DistortionModel::plumb_bob, DistortionModel::rational, DistortionModel::fisheye}) {

@@ -272,6 +272,13 @@ TEST_F(ModelFile, MalformedObjIsRefusedWithItsLine) {
               HasSubstr("bad.mtl: line 2: \"nan\" is not a finite number"));
 }
 
+TEST_F(ModelFile, ObjWithoutItsMaterialFileSaysSo) {
+  const Result<Model> model = obj("mtllib lost.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+  ASSERT_TRUE(model) << error_of(model);
+  EXPECT_THAT(model->warnings,
+              testing::ElementsAre(testing::AllOf(HasSubstr("line 1"), HasSubstr("lost.mtl"))));
+}
+
 TEST_F(ModelFile, ObjMaterialsColourTheirFaces) {
   write("m.mtl", "newmtl paint\nKd 1 0.5 0\nKe 0 0 1\n");
   const Result<Model> model =

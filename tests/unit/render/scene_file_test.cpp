@@ -202,6 +202,17 @@ TEST_F(SceneFile, ObjectsSayWhatCasts) {
   EXPECT_EQ(own->objects[0].proxy_model->name, "cube");
 }
 
+// Once for a model, however often it stands in the scene.
+TEST_F(SceneFile, WhatAModelHasToSayIsPassedOn) {
+  std::ofstream(folder_.path() / "thing.obj")
+      << "mtllib lost.mtl\nv 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n";
+  const Result<Scene> scene =
+      load(R"({"objects":[{"name":"a","model":"thing.obj"},{"name":"b","model":"thing.obj"}]})");
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_THAT(scene->warnings,
+              testing::ElementsAre(testing::AllOf(HasSubstr("thing.obj"), HasSubstr("lost.mtl"))));
+}
+
 TEST_F(SceneFile, AdviceOnTheLightThatIsNotFollowedIsTold) {
   // The box has a footprint of radius 0.0707 m; its shadow falls on a sheet of half width W.
   const auto warnings = [this](const std::string& layered, double half_width) {
