@@ -1,5 +1,7 @@
 // A composited frame at 640 x 480 by technique: whole frame (upload, video, object, shadow), CPU
 // time of this thread and of the software rasteriser's (LP_NUM_THREADS=0 keeps it on this one).
+// Beside it the error of what is skipped: how many pixels differ from the same frames drawn with
+// every pass in place.
 #include <benchmark/benchmark.h>
 
 #include <algorithm>
@@ -43,24 +45,44 @@ Studio& studio() {
   return studio;
 }
 
+FramePlan plan_of(const Studio& s, const Frame& frame, const PlanOptions& options) {
+  PoseEstimate pose;
+  pose.status = TrackStatus::tracked;
+  pose.T_table_camera = s.recording.groundtruth->at(frame.timestamp_ns)->T_table_camera;
+  return plan_frame(*s.scene, evaluate_scene(*s.scene, seconds(frame.timestamp_ns)), pose,
+                    *s.recording.camera, options);
+}
+
+// Pixels per frame that skipping changes: none, if it is right.
+double pixels_changed_by_skipping(Studio& s, PlanOptions options) {
+  std::vector<std::uint8_t> with(640 * 480 * 4), without(with.size());
+  std::size_t changed = 0;
+  for (const Frame& frame : s.frames) {
+    for (const bool skip : {true, false}) {
+      options.skip = skip;
+      s.compositor->draw(frame, plan_of(s, frame, options)).value();
+      s.compositor->read_back(skip ? with : without).value();
+    }
+    for (std::size_t i = 0; i < with.size(); i += 4) {
+      changed += std::equal(&with[i], &with[i] + 4, &without[i]) ? 0U : 1U;
+    }
+  }
+  return static_cast<double>(changed) / static_cast<double>(s.frames.size());
+}
+
 void composite(benchmark::State& state, ShadowTechnique technique) {
   Studio& s = studio();
   PlanOptions options;
   options.technique = technique;
   std::vector<std::uint8_t> rgba(640 * 480 * 4);
+  const double changed = pixels_changed_by_skipping(s, options);
   std::size_t i = 0;
   std::int64_t shadow_vertices = 0;
   double shadow_cpu_ms = 0.0;
   double longest_shadow_cpu_ms = 0.0;
   for (auto _ : state) {
     const Frame& frame = s.frames[i++ % s.frames.size()];
-    PoseEstimate pose;
-    pose.status = TrackStatus::tracked;
-    pose.T_table_camera = s.recording.groundtruth->at(frame.timestamp_ns)->T_table_camera;
-    const FramePlan plan =
-        plan_frame(*s.scene, evaluate_scene(*s.scene, seconds(frame.timestamp_ns)), pose,
-                   *s.recording.camera, options);
-    const CompositeStats drawn = s.compositor->draw(frame, plan).value();
+    const CompositeStats drawn = s.compositor->draw(frame, plan_of(s, frame, options)).value();
     shadow_vertices += drawn.shadow_vertices;
     shadow_cpu_ms += drawn.shadow_cpu_ms;
     longest_shadow_cpu_ms = std::max(longest_shadow_cpu_ms, drawn.shadow_cpu_ms);
@@ -70,12 +92,17 @@ void composite(benchmark::State& state, ShadowTechnique technique) {
       static_cast<double>(shadow_vertices) / static_cast<double>(state.iterations());
   state.counters["shadow_cpu_ms"] = shadow_cpu_ms / static_cast<double>(state.iterations());
   state.counters["shadow_cpu_ms_max"] = longest_shadow_cpu_ms;
+  state.counters["pixels_changed_by_skipping"] = changed;
 }
 
 BENCHMARK_CAPTURE(composite, simple, ShadowTechnique::simple)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(composite, none, ShadowTechnique::none)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(composite, layered, ShadowTechnique::layered)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(composite, cocl, ShadowTechnique::cocl)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(composite, field, ShadowTechnique::field)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(composite, walls, ShadowTechnique::walls)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(composite, hard, ShadowTechnique::hard)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(composite, volume, ShadowTechnique::volume)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace penumbra
