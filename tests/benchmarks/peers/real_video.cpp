@@ -64,6 +64,7 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
                      return a.second < b.second;
                    })->first;
   options.most_frames = static_cast<int>(footage.frames.size());
+  options.edge_shift = false;
   const auto survey = survey_tags(footage.camera, seen, options);
   if (!survey) return tl::unexpected(survey.error());
   std::vector<MappedTag> mapped;
