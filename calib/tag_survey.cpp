@@ -27,7 +27,11 @@ using Pose6 = std::array<double, 6>;  // angle-axis, translation
 constexpr double kNearest = 1e-6;        // [m] in front of the camera
 constexpr double kEdgeShiftPrior = 0.5;  // [px]
 constexpr double kTypicalNoise = 0.1;    // [px]
-constexpr int kFewestFrames = 2;         // that a tag must be seen in
+// No tone curve and no blur that leaves a tag readable moves edges by more: what was found instead
+// is an error of the model (a sheet that is not flat, a lens) that scale and shift took up
+// together.
+constexpr double kMostEdgeShift = 0.5;  // [px]
+constexpr int kFewestFrames = 2;        // that a tag must be seen in
 
 struct Sighting {
   int id = 0;
@@ -293,6 +297,7 @@ class Survey {
   }
 
   double shift = 0.0;
+  bool shift_is_free = true;
 
  private:
   template <class Visit>
@@ -335,6 +340,7 @@ class Survey {
         new ceres::AutoDiffCostFunction<ShiftPrior, 1, 1>(new ShiftPrior),
         new ceres::ScaledLoss(nullptr, kTypicalNoise * kTypicalNoise, ceres::TAKE_OWNERSHIP),
         &shift);
+    if (!shift_is_free) problem.SetParameterBlockConstant(&shift);
     Pose6& anchor = tags.at(options_.anchor);
     if (problem.HasParameterBlock(anchor.data())) problem.SetParameterBlockConstant(anchor.data());
   }
@@ -392,6 +398,7 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
                 fmt::join(ids, ", "));
   }
 
+  survey.shift_is_free = options.edge_shift;
   // From the anchor outwards: cameras from placed tags, tags from posed cameras.
   survey.tags[options.anchor] = Pose6{};
   for (bool grew = true; grew;) {
@@ -415,10 +422,20 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
   }
   TagSurvey result;
   int corners = 0;
-  for (int round = 0; round < 4; ++round) {
-    if (!survey.adjust(round == 0)) return fail("the tags' places do not settle; sweep slower");
-    if (!survey.drop_outliers(result.rms_px, corners) && round > 0) break;
+  const auto settle = [&] {
+    for (int round = 0; round < 4; ++round) {
+      if (!survey.adjust(round == 0)) return false;
+      if (!survey.drop_outliers(result.rms_px, corners) && round > 0) break;
+    }
+    return true;
+  };
+  bool settled = settle();
+  if (settled && std::abs(survey.shift) > kMostEdgeShift) {
+    survey.shift = 0.0;
+    survey.shift_is_free = false;
+    settled = settle();
   }
+  if (!settled) return fail("the tags' places do not settle; sweep slower");
   if (result.rms_px > 3.0) {
     return fail(
         "the tags contradict each other by {:.1f} px: did one move, are the sizes right, and "

@@ -24,6 +24,9 @@ struct SurveyOptions {
   std::map<int, double> sizes_m;     // by id
   int anchor = 0;                    // its frame becomes the table's, in all six freedoms
   int most_frames = 150;             // of more, every n-th
+  // Whether the edges of black squares may lie further out in the image than the tags' sizes say,
+  // by one number for all (tone curve, blur).
+  bool edge_shift = true;
 };
 
 struct SurveyedTag {
@@ -37,8 +40,11 @@ struct TagSurvey {
   std::vector<SurveyedTag> tags;      // by id
   std::vector<std::string> left_out;  // tags that were seen but can't be placed, and why
   int frames_used = 0;
-  double rms_px = 0.0;         // 2-D distance
-  double edge_shift_px = 0.0;  // by which black squares look larger (tone curve, blur)
+  double rms_px = 0.0;  // 2-D distance
+  // By which black squares look larger (tone curve, blur); 0 where it was not asked for, or the
+  // views don't tell it from the tags' distances: with all of them as large in every view a larger
+  // shift and a longer way between them show the same.
+  double edge_shift_px = 0.0;
   // RMS height of tag centres over the plane that fits them best, and its tilt against the
   // anchor's.
   double flatness_m = 0.0;

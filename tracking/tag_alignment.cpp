@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstring>
 
@@ -22,6 +23,12 @@ constexpr double kConverged_px = 0.03;    // the step after such a one is below 
 constexpr int kFineRounds = 3;
 constexpr int kFineSteps = 5;        // per round at most
 constexpr double kFineCutoff = 0.6;  // of Tukey's weights, as a share of the gain
+
+// What to ask for so that so many of the kernel's blocks come out full: the walk along the edges
+// meets its cap within some samples, and a last one over the brim costs a whole block.
+constexpr int filled_blocks(int blocks) {
+  return (kernel::kBlock - 4) * blocks;
+}
 
 // 64-byte aligned arrays of floats, one behind the other.
 class SampleStorage {
@@ -116,6 +123,15 @@ int ceil_of(double x) {
   return -floor_of(-x);
 }
 
+// A tag's gain and offset, solved for in terms of the pose.
+struct Eliminated {
+  Eigen::Matrix<double, 6, 2> cross;  // lattice frame
+  Eigen::Matrix2d inverse;
+  Eigen::Vector2d gradient;
+  Matrix6d adjoint;  // from the camera's motion to the lattice's
+  bool valid = false;
+};
+
 // Places along the rows across an edge that are sampled, in pixels from the edge's own pixel.
 struct Band {
   std::array<int, 16> offsets{};
@@ -184,8 +200,8 @@ struct TagAligner::Impl {
   double extra_blur_px = 0.0;
   double variance = 0.0;     // of a residual [grey^2]
   double noise_share = 0.0;  // sigma of a residual over the gain, by the median; 0: unknown
-  std::vector<float> noise_scratch;
   Matrix6d information = Matrix6d::Zero();
+  std::vector<Eliminated> eliminated;  // of the last step, by place in `active`
   std::vector<std::int32_t> score_sum;
   std::vector<std::uint8_t> search_scratch;
 
@@ -303,6 +319,7 @@ struct TagAligner::Impl {
       place(tag);
       tag.visible = measure(tag, exposure_motion);
       if (!tag.visible) continue;
+      if (wide) tag.correlated = false;  // the model is blurred anyway
       project_lattice(tag, wide ? wide_variance_px2(tag) : 0.0);
       active.push_back(&tag);
     }
@@ -370,7 +387,8 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent) {
       std::clamp(kSearchPoints / (2 * static_cast<int>(active.size())), 4, kMaxSearchCells / 2);
   double smallest_cell = 1e9;
   for (const Tag* tag : active) smallest_cell = std::min(smallest_cell, tag->cell_px);
-  const int row_step = smallest_cell < 3.5 ? 1 : 2;
+  // The peak is about a cell high to each side.
+  const int row_step = std::clamp(static_cast<int>(smallest_cell / 1.75), 1, 4);
   const int rows = 2 * (search_reach / row_step) + 1;
   const int first_row = -(search_reach / row_step) * row_step;
   score_sum.assign(static_cast<std::size_t>(rows * columns), 0);
@@ -761,18 +779,12 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
 bool TagAligner::Impl::step(double cutoff, double& moved_px) {
   Matrix6d H = Matrix6d::Zero();
   Vector6d g = Vector6d::Zero();
-  struct Eliminated {
-    Eigen::Matrix<double, 6, 2> cross;  // lattice frame
-    Eigen::Matrix2d inverse;
-    Eigen::Vector2d gradient;
-    Matrix6d adjoint;
-    bool valid = false;
-  };
-  std::vector<Eliminated> eliminated(active.size());
+  if (eliminated.size() < active.size()) eliminated.resize(active.size());
   double cost = 0.0;
   double weight = 0.0;
   for (std::size_t k = 0; k < active.size(); ++k) {
     Tag& tag = *active[k];
+    eliminated[k].valid = false;
     if (tag.used < 16 || !(tag.gain > 1.0)) continue;
     kernel::AccumulateInput in;
     std::copy(tag.lattice_from_ray.begin(), tag.lattice_from_ray.end(), in.lattice_from_ray);
@@ -870,15 +882,17 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
   variance = 0.0;
   noise_share = 0.0;
   double moved = 0.0;
-  for (Tag* tag : active) select(*tag, true, 90);
+  const int wide_cap = filled_blocks(active.size() > 8 ? 1 : 2);
+  for (Tag* tag : active) select(*tag, true, wide_cap);
   if (!step(0.0, moved) || !step(0.8, moved)) {
     result.reason = "too few pixels on tags";
     return false;
   }
   const int cap = options.effort == AlignmentEffort::accurate
                       ? 1'000'000
-                      : std::min(options.samples_per_tag,
-                                 std::max(100, options.samples / static_cast<int>(active.size())));
+                      : filled_blocks(std::clamp(
+                            options.samples / (kernel::kBlock * static_cast<int>(active.size())), 2,
+                            std::max(2, options.samples_per_tag / kernel::kBlock)));
   noise_share = 0.0;
   const double settled = options.effort == AlignmentEffort::accurate ? 0.85 : 0.7;
   for (int round = 0; round < kFineRounds; ++round) {
@@ -909,24 +923,41 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
 }
 
 // The residuals' size as a share of the gain, by their median: what covers a part of the tags does
-// not count.
+// not count. The median is that of a histogram whose classes are the leading bits of the floats
+// (16 to an octave), interpolated within its class.
 void TagAligner::Impl::measure_noise() {
+  constexpr std::uint32_t kShift = 19;                  // leaves 4 bits of the mantissa
+  constexpr std::uint32_t kFirst = (127U - 16U) << 4U;  // 2^-16 of the gain and less
+  constexpr std::size_t kClasses = 20 * 16;             // up to 2^4
+  std::array<std::uint16_t, kClasses> histogram{};
   int total = 0;
   for (const Tag* tag : active) total += tag->used;
   const int stride = std::max(1, total / 384);
-  noise_scratch.clear();
+  int count = 0;
   int next = 0;
   for (const Tag* tag : active) {
     if (!(tag->gain > 1.5)) continue;
     const auto inverse_gain = static_cast<float>(1.0 / tag->gain);
-    for (; next < tag->used; next += stride)
-      noise_scratch.push_back(std::abs(tag->samples.residual[next]) * inverse_gain);
+    for (; next < tag->used; next += stride) {
+      const auto bits =
+          std::bit_cast<std::uint32_t>(std::abs(tag->samples.residual[next]) * inverse_gain);
+      const std::uint32_t position = std::max(bits >> kShift, kFirst) - kFirst;
+      ++histogram[std::min<std::size_t>(position, kClasses - 1)];
+      ++count;
+    }
     next -= tag->used;
   }
-  if (noise_scratch.size() < 16) return;
-  const auto middle = noise_scratch.begin() + static_cast<std::ptrdiff_t>(noise_scratch.size() / 2);
-  std::nth_element(noise_scratch.begin(), middle, noise_scratch.end());
-  noise_share = 1.4826 * static_cast<double>(*middle);
+  if (count < 16) return;
+  const double middle = 0.5 * count;
+  double below = 0.0;
+  std::size_t at = 0;
+  while (below + histogram[at] < middle) below += histogram[at++];
+  const auto edge = [](std::size_t position) {
+    return static_cast<double>(
+        std::bit_cast<float>((static_cast<std::uint32_t>(position) + kFirst) << kShift));
+  };
+  const double within = (middle - below) / histogram[at];
+  noise_share = 1.4826 * (edge(at) + within * (edge(at + 1) - edge(at)));
 }
 
 // How many times larger the variance of the mean displacement of an edge is than independent

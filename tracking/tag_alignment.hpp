@@ -24,14 +24,14 @@
 namespace penumbra {
 
 enum class AlignmentEffort {
-  fast,      // up to `samples_per_tag` pixels per tag and `samples` in all
+  fast,      // up to about `samples_per_tag` pixels per tag and `samples` in all
   accurate,  // every pixel at an edge
 };
 
 struct AlignmentOptions {
   AlignmentEffort effort = AlignmentEffort::fast;
   int samples_per_tag = 400;
-  int samples = 2400;  // of all tags together, where that gives a tag 100 and more; fast only
+  int samples = 1920;  // of all tags together, where that gives a tag 128 and more; fast only
   // Sigma of the point spread, the pixel's box included: a lens of 0.5 px gives
   // sqrt(0.25 + 1/12) px.
   double blur_px = 0.58;

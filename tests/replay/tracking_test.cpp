@@ -4,12 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include "support/paths.hpp"
 #include "support/replay_tracking.hpp"
+#include "support/visibility.hpp"
 
 namespace penumbra {
 namespace {
@@ -99,21 +99,8 @@ TEST(Reentry, NothingIsReportedWhileTheBoardIsAwayAndItIsBackAtOnce) {
   const std::filesystem::path folder = shared / "recordings" / "reentry";
   const auto result = test::track_recording(folder);
   ASSERT_TRUE(result) << result.error().message;
-  // Corners in the image, of the tag that shows most.
-  std::vector<int> corners(result->frames.size(), 0);
-  std::istringstream lines(read_text_file(folder / "visibility.csv", 1 << 20).value());
-  std::string line;
-  std::getline(lines, line);  // the heading
-  while (std::getline(lines, line)) {
-    std::size_t frame = 0;
-    int id = 0;
-    int count = 0;
-    char comma = 0;
-    std::istringstream fields(line);
-    fields >> frame >> comma >> id >> comma >> count;
-    ASSERT_TRUE(fields && frame < corners.size()) << line;
-    corners[frame] = std::max(corners[frame], count);
-  }
+  const std::vector<int> corners = test::most_corners_in_view(folder, result->frames.size());
+  ASSERT_EQ(corners.size(), result->frames.size());
   int away = 0;
   std::size_t back = 0;  // frame of the return
   for (std::size_t i = 0; i < corners.size(); ++i) {

@@ -1,0 +1,56 @@
+// What other libraries make of a frame, behind one interface, so that they can be measured in one
+// run with our tracker: luma -> T_table_camera. One file per library; a library that is not there
+// at build time gives no peer.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/camera_model.hpp"
+#include "core/image_view.hpp"
+#include "core/tag_map.hpp"
+#include "core/transform.hpp"
+#include "tracking/pose_solver.hpp"
+
+namespace penumbra::peers {
+
+class Peer {
+ public:
+  virtual ~Peer() = default;
+  [[nodiscard]] virtual std::optional<CameraPose> find(ImageView luma) = 0;
+};
+
+// Tags of the group `table` are known to all of them; every peer's corners are turned into the
+// convention of this project (order, and pixel (0, 0) at the centre of the top-left pixel).
+
+// libapriltag over the full frame; pose by solve_pnp, or by our own estimate_board_pose (both
+// planar solutions, Ceres with a robust loss, contradicting tags left out).
+enum class PoseBy { pnp, refinement };
+[[nodiscard]] std::unique_ptr<Peer> make_libapriltag(const CameraModel& camera, const TagMap& tags,
+                                                     float quad_decimate, PoseBy pose_by);
+
+// cv::aruco::detectMarkers and solve_pnp. Null without OpenCV's aruco.
+enum class ArucoCorners { subpix, apriltag };
+[[nodiscard]] std::unique_ptr<Peer> make_aruco(const CameraModel& camera, const TagMap& tags,
+                                               ArucoCorners corners);
+
+// vpDetectorAprilTag and vpPose over all corners. Null without ViSP.
+[[nodiscard]] std::unique_ptr<Peer> make_visp(const CameraModel& camera, const TagMap& tags,
+                                              float quad_decimate);
+
+// cv::solvePnP (SOLVEPNP_ITERATIVE: a homography or a direct linear transform, then Levenberg and
+// Marquardt) over all points.
+[[nodiscard]] std::optional<CameraPose> solve_pnp(const CameraModel& camera,
+                                                  std::span<const PointObservation> points);
+
+// The corners of a tag with this id, seen at these pixels (our order), behind the others; nothing
+// is added for a tag that the table has not.
+void add_corners(const TagMap& tags, TagFamily family, int id,
+                 const std::array<Eigen::Vector2d, 4>& corners_px,
+                 std::vector<PointObservation>& points);
+
+}  // namespace penumbra::peers

@@ -1,0 +1,158 @@
+// The pattern alignment on exact synthetic pictures, in trials with a score: six tags of 60 mm
+// whose cells are about 10 px across, seen by a 1280x720 camera with a lens.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <random>
+#include <span>
+#include <vector>
+
+#include "core/evaluation.hpp"
+#include "core/stopwatch.hpp"
+#include "support/synthetic_board.hpp"
+#include "tracking/tag_alignment.hpp"
+
+namespace penumbra::test {
+
+struct TrialScore {
+  int runs = 0;
+  int found = 0;               // verified, and nearer than 3 px
+  int wrong = 0;               // verified, and further off
+  std::vector<double> errors;  // of what was found, overlay [px]
+  std::vector<double> us;
+  double ratio2 = 0.0;  // sum of (error / bound)^2, where the bound was asked for
+
+  [[nodiscard]] double found_share() const { return runs > 0 ? 1.0 * found / runs : 0.0; }
+  [[nodiscard]] double rms_px() const { return statistics_of(errors).rmse; }
+  [[nodiscard]] double over_bound() const { return found > 0 ? std::sqrt(ratio2 / found) : 0.0; }
+};
+
+class SyntheticTrials {
+ public:
+  explicit SyntheticTrials(int samples = PatternRenderOptions().samples) : samples_(samples) {}
+
+  // Pictures with white noise [grey levels]; start errors of 2 px. With the Cramer-Rao bound where
+  // asked for (gain and offset of each tag unknown).
+  [[nodiscard]] TrialScore noise(AlignmentEffort effort, double noise_grey, int views,
+                                 bool with_bound) {
+    TagAligner aligner = make_aligner(effort);
+    std::mt19937_64 random(7);
+    TrialScore score;
+    for (int k = 0; k < views; ++k) {
+      const CameraPose truth = random_view(random);
+      PatternRenderOptions render = options(k);
+      render.noise_grey = noise_grey;
+      const double bound_px =
+          with_bound ? expected_overlay_error_px(
+                           camera_, truth,
+                           pose_bound(renderer_, camera_, tags_, truth, render, noise_grey))
+                     : 0.0;
+      run(aligner, picture(truth, render), truth, displaced(camera_, tags_, truth, 2.0, random),
+          2.0, Vector6d::Zero(), score, bound_px);
+    }
+    return score;
+  }
+
+  // A share of every tag covered; noise 2.
+  [[nodiscard]] TrialScore cover(double share, int views) {
+    TagAligner aligner = make_aligner(AlignmentEffort::fast);
+    std::mt19937_64 random(11);
+    TrialScore score;
+    for (int k = 0; k < views; ++k) {
+      const CameraPose truth = random_view(random);
+      PatternRenderOptions render = options(k);
+      render.noise_grey = 2.0;
+      render.cover_share = share;
+      run(aligner, picture(truth, render), truth, displaced(camera_, tags_, truth, 2.0, random),
+          2.0, Vector6d::Zero(), score, 0.0);
+    }
+    return score;
+  }
+
+  // From starts that are off by so much at the tags' corners, in the mean; noise 2.
+  [[nodiscard]] TrialScore basin(double start_px, int views, int starts) {
+    TagAligner aligner = make_aligner(AlignmentEffort::fast);
+    std::mt19937_64 random(13);
+    TrialScore score;
+    for (int k = 0; k < views; ++k) {
+      const CameraPose truth = random_view(random);
+      PatternRenderOptions render = options(k);
+      render.noise_grey = 2.0;
+      render.samples = 256;
+      const GreyImage image = picture(truth, render);
+      for (int j = 0; j < starts; ++j)
+        run(aligner, image, truth, displaced(camera_, tags_, truth, start_px, random), start_px,
+            Vector6d::Zero(), score, 0.0);
+    }
+    return score;
+  }
+
+  // Motion blur of a length at the tags' corners, known to the alignment or not; noise 2.
+  [[nodiscard]] TrialScore blur(double length_px, bool known, int views) {
+    TagAligner aligner = make_aligner(AlignmentEffort::fast);
+    std::mt19937_64 random(17);
+    TrialScore score;
+    for (int k = 0; k < views; ++k) {
+      const CameraPose truth = random_view(random);
+      const CameraPose moved = displaced(camera_, tags_, truth, length_px, random);
+      const Vector6d motion = perturbation_between(truth, moved);
+      std::vector<CameraPose> path;
+      for (int i = 0; i < 32; ++i)
+        path.push_back(perturbed(truth, motion * ((i + 0.5) / 32.0 - 0.5)));
+      PatternRenderOptions render = options(k);
+      render.noise_grey = 2.0;
+      run(aligner, renderer_.render(path, render), truth,
+          displaced(camera_, tags_, truth, 2.0, random), 2.0,
+          known ? motion : Vector6d::Zero().eval(), score, 0.0);
+    }
+    return score;
+  }
+
+ private:
+  [[nodiscard]] TagAligner make_aligner(AlignmentEffort effort) const {
+    AlignmentOptions alignment;
+    alignment.effort = effort;
+    return TagAligner::create(camera_, tags_, alignment).value();
+  }
+  [[nodiscard]] PatternRenderOptions options(int view) const {
+    PatternRenderOptions render;
+    render.samples = samples_;
+    render.seed = static_cast<std::uint64_t>(view) + 1;
+    return render;
+  }
+  [[nodiscard]] GreyImage picture(const CameraPose& pose, const PatternRenderOptions& render) {
+    return renderer_.render(std::span(&pose, 1), render);
+  }
+  void run(TagAligner& aligner, const GreyImage& image, const CameraPose& truth,
+           const CameraPose& start, double start_px, const Vector6d& motion, TrialScore& score,
+           double bound_px) const {
+    AlignmentInput input;
+    input.luma = image.view();
+    input.predicted = start;
+    // The start errors' own size.
+    input.covariance = loose_prior(0.0007 * start_px, 0.0012 * start_px);
+    input.exposure_motion = motion;
+    const Stopwatch watch;
+    const AlignmentResult& result = aligner.align(input);
+    score.us.push_back(1e3 * watch.elapsed().cpu_ms);
+    ++score.runs;
+    const double error = overlay_difference(camera_, result.T_table_camera, truth).rms_px();
+    if (!result.verified) return;
+    if (error < 3.0) {
+      ++score.found;
+      score.errors.push_back(error);
+      if (bound_px > 0.0) score.ratio2 += error * error / (bound_px * bound_px);
+    } else {
+      ++score.wrong;
+    }
+  }
+
+  int samples_;
+  CameraModel camera_ = wide_camera();
+  std::vector<MappedTag> tags_ = board(3, 2, 0.06);
+  PatternRenderer renderer_ = PatternRenderer::create(camera_, tags_).value();
+};
+
+}  // namespace penumbra::test
