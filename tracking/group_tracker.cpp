@@ -144,7 +144,7 @@ struct GroupTracker::Impl {
     TrackStatus last_status = TrackStatus::tracked;  // of the last measured place
     bool rests = false;
     Vector6d velocity = Vector6d::Zero();  // [m/s, rad/s], group's middle
-    int unseen = 0;                        // frames
+    int unseen = 0;                        // frames since it was tracked
   };
 
   CameraModel camera;
@@ -167,7 +167,8 @@ SharedFrame GroupTracker::Impl::request_for(const Group& group,
                                             const PoseEstimate& table_pose) const {
   SharedFrame request;
   const int unseen = group.unseen;
-  const bool looks = unseen < kLooksAtFirst || unseen % kLooksEvery == 0;
+  // Where the frame is searched anyway, what is found says more: it sees tags in wrong places too.
+  const bool looks = !search->searched() && (unseen < kLooksAtFirst || unseen % kLooksEvery == 0);
   if (looks && measured(table_pose.status)) {
     request.hint = as_table(group.shown.inverse() * table_pose.T_table_camera);
   }
@@ -364,7 +365,7 @@ TrackedFrame GroupTracker::track(const Frame& frame) {
   for (Impl::Group& group : m.groups) {
     const TrackedFrame seen = group.tracker.track(frame, m.request_for(group, result.pose));
     add(seen.times, result.times);
-    group.unseen = measured(seen.pose.status) ? 0 : group.unseen + 1;
+    group.unseen = seen.pose.status == TrackStatus::tracked ? 0 : group.unseen + 1;
     result.groups.push_back(m.place(group, frame.timestamp_ns, result.pose, seen.pose));
   }
   result.groups_skipped = m.skipped;

@@ -167,6 +167,9 @@ struct TableTracker::Impl {
   bool rests = false;
   int last_tags = 0;
   bool half_next = false;  // at which resolution is searched next
+  // The last search found tags that contradict each other: where the pattern fits here and there
+  // says nothing.
+  bool contradicted = false;
 
   TrackTimes times;
 
@@ -388,7 +391,8 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
       motion.reset();
     const ImageView image = search->image();
     std::optional<PoseEstimate> followed = follow(frame, image);
-    if (!followed && shared.hint) followed = follow_hint(frame, image, *shared.hint);
+    if (!followed && shared.hint && !contradicted)
+      followed = follow_hint(frame, image, *shared.hint);
     if (!followed && !shared.search)
       return without_measurement(frame.timestamp_ns, "not where it was");
     estimate = followed ? *followed : find(frame, image, predicted);
@@ -500,6 +504,12 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   input.covariance = prediction.covariance;
   const AlignmentResult& result = aligner.align(input);
   ImageMotion image_motion{motion_px, 0.0};
+  // Nobody saw these tags where they are looked for: a part of them may be there by a mistake of
+  // the map that a search would find.
+  if (from_hint && 3 * result.tags_verified < 2 * result.counters.tags_visible) {
+    align.add_to(times.align_ms, times.align_cpu_ms);
+    return std::nullopt;
+  }
   if (from_hint && result.verified) {
     input.predicted = result.T_table_camera;
     input.covariance = loose_covariance();
@@ -612,6 +622,7 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
     align.add_to(times.align_ms, times.align_cpu_ms);
   }
   const PoseEstimate estimate = judge(*measurement, predicted);
+  contradicted = measurement->contradictory;
   if (measurement->contradictory) {
     motion.reset();
     return estimate;
