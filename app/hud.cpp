@@ -113,6 +113,16 @@ HudStatus status_of(const PoseEstimate& pose) {
   return status;
 }
 
+HudStatus status_of(const GroupEstimate& group) {
+  PoseEstimate pose;
+  pose.status = group.status;
+  pose.reason = group.reason;
+  pose.age_s = group.age_s;
+  HudStatus status = status_of(pose);
+  status.text = group.name + ": " + status.text;
+  return status;
+}
+
 std::string technique_in_words(std::span<const HudNode> nodes) {
   std::vector<std::string> words;
   for (const HudNode& node : nodes) {

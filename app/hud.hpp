@@ -13,6 +13,7 @@
 
 #include "app/manipulation.hpp"
 #include "app/scene_edit.hpp"
+#include "core/group_pose.hpp"
 #include "core/pose_estimate.hpp"
 #include "render/compositor.hpp"
 #include "render/frame_plan.hpp"
@@ -76,6 +77,7 @@ struct HudState {
   std::uint64_t frame = 0;         // its number
   std::optional<int> frame_count;  // of a recording
   PoseEstimate pose;
+  std::vector<GroupEstimate> groups;                   // of tags, beside the table
   double frames_per_s = 0.0;                           // shown
   std::vector<std::pair<std::string, double>> stages;  // wall, mean of the last frames [ms]
   std::optional<double> latency_ms;                    // from the camera's timestamp to the swap
@@ -118,6 +120,7 @@ struct HudStatus {
   HudColor color;    // green, amber, blue that fades with the age, red
 };
 [[nodiscard]] HudStatus status_of(const PoseEstimate& pose);
+[[nodiscard]] HudStatus status_of(const GroupEstimate& group);  // "wall: tracked"
 // "layered", "cocl", or a list where nodes differ.
 [[nodiscard]] std::string technique_in_words(std::span<const HudNode> nodes);
 

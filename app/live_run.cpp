@@ -27,6 +27,7 @@
 #include "core/camera_file.hpp"
 #include "core/text.hpp"
 #include "core/units.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -303,6 +304,10 @@ class Silence {
     const bool gone = !tracked.pose.has_pose() || age_s > kHold_s;
     tracked.pose.status = gone ? TrackStatus::lost : TrackStatus::held;
     tracked.pose.age_s = age_s;
+    for (GroupEstimate& group : tracked.groups) {
+      if (group.has_pose()) group.status = tracked.pose.status;
+      group.age_s = age_s;
+    }
     // Drawn for the last time; its buffer goes back: a driver that lost its camera waits for every
     // one of them before it takes the camera again.
     if (gone) last_.reset();
@@ -376,11 +381,13 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (!camera) return tl::unexpected(camera.error());
   const auto tags = load_tag_map(request.tags);
   if (!tags) return tl::unexpected(tags.error());
-  auto tracker = TableTracker::create(*camera, *tags, request.tracking);
-  if (!tracker) return fail("{}: {}", request.tags.string(), tracker.error().message);
   auto loaded_scene = load_run_scene(request.scene, request.kernel_file);
   if (!loaded_scene) return tl::unexpected(loaded_scene.error());
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
+  auto tracker =
+      GroupTracker::create(*camera, *tags, request.tracking,
+                           wanted_groups(*scene, *tags, request.tags, request, request.plan.skip));
+  if (!tracker) return fail_in(request.tags.string(), tracker.error());
   for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
 
   const auto name = parse_camera(request.camera);
@@ -411,8 +418,9 @@ Result<RunReport> run_live(const LiveRequest& request) {
     return tl::unexpected(checked.error());
   }
   interrupt.hold();
-  auto outputs = open_outputs(
-      request, {camera->width(), camera->height(), (*source)->format().interval_s}, kEncodeAhead);
+  auto outputs =
+      open_outputs(request, {camera->width(), camera->height(), (*source)->format().interval_s},
+                   other_groups(*tags), kEncodeAhead);
   if (!outputs) return tl::unexpected(outputs.error());
   Recorder recorder(request, **source);
   if (request.record) {

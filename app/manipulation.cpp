@@ -100,7 +100,7 @@ std::optional<PickedPoint> pick(const Scene& scene, const SceneState& state, con
   std::optional<PickedPoint> nearest;
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
     const SceneObject& object = scene.objects[i];
-    if (!object.model) continue;
+    if (!object.model || opacity_of(state, static_cast<int>(i)) <= 0.0) continue;
     const Placement& T = state.objects[i];
     // In the object's frame, so that a model need not be moved; the direction keeps its length
     // there, and with it the distance along the ray.

@@ -192,6 +192,10 @@ struct Overlay::Impl {
     if (state.latency_ms) rate += fmt::format("   latency {:.0f} ms", *state.latency_ms);
     text(rate + "   " + frame_in_words(state));
     text(measured_tags(state.pose));
+    for (const GroupEstimate& group : state.groups) {
+      const HudStatus of_group = status_of(group);
+      text(of_group.color, of_group.text);
+    }
     text("shadows: " + technique_in_words(state.nodes));
     std::string times;
     for (const auto& [stage, ms] : state.stages) {

@@ -21,6 +21,7 @@
 #include "app/versions.hpp"
 #include "app/viewer.hpp"
 #include "core/units.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -57,7 +58,7 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
       frame_folders.insert(fs::weakly_canonical(frame.file, ignored).parent_path());
     }
   }
-  for (const auto& output : {request.output, request.poses, request.report}) {
+  for (const auto& output : {request.output, request.poses, request.report, request.group_poses}) {
     if (!output) continue;
     if (lies_in(*output, recording.folder)) {
       return fail("{}: lies in the recording {}, which is only read; name a place outside it",
@@ -73,13 +74,14 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
   return check_output_paths(request, std::move(taken));
 }
 
-Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& recording) {
+Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& recording,
+                              const Scene& scene) {
   if (!request.poses_from) {
-    auto tracker = TableTracker::create(*recording.camera, *recording.tags, request.tracking);
-    if (!tracker) {
-      return fail("{}: {}", request.tags.value_or(recording.folder / "tags.yaml").string(),
-                  tracker.error().message);
-    }
+    const fs::path tags = request.tags.value_or(recording.folder / "tags.yaml");
+    auto tracker = GroupTracker::create(
+        *recording.camera, *recording.tags, request.tracking,
+        wanted_groups(scene, *recording.tags, tags, request, request.plan.skip));
+    if (!tracker) return fail_in(tags.string(), tracker.error());
     return PoseSource(std::move(*tracker));
   }
   if (*request.poses_from == "groundtruth") {
@@ -88,7 +90,7 @@ Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& rec
           "{}: there is no such file; give --poses-from a TUM file, or leave it out to track",
           (recording.folder / "groundtruth.tum").string());
     }
-    return PoseSource(*recording.groundtruth);
+    return PoseSource(GivenPoses{*recording.groundtruth, recording.group_groundtruth});
   }
   auto trajectory = load_trajectory(*request.poses_from);
   if (!trajectory) return tl::unexpected(trajectory.error());
@@ -99,7 +101,7 @@ Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& rec
     return fail("{}: has no pose within 1 ms of any frame of {}; is it of another recording?",
                 *request.poses_from, recording.folder.string());
   }
-  return PoseSource(std::move(*trajectory));
+  return PoseSource(GivenPoses{std::move(*trajectory), recording.group_groundtruth});
 }
 
 // The median time between frames.
@@ -199,11 +201,11 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     return tl::unexpected(checked.error());
   const CameraModel& camera = *recording->camera;
 
-  auto poses = open_poses(request, *recording);
-  if (!poses) return tl::unexpected(poses.error());
   auto loaded_scene = load_run_scene(request.scene, request.kernel_file);
   if (!loaded_scene) return tl::unexpected(loaded_scene.error());
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
+  auto poses = open_poses(request, *recording, *scene);
+  if (!poses) return tl::unexpected(poses.error());
   for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
 
   auto events = request.edits ? load_scene_events(recording->folder / "events.jsonl")
@@ -237,8 +239,10 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   if (!session) return tl::unexpected(session.error());
 
   interrupt.hold();
+  const std::vector<std::string> groups =
+      recording->tags ? other_groups(*recording->tags) : std::vector<std::string>();
   auto outputs =
-      open_outputs(request, {camera.width(), camera.height(), frame_interval_s(*recording)},
+      open_outputs(request, {camera.width(), camera.height(), frame_interval_s(*recording)}, groups,
                    overlapped ? kEncodeAhead : 0);
   if (!outputs) return tl::unexpected(outputs.error());
 
@@ -320,6 +324,13 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   if (recording->groundtruth) {
     const Evaluation accuracy = accuracy_of(camera, run, *recording->groundtruth);
     if (accuracy.frames_with_truth > 0) report.accuracy = accuracy;
+    for (GroupReport& group : report.groups) {
+      const auto truth = recording->group_groundtruth.find(group.name);
+      if (truth == recording->group_groundtruth.end()) continue;
+      const Evaluation of_group =
+          accuracy_of_group(camera, run, group.name, *recording->groundtruth, truth->second);
+      if (of_group.frames_with_truth > 0) group.accuracy = of_group;
+    }
   }
   if (auto written = outputs->write_report(report); !written)
     return tl::unexpected(written.error());

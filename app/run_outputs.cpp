@@ -2,12 +2,15 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <system_error>
 #include <utility>
 
+#include "app/capture/recording_source.hpp"
 #include "app/session.hpp"
 #include "render/shadow/kernel_file.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -30,7 +33,7 @@ Result<std::unique_ptr<GlContext>> with_either_api(const Create& create) {
 
 Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::path> taken) {
   std::error_code ignored;
-  for (const auto& output : {request.output, request.poses, request.report}) {
+  for (const auto& output : {request.output, request.poses, request.report, request.group_poses}) {
     if (!output) continue;
     for (const fs::path& other : taken) {
       if (same_path(*output, other)) {
@@ -42,6 +45,10 @@ Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::pa
         output_kind(*request.output) == OutputKind::folder && lies_in(*output, *request.output)) {
       return fail("{}: lies in {}, which holds pictures and nothing else; name another place",
                   output->string(), request.output->string());
+    }
+    if (output == request.group_poses && fs::exists(*output, ignored) &&
+        !fs::is_directory(*output, ignored)) {
+      return fail("{}: is no folder; name one for the poses of groups", output->string());
     }
     // Devices may be named twice (/dev/null).
     if (!fs::exists(*output, ignored) || fs::is_regular_file(*output, ignored)) {
@@ -61,8 +68,26 @@ Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path
   return loaded;
 }
 
+std::optional<std::vector<std::string>> wanted_groups(const Scene& scene, const TagMap& tags,
+                                                      const fs::path& tags_file,
+                                                      const OutputRequest& request, bool skip) {
+  const std::vector<std::string> there = other_groups(tags);
+  const std::vector<std::string> tied = tag_groups_of(scene);
+  std::string names(kTableGroup);
+  for (const std::string& group : there) names += ", " + group;
+  for (const std::string& group : tied) {
+    if (std::ranges::find(there, group) != there.end()) continue;
+    spdlog::warn(
+        "{}: moves something with the tag group \"{}\", which {} does not have (it has {}); "
+        "it is not drawn",
+        scene.file, group, tags_file.string(), names);
+  }
+  if (!skip || request.group_poses) return std::nullopt;
+  return tied;
+}
+
 Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat& format,
-                                int encode_ahead) {
+                                const std::vector<std::string>& groups, int encode_ahead) {
   RunOutputs outputs;
   if (request.report) {
     auto file = OutputFile::create(*request.report);
@@ -73,6 +98,24 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
     auto writer = PoseWriter::create(*request.poses, request.poses_all);
     if (!writer) return tl::unexpected(writer.error());
     outputs.poses = std::move(*writer);
+  }
+  if (request.group_poses) {
+    std::error_code error;
+    fs::create_directories(*request.group_poses, error);
+    if (error) {
+      return fail("{}: cannot be made: {}; choose another place", request.group_poses->string(),
+                  error.message());
+    }
+    for (const std::string& group : groups) {
+      const auto file = group_file(group);
+      if (!file) {
+        return fail("group '{}': can be no file's name; give it another in the tags' file", group);
+      }
+      auto writer =
+          PoseWriter::create(*request.group_poses / *file, request.poses_all, "T_table_group");
+      if (!writer) return tl::unexpected(writer.error());
+      outputs.group_poses.emplace(group, std::move(*writer));
+    }
   }
   if (request.output) {
     auto writer = create_frame_writer(*request.output, format);
@@ -90,6 +133,11 @@ Result<void> RunOutputs::write(const SessionFrame& frame, std::span<const std::u
       return written;
     }
   }
+  for (const GroupEstimate& group : frame.tracked.groups) {
+    const auto writer = group_poses.find(group.name);
+    if (writer == group_poses.end()) continue;
+    if (auto written = writer->second.write(video.timestamp_ns, group); !written) return written;
+  }
   if (frames) {
     auto written = frames->write(video.sequence, video.timestamp_ns, pixels);
     for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
@@ -103,6 +151,9 @@ Result<void> RunOutputs::finish(RunRecorder& run) {
     auto finished = frames->finish();
     for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
     if (!finished) return finished;
+  }
+  for (auto& [unused, writer] : group_poses) {
+    if (auto finished = writer.finish(); !finished) return finished;
   }
   if (poses) return poses->finish();
   return {};

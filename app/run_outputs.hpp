@@ -3,9 +3,11 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "app/output/background_writer.hpp"
@@ -14,6 +16,7 @@
 #include "app/run_report.hpp"
 #include "core/camera_model.hpp"
 #include "core/error.hpp"
+#include "core/tag_map.hpp"
 #include "render/gl/context.hpp"
 #include "render/scene.hpp"
 
@@ -23,6 +26,8 @@ struct OutputRequest {
   std::optional<std::filesystem::path> output;  // composited frames
   std::optional<std::filesystem::path> poses;
   bool poses_all = false;  // uncertain and held ones too
+  // A folder, for where groups of tags beside the table are: NAME.tum of each (T_table_group).
+  std::optional<std::filesystem::path> group_poses;
   std::optional<std::filesystem::path> report;
 };
 
@@ -33,6 +38,7 @@ struct OutputRequest {
 struct RunOutputs {
   std::unique_ptr<BackgroundWriter> frames;
   std::optional<PoseWriter> poses;
+  std::map<std::string, PoseWriter> group_poses;  // by name
   std::optional<OutputFile> report;
 
   // What is asked for of one frame; the times of those encoded since the last call go to `run`.
@@ -43,10 +49,20 @@ struct RunOutputs {
   [[nodiscard]] Result<void> finish(RunRecorder& run);
   [[nodiscard]] Result<void> write_report(const RunReport& measured);
 };
+// `groups`: those whose poses are written, where that is asked for.
 // `encode_ahead`: how many composited frames may wait for an encoder on a thread of its own; 0:
 // they are encoded as they are written.
 [[nodiscard]] Result<RunOutputs> open_outputs(const OutputRequest& request,
-                                              const FrameFormat& format, int encode_ahead);
+                                              const FrameFormat& format,
+                                              const std::vector<std::string>& groups,
+                                              int encode_ahead);
+
+// The groups of tags to be tracked: those that the scene needs; nothing for all of them, where work
+// is not to be skipped or their poses are written. Warns of what the scene is tied to and the tags
+// (of the file that is named) do not have.
+[[nodiscard]] std::optional<std::vector<std::string>> wanted_groups(
+    const Scene& scene, const TagMap& tags, const std::filesystem::path& tags_file,
+    const OutputRequest& request, bool skip);
 
 // The scene, with the kernels of a file for those of its casters that have as many vertices.
 [[nodiscard]] Result<Scene> load_run_scene(const std::filesystem::path& scene,

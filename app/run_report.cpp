@@ -39,6 +39,21 @@ Json json_of(const Evaluation& e) {
   return json;
 }
 
+Json groups_json(const std::vector<GroupReport>& groups) {
+  Json json = Json::object();
+  for (const GroupReport& group : groups) {
+    Json& of_group = json[group.name];
+    of_group["frames_tracked"] = group.frames_tracked;
+    of_group["frames_uncertain"] = group.frames_uncertain;
+    of_group["frames_held"] = group.frames_held;
+    of_group["frames_lost"] = group.frames_lost;
+    of_group["reprojection_rms_px"] =
+        group.tags_measured ? json_of(group.reprojection_rms_px) : Json();
+    if (group.accuracy) of_group["accuracy"] = json_of(*group.accuracy);
+  }
+  return json;
+}
+
 // What each thread of the pipeline was busy with, per frame, and what the frame rate hangs on: the
 // busiest of them where they run side by side, else all of them, one after another.
 Json pipeline_json(const RunReport& report) {
@@ -149,9 +164,60 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   add_time("draw", frame.draw_time);
   if (frame.read_back) add_time("readback", {drawn.readback_ms, drawn.readback_cpu_ms});
 
+  for (const GroupEstimate& group : frame.tracked.groups) add_group(group, frame.tracked);
+  if (frame.tracked.groups_skipped > 0) {
+    report_.skipped["group_not_in_scene"] += frame.tracked.groups_skipped;
+  }
   add_work(drawn);
   for (const ShadowEvent& event : frame.events) ++events_[static_cast<std::size_t>(event.kind)];
   for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
+}
+
+void RunRecorder::add_group(const GroupEstimate& estimate, const TrackedFrame& tracked) {
+  auto found = std::ranges::find(groups_, estimate.name,
+                                 [](const Group& group) { return group.report.name; });
+  if (found == groups_.end()) {
+    groups_.emplace_back().report.name = estimate.name;
+    found = groups_.end() - 1;
+    found->T_group_middle = estimate.T_group_middle;
+  }
+  switch (estimate.status) {
+    case TrackStatus::tracked: {
+      ++found->report.frames_tracked;
+      const auto T_middle_camera = (estimate.T_table_group * estimate.T_group_middle).inverse() *
+                                   tracked.pose.T_table_camera;
+      found->tracked.poses.push_back(
+          {tracked.frame.timestamp_ns,
+           CameraPose(T_middle_camera.rotation(), T_middle_camera.translation()),
+           {}});
+      break;
+    }
+    case TrackStatus::uncertain:
+      ++found->report.frames_uncertain;
+      break;
+    case TrackStatus::held:
+      ++found->report.frames_held;
+      break;
+    case TrackStatus::lost:
+      ++found->report.frames_lost;
+      break;
+  }
+  if (estimate.tags_used > 0) found->reprojection_px.push_back(estimate.reprojection_rms_px);
+}
+
+const RunRecorder::Group& RunRecorder::group(const std::string& name) const {
+  const auto found =
+      std::ranges::find(groups_, name, [](const Group& group) { return group.report.name; });
+  PENUMBRA_ASSERT(found != groups_.end());
+  return *found;
+}
+
+const Trajectory& RunRecorder::tracked_over(const std::string& name) const {
+  return group(name).tracked;
+}
+
+Transform<frame::Group, frame::GroupMiddle> RunRecorder::middle_of(const std::string& name) const {
+  return group(name).T_group_middle;
 }
 
 void RunRecorder::add_redrawn(const SessionFrame& frame) {
@@ -186,6 +252,11 @@ RunReport RunRecorder::report() const {
   report.reprojection_rms_px = statistics_of(reprojection_px_);
   report.tags_measured = !reprojection_px_.empty();
   report.work = work();
+  for (const Group& group : groups_) {
+    GroupReport& of_group = report.groups.emplace_back(group.report);
+    of_group.reprojection_rms_px = statistics_of(group.reprojection_px);
+    of_group.tags_measured = !group.reprojection_px.empty();
+  }
   return report;
 }
 
@@ -218,6 +289,24 @@ Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run, const 
   return evaluate(camera, run.tracked(), processed);
 }
 
+Evaluation accuracy_of_group(const CameraModel& camera, const RunRecorder& run,
+                             const std::string& group, const Trajectory& truth,
+                             const Trajectory& group_truth) {
+  const auto T_group_middle = run.middle_of(group);
+  Trajectory over_group;
+  for (const std::int64_t time_ns : run.times_ns()) {
+    const StampedPose* pose = truth.at(time_ns);
+    const StampedPose* place = group_truth.at(time_ns);
+    if (pose == nullptr || place == nullptr) continue;
+    const GroupPose T_table_group(place->T_table_camera.rotation(),
+                                  place->T_table_camera.translation());
+    const auto T_middle_camera = (T_table_group * T_group_middle).inverse() * pose->T_table_camera;
+    over_group.poses.push_back(
+        {time_ns, CameraPose(T_middle_camera.rotation(), T_middle_camera.translation()), {}});
+  }
+  return evaluate(camera, run.tracked_over(group), over_group);
+}
+
 std::string report_json(const RunReport& report) {
   Json json;
   json["recording"] = report.recording;
@@ -244,6 +333,7 @@ std::string report_json(const RunReport& report) {
                                   : Json({{"rmse", {}}, {"median", {}}, {"p95", {}}, {"max", {}}})},
       {"full_detections", report.full_detections},
       {"tracked_updates", report.tracked_updates}};
+  if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
   Json work = Json::object();
   for (const auto& [name, count] : report.work) work[name] = count;
   json["work"] = work;
@@ -300,6 +390,11 @@ std::string report_table(const RunReport& report) {
   for (const auto& [fault, count] : report.camera_faults) {
     text += fmt::format("camera: {} {}\n", fault, count);
   }
+  for (const GroupReport& group : report.groups) {
+    text += fmt::format("tag group {}: tracked {}, uncertain {}, held {}, lost {}\n", group.name,
+                        group.frames_tracked, group.frames_uncertain, group.frames_held,
+                        group.frames_lost);
+  }
   text += fmt::format("OpenGL: {}, {}\n\n", report.gl_renderer, report.gl_version);
   text += fmt::format("{:<22}{:>10}{:>10}{:>10}{:>10}\n", "time [ms]", "median", "p95", "max",
                       "CPU mean");
@@ -311,6 +406,11 @@ std::string report_table(const RunReport& report) {
   if (report.accuracy) {
     text += '\n';
     text += evaluation_table(*report.accuracy);
+  }
+  for (const GroupReport& group : report.groups) {
+    if (!group.accuracy) continue;
+    text += fmt::format("\ntag group {}\n", group.name);
+    text += evaluation_table(*group.accuracy);
   }
   return text;
 }

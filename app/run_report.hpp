@@ -12,6 +12,7 @@
 
 #include "app/session.hpp"
 #include "core/evaluation.hpp"
+#include "core/group_pose.hpp"
 #include "core/stopwatch.hpp"
 #include "render/shadow/shadow_node.hpp"
 
@@ -36,6 +37,17 @@ class StageTimes {
   std::vector<double> cpu_ms_;
 };
 
+// Of a group of tags beside the table.
+struct GroupReport {
+  std::string name;
+  int frames_tracked = 0, frames_uncertain = 0, frames_held = 0, frames_lost = 0;
+  Statistics reprojection_rms_px;  // over the frames in which its tags were measured
+  bool tags_measured = false;
+  // Of the camera over the group's middle, in the tracked frames: what stands there is drawn so far
+  // from where it is.
+  std::optional<Evaluation> accuracy;
+};
+
 struct RunReport {
   std::string recording;
   std::string scene;
@@ -58,6 +70,7 @@ struct RunReport {
   // The stages that can run side by side, and which of them the others wait for.
   int threads = 1;
   std::optional<Evaluation> accuracy;  // of the tracked frames
+  std::vector<GroupReport> groups;     // those that were tracked, in the order of the tag map
 };
 
 class RunRecorder {
@@ -78,6 +91,10 @@ class RunRecorder {
   // Timestamps of the processed frames, and the poses of the tracked ones.
   [[nodiscard]] const std::vector<std::int64_t>& times_ns() const { return times_ns_; }
   [[nodiscard]] const Trajectory& tracked() const { return tracked_; }
+  // Of the frames in which the group was tracked: T_middle_camera, as it was drawn.
+  [[nodiscard]] const Trajectory& tracked_over(const std::string& group) const;
+  [[nodiscard]] Transform<frame::Group, frame::GroupMiddle> middle_of(
+      const std::string& group) const;
   // The report so far; names and accuracy are the caller's to fill.
   [[nodiscard]] RunReport report() const;
 
@@ -87,13 +104,22 @@ class RunRecorder {
                  triples_recomputed = 0, proxy_shadows = 0, proxy_checks = 0, proxy_faces_saved = 0,
                  faces_tested = 0, faces_twisted = 0, passes_drawn = 0, passes_skipped = 0;
   };
+  struct Group {
+    GroupReport report;
+    Transform<frame::Group, frame::GroupMiddle> T_group_middle;
+    std::vector<double> reprojection_px;
+    Trajectory tracked;  // T_middle_camera
+  };
   void add_work(const CompositeStats& drawn);
+  void add_group(const GroupEstimate& estimate, const TrackedFrame& tracked);
+  [[nodiscard]] const Group& group(const std::string& name) const;
 
   RunReport report_;
   std::vector<std::pair<std::string, StageTimes>> stages_;
   std::vector<double> reprojection_px_;
   std::vector<std::int64_t> times_ns_;
   Trajectory tracked_;
+  std::vector<Group> groups_;
   Work work_;
   std::array<std::int64_t, kShadowEventNames.size()> events_{};  // by ShadowEventKind
 };
@@ -101,6 +127,12 @@ class RunRecorder {
 // The errors of the tracked poses against those true poses that belong to processed frames.
 [[nodiscard]] Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run,
                                      const Trajectory& truth);
+
+// The same of a group of tags beside the table: of the camera over its middle. `group_truth`:
+// T_table_group.
+[[nodiscard]] Evaluation accuracy_of_group(const CameraModel& camera, const RunRecorder& run,
+                                           const std::string& group, const Trajectory& truth,
+                                           const Trajectory& group_truth);
 
 [[nodiscard]] std::string report_json(const RunReport& report);
 // {"rmse", "median", "p95", "max", ...} of an evaluation, as in the report's "accuracy", with the

@@ -118,6 +118,7 @@ bool apply(Scene& scene, const SceneEdit& edit) {
     if (object == scene.objects.end() || !usable(placed->placement)) return false;
     object->placement = placed->placement;
     object->animation = Animation();
+    object->tag_group = kTableGroup;  // where it was put on the table, it stays
     return true;
   }
   const auto& styled = std::get<ShadowStyled>(edit);

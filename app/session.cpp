@@ -11,7 +11,9 @@ namespace penumbra {
 namespace {
 
 // A given pose is taken as the truth.
-TrackedFrame look_up(const Trajectory& trajectory, const Frame& frame) {
+TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::string>& groups,
+                     const Frame& frame) {
+  const Trajectory& trajectory = given_poses.camera;
   const Stopwatch watch;
   TrackedFrame tracked;
   tracked.frame = frame;
@@ -21,6 +23,19 @@ TrackedFrame look_up(const Trajectory& trajectory, const Frame& frame) {
     tracked.pose.T_table_camera = given->T_table_camera;
   } else {
     tracked.pose.reason = "no pose given for this time";
+  }
+  for (const std::string& name : groups) {
+    GroupEstimate& group = tracked.groups.emplace_back();
+    group.name = name;
+    group.status = TrackStatus::tracked;
+    const auto given = given_poses.groups.find(name);
+    if (given == given_poses.groups.end()) continue;
+    if (const StampedPose* place = given->second.at(frame.timestamp_ns); place != nullptr) {
+      group.T_table_group = {place->T_table_camera.rotation(), place->T_table_camera.translation()};
+    } else {
+      group.status = TrackStatus::lost;
+      group.reason = "no place given for this time";
+    }
   }
   const StageTime time = watch.elapsed();
   tracked.times.total_ms = time.wall_ms;
@@ -40,6 +55,7 @@ Session::Session(const Scene& scene, const CameraModel& camera, PoseSource poses
                  const SessionOptions& options, Compositor compositor)
     : scene_(scene),
       camera_(camera),
+      tied_(tag_groups_of(scene)),
       poses_(std::move(poses)),
       options_(options),
       compositor_(std::move(compositor)) {}
@@ -53,8 +69,8 @@ Result<Session> Session::create(GlContext& context, std::shared_ptr<const Scene>
 }
 
 TrackedFrame Session::track(const Frame& frame) {
-  if (auto* tracker = std::get_if<TableTracker>(&poses_)) return tracker->track(frame);
-  return look_up(std::get<Trajectory>(poses_), frame);
+  if (auto* tracker = std::get_if<GroupTracker>(&poses_)) return tracker->track(frame);
+  return look_up(std::get<GivenPoses>(poses_), tied_, frame);
 }
 
 Result<void> Session::warm_up(PixelFormat format) {
@@ -97,7 +113,8 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   if (!options_.scene_start_ns) options_.scene_start_ns = frame.timestamp_ns;
 
   const Stopwatch plan_watch;
-  SceneState state = evaluate_scene(scene_, seconds(frame.timestamp_ns - *options_.scene_start_ns));
+  SceneState state = evaluate_scene(scene_, seconds(frame.timestamp_ns - *options_.scene_start_ns),
+                                    result.tracked.groups);
   result.plan = plan_frame(scene_, state, result.tracked.pose, camera_, options_.plan);
   if (result.plan.has_pose) {
     if (state_with_pose_) result.events = shadow_events(*state_with_pose_, state);

@@ -3,9 +3,11 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
+#include <string>
 #include <variant>
 #include <vector>
 
@@ -16,13 +18,18 @@
 #include "render/frame_plan.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/shadow_node.hpp"
-#include "tracking/table_tracker.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace penumbra {
 
-// Where poses come from: the tracker, or a trajectory that is given (a frame with no pose within
-// 1 ms is lost).
-using PoseSource = std::variant<TableTracker, Trajectory>;
+// Poses that are given: of the camera, and of groups of tags on the table (T_table_group). A frame
+// with no pose within 1 ms is lost; a group that none are given of stands where the tag map has it.
+struct GivenPoses {
+  Trajectory camera;
+  std::map<std::string, Trajectory> groups;
+};
+// Where poses come from.
+using PoseSource = std::variant<GroupTracker, GivenPoses>;
 
 struct SessionOptions {
   PlanOptions plan;
@@ -102,6 +109,7 @@ class Session {
 
   Scene scene_;  // models are shared with the compositor's
   CameraModel camera_;
+  std::vector<std::string> tied_;  // groups of tags that something in the scene moves with
   PoseSource poses_;
   SessionOptions options_;
   Compositor compositor_;

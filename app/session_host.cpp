@@ -90,6 +90,7 @@ void SessionHost::describe(HudState& state, bool debug) const {
     state.has_picture = true;
     state.frame = last_->tracked.frame.sequence;
     state.pose = last_->tracked.pose;
+    state.groups = last_->tracked.groups;
     const auto add = [&](std::string_view stage) {
       if (const auto mean = run_.recent_ms(stage, kMeanFrames)) {
         state.stages.emplace_back(stage, *mean);

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -13,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "app/capture/recording_source.hpp"
 #include "app/interrupt.hpp"
 #include "app/output/output_file.hpp"
 #include "app/progress.hpp"
@@ -25,6 +27,7 @@
 #include "core/text.hpp"
 #include "core/trajectory.hpp"
 #include "core/units.hpp"
+#include "tracking/group_tracker.hpp"
 #include "tracking/pattern_renderer.hpp"
 
 namespace penumbra {
@@ -117,30 +120,70 @@ Result<Trajectory> load_path(const fs::path& file) {
   return path;
 }
 
+// The paths of the groups that move. Each has to begin and end with the camera's: how it goes on is
+// nobody's to say.
+Result<std::map<std::string, Trajectory>> load_group_paths(const SimulateRequest& request,
+                                                           const TagMap& tags,
+                                                           const Trajectory& camera) {
+  std::map<std::string, Trajectory> paths;
+  const std::vector<std::string> there = other_groups(tags);
+  for (const auto& [group, file] : request.groups) {
+    if (std::ranges::find(there, group) == there.end()) {
+      std::string names;
+      for (const std::string& name : there) names += (names.empty() ? "" : ", ") + name;
+      return fail("--group {}: {} has no such group; it has {}", group, request.tags.string(),
+                  names.empty() ? "none beside the table" : names);
+    }
+    if (!group_file(group)) {
+      return fail("--group {}: can be no file's name; give it another in {}", group,
+                  request.tags.string());
+    }
+    auto path = load_path(file);
+    if (!path) return tl::unexpected(path.error());
+    if (path->poses.front().timestamp_ns > camera.poses.front().timestamp_ns ||
+        path->poses.back().timestamp_ns < camera.poses.back().timestamp_ns) {
+      return fail(
+          "{}: goes from {} s to {} s, the camera from {} s to {} s; give it for all frames",
+          file.string(), format_ns_as_seconds(path->poses.front().timestamp_ns),
+          format_ns_as_seconds(path->poses.back().timestamp_ns),
+          format_ns_as_seconds(camera.poses.front().timestamp_ns),
+          format_ns_as_seconds(camera.poses.back().timestamp_ns));
+    }
+    paths.emplace(group, std::move(*path));
+  }
+  return paths;
+}
+
 class Simulation {
  public:
   Simulation(const SimulateRequest& request, CameraModel camera, Trajectory path,
-             PatternRenderer renderer)
+             std::map<std::string, Trajectory> groups, const TagMap& tags, PatternRenderer renderer)
       : request_(request),
         camera_(std::move(camera)),
         path_(std::move(path)),
+        groups_(std::move(groups)),
         renderer_(std::move(renderer)) {
     light_.lens_blur_px = request.lens_blur_px;
     light_.gain = request.gain;
     light_.gamma = request.tone_curve.value_or(camera_.parameters().tone_curve.value_or(1.0));
     light_.cover_share = request.cover_share;
     light_.threads = request.threads;
+    for (const auto& [group, unused] : groups_) {
+      middles_.emplace(group, middle_of_group(tags, group));
+    }
   }
 
   [[nodiscard]] int frames() const { return static_cast<int>(path_.poses.size()); }
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
   [[nodiscard]] const Trajectory& path() const { return path_; }
+  [[nodiscard]] const std::map<std::string, Trajectory>& groups() const { return groups_; }
 
   Result<void> add_scene(GlContext& context, std::shared_ptr<const Scene> scene) {
+    tied_ = tag_groups_of(*scene);
     SessionOptions options;
     options.scene_start_ns = path_.poses.front().timestamp_ns;
     auto session =
-        Session::create(context, std::move(scene), camera_, PoseSource(Trajectory{}), options);
+        Session::create(context, std::move(scene), camera_, PoseSource(GivenPoses{}), options);
     if (!session) return tl::unexpected(session.error());
     session_.emplace(std::move(*session));
     return {};
@@ -151,16 +194,25 @@ class Simulation {
     const std::vector<std::int64_t> times = moments(middle_ns, kMostMoments);
     std::vector<CameraPose> poses;
     for (const std::int64_t time : times) poses.push_back(pose_between(path_, time));
+    std::vector<GroupPlacement> placements;
+    for (const auto& [group, path] : groups_) {
+      GroupPlacement& placement = placements.emplace_back();
+      placement.group = group;
+      for (const std::int64_t time : times) {
+        const CameraPose place = pose_between(path, time);
+        placement.path.emplace_back(place.rotation(), place.translation());
+      }
+    }
     PatternRenderOptions light = light_;
     light.seed = seed_of(request_.seed, number);
     if (!session_) {
       light.noise_grey = request_.noise_grey;
-      const GreyImage image = renderer_.render(poses, light);
+      const GreyImage image = renderer_.render(poses, light, placements);
       return save_grey_png(file, image.view());
     }
     // The scene is drawn over the blurred tags at several moments, and the pictures' light is
     // averaged: an object's edge is as blurred as its motion makes it. The noise comes last.
-    const GreyImage tags = renderer_.render(poses, light);
+    const GreyImage tags = renderer_.render(poses, light, placements);
     auto drawn = draw_scene(tags, moments(middle_ns, kMostSceneMoments));
     if (!drawn) return tl::unexpected(drawn.error());
     add_noise(*drawn, request_.noise_grey, light.seed);
@@ -174,10 +226,23 @@ class Simulation {
     const std::int64_t exposure_ns = nanoseconds(request_.exposure_s);
     int count = 1;
     if (exposure_ns > 0) {
-      const double moved_px =
-          overlay_difference(camera_, pose_between(path_, middle_ns - exposure_ns / 2),
-                             pose_between(path_, middle_ns + exposure_ns / 2))
+      const std::int64_t begin_ns = middle_ns - exposure_ns / 2;
+      const std::int64_t end_ns = middle_ns + exposure_ns / 2;
+      double moved_px =
+          overlay_difference(camera_, pose_between(path_, begin_ns), pose_between(path_, end_ns))
               .rms_px();
+      for (const auto& [group, path] : groups_) {
+        const auto over_group = [&](std::int64_t time_ns) {
+          const CameraPose place = pose_between(path, time_ns);
+          const GroupPose T_table_group(place.rotation(), place.translation());
+          const auto T_middle_camera =
+              (T_table_group * middles_.at(group)).inverse() * pose_between(path_, time_ns);
+          return CameraPose(T_middle_camera.rotation(), T_middle_camera.translation());
+        };
+        const double of_group =
+            overlay_difference(camera_, over_group(begin_ns), over_group(end_ns)).rms_px();
+        moved_px = std::isfinite(of_group) ? std::max(moved_px, of_group) : of_group;
+      }
       // Where the table's middle is not seen nothing says how far the image moves.
       count = std::isfinite(moved_px) && moved_px > 0.0 && moved_px < kMostMoments * kMomentApart_px
                   ? static_cast<int>(std::ceil(2.0 * moved_px / kMomentApart_px)) + 1
@@ -211,6 +276,15 @@ class Simulation {
       tracked.pose.status = TrackStatus::tracked;
       tracked.pose.T_table_camera = pose_between(path_, time);
       tracked.pose.ambiguity_ratio = std::numeric_limits<double>::infinity();
+      for (const std::string& name : tied_) {
+        GroupEstimate& group = tracked.groups.emplace_back();
+        group.name = name;
+        group.status = TrackStatus::tracked;
+        const auto path = groups_.find(name);
+        if (path == groups_.end()) continue;
+        const CameraPose place = pose_between(path->second, time);
+        group.T_table_group = {place.rotation(), place.translation()};
+      }
       if (auto drawn = session_->draw(std::move(tracked), rgba); !drawn)
         return tl::unexpected(drawn.error());
       if (times.size() == 1) return rgba;
@@ -231,6 +305,9 @@ class Simulation {
   const SimulateRequest& request_;
   CameraModel camera_;
   Trajectory path_;
+  std::map<std::string, Trajectory> groups_;  // T_table_group
+  std::map<std::string, Transform<frame::Group, frame::GroupMiddle>> middles_;
+  std::vector<std::string> tied_;  // groups that the scene needs
   PatternRenderer renderer_;
   PatternRenderOptions light_;
   std::optional<Session> session_;
@@ -259,9 +336,13 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   auto renderer = PatternRenderer::create(*camera, tags->tags());
   if (!renderer) return fail_in(request.tags.string(), renderer.error());
 
+  auto groups = load_group_paths(request, *tags, *path);
+  if (!groups) return tl::unexpected(groups.error());
+
   std::shared_ptr<const Scene> scene;
   std::unique_ptr<GlContext> context;
-  Simulation simulation(request, std::move(*camera), std::move(*path), std::move(*renderer));
+  Simulation simulation(request, std::move(*camera), std::move(*path), std::move(*groups), *tags,
+                        std::move(*renderer));
   if (request.scene) {
     auto loaded = load_scene(*request.scene);
     if (!loaded) return tl::unexpected(loaded.error());
@@ -286,6 +367,10 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   SimulateSummary summary;
   std::string listing = "frame,timestamp_s,file\n";
   Trajectory truth;
+  std::map<std::string, Trajectory> group_truth;
+  for (const std::string& group : other_groups(*tags)) {
+    if (group_file(group)) group_truth[group];
+  }
   {
     ProgressBar progress(simulation.frames());
     for (int i = 0; i < simulation.frames() && !summary.interrupted; ++i) {
@@ -295,6 +380,14 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
       StampedPose pose = simulation.path().poses[static_cast<std::size_t>(i)];
       pose.comment.clear();
       listing += fmt::format("{},{},{}\n", i, format_ns_as_seconds(pose.timestamp_ns), name);
+      for (auto& [group, places] : group_truth) {
+        const auto moves = simulation.groups().find(group);
+        StampedPose& place = places.poses.emplace_back();
+        place.timestamp_ns = pose.timestamp_ns;
+        if (moves != simulation.groups().end()) {
+          place.T_table_camera = pose_between(moves->second, pose.timestamp_ns);
+        }
+      }
       truth.poses.push_back(std::move(pose));
       progress.update(++summary.frames);
       summary.interrupted = interrupt.interrupted();
@@ -302,6 +395,20 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   }
   if (auto written = save_trajectory(folder.partial() / "groundtruth.tum", truth); !written)
     return tl::unexpected(written.error());
+  if (!group_truth.empty()) {
+    std::error_code error;
+    fs::create_directory(folder.partial() / "groups", error);
+    if (error) {
+      return fail("{}: cannot be made: {}; choose another place",
+                  (folder.partial() / "groups").string(), error.message());
+    }
+  }
+  for (const auto& [group, places] : group_truth) {
+    std::string text = "# timestamp tx ty tz qx qy qz qw: T_table_group, seconds and metres\n";
+    for (const StampedPose& place : places.poses) text += format_tum(place) + "\n";
+    const auto written = write_text_file(folder.partial() / "groups" / *group_file(group), text);
+    if (!written) return tl::unexpected(written.error());
+  }
   if (auto written = write_text_file(folder.partial() / "timestamps.csv", listing); !written)
     return tl::unexpected(written.error());
   if (auto done = folder.commit(); !done) return tl::unexpected(done.error());

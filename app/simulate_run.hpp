@@ -4,7 +4,9 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <optional>
+#include <string>
 
 #include "core/error.hpp"
 
@@ -15,9 +17,12 @@ struct SimulateRequest {
   std::filesystem::path camera;                // camera.yaml
   std::filesystem::path tags;                  // tags.yaml
   std::filesystem::path trajectory;  // TUM: a frame for each pose, at the middle of its exposure
-  std::filesystem::path output;      // folder; made, or empty
-  double noise_grey = 0.0;           // sigma of white noise [grey levels]
-  double exposure_s = 0.0;           // >= 0
+  // Of groups of tags that move, by their names: TUM, T_table_group over the same time; the
+  // identity is where tags.yaml has the group.
+  std::map<std::string, std::filesystem::path> groups;
+  std::filesystem::path output;  // folder; made, or empty
+  double noise_grey = 0.0;       // sigma of white noise [grey levels]
+  double exposure_s = 0.0;       // >= 0
   std::uint64_t seed = 1;
   // Exponent of the tone curve, linear light = (value / 255) ^ exponent; none: the camera file's,
   // or 1 where it has none.

@@ -16,19 +16,6 @@
 namespace penumbra {
 namespace {
 
-// A pose that may be flipped or far off must not look like a tracked one.
-constexpr double kUncertainOpacity = 0.5;
-
-// A held pose is continued motion, trusted less with every moment: it fades out from how the pose
-// before it was drawn.
-double overlay_opacity(const PoseEstimate& pose) {
-  const auto measured = [](TrackStatus status) {
-    return status == TrackStatus::uncertain ? kUncertainOpacity : 1.0;
-  };
-  if (pose.status != TrackStatus::held) return measured(pose.status);
-  return measured(pose.held_from) * std::clamp(1.0 - pose.age_s / kHoldSeconds, 0.0, 1.0);
-}
-
 using BoxCorners = std::array<Eigen::Vector3d, 8>;
 
 BoxCorners box_corners(const Model& model, const Placement& T_table_object) {
@@ -120,7 +107,12 @@ class Planner {
     for (std::size_t i = 0; i < scene_.objects.size(); ++i) {
       const SceneObject& object = scene_.objects[i];
       if (!object.model) continue;  // a joint of the hierarchy
-      const ObjectDraw draw{static_cast<int>(i), state_.objects[i]};
+      const auto index = static_cast<int>(i);
+      const ObjectDraw draw{index, state_.objects[i], opacity_of_object(index)};
+      if (draw.opacity <= 0.0F) {
+        skip("group_not_seen", object.name, "its tags are not seen");
+        continue;
+      }
       if (options_.skip && out_of_view(box_corners(*object.model, draw.T_table_object))) {
         skip("object_out_of_view", object.name, "outside the view");
         continue;
@@ -139,7 +131,15 @@ class Planner {
       }
       for (const int plane_index : planes_of(node, technique)) {
         const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(plane_index)];
-        const PlaneFrame frame = PlaneFrame::make(plane.normal, plane.point);
+        const PlacedPlane placed = placed_plane(scene_, state_, plane_index);
+        const PlaneFrame& frame = placed.frame;
+        if (placed.opacity <= 0.0) {
+          skip("group_not_seen", plane.name, "its tags are not seen");
+          continue;
+        }
+        const PlaneReceiver receiver{
+            plane_index, frame,
+            std::min(plan_.overlay_opacity, static_cast<float>(placed.opacity))};
         // From behind there is no plane to see: no picture depends on `skip` here.
         if (frame.height(plan_.T_table_camera.translation()) <= 0.0) {
           skip("camera_behind_plane", plane.name, "seen from behind");
@@ -147,11 +147,11 @@ class Planner {
         }
         if (std::ranges::find(plan_.receivers, plane_index, &PlaneReceiver::plane) ==
             plan_.receivers.end()) {
-          plan_.receivers.push_back({plane_index, frame});
+          plan_.receivers.push_back(receiver);
         }
         if (technique == ShadowTechnique::volume) continue;  // not for each plane: below
         if (technique == ShadowTechnique::hard) {
-          plan_hard_shadows(node, static_cast<int>(n), {plane_index, frame});
+          plan_hard_shadows(node, static_cast<int>(n), receiver);
           continue;
         }
         for (const int caster : node.casters) {
@@ -171,6 +171,7 @@ class Planner {
           draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
           draw.constants = node.layered;
           draw.fractions = node.fractions;
+          draw.opacity = std::min(receiver.opacity, opacity_of_object(caster));
           plan_shadow(draw, plane);
         }
       }
@@ -185,6 +186,7 @@ class Planner {
       skip("casts_no_shadow", object.name, "casts no shadow");
       return;
     }
+    if (draw.opacity <= 0.0F) return;  // told of the object
     if (draw.technique == ShadowTechnique::simple) draw.umbra = draw.penumbra = false;
     if (options_.skip && !something_to_see(draw, object, plane)) return;
     plan_.shadows.push_back(draw);
@@ -228,6 +230,7 @@ class Planner {
           skip("casts_no_shadow", object.name, "casts no shadow");
           continue;
         }
+        if (opacity_of_object(caster) <= 0.0F) continue;
         HardShadowDraw draw;
         draw.node = node_index;
         draw.object = caster;
@@ -255,12 +258,13 @@ class Planner {
     draw.node = node_index;
     draw.light = light;
     draw.light_place = plan_.lights[static_cast<std::size_t>(light)].place;
-    const ScenePlane& first = scene_.planes[static_cast<std::size_t>(node.planes.front())];
-    draw.light_left = light_left_at(light, first.normal, first.point);
+    const PlaneFrame first = placed_plane(scene_, state_, node.planes.front()).frame;
+    draw.light_left = light_left_at(light, first.n, first.q);
     draw.reach = kReceiverReach;
     for (const int index : node.planes) {
-      const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(index)];
-      if (plane.outline.empty()) draw.floors.push_back(PlaneFrame::make(plane.normal, plane.point));
+      const PlacedPlane placed = placed_plane(scene_, state_, index);
+      const bool bounded = !scene_.planes[static_cast<std::size_t>(index)].outline.empty();
+      if (!bounded && placed.opacity > 0.0) draw.floors.push_back(placed.frame);
     }
     for (const int caster : node.casters) {
       const SceneObject& object = scene_.objects[static_cast<std::size_t>(caster)];
@@ -271,6 +275,7 @@ class Planner {
         skip("casts_no_shadow", object.name, "casts no shadow");
         continue;
       }
+      if (opacity_of_object(caster) <= 0.0F) continue;
       draw.object = caster;
       draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
       plan_.volumes.push_back(draw);
@@ -383,6 +388,10 @@ class Planner {
     return true;
   }
 
+  [[nodiscard]] float opacity_of_object(int object) const {
+    return std::min(plan_.overlay_opacity, static_cast<float>(opacity_of(state_, object)));
+  }
+
   bool out_of_view(BoxCorners corners) const {
     for (Eigen::Vector3d& corner : corners) corner = T_camera_table_ * corner;
     return frustum_.misses(corners);
@@ -419,7 +428,7 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
     return plan;
   }
   plan.finest_edges = options.finest_edges;
-  plan.overlay_opacity = static_cast<float>(overlay_opacity(pose));
+  plan.overlay_opacity = static_cast<float>(opacity_for(pose.status, pose.held_from, pose.age_s));
   if (plan.overlay_opacity <= 0.0F) {
     plan.skipped.push_back({"faded_out", "overlay: the pose is too old"});
     return plan;

@@ -29,6 +29,7 @@ struct PlanOptions {
 struct ObjectDraw {
   int object = 0;  // index into Scene::objects
   Placement T_table_object;
+  float opacity = 1.0F;  // no more than the overlay's
 };
 
 // A plane that shadows fall on. In front of each of them the eye sees it, and it hides those
@@ -36,6 +37,7 @@ struct ObjectDraw {
 struct PlaneReceiver {
   int plane = 0;  // index into Scene::planes
   PlaneFrame frame;
+  float opacity = 1.0F;  // of what falls on it; no more than the overlay's
 };
 
 // One caster's layered, field or simple shadow on one plane. `walls` are simple ones.
@@ -50,6 +52,7 @@ struct ShadowDraw {
   LayeredConstants constants;
   LightFractions fractions;
   bool umbra = true, middle = true, penumbra = true;  // which layers have anything to draw
+  float opacity = 1.0F;                               // of caster and plane together
 };
 
 // Lights whose hard shadows one plane can show.

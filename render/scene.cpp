@@ -80,14 +80,47 @@ Placement spun(const Animation& animation, double time_s) {
   return placement;
 }
 
+// Where a group is that something is tied to.
+struct PlacedGroup {
+  Placement T_table_group;
+  double opacity = 1.0;
+};
+PlacedGroup placed_group(const std::string& name, std::span<const GroupEstimate> groups) {
+  if (name == kTableGroup) return {};
+  PlacedGroup placed;
+  placed.opacity = 0.0;
+  const auto group = std::ranges::find(groups, name, &GroupEstimate::name);
+  if (group == groups.end() || !group->has_pose() || !group->T_table_group.is_finite()) {
+    return placed;
+  }
+  placed.T_table_group.position = group->T_table_group.translation();
+  placed.T_table_group.rotation = group->T_table_group.rotation();
+  placed.opacity = opacity_for(group->status, group->held_from, group->age_s);
+  return placed;
+}
+
 }  // namespace
 
-SceneState evaluate_scene(const Scene& scene, double time_s) {
+double opacity_for(TrackStatus status, TrackStatus held_from, double age_s) {
+  // A pose that may be flipped or far off must not look like a tracked one.
+  constexpr double kUncertainOpacity = 0.5;
+  const auto measured = [](TrackStatus of) {
+    return of == TrackStatus::uncertain ? kUncertainOpacity : 1.0;
+  };
+  if (status == TrackStatus::lost) return 0.0;
+  if (status != TrackStatus::held) return measured(status);
+  return measured(held_from) * std::clamp(1.0 - age_s / kHoldSeconds, 0.0, 1.0);
+}
+
+SceneState evaluate_scene(const Scene& scene, double time_s,
+                          std::span<const GroupEstimate> groups) {
   PENUMBRA_ASSERT(std::isfinite(time_s));
   SceneState state;
   state.time_s = time_s;
   state.objects.reserve(scene.objects.size());
+  state.opacities.reserve(scene.objects.size());
   for (const SceneObject& object : scene.objects) {
+    double opacity = 1.0;
     Placement placement = object.placement * on_path(object.animation, time_s);
     if (object.animation.spin_turns_per_s != 0.0) {
       placement = placement * spun(object.animation, time_s);
@@ -95,8 +128,26 @@ SceneState evaluate_scene(const Scene& scene, double time_s) {
     if (object.parent >= 0) {
       PENUMBRA_ASSERT(static_cast<std::size_t>(object.parent) < state.objects.size());
       placement = state.objects[static_cast<std::size_t>(object.parent)] * placement;
+      opacity = state.opacities[static_cast<std::size_t>(object.parent)];
+    } else if (object.tag_group != kTableGroup) {
+      const PlacedGroup group = placed_group(object.tag_group, groups);
+      placement = group.T_table_group * placement;
+      opacity = group.opacity;
     }
     state.objects.push_back(placement);
+    state.opacities.push_back(opacity);
+  }
+  state.planes.reserve(scene.planes.size());
+  for (const ScenePlane& plane : scene.planes) {
+    PlacedPlane placed{PlaneFrame::make(plane.normal, plane.point)};
+    if (plane.tag_group != kTableGroup) {
+      const PlacedGroup group = placed_group(plane.tag_group, groups);
+      const Placement& T = group.T_table_group;
+      PlaneFrame& frame = placed.frame;
+      frame = {T.rotation * frame.n, T * frame.q, T.rotation * frame.e1, T.rotation * frame.e2};
+      placed.opacity = group.opacity;
+    }
+    state.planes.push_back(placed);
   }
   state.lights.reserve(scene.lights.size());
   for (const SceneLight& light : scene.lights) {
@@ -119,6 +170,31 @@ SceneState evaluate_scene(const Scene& scene, double time_s) {
     state.lights.push_back(placed);
   }
   return state;
+}
+
+PlacedPlane placed_plane(const Scene& scene, const SceneState& state, int plane) {
+  const auto index = static_cast<std::size_t>(plane);
+  if (index < state.planes.size()) return state.planes[index];
+  return {PlaneFrame::make(scene.planes[index].normal, scene.planes[index].point)};
+}
+
+double opacity_of(const SceneState& state, int object) {
+  const auto index = static_cast<std::size_t>(object);
+  return index < state.opacities.size() ? state.opacities[index] : 1.0;
+}
+
+std::vector<std::string> tag_groups_of(const Scene& scene) {
+  std::set<std::string> groups;
+  for (const SceneObject& object : scene.objects) groups.insert(object.tag_group);
+  for (const ShadowNode& node : scene.shadows) {
+    for (const std::vector<int>* planes : {&node.planes, &node.walls}) {
+      for (const int plane : *planes) {
+        groups.insert(scene.planes[static_cast<std::size_t>(plane)].tag_group);
+      }
+    }
+  }
+  groups.erase(std::string(kTableGroup));
+  return {groups.begin(), groups.end()};
 }
 
 std::vector<double> largest_scales(const Scene& scene) {

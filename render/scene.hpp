@@ -7,12 +7,15 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "core/error.hpp"
+#include "core/group_pose.hpp"
 #include "core/transform.hpp"
 #include "render/model.hpp"
+#include "render/shadow/plane_frame.hpp"
 #include "render/shadow/technique.hpp"
 
 namespace penumbra {
@@ -53,7 +56,10 @@ struct SceneObject {
   std::shared_ptr<const Model> model;
   std::string model_file;  // as resolved, for messages and caches
   int parent = -1;         // index of an earlier object, or -1: the table
-  Placement placement;     // relative to the parent; the animation's keyframes come on top of it
+  // What an object without a parent moves with: a group of tags. Its placement is where it is on
+  // the table while the group stands where the tag map has it.
+  std::string tag_group = std::string(kTableGroup);
+  Placement placement;  // relative to the parent; the animation's keyframes come on top of it
   Animation animation;
   bool casts_shadow = true;
   // Parts that share one light: "all", or names of the model's nodes (part_groups.hpp).
@@ -68,8 +74,10 @@ struct ScenePlane {
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  // unit, towards the light side
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
   std::vector<Eigen::Vector2d>
-      outline;                      // simple polygon in the plane's (u, v) [m]; empty: unbounded
-  std::string tag_group = "table";  // the group of tags that the plane moves with
+      outline;  // simple polygon in the plane's (u, v) [m]; empty: unbounded
+  // The group of tags that the plane moves with. Normal and point are where it is on the table
+  // while the group stands where the tag map has it.
+  std::string tag_group = std::string(kTableGroup);
 };
 
 // The sun over a place on the earth: what it gives is white and as the light says, and nothing
@@ -145,13 +153,38 @@ struct PlacedLight {
   Eigen::Vector3d color = Eigen::Vector3d::Ones();  // linear, times the intensity
 };
 
-// Every object's placement, and every light's, in the table frame at a time after the start.
+// A plane in the table frame, its axes carried along by its group.
+struct PlacedPlane {
+  PlaneFrame frame;
+  // 1; of a plane tied to a group lower where the group's place is uncertain or held, 0 where it is
+  // not known: then there is no plane.
+  double opacity = 1.0;
+};
+
+// Every object's placement, every plane's and every light's, in the table frame at a time after the
+// start.
 struct SceneState {
   double time_s = 0.0;
   std::vector<Placement> objects;   // one per Scene::objects
+  std::vector<double> opacities;    // of the objects, as PlacedPlane::opacity; none: all 1
+  std::vector<PlacedPlane> planes;  // one per Scene::planes; none: as the scene has them
   std::vector<PlacedLight> lights;  // one per Scene::lights
 };
-[[nodiscard]] SceneState evaluate_scene(const Scene& scene, double time_s);
+// `groups`: where those beside the table are. What is tied to another one has opacity 0.
+[[nodiscard]] SceneState evaluate_scene(const Scene& scene, double time_s,
+                                        std::span<const GroupEstimate> groups = {});
+
+[[nodiscard]] PlacedPlane placed_plane(const Scene& scene, const SceneState& state, int plane);
+[[nodiscard]] double opacity_of(const SceneState& state, int object);
+
+// The groups beside the table that something in the scene is tied to, each once and in order of
+// their names: its objects, and planes that a shadow node names.
+[[nodiscard]] std::vector<std::string> tag_groups_of(const Scene& scene);
+
+// How strongly something is drawn whose place has this status: 1 tracked, half of it uncertain; a
+// held place is continued motion, trusted less with every moment, and fades out from how the place
+// before it was drawn; 0 lost.
+[[nodiscard]] double opacity_for(TrackStatus status, TrackStatus held_from, double age_s);
 
 // Over all times, one per Scene::objects: the largest scale in the table frame (or a little more,
 // where the largest of an object and of its parent come at different times).

@@ -507,6 +507,12 @@ Result<void> SceneReader::read_object(const json& from, const std::string& point
                      shortened(name), suggestion(name, names_of(scene_.objects)));
     }
   }
+  if (const auto group = from.find("tag_group"); group != from.end()) {
+    if (object.parent >= 0) {
+      return fail_at(pointer + "/tag_group", "the parent says what it moves with; remove it");
+    }
+    object.tag_group = group->get<std::string>();
+  }
   Result<std::shared_ptr<const Model>> model = read_model(from, pointer, object.model_file);
   if (!model) return tl::unexpected(model.error());
   object.model = std::move(*model);
@@ -537,14 +543,7 @@ Result<void> SceneReader::read_plane(const json& from, const std::string& pointe
     plane.normal.normalize();
   }
   if (const auto point = from.find("point"); point != from.end()) plane.point = vector_of(*point);
-  if (const auto group = from.find("tag_group"); group != from.end()) {
-    const std::string name = group->get<std::string>();
-    if (name != plane.tag_group) {
-      return fail_at(pointer + "/tag_group",
-                     "is \"{}\", and planes move with no group but \"{}\"; remove it",
-                     shortened(name), plane.tag_group);
-    }
-  }
+  plane.tag_group = from.value("tag_group", plane.tag_group);
   if (const auto outline = from.find("outline"); outline != from.end()) {
     double doubled_area = 0.0;
     for (std::size_t i = 0; i < outline->size(); ++i) {

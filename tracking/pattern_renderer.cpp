@@ -238,13 +238,16 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
   std::vector<std::array<int, 4>> boxes(impl_->sheets.size(), {width, height, -1, -1});
   for (std::size_t k = 0; k < impl_->sheets.size(); ++k) {
     const Sheet& sheet = impl_->sheets[k];
-    Transform<frame::Table, frame::Tag> T_table_tag = sheet.T_table_tag;
-    for (const GroupPlacement& placement : placements) {
-      if (placement.group == sheet.group) T_table_tag = placement.T_table_group * T_table_tag;
-    }
     std::array<int, 4>& box = boxes[k];
-    for (const CameraPose& pose : path) {
-      views.push_back(impl_->view_of(sheet, pose, T_table_tag, reach_px + 2.0));
+    for (std::size_t time = 0; time < path.size(); ++time) {
+      Transform<frame::Table, frame::Tag> T_table_tag = sheet.T_table_tag;
+      for (const GroupPlacement& placement : placements) {
+        if (placement.group != sheet.group) continue;
+        PENUMBRA_ASSERT(placement.path.empty() || placement.path.size() == path.size());
+        T_table_tag =
+            (placement.path.empty() ? placement.T_table_group : placement.path[time]) * T_table_tag;
+      }
+      views.push_back(impl_->view_of(sheet, path[time], T_table_tag, reach_px + 2.0));
       if (const auto& view = views.back()) {
         const auto clamp = [](double value, int limit) {
           return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(limit)));

@@ -50,6 +50,9 @@ void add_noise(std::span<std::uint8_t> rgba, double sigma_grey, std::uint64_t se
 struct GroupPlacement {
   std::string group;
   Transform<frame::Table, frame::Table> T_table_group;
+  // Of a group that moves during the exposure: its places, one for each of the camera's poses;
+  // none: it stays at T_table_group.
+  std::vector<Transform<frame::Table, frame::Table>> path = {};
 };
 
 class PatternRenderer {

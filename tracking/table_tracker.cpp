@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/assert.hpp"
 #include "core/evaluation.hpp"
 #include "core/stopwatch.hpp"
 #include "core/units.hpp"
@@ -19,7 +20,6 @@
 namespace penumbra {
 namespace {
 
-constexpr std::string_view kTableGroup = "table";
 // How long a measured pose still says where the camera is now, well enough to choose between two
 // poses or to give a velocity.
 constexpr double kPriorLifetime_s = 0.2;
@@ -114,15 +114,6 @@ struct TimedPose {
   Matrix6d covariance = Matrix6d::Zero();
 };
 
-std::array<std::uint8_t, 256> linearising_table(double exponent) {
-  std::array<std::uint8_t, 256> table{};
-  for (std::size_t i = 0; i < table.size(); ++i) {
-    table[i] = static_cast<std::uint8_t>(
-        std::lround(255.0 * std::pow(static_cast<double>(i) / 255.0, exponent)));
-  }
-  return table;
-}
-
 struct ModeName {
   std::string_view name;
   TrackingMode mode;
@@ -149,27 +140,21 @@ std::optional<TrackingMode> tracking_mode_from_string(std::string_view name) {
 }
 
 struct TableTracker::Impl {
-  Impl(CameraModel camera_, TagMap tags_, TrackerOptions options_, TagDetector detector_,
-       TagDetector half_detector_, TagAligner aligner_, std::vector<MappedTag> table_tags_)
+  Impl(CameraModel camera_, TagMap tags_, TrackerOptions options_,
+       std::shared_ptr<TagSearch> search_, TagAligner aligner_, std::vector<MappedTag> table_tags_)
       : camera(std::move(camera_)),
         tags(std::move(tags_)),
         options(options_),
-        detector(std::move(detector_)),
-        half_detector(std::move(half_detector_)),
+        search(std::move(search_)),
         aligner(std::move(aligner_)),
         table_tags(std::move(table_tags_)) {}
 
   CameraModel camera;
   TagMap tags;
   TrackerOptions options;
-  TagDetector detector;
-  TagDetector half_detector;  // quads searched at half the resolution
+  std::shared_ptr<TagSearch> search;
   TagAligner aligner;
   std::vector<MappedTag> table_tags;  // in the aligner's order
-  std::optional<std::array<std::uint8_t, 256>> linearise;
-
-  std::vector<std::uint8_t> luma_scratch;
-  std::vector<std::uint8_t> linear_scratch;
 
   // The last two tracked poses, newest first.
   std::optional<TimedPose> last;
@@ -181,21 +166,25 @@ struct TableTracker::Impl {
   bool branch_open = false;  // which of a lone tag's two poses is followed is not known
   bool rests = false;
   int last_tags = 0;
-  bool half_next = false;  // which detector looks next
+  bool half_next = false;  // at which resolution is searched next
+  // The last search found tags that contradict each other: where the pattern fits here and there
+  // says nothing.
+  bool contradicted = false;
 
   TrackTimes times;
 
-  [[nodiscard]] ImageView tracking_image(const Frame& frame);
   [[nodiscard]] std::optional<CameraPose> predict(std::int64_t timestamp_ns) const;
-  [[nodiscard]] Result<Measurement> measure_by_detection(ImageView image,
-                                                         TagDetector& with_detector);
+  [[nodiscard]] Result<Measurement> measure_by_detection(SearchResolution resolution);
   [[nodiscard]] double image_motion_px(const MotionPrediction& prediction) const;
   void choose_effort(double motion_px);
   [[nodiscard]] std::optional<RefinedPose> aligned(const AlignmentResult& result,
                                                    const Matrix6d& prior,
                                                    const ImageMotion& motion_px) const;
   void add_second(ImageView image, const ImageMotion& image_motion, Measurement& measurement);
-  [[nodiscard]] std::optional<PoseEstimate> follow(const Frame& frame, ImageView image);
+  [[nodiscard]] std::optional<PoseEstimate> follow(const Frame& frame, ImageView image,
+                                                   bool from_hint = false);
+  [[nodiscard]] std::optional<PoseEstimate> follow_hint(const Frame& frame, ImageView image,
+                                                        const CameraPose& hint);
   [[nodiscard]] PoseEstimate find(const Frame& frame, ImageView image,
                                   const std::optional<CameraPose>& predicted);
   [[nodiscard]] int tags_in_view(const CameraPose& pose) const;
@@ -203,23 +192,8 @@ struct TableTracker::Impl {
                                    const std::optional<CameraPose>& predicted) const;
   [[nodiscard]] PoseEstimate without_measurement(std::int64_t timestamp_ns,
                                                  std::string reason) const;
-  [[nodiscard]] PoseEstimate estimate(const Frame& frame);
+  [[nodiscard]] PoseEstimate estimate(const Frame& frame, const SharedFrame& shared);
 };
-
-// The luma where it lies; linear in light where the camera's tone curve is known, because a tone
-// curve makes white bleed into black and moves every edge into the tag.
-ImageView TableTracker::Impl::tracking_image(const Frame& frame) {
-  const ImageView image = luma(frame, luma_scratch);
-  if (!linearise) return image;
-  const auto width = static_cast<std::size_t>(image.width);
-  linear_scratch.resize(width * static_cast<std::size_t>(image.height));
-  for (int y = 0; y < image.height; ++y) {
-    const std::uint8_t* in = image.row(y);
-    std::uint8_t* out = linear_scratch.data() + static_cast<std::size_t>(y) * width;
-    for (std::size_t x = 0; x < width; ++x) out[x] = (*linearise)[in[x]];
-  }
-  return {linear_scratch.data(), image.width, image.height, image.width};
-}
 
 // The last motion continued at constant velocity, as a rotation about an axis (quaternions) and a
 // translation in the camera's own axes.
@@ -233,12 +207,14 @@ std::optional<CameraPose> TableTracker::Impl::predict(std::int64_t timestamp_ns)
   return perturbed(last->pose, xi * (ahead_s / step_s));
 }
 
-Result<Measurement> TableTracker::Impl::measure_by_detection(ImageView image,
-                                                             TagDetector& with_detector) {
+Result<Measurement> TableTracker::Impl::measure_by_detection(SearchResolution resolution) {
+  const bool again = search->searched();
   const Stopwatch detect;
-  const std::vector<TagDetection> detections = with_detector.detect(image);
-  detect.add_to(times.detect_ms, times.detect_cpu_ms);
-  times.full_detection = true;
+  const std::vector<TagDetection>& detections = search->tags(resolution);
+  if (!again) {  // else it counts where it was done
+    detect.add_to(times.detect_ms, times.detect_cpu_ms);
+    times.full_detection = true;
+  }
 
   const Stopwatch solve;
   std::vector<TagObservation> observations;
@@ -388,7 +364,7 @@ PoseEstimate TableTracker::Impl::without_measurement(std::int64_t timestamp_ns,
   return estimate;
 }
 
-PoseEstimate TableTracker::Impl::estimate(const Frame& frame) {
+PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame& shared) {
   if (frame.empty()) return without_measurement(frame.timestamp_ns, "the frame is empty");
   if (frame.width != camera.width() || frame.height != camera.height()) {
     PoseEstimate lost;
@@ -405,7 +381,7 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame) {
   const std::optional<CameraPose> predicted = recent ? predict(frame.timestamp_ns) : std::nullopt;
   PoseEstimate estimate;
   if (options.mode == TrackingMode::detect) {
-    const Result<Measurement> measurement = measure_by_detection(tracking_image(frame), detector);
+    const Result<Measurement> measurement = measure_by_detection(SearchResolution::full);
     if (!measurement) return without_measurement(frame.timestamp_ns, measurement.error().message);
     estimate = judge(*measurement, predicted);
   } else {
@@ -413,8 +389,12 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame) {
         (frame.timestamp_ns <= motion.timestamp_ns() ||
          seconds(frame.timestamp_ns - motion.timestamp_ns()) > kPriorLifetime_s))
       motion.reset();
-    const ImageView image = luma(frame, luma_scratch);
-    const std::optional<PoseEstimate> followed = follow(frame, image);
+    const ImageView image = search->image();
+    std::optional<PoseEstimate> followed = follow(frame, image);
+    if (!followed && shared.hint && !contradicted)
+      followed = follow_hint(frame, image, *shared.hint);
+    if (!followed && !shared.search)
+      return without_measurement(frame.timestamp_ns, "not where it was");
     estimate = followed ? *followed : find(frame, image, predicted);
     if (estimate.status == TrackStatus::lost || estimate.status == TrackStatus::held)
       return estimate;
@@ -506,8 +486,9 @@ void TableTracker::Impl::add_second(ImageView image, const ImageMotion& image_mo
 }
 
 // The frame by alignment from where the last ones say the camera is; nothing when that does not
-// verify.
-std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, ImageView image) {
+// verify. `from_hint`: the state of the motion only says where to look.
+std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, ImageView image,
+                                                       bool from_hint) {
   if (!motion.has_state()) return std::nullopt;
   const MotionPrediction prediction = motion.predict(frame.timestamp_ns);
   if (!prediction.T_table_camera.is_finite() || !prediction.covariance.allFinite()) {
@@ -523,7 +504,18 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   input.covariance = prediction.covariance;
   const AlignmentResult& result = aligner.align(input);
   ImageMotion image_motion{motion_px, 0.0};
-  if (result.verified) {
+  // Nobody saw these tags where they are looked for: a part of them may be there by a mistake of
+  // the map that a search would find.
+  if (from_hint && 3 * result.tags_verified < 2 * result.counters.tags_visible) {
+    align.add_to(times.align_ms, times.align_cpu_ms);
+    return std::nullopt;
+  }
+  if (from_hint && result.verified) {
+    input.predicted = result.T_table_camera;
+    input.covariance = loose_covariance();
+    static_cast<void>(aligner.refine(input));  // in the same result
+    image_motion = kUnknownMotion;
+  } else if (result.verified) {
     image_motion.missed =
         overlay_difference(camera, result.T_table_camera, prediction.T_table_camera).rms_px();
   }
@@ -562,10 +554,11 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   }
   align.add_to(times.align_ms, times.align_cpu_ms);
   PoseEstimate estimate =
-      judge(measurement, branch_open ? std::nullopt : std::optional(prediction.T_table_camera));
+      judge(measurement,
+            branch_open || from_hint ? std::nullopt : std::optional(prediction.T_table_camera));
   branch_open = estimate.status == TrackStatus::uncertain && measurement.ambiguous &&
                 estimate.reason == kTwoPoses;
-  if (estimate.T_table_camera.matrix() == best->T_table_camera.matrix()) {
+  if (!from_hint && estimate.T_table_camera.matrix() == best->T_table_camera.matrix()) {
     motion.update(frame.timestamp_ns, best->T_table_camera, filter_covariance);
   } else {
     motion.start(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
@@ -573,14 +566,35 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   return estimate;
 }
 
+// The same from a pose that somebody else believes in. It may be off by what the pattern's own
+// search finds; of the pose found it says nothing.
+std::optional<PoseEstimate> TableTracker::Impl::follow_hint(const Frame& frame, ImageView image,
+                                                            const CameraPose& hint) {
+  if (!hint.is_finite()) return std::nullopt;
+  constexpr double kHintLinear_m = 0.01;
+  constexpr double kHintAngular_rad = 0.03;
+  Matrix6d covariance = Matrix6d::Zero();
+  covariance.diagonal().head<3>().setConstant(kHintLinear_m * kHintLinear_m);
+  covariance.diagonal().tail<3>().setConstant(kHintAngular_rad * kHintAngular_rad);
+  const MotionModel before = motion;
+  const bool was_open = std::exchange(branch_open, false);
+  motion.start(frame.timestamp_ns, hint, covariance);
+  std::optional<PoseEstimate> found = follow(frame, image, true);
+  if (!found) {
+    motion = before;
+    branch_open = was_open;
+  }
+  return found;
+}
+
 // The frame by detection, refined by alignment where that verifies. One full frame is searched for
 // each frame that comes, at half the resolution and at the full one in turn: what is lost for long
 // costs no more than detecting does.
 PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
                                       const std::optional<CameraPose>& predicted) {
-  TagDetector& with_detector = half_next ? half_detector : detector;
+  const SearchResolution resolution = half_next ? SearchResolution::half : SearchResolution::full;
   half_next = !half_next;
-  Result<Measurement> measurement = measure_by_detection(tracking_image(frame), with_detector);
+  Result<Measurement> measurement = measure_by_detection(resolution);
   if (!measurement) return without_measurement(frame.timestamp_ns, measurement.error().message);
   if (!measurement->contradictory) {
     const Stopwatch align;
@@ -608,6 +622,7 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
     align.add_to(times.align_ms, times.align_cpu_ms);
   }
   const PoseEstimate estimate = judge(*measurement, predicted);
+  contradicted = measurement->contradictory;
   if (measurement->contradictory) {
     motion.reset();
     return estimate;
@@ -630,44 +645,55 @@ TableTracker::~TableTracker() = default;
 
 Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMap& tags,
                                           const TrackerOptions& options) {
-  const auto positive = [](double value) { return std::isfinite(value) && value > 0.0; };
-  if (!positive(options.tracked_overlay_px) || !positive(options.ambiguity_ratio) ||
-      !positive(options.max_reprojection_rms_px) || !(options.hold_s >= 0.0))
-    return fail("tracker options: every limit must be a positive number");
   std::vector<TagFamily> families;
-  std::vector<MappedTag> table_tags;
   for (const MappedTag& tag : tags.tags()) {
-    if (tag.group != kTableGroup) continue;
-    families.push_back(tag.family);
-    table_tags.push_back(tag);
+    if (tag.group == kTableGroup) families.push_back(tag.family);
   }
   if (families.empty()) {
     return fail(
         "tag map: no tag belongs to the group 'table', so nothing says where the table is; leave "
         "out `group` for the tags that are fixed to it");
   }
-  Result<TagDetector> detector = TagDetector::create(families, options.detector);
-  if (!detector) return tl::unexpected(detector.error());
-  TagDetectorOptions half = options.detector;
-  half.quad_decimate = std::max(half.quad_decimate, 2.0F);
-  Result<TagDetector> half_detector = TagDetector::create(families, half);
-  if (!half_detector) return tl::unexpected(half_detector.error());
+  Result<TagSearch> search =
+      TagSearch::create(families, options.detector, camera.parameters().tone_curve);
+  if (!search) return tl::unexpected(search.error());
+  return create(camera, tags, options, std::make_shared<TagSearch>(std::move(*search)));
+}
+
+Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMap& tags,
+                                          const TrackerOptions& options,
+                                          std::shared_ptr<TagSearch> search) {
+  PENUMBRA_ASSERT(search != nullptr);
+  const auto positive = [](double value) { return std::isfinite(value) && value > 0.0; };
+  if (!positive(options.tracked_overlay_px) || !positive(options.ambiguity_ratio) ||
+      !positive(options.max_reprojection_rms_px) || !(options.hold_s >= 0.0))
+    return fail("tracker options: every limit must be a positive number");
+  std::vector<MappedTag> table_tags;
+  for (const MappedTag& tag : tags.tags()) {
+    if (tag.group == kTableGroup) table_tags.push_back(tag);
+  }
   Result<TagAligner> aligner = TagAligner::create(camera, table_tags);
   if (!aligner) return tl::unexpected(aligner.error());
-  auto impl =
-      std::make_unique<Impl>(camera, tags, options, std::move(*detector), std::move(*half_detector),
-                             std::move(*aligner), std::move(table_tags));
-  if (camera.parameters().tone_curve)
-    impl->linearise = linearising_table(*camera.parameters().tone_curve);
-  return TableTracker(std::move(impl));
+  return TableTracker(std::make_unique<Impl>(camera, tags, options, std::move(search),
+                                             std::move(*aligner), std::move(table_tags)));
 }
 
 TrackedFrame TableTracker::track(const Frame& frame) {
+  const Stopwatch begin;
+  impl_->search->begin(frame);
+  const StageTime begun = begin.elapsed();
+  TrackedFrame result = track(frame, SharedFrame());
+  result.times.total_ms += begun.wall_ms;
+  result.times.total_cpu_ms += begun.cpu_ms;
+  return result;
+}
+
+TrackedFrame TableTracker::track(const Frame& frame, const SharedFrame& shared) {
   const Stopwatch total;
   impl_->times = {};
   TrackedFrame result;
   result.frame = frame;
-  result.pose = impl_->estimate(frame);
+  result.pose = impl_->estimate(frame, shared);
   result.times = impl_->times;
   total.add_to(result.times.total_ms, result.times.total_cpu_ms);
   return result;

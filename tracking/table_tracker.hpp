@@ -4,13 +4,16 @@
 #include <memory>
 #include <optional>
 #include <string_view>
+#include <vector>
 
 #include "core/camera_model.hpp"
 #include "core/error.hpp"
 #include "core/frame.hpp"
+#include "core/group_pose.hpp"
 #include "core/pose_estimate.hpp"
 #include "core/tag_map.hpp"
 #include "tracking/tag_detector.hpp"
+#include "tracking/tag_search.hpp"
 
 namespace penumbra {
 
@@ -49,12 +52,25 @@ struct TrackedFrame {
   Frame frame;
   PoseEstimate pose;
   TrackTimes times;
+  std::vector<GroupEstimate> groups;  // beside the table, in the order of the tag map
+  int groups_skipped = 0;             // not tracked, because nothing asks where they are
+};
+
+// How a frame is measured whose search is shared with others (GroupTracker).
+struct SharedFrame {
+  // Where the camera may be, from elsewhere: tried before tags are searched for.
+  std::optional<CameraPose> hint;
+  bool search = true;  // false: nothing is searched for in this frame
 };
 
 class TableTracker {
  public:
   [[nodiscard]] static Result<TableTracker> create(const CameraModel& camera, const TagMap& tags,
                                                    const TrackerOptions& options = {});
+  // Several trackers of one camera share what is searched for in a frame.
+  [[nodiscard]] static Result<TableTracker> create(const CameraModel& camera, const TagMap& tags,
+                                                   const TrackerOptions& options,
+                                                   std::shared_ptr<TagSearch> search);
   TableTracker(TableTracker&&) noexcept;
   TableTracker& operator=(TableTracker&&) noexcept;
   ~TableTracker();
@@ -62,6 +78,8 @@ class TableTracker {
   // Frames in order of time. Deterministic: the same frames give the same poses, bit for bit. A
   // frame whose size is not the camera model's is lost, with the reason said.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
+  // The same for a frame that the shared search has begun.
+  [[nodiscard]] TrackedFrame track(const Frame& frame, const SharedFrame& shared);
 
  private:
   struct Impl;

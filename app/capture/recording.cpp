@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -13,6 +14,7 @@
 #include "app/capture/recording_source.hpp"
 #include "app/capture/video_reader.hpp"
 #include "core/camera_file.hpp"
+#include "core/group_pose.hpp"
 #include "core/image_file.hpp"
 #include "core/sensor_file.hpp"
 #include "core/text.hpp"
@@ -345,10 +347,31 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
     if (!trajectory) return tl::unexpected(trajectory.error());
     recording.groundtruth = std::move(*trajectory);
   }
+  if (!recording.tags) return {};
+  std::set<std::string> groups;
+  for (const MappedTag& tag : recording.tags->tags()) groups.insert(tag.group);
+  for (const std::string& group : groups) {
+    const auto file = group_file(group);
+    if (group == kTableGroup || !file || !is_there(folder / "groups" / *file)) continue;
+    auto trajectory = load_trajectory(folder / "groups" / *file);
+    if (!trajectory) return tl::unexpected(trajectory.error());
+    recording.group_groundtruth.emplace(group, std::move(*trajectory));
+  }
   return {};
 }
 
 }  // namespace
+
+std::optional<std::filesystem::path> group_file(const std::string& group) {
+  constexpr std::size_t kLongest = 200;
+  const bool plain = std::ranges::all_of(group, [](char c) {
+    return static_cast<unsigned char>(c) >= 0x20 && c != '/' && c != '\\' && c != 0x7f;
+  });
+  if (!plain || group.empty() || group.size() > kLongest || group.front() == '.') {
+    return std::nullopt;
+  }
+  return std::filesystem::path(group + ".tum");
+}
 
 bool is_recording(const std::filesystem::path& folder) {
   const bool own = is_there(folder / "timestamps.csv") ||

@@ -1,6 +1,7 @@
 // A recording on disk: what it holds, and its frames in order.
 //
 //   camera.yaml tags.yaml frames/000000.jpg ... (or video.mkv) timestamps.csv groundtruth.tum?
+//   groups/NAME.tum? ...   where the groups of tags beside the table truly are
 //
 // EuRoC/ASL folders open too: mav0/cam0/data.csv (timestamp [ns], filename), mav0/cam0/data/*.png,
 // mav0/cam0/sensor.yaml, and camera.yaml / tags.yaml beside mav0 where given.
@@ -8,7 +9,9 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "app/capture/frame_source.hpp"
@@ -32,6 +35,8 @@ struct Recording {
   std::optional<CameraModel> camera;  // absent only where allowed (stills to calibrate from)
   std::optional<TagMap> tags;
   std::optional<Trajectory> groundtruth;
+  // Of groups of tags beside the table, by their names: T_table_group.
+  std::map<std::string, Trajectory> group_groundtruth;
   std::vector<std::string> notices;  // e.g. "cut off after frame 83 of 120"
 };
 
@@ -43,6 +48,10 @@ struct OpenRecordingOptions {
   std::optional<std::filesystem::path> camera;  // instead of the recording's
   std::optional<std::filesystem::path> tags;    // instead of the recording's
 };
+
+// NAME.tum, the file of a group of tags in a folder of them; nothing where the name can be no
+// file's ('/', "..", too long).
+[[nodiscard]] std::optional<std::filesystem::path> group_file(const std::string& group);
 
 // Whether the folder is a recording, or the camera's folder of an EuRoC one, by what lies in it.
 [[nodiscard]] bool is_recording(const std::filesystem::path& folder);

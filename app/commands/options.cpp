@@ -158,6 +158,11 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
       .add_flag("--poses-all", request.poses_all,
                 "Uncertain and held poses too, each after a comment that says so")
       ->needs(poses);
+  command
+      .add_option("--group-poses", request.group_poses,
+                  "Where the tags' groups beside the table are (a wall, a prop): NAME.tum of each, "
+                  "with T_table_group, which is the identity where tags.yaml has it")
+      ->type_name("FOLDER");
   command.add_option("--report", request.report, "What was measured, as JSON")
       ->type_name("FILE.json");
 }

@@ -10,6 +10,7 @@
 #include <memory>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
@@ -78,6 +79,25 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
                    "Camera poses: one frame for each, its exposure half before and half after")
       ->required()
       ->type_name("FILE.tum");
+  command
+      ->add_option_function<std::vector<std::string>>(
+          "--group",
+          [request](const std::vector<std::string>& given) {
+            for (const std::string& text : given) {
+              const std::size_t equals = text.rfind('=');
+              if (equals == 0 || equals == std::string::npos || equals + 1 == text.size()) {
+                throw CLI::ValidationError("--group", fmt::format("{}: is no NAME=FILE.tum", text));
+              }
+              if (!request->groups.emplace(text.substr(0, equals), text.substr(equals + 1))
+                       .second) {
+                throw CLI::ValidationError(
+                    "--group", fmt::format("{}: is given twice", text.substr(0, equals)));
+              }
+            }
+          },
+          "Tags of the group NAME move: T_table_group over the same time, the identity where "
+          "tags.yaml has it; may be given again for other groups")
+      ->type_name("NAME=FILE.tum");
   command->add_option("--output", request->output, "The recording: a new or empty folder")
       ->required()
       ->type_name("DIR");
@@ -113,14 +133,18 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
       ->capture_default_str();
   command->footer(
       "The recording holds frames/*.png, timestamps.csv, camera.yaml, tags.yaml and "
-      "groundtruth.tum,\nand opens in every command that takes one.\n"
+      "groundtruth.tum\n(groups/NAME.tum for groups of tags beside the table), and opens in every "
+      "command "
+      "that takes one.\n"
       "Ctrl-C ends early; the recording holds the frames up to then.\n\n"
       "Example:\n"
       "  penumbra simulate board --camera recordings/tabletop/camera.yaml --tags "
       "recordings/tabletop/tags.yaml \\\n"
       "    --trajectory recordings/tabletop/groundtruth.tum --output synthetic --noise 2 --blur "
       "0.01 --seed 7\n"
-      "  penumbra replay synthetic --report report.json");
+      "  penumbra replay synthetic --report report.json\n"
+      "  penumbra simulate board --camera camera.yaml --tags tags.yaml --trajectory hand.tum "
+      "--group prop=prop.tum --output synthetic");
   command->callback([request, &chosen] { chosen = [request] { return simulate(*request); }; });
 }
 

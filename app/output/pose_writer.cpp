@@ -6,15 +6,16 @@
 
 namespace penumbra {
 
-PoseWriter::PoseWriter(OutputFile file, bool all)
+PoseWriter::PoseWriter(OutputFile file, bool all, std::string_view what)
     : file_(std::move(file)), stream_(file_.partial(), std::ios::out | std::ios::trunc), all_(all) {
-  stream_ << "# timestamp tx ty tz qx qy qz qw (T_table_camera, seconds and metres)\n";
+  stream_ << "# timestamp tx ty tz qx qy qz qw (" << what << ", seconds and metres)\n";
 }
 
-Result<PoseWriter> PoseWriter::create(const std::filesystem::path& file, bool all) {
+Result<PoseWriter> PoseWriter::create(const std::filesystem::path& file, bool all,
+                                      std::string_view what) {
   auto output = OutputFile::create(file);
   if (!output) return tl::unexpected(output.error());
-  PoseWriter writer(std::move(*output), all);
+  PoseWriter writer(std::move(*output), all, what);
   writer.stream_.flush();
   if (!writer.stream_) {
     return fail("{}: cannot be written; free some space or choose another place", file.string());
@@ -23,14 +24,24 @@ Result<PoseWriter> PoseWriter::create(const std::filesystem::path& file, bool al
 }
 
 Result<void> PoseWriter::write(std::int64_t timestamp_ns, const PoseEstimate& pose) {
-  const bool tracked = pose.status == TrackStatus::tracked;
-  if (!pose.has_pose() || (!tracked && !all_)) return {};
+  return write(timestamp_ns, pose.status, pose.reason, pose.T_table_camera);
+}
+
+Result<void> PoseWriter::write(std::int64_t timestamp_ns, const GroupEstimate& group) {
+  return write(timestamp_ns, group.status, group.reason,
+               {group.T_table_group.rotation(), group.T_table_group.translation()});
+}
+
+Result<void> PoseWriter::write(std::int64_t timestamp_ns, TrackStatus status,
+                               const std::string& reason, const CameraPose& pose) {
+  const bool tracked = status == TrackStatus::tracked;
+  if (status == TrackStatus::lost || (!tracked && !all_)) return {};
   if (!tracked) {
-    stream_ << "# " << to_string(pose.status);
-    if (!pose.reason.empty()) stream_ << ": " << pose.reason;
+    stream_ << "# " << to_string(status);
+    if (!reason.empty()) stream_ << ": " << reason;
     stream_ << '\n';
   }
-  stream_ << format_tum({timestamp_ns, pose.T_table_camera, {}}) << '\n' << std::flush;
+  stream_ << format_tum({timestamp_ns, pose, {}}) << '\n' << std::flush;
   if (!stream_) {
     return fail("{}: cannot be written; free some space or choose another place",
                 file_.target().string());

@@ -1,9 +1,14 @@
 // Poses as they are tracked -> TUM file.
 #pragma once
 
+#include <cstdint>
+#include <filesystem>
 #include <fstream>
+#include <string>
+#include <string_view>
 
 #include "app/output/output_file.hpp"
+#include "core/group_pose.hpp"
 #include "core/pose_estimate.hpp"
 
 namespace penumbra {
@@ -12,14 +17,20 @@ class PoseWriter {
  public:
   // `all`: uncertain and held poses too, each after a comment line that says so ("# uncertain:
   // reason"): a line of its own, so that every reader of TUM files still finds eight columns.
-  [[nodiscard]] static Result<PoseWriter> create(const std::filesystem::path& file, bool all);
+  // `what`: of which pose they are, for people who open the file.
+  [[nodiscard]] static Result<PoseWriter> create(const std::filesystem::path& file, bool all,
+                                                 std::string_view what = "T_table_camera");
 
   // Only tracked poses are written, unless `all`; lost ones never.
   [[nodiscard]] Result<void> write(std::int64_t timestamp_ns, const PoseEstimate& pose);
+  [[nodiscard]] Result<void> write(std::int64_t timestamp_ns, const GroupEstimate& group);
   [[nodiscard]] Result<void> finish();
 
  private:
-  PoseWriter(OutputFile file, bool all);
+  PoseWriter(OutputFile file, bool all, std::string_view what);
+  // `pose`: whatever the file holds.
+  [[nodiscard]] Result<void> write(std::int64_t timestamp_ns, TrackStatus status,
+                                   const std::string& reason, const CameraPose& pose);
   OutputFile file_;
   std::ofstream stream_;
   bool all_ = false;

@@ -17,7 +17,7 @@ namespace penumbra {
 namespace {
 
 bool same(const PlaneFrame& a, const PlaneFrame& b) {
-  return a.n == b.n && a.q == b.q;
+  return a.n == b.n && a.q == b.q && a.e1 == b.e1;
 }
 bool same(const Placement& a, const Placement& b) {
   return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs() &&
@@ -158,7 +158,7 @@ int HardPass::draw_plane(const Scene& scene, const FramePlan& plan, const PlaneR
   p.set("eye", to_gl(plan.T_table_camera.translation()));
   p.set("normal", to_gl(receiver.frame.n));
   p.set("ambient", to_gl(scene.ambient));
-  p.set("opacity", plan.overlay_opacity);
+  p.set("opacity", receiver.opacity);
   const unsigned all = (1U << lights.size()) - 1U;
   std::vector<bool> blocked(plan.lights.size());
   for (unsigned set = 1; set <= all; ++set) {

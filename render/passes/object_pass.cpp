@@ -5,6 +5,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
+#include <span>
+#include <vector>
 
 #include "core/assert.hpp"
 #include "render/passes/lens_uniforms.hpp"
@@ -157,17 +160,34 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan,
   glDepthMask(GL_TRUE);
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_BLEND);
-  if (plan.overlay_opacity >= 1.0F) return draw_all(scene, plan.objects, plan.T_table_camera);
+  std::vector<ObjectDraw> faint;
+  for (const ObjectDraw& draw : plan.objects) {
+    if (draw.opacity < 1.0F) faint.push_back(draw);
+  }
+  if (faint.empty()) return draw_all(scene, plan.objects, plan.T_table_camera);
+  int calls = 0;
+  if (faint.size() < plan.objects.size()) {
+    std::vector<ObjectDraw> solid = plan.objects;
+    std::erase_if(solid, [](const ObjectDraw& draw) { return draw.opacity < 1.0F; });
+    calls += draw_all(scene, solid, plan.T_table_camera);
+  }
+  std::ranges::stable_sort(faint, {}, &ObjectDraw::opacity);
 
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  int calls = draw_all(scene, plan.objects, plan.T_table_camera);
+  calls += draw_all(scene, faint, plan.T_table_camera);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
   glEnable(GL_BLEND);
-  glBlendColor(0.0F, 0.0F, 0.0F, plan.overlay_opacity);
   glBlendFuncSeparate(GL_CONSTANT_ALPHA, GL_ONE_MINUS_CONSTANT_ALPHA, GL_ZERO, GL_ONE);
-  calls += draw_all(scene, plan.objects, plan.T_table_camera);
+  for (std::span<const ObjectDraw> left = faint; !left.empty();) {
+    const float opacity = left.front().opacity;
+    std::size_t count = 1;
+    while (count < left.size() && left[count].opacity == opacity) ++count;
+    glBlendColor(0.0F, 0.0F, 0.0F, opacity);
+    calls += draw_all(scene, left.first(count), plan.T_table_camera);
+    left = left.subspan(count);
+  }
   glDisable(GL_BLEND);
   glDepthMask(GL_TRUE);
   glDepthFunc(GL_LESS);

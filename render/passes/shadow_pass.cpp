@@ -105,10 +105,10 @@ float encoded_factor(double light_fraction, float opacity) {
   return static_cast<float>(1.0 - static_cast<double>(opacity) * (1.0 - factor));
 }
 
-glm::vec3 layer_light(const ShadowDraw& draw, const FramePlan& plan) {
-  return {encoded_factor(draw.fractions.umbra, plan.overlay_opacity),
-          encoded_factor(draw.fractions.middle, plan.overlay_opacity),
-          encoded_factor(draw.fractions.penumbra, plan.overlay_opacity)};
+glm::vec3 layer_light(const ShadowDraw& draw) {
+  return {encoded_factor(draw.fractions.umbra, draw.opacity),
+          encoded_factor(draw.fractions.middle, draw.opacity),
+          encoded_factor(draw.fractions.penumbra, draw.opacity)};
 }
 
 // (u, v, h) of the own frame -> of the plane.
@@ -164,10 +164,27 @@ std::set<double> telling_times(const Scene& scene) {
   return times;
 }
 
+// The group of tags that the object moves with, by its root.
+const std::string& group_of(const Scene& scene, int object) {
+  const SceneObject* at = &scene.objects[static_cast<std::size_t>(object)];
+  while (at->parent >= 0) at = &scene.objects[static_cast<std::size_t>(at->parent)];
+  return at->tag_group;
+}
+
 // Of each object, whether its scale and the tilt that its kernels are for stay the same: a proxy is
-// compared once for each, which costs as much as it spares in many frames.
+// compared once for each, which costs as much as it spares in many frames. Two groups of tags tilt
+// against each other at any time.
 std::vector<bool> steady_casters(const Scene& scene) {
   std::vector<bool> steady(scene.objects.size(), true);
+  for (const ShadowNode& node : scene.shadows) {
+    for (const int plane : node.planes) {
+      const std::string& group = scene.planes[static_cast<std::size_t>(plane)].tag_group;
+      for (const int caster : node.casters) {
+        const auto i = static_cast<std::size_t>(caster);
+        steady[i] = steady[i] && group_of(scene, caster) == group;
+      }
+    }
+  }
   const SceneState start = evaluate_scene(scene, 0.0);
   for (const double time : telling_times(scene)) {
     const SceneState state = evaluate_scene(scene, time);
@@ -653,13 +670,13 @@ std::vector<CasterTwist> ShadowPass::twists() const {
   return twists;
 }
 
-int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
-                            const FramePlan& plan) const {
+int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer,
+                            int count) const {
   const Item& it = items_[item];
   const LayerGeometry& layer = it.prepared->layers[static_cast<std::size_t>(first_layer)];
   if (layer.source == LayerSource::nothing) return 0;
   const ShaderProgram& p = shadow_program_;
-  if (layer.source == LayerSource::field) return draw_field(draw, item, first_layer, count, plan);
+  if (layer.source == LayerSource::field) return draw_field(draw, item, first_layer, count);
   p.use();
   const bool layered = draw.technique == ShadowTechnique::layered;
   // H = inf, or a simple shadow, has 1/H = 0; a simple shadow casts its middle layer at factor 1.
@@ -668,7 +685,7 @@ int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_
   p.set("umbra_height", static_cast<float>(c.umbra_height));
   p.set("inverse_umbra_height", layered ? static_cast<float>(1.0 / c.umbra_height) : 0.0F);
   p.set("height_cap", static_cast<float>(std::min(range_of(draw, ShadowLayer::middle).high, 1e30)));
-  p.set("layer_light", layer_light(draw, plan));
+  p.set("layer_light", layer_light(draw));
   p.set("first_layer", first_layer);
   if (layer.source == LayerSource::whole) {
     p.set("plane_from_caster", plane_from_object(draw.plane_frame, draw.T_table_object));
@@ -691,8 +708,8 @@ int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_
   return 1;
 }
 
-int ShadowPass::draw_field(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
-                           const FramePlan& plan) const {
+int ShadowPass::draw_field(const ShadowDraw& draw, std::size_t item, int first_layer,
+                           int count) const {
   const Prepared& prepared = *items_[item].prepared;
   std::array<bool, 3> wanted{};
   for (std::size_t i = 0; i < 3; ++i) {
@@ -700,7 +717,7 @@ int ShadowPass::draw_field(const ShadowDraw& draw, std::size_t item, int first_l
     wanted[i] = prepared.wanted[i] && layer >= first_layer && layer < first_layer + count;
   }
   field_quad_.use();
-  field_quad_.draw(prepared.field, prepared.own.T_plane_own, wanted, layer_light(draw, plan));
+  field_quad_.draw(prepared.field, prepared.own.T_plane_own, wanted, layer_light(draw));
   return 1;
 }
 
@@ -723,14 +740,13 @@ int ShadowPass::draw_plane(const FramePlan& plan, int plane) const {
       const bool together =
           source(first) == LayerSource::whole || source(first) == LayerSource::field;
       while (together && first + count < 3 && source(first + count) == source(first)) ++count;
-      calls += draw_layers(plan.shadows[item], item, first, count, plan);
+      calls += draw_layers(plan.shadows[item], item, first, count);
       first += count;
     }
     return calls;
   }
   for (int layer = 0; layer < 3; ++layer) {
-    for (const std::size_t item : casters)
-      calls += draw_layers(plan.shadows[item], item, layer, 1, plan);
+    for (const std::size_t item : casters) calls += draw_layers(plan.shadows[item], item, layer, 1);
   }
   return calls;
 }

@@ -166,10 +166,8 @@ class ShadowPass {
   static void upload_clipped(std::span<const CasterVertex> faces, Prepared& prepared);
   void make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
   int draw_plane(const FramePlan& plan, int plane) const;
-  int draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
-                  const FramePlan& plan) const;
-  int draw_field(const ShadowDraw& draw, std::size_t item, int first_layer, int count,
-                 const FramePlan& plan) const;
+  int draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer, int count) const;
+  int draw_field(const ShadowDraw& draw, std::size_t item, int first_layer, int count) const;
 
   ShaderProgram shadow_program_;
   FieldQuad field_quad_;

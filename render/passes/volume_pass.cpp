@@ -88,7 +88,7 @@ int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUnifor
     glStencilFunc(GL_ALWAYS, static_cast<GLint>(kCasterBit), kCasterBit);
     glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
     glDepthFunc(GL_EQUAL);
-    calls += objects.draw_alone(scene, {draw.object, draw.T_table_object}, plan, lens);
+    calls += objects.draw_alone(scene, {draw.object, draw.T_table_object, 1.0F}, plan, lens);
     // How many of the volume's walls are behind what the pixel shows: those turned to the eye count
     // one way, those turned away the other.
     volume_program_.use();

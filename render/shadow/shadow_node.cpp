@@ -23,6 +23,13 @@ std::vector<ShadowEvent> shadow_events(const SceneState& before, const SceneStat
     add(ShadowEventKind::object_resized, i, a.scale != b.scale);
     add(ShadowEventKind::object_rotated, i, a.rotation.coeffs() != b.rotation.coeffs());
   }
+  for (std::size_t i = 0; i < std::min(before.planes.size(), now.planes.size()); ++i) {
+    const PlacedPlane& a = before.planes[i];
+    const PlacedPlane& b = now.planes[i];
+    const bool there = a.opacity > 0.0 || b.opacity > 0.0;
+    add(ShadowEventKind::plane_moved, i,
+        there && (a.frame.n != b.frame.n || a.frame.q != b.frame.q || a.frame.e1 != b.frame.e1));
+  }
   return events;
 }
 
@@ -35,7 +42,14 @@ std::vector<ShadowTriple> affected_triples(const Scene& scene, const ShadowNode&
     for (const int plane : node.planes) {
       for (const int light : lights) {
         const bool named = std::ranges::any_of(events, [&](const ShadowEvent& event) {
-          return event.index == (event.kind == ShadowEventKind::light_moved ? light : object);
+          switch (event.kind) {
+            case ShadowEventKind::light_moved:
+              return event.index == light;
+            case ShadowEventKind::plane_moved:
+              return event.index == plane;
+            default:
+              return event.index == object;
+          }
         });
         if (named) triples.push_back({object, plane, light});
       }

@@ -12,17 +12,24 @@
 
 namespace penumbra {
 
-enum class ShadowEventKind { light_moved, object_moved, object_resized, object_rotated };
-inline constexpr std::array<std::string_view, 4> kShadowEventNames = {
-    "light_moved", "object_moved", "object_resized", "object_rotated"};
+enum class ShadowEventKind {
+  light_moved,
+  object_moved,
+  object_resized,
+  object_rotated,
+  plane_moved,
+};
+inline constexpr std::array<std::string_view, 5> kShadowEventNames = {
+    "light_moved", "object_moved", "object_resized", "object_rotated", "plane_moved"};
 
 struct ShadowEvent {
   ShadowEventKind kind = ShadowEventKind::light_moved;
-  int index = 0;  // into Scene::lights or Scene::objects
+  int index = 0;  // into Scene::lights, Scene::objects or Scene::planes
   friend auto operator<=>(const ShadowEvent&, const ShadowEvent&) = default;
 };
 
-// In order of lights, then objects. An object that a parent carries along moves itself.
+// In order of lights, objects, planes. What a parent or a group of tags carries along moves itself;
+// a plane that is not there in either moment has not moved.
 [[nodiscard]] std::vector<ShadowEvent> shadow_events(const SceneState& before,
                                                      const SceneState& now);
 

@@ -38,6 +38,17 @@ TEST(Hud, AHeldPoseFadesAndSaysItsAge) {
   EXPECT_THAT(old.text, testing::HasSubstr("0.40 s"));
 }
 
+TEST(Hud, AGroupsStatusIsTheTablesWithItsName) {
+  GroupEstimate group;
+  group.name = "wall";
+  group.status = TrackStatus::tracked;
+  EXPECT_EQ(status_of(group).text, "wall: tracked");
+  group.status = TrackStatus::held;
+  group.age_s = 0.25;
+  group.reason = "not seen";
+  EXPECT_EQ(status_of(group).text, "wall: held 0.25 s: not seen");
+}
+
 TEST(Hud, TechniquesInWords) {
   std::vector<HudNode> nodes(3);
   EXPECT_EQ(technique_in_words(nodes), "layered");

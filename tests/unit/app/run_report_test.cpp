@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <nlohmann/json.hpp>
 
 #include "app/frame_range.hpp"
@@ -160,6 +161,62 @@ TEST(RunReport, AccuracyIsOfTheTrackedFramesThatWereProcessed) {
   EXPECT_NEAR(accuracy.translation_mm.max, 3.0, 1e-9);
   // 3 mm beside: 500 px * 0.003 on the table, 500 px * 0.003 / 0.8 at the cube's top.
   EXPECT_NEAR(accuracy.overlay_px.max, 1.875, 1e-9);
+}
+
+// A group's errors are those of the camera over its middle: of what is drawn there.
+TEST(RunReport, GroupsAreCountedAndComparedWithTheirTruth) {
+  CameraParameters p;
+  p.width = 640;
+  p.height = 480;
+  p.fx = p.fy = 500.0;
+  p.cx = 320.0;
+  p.cy = 240.0;
+  const CameraModel camera = CameraModel::make(p).value();
+  const CameraPose above(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.0, 0.0, 1.0});
+  Trajectory truth;
+  Trajectory places;
+  RunRecorder run;
+  const std::array<TrackStatus, 5> statuses = {TrackStatus::tracked, TrackStatus::tracked,
+                                               TrackStatus::uncertain, TrackStatus::held,
+                                               TrackStatus::lost};
+  for (std::size_t i = 0; i < statuses.size(); ++i) {
+    const auto time_ns = static_cast<std::int64_t>(i) * 100'000'000;
+    truth.poses.push_back({time_ns, above, {}});
+    places.poses.push_back(
+        {time_ns, CameraPose(Eigen::Quaterniond::Identity(), {0.1, 0.02, 0.0}), {}});
+    SessionFrame frame = frame_of(TrackStatus::tracked, time_ns, true);
+    frame.tracked.pose.T_table_camera = above;
+    frame.tracked.groups_skipped = 2;
+    GroupEstimate& group = frame.tracked.groups.emplace_back();
+    group.name = "prop";
+    group.status = statuses[i];
+    group.T_group_middle = {Eigen::Quaterniond::Identity(), Eigen::Vector3d(-0.1, 0.0, 0.0)};
+    group.T_table_group = {Eigen::Quaterniond::Identity(),
+                           Eigen::Vector3d(i == 1 ? 0.104 : 0.1, 0.02, 0.0)};
+    group.tags_used = i < 3 ? 2 : 0;
+    group.reprojection_rms_px = 0.1;
+    run.add_frame(frame);
+  }
+  RunReport report = run.report();
+  ASSERT_EQ(report.groups.size(), 1U);
+  EXPECT_EQ(report.groups[0].frames_tracked, 2);
+  EXPECT_EQ(report.groups[0].frames_uncertain, 1);
+  EXPECT_EQ(report.groups[0].frames_held, 1);
+  EXPECT_EQ(report.groups[0].frames_lost, 1);
+  EXPECT_EQ(report.skipped["group_not_in_scene"], 10);
+  const Evaluation accuracy = accuracy_of_group(camera, run, "prop", truth, places);
+  EXPECT_EQ(accuracy.frames_with_truth, 5);
+  EXPECT_EQ(accuracy.frames_with_pose, 2);
+  EXPECT_NEAR(accuracy.translation_mm.max, 4.0, 1e-9);
+  EXPECT_NEAR(accuracy.overlay_px.max, 500.0 * 0.004 / 0.8, 1e-9);
+  EXPECT_NEAR(accuracy.translation_mm.median, 2.0, 1e-9);
+  report.groups[0].accuracy = accuracy;
+  const Json json = Json::parse(report_json(report))["groups"]["prop"];
+  EXPECT_EQ(json["frames_uncertain"], 1);
+  EXPECT_NEAR(json["reprojection_rms_px"]["median"].get<double>(), 0.1, 1e-12);
+  EXPECT_NEAR(json["accuracy"]["translation_mm"]["max"].get<double>(), 4.0, 1e-9);
+  EXPECT_THAT(report_table(report),
+              testing::HasSubstr("tag group prop: tracked 2, uncertain 1, held 1, lost 1"));
 }
 
 TEST(FrameRange, IsHalfOpen) {

@@ -40,8 +40,9 @@ class EditedSession : public testing::Test {
     }
     SessionOptions options;
     options.plan = plan;
-    session.emplace(
-        Session::create(*context, builder.build(), camera, std::move(poses), options).value());
+    session.emplace(Session::create(*context, builder.build(), camera,
+                                    GivenPoses{std::move(poses), {}}, options)
+                        .value());
     frame_number = 0;
   }
 

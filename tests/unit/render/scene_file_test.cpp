@@ -166,11 +166,28 @@ TEST_F(SceneFile, SchemaNamesEveryTechniqueAndKindOfKernels) {
   }
 }
 
-TEST_F(SceneFile, APlaneMovesWithNoGroupButTheTable) {
-  EXPECT_THAT(error_of(R"({"objects":[],"planes":[{"name":"p","tag_group":"box"}]})"),
-              HasSubstr("/planes/0/tag_group: is \"box\", and planes move with no group but "
-                        "\"table\"; remove it"));
-  EXPECT_TRUE(load(R"({"objects":[],"planes":[{"name":"p","tag_group":"table"}]})"));
+TEST_F(SceneFile, ObjectsAndPlanesMoveWithTheirGroupOfTags) {
+  const auto scene = load(
+      R"({"objects":[{"name":"a","shape":{"kind":"box","size":[1,1,1]},"tag_group":"prop"},
+                     {"name":"b","shape":{"kind":"box","size":[1,1,1]},"parent":"a"},
+                     {"name":"c","shape":{"kind":"box","size":[1,1,1]},"tag_group":"table"}],
+          "phantoms":[{"name":"d","shape":{"kind":"box","size":[1,1,1]},"tag_group":"prop"}],
+          "planes":[{"name":"p","tag_group":"wall"},{"name":"q"},{"name":"r","tag_group":"never"}],
+          "shadows":[{"name":"s","technique":"simple","planes":["q"],"walls":["p"]}]})");
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(scene->objects[0].tag_group, "prop");
+  EXPECT_EQ(scene->objects[1].tag_group, "table") << "its parent says it";
+  EXPECT_EQ(scene->objects[2].tag_group, "table");
+  EXPECT_EQ(scene->objects[3].tag_group, "prop");
+  EXPECT_EQ(scene->planes[0].tag_group, "wall");
+  EXPECT_EQ(scene->planes[1].tag_group, "table");
+  EXPECT_THAT(tag_groups_of(*scene), testing::ElementsAre("prop", "wall"))
+      << "nothing falls on the third plane";
+  EXPECT_THAT(error_of(R"({"objects":[{"name":"a","shape":{"kind":"box","size":[1,1,1]}},
+      {"name":"b","shape":{"kind":"box","size":[1,1,1]},"parent":"a","tag_group":"x"}]})"),
+              HasSubstr("/objects/1/tag_group: the parent says"));
+  EXPECT_THAT(error_of(R"({"objects":[],"planes":[{"name":"p","tag_group":7}]})"),
+              HasSubstr("/planes/0/tag_group: is 7; give the group of tags"));
 }
 
 TEST_F(SceneFile, ObjectsSayWhatCasts) {

@@ -1,0 +1,364 @@
+// A wall and a held prop that are tracked by tags of their own, through the program.
+#include <gmock/gmock.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <cstdlib>
+#include <numbers>
+#include <regex>
+
+#include "core/image_file.hpp"
+#include "core/tag_map.hpp"
+#include "core/trajectory.hpp"
+#include "core/units.hpp"
+#include "replay_support.hpp"
+#include "support/recording_folder.hpp"
+
+namespace penumbra::test {
+namespace {
+
+using testing::HasSubstr;
+
+std::string corner_scene() {
+  return (source_dir() / "scenes" / "corner.json").string();
+}
+
+class TagGroups : public testing::Test {
+ protected:
+  [[nodiscard]] std::string file(const std::string& name) const {
+    return (folder_.path() / name).string();
+  }
+  // corner's tags with the wall's in a group of their own, as if somebody had measured where the
+  // wall stands and got it wrong by T.
+  void write_wrong_map(const std::string& name, const Eigen::Isometry3d& T) const {
+    std::vector<MappedTag> tags =
+        load_tag_map(recordings_dir() / "corner" / "tags-wall.yaml").value().tags();
+    for (MappedTag& tag : tags) {
+      if (tag.group != "wall") continue;
+      tag.T_table_tag = {Eigen::Matrix3d(T.rotation() * tag.T_table_tag.rotation_matrix()),
+                         T * tag.T_table_tag.translation()};
+    }
+    ASSERT_TRUE(save_tag_map(file(name), TagMap::make(tags).value()));
+  }
+  // The same of the scene's wall: where it is for whom believes that map.
+  void write_wrong_scene(const std::string& name, const Eigen::Isometry3d& T, bool tied) const {
+    nlohmann::json scene = read_json(corner_scene());
+    nlohmann::json& wall = scene["planes"][1];
+    const Eigen::Vector3d n = T.rotation() * Eigen::Vector3d(0, -1, 0);
+    const Eigen::Vector3d p = T * Eigen::Vector3d(0, 0.165, 0.105);
+    wall["normal"] = {n.x(), n.y(), n.z()};
+    wall["point"] = {p.x(), p.y(), p.z()};
+    if (!tied) wall.erase("tag_group");
+    write_text(file(name), scene.dump());
+  }
+  // Half a metre before the tags, a prop that is carried around over the table.
+  void write_simulation(int frames) const {
+    std::string tags = "tags:\n";
+    for (int i = 0; i < 4; ++i) {
+      tags += fmt::format(
+          "  - {{id: {}, family: tag36h11, size_m: 0.06, position: [{}, {}, 0], quaternion_xyzw: "
+          "[0, 0, 0, 1]}}\n",
+          i, i % 2 == 0 ? -0.045 : 0.045, i < 2 ? 0.045 : -0.045);
+    }
+    for (int i = 0; i < 2; ++i) {
+      tags += fmt::format(
+          "  - {{id: {}, family: tag36h11, size_m: 0.04, position: [{}, -0.01, 0.03], "
+          "quaternion_xyzw: [0, 0, 0, 1], group: the prop}}\n",
+          50 + i, 0.12 + 0.05 * i);
+    }
+    write_text(file("tags.yaml"), tags);
+    write_text(file("camera.yaml"),
+               "image_width: 480\nimage_height: 360\ncamera_name: made up\n"
+               "camera_matrix:\n  rows: 3\n  cols: 3\n"
+               "  data: [400.0, 0.0, 241.0, 0.0, 399.0, 178.0, 0.0, 0.0, 1.0]\n"
+               "distortion_model: plumb_bob\n"
+               "distortion_coefficients:\n  rows: 1\n  cols: 5\n"
+               "  data: [-0.2, 0.06, 0.0008, -0.0006, -0.004]\n");
+    Trajectory camera;
+    Trajectory prop;
+    for (int i = 0; i < frames; ++i) {
+      const double t = i / 30.0;
+      const std::int64_t time_ns = 1'000'000'000 + nanoseconds(t);
+      const Eigen::Quaterniond down(
+          Eigen::AngleAxisd(std::numbers::pi + 0.4 - 0.1 * t, Eigen::Vector3d::UnitX()));
+      camera.poses.push_back(
+          {time_ns, CameraPose(down, Eigen::Vector3d(0.04 + 0.03 * t, -0.2, 0.45)), {}});
+      const Eigen::Quaterniond turn(
+          Eigen::AngleAxisd(0.9 * t, Eigen::Vector3d(0.3, 0.1, 1.0).normalized()));
+      prop.poses.push_back(
+          {time_ns, CameraPose(turn, Eigen::Vector3d(-0.02 * t, 0.05 * t, 0.04 * t)), {}});
+    }
+    ASSERT_TRUE(save_trajectory(file("camera.tum"), camera));
+    ASSERT_TRUE(save_trajectory(file("prop.tum"), prop));
+  }
+  [[nodiscard]] std::vector<std::string> simulation(const std::string& output,
+                                                    const std::string& scene = "board") const {
+    return {"simulate",     scene,
+            "--camera",     file("camera.yaml"),
+            "--tags",       file("tags.yaml"),
+            "--trajectory", file("camera.tum"),
+            "--group",      "the prop=" + file("prop.tum"),
+            "--output",     file(output),
+            "--noise",      "2",
+            "--blur",       "0.004",
+            "--seed",       "5"};
+  }
+  // A box that stands on the prop, and the table that it throws its shadow on.
+  void write_prop_scene(const std::string& name) const {
+    write_text(file(name),
+               R"({"objects":[{"name":"lid","shape":{"kind":"box","size":[0.03,0.03,0.02]},
+             "position":[0.145,-0.01,0.05],"tag_group":"the prop"}],
+            "planes":[{"name":"table"},
+             {"name":"top","tag_group":"the prop","point":[0.145,-0.01,0.03],
+              "outline":[[-0.09,-0.07],[0.09,-0.07],[0.09,0.07],[-0.09,0.07]]}],
+            "shadows":[{"name":"s","technique":"layered","casters":["lid"],
+             "planes":["table","top"],"layered":{"light_height":0.6,"light_ratio":3}}]})");
+  }
+  // Share of pixels of all frames that differ by more than 8 grey levels.
+  [[nodiscard]] double differing(const std::string& a, const std::string& b) const {
+    std::int64_t different = 0;
+    std::int64_t all = 0;
+    for (const auto& entry : std::filesystem::directory_iterator(folder_.path() / a)) {
+      const auto one = load_image(entry.path()).value();
+      const auto other = load_image(folder_.path() / b / entry.path().filename()).value();
+      for (int y = 0; y < one.height; ++y) {
+        const std::uint8_t* p = one.planes[0].data + y * one.planes[0].stride;
+        const std::uint8_t* q = other.planes[0].data + y * other.planes[0].stride;
+        for (int x = 0; x < 3 * one.width; x += 3, ++all)
+          different += std::abs(int{p[x]} - int{q[x]}) > 8 ? 1 : 0;
+      }
+    }
+    return static_cast<double>(different) / static_cast<double>(all);
+  }
+  TemporaryFolder folder_;
+};
+
+// Where the wall stands is measured and not taken from the map: maps that are wrong by centimetres
+// give the same picture.
+TEST_F(TagGroups, TheWallsPlaceIsMeasured) {
+  Eigen::Isometry3d wrong = Eigen::Isometry3d::Identity();
+  wrong.translate(Eigen::Vector3d(0.01, 0.03, -0.02));
+  wrong.rotate(Eigen::AngleAxisd(radians(9.0), Eigen::Vector3d(0.4, 1.0, 0.7).normalized()));
+  write_wrong_map("wrong.yaml", wrong);
+  write_wrong_scene("wrong.json", wrong, true);
+  write_wrong_scene("fixed.json", Eigen::Isometry3d::Identity(), false);
+  write_wrong_scene("believed.json", wrong, false);
+  std::vector<std::string> recordings = {bundled("corner")};
+  if (std::filesystem::exists(shared_dir() / "recordings" / "corner")) {
+    recordings.push_back((shared_dir() / "recordings" / "corner").string());
+  }
+  for (const std::string& recording : recordings) {
+    SCOPED_TRACE(recording);
+    for (const char* old : {"measured", "fixed", "believed"}) {
+      std::filesystem::remove_all(folder_.path() / old);
+    }
+    const bool own = recording == bundled("corner");
+    const ProgramResult measured = penumbra(
+        {"replay", recording, "--no-window", "--tags", file("wrong.yaml"), "--scene",
+         file("wrong.json"), "--output", file("measured/"), "--frames", own ? "0:12" : "40:52",
+         "--group-poses", file("groups"), "--report", file("report.json")});
+    ASSERT_EQ(measured.exit_code, 0) << measured.err;
+    EXPECT_EQ(measured.err, "");
+    const nlohmann::json report = read_json(file("report.json"));
+    EXPECT_EQ(report["groups"]["wall"]["frames_tracked"], 12);
+    EXPECT_EQ(report["groups"]["wall"]["frames_lost"], 0);
+    EXPECT_LT(report["groups"]["wall"]["reprojection_rms_px"]["max"].get<double>(), 0.5);
+    EXPECT_EQ(report["tracking"]["full_detections"], 1);
+    const Trajectory places = load_trajectory(folder_.path() / "groups" / "wall.tum").value();
+    ASSERT_EQ(places.poses.size(), 12U);
+    for (const StampedPose& place : places.poses) {
+      // The truth puts the map's error right.
+      const Eigen::Isometry3d found = Eigen::Isometry3d(place.T_table_camera.matrix()) * wrong;
+      EXPECT_LT(Eigen::AngleAxisd(found.rotation()).angle(), radians(0.15));
+      EXPECT_LT(
+          (found * Eigen::Vector3d(0, 0.165, 0.105) - Eigen::Vector3d(0, 0.165, 0.105)).norm(),
+          0.0006);
+    }
+    for (const auto& [name, scene] :
+         {std::pair{"fixed", "fixed.json"}, std::pair{"believed", "believed.json"}}) {
+      const ProgramResult other = penumbra(
+          {"replay", recording, "--no-window", "--tags",
+           (recordings_dir() / "corner" / "tags-wall.yaml").string(), "--scene", file(scene),
+           "--output", file(std::string(name) + "/"), "--frames", own ? "0:12" : "40:52"});
+      ASSERT_EQ(other.exit_code, 0) << other.err;
+    }
+    EXPECT_LT(differing("measured", "fixed"), 5e-4);
+    EXPECT_GT(differing("measured", "believed"), 2e-3) << "the wall's place must matter";
+    std::filesystem::remove_all(folder_.path() / "groups");
+  }
+}
+
+TEST_F(TagGroups, AWallAtRestKeepsItsShadow) {
+  const ProgramResult run =
+      penumbra({"replay", bundled("corner"), "--no-window", "--tags",
+                (recordings_dir() / "corner" / "tags-wall.yaml").string(), "--scene",
+                corner_scene(), "--shadow", "hard", "--report", file("report.json")});
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_EQ(run.err, "");
+  EXPECT_THAT(run.out, HasSubstr("tag group wall: tracked 40"));
+  const nlohmann::json report = read_json(file("report.json"));
+  EXPECT_LE(report["work"]["plane_moved"].get<int>(), 6) << "of 39 changes from frame to frame";
+  EXPECT_FALSE(report["skipped"].contains("group_not_seen"));
+}
+
+// A prop in the hand against the exact truth, in all that a run says of it.
+TEST_F(TagGroups, AHeldPropIsTrackedToItsTruth) {
+  write_simulation(24);
+  write_prop_scene("scene.json");
+  const ProgramResult made = penumbra(simulation("made"));
+  ASSERT_EQ(made.exit_code, 0) << made.err;
+  const Trajectory truth =
+      load_trajectory(folder_.path() / "made" / "groups" / "the prop.tum").value();
+  EXPECT_EQ(truth.poses.size(), 24U);
+  const Trajectory given = load_trajectory(file("prop.tum")).value();
+  for (std::size_t i = 0; i < truth.poses.size(); ++i) {
+    EXPECT_EQ(truth.poses[i].timestamp_ns, given.poses[i].timestamp_ns);
+    EXPECT_EQ(truth.poses[i].T_table_camera.matrix(), given.poses[i].T_table_camera.matrix());
+  }
+  EXPECT_THAT(bytes_of(file("made/groups/the prop.tum")), HasSubstr("T_table_group"));
+
+  const auto run = [&](const std::string& output, const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {"replay",
+                                          file("made"),
+                                          "--no-window",
+                                          "--scene",
+                                          file("scene.json"),
+                                          "--output",
+                                          file(output + "/"),
+                                          "--poses",
+                                          file(output + ".tum"),
+                                          "--report",
+                                          file(output + ".json")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const ProgramResult result = penumbra(arguments);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    EXPECT_EQ(result.err, "");
+    return read_json(file(output + ".json"));
+  };
+  const nlohmann::json report = run("tracked", {"--group-poses", file("places")});
+  const nlohmann::json& prop = report["groups"]["the prop"];
+  EXPECT_GE(prop["frames_tracked"].get<int>(), 22);
+  EXPECT_LT(prop["accuracy"]["overlay_px"]["rmse"].get<double>(), 1.0);
+  EXPECT_LT(prop["accuracy"]["overlay_px"]["max"].get<double>(), 3.0);
+  EXPECT_LT(prop["accuracy"]["translation_mm"]["median"].get<double>(), 3.0);
+  const Trajectory places = load_trajectory(file("places/the prop.tum")).value();
+  EXPECT_EQ(static_cast<int>(places.poses.size()), prop["frames_tracked"].get<int>());
+
+  // Given poses draw the same scene, but for the tracking's error.
+  run("given", {"--poses-from", "groundtruth"});
+  EXPECT_LT(differing("tracked", "given"), 2e-3);
+  // With all work done, and side by side or not: the same, bit for bit.
+  run("all", {"--no-skip", "--threads", "1"});
+  EXPECT_EQ(contents_of(folder_.path() / "tracked"), contents_of(folder_.path() / "all"));
+  EXPECT_EQ(bytes_of(file("tracked.tum")), bytes_of(file("all.tum")));
+}
+
+// A scene that needs no group has none tracked, says so, and loses nothing by it.
+TEST_F(TagGroups, WhatTheSceneDoesNotNeedIsNotTracked) {
+  write_simulation(6);
+  ASSERT_EQ(penumbra(simulation("made")).exit_code, 0);
+  const std::string scene = (source_dir() / "scenes" / "default.json").string();
+  const auto run = [&](const std::string& output, const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {"replay",
+                                          file("made"),
+                                          "--no-window",
+                                          "--scene",
+                                          scene,
+                                          "--output",
+                                          file(output + "/"),
+                                          "--poses",
+                                          file(output + ".tum"),
+                                          "--report",
+                                          file(output + ".json")};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    EXPECT_EQ(penumbra(arguments).exit_code, 0);
+    return read_json(file(output + ".json"));
+  };
+  const nlohmann::json skipping = run("skipping", {});
+  EXPECT_EQ(skipping["skipped"]["group_not_in_scene"], 6);
+  EXPECT_FALSE(skipping.contains("groups"));
+  const nlohmann::json all = run("all", {"--no-skip"});
+  EXPECT_FALSE(all["skipped"].contains("group_not_in_scene"));
+  EXPECT_EQ(all["groups"]["the prop"]["frames_tracked"], 6);
+  EXPECT_EQ(contents_of(folder_.path() / "skipping"), contents_of(folder_.path() / "all"));
+  EXPECT_EQ(bytes_of(file("skipping.tum")), bytes_of(file("all.tum")));
+}
+
+// The synthetic scene's own objects ride on the prop.
+TEST_F(TagGroups, SimulatedObjectsRideOnTheirGroup) {
+  write_simulation(4);
+  write_prop_scene("scene.json");
+  ASSERT_EQ(penumbra(simulation("board")).exit_code, 0);
+  const ProgramResult made = penumbra(simulation("scene", file("scene.json")));
+  ASSERT_EQ(made.exit_code, 0) << made.err;
+  EXPECT_EQ(bytes_of(file("scene/groups/the prop.tum")),
+            bytes_of(file("board/groups/the prop.tum")));
+  const auto again = penumbra(simulation("again", file("scene.json")));
+  EXPECT_EQ(contents_of(folder_.path() / "scene" / "frames"),
+            contents_of(folder_.path() / "again" / "frames"));
+  const auto changed = [&](const char* frame) {
+    const auto plain = load_image(folder_.path() / "board" / "frames" / frame).value();
+    const auto drawn = load_image(folder_.path() / "scene" / "frames" / frame).value();
+    int count = 0;
+    for (int y = 0; y < plain.height; ++y) {
+      for (int x = 0; x < plain.width; ++x) {
+        count += std::abs(int{plain.planes[0].data[y * plain.planes[0].stride + x]} -
+                          int{drawn.planes[0].data[y * drawn.planes[0].stride + 3 * x]}) > 25
+                     ? 1
+                     : 0;
+      }
+    }
+    return count;
+  };
+  EXPECT_GT(changed("000003.png"), 200);
+}
+
+TEST_F(TagGroups, WhatIsWrongIsSaidInALine) {
+  write_simulation(4);
+  const auto with_group = [&](const std::string& group) {
+    std::vector<std::string> arguments = simulation("never");
+    arguments[9] = group;
+    return penumbra(arguments);
+  };
+  expect_failure(with_group("nobody=" + file("prop.tum")),
+                 {"nobody", "tags.yaml", "it has the prop"});
+  expect_failure(with_group("the prop=" + file("none.tum")), {"none.tum"});
+  write_text(file("short.tum"), "1 0 0 0 0 0 0 1\n1.01 0 0 0 0 0 0 1\n");
+  expect_failure(with_group("the prop=" + file("short.tum")), {"short.tum", "camera"});
+  EXPECT_EQ(with_group("the prop").exit_code, 2);
+  EXPECT_EQ(with_group("=x.tum").exit_code, 2);
+  EXPECT_FALSE(std::filesystem::exists(file("never")));
+
+  // A scene that is tied to what the recording's tags do not have runs, and says it.
+  const ProgramResult warned =
+      penumbra({"replay", bundled("tabletop"), "--no-window", "--scene", corner_scene(), "--frames",
+                "0:3", "--report", file("report.json")});
+  EXPECT_EQ(warned.exit_code, 0);
+  ASSERT_EQ(lines_of(warned.err).size(), 1U) << warned.err;
+  EXPECT_THAT(warned.err, testing::AllOf(HasSubstr("corner.json"), HasSubstr("\"wall\""),
+                                         HasSubstr("tags.yaml")));
+  EXPECT_EQ(read_json(file("report.json"))["skipped"]["group_not_seen"], 3);
+
+  // Its file may be wrong, or its name no file's.
+  ASSERT_EQ(penumbra(simulation("made")).exit_code, 0);
+  write_text(file("made/groups/the prop.tum"), "1 0 0 nan 0 0 0 1\n");
+  expect_failure(penumbra({"replay", file("made"), "--no-window"}), {"the prop.tum", "line 1"});
+  std::filesystem::remove(file("made/groups/the prop.tum"));
+  std::string tags = bytes_of(file("made/tags.yaml"));
+  tags = std::regex_replace(tags, std::regex("the prop"), "a/b");
+  write_text(file("slash.yaml"), tags);
+  expect_failure(penumbra({"replay", file("made"), "--no-window", "--tags", file("slash.yaml"),
+                           "--group-poses", file("places")}),
+                 {"a/b"});
+  EXPECT_EQ(
+      penumbra({"replay", file("made"), "--no-window", "--tags", file("slash.yaml")}).exit_code, 0);
+  expect_failure(
+      penumbra({"replay", file("made"), "--no-window", "--group-poses", file("made/places")}),
+      {"made/places", "only read"});
+  write_text(file("a_file"), "x");
+  expect_failure(penumbra({"replay", file("made"), "--no-window", "--group-poses", file("a_file")}),
+                 {"a_file", "folder"});
+}
+
+}  // namespace
+}  // namespace penumbra::test

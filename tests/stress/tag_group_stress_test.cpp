@@ -1,0 +1,214 @@
+// Several rigid groups of tags where they are hard: copies, single tags, edge-on views, one passing
+// before the other, maps that contradict the picture. Whatever it is, nothing is ever non-finite
+// and no wrong place is called tracked.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "core/evaluation.hpp"
+#include "support/group_stage.hpp"
+#include "tracking/group_tracker.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::block;
+using test::named;
+using test::Placements;
+using test::shifted;
+using test::Stage;
+using test::turned;
+using test::wall;
+
+bool long_form() {
+  const char* form = std::getenv("PENUMBRA_STRESS");
+  return form != nullptr && std::string(form) == "long";
+}
+
+// Where the groups truly are.
+void expect_honest(const Stage& stage, const TrackedFrame& tracked, int frame,
+                   const Placements& at) {
+  for (const GroupEstimate& group : tracked.groups) {
+    SCOPED_TRACE(group.name);
+    if (!group.has_pose()) continue;
+    EXPECT_TRUE(group.T_table_group.is_finite());
+    EXPECT_TRUE(group.covariance.allFinite());
+    EXPECT_FALSE(std::isnan(group.expected_overlay_error_px));
+    EXPECT_GE(static_cast<int>(group.status), static_cast<int>(tracked.pose.status));
+    if (group.status != TrackStatus::tracked) {
+      EXPECT_NE(group.reason, "");
+      continue;
+    }
+    const auto place = at.find(group.name);
+    const double error = stage.error_px(tracked, group, frame,
+                                        place == at.end() ? test::Placement() : place->second);
+    EXPECT_LT(error, 5.0);
+    EXPECT_LT(error, std::max(1.0, 4.0 * group.expected_overlay_error_px));
+    EXPECT_LT(group.expected_overlay_error_px, 2.0);
+  }
+}
+
+TEST(TagGroupStress, AnIdMayBelongToOneGroupOnly) {
+  std::vector<MappedTag> tags = wall();
+  tags.push_back(tags.front());
+  tags.back().group = "block";
+  const auto map = TagMap::make(tags);
+  ASSERT_FALSE(map);
+  EXPECT_NE(map.error().message.find("listed twice"), std::string::npos);
+}
+
+// A second print of one of the block's tags lies on the table.
+TEST(TagGroupStress, ACopyOfAGroupsTagMisleadsNobody) {
+  const Stage stage({wall(), block()});
+  for (const int copied : {test::kBlockId, test::kWallId + 1}) {
+    std::vector<MappedTag> drawn = stage.tags;
+    for (const MappedTag& tag : stage.tags) {
+      if (tag.id != copied) continue;
+      MappedTag& copy = drawn.emplace_back(tag);
+      copy.group = "table";
+      copy.T_table_tag = {Eigen::Quaterniond::Identity(), Eigen::Vector3d(-0.16, -0.05, 0.0)};
+    }
+    GroupTracker tracker = stage.tracker();
+    int seen = 0;
+    for (int f = 0; f < (long_form() ? 30 : 8); ++f) {
+      const Placements at = {{"block", shifted(-0.002 * f, 0.001 * f, 0.001 * f)}};
+      const TrackedFrame tracked = tracker.track(stage.picture(f, at, &drawn));
+      expect_honest(stage, tracked, f, at);
+      EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
+      EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
+      seen += named(tracked, "block").has_pose() ? 1 : 0;
+    }
+    if (copied != test::kBlockId) {
+      EXPECT_GE(seen, 7);
+    }
+  }
+}
+
+// One tag alone has two poses; turned over slowly it goes through straight-on and edge-on views.
+TEST(TagGroupStress, AGroupOfOneTagIsNeverSureOfTheWrongPose) {
+  std::vector<MappedTag> one = block();
+  one.resize(1);
+  for (const double size_m : {0.025, 0.07}) {
+    SCOPED_TRACE(size_m);
+    one[0].size_m = size_m;
+    const Stage stage({one});
+    GroupTracker tracker = stage.tracker();
+    int tracked_frames = 0;
+    const int frames = long_form() ? 180 : 40;
+    const double step = 180.0 / frames;
+    for (int f = 0; f < frames; ++f) {
+      SCOPED_TRACE(f);
+      const Eigen::Vector3d centre = one[0].T_table_tag.translation();
+      const Eigen::Quaterniond R = turned(90.0 - step * f, Eigen::Vector3d::UnitX());
+      const Placements at = {{"block", test::Placement(R, Eigen::Vector3d(centre - R * centre))}};
+      const TrackedFrame tracked = tracker.track(stage.picture(f, at));
+      expect_honest(stage, tracked, f, at);
+      tracked_frames += named(tracked, "block").status == TrackStatus::tracked ? 1 : 0;
+    }
+    if (size_m > 0.05) {
+      EXPECT_GE(tracked_frames, frames / 4);
+    }
+  }
+}
+
+// The block is carried through between camera and wall, then before the table's tags.
+TEST(TagGroupStress, OneGroupPassesBeforeTheOther) {
+  const Stage stage({wall(), block()});
+  GroupTracker tracker = stage.tracker();
+  int wall_tracked = 0;
+  int block_seen = 0;
+  const int frames = long_form() ? 60 : 24;
+  for (int f = 0; f < frames; ++f) {
+    SCOPED_TRACE(f);
+    const double s = static_cast<double>(f) / frames;
+    const Placements at = {{"block", shifted(-0.28 * s, 0.06 - 0.1 * s, 0.05 - 0.03 * s)}};
+    const TrackedFrame tracked = tracker.track(stage.picture(f, at));
+    expect_honest(stage, tracked, f, at);
+    EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
+    EXPECT_LT(
+        overlay_difference(stage.camera, tracked.pose.T_table_camera, stage.truth(f)).rms_px(),
+        1.0);
+    wall_tracked += named(tracked, "wall").status == TrackStatus::tracked ? 1 : 0;
+    block_seen += named(tracked, "block").tags_used > 0 ? 1 : 0;
+  }
+  EXPECT_GE(wall_tracked, frames - 2);
+  EXPECT_GE(block_seen, frames - 4);
+}
+
+// The map has one of the wall's tags, or half of them, elsewhere than they are; and two groups at
+// each other's places.
+TEST(TagGroupStress, MapsThatContradictThePicture) {
+  for (const int wrong : {1, 3}) {
+    SCOPED_TRACE(wrong);
+    const Stage stage({wall()});
+    std::vector<MappedTag> drawn = stage.tags;
+    int left = wrong;
+    for (MappedTag& tag : drawn) {
+      if (tag.group != "wall" || left-- <= 0) continue;
+      tag.T_table_tag = {tag.T_table_tag.rotation(),
+                         tag.T_table_tag.translation() + Eigen::Vector3d(0.012, 0.0, -0.006)};
+    }
+    GroupTracker tracker = stage.tracker();
+    for (int f = 0; f < 6; ++f) {
+      const TrackedFrame tracked = tracker.track(stage.picture(f, {}, &drawn));
+      EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
+      if (wrong == 1) {
+        expect_honest(stage, tracked, f, {});
+        EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
+      } else {
+        EXPECT_NE(named(tracked, "wall").status, TrackStatus::tracked)
+            << "nothing says which half is right";
+      }
+    }
+  }
+  // Each where the other is mapped: the picture decides for each.
+  std::vector<MappedTag> far = wall(3, 1);
+  for (MappedTag& tag : far) {
+    tag.id += 50;
+    tag.group = "door";
+  }
+  const Stage stage({wall(3, 1), far});
+  const Placements at = {{"wall", shifted(0.0, 0.02, 0.06)}, {"door", shifted(0.0, -0.01, -0.05)}};
+  GroupTracker tracker = stage.tracker();
+  for (int f = 0; f < 6; ++f) {
+    const TrackedFrame tracked = tracker.track(stage.picture(f, at));
+    expect_honest(stage, tracked, f, at);
+    EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked) << named(tracked, "wall").reason;
+    EXPECT_EQ(named(tracked, "door").status, TrackStatus::tracked) << named(tracked, "door").reason;
+  }
+}
+
+// Twelve groups of one tag each, all moving their own way.
+TEST(TagGroupStress, ManyGroups) {
+  std::vector<std::vector<MappedTag>> parts;
+  for (int k = 0; k < 12; ++k) {
+    std::vector<MappedTag> one = block();
+    one.resize(1);
+    one[0].id = 150 + k;
+    one[0].group = fmt::format("coin {}", k);
+    one[0].T_table_tag = {Eigen::Quaterniond::Identity(),
+                          Eigen::Vector3d(-0.165 + 0.06 * (k % 6), 0.13 - 0.26 * (k / 6), 0.0)};
+    parts.push_back(one);
+  }
+  const Stage stage(parts);
+  GroupTracker tracker = stage.tracker();
+  int placed = 0;
+  const int frames = 6;
+  for (int f = 0; f < frames; ++f) {
+    Placements at;
+    for (int k = 0; k < 12; ++k)
+      at[fmt::format("coin {}", k)] = shifted(0.0, 0.0006 * f * (k - 6), 0.0005 * f);
+    const TrackedFrame tracked = tracker.track(stage.picture(f, at));
+    ASSERT_EQ(tracked.groups.size(), 12U);
+    expect_honest(stage, tracked, f, at);
+    for (const GroupEstimate& group : tracked.groups) placed += group.tags_used > 0 ? 1 : 0;
+  }
+  EXPECT_GE(placed, frames * 8);
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,124 @@
+// A table, a wall and a block with tags, each moved on its own, in exact pictures. For tests.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/evaluation.hpp"
+#include "core/units.hpp"
+#include "support/random_session.hpp"
+#include "tracking/group_tracker.hpp"
+#include "tracking/pattern_renderer.hpp"
+
+namespace penumbra::test {
+
+inline Eigen::Quaterniond turned(double degrees, const Eigen::Vector3d& axis) {
+  return Eigen::Quaterniond(Eigen::AngleAxisd(radians(degrees), axis.normalized()));
+}
+
+// A wall that stands on the table's far edge, tags upright.
+inline constexpr int kWallId = 100;
+inline std::vector<MappedTag> wall(int columns = 3, int rows = 2) {
+  std::vector<MappedTag> tags;
+  for (int j = 0; j < rows; ++j) {
+    for (int i = 0; i < columns; ++i) {
+      MappedTag tag;
+      tag.id = kWallId + j * columns + i;
+      tag.size_m = 0.05;
+      tag.T_table_tag = {turned(90.0, Eigen::Vector3d::UnitX()),
+                         Eigen::Vector3d(0.07 * (i - 0.5 * (columns - 1)), 0.14, 0.12 - 0.07 * j)};
+      tag.group = "wall";
+      tags.push_back(tag);
+    }
+  }
+  return tags;
+}
+// A block in the hand: a tag on top, and one on the side towards the viewer.
+inline constexpr int kBlockId = 200;
+inline std::vector<MappedTag> block() {
+  std::vector<MappedTag> tags(2);
+  for (int i = 0; i < 2; ++i) {
+    MappedTag& tag = tags[static_cast<std::size_t>(i)];
+    tag.id = kBlockId + i;
+    tag.size_m = 0.04;
+    tag.group = "block";
+  }
+  tags[0].T_table_tag = {Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.13, -0.05, 0.05)};
+  tags[1].T_table_tag = {turned(90.0, Eigen::Vector3d::UnitX()),
+                         Eigen::Vector3d(0.13, -0.075, 0.025)};
+  return tags;
+}
+
+using Placement = Transform<frame::Table, frame::Table>;
+using Placements = std::map<std::string, Placement>;
+inline Placement shifted(double x, double y, double z) {
+  return {Eigen::Quaterniond::Identity(), Eigen::Vector3d(x, y, z)};
+}
+
+// Pictures of a camera's path over tags whose groups move.
+class Stage {
+ public:
+  explicit Stage(std::vector<std::vector<MappedTag>> parts) {
+    Draw draw(11);
+    camera = lens_camera(Lens::plumb_bob, 640, 480, 0.85);
+    tags = layout_of(Layout::sheet, draw);
+    for (MappedTag& tag : tags) tag.id %= 90;  // the parts' are larger
+    for (const auto& part : parts) tags.insert(tags.end(), part.begin(), part.end());
+    path = hand(1, 0.5, radians(40.0), draw);
+    path.azimuth.middle = -0.5 * std::numbers::pi;
+    light.samples = 64;
+    light.noise_grey = 2.0;
+  }
+  [[nodiscard]] CameraPose truth(int frame) const { return path.at(frame / 30.0); }
+  // `drawn`: other tags than the map's.
+  [[nodiscard]] Frame picture(int frame, const Placements& at = {},
+                              const std::vector<MappedTag>* drawn = nullptr) const {
+    auto renderer = PatternRenderer::create(camera, drawn != nullptr ? *drawn : tags).value();
+    std::vector<GroupPlacement> placements;
+    for (const auto& [group, placement] : at) placements.push_back({group, placement});
+    PatternRenderOptions options = light;
+    options.seed = 77U + static_cast<std::uint64_t>(frame);
+    const std::array<CameraPose, 1> poses = {truth(frame)};
+    const GreyImage image = renderer.render(poses, options, placements);
+    FrameBuffer buffer = allocate_frame(PixelFormat::grey8, image.width, image.height);
+    for (int y = 0; y < image.height; ++y) {
+      std::copy_n(image.view().row(y), image.width,
+                  buffer.plane_data[0] + y * buffer.frame.planes[0].stride);
+    }
+    buffer.frame.sequence = static_cast<std::uint64_t>(frame);
+    buffer.frame.timestamp_ns = 1'000'000'000 + frame * std::int64_t{33'333'333};
+    return buffer.frame;
+  }
+  [[nodiscard]] TagMap map() const { return TagMap::make(tags).value(); }
+  [[nodiscard]] GroupTracker tracker(const TrackerOptions& options = {}) const {
+    return GroupTracker::create(camera, map(), options).value();
+  }
+  // How far from the truth a cube on the group's middle is drawn.
+  [[nodiscard]] double error_px(const TrackedFrame& tracked, const GroupEstimate& group, int frame,
+                                const Placement& placement = {}) const {
+    const GroupPose true_place(placement.rotation(), placement.translation());
+    const auto drawn =
+        (group.T_table_group * group.T_group_middle).inverse() * tracked.pose.T_table_camera;
+    const auto right = (true_place * group.T_group_middle).inverse() * truth(frame);
+    return overlay_difference(camera, CameraPose(drawn.rotation(), drawn.translation()),
+                              CameraPose(right.rotation(), right.translation()))
+        .rms_px();
+  }
+
+  CameraModel camera = lens_camera(Lens::none, 640, 480, 0.85);
+  std::vector<MappedTag> tags;
+  HandMotion path;
+  PatternRenderOptions light;
+};
+
+inline const GroupEstimate& named(const TrackedFrame& tracked, const std::string& name) {
+  return *std::ranges::find(tracked.groups, name, &GroupEstimate::name);
+}
+
+}  // namespace penumbra::test

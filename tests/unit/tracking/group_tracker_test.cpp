@@ -1,0 +1,299 @@
+// The table and other rigid groups of tags in the same pictures, each moved on its own, with exact
+// truth.
+#include "tracking/group_tracker.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/evaluation.hpp"
+#include "support/group_stage.hpp"
+
+namespace penumbra {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::UnorderedElementsAre;
+
+using test::block;
+using test::named;
+using test::Placement;
+using test::Placements;
+using test::shifted;
+using test::Stage;
+using test::turned;
+using test::wall;
+
+TEST(GroupTracker, GroupsAreThoseOfTheMapInItsOrder) {
+  const Stage stage({block(), wall()});
+  EXPECT_THAT(other_groups(stage.map()), ElementsAre("block", "wall"));
+  const auto middle = middle_of_group(stage.map(), "wall");
+  EXPECT_NEAR((middle.translation() - Eigen::Vector3d(0.0, 0.14, 0.085)).norm(), 0.0, 1e-12);
+  EXPECT_NEAR((middle.rotation() * Eigen::Vector3d::UnitZ() + Eigen::Vector3d::UnitY()).norm(), 0.0,
+              1e-12);
+  const TrackedFrame tracked = stage.tracker().track(stage.picture(0));
+  ASSERT_EQ(tracked.groups.size(), 2U);
+  EXPECT_EQ(tracked.groups[0].name, "block");
+  EXPECT_EQ(tracked.groups[1].name, "wall");
+}
+
+TEST(GroupTracker, AMapWithoutTheTableOrWithAnUnknownTagIsRefusedByName) {
+  const auto no_table =
+      GroupTracker::create(Stage({}).camera, TagMap::make(wall()).value(), TrackerOptions());
+  ASSERT_FALSE(no_table);
+  EXPECT_THAT(no_table.error().message, HasSubstr("'table'"));
+  Stage stage({wall()});
+  stage.tags.back().id = 9999;
+  const auto unknown = GroupTracker::create(stage.camera, stage.map());
+  ASSERT_FALSE(unknown);
+  EXPECT_THAT(unknown.error().message, testing::AllOf(HasSubstr("'wall'"), HasSubstr("9999")));
+}
+
+// What is where the map has it, is where the map has it: and stays there, bit for bit, while the
+// camera moves.
+TEST(GroupTracker, AGroupAtRestIsMeasuredAndKeepsItsPlace) {
+  const Stage stage({wall()});
+  GroupTracker tracker = stage.tracker();
+  int changes = 0;
+  GroupPose before;
+  for (int f = 0; f < 20; ++f) {
+    const TrackedFrame tracked = tracker.track(stage.picture(f));
+    const GroupEstimate& estimate = named(tracked, "wall");
+    ASSERT_EQ(estimate.status, TrackStatus::tracked) << estimate.reason;
+    EXPECT_EQ(estimate.reason, "");
+    EXPECT_EQ(estimate.tags_used, 6);
+    const double error = stage.error_px(tracked, estimate, f);
+    EXPECT_LT(error, 0.5);
+    EXPECT_LT(error, 4.0 * estimate.expected_overlay_error_px);
+    if (f > 0) {
+      EXPECT_TRUE(estimate.rests);
+      changes += estimate.T_table_group.matrix() != before.matrix() ? 1 : 0;
+    }
+    before = estimate.T_table_group;
+  }
+  EXPECT_LE(changes, 2) << "noise is not motion";
+}
+
+// The map is wrong about where the wall stands; the picture is not.
+TEST(GroupTracker, AWallThatWasMovedIsFollowed) {
+  const Stage stage({wall()});
+  GroupTracker tracker = stage.tracker();
+  const Placement leaning(turned(12.0, {1.0, 0.3, 0.6}), Eigen::Vector3d(0.02, 0.03, -0.01));
+  for (int f = 0; f < 12; ++f) {
+    // In the middle of it somebody pushes it.
+    const Placement at =
+        f < 6 ? leaning
+              : Placement(leaning.rotation(), leaning.translation() + Eigen::Vector3d(0, 0.004, 0));
+    const TrackedFrame tracked = tracker.track(stage.picture(f, {{"wall", at}}));
+    const GroupEstimate& estimate = named(tracked, "wall");
+    ASSERT_EQ(estimate.status, TrackStatus::tracked) << f << ": " << estimate.reason;
+    EXPECT_LT(stage.error_px(tracked, estimate, f, at), 0.6) << f;
+    const Eigen::Vector3d p(0.0, 0.14, 0.1);
+    EXPECT_LT((estimate.T_table_group * p - at * p).norm(), 0.001) << f;
+  }
+}
+
+// A block in the hand and a camera in the other, against the exact truth.
+TEST(GroupTracker, AHeldPropIsFollowedThroughItsMotion) {
+  const Stage stage({wall(), block()});
+  GroupTracker tracker = stage.tracker();
+  int tracked_frames = 0;
+  int detections = 0;
+  for (int f = 0; f < 30; ++f) {
+    const double t = f / 30.0;
+    const Placement at(turned(25.0 * std::sin(4.0 * t), {0.2, 0.4, 1.0}),
+                       Eigen::Vector3d(-0.05 * t, 0.02 * std::sin(5.0 * t), 0.03 * t));
+    const TrackedFrame tracked = tracker.track(stage.picture(f, {{"block", at}}));
+    const GroupEstimate& estimate = named(tracked, "block");
+    detections += tracked.times.full_detection ? 1 : 0;
+    EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked);
+    if (estimate.status != TrackStatus::tracked) {
+      EXPECT_NE(estimate.reason, "");
+      continue;
+    }
+    ++tracked_frames;
+    const double error = stage.error_px(tracked, estimate, f, at);
+    EXPECT_LT(error, 3.0) << f;
+    EXPECT_LT(error, std::max(0.5, 4.0 * estimate.expected_overlay_error_px)) << f;
+    EXPECT_TRUE(estimate.covariance.allFinite());
+  }
+  EXPECT_GE(tracked_frames, 28);
+  EXPECT_EQ(detections, 1) << "the first frame's, shared by all";
+}
+
+TEST(GroupTracker, TheTableIsTheSameWhateverIsTrackedBesideIt) {
+  const Stage stage({wall(), block()});
+  for (const TrackingMode mode : {TrackingMode::detect, TrackingMode::automatic}) {
+    TrackerOptions options;
+    options.mode = mode;
+    auto alone = TableTracker::create(stage.camera, stage.map(), options).value();
+    auto none = GroupTracker::create(stage.camera, stage.map(), options, std::vector<std::string>())
+                    .value();
+    auto one = GroupTracker::create(stage.camera, stage.map(), options,
+                                    std::vector<std::string>{"block", "no such"})
+                   .value();
+    GroupTracker all = stage.tracker(options);
+    for (int f = 0; f < 6; ++f) {
+      // Without the block for a while: it is searched for.
+      Placements at;
+      if (f >= 2 && f < 5) at["block"] = shifted(5.0, 0.0, 0.0);
+      const Frame picture = stage.picture(f, at);
+      const TrackedFrame a = alone.track(picture);
+      const TrackedFrame b = none.track(picture);
+      const TrackedFrame c = one.track(picture);
+      const TrackedFrame d = all.track(picture);
+      EXPECT_THAT(b.groups, IsEmpty());
+      EXPECT_EQ(b.groups_skipped, 2);
+      ASSERT_EQ(c.groups.size(), 1U);
+      EXPECT_EQ(c.groups_skipped, 1);
+      ASSERT_EQ(d.groups.size(), 2U);
+      EXPECT_EQ(d.groups_skipped, 0);
+      for (const TrackedFrame* other : {&b, &c, &d}) {
+        EXPECT_EQ(a.pose.status, other->pose.status);
+        EXPECT_EQ(a.pose.T_table_camera.matrix(), other->pose.T_table_camera.matrix());
+        EXPECT_EQ(a.pose.covariance, other->pose.covariance);
+      }
+      EXPECT_EQ(c.groups[0].status, named(d, "block").status);
+      EXPECT_EQ(c.groups[0].T_table_group.matrix(), named(d, "block").T_table_group.matrix());
+    }
+  }
+}
+
+TEST(GroupTracker, AGroupNeverSeenHasNoPlaceAndCostsFewSearches) {
+  Stage stage({wall(), block()});
+  std::vector<MappedTag> drawn = stage.tags;
+  std::erase_if(drawn, [](const MappedTag& tag) { return tag.group == "block"; });
+  GroupTracker tracker = stage.tracker();
+  int detections = 0;
+  constexpr int kFrames = 40;
+  for (int f = 0; f < kFrames; ++f) {
+    const TrackedFrame tracked = tracker.track(stage.picture(f % 8, {}, &drawn));
+    const GroupEstimate& estimate = named(tracked, "block");
+    EXPECT_EQ(estimate.status, TrackStatus::lost);
+    EXPECT_NE(estimate.reason, "");
+    detections += tracked.times.full_detection ? 1 : 0;
+  }
+  EXPECT_GE(detections, 2);
+  EXPECT_LE(detections, kFrames / 4);
+}
+
+TEST(GroupTracker, AHiddenGroupIsHeldThenLostThenFoundWhereverItIs) {
+  const Stage stage({wall()});
+  std::vector<MappedTag> hidden = stage.tags;
+  std::erase_if(hidden, [](const MappedTag& tag) { return tag.group == "wall"; });
+  TrackerOptions options;
+  options.hold_s = 0.2;
+  GroupTracker tracker = stage.tracker(options);
+  for (int f = 0; f < 4; ++f) static_cast<void>(tracker.track(stage.picture(f)));
+  double promised = 0.0;
+  int held = 0;
+  GroupPose last;
+  for (int f = 4; f < 20; ++f) {
+    const TrackedFrame tracked = tracker.track(stage.picture(f, {}, &hidden));
+    const GroupEstimate& estimate = named(tracked, "wall");
+    EXPECT_EQ(tracked.pose.status, TrackStatus::tracked);
+    EXPECT_NE(estimate.reason, "");
+    if (f < 4 + 6) {
+      ASSERT_EQ(estimate.status, TrackStatus::held) << f;
+      ++held;
+      EXPECT_NEAR(estimate.age_s, (f - 3) / 30.0, 1e-6);
+      EXPECT_EQ(estimate.held_from, TrackStatus::tracked);
+      EXPECT_GT(estimate.expected_overlay_error_px, promised);
+      promised = estimate.expected_overlay_error_px;
+      if (held > 1) {
+        EXPECT_EQ(estimate.T_table_group.matrix(), last.matrix()) << "it rested";
+      }
+      last = estimate.T_table_group;
+    } else {
+      EXPECT_EQ(estimate.status, TrackStatus::lost) << f;
+    }
+  }
+  // Back, somewhere else by more than any look at the old place would find.
+  const Placement there(turned(20.0, Eigen::Vector3d::UnitZ()), Eigen::Vector3d(0.05, 0.06, 0.0));
+  int frames = 0;
+  bool found = false;
+  for (int f = 20; f < 32 && !found; ++f, ++frames) {
+    const TrackedFrame tracked = tracker.track(stage.picture(f, {{"wall", there}}));
+    const GroupEstimate& estimate = named(tracked, "wall");
+    found = estimate.status == TrackStatus::tracked;
+    if (found) {
+      EXPECT_LT(stage.error_px(tracked, estimate, f, there), 0.5);
+    }
+  }
+  EXPECT_TRUE(found);
+  EXPECT_LE(frames, 9);
+}
+
+// Where it was, it is found in the first frame that shows it, without a search.
+TEST(GroupTracker, WhatComesBackToItsPlaceIsTrackedAtOnce) {
+  const Stage stage({wall()});
+  std::vector<MappedTag> hidden = stage.tags;
+  std::erase_if(hidden, [](const MappedTag& tag) { return tag.group == "wall"; });
+  GroupTracker tracker = stage.tracker();
+  for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.picture(f)));
+  for (int f = 3; f < 13; ++f) static_cast<void>(tracker.track(stage.picture(f, {}, &hidden)));
+  const TrackedFrame tracked = tracker.track(stage.picture(13));
+  EXPECT_EQ(named(tracked, "wall").status, TrackStatus::tracked) << named(tracked, "wall").reason;
+  EXPECT_FALSE(tracked.times.full_detection);
+}
+
+TEST(GroupTracker, WithoutTheTableNothingHasAPlaceOnIt) {
+  const Stage stage({wall()});
+  std::vector<MappedTag> bare = stage.tags;
+  std::erase_if(bare, [](const MappedTag& tag) { return tag.group == "table"; });
+  TrackerOptions options;
+  options.hold_s = 0.1;
+  GroupTracker tracker = stage.tracker(options);
+  for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.picture(f)));
+  GroupEstimate last;
+  for (int f = 3; f < 10; ++f) {
+    const TrackedFrame tracked = tracker.track(stage.picture(f, {}, &bare));
+    last = named(tracked, "wall");
+    EXPECT_NE(last.status, TrackStatus::tracked);
+    EXPECT_GE(static_cast<int>(last.status), static_cast<int>(tracked.pose.status));
+  }
+  EXPECT_EQ(last.status, TrackStatus::lost);
+  EXPECT_THAT(last.reason, HasSubstr("table"));
+}
+
+TEST(GroupTracker, TheSameFramesGiveTheSameBits) {
+  const Stage stage({wall(), block()});
+  GroupTracker a = stage.tracker();
+  GroupTracker b = stage.tracker();
+  for (int f = 0; f < 10; ++f) {
+    Placements at;
+    if (f % 3 == 2) at["block"] = shifted(0.01 * f, 5.0, 0.0);
+    const Frame picture = stage.picture(f, at);
+    const TrackedFrame x = a.track(picture);
+    const TrackedFrame y = b.track(picture);
+    for (std::size_t g = 0; g < 2; ++g) {
+      EXPECT_EQ(x.groups[g].status, y.groups[g].status);
+      EXPECT_EQ(x.groups[g].T_table_group.matrix(), y.groups[g].T_table_group.matrix());
+      EXPECT_EQ(x.groups[g].covariance, y.groups[g].covariance);
+    }
+  }
+}
+
+TEST(GroupTracker, EmptyAndMisfittingFramesAndClocksThatJump) {
+  const Stage stage({wall()});
+  GroupTracker tracker = stage.tracker();
+  for (int f = 0; f < 3; ++f) static_cast<void>(tracker.track(stage.picture(f)));
+  EXPECT_FALSE(named(tracker.track(Frame{}), "wall").has_pose() &&
+               named(tracker.track(Frame{}), "wall").status == TrackStatus::tracked);
+  FrameBuffer small = allocate_frame(PixelFormat::grey8, 64, 48);
+  for (int y = 0; y < 48; ++y)
+    std::fill_n(small.plane_data[0] + y * small.frame.planes[0].stride, 64, std::uint8_t{70});
+  small.frame.timestamp_ns = 2'000'000'000;
+  EXPECT_NE(named(tracker.track(small.frame), "wall").status, TrackStatus::tracked);
+  Frame back = stage.picture(1);
+  back.timestamp_ns = 5;
+  const TrackedFrame again = tracker.track(back);
+  EXPECT_EQ(named(again, "wall").status, TrackStatus::tracked) << named(again, "wall").reason;
+}
+
+}  // namespace
+}  // namespace penumbra

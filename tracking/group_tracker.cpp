@@ -1,0 +1,377 @@
+#include "tracking/group_tracker.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "core/assert.hpp"
+#include "core/evaluation.hpp"
+#include "core/stopwatch.hpp"
+#include "core/units.hpp"
+#include "tracking/pose_refiner.hpp"
+
+namespace penumbra {
+namespace {
+
+// Of a group that is not where it was: frames after its loss in which its old place is looked at,
+// and in which the whole picture is searched, at half and full resolution in turn; then every so
+// many frames. A search costs as much as twenty frames of tracking and more.
+constexpr int kLooksAtFirst = 15;
+constexpr int kLooksEvery = 4;
+constexpr int kSearchesAtFirst = 2;
+constexpr int kSearchesEvery = 8;
+
+// Chi-square of 6 degrees of freedom that 99 % of measurements of a resting group stay under.
+constexpr double kRests = 16.8;
+// By how much the covariance of a resting group's place grows from frame to frame: measurements are
+// averaged over about five frames.
+constexpr double kForgets = 1.25;
+// A place is shown as long as the averaged one is no farther from it (shadows.md 2.10).
+constexpr double kShownWithin_px = 0.25;
+// Two measurements so far apart say nothing of the motion between them.
+constexpr double kVelocityLifetime_s = 0.2;
+
+using TableFromMiddle = Transform<frame::Table, frame::GroupMiddle>;
+using MiddleFromCamera = Transform<frame::GroupMiddle, frame::Camera>;
+
+// The trackers' frame is the table's by name; a group's tracker has its middle in place of it.
+MiddleFromCamera of_middle(const CameraPose& pose) {
+  return {pose.rotation(), pose.translation()};
+}
+CameraPose as_table(const MiddleFromCamera& pose) {
+  return {pose.rotation(), pose.translation()};
+}
+
+// T exp(xi), and the xi between two, to first order (pose_refiner.hpp), for places on the table.
+TableFromMiddle moved(const TableFromMiddle& place, const Vector6d& xi) {
+  const CameraPose pose = perturbed({place.rotation(), place.translation()}, xi);
+  return {pose.rotation(), pose.translation()};
+}
+Vector6d motion_between(const TableFromMiddle& from, const TableFromMiddle& to) {
+  return perturbation_between({from.rotation(), from.translation()},
+                              {to.rotation(), to.translation()});
+}
+
+// xi_a of a motion that is xi_b in frame b: T_a_b exp(xi_b) = exp(xi_a) T_a_b.
+template <class A, class B>
+Matrix6d adjoint(const Transform<A, B>& T_a_b) {
+  const Eigen::Matrix3d R = T_a_b.rotation_matrix();
+  const Eigen::Vector3d& t = T_a_b.translation();
+  Eigen::Matrix3d cross;
+  cross << 0.0, -t.z(), t.y(), t.z(), 0.0, -t.x(), -t.y(), t.x(), 0.0;
+  Matrix6d A6 = Matrix6d::Zero();
+  A6.topLeftCorner<3, 3>() = R;
+  A6.topRightCorner<3, 3>() = cross * R;
+  A6.bottomRightCorner<3, 3>() = R;
+  return A6;
+}
+
+bool measured(TrackStatus status) {
+  return status == TrackStatus::tracked || status == TrackStatus::uncertain;
+}
+TrackStatus worse(TrackStatus a, TrackStatus b) {
+  return std::max(a, b);  // in the order of their declaration
+}
+static_assert(TrackStatus::tracked < TrackStatus::uncertain &&
+              TrackStatus::uncertain < TrackStatus::held && TrackStatus::held < TrackStatus::lost);
+
+void add(const TrackTimes& more, TrackTimes& times) {
+  times.detect_ms += more.detect_ms;
+  times.detect_cpu_ms += more.detect_cpu_ms;
+  times.align_ms += more.align_ms;
+  times.align_cpu_ms += more.align_cpu_ms;
+  times.solve_ms += more.solve_ms;
+  times.solve_cpu_ms += more.solve_cpu_ms;
+  times.full_detection = times.full_detection || more.full_detection;
+}
+
+// The group's tags as if they were a table of their own, its middle the table's origin.
+Result<TagMap> map_of_group(const TagMap& tags, const std::string& group) {
+  const auto T_middle_group = middle_of_group(tags, group).inverse();
+  std::vector<MappedTag> own;
+  for (const MappedTag& tag : tags.tags()) {
+    if (tag.group != group) continue;
+    MappedTag& copy = own.emplace_back(tag);
+    const Transform<frame::Group, frame::Tag> T_group_tag(tag.T_table_tag.rotation(),
+                                                          tag.T_table_tag.translation());
+    const auto T_middle_tag = T_middle_group * T_group_tag;
+    copy.T_table_tag = {T_middle_tag.rotation(), T_middle_tag.translation()};
+    copy.group = kTableGroup;
+  }
+  return TagMap::make(std::move(own));
+}
+
+}  // namespace
+
+std::vector<std::string> other_groups(const TagMap& tags) {
+  std::vector<std::string> groups;
+  for (const MappedTag& tag : tags.tags()) {
+    if (tag.group != kTableGroup && std::ranges::find(groups, tag.group) == groups.end()) {
+      groups.push_back(tag.group);
+    }
+  }
+  return groups;
+}
+
+Transform<frame::Group, frame::GroupMiddle> middle_of_group(const TagMap& tags,
+                                                            const std::string& group) {
+  const MappedTag* first = nullptr;
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  int count = 0;
+  for (const MappedTag& tag : tags.tags()) {
+    if (tag.group != group) continue;
+    if (first == nullptr) first = &tag;
+    sum += tag.T_table_tag.translation();
+    ++count;
+  }
+  PENUMBRA_ASSERT(first != nullptr);
+  return {first->T_table_tag.rotation(), Eigen::Vector3d(sum / count)};
+}
+
+struct GroupTracker::Impl {
+  struct Place {
+    std::int64_t timestamp_ns = 0;
+    TableFromMiddle T_table_middle;
+    Matrix6d covariance = Matrix6d::Zero();  // of T_table_middle * exp(xi)
+  };
+  struct Group {
+    std::string name;
+    Transform<frame::Group, frame::GroupMiddle> T_group_middle;
+    TableTracker tracker;
+    std::optional<Place> found;  // averaged while it rests
+    TableFromMiddle shown;       // within a quarter of a pixel of it; at first: as the map has it
+    TrackStatus last_status = TrackStatus::tracked;  // of the last measured place
+    bool rests = false;
+    Vector6d velocity = Vector6d::Zero();  // [m/s, rad/s], group's middle
+    int unseen = 0;                        // frames since it was tracked
+  };
+
+  CameraModel camera;
+  TrackerOptions options;
+  std::shared_ptr<TagSearch> search;
+  TableTracker table;
+  std::vector<Group> groups;
+  int skipped = 0;
+
+  [[nodiscard]] SharedFrame request_for(const Group& group, const PoseEstimate& table_pose) const;
+  [[nodiscard]] GroupEstimate place(Group& group, std::int64_t timestamp_ns,
+                                    const PoseEstimate& table_pose, const PoseEstimate& seen) const;
+  void take(Group& group, const Place& now, bool doubtful, const CameraPose& T_table_camera) const;
+  [[nodiscard]] GroupEstimate held(const Group& group, std::int64_t timestamp_ns,
+                                   const PoseEstimate& table_pose, std::string reason) const;
+};
+
+// Where the group would be seen if it had not moved since.
+SharedFrame GroupTracker::Impl::request_for(const Group& group,
+                                            const PoseEstimate& table_pose) const {
+  SharedFrame request;
+  const int unseen = group.unseen;
+  // Where the frame is searched anyway, what is found says more: it sees tags in wrong places too.
+  const bool looks = !search->searched() && (unseen < kLooksAtFirst || unseen % kLooksEvery == 0);
+  if (looks && measured(table_pose.status)) {
+    request.hint = as_table(group.shown.inverse() * table_pose.T_table_camera);
+  }
+  request.search = search->searched() || unseen < kSearchesAtFirst || unseen % kSearchesEvery == 0;
+  return request;
+}
+
+// A new measurement, averaged with those before while they agree.
+void GroupTracker::Impl::take(Group& group, const Place& now, bool doubtful,
+                              const CameraPose& T_table_camera) const {
+  bool agrees = false;
+  if (group.found) {
+    Place& found = *group.found;
+    const Vector6d away = motion_between(found.T_table_middle, now.T_table_middle);
+    const Matrix6d before = kForgets * found.covariance;
+    const Matrix6d total = before + now.covariance;
+    const Vector6d weighed = total.ldlt().solve(away);
+    agrees = away.dot(weighed) < kRests;
+    if (!agrees && doubtful) return;  // what was surer stays
+    if (agrees) {
+      const Matrix6d gain = total.ldlt().solve(before).transpose();  // before total^-1
+      found.T_table_middle = moved(found.T_table_middle, before * weighed);
+      found.covariance = before - gain * before;
+      found.covariance = 0.5 * (found.covariance + found.covariance.transpose()).eval();
+      found.timestamp_ns = now.timestamp_ns;
+      group.velocity.setZero();
+    } else {
+      const double step_s = seconds(now.timestamp_ns - found.timestamp_ns);
+      group.velocity = step_s > 0.0 && step_s <= kVelocityLifetime_s ? Vector6d(away / step_s)
+                                                                     : Vector6d::Zero();
+    }
+  }
+  if (!agrees) group.found = now;
+  const bool same_view =
+      agrees && overlay_difference(camera, as_table(group.shown.inverse() * T_table_camera),
+                                   as_table(group.found->T_table_middle.inverse() * T_table_camera))
+                        .rms_px() <= kShownWithin_px;
+  if (!same_view) group.shown = group.found->T_table_middle;
+  group.rests = agrees;
+}
+
+GroupEstimate GroupTracker::Impl::held(const Group& group, std::int64_t timestamp_ns,
+                                       const PoseEstimate& table_pose, std::string reason) const {
+  GroupEstimate estimate;
+  estimate.name = group.name;
+  estimate.T_group_middle = group.T_group_middle;
+  estimate.reason = std::move(reason);
+  if (!group.found || !table_pose.has_pose()) return estimate;
+  const double age_s = seconds(timestamp_ns - group.found->timestamp_ns);
+  if (!(age_s >= 0.0) || age_s > options.hold_s) return estimate;
+  const TableFromMiddle at = moved(group.shown, group.velocity * age_s);
+  if (!at.is_finite()) return estimate;
+  estimate.status = TrackStatus::held;
+  estimate.held_from = group.last_status;
+  estimate.age_s = age_s;
+  estimate.rests = group.rests;
+  estimate.T_table_group = at * group.T_group_middle.inverse();
+  // As fast as a hand changes its speed (TableTracker).
+  const double travel = 0.5 * 2.0 * age_s * age_s;
+  const double turn = 0.5 * 10.0 * age_s * age_s;
+  const CameraPose T_middle_camera = as_table(at.inverse() * table_pose.T_table_camera);
+  const Matrix6d A = adjoint(T_middle_camera.inverse());
+  Matrix6d of_group = group.found->covariance;
+  of_group.diagonal().head<3>().array() += travel * travel;
+  of_group.diagonal().tail<3>().array() += turn * turn;
+  estimate.covariance = table_pose.covariance + A * of_group * A.transpose();
+  estimate.expected_overlay_error_px =
+      expected_overlay_error_px(camera, T_middle_camera, estimate.covariance);
+  return estimate;
+}
+
+// Where the group is on the table: `table_pose` and `seen` are where the camera is over each.
+GroupEstimate GroupTracker::Impl::place(Group& group, std::int64_t timestamp_ns,
+                                        const PoseEstimate& table_pose,
+                                        const PoseEstimate& seen) const {
+  // A clock that jumps back leaves nothing of the past to rely on.
+  if (group.found && timestamp_ns <= group.found->timestamp_ns) group.found.reset();
+  if (!measured(seen.status)) {
+    return held(group, timestamp_ns, table_pose,
+                seen.reason.empty() ? std::string("not seen") : seen.reason);
+  }
+  if (!measured(table_pose.status)) {
+    return held(group, timestamp_ns, table_pose,
+                fmt::format("the table is {}", to_string(table_pose.status)));
+  }
+  const MiddleFromCamera T_middle_camera = of_middle(seen.T_table_camera);
+  Place now;
+  now.timestamp_ns = timestamp_ns;
+  now.T_table_middle = table_pose.T_table_camera * T_middle_camera.inverse();
+  const Matrix6d A = adjoint(T_middle_camera);
+  now.covariance = A * (table_pose.covariance + seen.covariance) * A.transpose();
+  if (!now.T_table_middle.is_finite() || !now.covariance.allFinite()) {
+    return held(group, timestamp_ns, table_pose, "no finite place");
+  }
+  const bool doubtful = worse(seen.status, table_pose.status) != TrackStatus::tracked;
+  const bool old =
+      group.found && seconds(timestamp_ns - group.found->timestamp_ns) > options.hold_s;
+  take(group, now, doubtful && !old, table_pose.T_table_camera);
+  if (group.found->timestamp_ns != timestamp_ns) {
+    return held(group, timestamp_ns, table_pose,
+                seen.reason.empty() ? table_pose.reason : seen.reason);
+  }
+
+  GroupEstimate estimate;
+  estimate.name = group.name;
+  estimate.T_group_middle = group.T_group_middle;
+  estimate.T_table_group = group.shown * group.T_group_middle.inverse();
+  estimate.reprojection_rms_px = seen.reprojection_rms_px;
+  estimate.tags_used = seen.tags_used;
+  estimate.rests = group.rests;
+  const CameraPose drawn = as_table(group.shown.inverse() * table_pose.T_table_camera);
+  if (group.rests) {
+    // Drawn by the table's pose, at a place that more frames than this one know.
+    const Matrix6d back = adjoint(drawn.inverse());
+    estimate.covariance = table_pose.covariance + back * group.found->covariance * back.transpose();
+  } else {
+    estimate.covariance = seen.covariance;
+  }
+  estimate.expected_overlay_error_px =
+      expected_overlay_error_px(camera, drawn, estimate.covariance);
+  if (group.rests) {
+    // Anywhere within the distance, as likely as anywhere else.
+    estimate.expected_overlay_error_px =
+        std::hypot(estimate.expected_overlay_error_px, kShownWithin_px / std::sqrt(3.0));
+  }
+  estimate.status = worse(seen.status, table_pose.status);
+  if (estimate.status == TrackStatus::tracked &&
+      !(estimate.expected_overlay_error_px < options.tracked_overlay_px)) {
+    estimate.status = TrackStatus::uncertain;
+    estimate.reason = fmt::format("expected error {:.1f} px", estimate.expected_overlay_error_px);
+  } else if (estimate.status == TrackStatus::uncertain) {
+    estimate.reason = seen.status == TrackStatus::uncertain
+                          ? seen.reason
+                          : fmt::format("the table is uncertain: {}", table_pose.reason);
+  }
+  group.last_status = estimate.status;
+  return estimate;
+}
+
+GroupTracker::GroupTracker(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+GroupTracker::GroupTracker(GroupTracker&&) noexcept = default;
+GroupTracker& GroupTracker::operator=(GroupTracker&&) noexcept = default;
+GroupTracker::~GroupTracker() = default;
+
+Result<GroupTracker> GroupTracker::create(const CameraModel& camera, const TagMap& tags,
+                                          const TrackerOptions& options,
+                                          const std::optional<std::vector<std::string>>& wanted) {
+  std::vector<std::string> names = other_groups(tags);
+  const std::size_t all = names.size();
+  if (wanted) {
+    std::erase_if(names, [&](const std::string& name) {
+      return std::ranges::find(*wanted, name) == wanted->end();
+    });
+  }
+  std::vector<TagFamily> families;
+  bool table = false;
+  for (const MappedTag& tag : tags.tags()) {
+    table = table || tag.group == kTableGroup;
+    if (tag.group == kTableGroup || std::ranges::find(names, tag.group) != names.end()) {
+      families.push_back(tag.family);
+    }
+  }
+  if (!table) {
+    return fail(
+        "tag map: no tag belongs to the group 'table', so nothing says where the table is; leave "
+        "out `group` for the tags that are fixed to it");
+  }
+  Result<TagSearch> made =
+      TagSearch::create(families, options.detector, camera.parameters().tone_curve);
+  if (!made) return tl::unexpected(made.error());
+  const auto search = std::make_shared<TagSearch>(std::move(*made));
+  Result<TableTracker> table_tracker = TableTracker::create(camera, tags, options, search);
+  if (!table_tracker) return tl::unexpected(table_tracker.error());
+  std::vector<Impl::Group> groups;
+  for (const std::string& name : names) {
+    const Result<TagMap> own = map_of_group(tags, name);
+    if (!own) return fail_in(fmt::format("group '{}'", name), own.error());
+    Result<TableTracker> tracker = TableTracker::create(camera, *own, options, search);
+    if (!tracker) return fail_in(fmt::format("group '{}'", name), tracker.error());
+    Impl::Group group{name, middle_of_group(tags, name), std::move(*tracker), {}, {}};
+    group.shown = GroupPose() * group.T_group_middle;
+    groups.push_back(std::move(group));
+  }
+  const int skipped = static_cast<int>(all - names.size());
+  return GroupTracker(std::make_unique<Impl>(
+      Impl{camera, options, search, std::move(*table_tracker), std::move(groups), skipped}));
+}
+
+TrackedFrame GroupTracker::track(const Frame& frame) {
+  Impl& m = *impl_;
+  const Stopwatch total;
+  m.search->begin(frame);
+  TrackedFrame result = m.table.track(frame, SharedFrame());
+  for (Impl::Group& group : m.groups) {
+    const TrackedFrame seen = group.tracker.track(frame, m.request_for(group, result.pose));
+    add(seen.times, result.times);
+    group.unseen = seen.pose.status == TrackStatus::tracked ? 0 : group.unseen + 1;
+    result.groups.push_back(m.place(group, frame.timestamp_ns, result.pose, seen.pose));
+  }
+  result.groups_skipped = m.skipped;
+  result.times.total_ms = result.times.total_cpu_ms = 0.0;
+  total.add_to(result.times.total_ms, result.times.total_cpu_ms);
+  return result;
+}
+
+}  // namespace penumbra
