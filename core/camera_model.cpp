@@ -145,11 +145,11 @@ std::optional<Eigen::Vector2d> CameraModel::project_extended(
   // At max_radius the profile is flat, so its own slope would pile everything up there: continue
   // with the slope of its chord.
   const double scale = max_radius_ / r;
-  const std::optional<Eigen::Vector2d> edge =
-      project({p_camera.x() * scale, p_camera.y() * scale, p_camera.z()});
-  if (!edge) return std::nullopt;
+  // By rounding, that point may lie just beyond max_radius.
+  const Eigen::Vector2d edge =
+      project_unchecked({p_camera.x() * scale, p_camera.y() * scale, p_camera.z()});
   const Eigen::Vector2d centre(parameters_.cx, parameters_.cy);
-  const Eigen::Vector2d pixel = centre + (*edge - centre) / scale;
+  const Eigen::Vector2d pixel = centre + (edge - centre) / scale;
   if (!pixel.allFinite()) return std::nullopt;
   return pixel;
 }

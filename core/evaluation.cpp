@@ -164,7 +164,8 @@ double expected_overlay_error_px(const CameraModel& camera, const CameraPose& po
     const Eigen::Vector3d p = T_camera_table * corner;
     if (!p.allFinite() || p.z() <= 0.0) continue;
     const std::optional<Eigen::Matrix<double, 2, 3>> J_p = projection_jacobian(camera, p);
-    if (!J_p) continue;
+    // Nothing says how far it may be off: leaving it out would make the worst views the best.
+    if (!J_p) return std::numeric_limits<double>::infinity();
     // T exp([nu; omega]) moves the point to p - nu - omega x p = p - nu + [p]x omega.
     Eigen::Matrix<double, 3, 6> J_pose;
     J_pose << -1.0, 0.0, 0.0, 0.0, -p.z(), p.y(),  //

@@ -1,7 +1,10 @@
 // How far what the tracker expects of its own error can be trusted: random synthetic sessions, the
 // real overlay error over the expected one.
 //
-//   honesty_benchmark [sessions=N] [first=SEED] [frames=N] [csv]
+//   honesty_benchmark [sessions=N] [first=SEED] [frames=N] [near] [moved=SHARE] [csv]
+//
+// near: the camera as near as 6 cm, within the overlay's cube. moved: before the third frame so
+// many of the tags (a share, rounded) are pushed aside together, by up to a tag's size.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -38,21 +41,29 @@ int main(int argc, char** argv) {
   int first = 1;
   int frames = 4;
   bool csv = false;
+  bool near = false;
+  double moved_share = 0.0;
   for (int i = 1; i < argc; ++i) {
     if (std::strncmp(argv[i], "sessions=", 9) == 0) sessions = std::atoi(argv[i] + 9);
     if (std::strncmp(argv[i], "first=", 6) == 0) first = std::atoi(argv[i] + 6);
     if (std::strncmp(argv[i], "frames=", 7) == 0) frames = std::atoi(argv[i] + 7);
     if (std::strcmp(argv[i], "csv") == 0) csv = true;
+    if (std::strcmp(argv[i], "near") == 0) near = true;
+    if (std::strncmp(argv[i], "moved=", 6) == 0) moved_share = std::atof(argv[i] + 6);
   }
   std::map<std::string, Group> groups;
   for (int s = first; s < first + sessions; ++s) {
     SessionKind kind;
-    const Session session = random_session(static_cast<std::uint64_t>(s), kind);
+    Session session = random_session(static_cast<std::uint64_t>(s), kind);
+    if (near) go_near(static_cast<std::uint64_t>(s), session);
     PatternRenderer renderer = PatternRenderer::create(session.camera, session.tags).value();
+    const std::vector<MappedTag> bumped =
+        with_some_moved(static_cast<std::uint64_t>(s), session.tags, moved_share);
+    PatternRenderer after = PatternRenderer::create(session.camera, bumped).value();
     TableTracker tracker =
         TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < frames; ++f) {
-      const Frame frame = session.picture(renderer, f);
+      const Frame frame = session.picture(f >= 2 && moved_share > 0.0 ? after : renderer, f);
       const PoseEstimate pose = tracker.track(frame).pose;
       const CameraPose truth = session.truth(f);
       const double error =
@@ -62,13 +73,18 @@ int main(int argc, char** argv) {
           corner_distance_px(session.camera, session.tags, session.motion.at(f * session.frame_s),
                              session.motion.at(f * session.frame_s + session.exposure_s));
       if (csv) {
-        std::printf("R,%d,%d,%s,%d,%d,%d,%.2f,%.4f,%.2f,%.2f,%.2f,%s,%d,%.5f,%.5f,%.5f\n", s, f,
-                    kLayoutNames[static_cast<std::size_t>(kind.layout)],
-                    static_cast<int>(kind.lens), kind.haste, kind.tone_known ? 1 : 0,
-                    session.light.gamma, session.exposure_s, moved, session.light.noise_grey,
-                    session.light.lens_blur_px, std::string(to_string(pose.status)).c_str(),
-                    pose.tags_used, error, pose.expected_overlay_error_px,
-                    pose.reprojection_rms_px);
+        std::printf(
+            "R,%d,%d,%s,%d,%d,%d,%.2f,%.4f,%.2f,%.2f,%.2f,%s,%d,%.5f,%.5f,%.5f,%.5f,%.5f,%s\n", s,
+            f, kLayoutNames[static_cast<std::size_t>(kind.layout)], static_cast<int>(kind.lens),
+            kind.haste, kind.tone_known ? 1 : 0, session.light.gamma, session.exposure_s, moved,
+            session.light.noise_grey, session.light.lens_blur_px,
+            std::string(to_string(pose.status)).c_str(), pose.tags_used, error,
+            pose.expected_overlay_error_px, pose.reprojection_rms_px,
+            pose.has_pose()
+                ? corner_distance_px(session.camera, session.tags, pose.T_table_camera, truth)
+                : -1.0,
+            1e3 * (pose.T_table_camera.translation() - truth.translation()).norm(),
+            pose.reason.c_str());
         std::fflush(stdout);
       }
       const std::string blur = moved < 0.5   ? "<0.5"

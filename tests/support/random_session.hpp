@@ -222,4 +222,35 @@ inline Session random_session(std::uint64_t seed, SessionKind& kind) {
   return session;
 }
 
+// Brings the camera within the overlay's cube, or nearly.
+inline void go_near(std::uint64_t seed, Session& session) {
+  Draw draw(seed * 6151U + 3U);
+  session.motion.distance.middle = draw.log_between(0.06, 0.32);
+  session.motion.distance.amplitude =
+      std::min(session.motion.distance.amplitude, 0.1 * session.motion.distance.middle);
+}
+
+// A part of the tags, `share` of them (rounded), pushed aside together: between a twentieth of a
+// tag's side and a whole one along the table, and turned a little.
+inline std::vector<MappedTag> with_some_moved(std::uint64_t seed, std::vector<MappedTag> tags,
+                                              double share) {
+  Draw draw(seed * 3571U + 11U);
+  const auto count =
+      static_cast<std::size_t>(std::lround(share * static_cast<double>(tags.size())));
+  const double side = tags.front().size_m;
+  const double by = side * draw.log_between(0.05, 1.0);
+  const double towards = draw.between(0.0, 2.0 * std::numbers::pi);
+  const double turn = draw.between(-1.0, 1.0) * by / 0.2;
+  const Transform<frame::Table, frame::Table> push(
+      Eigen::Quaterniond(Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ())),
+      by * Eigen::Vector3d(std::cos(towards), std::sin(towards), 0.0));
+  // Which ones: neighbours in the list, from a random place.
+  const auto first = static_cast<std::size_t>(draw.below(static_cast<int>(tags.size())));
+  for (std::size_t k = 0; k < count; ++k) {
+    MappedTag& tag = tags[(first + k) % tags.size()];
+    tag.T_table_tag = push * tag.T_table_tag;
+  }
+  return tags;
+}
+
 }  // namespace penumbra::test

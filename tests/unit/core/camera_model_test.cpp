@@ -94,6 +94,11 @@ TEST(CameraModel, FindsWhereTheModelFolds) {
   const double far = camera.project_extended({3.0, 0.0, 1.0})->x();
   const double near = camera.project_extended({2.0, 0.0, 1.0})->x();
   EXPECT_GT(far, near) << "beyond the fold what is further out must be drawn further out";
+  // Wherever it lies: the fold's own radius must not be lost in rounding.
+  for (int i = 0; i < 2000; ++i) {
+    const double x = 1.1 + 0.37 * i;
+    EXPECT_TRUE(camera.project_extended({x, 0.731 * x, 1.0})) << x;
+  }
   // A pixel beyond the largest distorted radius has no ray.
   EXPECT_FALSE(camera.unproject({p.cx + 0.75 * p.fx, p.cy}));
 }

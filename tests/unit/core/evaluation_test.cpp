@@ -156,6 +156,17 @@ TEST(Evaluation, ExpectedErrorIsWhatSamplesOfTheCovarianceShow) {
     sum += error * error;
   }
   EXPECT_NEAR(std::sqrt(sum / kTrials) / expected, 1.0, 0.02);
+  // A corner that comes close to the camera's plane counts for what it is, whatever the lens says
+  // that far out: less distance, more error.
+  double before = 0.0;
+  for (const double depth : {0.1, 0.03, 0.01, 0.003, 0.001, 0.0003}) {
+    const CameraPose near(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0),
+                          Eigen::Vector3d(0.02, 0.01, 0.2 + depth));
+    const double here = expected_overlay_error_px(camera, near, covariance);
+    EXPECT_GT(here, before);
+    before = here;
+  }
+  EXPECT_GT(before, 1e4 * expected);
   // Looking away there is nothing to draw on, so nothing to trust.
   EXPECT_TRUE(std::isinf(expected_overlay_error_px(camera, above(0, 0, -1.0), covariance)));
 }
