@@ -15,8 +15,8 @@ struct CasterGeometry {
   std::vector<glm::vec3> positions;    // object frame [m]; the mesh's own come first
   std::vector<std::uint32_t> indices;  // triangles
   std::size_t mesh_positions = 0;
-  // The same surface before edges were split, and after each round of splitting but the last: of
-  // the same positions. Coarsest first.
+  // The same surface before edges were split, and on the way to the finest, each fit for edges
+  // about 1.4 times as long as the next one's: of the same positions. Coarsest first.
   struct Coarser {
     std::vector<std::uint32_t> indices;  // triangles
     float longest_edge = 0.0F;           // object frame [m]

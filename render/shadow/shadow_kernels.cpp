@@ -19,15 +19,22 @@ namespace {
 // Relaxed local thickness (shadows.md 2.6): a vertex belongs to the largest disc inside its part's
 // silhouette that reaches it when grown by kReach. At least sqrt(2): the corners of a square then
 // share its centre, so that a cube scales as a cube.
+//
+// What follows is either what a raster can tell, or the middle of a plateau: of 400 shapes made at
+// random (stars, ribbons, tiles, round bodies, limbs; none of them a test's), whose layers were
+// compared with ray casting.
 constexpr float kReach = 1.5F;
 // Discs this close to the largest count as equally large; of those the one that is nearest, in its
-// own radii, wins.
-constexpr float kEqualRadius = 0.96F;
-// A cell whose depth grows by less than this share of the distance to any neighbour is on a ridge.
-constexpr float kRidgeSlope = 0.6F;
-// Ridge cells this close in depth are the same ridge, seen in two rows of cells.
-constexpr float kSameDepth = 0.5F;    // [cells]
-constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
+// own radii, wins. Agreement is the same from 0.93 to 0.96, and worse by 0.002 at 0.97 and by 0.02
+// at 1.
+constexpr float kEqualRadius = 0.95F;
+// A cell whose depth grows by less than this share of the distance to any neighbour is on a ridge:
+// of less than 45 degrees. The same from 0.6 to 0.8.
+constexpr float kRidgeSlope = 0.7F;
+// Neighbours of a ridge cell that are less deep by no more than that are the same ridge, seen in
+// two rows of cells.
+constexpr float kSameDepth = kRidgeSlope;  // [cells]
+constexpr double kHoleShare = 0.005;       // smaller holes are missing faces
 constexpr int kMinSideCells = 32;
 constexpr int kMaxSideCells = 128;
 constexpr int kMedianFiner = 2;  // a part's median radius is worth twice the cells along each side
@@ -35,9 +42,9 @@ constexpr int kMedianFiner = 2;  // a part's median radius is worth twice the ce
 constexpr int kFewestMedianCells = 32 * 32;
 constexpr int kTileCells = 8;
 constexpr std::size_t kFewVertices = 64;  // then tiles cost more than they spare
-// A disc of one cell says little about its size: how much further than kReach radii it may reach,
-// in cells of a raster whose longer side has the nominal number of cells.
-constexpr float kReachSlack = 0.5F;
+// A radius is known to half a cell, so a disc may reach that much further: in cells of a raster
+// whose longer side has the nominal number of cells.
+constexpr float kReachSlack = 0.5F * kReach;
 constexpr float kBorderSlack = 1.0F;  // the same for a vertex that no disc reaches
 
 // One of d and -d, the same for both: a silhouette seen from behind has the same kernels.
@@ -201,6 +208,7 @@ class LocalThickness {
     float x, y, radius;  // [cells]
   };
 
+  // Agreement is the same with 6 to 12 times the root.
   static int side_cells(const PartGeometry& part) {
     return std::clamp(
         static_cast<int>(std::lround(8.0 * std::sqrt(static_cast<double>(part.points.size())))),
