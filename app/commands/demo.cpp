@@ -19,6 +19,7 @@ namespace {
 struct DemoOptions {
   std::filesystem::path output = "penumbra-demo.mp4";
   ShadowChoice shadow;
+  PlanOptions plan;
   bool no_window = false;
 };
 
@@ -29,8 +30,8 @@ Result<ExitCode> demo(const DemoOptions& options) {
   request.recording = *resources / "recordings" / "tabletop";
   request.scene = *resources / "scenes" / "default.json";
   request.output = options.output;
-  request.plan.technique = options.shadow.technique;
-  request.plan.kernels = options.shadow.kernels;
+  request.plan = options.plan;
+  request.kernel_file = options.shadow.kernel_file;
   request.window = !options.no_window;
 
   const auto report = run_replay(request);
@@ -69,7 +70,10 @@ void add_demo_command(CLI::App& program, ChosenCommand& chosen) {
       "Ctrl-C ends early; the video holds the frames up to then.\n\n"
       "Example:\n"
       "  penumbra demo --output demo.mp4");
-  command->callback([options, &chosen] { chosen = [options] { return demo(*options); }; });
+  command->callback([options, &chosen] {
+    apply(options->shadow, options->plan);  // wrong usage ends here
+    chosen = [options] { return demo(*options); };
+  });
 }
 
 }  // namespace penumbra

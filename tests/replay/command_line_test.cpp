@@ -13,8 +13,8 @@ using testing::HasSubstr;
 TEST(CommandLine, EveryCommandHasHelpWithAnExample) {
   EXPECT_EQ(penumbra({"--help"}).exit_code, 0);
   EXPECT_THAT(penumbra({"--help"}).out, HasSubstr("Example:\n  penumbra demo"));
-  for (const char* command :
-       {"demo", "replay", "evaluate", "target", "shadow", "kernels", "simulate"}) {
+  for (const char* command : {"demo", "replay", "live", "devices", "evaluate", "calibrate", "map",
+                              "target", "shadow", "kernels", "simulate"}) {
     const ProgramResult help = penumbra({command, "--help"});
     EXPECT_EQ(help.exit_code, 0);
     EXPECT_THAT(help.out, HasSubstr(std::string("Example:\n  penumbra ") + command));
@@ -52,8 +52,10 @@ INSTANTIATE_TEST_SUITE_P(
         std::vector<std::string>{"replay", "r", "--threads", "many"},
         std::vector<std::string>{"replay", "r", "--poses-all"},
         std::vector<std::string>{"replay", "r", "--log-level", "loud"},
-        std::vector<std::string>{"demo", "--output", "folder"}, std::vector<std::string>{"shadow"},
-        std::vector<std::string>{"kernels"}, std::vector<std::string>{"kernels", "m.obj"},
+        std::vector<std::string>{"demo", "--output", "folder"},
+        std::vector<std::string>{"demo", "--light-mode", "fixed", "--shadow", "cocl"},
+        std::vector<std::string>{"shadow"}, std::vector<std::string>{"kernels"},
+        std::vector<std::string>{"kernels", "m.obj"},
         std::vector<std::string>{"kernels", "m.obj", "--output", "k.txt"},
         std::vector<std::string>{"kernels", "m.obj", "--output", "k.json", "--up", "1"},
         std::vector<std::string>{"kernels", "m.obj", "--output", "k.json", "--up", "0,0,0"},
@@ -154,6 +156,7 @@ TEST(Target, LeavesARecordingAlone) {
 }
 
 TEST(CommandLine, WrongResourcesAreAFailure) {
+  expect_failure(penumbra({"demo", "--kernels", "/nowhere/k.json"}), {"/nowhere/k.json"});
   expect_failure(penumbra({"demo"}, {"PENUMBRA_RESOURCES=/nowhere"}),
                  {"PENUMBRA_RESOURCES", "/nowhere"});
 }
