@@ -1,32 +1,16 @@
 #include "app/capture/lossless_video.hpp"
 
-extern "C" {
-#include <libavcodec/avcodec.h>
-#include <libavformat/avformat.h>
-}
-
 #include <algorithm>
 #include <array>
 #include <cstring>
 #include <string>
 #include <utility>
 
+#include "app/libav.hpp"
 #include "core/assert.hpp"
 
 namespace penumbra {
 namespace {
-
-struct FreeAv {
-  void operator()(AVFormatContext* muxer) const {
-    avio_closep(&muxer->pb);
-    avformat_free_context(muxer);
-  }
-  void operator()(AVCodecContext* encoder) const { avcodec_free_context(&encoder); }
-  void operator()(AVPacket* packet) const { av_packet_free(&packet); }
-  void operator()(AVFrame* frame) const { av_frame_free(&frame); }
-};
-template <class T>
-using Av = std::unique_ptr<T, FreeAv>;
 
 constexpr AVRational kTimeBase{1, 1000};  // Matroska's
 
@@ -111,7 +95,7 @@ void sort_samples(const Frame& frame, AVFrame& picture) {
 struct LosslessVideo::Impl {
   std::string name;
   PixelFormat format = PixelFormat::grey8;
-  Av<AVFormatContext> muxer;
+  AvOutput muxer;
   Av<AVCodecContext> encoder;
   Av<AVFrame> picture;
   Av<AVPacket> packet;
@@ -119,9 +103,8 @@ struct LosslessVideo::Impl {
   std::int64_t last_pts = -1;
 
   tl::unexpected<Error> failed(const char* what, int error) const {
-    std::array<char, AV_ERROR_MAX_STRING_SIZE> text{};
-    av_strerror(error, text.data(), text.size());
-    return fail("{}: {}: {}; free some space or choose another place", name, what, text.data());
+    return fail("{}: {}: {}; free some space or choose another place", name, what,
+                av_error_text(error));
   }
 
   Result<void> open(const Frame& first) {

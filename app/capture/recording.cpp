@@ -244,7 +244,8 @@ Result<void> list_euroc(const std::filesystem::path& cam0, Recording& recording)
     return frame;
   };
   if (auto listed = read_rows(rows, csv, read, recording); !listed) return listed;
-  if (recording.frames.empty()) return fail("{}: lists 0 frames", csv);
+  if (recording.frames.empty())
+    return fail("{}: lists 0 frames; record again, or list the frames there are", csv);
   return {};
 }
 

@@ -1,8 +1,6 @@
 #include "app/capture/video_reader.hpp"
 
 extern "C" {
-#include <libavcodec/avcodec.h>
-#include <libavformat/avformat.h>
 #include <libavutil/crc.h>
 #include <libavutil/pixdesc.h>
 }
@@ -13,6 +11,7 @@ extern "C" {
 #include <string>
 #include <utility>
 
+#include "app/libav.hpp"
 #include "core/assert.hpp"
 
 namespace penumbra {
@@ -22,21 +21,6 @@ namespace {
 // looks for the next cluster, and what it jumped over shows as a larger gap.
 constexpr std::int64_t kMaxGapBytes = 512;
 constexpr std::int64_t kMaxPixels = 256'000'000;
-
-struct FreeAv {
-  void operator()(AVFormatContext* format) const { avformat_close_input(&format); }
-  void operator()(AVCodecContext* decoder) const { avcodec_free_context(&decoder); }
-  void operator()(AVPacket* packet) const { av_packet_free(&packet); }
-  void operator()(AVFrame* frame) const { av_frame_free(&frame); }
-};
-template <class T>
-using Av = std::unique_ptr<T, FreeAv>;
-
-std::string why(int status) {
-  std::array<char, AV_ERROR_MAX_STRING_SIZE> text{};
-  av_strerror(status, text.data(), text.size());
-  return text.data();
-}
 
 // The packets of the video stream, in order.
 class Demuxer {
@@ -60,7 +44,7 @@ class Demuxer {
                                            av_find_input_format("matroska"), nullptr);
     if (opened < 0) {
       return fail("{}: cannot be read as Matroska video ({}); record or copy it again",
-                  demuxer.name_, why(opened));
+                  demuxer.name_, av_error_text(opened));
     }
     demuxer.format_.reset(format);
     for (unsigned i = 0; i < format->nb_streams; ++i) {
@@ -92,7 +76,7 @@ class Demuxer {
       av_packet_unref(packet_.get());
       const int status = av_read_frame(format_.get(), packet_.get());
       if (status == AVERROR_EOF) return nullptr;
-      if (status < 0) return fail("{}: cannot be read: {}", name_, why(status));
+      if (status < 0) return fail("{}: cannot be read: {}", name_, av_error_text(status));
       if (packet_->pos >= 0) {
         if (packet_->pos - end_of_last_ > kMaxGapBytes) {
           return fail("{}: damaged after frame {} (bytes {} to {} are no video); copy it again",
@@ -107,7 +91,7 @@ class Demuxer {
   }
 
  private:
-  Av<AVFormatContext> format_;
+  AvInput format_;
   Av<AVPacket> packet_;
   std::string name_;
   int stream_ = -1;
@@ -254,7 +238,7 @@ struct VideoReader::Impl {
     if (!decoded) return fail("{}: no memory for a frame", demuxer.name());
     int status = avcodec_send_packet(decoder.get(), &packet);
     if (status >= 0) status = avcodec_receive_frame(decoder.get(), decoded.get());
-    if (status < 0) return damaged(why(status));
+    if (status < 0) return damaged(av_error_text(status));
     if (decoded->decode_error_flags != 0 || (decoded->flags & AV_FRAME_FLAG_CORRUPT) != 0) {
       return damaged("the decoder could not read all of it");
     }
@@ -300,7 +284,7 @@ Result<VideoReader> VideoReader::open(const std::filesystem::path& file) {
   if (status >= 0) status = avcodec_open2(impl->decoder.get(), codec, nullptr);
   if (status < 0) {
     return fail("{}: damaged ({}: {}); record or copy it again", file.string(), codec->name,
-                why(status));
+                av_error_text(status));
   }
   return VideoReader(std::move(impl));
 }

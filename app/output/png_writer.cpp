@@ -37,7 +37,8 @@ Result<void> check_replaceable(const fs::path& folder) {
     }
   }
   fs::directory_iterator entries(folder, error);
-  if (error) return fail("{}: cannot be read: {}", folder.string(), error.message());
+  if (error)
+    return fail("{}: cannot be read: {}; choose another place", folder.string(), error.message());
   for (const fs::directory_entry& entry : entries) {
     if (entry.symlink_status(error).type() != fs::file_type::regular ||
         !is_numbered_png(entry.path())) {

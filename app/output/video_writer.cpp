@@ -5,12 +5,11 @@
 #include <cstring>
 #include <optional>
 
+#include "app/libav.hpp"
 #include "app/output/output_file.hpp"
 #include "core/assert.hpp"
 
 extern "C" {
-#include <libavcodec/avcodec.h>
-#include <libavformat/avformat.h>
 #include <libavutil/opt.h>
 #include <libswscale/swscale.h>
 }
@@ -18,31 +17,9 @@ extern "C" {
 namespace penumbra {
 namespace {
 
-struct CodecContextFree {
-  void operator()(AVCodecContext* p) const { avcodec_free_context(&p); }
-};
-struct FrameFree {
-  void operator()(AVFrame* p) const { av_frame_free(&p); }
-};
-struct PacketFree {
-  void operator()(AVPacket* p) const { av_packet_free(&p); }
-};
 struct ScalerFree {
   void operator()(SwsContext* p) const { sws_freeContext(p); }
 };
-struct MuxerFree {
-  void operator()(AVFormatContext* p) const {
-    avio_closep(&p->pb);
-    avformat_free_context(p);
-  }
-};
-
-std::string text_of(int error) {
-  std::array<char, AV_ERROR_MAX_STRING_SIZE> text{};
-  av_strerror(error, text.data(), text.size());
-  return text.data();
-}
-
 constexpr AVRational kTimeBase{1, 90000};  // MP4's usual clock; Matroska rounds to 1 ms
 // Pictures this tall or taller are taken by players as BT.709 where a file doesn't say, smaller
 // ones as BT.601: the file says what they would guess.
@@ -179,7 +156,7 @@ class VideoWriter final : public FrameWriter {
   [[nodiscard]] std::string name() const { return file_.target().string(); }
   [[nodiscard]] tl::unexpected<Error> failed(std::string_view what, int error) const {
     return fail("{}: {}: {}; free some space or choose another place", name(), what,
-                text_of(error));
+                av_error_text(error));
   }
 
   // Times in the encoder's clock, each at least one tick of the file's clock after the one before.
@@ -278,10 +255,10 @@ class VideoWriter final : public FrameWriter {
   OutputFile file_;
   VideoCodec codec_;
   FrameFormat format_;
-  std::unique_ptr<AVFormatContext, MuxerFree> muxer_;
-  std::unique_ptr<AVCodecContext, CodecContextFree> encoder_;
-  std::unique_ptr<AVFrame, FrameFree> picture_;
-  std::unique_ptr<AVPacket, PacketFree> packet_;
+  AvOutput muxer_;
+  Av<AVCodecContext> encoder_;
+  Av<AVFrame> picture_;
+  Av<AVPacket> packet_;
   std::unique_ptr<SwsContext, ScalerFree> scaler_;
   std::vector<std::uint8_t> padded_;
   std::optional<std::int64_t> first_ns_;
