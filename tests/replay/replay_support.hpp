@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -24,6 +25,11 @@ inline ProgramResult penumbra(const std::vector<std::string>& arguments,
 
 inline std::string bundled(const char* name) {
   return (recordings_dir() / name).string();
+}
+
+// What tests/support/with-display needs.
+inline bool has_xvfb() {
+  return std::system("command -v Xvfb >/dev/null 2>&1") == 0;
 }
 
 inline std::string bytes_of(const std::filesystem::path& file) {

@@ -321,7 +321,8 @@ TEST(ReplayTest, GivenPosesNeedNoTracker) {
 TEST(ReplayTest, TechniquesAreDifferentPictures) {
   const TemporaryFolder folder;
   std::map<std::string, std::string> pictures;
-  for (const char* technique : {"none", "simple", "cocl", "layered"}) {
+  for (const char* technique :
+       {"none", "simple", "walls", "hard", "cocl", "layered", "field", "volume"}) {
     const ProgramResult result =
         penumbra({"replay", bundled("tabletop"), "--frames", "30:31", "--poses-from", "groundtruth",
                   "--shadow", technique, "--output", folder.path() / technique});
@@ -509,6 +510,7 @@ TEST(ReplayTest, LogLevelsTellMore) {
 }
 
 TEST(ReplayTest, AWindowShowsTheSameFrames) {
+  if (!has_xvfb()) GTEST_SKIP() << "no Xvfb";
   const fs::path with_display = test::source_dir() / "tests/support/with-display";
   const TemporaryFolder folder;
   const auto arguments = [&](const std::string& name) {

@@ -11,10 +11,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool has_xvfb() {
-  return std::system("command -v Xvfb >/dev/null 2>&1") == 0;
-}
-
 ProgramResult in_window(std::vector<std::string> arguments, const fs::path& working_folder) {
   arguments.insert(arguments.begin(), program().string());
   return run_program(source_dir() / "tests" / "support" / "with-display", arguments, {},
