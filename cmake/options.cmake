@@ -5,7 +5,9 @@ target_include_directories(penumbra_options INTERFACE ${PROJECT_SOURCE_DIR})
 target_compile_options(penumbra_options INTERFACE
   -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wnon-virtual-dtor -Woverloaded-virtual
   # Products and sums are rounded one by one on every machine: the same poses and pictures everywhere.
-  -ffp-contract=off)
+  -ffp-contract=off
+  # No path of the building machine gets into the program.
+  -fmacro-prefix-map=${PROJECT_SOURCE_DIR}/=)
 if(CMAKE_BUILD_TYPE STREQUAL "Debug")
   target_compile_definitions(penumbra_options INTERFACE EIGEN_INITIALIZE_MATRICES_BY_NAN)
 endif()
@@ -19,9 +21,6 @@ endif()
 function(penumbra_module name)
   file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/*.cpp)
   list(FILTER sources EXCLUDE REGEX "/main\\.cpp$|/commands/")
-  if(NOT sources)
-    set(sources ${PROJECT_SOURCE_DIR}/cmake/empty.cpp)
-  endif()
   add_library(penumbra_${name} STATIC ${sources})
   target_link_libraries(penumbra_${name} PUBLIC penumbra_options ${ARGN})
   # What nearly every file includes is read once per module. Each file still includes what it uses: the debug preset builds without this.
