@@ -70,7 +70,8 @@ ExitCode run(int argc, char** argv) {
   penumbra::add_common_options(program);
   program.require_subcommand(1);
   program.footer(
-      "Exit codes: 0 success (also when ended by Ctrl-C), 1 failure, 2 wrong usage.\n\n"
+      "Exit codes: 0 success (also when ended by Ctrl-C while frames run), 1 failure, 2 wrong "
+      "usage.\n\n"
       "Example:\n"
       "  penumbra demo");
   ChosenCommand chosen;

@@ -14,6 +14,7 @@ namespace penumbra {
 // frame [m].
 [[nodiscard]] std::array<Eigen::Vector3d, 8> overlay_cube();
 
+// In the unit of the values.
 struct Statistics {
   double rmse = 0.0;
   double median = 0.0;

@@ -16,7 +16,7 @@ namespace penumbra::kernel {
 inline constexpr int kBlock = 64;  // sample arrays are padded to a multiple of this
 
 struct Lens {
-  float fx = 0.0F, fy = 0.0F, cx = 0.0F, cy = 0.0F;
+  float fx = 0.0F, fy = 0.0F, cx = 0.0F, cy = 0.0F;  // [px]
   // polynomial: k4 k5 k6 (the denominator of the rational model) are 0
   enum class Kind { none, polynomial, rational, fisheye } kind = Kind::none;
   float k[8] = {};  // k1 k2 p1 p2 k3 k4 k5 k6, or k1..k4 of the fisheye

@@ -38,9 +38,9 @@ class MotionModel {
   struct State {
     std::int64_t timestamp_ns = 0;
     CameraPose pose;
-    Vector6d velocity = Vector6d::Zero();
-    Matrix6d P_pose = Matrix6d::Zero();
-    Matrix6d P_cross = Matrix6d::Zero();  // velocity (rows), pose (columns)
+    Vector6d velocity = Vector6d::Zero();  // linear [m/s], then angular [rad/s]
+    Matrix6d P_pose = Matrix6d::Zero();    // squares of [m] and [rad]; the others accordingly
+    Matrix6d P_cross = Matrix6d::Zero();   // velocity (rows), pose (columns)
     Matrix6d P_velocity = Matrix6d::Zero();
     // Strength of the accelerations: spectral density, [m^2/s^3] and [rad^2/s^3].
     double q_linear = 0.0;

@@ -53,8 +53,8 @@ struct AlignmentInput {
 struct TagAlignment {
   int index = 0;  // in the list given to create
   bool verified = false;
-  double gain = 0.0;  // white - black [grey levels of linearised light]
-  double offset = 0.0;
+  double gain = 0.0;          // white - black [grey levels of linearised light]
+  double offset = 0.0;        // black [the same]
   int cells_read = 0;         // data cells that were decided
   int cells_wrong = 0;        // of these
   double weight_share = 0.0;  // of the samples, after Tukey's weights

@@ -60,7 +60,7 @@ class FootprintRaster {
 
   int width_ = 0;
   int height_ = 0;
-  float cell_ = 0.0F;
+  float cell_ = 0.0F;                                 // side of a cell [m]
   Eigen::Vector2f origin_ = Eigen::Vector2f::Zero();  // corner of cell (0, 0) [m]
   Eigen::Vector2f axis_ = Eigen::Vector2f::UnitX();   // direction of a row, unit
   std::vector<float> covered_;  // float, so that sums over rows need no conversion

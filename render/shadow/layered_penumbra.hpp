@@ -37,8 +37,8 @@ inline constexpr std::array kShadowLayers = {ShadowLayer::umbra, ShadowLayer::mi
 [[nodiscard]] Result<LayeredConstants> layered_constants_for_workspace(double max_height,
                                                                        double magnification);
 
-// Heights [low, high] in which a layer has matter to project: faces are clipped to it. low = 0.
-// high = h_u for the umbra where a > 1, and never above the cap H (1 - 1/m).
+// Heights [low, high] above the plane [m] in which a layer has matter to project: faces are clipped
+// to it. low = 0. high = h_u for the umbra where a > 1, and never above the cap H (1 - 1/m).
 struct HeightRange {
   double low = 0.0;
   double high = 0.0;
