@@ -32,5 +32,6 @@ endfunction()
 function(penumbra_batches target size)
   if(NOT CMAKE_DISABLE_PRECOMPILE_HEADERS)
     set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE ${size})
+    target_compile_options(${target} PRIVATE -Wno-subobject-linkage)  # takes each file of a batch for a header
   endif()
 endfunction()

@@ -8,6 +8,7 @@
 #include "calib/camera_calibration.hpp"
 #include "calib/intrinsics_solver.hpp"
 #include "support/calibration_views.hpp"
+#include "support/stress_form.hpp"
 
 namespace penumbra {
 namespace {
@@ -18,7 +19,7 @@ TEST(CalibrationUncertainty, TwoHundredCalibrationsAreWhereTheySay) {
   int inside = 0;
   int all = 0;
   double chi2 = 0.0;
-  for (unsigned run = 0; run < 200; ++run) {
+  for (unsigned run = 0; run < (test::kSanitized ? 20U : 200U); ++run) {
     std::mt19937 rng(1000 + run);
     std::uniform_real_distribution<double> noise(0.03, 0.4);
     test::ViewOptions options;

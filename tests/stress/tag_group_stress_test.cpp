@@ -5,29 +5,25 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdlib>
 #include <string>
 #include <vector>
 
 #include "core/evaluation.hpp"
 #include "support/group_stage.hpp"
+#include "support/stress_form.hpp"
 #include "tracking/group_tracker.hpp"
 
 namespace penumbra {
 namespace {
 
 using test::block;
+using test::long_form;
 using test::named;
 using test::Placements;
 using test::shifted;
 using test::Stage;
 using test::turned;
 using test::wall;
-
-bool long_form() {
-  const char* form = std::getenv("PENUMBRA_STRESS");
-  return form != nullptr && std::string(form) == "long";
-}
 
 // Where the groups truly are.
 void expect_honest(const Stage& stage, const TrackedFrame& tracked, int frame,

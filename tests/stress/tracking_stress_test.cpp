@@ -7,13 +7,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstdlib>
 #include <functional>
 #include <string>
 #include <vector>
 
 #include "core/evaluation.hpp"
 #include "support/random_session.hpp"
+#include "support/stress_form.hpp"
 #include "tracking/table_tracker.hpp"
 
 namespace penumbra {
@@ -22,12 +22,8 @@ namespace {
 using test::Draw;
 using test::Layout;
 using test::Lens;
+using test::long_form;
 using test::Session;
-
-bool long_form() {
-  const char* form = std::getenv("PENUMBRA_STRESS");
-  return form != nullptr && std::string(form) == "long";
-}
 
 // A sheet of 12 tags seen well, strolled over.
 Session ordinary() {
