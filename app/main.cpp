@@ -7,7 +7,9 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <optional>
 #include <string>
@@ -51,13 +53,20 @@ std::optional<std::string> unknown_command(const CLI::App& program) {
   return fmt::format("'{}' is no command; known: {}", words.front(), known);
 }
 
-// No option of ours means anything when it is empty.
-std::optional<std::string> empty_option(const CLI::App& program) {
+// No option of ours means anything when it is empty or no number at all; CLI11's own checks of
+// ranges let "nan" through.
+std::optional<std::string> meaningless_option(const CLI::App& program) {
   for (const CLI::App* command : program.get_subcommands()) {
     for (const CLI::Option* option : command->get_options()) {
       const std::vector<std::string>& values = option->results();
       if (std::find(values.begin(), values.end(), "") != values.end()) {
         return fmt::format("{}: is empty; give it a value", option->get_name());
+      }
+      for (const std::string& value : values) {
+        char* end = nullptr;
+        if (std::isnan(std::strtod(value.c_str(), &end)) && *end == '\0') {
+          return fmt::format("{}: {} is no number", option->get_name(), value);
+        }
       }
     }
   }
@@ -90,14 +99,14 @@ ExitCode run(int argc, char** argv) {
   try {
     program.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) {  // --help, --version
+    if (error.get_exit_code() == 0 && !unknown_command(program)) {  // --help, --version
       program.exit(error);
       return ExitCode::success;
     }
     const auto unknown = unknown_command(program);
     return wrong_usage(program, unknown ? *unknown : error.what());
   }
-  if (const auto empty = empty_option(program)) return wrong_usage(program, *empty);
+  if (const auto wrong = meaningless_option(program)) return wrong_usage(program, *wrong);
   const auto result = chosen();
   if (result) return *result;
   print_error(result.error().message);

@@ -297,6 +297,9 @@ Result<void> write_sheet(const std::filesystem::path& pdf, const SheetTarget& ta
   const std::unique_ptr<cairo_surface_t, decltype(&cairo_surface_destroy)> surface(
       cairo_pdf_surface_create(pdf.c_str(), width * kPointsPerMetre, height * kPointsPerMetre),
       &cairo_surface_destroy);
+  // The same sheet is the same file: without this the time of writing would stand in it.
+  cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_CREATE_DATE,
+                                 "2000-01-01T00:00:00Z");
   const std::unique_ptr<cairo_t, decltype(&cairo_destroy)> context(cairo_create(surface.get()),
                                                                    &cairo_destroy);
   cairo_t* cr = context.get();

@@ -267,13 +267,29 @@ Result<CameraParameters> read_ros(const YamlFields& fields) {
 
 namespace {
 
-// A lens whose picture folds back onto itself so near its middle was never measured: a sign or a
-// power of ten is wrong, or the coefficients are another model's.
+// A lens whose picture folds back onto itself so near its middle, or lies elsewhere, was never
+// measured: a sign or a power of ten is wrong, or the coefficients are another model's.
 Result<void> check_lens(const CameraModel& camera) {
-  if (!std::isfinite(camera.max_radius())) return {};
-  const double shorter = std::min(camera.width(), camera.height());
   const CameraParameters& p = camera.parameters();
   const Eigen::Vector2d centre(p.cx, p.cy);
+  const double larger = std::max(camera.width(), camera.height());
+  if (!((centre - 0.5 * Eigen::Vector2d(p.width, p.height)).norm() < 10.0 * larger)) {
+    return fail(
+        "camera_matrix: the principal point ({:g}, {:g}) lies far outside {} x {}; correct "
+        "it, or image_width and image_height",
+        p.cx, p.cy, p.width, p.height);
+  }
+  // Nor does a lens spread a small part of what a straight one sees over the whole picture.
+  const std::optional<Eigen::Vector3d> edge = camera.unproject({p.cx + 0.5 * larger, p.cy});
+  const double straight = 0.5 * larger / p.fx;
+  if (edge && edge->head<2>().norm() < 0.05 * straight * edge->z()) {
+    return fail(
+        "distortion: this lens moves the picture's edge {:.0f} times as far out as a straight one; "
+        "correct the coefficients or the distortion_model",
+        straight * edge->z() / edge->head<2>().norm());
+  }
+  if (!std::isfinite(camera.max_radius())) return {};
+  const double shorter = std::min(camera.width(), camera.height());
   // Just inside, so that rounding does not decide.
   const std::optional<Eigen::Vector2d> fold =
       camera.project({camera.max_radius() * (1.0 - 1e-9), 0.0, 1.0});

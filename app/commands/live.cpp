@@ -144,7 +144,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   command
       ->add_option("--duration", request.duration_s,
                    "End after so many seconds from the first frame")
-      ->check(CLI::PositiveNumber)
+      ->check(CLI::Range(0.001, 1e9))
       ->type_name("SECONDS");
   command->add_option("--scene", options->scene, "Scene to draw (default: the program's own)")
       ->type_name("FILE.json");

@@ -5,13 +5,29 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <array>
+#include <cctype>
 
+#include "app/output/frame_writer.hpp"
 #include "app/versions.hpp"
 
 namespace penumbra {
 namespace {
 
 constexpr std::string_view kCocl = "cocl";
+
+// A folder may be named with dots, but not by what is meant as a file.
+bool names_unknown_video(const std::string& path) {
+  constexpr std::array<std::string_view, 14> kFiles = {".avi", ".webm", ".mov",  ".m4v", ".mpg",
+                                                       ".ts",  ".ogv",  ".mpeg", ".wmv", ".gif",
+                                                       ".png", ".jpg",  ".jpeg", ".y4m"};
+  if (output_kind(path) != OutputKind::folder) return false;
+  std::string extension = std::filesystem::path(path).extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return std::find(kFiles.begin(), kFiles.end(), extension) != kFiles.end();
+}
 
 }  // namespace
 
@@ -148,9 +164,19 @@ void add_tracking_option(CLI::App& command, TrackingMode& mode) {
 
 void add_output_options(CLI::App& command, OutputRequest& request) {
   command
-      .add_option("--output", request.output,
-                  "Composited frames: *.mkv (FFV1, lossless), *.mp4 (H.264), or a folder of "
-                  "000000.png ... numbered by frame")
+      .add_option_function<std::string>(
+          "--output",
+          [&request](const std::string& path) {
+            if (names_unknown_video(path)) {
+              throw CLI::ValidationError(
+                  "--output", fmt::format("{}: end it in .mkv (FFV1, lossless) or .mp4 (H.264), or "
+                                          "name a folder",
+                                          path));
+            }
+            request.output = path;
+          },
+          "Composited frames: *.mkv (FFV1, lossless), *.mp4 (H.264), or a folder of "
+          "000000.png ... numbered by frame, which replace those of an earlier run")
       ->type_name("PATH");
   CLI::Option* poses = command.add_option("--poses", request.poses, "Tracked poses, as a TUM file")
                            ->type_name("FILE.tum");

@@ -1,12 +1,18 @@
 #include "app/output/frame_writer.hpp"
 
+#include <algorithm>
+#include <cctype>
+#include <string>
+
 #include "app/output/png_writer.hpp"
 #include "app/output/video_writer.hpp"
 
 namespace penumbra {
 
 OutputKind output_kind(const std::filesystem::path& path) {
-  const std::string extension = path.extension().string();
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   if (extension == ".mkv") return OutputKind::ffv1;
   if (extension == ".mp4") return OutputKind::h264;
   return OutputKind::folder;

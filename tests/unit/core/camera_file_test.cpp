@@ -94,6 +94,10 @@ TEST_F(CameraFile, ALensThatFoldsItsPictureNearTheMiddleIsRefused) {
   refuses(camera_text("distortion_model: plumb_bob", "[-5000, 0, 0, 0, 0]"), "folds its picture");
   refuses(camera_text("distortion_model: plumb_bob", "[-20, 0, 0, 0, 0]"), "distortion");
   refuses(camera_text("distortion_model: equidistant", "[-20, 0, 0, 0]"), "folds");
+  refuses(camera_text("distortion_model: plumb_bob", "[1e6, 0, 0, 0, 0]"), "times as far out");
+  refuses(camera_text("distortion_model: plumb_bob", "[0, 0, 0, 0, 0]",
+                      "[500, 0, 99999, 0, 500, 240, 0, 0, 1]"),
+          "principal point");
   // The corners alone: fits of wide lenses do that.
   EXPECT_TRUE(load(camera_text("distortion_model: plumb_bob", "[-0.35, 0.05, 0, 0, 0]")));
   EXPECT_TRUE(load(camera_text("distortion_model: plumb_bob", "[-1.2, 0, 0, 0, 0]")));
