@@ -14,6 +14,7 @@
 #include "tracking/group_tracker.hpp"
 
 namespace penumbra {
+namespace tag_group_stress {
 namespace {
 
 using test::block;
@@ -211,4 +212,5 @@ TEST(TagGroupStress, ManyGroups) {
 }
 
 }  // namespace
+}  // namespace tag_group_stress
 }  // namespace penumbra
