@@ -27,7 +27,8 @@ constexpr double kRests = 16.8;
 // By how much the covariance of a resting group's place grows from frame to frame: measurements are
 // averaged over about five frames.
 constexpr double kForgets = 1.25;
-// A place is shown as long as the averaged one is no farther from it (shadows.md 2.10).
+// A place is shown as long as the averaged one is no farther from it (shadows.md 2.10); and a
+// motion slower than the measurements' covariance tells may have the average lag no farther behind.
 constexpr double kShownWithin_px = 0.25;
 // Two measurements so far apart say nothing of the motion between them.
 constexpr double kVelocityLifetime_s = 0.2;
@@ -179,6 +180,11 @@ SharedFrame GroupTracker::Impl::request_for(const Group& group,
 // A new measurement, averaged with those before while they agree.
 void GroupTracker::Impl::take(Group& group, const Place& now, bool doubtful,
                               const CameraPose& T_table_camera) const {
+  const auto apart_px = [&](const TableFromMiddle& a, const TableFromMiddle& b) {
+    return overlay_difference(camera, as_table(a.inverse() * T_table_camera),
+                              as_table(b.inverse() * T_table_camera))
+        .rms_px();
+  };
   bool agrees = false;
   if (group.found) {
     Place& found = *group.found;
@@ -186,7 +192,8 @@ void GroupTracker::Impl::take(Group& group, const Place& now, bool doubtful,
     const Matrix6d before = kForgets * found.covariance;
     const Matrix6d total = before + now.covariance;
     const Vector6d weighed = total.ldlt().solve(away);
-    agrees = away.dot(weighed) < kRests;
+    agrees = away.dot(weighed) < kRests &&
+             apart_px(found.T_table_middle, now.T_table_middle) <= kShownWithin_px;
     if (!agrees && doubtful) return;  // what was surer stays
     if (agrees) {
       const Matrix6d gain = total.ldlt().solve(before).transpose();  // before total^-1
@@ -203,9 +210,7 @@ void GroupTracker::Impl::take(Group& group, const Place& now, bool doubtful,
   }
   if (!agrees) group.found = now;
   const bool same_view =
-      agrees && overlay_difference(camera, as_table(group.shown.inverse() * T_table_camera),
-                                   as_table(group.found->T_table_middle.inverse() * T_table_camera))
-                        .rms_px() <= kShownWithin_px;
+      agrees && apart_px(group.shown, group.found->T_table_middle) <= kShownWithin_px;
   if (!same_view) group.shown = group.found->T_table_middle;
   group.rests = agrees;
 }
@@ -290,9 +295,9 @@ GroupEstimate GroupTracker::Impl::place(Group& group, std::int64_t timestamp_ns,
   estimate.expected_overlay_error_px =
       expected_overlay_error_px(camera, drawn, estimate.covariance);
   if (group.rests) {
-    // Anywhere within the distance, as likely as anywhere else.
+    // Both distances are anything up to their limit, as likely as anything else.
     estimate.expected_overlay_error_px =
-        std::hypot(estimate.expected_overlay_error_px, kShownWithin_px / std::sqrt(3.0));
+        std::hypot(estimate.expected_overlay_error_px, kShownWithin_px * std::sqrt(2.0 / 3.0));
   }
   estimate.status = worse(seen.status, table_pose.status);
   if (estimate.status == TrackStatus::tracked &&

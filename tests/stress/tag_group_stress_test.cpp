@@ -14,6 +14,7 @@
 #include "tracking/group_tracker.hpp"
 
 namespace penumbra {
+namespace tag_group_stress {
 namespace {
 
 using test::block;
@@ -207,4 +208,5 @@ TEST(TagGroupStress, ManyGroups) {
 }
 
 }  // namespace
+}  // namespace tag_group_stress
 }  // namespace penumbra

@@ -13,6 +13,7 @@
 #include "support/studio.hpp"
 
 namespace penumbra {
+namespace tag_group_test {
 namespace {
 
 using test::Picture;
@@ -316,4 +317,5 @@ TEST(TagGroup, AMovedPlaneIsAnEvent) {
 }
 
 }  // namespace
+}  // namespace tag_group_test
 }  // namespace penumbra

@@ -12,6 +12,7 @@
 #include "support/group_stage.hpp"
 
 namespace penumbra {
+namespace group_tracker_test {
 namespace {
 
 using testing::ElementsAre;
@@ -123,6 +124,22 @@ TEST(GroupTracker, AHeldPropIsFollowedThroughItsMotion) {
   }
   EXPECT_GE(tracked_frames, 28);
   EXPECT_EQ(detections, 1) << "the first frame's, shared by all";
+}
+
+// A fraction of a pixel in each frame, less than the measurements' own errors: what is averaged and
+// shown must not stay behind by more than it may.
+TEST(GroupTracker, ASlowMotionDoesNotHideInTheNoise) {
+  const Stage stage({block()});
+  GroupTracker tracker = stage.tracker();
+  for (int f = 0; f < 24; ++f) {
+    const Placement at = shifted(0.00015 * f, 0.0001 * f, 0.0);
+    const TrackedFrame tracked = tracker.track(stage.picture(f, {{"block", at}}));
+    const GroupEstimate& estimate = named(tracked, "block");
+    ASSERT_TRUE(estimate.has_pose()) << estimate.reason;
+    const double error = stage.error_px(tracked, estimate, f, at);
+    EXPECT_LT(error, 0.9) << f;
+    EXPECT_LT(error, 3.0 * estimate.expected_overlay_error_px) << f;
+  }
 }
 
 TEST(GroupTracker, TheTableIsTheSameWhateverIsTrackedBesideIt) {
@@ -296,4 +313,5 @@ TEST(GroupTracker, EmptyAndMisfittingFramesAndClocksThatJump) {
 }
 
 }  // namespace
+}  // namespace group_tracker_test
 }  // namespace penumbra
