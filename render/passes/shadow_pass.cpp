@@ -638,19 +638,35 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
             (caster.whole.geometry.indices.size() - caster.reduced.geometry.indices.size()) / 3);
       }
     }
-    items_.push_back({&caster, &prepared, draw.node, draw.object, draw.plane});
+    items_.push_back({&caster, &prepared, draw.node, draw.object, draw.plane, draw.plane_frame});
   }
 }
 
-std::vector<CasterTwist> ShadowPass::twists() const {
-  std::vector<CasterTwist> twists;
+std::vector<CasterKernels> ShadowPass::kernels_in_use() {
+  std::vector<CasterKernels> in_use;
   for (const Item& item : items_) {
     const KernelKey& key = item.prepared->kernel_key;
-    const auto set = item.caster->sets.find(key);
-    if (!item.prepared->valid || !key.source || set == item.caster->sets.end()) continue;
-    twists.push_back({item.node, item.object, item.plane, set->second.twist});
+    const auto found = item.caster->sets.find(key);
+    if (!item.prepared->valid || !key.source || found == item.caster->sets.end()) continue;
+    KernelSet& set = found->second;
+    if (!set.spill) set.spill = layer_spill(item.caster->mesh, set.made, kGreatestFactor);
+    CasterKernels& caster = in_use.emplace_back(
+        CasterKernels{item.node, item.object, item.plane, set.twist, *set.spill, {}});
+    const OwnFrame& own = item.prepared->own;
+    std::set<std::array<float, 3>> seen;
+    for (const glm::vec3& k : set.made.kernels) {
+      if (!seen.insert({k.x, k.y, k.z}).second) continue;
+      const Eigen::Vector2d p =
+          own.T_plane_own *
+          (own.T_own_object * Eigen::Vector3d(static_cast<double>(k.x), static_cast<double>(k.y),
+                                              static_cast<double>(k.z)))
+              .head<2>()
+              .eval();
+      const PlaneFrame& plane = item.plane_frame;
+      caster.on_plane.emplace_back(plane.q + p.x() * plane.e1 + p.y() * plane.e2);
+    }
   }
-  return twists;
+  return in_use;
 }
 
 int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer, int count,

@@ -62,8 +62,9 @@ class ShadowPass {
   void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
   // The plan must be the one prepared, and `receivers` begun for it. Number of draw calls.
   int draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers);
-  // Of those shadows of the last plan that are made with kernels.
-  [[nodiscard]] std::vector<CasterTwist> twists() const;
+  // Of those shadows of the last plan that are made with kernels; takes milliseconds for kernels
+  // that it was not asked for before.
+  [[nodiscard]] std::vector<CasterKernels> kernels_in_use();
 
  private:
   struct KernelKey {
@@ -92,6 +93,7 @@ class ShadowPass {
     ShadowKernels made;  // for the full mesh; none where the technique needs none
     BodyVertices whole, reduced;
     TwistReport twist;
+    std::optional<double> spill;  // measured where somebody asked
     std::uint64_t last_used = 0;
   };
   // Where the proxy was compared with the full mesh.
@@ -185,6 +187,7 @@ class ShadowPass {
     Caster* caster = nullptr;
     Prepared* prepared = nullptr;
     int node = 0, object = 0, plane = 0;
+    PlaneFrame plane_frame;
   };
   std::vector<Item> items_;  // one per shadow of the plan
   std::uint64_t frame_count_ = 0;

@@ -158,6 +158,41 @@ class LocalThickness {
     }
   }
 
+  // The covered cells of the part's silhouette with a kernel each, and the size of a cell [m].
+  struct CellKernel {
+    Eigen::Vector2f place;
+    PlanarKernel kernel;
+  };
+  float sample(const PartGeometry& part, float finest_cell, std::vector<CellKernel>& samples) {
+    samples.clear();
+    const Eigen::Vector2f extent = extent_of(part.points);
+    const float of_use = (extent.x() / finest_cell) * (extent.y() / finest_cell);
+    if (!rasterise(part, side_cells(part), std::clamp(static_cast<int>(of_use), 64, 512 * 512))) {
+      return 0.0F;
+    }
+    std::vector<Eigen::Vector2f> places;
+    for (int row = 0; row < raster_.height(); ++row) {
+      const float* cells = raster_.covered_row(row);
+      for (int column = 0; column < raster_.width(); ++column) {
+        if (cells[column] == 0.0F) continue;
+        places.push_back(raster_.from_cells(
+            {static_cast<float>(column) + 0.5F, static_cast<float>(row) + 0.5F}));
+      }
+    }
+    samples.resize(places.size());
+    sort_vertices_into_tiles(places);
+    for (std::size_t tile = 0; tile + 1 < tile_begin_.size(); ++tile) {
+      if (tile_begin_[tile] == tile_begin_[tile + 1]) continue;
+      gather_near_discs(tile);
+      for (std::size_t i = tile_begin_[tile]; i < tile_begin_[tile + 1]; ++i) {
+        const std::uint32_t place = tile_vertices_[i];
+        samples[place] = {places[place], {places[place], 0.0F}};
+        assign(points_[place], samples[place].kernel);
+      }
+    }
+    return raster_.cell();
+  }
+
   // Centroid of the part's silhouette, and the median of the radii that its cells are assigned; in
   // cells of no less than `finest_cell` [m].
   PlanarKernel median(const PartGeometry& part, float finest_cell) {
@@ -583,6 +618,34 @@ std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& 
                    disc.radius};
   }
   return discs;
+}
+
+std::vector<SilhouettePoint> silhouette_points(const ShadowMesh& mesh, const Eigen::Vector3d& up,
+                                               int cells) {
+  PENUMBRA_ASSERT(up.allFinite() && up.squaredNorm() > 0.0 && cells > 0);
+  const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
+  const std::vector<Eigen::Vector2d> projected = project_along(mesh, view);
+  const PartList parts = split_into_parts(mesh, projected);
+  LocalThickness thickness(false);
+  const float finest_cell_m = extent_of(projected).maxCoeff() / static_cast<float>(cells);
+  std::vector<SilhouettePoint> points;
+  if (!(finest_cell_m > 0.0F) || !std::isfinite(finest_cell_m)) return points;
+  std::vector<LocalThickness::CellKernel> samples;
+  for (std::size_t part = 0; part < mesh.part_count; ++part) {
+    const float side = thickness.sample(geometry_of(parts, part), finest_cell_m, samples);
+    const Eigen::Vector3d first =
+        to_eigen(mesh.positions[parts.positions[parts.position_begin[part]]]);
+    const auto in_object = [&](const Eigen::Vector2f& p) {
+      const Eigen::Vector3d q =
+          first + static_cast<double>(p.x()) * view.e1 + static_cast<double>(p.y()) * view.e2;
+      return glm::vec3(static_cast<float>(q.x()), static_cast<float>(q.y()),
+                       static_cast<float>(q.z()));
+    };
+    for (const LocalThickness::CellKernel& sample : samples) {
+      points.push_back({in_object(sample.place), in_object(sample.kernel.centre), side});
+    }
+  }
+  return points;
 }
 
 }  // namespace penumbra
