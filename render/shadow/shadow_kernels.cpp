@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numeric>
 #include <span>
@@ -80,6 +81,28 @@ std::int32_t take_held(const float* x, const float* y, std::int32_t* left, std::
     left[i] -= now;
   }
   return held;
+}
+
+// The depth of ridge cells of a row, 0 elsewhere, and whether they are: for x in [1, width - 1).
+PENUMBRA_VECTOR_CLONES
+void find_ridge(const float* above, const float* here, const float* below, std::size_t width,
+                float* ridge, std::uint8_t* flags) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // different arrays
+#endif
+  for (std::size_t x = 1; x + 1 < width; ++x) {
+    const float beside = here[x - 1] > here[x + 1] ? here[x - 1] : here[x + 1];
+    const float upright = above[x] > below[x] ? above[x] : below[x];
+    const float straight = beside > upright ? beside : upright;
+    const float over = above[x - 1] > above[x + 1] ? above[x - 1] : above[x + 1];
+    const float under = below[x - 1] > below[x + 1] ? below[x - 1] : below[x + 1];
+    const float diagonal = over > under ? over : under;
+    const float depth = here[x];
+    const bool on_ridge = (depth > 0.0F) & (depth + kRidgeSlope > straight) &
+                          (depth + kRidgeSlope * 1.41421356F > diagonal);
+    ridge[x] = on_ridge ? depth : 0.0F;
+    flags[x] = on_ridge ? 1 : 0;
+  }
 }
 
 // Cells of a silhouette, each until a disc holds it.
@@ -265,56 +288,53 @@ class LocalThickness {
     const auto width = static_cast<std::ptrdiff_t>(raster_.width());
     ridge_.assign(static_cast<std::size_t>(width) * static_cast<std::size_t>(raster_.height()),
                   0.0F);
+    // Whole blocks of eight for each row; the border is never flagged.
+    const std::size_t flag_stride = (static_cast<std::size_t>(width) + 7) / 8 * 8;
+    ridge_flags_.assign(flag_stride * static_cast<std::size_t>(raster_.height()), 0);
     for (int row = 1; row + 1 < raster_.height(); ++row) {
-      const float* above = raster_.depth_row(row - 1);
-      const float* here = raster_.depth_row(row);
-      const float* below = raster_.depth_row(row + 1);
-      float* ridge = ridge_.data() + row * width;
-      for (std::ptrdiff_t column = 1; column + 1 < width; ++column) {
-        const float straight = std::max(std::max(here[column - 1], here[column + 1]),
-                                        std::max(above[column], below[column]));
-        const float diagonal = std::max(std::max(above[column - 1], above[column + 1]),
-                                        std::max(below[column - 1], below[column + 1]));
-        const float depth = here[column];
-        const bool on_ridge =
-            (depth + kRidgeSlope > straight) & (depth + kRidgeSlope * 1.41421356F > diagonal);
-        ridge[column] = on_ridge ? depth : 0.0F;
-      }
+      find_ridge(raster_.depth_row(row - 1), raster_.depth_row(row), raster_.depth_row(row + 1),
+                 static_cast<std::size_t>(width), ridge_.data() + row * width,
+                 ridge_flags_.data() + static_cast<std::size_t>(row) * flag_stride);
     }
     discs_.clear();
-    ridge_columns_.resize(static_cast<std::size_t>(width));
     for (int row = 1; row + 1 < raster_.height(); ++row) {
       const float* ridge = ridge_.data() + row * width;
-      std::size_t found = 0;
-      for (std::ptrdiff_t column = 1; column + 1 < width; ++column) {
-        ridge_columns_[found] = column;  // no branch: it would be a coin's toss
-        found += ridge[column] > 0.0F ? 1U : 0U;
-      }
-      for (std::size_t i = 0; i < found; ++i) {
-        const std::ptrdiff_t column = ridge_columns_[i];
-        const float depth = ridge[column];
-        // A ridge between two rows of cells shows in both: its middle is the mean of what is
-        // equally deep around. Without this a kernel lies half a cell off.
-        float x = 0.0F;
-        float y = 0.0F;
-        float count = 0.0F;
-        for (std::ptrdiff_t dy = -1; dy <= 1; ++dy) {
-          for (std::ptrdiff_t dx = -1; dx <= 1; ++dx) {
-            if (std::abs(ridge[dy * width + column + dx] - depth) > kSameDepth) continue;
-            x += static_cast<float>(dx);
-            y += static_cast<float>(dy);
-            count += 1.0F;
-          }
+      const std::uint8_t* flags = ridge_flags_.data() + static_cast<std::size_t>(row) * flag_stride;
+      for (std::size_t block = 0; block < flag_stride; block += sizeof(std::uint64_t)) {
+        std::uint64_t eight = 0;  // flags, few of which are set
+        std::memcpy(&eight, flags + block, sizeof(eight));
+        if (eight == 0) continue;
+        for (std::size_t i = block; i < block + sizeof(eight); ++i) {
+          if (flags[i] != 0) add_disc(ridge, static_cast<std::ptrdiff_t>(i), row);
         }
-        x /= count;
-        y /= count;
-        // The outline runs half a cell before the nearest centre outside; a centre moved to the
-        // middle of the ridge is that much deeper.
-        discs_.push_back({static_cast<float>(column) + 0.5F + x, static_cast<float>(row) + 0.5F + y,
-                          depth - 0.5F + std::sqrt(x * x + y * y)});
       }
     }
     sort_discs();
+  }
+
+  // The disc of a ridge cell.
+  void add_disc(const float* ridge, std::ptrdiff_t column, int row) {
+    const auto width = static_cast<std::ptrdiff_t>(raster_.width());
+    const float depth = ridge[column];
+    // A ridge between two rows of cells shows in both: its middle is the mean of what is
+    // equally deep around. Without this a kernel lies half a cell off.
+    float x = 0.0F;
+    float y = 0.0F;
+    float count = 0.0F;
+    for (std::ptrdiff_t dy = -1; dy <= 1; ++dy) {
+      for (std::ptrdiff_t dx = -1; dx <= 1; ++dx) {
+        if (std::abs(ridge[dy * width + column + dx] - depth) > kSameDepth) continue;
+        x += static_cast<float>(dx);
+        y += static_cast<float>(dy);
+        count += 1.0F;
+      }
+    }
+    x /= count;
+    y /= count;
+    // The outline runs half a cell before the nearest centre outside; a centre moved to the
+    // middle of the ridge is that much deeper.
+    discs_.push_back({static_cast<float>(column) + 0.5F + x, static_cast<float>(row) + 0.5F + y,
+                      depth - 0.5F + std::sqrt(x * x + y * y)});
   }
 
   // Largest first, equal ones in the order of the raster. Radii are positive: their bits sort as
@@ -436,7 +456,7 @@ class LocalThickness {
   FootprintRaster raster_;
   std::vector<float> ridge_;  // depth of ridge cells, else 0
   CellSamples samples_;
-  std::vector<std::ptrdiff_t> ridge_columns_;
+  std::vector<std::uint8_t> ridge_flags_;  // which those are
   std::vector<Disc> discs_, near_;
   std::vector<std::uint64_t> disc_keys_;
   std::vector<Eigen::Vector2f> points_;  // [cells]
