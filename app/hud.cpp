@@ -31,7 +31,7 @@ constexpr std::array kHelp = {
     KeyHelp{"H", "HUD shown or hidden"},
     KeyHelp{"P", "panels: technique, H and a, strength, kernels"},
     KeyHelp{"C", "compact layout with large buttons, or full"},
-    KeyHelp{"D", "debug view: passes, work, twisted faces"},
+    KeyHelp{"D", "debug view: passes, work, kernels, twisted faces"},
     KeyHelp{"1 2 3 ...  0", "shadow technique of all nodes; 0: none"},
     KeyHelp{"N", "next technique"},
     KeyHelp{"space   .", "pause, one frame on"},

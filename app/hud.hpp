@@ -2,6 +2,7 @@
 // draws it, viewer acts on it.
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -69,6 +70,7 @@ struct HudRecording {
 struct HudTwist {
   std::string caster;
   TwistReport twist;
+  double spill = 0.0;  // share of the penumbra beyond its outline
 };
 
 struct HudState {
@@ -92,6 +94,8 @@ struct HudState {
   std::vector<std::pair<std::string, std::int64_t>> work;  // since the start
   std::vector<SkippedPass> skipped;
   std::vector<HudTwist> twists;
+  std::vector<Eigen::Vector2d> kernels_px;  // where kernels are in the picture
+  int picture_width = 0, picture_height = 0;
 
   // The viewer's own.
   bool paused = false;

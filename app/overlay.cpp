@@ -18,6 +18,7 @@
 
 #include "app/overlay_renderer.hpp"
 #include "core/stopwatch.hpp"
+#include "render/gl/framebuffer.hpp"
 #include "render/shadow/layered_penumbra.hpp"
 
 namespace penumbra {
@@ -38,6 +39,7 @@ ImVec4 to_imgui(const HudColor& color) {
 }
 
 constexpr HudColor kWarning = {1.0F, 0.55F, 0.45F, 1.0F};
+constexpr HudColor kKernelDot = {0.25F, 0.85F, 1.0F, 0.9F};
 constexpr HudColor kQuiet = {0.72F, 0.76F, 0.80F, 1.0F};
 
 void text(const std::string& words) {
@@ -437,6 +439,22 @@ struct Overlay::Impl {
     end_window();
   }
 
+  // Over the picture and under every window.
+  void kernel_dots(const HudState& state, GlContext::Size size) const {
+    if (state.picture_width <= 0 || state.picture_height <= 0) return;
+    const PictureArea area = picture_area(state.picture_width, state.picture_height, size);
+    const double scale = static_cast<double>(area.width) / state.picture_width;
+    ImDrawList& list = *ImGui::GetBackgroundDrawList();
+    const ImU32 dot = ImGui::ColorConvertFloat4ToU32(to_imgui(kKernelDot));
+    const float radius = std::max(1.5F, 0.12F * em);
+    for (const Eigen::Vector2d& pixel : state.kernels_px) {
+      // Pixel 0's centre is half a pixel into the picture.
+      const ImVec2 at(static_cast<float>(area.x + scale * (pixel.x() + 0.5)),
+                      static_cast<float>(area.y + scale * (pixel.y() + 0.5)));
+      list.AddCircleFilled(at, radius, dot, 8);
+    }
+  }
+
   void debug(const HudState& state, const HudPanels& open, GlContext::Size size) {
     const float most_width = (open.compact ? 1.0F : 0.5F) * static_cast<float>(size.width) - em;
     ImGui::SetNextWindowSizeConstraints(
@@ -462,9 +480,9 @@ struct Overlay::Impl {
     for (std::size_t i = 0; i < state.twists.size() && i < kMostDebugLines; ++i) {
       const HudTwist& twist = state.twists[i];
       text(twist.twist.faces_twisted > 0 ? kWarning : kQuiet,
-           fmt::format("{}: {} of {} faces twisted, {:.1f} % of the area", twist.caster,
-                       twist.twist.faces_twisted, twist.twist.faces_tested,
-                       100.0 * twist.twist.area_share));
+           fmt::format("{}: {} of {} faces twisted, {:.1f} % of the area; spill {:.1f} %",
+                       twist.caster, twist.twist.faces_twisted, twist.twist.faces_tested,
+                       100.0 * twist.twist.area_share, 100.0 * twist.spill));
     }
     ImGui::PopTextWrapPos();
     end_window();
@@ -608,6 +626,7 @@ void Overlay::draw(const HudState& state, const HudPanels& panels, GlContext::Si
   // A small window has room for one of them.
   const bool panels_fit = !panels.compact || !panels.help;
   const bool debug_fits = panels_fit && (!panels.compact || !panels.panels);
+  if (panels.debug) m.kernel_dots(state, size);
   if (panels.debug && debug_fits) m.debug(state, panels, size);
   if (panels.panels && panels_fit) m.panels(state, panels, size, actions);
   if (panels.help) m.help(size, actions);

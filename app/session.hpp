@@ -98,8 +98,10 @@ class Session {
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
   // How the node is drawn, by the options or by the scene.
   [[nodiscard]] ShadowStyle style_in_effect(const ShadowNode& node) const;
-  // The faces of each caster that turn over; of the kernels of the last picture.
-  [[nodiscard]] std::vector<CasterTwist> twists() const { return compositor_.twists(); }
+  // Of the last picture, for a debug view.
+  [[nodiscard]] std::vector<CasterKernels> kernels_in_use() const {
+    return compositor_.kernels_in_use();
+  }
 
  private:
   Session(const Scene& scene, const CameraModel& camera, PoseSource poses,

@@ -110,11 +110,20 @@ void SessionHost::describe(HudState& state, bool debug) const {
   state.drawn = last_->composite;
   state.skipped = last_->plan.skipped;
   state.work = run_.work();
-  const Scene& scene = *session_.view().scene;
-  for (const CasterTwist& twist : session_.twists()) {
-    state.twists.push_back(
-        {scene.objects[static_cast<std::size_t>(twist.object)].name, twist.twist});
+  const SessionView view = session_.view();
+  for (const CasterKernels& caster : session_.kernels_in_use()) {
+    state.twists.push_back({view.scene->objects[static_cast<std::size_t>(caster.object)].name,
+                            caster.twist, caster.spill});
+    if (!view.T_table_camera) continue;
+    const auto T_camera_table = view.T_table_camera->inverse();
+    for (const Eigen::Vector3d& p : caster.on_plane) {
+      if (const auto pixel = view.camera->project(T_camera_table * p)) {
+        state.kernels_px.push_back(*pixel);
+      }
+    }
   }
+  state.picture_width = view.camera->width();
+  state.picture_height = view.camera->height();
 }
 
 }  // namespace penumbra

@@ -160,8 +160,8 @@ Result<CompositeStats> Compositor::read_back(std::span<std::uint8_t> rgba) {
   return m.stats;
 }
 
-std::vector<CasterTwist> Compositor::twists() const {
-  return impl_->shadows.twists();
+std::vector<CasterKernels> Compositor::kernels_in_use() const {
+  return impl_->shadows.kernels_in_use();
 }
 
 void Compositor::present() {

@@ -54,8 +54,9 @@ class Compositor {
   [[nodiscard]] Result<CompositeStats> read_back(std::span<std::uint8_t> rgba);
   // Copies the last picture to the context's window, letterboxed.
   void present();
-  // For a debug view: how many faces of each caster of the last picture turn over.
-  [[nodiscard]] std::vector<CasterTwist> twists() const;
+  // For a debug view: the kernels that the last picture's shadows were made with, and how many
+  // faces turn over for them.
+  [[nodiscard]] std::vector<CasterKernels> kernels_in_use() const;
 
  private:
   struct Impl;

@@ -249,6 +249,9 @@ struct ShadowResult {
   std::string kernel_source = "none";
   double kernel_ms = 0.0;
   std::size_t twisted_faces = 0;
+  // Of lights in proportion; a light of one size has the count alone.
+  std::optional<TwistReport> twists;
+  double spill = 0.0;
   std::size_t faces = 0;
   std::size_t vertices = 0;
   std::size_t parts = 0;
@@ -292,10 +295,9 @@ Result<void> add_layer(ShadowResult& result, const std::string& name,
   return {};
 }
 
-std::size_t count_twists(std::span<const CasterVertex> vertices,
-                         std::span<const std::uint32_t> indices,
-                         const LayeredConstants& constants) {
-  // The factors that matter between the plane and the caster's top.
+// The least and the greatest factor between the plane and the caster's top.
+std::pair<double, double> factors_of(std::span<const CasterVertex> vertices,
+                                     const LayeredConstants& constants) {
   double top = 0.0;
   for (const CasterVertex& vertex : vertices) top = std::max(top, static_cast<double>(vertex.h));
   double least = 1.0;
@@ -305,7 +307,7 @@ std::size_t count_twists(std::span<const CasterVertex> vertices,
     least = std::min(least, s);
     greatest = std::max(greatest, s);
   }
-  return find_twists(vertices, indices, least, greatest).faces_twisted;
+  return {least, greatest};
 }
 
 // Nothing where the mesh is not worth reducing.
@@ -401,7 +403,12 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
       discs = vertex_discs(caster, choice.kernels, parts, job.placement.scale);
       result.twisted_faces = fixed_light_twists(vertices, discs, caster.indices, job.constants);
     } else {
-      result.twisted_faces = count_twists(vertices, caster.indices, job.constants);
+      const auto [least, greatest] = factors_of(vertices, job.constants);
+      result.twists = find_twists(vertices, caster.indices, least, greatest);
+      result.twisted_faces = result.twists->faces_twisted;
+      ShadowKernels at_tilt = choice.kernels;
+      at_tilt.up = up;
+      result.spill = layer_spill(caster, at_tilt, greatest);
     }
     for (const auto& [layer, name] : kLayerNames) {
       const auto triangles =
@@ -459,6 +466,11 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
   }
   json["kernels"] = {{"source", result.kernel_source}, {"time_ms", result.kernel_ms}};
   json["twisted_faces"] = result.twisted_faces;
+  if (result.twists) {
+    json["twists"] = {{"faces_tested", result.twists->faces_tested},
+                      {"area_share", result.twists->area_share},
+                      {"spill", result.spill}};
+  }
   if (job.proxy != ProxyMode::none) {
     auto& proxy = json["proxy"];
     proxy["used"] = result.proxy.used;
@@ -498,6 +510,11 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
     table += fmt::format("kernels: {}, {:.2f} ms; twisted faces: {} of {}\n", result.kernel_source,
                          result.kernel_ms, result.twisted_faces,
                          result.proxy.used ? result.proxy.faces : result.faces);
+    if (result.twists) {
+      table += fmt::format(
+          "twisted: {:.2f} % of the area; spill beyond the outline: {:.2f} % of the penumbra\n",
+          100.0 * result.twists->area_share, 100.0 * result.spill);
+    }
   }
   if (job.proxy != ProxyMode::none) {
     table +=
@@ -512,11 +529,12 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
 ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result) {
   ShadowPicture picture;
   picture.title = job.model.stem().string();
-  if (job.technique == ShadowJob::Technique::layered) {
+  if (job.technique == ShadowJob::Technique::layered ||
+      job.technique == ShadowJob::Technique::field) {
     picture.title +=
         std::isinf(job.constants.light_height)
-            ? fmt::format("   light at the zenith, umbra to {:g} m", job.constants.umbra_height)
-            : fmt::format("   H = {:g} m, a = {:.3g}", job.constants.light_height,
+            ? fmt::format(", light at the zenith, umbra to {:g} m", job.constants.umbra_height)
+            : fmt::format(", H = {:g} m, a = {:.3g}", job.constants.light_height,
                           job.constants.light_ratio);
   }
   picture.layers.assign(result.layers.rbegin(), result.layers.rend());

@@ -303,13 +303,29 @@ void ShadowPass::complete_set(Caster& caster, KernelSet& set, ShadowWork& work) 
   if (complete_radii(set.made, caster.mesh, set.made.up)) ++work.kernel_generations;
 }
 
-void ShadowPass::write_vertices(Caster& caster, KernelSet& set, bool reduced) {
+// The body's faces, and its kernels; on the GPU those too where it projects them.
+void ShadowPass::write_vertices(Caster& caster, KernelSet& set, bool reduced, bool to_gpu) {
   BodyVertices& vertices = reduced ? set.reduced : set.whole;
-  if (vertices.made) return;
-  vertices.made = true;
   Body& body = reduced ? caster.reduced : caster.whole;
-  vertices.kernels =
-      level_kernels(body.geometry, reduced ? carried_kernels(*caster.proxy, set.made) : set.made);
+  if (!vertices.made) {
+    vertices.made = true;
+    vertices.kernels =
+        level_kernels(body.geometry, reduced ? carried_kernels(*caster.proxy, set.made) : set.made);
+  }
+  if (!body.indices_written) {
+    std::vector<std::uint32_t> all;
+    const auto add = [&](const std::vector<std::uint32_t>& indices) {
+      body.ranges.push_back({all.size(), indices.size()});
+      all.insert(all.end(), indices.begin(), indices.end());
+    };
+    for (const CasterGeometry::Coarser& coarser : body.geometry.coarser) add(coarser.indices);
+    add(body.geometry.indices);
+    vertices.layout.bind();
+    body.indices.write(std::span<const std::uint32_t>(all));
+    body.indices_written = true;
+  }
+  if (!to_gpu || vertices.uploaded) return;
+  vertices.uploaded = true;
   std::vector<glm::vec3> interleaved;
   interleaved.reserve(2 * vertices.kernels.size());
   for (std::size_t i = 0; i < vertices.kernels.size(); ++i) {
@@ -320,19 +336,13 @@ void ShadowPass::write_vertices(Caster& caster, KernelSet& set, bool reduced) {
   vertices.vertices.write(std::span<const glm::vec3>(interleaved));
   VertexArray::attribute(0, 3, 2 * sizeof(glm::vec3), 0);
   VertexArray::attribute(1, 3, 2 * sizeof(glm::vec3), sizeof(glm::vec3));
-  if (body.indices_written) {
-    body.indices.bind();
-  } else {
-    std::vector<std::uint32_t> all;
-    const auto add = [&](const std::vector<std::uint32_t>& indices) {
-      body.ranges.push_back({all.size(), indices.size()});
-      all.insert(all.end(), indices.begin(), indices.end());
-    };
-    for (const CasterGeometry::Coarser& coarser : body.geometry.coarser) add(coarser.indices);
-    add(body.geometry.indices);
-    body.indices.write(std::span<const std::uint32_t>(all));
-    body.indices_written = true;
-  }
+  body.indices.bind();
+}
+
+// Whether image_layers() projects a body's vertices, and not the vertex shader.
+bool ShadowPass::is_imaged(const ShadowDraw& draw, const Body& body) {
+  return draw.technique == ShadowTechnique::layered &&
+         (draw.light_mode == LightMode::fixed || !body.geometry.coarser.empty());
 }
 
 // Decided by the tilt alone, whatever was drawn before: the same view has the same shadow.
@@ -385,8 +395,8 @@ void ShadowPass::upload_clipped(std::span<const CasterVertex> faces, Prepared& p
 namespace {
 
 // In the own frame: sliding and turning leave the faces as they are.
-std::vector<CasterVertex> own_vertices(const OwnFrame& own, const std::vector<glm::vec3>& positions,
-                                       const std::vector<glm::vec3>& kernels) {
+std::vector<CasterVertex> own_vertices(const OwnFrame& own, std::span<const glm::vec3> positions,
+                                       std::span<const glm::vec3> kernels) {
   const PlaneMap map = plane_map(own.T_own_object, PlaneFrame());
   std::vector<CasterVertex> vertices;
   vertices.reserve(positions.size());
@@ -434,45 +444,131 @@ void ShadowPass::clip_layers(const ShadowDraw& draw, const Caster& caster, const
   upload_clipped(clipped, prepared);
 }
 
-// A light of one size: each vertex has a ratio of its own, which is projected here by the same code
-// as offline. What is uploaded lies on the plane, where all layers' factors are 1.
-void ShadowPass::light_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels,
+namespace {
+
+// How much longer than an edge of the mesh [scaled, m] its image is, at most: of edges that are
+// long enough to be split.
+double largest_magnification(const ShadowMesh& mesh, const std::vector<PlanePoint>& images,
+                             double scale, double shortest) {
+  double largest = 1.0;
+  for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const std::uint32_t a = mesh.indices[i + corner];
+      const std::uint32_t b = mesh.indices[i + (corner + 1) % 3];
+      const double length =
+          scale * static_cast<double>(glm::distance(mesh.positions[a], mesh.positions[b]));
+      if (length < shortest) continue;
+      const double image = std::hypot(static_cast<double>(images[b].u - images[a].u),
+                                      static_cast<double>(images[b].v - images[a].v));
+      largest = std::max(largest, image / length);
+    }
+  }
+  return largest;
+}
+
+}  // namespace
+
+void ShadowPass::upload_placed(const std::array<std::vector<PlanePoint>, 3>& images,
+                               const Body& body, Prepared& prepared) const {
+  std::vector<PlanePoint> all;
+  all.reserve(3 * body.geometry.positions.size());
+  std::array<std::size_t, 3> first{};
+  for (std::size_t i = 0; i < 3; ++i) {
+    first[i] = all.size();
+    all.insert(all.end(), images[i].begin(), images[i].end());
+  }
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (images[i].empty()) continue;
+    // Position and kernel are the same place on the plane, where every factor is 1.
+    prepared.placed_layouts[i].bind();
+    if (i == 0 || first[i] == 0) {
+      prepared.placed.write(std::span<const PlanePoint>(all), BufferLife::every_frame);
+    } else {
+      prepared.placed.bind();
+    }
+    for (const unsigned attribute : {0U, 1U}) {
+      VertexArray::attribute(attribute, 2, sizeof(PlanePoint), first[i] * sizeof(PlanePoint));
+    }
+    body.indices.bind();
+  }
+}
+
+// Projected here, by the functions that `penumbra shadow` uses: lights of one size, for which each
+// vertex has a ratio of its own; and casters whose edges are split for the lens. A layer is the
+// straight-edged image of the mesh's faces (shadows.md 2.2), and what splitting adds lies on those
+// edges. What is uploaded lies on the plane.
+void ShadowPass::image_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels,
                               Prepared& prepared, ShadowWork& work) {
-  complete_set(caster, kernels, work);
-  const std::vector<PartDisc>& parts = parts_of(caster, prepared.kernel_key.direction, work);
+  const bool fixed = draw.light_mode == LightMode::fixed;
   const Body& body = prepared.reduced ? caster.reduced : caster.whole;
+  const ShadowMesh& mesh = prepared.reduced ? caster.proxy->mesh : caster.mesh;
+  const Placement& T_own_object = prepared.own.T_own_object;
+  // Level with their vertices, so that within the threshold of tilt they stay where they are.
+  const std::vector<glm::vec3>& levelled =
+      (prepared.reduced ? kernels.reduced : kernels.whole).kernels;
   std::vector<CasterVertex> vertices =
-      own_vertices(prepared.own, body.geometry.positions,
-                   (prepared.reduced ? kernels.reduced : kernels.whole).kernels);
+      own_vertices(prepared.own, mesh.positions,
+                   std::span<const glm::vec3>(levelled).first(mesh.positions.size()));
   for (CasterVertex& vertex : vertices) {
     // What stands on the plane is not cut by rounding.
     if (vertex.h < 0.0F && static_cast<double>(vertex.h) > -kContactTolerance) vertex.h = 0.0F;
   }
-  const double scale = prepared.own.T_own_object.scale;
-  std::vector<VertexDisc> discs =
-      prepared.reduced ? vertex_discs(caster.proxy->mesh,
-                                      carried_kernels(*caster.proxy, kernels.made), parts, scale)
-                       : vertex_discs(caster.mesh, kernels.made, parts, scale);
-  for (const auto& [a, b] : body.geometry.midpoint_of) {
-    discs.push_back({0.5F * (discs[a].radius + discs[b].radius), discs[a].part_radius});
-  }
   work.vertices += static_cast<std::int64_t>(vertices.size());
-  std::vector<CasterVertex> projected;
+  std::vector<VertexDisc> discs;
+  if (fixed) {
+    complete_set(caster, kernels, work);
+    const std::vector<PartDisc>& parts = parts_of(caster, prepared.kernel_key.direction, work);
+    discs = prepared.reduced ? vertex_discs(mesh, carried_kernels(*caster.proxy, kernels.made),
+                                            parts, T_own_object.scale)
+                             : vertex_discs(mesh, kernels.made, parts, T_own_object.scale);
+  }
+  const float edge = edges_[static_cast<std::size_t>(draw.object)];
+  // Cut faces are split to what the nearest distance asks for: the camera may come nearer.
+  const auto longest =
+      edge > 0.0F ? static_cast<float>(edge_at_unit_depth_ * kNearestDistance) : 0.0F;
+  prepared.magnification = 1.0;
+  std::array<std::vector<PlanePoint>, 3> images;
+  std::vector<CasterVertex> cut;
   for (std::size_t i = 0; i < 3; ++i) {
     LayerGeometry& layer = prepared.layers[i];
-    if (!prepared.wanted[i]) continue;
-    const std::vector<PlanePoint> faces = fixed_light_triangles(
-        vertices, discs, body.geometry.indices, draw.constants, kShadowLayers[i]);
+    if (!prepared.wanted[i] || (!fixed && layer.source == LayerSource::nothing)) continue;
+    const ShadowLayer which = kShadowLayers[i];
+    std::optional<std::vector<PlanePoint>> whole;
+    if (fixed) {
+      whole = fixed_light_images(vertices, discs, draw.constants, which);
+    } else if (layer.source == LayerSource::whole) {
+      whole.emplace();
+      for (const CasterVertex& vertex : vertices)
+        whole->push_back(project_to_layer(vertex, draw.constants, which));
+    }
+    if (whole) {
+      layer.source = LayerSource::placed;
+      images[i] = std::move(*whole);
+      if (edge > 0.0F) {
+        prepared.magnification =
+            std::max(prepared.magnification,
+                     largest_magnification(mesh, images[i], T_own_object.scale,
+                                           static_cast<double>(edge) * T_own_object.scale));
+      }
+      add_midpoints(body.geometry, images[i]);
+      continue;
+    }
+    const std::vector<PlanePoint> faces = split_long_edges(
+        fixed ? fixed_light_triangles(vertices, discs, mesh.indices, draw.constants, which)
+              : layer_triangles(vertices, mesh.indices, draw.constants, which),
+        longest);
     if (faces.empty()) {
+      layer.source = LayerSource::nothing;
       ++work.layers_skipped;
       continue;
     }
     layer.source = LayerSource::clipped;
-    layer.first = static_cast<int>(projected.size());
+    layer.first = static_cast<int>(cut.size());
     layer.count = static_cast<int>(faces.size());
-    for (const PlanePoint& p : faces) projected.push_back({p.u, p.v, 0.0F, p.u, p.v});
+    for (const PlanePoint& p : faces) cut.push_back({p.u, p.v, 0.0F, p.u, p.v});
   }
-  upload_clipped(projected, prepared);
+  if (!cut.empty()) upload_clipped(cut, prepared);
+  upload_placed(images, body, prepared);
 }
 
 void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared,
@@ -490,7 +586,10 @@ void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& p
   }
   KernelSet* kernels = field ? nullptr : &kernels_of(caster, key, work);
   const bool reduced = kernels != nullptr && proxy_casts(draw, caster, key, *kernels, work);
-  if (kernels != nullptr) write_vertices(caster, *kernels, reduced);
+  if (kernels != nullptr) {
+    const bool to_gpu = !is_imaged(draw, reduced ? caster.reduced : caster.whole);
+    write_vertices(caster, *kernels, reduced, to_gpu);
+  }
   if (reduced) ++work.proxy_shadows;
   const bool reused =
       prepared.valid && prepared.technique == draw.technique && prepared.reduced == reduced &&
@@ -510,6 +609,7 @@ void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& p
     prepared.light_mode = draw.light_mode;
     prepared.reduced = reduced;
     prepared.kernel_key = key;
+    prepared.magnification = 1.0;
     prepared.layers = {};
     if (field) {
       make_field(draw, caster, prepared, work);
@@ -562,7 +662,7 @@ void ShadowPass::make_field(const ShadowDraw& draw, Caster& caster, Prepared& pr
 void ShadowPass::place_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels,
                               Prepared& prepared, ShadowWork& work) {
   if (draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::fixed) {
-    light_layers(draw, caster, kernels, prepared, work);
+    image_layers(draw, caster, kernels, prepared, work);
     return;
   }
   const HeightMap height(draw.plane_frame, draw.T_table_object);
@@ -588,14 +688,20 @@ void ShadowPass::place_layers(const ShadowDraw& draw, Caster& caster, KernelSet&
       clips = true;
     }
   }
-  if (clips) clip_layers(draw, caster, kernels, prepared, work);
+  const Body& body = prepared.reduced ? caster.reduced : caster.whole;
+  if (is_imaged(draw, body)) {
+    image_layers(draw, caster, kernels, prepared, work);
+  } else if (clips) {
+    clip_layers(draw, caster, kernels, prepared, work);
+  }
 }
 
 // The coarsest of the caster's surfaces whose shadow still follows the lens where it is nearest to
 // the camera. Of the present frame alone: the same placement and pose give the same picture,
 // whatever came before.
 std::size_t ShadowPass::surface_for(const ShadowDraw& draw, const FramePlan& plan,
-                                    const Caster& caster, const Body& body) const {
+                                    const Caster& caster, const Prepared& prepared) const {
+  const Body& body = prepared.reduced ? caster.reduced : caster.whole;
   const std::size_t finest = body.geometry.coarser.size();
   if (plan.finest_edges || finest == 0) return finest;
   std::array<Eigen::Vector3d, 8> corners;
@@ -627,7 +733,9 @@ std::size_t ShadowPass::surface_for(const ShadowDraw& draw, const FramePlan& pla
   const double depth = axis.dot(middle - plan.T_table_camera.translation()) -
                        radius * std::hypot(axis.dot(plane.e1), axis.dot(plane.e2));
   if (depth <= kNearestDistance) return finest;
-  const double longest = edge_at_unit_depth_ * depth / (draw.T_table_object.scale * magnification);
+  const double longest =
+      edge_at_unit_depth_ * depth /
+      (draw.T_table_object.scale * std::max(magnification, prepared.magnification));
   for (std::size_t i = 0; i < finest; ++i) {
     if (static_cast<double>(body.geometry.coarser[i].longest_edge) <= longest) return i;
   }
@@ -647,27 +755,42 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
       prepared.valid = false;
     } else {
       prepare_one(draw, caster, prepared, work);
-      const Body& body = prepared.reduced ? caster.reduced : caster.whole;
-      prepared.surface = surface_for(draw, plan, caster, body);
+      prepared.surface = surface_for(draw, plan, caster, prepared);
       for (const LayerGeometry& layer : prepared.layers) {
         if (!prepared.reduced || layer.source == LayerSource::nothing) continue;
         work.proxy_faces_saved += static_cast<std::int64_t>(
             (caster.whole.geometry.indices.size() - caster.reduced.geometry.indices.size()) / 3);
       }
     }
-    items_.push_back({&caster, &prepared, draw.node, draw.object, draw.plane});
+    items_.push_back({&caster, &prepared, draw.node, draw.object, draw.plane, draw.plane_frame});
   }
 }
 
-std::vector<CasterTwist> ShadowPass::twists() const {
-  std::vector<CasterTwist> twists;
+std::vector<CasterKernels> ShadowPass::kernels_in_use() {
+  std::vector<CasterKernels> in_use;
   for (const Item& item : items_) {
     const KernelKey& key = item.prepared->kernel_key;
-    const auto set = item.caster->sets.find(key);
-    if (!item.prepared->valid || !key.source || set == item.caster->sets.end()) continue;
-    twists.push_back({item.node, item.object, item.plane, set->second.twist});
+    const auto found = item.caster->sets.find(key);
+    if (!item.prepared->valid || !key.source || found == item.caster->sets.end()) continue;
+    KernelSet& set = found->second;
+    if (!set.spill) set.spill = layer_spill(item.caster->mesh, set.made, kGreatestFactor);
+    CasterKernels& caster = in_use.emplace_back(
+        CasterKernels{item.node, item.object, item.plane, set.twist, *set.spill, {}});
+    const OwnFrame& own = item.prepared->own;
+    std::set<std::array<float, 3>> seen;
+    for (const glm::vec3& k : set.made.kernels) {
+      if (!seen.insert({k.x, k.y, k.z}).second) continue;
+      const Eigen::Vector2d p =
+          own.T_plane_own *
+          (own.T_own_object * Eigen::Vector3d(static_cast<double>(k.x), static_cast<double>(k.y),
+                                              static_cast<double>(k.z)))
+              .head<2>()
+              .eval();
+      const PlaneFrame& plane = item.plane_frame;
+      caster.on_plane.emplace_back(plane.q + p.x() * plane.e1 + p.y() * plane.e2);
+    }
   }
-  return twists;
+  return in_use;
 }
 
 int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer,
@@ -698,6 +821,14 @@ int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_
     glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(range.count), GL_UNSIGNED_INT,
                             reinterpret_cast<const void*>(range.first * sizeof(std::uint32_t)),
                             count);
+  } else if (layer.source == LayerSource::placed) {
+    PENUMBRA_ASSERT(count == 1);
+    p.set("plane_from_caster", plane_from_own(it.prepared->own.T_plane_own));
+    const Body& body = it.prepared->reduced ? it.caster->reduced : it.caster->whole;
+    const IndexRange& range = body.ranges[it.prepared->surface];
+    it.prepared->placed_layouts[static_cast<std::size_t>(first_layer)].bind();
+    glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(range.count), GL_UNSIGNED_INT,
+                            reinterpret_cast<const void*>(range.first * sizeof(std::uint32_t)), 1);
   } else {
     PENUMBRA_ASSERT(count == 1);
     if (layer.count == 0) return 0;

@@ -62,8 +62,9 @@ class ShadowPass {
   void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
   // The plan must be the one prepared, and `receivers` begun for it. Number of draw calls.
   int draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers);
-  // Of those shadows of the last plan that are made with kernels.
-  [[nodiscard]] std::vector<CasterTwist> twists() const;
+  // Of those shadows of the last plan that are made with kernels; takes milliseconds for kernels
+  // that it was not asked for before.
+  [[nodiscard]] std::vector<CasterKernels> kernels_in_use();
 
  private:
   struct KernelKey {
@@ -83,7 +84,7 @@ class ShadowPass {
   };
   // A body's vertices with one set of kernels: { position, kernel }.
   struct BodyVertices {
-    bool made = false;
+    bool made = false, uploaded = false;
     std::vector<glm::vec3> kernels;
     VertexArray layout;
     GlBuffer vertices{BufferUse::vertices};
@@ -92,6 +93,7 @@ class ShadowPass {
     ShadowKernels made;  // for the full mesh; none where the technique needs none
     BodyVertices whole, reduced;
     TwistReport twist;
+    std::optional<double> spill;  // measured where somebody asked
     std::uint64_t last_used = 0;
   };
   // Where the proxy was compared with the full mesh.
@@ -116,7 +118,10 @@ class ShadowPass {
     // Of fields: the size of each part's light, for the same directions as kernels.
     std::map<KernelDirection, std::vector<PartDisc>> part_sets;
   };
-  enum class LayerSource { nothing, whole, clipped, field };
+  // Whole: projected by the vertex shader. Placed: the mesh's vertices projected here, once for a
+  // height and tilt, and those that were added for the lens between them. Clipped: faces that had
+  // to be cut at a height, projected here too where a lens needs them split.
+  enum class LayerSource { nothing, whole, placed, clipped, field };
   struct LayerGeometry {
     LayerSource source = LayerSource::nothing;
     int first = 0;  // vertices in the clipped buffer
@@ -134,6 +139,10 @@ class ShadowPass {
     KernelKey kernel_key;
     std::array<LayerGeometry, 3> layers;
     std::size_t surface = 0;  // which of the caster's ranges is fine enough in this frame
+    // Of placed layers: how much longer than its edge a mesh's edge's image is, at most.
+    double magnification = 1.0;
+    std::array<VertexArray, 3> placed_layouts;
+    GlBuffer placed{BufferUse::vertices};
     VertexArray clipped_layout;
     GlBuffer clipped{BufferUse::vertices};
     bool clipped_layout_made = false;
@@ -151,9 +160,10 @@ class ShadowPass {
   bool proxy_casts(const ShadowDraw& draw, Caster& caster, const KernelKey& key, KernelSet& set,
                    ShadowWork& work);
   static void complete_set(Caster& caster, KernelSet& set, ShadowWork& work);
-  static void write_vertices(Caster& caster, KernelSet& set, bool reduced);
+  static void write_vertices(Caster& caster, KernelSet& set, bool reduced, bool to_gpu);
+  [[nodiscard]] static bool is_imaged(const ShadowDraw& draw, const Body& body);
   [[nodiscard]] std::size_t surface_for(const ShadowDraw& draw, const FramePlan& plan,
-                                        const Caster& caster, const Body& body) const;
+                                        const Caster& caster, const Prepared& prepared) const;
   static const std::vector<PartDisc>& parts_of(Caster& caster, const KernelDirection& direction,
                                                ShadowWork& work);
   void prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
@@ -161,8 +171,10 @@ class ShadowPass {
                     ShadowWork& work);
   void clip_layers(const ShadowDraw& draw, const Caster& caster, const KernelSet& kernels,
                    Prepared& prepared, ShadowWork& work);
-  void light_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels, Prepared& prepared,
+  void image_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels, Prepared& prepared,
                     ShadowWork& work);
+  void upload_placed(const std::array<std::vector<PlanePoint>, 3>& images, const Body& body,
+                     Prepared& prepared) const;
   static void upload_clipped(std::span<const CasterVertex> faces, Prepared& prepared);
   void make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
   int draw_plane(const FramePlan& plan, int plane) const;
@@ -183,6 +195,7 @@ class ShadowPass {
     Caster* caster = nullptr;
     Prepared* prepared = nullptr;
     int node = 0, object = 0, plane = 0;
+    PlaneFrame plane_frame;
   };
   std::vector<Item> items_;  // one per shadow of the plan
   std::uint64_t frame_count_ = 0;

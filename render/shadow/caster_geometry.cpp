@@ -77,6 +77,10 @@ void split_once(CasterGeometry& g, float max_edge_m) {
   g.indices = std::move(next);
 }
 
+PlanePoint middle(const PlanePoint& a, const PlanePoint& b) {
+  return {0.5F * (a.u + b.u), 0.5F * (a.v + b.v)};
+}
+
 }  // namespace
 
 CasterGeometry split_long_edges(const ShadowMesh& mesh, float max_edge_m,
@@ -102,6 +106,57 @@ CasterGeometry split_long_edges(const ShadowMesh& mesh, float max_edge_m,
     } while (longest > length && g.indices.size() / 3 < max_triangles);
   }
   return g;
+}
+
+void add_midpoints(const CasterGeometry& geometry, std::vector<PlanePoint>& images) {
+  PENUMBRA_ASSERT(images.size() == geometry.mesh_positions);
+  images.reserve(geometry.positions.size());
+  for (const auto& [a, b] : geometry.midpoint_of) images.push_back(middle(images[a], images[b]));
+}
+
+std::vector<PlanePoint> split_long_edges(std::vector<PlanePoint> triangles, float longest,
+                                         std::size_t max_triangles) {
+  if (!(longest > 0.0F)) return triangles;
+  const auto is_long = [longest](const PlanePoint& a, const PlanePoint& b) {
+    const float u = b.u - a.u;
+    const float v = b.v - a.v;
+    return u * u + v * v > longest * longest;
+  };
+  std::vector<PlanePoint> next;
+  for (bool splitting = true; splitting && triangles.size() / 3 < max_triangles;) {
+    splitting = false;
+    next.clear();
+    next.reserve(triangles.size());
+    for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
+      std::array<PlanePoint, 3> v = {triangles[i], triangles[i + 1], triangles[i + 2]};
+      std::array<bool, 3> split = {is_long(v[0], v[1]), is_long(v[1], v[2]), is_long(v[2], v[0])};
+      const auto count = std::ranges::count(split, true);
+      if (count == 0) {
+        next.insert(next.end(), v.begin(), v.end());
+        continue;
+      }
+      splitting = true;
+      const auto turn = [&] {
+        std::ranges::rotate(v, v.begin() + 1);
+        std::ranges::rotate(split, split.begin() + 1);
+      };
+      while (!split[0] || (count == 2 && split[2])) turn();
+      const PlanePoint ab = middle(v[0], v[1]);
+      if (count == 1) {
+        next.insert(next.end(), {v[0], ab, v[2], ab, v[1], v[2]});
+        continue;
+      }
+      const PlanePoint bc = middle(v[1], v[2]);
+      if (count == 2) {
+        next.insert(next.end(), {ab, v[1], bc, v[0], ab, bc, v[0], bc, v[2]});
+        continue;
+      }
+      const PlanePoint ca = middle(v[2], v[0]);
+      next.insert(next.end(), {v[0], ab, ca, ab, v[1], bc, ca, bc, v[2], ab, bc, ca});
+    }
+    triangles.swap(next);
+  }
+  return triangles;
 }
 
 std::vector<glm::vec3> level_kernels(const CasterGeometry& geometry, const ShadowKernels& kernels) {

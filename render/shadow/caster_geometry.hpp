@@ -6,6 +6,7 @@
 #include <glm/vec3.hpp>
 #include <vector>
 
+#include "render/shadow/layered_penumbra.hpp"
 #include "render/shadow/shadow_kernels.hpp"
 #include "render/shadow/shadow_mesh.hpp"
 
@@ -30,6 +31,16 @@ struct CasterGeometry {
 // way in all of its faces, so the surface stays closed.
 [[nodiscard]] CasterGeometry split_long_edges(const ShadowMesh& mesh, float max_edge_m,
                                               std::size_t max_triangles = 200'000);
+
+// Appends the images of the vertices that splitting added to those of the mesh's own, one each: a
+// face's image is straight-edged, so a midpoint's image is the middle between its edge's ends.
+void add_midpoints(const CasterGeometry& geometry, std::vector<PlanePoint>& images);
+
+// Triangles, three points each, cut into such with no edge longer than `longest` [m], or into about
+// `max_triangles`. An edge is cut the same way in all its triangles.
+[[nodiscard]] std::vector<PlanePoint> split_long_edges(std::vector<PlanePoint> triangles,
+                                                       float longest,
+                                                       std::size_t max_triangles = 200'000);
 
 // One kernel per position, interpolated along edges as clipping does. Each is moved along the
 // kernels' up direction to its vertex's height: heights of kernels are irrelevant for that

@@ -147,6 +147,24 @@ std::vector<VertexDisc> vertex_discs(const ShadowMesh& mesh, const ShadowKernels
   return discs;
 }
 
+std::optional<std::vector<PlanePoint>> fixed_light_images(std::span<const CasterVertex> vertices,
+                                                          std::span<const VertexDisc> discs,
+                                                          const LayeredConstants& constants,
+                                                          ShadowLayer layer) {
+  PENUMBRA_ASSERT(discs.size() == vertices.size());
+  const double cap = layer_height_range(constants, ShadowLayer::penumbra).high;
+  std::vector<PlanePoint> images;
+  images.reserve(vertices.size());
+  for (std::size_t i = 0; i < vertices.size(); ++i) {
+    const DiscVertex vertex = disc_vertex(vertices[i], discs[i]);
+    if (!is_finite(vertex) || vertex.h < 0.0 || vertex.h > cap) return std::nullopt;
+    if (layer == ShadowLayer::umbra && umbra_left(vertex, constants) < 0.0) return std::nullopt;
+    const Eigen::Vector2d p = image_of(vertex, constants, layer);
+    images.push_back({static_cast<float>(p.x()), static_cast<float>(p.y())});
+  }
+  return images;
+}
+
 std::vector<PlanePoint> fixed_light_triangles(std::span<const CasterVertex> vertices,
                                               std::span<const VertexDisc> discs,
                                               std::span<const std::uint32_t> indices,

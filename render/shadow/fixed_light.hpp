@@ -8,6 +8,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -26,6 +27,12 @@ struct VertexDisc {
 [[nodiscard]] std::vector<VertexDisc> vertex_discs(const ShadowMesh& mesh,
                                                    const ShadowKernels& kernels,
                                                    std::span<const PartDisc> parts, double scale);
+
+// The imaginary vertices of a layer, one per vertex. Nothing where part of the mesh lies beyond the
+// layer's heights: its faces have to be cut, as fixed_light_triangles() does.
+[[nodiscard]] std::optional<std::vector<PlanePoint>> fixed_light_images(
+    std::span<const CasterVertex> vertices, std::span<const VertexDisc> discs,
+    const LayeredConstants& constants, ShadowLayer layer);
 
 // As layer_triangles().
 [[nodiscard]] std::vector<PlanePoint> fixed_light_triangles(std::span<const CasterVertex> vertices,

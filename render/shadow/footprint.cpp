@@ -66,6 +66,38 @@ void take_roots(float* values, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) values[i] = std::sqrt(values[i]);
 }
 
+// here[x] = 1 more than before[x] where covered, else 0.
+PENUMBRA_VECTOR_CLONES
+void step_down(const float* before, const float* covered, float* here, std::size_t width) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // three arrays
+#endif
+  for (std::size_t x = 0; x < width; ++x) here[x] = (before[x] + 1.0F) * covered[x];
+}
+// here[x] = no more than 1 more than below[x].
+PENUMBRA_VECTOR_CLONES
+void step_up(const float* below, float* here, std::size_t width) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // two arrays
+#endif
+  for (std::size_t x = 0; x < width; ++x) {
+    const float step = below[x] + 1.0F;
+    here[x] = step < here[x] ? step : here[x];
+  }
+}
+// Both copies of a row get its squares.
+PENUMBRA_VECTOR_CLONES
+void take_squares(float* row, float* squares, std::size_t width) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // two arrays
+#endif
+  for (std::size_t x = 0; x < width; ++x) {
+    const float square = row[x] * row[x];
+    row[x] = square;
+    squares[x] = square;
+  }
+}
+
 // Points that may lie on the convex hull: all of a few, or the highest and lowest of each column of
 // many (the hull is then right to a column's width, which is enough to orient a raster).
 void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
@@ -362,29 +394,18 @@ void FootprintRaster::compute_depth() {
   // Columns: steps to the nearest uncovered cell up or down. The margin ends every column.
   std::fill_n(depth_.begin(), width, 0.0F);
   for (int row = 1; row < height_; ++row) {
-    const float* cells = covered_row(row);
-    const float* before = depth_.data() + row_offset(row - 1);
-    float* here = depth_.data() + row_offset(row);
-    for (std::size_t column = 0; column < width; ++column) {
-      here[column] = (before[column] + 1.0F) * cells[column];
-    }
+    step_down(depth_.data() + row_offset(row - 1), covered_row(row),
+              depth_.data() + row_offset(row), width);
   }
   for (int row = height_ - 2; row >= 0; --row) {
-    const float* below = depth_.data() + row_offset(row + 1);
-    float* here = depth_.data() + row_offset(row);
-    for (std::size_t column = 0; column < width; ++column) {
-      here[column] = std::min(here[column], below[column] + 1.0F);
-    }
+    step_up(depth_.data() + row_offset(row + 1), depth_.data() + row_offset(row), width);
   }
   // Rows: D(x)^2 = min over x' of (x - x')^2 + g(x')^2.
   squared_column_distance_.resize(width);
   float* g2 = squared_column_distance_.data();
   for (int row = 0; row < height_; ++row) {
     float* squared = depth_.data() + row_offset(row);
-    for (std::size_t column = 0; column < width; ++column) {
-      g2[column] = squared[column] * squared[column];
-      squared[column] = g2[column];
-    }
+    take_squares(squared, g2, width);
     const float largest = largest_of(g2, width);
     if (largest <= 0.0F) continue;
     lower_by_steps(g2, squared, width, largest);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numeric>
 
@@ -36,7 +37,7 @@ struct Window {
 // for x in [1, width - 1).
 PENUMBRA_VECTOR_CLONES
 void flag_outline(const float* above, const float* here, const float* below, std::size_t width,
-                  float level, float* column_least, float* flags) {
+                  float level, float* column_least, std::uint8_t* flags) {
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC ivdep  // different arrays, here and below
 #endif
@@ -52,7 +53,7 @@ void flag_outline(const float* above, const float* here, const float* below, std
         column_least[x - 1] < column_least[x + 1] ? column_least[x - 1] : column_least[x + 1];
     const float least = beside < column_least[x] ? beside : column_least[x];
     const bool outline = (least <= level) & (here[x] > level);
-    flags[x] = outline ? 1.0F : 0.0F;
+    flags[x] = outline ? 1 : 0;
   }
 }
 
@@ -63,7 +64,7 @@ void flag_outline(const float* above, const float* here, const float* below, std
 //   r_p^2 - r_q^2 <= 1.414 (r_p - 1.5) - 1.
 PENUMBRA_VECTOR_CLONES
 void flag_reaching(const float* above, const float* here, const float* below, std::size_t width,
-                   float* flags) {
+                   std::uint8_t* flags) {
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC ivdep
 #endif
@@ -75,7 +76,7 @@ void flag_reaching(const float* above, const float* here, const float* below, st
     const float least_beside = least + kHalfCell;
     const bool reaches =
         (least < 0.0F) | (own * own - least_beside * least_beside > 1.4142F * (own - 1.5F) - 1.0F);
-    flags[x] = ((here[x] >= 0.0F) & reaches) ? 1.0F : 0.0F;
+    flags[x] = ((here[x] >= 0.0F) & reaches) ? 1 : 0;
   }
 }
 
@@ -134,7 +135,8 @@ class PartField {
     least_.assign(count, kInfinity);
     gaps_.start(count);
     column_least_.resize(static_cast<std::size_t>(window.width));
-    flags_.resize(static_cast<std::size_t>(window.width));
+    // Whole blocks of eight; the window's border is never flagged.
+    flags_.assign((static_cast<std::size_t>(window.width) + 7) / 8 * 8, 0);
     for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
       cover_triangle(points[corners[i]], points[corners[i + 1]], points[corners[i + 2]], gaps_);
     }
@@ -310,13 +312,15 @@ class PartField {
 
   template <class Use>
   void for_each_flagged(Use use) {
-    flagged_.resize(flags_.size());
-    std::size_t found = 0;
-    for (std::size_t x = 1; x + 1 < flags_.size(); ++x) {
-      flagged_[found] = static_cast<std::uint32_t>(x);  // no branch: few are
-      found += flags_[x] > 0.0F ? 1U : 0U;
+    const auto width = static_cast<std::size_t>(window_.width);
+    for (std::size_t block = 0; block < width; block += sizeof(std::uint64_t)) {
+      std::uint64_t flags = 0;  // of eight cells, few of which are flagged
+      std::memcpy(&flags, flags_.data() + block, sizeof(flags));
+      if (flags == 0) continue;
+      for (std::size_t i = block; i < block + sizeof(flags); ++i) {
+        if (flags_[i] != 0) use(i);
+      }
     }
-    for (std::size_t i = 0; i < found; ++i) use(flagged_[i]);
   }
 
   // rho of the matter that makes the outline between an uncovered cell and the next one in a
@@ -441,8 +445,8 @@ class PartField {
   std::vector<std::uint32_t> outline_;  // indices of cells
   static constexpr int kTile = 8;       // [cells]
   std::vector<std::uint8_t> tiles_;     // 1 where the outline runs over higher matter
-  std::vector<float> middle_, column_least_, flags_;
-  std::vector<std::uint32_t> flagged_;
+  std::vector<float> middle_, column_least_;
+  std::vector<std::uint8_t> flags_;
   PowerTransform transform_;
 };
 
@@ -602,6 +606,7 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
   // Corners of all parts, first in metres.
   struct Job {
     std::size_t begin = 0, end = 0;  // into corners
+    std::size_t first_point = 0;     // no job uses another's points
     Bounds matter, reach;
     // Heights below which matter has an umbra of its own, as rho; < 0: none. And whether there is
     // only an umbra to compute, of matter cut at such a height.
@@ -617,9 +622,9 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
   corners.reserve(indices.size());
   const auto finish = [&](Job job) {
     job.end = corners.size();
-    for (std::size_t i = job.begin; i < job.end; ++i) {
-      job.matter.add(points[corners[i]], 0.0F);
-      job.reach.add(points[corners[i]], points[corners[i]].rho);
+    for (std::size_t i = job.first_point; i < points.size(); ++i) {
+      job.matter.add(points[i], 0.0F);
+      job.reach.add(points[i], points[i].rho);
     }
     // Nothing of this size casts on a table, and larger numbers would overflow.
     if (!job.reach.within(1e12F)) {
@@ -638,6 +643,7 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
     const LightProjection project(constants, lights[p]);
     Job job;
     job.begin = corners.size();
+    job.first_point = points.size();
     HeightBounds heights;
     straddling.clear();
     part_vertices.start();
@@ -679,6 +685,7 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
     for (const double level : kLevels) {
       Job cut;
       cut.begin = corners.size();
+      cut.first_point = points.size();
       cut.cut = true;
       const std::vector<CasterVertex> whole = clip_to_heights(vertices, part_faces, range);
       std::vector<std::uint32_t> order(whole.size());

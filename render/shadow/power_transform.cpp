@@ -50,6 +50,33 @@ float* spread_columns(float* from, float* to, std::size_t count, int steps) {
   return from;
 }
 
+// A strip of columns out of the rows, and back: there, what is beyond the bound is far.
+PENUMBRA_VECTOR_CLONES
+void take_strip(const float* values, std::size_t stride, std::size_t height, float* strip) {
+  for (std::size_t i = 0; i < height; ++i) {
+    const float* from = values + i * stride;
+    float* to = strip + i * kStrip;
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // two arrays
+#endif
+    for (std::size_t j = 0; j < kStrip; ++j) to[j] = from[j];
+  }
+}
+PENUMBRA_VECTOR_CLONES
+void put_strip(const float* strip, std::size_t width, std::size_t stride, std::size_t height,
+               float bound, float* values) {
+  for (std::size_t i = 0; i < height; ++i) {
+    const float* from = strip + i * width;
+    float* to = values + i * stride;
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep
+#endif
+    for (std::size_t j = 0; j < width; ++j) {
+      to[j] = from[j] <= bound ? from[j] : PowerTransform::kFar;
+    }
+  }
+}
+
 }  // namespace
 
 void PowerTransform::start(int width, int height) {
@@ -105,17 +132,10 @@ void PowerTransform::run() {
   }
   float* strip = strips_.data() + kStrip;
   for (std::size_t left = 0; left < static_cast<std::size_t>(width_); left += kStrip) {
-    for (std::size_t i = 0; i < height; ++i)
-      std::copy_n(values_.data() + i * stride_ + left, kStrip, strip + i * kStrip);
+    take_strip(values_.data() + left, stride_, height, strip);
     const float* result =
         spread_columns(strip, strip + strip_size, count, std::min(reach, height_ - 1));
-    for (std::size_t i = 0; i < height; ++i) {
-      float* out = values_.data() + i * stride_ + left;
-      for (std::size_t j = 0; j < kStrip; ++j) {
-        const float value = result[i * kStrip + j];
-        out[j] = value <= bound_ ? value : kFar;
-      }
-    }
+    put_strip(result, kStrip, stride_, height, bound_, values_.data() + left);
   }
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numeric>
 #include <span>
@@ -82,6 +83,28 @@ std::int32_t take_held(const float* x, const float* y, std::int32_t* left, std::
   return held;
 }
 
+// The depth of ridge cells of a row, 0 elsewhere, and whether they are: for x in [1, width - 1).
+PENUMBRA_VECTOR_CLONES
+void find_ridge(const float* above, const float* here, const float* below, std::size_t width,
+                float* ridge, std::uint8_t* flags) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // different arrays
+#endif
+  for (std::size_t x = 1; x + 1 < width; ++x) {
+    const float beside = here[x - 1] > here[x + 1] ? here[x - 1] : here[x + 1];
+    const float upright = above[x] > below[x] ? above[x] : below[x];
+    const float straight = beside > upright ? beside : upright;
+    const float over = above[x - 1] > above[x + 1] ? above[x - 1] : above[x + 1];
+    const float under = below[x - 1] > below[x + 1] ? below[x - 1] : below[x + 1];
+    const float diagonal = over > under ? over : under;
+    const float depth = here[x];
+    const bool on_ridge = (depth > 0.0F) & (depth + kRidgeSlope > straight) &
+                          (depth + kRidgeSlope * 1.41421356F > diagonal);
+    ridge[x] = on_ridge ? depth : 0.0F;
+    flags[x] = on_ridge ? 1 : 0;
+  }
+}
+
 // Cells of a silhouette, each until a disc holds it.
 struct CellSamples {
   std::vector<float> x, y;         // of the centres [cells]
@@ -158,6 +181,41 @@ class LocalThickness {
     }
   }
 
+  // The covered cells of the part's silhouette with a kernel each, and the size of a cell [m].
+  struct CellKernel {
+    Eigen::Vector2f place;
+    PlanarKernel kernel;
+  };
+  float sample(const PartGeometry& part, float finest_cell, std::vector<CellKernel>& samples) {
+    samples.clear();
+    const Eigen::Vector2f extent = extent_of(part.points);
+    const float of_use = (extent.x() / finest_cell) * (extent.y() / finest_cell);
+    if (!rasterise(part, side_cells(part), std::clamp(static_cast<int>(of_use), 64, 512 * 512))) {
+      return 0.0F;
+    }
+    std::vector<Eigen::Vector2f> places;
+    for (int row = 0; row < raster_.height(); ++row) {
+      const float* cells = raster_.covered_row(row);
+      for (int column = 0; column < raster_.width(); ++column) {
+        if (cells[column] == 0.0F) continue;
+        places.push_back(raster_.from_cells(
+            {static_cast<float>(column) + 0.5F, static_cast<float>(row) + 0.5F}));
+      }
+    }
+    samples.resize(places.size());
+    sort_vertices_into_tiles(places);
+    for (std::size_t tile = 0; tile + 1 < tile_begin_.size(); ++tile) {
+      if (tile_begin_[tile] == tile_begin_[tile + 1]) continue;
+      gather_near_discs(tile);
+      for (std::size_t i = tile_begin_[tile]; i < tile_begin_[tile + 1]; ++i) {
+        const std::uint32_t place = tile_vertices_[i];
+        samples[place] = {places[place], {places[place], 0.0F}};
+        assign(points_[place], samples[place].kernel);
+      }
+    }
+    return raster_.cell();
+  }
+
   // Centroid of the part's silhouette, and the median of the radii that its cells are assigned; in
   // cells of no less than `finest_cell` [m].
   PlanarKernel median(const PartGeometry& part, float finest_cell) {
@@ -230,56 +288,53 @@ class LocalThickness {
     const auto width = static_cast<std::ptrdiff_t>(raster_.width());
     ridge_.assign(static_cast<std::size_t>(width) * static_cast<std::size_t>(raster_.height()),
                   0.0F);
+    // Whole blocks of eight for each row; the border is never flagged.
+    const std::size_t flag_stride = (static_cast<std::size_t>(width) + 7) / 8 * 8;
+    ridge_flags_.assign(flag_stride * static_cast<std::size_t>(raster_.height()), 0);
     for (int row = 1; row + 1 < raster_.height(); ++row) {
-      const float* above = raster_.depth_row(row - 1);
-      const float* here = raster_.depth_row(row);
-      const float* below = raster_.depth_row(row + 1);
-      float* ridge = ridge_.data() + row * width;
-      for (std::ptrdiff_t column = 1; column + 1 < width; ++column) {
-        const float straight = std::max(std::max(here[column - 1], here[column + 1]),
-                                        std::max(above[column], below[column]));
-        const float diagonal = std::max(std::max(above[column - 1], above[column + 1]),
-                                        std::max(below[column - 1], below[column + 1]));
-        const float depth = here[column];
-        const bool on_ridge =
-            (depth + kRidgeSlope > straight) & (depth + kRidgeSlope * 1.41421356F > diagonal);
-        ridge[column] = on_ridge ? depth : 0.0F;
-      }
+      find_ridge(raster_.depth_row(row - 1), raster_.depth_row(row), raster_.depth_row(row + 1),
+                 static_cast<std::size_t>(width), ridge_.data() + row * width,
+                 ridge_flags_.data() + static_cast<std::size_t>(row) * flag_stride);
     }
     discs_.clear();
-    ridge_columns_.resize(static_cast<std::size_t>(width));
     for (int row = 1; row + 1 < raster_.height(); ++row) {
       const float* ridge = ridge_.data() + row * width;
-      std::size_t found = 0;
-      for (std::ptrdiff_t column = 1; column + 1 < width; ++column) {
-        ridge_columns_[found] = column;  // no branch: it would be a coin's toss
-        found += ridge[column] > 0.0F ? 1U : 0U;
-      }
-      for (std::size_t i = 0; i < found; ++i) {
-        const std::ptrdiff_t column = ridge_columns_[i];
-        const float depth = ridge[column];
-        // A ridge between two rows of cells shows in both: its middle is the mean of what is
-        // equally deep around. Without this a kernel lies half a cell off.
-        float x = 0.0F;
-        float y = 0.0F;
-        float count = 0.0F;
-        for (std::ptrdiff_t dy = -1; dy <= 1; ++dy) {
-          for (std::ptrdiff_t dx = -1; dx <= 1; ++dx) {
-            if (std::abs(ridge[dy * width + column + dx] - depth) > kSameDepth) continue;
-            x += static_cast<float>(dx);
-            y += static_cast<float>(dy);
-            count += 1.0F;
-          }
+      const std::uint8_t* flags = ridge_flags_.data() + static_cast<std::size_t>(row) * flag_stride;
+      for (std::size_t block = 0; block < flag_stride; block += sizeof(std::uint64_t)) {
+        std::uint64_t eight = 0;  // flags, few of which are set
+        std::memcpy(&eight, flags + block, sizeof(eight));
+        if (eight == 0) continue;
+        for (std::size_t i = block; i < block + sizeof(eight); ++i) {
+          if (flags[i] != 0) add_disc(ridge, static_cast<std::ptrdiff_t>(i), row);
         }
-        x /= count;
-        y /= count;
-        // The outline runs half a cell before the nearest centre outside; a centre moved to the
-        // middle of the ridge is that much deeper.
-        discs_.push_back({static_cast<float>(column) + 0.5F + x, static_cast<float>(row) + 0.5F + y,
-                          depth - 0.5F + std::sqrt(x * x + y * y)});
       }
     }
     sort_discs();
+  }
+
+  // The disc of a ridge cell.
+  void add_disc(const float* ridge, std::ptrdiff_t column, int row) {
+    const auto width = static_cast<std::ptrdiff_t>(raster_.width());
+    const float depth = ridge[column];
+    // A ridge between two rows of cells shows in both: its middle is the mean of what is
+    // equally deep around. Without this a kernel lies half a cell off.
+    float x = 0.0F;
+    float y = 0.0F;
+    float count = 0.0F;
+    for (std::ptrdiff_t dy = -1; dy <= 1; ++dy) {
+      for (std::ptrdiff_t dx = -1; dx <= 1; ++dx) {
+        if (std::abs(ridge[dy * width + column + dx] - depth) > kSameDepth) continue;
+        x += static_cast<float>(dx);
+        y += static_cast<float>(dy);
+        count += 1.0F;
+      }
+    }
+    x /= count;
+    y /= count;
+    // The outline runs half a cell before the nearest centre outside; a centre moved to the
+    // middle of the ridge is that much deeper.
+    discs_.push_back({static_cast<float>(column) + 0.5F + x, static_cast<float>(row) + 0.5F + y,
+                      depth - 0.5F + std::sqrt(x * x + y * y)});
   }
 
   // Largest first, equal ones in the order of the raster. Radii are positive: their bits sort as
@@ -401,7 +456,7 @@ class LocalThickness {
   FootprintRaster raster_;
   std::vector<float> ridge_;  // depth of ridge cells, else 0
   CellSamples samples_;
-  std::vector<std::ptrdiff_t> ridge_columns_;
+  std::vector<std::uint8_t> ridge_flags_;  // which those are
   std::vector<Disc> discs_, near_;
   std::vector<std::uint64_t> disc_keys_;
   std::vector<Eigen::Vector2f> points_;  // [cells]
@@ -583,6 +638,34 @@ std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& 
                    disc.radius};
   }
   return discs;
+}
+
+std::vector<SilhouettePoint> silhouette_points(const ShadowMesh& mesh, const Eigen::Vector3d& up,
+                                               int cells) {
+  PENUMBRA_ASSERT(up.allFinite() && up.squaredNorm() > 0.0 && cells > 0);
+  const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
+  const std::vector<Eigen::Vector2d> projected = project_along(mesh, view);
+  const PartList parts = split_into_parts(mesh, projected);
+  LocalThickness thickness(false);
+  const float finest_cell_m = extent_of(projected).maxCoeff() / static_cast<float>(cells);
+  std::vector<SilhouettePoint> points;
+  if (!(finest_cell_m > 0.0F) || !std::isfinite(finest_cell_m)) return points;
+  std::vector<LocalThickness::CellKernel> samples;
+  for (std::size_t part = 0; part < mesh.part_count; ++part) {
+    const float side = thickness.sample(geometry_of(parts, part), finest_cell_m, samples);
+    const Eigen::Vector3d first =
+        to_eigen(mesh.positions[parts.positions[parts.position_begin[part]]]);
+    const auto in_object = [&](const Eigen::Vector2f& p) {
+      const Eigen::Vector3d q =
+          first + static_cast<double>(p.x()) * view.e1 + static_cast<double>(p.y()) * view.e2;
+      return glm::vec3(static_cast<float>(q.x()), static_cast<float>(q.y()),
+                       static_cast<float>(q.z()));
+    };
+    for (const LocalThickness::CellKernel& sample : samples) {
+      points.push_back({in_object(sample.place), in_object(sample.kernel.centre), side});
+    }
+  }
+  return points;
 }
 
 }  // namespace penumbra

@@ -45,4 +45,15 @@ struct PartDisc {
 [[nodiscard]] std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up,
                                                double finest_cell = 1.0 / 512.0);
 
+// What the silhouette is made of, point by point: where automatic kernels would be for a surface of
+// a vertex at every point (object frame [m], heights along `up` irrelevant). Each stands for a
+// square of `side` about it.
+struct SilhouettePoint {
+  glm::vec3 place{0.0F}, kernel{0.0F};
+  float side = 0.0F;
+};
+// In cells of about 1 / `cells` of the object's extent.
+[[nodiscard]] std::vector<SilhouettePoint> silhouette_points(const ShadowMesh& mesh,
+                                                             const Eigen::Vector3d& up, int cells);
+
 }  // namespace penumbra

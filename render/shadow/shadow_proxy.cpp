@@ -3,7 +3,6 @@
 #include <meshoptimizer.h>
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <limits>
@@ -11,6 +10,7 @@
 
 #include "core/assert.hpp"
 #include "render/shadow/caster.hpp"
+#include "render/shadow/coverage.hpp"
 #include "render/shadow/fixed_light.hpp"
 
 namespace penumbra {
@@ -79,74 +79,6 @@ class PointTree {
 
   const std::vector<glm::vec3>& points_;
   std::vector<std::uint32_t> order_;
-};
-
-// One bit per cell whose centre a triangle covers; the same grid for both of what is compared.
-class Coverage {
- public:
-  Coverage(const Eigen::Vector2f& low, float cell, int width, int height)
-      : low_(low),
-        cell_(cell),
-        width_(width),
-        height_(height),
-        words_((static_cast<std::size_t>(width) + 63) / 64),
-        bits_(words_ * static_cast<std::size_t>(height), 0) {}
-
-  void cover(std::span<const PlanePoint> triangles) {
-    for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
-      cover_triangle(cells(triangles[i]), cells(triangles[i + 1]), cells(triangles[i + 2]));
-    }
-  }
-  [[nodiscard]] double iou(const Coverage& other) const {
-    std::size_t both = 0, any = 0;
-    for (std::size_t i = 0; i < bits_.size(); ++i) {
-      both += static_cast<std::size_t>(std::popcount(bits_[i] & other.bits_[i]));
-      any += static_cast<std::size_t>(std::popcount(bits_[i] | other.bits_[i]));
-    }
-    return any == 0 ? 1.0 : static_cast<double>(both) / static_cast<double>(any);
-  }
-
- private:
-  [[nodiscard]] Eigen::Vector2f cells(const PlanePoint& p) const {
-    return {(p.u - low_.x()) / cell_, (p.v - low_.y()) / cell_};
-  }
-  void cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen::Vector2f c) {
-    if (b.y() < a.y()) std::swap(a, b);
-    if (c.y() < a.y()) std::swap(a, c);
-    if (c.y() < b.y()) std::swap(b, c);
-    const int first = std::max(0, static_cast<int>(std::ceil(a.y() - 0.5F)));
-    const int last = std::min(height_ - 1, static_cast<int>(std::floor(c.y() - 0.5F)));
-    for (int row = first; row <= last; ++row) {
-      const float y = static_cast<float>(row) + 0.5F;
-      const float longer = crossing(a, c, y);
-      const float shorter = y < b.y() ? crossing(a, b, y) : crossing(b, c, y);
-      const int from = std::max(0, static_cast<int>(std::ceil(std::min(longer, shorter) - 0.5F)));
-      const int to =
-          std::min(width_ - 1, static_cast<int>(std::floor(std::max(longer, shorter) - 0.5F)));
-      fill(row, from, to);
-    }
-  }
-  static float crossing(const Eigen::Vector2f& a, const Eigen::Vector2f& b, float y) {
-    return b.y() > a.y() ? a.x() + (b.x() - a.x()) * ((y - a.y()) / (b.y() - a.y())) : b.x();
-  }
-  void fill(int row, int from, int to) {
-    if (from > to) return;
-    std::uint64_t* words = bits_.data() + static_cast<std::size_t>(row) * words_;
-    const auto first = static_cast<std::size_t>(from) / 64;
-    const auto last = static_cast<std::size_t>(to) / 64;
-    for (std::size_t word = first; word <= last; ++word) {
-      std::uint64_t mask = ~std::uint64_t{0};
-      if (word == first) mask &= ~std::uint64_t{0} << (static_cast<unsigned>(from) % 64U);
-      if (word == last) mask &= ~std::uint64_t{0} >> (63U - static_cast<unsigned>(to) % 64U);
-      words[word] |= mask;
-    }
-  }
-
-  Eigen::Vector2f low_;
-  float cell_;
-  int width_, height_;  // [cells]
-  std::size_t words_;   // of a row
-  std::vector<std::uint64_t> bits_;
 };
 
 double agreement(std::span<const PlanePoint> a, std::span<const PlanePoint> b) {

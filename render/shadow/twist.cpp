@@ -5,6 +5,10 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <vector>
+
+#include "render/shadow/coverage.hpp"
+#include "render/shadow/plane_frame.hpp"
 
 namespace penumbra {
 
@@ -76,6 +80,51 @@ TwistReport find_twists(std::span<const CasterVertex> vertices,
   }
   if (tested_area > 0.0) report.area_share = twisted_area / tested_area;
   return report;
+}
+
+double layer_spill(const ShadowMesh& mesh, const ShadowKernels& kernels, double factor) {
+  constexpr int kCells = 192;
+  if (mesh.indices.empty()) return 0.0;
+  const PlaneFrame plane = PlaneFrame::make(kernels.up, Eigen::Vector3d::Zero());
+  const auto to_eigen = [](const glm::vec3& p) {
+    return Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                           static_cast<double>(p.z));
+  };
+  const auto image = [&](const glm::vec3& x, const glm::vec3& k) {
+    const Eigen::Vector2d on_plane = plane.to_plane(to_eigen(x)).head<2>();
+    const Eigen::Vector2d kernel = plane.to_plane(to_eigen(k)).head<2>();
+    const Eigen::Vector2d p = kernel + factor * (on_plane - kernel);
+    return PlanePoint{static_cast<float>(p.x()), static_cast<float>(p.y())};
+  };
+  std::vector<PlanePoint> images;
+  for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+    images.push_back(image(mesh.positions[i], kernels.kernels[i]));
+  }
+  std::vector<PlanePoint> triangles;
+  Eigen::Vector2f low = Eigen::Vector2f::Constant(std::numeric_limits<float>::infinity());
+  Eigen::Vector2f high = -low;
+  for (const std::uint32_t index : mesh.indices) {
+    const PlanePoint& p = images[index];
+    triangles.push_back(p);
+    low = low.cwiseMin(Eigen::Vector2f(p.u, p.v));
+    high = high.cwiseMax(Eigen::Vector2f(p.u, p.v));
+  }
+  const Eigen::Vector2f size = high - low;
+  const float cell = size.maxCoeff() / static_cast<float>(kCells);
+  if (!(cell > 0.0F) || !std::isfinite(cell)) return 0.0;
+  const auto cells = [cell](float length) { return static_cast<int>(length / cell) + 1; };
+  Coverage layer(low, cell, cells(size.x()), cells(size.y()));
+  Coverage outline = layer;
+  layer.cover(triangles);
+  const std::size_t covered = layer.count();
+  const std::vector<SilhouettePoint> points = silhouette_points(mesh, kernels.up, kCells);
+  if (covered == 0 || points.empty()) return 0.0;
+  for (const SilhouettePoint& point : points) {
+    // Its raster may be turned.
+    const float half_side = 0.71F * static_cast<float>(factor) * point.side;
+    outline.cover_square(image(point.place, point.kernel), half_side);
+  }
+  return 1.0 - static_cast<double>(layer.count_with(outline)) / static_cast<double>(covered);
 }
 
 }  // namespace penumbra

@@ -38,7 +38,7 @@ HudState busy_state() {
   state.recording = HudRecording{"session", 512, 2, std::nullopt};
   state.nodes = {{"layers on the table", {}}};
   state.skipped = {{"object_out_of_view", "rotor: outside the view"}};
-  state.twists = {{"helicopter", {2000, 12, 0.013}}};
+  state.twists = {{"helicopter", {2000, 12, 0.013}, 0.004}};
   state.work = {{"shadow_vertices", 8124}, {"kernel_generations", 3}, {"reprojections", 114}};
   state.selected = "helicopter";
   state.message = "picture saved: penumbra-20260131-142305.png";
@@ -123,6 +123,31 @@ TEST_P(OverlayOf, EveryLayoutIsDrawnAndLeavesThePictureInView) {
     EXPECT_LT(share, one.most) << one.name;
     EXPECT_TRUE(actions.commands.empty() && actions.edits.empty()) << one.name;
     keep(shot, prefix() + one.name);
+  }
+}
+
+// In the debug view, where the picture lies in a window of other proportions.
+TEST_P(OverlayOf, KernelsAreDotsWhereTheyAre) {
+  HudState state;
+  state.has_picture = true;
+  state.picture_width = 320;
+  state.picture_height = 240;
+  state.kernels_px = {{159.5, 119.5}, {300.0, 200.0}};
+  HudActions actions;
+  const auto bluish = [](const Shot& shot, int x, int y) {
+    const std::uint8_t* p = shot.rgba.data() + 4 * (y * shot.width + x);
+    return p[2] > p[0] + 50;
+  };
+  for (const bool debug : {true, false}) {
+    HudPanels panels;
+    panels.debug = debug;
+    shoot(*overlay, state, panels, 1280, 720, actions);
+    const Shot shot = shoot(*overlay, state, panels, 1280, 720, actions);
+    // 960 x 720 in the middle: three window pixels for one of the picture's.
+    EXPECT_EQ(bluish(shot, 160 + 480, 360), debug);
+    EXPECT_EQ(bluish(shot, 160 + 901, 601), debug);
+    EXPECT_FALSE(bluish(shot, 160 + 480, 380));
+    if (debug) keep(shot, prefix() + "kernels-1280x720");
   }
 }
 

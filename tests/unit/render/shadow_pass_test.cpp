@@ -13,6 +13,7 @@
 #include "render/shadow/caster_geometry.hpp"
 #include "render/shadow/fixed_light.hpp"
 #include "render/shadow/kernel_direction.hpp"
+#include "support/plane_coverage.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 #include "support/studio_models.hpp"
@@ -333,6 +334,91 @@ TEST(ShadowPass, ALightOfOneSizeAgreesWithTheCpusProjection) {
   }
 }
 
+// Pixels whose rays meet the plane z = 0 inside a layer as `penumbra shadow` computes it, through
+// any lens; and how many of them have a neighbour outside.
+struct Expected {
+  std::vector<std::uint8_t> pixels;
+  int size = 0, border = 0;
+};
+Expected offline_layer(const Scene& scene, const CameraModel& camera, const PoseEstimate& pose,
+                       ShadowLayer layer) {
+  const SceneObject& object = scene.objects[0];
+  const ShadowNode& node = scene.shadows[0];
+  const PlaneFrame plane;
+  const ShadowMesh mesh = make_shadow_mesh(*object.model);
+  const Eigen::Vector3d up =
+      KernelDirection::nearest(object.placement.rotation.conjugate() * plane.n).up();
+  ShadowKernels kernels = generate_kernels(mesh, up, node.kernels);
+  kernels.kernels = level_kernels(split_long_edges(mesh, 0.0F), kernels);
+  const auto vertices = place_caster(mesh, kernels, object.placement, plane);
+  const auto triangles =
+      node.light_mode == LightMode::fixed
+          ? fixed_light_triangles(
+                vertices, vertex_discs(mesh, kernels, part_discs(mesh, up), object.placement.scale),
+                mesh.indices, node.layered, layer)
+          : layer_triangles(vertices, mesh.indices, node.layered, layer);
+  Expected expected;
+  const CameraPose& T = pose.T_table_camera;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const Eigen::Vector3d ray = T.rotation() * *camera.unproject({x, y});
+      const double t = -T.translation().z() / ray.z();
+      const Eigen::Vector2d p = (T.translation() + t * ray).head<2>();
+      expected.pixels.push_back(test::covers(triangles, p) ? 1 : 0);
+    }
+  }
+  for (int y = 1; y + 1 < kSide; ++y) {
+    for (int x = 1; x + 1 < kSide; ++x) {
+      const auto at = [&](int dx, int dy) {
+        return expected.pixels[static_cast<std::size_t>((y + dy) * kSide + x + dx)] != 0;
+      };
+      if (!at(0, 0)) continue;
+      ++expected.size;
+      expected.border += at(1, 0) && at(-1, 0) && at(0, 1) && at(0, -1) ? 0 : 1;
+    }
+  }
+  return expected;
+}
+
+// Splitting a face for the lens must not bend its layer, which is the straight-edged image of the
+// whole face: large tilted faces, near enough to the camera to be split.
+TEST(ShadowPass, ThroughALensTheLayersAreThoseOfPenumbraShadow) {
+  const CameraModel camera = test::camera_of(kSide, kSide, 420.0, DistortionModel::plumb_bob,
+                                             {-0.25, 0.07, 0.001, -0.001});
+  const PoseEstimate pose = test::tracked(test::look_at({0.05, -0.28, 0.42}, {0.0, 0.0, 0.0}));
+  struct Case {
+    const char* name;
+    std::shared_ptr<const Model> model;
+    Placement placement;
+  };
+  const double step = KernelDirection::kStepRad;
+  const std::vector<Case> cases = {
+      {"plate", box(0.12, 0.1, 0.004), test::at(0, 0, 0.1, {0, 1, 0}, 20.0 * step)},
+      {"bar", box(0.16, 0.02, 0.02), test::at(0.01, 0, 0.12, {0, 1, 0}, -15.0 * step)},
+      {"plate in the table", box(0.12, 0.1, 0.004), test::at(0, 0, 0.02, {0, 1, 0}, 20.0 * step)},
+      {"bar through h_u", box(0.16, 0.02, 0.02), test::at(0, 0, 0.2, {0, 1, 0}, -15.0 * step)}};
+  for (const LightMode mode : {LightMode::proportional, LightMode::fixed}) {
+    for (const Case& c : cases) {
+      SceneBuilder builder;
+      builder.add(c.model, c.placement);
+      builder.scene().shadows[0].layered = constants_with(0.5, 2.5);
+      builder.scene().shadows[0].light_mode = mode;
+      Studio studio(builder.build(), camera);
+      for (const ShadowLayer layer : kShadowLayers) {
+        const Expected expected = offline_layer(studio.scene(), camera, pose, layer);
+        const std::string what = std::string(c.name) + ", " + std::string(to_string(mode)) +
+                                 ", lambda " + std::to_string(lambda_of(layer));
+        const Layer drawn = draw_layer(studio, pose, layer);
+        EXPECT_GT(expected.size, 100) << what;
+        // Edges lie within 0.15 px of where they should: pixels so near to one may differ.
+        EXPECT_LE(differing(drawn.pixels, expected.pixels), 4 + 0.15 * expected.border)
+            << what << ", " << expected.size << " px";
+        EXPECT_EQ(draw_layer(studio, pose, layer, false).pixels, drawn.pixels) << what;
+      }
+    }
+  }
+}
+
 // A bar of 0.2 m at 30 degrees that rises through h_u: its umbra shrinks without a jump, though it
 // has 12 triangles only (shadows.md 2.2).
 TEST(ShadowPass, UmbraOfARisingBarShrinksEvenly) {
@@ -438,6 +524,31 @@ TEST(ShadowPass, NothingIsDoneForACameraThatMovesAlone) {
   EXPECT_EQ(studio.stats().kernel_generations, 0);
   EXPECT_EQ(studio.stats().shadow_vertices, 0);
   EXPECT_EQ(studio.stats().reprojections, 2);
+}
+
+TEST(ShadowPass, TellsWhereItsKernelsAre) {
+  SceneBuilder builder;
+  builder.add(box(0.06, 0.06, 0.06), test::at(0.031, -0.017, 0.1, {0, 0, 1}, 0.4));
+  builder.add(torus(), test::at(-0.1, 0.05, 0.1));
+  Studio studio(builder.build(), overhead_camera());
+  studio.draw(white(), studio.plan(overhead()));
+  const auto casters = studio.compositor().kernels_in_use();
+  ASSERT_EQ(casters.size(), 2U);
+  ASSERT_FALSE(casters[0].on_plane.empty());
+  for (const Eigen::Vector3d& p : casters[0].on_plane)
+    EXPECT_LT((p - Eigen::Vector3d(0.031, -0.017, 0.0)).norm(), 0.0015) << "half a cell";
+  EXPECT_GT(casters[1].on_plane.size(), 40U);
+  for (const Eigen::Vector3d& p : casters[1].on_plane) {
+    EXPECT_NEAR((p - Eigen::Vector3d(-0.1, 0.05, 0.0)).norm(), 0.06, 0.002);
+    EXPECT_EQ(p.z(), 0.0);
+  }
+  EXPECT_EQ(casters[1].object, 1);
+  EXPECT_LT(casters[1].spill, 0.02);
+  // None are in use where there are none.
+  PlanOptions options;
+  options.technique = ShadowTechnique::field;
+  studio.draw(white(), studio.plan(overhead(), options));
+  EXPECT_TRUE(studio.compositor().kernels_in_use().empty());
 }
 
 TEST(ShadowPass, KernelDirectionsAreWithinTwoDegrees) {

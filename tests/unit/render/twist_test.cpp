@@ -1,0 +1,62 @@
+// What faces between different kernels cover too much.
+#include "render/shadow/twist.hpp"
+
+#include <gtest/gtest.h>
+
+#include "render/shadow/coverage.hpp"
+#include "support/shapes.hpp"
+
+namespace penumbra {
+namespace {
+
+double spill_of(const Model& model, KernelSource source, const Eigen::Vector3d& up) {
+  const ShadowMesh mesh = make_shadow_mesh(model);
+  return layer_spill(mesh, generate_kernels(mesh, up, source), 1.65);
+}
+
+TEST(LayerSpill, IsLittleOfAutomaticKernelsAndMuchOfOneKernelForARing) {
+  test::ShapeBuilder bar;
+  bar.box(-0.1, -0.01, 0.0, 0.1, 0.01, 0.02);
+  const Model rod = bar.build();
+  for (const Eigen::Vector3d& up :
+       {Eigen::Vector3d(0, 0, 1), Eigen::Vector3d(0.3, 0.2, 1.0), Eigen::Vector3d(0, 0.4, -1.0)}) {
+    EXPECT_LT(spill_of(test::box_model(0.08), KernelSource::automatic, up), 0.02);
+    EXPECT_LT(spill_of(rod, KernelSource::automatic, up), 0.02);
+    EXPECT_LT(spill_of(test::torus_model(12, 64), KernelSource::automatic, up), 0.02);
+    EXPECT_GT(spill_of(rod, KernelSource::centroid, up), 0.2);
+    EXPECT_GT(spill_of(test::torus_model(12, 64), KernelSource::centroid, up), 0.4);
+  }
+}
+
+TEST(LayerSpill, IsNothingWhereThereIsNothing) {
+  const Eigen::Vector3d up(0, 0, 1);
+  EXPECT_EQ(layer_spill({}, {}, 1.5), 0.0);
+  Model model;
+  Mesh& mesh = model.meshes.emplace_back();
+  for (const float size : {0.0F, 1e-30F, 3e38F}) {
+    mesh.positions = {{0, 0, 0}, {size, 0, 0}, {-size, size, 0}};
+    mesh.indices = {0, 1, 2};
+    const double spill = spill_of(model, KernelSource::automatic, up);
+    EXPECT_TRUE(spill >= 0.0 && spill <= 1.0) << size;
+  }
+}
+
+TEST(Coverage, CountsCellsWhoseCentresAreInside) {
+  Coverage grid({-1.0F, -1.0F}, 0.1F, 20, 20);
+  Coverage other = grid;
+  EXPECT_EQ(grid.iou(other), 1.0) << "both empty";
+  const std::vector<PlanePoint> half = {{-1, -1}, {1, -1},     {-1, -0.02F},
+                                        {1, -1},  {1, -0.02F}, {-1, -0.02F}};
+  grid.cover(half);
+  EXPECT_EQ(grid.count(), 200U);
+  other.cover_square({0.0F, 0.0F}, 0.2F);
+  EXPECT_EQ(other.count(), 16U);
+  EXPECT_EQ(grid.count_with(other), 8U);
+  EXPECT_DOUBLE_EQ(grid.iou(other), 8.0 / 208.0);
+  other.cover_square({5.0F, 0.0F}, 0.5F);
+  other.cover_square({0.0F, -9.0F}, 0.5F);
+  EXPECT_EQ(other.count(), 16U) << "outside";
+}
+
+}  // namespace
+}  // namespace penumbra
