@@ -236,6 +236,19 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const Camer
   return pass;
 }
 
+void ShadowPass::set_geometry(Body& body, const ShadowMesh& mesh, float max_edge) {
+  body.geometry = split_long_edges(mesh, max_edge);
+  if (body.geometry.coarser.empty()) return;
+  for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const std::uint32_t a = mesh.indices[i + corner];
+      const std::uint32_t b = mesh.indices[i + (corner + 1) % 3];
+      const float length = glm::distance(mesh.positions[a], mesh.positions[b]);
+      if (length > max_edge) body.long_edges.push_back({a, b, length});
+    }
+  }
+}
+
 ShadowPass::Caster& ShadowPass::caster_of(const Scene& scene, int index) {
   const SceneObject& object = scene.objects[static_cast<std::size_t>(index)];
   const float edge = edges_[static_cast<std::size_t>(index)];
@@ -244,13 +257,13 @@ ShadowPass::Caster& ShadowPass::caster_of(const Scene& scene, int index) {
   if (!entry) {
     entry = std::make_unique<Caster>();
     entry->mesh = make_shadow_mesh(*object.model, object.groups);
-    entry->whole.geometry = split_long_edges(entry->mesh, edge);
+    set_geometry(entry->whole, entry->mesh, edge);
     if (object.proxy == ProxyMode::automatic) entry->proxy = simplified_caster(entry->mesh);
     if (object.proxy == ProxyMode::model && object.proxy_model) {
       entry->proxy = proxy_from_model(entry->mesh, *object.proxy_model);
     }
     if (entry->proxy) {
-      entry->reduced.geometry = split_long_edges(entry->proxy->mesh, edge);
+      set_geometry(entry->reduced, entry->proxy->mesh, edge);
       const auto most =
           kWorthwhileFaces * static_cast<double>(entry->whole.geometry.indices.size());
       const std::size_t faces = entry->reduced.geometry.indices.size();
@@ -444,30 +457,6 @@ void ShadowPass::clip_layers(const ShadowDraw& draw, const Caster& caster, const
   upload_clipped(clipped, prepared);
 }
 
-namespace {
-
-// How much longer than an edge of the mesh [scaled, m] its image is, at most: of edges that are
-// long enough to be split.
-double largest_magnification(const ShadowMesh& mesh, const std::vector<PlanePoint>& images,
-                             double scale, double shortest) {
-  double largest = 1.0;
-  for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
-    for (std::size_t corner = 0; corner < 3; ++corner) {
-      const std::uint32_t a = mesh.indices[i + corner];
-      const std::uint32_t b = mesh.indices[i + (corner + 1) % 3];
-      const double length =
-          scale * static_cast<double>(glm::distance(mesh.positions[a], mesh.positions[b]));
-      if (length < shortest) continue;
-      const double image = std::hypot(static_cast<double>(images[b].u - images[a].u),
-                                      static_cast<double>(images[b].v - images[a].v));
-      largest = std::max(largest, image / length);
-    }
-  }
-  return largest;
-}
-
-}  // namespace
-
 void ShadowPass::upload_placed(const std::array<std::vector<PlanePoint>, 3>& images,
                                const Body& body, Prepared& prepared) const {
   std::vector<PlanePoint> all;
@@ -544,11 +533,13 @@ void ShadowPass::image_layers(const ShadowDraw& draw, Caster& caster, KernelSet&
     if (whole) {
       layer.source = LayerSource::placed;
       images[i] = std::move(*whole);
-      if (edge > 0.0F) {
+      for (const LongEdge& long_edge : body.long_edges) {
+        const PlanePoint& p = images[i][long_edge.a];
+        const PlanePoint& q = images[i][long_edge.b];
+        const double image = static_cast<double>(std::hypot(q.u - p.u, q.v - p.v));
         prepared.magnification =
             std::max(prepared.magnification,
-                     largest_magnification(mesh, images[i], T_own_object.scale,
-                                           static_cast<double>(edge) * T_own_object.scale));
+                     image / (T_own_object.scale * static_cast<double>(long_edge.length)));
       }
       add_midpoints(body.geometry, images[i]);
       continue;

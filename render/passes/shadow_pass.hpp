@@ -75,9 +75,15 @@ class ShadowPass {
   struct IndexRange {
     std::size_t first = 0, count = 0;
   };
+  // An edge of the mesh that was split, between two of its positions; object units.
+  struct LongEdge {
+    std::uint32_t a = 0, b = 0;
+    float length = 0.0F;
+  };
   // A mesh that casts, and its faces on the GPU.
   struct Body {
     CasterGeometry geometry;
+    std::vector<LongEdge> long_edges;
     GlBuffer indices{BufferUse::indices};
     bool indices_written = false;
     std::vector<IndexRange> ranges;  // of the coarser surfaces, then of the finest
@@ -139,7 +145,7 @@ class ShadowPass {
     KernelKey kernel_key;
     std::array<LayerGeometry, 3> layers;
     std::size_t surface = 0;  // which of the caster's ranges is fine enough in this frame
-    // Of placed layers: how much longer than its edge a mesh's edge's image is, at most.
+    // Of placed layers: how much longer than a long edge its image is, at most.
     double magnification = 1.0;
     std::array<VertexArray, 3> placed_layouts;
     GlBuffer placed{BufferUse::vertices};
@@ -156,6 +162,7 @@ class ShadowPass {
       std::tuple<const Model*, float, ProxyMode, const Model*, std::vector<std::string>>;
 
   Caster& caster_of(const Scene& scene, int object);
+  static void set_geometry(Body& body, const ShadowMesh& mesh, float max_edge);
   KernelSet& kernels_of(Caster& caster, const KernelKey& key, ShadowWork& work);
   bool proxy_casts(const ShadowDraw& draw, Caster& caster, const KernelKey& key, KernelSet& set,
                    ShadowWork& work);

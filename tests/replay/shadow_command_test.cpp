@@ -1,5 +1,6 @@
 // penumbra shadow and penumbra kernels, as a person runs them.
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -59,6 +60,9 @@ TEST_F(ShadowCommand, ASquareScalesByTheFormulas) {
   EXPECT_EQ(json["kernels"]["source"], "auto");
   EXPECT_GE(json["kernels"]["time_ms"].get<double>(), 0.0);
   EXPECT_EQ(json["twisted_faces"], 0);
+  EXPECT_EQ(json["twists"]["faces_tested"], 2);
+  EXPECT_EQ(json["twists"]["area_share"], 0.0);
+  EXPECT_LT(json["twists"]["spill"], 0.01);
 }
 
 TEST_F(ShadowCommand, ConstantsByEveryWay) {
@@ -79,6 +83,31 @@ TEST_F(ShadowCommand, PoseAndPlane) {
   json = layers({file("square.obj"), "--plane", "-1 0 0 0.5 0 0", "--pose",
                  "0.4 0 0 0 -0.7071067811865476 0 0.7071067811865476"});
   EXPECT_NEAR(json["layers"]["middle"]["area"].get<double>(), 0.04 * std::pow(0.9 / 0.7, 2), 1e-5);
+}
+
+TEST_F(ShadowCommand, FarFromTheOriginAndOfAnySize) {
+  // 100 m away the square is as large as here.
+  const auto here = layers({file("square.obj")});
+  const auto there =
+      layers({file("square.obj"), "--plane", "0 0 1 70 -60 100", "--pose", "70 -60 100 0 0 0 1"});
+  for (const char* name : {"umbra", "middle", "penumbra"}) {
+    EXPECT_NEAR(there["layers"][name]["area"].get<double>(),
+                here["layers"][name]["area"].get<double>(), 1e-7)
+        << name;
+  }
+  for (const double size : {1e-3, 1e5}) {  // 0.2 mm, 20 km
+    const auto number = [size](double x) { return fmt::format(" {:.9g}", x * size); };
+    std::string obj;
+    for (const auto& [x, y] : {std::pair{-0.1, -0.1}, {0.1, -0.1}, {0.1, 0.1}, {-0.1, 0.1}})
+      obj += "v" + number(x) + number(y) + number(0.1) + "\n";
+    write("sized.obj", obj + "f 1 2 3\nf 1 3 4\n");
+    const auto sized = layers({file("sized.obj"), "--light-height", fmt::format("{}", 0.9 * size)});
+    for (const char* name : {"umbra", "middle", "penumbra"}) {
+      EXPECT_NEAR(sized["layers"][name]["area"].get<double>() / (size * size),
+                  here["layers"][name]["area"].get<double>(), 1e-4)
+          << size << " " << name;
+    }
+  }
 }
 
 TEST_F(ShadowCommand, OneLayerForSimpleAndHard) {
@@ -230,6 +259,13 @@ TEST_F(ShadowCommand, AProxySaysHowWellItAgrees) {
   EXPECT_EQ(wrong["layers"], layers({models + "/ring.glb"})["layers"]);
   expect_failure(penumbra({"shadow", models + "/ring.glb", "--proxy", file("none.glb")}),
                  {"none.glb"});
+}
+
+TEST_F(ShadowCommand, OneKernelSpillsARing) {
+  const std::string ring = (source_dir() / "scenes" / "models" / "ring.glb").string();
+  EXPECT_LT(layers({ring, "--pose", "0 0 0.1 0 0 0 1"})["twists"]["spill"], 0.02);
+  EXPECT_GT(layers({ring, "--pose", "0 0 0.1 0 0 0 1", "--technique", "cocl"})["twists"]["spill"],
+            0.3);
 }
 
 TEST_F(ShadowCommand, FailsInOneLine) {

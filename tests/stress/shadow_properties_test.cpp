@@ -101,6 +101,10 @@ double area_of(const std::vector<PlanePoint>& triangles) {
   return outline->area;
 }
 
+double area_at(const ShadowField& field, ShadowLayer layer) {
+  return union_of_triangles(field_triangles(field, layer)).value().area;
+}
+
 RC_GTEST_PROP(LayerProperties, FloatStaysWithinItsBoundOfTheExactFactor, ()) {
   const LayeredConstants given = any_constants();
   LayeredConstants constants = given;
@@ -203,6 +207,9 @@ RC_GTEST_PROP(LayerProperties, TotalOnAnySoupOfAnySize, ()) {
   }
   const TwistReport twists = find_twists(vertices, mesh.indices, 0.05, 1.65);
   RC_ASSERT(twists.faces_twisted <= twists.faces_tested);
+  RC_ASSERT(0.0 <= twists.area_share && twists.area_share <= 1.0);
+  const double spill = layer_spill(mesh, kernels, real(1.0, 3.0));
+  RC_ASSERT(0.0 <= spill && spill <= 1.0);
   LayerArrays arrays;
   update_layers(CasterArrays::make(mesh, kernels), placement, plane, constants, arrays);
   for (std::size_t layer = 0; layer < 3; ++layer)
@@ -769,6 +776,91 @@ TEST(ShadowStress, TwentyFiveThousandUnconnectedFacesUnite) {
   const auto outline = union_of_triangles(triangles);
   ASSERT_TRUE(outline);
   EXPECT_NEAR(outline->area, mask.area(), 2e-3 * mask.area());
+}
+
+// Objects of 0.1 mm and of 10 km: the layers of one are those of the other, to scale, if the light
+// is. (Under 10 um vertices are one, so that a body of 0.1 mm may have few.)
+TEST(ShadowStress, LayersScaleWithTheObject) {
+  const Model unit = [] {
+    test::ShapeBuilder shape;
+    shape.prism({{0.0, 0.0}, {1.0, 0.0}, {1.0, 0.3}, {0.3, 0.3}, {0.3, 1.0}, {0.0, 1.0}}, 0.0, 0.2);
+    return shape.build();
+  }();
+  const Eigen::Quaterniond tilt(
+      Eigen::AngleAxisd(0.4, Eigen::Vector3d(1.0, 0.3, 0.0).normalized()));
+  double kernels_of[3] = {0, 0, 0};
+  double field_of[3] = {0, 0, 0};
+  for (const double size : {1.0, 1e-4, 1e-2, 1e2, 1e4}) {
+    Model model = unit;
+    for (glm::vec3& p : model.meshes[0].positions) p *= static_cast<float>(size);
+    const ShadowMesh mesh = make_shadow_mesh(model);
+    ASSERT_EQ(mesh.positions.size(), unit.meshes[0].positions.size()) << size;
+    // 100 m from the origin, or as far as the object is large.
+    const PlaneFrame plane =
+        PlaneFrame::make({0.3, -0.5, 0.8}, std::max(100.0, size) * Eigen::Vector3d(0.6, -0.3, 0.7));
+    const Placement placement = {plane.q + 0.6 * size * plane.n, tilt, 1.0};
+    const LayeredConstants constants = make_layered_constants(6.0 * size, 3.0, 0.0).value();
+    const Eigen::Vector3d up = up_in_object(placement, plane);
+    const auto vertices =
+        place_caster(mesh, generate_kernels(mesh, up, KernelSource::automatic), placement, plane);
+    const ShadowField field =
+        power_distance_layers(vertices, mesh.indices, mesh.part,
+                              part_lights(part_discs(mesh, up), placement, plane), constants);
+    for (std::size_t i = 0; i < 3; ++i) {
+      // Areas of the size-1 object; unions are made to 1e-12 m^2, so they are scaled before.
+      const auto area_at_size_1 = [size](std::vector<PlanePoint> triangles) {
+        for (PlanePoint& p : triangles) {
+          p.u = static_cast<float>(static_cast<double>(p.u) / size);
+          p.v = static_cast<float>(static_cast<double>(p.v) / size);
+        }
+        return union_of_triangles(triangles).value().area;
+      };
+      const double by_kernels =
+          area_at_size_1(layer_triangles(vertices, mesh.indices, constants, kShadowLayers[i]));
+      const double by_field = area_at_size_1(field_triangles(field, kShadowLayers[i]));
+      if (size == 1.0) {
+        kernels_of[i] = by_kernels;
+        field_of[i] = by_field;
+        EXPECT_GT(by_kernels, 0.05);
+        EXPECT_GT(by_field, 0.05);
+        continue;
+      }
+      // What the rounding of coordinates to float moves a raster's cells, and no more.
+      EXPECT_NEAR(by_kernels, kernels_of[i], 0.01 * kernels_of[i]) << size << " layer " << i;
+      EXPECT_NEAR(by_field, field_of[i], 0.01 * field_of[i]) << size << " layer " << i;
+    }
+  }
+}
+
+TEST(ShadowStress, AFieldOfAMillionTriangles) {
+  const ShadowMesh mesh = make_shadow_mesh(test::torus_model(500, 1000));
+  const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
+  const Placement placement = {Eigen::Vector3d(0, 0, 0.1), Eigen::Quaterniond::Identity(), 1.0};
+  const PlaneFrame plane;
+  const ShadowKernels none{plane.n, mesh.positions, {}};
+  const auto discs = part_discs(mesh, plane.n);
+  ASSERT_EQ(discs.size(), 1U);
+  EXPECT_NEAR(static_cast<double>(discs[0].radius), 0.012, 0.0006);
+  const ShadowField field =
+      power_distance_layers(place_caster(mesh, none, placement, plane), mesh.indices, mesh.part,
+                            part_lights(discs, placement, plane), constants);
+  // Under the light the ring of radius 0.05, 0.012 thick, grows by H / (H - h) = 1.125 and its rims
+  // wander by a r h / (H - h).
+  const double grown = 1.125;
+  const double rim = 3.0 * 0.012 * 0.1 / 0.8;
+  const auto ring = [&](double out) {
+    const double outer = 0.062 * grown + out;
+    const double inner = 0.038 * grown - out;
+    return std::numbers::pi * (outer * outer - inner * inner);
+  };
+  EXPECT_NEAR(area_at(field, ShadowLayer::middle), ring(0.0), 0.02 * ring(0.0));
+  EXPECT_NEAR(area_at(field, ShadowLayer::penumbra), ring(rim), 0.02 * ring(rim));
+  EXPECT_NEAR(area_at(field, ShadowLayer::umbra), ring(-rim), 0.05 * ring(-rim));
+  // What else looks at every face.
+  const auto kernels = generate_kernels(mesh, plane.n, KernelSource::automatic);
+  const auto vertices = place_caster(mesh, kernels, placement, plane);
+  EXPECT_LT(find_twists(vertices, mesh.indices, 0.05, 1.65).area_share, 0.2);
+  EXPECT_LT(layer_spill(mesh, kernels, 1.65), 0.02);
 }
 
 TEST(ShadowStress, AMillionTriangles) {

@@ -340,7 +340,7 @@ struct Expected {
   std::vector<std::uint8_t> pixels;
   int size = 0, border = 0;
 };
-Expected offline_layer(const Scene& scene, const CameraModel& camera, const PoseEstimate& pose,
+Expected offline_layer(const Scene& scene, const std::vector<Eigen::Vector2d>& ground,
                        ShadowLayer layer) {
   const SceneObject& object = scene.objects[0];
   const ShadowNode& node = scene.shadows[0];
@@ -358,15 +358,8 @@ Expected offline_layer(const Scene& scene, const CameraModel& camera, const Pose
                 mesh.indices, node.layered, layer)
           : layer_triangles(vertices, mesh.indices, node.layered, layer);
   Expected expected;
-  const CameraPose& T = pose.T_table_camera;
-  for (int y = 0; y < kSide; ++y) {
-    for (int x = 0; x < kSide; ++x) {
-      const Eigen::Vector3d ray = T.rotation() * *camera.unproject({x, y});
-      const double t = -T.translation().z() / ray.z();
-      const Eigen::Vector2d p = (T.translation() + t * ray).head<2>();
-      expected.pixels.push_back(test::covers(triangles, p) ? 1 : 0);
-    }
-  }
+  for (const Eigen::Vector2d& p : ground)
+    expected.pixels.push_back(test::covers(triangles, p) ? 1 : 0);
   for (int y = 1; y + 1 < kSide; ++y) {
     for (int x = 1; x + 1 < kSide; ++x) {
       const auto at = [&](int dx, int dy) {
@@ -380,6 +373,20 @@ Expected offline_layer(const Scene& scene, const CameraModel& camera, const Pose
   return expected;
 }
 
+// Where each pixel's ray meets the plane z = 0.
+std::vector<Eigen::Vector2d> ground_under(const CameraModel& camera, const PoseEstimate& pose) {
+  std::vector<Eigen::Vector2d> ground;
+  const CameraPose& T = pose.T_table_camera;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const Eigen::Vector3d ray = T.rotation() * *camera.unproject({x, y});
+      const double t = -T.translation().z() / ray.z();
+      ground.emplace_back((T.translation() + t * ray).head<2>());
+    }
+  }
+  return ground;
+}
+
 // Splitting a face for the lens must not bend its layer, which is the straight-edged image of the
 // whole face: large tilted faces, near enough to the camera to be split.
 TEST(ShadowPass, ThroughALensTheLayersAreThoseOfPenumbraShadow) {
@@ -391,6 +398,7 @@ TEST(ShadowPass, ThroughALensTheLayersAreThoseOfPenumbraShadow) {
     std::shared_ptr<const Model> model;
     Placement placement;
   };
+  const std::vector<Eigen::Vector2d> ground = ground_under(camera, pose);
   const double step = KernelDirection::kStepRad;
   const std::vector<Case> cases = {
       {"plate", box(0.12, 0.1, 0.004), test::at(0, 0, 0.1, {0, 1, 0}, 20.0 * step)},
@@ -405,7 +413,7 @@ TEST(ShadowPass, ThroughALensTheLayersAreThoseOfPenumbraShadow) {
       builder.scene().shadows[0].light_mode = mode;
       Studio studio(builder.build(), camera);
       for (const ShadowLayer layer : kShadowLayers) {
-        const Expected expected = offline_layer(studio.scene(), camera, pose, layer);
+        const Expected expected = offline_layer(studio.scene(), ground, layer);
         const std::string what = std::string(c.name) + ", " + std::string(to_string(mode)) +
                                  ", lambda " + std::to_string(lambda_of(layer));
         const Layer drawn = draw_layer(studio, pose, layer);
