@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <memory>
+#include <optional>
 
 #include "app/capture/recording_source.hpp"
 #include "core/units.hpp"
@@ -70,10 +71,12 @@ double pixels_changed_by_skipping(Studio& s, PlanOptions options) {
   return static_cast<double>(changed) / static_cast<double>(s.frames.size());
 }
 
-void composite(benchmark::State& state, ShadowTechnique technique) {
+void composite(benchmark::State& state, ShadowTechnique technique,
+               std::optional<KernelSource> kernels = {}) {
   Studio& s = studio();
   PlanOptions options;
   options.technique = technique;
+  options.kernels = kernels;
   std::vector<std::uint8_t> rgba(640 * 480 * 4);
   const double changed = pixels_changed_by_skipping(s, options);
   std::size_t i = 0;
@@ -98,7 +101,8 @@ void composite(benchmark::State& state, ShadowTechnique technique) {
 BENCHMARK_CAPTURE(composite, simple, ShadowTechnique::simple)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(composite, none, ShadowTechnique::none)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(composite, layered, ShadowTechnique::layered)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(composite, cocl, ShadowTechnique::cocl)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(composite, cocl, ShadowTechnique::layered, KernelSource::centroid)
+    ->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(composite, field, ShadowTechnique::field)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(composite, walls, ShadowTechnique::walls)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(composite, hard, ShadowTechnique::hard)->Unit(benchmark::kMillisecond);
