@@ -10,7 +10,7 @@ namespace penumbra {
 
 namespace {
 
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr float kUnreached = std::numeric_limits<float>::infinity();
 constexpr std::size_t kBlock = 8;   // cells computed at a time
 constexpr std::size_t kStrip = 16;  // columns of a strip: two copies of 256 rows stay in the cache
 
@@ -92,7 +92,7 @@ void PowerTransform::add(int column, int row, float radius) {
 
 void PowerTransform::run() {
   const auto height = static_cast<std::size_t>(height_);
-  values_.assign(stride_ * height, kInfinity);
+  values_.assign(stride_ * height, kUnreached);
   float largest = 0.0F;
   for (const Site& site : sites_) largest = std::max(largest, site.radius);
   // A cell beside the outline is at most sqrt(2) away from it: (r + sqrt(2))^2 - r^2 = 2.83 r + 2.
@@ -127,8 +127,8 @@ void PowerTransform::run() {
   strips_.resize(2 * strip_size);
   for (std::size_t copy = 0; copy < 2; ++copy) {
     float* strip = strips_.data() + copy * strip_size;
-    std::fill_n(strip, kStrip, kInfinity);
-    std::fill_n(strip + kStrip + count, kStrip, kInfinity);
+    std::fill_n(strip, kStrip, kUnreached);
+    std::fill_n(strip + kStrip + count, kStrip, kUnreached);
   }
   float* strip = strips_.data() + kStrip;
   for (std::size_t left = 0; left < static_cast<std::size_t>(width_); left += kStrip) {

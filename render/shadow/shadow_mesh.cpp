@@ -50,10 +50,10 @@ class WeldGrid {
     const CellIndex home = {cell_of(x), cell_of(y), cell_of(z)};
     const std::uint32_t found = search(home, p, positions);
     if (found != kNone) return found;
-    constexpr double kReach = kWeldDistance / kCellSize;
-    for (std::int64_t cx = cell_of(x - kReach); cx <= cell_of(x + kReach); ++cx) {
-      for (std::int64_t cy = cell_of(y - kReach); cy <= cell_of(y + kReach); ++cy) {
-        for (std::int64_t cz = cell_of(z - kReach); cz <= cell_of(z + kReach); ++cz) {
+    constexpr double kCellsAround = kWeldDistance / kCellSize;
+    for (std::int64_t cx = cell_of(x - kCellsAround); cx <= cell_of(x + kCellsAround); ++cx) {
+      for (std::int64_t cy = cell_of(y - kCellsAround); cy <= cell_of(y + kCellsAround); ++cy) {
+        for (std::int64_t cz = cell_of(z - kCellsAround); cz <= cell_of(z + kCellsAround); ++cz) {
           const CellIndex cell = {cx, cy, cz};
           if (cell == home) continue;
           const std::uint32_t near = search(cell, p, positions);
