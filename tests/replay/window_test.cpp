@@ -18,7 +18,7 @@ ProgramResult in_window(std::vector<std::string> arguments, const fs::path& work
 }
 
 TEST(Window, PicturesAreTheSameWithAndWithoutWindowAndHud) {
-  if (!has_xvfb()) GTEST_SKIP() << "no Xvfb";
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const TemporaryFolder folder;
   const auto arguments = [&](const std::string& name, const std::vector<std::string>& more) {
     std::vector<std::string> words = {
