@@ -9,6 +9,7 @@
 #include "core/evaluation.hpp"
 #include "core/stopwatch.hpp"
 #include "core/units.hpp"
+#include "tracking/motion_model.hpp"
 #include "tracking/pose_refiner.hpp"
 
 namespace penumbra {
@@ -231,14 +232,9 @@ GroupEstimate GroupTracker::Impl::held(const Group& group, std::int64_t timestam
   estimate.age_s = age_s;
   estimate.rests = group.rests;
   estimate.T_table_group = at * group.T_group_middle.inverse();
-  // As fast as a hand changes its speed (TableTracker).
-  const double travel = 0.5 * 2.0 * age_s * age_s;
-  const double turn = 0.5 * 10.0 * age_s * age_s;
   const CameraPose T_middle_camera = as_table(at.inverse() * table_pose.T_table_camera);
   const Matrix6d A = adjoint(T_middle_camera.inverse());
-  Matrix6d of_group = group.found->covariance;
-  of_group.diagonal().head<3>().array() += travel * travel;
-  of_group.diagonal().tail<3>().array() += turn * turn;
+  const Matrix6d of_group = group.found->covariance + unforeseen_motion(age_s);
   estimate.covariance = table_pose.covariance + A * of_group * A.transpose();
   estimate.expected_overlay_error_px =
       expected_overlay_error_px(camera, T_middle_camera, estimate.covariance);

@@ -33,6 +33,17 @@ double adapted(double q, double ratio, double least, double most) {
 
 }  // namespace
 
+Matrix6d unforeseen_motion(double age_s) {
+  constexpr double kLinear = 2.0;    // [m/s^2]
+  constexpr double kAngular = 10.0;  // [rad/s^2]
+  const double travel = 0.5 * kLinear * age_s * age_s;
+  const double turn = 0.5 * kAngular * age_s * age_s;
+  Matrix6d covariance = Matrix6d::Zero();
+  covariance.diagonal().head<3>().setConstant(travel * travel);
+  covariance.diagonal().tail<3>().setConstant(turn * turn);
+  return covariance;
+}
+
 void MotionModel::start(std::int64_t timestamp_ns, const CameraPose& T_table_camera,
                         const Matrix6d& covariance) {
   PENUMBRA_ASSERT(T_table_camera.is_finite() && covariance.allFinite());

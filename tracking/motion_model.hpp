@@ -17,6 +17,10 @@ struct MotionPrediction {
   Vector6d velocity = Vector6d::Zero();    // [m/s, rad/s], camera frame
 };
 
+// What a pose that is continued at constant velocity for `age_s` may be off by (covariance [m^2],
+// [rad^2]): a hand changes its speed by about 2 m/s^2 and 10 rad/s^2 [1 sigma].
+[[nodiscard]] Matrix6d unforeseen_motion(double age_s);
+
 class MotionModel {
  public:
   // Forgets everything.

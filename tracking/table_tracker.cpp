@@ -353,12 +353,7 @@ PoseEstimate TableTracker::Impl::without_measurement(std::int64_t timestamp_ns,
   estimate.T_table_camera = *predicted;
   estimate.age_s = age_s;
   estimate.ambiguity_ratio = std::numeric_limits<double>::infinity();
-  // A hand changes its speed: by about 2 m/s^2 and 10 rad/s^2 [1 sigma].
-  const double travel = 0.5 * 2.0 * age_s * age_s;
-  const double turn = 0.5 * 10.0 * age_s * age_s;
-  estimate.covariance = last->covariance;
-  estimate.covariance.diagonal().head<3>().array() += travel * travel;
-  estimate.covariance.diagonal().tail<3>().array() += turn * turn;
+  estimate.covariance = last->covariance + unforeseen_motion(age_s);
   estimate.expected_overlay_error_px =
       expected_overlay_error_px(camera, estimate.T_table_camera, estimate.covariance);
   return estimate;
