@@ -8,33 +8,12 @@
 #include <cstdint>
 #include <functional>
 
+#include "core/text.hpp"
+
 namespace penumbra {
 namespace {
 
 constexpr double kPlotWidth = 480.0;  // of pictures in the report
-
-std::string escaped(std::string_view text) {
-  std::string out;
-  for (const char c : text) {
-    switch (c) {
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      case '&':
-        out += "&amp;";
-        break;
-      case '"':
-        out += "&quot;";
-        break;
-      default:
-        out += c;
-    }
-  }
-  return out;
-}
 
 std::string base64(const std::vector<std::uint8_t>& bytes) {
   constexpr std::string_view kDigits =
@@ -309,10 +288,10 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       ".out td{{color:#888}}p.note{{color:#555;margin:2px 0 8px;max-width:480px}}"
       "@media(prefers-color-scheme:dark){{}}</style></head><body>\n"
       "<h1>Calibration: {0}</h1>\n<p class=\"verdict {1}\">{2}</p>\n",
-      escaped(input.title), to_string(c.grade), escaped(c.verdict));
+      in_markup(input.title), to_string(c.grade), in_markup(c.verdict));
   if (!c.advice.empty()) {
     html += "<ul>";
-    for (const std::string& line : c.advice) html += fmt::format("<li>{}</li>", escaped(line));
+    for (const std::string& line : c.advice) html += fmt::format("<li>{}</li>", in_markup(line));
     html += "</ul>\n";
   }
   html += fmt::format(
@@ -325,7 +304,7 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       "<tr><td>projection, 1 sigma</td><td>{:.3f} px mean, {:.3f} px at worst</td></tr>"
       "<tr><td>tilt between views</td><td>up to {:.0f}°</td></tr>"
       "<tr><td>blur of edges</td><td>{:.2f} px (sigma)</td></tr></table></div></div>\n",
-      camera_table(c), escaped(input.date), escaped(input.target), c.solution.views.size(),
+      camera_table(c), in_markup(input.date), in_markup(input.target), c.solution.views.size(),
       c.pictures.size(), c.solution.corners, c.solution.outliers, c.solution.rms_px,
       c.solution.noise_px, c.held_out_px ? fmt::format("{:.3f} px RMS", *c.held_out_px) : "-",
       c.uncertainty.mean_px, c.uncertainty.largest_px, c.tilt_spread_deg, c.blur_px);
@@ -360,7 +339,7 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
         "<h2>Compared with {}</h2><p class=\"note\">{:.3f} px apart on average, {:.3f} px at most; "
         "no "
         "rotation is fitted.</p>{}\n",
-        escaped(input.earlier_name), difference.mean_px, difference.largest_px,
+        in_markup(input.earlier_name), difference.mean_px, difference.largest_px,
         heat_map(
             camera, 32, 24,
             [&](int i, int j) {
@@ -396,12 +375,12 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
     html += fmt::format(
         "<tr{}><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></"
         "tr>\n",
-        view == nullptr ? " class=\"out\"" : "", thumbnail(picture, 120), escaped(picture.name),
+        view == nullptr ? " class=\"out\"" : "", thumbnail(picture, 120), in_markup(picture.name),
         picture.view.corners.size(), view != nullptr ? fmt::format("{:.3f} px", view->rms_px) : "-",
         picture.view.blur_px > 0.0 ? fmt::format("{:.2f} px", picture.view.blur_px) : "-",
         view != nullptr ? fmt::format("{:.0f} mm", view->T_board_camera.translation().norm() * 1e3)
                         : "-",
-        escaped(picture.left_out));
+        in_markup(picture.left_out));
   }
   html += "</table>\n</body></html>\n";
   return html;

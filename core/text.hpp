@@ -31,6 +31,8 @@ namespace penumbra {
 // Seconds with 9 decimals.
 [[nodiscard]] std::string format_ns_as_seconds(std::int64_t nanoseconds);
 
+// As text or an attribute's value in HTML and SVG.
+[[nodiscard]] std::string in_markup(std::string_view text);
 // As a double-quoted YAML string.
 [[nodiscard]] std::string in_quotes(std::string_view text);
 

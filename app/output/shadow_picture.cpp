@@ -9,6 +9,8 @@
 #include <memory>
 #include <string_view>
 
+#include "core/text.hpp"
+
 namespace penumbra {
 
 namespace {
@@ -151,26 +153,6 @@ void draw(Canvas& canvas, const ShadowPicture& picture, const Layout& layout) {
   canvas.end_group();
 }
 
-std::string escaped(const std::string& words) {
-  std::string out;
-  for (const char c : words) {
-    switch (c) {
-      case '&':
-        out += "&amp;";
-        break;
-      case '<':
-        out += "&lt;";
-        break;
-      case '>':
-        out += "&gt;";
-        break;
-      default:
-        out += c;
-    }
-  }
-  return out;
-}
-
 class SvgCanvas final : public Canvas {
  public:
   explicit SvgCanvas(const Layout& layout) : layout_(layout) {
@@ -206,7 +188,7 @@ class SvgCanvas final : public Canvas {
     text_ += fmt::format(
         "<text x=\"{:.6g}\" y=\"{:.6g}\" font-size=\"{:.4g}\" font-family=\"sans-serif\" "
         "fill=\"#{:06x}\">{}</text>\n",
-        x, y, size, kInk, escaped(words));
+        x, y, size, kInk, in_markup(words));
   }
   [[nodiscard]] std::string finish() { return text_ + "</svg>\n"; }
 

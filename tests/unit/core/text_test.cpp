@@ -69,5 +69,10 @@ TEST(Text, FilesThatCannotBeReadAreNamed) {
   EXPECT_FALSE(write_text_file(folder.path() / "no" / "a.txt", "x"));
 }
 
+TEST(Text, InMarkupHasNoMarkupOfItsOwn) {
+  EXPECT_EQ(in_markup("<b title=\"a & b\">"), "&lt;b title=&quot;a &amp; b&quot;&gt;");
+  EXPECT_EQ(in_markup("0.3 m"), "0.3 m");
+}
+
 }  // namespace
 }  // namespace penumbra
