@@ -6,6 +6,8 @@
 #include <optional>
 #include <utility>
 
+#include "render/shadow/split_edges.hpp"
+
 namespace penumbra {
 
 namespace {
@@ -130,84 +132,31 @@ std::vector<PlanePoint> projected_triangles_as_printed(std::span<const CasterVer
   return projected_triangles(replaced, kept, light, plane);
 }
 
-namespace {
-
-// Nothing where that takes more than max_triangles.
-std::optional<std::vector<PlanePoint>> try_split(std::vector<PlanePoint> triangles,
-                                                 const Eigen::Vector2d& centre, double longest_edge,
-                                                 double coarser, std::size_t max_triangles) {
-  // Seen from within this distance [m] of the centre ...
-  constexpr double kNear = 0.5;
-  // ... an edge may be this share of its distance: 28 px for a lens of 700 px.
-  constexpr double kShare = 0.04;
-  // Nothing is drawn of what is farther away [m].
-  constexpr double kDrawn = 30.0;
-  const auto from_centre = [&centre](double u, double v) {
-    return std::hypot(u - centre.x(), v - centre.y());
-  };
-  // The edge's length over what is allowed; no more than 1 is good.
-  const auto excess = [&](const PlanePoint& a, const PlanePoint& b) {
-    const auto [au, av] = std::pair(static_cast<double>(a.u), static_cast<double>(a.v));
-    const auto [bu, bv] = std::pair(static_cast<double>(b.u), static_cast<double>(b.v));
-    const double distance = from_centre(0.5 * (au + bu), 0.5 * (av + bv));
-    return std::hypot(au - bu, av - bv) /
-           (coarser * std::max(longest_edge, kShare * (distance - kNear)));
-  };
-  const auto too_far = [&](const PlanePoint& a, const PlanePoint& b, const PlanePoint& c) {
-    const Eigen::Vector2d p(static_cast<double>(a.u), static_cast<double>(a.v));
-    const Eigen::Vector2d q(static_cast<double>(b.u), static_cast<double>(b.v));
-    const Eigen::Vector2d r(static_cast<double>(c.u), static_cast<double>(c.v));
-    return (p - centre).norm() - std::max((p - q).norm(), (p - r).norm()) > kDrawn;
+std::vector<PlanePoint> split_for_lens(const std::vector<PlanePoint>& triangles,
+                                       const Eigen::Vector2d& centre, double longest_edge,
+                                       std::size_t max_triangles) {
+  constexpr double kDrawn_m = 30.0;  // nothing is drawn of what is farther from the centre
+  const auto place = [](const PlanePoint& p) {
+    return Eigen::Vector2d(static_cast<double>(p.u), static_cast<double>(p.v));
   };
   const auto middle = [](const PlanePoint& a, const PlanePoint& b) {
     return PlanePoint{0.5F * (a.u + b.u), 0.5F * (a.v + b.v)};
   };
-  std::vector<PlanePoint> done;
-  done.reserve(triangles.size());
-  while (!triangles.empty()) {
-    const PlanePoint c = triangles.back();
-    const PlanePoint b = triangles[triangles.size() - 2];
-    const PlanePoint a = triangles[triangles.size() - 3];
-    triangles.resize(triangles.size() - 3);
-    const auto add = [&triangles](const PlanePoint& p, const PlanePoint& q, const PlanePoint& r) {
-      for (const PlanePoint& point : {p, q, r}) triangles.push_back(point);
+  const auto too_far = [&](const PlanePoint& a, const PlanePoint& b, const PlanePoint& c) {
+    const Eigen::Vector2d p = place(a);
+    const double reach = std::max((p - place(b)).norm(), (p - place(c)).norm());
+    return (p - centre).norm() - reach > kDrawn_m;
+  };
+  return split_within_budget(triangles, [&](double coarser) {
+    const auto excess = [&](const PlanePoint& a, const PlanePoint& b) {
+      const Eigen::Vector2d p = place(a);
+      const Eigen::Vector2d q = place(b);
+      const double distance = (0.5 * (p + q) - centre).norm();
+      return (p - q).norm() /
+             (coarser * std::max(longest_edge, kSplitShare * (distance - kSplitNear_m)));
     };
-    if (too_far(a, b, c)) continue;
-    if ((done.size() + triangles.size()) / 3 >= max_triangles) return std::nullopt;
-    const auto ab = excess(a, b);
-    const auto bc = excess(b, c);
-    const auto ca = excess(c, a);
-    const auto most = std::max({ab, bc, ca});
-    if (!(most > 1)) {
-      for (const auto& point : {a, b, c}) done.push_back(point);
-    } else if (ab == most) {
-      const PlanePoint m = middle(a, b);
-      add(a, m, c);
-      add(m, b, c);
-    } else if (bc == most) {
-      const PlanePoint m = middle(b, c);
-      add(a, b, m);
-      add(a, m, c);
-    } else {
-      const PlanePoint m = middle(c, a);
-      add(a, b, m);
-      add(m, b, c);
-    }
-  }
-  return done;
-}
-
-}  // namespace
-
-std::vector<PlanePoint> split_for_lens(const std::vector<PlanePoint>& triangles,
-                                       const Eigen::Vector2d& centre, double longest_edge,
-                                       std::size_t max_triangles) {
-  for (double coarser = 1.0; coarser < 1000.0; coarser *= 2.0) {
-    if (auto split = try_split(triangles, centre, longest_edge, coarser, max_triangles)) {
-      return std::move(*split);
-    }
-  }
-  return triangles;
+    return split_triangles(triangles, excess, middle, too_far, max_triangles);
+  });
 }
 
 }  // namespace penumbra

@@ -8,6 +8,8 @@
 #include <optional>
 #include <utility>
 
+#include "render/shadow/split_edges.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -156,62 +158,21 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
   return result;
 }
 
-namespace {
-
-// Nothing where that takes more than max_triangles.
-std::optional<std::vector<glm::vec3>> try_split(std::vector<glm::vec3> triangles, float longest,
-                                                float coarser, std::size_t max_triangles) {
-  constexpr float kNear = 0.5F;  // as for planes
-  constexpr float kShare = 0.04F;
-  const auto excess = [&](const glm::vec3& a, const glm::vec3& b) {
-    return glm::length(a - b) /
-           (coarser * std::max(longest, kShare * (glm::length(0.5F * (a + b)) - kNear)));
-  };
-  std::vector<glm::vec3> done;
-  done.reserve(triangles.size());
-  while (!triangles.empty()) {
-    const glm::vec3 c = triangles.back();
-    const glm::vec3 b = triangles[triangles.size() - 2];
-    const glm::vec3 a = triangles[triangles.size() - 3];
-    triangles.resize(triangles.size() - 3);
-    const auto add = [&triangles](const glm::vec3& p, const glm::vec3& q, const glm::vec3& r) {
-      for (const glm::vec3& point : {p, q, r}) triangles.push_back(point);
-    };
-    if ((done.size() + triangles.size()) / 3 >= max_triangles) return std::nullopt;
-    const auto ab = excess(a, b);
-    const auto bc = excess(b, c);
-    const auto ca = excess(c, a);
-    const auto most = std::max({ab, bc, ca});
-    if (!(most > 1)) {
-      for (const auto& point : {a, b, c}) done.push_back(point);
-    } else if (ab == most) {
-      const glm::vec3 m = 0.5F * (a + b);
-      add(a, m, c);
-      add(m, b, c);
-    } else if (bc == most) {
-      const glm::vec3 m = 0.5F * (b + c);
-      add(a, b, m);
-      add(a, m, c);
-    } else {
-      const glm::vec3 m = 0.5F * (c + a);
-      add(a, b, m);
-      add(m, b, c);
-    }
-  }
-  return done;
-}
-
-}  // namespace
-
 std::vector<glm::vec3> split_for_lens(const std::vector<glm::vec3>& triangles, double longest_edge,
                                       std::size_t max_triangles) {
-  for (float coarser = 1.0F; coarser < 1000.0F; coarser *= 2.0F) {
-    if (auto split =
-            try_split(triangles, static_cast<float>(longest_edge), coarser, max_triangles)) {
-      return std::move(*split);
-    }
-  }
-  return triangles;
+  const auto longest = static_cast<float>(longest_edge);
+  constexpr auto kNear_m = static_cast<float>(kSplitNear_m);
+  constexpr auto kShare = static_cast<float>(kSplitShare);
+  const auto middle = [](const glm::vec3& a, const glm::vec3& b) { return 0.5F * (a + b); };
+  const auto nothing = [](const glm::vec3&, const glm::vec3&, const glm::vec3&) { return false; };
+  return split_within_budget(triangles, [&](double times) {
+    const auto coarser = static_cast<float>(times);
+    const auto excess = [&](const glm::vec3& a, const glm::vec3& b) {
+      return glm::length(a - b) /
+             (coarser * std::max(longest, kShare * (glm::length(middle(a, b)) - kNear_m)));
+    };
+    return split_triangles(triangles, excess, middle, nothing, max_triangles);
+  });
 }
 
 }  // namespace penumbra

@@ -123,6 +123,12 @@ inline CameraModel camera_of(int width, int height, double focal,
   return CameraModel::make(p).value();
 }
 
+// Square, with a lens that bends by some pixels.
+inline CameraModel bent_camera(int side, double focal) {
+  return camera_of(side, side, focal, DistortionModel::plumb_bob,
+                   {-0.28, 0.08, 0.001, -0.0008, 0.0, 0.0, 0.0, 0.0});
+}
+
 inline Frame plain_frame(int width, int height, std::uint8_t value) {
   FrameBuffer buffer = allocate_frame(PixelFormat::grey8, width, height);
   for (int y = 0; y < height; ++y) {

@@ -135,24 +135,28 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   EXPECT_FALSE(Json::parse(report_json(report)).contains("accuracy"));
 }
 
-TEST(RunReport, AccuracyIsOfTheTrackedFramesThatWereProcessed) {
+CameraModel pinhole() {
   CameraParameters p;
   p.width = 640;
   p.height = 480;
   p.fx = p.fy = 500.0;
   p.cx = 320.0;
   p.cy = 240.0;
-  const CameraModel camera = CameraModel::make(p).value();
-  // Looking straight down from 1 m: camera x = table x, camera y = -table y.
-  const CameraPose above(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.0, 0.0, 1.0});
+  return CameraModel::make(p).value();
+}
+// Looking straight down from 1 m: camera x = table x, camera y = -table y.
+const CameraPose kAbove(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.0, 0.0, 1.0});
+
+TEST(RunReport, AccuracyIsOfTheTrackedFramesThatWereProcessed) {
+  const CameraModel camera = pinhole();
   const CameraPose beside(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.003, 0.0, 1.0});
   Trajectory truth;
-  for (int i = 0; i < 10; ++i) truth.poses.push_back({i * 100'000'000LL, above, {}});
+  for (int i = 0; i < 10; ++i) truth.poses.push_back({i * 100'000'000LL, kAbove, {}});
   RunRecorder run;
   for (int i = 2; i < 6; ++i) {
     SessionFrame frame =
         frame_of(i == 5 ? TrackStatus::lost : TrackStatus::tracked, i * 100'000'000LL, true);
-    frame.tracked.pose.T_table_camera = i == 4 ? beside : above;
+    frame.tracked.pose.T_table_camera = i == 4 ? beside : kAbove;
     run.add_frame(frame);
   }
   const Evaluation accuracy = accuracy_of(camera, run, truth);
@@ -165,14 +169,7 @@ TEST(RunReport, AccuracyIsOfTheTrackedFramesThatWereProcessed) {
 
 // A group's errors are those of the camera over its middle: of what is drawn there.
 TEST(RunReport, GroupsAreCountedAndComparedWithTheirTruth) {
-  CameraParameters p;
-  p.width = 640;
-  p.height = 480;
-  p.fx = p.fy = 500.0;
-  p.cx = 320.0;
-  p.cy = 240.0;
-  const CameraModel camera = CameraModel::make(p).value();
-  const CameraPose above(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.0, 0.0, 1.0});
+  const CameraModel camera = pinhole();
   Trajectory truth;
   Trajectory places;
   RunRecorder run;
@@ -181,11 +178,11 @@ TEST(RunReport, GroupsAreCountedAndComparedWithTheirTruth) {
                                                TrackStatus::lost};
   for (std::size_t i = 0; i < statuses.size(); ++i) {
     const auto time_ns = static_cast<std::int64_t>(i) * 100'000'000;
-    truth.poses.push_back({time_ns, above, {}});
+    truth.poses.push_back({time_ns, kAbove, {}});
     places.poses.push_back(
         {time_ns, CameraPose(Eigen::Quaterniond::Identity(), {0.1, 0.02, 0.0}), {}});
     SessionFrame frame = frame_of(TrackStatus::tracked, time_ns, true);
-    frame.tracked.pose.T_table_camera = above;
+    frame.tracked.pose.T_table_camera = kAbove;
     frame.tracked.groups_skipped = 2;
     GroupEstimate& group = frame.tracked.groups.emplace_back();
     group.name = "prop";

@@ -28,8 +28,7 @@ CameraModel straight_camera() {
   return test::camera_of(kSide, kSide, 300.0);
 }
 CameraModel bent_camera() {
-  return test::camera_of(kSide, kSide, 280.0, DistortionModel::plumb_bob,
-                         {-0.28, 0.08, 0.001, -0.0008, 0.0, 0.0, 0.0, 0.0});
+  return test::bent_camera(kSide, 280.0);
 }
 PoseEstimate slanted() {
   return test::tracked(test::look_at({0.35, -0.5, 0.55}, {0.0, 0.02, 0.0}));

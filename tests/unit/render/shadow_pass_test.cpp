@@ -144,31 +144,40 @@ std::vector<std::uint8_t> covered_by(const std::vector<PlanePoint>& points) {
   return mask;
 }
 
+// The scene's first object as the functions of `penumbra shadow` place it over the first plane, on
+// the mesh whose long edges are split for the overhead camera.
+struct PlacedObject {
+  ShadowMesh mesh;
+  CasterGeometry geometry;
+  ShadowKernels kernels;               // of `mesh`
+  std::vector<CasterVertex> vertices;  // of `geometry`
+};
+PlacedObject first_object(const Scene& scene) {
+  const SceneObject& object = scene.objects[0];
+  const PlaneFrame plane = PlaneFrame::make(scene.planes[0].normal, scene.planes[0].point);
+  PlacedObject placed;
+  placed.mesh = make_shadow_mesh(*object.model);
+  placed.geometry =
+      split_long_edges(placed.mesh, longest_caster_edges(scene, overhead_camera())[0]);
+  const Eigen::Vector3d up =
+      KernelDirection::nearest(object.placement.rotation.conjugate() * plane.n).up();
+  placed.kernels = generate_kernels(placed.mesh, up, scene.shadows[0].kernels);
+  ShadowMesh split;
+  split.positions = placed.geometry.positions;
+  split.indices = placed.geometry.indices;
+  const ShadowKernels levelled{up, level_kernels(placed.geometry, placed.kernels), {}};
+  placed.vertices = place_caster(split, levelled, object.placement, plane);
+  return placed;
+}
+
 // The same layer by the CPU's functions alone.
 std::vector<std::uint8_t> cpu_layer(const Scene& scene, ShadowLayer layer) {
-  const SceneObject& object = scene.objects[0];
-  const ShadowNode& node = scene.shadows[0];
-  const PlaneFrame plane = PlaneFrame::make(scene.planes[0].normal, scene.planes[0].point);
-  const ShadowMesh mesh = make_shadow_mesh(*object.model);
-  const CasterGeometry geometry =
-      split_long_edges(mesh, longest_caster_edges(scene, overhead_camera())[0]);
-  const Eigen::Vector3d up = object.placement.rotation.conjugate() * plane.n;
-  const auto kernels = level_kernels(
-      geometry, generate_kernels(mesh, KernelDirection::nearest(up).up(), node.kernels));
-  std::vector<CasterVertex> vertices;
-  for (std::size_t i = 0; i < kernels.size(); ++i) {
-    const Eigen::Vector3d x = plane.to_plane(
-        object.placement *
-        Eigen::Vector3d(geometry.positions[i].x, geometry.positions[i].y, geometry.positions[i].z));
-    const Eigen::Vector3d k = plane.to_plane(
-        object.placement * Eigen::Vector3d(kernels[i].x, kernels[i].y, kernels[i].z));
-    const auto f = [](double value) { return static_cast<float>(value); };
-    vertices.push_back({f(x.x()), f(x.y()), f(x.z()), f(k.x()), f(k.y())});
-  }
+  const LayeredConstants& constants = scene.shadows[0].layered;
+  const PlacedObject placed = first_object(scene);
   std::vector<PlanePoint> points;
-  for (const CasterVertex& v :
-       clip_to_heights(vertices, geometry.indices, layer_height_range(node.layered, layer)))
-    points.push_back(project_to_layer(v, node.layered, layer));
+  for (const CasterVertex& v : clip_to_heights(placed.vertices, placed.geometry.indices,
+                                               layer_height_range(constants, layer)))
+    points.push_back(project_to_layer(v, constants, layer));
   return covered_by(points);
 }
 
@@ -270,29 +279,17 @@ TEST(ShadowPass, AgreesWithTheCpusProjection) {
   }
 }
 
-// The same layer of a light of one size by the functions of `penumbra shadow`, on the mesh whose
-// long edges are split.
+// The same layer of a light of one size.
 std::vector<std::uint8_t> cpu_light_layer(const Scene& scene, ShadowLayer layer) {
-  const SceneObject& object = scene.objects[0];
-  const ShadowNode& node = scene.shadows[0];
-  const PlaneFrame plane = PlaneFrame::make(scene.planes[0].normal, scene.planes[0].point);
-  const ShadowMesh mesh = make_shadow_mesh(*object.model);
-  const CasterGeometry geometry =
-      split_long_edges(mesh, longest_caster_edges(scene, overhead_camera())[0]);
-  const Eigen::Vector3d up =
-      KernelDirection::nearest(object.placement.rotation.conjugate() * plane.n).up();
-  const ShadowKernels kernels = generate_kernels(mesh, up, node.kernels);
+  const PlacedObject placed = first_object(scene);
   std::vector<VertexDisc> discs =
-      vertex_discs(mesh, kernels, part_discs(mesh, up), object.placement.scale);
-  for (const auto& [a, b] : geometry.midpoint_of) {
+      vertex_discs(placed.mesh, placed.kernels, part_discs(placed.mesh, placed.kernels.up),
+                   scene.objects[0].placement.scale);
+  for (const auto& [a, b] : placed.geometry.midpoint_of) {
     discs.push_back({0.5F * (discs[a].radius + discs[b].radius), discs[a].part_radius});
   }
-  ShadowMesh split;
-  split.positions = geometry.positions;
-  split.indices = geometry.indices;
-  const ShadowKernels levelled{up, level_kernels(geometry, kernels), {}};
-  return covered_by(fixed_light_triangles(place_caster(split, levelled, object.placement, plane),
-                                          discs, split.indices, node.layered, layer));
+  return covered_by(fixed_light_triangles(placed.vertices, discs, placed.geometry.indices,
+                                          scene.shadows[0].layered, layer));
 }
 
 TEST(ShadowPass, ALightOfOneSizeAgreesWithTheCpusProjection) {
