@@ -1,0 +1,39 @@
+// The terms of the calibration's bundle adjustment, as cost functions of Ceres: a corner of a
+// target seen in a view, and the priors.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <memory>
+
+#include "core/camera_model.hpp"
+
+namespace ceres {
+class CostFunction;
+}
+
+namespace penumbra {
+
+// The blocks that are solved for, in the order in which a corner's term takes them.
+using LensParameters = std::array<double, 12>;  // fx fy cx cy [px], coefficients
+using ViewParameters = std::array<double, 7>;   // angle-axis [rad] and translation [m] of
+                                                // T_camera_board, edge shift [px]
+using ShapeParameters = std::array<double, 3>;  // the board's bow, or a point's own offset [m]
+
+struct CornerTerm {
+  DistortionModel model = DistortionModel::plumb_bob;
+  Eigen::Vector3d point = Eigen::Vector3d::Zero();  // on the board [m]
+  Eigen::Vector3d bow = Eigen::Vector3d::Zero();    // x^2, y^2, x y; what the shape's numbers scale
+  bool bowed = false;                               // else the shape is an offset
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();  // as measured
+  Eigen::Vector2d spread = Eigen::Vector2d::Zero();  // where the edge shift moves it
+};
+
+// Residual: (projected - measured) [px], 2. Its evaluation fails behind the camera.
+[[nodiscard]] std::unique_ptr<ceres::CostFunction> corner_cost(const CornerTerm& term);
+// Holds a view's edge shift near 0, by a sigma of 1 px. Takes the view's block.
+[[nodiscard]] std::unique_ptr<ceres::CostFunction> edge_shift_prior();
+// Holds a point's offset near 0. Takes a shape's block.
+[[nodiscard]] std::unique_ptr<ceres::CostFunction> offset_prior(double sigma_m);
+
+}  // namespace penumbra
