@@ -147,24 +147,25 @@ class Recorder {
     if (!writer) return;
     writer->add_event(now_ns(), "end");
     ended_.push_back(std::async(std::launch::async, [writer = std::move(writer)] {
-      if (auto finished = writer->finish(); !finished) {
-        spdlog::error("{}", finished.error().message);
-      }
+      Result<void> finished = writer->finish();
       const RecordingCounts counts = writer->counts();
-      return fmt::format("recorded {} frames to {}{}\n", counts.written, writer->folder().string(),
-                         counts.dropped > 0
-                             ? fmt::format("; {} left out, the disk was too slow", counts.dropped)
-                             : std::string());
+      fmt::print("recorded {} frames to {}{}\n", counts.written, writer->folder().string(),
+                 counts.dropped > 0
+                     ? fmt::format("; {} left out, the disk was too slow", counts.dropped)
+                     : std::string());
+      return finished;
     }));
   }
 
-  // Ends the last one too; what became of each.
-  [[nodiscard]] std::string finish() {
+  // Ends the last one too, and says what became of each; fails where one is not whole.
+  [[nodiscard]] Result<void> finish() {
     stop();
-    std::string words;
-    for (std::future<std::string>& ended : ended_) words += ended.get();
+    Result<void> all;
+    for (std::future<Result<void>>& ended : ended_) {
+      if (Result<void> one = ended.get(); !one && all) all = std::move(one);
+    }
     ended_.clear();
-    return words;
+    return all;
   }
 
   // By any thread.
@@ -195,7 +196,7 @@ class Recorder {
   const LiveSource& source_;
   mutable std::mutex mutex_;
   std::shared_ptr<RecordingWriter> writer_;  // guarded by mutex_
-  std::vector<std::future<std::string>> ended_;
+  std::vector<std::future<Result<void>>> ended_;
   bool scene_told_ = false;
 };
 
@@ -513,12 +514,13 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (stats.restarts > 0) {
     report.camera_faults["restarts"] = static_cast<std::int64_t>(stats.restarts);
   }
-  fmt::print("{}", recorder.finish());
+  const auto recorded = recorder.finish();
   if (report.frames == 0) return fail("{}: gave no frame", request.camera);
   if (!finished) return tl::unexpected(finished.error());
   if (auto written = outputs->write_report(report); !written) {
     return tl::unexpected(written.error());
   }
+  if (!recorded) return tl::unexpected(recorded.error());
   return report;
 }
 

@@ -167,7 +167,14 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       "In the window: F1 lists the keys, space pauses, Esc or q closes. Ctrl-C ends cleanly.\n\n"
       "Example:\n"
       "  penumbra live --calibration camera.yaml --record session");
-  command->callback([options, &chosen] {
+  command->callback([command, options, &chosen] {
+    if (options->request.camera.starts_with("recording:")) {
+      for (const char* option :
+           {"--size", "--format", "--exposure", "--gain", "--white-balance", "--focus"}) {
+        if (command->count(option) == 0) continue;
+        throw CLI::ValidationError(option, "a recording that plays as a camera has its own");
+      }
+    }
     apply(options->shadow, options->request.plan);  // wrong usage ends here
     chosen = [options] { return live(*options); };
   });

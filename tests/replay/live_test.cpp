@@ -88,6 +88,24 @@ TEST(Live, CtrlCEndsCleanlyAndLeavesReadableFiles) {
   EXPECT_EQ(replayed.err, "");
 }
 
+TEST(Live, ARecordingThatCouldNotBeWrittenIsAFailureAndThePictureGoesOn) {
+  const test::TemporaryFolder temporary;
+  const std::string session = (temporary.path() / "session").string();
+  // No file may grow beyond 8 KiB, less than a frame has.
+  std::vector<std::string> words = {"-c", R"(trap '' XFSZ; ulimit -f 8; exec "$0" "$@")",
+                                    test::program().string()};
+  for (const std::string& word : live({"--duration", "1", "--record", session})) {
+    words.push_back(word);
+  }
+  const auto done = test::run_program("/bin/bash", words);
+  EXPECT_EQ(done.exit_code, 1);
+  EXPECT_NE(done.err.find("the recording ends here, the picture goes on"), std::string::npos)
+      << done.err;
+  const std::string last = test::lines_of(done.err).back();
+  EXPECT_NE(last.find(session), std::string::npos) << done.err;
+  EXPECT_NE(last.find("free some space"), std::string::npos) << done.err;
+}
+
 TEST(Live, SaysWhatIsMissingInOneLine) {
   test::expect_failure(penumbra({"live", "--no-window"}), {"--calibration", "penumbra calibrate"});
   test::expect_failure(penumbra({"live", "--no-window", "--camera", "v4l2:/dev/no-such-camera",
@@ -107,6 +125,13 @@ TEST(Live, SaysWhatIsMissingInOneLine) {
 TEST(Live, WrongUsageIsExitCode2) {
   EXPECT_EQ(penumbra(live({"--size", "640"})).exit_code, 2);
   EXPECT_EQ(penumbra(live({"--format", "bayer"})).exit_code, 2);
+  // What a recording can't obey.
+  for (const std::vector<std::string>& option : std::vector<std::vector<std::string>>{
+           {"--size", "640x480"}, {"--format", "grey"}, {"--exposure", "4"}, {"--focus", "1"}}) {
+    const auto done = penumbra(live(option));
+    EXPECT_EQ(done.exit_code, 2) << option[0];
+    EXPECT_NE(done.err.find(option[0]), std::string::npos) << done.err;
+  }
   EXPECT_EQ(penumbra(live({"--exposure", "long"})).exit_code, 2);
   EXPECT_EQ(penumbra(live({"--duration", "-1"})).exit_code, 2);
 }
