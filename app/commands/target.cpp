@@ -1,18 +1,24 @@
 // penumbra target: a sheet to print at true scale, and the file that says what lies on it.
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <array>
 #include <memory>
 #include <optional>
+#include <string_view>
+#include <vector>
 
 #include "app/capture/recording_source.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/output/output_file.hpp"
 #include "calib/target_sheet.hpp"
+#include "core/text.hpp"
 
 namespace penumbra {
 namespace {
@@ -79,6 +85,26 @@ SheetTarget sheet_target_of(const TargetOptions& options, TagFamily family) {
   return board;
 }
 
+// An option that would change nothing was meant for another type.
+void check_options_of_type(const CLI::App& command, const std::string& type) {
+  struct Use {
+    const char* option;
+    std::vector<std::string_view> types;
+  };
+  static const std::array<Use, 6> kUses = {{{"--family", {"tags", "aprilgrid", "charuco"}},
+                                            {"--first-id", {"tags", "aprilgrid", "charuco"}},
+                                            {"--tag-size", {"tags", "aprilgrid", "charuco"}},
+                                            {"--pitch", {"tags"}},
+                                            {"--spacing", {"aprilgrid"}},
+                                            {"--square", {"charuco", "chessboard"}}}};
+  for (const Use& use : kUses) {
+    if (command.count(use.option) == 0 || std::ranges::count(use.types, type) > 0) continue;
+    throw CLI::ValidationError(use.option,
+                               fmt::format("a sheet of type {} has none (--type {} has)", type,
+                                           fmt::join(use.types, ", ")));
+  }
+}
+
 // Whatever is wrong here is wrong usage: nothing but the options is looked at.
 ChosenSheet target_of(const TargetOptions& options) {
   const auto family = tag_family_from_string(options.family);
@@ -104,6 +130,16 @@ ChosenSheet target_of(const TargetOptions& options) {
   return {target, *page, options.output, tags};
 }
 
+// Whether there is a file `old` that would not stay the same.
+bool says_otherwise(const std::filesystem::path& old, const std::filesystem::path& replacement) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(old, ignored)) return false;
+  constexpr std::size_t kMaxBytes = 16'000'000;
+  const auto before = read_text_file(old, kMaxBytes);
+  const auto after = read_text_file(replacement, kMaxBytes);
+  return !before || !after || *before != *after;
+}
+
 Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& target) {
   const std::filesystem::path& tags_file = target.tags;
   for (const std::filesystem::path& file : {target.sheet, target.tags}) {
@@ -123,6 +159,12 @@ Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& tar
   if (const auto written = save_target(tags->partial(), target.target, options.measured_mm / 100.0);
       !written) {
     return tl::unexpected(written.error());
+  }
+  if (options.tags.empty() && says_otherwise(tags_file, tags->partial())) {
+    return fail(
+        "{}: is there already and says something else; name it with --tags to replace it, or "
+        "another file",
+        tags_file.string());
   }
   if (const auto done = sheet->commit(); !done) return tl::unexpected(done.error());
   if (const auto done = tags->commit(); !done) return tl::unexpected(done.error());
@@ -201,7 +243,8 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
       "  penumbra target --output sheet.pdf --page a4\n"
       "  penumbra target --output sheet.pdf --page a4 --measured 99.2\n"
       "  penumbra target --type aprilgrid --output grid.pdf");
-  command->callback([options, &chosen] {
+  command->callback([command, options, &chosen] {
+    check_options_of_type(*command, options->type);
     chosen = [options, target = target_of(*options)] { return run_target(*options, target); };
   });
 }

@@ -98,6 +98,12 @@ INSTANTIATE_TEST_SUITE_P(
         std::vector<std::string>{"target", "--output", "x.pdf", "--tag-size", "-1"},
         std::vector<std::string>{"target", "--output", "x.pdf", "--pitch", "0.04"},
         std::vector<std::string>{"target", "--output", "x.pdf", "--first-id", "580"},
+        std::vector<std::string>{"target", "--output", "x.pdf", "--square", "0.03"},
+        std::vector<std::string>{"target", "--output", "x.pdf", "--spacing", "0.3"},
+        std::vector<std::string>{"target", "--output", "x.pdf", "--type", "aprilgrid", "--pitch",
+                                 "0.05"},
+        std::vector<std::string>{"target", "--output", "x.pdf", "--type", "chessboard", "--family",
+                                 "tag36h11"},
         std::vector<std::string>{"evaluate"},
         std::vector<std::string>{"evaluate", "--estimated", "a.tum"}));
 
@@ -149,6 +155,22 @@ TEST(Target, WritesASheetAndItsTags) {
   EXPECT_TRUE(bytes_of(sheet).starts_with("%PDF"));
   EXPECT_THAT(bytes_of(folder.path() / "tags.yaml"), HasSubstr("tag36h11"));
   EXPECT_EQ(contents_of(folder.path()).size(), 2U);
+}
+
+TEST(Target, AsksBeforeItReplacesTagsThatSaySomethingElse) {
+  const TemporaryFolder folder;
+  const std::filesystem::path sheet = folder.path() / "sheet.pdf";
+  const std::filesystem::path tags = folder.path() / "tags.yaml";
+  ASSERT_EQ(penumbra({"target", "--output", sheet}).exit_code, 0);
+  EXPECT_EQ(penumbra({"target", "--output", sheet}).exit_code, 0) << "the same again";
+  const auto before = contents_of(folder.path());
+  const std::vector<std::string> other = {"target", "--output", sheet, "--columns", "3"};
+  expect_failure(penumbra(other), {"tags.yaml", "--tags"});
+  EXPECT_EQ(contents_of(folder.path()), before);
+  std::vector<std::string> named = other;
+  named.insert(named.end(), {"--tags", tags});
+  EXPECT_EQ(penumbra(named).exit_code, 0);
+  EXPECT_NE(contents_of(folder.path()), before);
 }
 
 TEST(Target, LeavesARecordingAlone) {
