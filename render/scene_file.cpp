@@ -850,6 +850,12 @@ Result<Scene> SceneReader::read(const json& root) {
     });
   }
   if (!done) return tl::unexpected(done.error());
+  if (!scene_.objects.empty() && !root.contains("shadows")) {
+    scene_.warnings.push_back(
+        fmt::format("{}: has no shadow node, so nothing casts a shadow; add \"shadows\": "
+                    "[{{\"name\": \"shadow\", \"technique\": \"layered\"}}], or [] to have none",
+                    name_));
+  }
   for (const std::size_t node : unwalled_nodes_) add_default_walls(scene_, scene_.shadows[node]);
   return std::move(scene_);
 }

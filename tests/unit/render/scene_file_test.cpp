@@ -224,10 +224,22 @@ TEST_F(SceneFile, WhatAModelHasToSayIsPassedOn) {
   std::ofstream(folder_.path() / "thing.obj")
       << "mtllib lost.mtl\nv 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n";
   const Result<Scene> scene =
-      load(R"({"objects":[{"name":"a","model":"thing.obj"},{"name":"b","model":"thing.obj"}]})");
+      load(R"({"objects":[{"name":"a","model":"thing.obj"},{"name":"b","model":"thing.obj"}],)"
+           R"("shadows":[]})");
   ASSERT_TRUE(scene) << scene.error().message;
   EXPECT_THAT(scene->warnings,
               testing::ElementsAre(testing::AllOf(HasSubstr("thing.obj"), HasSubstr("lost.mtl"))));
+}
+
+TEST_F(SceneFile, ThatNothingCastsAShadowIsToldUnlessItIsMeant) {
+  const auto warnings = [this](const std::string& shadows) {
+    const Result<Scene> scene = load(fmt::format(R"({{"objects":[{}]{}}})", kBox, shadows));
+    EXPECT_TRUE(scene) << scene.error().message;
+    return scene->warnings;
+  };
+  EXPECT_THAT(warnings(""), testing::ElementsAre(HasSubstr("no shadow node")));
+  EXPECT_TRUE(warnings(R"(,"shadows":[])").empty());
+  EXPECT_TRUE(warnings(R"(,"shadows":[{"name":"shadow","technique":"layered"}])").empty());
 }
 
 TEST_F(SceneFile, AdviceOnTheLightThatIsNotFollowedIsTold) {
