@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "app/capture/libcamera_source.hpp"
 #include "app/capture/mailbox.hpp"
 #include "app/capture/recording_feed.hpp"
 #include "app/capture/recording_writer.hpp"
@@ -47,7 +48,7 @@ std::int64_t now_ns() {
 }
 
 struct CameraName {
-  enum class Kind { v4l2, recording } kind = Kind::v4l2;
+  enum class Kind { v4l2, libcamera, recording } kind = Kind::v4l2;
   std::string name;
 };
 
@@ -58,19 +59,16 @@ Result<CameraName> parse_camera(const std::string& camera) {
   const std::string name = colon == std::string::npos ? std::string() : camera.substr(colon + 1);
   if (kind == "v4l2" && !name.empty()) return CameraName{CameraName::Kind::v4l2, name};
   if (kind == "recording" && !name.empty()) return CameraName{CameraName::Kind::recording, name};
-  if (kind == "libcamera") {
-    return fail(
-        "--camera {}: this penumbra is built without libcamera; name a V4L2 device "
-        "(v4l2:/dev/video0)",
-        camera);
-  }
-  return fail("--camera {}: is no camera; give v4l2:/dev/video0 (penumbra devices lists them)",
-              camera);
+  if (kind == "libcamera" && !name.empty()) return CameraName{CameraName::Kind::libcamera, name};
+  return fail(
+      "--camera {}: is no camera; give v4l2:/dev/video0 or libcamera:0 (penumbra devices lists "
+      "them)",
+      camera);
 }
 
 // What is wrong with the camera at first sight: before anything else is set up.
 Result<void> check_camera(const CameraName& camera) {
-  if (camera.kind == CameraName::Kind::recording) return {};
+  if (camera.kind != CameraName::Kind::v4l2) return {};
   const auto device = V4l2Device::open(camera.name);
   if (!device) return tl::unexpected(device.error());
   return {};
@@ -84,6 +82,17 @@ Result<std::unique_ptr<LiveSource>> open_camera(const CameraName& name, const Li
     const auto recording = open_recording(name.name, options);
     if (!recording) return tl::unexpected(recording.error());
     return open_recording_feed(*recording, request.fps);
+  }
+  if (name.kind == CameraName::Kind::libcamera) {
+    LibcameraOptions options;
+    options.camera = name.name;
+    options.width = request.width.value_or(camera.width());
+    options.height = request.height.value_or(camera.height());
+    options.fps = request.fps.value_or(options.fps);
+    options.format = request.format;
+    options.recording = request.record.has_value();
+    options.controls = request.controls;
+    return open_libcamera_source(options);
   }
   V4l2Options options;
   options.device = name.name;

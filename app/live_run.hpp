@@ -17,7 +17,7 @@
 namespace penumbra {
 
 struct LiveRequest : OutputRequest {
-  std::string camera = "v4l2:/dev/video0";  // v4l2:PATH, or recording:FOLDER played as a camera
+  std::string camera = "v4l2:/dev/video0";  // or libcamera:NAME, recording:FOLDER
   std::filesystem::path calibration;
   std::filesystem::path tags;
   std::filesystem::path scene;

@@ -22,6 +22,21 @@ std::span<const std::uint8_t> trim_jpeg(std::span<const std::uint8_t> bytes) {
   return bytes.first(size);
 }
 
+void count_stamp(FaultCounter& faults, const FrameStamp& stamp) {
+  if (stamp.lost_counted > 0) {
+    faults.count(CaptureFault::gap, "frames are missing, by the driver's numbers",
+                 stamp.lost_counted);
+  }
+  if (stamp.lost_silent > 0) {
+    faults.count(CaptureFault::silent_gap, "frames are missing, by the time between others",
+                 stamp.lost_silent);
+  }
+  if (stamp.bad_time) {
+    faults.count(CaptureFault::bad_time,
+                 "a timestamp that can't be true; the time of arrival stands for it");
+  }
+}
+
 bool is_whole_jpeg(std::span<const std::uint8_t> bytes, int width, int height) {
   const std::size_t size = bytes.size();
   if (size < 4 || bytes[0] != 0xFF || bytes[1] != kStartOfImage || bytes[size - 2] != 0xFF ||

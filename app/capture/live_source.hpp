@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "app/capture/capture_stats.hpp"
+#include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_source.hpp"
 
 namespace penumbra {
@@ -58,6 +59,9 @@ class LiveSource : public FrameSource {
  private:
   StageTime capture_time_;
 };
+
+// Counts what a frame's stamp tells of lost frames and wrong times.
+void count_stamp(FaultCounter& faults, const FrameStamp& stamp);
 
 // Whether the bytes are a JPEG of that size from its first mark to its last: half a picture is not.
 [[nodiscard]] bool is_whole_jpeg(std::span<const std::uint8_t> bytes, int width, int height);

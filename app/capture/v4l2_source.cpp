@@ -20,6 +20,7 @@
 
 #include "app/capture/buffer_ring.hpp"
 #include "app/capture/frame_clock.hpp"
+#include "app/capture/frame_layout.hpp"
 #include "app/capture/v4l2_device.hpp"
 #include "core/units.hpp"
 
@@ -99,39 +100,10 @@ tl::unexpected<Trouble> trouble(const V4l2Device& device, const char* call, int 
   return tl::unexpected<Trouble>({fault, v4l2_help(device.path(), error)});
 }
 
-// Where the planes lie in a buffer, and how many bytes a frame has at least.
-struct Layout {
-  std::array<std::size_t, 3> offset{};
-  Frame frame;  // all but the data pointers
-  std::size_t bytes = 0;
-};
-
-Layout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) {
-  Layout layout;
+FrameLayout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) {
+  FrameLayout layout = frame_layout(known.pixels, static_cast<int>(granted.width),
+                                    static_cast<int>(granted.height), granted.bytesperline);
   Frame& frame = layout.frame;
-  frame.width = static_cast<int>(granted.width);
-  frame.height = static_cast<int>(granted.height);
-  frame.format = known.pixels;
-  const int samples_bytes = known.pixels == PixelFormat::yuyv ? 2 : 1;
-  const int half_width = (frame.width + 1) / 2;
-  const int half_height = (frame.height + 1) / 2;
-  const std::ptrdiff_t stride =
-      std::max<std::ptrdiff_t>(granted.bytesperline, std::ptrdiff_t{samples_bytes} * frame.width);
-  frame.planes[0] = {nullptr, known.pixels == PixelFormat::yuyv ? half_width : frame.width,
-                     frame.height, stride};
-  frame.plane_count = 1;
-  if (known.pixels == PixelFormat::nv12) {
-    frame.planes[1] = {nullptr, half_width, half_height, stride};
-    frame.plane_count = 2;
-  } else if (known.pixels == PixelFormat::yuv420p) {
-    frame.planes[1] = frame.planes[2] = {nullptr, half_width, half_height, stride / 2};
-    frame.plane_count = 3;
-  }
-  for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i) {
-    layout.offset[i] = layout.bytes;
-    layout.bytes += static_cast<std::size_t>(frame.planes[i].stride) *
-                    static_cast<std::size_t>(frame.planes[i].height);
-  }
   const std::uint32_t encoding =
       granted.ycbcr_enc != V4L2_YCBCR_ENC_DEFAULT
           ? granted.ycbcr_enc
@@ -186,7 +158,7 @@ class Stream {
   [[nodiscard]] BufferRing& ring() { return *ring_; }
   [[nodiscard]] const StreamFormat& format() const { return format_; }
   [[nodiscard]] const KnownFormat& known() const { return *known_; }
-  [[nodiscard]] const Layout& layout() const { return layout_; }
+  [[nodiscard]] const FrameLayout& layout() const { return layout_; }
 
  private:
   explicit Stream(V4l2Device device) : device_(std::move(device)) {}
@@ -349,7 +321,7 @@ class Stream {
   const V4l2Device device_;  // outlives the ring's use of it: the destructor closes the ring
   const KnownFormat* known_ = nullptr;
   StreamFormat format_;
-  Layout layout_;
+  FrameLayout layout_;
   std::shared_ptr<BufferRing> ring_;
 };
 
@@ -507,18 +479,7 @@ class V4l2Source final : public LiveSource {
     const FrameStamp stamp = clock_.next(buffer.sequence, driver_ns, monotonic, monotonic_ns());
     image.sequence = stamp.sequence;
     image.timestamp_ns = stamp.timestamp_ns;
-    if (stamp.lost_counted > 0) {
-      faults_.count(CaptureFault::gap, "frames are missing, by the driver's numbers",
-                    stamp.lost_counted);
-    }
-    if (stamp.lost_silent > 0) {
-      faults_.count(CaptureFault::silent_gap, "frames are missing, by the time between others",
-                    stamp.lost_silent);
-    }
-    if (stamp.bad_time) {
-      faults_.count(CaptureFault::bad_time,
-                    "a timestamp that can't be true; the time of arrival stands for it");
-    }
+    count_stamp(faults_, stamp);
 
     if ((buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused == 0) {
       faults_.count(CaptureFault::error_frame, "a frame is marked as bad and left out");

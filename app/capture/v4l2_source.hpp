@@ -6,20 +6,10 @@
 #include <optional>
 #include <string>
 
+#include "app/capture/camera_controls.hpp"
 #include "app/capture/live_source.hpp"
 
 namespace penumbra {
-
-// What a person sets; nothing: as the camera is. Focus is always locked where it can be: a lens
-// that moves is another camera model.
-struct CameraControls {
-  std::optional<double> exposure_ms;
-  bool auto_exposure = false;
-  std::optional<int> gain;
-  std::optional<int> white_balance_k;
-  bool auto_white_balance = false;
-  std::optional<int> focus;  // in the camera's own steps
-};
 
 struct V4l2Options {
   std::filesystem::path device = "/dev/video0";

@@ -6,6 +6,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "app/capture/libcamera_source.hpp"
 #include "app/capture/v4l2_device.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
@@ -42,7 +43,22 @@ Result<ExitCode> list_devices() {
       for (const V4l2Size& size : format.sizes) fmt::print("        {}\n", text_of(size));
     }
   }
-  fmt::print("libcamera: not built into this penumbra\n");
+  const auto cameras = list_libcamera_cameras();
+  if (!cameras) {
+    fmt::print("{}\n", cameras.error().message);
+    return ExitCode::success;
+  }
+  if (cameras->empty()) fmt::print("no camera known to libcamera\n");
+  for (std::size_t i = 0; i < cameras->size(); ++i) {
+    const LibcameraCamera& about = (*cameras)[i];
+    fmt::print("libcamera:{}  {} ({})\n", i, about.model.empty() ? "camera" : about.model,
+               about.id);
+    if (!about.problem.empty()) fmt::print("  can't be used: {}\n", about.problem);
+    for (const LibcameraFormat& format : about.formats) {
+      fmt::print("  {:<5} {}\n", format.name, format.usable ? "" : "(not read by penumbra)");
+      for (const std::string& size : format.sizes) fmt::print("        {}\n", size);
+    }
+  }
   return ExitCode::success;
 }
 

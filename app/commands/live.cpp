@@ -96,8 +96,8 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
 
   command
       ->add_option("--camera", request.camera,
-                   "The camera: v4l2:/dev/video0, or recording:FOLDER to play a recording as if it "
-                   "were one")
+                   "The camera: v4l2:/dev/video0, libcamera:0 or libcamera:NAME, or "
+                   "recording:FOLDER to play a recording as if it were one")
       ->capture_default_str()
       ->type_name("CAMERA");
   command
@@ -115,7 +115,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   command
       ->add_option("--format", request.format,
                    "Pixel format (default: the one that costs least at that size and rate)")
-      ->check(CLI::IsMember({"grey", "nv12", "yu12", "yuyv", "mjpeg"}));
+      ->check(CLI::IsMember({"grey", "nv12", "yu12", "yuyv", "mjpeg", "rgb"}));
   CameraControls& controls = request.controls;
   command
       ->add_option_function<std::string>(
@@ -124,7 +124,8 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
                               [&controls](double ms) { controls.exposure_ms = ms; }),
           "Exposure time [ms], or auto (default: as the camera is)")
       ->type_name("MS|auto");
-  command->add_option("--gain", controls.gain, "Gain, in the camera's steps")->type_name("N");
+  command->add_option("--gain", controls.gain, "Gain, in the camera's steps (libcamera: times)")
+      ->type_name("N");
   command
       ->add_option_function<std::string>(
           "--white-balance",
@@ -135,7 +136,8 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       ->type_name("K|auto");
   command
       ->add_option("--focus", controls.focus,
-                   "Focus, in the camera's steps; it is locked in any case, where it can be")
+                   "Focus, in the camera's steps (libcamera: dioptres); it is locked in any case, "
+                   "where it can be")
       ->type_name("N");
   command
       ->add_option("--record", request.record,

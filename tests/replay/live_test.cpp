@@ -117,6 +117,9 @@ TEST(Live, SaysWhatIsMissingInOneLine) {
   test::expect_failure(
       penumbra({"live", "--no-window", "--camera", "telescope", "--calibration", calibration()}),
       {"telescope", "v4l2:/dev/video0"});
+  test::expect_failure(penumbra({"live", "--no-window", "--camera", "libcamera:no-such-camera",
+                                 "--calibration", calibration()}),
+                       {"libcamera"});
   const test::TemporaryFolder full;
   std::filesystem::create_directory(full.path() / "old");
   test::expect_failure(penumbra(live({"--record", full.path().string()})), {"not empty"});

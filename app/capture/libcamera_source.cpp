@@ -1,0 +1,800 @@
+#include "app/capture/libcamera_source.hpp"
+
+#ifdef PENUMBRA_LIBCAMERA
+
+#include <fmt/format.h>
+#include <libcamera/camera.h>
+#include <libcamera/camera_manager.h>
+#include <libcamera/control_ids.h>
+#include <libcamera/formats.h>
+#include <libcamera/framebuffer_allocator.h>
+#include <libcamera/logging.h>
+#include <libcamera/property_ids.h>
+#include <libcamera/request.h>
+#include <libcamera/transform.h>
+#include <linux/videodev2.h>
+#include <spdlog/spdlog.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <cstring>
+#include <deque>
+#include <filesystem>
+#include <map>
+#include <mutex>
+#include <system_error>
+#include <utility>
+
+#include "app/capture/buffer_ring.hpp"
+#include "app/capture/frame_clock.hpp"
+#include "app/capture/frame_layout.hpp"
+#include "app/capture/libcamera_versions.hpp"
+#include "core/text.hpp"
+#include "core/units.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace lc = libcamera;
+
+// As for V4L2 (v4l2_source.cpp): one being filled, one waiting, and what others hold.
+constexpr unsigned kBuffers = 6;
+constexpr std::size_t kDriverNeeds = 2;
+constexpr auto kSilence = std::chrono::milliseconds(1000);
+constexpr auto kRetry = std::chrono::milliseconds(500);  // libcamera looks for all cameras anew
+constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 30U;  // of one buffer
+
+struct KnownFormat {
+  lc::PixelFormat format;
+  const char* option;  // of --format
+  const char* name;
+  PixelFormat pixels;  // of what is not a JPEG
+  bool jpeg;
+};
+// In the order of what a frame costs; see v4l2_source.cpp.
+const std::array<KnownFormat, 6>& known_formats() {
+  static const std::array<KnownFormat, 6> kFormats{{
+      {lc::formats::NV12, "nv12", "NV12", PixelFormat::nv12, false},
+      {lc::formats::YUV420, "yu12", "YU12", PixelFormat::yuv420p, false},
+      {lc::formats::YUYV, "yuyv", "YUYV", PixelFormat::yuyv, false},
+      {lc::formats::MJPEG, "mjpeg", "MJPEG", PixelFormat::yuv420p, true},
+      // Named as a number is written: its bytes in memory are R, G, B.
+      {lc::formats::BGR888, "rgb", "RGB", PixelFormat::rgb24, false},
+      {lc::formats::R8, "grey", "GREY", PixelFormat::grey8, false},
+  }};
+  return kFormats;
+}
+
+const KnownFormat* find_format(const lc::PixelFormat& format) {
+  for (const KnownFormat& known : known_formats()) {
+    if (known.format == format) return &known;
+  }
+  return nullptr;
+}
+
+std::string message_of(int error) {
+  return std::generic_category().message(error < 0 ? -error : error);
+}
+
+struct Trouble {
+  CaptureFault fault;
+  std::string message;
+};
+template <class T>
+using Started = tl::expected<T, Trouble>;
+
+CaptureFault fault_of(int error) {
+  switch (error < 0 ? -error : error) {
+    case ENODEV:
+    case ENOENT:
+      return CaptureFault::disconnected;
+    case EACCES:
+    case EPERM:
+      return CaptureFault::forbidden;
+    case EBUSY:
+      return CaptureFault::busy;
+    case EINVAL:
+      return CaptureFault::refused;
+    default:
+      return CaptureFault::io_error;
+  }
+}
+
+// libcamera allows one manager in a process; it goes when the last camera has been let go.
+Result<std::shared_ptr<lc::CameraManager>> camera_manager() {
+  static std::mutex mutex;
+  static std::weak_ptr<lc::CameraManager> shared;
+  const std::lock_guard lock(mutex);
+  if (auto manager = shared.lock()) return manager;
+  // What matters is said by the results of the calls. LIBCAMERA_LOG_FILE still takes the rest.
+  if (std::getenv("LIBCAMERA_LOG_LEVELS") == nullptr) lc::logSetTarget(lc::LoggingTargetNone);
+  std::shared_ptr<lc::CameraManager> manager(new lc::CameraManager, [](lc::CameraManager* ended) {
+    ended->stop();
+    delete ended;
+  });
+  if (const int error = manager->start(); error != 0) {
+    return fail("libcamera: does not start: {}; try v4l2:/dev/video0", message_of(error));
+  }
+  shared = manager;
+  return manager;
+}
+
+std::string model_of(const lc::Camera& camera) {
+  return camera.properties().get(lc::properties::Model).value_or(std::string());
+}
+
+Started<std::shared_ptr<lc::Camera>> find_camera(const lc::CameraManager& manager,
+                                                 const std::string& name) {
+  const auto cameras = manager.cameras();
+  if (const auto place = parse_integer(name);
+      place && *place >= 0 && static_cast<std::uint64_t>(*place) < cameras.size()) {
+    return cameras[static_cast<std::size_t>(*place)];
+  }
+  for (const auto& camera : cameras) {
+    if (camera->id() == name || model_of(*camera) == name) return camera;
+  }
+  return tl::unexpected<Trouble>(
+      {CaptureFault::disconnected,
+       cameras.empty()
+           ? fmt::format("libcamera:{}: libcamera finds no camera; plug one in, or see what "
+                         "penumbra devices says of it",
+                         name)
+           : fmt::format(
+                 "libcamera:{}: there is no such camera; penumbra devices lists the {} that "
+                 "there are",
+                 name, cameras.size())});
+}
+
+// The memory of all buffers of a stream, mapped; frames may outlive the camera.
+class Mapping {
+ public:
+  Mapping() = default;
+  Mapping(const Mapping&) = delete;
+  Mapping& operator=(const Mapping&) = delete;
+  ~Mapping() {
+    for (const auto& bytes : maps_) munmap(const_cast<std::uint8_t*>(bytes.data()), bytes.size());
+  }
+
+  struct Buffer {
+    std::vector<std::span<const std::uint8_t>> planes;  // as libcamera has them
+  };
+  // 0, or the error's number.
+  int add(const lc::FrameBuffer& buffer) {
+    std::map<int, std::uint64_t> lengths;  // of each memory
+    for (const auto& plane : buffer.planes()) {
+      const std::uint64_t end = std::uint64_t{offset_of(plane)} + plane.length;
+      if (end == 0 || end > kMostBytes) return EINVAL;
+      std::uint64_t& length = lengths[plane.fd.get()];
+      length = std::max(length, end);
+    }
+    std::map<int, std::span<const std::uint8_t>> mapped;
+    for (const auto& [descriptor, length] : lengths) {
+      void* start = mmap(nullptr, length, PROT_READ, MAP_SHARED, descriptor, 0);
+      if (start == MAP_FAILED) return errno;
+      maps_.emplace_back(static_cast<const std::uint8_t*>(start), length);
+      mapped[descriptor] = maps_.back();
+    }
+    Buffer& added = buffers_.emplace_back();
+    for (const auto& plane : buffer.planes()) {
+      added.planes.push_back(mapped[plane.fd.get()].subspan(offset_of(plane), plane.length));
+    }
+    return buffer.planes().empty() ? EINVAL : 0;
+  }
+  [[nodiscard]] const Buffer& buffer(std::size_t index) const { return buffers_[index]; }
+  [[nodiscard]] std::vector<std::span<const std::uint8_t>> first_planes() const {
+    std::vector<std::span<const std::uint8_t>> spans;
+    for (const Buffer& buffer : buffers_) spans.push_back(buffer.planes.front());
+    return spans;
+  }
+
+ private:
+  static unsigned offset_of(const lc::FrameBuffer::Plane& plane) {
+    return plane.offset == lc::FrameBuffer::Plane::kInvalidOffset ? 0 : plane.offset;
+  }
+  std::vector<std::span<const std::uint8_t>> maps_;
+  std::vector<Buffer> buffers_;
+};
+
+// Requests that libcamera has completed, on its own thread, for ours to take.
+class Completed {
+ public:
+  void put(lc::Request* request) {
+    {
+      const std::lock_guard lock(mutex_);
+      requests_.push_back(request);
+    }
+    changed_.notify_all();
+  }
+  void disconnect() {
+    {
+      const std::lock_guard lock(mutex_);
+      disconnected_ = true;
+    }
+    changed_.notify_all();
+  }
+  void stop() {
+    {
+      const std::lock_guard lock(mutex_);
+      stopped_ = true;
+    }
+    changed_.notify_all();
+  }
+  [[nodiscard]] bool stopped() const {
+    const std::lock_guard lock(mutex_);
+    return stopped_;
+  }
+  [[nodiscard]] bool disconnected() const {
+    const std::lock_guard lock(mutex_);
+    return disconnected_;
+  }
+  // Nothing after the timeout, when the camera went, or after stop().
+  [[nodiscard]] lc::Request* take(std::chrono::milliseconds timeout) {
+    std::unique_lock lock(mutex_);
+    changed_.wait_for(lock, timeout,
+                      [&] { return stopped_ || disconnected_ || !requests_.empty(); });
+    if (stopped_ || disconnected_ || requests_.empty()) return nullptr;
+    lc::Request* request = requests_.front();
+    requests_.pop_front();
+    return request;
+  }
+  // Of a stream that ended; the next one starts with nothing.
+  void clear() {
+    const std::lock_guard lock(mutex_);
+    requests_.clear();
+    disconnected_ = false;
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<lc::Request*> requests_;  // guarded by mutex_
+  bool disconnected_ = false;          // guarded by mutex_
+  bool stopped_ = false;               // guarded by mutex_
+};
+
+// Whether a video device that this process has open is no longer there. libcamera 0.0.3 does not
+// notice that by itself where no udev tells it, and then ends the program in Camera::stop(), by an
+// assertion that all requests came back (pipeline_handler.cpp).
+bool a_device_is_gone() {
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", error)) {
+    const auto target = std::filesystem::read_symlink(entry.path(), error);
+    if (error || !target.string().starts_with("/dev/video")) continue;
+    const auto descriptor = parse_integer(entry.path().filename().string());
+    v4l2_capability about{};
+    if (descriptor && ioctl(static_cast<int>(*descriptor), VIDIOC_QUERYCAP, &about) != 0 &&
+        errno == ENODEV) {
+      return true;
+    }
+  }
+  return false;
+}
+
+// A camera that streams. Stops when destroyed; the memory that frames still hold stays mapped.
+class Stream {
+ public:
+  // `as_before`: only this camera and format will do.
+  struct Before {
+    std::string id;
+    StreamFormat format;
+  };
+  static Started<std::unique_ptr<Stream>> start(const LibcameraOptions& options,
+                                                const std::optional<Before>& as_before,
+                                                Completed& completed) {
+    auto manager = camera_manager();
+    if (!manager) {
+      return tl::unexpected<Trouble>({CaptureFault::io_error, manager.error().message});
+    }
+    auto camera = find_camera(**manager, as_before ? as_before->id : options.camera);
+    if (!camera) return tl::unexpected(camera.error());
+    std::unique_ptr<Stream> stream(new Stream(std::move(*manager), std::move(*camera), completed));
+    if (auto started = stream->run(options, as_before); !started) {
+      return tl::unexpected(started.error());
+    }
+    return stream;
+  }
+  Stream(const Stream&) = delete;
+  Stream& operator=(const Stream&) = delete;
+  ~Stream() {
+    if (ring_) ring_->close();
+    if (running_ && !a_device_is_gone()) camera_->stop();
+    camera_->requestCompleted.disconnect();
+    camera_->disconnected.disconnect();
+    completed_.clear();
+    requests_.clear();
+    allocator_.reset();
+    if (acquired_) camera_->release();
+  }
+
+  [[nodiscard]] const StreamFormat& format() const { return format_; }
+  [[nodiscard]] const KnownFormat& known() const { return *known_; }
+  [[nodiscard]] BufferRing& ring() { return *ring_; }
+  [[nodiscard]] const std::string& id() const { return camera_->id(); }
+  [[nodiscard]] std::string model() const { return model_of(*camera_); }
+
+  // Where each plane of a picture lies in buffer `index`, or nothing where it is too short.
+  [[nodiscard]] std::optional<Frame> frame(std::size_t index) const {
+    const auto& planes = mapping_->buffer(index).planes;
+    Frame frame = layout_.frame;
+    const auto count = static_cast<std::size_t>(frame.plane_count);
+    for (std::size_t i = 0; i < count; ++i) {
+      const bool own = planes.size() == count;  // else all lie in the first, one behind the other
+      const std::span<const std::uint8_t> memory = own ? planes[i] : planes[0];
+      const std::size_t offset = own ? 0 : layout_.offset[i];
+      const std::size_t bytes = static_cast<std::size_t>(frame.planes[i].stride) *
+                                static_cast<std::size_t>(frame.planes[i].height);
+      if (offset + bytes > memory.size()) return std::nullopt;
+      frame.planes[i].data = memory.data() + offset;
+    }
+    return frame;
+  }
+  [[nodiscard]] lc::FrameBuffer* buffer_of(const lc::Request& request) const {
+    return request.findBuffer(stream_);
+  }
+
+ private:
+  Stream(std::shared_ptr<lc::CameraManager> manager, std::shared_ptr<lc::Camera> camera,
+         Completed& completed)
+      : manager_(std::move(manager)), camera_(std::move(camera)), completed_(completed) {}
+
+  [[nodiscard]] tl::unexpected<Trouble> trouble(const char* what, int error) const {
+    const CaptureFault fault = fault_of(error);
+    const char* remedy =
+        fault == CaptureFault::busy ? "another program holds it; close that one"
+        : fault == CaptureFault::forbidden
+            ? "join the group video (sudo usermod -aG video $USER), and log in anew"
+            : "plug the camera in again";
+    return tl::unexpected<Trouble>({fault, fmt::format("libcamera:{}: {} fails: {}; {}", id(), what,
+                                                       message_of(error), remedy)});
+  }
+
+  Started<void> run(const LibcameraOptions& options, const std::optional<Before>& as_before) {
+    if (const int error = camera_->acquire(); error != 0) return trouble("opening it", error);
+    acquired_ = true;
+    std::unique_ptr<lc::CameraConfiguration> configuration =
+        camera_->generateConfiguration({lc::StreamRole::Viewfinder});
+    if (!configuration || configuration->empty()) return trouble("its viewfinder stream", EINVAL);
+    if (auto set = configure(*configuration, options, as_before); !set) return set;
+    if (auto allocated = allocate(); !allocated) return allocated;
+    lc::ControlList controls = start_controls(options);
+    camera_->requestCompleted.connect(this, &Stream::complete);
+    camera_->disconnected.connect(this, &Stream::disconnect);
+    if (const int error = camera_->start(&controls); error != 0) {
+      return trouble("starting it", error);
+    }
+    running_ = true;
+    if (!ring_->queue_all()) return trouble("queueing a request", EINVAL);
+    return {};
+  }
+
+  Started<void> configure(lc::CameraConfiguration& configuration, const LibcameraOptions& options,
+                          const std::optional<Before>& as_before) {
+    lc::StreamConfiguration& wish = configuration.at(0);
+    const lc::Size size(static_cast<unsigned>(options.width),
+                        static_cast<unsigned>(options.height));
+    const std::vector<lc::PixelFormat> offered = wish.formats().pixelformats();
+    // Tried in the order of what they cost; those that don't come in that size last.
+    std::vector<const KnownFormat*> candidates;
+    for (const KnownFormat& known : known_formats()) {
+      if (std::find(offered.begin(), offered.end(), known.format) == offered.end()) continue;
+      if (as_before && as_before->format.name != known.name) continue;
+      if (options.format && *options.format != known.option) continue;
+      candidates.push_back(&known);
+    }
+    const auto has_size = [&](const KnownFormat* known) {
+      return wish.formats().range(known->format).contains(size) ||
+             std::ranges::count(wish.formats().sizes(known->format), size) > 0;
+    };
+    std::stable_sort(candidates.begin(), candidates.end(),
+                     [&](const KnownFormat* a, const KnownFormat* b) {
+                       const auto merit = [&](const KnownFormat* known) {
+                         return std::pair(has_size(known), options.recording && known->jpeg);
+                       };
+                       return merit(a) > merit(b);
+                     });
+    if (candidates.empty()) {
+      const std::string format = as_before ? as_before->format.name : options.format.value_or("");
+      return tl::unexpected<Trouble>(
+          {CaptureFault::wrong_format,
+           fmt::format(
+               "libcamera:{}: gives {} pictures; see what it offers: penumbra devices", id(),
+               format.empty() ? "no NV12, YU12, YUYV, MJPEG, RGB or GREY" : "no " + format)});
+    }
+    known_ = candidates.front();
+    wish.pixelFormat = known_->format;
+    wish.size = size;
+    wish.bufferCount = kBuffers;
+    show_upright(
+        configuration, camera_->properties().get(lc::properties::Rotation).value_or(0),
+        [](int angle, bool* possible) { return lc::transformFromRotation(angle, possible); });
+    if (configuration.validate() == lc::CameraConfiguration::Invalid) {
+      return trouble("this size and format", EINVAL);
+    }
+    const lc::StreamConfiguration& granted = configuration.at(0);
+    known_ = find_format(granted.pixelFormat);
+    format_.width = static_cast<int>(granted.size.width);
+    format_.height = static_cast<int>(granted.size.height);
+    const bool same = !as_before || (known_ != nullptr && as_before->format.name == known_->name &&
+                                     as_before->format.width == format_.width &&
+                                     as_before->format.height == format_.height);
+    if (known_ == nullptr || !same || granted.size.isNull()) {
+      return tl::unexpected<Trouble>(
+          {CaptureFault::wrong_format,
+           fmt::format("libcamera:{}: grants {} for {}x{} {}; choose another --size or --format",
+                       id(), granted.toString(), options.width, options.height,
+                       candidates.front()->name)});
+    }
+    format_.name = known_->name;
+    format_.interval_s = 1.0 / options.fps;
+    if (const int error = camera_->configure(&configuration); error != 0) {
+      return trouble("setting it up", error);
+    }
+    stream_ = granted.stream();
+    if (known_->jpeg) return {};
+    layout_ = frame_layout(known_->pixels, format_.width, format_.height, granted.stride);
+    if (granted.colorSpace) {
+      const lc::ColorSpace& space = *granted.colorSpace;
+      layout_.frame.color_matrix = space.ycbcrEncoding == lc::ColorSpace::YcbcrEncoding::Rec709
+                                       ? ColorMatrix::bt709
+                                       : ColorMatrix::bt601;
+      layout_.frame.color_range =
+          space.range == lc::ColorSpace::Range::Limited ? ColorRange::limited : ColorRange::full;
+    }
+    return {};
+  }
+
+  Started<void> allocate() {
+    allocator_ = std::make_unique<lc::FrameBufferAllocator>(camera_);
+    if (const int count = allocator_->allocate(stream_); count <= 0) {
+      return trouble("getting memory for frames", count == 0 ? ENOMEM : count);
+    }
+    mapping_ = std::make_shared<Mapping>();
+    for (const auto& buffer : allocator_->buffers(stream_)) {
+      if (const int error = mapping_->add(*buffer); error != 0) {
+        return trouble("mapping its buffers", error);
+      }
+      std::unique_ptr<lc::Request> request = camera_->createRequest(requests_.size());
+      if (!request) return trouble("making a request", ENOMEM);
+      if (const int error = request->addBuffer(stream_, buffer.get()); error != 0) {
+        return trouble("making a request", error);
+      }
+      requests_.push_back(std::move(request));
+      fresh_.push_back(true);
+    }
+    if (requests_.size() < kDriverNeeds) return trouble("getting memory for frames", ENOMEM);
+    ring_ = BufferRing::create(mapping_->first_planes(),
+                               {[this](unsigned index) {
+                                  lc::Request& request = *requests_[index];
+                                  if (!fresh_[index]) request.reuse(lc::Request::ReuseBuffers);
+                                  fresh_[index] = false;
+                                  return camera_->queueRequest(&request) == 0;
+                                },
+                                [mapping = mapping_]() mutable { mapping.reset(); }});
+    return {};
+  }
+
+  // What this camera has of what is wished; said where it has not.
+  [[nodiscard]] lc::ControlList start_controls(const LibcameraOptions& options) {
+    const lc::ControlInfoMap& known = camera_->controls();
+    lc::ControlList list(known);
+    const auto has = [&known](const lc::ControlId& control) {
+      return known.find(&control) != known.end();
+    };
+    const auto missing = [&](bool wished, const char* what) {
+      if (wished) {
+        spdlog::warn("libcamera:{}: the camera has no {} to set; it stays as it is", id(), what);
+      }
+    };
+    const CameraControls& wish = options.controls;
+    namespace c = lc::controls;
+    if (has(c::FrameDurationLimits)) {
+      const auto duration_us = static_cast<std::int64_t>(std::lround(1e6 / options.fps));
+      const std::array<std::int64_t, 2> limits = {duration_us, duration_us};
+      list.set(c::FrameDurationLimits, lc::Span<const std::int64_t, 2>(limits));
+    }
+    // A lens that moves is another camera model.
+    if (has(c::AfMode)) list.set(c::AfMode, static_cast<std::int32_t>(c::AfModeManual));
+    if (wish.focus) {
+      if (has(c::LensPosition)) list.set(c::LensPosition, static_cast<float>(*wish.focus));
+      missing(!has(c::LensPosition), "focus");
+    }
+    if (wish.auto_exposure) {
+      if (has(c::AeEnable)) list.set(c::AeEnable, true);
+      missing(!has(c::AeEnable), "automatic exposure");
+    } else if (wish.exposure_ms) {
+      if (has(c::AeEnable)) list.set(c::AeEnable, false);
+      if (has(c::ExposureTime)) {
+        list.set(c::ExposureTime, static_cast<std::int32_t>(std::lround(*wish.exposure_ms * 1e3)));
+      }
+      missing(!has(c::ExposureTime), "exposure");
+    }
+    if (wish.gain) {
+      if (has(c::AnalogueGain)) list.set(c::AnalogueGain, static_cast<float>(*wish.gain));
+      missing(!has(c::AnalogueGain), "gain");
+    }
+    if (wish.auto_white_balance || wish.white_balance_k) {
+      if (has(c::AwbEnable)) list.set(c::AwbEnable, wish.auto_white_balance);
+      missing(!has(c::AwbEnable), "white balance");
+    }
+    if (wish.white_balance_k) {
+      if (has(c::ColourTemperature)) list.set(c::ColourTemperature, *wish.white_balance_k);
+      missing(!has(c::ColourTemperature), "white balance [K]");
+    }
+    return list;
+  }
+
+  void complete(lc::Request* request) {
+    if (request->status() != lc::Request::RequestCancelled) completed_.put(request);
+  }
+  void disconnect() { completed_.disconnect(); }
+
+  // In this order: the manager goes after all that is its own.
+  const std::shared_ptr<lc::CameraManager> manager_;
+  const std::shared_ptr<lc::Camera> camera_;
+  Completed& completed_;
+  bool acquired_ = false, running_ = false;
+  const KnownFormat* known_ = nullptr;
+  StreamFormat format_;
+  FrameLayout layout_;
+  lc::Stream* stream_ = nullptr;
+  std::unique_ptr<lc::FrameBufferAllocator> allocator_;
+  std::vector<std::unique_ptr<lc::Request>> requests_;
+  std::vector<bool> fresh_;  // never queued yet; guarded by the ring's lock
+  std::shared_ptr<Mapping> mapping_;
+  std::shared_ptr<BufferRing> ring_;
+};
+
+class LibcameraSource final : public LiveSource {
+ public:
+  LibcameraSource(LibcameraOptions options, std::unique_ptr<Completed> completed,
+                  std::unique_ptr<Stream> stream)
+      : options_(std::move(options)),
+        before_{stream->id(), stream->format()},
+        model_(stream->model()),
+        faults_("libcamera:" + options_.camera),
+        clock_(nanoseconds(before_.format.interval_s)),
+        completed_(std::move(completed)),
+        stream_(std::move(stream)) {}
+
+  Result<std::optional<CapturedImage>> next_image() override {
+    while (!completed_->stopped()) {
+      if (!stream_ && !reopen()) {
+        (void)completed_->take(kRetry);
+        continue;
+      }
+      if (auto image = receive()) return image;
+    }
+    stream_.reset();
+    return std::optional<CapturedImage>();
+  }
+  void stop() override { completed_->stop(); }
+  [[nodiscard]] StreamFormat format() const override { return before_.format; }
+  [[nodiscard]] FaultCounter& faults() override { return faults_; }
+  [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const override {
+    const std::lock_guard lock(mutex_);
+    return controls_;
+  }
+  [[nodiscard]] std::string description() const override {
+    return fmt::format("libcamera:{} ({}), {} {}x{} at {:.4g}/s", before_.id, model_,
+                       before_.format.name, before_.format.width, before_.format.height,
+                       1.0 / before_.format.interval_s);
+  }
+
+ private:
+  void lose_stream(CaptureFault fault, const std::string& what) {
+    // Told once for an outage, however long.
+    if (outage_ != fault) faults_.count(fault, what);
+    faults_.set_trouble(what);
+    outage_ = fault;
+    stream_.reset();
+  }
+
+  bool reopen() {
+    auto started = Stream::start(options_, before_, *completed_);
+    if (!started) {
+      if (outage_ != started.error().fault) {
+        outage_ = started.error().fault;
+        faults_.count(started.error().fault, started.error().message);
+        faults_.set_trouble(started.error().message);
+      }
+      return false;
+    }
+    stream_ = std::move(*started);
+    clock_.restart(nanoseconds(before_.format.interval_s));
+    faults_.count_restart();
+    return true;
+  }
+
+  std::optional<CapturedImage> receive() {
+    lc::Request* request = completed_->take(kSilence);
+    if (request == nullptr) {
+      if (completed_->stopped()) return std::nullopt;
+      if (completed_->disconnected()) {
+        lose_stream(CaptureFault::disconnected, "the camera is gone");
+      } else {
+        lose_stream(CaptureFault::silent,
+                    fmt::format("no frame for {} s, and no error", kSilence.count() / 1000));
+      }
+      return std::nullopt;
+    }
+    const auto index = static_cast<unsigned>(request->cookie());
+    CapturedImage image;
+    image.owner = stream_->ring().lend(index);
+    if (stream_->ring().refused()) {
+      image.owner.reset();
+      lose_stream(CaptureFault::refused, "libcamera does not take a request back");
+      return std::nullopt;
+    }
+    remember_controls(request->metadata());
+    lc::FrameBuffer* buffer = stream_->buffer_of(*request);
+    if (buffer == nullptr) return std::nullopt;
+    const lc::FrameMetadata& metadata = buffer->metadata();
+    const std::int64_t now =
+        std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
+    const FrameStamp stamp =
+        clock_.next(metadata.sequence, static_cast<std::int64_t>(metadata.timestamp), true, now);
+    image.sequence = stamp.sequence;
+    image.timestamp_ns = stamp.timestamp_ns;
+    count_stamp(faults_, stamp);
+    std::size_t bytes = 0;
+    for (const auto& plane : metadata.planes()) bytes += plane.bytesused;
+    if (metadata.status != lc::FrameMetadata::FrameSuccess || bytes == 0) {
+      faults_.count(CaptureFault::error_frame, "a frame is marked as bad and left out");
+      return std::nullopt;
+    }
+    if (!(stream_->known().jpeg ? read_jpeg(index, bytes, image) : read_planes(index, image))) {
+      return std::nullopt;
+    }
+    if (outage_) {
+      spdlog::info("libcamera:{}: frames come again", options_.camera);
+      faults_.set_trouble(std::nullopt);
+      outage_.reset();
+    }
+    faults_.count_frame();
+    return image;
+  }
+
+  bool read_jpeg(unsigned index, std::size_t used, CapturedImage& image) {
+    auto bytes = stream_->ring().buffer(index);
+    bytes = trim_jpeg(bytes.first(std::min(bytes.size(), used)));
+    if (!is_whole_jpeg(bytes, before_.format.width, before_.format.height)) {
+      faults_.count(CaptureFault::damaged, "a JPEG that is not whole is left out");
+      return false;
+    }
+    if (stream_->ring().in_driver() < kDriverNeeds) {
+      auto copy = std::make_shared<std::vector<std::uint8_t>>(bytes.begin(), bytes.end());
+      bytes = *copy;
+      image.owner = std::move(copy);
+    }
+    image.jpeg = bytes;
+    return true;
+  }
+
+  bool read_planes(unsigned index, CapturedImage& image) {
+    auto frame = stream_->frame(index);
+    if (!frame) {
+      faults_.count(CaptureFault::error_frame, "a frame that is too short is left out");
+      return false;
+    }
+    if (stream_->ring().in_driver() < kDriverNeeds) {
+      std::size_t total = 0;
+      const auto count = static_cast<std::size_t>(frame->plane_count);
+      const auto size_of = [](const PixelPlane& plane) {
+        return static_cast<std::size_t>(plane.stride) * static_cast<std::size_t>(plane.height);
+      };
+      for (std::size_t i = 0; i < count; ++i) total += size_of(frame->planes[i]);
+      const std::shared_ptr<std::uint8_t[]> copy(new std::uint8_t[total]);
+      std::size_t at = 0;
+      for (std::size_t i = 0; i < count; ++i) {
+        std::memcpy(copy.get() + at, frame->planes[i].data, size_of(frame->planes[i]));
+        frame->planes[i].data = copy.get() + at;
+        at += size_of(frame->planes[i]);
+      }
+      image.owner = copy;
+    }
+    image.frame = *frame;
+    image.frame.sequence = image.sequence;
+    image.frame.timestamp_ns = image.timestamp_ns;
+    return true;
+  }
+
+  // As the camera says they were for that frame.
+  void remember_controls(const lc::ControlList& metadata) {
+    namespace c = lc::controls;
+    std::vector<std::pair<std::string, std::int64_t>> now;
+    if (const auto us = metadata.get(c::ExposureTime)) now.emplace_back("exposure_time_us", *us);
+    const auto thousandths = [&now](const char* name, const auto& value) {
+      if (value && std::isfinite(*value) && std::abs(*value) < 1e12F) {
+        now.emplace_back(name, std::llround(1e3 * static_cast<double>(*value)));
+      }
+    };
+    thousandths("analogue_gain_thousandths", metadata.get(c::AnalogueGain));
+    thousandths("lens_position_millidioptres", metadata.get(c::LensPosition));
+    if (const auto k = metadata.get(c::ColourTemperature)) {
+      now.emplace_back("colour_temperature_k", *k);
+    }
+    const std::lock_guard lock(mutex_);
+    controls_ = std::move(now);
+  }
+
+  const LibcameraOptions options_;
+  const Stream::Before before_;
+  const std::string model_;
+  FaultCounter faults_;
+  FrameClock clock_;
+  std::optional<CaptureFault> outage_;  // why no frames come, until they do again
+  mutable std::mutex mutex_;
+  std::vector<std::pair<std::string, std::int64_t>> controls_;  // guarded by mutex_
+  const std::unique_ptr<Completed> completed_;
+  std::unique_ptr<Stream> stream_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<LiveSource>> open_libcamera_source(const LibcameraOptions& options) {
+  auto completed = std::make_unique<Completed>();
+  auto stream = Stream::start(options, std::nullopt, *completed);
+  if (!stream) return fail("{}", stream.error().message);
+  return std::make_unique<LibcameraSource>(options, std::move(completed), std::move(*stream));
+}
+
+Result<std::vector<LibcameraCamera>> list_libcamera_cameras() {
+  const auto manager = camera_manager();
+  if (!manager) return tl::unexpected(manager.error());
+  std::vector<LibcameraCamera> list;
+  for (const auto& camera : (*manager)->cameras()) {
+    LibcameraCamera& about = list.emplace_back();
+    about.id = camera->id();
+    about.model = model_of(*camera);
+    const auto configuration = camera->generateConfiguration({lc::StreamRole::Viewfinder});
+    if (!configuration || configuration->empty()) {
+      about.problem = "it has no viewfinder stream";
+      continue;
+    }
+    const lc::StreamFormats& formats = configuration->at(0).formats();
+    bool usable = false;
+    for (const lc::PixelFormat& format : formats.pixelformats()) {
+      const KnownFormat* known = find_format(format);
+      LibcameraFormat& added = about.formats.emplace_back();
+      added.name = known != nullptr ? known->name : format.toString();
+      added.usable = known != nullptr;
+      usable = usable || added.usable;
+      for (const lc::Size& size : formats.sizes(format)) added.sizes.push_back(size.toString());
+    }
+    if (!usable) about.problem = "it gives no NV12, YU12, YUYV, MJPEG, RGB or GREY pictures";
+  }
+  return list;
+}
+
+}  // namespace penumbra
+
+#else
+
+namespace penumbra {
+namespace {
+
+auto not_built_in() {
+  return fail(
+      "libcamera: is not built into this penumbra; install libcamera-dev and build it again, or "
+      "name a V4L2 device (v4l2:/dev/video0)");
+}
+
+}  // namespace
+
+Result<std::unique_ptr<LiveSource>> open_libcamera_source(const LibcameraOptions&) {
+  return not_built_in();
+}
+
+Result<std::vector<LibcameraCamera>> list_libcamera_cameras() {
+  return not_built_in();
+}
+
+}  // namespace penumbra
+
+#endif

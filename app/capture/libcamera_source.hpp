@@ -1,0 +1,47 @@
+// A camera by libcamera: what a Raspberry Pi's camera connector and most phones' sensors need.
+// The only file that knows libcamera, and what differs between its versions (0.0.3 on Debian 12,
+// 0.5 and later on Raspberry Pi OS).
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "app/capture/camera_controls.hpp"
+#include "app/capture/live_source.hpp"
+
+namespace penumbra {
+
+struct LibcameraOptions {
+  std::string camera = "0";  // its place in the list, its id, or its model's name
+  int width = 640;           // [px] wished for; what libcamera grants is obeyed
+  int height = 480;          // [px]
+  double fps = 30.0;         // wished for, where the camera's rate can be set at all
+  // grey, nv12, yu12, yuyv or mjpeg; nothing: the one that costs least at that size.
+  std::optional<std::string> format;
+  bool recording = false;  // as V4l2Options
+  CameraControls controls;
+};
+
+// Opens the camera and starts its viewfinder stream; an error says why it can't be used. Once it
+// runs, nothing that the camera does is an error: it is counted, and the source goes on trying
+// until stop().
+[[nodiscard]] Result<std::unique_ptr<LiveSource>> open_libcamera_source(
+    const LibcameraOptions& options);
+
+struct LibcameraFormat {
+  std::string name;                // "NV12"
+  bool usable = false;             // by penumbra
+  std::vector<std::string> sizes;  // "640x480"
+};
+struct LibcameraCamera {
+  std::string id;
+  std::string model;
+  std::vector<LibcameraFormat> formats;
+  std::string problem;  // why it can't be used; empty: it can
+};
+// Every camera that libcamera knows, in its order. Fails where penumbra was built without it.
+[[nodiscard]] Result<std::vector<LibcameraCamera>> list_libcamera_cameras();
+
+}  // namespace penumbra
