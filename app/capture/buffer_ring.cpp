@@ -35,8 +35,12 @@ std::shared_ptr<const void> BufferRing::lend(unsigned index) {
     PENUMBRA_ASSERT(in_driver_ > 0);
     --in_driver_;
   }
-  return {buffers_[index].data(),
-          [ring = shared_from_this(), index](const void*) { ring->give_back(index); }};
+  // Lets the ring go itself: whoever keeps a weak_ptr keeps this function too, and with it the
+  // memory, and with that the device.
+  return {buffers_[index].data(), [ring = shared_from_this(), index](const void*) mutable {
+            ring->give_back(index);
+            ring.reset();
+          }};
 }
 
 void BufferRing::give_back(unsigned index) {

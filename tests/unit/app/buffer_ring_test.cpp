@@ -73,6 +73,24 @@ TEST(BufferRing, MemoryStaysUntilTheLastFrameIsGoneThoughTheRingWasClosed) {
   EXPECT_EQ(driver.released, 1);
 }
 
+// What only wants to know whether a picture is the one it saw before must not keep a device that
+// was unplugged from coming back under its own number.
+TEST(BufferRing, AWeakPointerKeepsNoMemory) {
+  FakeDriver driver;
+  auto ring = driver.ring();
+  ASSERT_TRUE(ring->queue_all());
+  const auto index = driver.fill(1);
+  ASSERT_TRUE(index);
+  auto lent = ring->lend(*index);
+  const std::weak_ptr<const void> seen = lent;
+  ring->close();
+  ring.reset();
+  EXPECT_EQ(driver.released, 0);
+  lent.reset();
+  EXPECT_EQ(driver.released, 1);
+  EXPECT_TRUE(seen.expired());
+}
+
 TEST(BufferRing, ARefusalIsRemembered) {
   FakeDriver driver;
   const auto ring = driver.ring();
