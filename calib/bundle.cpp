@@ -8,13 +8,9 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <tuple>
 
 namespace penumbra {
 namespace {
-
-constexpr int kLens = std::tuple_size_v<LensParameters>;
-constexpr int kView = std::tuple_size_v<ViewParameters>;
 
 int lens_count(DistortionModel model) {
   return 4 + coefficient_count(model);
@@ -91,7 +87,7 @@ bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, 
   ownership.cost_function_ownership = ceres::TAKE_OWNERSHIP;
   ceres::Problem problem(ownership);
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-  problem.AddParameterBlock(lens.data(), kLens);
+  problem.AddParameterBlock(lens.data(), kLensSize);
   std::vector<int> fixed;
   if (square_pixels) fixed.push_back(1);
   if (!move_centre) fixed.insert(fixed.end(), {2, 3});
@@ -99,7 +95,7 @@ bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, 
   for (int i = 0; i < 8; ++i) {
     if (i >= std::min(count, free_coefficients)) fixed.push_back(4 + i);
   }
-  if (!fixed.empty()) problem.SetManifold(lens.data(), new ceres::SubsetManifold(kLens, fixed));
+  if (!fixed.empty()) problem.SetManifold(lens.data(), new ceres::SubsetManifold(kLensSize, fixed));
   ordering->AddElementToGroup(lens.data(), 1);
   for (ShapeParameters& shape : shapes_) {
     problem.AddParameterBlock(shape.data(), 3);
@@ -107,10 +103,10 @@ bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, 
     if (options_.shape == BoardShape::rigid) problem.SetParameterBlockConstant(shape.data());
   }
   for (std::size_t v = 0; v < views_.size(); ++v) {
-    problem.AddParameterBlock(poses[v].data(), kView);
+    problem.AddParameterBlock(poses[v].data(), kViewSize);
     ordering->AddElementToGroup(poses[v].data(), 0);
     if (!shifts_[v])
-      problem.SetManifold(poses[v].data(), new ceres::SubsetManifold(kView, {6}));
+      problem.SetManifold(poses[v].data(), new ceres::SubsetManifold(kViewSize, {6}));
     else
       problem.AddResidualBlock(edge_shift_prior().release(),
                                new ceres::ScaledLoss(nullptr, noise * noise, ceres::TAKE_OWNERSHIP),
@@ -217,10 +213,11 @@ Result<CalibrationSolution> Bundle::finish() {
     SolvedView view;
     view.T_board_camera = pose_of(poses[v]);
     view.edge_shift_px = poses[v][6];
-    Eigen::MatrixXd B = Eigen::MatrixXd::Zero(n, kView);
-    Eigen::Matrix<double, kView, kView> C = Eigen::Matrix<double, kView, kView>::Zero();
+    Eigen::MatrixXd B = Eigen::MatrixXd::Zero(n, kViewSize);
+    Eigen::Matrix<double, kViewSize, kViewSize> C =
+        Eigen::Matrix<double, kViewSize, kViewSize>::Zero();
     Eigen::VectorXd g = Eigen::VectorXd::Zero(n);
-    Eigen::Matrix<double, kView, 1> h = Eigen::Matrix<double, kView, 1>::Zero();
+    Eigen::Matrix<double, kViewSize, 1> h = Eigen::Matrix<double, kViewSize, 1>::Zero();
     double sum_view = 0.0;
     int used = 0;
     for (std::size_t c = 0; c < views_[v].corners.size(); ++c) {
@@ -228,8 +225,8 @@ Result<CalibrationSolution> Bundle::finish() {
       ShapeParameters& shape = shape_of(corner.point);
       const std::array<const double*, 3> at = {lens.data(), poses[v].data(), shape.data()};
       Eigen::Vector2d r;
-      Eigen::Matrix<double, 2, kLens, Eigen::RowMajor> J_lens;
-      Eigen::Matrix<double, 2, kView, Eigen::RowMajor> J_view;
+      Eigen::Matrix<double, 2, kLensSize, Eigen::RowMajor> J_lens;
+      Eigen::Matrix<double, 2, kViewSize, Eigen::RowMajor> J_view;
       Eigen::Matrix<double, 2, 3, Eigen::RowMajor> J_shape;
       std::array<double*, 3> jacobians = {J_lens.data(), J_view.data(), J_shape.data()};
       if (!corner_cost(term_of(corner))->Evaluate(at.data(), r.data(), jacobians.data()))
@@ -262,7 +259,7 @@ Result<CalibrationSolution> Bundle::finish() {
       }
     }
     C(6, 6) += shifts_[v] ? 1e-6 : 1.0;
-    const Eigen::LDLT<Eigen::Matrix<double, kView, kView>> pose(C);
+    const Eigen::LDLT<Eigen::Matrix<double, kViewSize, kViewSize>> pose(C);
     const Eigen::MatrixXd BC = pose.solve(B.transpose()).transpose();
     S -= BC * B.transpose();
     scores.emplace_back(g - BC * h);

@@ -5,14 +5,10 @@
 
 #include <algorithm>
 #include <array>
-#include <tuple>
 
 namespace penumbra {
 namespace {
 
-constexpr int kLens = std::tuple_size_v<LensParameters>;
-constexpr int kView = std::tuple_size_v<ViewParameters>;
-constexpr int kShape = std::tuple_size_v<ShapeParameters>;
 constexpr double kEdgeShiftPrior = 1.0;  // [px]
 constexpr double kNearest = 1e-6;        // [m] in front of the camera
 
@@ -32,7 +28,7 @@ struct CornerCost {
     for (int i = 0; i < 3; ++i) q[i] += view[3 + i];
     if (!(q[2] > T(kNearest))) return false;  // Ceres takes a shorter step
     std::array<T, 8> k;
-    std::copy(lens + 4, lens + kLens, k.begin());
+    std::copy(lens + 4, lens + kLensSize, k.begin());
     T x_d;
     T y_d;
     distort<T>(term.model, k, q[0] / q[2], q[1] / q[2], x_d, y_d);
@@ -62,17 +58,18 @@ struct OffsetPrior {
 }  // namespace
 
 std::unique_ptr<ceres::CostFunction> corner_cost(const CornerTerm& term) {
-  return std::make_unique<ceres::AutoDiffCostFunction<CornerCost, 2, kLens, kView, kShape>>(
+  return std::make_unique<
+      ceres::AutoDiffCostFunction<CornerCost, 2, kLensSize, kViewSize, kShapeSize>>(
       new CornerCost{term});
 }
 
 std::unique_ptr<ceres::CostFunction> edge_shift_prior() {
-  return std::make_unique<ceres::AutoDiffCostFunction<EdgeShiftPrior, 1, kView>>(
+  return std::make_unique<ceres::AutoDiffCostFunction<EdgeShiftPrior, 1, kViewSize>>(
       new EdgeShiftPrior);
 }
 
 std::unique_ptr<ceres::CostFunction> offset_prior(double sigma_m) {
-  return std::make_unique<ceres::AutoDiffCostFunction<OffsetPrior, kShape, kShape>>(
+  return std::make_unique<ceres::AutoDiffCostFunction<OffsetPrior, kShapeSize, kShapeSize>>(
       new OffsetPrior{sigma_m});
 }
 

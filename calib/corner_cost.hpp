@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <memory>
+#include <tuple>
 
 #include "core/camera_model.hpp"
 
@@ -19,6 +20,10 @@ using LensParameters = std::array<double, 12>;  // fx fy cx cy [px], coefficient
 using ViewParameters = std::array<double, 7>;   // angle-axis [rad] and translation [m] of
                                                 // T_camera_board, edge shift [px]
 using ShapeParameters = std::array<double, 3>;  // the board's bow, or a point's own offset [m]
+
+inline constexpr int kLensSize = std::tuple_size_v<LensParameters>;
+inline constexpr int kViewSize = std::tuple_size_v<ViewParameters>;
+inline constexpr int kShapeSize = std::tuple_size_v<ShapeParameters>;
 
 struct CornerTerm {
   DistortionModel model = DistortionModel::plumb_bob;
