@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -13,6 +14,8 @@ namespace penumbra {
 namespace {
 
 constexpr int kMaxSideCells = 512;
+constexpr std::size_t kWordCells = 64;
+constexpr std::size_t kRowBlock = 8;  // rows are whole vectors of floats
 // A cell's centre this close to a face counts as covered, so that rounding opens no crack between
 // neighbouring faces.
 constexpr float kEdgeTolerance = 1e-3F;  // [cells]
@@ -21,44 +24,34 @@ float cross(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-// The largest of non-negative values. Eight running maxima, because one alone is a chain of waits.
+// The largest of non-negative values: their bits sort as they do, and the largest of integers is
+// found many at once.
 PENUMBRA_VECTOR_CLONES
 float largest_of(const float* values, std::size_t count) {
-  std::array<float, 8> lanes{};
-  std::size_t i = 0;
-  for (; i + lanes.size() <= count; i += lanes.size()) {
-    for (std::size_t lane = 0; lane < lanes.size(); ++lane) {
-      lanes[lane] = std::max(lanes[lane], values[i + lane]);
-    }
+  std::int32_t largest = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto bits = std::bit_cast<std::int32_t>(values[i]);
+    largest = bits > largest ? bits : largest;
   }
-  for (; i < count; ++i) lanes[0] = std::max(lanes[0], values[i]);
-  float largest = 0.0F;
-  for (const float lane : lanes) largest = std::max(largest, lane);
-  return largest;
+  return std::bit_cast<float>(largest);
 }
 
-// squared[x] = min over x' of (x - x')^2 + g2[x'], from near x' to far ones and all x at once; a
-// step of dx can no longer lower a value of less than dx^2. All numbers are small integers: exact.
+// squared[x] = min over x' of (x - x')^2 + g2[x'] within each row, for all rows one after another:
+// from near x' to far ones, all x at once; a step of dx can no longer lower a value of less than
+// dx^2. Rows begin and end with a 0, which is nearer than what lies beyond: a neighbour in the row
+// before or after lowers nothing. There are dx cells before the first and after the last. All
+// numbers are small integers: exact.
 PENUMBRA_VECTOR_CLONES
-void lower_by_steps(const float* g2, float* squared, std::size_t width, float largest) {
-  for (std::size_t dx = 1; dx < width; ++dx) {
-    const auto step = static_cast<float>(dx * dx);
-    if (step >= largest) break;
+void lower_by_step(const float* g2, float* squared, std::size_t count, std::ptrdiff_t dx) {
+  const auto step = static_cast<float>(dx * dx);
+  const float* left = g2 - dx;
+  const float* right = g2 + dx;
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC ivdep  // two arrays
 #endif
-    for (std::size_t x = dx; x < width; ++x) {
-      const float from_left = step + g2[x - dx];
-      squared[x] = from_left < squared[x] ? from_left : squared[x];
-    }
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC ivdep
-#endif
-    for (std::size_t x = 0; x + dx < width; ++x) {
-      const float from_right = step + g2[x + dx];
-      squared[x] = from_right < squared[x] ? from_right : squared[x];
-    }
-    if (dx % 4 == 0) largest = largest_of(squared, width);
+  for (std::size_t x = 0; x < count; ++x) {
+    const float nearer = step + (left[x] < right[x] ? left[x] : right[x]);
+    squared[x] = nearer < squared[x] ? nearer : squared[x];
   }
 }
 PENUMBRA_VECTOR_CLONES
@@ -85,17 +78,37 @@ void step_up(const float* below, float* here, std::size_t width) {
     here[x] = step < here[x] ? step : here[x];
   }
 }
-// Both copies of a row get its squares.
+// Both copies of some values get their squares.
 PENUMBRA_VECTOR_CLONES
-void take_squares(float* row, float* squares, std::size_t width) {
+void take_squares(float* values, float* squares, std::size_t count) {
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC ivdep  // two arrays
 #endif
-  for (std::size_t x = 0; x < width; ++x) {
-    const float square = row[x] * row[x];
-    row[x] = square;
-    squares[x] = square;
+  for (std::size_t i = 0; i < count; ++i) {
+    const float square = values[i] * values[i];
+    values[i] = square;
+    squares[i] = square;
   }
+}
+
+// Cells of a row as bits to cells as floats: blocks of eight.
+PENUMBRA_VECTOR_CLONES
+void spread_bits(const std::uint64_t* words, std::size_t blocks, float* cells) {
+  for (std::size_t block = 0; block < blocks; ++block) {
+    const auto eight = static_cast<std::int32_t>(words[block / 8] >> (block % 8 * 8) & 0xffU);
+    for (std::size_t i = 0; i < kRowBlock; ++i) {
+      cells[block * kRowBlock + i] = (eight & (1 << i)) != 0 ? 1.0F : 0.0F;
+    }
+  }
+}
+
+// How many runs of covered cells a row has. The cell before its first is not covered.
+PENUMBRA_VECTOR_CLONES
+std::int32_t runs_of(const float* row, std::size_t width) {
+  std::int32_t runs = 0;
+  const float* before = row - 1;
+  for (std::size_t x = 0; x < width; ++x) runs += row[x] > before[x] ? 1 : 0;
+  return runs;
 }
 
 // Points that may lie on the convex hull: all of a few, or the highest and lowest of each column of
@@ -164,6 +177,7 @@ void convex_hull(std::vector<Eigen::Vector2f>& points, std::vector<Eigen::Vector
 
 bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budget) {
   width_ = height_ = 0;
+  stride_ = 0;
   if (points.empty()) return false;
   gather_hull_candidates(points, hull_candidates_);
   convex_hull(hull_candidates_, hull_);
@@ -226,6 +240,7 @@ bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budg
   };
   width_ = cells_along(extent.x());
   height_ = cells_along(extent.y());
+  stride_ = (static_cast<std::size_t>(width_) + kRowBlock - 1) / kRowBlock * kRowBlock;
   // Centred, so that a symmetric silhouette gets a symmetric raster.
   const Eigen::Vector2f corner =
       0.5F * (low + high) -
@@ -238,19 +253,27 @@ bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budg
 bool FootprintRaster::cover(std::span<const Eigen::Vector2f> points,
                             std::span<const std::uint32_t> faces, int cell_budget) {
   if (!fit(points, cell_budget)) return false;
-  covered_.assign(row_offset(height_), 0.0F);
+  row_words_ = (stride_ + kWordCells - 1) / kWordCells;
+  bits_.assign(static_cast<std::size_t>(height_) * row_words_, 0);
   cells_.resize(points.size());
   for (std::size_t i = 0; i < points.size(); ++i) cells_[i] = to_cells(points[i]);
   for (std::size_t i = 0; i + 2 < faces.size(); i += 3) {
     cover_triangle(cells_[faces[i]], cells_[faces[i + 1]], cells_[faces[i + 2]]);
   }
   // Thinner than a cell on the whole: centres alone would leave gaps.
-  if (covered_count() < static_cast<std::size_t>(std::max(width_, height_))) {
+  std::size_t covered = 0;
+  for (const std::uint64_t word : bits_) covered += static_cast<std::size_t>(std::popcount(word));
+  if (covered < static_cast<std::size_t>(std::max(width_, height_))) {
     for (std::size_t i = 0; i + 2 < faces.size(); i += 3) {
       for (std::size_t corner = 0; corner < 3; ++corner) {
         cover_segment(cells_[faces[i + corner]], cells_[faces[i + (corner + 1) % 3]]);
       }
     }
+  }
+  covered_.resize(row_offset(height_));
+  for (int row = 0; row < height_; ++row) {
+    spread_bits(bits_.data() + static_cast<std::size_t>(row) * row_words_, stride_ / kRowBlock,
+                covered_.data() + row_offset(row));
   }
   return true;
 }
@@ -290,8 +313,9 @@ void FootprintRaster::cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen
     }
     const int first = std::max(0, first_centre_from(left));
     const int end = std::min(width_, end_of_centres_at(right));
-    float* cells = covered_.data() + row_offset(row);
-    for (int column = first; column < end; ++column) cells[column] = 1.0F;
+    if (first < end) {
+      cover_cells(row, static_cast<std::size_t>(first), static_cast<std::size_t>(end));
+    }
   }
 }
 
@@ -302,8 +326,19 @@ void FootprintRaster::cover_segment(const Eigen::Vector2f& a, const Eigen::Vecto
     const Eigen::Vector2f p = a + d * (static_cast<float>(i) / static_cast<float>(steps));
     const int column = std::clamp(static_cast<int>(std::floor(p.x())), 1, width_ - 2);
     const int row = std::clamp(static_cast<int>(std::floor(p.y())), 1, height_ - 2);
-    covered_[row_offset(row) + static_cast<std::size_t>(column)] = 1.0F;
+    cover_cells(row, static_cast<std::size_t>(column), static_cast<std::size_t>(column) + 1);
   }
+}
+
+void FootprintRaster::cover_cells(int row, std::size_t first, std::size_t end) {
+  std::uint64_t* words = bits_.data() + static_cast<std::size_t>(row) * row_words_;
+  const std::size_t last_word = (end - 1) / kWordCells;
+  std::uint64_t from = ~std::uint64_t{0} << first % kWordCells;
+  for (std::size_t word = first / kWordCells; word < last_word; ++word) {
+    words[word] |= from;
+    from = ~std::uint64_t{0};
+  }
+  words[last_word] |= from & ~std::uint64_t{0} >> (kWordCells - 1 - (end - 1) % kWordCells);
 }
 
 std::size_t FootprintRaster::covered_count() const {
@@ -320,18 +355,7 @@ void FootprintRaster::fill_small_holes(double share) {
   // Most small parts have one run of cells in each row, and then no hole.
   bool one_run_per_row = true;
   for (int row = 1; row + 1 < height_ && one_run_per_row; ++row) {
-    const float* cells = covered_row(row);
-    std::array<float, 8> lanes{};
-    const int steps = width_ - 1;
-    int column = 0;
-    for (; column + 8 <= steps; column += 8) {
-      for (int lane = 0; lane < 8; ++lane) {
-        lanes[static_cast<std::size_t>(lane)] +=
-            std::abs(cells[column + lane + 1] - cells[column + lane]);
-      }
-    }
-    for (; column < steps; ++column) lanes[0] += std::abs(cells[column + 1] - cells[column]);
-    one_run_per_row = std::accumulate(lanes.begin(), lanes.end(), 0.0F) <= 2.0F;
+    one_run_per_row = runs_of(covered_row(row), stride()) <= 1;
   }
   if (one_run_per_row) return;
 
@@ -389,28 +413,27 @@ void FootprintRaster::fill_small_holes(double share) {
 }
 
 void FootprintRaster::compute_depth() {
-  const auto width = static_cast<std::size_t>(width_);
   depth_.resize(covered_.size());
   // Columns: steps to the nearest uncovered cell up or down. The margin ends every column.
-  std::fill_n(depth_.begin(), width, 0.0F);
+  std::fill_n(depth_.begin(), stride(), 0.0F);
   for (int row = 1; row < height_; ++row) {
     step_down(depth_.data() + row_offset(row - 1), covered_row(row),
-              depth_.data() + row_offset(row), width);
+              depth_.data() + row_offset(row), stride());
   }
   for (int row = height_ - 2; row >= 0; --row) {
-    step_up(depth_.data() + row_offset(row + 1), depth_.data() + row_offset(row), width);
+    step_up(depth_.data() + row_offset(row + 1), depth_.data() + row_offset(row), stride());
   }
-  // Rows: D(x)^2 = min over x' of (x - x')^2 + g(x')^2.
-  squared_column_distance_.resize(width);
-  float* g2 = squared_column_distance_.data();
-  for (int row = 0; row < height_; ++row) {
-    float* squared = depth_.data() + row_offset(row);
-    take_squares(squared, g2, width);
-    const float largest = largest_of(g2, width);
-    if (largest <= 0.0F) continue;
-    lower_by_steps(g2, squared, width, largest);
-    take_roots(squared, width);
+  // Rows: D(x)^2 = min over x' of (x - x')^2 + g(x')^2. The margin's rows are 0 and stay so.
+  squared_column_distance_.resize(depth_.size());
+  take_squares(depth_.data(), squared_column_distance_.data(), depth_.size());
+  const std::size_t inner = depth_.size() - 2 * stride();
+  float* squared = depth_.data() + stride();
+  float largest = largest_of(squared, inner);
+  for (std::ptrdiff_t dx = 1; dx < width_ && static_cast<float>(dx * dx) < largest; ++dx) {
+    lower_by_step(squared_column_distance_.data() + stride(), squared, inner, dx);
+    if (dx % 4 == 0) largest = largest_of(squared, inner);
   }
+  take_roots(squared, inner);
 }
 
 Eigen::Vector2f FootprintRaster::centroid() const {

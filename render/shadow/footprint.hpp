@@ -37,6 +37,8 @@ class FootprintRaster {
     return covered_.data() + row_offset(row);
   }
   [[nodiscard]] const float* depth_row(int row) const { return depth_.data() + row_offset(row); }
+  // From one row to the next: a multiple of 8. Cells from width() on are not covered.
+  [[nodiscard]] std::size_t stride() const { return stride_; }
 
   [[nodiscard]] Eigen::Vector2f to_cells(const Eigen::Vector2f& p) const {
     const Eigen::Vector2f d = (p - origin_) / cell_;
@@ -52,14 +54,16 @@ class FootprintRaster {
 
  private:
   [[nodiscard]] std::size_t row_offset(int row) const {
-    return static_cast<std::size_t>(row) * static_cast<std::size_t>(width_);
+    return static_cast<std::size_t>(row) * stride_;
   }
   bool fit(std::span<const Eigen::Vector2f> points, int cell_budget);
   void cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen::Vector2f c);
   void cover_segment(const Eigen::Vector2f& a, const Eigen::Vector2f& b);
+  void cover_cells(int row, std::size_t first, std::size_t end);
 
   int width_ = 0;
   int height_ = 0;
+  std::size_t stride_ = 0;
   float cell_ = 0.0F;                                 // side of a cell [m]
   Eigen::Vector2f origin_ = Eigen::Vector2f::Zero();  // corner of cell (0, 0) [m]
   Eigen::Vector2f axis_ = Eigen::Vector2f::UnitX();   // direction of a row, unit
@@ -73,6 +77,8 @@ class FootprintRaster {
     std::uint32_t size;
     bool open;  // reaches the margin
   };
+  std::vector<std::uint64_t> bits_;  // a cell each while faces are covered, row_words_ to a row
+  std::size_t row_words_ = 0;
   std::vector<Eigen::Vector2f> cells_;
   std::vector<Eigen::Vector2f> hull_;
   std::vector<Eigen::Vector2f> hull_candidates_;

@@ -1,8 +1,10 @@
 #include "render/shadow/shadow_kernels.hpp"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <limits>
 #include <numeric>
@@ -83,26 +85,166 @@ std::int32_t take_held(const float* x, const float* y, std::int32_t* left, std::
   return held;
 }
 
-// The depth of ridge cells of a row, 0 elsewhere, and whether they are: for x in [1, width - 1).
+// The depth of ridge cells, 0 elsewhere, and whether they are: of `count` cells, rows of `stride`
+// cells one after another. There are a row and a cell before and after them.
 PENUMBRA_VECTOR_CLONES
-void find_ridge(const float* above, const float* here, const float* below, std::size_t width,
-                float* ridge, std::uint8_t* flags) {
+void find_ridge(const float* depths, std::ptrdiff_t stride, std::size_t count, float* ridge,
+                std::uint8_t* flags) {
+  const float* above = depths - stride;
+  const float* below = depths + stride;
+  const float* left = depths - 1;
+  const float* right = depths + 1;
+  const float* above_left = above - 1;
+  const float* above_right = above + 1;
+  const float* below_left = below - 1;
+  const float* below_right = below + 1;
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC ivdep  // different arrays
 #endif
-  for (std::size_t x = 1; x + 1 < width; ++x) {
-    const float beside = here[x - 1] > here[x + 1] ? here[x - 1] : here[x + 1];
+  for (std::size_t x = 0; x < count; ++x) {
+    const float beside = left[x] > right[x] ? left[x] : right[x];
     const float upright = above[x] > below[x] ? above[x] : below[x];
     const float straight = beside > upright ? beside : upright;
-    const float over = above[x - 1] > above[x + 1] ? above[x - 1] : above[x + 1];
-    const float under = below[x - 1] > below[x + 1] ? below[x - 1] : below[x + 1];
+    const float over = above_left[x] > above_right[x] ? above_left[x] : above_right[x];
+    const float under = below_left[x] > below_right[x] ? below_left[x] : below_right[x];
     const float diagonal = over > under ? over : under;
-    const float depth = here[x];
+    const float depth = depths[x];
     const bool on_ridge = (depth > 0.0F) & (depth + kRidgeSlope > straight) &
                           (depth + kRidgeSlope * 1.41421356F > diagonal);
     ridge[x] = on_ridge ? depth : 0.0F;
     flags[x] = on_ridge ? 1 : 0;
   }
+}
+
+// Discs that are asked for the one that reaches a point, many at once.
+constexpr std::size_t kDiscBlock = 16;
+// The first block from `block` on in which a disc reaches the point, and `blocks` where none does.
+PENUMBRA_VECTOR_CLONES
+std::size_t first_reaching_block(const float* x, const float* y, const float* squared_reach,
+                                 std::size_t block, std::size_t blocks, float to_x, float to_y) {
+  for (; block < blocks; ++block) {
+    std::int32_t reached = 0;
+    for (std::size_t i = block * kDiscBlock; i < (block + 1) * kDiscBlock; ++i) {
+      const float dx = x[i] - to_x;
+      const float dy = y[i] - to_y;
+      reached |= dx * dx + dy * dy <= squared_reach[i] ? 1 : 0;
+    }
+    if (reached != 0) break;
+  }
+  return block;
+}
+
+// How far each of the discs' centres is from a point, squared, in radii of the disc and as bits,
+// which sort as they do: infinity where the disc does not reach the point. The least of them.
+PENUMBRA_VECTOR_CLONES
+std::int32_t relative_distances(const float* x, const float* y, const float* squared_reach,
+                                const float* squared_radius, std::size_t count, float to_x,
+                                float to_y, std::int32_t* distances) {
+  std::int32_t least = std::bit_cast<std::int32_t>(std::numeric_limits<float>::infinity());
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // different arrays
+#endif
+  for (std::size_t i = 0; i < count; ++i) {
+    const float dx = x[i] - to_x;
+    const float dy = y[i] - to_y;
+    const float squared = dx * dx + dy * dy;
+    const float in_radii = squared / squared_radius[i];
+    const auto distance = std::bit_cast<std::int32_t>(
+        squared <= squared_reach[i] ? in_radii : std::numeric_limits<float>::infinity());
+    distances[i] = distance;
+    least = distance < least ? distance : least;
+  }
+  return least;
+}
+
+struct Disc {
+  float x, y, radius;  // [cells]
+};
+
+// Discs, each with how far it reaches [cells].
+class ReachingDiscs {
+ public:
+  void clear() { discs_.clear(); }
+  void add(const Disc& disc) { discs_.push_back(disc); }
+  // Once all are there: they reach `times` their radius and `slack` further.
+  void set_reach(float times, float slack) {
+    const std::size_t padded = (discs_.size() + kDiscBlock - 1) / kDiscBlock * kDiscBlock;
+    x_.resize(padded);
+    y_.resize(padded);
+    squared_reach_.resize(padded);
+    squared_radius_.resize(padded);
+    distances_.resize(padded);
+    for (std::size_t i = 0; i < discs_.size(); ++i) {
+      const float reach = times * discs_[i].radius + slack;
+      x_[i] = discs_[i].x;
+      y_[i] = discs_[i].y;
+      squared_reach_[i] = reach * reach;
+      squared_radius_[i] = discs_[i].radius * discs_[i].radius;
+    }
+    for (std::size_t i = discs_.size(); i < padded; ++i) {
+      x_[i] = y_[i] = 0.0F;
+      squared_reach_[i] = -1.0F;
+      squared_radius_[i] = 1.0F;
+    }
+  }
+  [[nodiscard]] const std::vector<Disc>& all() const { return discs_; }
+  [[nodiscard]] bool reaches(std::size_t disc, float x, float y) const {
+    const float dx = x_[disc] - x;
+    const float dy = y_[disc] - y;
+    return dx * dx + dy * dy <= squared_reach_[disc];
+  }
+  // The first from `disc` on that reaches the point; all().size() where none does.
+  [[nodiscard]] std::size_t next_reaching(std::size_t disc, float x, float y) const {
+    for (; disc < discs_.size() && disc % kDiscBlock != 0; ++disc) {
+      if (reaches(disc, x, y)) return disc;
+    }
+    if (disc >= discs_.size()) return discs_.size();
+    const std::size_t block = first_reaching_block(x_.data(), y_.data(), squared_reach_.data(),
+                                                   disc / kDiscBlock, x_.size() / kDiscBlock, x, y);
+    disc = block * kDiscBlock;
+    while (disc < discs_.size() && !reaches(disc, x, y)) ++disc;
+    return std::min(disc, discs_.size());
+  }
+  // Of those from `first` to before `end` that reach the point, as the first does: the one whose
+  // centre is nearest in its own radii.
+  [[nodiscard]] std::size_t nearest(std::size_t first, std::size_t end, float x, float y) {
+    const std::int32_t least =
+        relative_distances(x_.data() + first, y_.data() + first, squared_reach_.data() + first,
+                           squared_radius_.data() + first, end - first, x, y, distances_.data());
+    const auto found = std::find(distances_.begin(), distances_.end(), least);
+    return first + static_cast<std::size_t>(found - distances_.begin());
+  }
+
+ private:
+  std::vector<Disc> discs_;
+  // Whole blocks; those at the end reach nothing.
+  std::vector<float> x_, y_, squared_reach_, squared_radius_;
+  std::vector<std::int32_t> distances_;
+};
+
+// By which of the nine cells around a ridge cell, itself among them, are the same ridge: where that
+// ridge's middle is from there, and how much deeper. Bits from the lower left, row by row.
+struct RidgeMiddle {
+  float x = 0.0F, y = 0.0F, deeper = 0.0F;  // [cells]
+};
+const std::array<RidgeMiddle, 512>& ridge_middles() {
+  static const std::array<RidgeMiddle, 512> table = [] {
+    std::array<RidgeMiddle, 512> middles;
+    for (unsigned cells = 1; cells < middles.size(); ++cells) {
+      RidgeMiddle& middle = middles[cells];
+      for (unsigned cell = 0; cell < 9; ++cell) {
+        if ((cells >> cell & 1U) == 0) continue;
+        middle.x += static_cast<float>(cell % 3) - 1.0F;
+        middle.y += static_cast<float>(cell / 3) - 1.0F;
+      }
+      const auto count = static_cast<float>(std::popcount(cells));
+      middle.x /= count;
+      middle.y /= count;
+      middle.deeper = std::sqrt(middle.x * middle.x + middle.y * middle.y);
+    }
+    return middles;
+  }();
+  return table;
 }
 
 // Cells of a silhouette, each until a disc holds it.
@@ -160,7 +302,8 @@ class LocalThickness {
       return;
     }
     if (part.points.size() <= kFewVertices) {
-      near_.swap(discs_);
+      std::swap(near_, discs_);
+      near_.set_reach(kReach, kReachSlack * nominal_cell_);
       for (std::size_t i = 0; i < part.points.size(); ++i) {
         assign(raster_.to_cells(part.points[i]), kernels[i]);
       }
@@ -248,7 +391,7 @@ class LocalThickness {
     // A cell's thickness is the radius of the largest disc that holds it: from the largest disc on,
     // the median is the one with which half of the cells are held.
     std::size_t left = samples_.x.size() - samples_.x.size() / 2;
-    for (const Disc& disc : discs_) {
+    for (const Disc& disc : discs_.all()) {
       const float reach = disc.radius + 0.5F;
       const std::size_t held = samples_.take(disc.x, disc.y, reach * reach);
       if (held < left) {
@@ -262,10 +405,6 @@ class LocalThickness {
   }
 
  private:
-  struct Disc {
-    float x, y, radius;  // [cells]
-  };
-
   // Agreement is the same with 6 to 12 times the root.
   static int side_cells(const PartGeometry& part) {
     return std::clamp(
@@ -281,31 +420,32 @@ class LocalThickness {
     nominal_cell_ =
         static_cast<float>(std::max(raster_.width(), raster_.height())) / static_cast<float>(side);
     find_discs();
-    return !discs_.empty();
+    return !discs_.all().empty();
   }
 
   void find_discs() {
-    const auto width = static_cast<std::ptrdiff_t>(raster_.width());
-    ridge_.assign(static_cast<std::size_t>(width) * static_cast<std::size_t>(raster_.height()),
-                  0.0F);
-    // Whole blocks of eight for each row; the border is never flagged.
-    const std::size_t flag_stride = (static_cast<std::size_t>(width) + 7) / 8 * 8;
-    ridge_flags_.assign(flag_stride * static_cast<std::size_t>(raster_.height()), 0);
-    for (int row = 1; row + 1 < raster_.height(); ++row) {
-      find_ridge(raster_.depth_row(row - 1), raster_.depth_row(row), raster_.depth_row(row + 1),
-                 static_cast<std::size_t>(width), ridge_.data() + row * width,
-                 ridge_flags_.data() + static_cast<std::size_t>(row) * flag_stride);
-    }
-    discs_.clear();
-    for (int row = 1; row + 1 < raster_.height(); ++row) {
-      const float* ridge = ridge_.data() + row * width;
-      const std::uint8_t* flags = ridge_flags_.data() + static_cast<std::size_t>(row) * flag_stride;
-      for (std::size_t block = 0; block < flag_stride; block += sizeof(std::uint64_t)) {
+    const std::size_t stride = raster_.stride();
+    const auto height = static_cast<std::size_t>(raster_.height());
+    ridge_.resize(stride * height);
+    ridge_flags_.resize(stride * height);
+    // The margin has none.
+    const std::size_t first = stride + 1;
+    const std::size_t last = stride * (height - 1) - 1;
+    std::fill_n(ridge_.begin(), first, 0.0F);
+    std::fill_n(ridge_flags_.begin(), first, std::uint8_t{0});
+    find_ridge(raster_.depth_row(0) + first, static_cast<std::ptrdiff_t>(stride), last - first,
+               ridge_.data() + first, ridge_flags_.data() + first);
+    std::fill(ridge_.begin() + static_cast<std::ptrdiff_t>(last), ridge_.end(), 0.0F);
+    std::fill(ridge_flags_.begin() + static_cast<std::ptrdiff_t>(last), ridge_flags_.end(),
+              std::uint8_t{0});
+    found_.clear();
+    for (std::size_t row = 1; row + 1 < height; ++row) {
+      for (std::size_t block = 0; block < stride; block += sizeof(std::uint64_t)) {
         std::uint64_t eight = 0;  // flags, few of which are set
-        std::memcpy(&eight, flags + block, sizeof(eight));
+        std::memcpy(&eight, ridge_flags_.data() + row * stride + block, sizeof(eight));
         if (eight == 0) continue;
         for (std::size_t i = block; i < block + sizeof(eight); ++i) {
-          if (flags[i] != 0) add_disc(ridge, static_cast<std::ptrdiff_t>(i), row);
+          if (ridge_flags_[row * stride + i] != 0) add_disc(i, row);
         }
       }
     }
@@ -313,45 +453,57 @@ class LocalThickness {
   }
 
   // The disc of a ridge cell.
-  void add_disc(const float* ridge, std::ptrdiff_t column, int row) {
-    const auto width = static_cast<std::ptrdiff_t>(raster_.width());
-    const float depth = ridge[column];
+  void add_disc(std::size_t column, std::size_t row) {
     // A ridge between two rows of cells shows in both: its middle is the mean of what is
     // equally deep around. Without this a kernel lies half a cell off.
-    float x = 0.0F;
-    float y = 0.0F;
-    float count = 0.0F;
-    for (std::ptrdiff_t dy = -1; dy <= 1; ++dy) {
-      for (std::ptrdiff_t dx = -1; dx <= 1; ++dx) {
-        if (std::abs(ridge[dy * width + column + dx] - depth) > kSameDepth) continue;
-        x += static_cast<float>(dx);
-        y += static_cast<float>(dy);
-        count += 1.0F;
+    const float* ridge = ridge_.data() + (row - 1) * raster_.stride() + column - 1;
+    const float depth = ridge[raster_.stride() + 1];
+    unsigned same = 0;
+    for (unsigned y = 0; y < 3; ++y) {
+      for (unsigned x = 0; x < 3; ++x) {
+        const float off = ridge[y * raster_.stride() + x] - depth;
+        same |= static_cast<unsigned>(std::abs(off) <= kSameDepth) << (3 * y + x);
       }
     }
-    x /= count;
-    y /= count;
+    const RidgeMiddle& middle = ridge_middles_[same];
     // The outline runs half a cell before the nearest centre outside; a centre moved to the
     // middle of the ridge is that much deeper.
-    discs_.push_back({static_cast<float>(column) + 0.5F + x, static_cast<float>(row) + 0.5F + y,
-                      depth - 0.5F + std::sqrt(x * x + y * y)});
+    found_.push_back({static_cast<float>(column) + 0.5F + middle.x,
+                      static_cast<float>(row) + 0.5F + middle.y, depth - 0.5F + middle.deeper});
   }
 
-  // Largest first, equal ones in the order of the raster. Radii are positive: their bits sort as
-  // they do.
+  // Largest first, equal ones in the order of the raster: into buckets by radius, and each of those
+  // sorted. Radii are positive: their bits sort as they do.
   void sort_discs() {
-    disc_keys_.resize(discs_.size());
-    for (std::size_t i = 0; i < discs_.size(); ++i) {
-      disc_keys_[i] =
-          (static_cast<std::uint64_t>(~std::bit_cast<std::uint32_t>(discs_[i].radius)) << 32U) | i;
+    discs_.clear();
+    if (found_.empty()) return;
+    float largest = 0.0F;
+    for (const Disc& disc : found_) largest = std::max(largest, disc.radius);
+    constexpr std::size_t kBuckets = 128;
+    const float scale = (static_cast<float>(kBuckets) - 1.0F) / largest;
+    const auto bucket_of = [scale](float radius) {
+      return kBuckets - 1 - std::min(static_cast<std::size_t>(radius * scale), kBuckets - 1);
+    };
+    std::array<std::uint32_t, kBuckets + 1> end{};
+    for (const Disc& disc : found_) ++end[bucket_of(disc.radius) + 1];
+    std::partial_sum(end.begin(), end.end(), end.begin());
+    disc_keys_.resize(found_.size());
+    for (std::size_t i = 0; i < found_.size(); ++i) {
+      disc_keys_[end[bucket_of(found_[i].radius)]++] =
+          (static_cast<std::uint64_t>(~std::bit_cast<std::uint32_t>(found_[i].radius)) << 32U) | i;
     }
-    std::sort(disc_keys_.begin(), disc_keys_.end());
-    near_.resize(discs_.size());
-    for (std::size_t i = 0; i < discs_.size(); ++i) near_[i] = discs_[disc_keys_[i] & 0xffffffffU];
-    discs_.swap(near_);
+    auto begin = disc_keys_.begin();
+    for (std::size_t bucket = 0; bucket < kBuckets; ++bucket) {
+      const auto bucket_end = disc_keys_.begin() + static_cast<std::ptrdiff_t>(end[bucket]);
+      if (!std::is_sorted(begin, bucket_end)) std::sort(begin, bucket_end);
+      begin = bucket_end;
+    }
+    for (const std::uint64_t key : disc_keys_) discs_.add(found_[key & 0xffffffffU]);
   }
 
   void sort_vertices_into_tiles(std::span<const Eigen::Vector2f> points) {
+    // Half a tile's diagonal, and the cell by which a border vertex may lie outside.
+    discs_.set_reach(kReach, 0.5F * kTileCells * 1.41421356F + kBorderSlack * nominal_cell_);
     tile_columns_ = (raster_.width() + kTileCells - 1) / kTileCells;
     const int tile_rows = (raster_.height() + kTileCells - 1) / kTileCells;
     points_.resize(points.size());
@@ -379,44 +531,31 @@ class LocalThickness {
     const int column = static_cast<int>(tile) % tile_columns_;
     const float x = (static_cast<float>(column) + 0.5F) * kTileCells;
     const float y = (static_cast<float>(row) + 0.5F) * kTileCells;
-    // Half a tile's diagonal, and the cell by which a border vertex may lie outside.
-    const float slack = 0.5F * kTileCells * 1.41421356F + kBorderSlack * nominal_cell_;
     near_.clear();
-    for (const Disc& disc : discs_) {
-      const float dx = disc.x - x;
-      const float dy = disc.y - y;
-      const float reach = kReach * disc.radius + slack;
-      if (dx * dx + dy * dy <= reach * reach) near_.push_back(disc);
+    for (std::size_t disc = discs_.next_reaching(0, x, y); disc < discs_.all().size();
+         disc = discs_.next_reaching(disc + 1, x, y)) {
+      near_.add(discs_.all()[disc]);
     }
+    near_.set_reach(kReach, kReachSlack * nominal_cell_);
   }
 
-  void assign(const Eigen::Vector2f& p, PlanarKernel& kernel) const {
+  void assign(const Eigen::Vector2f& p, PlanarKernel& kernel) {
+    const std::vector<Disc>& discs = near_.all();
+    const std::size_t largest = near_.next_reaching(0, p.x(), p.y());
     const Disc* winner = nullptr;
-    float winner_distance = 0.0F;  // squared, in radii
-    float limit = 0.0F;
-    const float slack = kReachSlack * nominal_cell_;
-    for (const Disc& disc : near_) {
-      if (winner != nullptr && disc.radius < limit) break;
-      const float dx = disc.x - p.x();
-      const float dy = disc.y - p.y();
-      const float squared = dx * dx + dy * dy;
-      const float reach = kReach * disc.radius + slack;
-      if (squared > reach * reach) continue;
-      const float distance = squared / (disc.radius * disc.radius);
-      if (winner == nullptr) limit = kEqualRadius * disc.radius;
-      if (winner == nullptr || distance < winner_distance) {
-        winner = &disc;
-        winner_distance = distance;
-      }
-    }
-    if (winner == nullptr) {
+    if (largest < discs.size()) {
+      const float limit = kEqualRadius * discs[largest].radius;
+      std::size_t end = largest + 1;
+      while (end < discs.size() && discs[end].radius >= limit) ++end;
+      winner = &discs[near_.nearest(largest, end, p.x(), p.y())];
+    } else {
       // A border vertex between cells: the disc that misses it by least.
       float least = kBorderSlack * nominal_cell_;
-      for (const Disc& disc : near_) {
-        const float miss = std::hypot(disc.x - p.x(), disc.y - p.y()) - kReach * disc.radius;
+      for (const Disc& other : discs) {
+        const float miss = std::hypot(other.x - p.x(), other.y - p.y()) - kReach * other.radius;
         if (miss >= least) continue;
         least = miss;
-        winner = &disc;
+        winner = &other;
       }
     }
     if (winner == nullptr) return;
@@ -432,7 +571,7 @@ class LocalThickness {
     float y = 0.0F;
     float radius = 0.0F;
     float sum = 0.0F;
-    for (const Disc& disc : near_) {
+    for (const Disc& disc : near_.all()) {
       const float dx = disc.x - p.x();
       const float dy = disc.y - p.y();
       const float inside =
@@ -457,7 +596,9 @@ class LocalThickness {
   std::vector<float> ridge_;  // depth of ridge cells, else 0
   CellSamples samples_;
   std::vector<std::uint8_t> ridge_flags_;  // which those are
-  std::vector<Disc> discs_, near_;
+  const std::array<RidgeMiddle, 512>& ridge_middles_ = ridge_middles();
+  std::vector<Disc> found_;     // in the order of the raster
+  ReachingDiscs discs_, near_;  // largest first; near_: those that may reach a tile's vertices
   std::vector<std::uint64_t> disc_keys_;
   std::vector<Eigen::Vector2f> points_;  // [cells]
   std::vector<std::uint32_t> vertex_tile_, tile_begin_, tile_fill_, tile_vertices_;
