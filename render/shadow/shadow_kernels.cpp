@@ -13,41 +13,24 @@
 #include "core/assert.hpp"
 #include "core/vector_clones.hpp"
 #include "render/shadow/footprint.hpp"
+#include "render/shadow/kernel_tuning.hpp"
 #include "render/shadow/plane_frame.hpp"
 
 namespace penumbra {
 
 namespace {
 
-// Relaxed local thickness (shadows.md 2.6): a vertex belongs to the largest disc inside its part's
-// silhouette that reaches it when grown by kReach. At least sqrt(2): the corners of a square then
-// share its centre, so that a cube scales as a cube.
-//
-// What follows is either what a raster can tell, or the middle of a plateau: of 400 shapes made at
-// random (stars, ribbons, tiles, round bodies, limbs; none of them a test's), whose layers were
-// compared with ray casting.
-constexpr float kReach = 1.5F;
-// Discs this close to the largest count as equally large; of those the one that is nearest, in its
-// own radii, wins. Agreement is the same from 0.93 to 0.96, and worse by 0.002 at 0.97 and by 0.02
-// at 1.
-constexpr float kEqualRadius = 0.95F;
-// A cell whose depth grows by less than this share of the distance to any neighbour is on a ridge:
-// of less than 45 degrees. The same from 0.6 to 0.8.
-constexpr float kRidgeSlope = 0.7F;
-// Neighbours of a ridge cell that are less deep by no more than that are the same ridge, seen in
-// two rows of cells.
-constexpr float kSameDepth = kRidgeSlope;  // [cells]
-constexpr double kHoleShare = 0.005;       // smaller holes are missing faces
-constexpr int kMinSideCells = 32;
-constexpr int kMaxSideCells = 128;
+// Relaxed local thickness (shadows.md 2.6); its constants are in kernel_tuning.hpp.
+constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
+constexpr int kCentroidCells = 128;   // along each side
 constexpr int kMedianFiner = 2;  // a part's median radius is worth twice the cells along each side
 // However small they would be, a part's median radius has so many cells.
 constexpr int kFewestMedianCells = 32 * 32;
 constexpr int kTileCells = 8;
 constexpr std::size_t kFewVertices = 64;  // then tiles cost more than they spare
-// A radius is known to half a cell, so a disc may reach that much further: in cells of a raster
-// whose longer side has the nominal number of cells.
-constexpr float kReachSlack = 0.5F * kReach;
+// A radius is known to half a cell, so a disc may reach that much further, times the reach: in
+// cells of a raster whose longer side has the nominal number of cells.
+constexpr float kRadiusSlack = 0.5F;
 constexpr float kBorderSlack = 1.0F;  // the same for a vertex that no disc reaches
 
 // One of d and -d, the same for both: a silhouette seen from behind has the same kernels.
@@ -88,8 +71,9 @@ std::int32_t take_held(const float* x, const float* y, std::int32_t* left, std::
 // The depth of ridge cells, 0 elsewhere, and whether they are: of `count` cells, rows of `stride`
 // cells one after another. There are a row and a cell before and after them.
 PENUMBRA_VECTOR_CLONES
-void find_ridge(const float* depths, std::ptrdiff_t stride, std::size_t count, float* ridge,
-                std::uint8_t* flags) {
+void find_ridge(const float* depths, std::ptrdiff_t stride, std::size_t count, float slope,
+                float* ridge, std::uint8_t* flags) {
+  const float diagonal_slope = slope * 1.41421356F;
   const float* above = depths - stride;
   const float* below = depths + stride;
   const float* left = depths - 1;
@@ -109,8 +93,8 @@ void find_ridge(const float* depths, std::ptrdiff_t stride, std::size_t count, f
     const float under = below_left[x] > below_right[x] ? below_left[x] : below_right[x];
     const float diagonal = over > under ? over : under;
     const float depth = depths[x];
-    const bool on_ridge = (depth > 0.0F) & (depth + kRidgeSlope > straight) &
-                          (depth + kRidgeSlope * 1.41421356F > diagonal);
+    const bool on_ridge =
+        (depth > 0.0F) & (depth + slope > straight) & (depth + diagonal_slope > diagonal);
     ridge[x] = on_ridge ? depth : 0.0F;
     flags[x] = on_ridge ? 1 : 0;
   }
@@ -291,8 +275,9 @@ Eigen::Vector2f extent_of(const Points& points) {
 // Kernels of one part after another; keeps its buffers.
 class LocalThickness {
  public:
-  explicit LocalThickness(bool smooth, KernelProgress* progress = nullptr)
-      : smooth_(smooth), progress_(progress) {}
+  explicit LocalThickness(bool smooth, KernelProgress* progress = nullptr,
+                          const KernelTuning& tuning = {})
+      : smooth_(smooth), progress_(progress), tuning_(tuning) {}
 
   void generate(const PartGeometry& part, std::span<PlanarKernel> kernels) {
     for (std::size_t i = 0; i < kernels.size(); ++i) kernels[i] = {part.points[i], 0.0F};
@@ -303,7 +288,7 @@ class LocalThickness {
     }
     if (part.points.size() <= kFewVertices) {
       std::swap(near_, discs_);
-      near_.set_reach(kReach, kReachSlack * nominal_cell_);
+      near_.set_reach(tuning_.reach, kRadiusSlack * tuning_.reach * nominal_cell_);
       for (std::size_t i = 0; i < part.points.size(); ++i) {
         assign(raster_.to_cells(part.points[i]), kernels[i]);
       }
@@ -405,11 +390,11 @@ class LocalThickness {
   }
 
  private:
-  // Agreement is the same with 6 to 12 times the root.
-  static int side_cells(const PartGeometry& part) {
+  [[nodiscard]] int side_cells(const PartGeometry& part) const {
     return std::clamp(
-        static_cast<int>(std::lround(8.0 * std::sqrt(static_cast<double>(part.points.size())))),
-        kMinSideCells, kMaxSideCells);
+        static_cast<int>(std::lround(tuning_.cells_per_root *
+                                     std::sqrt(static_cast<double>(part.points.size())))),
+        tuning_.least_side_cells, tuning_.most_side_cells);
   }
 
   // Raster, depth and discs of a part; false where it has none.
@@ -434,7 +419,7 @@ class LocalThickness {
     std::fill_n(ridge_.begin(), first, 0.0F);
     std::fill_n(ridge_flags_.begin(), first, std::uint8_t{0});
     find_ridge(raster_.depth_row(0) + first, static_cast<std::ptrdiff_t>(stride), last - first,
-               ridge_.data() + first, ridge_flags_.data() + first);
+               tuning_.ridge_slope, ridge_.data() + first, ridge_flags_.data() + first);
     std::fill(ridge_.begin() + static_cast<std::ptrdiff_t>(last), ridge_.end(), 0.0F);
     std::fill(ridge_flags_.begin() + static_cast<std::ptrdiff_t>(last), ridge_flags_.end(),
               std::uint8_t{0});
@@ -462,7 +447,7 @@ class LocalThickness {
     for (unsigned y = 0; y < 3; ++y) {
       for (unsigned x = 0; x < 3; ++x) {
         const float off = ridge[y * raster_.stride() + x] - depth;
-        same |= static_cast<unsigned>(std::abs(off) <= kSameDepth) << (3 * y + x);
+        same |= static_cast<unsigned>(std::abs(off) <= tuning_.ridge_slope) << (3 * y + x);
       }
     }
     const RidgeMiddle& middle = ridge_middles_[same];
@@ -503,7 +488,7 @@ class LocalThickness {
 
   void sort_vertices_into_tiles(std::span<const Eigen::Vector2f> points) {
     // Half a tile's diagonal, and the cell by which a border vertex may lie outside.
-    discs_.set_reach(kReach, 0.5F * kTileCells * 1.41421356F + kBorderSlack * nominal_cell_);
+    discs_.set_reach(tuning_.reach, 0.5F * kTileCells * 1.41421356F + kBorderSlack * nominal_cell_);
     tile_columns_ = (raster_.width() + kTileCells - 1) / kTileCells;
     const int tile_rows = (raster_.height() + kTileCells - 1) / kTileCells;
     points_.resize(points.size());
@@ -536,7 +521,7 @@ class LocalThickness {
          disc = discs_.next_reaching(disc + 1, x, y)) {
       near_.add(discs_.all()[disc]);
     }
-    near_.set_reach(kReach, kReachSlack * nominal_cell_);
+    near_.set_reach(tuning_.reach, kRadiusSlack * tuning_.reach * nominal_cell_);
   }
 
   void assign(const Eigen::Vector2f& p, PlanarKernel& kernel) {
@@ -544,7 +529,7 @@ class LocalThickness {
     const std::size_t largest = near_.next_reaching(0, p.x(), p.y());
     const Disc* winner = nullptr;
     if (largest < discs.size()) {
-      const float limit = kEqualRadius * discs[largest].radius;
+      const float limit = tuning_.equal_radius * discs[largest].radius;
       std::size_t end = largest + 1;
       while (end < discs.size() && discs[end].radius >= limit) ++end;
       winner = &discs[near_.nearest(largest, end, p.x(), p.y())];
@@ -552,7 +537,8 @@ class LocalThickness {
       // A border vertex between cells: the disc that misses it by least.
       float least = kBorderSlack * nominal_cell_;
       for (const Disc& other : discs) {
-        const float miss = std::hypot(other.x - p.x(), other.y - p.y()) - kReach * other.radius;
+        const float miss =
+            std::hypot(other.x - p.x(), other.y - p.y()) - tuning_.reach * other.radius;
         if (miss >= least) continue;
         least = miss;
         winner = &other;
@@ -565,7 +551,7 @@ class LocalThickness {
     kernel.radius = chosen.radius * raster_.cell();
   }
 
-  // Mean of all discs that reach p, weighted r^8 (1 - |p - c|^2 / (kReach r)^2)^2.
+  // Mean of all discs that reach p, weighted r^8 (1 - |p - c|^2 / (reach r)^2)^2.
   void blend(const Eigen::Vector2f& p, Disc& chosen) const {
     float x = 0.0F;
     float y = 0.0F;
@@ -575,7 +561,7 @@ class LocalThickness {
       const float dx = disc.x - p.x();
       const float dy = disc.y - p.y();
       const float inside =
-          1.0F - (dx * dx + dy * dy) / (kReach * kReach * disc.radius * disc.radius);
+          1.0F - (dx * dx + dy * dy) / (tuning_.reach * tuning_.reach * disc.radius * disc.radius);
       if (inside <= 0.0F) continue;
       const float relative = disc.radius / chosen.radius;
       const float squared = relative * relative;
@@ -591,6 +577,7 @@ class LocalThickness {
 
   bool smooth_;
   KernelProgress* progress_;
+  KernelTuning tuning_;
   float nominal_cell_ = 1.0F;  // [cells]
   FootprintRaster raster_;
   std::vector<float> ridge_;  // depth of ridge cells, else 0
@@ -667,7 +654,8 @@ PartGeometry geometry_of(const PartList& parts, std::size_t part) {
 }
 
 ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector3d& up,
-                                     KernelSource source, KernelProgress* progress) {
+                                     KernelSource source, KernelProgress* progress,
+                                     const KernelTuning& tuning = {}) {
   ShadowKernels result;
   result.up = up.normalized();
   const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
@@ -690,7 +678,7 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
     std::vector<Eigen::Vector2f> points(count);
     for (std::size_t i = 0; i < count; ++i) points[i] = (projected[i] - projected[0]).cast<float>();
     FootprintRaster raster;
-    if (!raster.cover(points, mesh.indices, kMaxSideCells * kMaxSideCells)) {
+    if (!raster.cover(points, mesh.indices, kCentroidCells * kCentroidCells)) {
       result.kernels = mesh.positions;
       return result;
     }
@@ -700,7 +688,7 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
   }
 
   const PartList parts = split_into_parts(mesh, projected);
-  LocalThickness thickness(source == KernelSource::smooth, progress);
+  LocalThickness thickness(source == KernelSource::smooth, progress, tuning);
   std::vector<PlanarKernel> kernels(count);
   for (std::size_t part = 0; part < mesh.part_count; ++part) {
     const PartGeometry geometry = geometry_of(parts, part);
@@ -757,6 +745,12 @@ ShadowKernels generate_kernels(const ShadowMesh& mesh, const Eigen::Vector3d& up
                                    : generate_for_direction(mesh, up, source, progress);
   if (progress != nullptr) progress->done = progress->total.load();
   return kernels;
+}
+
+ShadowKernels generate_tuned_kernels(const ShadowMesh& mesh, const Eigen::Vector3d& up,
+                                     const KernelTuning& tuning) {
+  PENUMBRA_ASSERT(up.allFinite() && up.squaredNorm() > 0.0);
+  return generate_for_direction(mesh, up, KernelSource::automatic, nullptr, tuning);
 }
 
 std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up,
