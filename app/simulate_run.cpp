@@ -81,6 +81,10 @@ class RecordingFolder {
     return {};
   }
   [[nodiscard]] const fs::path& partial() const { return partial_; }
+  // What went wrong in the partial folder, told of the one that is wanted.
+  [[nodiscard]] tl::unexpected<Error> failed(const Error& cause) const {
+    return tl::unexpected(renamed(cause, partial_, target_));
+  }
 
   Result<void> commit() {
     std::error_code error;
@@ -360,9 +364,9 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   RecordingFolder folder;
   if (auto made = folder.create(request.output); !made) return tl::unexpected(made.error());
   if (auto written = write_text_file(folder.partial() / "camera.yaml", *camera_text); !written)
-    return tl::unexpected(written.error());
+    return folder.failed(written.error());
   if (auto written = write_text_file(folder.partial() / "tags.yaml", *tags_text); !written)
-    return tl::unexpected(written.error());
+    return folder.failed(written.error());
 
   SimulateSummary summary;
   std::string listing = "frame,timestamp_s,file\n";
@@ -376,7 +380,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
     for (int i = 0; i < simulation.frames() && !summary.interrupted; ++i) {
       const std::string name = fmt::format("frames/{:06}.png", i);
       if (auto written = simulation.write_frame(i, folder.partial() / name); !written)
-        return tl::unexpected(written.error());
+        return folder.failed(written.error());
       StampedPose pose = simulation.path().poses[static_cast<std::size_t>(i)];
       pose.comment.clear();
       listing += fmt::format("{},{},{}\n", i, format_ns_as_seconds(pose.timestamp_ns), name);
@@ -394,23 +398,23 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
     }
   }
   if (auto written = save_trajectory(folder.partial() / "groundtruth.tum", truth); !written)
-    return tl::unexpected(written.error());
+    return folder.failed(written.error());
   if (!group_truth.empty()) {
     std::error_code error;
     fs::create_directory(folder.partial() / "groups", error);
     if (error) {
       return fail("{}: cannot be made: {}; choose another place",
-                  (folder.partial() / "groups").string(), error.message());
+                  (request.output / "groups").string(), error.message());
     }
   }
   for (const auto& [group, places] : group_truth) {
     std::string text = "# timestamp tx ty tz qx qy qz qw: T_table_group, seconds and metres\n";
     for (const StampedPose& place : places.poses) text += format_tum(place) + "\n";
     const auto written = write_text_file(folder.partial() / "groups" / *group_file(group), text);
-    if (!written) return tl::unexpected(written.error());
+    if (!written) return folder.failed(written.error());
   }
   if (auto written = write_text_file(folder.partial() / "timestamps.csv", listing); !written)
-    return tl::unexpected(written.error());
+    return folder.failed(written.error());
   if (auto done = folder.commit(); !done) return tl::unexpected(done.error());
   return summary;
 }

@@ -146,7 +146,7 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
   const std::string date = fmt::format("{:%Y-%m-%d}", fmt::localtime(std::time(nullptr)));
   const CalibrationRecord record = record_of(*calibration, *target, date, options.focus_position);
   if (auto saved = save_camera(output->partial(), camera, format_of(options), &record); !saved)
-    return tl::unexpected(saved.error());
+    return output->failed(saved.error());
   if (report) {
     ReportInput input;
     input.title = options.source.string();

@@ -142,7 +142,7 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
   const auto bytes = encode(options, plain, kernels);
   if (!bytes) return tl::unexpected(bytes.error());
   if (const auto done = write_file(output->partial(), *bytes); !done) {
-    return tl::unexpected(done.error());
+    return output->failed(done.error());
   }
   if (const auto done = output->commit(); !done) return tl::unexpected(done.error());
   fmt::print("kernels: {} ({} vertices, {:.1f} ms)\n", options.output.string(),

@@ -110,7 +110,7 @@ Result<ExitCode> run_map(const MapOptions& options) {
   const auto result = survey_tags(*recording->camera, frames, survey);
   if (!result) return fail_in(options.recording.string(), result.error());
   if (auto saved = save_tag_survey(output->partial(), *result); !saved)
-    return tl::unexpected(saved.error());
+    return output->failed(saved.error());
   if (auto done = output->commit(); !done) return tl::unexpected(done.error());
   for (const std::string& line : result->left_out) fmt::print("left out: {}\n", line);
   fmt::print("{:>5}{:>9}{:>11}{:>11}{:>11}{:>15}\n", "tag", "frames", "x [mm]", "y [mm]", "z [mm]",

@@ -123,6 +123,9 @@ LayeredConstants constants_from(const ShadowOptions& options) {
     if (!constants) wrong("--workspace-height", constants.error().message);
     return *constants;
   }
+  if (options.light_ratio && options.umbra_height) {
+    wrong("--umbra-height", "stands in place of --light-ratio; give one of the two");
+  }
   const LayeredConstants usual;
   double ratio = options.light_ratio.value_or(0.0);
   if (options.light_ratio && !(ratio > 0.0)) {
@@ -139,12 +142,8 @@ LayeredConstants constants_from(const ShadowOptions& options) {
       wrong("--light-height", fmt::format("{}: is not a number of metres", options.light_height));
     }
     height = *number;
-    if (std::isfinite(height) && !options.light_ratio && !options.umbra_height) {
-      ratio = usual.light_ratio;
-    }
-  } else if (options.umbra_height) {
-    height = umbra * (options.light_ratio ? ratio : usual.light_ratio);
-  } else if (!options.light_ratio) {
+  }
+  if (!options.light_ratio && !options.umbra_height && !std::isinf(height)) {
     ratio = usual.light_ratio;
   }
   const auto constants = make_layered_constants(height, ratio, umbra);
@@ -544,6 +543,9 @@ ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result) {
 }
 
 Result<ExitCode> run_shadow(const ShadowJob& job) {
+  if (job.show_kernels && job.technique != ShadowJob::Technique::layered) {
+    spdlog::warn("--show-kernels: this technique has no kernels");
+  }
   if (job.constants.light_ratio <= 1.0 && (job.technique == ShadowJob::Technique::layered ||
                                            job.technique == ShadowJob::Technique::field)) {
     spdlog::warn("a = {:g}: the umbra never vanishes; the usual light has a > 1",
@@ -561,7 +563,7 @@ Result<ExitCode> run_shadow(const ShadowJob& job) {
   if (!result) return tl::unexpected(result.error());
   if (job.format == ShadowJob::Format::png) {
     if (const auto done = write_shadow_png(output->partial(), picture_of(job, *result)); !done) {
-      return tl::unexpected(done.error());
+      return output->failed(done.error());
     }
     if (const auto done = output->commit(); !done) return tl::unexpected(done.error());
   } else {
@@ -595,7 +597,7 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
       ->type_name("A");
   command
       ->add_option("--umbra-height", options->umbra_height,
-                   "Height at which the umbra vanishes, H / A [m]; in place of --light-ratio")
+                   "Height at which the umbra vanishes [m], in place of --light-ratio: A = H / HU")
       ->type_name("HU");
   command
       ->add_option("--workspace-height", options->workspace_height,

@@ -154,11 +154,11 @@ Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& tar
   auto tags = OutputFile::create(tags_file);
   if (!tags) return tl::unexpected(tags.error());
   if (const auto written = write_sheet(sheet->partial(), target.target, target.page); !written) {
-    return tl::unexpected(written.error());
+    return sheet->failed(written.error());
   }
   if (const auto written = save_target(tags->partial(), target.target, options.measured_mm / 100.0);
       !written) {
-    return tl::unexpected(written.error());
+    return tags->failed(written.error());
   }
   if (options.tags.empty() && says_otherwise(tags_file, tags->partial())) {
     return fail(

@@ -24,6 +24,7 @@ Result<OutputFile> OutputFile::create(const fs::path& target) {
   OutputFile file;
   std::error_code error;
   // A link is written through, not replaced.
+  file.asked_ = target;
   file.target_ = follow_links(target);
   const fs::file_status status = fs::status(file.target_, error);
   if (fs::is_directory(status)) {
@@ -58,13 +59,15 @@ Result<OutputFile> OutputFile::create(const fs::path& target) {
 }
 
 OutputFile::OutputFile(OutputFile&& other) noexcept
-    : target_(std::move(other.target_)),
+    : asked_(std::move(other.asked_)),
+      target_(std::move(other.target_)),
       partial_(std::exchange(other.partial_, {})),
       direct_(other.direct_) {}
 
 OutputFile& OutputFile::operator=(OutputFile&& other) noexcept {
   if (this != &other) {
     discard();
+    asked_ = std::move(other.asked_);
     target_ = std::move(other.target_);
     partial_ = std::exchange(other.partial_, {});
     direct_ = other.direct_;
@@ -87,12 +90,28 @@ Result<void> OutputFile::commit() {
     std::error_code error;
     fs::rename(partial_, target_, error);
     if (error) {
-      return fail("{}: cannot be written: {}; choose another place", target_.string(),
+      return fail("{}: cannot be written: {}; choose another place", asked_.string(),
                   error.message());
     }
   }
   partial_.clear();
   return {};
+}
+
+tl::unexpected<Error> OutputFile::failed(const Error& cause) const {
+  return tl::unexpected(renamed(cause, partial_, asked_));
+}
+
+Error renamed(const Error& error, const fs::path& written, const fs::path& asked) {
+  const std::string from = written.string();
+  const std::string to = asked.string();
+  Error told = error;
+  if (from.empty()) return told;
+  for (std::size_t at = told.message.find(from); at != std::string::npos;
+       at = told.message.find(from, at + to.size())) {
+    told.message.replace(at, from.size(), to);
+  }
+  return told;
 }
 
 fs::path partial_path(const fs::path& target, int attempt) {

@@ -22,15 +22,19 @@ class OutputFile {
   OutputFile& operator=(const OutputFile&) = delete;
   ~OutputFile();
 
-  [[nodiscard]] const std::filesystem::path& target() const { return target_; }
+  // As create() was given it: what messages name.
+  [[nodiscard]] const std::filesystem::path& target() const { return asked_; }
   // Where to write until commit().
   [[nodiscard]] const std::filesystem::path& partial() const { return partial_; }
   [[nodiscard]] Result<void> commit();
+  // What went wrong with the partial file, told of the target.
+  [[nodiscard]] tl::unexpected<Error> failed(const Error& cause) const;
 
  private:
   OutputFile() = default;
   void discard() noexcept;
-  std::filesystem::path target_;
+  std::filesystem::path asked_;
+  std::filesystem::path target_;   // that, or where the link leads
   std::filesystem::path partial_;  // empty once committed or moved from
   bool direct_ = false;
 };
@@ -42,6 +46,10 @@ class OutputFile {
 // there: two runs with one target never share it.
 [[nodiscard]] std::filesystem::path partial_path(const std::filesystem::path& target, int attempt);
 inline constexpr int kPartialAttempts = 1000;
+
+// A message with the path that the user gave in the place of the one that was written to meanwhile.
+[[nodiscard]] Error renamed(const Error& error, const std::filesystem::path& written,
+                            const std::filesystem::path& asked);
 
 // Where a link leads, link after link, also when there is nothing yet: what is written to a link
 // goes there. Any other path as it is.

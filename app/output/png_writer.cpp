@@ -104,10 +104,8 @@ class PngWriter final : public FrameWriter {
     auto saved = save_png(partial_ / name, format_.width, format_.height, rgba);
     if (saved) return saved;
     // By the name that the user gave, not by that of the folder that is filled meanwhile.
-    const std::string at = (partial_ / name).string();
-    std::string message = saved.error().message;
-    if (message.starts_with(at)) message = (folder_ / name).string() + message.substr(at.size());
-    return fail("{}; free some space or choose another place", message);
+    return fail("{}; free some space or choose another place",
+                renamed(saved.error(), partial_, folder_).message);
   }
 
   Result<void> finish() override {

@@ -73,6 +73,35 @@ TEST_F(ShadowCommand, ConstantsByEveryWay) {
   EXPECT_NEAR(json["a"].get<double>(), 3.0, 1e-12);
   json = layers({file("square.obj"), "--light-height", "1.2", "--umbra-height", "0.4"});
   EXPECT_NEAR(json["a"].get<double>(), 3.0, 1e-12);
+  json = layers({file("square.obj"), "--umbra-height", "0.45"});
+  EXPECT_EQ(json["H"], 0.9);
+  EXPECT_NEAR(json["a"].get<double>(), 2.0, 1e-12);
+  json = layers({file("square.obj"), "--light-ratio", "4.5"});
+  EXPECT_EQ(json["H"], 0.9);
+  EXPECT_NEAR(json["umbra_height"].get<double>(), 0.2, 1e-12);
+}
+
+TEST_F(ShadowCommand, OptionsThatContradictEachOtherAreWrongUsage) {
+  using Words = std::vector<std::string>;
+  for (const Words& words :
+       {Words{"--light-ratio", "3", "--umbra-height", "0.3"},
+        Words{"--light-height", "0.9", "--light-ratio", "3", "--umbra-height", "0.3"},
+        Words{"--light-height", "inf"}, Words{"--light-height", "inf", "--light-ratio", "3"},
+        Words{"--light-height", "0"}, Words{"--light-ratio", "0"}, Words{"--umbra-height", "-1"},
+        Words{"--workspace-height", "0.3"}, Words{"--magnification", "1.5"},
+        Words{"--workspace-height", "0.3", "--magnification", "1"},
+        Words{"--workspace-height", "0.3", "--magnification", "1.5", "--light-ratio", "3"},
+        Words{"--technique", "field", "--kernels", "smooth"},
+        Words{"--technique", "cocl", "--kernels", "smooth"}, Words{"--light", "0 0 1 1"},
+        Words{"--technique", "hard"}, Words{"--technique", "field", "--proxy", "auto"},
+        Words{"--technique", "cocl", "--light-mode", "fixed"}}) {
+    Words all = {"shadow", file("square.obj")};
+    all.insert(all.end(), words.begin(), words.end());
+    const ProgramResult result = penumbra(all);
+    EXPECT_EQ(result.exit_code, 2) << words[0] << " " << words[1];
+    EXPECT_THAT(result.err, HasSubstr("--")) << words[0];
+    EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
+  }
 }
 
 TEST_F(ShadowCommand, PoseAndPlane) {
@@ -266,6 +295,36 @@ TEST_F(ShadowCommand, OneKernelSpillsARing) {
   EXPECT_LT(layers({ring, "--pose", "0 0 0.1 0 0 0 1"})["twists"]["spill"], 0.02);
   EXPECT_GT(layers({ring, "--pose", "0 0 0.1 0 0 0 1", "--technique", "cocl"})["twists"]["spill"],
             0.3);
+}
+
+// On a disk that takes no byte: the file that was asked for is named, not the one that is written
+// meanwhile.
+TEST_F(ShadowCommand, WhatCannotBeWrittenIsNamedAsItWasAskedFor) {
+  const auto on_a_full_disk = [](std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(),
+                     {"-c", "trap '' XFSZ; ulimit -f 0; exec \"$0\" \"$@\"", program().string()});
+    return run_program("/bin/bash", arguments);
+  };
+  const fs::path tabletop = source_dir() / "recordings" / "tabletop";
+  std::ofstream(file("short.tum")) << "0 0 0 0.5 1 0 0 0\n0.04 0 0 0.5 1 0 0 0\n";
+  const auto expect_named = [&](const std::vector<std::string>& arguments,
+                                const std::string& name) {
+    const ProgramResult result = on_a_full_disk(arguments);
+    EXPECT_EQ(result.exit_code, 1) << name;
+    EXPECT_THAT(result.err, HasSubstr(file(name).string())) << result.err;
+    EXPECT_THAT(result.err, testing::Not(HasSubstr("partial"))) << result.err;
+  };
+  for (const std::string name : {"a.json", "a.svg", "a.png"}) {
+    expect_named({"shadow", file("square.obj"), "--output", file(name)}, name);
+  }
+  for (const std::string name : {"k.json", "k.glb"}) {
+    expect_named({"kernels", file("square.obj"), "--output", file(name)}, name);
+  }
+  expect_named({"target", "--output", file("sheet.pdf")}, "sheet.pdf");
+  expect_named(
+      {"simulate", "board", "--camera", tabletop / "camera.yaml", "--tags", tabletop / "tags.yaml",
+       "--trajectory", file("short.tum"), "--output", file("session")},
+      "session");
 }
 
 TEST_F(ShadowCommand, FailsInOneLine) {

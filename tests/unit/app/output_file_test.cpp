@@ -42,6 +42,21 @@ TEST(OutputFile, LeavesNothingWhenItIsDropped) {
   EXPECT_TRUE(fs::is_empty(folder.path()));
 }
 
+TEST(OutputFile, TellsFailuresOfTheNameThatWasAskedFor) {
+  const test::TemporaryFolder folder;
+  fs::create_symlink(folder.path() / "real", folder.path() / "link");
+  auto file = OutputFile::create(folder.path() / "link");
+  ASSERT_TRUE(file);
+  const std::string partial = file->partial().string();
+  ASSERT_THAT(partial, testing::HasSubstr("real"));
+  const std::string asked = (folder.path() / "link").string();
+  EXPECT_EQ(file->failed({partial + ": is full; free some of " + partial}).value().message,
+            asked + ": is full; free some of " + asked);
+  EXPECT_EQ(file->failed({"no path"}).value().message, "no path");
+  EXPECT_EQ(renamed({"a.partial-1-0/frames/3.png: no"}, "a.partial-1-0", "a").message,
+            "a/frames/3.png: no");
+}
+
 TEST(OutputFile, TwoRunsWithOneTargetDoNotMeet) {
   const test::TemporaryFolder folder;
   auto one = OutputFile::create(folder.path() / "a.json");
