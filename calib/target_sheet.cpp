@@ -8,9 +8,12 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <memory>
+#include <vector>
 
+#include "core/file.hpp"
 #include "core/text.hpp"
 #include "tracking/tag_pattern.hpp"
 
@@ -294,8 +297,16 @@ Result<void> write_sheet(const std::filesystem::path& pdf, const SheetTarget& ta
   const double width = turned->width_m;
   const double height = turned->height_m;
 
+  // Into memory first: a file of cairo's own does not say that the disk was full.
+  std::vector<std::uint8_t> bytes;
+  const auto append = [](void* to, const unsigned char* data, unsigned int length) {
+    auto& all = *static_cast<std::vector<std::uint8_t>*>(to);
+    all.insert(all.end(), data, data + length);
+    return CAIRO_STATUS_SUCCESS;
+  };
   const std::unique_ptr<cairo_surface_t, decltype(&cairo_surface_destroy)> surface(
-      cairo_pdf_surface_create(pdf.c_str(), width * kPointsPerMetre, height * kPointsPerMetre),
+      cairo_pdf_surface_create_for_stream(append, &bytes, width * kPointsPerMetre,
+                                          height * kPointsPerMetre),
       &cairo_surface_destroy);
   // The same sheet is the same file: without this the time of writing would stand in it.
   cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_CREATE_DATE,
@@ -318,10 +329,9 @@ Result<void> write_sheet(const std::filesystem::path& pdf, const SheetTarget& ta
   cairo_surface_finish(surface.get());
   if (const cairo_status_t status = cairo_surface_status(surface.get());
       status != CAIRO_STATUS_SUCCESS) {
-    return fail("{}: cannot be written: {}; choose a place that can", pdf.string(),
-                cairo_status_to_string(status));
+    return fail("{}: cannot be drawn: {}", pdf.string(), cairo_status_to_string(status));
   }
-  return {};
+  return write_file(pdf, bytes);
 }
 
 Result<void> save_target(const std::filesystem::path& file, const SheetTarget& target,
