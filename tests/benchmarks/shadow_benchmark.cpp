@@ -1,14 +1,26 @@
-// Time of what shadows need on the CPU: welding, kernels, layers, polygons.
+// Time of what shadows need on the CPU, beside its error: welding, kernels, layers, fields,
+// polygons.
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
 #include <array>
+#include <cmath>
+#include <cstring>
+#include <ctime>
+#include <fstream>
+#include <functional>
+#include <limits>
 #include <optional>
 #include <string>
 #include <utility>
 
+#include "models/glb_writer.hpp"
 #include "render/shadow/caster.hpp"
+#include "render/shadow/coverage.hpp"
+#include "render/shadow/kernel_tuning.hpp"
 #include "render/shadow/layer_polygons.hpp"
 #include "render/shadow/layer_update.hpp"
+#include "render/shadow/power_distance.hpp"
 #include "support/kernel_quality.hpp"
 #include "support/shapes.hpp"
 
@@ -56,15 +68,98 @@ Model model_of(const ShadowMesh& mesh) {
   return model;
 }
 
+// Median CPU time of a few runs.
+double cpu_ms(const std::function<void()>& work) {
+  std::vector<double> times;
+  for (int i = 0; i < 7; ++i) {
+    timespec from{};
+    timespec to{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &from);
+    work();
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &to);
+    times.push_back(1e3 * static_cast<double>(to.tv_sec - from.tv_sec) +
+                    1e-6 * static_cast<double>(to.tv_nsec - from.tv_nsec));
+  }
+  std::nth_element(times.begin(), times.begin() + 3, times.end());
+  return times[3];
+}
+
+// How far welding moved the farthest vertex; it may be 10 um.
 void weld(benchmark::State& state, Shape shape) {
   const Model model = model_of(mesh_of(shape));
   for (auto _ : state) benchmark::DoNotOptimize(make_shadow_mesh(model));
+  const ShadowMesh welded = make_shadow_mesh(model);
+  float moved = 0.0F;
+  for (std::size_t i = 0; i < welded.indices.size(); ++i) {
+    const glm::vec3 d =
+        welded.positions[welded.indices[i]] - model.meshes[0].positions[model.meshes[0].indices[i]];
+    moved = std::max(moved, std::sqrt(d.x * d.x + d.y * d.y + d.z * d.z));
+  }
+  state.counters["moved_um"] = 1e6 * static_cast<double>(moved);
 }
 
+// A layer, or its field, as cells: 512 along the longer side of the penumbra.
+struct Canvas {
+  Eigen::Vector2f low, high;
+  [[nodiscard]] Coverage covered(const std::vector<PlanePoint>& triangles) const {
+    const float cell = (high - low).maxCoeff() / 512.0F;
+    const Eigen::Vector2f cells = ((high - low) / cell).array().ceil();
+    Coverage result(low, cell, static_cast<int>(cells.x()), static_cast<int>(cells.y()));
+    result.cover(triangles);
+    return result;
+  }
+};
+Canvas canvas_round(const std::vector<PlanePoint>& penumbra) {
+  Canvas canvas{Eigen::Vector2f::Constant(std::numeric_limits<float>::infinity()),
+                Eigen::Vector2f::Constant(-std::numeric_limits<float>::infinity())};
+  for (const PlanePoint& p : penumbra) {
+    canvas.low = canvas.low.cwiseMin(Eigen::Vector2f(p.u, p.v));
+    canvas.high = canvas.high.cwiseMax(Eigen::Vector2f(p.u, p.v));
+  }
+  return canvas;
+}
+
+// Beside the time: what rasters of four times as many cells along each side would change (IoU of
+// umbra and penumbra at 0.4 h_u with those kernels), and the time as a ratio to reading the model
+// from a .glb.
 void kernels(benchmark::State& state, Shape shape, KernelSource source) {
   const ShadowMesh mesh = mesh_of(shape);
   const Eigen::Vector3d up = Eigen::Vector3d(0.1, 0.2, 1.0);
-  for (auto _ : state) benchmark::DoNotOptimize(generate_kernels(mesh, up, source));
+  const auto generate = [&] { benchmark::DoNotOptimize(generate_kernels(mesh, up, source)); };
+  for (auto _ : state) generate();
+  if (source != KernelSource::automatic) return;
+
+  const test::TemporaryFolder folder;
+  Model model = model_of(mesh);
+  model.materials.emplace_back();
+  model.meshes[0].normals.assign(mesh.positions.size(), {0, 0, 1});
+  const auto file = folder.path() / "model.glb";
+  const auto bytes = models::encode_glb(model).value();
+  std::ofstream(file, std::ios::binary)
+      .write(reinterpret_cast<const char*>(bytes.data()),
+             static_cast<std::streamsize>(bytes.size()));
+  const double read_ms = cpu_ms([&] { benchmark::DoNotOptimize(load_model(file)); });
+  state.counters["read_ms"] = read_ms;
+  state.counters["kernels / read"] = cpu_ms(generate) / read_ms;
+
+  KernelTuning fine;
+  fine.cells_per_root *= 4.0;
+  fine.least_side_cells *= 4;
+  fine.most_side_cells *= 4;
+  const PlaneFrame plane = PlaneFrame::make(up, Eigen::Vector3d::Zero());
+  const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
+  const Placement placement = {0.4 * constants.umbra_height * plane.n,
+                               Eigen::Quaterniond::Identity(), 1.0};
+  const auto usual = place_caster(mesh, generate_kernels(mesh, up, source), placement, plane);
+  const auto exact = place_caster(mesh, generate_tuned_kernels(mesh, up, fine), placement, plane);
+  const Canvas canvas =
+      canvas_round(layer_triangles(exact, mesh.indices, constants, ShadowLayer::penumbra));
+  for (const auto& [layer, name] : {std::pair{ShadowLayer::umbra, "umbra_iou"},
+                                    std::pair{ShadowLayer::penumbra, "penumbra_iou"}}) {
+    state.counters[name] =
+        canvas.covered(layer_triangles(usual, mesh.indices, constants, layer))
+            .iou(canvas.covered(layer_triangles(exact, mesh.indices, constants, layer)));
+  }
 }
 
 // Agreement with ray-cast shadows beside the time of all 20 cases: mean IoU of umbra and penumbra.
@@ -95,43 +190,65 @@ BENCHMARK_CAPTURE(agreement, automatic, KernelSource::automatic)->Unit(benchmark
 BENCHMARK_CAPTURE(agreement, smooth, KernelSource::smooth)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(agreement, field, std::nullopt)->Unit(benchmark::kMillisecond);
 
-// Three layers of the paper's tree size, and a plain copy of the same numbers.
-ShadowMesh mesh_of_vertices(std::size_t count) {
+// Three layers of the paper's tree size, and a plain copy of as many numbers as that reads and
+// writes.
+constexpr std::size_t kTreeVertices = 12581;
+struct TreeLayers {
   ShadowMesh mesh = make_shadow_mesh(test::bush_model(1462));
-  mesh.positions.resize(count);
-  return mesh;
-}
-void layer_update(benchmark::State& state) {
-  const ShadowMesh mesh = mesh_of_vertices(static_cast<std::size_t>(state.range(0)));
   ShadowKernels kernels;
-  kernels.kernels = mesh.positions;
-  for (glm::vec3& k : kernels.kernels) k.x += 0.01F;
-  const CasterArrays caster = CasterArrays::make(mesh, kernels);
-  const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
+  LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
   Placement placement;
-  LayerArrays layers;
-  for (auto _ : state) {
-    placement.position.z() += 1e-6;
-    update_layers(caster, placement, PlaneFrame(), constants, layers);
-    benchmark::DoNotOptimize(layers.u[2].data());
-    benchmark::ClobberMemory();
+  TreeLayers() {
+    mesh.positions.resize(kTreeVertices);
+    kernels.kernels = mesh.positions;
+    for (glm::vec3& k : kernels.kernels) k.x += 0.01F;
   }
-}
-BENCHMARK(layer_update)->Arg(12581)->Unit(benchmark::kMicrosecond);
-void layer_copy(benchmark::State& state) {
-  const auto count = static_cast<std::size_t>(state.range(0));
-  const std::vector<float> from(6 * count, 1.0F);
-  std::vector<float> to(7 * count);
+};
+void memcpy_of_tree(benchmark::State& state) {
+  const std::vector<float> from(6 * kTreeVertices, 1.0F);
+  std::vector<float> to(7 * kTreeVertices);
   for (auto _ : state) {
-    std::copy(from.begin(), from.end(), to.begin());
-    std::copy(from.begin(), from.begin() + static_cast<std::ptrdiff_t>(count),
-              to.begin() + static_cast<std::ptrdiff_t>(6 * count));
+    std::memcpy(to.data(), from.data(), from.size() * sizeof(float));
+    std::memcpy(to.data() + from.size(), from.data(), kTreeVertices * sizeof(float));
     benchmark::DoNotOptimize(to.data());
     benchmark::ClobberMemory();
   }
 }
-BENCHMARK(layer_copy)->Arg(12581)->Unit(benchmark::kMicrosecond);
+// Beside the time the largest distance from the formulas in double precision.
+void layer_update(benchmark::State& state) {
+  TreeLayers tree;
+  const CasterArrays caster = CasterArrays::make(tree.mesh, tree.kernels);
+  LayerArrays layers;
+  for (auto _ : state) {
+    tree.placement.position.z() += 1e-6;
+    update_layers(caster, tree.placement, PlaneFrame(), tree.constants, layers);
+    benchmark::DoNotOptimize(layers.u[2].data());
+    benchmark::ClobberMemory();
+  }
+  tree.placement.position.z() = 0.03;
+  update_layers(caster, tree.placement, PlaneFrame(), tree.constants, layers);
+  double off = 0.0;
+  for (std::size_t i = 0; i < kTreeVertices; ++i) {
+    const glm::dvec3 x(tree.mesh.positions[i]);
+    const glm::dvec3 k(tree.kernels.kernels[i]);
+    for (std::size_t layer = 0; layer < 3; ++layer) {
+      const double s = layer_factor(tree.constants, kShadowLayers[layer], x.z + 0.03);
+      off =
+          std::max({off, std::abs(k.x + s * (x.x - k.x) - static_cast<double>(layers.u[layer][i])),
+                    std::abs(k.y + s * (x.y - k.y) - static_cast<double>(layers.v[layer][i]))});
+    }
+  }
+  state.counters["error_nm"] = 1e9 * off;
+}
+const bool kUpdateRegistered = [] {
+  benchmark::RegisterBenchmark("12,581 vertices/memcpy of the same numbers", memcpy_of_tree)
+      ->Unit(benchmark::kMicrosecond);
+  benchmark::RegisterBenchmark("12,581 vertices/update of 3 layers", layer_update)
+      ->Unit(benchmark::kMicrosecond);
+  return true;
+}();
 
+// Beside the time how its umbra and penumbra agree with a field of 1024 cells (IoU).
 void field(benchmark::State& state, Shape shape, bool own_lights) {
   const ShadowMesh mesh = mesh_of(shape);
   const PlaneFrame plane;
@@ -149,12 +266,39 @@ void field(benchmark::State& state, Shape shape, bool own_lights) {
     benchmark::DoNotOptimize(
         power_distance_layers(vertices, mesh.indices, part, lights, constants));
   }
-}
-void discs(benchmark::State& state, Shape shape) {
-  const ShadowMesh mesh = mesh_of(shape);
-  for (auto _ : state) benchmark::DoNotOptimize(part_discs(mesh, Eigen::Vector3d::UnitZ()));
+  ShadowFieldOptions fine_options;
+  fine_options.cells = 1024;
+  const auto usual = power_distance_layers(vertices, mesh.indices, part, lights, constants);
+  const auto fine =
+      power_distance_layers(vertices, mesh.indices, part, lights, constants, fine_options);
+  const Canvas canvas = canvas_round(field_triangles(fine, ShadowLayer::penumbra));
+  for (const auto& [layer, name] : {std::pair{ShadowLayer::umbra, "umbra_iou"},
+                                    std::pair{ShadowLayer::penumbra, "penumbra_iou"}}) {
+    state.counters[name] = canvas.covered(field_triangles(usual, layer))
+                               .iou(canvas.covered(field_triangles(fine, layer)));
+  }
 }
 
+// Beside the time how far the parts' radii are from those on the finest rasters: the mean of the
+// relative error.
+void discs(benchmark::State& state, Shape shape) {
+  const ShadowMesh mesh = mesh_of(shape);
+  const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+  for (auto _ : state) benchmark::DoNotOptimize(part_discs(mesh, up));
+  const auto usual = part_discs(mesh, up);
+  const auto fine = part_discs(mesh, up, 0.0);
+  double sum = 0.0;
+  double count = 0.0;
+  for (std::size_t i = 0; i < fine.size(); ++i) {
+    if (fine[i].radius <= 0.0F) continue;
+    sum += static_cast<double>(std::abs(usual[i].radius / fine[i].radius - 1.0F));
+    count += 1.0;
+  }
+  state.counters["radius_error_%"] = 100.0 * sum / std::max(count, 1.0);
+}
+
+// Beside the time how far the three areas are from those of the layers' cells, 512 along the longer
+// side: the mean of the relative error. The cells are known to some 0.1 %.
 void polygons(benchmark::State& state, Shape shape) {
   const ShadowMesh mesh = mesh_of(shape);
   const PlaneFrame plane;
@@ -168,6 +312,16 @@ void polygons(benchmark::State& state, Shape shape) {
           union_of_triangles(layer_triangles(vertices, mesh.indices, constants, layer)));
     }
   }
+  const Canvas canvas =
+      canvas_round(layer_triangles(vertices, mesh.indices, constants, ShadowLayer::penumbra));
+  const double cell = static_cast<double>((canvas.high - canvas.low).maxCoeff()) / 512.0;
+  double error = 0.0;
+  for (const ShadowLayer layer : kShadowLayers) {
+    const auto triangles = layer_triangles(vertices, mesh.indices, constants, layer);
+    const double cells = cell * cell * static_cast<double>(canvas.covered(triangles).count());
+    error += std::abs(union_of_triangles(triangles).value().area / cells - 1.0) / 3.0;
+  }
+  state.counters["area_error_%"] = 100.0 * error;
 }
 
 // Every shape under every stage, by name.
