@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "core/text.hpp"
+#include "render/to_eigen.hpp"
 
 namespace penumbra {
 
@@ -24,10 +25,6 @@ std::optional<double> number_from(const nlohmann::json& json) {
     return std::nullopt;
   }
   return value;
-}
-
-Eigen::Vector3d to_eigen(const glm::vec3& p) {
-  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include <optional>
 
 #include "render/model_parts.hpp"
+#include "render/to_eigen.hpp"
 
 namespace penumbra {
 
@@ -37,9 +38,6 @@ Eigen::Vector3d to_file_axes(const Eigen::Vector3d& p) {
 }
 glm::vec3 to_file_axes(const glm::vec3& p) {
   return {p.x, p.z, p.y == 0.0F ? 0.0F : -p.y};
-}
-Eigen::Vector3d to_eigen(const glm::vec3& p) {
-  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
 }
 
 // Appends accessors with views of their own to a file's JSON and binary chunk.

@@ -15,6 +15,7 @@
 #include "render/shadow/footprint.hpp"
 #include "render/shadow/kernel_tuning.hpp"
 #include "render/shadow/plane_frame.hpp"
+#include "render/to_eigen.hpp"
 
 namespace penumbra {
 
@@ -38,10 +39,6 @@ Eigen::Vector3d canonical_direction(const Eigen::Vector3d& up) {
   const Eigen::Vector3d d = up.normalized();
   const bool flip = d.z() < 0.0 || (d.z() == 0.0 && (d.y() < 0.0 || (d.y() == 0.0 && d.x() < 0.0)));
   return flip ? Eigen::Vector3d(-d) : d;
-}
-
-Eigen::Vector3d to_eigen(const glm::vec3& p) {
-  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
 }
 
 // A kernel in the plane of the silhouette.
