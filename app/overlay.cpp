@@ -344,6 +344,9 @@ struct Overlay::Impl {
       }
       ImGui::EndCombo();
     }
+    if (style.technique == ShadowTechnique::hard || style.technique == ShadowTechnique::volume) {
+      changed = ImGui::Checkbox("light rays", &style.light_rays) || changed;
+    }
     changed = workspace_panel(style) || changed;
     changed = strength_panel(node, style) || changed;
     if (changed) actions.edits.emplace_back(ShadowStyled{node.name, style});

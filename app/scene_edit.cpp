@@ -93,6 +93,9 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
                             number_in(json, "umbra_height"), number_in(json, "magnification_cap")};
     styled.style.fractions = {number_in(json, "umbra"), number_in(json, "middle"),
                               number_in(json, "penumbra")};
+    // Not there in recordings of earlier programs, and where there are none.
+    const auto rays = json.find("light_rays");
+    styled.style.light_rays = rays != json.end() && rays->is_boolean() && rays->get<bool>();
     if (!usable(styled.style)) return std::nullopt;
     return styled;
   }
@@ -109,7 +112,7 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
 }  // namespace
 
 ShadowStyle style_of(const ShadowNode& node) {
-  return {node.technique, node.kernels, node.layered, node.fractions};
+  return {node.technique, node.kernels, node.layered, node.fractions, node.light_rays};
 }
 
 bool apply(Scene& scene, const SceneEdit& edit) {
@@ -128,6 +131,7 @@ bool apply(Scene& scene, const SceneEdit& edit) {
   node->kernels = styled.style.kernels;
   node->layered = styled.style.layered;
   node->fractions = styled.style.fractions;
+  node->light_rays = styled.style.light_rays;
   return true;
 }
 
@@ -155,6 +159,7 @@ std::string event_line(const SceneEvent& event) {
     json["umbra"] = styled.style.fractions.umbra;
     json["middle"] = styled.style.fractions.middle;
     json["penumbra"] = styled.style.fractions.penumbra;
+    if (styled.style.light_rays) json["light_rays"] = true;
   }
   const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
   // The time is a decimal number, to the nanosecond.

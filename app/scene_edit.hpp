@@ -28,6 +28,7 @@ struct ShadowStyle {
   KernelSource kernels = KernelSource::automatic;
   LayeredConstants layered;
   LightFractions fractions;
+  bool light_rays = false;
 };
 [[nodiscard]] ShadowStyle style_of(const ShadowNode& node);
 

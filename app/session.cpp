@@ -142,13 +142,15 @@ Result<void> Session::read_back(std::span<std::uint8_t> rgba) {
 
 bool Session::edit(const SceneEdit& edit) {
   if (std::holds_alternative<ShadowStyled>(edit) &&
-      (options_.plan.technique || options_.plan.kernels)) {
+      (options_.plan.technique || options_.plan.kernels || options_.plan.light_rays)) {
     // What the options said of every node is from now on each node's own.
     for (ShadowNode& node : scene_.shadows) {
       const ShadowStyle style = style_in_effect(node);
       node.technique = style.technique;
       node.kernels = style.kernels;
+      node.light_rays = style.light_rays;
     }
+    options_.plan.light_rays = false;
     options_.plan.technique.reset();
     options_.plan.kernels.reset();
   }
@@ -168,6 +170,7 @@ ShadowStyle Session::style_in_effect(const ShadowNode& node) const {
   ShadowStyle style = style_of(node);
   style.technique = options_.plan.technique.value_or(node.technique);
   style.kernels = options_.plan.kernels.value_or(node.kernels);
+  style.light_rays = options_.plan.light_rays || node.light_rays;
   return style;
 }
 

@@ -10,6 +10,7 @@
 #include "render/gl/framebuffer.hpp"
 #include "render/passes/hard_pass.hpp"
 #include "render/passes/object_pass.hpp"
+#include "render/passes/ray_pass.hpp"
 #include "render/passes/receivers.hpp"
 #include "render/passes/shadow_pass.hpp"
 #include "render/passes/video_pass.hpp"
@@ -33,7 +34,7 @@ std::optional<GLenum> noted_gl_error() {
 struct Compositor::Impl {
   Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
        Framebuffer target, ObjectPass object_pass, Receivers receiving, ShadowPass shadow_pass,
-       HardPass hard_pass, VolumePass volume_pass)
+       HardPass hard_pass, VolumePass volume_pass, RayPass ray_pass)
       : context(gl),
         scene(std::move(shown)),
         width(camera.width()),
@@ -45,7 +46,8 @@ struct Compositor::Impl {
         receivers(std::move(receiving)),
         shadows(std::move(shadow_pass)),
         hard_shadows(std::move(hard_pass)),
-        volumes(std::move(volume_pass)) {}
+        volumes(std::move(volume_pass)),
+        rays(std::move(ray_pass)) {}
 
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
@@ -64,6 +66,7 @@ struct Compositor::Impl {
   ShadowPass shadows;
   HardPass hard_shadows;
   VolumePass volumes;
+  RayPass rays;
   CompositeStats stats;
 };
 
@@ -87,9 +90,12 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   if (!hard) return tl::unexpected(hard.error());
   auto volumes = VolumePass::create(context.info().api, camera);
   if (!volumes) return tl::unexpected(volumes.error());
-  return Compositor(std::make_unique<Impl>(
-      context, std::move(scene), camera, std::move(*framebuffer), std::move(*objects),
-      std::move(*receivers), std::move(*shadows), std::move(*hard), std::move(*volumes)));
+  auto rays = RayPass::create(context.info().api, camera);
+  if (!rays) return tl::unexpected(rays.error());
+  return Compositor(
+      std::make_unique<Impl>(context, std::move(scene), camera, std::move(*framebuffer),
+                             std::move(*objects), std::move(*receivers), std::move(*shadows),
+                             std::move(*hard), std::move(*volumes), std::move(*rays)));
 }
 
 Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& plan) {
@@ -123,6 +129,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     calls += m.shadows.draw(plan, m.lens, m.receivers);
     calls += m.hard_shadows.draw(*m.scene, plan, m.lens, m.receivers);
     calls += m.volumes.draw(*m.scene, plan, m.lens, m.objects);
+    calls += m.rays.draw(*m.scene, plan, m.lens);
     m.framebuffer.invalidate_depth_stencil();
   }
   // A CPU rasteriser works in this process: waited for here, so that its time counts here and not

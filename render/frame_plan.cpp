@@ -176,6 +176,7 @@ class Planner {
         }
       }
       if (technique == ShadowTechnique::volume) plan_volumes(node, static_cast<int>(n));
+      if (options_.light_rays || node.light_rays) plan_rays(node, technique);
     }
   }
 
@@ -283,6 +284,29 @@ class Planner {
   }
 
   // By Lambert's law, as blocked_light.frag.glsl has it for planes.
+  // Of those techniques whose shadows a light throws: the others' fall along the plane's normal.
+  void plan_rays(const ShadowNode& node, ShadowTechnique technique) {
+    if (technique != ShadowTechnique::hard && technique != ShadowTechnique::volume) return;
+    std::vector<int> lights = node.lights;
+    if (lights.empty() && !scene_.lights.empty()) lights = {0};
+    if (technique == ShadowTechnique::volume && !lights.empty()) lights = {lights.front()};
+    std::vector<LightRayDraw::Plane> planes;
+    for (const int index : node.planes) {
+      const auto seen = std::ranges::find(plan_.receivers, index, &PlaneReceiver::plane);
+      if (seen != plan_.receivers.end()) planes.push_back({index, seen->frame});
+    }
+    for (const int light : lights) {
+      for (const int caster : node.casters) {
+        const SceneObject& object = scene_.objects[static_cast<std::size_t>(caster)];
+        const float opacity = opacity_of_object(caster);
+        if (!object.model || !object.casts_shadow || opacity <= 0.0F) continue;
+        plan_.rays.push_back({caster, light, state_.objects[static_cast<std::size_t>(caster)],
+                              plan_.lights[static_cast<std::size_t>(light)].place, planes,
+                              opacity});
+      }
+    }
+  }
+
   [[nodiscard]] Eigen::Vector3d light_left_at(int light, const Eigen::Vector3d& normal,
                                               const Eigen::Vector3d& place) const {
     const Eigen::Array3d sky = scene_.ambient.array() * Eigen::Array3d(1.08, 1.12, 1.18);

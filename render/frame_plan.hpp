@@ -19,6 +19,7 @@ struct PlanOptions {
   std::optional<KernelSource> kernels;       // overrides every shadow node's
   std::optional<LightMode> light_mode;       // overrides every shadow node's
   bool proxies = true;                       // false: every object casts with its own mesh
+  bool light_rays = false;                   // of every shadow node, whatever it says
   bool skip =
       true;  // leave out what can't be seen; the picture is the same either way, bit for bit
   // Split casters' edges as the nearest distance expected asks for, not as the present one does;
@@ -77,6 +78,19 @@ struct ShadowVolumeDraw {
   Eigen::Vector3d light_left;      // share of the light, linear
 };
 
+// Rays from a light through one caster's vertices onto planes.
+struct LightRayDraw {
+  struct Plane {
+    int index = 0;  // into Scene::planes
+    PlaneFrame frame;
+  };
+  int object = 0, light = 0;  // indices into the scene
+  Placement T_table_object;
+  Eigen::Vector4d light_place;  // as PlacedLight::place
+  std::vector<Plane> planes;
+  float opacity = 1.0F;  // of the caster
+};
+
 struct SkippedPass {
   std::string what;    // counter in the report: "object_out_of_view", "shadow_out_of_view",
                        // "umbra_vanished", ...
@@ -94,6 +108,7 @@ struct FramePlan {
   std::vector<ShadowDraw> shadows;
   std::vector<HardShadowDraw> hard_shadows;
   std::vector<ShadowVolumeDraw> volumes;
+  std::vector<LightRayDraw> rays;
   std::vector<PlacedLight> lights;  // one per Scene::lights
   std::vector<SkippedPass> skipped;
 };

@@ -133,6 +133,7 @@ struct ShadowNode {
   LightMode light_mode = LightMode::proportional;  // of layered shadows; cocl has no other
   LayeredConstants layered;
   LightFractions fractions;
+  bool light_rays = false;  // hard and volume: rays from the lights are drawn too
 };
 
 struct Scene {

@@ -780,6 +780,7 @@ Result<void> SceneReader::read_shadow(const json& from, const std::string& point
     if (!lights) return tl::unexpected(lights.error());
     node.lights = std::move(*lights);
   }
+  node.light_rays = from.value("light_rays", false);
   if (const auto layered = from.find("layered"); layered != from.end()) {
     Result<LayeredConstants> constants = read_layered(*layered, pointer + "/layered");
     if (!constants) return tl::unexpected(constants.error());

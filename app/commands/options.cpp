@@ -106,6 +106,9 @@ void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
 
 KernelChoice kernel_choice_from(const std::string& text) {
   if (const auto source = kernel_source_from_string(text)) return {*source, std::nullopt};
+  command.add_flag("--show-rays", choice.light_rays,
+                   "Draw rays from the lights through vertices of what casts to the points of the "
+                   "shadow that belong to them, for hard and volume");
   std::error_code ignored;
   if (std::filesystem::path(text).has_extension() || std::filesystem::exists(text, ignored)) {
     return {KernelSource::automatic, text};
@@ -133,6 +136,7 @@ void apply(const ShadowChoice& choice, PlanOptions& plan) {
     if (choice.kernel_file || (choice.kernels && *choice.kernels != KernelSource::automatic &&
                                *choice.kernels != KernelSource::centroid)) {
       throw CLI::ValidationError("--shadow", "cocl has kernels of its own; leave out --kernels");
+  plan.light_rays = choice.light_rays;
     }
     plan.kernels = KernelSource::centroid;
   }

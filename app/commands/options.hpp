@@ -16,8 +16,8 @@ class App;
 
 namespace penumbra {
 
-// --shadow, --kernels, --light-mode and --proxy. "cocl" is the layered technique with one kernel
-// per object.
+// --shadow, --kernels, --light-mode, --proxy and --show-rays. "cocl" is the layered technique with
+// one kernel per object.
 struct ShadowChoice {
   std::optional<ShadowTechnique> technique;
   bool cocl = false;  // by --shadow
@@ -26,6 +26,7 @@ struct ShadowChoice {
   std::optional<LightMode> light_mode;
   bool proxies = true;
 };
+  bool light_rays = false;
 void add_shadow_options(CLI::App& command, ShadowChoice& choice);
 // Over those of the scene. Throws CLI::ValidationError where the options contradict each other.
 void apply(const ShadowChoice& choice, PlanOptions& plan);

@@ -1,0 +1,29 @@
+// A corner of a light ray's ribbon, or of a dot: as wide in the picture wherever it is.
+layout(location = 0) in vec3 place;  // table frame [m]
+layout(location = 1) in vec3 along;  // table frame; zero: of a dot
+layout(location = 2) in vec2 corner;
+layout(location = 3) in vec3 color;
+
+uniform mat4x3 camera_from_table;
+uniform vec2 half_width;  // of a ribbon and of a dot, over the depth
+
+out vec3 tint;
+out vec2 from_middle;  // of a dot
+
+void main() {
+  tint = color;
+  vec3 p = camera_from_table * vec4(place, 1.0);
+  float depth = abs(p.z);
+  if (dot(along, along) > 0.0) {
+    vec3 side = cross(camera_from_table * vec4(along, 0.0), p);
+    float size = length(side);
+    if (size > 0.0) p += side / size * (corner.x * half_width.x * depth);
+    from_middle = vec2(0.0);
+    // A little nearer, to be seen on what it touches; dots a little more than rays.
+    gl_Position = lens_clip(p, 0.998);
+  } else {
+    p.xy += corner * half_width.y * depth;
+    from_middle = corner;
+    gl_Position = lens_clip(p, 0.99);
+  }
+}

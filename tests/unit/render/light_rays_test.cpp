@@ -1,0 +1,236 @@
+// Light rays: which vertices they go through, where they end, and that they are drawn with depth.
+#include "render/shadow/light_rays.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+#include "support/studio_models.hpp"
+
+namespace penumbra::light_rays_test {
+namespace {
+
+using test::Picture;
+using test::SceneBuilder;
+using test::Studio;
+
+constexpr int kSide = 240;
+const RayReceiver kTable{PlaneFrame{}, {}};
+
+TEST(MarkedVertices, OfABoxAreItsCornersEachInItsOwnColour) {
+  const auto marked = marked_vertices(*test::box(0.04, 0.06, 0.08), 12);
+  ASSERT_EQ(marked.size(), 8U);
+  for (std::size_t i = 0; i < marked.size(); ++i) {
+    EXPECT_LT((marked[i].position.cwiseAbs() - Eigen::Vector3d(0.02, 0.03, 0.04)).norm(), 1e-7);
+    for (std::size_t j = 0; j < i; ++j) {
+      EXPECT_GT((marked[i].position - marked[j].position).norm(), 0.03);
+      const glm::vec3 difference = marked[i].color - marked[j].color;
+      EXPECT_GT(glm::length(difference), 0.1F) << i << " and " << j;
+    }
+  }
+}
+
+TEST(MarkedVertices, AreFewOfManyAndHaveTheModelsColours) {
+  auto model = std::make_shared<Model>(*test::ring());
+  EXPECT_EQ(marked_vertices(*model, 12).size(), 12U);
+  for (Mesh& mesh : model->meshes) {
+    mesh.colors.assign(mesh.positions.size(), glm::vec4(0.25F, 0.5F, 1.0F, 1.0F));
+  }
+  model->materials[0].base_color = glm::vec4(0.5F, 1.0F, 1.0F, 1.0F);
+  for (const MarkedVertex& vertex : marked_vertices(*model, 5)) {
+    EXPECT_EQ(vertex.color, glm::vec3(0.125F, 0.5F, 1.0F));
+  }
+  EXPECT_TRUE(marked_vertices(Model(), 5).empty());
+}
+
+const std::vector<MarkedVertex> kOne = {{{0.1, 0.0, 0.2}, glm::vec3(1.0F)}};
+
+TEST(LightRays, GoThroughTheVertexToItsShadow) {
+  const auto local = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, {{kTable}});
+  ASSERT_EQ(local.size(), 1U);
+  EXPECT_EQ(local[0].from, Eigen::Vector3d(0.0, 0.0, 0.6));
+  EXPECT_EQ(local[0].vertex, kOne[0].position);
+  EXPECT_LT((local[0].shadow - Eigen::Vector3d(0.15, 0.0, 0.0)).norm(), 1e-12);
+
+  const auto parallel = light_rays(kOne, test::at(0.0, 0.1, 0.0), {1.0, 0.0, 1.0, 0.0}, {{kTable}});
+  ASSERT_EQ(parallel.size(), 1U);
+  EXPECT_LT((parallel[0].shadow - Eigen::Vector3d(-0.1, 0.1, 0.0)).norm(), 1e-12);
+  const Eigen::Vector3d before = (parallel[0].from - parallel[0].vertex).normalized();
+  EXPECT_LT((before - Eigen::Vector3d(1.0, 0.0, 1.0).normalized()).norm(), 1e-12);
+}
+
+TEST(LightRays, EndAtTheFirstPlaneThatTheyMeet) {
+  const RayReceiver wall{PlaneFrame::make({-1.0, 0.0, 0.0}, {0.12, 0.0, 0.0}), {}};
+  const std::vector<RayReceiver> planes = {kTable, wall};
+  const auto rays = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, planes);
+  ASSERT_EQ(rays.size(), 1U);
+  EXPECT_NEAR(rays[0].shadow.x(), 0.12, 1e-12);
+  EXPECT_NEAR(rays[0].shadow.z(), 0.6 - 0.4 * 1.2, 1e-12);
+  // Past the wall's outline it goes on to the table.
+  const std::vector<Eigen::Vector2d> small = {{0.5, 0.5}, {0.6, 0.5}, {0.6, 0.6}};
+  const std::vector<RayReceiver> with_hole = {kTable, {wall.frame, small}};
+  const auto on = light_rays(kOne, Placement(), {0.0, 0.0, 0.6, 1.0}, with_hole);
+  ASSERT_EQ(on.size(), 1U);
+  EXPECT_NEAR(on[0].shadow.z(), 0.0, 1e-12);
+}
+
+TEST(LightRays, NoneWhereNoShadowIsThrown) {
+  const auto through = [&](double z, const Eigen::Vector4d& light) {
+    return light_rays(kOne, test::at(0.0, 0.0, z), light, {{kTable}}).size();
+  };
+  EXPECT_EQ(through(0.0, {0.0, 0.0, 0.6, 1.0}), 1U);
+  EXPECT_EQ(through(0.5, {0.0, 0.0, 0.6, 1.0}), 0U) << "above the light: an antishadow";
+  EXPECT_EQ(through(0.4, {0.0, 0.0, 0.6, 1.0}), 0U) << "level with it";
+  EXPECT_EQ(through(-0.3, {0.0, 0.0, 0.6, 1.0}), 0U) << "under the plane: a false shadow";
+  EXPECT_EQ(through(0.0, {0.0, 0.0, -0.6, 1.0}), 0U) << "light under the plane";
+  EXPECT_EQ(through(0.0, {0.0, 0.0, -1.0, 0.0}), 0U) << "light under the horizon";
+  EXPECT_EQ(through(0.0, {0.0, 0.0, std::nan(""), 1.0}), 0U);
+}
+
+SceneBuilder lit_box() {
+  SceneBuilder builder;
+  ShadowNode& node = builder.scene().shadows[0];
+  node.technique = ShadowTechnique::hard;
+  node.lights = {0};
+  SceneLight& lamp = builder.scene().lights.emplace_back();
+  lamp.name = "lamp";
+  lamp.position = {0.0, 0.0, 0.4};
+  builder.add(test::box(0.08, 0.08, 0.04), test::at(0.0, 0.0, 0.15));
+  return builder;
+}
+const PoseEstimate kFromFront = test::tracked(test::look_at({0.3, -0.5, 0.45}, {0.0, 0.0, 0.1}));
+Frame grey() {
+  return test::plain_frame(kSide, kSide, 128);
+}
+
+// The pixel where a point of the table frame is seen.
+Eigen::Vector2i pixel_of(const CameraModel& camera, const CameraPose& pose,
+                         const Eigen::Vector3d& p) {
+  const auto pixel = camera.project(pose.inverse() * p);
+  return pixel->array().round().cast<int>();
+}
+
+// How colourful a pixel is: the video is grey, and so are shadows.
+int color_at(const Picture& picture, const Eigen::Vector2i& at) {
+  const std::uint8_t* p = picture.at(at.x(), at.y());
+  return std::max({p[0], p[1], p[2]}) - std::min({p[0], p[1], p[2]});
+}
+
+class DrawnRays : public testing::TestWithParam<bool> {};
+INSTANTIATE_TEST_SUITE_P(Lenses, DrawnRays, testing::Bool(), [](const auto& instance) {
+  return std::string(instance.param ? "bent" : "straight");
+});
+
+TEST_P(DrawnRays, HaveDotsAtVerticesAndShadowsAndLinesBetween) {
+  const CameraModel camera =
+      GetParam() ? test::bent_camera(kSide, 260.0) : test::camera_of(kSide, kSide, 260.0);
+  SceneBuilder builder = lit_box();
+  Studio studio(builder.build(), camera);
+  PlanOptions options;
+  options.light_rays = true;
+  FramePlan plan = studio.plan(kFromFront, options);
+  plan.objects.clear();  // nothing in front of anything
+  const Picture picture = studio.draw(grey(), plan);
+  const auto rays = light_rays(marked_vertices(*builder.scene().objects[0].model, 12),
+                               test::at(0.0, 0.0, 0.15), {0.0, 0.0, 0.4, 1.0}, {{kTable}});
+  ASSERT_EQ(rays.size(), 8U);
+  const CameraPose& pose = kFromFront.T_table_camera;
+  for (const LightRay& ray : rays) {
+    EXPECT_GT(color_at(picture, pixel_of(camera, pose, ray.vertex)), 60);
+    EXPECT_GT(color_at(picture, pixel_of(camera, pose, ray.shadow)), 60);
+    // Halfway to the light, and on to the shadow.
+    for (const Eigen::Vector3d& p : {Eigen::Vector3d(0.4 * ray.from + 0.6 * ray.vertex),
+                                     Eigen::Vector3d(0.5 * ray.vertex + 0.5 * ray.shadow)}) {
+      const Eigen::Vector2i at = pixel_of(camera, pose, p);
+      int most = 0;
+      for (int dy = -1; dy <= 1; ++dy) {
+        for (int dx = -1; dx <= 1; ++dx) {
+          most = std::max(most, color_at(picture, at + Eigen::Vector2i(dx, dy)));
+        }
+      }
+      EXPECT_GT(most, 60) << "no ray at " << at.transpose();
+    }
+  }
+}
+
+TEST(DrawnRaysTest, AreHiddenByWhatIsInFront) {
+  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
+  SceneBuilder builder = lit_box();
+  builder.scene().shadows[0].light_rays = true;
+  // A phantom as large as the view, nearer than all of it.
+  builder.add(test::box(1.0, 0.002, 1.0), test::at(0.1, -0.3, 0.3), false, true);
+  Studio hidden(builder.build(), camera);
+  const Picture picture = hidden.draw(grey(), hidden.plan(kFromFront));
+  Studio shown(lit_box().build(), camera);
+  PlanOptions options;
+  options.light_rays = true;
+  FramePlan plan = shown.plan(kFromFront, options);
+  plan.objects.clear();
+  const Picture without_phantom = shown.draw(grey(), plan);
+  int colorful = 0;
+  int colorful_without = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      colorful += color_at(picture, {x, y}) > 30 ? 1 : 0;
+      colorful_without += color_at(without_phantom, {x, y}) > 30 ? 1 : 0;
+    }
+  }
+  EXPECT_EQ(colorful, 0);
+  EXPECT_GT(colorful_without, 300);
+}
+
+TEST(DrawnRaysTest, AreDrawnWhereTheyAreAskedForAlone) {
+  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
+  SceneBuilder builder = lit_box();
+  Studio plain(builder.build(), camera);
+  builder.scene().shadows[0].light_rays = true;
+  Studio node(builder.build(), camera);
+  const Picture without = plain.draw(grey(), plain.plan(kFromFront));
+  PlanOptions asked;
+  asked.light_rays = true;
+  const Picture by_option = plain.draw(grey(), plain.plan(kFromFront, asked));
+  EXPECT_NE(without, by_option);
+  EXPECT_EQ(node.draw(grey(), node.plan(kFromFront)), by_option);
+  EXPECT_EQ(plain.draw(grey(), plain.plan(kFromFront)), without) << "and left no trace";
+  // A shadow that no light throws has no rays.
+  for (const ShadowTechnique technique :
+       {ShadowTechnique::simple, ShadowTechnique::layered, ShadowTechnique::none}) {
+    asked.technique = technique;
+    EXPECT_TRUE(plain.plan(kFromFront, asked).rays.empty());
+  }
+  asked.technique = ShadowTechnique::volume;
+  EXPECT_EQ(plain.plan(kFromFront, asked).rays.size(), 1U);
+}
+
+TEST(DrawnRaysTest, FadeWithThePose) {
+  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
+  Studio studio(lit_box().build(), camera);
+  PlanOptions options;
+  options.light_rays = true;
+  const auto colorful = [&](double age_s) {
+    PoseEstimate pose = kFromFront;
+    pose.status = TrackStatus::held;
+    pose.held_from = TrackStatus::tracked;
+    pose.age_s = age_s;
+    FramePlan plan = studio.plan(pose, options);
+    plan.objects.clear();
+    const Picture picture = studio.draw(grey(), plan);
+    int most = 0;
+    for (int y = 0; y < kSide; ++y) {
+      for (int x = 0; x < kSide; ++x) most = std::max(most, color_at(picture, {x, y}));
+    }
+    return most;
+  };
+  const int fresh = colorful(0.0);
+  const int old = colorful(0.5 * kHoldSeconds);
+  EXPECT_GT(fresh, 150);
+  EXPECT_LT(old, fresh * 3 / 4);
+  EXPECT_GT(old, 20);
+}
+
+}  // namespace
+}  // namespace penumbra::light_rays_test
