@@ -279,11 +279,11 @@ class Planner {
       if (opacity_of_object(caster) <= 0.0F) continue;
       draw.object = caster;
       draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
+      draw.opacity = opacity_of_object(caster);
       plan_.volumes.push_back(draw);
     }
   }
 
-  // By Lambert's law, as blocked_light.frag.glsl has it for planes.
   // Of those techniques whose shadows a light throws: the others' fall along the plane's normal.
   void plan_rays(const ShadowNode& node, ShadowTechnique technique) {
     if (technique != ShadowTechnique::hard && technique != ShadowTechnique::volume) return;
@@ -307,6 +307,7 @@ class Planner {
     }
   }
 
+  // By Lambert's law, as blocked_light.frag.glsl has it for planes.
   [[nodiscard]] Eigen::Vector3d light_left_at(int light, const Eigen::Vector3d& normal,
                                               const Eigen::Vector3d& place) const {
     const Eigen::Array3d sky = scene_.ambient.array() * Eigen::Array3d(1.08, 1.12, 1.18);

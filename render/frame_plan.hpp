@@ -76,6 +76,7 @@ struct ShadowVolumeDraw {
   std::vector<PlaneFrame> floors;  // the unbounded planes that receive
   double reach = 0.0;              // of the volume, from the table's origin [m]
   Eigen::Vector3d light_left;      // share of the light, linear
+  float opacity = 1.0F;            // of the caster; where it falls, the receiver's counts as well
 };
 
 // Rays from a light through one caster's vertices onto planes.

@@ -107,6 +107,12 @@ void Receivers::draw_grid(const ShaderProgram& program, const FramePlan& plan,
   glDrawElements(GL_TRIANGLES, grid_index_count_, GL_UNSIGNED_INT, nullptr);
 }
 
+void Receivers::draw_place(const FramePlan& plan, const PlaneFrame& frame,
+                           const LensUniforms& lens) const {
+  plane_program_.use();
+  draw_grid(plane_program_, plan, frame, lens);
+}
+
 int Receivers::begin_frame(const FramePlan& plan, const LensUniforms& lens, bool depth) {
   used_ = false;
   marked_ = false;

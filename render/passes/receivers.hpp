@@ -45,6 +45,8 @@ class Receivers {
   // and place, and draws.
   void draw_grid(const ShaderProgram& program, const FramePlan& plan, const PlaneFrame& frame,
                  const LensUniforms& lens) const;
+  // The plane's depth, with the tests and masks as they are: the same as begin_frame() gave it.
+  void draw_place(const FramePlan& plan, const PlaneFrame& frame, const LensUniforms& lens) const;
 
  private:
   struct Outline {

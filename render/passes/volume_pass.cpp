@@ -2,8 +2,11 @@
 
 #include <epoxy/gl.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
+#include <set>
 
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/receivers.hpp"
@@ -13,11 +16,25 @@ namespace {
 
 constexpr unsigned kCountBits = 0x3FU;  // how often the ray has entered a volume, modulo 64
 constexpr unsigned kDarkBit = 0x40U;    // in some caster's shadow
-constexpr unsigned kCasterBit = 0x80U;  // shows the caster itself, which has no shadow on itself
+// Shows the caster itself, which has no shadow on itself; or the receivers that are darkened now.
+constexpr unsigned kMarkBit = 0x80U;
 
 bool same(const Placement& a, const Placement& b) {
   return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs() &&
          a.scale == b.scale;
+}
+bool same(const std::vector<PlaneFrame>& a, const std::vector<PlaneFrame>& b) {
+  return std::ranges::equal(
+      a, b, [](const PlaneFrame& p, const PlaneFrame& q) { return p.n == q.n && p.q == q.q; });
+}
+
+// Some pixel may be darkened less than another: what casts or what receives is fainter there.
+bool differ_in_opacity(const FramePlan& plan) {
+  const auto other = [&](float opacity) { return opacity != plan.overlay_opacity; };
+  return std::ranges::any_of(plan.volumes, other, &ShadowVolumeDraw::opacity) ||
+         std::ranges::any_of(plan.receivers, other, &PlaneReceiver::opacity) ||
+         std::ranges::any_of(plan.objects, other, &ObjectDraw::opacity) ||
+         std::ranges::any_of(plan.phantoms, other, &ObjectDraw::opacity);
 }
 
 }  // namespace
@@ -40,7 +57,7 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   for (const ShadowVolumeDraw& draw : plan.volumes) {
     Volume& volume = volumes_[{draw.object, draw.light}];
     if (volume.valid && same(volume.T_table_object, draw.T_table_object) &&
-        volume.light == draw.light_place) {
+        volume.light == draw.light_place && same(volume.floors, draw.floors)) {
       ++work.reprojections;
       continue;
     }
@@ -58,6 +75,7 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
     volume.valid = true;
     volume.T_table_object = draw.T_table_object;
     volume.light = draw.light_place;
+    volume.floors = draw.floors;
     volume.count = static_cast<int>(made.triangles.size());
     volume.layout.bind();
     volume.vertices.write(std::span<const glm::vec3>(made.triangles), BufferLife::every_frame);
@@ -68,73 +86,147 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   }
 }
 
-int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                     const ObjectPass& objects) const {
-  if (plan.volumes.empty()) return 0;
-  const Placement table;
-  int calls = 0;
-  glEnable(GL_STENCIL_TEST);
-  glStencilMask(0xFF);
-  glClear(GL_STENCIL_BUFFER_BIT);
-  glDepthMask(GL_FALSE);
-  glDisable(GL_BLEND);
+int VolumePass::count(const Scene& scene, const FramePlan& plan, const ShadowVolumeDraw& draw,
+                      const LensUniforms& lens, const ObjectPass& objects) const {
+  // Where the caster itself is seen.
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  for (const ShadowVolumeDraw& draw : plan.volumes) {
-    const Volume& volume = volumes_.at({draw.object, draw.light});
-    if (volume.count == 0) continue;
-    // Where the caster itself is seen.
-    glEnable(GL_DEPTH_TEST);
-    glStencilMask(kCasterBit);
-    glStencilFunc(GL_ALWAYS, static_cast<GLint>(kCasterBit), kCasterBit);
-    glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
-    glDepthFunc(GL_EQUAL);
-    calls += objects.draw_alone(scene, {draw.object, draw.T_table_object, 1.0F}, plan, lens);
-    // How many of the volume's walls are behind what the pixel shows: those turned to the eye count
-    // one way, those turned away the other.
-    volume_program_.use();
-    set_lens(volume_program_, lens);
-    volume_program_.set("camera_from_table", camera_from_object(plan.T_table_camera, table));
-    glDepthFunc(GL_LESS);
-    glStencilMask(kCountBits);
-    glStencilFunc(GL_EQUAL, 0, kCasterBit);
-    glStencilOpSeparate(GL_FRONT, GL_KEEP, GL_DECR_WRAP, GL_KEEP);
-    glStencilOpSeparate(GL_BACK, GL_KEEP, GL_INCR_WRAP, GL_KEEP);
-    volume.layout.bind();
-    glDrawArrays(GL_TRIANGLES, 0, volume.count);
-    // Any number but 0 -> dark, and 0 again.
-    fill_program_.use();
-    glDisable(GL_DEPTH_TEST);
-    glStencilMask(kCountBits | kDarkBit);
-    glStencilFunc(GL_NOTEQUAL, static_cast<GLint>(kDarkBit), kCountBits);
-    glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
-    no_vertices_.bind();
-    glDrawArrays(GL_TRIANGLES, 0, 3);
-    glStencilMask(kCasterBit);
-    glClear(GL_STENCIL_BUFFER_BIT);
-    calls += 2;
-  }
+  glDisable(GL_BLEND);
+  glEnable(GL_DEPTH_TEST);
+  glStencilMask(kMarkBit);
+  glStencilFunc(GL_ALWAYS, static_cast<GLint>(kMarkBit), kMarkBit);
+  glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
+  glDepthFunc(GL_EQUAL);
+  const int calls = objects.draw_alone(scene, {draw.object, draw.T_table_object, 1.0F}, plan, lens);
+  // How many of the volume's walls are behind what the pixel shows: those turned to the eye count
+  // one way, those turned away the other.
+  volume_program_.use();
+  set_lens(volume_program_, lens);
+  volume_program_.set("camera_from_table", camera_from_object(plan.T_table_camera, Placement()));
+  glDepthFunc(GL_LESS);
+  glStencilMask(kCountBits);
+  glStencilFunc(GL_EQUAL, 0, kMarkBit);
+  glStencilOpSeparate(GL_FRONT, GL_KEEP, GL_DECR_WRAP, GL_KEEP);
+  glStencilOpSeparate(GL_BACK, GL_KEEP, GL_INCR_WRAP, GL_KEEP);
+  const Volume& volume = volumes_.at({draw.object, draw.light});
+  volume.layout.bind();
+  glDrawArrays(GL_TRIANGLES, 0, volume.count);
+  glDisable(GL_DEPTH_TEST);
+  glStencilMask(kMarkBit);
+  glClear(GL_STENCIL_BUFFER_BIT);
+  return calls + 1;
+}
+
+// The pixels that the stencil lets through.
+void VolumePass::darken(const FramePlan& plan, float opacity) const {
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDisable(GL_DEPTH_TEST);
   glEnable(GL_BLEND);
   glBlendFunc(GL_ZERO, GL_SRC_COLOR);
-  glStencilMask(0);
-  glStencilFunc(GL_EQUAL, static_cast<GLint>(kDarkBit), kDarkBit);
   glStencilOp(GL_KEEP, GL_KEEP, GL_KEEP);
   fill_program_.use();
   glm::vec3 left(1.0F);
   for (glm::length_t i = 0; i < 3; ++i) {
     const double share = plan.volumes.front().light_left[i];
-    left[i] = static_cast<float>(1.0 - static_cast<double>(plan.overlay_opacity) *
-                                           (1.0 - std::pow(share, 1.0 / 2.2)));
+    left[i] =
+        static_cast<float>(1.0 - static_cast<double>(opacity) * (1.0 - std::pow(share, 1.0 / 2.2)));
   }
   fill_program_.set("light_left", left);
   no_vertices_.bind();
   glDrawArrays(GL_TRIANGLES, 0, 3);
+  glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+  glDisable(GL_BLEND);
+}
+
+int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+                     const ObjectPass& objects, const Receivers& receivers) const {
+  if (plan.volumes.empty()) return 0;
+  int calls = 0;
+  glEnable(GL_STENCIL_TEST);
+  glStencilMask(0xFF);
+  glClear(GL_STENCIL_BUFFER_BIT);
+  glDepthMask(GL_FALSE);
+  if (differ_in_opacity(plan)) {
+    calls += draw_faint(scene, plan, lens, objects, receivers);
+  } else {
+    for (const ShadowVolumeDraw& draw : plan.volumes) {
+      if (volumes_.at({draw.object, draw.light}).count == 0) continue;
+      calls += count(scene, plan, draw, lens, objects) + 1;
+      note_dark();
+    }
+    glStencilMask(0);
+    glStencilFunc(GL_EQUAL, static_cast<GLint>(kDarkBit), kDarkBit);
+    darken(plan, plan.overlay_opacity);
+    ++calls;
+  }
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glStencilMask(0xFF);
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_BLEND);
   glDepthMask(GL_TRUE);
-  return calls + 1;
+  return calls;
+}
+
+// Any count but 0 -> dark, and 0 again.
+void VolumePass::note_dark() const {
+  fill_program_.use();
+  glStencilMask(kCountBits | kDarkBit);
+  glStencilFunc(GL_NOTEQUAL, static_cast<GLint>(kDarkBit), kCountBits);
+  glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
+  no_vertices_.bind();
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+}
+
+// Caster by caster, the strongest first, and each of them on what is equally strong together: a
+// pixel in the shadow of several is darkened once, by the first.
+int VolumePass::draw_faint(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+                           const ObjectPass& objects, const Receivers& receivers) const {
+  std::vector<const ShadowVolumeDraw*> casters;
+  for (const ShadowVolumeDraw& draw : plan.volumes) casters.push_back(&draw);
+  std::ranges::stable_sort(casters, std::greater<>(),
+                           [](const ShadowVolumeDraw* draw) { return draw->opacity; });
+  std::set<float> opacities;
+  for (const PlaneReceiver& receiver : plan.receivers) opacities.insert(receiver.opacity);
+  for (const ObjectDraw& object : plan.objects) opacities.insert(object.opacity);
+  for (const ObjectDraw& phantom : plan.phantoms) opacities.insert(phantom.opacity);
+  int calls = 0;
+  for (const ShadowVolumeDraw* caster : casters) {
+    if (volumes_.at({caster->object, caster->light}).count == 0) continue;
+    calls += count(scene, plan, *caster, lens, objects);
+    // What is dark already counts no more.
+    fill_program_.use();
+    no_vertices_.bind();
+    glStencilMask(kCountBits);
+    glStencilFunc(GL_EQUAL, static_cast<GLint>(kDarkBit), kDarkBit);
+    glStencilOp(GL_KEEP, GL_KEEP, GL_ZERO);
+    glDrawArrays(GL_TRIANGLES, 0, 3);
+    for (const float opacity : opacities) {
+      // What shows a receiver of this opacity: its own depth is there.
+      glEnable(GL_DEPTH_TEST);
+      glDepthFunc(GL_EQUAL);
+      glStencilMask(kMarkBit);
+      glStencilFunc(GL_ALWAYS, static_cast<GLint>(kMarkBit), kMarkBit);
+      glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
+      for (const std::vector<ObjectDraw>* things : {&plan.objects, &plan.phantoms}) {
+        for (const ObjectDraw& thing : *things) {
+          if (thing.opacity == opacity) calls += objects.draw_alone(scene, thing, plan, lens);
+        }
+      }
+      for (const PlaneReceiver& receiver : plan.receivers) {
+        if (receiver.opacity != opacity) continue;
+        receivers.draw_place(plan, receiver.frame, lens);
+        ++calls;
+      }
+      glStencilMask(0);
+      glStencilFunc(GL_LESS, static_cast<GLint>(kMarkBit), kMarkBit | kCountBits);
+      darken(plan, std::min(opacity, caster->opacity));
+      glStencilMask(kMarkBit);
+      glClear(GL_STENCIL_BUFFER_BIT);
+      ++calls;
+    }
+    note_dark();
+    calls += 2;
+  }
+  return calls;
 }
 
 }  // namespace penumbra

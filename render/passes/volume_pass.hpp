@@ -8,12 +8,14 @@
 #include <memory>
 #include <optional>
 #include <tuple>
+#include <vector>
 
 #include "render/camera_gl.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/passes/object_pass.hpp"
+#include "render/passes/receivers.hpp"
 #include "render/passes/shadow_pass.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/shadow_volume.hpp"
@@ -26,15 +28,17 @@ class VolumePass {
 
   // The CPU's part: volumes of casters that moved, or whose light did. Adds to `work`.
   void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
-  // The plan must be the one prepared; depth: phantoms, objects and planes. Number of draw calls.
+  // The plan must be the one prepared; depth: phantoms, objects and planes. The shadow is as strong
+  // as the fainter of what casts it and what it falls on. Number of draw calls.
   int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-           const ObjectPass& objects) const;
+           const ObjectPass& objects, const Receivers& receivers) const;
 
  private:
   struct Volume {
     bool valid = false;
     Placement T_table_object;
     Eigen::Vector4d light;
+    std::vector<PlaneFrame> floors;
     int count = 0;
     bool layout_made = false;
     VertexArray layout;
@@ -44,6 +48,14 @@ class VolumePass {
 
   VolumePass(ShaderProgram volume, ShaderProgram fill)
       : volume_program_(std::move(volume)), fill_program_(std::move(fill)) {}
+
+  // Leaves how often each pixel's ray is in the volume, in the stencil's bits for that.
+  int count(const Scene& scene, const FramePlan& plan, const ShadowVolumeDraw& draw,
+            const LensUniforms& lens, const ObjectPass& objects) const;
+  void note_dark() const;
+  void darken(const FramePlan& plan, float opacity) const;
+  int draw_faint(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+                 const ObjectPass& objects, const Receivers& receivers) const;
 
   ShaderProgram volume_program_;
   ShaderProgram fill_program_;

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -267,6 +268,94 @@ TEST_P(VolumeView, DarkensWhatTheLightDoesNotReach) {
   EXPECT_LE(wrong, 20 + dark / 60) << dark << " dark of " << compared;
 }
 
+// Where a tag group's place is uncertain or held, what is tied to it is drawn faintly: the shadow
+// of it, and on it. A pixel in two shadows has the stronger one.
+TEST(ShadowVolume, FadesWithWhatCastsAndWithWhatReceives) {
+  const Eigen::Vector3d light(-0.15, 0.05, 0.6);
+  SceneBuilder builder = with_light(light);
+  const std::vector<Block> casters = {{test::at(0.0, 0.0, 0.2), {0.05, 0.04, 0.01}},
+                                      {test::at(0.05, 0.02, 0.22), {0.04, 0.05, 0.01}}};
+  const std::vector<Block> others = {{test::at(0.10, -0.085, 0.02), {0.03, 0.03, 0.02}},
+                                     {test::at(0.10, 0.045, 0.015), {0.04, 0.03, 0.015}}};
+  for (const auto* blocks : {&casters, &others}) {
+    for (std::size_t i = 0; i < blocks->size(); ++i) {
+      const Block& block = (*blocks)[i];
+      const bool casts = blocks == &casters;
+      builder.add(box(2 * block.half.x(), 2 * block.half.y(), 2 * block.half.z()), block.placement,
+                  casts, !casts && i == 0);
+    }
+  }
+  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
+  Studio studio(builder.build(), camera);
+  const Eigen::Vector3d eye(0.3, -0.4, 0.5);
+  const PoseEstimate pose = test::tracked(test::look_at(eye, {0.05, 0.02, 0.05}));
+  constexpr float kTableOpacity = 0.9F;
+  constexpr float kPhantomOpacity = 0.65F;
+  constexpr float kObjectOpacity = 0.3F;
+  constexpr std::array<float, 2> kCasterOpacity = {0.5F, 1.0F};
+  FramePlan plan = studio.plan(pose);
+  ASSERT_EQ(plan.volumes.size(), 2U);
+  plan.receivers[0].opacity = kTableOpacity;
+  plan.phantoms[0].opacity = kPhantomOpacity;
+  for (ObjectDraw& object : plan.objects) {
+    if (object.object == 3) object.opacity = kObjectOpacity;
+  }
+  for (std::size_t i = 0; i < 2; ++i) plan.volumes[i].opacity = kCasterOpacity[i];
+  const double share = std::pow(plan.volumes[0].light_left.x(), 1.0 / 2.2);
+  const Picture with = studio.draw(white(), plan);
+  plan.volumes.clear();
+  const Picture without = studio.draw(white(), plan);
+
+  std::map<std::pair<float, float>, int> seen;  // by receiver's and caster's opacity
+  int wrong = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
+      ASSERT_TRUE(ray);
+      const Eigen::Vector3d d = pose.T_table_camera.rotation() * (*ray / ray->z());
+      double t = -eye.z() / d.z();
+      float receiver = kTableOpacity;
+      for (std::size_t i = 0; i < others.size(); ++i) {
+        const double at = others[i].hit(eye, d, kNear);
+        if (at >= t) continue;
+        t = at;
+        receiver = i == 0 ? kPhantomOpacity : kObjectOpacity;
+      }
+      const Eigen::Vector3d place = eye + t * d;
+      bool caster_seen = false;
+      float caster = 0.0F;
+      for (std::size_t i = 0; i < casters.size(); ++i) {
+        caster_seen = caster_seen || casters[i].hit(eye, d, kNear) < t;
+        if (casters[i].hit(place, light - place, 1e-9) < 1.0) {
+          caster = std::max(caster, kCasterOpacity[i]);
+        }
+      }
+      if (caster_seen) continue;
+      ++seen[{receiver, caster}];
+      const double opacity = static_cast<double>(std::min(receiver, caster));
+      const double expected = without.red(x, y) * (1.0 - opacity * (1.0 - share));
+      wrong += std::abs(with.red(x, y) - expected) > 1.5 ? 1 : 0;
+    }
+  }
+  for (const float receiver : {kTableOpacity, kPhantomOpacity, kObjectOpacity}) {
+    for (const float caster : {0.0F, 0.5F, 1.0F}) {
+      EXPECT_GT((seen[{receiver, caster}]), 20) << receiver << " " << caster;
+    }
+  }
+  EXPECT_LE(wrong, 350) << "more than edges of " << kSide * kSide;
+
+  // All at one opacity: the same, whichever way it is drawn.
+  FramePlan even = studio.plan(pose);
+  const Picture solid = studio.draw(white(), even);
+  even.phantoms[0].opacity = 0.999999F;
+  const Picture by_receiver = studio.draw(white(), even);
+  int other = 0;
+  for (std::size_t i = 0; i < solid.rgba.size(); ++i) {
+    other += std::abs(solid.rgba[i] - by_receiver.rgba[i]) > 1 ? 1 : 0;
+  }
+  EXPECT_EQ(other, 0);
+}
+
 TEST(ShadowVolume, EmptyDepthIsNeverDark) {
   SceneBuilder builder = with_light({0.0, 0.0, 0.5});
   builder.add(ring(), test::at(0.0, 0.0, 0.2));
@@ -307,6 +396,10 @@ TEST(ShadowVolume, IsMadeAgainWhereItsCasterOrLightMovedOnly) {
   plan.volumes[1].T_table_object.position.z() += 0.01;
   studio.draw(white(), plan);
   EXPECT_EQ(studio.stats().triples_recomputed, 1);
+  // A floor that sinks: the volume must reach through it.
+  for (ShadowVolumeDraw& draw : plan.volumes) draw.floors[0].q.z() -= 0.3;
+  studio.draw(white(), plan);
+  EXPECT_EQ(studio.stats().triples_recomputed, 2);
 }
 
 }  // namespace
