@@ -403,7 +403,8 @@ Result<RunReport> run_live(const LiveRequest& request) {
   const auto name = parse_camera(request.camera);
   if (!name) return tl::unexpected(name.error());
   if (auto checked = check_camera(*name); !checked) return tl::unexpected(checked.error());
-  auto context = open_run_context({request.window, request.vsync}, *camera);
+  auto context =
+      open_run_context({request.window, request.vsync}, {camera->width(), camera->height()});
   if (!context) return tl::unexpected(context.error());
   SessionOptions session_options;
   session_options.plan = request.plan;

@@ -5,12 +5,16 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <memory>
 #include <set>
+#include <span>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "app/capture/look_ahead.hpp"
 #include "app/capture/recording_source.hpp"
+#include "app/comparison.hpp"
 #include "app/interrupt.hpp"
 #include "app/overlay.hpp"
 #include "app/progress.hpp"
@@ -21,6 +25,7 @@
 #include "app/versions.hpp"
 #include "app/viewer.hpp"
 #include "core/units.hpp"
+#include "render/gl/framebuffer.hpp"
 #include "tracking/group_tracker.hpp"
 
 namespace penumbra {
@@ -144,9 +149,11 @@ class RecordedEdits {
   RecordedEdits(const Recording& recording, const SceneEvents& events, const fs::path& scene)
       : file_(recording.folder / "events.jsonl"), scene_(scene), events_(events.edits) {}
 
-  void replay_until(std::int64_t timestamp_ns, Session& session) {
+  // `shown`: the session, or several in comparison.
+  template <class Shown>
+  void replay_until(std::int64_t timestamp_ns, Shown& shown) {
     for (; next_ < events_.size() && events_[next_].timestamp_ns <= timestamp_ns; ++next_) {
-      if (session.replay_edit(events_[next_].edit) || warned_) continue;
+      if (shown.replay_edit(events_[next_].edit) || warned_) continue;
       warned_ = true;
       spdlog::warn("{}: changes what is not in {}; such changes are left out", file_.string(),
                    scene_.string());
@@ -184,6 +191,93 @@ int place_of(const Recording& recording, int number) {
       recording.frames.begin(), recording.frames.end(), number,
       [](const RecordedFrame& frame, int wanted) { return frame.number < wanted; });
   return static_cast<int>(found - recording.frames.begin());
+}
+
+// What is drawn: one session, or several side by side.
+class Shown {
+ public:
+  [[nodiscard]] static Result<Shown> open(const ReplayRequest& request, GlContext& context,
+                                          const std::shared_ptr<const Scene>& scene,
+                                          const CameraModel& camera, PoseSource poses,
+                                          const SessionOptions& options) {
+    Shown shown;
+    if (request.compare.empty()) {
+      auto session = Session::create(context, scene, camera, std::move(poses), options);
+      if (!session) return tl::unexpected(session.error());
+      shown.session_ = std::make_unique<Session>(std::move(*session));
+    } else {
+      auto comparison =
+          Comparison::create(context, scene, camera, std::move(poses), request.compare, options);
+      if (!comparison) return tl::unexpected(comparison.error());
+      shown.comparison_ = std::make_unique<Comparison>(std::move(*comparison));
+    }
+    return shown;
+  }
+
+  [[nodiscard]] TrackedFrame track(const Frame& frame) {
+    return comparison_ ? comparison_->track(frame) : session_->track(frame);
+  }
+  [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, bool read_back) {
+    if (comparison_) return comparison_->draw(tracked);
+    if (read_back && pixels_.empty()) {
+      const CameraModel& camera = session_->camera();
+      pixels_.resize(std::size_t{4} * static_cast<std::size_t>(camera.width()) *
+                     static_cast<std::size_t>(camera.height()));
+    }
+    return session_->draw(std::move(tracked), pixels_);
+  }
+  // Of the last picture, where it was read back.
+  [[nodiscard]] std::span<const std::uint8_t> pixels() const {
+    return comparison_ ? comparison_->grid().rgba() : std::span<const std::uint8_t>(pixels_);
+  }
+  bool replay_edit(const SceneEdit& edit) {
+    return comparison_ ? comparison_->replay_edit(edit) : session_->replay_edit(edit);
+  }
+  [[nodiscard]] std::vector<PaneReport> pane_reports() const {
+    return comparison_ ? comparison_->reports() : std::vector<PaneReport>();
+  }
+
+  // For a window; kept here.
+  [[nodiscard]] Result<ViewerHost*> open_host(GlContext& context, RunRecorder& run,
+                                              int frame_count) {
+    if (!comparison_) {
+      session_host_ = std::make_unique<SessionHost>(*session_, run, frame_count);
+      return session_host_.get();
+    }
+    const PaneGrid& grid = comparison_->grid();
+    auto picture = UploadedPicture::create(grid.width(), grid.height());
+    if (!picture) return tl::unexpected(picture.error());
+    comparison_host_ = std::make_unique<ComparisonHost>(*comparison_, context, std::move(*picture),
+                                                        run, frame_count);
+    return comparison_host_.get();
+  }
+  void saw(const SessionFrame& frame) {
+    if (session_host_) session_host_->saw(frame);
+    if (comparison_host_) comparison_host_->saw(frame);
+  }
+
+ private:
+  Shown() = default;
+  std::unique_ptr<Session> session_;
+  std::unique_ptr<Comparison> comparison_;
+  std::vector<std::uint8_t> pixels_;
+  std::unique_ptr<SessionHost> session_host_;
+  std::unique_ptr<ComparisonHost> comparison_host_;
+};
+
+GlContext::Size picture_size(const ReplayRequest& request, const CameraModel& camera) {
+  if (request.compare.empty()) return {camera.width(), camera.height()};
+  const GridSize size =
+      grid_size(camera.width(), camera.height(), static_cast<int>(request.compare.size()));
+  return {size.width, size.height};
+}
+
+// A grid of panes may be larger than any screen.
+GlContext::Size window_size_for(GlContext::Size picture) {
+  constexpr double kWidest = 1600.0;
+  constexpr double kTallest = 960.0;
+  const double scale = std::min({1.0, kWidest / picture.width, kTallest / picture.height});
+  return {static_cast<int>(scale * picture.width), static_cast<int>(scale * picture.height)};
 }
 
 }  // namespace
@@ -227,7 +321,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   auto source = open_recording_source(*recording, source_options);
   if (!source) return tl::unexpected(source.error());
 
-  auto context = open_run_context({request.window, true}, camera);
+  const GlContext::Size picture = picture_size(request, camera);
+  auto context = open_run_context({request.window, true}, window_size_for(picture));
   if (!context) return tl::unexpected(context.error());
   spdlog::info("OpenGL: {}, {}", (*context)->info().renderer, (*context)->info().version);
   for (const auto& [name, version] : component_versions()) spdlog::info("{} {}", name, version);
@@ -235,33 +330,29 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   session_options.plan = request.plan;
   session_options.scene_start_ns =
       events->scene_start_ns.value_or(recording->frames.front().timestamp_ns);
-  auto session = Session::create(**context, scene, camera, std::move(*poses), session_options);
-  if (!session) return tl::unexpected(session.error());
+  auto shown = Shown::open(request, **context, scene, camera, std::move(*poses), session_options);
+  if (!shown) return tl::unexpected(shown.error());
 
   interrupt.hold();
   const std::vector<std::string> groups =
       recording->tags ? other_groups(*recording->tags) : std::vector<std::string>();
   auto outputs =
-      open_outputs(request, {camera.width(), camera.height(), frame_interval_s(*recording)}, groups,
+      open_outputs(request, {picture.width, picture.height, frame_interval_s(*recording)}, groups,
                    overlapped ? kEncodeAhead : 0);
   if (!outputs) return tl::unexpected(outputs.error());
 
   RunRecorder run;
   const bool has_window = (*context)->window_size().width > 0;
-  SessionHost host(*session, run, static_cast<int>(recording->frames.size()));
   std::optional<Viewer> viewer;
   if (has_window) {
     auto overlay = Overlay::create(**context);
     if (!overlay) return tl::unexpected(overlay.error());
-    viewer.emplace(**context, host, std::move(*overlay), request.viewer);
+    auto host = shown->open_host(**context, run, static_cast<int>(recording->frames.size()));
+    if (!host) return tl::unexpected(host.error());
+    viewer.emplace(**context, **host, std::move(*overlay), request.viewer);
   }
   RecordedEdits edits(*recording, *events, request.scene);
   Pacer pacer;
-  std::vector<std::uint8_t> pixels;
-  if (outputs->frames) {
-    pixels.resize(static_cast<std::size_t>(camera.width()) *
-                  static_cast<std::size_t>(camera.height()) * 4U);
-  }
   // The next frames are tracked while this one is drawn and the one before it encoded; each stage
   // takes the frames in order, so that nothing depends on which thread was faster.
   TrackAhead tracked(
@@ -269,7 +360,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
         auto frame = (*source)->next();
         if (!frame) return tl::unexpected(frame.error());
         if (!*frame) return std::optional<TrackedItem>();
-        return std::optional<TrackedItem>({session->track(**frame), (*source)->capture_time()});
+        return std::optional<TrackedItem>({shown->track(**frame), (*source)->capture_time()});
       },
       overlapped ? kTrackAhead : 0);
   bool stopped = false;
@@ -283,16 +374,16 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       run.add_time("capture", (*item)->capture_time);
       const std::uint64_t sequence = (*item)->tracked.frame.sequence;
       const std::int64_t timestamp_ns = (*item)->tracked.frame.timestamp_ns;
-      edits.replay_until(timestamp_ns, *session);
+      edits.replay_until(timestamp_ns, *shown);
 
-      auto done = session->draw(std::move((*item)->tracked), pixels);
+      auto done = shown->draw(std::move((*item)->tracked), outputs->frames != nullptr);
       if (!done) return tl::unexpected(done.error());
       run.add_frame(*done);
       const PoseEstimate& pose = done->tracked.pose;
       spdlog::debug("frame {}: {}{}{}", sequence, to_string(pose.status),
                     pose.reason.empty() ? "" : ": ", pose.reason);
 
-      if (auto written = outputs->write(*done, pixels, run); !written)
+      if (auto written = outputs->write(*done, shown->pixels(), run); !written)
         return tl::unexpected(written.error());
       run.add_time("frame", frame_watch.elapsed());
       progress.update(run.frames());
@@ -301,7 +392,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
         pacer.wait_for(timestamp_ns, viewer ? viewer->paused_ms() : 0.0);
       }
       if (viewer) {
-        host.saw(*done);
+        shown->saw(*done);
         stopped = !viewer->show(interrupt);
       }
       stopped = interrupt.interrupted() || stopped;
@@ -316,8 +407,9 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   report.threads = overlapped ? request.threads : 1;
   report.recording = request.recording.string();
   report.scene = request.scene.string();
-  report.width = camera.width();
-  report.height = camera.height();
+  report.width = picture.width;
+  report.height = picture.height;
+  report.panes = shown->pane_reports();
   report.interrupted = interrupt.interrupted();
   report.gl_renderer = (*context)->info().renderer;
   report.gl_version = (*context)->info().version;

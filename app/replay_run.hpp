@@ -4,7 +4,9 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "app/comparison.hpp"
 #include "app/frame_range.hpp"
 #include "app/run_outputs.hpp"
 #include "app/run_report.hpp"
@@ -20,6 +22,8 @@ struct ReplayRequest : OutputRequest {
   std::filesystem::path scene;
   std::optional<std::filesystem::path> tags;  // instead of the recording's
   PlanOptions plan;
+  // Two or more, side by side in one picture; `plan` is then not used.
+  std::vector<ComparedTechnique> compare;
   std::optional<std::filesystem::path> kernel_file;  // for the scene's casters that it fits
   TrackerOptions tracking;
   std::optional<std::string> poses_from;  // "groundtruth" or a TUM file: no tracker

@@ -165,12 +165,12 @@ Result<void> RunOutputs::write_report(const RunReport& measured) {
 }
 
 Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
-                                                    const CameraModel& camera) {
+                                                    GlContext::Size picture) {
   if (choice.window && display_available()) {
     auto window = with_either_api([&](GlApi api) {
       WindowOptions options;
-      options.width = camera.width();
-      options.height = camera.height();
+      options.width = picture.width;
+      options.height = picture.height;
       options.vsync = choice.vsync;
       options.api = api;
       return create_window_context(options);

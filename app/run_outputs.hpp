@@ -14,7 +14,6 @@
 #include "app/output/output_file.hpp"
 #include "app/output/pose_writer.hpp"
 #include "app/run_report.hpp"
-#include "core/camera_model.hpp"
 #include "core/error.hpp"
 #include "core/tag_map.hpp"
 #include "render/gl/context.hpp"
@@ -73,7 +72,8 @@ struct WindowChoice {
   bool vsync = true;
 };
 // Where there is no display, says so in one line and goes on offscreen.
+// `picture`: what it shows, and how large a window is at first.
 [[nodiscard]] Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
-                                                                  const CameraModel& camera);
+                                                                  GlContext::Size picture);
 
 }  // namespace penumbra

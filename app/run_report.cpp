@@ -54,6 +54,18 @@ Json groups_json(const std::vector<GroupReport>& groups) {
   return json;
 }
 
+template <class Counts>
+Json counts_json(const Counts& counts) {
+  Json json = Json::object();
+  for (const auto& [name, count] : counts) json[name] = count;
+  return json;
+}
+Json times_json(const std::vector<std::pair<std::string, StageSummary>>& time_ms) {
+  Json json = Json::object();
+  for (const auto& [stage, summary] : time_ms) json[stage] = json_of(summary);
+  return json;
+}
+
 // What each thread of the pipeline was busy with, per frame, and what the frame rate hangs on: the
 // busiest of them where they run side by side, else all of them, one after another.
 Json pipeline_json(const RunReport& report) {
@@ -323,9 +335,7 @@ std::string report_json(const RunReport& report) {
   for (const auto& [name, version] : component_versions()) versions[name] = version;
   json["versions"] = versions;
   json["gl"] = {{"renderer", report.gl_renderer}, {"version", report.gl_version}};
-  Json time_ms = Json::object();
-  for (const auto& [stage, summary] : report.time_ms) time_ms[stage] = json_of(summary);
-  json["time_ms"] = time_ms;
+  json["time_ms"] = times_json(report.time_ms);
   json["pipeline"] = pipeline_json(report);
   json["tracking"] = {
       {"reprojection_rms_px", report.tags_measured
@@ -334,17 +344,14 @@ std::string report_json(const RunReport& report) {
       {"full_detections", report.full_detections},
       {"tracked_updates", report.tracked_updates}};
   if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
-  Json work = Json::object();
-  for (const auto& [name, count] : report.work) work[name] = count;
-  json["work"] = work;
-  Json skipped = Json::object();
-  for (const auto& [name, count] : report.skipped) skipped[name] = count;
-  json["skipped"] = skipped;
-  if (!report.camera_faults.empty()) {
-    Json faults = Json::object();
-    for (const auto& [name, count] : report.camera_faults) faults[name] = count;
-    json["camera_faults"] = faults;
+  json["work"] = counts_json(report.work);
+  json["skipped"] = counts_json(report.skipped);
+  for (const PaneReport& pane : report.panes) {
+    json["compare"][pane.technique] = {{"time_ms", times_json(pane.time_ms)},
+                                       {"work", counts_json(pane.work)},
+                                       {"skipped", counts_json(pane.skipped)}};
   }
+  if (!report.camera_faults.empty()) json["camera_faults"] = counts_json(report.camera_faults);
   if (report.accuracy) json["accuracy"] = json_of(*report.accuracy);
   // A folder name that is no UTF-8 must not cost the report.
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
@@ -402,6 +409,13 @@ std::string report_table(const RunReport& report) {
     if (s.count == 0) continue;
     text += fmt::format("{:<22}{:>10.3f}{:>10.3f}{:>10.3f}{:>10.3f}\n", stage, s.median, s.p95,
                         s.max, s.cpu_mean);
+  }
+  for (const PaneReport& pane : report.panes) {
+    for (const auto& [stage, s] : pane.time_ms) {
+      if (stage != "shadow" && stage != "render") continue;
+      text += fmt::format("{:<22}{:>10.3f}{:>10.3f}{:>10.3f}{:>10.3f}\n",
+                          pane.technique + ": " + stage, s.median, s.p95, s.max, s.cpu_mean);
+    }
   }
   if (report.accuracy) {
     text += '\n';

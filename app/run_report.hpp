@@ -48,6 +48,14 @@ struct GroupReport {
   std::optional<Evaluation> accuracy;
 };
 
+// One technique of a comparison: what drawing it took, and what it did.
+struct PaneReport {
+  std::string technique;
+  std::vector<std::pair<std::string, StageSummary>> time_ms;  // of the stages that draw
+  std::vector<std::pair<std::string, std::int64_t>> work;
+  std::map<std::string, std::int64_t> skipped;
+};
+
 struct RunReport {
   std::string recording;
   std::string scene;
@@ -71,6 +79,8 @@ struct RunReport {
   int threads = 1;
   std::optional<Evaluation> accuracy;  // of the tracked frames
   std::vector<GroupReport> groups;     // those that were tracked, in the order of the tag map
+  // Of a comparison, in the order of its panes: time_ms, work and skipped are of all together.
+  std::vector<PaneReport> panes;
 };
 
 class RunRecorder {

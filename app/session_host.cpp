@@ -71,41 +71,44 @@ void SessionHost::redraw() {
   last_ = std::move(*drawn);
 }
 
-std::string SessionHost::save_screenshot() {
-  const CameraModel& camera = session_.camera();
-  std::vector<std::uint8_t> pixels(static_cast<std::size_t>(camera.width()) *
-                                   static_cast<std::size_t>(camera.height()) * 4U);
+std::string save_picture(int width, int height, std::span<const std::uint8_t> rgba) {
   const std::filesystem::path file = free_name(".png");
-  if (auto read = session_.read_back(pixels); !read) return read.error().message;
-  if (auto saved = save_png(file, camera.width(), camera.height(), pixels); !saved) {
-    return saved.error().message;
-  }
+  if (auto saved = save_png(file, width, height, rgba); !saved) return saved.error().message;
   std::error_code ignored;
   return "picture saved: " + std::filesystem::absolute(file, ignored).string();
 }
 
+std::string SessionHost::save_screenshot() {
+  const CameraModel& camera = session_.camera();
+  std::vector<std::uint8_t> pixels(static_cast<std::size_t>(camera.width()) *
+                                   static_cast<std::size_t>(camera.height()) * 4U);
+  if (auto read = session_.read_back(pixels); !read) return read.error().message;
+  return save_picture(camera.width(), camera.height(), pixels);
+}
+
+void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorder& run) {
+  state.has_picture = true;
+  state.frame = frame.tracked.frame.sequence;
+  state.pose = frame.tracked.pose;
+  state.groups = frame.tracked.groups;
+  const auto add = [&](std::string_view stage) {
+    if (const auto mean = run.recent_ms(stage, kMeanFrames))
+      state.stages.emplace_back(stage, *mean);
+  };
+  for (const std::string_view stage : kStages) {
+    add(stage);
+    if (stage != "track") continue;
+    // Only what the last frame went through: the others' times may be old.
+    const TrackTimes& times = frame.tracked.times;
+    if (times.detect_ms > 0.0) add("detect");
+    if (times.align_ms > 0.0) add("align");
+    if (times.solve_ms > 0.0) add("solve");
+  }
+}
+
 void SessionHost::describe(HudState& state, bool debug) const {
   state.frame_count = frame_count_;
-  if (last_) {
-    state.has_picture = true;
-    state.frame = last_->tracked.frame.sequence;
-    state.pose = last_->tracked.pose;
-    state.groups = last_->tracked.groups;
-    const auto add = [&](std::string_view stage) {
-      if (const auto mean = run_.recent_ms(stage, kMeanFrames)) {
-        state.stages.emplace_back(stage, *mean);
-      }
-    };
-    for (const std::string_view stage : kStages) {
-      add(stage);
-      if (stage != "track") continue;
-      // Only what the last frame went through: the others' times may be old.
-      const TrackTimes& times = last_->tracked.times;
-      if (times.detect_ms > 0.0) add("detect");
-      if (times.align_ms > 0.0) add("align");
-      if (times.solve_ms > 0.0) add("solve");
-    }
-  }
+  if (last_) describe_frame(state, *last_, run_);
   if (!debug || !last_) return;
   state.drawn = last_->composite;
   state.skipped = last_->plan.skipped;

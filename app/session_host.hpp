@@ -1,7 +1,10 @@
 // A session in the window: what both live and replay give the viewer.
 #pragma once
 
+#include <cstdint>
+#include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -38,6 +41,12 @@ class SessionHost : public ViewerHost {
   std::optional<int> frame_count_;
   std::optional<SessionFrame> last_;
 };
+
+// What the HUD says of a frame: its number, poses, and the times of the stages.
+void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorder& run);
+
+// A PNG of RGBA8 pixels into the current folder. Says what became of it, for the person.
+[[nodiscard]] std::string save_picture(int width, int height, std::span<const std::uint8_t> rgba);
 
 // "penumbra-20260131-142305EXTENSION" in the current folder, by the clock; with -2, -3, ... where
 // that is there already.

@@ -352,7 +352,8 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
     if (!loaded) return tl::unexpected(loaded.error());
     scene = std::make_shared<const Scene>(std::move(*loaded));
     for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
-    auto opened = open_run_context({false, false}, simulation.camera());
+    auto opened = open_run_context({false, false},
+                                   {simulation.camera().width(), simulation.camera().height()});
     if (!opened) return tl::unexpected(opened.error());
     context = std::move(*opened);
     if (auto added = simulation.add_scene(*context, scene); !added) {

@@ -166,7 +166,9 @@ void Viewer::edit(const SceneEdit& edit) {
 }
 
 void Viewer::set_technique(ShadowTechnique technique) {
-  for (HudNode& node : host_.nodes()) {
+  std::vector<HudNode> nodes = host_.nodes();
+  if (nodes.empty()) return;
+  for (HudNode& node : nodes) {
     node.style.technique = technique;
     edit(ShadowStyled{node.name, node.style});
   }

@@ -70,6 +70,26 @@ struct Compositor::Impl {
   CompositeStats stats;
 };
 
+void add(CompositeStats& to, const CompositeStats& stats) {
+  to.shadow_ms += stats.shadow_ms;
+  to.render_ms += stats.render_ms;
+  to.readback_ms += stats.readback_ms;
+  to.shadow_cpu_ms += stats.shadow_cpu_ms;
+  to.render_cpu_ms += stats.render_cpu_ms;
+  to.readback_cpu_ms += stats.readback_cpu_ms;
+  to.passes_drawn += stats.passes_drawn;
+  to.passes_skipped += stats.passes_skipped;
+  to.shadow_vertices += stats.shadow_vertices;
+  to.kernel_generations += stats.kernel_generations;
+  to.reprojections += stats.reprojections;
+  to.triples_recomputed += stats.triples_recomputed;
+  to.proxy_shadows += stats.proxy_shadows;
+  to.proxy_checks += stats.proxy_checks;
+  to.proxy_faces_saved += stats.proxy_faces_saved;
+  to.faces_tested += stats.faces_tested;
+  to.faces_twisted += stats.faces_twisted;
+}
+
 Compositor::Compositor(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Compositor::Compositor(Compositor&&) noexcept = default;
 Compositor& Compositor::operator=(Compositor&&) noexcept = default;

@@ -35,6 +35,8 @@ struct CompositeStats {
   // Faces of the kernel sets made in this frame, and those that turn over in some layer.
   std::int64_t faces_tested = 0, faces_twisted = 0;
 };
+// Of two pictures together.
+void add(CompositeStats& to, const CompositeStats& stats);
 
 class Compositor {
  public:

@@ -51,22 +51,26 @@ std::string known_kernels() {
   return list;
 }
 
-void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
-  command
-      .add_option_function<std::string>(
-          "--shadow",
-          [&choice](const std::string& name) {
-            const auto technique =
-                shadow_technique_from_string(name == kCocl ? "layered" : std::string_view(name));
-            if (!technique) {
-              throw CLI::ValidationError("--shadow", fmt::format("{}: no such technique; known: {}",
-                                                                 name, known_techniques()));
-            }
-            choice.technique = technique;
-            choice.cocl = name == kCocl;
-          },
-          fmt::format("Technique of every shadow in place of the scene's: {}", known_techniques()))
-      ->type_name("TECHNIQUE");
+void set_technique(ShadowChoice& choice, const std::string& option, const std::string& name) {
+  const auto technique =
+      shadow_technique_from_string(name == kCocl ? "layered" : std::string_view(name));
+  if (!technique) {
+    throw CLI::ValidationError(
+        option, fmt::format("{}: no such technique; known: {}", name, known_techniques()));
+  }
+  choice.technique = technique;
+  choice.cocl = name == kCocl;
+}
+
+CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
+  CLI::Option* shadow =
+      command
+          .add_option_function<std::string>(
+              "--shadow",
+              [&choice](const std::string& name) { set_technique(choice, "--shadow", name); },
+              fmt::format("Technique of every shadow in place of the scene's: {}",
+                          known_techniques()))
+          ->type_name("TECHNIQUE");
   command
       .add_option_function<std::string>(
           "--kernels",
@@ -102,13 +106,14 @@ void add_shadow_options(CLI::App& command, ShadowChoice& choice) {
           "unless the scene says otherwise; none: every object casts with its own mesh")
       ->type_name("auto|none")
       ->default_str("auto");
+  command.add_flag("--show-rays", choice.light_rays,
+                   "Draw rays from the lights through vertices of what casts to the points of the "
+                   "shadow that belong to them, for hard and volume");
+  return shadow;
 }
 
 KernelChoice kernel_choice_from(const std::string& text) {
   if (const auto source = kernel_source_from_string(text)) return {*source, std::nullopt};
-  command.add_flag("--show-rays", choice.light_rays,
-                   "Draw rays from the lights through vertices of what casts to the points of the "
-                   "shadow that belong to them, for hard and volume");
   std::error_code ignored;
   if (std::filesystem::path(text).has_extension() || std::filesystem::exists(text, ignored)) {
     return {KernelSource::automatic, text};
@@ -132,11 +137,11 @@ void apply(const ShadowChoice& choice, PlanOptions& plan) {
   plan.kernels = choice.kernels;
   plan.light_mode = choice.light_mode;
   plan.proxies = choice.proxies;
+  plan.light_rays = choice.light_rays;
   if (choice.cocl) {
     if (choice.kernel_file || (choice.kernels && *choice.kernels != KernelSource::automatic &&
                                *choice.kernels != KernelSource::centroid)) {
       throw CLI::ValidationError("--shadow", "cocl has kernels of its own; leave out --kernels");
-  plan.light_rays = choice.light_rays;
     }
     plan.kernels = KernelSource::centroid;
   }

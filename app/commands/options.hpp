@@ -12,7 +12,8 @@
 
 namespace CLI {
 class App;
-}
+class Option;
+}  // namespace CLI
 
 namespace penumbra {
 
@@ -25,9 +26,12 @@ struct ShadowChoice {
   std::optional<std::filesystem::path> kernel_file;  // in place of a source
   std::optional<LightMode> light_mode;
   bool proxies = true;
-};
   bool light_rays = false;
-void add_shadow_options(CLI::App& command, ShadowChoice& choice);
+};
+// Gives --shadow back.
+CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice);
+// The technique by a word of --shadow, as `option` has it. Throws CLI::ValidationError.
+void set_technique(ShadowChoice& choice, const std::string& option, const std::string& name);
 // Over those of the scene. Throws CLI::ValidationError where the options contradict each other.
 void apply(const ShadowChoice& choice, PlanOptions& plan);
 

@@ -5,8 +5,11 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
@@ -21,8 +24,39 @@ struct ReplayOptions {
   std::optional<std::filesystem::path> scene;
   ShadowChoice shadow;
   bool no_skip = false;
+  std::vector<std::string> compare;
   bool no_window = false, no_hud = false, no_edits = false;
 };
+
+// The panes of --compare. What --kernels and --light-mode say is of every pane, but for cocl, which
+// has kernels of its own.
+std::vector<ComparedTechnique> compared(const ReplayOptions& options) {
+  std::vector<ComparedTechnique> techniques;
+  for (const std::string& name : options.compare) {
+    ShadowChoice choice = options.shadow;
+    set_technique(choice, "--compare", name);
+    if (choice.cocl) {
+      choice.kernels.reset();
+      choice.kernel_file.reset();
+      choice.light_mode.reset();
+    }
+    const bool again =
+        std::ranges::find(techniques, name, &ComparedTechnique::name) != techniques.end();
+    if (again) {
+      throw CLI::ValidationError("--compare", fmt::format("{}: is named twice", name));
+    }
+    ComparedTechnique& technique = techniques.emplace_back();
+    technique.name = name;
+    technique.plan = options.request.plan;
+    apply(choice, technique.plan);
+  }
+  if (!techniques.empty() && (techniques.size() < kLeastPanes || techniques.size() > kMostPanes)) {
+    throw CLI::ValidationError("--compare",
+                               fmt::format("{} techniques; give {} to {}, with commas between them",
+                                           techniques.size(), kLeastPanes, kMostPanes));
+  }
+  return techniques;
+}
 
 Result<ExitCode> replay(const ReplayOptions& options) {
   ReplayRequest request = options.request;
@@ -35,6 +69,7 @@ Result<ExitCode> replay(const ReplayOptions& options) {
   }
   request.kernel_file = options.shadow.kernel_file;
   request.plan.skip = !options.no_skip;
+  for (ComparedTechnique& technique : request.compare) technique.plan.skip = !options.no_skip;
   request.window = !options.no_window;
   request.viewer.hud = !options.no_hud;
   request.edits = !options.no_edits;
@@ -61,7 +96,22 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       ->type_name("FILE.json");
   command->add_option("--tags", request.tags, "What lies on the table (default: the recording's)")
       ->type_name("FILE.yaml");
-  add_shadow_options(*command, options->shadow);
+  CLI::Option* shadow = add_shadow_options(*command, options->shadow);
+  command
+      ->add_option_function<std::string>(
+          "--compare",
+          [options](const std::string& list) {
+            for (std::size_t at = 0; at <= list.size();) {
+              const std::size_t end = std::min(list.find(',', at), list.size());
+              options->compare.push_back(list.substr(at, end - at));
+              at = end + 1;
+            }
+          },
+          fmt::format("{} to {} techniques of --shadow side by side in one picture, each under its "
+                      "name: the same poses and times in every pane",
+                      kLeastPanes, kMostPanes))
+      ->excludes(shadow)
+      ->type_name("TECHNIQUE,...");
   add_tracking_option(*command, request.tracking.mode);
   add_output_options(*command, request);
   command
@@ -105,9 +155,12 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       "Example:\n"
       "  penumbra replay recordings/tabletop --output out.mkv --poses out.tum --report "
       "report.json\n"
-      "  penumbra replay recordings/tabletop --shadow volume --output volume.mp4");
+      "  penumbra replay recordings/tabletop --shadow volume --output volume.mp4\n"
+      "  penumbra replay recordings/tabletop --compare layered,simple,walls,hard --output "
+      "compare.mp4");
   command->callback([options, &chosen] {
     apply(options->shadow, options->request.plan);  // wrong usage ends here
+    options->request.compare = compared(*options);
     chosen = [options] { return replay(*options); };
   });
 }

@@ -7,6 +7,35 @@
 #include "core/assert.hpp"
 
 namespace penumbra {
+namespace {
+
+tl::unexpected<Error> too_large(int width, int height, int largest) {
+  return fail(
+      "a picture of {} x {} px is too large for this graphics driver (at most {} px); use a "
+      "smaller size",
+      width, height, largest);
+}
+
+// Into the window's framebuffer, letterboxed.
+void show(GLuint framebuffer, int width, int height, GlContext::Size window) {
+  if (window.width <= 0 || window.height <= 0) return;
+  const PictureArea area = picture_area(width, height, window);
+  const int bottom = window.height - area.y - area.height;
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer);
+  glDisable(GL_SCISSOR_TEST);
+  if (area.width != window.width || area.height != window.height) {
+    glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+    glClearColor(0.0F, 0.0F, 0.0F, 1.0F);
+    glClear(GL_COLOR_BUFFER_BIT);
+  }
+  // A window's row 0 is its bottom one: turned over here.
+  glBlitFramebuffer(0, 0, width, height, area.x, bottom + area.height, area.x + area.width, bottom,
+                    GL_COLOR_BUFFER_BIT,
+                    area.width == width && area.height == height ? GL_NEAREST : GL_LINEAR);
+}
+
+}  // namespace
 
 PictureArea picture_area(int picture_width, int picture_height, GlContext::Size window) {
   const double scale = std::min(static_cast<double>(window.width) / picture_width,
@@ -23,10 +52,7 @@ Result<Framebuffer> Framebuffer::create(int width, int height) {
   GLint largest = 0;
   glGetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &largest);
   if (width > largest || height > largest) {
-    return fail(
-        "a picture of {} x {} px is too large for this graphics driver (at most {} px); use a "
-        "smaller size",
-        width, height, largest);
+    return too_large(width, height, largest);
   }
   Framebuffer f;
   f.width_ = width;
@@ -71,21 +97,36 @@ void Framebuffer::invalidate_depth_stencil() const {
 }
 
 void Framebuffer::present(GlContext::Size window) const {
-  if (window.width <= 0 || window.height <= 0) return;
-  const PictureArea area = picture_area(width_, height_, window);
-  const int bottom = window.height - area.y - area.height;
-  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
-  glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_.id());
-  glDisable(GL_SCISSOR_TEST);
-  if (area.width != window.width || area.height != window.height) {
-    glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-    glClearColor(0.0F, 0.0F, 0.0F, 1.0F);
-    glClear(GL_COLOR_BUFFER_BIT);
-  }
-  // A window's row 0 is its bottom one: turned over here.
-  glBlitFramebuffer(0, 0, width_, height_, area.x, bottom + area.height, area.x + area.width,
-                    bottom, GL_COLOR_BUFFER_BIT,
-                    area.width == width_ && area.height == height_ ? GL_NEAREST : GL_LINEAR);
+  show(framebuffer_.id(), width_, height_, window);
+}
+
+Result<UploadedPicture> UploadedPicture::create(int width, int height) {
+  GLint largest = 0;
+  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &largest);
+  if (width > largest || height > largest) return too_large(width, height, largest);
+  UploadedPicture picture;
+  picture.width_ = width;
+  picture.height_ = height;
+  picture.texture_ = GlHandle<TextureTraits>::create();
+  glBindTexture(GL_TEXTURE_2D, picture.texture_.id());
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width, height, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
+  picture.framebuffer_ = GlHandle<FramebufferTraits>::create();
+  glBindFramebuffer(GL_FRAMEBUFFER, picture.framebuffer_.id());
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, picture.texture_.id(),
+                         0);
+  return picture;
+}
+
+void UploadedPicture::present(std::span<const std::uint8_t> rgba, GlContext::Size window) {
+  PENUMBRA_ASSERT(rgba.size() == std::size_t{4} * static_cast<std::size_t>(width_) *
+                                     static_cast<std::size_t>(height_));
+  glActiveTexture(GL_TEXTURE0);
+  glBindTexture(GL_TEXTURE_2D, texture_.id());
+  glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
+  glPixelStorei(GL_UNPACK_ROW_LENGTH, 0);
+  glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, rgba.data());
+  show(framebuffer_.id(), width_, height_, window);
 }
 
 }  // namespace penumbra

@@ -19,6 +19,22 @@ struct PictureArea {
 [[nodiscard]] PictureArea picture_area(int picture_width, int picture_height,
                                        GlContext::Size window);
 
+// A picture that was put together elsewhere, for a window.
+class UploadedPicture {
+ public:
+  [[nodiscard]] static Result<UploadedPicture> create(int width, int height);
+  // `rgba`: rows top to bottom, width * height * 4 bytes. Into the window's framebuffer, at
+  // picture_area().
+  void present(std::span<const std::uint8_t> rgba, GlContext::Size window);
+
+ private:
+  UploadedPicture() = default;
+  GlHandle<FramebufferTraits> framebuffer_;
+  GlHandle<TextureTraits> texture_;
+  int width_ = 0;
+  int height_ = 0;
+};
+
 class Framebuffer {
  public:
   [[nodiscard]] static Result<Framebuffer> create(int width, int height);
