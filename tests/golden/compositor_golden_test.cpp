@@ -2,7 +2,12 @@
 // proof that the comparison can fail.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <set>
 
 #include "core/camera_file.hpp"
 #include "core/image_file.hpp"
@@ -154,6 +159,61 @@ TEST_P(DefaultScene, CompositedFrame) {
   EXPECT_TRUE(matches_golden(
       fmt::format("default__{}__{}__{:06}", c.recording, to_string(c.technique), c.frame),
       composite(*view, c.technique, std::make_shared<const Scene>(*scene), c.frame / 30.0)));
+}
+
+// Every other scene that is bundled, as README.md's table says.
+struct SceneCase {
+  const char* scene;
+  const char* recording;
+  int frame;
+};
+constexpr std::array kSceneCases = {
+    SceneCase{"boxes", "tabletop", 45},     SceneCase{"colored_cube", "tabletop", 20},
+    SceneCase{"tree", "tabletop", 20},      SceneCase{"tree", "tabletop", 90},
+    SceneCase{"staircase", "tabletop", 40}, SceneCase{"hand", "tabletop", 30},
+    SceneCase{"cursor", "tabletop", 60},    SceneCase{"cursor", "tabletop", 119},
+    SceneCase{"corner", "corner", 12}};
+class BundledScene : public testing::TestWithParam<SceneCase> {};
+INSTANTIATE_TEST_SUITE_P(Golden, BundledScene, testing::ValuesIn(kSceneCases),
+                         [](const auto& instance) {
+                           return std::string(instance.param.scene) + "_" +
+                                  std::to_string(instance.param.frame);
+                         });
+
+TEST_P(BundledScene, CompositedFrame) {
+  const SceneCase& c = GetParam();
+  const auto view = half_size_view(c.recording, c.frame);
+  ASSERT_TRUE(view) << view.error().message;
+  const auto loaded = load_scene(test::source_dir() / "scenes" / (std::string(c.scene) + ".json"));
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  EXPECT_TRUE(loaded->warnings.empty()) << loaded->warnings.front();
+  const auto scene = std::make_shared<const Scene>(*loaded);
+  // The upright board stands where the tag map has it.
+  GroupEstimate wall;
+  wall.name = "wall";
+  wall.status = TrackStatus::tracked;
+  const SceneState state = evaluate_scene(*scene, c.frame / 30.0, {&wall, 1});
+  Studio studio(scene, view->camera);
+  const FramePlan plan =
+      plan_frame(*scene, state, test::tracked(view->T_table_camera), view->camera);
+  EXPECT_TRUE(matches_golden(fmt::format("{}__{}__{}__{:06}", c.scene, c.recording,
+                                         to_string(scene->shadows.at(0).technique), c.frame),
+                             image_of(studio.draw(view->frame, plan))));
+}
+
+TEST(BundledScenes, AllHaveAGoldenPictureAndALineInTheReadme) {
+  std::set<std::string> with_picture = {"default"};
+  for (const SceneCase& c : kSceneCases) with_picture.insert(c.scene);
+  std::ifstream stream(test::source_dir() / "README.md");
+  const std::string readme((std::istreambuf_iterator<char>(stream)),
+                           std::istreambuf_iterator<char>());
+  for (const auto& entry : std::filesystem::directory_iterator(test::source_dir() / "scenes")) {
+    const std::string name = entry.path().filename().string();
+    if (entry.path().extension() != ".json" || name == "scene.schema.json") continue;
+    EXPECT_TRUE(with_picture.contains(entry.path().stem().string())) << name;
+    EXPECT_NE(readme.find("scenes/" + name), std::string::npos) << name;
+  }
+  EXPECT_GE(with_picture.size(), 8U);
 }
 
 // Before the recording ends the shadow has met the phantom: without it, the picture is another one.

@@ -1,0 +1,79 @@
+// Every bundled scene through the whole program.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "replay/replay_support.hpp"
+
+namespace penumbra::test {
+namespace {
+
+std::vector<std::string> bundled_scenes() {
+  std::vector<std::string> scenes;
+  for (const auto& entry : std::filesystem::directory_iterator(source_dir() / "scenes")) {
+    const std::string stem = entry.path().stem().string();
+    if (entry.path().extension() == ".json" && stem != "scene.schema") scenes.push_back(stem);
+  }
+  std::ranges::sort(scenes);
+  return scenes;
+}
+std::string scene_file(const std::string& scene) {
+  return (source_dir() / "scenes" / (scene + ".json")).string();
+}
+
+class Scenes : public testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(Bundled, Scenes, testing::ValuesIn(bundled_scenes()),
+                         [](const auto& instance) { return instance.param; });
+
+TEST_P(Scenes, ReplaysTheTabletop) {
+  const TemporaryFolder folder;
+  const ProgramResult result =
+      penumbra({"replay", bundled("tabletop"), "--scene", scene_file(GetParam()), "--frames",
+                "100:106", "--output", (folder.path() / "out").string(), "--report",
+                (folder.path() / "report.json").string()});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  // Its upright board has tags of its own, which are not here.
+  if (GetParam() != "corner") {
+    EXPECT_EQ(result.err, "");
+  }
+  EXPECT_EQ(contents_of(folder.path() / "out").size(), 6U);
+  const nlohmann::json report = read_json(folder.path() / "report.json");
+  EXPECT_EQ(report.at("frames_tracked"), 6);
+  EXPECT_GT(report.at("work").at("triples_recomputed"), 0) << "it has a shadow";
+}
+
+// A tree of 26,000 faces under the sun, which goes its way, and a lantern, which stands: what is
+// computed again is the sun's shadow alone.
+TEST(AnimatedLight, OverATreeTouchesItsOwnShadowsAlone) {
+  const TemporaryFolder folder;
+  constexpr int kFrames = 8;
+  const auto work_of = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> words = {"replay",       bundled("tabletop"),
+                                      "--scene",      scene_file("tree"),
+                                      "--poses-from", "groundtruth",
+                                      "--frames",     "20:" + std::to_string(20 + kFrames),
+                                      "--report",     (folder.path() / "report.json").string()};
+    words.insert(words.end(), more.begin(), more.end());
+    const ProgramResult result = penumbra(words);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    return read_json(folder.path() / "report.json").at("work");
+  };
+  const nlohmann::json hard = work_of({});
+  EXPECT_EQ(hard.at("light_moved"), kFrames - 1);
+  EXPECT_EQ(hard.at("object_moved"), 0);
+  EXPECT_EQ(hard.at("object_rotated"), 0);
+  // One tree, one plane, two lights: both at first, then the sun's in each frame.
+  EXPECT_EQ(hard.at("triples_recomputed"), 2 + (kFrames - 1));
+  EXPECT_EQ(hard.at("reprojections"), kFrames - 1) << "the lantern's";
+  // Layers fall along the plane's normal: no light that moves is of any concern to them.
+  const nlohmann::json layered = work_of({"--shadow", "layered"});
+  EXPECT_EQ(layered.at("light_moved"), kFrames - 1);
+  EXPECT_EQ(layered.at("triples_recomputed"), 1);
+  EXPECT_EQ(layered.at("reprojections"), kFrames - 1);
+}
+
+}  // namespace
+}  // namespace penumbra::test
