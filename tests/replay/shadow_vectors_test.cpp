@@ -3,10 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <cmath>
 #include <fstream>
 #include <string>
 #include <vector>
 
+#include "render/shadow/plane_frame.hpp"
 #include "support/kernel_quality.hpp"
 #include "support/run_program.hpp"
 #include "support/shadow_cases.hpp"
@@ -153,6 +155,163 @@ TEST_F(ShadowVectorsByProgram, HeightSweeps) {
             << layer << " at " << t.z();
       }
     }
+  }
+}
+
+// --- hard shadows ---
+
+std::string joined_numbers(const Eigen::VectorXd& values) {
+  std::string text;
+  for (const double value : values) text += fmt::format("{}{}", text.empty() ? "" : " ", value);
+  return text;
+}
+
+void write_obj(const std::string& path, const std::vector<double>& xyz,
+               const std::vector<int>& corners) {
+  std::ofstream obj(path);
+  for (std::size_t i = 0; i + 2 < xyz.size(); i += 3)
+    obj << fmt::format("v {} {} {}\n", xyz[i], xyz[i + 1], xyz[i + 2]);
+  for (std::size_t i = 0; i + 2 < corners.size(); i += 3)
+    obj << fmt::format("f {} {} {}\n", corners[i] + 1, corners[i + 1] + 1, corners[i + 2] + 1);
+}
+
+// Cubes that reach through the plane, up to the light and above it: the polygon on a receiver.
+TEST_F(ShadowVectorsByProgram, ProjectiveClip) {
+  const nlohmann::json json = read_json(vectors() / "projective_clip.json");
+  ASSERT_GE(json.at("cases").size(), 5U);
+  std::size_t number = 0;
+  for (const auto& entry : json.at("cases")) {
+    SCOPED_TRACE(number++);
+    write_obj(file("cube.obj"), entry.at("vertices").get<std::vector<double>>(),
+              entry.at("triangles").get<std::vector<int>>());
+    const Eigen::Vector3d at = vector_from(entry.at("light"));
+    const auto got = layers({file("cube.obj"), "--technique", "hard", "--light",
+                             fmt::format("{} {} {} 1", at.x(), at.y(), at.z())});
+    const auto receiver = entry.at("receiver").get<std::vector<double>>();
+    constexpr int kPixels = 2048;
+    const double pixel = (receiver[2] - receiver[0]) / kPixels;
+    Mask ours({receiver[0], receiver[1]}, pixel, kPixels);
+    Mask theirs = ours;
+    ours.cover(rings_from(got.at("shadow").at("polygons")));
+    theirs.cover(rings_from(entry.at("polygons")));
+    EXPECT_GE(iou(ours.bits, theirs.bits), entry.at("iou_min").get<double>());
+    const double area = entry.at("area").get<double>();
+    EXPECT_NEAR(ours.area(), area, 0.002 * area + 4.0 * pixel * pixel);
+  }
+}
+
+// Each point as a triangle of a tenth of a millimetre: its shadow is where the oracle says, or
+// there is none.
+TEST_F(ShadowVectorsByProgram, ProjectionPoints) {
+  const nlohmann::json json = read_json(vectors() / "projection_points.json");
+  std::size_t shadows = 0;
+  std::size_t others = 0;
+  for (const char* list : {"examples", "points"}) {
+    for (const auto& entry : json.at(list)) {
+      SCOPED_TRACE(entry.dump());
+      const auto covector = entry.at("plane").get<std::vector<double>>();
+      const Eigen::Vector3d n(covector[0], covector[1], covector[2]);
+      const Eigen::Vector3d q = -covector[3] / n.squaredNorm() * n;
+      const PlaneFrame plane = PlaneFrame::make(n.normalized(), q);
+      const Eigen::Vector3d p = vector_from(entry.at("point"));
+      constexpr double kSize = 1e-4;
+      std::vector<double> xyz;
+      for (int i = 0; i < 3; ++i) {
+        const double angle = 2.0943951023931953 * i;
+        const Eigen::Vector3d corner =
+            p + kSize * (std::cos(angle) * plane.e1 + std::sin(angle) * plane.e2);
+        xyz.insert(xyz.end(), corner.begin(), corner.end());
+      }
+      write_obj(file("point.obj"), xyz, {0, 1, 2});
+      const auto light = entry.at("light").get<std::vector<double>>();
+      Eigen::VectorXd six(6);
+      six << n, q;
+      const auto got = layers({file("point.obj"), "--technique", "hard", "--light",
+                               joined_numbers(Eigen::Map<const Eigen::Vector4d>(light.data())),
+                               "--plane", joined_numbers(six)});
+      const std::vector<Ring> rings = rings_from(got.at("shadow").at("polygons"));
+      const double d_light =
+          n.dot(Eigen::Vector3d(light[0], light[1], light[2])) + light[3] * covector[3];
+      if (entry.at("classification") != "shadow" || d_light <= 0.0) {
+        EXPECT_TRUE(rings.empty()) << "an antishadow, or a false shadow";
+        ++others;
+        continue;
+      }
+      ASSERT_EQ(rings.size(), 1U);
+      Eigen::Vector2d middle = Eigen::Vector2d::Zero();
+      for (const Eigen::Vector2d& corner : rings[0]) {
+        middle += corner / static_cast<double>(rings[0].size());
+      }
+      const auto w = entry.at("homogeneous").get<std::vector<double>>();
+      const Eigen::Vector3d expected(w[0] / w[3], w[1] / w[3], w[2] / w[3]);
+      const Eigen::Vector2d at = plane.to_plane(expected).head<2>();
+      // The triangle stands level, so that its middle is thrown to its shadow's. Floats of metres.
+      EXPECT_LT((middle - at).norm(), 2e-6 * (1.0 + at.norm() + p.norm() * at.norm()));
+      ++shadows;
+    }
+  }
+  EXPECT_GT(shadows, 8U);
+  EXPECT_GT(others, 8U);
+}
+
+// The volume's bitmaps are of a plane: its hard shadow, looked up along the pixels' rays, is the
+// same, wherever the eye is.
+TEST_F(ShadowVectorsByProgram, ShadowVolumesOnAPlane) {
+  const nlohmann::json json = read_json(vectors() / "shadow_volume.json");
+  for (const auto& entry : json.at("cases")) {
+    const auto hull = entry.at("caster_hull_points").get<std::vector<double>>();
+    Eigen::Vector3d low = Eigen::Vector3d::Constant(1e9);
+    Eigen::Vector3d high = -low;
+    for (std::size_t i = 0; i + 2 < hull.size(); i += 3) {
+      const Eigen::Vector3d p(hull[i], hull[i + 1], hull[i + 2]);
+      low = low.cwiseMin(p);
+      high = high.cwiseMax(p);
+    }
+    ASSERT_EQ(hull.size(), 24U) << "boxes are all that is hulled here";
+    std::vector<double> xyz;
+    for (unsigned i = 0; i < 8; ++i) {
+      for (unsigned axis = 0; axis < 3; ++axis) {
+        xyz.push_back((i >> axis & 1U) != 0U ? high[axis] : low[axis]);
+      }
+    }
+    write_obj(file("box.obj"), xyz, {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4,
+                                     2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5});
+    const Eigen::Vector3d at = vector_from(entry.at("light"));
+    const auto got = layers({file("box.obj"), "--technique", "hard", "--light",
+                             fmt::format("{} {} {} 1", at.x(), at.y(), at.z())});
+    constexpr int kPixels = 4096;
+    constexpr double kExtent = 40.0;
+    Mask shadow(Eigen::Vector2d::Constant(-0.5 * kExtent), kExtent / kPixels, kPixels);
+    shadow.cover(rings_from(got.at("shadow").at("polygons")));
+    const int size = entry.at("size").get<int>();
+    const double reach = std::tan(entry.at("fov_deg").get<double>() * 0.5 * 0.017453292519943295);
+    const Eigen::Vector3d eye = vector_from(entry.at("eye"));
+    const auto rows = entry.at("rows").get<std::vector<std::string>>();
+    int wrong = 0;
+    int dark = 0;
+    for (int row = 0; row < size; ++row) {
+      for (int column = 0; column < size; ++column) {
+        const Eigen::Vector3d ray =
+            vector_from(entry.at("forward")) +
+            vector_from(entry.at("right")) * ((2.0 * (column + 0.5) / size - 1.0) * reach) -
+            vector_from(entry.at("up")) * ((2.0 * (row + 0.5) / size - 1.0) * reach);
+        bool covered = false;
+        if (ray.z() < 0.0) {
+          const Eigen::Vector2d p = (eye - ray * (eye.z() / ray.z())).head<2>();
+          const Eigen::Vector2i cell =
+              ((p - shadow.origin) / shadow.pixel).array().floor().cast<int>();
+          if (cell.minCoeff() >= 0 && cell.maxCoeff() < kPixels) {
+            covered = shadow.bits[shadow.index(cell.x(), cell.y())] != 0;
+          }
+        }
+        const bool expected =
+            rows[static_cast<std::size_t>(row)][static_cast<std::size_t>(column)] == '#';
+        wrong += covered != expected ? 1 : 0;
+        dark += expected ? 1 : 0;
+      }
+    }
+    EXPECT_GT(dark, 20);
+    EXPECT_LE(wrong, size * size / 100);
   }
 }
 

@@ -50,6 +50,69 @@ TEST(ProjectedShadow, PrintedAnchors) {
   EXPECT_LT((parallel.hnormalized() - Eigen::Vector3d(-0.45, 1.8, 0.0)).norm(), 1e-12);
 }
 
+// Blinn's matrices for z = 0, row vectors, as printed but for their errors: with x_L and y_L in the
+// third row, and S = P M.
+TEST(ProjectedShadow, PrintedMatrices) {
+  const auto blinn = [](const Eigen::Vector4d& light) {
+    Eigen::Matrix4d m;
+    m << light.z(), 0.0, 0.0, 0.0,                //
+        0.0, light.z(), 0.0, 0.0,                 //
+        -light.x(), -light.y(), 0.0, -light.w(),  //
+        0.0, 0.0, 0.0, light.z();
+    return m;
+  };
+  for (const Eigen::Vector4d& light :
+       {Eigen::Vector4d(2.25, 0.0, 1.0, 1.0), Eigen::Vector4d(2.25, -5.0, 5.0, 1.0),
+        Eigen::Vector4d(1.45, -0.8, 2.0, 0.0)}) {
+    EXPECT_EQ(shadow_matrix(light, kTable), blinn(light));
+  }
+  // The parallel one over z_L is the shear.
+  Eigen::Matrix4d shear;
+  shear << 1.0, 0.0, 0.0, 0.0,           //
+      0.0, 1.0, 0.0, 0.0,                //
+      -1.45 / 2.0, 0.8 / 2.0, 0.0, 0.0,  //
+      0.0, 0.0, 0.0, 1.0;
+  EXPECT_LT((shadow_matrix({1.45, -0.8, 2.0, 0.0}, kTable) / 2.0 - shear).norm(), 1e-15);
+  // The printed alpha, -z_P / (z_P - z_L), has the wrong sign: the point leaves the plane.
+  const Eigen::Vector3d p(1.0, 1.0, 2.0);
+  const Eigen::Vector3d l(2.25, 0.0, 1.0);
+  const double alpha = p.z() / (p.z() - l.z());
+  EXPECT_LT((p - alpha * (p - l) - Eigen::Vector3d(3.5, -1.0, 0.0)).norm(), 1e-12);
+  EXPECT_LT((p + alpha * (p - l) - Eigen::Vector3d(-1.5, 3.0, 4.0)).norm(), 1e-12);
+  // And so has x_L been printed as z_L in the antishadow's matrix: it sends the point elsewhere.
+  Eigen::Matrix4d printed = -blinn({2.25, 0.0, 1.0, 1.0});
+  printed(2, 0) = l.z();
+  const Eigen::Vector4d wrong = (p.homogeneous().transpose() * printed).transpose();
+  EXPECT_LT((wrong.hnormalized() - Eigen::Vector3d(1.0, -1.0, 0.0)).norm(), 1e-12);
+}
+
+// The command list of figure 3 gives the matrix up to the factor sin 45 degrees: TRAN, ROT, SCAL,
+// PERS, ROT, TRAN and a flattening.
+TEST(ProjectedShadow, PrintedCommandsMakeTheMatrix) {
+  const Eigen::Vector3d light(2.25, -5.0, 5.0);
+  const auto move = [](const Eigen::Vector3d& by) {
+    Eigen::Matrix4d m = Eigen::Matrix4d::Identity();
+    m.block<1, 3>(3, 0) = by.transpose();
+    return m;
+  };
+  const auto scale = [](double x, double y, double z) {
+    return Eigen::Matrix4d(Eigen::Vector4d(x, y, z, 1.0).asDiagonal());
+  };
+  const Eigen::Matrix4d half_turn = Eigen::Vector4d(-1.0, 1.0, -1.0, 1.0).asDiagonal();
+  const double s = std::sqrt(0.5);
+  const double near = 1.0;
+  const double far = 100000.0;
+  const double q = s / (1.0 - near / far);
+  Eigen::Matrix4d perspective;
+  perspective << s, 0, 0, 0, 0, s, 0, 0, 0, 0, q, s, 0, 0, -q * near, 0;
+  // The list is written from the outside in: the last command meets the point first.
+  const Eigen::Matrix4d made = move(-light) * half_turn * perspective *
+                               scale(light.z(), light.z(), 1.0) * half_turn * move(light) *
+                               scale(1.0, 1.0, 0.0);
+  const Eigen::Matrix4d wanted = shadow_matrix({light.x(), light.y(), light.z(), 1.0}, kTable);
+  EXPECT_LT((made / s - wanted).norm(), 1e-9 * wanted.norm());
+}
+
 TEST(ProjectedShadow, OnlyWhatIsBetweenPlaneAndLightCasts) {
   const Eigen::Vector4d light(0.3, 0.2, 3.0, 1.0);
   EXPECT_EQ(shadow_area(Cube(-2.0F), light), 0.0) << "wholly under the plane";
@@ -153,6 +216,25 @@ TEST(ProjectedShadow, PointsOfTheOracle) {
       const Eigen::Vector4d s = project_from_light(light, plane, point);
       EXPECT_LT((s - four("homogeneous")).norm(), 1e-8);
       EXPECT_NEAR(s.w(), entry.at("w").get<double>(), 1e-8);
+      const auto rows = entry.at("matrix_row_vector").get<std::vector<double>>();
+      const Eigen::Matrix4d matrix = shadow_matrix(light, plane);
+      for (std::size_t i = 0; i < 16; ++i) {
+        EXPECT_NEAR(matrix(static_cast<Eigen::Index>(i / 4), static_cast<Eigen::Index>(i % 4)),
+                    rows.at(i), 1e-8);
+      }
+      // What is drawn, from plane coordinates: the same point.
+      const bool throws_shadow = entry.at("classification") == "shadow";
+      const Eigen::Vector3d n = plane.head<3>();
+      const PlaneFrame frame = PlaneFrame::make(n, -plane.w() / n.squaredNorm() * n);
+      const Eigen::Vector3d on_plane = frame.to_plane(point);
+      const HeightRange range = hard_shadow_range(frame, light);
+      if (throws_shadow && on_plane.z() <= range.high) {
+        const Eigen::Vector2d thrown = shadow_point(frame, light, on_plane);
+        const Eigen::Vector3d lifted = frame.lift(thrown.x(), thrown.y());
+        EXPECT_LT((lifted - s.hnormalized()).norm(), 1e-8 * (1.0 + lifted.norm()));
+      } else if (!throws_shadow) {
+        EXPECT_TRUE(on_plane.z() < range.low || on_plane.z() > range.high);
+      }
       const ShadowOfPoint kind = classify_shadow(light, plane, point);
       const std::string expected = entry.at("classification").get<std::string>();
       EXPECT_EQ(kind, expected == "shadow"        ? ShadowOfPoint::shadow
