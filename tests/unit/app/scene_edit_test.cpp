@@ -99,6 +99,11 @@ TEST(SceneEdit, AStyleIsReadAsItWasWrittenAlsoAtTheZenith) {
   EXPECT_EQ(read.style.layered.light_height, styled.style.layered.light_height);
   EXPECT_EQ(read.style.layered.umbra_height, styled.style.layered.umbra_height);
   EXPECT_EQ(read.style.fractions.middle, 0.3);
+  EXPECT_FALSE(read.style.light_rays) << "as in recordings made before there were any";
+  styled.style.light_rays = true;
+  const auto with_rays = parse_event_line(event_line({5, styled}), "test");
+  ASSERT_TRUE(with_rays && *with_rays);
+  EXPECT_TRUE(std::get<ShadowStyled>((*with_rays)->edit).style.light_rays);
 }
 
 TEST(SceneEdit, OtherEventsAreNoEditsAndDamagedOnesAreErrors) {

@@ -289,6 +289,9 @@ TEST_F(SceneFile, LightModesAreChecked) {
     return "{\"objects\":[" + kBox + R"(],"shadows":[{"name":"s","technique":"layered")" + keys +
            "}]}";
   };
+  EXPECT_FALSE(load(node(""))->shadows[0].light_rays);
+  EXPECT_TRUE(load(node(R"(,"light_rays":true)"))->shadows[0].light_rays);
+  EXPECT_THAT(error_of(node(R"(,"light_rays":"yes")")), HasSubstr("/shadows/0/light_rays: "));
   EXPECT_EQ(load(node(""))->shadows[0].light_mode, LightMode::proportional);
   EXPECT_EQ(load(node(R"(,"light_mode":"fixed")"))->shadows[0].light_mode, LightMode::fixed);
   EXPECT_THAT(error_of(node(R"(,"light_mode":"broken")")),
