@@ -240,6 +240,7 @@ class Planner {
         draw.plane_frame = receiver.frame;
         draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
         draw.light_place = place;
+        draw.opacity = std::min(receiver.opacity, opacity_of_object(caster));
         if (options_.skip && !hard_shadow_shows(draw, object)) continue;
         plan_.hard_shadows.push_back(draw);
       }

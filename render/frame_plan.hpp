@@ -65,6 +65,7 @@ struct HardShadowDraw {
   PlaneFrame plane_frame;
   Placement T_table_object;
   Eigen::Vector4d light_place;  // as PlacedLight::place
+  float opacity = 1.0F;         // of caster and plane together
 };
 
 // One caster's shadow volume, on everything that is drawn into the depth buffer. All of a frame's

@@ -6,6 +6,7 @@
 #include <array>
 #include <limits>
 #include <set>
+#include <utility>
 
 #include "core/assert.hpp"
 #include "render/passes/lens_uniforms.hpp"
@@ -102,10 +103,20 @@ void HardPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& wo
 
 int HardPass::draw_plane(const Scene& scene, const FramePlan& plan, const PlaneReceiver& receiver,
                          const LensUniforms& lens, Receivers& receivers) {
+  // What one bit stands for: casters that are equally strong, of one light.
   struct Blocked {
     int light = 0;
+    float strength = 1.0F;
     Eigen::Vector2d low, high;
   };
+  const auto strength_of = [&](const HardShadowDraw& draw) {
+    return receiver.opacity > 0.0F ? std::min(1.0F, draw.opacity / receiver.opacity) : 0.0F;
+  };
+  std::set<std::pair<int, float>> kinds;
+  for (const HardShadowDraw& draw : plan.hard_shadows) {
+    if (draw.plane == receiver.plane) kinds.emplace(draw.light, strength_of(draw));
+  }
+  const bool apart = kinds.size() <= kMaxHardLights;  // else a light's strongest caster counts
   std::vector<Blocked> lights;
   std::vector<std::vector<const Shadow*>> shadows;  // of each of them
   std::set<Key> seen;
@@ -114,13 +125,17 @@ int HardPass::draw_plane(const Scene& scene, const FramePlan& plan, const PlaneR
     const Key key = {draw.object, draw.plane, draw.light};
     const Shadow& shadow = shadows_.at(key);
     if (shadow.count == 0 || !seen.insert(key).second) continue;
-    const auto found = std::ranges::find(lights, draw.light, &Blocked::light);
+    const float strength = strength_of(draw);
+    const auto found = std::ranges::find_if(lights, [&](const Blocked& known) {
+      return known.light == draw.light && (!apart || known.strength == strength);
+    });
     const auto at = static_cast<std::size_t>(found - lights.begin());
     if (found == lights.end()) {
       PENUMBRA_ASSERT(lights.size() < kMaxHardLights);
-      lights.push_back({draw.light, shadow.low, shadow.high});
+      lights.push_back({draw.light, strength, shadow.low, shadow.high});
       shadows.emplace_back();
     }
+    lights[at].strength = std::max(lights[at].strength, strength);
     lights[at].low = lights[at].low.cwiseMin(shadow.low);
     lights[at].high = lights[at].high.cwiseMax(shadow.high);
     shadows[at].push_back(&shadow);
@@ -160,15 +175,16 @@ int HardPass::draw_plane(const Scene& scene, const FramePlan& plan, const PlaneR
   p.set("ambient", to_gl(scene.ambient));
   p.set("opacity", receiver.opacity);
   const unsigned all = (1U << lights.size()) - 1U;
-  std::vector<bool> blocked(plan.lights.size());
+  std::vector<float> blocked(plan.lights.size());
   for (unsigned set = 1; set <= all; ++set) {
     // Of lights whose shadows can't meet there is no pixel.
-    std::fill(blocked.begin(), blocked.end(), false);
+    std::fill(blocked.begin(), blocked.end(), 0.0F);
     Eigen::Vector2d low = Eigen::Vector2d::Constant(-std::numeric_limits<double>::infinity());
     Eigen::Vector2d high = -low;
     for (std::size_t i = 0; i < lights.size(); ++i) {
       if ((set >> i & 1U) == 0) continue;
-      blocked[static_cast<std::size_t>(lights[i].light)] = true;
+      float& of_light = blocked[static_cast<std::size_t>(lights[i].light)];
+      of_light = std::max(of_light, lights[i].strength);
       low = low.cwiseMax(lights[i].low);
       high = high.cwiseMin(lights[i].high);
     }

@@ -8,14 +8,14 @@
 namespace penumbra {
 
 void set_light_uniforms(const ShaderProgram& program, std::span<const PlacedLight> lights,
-                        const std::vector<bool>& blocked) {
+                        std::span<const float> blocked) {
   PENUMBRA_ASSERT(lights.size() <= kMaxLights);
   std::array<glm::vec4, kMaxLights> places{};
   std::array<glm::vec4, kMaxLights> colors{};
   for (std::size_t i = 0; i < lights.size(); ++i) {
     const Eigen::Vector4d& place = lights[i].place;
     places[i] = glm::vec4(to_gl(Eigen::Vector3d(place.head<3>())), static_cast<float>(place.w()));
-    colors[i] = glm::vec4(to_gl(lights[i].color), i < blocked.size() && blocked[i] ? 1.0F : 0.0F);
+    colors[i] = glm::vec4(to_gl(lights[i].color), i < blocked.size() ? blocked[i] : 0.0F);
   }
   program.set("light_count", static_cast<int>(lights.size()));
   program.set("light_place", std::span<const glm::vec4>(places));

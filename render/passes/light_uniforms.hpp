@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <span>
 #include <string_view>
-#include <vector>
 
 #include "render/gl/shader.hpp"
 #include "render/scene.hpp"
@@ -16,9 +15,9 @@ inline constexpr std::size_t kMaxLights = 8;
 // For ShaderProgram::link.
 inline constexpr std::array<std::string_view, 1> kLightDefines = {"MAX_LIGHTS 8"};
 
-// `blocked`, one per light or empty, goes into the fourth component of light_color. No more lights
-// than kMaxLights.
+// `blocked`, the share of each light that is kept away, one per light or none, goes into the fourth
+// component of light_color. No more lights than kMaxLights.
 void set_light_uniforms(const ShaderProgram& program, std::span<const PlacedLight> lights,
-                        const std::vector<bool>& blocked = {});
+                        std::span<const float> blocked = {});
 
 }  // namespace penumbra

@@ -10,7 +10,7 @@ uniform vec3 ambient;
 uniform float opacity;  // of the overlay
 uniform int light_count;
 uniform vec4 light_place[MAX_LIGHTS];  // w 1: position; w 0: direction towards the light
-uniform vec4 light_color[MAX_LIGHTS];  // w 1: blocked
+uniform vec4 light_color[MAX_LIGHTS];  // w: the share that is blocked
 
 layout(location = 0) out vec4 factor;
 

@@ -1,6 +1,7 @@
 // Hard shadows as drawn: sets of pixels against the CPU's projection, light against Lambert's law.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -97,9 +98,9 @@ class Blocked {
   std::vector<PlanePoint> triangles_;
 };
 
-// Red of white video that misses these lights (scene.ambient as it is), by the formulas of
-// blocked_light.frag.glsl.
-double expected_red(const Scene& scene, const std::vector<bool>& blocked, const PlaneFrame& plane,
+// Red of white video that misses these shares of the lights (scene.ambient as it is), by the
+// formulas of blocked_light.frag.glsl.
+double expected_red(const Scene& scene, const std::vector<double>& blocked, const PlaneFrame& plane,
                     const Eigen::Vector3d& place) {
   const double up = 0.5 + 0.5 * plane.n.z();
   double all = scene.ambient.x() * (0.52 + up * (1.08 - 0.52));
@@ -110,7 +111,7 @@ double expected_red(const Scene& scene, const std::vector<bool>& blocked, const 
     const Eigen::Vector3d l = (at.head<3>() - place * at.w()).normalized();
     const double arriving = state.lights[i].color.x() * std::max(plane.n.dot(l), 0.0);
     all += arriving;
-    if (blocked[i]) gone += arriving;
+    gone += blocked[i] * arriving;
   }
   return 255.0 * std::pow(1.0 - gone / all, 1.0 / 2.2);
 }
@@ -132,11 +133,11 @@ Agreement agreement(const Scene& scene, const CameraModel& camera, const PoseEst
       const auto place = seen_at(camera, pose.T_table_camera, plane, x, y);
       double expected = 255.0;
       if (place) {
-        std::vector<bool> blocked;
-        for (const Blocked& light : lights) blocked.push_back(light.at(*place));
+        std::vector<double> blocked;
+        for (const Blocked& light : lights) blocked.push_back(light.at(*place) ? 1.0 : 0.0);
         expected = expected_red(scene, blocked, plane, *place);
         result.deepest =
-            std::max(result.deepest, static_cast<int>(std::ranges::count(blocked, true)));
+            std::max(result.deepest, static_cast<int>(std::ranges::count(blocked, 1.0)));
       }
       result.dark += expected < 254.0 ? 1 : 0;
       result.differing += std::abs(picture.red(x, y) - expected) > 1.5 ? 1 : 0;
@@ -234,6 +235,53 @@ TEST(HardShadowLight, AddsUpAsLightDoes) {
   EXPECT_EQ(a.deepest, 3) << "all three lights are missed somewhere";
   EXPECT_GT(a.dark, 2000);
   EXPECT_LE(a.differing, 4 + a.dark / 60);
+}
+
+// A caster whose tag group is held keeps away as much less light as it is drawn fainter; where it
+// stands in another one's shadow, that one's counts.
+TEST(HardShadowLight, FadesWithItsCaster) {
+  SceneBuilder builder = with_lights({lamp(-0.25, 0.0, 0.5, 0.8), parallel(0.1, -0.3, 0.9, 0.6)});
+  builder.add(box(0.1, 0.1, 0.02), test::at(0.0, 0.0, 0.08));
+  builder.add(box(0.12, 0.04, 0.02), test::at(0.03, 0.02, 0.15, {0, 0, 1}, 0.7));
+  Studio studio(builder.build(), straight_camera());
+  FramePlan plan = studio.plan(slanted());
+  constexpr std::array<float, 2> kOpacity = {0.4F, 1.0F};
+  for (HardShadowDraw& draw : plan.hard_shadows) {
+    draw.opacity = kOpacity[static_cast<std::size_t>(draw.object)];
+  }
+  const Picture picture = studio.draw_shadows(white(), plan);
+
+  std::vector<std::vector<Blocked>> by;  // [light][caster]
+  for (int light = 0; light < 2; ++light) {
+    by.emplace_back();
+    for (int caster = 0; caster < 2; ++caster) {
+      Scene alone = studio.scene();
+      alone.shadows[0].casters = {caster};
+      by.back().emplace_back(alone, light, PlaneFrame());
+    }
+  }
+  int faint = 0;
+  int both = 0;
+  int wrong = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const auto place = seen_at(straight_camera(), slanted().T_table_camera, {}, x, y);
+      if (!place) continue;
+      std::vector<double> blocked;
+      for (const std::vector<Blocked>& casters : by) {
+        const bool weak = casters[0].at(*place);
+        const bool strong = casters[1].at(*place);
+        blocked.push_back(strong ? 1.0 : weak ? static_cast<double>(kOpacity[0]) : 0.0);
+        faint += weak && !strong ? 1 : 0;
+        both += weak && strong ? 1 : 0;
+      }
+      const double expected = expected_red(studio.scene(), blocked, {}, *place);
+      wrong += std::abs(picture.red(x, y) - expected) > 1.5 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(faint, 1000);
+  EXPECT_GT(both, 300);
+  EXPECT_LE(wrong, 60);
 }
 
 TEST(HardShadowLight, NoneFromBelowAndTheFirstWhereNoneIsNamed) {
