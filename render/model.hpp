@@ -74,7 +74,7 @@ struct Model {
   std::uint32_t source_vertex_count = 0;
   // The up direction (unit) that Mesh::shadow_kernels were made for; absent where there are none.
   std::optional<glm::vec3> shadow_kernel_up;
-  std::string shadow_kernel_geometry;  // geometry_key() of the model they were made for; may be ""
+  std::string shadow_kernel_geometry;  // what they were made for (kernel_stamp.hpp); may be ""
   std::vector<std::string> warnings;   // what was left out of the file, and why
 
   [[nodiscard]] std::size_t vertex_count() const;

@@ -10,6 +10,7 @@
 #include "core/image_file.hpp"
 #include "render/model.hpp"
 #include "render/model_parts.hpp"
+#include "render/shadow/kernel_stamp.hpp"
 
 namespace penumbra {
 namespace {
@@ -37,7 +38,7 @@ void check_stored_kernels(Model& model, const std::string& name) {
   if (!complete) return drop("not every mesh has them");
   if (!finite) return drop("one is not a finite number");
   if (!model.shadow_kernel_geometry.empty() &&
-      model.shadow_kernel_geometry != geometry_key(model)) {
+      kernel_stamp_from(model.shadow_kernel_geometry).geometry != geometry_key(model)) {
     return drop("the model has changed since; store them again with penumbra kernels");
   }
 }

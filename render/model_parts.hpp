@@ -19,7 +19,7 @@ namespace penumbra {
 inline constexpr int kMaxModelDepth = 64;
 
 // In the `extras` of a glTF mesh whose primitives have a _SHADOW_KERNEL attribute: the up direction
-// that the kernels were made for, in the mesh's axes, and the geometry_key() of the model.
+// that the kernels were made for, in the mesh's axes, and what they were made for (KernelStamp).
 inline constexpr std::string_view kKernelUpKey = "shadow_kernel_up";
 inline constexpr std::string_view kKernelGeometryKey = "shadow_kernel_geometry";
 

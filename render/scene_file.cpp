@@ -22,6 +22,7 @@
 #include "core/units.hpp"
 #include "render/scene.hpp"
 #include "render/scene_schema.hpp"
+#include "render/shadow/kernel_stamp.hpp"
 #include "render/shadow/layered_penumbra.hpp"
 #include "render/shadow/part_groups.hpp"
 #include "render/shadow/plane_frame.hpp"
@@ -438,6 +439,14 @@ Result<void> SceneReader::read_casting(const json& from, const std::string& poin
     }
     const Result<void> checked = check_groups(*object.model, object.groups);
     if (!checked) return fail_at(pointer + "/group", "{}", checked.error().message);
+    if (object.model->shadow_kernel_up &&
+        !stored_kernels_fit(*object.model, make_shadow_mesh(*object.model, object.groups),
+                            object.groups)) {
+      scene_.warnings.push_back(
+          fmt::format("{}: {}/group: the model's stored shadow kernels are for other parts; they "
+                      "are made anew",
+                      scene_.file, pointer));
+    }
   }
   const std::string proxy = from.value("proxy", std::string("auto"));
   if (proxy == "none") {

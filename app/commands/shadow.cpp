@@ -24,6 +24,7 @@
 #include "render/shadow/caster.hpp"
 #include "render/shadow/fixed_light.hpp"
 #include "render/shadow/kernel_file.hpp"
+#include "render/shadow/kernel_stamp.hpp"
 #include "render/shadow/layer_polygons.hpp"
 #include "render/shadow/part_groups.hpp"
 #include "render/shadow/power_distance.hpp"
@@ -335,6 +336,12 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
   }
   const ShadowMesh mesh = make_shadow_mesh(*model, job.groups);
   const bool layered = job.technique == ShadowJob::Technique::layered;
+  if (layered && model->shadow_kernel_up && job.source == KernelSource::automatic &&
+      !stored_kernels_fit(*model, mesh, job.groups)) {
+    spdlog::warn("{}: its kernels are for other parts than --group names; they are made anew",
+                 (from_file ? job.kernel_file : job.model).string());
+    from_file = false;
+  }
   ShadowResult result;
   result.faces = mesh.indices.size() / 3;
   result.vertices = mesh.positions.size();

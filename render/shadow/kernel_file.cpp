@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "core/text.hpp"
+#include "render/shadow/kernel_stamp.hpp"
 #include "render/to_eigen.hpp"
 
 namespace penumbra {
@@ -98,7 +99,8 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
         "penumbra kernels",
         file, kernels.kernels.size(), model.name, model.source_vertex_count);
   }
-  if (!kernels.geometry.empty() && kernels.geometry != geometry_key(model)) {
+  if (!kernels.geometry.empty() &&
+      kernel_stamp_from(kernels.geometry).geometry != geometry_key(model)) {
     model.warnings.push_back(
         fmt::format("{}: was made before the model \"{}\" changed; its kernels are made anew", file,
                     model.name));
@@ -113,6 +115,7 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
   model.shadow_kernel_up =
       glm::vec3(static_cast<float>(kernels.up.x()), static_cast<float>(kernels.up.y()),
                 static_cast<float>(kernels.up.z()));
+  model.shadow_kernel_geometry = kernels.geometry;
   return true;
 }
 
@@ -138,7 +141,9 @@ Result<void> give_kernels(Scene& scene, const KernelFile& kernels, const std::st
         "with penumbra kernels",
         file, kernels.kernels.size(), scene.file, counts.empty() ? "there is none" : counts);
   }
-  const auto is_for = [&](const auto& model) { return geometry_key(*model) == kernels.geometry; };
+  const auto is_for = [&](const auto& model) {
+    return geometry_key(*model) == kernel_stamp_from(kernels.geometry).geometry;
+  };
   if (!kernels.geometry.empty() && std::any_of(casters.begin(), casters.end(), is_for)) {
     std::erase_if(casters, [&](const auto& model) { return !is_for(model); });
   }
@@ -150,17 +155,25 @@ Result<void> give_kernels(Scene& scene, const KernelFile& kernels, const std::st
     scene.warnings.insert(scene.warnings.end(), changed->warnings.begin(), changed->warnings.end());
     if (!*taken) continue;
     for (SceneObject& object : scene.objects) {
-      if (object.model == model) object.model = changed;
+      if (object.model != model) continue;
+      object.model = changed;
+      if (object.groups.empty() || !object.casts_shadow) continue;
+      if (!stored_kernels_fit(*changed, make_shadow_mesh(*changed, object.groups), object.groups)) {
+        scene.warnings.push_back(fmt::format(
+            "{}: was made for other parts than the group of \"{}\"; its kernels are made anew",
+            file, object.name));
+      }
     }
   }
   return {};
 }
 
-KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,
-                           const ShadowKernels& kernels) {
+KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh, const ShadowKernels& kernels,
+                           KernelSource source) {
   KernelFile result;
   result.up = kernels.up;
-  result.geometry = geometry_key(model);
+  result.geometry =
+      fmt::format("{}-{}-{}", geometry_key(model), parts_key(mesh), to_string(source));
   result.kernels.assign(mesh.from_source.size(), glm::vec3(0.0F));
   for (std::size_t i = 0; i < mesh.from_source.size(); ++i) {
     if (mesh.from_source[i] != kNoShadowPosition) {

@@ -3,7 +3,7 @@
 //   {"kernels": [x0,y0,z0, x1,...], "up": [0,0,1], "geometry": "..."}
 //
 // One triple per vertex of the model file, in its order; object frame, metres; for the direction
-// `up`. "geometry" is the geometry_key() of the model they were made for and may be left out.
+// `up`. "geometry" says what they were made for (kernel_stamp.hpp) and may be left out.
 #pragma once
 
 #include <Eigen/Core>
@@ -35,13 +35,14 @@ struct KernelFile {
 
 // Gives them to every casting model of the scene that has as many vertices (of those, where the
 // file says which model it is for and that one is there, to it alone). What was not taken is in the
-// scene's warnings. Fails where no caster has that number of vertices.
+// scene's warnings, and so is what does not fit the groups of an object. Fails where no caster has
+// that number of vertices.
 [[nodiscard]] Result<void> give_kernels(Scene& scene, const KernelFile& kernels,
                                         const std::string& file);
 
 // What to keep: a vertex of the file that no face uses gets the origin.
 [[nodiscard]] KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,
-                                         const ShadowKernels& kernels);
+                                         const ShadowKernels& kernels, KernelSource source);
 
 // The kernels that came with the mesh.
 [[nodiscard]] ShadowKernels stored_kernels_of(const ShadowMesh& mesh);

@@ -1,11 +1,13 @@
 #include "render/shadow/shadow_mesh.hpp"
 
+#include <fmt/format.h>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>
 
+#include "render/shadow/kernel_stamp.hpp"
 #include "render/shadow/part_groups.hpp"
 
 namespace penumbra {
@@ -183,9 +185,8 @@ bool is_finite(const glm::vec3& p) {
   return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
 }
 
-}  // namespace
-
-ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> groups) {
+// `stored`: with the kernels that came with the model.
+ShadowMesh welded_mesh(const Model& model, std::span<const std::string> groups, bool stored) {
   ShadowMesh mesh;
   std::size_t vertex_count = 0;
   std::size_t index_count = 0;
@@ -198,7 +199,6 @@ ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> gro
   mesh.from_source.assign(model.source_vertex_count, kNoShadowPosition);
 
   WeldGrid grid(vertex_count);
-  const bool stored = model.shadow_kernel_up.has_value();
   if (stored) mesh.stored_up = *model.shadow_kernel_up;
   KernelSplitter splitter;
   std::vector<std::uint32_t> welded;
@@ -261,6 +261,33 @@ ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> gro
     mesh.part[i] = root == i ? mesh.part_count++ : mesh.part[root];
   }
   return mesh;
+}
+
+}  // namespace
+
+ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> groups) {
+  const bool stored = model.shadow_kernel_up.has_value();
+  ShadowMesh mesh = welded_mesh(model, groups, stored);
+  if (stored && !stored_kernels_fit(model, mesh, groups)) return welded_mesh(model, groups, false);
+  return mesh;
+}
+
+std::string parts_key(const ShadowMesh& mesh) {
+  std::uint64_t hash = 1469598103934665603ULL;  // FNV-1a over 32-bit words
+  std::vector<std::uint32_t> number(mesh.part_count, kNoShadowPosition);
+  std::uint32_t count = 0;
+  for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
+    std::uint32_t& part = number[mesh.part[mesh.indices[i]]];
+    if (part == kNoShadowPosition) part = count++;
+    hash = (hash ^ part) * 1099511628211ULL;
+  }
+  return fmt::format("{:016x}", hash);
+}
+
+bool stored_kernels_fit(const Model& model, const ShadowMesh& mesh,
+                        std::span<const std::string> groups) {
+  if (groups.empty() || model.shadow_kernel_geometry.empty()) return true;
+  return kernel_stamp_from(model.shadow_kernel_geometry).parts == parts_key(mesh);
 }
 
 }  // namespace penumbra

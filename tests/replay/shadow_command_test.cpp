@@ -262,6 +262,50 @@ TEST_F(ShadowCommand, GroupsArePartsThatShareALight) {
   EXPECT_EQ(pieces(layers({file("tiles.glb")})), 1U);
 }
 
+TEST_F(ShadowCommand, StoredKernelsOfOtherPartsAreMadeAnew) {
+  write("tiles.obj",
+        "o left\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\nf 1 2 3\nf 1 3 4\n"
+        "o right\nv 0 -0.02 0.1\nv 0.1 -0.02 0.1\nv 0.1 0.08 0.1\nv 0 0.08 0.1\nf 5 6 7\n"
+        "f 5 7 8\n");
+  const std::string tiles = file("tiles.obj");
+  const auto umbra = [](const nlohmann::json& json) {
+    return json["layers"]["umbra"]["area"].get<double>();
+  };
+  const double loose = umbra(layers({tiles}));
+  const double whole = umbra(layers({tiles, "--group", "all"}));
+  ASSERT_GT(std::abs(loose - whole), 1e-5);
+  for (const std::string extension : {"glb", "json"}) {
+    const std::string kept = file("kept." + extension);
+    const auto with = [&](std::vector<std::string> more) {
+      std::vector<std::string> words = {extension == "glb" ? kept : tiles};
+      if (extension == "json") words.insert(words.end(), {"--kernels", kept});
+      words.insert(words.end(), more.begin(), more.end());
+      return layers(words);
+    };
+    ASSERT_EQ(penumbra({"kernels", tiles, "--output", kept}).exit_code, 0);
+    auto json = with({"--group", "all"});
+    EXPECT_NEAR(umbra(json), whole, 1e-8);
+    EXPECT_EQ(json["kernels"]["source"], "auto");
+    EXPECT_THAT(last_warnings_, HasSubstr("other parts"));
+    if (extension == "json") {  // a model that is written anew has no names
+      // A name that holds one part alone changes nothing.
+      json = with({"--group", "left"});
+      EXPECT_NEAR(umbra(json), loose, 1e-8);
+      EXPECT_NE(json["kernels"]["source"], "auto");
+      EXPECT_EQ(last_warnings_, "");
+    }
+    ASSERT_EQ(penumbra({"kernels", tiles, "--group", "all", "--output", kept}).exit_code, 0);
+    json = with({"--group", "all"});
+    EXPECT_NEAR(umbra(json), whole, 1e-8);
+    EXPECT_NE(json["kernels"]["source"], "auto");
+    EXPECT_EQ(last_warnings_, "");
+    if (extension == "json") {
+      EXPECT_NEAR(umbra(with({"--group", "left"})), loose, 1e-8);
+      EXPECT_THAT(last_warnings_, HasSubstr("other parts"));
+    }
+  }
+}
+
 TEST_F(ShadowCommand, AProxySaysHowWellItAgrees) {
   const std::string models = source_dir() / "scenes" / "models";
   const auto plain = layers({models + "/tree.glb", "--pose", "0 0 0.05 0 0 0 1"});
