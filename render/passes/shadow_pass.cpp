@@ -299,8 +299,12 @@ ShadowPass::KernelSet& ShadowPass::kernels_of(Caster& caster, const KernelKey& k
     set.made.kernels = caster.mesh.positions;
     return set;
   }
-  set.made = kernels_for(caster.mesh, key.direction.up(), *key.source);
-  ++work.kernel_generations;
+  if (key.stored) {
+    set.made = stored_kernels_of(caster.mesh);
+  } else {
+    set.made = generate_kernels(caster.mesh, key.direction.up(), *key.source);
+    ++work.kernel_generations;
+  }
   const TwistReport twists =
       find_twists(place_caster(caster.mesh, set.made, Placement(),
                                PlaneFrame::make(key.direction.up(), Eigen::Vector3d::Zero())),
@@ -572,8 +576,11 @@ void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& p
   if (draw.technique == ShadowTechnique::layered) {
     key.source = draw.kernels;
     // Of the own frame: turning on the plane changes nothing, not by rounding either.
-    key.direction =
-        KernelDirection::nearest(own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ());
+    const Eigen::Vector3d up = own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
+    key.direction = KernelDirection::nearest(up);
+    // By the tilt itself: the grid's direction may be nearly 2 degrees nearer to their own.
+    key.stored =
+        draw.kernels == KernelSource::automatic && has_stored_kernels_for(caster.mesh, up);
   }
   KernelSet* kernels = field ? nullptr : &kernels_of(caster, key, work);
   const bool reduced = kernels != nullptr && proxy_casts(draw, caster, key, *kernels, work);

@@ -70,6 +70,7 @@ class ShadowPass {
   struct KernelKey {
     std::optional<KernelSource> source;  // none: of no use to the technique
     KernelDirection direction;
+    bool stored = false;  // those that came with the model
     friend auto operator<=>(const KernelKey&, const KernelKey&) = default;
   };
   struct IndexRange {

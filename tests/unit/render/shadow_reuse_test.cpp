@@ -205,6 +205,29 @@ TEST_P(ShadowReuse, TiltMakesNewKernelsBeyondItsThresholdOnly) {
   EXPECT_EQ(stage.stats().kernel_generations, 0) << "kept from the start";
 }
 
+// Kernels that no generation makes, so that what is drawn tells which are in use.
+std::shared_ptr<const Model> l_with_stored_kernels(const std::string& stamp = "") {
+  Model model = *l_model();
+  for (Mesh& mesh : model.meshes)
+    mesh.shadow_kernels.assign(mesh.positions.size(), glm::vec3(0.2F, 0.1F, 0.0F));
+  model.shadow_kernel_up = glm::vec3(0.0F, 0.0F, 1.0F);
+  model.shadow_kernel_geometry = stamp;
+  return std::make_shared<const Model>(std::move(model));
+}
+
+TEST(StoredKernels, ServeTwoDegreesAndNoMore) {
+  const auto model = l_with_stored_kernels();
+  for (int i = 0; i < 12; ++i) {
+    const Eigen::Vector3d axis(std::cos(0.55 * i), std::sin(0.55 * i), 0.0);
+    for (const double tilt : {0.0, 1.3, 1.9, 1.99, 2.01, 2.3, 2.8, 3.2, 3.7, 4.5}) {
+      const Placement placement = turned(test::at(0.0, 0.0, 0.05), axis, tilt * kDegree);
+      Stage stage(ShadowTechnique::layered, model, placement);
+      stage.draw(placement);
+      EXPECT_EQ(stage.stats().kernel_generations, tilt < 2.0 ? 0 : 1) << tilt << " degrees, " << i;
+    }
+  }
+}
+
 TEST(ShadowField, ATiltThatMovesNoEdgeIsReused) {
   // Level: in the middle of a step of the rounding.
   const Placement level = test::at(0.0, 0.0, 0.1);
