@@ -264,7 +264,9 @@ struct KernelSet {
   double time_ms = 0.0;
 };
 
-KernelSet choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from_file) {
+// `may_be_stored`: those that came with the mesh may serve.
+KernelSet choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from_file,
+                         bool may_be_stored) {
   const Eigen::Vector3d up = up_in_object(job.placement, job.plane);
   KernelSet choice;
   const Stopwatch watch;
@@ -279,8 +281,9 @@ KernelSet choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from
           choice.kernels.up.z(), up.x(), up.y(), up.z());
     }
   } else {
-    const bool stored = job.source == KernelSource::automatic && has_stored_kernels_for(mesh, up);
-    choice.kernels = kernels_for(mesh, up, job.source);
+    const bool stored =
+        may_be_stored && job.source == KernelSource::automatic && has_stored_kernels_for(mesh, up);
+    choice.kernels = stored ? stored_kernels_of(mesh) : generate_kernels(mesh, up, job.source);
     choice.source = stored ? "stored" : std::string(to_string(job.source));
   }
   choice.time_ms = watch.elapsed().wall_ms;
@@ -342,13 +345,22 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
                  (from_file ? job.kernel_file : job.model).string());
     from_file = false;
   }
+  bool may_be_stored = true;
+  if (layered && job.fixed_light && !mesh.stored_kernels.empty() &&
+      job.source == KernelSource::automatic && !stored_kernels_have_thickness(*model)) {
+    spdlog::warn(
+        "{}: its kernels (cocl) have no thickness, which a light of one size needs; they are made "
+        "anew",
+        (from_file ? job.kernel_file : job.model).string());
+    from_file = may_be_stored = false;
+  }
   ShadowResult result;
   result.faces = mesh.indices.size() / 3;
   result.vertices = mesh.positions.size();
   result.parts = mesh.part_count;
   KernelSet choice;
   if (layered) {
-    choice = choose_kernels(job, mesh, from_file);
+    choice = choose_kernels(job, mesh, from_file, may_be_stored);
     result.kernel_source = choice.source;
     result.kernel_ms = choice.time_ms;
   } else {

@@ -113,6 +113,7 @@ class ShadowPass {
   };
   struct Caster {
     ShadowMesh mesh;
+    bool stored_have_thickness = true;  // of the kernels that came with it
     Body whole;
     // A reduced mesh that may cast layers, and where it has been found to be as good.
     std::optional<ShadowProxy> proxy;

@@ -190,6 +190,11 @@ ShadowKernels stored_kernels_of(const ShadowMesh& mesh) {
   return kernels;
 }
 
+bool stored_kernels_have_thickness(const Model& model) {
+  return kernel_stamp_from(model.shadow_kernel_geometry).source !=
+         to_string(KernelSource::centroid);
+}
+
 bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
   if (mesh.stored_kernels.empty()) return false;
   const Eigen::Vector3d own = to_eigen(mesh.stored_up);
@@ -201,13 +206,6 @@ bool complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen:
   if (kernels.radius.size() == mesh.positions.size()) return false;
   kernels.radius = generate_kernels(mesh, up, KernelSource::automatic).radius;
   return true;
-}
-
-ShadowKernels kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up, KernelSource source) {
-  if (source == KernelSource::automatic && has_stored_kernels_for(mesh, up)) {
-    return stored_kernels_of(mesh);
-  }
-  return generate_kernels(mesh, up, source);
 }
 
 }  // namespace penumbra

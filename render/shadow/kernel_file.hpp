@@ -53,9 +53,5 @@ inline constexpr double kKernelTiltRad = 2.0 * 3.14159265358979323846 / 180.0;
 // Kernels that were kept have no radii: gives them those of the discs made for `up`. False where
 // they have their own.
 bool complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up);
-// The kernels that came with the mesh where `source` is automatic and they serve this direction;
-// generated ones otherwise.
-[[nodiscard]] ShadowKernels kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up,
-                                        KernelSource source);
 
 }  // namespace penumbra

@@ -38,4 +38,8 @@ struct KernelStamp {
 [[nodiscard]] bool stored_kernels_fit(const Model& model, const ShadowMesh& mesh,
                                       std::span<const std::string> groups);
 
+// Whether a light of one size can use the kernels that came with the model: those of the centroid
+// have no thickness to compare with it.
+[[nodiscard]] bool stored_kernels_have_thickness(const Model& model);
+
 }  // namespace penumbra

@@ -199,6 +199,27 @@ TEST_F(ShadowCommand, StoredKernelsAreUsedUntilTheModelChanges) {
   EXPECT_THAT(last_warnings_, HasSubstr("changed"));
 }
 
+TEST_F(ShadowCommand, StoredKernelsWithoutThicknessServeNoLightOfOneSize) {
+  const std::string ring = (source_dir() / "scenes" / "models" / "ring.glb").string();
+  const std::vector<std::string> light = {"--pose", "0 0 0.1 0 0 0 1", "--light-mode", "fixed"};
+  const auto with = [&](std::vector<std::string> words) {
+    words.insert(words.end(), light.begin(), light.end());
+    return layers(words);
+  };
+  const auto fresh = with({ring});
+  for (const char* kept : {"kept.glb", "kept.json"}) {
+    ASSERT_EQ(penumbra({"kernels", ring, "--kernels", "cocl", "--output", file(kept)}).exit_code,
+              0);
+  }
+  EXPECT_EQ(with({file("kept.glb")})["layers"], fresh["layers"]);
+  EXPECT_THAT(last_warnings_, HasSubstr("cocl"));
+  EXPECT_EQ(with({ring, "--kernels", file("kept.json")})["layers"], fresh["layers"]);
+  EXPECT_THAT(last_warnings_, HasSubstr("cocl"));
+  // In proportion they serve.
+  EXPECT_EQ(layers({file("kept.glb")})["kernels"]["source"], "stored");
+  EXPECT_EQ(last_warnings_, "");
+}
+
 TEST_F(ShadowCommand, AModelThatChangedAroundItsKernelsIsNoticed) {
   for (const std::string& model :
        {file("square.obj").string(),

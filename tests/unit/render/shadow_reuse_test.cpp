@@ -228,6 +228,22 @@ TEST(StoredKernels, ServeTwoDegreesAndNoMore) {
   }
 }
 
+TEST(StoredKernels, WithoutThicknessServeNoLightOfOneSize) {
+  const Placement placement = test::at(0.0, 0.0, 0.05);
+  for (const auto& [stamp, serves] :
+       {std::pair<std::string, bool>{"g-p-cocl", false}, {"g-p-auto", true}, {"", true}}) {
+    for (const LightMode mode : {LightMode::proportional, LightMode::fixed}) {
+      Stage stage(ShadowTechnique::layered, l_with_stored_kernels(stamp), placement, mode);
+      stage.draw(placement);
+      // With a light of one size one more for the radii, and the parts.
+      const int others = mode == LightMode::fixed ? (serves ? 2 : 1) : 0;
+      EXPECT_EQ(stage.stats().kernel_generations,
+                others + (serves || mode == LightMode::proportional ? 0 : 1))
+          << stamp << " " << to_string(mode);
+    }
+  }
+}
+
 TEST(ShadowField, ATiltThatMovesNoEdgeIsReused) {
   // Level: in the middle of a step of the rounding.
   const Placement level = test::at(0.0, 0.0, 0.1);
