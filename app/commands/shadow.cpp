@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <Eigen/Geometry>
+
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
@@ -322,6 +324,31 @@ Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const Shadow
   return std::optional<ShadowProxy>(proxy_from_model(mesh, *model));
 }
 
+// The plane with its origin under the middle of the caster: near it floats are fine, wherever in
+// the world that is.
+PlaneFrame plane_under(const ShadowMesh& mesh, const Placement& placement,
+                       const PlaneFrame& plane) {
+  Eigen::AlignedBox3d box;
+  for (const glm::vec3& p : mesh.positions) {
+    box.extend(Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                               static_cast<double>(p.z)));
+  }
+  if (box.isEmpty()) return plane;
+  const Eigen::Vector3d middle = plane.to_plane(placement * box.center());
+  PlaneFrame under = plane;
+  under.q += middle.x() * plane.e1 + middle.y() * plane.e2;
+  return under;
+}
+
+void slide(LayerOutline& outline, const Eigen::Vector2d& by) {
+  for (LayerPolygon& polygon : outline.polygons) {
+    for (Eigen::Vector2d& p : polygon.outer) p += by;
+    for (auto& hole : polygon.holes) {
+      for (Eigen::Vector2d& p : hole) p += by;
+    }
+  }
+}
+
 Result<ShadowResult> compute_shadow(const ShadowJob& job) {
   auto model = load_model(job.model, job.up);
   if (!model) return tl::unexpected(model.error());
@@ -354,6 +381,7 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
         (from_file ? job.kernel_file : job.model).string());
     from_file = may_be_stored = false;
   }
+  const PlaneFrame plane = plane_under(mesh, job.placement, job.plane);
   ShadowResult result;
   result.faces = mesh.indices.size() / 3;
   result.vertices = mesh.positions.size();
@@ -366,15 +394,15 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
   } else {
     choice.kernels.kernels = mesh.positions;
   }
-  auto vertices = place_caster(mesh, choice.kernels, job.placement, job.plane);
+  auto vertices = place_caster(mesh, choice.kernels, job.placement, plane);
   auto object = union_of_triangles(orthogonal_triangles(vertices, mesh.indices));
   if (!object) return tl::unexpected(object.error());
   result.object = *object;
   if (job.technique == ShadowJob::Technique::simple) {
     result.layers.push_back({"shadow", std::move(*object)});
   } else if (job.technique == ShadowJob::Technique::hard) {
-    const auto triangles = projected_triangles(vertices, mesh.indices, job.light, job.plane);
-    if (triangles.empty() && plane_covector(job.plane).dot(job.light) <= 0.0) {
+    const auto triangles = projected_triangles(vertices, mesh.indices, job.light, plane);
+    if (triangles.empty() && plane_covector(plane).dot(job.light) <= 0.0) {
       spdlog::warn("the light is in or under the plane, so there is no shadow");
     }
     if (const auto added = add_layer(result, "shadow", triangles); !added) {
@@ -382,18 +410,17 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
     }
   } else if (job.technique == ShadowJob::Technique::field) {
     // With as many cells as the renderer uses: what is written is what is painted.
-    const ShadowField field =
-        power_distance_layers(vertices, mesh.indices, mesh.part,
-                              part_lights(part_discs(mesh, up_in_object(job.placement, job.plane)),
-                                          job.placement, job.plane),
-                              job.constants);
+    const ShadowField field = power_distance_layers(
+        vertices, mesh.indices, mesh.part,
+        part_lights(part_discs(mesh, up_in_object(job.placement, plane)), job.placement, plane),
+        job.constants);
     for (const auto& [layer, name] : kLayerNames) {
       if (const auto added = add_layer(result, name, field_triangles(field, layer)); !added) {
         return tl::unexpected(added.error());
       }
     }
   } else {
-    const Eigen::Vector3d up = up_in_object(job.placement, job.plane);
+    const Eigen::Vector3d up = up_in_object(job.placement, plane);
     std::vector<PartDisc> parts;
     if (job.fixed_light) {
       complete_radii(choice.kernels, mesh, up);
@@ -415,7 +442,7 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
     const bool reduced = result.proxy.used;
     const ShadowMesh& caster = reduced ? (*proxy)->mesh : mesh;
     if (reduced) choice.kernels = carried_kernels(**proxy, choice.kernels);
-    if (reduced) vertices = place_caster(caster, choice.kernels, job.placement, job.plane);
+    if (reduced) vertices = place_caster(caster, choice.kernels, job.placement, plane);
     std::vector<VertexDisc> discs;
     if (job.fixed_light) {
       discs = vertex_discs(caster, choice.kernels, parts, job.placement.scale);
@@ -451,6 +478,10 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
                            result.kernels.end());
     }
   }
+  const Eigen::Vector2d origin = job.plane.to_plane(plane.q).head<2>();
+  slide(result.object, origin);
+  for (ShadowPicture::Layer& layer : result.layers) slide(layer.outline, origin);
+  for (Eigen::Vector2d& kernel : result.kernels) kernel += origin;
   return result;
 }
 

@@ -90,9 +90,11 @@ double layer_spill(const ShadowMesh& mesh, const ShadowKernels& kernels, double 
     return Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
                            static_cast<double>(p.z));
   };
+  // Images are floats, which are coarse far from the origin.
+  const Eigen::Vector3d near = to_eigen(mesh.positions[mesh.indices.front()]);
   const auto image = [&](const glm::vec3& x, const glm::vec3& k) {
-    const Eigen::Vector2d on_plane = plane.to_plane(to_eigen(x)).head<2>();
-    const Eigen::Vector2d kernel = plane.to_plane(to_eigen(k)).head<2>();
+    const Eigen::Vector2d on_plane = plane.to_plane(to_eigen(x) - near).head<2>();
+    const Eigen::Vector2d kernel = plane.to_plane(to_eigen(k) - near).head<2>();
     const Eigen::Vector2d p = kernel + factor * (on_plane - kernel);
     return PlanePoint{static_cast<float>(p.x()), static_cast<float>(p.y())};
   };

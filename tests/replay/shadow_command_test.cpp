@@ -124,6 +124,34 @@ TEST_F(ShadowCommand, FarFromTheOriginAndOfAnySize) {
                 here["layers"][name]["area"].get<double>(), 1e-7)
         << name;
   }
+  // Along the plane as well, to the same place in the outlines.
+  const std::string helicopter = (source_dir() / "scenes" / "models" / "helicopter.glb").string();
+  for (const std::string technique : {"layered", "field", "simple"}) {
+    const auto near = layers({helicopter, "--technique", technique, "--pose", "0 0 0.1 0 0 0 1"});
+    for (const double d : {100.0, 1e4}) {
+      const auto far = layers({helicopter, "--technique", technique, "--pose",
+                               fmt::format("{} {} 0.1 0 0 0 1", d, -3.0 * d)});
+      for (const auto& [name, layer] : near["layers"].items()) {
+        const auto& other = far["layers"][name];
+        EXPECT_NEAR(other["area"].get<double>() / layer["area"].get<double>(), 1.0, 1e-5)
+            << technique << " " << name << " " << d;
+        ASSERT_EQ(other["polygons"].size(), layer["polygons"].size());
+        double low = 1e9, high = -1e9, far_low = 1e9, far_high = -1e9;
+        for (std::size_t i = 0; i < layer["polygons"].size(); ++i) {
+          for (const auto& p : layer["polygons"][i]["outer"]) {
+            low = std::min(low, p[0].get<double>());
+            high = std::max(high, p[0].get<double>());
+          }
+          for (const auto& p : other["polygons"][i]["outer"]) {
+            far_low = std::min(far_low, p[0].get<double>());
+            far_high = std::max(far_high, p[0].get<double>());
+          }
+        }
+        EXPECT_NEAR(far_low - d, low, 1e-6);
+        EXPECT_NEAR(far_high - d, high, 1e-6);
+      }
+    }
+  }
   for (const double size : {1e-3, 1e5}) {  // 0.2 mm, 20 km
     const auto number = [size](double x) { return fmt::format(" {:.9g}", x * size); };
     std::string obj;

@@ -217,8 +217,8 @@ std::shared_ptr<const Model> l_with_stored_kernels(const std::string& stamp = ""
 
 TEST(StoredKernels, ServeTwoDegreesAndNoMore) {
   const auto model = l_with_stored_kernels();
-  for (int i = 0; i < 12; ++i) {
-    const Eigen::Vector3d axis(std::cos(0.55 * i), std::sin(0.55 * i), 0.0);
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::Vector3d axis(std::cos(0.75 * i), std::sin(0.75 * i), 0.0);
     for (const double tilt : {0.0, 1.3, 1.9, 1.99, 2.01, 2.3, 2.8, 3.2, 3.7, 4.5}) {
       const Placement placement = turned(test::at(0.0, 0.0, 0.05), axis, tilt * kDegree);
       Stage stage(ShadowTechnique::layered, model, placement);

@@ -28,6 +28,21 @@ TEST(LayerSpill, IsLittleOfAutomaticKernelsAndMuchOfOneKernelForARing) {
   }
 }
 
+TEST(LayerSpill, IsTheSameFarFromTheOrigin) {
+  for (const KernelSource source : {KernelSource::automatic, KernelSource::centroid}) {
+    for (const bool rod : {true, false}) {
+      test::ShapeBuilder shape, far;
+      // Halves and quarters of a metre, 8 km off, are exact.
+      const double width = rod ? 0.125 : 1.0;
+      shape.box(0.0, 0.0, 0.0, 1.0, width, 0.25);
+      far.box(8192.0, -4096.0, 0.0, 8193.0, -4096.0 + width, 0.25);
+      const Eigen::Vector3d up(0, 0, 1);
+      EXPECT_NEAR(spill_of(far.build(), source, up), spill_of(shape.build(), source, up), 0.005)
+          << rod << " " << to_string(source);
+    }
+  }
+}
+
 TEST(LayerSpill, IsNothingWhereThereIsNothing) {
   const Eigen::Vector3d up(0, 0, 1);
   EXPECT_EQ(layer_spill({}, {}, 1.5), 0.0);
