@@ -150,7 +150,13 @@ LayeredConstants constants_from(const ShadowOptions& options) {
     ratio = usual.light_ratio;
   }
   const auto constants = make_layered_constants(height, ratio, umbra);
-  if (!constants) wrong("--light-height", constants.error().message);
+  if (!constants) {
+    const std::string& message = constants.error().message;
+    wrong(options.light_ratio && message.starts_with("light ratio")     ? "--light-ratio"
+          : options.umbra_height && message.starts_with("umbra height") ? "--umbra-height"
+                                                                        : "--light-height",
+          message);
+  }
   return *constants;
 }
 

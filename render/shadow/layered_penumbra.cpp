@@ -14,6 +14,12 @@ bool positive_and_finite(double value) {
   return std::isfinite(value) && value > 0.0;
 }
 
+// Shaders divide by H and h_u and multiply by a, in floats: neither these nor their inverses may
+// leave a float's range.
+bool fits_float(double value) {
+  return value >= 1e-30 && value <= 1e30;
+}
+
 // The least float >= value. A clip height rounded up makes `h >= clip` for a float h the same
 // statement as for the exact clip height: one predicate for clipping and for factors.
 float rounded_up(double value) {
@@ -90,11 +96,20 @@ Result<LayeredConstants> make_layered_constants(double light_height, double ligh
     return fail("light height H: is {}; give metres above 0, or inf with an umbra height",
                 light_height);
   }
+  if (!std::isinf(light_height) && !fits_float(light_height)) {
+    return fail("light height H: is {}; give metres from 1e-30 to 1e30", light_height);
+  }
   if (std::isnan(light_ratio) || light_ratio < 0.0) {
     return fail("light ratio a: is {}; give a number above 0 (2 to 5 is usual)", light_ratio);
   }
   if (!std::isfinite(umbra_height) || umbra_height < 0.0) {
     return fail("umbra height h_u: is {}; give metres above 0", umbra_height);
+  }
+  if (umbra_height > 0.0 && !fits_float(umbra_height)) {
+    return fail("umbra height h_u: is {}; give metres from 1e-30 to 1e30", umbra_height);
+  }
+  if (light_ratio > 0.0 && !std::isinf(light_ratio) && !fits_float(light_ratio)) {
+    return fail("light ratio a: is {}; give a number from 1e-30 to 1e30", light_ratio);
   }
   LayeredConstants constants;
   constants.light_height = light_height;
@@ -119,9 +134,11 @@ Result<LayeredConstants> make_layered_constants(double light_height, double ligh
   }
   constants.light_ratio = light_ratio > 0.0 ? light_ratio : light_height / umbra_height;
   constants.umbra_height = light_height / constants.light_ratio;
-  if (!positive_and_finite(constants.light_ratio) || !positive_and_finite(constants.umbra_height)) {
-    return fail("light height H = {} and umbra height h_u = {}: are too far apart", light_height,
-                umbra_height);
+  if (!fits_float(constants.light_ratio) || !fits_float(constants.umbra_height)) {
+    return light_ratio > 0.0 ? fail("light ratio a: is {}, too far from the light height {}",
+                                    light_ratio, light_height)
+                             : fail("umbra height h_u: is {}, too far from the light height {}",
+                                    umbra_height, light_height);
   }
   if (umbra_height > 0.0 &&
       std::abs(umbra_height - constants.umbra_height) > 1e-6 * constants.umbra_height) {

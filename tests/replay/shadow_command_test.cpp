@@ -104,6 +104,19 @@ TEST_F(ShadowCommand, OptionsThatContradictEachOtherAreWrongUsage) {
   }
 }
 
+TEST_F(ShadowCommand, AWrongLightIsBlamedOnItsOption) {
+  for (const auto& [option, number] : {std::pair{"--light-ratio", "inf"},
+                                       {"--umbra-height", "inf"},
+                                       {"--light-ratio", "1e40"},
+                                       {"--umbra-height", "1e-40"},
+                                       {"--light-height", "4e38"},
+                                       {"--light-height", "1e-300"}}) {
+    const ProgramResult result = penumbra({"shadow", file("square.obj"), option, number});
+    EXPECT_EQ(result.exit_code, 2) << option << " " << number;
+    EXPECT_THAT(result.err, HasSubstr(option)) << number;
+  }
+}
+
 TEST_F(ShadowCommand, PoseAndPlane) {
   // Lifted to the height where the umbra vanishes; the plane's normal turned with the object.
   auto json = layers({file("square.obj"), "--pose", "0 0 0.2 0 0 0 1"});

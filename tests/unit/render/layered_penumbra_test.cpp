@@ -49,6 +49,17 @@ TEST(LayeredConstants, RefusesWhatIsNoLight) {
   EXPECT_FALSE(make_layered_constants(kInfinity, 3.0, 0.3));
   EXPECT_FALSE(layered_constants_for_workspace(0.3, 1.0));
   EXPECT_FALSE(layered_constants_for_workspace(nan, 1.5));
+  // What floats can't hold, or not divide by.
+  EXPECT_FALSE(make_layered_constants(4e38, 3.0, 0.0));
+  EXPECT_FALSE(make_layered_constants(1e-300, 3.0, 0.0));
+  EXPECT_FALSE(make_layered_constants(0.9, 1e39, 0.0));
+  EXPECT_FALSE(make_layered_constants(0.9, 1e-40, 0.0));
+  EXPECT_FALSE(make_layered_constants(0.9, 0.0, 1e-40));
+  EXPECT_FALSE(make_layered_constants(kInfinity, 0.0, 1e39));
+  EXPECT_FALSE(make_layered_constants(1e20, 1e-20, 0.0)) << "h_u = 1e40";
+  EXPECT_FALSE(layered_constants_for_workspace(1e35, 1.5));
+  EXPECT_TRUE(make_layered_constants(1e6, 3.0, 0.0));
+  EXPECT_TRUE(make_layered_constants(1e-6, 3.0, 0.0));
   EXPECT_TRUE(make_layered_constants(0.9, 1.0, 0.0)) << "legal: its umbra never vanishes";
   EXPECT_THAT(make_layered_constants(0.9, -3.0, 0.0).error().message,
               testing::HasSubstr("light ratio"));
