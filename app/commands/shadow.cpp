@@ -346,6 +346,48 @@ PlaneFrame plane_under(const ShadowMesh& mesh, const Placement& placement,
   return under;
 }
 
+// A shadow without an area, and one that lacks what is above the light, are told with their cause.
+void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertices,
+                     std::span<const std::uint32_t> indices, const ShadowResult& result) {
+  double bottom = std::numeric_limits<double>::infinity();
+  double top = -bottom;
+  for (const std::uint32_t index : indices) {
+    const auto h = static_cast<double>(vertices[index].h);
+    bottom = std::min(bottom, h);
+    top = std::max(top, h);
+  }
+  const std::string name = job.model.string();
+  if (indices.empty()) {
+    spdlog::warn("{}: has no face that casts a shadow", name);
+    return;
+  }
+  if (top <= 0.0) {
+    spdlog::warn("{}: is under the plane (its top at {:.3g} m), so there is no shadow", name, top);
+    return;
+  }
+  const bool layers = job.technique == ShadowJob::Technique::layered ||
+                      job.technique == ShadowJob::Technique::field;
+  const double reach = layer_height_range(job.constants, ShadowLayer::penumbra).high;
+  if (layers && bottom >= reach) {
+    spdlog::warn(
+        "{}: is {:.3g} m above the plane, too high for a light of H = {:.3g} m, so there is no "
+        "shadow; raise --light-height",
+        name, bottom, job.constants.light_height);
+    return;
+  }
+  if (layers && top > reach) {
+    spdlog::warn(
+        "{}: reaches to {:.3g} m above the plane; what is above {:.3g} m is too high for a light "
+        "of H = {:.3g} m and casts nothing; raise --light-height",
+        name, top, reach, job.constants.light_height);
+  }
+  const auto is_empty = [](const auto& layer) { return layer.outline.area <= 0.0; };
+  if (job.technique != ShadowJob::Technique::hard &&
+      std::all_of(result.layers.begin(), result.layers.end(), is_empty)) {
+    spdlog::warn("{}: no layer of its shadow has an area", name);
+  }
+}
+
 void slide(LayerOutline& outline, const Eigen::Vector2d& by) {
   for (LayerPolygon& polygon : outline.polygons) {
     for (Eigen::Vector2d& p : polygon.outer) p += by;
@@ -401,7 +443,8 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
     choice.kernels.kernels = mesh.positions;
   }
   auto vertices = place_caster(mesh, choice.kernels, job.placement, plane);
-  auto object = union_of_triangles(orthogonal_triangles(vertices, mesh.indices));
+  const auto whole = vertices;  // a proxy may take their place
+  auto object = union_of_triangles(orthogonal_triangles(whole, mesh.indices));
   if (!object) return tl::unexpected(object.error());
   result.object = *object;
   if (job.technique == ShadowJob::Technique::simple) {
@@ -484,6 +527,7 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
                            result.kernels.end());
     }
   }
+  warn_of_heights(job, whole, mesh.indices, result);
   const Eigen::Vector2d origin = job.plane.to_plane(plane.q).head<2>();
   slide(result.object, origin);
   for (ShadowPicture::Layer& layer : result.layers) slide(layer.outline, origin);

@@ -192,6 +192,36 @@ TEST_F(ShadowCommand, OneLayerForSimpleAndHard) {
   EXPECT_THAT(last_warnings_, HasSubstr("warn"));
 }
 
+TEST_F(ShadowCommand, TellsWhyAShadowIsMissing) {
+  const std::string cube = (source_dir() / "scenes" / "models" / "cube.glb").string();
+  const auto lifted = [&](const char* z, const char* technique = "layered") {
+    return layers({cube, "--technique", technique, "--pose", fmt::format("0 0 {} 0 0 0 1", z)});
+  };
+  for (const char* technique : {"layered", "field"}) {
+    lifted("0.1", technique);
+    EXPECT_EQ(last_warnings_, "") << technique;
+    lifted("0.28", technique);  // its umbra has vanished: that is no fault
+    EXPECT_EQ(last_warnings_, "") << technique;
+    EXPECT_EQ(lifted("2", technique)["layers"]["penumbra"]["area"], 0.0);
+    EXPECT_THAT(last_warnings_, HasSubstr("too high")) << technique;
+    EXPECT_GT(lifted("0.85", technique)["layers"]["penumbra"]["area"], 0.0);
+    EXPECT_THAT(last_warnings_, HasSubstr("reaches to")) << technique;
+  }
+  for (const char* technique : {"layered", "field", "simple"}) {
+    lifted("-1", technique);
+    EXPECT_THAT(last_warnings_, HasSubstr("under the plane")) << technique;
+  }
+  lifted("2", "simple");
+  EXPECT_EQ(last_warnings_, "");
+  // Far along the plane it casts as here.
+  EXPECT_GT(layers({cube, "--pose", "1e8 0 0.1 0 0 0 1"})["layers"]["umbra"]["area"], 0.0);
+  EXPECT_EQ(last_warnings_, "");
+  // Seen edge-on.
+  write("card.obj", "v 0 0 0.1\nv 0 0.1 0.1\nv 0 0.1 0.2\nf 1 2 3\n");
+  layers({file("card.obj")});
+  EXPECT_THAT(last_warnings_, HasSubstr("no layer"));
+}
+
 TEST_F(ShadowCommand, PicturesAndTable) {
   const std::string ring = (source_dir() / "scenes" / "models" / "ring.glb").string();
   EXPECT_EQ(penumbra({"shadow", ring, "--show-kernels", "--output", file("ring.svg")}).exit_code,
