@@ -71,6 +71,7 @@ void add_demo_command(CLI::App& program, ChosenCommand& chosen) {
       "Example:\n"
       "  penumbra demo --output demo.mp4");
   command->callback([options, &chosen] {
+    warn_of_no_use(options->shadow);
     apply(options->shadow, options->plan);  // wrong usage ends here
     chosen = [options] { return demo(*options); };
   });

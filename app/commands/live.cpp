@@ -177,6 +177,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
         throw CLI::ValidationError(option, "a recording that plays as a camera has its own");
       }
     }
+    warn_of_no_use(options->shadow);
     apply(options->shadow, options->request.plan);  // wrong usage ends here
     chosen = [options] { return live(*options); };
   });

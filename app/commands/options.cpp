@@ -101,6 +101,7 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
                                          fmt::format("{}: is neither auto nor none", name));
             }
             choice.proxies = name == "auto";
+            choice.asks_for_proxies = choice.proxies;
           },
           "auto: a reduced mesh casts a layered shadow where that agrees with the model's to 0.98, "
           "unless the scene says otherwise; none: every object casts with its own mesh")
@@ -130,6 +131,22 @@ LightMode light_mode_choice_from(const std::string& text) {
                                fmt::format("{}: no such mode; known: proportional, fixed", text));
   }
   return *mode;
+}
+
+void warn_of_no_use(const ShadowChoice& choice) {
+  if (choice.technique && *choice.technique != ShadowTechnique::layered) {
+    const auto no_use = [&](std::string_view option) {
+      spdlog::warn("{}: {} shadows have no use for it", option, to_string(*choice.technique));
+    };
+    if (choice.kernels && (choice.kernel_file || *choice.kernels != KernelSource::automatic)) {
+      no_use("--kernels");
+    }
+    if (choice.light_mode &&
+        !(*choice.technique == ShadowTechnique::field && *choice.light_mode == LightMode::fixed)) {
+      no_use("--light-mode");
+    }
+    if (choice.asks_for_proxies) no_use("--proxy");
+  }
 }
 
 void apply(const ShadowChoice& choice, PlanOptions& plan) {

@@ -27,11 +27,14 @@ struct ShadowChoice {
   std::optional<LightMode> light_mode;
   bool proxies = true;
   bool light_rays = false;
+  bool asks_for_proxies = false;  // by --proxy auto
 };
 // Gives --shadow back.
 CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice);
 // The technique by a word of --shadow, as `option` has it. Throws CLI::ValidationError.
 void set_technique(ShadowChoice& choice, const std::string& option, const std::string& name);
+// Logs which of the options the technique that --shadow names has no use for.
+void warn_of_no_use(const ShadowChoice& choice);
 // Over those of the scene. Throws CLI::ValidationError where the options contradict each other.
 void apply(const ShadowChoice& choice, PlanOptions& plan);
 

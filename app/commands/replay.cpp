@@ -159,6 +159,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       "  penumbra replay recordings/tabletop --compare layered,simple,walls,hard --output "
       "compare.mp4");
   command->callback([options, &chosen] {
+    warn_of_no_use(options->shadow);
     apply(options->shadow, options->request.plan);  // wrong usage ends here
     options->request.compare = compared(*options);
     chosen = [options] { return replay(*options); };

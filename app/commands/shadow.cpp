@@ -50,7 +50,7 @@ struct ShadowOptions {
   std::filesystem::path output;
   std::string technique = "layered";
   std::string kernels = "auto";
-  std::string light_mode = "proportional";
+  std::string light_mode;
   std::vector<std::string> groups;
   std::string proxy = "none";
   std::string up;
@@ -63,6 +63,11 @@ struct ShadowOptions {
   std::string plane;
   std::string light;
   bool show_kernels = false;
+
+  [[nodiscard]] bool names_light() const {
+    return !light_height.empty() || light_ratio || umbra_height || workspace_height ||
+           magnification;
+  }
 };
 
 // The options once they make sense.
@@ -85,6 +90,7 @@ struct ShadowJob {
   PlaneFrame plane;
   Eigen::Vector4d light = Eigen::Vector4d::Zero();
   bool show_kernels = false;
+  std::vector<std::string> warnings;  // options that this technique has no use for
 };
 
 [[noreturn]] void wrong(std::string_view option, const std::string& why) {
@@ -208,7 +214,35 @@ ShadowJob job_from(const ShadowOptions& options) {
   const KernelChoice chosen = kernel_choice_from(kernels);
   job.source = chosen.source;
   if (chosen.file) job.kernel_file = *chosen.file;
-  job.fixed_light = light_mode_choice_from(options.light_mode) == LightMode::fixed;
+  if (!options.light_mode.empty()) {
+    job.fixed_light = light_mode_choice_from(options.light_mode) == LightMode::fixed;
+  }
+  const bool layered = job.technique == ShadowJob::Technique::layered;
+  const bool one_layer =
+      job.technique == ShadowJob::Technique::simple || job.technique == ShadowJob::Technique::hard;
+  const auto no_use = [&](std::string_view option) {
+    job.warnings.push_back(
+        fmt::format("{}: {} shadows have no use for it", option, options.technique));
+  };
+  if (one_layer && options.kernels != "auto") no_use("--kernels");
+  if (one_layer && !options.light_mode.empty()) no_use("--light-mode");
+  if (job.technique == ShadowJob::Technique::field && !options.light_mode.empty() &&
+      !job.fixed_light) {
+    job.warnings.emplace_back(
+        "--light-mode: the light of field shadows has one size; proportional changes nothing");
+  }
+  if (one_layer && options.names_light()) {
+    no_use(!options.light_height.empty() ? "--light-height"
+           : options.light_ratio         ? "--light-ratio"
+           : options.umbra_height        ? "--umbra-height"
+           : options.workspace_height    ? "--workspace-height"
+                                         : "--magnification");
+  }
+  if (options.show_kernels && !layered) no_use("--show-kernels");
+  if (options.show_kernels && layered && job.format != ShadowJob::Format::svg &&
+      job.format != ShadowJob::Format::png) {
+    job.warnings.emplace_back("--show-kernels: is for a picture; give --output FILE.svg or .png");
+  }
   if (job.fixed_light && job.technique == ShadowJob::Technique::layered &&
       job.source == KernelSource::centroid) {
     wrong("--light-mode", "fixed needs kernels with a thickness; cocl has none");
@@ -226,7 +260,7 @@ ShadowJob job_from(const ShadowOptions& options) {
   if (!options.up.empty() && options.up != "y" && options.up != "z") {
     wrong("--up", fmt::format("{}: is neither y nor z", options.up));
   }
-  job.constants = constants_from(options);
+  if (!one_layer) job.constants = constants_from(options);
   if (!options.pose.empty()) {
     const auto pose = numbers_from<7>(kPoseOption, options.pose);
     const Eigen::Quaterniond rotation(pose[6], pose[3], pose[4], pose[5]);
@@ -643,9 +677,7 @@ ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result) {
 }
 
 Result<ExitCode> run_shadow(const ShadowJob& job) {
-  if (job.show_kernels && job.technique != ShadowJob::Technique::layered) {
-    spdlog::warn("--show-kernels: this technique has no kernels");
-  }
+  for (const std::string& warning : job.warnings) spdlog::warn("{}", warning);
   if (job.constants.light_ratio <= 1.0 && (job.technique == ShadowJob::Technique::layered ||
                                            job.technique == ShadowJob::Technique::field)) {
     spdlog::warn("a = {:g}: the umbra never vanishes; the usual light has a > 1",
@@ -716,7 +748,7 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
   command
       ->add_option("--light-mode", options->light_mode,
                    "proportional: a light for each part by its thickness; fixed: one size of light")
-      ->capture_default_str()
+      ->default_str("proportional")
       ->type_name("proportional|fixed");
   command
       ->add_option("--group", options->groups,
