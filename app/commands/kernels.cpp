@@ -18,6 +18,8 @@
 
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
+#include "app/interrupt.hpp"
+#include "app/output/interruptible.hpp"
 #include "app/output/output_file.hpp"
 #include "app/progress.hpp"
 #include "core/file.hpp"
@@ -88,10 +90,11 @@ Result<std::vector<std::uint8_t>> encode(const KernelsOptions& options, const Mo
 // Shows how far the kernels are where they take longer than a second. An empty bar until it is
 // known how many there are.
 template <class Work>
-auto with_progress(const Work& work, const KernelProgress& progress) {
+auto with_progress(const Work& work, const KernelProgress& progress, InterruptWatch& interrupt,
+                   OutputFile& output) {
   auto running = std::async(std::launch::async, work);
   using namespace std::chrono_literals;
-  if (running.wait_for(1s) != std::future_status::ready) {
+  if (!is_done_within(running, 1s, interrupt, output)) {
     std::optional<ProgressBar> bar(std::in_place, 1, "");
     bool counting = false;
     do {
@@ -102,7 +105,7 @@ auto with_progress(const Work& work, const KernelProgress& progress) {
         bar.emplace(static_cast<int>(total), "vertices");
       }
       bar->update(counting ? static_cast<int>(std::min<std::size_t>(progress.done, total)) : 0);
-    } while (running.wait_for(100ms) != std::future_status::ready);
+    } while (!is_done_within(running, 100ms, interrupt, output));
   }
   return running.get();
 }
@@ -112,6 +115,8 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
   if (std::filesystem::equivalent(options.model, options.output, ignored) && !options.glb) {
     return fail("{}: is the model itself; give another name", options.output.string());
   }
+  InterruptWatch interrupt;
+  interrupt.hold();
   auto output = OutputFile::create(options.output);
   if (!output) return tl::unexpected(output.error());
   double time_ms = 0.0;
@@ -137,7 +142,7 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
         kernels = kernels_to_keep(plain, mesh, set, options.source);
         return {};
       },
-      progress);
+      progress, interrupt, *output);
   if (!made) return tl::unexpected(made.error());
   const auto bytes = encode(options, plain, kernels);
   if (!bytes) return tl::unexpected(bytes.error());

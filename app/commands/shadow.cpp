@@ -11,7 +11,9 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <chrono>
 #include <cmath>
+#include <future>
 #include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -19,6 +21,8 @@
 
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
+#include "app/interrupt.hpp"
+#include "app/output/interruptible.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/shadow_picture.hpp"
 #include "core/stopwatch.hpp"
@@ -689,9 +693,14 @@ Result<ExitCode> run_shadow(const ShadowJob& job) {
     fmt::print("{}", shadow_table(job, *result));
     return ExitCode::success;
   }
+  InterruptWatch interrupt;
+  interrupt.hold();
   auto output = OutputFile::create(job.output);
   if (!output) return tl::unexpected(output.error());
-  const auto result = compute_shadow(job);
+  auto computing = std::async(std::launch::async, [&job] { return compute_shadow(job); });
+  while (!is_done_within(computing, std::chrono::milliseconds(1000), interrupt, *output)) {
+  }
+  const auto result = computing.get();
   if (!result) return tl::unexpected(result.error());
   if (job.format == ShadowJob::Format::png) {
     if (const auto done = write_shadow_png(output->partial(), picture_of(job, *result)); !done) {

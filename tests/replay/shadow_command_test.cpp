@@ -459,6 +459,31 @@ TEST_F(ShadowCommand, OneKernelSpillsARing) {
             0.3);
 }
 
+TEST_F(ShadowCommand, EndedEarlyLeavesNoPartialFile) {
+  std::string soup;
+  for (int i = 0; i < 60000; ++i) {
+    const double x = std::fmod(i * 0.6180339887, 1.0), y = std::fmod(i * 0.7548776662, 1.0);
+    soup += fmt::format("v {:.5f} {:.5f} 0.1\nv {:.5f} {:.5f} 0.12\nv {:.5f} {:.5f} 0.11\n", x, y,
+                        x + 0.004, y, x, y + 0.004);
+    soup += fmt::format("f {} {} {}\n", 3 * i + 1, 3 * i + 2, 3 * i + 3);
+  }
+  write("soup.obj", soup);
+  for (const std::string command : {"shadow", "kernels"}) {
+    const std::string output = file(command + "_out.json");
+    const ProgramResult result = run_program(
+        "/bin/bash", {"-c",
+                      "\"$0\" \"$@\" & work=$!; for i in $(seq 1000); do "
+                      "compgen -G \"${@: -1}.partial*\" > /dev/null && break; sleep 0.01; done; "
+                      "kill -TERM $work; wait $work",
+                      program().string(), command, file("soup.obj"), "--output", output});
+    EXPECT_EQ(result.exit_code, 1) << command << result.err;
+    EXPECT_THAT(result.err, HasSubstr("ended early")) << command;
+    for (const auto& entry : fs::directory_iterator(folder_.path())) {
+      EXPECT_THAT(entry.path().string(), testing::Not(HasSubstr("_out.json"))) << command;
+    }
+  }
+}
+
 // On a disk that takes no byte: the file that was asked for is named, not the one that is written
 // meanwhile.
 TEST_F(ShadowCommand, WhatCannotBeWrittenIsNamedAsItWasAskedFor) {
