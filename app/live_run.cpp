@@ -384,6 +384,19 @@ class LiveHost final : public SessionHost {
 
 }  // namespace
 
+Result<std::unique_ptr<LiveSource>> open_live_source(const LiveRequest& request,
+                                                     const CameraModel& camera) {
+  const auto name = parse_camera(request.camera);
+  if (!name) return tl::unexpected(name.error());
+  if (auto checked = check_camera(*name); !checked) return tl::unexpected(checked.error());
+  auto source = open_camera(*name, request, camera);
+  if (!source) return tl::unexpected(source.error());
+  if (auto checked = check_size(request, (*source)->format(), camera); !checked) {
+    return tl::unexpected(checked.error());
+  }
+  return source;
+}
+
 Result<RunReport> run_live(const LiveRequest& request) {
   InterruptWatch interrupt;  // first: everything below starts threads
 

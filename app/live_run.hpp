@@ -3,9 +3,11 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 
+#include "app/capture/live_source.hpp"
 #include "app/capture/v4l2_source.hpp"
 #include "app/run_outputs.hpp"
 #include "app/run_report.hpp"
@@ -38,5 +40,9 @@ struct LiveRequest : OutputRequest {
 // Ends after the duration, by Ctrl-C, or when the window is closed; the files hold everything up to
 // then.
 [[nodiscard]] Result<RunReport> run_live(const LiveRequest& request);
+
+// The camera that the request names, at the size of its calibration.
+[[nodiscard]] Result<std::unique_ptr<LiveSource>> open_live_source(const LiveRequest& request,
+                                                                   const CameraModel& camera);
 
 }  // namespace penumbra

@@ -95,6 +95,7 @@ ExitCode run(int argc, char** argv) {
   penumbra::add_map_command(program, chosen);
   penumbra::add_kernels_command(program, chosen);
   penumbra::add_simulate_command(program, chosen);
+  penumbra::add_study_command(program, chosen);
 
   try {
     program.parse(argc, argv);

@@ -167,6 +167,27 @@ struct Overlay::Impl {
     ImGui::GetStyle() = style;
   }
 
+  void begin_drawing(GlContext::Size size, bool compact) {
+    ImGui::SetCurrentContext(imgui);
+    ImGuiIO& io = ImGui::GetIO();
+    io.DisplaySize = {static_cast<float>(size.width), static_cast<float>(size.height)};
+    io.DeltaTime = std::max(1e-4F, static_cast<float>(since_last.elapsed().wall_ms * 1e-3));
+    since_last.restart();
+    for (std::size_t i = 0; i < down.size(); ++i) {
+      io.MouseDown[i] = down[i] || pressed[i];
+      pressed[i] = false;
+    }
+    set_style(size, compact);
+    windows.clear();
+    ImGui::NewFrame();
+    ImGui::PushFont(font);
+  }
+  void end_drawing(GlContext::Size size) {
+    ImGui::PopFont();
+    ImGui::Render();
+    renderer->draw(*ImGui::GetDrawData(), size);
+  }
+
   void begin_window(const char* name, ImVec2 at, ImVec2 pivot, ImGuiWindowFlags flags) {
     ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
     ImGui::Begin(name, nullptr, flags);
@@ -608,19 +629,7 @@ void Overlay::draw(const HudState& state, const HudPanels& panels, GlContext::Si
                    HudActions& actions) {
   if (size.width <= 0 || size.height <= 0) return;
   Impl& m = *impl_;
-  ImGui::SetCurrentContext(m.imgui);
-  ImGuiIO& io = ImGui::GetIO();
-  io.DisplaySize = {static_cast<float>(size.width), static_cast<float>(size.height)};
-  io.DeltaTime = std::max(1e-4F, static_cast<float>(m.since_last.elapsed().wall_ms * 1e-3));
-  m.since_last.restart();
-  for (std::size_t i = 0; i < m.down.size(); ++i) {
-    io.MouseDown[i] = m.down[i] || m.pressed[i];
-    m.pressed[i] = false;
-  }
-  m.set_style(size, panels.compact);
-  m.windows.clear();
-  ImGui::NewFrame();
-  ImGui::PushFont(m.font);
+  m.begin_drawing(size, panels.compact);
   if (panels.compact) {
     m.compact_layout(state, size, actions);
   } else {
@@ -634,9 +643,24 @@ void Overlay::draw(const HudState& state, const HudPanels& panels, GlContext::Si
   if (panels.panels && panels_fit) m.panels(state, panels, size, actions);
   if (panels.help) m.help(size, actions);
   m.message(state, size);
-  ImGui::PopFont();
-  ImGui::Render();
-  m.renderer->draw(*ImGui::GetDrawData(), size);
+  m.end_drawing(size);
+}
+
+void Overlay::draw_words(const std::string& words, bool in_the_middle, GlContext::Size size) {
+  if (size.width <= 0 || size.height <= 0) return;
+  Impl& m = *impl_;
+  m.begin_drawing(size, false);
+  const auto width = static_cast<float>(size.width);
+  const auto height = static_cast<float>(size.height);
+  const float gap = 0.5F * m.em;
+  m.begin_window("words", in_the_middle ? ImVec2(0.5F * width, 0.5F * height) : ImVec2(gap, gap),
+                 in_the_middle ? ImVec2(0.5F, 0.5F) : ImVec2(0.0F, 0.0F),
+                 kPlain | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
+  ImGui::PushTextWrapPos(0.8F * width);
+  text(words);
+  ImGui::PopTextWrapPos();
+  m.end_window();
+  m.end_drawing(size);
 }
 
 }  // namespace penumbra

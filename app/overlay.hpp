@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 
 #include "app/hud.hpp"
 #include "core/error.hpp"
@@ -30,6 +31,8 @@ class Overlay {
   // drawing is added to `actions`.
   void draw(const HudState& state, const HudPanels& panels, GlContext::Size size,
             HudActions& actions);
+  // Only these words, in place of the HUD: in the middle, or in a corner. Takes no clicks.
+  void draw_words(const std::string& words, bool in_the_middle, GlContext::Size size);
 
  private:
   struct Impl;

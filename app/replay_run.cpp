@@ -79,48 +79,6 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
   return check_output_paths(request, std::move(taken));
 }
 
-Result<PoseSource> open_poses(const ReplayRequest& request, const Recording& recording,
-                              const Scene& scene) {
-  if (!request.poses_from) {
-    const fs::path tags = request.tags.value_or(recording.folder / "tags.yaml");
-    auto tracker = GroupTracker::create(
-        *recording.camera, *recording.tags, request.tracking,
-        wanted_groups(scene, *recording.tags, tags, request, request.plan.skip));
-    if (!tracker) return fail_in(tags.string(), tracker.error());
-    return PoseSource(std::move(*tracker));
-  }
-  if (*request.poses_from == "groundtruth") {
-    if (!recording.groundtruth) {
-      return fail(
-          "{}: there is no such file; give --poses-from a TUM file, or leave it out to track",
-          (recording.folder / "groundtruth.tum").string());
-    }
-    return PoseSource(GivenPoses{*recording.groundtruth, recording.group_groundtruth});
-  }
-  auto trajectory = load_trajectory(*request.poses_from);
-  if (!trajectory) return tl::unexpected(trajectory.error());
-  const bool any = std::any_of(
-      recording.frames.begin(), recording.frames.end(),
-      [&](const RecordedFrame& frame) { return trajectory->at(frame.timestamp_ns) != nullptr; });
-  if (!any) {
-    return fail("{}: has no pose within 1 ms of any frame of {}; is it of another recording?",
-                *request.poses_from, recording.folder.string());
-  }
-  return PoseSource(GivenPoses{std::move(*trajectory), recording.group_groundtruth});
-}
-
-// The median time between frames.
-double frame_interval_s(const Recording& recording) {
-  std::vector<std::int64_t> gaps;
-  for (std::size_t i = 1; i < recording.frames.size(); ++i) {
-    gaps.push_back(recording.frames[i].timestamp_ns - recording.frames[i - 1].timestamp_ns);
-  }
-  if (gaps.empty()) return 1.0 / 30.0;
-  const auto middle = gaps.begin() + static_cast<std::ptrdiff_t>(gaps.size() / 2);
-  std::nth_element(gaps.begin(), middle, gaps.end());
-  return std::clamp(seconds(*middle), 1e-4, 10.0);
-}
-
 // Shows frames at the pace they were recorded.
 class Pacer {
  public:
@@ -282,6 +240,47 @@ GlContext::Size window_size_for(GlContext::Size picture) {
 
 }  // namespace
 
+Result<PoseSource> open_replay_poses(const ReplayRequest& request, const Recording& recording,
+                                     const Scene& scene) {
+  if (!request.poses_from) {
+    const fs::path tags = request.tags.value_or(recording.folder / "tags.yaml");
+    auto tracker = GroupTracker::create(
+        *recording.camera, *recording.tags, request.tracking,
+        wanted_groups(scene, *recording.tags, tags, request, request.plan.skip));
+    if (!tracker) return fail_in(tags.string(), tracker.error());
+    return PoseSource(std::move(*tracker));
+  }
+  if (*request.poses_from == "groundtruth") {
+    if (!recording.groundtruth) {
+      return fail(
+          "{}: there is no such file; give --poses-from a TUM file, or leave it out to track",
+          (recording.folder / "groundtruth.tum").string());
+    }
+    return PoseSource(GivenPoses{*recording.groundtruth, recording.group_groundtruth});
+  }
+  auto trajectory = load_trajectory(*request.poses_from);
+  if (!trajectory) return tl::unexpected(trajectory.error());
+  const bool any = std::any_of(
+      recording.frames.begin(), recording.frames.end(),
+      [&](const RecordedFrame& frame) { return trajectory->at(frame.timestamp_ns) != nullptr; });
+  if (!any) {
+    return fail("{}: has no pose within 1 ms of any frame of {}; is it of another recording?",
+                *request.poses_from, recording.folder.string());
+  }
+  return PoseSource(GivenPoses{std::move(*trajectory), recording.group_groundtruth});
+}
+
+double frame_interval_s(const Recording& recording) {
+  std::vector<std::int64_t> gaps;
+  for (std::size_t i = 1; i < recording.frames.size(); ++i) {
+    gaps.push_back(recording.frames[i].timestamp_ns - recording.frames[i - 1].timestamp_ns);
+  }
+  if (gaps.empty()) return 1.0 / 30.0;
+  const auto middle = gaps.begin() + static_cast<std::ptrdiff_t>(gaps.size() / 2);
+  std::nth_element(gaps.begin(), middle, gaps.end());
+  return std::clamp(seconds(*middle), 1e-4, 10.0);
+}
+
 Result<RunReport> run_replay(const ReplayRequest& request) {
   InterruptWatch interrupt;  // first: decoders and OpenGL start threads
 
@@ -298,7 +297,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   auto loaded_scene = load_run_scene(request.scene, request.kernel_file);
   if (!loaded_scene) return tl::unexpected(loaded_scene.error());
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
-  auto poses = open_poses(request, *recording, *scene);
+  auto poses = open_replay_poses(request, *recording, *scene);
   if (!poses) return tl::unexpected(poses.error());
   for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
 

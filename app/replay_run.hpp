@@ -6,10 +6,12 @@
 #include <string>
 #include <vector>
 
+#include "app/capture/recording_source.hpp"
 #include "app/comparison.hpp"
 #include "app/frame_range.hpp"
 #include "app/run_outputs.hpp"
 #include "app/run_report.hpp"
+#include "app/session.hpp"
 #include "app/viewer.hpp"
 #include "core/error.hpp"
 #include "render/frame_plan.hpp"
@@ -40,5 +42,11 @@ struct ReplayRequest : OutputRequest {
 // Every path is checked before the first frame. Stopped by Ctrl-C or by closing the window, the
 // files hold the frames up to then and the report says so; an error leaves none.
 [[nodiscard]] Result<RunReport> run_replay(const ReplayRequest& request);
+
+// A tracker of the recording's tags, or the poses that the request names.
+[[nodiscard]] Result<PoseSource> open_replay_poses(const ReplayRequest& request,
+                                                   const Recording& recording, const Scene& scene);
+// The median time between frames.
+[[nodiscard]] double frame_interval_s(const Recording& recording);
 
 }  // namespace penumbra

@@ -7,7 +7,7 @@
 #include <thread>
 #include <utility>
 
-#include "render/gl/framebuffer.hpp"
+#include "app/pointer.hpp"
 
 namespace penumbra {
 namespace {
@@ -141,15 +141,7 @@ void Viewer::take_pointer(const WindowEvent& event) {
 }
 
 std::optional<PointerView> Viewer::pointer_view() const {
-  const SessionView view = host_.view();
-  if (view.camera == nullptr || !view.T_table_camera) return std::nullopt;
-  const PictureArea area =
-      picture_area(view.camera->width(), view.camera->height(), context_.window_size());
-  // From the window's pixels, whose corner is 0, to the picture's, whose first centre is 0.
-  const double scale = static_cast<double>(view.camera->width()) / area.width;
-  const Eigen::Vector2d pixel =
-      (pointer_ - Eigen::Vector2d(area.x, area.y)) * scale - Eigen::Vector2d::Constant(0.5);
-  return view_at(*view.camera, *view.T_table_camera, pixel);
+  return pointer_in_window(host_.view(), context_.window_size(), pointer_);
 }
 
 // Once for all the moves since the last picture.

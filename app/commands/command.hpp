@@ -34,5 +34,6 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen);
 void add_map_command(CLI::App& program, ChosenCommand& chosen);
 void add_kernels_command(CLI::App& program, ChosenCommand& chosen);
 void add_simulate_command(CLI::App& program, ChosenCommand& chosen);
+void add_study_command(CLI::App& program, ChosenCommand& chosen);
 
 }  // namespace penumbra

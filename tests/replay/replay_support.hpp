@@ -23,6 +23,14 @@ inline ProgramResult penumbra(const std::vector<std::string>& arguments,
   return run_program(program(), arguments, environment);
 }
 
+// The program in a real window, on a virtual display.
+inline ProgramResult in_window(std::vector<std::string> arguments,
+                               const std::filesystem::path& working_folder) {
+  arguments.insert(arguments.begin(), program().string());
+  return run_program(source_dir() / "tests" / "support" / "with-display", arguments, {},
+                     working_folder);
+}
+
 inline std::string bundled(const char* name) {
   return (recordings_dir() / name).string();
 }

@@ -11,12 +11,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-ProgramResult in_window(std::vector<std::string> arguments, const fs::path& working_folder) {
-  arguments.insert(arguments.begin(), program().string());
-  return run_program(source_dir() / "tests" / "support" / "with-display", arguments, {},
-                     working_folder);
-}
-
 TEST(Window, PicturesAreTheSameWithAndWithoutWindowAndHud) {
   ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
   const TemporaryFolder folder;

@@ -1,0 +1,130 @@
+#include "app/study/study_feed.hpp"
+
+#include <chrono>
+#include <exception>
+#include <mutex>
+#include <thread>
+#include <utility>
+
+#include "app/capture/mailbox.hpp"
+#include "core/units.hpp"
+
+namespace penumbra {
+namespace {
+
+class RecordedFeed final : public StudyFeed {
+ public:
+  RecordedFeed(Recording recording, double interval_s, bool given_poses)
+      : recording_(std::move(recording)),
+        interval_ns_(nanoseconds(interval_s)),
+        given_poses_(given_poses) {}
+
+  Result<std::optional<StudyPicture>> next() override {
+    for (int attempt = 0; attempt < 2; ++attempt) {
+      if (!source_) {
+        auto opened = open_recording_source(recording_);
+        if (!opened) return tl::unexpected(opened.error());
+        source_ = std::move(*opened);
+        last_ns_.reset();
+      }
+      auto frame = source_->next();
+      if (!frame) return tl::unexpected(frame.error());
+      if (!*frame) {  // the end: from the beginning
+        source_.reset();
+        continue;
+      }
+      const std::int64_t recorded_ns = (*frame)->timestamp_ns;
+      if (started_) clock_ns_ += last_ns_ ? recorded_ns - *last_ns_ : interval_ns_;
+      started_ = true;
+      last_ns_ = recorded_ns;
+      StudyPicture picture{std::move(**frame), clock_ns_};
+      if (!given_poses_) {
+        picture.frame.timestamp_ns = recording_.frames.front().timestamp_ns + clock_ns_;
+      }
+      return std::optional<StudyPicture>(std::move(picture));
+    }
+    return fail("{}: has no frame", recording_.folder.string());
+  }
+  void rewind() override { source_.reset(); }
+  [[nodiscard]] bool waits() const override { return true; }
+
+ private:
+  const Recording recording_;
+  const std::int64_t interval_ns_;
+  const bool given_poses_;
+  std::unique_ptr<FrameSource> source_;
+  bool started_ = false;
+  std::int64_t clock_ns_ = 0;
+  std::optional<std::int64_t> last_ns_;  // of the source
+};
+
+// One thread waits for the camera; a picture that comes too late for the screen is dropped.
+class CameraFeed final : public StudyFeed {
+ public:
+  explicit CameraFeed(std::unique_ptr<LiveSource> source)
+      : source_(std::move(source)), capture_([this] { capture(); }) {}
+  ~CameraFeed() override {
+    source_->stop();
+    newest_.close();
+    capture_.join();
+  }
+
+  Result<std::optional<StudyPicture>> next() override {
+    // So short that what a person does meanwhile is still timed well.
+    constexpr std::chrono::milliseconds kPatience(2);
+    auto image = newest_.take(kPatience);
+    if (!image) {
+      if (!newest_.finished()) return std::optional<StudyPicture>();
+      const std::lock_guard lock(mutex_);
+      if (error_) return tl::unexpected(*error_);
+      return fail("{}: gives no more pictures", source_->description());
+    }
+    auto frame = source_->decode(*image);
+    if (!frame) return std::optional<StudyPicture>();
+    const std::int64_t time_ns = frame->timestamp_ns;
+    return std::optional<StudyPicture>({std::move(*frame), time_ns});
+  }
+  void rewind() override {}
+  [[nodiscard]] bool waits() const override { return false; }
+
+ private:
+  void capture() {
+    try {
+      while (true) {
+        auto image = source_->next_image();
+        if (!image) {
+          set_error(image.error());
+          break;
+        }
+        if (!*image) break;
+        newest_.put(std::move(**image));
+      }
+    } catch (const std::exception& error) {
+      set_error({error.what()});
+    }
+    newest_.close();
+  }
+  void set_error(Error error) {
+    const std::lock_guard lock(mutex_);
+    error_ = std::move(error);
+  }
+
+  std::unique_ptr<LiveSource> source_;
+  Mailbox<CapturedImage> newest_;
+  std::mutex mutex_;
+  std::optional<Error> error_;  // guarded by mutex_
+  std::thread capture_;
+};
+
+}  // namespace
+
+std::unique_ptr<StudyFeed> feed_of_recording(const Recording& recording, double interval_s,
+                                             bool given_poses) {
+  return std::make_unique<RecordedFeed>(recording, interval_s, given_poses);
+}
+
+std::unique_ptr<StudyFeed> feed_of_camera(std::unique_ptr<LiveSource> source) {
+  return std::make_unique<CameraFeed>(std::move(source));
+}
+
+}  // namespace penumbra

@@ -1,0 +1,43 @@
+// Pictures for a study: of a recording, from its first frame at every trial and over and over, or
+// of a camera, always the newest.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+
+#include "app/capture/live_source.hpp"
+#include "app/capture/recording_source.hpp"
+#include "core/error.hpp"
+#include "core/frame.hpp"
+
+namespace penumbra {
+
+struct StudyPicture {
+  Frame frame;
+  // When it is due: time that never goes back, on the recording's clock (from 0) or the camera's.
+  std::int64_t clock_ns = 0;
+};
+
+class StudyFeed {
+ public:
+  StudyFeed() = default;
+  StudyFeed(const StudyFeed&) = delete;
+  StudyFeed& operator=(const StudyFeed&) = delete;
+  virtual ~StudyFeed() = default;
+
+  // The next picture; nothing where the camera has none yet, after a short wait.
+  [[nodiscard]] virtual Result<std::optional<StudyPicture>> next() = 0;
+  // A recording begins again.
+  virtual void rewind() = 0;
+  // Whether pictures wait to be asked for, rather than come at their own pace.
+  [[nodiscard]] virtual bool waits() const = 0;
+};
+
+// `given_poses`: frames keep the times that poses are given for; else their times never go back, as
+// a tracker expects.
+[[nodiscard]] std::unique_ptr<StudyFeed> feed_of_recording(const Recording& recording,
+                                                           double interval_s, bool given_poses);
+[[nodiscard]] std::unique_ptr<StudyFeed> feed_of_camera(std::unique_ptr<LiveSource> source);
+
+}  // namespace penumbra

@@ -1,0 +1,181 @@
+#include "app/study/study_plan.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+#include <utility>
+
+#include "core/assert.hpp"
+
+namespace penumbra {
+namespace {
+
+// splitmix64 (Steele, Lea and Flood 2014): the same numbers everywhere, unlike the standard
+// library's distributions.
+class Random {
+ public:
+  // Streams of one seed for different purposes have nothing to do with each other.
+  Random(std::uint64_t seed, std::uint64_t purpose) : state_(seed) {
+    state_ = next() ^ (purpose * 0xD1342543DE82EF95U);
+  }
+  std::uint64_t next() {
+    state_ += 0x9E3779B97F4A7C15U;
+    std::uint64_t z = state_;
+    z = (z ^ (z >> 30U)) * 0xBF58476D1CE4E5B9U;
+    z = (z ^ (z >> 27U)) * 0x94D049BB133111EBU;
+    return z ^ (z >> 31U);
+  }
+  // In [low, high).
+  double between(double low, double high) {
+    return low + (high - low) * (static_cast<double>(next() >> 11U) * 0x1p-53);
+  }
+  std::size_t below(std::size_t count) { return static_cast<std::size_t>(next() % count); }
+
+ private:
+  std::uint64_t state_;
+};
+
+enum Purpose : std::uint64_t { kTechniqueOrder = 1, kSampleOrder, kStimuli };
+
+std::vector<int> shuffled(int count, Random random) {
+  std::vector<int> order(static_cast<std::size_t>(count));
+  std::iota(order.begin(), order.end(), 0);
+  for (std::size_t i = order.size(); i > 1; --i) std::swap(order[i - 1], order[random.below(i)]);
+  return order;
+}
+
+Eigen::Vector3d to_tenths_of_mm(const Eigen::Vector3d& p) {
+  return (p * 1e4).array().round().matrix() / 1e4;
+}
+
+// Three spheres about the table's middle, at about a third of a turn from each other, so that none
+// hides another and none hangs over another's shadow.
+StudySample sample_of_heights(int number, Random& random) {
+  constexpr double kNear_m = 0.060, kFar_m = 0.090;
+  constexpr double kTurn = 2.0 * std::numbers::pi / 3.0, kAside = std::numbers::pi / 12.0;
+  constexpr double kTopLow_m = 0.120, kTopHigh_m = 0.200;  // centre of the highest
+  constexpr std::array kEasyGap_m = {0.040, 0.060}, kHardGap_m = {0.008, 0.015};
+  constexpr double kThird_m = 0.040;  // most that the third is below the second
+  StudySample sample;
+  sample.number = number;
+  sample.hard = number % 2 == 0;
+  const auto& gap = sample.hard ? kHardGap_m : kEasyGap_m;
+  const double top = random.between(kTopLow_m, kTopHigh_m);
+  const double second = top - random.between(gap[0], gap[1]);
+  const double third = second - random.between(0.0, kThird_m);
+  std::array heights = {top, second, third};
+  for (std::size_t i = heights.size(); i > 1; --i) {
+    std::swap(heights[i - 1], heights[random.below(i)]);
+  }
+  const double start = random.between(0.0, 2.0 * std::numbers::pi);
+  for (std::size_t i = 0; i < heights.size(); ++i) {
+    const double angle = start + static_cast<double>(i) * kTurn + random.between(-kAside, kAside);
+    const double radius = random.between(kNear_m, kFar_m);
+    sample.places.push_back(to_tenths_of_mm({radius * std::cos(angle), radius * std::sin(angle),
+                                             std::max(heights[i], kStudySphere_m)}));
+  }
+  return sample;
+}
+
+// A ball over the table's middle and three to five targets, each well away from the one before.
+StudySample sample_of_drag(int number, Random& random) {
+  constexpr double kReach_m = 0.100, kLow_m = 0.030, kHigh_m = 0.180, kApart_m = 0.080;
+  StudySample sample;
+  sample.number = number;
+  sample.places.emplace_back(0.0, 0.0, 0.050);
+  const std::size_t targets = 3 + random.below(3);
+  while (sample.places.size() < targets + 1) {
+    const Eigen::Vector3d at =
+        to_tenths_of_mm({random.between(-kReach_m, kReach_m), random.between(-kReach_m, kReach_m),
+                         random.between(kLow_m, kHigh_m)});
+    if (at.head<2>().norm() > kReach_m || (at - sample.places.back()).norm() < kApart_m) continue;
+    sample.places.push_back(at);
+  }
+  return sample;
+}
+
+}  // namespace
+
+std::string_view to_string(StudyExperiment experiment) {
+  return experiment == StudyExperiment::heights ? "heights" : "drag";
+}
+
+std::optional<StudyTechnique> study_technique_from_string(std::string_view name) {
+  constexpr std::string_view kCocl = "cocl";  // layered, with one kernel for the whole object
+  const auto technique = shadow_technique_from_string(name == kCocl ? "layered" : name);
+  if (!technique) return std::nullopt;
+  return StudyTechnique{std::string(name), *technique,
+                        name == kCocl ? KernelSource::centroid : KernelSource::automatic};
+}
+
+int usual_samples(StudyExperiment experiment) {
+  return experiment == StudyExperiment::heights ? 20 : 5;
+}
+
+std::string study_name(const StudyDesign& design) {
+  std::string name = fmt::format("{}-seed{}-samples{}-", to_string(design.experiment), design.seed,
+                                 design.samples);
+  if (design.experiment == StudyExperiment::drag) {
+    name += fmt::format("within{:.4f}m-", design.tolerance_m);
+  }
+  for (std::size_t i = 0; i < design.techniques.size(); ++i) {
+    name += (i == 0 ? "" : "+") + design.techniques[i].name;
+  }
+  return name;
+}
+
+int williams_rows(int count) {
+  return count % 2 == 0 ? count : 2 * count;
+}
+
+std::vector<int> williams_row(int count, std::int64_t row) {
+  PENUMBRA_ASSERT(count > 0 && row >= 0);
+  const auto r = static_cast<int>(row % williams_rows(count));
+  std::vector<int> treatments;
+  for (int i = 0; i < count; ++i) {
+    const int first_row = i % 2 == 1 ? (i + 1) / 2 : (count - i / 2) % count;
+    treatments.push_back((first_row + r) % count);
+  }
+  if (r >= count) std::ranges::reverse(treatments);
+  return treatments;
+}
+
+int highest_of(const StudySample& sample) {
+  const auto highest = std::ranges::max_element(
+      sample.places, {}, [](const Eigen::Vector3d& place) { return place.z(); });
+  return static_cast<int>(highest - sample.places.begin());
+}
+
+StudyPlan plan_study(const StudyDesign& design) {
+  PENUMBRA_ASSERT(!design.techniques.empty() && design.samples > 0 && design.participant > 0);
+  StudyPlan plan;
+  plan.design = design;
+  Random stimuli(design.seed, kStimuli);
+  for (int number = 1; number <= design.samples; ++number) {
+    plan.samples.push_back(design.experiment == StudyExperiment::heights
+                               ? sample_of_heights(number, stimuli)
+                               : sample_of_drag(number, stimuli));
+  }
+  // Which treatment is which letter of the design is drawn, the design itself is not.
+  const auto techniques = static_cast<int>(design.techniques.size());
+  const std::vector<int> technique_of = shuffled(techniques, Random(design.seed, kTechniqueOrder));
+  const std::vector<int> sample_of = shuffled(design.samples, Random(design.seed, kSampleOrder));
+  const std::int64_t participant = design.participant - 1;
+  int block = 0;
+  for (const int letter : williams_row(techniques, participant)) {
+    int trial = 0;
+    for (const int sample : williams_row(design.samples, participant * techniques + block)) {
+      plan.trials.push_back({static_cast<int>(plan.trials.size()) + 1, block + 1, ++trial,
+                             technique_of[static_cast<std::size_t>(letter)],
+                             sample_of[static_cast<std::size_t>(sample)]});
+    }
+    ++block;
+  }
+  return plan;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,349 @@
+#include "app/study/study_results.hpp"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <map>
+#include <system_error>
+#include <utility>
+
+#include "core/text.hpp"
+#include "core/units.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kMaxResultBytes = std::size_t{256} << 20U;
+constexpr std::size_t kColumns = 17;
+constexpr std::string_view kHeader =
+    "study,experiment,participant,block,trial,technique,sample,step,difficulty,places_m,chosen,"
+    "correct,"
+    "response_time_s,error_m,misses,frames,frames_lost";
+
+std::vector<std::string_view> split(std::string_view text, char separator) {
+  std::vector<std::string_view> parts;
+  while (true) {
+    const std::size_t end = text.find(separator);
+    parts.push_back(text.substr(0, end));
+    if (end == std::string_view::npos) return parts;
+    text.remove_prefix(end + 1);
+  }
+}
+
+std::optional<int> count_in(std::string_view text, int least) {
+  const auto number = parse_integer(text);
+  if (!number || *number < least || *number > 1'000'000'000) return std::nullopt;
+  return static_cast<int>(*number);
+}
+
+// "x y z" [m].
+std::optional<Eigen::Vector3d> point_in(std::string_view text) {
+  const auto parts = split(text, ' ');
+  if (parts.size() != 3) return std::nullopt;
+  Eigen::Vector3d point;
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    const auto number = parse_number(parts[static_cast<std::size_t>(i)]);
+    if (!number || !std::isfinite(*number)) return std::nullopt;
+    point[i] = *number;
+  }
+  return point;
+}
+
+std::string message_of(int error) {
+  return std::generic_category().message(error);
+}
+
+std::string with_interval(const std::optional<Interval>& interval, double scale, int decimals) {
+  if (!interval) return "-";
+  return fmt::format("{:.{}f} - {:.{}f}", scale * interval->low, decimals, scale * interval->high,
+                     decimals);
+}
+
+std::string fields_of(double value, const std::optional<Interval>& interval) {
+  std::string text = fmt::format(",{:.6f}", value);
+  return text + (interval ? fmt::format(",{:.6f},{:.6f}", interval->low, interval->high) : ",,");
+}
+
+// Values of every participant.
+struct Answers {
+  std::vector<double> times_s, errors_m;
+  int wrong = 0;
+};
+
+StudySummary of_one(const Answers& answers) {
+  StudySummary summary;
+  summary.response_time_s = median_of(answers.times_s);
+  summary.error_m = median_of(answers.errors_m);
+  const ShareEstimate share = share_of(answers.wrong, static_cast<int>(answers.times_s.size()));
+  summary.wrong_share = share.share;
+  summary.wrong_interval = share.interval;
+  return summary;
+}
+
+}  // namespace
+
+std::string_view study_header() {
+  return kHeader;
+}
+
+std::string format_study_row(const StudyRow& row) {
+  std::string places;
+  for (const Eigen::Vector3d& p : row.places) {
+    places += fmt::format("{}{:.4f} {:.4f} {:.4f}", places.empty() ? "" : ";", p.x(), p.y(), p.z());
+  }
+  const bool heights = row.places.size() == 3;
+  return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{:.6f},{},{},{}", row.study,
+                     heights ? "heights" : "drag", row.participant, row.block, row.trial,
+                     row.technique, row.sample, row.step,
+                     !heights   ? ""
+                     : row.hard ? "hard"
+                                : "easy",
+                     places, row.chosen, row.correct ? 1 : 0,
+                     format_ns_as_seconds(row.response_time_ns), row.error_m, row.misses,
+                     row.frames, row.frames_lost);
+}
+
+std::optional<StudyRow> parse_study_row(std::string_view line) {
+  const auto fields = split(line, ',');
+  if (fields.size() != kColumns) return std::nullopt;
+  StudyRow row;
+  row.study = fields[0];
+  row.technique = fields[5];
+  row.chosen = fields[10];
+  row.hard = fields[8] == "hard";
+  for (const std::string_view place : split(fields[9], ';')) {
+    const auto point = point_in(place);
+    if (!point) return std::nullopt;
+    row.places.push_back(*point);
+  }
+  const auto participant = count_in(fields[2], 1), block = count_in(fields[3], 1),
+             trial = count_in(fields[4], 1), sample = count_in(fields[6], 1),
+             step = count_in(fields[7], 1), misses = count_in(fields[14], 0),
+             frames = count_in(fields[15], 0), lost = count_in(fields[16], 0);
+  const auto time = parse_seconds_as_ns(fields[12]);
+  const auto error = parse_number(fields[13]);
+  const bool known_words = (fields[11] == "0" || fields[11] == "1") &&
+                           (fields[1] == "heights" || fields[1] == "drag") &&
+                           (fields[8].empty() || fields[8] == "easy" || fields[8] == "hard");
+  if (!participant || !block || !trial || !sample || !step || !misses || !frames || !lost ||
+      !time || *time < 0 || !error || !std::isfinite(*error) || !known_words || row.study.empty()) {
+    return std::nullopt;
+  }
+  row.participant = *participant;
+  row.block = *block;
+  row.trial = *trial;
+  row.sample = *sample;
+  row.step = *step;
+  row.misses = *misses;
+  row.frames = *frames;
+  row.frames_lost = *lost;
+  row.correct = fields[11] == "1";
+  row.response_time_ns = *time;
+  row.error_m = *error;
+  return row;
+}
+
+Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& design, bool resume) {
+  std::error_code ignored;
+  if (fs::exists(file, ignored) && !fs::is_regular_file(file, ignored)) {
+    return fail("{}: is no file that rows can be added to; name another", file.string());
+  }
+  const int handle = ::open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
+  if (handle < 0) {
+    return fail("{}: cannot be written: {}; choose another place", file.string(),
+                message_of(errno));
+  }
+  StudyFile results(file, handle);
+  if (flock(handle, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+    return fail("{}: another study is writing to it; wait for its end, or name another file",
+                file.string());
+  }
+  auto text = read_text_file(file, kMaxResultBytes);
+  if (!text) return tl::unexpected(text.error());
+  if (kHeader.starts_with(*text)) {  // new, or cut off while it was made
+    if (ftruncate(handle, 0) != 0) {
+      return fail("{}: cannot be written: {}", file.string(), message_of(errno));
+    }
+    if (auto written = results.write_line(std::string(kHeader)); !written) {
+      return tl::unexpected(written.error());
+    }
+    return results;
+  }
+  const std::string study = study_name(design);
+  const std::size_t whole = text->rfind('\n') == std::string::npos ? 0 : text->rfind('\n') + 1;
+  const auto lines = split(std::string_view(*text).substr(0, whole), '\n');
+  if (lines[0] != kHeader) {
+    return fail("{}: is no results file of penumbra study; name another file", file.string());
+  }
+  for (std::size_t i = 1; i < lines.size(); ++i) {
+    if (lines[i].empty() && i + 1 == lines.size()) break;  // behind the last line break
+    auto row = parse_study_row(lines[i]);
+    if (!row) {
+      return fail("{}: line {}: is damaged; repair or remove it", file.string(), i + 1);
+    }
+    if (row->study != study) {
+      return fail(
+          "{}: holds the study {}, this one is {}; give the same options, or name another file",
+          file.string(), row->study, study);
+    }
+    results.rows_.push_back(std::move(*row));
+  }
+  const bool begun = std::ranges::any_of(
+      results.rows_, [&](const StudyRow& row) { return row.participant == design.participant; });
+  if (begun && !resume) {
+    return fail(
+        "{}: has answers of participant {} already; give another --participant, or --resume to go "
+        "on with the first trial that has no answer",
+        file.string(), design.participant);
+  }
+  if (whole < text->size()) {
+    spdlog::warn("{}: its last line was cut off, and is taken away", file.string());
+    if (ftruncate(handle, static_cast<off_t>(whole)) != 0) {
+      return fail("{}: cannot be written: {}", file.string(), message_of(errno));
+    }
+  }
+  return results;
+}
+
+StudyFile::StudyFile(StudyFile&& other) noexcept
+    : file_(std::move(other.file_)),
+      handle_(std::exchange(other.handle_, -1)),
+      rows_(std::move(other.rows_)) {}
+
+StudyFile::~StudyFile() {
+  if (handle_ >= 0) close(handle_);  // and the lock with it
+}
+
+Result<void> StudyFile::write_line(const std::string& text) {
+  const std::string line = text + "\n";
+  std::size_t done = 0;
+  while (done < line.size()) {
+    const ssize_t count = write(handle_, line.data() + done, line.size() - done);
+    if (count >= 0) {
+      done += static_cast<std::size_t>(count);
+    } else if (errno != EINTR) {
+      return fail("{}: cannot be written: {}; free some space and go on with --resume",
+                  file_.string(), message_of(errno));
+    }
+  }
+  if (fdatasync(handle_) != 0 && errno != EINVAL) {  // EINVAL: nothing that could be synchronised
+    return fail("{}: cannot be written: {}; free some space and go on with --resume",
+                file_.string(), message_of(errno));
+  }
+  return {};
+}
+
+Result<void> StudyFile::append(std::span<const StudyRow> rows) {
+  std::string lines;
+  for (const StudyRow& row : rows) {
+    lines += (lines.empty() ? "" : "\n") + format_study_row(row);
+  }
+  if (lines.empty()) return {};
+  if (auto written = write_line(lines); !written) return written;
+  rows_.insert(rows_.end(), rows.begin(), rows.end());
+  return {};
+}
+
+std::size_t first_open_trial(const StudyPlan& plan, std::span<const StudyRow> rows) {
+  std::size_t first = 0;
+  for (std::size_t i = 0; i < plan.trials.size(); ++i) {
+    const StudyTrial& trial = plan.trials[i];
+    const bool answered = std::ranges::any_of(rows, [&](const StudyRow& row) {
+      return row.participant == plan.design.participant && row.block == trial.block &&
+             row.trial == trial.trial;
+    });
+    if (answered) first = i + 1;
+  }
+  return first;
+}
+
+std::vector<StudySummary> summarise(const StudyDesign& design, std::span<const StudyRow> rows) {
+  std::vector<StudySummary> all;
+  for (const StudyTechnique& technique : design.techniques) {
+    std::map<int, Answers> by_participant;
+    int count = 0;
+    for (const StudyRow& row : rows) {
+      if (row.technique != technique.name) continue;
+      Answers& answers = by_participant[row.participant];
+      answers.times_s.push_back(seconds(row.response_time_ns));
+      answers.errors_m.push_back(row.error_m);
+      answers.wrong += row.correct ? 0 : 1;
+      ++count;
+    }
+    StudySummary summary;
+    if (by_participant.size() == 1) {
+      summary = of_one(by_participant.begin()->second);
+    } else if (!by_participant.empty()) {
+      std::vector<double> times, errors, shares;
+      for (const auto& [participant, answers] : by_participant) {
+        const StudySummary one = of_one(answers);
+        times.push_back(one.response_time_s->median);
+        errors.push_back(one.error_m->median);
+        shares.push_back(one.wrong_share);
+      }
+      summary.response_time_s = median_of(times);
+      summary.error_m = median_of(errors);
+      const auto share = median_of(shares);
+      summary.wrong_share = share->median;
+      summary.wrong_interval = share->interval;
+    }
+    summary.technique = technique.name;
+    summary.participants = static_cast<int>(by_participant.size());
+    summary.answers = count;
+    all.push_back(std::move(summary));
+  }
+  return all;
+}
+
+std::string summary_table(StudyExperiment experiment, std::span<const StudySummary> summary) {
+  const bool drag = experiment == StudyExperiment::drag;
+  std::string table =
+      fmt::format("{:<10}{:>13}{:>9}{:>11}{:>17}{:>10}{:>15}", "technique", "participants",
+                  "answers", "time [s]", "95 %", drag ? "off [%]" : "wrong [%]", "95 %");
+  if (drag) table += fmt::format("{:>12}{:>15}", "error [mm]", "95 %");
+  for (const StudySummary& one : summary) {
+    table += fmt::format("\n{:<10}{:>13}{:>9}", one.technique, one.participants, one.answers);
+    if (one.answers == 0) continue;
+    table += fmt::format("{:>11.3f}{:>17}{:>10.1f}{:>15}", one.response_time_s->median,
+                         with_interval(one.response_time_s->interval, 1.0, 3),
+                         100.0 * one.wrong_share, with_interval(one.wrong_interval, 100.0, 1));
+    if (drag) {
+      table += fmt::format("{:>12.2f}{:>15}", 1e3 * one.error_m->median,
+                           with_interval(one.error_m->interval, 1e3, 2));
+    }
+  }
+  return table + "\n";
+}
+
+std::string summary_csv(const std::string& study, std::span<const StudySummary> summary) {
+  std::string text =
+      "study,technique,participants,answers,response_time_s,response_time_low_s,"
+      "response_time_high_s,wrong_share,wrong_low,wrong_high,error_m,error_low_m,error_high_m\n";
+  for (const StudySummary& one : summary) {
+    text += fmt::format("{},{},{},{}", study, one.technique, one.participants, one.answers);
+    if (one.answers == 0) {
+      text += ",,,,,,,,,\n";
+      continue;
+    }
+    text += fields_of(one.response_time_s->median, one.response_time_s->interval) +
+            fields_of(one.wrong_share, one.wrong_interval) +
+            fields_of(one.error_m->median, one.error_m->interval) + "\n";
+  }
+  return text;
+}
+
+fs::path summary_path(const fs::path& results) {
+  fs::path path = results;
+  path.replace_filename(results.stem().string() + "-summary.csv");
+  return path;
+}
+
+}  // namespace penumbra

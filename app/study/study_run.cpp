@@ -1,0 +1,432 @@
+#include "app/study/study_run.hpp"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <chrono>
+#include <memory>
+#include <thread>
+#include <utility>
+
+#include "app/hud.hpp"
+#include "app/interrupt.hpp"
+#include "app/output/output_file.hpp"
+#include "app/overlay.hpp"
+#include "app/pointer.hpp"
+#include "app/replay_run.hpp"
+#include "app/session.hpp"
+#include "app/study/scripted_participant.hpp"
+#include "app/study/study_feed.hpp"
+#include "app/study/study_scene.hpp"
+#include "app/study/study_task.hpp"
+#include "core/camera_file.hpp"
+#include "core/tag_map.hpp"
+#include "core/units.hpp"
+#include "tracking/group_tracker.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A scripted participant waits no longer for a picture that shows the table.
+constexpr std::int64_t kPatience_ns = 30'000'000'000;
+// A person's clock while waiting for the next picture.
+constexpr std::chrono::milliseconds kPoll(1);
+
+std::int64_t now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+// The session, the window and the participant. A person's times are of the monotonic clock: from
+// the swap of the first picture that shows the trial to the event. A script's are of the pictures'
+// own clock, so that nothing depends on how fast the machine is.
+class StudyLoop {
+ public:
+  StudyLoop(GlContext& context, Session& session, StudyFeed& feed, StudyTask& task, StudyFile& file,
+            std::unique_ptr<Overlay> overlay, std::optional<ScriptedParticipant> script,
+            double pause_s)
+      : context_(context),
+        session_(session),
+        feed_(feed),
+        task_(task),
+        file_(file),
+        overlay_(std::move(overlay)),
+        script_(std::move(script)),
+        pause_ns_(nanoseconds(pause_s)) {
+    context_.on_event([this](const WindowEvent& event) {
+      const auto command = command_of_key(event);
+      if (command == WindowCommand::quit) {
+        closed_ = true;
+      } else if (command == WindowCommand::full_screen) {
+        context_.toggle_full_screen();
+      } else if (!script_) {
+        take(event, now_ns());
+      }
+    });
+  }
+  StudyLoop(const StudyLoop&) = delete;
+  StudyLoop& operator=(const StudyLoop&) = delete;
+  ~StudyLoop() { context_.on_event({}); }
+
+  [[nodiscard]] Result<void> run(InterruptWatch& interrupt) {
+    begin_block();
+    while (!task_.finished() && !closed_ && !interrupt.interrupted()) {
+      if (phase_ == Phase::pause && time_ns() >= pause_ends_ns_) begin_trial();
+      auto picture = feed_.next();
+      if (!picture) return tl::unexpected(picture.error());
+      if (!*picture) {
+        poll();
+        continue;
+      }
+      if (script_) {
+        if (auto acted = act_until((*picture)->clock_ns); !acted) return acted;
+        if (task_.finished()) break;
+        clock_ns_ = (*picture)->clock_ns;
+      } else if (feed_.waits()) {
+        wait_for((*picture)->clock_ns);
+        if (task_.finished()) break;
+      }
+      if (auto drawn = show((*picture)->frame); !drawn) return drawn;
+      if (failure_) return tl::unexpected(*failure_);
+    }
+    if (failure_) return tl::unexpected(*failure_);
+    return {};
+  }
+
+ private:
+  // ready: a person says when the block begins. pause: nothing is shown. trial: it is shown from
+  // the first picture on whose pose is known.
+  enum class Phase { ready, pause, trial };
+
+  [[nodiscard]] std::int64_t time_ns() const { return script_ ? clock_ns_ : now_ns(); }
+  [[nodiscard]] GlContext::Size window() const {
+    const GlContext::Size size = context_.window_size();
+    // Offscreen the picture stands for the window.
+    if (size.width <= 0) return {session_.camera().width(), session_.camera().height()};
+    return size;
+  }
+
+  void begin_block() {
+    phase_ = script_ ? Phase::pause : Phase::ready;
+    pause_ends_ns_ = time_ns();
+  }
+  void begin_trial() {
+    for (const SceneEdit& edit : task_.set_up(*session_.view().scene)) session_.edit(edit);
+    feed_.rewind();
+    phase_ = Phase::trial;
+    trial_began_ns_ = time_ns();
+  }
+
+  void poll() {
+    if (!context_.poll_events()) closed_ = true;
+  }
+
+  // Pictures come at their pace; one that is late puts off those behind it.
+  void wait_for(std::int64_t clock_ns) {
+    const std::int64_t now = now_ns();
+    due_ns_ = last_clock_ns_ ? std::max(now, due_ns_ + clock_ns - *last_clock_ns_) : now;
+    last_clock_ns_ = clock_ns;
+    while (now_ns() < due_ns_ && !closed_) {
+      std::this_thread::sleep_for(kPoll);
+      poll();
+    }
+  }
+
+  // What the script says up to this time, on the picture that is on the screen until then.
+  [[nodiscard]] Result<void> act_until(std::int64_t clock_ns) {
+    if (!task_.shown()) {
+      if (phase_ == Phase::trial && clock_ns - trial_began_ns_ > kPatience_ns) {
+        return fail("{}: the table was not seen for {:.0f} s; choose a recording that shows it",
+                    script_->name(), seconds(kPatience_ns));
+      }
+      return {};
+    }
+    const int trial = task_.trial().number;
+    while (const ScriptAction* action = script_->take(trial, clock_ns - task_.shown_ns())) {
+      const auto events = script_->events_of(*action, session_.view(), window());
+      if (!events) return tl::unexpected(events.error());
+      for (const WindowEvent& event : *events) take(event, task_.shown_ns() + action->at_ns);
+      if (failure_) return tl::unexpected(*failure_);
+      if (task_.finished() || task_.trial().number != trial) return {};
+    }
+    if (!script_->has_more(trial)) {
+      return fail("{}: what it does in trial {} is no answer; add what is missing", script_->name(),
+                  trial);
+    }
+    return {};
+  }
+
+  void take(const WindowEvent& event, std::int64_t time_ns) {
+    using Kind = WindowEvent::Kind;
+    switch (event.kind) {
+      case Kind::key_down:
+        if (command_of_key(event) != WindowCommand::pause) break;  // the space bar
+        if (phase_ == Phase::ready) {
+          leave_ready(time_ns);
+        } else {
+          follow(task_.accept(time_ns), time_ns);
+        }
+        break;
+      case Kind::button_down:
+        if (phase_ == Phase::ready) {
+          leave_ready(time_ns);
+        } else {
+          press(event, time_ns);
+        }
+        break;
+      case Kind::pointer_moved:
+        move(event, time_ns);
+        break;
+      case Kind::button_up:
+        if (event.code != button_) break;
+        move(event, time_ns);
+        button_ = -1;
+        follow(task_.release(time_ns), time_ns);
+        break;
+      case Kind::key_up:
+      case Kind::scrolled:
+      case Kind::text:
+        break;
+    }
+  }
+  void leave_ready(std::int64_t time_ns) {
+    phase_ = Phase::pause;
+    pause_ends_ns_ = time_ns + pause_ns_;
+  }
+  void press(const WindowEvent& event, std::int64_t time_ns) {
+    pointer_ = {event.x, event.y};
+    const SessionView view = session_.view();
+    const auto pointer = pointer_in_window(view, window(), pointer_);
+    if (!pointer || task_.holding()) return;
+    // As in the paper each button moves in two axes. Its y-z and x-z planes are seen edge-on from
+    // some sides of a view that goes about the table; what stays is up, and sideways in the view.
+    const bool lift = event.code != WindowEvent::kLeft || event.shift || event.control;
+    follow(task_.press(*view.scene, *pointer, lift, time_ns), time_ns);
+    if (task_.holding()) button_ = event.code;
+  }
+  // A pointer at rest leaves the ball where it is on the table, also where the camera moves on.
+  void move(const WindowEvent& event, std::int64_t time_ns) {
+    const Eigen::Vector2d at(event.x, event.y);
+    if (at == std::exchange(pointer_, at) || !task_.holding()) return;
+    if (const auto pointer = pointer_in_window(session_.view(), window(), at)) {
+      follow(task_.move(*pointer), time_ns);
+    }
+  }
+
+  void follow(StudyTask::Outcome outcome, std::int64_t time_ns) {
+    for (const SceneEdit& edit : outcome.edits) session_.edit(edit);
+    if (auto added = file_.append(outcome.rows); !added) failure_ = added.error();
+    if (!outcome.over) return;
+    button_ = -1;
+    if (task_.finished()) return;
+    phase_ = Phase::pause;
+    pause_ends_ns_ = time_ns + pause_ns_;
+    if (task_.trial().trial == 1) begin_block();
+  }
+
+  [[nodiscard]] Result<void> show(const Frame& frame) {
+    TrackedFrame tracked = session_.track(frame);
+    const TrackStatus status = tracked.pose.status;
+    const bool lit = phase_ == Phase::trial &&
+                     (task_.shown() ? tracked.pose.has_pose() : status == TrackStatus::tracked);
+    if (!lit) {  // nothing is drawn into it
+      tracked.pose.status = TrackStatus::lost;
+      tracked.pose.reason = "no trial is shown";
+    }
+    auto drawn = session_.draw(std::move(tracked));
+    if (!drawn) return tl::unexpected(drawn.error());
+    if (context_.window_size().width > 0) {
+      session_.present();
+      if (overlay_) {
+        overlay_->draw_words(words(status), phase_ == Phase::ready, context_.window_size());
+      }
+      context_.swap();
+    }
+    if (phase_ == Phase::trial) {
+      if (!task_.shown() && lit) task_.show(time_ns());
+      task_.count_frame(lit);
+    }
+    poll();
+    return {};
+  }
+
+  // What the participant is told; never which technique it is.
+  [[nodiscard]] std::string words(TrackStatus status) const {
+    const StudyTrial& trial = task_.trial();
+    const StudyDesign& design = task_.plan().design;
+    const bool heights = design.experiment == StudyExperiment::heights;
+    if (phase_ == Phase::ready) {
+      const std::string task =
+          heights ? "You will see three spheres. Click on the one that is highest above the table."
+                  : "Drag the red sphere onto the green one, then onto the next green one, until "
+                    "there are no more.\nLeft button: along the table. Middle or right button: up "
+                    "and sideways.\nSpace: it is as near as you can bring it.";
+      return fmt::format(
+          "Part {} of {}, {} trials\n\n{}\nBe quick, but make as few mistakes as you can.\n\nClick "
+          "or press space to begin.",
+          trial.block, design.techniques.size(), design.samples, task);
+    }
+    const bool unseen = phase_ == Phase::trial && status == TrackStatus::lost;
+    return fmt::format("{} of {}: {}", trial.trial, design.samples,
+                       unseen    ? "hold the camera so that it sees the printed sheet"
+                       : heights ? "click on the highest sphere"
+                                 : "drag the red sphere onto the green one");
+  }
+
+  GlContext& context_;
+  Session& session_;
+  StudyFeed& feed_;
+  StudyTask& task_;
+  StudyFile& file_;
+  std::unique_ptr<Overlay> overlay_;
+  std::optional<ScriptedParticipant> script_;
+  const std::int64_t pause_ns_;
+
+  Phase phase_ = Phase::ready;
+  std::int64_t pause_ends_ns_ = 0, trial_began_ns_ = 0;
+  std::int64_t clock_ns_ = 0;                  // of the last picture
+  std::int64_t due_ns_ = 0;                    // of the last picture, on the monotonic clock
+  std::optional<std::int64_t> last_clock_ns_;  // of the last picture that was waited for
+  Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
+  int button_ = -1;                                    // that holds the ball
+  bool closed_ = false;
+  std::optional<Error> failure_;  // of an event
+};
+
+struct Pictures {
+  CameraModel camera;
+  PoseSource poses;
+  std::unique_ptr<StudyFeed> feed;  // of a recording; a camera is opened when all else is ready
+};
+
+Result<Pictures> open_pictures(const StudyRequest& request, const Scene& scene) {
+  if (request.recording) {
+    OpenRecordingOptions options;
+    options.tags = request.tags;
+    options.require_tags = !request.poses_from;
+    const auto recording = open_recording(*request.recording, options);
+    if (!recording) return tl::unexpected(recording.error());
+    for (const std::string& notice : recording->notices) spdlog::warn("{}", notice);
+    if (lies_in(request.results, recording->folder)) {
+      return fail("{}: lies in the recording {}, which is only read; name a place outside it",
+                  request.results.string(), recording->folder.string());
+    }
+    ReplayRequest replay;
+    replay.recording = *request.recording;
+    replay.tags = request.tags;
+    replay.poses_from = request.poses_from;
+    replay.tracking = request.tracking;
+    auto poses = open_replay_poses(replay, *recording, scene);
+    if (!poses) return tl::unexpected(poses.error());
+    return Pictures{*recording->camera, std::move(*poses),
+                    feed_of_recording(*recording, frame_interval_s(*recording),
+                                      request.poses_from.has_value())};
+  }
+  const LiveRequest& live = request.camera;
+  const auto camera = load_camera(live.calibration);
+  if (!camera) return tl::unexpected(camera.error());
+  const auto tags = load_tag_map(live.tags);
+  if (!tags) return tl::unexpected(tags.error());
+  auto tracker = GroupTracker::create(*camera, *tags, request.tracking,
+                                      wanted_groups(scene, *tags, live.tags, live, true));
+  if (!tracker) return fail_in(live.tags.string(), tracker.error());
+  return Pictures{*camera, std::move(*tracker), nullptr};
+}
+
+Result<void> check_paths(const StudyRequest& request) {
+  std::vector<fs::path> read;
+  for (const auto& file : {request.script, request.tags}) {
+    if (file) read.push_back(*file);
+  }
+  if (request.poses_from) read.emplace_back(*request.poses_from);
+  if (!request.recording) {
+    read.push_back(request.camera.calibration);
+    read.push_back(request.camera.tags);
+  }
+  for (const fs::path& written : {request.results, summary_path(request.results)}) {
+    for (const fs::path& file : read) {
+      if (same_path(written, file)) {
+        return fail("{}: is read by this study; name another file", written.string());
+      }
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<StudyReport> run_study(const StudyRequest& request) {
+  InterruptWatch interrupt;  // first: decoders and OpenGL start threads
+
+  std::optional<ScriptedParticipant> script;
+  if (request.script) {
+    auto loaded = load_study_script(*request.script);
+    if (!loaded) return tl::unexpected(loaded.error());
+    script.emplace(std::move(*loaded));
+  } else if (!request.window || !display_available()) {
+    return fail(
+        "a study needs a window, and there is no display (DISPLAY is not set); open one, or give "
+        "--script FILE for a scripted participant");
+  }
+  if (auto checked = check_paths(request); !checked) return tl::unexpected(checked.error());
+  const auto scene = std::make_shared<const Scene>(study_scene(request.design.experiment));
+  auto pictures = open_pictures(request, *scene);
+  if (!pictures) return tl::unexpected(pictures.error());
+
+  // A script has nobody who looks: the window need not wait for the display.
+  auto context = open_run_context({request.window, !script},
+                                  {pictures->camera.width(), pictures->camera.height()});
+  if (!context) return tl::unexpected(context.error());
+  const bool has_window = (*context)->window_size().width > 0;
+  if (!script && !has_window) {
+    return fail("a study needs a window, and none could be opened; see the line before");
+  }
+  auto session = Session::create(**context, scene, pictures->camera, std::move(pictures->poses),
+                                 SessionOptions());
+  if (!session) return tl::unexpected(session.error());
+  if (auto warm = session->warm_up(PixelFormat::yuv420p); !warm) {
+    return tl::unexpected(warm.error());
+  }
+  std::unique_ptr<Overlay> overlay;
+  if (has_window) {
+    auto made = Overlay::create(**context);
+    if (!made) return tl::unexpected(made.error());
+    overlay = std::move(*made);
+  }
+  std::unique_ptr<StudyFeed> feed = std::move(pictures->feed);
+  if (!feed) {
+    auto source = open_live_source(request.camera, pictures->camera);
+    if (!source) return tl::unexpected(source.error());
+    feed = feed_of_camera(std::move(*source));
+  }
+
+  StudyReport report;
+  report.summary_file = summary_path(request.results);
+  auto summary_file = OutputFile::create(report.summary_file);
+  if (!summary_file) return tl::unexpected(summary_file.error());
+  auto file = StudyFile::open(request.results, request.design, request.resume);
+  if (!file) return tl::unexpected(file.error());
+  const StudyPlan plan = plan_study(request.design);
+  StudyTask task(plan, first_open_trial(plan, file->rows()));
+  interrupt.hold();
+  if (!task.finished()) {
+    StudyLoop loop(**context, *session, *feed, task, *file, std::move(overlay), std::move(script),
+                   request.pause_s);
+    if (auto done = loop.run(interrupt); !done) return tl::unexpected(done.error());
+  }
+  report.trials = static_cast<int>(plan.trials.size());
+  report.answered = static_cast<int>(first_open_trial(plan, file->rows()));
+  report.summary = summarise(request.design, file->rows());
+  if (auto written =
+          write_text(*summary_file, summary_csv(study_name(request.design), report.summary));
+      !written) {
+    return tl::unexpected(written.error());
+  }
+  return report;
+}
+
+}  // namespace penumbra

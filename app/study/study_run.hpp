@@ -1,0 +1,43 @@
+// A participant's session: trial after trial in the window, answers into the results file.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "app/live_run.hpp"
+#include "app/study/study_plan.hpp"
+#include "app/study/study_results.hpp"
+#include "core/error.hpp"
+#include "tracking/table_tracker.hpp"
+
+namespace penumbra {
+
+struct StudyRequest {
+  StudyDesign design;
+  std::filesystem::path results;
+  bool resume = false;
+  std::optional<std::filesystem::path> script;  // of a scripted participant
+  double pause_s = 1.0;                         // between two trials, without spheres
+  // Where pictures come from: a recording, or else the camera.
+  std::optional<std::filesystem::path> recording;
+  std::optional<std::filesystem::path> tags;  // instead of the recording's
+  std::optional<std::string> poses_from;      // of a recording: "groundtruth" or a TUM file
+  LiveRequest camera;                         // what it says of the camera
+  TrackerOptions tracking;
+  bool window = true;  // where there is a display; a person needs one
+};
+
+struct StudyReport {
+  int trials = 0;    // of the participant
+  int answered = 0;  // of them, so far
+  std::filesystem::path summary_file;
+  std::vector<StudySummary> summary;  // of everyone in the results file
+};
+
+// Every path is checked before the first trial. Ended early (window closed, Ctrl-C), the results
+// file holds the trials up to then.
+[[nodiscard]] Result<StudyReport> run_study(const StudyRequest& request);
+
+}  // namespace penumbra

@@ -1,0 +1,61 @@
+#include "app/study/study_statistics.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "core/assert.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr double kMiss = 0.05;          // 95 %
+constexpr double kNormal = 1.95996398;  // its quantile of the normal distribution, two-sided
+
+// Which value, counted from the smallest and from the largest, bounds the median; 0: none does.
+std::size_t bound_of_median(std::size_t count) {
+  const auto n = static_cast<double>(count);
+  double below = 0.0;  // P(B < l)
+  std::size_t l = 0;
+  while (l < count) {
+    // P(B = l), by logarithms: 2^-n is no number for thousands of values.
+    const auto k = static_cast<double>(l);
+    below += std::exp(std::lgamma(n + 1.0) - std::lgamma(k + 1.0) - std::lgamma(n - k + 1.0) -
+                      n * std::numbers::ln2);
+    if (2.0 * below > kMiss) break;
+    ++l;
+  }
+  return l;
+}
+
+}  // namespace
+
+std::optional<MedianEstimate> median_of(std::span<const double> values) {
+  if (values.empty()) return std::nullopt;
+  std::vector<double> sorted(values.begin(), values.end());
+  std::ranges::sort(sorted);
+  const std::size_t n = sorted.size();
+  MedianEstimate estimate;
+  estimate.median =
+      n % 2 == 1 ? sorted[n / 2] : sorted[n / 2 - 1] + 0.5 * (sorted[n / 2] - sorted[n / 2 - 1]);
+  if (const std::size_t l = bound_of_median(n); l > 0) {
+    estimate.interval = {sorted[l - 1], sorted[n - l]};
+  }
+  return estimate;
+}
+
+ShareEstimate share_of(int hits, int count) {
+  PENUMBRA_ASSERT(count > 0 && hits >= 0 && hits <= count);
+  const double n = count;
+  const double share = hits / n;
+  const double z2 = kNormal * kNormal;
+  const double middle = (share + z2 / (2.0 * n)) / (1.0 + z2 / n);
+  const double half =
+      kNormal / (1.0 + z2 / n) * std::sqrt(share * (1.0 - share) / n + z2 / (4.0 * n * n));
+  return {share,
+          {hits == 0 ? 0.0 : std::max(0.0, middle - half),
+           hits == count ? 1.0 : std::min(1.0, middle + half)}};
+}
+
+}  // namespace penumbra

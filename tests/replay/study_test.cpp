@@ -1,0 +1,291 @@
+// penumbra study, driven by a scripted participant.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "app/study/study_plan.hpp"
+#include "app/study/study_results.hpp"
+#include "app/study/study_statistics.hpp"
+#include "replay/replay_support.hpp"
+
+namespace penumbra::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+StudyDesign design_of(StudyExperiment experiment, int samples,
+                      std::initializer_list<const char*> techniques) {
+  StudyDesign design;
+  design.experiment = experiment;
+  design.participant = 2;
+  design.seed = 5;
+  design.samples = samples;
+  for (const char* name : techniques) {
+    design.techniques.push_back(*study_technique_from_string(name));
+  }
+  return design;
+}
+
+std::vector<std::string> arguments_of(const StudyDesign& design, const fs::path& results,
+                                      const fs::path& script) {
+  std::string techniques;
+  for (const StudyTechnique& technique : design.techniques) {
+    techniques += (techniques.empty() ? "" : ",") + technique.name;
+  }
+  return {"study",
+          "--experiment",
+          std::string(to_string(design.experiment)),
+          "--techniques",
+          techniques,
+          "--participant",
+          std::to_string(design.participant),
+          "--seed",
+          std::to_string(design.seed),
+          "--trials",
+          std::to_string(design.samples),
+          "--recording",
+          bundled("tabletop"),
+          "--pause",
+          "0.05",
+          "--output",
+          results.string(),
+          "--script",
+          script.string()};
+}
+
+std::vector<StudyRow> rows_of(const fs::path& results) {
+  std::vector<StudyRow> rows;
+  const std::vector<std::string> lines = lines_of(bytes_of(results));
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    if (i == 0) {
+      EXPECT_EQ(lines[0], study_header());
+      continue;
+    }
+    const auto row = parse_study_row(lines[i]);
+    EXPECT_TRUE(row) << lines[i];
+    if (row) rows.push_back(*row);
+  }
+  return rows;
+}
+
+// What the scripted participant of `heights` does: one miss and then the sphere that is due, right
+// in two trials of three.
+struct Expected {
+  std::int64_t time_ns = 0;
+  int chosen = 0;
+};
+std::vector<Expected> write_heights_script(const StudyPlan& plan, const fs::path& file) {
+  std::vector<Expected> expected;
+  std::ofstream script(file);
+  for (const StudyTrial& trial : plan.trials) {
+    const StudySample& sample = plan.samples[static_cast<std::size_t>(trial.sample)];
+    Expected answer;
+    answer.chosen = (highest_of(sample) + (trial.number % 3 == 0 ? 1 : 0)) % 3;
+    // Between the pictures' times, so that no rounding to them goes unseen.
+    answer.time_ns = 123'456'789 + 41'000'001 * trial.number;
+    script << trial.number << " 0.05 click pixel 3 470\n"
+           << trial.number << " 0." << answer.time_ns << " click sphere " << answer.chosen + 1
+           << "\n";
+    expected.push_back(answer);
+  }
+  return expected;
+}
+
+void check_heights(const StudyPlan& plan, const std::vector<Expected>& expected,
+                   const std::vector<StudyRow>& rows) {
+  ASSERT_EQ(rows.size(), plan.trials.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const StudyTrial& trial = plan.trials[i];
+    const StudySample& sample = plan.samples[static_cast<std::size_t>(trial.sample)];
+    const StudyRow& row = rows[i];
+    EXPECT_EQ(row.study, study_name(plan.design));
+    EXPECT_EQ(row.participant, 2);
+    EXPECT_EQ(row.block, trial.block);
+    EXPECT_EQ(row.trial, trial.trial);
+    EXPECT_EQ(row.technique,
+              plan.design.techniques[static_cast<std::size_t>(trial.technique)].name);
+    EXPECT_EQ(row.sample, sample.number);
+    EXPECT_EQ(row.hard, sample.hard);
+    EXPECT_EQ(row.places, sample.places);
+    EXPECT_EQ(row.response_time_ns, expected[i].time_ns);
+    EXPECT_EQ(row.chosen, std::to_string(expected[i].chosen + 1));
+    const int best = highest_of(sample);
+    EXPECT_EQ(row.correct, best == expected[i].chosen);
+    EXPECT_NEAR(row.error_m,
+                sample.places[static_cast<std::size_t>(best)].z() -
+                    sample.places[static_cast<std::size_t>(expected[i].chosen)].z(),
+                5e-7);
+    EXPECT_EQ(row.misses, 1);
+    // Pictures come every 1/30 s, the first at once.
+    EXPECT_EQ(row.frames, static_cast<int>(expected[i].time_ns / 33'333'333) + 1);
+    EXPECT_EQ(row.frames_lost, 0);
+  }
+}
+
+TEST(Window, StudyWritesTheScriptedTimesAndErrors) {
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
+  const TemporaryFolder folder;
+  const StudyPlan plan =
+      plan_study(design_of(StudyExperiment::heights, 3, {"layered", "walls", "simple"}));
+  const fs::path script = folder.path() / "script.txt", results = folder.path() / "answers.csv";
+  const auto expected = write_heights_script(plan, script);
+  const auto arguments = arguments_of(plan.design, results, script);
+  const ProgramResult run = in_window(arguments, folder.path());
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_EQ(run.err, "") << "there was a window";
+  check_heights(plan, expected, rows_of(results));
+  // One participant, three answers each: medians, and too few for an interval.
+  const std::vector<std::string> summary =
+      lines_of(bytes_of(folder.path() / "answers-summary.csv"));
+  ASSERT_EQ(summary.size(), 4U);
+  for (std::size_t t = 0; t < 3; ++t) {
+    std::vector<double> times;
+    for (const StudyRow& row : rows_of(results)) {
+      if (row.technique == plan.design.techniques[t].name) {
+        times.push_back(1e-9 * static_cast<double>(row.response_time_ns));
+      }
+    }
+    EXPECT_TRUE(summary[t + 1].starts_with(
+        fmt::format("{},{},1,3,{:.6f},,,0.333333,", study_name(plan.design),
+                    plan.design.techniques[t].name, median_of(times)->median)))
+        << summary[t + 1];
+  }
+  EXPECT_NE(run.out.find("answers: " + results.string()), std::string::npos) << run.out;
+  // Offscreen it is the same to the byte, and a second time refused.
+  const fs::path offscreen = folder.path() / "offscreen.csv";
+  auto no_window = arguments_of(plan.design, offscreen, script);
+  no_window.emplace_back("--no-window");
+  ASSERT_EQ(penumbra(no_window).exit_code, 0);
+  EXPECT_EQ(bytes_of(offscreen), bytes_of(results));
+  expect_failure(penumbra(no_window), {"offscreen.csv", "participant 2", "--resume"});
+  EXPECT_EQ(bytes_of(offscreen), bytes_of(results));
+}
+
+// Slides along the table and lifts; each target is missed once, then met to a few millimetres.
+TEST(Window, StudyWritesTheScriptedDrags) {
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
+  const TemporaryFolder folder;
+  const StudyPlan plan = plan_study(design_of(StudyExperiment::drag, 1, {"layered", "walls"}));
+  const fs::path script = folder.path() / "script.txt", results = folder.path() / "answers.csv";
+  const Eigen::Vector3d off(0.003, 0.0, 0.004);
+  {
+    std::ofstream lines(script);
+    for (const StudyTrial& trial : plan.trials) {
+      const StudySample& sample = plan.samples[static_cast<std::size_t>(trial.sample)];
+      Eigen::Vector3d ball = sample.places[0];
+      int tenth = 0;
+      const auto at = [&] { return fmt::format("{} {}.{}", trial.number, tenth / 10, tenth % 10); };
+      for (std::size_t step = 1; step < sample.places.size(); ++step) {
+        const Eigen::Vector3d to = sample.places[step] + off;
+        ++tenth;
+        lines << at() << " press left ball\n";
+        ++tenth;
+        lines << at() << fmt::format(" move by {} {} 0\n", to.x() - ball.x(), to.y() - ball.y())
+              << at() << " release\n"
+              << at() << " press " << (step == 1 ? "middle" : "right") << " ball\n";
+        ++tenth;
+        lines << at() << fmt::format(" move by 0 0 {}\n", to.z() - ball.z());
+        ++tenth;
+        lines << at() << " release\n";
+        ball = to;
+      }
+    }
+  }
+  auto arguments = arguments_of(plan.design, results, script);
+  arguments.insert(arguments.end(), {"--poses-from", "groundtruth"});
+  const ProgramResult run = in_window(arguments, folder.path());
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const std::vector<StudyRow> rows = rows_of(results);
+  std::size_t at = 0;
+  for (const StudyTrial& trial : plan.trials) {
+    const StudySample& sample = plan.samples[static_cast<std::size_t>(trial.sample)];
+    for (std::size_t step = 1; step < sample.places.size(); ++step, ++at) {
+      ASSERT_LT(at, rows.size());
+      EXPECT_EQ(rows[at].step, static_cast<int>(step));
+      EXPECT_EQ(rows[at].block, trial.block);
+      EXPECT_EQ(rows[at].response_time_ns, 400'000'000);
+      EXPECT_NEAR(rows[at].error_m, off.norm(), 1e-6) << "step " << step;
+      EXPECT_TRUE(rows[at].correct);
+      EXPECT_EQ(rows[at].misses, 1);
+      EXPECT_EQ(rows[at].places, std::vector{sample.places[step]});
+    }
+  }
+  EXPECT_EQ(at, rows.size());
+}
+
+TEST(Study, GoesOnWhereItWasBrokenOff) {
+  const TemporaryFolder folder;
+  const StudyPlan plan = plan_study(design_of(StudyExperiment::heights, 2, {"layered", "walls"}));
+  const fs::path script = folder.path() / "script.txt", results = folder.path() / "answers.csv";
+  const auto expected = write_heights_script(plan, script);
+  // A script that ends early stands for a person who goes.
+  const std::vector<std::string> lines = lines_of(bytes_of(script));
+  const fs::path half = folder.path() / "half.txt";
+  std::ofstream(half) << lines[0] << "\n" << lines[1] << "\n" << lines[2] << "\n";
+  expect_failure(penumbra(arguments_of(plan.design, results, half)), {"half.txt", "trial 2"});
+  ASSERT_EQ(rows_of(results).size(), 1U);
+  auto arguments = arguments_of(plan.design, results, script);
+  expect_failure(penumbra(arguments), {"answers.csv", "--resume"});
+  arguments.emplace_back("--resume");
+  const ProgramResult run = penumbra(arguments);
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  check_heights(plan, expected, rows_of(results));
+}
+
+// A recording that plays as a camera: its own pace, the pictures' own clock.
+TEST(Study, RunsOnTheLivePicture) {
+  const TemporaryFolder folder;
+  const StudyPlan plan = plan_study(design_of(StudyExperiment::heights, 1, {"layered"}));
+  const fs::path script = folder.path() / "script.txt", results = folder.path() / "answers.csv";
+  std::ofstream(script) << "1 0.123456789 click sphere 2\n";
+  const std::string camera_yaml = bundled("tabletop") + "/camera.yaml";
+  const ProgramResult run = penumbra(
+      {"study", "--experiment", "heights", "--techniques", "layered", "--participant", "2",
+       "--seed", "5", "--trials", "1", "--camera", "recording:" + bundled("tabletop"),
+       "--calibration", camera_yaml, "--output", results.string(), "--script", script.string()});
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const auto rows = rows_of(results);
+  ASSERT_EQ(rows.size(), 1U);
+  EXPECT_EQ(rows[0].response_time_ns, 123'456'789);
+  EXPECT_EQ(rows[0].chosen, "2");
+}
+
+TEST(Study, ErrorsAreOneLine) {
+  const TemporaryFolder folder;
+  const StudyDesign design = design_of(StudyExperiment::heights, 1, {"layered"});
+  const fs::path script = folder.path() / "script.txt", results = folder.path() / "answers.csv";
+  expect_failure(penumbra(arguments_of(design, results, script)), {"script.txt"});
+  std::ofstream(script) << "1 0.5 click sphere 7\n";
+  expect_failure(penumbra(arguments_of(design, results, script)), {"script.txt", "line 1"});
+  EXPECT_FALSE(fs::exists(results));
+  std::ofstream(script) << "1 0.5 click ball\n";
+  expect_failure(penumbra(arguments_of(design, results, script)), {"script.txt", "line 1", "ball"});
+  expect_failure(penumbra(arguments_of(design, script, script)), {"script.txt", "name another"});
+  // A person needs a display.
+  expect_failure(penumbra({"study", "--experiment", "heights", "--output", results.string()}),
+                 {"DISPLAY", "--script"});
+  for (const std::vector<std::string>& wrong :
+       {std::vector<std::string>{"study"},
+        {"study", "--experiment", "heights"},
+        {"study", "--experiment", "size", "--output", "x.csv"},
+        {"study", "--experiment", "drag", "--output", "x.csv", "--techniques", "layered,,walls"},
+        {"study", "--experiment", "drag", "--output", "x.csv", "--techniques", "walls,walls"},
+        {"study", "--experiment", "drag", "--output", "x.csv", "--participant", "0"},
+        {"study", "--experiment", "heights", "--output", "x.csv", "--tolerance", "5"},
+        {"study", "--experiment", "drag", "--output", "x.csv", "--calibration", "c.yaml"}}) {
+    const ProgramResult result = penumbra(wrong);
+    EXPECT_EQ(result.exit_code, 2) << result.err;
+    EXPECT_EQ(lines_of(result.err).size(), 1U) << result.err;
+  }
+  const ProgramResult plan = penumbra({"study", "--experiment", "drag", "--trials", "2", "--plan"});
+  EXPECT_EQ(plan.exit_code, 0);
+  EXPECT_EQ(lines_of(plan.out).size(), 5U);
+}
+
+}  // namespace
+}  // namespace penumbra::test
