@@ -118,7 +118,7 @@ class StudyLoop {
     for (const SceneEdit& edit : task_.set_up(*session_.view().scene)) session_.edit(edit);
     feed_.rewind();
     phase_ = Phase::trial;
-    trial_began_ns_ = time_ns();
+    trial_began_ns_.reset();
   }
 
   void poll() {
@@ -139,7 +139,9 @@ class StudyLoop {
   // What the script says up to this time, on the picture that is on the screen until then.
   [[nodiscard]] Result<void> act_until(std::int64_t clock_ns) {
     if (!task_.shown()) {
-      if (phase_ == Phase::trial && clock_ns - trial_began_ns_ > kPatience_ns) {
+      if (phase_ != Phase::trial) return {};
+      if (!trial_began_ns_) trial_began_ns_ = clock_ns;
+      if (clock_ns - *trial_began_ns_ > kPatience_ns) {
         return fail("{}: the table was not seen for {:.0f} s; choose a recording that shows it",
                     script_->name(), seconds(kPatience_ns));
       }
@@ -287,10 +289,11 @@ class StudyLoop {
   const std::int64_t pause_ns_;
 
   Phase phase_ = Phase::ready;
-  std::int64_t pause_ends_ns_ = 0, trial_began_ns_ = 0;
-  std::int64_t clock_ns_ = 0;                  // of the last picture
-  std::int64_t due_ns_ = 0;                    // of the last picture, on the monotonic clock
-  std::optional<std::int64_t> last_clock_ns_;  // of the last picture that was waited for
+  std::int64_t pause_ends_ns_ = 0;
+  std::optional<std::int64_t> trial_began_ns_;  // of a script: with its first picture
+  std::int64_t clock_ns_ = 0;                   // of the last picture
+  std::int64_t due_ns_ = 0;                     // of the last picture, on the monotonic clock
+  std::optional<std::int64_t> last_clock_ns_;   // of the last picture that was waited for
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
   int button_ = -1;                                    // that holds the ball
   bool closed_ = false;

@@ -14,7 +14,7 @@ TEST(CommandLine, EveryCommandHasHelpWithAnExample) {
   EXPECT_EQ(penumbra({"--help"}).exit_code, 0);
   EXPECT_THAT(penumbra({"--help"}).out, HasSubstr("Example:\n  penumbra demo"));
   for (const char* command : {"demo", "replay", "live", "devices", "evaluate", "calibrate", "map",
-                              "target", "shadow", "kernels", "simulate"}) {
+                              "target", "shadow", "kernels", "simulate", "study"}) {
     const ProgramResult help = penumbra({command, "--help"});
     EXPECT_EQ(help.exit_code, 0);
     EXPECT_THAT(help.out, HasSubstr(std::string("Example:\n  penumbra ") + command));

@@ -172,6 +172,32 @@ TEST_P(OverlayOf, AClickIsACommandAlsoWhenItIsShorterThanAPicture) {
   EXPECT_EQ(actions.commands[0], WindowCommand::next_technique);
 }
 
+// Who takes part in a study sees what to do, and nothing that could be clicked.
+TEST_P(OverlayOf, WordsStandInPlaceOfTheHud) {
+  HudActions actions;
+  shoot(*overlay, busy_state(), {}, 640, 480, actions);
+  for (const bool in_the_middle : {true, false}) {
+    const auto framebuffer = Framebuffer::create(640, 480).value();
+    framebuffer.bind();
+    Shot shot{640, 480, std::vector<std::uint8_t>(std::size_t{640} * 480 * 4)};
+    for (int drawing = 0; drawing < 2; ++drawing) {  // sizes settle in the second
+      glClearColor(0.6F, 0.6F, 0.6F, 1.0F);
+      glClear(GL_COLOR_BUFFER_BIT);
+      overlay->draw_words("Click on the highest sphere", in_the_middle, {640, 480});
+      framebuffer.read_rgba(shot.rgba);
+    }
+    const std::size_t changed = changed_pixels(shot);
+    EXPECT_GT(changed, 500U);
+    EXPECT_LT(changed, 640U * 480U / 20U);
+    const auto is_changed = [&](std::size_t x, std::size_t y_from_below) {
+      return shot.rgba[(y_from_below * 640 + x) * 4] != 153;
+    };
+    EXPECT_EQ(is_changed(320, 240), in_the_middle);
+    EXPECT_EQ(is_changed(14, 480 - 14), !in_the_middle);
+    EXPECT_FALSE(overlay->covers(30.0, 460.0)) << "the HUD's buttons are gone";
+  }
+}
+
 // Drags along every height of the open panel until one of its sliders answers.
 TEST_P(OverlayOf, ASliderIsAnEdit) {
   HudActions actions;

@@ -183,7 +183,7 @@ TEST(StudyFile, LosesOnlyTheLineThatWasCutOff) {
                             format_study_row(row_of(design, 1, 1, 1.0, true)) + "\n" +
                             format_study_row(row_of(design, 1, 2, 1.5, true)) + "\n";
   const StudyPlan plan = plan_study(design);
-  for (std::size_t cut = 0; cut < whole.size(); ++cut) {
+  for (std::size_t cut = 0; cut < whole.size(); cut += 7) {
     fs::remove(path);
     std::ofstream(path, std::ios::binary) << whole.substr(0, cut);
     const auto lines = static_cast<std::size_t>(std::ranges::count(whole.substr(0, cut), '\n'));
