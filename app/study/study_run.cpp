@@ -272,7 +272,8 @@ class StudyLoop {
           "or press space to begin.",
           trial.block, design.techniques.size(), design.samples, task);
     }
-    const bool unseen = phase_ == Phase::trial && status == TrackStatus::lost;
+    const bool seen = task_.shown() ? status != TrackStatus::lost : status == TrackStatus::tracked;
+    const bool unseen = phase_ == Phase::trial && !seen;
     return fmt::format("{} of {}: {}", trial.trial, design.samples,
                        unseen    ? "hold the camera so that it sees the printed sheet"
                        : heights ? "click on the highest sphere"
