@@ -7,7 +7,9 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 #include <algorithm>
+#include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,7 +17,6 @@
 #include "app/commands/options.hpp"
 #include "app/resources.hpp"
 #include "app/study/study_run.hpp"
-#include "core/text.hpp"
 
 namespace penumbra {
 namespace {
