@@ -1,0 +1,407 @@
+// Cases of the project's own, with answers that other means than the program's give: closed forms,
+// exact integers, slabs between crossings, distances to shapes.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <functional>
+#include <glm/common.hpp>
+#include <glm/vec3.hpp>
+#include <limits>
+#include <numbers>
+#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "render/shadow/caster.hpp"
+#include "render/shadow/kernel_tuning.hpp"
+#include "render/shadow/layer_polygons.hpp"
+#include "render/shadow/shadow_kernels.hpp"
+#include "render/shadow/twist.hpp"
+#include "support/shapes.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+struct WholePoint {
+  std::int64_t x = 0, y = 0;
+};
+std::int64_t twice_area(const std::array<WholePoint, 3>& p) {
+  return (p[1].x - p[0].x) * (p[2].y - p[0].y) - (p[1].y - p[0].y) * (p[2].x - p[0].x);
+}
+
+// Images of faces at 4096 factors, in whole numbers: a face is twisted if at one of them its area
+// has turned its sign.
+TEST(ShadowOwnCases, TwistedFacesAreThoseWhoseImageTurnsOver) {
+  constexpr std::int64_t kSteps = 4096;         // per unit of factor
+  constexpr std::int64_t kLeast = kSteps / 16;  // 0.0625
+  constexpr std::int64_t kGreatest = kSteps * 27 / 16;
+  std::mt19937 random(3);
+  std::uniform_int_distribution<std::int64_t> place(-200, 200);
+  std::uniform_int_distribution<std::int64_t> wander(-60, 60);
+  std::size_t all_twisted = 0;
+  std::size_t all_ambiguous = 0;
+  std::size_t only_between = 0;  // twisted at neither end
+  for (int set = 0; set < 10; ++set) {
+    std::vector<WholePoint> x(40);
+    std::vector<WholePoint> k(40);
+    std::vector<CasterVertex> vertices;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      x[i] = {place(random), place(random)};
+      // Kernels near their vertices, some far, many shared.
+      k[i] = i % 4 == 0   ? WholePoint{place(random) / 4, place(random) / 4}
+             : i % 4 == 1 ? k[i - 1]
+                          : WholePoint{x[i].x + wander(random), x[i].y + wander(random)};
+      constexpr float kUnit = 1.0F / 1024.0F;  // whole numbers of it are exact in float
+      vertices.push_back({static_cast<float>(x[i].x) * kUnit, static_cast<float>(x[i].y) * kUnit,
+                          0.1F, static_cast<float>(k[i].x) * kUnit,
+                          static_cast<float>(k[i].y) * kUnit});
+    }
+    std::vector<std::uint32_t> indices;
+    std::uniform_int_distribution<std::uint32_t> any(0, 39);
+    for (int i = 0; i < 3 * 60; ++i) indices.push_back(any(random));
+    std::size_t tested = 0;
+    std::size_t twisted = 0;
+    std::size_t ambiguous = 0;
+    double twisted_area = 0.0;
+    double tested_area = 0.0;
+    for (std::size_t i = 0; i + 2 < indices.size(); i += 3) {
+      const auto image = [&](std::int64_t step) {
+        std::array<WholePoint, 3> p;
+        for (std::size_t corner = 0; corner < 3; ++corner) {
+          const WholePoint& from = k[indices[i + corner]];
+          const WholePoint& to = x[indices[i + corner]];
+          p[corner] = {kSteps * from.x + step * (to.x - from.x),
+                       kSteps * from.y + step * (to.y - from.y)};
+        }
+        return twice_area(p);
+      };
+      const std::int64_t whole = image(kSteps);
+      if (whole == 0) continue;
+      ++tested;
+      const auto against = [&](std::int64_t step) {
+        return static_cast<double>(image(step)) / static_cast<double>(whole);
+      };
+      double least = kInfinity;
+      for (std::int64_t step = kLeast; step <= kGreatest; ++step)
+        least = std::min(least, against(step));
+      tested_area += static_cast<double>(std::abs(whole));
+      // Less than this is between two steps; nothing of these sets is.
+      ambiguous += least >= 0.0 && least < 1e-6 ? 1U : 0U;
+      if (least >= 0.0) continue;
+      ++twisted;
+      twisted_area += static_cast<double>(std::abs(whole));
+      only_between += against(kLeast) >= 0.0 && against(kGreatest) >= 0.0 ? 1U : 0U;
+    }
+    const TwistReport report = find_twists(vertices, indices, 1.0 / 16.0, 27.0 / 16.0);
+    EXPECT_EQ(report.faces_tested, tested);
+    EXPECT_LE(report.faces_twisted, twisted + ambiguous);
+    EXPECT_GE(report.faces_twisted, twisted);
+    if (report.faces_twisted == twisted) {
+      EXPECT_NEAR(report.area_share, twisted_area / tested_area, 1e-9);
+    }
+    all_twisted += twisted;
+    all_ambiguous += ambiguous;
+  }
+  EXPECT_GT(all_twisted, 100U);
+  EXPECT_LT(all_twisted, 500U);
+  EXPECT_GT(only_between, 0U) << "faces that turn over and back";
+  EXPECT_LE(all_ambiguous, 3U);
+}
+
+// Boxes with one kernel each inside, in steps of 1 cm from under the plane to above the cap: at
+// each height of the box its image is a rectangle about the kernel, and the largest holds the rest.
+TEST(ShadowOwnCases, AreasOfBoxesWhileRisingThroughPlaneUmbraHeightAndCap) {
+  struct Light {
+    double height, ratio, umbra_height;
+  };
+  constexpr double kThick = 0.05;
+  constexpr double kWide = 0.06;
+  constexpr double kDeep = 0.04;
+  constexpr double kApart = 0.05;  // from one's middle to the other's, less than a penumbra is wide
+  test::ShapeBuilder shape;
+  shape.box(0, 0, 0, kWide, kDeep, kThick);
+  shape.box(kWide + kApart, 0, 0, 2 * kWide + kApart, kDeep, kThick);
+  const ShadowMesh mesh = make_shadow_mesh(shape.build());
+  ASSERT_EQ(mesh.part_count, 2U);
+  ShadowKernels kernels{Eigen::Vector3d::UnitZ(), {}, {}};
+  constexpr double kKernelX = 0.02;  // from each box's corner
+  constexpr double kKernelY = 0.03;
+  for (const glm::vec3& p : mesh.positions) {
+    const double corner = p.x > static_cast<float>(kWide) + 0.01F ? kWide + kApart : 0.0;
+    kernels.kernels.emplace_back(corner + kKernelX, kKernelY, 0.0F);
+  }
+  for (const Light& light : {Light{0.9, 3.0, 0.0}, Light{0.5, 0.7, 0.0}, Light{0.6, 1.0, 0.0},
+                             Light{kInfinity, 0.0, 0.3}}) {
+    const LayeredConstants constants =
+        make_layered_constants(light.height, light.ratio, light.umbra_height).value();
+    const double h_u = light.umbra_height > 0.0 ? light.umbra_height : light.height / light.ratio;
+    // A magnification of 8 at most; at the zenith no cap.
+    const double cap = std::isinf(light.height) ? kInfinity : light.height * (1.0 - 1.0 / 8.0);
+    int shadows = 0;
+    for (int step = -10; step <= 100; ++step) {
+      const double low = 0.01 * step;
+      const Placement placement = {{0.3, -0.2, low}, Eigen::Quaterniond::Identity(), 1.0};
+      const auto vertices = place_caster(mesh, kernels, placement, PlaneFrame());
+      for (const ShadowLayer layer : kShadowLayers) {
+        const double lambda = lambda_of(layer);
+        const auto factor = [&](double h) {
+          return std::isinf(light.height)
+                     ? 1.0 + lambda * h / h_u
+                     : (light.height + lambda * light.ratio * h) / (light.height - h);
+        };
+        const bool vanishes = lambda < 0.0 && h_u < cap;
+        const double from = std::max(low, 0.0);
+        const double to = std::min(low + kThick, vanishes ? h_u : cap);
+        double expected = 0.0;
+        if (from < to - 1e-9) {
+          const double s = std::max(factor(from), factor(to));
+          const double both = 2.0 * kWide * kDeep * s * s;
+          // The boxes and their kernels are alike: their images are so far apart.
+          const double overlap = std::max(0.0, kWide * s - (kWide + kApart)) * kDeep * s;
+          expected = both - overlap;
+          ++shadows;
+        }
+        const auto outline =
+            union_of_triangles(layer_triangles(vertices, mesh.indices, constants, layer));
+        ASSERT_TRUE(outline);
+        // Contact, and what is left of an umbra at h_u, hang on the last bit of a height.
+        if (std::abs(low + kThick) < 1e-6 || std::abs(from - to) < 1e-6) continue;
+        EXPECT_NEAR(outline->area, expected, 2e-5 * expected + 1e-12)
+            << "H " << light.height << ", layer " << lambda << ", at " << low;
+      }
+    }
+    EXPECT_GT(shadows, 100);
+  }
+}
+
+// Between two neighbouring places where edges begin, end or cross, what triangles cover of a
+// vertical line changes linearly: its length in the middle times the width is the area.
+double area_by_slabs(const std::vector<PlanePoint>& triangles) {
+  using Number = long double;
+  struct Edge {
+    Number x0, y0, x1, y1;
+  };
+  std::vector<Edge> edges;
+  std::vector<Number> stops;
+  for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const PlanePoint& a = triangles[i + corner];
+      const PlanePoint& b = triangles[i + (corner + 1) % 3];
+      stops.push_back(static_cast<Number>(a.u));
+      Edge edge{static_cast<Number>(a.u), static_cast<Number>(a.v), static_cast<Number>(b.u),
+                static_cast<Number>(b.v)};
+      if (edge.x1 < edge.x0) {
+        std::swap(edge.x0, edge.x1);
+        std::swap(edge.y0, edge.y1);
+      }
+      edges.push_back(edge);
+    }
+  }
+  const auto slope = [](const Edge& e) { return (e.y1 - e.y0) / (e.x1 - e.x0); };
+  for (std::size_t i = 0; i < edges.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      const Edge& a = edges[i];
+      const Edge& b = edges[j];
+      if (a.x0 == a.x1 || b.x0 == b.x1 || slope(a) == slope(b)) continue;
+      const Number x = (b.y0 - a.y0 + slope(a) * a.x0 - slope(b) * b.x0) / (slope(a) - slope(b));
+      if (x > std::max(a.x0, b.x0) && x < std::min(a.x1, b.x1)) stops.push_back(x);
+    }
+  }
+  std::sort(stops.begin(), stops.end());
+  Number area = 0;
+  std::vector<std::pair<Number, Number>> spans;
+  for (std::size_t i = 0; i + 1 < stops.size(); ++i) {
+    if (stops[i] == stops[i + 1]) continue;
+    const Number x = (stops[i] + stops[i + 1]) / 2;
+    spans.clear();
+    for (std::size_t t = 0; t + 2 < edges.size(); t += 3) {
+      Number low = std::numeric_limits<Number>::infinity();
+      Number high = -low;
+      for (std::size_t corner = 0; corner < 3; ++corner) {
+        const Edge& e = edges[t + corner];
+        if (!(e.x0 < x && x < e.x1)) continue;
+        const Number y = e.y0 + slope(e) * (x - e.x0);
+        low = std::min(low, y);
+        high = std::max(high, y);
+      }
+      if (low < high) spans.emplace_back(low, high);
+    }
+    std::sort(spans.begin(), spans.end());
+    Number top = -std::numeric_limits<Number>::infinity();
+    for (const auto& [low, high] : spans) {
+      if (high <= top) continue;
+      area += (stops[i + 1] - stops[i]) * (high - std::max(low, top));
+      top = high;
+    }
+  }
+  return static_cast<double>(area);
+}
+
+TEST(ShadowOwnCases, UnionsHaveTheAreaOfTheirSlabs) {
+  EXPECT_NEAR(area_by_slabs({{0, 0}, {2, 0}, {0, 2}, {1, 0}, {3, 0}, {1, 2}}), 3.5, 1e-12);
+  std::mt19937 random(17);
+  std::uniform_real_distribution<float> anywhere(-1.0F, 1.0F);
+  std::uniform_int_distribution<int> whole(-4, 4);
+  for (int set = 0; set < 60; ++set) {
+    // Every other set on a grid, where edges and corners coincide.
+    const bool grid = set % 2 == 1;
+    const auto coordinate = [&] {
+      return grid ? static_cast<float>(whole(random)) / 16.0F : anywhere(random);
+    };
+    std::vector<PlanePoint> triangles;
+    for (int i = 0; i < 3 * (1 + set % 25); ++i) triangles.push_back({coordinate(), coordinate()});
+    const double expected = area_by_slabs(triangles);
+    for (const std::size_t at_once : {std::size_t{0}, std::size_t{6000}}) {
+      const auto outline = union_of_triangles(triangles, at_once);
+      ASSERT_TRUE(outline);
+      EXPECT_NEAR(outline->area, expected, 1e-6 * expected + 1e-12) << "set " << set;
+    }
+  }
+}
+
+// Level flat bodies of one thickness under a disc at the zenith: all dark is what lies deeper in
+// the body than its radius times h / h_u, and not all lit what lies no farther out.
+TEST(ShadowOwnCases, KernelsOfBodiesOfOneThickness) {
+  static constexpr double kRadius = 0.015;  // half the thickness
+  struct Body {
+    const char* name;
+    Model model;
+    std::function<double(const Eigen::Vector2d&)> depth;  // of a point, negative outside [m]
+  };
+  constexpr int kSides = 128;
+  const auto disc = [] {
+    test::ShapeBuilder shape;
+    const auto middle = shape.vertex(0, 0, 0);
+    std::vector<std::uint32_t> rim;
+    for (int i = 0; i < kSides; ++i) {
+      const double t = 2.0 * std::numbers::pi * i / kSides;
+      rim.push_back(shape.vertex(kRadius * std::cos(t), kRadius * std::sin(t), 0));
+    }
+    for (std::size_t i = 0; i < rim.size(); ++i)
+      shape.triangle(middle, rim[i], rim[(i + 1) % rim.size()]);
+    return shape.build();
+  };
+  static constexpr double kHalf = 0.05;  // of a capsule's middle line
+  const auto capsule = [] {
+    test::ShapeBuilder shape;
+    std::vector<std::array<std::uint32_t, 2>> pairs;  // across the middle line
+    constexpr int kEnd = kSides / 4;
+    for (int i = 1; i <= kEnd; ++i) {
+      const double t = 0.5 * std::numbers::pi * i / kEnd;
+      const double x = -kHalf - kRadius * std::cos(t);
+      const double y = kRadius * std::sin(t);
+      pairs.push_back({shape.vertex(x, -y, 0), shape.vertex(x, y, 0)});
+    }
+    for (int i = 1; i < 20; ++i) {
+      const double x = -kHalf + 2.0 * kHalf * i / 20;
+      pairs.push_back({shape.vertex(x, -kRadius, 0), shape.vertex(x, kRadius, 0)});
+    }
+    for (int i = kEnd; i >= 1; --i) {
+      const double t = 0.5 * std::numbers::pi * i / kEnd;
+      const double x = kHalf + kRadius * std::cos(t);
+      const double y = kRadius * std::sin(t);
+      pairs.push_back({shape.vertex(x, -y, 0), shape.vertex(x, y, 0)});
+    }
+    for (std::size_t i = 0; i + 1 < pairs.size(); ++i)
+      shape.quad(pairs[i][0], pairs[i + 1][0], pairs[i + 1][1], pairs[i][1]);
+    return shape.build();
+  };
+  static constexpr double kRing = 0.045;  // of a ring's middle line
+  const auto ring = [] {
+    test::ShapeBuilder shape;
+    std::vector<std::array<std::uint32_t, 2>> pairs;
+    for (int i = 0; i < kSides; ++i) {
+      const double t = 2.0 * std::numbers::pi * i / kSides;
+      const auto at = [&](double r) { return shape.vertex(r * std::cos(t), r * std::sin(t), 0); };
+      pairs.push_back({at(kRing - kRadius), at(kRing + kRadius)});
+    }
+    for (std::size_t i = 0; i < pairs.size(); ++i) {
+      const auto& next = pairs[(i + 1) % pairs.size()];
+      shape.quad(pairs[i][0], pairs[i][1], next[1], next[0]);
+    }
+    return shape.build();
+  };
+  const std::vector<Body> bodies = {
+      {"disc", disc(), [](const Eigen::Vector2d& p) { return kRadius - p.norm(); }},
+      {"capsule", capsule(),
+       [](const Eigen::Vector2d& p) {
+         return kRadius - (p - Eigen::Vector2d(std::clamp(p.x(), -kHalf, kHalf), 0.0)).norm();
+       }},
+      {"ring", ring(),
+       [](const Eigen::Vector2d& p) { return kRadius - std::abs(p.norm() - kRing); }}};
+  constexpr double kUmbraHeight = 0.3;
+  const LayeredConstants constants = make_layered_constants(kInfinity, 0.0, kUmbraHeight).value();
+  const KernelTuning tuning;
+  for (const Body& body : bodies) {
+    const ShadowMesh mesh = make_shadow_mesh(body.model);
+    glm::vec3 low = mesh.positions[0];
+    glm::vec3 high = low;
+    for (const glm::vec3& p : mesh.positions) {
+      low = glm::min(low, p);
+      high = glm::max(high, p);
+    }
+    const auto long_side = static_cast<double>(std::max(high.x - low.x, high.y - low.y));
+    const ShadowKernels kernels =
+        generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
+    for (const double share : {0.3, 0.6}) {
+      const auto vertices = place_caster(
+          mesh, kernels,
+          {Eigen::Vector3d(0, 0, share * kUmbraHeight), Eigen::Quaterniond::Identity(), 1.0},
+          PlaneFrame());
+      // A kernel may be a cell's diagonal off, and as much as two discs that count as equally large
+      // differ; the layer moves by its share of that. And the outline is a polygon.
+      const double cells =
+          std::clamp(tuning.cells_per_root * std::sqrt(static_cast<double>(mesh.positions.size())),
+                     static_cast<double>(tuning.least_side_cells),
+                     static_cast<double>(tuning.most_side_cells));
+      const double cell = long_side / cells;
+      const double off = share * (std::numbers::sqrt2 * cell +
+                                  (1.0 - static_cast<double>(tuning.equal_radius)) * kRadius) +
+                         2e-5;
+      for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra}) {
+        const auto outline =
+            union_of_triangles(layer_triangles(vertices, mesh.indices, constants, layer));
+        ASSERT_TRUE(outline);
+        const double reach = lambda_of(layer) * share * kRadius;
+        double length = 0.0;
+        double worst = 0.0;
+        const auto along = [&](const std::vector<Eigen::Vector2d>& polygon) {
+          for (std::size_t i = 0; i < polygon.size(); ++i) {
+            const Eigen::Vector2d& a = polygon[i];
+            const Eigen::Vector2d& b = polygon[(i + 1) % polygon.size()];
+            length += (b - a).norm();
+            for (int part = 0; part < 8; ++part)
+              worst = std::max(worst, std::abs(body.depth(a + (b - a) * (part / 8.0)) + reach));
+          }
+        };
+        for (const LayerPolygon& polygon : outline->polygons) {
+          along(polygon.outer);
+          for (const auto& hole : polygon.holes) along(hole);
+        }
+        EXPECT_LE(worst, off) << body.name << " " << lambda_of(layer) << " at " << share;
+        RecordProperty(std::string(body.name) + (lambda_of(layer) < 0 ? "_umbra" : "_penumbra") +
+                           (share < 0.5 ? "_low" : "_high"),
+                       std::to_string(worst / off));
+        // And it goes all the way round: a boundary that is nowhere else has the exact layer's
+        // area.
+        const double half = kRadius + reach;
+        const double exact = body.name[0] == 'd' ? std::numbers::pi * half * half
+                             : body.name[0] == 'c'
+                                 ? std::numbers::pi * half * half + 4.0 * kHalf * half
+                                 : 4.0 * std::numbers::pi * kRing * half;
+        EXPECT_GT(length, 0.0);
+        EXPECT_NEAR(outline->area, exact, off * length + 2e-3 * exact) << body.name;
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace penumbra
