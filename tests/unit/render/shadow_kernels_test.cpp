@@ -3,8 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
 #include <limits>
+#include <random>
 
+#include "support/kernel_reach.hpp"
 #include "support/shapes.hpp"
 
 namespace penumbra {
@@ -182,19 +186,42 @@ TEST(ShadowKernels, MissingFacesAreFilled) {
   EXPECT_LT(off, whole.positions.size() / 50);
 }
 
-// |x - k| <= 1.5 r(k) plus one cell of a raster of 128 cells, r the disc inside the silhouette.
+// |x - k| <= 1.5 r and a cell, r the disc about k inside the silhouette, which is measured here
+// on polygons; and the radius that comes with a kernel is that disc's.
 TEST(ShadowKernels, StayWithinReachOfTheirDisc) {
   for (const Model& model : {l_shape(), test::torus_model(12, 64), test::box_model(0.1)}) {
     const ShadowMesh mesh = make_shadow_mesh(model);
-    for (const KernelSource source : {KernelSource::automatic, KernelSource::smooth}) {
-      const ShadowKernels kernels = generate_kernels(mesh, Eigen::Vector3d(0.2, 0.5, 1.0), source);
-      const Eigen::Vector3d up = kernels.up;
-      for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
-        Eigen::Vector3d d = to_eigen(mesh.positions[i]) - to_eigen(kernels.kernels[i]);
-        d -= d.dot(up) * up;
-        EXPECT_LE(d.norm(), 1.5 * static_cast<double>(kernels.radius[i]) + 0.13 / 32.0);
+    for (const Eigen::Vector3d& up : {Eigen::Vector3d(0.2, 0.5, 1.0), Eigen::Vector3d(0, 0, 1),
+                                      Eigen::Vector3d(1.0, 0.3, 0.1)}) {
+      const ShadowKernels kernels = generate_kernels(mesh, up, KernelSource::automatic);
+      const auto reach = test::kernel_reach(mesh, kernels);
+      ASSERT_EQ(kernels.radius.size(), mesh.positions.size());
+      for (std::size_t i = 0; i < reach.size(); ++i) {
+        ASSERT_GT(reach[i].cell, 0.0);
+        EXPECT_GT(reach[i].inside, 0.0) << "a kernel outside of its silhouette";
+        EXPECT_LE(reach[i].distance, test::farthest_allowed(reach[i]));
+        EXPECT_NEAR(static_cast<double>(kernels.radius[i]), reach[i].inside, reach[i].cell);
       }
+      // Means of such kernels need not lie inside, but no farther than the largest disc reaches.
+      const ShadowKernels smooth = generate_kernels(mesh, up, KernelSource::smooth);
+      double farthest = 0.0;
+      for (const test::KernelReach& at : reach)
+        farthest = std::max(farthest, test::farthest_allowed(at));
+      for (const test::KernelReach& at : test::kernel_reach(mesh, smooth))
+        EXPECT_LE(at.distance, farthest);
     }
+  }
+}
+
+// What the test above would say of kernels that are too far away.
+TEST(ShadowKernels, OneKernelForABarIsOutOfReach) {
+  test::ShapeBuilder shape;
+  shape.box(-0.1, -0.01, -0.01, 0.1, 0.01, 0.01);
+  const ShadowMesh mesh = make_shadow_mesh(shape.build());
+  for (const test::KernelReach& at : test::kernel_reach(
+           mesh, generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::centroid))) {
+    EXPECT_NEAR(at.inside, 0.01, 0.001);
+    EXPECT_GT(at.distance, 2.0 * test::farthest_allowed(at));
   }
 }
 

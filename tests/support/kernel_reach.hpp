@@ -1,0 +1,105 @@
+// How far kernels are from their vertices, against the outline of each part's silhouette as
+// polygons: nothing of the raster that made them.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include "render/shadow/kernel_tuning.hpp"
+#include "render/shadow/layer_polygons.hpp"
+#include "render/shadow/plane_frame.hpp"
+#include "render/shadow/shadow_kernels.hpp"
+#include "support/shadow_cases.hpp"
+
+namespace penumbra::test {
+
+struct KernelReach {
+  double distance = 0.0;  // |x - k| across `up` [m]
+  double inside = 0.0;    // radius of the disc about k inside its part's silhouette [m], 0 outside
+  double cell = 0.0;      // of the part's raster, or more [m]
+};
+
+// One for each vertex that has a face which is seen; the others are left at 0. Holes of less than
+// 0.5 % of a silhouette count as filled, as missing faces do (shadows.md 2.6).
+inline std::vector<KernelReach> kernel_reach(const ShadowMesh& mesh, const ShadowKernels& kernels) {
+  const PlaneFrame plane = PlaneFrame::make(kernels.up, Eigen::Vector3d::Zero());
+  const auto flat = [&plane](const glm::vec3& p) -> Eigen::Vector2d {
+    return plane
+        .to_plane({static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)})
+        .head<2>();
+  };
+  const auto area_of = [](const Ring& ring) {
+    double area = 0.0;
+    for (std::size_t i = 0; i < ring.size(); ++i) {
+      const Eigen::Vector2d& a = ring[i];
+      const Eigen::Vector2d& b = ring[(i + 1) % ring.size()];
+      area += 0.5 * (a.x() * b.y() - a.y() * b.x());
+    }
+    return std::abs(area);
+  };
+  std::vector<KernelReach> all(mesh.positions.size());
+  const KernelTuning tuning;
+  for (std::uint32_t part = 0; part < mesh.part_count; ++part) {
+    std::vector<PlanePoint> triangles;
+    std::vector<bool> has_face(mesh.positions.size(), false);
+    for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
+      if (mesh.part[mesh.indices[i]] != part) continue;
+      for (std::size_t corner = 0; corner < 3; ++corner) {
+        const std::uint32_t vertex = mesh.indices[i + corner];
+        has_face[vertex] = true;
+        const Eigen::Vector2d p = flat(mesh.positions[vertex]);
+        triangles.push_back({static_cast<float>(p.x()), static_cast<float>(p.y())});
+      }
+    }
+    const auto outline = union_of_triangles(triangles);
+    if (!outline || outline->polygons.empty()) continue;
+    std::vector<Ring> rings;
+    for (const LayerPolygon& polygon : outline->polygons) {
+      rings.push_back(polygon.outer);
+      for (const auto& hole : polygon.holes)
+        if (area_of(hole) >= 0.005 * outline->area) rings.push_back(hole);
+    }
+    double points = 0.0;
+    Eigen::Vector2d low = rings[0][0];
+    Eigen::Vector2d high = low;
+    for (const Ring& ring : rings) {
+      for (const Eigen::Vector2d& p : ring) {
+        low = low.cwiseMin(p);
+        high = high.cwiseMax(p);
+      }
+    }
+    for (std::size_t i = 0; i < mesh.positions.size(); ++i) points += has_face[i] ? 1.0 : 0.0;
+    const double cells = std::clamp(tuning.cells_per_root * std::sqrt(points),
+                                    static_cast<double>(tuning.least_side_cells),
+                                    static_cast<double>(tuning.most_side_cells));
+    const auto within = [&rings](const Eigen::Vector2d& p) {
+      bool odd = false;
+      for (const Ring& ring : rings) {
+        for (std::size_t i = 0; i < ring.size(); ++i) {
+          const Eigen::Vector2d& a = ring[i];
+          const Eigen::Vector2d& b = ring[(i + 1) % ring.size()];
+          if ((a.y() <= p.y()) == (b.y() <= p.y())) continue;
+          if (a.x() + (p.y() - a.y()) / (b.y() - a.y()) * (b.x() - a.x()) > p.x()) odd = !odd;
+        }
+      }
+      return odd;
+    };
+    for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+      if (!has_face[i]) continue;
+      const Eigen::Vector2d k = flat(kernels.kernels[i]);
+      all[i].distance = (flat(mesh.positions[i]) - k).norm();
+      all[i].inside = within(k) ? distance_to_rings(k, rings) : 0.0;
+      all[i].cell = (high - low).norm() / cells;  // no side of a raster is longer than the diagonal
+    }
+  }
+  return all;
+}
+
+// |x - k| <= 1.5 r plus one cell (shadows.md 2.6, rule 5), where a raster says r to one cell.
+inline double farthest_allowed(const KernelReach& reach) {
+  return 1.5 * (reach.inside + reach.cell) + reach.cell;
+}
+
+}  // namespace penumbra::test
