@@ -1,4 +1,7 @@
-// All three layers of a caster's vertices at once, for shadow geometry computed on the CPU.
+// All three layers of a caster's vertices at once on the CPU: a yardstick for benchmarks and a
+// second opinion for tests. The program does not call it: its vertex shader projects where it
+// draws, and place_caster with layer_triangles where it writes outlines or casts in a light of one
+// size.
 #pragma once
 
 #include <array>
