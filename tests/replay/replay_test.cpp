@@ -528,6 +528,43 @@ TEST(ReplayTest, AWindowShowsTheSameFrames) {
   EXPECT_EQ(contents_of(folder.path() / "window"), contents_of(folder.path() / "offscreen"));
 }
 
+// Kernels and layers are made anew when they must be and no oftener: said by the report's counts.
+TEST(ReplayTest, WhatStaysOrSlidesIsComputedOnce) {
+  const TemporaryFolder folder;
+  struct Case {
+    std::string name;
+    std::string place;  // keys of the object
+    int recomputed, reprojected, moved;
+  };
+  const auto from_to = [](const std::string& from, const std::string& to) {
+    return R"("animation": {"interpolation": "linear", "keyframes": [)"
+           R"({"time_s": 0, "position": )" +
+           from + R"(}, {"time_s": 100, "position": )" + to + "}]}";
+  };
+  for (const Case& c : {Case{"stays", R"("position": [0.1, 0.1, 0.1])", 1, 19, 0},
+                        Case{"slides", from_to("[0, 0, 0.1]", "[0.2, 0.1, 0.1]"), 1, 19, 19},
+                        Case{"rises", from_to("[0, 0, 0.05]", "[0, 0, 0.2]"), 20, 0, 19}}) {
+    SCOPED_TRACE(c.name);
+    std::ofstream(folder.path() / "scene.json")
+        << R"({"name": "box", "objects": [{"name": "box", "shape": {"kind": "box", )"
+           R"("size": [0.06, 0.06, 0.06]}, )"
+        << c.place
+        << R"(}], "shadows": [{"name": "layers", "technique": "layered", "casters": ["box"], )"
+           R"("planes": ["table"]}]})";
+    const Replay done = replay(folder.path(), {bundled("tabletop"), "--frames", "0:20", "--scene",
+                                               folder.path() / "scene.json"});
+    ASSERT_EQ(done.result.exit_code, 0) << done.result.err;
+    ASSERT_EQ(done.report["frames_tracked"], 20);
+    const nlohmann::json& work = done.report["work"];
+    EXPECT_EQ(work["kernel_generations"], 1);
+    EXPECT_EQ(work["triples_recomputed"], c.recomputed);
+    EXPECT_EQ(work["reprojections"], c.reprojected);
+    EXPECT_EQ(work["object_moved"], c.moved);
+    EXPECT_EQ(work["object_rotated"], 0);
+    EXPECT_EQ(work["plane_moved"], 0);
+  }
+}
+
 TEST(ReplayTest, ADisplayThatIsNotThereIsToldAndReplayGoesOn) {
   const ProgramResult result =
       run_program(program(), {"replay", bundled("corner"), "--frames", "0:2"}, {"DISPLAY=:987"});
