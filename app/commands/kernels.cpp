@@ -8,10 +8,7 @@
 #include <CLI/Formatter.hpp>
 #include <algorithm>
 #include <cctype>
-#include <chrono>
 #include <cmath>
-#include <future>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -19,9 +16,8 @@
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
-#include "app/output/interruptible.hpp"
 #include "app/output/output_file.hpp"
-#include "app/progress.hpp"
+#include "app/output/with_progress.hpp"
 #include "core/file.hpp"
 #include "core/stopwatch.hpp"
 #include "core/text.hpp"
@@ -87,29 +83,6 @@ Result<std::vector<std::uint8_t>> encode(const KernelsOptions& options, const Mo
   return make_glb_with_kernels(model, kernels);
 }
 
-// Shows how far the kernels are where they take longer than a second. An empty bar until it is
-// known how many there are.
-template <class Work>
-auto with_progress(const Work& work, const KernelProgress& progress, InterruptWatch& interrupt,
-                   OutputFile& output) {
-  auto running = std::async(std::launch::async, work);
-  using namespace std::chrono_literals;
-  if (!is_done_within(running, 1s, interrupt, output)) {
-    std::optional<ProgressBar> bar(std::in_place, 1, "");
-    bool counting = false;
-    do {
-      const std::size_t total = progress.total;
-      constexpr auto kMost = static_cast<std::size_t>(std::numeric_limits<int>::max());
-      if (total > 0 && total <= kMost && !counting) {
-        counting = true;
-        bar.emplace(static_cast<int>(total), "vertices");
-      }
-      bar->update(counting ? static_cast<int>(std::min<std::size_t>(progress.done, total)) : 0);
-    } while (!is_done_within(running, 100ms, interrupt, output));
-  }
-  return running.get();
-}
-
 Result<ExitCode> run_kernels(const KernelsOptions& options) {
   std::error_code ignored;
   if (std::filesystem::equivalent(options.model, options.output, ignored) && !options.glb) {
@@ -142,7 +115,7 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
         kernels = kernels_to_keep(plain, mesh, set, options.source);
         return {};
       },
-      progress, interrupt, *output);
+      progress, "vertices", interrupt, *output);
   if (!made) return tl::unexpected(made.error());
   const auto bytes = encode(options, plain, kernels);
   if (!bytes) return tl::unexpected(bytes.error());
