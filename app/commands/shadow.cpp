@@ -663,15 +663,39 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
   return table;
 }
 
+// Which shadow it is, as pictures of several lie side by side.
+std::string technique_words(const ShadowJob& job) {
+  switch (job.technique) {
+    case ShadowJob::Technique::field:
+      return "field shadow";
+    case ShadowJob::Technique::simple:
+      return "simple shadow";
+    case ShadowJob::Technique::hard:
+      return "hard shadow";
+    case ShadowJob::Technique::layered:
+      break;
+  }
+  std::string words = job.source == KernelSource::centroid ? "COCL shadow" : "layered shadow";
+  if (!job.kernel_file.empty()) {
+    words += fmt::format(", kernels of {}", job.kernel_file.filename().string());
+  } else if (job.source == KernelSource::smooth) {
+    words += ", smooth kernels";
+  } else if (job.source == KernelSource::per_axis) {
+    words += ", per-axis kernels";
+  }
+  if (job.fixed_light) words += ", one light";
+  return words;
+}
+
 ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result) {
   ShadowPicture picture;
-  picture.title = job.model.stem().string();
+  picture.title = fmt::format("{}, {}", job.model.stem().string(), technique_words(job));
   if (job.technique == ShadowJob::Technique::layered ||
       job.technique == ShadowJob::Technique::field) {
-    picture.title +=
+    picture.subtitle =
         std::isinf(job.constants.light_height)
-            ? fmt::format(", light at the zenith, umbra to {:g} m", job.constants.umbra_height)
-            : fmt::format(", H = {:g} m, a = {:.3g}", job.constants.light_height,
+            ? fmt::format("light at the zenith, umbra to {:g} m", job.constants.umbra_height)
+            : fmt::format("H = {:g} m, a = {:.3g}", job.constants.light_height,
                           job.constants.light_ratio);
   }
   picture.layers.assign(result.layers.rbegin(), result.layers.rend());

@@ -113,6 +113,7 @@ void draw(Canvas& canvas, const ShadowPicture& picture, const Layout& layout) {
   const double unit = layout.unit;
   canvas.rectangle(0.0, 0.0, layout.width, layout.height, kPaper);
   canvas.text(layout.margin(), layout.margin() + 0.5 * unit, 3.0 * unit, picture.title);
+  canvas.text(layout.margin(), layout.margin() + 3.5 * unit, 2.0 * unit, picture.subtitle);
   for (const ShadowPicture::Layer& layer : picture.layers) {
     canvas.begin_group(layer.name);
     for (const LayerPolygon& polygon : layer.outline.polygons) {

@@ -257,6 +257,21 @@ TEST_F(ShadowCommand, PicturesAndTable) {
                            "id=\"object\"", "id=\"kernels\"", "<circle", "</svg>"}) {
     EXPECT_THAT(svg, HasSubstr(part));
   }
+  // A picture says which shadow it is.
+  EXPECT_THAT(svg, HasSubstr(">ring, layered shadow<"));
+  EXPECT_THAT(svg, HasSubstr(">H = 0.9 m, a = 3<"));
+  for (const auto& [words, title] : std::vector<std::pair<std::vector<std::string>, std::string>>{
+           {{"--technique", "cocl"}, "ring, COCL shadow"},
+           {{"--technique", "field"}, "ring, field shadow"},
+           {{"--technique", "simple"}, "ring, simple shadow"},
+           {{"--technique", "hard", "--light", "0 0 1 0"}, "ring, hard shadow"},
+           {{"--kernels", "smooth"}, "ring, layered shadow, smooth kernels"},
+           {{"--light-mode", "fixed"}, "ring, layered shadow, one light"}}) {
+    std::vector<std::string> arguments = {"shadow", ring, "--output", file("one.svg")};
+    arguments.insert(arguments.end(), words.begin(), words.end());
+    EXPECT_EQ(penumbra(arguments).exit_code, 0);
+    EXPECT_THAT(bytes_of(file("one.svg")), HasSubstr(">" + title + "<"));
+  }
   EXPECT_EQ(penumbra({"shadow", ring, "--output", file("ring.png")}).exit_code, 0);
   EXPECT_TRUE(bytes_of(file("ring.png")).starts_with("\x89PNG"));
   const ProgramResult table = penumbra({"shadow", ring});
@@ -350,7 +365,7 @@ TEST_F(ShadowCommand, AModelThatChangedAroundItsKernelsIsNoticed) {
   }
 }
 
-TEST_F(ShadowCommand, KernelsAreQuietInAPipe) {
+TEST_F(ShadowCommand, KernelsSayOneLine) {
   const ProgramResult result = penumbra({"kernels", source_dir() / "scenes/models/tree.glb",
                                          "--kernels", "per-axis", "--output", file("k.json")});
   EXPECT_EQ(result.exit_code, 0);
