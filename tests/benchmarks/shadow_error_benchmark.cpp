@@ -19,6 +19,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -86,12 +87,10 @@ struct Scene {
   }
 };
 
-Scene make_scene(const std::string& name) {
+Scene make_scene(const std::string& name, const Model& model) {
   Scene scene;
   scene.name = name;
-  const auto model = load_model(test::source_dir() / "scenes" / "models" / (name + ".glb"));
-  if (!model) throw std::runtime_error(model.error().message);
-  scene.mesh = make_shadow_mesh(*model);
+  scene.mesh = make_shadow_mesh(model);
   Eigen::Vector3d low = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
   Eigen::Vector3d high = -low;
   for (const glm::vec3& p : scene.mesh.positions) {
@@ -112,6 +111,12 @@ Scene make_scene(const std::string& name) {
   const double half = 0.5 * (high - low).head<2>().maxCoeff() + 1.1 * static_cast<double>(radius);
   scene.grid = test::Mask({-half, -half}, 2.0 * half / kPixels, kPixels);
   return scene;
+}
+
+Scene bundled_scene(const std::string& name) {
+  const auto model = load_model(test::source_dir() / "scenes" / "models" / (name + ".glb"));
+  if (!model) throw std::runtime_error(model.error().message);
+  return make_scene(name, *model);
 }
 
 std::vector<std::uint8_t> covered(const Scene& scene, const std::vector<PlanePoint>& triangles) {
@@ -552,7 +557,7 @@ void compare_techniques(nlohmann::ordered_json& results) {
   std::vector<Scene> scenes;
   for (const char* name :
        {"sphere", "cube", "bar", "ring", "l_shape", "tube", "helicopter", "hand"})
-    scenes.push_back(make_scene(name));
+    scenes.push_back(bundled_scene(name));
 
   struct Row {
     double height_ms = 0.0, tilt_ms = 0.0;
@@ -625,6 +630,56 @@ void compare_techniques(nlohmann::ordered_json& results) {
 #else
       false;
 #endif
+}
+
+// Meshes that are worth reducing: what the proxy saves and what it costs in error.
+void compare_proxies(nlohmann::ordered_json& results) {
+  fmt::print(
+      "\n{:<22} {:>7} {:>6}  {:<9} {:>10} {:>10}   {:^25} {:^20}\n{:62}{:>10}   {:>7} {:>8} {:>8} "
+      "{:>6} {:>6} {:>6}\n",
+      "proxies", "faces", "casts", "agreement", "rises [ms]", "tilts [ms]", "area error [%]", "IoU",
+      "", "", "umbra", "middle", "penumbra", "umbra", "middle", "penumbra");
+  std::vector<Scene> scenes;
+  scenes.push_back(bundled_scene("helicopter"));
+  scenes.push_back(bundled_scene("tree"));
+  scenes.push_back(make_scene("torus", test::torus_model(160, 325)));
+  for (const Scene& scene : scenes) {
+#ifdef PENUMBRA_EMBREE
+    const Layers reference = RayCaster(scene).cast(light_samples(256, 128));
+#endif
+    const ProxyUse use{scene.constants, LightMode::proportional, 1.0};
+    const ShadowKernels kernels =
+        generate_kernels(scene.mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
+    const auto proxy = simplified_caster(scene.mesh);
+    std::optional<double> agreement;
+    if (proxy) agreement = compare_with_proxy(scene.mesh, kernels, {}, *proxy, use, true).least();
+    for (const bool reduced : {false, true}) {
+      const Measured measured =
+          reduced ? measure_proxy(scene) : measure_kernels(scene, KernelSource::automatic, false);
+      Errors errors;
+#ifdef PENUMBRA_EMBREE
+      errors = errors_of(measured.layers, reference);
+#endif
+      const std::size_t faces = scene.mesh.indices.size() / 3;
+      const bool kept = agreement && *agreement >= kLeastProxyAgreement;
+      const std::size_t casts = reduced && kept ? proxy->mesh.indices.size() / 3 : faces;
+      fmt::print(
+          "{:<22} {:>7} {:>6}  {:<9} {:>10.4f} {:>10.4f}   {:>7.1f} {:>8.1f} {:>8.1f} {:>6.3f} "
+          "{:>6.3f} {:>6.3f}\n",
+          scene.name, faces, casts,
+          !reduced    ? "-"
+          : agreement ? fmt::format("{:.4f}", *agreement)
+                      : "none",
+          measured.height_ms, measured.tilt_ms, 100.0 * errors.area[0], 100.0 * errors.area[1],
+          100.0 * errors.area[2], errors.iou[0], errors.iou[1], errors.iou[2]);
+      results["proxies"].push_back({{"name", scene.name},
+                                    {"faces", faces},
+                                    {"casts", casts},
+                                    {"rises_ms", measured.height_ms},
+                                    {"tilts_ms", measured.tilt_ms},
+                                    {"iou", {errors.iou[0], errors.iou[1], errors.iou[2]}}});
+    }
+  }
 }
 
 // Kernels of meshes read from a file in the same run.
@@ -755,6 +810,7 @@ int main(int argc, char** argv) {
   try {
     nlohmann::ordered_json results;
     penumbra::compare_techniques(results);
+    penumbra::compare_proxies(results);
     penumbra::compare_kernels_with_reading(results);
     penumbra::compare_with_goals(results);
     penumbra::compare_update_with_copy(results);
