@@ -13,6 +13,7 @@
 #include "core/image_file.hpp"
 #include "core/trajectory.hpp"
 #include "support/golden.hpp"
+#include "support/run_program.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 
@@ -230,6 +231,47 @@ TEST(DefaultSceneTest, ItsShadowMeetsThePhantom) {
                      116 / 30.0);
   };
   EXPECT_NE(at_frame(*scene).pixels, at_frame(without).pixels);
+}
+
+// What the golden pictures are of is what the program writes: its frames, whole, against the same
+// frame drawn here.
+class Program : public testing::TestWithParam<Case> {};
+INSTANTIATE_TEST_SUITE_P(Golden, Program,
+                         testing::Values(Case{"tabletop", ShadowTechnique::layered, 60},
+                                         Case{"tabletop", ShadowTechnique::hard, 110},
+                                         Case{"corner", ShadowTechnique::layered, 30}),
+                         [](const auto& instance) {
+                           return std::string(instance.param.recording) + "_" +
+                                  std::string(to_string(instance.param.technique)) + "_" +
+                                  std::to_string(instance.param.frame);
+                         });
+
+TEST_P(Program, WritesTheSameFrame) {
+  const Case& c = GetParam();
+  const auto folder = test::recordings_dir() / c.recording;
+  const test::TemporaryFolder out;
+  const auto ran = test::run_program(
+      test::program(), {"replay", folder, "--no-window", "--poses-from", "groundtruth", "--shadow",
+                        std::string(to_string(c.technique)), "--frames",
+                        fmt::format("{}:{}", c.frame, c.frame + 1), "--output", out.path()});
+  ASSERT_EQ(ran.exit_code, 0) << ran.err;
+  const auto written = load_rgba(out.path() / fmt::format("{:06}.png", c.frame));
+  ASSERT_TRUE(written) << written.error().message;
+
+  const auto camera = load_camera(folder / "camera.yaml");
+  const auto frame = load_image(folder / "frames" / fmt::format("{:06}.jpg", c.frame));
+  const auto truth = load_trajectory(folder / "groundtruth.tum");
+  const auto scene = load_scene(test::source_dir() / "scenes" / "default.json");
+  ASSERT_TRUE(camera && frame && truth && scene);
+  const auto at = static_cast<std::size_t>(c.frame);
+  const double time_s = 1e-9 * static_cast<double>(truth->poses.at(at).timestamp_ns -
+                                                   truth->poses.front().timestamp_ns);
+  const View view{*camera, *frame, truth->poses.at(at).T_table_camera};
+  const auto shared = std::make_shared<const Scene>(*scene);
+  EXPECT_TRUE(compare(*written, composite(view, c.technique, shared, time_s)).acceptable());
+  // And the comparison tells this frame from the next.
+  EXPECT_FALSE(
+      compare(*written, composite(view, c.technique, shared, time_s + 1.0 / 30.0)).acceptable());
 }
 
 std::string layer_name(ShadowLayer layer) {
