@@ -19,6 +19,7 @@
 #include "app/capture/recording_feed.hpp"
 #include "app/capture/recording_writer.hpp"
 #include "app/capture/v4l2_device.hpp"
+#include "app/capture/v4l2_source.hpp"
 #include "app/interrupt.hpp"
 #include "app/overlay.hpp"
 #include "app/scene_edit.hpp"
@@ -83,26 +84,15 @@ Result<std::unique_ptr<LiveSource>> open_camera(const CameraName& name, const Li
     if (!recording) return tl::unexpected(recording.error());
     return open_recording_feed(*recording, request.fps);
   }
-  if (name.kind == CameraName::Kind::libcamera) {
-    LibcameraOptions options;
-    options.camera = name.name;
-    options.width = request.width.value_or(camera.width());
-    options.height = request.height.value_or(camera.height());
-    options.fps = request.fps.value_or(options.fps);
-    options.format = request.format;
-    options.recording = request.record.has_value();
-    options.controls = request.controls;
-    return open_libcamera_source(options);
-  }
-  V4l2Options options;
-  options.device = name.name;
-  options.width = request.width.value_or(camera.width());
-  options.height = request.height.value_or(camera.height());
-  options.fps = request.fps.value_or(options.fps);
-  options.format = request.format;
-  options.recording = request.record.has_value();
-  options.controls = request.controls;
-  return open_v4l2_source(options);
+  CameraWish wish;
+  wish.width = request.width.value_or(camera.width());
+  wish.height = request.height.value_or(camera.height());
+  wish.fps = request.fps.value_or(wish.fps);
+  wish.format = request.format;
+  wish.recording = request.record.has_value();
+  wish.controls = request.controls;
+  if (name.kind == CameraName::Kind::libcamera) return open_libcamera_source({wish, name.name});
+  return open_v4l2_source({wish, name.name});
 }
 
 Result<void> check_size(const LiveRequest& request, const StreamFormat& format,

@@ -7,8 +7,8 @@
 #include <optional>
 #include <string>
 
+#include "app/capture/camera_controls.hpp"
 #include "app/capture/live_source.hpp"
-#include "app/capture/v4l2_source.hpp"
 #include "app/run_outputs.hpp"
 #include "app/run_report.hpp"
 #include "app/viewer.hpp"

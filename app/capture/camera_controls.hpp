@@ -2,6 +2,7 @@
 #pragma once
 
 #include <optional>
+#include <string>
 
 namespace penumbra {
 
@@ -14,6 +15,18 @@ struct CameraControls {
   std::optional<int> white_balance_k;
   bool auto_white_balance = false;
   std::optional<int> focus;  // in the camera's own steps; dioptres by libcamera
+};
+
+// The stream that a person wishes for; what the camera grants is obeyed.
+struct CameraWish {
+  int width = 640;    // [px]
+  int height = 480;   // [px]
+  double fps = 30.0;  // where the rate can be set at all
+  // grey, nv12, yu12, yuyv or mjpeg; nothing: the one that costs least at that size and rate.
+  std::optional<std::string> format;
+  // JPEGs are written to disk as they come, others have to be coded: they cost more then.
+  bool recording = false;
+  CameraControls controls;
 };
 
 }  // namespace penumbra

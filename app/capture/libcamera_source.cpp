@@ -1,7 +1,5 @@
 #include "app/capture/libcamera_source.hpp"
 
-#ifdef PENUMBRA_LIBCAMERA
-
 #include <fmt/format.h>
 #include <libcamera/camera.h>
 #include <libcamera/camera_manager.h>
@@ -28,10 +26,10 @@
 #include <filesystem>
 #include <map>
 #include <mutex>
-#include <system_error>
 #include <utility>
 
 #include "app/capture/buffer_ring.hpp"
+#include "app/capture/camera_trouble.hpp"
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_layout.hpp"
 #include "app/capture/libcamera_versions.hpp"
@@ -76,34 +74,6 @@ const KnownFormat* find_format(const lc::PixelFormat& format) {
     if (known.format == format) return &known;
   }
   return nullptr;
-}
-
-std::string message_of(int error) {
-  return std::generic_category().message(error < 0 ? -error : error);
-}
-
-struct Trouble {
-  CaptureFault fault;
-  std::string message;
-};
-template <class T>
-using Started = tl::expected<T, Trouble>;
-
-CaptureFault fault_of(int error) {
-  switch (error < 0 ? -error : error) {
-    case ENODEV:
-    case ENOENT:
-      return CaptureFault::disconnected;
-    case EACCES:
-    case EPERM:
-      return CaptureFault::forbidden;
-    case EBUSY:
-      return CaptureFault::busy;
-    case EINVAL:
-      return CaptureFault::refused;
-    default:
-      return CaptureFault::io_error;
-  }
 }
 
 // libcamera allows one manager in a process; it goes when the last camera has been let go.
@@ -577,8 +547,23 @@ class LibcameraSource final : public LiveSource {
   [[nodiscard]] StreamFormat format() const override { return before_.format; }
   [[nodiscard]] FaultCounter& faults() override { return faults_; }
   [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const override {
-    const std::lock_guard lock(mutex_);
-    return controls_;
+    const Readings now = [this] {
+      const std::lock_guard lock(mutex_);
+      return readings_;
+    }();
+    std::vector<std::pair<std::string, std::int64_t>> values;
+    const auto add = [&values](const char* name, const auto& value, double factor) {
+      if (!value) return;
+      const double number = factor * static_cast<double>(*value);
+      if (std::isfinite(number) && std::abs(number) < 1e15) {
+        values.emplace_back(name, std::llround(number));
+      }
+    };
+    add("exposure_time_us", now.exposure_us, 1.0);
+    add("analogue_gain_thousandths", now.gain, 1e3);
+    add("lens_position_millidioptres", now.lens_position, 1e3);
+    add("colour_temperature_k", now.white_balance_k, 1.0);
+    return values;
   }
   [[nodiscard]] std::string description() const override {
     return fmt::format("libcamera:{} ({}), {} {}x{} at {:.4g}/s", before_.id, model_,
@@ -588,21 +573,14 @@ class LibcameraSource final : public LiveSource {
 
  private:
   void lose_stream(CaptureFault fault, const std::string& what) {
-    // Told once for an outage, however long.
-    if (outage_ != fault) faults_.count(fault, what);
-    faults_.set_trouble(what);
-    outage_ = fault;
+    outage_.begin({fault, what});
     stream_.reset();
   }
 
   bool reopen() {
     auto started = Stream::start(options_, before_, *completed_);
     if (!started) {
-      if (outage_ != started.error().fault) {
-        outage_ = started.error().fault;
-        faults_.count(started.error().fault, started.error().message);
-        faults_.set_trouble(started.error().message);
-      }
+      outage_.begin(started.error());
       return false;
     }
     stream_ = std::move(*started);
@@ -651,11 +629,7 @@ class LibcameraSource final : public LiveSource {
     if (!(stream_->known().jpeg ? read_jpeg(index, bytes, image) : read_planes(index, image))) {
       return std::nullopt;
     }
-    if (outage_) {
-      spdlog::info("libcamera:{}: frames come again", options_.camera);
-      faults_.set_trouble(std::nullopt);
-      outage_.reset();
-    }
+    if (outage_.end()) spdlog::info("libcamera:{}: frames come again", options_.camera);
     faults_.count_frame();
     return image;
   }
@@ -705,32 +679,28 @@ class LibcameraSource final : public LiveSource {
   }
 
   // As the camera says they were for that frame.
+  struct Readings {
+    std::optional<std::int32_t> exposure_us;
+    std::optional<float> gain;           // times
+    std::optional<float> lens_position;  // [dioptres]
+    std::optional<std::int32_t> white_balance_k;
+  };
   void remember_controls(const lc::ControlList& metadata) {
     namespace c = lc::controls;
-    std::vector<std::pair<std::string, std::int64_t>> now;
-    if (const auto us = metadata.get(c::ExposureTime)) now.emplace_back("exposure_time_us", *us);
-    const auto thousandths = [&now](const char* name, const auto& value) {
-      if (value && std::isfinite(*value) && std::abs(*value) < 1e12F) {
-        now.emplace_back(name, std::llround(1e3 * static_cast<double>(*value)));
-      }
-    };
-    thousandths("analogue_gain_thousandths", metadata.get(c::AnalogueGain));
-    thousandths("lens_position_millidioptres", metadata.get(c::LensPosition));
-    if (const auto k = metadata.get(c::ColourTemperature)) {
-      now.emplace_back("colour_temperature_k", *k);
-    }
+    const Readings now = {metadata.get(c::ExposureTime), metadata.get(c::AnalogueGain),
+                          metadata.get(c::LensPosition), metadata.get(c::ColourTemperature)};
     const std::lock_guard lock(mutex_);
-    controls_ = std::move(now);
+    readings_ = now;
   }
 
   const LibcameraOptions options_;
   const Stream::Before before_;
   const std::string model_;
   FaultCounter faults_;
+  Outage outage_{faults_};
   FrameClock clock_;
-  std::optional<CaptureFault> outage_;  // why no frames come, until they do again
   mutable std::mutex mutex_;
-  std::vector<std::pair<std::string, std::int64_t>> controls_;  // guarded by mutex_
+  Readings readings_;  // guarded by mutex_
   const std::unique_ptr<Completed> completed_;
   std::unique_ptr<Stream> stream_;
 };
@@ -773,28 +743,3 @@ Result<std::vector<LibcameraCamera>> list_libcamera_cameras() {
 }
 
 }  // namespace penumbra
-
-#else
-
-namespace penumbra {
-namespace {
-
-auto not_built_in() {
-  return fail(
-      "libcamera: is not built into this penumbra; install libcamera-dev and build it again, or "
-      "name a V4L2 device (v4l2:/dev/video0)");
-}
-
-}  // namespace
-
-Result<std::unique_ptr<LiveSource>> open_libcamera_source(const LibcameraOptions&) {
-  return not_built_in();
-}
-
-Result<std::vector<LibcameraCamera>> list_libcamera_cameras() {
-  return not_built_in();
-}
-
-}  // namespace penumbra
-
-#endif

@@ -1,10 +1,10 @@
 // A camera by libcamera: what a Raspberry Pi's camera connector and most phones' sensors need.
-// The only file that knows libcamera, and what differs between its versions (0.0.3 on Debian 12,
-// 0.5 and later on Raspberry Pi OS).
+// libcamera_source.cpp is the only file that knows libcamera, and what differs between its versions
+// (0.0.3 on Debian 12, 0.5 and later on Raspberry Pi OS); libcamera_absent.cpp stands for it where
+// it is not installed.
 #pragma once
 
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,15 +13,8 @@
 
 namespace penumbra {
 
-struct LibcameraOptions {
+struct LibcameraOptions : CameraWish {
   std::string camera = "0";  // its place in the list, its id, or its model's name
-  int width = 640;           // [px] wished for; what libcamera grants is obeyed
-  int height = 480;          // [px]
-  double fps = 30.0;         // wished for, where the camera's rate can be set at all
-  // grey, nv12, yu12, yuyv or mjpeg; nothing: the one that costs least at that size.
-  std::optional<std::string> format;
-  bool recording = false;  // as V4l2Options
-  CameraControls controls;
 };
 
 // Opens the camera and starts its viewfinder stream; an error says why it can't be used. Once it

@@ -14,11 +14,11 @@
 #include <cstring>
 #include <ctime>
 #include <mutex>
-#include <system_error>
 #include <tuple>
 #include <utility>
 
 #include "app/capture/buffer_ring.hpp"
+#include "app/capture/camera_trouble.hpp"
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_layout.hpp"
 #include "app/capture/v4l2_device.hpp"
@@ -58,36 +58,6 @@ std::int64_t monotonic_ns() {
   timespec t{};
   clock_gettime(CLOCK_MONOTONIC, &t);
   return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
-}
-
-std::string message_of(int error) {
-  return std::generic_category().message(error);
-}
-
-// Why a stream could not be started.
-struct Trouble {
-  CaptureFault fault;
-  std::string message;
-};
-template <class T>
-using Started = tl::expected<T, Trouble>;
-
-CaptureFault fault_of(int error) {
-  switch (error) {
-    case ENODEV:
-    case ENOENT:
-    case ENXIO:
-      return CaptureFault::disconnected;
-    case EACCES:
-    case EPERM:
-      return CaptureFault::forbidden;
-    case EBUSY:
-      return CaptureFault::busy;
-    case EINVAL:
-      return CaptureFault::refused;
-    default:
-      return CaptureFault::io_error;
-  }
 }
 
 tl::unexpected<Trouble> trouble(const V4l2Device& device, const char* call, int error) {
@@ -375,10 +345,9 @@ class V4l2Source final : public LiveSource {
     return poll(&waiting, 1, timeout_ms) > 0;
   }
 
-  void lose_stream(CaptureFault fault, const std::string& what) {
-    faults_.count(fault, what);
-    faults_.set_trouble(what);
-    outage_ = fault;
+  void lose_stream(CaptureFault fault, const std::string& what,
+                   const std::optional<std::string>& now = std::nullopt) {
+    outage_.begin({fault, what}, now);
     stream_.reset();
   }
 
@@ -414,12 +383,7 @@ class V4l2Source final : public LiveSource {
     auto started = find().and_then(
         [&](V4l2Device device) { return Stream::start(std::move(device), options_, format_); });
     if (!started) {
-      // Once for an outage, not for every attempt.
-      if (outage_ != started.error().fault) {
-        outage_ = started.error().fault;
-        faults_.count(started.error().fault, started.error().message);
-        faults_.set_trouble(started.error().message);
-      }
+      outage_.begin(started.error());
       return false;
     }
     stream_ = std::move(*started);
@@ -436,14 +400,9 @@ class V4l2Source final : public LiveSource {
     const int ready = poll(waiting.data(), waiting.size(), kSilence_ms);
     if (ready < 0 || waiting[1].revents != 0) return std::nullopt;
     if (ready == 0) {
-      // Told once for a silence, however long.
-      if (outage_ != CaptureFault::silent) {
-        faults_.count(CaptureFault::silent,
-                      fmt::format("no frame for {} s, and no error", kSilence_ms / 1000));
-      }
-      faults_.set_trouble("the camera is silent");
-      outage_ = CaptureFault::silent;
-      stream_.reset();
+      lose_stream(CaptureFault::silent,
+                  fmt::format("no frame for {} s, and no error", kSilence_ms / 1000),
+                  "the camera is silent");
       return std::nullopt;
     }
     if (stream_->ring().refused()) {
@@ -514,11 +473,7 @@ class V4l2Source final : public LiveSource {
       image.frame.sequence = image.sequence;
       image.frame.timestamp_ns = image.timestamp_ns;
     }
-    if (outage_) {
-      spdlog::info("{}: frames come again", options_.device.string());
-      faults_.set_trouble(std::nullopt);
-      outage_.reset();
-    }
+    if (outage_.end()) spdlog::info("{}: frames come again", options_.device.string());
     faults_.count_frame();
     return image;
   }
@@ -528,10 +483,10 @@ class V4l2Source final : public LiveSource {
   const V4l2Identity identity_;
   const StreamFormat format_;
   FaultCounter faults_;
+  Outage outage_{faults_};
   FrameClock clock_;
   const int stop_;  // an eventfd
   const std::vector<std::pair<std::string, std::int64_t>> controls_;
-  std::optional<CaptureFault> outage_;  // why no frames come, until they do again
   std::unique_ptr<Stream> stream_;
 };
 

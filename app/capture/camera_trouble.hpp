@@ -1,0 +1,39 @@
+// Why a camera gives no frames, whatever library opens it, and how that is told.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <tl/expected.hpp>
+
+#include "app/capture/capture_stats.hpp"
+
+namespace penumbra {
+
+// Why a stream could not be started.
+struct Trouble {
+  CaptureFault fault;
+  std::string message;
+};
+template <class T>
+using Started = tl::expected<T, Trouble>;
+
+// Of an errno, or of its negative as some calls return it.
+[[nodiscard]] CaptureFault fault_of(int error);
+[[nodiscard]] std::string message_of(int error);
+
+// From the moment that no frames come until they do again. Each kind of trouble is counted once in
+// an outage, however long it lasts and however often it is tried. For one thread.
+class Outage {
+ public:
+  explicit Outage(FaultCounter& faults) : faults_(faults) {}
+  // `now` is what is told as being wrong right now, where that is said shorter.
+  void begin(const Trouble& trouble, const std::optional<std::string>& now = std::nullopt);
+  // A frame has come. True if it ended an outage.
+  bool end();
+
+ private:
+  FaultCounter& faults_;
+  std::optional<CaptureFault> fault_;
+};
+
+}  // namespace penumbra
