@@ -23,6 +23,7 @@
 #include "core/camera_file.hpp"
 #include "core/evaluation.hpp"
 #include "core/image_file.hpp"
+#include "core/random.hpp"
 #include "core/tag_map.hpp"
 #include "core/text.hpp"
 #include "core/trajectory.hpp"
@@ -101,14 +102,6 @@ class RecordingFolder {
   fs::path target_;
   fs::path partial_;
 };
-
-// Each frame's noise is its own, and does not depend on the frames before (splitmix64).
-std::uint64_t seed_of(std::uint64_t seed, int frame) {
-  std::uint64_t z = seed + 0x9E3779B97F4A7C15U * (static_cast<std::uint64_t>(frame) + 1U);
-  z = (z ^ (z >> 30U)) * 0xBF58476D1CE4E5B9U;
-  z = (z ^ (z >> 27U)) * 0x94D049BB133111EBU;
-  return z ^ (z >> 31U);
-}
 
 Result<Trajectory> load_path(const fs::path& file) {
   auto path = load_trajectory(file);
@@ -208,7 +201,8 @@ class Simulation {
       }
     }
     PatternRenderOptions light = light_;
-    light.seed = seed_of(request_.seed, number);
+    // Each frame's noise is its own, and does not depend on the frames before.
+    light.seed = SplitMix64::nth(request_.seed, static_cast<std::uint64_t>(number));
     if (!session_) {
       light.noise_grey = request_.noise_grey;
       const GreyImage image = renderer_.render(poses, light, placements);

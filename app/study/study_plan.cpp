@@ -10,38 +10,14 @@
 #include <utility>
 
 #include "core/assert.hpp"
+#include "core/random.hpp"
 
 namespace penumbra {
 namespace {
 
-// splitmix64 (Steele, Lea and Flood 2014): the same numbers everywhere, unlike the standard
-// library's distributions.
-class Random {
- public:
-  // Streams of one seed for different purposes have nothing to do with each other.
-  Random(std::uint64_t seed, std::uint64_t purpose) : state_(seed) {
-    state_ = next() ^ (purpose * 0xD1342543DE82EF95U);
-  }
-  std::uint64_t next() {
-    state_ += 0x9E3779B97F4A7C15U;
-    std::uint64_t z = state_;
-    z = (z ^ (z >> 30U)) * 0xBF58476D1CE4E5B9U;
-    z = (z ^ (z >> 27U)) * 0x94D049BB133111EBU;
-    return z ^ (z >> 31U);
-  }
-  // In [low, high).
-  double between(double low, double high) {
-    return low + (high - low) * (static_cast<double>(next() >> 11U) * 0x1p-53);
-  }
-  std::size_t below(std::size_t count) { return static_cast<std::size_t>(next() % count); }
-
- private:
-  std::uint64_t state_;
-};
-
 enum Purpose : std::uint64_t { kTechniqueOrder = 1, kSampleOrder, kStimuli };
 
-std::vector<int> shuffled(int count, Random random) {
+std::vector<int> shuffled(int count, SplitMix64 random) {
   std::vector<int> order(static_cast<std::size_t>(count));
   std::iota(order.begin(), order.end(), 0);
   for (std::size_t i = order.size(); i > 1; --i) std::swap(order[i - 1], order[random.below(i)]);
@@ -54,7 +30,7 @@ Eigen::Vector3d to_tenths_of_mm(const Eigen::Vector3d& p) {
 
 // Three spheres about the table's middle, at about a third of a turn from each other, so that none
 // hides another and none hangs over another's shadow.
-StudySample sample_of_heights(int number, Random& random) {
+StudySample sample_of_heights(int number, SplitMix64& random) {
   constexpr double kNear_m = 0.060, kFar_m = 0.090;
   constexpr double kTurn = 2.0 * std::numbers::pi / 3.0, kAside = std::numbers::pi / 12.0;
   constexpr double kTopLow_m = 0.120, kTopHigh_m = 0.200;  // centre of the highest
@@ -82,7 +58,7 @@ StudySample sample_of_heights(int number, Random& random) {
 }
 
 // A ball over the table's middle and three to five targets, each well away from the one before.
-StudySample sample_of_drag(int number, Random& random) {
+StudySample sample_of_drag(int number, SplitMix64& random) {
   constexpr double kReach_m = 0.100, kLow_m = 0.030, kHigh_m = 0.180, kApart_m = 0.080;
   StudySample sample;
   sample.number = number;
@@ -154,7 +130,7 @@ StudyPlan plan_study(const StudyDesign& design) {
   PENUMBRA_ASSERT(!design.techniques.empty() && design.samples > 0 && design.participant > 0);
   StudyPlan plan;
   plan.design = design;
-  Random stimuli(design.seed, kStimuli);
+  SplitMix64 stimuli(design.seed, kStimuli);
   for (int number = 1; number <= design.samples; ++number) {
     plan.samples.push_back(design.experiment == StudyExperiment::heights
                                ? sample_of_heights(number, stimuli)
@@ -162,8 +138,10 @@ StudyPlan plan_study(const StudyDesign& design) {
   }
   // Which treatment is which letter of the design is drawn, the design itself is not.
   const auto techniques = static_cast<int>(design.techniques.size());
-  const std::vector<int> technique_of = shuffled(techniques, Random(design.seed, kTechniqueOrder));
-  const std::vector<int> sample_of = shuffled(design.samples, Random(design.seed, kSampleOrder));
+  const std::vector<int> technique_of =
+      shuffled(techniques, SplitMix64(design.seed, kTechniqueOrder));
+  const std::vector<int> sample_of =
+      shuffled(design.samples, SplitMix64(design.seed, kSampleOrder));
   const std::int64_t participant = design.participant - 1;
   int block = 0;
   for (const int letter : williams_row(techniques, participant)) {

@@ -3,30 +3,14 @@
 
 #include <algorithm>
 #include <array>
-#include <cstdint>
 #include <string>
 #include <string_view>
 
+#include "core/random.hpp"
+
 namespace penumbra::test {
 
-// splitmix64 (Steele, Lea and Flood 2014): small, and the same everywhere, unlike the standard
-// library's distributions.
-class Random {
- public:
-  explicit Random(std::uint64_t seed) : state_(seed) {}
-  std::uint64_t next() {
-    state_ += 0x9E3779B97F4A7C15U;
-    std::uint64_t z = state_;
-    z = (z ^ (z >> 30U)) * 0xBF58476D1CE4E5B9U;
-    z = (z ^ (z >> 27U)) * 0x94D049BB133111EBU;
-    return z ^ (z >> 31U);
-  }
-  // In [0, count); count > 0.
-  std::size_t below(std::size_t count) { return static_cast<std::size_t>(next() % count); }
-
- private:
-  std::uint64_t state_;
-};
+using Random = SplitMix64;
 
 // One to four injuries, most often one: flipped bits, bytes set to telling values, pieces removed,
 // doubled, moved or zeroed, cuts. `words` are spliced in whole: what a text format finds hard.
