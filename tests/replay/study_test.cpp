@@ -2,7 +2,9 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdint>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -11,6 +13,9 @@
 #include "app/study/study_plan.hpp"
 #include "app/study/study_results.hpp"
 #include "app/study/study_statistics.hpp"
+#include "core/camera_file.hpp"
+#include "core/stopwatch.hpp"
+#include "core/trajectory.hpp"
 #include "replay/replay_support.hpp"
 
 namespace penumbra::test {
@@ -216,6 +221,82 @@ TEST(Window, StudyWritesTheScriptedDrags) {
     }
   }
   EXPECT_EQ(at, rows.size());
+}
+
+// A person's way through it: clicks that the X server sends, times of the clock on the wall. The
+// second half is done after the window was closed.
+TEST(Window, APersonAnswersWithTheMouse) {
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
+  ASSERT_EQ(std::system("command -v xdotool >/dev/null"), 0) << "scripts/setup installs it";
+  const TemporaryFolder folder;
+  const fs::path results = folder.path() / "answers.csv";
+  // One picture for ever, so that a sphere stays where it is on the screen.
+  const fs::path still = folder.path() / "still";
+  fs::create_directories(still / "frames");
+  const fs::path source = bundled("tabletop");
+  for (const char* file : {"camera.yaml", "tags.yaml"}) fs::copy_file(source / file, still / file);
+  const std::vector<std::string> poses = lines_of(bytes_of(source / "groundtruth.tum"));
+  const auto first = std::ranges::find_if(poses, [](const auto& line) { return line[0] != '#'; });
+  ASSERT_NE(first, poses.end());
+  const std::string pose = first->substr(first->find(' '));
+  constexpr int kPictures = 60;
+  std::ofstream truth(still / "groundtruth.tum"), times(still / "timestamps.csv");
+  times << "frame,timestamp_s,file\n";
+  for (int i = 0; i < kPictures; ++i) {
+    fs::copy_file(source / "frames" / "000000.jpg", still / "frames" / fmt::format("{:06}.jpg", i));
+    truth << fmt::format("{:.6f}{}\n", 100.0 + i / 30.0, pose);
+    times << fmt::format("{},{:.6f},frames/{:06}.jpg\n", i, 100.0 + i / 30.0, i);
+  }
+  truth.close();
+  times.close();
+  const auto camera = load_camera(still / "camera.yaml");
+  const auto T_table_camera = load_trajectory(still / "groundtruth.tum");
+  ASSERT_TRUE(camera && T_table_camera);
+
+  const StudyPlan plan = plan_study(design_of(StudyExperiment::heights, 2, {"layered", "walls"}));
+  ASSERT_EQ(plan.trials.size(), 4U);
+  std::vector<std::string> pixels;
+  std::vector<int> chosen;
+  for (const StudyTrial& trial : plan.trials) {
+    const StudySample& sample = plan.samples[static_cast<std::size_t>(trial.sample)];
+    chosen.push_back((highest_of(sample) + (trial.number == 2 ? 1 : 0)) % 3);
+    const auto pixel =
+        camera->project(T_table_camera->poses.front().T_table_camera.inverse() *
+                        Eigen::Vector3d(sample.places[static_cast<std::size_t>(chosen.back())]));
+    ASSERT_TRUE(pixel);
+    pixels.push_back(fmt::format("{:.0f},{:.0f}", pixel->x(), pixel->y()));
+  }
+  const auto answer = [&](const std::string& at, const std::vector<std::string>& more) {
+    auto arguments = arguments_of(plan.design, results, "");
+    arguments.resize(arguments.size() - 2);  // nobody's script
+    *(std::ranges::find(arguments, "--recording") + 1) = still.string();
+    arguments.insert(arguments.end(), {"--poses-from", "groundtruth"});
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    arguments.insert(arguments.begin(), {source_dir() / "tests" / "support" / "answer-by-mouse",
+                                         results, at, program().string()});
+    const Stopwatch watch;
+    const ProgramResult run =
+        run_program(source_dir() / "tests" / "support" / "with-display", arguments);
+    EXPECT_EQ(run.exit_code, 0) << run.err;
+    return watch.elapsed().wall_ms;
+  };
+  double took_ms = answer(pixels[0] + " " + pixels[1], {});
+  ASSERT_EQ(rows_of(results).size(), 2U);
+  took_ms += answer(pixels[2] + " " + pixels[3], {"--resume"});
+  const std::vector<StudyRow> rows = rows_of(results);
+  ASSERT_EQ(rows.size(), plan.trials.size());
+  double told_ms = 0.0;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    SCOPED_TRACE(i);
+    EXPECT_EQ(rows[i].trial, plan.trials[i].trial);
+    EXPECT_EQ(rows[i].chosen, std::to_string(chosen[i] + 1));
+    EXPECT_EQ(rows[i].correct, i != 1);
+    EXPECT_GT(rows[i].response_time_ns, 0);
+    EXPECT_GE(rows[i].frames, 1);
+    EXPECT_EQ(rows[i].frames_lost, 0);
+    told_ms += 1e-6 * static_cast<double>(rows[i].response_time_ns);
+  }
+  EXPECT_LT(told_ms, took_ms);  // of one clock: no time is counted twice
 }
 
 TEST(Study, GoesOnWhereItWasBrokenOff) {
