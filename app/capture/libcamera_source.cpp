@@ -13,7 +13,6 @@
 #include <libcamera/request.h>
 #include <libcamera/transform.h>
 #include <linux/videodev2.h>
-#include <spdlog/spdlog.h>
 #include <sys/ioctl.h>
 #include <sys/mman.h>
 
@@ -35,6 +34,7 @@
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_layout.hpp"
 #include "app/capture/libcamera_versions.hpp"
+#include "app/logging.hpp"
 #include "core/text.hpp"
 #include "core/units.hpp"
 
@@ -488,7 +488,7 @@ class Stream {
     };
     const auto missing = [&](bool wished, const char* what) {
       if (wished) {
-        spdlog::warn("libcamera:{}: the camera has no {} to set; it stays as it is", id(), what);
+        log_warning("libcamera:{}: the camera has no {} to set; it stays as it is", id(), what);
       }
     };
     const CameraControls& wish = options.controls;
@@ -652,7 +652,7 @@ class LibcameraSource final : public LiveSource {
       return std::nullopt;
     }
     if (outage_) {
-      spdlog::info("libcamera:{}: frames come again", options_.camera);
+      log_info("libcamera:{}: frames come again", options_.camera);
       faults_.set_trouble(std::nullopt);
       outage_.reset();
     }
