@@ -1,7 +1,5 @@
 #include "app/live_run.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -21,6 +19,7 @@
 #include "app/capture/v4l2_device.hpp"
 #include "app/capture/v4l2_source.hpp"
 #include "app/interrupt.hpp"
+#include "app/logging.hpp"
 #include "app/overlay.hpp"
 #include "app/scene_edit.hpp"
 #include "app/session.hpp"
@@ -401,7 +400,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
       GroupTracker::create(*camera, *tags, request.tracking,
                            wanted_groups(*scene, *tags, request.tags, request, request.plan.skip));
   if (!tracker) return fail_in(request.tags.string(), tracker.error());
-  for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
+  for (const std::string& warning : scene->warnings) log_warning("{}", warning);
 
   const auto name = parse_camera(request.camera);
   if (!name) return tl::unexpected(name.error());
@@ -423,7 +422,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (auto checked = check_size(request, (*source)->format(), *camera); !checked) {
     return tl::unexpected(checked.error());
   }
-  spdlog::info("{}", (*source)->description());
+  log_info("{}", (*source)->description());
 
   std::vector<std::filesystem::path> taken = {request.scene, request.calibration, request.tags};
   if (request.kernel_file) taken.push_back(*request.kernel_file);

@@ -1,5 +1,6 @@
 #include "app/logging.hpp"
 
+#include <fmt/format.h>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
@@ -7,6 +8,7 @@
 #include <cstdarg>
 #include <cstdio>
 #include <cstdlib>
+#include <string>
 #include <string_view>
 
 extern "C" {
@@ -24,7 +26,19 @@ void log_libav(void* source, int level, const char* format, va_list arguments) {
                       &print_prefix);
   std::string_view text(line.data());
   while (!text.empty() && text.back() == '\n') text.remove_suffix(1);
-  spdlog::debug("libav: {}", text);
+  log_debug("libav: {}", text);
+}
+
+spdlog::level::level_enum spdlog_level(LogLevel level) {
+  switch (level) {
+    case LogLevel::debug:
+      return spdlog::level::debug;
+    case LogLevel::info:
+      return spdlog::level::info;
+    case LogLevel::warning:
+      break;
+  }
+  return spdlog::level::warn;
 }
 
 }  // namespace
@@ -37,6 +51,24 @@ void set_up_logging() {
   av_log_set_callback(&log_libav);
   // Before the first thread and the first display; a person who asks for another level keeps it.
   setenv("EGL_LOG_LEVEL", "fatal", 0);
+}
+
+bool set_log_level(std::string_view name) {
+  for (const auto level : {spdlog::level::trace, spdlog::level::debug, spdlog::level::info,
+                           spdlog::level::warn, spdlog::level::err, spdlog::level::off}) {
+    if (spdlog::level::to_string_view(level) == name) {
+      spdlog::set_level(level);
+      return true;
+    }
+  }
+  return false;
+}
+
+void log_text(LogLevel level, fmt::string_view text, fmt::format_args values) {
+  if (!spdlog::should_log(spdlog_level(level))) return;
+  const std::string line = fmt::vformat(text, values);
+  // As a text of its own, not as a format with values.
+  spdlog::log(spdlog_level(level), spdlog::string_view_t(line));
 }
 
 }  // namespace penumbra

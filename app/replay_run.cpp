@@ -1,7 +1,5 @@
 #include "app/replay_run.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -16,6 +14,7 @@
 #include "app/capture/recording_source.hpp"
 #include "app/comparison.hpp"
 #include "app/interrupt.hpp"
+#include "app/logging.hpp"
 #include "app/overlay.hpp"
 #include "app/progress.hpp"
 #include "app/run_outputs.hpp"
@@ -113,8 +112,8 @@ class RecordedEdits {
     for (; next_ < events_.size() && events_[next_].timestamp_ns <= timestamp_ns; ++next_) {
       if (shown.replay_edit(events_[next_].edit) || warned_) continue;
       warned_ = true;
-      spdlog::warn("{}: changes what is not in {}; such changes are left out", file_.string(),
-                   scene_.string());
+      log_warning("{}: changes what is not in {}; such changes are left out", file_.string(),
+                  scene_.string());
     }
   }
 
@@ -136,8 +135,8 @@ Result<void> check_range(const ReplayRequest& request, const Recording& recordin
                 request.frames.last ? std::to_string(*request.frames.last) : "", first, last);
   }
   if (past) {
-    spdlog::warn("{}: --frames ends at {}, but the last frame is {}", recording.folder.string(),
-                 *request.frames.last, last);
+    log_warning("{}: --frames ends at {}, but the last frame is {}", recording.folder.string(),
+                *request.frames.last, last);
   }
   return {};
 }
@@ -289,7 +288,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   open_options.require_tags = !request.poses_from;  // given poses need no tags
   auto recording = open_recording(request.recording, open_options);
   if (!recording) return tl::unexpected(recording.error());
-  for (const std::string& notice : recording->notices) spdlog::warn("{}", notice);
+  for (const std::string& notice : recording->notices) log_warning("{}", notice);
   if (auto checked = check_range(request, *recording); !checked)
     return tl::unexpected(checked.error());
   const CameraModel& camera = *recording->camera;
@@ -299,7 +298,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
   auto poses = open_replay_poses(request, *recording, *scene);
   if (!poses) return tl::unexpected(poses.error());
-  for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
+  for (const std::string& warning : scene->warnings) log_warning("{}", warning);
 
   auto events = request.edits ? load_scene_events(recording->folder / "events.jsonl")
                               : Result<SceneEvents>(SceneEvents());
@@ -323,8 +322,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   const GlContext::Size picture = picture_size(request, camera);
   auto context = open_run_context({request.window, true}, window_size_for(picture));
   if (!context) return tl::unexpected(context.error());
-  spdlog::info("OpenGL: {}, {}", (*context)->info().renderer, (*context)->info().version);
-  for (const auto& [name, version] : component_versions()) spdlog::info("{} {}", name, version);
+  log_info("OpenGL: {}, {}", (*context)->info().renderer, (*context)->info().version);
+  for (const auto& [name, version] : component_versions()) log_info("{} {}", name, version);
   SessionOptions session_options;
   session_options.plan = request.plan;
   session_options.scene_start_ns =
@@ -379,8 +378,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       if (!done) return tl::unexpected(done.error());
       run.add_frame(*done);
       const PoseEstimate& pose = done->tracked.pose;
-      spdlog::debug("frame {}: {}{}{}", sequence, to_string(pose.status),
-                    pose.reason.empty() ? "" : ": ", pose.reason);
+      log_debug("frame {}: {}{}{}", sequence, to_string(pose.status),
+                pose.reason.empty() ? "" : ": ", pose.reason);
 
       if (auto written = outputs->write(*done, shown->pixels(), run); !written)
         return tl::unexpected(written.error());

@@ -1,13 +1,12 @@
 #include "app/run_outputs.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <cstdio>
 #include <system_error>
 #include <utility>
 
 #include "app/capture/recording_source.hpp"
+#include "app/logging.hpp"
 #include "app/session.hpp"
 #include "render/shadow/kernel_file.hpp"
 #include "tracking/group_tracker.hpp"
@@ -25,7 +24,7 @@ Result<std::unique_ptr<GlContext>> with_either_api(const Create& create) {
   if (context) return context;
   auto embedded = create(GlApi::gles30);
   if (!embedded) return context;
-  spdlog::info("{}; going on with OpenGL ES", context.error().message);
+  log_info("{}; going on with OpenGL ES", context.error().message);
   return embedded;
 }
 
@@ -77,7 +76,7 @@ std::optional<std::vector<std::string>> wanted_groups(const Scene& scene, const 
   for (const std::string& group : there) names += ", " + group;
   for (const std::string& group : tied) {
     if (std::ranges::find(there, group) != there.end()) continue;
-    spdlog::warn(
+    log_warning(
         "{}: moves something with the tag group \"{}\", which {} does not have (it has {}); "
         "it is not drawn",
         scene.file, group, tags_file.string(), names);

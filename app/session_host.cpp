@@ -1,7 +1,6 @@
 #include "app/session_host.hpp"
 
 #include <fmt/format.h>
-#include <spdlog/spdlog.h>
 
 #include <array>
 #include <cstdint>
@@ -10,6 +9,7 @@
 #include <string_view>
 #include <system_error>
 
+#include "app/logging.hpp"
 #include "core/image_file.hpp"
 
 namespace penumbra {
@@ -64,7 +64,7 @@ void SessionHost::redraw() {
   if (!last_ || last_->tracked.frame.empty()) return;
   auto drawn = session_.redraw(last_->tracked);
   if (!drawn) {
-    spdlog::warn("{}", drawn.error().message);
+    log_warning("{}", drawn.error().message);
     return;
   }
   run_.add_redrawn(*drawn);

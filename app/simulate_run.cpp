@@ -1,7 +1,5 @@
 #include "app/simulate_run.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -16,6 +14,7 @@
 
 #include "app/capture/recording_source.hpp"
 #include "app/interrupt.hpp"
+#include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "app/progress.hpp"
 #include "app/run_outputs.hpp"
@@ -328,8 +327,8 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   const auto tags_text = read_text_file(request.tags, kLargestText);
   if (!tags_text) return tl::unexpected(tags_text.error());
   if (camera->parameters().rolling_shutter_row_s.value_or(0.0) != 0.0) {
-    spdlog::warn("{}: rolling_shutter_row_s: rows are exposed at once here, whatever it says",
-                 request.camera.string());
+    log_warning("{}: rolling_shutter_row_s: rows are exposed at once here, whatever it says",
+                request.camera.string());
   }
   auto renderer = PatternRenderer::create(*camera, tags->tags());
   if (!renderer) return fail_in(request.tags.string(), renderer.error());
@@ -345,7 +344,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
     auto loaded = load_scene(*request.scene);
     if (!loaded) return tl::unexpected(loaded.error());
     scene = std::make_shared<const Scene>(std::move(*loaded));
-    for (const std::string& warning : scene->warnings) spdlog::warn("{}", warning);
+    for (const std::string& warning : scene->warnings) log_warning("{}", warning);
     auto opened = open_run_context({false, false},
                                    {simulation.camera().width(), simulation.camera().height()});
     if (!opened) return tl::unexpected(opened.error());

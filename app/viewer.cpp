@@ -1,12 +1,11 @@
 #include "app/viewer.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <algorithm>
 #include <chrono>
 #include <thread>
 #include <utility>
 
+#include "app/logging.hpp"
 #include "app/pointer.hpp"
 
 namespace penumbra {
@@ -169,7 +168,7 @@ void Viewer::set_technique(ShadowTechnique technique) {
 
 void Viewer::say(std::string message) {
   if (message.empty()) return;
-  spdlog::info("{}", message);
+  log_info("{}", message);
   message_ = std::move(message);
   since_message_.restart();
 }

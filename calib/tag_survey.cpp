@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <limits>
 #include <set>
+#include <vector>
 
 #include "core/text.hpp"
 #include "core/yaml_fields.hpp"
@@ -388,14 +389,15 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
         "no tag of the family {} with a known size is seen{}; name the family (--family) "
         "and the sizes",
         to_string(options.family),
-        without_size.empty() ? ""
-                             : fmt::format(" (without size: {})", fmt::join(without_size, ", ")));
+        without_size.empty()
+            ? ""
+            : fmt::format(" (without size: {})",
+                          joined(std::vector(without_size.begin(), without_size.end()))));
   }
   if (seen.count(options.anchor) == 0) {
     std::vector<int> ids;
     for (const auto& [id, count] : seen) ids.push_back(id);
-    return fail("the anchor, tag {}, is never seen; choose one of {}", options.anchor,
-                fmt::join(ids, ", "));
+    return fail("the anchor, tag {}, is never seen; choose one of {}", options.anchor, joined(ids));
   }
 
   survey.shift_is_free = options.edge_shift;
@@ -504,9 +506,10 @@ Result<void> save_tag_survey(const std::filesystem::path& file, const TagSurvey&
     const Eigen::Matrix<double, 6, 6, Eigen::RowMajor> covariance = tag.covariance;
     text += fmt::format(
         "  - {{id: {}, family: {}, size_m: {}, position: [{}, {}, {}], "
-        "quaternion_xyzw: [{}, {}, {}, {}],\n     covariance: [{:.6g}]}}\n",
+        "quaternion_xyzw: [{}, {}, {}, {}],\n     covariance: [{}]}}\n",
         tag.tag.id, to_string(tag.tag.family), tag.tag.size_m, p.x(), p.y(), p.z(), q.x(), q.y(),
-        q.z(), q.w(), fmt::join(covariance.data(), covariance.data() + covariance.size(), ", "));
+        q.z(), q.w(),
+        joined({covariance.data(), static_cast<std::size_t>(covariance.size())}, "{:.6g}"));
   }
   return write_text_file(file, text);
 }

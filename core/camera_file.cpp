@@ -11,11 +11,6 @@
 namespace penumbra {
 namespace {
 
-template <class Range>
-std::string joined(const Range& values) {
-  return fmt::format("[{}]", fmt::join(values, ", "));
-}
-
 // The first of `keys` that is there; the first of all where none is.
 const char* present(const YamlFields& fields, std::initializer_list<const char*> keys) {
   for (const char* key : keys) {
@@ -338,9 +333,9 @@ std::string record_text(const CalibrationRecord& record) {
   if (record.held_out_px) text += fmt::format("  held_out_px: {:.4f}\n", *record.held_out_px);
   text += fmt::format(
       "  projection_mean_px: {:.4f}\n  projection_largest_px: {:.4f}\n"
-      "  standard_deviations: [{:.6g}]\n",
+      "  standard_deviations: [{}]\n",
       record.projection_mean_px, record.projection_largest_px,
-      fmt::join(record.standard_deviations, ", "));
+      joined(record.standard_deviations, "{:.6g}"));
   return text;
 }
 
@@ -355,12 +350,13 @@ std::string ros_text(const CameraParameters& p) {
   std::string text = "# ROS camera_info; pixel (0, 0) is the centre of the top-left pixel\n";
   text += fmt::format("image_width: {}\nimage_height: {}\ncamera_name: {}\n", p.width, p.height,
                       in_quotes(p.name.empty() ? "camera" : p.name));
-  text += fmt::format("camera_matrix:\n  rows: 3\n  cols: 3\n  data: {}\n", joined(k));
+  text += fmt::format("camera_matrix:\n  rows: 3\n  cols: 3\n  data: [{}]\n", joined(k));
   text += fmt::format("distortion_model: {}\n", to_string(p.model));
-  text += fmt::format("distortion_coefficients:\n  rows: 1\n  cols: {}\n  data: {}\n", count,
+  text += fmt::format("distortion_coefficients:\n  rows: 1\n  cols: {}\n  data: [{}]\n", count,
                       joined(distortion));
-  text += fmt::format("rectification_matrix:\n  rows: 3\n  cols: 3\n  data: {}\n", joined(r));
-  text += fmt::format("projection_matrix:\n  rows: 3\n  cols: 4\n  data: {}\n", joined(projection));
+  text += fmt::format("rectification_matrix:\n  rows: 3\n  cols: 3\n  data: [{}]\n", joined(r));
+  text +=
+      fmt::format("projection_matrix:\n  rows: 3\n  cols: 4\n  data: [{}]\n", joined(projection));
   if (p.tone_curve) text += fmt::format("tone_curve: {}\n", *p.tone_curve);
   if (p.rolling_shutter_row_s)
     text += fmt::format("rolling_shutter_row_s: {}\n", *p.rolling_shutter_row_s);
@@ -401,8 +397,8 @@ std::string kalibr_text(const CameraParameters& p) {
   const bool k3 = p.model == DistortionModel::plumb_bob && p.distortion[4] != 0.0;
   const std::vector<double> distortion(p.distortion.begin(), p.distortion.begin() + (k3 ? 5 : 4));
   return fmt::format(
-      "cam0:\n  camera_model: pinhole\n  intrinsics: {}\n  distortion_model: {}\n"
-      "  distortion_coeffs: {}\n  resolution: [{}, {}]\n  rostopic: /camera/image_raw\n",
+      "cam0:\n  camera_model: pinhole\n  intrinsics: [{}]\n  distortion_model: {}\n"
+      "  distortion_coeffs: [{}]\n  resolution: [{}, {}]\n  rostopic: /camera/image_raw\n",
       joined(k), p.model == DistortionModel::fisheye ? "equidistant" : "radtan", joined(distortion),
       p.width, p.height);
 }

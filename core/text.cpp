@@ -1,5 +1,7 @@
 #include "core/text.hpp"
 
+#include <fmt/format.h>
+
 #include <charconv>
 #include <cstdio>
 #include <fstream>
@@ -127,6 +129,24 @@ std::string format_ns_as_seconds(std::int64_t nanoseconds) {
                                       : static_cast<std::uint64_t>(nanoseconds);
   return fmt::format("{}{}.{:09}", negative ? "-" : "", size / 1'000'000'000U,
                      size % 1'000'000'000U);
+}
+
+std::string joined(std::span<const double> values, std::string_view format) {
+  std::string text;
+  for (const double value : values) {
+    if (!text.empty()) text += ", ";
+    text += fmt::vformat(format, fmt::make_format_args(value));
+  }
+  return text;
+}
+
+std::string joined(std::span<const int> values) {
+  std::string text;
+  for (const int value : values) {
+    if (!text.empty()) text += ", ";
+    text += fmt::format("{}", value);
+  }
+  return text;
 }
 
 std::string in_markup(std::string_view text) {

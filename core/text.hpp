@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -30,6 +31,11 @@ namespace penumbra {
 [[nodiscard]] std::optional<std::int64_t> parse_seconds_as_ns(std::string_view text);
 // Seconds with 9 decimals.
 [[nodiscard]] std::string format_ns_as_seconds(std::int64_t nanoseconds);
+
+// "1, 2.5, 3": each value in this format of fmt's. (fmt::join would compile the formatting of
+// numbers into each file that uses it.)
+[[nodiscard]] std::string joined(std::span<const double> values, std::string_view format = "{}");
+[[nodiscard]] std::string joined(std::span<const int> values);
 
 // As text or an attribute's value in HTML and SVG.
 [[nodiscard]] std::string in_markup(std::string_view text);

@@ -111,8 +111,4 @@ class TagAligner {
   std::unique_ptr<Impl> impl_;
 };
 
-// Motions: exp([nu; omega]) and its inverse.
-[[nodiscard]] Eigen::Isometry3d exp_se3(const Vector6d& xi);
-[[nodiscard]] Vector6d log_se3(const Eigen::Isometry3d& T);
-
 }  // namespace penumbra

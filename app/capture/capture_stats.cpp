@@ -1,8 +1,8 @@
 #include "app/capture/capture_stats.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <utility>
+
+#include "app/logging.hpp"
 
 namespace penumbra {
 namespace {
@@ -28,8 +28,11 @@ void FaultCounter::count(CaptureFault fault, std::string_view detail, std::uint6
     counter += times;
     if (events_.size() < kMostEvents) events_.push_back({fault, std::string(detail)});
   }
-  spdlog::log(first ? spdlog::level::warn : spdlog::level::debug, "{}: {}{}", camera_, detail,
-              first ? " (told once, counted from now on)" : "");
+  if (first) {
+    log_warning("{}: {} (told once, counted from now on)", camera_, detail);
+  } else {
+    log_debug("{}: {}", camera_, detail);
+  }
 }
 
 void FaultCounter::count_frame() {

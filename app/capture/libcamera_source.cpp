@@ -11,7 +11,6 @@
 #include <libcamera/request.h>
 #include <libcamera/transform.h>
 #include <linux/videodev2.h>
-#include <spdlog/spdlog.h>
 #include <sys/ioctl.h>
 #include <sys/mman.h>
 
@@ -33,6 +32,7 @@
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_layout.hpp"
 #include "app/capture/libcamera_versions.hpp"
+#include "app/logging.hpp"
 #include "core/text.hpp"
 #include "core/units.hpp"
 
@@ -458,7 +458,7 @@ class Stream {
     };
     const auto missing = [&](bool wished, const char* what) {
       if (wished) {
-        spdlog::warn("libcamera:{}: the camera has no {} to set; it stays as it is", id(), what);
+        log_warning("libcamera:{}: the camera has no {} to set; it stays as it is", id(), what);
       }
     };
     const CameraControls& wish = options.controls;
@@ -629,7 +629,7 @@ class LibcameraSource final : public LiveSource {
     if (!(stream_->known().jpeg ? read_jpeg(index, bytes, image) : read_planes(index, image))) {
       return std::nullopt;
     }
-    if (outage_.end()) spdlog::info("libcamera:{}: frames come again", options_.camera);
+    if (outage_.end()) log_info("libcamera:{}: frames come again", options_.camera);
     faults_.count_frame();
     return image;
   }

@@ -1,7 +1,6 @@
 #include "app/capture/recording_writer.hpp"
 
 #include <fcntl.h>
-#include <spdlog/spdlog.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -16,6 +15,7 @@
 #include <variant>
 
 #include "app/capture/lossless_video.hpp"
+#include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "core/text.hpp"
 #include "core/trajectory.hpp"
@@ -218,7 +218,7 @@ struct RecordingWriter::Impl {
         if (counts.error) continue;  // the disk is full, say: what comes is let go
       }
       if (auto written = write_guarded(*item); !written) {
-        spdlog::warn("{}; the recording ends here, the picture goes on", written.error().message);
+        log_warning("{}; the recording ends here, the picture goes on", written.error().message);
         const std::lock_guard lock(mutex);
         counts.error = written.error().message;
       }
@@ -240,8 +240,8 @@ struct RecordingWriter::Impl {
     }
     changed.notify_one();
     if (first_dropped) {
-      spdlog::warn("{}: the disk is too slow: frames are left out of the recording (told once)",
-                   folder.string());
+      log_warning("{}: the disk is too slow: frames are left out of the recording (told once)",
+                  folder.string());
     }
   }
 };

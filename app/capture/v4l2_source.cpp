@@ -2,7 +2,6 @@
 
 #include <linux/videodev2.h>
 #include <poll.h>
-#include <spdlog/spdlog.h>
 #include <sys/eventfd.h>
 #include <sys/mman.h>
 #include <unistd.h>
@@ -22,6 +21,7 @@
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_layout.hpp"
 #include "app/capture/v4l2_device.hpp"
+#include "app/logging.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {
@@ -216,8 +216,8 @@ class Stream {
   void set_controls(const CameraControls& wish, bool say) {
     const auto set = [&](const char* what, std::uint32_t id, std::int32_t value) {
       if (!device_.set_control(id, value) && say) {
-        spdlog::warn("{}: the camera takes no {} of {}; it stays as it is", device_.path().string(),
-                     what, value);
+        log_warning("{}: the camera takes no {} of {}; it stays as it is", device_.path().string(),
+                    what, value);
       }
     };
     (void)device_.set_control(V4L2_CID_FOCUS_AUTO, 0);
@@ -473,7 +473,7 @@ class V4l2Source final : public LiveSource {
       image.frame.sequence = image.sequence;
       image.frame.timestamp_ns = image.timestamp_ns;
     }
-    if (outage_.end()) spdlog::info("{}: frames come again", options_.device.string());
+    if (outage_.end()) log_info("{}: frames come again", options_.device.string());
     faults_.count_frame();
     return image;
   }
@@ -501,7 +501,7 @@ Result<std::unique_ptr<LiveSource>> open_v4l2_source(const V4l2Options& options)
     const CaptureFault fault = stream.error().fault;
     const bool again = fault == CaptureFault::refused || fault == CaptureFault::io_error;
     if (!again || attempt == kFirstTries) return fail("{}", stream.error().message);
-    spdlog::warn("{}; trying again", stream.error().message);
+    log_warning("{}; trying again", stream.error().message);
     poll(nullptr, 0, kRetry_ms);
   }
 }

@@ -1,6 +1,5 @@
 // penumbra calibrate: pictures of a printed target in, camera.yaml and a verdict out.
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include <CLI/App.hpp>
@@ -22,6 +21,13 @@
 
 namespace penumbra {
 namespace {
+
+std::string today() {
+  const std::time_t now = std::time(nullptr);
+  std::tm local{};
+  localtime_r(&now, &local);
+  return fmt::format("{:04}-{:02}-{:02}", local.tm_year + 1900, local.tm_mon + 1, local.tm_mday);
+}
 
 struct CalibrateOptions {
   std::filesystem::path source;
@@ -143,7 +149,7 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
         options.compare.string(), earlier->width(), earlier->height(), camera.width(),
         camera.height());
   }
-  const std::string date = fmt::format("{:%Y-%m-%d}", fmt::localtime(std::time(nullptr)));
+  const std::string date = today();
   const CalibrationRecord record = record_of(*calibration, *target, date, options.focus_position);
   if (auto saved = save_camera(output->partial(), camera, format_of(options), &record); !saved)
     return output->failed(saved.error());

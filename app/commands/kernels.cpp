@@ -1,7 +1,6 @@
 // penumbra kernels: computes the shadow kernels of a model once and keeps them.
 
 #include <fmt/format.h>
-#include <spdlog/spdlog.h>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
@@ -16,6 +15,7 @@
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
+#include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/with_progress.hpp"
 #include "core/file.hpp"
@@ -76,9 +76,8 @@ Result<std::vector<std::uint8_t>> encode(const KernelsOptions& options, const Mo
     return add_kernels_to_glb(*bytes, kernels, options.model.string());
   }
   if (!model.textures.empty()) {
-    spdlog::warn(
-        "{}: its {} pictures are not in {}; store the kernels in a .json file to keep them",
-        options.model.string(), model.textures.size(), options.output.string());
+    log_warning("{}: its {} pictures are not in {}; store the kernels in a .json file to keep them",
+                options.model.string(), model.textures.size(), options.output.string());
   }
   return make_glb_with_kernels(model, kernels);
 }

@@ -1,7 +1,5 @@
 #include "app/commands/options.hpp"
 
-#include <spdlog/spdlog.h>
-
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
@@ -9,6 +7,7 @@
 #include <array>
 #include <cctype>
 
+#include "app/logging.hpp"
 #include "app/output/frame_writer.hpp"
 #include "app/versions.hpp"
 
@@ -136,7 +135,7 @@ LightMode light_mode_choice_from(const std::string& text) {
 void warn_of_no_use(const ShadowChoice& choice) {
   if (choice.technique && *choice.technique != ShadowTechnique::layered) {
     const auto no_use = [&](std::string_view option) {
-      spdlog::warn("{}: {} shadows have no use for it", option, to_string(*choice.technique));
+      log_warning("{}: {} shadows have no use for it", option, to_string(*choice.technique));
     };
     if (choice.kernels && (choice.kernel_file || *choice.kernels != KernelSource::automatic)) {
       no_use("--kernels");
@@ -226,14 +225,7 @@ void add_common_options(CLI::App& command) {
       .add_option_function<std::string>(
           "--log-level",
           [](const std::string& name) {
-            for (const auto level :
-                 {spdlog::level::trace, spdlog::level::debug, spdlog::level::info,
-                  spdlog::level::warn, spdlog::level::err, spdlog::level::off}) {
-              if (spdlog::level::to_string_view(level) == name) {
-                spdlog::set_level(level);
-                return;
-              }
-            }
+            if (set_log_level(name)) return;
             throw CLI::ValidationError(
                 "--log-level",
                 fmt::format("{}: no such level; known: trace, debug, info, warning, error, off",

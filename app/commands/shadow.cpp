@@ -1,7 +1,6 @@
 // penumbra shadow: the shadow layers of one model on one plane, as numbers or as a picture.
 
 #include <fmt/format.h>
-#include <spdlog/spdlog.h>
 
 #include <Eigen/Geometry>
 
@@ -22,6 +21,7 @@
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
+#include "app/logging.hpp"
 #include "app/output/interruptible.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/shadow_picture.hpp"
@@ -320,7 +320,7 @@ KernelSet choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from
     choice.kernels = stored_kernels_of(mesh);
     choice.source = job.kernel_file.string();
     if (!has_stored_kernels_for(mesh, up)) {
-      spdlog::warn(
+      log_warning(
           "{}: its kernels are for up {:.3g},{:.3g},{:.3g}; the plane's normal is {:.3g},{:.3g},"
           "{:.3g} for the object",
           job.kernel_file.string(), choice.kernels.up.x(), choice.kernels.up.y(),
@@ -396,25 +396,25 @@ void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertice
   }
   const std::string name = job.model.string();
   if (indices.empty()) {
-    spdlog::warn("{}: has no face that casts a shadow", name);
+    log_warning("{}: has no face that casts a shadow", name);
     return;
   }
   if (top <= 0.0) {
-    spdlog::warn("{}: is under the plane (its top at {:.3g} m), so there is no shadow", name, top);
+    log_warning("{}: is under the plane (its top at {:.3g} m), so there is no shadow", name, top);
     return;
   }
   const bool layers = job.technique == ShadowJob::Technique::layered ||
                       job.technique == ShadowJob::Technique::field;
   const double reach = layer_height_range(job.constants, ShadowLayer::penumbra).high;
   if (layers && bottom >= reach) {
-    spdlog::warn(
+    log_warning(
         "{}: is {:.3g} m above the plane, too high for a light of H = {:.3g} m, so there is no "
         "shadow; raise --light-height",
         name, bottom, job.constants.light_height);
     return;
   }
   if (layers && top > reach) {
-    spdlog::warn(
+    log_warning(
         "{}: reaches to {:.3g} m above the plane; what is above {:.3g} m is too high for a light "
         "of H = {:.3g} m and casts nothing; raise --light-height",
         name, top, reach, job.constants.light_height);
@@ -422,7 +422,7 @@ void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertice
   const auto is_empty = [](const auto& layer) { return layer.outline.area <= 0.0; };
   if (job.technique != ShadowJob::Technique::hard &&
       std::all_of(result.layers.begin(), result.layers.end(), is_empty)) {
-    spdlog::warn("{}: no layer of its shadow has an area", name);
+    log_warning("{}: no layer of its shadow has an area", name);
   }
 }
 
@@ -446,7 +446,7 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
     if (!taken) return tl::unexpected(taken.error());
     from_file = *taken;
   }
-  for (const std::string& warning : model->warnings) spdlog::warn("{}", warning);
+  for (const std::string& warning : model->warnings) log_warning("{}", warning);
   if (const auto checked = check_groups(*model, job.groups); !checked) {
     return fail("{}: {}", job.model.string(), checked.error().message);
   }
@@ -454,14 +454,14 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
   const bool layered = job.technique == ShadowJob::Technique::layered;
   if (layered && model->shadow_kernel_up && job.source == KernelSource::automatic &&
       !stored_kernels_fit(*model, mesh, job.groups)) {
-    spdlog::warn("{}: its kernels are for other parts than --group names; they are made anew",
-                 (from_file ? job.kernel_file : job.model).string());
+    log_warning("{}: its kernels are for other parts than --group names; they are made anew",
+                (from_file ? job.kernel_file : job.model).string());
     from_file = false;
   }
   bool may_be_stored = true;
   if (layered && job.fixed_light && !mesh.stored_kernels.empty() &&
       job.source == KernelSource::automatic && !stored_kernels_have_thickness(*model)) {
-    spdlog::warn(
+    log_warning(
         "{}: its kernels (cocl) have no thickness, which a light of one size needs; they are made "
         "anew",
         (from_file ? job.kernel_file : job.model).string());
@@ -490,7 +490,7 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
   } else if (job.technique == ShadowJob::Technique::hard) {
     const auto triangles = projected_triangles(vertices, mesh.indices, job.light, plane);
     if (triangles.empty() && plane_covector(plane).dot(job.light) <= 0.0) {
-      spdlog::warn("the light is in or under the plane, so there is no shadow");
+      log_warning("the light is in or under the plane, so there is no shadow");
     }
     if (const auto added = add_layer(result, "shadow", triangles); !added) {
       return tl::unexpected(added.error());
@@ -705,11 +705,11 @@ ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result) {
 }
 
 Result<ExitCode> run_shadow(const ShadowJob& job) {
-  for (const std::string& warning : job.warnings) spdlog::warn("{}", warning);
+  for (const std::string& warning : job.warnings) log_warning("{}", warning);
   if (job.constants.light_ratio <= 1.0 && (job.technique == ShadowJob::Technique::layered ||
                                            job.technique == ShadowJob::Technique::field)) {
-    spdlog::warn("a = {:g}: the umbra never vanishes; the usual light has a > 1",
-                 job.constants.light_ratio);
+    log_warning("a = {:g}: the umbra never vanishes; the usual light has a > 1",
+                job.constants.light_ratio);
   }
   if (job.format == ShadowJob::Format::table) {
     const auto result = compute_shadow(job);

@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <spdlog/spdlog.h>
 #include <sys/file.h>
 #include <unistd.h>
 
@@ -13,6 +12,7 @@
 #include <system_error>
 #include <utility>
 
+#include "app/logging.hpp"
 #include "core/text.hpp"
 #include "core/units.hpp"
 
@@ -205,7 +205,7 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
         file.string(), design.participant);
   }
   if (whole < text->size()) {
-    spdlog::warn("{}: its last line was cut off, and is taken away", file.string());
+    log_warning("{}: its last line was cut off, and is taken away", file.string());
     if (ftruncate(handle, static_cast<off_t>(whole)) != 0) {
       return fail("{}: cannot be written: {}", file.string(), message_of(errno));
     }

@@ -1,7 +1,6 @@
 #include "app/study/study_run.hpp"
 
 #include <fmt/format.h>
-#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <chrono>
@@ -12,6 +11,7 @@
 
 #include "app/hud.hpp"
 #include "app/interrupt.hpp"
+#include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "app/overlay.hpp"
 #include "app/pointer.hpp"
@@ -315,7 +315,7 @@ Result<Pictures> open_pictures(const StudyRequest& request, const Scene& scene) 
     options.require_tags = !request.poses_from;
     const auto recording = open_recording(*request.recording, options);
     if (!recording) return tl::unexpected(recording.error());
-    for (const std::string& notice : recording->notices) spdlog::warn("{}", notice);
+    for (const std::string& notice : recording->notices) log_warning("{}", notice);
     if (lies_in(request.results, recording->folder)) {
       return fail("{}: lies in the recording {}, which is only read; name a place outside it",
                   request.results.string(), recording->folder.string());

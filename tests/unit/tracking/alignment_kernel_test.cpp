@@ -11,7 +11,7 @@
 #include <random>
 #include <vector>
 
-#include "tracking/tag_alignment.hpp"
+#include "tracking/se3.hpp"
 
 namespace penumbra {
 namespace {

@@ -11,6 +11,7 @@
 #include "core/evaluation.hpp"
 #include "support/synthetic_board.hpp"
 #include "tracking/alignment_kernel.hpp"
+#include "tracking/se3.hpp"
 
 namespace penumbra {
 namespace {

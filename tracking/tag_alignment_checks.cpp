@@ -1,0 +1,178 @@
+// Whether a solved pose holds: the noise around it, how much its samples are worth, and the cells
+// read at it.
+
+#include "tracking/tag_alignment_state.hpp"
+
+#include <algorithm>
+#include <bit>
+
+namespace penumbra {
+
+// The residuals' size as a share of the gain, by their median: what covers a part of the tags does
+// not count. The median is that of a histogram whose classes are the leading bits of the floats
+// (16 to an octave), interpolated within its class.
+void TagAligner::Impl::measure_noise() {
+  constexpr std::uint32_t kShift = 19;                  // leaves 4 bits of the mantissa
+  constexpr std::uint32_t kFirst = (127U - 16U) << 4U;  // 2^-16 of the gain and less
+  constexpr std::size_t kClasses = 20 * 16;             // up to 2^4
+  std::array<std::uint16_t, kClasses> histogram{};
+  int total = 0;
+  for (const Tag* tag : active) total += tag->used;
+  const int stride = std::max(1, total / 384);
+  int count = 0;
+  int next = 0;
+  for (const Tag* tag : active) {
+    if (!(tag->gain > 1.5)) continue;
+    const auto inverse_gain = static_cast<float>(1.0 / tag->gain);
+    for (; next < tag->used; next += stride) {
+      const auto bits =
+          std::bit_cast<std::uint32_t>(std::abs(tag->samples.residual[next]) * inverse_gain);
+      const std::uint32_t position = std::max(bits >> kShift, kFirst) - kFirst;
+      ++histogram[std::min<std::size_t>(position, kClasses - 1)];
+      ++count;
+    }
+    next -= tag->used;
+  }
+  if (count < 16) return;
+  const double middle = 0.5 * count;
+  double below = 0.0;
+  std::size_t at = 0;
+  while (below + histogram[at] < middle) below += histogram[at++];
+  const auto edge = [](std::size_t position) {
+    return static_cast<double>(
+        std::bit_cast<float>((static_cast<std::uint32_t>(position) + kFirst) << kShift));
+  };
+  const double within = (middle - below) / histogram[at];
+  noise_share = 1.4826 * (edge(at) + within * (edge(at + 1) - edge(at)));
+}
+
+// How many times larger the variance of the mean displacement of an edge is than independent
+// residuals would make it (the "design effect" of samples that come in clusters): the residuals of
+// each run of samples along one edge, projected on what a displacement of that edge would do to
+// them, squared, over what the residuals' own variance lets expect. What compression, denoising and
+// wrong models of blur do to whole edges shows here. A tone curve or a bright lamp widens all white
+// areas: a displacement of every edge towards black, by more where the edge is blurred by motion,
+// with which opposite edges of a cell leave the pose where it is; it is taken out first, for each
+// of the tag's two directions.
+double TagAligner::Impl::design_effect(double cutoff) const {
+  struct Direction {  // edges along b, and along a
+    double s = 0.0, q = 0.0, ss = 0.0, sq = 0.0, qq = 0.0;
+  };
+  std::array<Direction, 2> directions;
+  double expected = 0.0;
+  int runs = 0;
+  int parameters = 8;  // the pose and the widenings
+  const double limit = noise_share > 0.0 ? std::clamp(4.685 * noise_share, 0.03, cutoff) : cutoff;
+  const auto inverse_limit = static_cast<float>(1.0 / limit);
+  for (const Tag* tag : active) {
+    if (tag->used < 16 || !(tag->gain > 1.5)) continue;
+    parameters += 2;
+    const kernel::Samples& s = tag->samples;
+    const auto inverse_gain = static_cast<float>(1.0 / tag->gain);
+    const auto offset = static_cast<float>(tag->offset);
+    double tag_expected = 0.0;
+    int begin = 0;
+    for (const auto& [end, vertical] : tag->run_samples) {
+      float along = 0.0F;
+      float width = 0.0F;
+      float squares = 0.0F;
+      for (int i = begin; i < end; ++i) {
+        const float r = s.residual[i] * inverse_gain;
+        const float m = (s.value[i] - offset) * inverse_gain - r;
+        const float t = r * inverse_limit;
+        const float inside = std::max(1.0F - t * t, 0.0F);
+        const float slope = std::max(m * (1.0F - m), 0.0F);  // of a blurred edge, nearly
+        const float lever = slope * inside * inside;
+        along += lever * r;
+        width += lever * slope;
+        squares += lever * lever;
+      }
+      begin = end;
+      if (!(squares > 0.0F)) continue;
+      const auto S = static_cast<double>(along);
+      const auto Q = static_cast<double>(width);
+      Direction& direction = directions[vertical ? 0 : 1];
+      direction.s += S;
+      direction.q += Q;
+      direction.ss += S * S;
+      direction.sq += S * Q;
+      direction.qq += Q * Q;
+      tag_expected += static_cast<double>(squares);
+      ++runs;
+    }
+    expected += tag_expected * variance / (tag->gain * tag->gain);
+  }
+  const int free = runs - parameters;
+  if (free < 4 || !(expected > 0.0)) return 1.0;
+  double found = 0.0;
+  for (const Direction& d : directions) {
+    if (!(d.q > 0.0)) continue;
+    const double widening = d.s / d.q;
+    found += d.ss - 2.0 * widening * d.sq + widening * widening * d.qq;
+  }
+  return std::max(found, 0.0) / expected * runs / free;
+}
+
+// Reads the data cells at the solved pose against the model's own blurred values.
+void TagAligner::Impl::verify() {
+  result.tags.clear();
+  result.tags_verified = 0;
+  int visible = 0;
+  for (Tag* tag : active) {
+    project_lattice(*tag, 0.0);
+    TagAlignment check;
+    check.index = static_cast<int>(tag - tags.data());
+    check.gain = tag->gain;
+    check.offset = tag->offset;
+    check.weight_share =
+        tag->sums.base_weight > 0.0 ? tag->sums.weight / tag->sums.base_weight : 0.0;
+    // The model at the cells' centres; with coarse cells that is the cell's colour.
+    const std::vector<DataCell>& cells = tag->pattern.data_cells();
+    tag->storage.resize(static_cast<int>(cells.size()));
+    tag->samples = tag->storage.view();
+    kernel::Samples& s = tag->samples;
+    tag->used = 0;
+    for (const DataCell& cell : cells) {
+      double x = 0.0;
+      double y = 0.0;
+      if (!cell_pixel(*tag, cell.i, cell.j, x, y)) continue;
+      const int px = floor_of(x + 0.5);
+      const int py = floor_of(y + 0.5);
+      if (px < 0 || py < 0 || px >= image.width || py >= image.height) continue;
+      const auto v = static_cast<std::size_t>(cell.j * tag->side + cell.i);
+      s.pixel_x[tag->used] = static_cast<float>(px);
+      s.pixel_y[tag->used] = static_cast<float>(py);
+      s.ray_x[tag->used] = tag->ray_x[v];
+      s.ray_y[tag->used] = tag->ray_y[v];
+      ++tag->used;
+    }
+    finish_samples(*tag);
+    kernel::AccumulateInput in;
+    std::copy(tag->lattice_from_ray.begin(), tag->lattice_from_ray.end(), in.lattice_from_ray);
+    in.reach = tag->reach;
+    in.correlated = tag->correlated;
+    kernel->evaluate(in, s);
+    int decidable = 0;
+    for (int i = 0; i < tag->used; ++i) {
+      const double expected = static_cast<double>(s.model[i]) - 0.5;
+      if (std::abs(expected) < 0.15) continue;  // too blurred to be one or the other
+      const double read = static_cast<double>(s.value[i]) - (tag->offset + 0.5 * tag->gain);
+      // What reads as neither black nor white is covered by something.
+      ++decidable;
+      if (std::abs(read) < 0.25 * tag->gain && std::abs(expected) > 0.45) continue;
+      ++check.cells_read;
+      check.cells_wrong += expected * read < 0.0 ? 1 : 0;
+    }
+    const int least = std::max(8, static_cast<int>(cells.size()) / 4);
+    const int right = check.cells_read - check.cells_wrong;
+    check.verified = check.cells_read >= least && 4 * check.cells_wrong <= check.cells_read &&
+                     20 * right >= 9 * decidable && check.gain > 12.0 && check.weight_share > 0.3;
+    visible += decidable >= least ? 1 : 0;
+    result.tags_verified += check.verified ? 1 : 0;
+    result.tags.push_back(check);
+  }
+  result.verified = result.tags_verified > 0 && 10 * result.tags_verified >= 4 * visible;
+  if (!result.verified) result.reason = "the cells do not read as these tags";
+}
+
+}  // namespace penumbra

@@ -1,0 +1,119 @@
+// Where the tags of a group lie at a pose, and which of them can be used there.
+
+#include "tracking/tag_alignment_state.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+
+namespace penumbra {
+namespace {
+
+// A wide stage feels edges from further off: the model is blurred by up to a quarter of a cell.
+double wide_variance_px2(double cell_px) {
+  const double added_px = std::min(2.45, 0.25 * cell_px);
+  return added_px * added_px;
+}
+
+}  // namespace
+
+void TagAligner::Impl::place(Tag& tag) const {
+  const Eigen::Isometry3d T_table_tag =
+      Eigen::Translation3d(tag.T_table_tag.translation()) * tag.T_table_tag.rotation();
+  const Eigen::Isometry3d T = T_camera_table * T_table_tag;
+  const double half = 0.5 * (tag.side - 1);
+  const Eigen::Matrix3d R = T.linear();
+  tag.ray_from_lattice.col(0) = R.col(0) * tag.cell_m;
+  tag.ray_from_lattice.col(1) = R.col(1) * tag.cell_m;
+  tag.ray_from_lattice.col(2) = T.translation() - half * tag.cell_m * (R.col(0) + R.col(1));
+  tag.R_lattice_camera = R.transpose();
+  tag.centre = -(R.transpose() * T.translation()) / tag.cell_m + Eigen::Vector3d(half, half, 0.0);
+  const Eigen::Matrix3d inverse = tag.ray_from_lattice.inverse() * tag.cell_m;  // S near 1
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c)
+      tag.lattice_from_ray[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(inverse(r, c));
+  }
+}
+
+void TagAligner::Impl::project_lattice(Tag& tag, double added_variance_px2) const {
+  std::array<float, 9> M{};
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c)
+      M[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(tag.ray_from_lattice(r, c));
+  }
+  kernel::Blur blur;
+  blur.variance_px2 = static_cast<float>(options.blur_px * options.blur_px + added_variance_px2);
+  blur.motion_x_px = static_cast<float>(tag.motion_px.x());
+  blur.motion_y_px = static_cast<float>(tag.motion_px.y());
+  kernel::Vertices vertices;
+  vertices.count = static_cast<int>(tag.lattice_a.size());
+  vertices.a = tag.lattice_a.data();
+  vertices.b = tag.lattice_b.data();
+  vertices.ray_x = tag.ray_x.data();
+  vertices.ray_y = tag.ray_y.data();
+  vertices.pixel_x = tag.pixel_x.data();
+  vertices.pixel_y = tag.pixel_y.data();
+  vertices.depth = tag.depth.data();
+  vertices.ka = tag.ka.data();
+  vertices.kb = tag.kb.data();
+  vertices.rho = tag.rho.data();
+  kernel->project(lens, blur, M.data(), tag.lattice_from_ray.data(), vertices);
+  const auto max_r2 = static_cast<float>(camera.max_radius() * camera.max_radius());
+  for (std::size_t k = 0; k < tag.depth.size(); ++k) {
+    const float r2 = tag.ray_x[k] * tag.ray_x[k] + tag.ray_y[k] * tag.ray_y[k];
+    if (!(r2 < max_r2)) tag.depth[k] = -1.0F;
+  }
+}
+
+bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const {
+  if (!(tag.centre.z() > 0.5)) return false;  // from behind, or the camera lies in the sheet
+  const double half = 0.5 * (tag.side - 1);
+  const Eigen::Vector3d p = tag.ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
+  if (!(p.z() > 0.0)) return false;
+  if (std::hypot(p.x(), p.y()) >= camera.max_radius() * p.z()) return false;
+  Eigen::Matrix<double, 2, 3> J;
+  const Eigen::Vector2d pixel = camera.project_unchecked(p, &J);
+  const Eigen::Vector2d along_a = J * tag.ray_from_lattice.col(0);
+  const Eigen::Vector2d along_b = J * tag.ray_from_lattice.col(1);
+  const double area = std::abs(along_a.x() * along_b.y() - along_a.y() * along_b.x());
+  const double across_a = area / along_b.norm();  // the distance between two a-lines
+  const double across_b = area / along_a.norm();
+  tag.cell_px = std::min(across_a, across_b);
+  tag.cell_max_px = std::max(across_a, across_b);
+  if (!(tag.cell_px >= options.min_cell_px)) return false;
+  const double reach = half * (along_a.norm() + along_b.norm());
+  if (!(pixel.x() > -reach && pixel.y() > -reach && pixel.x() < camera.width() + reach &&
+        pixel.y() < camera.height() + reach))
+    return false;
+  // Points of the scene move against the camera.
+  const Eigen::Vector3d nu = exposure_motion.head<3>();
+  const Eigen::Vector3d omega = exposure_motion.tail<3>();
+  tag.motion_px = -(J * (nu + omega.cross(p)));
+  const double variance_px = options.blur_px * options.blur_px;
+  const Eigen::Matrix2d cov =
+      variance_px * Eigen::Matrix2d::Identity() + tag.motion_px * tag.motion_px.transpose() / 12.0;
+  Eigen::Matrix2d basis;
+  basis << along_a, along_b;
+  const Eigen::Matrix2d G = basis.inverse();
+  const Eigen::Matrix2d cov_lattice = G * cov * G.transpose();
+  tag.correlation = cov_lattice(0, 1) / std::sqrt(cov_lattice(0, 0) * cov_lattice(1, 1));
+  // A line matters up to 2.5 sigma. With one line per axis the next is half a cell or more away,
+  // with two a whole one, with three one and a half.
+  const double sigma_cells = std::sqrt(std::max(cov_lattice(0, 0), cov_lattice(1, 1)));
+  tag.reach = sigma_cells < 0.2 ? 1 : (sigma_cells < 0.4 ? 2 : 3);
+  tag.correlated = std::abs(tag.correlation) > 0.3;
+  return true;
+}
+
+void TagAligner::Impl::find_visible(const Vector6d& exposure_motion, bool wide) {
+  active.clear();
+  for (Tag& tag : tags) {
+    place(tag);
+    tag.visible = measure(tag, exposure_motion);
+    if (!tag.visible) continue;
+    if (wide) tag.correlated = false;  // the model is blurred anyway
+    project_lattice(tag, wide ? wide_variance_px2(tag.cell_px) : 0.0);
+    active.push_back(&tag);
+  }
+}
+
+}  // namespace penumbra

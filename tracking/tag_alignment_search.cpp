@@ -1,0 +1,235 @@
+// The code search: brings the prediction within a cell.
+
+#include "tracking/tag_alignment_state.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+
+#include "tracking/se3.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr int kSearchPoints = 256;  // in all
+
+}  // namespace
+
+// Scores of the data cells' pattern at displacements of the predicted tags, one map per tag; their
+// sum tells the common displacement, each map its own tag's near it. The pose is then fitted to the
+// tags' displacements, with the prediction's covariance deciding what they leave open.
+// `independent`: every tag's own highest peak counts, wherever it is.
+bool TagAligner::Impl::search(bool independent) {
+  if (independent) return search_within(kSearchReach, true);
+  // As far as the prediction may be off (3 sigma); where the peak is not well inside, everywhere.
+  double sigma_px = 0.0;
+  for (const Tag* tag : active) {
+    const double half = 0.5 * (tag->side - 1);
+    const Eigen::Vector3d p = tag->ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
+    Eigen::Matrix<double, 2, 3> J_p;
+    static_cast<void>(camera.project_unchecked(p, &J_p));
+    Eigen::Matrix<double, 2, 6> J;
+    J << J_p, -J_p * skew(p);
+    const Eigen::Matrix2d spread = J * prior_covariance * J.transpose();
+    sigma_px = std::max(sigma_px, std::sqrt(std::max(spread(0, 0), spread(1, 1))));
+  }
+  const double reach = 3.0 * sigma_px + 2.0;
+  if (reach <= 15.0 && search_within(15, false)) return true;
+  return search_within(kSearchReach, false);
+}
+
+bool TagAligner::Impl::search_within(int search_reach, bool independent) {
+  const int columns = 2 * (search_reach + 1);
+  // With many tags a part of each one's cells is enough.
+  const int pairs_per_tag =
+      std::clamp(kSearchPoints / (2 * static_cast<int>(active.size())), 4, kMaxSearchCells / 2);
+  double smallest_cell = 1e9;
+  for (const Tag* tag : active) smallest_cell = std::min(smallest_cell, tag->cell_px);
+  // The peak is about a cell high to each side.
+  const int row_step = std::clamp(static_cast<int>(smallest_cell / 1.75), 1, 4);
+  const int rows = 2 * (search_reach / row_step) + 1;
+  const int first_row = -(search_reach / row_step) * row_step;
+  score_sum.assign(static_cast<std::size_t>(rows * columns), 0);
+  fetch_ahead();
+  std::array<const std::uint8_t*, kMaxSearchCells> points{};
+  std::array<std::ptrdiff_t, kMaxSearchCells> strides{};
+  const int window_rows = rows * row_step;
+  int total = 0;
+  for (Tag* tag : active) {
+    tag->score_points = 0;
+    search_scratch.resize(static_cast<std::size_t>(kMaxSearchCells * window_rows * columns));
+    int scratch_used = 0;
+    int count = 0;
+    int positive = 0;
+    bool complete = true;
+    int inside = 0;
+    const int pairs = std::min(pairs_per_tag, tag->search_white);
+    for (int k = 0; k < 2 * pairs; ++k) {
+      const int of_colour = k < pairs ? k : k - pairs;
+      const DataCell& cell = tag->search_cells[static_cast<std::size_t>(
+          (k < pairs ? 0 : tag->search_white) + of_colour * tag->search_white / pairs)];
+      double px = 0.0;
+      double py = 0.0;
+      if (!cell_pixel(*tag, cell.i, cell.j, px, py)) {
+        complete = false;
+        break;
+      }
+      const int x = floor_of(px + 0.5) - search_reach;
+      const int y = floor_of(py + 0.5) + first_row;
+      const int cx = x + search_reach;
+      const int cy = y - first_row;
+      inside += cx >= 0 && cy >= 0 && cx < image.width && cy < image.height ? 1 : 0;
+      const auto slot = static_cast<std::size_t>(count);
+      if (x >= 0 && y >= 0 && x + columns <= image.width && y + window_rows <= image.height) {
+        points[slot] = image.row(y) + x;
+        strides[slot] = image.stride;
+      } else {
+        // The window leaves the image: a copy with the border's pixels repeated.
+        std::uint8_t* copy =
+            search_scratch.data() + static_cast<std::size_t>(scratch_used++) *
+                                        static_cast<std::size_t>(window_rows * columns);
+        for (int r = 0; r < window_rows; ++r) {
+          const std::uint8_t* source = image.row(std::clamp(y + r, 0, image.height - 1));
+          for (int c = 0; c < columns; ++c)
+            copy[r * columns + c] = source[std::clamp(x + c, 0, image.width - 1)];
+        }
+        points[slot] = copy;
+        strides[slot] = columns;
+      }
+      positive += cell.white ? 1 : 0;
+      ++count;
+    }
+    if (!complete || 2 * inside < count || count < 4) continue;
+    tag->scores.resize(static_cast<std::size_t>(rows * columns));
+    kernel->search(points.data(), strides.data(), positive, count, columns, rows, row_step,
+                   tag->scores.data());
+    tag->score_points = count;
+    total += count;
+    for (std::size_t k = 0; k < score_sum.size(); ++k) score_sum[k] += tag->scores[k];
+  }
+  result.counters.searched_points += total;
+  if (total == 0) return false;
+
+  const auto best = std::max_element(score_sum.begin(), score_sum.end()) - score_sum.begin();
+  const int best_row = static_cast<int>(best) / columns;
+  const int best_column = static_cast<int>(best) % columns;
+  // The mean white cell over the mean black one [grey]; below this the peak is one of noise.
+  constexpr double kLeastContrast = 12.0;
+  const double contrast = 2.0 * score_sum[static_cast<std::size_t>(best)] / total;
+  if (!independent && contrast < kLeastContrast) return false;
+  if (!independent && search_reach < kSearchReach &&
+      (best_row < 2 || best_column < 2 || best_row > rows - 3 || best_column > columns - 3))
+    return false;
+
+  struct Displaced {
+    Eigen::Vector3d p;  // of the tag's centre, in the table frame
+    Eigen::Vector2d z;
+    double sigma_px;
+  };
+  std::vector<Displaced> displaced;
+  displaced.reserve(active.size());
+  const Eigen::Isometry3d T_table_camera = T_camera_table.inverse();
+  for (const Tag* tag : active) {
+    if (tag->score_points == 0) continue;
+    const int slack = independent ? columns : static_cast<int>(std::ceil(tag->cell_px)) + 2;
+    const int slack_rows = slack / row_step;
+    const int r0 = std::max(best_row - slack_rows, 0);
+    const int r1 = std::min(best_row + slack_rows, rows - 1);
+    const int c0 = std::max(best_column - slack, 0);
+    const int c1 = std::min(best_column + slack, columns - 1);
+    int score = -1;
+    int at_row = 0;
+    int at_column = 0;
+    for (int r = r0; r <= r1; ++r) {
+      for (int c = c0; c <= c1; ++c) {
+        const int value = tag->scores[static_cast<std::size_t>(r * columns + c)];
+        if (value > score) {
+          score = value;
+          at_row = r;
+          at_column = c;
+        }
+      }
+    }
+    if (2.0 * score / tag->score_points < std::max(kLeastContrast, 0.4 * contrast)) continue;
+    // A peak at the rim of the window is the flank of another.
+    if (at_row == 0 || at_column == 0 || at_row == rows - 1 || at_column == columns - 1) continue;
+    const auto value_at = [&](int r, int c) {
+      return static_cast<double>(tag->scores[static_cast<std::size_t>(r * columns + c)]);
+    };
+    const auto vertex = [](double before, double middle, double after) {
+      const double curvature = before - 2.0 * middle + after;
+      return curvature < -1e-9 ? std::clamp(0.5 * (before - after) / curvature, -0.5, 0.5) : 0.0;
+    };
+    const double dx =
+        at_column - search_reach +
+        vertex(value_at(at_row, at_column - 1), score, value_at(at_row, at_column + 1));
+    const double dy =
+        first_row + row_step * (at_row + vertex(value_at(at_row - 1, at_column), score,
+                                                value_at(at_row + 1, at_column)));
+    const double half = 0.5 * (tag->side - 1);
+    const Eigen::Vector3d p_camera = tag->ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
+    const Eigen::Vector2d centre = camera.project_unchecked(p_camera);
+    displaced.push_back(
+        {T_table_camera * p_camera, centre + Eigen::Vector2d(dx, dy), 0.4 + 0.1 * tag->cell_px});
+  }
+  if (displaced.empty()) return false;
+
+  // Gauss-Newton on the left perturbation of T_camera_table. The rounds of weights start wide and
+  // close in, so that a few wrong peaks are left behind.
+  for (int round = 0; round < 4; ++round) {
+    const double cutoff = round == 0 ? 1e9 : (round == 1 ? 12.0 : 6.0);
+    const Vector6d deviation = log_se3(T_camera_table * T_predicted.inverse());
+    Matrix6d H = prior_information;
+    Vector6d g = -prior_information * deviation;
+    for (const Displaced& d : displaced) {
+      const Eigen::Vector3d p = T_camera_table * d.p;
+      if (!(p.z() > 0.0)) continue;
+      Eigen::Matrix<double, 2, 3> J_p;
+      const Eigen::Vector2d r = d.z - camera.project_unchecked(p, &J_p);
+      const double t = r.norm() / (d.sigma_px * cutoff);
+      if (t >= 1.0) continue;
+      const double w = (1.0 - t * t) * (1.0 - t * t) / (d.sigma_px * d.sigma_px);
+      Eigen::Matrix<double, 2, 6> J;
+      J.leftCols<3>() = J_p;
+      J.rightCols<3>() = -J_p * skew(p);
+      H += w * J.transpose() * J;
+      g += w * J.transpose() * r;
+    }
+    const Vector6d xi = H.ldlt().solve(g);
+    if (!xi.allFinite()) return false;
+    T_camera_table = exp_se3(xi) * T_camera_table;
+  }
+  return true;
+}
+
+// Asks for the image around the tags: it is read in no order that a processor foresees, and a frame
+// fresh from a camera or a decoder lies in no near cache.
+void TagAligner::Impl::fetch_ahead() const {
+  float x0 = 1e9F;
+  float y0 = 1e9F;
+  float x1 = -1e9F;
+  float y1 = -1e9F;
+  for (const Tag* tag : active) {
+    const auto last = static_cast<std::size_t>(tag->side - 1);
+    const auto width = static_cast<std::size_t>(tag->side);
+    for (const std::size_t v : {std::size_t{0}, last, last * width, last * width + last}) {
+      if (!(tag->depth[v] > 0.0F)) continue;
+      x0 = std::min(x0, tag->pixel_x[v]);
+      y0 = std::min(y0, tag->pixel_y[v]);
+      x1 = std::max(x1, tag->pixel_x[v]);
+      y1 = std::max(y1, tag->pixel_y[v]);
+    }
+  }
+  const auto clip = [](float value, int limit) {
+    return static_cast<int>(std::clamp(value, 0.0F, static_cast<float>(limit)));
+  };
+  const int left = clip(x0 - kSearchReach, image.width - 1);
+  const int right = clip(x1 + kSearchReach, image.width - 1);
+  const int top = clip(y0 - kSearchReach, image.height - 1);
+  const int bottom = clip(y1 + kSearchReach, image.height - 1);
+  for (int y = top; y <= bottom; ++y) {
+    const std::uint8_t* row = image.row(y);
+    for (int x = left; x <= right; x += 64) __builtin_prefetch(row + x);
+  }
+}
+
+}  // namespace penumbra
