@@ -130,8 +130,7 @@ void convex_hull(std::vector<Eigen::Vector2f>& points, float flat,
   const auto stands_out = [&](const Eigen::Vector2f& before, const Eigen::Vector2f& corner,
                               const Eigen::Vector2f& after) {
     const Eigen::Vector2f chord = after - before;
-    const float twice_area = cross(corner - before, chord);
-    return twice_area > 0.0F && twice_area * twice_area > flat * flat * chord.squaredNorm();
+    return cross(corner - before, chord) > flat * chord.norm();
   };
   const auto extend = [&](const Eigen::Vector2f& p, std::size_t keep) {
     while (hull.size() >= keep + 2 && !stands_out(hull[hull.size() - 2], hull.back(), p)) {
