@@ -66,18 +66,6 @@ TEST_F(ShadowCommand, ASquareScalesByTheFormulas) {
   EXPECT_LT(json["twists"]["spill"], 0.01);
 }
 
-// A file in other units than metres: as many parts, as many faces, and no word.
-TEST_F(ShadowCommand, ATinyModelKeepsItsShadow) {
-  write("tiny.obj",
-        "v -1e-5 -1e-5 1e-5\nv 1e-5 -1e-5 1e-5\nv 1e-5 1e-5 1e-5\nv -1e-5 1e-5 1e-5\nf 1 2 3\nf 1 "
-        "3 4\n");
-  const auto json = layers({file("tiny.obj")});
-  EXPECT_EQ(last_warnings_, "");
-  for (const char* layer : {"umbra", "middle", "penumbra"}) {
-    EXPECT_NEAR(json["layers"][layer]["area"].get<double>(), 4e-10, 4e-12) << layer;
-  }
-}
-
 TEST_F(ShadowCommand, AModelWithoutExtentIsTold) {
   write("point.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\nf 1 3 4\n");
   layers({file("point.obj")});
