@@ -11,6 +11,7 @@
 #include "render/model.hpp"
 #include "render/model_parts.hpp"
 #include "render/shadow/kernel_stamp.hpp"
+#include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra {
 namespace {
@@ -248,6 +249,9 @@ Result<Model> load_model(const std::filesystem::path& file, UpAxis up, const Mod
     const Result<void> checked = check_model(*model, name, limits);
     if (!checked) return tl::unexpected(checked.error());
     check_stored_kernels(*model, name);
+    if (auto lost = warning_of_lost_faces(*model, name)) {
+      model->warnings.push_back(std::move(*lost));
+    }
     return model;
   } catch (const std::bad_alloc&) {
     return fail("{}: needs more memory than there is; give a smaller model", name);

@@ -19,6 +19,14 @@ constexpr std::size_t kRowBlock = 8;  // rows are whole vectors of floats
 // A cell's centre this close to a face counts as covered, so that rounding opens no crack between
 // neighbouring faces.
 constexpr float kEdgeTolerance = 1e-3F;  // [cells]
+// Of a silhouette's size: what rounding may bend an edge by, and the shortest edge with a
+// direction.
+constexpr float kFlatCorner = 1e-6F;
+constexpr float kShortEdge = 1e-2F;
+// An angle that no regular shape has between its edges and corners, 0.37 rad.
+constexpr float kAskewCosine = 0.93232F;
+constexpr float kAskewSine = 0.36162F;
+constexpr float kEqual = 1.001F;  // areas and sides that differ by less are equal
 
 float cross(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
   return a.x() * b.y() - a.y() * b.x();
@@ -111,10 +119,36 @@ std::int32_t runs_of(const float* row, std::size_t width) {
   return runs;
 }
 
-// Points that may lie on the convex hull: all of a few, or the highest and lowest of each column of
-// many (the hull is then right to a column's width, which is enough to orient a raster).
+// Andrew's monotone chain; sorts `points`. A corner that stands out by no more than `flat` is none:
+// rounding must not make corners of what lies along an edge.
+void convex_hull(std::vector<Eigen::Vector2f>& points, float flat,
+                 std::vector<Eigen::Vector2f>& hull) {
+  std::sort(points.begin(), points.end(), [](const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
+    return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
+  });
+  hull.clear();
+  const auto stands_out = [&](const Eigen::Vector2f& before, const Eigen::Vector2f& corner,
+                              const Eigen::Vector2f& after) {
+    const Eigen::Vector2f chord = after - before;
+    return cross(corner - before, chord) > flat * chord.norm();
+  };
+  const auto extend = [&](const Eigen::Vector2f& p, std::size_t keep) {
+    while (hull.size() >= keep + 2 && !stands_out(hull[hull.size() - 2], hull.back(), p)) {
+      hull.pop_back();
+    }
+    hull.push_back(p);
+  };
+  for (const Eigen::Vector2f& p : points) extend(p, 0);
+  const std::size_t lower = hull.size() - 1;
+  for (std::size_t i = points.size(); i-- > 0;) extend(points[i], lower);
+  if (hull.size() > 1) hull.pop_back();
+}
+
+// Points that may lie on the convex hull, all corners of it among them: all of a few; of many those
+// outside a polygon of the highest and lowest of each column.
 void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
-                            std::vector<Eigen::Vector2f>& candidates) {
+                            std::vector<Eigen::Vector2f>& candidates,
+                            std::vector<Eigen::Vector2f>& hull) {
   constexpr std::size_t kColumns = 32;
   candidates.clear();
   if (points.size() <= 2 * kColumns) {
@@ -132,103 +166,136 @@ void gather_hull_candidates(std::span<const Eigen::Vector2f> points,
     bool used = false;
   };
   std::array<Column, kColumns> columns;
-  const float scale = right > left ? static_cast<float>(kColumns) / (right - left) : 0.0F;
-  // The ends themselves are corners of the hull and would be lost inside their columns.
-  Eigen::Vector2f leftmost = points[0];
-  Eigen::Vector2f rightmost = points[0];
+  const float width = (right - left) / static_cast<float>(kColumns);
+  const float scale = right > left ? 1.0F / width : 0.0F;
+  const auto column_of = [&](const Eigen::Vector2f& p) {
+    return std::min(static_cast<std::size_t>((p.x() - left) * scale), kColumns - 1);
+  };
   for (const Eigen::Vector2f& p : points) {
-    const auto index = std::min(static_cast<std::size_t>((p.x() - left) * scale), kColumns - 1);
-    Column& column = columns[index];
+    Column& column = columns[column_of(p)];
     if (!column.used) column = {p, p, true};
     if (p.y() < column.low.y()) column.low = p;
     if (p.y() > column.high.y()) column.high = p;
-    if (p.x() < leftmost.x()) leftmost = p;
-    if (p.x() > rightmost.x()) rightmost = p;
   }
-  candidates.push_back(leftmost);
-  candidates.push_back(rightmost);
   for (const Column& column : columns) {
     if (!column.used) continue;
     candidates.push_back(column.low);
     candidates.push_back(column.high);
   }
-}
-
-// Andrew's monotone chain; sorts `points`.
-void convex_hull(std::vector<Eigen::Vector2f>& points, std::vector<Eigen::Vector2f>& hull) {
-  std::sort(points.begin(), points.end(), [](const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
-    return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
-  });
-  hull.clear();
-  const auto extend = [&hull](const Eigen::Vector2f& p, std::size_t keep) {
-    while (hull.size() >= keep + 2 &&
-           cross(hull.back() - hull[hull.size() - 2], p - hull.back()) <= 0.0F) {
-      hull.pop_back();
+  convex_hull(candidates, 0.0F, hull);
+  // Within a column the hull lies outside the chords of its upper and lower sides.
+  std::array<float, kColumns + 1> low, high;
+  low.fill(std::numeric_limits<float>::infinity());
+  high.fill(-std::numeric_limits<float>::infinity());
+  float lowest = low[0];
+  float highest = high[0];
+  for (std::size_t i = 0; i < hull.size(); ++i) {
+    const Eigen::Vector2f& a = hull[i];
+    const Eigen::Vector2f& b = hull[(i + 1) % hull.size()];
+    lowest = std::min(lowest, a.y());
+    highest = std::max(highest, a.y());
+    const auto [from, to] = std::minmax(a.x(), b.x());
+    for (std::size_t wall = 0; wall <= kColumns; ++wall) {
+      const float x = left + width * static_cast<float>(wall);
+      if (x < from || x > to || a.x() == b.x()) continue;
+      const float y = a.y() + (b.y() - a.y()) * ((x - a.x()) / (b.x() - a.x()));
+      low[wall] = std::min(low[wall], y);
+      high[wall] = std::max(high[wall], y);
     }
-    hull.push_back(p);
-  };
-  for (const Eigen::Vector2f& p : points) extend(p, 0);
-  const std::size_t lower = hull.size() - 1;
-  for (std::size_t i = points.size(); i-- > 0;) extend(points[i], lower);
-  if (hull.size() > 1) hull.pop_back();
+  }
+  const float rounding = 1e-5F * (highest - lowest);
+  candidates.clear();
+  for (const Eigen::Vector2f& p : points) {
+    const std::size_t column = column_of(p);
+    const float along = (p.x() - left) * scale - static_cast<float>(column);
+    const float bottom = low[column] + along * (low[column + 1] - low[column]) + rounding;
+    const float top = high[column] + along * (high[column + 1] - high[column]) - rounding;
+    if (p.y() > bottom && p.y() < top) continue;  // also where a wall has no chord
+    candidates.push_back(p);
+  }
 }
 
 }  // namespace
+
+// The least rectangle round a convex polygon has a side along one of its edges. Of equal ones, and
+// of a rectangle's own directions, the points themselves choose: neither the axes that they are
+// given in nor rounding must, or what is turned would get another raster.
+void FootprintRaster::choose_axis(std::span<const Eigen::Vector2f> points, float size) {
+  axis_ = Eigen::Vector2f::UnitX();
+  rectangles_.clear();
+  float least_area = std::numeric_limits<float>::infinity();
+  Eigen::Vector2f middle = Eigen::Vector2f::Zero();
+  for (std::size_t i = 0; i < hull_.size(); ++i) {
+    middle += hull_[i] / static_cast<float>(hull_.size());
+    const Eigen::Vector2f edge = hull_[(i + 1) % hull_.size()] - hull_[i];
+    const float length = edge.norm();
+    if (!(length > kShortEdge * size)) continue;  // too short to have a direction
+    Rectangle rectangle;
+    rectangle.along = edge / length;
+    float first = std::numeric_limits<float>::infinity();
+    float last = -first;
+    for (const Eigen::Vector2f& p : hull_) {
+      const Eigen::Vector2f d = p - hull_[i];
+      first = std::min(first, rectangle.along.dot(d));
+      last = std::max(last, rectangle.along.dot(d));
+      rectangle.height = std::max(rectangle.height, cross(rectangle.along, d));
+    }
+    rectangle.width = last - first;
+    least_area = std::min(least_area, rectangle.width * rectangle.height);
+    rectangles_.push_back(rectangle);
+  }
+  if (rectangles_.empty()) return;
+  // From the middle to the first point that is clearly off it, and askew from there: so no two
+  // directions are equally near to it.
+  Eigen::Vector2f reference = Eigen::Vector2f::UnitX();
+  for (const Eigen::Vector2f& p : points) {
+    const Eigen::Vector2f d = p - middle;
+    if (d.norm() < 0.1F * size) continue;
+    reference = {kAskewCosine * d.x() - kAskewSine * d.y(),
+                 kAskewSine * d.x() + kAskewCosine * d.y()};
+    break;
+  }
+  float nearest = -std::numeric_limits<float>::infinity();
+  for (const Rectangle& rectangle : rectangles_) {
+    if (rectangle.width * rectangle.height > kEqual * least_area) continue;
+    const auto consider = [&](const Eigen::Vector2f& axis) {
+      const float near = axis.dot(reference);
+      if (near <= nearest) return;
+      nearest = near;
+      axis_ = axis;
+    };
+    // Rows along the longer side: short columns make the distance transform cheap.
+    if (kEqual * rectangle.width >= rectangle.height) {
+      consider(rectangle.along);
+      consider(-rectangle.along);
+    }
+    if (kEqual * rectangle.height >= rectangle.width) {
+      const Eigen::Vector2f across(-rectangle.along.y(), rectangle.along.x());
+      consider(across);
+      consider(-across);
+    }
+  }
+}
 
 bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budget) {
   width_ = height_ = 0;
   stride_ = 0;
   if (points.empty()) return false;
-  gather_hull_candidates(points, hull_candidates_);
-  convex_hull(hull_candidates_, hull_);
+  gather_hull_candidates(points, hull_candidates_, hull_);
+  float size = 0.0F;
+  for (const Eigen::Vector2f& p : hull_candidates_) {
+    size = std::max(size, (p - points[0]).squaredNorm());
+  }
+  size = std::sqrt(size);
+  convex_hull(hull_candidates_, kFlatCorner * size, hull_);
+  choose_axis(points, size);
 
-  // The least rectangle round a convex polygon has a side along one of its edges.
-  float longest = 0.0F;
-  for (std::size_t i = 0; i < hull_.size(); ++i) {
-    longest = std::max(longest, (hull_[(i + 1) % hull_.size()] - hull_[i]).squaredNorm());
-  }
-  float least_area = std::numeric_limits<float>::infinity();
-  axis_ = Eigen::Vector2f::UnitX();
-  for (std::size_t i = 0; i < hull_.size(); ++i) {
-    const Eigen::Vector2f edge = hull_[(i + 1) % hull_.size()] - hull_[i];
-    const float squared = edge.squaredNorm();
-    if (!(squared > 1e-4F * longest)) continue;  // too short to have a direction
-    const Eigen::Vector2f along = edge / std::sqrt(squared);
-    float first = std::numeric_limits<float>::infinity();
-    float last = -first;
-    float depth = 0.0F;
-    for (const Eigen::Vector2f& p : hull_) {
-      const Eigen::Vector2f d = p - hull_[i];
-      first = std::min(first, along.dot(d));
-      last = std::max(last, along.dot(d));
-      depth = std::max(depth, cross(along, d));
-    }
-    // A later edge has to be clearly better: of equal ones the first wins on every machine.
-    if ((last - first) * depth < 0.999F * least_area) {
-      least_area = (last - first) * depth;
-      axis_ = along;
-    }
-  }
-
-  float left = std::numeric_limits<float>::infinity();
-  float bottom = left;
-  float right = -left;
-  float top = -left;
-  for (const Eigen::Vector2f& p : points) {
-    const float along = axis_.dot(p);
-    const float across = cross(axis_, p);
-    left = std::min(left, along);
-    right = std::max(right, along);
-    bottom = std::min(bottom, across);
-    top = std::max(top, across);
-  }
-  Eigen::Vector2f low(left, bottom);
-  Eigen::Vector2f high(right, top);
-  // Short columns make the distance transform cheap.
-  if (top - bottom > right - left) {
-    axis_ = {-axis_.y(), axis_.x()};
-    low = {bottom, -right};
-    high = {top, -left};
+  Eigen::Vector2f low = Eigen::Vector2f::Constant(std::numeric_limits<float>::infinity());
+  Eigen::Vector2f high = -low;
+  for (const Eigen::Vector2f& p : hull_) {
+    const Eigen::Vector2f own(axis_.dot(p), cross(axis_, p));
+    low = low.cwiseMin(own);
+    high = high.cwiseMax(own);
   }
   const Eigen::Vector2f extent = high - low;
   const float longer = extent.maxCoeff();
@@ -236,7 +303,10 @@ bool FootprintRaster::fit(std::span<const Eigen::Vector2f> points, int cell_budg
                    longer / static_cast<float>(kMaxSideCells));
   if (!(cell_ > std::numeric_limits<float>::min()) || !std::isfinite(cell_)) return false;
   const auto cells_along = [this](float length) {
-    return std::clamp(static_cast<int>(std::ceil(length / cell_)), 1, kMaxSideCells) + 2;
+    // A square's sides are whole numbers of cells but for rounding.
+    return std::clamp(static_cast<int>(std::ceil(length / cell_ - kEdgeTolerance)), 1,
+                      kMaxSideCells) +
+           2;
   };
   width_ = cells_along(extent.x());
   height_ = cells_along(extent.y());

@@ -9,10 +9,11 @@
 namespace penumbra {
 
 // Square cells in a rectangle that may be turned: the least rectangle round the points, so that
-// turning the points turns the raster with them. Cell (column, row) has its centre at
-// (column + 0.5, row + 0.5) in cell coordinates; rows run along the longer side. There is an empty
-// margin of one cell on each side. One object serves many silhouettes one after another without
-// allocating anew.
+// turning the points turns the raster with them: the same cells are covered, rounding apart. Of
+// rectangles that are equally small the points' own order chooses. Cell (column, row) has its
+// centre at (column + 0.5, row + 0.5) in cell coordinates; rows run along the longer side. There is
+// an empty margin of one cell on each side. One object serves many silhouettes one after another
+// without allocating anew.
 class FootprintRaster {
  public:
   // Fits the rectangle and covers the cells whose centres lie in a face; `faces` holds three
@@ -57,6 +58,7 @@ class FootprintRaster {
     return static_cast<std::size_t>(row) * stride_;
   }
   bool fit(std::span<const Eigen::Vector2f> points, int cell_budget);
+  void choose_axis(std::span<const Eigen::Vector2f> points, float size);
   void cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen::Vector2f c);
   void cover_segment(const Eigen::Vector2f& a, const Eigen::Vector2f& b);
   void cover_cells(int row, std::size_t first, std::size_t end);
@@ -82,6 +84,11 @@ class FootprintRaster {
   std::vector<Eigen::Vector2f> cells_;
   std::vector<Eigen::Vector2f> hull_;
   std::vector<Eigen::Vector2f> hull_candidates_;
+  struct Rectangle {
+    Eigen::Vector2f along = Eigen::Vector2f::UnitX();
+    float width = 0.0F, height = 0.0F;  // along and across [m]
+  };
+  std::vector<Rectangle> rectangles_;
   std::vector<Run> runs_;
   std::vector<float> squared_column_distance_;
 };

@@ -33,6 +33,11 @@ constexpr std::size_t kFewVertices = 64;  // then tiles cost more than they spar
 // cells of a raster whose longer side has the nominal number of cells.
 constexpr float kRadiusSlack = 0.5F;
 constexpr float kBorderSlack = 1.0F;  // the same for a vertex that no disc reaches
+// Rounding must not choose between the two sides of what is symmetric: a disc that just reaches a
+// point does, and squared distances in radii that differ by no more are equal.
+constexpr float kReachRounding = 1e-3F;  // [cells]
+constexpr float kAsNear = 1.001F;
+constexpr float kNearEnough = 1e-6F;
 
 // One of d and -d, the same for both: a silhouette seen from behind has the same kernels.
 Eigen::Vector3d canonical_direction(const Eigen::Vector3d& up) {
@@ -187,12 +192,15 @@ class ReachingDiscs {
     return std::min(disc, discs_.size());
   }
   // Of those from `first` to before `end` that reach the point, as the first does: the one whose
-  // centre is nearest in its own radii.
+  // centre is nearest in its own radii; of equally near ones the first.
   [[nodiscard]] std::size_t nearest(std::size_t first, std::size_t end, float x, float y) {
     const std::int32_t least =
         relative_distances(x_.data() + first, y_.data() + first, squared_reach_.data() + first,
                            squared_radius_.data() + first, end - first, x, y, distances_.data());
-    const auto found = std::find(distances_.begin(), distances_.end(), least);
+    const float limit = std::bit_cast<float>(least) * kAsNear + kNearEnough;
+    const auto found =
+        std::find_if(distances_.begin(), distances_.end(),
+                     [limit](std::int32_t bits) { return std::bit_cast<float>(bits) <= limit; });
     return first + static_cast<std::size_t>(found - distances_.begin());
   }
 
@@ -285,7 +293,7 @@ class LocalThickness {
     }
     if (part.points.size() <= kFewVertices) {
       std::swap(near_, discs_);
-      near_.set_reach(tuning_.reach, kRadiusSlack * tuning_.reach * nominal_cell_);
+      near_.set_reach(tuning_.reach, kRadiusSlack * tuning_.reach * nominal_cell_ + kReachRounding);
       for (std::size_t i = 0; i < part.points.size(); ++i) {
         assign(raster_.to_cells(part.points[i]), kernels[i]);
       }
@@ -518,7 +526,7 @@ class LocalThickness {
          disc = discs_.next_reaching(disc + 1, x, y)) {
       near_.add(discs_.all()[disc]);
     }
-    near_.set_reach(tuning_.reach, kRadiusSlack * tuning_.reach * nominal_cell_);
+    near_.set_reach(tuning_.reach, kRadiusSlack * tuning_.reach * nominal_cell_ + kReachRounding);
   }
 
   void assign(const Eigen::Vector2f& p, PlanarKernel& kernel) {

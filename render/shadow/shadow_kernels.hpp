@@ -29,6 +29,9 @@ struct KernelProgress {
 
 // Total: any triangle soup gives a finite kernel for every vertex; a vertex without a usable
 // neighbourhood gets k = x. `up` need not be unit; it must be finite and not zero.
+// Turned about `up` a mesh gets kernels that are turned with it, to 1e-5 of its size and no worse
+// than rounding its coordinates would do without a turn: that may choose another of discs that are
+// equally large and near (for a few in ten thousand bodies).
 [[nodiscard]] ShadowKernels generate_kernels(const ShadowMesh& mesh, const Eigen::Vector3d& up,
                                              KernelSource source,
                                              KernelProgress* progress = nullptr);

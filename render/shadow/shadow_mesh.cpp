@@ -17,9 +17,13 @@ namespace {
 // Vertices closer than this are one: a seam of texture coordinates or a soup of triangles must not
 // change a kernel.
 constexpr double kWeldDistance = 10e-6;  // [m]
-// A cell of the search grid. Most vertices are far enough from their cell's walls to look in one
-// cell only.
-constexpr double kCellSize = 8.0 * kWeldDistance;
+constexpr double kWeldShare = 1e-4;      // of the longest side, at most
+// Two vertices that are the same but for rounding are a few steps of float apart: of the coordinate
+// that is typical of the model.
+constexpr double kRounding = 4.0 * 1.1920929e-7;
+// A cell of the search grid, in weld distances. Most vertices are far enough from their cell's
+// walls to look in one cell only.
+constexpr double kCellSize = 8.0;
 
 struct CellIndex {
   std::int64_t x, y, z;
@@ -36,7 +40,10 @@ std::uint64_t hash_of(const CellIndex& cell) {
 // Open-addressed table of the cells that hold a position; positions of a cell form a list.
 class WeldGrid {
  public:
-  explicit WeldGrid(std::size_t expected) {
+  // Positions no further apart than `distance` [m] are one; of 0, those that are equal.
+  WeldGrid(std::size_t expected, double distance)
+      : squared_distance_(distance * distance),
+        cells_per_m_(1.0 / (kCellSize * std::max(distance, kLeastDistance))) {
     std::size_t size = 64;
     while (size < 2 * expected) size *= 2;
     slots_.resize(size, kNone);
@@ -46,13 +53,13 @@ class WeldGrid {
 
   // The index of a position within the weld distance, or of the new one.
   std::uint32_t find_or_add(const glm::vec3& p, std::vector<glm::vec3>& positions) {
-    const double x = static_cast<double>(p.x) / kCellSize;
-    const double y = static_cast<double>(p.y) / kCellSize;
-    const double z = static_cast<double>(p.z) / kCellSize;
+    const double x = static_cast<double>(p.x) * cells_per_m_;
+    const double y = static_cast<double>(p.y) * cells_per_m_;
+    const double z = static_cast<double>(p.z) * cells_per_m_;
     const CellIndex home = {cell_of(x), cell_of(y), cell_of(z)};
     const std::uint32_t found = search(home, p, positions);
     if (found != kNone) return found;
-    constexpr double kCellsAround = kWeldDistance / kCellSize;
+    constexpr double kCellsAround = 1.0 / kCellSize;
     for (std::int64_t cx = cell_of(x - kCellsAround); cx <= cell_of(x + kCellsAround); ++cx) {
       for (std::int64_t cy = cell_of(y - kCellsAround); cy <= cell_of(y + kCellsAround); ++cy) {
         for (std::int64_t cz = cell_of(z - kCellsAround); cz <= cell_of(z + kCellsAround); ++cz) {
@@ -75,6 +82,7 @@ class WeldGrid {
 
  private:
   static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
+  static constexpr double kLeastDistance = 1e-30;  // [m]; cells must have a size
 
   static std::int64_t cell_of(double coordinate) {
     // Far beyond any model; float values up there would not fit an integer.
@@ -93,11 +101,13 @@ class WeldGrid {
       const double dx = static_cast<double>(positions[i].x) - static_cast<double>(p.x);
       const double dy = static_cast<double>(positions[i].y) - static_cast<double>(p.y);
       const double dz = static_cast<double>(positions[i].z) - static_cast<double>(p.z);
-      if (dx * dx + dy * dy + dz * dz <= kWeldDistance * kWeldDistance) return i;
+      if (dx * dx + dy * dy + dz * dz <= squared_distance_) return i;
     }
     return kNone;
   }
 
+  double squared_distance_;  // [m^2]
+  double cells_per_m_;
   std::vector<std::uint32_t> slots_;  // first position of the cell
   std::vector<CellIndex> cells_;
   std::vector<std::uint32_t> next_;  // next position of the same cell
@@ -198,7 +208,7 @@ ShadowMesh welded_mesh(const Model& model, std::span<const std::string> groups, 
   mesh.indices.reserve(index_count);
   mesh.from_source.assign(model.source_vertex_count, kNoShadowPosition);
 
-  WeldGrid grid(vertex_count);
+  WeldGrid grid(vertex_count, weld_distance(model));
   if (stored) mesh.stored_up = *model.shadow_kernel_up;
   KernelSplitter splitter;
   std::vector<std::uint32_t> welded;
@@ -260,16 +270,91 @@ ShadowMesh welded_mesh(const Model& model, std::span<const std::string> groups, 
     const std::uint32_t root = parts.root(i);
     mesh.part[i] = root == i ? mesh.part_count++ : mesh.part[root];
   }
+  std::vector<bool> casts(mesh.part_count, false);
+  for (std::size_t i = 0; i < mesh.indices.size(); i += 3) casts[mesh.part[mesh.indices[i]]] = true;
+  for (const auto& edge : collapsed_edges) mesh.lost_faces += casts[mesh.part[edge[0]]] ? 0 : 1;
   return mesh;
 }
 
 }  // namespace
+
+double weld_distance(const Model& model) {
+  glm::vec3 low(std::numeric_limits<float>::infinity());
+  glm::vec3 high(-std::numeric_limits<float>::infinity());
+  for (const Mesh& mesh : model.meshes) {
+    for (const glm::vec3& p : mesh.positions) {
+      if (!is_finite(p)) continue;
+      low = glm::vec3(std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z));
+      high = glm::vec3(std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z));
+    }
+  }
+  double side = 0.0;
+  double largest = 0.0;
+  for (int i = 0; i < 3; ++i) {
+    if (!(low[i] <= high[i])) return 0.0;
+    side = std::max(side, static_cast<double>(high[i]) - static_cast<double>(low[i]));
+    largest = std::max(
+        {largest, std::abs(static_cast<double>(low[i])), std::abs(static_cast<double>(high[i]))});
+  }
+  const double distance = std::min(kWeldDistance, kWeldShare * side);
+  if (kRounding * largest <= distance) return distance;
+  // A single vertex far away must not weld what is near: of half of the vertices.
+  std::vector<float> coordinates;
+  for (const Mesh& mesh : model.meshes) {
+    for (const glm::vec3& p : mesh.positions) {
+      if (is_finite(p)) {
+        coordinates.push_back(std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}));
+      }
+    }
+  }
+  const auto median = coordinates.begin() + static_cast<std::ptrdiff_t>(coordinates.size() / 2);
+  std::nth_element(coordinates.begin(), median, coordinates.end());
+  return std::max(distance, kRounding * static_cast<double>(*median));
+}
 
 ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> groups) {
   const bool stored = model.shadow_kernel_up.has_value();
   ShadowMesh mesh = welded_mesh(model, groups, stored);
   if (stored && !stored_kernels_fit(model, mesh, groups)) return welded_mesh(model, groups, false);
   return mesh;
+}
+
+std::optional<std::string> warning_of_lost_faces(const Model& model, const std::string& file) {
+  // Only an edge no longer than twice the distance can be welded to one place.
+  const double distance = weld_distance(model);
+  const auto is_short = [&](const glm::vec3& a, const glm::vec3& b) {
+    double squared = 0.0;
+    for (int i = 0; i < 3; ++i) {
+      const double d = static_cast<double>(a[i]) - static_cast<double>(b[i]);
+      squared += d * d;
+    }
+    return squared <= 4.0 * distance * distance;
+  };
+  std::size_t faces = 0;
+  bool any_short = false;
+  for (const Mesh& mesh : model.meshes) {
+    faces += mesh.indices.size() / 3;
+    for (std::size_t i = 0; i + 2 < mesh.indices.size() && !any_short; i += 3) {
+      const auto corner = [&](std::size_t j) { return mesh.positions[mesh.indices[i + j]]; };
+      any_short = is_short(corner(0), corner(1)) || is_short(corner(1), corner(2)) ||
+                  is_short(corner(2), corner(0));
+    }
+  }
+  if (!any_short) return std::nullopt;
+  const ShadowMesh welded = welded_mesh(model, {}, false);
+  const std::size_t lost = welded.lost_faces;
+  if (lost == 0) return std::nullopt;
+  if (lost == faces) {
+    return fmt::format(
+        "{}: casts no shadow: its {} faces have no area, with corners at one place; "
+        "export it again, in larger units",
+        file, faces);
+  }
+  return fmt::format(
+      "{}: {} of its {} faces cast no shadow: their parts are smaller than {:.2g} m, "
+      "the least that is told apart in this model; take away what lies far from the "
+      "rest, or make them larger",
+      file, lost, faces, distance);
 }
 
 std::string parts_key(const ShadowMesh& mesh) {

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <glm/vec3.hpp>
 #include <limits>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -16,10 +17,12 @@ namespace penumbra {
 inline constexpr std::uint32_t kNoShadowPosition = std::numeric_limits<std::uint32_t>::max();
 
 struct ShadowMesh {
-  std::vector<glm::vec3> positions;    // [m], welded at 10 um
+  std::vector<glm::vec3> positions;    // [m], welded at weld_distance()
   std::vector<std::uint32_t> indices;  // triangles; those that the welding collapsed are left out
   std::vector<std::uint32_t> part;     // one per position: which connected part it belongs to
   std::uint32_t part_count = 0;
+  // Faces of the model in parts of which the welding left none: they cast nothing.
+  std::size_t lost_faces = 0;
   std::vector<std::uint32_t>
       from_source;  // model file vertex -> position here, or kNoShadowPosition for one that no
                     // mesh uses; kernel files speak of model file vertices
@@ -29,8 +32,18 @@ struct ShadowMesh {
   glm::vec3 stored_up{0.0F, 0.0F, 1.0F};
 };
 
+// Vertices no further apart are one [m]: 10 um, but no more than 1e-4 of the model's longest side,
+// so that one in other units keeps its faces, and no less than the rounding of its coordinates. 0
+// where all are at one place.
+[[nodiscard]] double weld_distance(const Model& model);
+
 // `groups` name parts that are to be one (part_groups.hpp).
 [[nodiscard]] ShadowMesh make_shadow_mesh(const Model& model,
                                           std::span<const std::string> groups = {});
+
+// A line for the user where parts of the model cast nothing, as welding leaves none of their faces:
+// how many faces, and what to do. `file`: what the line is about.
+[[nodiscard]] std::optional<std::string> warning_of_lost_faces(const Model& model,
+                                                               const std::string& file);
 
 }  // namespace penumbra

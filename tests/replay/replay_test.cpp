@@ -388,6 +388,35 @@ TEST_F(HelicopterReplay, TakesKernelsFromAFile) {
   EXPECT_NE(picture({"--kernels", "per-axis"}), picture({"--kernels", "cocl"}));
 }
 
+// Told in one line that names the option and the technique; what is of use is not told.
+TEST_F(HelicopterReplay, OptionsOfNoUseAreTold) {
+  using Words = std::vector<std::string>;
+  for (const auto& [technique, words] :
+       std::vector<std::pair<std::string, Words>>{{"hard", {"--kernels", "smooth"}},
+                                                  {"simple", {"--kernels", "cocl"}},
+                                                  {"volume", {"--light-mode", "fixed"}},
+                                                  {"field", {"--light-mode", "proportional"}},
+                                                  {"field", {"--proxy", "auto"}}}) {
+    Words with = {"--shadow", technique};
+    with.insert(with.end(), words.begin(), words.end());
+    const std::string told = picture(with);
+    ASSERT_EQ(lines_of(last_warnings_).size(), 1U) << words[0] << ": " << last_warnings_;
+    EXPECT_NE(last_warnings_.find(words[0] + ": " + technique + " shadows have no use for it"),
+              std::string::npos)
+        << last_warnings_;
+    EXPECT_EQ(picture({"--shadow", technique}), told) << words[0] << " is of no use";
+    EXPECT_EQ(last_warnings_, "");
+  }
+  for (const Words& of_use :
+       {Words{"--shadow", "layered", "--kernels", "smooth"},
+        Words{"--shadow", "layered", "--light-mode", "fixed"},
+        Words{"--shadow", "field", "--light-mode", "fixed"},
+        Words{"--shadow", "hard", "--kernels", "auto"}, Words{"--kernels", "smooth"}}) {
+    picture(of_use);
+    EXPECT_EQ(last_warnings_, "") << of_use[1];
+  }
+}
+
 TEST_F(HelicopterReplay, KernelsThatDoNotFitAreTold) {
   const auto with = [&](const std::string& text) {
     std::ofstream(file("k.json"), std::ios::binary) << text;

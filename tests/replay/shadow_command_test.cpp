@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -63,6 +64,19 @@ TEST_F(ShadowCommand, ASquareScalesByTheFormulas) {
   EXPECT_EQ(json["twists"]["faces_tested"], 2);
   EXPECT_EQ(json["twists"]["area_share"], 0.0);
   EXPECT_LT(json["twists"]["spill"], 0.01);
+}
+
+TEST_F(ShadowCommand, AModelWithoutExtentIsTold) {
+  write("point.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\nf 1 3 4\n");
+  layers({file("point.obj")});
+  const auto lines = lines_of(last_warnings_);
+  EXPECT_EQ(std::count_if(lines.begin(), lines.end(),
+                          [](const std::string& line) {
+                            return line.find("point.obj: casts no shadow: its 2 faces") !=
+                                   std::string::npos;
+                          }),
+            1)
+      << last_warnings_;
 }
 
 TEST_F(ShadowCommand, ConstantsByEveryWay) {

@@ -1,6 +1,7 @@
 // Small meshes made by code, for tests and benchmarks.
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -134,6 +135,19 @@ class ShapeBuilder {
 
   Mesh mesh_;
 };
+
+// Moves every vertex p to A p + t, computed in double.
+inline void transform(Model& model, const Eigen::Matrix3d& A, const Eigen::Vector3d& t) {
+  for (Mesh& mesh : model.meshes) {
+    for (glm::vec3& p : mesh.positions) {
+      const Eigen::Vector3d q =
+          A * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                              static_cast<double>(p.z)) +
+          t;
+      p = {static_cast<float>(q.x()), static_cast<float>(q.y()), static_cast<float>(q.z())};
+    }
+  }
+}
 
 inline Model box_model(double side) {
   ShapeBuilder shape;

@@ -1,9 +1,13 @@
 #include "render/shadow/shadow_mesh.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <limits>
+#include <random>
 
+#include "render/shadow/shadow_kernels.hpp"
 #include "support/shapes.hpp"
 
 namespace penumbra {
@@ -38,13 +42,82 @@ TEST(ShadowMesh, WeldDistanceIsTenMicrometresAcrossEveryCellWall) {
   for (float at = 0.0F; at < 300e-6F; at += 3e-6F) {
     Model model;
     Mesh& mesh = model.meshes.emplace_back();
-    mesh.positions = {{at, -at, at}, {at + 9e-6F, -at, at}, {at, -at + 12e-6F, at}};
+    mesh.positions = {{at, -at, at},
+                      {at + 9e-6F, -at, at},
+                      {at, -at + 12e-6F, at},
+                      {0.2F, 0.0F, 0.0F}};  // the size of a thing on a table
     mesh.indices = {0, 1, 2};
     const ShadowMesh welded = make_shadow_mesh(model);
-    EXPECT_EQ(welded.positions.size(), 2U) << at;
+    EXPECT_EQ(welded.positions.size(), 3U) << at;
     EXPECT_TRUE(welded.indices.empty()) << "the face has collapsed";
-    EXPECT_EQ(welded.part_count, 1U) << "but still holds its ends together";
+    EXPECT_EQ(welded.part_count, 2U) << "but still holds its ends together";
+    EXPECT_EQ(welded.lost_faces, 1U);
   }
+}
+
+// Whatever unit a file is in, its model has the same parts and, but for their size, kernels.
+TEST(ShadowMesh, AModelOfAnyUnitHasTheSamePartsAndKernels) {
+  test::ShapeBuilder shape;
+  shape.box(0.01, 0.02, 0.0, 0.08, 0.05, 0.03);
+  shape.limb({-0.05, -0.04, 0.01}, {0.03, -0.06, 0.08}, 0.011, 0.006, 9);
+  shape.limb({-0.06, 0.05, 0.02}, {-0.02, 0.03, 0.05}, 0.002, 0.004, 7);
+  const Model model = soup_of(shape.build());
+  const ShadowMesh mesh = make_shadow_mesh(model);
+  ASSERT_EQ(mesh.part_count, 3U);
+  const Eigen::Vector3d up(0.2, -0.1, 1.0);
+  const ShadowKernels kernels = generate_kernels(mesh, up, KernelSource::automatic);
+  for (const float scale : {1e-12F, 1e-4F, 1.0F, 1e4F}) {
+    Model scaled = model;
+    std::mt19937 random(5);
+    for (glm::vec3& p : scaled.meshes[0].positions) {
+      p *= scale;
+      // As files are written: every corner of a face is rounded for itself.
+      for (int i = 0; i < 3; ++i) p[i] = std::nextafter(p[i], random() % 2 == 0 ? 1e9F : -1e9F);
+    }
+    const ShadowMesh other = make_shadow_mesh(scaled);
+    EXPECT_EQ(other.indices, mesh.indices) << scale;
+    EXPECT_EQ(other.part, mesh.part) << scale;
+    EXPECT_EQ(other.lost_faces, 0U) << scale;
+    EXPECT_EQ(warning_of_lost_faces(scaled, "tiny.obj"), std::nullopt) << scale;
+    ASSERT_EQ(other.positions.size(), mesh.positions.size()) << scale;
+    const ShadowKernels alike = generate_kernels(other, up, KernelSource::automatic);
+    for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+      const glm::vec3 off = alike.kernels[i] / scale - kernels.kernels[i];
+      EXPECT_LT(std::hypot(off.x, off.y, off.z), 2e-6F) << scale << " " << i;
+      EXPECT_NEAR(alike.radius[i] / scale, kernels.radius[i], 1e-6F) << scale << " " << i;
+    }
+  }
+}
+
+// A vertex far away says nothing of how finely the others are given.
+TEST(ShadowMesh, OneVertexFarAwayWeldsNothing) {
+  Model model = test::box_model(0.1);
+  model.meshes[0].positions.emplace_back(1e6F, 0.0F, 0.0F);
+  model.meshes[0].source_vertex.push_back(8);
+  model.source_vertex_count = 9;
+  EXPECT_EQ(weld_distance(model), 10e-6);
+  EXPECT_EQ(make_shadow_mesh(model).positions.size(), 9U);
+}
+
+TEST(ShadowMesh, PartsThatCastNothingAreTold) {
+  Model point = test::box_model(0.1);
+  for (glm::vec3& p : point.meshes[0].positions) p = {0.1F, 0.2F, 0.3F};
+  auto told = warning_of_lost_faces(point, "point.obj");
+  ASSERT_TRUE(told.has_value());
+  EXPECT_THAT(*told, testing::StartsWith("point.obj: "));
+  EXPECT_THAT(*told, testing::HasSubstr("12 faces"));
+  EXPECT_THAT(*told, testing::HasSubstr("export"));
+
+  test::ShapeBuilder shape;  // a box that is told apart, and one of 4 um that is not
+  shape.box(0.0, 0.0, 0.0, 0.1, 0.1, 0.1);
+  shape.box(0.2, 0.0, 0.0, 0.200004, 4e-6, 4e-6);
+  told = warning_of_lost_faces(shape.build(), "two.obj");
+  ASSERT_TRUE(told.has_value());
+  EXPECT_THAT(*told, testing::HasSubstr("12 of its 24 faces"));
+
+  // Faces at a sphere's poles have no area, and their neighbours cast for them.
+  shape.sphere(0.05, 12, 24);
+  EXPECT_EQ(warning_of_lost_faces(shape.build(), "sphere.obj"), std::nullopt);
 }
 
 TEST(ShadowMesh, PartsAreConnectedComponentsOverAllMeshes) {
