@@ -1,8 +1,9 @@
-// Headers that are compiled once per module and per set of tests (see options.cmake). Nothing
-// includes this file by name.
+// Headers that are compiled once for core, tracking and calib, and with more for the other modules and the tests (see
+// options.cmake). Nothing includes this file by name.
 #pragma once
 
 #include <fmt/format.h>
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -16,7 +17,16 @@
 #include <memory>
 #include <optional>
 #include <random>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
+#include <tl/expected.hpp>
 #include <vector>
+
+#include "core/camera_model.hpp"
+#include "core/error.hpp"
+#include "core/frame.hpp"
+#include "core/group_pose.hpp"
+#include "core/tag_map.hpp"
+#include "core/transform.hpp"

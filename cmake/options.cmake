@@ -8,6 +8,10 @@ target_compile_options(penumbra_options INTERFACE
   -ffp-contract=off
   # No path of the building machine gets into the program.
   -fmacro-prefix-map=${PROJECT_SOURCE_DIR}/=)
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  # g++ first collects its garbage at 400 MB, not at 128: about a tenth less time, for 4 % more memory (0.95 GB for the largest file).
+  target_compile_options(penumbra_options INTERFACE --param=ggc-min-heapsize=400000)
+endif()
 if(CMAKE_BUILD_TYPE STREQUAL "Debug")
   target_compile_definitions(penumbra_options INTERFACE EIGEN_INITIALIZE_MATRICES_BY_NAN)
 endif()
@@ -23,8 +27,14 @@ function(penumbra_module name)
   list(FILTER sources EXCLUDE REGEX "/main\\.cpp$|/commands/")
   add_library(penumbra_${name} STATIC ${sources})
   target_link_libraries(penumbra_${name} PUBLIC penumbra_options ${ARGN})
-  # What nearly every file includes is read once per module. Each file still includes what it uses: the debug preset builds without this.
-  target_precompile_headers(penumbra_${name} PRIVATE ${PROJECT_SOURCE_DIR}/cmake/common_headers.hpp)
+endfunction()
+
+# penumbra_headers(TARGET HEADERS...): what nearly every file includes is read once. A target of the same compile options takes
+# another's: target_precompile_headers(TARGET REUSE_FROM OTHER). Each file still includes what it uses: the debug preset builds
+# without this.
+function(penumbra_headers target)
+  list(TRANSFORM ARGN REPLACE "^([a-z_]+_headers\\.hpp)$" "${PROJECT_SOURCE_DIR}/cmake/\\1")
+  target_precompile_headers(${target} PRIVATE ${ARGN})
 endfunction()
 
 # penumbra_batches(TARGET SIZE): SIZE source files are compiled as one, as most of the time goes into the same headers and

@@ -11,8 +11,6 @@
 namespace penumbra::models {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 struct Paints {
   int red, white, yellow, glass, dark, metal, lamp, beacon;
 };
@@ -78,7 +76,7 @@ Solid superellipse_loft(const std::vector<Station>& stations, const std::vector<
       const double half_height = 0.5 * (s.top - s.bottom);
       Points ring;
       for (int j = 0; j < segments; ++j) {
-        const double turn = 2.0 * kPi * j / segments;
+        const double turn = 2.0 * std::numbers::pi * j / segments;
         const auto power = [&s](double c) {
           return std::abs(c) < 1e-12 ? 0.0
                                      : std::copysign(std::pow(std::abs(c), 2.0 / s.exponent), c);
@@ -209,7 +207,7 @@ Solid exhaust(const Paints& paint_of) {
 Points airfoil(double chord_length, double thickness, int segments) {
   Points section;
   for (int j = 0; j < segments; ++j) {
-    const double turn = 2.0 * kPi * j / segments;
+    const double turn = 2.0 * std::numbers::pi * j / segments;
     const double along = 0.5 - 0.5 * std::cos(turn);
     // Fullest at a third of the chord.
     const double fullness = std::sin(turn) * (1.15 - 0.55 * along);
@@ -445,7 +443,7 @@ Model make_helicopter_rotor() {
                          {1.3, 1.1, 1.1, 0.7}, 8),
                     paint_of.metal);
   for (int i = 0; i < 4; ++i) {
-    const double turn = kPi / 4.0 + kPi / 2.0 * i;
+    const double turn = std::numbers::pi / 4.0 + std::numbers::pi / 2.0 * i;
     append(grips, turned_about_z(grip, turn));
     append(blades, turned_about_z(one, turn));
   }
@@ -470,7 +468,7 @@ Model make_helicopter_tail_rotor() {
   paint(
       one, [](const Point& p) { return 8.6 - p.x; }, paint_of.yellow);
   Solid blades;
-  for (int i = 0; i < 3; ++i) append(blades, turned_about_z(one, 2.0 * kPi / 3.0 * i));
+  for (int i = 0; i < 3; ++i) append(blades, turned_about_z(one, 2.0 * std::numbers::pi / 3.0 * i));
   add_part(model, "hub", laid(std::move(hub)), 35.0);
   add_part(model, "blades", laid(std::move(blades)), 60.0);
   return model;

@@ -8,8 +8,6 @@
 namespace penumbra::models {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 Model plain(const std::string& name, const Solid& solid, const glm::vec3& linear_color,
             double crease_deg) {
   Model model;
@@ -37,7 +35,7 @@ Model make_bar() {
 Model make_ring() {
   std::vector<glm::dvec2> profile;
   for (int i = 0; i < 20; ++i) {
-    const double turn = 2.0 * kPi * i / 20;
+    const double turn = 2.0 * std::numbers::pi * i / 20;
     profile.emplace_back(40.0 + 8.0 * std::cos(turn), 8.0 + 8.0 * std::sin(turn));
   }
   return plain("ring", revolve_loop(profile, 48), {0.78F, 0.52F, 0.08F}, 60.0);
@@ -58,7 +56,7 @@ Model make_tube() {
 
 Model make_spiral_staircase() {
   constexpr int kSteps = 18;
-  constexpr double kTurnPerStep = 2.0 * kPi * 1.25 / kSteps;
+  constexpr double kTurnPerStep = 2.0 * std::numbers::pi * 1.25 / kSteps;
   constexpr double kRise = 5.5;  // [mm] per step
   Model model;
   model.name = "spiral_staircase";

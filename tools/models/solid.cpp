@@ -13,8 +13,6 @@
 namespace penumbra::models {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 std::uint32_t add(Solid& solid, const Point& point) {
   solid.points.push_back(point);
   return static_cast<std::uint32_t>(solid.points.size() - 1);
@@ -83,7 +81,7 @@ std::vector<std::uint32_t> add_ring(Solid& solid, const Points& ring) {
 Points circle(double radius, double z, int segments) {
   Points ring;
   for (int i = 0; i < segments; ++i) {
-    const double turn = 2.0 * kPi * i / segments;
+    const double turn = 2.0 * std::numbers::pi * i / segments;
     ring.emplace_back(radius * std::cos(turn), radius * std::sin(turn), z);
   }
   return ring;
@@ -142,7 +140,7 @@ Solid tube(const Points& path, const std::vector<double>& radii, int sides) {
     const Point other = glm::cross(along, side);
     Points ring;
     for (int k = 0; k < sides; ++k) {
-      const double turn = 2.0 * kPi * k / sides;
+      const double turn = 2.0 * std::numbers::pi * k / sides;
       ring.push_back(path[i] + radii[i] * (std::cos(turn) * side + std::sin(turn) * other));
     }
     rings.push_back(std::move(ring));
@@ -463,7 +461,7 @@ glm::vec3 rounded_to(const Point& p, double unit) {
 }  // namespace
 
 void add_part(Model& model, const std::string& name, const Solid& solid, double crease_deg) {
-  const double crease_cos = std::cos(crease_deg * kPi / 180.0);
+  const double crease_cos = std::cos(crease_deg * std::numbers::pi / 180.0);
   std::vector<Point> face_normal;
   std::vector<std::vector<std::size_t>> faces_round(solid.points.size());
   for (std::size_t f = 0; f < solid.faces.size(); ++f) {

@@ -12,8 +12,6 @@
 namespace penumbra::models {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 // The same numbers on every machine, unlike the standard library's distributions.
 class Random {
  public:
@@ -69,7 +67,7 @@ Model make_tree() {
   Solid crown;
   int count = 0;
   const auto add_tuft = [&](const Point& at, double radius) {
-    append(crown, with_material(tuft(at, radius, random.between(0.0, 2.0 * kPi)),
+    append(crown, with_material(tuft(at, radius, random.between(0.0, 2.0 * std::numbers::pi)),
                                 leaves[static_cast<std::size_t>(count++ % 3)]));
   };
   const auto point_on_trunk = [&](double z) {
@@ -80,7 +78,7 @@ Model make_tree() {
   };
   constexpr int kBranches = 18;
   constexpr int kTwigs = 7;
-  const double golden = kPi * (3.0 - std::sqrt(5.0));
+  const double golden = std::numbers::pi * (3.0 - std::sqrt(5.0));
   for (int b = 0; b < kBranches; ++b) {
     const double s = static_cast<double>(b) / (kBranches - 1);
     const double z = 46.0 + 78.0 * s;
