@@ -12,7 +12,7 @@ namespace {
 
 constexpr int kGap = 4;                    // between panes [px]
 constexpr std::uint8_t kBackground = 24;   // of captions, gaps and places left empty
-constexpr double kInk = 0.94;              // of the words, 1: white
+constexpr double kWordsWhite = 0.94;              // of the words, 1: white
 constexpr int kLeastCaption = 20;          // [px]
 constexpr int kPaneHeightPerCaption = 16;  // a caption is this part of its pane
 constexpr double kLettersOfCaption = 0.66;
@@ -76,7 +76,7 @@ void PaneGrid::draw_captions(const std::vector<std::string>& captions) {
     cairo_set_operator(cairo.get(), CAIRO_OPERATOR_CLEAR);
     cairo_paint(cairo.get());
     cairo_set_operator(cairo.get(), CAIRO_OPERATOR_OVER);
-    cairo_set_source_rgba(cairo.get(), 1.0, 1.0, 1.0, kInk);
+    cairo_set_source_rgba(cairo.get(), 1.0, 1.0, 1.0, kWordsWhite);
     cairo_set_font_size(cairo.get(), kLettersOfCaption * caption_height_);
     cairo_text_extents_t extents;
     cairo_text_extents(cairo.get(), captions[pane].c_str(), &extents);
