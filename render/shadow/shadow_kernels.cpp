@@ -280,9 +280,16 @@ Eigen::Vector2f extent_of(const Points& points) {
 // Kernels of one part after another; keeps its buffers.
 class LocalThickness {
  public:
-  explicit LocalThickness(bool smooth, KernelProgress* progress = nullptr,
+  // `parts`: how many there are to be measured.
+  explicit LocalThickness(bool smooth, std::size_t parts, KernelProgress* progress = nullptr,
                           const KernelTuning& tuning = {})
-      : smooth_(smooth), progress_(progress), tuning_(tuning) {}
+      : smooth_(smooth), progress_(progress), tuning_(tuning) {
+    const double share = static_cast<double>(tuning.cells_of_all) /
+                         static_cast<double>(std::max<std::size_t>(1, parts));
+    least_side_cells_ =
+        std::clamp(static_cast<int>(std::sqrt(share)), tuning.least_side_cells,
+                   std::max(tuning.least_side_cells, tuning.most_side_cells));
+  }
 
   void generate(const PartGeometry& part, std::span<PlanarKernel> kernels) {
     for (std::size_t i = 0; i < kernels.size(); ++i) kernels[i] = {part.points[i], 0.0F};
@@ -399,7 +406,7 @@ class LocalThickness {
     return std::clamp(
         static_cast<int>(std::lround(tuning_.cells_per_root *
                                      std::sqrt(static_cast<double>(part.points.size())))),
-        tuning_.least_side_cells, tuning_.most_side_cells);
+        least_side_cells_, std::max(least_side_cells_, tuning_.most_side_cells));
   }
 
   // Raster, depth and discs of a part; false where it has none.
@@ -582,6 +589,7 @@ class LocalThickness {
 
   bool smooth_;
   KernelProgress* progress_;
+  int least_side_cells_ = 0;
   KernelTuning tuning_;
   float nominal_cell_ = 1.0F;  // [cells]
   FootprintRaster raster_;
@@ -693,7 +701,7 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
   }
 
   const PartList parts = split_into_parts(mesh, projected);
-  LocalThickness thickness(source == KernelSource::smooth, progress, tuning);
+  LocalThickness thickness(source == KernelSource::smooth, mesh.part_count, progress, tuning);
   std::vector<PlanarKernel> kernels(count);
   for (std::size_t part = 0; part < mesh.part_count; ++part) {
     const PartGeometry geometry = geometry_of(parts, part);
@@ -764,7 +772,7 @@ std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& 
   const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
   const std::vector<Eigen::Vector2d> projected = project_along(mesh, view);
   const PartList parts = split_into_parts(mesh, projected);
-  LocalThickness thickness(false);
+  LocalThickness thickness(false, mesh.part_count);
   const float finest_cell_m = static_cast<float>(finest_cell) * extent_of(projected).maxCoeff();
   std::vector<PartDisc> discs(mesh.part_count);
   for (std::size_t part = 0; part < mesh.part_count; ++part) {
@@ -786,7 +794,7 @@ std::vector<SilhouettePoint> silhouette_points(const ShadowMesh& mesh, const Eig
   const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
   const std::vector<Eigen::Vector2d> projected = project_along(mesh, view);
   const PartList parts = split_into_parts(mesh, projected);
-  LocalThickness thickness(false);
+  LocalThickness thickness(false, mesh.part_count);
   const float finest_cell_m = extent_of(projected).maxCoeff() / static_cast<float>(cells);
   std::vector<SilhouettePoint> points;
   if (!(finest_cell_m > 0.0F) || !std::isfinite(finest_cell_m)) return points;
