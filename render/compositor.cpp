@@ -148,7 +148,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     calls += m.receivers.begin_frame(plan, m.lens, !plan.volumes.empty());
     calls += m.shadows.draw(plan, m.lens, m.receivers);
     calls += m.hard_shadows.draw(*m.scene, plan, m.lens, m.receivers);
-    calls += m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers);
+    calls += m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer);
     calls += m.rays.draw(*m.scene, plan, m.lens);
     m.framebuffer.invalidate_depth_stencil();
   }

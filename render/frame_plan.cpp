@@ -247,41 +247,59 @@ class Planner {
     }
   }
 
-  // Of the first light alone: a stencil counts one at a time.
   void plan_volumes(const ShadowNode& node, int node_index) {
     const std::vector<int> lights = lights_of(node);
     if (lights.empty() || node.planes.empty()) return;
-    for (std::size_t i = 1; i < lights.size(); ++i) {
-      skip("volume_of_one_light", scene_.lights[static_cast<std::size_t>(lights[i])].name,
-           "volumes are of the first light");
-    }
-    const int light = plan_.volumes.empty() ? lights.front() : plan_.volumes.front().light;
     ShadowVolumeDraw draw;
     draw.node = node_index;
-    draw.light = light;
-    draw.light_place = plan_.lights[static_cast<std::size_t>(light)].place;
-    const PlaneFrame first = placed_plane(scene_, state_, node.planes.front()).frame;
-    draw.light_left = light_left_at(light, first.n, first.q);
     draw.reach = kReceiverReach;
     for (const int index : node.planes) {
       const PlacedPlane placed = placed_plane(scene_, state_, index);
       const bool bounded = !scene_.planes[static_cast<std::size_t>(index)].outline.empty();
       if (!bounded && placed.opacity > 0.0) draw.floors.push_back(placed.frame);
     }
+    std::vector<int> casters;
     for (const int caster : node.casters) {
       const SceneObject& object = scene_.objects[static_cast<std::size_t>(caster)];
-      const bool again = std::ranges::find(plan_.volumes, caster, &ShadowVolumeDraw::object) !=
-                         plan_.volumes.end();
-      if (again) continue;
       if (!object.model || !object.casts_shadow) {
         skip("casts_no_shadow", object.name, "casts no shadow");
-        continue;
+      } else if (opacity_of_object(caster) > 0.0F) {
+        casters.push_back(caster);
       }
-      if (opacity_of_object(caster) <= 0.0F) continue;
-      draw.object = caster;
-      draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
-      draw.opacity = opacity_of_object(caster);
+    }
+    const PlaneFrame first = placed_plane(scene_, state_, node.planes.front()).frame;
+    for (const int light : lights) {
+      draw.light = light;
+      draw.light_place = plan_.lights[static_cast<std::size_t>(light)].place;
+      const auto same_light = std::ranges::find(plan_.volumes, light, &ShadowVolumeDraw::light);
+      draw.light_left = same_light == plan_.volumes.end() ? light_left_at(light, first.n, first.q)
+                                                          : same_light->light_left;
+      for (const int caster : casters) {
+        draw.object = caster;
+        draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
+        draw.opacity = opacity_of_object(caster);
+        add_volume(draw);
+      }
+    }
+  }
+
+  // One that another node has already asked for is made long enough for both: without a floor it
+  // goes as far as anything receives.
+  void add_volume(const ShadowVolumeDraw& draw) {
+    const auto known = std::ranges::find_if(plan_.volumes, [&draw](const ShadowVolumeDraw& other) {
+      return other.object == draw.object && other.light == draw.light;
+    });
+    if (known == plan_.volumes.end()) {
       plan_.volumes.push_back(draw);
+      return;
+    }
+    if (draw.floors.empty()) known->floors.clear();
+    if (known->floors.empty()) return;
+    for (const PlaneFrame& floor : draw.floors) {
+      const bool there = std::ranges::any_of(known->floors, [&floor](const PlaneFrame& other) {
+        return other.n == floor.n && other.q == floor.q;
+      });
+      if (!there) known->floors.push_back(floor);
     }
   }
 
@@ -290,7 +308,6 @@ class Planner {
     if (technique != ShadowTechnique::hard && technique != ShadowTechnique::volume) return;
     std::vector<int> lights = node.lights;
     if (lights.empty() && !scene_.lights.empty()) lights = {0};
-    if (technique == ShadowTechnique::volume && !lights.empty()) lights = {lights.front()};
     std::vector<LightRayDraw::Plane> planes;
     for (const int index : node.planes) {
       const auto seen = std::ranges::find(plan_.receivers, index, &PlaneReceiver::plane);

@@ -68,15 +68,15 @@ struct HardShadowDraw {
   float opacity = 1.0F;         // of caster and plane together
 };
 
-// One caster's shadow volume, on everything that is drawn into the depth buffer. All of a frame's
-// are of one light: light_left is the same in all.
+// One caster's shadow volume from one light, on everything that is drawn into the depth buffer.
+// Each caster and light once, whatever nodes ask for it.
 struct ShadowVolumeDraw {
   int node = 0, object = 0, light = 0;  // indices into the scene
   Placement T_table_object;
   Eigen::Vector4d light_place;     // as PlacedLight::place
   std::vector<PlaneFrame> floors;  // the unbounded planes that receive
   double reach = 0.0;              // of the volume, from the table's origin [m]
-  Eigen::Vector3d light_left;      // share of the light, linear
+  Eigen::Vector3d light_left;      // share of all light, linear; the same in all of one light
   float opacity = 1.0F;            // of the caster; where it falls, the receiver's counts as well
 };
 

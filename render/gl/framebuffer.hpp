@@ -40,6 +40,11 @@ class Framebuffer {
   [[nodiscard]] static Result<Framebuffer> create(int width, int height);
 
   void bind() const;  // for drawing, with its viewport
+  // For drawing into a second picture over the same depth and stencil, in which passes add up what
+  // they then take from bind()'s at once: RGBA, half floats where the driver draws those, else 8
+  // bits. All 0 after bind_sums(). Made by the first bind_sums().
+  void bind_sums();
+  void bind_sums_texture(int unit) const;
   // Rows top to bottom, width * height * 4 bytes.
   void read_rgba(std::span<std::uint8_t> rgba) const;
   // Depth and stencil are of no use after the frame; on a tiler this saves writing them out.
@@ -52,6 +57,8 @@ class Framebuffer {
   GlHandle<FramebufferTraits> framebuffer_;
   GlHandle<RenderbufferTraits> color_;
   GlHandle<RenderbufferTraits> depth_stencil_;
+  GlHandle<FramebufferTraits> sums_framebuffer_;  // none until it is asked for
+  GlHandle<TextureTraits> sums_;
   int width_ = 0;
   int height_ = 0;
 };

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <glm/vec4.hpp>
 #include <set>
 
 #include "render/passes/lens_uniforms.hpp"
@@ -44,11 +45,14 @@ Result<VolumePass> VolumePass::create(GlApi api, const CameraModel& camera) {
   constexpr std::array<std::string_view, 1> kNothing = {"outline.frag.glsl"};
   constexpr std::array<std::string_view, 1> kWhole = {"video.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFill = {"fill.frag.glsl"};
+  constexpr std::array<std::string_view, 1> kSum = {"light_sum.frag.glsl"};
   auto volume = ShaderProgram::link(api, kVertex, kNothing);
   if (!volume) return tl::unexpected(volume.error());
   auto fill = ShaderProgram::link(api, kWhole, kFill);
   if (!fill) return tl::unexpected(fill.error());
-  VolumePass pass(std::move(*volume), std::move(*fill));
+  auto light_sum = ShaderProgram::link(api, kWhole, kSum);
+  if (!light_sum) return tl::unexpected(light_sum.error());
+  VolumePass pass(std::move(*volume), std::move(*fill), std::move(*light_sum));
   if (make_lens(camera).model != 0) pass.longest_edge_ = longest_edge(camera);
   return pass;
 }
@@ -116,46 +120,88 @@ int VolumePass::count(const Scene& scene, const FramePlan& plan, const ShadowVol
   return calls + 1;
 }
 
-// The pixels that the stencil lets through.
-void VolumePass::darken(const FramePlan& plan, float opacity) const {
+// The pixels that the stencil lets through: the picture, or where several lights add up, the sums.
+void VolumePass::darken(const Eigen::Vector3d& light_left, float opacity, bool add_up) const {
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDisable(GL_DEPTH_TEST);
   glEnable(GL_BLEND);
-  glBlendFunc(GL_ZERO, GL_SRC_COLOR);
   glStencilOp(GL_KEEP, GL_KEEP, GL_KEEP);
   fill_program_.use();
-  glm::vec3 left(1.0F);
-  for (glm::length_t i = 0; i < 3; ++i) {
-    const double share = plan.volumes.front().light_left[i];
-    left[i] =
-        static_cast<float>(1.0 - static_cast<double>(opacity) * (1.0 - std::pow(share, 1.0 / 2.2)));
+  glm::vec4 value(1.0F);
+  if (add_up) {
+    glBlendFunc(GL_ONE, GL_ONE);
+    glBlendEquationSeparate(GL_FUNC_ADD, GL_MAX);
+    value = opacity * glm::vec4(1.0F - to_gl(light_left), 1.0F);
+  } else {
+    glBlendFunc(GL_ZERO, GL_SRC_COLOR);
+    for (glm::length_t i = 0; i < 3; ++i) {
+      const double share = light_left[i];
+      value[i] = static_cast<float>(1.0 - static_cast<double>(opacity) *
+                                              (1.0 - std::pow(share, 1.0 / 2.2)));
+    }
   }
-  fill_program_.set("light_left", left);
+  fill_program_.set("value", value);
   no_vertices_.bind();
   glDrawArrays(GL_TRIANGLES, 0, 3);
+  glBlendEquation(GL_FUNC_ADD);
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
   glDisable(GL_BLEND);
 }
 
-int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                     const ObjectPass& objects, const Receivers& receivers) const {
-  if (plan.volumes.empty()) return 0;
-  int calls = 0;
-  glEnable(GL_STENCIL_TEST);
+void VolumePass::darken_by_sums(const Framebuffer& framebuffer) const {
+  framebuffer.bind();
+  framebuffer.bind_sums_texture(0);
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_STENCIL_TEST);
+  glEnable(GL_BLEND);
+  glBlendFunc(GL_ZERO, GL_SRC_COLOR);
+  light_sum_program_.use();
+  light_sum_program_.set("sums", 0);
+  no_vertices_.bind();
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+}
+
+int VolumePass::draw_light(const Scene& scene, const FramePlan& plan, const Casters& casters,
+                           const LensUniforms& lens, const ObjectPass& objects,
+                           const Receivers& receivers, bool add_up) const {
   glStencilMask(0xFF);
   glClear(GL_STENCIL_BUFFER_BIT);
-  glDepthMask(GL_FALSE);
   if (differ_in_opacity(plan)) {
-    calls += draw_faint(scene, plan, lens, objects, receivers);
-  } else {
-    for (const ShadowVolumeDraw& draw : plan.volumes) {
-      if (volumes_.at({draw.object, draw.light}).count == 0) continue;
-      calls += count(scene, plan, draw, lens, objects) + 1;
-      note_dark();
-    }
-    glStencilMask(0);
-    glStencilFunc(GL_EQUAL, static_cast<GLint>(kDarkBit), kDarkBit);
-    darken(plan, plan.overlay_opacity);
+    return draw_faint(scene, plan, casters, lens, objects, receivers, add_up);
+  }
+  int calls = 0;
+  for (const ShadowVolumeDraw* caster : casters) {
+    calls += count(scene, plan, *caster, lens, objects) + 1;
+    note_dark();
+  }
+  glStencilMask(0);
+  glStencilFunc(GL_EQUAL, static_cast<GLint>(kDarkBit), kDarkBit);
+  darken(casters.front()->light_left, plan.overlay_opacity, add_up);
+  return calls + 1;
+}
+
+int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+                     const ObjectPass& objects, const Receivers& receivers,
+                     Framebuffer& framebuffer) const {
+  std::vector<Casters> lights;
+  for (const ShadowVolumeDraw& draw : plan.volumes) {
+    if (volumes_.at({draw.object, draw.light}).count == 0) continue;
+    const auto known = std::ranges::find_if(
+        lights, [&draw](const Casters& casters) { return casters.front()->light == draw.light; });
+    (known == lights.end() ? lights.emplace_back() : *known).push_back(&draw);
+  }
+  if (lights.empty()) return 0;
+  const bool add_up = lights.size() > 1;
+  if (add_up) framebuffer.bind_sums();
+  int calls = 0;
+  glEnable(GL_STENCIL_TEST);
+  glDepthMask(GL_FALSE);
+  for (const Casters& casters : lights) {
+    calls += draw_light(scene, plan, casters, lens, objects, receivers, add_up);
+  }
+  if (add_up) {
+    darken_by_sums(framebuffer);
     ++calls;
   }
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
@@ -178,10 +224,9 @@ void VolumePass::note_dark() const {
 
 // Caster by caster, the strongest first, and each of them on what is equally strong together: a
 // pixel in the shadow of several is darkened once, by the first.
-int VolumePass::draw_faint(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                           const ObjectPass& objects, const Receivers& receivers) const {
-  std::vector<const ShadowVolumeDraw*> casters;
-  for (const ShadowVolumeDraw& draw : plan.volumes) casters.push_back(&draw);
+int VolumePass::draw_faint(const Scene& scene, const FramePlan& plan, Casters casters,
+                           const LensUniforms& lens, const ObjectPass& objects,
+                           const Receivers& receivers, bool add_up) const {
   std::ranges::stable_sort(casters, std::greater<>(),
                            [](const ShadowVolumeDraw* draw) { return draw->opacity; });
   std::set<float> opacities;
@@ -190,7 +235,6 @@ int VolumePass::draw_faint(const Scene& scene, const FramePlan& plan, const Lens
   for (const ObjectDraw& phantom : plan.phantoms) opacities.insert(phantom.opacity);
   int calls = 0;
   for (const ShadowVolumeDraw* caster : casters) {
-    if (volumes_.at({caster->object, caster->light}).count == 0) continue;
     calls += count(scene, plan, *caster, lens, objects);
     // What is dark already counts no more.
     fill_program_.use();
@@ -218,7 +262,7 @@ int VolumePass::draw_faint(const Scene& scene, const FramePlan& plan, const Lens
       }
       glStencilMask(0);
       glStencilFunc(GL_LESS, static_cast<GLint>(kMarkBit), kMarkBit | kCountBits);
-      darken(plan, std::min(opacity, caster->opacity));
+      darken(caster->light_left, std::min(opacity, caster->opacity), add_up);
       glStencilMask(kMarkBit);
       glClear(GL_STENCIL_BUFFER_BIT);
       ++calls;

@@ -1,6 +1,8 @@
 // Shadow volumes (Hudson's shadow of a 3D cursor) on everything that is in the depth buffer:
 // planes, phantoms and virtual objects. z-fail counting: right wherever the eye is, and whatever
-// the near plane cuts.
+// the near plane cuts. A stencil counts light by light; where a pixel is dark for several, their
+// shares are added up before the picture is darkened, as light adds up: each light's share is gone
+// once.
 #pragma once
 
 #include <glm/vec3.hpp>
@@ -13,6 +15,7 @@
 #include "render/camera_gl.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
+#include "render/gl/framebuffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/passes/object_pass.hpp"
 #include "render/passes/receivers.hpp"
@@ -28,10 +31,11 @@ class VolumePass {
 
   // The CPU's part: volumes of casters that moved, or whose light did. Adds to `work`.
   void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
-  // The plan must be the one prepared; depth: phantoms, objects and planes. The shadow is as strong
-  // as the fainter of what casts it and what it falls on. Number of draw calls.
+  // The plan must be the one prepared; `framebuffer` bound, with the depth of phantoms, objects and
+  // planes. The shadow is as strong as the fainter of what casts it and what it falls on. Number of
+  // draw calls.
   int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-           const ObjectPass& objects, const Receivers& receivers) const;
+           const ObjectPass& objects, const Receivers& receivers, Framebuffer& framebuffer) const;
 
  private:
   struct Volume {
@@ -46,19 +50,30 @@ class VolumePass {
   };
   using Key = std::tuple<int, int>;  // object, light
 
-  VolumePass(ShaderProgram volume, ShaderProgram fill)
-      : volume_program_(std::move(volume)), fill_program_(std::move(fill)) {}
+  // The casters of one light.
+  using Casters = std::vector<const ShadowVolumeDraw*>;
+
+  VolumePass(ShaderProgram volume, ShaderProgram fill, ShaderProgram light_sum)
+      : volume_program_(std::move(volume)),
+        fill_program_(std::move(fill)),
+        light_sum_program_(std::move(light_sum)) {}
 
   // Leaves how often each pixel's ray is in the volume, in the stencil's bits for that.
   int count(const Scene& scene, const FramePlan& plan, const ShadowVolumeDraw& draw,
             const LensUniforms& lens, const ObjectPass& objects) const;
   void note_dark() const;
-  void darken(const FramePlan& plan, float opacity) const;
-  int draw_faint(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                 const ObjectPass& objects, const Receivers& receivers) const;
+  void darken(const Eigen::Vector3d& light_left, float opacity, bool add_up) const;
+  void darken_by_sums(const Framebuffer& framebuffer) const;
+  int draw_light(const Scene& scene, const FramePlan& plan, const Casters& casters,
+                 const LensUniforms& lens, const ObjectPass& objects, const Receivers& receivers,
+                 bool add_up) const;
+  int draw_faint(const Scene& scene, const FramePlan& plan, Casters casters,
+                 const LensUniforms& lens, const ObjectPass& objects, const Receivers& receivers,
+                 bool add_up) const;
 
   ShaderProgram volume_program_;
   ShaderProgram fill_program_;
+  ShaderProgram light_sum_program_;
   std::optional<double> longest_edge_;  // [m]; none: the lens keeps straight edges straight
   VertexArray no_vertices_;
   std::map<const Model*, std::unique_ptr<VolumeCaster>> casters_;

@@ -1,7 +1,7 @@
 // Every pixel that the stencil lets through.
-uniform vec3 light_left;  // of the encoded value
-layout(location = 0) out vec4 factor;
+uniform vec4 value;
+layout(location = 0) out vec4 color;
 
 void main() {
-  factor = vec4(light_left, 1.0);  // blended: video * factor
+  color = value;
 }

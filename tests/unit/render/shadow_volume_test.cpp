@@ -356,6 +356,105 @@ TEST(ShadowVolume, FadesWithWhatCastsAndWithWhatReceives) {
   EXPECT_EQ(other, 0);
 }
 
+// Three lights, two casters, two nodes: what each node's lights throw of its own casters, against
+// rays; a pixel that misses several lights has lost the sum of their shares, each once.
+TEST(ShadowVolume, EveryLightOfEveryNodeThrows) {
+  const std::vector<Eigen::Vector3d> lights = {
+      {-0.2, 0.05, 0.6}, {0.15, -0.25, 0.5}, {0.2, 0.3, 0.7}};
+  SceneBuilder builder = with_light(lights[0]);
+  for (std::size_t i = 1; i < lights.size(); ++i) {
+    SceneLight& light = builder.scene().lights.emplace_back(builder.scene().lights[0]);
+    light.name += std::to_string(i);
+    light.position = lights[i];
+    light.intensity = 0.7 - 0.2 * static_cast<double>(i);
+    light.color = {1.0, 0.5, 0.3};
+  }
+  const std::vector<Block> casters = {{test::at(-0.02, 0.0, 0.06), {0.05, 0.07, 0.01}},
+                                      {test::at(0.04, 0.02, 0.09), {0.05, 0.06, 0.01}}};
+  for (const Block& block : casters) {
+    builder.add(box(2 * block.half.x(), 2 * block.half.y(), 2 * block.half.z()), block.placement);
+  }
+  const std::vector<std::vector<int>> lights_of_caster = {{0, 1}, {1, 2}};
+  std::vector<ShadowNode>& nodes = builder.scene().shadows;
+  nodes.push_back(nodes[0]);
+  nodes[1].name = "second";
+  for (std::size_t i = 0; i < 2; ++i) {
+    nodes[i].casters = {static_cast<int>(i)};
+    nodes[i].lights = lights_of_caster[i];
+  }
+  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
+  Studio studio(builder.build(), camera);
+  const Eigen::Vector3d eye(0.3, -0.4, 0.5);
+  const PoseEstimate pose = test::tracked(test::look_at(eye, {0.02, 0.02, 0.0}));
+  FramePlan plan = studio.plan(pose);
+  EXPECT_TRUE(plan.skipped.empty());
+  ASSERT_EQ(plan.volumes.size(), 4U);
+  std::vector<double> share(3);  // of all light, that each gives
+  for (const ShadowVolumeDraw& draw : plan.volumes) {
+    share[static_cast<std::size_t>(draw.light)] = 1.0 - draw.light_left.x();
+  }
+  plan.objects.clear();
+  const Picture solid = studio.draw(white(), plan);
+  // Drawn caster by caster, with as good as no difference.
+  plan.volumes[0].opacity = 0.999999F;
+  const Picture faint = studio.draw(white(), plan);
+
+  std::map<int, int> seen;  // by the lights missed
+  int wrong = 0;
+  int apart = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
+      ASSERT_TRUE(ray);
+      const Eigen::Vector3d d = pose.T_table_camera.rotation() * *ray;
+      const Eigen::Vector3d place = eye - d * (eye.z() / d.z());
+      int missed = 0;
+      for (std::size_t i = 0; i < casters.size(); ++i) {
+        for (const int light : lights_of_caster[i]) {
+          const Eigen::Vector3d to_light = lights[static_cast<std::size_t>(light)] - place;
+          if (casters[i].hit(place, to_light, 1e-9) < 1.0) missed |= 1 << light;
+        }
+      }
+      double left = 1.0;
+      for (std::size_t light = 0; light < 3; ++light) {
+        if ((missed >> light & 1) != 0) left -= share[light];
+      }
+      ++seen[missed];
+      wrong += std::abs(solid.red(x, y) - 255.0 * std::pow(left, 1.0 / 2.2)) > 1.5 ? 1 : 0;
+      apart += std::abs(solid.red(x, y) - faint.red(x, y)) > 1 ? 1 : 0;
+    }
+  }
+  for (const int missed : {0, 1, 2, 3, 4, 6}) EXPECT_GT(seen[missed], 40) << missed;
+  EXPECT_LE(wrong, 350) << "more than edges of " << kSide * kSide;
+  EXPECT_EQ(apart, 0);
+}
+
+// Two nodes with the same caster and light: made once, and long enough for the receivers of both.
+TEST(ShadowVolume, OfTwoNodesIsDrawnOnce) {
+  SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
+  builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
+  std::vector<ShadowNode>& nodes = builder.scene().shadows;
+  ScenePlane& sunk = builder.scene().planes.emplace_back();
+  sunk.name = "sunk";
+  sunk.point.z() = -0.3;
+  nodes.push_back(nodes[0]);
+  Studio one(builder.build(), test::camera_of(kSide, kSide, 260.0));
+  const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
+  const FramePlan twice = one.plan(pose);
+  EXPECT_EQ(twice.volumes.size(), 1U);
+  EXPECT_EQ(twice.volumes[0].floors.size(), 1U);
+  nodes[1].planes = {1};
+  EXPECT_EQ(Studio(builder.build(), test::camera_of(kSide, kSide, 260.0))
+                .plan(pose)
+                .volumes.at(0)
+                .floors.size(),
+            2U);
+  builder.scene().planes[1].outline = {{-1, -1}, {1, -1}, {1, 1}, {-1, 1}};
+  const FramePlan bounded =
+      Studio(builder.build(), test::camera_of(kSide, kSide, 260.0)).plan(pose);
+  EXPECT_TRUE(bounded.volumes.at(0).floors.empty()) << "as far as anything receives";
+}
+
 TEST(ShadowVolume, EmptyDepthIsNeverDark) {
   SceneBuilder builder = with_light({0.0, 0.0, 0.5});
   builder.add(ring(), test::at(0.0, 0.0, 0.2));
