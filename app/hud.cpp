@@ -15,15 +15,25 @@ struct Key {
   WindowCommand command;
 };
 constexpr std::array kKeys = {
-    Key{GLFW_KEY_ESCAPE, WindowCommand::quit},     Key{GLFW_KEY_Q, WindowCommand::quit},
-    Key{GLFW_KEY_SPACE, WindowCommand::pause},     Key{GLFW_KEY_PERIOD, WindowCommand::step},
-    Key{GLFW_KEY_S, WindowCommand::screenshot},    Key{GLFW_KEY_R, WindowCommand::record},
-    Key{GLFW_KEY_F11, WindowCommand::full_screen}, Key{GLFW_KEY_F, WindowCommand::full_screen},
-    Key{GLFW_KEY_H, WindowCommand::hud},           Key{GLFW_KEY_F1, WindowCommand::help},
-    Key{GLFW_KEY_D, WindowCommand::debug},         Key{GLFW_KEY_P, WindowCommand::panels},
-    Key{GLFW_KEY_C, WindowCommand::layout},        Key{GLFW_KEY_X, WindowCommand::slide},
-    Key{GLFW_KEY_Z, WindowCommand::lift},          Key{GLFW_KEY_T, WindowCommand::turn},
-    Key{GLFW_KEY_B, WindowCommand::put},           Key{GLFW_KEY_N, WindowCommand::next_technique},
+    Key{GLFW_KEY_ESCAPE, WindowCommand::quit},
+    Key{GLFW_KEY_Q, WindowCommand::quit},
+    Key{GLFW_KEY_SPACE, WindowCommand::pause},
+    Key{GLFW_KEY_PERIOD, WindowCommand::step},
+    Key{GLFW_KEY_S, WindowCommand::screenshot},
+    Key{GLFW_KEY_R, WindowCommand::record},
+    Key{GLFW_KEY_F11, WindowCommand::full_screen},
+    Key{GLFW_KEY_F, WindowCommand::full_screen},
+    Key{GLFW_KEY_H, WindowCommand::hud},
+    Key{GLFW_KEY_F1, WindowCommand::help},
+    Key{GLFW_KEY_D, WindowCommand::debug},
+    Key{GLFW_KEY_P, WindowCommand::panels},
+    Key{GLFW_KEY_C, WindowCommand::layout},
+    Key{GLFW_KEY_X, WindowCommand::slide},
+    Key{GLFW_KEY_Z, WindowCommand::lift},
+    Key{GLFW_KEY_Y, WindowCommand::reach},
+    Key{GLFW_KEY_T, WindowCommand::turn},
+    Key{GLFW_KEY_B, WindowCommand::put},
+    Key{GLFW_KEY_N, WindowCommand::next_technique},
 };
 
 constexpr std::array kHelp = {
@@ -37,12 +47,12 @@ constexpr std::array kHelp = {
     KeyHelp{"space   .", "pause, one frame on"},
     KeyHelp{"S", "screenshot (without HUD)"},
     KeyHelp{"R", "start or stop recording (live)"},
-    KeyHelp{"F11  F", "full screen"},
-    KeyHelp{"Esc  Q", "quit"},
-    KeyHelp{"left drag", "object along the table (or what X, Z, T chose)"},
+    KeyHelp{"F11  F   Esc  Q", "full screen, quit"},
+    KeyHelp{"left drag", "object along the table (or as chosen by X, Z, Y, T)"},
     KeyHelp{"middle drag, Shift + left", "object up and sideways"},
-    KeyHelp{"right drag, Ctrl + left", "turn object"},
-    KeyHelp{"X  Z  T", "left drag slides, lifts, turns"},
+    KeyHelp{"right drag", "object up and away"},
+    KeyHelp{"Ctrl + left", "turn object"},
+    KeyHelp{"X  Z  Y  T", "left drag slides, lifts, reaches, turns"},
     KeyHelp{"B", "put the selected object on the table at the pointer"},
 };
 

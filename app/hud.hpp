@@ -37,6 +37,7 @@ enum class WindowCommand {
   layout,
   slide,
   lift,
+  reach,
   turn,
   put,
   next_technique,

@@ -201,6 +201,15 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
       placed.placement.position += shift;
       break;
     }
+    case DragMode::reach: {
+      // The plane through the eye, seen edge-on: what is drawn to the right goes away.
+      const double metres_per_px = grab.distance * pointer.radians_per_px;
+      Eigen::Vector3d shift = metres_per_px * (-moved.x() * facing(grab.pointer) -
+                                               moved.y() * Eigen::Vector3d::UnitZ());
+      shift.z() = std::max(shift.z(), -grab.clearance);
+      placed.placement.position += shift;
+      break;
+    }
     case DragMode::turn: {
       // The width of the picture is one turn.
       const double angle_per_px = 2.0 * std::numbers::pi / std::max(1.0, pointer.width_px);

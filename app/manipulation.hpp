@@ -1,8 +1,10 @@
 // Hands on the objects: which one a ray meets, and what a drag makes of it. Pure: no window, no
 // OpenGL.
 //
-// A drag moves an object in two axes: along the table (x, y), up and sideways (z and the picture's
-// horizontal), or turns it (about the table's normal and about the picture's horizontal).
+// A drag moves an object in two axes, as the three buttons of Layered Penumbrae's experiment do:
+// along the table (x, y), up and sideways (z and the picture's horizontal), up and away (z and the
+// level direction into the picture); or it turns it (about the table's normal and about the
+// picture's horizontal).
 #pragma once
 
 #include <Eigen/Core>
@@ -47,7 +49,7 @@ struct PickedPoint {
 // Lowest point above z = 0 of an object and what hangs on it, by their boxes [m].
 [[nodiscard]] double lowest_point(const Scene& scene, const SceneState& state, int root);
 
-enum class DragMode { slide, lift, turn };
+enum class DragMode { slide, lift, reach, turn };
 
 class Manipulator {
  public:

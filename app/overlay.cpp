@@ -79,6 +79,8 @@ std::string_view word_of(DragMode mode) {
       return "slide";
     case DragMode::lift:
       return "lift";
+    case DragMode::reach:
+      return "reach";
     case DragMode::turn:
       return "turn";
   }
@@ -90,6 +92,8 @@ WindowCommand after(DragMode mode) {
     case DragMode::slide:
       return WindowCommand::lift;
     case DragMode::lift:
+      return WindowCommand::reach;
+    case DragMode::reach:
       return WindowCommand::turn;
     case DragMode::turn:
       return WindowCommand::slide;

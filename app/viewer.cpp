@@ -129,7 +129,8 @@ void Viewer::take_pointer(const WindowEvent& event) {
   if (manipulator_.holding() || (overlay_ && hud_ && overlay_->covers(event.x, event.y))) return;
   DragMode mode = drag_;
   if (event.code == WindowEvent::kMiddle || event.shift) mode = DragMode::lift;
-  if (event.code == WindowEvent::kRight || event.control) mode = DragMode::turn;
+  if (event.code == WindowEvent::kRight) mode = DragMode::reach;
+  if (event.control) mode = DragMode::turn;
   const SessionView view = host_.view();
   const auto pointer = pointer_view();
   if (!pointer || view.state == nullptr) return;
@@ -216,6 +217,9 @@ void Viewer::act(WindowCommand command) {
       break;
     case WindowCommand::lift:
       drag_ = DragMode::lift;
+      break;
+    case WindowCommand::reach:
+      drag_ = DragMode::reach;
       break;
     case WindowCommand::turn:
       drag_ = DragMode::turn;

@@ -150,6 +150,29 @@ TEST_F(Hands, SeenFromAboveUpInThePictureLifts) {
   EXPECT_NEAR(moved->placement.position.x(), 0.05, 1e-9);
 }
 
+TEST_F(Hands, AReachMovesUpAndAwayOnly) {
+  Manipulator hands;
+  const PointerView start = pointer_at({0.05, -0.03, 0.25});
+  ASSERT_TRUE(hands.take(scene(), state(), start, DragMode::reach));
+  PointerView pointer = start;
+  pointer.pixel += Eigen::Vector2d(40.0, -25.0);
+  const auto moved = hands.drag(pointer);
+  ASSERT_TRUE(moved);
+  EXPECT_FALSE(moved->turned);
+  const Eigen::Vector3d done = moved->placement.position - Eigen::Vector3d(0.05, 0.02, 0.25);
+  const double metres_per_px =
+      (start.ray.origin - Eigen::Vector3d(0.05, -0.03, 0.25)).norm() / 500.0;
+  EXPECT_NEAR(done.z(), 25.0 * metres_per_px, 1e-6);
+  EXPECT_NEAR(done.dot(start.right), 0.0, 1e-12);
+  // Away: level, as the ray goes.
+  Eigen::Vector3d away = start.ray.direction - start.ray.direction.dot(start.right) * start.right;
+  away.z() = 0.0;
+  EXPECT_NEAR(done.dot(away.normalized()), 40.0 * metres_per_px, 1e-6);
+  // Not below the table.
+  pointer.pixel.y() = start.pixel.y() + 4000.0;
+  EXPECT_NEAR(hands.drag(pointer)->placement.position.z(), 0.05, 1e-7);
+}
+
 TEST_F(Hands, ATurnIsAboutTheTablesNormalAndThePicturesHorizontal) {
   Manipulator hands;
   const PointerView start = pointer_at({0.05, -0.03, 0.25});
@@ -170,7 +193,7 @@ TEST_F(Hands, ATurnIsAboutTheTablesNormalAndThePicturesHorizontal) {
 }
 
 TEST_F(Hands, AnUnmovedPointerMovesNothing) {
-  for (const DragMode mode : {DragMode::slide, DragMode::lift, DragMode::turn}) {
+  for (const DragMode mode : {DragMode::slide, DragMode::lift, DragMode::reach, DragMode::turn}) {
     Manipulator hands;
     const PointerView start = pointer_at({0.05, -0.03, 0.25});
     const auto taken = hands.take(scene(), state(), start, mode);
