@@ -90,6 +90,7 @@ struct ShadowJob {
   std::filesystem::path proxy_file;
   UpAxis up = UpAxis::by_format;
   LayeredConstants constants;
+  std::optional<double> workspace_height;  // [m] that the constants were chosen for
   Placement placement;
   PlaneFrame plane;
   Eigen::Vector4d light = Eigen::Vector4d::Zero();
@@ -264,7 +265,10 @@ ShadowJob job_from(const ShadowOptions& options) {
   if (!options.up.empty() && options.up != "y" && options.up != "z") {
     wrong("--up", fmt::format("{}: is neither y nor z", options.up));
   }
-  if (!one_layer) job.constants = constants_from(options);
+  if (!one_layer) {
+    job.constants = constants_from(options);
+    job.workspace_height = options.workspace_height;
+  }
   if (!options.pose.empty()) {
     const auto pose = numbers_from<7>(kPoseOption, options.pose);
     const Eigen::Quaterniond rotation(pose[6], pose[3], pose[4], pose[5]);
@@ -399,7 +403,7 @@ void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertice
     log_warning("{}: has no face that casts a shadow", name);
     return;
   }
-  if (top <= 0.0) {
+  if (top < 0.0) {  // in contact it still casts
     log_warning("{}: is under the plane (its top at {:.3g} m), so there is no shadow", name, top);
     return;
   }
@@ -418,6 +422,14 @@ void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertice
         "{}: reaches to {:.3g} m above the plane; what is above {:.3g} m is too high for a light "
         "of H = {:.3g} m and casts nothing; raise --light-height",
         name, top, reach, job.constants.light_height);
+  }
+  // Float heights of vertices: a top that stands exactly at the workspace's is inside.
+  if (layers && job.workspace_height && top > *job.workspace_height * (1.0 + 1e-6)) {
+    log_warning(
+        "{}: reaches to {:.3g} m above the plane, beyond --workspace-height {:g}: its umbra is "
+        "gone "
+        "there; give the highest place that objects come to",
+        name, top, *job.workspace_height);
   }
   const auto is_empty = [](const auto& layer) { return layer.outline.area <= 0.0; };
   if (job.technique != ShadowJob::Technique::hard &&
@@ -631,9 +643,11 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
                                   result.vertices, result.faces);
   if (job.technique == ShadowJob::Technique::layered ||
       job.technique == ShadowJob::Technique::field) {
-    table += fmt::format("light: H = {:g} m, a = {:g}, the umbra vanishes at {:g} m\n",
-                         job.constants.light_height, job.constants.light_ratio,
-                         job.constants.umbra_height);
+    table += fmt::format("light: H = {:g} m, a = {:g}, the umbra {}\n", job.constants.light_height,
+                         job.constants.light_ratio,
+                         job.constants.light_ratio <= 1.0
+                             ? "never vanishes"
+                             : fmt::format("vanishes at {:g} m", job.constants.umbra_height));
   }
   if (!job.groups.empty()) table += fmt::format("parts: {}\n", result.parts);
   table += "layer      area [cm2]  pieces  holes\n";

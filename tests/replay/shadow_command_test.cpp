@@ -262,6 +262,34 @@ TEST_F(ShadowCommand, TellsWhyAShadowIsMissing) {
   EXPECT_THAT(last_warnings_, HasSubstr("no layer"));
 }
 
+// In contact the layers are one and the shadow is whole: nothing to warn of.
+TEST_F(ShadowCommand, AContactShadowIsAShadow) {
+  const std::string square = file("square.obj");
+  for (const char* technique : {"layered", "simple"}) {
+    const auto json = layers({square, "--technique", technique, "--pose", "0 0 -0.1 0 0 0 1"});
+    EXPECT_EQ(last_warnings_, "") << technique;
+    for (const auto& [name, layer] : json["layers"].items()) {
+      EXPECT_NEAR(layer["area"].get<double>(), 0.04, 1e-6) << name;
+    }
+  }
+  layers({square, "--pose", "0 0 -0.11 0 0 0 1"});
+  EXPECT_THAT(last_warnings_, HasSubstr("under the plane"));
+}
+
+TEST_F(ShadowCommand, WhatLeavesTheWorkspaceIsTold) {
+  const auto at = [this](const char* height) {
+    layers({file("square.obj"), "--workspace-height", "0.3", "--magnification", "1.5", "--pose",
+            std::string("0 0 ") + height + " 0 0 0 1"});
+    return last_warnings_;
+  };
+  EXPECT_EQ(at("0.2"), "") << "its top is at the workspace's";
+  EXPECT_THAT(at("0.25"), HasSubstr("--workspace-height 0.3"));
+  // A light no larger than what it shines on has an umbra everywhere.
+  const ProgramResult table = penumbra({"shadow", file("square.obj"), "--light-ratio", "0.5"});
+  EXPECT_THAT(table.out, HasSubstr("the umbra never vanishes"));
+  EXPECT_THAT(table.out, testing::Not(HasSubstr("vanishes at")));
+}
+
 TEST_F(ShadowCommand, PicturesAndTable) {
   const std::string ring = (source_dir() / "scenes" / "models" / "ring.glb").string();
   EXPECT_EQ(penumbra({"shadow", ring, "--show-kernels", "--output", file("ring.svg")}).exit_code,
