@@ -102,6 +102,9 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
         if (const auto checked = check_groups(*model, options.groups); !checked) {
           return fail("{}: {}", options.model.string(), checked.error().message);
         }
+        if (const auto checked = check_one_place_each(*model, options.model.string()); !checked) {
+          return checked;
+        }
         // What was stored before is replaced: the user need not hear that it does not fit.
         plain = std::move(*model);
         for (Mesh& mesh : plain.meshes) mesh.shadow_kernels.clear();

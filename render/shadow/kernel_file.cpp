@@ -106,6 +106,9 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
                     model.name));
     return false;
   }
+  if (const auto checked = check_one_place_each(model, file); !checked) {
+    return tl::unexpected(checked.error());
+  }
   for (Mesh& mesh : model.meshes) {
     mesh.shadow_kernels.resize(mesh.positions.size());
     for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
@@ -162,6 +165,25 @@ Result<void> give_kernels(Scene& scene, const KernelFile& kernels, const std::st
         scene.warnings.push_back(fmt::format(
             "{}: was made for other parts than the group of \"{}\"; its kernels are made anew",
             file, object.name));
+      }
+    }
+  }
+  return {};
+}
+
+Result<void> check_one_place_each(const Model& model, const std::string& name) {
+  std::vector<const glm::vec3*> place(model.source_vertex_count, nullptr);
+  for (const Mesh& mesh : model.meshes) {
+    for (std::size_t i = 0; i < mesh.source_vertex.size() && i < mesh.positions.size(); ++i) {
+      if (mesh.source_vertex[i] >= place.size()) continue;
+      const glm::vec3*& known = place[mesh.source_vertex[i]];
+      if (known == nullptr) {
+        known = &mesh.positions[i];
+      } else if (*known != mesh.positions[i]) {
+        return fail(
+            "{}: a mesh hangs in the scene more than once, so its vertices have several kernels; "
+            "export the copies as meshes of their own",
+            name);
       }
     }
   }

@@ -40,6 +40,10 @@ struct KernelFile {
 [[nodiscard]] Result<void> give_kernels(Scene& scene, const KernelFile& kernels,
                                         const std::string& file);
 
+// Fails, naming what to do, where a vertex of the file stands in several places: a mesh that hangs
+// in the scene more than once. It would need several kernels, and a file keeps one for a vertex.
+[[nodiscard]] Result<void> check_one_place_each(const Model& model, const std::string& name);
+
 // What to keep: a vertex of the file that no face uses gets the origin.
 [[nodiscard]] KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,
                                          const ShadowKernels& kernels, KernelSource source);

@@ -415,6 +415,39 @@ TEST_F(ShadowCommand, KernelsSayOneLine) {
   EXPECT_EQ(lines_of(result.out).size(), 1U) << result.out;
 }
 
+// One mesh on two nodes: its vertices have two places each, and a file keeps one kernel.
+TEST_F(ShadowCommand, KernelsOfAMeshThatHangsTwiceAreRefused) {
+  const auto scene = [](const std::string& nodes) {
+    // Three vertices (0 0 0), (0.1 0 0), (0 0 0.1) and a face of them.
+    return R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":)" + nodes +
+           R"(}],"nodes":[{"mesh":0},{"mesh":0,"translation":[0.3,0.1,0]}],)"
+           R"("meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],)"
+           R"("accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3",)"
+           R"("min":[0,0,0],"max":[0.1,0,0.1]},)"
+           R"({"bufferView":1,"componentType":5123,"count":3,"type":"SCALAR"}],)"
+           R"("bufferViews":[{"buffer":0,"byteLength":36},)"
+           R"({"buffer":0,"byteOffset":36,"byteLength":6}],)"
+           R"("buffers":[{"byteLength":42,"uri":"data:application/octet-stream;base64,)"
+           R"(AAAAAAAAAAAAAAAAzczMPQAAAAAAAAAAAAAAAAAAAADNzMw9AAABAAIA"}]})";
+  };
+  write("once.gltf", scene("[0]"));
+  write("twice.gltf", scene("[0,1]"));
+  ASSERT_EQ(penumbra({"kernels", file("once.gltf"), "--output", file("k.json")}).exit_code, 0);
+  for (const char* output : {"t.json", "t.glb"}) {
+    expect_failure(penumbra({"kernels", file("twice.gltf"), "--output", file(output)}),
+                   {"twice.gltf", "more than once"});
+    EXPECT_FALSE(fs::exists(file(output)));
+  }
+  EXPECT_EQ(penumbra({"shadow", file("twice.gltf")}).exit_code, 0);
+  // Kernels that were stored by other means.
+  auto kernels = read_json(file("k.json"));
+  kernels.erase("geometry");
+  write("k.json", kernels.dump());
+  EXPECT_EQ(penumbra({"shadow", file("once.gltf"), "--kernels", file("k.json")}).exit_code, 0);
+  expect_failure(penumbra({"shadow", file("twice.gltf"), "--kernels", file("k.json")}),
+                 {"k.json", "more than once"});
+}
+
 TEST_F(ShadowCommand, GroupsArePartsThatShareALight) {
   // Two tiles side by side, which share no vertex.
   write("tiles.obj",
