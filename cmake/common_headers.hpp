@@ -1,5 +1,5 @@
-// Headers that are compiled once for core, tracking and calib, and with more for the other modules and the tests (see
-// options.cmake). Nothing includes this file by name.
+// Headers that are compiled once for core, tracking and calib, and with more for the other modules
+// and the tests (see options.cmake). Nothing includes this file by name.
 #pragma once
 
 #include <fmt/format.h>

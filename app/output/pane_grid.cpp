@@ -12,7 +12,7 @@ namespace {
 
 constexpr int kGap = 4;                    // between panes [px]
 constexpr std::uint8_t kBackground = 24;   // of captions, gaps and places left empty
-constexpr double kWordsWhite = 0.94;              // of the words, 1: white
+constexpr double kWordsWhite = 0.94;       // of the words, 1: white
 constexpr int kLeastCaption = 20;          // [px]
 constexpr int kPaneHeightPerCaption = 16;  // a caption is this part of its pane
 constexpr double kLettersOfCaption = 0.66;

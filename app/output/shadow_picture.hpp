@@ -17,7 +17,7 @@ struct ShadowPicture {
     LayerOutline outline;
   };
   std::string title;
-  std::string subtitle;  // below it, smaller; may be empty
+  std::string subtitle;                  // below it, smaller; may be empty
   std::vector<Layer> layers;             // in the order of painting: the largest first
   LayerOutline object;                   // seen straight down
   std::vector<Eigen::Vector2d> kernels;  // dots [m]

@@ -27,8 +27,8 @@ struct KernelTuning {
   double cells_per_root = 8.0;
   int least_side_cells = 32;
   int most_side_cells = 128;
-  // Of a body of few parts each has more: as many as all its parts have together. (Half a cell of 32
-  // is 3 % of a disc's radius, and near the umbra's end 9 % of the umbra's area.)
+  // Of a body of few parts each has more: as many as all its parts have together. (Half a cell of
+  // 32 is 3 % of a disc's radius, and near the umbra's end 9 % of the umbra's area.)
   int cells_of_all = 1 << 17;
 };
 

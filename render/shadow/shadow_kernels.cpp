@@ -286,9 +286,8 @@ class LocalThickness {
       : smooth_(smooth), progress_(progress), tuning_(tuning) {
     const double share = static_cast<double>(tuning.cells_of_all) /
                          static_cast<double>(std::max<std::size_t>(1, parts));
-    least_side_cells_ =
-        std::clamp(static_cast<int>(std::sqrt(share)), tuning.least_side_cells,
-                   std::max(tuning.least_side_cells, tuning.most_side_cells));
+    least_side_cells_ = std::clamp(static_cast<int>(std::sqrt(share)), tuning.least_side_cells,
+                                   std::max(tuning.least_side_cells, tuning.most_side_cells));
   }
 
   void generate(const PartGeometry& part, std::span<PlanarKernel> kernels) {
