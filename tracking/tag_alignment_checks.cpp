@@ -133,12 +133,9 @@ void TagAligner::Impl::verify() {
     kernel::Samples& s = tag->samples;
     tag->used = 0;
     for (const DataCell& cell : cells) {
-      double x = 0.0;
-      double y = 0.0;
-      if (!cell_pixel(*tag, cell.i, cell.j, x, y)) continue;
-      const int px = floor_of(x + 0.5);
-      const int py = floor_of(y + 0.5);
-      if (px < 0 || py < 0 || px >= image.width || py >= image.height) continue;
+      int px = 0;
+      int py = 0;
+      if (!nearest_cell_pixel(*tag, cell, px, py)) continue;
       const auto v = static_cast<std::size_t>(cell.j * tag->side + cell.i);
       s.pixel_x[tag->used] = static_cast<float>(px);
       s.pixel_y[tag->used] = static_cast<float>(py);

@@ -26,12 +26,9 @@ void TagAligner::Impl::read_levels() {
     int whites = 0;
     int blacks = 0;
     for (const DataCell& cell : tag->pattern.data_cells()) {
-      double x = 0.0;
-      double y = 0.0;
-      if (!cell_pixel(*tag, cell.i, cell.j, x, y)) continue;
-      const int px = floor_of(x + 0.5);
-      const int py = floor_of(y + 0.5);
-      if (px < 0 || py < 0 || px >= image.width || py >= image.height) continue;
+      int px = 0;
+      int py = 0;
+      if (!nearest_cell_pixel(*tag, cell, px, py)) continue;
       const double value = static_cast<double>(tone[image.row(py)[px]]);
       (cell.white ? white : black) += value;
       ++(cell.white ? whites : blacks);

@@ -18,6 +18,16 @@
 
 namespace penumbra {
 
+// floor and ceil of |x| < 2^20, without a call.
+inline int floor_of(double x) {
+  constexpr int kShift = 1 << 20;
+  return static_cast<int>(x + kShift) - kShift;
+}
+
+inline int ceil_of(double x) {
+  return -floor_of(-x);
+}
+
 struct TagAligner::Impl {
   static constexpr int kSearchReach = 31;     // [px] the code search looks this far to each side
   static constexpr int kMaxSearchCells = 36;  // per tag; sums of so many bytes fit in 16 bits
@@ -162,6 +172,17 @@ struct TagAligner::Impl {
     return std::abs(x) < 1e5 && std::abs(y) < 1e5;
   }
 
+  // The nearest pixel of it [px]; nothing outside the image too.
+  [[nodiscard]] bool nearest_cell_pixel(const Tag& tag, const DataCell& cell, int& x,
+                                        int& y) const {
+    double centre_x = 0.0;
+    double centre_y = 0.0;
+    if (!cell_pixel(tag, cell.i, cell.j, centre_x, centre_y)) return false;
+    x = floor_of(centre_x + 0.5);
+    y = floor_of(centre_y + 0.5);
+    return x >= 0 && y >= 0 && x < image.width && y < image.height;
+  }
+
   [[nodiscard]] bool search(bool independent);
   [[nodiscard]] bool search_within(int search_reach, bool independent);
   void fetch_ahead() const;
@@ -175,15 +196,5 @@ struct TagAligner::Impl {
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);
   bool attempt(const Vector6d& exposure_motion, bool with_search, bool independent);
 };
-
-// floor and ceil of |x| < 2^20, without a call.
-inline int floor_of(double x) {
-  constexpr int kShift = 1 << 20;
-  return static_cast<int>(x + kShift) - kShift;
-}
-
-inline int ceil_of(double x) {
-  return -floor_of(-x);
-}
 
 }  // namespace penumbra

@@ -426,8 +426,7 @@ void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertice
   // Float heights of vertices: a top that stands exactly at the workspace's is inside.
   if (layers && job.workspace_height && top > *job.workspace_height * (1.0 + 1e-6)) {
     log_warning(
-        "{}: reaches to {:.3g} m above the plane, beyond --workspace-height {:g}: its umbra is "
-        "gone "
+        "{}: reaches to {:.3g} m above the plane, beyond --workspace-height {:g}, and has no umbra "
         "there; give the highest place that objects come to",
         name, top, *job.workspace_height);
   }
