@@ -299,9 +299,8 @@ struct ShadowResult {
   std::string kernel_source = "none";
   double kernel_ms = 0.0;
   std::size_t twisted_faces = 0;
-  // Of lights in proportion; a light of one size has the count alone.
   std::optional<TwistReport> twists;
-  double spill = 0.0;
+  std::optional<double> spill;  // of lights in proportion
   std::size_t faces = 0;
   std::size_t vertices = 0;
   std::size_t parts = 0;
@@ -544,15 +543,15 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
     std::vector<VertexDisc> discs;
     if (job.fixed_light) {
       discs = vertex_discs(caster, choice.kernels, parts, job.placement.scale);
-      result.twisted_faces = fixed_light_twists(vertices, discs, caster.indices, job.constants);
+      result.twists = fixed_light_twists(vertices, discs, caster.indices, job.constants);
     } else {
       const auto [least, greatest] = factors_of(vertices, job.constants);
       result.twists = find_twists(vertices, caster.indices, least, greatest);
-      result.twisted_faces = result.twists->faces_twisted;
       ShadowKernels at_tilt = choice.kernels;
       at_tilt.up = up;
       result.spill = layer_spill(caster, at_tilt, greatest);
     }
+    result.twisted_faces = result.twists->faces_twisted;
     for (const auto& [layer, name] : kLayerNames) {
       const auto triangles =
           job.fixed_light
@@ -616,8 +615,8 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
   json["twisted_faces"] = result.twisted_faces;
   if (result.twists) {
     json["twists"] = {{"faces_tested", result.twists->faces_tested},
-                      {"area_share", result.twists->area_share},
-                      {"spill", result.spill}};
+                      {"area_share", result.twists->area_share}};
+    if (result.spill) json["twists"]["spill"] = *result.spill;
   }
   if (job.proxy != ProxyMode::none) {
     auto& proxy = json["proxy"];
@@ -661,9 +660,12 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
                          result.kernel_ms, result.twisted_faces,
                          result.proxy.used ? result.proxy.faces : result.faces);
     if (result.twists) {
-      table += fmt::format(
-          "twisted: {:.2f} % of the area; spill beyond the outline: {:.2f} % of the penumbra\n",
-          100.0 * result.twists->area_share, 100.0 * result.spill);
+      table += fmt::format("twisted: {:.2f} % of the area", 100.0 * result.twists->area_share);
+      if (result.spill) {
+        table += fmt::format("; spill beyond the outline: {:.2f} % of the penumbra",
+                             100.0 * *result.spill);
+      }
+      table += "\n";
     }
   }
   if (job.proxy != ProxyMode::none) {

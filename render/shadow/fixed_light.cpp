@@ -184,12 +184,16 @@ std::vector<PlanePoint> fixed_light_triangles(std::span<const CasterVertex> vert
   return triangles;
 }
 
-std::size_t fixed_light_twists(std::span<const CasterVertex> vertices,
+TwistReport fixed_light_twists(std::span<const CasterVertex> vertices,
                                std::span<const VertexDisc> discs,
                                std::span<const std::uint32_t> indices,
                                const LayeredConstants& constants) {
-  std::size_t twisted = 0;
-  for_each_face(vertices, discs, indices, [&](const std::array<DiscVertex, 3>& corners) {
+  // A face that is seen edge-on has no side to turn.
+  constexpr double kEdgeOn = 1e-7;
+  TwistReport report;
+  double tested_area = 0.0;
+  double twisted_area = 0.0;
+  const auto turns = [&](const std::array<DiscVertex, 3>& corners) {
     for (const ShadowLayer layer : kShadowLayers) {
       const DiscFace face = clipped_face(corners, constants, layer);
       for (std::size_t i = 2; i < face.count; ++i) {
@@ -201,15 +205,24 @@ std::size_t fixed_light_twists(std::span<const CasterVertex> vertices,
             twice_area(image_of(a, constants, layer), image_of(b, constants, layer),
                        image_of(c, constants, layer));
         const double size = std::max((b.x - a.x).squaredNorm(), (c.x - a.x).squaredNorm());
-        // A face that is seen edge-on has no side to turn.
-        if (std::abs(seen) > 1e-7 * size && seen * image < 0.0) {
-          ++twisted;
-          return;
-        }
+        if (std::abs(seen) > kEdgeOn * size && seen * image < 0.0) return true;
       }
     }
+    return false;
+  };
+  for_each_face(vertices, discs, indices, [&](const std::array<DiscVertex, 3>& corners) {
+    const double area = std::abs(twice_area(corners[0].x, corners[1].x, corners[2].x));
+    const double size = std::max((corners[1].x - corners[0].x).squaredNorm(),
+                                 (corners[2].x - corners[0].x).squaredNorm());
+    if (!(area > kEdgeOn * size)) return;
+    ++report.faces_tested;
+    tested_area += area;
+    if (!turns(corners)) return;
+    ++report.faces_twisted;
+    twisted_area += area;
   });
-  return twisted;
+  if (tested_area > 0.0) report.area_share = twisted_area / tested_area;
+  return report;
 }
 
 }  // namespace penumbra

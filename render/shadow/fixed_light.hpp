@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "render/shadow/caster.hpp"
+#include "render/shadow/twist.hpp"
 
 namespace penumbra {
 
@@ -41,8 +42,9 @@ struct VertexDisc {
                                                             const LayeredConstants& constants,
                                                             ShadowLayer layer);
 
-// Faces with a layer in which they are turned over.
-[[nodiscard]] std::size_t fixed_light_twists(std::span<const CasterVertex> vertices,
+// Faces with a layer in which they are turned over, where they are: unlike find_twists() not for a
+// range of factors, as each vertex has its own.
+[[nodiscard]] TwistReport fixed_light_twists(std::span<const CasterVertex> vertices,
                                              std::span<const VertexDisc> discs,
                                              std::span<const std::uint32_t> indices,
                                              const LayeredConstants& constants);
