@@ -502,15 +502,13 @@ Result<void> ObjReader::take_faces(const tinyobj::attrib_t& attributes,
       }
       triangle[k] = entry->second;
     }
-    if (vertices[3 * t] != vertices[3 * t + 1] && vertices[3 * t + 1] != vertices[3 * t + 2] &&
-        vertices[3 * t + 2] != vertices[3 * t]) {
-      std::vector<NodeFaces>& runs = part.mesh.node_faces;
-      if (runs.empty() || runs.back().node != nodes[t]) {
-        runs.push_back({nodes[t], part.mesh.indices.size(), 0});
-      }
-      runs.back().index_count += triangle.size();
-      part.mesh.indices.insert(part.mesh.indices.end(), triangle.begin(), triangle.end());
+    // A face whose corners coincide stays: it covers nothing, but its vertices are the model's.
+    std::vector<NodeFaces>& runs = part.mesh.node_faces;
+    if (runs.empty() || runs.back().node != nodes[t]) {
+      runs.push_back({nodes[t], part.mesh.indices.size(), 0});
     }
+    runs.back().index_count += triangle.size();
+    part.mesh.indices.insert(part.mesh.indices.end(), triangle.begin(), triangle.end());
   }
   for (auto& [material, part] : parts) {
     part.mesh.material = material;

@@ -253,6 +253,94 @@ std::size_t add_vertices(BinaryWriter& writer, Json& json, const Mesh& mesh) {
   return accessor;
 }
 
+// A run of a mesh's faces from one node, with vertices of its own.
+struct NamedMesh {
+  Mesh mesh;
+  std::optional<std::uint32_t> node;  // of Model::nodes
+};
+
+constexpr std::uint32_t kNoVertex = std::numeric_limits<std::uint32_t>::max();
+
+// `new_index`: one kNoVertex per vertex of the mesh, before and after.
+Mesh faces_of(const Mesh& mesh, const NodeFaces& run, std::vector<std::uint32_t>& new_index) {
+  Mesh own;
+  own.name = mesh.name;
+  own.material = mesh.material;
+  const auto copy = [](auto& to, const auto& from, std::uint32_t vertex) {
+    if (!from.empty()) to.push_back(from[vertex]);
+  };
+  for (std::size_t i = 0; i < run.index_count; ++i) {
+    const std::uint32_t vertex = mesh.indices[run.first_index + i];
+    std::uint32_t& index = new_index[vertex];
+    if (index == kNoVertex) {
+      index = static_cast<std::uint32_t>(own.positions.size());
+      copy(own.positions, mesh.positions, vertex);
+      copy(own.normals, mesh.normals, vertex);
+      copy(own.texcoords, mesh.texcoords, vertex);
+      copy(own.colors, mesh.colors, vertex);
+      copy(own.source_vertex, mesh.source_vertex, vertex);
+    }
+    own.indices.push_back(index);
+  }
+  for (std::size_t i = 0; i < run.index_count; ++i) {
+    new_index[mesh.indices[run.first_index + i]] = kNoVertex;
+  }
+  return own;
+}
+
+// The faces in the same order, each with its node: groups of parts are named by it.
+std::vector<NamedMesh> split_by_node(const Model& model) {
+  std::vector<NamedMesh> pieces;
+  for (const Mesh& mesh : model.meshes) {
+    std::size_t named = 0;
+    for (const NodeFaces& run : mesh.node_faces) named += run.index_count;
+    if (named != mesh.indices.size()) {
+      pieces.push_back({mesh, std::nullopt});
+      continue;
+    }
+    std::vector<std::uint32_t> new_index(mesh.positions.size(), kNoVertex);
+    for (const NodeFaces& run : mesh.node_faces) {
+      if (run.index_count > 0) pieces.push_back({faces_of(mesh, run, new_index), run.node});
+    }
+  }
+  return pieces;
+}
+
+// The stamp for the model as the file will have it: a vertex that two nodes share is two there.
+std::string stamp_of(const std::vector<NamedMesh>& pieces, const std::string& stamp) {
+  Model written;
+  for (const NamedMesh& piece : pieces) {
+    const auto same =
+        std::find_if(written.meshes.begin(), written.meshes.end(),
+                     [&piece](const Mesh& mesh) { return mesh.material == piece.mesh.material; });
+    if (same == written.meshes.end()) {
+      written.meshes.push_back(piece.mesh);
+    } else {
+      append_mesh(*same, piece.mesh);
+    }
+  }
+  const std::size_t rest = stamp.find('-');
+  return geometry_key(written) + (rest == std::string::npos ? "" : stamp.substr(rest));
+}
+
+// A node of the scene for the mesh that was written last, below nodes with its ancestors' names.
+void add_named_node(Json& json, const Model& model, const NamedMesh& piece) {
+  json["nodes"].push_back({{"mesh", json["meshes"].size() - 1}});
+  std::size_t top = json["nodes"].size() - 1;
+  if (!piece.node) {
+    json["nodes"][top]["name"] = piece.mesh.name;
+  } else {
+    json["nodes"][top]["name"] = model.nodes[*piece.node].name;
+    for (int parent = model.nodes[*piece.node].parent; parent >= 0;
+         parent = model.nodes[static_cast<std::size_t>(parent)].parent) {
+      json["nodes"].push_back({{"name", model.nodes[static_cast<std::size_t>(parent)].name},
+                               {"children", Json::array({top})}});
+      top = json["nodes"].size() - 1;
+    }
+  }
+  json["scenes"][0]["nodes"].push_back(top);
+}
+
 Result<std::vector<std::uint8_t>> make_chunks(const Model& model, const KernelFile& kernels) {
   Json json;
   json["asset"] = {{"version", "2.0"}, {"generator", "penumbra kernels"}};
@@ -271,7 +359,10 @@ Result<std::vector<std::uint8_t>> make_chunks(const Model& model, const KernelFi
     if (c.a < 1.0F) material["alphaMode"] = "BLEND";
     json["materials"].push_back(std::move(material));
   }
-  for (const Mesh& from : model.meshes) {
+  const std::vector<NamedMesh> pieces = split_by_node(model);
+  const std::string stamp = stamp_of(pieces, kernels.geometry);
+  for (const NamedMesh& piece : pieces) {
+    const Mesh& from = piece.mesh;
     Json attributes;
     attributes["POSITION"] = add_vertices(writer, json, from);
     std::vector<glm::vec3> vectors;
@@ -295,11 +386,12 @@ Result<std::vector<std::uint8_t>> make_chunks(const Model& model, const KernelFi
                    from.indices.size(), kElementArrayBuffer);
     Json primitive = {{"attributes", std::move(attributes)}, {"indices", indices}};
     primitive["material"] = from.material;
-    Json mesh = {{"name", from.name}, {"primitives", Json::array({std::move(primitive)})}};
-    note_kernels(mesh, to_file_axes(kernels.up), kernels.geometry);
+    const bool has_name = piece.node && !model.nodes[*piece.node].mesh.empty();
+    Json mesh = {{"name", has_name ? model.nodes[*piece.node].mesh : from.name},
+                 {"primitives", Json::array({std::move(primitive)})}};
+    note_kernels(mesh, to_file_axes(kernels.up), stamp);
     json["meshes"].push_back(std::move(mesh));
-    json["nodes"].push_back({{"name", from.name}, {"mesh", json["meshes"].size() - 1}});
-    json["scenes"][0]["nodes"].push_back(json["nodes"].size() - 1);
+    add_named_node(json, model, piece);
   }
   return writer.finish();
 }

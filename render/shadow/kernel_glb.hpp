@@ -16,8 +16,9 @@ namespace penumbra {
 [[nodiscard]] Result<std::vector<std::uint8_t>> add_kernels_to_glb(
     std::span<const std::uint8_t> glb, const KernelFile& kernels, const std::string& name);
 
-// A new .glb of a model that came in another format: shapes, normals, colours and materials, but no
-// pictures. The glTF file is y up: (x, y, z) is written as (x, z, -y).
+// A new .glb of a model that came in another format: shapes, normals, colours, materials and the
+// names of nodes (an OBJ's objects and groups), but no pictures. The glTF file is y up: (x, y, z)
+// is written as (x, z, -y).
 [[nodiscard]] Result<std::vector<std::uint8_t>> make_glb_with_kernels(const Model& model,
                                                                       const KernelFile& kernels);
 

@@ -495,23 +495,66 @@ TEST_F(ShadowCommand, StoredKernelsOfOtherPartsAreMadeAnew) {
     EXPECT_NEAR(umbra(json), whole, 1e-8);
     EXPECT_EQ(json["kernels"]["source"], "auto");
     EXPECT_THAT(last_warnings_, HasSubstr("other parts"));
-    if (extension == "json") {  // a model that is written anew has no names
-      // A name that holds one part alone changes nothing.
-      json = with({"--group", "left"});
-      EXPECT_NEAR(umbra(json), loose, 1e-8);
-      EXPECT_NE(json["kernels"]["source"], "auto");
-      EXPECT_EQ(last_warnings_, "");
-    }
+    // A name that holds one part alone changes nothing; a model that is written anew keeps its
+    // names.
+    json = with({"--group", "left"});
+    EXPECT_NEAR(umbra(json), loose, 1e-8);
+    EXPECT_NE(json["kernels"]["source"], "auto");
+    EXPECT_EQ(last_warnings_, "");
     ASSERT_EQ(penumbra({"kernels", tiles, "--group", "all", "--output", kept}).exit_code, 0);
     json = with({"--group", "all"});
     EXPECT_NEAR(umbra(json), whole, 1e-8);
     EXPECT_NE(json["kernels"]["source"], "auto");
     EXPECT_EQ(last_warnings_, "");
-    if (extension == "json") {
-      EXPECT_NEAR(umbra(with({"--group", "left"})), loose, 1e-8);
-      EXPECT_THAT(last_warnings_, HasSubstr("other parts"));
-    }
+    EXPECT_NEAR(umbra(with({"--group", "left"})), loose, 1e-8);
+    EXPECT_THAT(last_warnings_, HasSubstr("other parts"));
   }
+}
+
+TEST_F(ShadowCommand, AModelThatIsWrittenAnewKeepsItsNames) {
+  // Two groups that share an edge and whose materials alternate, beside a third.
+  write("house.mtl", "newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n");
+  write("house.obj",
+        "mtllib house.mtl\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\n"
+        "v 0.1 0 0.1\nv 0.1 0.1 0.1\nv 0.3 0 0.1\nv 0.4 0 0.1\nv 0.4 0.1 0.1\n"
+        "o wall 1\nusemtl red\nf 1 2 3\nusemtl blue\nf 1 3 4\n"
+        "o wall 2\nusemtl red\nf 2 5 6\nusemtl blue\nf 2 6 3\no tower\nf 7 8 9\n");
+  const auto same = [this](const std::vector<std::string>& words) {
+    std::vector<std::string> of_obj = {file("house.obj")};
+    std::vector<std::string> of_glb = {file("house.glb")};
+    of_obj.insert(of_obj.end(), words.begin(), words.end());
+    of_glb.insert(of_glb.end(), words.begin(), words.end());
+    const auto first = layers(of_obj);
+    const auto second = layers(of_glb);
+    for (const char* layer : {"umbra", "middle", "penumbra"}) {
+      EXPECT_NEAR(first["layers"][layer]["area"].get<double>(),
+                  second["layers"][layer]["area"].get<double>(), 1e-8)
+          << layer;
+    }
+    return second["kernels"]["source"].get<std::string>();
+  };
+  ASSERT_EQ(penumbra({"kernels", file("house.obj"), "--output", file("house.glb")}).exit_code, 0);
+  EXPECT_EQ(same({}), "stored");
+  EXPECT_EQ(last_warnings_, "");
+  EXPECT_EQ(same({"--group", "all"}), "auto");
+  EXPECT_EQ(same({"--group", "wall *"}), "stored");  // they are one part already
+  EXPECT_EQ(same({"--group", "wall 1", "--group", "tower"}), "stored");
+  EXPECT_EQ(same({"--group", "t*", "--group", "wall 2"}), "stored");
+  expect_failure(penumbra({"shadow", file("house.glb"), "--group", "roof"}),
+                 {"house.glb", "roof", "wall 1, wall 2, tower"});
+}
+
+TEST_F(ShadowCommand, AModelOfOnePointHasKernels) {
+  write("point.obj", "v 0.1 0.2 0.3\nf 1 1 1\n");
+  ASSERT_EQ(penumbra({"kernels", file("point.obj"), "--output", file("point.json")}).exit_code, 0);
+  const auto kernels = read_json(file("point.json"))["kernels"];
+  ASSERT_EQ(kernels.size(), 3U);
+  EXPECT_NEAR(kernels[0].get<double>(), 0.1, 1e-6);
+  EXPECT_NEAR(kernels[1].get<double>(), 0.2, 1e-6);
+  EXPECT_NEAR(kernels[2].get<double>(), 0.3, 1e-6);
+  const auto json = layers({file("point.obj")});
+  EXPECT_EQ(json["layers"]["penumbra"]["area"].get<double>(), 0.0);
+  EXPECT_THAT(last_warnings_, HasSubstr("casts no shadow: its 1 faces have no area"));
 }
 
 TEST_F(ShadowCommand, AProxySaysHowWellItAgrees) {
@@ -545,6 +588,12 @@ TEST_F(ShadowCommand, AProxySaysHowWellItAgrees) {
 TEST_F(ShadowCommand, OneKernelSpillsARing) {
   const std::string ring = (source_dir() / "scenes" / "models" / "ring.glb").string();
   EXPECT_LT(layers({ring, "--pose", "0 0 0.1 0 0 0 1"})["twists"]["spill"], 0.02);
+  const auto fixed = layers({ring, "--pose", "0 0 0.1 0 0 0 1", "--light-mode", "fixed"});
+  EXPECT_GT(fixed["twists"]["faces_tested"], 0);
+  EXPECT_LT(fixed["twists"]["area_share"], 0.05);
+  EXPECT_FALSE(fixed["twists"].contains("spill"));
+  EXPECT_EQ(fixed["twisted_faces"].get<int>() > 0,
+            fixed["twists"]["area_share"].get<double>() > 0.0);
   EXPECT_GT(layers({ring, "--pose", "0 0 0.1 0 0 0 1", "--technique", "cocl"})["twists"]["spill"],
             0.3);
 }
