@@ -172,6 +172,12 @@ SceneState evaluate_scene(const Scene& scene, double time_s,
   return state;
 }
 
+const std::shared_ptr<const Model>& casting_model(const SceneObject& object, bool proxies) {
+  const bool authored =
+      proxies && object.proxy == ProxyMode::model && object.proxy_model != nullptr;
+  return authored ? object.proxy_model : object.model;
+}
+
 PlacedPlane placed_plane(const Scene& scene, const SceneState& state, int plane) {
   const auto index = static_cast<std::size_t>(plane);
   if (index < state.planes.size()) return state.planes[index];
@@ -212,8 +218,12 @@ std::vector<double> largest_scales(const Scene& scene) {
   return scales;
 }
 
-std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& plane_normal,
-                                     const Eigen::Vector3d& plane_point) {
+namespace {
+
+// The largest of height(object, placement) over all times, one per object; -infinity without a
+// model.
+template <class Height>
+std::vector<double> greatest_over_time(const Scene& scene, const Height& height) {
   std::set<double> times = {0.0};
   double end = 0.0;
   for (const SceneObject& object : scene.objects) {
@@ -233,19 +243,38 @@ std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& 
     const SceneState state = evaluate_scene(scene, time);
     for (std::size_t i = 0; i < heights.size(); ++i) {
       if (!scene.objects[i].model) continue;
-      const Model& model = *scene.objects[i].model;
-      double radius = 0.0;
-      for (int axis = 0; axis < 3; ++axis) {
-        radius =
-            std::hypot(radius, static_cast<double>(std::max(std::abs(model.min_corner[axis]),
-                                                            std::abs(model.max_corner[axis]))));
-      }
-      const Placement& at = state.objects[i];
-      heights[i] =
-          std::max(heights[i], plane_normal.dot(at.position - plane_point) + at.scale * radius);
+      heights[i] = std::max(heights[i], height(*scene.objects[i].model, state.objects[i]));
     }
   }
   return heights;
+}
+
+}  // namespace
+
+std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& plane_normal,
+                                     const Eigen::Vector3d& plane_point) {
+  return greatest_over_time(scene, [&](const Model& model, const Placement& at) {
+    double radius = 0.0;
+    for (int axis = 0; axis < 3; ++axis) {
+      radius = std::hypot(radius, static_cast<double>(std::max(std::abs(model.min_corner[axis]),
+                                                               std::abs(model.max_corner[axis]))));
+    }
+    return plane_normal.dot(at.position - plane_point) + at.scale * radius;
+  });
+}
+
+std::vector<double> highest_points(const Scene& scene, const Eigen::Vector3d& plane_normal,
+                                   const Eigen::Vector3d& plane_point) {
+  return greatest_over_time(scene, [&](const Model& model, const Placement& at) {
+    // Of a box, the corner that lies farthest in the normal's direction.
+    const Eigen::Vector3d up = at.rotation.conjugate() * plane_normal;
+    double reach = 0.0;
+    for (int axis = 0; axis < 3; ++axis) {
+      reach += up[axis] * static_cast<double>(up[axis] > 0.0 ? model.max_corner[axis]
+                                                             : model.min_corner[axis]);
+    }
+    return plane_normal.dot(at.position - plane_point) + at.scale * reach;
+  });
 }
 
 void add_default_walls(Scene& scene, ShadowNode& node) {

@@ -69,6 +69,12 @@ struct SceneObject {
   bool phantom = false;                      // stands for a real thing: writes depth only
 };
 
+// What casts an object's projected and volume shadows: its model, or where `proxies`, the reduced
+// one that its author made. (Layered shadows take that too, or one that is made by itself, but only
+// where their layers agree with the model's: shadow_proxy.hpp.) The object must have a model.
+[[nodiscard]] const std::shared_ptr<const Model>& casting_model(const SceneObject& object,
+                                                                bool proxies);
+
 struct ScenePlane {
   std::string name;
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  // unit, towards the light side
@@ -196,6 +202,11 @@ struct SceneState {
 [[nodiscard]] std::vector<double> greatest_heights(const Scene& scene,
                                                    const Eigen::Vector3d& plane_normal,
                                                    const Eigen::Vector3d& plane_point);
+// As the scene has them, nothing turned by hand: the highest point above the plane [m] of the box
+// about each object's model, at the same times.
+[[nodiscard]] std::vector<double> highest_points(const Scene& scene,
+                                                 const Eigen::Vector3d& plane_normal,
+                                                 const Eigen::Vector3d& plane_point);
 
 // Virtual walls for `walls` (multiple orthographic shadows): two vertical planes through the far
 // edges of the working volume, which is what the node's casters come to over all times. They stand

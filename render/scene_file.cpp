@@ -10,6 +10,7 @@
 #include <optional>
 
 #include "core/units.hpp"
+#include "render/frame_plan.hpp"
 #include "render/scene.hpp"
 #include "render/scene_json.hpp"
 #include "render/shadow/kernel_stamp.hpp"
@@ -60,6 +61,8 @@ class SceneReader {
   [[nodiscard]] Result<LayeredConstants> read_layered(const json& from,
                                                       const std::string& pointer) const;
   void advise_on_size(const ShadowNode& node, const std::string& pointer);
+  void advise_on_lights();
+  void advise_on_height(const ShadowNode& node, const std::string& pointer, bool by_workspace);
   template <class List>
   [[nodiscard]] Result<std::vector<int>> indices_of(const json& names, const List& list,
                                                     const std::string& pointer,
@@ -516,6 +519,58 @@ void SceneReader::advise_on_size(const ShadowNode& node, const std::string& poin
   }
 }
 
+// What comes above the light's reach casts nothing, and above the workspace that the light was
+// chosen for has no umbra: told here, once, as no picture of it does.
+void SceneReader::advise_on_height(const ShadowNode& node, const std::string& pointer,
+                                   bool by_workspace) {
+  if (node.technique != ShadowTechnique::layered && node.technique != ShadowTechnique::field)
+    return;
+  const double reach = layer_height_range(node.layered, ShadowLayer::penumbra).high;
+  for (const int index : node.planes) {
+    const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(index)];
+    // A wall has most of the scene far in front of it, and a plane of other tags moves.
+    const bool is_floor = std::abs(plane.normal.z()) > 0.5 && plane.tag_group == kTableGroup;
+    if (!is_floor) continue;
+    const std::vector<double> tops = highest_points(scene_, plane.normal, plane.point);
+    for (const int caster : node.casters) {
+      const SceneObject& object = scene_.objects[static_cast<std::size_t>(caster)];
+      if (object.tag_group != kTableGroup) continue;  // goes where its tags go
+      const double top = tops[static_cast<std::size_t>(caster)];
+      if (top > reach) {
+        scene_.warnings.push_back(fmt::format(
+            "{}: {}: \"{}\" comes to {:.3g} m above \"{}\"; what is above {:.3g} m casts nothing; "
+            "raise the light",
+            name_, pointer, shortened(object.name), top, shortened(plane.name), reach));
+      } else if (by_workspace && top > node.layered.umbra_height * (1.0 + 1e-6)) {
+        scene_.warnings.push_back(fmt::format(
+            "{}: {}: \"{}\" comes to {:.3g} m above \"{}\", beyond the workspace_height of {:.3g} "
+            "m, and has no umbra there; give the highest place that objects come to",
+            name_, pointer, shortened(object.name), top, shortened(plane.name),
+            node.layered.umbra_height));
+      }
+    }
+  }
+}
+
+// Each light's projected shadows on a plane take a bit of the stencil.
+void SceneReader::advise_on_lights() {
+  std::map<int, std::set<int>> lights_on;
+  for (const ShadowNode& node : scene_.shadows) {
+    if (node.technique != ShadowTechnique::hard) continue;
+    for (const int plane : node.planes) {
+      lights_on[plane].insert(node.lights.begin(), node.lights.end());
+    }
+  }
+  for (const auto& [plane, lights] : lights_on) {
+    if (lights.size() <= kMaxHardLights) continue;
+    scene_.warnings.push_back(fmt::format(
+        "{}: /shadows: {} lights throw projected shadows onto \"{}\", which shows those of {}; the "
+        "others' are left out: name fewer of them, or take the technique \"volume\"",
+        name_, lights.size(), shortened(scene_.planes[static_cast<std::size_t>(plane)].name),
+        kMaxHardLights));
+  }
+}
+
 Result<void> SceneReader::read_shadow(const json& from, const std::string& pointer) {
   ShadowNode node;
   node.name = from.at("name").get<std::string>();
@@ -589,6 +644,8 @@ Result<void> SceneReader::read_shadow(const json& from, const std::string& point
     }
   }
   advise_on_size(node, pointer);
+  const auto layered = from.find("layered");
+  advise_on_height(node, pointer, layered != from.end() && layered->contains("workspace_height"));
   if (const auto left = from.find("light_left"); left != from.end()) {
     LightFractions& fractions = node.fractions;
     fractions.umbra = left->value("umbra", fractions.umbra);
@@ -653,6 +710,7 @@ Result<Scene> SceneReader::read(const json& root) {
                     "[{{\"name\": \"shadow\", \"technique\": \"layered\"}}], or [] to have none",
                     name_));
   }
+  advise_on_lights();
   for (const std::size_t node : unwalled_nodes_) add_default_walls(scene_, scene_.shadows[node]);
   return std::move(scene_);
 }

@@ -284,6 +284,62 @@ TEST_F(SceneFile, AdviceOnTheLightThatIsNotFollowedIsTold) {
   }
 }
 
+TEST_F(SceneFile, WhatComesAboveTheWorkspaceOrTheLightIsTold) {
+  // The box's top is 0.05 m above its middle; the sheet is wide enough for anything.
+  const auto warnings = [this](const std::string& where, const std::string& layered) {
+    const Result<Scene> scene = load(fmt::format(
+        R"({{"objects":[{{"name":"box","shape":{{"kind":"box","size":[0.1,0.1,0.1]}},{}}}],)"
+        R"("shadows":[{{"name":"s","technique":"layered","layered":{}}}]}})",
+        where, layered));
+    if (!scene) return scene.error().message;
+    std::string all;
+    for (const std::string& warning : scene->warnings) all += warning + "\n";
+    return all;
+  };
+  const std::string workspace = R"({"workspace_height":0.2,"magnification":1.5})";  // H = 0.6
+  EXPECT_EQ(warnings(R"("position":[0,0,0.15])", workspace), "");
+  EXPECT_THAT(warnings(R"("position":[0,0,0.16])", workspace),
+              HasSubstr("/shadows/0: \"box\" comes to 0.21 m above \"table\", beyond the "
+                        "workspace_height of 0.2 m, and has no umbra there"));
+  // Turned by 45 degrees it is higher by 0.0207 m; and where its path leads counts, not its start.
+  EXPECT_THAT(warnings(R"("position":[0,0,0.14],"rotation_deg":[0,45,0])", workspace),
+              HasSubstr("comes to 0.211 m"));
+  EXPECT_THAT(warnings(R"("position":[0,0,0.05],"animation":{"keyframes":[{"time_s":0},)"
+                       R"({"time_s":1,"position":[0,0,0.2]},{"time_s":2}]})",
+                       workspace),
+              HasSubstr("comes to 0.3 m"));
+  // A light that was named is one where the umbra may vanish; its reach is told.
+  const std::string light = R"({"light_height":0.6,"light_ratio":3})";  // cap at 0.525 m
+  EXPECT_EQ(warnings(R"("position":[0,0,0.16])", light), "");
+  EXPECT_EQ(warnings(R"("position":[0,0,0.47])", light), "");
+  EXPECT_THAT(warnings(R"("position":[0,0,0.48])", light),
+              HasSubstr("comes to 0.53 m above \"table\"; what is above 0.525 m casts nothing; "
+                        "raise the light"));
+}
+
+TEST_F(SceneFile, MoreLightsThanAPlaneShowsAreTold) {
+  const auto warnings = [this](int count, const std::string& technique) {
+    std::string lights;
+    std::string names;
+    for (int i = 0; i < count; ++i) {
+      lights += fmt::format(R"({}{{"name":"l{}","kind":"point","position":[0,0,1]}})",
+                            i == 0 ? "" : ",", i);
+      names += fmt::format(R"({}"l{}")", i == 0 ? "" : ",", i);
+    }
+    const Result<Scene> scene = load(fmt::format(
+        R"({{"objects":[{}],"lights":[{}],"shadows":[{{"name":"s","technique":"{}","lights":[{}]}}]}})",
+        kBox, lights, technique, names));
+    EXPECT_TRUE(scene) << scene.error().message;
+    std::string all;
+    for (const std::string& warning : scene->warnings) all += warning + "\n";
+    return all;
+  };
+  EXPECT_EQ(warnings(7, "hard"), "");
+  EXPECT_THAT(warnings(8, "hard"), HasSubstr("8 lights throw projected shadows onto \"table\", "
+                                             "which shows those of 7"));
+  EXPECT_EQ(warnings(8, "volume"), "");
+}
+
 TEST_F(SceneFile, LightModesAreChecked) {
   const auto node = [](const std::string& keys) {
     return "{\"objects\":[" + kBox + R"(],"shadows":[{"name":"s","technique":"layered")" + keys +
