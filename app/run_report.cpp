@@ -158,6 +158,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
       ++report_.frames_lost;
       break;
   }
+  report_.pixels_sampled += times.samples;
   times_ns_.push_back(frame.tracked.frame.timestamp_ns);
   if (pose.tags_used > 0) reprojection_px_.push_back(pose.reprojection_rms_px);
   if (times.full_detection) {
@@ -342,7 +343,8 @@ std::string report_json(const RunReport& report) {
                                   ? json_of(report.reprojection_rms_px)
                                   : Json({{"rmse", {}}, {"median", {}}, {"p95", {}}, {"max", {}}})},
       {"full_detections", report.full_detections},
-      {"tracked_updates", report.tracked_updates}};
+      {"tracked_updates", report.tracked_updates},
+      {"pixels_sampled", report.pixels_sampled}};
   if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
   json["work"] = counts_json(report.work);
   json["skipped"] = counts_json(report.skipped);

@@ -67,10 +67,11 @@ struct RunReport {
   std::string gl_renderer;
   std::string gl_version;
   std::vector<std::pair<std::string, StageSummary>> time_ms;  // in the order of the pipeline
-  Statistics reprojection_rms_px;  // over the frames in which tags were measured
-  bool tags_measured = false;      // in any frame
-  int full_detections = 0;         // frames searched as a whole
-  int tracked_updates = 0;         // frames measured without such a search
+  Statistics reprojection_rms_px;   // over the frames in which tags were measured
+  bool tags_measured = false;       // in any frame
+  int full_detections = 0;          // frames searched as a whole
+  int tracked_updates = 0;          // frames measured without such a search
+  std::int64_t pixels_sampled = 0;  // by alignments
   std::vector<std::pair<std::string, std::int64_t>> work;
   std::map<std::string, std::int64_t> skipped;
   // Live only: what the camera did that it should not have, and what became of it.

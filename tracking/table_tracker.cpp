@@ -147,7 +147,15 @@ struct TableTracker::Impl {
         options(options_),
         search(std::move(search_)),
         aligner(std::move(aligner_)),
-        table_tags(std::move(table_tags_)) {}
+        table_tags(std::move(table_tags_)) {
+    if (options.pose_budget_px > 0.0) {
+      // Of the tracker on the heap: it is moved with what holds it.
+      aligner.set_sample_need(
+          [this](const AlignmentResult& result) { return samples_needed(result); });
+    }
+  }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
 
   CameraModel camera;
   TagMap tags;
@@ -166,6 +174,7 @@ struct TableTracker::Impl {
   bool branch_open = false;  // which of a lone tag's two poses is followed is not known
   bool rests = false;
   int last_tags = 0;
+  int last_samples = 0;
   bool half_next = false;  // at which resolution is searched next
   // The last search found tags that contradict each other: where the pattern fits here and there
   // says nothing.
@@ -177,6 +186,7 @@ struct TableTracker::Impl {
   [[nodiscard]] Result<Measurement> measure_by_detection(SearchResolution resolution);
   [[nodiscard]] double image_motion_px(const MotionPrediction& prediction) const;
   void choose_effort(double motion_px);
+  [[nodiscard]] double samples_needed(const AlignmentResult& result) const;
   [[nodiscard]] std::optional<RefinedPose> aligned(const AlignmentResult& result,
                                                    const Matrix6d& prior,
                                                    const ImageMotion& motion_px) const;
@@ -414,9 +424,24 @@ double TableTracker::Impl::image_motion_px(const MotionPrediction& prediction) c
 void TableTracker::Impl::choose_effort(double motion_px) {
   rests = motion_px < (rests ? kMoves_px : kRests_px);
   bool every_pixel = options.mode == TrackingMode::accurate;
-  if (options.mode == TrackingMode::automatic) every_pixel = rests || last_tags < kFewTags;
+  if (options.mode == TrackingMode::automatic) {
+    // A budget says itself when it is enough.
+    every_pixel = rests || last_tags < kFewTags || options.pose_budget_px > 0.0;
+  }
   times.every_pixel = every_pixel && motion_px < kBlurs_px;
   aligner.set_effort(times.every_pixel ? AlignmentEffort::accurate : AlignmentEffort::fast);
+}
+
+// By their noise alone: what the model of the picture misses, no number of pixels mends. A part of
+// the budget that the tone curve takes is not theirs.
+double TableTracker::Impl::samples_needed(const AlignmentResult& result) const {
+  const double noise_px =
+      std::sqrt(samples_for_one(result)) *
+      expected_overlay_error_px(camera, result.T_table_camera, result.covariance);
+  const double tone_px = camera.parameters().tone_curve ? 0.0 : kToneBias_px;
+  const double left = options.pose_budget_px * options.pose_budget_px - tone_px * tone_px;
+  if (!(left > 0.0) || !std::isfinite(noise_px)) return std::numeric_limits<double>::infinity();
+  return noise_px * noise_px / left;
 }
 
 // The alignment's pose with a covariance that says what it is worth in the image.
@@ -497,7 +522,9 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   input.luma = image;
   input.predicted = prediction.T_table_camera;
   input.covariance = prediction.covariance;
+  input.first_samples = last_samples;
   const AlignmentResult& result = aligner.align(input);
+  times.samples = last_samples = result.counters.samples;
   ImageMotion image_motion{motion_px, 0.0};
   // Nobody saw these tags where they are looked for: a part of them may be there by a mistake of
   // the map that a search would find.
@@ -509,6 +536,7 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
     input.predicted = result.T_table_camera;
     input.covariance = loose_covariance();
     static_cast<void>(aligner.refine(input));  // in the same result
+    times.samples = last_samples = result.counters.samples;
     image_motion = kUnknownMotion;
   } else if (result.verified) {
     image_motion.missed =
@@ -601,6 +629,7 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
     input.covariance = loose_covariance();
     // How fast the camera goes is not known here.
     const AlignmentResult& result = aligner.refine(input);
+    times.samples = last_samples = result.counters.samples;
     const std::optional<RefinedPose> best = aligned(result, input.covariance, kUnknownMotion);
     if (best) {
       measurement->best = *best;
@@ -661,7 +690,8 @@ Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMa
   PENUMBRA_ASSERT(search != nullptr);
   const auto positive = [](double value) { return std::isfinite(value) && value > 0.0; };
   if (!positive(options.tracked_overlay_px) || !positive(options.ambiguity_ratio) ||
-      !positive(options.max_reprojection_rms_px) || !(options.hold_s >= 0.0))
+      !positive(options.max_reprojection_rms_px) || !(options.hold_s >= 0.0) ||
+      !std::isfinite(options.pose_budget_px) || options.pose_budget_px < 0.0)
     return fail("tracker options: every limit must be a positive number");
   std::vector<MappedTag> table_tags;
   for (const MappedTag& tag : tags.tags()) {

@@ -36,6 +36,9 @@ struct TrackerOptions {
   double ambiguity_ratio = 1.6;  // a second pose whose reprojection RMS is less than this times the
                                  // best one's leaves the view open
   double max_reprojection_rms_px = 3.0;  // a worse fit is no pose
+  // Pixels are sampled until the expected overlay error of their noise is below this [px]; 0: as
+  // many as the mode says. `fast` never takes more than its own number.
+  double pose_budget_px = 0.0;
   double hold_s = kHoldSeconds;  // how long the last motion is continued with nothing measured
 };
 
@@ -45,7 +48,8 @@ struct TrackTimes {
   double total_cpu_ms = 0.0, detect_cpu_ms = 0.0, align_cpu_ms = 0.0,
          solve_cpu_ms = 0.0;    // CPU time of the calling thread
   bool full_detection = false;  // whether a full-frame detection ran
-  bool every_pixel = false;     // whether the last alignment used every pixel at an edge
+  bool every_pixel = false;     // whether the last alignment could use every pixel at an edge
+  int samples = 0;              // pixels that the last alignment used
 };
 
 struct TrackedFrame {

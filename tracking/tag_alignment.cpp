@@ -19,6 +19,7 @@ constexpr double kCornerMoved_px = 0.25;  // a fine stage that moved the tags by
 constexpr double kConverged_px = 0.03;    // the step after such a one is below a hundredth
 constexpr int kFineRounds = 3;
 constexpr int kFineSteps = 5;        // per round at most
+constexpr int kFewestBlocks = 1;     // of samples on a tag, where sampling may stop early
 constexpr double kFineCutoff = 0.6;  // of Tukey's weights, as a share of the gain
 
 // What to ask for so that so many of the kernel's blocks come out full: the walk along the edges
@@ -60,12 +61,19 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
                             std::max(2, options.samples_per_tag / kernel::kBlock)));
   noise_share = 0.0;
   const double settled = options.effort == AlignmentEffort::accurate ? 0.85 : 0.7;
-  for (int round = 0; round < kFineRounds; ++round) {
+  // Of each tag; where sampling may stop early it begins low and grows.
+  int now = cap;
+  if (sample_need) {
+    const int first = first_samples / static_cast<int>(active.size());
+    now = std::min(cap, std::max(first, filled_blocks(kFewestBlocks)));
+  }
+  int samples_before = 0;
+  for (int round = 0; round < kFineRounds;) {
     ++result.counters.fine_rounds;
     find_visible(exposure_motion, false);
     result.counters.samples = 0;
     for (Tag* tag : active) {
-      select(*tag, false, cap);
+      select(*tag, false, now);
       result.counters.samples += tag->used;
     }
     double round_moved = 0.0;
@@ -80,9 +88,20 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
       // While outliers are still being left behind the pose may yet move.
       if (i > 0 && moved < kConverged_px && noise_share > settled * before) break;
     }
-    if (round_moved < kCornerMoved_px) break;
+    ++round;
+    if (round_moved >= kCornerMoved_px && round < kFineRounds) continue;
+    result.design_effect = design_effect(kFineCutoff);
+    if (!sample_need || now >= cap || result.counters.samples <= samples_before) break;
+    report_pose();
+    const double times = sample_need(result);
+    if (times <= 1.0) break;
+    // A little more than that, so that one more round is enough.
+    samples_before = result.counters.samples;
+    const double wanted = 1.1 * times * static_cast<double>(now);
+    now = wanted < static_cast<double>(cap) ? std::max(static_cast<int>(wanted), 2 * now) : cap;
+    now = std::min(now, cap);
+    round = kFineRounds - 1;  // near the pose already
   }
-  result.design_effect = design_effect(kFineCutoff);
   verify();
   return result.verified;
 }
@@ -109,11 +128,18 @@ const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool w
   prior_information = prior_covariance.ldlt().solve(Matrix6d::Identity());
   PENUMBRA_ASSERT(prior_information.allFinite());
 
+  first_samples = input.first_samples;
   bool good = attempt(input.exposure_motion, with_search, false);
   if (!good && with_search && !active.empty()) {
     result.counters.second_try = true;
     good = attempt(input.exposure_motion, true, true);
   }
+  report_pose();
+  return result;
+}
+
+// What is known by now, into the result.
+void TagAligner::Impl::report_pose() {
   const Eigen::Isometry3d T_table_camera = T_camera_table.inverse();
   result.T_table_camera =
       CameraPose(Eigen::Matrix3d(T_table_camera.linear()), T_table_camera.translation());
@@ -123,7 +149,6 @@ const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool w
   for (const Tag* tag : active) gain += tag->gain;
   if (!active.empty() && gain > 0.0)
     result.residual_rms = std::sqrt(variance) / (gain / static_cast<double>(active.size()));
-  return result;
 }
 
 TagAligner::TagAligner(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -230,6 +255,9 @@ void TagAligner::set_tone_exponent(double exponent) {
 }
 void TagAligner::set_blur(double blur_px) {
   impl_->options.blur_px = blur_px;
+}
+void TagAligner::set_sample_need(SampleNeed need) {
+  impl_->sample_need = std::move(need);
 }
 const AlignmentResult& TagAligner::align(const AlignmentInput& input) {
   return impl_->run(input, true);

@@ -9,6 +9,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string_view>
@@ -48,6 +49,8 @@ struct AlignmentInput {
   Matrix6d covariance = Matrix6d::Identity();
   // The camera's motion during the exposure, the same kind of vector; zero when unknown.
   Vector6d exposure_motion = Vector6d::Zero();
+  // Where sampling may stop early (set_sample_need): begin with so many in all; 0: with few.
+  int first_samples = 0;
 };
 
 struct TagAlignment {
@@ -83,6 +86,10 @@ struct AlignmentResult {
   std::string_view reason;  // why it is not verified
 };
 
+// How many times more samples an alignment needs, from its pose, covariance, design effect and
+// counters so far; 1 and less: it has enough.
+using SampleNeed = std::function<double(const AlignmentResult&)>;
+
 class TagAligner {
  public:
   // `tags`: of one rigid group. Fails when a tag's id does not exist in its family.
@@ -97,6 +104,9 @@ class TagAligner {
   void set_effort(AlignmentEffort effort);
   void set_tone_exponent(double exponent);
   void set_blur(double blur_px);
+  // Sampling then begins with few pixels and goes on, up to what the effort allows, until `need`
+  // has enough. None: what the effort allows.
+  void set_sample_need(SampleNeed need);
 
   // The image's size must be the camera's. Same input, same bits.
   [[nodiscard]] const AlignmentResult& align(const AlignmentInput& input);

@@ -135,6 +135,8 @@ struct TagAligner::Impl {
   double variance = 0.0;     // of a residual [grey^2]
   double noise_share = 0.0;  // sigma of a residual over the gain, by the median; 0: unknown
   Matrix6d information = Matrix6d::Zero();
+  SampleNeed sample_need;
+  int first_samples = 0;
   std::vector<Eliminated> eliminated;  // of the last step, by place in `active`
   std::vector<std::int32_t> score_sum;
   std::vector<std::uint8_t> search_scratch;
@@ -191,6 +193,7 @@ struct TagAligner::Impl {
   void finish_samples(Tag& tag);
   bool step(double cutoff, double& moved_px);
   void measure_noise();
+  void report_pose();
   [[nodiscard]] double design_effect(double cutoff) const;
   void verify();
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);

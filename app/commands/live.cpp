@@ -156,7 +156,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
                    "bundled board's)")
       ->type_name("FILE.yaml");
   add_shadow_options(*command, options->shadow);
-  add_tracking_option(*command, request.tracking.mode);
+  add_tracking_options(*command, request.tracking);
   add_output_options(*command, request);
   command->add_flag("--no-skip", options->no_skip,
                     "Do all work, also what can't be seen; the results are the same");
@@ -178,6 +178,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       }
     }
     warn_of_no_use(options->shadow);
+    warn_of_no_use(options->request.tracking);
     apply(options->shadow, options->request.plan);  // wrong usage ends here
     chosen = [options] { return live(*options); };
   });

@@ -148,6 +148,12 @@ void warn_of_no_use(const ShadowChoice& choice) {
   }
 }
 
+void warn_of_no_use(const TrackerOptions& tracking) {
+  if (tracking.mode == TrackingMode::detect && tracking.pose_budget_px > 0.0) {
+    log_warning("--pose-budget: detection has no use for it; it samples what it finds");
+  }
+}
+
 void apply(const ShadowChoice& choice, PlanOptions& plan) {
   plan.technique = choice.technique;
   plan.kernels = choice.kernels;
@@ -167,7 +173,8 @@ void apply(const ShadowChoice& choice, PlanOptions& plan) {
   }
 }
 
-void add_tracking_option(CLI::App& command, TrackingMode& mode) {
+void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
+  TrackingMode& mode = tracking.mode;
   command
       .add_option_function<std::string>(
           "--tracking",
@@ -185,6 +192,19 @@ void add_tracking_option(CLI::App& command, TrackingMode& mode) {
           "to compare with")
       ->type_name("fast|accurate|auto|detect")
       ->default_str("auto");
+  command
+      .add_option_function<double>(
+          "--pose-budget",
+          [&tracking](double px) {
+            if (!std::isfinite(px) || !(px > 0.0)) {
+              throw CLI::ValidationError("--pose-budget",
+                                         fmt::format("is {}; give pixels above 0", px));
+            }
+            tracking.pose_budget_px = px;
+          },
+          "Stop sampling pixels where their noise is expected to move the overlay by less than "
+          "this; fast never takes more than without it")
+      ->type_name("PX");
 }
 
 void add_output_options(CLI::App& command, OutputRequest& request) {

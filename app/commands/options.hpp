@@ -35,6 +35,7 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice);
 void set_technique(ShadowChoice& choice, const std::string& option, const std::string& name);
 // Logs which of the options the technique that --shadow names has no use for.
 void warn_of_no_use(const ShadowChoice& choice);
+void warn_of_no_use(const TrackerOptions& tracking);
 // Over those of the scene. Throws CLI::ValidationError where the options contradict each other.
 void apply(const ShadowChoice& choice, PlanOptions& plan);
 
@@ -48,8 +49,8 @@ struct KernelChoice {
 // Throws CLI::ValidationError.
 [[nodiscard]] LightMode light_mode_choice_from(const std::string& text);
 
-// --tracking.
-void add_tracking_option(CLI::App& command, TrackingMode& mode);
+// --tracking and --pose-budget.
+void add_tracking_options(CLI::App& command, TrackerOptions& tracking);
 
 // --output, --poses, --poses-all and --report.
 void add_output_options(CLI::App& command, OutputRequest& request);

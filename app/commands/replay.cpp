@@ -112,7 +112,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
                       kLeastPanes, kMostPanes))
       ->excludes(shadow)
       ->type_name("TECHNIQUE,...");
-  add_tracking_option(*command, request.tracking.mode);
+  add_tracking_options(*command, request.tracking);
   add_output_options(*command, request);
   command
       ->add_option("--poses-from", request.poses_from,
@@ -160,6 +160,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       "compare.mp4");
   command->callback([options, &chosen] {
     warn_of_no_use(options->shadow);
+    warn_of_no_use(options->request.tracking);
     apply(options->shadow, options->request.plan);  // wrong usage ends here
     options->request.compare = compared(*options);
     chosen = [options] { return replay(*options); };

@@ -215,7 +215,7 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
       ->add_option("--tags", request.tags,
                    "What lies on the table (default: the recording's, or as in penumbra live)")
       ->type_name("FILE.yaml");
-  add_tracking_option(*command, request.tracking.mode);
+  add_tracking_options(*command, request.tracking);
   command
       ->add_option("--script", request.script,
                    "A scripted participant answers: lines of trial, seconds since it is shown, "

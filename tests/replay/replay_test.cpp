@@ -293,6 +293,37 @@ TEST(ReplayTest, TrackingSaysHowAFrameIsMeasured) {
   }
 }
 
+TEST(ReplayTest, APoseBudgetStopsSampling) {
+  const TemporaryFolder folder;
+  const auto run = [&folder](std::vector<std::string> options) {
+    options.insert(options.begin(), {bundled("tabletop"), "--frames", "0:20"});
+    const Replay done = replay(folder.path(), options);
+    EXPECT_EQ(done.result.exit_code, 0) << done.result.err;
+    EXPECT_EQ(done.report["frames_tracked"], 20);
+    return std::pair(done.report["tracking"]["pixels_sampled"].get<std::int64_t>(),
+                     done.report["accuracy"]["overlay_px"]["rmse"].get<double>());
+  };
+  const auto all = run({"--tracking", "accurate"});
+  const auto fast = run({"--tracking", "fast"});
+  const auto loose = run({"--pose-budget", "0.3"});
+  const auto tight = run({"--pose-budget", "0.06"});
+  const auto endless = run({"--pose-budget", "0.000001"});
+  EXPECT_GT(fast.first, 20 * 200);
+  EXPECT_LT(loose.first, fast.first / 2);
+  EXPECT_LT(loose.second, 0.3);
+  EXPECT_GT(tight.first, loose.first);
+  EXPECT_LT(tight.second, 1.1 * loose.second);
+  // More than there is can't be had; and `fast` takes its own number at most.
+  EXPECT_NEAR(static_cast<double>(endless.first), static_cast<double>(all.first),
+              0.02 * static_cast<double>(all.first));
+  EXPECT_LE(run({"--tracking", "fast", "--pose-budget", "0.000001"}).first, fast.first * 101 / 100);
+  for (const char* wrong : {"0", "-1", "nan", "inf", "x"}) {
+    const ProgramResult refused = penumbra({"replay", bundled("tabletop"), "--pose-budget", wrong});
+    EXPECT_EQ(refused.exit_code, 2) << wrong;
+    EXPECT_THAT(refused.err, HasSubstr("--pose-budget"));
+  }
+}
+
 TEST(ReplayTest, GivenPosesNeedNoTracker) {
   const TemporaryFolder folder;
   const Replay truth =

@@ -110,6 +110,69 @@ TEST_F(TagAlignmentTest, NoiseCostsWhatTheBoundSays) {
   RecordProperty("accurate_over_bound", std::to_string(std::sqrt(accurate2)));
 }
 
+TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
+  const CameraPose truth = random_view(random_);
+  PatternRenderOptions render;
+  const std::array<CameraPose, 1> path = {truth};
+  std::normal_distribution<double> noise(0.0, 4.0);
+  GreyImage image;
+  image.width = camera_.width();
+  image.height = camera_.height();
+  for (const double l : renderer_.render_light(path, render))
+    image.pixels.push_back(
+        static_cast<std::uint8_t>(std::lround(std::clamp(255.0 * l + noise(random_), 0.0, 255.0))));
+  const CameraPose start = displaced(camera_, tags_, truth, 2.0, random_);
+  AlignmentOptions options;
+  options.effort = AlignmentEffort::accurate;
+  auto aligner = TagAligner::create(camera_, tags_, options).value();
+  const AlignmentResult all = align(aligner, image, start, 2.0);
+  ASSERT_TRUE(all.verified);
+  const auto expected_px = [this](const AlignmentResult& result) {
+    return expected_overlay_error_px(camera_, result.T_table_camera, result.covariance);
+  };
+  // The last has more than every pixel says.
+  int asked = 0;
+  int before = 0;
+  for (const double times : {8.0, 4.0, 2.0, 1.2, 0.5}) {
+    const double budget_px = times * expected_px(all);
+    aligner.set_sample_need([&](const AlignmentResult& result) {
+      ++asked;
+      EXPECT_FALSE(result.verified) << "not decoded yet";
+      return std::pow(expected_px(result) / budget_px, 2);
+    });
+    const AlignmentResult& result = align(aligner, image, start, 2.0);
+    ASSERT_TRUE(result.verified) << times;
+    EXPECT_GE(result.counters.samples, before);
+    before = result.counters.samples;
+    EXPECT_LT(overlay_px(result.T_table_camera, truth),
+              4.0 * std::max(1.0, times) * expected_px(all));
+    if (times > 1.0) {
+      EXPECT_LT(expected_px(result), budget_px) << times;
+    } else {
+      EXPECT_EQ(result.counters.samples, all.counters.samples);
+    }
+    if (times == 4.0) {
+      EXPECT_LT(result.counters.samples, all.counters.samples / 3);
+    }
+  }
+  EXPECT_GE(asked, 5);
+  // As much as before is a good beginning: one question then.
+  const double budget_px = 2.0 * expected_px(all);
+  asked = 0;
+  aligner.set_sample_need([&](const AlignmentResult& result) {
+    ++asked;
+    return std::pow(expected_px(result) / budget_px, 2);
+  });
+  AlignmentInput input;
+  input.luma = image.view();
+  input.predicted = start;
+  input.covariance = loose_prior(0.0007 * 2.0, 0.0012 * 2.0);
+  input.first_samples = aligner.align(input).counters.samples;
+  asked = 0;
+  ASSERT_TRUE(aligner.align(input).verified);
+  EXPECT_EQ(asked, 1);
+}
+
 TEST_F(TagAlignmentTest, ConvergesFromMoreThanACellAway) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   PatternRenderOptions render;
