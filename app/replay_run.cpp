@@ -241,13 +241,16 @@ GlContext::Size window_size_for(GlContext::Size picture) {
 
 Result<PoseSource> open_replay_poses(const ReplayRequest& request, const Recording& recording,
                                      const Scene& scene) {
+  const fs::path tags = request.tags.value_or(recording.folder / "tags.yaml");
   if (!request.poses_from) {
-    const fs::path tags = request.tags.value_or(recording.folder / "tags.yaml");
     auto tracker = GroupTracker::create(
         *recording.camera, *recording.tags, request.tracking,
         wanted_groups(scene, *recording.tags, tags, request, request.plan.skip));
     if (!tracker) return fail_in(tags.string(), tracker.error());
     return PoseSource(std::move(*tracker));
+  }
+  if (recording.tags) {
+    warn_of_unknown_groups(scene, *recording.tags, tags, "it stays where the scene has it");
   }
   if (*request.poses_from == "groundtruth") {
     if (!recording.groundtruth) {

@@ -67,22 +67,25 @@ Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path
   return loaded;
 }
 
+void warn_of_unknown_groups(const Scene& scene, const TagMap& tags, const fs::path& tags_file,
+                            std::string_view consequence) {
+  const std::vector<std::string> there = other_groups(tags);
+  std::string names(kTableGroup);
+  for (const std::string& group : there) names += ", " + group;
+  for (const std::string& group : tag_groups_of(scene)) {
+    if (std::ranges::find(there, group) != there.end()) continue;
+    log_warning(
+        "{}: moves something with the tag group \"{}\", which {} does not have (it has {}); {}",
+        scene.file, group, tags_file.string(), names, consequence);
+  }
+}
+
 std::optional<std::vector<std::string>> wanted_groups(const Scene& scene, const TagMap& tags,
                                                       const fs::path& tags_file,
                                                       const OutputRequest& request, bool skip) {
-  const std::vector<std::string> there = other_groups(tags);
-  const std::vector<std::string> tied = tag_groups_of(scene);
-  std::string names(kTableGroup);
-  for (const std::string& group : there) names += ", " + group;
-  for (const std::string& group : tied) {
-    if (std::ranges::find(there, group) != there.end()) continue;
-    log_warning(
-        "{}: moves something with the tag group \"{}\", which {} does not have (it has {}); "
-        "it is not drawn",
-        scene.file, group, tags_file.string(), names);
-  }
+  warn_of_unknown_groups(scene, tags, tags_file, "it is not drawn");
   if (!skip || request.group_poses) return std::nullopt;
-  return tied;
+  return tag_groups_of(scene);
 }
 
 Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat& format,

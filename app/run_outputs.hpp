@@ -56,6 +56,11 @@ struct RunOutputs {
                                               const std::vector<std::string>& groups,
                                               int encode_ahead);
 
+// Warns of what the scene is tied to and the tags (of the file that is named) do not have;
+// `consequence`: what becomes of it.
+void warn_of_unknown_groups(const Scene& scene, const TagMap& tags,
+                            const std::filesystem::path& tags_file, std::string_view consequence);
+
 // The groups of tags to be tracked: those that the scene needs; nothing for all of them, where work
 // is not to be skipped or their poses are written. Warns of what the scene is tied to and the tags
 // (of the file that is named) do not have.
