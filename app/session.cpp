@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "app/logging.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {
@@ -129,6 +130,12 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   result.read_back = !rgba.empty();
   if (drawn && result.read_back) drawn = compositor_.read_back(rgba);
   if (!drawn) return tl::unexpected(drawn.error());
+  for (const SkippedPass& left_out : drawn->skipped) {
+    result.plan.skipped.push_back(left_out);
+    if (told_.insert(left_out.reason).second) {
+      log_warning("{}: no shadow volume: {}", scene_.file, left_out.reason);
+    }
+  }
   result.composite = *drawn;
   result.draw_time = plan_watch.elapsed();
   return result;

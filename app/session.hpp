@@ -6,6 +6,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <variant>
@@ -117,6 +118,7 @@ class Session {
   Compositor compositor_;
   std::vector<SceneEdit> edits_;  // since the last frame
   std::vector<SceneEdit> edits_so_far_;
+  std::set<std::string> told_;  // warnings that come up frame by frame
   std::optional<SceneState> state_;
   std::optional<SceneState> state_with_pose_;  // the last that was drawn
   std::optional<CameraPose> drawn_pose_;

@@ -2,6 +2,8 @@
 
 #include <epoxy/gl.h>
 
+#include <algorithm>
+#include <functional>
 #include <optional>
 
 #include "core/assert.hpp"
@@ -88,6 +90,7 @@ void add(CompositeStats& to, const CompositeStats& stats) {
   to.proxy_faces_saved += stats.proxy_faces_saved;
   to.faces_tested += stats.faces_tested;
   to.faces_twisted += stats.faces_twisted;
+  to.skipped.insert(to.skipped.end(), stats.skipped.begin(), stats.skipped.end());
 }
 
 Compositor::Compositor(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -145,7 +148,9 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
     calls += m.objects.draw_phantoms(*m.scene, plan, m.lens);
     calls += m.objects.draw_objects(*m.scene, plan, m.lens);
-    calls += m.receivers.begin_frame(plan, m.lens, !plan.volumes.empty());
+    const bool on_planes =
+        std::ranges::any_of(plan.volumes, std::identity(), &ShadowVolumeDraw::on_planes);
+    calls += m.receivers.begin_frame(plan, m.lens, on_planes);
     calls += m.shadows.draw(plan, m.lens, m.receivers);
     calls += m.hard_shadows.draw(*m.scene, plan, m.lens, m.receivers);
     calls += m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer);
@@ -161,7 +166,9 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
                 frame.sequence);
 
   m.stats.passes_drawn = calls;
-  m.stats.passes_skipped = static_cast<std::int64_t>(plan.skipped.size()) + work.layers_skipped;
+  m.stats.passes_skipped =
+      static_cast<std::int64_t>(plan.skipped.size() + work.skipped.size()) + work.layers_skipped;
+  m.stats.skipped = std::move(work.skipped);
   m.stats.shadow_vertices = work.vertices;
   m.stats.kernel_generations = work.kernel_generations;
   m.stats.reprojections = work.reprojections;

@@ -34,6 +34,8 @@ struct CompositeStats {
   std::int64_t proxy_faces_saved = 0;  // by those drawn, over all their layers
   // Faces of the kernel sets made in this frame, and those that turn over in some layer.
   std::int64_t faces_tested = 0, faces_twisted = 0;
+  // What the plan asked for and could not be drawn; counted in passes_skipped.
+  std::vector<SkippedPass> skipped;
 };
 // Of two pictures together.
 void add(CompositeStats& to, const CompositeStats& stats);

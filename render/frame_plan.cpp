@@ -175,9 +175,18 @@ class Planner {
           plan_shadow(draw, plane);
         }
       }
-      if (technique == ShadowTechnique::volume) plan_volumes(node, static_cast<int>(n));
+      if (technique == ShadowTechnique::volume) plan_volumes(node, static_cast<int>(n), true);
       if (options_.light_rays || node.light_rays) plan_rays(node, technique);
     }
+    const bool volumes = !plan_.volumes.empty();
+    for (std::size_t n = 0; n < scene_.shadows.size(); ++n) {
+      const ShadowNode& node = scene_.shadows[n];
+      const bool hard = options_.technique.value_or(node.technique) == ShadowTechnique::hard;
+      if (hard && (volumes || !plan_.phantoms.empty())) {
+        plan_volumes(node, static_cast<int>(n), false);
+      }
+    }
+    join_lights();
   }
 
  private:
@@ -240,6 +249,7 @@ class Planner {
         draw.plane_frame = receiver.frame;
         draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
         draw.light_place = place;
+        draw.proxy = options_.proxies;
         draw.opacity = std::min(receiver.opacity, opacity_of_object(caster));
         if (options_.skip && !hard_shadow_shows(draw, object)) continue;
         plan_.hard_shadows.push_back(draw);
@@ -247,7 +257,7 @@ class Planner {
     }
   }
 
-  void plan_volumes(const ShadowNode& node, int node_index) {
+  void plan_volumes(const ShadowNode& node, int node_index, bool on_planes) {
     const std::vector<int> lights = lights_of(node);
     if (lights.empty() || node.planes.empty()) return;
     ShadowVolumeDraw draw;
@@ -267,13 +277,16 @@ class Planner {
         casters.push_back(caster);
       }
     }
-    const PlaneFrame first = placed_plane(scene_, state_, node.planes.front()).frame;
+    draw.on_planes = on_planes;
+    draw.proxy = options_.proxies;
     for (const int light : lights) {
       draw.light = light;
       draw.light_place = plan_.lights[static_cast<std::size_t>(light)].place;
-      const auto same_light = std::ranges::find(plan_.volumes, light, &ShadowVolumeDraw::light);
-      draw.light_left = same_light == plan_.volumes.end() ? light_left_at(light, first.n, first.q)
-                                                          : same_light->light_left;
+      // Of projected shadows, as on their planes: a light that is under all of them gives none.
+      const bool above = std::ranges::any_of(node.planes, [&](int plane) {
+        return light_height(placed_plane(scene_, state_, plane).frame, draw.light_place) > 0.0;
+      });
+      if (!on_planes && !above) continue;
       for (const int caster : casters) {
         draw.object = caster;
         draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
@@ -281,6 +294,20 @@ class Planner {
         add_volume(draw);
       }
     }
+  }
+
+  // A light throws all of its shadows in one way: where two nodes ask for both, as volumes, which
+  // fall on planes too. Else what is in the shadow of one caster by the one and of another by the
+  // other would lose the light's share twice.
+  void join_lights() {
+    const auto is_volume = [this](int light) {
+      return std::ranges::any_of(plan_.volumes, [light](const ShadowVolumeDraw& draw) {
+        return draw.light == light && draw.on_planes;
+      });
+    };
+    for (ShadowVolumeDraw& draw : plan_.volumes) draw.on_planes = is_volume(draw.light);
+    std::erase_if(plan_.hard_shadows,
+                  [&](const HardShadowDraw& draw) { return is_volume(draw.light); });
   }
 
   // One that another node has already asked for is made long enough for both: without a floor it
@@ -325,28 +352,11 @@ class Planner {
     }
   }
 
-  // By Lambert's law, as blocked_light.frag.glsl has it for planes.
-  [[nodiscard]] Eigen::Vector3d light_left_at(int light, const Eigen::Vector3d& normal,
-                                              const Eigen::Vector3d& place) const {
-    const Eigen::Array3d sky = scene_.ambient.array() * Eigen::Array3d(1.08, 1.12, 1.18);
-    const Eigen::Array3d ground = scene_.ambient.array() * Eigen::Array3d(0.52, 0.49, 0.45);
-    Eigen::Array3d all = ground + (0.5 + 0.5 * normal.z()) * (sky - ground);
-    Eigen::Array3d blocked = Eigen::Array3d::Zero();
-    for (std::size_t i = 0; i < plan_.lights.size(); ++i) {
-      const Eigen::Vector4d& at = plan_.lights[i].place;
-      const Eigen::Vector3d l = (at.head<3>() - place * at.w()).normalized();
-      const Eigen::Array3d arriving = plan_.lights[i].color.array() * std::max(normal.dot(l), 0.0);
-      all += arriving;
-      if (static_cast<int>(i) == light) blocked = arriving;
-    }
-    return (1.0 - blocked / all.max(1e-4)).max(0.0).min(1.0);
-  }
-
   // The box's image decides; where the box reaches under the plane or up to the light, nothing is
   // said.
   bool hard_shadow_shows(const HardShadowDraw& draw, const SceneObject& object) {
     const ScenePlane& plane = scene_.planes[static_cast<std::size_t>(draw.plane)];
-    const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
+    const BoxCorners corners = box_corners(*casting_model(object, draw.proxy), draw.T_table_object);
     const auto [bottom, top] = heights_above(draw.plane_frame, corners);
     if (top < -kContactTolerance) {
       skip("shadow_below_plane", object.name, "under the plane");

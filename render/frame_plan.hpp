@@ -65,18 +65,21 @@ struct HardShadowDraw {
   PlaneFrame plane_frame;
   Placement T_table_object;
   Eigen::Vector4d light_place;  // as PlacedLight::place
+  bool proxy = true;            // the author's reduced model casts, where there is one
   float opacity = 1.0F;         // of caster and plane together
 };
 
-// One caster's shadow volume from one light, on everything that is drawn into the depth buffer.
-// Each caster and light once, whatever nodes ask for it.
+// One caster's shadow volume from one light, on everything that is drawn into the depth buffer; or
+// on phantoms alone, where its shadow on planes is a projected one. Each caster and light once,
+// whatever nodes ask for it, and all of one light alike.
 struct ShadowVolumeDraw {
   int node = 0, object = 0, light = 0;  // indices into the scene
   Placement T_table_object;
   Eigen::Vector4d light_place;     // as PlacedLight::place
   std::vector<PlaneFrame> floors;  // the unbounded planes that receive
   double reach = 0.0;              // of the volume, from the table's origin [m]
-  Eigen::Vector3d light_left;      // share of all light, linear; the same in all of one light
+  bool on_planes = true;           // and on virtual objects
+  bool proxy = true;               // the author's reduced model casts, where there is one
   float opacity = 1.0F;            // of the caster; where it falls, the receiver's counts as well
 };
 

@@ -45,8 +45,9 @@ Result<HardPass> HardPass::create(GlApi api, const Scene& scene, const CameraMod
   return pass;
 }
 
-const ShadowMesh& HardPass::mesh_of(const Scene& scene, int object) {
-  const Model* model = scene.objects[static_cast<std::size_t>(object)].model.get();
+const ShadowMesh& HardPass::mesh_of(const Scene& scene, const HardShadowDraw& draw) {
+  const Model* model =
+      casting_model(scene.objects[static_cast<std::size_t>(draw.object)], draw.proxy).get();
   auto& entry = meshes_[model];
   if (!entry) entry = std::make_unique<ShadowMesh>(make_shadow_mesh(*model));
   return *entry;
@@ -97,7 +98,7 @@ void HardPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& wo
       continue;
     }
     ++work.recomputed;
-    make(draw, mesh_of(scene, draw.object), shadow, work);
+    make(draw, mesh_of(scene, draw), shadow, work);
   }
 }
 

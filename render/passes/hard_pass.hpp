@@ -55,7 +55,7 @@ class HardPass {
   HardPass(ShaderProgram shape, ShaderProgram light)
       : shape_program_(std::move(shape)), light_program_(std::move(light)) {}
 
-  const ShadowMesh& mesh_of(const Scene& scene, int object);
+  const ShadowMesh& mesh_of(const Scene& scene, const HardShadowDraw& draw);
   void make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow, ShadowWork& work);
   int draw_plane(const Scene& scene, const FramePlan& plan, const PlaneReceiver& receiver,
                  const LensUniforms& lens, Receivers& receivers);

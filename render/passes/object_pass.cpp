@@ -201,4 +201,22 @@ int ObjectPass::draw_alone(const Scene& scene, const ObjectDraw& draw, const Fra
   return draw_all(scene, {&draw, 1}, plan.T_table_camera);
 }
 
+int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+                              const LensUniforms& lens, int light, float opacity,
+                              bool add_up) const {
+  program_.use();
+  set_lens(program_, lens);
+  std::vector<float> blocked(plan.lights.size(), 0.0F);
+  blocked.at(static_cast<std::size_t>(light)) = 1.0F;
+  set_light_uniforms(program_, plan.lights, blocked);
+  program_.set("ambient", to_gl(scene.ambient));
+  program_.set("eye", to_gl(plan.T_table_camera.translation()));
+  program_.set("opacity", opacity);
+  program_.set("darkens", add_up ? 2 : 1);
+  glFrontFace(GL_CW);
+  const int calls = draw_all(scene, {&draw, 1}, plan.T_table_camera);
+  program_.set("darkens", 0);
+  return calls;
+}
+
 }  // namespace penumbra

@@ -34,6 +34,10 @@ class ObjectPass {
   // One object with the tests and masks as they are: the same depths as above.
   int draw_alone(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                  const LensUniforms& lens) const;
+  // The same, in the colour that is left where one of plan.lights does not reach it: a factor for
+  // the encoded picture, or with `add_up` the blocked share of its light, linear, times `opacity`.
+  int draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+                    const LensUniforms& lens, int light, float opacity, bool add_up) const;
 
  private:
   struct GpuMesh {

@@ -44,6 +44,7 @@ struct ShadowWork {
   std::int64_t proxy_faces_saved = 0;  // over the layers drawn
   std::int64_t faces_tested = 0;       // of the kernel sets made: for twists
   std::int64_t faces_twisted = 0;
+  std::vector<SkippedPass> skipped;  // what only the geometry can tell
 };
 
 // For each object of the scene: the longest edge [object units] of the caster made of it, so that

@@ -6,19 +6,20 @@
 #include <array>
 #include <cmath>
 #include <functional>
-#include <glm/vec4.hpp>
-#include <set>
+#include <span>
 
 #include "render/passes/lens_uniforms.hpp"
+#include "render/passes/light_uniforms.hpp"
 #include "render/passes/receivers.hpp"
 
 namespace penumbra {
 namespace {
 
-constexpr unsigned kCountBits = 0x3FU;  // how often the ray has entered a volume, modulo 64
-constexpr unsigned kDarkBit = 0x40U;    // in some caster's shadow
-// Shows the caster itself, which has no shadow on itself; or the receivers that are darkened now.
+constexpr unsigned kCountBits = kMostVolumesCounted;  // how often the ray has entered a volume
+constexpr unsigned kDarkBit = 0x40U;                  // in some caster's shadow
+// Shows the caster itself, which has no shadow on itself; or the plane that is darkened now.
 constexpr unsigned kMarkBit = 0x80U;
+static_assert((kCountBits & (kDarkBit | kMarkBit)) == 0);
 
 bool same(const Placement& a, const Placement& b) {
   return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs() &&
@@ -29,15 +30,6 @@ bool same(const std::vector<PlaneFrame>& a, const std::vector<PlaneFrame>& b) {
       a, b, [](const PlaneFrame& p, const PlaneFrame& q) { return p.n == q.n && p.q == q.q; });
 }
 
-// Some pixel may be darkened less than another: what casts or what receives is fainter there.
-bool differ_in_opacity(const FramePlan& plan) {
-  const auto other = [&](float opacity) { return opacity != plan.overlay_opacity; };
-  return std::ranges::any_of(plan.volumes, other, &ShadowVolumeDraw::opacity) ||
-         std::ranges::any_of(plan.receivers, other, &PlaneReceiver::opacity) ||
-         std::ranges::any_of(plan.objects, other, &ObjectDraw::opacity) ||
-         std::ranges::any_of(plan.phantoms, other, &ObjectDraw::opacity);
-}
-
 }  // namespace
 
 Result<VolumePass> VolumePass::create(GlApi api, const CameraModel& camera) {
@@ -45,14 +37,18 @@ Result<VolumePass> VolumePass::create(GlApi api, const CameraModel& camera) {
   constexpr std::array<std::string_view, 1> kNothing = {"outline.frag.glsl"};
   constexpr std::array<std::string_view, 1> kWhole = {"video.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFill = {"fill.frag.glsl"};
+  constexpr std::array<std::string_view, 2> kReceiver = {"lens.glsl", "receiver.vert.glsl"};
+  constexpr std::array<std::string_view, 2> kLight = {"ambient.glsl", "blocked_light.frag.glsl"};
   constexpr std::array<std::string_view, 1> kSum = {"light_sum.frag.glsl"};
   auto volume = ShaderProgram::link(api, kVertex, kNothing);
   if (!volume) return tl::unexpected(volume.error());
   auto fill = ShaderProgram::link(api, kWhole, kFill);
   if (!fill) return tl::unexpected(fill.error());
+  auto plane = ShaderProgram::link(api, kReceiver, kLight, kLightDefines);
+  if (!plane) return tl::unexpected(plane.error());
   auto light_sum = ShaderProgram::link(api, kWhole, kSum);
   if (!light_sum) return tl::unexpected(light_sum.error());
-  VolumePass pass(std::move(*volume), std::move(*fill), std::move(*light_sum));
+  VolumePass pass(std::move(*volume), std::move(*fill), std::move(*plane), std::move(*light_sum));
   if (make_lens(camera).model != 0) pass.longest_edge_ = longest_edge(camera);
   return pass;
 }
@@ -63,26 +59,44 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
     if (volume.valid && same(volume.T_table_object, draw.T_table_object) &&
         volume.light == draw.light_place && same(volume.floors, draw.floors)) {
       ++work.reprojections;
+      if (volume.light_inside) note_light_inside(scene, draw, work);
       continue;
     }
     ++work.recomputed;
-    const Model* model = scene.objects[static_cast<std::size_t>(draw.object)].model.get();
+    const SceneObject& object = scene.objects[static_cast<std::size_t>(draw.object)];
+    const Model* model = casting_model(object, draw.proxy).get();
     auto& caster = casters_[model];
     if (!caster) caster = std::make_unique<VolumeCaster>(make_shadow_mesh(*model));
     ShadowVolume made =
         caster->volume(draw.T_table_object, draw.light_place, draw.floors, draw.reach);
-    if (made.light_inside) ++work.layers_skipped;
-    if (longest_edge_) {
-      made.triangles = split_for_lens(made.triangles, *longest_edge_);
+    volume.light_inside = made.light_inside;
+    if (volume.light_inside) note_light_inside(scene, draw, work);
+    std::vector<glm::vec3> triangles;
+    volume.batch_ends.clear();
+    for (std::size_t i = 0; i < made.batch_ends.size(); ++i) {
+      const std::size_t begin = i == 0 ? 0 : made.batch_ends[i - 1];
+      const std::span<const glm::vec3> batch =
+          std::span(made.triangles).subspan(begin, made.batch_ends[i] - begin);
+      if (longest_edge_) {
+        // Of all triangles that there may be, the batch's share.
+        const auto budget = static_cast<std::size_t>(std::ceil(
+            static_cast<double>(kMostVolumeTriangles) * static_cast<double>(batch.size()) /
+            static_cast<double>(made.triangles.size())));
+        const std::vector<glm::vec3> pieces =
+            split_for_lens({batch.begin(), batch.end()}, *longest_edge_, budget);
+        triangles.insert(triangles.end(), pieces.begin(), pieces.end());
+      } else {
+        triangles.insert(triangles.end(), batch.begin(), batch.end());
+      }
+      volume.batch_ends.push_back(static_cast<int>(triangles.size()));
     }
-    work.vertices += static_cast<std::int64_t>(made.triangles.size());
+    work.vertices += static_cast<std::int64_t>(triangles.size());
     volume.valid = true;
     volume.T_table_object = draw.T_table_object;
     volume.light = draw.light_place;
     volume.floors = draw.floors;
-    volume.count = static_cast<int>(made.triangles.size());
     volume.layout.bind();
-    volume.vertices.write(std::span<const glm::vec3>(made.triangles), BufferLife::every_frame);
+    volume.vertices.write(std::span<const glm::vec3>(triangles), BufferLife::every_frame);
     if (!volume.layout_made) {
       VertexArray::attribute(0, 3, sizeof(glm::vec3), 0);
       volume.layout_made = true;
@@ -90,8 +104,18 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   }
 }
 
-int VolumePass::count(const Scene& scene, const FramePlan& plan, const ShadowVolumeDraw& draw,
-                      const LensUniforms& lens, const ObjectPass& objects) const {
+void VolumePass::note_light_inside(const Scene& scene, const ShadowVolumeDraw& draw,
+                                   ShadowWork& work) {
+  const std::string& light = scene.lights[static_cast<std::size_t>(draw.light)].name;
+  const std::string& object = scene.objects[static_cast<std::size_t>(draw.object)].name;
+  work.skipped.push_back(
+      {"light_inside_caster",
+       fmt::format("{}: the light \"{}\" is inside of it, or of a part of it", object, light)});
+}
+
+int VolumePass::count(const Drawing& drawing, const ShadowVolumeDraw& draw,
+                      std::size_t batch) const {
+  const auto& [scene, plan, lens, objects, receivers] = drawing;
   // Where the caster itself is seen.
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
   glDisable(GL_BLEND);
@@ -113,39 +137,101 @@ int VolumePass::count(const Scene& scene, const FramePlan& plan, const ShadowVol
   glStencilOpSeparate(GL_BACK, GL_KEEP, GL_INCR_WRAP, GL_KEEP);
   const Volume& volume = volumes_.at({draw.object, draw.light});
   volume.layout.bind();
-  glDrawArrays(GL_TRIANGLES, 0, volume.count);
+  const int begin = batch == 0 ? 0 : volume.batch_ends[batch - 1];
+  glDrawArrays(GL_TRIANGLES, begin, volume.batch_ends[batch] - begin);
   glDisable(GL_DEPTH_TEST);
   glStencilMask(kMarkBit);
   glClear(GL_STENCIL_BUFFER_BIT);
   return calls + 1;
 }
 
-// The pixels that the stencil lets through: the picture, or where several lights add up, the sums.
-void VolumePass::darken(const Eigen::Vector3d& light_left, float opacity, bool add_up) const {
-  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-  glDisable(GL_DEPTH_TEST);
-  glEnable(GL_BLEND);
-  glStencilOp(GL_KEEP, GL_KEEP, GL_KEEP);
-  fill_program_.use();
-  glm::vec4 value(1.0F);
-  if (add_up) {
-    glBlendFunc(GL_ONE, GL_ONE);
-    glBlendEquationSeparate(GL_FUNC_ADD, GL_MAX);
-    value = opacity * glm::vec4(1.0F - to_gl(light_left), 1.0F);
-  } else {
-    glBlendFunc(GL_ZERO, GL_SRC_COLOR);
-    for (glm::length_t i = 0; i < 3; ++i) {
-      const double share = light_left[i];
-      value[i] = static_cast<float>(1.0 - static_cast<double>(opacity) *
-                                              (1.0 - std::pow(share, 1.0 / 2.2)));
-    }
+int VolumePass::note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const {
+  int calls = 0;
+  const std::size_t batches = volumes_.at({draw.object, draw.light}).batch_ends.size();
+  for (std::size_t batch = 0; batch < batches; ++batch) {
+    calls += count(drawing, draw, batch) + 1;
+    note_dark();
   }
-  fill_program_.set("value", value);
+  return calls;
+}
+
+// Any count but 0 -> dark, and 0 again.
+void VolumePass::note_dark() const {
+  fill_program_.use();
+  glStencilMask(kCountBits | kDarkBit);
+  glStencilFunc(GL_NOTEQUAL, static_cast<GLint>(kDarkBit), kCountBits);
+  glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
   no_vertices_.bind();
   glDrawArrays(GL_TRIANGLES, 0, 3);
+}
+
+// A pixel's stencil is `how.after` once it is darkened: nothing that lies in the same place, as a
+// second plane or a face given twice, darkens it again.
+int VolumePass::darken(const Drawing& drawing, const ShadowVolumeDraw& draw,
+                       const Darkening& how) const {
+  const auto& [scene, plan, lens, objects, receivers] = drawing;
+  if (how.add_up) {
+    glBlendFunc(GL_ONE, GL_ONE);
+    glBlendEquationSeparate(GL_FUNC_ADD, GL_MAX);
+  } else {
+    glBlendFunc(GL_ZERO, GL_SRC_COLOR);
+  }
+  int calls = draw.on_planes ? darken_planes(drawing, draw.light, how) : 0;
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  glEnable(GL_BLEND);
+  glEnable(GL_DEPTH_TEST);
+  glDepthFunc(GL_EQUAL);
+  glStencilMask(how.written);
+  glStencilFunc(GL_NOTEQUAL, static_cast<GLint>(how.after), how.tested);
+  glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
+  const auto darken_things = [&](const std::vector<ObjectDraw>& things) {
+    for (const ObjectDraw& thing : things) {
+      calls += objects.draw_darkened(scene, thing, plan, lens, draw.light,
+                                     std::min(thing.opacity, how.strength), how.add_up);
+    }
+  };
+  darken_things(plan.phantoms);
+  if (draw.on_planes) darken_things(plan.objects);
   glBlendEquation(GL_FUNC_ADD);
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
   glDisable(GL_BLEND);
+  glDisable(GL_DEPTH_TEST);
+  return calls;
+}
+
+int VolumePass::darken_planes(const Drawing& drawing, int light, const Darkening& how) const {
+  const auto& [scene, plan, lens, objects, receivers] = drawing;
+  int calls = 0;
+  std::vector<float> blocked(plan.lights.size(), 0.0F);
+  blocked.at(static_cast<std::size_t>(light)) = 1.0F;
+  for (const PlaneReceiver& receiver : plan.receivers) {
+    // The dark pixels that show it: its own depth is there.
+    glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+    glDisable(GL_BLEND);
+    glEnable(GL_DEPTH_TEST);
+    glDepthFunc(GL_EQUAL);
+    glStencilMask(kMarkBit);
+    glStencilFunc(GL_NOTEQUAL, static_cast<GLint>(kMarkBit), how.tested);
+    glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
+    receivers.draw_place(plan, receiver.frame, lens);
+    glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+    glEnable(GL_BLEND);
+    glDisable(GL_DEPTH_TEST);
+    glStencilMask(kMarkBit | how.written);
+    glStencilFunc(GL_NOTEQUAL, static_cast<GLint>(how.after), kMarkBit);
+    const ShaderProgram& p = plane_program_;
+    p.use();
+    p.set("table_from_camera", to_gl(plan.T_table_camera.rotation().toRotationMatrix()));
+    p.set("eye", to_gl(plan.T_table_camera.translation()));
+    p.set("normal", to_gl(receiver.frame.n));
+    p.set("ambient", to_gl(scene.ambient));
+    p.set("opacity", std::min(receiver.opacity, how.strength));
+    p.set("add_up", how.add_up ? 1 : 0);
+    set_light_uniforms(p, plan.lights, blocked);
+    receivers.draw_grid(p, plan, receiver.frame, lens);
+    calls += 2;
+  }
+  return calls;
 }
 
 void VolumePass::darken_by_sums(const Framebuffer& framebuffer) const {
@@ -162,23 +248,37 @@ void VolumePass::darken_by_sums(const Framebuffer& framebuffer) const {
   glDrawArrays(GL_TRIANGLES, 0, 3);
 }
 
-int VolumePass::draw_light(const Scene& scene, const FramePlan& plan, const Casters& casters,
-                           const LensUniforms& lens, const ObjectPass& objects,
-                           const Receivers& receivers, bool add_up) const {
+// Casters that are equally strong together. Of others one by one, the strongest first: a pixel in
+// the shadow of several is darkened once, by the first.
+int VolumePass::draw_light(const Drawing& drawing, Casters casters, bool add_up) const {
   glStencilMask(0xFF);
   glClear(GL_STENCIL_BUFFER_BIT);
-  if (differ_in_opacity(plan)) {
-    return draw_faint(scene, plan, casters, lens, objects, receivers, add_up);
-  }
+  std::ranges::stable_sort(casters, std::greater<>(),
+                           [](const ShadowVolumeDraw* draw) { return draw->opacity; });
   int calls = 0;
-  for (const ShadowVolumeDraw* caster : casters) {
-    calls += count(scene, plan, *caster, lens, objects) + 1;
-    note_dark();
+  if (casters.front()->opacity == casters.back()->opacity) {
+    for (const ShadowVolumeDraw* caster : casters) calls += note_volume(drawing, *caster);
+    return calls + darken(drawing, *casters.front(),
+                          {kDarkBit, 0, kDarkBit, casters.front()->opacity, add_up});
   }
-  glStencilMask(0);
-  glStencilFunc(GL_EQUAL, static_cast<GLint>(kDarkBit), kDarkBit);
-  darken(casters.front()->light_left, plan.overlay_opacity, add_up);
-  return calls + 1;
+  for (const ShadowVolumeDraw* caster : casters) {
+    const std::size_t batches = volumes_.at({caster->object, caster->light}).batch_ends.size();
+    for (std::size_t batch = 0; batch < batches; ++batch) {
+      calls += count(drawing, *caster, batch);
+      // What is dark already counts no more.
+      fill_program_.use();
+      no_vertices_.bind();
+      glStencilMask(kCountBits);
+      glStencilFunc(GL_EQUAL, static_cast<GLint>(kDarkBit), kDarkBit);
+      glStencilOp(GL_KEEP, GL_KEEP, GL_ZERO);
+      glDrawArrays(GL_TRIANGLES, 0, 3);
+      calls += darken(drawing, *caster,
+                      {kCountBits, kDarkBit, kCountBits | kDarkBit, caster->opacity, add_up});
+      note_dark();
+      calls += 2;
+    }
+  }
+  return calls;
 }
 
 int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
@@ -186,7 +286,7 @@ int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUnifor
                      Framebuffer& framebuffer) const {
   std::vector<Casters> lights;
   for (const ShadowVolumeDraw& draw : plan.volumes) {
-    if (volumes_.at({draw.object, draw.light}).count == 0) continue;
+    if (volumes_.at({draw.object, draw.light}).batch_ends.empty()) continue;
     const auto known = std::ranges::find_if(
         lights, [&draw](const Casters& casters) { return casters.front()->light == draw.light; });
     (known == lights.end() ? lights.emplace_back() : *known).push_back(&draw);
@@ -194,12 +294,11 @@ int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUnifor
   if (lights.empty()) return 0;
   const bool add_up = lights.size() > 1;
   if (add_up) framebuffer.bind_sums();
+  const Drawing drawing{scene, plan, lens, objects, receivers};
   int calls = 0;
   glEnable(GL_STENCIL_TEST);
   glDepthMask(GL_FALSE);
-  for (const Casters& casters : lights) {
-    calls += draw_light(scene, plan, casters, lens, objects, receivers, add_up);
-  }
+  for (const Casters& casters : lights) calls += draw_light(drawing, casters, add_up);
   if (add_up) {
     darken_by_sums(framebuffer);
     ++calls;
@@ -208,68 +307,8 @@ int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUnifor
   glStencilMask(0xFF);
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_BLEND);
+  glDepthFunc(GL_LESS);
   glDepthMask(GL_TRUE);
-  return calls;
-}
-
-// Any count but 0 -> dark, and 0 again.
-void VolumePass::note_dark() const {
-  fill_program_.use();
-  glStencilMask(kCountBits | kDarkBit);
-  glStencilFunc(GL_NOTEQUAL, static_cast<GLint>(kDarkBit), kCountBits);
-  glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
-  no_vertices_.bind();
-  glDrawArrays(GL_TRIANGLES, 0, 3);
-}
-
-// Caster by caster, the strongest first, and each of them on what is equally strong together: a
-// pixel in the shadow of several is darkened once, by the first.
-int VolumePass::draw_faint(const Scene& scene, const FramePlan& plan, Casters casters,
-                           const LensUniforms& lens, const ObjectPass& objects,
-                           const Receivers& receivers, bool add_up) const {
-  std::ranges::stable_sort(casters, std::greater<>(),
-                           [](const ShadowVolumeDraw* draw) { return draw->opacity; });
-  std::set<float> opacities;
-  for (const PlaneReceiver& receiver : plan.receivers) opacities.insert(receiver.opacity);
-  for (const ObjectDraw& object : plan.objects) opacities.insert(object.opacity);
-  for (const ObjectDraw& phantom : plan.phantoms) opacities.insert(phantom.opacity);
-  int calls = 0;
-  for (const ShadowVolumeDraw* caster : casters) {
-    calls += count(scene, plan, *caster, lens, objects);
-    // What is dark already counts no more.
-    fill_program_.use();
-    no_vertices_.bind();
-    glStencilMask(kCountBits);
-    glStencilFunc(GL_EQUAL, static_cast<GLint>(kDarkBit), kDarkBit);
-    glStencilOp(GL_KEEP, GL_KEEP, GL_ZERO);
-    glDrawArrays(GL_TRIANGLES, 0, 3);
-    for (const float opacity : opacities) {
-      // What shows a receiver of this opacity: its own depth is there.
-      glEnable(GL_DEPTH_TEST);
-      glDepthFunc(GL_EQUAL);
-      glStencilMask(kMarkBit);
-      glStencilFunc(GL_ALWAYS, static_cast<GLint>(kMarkBit), kMarkBit);
-      glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
-      for (const std::vector<ObjectDraw>* things : {&plan.objects, &plan.phantoms}) {
-        for (const ObjectDraw& thing : *things) {
-          if (thing.opacity == opacity) calls += objects.draw_alone(scene, thing, plan, lens);
-        }
-      }
-      for (const PlaneReceiver& receiver : plan.receivers) {
-        if (receiver.opacity != opacity) continue;
-        receivers.draw_place(plan, receiver.frame, lens);
-        ++calls;
-      }
-      glStencilMask(0);
-      glStencilFunc(GL_LESS, static_cast<GLint>(kMarkBit), kMarkBit | kCountBits);
-      darken(caster->light_left, std::min(opacity, caster->opacity), add_up);
-      glStencilMask(kMarkBit);
-      glClear(GL_STENCIL_BUFFER_BIT);
-      ++calls;
-    }
-    note_dark();
-    calls += 2;
-  }
   return calls;
 }
 

@@ -1,8 +1,10 @@
 // Shadow volumes (Hudson's shadow of a 3D cursor) on everything that is in the depth buffer:
-// planes, phantoms and virtual objects. z-fail counting: right wherever the eye is, and whatever
-// the near plane cuts. A stencil counts light by light; where a pixel is dark for several, their
-// shares are added up before the picture is darkened, as light adds up: each light's share is gone
-// once.
+// planes, phantoms and virtual objects; and the part of projected shadows that falls on phantoms.
+// z-fail counting: right wherever the eye is, and whatever the near plane cuts. A stencil counts
+// light by light; what receives is then drawn again where it is dark, and loses the light's share
+// by Lambert's law: a face turned away from the light loses nothing. Where a pixel is dark for
+// several lights, their shares are added up before the picture is darkened, as light adds up: each
+// light's share is gone once.
 #pragma once
 
 #include <glm/vec3.hpp>
@@ -43,7 +45,8 @@ class VolumePass {
     Placement T_table_object;
     Eigen::Vector4d light;
     std::vector<PlaneFrame> floors;
-    int count = 0;
+    std::vector<int> batch_ends;  // in vertices
+    bool light_inside = false;
     bool layout_made = false;
     VertexArray layout;
     GlBuffer vertices{BufferUse::vertices};
@@ -53,26 +56,43 @@ class VolumePass {
   // The casters of one light.
   using Casters = std::vector<const ShadowVolumeDraw*>;
 
-  VolumePass(ShaderProgram volume, ShaderProgram fill, ShaderProgram light_sum)
+  VolumePass(ShaderProgram volume, ShaderProgram fill, ShaderProgram plane, ShaderProgram light_sum)
       : volume_program_(std::move(volume)),
         fill_program_(std::move(fill)),
+        plane_program_(std::move(plane)),
         light_sum_program_(std::move(light_sum)) {}
 
-  // Leaves how often each pixel's ray is in the volume, in the stencil's bits for that.
-  int count(const Scene& scene, const FramePlan& plan, const ShadowVolumeDraw& draw,
-            const LensUniforms& lens, const ObjectPass& objects) const;
+  // Which pixels are dark now, and what becomes of their stencil when they have been darkened.
+  struct Darkening {
+    unsigned tested = 0;   // any of these bits is set
+    unsigned after = 0;    // written to ...
+    unsigned written = 0;  // ... these bits
+    float strength = 1.0F;
+    bool add_up = false;
+  };
+  struct Drawing {
+    const Scene& scene;
+    const FramePlan& plan;
+    const LensUniforms& lens;
+    const ObjectPass& objects;
+    const Receivers& receivers;
+  };
+
+  static void note_light_inside(const Scene& scene, const ShadowVolumeDraw& draw, ShadowWork& work);
+  // Leaves how often each pixel's ray is in one batch of the volume, in the stencil's bits for
+  // that.
+  int count(const Drawing& drawing, const ShadowVolumeDraw& draw, std::size_t batch) const;
+  // Of all batches: any count but 0 -> dark.
+  int note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const;
   void note_dark() const;
-  void darken(const Eigen::Vector3d& light_left, float opacity, bool add_up) const;
+  int darken(const Drawing& drawing, const ShadowVolumeDraw& draw, const Darkening& how) const;
+  int darken_planes(const Drawing& drawing, int light, const Darkening& how) const;
   void darken_by_sums(const Framebuffer& framebuffer) const;
-  int draw_light(const Scene& scene, const FramePlan& plan, const Casters& casters,
-                 const LensUniforms& lens, const ObjectPass& objects, const Receivers& receivers,
-                 bool add_up) const;
-  int draw_faint(const Scene& scene, const FramePlan& plan, Casters casters,
-                 const LensUniforms& lens, const ObjectPass& objects, const Receivers& receivers,
-                 bool add_up) const;
+  int draw_light(const Drawing& drawing, Casters casters, bool add_up) const;
 
   ShaderProgram volume_program_;
   ShaderProgram fill_program_;
+  ShaderProgram plane_program_;
   ShaderProgram light_sum_program_;
   std::optional<double> longest_edge_;  // [m]; none: the lens keeps straight edges straight
   VertexArray no_vertices_;

@@ -8,6 +8,7 @@ uniform vec3 eye;     // table frame [m]
 uniform vec3 normal;  // of the plane, unit
 uniform vec3 ambient;
 uniform float opacity;  // of the overlay
+uniform int add_up;     // 1: the blocked share itself, for light_sum.frag.glsl
 uniform int light_count;
 uniform vec4 light_place[MAX_LIGHTS];  // w 1: position; w 0: direction towards the light
 uniform vec4 light_color[MAX_LIGHTS];  // w: the share that is blocked
@@ -26,7 +27,12 @@ void main() {
     all += arriving;
     blocked += arriving * light_color[i].w;
   }
-  vec3 left = clamp(1.0 - blocked / max(all, vec3(1.0e-4)), 0.0, 1.0);
+  vec3 share = clamp(blocked / max(all, vec3(1.0e-4)), 0.0, 1.0);
+  if (add_up != 0) {
+    factor = opacity * vec4(share, 1.0);
+    return;
+  }
+  vec3 left = 1.0 - share;
   // Linear light -> factor for the video's encoded value.
   vec3 encoded = pow(left, vec3(1.0 / 2.2));
   factor = vec4(1.0 - opacity * (1.0 - encoded), 1.0);  // blended: video * factor

@@ -5,6 +5,7 @@
 #include <glm/geometric.hpp>
 #include <limits>
 #include <map>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -58,6 +59,41 @@ VolumeCaster::VolumeCaster(const ShadowMesh& mesh) : indices_(mesh.indices) {
   }
   for (std::size_t i = 0; i < sides_.size(); ++i) {
     if (balance[sides_[i].edge] != 0) closed_[part_[i / 3]] = false;
+  }
+  faces_by_part_.resize(part_.size());
+  std::iota(faces_by_part_.begin(), faces_by_part_.end(), 0U);
+  std::ranges::stable_sort(faces_by_part_, {}, [this](std::uint32_t face) { return part_[face]; });
+  find_convex_parts();
+}
+
+// Every vertex of a closed part lies behind every one of its faces. Of a part with many faces only
+// boxes and the like are worth the products.
+void VolumeCaster::find_convex_parts() {
+  constexpr std::size_t kMostFaces = 200;
+  convex_.assign(closed_.size(), false);
+  for (std::size_t begin = 0; begin < faces_by_part_.size();) {
+    const std::uint32_t part = part_[faces_by_part_[begin]];
+    std::size_t end = begin;
+    while (end < faces_by_part_.size() && part_[faces_by_part_[end]] == part) ++end;
+    const std::span<const std::uint32_t> faces =
+        std::span(faces_by_part_).subspan(begin, end - begin);
+    begin = end;
+    if (!closed_[part] || faces.size() > kMostFaces) continue;
+    const auto corner = [this](std::uint32_t face, std::size_t k) -> const Eigen::Vector3d& {
+      return positions_[indices_[3 * face + k]];
+    };
+    convex_[part] = std::ranges::all_of(faces, [&](std::uint32_t face) {
+      const Eigen::Vector3d& a = corner(face, 0);
+      const Eigen::Vector3d normal = (corner(face, 1) - a).cross(corner(face, 2) - a);
+      return std::ranges::all_of(faces, [&](std::uint32_t other) {
+        for (std::size_t k = 0; k < 3; ++k) {
+          const Eigen::Vector3d to_other = corner(other, k) - a;
+          // Of floats: what lies in the face's plane is a little in front of it.
+          if (!(normal.dot(to_other) <= 1e-5 * normal.norm() * to_other.norm())) return false;
+        }
+        return true;
+      });
+    });
   }
 }
 
@@ -134,27 +170,51 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
     for (const glm::vec3& p : {a, b, c}) result.triangles.push_back(p);
   };
   std::vector<int> silhouette(edges_.size(), 0);
-  for (std::size_t face = 0; face < faces; ++face) {
-    if (turn[face] == 0) continue;
-    const std::uint32_t a = indices_[3 * face];
-    const std::uint32_t b = indices_[3 * face + (turn[face] > 0 ? 1U : 2U)];
-    const std::uint32_t c = indices_[3 * face + (turn[face] > 0 ? 2U : 1U)];
-    add(here[a], here[b], here[c]);
-    add(far[a], far[c], far[b]);
-    for (std::size_t k = 0; k < 3; ++k) {
-      const Side& side = sides_[3 * face + k];
-      silhouette[side.edge] += turn[face] * side.sign;
+  const auto add_part = [&](std::span<const std::uint32_t> part) {
+    for (const std::uint32_t face : part) {
+      if (turn[face] == 0) continue;
+      const std::uint32_t a = indices_[3 * face];
+      const std::uint32_t b = indices_[3 * face + (turn[face] > 0 ? 1U : 2U)];
+      const std::uint32_t c = indices_[3 * face + (turn[face] > 0 ? 2U : 1U)];
+      add(here[a], here[b], here[c]);
+      add(far[a], far[c], far[b]);
+      for (std::size_t k = 0; k < 3; ++k) {
+        const Side& side = sides_[3 * face + k];
+        silhouette[side.edge] += turn[face] * side.sign;
+      }
     }
-  }
-  for (std::size_t i = 0; i < edges_.size(); ++i) {
-    // Along a face from a to b, the wall runs from b to a.
-    const auto [a, b] = silhouette[i] > 0 ? std::pair(edges_[i].a, edges_[i].b)
-                                          : std::pair(edges_[i].b, edges_[i].a);
-    for (int n = std::abs(silhouette[i]); n > 0; --n) {
-      add(here[b], here[a], far[a]);
-      add(here[b], far[a], far[b]);
+    for (const std::uint32_t face : part) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::uint32_t edge = sides_[3 * face + k].edge;
+        // Along a face from a to b, the wall runs from b to a.
+        const auto [a, b] = silhouette[edge] > 0 ? std::pair(edges_[edge].a, edges_[edge].b)
+                                                 : std::pair(edges_[edge].b, edges_[edge].a);
+        for (int n = std::abs(silhouette[edge]); n > 0; --n) {
+          add(here[b], here[a], far[a]);
+          add(here[b], far[a], far[b]);
+        }
+        silhouette[edge] = 0;
+      }
     }
+  };
+  // How often a ray from the light may enter what is in the batch by now: a convex part once,
+  // others through each of their lit faces.
+  unsigned most = 0;
+  for (std::size_t begin = 0; begin < faces;) {
+    const std::uint32_t part = part_[faces_by_part_[begin]];
+    std::size_t end = begin;
+    while (end < faces && part_[faces_by_part_[end]] == part) ++end;
+    const auto entries = static_cast<unsigned>(
+        std::min(lit[part], convex_[part] ? 1 : static_cast<int>(kMostVolumesCounted)));
+    if (most + entries > kMostVolumesCounted) {
+      result.batch_ends.push_back(result.triangles.size());
+      most = 0;
+    }
+    most += entries;
+    add_part(std::span(faces_by_part_).subspan(begin, end - begin));
+    begin = end;
   }
+  if (most > 0) result.batch_ends.push_back(result.triangles.size());
   return result;
 }
 

@@ -4,7 +4,9 @@
 // more than it leaves (z-fail counting) says whether a point lies within.
 //
 // Convex casters give a volume that a ray enters once. Others give one that may overlap itself: the
-// count is then more than 1, and still 0 outside. Nothing is replaced by its hull.
+// count is then more than 1, and still 0 outside. Nothing is replaced by its hull. A stencil counts
+// to 63 here, so the parts of a caster come in batches that a ray can't enter more often; only one
+// part that lies over itself 64 times in the light's direction would open.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,8 +21,13 @@
 
 namespace penumbra {
 
+inline constexpr unsigned kMostVolumesCounted = 0x3FU;
+inline constexpr std::size_t kMostVolumeTriangles = 200'000;  // once they are split for a lens
+
 struct ShadowVolume {
   std::vector<glm::vec3> triangles;  // table frame [m], three points each, closed and oriented
+  // Where in `triangles` each batch ends: none is empty, and each is closed by itself.
+  std::vector<std::size_t> batch_ends;
   // A closed part of the caster has no face that the light sees: the light is in it, and all that
   // is outside would be dark. That part is left out.
   bool light_inside = false;
@@ -46,20 +53,24 @@ class VolumeCaster {
     std::uint32_t edge = 0;
     int sign = 1;  // +1: the face runs from a to b
   };
+  void find_convex_parts();
+
   std::vector<Eigen::Vector3d> positions_;
   std::vector<std::uint32_t> indices_;
   std::vector<Side> sides_;  // three per face
   std::vector<Edge> edges_;
-  std::vector<std::uint32_t> part_;  // of each face
+  std::vector<std::uint32_t> part_;           // of each face
+  std::vector<std::uint32_t> faces_by_part_;  // all faces
   // Whether the part's faces are closed and turned the same way: then those that the light sees
   // suffice. Of others every face counts, turned towards the light.
   std::vector<bool> closed_;
+  std::vector<bool> convex_;  // of each part, closed too
 };
 
 // Cut so that straight edges can follow a lens, as for planes in projected_shadow.hpp; still
 // closed.
-[[nodiscard]] std::vector<glm::vec3> split_for_lens(const std::vector<glm::vec3>& triangles,
-                                                    double longest_edge,
-                                                    std::size_t max_triangles = 200'000);
+[[nodiscard]] std::vector<glm::vec3> split_for_lens(
+    const std::vector<glm::vec3>& triangles, double longest_edge,
+    std::size_t max_triangles = kMostVolumeTriangles);
 
 }  // namespace penumbra

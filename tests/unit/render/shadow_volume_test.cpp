@@ -105,6 +105,51 @@ TEST(ShadowVolume, OfALightInsideIsNone) {
   EXPECT_TRUE(closed(level.triangles));
 }
 
+TEST(ShadowVolume, OfALightInsideIsTold) {
+  SceneBuilder builder = with_light({0.0, 0.0, 0.15});
+  builder.add(box(0.1, 0.1, 0.1), test::at(0.0, 0.0, 0.15));
+  builder.add(box(0.02, 0.02, 0.02), test::at(0.08, 0.0, 0.05));
+  Studio studio(builder.build(), test::camera_of(kSide, kSide, 260.0));
+  const FramePlan plan = studio.plan(test::tracked(test::look_at({0.3, -0.4, 0.5}, {0, 0, 0})));
+  for (int frame = 0; frame < 2; ++frame) {  // made, and drawn again
+    studio.draw(white(), plan);
+    ASSERT_EQ(studio.stats().skipped.size(), 1U);
+    EXPECT_EQ(studio.stats().skipped[0].what, "light_inside_caster");
+    EXPECT_NE(studio.stats().skipped[0].reason.find("object1: the light \"lamp\" is inside"),
+              std::string::npos);
+    EXPECT_EQ(studio.stats().passes_skipped, 1);
+  }
+}
+
+// What the author reduced casts, projected and as a volume; not where proxies are switched off.
+TEST(ShadowVolume, OfTheAuthorsReducedModel) {
+  for (const ShadowTechnique technique : {ShadowTechnique::hard, ShadowTechnique::volume}) {
+    SceneBuilder builder = with_light({0.0, 0.0, 0.6});
+    builder.scene().shadows[0].technique = technique;
+    builder.add(box(0.05, 0.05, 0.02), test::at(0.0, 0.0, 0.1));
+    const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
+    const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
+    const auto shadow = [&](bool proxies) {
+      Studio studio(builder.build(), camera);
+      PlanOptions options;
+      options.proxies = proxies;
+      FramePlan plan = studio.plan(pose, options);
+      plan.objects.clear();
+      return studio.draw(white(), plan).rgba;
+    };
+    const auto own = shadow(true);
+    SceneObject& object = builder.scene().objects[0];
+    object.proxy = ProxyMode::model;
+    object.proxy_model = box(0.1, 0.02, 0.02);
+    const auto reduced = shadow(true);
+    EXPECT_EQ(shadow(false), own);
+    EXPECT_NE(reduced, own);
+    object.model = object.proxy_model;
+    object.proxy = ProxyMode::none;
+    EXPECT_EQ(reduced, shadow(true));
+  }
+}
+
 // The cases of the oracle: a bitmap of the table, seen from outside, from inside the volume, and
 // with the near plane in the volume's wall.
 TEST(ShadowVolume, MasksOfTheOracle) {
@@ -176,7 +221,33 @@ struct Block {
     if (enter > leave || leave <= least) return std::numeric_limits<double>::infinity();
     return enter > least ? enter : leave;
   }
+  // Of the face that a point of its surface lies on.
+  [[nodiscard]] Eigen::Vector3d normal(const Eigen::Vector3d& p) const {
+    const Eigen::Vector3d at =
+        placement.rotation.conjugate() * (p - placement.position) / placement.scale;
+    Eigen::Index axis = 0;
+    at.cwiseQuotient(half).cwiseAbs().maxCoeff(&axis);
+    Eigen::Vector3d n = Eigen::Vector3d::Zero();
+    n[axis] = at[axis] > 0.0 ? 1.0 : -1.0;
+    return placement.rotation * n;
+  }
 };
+
+// The share of all red light at a place that one light gives, by Lambert's law.
+double share_of(int light, const FramePlan& plan, const Scene& scene, const Eigen::Vector3d& place,
+                const Eigen::Vector3d& normal) {
+  const double up = 0.5 + 0.5 * normal.z();
+  double all = scene.ambient.x() * (0.52 + up * (1.08 - 0.52));
+  double own = 0.0;
+  for (std::size_t i = 0; i < plan.lights.size(); ++i) {
+    const Eigen::Vector4d& at = plan.lights[i].place;
+    const Eigen::Vector3d l = (at.head<3>() - at.w() * place).normalized();
+    const double arriving = plan.lights[i].color.x() * std::max(0.0, normal.dot(l));
+    all += arriving;
+    if (static_cast<int>(i) == light) own = arriving;
+  }
+  return own / all;
+}
 
 struct View {
   const char* name;
@@ -230,6 +301,7 @@ TEST_P(VolumeView, DarkensWhatTheLightDoesNotReach) {
 
   int dark = 0;
   int on_phantom = 0;
+  int away = 0;
   int wrong = 0;
   int compared = 0;
   for (int y = 0; y < kSide; ++y) {
@@ -240,10 +312,13 @@ TEST_P(VolumeView, DarkensWhatTheLightDoesNotReach) {
       double t = -view.eye.z() / d.z();
       if (!(t > 0.0)) t = std::numeric_limits<double>::infinity();
       bool phantom = false;
+      const Block* shown = nullptr;
       for (std::size_t i = 0; i < others.size(); ++i) {
         const double at = others[i].hit(view.eye, d, kNear);
-        if (at < t) phantom = i == 0;
-        t = std::min(t, at);
+        if (at >= t) continue;
+        phantom = i == 0;
+        shown = &others[i];
+        t = at;
       }
       double caster = t;
       for (const Block& block : casters) caster = std::min(caster, block.hit(view.eye, d, kNear));
@@ -253,6 +328,13 @@ TEST_P(VolumeView, DarkensWhatTheLightDoesNotReach) {
       bool blocked = false;
       for (const Block& block : casters)
         blocked = blocked || block.hit(place, to_light, 1e-9) < 1.0;
+      // A face turned away from the light has nothing of it to lose.
+      const Eigen::Vector3d normal =
+          shown != nullptr ? shown->normal(place) : Eigen::Vector3d::UnitZ();
+      const double cosine = normal.dot(to_light.normalized());
+      if (cosine > 0.0 && cosine < 0.03) continue;  // less than a code
+      away += blocked && cosine < 0.0 ? 1 : 0;
+      blocked = blocked && cosine > 0.0;
       ++compared;
       dark += blocked ? 1 : 0;
       on_phantom += blocked && phantom ? 1 : 0;
@@ -264,6 +346,7 @@ TEST_P(VolumeView, DarkensWhatTheLightDoesNotReach) {
   EXPECT_GT(compared - dark, 1000) << "not all of it";
   if (std::string(view.name) == "outside") {
     EXPECT_GT(on_phantom, 50);
+    EXPECT_GT(away, 50);
   }
   EXPECT_LE(wrong, 20 + dark / 60) << dark << " dark of " << compared;
 }
@@ -301,7 +384,6 @@ TEST(ShadowVolume, FadesWithWhatCastsAndWithWhatReceives) {
     if (object.object == 3) object.opacity = kObjectOpacity;
   }
   for (std::size_t i = 0; i < 2; ++i) plan.volumes[i].opacity = kCasterOpacity[i];
-  const double share = std::pow(plan.volumes[0].light_left.x(), 1.0 / 2.2);
   const Picture with = studio.draw(white(), plan);
   plan.volumes.clear();
   const Picture without = studio.draw(white(), plan);
@@ -315,10 +397,12 @@ TEST(ShadowVolume, FadesWithWhatCastsAndWithWhatReceives) {
       const Eigen::Vector3d d = pose.T_table_camera.rotation() * (*ray / ray->z());
       double t = -eye.z() / d.z();
       float receiver = kTableOpacity;
+      const Block* shown = nullptr;
       for (std::size_t i = 0; i < others.size(); ++i) {
         const double at = others[i].hit(eye, d, kNear);
         if (at >= t) continue;
         t = at;
+        shown = &others[i];
         receiver = i == 0 ? kPhantomOpacity : kObjectOpacity;
       }
       const Eigen::Vector3d place = eye + t * d;
@@ -333,7 +417,11 @@ TEST(ShadowVolume, FadesWithWhatCastsAndWithWhatReceives) {
       if (caster_seen) continue;
       ++seen[{receiver, caster}];
       const double opacity = static_cast<double>(std::min(receiver, caster));
-      const double expected = without.red(x, y) * (1.0 - opacity * (1.0 - share));
+      const double share =
+          share_of(0, plan, builder.scene(), place,
+                   shown != nullptr ? shown->normal(place) : Eigen::Vector3d::UnitZ());
+      const double expected =
+          without.red(x, y) * (1.0 - opacity * (1.0 - std::pow(1.0 - share, 1.0 / 2.2)));
       wrong += std::abs(with.red(x, y) - expected) > 1.5 ? 1 : 0;
     }
   }
@@ -389,10 +477,6 @@ TEST(ShadowVolume, EveryLightOfEveryNodeThrows) {
   FramePlan plan = studio.plan(pose);
   EXPECT_TRUE(plan.skipped.empty());
   ASSERT_EQ(plan.volumes.size(), 4U);
-  std::vector<double> share(3);  // of all light, that each gives
-  for (const ShadowVolumeDraw& draw : plan.volumes) {
-    share[static_cast<std::size_t>(draw.light)] = 1.0 - draw.light_left.x();
-  }
   plan.objects.clear();
   const Picture solid = studio.draw(white(), plan);
   // Drawn caster by caster, with as good as no difference.
@@ -416,8 +500,9 @@ TEST(ShadowVolume, EveryLightOfEveryNodeThrows) {
         }
       }
       double left = 1.0;
-      for (std::size_t light = 0; light < 3; ++light) {
-        if ((missed >> light & 1) != 0) left -= share[light];
+      for (int light = 0; light < 3; ++light) {
+        if ((missed >> light & 1) == 0) continue;
+        left -= share_of(light, plan, builder.scene(), place, Eigen::Vector3d::UnitZ());
       }
       ++seen[missed];
       wrong += std::abs(solid.red(x, y) - 255.0 * std::pow(left, 1.0 / 2.2)) > 1.5 ? 1 : 0;
@@ -427,6 +512,125 @@ TEST(ShadowVolume, EveryLightOfEveryNodeThrows) {
   for (const int missed : {0, 1, 2, 3, 4, 6}) EXPECT_GT(seen[missed], 40) << missed;
   EXPECT_LE(wrong, 350) << "more than edges of " << kSide * kSide;
   EXPECT_EQ(apart, 0);
+}
+
+// More closed parts above one another than the stencil counts to: nothing comes out of it light.
+TEST(ShadowVolume, OfManyPartsAboveOneAnotherIsDark) {
+  ShapeBuilder stack;
+  constexpr int kParts = 128;  // twice round
+  for (int i = 0; i < kParts; ++i) {
+    const double z = 0.05 + 0.001 * i;
+    stack.box(-0.05, -0.05, z, 0.05, 0.05, z + 0.0005);
+  }
+  const VolumeCaster caster(mesh_of(stack));
+  const ShadowVolume volume = caster.volume({}, {0.0, 0.0, 5.0, 1.0}, {{kTable}}, 12.0);
+  ASSERT_EQ(volume.batch_ends.size(), 3U);
+  EXPECT_EQ(volume.batch_ends.back(), volume.triangles.size());
+  std::size_t begin = 0;
+  for (const std::size_t end : volume.batch_ends) {
+    ASSERT_GT(end, begin);
+    EXPECT_TRUE(closed({volume.triangles.begin() + static_cast<std::ptrdiff_t>(begin),
+                        volume.triangles.begin() + static_cast<std::ptrdiff_t>(end)}));
+    begin = end;
+  }
+  SceneBuilder builder = with_light({0.0, 0.0, 5.0});
+  builder.add(test::finished(stack.build(), glm::vec4(1.0F)), Placement());
+  Studio studio(builder.build(), test::camera_of(kSide, kSide, 200.0));
+  FramePlan plan = studio.plan(test::tracked(test::look_at({0.0, -0.3, 0.4}, {0, 0, 0})));
+  plan.objects.clear();
+  const Picture picture = studio.draw(white(), plan);
+  EXPECT_LT(picture.red(kSide / 2, kSide / 2), 250);
+}
+
+// Planes in the same place, as two names for one table: each pixel loses the light's share once.
+TEST(ShadowVolume, OnPlanesInTheSamePlaceIsDarkOnce) {
+  SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
+  builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
+  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
+  const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
+  const auto picture = [&] {
+    Studio studio(builder.build(), camera);
+    return studio.draw(white(), studio.plan(pose)).rgba;
+  };
+  const auto once = picture();
+  ScenePlane& again = builder.scene().planes.emplace_back(builder.scene().planes[0]);
+  again.name = "again";
+  builder.scene().shadows[0].planes = {0, 1};
+  EXPECT_EQ(picture(), once);
+}
+
+// A projected shadow ends where a phantom stands on its plane: what the light's ray meets first is
+// the phantom. Against rays, with the planes' part unchanged.
+TEST(ShadowVolume, CarriesProjectedShadowsOntoPhantoms) {
+  const Eigen::Vector3d light(-0.25, 0.05, 0.6);
+  SceneBuilder builder = with_light(light);
+  builder.scene().shadows[0].technique = ShadowTechnique::hard;
+  const Block caster = {test::at(0.0, 0.0, 0.16, {1, 0, 0}, 0.3), {0.05, 0.03, 0.01}};
+  const Block phantom = {test::at(0.1, 0.02, 0.02, {0, 0, 1}, 0.3), {0.03, 0.03, 0.02}};
+  const Block object = {test::at(0.03, 0.09, 0.015), {0.02, 0.02, 0.015}};
+  const auto add = [&builder](const Block& block, bool casts, bool is_phantom) {
+    builder.add(box(2 * block.half.x(), 2 * block.half.y(), 2 * block.half.z()), block.placement,
+                casts, is_phantom);
+  };
+  add(caster, true, false);
+  add(phantom, false, true);
+  add(object, false, false);
+  const CameraModel camera = test::camera_of(kSide, kSide, 200.0);
+  Studio studio(builder.build(), camera);
+  const Eigen::Vector3d eye(0.35, -0.5, 0.45);
+  const PoseEstimate pose = test::tracked(test::look_at(eye, {0.05, 0.0, 0.03}));
+  FramePlan plan = studio.plan(pose);
+  ASSERT_EQ(plan.volumes.size(), 1U);
+  EXPECT_FALSE(plan.volumes[0].on_planes);
+  ASSERT_EQ(plan.hard_shadows.size(), 1U);
+  const Picture with = studio.draw(white(), plan);
+  plan.volumes.clear();
+  const Picture without = studio.draw(white(), plan);
+  int dark = 0;
+  int wrong = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const auto ray = camera.unproject({static_cast<double>(x), static_cast<double>(y)});
+      ASSERT_TRUE(ray);
+      const Eigen::Vector3d d = pose.T_table_camera.rotation() * *ray;
+      const double t = phantom.hit(eye, d, kNear);
+      const bool shown =
+          t < std::min({-eye.z() / d.z(), object.hit(eye, d, kNear), caster.hit(eye, d, kNear)});
+      double left = 1.0;
+      if (shown) {
+        const Eigen::Vector3d place = eye + t * d;
+        const bool blocked = caster.hit(place, light - place, 1e-9) < 1.0;
+        if (blocked) left -= share_of(0, plan, builder.scene(), place, phantom.normal(place));
+        dark += left < 1.0 ? 1 : 0;
+      }
+      const double expected = without.red(x, y) * std::pow(left, 1.0 / 2.2);
+      wrong += std::abs(with.red(x, y) - expected) > 1.5 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(dark, 80);
+  EXPECT_LE(wrong, 20) << "more than edges, of " << dark;
+}
+
+// One light of two nodes, projected by one and as a volume by the other: what both keep it from
+// loses it once.
+TEST(ShadowVolume, AndProjectedShadowsOfOneLightAreOne) {
+  SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
+  builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
+  builder.add(box(0.06, 0.1, 0.02), test::at(0.02, 0.01, 0.2));
+  std::vector<ShadowNode>& nodes = builder.scene().shadows;
+  nodes[0].casters = {0, 1};
+  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
+  const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
+  const auto picture = [&] {
+    Studio studio(builder.build(), camera);
+    return studio.draw(white(), studio.plan(pose)).rgba;
+  };
+  const auto volumes = picture();
+  nodes.push_back(nodes[0]);
+  nodes[0].casters = {0};
+  nodes[1].casters = {1};
+  nodes[1].technique = ShadowTechnique::hard;
+  EXPECT_EQ(picture(), volumes);
 }
 
 // Two nodes with the same caster and light: made once, and long enough for the receivers of both.
