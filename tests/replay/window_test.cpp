@@ -73,5 +73,65 @@ TEST(Window, RecordedEditsAreReplayed) {
   }
 }
 
+// A person's hand in a live session: what was dragged there replays to the same pictures, bit for
+// bit, at the poses that the session had.
+TEST(Window, ADragIsRecordedAndReplaysToTheSamePictures) {
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
+  ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
+  const TemporaryFolder folder;
+  const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
+  // As wide as the view's middle is uncertain: it lies under the pixel wherever the camera goes.
+  std::ofstream(path("scene.json"))
+      << R"({"objects":[{"name":"block","shape":{"kind":"box","size":[0.1,0.08,0.04]},)"
+      << R"("position":[0,0,0.06],"animation":{"spin":{"turns_per_s":0.1}}}],)"
+      << R"("lights":[{"name":"lamp","kind":"point","position":[-0.2,-0.1,0.9]}],)"
+      << R"("shadows":[{"name":"shadow","technique":"layered"}]})";
+  const ProgramResult live =
+      run_program(source_dir() / "tests" / "support" / "with-display",
+                  {(source_dir() / "tests" / "support" / "drag-by-mouse").string(),
+                   path("session/events.jsonl"),
+                   "320 240",
+                   "380 250",
+                   program().string(),
+                   "live",
+                   "--camera",
+                   "recording:" + bundled("tabletop"),
+                   "--calibration",
+                   bundled("tabletop") + "/camera.yaml",
+                   "--scene",
+                   path("scene.json"),
+                   "--record",
+                   path("session"),
+                   "--output",
+                   path("live"),
+                   "--poses",
+                   path("live.tum"),
+                   "--poses-all",
+                   "--duration",
+                   "120"},
+                  {}, folder.path());
+  ASSERT_EQ(live.exit_code, 0) << live.err;
+  const auto replayed = [&](const char* name, const std::vector<std::string>& more) {
+    std::vector<std::string> words = {"replay",         path("session"),    "--no-window",
+                                      "--scene",        path("scene.json"), "--poses-from",
+                                      path("live.tum"), "--output",         path(name)};
+    words.insert(words.end(), more.begin(), more.end());
+    const ProgramResult result = penumbra(words);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    return contents_of(folder.path() / name);
+  };
+  const auto seen = contents_of(folder.path() / "live");
+  const auto edited = replayed("edited", {});
+  const auto unedited = replayed("unedited", {"--no-edits"});
+  ASSERT_GT(seen.size(), 10U);
+  int moved = 0;
+  for (const auto& [name, picture] : seen) {
+    ASSERT_TRUE(edited.contains(name)) << name;
+    EXPECT_EQ(picture, edited.at(name)) << name;
+    moved += picture != unedited.at(name) ? 1 : 0;
+  }
+  EXPECT_GT(moved, 3);
+}
+
 }  // namespace
 }  // namespace penumbra::test
