@@ -287,9 +287,15 @@ class Planner {
         return light_height(placed_plane(scene_, state_, plane).frame, draw.light_place) > 0.0;
       });
       if (!on_planes && !above) continue;
+      const bool needed = on_planes || !options_.skip || throws_volumes(light);
       for (const int caster : casters) {
         draw.object = caster;
         draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
+        if (!needed && !meets_phantom(draw)) {
+          const std::string& name = scene_.objects[static_cast<std::size_t>(caster)].name;
+          skip("shadow_misses_phantoms", name, "its shadow meets no phantom");
+          continue;
+        }
         draw.opacity = opacity_of_object(caster);
         add_volume(draw);
       }
@@ -300,14 +306,47 @@ class Planner {
   // fall on planes too. Else what is in the shadow of one caster by the one and of another by the
   // other would lose the light's share twice.
   void join_lights() {
-    const auto is_volume = [this](int light) {
-      return std::ranges::any_of(plan_.volumes, [light](const ShadowVolumeDraw& draw) {
-        return draw.light == light && draw.on_planes;
-      });
-    };
-    for (ShadowVolumeDraw& draw : plan_.volumes) draw.on_planes = is_volume(draw.light);
+    for (ShadowVolumeDraw& draw : plan_.volumes) draw.on_planes = throws_volumes(draw.light);
     std::erase_if(plan_.hard_shadows,
-                  [&](const HardShadowDraw& draw) { return is_volume(draw.light); });
+                  [this](const HardShadowDraw& draw) { return throws_volumes(draw.light); });
+  }
+
+  [[nodiscard]] bool throws_volumes(int light) const {
+    return std::ranges::any_of(plan_.volumes, [light](const ShadowVolumeDraw& draw) {
+      return draw.light == light && draw.on_planes;
+    });
+  }
+
+  // Whether a caster may keep its light from a phantom that is seen: by the balls about both, as
+  // the light sees them.
+  [[nodiscard]] bool meets_phantom(const ShadowVolumeDraw& draw) const {
+    const auto ball = [](const Model& model, const Placement& placement) {
+      const BoxCorners corners = box_corners(model, placement);
+      const Eigen::Vector3d middle = 0.5 * (corners.front() + corners.back());
+      return std::pair(middle, (corners.back() - middle).norm());
+    };
+    const SceneObject& object = scene_.objects[static_cast<std::size_t>(draw.object)];
+    const auto [caster, caster_radius] =
+        ball(*casting_model(object, draw.proxy), draw.T_table_object);
+    return std::ranges::any_of(plan_.phantoms, [&, c = caster,
+                                                r = caster_radius](const ObjectDraw& phantom) {
+      const auto [p, radius] = ball(*scene_.objects[static_cast<std::size_t>(phantom.object)].model,
+                                    phantom.T_table_object);
+      if (draw.light_place.w() == 0.0) {
+        const Eigen::Vector3d towards = draw.light_place.head<3>().normalized();
+        const Eigen::Vector3d apart = c - p;
+        const double along = towards.dot(apart);
+        return (apart - along * towards).norm() <= r + radius && along >= -(r + radius);
+      }
+      const Eigen::Vector3d light = draw.light_place.head<3>() / draw.light_place.w();
+      const double to_caster = (c - light).norm();
+      const double to_phantom = (p - light).norm();
+      if (to_caster <= r || to_phantom <= radius) return true;
+      if (to_phantom + radius < to_caster - r) return false;  // nearer to the light
+      const double between =
+          std::atan2((c - light).cross(p - light).norm(), (c - light).dot(p - light));
+      return between <= std::asin(r / to_caster) + std::asin(radius / to_phantom);
+    });
   }
 
   // One that another node has already asked for is made long enough for both: without a floor it

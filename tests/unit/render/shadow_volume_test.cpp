@@ -9,6 +9,7 @@
 #include <limits>
 #include <map>
 #include <numbers>
+#include <random>
 #include <tuple>
 
 #include "render/camera_gl.hpp"
@@ -609,6 +610,42 @@ TEST(ShadowVolume, CarriesProjectedShadowsOntoPhantoms) {
   }
   EXPECT_GT(dark, 80);
   EXPECT_LE(wrong, 20) << "more than edges, of " << dark;
+}
+
+// Volumes that no phantom is in are left out, and only those: the pictures are the same.
+TEST(ShadowVolume, OfProjectedShadowsAreMadeForPhantomsTheyMeet) {
+  std::mt19937 random(11);
+  const auto within = [&random](double low, double high) {
+    return std::uniform_real_distribution<double>(low, high)(random);
+  };
+  int left_out = 0;
+  int drawn = 0;
+  for (int i = 0; i < 24; ++i) {
+    SceneBuilder builder =
+        i % 2 == 0
+            ? with_light({within(-0.3, 0.3), within(-0.3, 0.3), within(0.25, 0.6)})
+            : with_light(Eigen::Vector3d(within(-1, 1), within(-1, 1), within(0.3, 1)).normalized(),
+                         SceneLight::Kind::directional);
+    builder.scene().shadows[0].technique = ShadowTechnique::hard;
+    builder.add(box(within(0.02, 0.1), within(0.02, 0.1), within(0.02, 0.1)),
+                test::at(within(-0.12, 0.12), within(-0.12, 0.12), within(0.06, 0.2), {1, 1, 0},
+                         within(0, 3)));
+    builder.add(box(within(0.02, 0.1), within(0.02, 0.1), within(0.02, 0.1)),
+                test::at(within(-0.12, 0.12), within(-0.12, 0.12), within(0.0, 0.1), {0, 0, 1},
+                         within(0, 3)),
+                false, true);
+    Studio studio(builder.build(), test::camera_of(kSide, kSide, 260.0));
+    const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
+    PlanOptions all;
+    all.skip = false;
+    const FramePlan skipping = studio.plan(pose);
+    const FramePlan whole = studio.plan(pose, all);
+    EXPECT_EQ(whole.volumes.size(), 1U);
+    (skipping.volumes.empty() ? left_out : drawn) += 1;
+    EXPECT_EQ(studio.draw(white(), skipping).rgba, studio.draw(white(), whole).rgba) << i;
+  }
+  EXPECT_GT(left_out, 5);
+  EXPECT_GT(drawn, 5);
 }
 
 // One light of two nodes, projected by one and as a volume by the other: what both keep it from
