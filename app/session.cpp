@@ -133,7 +133,7 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   for (const SkippedPass& left_out : drawn->skipped) {
     result.plan.skipped.push_back(left_out);
     if (told_.insert(left_out.reason).second) {
-      log_warning("{}: no shadow volume: {}", scene_.file, left_out.reason);
+      log_warning("{}: no shadow of a volume: {}", scene_.file, left_out.reason);
     }
   }
   result.composite = *drawn;

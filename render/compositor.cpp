@@ -2,8 +2,6 @@
 
 #include <epoxy/gl.h>
 
-#include <algorithm>
-#include <functional>
 #include <optional>
 
 #include "core/assert.hpp"
@@ -148,9 +146,8 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
     calls += m.objects.draw_phantoms(*m.scene, plan, m.lens);
     calls += m.objects.draw_objects(*m.scene, plan, m.lens);
-    const bool on_planes =
-        std::ranges::any_of(plan.volumes, std::identity(), &ShadowVolumeDraw::on_planes);
-    calls += m.receivers.begin_frame(plan, m.lens, on_planes);
+    // A phantom under a plane is not what its pixels show.
+    calls += m.receivers.begin_frame(plan, m.lens, !plan.volumes.empty());
     calls += m.shadows.draw(plan, m.lens, m.receivers);
     calls += m.hard_shadows.draw(*m.scene, plan, m.lens, m.receivers);
     calls += m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer);

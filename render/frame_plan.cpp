@@ -175,18 +175,23 @@ class Planner {
           plan_shadow(draw, plane);
         }
       }
-      if (technique == ShadowTechnique::volume) plan_volumes(node, static_cast<int>(n), true);
+      if (technique == ShadowTechnique::volume && !lights_of(node).empty()) {
+        plan_volumes(node, static_cast<int>(n), true);
+      }
       if (options_.light_rays || node.light_rays) plan_rays(node, technique);
     }
+    // A light throws all of its shadows in one way, and so do all lights of a frame: what is in the
+    // shadow of one light by projection and of another by a volume would lose their shares one
+    // after the other, not together. Volumes fall on planes too.
     const bool volumes = !plan_.volumes.empty();
+    if (volumes) plan_.hard_shadows.clear();
     for (std::size_t n = 0; n < scene_.shadows.size(); ++n) {
       const ShadowNode& node = scene_.shadows[n];
       const bool hard = options_.technique.value_or(node.technique) == ShadowTechnique::hard;
       if (hard && (volumes || !plan_.phantoms.empty())) {
-        plan_volumes(node, static_cast<int>(n), false);
+        plan_volumes(node, static_cast<int>(n), volumes);
       }
     }
-    join_lights();
   }
 
  private:
@@ -258,7 +263,8 @@ class Planner {
   }
 
   void plan_volumes(const ShadowNode& node, int node_index, bool on_planes) {
-    const std::vector<int> lights = lights_of(node);
+    std::vector<int> lights = node.lights;
+    if (lights.empty() && !scene_.lights.empty()) lights = {0};
     if (lights.empty() || node.planes.empty()) return;
     ShadowVolumeDraw draw;
     draw.node = node_index;
@@ -272,7 +278,7 @@ class Planner {
     for (const int caster : node.casters) {
       const SceneObject& object = scene_.objects[static_cast<std::size_t>(caster)];
       if (!object.model || !object.casts_shadow) {
-        skip("casts_no_shadow", object.name, "casts no shadow");
+        if (on_planes) skip("casts_no_shadow", object.name, "casts no shadow");
       } else if (opacity_of_object(caster) > 0.0F) {
         casters.push_back(caster);
       }
@@ -282,12 +288,13 @@ class Planner {
     for (const int light : lights) {
       draw.light = light;
       draw.light_place = plan_.lights[static_cast<std::size_t>(light)].place;
-      // Of projected shadows, as on their planes: a light that is under all of them gives none.
-      const bool above = std::ranges::any_of(node.planes, [&](int plane) {
-        return light_height(placed_plane(scene_, state_, plane).frame, draw.light_place) > 0.0;
+      // Of projected shadows, as on their planes: what shows on none of these shows on no phantom.
+      const bool shown = std::ranges::any_of(node.planes, [&](int plane) {
+        const auto lights_there = lights_on_.find(plane);
+        return lights_there != lights_on_.end() && lights_there->second.contains(light);
       });
-      if (!on_planes && !above) continue;
-      const bool needed = on_planes || !options_.skip || throws_volumes(light);
+      if (!on_planes && !shown) continue;
+      const bool needed = on_planes || !options_.skip;
       for (const int caster : casters) {
         draw.object = caster;
         draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
@@ -300,21 +307,6 @@ class Planner {
         add_volume(draw);
       }
     }
-  }
-
-  // A light throws all of its shadows in one way: where two nodes ask for both, as volumes, which
-  // fall on planes too. Else what is in the shadow of one caster by the one and of another by the
-  // other would lose the light's share twice.
-  void join_lights() {
-    for (ShadowVolumeDraw& draw : plan_.volumes) draw.on_planes = throws_volumes(draw.light);
-    std::erase_if(plan_.hard_shadows,
-                  [this](const HardShadowDraw& draw) { return throws_volumes(draw.light); });
-  }
-
-  [[nodiscard]] bool throws_volumes(int light) const {
-    return std::ranges::any_of(plan_.volumes, [light](const ShadowVolumeDraw& draw) {
-      return draw.light == light && draw.on_planes;
-    });
   }
 
   // Whether a caster may keep its light from a phantom that is seen: by the balls about both, as
@@ -386,7 +378,7 @@ class Planner {
         if (!object.model || !object.casts_shadow || opacity <= 0.0F) continue;
         plan_.rays.push_back({caster, light, state_.objects[static_cast<std::size_t>(caster)],
                               plan_.lights[static_cast<std::size_t>(light)].place, planes,
-                              opacity});
+                              options_.proxies, opacity});
       }
     }
   }

@@ -71,7 +71,8 @@ struct HardShadowDraw {
 
 // One caster's shadow volume from one light, on everything that is drawn into the depth buffer; or
 // on phantoms alone, where its shadow on planes is a projected one. Each caster and light once,
-// whatever nodes ask for it, and all of one light alike.
+// whatever nodes ask for it, and all of a frame alike: where one node asks for volumes, the
+// projected shadows of all are drawn as volumes.
 struct ShadowVolumeDraw {
   int node = 0, object = 0, light = 0;  // indices into the scene
   Placement T_table_object;
@@ -93,6 +94,7 @@ struct LightRayDraw {
   Placement T_table_object;
   Eigen::Vector4d light_place;  // as PlacedLight::place
   std::vector<Plane> planes;
+  bool proxy = true;  // they go through what casts: the author's reduced model, where there is one
   float opacity = 1.0F;  // of the caster
 };
 

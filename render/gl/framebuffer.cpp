@@ -99,6 +99,9 @@ void Framebuffer::bind_sums() {
                    nullptr);
     }
   }
+  // Not read where it is drawn into.
+  glActiveTexture(GL_TEXTURE0);
+  glBindTexture(GL_TEXTURE_2D, 0);
   glBindFramebuffer(GL_FRAMEBUFFER, sums_framebuffer_.id());
   glViewport(0, 0, width_, height_);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);

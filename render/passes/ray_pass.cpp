@@ -76,7 +76,8 @@ int RayPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms&
   std::vector<Batch> batches;
   std::set<int> lights;
   for (const LightRayDraw& draw : plan.rays) {
-    const Model* model = scene.objects[static_cast<std::size_t>(draw.object)].model.get();
+    const Model* model =
+        casting_model(scene.objects[static_cast<std::size_t>(draw.object)], draw.proxy).get();
     auto marked = marked_.find(model);
     if (marked == marked_.end()) {
       marked = marked_.emplace(model, marked_vertices(*model, kMostVertices)).first;

@@ -113,10 +113,9 @@ void VolumePass::note_light_inside(const Scene& scene, const ShadowVolumeDraw& d
        fmt::format("{}: the light \"{}\" is inside of it, or of a part of it", object, light)});
 }
 
-int VolumePass::count(const Drawing& drawing, const ShadowVolumeDraw& draw,
-                      std::size_t batch) const {
+// Where the caster itself is seen.
+int VolumePass::mark_caster(const Drawing& drawing, const ShadowVolumeDraw& draw) const {
   const auto& [scene, plan, lens, objects, receivers] = drawing;
-  // Where the caster itself is seen.
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
   glDisable(GL_BLEND);
   glEnable(GL_DEPTH_TEST);
@@ -124,9 +123,22 @@ int VolumePass::count(const Drawing& drawing, const ShadowVolumeDraw& draw,
   glStencilFunc(GL_ALWAYS, static_cast<GLint>(kMarkBit), kMarkBit);
   glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
   glDepthFunc(GL_EQUAL);
-  const int calls = objects.draw_alone(scene, {draw.object, draw.T_table_object, 1.0F}, plan, lens);
-  // How many of the volume's walls are behind what the pixel shows: those turned to the eye count
-  // one way, those turned away the other.
+  return objects.draw_alone(scene, {draw.object, draw.T_table_object, 1.0F}, plan, lens);
+}
+
+void VolumePass::clear_mark() {
+  glStencilMask(kMarkBit);
+  glClear(GL_STENCIL_BUFFER_BIT);
+}
+
+// How many of the volume's walls are behind what the pixel shows: those turned to the eye count one
+// way, those turned away the other. Not where the pixel is marked.
+void VolumePass::count(const Drawing& drawing, const ShadowVolumeDraw& draw,
+                       std::size_t batch) const {
+  const auto& [scene, plan, lens, objects, receivers] = drawing;
+  glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+  glDisable(GL_BLEND);
+  glEnable(GL_DEPTH_TEST);
   volume_program_.use();
   set_lens(volume_program_, lens);
   volume_program_.set("camera_from_table", camera_from_object(plan.T_table_camera, Placement()));
@@ -140,18 +152,17 @@ int VolumePass::count(const Drawing& drawing, const ShadowVolumeDraw& draw,
   const int begin = batch == 0 ? 0 : volume.batch_ends[batch - 1];
   glDrawArrays(GL_TRIANGLES, begin, volume.batch_ends[batch] - begin);
   glDisable(GL_DEPTH_TEST);
-  glStencilMask(kMarkBit);
-  glClear(GL_STENCIL_BUFFER_BIT);
-  return calls + 1;
 }
 
 int VolumePass::note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const {
-  int calls = 0;
+  int calls = mark_caster(drawing, draw);
   const std::size_t batches = volumes_.at({draw.object, draw.light}).batch_ends.size();
   for (std::size_t batch = 0; batch < batches; ++batch) {
-    calls += count(drawing, draw, batch) + 1;
+    count(drawing, draw, batch);
     note_dark();
+    calls += 2;
   }
+  clear_mark();
   return calls;
 }
 
@@ -264,7 +275,9 @@ int VolumePass::draw_light(const Drawing& drawing, Casters casters, bool add_up)
   for (const ShadowVolumeDraw* caster : casters) {
     const std::size_t batches = volumes_.at({caster->object, caster->light}).batch_ends.size();
     for (std::size_t batch = 0; batch < batches; ++batch) {
-      calls += count(drawing, *caster, batch);
+      calls += mark_caster(drawing, *caster) + 1;
+      count(drawing, *caster, batch);
+      clear_mark();
       // What is dark already counts no more.
       fill_program_.use();
       no_vertices_.bind();

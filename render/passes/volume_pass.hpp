@@ -79,9 +79,11 @@ class VolumePass {
   };
 
   static void note_light_inside(const Scene& scene, const ShadowVolumeDraw& draw, ShadowWork& work);
+  int mark_caster(const Drawing& drawing, const ShadowVolumeDraw& draw) const;
+  static void clear_mark();
   // Leaves how often each pixel's ray is in one batch of the volume, in the stencil's bits for
   // that.
-  int count(const Drawing& drawing, const ShadowVolumeDraw& draw, std::size_t batch) const;
+  void count(const Drawing& drawing, const ShadowVolumeDraw& draw, std::size_t batch) const;
   // Of all batches: any count but 0 -> dark.
   int note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const;
   void note_dark() const;

@@ -1,6 +1,7 @@
 #include "render/shadow/shadow_volume.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <limits>
@@ -29,6 +30,86 @@ double leaves_sphere(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double 
   if (!(c < 0.0) || !(a > 0.0)) return 0.0;
   return (-b + std::sqrt(b * b - a * c)) / a;
 }
+
+// How many lit faces lie above one another as the light sees them, at points of a grid.
+class LightGrid {
+ public:
+  static constexpr int kSide = 160;
+  // So many at the points leave room for what lies between them.
+  static constexpr unsigned kMost = kMostVolumesCounted - 15U;
+
+  LightGrid(const std::vector<Eigen::Vector3d>& points, const std::vector<bool>& used,
+            const Eigen::Vector3d& light, bool local)
+      : counts_(static_cast<std::size_t>(kSide) * kSide, 0U) {
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    double count = 0.0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      if (!used[i]) continue;
+      middle += points[i];
+      count += 1.0;
+    }
+    if (count > 0.0) middle /= count;
+    const Eigen::Vector3d forward = (local ? Eigen::Vector3d(middle - light) : -light).normalized();
+    const Eigen::Vector3d right = forward.unitOrthogonal();
+    const Eigen::Vector3d up = forward.cross(right);
+    Eigen::AlignedBox2d box;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const Eigen::Vector3d p = local ? Eigen::Vector3d(points[i] - light) : points[i];
+      const double depth = local ? forward.dot(p) : 1.0;
+      // Beside and behind the light a perspective has no place; such faces count everywhere.
+      const bool seen = used[i] && depth > 1e-3 * p.norm();
+      seen_.push_back(seen);
+      at_.emplace_back(seen ? Eigen::Vector2d(right.dot(p) / depth, up.dot(p) / depth)
+                            : Eigen::Vector2d::Zero());
+      if (seen) box.extend(at_.back());
+    }
+    if (box.isEmpty()) return;
+    const double size = std::max(box.sizes().maxCoeff(), 1e-12);
+    for (Eigen::Vector2d& p : at_) p = (p - box.min()) * ((kSide - 1.0) / size);
+  }
+  void clear() {
+    std::ranges::fill(counts_, 0U);
+    most_ = everywhere_ = 0;
+  }
+  [[nodiscard]] unsigned most() const { return most_ + everywhere_; }
+
+  void cover(std::uint32_t i, std::uint32_t j, std::uint32_t k) {
+    if (!seen_[i] || !seen_[j] || !seen_[k]) {
+      ++everywhere_;
+      return;
+    }
+    const std::array<Eigen::Vector2d, 3> p = {at_[i], at_[j], at_[k]};
+    const auto low = p[0].cwiseMin(p[1]).cwiseMin(p[2]).eval();
+    const auto high = p[0].cwiseMax(p[1]).cwiseMax(p[2]).eval();
+    const int last_row = std::min(kSide - 1, static_cast<int>(high.y()));
+    for (int y = std::max(0, static_cast<int>(std::ceil(low.y()))); y <= last_row; ++y) {
+      // Where the row enters and leaves the triangle.
+      double begin = high.x();
+      double end = low.x();
+      for (std::size_t c = 0; c < 3; ++c) {
+        const Eigen::Vector2d& a = p[c];
+        const Eigen::Vector2d& b = p[(c + 1) % 3];
+        if ((a.y() > y) == (b.y() > y)) continue;
+        const double x = a.x() + (b.x() - a.x()) * (y - a.y()) / (b.y() - a.y());
+        begin = std::min(begin, x);
+        end = std::max(end, x);
+      }
+      const int first = std::max(0, static_cast<int>(std::ceil(begin)));
+      const int last = std::min(kSide, static_cast<int>(std::ceil(end))) - 1;
+      for (int x = first; x <= last; ++x) {
+        unsigned& here = counts_[static_cast<std::size_t>(y * kSide + x)];
+        most_ = std::max(most_, ++here);
+      }
+    }
+  }
+
+ private:
+  std::vector<bool> seen_;
+  std::vector<Eigen::Vector2d> at_;  // in grid steps
+  std::vector<unsigned> counts_;
+  unsigned most_ = 0;
+  unsigned everywhere_ = 0;
+};
 
 }  // namespace
 
@@ -63,37 +144,15 @@ VolumeCaster::VolumeCaster(const ShadowMesh& mesh) : indices_(mesh.indices) {
   faces_by_part_.resize(part_.size());
   std::iota(faces_by_part_.begin(), faces_by_part_.end(), 0U);
   std::ranges::stable_sort(faces_by_part_, {}, [this](std::uint32_t face) { return part_[face]; });
-  find_convex_parts();
-}
-
-// Every vertex of a closed part lies behind every one of its faces. Of a part with many faces only
-// boxes and the like are worth the products.
-void VolumeCaster::find_convex_parts() {
-  constexpr std::size_t kMostFaces = 200;
-  convex_.assign(closed_.size(), false);
-  for (std::size_t begin = 0; begin < faces_by_part_.size();) {
-    const std::uint32_t part = part_[faces_by_part_[begin]];
-    std::size_t end = begin;
-    while (end < faces_by_part_.size() && part_[faces_by_part_[end]] == part) ++end;
-    const std::span<const std::uint32_t> faces =
-        std::span(faces_by_part_).subspan(begin, end - begin);
-    begin = end;
-    if (!closed_[part] || faces.size() > kMostFaces) continue;
-    const auto corner = [this](std::uint32_t face, std::size_t k) -> const Eigen::Vector3d& {
-      return positions_[indices_[3 * face + k]];
-    };
-    convex_[part] = std::ranges::all_of(faces, [&](std::uint32_t face) {
-      const Eigen::Vector3d& a = corner(face, 0);
-      const Eigen::Vector3d normal = (corner(face, 1) - a).cross(corner(face, 2) - a);
-      return std::ranges::all_of(faces, [&](std::uint32_t other) {
-        for (std::size_t k = 0; k < 3; ++k) {
-          const Eigen::Vector3d to_other = corner(other, k) - a;
-          // Of floats: what lies in the face's plane is a little in front of it.
-          if (!(normal.dot(to_other) <= 1e-5 * normal.norm() * to_other.norm())) return false;
-        }
-        return true;
-      });
-    });
+  // Turned inside out: what is closed has its faces to the outside.
+  std::vector<double> volume(mesh.part_count, 0.0);
+  for (std::size_t face = 0; face < part_.size(); ++face) {
+    const Eigen::Vector3d& a = positions_[indices_[3 * face]];
+    volume[part_[face]] +=
+        a.dot(positions_[indices_[3 * face + 1]].cross(positions_[indices_[3 * face + 2]]));
+  }
+  for (std::size_t part = 0; part < volume.size(); ++part) {
+    outside_.push_back(closed_[part] && volume[part] < 0.0 ? -1.0 : 1.0);
   }
 }
 
@@ -114,24 +173,29 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
   const std::size_t faces = indices_.size() / 3;
   std::vector<int> turn(faces, 0);
   std::vector<int> lit(closed_.size(), 0);
+  std::vector<int> turned_away(closed_.size(), 0);
   for (std::size_t face = 0; face < faces; ++face) {
     const Eigen::Vector3d& a = near[indices_[3 * face]];
     const Eigen::Vector3d normal =
         (near[indices_[3 * face + 1]] - a).cross(near[indices_[3 * face + 2]] - a);
     const Eigen::Vector3d to_light = local ? Eigen::Vector3d(from - a) : from;
     // A light in the face's own plane does not light it.
-    const double facing = normal.dot(to_light);
+    const std::uint32_t part = part_[face];
+    const double facing = outside_[part] * normal.dot(to_light);
     const double least = 1e-9 * normal.norm() * to_light.norm();
     if (facing > least) {
-      turn[face] = 1;
-      ++lit[part_[face]];
-    } else if (facing < -least && !closed_[part_[face]]) {
-      turn[face] = -1;
-      ++lit[part_[face]];
+      turn[face] = outside_[part] > 0.0 ? 1 : -1;
+      ++lit[part];
+    } else if (facing < -least) {
+      ++turned_away[part];
+      if (!closed_[part]) {
+        turn[face] = -1;
+        ++lit[part];
+      }
     }
   }
   for (std::size_t part = 0; part < lit.size(); ++part) {
-    if (lit[part] == 0 && closed_[part]) result.light_inside = true;
+    if (closed_[part] && lit[part] == 0 && turned_away[part] > 0) result.light_inside = true;
   }
 
   // One factor for the whole volume, so that its walls and far end keep the shape of the light's
@@ -197,24 +261,38 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
       }
     }
   };
-  // How often a ray from the light may enter what is in the batch by now: a convex part once,
-  // others through each of their lit faces.
-  unsigned most = 0;
+  // Where more lit faces than the stencil counts might lie above one another, it is looked up how
+  // many do.
+  std::size_t all_lit = 0;
+  for (const int count : lit) all_lit += static_cast<std::size_t>(count);
+  std::optional<LightGrid> grid;
+  if (all_lit > kMostVolumesCounted) grid.emplace(near, used, from, local);
   for (std::size_t begin = 0; begin < faces;) {
     const std::uint32_t part = part_[faces_by_part_[begin]];
     std::size_t end = begin;
     while (end < faces && part_[faces_by_part_[end]] == part) ++end;
-    const auto entries = static_cast<unsigned>(
-        std::min(lit[part], convex_[part] ? 1 : static_cast<int>(kMostVolumesCounted)));
-    if (most + entries > kMostVolumesCounted) {
-      result.batch_ends.push_back(result.triangles.size());
-      most = 0;
-    }
-    most += entries;
-    add_part(std::span(faces_by_part_).subspan(begin, end - begin));
+    const std::span<const std::uint32_t> own =
+        std::span(faces_by_part_).subspan(begin, end - begin);
     begin = end;
+    if (lit[part] == 0) continue;
+    if (grid) {
+      const auto cover = [&] {
+        for (const std::uint32_t face : own) {
+          if (turn[face] == 0) continue;
+          grid->cover(indices_[3 * face], indices_[3 * face + 1], indices_[3 * face + 2]);
+        }
+      };
+      cover();
+      const std::size_t batch = result.batch_ends.empty() ? 0 : result.batch_ends.back();
+      if (grid->most() > LightGrid::kMost && result.triangles.size() > batch) {
+        result.batch_ends.push_back(result.triangles.size());
+        grid->clear();
+        cover();
+      }
+    }
+    add_part(own);
   }
-  if (most > 0) result.batch_ends.push_back(result.triangles.size());
+  if (!result.triangles.empty()) result.batch_ends.push_back(result.triangles.size());
   return result;
 }
 

@@ -5,8 +5,9 @@
 //
 // Convex casters give a volume that a ray enters once. Others give one that may overlap itself: the
 // count is then more than 1, and still 0 outside. Nothing is replaced by its hull. A stencil counts
-// to 63 here, so the parts of a caster come in batches that a ray can't enter more often; only one
-// part that lies over itself 64 times in the light's direction would open.
+// to 63 here, so the parts of a caster come in batches that a ray hardly enters more often (48
+// times at the points of a grid, as the light sees it); only one part that lies over itself 64
+// times in the light's direction would open.
 #pragma once
 
 #include <Eigen/Core>
@@ -53,8 +54,6 @@ class VolumeCaster {
     std::uint32_t edge = 0;
     int sign = 1;  // +1: the face runs from a to b
   };
-  void find_convex_parts();
-
   std::vector<Eigen::Vector3d> positions_;
   std::vector<std::uint32_t> indices_;
   std::vector<Side> sides_;  // three per face
@@ -64,7 +63,7 @@ class VolumeCaster {
   // Whether the part's faces are closed and turned the same way: then those that the light sees
   // suffice. Of others every face counts, turned towards the light.
   std::vector<bool> closed_;
-  std::vector<bool> convex_;  // of each part, closed too
+  std::vector<double> outside_;  // of each part: -1 where it is closed and turned inside out
 };
 
 // Cut so that straight edges can follow a lens, as for planes in projected_shadow.hpp; still

@@ -13,6 +13,8 @@
 #include <tuple>
 
 #include "render/camera_gl.hpp"
+#include "render/model.hpp"
+#include "support/paths.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
@@ -525,7 +527,8 @@ TEST(ShadowVolume, OfManyPartsAboveOneAnotherIsDark) {
   }
   const VolumeCaster caster(mesh_of(stack));
   const ShadowVolume volume = caster.volume({}, {0.0, 0.0, 5.0, 1.0}, {{kTable}}, 12.0);
-  ASSERT_EQ(volume.batch_ends.size(), 3U);
+  ASSERT_GE(volume.batch_ends.size(), 3U);
+  EXPECT_LE(volume.batch_ends.size(), 6U);
   EXPECT_EQ(volume.batch_ends.back(), volume.triangles.size());
   std::size_t begin = 0;
   for (const std::size_t end : volume.batch_ends) {
@@ -668,6 +671,86 @@ TEST(ShadowVolume, AndProjectedShadowsOfOneLightAreOne) {
   nodes[1].casters = {1};
   nodes[1].technique = ShadowTechnique::hard;
   EXPECT_EQ(picture(), volumes);
+}
+
+// Two lights, one projected and one as a volume: where both are missing their shares are gone
+// together.
+TEST(ShadowVolume, AndProjectedShadowsOfTwoLightsAddUp) {
+  SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
+  SceneLight& second = builder.scene().lights.emplace_back(builder.scene().lights[0]);
+  second.name = "second";
+  second.position = {0.1, -0.2, 0.5};
+  builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
+  std::vector<ShadowNode>& nodes = builder.scene().shadows;
+  nodes.push_back(nodes[0]);
+  nodes[1].lights = {1};
+  nodes[1].name = "other";
+  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
+  const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
+  const auto picture = [&] {
+    Studio studio(builder.build(), camera);
+    return studio.draw(white(), studio.plan(pose)).rgba;
+  };
+  const auto volumes = picture();
+  nodes[1].technique = ShadowTechnique::hard;
+  EXPECT_EQ(picture(), volumes);
+}
+
+// What lies under a plane is not what its pixels show: they are darkened by the plane's shadow
+// alone.
+TEST(ShadowVolume, OfProjectedShadowsLeavesPhantomsUnderThePlane) {
+  SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
+  builder.scene().shadows[0].technique = ShadowTechnique::hard;
+  builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
+  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
+  const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
+  const auto picture = [&] {
+    Studio studio(builder.build(), camera);
+    return studio.draw(white(), studio.plan(pose)).rgba;
+  };
+  const auto alone = picture();
+  builder.add(box(0.3, 0.3, 0.02), test::at(0.0, 0.0, -0.015), false, true);
+  EXPECT_EQ(picture(), alone);
+}
+
+// Many faces are not many above one another: they are counted at once.
+TEST(ShadowVolume, OfATreeIsInFewBatches) {
+  const Result<Model> tree = load_model(test::source_dir() / "scenes" / "models" / "tree.glb");
+  ASSERT_TRUE(tree) << tree.error().message;
+  const VolumeCaster caster(make_shadow_mesh(*tree));
+  for (const Eigen::Vector4d& light :
+       {Eigen::Vector4d(0.3, 0.1, 0.9, 1.0), Eigen::Vector4d(-0.4, 0.1, 0.3, 1.0),
+        Eigen::Vector4d(0.2, 0.3, 0.9, 0.0), Eigen::Vector4d(0.9, 0.0, 0.2, 0.0)}) {
+    const ShadowVolume volume = caster.volume({}, light, {{kTable}}, 12.0);
+    EXPECT_FALSE(volume.triangles.empty());
+    EXPECT_LE(volume.batch_ends.size(), 3U);
+  }
+}
+
+TEST(ShadowVolume, OfAClosedPartThatIsInsideOutIsTheSame) {
+  ShapeBuilder cube;
+  cube.box(-0.05, -0.05, 0.1, 0.05, 0.05, 0.2);
+  ShadowMesh mesh = mesh_of(cube);
+  const Eigen::Vector4d outside(0.3, 0.1, 0.6, 1.0);
+  const Eigen::Vector4d inside(0.0, 0.0, 0.15, 1.0);
+  const std::size_t right =
+      VolumeCaster(mesh).volume({}, outside, {{kTable}}, 12.0).triangles.size();
+  for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
+    std::swap(mesh.indices[i], mesh.indices[i + 1]);
+  }
+  const VolumeCaster caster(mesh);
+  const ShadowVolume volume = caster.volume({}, outside, {{kTable}}, 12.0);
+  EXPECT_EQ(volume.triangles.size(), right);
+  EXPECT_TRUE(closed(volume.triangles));
+  EXPECT_TRUE(caster.volume({}, inside, {{kTable}}, 12.0).light_inside);
+  // A card with two sides has nothing inside, also where it is seen edge-on.
+  ShapeBuilder card;
+  const auto a = card.vertex(0, 0, 0.1), b = card.vertex(0.1, 0, 0.1),
+             c = card.vertex(0.1, 0.1, 0.1), d = card.vertex(0, 0.1, 0.1);
+  card.quad(a, b, c, d);
+  card.quad(d, c, b, a);
+  EXPECT_FALSE(
+      VolumeCaster(mesh_of(card)).volume({}, {0.3, 0.3, 0.1, 1.0}, {{kTable}}, 12.0).light_inside);
 }
 
 // Two nodes with the same caster and light: made once, and long enough for the receivers of both.
