@@ -544,6 +544,78 @@ class PartVertices {
   std::uint32_t current_ = 0;
 };
 
+// What a body that reaches under the plane covers of it: there is no light in the section, and no
+// face of the body to say so. Triangles at height 0, three vertices each. Between two heights v of
+// the section's corners no two sides cross, so the sides in order of u bound its trapezoids in
+// pairs; where their number is odd the surface is open, and nothing is known of an inside.
+std::vector<CasterVertex> section_of(std::span<const CasterVertex> vertices,
+                                     std::span<const std::uint32_t> faces) {
+  constexpr std::size_t kMostSides = 4000;
+  struct Side {
+    double u0, v0, u1, v1;  // v0 < v1
+    [[nodiscard]] double u_at(double v) const { return u0 + (v - v0) / (v1 - v0) * (u1 - u0); }
+  };
+  std::vector<Side> sides;
+  std::vector<double> levels;
+  for (std::size_t i = 0; i + 2 < faces.size(); i += 3) {
+    std::array<Eigen::Vector2d, 2> ends;
+    std::size_t count = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const CasterVertex& a = vertices[faces[i + k]];
+      const CasterVertex& b = vertices[faces[i + (k + 1) % 3]];
+      // A corner in the plane counts as above it.
+      if ((a.h < 0.0F) == (b.h < 0.0F) || count == 2) continue;
+      // The same for both faces of an edge.
+      const bool turned = b.h < 0.0F;
+      const CasterVertex& from = turned ? b : a;
+      const CasterVertex& to = turned ? a : b;
+      const double t =
+          static_cast<double>(from.h) / (static_cast<double>(from.h) - static_cast<double>(to.h));
+      const auto between = [t](float low, float high) {
+        return static_cast<double>(low) +
+               t * (static_cast<double>(high) - static_cast<double>(low));
+      };
+      ends[count++] = {between(from.u, to.u), between(from.v, to.v)};
+    }
+    if (count < 2 || !ends[0].allFinite() || !ends[1].allFinite()) continue;
+    if (ends[0].y() == ends[1].y()) continue;
+    const std::size_t low = ends[0].y() < ends[1].y() ? 0 : 1;
+    sides.push_back({ends[low].x(), ends[low].y(), ends[1 - low].x(), ends[1 - low].y()});
+    levels.insert(levels.end(), {ends[0].y(), ends[1].y()});
+  }
+  std::vector<CasterVertex> section;
+  if (sides.size() > kMostSides) return section;
+  std::ranges::sort(levels);
+  levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
+  std::ranges::sort(sides, {}, &Side::v0);
+  const auto corner = [](double u, double v) {
+    const auto x = static_cast<float>(u);
+    const auto y = static_cast<float>(v);
+    return CasterVertex{x, y, 0.0F, x, y};
+  };
+  std::vector<const Side*> crossing;
+  for (std::size_t i = 0; i + 1 < levels.size(); ++i) {
+    const double low = levels[i];
+    const double high = levels[i + 1];
+    crossing.clear();
+    for (const Side& side : sides) {
+      if (side.v0 > low) break;
+      if (side.v1 >= high) crossing.push_back(&side);
+    }
+    if (crossing.size() % 2 != 0) continue;
+    const double middle = 0.5 * (low + high);
+    std::ranges::sort(crossing, {}, [middle](const Side* side) { return side->u_at(middle); });
+    for (std::size_t k = 0; k + 1 < crossing.size(); k += 2) {
+      const CasterVertex a = corner(crossing[k]->u_at(low), low);
+      const CasterVertex b = corner(crossing[k + 1]->u_at(low), low);
+      const CasterVertex c = corner(crossing[k + 1]->u_at(high), high);
+      const CasterVertex d = corner(crossing[k]->u_at(high), high);
+      section.insert(section.end(), {a, b, c, a, c, d});
+    }
+  }
+  return section;
+}
+
 // Projects clipped corners from the light of their part.
 class LightProjection {
  public:
@@ -664,10 +736,14 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
         corners.push_back(point);
       }
     }
-    for (const CasterVertex& corner : clip_to_heights(vertices, straddling, range)) {
-      corners.push_back(static_cast<std::uint32_t>(points.size()));
-      points.push_back(project(corner));
-      heights.add(corner.h);
+    const std::vector<CasterVertex> section = section_of(vertices, straddling);
+    const std::vector<CasterVertex> clipped = clip_to_heights(vertices, straddling, range);
+    for (const std::vector<CasterVertex>* more : {&clipped, &section}) {
+      for (const CasterVertex& corner : *more) {
+        corners.push_back(static_cast<std::uint32_t>(points.size()));
+        points.push_back(project(corner));
+        heights.add(corner.h);
+      }
     }
     if (corners.size() == job.begin) continue;
     // At the zenith all outlines are of one size, and so they are of flat matter.
@@ -690,9 +766,12 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
       const std::vector<CasterVertex> whole = clip_to_heights(vertices, part_faces, range);
       std::vector<std::uint32_t> order(whole.size());
       std::iota(order.begin(), order.end(), 0U);
-      for (const CasterVertex& corner : clip_to_heights(whole, order, {0.0, top_of(level)})) {
-        corners.push_back(static_cast<std::uint32_t>(points.size()));
-        points.push_back(project(corner));
+      const std::vector<CasterVertex> below = clip_to_heights(whole, order, {0.0, top_of(level)});
+      for (const std::vector<CasterVertex>* more : {&below, &section}) {
+        for (const CasterVertex& corner : *more) {
+          corners.push_back(static_cast<std::uint32_t>(points.size()));
+          points.push_back(project(corner));
+        }
       }
       if (corners.size() > cut.begin) finish(cut);
     }

@@ -199,6 +199,38 @@ TEST(PowerDistance, LayersMeetInContactAndTheUmbraVanishes) {
   }
 }
 
+// Nothing of the umbra is lost where a body sinks into the plane: no light is in the section,
+// though no face lies there. An open surface has no inside.
+TEST(PowerDistance, ABodyThatReachesUnderThePlaneHasNoHole) {
+  const LayeredConstants constants;
+  const auto umbra = [&](const ShadowMesh& mesh, double z, double tilt) {
+    const ShadowField field = field_of(
+        mesh,
+        {{0.0, 0.0, z}, Eigen::Quaterniond(Eigen::AngleAxisd(tilt, Eigen::Vector3d::UnitX())), 1.0},
+        constants);
+    return mask_of(field, ShadowLayer::umbra, 0.15).area();
+  };
+  test::ShapeBuilder cube_shape;
+  cube_shape.box(-0.05, -0.05, -0.05, 0.05, 0.05, 0.05);
+  const ShadowMesh cube = make_shadow_mesh(cube_shape.build());
+  for (const double z : {0.05, 0.05 - 1e-9, 0.049, 0.03, 0.0, -0.03, -0.049}) {
+    EXPECT_NEAR(umbra(cube, z, 0.0), 0.01, 4e-4) << z;
+  }
+  test::ShapeBuilder ring_shape;
+  ring_shape.torus(0.06, 0.02, 24, 48);
+  const ShadowMesh ring = make_shadow_mesh(ring_shape.build());
+  const double standing = umbra(ring, 0.02, 0.0);
+  EXPECT_GT(standing, 0.005);
+  for (const double z : {0.019, 0.01, 0.0}) {
+    EXPECT_GT(umbra(ring, z, 0.0), 0.9 * standing) << z;
+    EXPECT_LT(umbra(ring, z, 0.0), 1.2 * standing) << z << ": its hole is kept";
+  }
+  EXPECT_GT(umbra(cube, 0.02, 0.5), 0.009);
+  ShadowMesh open = cube;  // without the faces of one side
+  open.indices.resize(open.indices.size() - 6);
+  EXPECT_LT(umbra(open, 0.0, 0.0), 0.0105);
+}
+
 TEST(PowerDistance, NestsEverywhere) {
   const ShadowMesh mesh = make_shadow_mesh(test::bush_model(60));
   const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
