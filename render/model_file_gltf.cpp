@@ -34,6 +34,9 @@ std::uint32_t word_at(std::span<const std::uint8_t> bytes, std::size_t offset) {
 // 8 bytes past the end of the file.
 Result<std::string_view> json_chunk(const std::string& name, std::span<const std::uint8_t> bytes) {
   constexpr std::uint32_t kMagic = 0x46546C67, kJson = 0x4E4F534A;
+  if (bytes.size() >= 4 && bytes.size() < 20 && word_at(bytes, 0) == kMagic) {
+    return fail("{}: is cut short; export it again", name);
+  }
   if (bytes.size() < 20 || word_at(bytes, 0) != kMagic) {
     return fail("{}: is not a binary glTF file (it does not start with \"glTF\"); export it again",
                 name);
@@ -443,8 +446,10 @@ Result<std::vector<std::uint32_t>> GltfReader::triangles(const tinygltf::Primiti
   }
   const int mode = primitive.mode < 0 ? TINYGLTF_MODE_TRIANGLES : primitive.mode;
   std::vector<std::uint32_t> result;
+  // Faces whose corners coincide stay in a list; in a strip they only lead on.
+  const bool listed = mode == TINYGLTF_MODE_TRIANGLES;
   const auto add = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c) {
-    if (a != b && b != c && c != a) result.insert(result.end(), {a, b, c});
+    if (listed || (a != b && b != c && c != a)) result.insert(result.end(), {a, b, c});
   };
   switch (mode) {
     case TINYGLTF_MODE_TRIANGLES:

@@ -592,7 +592,11 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
   nlohmann::ordered_json json;
   json["H"] = number_or_inf(job.constants.light_height);
   json["a"] = number_or_inf(job.constants.light_ratio);
-  json["umbra_height"] = job.constants.umbra_height;
+  if (job.constants.light_ratio > 1.0) {
+    json["umbra_height"] = job.constants.umbra_height;
+  } else {
+    json["umbra_height"] = "inf";  // it never vanishes
+  }
   const auto ring_json = [](const std::vector<Eigen::Vector2d>& ring) {
     auto list = nlohmann::ordered_json::array();
     for (const Eigen::Vector2d& p : ring) list.push_back({p.x(), p.y()});
@@ -652,7 +656,7 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
   for (const ShadowPicture::Layer& layer : result.layers) {
     std::size_t holes = 0;
     for (const LayerPolygon& polygon : layer.outline.polygons) holes += polygon.holes.size();
-    table += fmt::format("{:<9} {:>11.3f} {:>7} {:>6}\n", layer.name, 1e4 * layer.outline.area,
+    table += fmt::format("{:<9} {:>11.6g} {:>7} {:>6}\n", layer.name, 1e4 * layer.outline.area,
                          layer.outline.polygons.size(), holes);
   }
   if (job.technique == ShadowJob::Technique::layered) {

@@ -159,7 +159,7 @@ class SvgCanvas final : public Canvas {
   explicit SvgCanvas(const Layout& layout) : layout_(layout) {
     text_ = fmt::format(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{0:.4g}mm\" height=\"{1:.4g}mm\" "
-        "viewBox=\"0 0 {0:.6g} {1:.6g}\">\n",
+        "viewBox=\"0 0 {0:.6g} {1:.6g}\" stroke=\"none\">\n",
         layout.width, layout.height);
   }
   void begin_group(const std::string& name) override {

@@ -66,6 +66,12 @@ class BinaryWriter {
     return add(vectors, kFloat, "VEC3", vectors.size(), kArrayBuffer);
   }
 
+  [[nodiscard]] bool overwrite(std::size_t offset, std::span<const glm::vec3> vectors) {
+    if (offset > binary_.size() || vectors.size_bytes() > binary_.size() - offset) return false;
+    std::memcpy(binary_.data() + offset, vectors.data(), vectors.size_bytes());
+    return true;
+  }
+
   // The whole file.
   [[nodiscard]] Result<std::vector<std::uint8_t>> finish() {
     while (binary_.size() % 4 != 0) binary_.push_back(0);
@@ -101,6 +107,36 @@ class BinaryWriter {
   Json& json_;
   std::vector<std::uint8_t> binary_;
 };
+
+// Kernels that are there already, of as many vertices and one behind the other, give their place to
+// the new ones: a file that is stored again and again does not grow.
+bool replace_vectors(const Json& json, BinaryWriter& writer, const Json& attributes,
+                     std::span<const glm::vec3> vectors) {
+  const auto there = attributes.find("_SHADOW_KERNEL");
+  if (there == attributes.end()) return false;
+  const Json& accessor = json.at("accessors").at(there->get<std::size_t>());
+  // Another primitive may share it, with kernels of its own from now on.
+  std::size_t uses = 0;
+  for (const Json& mesh : json.at("meshes")) {
+    for (const Json& primitive : mesh.at("primitives")) {
+      const Json& names = primitive.at("attributes");
+      uses += names.contains("_SHADOW_KERNEL") && names.at("_SHADOW_KERNEL") == *there ? 1U : 0U;
+    }
+  }
+  if (uses != 1 || accessor.value("componentType", 0) != kFloat ||
+      accessor.value("type", "") != "VEC3" ||
+      accessor.value("count", std::size_t{0}) != vectors.size() || accessor.contains("sparse") ||
+      !accessor.contains("bufferView")) {
+    return false;
+  }
+  const Json& view = json.at("bufferViews").at(accessor.at("bufferView").get<std::size_t>());
+  const bool dense = !view.contains("byteStride") || view.at("byteStride") == 12;
+  // A view of its own, that nothing else reads.
+  const bool own = view.value("byteLength", std::size_t{0}) == vectors.size_bytes() &&
+                   accessor.value("byteOffset", std::size_t{0}) == 0;
+  if (!dense || !own || view.value("buffer", 0) != 0) return false;
+  return writer.overwrite(view.value("byteOffset", std::size_t{0}), vectors);
+}
 
 void note_kernels(Json& mesh, const Eigen::Vector3d& up, const std::string& geometry) {
   Json& extras = mesh["extras"];
@@ -227,8 +263,10 @@ Result<std::vector<std::uint8_t>> add_to_chunks(std::span<const std::uint8_t> gl
                     static_cast<float>(k.z())};
       }
       first += count;
-      const std::size_t accessor = writer.add_vectors(local);
-      mesh.at("primitives").at(p).at("attributes")["_SHADOW_KERNEL"] = accessor;
+      Json& attributes = mesh.at("primitives").at(p).at("attributes");
+      if (!replace_vectors(json, writer, attributes, local)) {
+        attributes["_SHADOW_KERNEL"] = writer.add_vectors(local);
+      }
     }
     note_kernels(mesh, (T_mesh_root.linear() * to_file_axes(kernels.up)).normalized(),
                  kernels.geometry);

@@ -544,6 +544,20 @@ TEST_F(ShadowCommand, AModelThatIsWrittenAnewKeepsItsNames) {
                  {"house.glb", "roof", "wall 1, wall 2, tower"});
 }
 
+TEST_F(ShadowCommand, KernelsStoredAgainTakeThePlaceOfTheOld) {
+  const std::string model = (source_dir() / "scenes" / "models" / "helicopter.glb").string();
+  ASSERT_EQ(penumbra({"kernels", model, "--output", file("one.glb")}).exit_code, 0);
+  ASSERT_EQ(penumbra({"kernels", file("one.glb"), "--kernels", "smooth", "--up", "0,0.3,1",
+                      "--output", file("two.glb")})
+                .exit_code,
+            0);
+  ASSERT_EQ(penumbra({"kernels", file("two.glb"), "--output", file("three.glb")}).exit_code, 0);
+  EXPECT_GT(bytes_of(file("one.glb")).size(), bytes_of(model).size());
+  EXPECT_NE(bytes_of(file("one.glb")), bytes_of(file("two.glb")));
+  EXPECT_EQ(bytes_of(file("one.glb")), bytes_of(file("three.glb")));
+  EXPECT_EQ(layers({file("three.glb")})["kernels"]["source"], "stored");
+}
+
 TEST_F(ShadowCommand, AModelOfOnePointHasKernels) {
   write("point.obj", "v 0.1 0.2 0.3\nf 1 1 1\n");
   ASSERT_EQ(penumbra({"kernels", file("point.obj"), "--output", file("point.json")}).exit_code, 0);
@@ -552,6 +566,8 @@ TEST_F(ShadowCommand, AModelOfOnePointHasKernels) {
   EXPECT_NEAR(kernels[0].get<double>(), 0.1, 1e-6);
   EXPECT_NEAR(kernels[1].get<double>(), 0.2, 1e-6);
   EXPECT_NEAR(kernels[2].get<double>(), 0.3, 1e-6);
+  ASSERT_EQ(penumbra({"kernels", file("point.obj"), "--output", file("point.glb")}).exit_code, 0);
+  EXPECT_EQ(layers({file("point.glb")})["layers"]["penumbra"]["area"].get<double>(), 0.0);
   const auto json = layers({file("point.obj")});
   EXPECT_EQ(json["layers"]["penumbra"]["area"].get<double>(), 0.0);
   EXPECT_THAT(last_warnings_, HasSubstr("casts no shadow: its 1 faces have no area"));
