@@ -400,7 +400,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
       GroupTracker::create(*camera, *tags, request.tracking,
                            wanted_groups(*scene, *tags, request.tags, request, request.plan.skip));
   if (!tracker) return fail_in(request.tags.string(), tracker.error());
-  for (const std::string& warning : scene->warnings) log_warning("{}", warning);
+  tell_warnings(*scene, request.plan);
 
   const auto name = parse_camera(request.camera);
   if (!name) return tl::unexpected(name.error());

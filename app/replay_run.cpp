@@ -301,7 +301,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
   auto poses = open_replay_poses(request, *recording, *scene);
   if (!poses) return tl::unexpected(poses.error());
-  for (const std::string& warning : scene->warnings) log_warning("{}", warning);
+  tell_warnings(*scene, request.plan);
 
   auto events = request.edits ? load_scene_events(recording->folder / "events.jsonl")
                               : Result<SceneEvents>(SceneEvents());

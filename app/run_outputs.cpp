@@ -67,6 +67,17 @@ Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path
   return loaded;
 }
 
+void tell_warnings(const Scene& scene, const PlanOptions& plan) {
+  for (const std::string& warning : scene.warnings) log_warning("{}", warning);
+  for (const LayeredAdvice& advice : scene.layered_advice) {
+    const ShadowTechnique technique =
+        plan.technique.value_or(scene.shadows[static_cast<std::size_t>(advice.node)].technique);
+    if (technique == ShadowTechnique::layered || technique == ShadowTechnique::field) {
+      log_warning("{}", advice.text);
+    }
+  }
+}
+
 void warn_of_unknown_groups(const Scene& scene, const TagMap& tags, const fs::path& tags_file,
                             std::string_view consequence) {
   const std::vector<std::string> there = other_groups(tags);

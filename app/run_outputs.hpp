@@ -16,6 +16,7 @@
 #include "app/run_report.hpp"
 #include "core/error.hpp"
 #include "core/tag_map.hpp"
+#include "render/frame_plan.hpp"
 #include "render/gl/context.hpp"
 #include "render/scene.hpp"
 
@@ -55,6 +56,9 @@ struct RunOutputs {
                                               const FrameFormat& format,
                                               const std::vector<std::string>& groups,
                                               int encode_ahead);
+
+// Tells what the scene's file says against advice; of layered shadows where they are drawn.
+void tell_warnings(const Scene& scene, const PlanOptions& plan);
 
 // Warns of what the scene is tied to and the tags (of the file that is named) do not have;
 // `consequence`: what becomes of it.

@@ -344,7 +344,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
     auto loaded = load_scene(*request.scene);
     if (!loaded) return tl::unexpected(loaded.error());
     scene = std::make_shared<const Scene>(std::move(*loaded));
-    for (const std::string& warning : scene->warnings) log_warning("{}", warning);
+    tell_warnings(*scene, {});
     auto opened = open_run_context({false, false},
                                    {simulation.camera().width(), simulation.camera().height()});
     if (!opened) return tl::unexpected(opened.error());

@@ -13,6 +13,7 @@
 namespace penumbra {
 namespace {
 
+constexpr double kLongestTurn_s = 3600.0;   // slower spins are looked at for so long
 constexpr std::size_t kHeightSamples = 64;  // of all animations together, besides their keys
 
 // The spline's velocity at a key: through its two neighbours, in their own times (Catmull-Rom for
@@ -220,14 +221,16 @@ std::vector<double> largest_scales(const Scene& scene) {
 
 namespace {
 
-// The largest of height(object, placement) over all times, one per object; -infinity without a
-// model.
+// The largest of height(model, placement, the largest so far) over all times, one per object;
+// -infinity without a model.
 template <class Height>
 std::vector<double> greatest_over_time(const Scene& scene, const Height& height) {
   std::set<double> times = {0.0};
   double end = 0.0;
   for (const SceneObject& object : scene.objects) {
     const std::vector<Keyframe>& keys = object.animation.keyframes;
+    const double turns_per_s = std::abs(object.animation.spin_turns_per_s);
+    if (turns_per_s > 0.0) end = std::max(end, std::min(1.0 / turns_per_s, kLongestTurn_s));
     if (keys.empty()) continue;
     end = std::max(end, keys.back().time_s);
     for (std::size_t i = 0; i < keys.size(); i += 1 + keys.size() / kHeightSamples) {
@@ -243,7 +246,8 @@ std::vector<double> greatest_over_time(const Scene& scene, const Height& height)
     const SceneState state = evaluate_scene(scene, time);
     for (std::size_t i = 0; i < heights.size(); ++i) {
       if (!scene.objects[i].model) continue;
-      heights[i] = std::max(heights[i], height(*scene.objects[i].model, state.objects[i]));
+      heights[i] =
+          std::max(heights[i], height(*scene.objects[i].model, state.objects[i], heights[i]));
     }
   }
   return heights;
@@ -253,7 +257,7 @@ std::vector<double> greatest_over_time(const Scene& scene, const Height& height)
 
 std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& plane_normal,
                                      const Eigen::Vector3d& plane_point) {
-  return greatest_over_time(scene, [&](const Model& model, const Placement& at) {
+  return greatest_over_time(scene, [&](const Model& model, const Placement& at, double) {
     double radius = 0.0;
     for (int axis = 0; axis < 3; ++axis) {
       radius = std::hypot(radius, static_cast<double>(std::max(std::abs(model.min_corner[axis]),
@@ -265,7 +269,7 @@ std::vector<double> greatest_heights(const Scene& scene, const Eigen::Vector3d& 
 
 std::vector<double> highest_points(const Scene& scene, const Eigen::Vector3d& plane_normal,
                                    const Eigen::Vector3d& plane_point) {
-  return greatest_over_time(scene, [&](const Model& model, const Placement& at) {
+  return greatest_over_time(scene, [&](const Model& model, const Placement& at, double known) {
     // Of a box, the corner that lies farthest in the normal's direction.
     const Eigen::Vector3d up = at.rotation.conjugate() * plane_normal;
     double reach = 0.0;
@@ -273,7 +277,17 @@ std::vector<double> highest_points(const Scene& scene, const Eigen::Vector3d& pl
       reach += up[axis] * static_cast<double>(up[axis] > 0.0 ? model.max_corner[axis]
                                                              : model.min_corner[axis]);
     }
-    return plane_normal.dot(at.position - plane_point) + at.scale * reach;
+    const double origin = plane_normal.dot(at.position - plane_point);
+    // The vertices themselves only where the box says that they may be higher than ever before.
+    if (origin + at.scale * reach <= known) return known;
+    double top = -std::numeric_limits<double>::infinity();
+    for (const Mesh& mesh : model.meshes) {
+      for (const glm::vec3& p : mesh.positions) {
+        top = std::max(top, up.x() * static_cast<double>(p.x) + up.y() * static_cast<double>(p.y) +
+                                up.z() * static_cast<double>(p.z));
+      }
+    }
+    return origin + at.scale * top;
   });
 }
 

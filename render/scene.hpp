@@ -142,6 +142,12 @@ struct ShadowNode {
   bool light_rays = false;  // hard and volume: rays from the lights are drawn too
 };
 
+// What a node's layered shadows can't show well: of no use where another technique is drawn.
+struct LayeredAdvice {
+  int node = 0;  // index into Scene::shadows
+  std::string text;
+};
+
 struct Scene {
   std::string name;
   std::string file;
@@ -151,6 +157,7 @@ struct Scene {
   std::vector<ShadowNode> shadows;
   Eigen::Vector3d ambient = Eigen::Vector3d::Constant(0.35);  // linear
   std::vector<std::string> warnings;  // what is legal but against the sources' advice
+  std::vector<LayeredAdvice> layered_advice;
 };
 
 // Where a light is (w = 1), or the unit direction towards it (w = 0), in the table frame; and what
@@ -202,8 +209,8 @@ struct SceneState {
 [[nodiscard]] std::vector<double> greatest_heights(const Scene& scene,
                                                    const Eigen::Vector3d& plane_normal,
                                                    const Eigen::Vector3d& plane_point);
-// As the scene has them, nothing turned by hand: the highest point above the plane [m] of the box
-// about each object's model, at the same times.
+// As the scene has them, nothing turned by hand: each object's highest point above the plane [m],
+// at the same times.
 [[nodiscard]] std::vector<double> highest_points(const Scene& scene,
                                                  const Eigen::Vector3d& plane_normal,
                                                  const Eigen::Vector3d& plane_point);

@@ -62,6 +62,10 @@ class SceneReader {
                                                       const std::string& pointer) const;
   void advise_on_size(const ShadowNode& node, const std::string& pointer);
   void advise_on_lights();
+  // Of the node that is read now.
+  void advise(std::string text) {
+    scene_.layered_advice.push_back({static_cast<int>(scene_.shadows.size()), std::move(text)});
+  }
   void advise_on_height(const ShadowNode& node, const std::string& pointer, bool by_workspace);
   template <class List>
   [[nodiscard]] Result<std::vector<int>> indices_of(const json& names, const List& list,
@@ -506,7 +510,7 @@ void SceneReader::advise_on_size(const ShadowNode& node, const std::string& poin
     }
     if (widest == nullptr || magnification <= half_width / (2.0 * radius)) continue;
     const double fits = half_width / (2.0 * radius);
-    scene_.warnings.push_back(fmt::format(
+    advise(fmt::format(
         "{}: {}: where its umbra vanishes the penumbra of \"{}\" is {:.2g} m wide, and the plane "
         "\"{}\" {:.2g} m; {}",
         name_, pointer, shortened(widest->name), 4.0 * magnification * radius,
@@ -537,13 +541,13 @@ void SceneReader::advise_on_height(const ShadowNode& node, const std::string& po
       if (object.tag_group != kTableGroup) continue;  // goes where its tags go
       const double top = tops[static_cast<std::size_t>(caster)];
       if (top > reach) {
-        scene_.warnings.push_back(fmt::format(
-            "{}: {}: \"{}\" comes to {:.3g} m above \"{}\"; what is above {:.3g} m casts nothing; "
+        advise(fmt::format(
+            "{}: {}: \"{}\" comes to {:.4g} m above \"{}\"; what is above {:.4g} m casts nothing; "
             "raise the light",
             name_, pointer, shortened(object.name), top, shortened(plane.name), reach));
       } else if (by_workspace && top > node.layered.umbra_height * (1.0 + 1e-6)) {
-        scene_.warnings.push_back(fmt::format(
-            "{}: {}: \"{}\" comes to {:.3g} m above \"{}\", beyond the workspace_height of {:.3g} "
+        advise(fmt::format(
+            "{}: {}: \"{}\" comes to {:.4g} m above \"{}\", beyond the workspace_height of {:.4g} "
             "m, and has no umbra there; give the highest place that objects come to",
             name_, pointer, shortened(object.name), top, shortened(plane.name),
             node.layered.umbra_height));

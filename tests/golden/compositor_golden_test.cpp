@@ -188,6 +188,7 @@ TEST_P(BundledScene, CompositedFrame) {
   const auto loaded = load_scene(test::source_dir() / "scenes" / (std::string(c.scene) + ".json"));
   ASSERT_TRUE(loaded) << loaded.error().message;
   EXPECT_TRUE(loaded->warnings.empty()) << loaded->warnings.front();
+  EXPECT_TRUE(loaded->layered_advice.empty()) << loaded->layered_advice.front().text;
   const auto scene = std::make_shared<const Scene>(*loaded);
   // The upright board stands where the tag map has it.
   GroupEstimate wall;

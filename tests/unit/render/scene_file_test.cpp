@@ -253,6 +253,10 @@ TEST_F(SceneFile, AdviceOnTheLightThatIsNotFollowedIsTold) {
     EXPECT_TRUE(scene) << scene.error().message;
     std::string all;
     for (const std::string& warning : scene->warnings) all += warning + "\n";
+    for (const LayeredAdvice& advice : scene->layered_advice) {
+      EXPECT_EQ(advice.node, 0);
+      all += advice.text + "\n";
+    }
     return all;
   };
   const std::string m15 = R"({"workspace_height":0.3,"magnification":1.5})";
@@ -294,6 +298,10 @@ TEST_F(SceneFile, WhatComesAboveTheWorkspaceOrTheLightIsTold) {
     if (!scene) return scene.error().message;
     std::string all;
     for (const std::string& warning : scene->warnings) all += warning + "\n";
+    for (const LayeredAdvice& advice : scene->layered_advice) {
+      EXPECT_EQ(advice.node, 0);
+      all += advice.text + "\n";
+    }
     return all;
   };
   const std::string workspace = R"({"workspace_height":0.2,"magnification":1.5})";  // H = 0.6
@@ -303,11 +311,20 @@ TEST_F(SceneFile, WhatComesAboveTheWorkspaceOrTheLightIsTold) {
                         "workspace_height of 0.2 m, and has no umbra there"));
   // Turned by 45 degrees it is higher by 0.0207 m; and where its path leads counts, not its start.
   EXPECT_THAT(warnings(R"("position":[0,0,0.14],"rotation_deg":[0,45,0])", workspace),
-              HasSubstr("comes to 0.211 m"));
+              HasSubstr("comes to 0.2107 m"));
   EXPECT_THAT(warnings(R"("position":[0,0,0.05],"animation":{"keyframes":[{"time_s":0},)"
                        R"({"time_s":1,"position":[0,0,0.2]},{"time_s":2}]})",
                        workspace),
               HasSubstr("comes to 0.3 m"));
+  // Turned by a spin alone; and what counts is the shape, not the box about it.
+  EXPECT_THAT(
+      warnings(R"("position":[0,0,0.14],"animation":{"spin":{"axis":[0,1,0],"turns_per_s":0.1}})",
+               workspace),
+      HasSubstr("comes to 0.21"));
+  EXPECT_EQ(
+      warnings(R"("position":[0,0,0.12],"animation":{"spin":{"axis":[0,1,0],"turns_per_s":0.1}})",
+               workspace),
+      "");
   // A light that was named is one where the umbra may vanish; its reach is told.
   const std::string light = R"({"light_height":0.6,"light_ratio":3})";  // cap at 0.525 m
   EXPECT_EQ(warnings(R"("position":[0,0,0.16])", light), "");
@@ -332,6 +349,10 @@ TEST_F(SceneFile, MoreLightsThanAPlaneShowsAreTold) {
     EXPECT_TRUE(scene) << scene.error().message;
     std::string all;
     for (const std::string& warning : scene->warnings) all += warning + "\n";
+    for (const LayeredAdvice& advice : scene->layered_advice) {
+      EXPECT_EQ(advice.node, 0);
+      all += advice.text + "\n";
+    }
     return all;
   };
   EXPECT_EQ(warnings(7, "hard"), "");
