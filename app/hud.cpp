@@ -34,6 +34,7 @@ constexpr std::array kKeys = {
     Key{GLFW_KEY_T, WindowCommand::turn},
     Key{GLFW_KEY_B, WindowCommand::put},
     Key{GLFW_KEY_N, WindowCommand::next_technique},
+    Key{GLFW_KEY_G, WindowCommand::next_node},
 };
 
 constexpr std::array kHelp = {
@@ -42,8 +43,9 @@ constexpr std::array kHelp = {
     KeyHelp{"P", "panels: technique, H and a, strength, kernels"},
     KeyHelp{"C", "compact layout with large buttons, or full"},
     KeyHelp{"D", "debug view: passes, work, kernels, twisted faces"},
-    KeyHelp{"1 2 3 ...  0", "shadow technique of all nodes; 0: none"},
+    KeyHelp{"1 2 3 ...  0", "shadow technique; 0: none"},
     KeyHelp{"N", "next technique"},
+    KeyHelp{"G", "which shadow node these keys are for: all, or one by one"},
     KeyHelp{"space   .", "pause, one frame on"},
     KeyHelp{"S", "screenshot (without HUD)"},
     KeyHelp{"R", "start or stop recording (live)"},

@@ -41,6 +41,7 @@ enum class WindowCommand {
   turn,
   put,
   next_technique,
+  next_node,  // which shadow node the keys for techniques are for: all, or one
 };
 
 struct KeyHelp {

@@ -158,13 +158,19 @@ void Viewer::edit(const SceneEdit& edit) {
 }
 
 void Viewer::set_technique(ShadowTechnique technique) {
-  std::vector<HudNode> nodes = host_.nodes();
+  std::vector<HudNode> nodes = chosen_nodes();
   if (nodes.empty()) return;
   for (HudNode& node : nodes) {
     node.style.technique = technique;
     edit(ShadowStyled{node.name, node.style});
   }
-  say("shadows: " + std::string(to_string(technique)));
+  say((node_ ? *node_ : std::string("shadows")) + ": " + std::string(to_string(technique)));
+}
+
+std::vector<HudNode> Viewer::chosen_nodes() const {
+  std::vector<HudNode> nodes = host_.nodes();
+  if (node_) std::erase_if(nodes, [this](const HudNode& node) { return node.name != *node_; });
+  return nodes;
 }
 
 void Viewer::say(std::string message) {
@@ -232,8 +238,18 @@ void Viewer::act(WindowCommand command) {
       break;
     }
     case WindowCommand::next_technique: {
-      const std::vector<HudNode> nodes = host_.nodes();
+      const std::vector<HudNode> nodes = chosen_nodes();
       if (!nodes.empty()) set_technique(technique_after(nodes.front().style.technique));
+      break;
+    }
+    case WindowCommand::next_node: {
+      const std::vector<HudNode> nodes = host_.nodes();
+      const auto at = std::ranges::find_if(
+          nodes, [this](const HudNode& node) { return node_ && node.name == *node_; });
+      const auto next = node_ && at != nodes.end() ? at + 1 : nodes.begin();
+      const bool all = next == nodes.end() || (node_ && at == nodes.end());
+      node_ = all ? std::nullopt : std::optional(next->name);
+      say("keys change the technique of " + (node_ ? *node_ : std::string("all shadows")));
       break;
     }
   }

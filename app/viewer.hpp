@@ -72,7 +72,9 @@ class Viewer {
   void act(WindowCommand command);
   void act_on_clicks(HudActions actions);
   void edit(const SceneEdit& edit);
+  // Of the nodes that the keys are for.
   void set_technique(ShadowTechnique technique);
+  [[nodiscard]] std::vector<HudNode> chosen_nodes() const;
   void say(std::string message);
   // Nothing outside of the picture, or without a pose.
   [[nodiscard]] std::optional<PointerView> pointer_view() const;
@@ -88,6 +90,7 @@ class Viewer {
   double paused_ms_ = 0.0;
   int hud_drawings_ = 0;
   Manipulator manipulator_;
+  std::optional<std::string> node_;  // that keys change; none: all
   DragMode drag_ = DragMode::slide;
   int drag_button_ = -1;                               // that holds the object
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window

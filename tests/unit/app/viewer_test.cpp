@@ -185,6 +185,24 @@ TEST(Viewer, KeysDoWhatTheHelpSays) {
   EXPECT_EQ(last().style.technique, technique_after(host.style.technique));
 }
 
+TEST(Viewer, KeysChangeOneNodeOrAll) {
+  ScriptedWindow window(std::deque<int>{'G', '3', 'G', 'N', 'G', '1'});
+  Host host;
+  InterruptWatch interrupt;
+  Viewer viewer(window, host, nullptr);
+  const auto last = [&] { return std::get<ShadowStyled>(host.edits.back()); };
+  for (int i = 0; i < 2; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  ASSERT_EQ(host.edits.size(), 1U);
+  EXPECT_EQ(last().node, "one");
+  EXPECT_EQ(last().style.technique, techniques_by_key()[2]);
+  for (int i = 0; i < 2; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  ASSERT_EQ(host.edits.size(), 2U);
+  EXPECT_EQ(last().node, "two");
+  for (int i = 0; i < 2; ++i) EXPECT_TRUE(viewer.show(interrupt));
+  ASSERT_EQ(host.edits.size(), 4U) << "all again";
+  EXPECT_EQ(last().style.technique, techniques_by_key()[0]);
+}
+
 TEST(Viewer, WhatIsChangedInAPauseIsDrawnAgainOnce) {
   ScriptedWindow window(std::deque<int>{kSpace, 0, '1', 0, 0, kSpace});
   Host host;
