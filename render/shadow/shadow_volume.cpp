@@ -49,19 +49,22 @@ class LightGrid {
       count += 1.0;
     }
     if (count > 0.0) middle /= count;
-    const Eigen::Vector3d forward = (local ? Eigen::Vector3d(middle - light) : -light).normalized();
+    Eigen::Vector3d forward = (local ? Eigen::Vector3d(middle - light) : -light).normalized();
+    if (!(forward.norm() > 0.5)) forward = Eigen::Vector3d::UnitZ();  // in the very middle
     const Eigen::Vector3d right = forward.unitOrthogonal();
     const Eigen::Vector3d up = forward.cross(right);
     Eigen::AlignedBox2d box;
     for (std::size_t i = 0; i < points.size(); ++i) {
       const Eigen::Vector3d p = local ? Eigen::Vector3d(points[i] - light) : points[i];
-      const double depth = local ? forward.dot(p) : 1.0;
-      // Beside and behind the light a perspective has no place; such faces count everywhere.
-      const bool seen = used[i] && depth > 1e-3 * p.norm();
-      seen_.push_back(seen);
-      at_.emplace_back(seen ? Eigen::Vector2d(right.dot(p) / depth, up.dot(p) / depth)
-                            : Eigen::Vector2d::Zero());
-      if (seen) box.extend(at_.back());
+      Eigen::Vector2d seen(right.dot(p), up.dot(p));
+      if (local) {
+        // By the angle from the axis, all round the light: it may stand amid what casts. Triangles
+        // are small or few; that their edges are not quite straight there changes no count by much.
+        const double beside = seen.norm();
+        seen *= beside > 0.0 ? std::atan2(beside, forward.dot(p)) / beside : 0.0;
+      }
+      at_.push_back(seen);
+      if (used[i]) box.extend(seen);
     }
     if (box.isEmpty()) return;
     const double size = std::max(box.sizes().maxCoeff(), 1e-12);
@@ -69,15 +72,11 @@ class LightGrid {
   }
   void clear() {
     std::ranges::fill(counts_, 0U);
-    most_ = everywhere_ = 0;
+    most_ = 0;
   }
-  [[nodiscard]] unsigned most() const { return most_ + everywhere_; }
+  [[nodiscard]] unsigned most() const { return most_; }
 
   void cover(std::uint32_t i, std::uint32_t j, std::uint32_t k) {
-    if (!seen_[i] || !seen_[j] || !seen_[k]) {
-      ++everywhere_;
-      return;
-    }
     const std::array<Eigen::Vector2d, 3> p = {at_[i], at_[j], at_[k]};
     const auto low = p[0].cwiseMin(p[1]).cwiseMin(p[2]).eval();
     const auto high = p[0].cwiseMax(p[1]).cwiseMax(p[2]).eval();
@@ -104,11 +103,9 @@ class LightGrid {
   }
 
  private:
-  std::vector<bool> seen_;
   std::vector<Eigen::Vector2d> at_;  // in grid steps
   std::vector<unsigned> counts_;
   unsigned most_ = 0;
-  unsigned everywhere_ = 0;
 };
 
 }  // namespace
