@@ -294,11 +294,12 @@ class Planner {
         return lights_there != lights_on_.end() && lights_there->second.contains(light);
       });
       if (!on_planes && !shown) continue;
-      const bool needed = on_planes || !options_.skip;
+      const bool needed = on_planes || !options_.skip;  // all of it
       for (const int caster : casters) {
         draw.object = caster;
         draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
-        if (!needed && !meets_phantom(draw)) {
+        if (!needed) draw.receivers = phantoms_met(draw);
+        if (!needed && draw.receivers.empty()) {
           const std::string& name = scene_.objects[static_cast<std::size_t>(caster)].name;
           skip("shadow_misses_phantoms", name, "its shadow meets no phantom");
           continue;
@@ -309,36 +310,23 @@ class Planner {
     }
   }
 
-  // Whether a caster may keep its light from a phantom that is seen: by the balls about both, as
-  // the light sees them.
-  [[nodiscard]] bool meets_phantom(const ShadowVolumeDraw& draw) const {
-    const auto ball = [](const Model& model, const Placement& placement) {
-      const BoxCorners corners = box_corners(model, placement);
-      const Eigen::Vector3d middle = 0.5 * (corners.front() + corners.back());
-      return std::pair(middle, (corners.back() - middle).norm());
-    };
+  [[nodiscard]] Ball ball_about(const Model& model, const Placement& placement) const {
+    const BoxCorners corners = box_corners(model, placement);
+    const Eigen::Vector3d middle = 0.5 * (corners.front() + corners.back());
+    return {middle, (corners.back() - middle).norm()};
+  }
+
+  // The phantoms that are seen and that a caster may keep its light from.
+  [[nodiscard]] std::vector<Ball> phantoms_met(const ShadowVolumeDraw& draw) const {
     const SceneObject& object = scene_.objects[static_cast<std::size_t>(draw.object)];
-    const auto [caster, caster_radius] =
-        ball(*casting_model(object, draw.proxy), draw.T_table_object);
-    return std::ranges::any_of(plan_.phantoms, [&, c = caster,
-                                                r = caster_radius](const ObjectDraw& phantom) {
-      const auto [p, radius] = ball(*scene_.objects[static_cast<std::size_t>(phantom.object)].model,
-                                    phantom.T_table_object);
-      if (draw.light_place.w() == 0.0) {
-        const Eigen::Vector3d towards = draw.light_place.head<3>().normalized();
-        const Eigen::Vector3d apart = c - p;
-        const double along = towards.dot(apart);
-        return (apart - along * towards).norm() <= r + radius && along >= -(r + radius);
-      }
-      const Eigen::Vector3d light = draw.light_place.head<3>() / draw.light_place.w();
-      const double to_caster = (c - light).norm();
-      const double to_phantom = (p - light).norm();
-      if (to_caster <= r || to_phantom <= radius) return true;
-      if (to_phantom + radius < to_caster - r) return false;  // nearer to the light
-      const double between =
-          std::atan2((c - light).cross(p - light).norm(), (c - light).dot(p - light));
-      return between <= std::asin(r / to_caster) + std::asin(radius / to_phantom);
-    });
+    const Ball caster = ball_about(*casting_model(object, draw.proxy), draw.T_table_object);
+    std::vector<Ball> met;
+    for (const ObjectDraw& phantom : plan_.phantoms) {
+      const Model& model = *scene_.objects[static_cast<std::size_t>(phantom.object)].model;
+      const Ball receiver = ball_about(model, phantom.T_table_object);
+      if (may_shadow(draw.light_place, caster, receiver)) met.push_back(receiver);
+    }
+    return met;
   }
 
   // One that another node has already asked for is made long enough for both: without a floor it

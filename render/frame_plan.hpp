@@ -11,6 +11,7 @@
 #include "core/pose_estimate.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/plane_frame.hpp"
+#include "render/shadow/shadow_volume.hpp"
 
 namespace penumbra {
 
@@ -80,6 +81,7 @@ struct ShadowVolumeDraw {
   std::vector<PlaneFrame> floors;  // the unbounded planes that receive
   double reach = 0.0;              // of the volume, from the table's origin [m]
   bool on_planes = true;           // and on virtual objects
+  std::vector<Ball> receivers;     // what it may fall on where not; none: anything
   bool proxy = true;               // the author's reduced model casts, where there is one
   float opacity = 1.0F;            // of the caster; where it falls, the receiver's counts as well
 };

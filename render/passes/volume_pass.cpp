@@ -57,7 +57,8 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   for (const ShadowVolumeDraw& draw : plan.volumes) {
     Volume& volume = volumes_[{draw.object, draw.light}];
     if (volume.valid && same(volume.T_table_object, draw.T_table_object) &&
-        volume.light == draw.light_place && same(volume.floors, draw.floors)) {
+        volume.light == draw.light_place && same(volume.floors, draw.floors) &&
+        volume.receivers == draw.receivers) {
       ++work.reprojections;
       if (volume.light_inside) note_light_inside(scene, draw, work);
       continue;
@@ -67,8 +68,8 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
     const Model* model = casting_model(object, draw.proxy).get();
     auto& caster = casters_[model];
     if (!caster) caster = std::make_unique<VolumeCaster>(make_shadow_mesh(*model));
-    ShadowVolume made =
-        caster->volume(draw.T_table_object, draw.light_place, draw.floors, draw.reach);
+    ShadowVolume made = caster->volume(draw.T_table_object, draw.light_place, draw.floors,
+                                       draw.reach, draw.receivers);
     volume.light_inside = made.light_inside;
     if (volume.light_inside) note_light_inside(scene, draw, work);
     std::vector<glm::vec3> triangles;
@@ -95,6 +96,7 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
     volume.T_table_object = draw.T_table_object;
     volume.light = draw.light_place;
     volume.floors = draw.floors;
+    volume.receivers = draw.receivers;
     volume.layout.bind();
     volume.vertices.write(std::span<const glm::vec3>(triangles), BufferLife::every_frame);
     if (!volume.layout_made) {

@@ -45,6 +45,7 @@ class VolumePass {
     Placement T_table_object;
     Eigen::Vector4d light;
     std::vector<PlaneFrame> floors;
+    std::vector<Ball> receivers;
     std::vector<int> batch_ends;  // in vertices
     bool light_inside = false;
     bool layout_made = false;

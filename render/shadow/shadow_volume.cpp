@@ -141,6 +141,13 @@ VolumeCaster::VolumeCaster(const ShadowMesh& mesh) : indices_(mesh.indices) {
   faces_by_part_.resize(part_.size());
   std::iota(faces_by_part_.begin(), faces_by_part_.end(), 0U);
   std::ranges::stable_sort(faces_by_part_, {}, [this](std::uint32_t face) { return part_[face]; });
+  std::vector<Eigen::AlignedBox3d> boxes(mesh.part_count);
+  for (std::size_t i = 0; i < indices_.size(); ++i) {
+    boxes[part_[i / 3]].extend(positions_[indices_[i]]);
+  }
+  for (const Eigen::AlignedBox3d& box : boxes) {
+    balls_.push_back(box.isEmpty() ? Ball() : Ball{box.center(), 0.5 * box.diagonal().norm()});
+  }
   // Turned inside out: what is closed has its faces to the outside.
   std::vector<double> volume(mesh.part_count, 0.0);
   for (std::size_t face = 0; face < part_.size(); ++face) {
@@ -153,8 +160,28 @@ VolumeCaster::VolumeCaster(const ShadowMesh& mesh) : indices_(mesh.indices) {
   }
 }
 
+bool may_shadow(const Eigen::Vector4d& light, const Ball& caster, const Ball& receiver) {
+  const double radii = caster.radius + receiver.radius;
+  if (light.w() == 0.0) {
+    const Eigen::Vector3d towards = light.head<3>().normalized();
+    const Eigen::Vector3d apart = caster.middle - receiver.middle;
+    const double along = towards.dot(apart);
+    return (apart - along * towards).norm() <= radii && along >= -radii;
+  }
+  const Eigen::Vector3d to_caster = caster.middle - light.head<3>() / light.w();
+  const Eigen::Vector3d to_receiver = receiver.middle - light.head<3>() / light.w();
+  const double near = to_caster.norm();
+  const double far = to_receiver.norm();
+  if (near <= caster.radius || far <= receiver.radius) return true;
+  if (far + receiver.radius < near - caster.radius) return false;  // nearer to the light
+  const double between =
+      std::atan2(to_caster.cross(to_receiver).norm(), to_caster.dot(to_receiver));
+  return between <= std::asin(caster.radius / near) + std::asin(receiver.radius / far);
+}
+
 ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::Vector4d& light,
-                                  std::span<const PlaneFrame> floors, double reach) const {
+                                  std::span<const PlaneFrame> floors, double reach,
+                                  std::span<const Ball> receivers) const {
   ShadowVolume result;
   const bool local = light.w() != 0.0;
   const Eigen::Vector3d from =
@@ -168,6 +195,13 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
 
   // Faces that count, each turned towards the light: +1 as it is, -1 the other way round.
   const std::size_t faces = indices_.size() / 3;
+  std::vector<bool> needed(closed_.size(), receivers.empty());
+  for (std::size_t part = 0; part < needed.size() && !receivers.empty(); ++part) {
+    const Ball ball{T_table_object * balls_[part].middle,
+                    T_table_object.scale * balls_[part].radius};
+    needed[part] = std::ranges::any_of(
+        receivers, [&](const Ball& receiver) { return may_shadow(light, ball, receiver); });
+  }
   std::vector<int> turn(faces, 0);
   std::vector<int> lit(closed_.size(), 0);
   std::vector<int> turned_away(closed_.size(), 0);
@@ -178,6 +212,7 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
     const Eigen::Vector3d to_light = local ? Eigen::Vector3d(from - a) : from;
     // A light in the face's own plane does not light it.
     const std::uint32_t part = part_[face];
+    if (!needed[part]) continue;
     const double facing = outside_[part] * normal.dot(to_light);
     const double least = 1e-9 * normal.norm() * to_light.norm();
     if (facing > least) {

@@ -25,6 +25,16 @@ namespace penumbra {
 inline constexpr unsigned kMostVolumesCounted = 0x3FU;
 inline constexpr std::size_t kMostVolumeTriangles = 200'000;  // once they are split for a lens
 
+// Holds a thing.
+struct Ball {
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  double radius = 0.0;
+  friend bool operator==(const Ball&, const Ball&) = default;
+};
+// Whether what is in one ball may keep the light (as for volumes) from something in the other.
+[[nodiscard]] bool may_shadow(const Eigen::Vector4d& light, const Ball& caster,
+                              const Ball& receiver);
+
 struct ShadowVolume {
   std::vector<glm::vec3> triangles;  // table frame [m], three points each, closed and oriented
   // Where in `triangles` each batch ends: none is empty, and each is closed by itself.
@@ -43,8 +53,10 @@ class VolumeCaster {
   // `floors` (planes without an end) where light falls onto them, and otherwise to where it leaves
   // the sphere about the table's origin of radius `reach` [m], beyond which nothing receives.
   // Empty if nothing is finite or the light is under all of the caster's faces.
+  // `receivers`: parts that can't throw a shadow onto any of them are left out; none: no part is.
   [[nodiscard]] ShadowVolume volume(const Placement& T_table_object, const Eigen::Vector4d& light,
-                                    std::span<const PlaneFrame> floors, double reach) const;
+                                    std::span<const PlaneFrame> floors, double reach,
+                                    std::span<const Ball> receivers = {}) const;
 
  private:
   struct Edge {
@@ -63,6 +75,7 @@ class VolumeCaster {
   // Whether the part's faces are closed and turned the same way: then those that the light sees
   // suffice. Of others every face counts, turned towards the light.
   std::vector<bool> closed_;
+  std::vector<Ball> balls_;      // about each part, object frame
   std::vector<double> outside_;  // of each part: -1 where it is closed and turned inside out
 };
 
