@@ -6,6 +6,7 @@
 #include <cstring>
 #include <functional>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -108,31 +109,69 @@ class BinaryWriter {
   std::vector<std::uint8_t> binary_;
 };
 
-// Kernels that are there already, of as many vertices and one behind the other, give their place to
-// the new ones: a file that is stored again and again does not grow.
-bool replace_vectors(const Json& json, BinaryWriter& writer, const Json& attributes,
-                     std::span<const glm::vec3> vectors) {
-  const auto there = attributes.find("_SHADOW_KERNEL");
-  if (there == attributes.end()) return false;
-  const Json& accessor = json.at("accessors").at(there->get<std::size_t>());
-  // Another primitive may share it, with kernels of its own from now on.
-  std::size_t uses = 0;
+// How often accessors and views are read, by whatever: what only old kernels are in may be written
+// over.
+struct Readers {
+  std::map<std::size_t, int> of_accessor, of_view;
+};
+Readers readers_of(const Json& json) {
+  Readers readers;
+  const auto count = [&readers](const Json& accessor) {
+    if (accessor.is_number_unsigned()) ++readers.of_accessor[accessor.get<std::size_t>()];
+  };
   for (const Json& mesh : json.at("meshes")) {
     for (const Json& primitive : mesh.at("primitives")) {
-      const Json& names = primitive.at("attributes");
-      uses += names.contains("_SHADOW_KERNEL") && names.at("_SHADOW_KERNEL") == *there ? 1U : 0U;
+      for (const auto& [name, accessor] : primitive.at("attributes").items()) count(accessor);
+      if (primitive.contains("indices")) count(primitive.at("indices"));
+      if (!primitive.contains("targets")) continue;
+      for (const Json& target : primitive.at("targets")) {
+        for (const auto& [name, accessor] : target.items()) count(accessor);
+      }
     }
   }
-  if (uses != 1 || accessor.value("componentType", 0) != kFloat ||
+  const Json none = Json::array();
+  const auto list = [&none](const Json& from, const char* name) -> const Json& {
+    return from.contains(name) ? from.at(name) : none;
+  };
+  for (const Json& skin : list(json, "skins")) count(skin.value("inverseBindMatrices", Json()));
+  for (const Json& animation : list(json, "animations")) {
+    for (const Json& sampler : list(animation, "samplers")) {
+      count(sampler.value("input", Json()));
+      count(sampler.value("output", Json()));
+    }
+  }
+  const auto count_view = [&readers](const Json& from) {
+    if (from.contains("bufferView")) ++readers.of_view[from.at("bufferView").get<std::size_t>()];
+  };
+  for (const Json& accessor : json.at("accessors")) {
+    count_view(accessor);
+    if (!accessor.contains("sparse")) continue;
+    for (const char* part : {"indices", "values"}) count_view(accessor.at("sparse").at(part));
+  }
+  for (const Json& image : list(json, "images")) count_view(image);
+  return readers;
+}
+
+// Kernels that are there already, of as many vertices, one behind the other and read by nothing
+// else (tools that join equal data let a position and a kernel share it), give their place to the
+// new ones: a file that is stored again and again does not grow.
+bool replace_vectors(const Json& json, const Readers& readers, BinaryWriter& writer,
+                     const Json& attributes, std::span<const glm::vec3> vectors) {
+  const auto there = attributes.find("_SHADOW_KERNEL");
+  if (there == attributes.end()) return false;
+  const auto index = there->get<std::size_t>();
+  const Json& accessor = json.at("accessors").at(index);
+  if (readers.of_accessor.at(index) != 1 || accessor.value("componentType", 0) != kFloat ||
       accessor.value("type", "") != "VEC3" ||
       accessor.value("count", std::size_t{0}) != vectors.size() || accessor.contains("sparse") ||
       !accessor.contains("bufferView")) {
     return false;
   }
-  const Json& view = json.at("bufferViews").at(accessor.at("bufferView").get<std::size_t>());
-  const bool dense = !view.contains("byteStride") || view.at("byteStride") == 12;
-  // A view of its own, that nothing else reads.
-  const bool own = view.value("byteLength", std::size_t{0}) == vectors.size_bytes() &&
+  const auto view_index = accessor.at("bufferView").get<std::size_t>();
+  const Json& view = json.at("bufferViews").at(view_index);
+  const bool dense = !view.contains("byteStride") || view.at("byteStride") == sizeof(glm::vec3);
+  const bool own = readers.of_view.at(view_index) == 1 &&
+                   view.value("byteLength", std::size_t{0}) == vectors.size_bytes() &&
                    accessor.value("byteOffset", std::size_t{0}) == 0;
   if (!dense || !own || view.value("buffer", 0) != 0) return false;
   return writer.overwrite(view.value("byteOffset", std::size_t{0}), vectors);
@@ -239,6 +278,7 @@ Result<std::vector<std::uint8_t>> add_to_chunks(std::span<const std::uint8_t> gl
   }
   const auto placements = mesh_placements(json, name);
   if (!placements) return tl::unexpected(placements.error());
+  const Readers readers = readers_of(json);
   BinaryWriter writer(json, std::move(binary));
   std::size_t first = 0;
   for (std::size_t m = 0; m < json.at("meshes").size(); ++m) {
@@ -264,7 +304,7 @@ Result<std::vector<std::uint8_t>> add_to_chunks(std::span<const std::uint8_t> gl
       }
       first += count;
       Json& attributes = mesh.at("primitives").at(p).at("attributes");
-      if (!replace_vectors(json, writer, attributes, local)) {
+      if (!replace_vectors(json, readers, writer, attributes, local)) {
         attributes["_SHADOW_KERNEL"] = writer.add_vectors(local);
       }
     }

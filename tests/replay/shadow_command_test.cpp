@@ -558,6 +558,34 @@ TEST_F(ShadowCommand, KernelsStoredAgainTakeThePlaceOfTheOld) {
   EXPECT_EQ(layers({file("three.glb")})["kernels"]["source"], "stored");
 }
 
+// Tools that join equal data let a position and a kernel share it: storing kernels again must leave
+// the positions.
+TEST_F(ShadowCommand, KernelsStoredAgainLeaveWhatElseReadsTheOld) {
+  ASSERT_EQ(penumbra({"kernels", file("square.obj"), "--output", file("one.glb")}).exit_code, 0);
+  const std::string glb = bytes_of(file("one.glb"));
+  const auto word = [](const std::string& bytes, std::size_t at) {
+    std::uint32_t value = 0;
+    std::memcpy(&value, bytes.data() + at, sizeof value);
+    return std::size_t{value};
+  };
+  const std::size_t json_size = word(glb, 12);
+  auto json = nlohmann::json::parse(glb.substr(20, json_size));
+  auto& attributes = json["meshes"][0]["primitives"][0]["attributes"];
+  attributes["_SHADOW_KERNEL"] = attributes["POSITION"];
+  std::string text = json.dump();
+  ASSERT_LE(text.size(), json_size);
+  text.resize(json_size, ' ');
+  write("shared.glb", glb.substr(0, 20) + text + glb.substr(20 + json_size));
+  ASSERT_EQ(penumbra({"kernels", file("shared.glb"), "--output", file("again.glb")}).exit_code, 0);
+  const auto simple = [this](const char* name) {
+    return layers({file(name), "--technique", "simple"})["layers"]["shadow"]["area"].get<double>();
+  };
+  EXPECT_GT(simple("one.glb"), 0.01);
+  EXPECT_EQ(simple("again.glb"), simple("one.glb"));
+  EXPECT_EQ(layers({file("again.glb")})["kernels"]["source"], "stored");
+  EXPECT_EQ(last_warnings_, "");
+}
+
 TEST_F(ShadowCommand, AModelOfOnePointHasKernels) {
   write("point.obj", "v 0.1 0.2 0.3\nf 1 1 1\n");
   ASSERT_EQ(penumbra({"kernels", file("point.obj"), "--output", file("point.json")}).exit_code, 0);
