@@ -35,7 +35,8 @@ Result<HardPass> HardPass::create(GlApi api, const Scene& scene, const CameraMod
   constexpr std::array<std::string_view, 2> kShape = {"lens.glsl", "plane_shape.vert.glsl"};
   constexpr std::array<std::string_view, 1> kNothing = {"outline.frag.glsl"};
   constexpr std::array<std::string_view, 2> kReceiver = {"lens.glsl", "receiver.vert.glsl"};
-  constexpr std::array<std::string_view, 2> kLight = {"ambient.glsl", "blocked_light.frag.glsl"};
+  constexpr std::array<std::string_view, 3> kLight = {"ambient.glsl", "light_share.glsl",
+                                                      "blocked_light.frag.glsl"};
   auto shape = ShaderProgram::link(api, kShape, kNothing);
   if (!shape) return tl::unexpected(shape.error());
   auto light = ShaderProgram::link(api, kReceiver, kLight, kLightDefines);

@@ -35,7 +35,8 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
                 kMaxLights);
   }
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "object.vert.glsl"};
-  constexpr std::array<std::string_view, 2> kFragment = {"ambient.glsl", "object.frag.glsl"};
+  constexpr std::array<std::string_view, 3> kFragment = {"ambient.glsl", "light_share.glsl",
+                                                         "object.frag.glsl"};
   auto program = ShaderProgram::link(api, kVertex, kFragment, kLightDefines);
   if (!program) return tl::unexpected(program.error());
   ObjectPass pass(std::move(*program));

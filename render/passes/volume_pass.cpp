@@ -38,7 +38,8 @@ Result<VolumePass> VolumePass::create(GlApi api, const CameraModel& camera) {
   constexpr std::array<std::string_view, 1> kWhole = {"video.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFill = {"fill.frag.glsl"};
   constexpr std::array<std::string_view, 2> kReceiver = {"lens.glsl", "receiver.vert.glsl"};
-  constexpr std::array<std::string_view, 2> kLight = {"ambient.glsl", "blocked_light.frag.glsl"};
+  constexpr std::array<std::string_view, 3> kLight = {"ambient.glsl", "light_share.glsl",
+                                                      "blocked_light.frag.glsl"};
   constexpr std::array<std::string_view, 1> kSum = {"light_sum.frag.glsl"};
   auto volume = ShaderProgram::link(api, kVertex, kNothing);
   if (!volume) return tl::unexpected(volume.error());

@@ -15,29 +15,8 @@ uniform float roughness;
 uniform int has_texture;
 uniform sampler2D base_color_texture;  // decoded to linear light by the sampler
 uniform vec3 eye;                      // table frame
-uniform vec3 ambient;
-uniform int light_count;
-uniform vec4 light_place[MAX_LIGHTS];  // w 1: position; w 0: direction towards the light
-uniform vec4 light_color[MAX_LIGHTS];  // w: the share that is blocked
 uniform int darkens;    // 1: a factor for the picture; 2: the blocked share, for light_sum.frag.glsl
 uniform float opacity;  // of the shadow
-
-// By Lambert's law, as blocked_light.frag.glsl has it for planes: a face that a light does not reach
-// anyway loses nothing.
-vec4 darkened(vec3 n) {
-  vec3 all = hemisphere(ambient, n.z);
-  vec3 blocked = vec3(0.0);
-  for (int i = 0; i < MAX_LIGHTS; ++i) {
-    if (i >= light_count) break;
-    vec3 l = normalize(light_place[i].xyz - place * light_place[i].w);
-    vec3 arriving = light_color[i].rgb * max(dot(n, l), 0.0);
-    all += arriving;
-    blocked += arriving * light_color[i].w;
-  }
-  vec3 share = clamp(blocked / max(all, vec3(1.0e-4)), 0.0, 1.0);
-  if (darkens == 2) return opacity * vec4(share, 1.0);
-  return vec4(1.0 - opacity * (1.0 - pow(1.0 - share, vec3(1.0 / 2.2))), 1.0);
-}
 
 void main() {
   vec3 view = normalize(eye - place);
@@ -45,7 +24,7 @@ void main() {
   vec3 n = normal_length > 0.0 ? facing / normal_length : view;
   if (dot(n, view) < 0.0 && !gl_FrontFacing) n = -n;  // the inside of an open surface
   if (darkens != 0) {
-    color = darkened(n);
+    color = darkening(blocked_share(place, n), opacity, darkens == 2);
     return;
   }
 

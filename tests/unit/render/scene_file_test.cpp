@@ -22,6 +22,17 @@ using testing::HasSubstr;
 
 const std::string kBox = R"({"name":"box","shape":{"kind":"box","size":[0.1,0.1,0.1]}})";
 
+// All that a scene of one node says against advice, a line each.
+std::string told_by(const Scene& scene) {
+  std::string all;
+  for (const std::string& warning : scene.warnings) all += warning + "\n";
+  for (const LayeredAdvice& advice : scene.layered_advice) {
+    EXPECT_EQ(advice.node, 0);
+    all += advice.text + "\n";
+  }
+  return all;
+}
+
 class SceneFile : public testing::Test {
  protected:
   Result<Scene> load(const std::string& text) {
@@ -251,13 +262,7 @@ TEST_F(SceneFile, AdviceOnTheLightThatIsNotFollowedIsTold) {
         R"("layered":{3}}}]}})",
         kBox, -half_width, half_width, layered));
     EXPECT_TRUE(scene) << scene.error().message;
-    std::string all;
-    for (const std::string& warning : scene->warnings) all += warning + "\n";
-    for (const LayeredAdvice& advice : scene->layered_advice) {
-      EXPECT_EQ(advice.node, 0);
-      all += advice.text + "\n";
-    }
-    return all;
+    return told_by(*scene);
   };
   const std::string m15 = R"({"workspace_height":0.3,"magnification":1.5})";
   // W / (2 r) = 1.5 at W = 0.2121 m.
@@ -296,13 +301,7 @@ TEST_F(SceneFile, WhatComesAboveTheWorkspaceOrTheLightIsTold) {
         R"("shadows":[{{"name":"s","technique":"layered","layered":{}}}]}})",
         where, layered));
     if (!scene) return scene.error().message;
-    std::string all;
-    for (const std::string& warning : scene->warnings) all += warning + "\n";
-    for (const LayeredAdvice& advice : scene->layered_advice) {
-      EXPECT_EQ(advice.node, 0);
-      all += advice.text + "\n";
-    }
-    return all;
+    return told_by(*scene);
   };
   const std::string workspace = R"({"workspace_height":0.2,"magnification":1.5})";  // H = 0.6
   EXPECT_EQ(warnings(R"("position":[0,0,0.15])", workspace), "");
@@ -347,13 +346,7 @@ TEST_F(SceneFile, MoreLightsThanAPlaneShowsAreTold) {
         R"({{"objects":[{}],"lights":[{}],"shadows":[{{"name":"s","technique":"{}","lights":[{}]}}]}})",
         kBox, lights, technique, names));
     EXPECT_TRUE(scene) << scene.error().message;
-    std::string all;
-    for (const std::string& warning : scene->warnings) all += warning + "\n";
-    for (const LayeredAdvice& advice : scene->layered_advice) {
-      EXPECT_EQ(advice.node, 0);
-      all += advice.text + "\n";
-    }
-    return all;
+    return told_by(*scene);
   };
   EXPECT_EQ(warnings(7, "hard"), "");
   EXPECT_THAT(warnings(8, "hard"), HasSubstr("8 lights throw projected shadows onto \"table\", "

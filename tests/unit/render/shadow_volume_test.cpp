@@ -50,6 +50,13 @@ ShadowMesh mesh_of(ShapeBuilder shape) {
 }
 const PlaneFrame kTable;
 
+// From the right and above.
+std::vector<std::uint8_t> picture_of(const SceneBuilder& builder) {
+  Studio studio(builder.build(), test::camera_of(kSide, kSide, 260.0));
+  const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
+  return studio.draw(white(), studio.plan(pose)).rgba;
+}
+
 // Every edge is run through as often one way as the other.
 bool closed(const std::vector<glm::vec3>& triangles) {
   const auto key = [](const glm::vec3& p) { return std::tuple(p.x, p.y, p.z); };
@@ -550,17 +557,11 @@ TEST(ShadowVolume, OfManyPartsAboveOneAnotherIsDark) {
 TEST(ShadowVolume, OnPlanesInTheSamePlaceIsDarkOnce) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
-  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
-  const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
-  const auto picture = [&] {
-    Studio studio(builder.build(), camera);
-    return studio.draw(white(), studio.plan(pose)).rgba;
-  };
-  const auto once = picture();
+  const auto once = picture_of(builder);
   ScenePlane& again = builder.scene().planes.emplace_back(builder.scene().planes[0]);
   again.name = "again";
   builder.scene().shadows[0].planes = {0, 1};
-  EXPECT_EQ(picture(), once);
+  EXPECT_EQ(picture_of(builder), once);
 }
 
 // A projected shadow ends where a phantom stands on its plane: what the light's ray meets first is
@@ -659,18 +660,12 @@ TEST(ShadowVolume, AndProjectedShadowsOfOneLightAreOne) {
   builder.add(box(0.06, 0.1, 0.02), test::at(0.02, 0.01, 0.2));
   std::vector<ShadowNode>& nodes = builder.scene().shadows;
   nodes[0].casters = {0, 1};
-  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
-  const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
-  const auto picture = [&] {
-    Studio studio(builder.build(), camera);
-    return studio.draw(white(), studio.plan(pose)).rgba;
-  };
-  const auto volumes = picture();
+  const auto volumes = picture_of(builder);
   nodes.push_back(nodes[0]);
   nodes[0].casters = {0};
   nodes[1].casters = {1};
   nodes[1].technique = ShadowTechnique::hard;
-  EXPECT_EQ(picture(), volumes);
+  EXPECT_EQ(picture_of(builder), volumes);
 }
 
 // Two lights, one projected and one as a volume: where both are missing their shares are gone
@@ -685,15 +680,9 @@ TEST(ShadowVolume, AndProjectedShadowsOfTwoLightsAddUp) {
   nodes.push_back(nodes[0]);
   nodes[1].lights = {1};
   nodes[1].name = "other";
-  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
-  const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
-  const auto picture = [&] {
-    Studio studio(builder.build(), camera);
-    return studio.draw(white(), studio.plan(pose)).rgba;
-  };
-  const auto volumes = picture();
+  const auto volumes = picture_of(builder);
   nodes[1].technique = ShadowTechnique::hard;
-  EXPECT_EQ(picture(), volumes);
+  EXPECT_EQ(picture_of(builder), volumes);
 }
 
 // What lies under a plane is not what its pixels show: they are darkened by the plane's shadow
@@ -702,15 +691,9 @@ TEST(ShadowVolume, OfProjectedShadowsLeavesPhantomsUnderThePlane) {
   SceneBuilder builder = with_light({-0.2, 0.05, 0.6});
   builder.scene().shadows[0].technique = ShadowTechnique::hard;
   builder.add(box(0.08, 0.08, 0.02), test::at(0.0, 0.0, 0.1));
-  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
-  const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
-  const auto picture = [&] {
-    Studio studio(builder.build(), camera);
-    return studio.draw(white(), studio.plan(pose)).rgba;
-  };
-  const auto alone = picture();
+  const auto alone = picture_of(builder);
   builder.add(box(0.3, 0.3, 0.02), test::at(0.0, 0.0, -0.015), false, true);
-  EXPECT_EQ(picture(), alone);
+  EXPECT_EQ(picture_of(builder), alone);
 }
 
 // Many faces are not many above one another: they are counted at once.

@@ -1,0 +1,29 @@
+// The lights of the scene, and what a surface loses where some of them do not reach it: by Lambert's
+// law each its own share of all light there, so that shadows add up as light does, and a face that a
+// light does not reach anyway loses nothing.
+uniform vec3 ambient;
+uniform int light_count;
+uniform vec4 light_place[MAX_LIGHTS];  // w 1: position; w 0: direction towards the light
+uniform vec4 light_color[MAX_LIGHTS];  // w: the share that is blocked
+
+// Of all light, linear. `place`: table frame [m]; `normal`: unit.
+vec3 blocked_share(vec3 place, vec3 normal) {
+  vec3 all = hemisphere(ambient, normal.z);
+  vec3 blocked = vec3(0.0);
+  for (int i = 0; i < MAX_LIGHTS; ++i) {
+    if (i >= light_count) break;
+    vec3 l = normalize(light_place[i].xyz - place * light_place[i].w);
+    vec3 arriving = light_color[i].rgb * max(dot(normal, l), 0.0);
+    all += arriving;
+    blocked += arriving * light_color[i].w;
+  }
+  return clamp(blocked / max(all, vec3(1.0e-4)), 0.0, 1.0);
+}
+
+// A factor for the encoded picture (blended: picture * factor); or where several lights are added up,
+// the share itself, for light_sum.frag.glsl.
+vec4 darkening(vec3 share, float opacity, bool add_up) {
+  if (add_up) return opacity * vec4(share, 1.0);
+  vec3 encoded = pow(1.0 - share, vec3(1.0 / 2.2));
+  return vec4(1.0 - opacity * (1.0 - encoded), 1.0);
+}
