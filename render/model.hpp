@@ -75,7 +75,10 @@ struct Model {
   // The up direction (unit) that Mesh::shadow_kernels were made for; absent where there are none.
   std::optional<glm::vec3> shadow_kernel_up;
   std::string shadow_kernel_geometry;  // what they were made for (kernel_stamp.hpp); may be ""
-  std::vector<std::string> warnings;   // what was left out of the file, and why
+  // The groups of parts (part_groups.hpp) that share one light where nobody names others: those
+  // that the kernels were stored for.
+  std::vector<std::string> shadow_kernel_groups;
+  std::vector<std::string> warnings;  // what was left out of the file, and why
 
   [[nodiscard]] std::size_t vertex_count() const;
   [[nodiscard]] std::size_t triangle_count() const;

@@ -21,9 +21,10 @@ bool is_finite(const glm::vec3& v) {
 }
 
 // Kernels that don't belong to this geometry are left out: they are made anew where they are
-// needed.
-void check_stored_kernels(Model& model, const std::string& name) {
-  if (!model.shadow_kernel_up) return;
+// needed, for the same groups and in the same way. `geometry`: the key of the model in the axes
+// that kernels are stored for.
+void check_stored_kernels(Model& model, const std::string& geometry, const std::string& name,
+                          const ModelLimits& limits) {
   const auto drop = [&](std::string_view cause) {
     for (Mesh& mesh : model.meshes) mesh.shadow_kernels.clear();
     model.shadow_kernel_up.reset();
@@ -32,14 +33,22 @@ void check_stored_kernels(Model& model, const std::string& name) {
   };
   bool complete = true;
   bool finite = is_finite(*model.shadow_kernel_up);
+  float farthest = 0.0F;
   for (const Mesh& mesh : model.meshes) {
     complete = complete && mesh.shadow_kernels.size() == mesh.positions.size();
-    for (const glm::vec3& k : mesh.shadow_kernels) finite = finite && is_finite(k);
+    for (const glm::vec3& k : mesh.shadow_kernels) {
+      finite = finite && is_finite(k);
+      farthest = std::max({farthest, std::abs(k.x), std::abs(k.y), std::abs(k.z)});
+    }
   }
   if (!complete) return drop("not every mesh has them");
   if (!finite) return drop("one is not a finite number");
+  if (static_cast<double>(farthest) > limits.max_coordinate_m) {
+    return drop(
+        fmt::format("one is farther away than a model may be ({:g} m)", limits.max_coordinate_m));
+  }
   if (!model.shadow_kernel_geometry.empty() &&
-      kernel_stamp_from(model.shadow_kernel_geometry).geometry != geometry_key(model)) {
+      kernel_stamp_from(model.shadow_kernel_geometry).geometry != geometry) {
     return drop("the model has changed since; store them again with penumbra kernels");
   }
 }
@@ -47,6 +56,23 @@ void check_stored_kernels(Model& model, const std::string& name) {
 // y up -> z up: (x, y, z) -> (x, -z, y).
 glm::vec3 turned_up(const glm::vec3& v) {
   return {v.x, -v.z, v.y};
+}
+
+void turn_up(Model& model) {
+  for (Mesh& mesh : model.meshes) {
+    for (glm::vec3& p : mesh.positions) p = turned_up(p);
+    for (glm::vec3& n : mesh.normals) n = turned_up(n);
+    for (glm::vec3& k : mesh.shadow_kernels) k = turned_up(k);
+  }
+  if (model.shadow_kernel_up) model.shadow_kernel_up = turned_up(*model.shadow_kernel_up);
+}
+
+// Of a glTF file as it is usually read: y up, with whatever axes it is read now.
+std::string usual_geometry_key(const Model& model, UpAxis up) {
+  if (up != UpAxis::z) return geometry_key(model);
+  Model usual = model;
+  turn_up(usual);
+  return geometry_key(usual);
 }
 
 }  // namespace
@@ -238,17 +264,11 @@ Result<Model> load_model(const std::filesystem::path& file, UpAxis up, const Mod
     if (!model) return model;
     model->name = file.stem().string();
     // The readers give the file's own axes.
-    if (up == UpAxis::y || (up == UpAxis::by_format && gltf)) {
-      for (Mesh& mesh : model->meshes) {
-        for (glm::vec3& p : mesh.positions) p = turned_up(p);
-        for (glm::vec3& n : mesh.normals) n = turned_up(n);
-        for (glm::vec3& k : mesh.shadow_kernels) k = turned_up(k);
-      }
-      if (model->shadow_kernel_up) model->shadow_kernel_up = turned_up(*model->shadow_kernel_up);
-    }
+    if (up == UpAxis::y || (up == UpAxis::by_format && gltf)) turn_up(*model);
     const Result<void> checked = check_model(*model, name, limits);
     if (!checked) return tl::unexpected(checked.error());
-    check_stored_kernels(*model, name);
+    if (model->shadow_kernel_up)
+      check_stored_kernels(*model, usual_geometry_key(*model, up), name, limits);
     if (auto lost = warning_of_lost_faces(*model, name)) {
       model->warnings.push_back(std::move(*lost));
     }

@@ -694,6 +694,19 @@ void GltfReader::take_kernel_extras(const tinygltf::Value& extras, const Eigen::
       extras.Get(std::string(kKernelGeometryKey)).IsString()) {
     model_.shadow_kernel_geometry = extras.Get(std::string(kKernelGeometryKey)).Get<std::string>();
   }
+  if (!extras.Has(std::string(kKernelGroupsKey))) return;
+  const tinygltf::Value& groups = extras.Get(std::string(kKernelGroupsKey));
+  std::vector<std::string> names;
+  for (std::size_t i = 0; groups.IsArray() && i < groups.ArrayLen(); ++i) {
+    const tinygltf::Value& group = groups.Get(static_cast<int>(i));
+    if (group.IsString()) names.push_back(group.Get<std::string>());
+  }
+  if (!groups.IsArray() || names.size() != groups.ArrayLen() || names.size() > kMaxGroups) {
+    model_.warnings.push_back(fmt::format(
+        "{}: {}: {} is no list of names; its parts are not joined", name_, what, kKernelGroupsKey));
+    return;
+  }
+  model_.shadow_kernel_groups = std::move(names);
 }
 
 // Names of a node and of its mesh, -1 where it has none.

@@ -22,6 +22,8 @@ inline constexpr int kMaxModelDepth = 64;
 // that the kernels were made for, in the mesh's axes, and what they were made for (KernelStamp).
 inline constexpr std::string_view kKernelUpKey = "shadow_kernel_up";
 inline constexpr std::string_view kKernelGeometryKey = "shadow_kernel_geometry";
+inline constexpr std::string_view kKernelGroupsKey = "shadow_kernel_groups";
+inline constexpr std::size_t kMaxGroups = 1000;
 
 // A file that a model names. Only relative names that stay in the model's folder or below it: no
 // root, no "..", no scheme, no backslash.

@@ -109,12 +109,13 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
         plain = std::move(*model);
         for (Mesh& mesh : plain.meshes) mesh.shadow_kernels.clear();
         plain.shadow_kernel_up.reset();
+        plain.shadow_kernel_groups.clear();
         const ShadowMesh mesh = make_shadow_mesh(plain, options.groups);
         const Stopwatch watch;
         const ShadowKernels set =
             generate_kernels(mesh, options.direction, options.source, &progress);
         time_ms = watch.elapsed().wall_ms;
-        kernels = kernels_to_keep(plain, mesh, set, options.source);
+        kernels = kernels_to_keep(plain, mesh, set, options.source, options.groups);
         return {};
       },
       progress, "vertices", interrupt, *output);

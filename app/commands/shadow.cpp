@@ -313,9 +313,9 @@ struct KernelSet {
   double time_ms = 0.0;
 };
 
-// `may_be_stored`: those that came with the mesh may serve.
+// `stored_source`: of those that came with the mesh, where they may serve.
 KernelSet choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from_file,
-                         bool may_be_stored) {
+                         std::optional<KernelSource> stored_source) {
   const Eigen::Vector3d up = up_in_object(job.placement, job.plane);
   KernelSet choice;
   const Stopwatch watch;
@@ -330,10 +330,11 @@ KernelSet choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from
           choice.kernels.up.z(), up.x(), up.y(), up.z());
     }
   } else {
-    const bool stored =
-        may_be_stored && job.source == KernelSource::automatic && has_stored_kernels_for(mesh, up);
-    choice.kernels = stored ? stored_kernels_of(mesh) : generate_kernels(mesh, up, job.source);
-    choice.source = stored ? "stored" : std::string(to_string(job.source));
+    const bool as_stored = stored_source && job.source == KernelSource::automatic;
+    const bool stored = as_stored && has_stored_kernels_for(mesh, up);
+    const KernelSource source = as_stored ? *stored_source : job.source;
+    choice.kernels = stored ? stored_kernels_of(mesh) : generate_kernels(mesh, up, source);
+    choice.source = stored ? "stored" : std::string(to_string(source));
   }
   choice.time_ms = watch.elapsed().wall_ms;
   return choice;
@@ -429,6 +430,21 @@ void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertice
         "there; give the highest place that objects come to",
         name, top, *job.workspace_height);
   }
+  if (job.technique == ShadowJob::Technique::hard && job.light.w() != 0.0) {
+    const double light = light_height(job.plane, job.light);
+    const double range = hard_shadow_range(job.plane, job.light).high;
+    if (light > 0.0 && bottom >= range) {
+      log_warning(
+          "{}: is {:.3g} m above the plane and the light {:.3g} m, so there is no shadow; raise "
+          "--light",
+          name, bottom, light);
+    } else if (light > 0.0 && top > range) {
+      log_warning(
+          "{}: reaches to {:.3g} m above the plane, over the light at {:.3g} m; what is above the "
+          "light casts nothing; raise --light",
+          name, top, light);
+    }
+  }
   const auto is_empty = [](const auto& layer) { return layer.outline.area <= 0.0; };
   if (job.technique != ShadowJob::Technique::hard &&
       std::all_of(result.layers.begin(), result.layers.end(), is_empty)) {
@@ -468,14 +484,15 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
                 (from_file ? job.kernel_file : job.model).string());
     from_file = false;
   }
-  bool may_be_stored = true;
+  std::optional<KernelSource> stored_source = stored_kernel_source(*model);
   if (layered && job.fixed_light && !mesh.stored_kernels.empty() &&
-      job.source == KernelSource::automatic && !stored_kernels_have_thickness(*model)) {
+      job.source == KernelSource::automatic && !have_thickness(stored_kernel_source(*model))) {
     log_warning(
         "{}: its kernels (cocl) have no thickness, which a light of one size needs; they are made "
         "anew",
         (from_file ? job.kernel_file : job.model).string());
-    from_file = may_be_stored = false;
+    from_file = false;
+    stored_source.reset();
   }
   const PlaneFrame plane = plane_under(mesh, job.placement, job.plane);
   ShadowResult result;
@@ -484,7 +501,7 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
   result.parts = mesh.part_count;
   KernelSet choice;
   if (layered) {
-    choice = choose_kernels(job, mesh, from_file, may_be_stored);
+    choice = choose_kernels(job, mesh, from_file, stored_source);
     result.kernel_source = choice.source;
     result.kernel_ms = choice.time_ms;
   } else {

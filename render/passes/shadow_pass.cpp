@@ -258,7 +258,7 @@ ShadowPass::Caster& ShadowPass::caster_of(const Scene& scene, int index) {
   if (!entry) {
     entry = std::make_unique<Caster>();
     entry->mesh = make_shadow_mesh(*object.model, object.groups);
-    entry->stored_have_thickness = stored_kernels_have_thickness(*object.model);
+    entry->stored_source = stored_kernel_source(*object.model);
     set_geometry(entry->whole, entry->mesh, edge);
     if (object.proxy == ProxyMode::automatic) entry->proxy = simplified_caster(entry->mesh);
     if (object.proxy == ProxyMode::model && object.proxy_model) {
@@ -576,14 +576,15 @@ void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& p
                      field ? kFieldBits : kLayerBits);
   KernelKey key;
   if (draw.technique == ShadowTechnique::layered) {
-    key.source = draw.kernels;
+    const bool stored_serve =
+        draw.kernels == KernelSource::automatic &&
+        (draw.light_mode == LightMode::proportional || have_thickness(caster.stored_source));
+    key.source = stored_serve ? caster.stored_source : draw.kernels;
     // Of the own frame: turning on the plane changes nothing, not by rounding either.
     const Eigen::Vector3d up = own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
     key.direction = KernelDirection::nearest(up);
     // By the tilt itself: the grid's direction may be nearly 2 degrees nearer to their own.
-    key.stored = draw.kernels == KernelSource::automatic &&
-                 has_stored_kernels_for(caster.mesh, up) &&
-                 (draw.light_mode == LightMode::proportional || caster.stored_have_thickness);
+    key.stored = stored_serve && has_stored_kernels_for(caster.mesh, up);
   }
   KernelSet* kernels = field ? nullptr : &kernels_of(caster, key, work);
   const bool reduced = kernels != nullptr && proxy_casts(draw, caster, key, *kernels, work);

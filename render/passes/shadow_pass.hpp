@@ -114,7 +114,8 @@ class ShadowPass {
   };
   struct Caster {
     ShadowMesh mesh;
-    bool stored_have_thickness = true;  // of the kernels that came with it
+    // Of the kernels that came with it, and so of those for other tilts.
+    KernelSource stored_source = KernelSource::automatic;
     Body whole;
     // A reduced mesh that may cast layers, and where it has been found to be as good.
     std::optional<ShadowProxy> proxy;

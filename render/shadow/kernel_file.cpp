@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "core/text.hpp"
+#include "render/model_parts.hpp"
 #include "render/shadow/kernel_stamp.hpp"
 #include "render/to_eigen.hpp"
 
@@ -17,14 +18,12 @@ namespace penumbra {
 namespace {
 
 constexpr std::size_t kMaxKernelFileBytes = std::size_t{1} << 30U;
+constexpr double kMaxCoordinate = ModelLimits().max_coordinate_m;
 
-// A number that a float holds.
 std::optional<double> number_from(const nlohmann::json& json) {
   if (!json.is_number()) return std::nullopt;
   const double value = json.get<double>();
-  if (!std::isfinite(value) || std::abs(value) > std::numeric_limits<float>::max()) {
-    return std::nullopt;
-  }
+  if (!std::isfinite(value)) return std::nullopt;
   return value;
 }
 
@@ -49,9 +48,11 @@ Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
     glm::vec3 kernel(0.0F);
     for (int axis = 0; axis < 3; ++axis) {
       const auto value = number_from((*list)[i + static_cast<std::size_t>(axis)]);
-      if (!value) {
-        return fail("{}: kernels[{}]: is not a finite number; give metres", name,
-                    i + static_cast<std::size_t>(axis));
+      const std::size_t place = i + static_cast<std::size_t>(axis);
+      if (!value) return fail("{}: kernels[{}]: is not a finite number; give metres", name, place);
+      if (std::abs(*value) > kMaxCoordinate) {
+        return fail("{}: kernels[{}]: {:g} m is farther away than a model may be ({:g} m)", name,
+                    place, *value, kMaxCoordinate);
       }
       kernel[axis] = static_cast<float>(*value);
     }
@@ -77,6 +78,15 @@ Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
     }
     result.geometry = geometry->get<std::string>();
   }
+  const auto groups = json.find("groups");
+  if (groups != json.end()) {
+    const auto is_text = [](const nlohmann::json& group) { return group.is_string(); };
+    if (!groups->is_array() || groups->size() > kMaxGroups ||
+        !std::all_of(groups->begin(), groups->end(), is_text)) {
+      return fail("{}: groups: is not a list of names; leave it out or make the file anew", name);
+    }
+    result.groups = groups->get<std::vector<std::string>>();
+  }
   return result;
 }
 
@@ -84,6 +94,7 @@ std::string kernel_file_json(const KernelFile& kernels) {
   nlohmann::ordered_json json;
   json["up"] = {kernels.up.x(), kernels.up.y(), kernels.up.z()};
   if (!kernels.geometry.empty()) json["geometry"] = kernels.geometry;
+  if (!kernels.groups.empty()) json["groups"] = kernels.groups;
   auto& list = json["kernels"] = nlohmann::ordered_json::array();
   for (const glm::vec3& k : kernels.kernels) {
     // As float, so that the file has no digits that a float does not hold.
@@ -119,6 +130,7 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
       glm::vec3(static_cast<float>(kernels.up.x()), static_cast<float>(kernels.up.y()),
                 static_cast<float>(kernels.up.z()));
   model.shadow_kernel_geometry = kernels.geometry;
+  model.shadow_kernel_groups = kernels.groups;
   return true;
 }
 
@@ -191,8 +203,9 @@ Result<void> check_one_place_each(const Model& model, const std::string& name) {
 }
 
 KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh, const ShadowKernels& kernels,
-                           KernelSource source) {
+                           KernelSource source, std::span<const std::string> groups) {
   KernelFile result;
+  result.groups.assign(groups.begin(), groups.end());
   result.up = kernels.up;
   result.geometry =
       fmt::format("{}-{}-{}", geometry_key(model), parts_key(mesh), to_string(source));
@@ -212,9 +225,9 @@ ShadowKernels stored_kernels_of(const ShadowMesh& mesh) {
   return kernels;
 }
 
-bool stored_kernels_have_thickness(const Model& model) {
-  return kernel_stamp_from(model.shadow_kernel_geometry).source !=
-         to_string(KernelSource::centroid);
+KernelSource stored_kernel_source(const Model& model) {
+  return kernel_source_from_string(kernel_stamp_from(model.shadow_kernel_geometry).source)
+      .value_or(KernelSource::automatic);
 }
 
 bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up) {

@@ -1,14 +1,16 @@
 // Shadow kernels that are kept: in a JSON file beside a model, or in the model itself.
 //
-//   {"kernels": [x0,y0,z0, x1,...], "up": [0,0,1], "geometry": "..."}
+//   {"kernels": [x0,y0,z0, x1,...], "up": [0,0,1], "geometry": "...", "groups": ["brick*"]}
 //
 // One triple per vertex of the model file, in its order; object frame, metres; for the direction
-// `up`. "geometry" says what they were made for (kernel_stamp.hpp) and may be left out.
+// `up`. "geometry" says what they were made for (kernel_stamp.hpp), "groups" which parts share one
+// light; both may be left out.
 #pragma once
 
 #include <Eigen/Core>
 #include <filesystem>
 #include <glm/vec3.hpp>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -22,6 +24,7 @@ struct KernelFile {
   std::vector<glm::vec3> kernels;  // one per vertex of the model file, object frame [m]
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // unit
   std::string geometry;                           // "" where the file does not say
+  std::vector<std::string> groups;                // of parts that are one (part_groups.hpp)
 };
 
 [[nodiscard]] Result<KernelFile> load_kernel_file(const std::filesystem::path& file);
@@ -46,7 +49,8 @@ struct KernelFile {
 
 // What to keep: a vertex of the file that no face uses gets the origin.
 [[nodiscard]] KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,
-                                         const ShadowKernels& kernels, KernelSource source);
+                                         const ShadowKernels& kernels, KernelSource source,
+                                         std::span<const std::string> groups = {});
 
 // The kernels that came with the mesh.
 [[nodiscard]] ShadowKernels stored_kernels_of(const ShadowMesh& mesh);

@@ -177,11 +177,14 @@ bool replace_vectors(const Json& json, const Readers& readers, BinaryWriter& wri
   return writer.overwrite(view.value("byteOffset", std::size_t{0}), vectors);
 }
 
-void note_kernels(Json& mesh, const Eigen::Vector3d& up, const std::string& geometry) {
+void note_kernels(Json& mesh, const Eigen::Vector3d& up, const std::string& geometry,
+                  const std::vector<std::string>& groups) {
   Json& extras = mesh["extras"];
   if (!extras.is_object()) extras = Json::object();
   extras[std::string(kKernelUpKey)] = {up.x(), up.y(), up.z()};
   extras[std::string(kKernelGeometryKey)] = geometry;
+  extras.erase(std::string(kKernelGroupsKey));
+  if (!groups.empty()) extras[std::string(kKernelGroupsKey)] = groups;
 }
 
 Eigen::Affine3d node_placement(const Json& node) {
@@ -309,7 +312,7 @@ Result<std::vector<std::uint8_t>> add_to_chunks(std::span<const std::uint8_t> gl
       }
     }
     note_kernels(mesh, (T_mesh_root.linear() * to_file_axes(kernels.up)).normalized(),
-                 kernels.geometry);
+                 kernels.geometry, kernels.groups);
   }
   return writer.finish();
 }
@@ -467,7 +470,7 @@ Result<std::vector<std::uint8_t>> make_chunks(const Model& model, const KernelFi
     const bool has_name = piece.node && !model.nodes[*piece.node].mesh.empty();
     Json mesh = {{"name", has_name ? model.nodes[*piece.node].mesh : from.name},
                  {"primitives", Json::array({std::move(primitive)})}};
-    note_kernels(mesh, to_file_axes(kernels.up), stamp);
+    note_kernels(mesh, to_file_axes(kernels.up), stamp, kernels.groups);
     json["meshes"].push_back(std::move(mesh));
     add_named_node(json, model, piece);
   }

@@ -9,6 +9,7 @@
 #include <string_view>
 
 #include "render/shadow/shadow_mesh.hpp"
+#include "render/shadow/technique.hpp"
 
 namespace penumbra {
 
@@ -38,8 +39,13 @@ struct KernelStamp {
 [[nodiscard]] bool stored_kernels_fit(const Model& model, const ShadowMesh& mesh,
                                       std::span<const std::string> groups);
 
-// Whether a light of one size can use the kernels that came with the model: those of the centroid
-// have no thickness to compare with it.
-[[nodiscard]] bool stored_kernels_have_thickness(const Model& model);
+// How the kernels that came with the model were made, and are to be made for other tilts.
+[[nodiscard]] KernelSource stored_kernel_source(const Model& model);
+
+// Whether a light of one size can use such kernels: those of the centroid have no thickness to
+// compare with it.
+[[nodiscard]] inline bool have_thickness(KernelSource source) {
+  return source != KernelSource::centroid;
+}
 
 }  // namespace penumbra

@@ -313,6 +313,7 @@ double weld_distance(const Model& model) {
 }
 
 ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> groups) {
+  if (groups.empty()) groups = model.shadow_kernel_groups;
   const bool stored = model.shadow_kernel_up.has_value();
   ShadowMesh mesh = welded_mesh(model, groups, stored);
   if (stored && !stored_kernels_fit(model, mesh, groups)) return welded_mesh(model, groups, false);

@@ -256,6 +256,18 @@ TEST_F(ShadowCommand, TellsWhyAShadowIsMissing) {
   // Far along the plane it casts as here.
   EXPECT_GT(layers({cube, "--pose", "1e8 0 0.1 0 0 0 1"})["layers"]["umbra"]["area"], 0.0);
   EXPECT_EQ(last_warnings_, "");
+  // A light that stands between the object's bottom and top, or under both.
+  const auto lit = [&](const char* light) {
+    return layers({cube, "--technique", "hard", "--light", light, "--pose", "0 0 0.2 0 0 0 1"});
+  };
+  EXPECT_GT(lit("0 0 0.8 1")["layers"]["shadow"]["area"], 0.0);
+  EXPECT_EQ(last_warnings_, "");
+  EXPECT_GT(lit("0.3 0 0.22 1")["layers"]["shadow"]["area"], 0.0);
+  EXPECT_THAT(last_warnings_, HasSubstr("above the light casts nothing"));
+  EXPECT_EQ(lit("0.3 0 0.1 1")["layers"]["shadow"]["area"], 0.0);
+  EXPECT_THAT(last_warnings_, HasSubstr("no shadow"));
+  lit("0 0 1 0");  // from so far away that it is above everything
+  EXPECT_EQ(last_warnings_, "");
   // Seen edge-on.
   write("card.obj", "v 0 0 0.1\nv 0 0.1 0.1\nv 0 0.1 0.2\nf 1 2 3\n");
   layers({file("card.obj")});
@@ -509,6 +521,79 @@ TEST_F(ShadowCommand, StoredKernelsOfOtherPartsAreMadeAnew) {
     EXPECT_NEAR(umbra(with({"--group", "left"})), loose, 1e-8);
     EXPECT_THAT(last_warnings_, HasSubstr("other parts"));
   }
+}
+
+// Who stores kernels says once which parts are one and how kernels are made; a tilt that needs
+// others gets those of the same groups and kind.
+TEST_F(ShadowCommand, StoredGroupsAndKindHoldForOtherTilts) {
+  write("tiles.obj",
+        "o left\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\nf 1 2 3\nf 1 3 4\n"
+        "o right\nv 0 -0.02 0.1\nv 0.1 -0.02 0.1\nv 0.1 0.08 0.1\nv 0 0.08 0.1\nf 5 6 7\n"
+        "f 5 7 8\n");
+  const std::string tiles = file("tiles.obj");
+  const std::vector<std::string> tilt = {"--pose", "0 0 0.02 0.1 0 0 0.99498743710662"};
+  const auto tilted = [&](std::vector<std::string> words) {
+    words.insert(words.end(), tilt.begin(), tilt.end());
+    return layers(words);
+  };
+  const auto loose = tilted({tiles});
+  const auto whole = tilted({tiles, "--group", "all"});
+  ASSERT_NE(loose["layers"], whole["layers"]);
+  ASSERT_EQ(penumbra({"kernels", tiles, "--group", "all", "--output", file("kept.glb")}).exit_code,
+            0);
+  auto kept = tilted({file("kept.glb")});
+  EXPECT_EQ(kept["kernels"]["source"], "auto");
+  EXPECT_EQ(kept["layers"], whole["layers"]);
+  EXPECT_EQ(tilted({file("kept.glb"), "--group", "left"})["layers"], loose["layers"])
+      << "groups that are named take the place of those that are stored";
+  // Stored again without a group, they are forgotten.
+  ASSERT_EQ(penumbra({"kernels", file("kept.glb"), "--output", file("kept.glb")}).exit_code, 0);
+  EXPECT_EQ(tilted({file("kept.glb")})["layers"], loose["layers"]);
+
+  for (const char* kind : {"smooth", "per-axis", "cocl"}) {
+    const auto asked = tilted({tiles, "--group", "all", "--kernels", kind});
+    ASSERT_EQ(penumbra({"kernels", tiles, "--group", "all", "--kernels", kind, "--output",
+                        file("kept.glb")})
+                  .exit_code,
+              0);
+    kept = tilted({file("kept.glb")});
+    EXPECT_EQ(kept["kernels"]["source"], kind);
+    EXPECT_EQ(kept["layers"], asked["layers"]) << kind;
+  }
+}
+
+TEST_F(ShadowCommand, AKernelFileNamesItsGroups) {
+  const std::string square = file("square.obj");
+  ASSERT_EQ(penumbra({"kernels", square, "--group", "all", "--output", file("k.json")}).exit_code,
+            0);
+  auto json = nlohmann::json::parse(bytes_of(file("k.json")));
+  EXPECT_EQ(json["groups"], nlohmann::json({"all"}));
+  for (const auto& wrong : {nlohmann::json("all"), nlohmann::json({"all", 3}),
+                            nlohmann::json(std::vector<std::string>(1001, "all"))}) {
+    json["groups"] = wrong;
+    write("wrong.json", json.dump());
+    expect_failure(penumbra({"shadow", square, "--kernels", file("wrong.json")}),
+                   {"wrong.json", "groups"});
+  }
+}
+
+// Numbers in millimetres, or of a broken writer: nothing on a table is a thousand kilometres off.
+TEST_F(ShadowCommand, KernelsFarAwayAreRefused) {
+  const std::string square = file("square.obj");
+  ASSERT_EQ(penumbra({"kernels", square, "--output", file("k.json")}).exit_code, 0);
+  auto json = nlohmann::json::parse(bytes_of(file("k.json")));
+  json["kernels"][4] = -1e9;
+  write("far.json", json.dump());
+  expect_failure(penumbra({"shadow", square, "--kernels", file("far.json")}),
+                 {"far.json", "kernels[4]", "-1e+09 m"});
+}
+
+TEST_F(ShadowCommand, StoredKernelsAreReadWithOtherAxesToo) {
+  const std::string model = (source_dir() / "scenes" / "models" / "l_shape.glb").string();
+  ASSERT_EQ(penumbra({"kernels", model, "--up", "0,-1,0", "--output", file("kept.glb")}).exit_code,
+            0);
+  EXPECT_EQ(layers({file("kept.glb"), "--up", "z"})["kernels"]["source"], "stored");
+  EXPECT_EQ(last_warnings_, "");
 }
 
 TEST_F(ShadowCommand, AModelThatIsWrittenAnewKeepsItsNames) {

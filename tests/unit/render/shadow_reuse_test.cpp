@@ -61,12 +61,14 @@ Placement turned(const Placement& placement, const Eigen::Vector3d& axis, double
 class Stage {
  public:
   Stage(ShadowTechnique technique, std::shared_ptr<const Model> model, const Placement& start,
-        LightMode light_mode = LightMode::proportional)
+        LightMode light_mode = LightMode::proportional,
+        KernelSource kernels = KernelSource::automatic)
       : scene_([&] {
           SceneBuilder builder;
           builder.add(std::move(model), start);
           builder.scene().shadows[0].technique = technique;
           builder.scene().shadows[0].light_mode = light_mode;
+          builder.scene().shadows[0].kernels = kernels;
           builder.scene().shadows[0].layered = make_layered_constants(0.6, 2.5, 0.0).value();
           return builder.build();
         }()),
@@ -242,6 +244,22 @@ TEST(StoredKernels, WithoutThicknessServeNoLightOfOneSize) {
           << stamp << " " << to_string(mode);
     }
   }
+}
+
+TEST(StoredKernels, ForOtherTiltsAreOfTheirKind) {
+  const Placement tilted = turned(test::at(0.0, 0.0, 0.08), {1, 0, 0}, 20.0 * kDegree);
+  const auto picture = [&](std::shared_ptr<const Model> model, KernelSource source) {
+    Stage stage(ShadowTechnique::layered, std::move(model), tilted, LightMode::proportional,
+                source);
+    return stage.draw(tilted);
+  };
+  const Picture automatic = picture(l_model(), KernelSource::automatic);
+  const Picture centroid = picture(l_model(), KernelSource::centroid);
+  ASSERT_NE(automatic, centroid);
+  EXPECT_EQ(picture(l_with_stored_kernels("g-p-cocl"), KernelSource::automatic), centroid);
+  EXPECT_EQ(picture(l_with_stored_kernels("g-p-auto"), KernelSource::automatic), automatic);
+  EXPECT_EQ(picture(l_with_stored_kernels("g-p-smooth"), KernelSource::centroid), centroid)
+      << "a kind that is asked for goes before";
 }
 
 TEST(ShadowField, ATiltThatMovesNoEdgeIsReused) {
