@@ -245,6 +245,8 @@ void RunRecorder::add_work(const CompositeStats& drawn) {
   work_.proxy_shadows += drawn.proxy_shadows;
   work_.proxy_checks += drawn.proxy_checks;
   work_.proxy_faces_saved += drawn.proxy_faces_saved;
+  work_.masks_drawn += drawn.masks_drawn;
+  work_.masks_kept += drawn.masks_kept;
   work_.faces_tested += drawn.faces_tested;
   work_.faces_twisted += drawn.faces_twisted;
   work_.passes_drawn += drawn.passes_drawn;
@@ -282,6 +284,8 @@ std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
       {"proxy_shadows", work_.proxy_shadows},
       {"proxy_checks", work_.proxy_checks},
       {"proxy_faces_saved", work_.proxy_faces_saved},
+      {"phantom_masks_drawn", work_.masks_drawn},
+      {"phantom_masks_kept", work_.masks_kept},
       {"kernel_faces", work_.faces_tested},
       {"twisted_faces", work_.faces_twisted},
       {"passes_drawn", work_.passes_drawn},

@@ -10,6 +10,7 @@
 #include "render/gl/framebuffer.hpp"
 #include "render/passes/hard_pass.hpp"
 #include "render/passes/object_pass.hpp"
+#include "render/passes/phantom_shadow_pass.hpp"
 #include "render/passes/ray_pass.hpp"
 #include "render/passes/receivers.hpp"
 #include "render/passes/shadow_pass.hpp"
@@ -64,6 +65,7 @@ struct Compositor::Impl {
   ObjectPass objects;
   Receivers receivers;
   ShadowPass shadows;
+  PhantomShadowPass phantom_shadows;
   HardPass hard_shadows;
   VolumePass volumes;
   RayPass rays;
@@ -86,6 +88,8 @@ void add(CompositeStats& to, const CompositeStats& stats) {
   to.proxy_shadows += stats.proxy_shadows;
   to.proxy_checks += stats.proxy_checks;
   to.proxy_faces_saved += stats.proxy_faces_saved;
+  to.masks_drawn += stats.masks_drawn;
+  to.masks_kept += stats.masks_kept;
   to.faces_tested += stats.faces_tested;
   to.faces_twisted += stats.faces_twisted;
   to.skipped.insert(to.skipped.end(), stats.skipped.begin(), stats.skipped.end());
@@ -133,13 +137,14 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   m.shadows.prepare(*m.scene, plan, work);
   m.hard_shadows.prepare(*m.scene, plan, work);
   m.volumes.prepare(*m.scene, plan, work);
+  int calls = m.phantom_shadows.prepare(*m.scene, plan, m.shadows, work);
   shadow_clock.add_to(m.stats.shadow_ms, m.stats.shadow_cpu_ms);
 
   const Stopwatch render_clock;
   m.framebuffer.bind();
   m.video.upload(frame);
   if (auto drawn = m.video.draw(frame); !drawn) return tl::unexpected(drawn.error());
-  int calls = 1;
+  ++calls;
   if (plan.has_pose) {
     glDepthMask(GL_TRUE);
     glStencilMask(0xFF);
@@ -149,6 +154,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     // A phantom under a plane is not what its pixels show.
     calls += m.receivers.begin_frame(plan, m.lens, !plan.volumes.empty());
     calls += m.shadows.draw(plan, m.lens, m.receivers);
+    calls += m.phantom_shadows.draw(*m.scene, plan, m.lens, m.objects);
     calls += m.hard_shadows.draw(*m.scene, plan, m.lens, m.receivers);
     calls += m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer);
     calls += m.rays.draw(*m.scene, plan, m.lens);
@@ -173,6 +179,8 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   m.stats.proxy_shadows = work.proxy_shadows;
   m.stats.proxy_checks = work.proxy_checks;
   m.stats.proxy_faces_saved = work.proxy_faces_saved;
+  m.stats.masks_drawn = work.masks_drawn;
+  m.stats.masks_kept = work.masks_kept;
   m.stats.faces_tested = work.faces_tested;
   m.stats.faces_twisted = work.faces_twisted;
   return m.stats;

@@ -32,6 +32,8 @@ struct CompositeStats {
   std::int64_t proxy_shadows = 0;      // drawn from a reduced mesh
   std::int64_t proxy_checks = 0;       // times that a reduced mesh was compared with its model
   std::int64_t proxy_faces_saved = 0;  // by those drawn, over all their layers
+  // Of the shadows on phantoms, a picture for each level: drawn, and kept from a frame before.
+  std::int64_t masks_drawn = 0, masks_kept = 0;
   // Faces of the kernel sets made in this frame, and those that turn over in some layer.
   std::int64_t faces_tested = 0, faces_twisted = 0;
   // What the plan asked for and could not be drawn; counted in passes_skipped.

@@ -48,17 +48,22 @@ std::pair<double, double> heights_above(const PlaneFrame& plane, const BoxCorner
   return {bottom, top};
 }
 
+// Holds the box's image straight down.
+Disc footprint(const BoxCorners& corners, const PlaneFrame& plane) {
+  Disc disc;
+  for (const Eigen::Vector3d& corner : corners)
+    disc.centre += plane.to_plane(corner).head<2>() / 8.0;
+  for (const Eigen::Vector3d& corner : corners) {
+    disc.radius = std::max(disc.radius, (plane.to_plane(corner).head<2>() - disc.centre).norm());
+  }
+  return disc;
+}
+
 // Holds every layer. A kernel lies inside the footprint's bounding circle of radius r, so an
 // imaginary vertex k + s (x - k) is at most s r + (s - 1) r away from its centre. The rest is
 // slack for kernels that stand a raster cell outside.
 Disc shadow_bounds(const BoxCorners& corners, const ShadowDraw& draw, double top) {
-  Disc disc;
-  for (const Eigen::Vector3d& corner : corners)
-    disc.centre += draw.plane_frame.to_plane(corner).head<2>() / 8.0;
-  for (const Eigen::Vector3d& corner : corners) {
-    disc.radius =
-        std::max(disc.radius, (draw.plane_frame.to_plane(corner).head<2>() - disc.centre).norm());
-  }
+  Disc disc = footprint(corners, draw.plane_frame);
   double s = 1.0;
   // A part's light at the middle of the part, no larger than a times the disc: the image of its rim
   // is at most r + 2 t r + a t r away, less than the (2 s - 1) r of kernels.
@@ -203,8 +208,34 @@ class Planner {
     }
     if (draw.opacity <= 0.0F) return;  // told of the object
     if (draw.technique == ShadowTechnique::simple) draw.umbra = draw.penumbra = false;
+    plan_phantoms_under(draw, object);
     if (options_.skip && !something_to_see(draw, object, plane)) return;
     plan_.shadows.push_back(draw);
+  }
+
+  // Of every height of a phantom its layers are others than on the plane: whether there are any is
+  // not known here.
+  void plan_phantoms_under(const ShadowDraw& draw, const SceneObject& object) {
+    const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
+    const double top = heights_above(draw.plane_frame, corners).second;
+    const Disc shadow = shadow_bounds(corners, draw, top);
+    for (const ObjectDraw& phantom : plan_.phantoms) {
+      if (phantom.object == draw.object) continue;
+      const Model& model = *scene_.objects[static_cast<std::size_t>(phantom.object)].model;
+      const BoxCorners box = box_corners(model, phantom.T_table_object);
+      // Kernels from a file may lie anywhere, and so may the layers.
+      const bool bounded =
+          draw.technique != ShadowTechnique::layered || !object.model->shadow_kernel_up;
+      const Disc receiver = footprint(box, draw.plane_frame);
+      const auto [low, high] = heights_above(draw.plane_frame, box);
+      const bool apart =
+          bounded && (shadow.centre - receiver.centre).norm() > shadow.radius + receiver.radius;
+      if (options_.skip && (apart || high <= 0.0 || top < low)) continue;
+      PhantomShadowDraw& under = plan_.phantom_shadows.emplace_back();
+      under.phantom = phantom.object;
+      under.shadow = draw;
+      under.shadow.opacity = std::min(draw.opacity, phantom.opacity);
+    }
   }
 
   static std::vector<int> planes_of(const ShadowNode& node, ShadowTechnique technique) {

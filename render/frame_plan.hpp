@@ -57,6 +57,14 @@ struct ShadowDraw {
   float opacity = 1.0F;                               // of caster and plane together
 };
 
+// The part of such a shadow that falls on a phantom before it reaches the plane. Cast straight down
+// on every height of the phantom as on a plane there, so that layers tell the height above what
+// they fall on.
+struct PhantomShadowDraw {
+  int phantom = 0;    // index into Scene::objects, one of FramePlan::phantoms
+  ShadowDraw shadow;  // on the plane; its opacity is the phantom's as well, its layers are all
+};
+
 // Lights whose hard shadows one plane can show.
 inline constexpr std::size_t kMaxHardLights = 7;
 
@@ -115,6 +123,7 @@ struct FramePlan {
   std::vector<ObjectDraw> objects;
   std::vector<PlaneReceiver> receivers;  // of all nodes' techniques, seen or not, each once
   std::vector<ShadowDraw> shadows;
+  std::vector<PhantomShadowDraw> phantom_shadows;
   std::vector<HardShadowDraw> hard_shadows;
   std::vector<ShadowVolumeDraw> volumes;
   std::vector<LightRayDraw> rays;

@@ -15,7 +15,8 @@ std::string preamble(GlApi api, std::span<const std::string_view> defines) {
                                         : "#version 300 es\n"
                                           "precision highp float;\n"
                                           "precision highp int;\n"
-                                          "precision highp sampler2D;\n";
+                                          "precision highp sampler2D;\n"
+                                          "precision highp sampler2DArray;\n";
   for (const std::string_view name : defines) text += fmt::format("#define {}\n", name);
   return text;
 }

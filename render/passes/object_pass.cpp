@@ -35,8 +35,8 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
                 kMaxLights);
   }
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "object.vert.glsl"};
-  constexpr std::array<std::string_view, 3> kFragment = {"ambient.glsl", "light_share.glsl",
-                                                         "object.frag.glsl"};
+  constexpr std::array<std::string_view, 4> kFragment = {"ambient.glsl", "light_share.glsl",
+                                                         "shadow_mask.glsl", "object.frag.glsl"};
   auto program = ShaderProgram::link(api, kVertex, kFragment, kLightDefines);
   if (!program) return tl::unexpected(program.error());
   ObjectPass pass(std::move(*program));
@@ -123,6 +123,7 @@ int ObjectPass::draw_all(const Scene& scene, std::span<const ObjectDraw> draws,
           texture >= 0 && static_cast<std::size_t>(texture) < gpu->textures.size();
       program_.set("has_texture", textured ? 1 : 0);
       program_.set("base_color_texture", 0);
+      program_.set("shadow_mask", kShadowMaskUnit);  // kinds of samplers share no unit
       if (textured) gpu->textures[static_cast<std::size_t>(texture)].bind(0);
       mesh.layout.bind();
       glDrawElements(GL_TRIANGLES, mesh.index_count, GL_UNSIGNED_INT, nullptr);
@@ -214,6 +215,25 @@ int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const 
   program_.set("eye", to_gl(plan.T_table_camera.translation()));
   program_.set("opacity", opacity);
   program_.set("darkens", add_up ? 2 : 1);
+  glFrontFace(GL_CW);
+  const int calls = draw_all(scene, {&draw, 1}, plan.T_table_camera);
+  program_.set("darkens", 0);
+  return calls;
+}
+
+int ObjectPass::draw_under_shadows(const Scene& scene, const ObjectDraw& draw,
+                                   const FramePlan& plan, const LensUniforms& lens,
+                                   const ShadowMask& mask) const {
+  program_.use();
+  set_lens(program_, lens);
+  program_.set("eye", to_gl(plan.T_table_camera.translation()));
+  program_.set("mask_from_table", mask.plane_from_table);
+  program_.set("mask_normal", mask.normal);
+  program_.set("mask_origin", mask.origin);
+  program_.set("mask_extent", mask.extent);
+  program_.set("mask_levels", std::span<const glm::vec4>(mask.levels));
+  program_.set("mask_count", mask.level_count);
+  program_.set("darkens", 3);
   glFrontFace(GL_CW);
   const int calls = draw_all(scene, {&draw, 1}, plan.T_table_camera);
   program_.set("darkens", 0);

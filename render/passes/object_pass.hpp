@@ -1,6 +1,11 @@
 // Virtual objects with light and depth, and phantoms with depth alone.
 #pragma once
 
+#include <array>
+#include <glm/mat4x3.hpp>
+#include <glm/vec2.hpp>
+#include <glm/vec3.hpp>
+#include <glm/vec4.hpp>
 #include <map>
 #include <memory>
 #include <span>
@@ -18,6 +23,19 @@ namespace penumbra {
 // An edge of this length [m] in the units of a model drawn at this scale; rounded down to a
 // quarter power of two times it, so that models at like scales are uploaded once.
 [[nodiscard]] float longest_model_edge(double longest_edge_m, double scale);
+
+inline constexpr int kShadowMaskUnit = 1;  // of a MaskStack that is read
+inline constexpr std::size_t kMostReceivingLevels = 16;
+
+// Shadows that fall along a plane's normal, at several heights above it; the picture of each is
+// bound to kShadowMaskUnit.
+struct ShadowMask {
+  glm::mat4x3 plane_from_table{0.0F};  // -> (u, v, h)
+  glm::vec3 normal{0.0F};              // of the plane, table frame
+  glm::vec2 origin{0.0F}, extent{1.0F};
+  int level_count = 0;
+  std::array<glm::vec4, kMostReceivingLevels / 4> levels{};  // heights [m], ascending
+};
 
 class ObjectPass {
  public:
@@ -38,6 +56,11 @@ class ObjectPass {
   // the encoded picture, or with `add_up` the blocked share of its light, linear, times `opacity`.
   int draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                     const LensUniforms& lens, int light, float opacity, bool add_up) const;
+
+  // The same, in what shadows leave of the encoded picture. What they leave as it is, and what is
+  // under the plane, is discarded.
+  int draw_under_shadows(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+                         const LensUniforms& lens, const ShadowMask& mask) const;
 
  private:
   struct GpuMesh {

@@ -744,9 +744,33 @@ std::size_t ShadowPass::surface_for(const ShadowDraw& draw, const FramePlan& pla
   return finest;
 }
 
+std::size_t ShadowPass::prepare_flat(const Scene& scene, const PhantomShadowDraw& draw, int level,
+                                     const PlaneFrame& plane, ShadowWork& work) {
+  ShadowDraw shadow = draw.shadow;
+  shadow.plane_frame = plane;
+  Caster& caster = caster_of(scene, shadow.object);
+  Prepared& prepared =
+      flat_prepared_[{shadow.node, shadow.object, shadow.plane, draw.phantom, level}];
+  prepared.surface = 0;  // no lens: straight edges may be of any length
+  if (caster.whole.geometry.indices.empty()) {
+    prepared.layers = {};
+    prepared.valid = false;
+  } else {
+    // Triples are of casters, planes and lights: a phantom's levels are none of their own.
+    const auto [reprojections, recomputed] = std::pair(work.reprojections, work.recomputed);
+    prepare_one(shadow, caster, prepared, work);
+    work.reprojections = reprojections;
+    work.recomputed = recomputed;
+  }
+  flats_.emplace_back(shadow, Item{&caster, &prepared, shadow.node, shadow.object, shadow.plane,
+                                   shadow.plane_frame});
+  return flats_.size() - 1;
+}
+
 void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work) {
   ++frame_count_;
   items_.clear();
+  flats_.clear();
   std::map<std::tuple<int, int, int>, int> repeats;
   for (const ShadowDraw& draw : plan.shadows) {
     Caster& caster = caster_of(scene, draw.object);
@@ -795,13 +819,12 @@ std::vector<CasterKernels> ShadowPass::kernels_in_use() {
   return in_use;
 }
 
-int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer,
+int ShadowPass::draw_layers(const ShadowDraw& draw, const Item& it, int first_layer,
                             int count) const {
-  const Item& it = items_[item];
   const LayerGeometry& layer = it.prepared->layers[static_cast<std::size_t>(first_layer)];
   if (layer.source == LayerSource::nothing) return 0;
   const ShaderProgram& p = shadow_program_;
-  if (layer.source == LayerSource::field) return draw_field(draw, item, first_layer, count);
+  if (layer.source == LayerSource::field) return draw_field(draw, it, first_layer, count);
   p.use();
   const bool layered = draw.technique == ShadowTechnique::layered;
   // H = inf, or a simple shadow, has 1/H = 0; a simple shadow casts its middle layer at factor 1.
@@ -841,9 +864,9 @@ int ShadowPass::draw_layers(const ShadowDraw& draw, std::size_t item, int first_
   return 1;
 }
 
-int ShadowPass::draw_field(const ShadowDraw& draw, std::size_t item, int first_layer,
+int ShadowPass::draw_field(const ShadowDraw& draw, const Item& item, int first_layer,
                            int count) const {
-  const Prepared& prepared = *items_[item].prepared;
+  const Prepared& prepared = *item.prepared;
   std::array<bool, 3> wanted{};
   for (std::size_t i = 0; i < 3; ++i) {
     const auto layer = static_cast<int>(i);
@@ -854,6 +877,35 @@ int ShadowPass::draw_field(const ShadowDraw& draw, std::size_t item, int first_l
   return 1;
 }
 
+// All the layers that are whole and follow each other in one instanced draw: instances are drawn in
+// order. Those of a field in one rectangle.
+int ShadowPass::draw_all_layers(const ShadowDraw& draw, const Item& item) const {
+  const auto& layers = item.prepared->layers;
+  int calls = 0;
+  for (int first = 0; first < 3;) {
+    int count = 1;
+    const auto source = [&layers](int layer) {
+      return layers[static_cast<std::size_t>(layer)].source;
+    };
+    const bool together =
+        source(first) == LayerSource::whole || source(first) == LayerSource::field;
+    while (together && first + count < 3 && source(first + count) == source(first)) ++count;
+    calls += draw_layers(draw, item, first, count);
+    first += count;
+  }
+  return calls;
+}
+
+int ShadowPass::draw_flat(std::size_t flat, const LensUniforms& camera,
+                          const glm::mat4x3& camera_from_plane) {
+  const auto& [draw, item] = flats_.at(flat);
+  shadow_program_.use();
+  set_lens(shadow_program_, camera);
+  shadow_program_.set("camera_from_plane", camera_from_plane);
+  field_quad_.begin(camera, camera_from_plane);
+  return draw_all_layers(draw, item);
+}
+
 int ShadowPass::draw_plane(const FramePlan& plan, int plane) const {
   std::vector<std::size_t> casters;
   for (std::size_t i = 0; i < plan.shadows.size(); ++i) {
@@ -861,25 +913,10 @@ int ShadowPass::draw_plane(const FramePlan& plan, int plane) const {
   }
   int calls = 0;
   if (casters.size() == 1) {
-    // All the layers that are whole and follow each other in one instanced draw: instances are
-    // drawn in order. Those of a field in one rectangle.
-    const std::size_t item = casters.front();
-    const auto& layers = items_[item].prepared->layers;
-    for (int first = 0; first < 3;) {
-      int count = 1;
-      const auto source = [&layers](int layer) {
-        return layers[static_cast<std::size_t>(layer)].source;
-      };
-      const bool together =
-          source(first) == LayerSource::whole || source(first) == LayerSource::field;
-      while (together && first + count < 3 && source(first + count) == source(first)) ++count;
-      calls += draw_layers(plan.shadows[item], item, first, count);
-      first += count;
-    }
-    return calls;
+    return draw_all_layers(plan.shadows[casters.front()], items_[casters.front()]);
   }
   for (int layer = 0; layer < 3; ++layer) {
-    for (const std::size_t item : casters) calls += draw_layers(plan.shadows[item], item, layer, 1);
+    for (const std::size_t i : casters) calls += draw_layers(plan.shadows[i], items_[i], layer, 1);
   }
   return calls;
 }

@@ -11,6 +11,7 @@
 #include <span>
 #include <string>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 #include "render/camera_gl.hpp"
@@ -44,6 +45,9 @@ struct ShadowWork {
   std::int64_t proxy_faces_saved = 0;  // over the layers drawn
   std::int64_t faces_tested = 0;       // of the kernel sets made: for twists
   std::int64_t faces_twisted = 0;
+  // Pictures of the shadows on a phantom: drawn, and kept as they were.
+  std::int64_t masks_drawn = 0;
+  std::int64_t masks_kept = 0;
   std::vector<SkippedPass> skipped;  // what only the geometry can tell
 };
 
@@ -63,6 +67,13 @@ class ShadowPass {
   void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
   // The plan must be the one prepared, and `receivers` begun for it. Number of draw calls.
   int draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers);
+  // One more shadow than the plan's `shadows`, of the same frame: on a plane that is parallel to
+  // its own, the `level`th of its phantom. For draw_flat(), until the next prepare().
+  std::size_t prepare_flat(const Scene& scene, const PhantomShadowDraw& draw, int level,
+                           const PlaneFrame& plane, ShadowWork& work);
+  // All of its layers, where the tests and masks as they are let them; with a camera without
+  // distortion. Number of draw calls.
+  int draw_flat(std::size_t flat, const LensUniforms& camera, const glm::mat4x3& camera_from_plane);
   // Of those shadows of the last plan that are made with kernels; takes milliseconds for kernels
   // that it was not asked for before.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use();
@@ -189,8 +200,10 @@ class ShadowPass {
   static void upload_clipped(std::span<const CasterVertex> faces, Prepared& prepared);
   void make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
   int draw_plane(const FramePlan& plan, int plane) const;
-  int draw_layers(const ShadowDraw& draw, std::size_t item, int first_layer, int count) const;
-  int draw_field(const ShadowDraw& draw, std::size_t item, int first_layer, int count) const;
+  struct Item;
+  int draw_all_layers(const ShadowDraw& draw, const Item& item) const;
+  int draw_layers(const ShadowDraw& draw, const Item& item, int first_layer, int count) const;
+  int draw_field(const ShadowDraw& draw, const Item& item, int first_layer, int count) const;
 
   ShaderProgram shadow_program_;
   FieldQuad field_quad_;
@@ -209,6 +222,9 @@ class ShadowPass {
     PlaneFrame plane_frame;
   };
   std::vector<Item> items_;  // one per shadow of the plan
+  // (node, object, plane, phantom, level).
+  std::map<std::tuple<int, int, int, int, int>, Prepared> flat_prepared_;
+  std::vector<std::pair<ShadowDraw, Item>> flats_;
   std::uint64_t frame_count_ = 0;
 };
 

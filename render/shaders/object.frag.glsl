@@ -1,6 +1,6 @@
 // Metal-rough surface under a few lights and a hemisphere of ambient light. Linear light inside,
-// sRGB-encoded when written, as the video is. Or, where shadow volumes fall on the surface, what is
-// left of its light.
+// sRGB-encoded when written, as the video is. Or, where shadows fall on the surface, what is left of
+// its light.
 in vec3 place;
 in vec3 facing;
 in vec2 surface;
@@ -15,7 +15,8 @@ uniform float roughness;
 uniform int has_texture;
 uniform sampler2D base_color_texture;  // decoded to linear light by the sampler
 uniform vec3 eye;                      // table frame
-uniform int darkens;    // 1: a factor for the picture; 2: the blocked share, for light_sum.frag.glsl
+uniform int darkens;    // 1: a factor for the picture; 2: the blocked share, for light_sum.frag.glsl;
+                        // 3: a factor, by shadow_mask.glsl
 uniform float opacity;  // of the shadow
 
 void main() {
@@ -23,6 +24,12 @@ void main() {
   float normal_length = length(facing);
   vec3 n = normal_length > 0.0 ? facing / normal_length : view;
   if (dot(n, view) < 0.0 && !gl_FrontFacing) n = -n;  // the inside of an open surface
+  if (darkens == 3) {
+    float left = left_under_mask(place, n);
+    if (left > 0.999) discard;
+    color = vec4(vec3(left), 1.0);
+    return;
+  }
   if (darkens != 0) {
     color = darkening(blocked_share(place, n), opacity, darkens == 2);
     return;

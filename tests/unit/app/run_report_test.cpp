@@ -100,8 +100,8 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   EXPECT_EQ(json["work"]["kernel_faces"], 250);
   EXPECT_EQ(json["work"]["twisted_faces"], 20);
   EXPECT_EQ(json["work"]["passes_drawn"], 15);
-  for (const char* counter :
-       {"kernel_generations", "reprojections", "triples_recomputed", "passes_skipped"}) {
+  for (const char* counter : {"kernel_generations", "reprojections", "triples_recomputed",
+                              "passes_skipped", "phantom_masks_drawn", "phantom_masks_kept"}) {
     EXPECT_TRUE(json["work"].contains(counter)) << counter;
   }
   // 5 captures would be told by the source; here one of 1 ms, 5 tracked of 3 ms, one encoded of 2

@@ -1,0 +1,28 @@
+// One-channel pictures of one size, drawn one by one and read as an array texture: what a shadow
+// leaves of the light, at several heights.
+#pragma once
+
+#include "render/gl/handle.hpp"
+
+namespace penumbra {
+
+class MaskStack {
+ public:
+  MaskStack();
+
+  // Storage is kept while this stays as it was; what is in it is not defined afterwards.
+  void resize(int width, int height, int count);
+  // For drawing, with its viewport; all 1.
+  void begin(int index) const;
+  // Sampled linearly, with the edge's values beyond it; row 0 of what was drawn is at 0.
+  void bind(int unit) const;
+
+ private:
+  GlHandle<FramebufferTraits> framebuffer_;
+  GlHandle<TextureTraits> texture_;
+  int width_ = 0;
+  int height_ = 0;
+  int count_ = 0;
+};
+
+}  // namespace penumbra
