@@ -7,7 +7,10 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <optional>
+#include <stdexcept>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "app/study/study_plan.hpp"
@@ -223,6 +226,57 @@ TEST(Window, StudyWritesTheScriptedDrags) {
   EXPECT_EQ(at, rows.size());
 }
 
+// One picture for ever, so that what stands on the table stays where it is on the screen.
+class StillView {
+ public:
+  explicit StillView(const fs::path& folder) : folder_(folder / "still") {
+    fs::create_directories(folder_ / "frames");
+    const fs::path source = bundled("tabletop");
+    for (const char* file : {"camera.yaml", "tags.yaml"})
+      fs::copy_file(source / file, folder_ / file);
+    const std::vector<std::string> poses = lines_of(bytes_of(source / "groundtruth.tum"));
+    const auto first = std::ranges::find_if(poses, [](const auto& line) { return line[0] != '#'; });
+    if (first == poses.end()) throw std::runtime_error("the recording has no poses");
+    const std::string pose = first->substr(first->find(' '));
+    constexpr int kPictures = 60;
+    {
+      std::ofstream truth(folder_ / "groundtruth.tum"), times(folder_ / "timestamps.csv");
+      times << "frame,timestamp_s,file\n";
+      for (int i = 0; i < kPictures; ++i) {
+        fs::copy_file(source / "frames" / "000000.jpg",
+                      folder_ / "frames" / fmt::format("{:06}.jpg", i));
+        truth << fmt::format("{:.6f}{}\n", 100.0 + i / 30.0, pose);
+        times << fmt::format("{},{:.6f},frames/{:06}.jpg\n", i, 100.0 + i / 30.0, i);
+      }
+    }
+    camera_ = load_camera(folder_ / "camera.yaml").value();
+    T_table_camera_ =
+        load_trajectory(folder_ / "groundtruth.tum").value().poses.front().T_table_camera;
+  }
+  [[nodiscard]] const fs::path& folder() const { return folder_; }
+  [[nodiscard]] Eigen::Vector2d pixel(const Eigen::Vector3d& place) const {
+    return camera_->project(T_table_camera_.inverse() * place).value().array().round();
+  }
+  // Runs it in a window, with a hand at the mouse.
+  [[nodiscard]] ProgramResult answer(const char* hand, const StudyDesign& design,
+                                     const fs::path& results, const std::string& what,
+                                     const std::vector<std::string>& more = {}) const {
+    auto arguments = arguments_of(design, results, "");
+    arguments.resize(arguments.size() - 2);  // nobody's script
+    *(std::ranges::find(arguments, "--recording") + 1) = folder_.string();
+    arguments.insert(arguments.end(), {"--poses-from", "groundtruth"});
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    arguments.insert(arguments.begin(), {source_dir() / "tests" / "support" / hand, results, what,
+                                         program().string()});
+    return run_program(source_dir() / "tests" / "support" / "with-display", arguments);
+  }
+
+ private:
+  fs::path folder_;
+  std::optional<CameraModel> camera_;
+  CameraPose T_table_camera_;
+};
+
 // A person's way through it: clicks that the X server sends, times of the clock on the wall. The
 // second half is done after the window was closed.
 TEST(Window, APersonAnswersWithTheMouse) {
@@ -230,29 +284,7 @@ TEST(Window, APersonAnswersWithTheMouse) {
   ASSERT_EQ(std::system("command -v xdotool >/dev/null"), 0) << "scripts/setup installs it";
   const TemporaryFolder folder;
   const fs::path results = folder.path() / "answers.csv";
-  // One picture for ever, so that a sphere stays where it is on the screen.
-  const fs::path still = folder.path() / "still";
-  fs::create_directories(still / "frames");
-  const fs::path source = bundled("tabletop");
-  for (const char* file : {"camera.yaml", "tags.yaml"}) fs::copy_file(source / file, still / file);
-  const std::vector<std::string> poses = lines_of(bytes_of(source / "groundtruth.tum"));
-  const auto first = std::ranges::find_if(poses, [](const auto& line) { return line[0] != '#'; });
-  ASSERT_NE(first, poses.end());
-  const std::string pose = first->substr(first->find(' '));
-  constexpr int kPictures = 60;
-  std::ofstream truth(still / "groundtruth.tum"), times(still / "timestamps.csv");
-  times << "frame,timestamp_s,file\n";
-  for (int i = 0; i < kPictures; ++i) {
-    fs::copy_file(source / "frames" / "000000.jpg", still / "frames" / fmt::format("{:06}.jpg", i));
-    truth << fmt::format("{:.6f}{}\n", 100.0 + i / 30.0, pose);
-    times << fmt::format("{},{:.6f},frames/{:06}.jpg\n", i, 100.0 + i / 30.0, i);
-  }
-  truth.close();
-  times.close();
-  const auto camera = load_camera(still / "camera.yaml");
-  const auto T_table_camera = load_trajectory(still / "groundtruth.tum");
-  ASSERT_TRUE(camera && T_table_camera);
-
+  const StillView view(folder.path());
   const StudyPlan plan = plan_study(design_of(StudyExperiment::heights, 2, {"layered", "walls"}));
   ASSERT_EQ(plan.trials.size(), 4U);
   std::vector<std::string> pixels;
@@ -260,23 +292,13 @@ TEST(Window, APersonAnswersWithTheMouse) {
   for (const StudyTrial& trial : plan.trials) {
     const StudySample& sample = plan.samples[static_cast<std::size_t>(trial.sample)];
     chosen.push_back((highest_of(sample) + (trial.number == 2 ? 1 : 0)) % 3);
-    const auto pixel =
-        camera->project(T_table_camera->poses.front().T_table_camera.inverse() *
-                        Eigen::Vector3d(sample.places[static_cast<std::size_t>(chosen.back())]));
-    ASSERT_TRUE(pixel);
-    pixels.push_back(fmt::format("{:.0f},{:.0f}", pixel->x(), pixel->y()));
+    const Eigen::Vector2d pixel =
+        view.pixel(sample.places[static_cast<std::size_t>(chosen.back())]);
+    pixels.push_back(fmt::format("{},{}", pixel.x(), pixel.y()));
   }
   const auto answer = [&](const std::string& at, const std::vector<std::string>& more) {
-    auto arguments = arguments_of(plan.design, results, "");
-    arguments.resize(arguments.size() - 2);  // nobody's script
-    *(std::ranges::find(arguments, "--recording") + 1) = still.string();
-    arguments.insert(arguments.end(), {"--poses-from", "groundtruth"});
-    arguments.insert(arguments.end(), more.begin(), more.end());
-    arguments.insert(arguments.begin(), {source_dir() / "tests" / "support" / "answer-by-mouse",
-                                         results, at, program().string()});
     const Stopwatch watch;
-    const ProgramResult run =
-        run_program(source_dir() / "tests" / "support" / "with-display", arguments);
+    const ProgramResult run = view.answer("answer-by-mouse", plan.design, results, at, more);
     EXPECT_EQ(run.exit_code, 0) << run.err;
     return watch.elapsed().wall_ms;
   };
@@ -297,6 +319,69 @@ TEST(Window, APersonAnswersWithTheMouse) {
     told_ms += 1e-6 * static_cast<double>(rows[i].response_time_ns);
   }
   EXPECT_LT(told_ms, took_ms);  // of one clock: no time is counted twice
+}
+
+// The pixels of a hand that brings the ball onto each target in turn: along the table to above or
+// below it, and up or down from there.
+struct Drags {
+  StudyPlan plan;
+  std::string pixels;
+};
+// Of a sample in which no press meets the ball but that which is due, so that a hand that tries
+// again does no harm.
+Drags separate_drags(const StillView& view) {
+  constexpr double kApart = 32.0;  // [px]: more than the ball's radius, and than a rounded edge
+  for (std::uint64_t seed = 1; seed < 1000; ++seed) {
+    StudyDesign design = design_of(StudyExperiment::drag, 1, {"layered"});
+    design.seed = seed;
+    Drags drags{plan_study(design), ""};
+    const auto& places = drags.plan.samples.front().places;
+    std::vector<Eigen::Vector2d> rests, above;  // of the ball, and of it at the old height
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      rests.push_back(view.pixel(places[i]));
+      if (i == 0) continue;
+      above.push_back(view.pixel({places[i].x(), places[i].y(), places[i - 1].z()}));
+      const auto& [p0, p1, p2] = std::tuple(rests[i - 1], above.back(), rests[i]);
+      drags.pixels += fmt::format("{}{},{},{},{},{},{}", i == 1 ? "" : " ", p0.x(), p0.y(), p1.x(),
+                                  p1.y(), p2.x(), p2.y());
+    }
+    bool apart = true;
+    for (std::size_t i = 0; i < rests.size(); ++i) {
+      for (std::size_t k = 0; k < rests.size(); ++k)
+        apart = apart && (i == k || (rests[i] - rests[k]).norm() > kApart);
+      for (std::size_t k = 0; k < above.size(); ++k) {
+        apart = apart && (rests[i] - above[k]).norm() > kApart &&
+                (i >= above.size() || i == k || (above[i] - above[k]).norm() > kApart);
+      }
+    }
+    if (apart) return drags;
+  }
+  throw std::runtime_error("no sample keeps its places apart");
+}
+
+// The other experiment with a hand at the mouse.
+TEST(Window, APersonDragsWithTheMouse) {
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
+  ASSERT_EQ(std::system("command -v xdotool >/dev/null"), 0) << "scripts/setup installs it";
+  const TemporaryFolder folder;
+  const StillView view(folder.path());
+  const auto [plan, pixels] = separate_drags(view);
+  const fs::path results = folder.path() / "answers.csv";
+  const ProgramResult run = view.answer("drag-in-study", plan.design, results, pixels);
+  EXPECT_EQ(run.exit_code, 0) << run.err;
+  const std::vector<StudyRow> rows = rows_of(results);
+  const std::vector<Eigen::Vector3d>& places = plan.samples.front().places;
+  ASSERT_EQ(rows.size(), places.size() - 1);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    SCOPED_TRACE(i);
+    EXPECT_EQ(rows[i].step, static_cast<int>(i) + 1);
+    EXPECT_EQ(rows[i].places, std::vector{places[i + 1]});
+    EXPECT_TRUE(rows[i].correct);
+    // It is taken by its surface, nearer to the eye than its centre, and pixels are whole ones.
+    EXPECT_LT(rows[i].error_m, plan.design.tolerance_m);
+    EXPECT_GE(rows[i].misses, 1) << "it was let go over the target's place";
+    EXPECT_GT(rows[i].response_time_ns, 0);
+  }
 }
 
 TEST(Study, GoesOnWhereItWasBrokenOff) {
