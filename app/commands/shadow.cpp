@@ -324,8 +324,9 @@ KernelSet choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from
     choice.source = job.kernel_file.string();
     if (!has_stored_kernels_for(mesh, up)) {
       log_warning(
-          "{}: its kernels are for up {:.3g},{:.3g},{:.3g}; the plane's normal is {:.3g},{:.3g},"
-          "{:.3g} for the object",
+          "{}: its kernels are for up {:.3g},{:.3g},{:.3g} and used as they are, though the "
+          "plane's "
+          "normal is {:.3g},{:.3g},{:.3g} for the object; a .glb with kernels gets new ones",
           job.kernel_file.string(), choice.kernels.up.x(), choice.kernels.up.y(),
           choice.kernels.up.z(), up.x(), up.y(), up.z());
     }
@@ -526,7 +527,8 @@ Result<ShadowResult> compute_shadow(const ShadowJob& job) {
     // With as many cells as the renderer uses: what is written is what is painted.
     const ShadowField field = power_distance_layers(
         vertices, mesh.indices, mesh.part,
-        part_lights(part_discs(mesh, up_in_object(job.placement, plane)), job.placement, plane),
+        part_lights(part_discs(mesh, up_in_object(job.placement, plane), kHalfFieldCell, false),
+                    job.placement, plane),
         job.constants);
     for (const auto& [layer, name] : kLayerNames) {
       if (const auto added = add_layer(result, name, field_triangles(field, layer)); !added) {

@@ -482,6 +482,23 @@ void FootprintRaster::fill_small_holes(double share) {
   }
 }
 
+void FootprintRaster::bridge_gaps(int most) {
+  const auto bridge = [most](float* cells, std::size_t step, int count) {
+    int last = -1;  // covered
+    for (int i = 0; i < count; ++i) {
+      if (cells[static_cast<std::size_t>(i) * step] == 0.0F) continue;
+      if (last >= 0 && i - last - 1 <= most) {
+        for (int gap = last + 1; gap < i; ++gap) cells[static_cast<std::size_t>(gap) * step] = 1.0F;
+      }
+      last = i;
+    }
+  };
+  for (int row = 0; row < height_; ++row) bridge(covered_.data() + row_offset(row), 1, width_);
+  for (int column = 0; column < width_; ++column) {
+    bridge(covered_.data() + column, stride(), height_);
+  }
+}
+
 void FootprintRaster::compute_depth() {
   depth_.resize(covered_.size());
   // Columns: steps to the nearest uncovered cell up or down. The margin ends every column.

@@ -25,6 +25,10 @@ class FootprintRaster {
   // Covers enclosed holes of less than `share` of the covered cells: missing faces.
   void fill_small_holes(double share);
 
+  // Covers what is between two covered cells of a row or column that are at most so many apart:
+  // joints.
+  void bridge_gaps(int most);
+
   // Exact Euclidean distance transform: depth() is the distance from a covered cell's centre to the
   // nearest centre that is not covered [cells], 0 in those.
   void compute_depth();

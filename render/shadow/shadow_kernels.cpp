@@ -23,7 +23,10 @@ namespace {
 
 // Relaxed local thickness (shadows.md 2.6); its constants are in kernel_tuning.hpp.
 constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
-constexpr int kCentroidCells = 128;   // along each side
+// Bodies that an author made one part are measured as one across joints of this share of the
+// silhouette's shorter side: else each brick would have the thickness of a brick.
+constexpr double kJointShare = 0.05;
+constexpr int kCentroidCells = 128;  // along each side
 constexpr int kMedianFiner = 2;  // a part's median radius is worth twice the cells along each side
 // However small they would be, a part's median radius has so many cells.
 constexpr int kFewestMedianCells = 32 * 32;
@@ -262,6 +265,7 @@ struct CellSamples {
 struct PartGeometry {
   std::span<const Eigen::Vector2f> points;  // [m], from the part's reference point
   std::span<const std::uint32_t> faces;     // indices into points
+  bool joined = false;                      // of several bodies, with joints between them
 };
 
 // Of the points' bounds along the axes; 0 of none.
@@ -411,6 +415,10 @@ class LocalThickness {
   // Raster, depth and discs of a part; false where it has none.
   bool rasterise(const PartGeometry& part, int side, int cell_budget) {
     if (part.faces.empty() || !raster_.cover(part.points, part.faces, cell_budget)) return false;
+    if (part.joined) {
+      const int shorter = std::min(raster_.width(), raster_.height());
+      raster_.bridge_gaps(std::max(1, static_cast<int>(kJointShare * shorter)));
+    }
     raster_.fill_small_holes(kHoleShare);
     raster_.compute_depth();
     nominal_cell_ =
@@ -656,13 +664,13 @@ std::vector<Eigen::Vector2d> project_along(const ShadowMesh& mesh, const PlaneFr
   return projected;
 }
 
-PartGeometry geometry_of(const PartList& parts, std::size_t part) {
-  return {
-      std::span(parts.points)
-          .subspan(parts.position_begin[part],
-                   parts.position_begin[part + 1] - parts.position_begin[part]),
-      std::span(parts.faces)
-          .subspan(parts.face_begin[part], parts.face_begin[part + 1] - parts.face_begin[part])};
+PartGeometry geometry_of(const PartList& parts, const ShadowMesh& mesh, std::size_t part) {
+  return {std::span(parts.points)
+              .subspan(parts.position_begin[part],
+                       parts.position_begin[part + 1] - parts.position_begin[part]),
+          std::span(parts.faces)
+              .subspan(parts.face_begin[part], parts.face_begin[part + 1] - parts.face_begin[part]),
+          !mesh.joined.empty() && mesh.joined[part]};
 }
 
 ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector3d& up,
@@ -703,7 +711,7 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
   LocalThickness thickness(source == KernelSource::smooth, mesh.part_count, progress, tuning);
   std::vector<PlanarKernel> kernels(count);
   for (std::size_t part = 0; part < mesh.part_count; ++part) {
-    const PartGeometry geometry = geometry_of(parts, part);
+    const PartGeometry geometry = geometry_of(parts, mesh, part);
     thickness.generate(
         geometry, std::span(kernels).subspan(parts.position_begin[part], geometry.points.size()));
   }
@@ -766,7 +774,7 @@ ShadowKernels generate_tuned_kernels(const ShadowMesh& mesh, const Eigen::Vector
 }
 
 std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up,
-                                 double finest_cell) {
+                                 double finest_cell, bool across_joints) {
   PENUMBRA_ASSERT(up.allFinite() && up.squaredNorm() > 0.0);
   const PlaneFrame view = PlaneFrame::make(canonical_direction(up), Eigen::Vector3d::Zero());
   const std::vector<Eigen::Vector2d> projected = project_along(mesh, view);
@@ -775,7 +783,9 @@ std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& 
   const float finest_cell_m = static_cast<float>(finest_cell) * extent_of(projected).maxCoeff();
   std::vector<PartDisc> discs(mesh.part_count);
   for (std::size_t part = 0; part < mesh.part_count; ++part) {
-    const PlanarKernel disc = thickness.median(geometry_of(parts, part), finest_cell_m);
+    PartGeometry geometry = geometry_of(parts, mesh, part);
+    geometry.joined = geometry.joined && across_joints;
+    const PlanarKernel disc = thickness.median(geometry, finest_cell_m);
     const std::uint32_t first = parts.positions[parts.position_begin[part]];
     const Eigen::Vector3d centre = to_eigen(mesh.positions[first]) +
                                    static_cast<double>(disc.centre.x()) * view.e1 +
@@ -799,7 +809,7 @@ std::vector<SilhouettePoint> silhouette_points(const ShadowMesh& mesh, const Eig
   if (!(finest_cell_m > 0.0F) || !std::isfinite(finest_cell_m)) return points;
   std::vector<LocalThickness::CellKernel> samples;
   for (std::size_t part = 0; part < mesh.part_count; ++part) {
-    const float side = thickness.sample(geometry_of(parts, part), finest_cell_m, samples);
+    const float side = thickness.sample(geometry_of(parts, mesh, part), finest_cell_m, samples);
     const Eigen::Vector3d first =
         to_eigen(mesh.positions[parts.positions[parts.position_begin[part]]]);
     const auto in_object = [&](const Eigen::Vector2f& p) {

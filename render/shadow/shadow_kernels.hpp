@@ -44,9 +44,13 @@ struct PartDisc {
   float radius = 0.0F;
 };
 // Silhouettes of small parts are measured in cells of `finest_cell` of the object's extent, half a
-// cell of its shadow field; 0: as finely as if each were the whole object.
+// cell of its shadow field; 0: as finely as if each were the whole object. `across_joints`: bodies
+// that an author made one are as thick as all of them are, as for kernels. A light as wide as that
+// shines through the joints, which layers of a field show: they are for one as wide as a body.
+inline constexpr double kHalfFieldCell = 1.0 / 512.0;
 [[nodiscard]] std::vector<PartDisc> part_discs(const ShadowMesh& mesh, const Eigen::Vector3d& up,
-                                               double finest_cell = 1.0 / 512.0);
+                                               double finest_cell = kHalfFieldCell,
+                                               bool across_joints = true);
 
 // What the silhouette is made of, point by point: where automatic kernels would be for a surface of
 // a vertex at every point (object frame [m], heights along `up` irrelevant). Each stands for a

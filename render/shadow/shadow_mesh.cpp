@@ -258,8 +258,13 @@ ShadowMesh welded_mesh(const Model& model, std::span<const std::string> groups, 
   }
   for (const auto& edge : collapsed_edges) parts.join(edge[0], edge[1]);
   for (const auto& twins : splitter.twins()) parts.join(twins[0], twins[1]);
+  std::vector<std::uint32_t> joined;  // a position of each part that groups made
   for (const std::vector<std::uint32_t>& group : grouped) {
-    for (const std::uint32_t position : group) parts.join(group.front(), position);
+    for (const std::uint32_t position : group) {
+      if (parts.root(position) == parts.root(group.front())) continue;
+      parts.join(group.front(), position);
+      joined.push_back(position);
+    }
   }
   // A position that no vertex with a kernel made.
   for (std::size_t i = mesh.stored_kernels.size(); stored && i < mesh.positions.size(); ++i) {
@@ -270,6 +275,8 @@ ShadowMesh welded_mesh(const Model& model, std::span<const std::string> groups, 
     const std::uint32_t root = parts.root(i);
     mesh.part[i] = root == i ? mesh.part_count++ : mesh.part[root];
   }
+  if (!joined.empty()) mesh.joined.assign(mesh.part_count, false);
+  for (const std::uint32_t position : joined) mesh.joined[mesh.part[position]] = true;
   std::vector<bool> casts(mesh.part_count, false);
   for (std::size_t i = 0; i < mesh.indices.size(); i += 3) casts[mesh.part[mesh.indices[i]]] = true;
   for (const auto& edge : collapsed_edges) mesh.lost_faces += casts[mesh.part[edge[0]]] ? 0 : 1;

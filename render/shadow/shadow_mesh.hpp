@@ -21,6 +21,9 @@ struct ShadowMesh {
   std::vector<std::uint32_t> indices;  // triangles; those that the welding collapsed are left out
   std::vector<std::uint32_t> part;     // one per position: which connected part it belongs to
   std::uint32_t part_count = 0;
+  // One per part: whether an author made it of several connected ones, as bricks make a wall. Empty
+  // where nobody did.
+  std::vector<bool> joined;
   // Faces of the model in parts of which the welding left none: they cast nothing.
   std::size_t lost_faces = 0;
   std::vector<std::uint32_t>

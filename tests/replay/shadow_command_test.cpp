@@ -482,6 +482,50 @@ TEST_F(ShadowCommand, GroupsArePartsThatShareALight) {
   EXPECT_EQ(pieces(layers({file("tiles.glb")})), 1U);
 }
 
+// A wall of bricks with joints as wide as masons make them is as thick as the wall, not as a brick:
+// its umbra is one with joints across it, not a brick's in each brick.
+TEST_F(ShadowCommand, AGroupIsMeasuredAcrossItsJoints) {
+  std::string wall;
+  int vertices = 0;
+  const auto brick = [&](double x, double y, double width, double height) {
+    wall += fmt::format("o brick{}\n", vertices / 4);
+    for (const auto& [dx, dy] : {std::pair(0.0, 0.0), {width, 0.0}, {width, height}, {0.0, height}})
+      wall += fmt::format("v {} {} 0.1\n", x + dx, y + dy);
+    const int v = vertices;
+    wall += fmt::format("f {} {} {} {}\n", v + 1, v + 2, v + 3, v + 4);
+    vertices += 4;
+  };
+  for (int row = 0; row < 4; ++row) {
+    for (int column = 0; column < 5; ++column) brick(0.021 * column, 0.011 * row, 0.020, 0.010);
+  }
+  write("wall.obj", wall);
+  // How high its umbra is, joints and all.
+  const auto height = [&](const std::vector<std::string>& words) {
+    double low = 1.0;
+    double high = 0.0;
+    const auto json = layers(words);
+    for (const auto& polygon : json["layers"]["umbra"]["polygons"]) {
+      for (const auto& point : polygon["outer"]) {
+        low = std::min(low, point[1].get<double>());
+        high = std::max(high, point[1].get<double>());
+      }
+    }
+    return high - low;
+  };
+  // A plate of the wall's size.
+  write("plate.obj", "v 0 0 0.1\nv 0.104 0 0.1\nv 0.104 0.043 0.1\nv 0 0.043 0.1\nf 1 2 3 4\n");
+  const double plate = height({file("plate.obj")});
+  EXPECT_NEAR(height({file("wall.obj"), "--group", "brick*"}), plate, 0.03 * plate);
+  EXPECT_GT(height({file("wall.obj")}), 1.1 * plate);
+  // A light as wide as the wall would shine through its joints, and leave a field no umbra.
+  const auto field = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> words = {file("wall.obj"), "--technique", "field"};
+    words.insert(words.end(), more.begin(), more.end());
+    return height(words);
+  };
+  EXPECT_GT(field({"--group", "brick*"}), plate);
+}
+
 TEST_F(ShadowCommand, StoredKernelsOfOtherPartsAreMadeAnew) {
   write("tiles.obj",
         "o left\nv -0.1 0 0.1\nv 0 0 0.1\nv 0 0.1 0.1\nv -0.1 0.1 0.1\nf 1 2 3\nf 1 3 4\n"
