@@ -121,6 +121,11 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
     if (state_with_pose_) result.events = shadow_events(*state_with_pose_, state);
     state_with_pose_ = state;
   }
+  for (const SkippedPass& left_out : result.plan.skipped) {
+    if (left_out.what == "no_light" && told_.insert(left_out.reason).second) {
+      log_warning("{}: no shadow: {}", scene_.file, left_out.reason);
+    }
+  }
   state_ = std::move(state);
   result.plan_time = plan_watch.elapsed();
   drawn_pose_.reset();

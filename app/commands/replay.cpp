@@ -103,7 +103,8 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
           [options](const std::string& list) {
             for (std::size_t at = 0; at <= list.size();) {
               const std::size_t end = std::min(list.find(',', at), list.size());
-              options->compare.push_back(list.substr(at, end - at));
+              const std::size_t first = std::min(list.find_first_not_of(' ', at), end);
+              options->compare.push_back(list.substr(first, end - first));
               at = end + 1;
             }
           },

@@ -115,6 +115,9 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
     model.warnings.push_back(
         fmt::format("{}: was made before the model \"{}\" changed; its kernels are made anew", file,
                     model.name));
+    // What they say of parts and kind holds on.
+    model.shadow_kernel_geometry = kernels.geometry;
+    model.shadow_kernel_groups = kernels.groups;
     return false;
   }
   if (const auto checked = check_one_place_each(model, file); !checked) {

@@ -64,8 +64,9 @@ Result<void> check_groups(const Model& model, std::span<const std::string> group
       list += (i == 0 ? "" : ", ") + names[i];
     }
     if (names.size() > kMostNames) list += ", ...";
-    return fail("group \"{}\": the model \"{}\" has no such node or mesh; {}", group.substr(0, 60),
-                model.name, list.empty() ? "it names none: give all" : "there are: all, " + list);
+    return fail("group \"{}\": the model \"{}\" has no such node, mesh or object; {}",
+                group.substr(0, 60), model.name,
+                list.empty() ? "it names none: give all" : "there are: all, " + list);
   }
   return {};
 }

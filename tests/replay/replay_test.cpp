@@ -377,7 +377,9 @@ class HelicopterReplay : public testing::Test {
  protected:
   HelicopterReplay() {
     std::ofstream(scene()) << R"({"objects":[{"name":"helicopter","position":[0,0,0.08],"model":")"
-                           << model() << R"("}],"shadows":[{"name":"s","technique":"layered"}]})";
+                           << model()
+                           << R"("}],"lights":[{"name":"lamp","kind":"point","position":[0,0,0.7]}],
+                               "shadows":[{"name":"s","technique":"layered"}]})";
   }
   [[nodiscard]] std::string scene() const { return folder_.path() / "scene.json"; }
   [[nodiscard]] std::string file(const char* name) const { return folder_.path() / name; }
@@ -417,6 +419,22 @@ TEST_F(HelicopterReplay, TakesKernelsFromAFile) {
   EXPECT_NE(picture({"--kernels", "cocl"}), automatic);
   // Without a scene's word and without --shadow, a file of another kind than the node's counts.
   EXPECT_NE(picture({"--kernels", "per-axis"}), picture({"--kernels", "cocl"}));
+}
+
+// A light's shadows without a light: told once, whatever the number of frames.
+TEST_F(HelicopterReplay, AMissingLightIsTold) {
+  std::ofstream(scene()) << R"({"objects":[{"name":"helicopter","position":[0,0,0.08],"model":")"
+                         << model() << R"("}],"shadows":[{"name":"s","technique":"layered"}]})";
+  for (const char* technique : {"hard", "volume"}) {
+    const ProgramResult told =
+        penumbra({"replay", bundled("tabletop"), "--frames", "30:33", "--poses-from", "groundtruth",
+                  "--scene", scene(), "--shadow", technique, "--output", file("told")});
+    EXPECT_EQ(told.exit_code, 0);
+    EXPECT_EQ(lines_of(told.err).size(), 1U) << told.err;
+    EXPECT_NE(told.err.find("no shadow: s: the scene has no light"), std::string::npos) << told.err;
+  }
+  picture({"--shadow", "layered"});
+  EXPECT_EQ(last_warnings_, "");
 }
 
 // Told in one line that names the option and the technique; what is of use is not told.

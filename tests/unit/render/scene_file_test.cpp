@@ -219,7 +219,7 @@ TEST_F(SceneFile, ObjectsSayWhatCasts) {
   EXPECT_EQ(two->objects[0].groups.size(), 2U);
   EXPECT_THAT(error_of(object(R"(,"group":["all","no such"])")),
               HasSubstr("/objects/0/group: group \"no such\": the model \"helicopter\" has no such "
-                        "node or mesh; there are: all, "));
+                        "node, mesh or object; there are: all, "));
   EXPECT_THAT(error_of(object(R"(,"group":7)")), HasSubstr("/objects/0/group: is 7; give which"));
   EXPECT_THAT(error_of(object(R"(,"proxy":"nowhere.glb")")), HasSubstr("/objects/0/proxy: "));
   const Result<Scene> own = load(
