@@ -216,26 +216,34 @@ class Planner {
   // Of every height of a phantom its layers are others than on the plane: whether there are any is
   // not known here.
   void plan_phantoms_under(const ShadowDraw& draw, const SceneObject& object) {
+    if (plan_.phantoms.empty()) return;
     const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
-    const double top = heights_above(draw.plane_frame, corners).second;
-    const Disc shadow = shadow_bounds(corners, draw, top);
+    PhantomShadowDraw under;
+    under.shadow = draw;
+    under.top = heights_above(draw.plane_frame, corners).second;
+    const Disc shadow = shadow_bounds(corners, draw, under.top);
+    under.centre = shadow.centre;
+    // Kernels from a file may lie anywhere, and so may the layers.
+    const bool bounded =
+        draw.technique != ShadowTechnique::layered || !object.model->shadow_kernel_up;
+    under.radius = bounded ? shadow.radius : std::numeric_limits<double>::infinity();
+    bool asked = false;
+    bool met = false;
     for (const ObjectDraw& phantom : plan_.phantoms) {
       if (phantom.object == draw.object) continue;
+      asked = true;
       const Model& model = *scene_.objects[static_cast<std::size_t>(phantom.object)].model;
       const BoxCorners box = box_corners(model, phantom.T_table_object);
-      // Kernels from a file may lie anywhere, and so may the layers.
-      const bool bounded =
-          draw.technique != ShadowTechnique::layered || !object.model->shadow_kernel_up;
       const Disc receiver = footprint(box, draw.plane_frame);
       const auto [low, high] = heights_above(draw.plane_frame, box);
-      const bool apart =
-          bounded && (shadow.centre - receiver.centre).norm() > shadow.radius + receiver.radius;
-      if (options_.skip && (apart || high <= 0.0 || top < low)) continue;
-      PhantomShadowDraw& under = plan_.phantom_shadows.emplace_back();
+      const bool apart = (shadow.centre - receiver.centre).norm() > under.radius + receiver.radius;
+      if (options_.skip && (apart || high <= 0.0 || under.top < low)) continue;
+      met = true;
       under.phantom = phantom.object;
-      under.shadow = draw;
       under.shadow.opacity = std::min(draw.opacity, phantom.opacity);
+      plan_.phantom_shadows.push_back(under);
     }
+    if (asked && !met) skip("shadow_misses_phantoms", object.name, "its shadow meets no phantom");
   }
 
   static std::vector<int> planes_of(const ShadowNode& node, ShadowTechnique technique) {

@@ -63,6 +63,10 @@ struct ShadowDraw {
 struct PhantomShadowDraw {
   int phantom = 0;    // index into Scene::objects, one of FramePlan::phantoms
   ShadowDraw shadow;  // on the plane; its opacity is the phantom's as well, its layers are all
+  // On the plane, what holds every layer at every height [m]; without end where kernels are given.
+  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+  double radius = 0.0;
+  double top = 0.0;  // of the caster above the plane, no less than its own [m]
 };
 
 // Lights whose hard shadows one plane can show.

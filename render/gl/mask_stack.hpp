@@ -1,5 +1,5 @@
-// One-channel pictures of one size, drawn one by one and read as an array texture: what a shadow
-// leaves of the light, at several heights.
+// Pictures of one size, drawn one by one and read as an array texture: which of a shadow's layers
+// lies where, at several heights.
 #pragma once
 
 #include "render/gl/handle.hpp"
@@ -10,12 +10,14 @@ class MaskStack {
  public:
   MaskStack();
 
-  // Storage is kept while this stays as it was; what is in it is not defined afterwards.
+  // RGBA of 8 bits. Storage is kept while this stays as it was; what is in it is not defined
+  // afterwards.
   void resize(int width, int height, int count);
-  // For drawing, with its viewport; all 1.
+  // For drawing, with its viewport; all 0.
   void begin(int index) const;
   // Sampled linearly, with the edge's values beyond it; row 0 of what was drawn is at 0.
   void bind(int unit) const;
+  static void unbind(int unit);
 
  private:
   GlHandle<FramebufferTraits> framebuffer_;

@@ -12,6 +12,7 @@
 #include "core/assert.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/light_uniforms.hpp"
+#include "render/shadow/receiving_levels.hpp"
 
 namespace penumbra {
 namespace {
@@ -221,9 +222,8 @@ int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const 
   return calls;
 }
 
-int ObjectPass::draw_under_shadows(const Scene& scene, const ObjectDraw& draw,
-                                   const FramePlan& plan, const LensUniforms& lens,
-                                   const ShadowMask& mask) const {
+int ObjectPass::draw_under_shadow(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+                                  const LensUniforms& lens, const ShadowMask& mask) const {
   program_.use();
   set_lens(program_, lens);
   program_.set("eye", to_gl(plan.T_table_camera.translation()));
@@ -233,6 +233,9 @@ int ObjectPass::draw_under_shadows(const Scene& scene, const ObjectDraw& draw,
   program_.set("mask_extent", mask.extent);
   program_.set("mask_levels", std::span<const glm::vec4>(mask.levels));
   program_.set("mask_count", mask.level_count);
+  program_.set("mask_layer", mask.layer);
+  program_.set("mask_light_left", mask.light_left);
+  program_.set("mask_step", static_cast<float>(kLevelStep));
   program_.set("darkens", 3);
   glFrontFace(GL_CW);
   const int calls = draw_all(scene, {&draw, 1}, plan.T_table_camera);

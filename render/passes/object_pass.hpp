@@ -25,14 +25,16 @@ namespace penumbra {
 [[nodiscard]] float longest_model_edge(double longest_edge_m, double scale);
 
 inline constexpr int kShadowMaskUnit = 1;  // of a MaskStack that is read
-inline constexpr std::size_t kMostReceivingLevels = 16;
+inline constexpr std::size_t kMostReceivingLevels = 64;
 
-// Shadows that fall along a plane's normal, at several heights above it; the picture of each is
-// bound to kShadowMaskUnit.
+// One layer of a shadow that falls along a plane's normal, at several heights above it: a channel
+// of the pictures bound to kShadowMaskUnit.
 struct ShadowMask {
   glm::mat4x3 plane_from_table{0.0F};  // -> (u, v, h)
   glm::vec3 normal{0.0F};              // of the plane, table frame
   glm::vec2 origin{0.0F}, extent{1.0F};
+  int layer = 0;            // the channel
+  float light_left = 1.0F;  // of the encoded picture
   int level_count = 0;
   std::array<glm::vec4, kMostReceivingLevels / 4> levels{};  // heights [m], ascending
 };
@@ -57,10 +59,10 @@ class ObjectPass {
   int draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                     const LensUniforms& lens, int light, float opacity, bool add_up) const;
 
-  // The same, in what shadows leave of the encoded picture. What they leave as it is, and what is
-  // under the plane, is discarded.
-  int draw_under_shadows(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
-                         const LensUniforms& lens, const ShadowMask& mask) const;
+  // The same, in what a shadow's layer leaves of the encoded picture. What is not in it, is under
+  // the plane, or faces away from the light is discarded.
+  int draw_under_shadow(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+                        const LensUniforms& lens, const ShadowMask& mask) const;
 
  private:
   struct GpuMesh {

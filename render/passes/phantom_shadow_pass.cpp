@@ -5,17 +5,17 @@
 #include <algorithm>
 #include <cmath>
 
-#include "render/shadow/receiving_levels.hpp"
-#include "render/to_eigen.hpp"
+#include "core/assert.hpp"
 
 namespace penumbra {
 namespace {
 
 // Each level of a field is computed anew when its caster is lifted.
-constexpr std::size_t kMostFieldLevels = 6;
-constexpr double kTexel = 4e-4;  // [m]; less than a pixel but from very near
-constexpr double kLeastTexels = 32.0;
-constexpr double kMostTexels = 1024.0;
+constexpr std::size_t kMostFieldLevels = 16;
+constexpr double kTexel = 5e-4;    // [m]; less than a pixel but from very near
+constexpr int kMostTexels = 1024;  // along a side
+constexpr double kMostTexelsInAll = 4e6;
+constexpr int kTexelsAtOnce = 32;  // sides are whole numbers of these: storage changes rarely
 
 bool same(const Placement& a, const Placement& b) {
   return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs() &&
@@ -24,22 +24,26 @@ bool same(const Placement& a, const Placement& b) {
 bool same(const PlaneFrame& a, const PlaneFrame& b) {
   return a.n == b.n && a.q == b.q;
 }
-// Whether they look alike; which layers are seen on the plane does not count.
+// Whether their layers have the same shapes. How dark they are, and which are seen on the plane,
+// does not count.
 bool same(const ShadowDraw& a, const ShadowDraw& b) {
   const LayeredConstants& c = a.constants;
   const LayeredConstants& d = b.constants;
-  return a.node == b.node && a.object == b.object && a.technique == b.technique &&
-         a.kernels == b.kernels && a.light_mode == b.light_mode && a.proxy == b.proxy &&
-         same(a.plane_frame, b.plane_frame) && same(a.T_table_object, b.T_table_object) &&
-         c.light_height == d.light_height && c.light_ratio == d.light_ratio &&
-         c.umbra_height == d.umbra_height && c.magnification_cap == d.magnification_cap &&
-         a.fractions.umbra == b.fractions.umbra && a.fractions.middle == b.fractions.middle &&
-         a.fractions.penumbra == b.fractions.penumbra && a.opacity == b.opacity;
+  return a.technique == b.technique && a.kernels == b.kernels && a.light_mode == b.light_mode &&
+         a.proxy == b.proxy && same(a.plane_frame, b.plane_frame) &&
+         same(a.T_table_object, b.T_table_object) && c.light_height == d.light_height &&
+         c.light_ratio == d.light_ratio && c.umbra_height == d.umbra_height &&
+         c.magnification_cap == d.magnification_cap;
 }
 
-int texels_for(double extent) {
-  return static_cast<int>(
-      std::exp2(std::ceil(std::log2(std::clamp(extent / kTexel, kLeastTexels, kMostTexels)))));
+// The part of the plane where the shadow may meet the surface.
+Eigen::AlignedBox2d meeting(const PhantomShadowDraw& draw, const ReceivingSurface& surface) {
+  Eigen::AlignedBox2d box = surface.bounds();
+  if (std::isfinite(draw.radius)) {
+    const Eigen::Vector2d reach = Eigen::Vector2d::Constant(draw.radius);
+    box = box.intersection(Eigen::AlignedBox2d(draw.centre - reach, draw.centre + reach));
+  }
+  return box;
 }
 
 // The plane from straight above, `origin` and `extent` in the picture's corners: at depth 1
@@ -54,85 +58,126 @@ glm::mat4x3 camera_above(const Eigen::Vector2d& origin, const Eigen::Vector2d& e
 
 }  // namespace
 
-int PhantomShadowPass::draw_mask(const Scene& scene,
-                                 const std::vector<const PhantomShadowDraw*>& draws, Mask& mask,
-                                 ShadowPass& shadows, ShadowWork& work) {
-  const Model& model = *scene.objects[static_cast<std::size_t>(mask.phantom.object)].model;
-  const bool field = std::ranges::any_of(
-      draws, [](const auto* draw) { return draw->shadow.technique == ShadowTechnique::field; });
-  mask.levels = receiving_levels(model, mask.phantom.T_table_object, mask.plane,
-                                 field ? kMostFieldLevels : kMostReceivingLevels);
-  if (mask.levels.empty()) return 0;
-  Eigen::AlignedBox2d box;
-  for (int i = 0; i < 8; ++i) {
-    const glm::vec3 corner((i & 1) != 0 ? model.max_corner.x : model.min_corner.x,
-                           (i & 2) != 0 ? model.max_corner.y : model.min_corner.y,
-                           (i & 4) != 0 ? model.max_corner.z : model.min_corner.z);
-    box.extend(mask.plane.to_plane(mask.phantom.T_table_object * to_eigen(corner)).head<2>());
+const PhantomShadowPass::Surface& PhantomShadowPass::surface_of(const Scene& scene,
+                                                                const ObjectDraw& phantom,
+                                                                int plane,
+                                                                const PlaneFrame& frame) {
+  Surface& surface = surfaces_[{phantom.object, plane}];
+  surface.last_used = frame_count_;
+  if (surface.version == 0 || !same(surface.T_table_object, phantom.T_table_object) ||
+      !same(surface.plane, frame)) {
+    surface.version = ++surfaces_made_;
+    surface.T_table_object = phantom.T_table_object;
+    surface.plane = frame;
+    surface.faces = ReceivingSurface(*scene.objects[static_cast<std::size_t>(phantom.object)].model,
+                                     phantom.T_table_object, frame);
   }
-  mask.origin = box.min().array() - kTexel;
-  mask.extent = box.sizes().array() + 2.0 * kTexel;
-  mask.pictures.resize(texels_for(mask.extent.x()), texels_for(mask.extent.y()),
-                       static_cast<int>(mask.levels.size()));
+  return surface;
+}
+
+int PhantomShadowPass::draw_mask(const Scene& scene, const PhantomShadowDraw& draw,
+                                 const Surface& surface, Mask& mask, ShadowPass& shadows,
+                                 ShadowWork& work) const {
+  mask.layers = {};
+  mask.levels.clear();
+  const Eigen::AlignedBox2d box = meeting(draw, surface.faces);
+  if (box.isEmpty()) return 0;
+  const std::size_t most =
+      draw.shadow.technique == ShadowTechnique::field ? kMostFieldLevels : kMostReceivingLevels;
+  mask.levels = surface.faces.levels(box, draw.top, most);
+  if (mask.levels.empty()) return 0;
+
+  // On a grid that stays where it is while the caster slides.
+  double texel = kTexel;
+  Eigen::Array2i size;
+  for (;; texel *= 2.0) {
+    mask.origin = (box.min() / texel).array().floor() * texel;
+    const Eigen::Array2d texels = ((box.max() - mask.origin) / texel).array().ceil() + 1.0;
+    if ((texels > kMostTexels).any()) continue;
+    size = ((texels / kTexelsAtOnce).ceil() * kTexelsAtOnce).cast<int>();
+    if (static_cast<double>(size.prod()) * static_cast<double>(mask.levels.size()) <=
+        kMostTexelsInAll)
+      break;
+  }
+  mask.extent = size.cast<double>().matrix() * texel;
+  mask.pictures.resize(size.x(), size.y(), static_cast<int>(mask.levels.size()));
+
   const LensUniforms straight;
+  const glm::mat4x3 camera = camera_above(mask.origin, mask.extent);
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_STENCIL_TEST);
+  glDisable(GL_BLEND);
   int calls = 0;
   for (std::size_t level = 0; level < mask.levels.size(); ++level) {
-    PlaneFrame plane = mask.plane;
+    PlaneFrame plane = surface.plane;
     plane.q += mask.levels[level] * plane.n;
-    std::vector<std::size_t> flats;
-    for (const PhantomShadowDraw* draw : draws) {
-      flats.push_back(shadows.prepare_flat(scene, *draw, static_cast<int>(level), plane, work));
-    }
+    const std::size_t flat =
+        shadows.prepare_flat(scene, draw, static_cast<int>(level), plane, work);
     mask.pictures.begin(static_cast<int>(level));
-    // The darkest of what is there, whatever comes first.
-    glEnable(GL_BLEND);
-    glBlendEquation(GL_MIN);
-    for (const std::size_t flat : flats) {
-      calls += shadows.draw_flat(flat, straight, camera_above(mask.origin, mask.extent));
+    for (int layer = 0; layer < 3; ++layer) {
+      glColorMask(layer == 0 ? GL_TRUE : GL_FALSE, layer == 1 ? GL_TRUE : GL_FALSE,
+                  layer == 2 ? GL_TRUE : GL_FALSE, GL_FALSE);
+      const int drawn = shadows.draw_flat(flat, layer, straight, camera);
+      if (drawn > 0) mask.layers[static_cast<std::size_t>(layer)] = true;
+      calls += drawn;
     }
-    glBlendEquation(GL_FUNC_ADD);
-    glDisable(GL_BLEND);
   }
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   return calls;
 }
 
 int PhantomShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowPass& shadows,
                                ShadowWork& work) {
+  ++frame_count_;
   shown_.clear();
   int calls = 0;
-  for (const PlaneReceiver& receiver : plan.receivers) {
-    for (const ObjectDraw& phantom : plan.phantoms) {
-      std::vector<const PhantomShadowDraw*> draws;
-      for (const PhantomShadowDraw& draw : plan.phantom_shadows) {
-        if (draw.phantom == phantom.object && draw.shadow.plane == receiver.plane) {
-          draws.push_back(&draw);
-        }
-      }
-      if (draws.empty()) continue;
-      const Key key{phantom.object, receiver.plane};
-      Mask& mask = masks_[key];
-      const bool kept =
-          mask.valid && same(mask.phantom.T_table_object, phantom.T_table_object) &&
-          same(mask.plane, receiver.frame) &&
-          std::ranges::equal(mask.shadows, draws,
-                             [](const ShadowDraw& a, const auto* b) { return same(a, b->shadow); });
-      if (!kept) {
-        mask.valid = true;
-        mask.phantom = phantom;
-        mask.plane = receiver.frame;
-        mask.shadows.clear();
-        for (const PhantomShadowDraw* draw : draws) mask.shadows.push_back(draw->shadow);
-        calls += draw_mask(scene, draws, mask, shadows, work);
-      }
-      if (mask.levels.empty()) continue;
-      const auto levels = static_cast<std::int64_t>(mask.levels.size());
-      (kept ? work.masks_kept : work.masks_drawn) += levels;
-      shown_.push_back(key);
+  for (const PhantomShadowDraw& draw : plan.phantom_shadows) {
+    const auto phantom = std::ranges::find(plan.phantoms, draw.phantom, &ObjectDraw::object);
+    PENUMBRA_ASSERT(phantom != plan.phantoms.end());
+    const Surface& surface =
+        surface_of(scene, *phantom, draw.shadow.plane, draw.shadow.plane_frame);
+    Mask& mask = masks_[{draw.shadow.node, draw.shadow.object, draw.shadow.plane, draw.phantom}];
+    mask.last_used = frame_count_;
+    const bool kept = mask.valid && mask.surface == surface.version && mask.top == draw.top &&
+                      same(mask.shadow, draw.shadow);
+    if (!kept) {
+      mask.valid = true;
+      mask.surface = surface.version;
+      mask.top = draw.top;
+      mask.shadow = draw.shadow;
+      calls += draw_mask(scene, draw, surface, mask, shadows, work);
+    }
+    (kept ? work.masks_kept : work.masks_drawn) += static_cast<std::int64_t>(mask.levels.size());
+    if (std::ranges::find(mask.layers, true) != mask.layers.end()) {
+      shown_.push_back({&mask, &draw, *phantom});
     }
   }
+  const auto unused = [this](const auto& entry) {
+    return entry.second.last_used + kFramesKept < frame_count_;
+  };
+  std::erase_if(masks_, unused);
+  std::erase_if(surfaces_, unused);
   return calls;
+}
+
+int PhantomShadowPass::draw_layer(const Scene& scene, const FramePlan& plan,
+                                  const LensUniforms& lens, const ObjectPass& objects,
+                                  const Shown& shown, int layer) {
+  const Mask& mask = *shown.mask;
+  if (!mask.layers[static_cast<std::size_t>(layer)]) return 0;
+  mask.pictures.bind(kShadowMaskUnit);
+  ShadowMask uniforms;
+  uniforms.plane_from_table = plane_from_object(shown.draw->shadow.plane_frame, Placement());
+  uniforms.normal = to_gl(shown.draw->shadow.plane_frame.n);
+  uniforms.origin = {static_cast<float>(mask.origin.x()), static_cast<float>(mask.origin.y())};
+  uniforms.extent = {static_cast<float>(mask.extent.x()), static_cast<float>(mask.extent.y())};
+  uniforms.layer = layer;
+  uniforms.light_left = layer_light(shown.draw->shadow)[layer];
+  uniforms.level_count = static_cast<int>(mask.levels.size());
+  for (std::size_t i = 0; i < mask.levels.size(); ++i) {
+    uniforms.levels[i / 4][static_cast<glm::length_t>(i % 4)] = static_cast<float>(mask.levels[i]);
+  }
+  return objects.draw_under_shadow(scene, shown.phantom, plan, lens, uniforms);
 }
 
 int PhantomShadowPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
@@ -140,8 +185,6 @@ int PhantomShadowPass::draw(const Scene& scene, const FramePlan& plan, const Len
   if (shown_.empty()) return 0;
   glEnable(GL_STENCIL_TEST);
   glStencilMask(0xFF);
-  glClear(GL_STENCIL_BUFFER_BIT);
-  // Each pixel once: what lies in the same place, or faces two planes, darkens no further.
   glStencilFunc(GL_EQUAL, 0, 0xFF);
   glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
   glEnable(GL_DEPTH_TEST);
@@ -150,21 +193,24 @@ int PhantomShadowPass::draw(const Scene& scene, const FramePlan& plan, const Len
   glEnable(GL_BLEND);
   glBlendFunc(GL_ZERO, GL_SRC_COLOR);
   int calls = 0;
-  for (const Key& key : shown_) {
-    const Mask& mask = masks_.at(key);
-    mask.pictures.bind(kShadowMaskUnit);
-    ShadowMask uniforms;
-    uniforms.plane_from_table = plane_from_object(mask.plane, Placement());
-    uniforms.normal = to_gl(mask.plane.n);
-    uniforms.origin = {static_cast<float>(mask.origin.x()), static_cast<float>(mask.origin.y())};
-    uniforms.extent = {static_cast<float>(mask.extent.x()), static_cast<float>(mask.extent.y())};
-    uniforms.level_count = static_cast<int>(mask.levels.size());
-    for (std::size_t i = 0; i < mask.levels.size(); ++i) {
-      uniforms.levels[i / 4][static_cast<glm::length_t>(i % 4)] =
-          static_cast<float>(mask.levels[i]);
+  // Planes that are parallel have one light: what lies in its shadow for several is darkened once.
+  std::vector<const Shown*> left;
+  for (const Shown& shown : shown_) left.push_back(&shown);
+  while (!left.empty()) {
+    const Eigen::Vector3d normal = left.front()->draw->shadow.plane_frame.n;
+    const auto other = std::ranges::stable_partition(left, [&normal](const Shown* shown) {
+      return (shown->draw->shadow.plane_frame.n - normal).norm() < 1e-3;
+    });
+    glClear(GL_STENCIL_BUFFER_BIT);
+    for (int layer = 0; layer < 3; ++layer) {
+      for (auto shown = left.begin(); shown != other.begin(); ++shown) {
+        calls += draw_layer(scene, plan, lens, objects, **shown, layer);
+      }
     }
-    calls += objects.draw_under_shadows(scene, mask.phantom, plan, lens, uniforms);
+    left.erase(left.begin(), other.begin());
   }
+  MaskStack::unbind(kShadowMaskUnit);
+  glClear(GL_STENCIL_BUFFER_BIT);
   glDisable(GL_BLEND);
   glDisable(GL_STENCIL_TEST);
   glDepthFunc(GL_LESS);

@@ -1,12 +1,14 @@
-// Layered, field and simple shadows on phantoms. For each phantom that a plane's shadows meet on
-// their way, they are drawn as seen along the plane's normal, for each of the phantom's levels as
-// on a plane at that height; then the phantom is darkened by what lies over each of its pixels,
-// between two levels by both. A face gets as much of the light as Lambert's law lets it.
+// Layered, field and simple shadows on phantoms. Each shadow that a phantom may meet on its way to
+// a plane is drawn as seen along the plane's normal, for each of the phantom's levels as on a plane
+// at that height; then the phantom's pixels are darkened by what lies over each of them, once, with
+// the layer that comes first over all casters, as a plane's are. A face gets as much of the light
+// as Lambert's law lets it.
 #pragma once
 
-#include <glm/mat4x3.hpp>
-#include <glm/vec2.hpp>
+#include <array>
+#include <cstdint>
 #include <map>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -14,6 +16,7 @@
 #include "render/gl/mask_stack.hpp"
 #include "render/passes/object_pass.hpp"
 #include "render/passes/shadow_pass.hpp"
+#include "render/shadow/receiving_levels.hpp"
 
 namespace penumbra {
 
@@ -22,28 +25,50 @@ class PhantomShadowPass {
   // Draws the shadows of what changed, into framebuffers of its own. The shadows of the plan must
   // have been prepared. Adds to `work`. Number of draw calls.
   int prepare(const Scene& scene, const FramePlan& plan, ShadowPass& shadows, ShadowWork& work);
-  // The plan must be the one prepared; with the depth of phantoms, objects and planes. Number of
-  // draw calls.
+  // The plan must be the one prepared; with the depth of phantoms, objects and planes. Leaves the
+  // stencil all 0. Number of draw calls.
   int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
            const ObjectPass& objects) const;
 
  private:
+  // Of a phantom over a plane.
+  struct Surface {
+    Placement T_table_object;
+    PlaneFrame plane;
+    ReceivingSurface faces;
+    std::uint64_t version = 0;  // no two are alike; 0: not made
+    std::uint64_t last_used = 0;
+  };
+  // Of one caster's shadow on the way to a plane, over one phantom.
   struct Mask {
     bool valid = false;
-    std::vector<ShadowDraw> shadows;
-    ObjectDraw phantom;
-    PlaneFrame plane;
+    ShadowDraw shadow;
+    std::uint64_t surface = 0;  // its version
+    double top = 0.0;
     std::vector<double> levels;
-    Eigen::Vector2d origin, extent;  // what the picture shows of the plane [m]
+    std::array<bool, 3> layers{};    // which of them are in some picture
+    Eigen::Vector2d origin, extent;  // what the pictures show of the plane [m]
     MaskStack pictures;
+    std::uint64_t last_used = 0;
   };
-  using Key = std::pair<int, int>;  // phantom, plane
+  struct Shown {
+    const Mask* mask = nullptr;
+    const PhantomShadowDraw* draw = nullptr;
+    ObjectDraw phantom;
+  };
 
-  static int draw_mask(const Scene& scene, const std::vector<const PhantomShadowDraw*>& draws,
-                       Mask& mask, ShadowPass& shadows, ShadowWork& work);
+  const Surface& surface_of(const Scene& scene, const ObjectDraw& phantom, int plane,
+                            const PlaneFrame& frame);
+  int draw_mask(const Scene& scene, const PhantomShadowDraw& draw, const Surface& surface,
+                Mask& mask, ShadowPass& shadows, ShadowWork& work) const;
+  static int draw_layer(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+                        const ObjectPass& objects, const Shown& shown, int layer);
 
-  std::map<Key, Mask> masks_;
-  std::vector<Key> shown_;  // in this frame, by plane as the plan has them
+  std::map<std::pair<int, int>, Surface> surfaces_;       // phantom, plane
+  std::map<std::tuple<int, int, int, int>, Mask> masks_;  // node, object, plane, phantom
+  std::vector<Shown> shown_;                              // in this frame
+  std::uint64_t frame_count_ = 0;
+  std::uint64_t surfaces_made_ = 0;
 };
 
 }  // namespace penumbra

@@ -106,12 +106,6 @@ float encoded_factor(double light_fraction, float opacity) {
   return static_cast<float>(1.0 - static_cast<double>(opacity) * (1.0 - factor));
 }
 
-glm::vec3 layer_light(const ShadowDraw& draw) {
-  return {encoded_factor(draw.fractions.umbra, draw.opacity),
-          encoded_factor(draw.fractions.middle, draw.opacity),
-          encoded_factor(draw.fractions.penumbra, draw.opacity)};
-}
-
 // (u, v, h) of the own frame -> of the plane.
 glm::mat4x3 plane_from_own(const PlanarMotion& T) {
   const auto c = static_cast<float>(T.cosine);
@@ -208,6 +202,12 @@ std::vector<bool> steady_casters(const Scene& scene) {
 }
 
 }  // namespace
+
+glm::vec3 layer_light(const ShadowDraw& draw) {
+  return {encoded_factor(draw.fractions.umbra, draw.opacity),
+          encoded_factor(draw.fractions.middle, draw.opacity),
+          encoded_factor(draw.fractions.penumbra, draw.opacity)};
+}
 
 std::vector<float> longest_caster_edges(const Scene& scene, const CameraModel& camera) {
   if (!camera.has_distortion()) return std::vector<float>(scene.objects.size(), 0.0F);
@@ -380,7 +380,7 @@ bool ShadowPass::proxy_casts(const ShadowDraw& draw, Caster& caster, const Kerne
   std::span<const PartDisc> parts;
   if (draw.light_mode == LightMode::fixed) {
     complete_set(caster, set, work);
-    parts = parts_of(caster, key.direction, work);
+    parts = parts_of(caster, key.direction, false, work);
   }
   ++work.proxy_checks;
   const ProxyUse use{c, draw.light_mode, draw.T_table_object.scale};
@@ -391,13 +391,16 @@ bool ShadowPass::proxy_casts(const ShadowDraw& draw, Caster& caster, const Kerne
 }
 
 const std::vector<PartDisc>& ShadowPass::parts_of(Caster& caster, const KernelDirection& direction,
-                                                  ShadowWork& work) {
-  const auto found = caster.part_sets.find(direction);
+                                                  bool of_field, ShadowWork& work) {
+  const std::pair key(direction, of_field);
+  const auto found = caster.part_sets.find(key);
   if (found != caster.part_sets.end()) return found->second;
   // A few bytes for each part: when there are too many, all are forgotten.
   if (caster.part_sets.size() >= 4 * kMaxKernelSets) caster.part_sets.clear();
   ++work.kernel_generations;
-  return caster.part_sets.emplace(direction, part_discs(caster.mesh, direction.up())).first->second;
+  return caster.part_sets
+      .emplace(key, part_discs(caster.mesh, direction.up(), kHalfFieldCell, !of_field))
+      .first->second;
 }
 
 void ShadowPass::upload_clipped(std::span<const CasterVertex> faces, Prepared& prepared) {
@@ -512,7 +515,8 @@ void ShadowPass::image_layers(const ShadowDraw& draw, Caster& caster, KernelSet&
   std::vector<VertexDisc> discs;
   if (fixed) {
     complete_set(caster, kernels, work);
-    const std::vector<PartDisc>& parts = parts_of(caster, prepared.kernel_key.direction, work);
+    const std::vector<PartDisc>& parts =
+        parts_of(caster, prepared.kernel_key.direction, false, work);
     discs = prepared.reduced ? vertex_discs(mesh, carried_kernels(*caster.proxy, kernels.made),
                                             parts, T_own_object.scale)
                              : vertex_discs(mesh, kernels.made, parts, T_own_object.scale);
@@ -637,7 +641,7 @@ void ShadowPass::make_field(const ShadowDraw& draw, Caster& caster, Prepared& pr
   const Placement& T_own_object = prepared.own.T_own_object;
   const PlaneFrame plane;
   const Eigen::Vector3d up = T_own_object.rotation.conjugate() * plane.n;
-  const std::vector<PartDisc>& parts = parts_of(caster, KernelDirection::nearest(up), work);
+  const std::vector<PartDisc>& parts = parts_of(caster, KernelDirection::nearest(up), true, work);
   const PlaneMap map = plane_map(T_own_object, plane);
   // What lies on the plane is not cut by the rounding of tilt and height.
   const auto contact = static_cast<float>(
@@ -751,17 +755,21 @@ std::size_t ShadowPass::prepare_flat(const Scene& scene, const PhantomShadowDraw
   Caster& caster = caster_of(scene, shadow.object);
   Prepared& prepared =
       flat_prepared_[{shadow.node, shadow.object, shadow.plane, draw.phantom, level}];
+  prepared.last_used = frame_count_;
   prepared.surface = 0;  // no lens: straight edges may be of any length
   if (caster.whole.geometry.indices.empty()) {
     prepared.layers = {};
     prepared.valid = false;
   } else {
-    // Triples are of casters, planes and lights: a phantom's levels are none of their own.
-    const auto [reprojections, recomputed] = std::pair(work.reprojections, work.recomputed);
+    // What is counted is of casters, planes and lights: a phantom's levels are none of their own.
+    const ShadowWork before = work;
     prepare_one(shadow, caster, prepared, work);
-    work.reprojections = reprojections;
-    work.recomputed = recomputed;
+    work.reprojections = before.reprojections;
+    work.recomputed = before.recomputed;
+    work.proxy_shadows = before.proxy_shadows;
+    work.layers_skipped = before.layers_skipped;
   }
+  shadow.fractions = {1.0, 1.0, 1.0};
   flats_.emplace_back(shadow, Item{&caster, &prepared, shadow.node, shadow.object, shadow.plane,
                                    shadow.plane_frame});
   return flats_.size() - 1;
@@ -771,6 +779,9 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   ++frame_count_;
   items_.clear();
   flats_.clear();
+  std::erase_if(flat_prepared_, [this](const auto& entry) {
+    return entry.second.last_used + kFramesKept < frame_count_;
+  });
   std::map<std::tuple<int, int, int>, int> repeats;
   for (const ShadowDraw& draw : plan.shadows) {
     Caster& caster = caster_of(scene, draw.object);
@@ -896,14 +907,14 @@ int ShadowPass::draw_all_layers(const ShadowDraw& draw, const Item& item) const 
   return calls;
 }
 
-int ShadowPass::draw_flat(std::size_t flat, const LensUniforms& camera,
+int ShadowPass::draw_flat(std::size_t flat, int layer, const LensUniforms& camera,
                           const glm::mat4x3& camera_from_plane) {
   const auto& [draw, item] = flats_.at(flat);
   shadow_program_.use();
   set_lens(shadow_program_, camera);
   shadow_program_.set("camera_from_plane", camera_from_plane);
   field_quad_.begin(camera, camera_from_plane);
-  return draw_all_layers(draw, item);
+  return draw_layers(draw, item, layer, 1);
 }
 
 int ShadowPass::draw_plane(const FramePlan& plan, int plane) const {

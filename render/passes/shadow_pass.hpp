@@ -57,6 +57,12 @@ struct ShadowWork {
 [[nodiscard]] std::vector<float> longest_caster_edges(const Scene& scene,
                                                       const CameraModel& camera);
 
+// What a phantom's shadows are drawn from is given back when so many frames did not need it.
+inline constexpr std::uint64_t kFramesKept = 150;
+
+// What each layer leaves of the video's encoded value.
+[[nodiscard]] glm::vec3 layer_light(const ShadowDraw& draw);
+
 class ShadowPass {
  public:
   [[nodiscard]] static Result<ShadowPass> create(GlApi api, const Scene& scene,
@@ -71,9 +77,10 @@ class ShadowPass {
   // its own, the `level`th of its phantom. For draw_flat(), until the next prepare().
   std::size_t prepare_flat(const Scene& scene, const PhantomShadowDraw& draw, int level,
                            const PlaneFrame& plane, ShadowWork& work);
-  // All of its layers, where the tests and masks as they are let them; with a camera without
+  // One of its layers in white, where the tests and masks as they are let it; with a camera without
   // distortion. Number of draw calls.
-  int draw_flat(std::size_t flat, const LensUniforms& camera, const glm::mat4x3& camera_from_plane);
+  int draw_flat(std::size_t flat, int layer, const LensUniforms& camera,
+                const glm::mat4x3& camera_from_plane);
   // Of those shadows of the last plan that are made with kernels; takes milliseconds for kernels
   // that it was not asked for before.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use();
@@ -136,8 +143,9 @@ class ShadowPass {
     glm::vec3 max_corner{0.0F};
     double size = 0.0;  // largest distance of a point from the object's origin, unscaled [m]
     std::map<KernelKey, KernelSet> sets;
-    // Of fields: the size of each part's light, for the same directions as kernels.
-    std::map<KernelDirection, std::vector<PartDisc>> part_sets;
+    // The size of each part's light, for the same directions as kernels; and whether it is for a
+    // field, which is as wide as a body.
+    std::map<std::pair<KernelDirection, bool>, std::vector<PartDisc>> part_sets;
   };
   // Whole: projected by the vertex shader. Placed: the mesh's vertices projected here, once for a
   // height and tilt, and those that were added for the lens between them. Clipped: faces that had
@@ -168,6 +176,7 @@ class ShadowPass {
     GlBuffer clipped{BufferUse::vertices};
     bool clipped_layout_made = false;
     FieldTexture field;
+    std::uint64_t last_used = 0;  // of those that are no item of the plan
   };
   ShadowPass(ShaderProgram shadow, FieldQuad field)
       : shadow_program_(std::move(shadow)), field_quad_(std::move(field)) {}
@@ -187,7 +196,7 @@ class ShadowPass {
   [[nodiscard]] std::size_t surface_for(const ShadowDraw& draw, const FramePlan& plan,
                                         const Caster& caster, const Prepared& prepared) const;
   static const std::vector<PartDisc>& parts_of(Caster& caster, const KernelDirection& direction,
-                                               ShadowWork& work);
+                                               bool of_field, ShadowWork& work);
   void prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
   void place_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels, Prepared& prepared,
                     ShadowWork& work);
@@ -224,7 +233,7 @@ class ShadowPass {
   std::vector<Item> items_;  // one per shadow of the plan
   // (node, object, plane, phantom, level).
   std::map<std::tuple<int, int, int, int, int>, Prepared> flat_prepared_;
-  std::vector<std::pair<ShadowDraw, Item>> flats_;
+  std::vector<std::pair<ShadowDraw, Item>> flats_;  // drawn in white
   std::uint64_t frame_count_ = 0;
 };
 

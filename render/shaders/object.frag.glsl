@@ -26,7 +26,7 @@ void main() {
   if (dot(n, view) < 0.0 && !gl_FrontFacing) n = -n;  // the inside of an open surface
   if (darkens == 3) {
     float left = left_under_mask(place, n);
-    if (left > 0.999) discard;
+    if (left > 1.0) discard;
     color = vec4(vec3(left), 1.0);
     return;
   }

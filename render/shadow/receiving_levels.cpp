@@ -11,20 +11,19 @@ namespace penumbra {
 namespace {
 
 constexpr double kSameLevel = 5e-4;  // [m]
-// A layer moves by the thickness of the caster times this over the light's height from one level to
-// the next: less than a pixel.
-constexpr double kStep = 4e-3;  // [m]
 // Steeper faces get next to nothing of a light that comes straight down.
 constexpr double kLeastCosine = 0.02;
+constexpr double kLevelCosine = 0.999;
+// What stands on the plane touches it: its own bottom is no level, nor is what lies under the
+// plane.
+constexpr double kContact = 1e-4;  // [m]
 
 }  // namespace
 
-std::vector<double> receiving_levels(const Model& model, const Placement& T_table_object,
-                                     const PlaneFrame& plane, std::size_t most) {
+ReceivingSurface::ReceivingSurface(const Model& model, const Placement& T_table_object,
+                                   const PlaneFrame& plane) {
   const PlaneMap map = plane_map(T_table_object, plane);
-  std::vector<double> levels;
-  double sloped_low = std::numeric_limits<double>::infinity();
-  double sloped_high = -sloped_low;
+  if (!map.linear.allFinite() || !map.offset.allFinite()) return;
   for (const Mesh& mesh : model.meshes) {
     for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
       std::array<Eigen::Vector3d, 3> corners;
@@ -32,46 +31,71 @@ std::vector<double> receiving_levels(const Model& model, const Placement& T_tabl
         corners[c] = map.linear * to_eigen(mesh.positions[mesh.indices[i + c]]) + map.offset;
       }
       const Eigen::Vector3d normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-      if (!(normal.z() > kLeastCosine * normal.norm())) continue;
-      const auto [low, high] = std::minmax({corners[0].z(), corners[1].z(), corners[2].z()});
-      if (!(high > 0.0)) continue;
-      if (high - low <= kSameLevel) {
-        levels.push_back(high);
-      } else {
-        sloped_low = std::min(sloped_low, std::max(low, 0.0));
-        sloped_high = std::max(sloped_high, high);
+      const double length = normal.norm();
+      if (!(std::abs(normal.z()) > kLeastCosine * length)) continue;
+      const Eigen::Vector3d low = corners[0].cwiseMin(corners[1]).cwiseMin(corners[2]);
+      const Eigen::Vector3d high = corners[0].cwiseMax(corners[1]).cwiseMax(corners[2]);
+      if (!(high.z() > kContact)) continue;
+      const bool level =
+          high.z() - low.z() <= kSameLevel && std::abs(normal.z()) > kLevelCosine * length;
+      faces_.push_back({static_cast<float>(low.x()), static_cast<float>(high.x()),
+                        static_cast<float>(low.y()), static_cast<float>(high.y()),
+                        static_cast<float>(std::max(low.z(), 0.0)), static_cast<float>(high.z()),
+                        level});
+      bounds_.extend(Eigen::Vector2d(low.head<2>()));
+      bounds_.extend(Eigen::Vector2d(high.head<2>()));
+    }
+  }
+}
+
+std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& over, double top,
+                                             std::size_t most) const {
+  std::vector<double> plateaus;
+  double slope_low = std::numeric_limits<double>::infinity();
+  double slope_high = -slope_low;
+  for (const Face& face : faces_) {
+    const auto low = static_cast<double>(face.low);
+    if (static_cast<double>(face.u_high) < over.min().x() ||
+        static_cast<double>(face.u_low) > over.max().x() ||
+        static_cast<double>(face.v_high) < over.min().y() ||
+        static_cast<double>(face.v_low) > over.max().y() || low > top)
+      continue;
+    if (face.level) {
+      plateaus.push_back(low);
+    } else {
+      slope_low = std::min(slope_low, low);
+      slope_high = std::max(slope_high, std::min(static_cast<double>(face.high), top));
+    }
+  }
+  std::sort(plateaus.begin(), plateaus.end());
+  std::vector<double> levels;
+  for (const double height : plateaus) {
+    if (levels.empty() || height - levels.back() > kSameLevel) levels.push_back(height);
+  }
+  if (slope_high >= slope_low) {
+    const double range = slope_high - slope_low;
+    const double steps =
+        std::clamp(std::ceil(range / kLevelStep), 1.0, static_cast<double>(most - 1));
+    const std::size_t flat = levels.size();
+    for (int i = 0; i <= static_cast<int>(steps); ++i) {
+      const double height = slope_low + range * i / steps;
+      const auto near = [height](double plateau) {
+        return std::abs(plateau - height) <= kSameLevel;
+      };
+      if (std::none_of(levels.begin(), levels.begin() + static_cast<std::ptrdiff_t>(flat), near)) {
+        levels.push_back(height);
       }
     }
+    std::sort(levels.begin(), levels.end());
   }
-  if (levels.empty() && !(sloped_high > sloped_low)) return levels;
-  double low = sloped_low;
-  double high = sloped_high;
-  for (const double level : levels) {
-    low = std::min(low, level);
-    high = std::max(high, level);
-  }
-  if (sloped_high > sloped_low) {
-    const double step = std::max(kStep, (sloped_high - sloped_low) / static_cast<double>(most - 1));
-    const auto steps = static_cast<int>((sloped_high - sloped_low) / step);
-    for (int i = 0; i <= steps; ++i) levels.push_back(sloped_low + i * step);
-    levels.push_back(sloped_high);
-  }
-  std::sort(levels.begin(), levels.end());
-  // Of what is as good as level, the highest.
-  std::vector<double> kept;
-  for (const double level : levels) {
-    if (!kept.empty() && level - kept.back() <= kSameLevel) {
-      kept.back() = level;
-    } else {
-      kept.push_back(level);
-    }
-  }
-  if (kept.size() <= most) return kept;
-  kept.resize(most);
+  if (levels.size() <= most) return levels;
+  const double low = levels.front();
+  const double high = levels.back();
+  levels.resize(most);
   for (std::size_t i = 0; i < most; ++i) {
-    kept[i] = low + (high - low) * static_cast<double>(i) / static_cast<double>(most - 1);
+    levels[i] = low + (high - low) * static_cast<double>(i) / static_cast<double>(most - 1);
   }
-  return kept;
+  return levels;
 }
 
 }  // namespace penumbra

@@ -1,7 +1,9 @@
-// Heights at which a real thing on the table is shadowed: what of it faces a plane's light, cut
-// into levels that each receive as a plane of their own does.
+// What of a real thing faces a plane's light, and the heights at which it is shadowed: each
+// receives as a plane of its own does.
 #pragma once
 
+#include <Eigen/Geometry>
+#include <cstddef>
 #include <vector>
 
 #include "render/model.hpp"
@@ -10,11 +12,31 @@
 
 namespace penumbra {
 
-// Heights above the plane [m], ascending, at least 0: the level parts of the surface that face the
-// plane's normal to 0.5 mm, and where it is sloped one every few millimetres. No more than `most`
-// (> 1): of more they are spaced evenly. None where nothing above the plane faces its normal.
-[[nodiscard]] std::vector<double> receiving_levels(const Model& model,
-                                                   const Placement& T_table_object,
-                                                   const PlaneFrame& plane, std::size_t most);
+class ReceivingSurface {
+ public:
+  ReceivingSurface() = default;
+  // Of faces above the plane that are not upright, however they are wound.
+  ReceivingSurface(const Model& model, const Placement& T_table_object, const PlaneFrame& plane);
+
+  // In (u, v) of the plane [m]; empty where nothing receives.
+  [[nodiscard]] const Eigen::AlignedBox2d& bounds() const { return bounds_; }
+  // Of what lies over the rectangle: heights above the plane [m], ascending, from 0 to `top`. Those
+  // of level faces to 0.5 mm, the lowest of what is as good as one height; where faces slope, one
+  // every few millimetres. No more than `most` (> 1): of more they are spaced evenly.
+  [[nodiscard]] std::vector<double> levels(const Eigen::AlignedBox2d& over, double top,
+                                           std::size_t most) const;
+
+ private:
+  struct Face {
+    float u_low, u_high, v_low, v_high, low, high;  // [m]
+    bool level;
+  };
+  std::vector<Face> faces_;
+  Eigen::AlignedBox2d bounds_;
+};
+
+// Between two levels, and over the highest, what receives is taken for the nearer one; a surface
+// farther than this from all of them receives nothing.
+inline constexpr double kLevelStep = 4e-3;  // [m]
 
 }  // namespace penumbra

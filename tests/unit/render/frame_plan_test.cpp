@@ -50,6 +50,7 @@ TEST(FramePlan, EverythingInViewIsDrawn) {
   EXPECT_EQ(plan.phantoms.size(), 1U);
   ASSERT_EQ(plan.shadows.size(), 2U);
   EXPECT_TRUE(plan.shadows[0].umbra && plan.shadows[0].middle && plan.shadows[0].penumbra);
+  EXPECT_EQ(plan.phantom_shadows.size(), 1U);
   EXPECT_TRUE(plan.skipped.empty());
 }
 
