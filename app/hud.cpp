@@ -15,25 +15,16 @@ struct Key {
   WindowCommand command;
 };
 constexpr std::array kKeys = {
-    Key{GLFW_KEY_ESCAPE, WindowCommand::quit},
-    Key{GLFW_KEY_Q, WindowCommand::quit},
-    Key{GLFW_KEY_SPACE, WindowCommand::pause},
-    Key{GLFW_KEY_PERIOD, WindowCommand::step},
-    Key{GLFW_KEY_S, WindowCommand::screenshot},
-    Key{GLFW_KEY_R, WindowCommand::record},
-    Key{GLFW_KEY_F11, WindowCommand::full_screen},
-    Key{GLFW_KEY_F, WindowCommand::full_screen},
-    Key{GLFW_KEY_H, WindowCommand::hud},
-    Key{GLFW_KEY_F1, WindowCommand::help},
-    Key{GLFW_KEY_D, WindowCommand::debug},
-    Key{GLFW_KEY_P, WindowCommand::panels},
-    Key{GLFW_KEY_C, WindowCommand::layout},
-    Key{GLFW_KEY_X, WindowCommand::slide},
-    Key{GLFW_KEY_Z, WindowCommand::lift},
-    Key{GLFW_KEY_Y, WindowCommand::reach},
-    Key{GLFW_KEY_T, WindowCommand::turn},
-    Key{GLFW_KEY_B, WindowCommand::put},
-    Key{GLFW_KEY_N, WindowCommand::next_technique},
+    Key{GLFW_KEY_ESCAPE, WindowCommand::quit},     Key{GLFW_KEY_Q, WindowCommand::quit},
+    Key{GLFW_KEY_SPACE, WindowCommand::pause},     Key{GLFW_KEY_PERIOD, WindowCommand::step},
+    Key{GLFW_KEY_S, WindowCommand::screenshot},    Key{GLFW_KEY_R, WindowCommand::record},
+    Key{GLFW_KEY_F11, WindowCommand::full_screen}, Key{GLFW_KEY_F, WindowCommand::full_screen},
+    Key{GLFW_KEY_H, WindowCommand::hud},           Key{GLFW_KEY_F1, WindowCommand::help},
+    Key{GLFW_KEY_D, WindowCommand::debug},         Key{GLFW_KEY_P, WindowCommand::panels},
+    Key{GLFW_KEY_C, WindowCommand::layout},        Key{GLFW_KEY_X, WindowCommand::slide},
+    Key{GLFW_KEY_Z, WindowCommand::lift},          Key{GLFW_KEY_Y, WindowCommand::reach},
+    Key{GLFW_KEY_T, WindowCommand::turn},          Key{GLFW_KEY_B, WindowCommand::put},
+    Key{GLFW_KEY_K, WindowCommand::cursor},        Key{GLFW_KEY_N, WindowCommand::next_technique},
     Key{GLFW_KEY_G, WindowCommand::next_node},
 };
 
@@ -56,6 +47,7 @@ constexpr std::array kHelp = {
     KeyHelp{"Ctrl + left", "turn object"},
     KeyHelp{"X  Z  Y  T", "left drag slides, lifts, reaches, turns"},
     KeyHelp{"B", "put the selected object on the table at the pointer"},
+    KeyHelp{"K, wheel", "the scene's 3D cursor follows the pointer; higher, lower"},
 };
 
 }  // namespace

@@ -40,6 +40,7 @@ enum class WindowCommand {
   reach,
   turn,
   put,
+  cursor,  // the scene's 3D cursor follows the pointer, or rests
   next_technique,
   next_node,  // which shadow node the keys for techniques are for: all, or one
 };

@@ -225,6 +225,23 @@ std::optional<ObjectPlaced> Manipulator::drag(const PointerView& pointer) const 
   return placed;
 }
 
+std::optional<ObjectPlaced> cursor_at(const Scene& scene, const SceneState& state,
+                                      const PointerView& pointer, double raised) {
+  constexpr double kReach_m = 5.0;
+  const auto cursor = std::ranges::find(scene.objects, true, &SceneObject::cursor);
+  if (cursor == scene.objects.end() || !std::isfinite(raised)) return std::nullopt;
+  const auto index = static_cast<int>(cursor - scene.objects.begin());
+  ObjectPlaced placed{cursor->name, state.objects[static_cast<std::size_t>(index)], false};
+  const double lowest = lowest_point(scene, state, index);
+  const double clearance = std::isfinite(lowest) ? std::max(lowest, 0.0) : 0.0;
+  Eigen::Vector3d& position = placed.placement.position;
+  position.z() += std::max(raised, -clearance);
+  const auto t = meet_plane(pointer.ray, Eigen::Vector3d::UnitZ(), position);
+  if (!t || *t > kReach_m) return std::nullopt;
+  position.head<2>() = (pointer.ray.origin + *t * pointer.ray.direction).head<2>();
+  return placed;
+}
+
 std::optional<ObjectPlaced> Manipulator::put(const Scene& scene, const SceneState& state,
                                              const PointerView& pointer) const {
   const auto object = std::ranges::find(scene.objects, selected_, &SceneObject::name);

@@ -49,6 +49,12 @@ struct PickedPoint {
 // Lowest point above z = 0 of an object and what hangs on it, by their boxes [m].
 [[nodiscard]] double lowest_point(const Scene& scene, const SceneState& state, int root);
 
+// Where the scene's 3D cursor is when the pointer came here: on the pointer's ray at its own
+// height, `raised` by so much [m], never below the table. Nothing where the scene has no cursor, or
+// the ray meets that height nowhere near.
+[[nodiscard]] std::optional<ObjectPlaced> cursor_at(const Scene& scene, const SceneState& state,
+                                                    const PointerView& pointer, double raised);
+
 enum class DragMode { slide, lift, reach, turn };
 
 class Manipulator {

@@ -95,11 +95,21 @@ void Viewer::take(const WindowEvent& event) {
     case Kind::pointer_moved:
       take_pointer(event);
       break;
-    case Kind::key_up:
     case Kind::scrolled:
+      if (cursor_ && !over_hud()) {
+        constexpr double kStep_m = 0.005;
+        raise_m_ += kStep_m * event.y;
+        pointer_moved_ = true;
+      }
+      break;
+    case Kind::key_up:
     case Kind::text:
       break;
   }
+}
+
+bool Viewer::over_hud() const {
+  return overlay_ && hud_ && overlay_->covers(pointer_.x(), pointer_.y());
 }
 
 void Viewer::take_key(const WindowEvent& event) {
@@ -126,7 +136,7 @@ void Viewer::take_pointer(const WindowEvent& event) {
     hud_ = true;
     return;
   }
-  if (manipulator_.holding() || (overlay_ && hud_ && overlay_->covers(event.x, event.y))) return;
+  if (manipulator_.holding() || over_hud()) return;
   DragMode mode = drag_;
   if (event.code == WindowEvent::kMiddle || event.shift) mode = DragMode::lift;
   if (event.code == WindowEvent::kRight) mode = DragMode::reach;
@@ -146,10 +156,19 @@ std::optional<PointerView> Viewer::pointer_view() const {
 
 // Once for all the moves since the last picture.
 void Viewer::follow_pointer() {
-  if (!std::exchange(pointer_moved_, false) || !manipulator_.holding()) return;
+  if (!std::exchange(pointer_moved_, false)) return;
+  const double raised = std::exchange(raise_m_, 0.0);
+  const bool holding = manipulator_.holding();
+  if (!holding && (!cursor_ || over_hud())) return;
   const auto pointer = pointer_view();
   if (!pointer) return;
-  if (const auto placed = manipulator_.drag(*pointer)) edit(*placed);
+  if (holding) {
+    if (const auto placed = manipulator_.drag(*pointer)) edit(*placed);
+    return;
+  }
+  const SessionView view = host_.view();
+  if (view.state == nullptr) return;
+  if (const auto placed = cursor_at(*view.scene, *view.state, *pointer, raised)) edit(*placed);
 }
 
 void Viewer::edit(const SceneEdit& edit) {
@@ -235,6 +254,17 @@ void Viewer::act(WindowCommand command) {
       const auto pointer = pointer_view();
       if (!pointer || view.state == nullptr) break;
       if (const auto placed = manipulator_.put(*view.scene, *view.state, *pointer)) edit(*placed);
+      break;
+    }
+    case WindowCommand::cursor: {
+      const Scene* scene = host_.view().scene;
+      const bool has_one =
+          scene != nullptr &&
+          std::ranges::find(scene->objects, true, &SceneObject::cursor) != scene->objects.end();
+      cursor_ = has_one && !cursor_;
+      say(!has_one  ? "the scene has no 3D cursor"
+          : cursor_ ? "the 3D cursor follows the pointer; the wheel lifts it"
+                    : "the 3D cursor rests");
       break;
     }
     case WindowCommand::next_technique: {

@@ -78,6 +78,7 @@ class Viewer {
   void say(std::string message);
   // Nothing outside of the picture, or without a pose.
   [[nodiscard]] std::optional<PointerView> pointer_view() const;
+  [[nodiscard]] bool over_hud() const;
   void follow_pointer();
 
   GlContext& context_;
@@ -95,6 +96,8 @@ class Viewer {
   int drag_button_ = -1;                               // that holds the object
   Eigen::Vector2d pointer_ = Eigen::Vector2d::Zero();  // [px] of the window
   bool pointer_moved_ = false;
+  bool cursor_ = false;   // the scene's 3D cursor follows the pointer
+  double raise_m_ = 0.0;  // of the cursor, asked for since the last picture
   std::string message_;
   Stopwatch since_message_;
   std::deque<double> shown_ms_;  // when the last pictures were shown

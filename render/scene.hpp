@@ -67,6 +67,7 @@ struct SceneObject {
   ProxyMode proxy = ProxyMode::automatic;
   std::shared_ptr<const Model> proxy_model;  // where `proxy` is a model
   bool phantom = false;                      // stands for a real thing: writes depth only
+  bool cursor = false;                       // a person's 3D cursor; at most one, on the table
 };
 
 // What casts an object's projected and volume shadows: its model, or where `proxies`, the reduced

@@ -323,6 +323,18 @@ Result<void> SceneReader::read_object(const json& from, const std::string& point
   object.placement = placement_of(from);
   // The shadow of a real thing is in the picture already.
   object.casts_shadow = from.value("casts_shadow", !phantom);
+  object.cursor = from.value("cursor", false);
+  if (object.cursor && phantom) {
+    return fail_at(pointer + "/cursor", "is for virtual objects; remove it");
+  }
+  if (object.cursor && (object.parent >= 0 || object.tag_group != kTableGroup)) {
+    return fail_at(pointer + "/cursor",
+                   "moves freely over the table; remove its parent or tag_group");
+  }
+  if (object.cursor &&
+      std::ranges::find(scene_.objects, true, &SceneObject::cursor) != scene_.objects.end()) {
+    return fail_at(pointer + "/cursor", "the scene has another 3D cursor already; keep one");
+  }
   if (const auto animation = from.find("animation"); animation != from.end()) {
     Result<Animation> read = read_animation(*animation, pointer + "/animation");
     if (!read) return tl::unexpected(read.error());

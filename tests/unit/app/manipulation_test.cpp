@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "render/shapes.hpp"
@@ -217,6 +218,29 @@ TEST_F(Hands, TheSelectedObjectIsPutOnTheTable) {
   const auto put = hands.put(scene(), state(), target);
   ASSERT_TRUE(put);
   EXPECT_LT((put->placement.position - Eigen::Vector3d(-0.1, -0.15, 0.05)).norm(), 1e-6);
+}
+
+TEST_F(Hands, TheCursorHoversUnderThePointer) {
+  const PointerView target = pointer_at({-0.1, -0.15, 0.25});
+  EXPECT_FALSE(cursor_at(scene(), state(), target, 0.0)) << "the scene has none";
+  builder.scene().objects[static_cast<std::size_t>(cube)].cursor = true;
+  const auto moved = cursor_at(scene(), state(), target, 0.0);
+  ASSERT_TRUE(moved);
+  EXPECT_EQ(moved->object, scene().objects[static_cast<std::size_t>(cube)].name);
+  EXPECT_LT((moved->placement.position - Eigen::Vector3d(-0.1, -0.15, 0.25)).norm(), 1e-6);
+  // Raised, and where the pointer's ray is at that height.
+  const auto raised = cursor_at(scene(), state(), pointer_at({-0.1, -0.15, 0.30}), 0.05);
+  ASSERT_TRUE(raised);
+  EXPECT_LT((raised->placement.position - Eigen::Vector3d(-0.1, -0.15, 0.30)).norm(), 1e-6);
+  // The wing that hangs on it reaches lower: no farther down than that stands on the table.
+  const auto lowered = cursor_at(scene(), state(), target, -10.0);
+  ASSERT_TRUE(lowered);
+  const double lowest = lowest_point(scene(), state(), cube);
+  EXPECT_NEAR(lowered->placement.position.z(), 0.25 - lowest, 1e-9);
+  PointerView up = target;
+  up.ray.direction = Eigen::Vector3d(0.0, 0.8, 0.6);
+  EXPECT_FALSE(cursor_at(scene(), state(), up, 0.0)) << "past the horizon";
+  EXPECT_FALSE(cursor_at(scene(), state(), target, std::numeric_limits<double>::quiet_NaN()));
 }
 
 }  // namespace

@@ -245,6 +245,47 @@ TEST(Viewer, TheMouseDragsAnObjectWhereverTheWindowLetterboxesIt) {
   EXPECT_LT((place(host.edits.back()) - Eigen::Vector3d(0.1, 0.05, 0.1)).norm(), 1e-5);
 }
 
+// Only where it is asked for: a pointer that passes changes no picture.
+TEST(Viewer, TheCursorFollowsThePointerWhereItIsAskedFor) {
+  test::SceneBuilder builder;
+  builder.add(test::finished(make_box({0.02F, 0.02F, 0.02F}), glm::vec4(1.0F)),
+              test::at(0.0, 0.0, 0.1));
+  Scene& scene = builder.scene();
+  const SceneState state = evaluate_scene(scene, 0.0);
+  const CameraModel camera = test::camera_of(160, 120, 150.0);
+  const CameraPose pose = test::look_at({0.0, -0.8, 0.8}, {0.0, 0.0, 0.1});
+  const auto in_window = [&](const Eigen::Vector3d& p) {
+    const Eigen::Vector2d pixel = camera.project(pose.inverse() * p).value();
+    return Eigen::Vector2d(pixel.x() + 0.5, pixel.y() + 0.5);
+  };
+  using Kind = WindowEvent::Kind;
+  const Eigen::Vector2d to = in_window({0.1, 0.05, 0.1});
+  const auto move = pointer(Kind::pointer_moved, to.x(), to.y());
+  const auto wheel = pointer(Kind::scrolled, 0.0, 2.0);
+  const auto edits = [&](std::deque<WindowEvent> events) {
+    const int count = static_cast<int>(events.size());
+    ScriptedWindow window(std::move(events));
+    window.size = {160, 120};
+    Host host;
+    host.shown = {&scene, &state, &camera, pose};
+    InterruptWatch interrupt;
+    Viewer viewer(window, host, nullptr);
+    for (int i = 0; i < count; ++i) EXPECT_TRUE(viewer.show(interrupt));
+    std::vector<Eigen::Vector3d> places;
+    for (const SceneEdit& edit : host.edits)
+      places.push_back(std::get<ObjectPlaced>(edit).placement.position);
+    return places;
+  };
+  EXPECT_TRUE(edits({key('K'), move}).empty()) << "the scene has none";
+  scene.objects[0].cursor = true;
+  EXPECT_TRUE(edits({move, wheel}).empty());
+  EXPECT_TRUE(edits({key('K'), key('K'), move}).empty());
+  const auto followed = edits({key('K'), move, wheel});
+  ASSERT_EQ(followed.size(), 2U);
+  EXPECT_LT((followed[0] - Eigen::Vector3d(0.1, 0.05, 0.1)).norm(), 1e-5);
+  EXPECT_NEAR(followed[1].z(), 0.11, 1e-9);
+}
+
 // With a real HUD, drawn into a framebuffer of an offscreen context.
 class ViewerWithHud : public testing::Test {
  protected:

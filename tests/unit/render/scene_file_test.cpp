@@ -201,6 +201,22 @@ TEST_F(SceneFile, ObjectsAndPlanesMoveWithTheirGroupOfTags) {
               HasSubstr("/planes/0/tag_group: is 7; give the group of tags"));
 }
 
+TEST_F(SceneFile, OneObjectMayBeTheCursor) {
+  const auto object = [](const char* name, const char* keys) {
+    return std::string(R"({"name":")") + name +
+           R"(","shape":{"kind":"box","size":[1,1,1]},"cursor":true)" + keys + "}";
+  };
+  const Result<Scene> scene = load(R"({"objects":[)" + object("a", "") + "]}");
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_TRUE(scene->objects[0].cursor);
+  EXPECT_THAT(error_of(R"({"objects":[)" + object("a", "") + "," + object("b", "") + "]}"),
+              HasSubstr("/objects/1/cursor: the scene has another 3D cursor"));
+  EXPECT_THAT(error_of(R"({"objects":[)" + object("a", R"(,"tag_group":"wall")") + "]}"),
+              HasSubstr("/objects/0/cursor: moves freely"));
+  EXPECT_THAT(error_of(R"({"objects":[],"phantoms":[)" + object("a", "") + "]}"),
+              HasSubstr("/phantoms/0/cursor: is for virtual objects"));
+}
+
 TEST_F(SceneFile, ObjectsSayWhatCasts) {
   const auto object = [this](const std::string& keys) {
     return R"({"objects":[{"name":"a","model":")" +
