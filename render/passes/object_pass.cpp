@@ -36,11 +36,14 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
                 kMaxLights);
   }
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "object.vert.glsl"};
-  constexpr std::array<std::string_view, 4> kFragment = {"ambient.glsl", "light_share.glsl",
-                                                         "shadow_mask.glsl", "object.frag.glsl"};
+  constexpr std::array<std::string_view, 3> kFragment = {"ambient.glsl", "light_share.glsl",
+                                                         "object.frag.glsl"};
+  constexpr std::array<std::string_view, 2> kMasked = {"shadow_mask.glsl", "masked.frag.glsl"};
   auto program = ShaderProgram::link(api, kVertex, kFragment, kLightDefines);
   if (!program) return tl::unexpected(program.error());
-  ObjectPass pass(std::move(*program));
+  auto masked = ShaderProgram::link(api, kVertex, kMasked);
+  if (!masked) return tl::unexpected(masked.error());
+  ObjectPass pass(std::move(*program), std::move(*masked));
 
   const double longest = longest_edge(camera);
   const std::vector<double> scales = largest_scales(scene);
@@ -99,8 +102,8 @@ void ObjectPass::set_lights(const Scene& scene, const FramePlan& plan) const {
   program_.set("ambient", to_gl(scene.ambient));
 }
 
-int ObjectPass::draw_all(const Scene& scene, std::span<const ObjectDraw> draws,
-                         const CameraPose& pose) const {
+int ObjectPass::draw_all(const ShaderProgram& program, const Scene& scene,
+                         std::span<const ObjectDraw> draws, const CameraPose& pose) const {
   PENUMBRA_ASSERT(models_.size() == scene.objects.size());
   const Material plain;
   int calls = 0;
@@ -109,22 +112,21 @@ int ObjectPass::draw_all(const Scene& scene, std::span<const ObjectDraw> draws,
     const GpuModel* gpu = models_[index].get();
     if (gpu == nullptr) continue;
     const Model& model = *descriptions_[index];
-    program_.set("table_from_object", to_gl(draw.T_table_object));
-    program_.set("camera_from_object", camera_from_object(pose, draw.T_table_object));
+    program.set("table_from_object", to_gl(draw.T_table_object));
+    program.set("camera_from_object", camera_from_object(pose, draw.T_table_object));
     for (const GpuMesh& mesh : gpu->meshes) {
       const auto at = static_cast<std::size_t>(mesh.material);
       const Material& material =
           mesh.material >= 0 && at < model.materials.size() ? model.materials[at] : plain;
-      program_.set("base_color", glm::vec3(material.base_color));
-      program_.set("emissive", material.emissive);
-      program_.set("metallic", material.metallic);
-      program_.set("roughness", material.roughness);
+      program.set("base_color", glm::vec3(material.base_color));
+      program.set("emissive", material.emissive);
+      program.set("metallic", material.metallic);
+      program.set("roughness", material.roughness);
       const int texture = material.base_color_texture;
       const bool textured =
           texture >= 0 && static_cast<std::size_t>(texture) < gpu->textures.size();
-      program_.set("has_texture", textured ? 1 : 0);
-      program_.set("base_color_texture", 0);
-      program_.set("shadow_mask", kShadowMaskUnit);  // kinds of samplers share no unit
+      program.set("has_texture", textured ? 1 : 0);
+      program.set("base_color_texture", 0);
       if (textured) gpu->textures[static_cast<std::size_t>(texture)].bind(0);
       mesh.layout.bind();
       glDrawElements(GL_TRIANGLES, mesh.index_count, GL_UNSIGNED_INT, nullptr);
@@ -145,7 +147,7 @@ int ObjectPass::draw_phantoms(const Scene& scene, const FramePlan& plan,
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_BLEND);
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  const int calls = draw_all(scene, plan.phantoms, plan.T_table_camera);
+  const int calls = draw_all(program_, scene, plan.phantoms, plan.T_table_camera);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   return calls;
 }
@@ -167,17 +169,17 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan,
   for (const ObjectDraw& draw : plan.objects) {
     if (draw.opacity < 1.0F) faint.push_back(draw);
   }
-  if (faint.empty()) return draw_all(scene, plan.objects, plan.T_table_camera);
+  if (faint.empty()) return draw_all(program_, scene, plan.objects, plan.T_table_camera);
   int calls = 0;
   if (faint.size() < plan.objects.size()) {
     std::vector<ObjectDraw> solid = plan.objects;
     std::erase_if(solid, [](const ObjectDraw& draw) { return draw.opacity < 1.0F; });
-    calls += draw_all(scene, solid, plan.T_table_camera);
+    calls += draw_all(program_, scene, solid, plan.T_table_camera);
   }
   std::ranges::stable_sort(faint, {}, &ObjectDraw::opacity);
 
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  calls += draw_all(scene, faint, plan.T_table_camera);
+  calls += draw_all(program_, scene, faint, plan.T_table_camera);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
@@ -188,7 +190,7 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan,
     std::size_t count = 1;
     while (count < left.size() && left[count].opacity == opacity) ++count;
     glBlendColor(0.0F, 0.0F, 0.0F, opacity);
-    calls += draw_all(scene, left.first(count), plan.T_table_camera);
+    calls += draw_all(program_, scene, left.first(count), plan.T_table_camera);
     left = left.subspan(count);
   }
   glDisable(GL_BLEND);
@@ -201,7 +203,7 @@ int ObjectPass::draw_alone(const Scene& scene, const ObjectDraw& draw, const Fra
                            const LensUniforms& lens) const {
   program_.use();
   set_lens(program_, lens);
-  return draw_all(scene, {&draw, 1}, plan.T_table_camera);
+  return draw_all(program_, scene, {&draw, 1}, plan.T_table_camera);
 }
 
 int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
@@ -217,30 +219,29 @@ int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const 
   program_.set("opacity", opacity);
   program_.set("darkens", add_up ? 2 : 1);
   glFrontFace(GL_CW);
-  const int calls = draw_all(scene, {&draw, 1}, plan.T_table_camera);
+  const int calls = draw_all(program_, scene, {&draw, 1}, plan.T_table_camera);
   program_.set("darkens", 0);
   return calls;
 }
 
 int ObjectPass::draw_under_shadow(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                                   const LensUniforms& lens, const ShadowMask& mask) const {
-  program_.use();
-  set_lens(program_, lens);
-  program_.set("eye", to_gl(plan.T_table_camera.translation()));
-  program_.set("mask_from_table", mask.plane_from_table);
-  program_.set("mask_normal", mask.normal);
-  program_.set("mask_origin", mask.origin);
-  program_.set("mask_extent", mask.extent);
-  program_.set("mask_levels", std::span<const glm::vec4>(mask.levels));
-  program_.set("mask_count", mask.level_count);
-  program_.set("mask_layer", mask.layer);
-  program_.set("mask_light_left", mask.light_left);
-  program_.set("mask_step", static_cast<float>(kLevelStep));
-  program_.set("darkens", 3);
+  const ShaderProgram& p = masked_program_;
+  p.use();
+  set_lens(p, lens);
+  p.set("eye", to_gl(plan.T_table_camera.translation()));
+  p.set("mask_from_table", mask.plane_from_table);
+  p.set("mask_normal", mask.normal);
+  p.set("mask_origin", mask.origin);
+  p.set("mask_extent", mask.extent);
+  p.set("mask_levels", std::span<const glm::vec4>(mask.levels));
+  p.set("mask_count", mask.level_count);
+  p.set("mask_layer", mask.layer);
+  p.set("mask_light_left", mask.light_left);
+  p.set("mask_step", static_cast<float>(kLevelStep));
+  p.set("shadow_mask", kShadowMaskUnit);
   glFrontFace(GL_CW);
-  const int calls = draw_all(scene, {&draw, 1}, plan.T_table_camera);
-  program_.set("darkens", 0);
-  return calls;
+  return draw_all(p, scene, {&draw, 1}, plan.T_table_camera);
 }
 
 }  // namespace penumbra

@@ -76,13 +76,16 @@ class ObjectPass {
     std::vector<GpuMesh> meshes;
     std::vector<Texture2d> textures;
   };
-  explicit ObjectPass(ShaderProgram program) : program_(std::move(program)) {}
+  ObjectPass(ShaderProgram program, ShaderProgram masked)
+      : program_(std::move(program)), masked_program_(std::move(masked)) {}
 
   static std::shared_ptr<GpuModel> upload(const Model& model, float max_edge);
-  int draw_all(const Scene& scene, std::span<const ObjectDraw> draws, const CameraPose& pose) const;
+  int draw_all(const ShaderProgram& program, const Scene& scene, std::span<const ObjectDraw> draws,
+               const CameraPose& pose) const;
   void set_lights(const Scene& scene, const FramePlan& plan) const;
 
   ShaderProgram program_;
+  ShaderProgram masked_program_;  // of shadows by masks: light alone would cost many times as much
   std::vector<std::shared_ptr<const GpuModel>> models_;     // one per scene object; null: no model
   std::vector<std::shared_ptr<const Model>> descriptions_;  // their materials
 };

@@ -15,8 +15,7 @@ uniform float roughness;
 uniform int has_texture;
 uniform sampler2D base_color_texture;  // decoded to linear light by the sampler
 uniform vec3 eye;                      // table frame
-uniform int darkens;    // 1: a factor for the picture; 2: the blocked share, for light_sum.frag.glsl;
-                        // 3: a factor, by shadow_mask.glsl
+uniform int darkens;    // 1: a factor for the picture; 2: the blocked share, for light_sum.frag.glsl
 uniform float opacity;  // of the shadow
 
 void main() {
@@ -24,12 +23,6 @@ void main() {
   float normal_length = length(facing);
   vec3 n = normal_length > 0.0 ? facing / normal_length : view;
   if (dot(n, view) < 0.0 && !gl_FrontFacing) n = -n;  // the inside of an open surface
-  if (darkens == 3) {
-    float left = left_under_mask(place, n);
-    if (left > 1.0) discard;
-    color = vec4(vec3(left), 1.0);
-    return;
-  }
   if (darkens != 0) {
     color = darkening(blocked_share(place, n), opacity, darkens == 2);
     return;

@@ -11,6 +11,9 @@ out vec3 facing;
 out vec2 surface;
 out vec4 tint;
 
+// Drawn again by another program, a surface has the same depth.
+invariant gl_Position;
+
 void main() {
   place = table_from_object * vec4(position, 1.0);
   facing = table_from_object * vec4(normal, 0.0);
