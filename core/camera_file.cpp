@@ -323,20 +323,51 @@ Result<CameraModel> load_camera(const std::filesystem::path& file) {
 
 namespace {
 
+bool all_finite(const std::vector<double>& values) {
+  return std::all_of(values.begin(), values.end(), [](double x) { return std::isfinite(x); });
+}
+
+// What is not known is left out: readers of numbers have no use for .nan.
 std::string record_text(const CalibrationRecord& record) {
   std::string text = fmt::format("calibrated_on: {}\n", in_quotes(record.calibrated_on));
-  if (record.focus_position) text += fmt::format("focus_position: {}\n", *record.focus_position);
+  if (record.focus_position && std::isfinite(*record.focus_position))
+    text += fmt::format("focus_position: {}\n", *record.focus_position);
   text += fmt::format(
       "# one sigma; standard deviations in the order fx fy cx cy k1 ...\n"
-      "uncertainty:\n  target: {}\n  views: {}\n  rms_px: {:.4f}\n",
-      in_quotes(record.target), record.views, record.rms_px);
-  if (record.held_out_px) text += fmt::format("  held_out_px: {:.4f}\n", *record.held_out_px);
-  text += fmt::format(
-      "  projection_mean_px: {:.4f}\n  projection_largest_px: {:.4f}\n"
-      "  standard_deviations: [{}]\n",
-      record.projection_mean_px, record.projection_largest_px,
-      joined(record.standard_deviations, "{:.6g}"));
+      "uncertainty:\n  target: {}\n  views: {}\n",
+      in_quotes(record.target), record.views);
+  const auto add = [&text](const char* key, double value) {
+    if (std::isfinite(value)) text += fmt::format("  {}: {:.4f}\n", key, value);
+  };
+  add("rms_px", record.rms_px);
+  if (record.held_out_px) add("held_out_px", *record.held_out_px);
+  add("projection_mean_px", record.projection_mean_px);
+  add("projection_largest_px", record.projection_largest_px);
+  if (all_finite(record.standard_deviations)) {
+    text +=
+        fmt::format("  standard_deviations: [{}]\n", joined(record.standard_deviations, "{:.6g}"));
+  }
+  if (!record.table_tracked_px.empty() && all_finite(record.table_tracked_px) &&
+      all_finite(record.table_known_pose_px)) {
+    text += fmt::format(
+        "  # corners of a 0.2 m cube on the table: pose found with this lens, and pose known\n"
+        "  table_volume:\n    distance_m: {:.3f}\n    tracked_px: [{}]\n    known_pose_px: [{}]\n",
+        record.table_distance_m, joined(record.table_tracked_px, "{:.4f}"),
+        joined(record.table_known_pose_px, "{:.4f}"));
+  }
   return text;
+}
+
+// Kalibr counts every key of a chain's file as a camera.
+std::string as_comments(std::string_view text) {
+  std::string comments;
+  while (!text.empty()) {
+    const std::size_t end = std::min(text.find('\n'), text.size() - 1) + 1;
+    const std::string_view line = text.substr(0, end);
+    comments += line.starts_with("#") ? std::string(line) : "# " + std::string(line);
+    text.remove_prefix(end);
+  }
+  return comments;
 }
 
 std::string ros_text(const CameraParameters& p) {
@@ -393,9 +424,7 @@ std::string opencv_text(const CameraParameters& p) {
 
 std::string kalibr_text(const CameraParameters& p) {
   const std::vector<double> k = {p.fx, p.fy, p.cx, p.cy};
-  // Kalibr's radtan has no k3; readers of ours take a fifth number, and only then is it written.
-  const bool k3 = p.model == DistortionModel::plumb_bob && p.distortion[4] != 0.0;
-  const std::vector<double> distortion(p.distortion.begin(), p.distortion.begin() + (k3 ? 5 : 4));
+  const std::vector<double> distortion(p.distortion.begin(), p.distortion.begin() + 4);
   return fmt::format(
       "cam0:\n  camera_model: pinhole\n  intrinsics: [{}]\n  distortion_model: {}\n"
       "  distortion_coeffs: [{}]\n  resolution: [{}, {}]\n  rostopic: /camera/image_raw\n",
@@ -423,11 +452,54 @@ Result<void> save_camera(const std::filesystem::path& file, const CameraModel& c
             "with --model plumb_bob",
             file.string());
       }
+      if (p.model == DistortionModel::plumb_bob && p.distortion[4] != 0.0) {
+        return fail(
+            "{}: Kalibr's radtan lens has no k3, and this one's is {}; without it the lens would "
+            "be "
+            "another: write another format, or calibrate with --format kalibr, which solves for a "
+            "lens without k3",
+            file.string(), p.distortion[4]);
+      }
       text = kalibr_text(p);
       break;
   }
-  if (record != nullptr) text += record_text(*record);
+  if (record != nullptr) {
+    const std::string told = record_text(*record);
+    text += format == CameraFileFormat::kalibr ? as_comments(told) : told;
+  }
   return write_text_file(file, text);
+}
+
+std::string ros_camera_text(const CameraModel& camera) {
+  return ros_text(camera.parameters());
+}
+
+Result<CameraModel> scaled_to(const CameraModel& camera, int width, int height) {
+  const auto times = [](int larger, int smaller) {
+    return smaller > 0 && larger % smaller == 0 ? larger / smaller : 0;
+  };
+  CameraParameters p = camera.parameters();
+  const int down = times(p.width, width);
+  const int up = times(width, p.width);
+  double scale = 0.0;
+  if (down > 0 && down == times(p.height, height)) {
+    scale = 1.0 / down;
+  } else if (up > 0 && up == times(height, p.height)) {
+    scale = up;
+  } else {
+    return fail(
+        "is a calibration of {}x{} px and can't be scaled to {}x{} px, for no whole number of "
+        "pixels becomes one; calibrate at this size (penumbra calibrate)",
+        p.width, p.height, width, height);
+  }
+  p.width = width;
+  p.height = height;
+  p.fx *= scale;
+  p.fy *= scale;
+  p.cx = (p.cx + 0.5) * scale - 0.5;
+  p.cy = (p.cy + 0.5) * scale - 0.5;
+  if (scale != 1.0) p.rolling_shutter_row_s.reset();
+  return CameraModel::make(p);
 }
 
 }  // namespace penumbra

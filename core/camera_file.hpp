@@ -28,17 +28,30 @@ struct CalibrationRecord {
   std::string calibrated_on;  // "2026-03-01"
   std::string target;         // what was looked at
   int views = 0;
-  double rms_px = 0.0;                      // 2-D distance
-  std::optional<double> held_out_px;        // of views that took no part
-  double projection_mean_px = 0.0;          // 1 sigma, over the image
-  double projection_largest_px = 0.0;       // 1 sigma, at the worst place
+  double rms_px = 0.0;                 // 2-D distance
+  std::optional<double> held_out_px;   // of views that took no part
+  double projection_mean_px = 0.0;     // 1 sigma, over the image
+  double projection_largest_px = 0.0;  // 1 sigma, at the worst place
+  // 1 sigma at the corners of the overlay cube (core/evaluation.hpp), seen from `table_distance_m`:
+  // its pose known, and its pose found with this lens. Empty where nothing is known of it.
+  std::vector<double> table_known_pose_px;
+  std::vector<double> table_tracked_px;
+  double table_distance_m = 0.0;
   std::vector<double> standard_deviations;  // fx fy cx cy k1 ...
   std::optional<double> focus_position;
 };
 
-// Fails for a lens that the format can't say: Kalibr has no rational model.
+// Fails for a lens that the format can't say: Kalibr has no rational model, and no k3.
 [[nodiscard]] Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,
                                        CameraFileFormat format = CameraFileFormat::ros,
                                        const CalibrationRecord* record = nullptr);
+// What save_camera() writes as ROS camera_info.
+[[nodiscard]] std::string ros_camera_text(const CameraModel& camera);
+
+// The same camera where n x n pixels are taken together (binned), or the other way round: the pixel
+// p of the larger picture lies at (p + 0.5) / n - 0.5 of the smaller one, the lens is the same.
+// Exact if both sizes show the same view. Fails where the sizes are not whole multiples, by one
+// number in width and height. What a row takes to be read is not known at the other size.
+[[nodiscard]] Result<CameraModel> scaled_to(const CameraModel& camera, int width, int height);
 
 }  // namespace penumbra

@@ -155,6 +155,22 @@ Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated,
   return result;
 }
 
+Trajectory over_group(const Trajectory& camera, const Trajectory& group,
+                      const Transform<frame::Group, frame::GroupMiddle>& T_group_middle) {
+  Trajectory over;
+  for (const StampedPose& pose : camera.poses) {
+    const StampedPose* place = group.at(pose.timestamp_ns);
+    if (place == nullptr) continue;
+    const GroupPose T_table_group(place->T_table_camera.rotation(),
+                                  place->T_table_camera.translation());
+    const auto T_middle_camera = (T_table_group * T_group_middle).inverse() * pose.T_table_camera;
+    over.poses.push_back({pose.timestamp_ns,
+                          CameraPose(T_middle_camera.rotation(), T_middle_camera.translation()),
+                          {}});
+  }
+  return over;
+}
+
 double expected_overlay_error_px(const CameraModel& camera, const CameraPose& pose,
                                  const Eigen::Matrix<double, 6, 6>& covariance) {
   const auto T_camera_table = pose.inverse();

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/camera_model.hpp"
+#include "core/group_pose.hpp"
 #include "core/trajectory.hpp"
 
 namespace penumbra {
@@ -50,6 +51,13 @@ struct Evaluation {
 };
 [[nodiscard]] Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated,
                                   const Trajectory& truth);
+
+// The camera over the middle of a group of tags (T_middle_camera) at the times at which both the
+// camera's pose on the table and the group's place there (T_table_group) are known: what a group's
+// overlay error is of.
+[[nodiscard]] Trajectory over_group(
+    const Trajectory& camera, const Trajectory& group,
+    const Transform<frame::Group, frame::GroupMiddle>& T_group_middle);
 
 // 1 sigma of the overlay error (RMS over the cube's corners) for a pose covariance as in
 // PoseEstimate.

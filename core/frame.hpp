@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "core/image_view.hpp"
@@ -36,18 +37,28 @@ struct PixelPlane {
   std::ptrdiff_t stride = 0;  // [bytes]
 };
 
+// The memory that a frame's planes lie in, as Linux shares it among devices (DMA-BUF): a GPU can
+// read the picture where the camera put it.
+struct DmaBuf {
+  int descriptor = -1;                  // -1: none; open as long as the frame's owner lives
+  std::uint64_t buffer = 0;             // which one it is: descriptors are used again, this is not
+  std::array<std::size_t, 3> offset{};  // of each plane [bytes]
+};
+
 struct Frame {
   std::uint64_t sequence = 0;  // counts captured frames from 0; a gap is a lost frame
   std::int64_t timestamp_ns =
-      0;           // monotonic clock of the source, at the middle of the exposure where known
-  int width = 0;   // [px]
-  int height = 0;  // [px]
+      0;  // monotonic clock of the source, at the middle of the exposure where known
+  std::optional<double> exposure_s;  // how long light was gathered, where known; > 0
+  int width = 0;                     // [px]
+  int height = 0;                    // [px]
   PixelFormat format = PixelFormat::grey8;
   ColorMatrix color_matrix = ColorMatrix::bt601;
   ColorRange color_range = ColorRange::full;
   std::array<PixelPlane, 3> planes{};
   int plane_count = 0;
   std::shared_ptr<const void> owner;  // keeps the pixels alive
+  DmaBuf dma_buf;                     // where the planes lie, if a device has shared it
 
   [[nodiscard]] bool empty() const { return plane_count == 0; }
 };

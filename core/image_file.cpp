@@ -4,6 +4,7 @@
 #include <turbojpeg.h>
 
 #include <array>
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <memory>
@@ -24,9 +25,11 @@ constexpr std::size_t kMaxPixels = 256'000'000;     // of one picture
 constexpr std::size_t kCheapPixels = 16'000'000;    // up to here a size is believed as it stands
 constexpr std::size_t kMaxChunkBytes = 64'000'000;  // of what PNG stores beside the pixels
 
-// Warnings of the decoder are damage: it would go on with grey blocks. The scan limit keeps a small
-// progressive file from costing minutes.
-constexpr int kJpegFlags = TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS;
+// The scan limit keeps a small progressive file from costing minutes.
+constexpr int kJpegFlags = TJFLAG_LIMITSCANS;
+// Cameras fill up their last packet, in front of the end mark; those of USB have up to this many
+// bytes. More that no picture needs is a picture that lost its place.
+constexpr unsigned kMostFill = 1024;
 
 enum class Kind { jpeg, png };
 
@@ -61,6 +64,22 @@ using Turbo = std::unique_ptr<void, DestroyTurbo>;
 
 tl::unexpected<Error> jpeg_failure(tjhandle handle, const std::string& name) {
   return fail("{}: damaged JPEG ({}); record or copy it again", name, tjGetErrorStr2(handle));
+}
+
+// Whether a decoder's call went well enough. What it warns of is damage, over which it goes on with
+// grey or shifted blocks. But for one thing: bytes between the last block and the end mark, which
+// many webcams have in every picture. TurboJPEG keeps the first warning only; nothing is read after
+// the end mark, so there is no other.
+bool is_decoded(tjhandle handle, int status) {
+  if (status == 0) return true;
+  if (tjGetErrorCode(handle) != TJERR_WARNING) return false;
+  unsigned bytes = 0;
+  unsigned marker = 0;
+  constexpr unsigned kEndOfImage = 0xD9;
+  return std::sscanf(tjGetErrorStr2(handle),
+                     "Corrupt JPEG data: %u extraneous bytes before marker 0x%x", &bytes,
+                     &marker) == 2 &&
+         marker == kEndOfImage && bytes <= kMostFill;
 }
 
 struct JpegHeader {
@@ -132,8 +151,10 @@ Result<std::vector<std::uint8_t>> decode_jpeg_packed(tjhandle handle,
   const int pitch = header.width * tjPixelSize[pixel_format];
   std::vector<std::uint8_t> pixels(static_cast<std::size_t>(pitch) *
                                    static_cast<std::size_t>(header.height));
-  if (tjDecompress2(handle, bytes.data(), static_cast<unsigned long>(bytes.size()), pixels.data(),
-                    header.width, pitch, header.height, pixel_format, kJpegFlags) != 0) {
+  if (!is_decoded(handle,
+                  tjDecompress2(handle, bytes.data(), static_cast<unsigned long>(bytes.size()),
+                                pixels.data(), header.width, pitch, header.height, pixel_format,
+                                kJpegFlags))) {
     return jpeg_failure(handle, name);
   }
   return pixels;
@@ -174,9 +195,11 @@ Result<Frame> decode_jpeg(std::span<const std::uint8_t> bytes, const std::string
     PENUMBRA_ASSERT(plane.width == tjPlaneWidth(i, header->width, header->subsampling) &&
                     plane.height == tjPlaneHeight(i, header->height, header->subsampling));
   }
-  if (tjDecompressToYUVPlanes(decoder.get(), bytes.data(), static_cast<unsigned long>(bytes.size()),
-                              buffer.plane_data.data(), header->width, strides.bytes.data(),
-                              header->height, kJpegFlags) != 0) {
+  if (!is_decoded(decoder.get(),
+                  tjDecompressToYUVPlanes(decoder.get(), bytes.data(),
+                                          static_cast<unsigned long>(bytes.size()),
+                                          buffer.plane_data.data(), header->width,
+                                          strides.bytes.data(), header->height, kJpegFlags))) {
     return jpeg_failure(decoder.get(), name);
   }
   buffer.frame.width = buffer.frame.planes[0].width = header->width;

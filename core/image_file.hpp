@@ -15,7 +15,8 @@ namespace penumbra {
 // JPEG -> yuv420p / yuv422p / yuv444p / grey8 as it was coded, full range BT.601 (JFIF), no colour
 // conversion. PNG -> grey8 or rgb24 (palette and 16-bit reduced, alpha dropped). Other chroma
 // layouts of JPEG are converted to yuv444p. A truncated or damaged picture is an error, also where
-// a decoder would paper over it. Sides up to 32768 px, 256 Mpx in all. `name` is put into the
+// a decoder would paper over it; fill bytes in front of a JPEG's end mark, up to 1 KiB, are not
+// damage. Sides up to 32768 px, 256 Mpx in all. `name` is put into the
 // error. Thread-safe.
 [[nodiscard]] Result<Frame> decode_image(std::span<const std::uint8_t> bytes,
                                          const std::string& name);

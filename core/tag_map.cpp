@@ -1,6 +1,7 @@
 #include "core/tag_map.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <utility>
 
@@ -10,7 +11,7 @@
 namespace penumbra {
 namespace {
 
-constexpr std::array<std::pair<TagFamily, std::string_view>, 9> kFamilies = {{
+constexpr std::array<std::pair<TagFamily, std::string_view>, 21> kFamilies = {{
     {TagFamily::tag36h11, "tag36h11"},
     {TagFamily::tag36h10, "tag36h10"},
     {TagFamily::tag25h9, "tag25h9"},
@@ -20,7 +21,21 @@ constexpr std::array<std::pair<TagFamily, std::string_view>, 9> kFamilies = {{
     {TagFamily::tag_standard41h12, "tagStandard41h12"},
     {TagFamily::tag_standard52h13, "tagStandard52h13"},
     {TagFamily::tag_custom48h12, "tagCustom48h12"},
+    {TagFamily::aruco_4x4_50, "DICT_4X4_50"},
+    {TagFamily::aruco_4x4_100, "DICT_4X4_100"},
+    {TagFamily::aruco_4x4_250, "DICT_4X4_250"},
+    {TagFamily::aruco_4x4_1000, "DICT_4X4_1000"},
+    {TagFamily::aruco_5x5_50, "DICT_5X5_50"},
+    {TagFamily::aruco_5x5_100, "DICT_5X5_100"},
+    {TagFamily::aruco_5x5_250, "DICT_5X5_250"},
+    {TagFamily::aruco_5x5_1000, "DICT_5X5_1000"},
+    {TagFamily::aruco_6x6_50, "DICT_6X6_50"},
+    {TagFamily::aruco_6x6_100, "DICT_6X6_100"},
+    {TagFamily::aruco_6x6_250, "DICT_6X6_250"},
+    {TagFamily::aruco_6x6_1000, "DICT_6X6_1000"},
 }};
+
+constexpr std::string_view kDictionary = "DICT_";
 
 Result<MappedTag> read_tag(const YamlFields& fields) {
   MappedTag tag;
@@ -87,10 +102,21 @@ std::string_view to_string(TagFamily family) {
 }
 
 std::optional<TagFamily> tag_family_from_string(std::string_view name) {
+  std::string upper(name);
+  for (char& c : upper) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
   for (const auto& [value, known] : kFamilies) {
     if (known == name) return value;
+    if (!known.starts_with(kDictionary)) continue;
+    if (known == upper || known.substr(kDictionary.size()) == upper) return value;
   }
   return std::nullopt;
+}
+
+std::optional<ArucoDictionary> aruco_dictionary_of(TagFamily family) {
+  const auto number = static_cast<int>(family) - static_cast<int>(TagFamily::aruco_4x4_50);
+  if (number < 0) return std::nullopt;
+  constexpr std::array<int, 4> kCounts = {50, 100, 250, 1000};
+  return ArucoDictionary{4 + number / 4, kCounts[static_cast<std::size_t>(number % 4)]};
 }
 
 std::array<Eigen::Vector3d, 4> MappedTag::corners() const {

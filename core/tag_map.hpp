@@ -14,7 +14,8 @@
 
 namespace penumbra {
 
-// Families of libapriltag; the name in files is the same ("tag36h11").
+// Families of libapriltag; the name in files is the same ("tag36h11"). And the ArUco dictionaries
+// of OpenCV, as in "DICT_4X4_50" (read with and without DICT_, in any case).
 enum class TagFamily {
   tag36h11,
   tag36h10,
@@ -24,8 +25,27 @@ enum class TagFamily {
   tag_circle49h12,
   tag_standard41h12,
   tag_standard52h13,
-  tag_custom48h12
+  tag_custom48h12,
+  aruco_4x4_50,
+  aruco_4x4_100,
+  aruco_4x4_250,
+  aruco_4x4_1000,
+  aruco_5x5_50,
+  aruco_5x5_100,
+  aruco_5x5_250,
+  aruco_5x5_1000,
+  aruco_6x6_50,
+  aruco_6x6_100,
+  aruco_6x6_250,
+  aruco_6x6_1000
 };
+
+struct ArucoDictionary {
+  int cells = 4;   // of data, across
+  int count = 50;  // of markers
+};
+// Nothing for a family of libapriltag.
+[[nodiscard]] std::optional<ArucoDictionary> aruco_dictionary_of(TagFamily family);
 
 [[nodiscard]] std::string_view to_string(TagFamily family);
 [[nodiscard]] std::optional<TagFamily> tag_family_from_string(std::string_view name);

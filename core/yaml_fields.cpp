@@ -21,24 +21,40 @@ std::string shown(const YAML::Node& node) {
   return "'" + text + "'";
 }
 
-// A key that a map names twice; which of the two is meant, nobody knows. (YAML forbids it, yaml-cpp
-// takes the first.)
-std::optional<std::string> duplicate_key(const YAML::Node& node) {
-  if (node.IsMap()) {
-    std::set<std::string> keys;
-    for (const auto& entry : node) {
-      if (entry.first.IsScalar() && !keys.insert(entry.first.Scalar()).second) {
-        return fmt::format("line {}: {}", entry.first.Mark().line + 1, shown(entry.first));
+// What makes a document unreadable though it is YAML: a key that a map names twice (which of the
+// two is meant, nobody knows; YAML forbids it, yaml-cpp takes the first), and aliases that stand
+// for themselves or for more than any file of ours holds.
+class DocumentCheck {
+ public:
+  [[nodiscard]] std::optional<std::string> problem(const YAML::Node& node, int depth = 0) {
+    constexpr int kDeepest = 32;
+    constexpr int kMostNodes = 1'000'000;
+    if (depth > kDeepest || ++nodes_ > kMostNodes) {
+      return fmt::format(
+          "line {}: holds itself, or far more than such a file does; write values out in place of "
+          "aliases (*name)",
+          node.Mark().line + 1);
+    }
+    if (node.IsMap()) {
+      std::set<std::string> keys;
+      for (const auto& entry : node) {
+        if (entry.first.IsScalar() && !keys.insert(entry.first.Scalar()).second) {
+          return fmt::format("line {}: {} is there twice; keep one of them",
+                             entry.first.Mark().line + 1, shown(entry.first));
+        }
+        if (auto found = problem(entry.second, depth + 1)) return found;
       }
-      if (auto found = duplicate_key(entry.second)) return found;
+    } else if (node.IsSequence()) {
+      for (const auto& entry : node) {
+        if (auto found = problem(entry, depth + 1)) return found;
+      }
     }
-  } else if (node.IsSequence()) {
-    for (const auto& entry : node) {
-      if (auto found = duplicate_key(entry)) return found;
-    }
+    return std::nullopt;
   }
-  return std::nullopt;
-}
+
+ private:
+  int nodes_ = 0;
+};
 
 }  // namespace
 
@@ -54,9 +70,7 @@ Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& na
     if (!root.IsMap()) {
       return fail("{}: is no YAML map; it must hold lines of the form `name: value`", name);
     }
-    if (const auto twice = duplicate_key(root)) {
-      return fail("{}: {} is there twice; keep one of them", name, *twice);
-    }
+    if (const auto problem = DocumentCheck().problem(root)) return fail("{}: {}", name, *problem);
     return root;
   } catch (const YAML::Exception& error) {
     return fail("{}: line {}: is not valid YAML ({}); correct the line", name, error.mark.line + 1,

@@ -3,6 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <tuple>
+#include <utility>
+
 #include "core/text.hpp"
 #include "support/paths.hpp"
 
@@ -133,6 +136,46 @@ TEST_F(CameraFile, WhatIsWrittenReadsBackBitForBit) {
     EXPECT_EQ(q.tone_curve, p.tone_curve);
     EXPECT_EQ(q.rolling_shutter_row_s, p.rolling_shutter_row_s);
   }
+}
+
+// Binning puts the pixels 2 p and 2 p + 1 into p: half a pixel beside 2 p.
+TEST_F(CameraFile, ACalibrationIsScaledByWholePixels) {
+  const auto camera = load(camera_text() + "rolling_shutter_row_s: 0.00003\ntone_curve: 2.2\n");
+  ASSERT_TRUE(camera) << camera.error().message;
+  for (const auto& [width, height, scale] :
+       {std::tuple{320, 240, 0.5}, std::tuple{128, 96, 0.2}, std::tuple{1920, 1440, 3.0}}) {
+    const auto scaled = scaled_to(*camera, width, height);
+    ASSERT_TRUE(scaled) << scaled.error().message;
+    EXPECT_EQ(scaled->width(), width);
+    EXPECT_EQ(scaled->height(), height);
+    EXPECT_EQ(scaled->parameters().tone_curve, 2.2);
+    EXPECT_FALSE(scaled->parameters().rolling_shutter_row_s) << "is not known there";
+    for (const Eigen::Vector3d& p :
+         {Eigen::Vector3d(0.0, 0.0, 1.0), Eigen::Vector3d(0.3, -0.2, 0.7),
+          Eigen::Vector3d(-0.4, 0.1, 0.9)}) {
+      const Eigen::Vector2d centre(0.5, 0.5);
+      const Eigen::Vector2d expected = (camera->project(p).value() + centre) * scale - centre;
+      EXPECT_LT((scaled->project(p).value() - expected).norm(), 1e-9);
+    }
+    const auto back = scaled_to(*scaled, 640, 480);
+    ASSERT_TRUE(back);
+    EXPECT_NEAR(back->parameters().cx, camera->parameters().cx, 1e-9);
+  }
+  EXPECT_EQ(scaled_to(*camera, 640, 480)->parameters().rolling_shutter_row_s, 0.00003);
+  for (const auto& [width, height] :
+       {std::pair{320, 480}, std::pair{320, 180}, std::pair{480, 360}, std::pair{1280, 720},
+        std::pair{0, 0}, std::pair{-640, -480}}) {
+    const auto refused = scaled_to(*camera, width, height);
+    ASSERT_FALSE(refused) << width << "x" << height;
+    EXPECT_THAT(refused.error().message, testing::HasSubstr("640x480"));
+  }
+}
+
+TEST_F(CameraFile, TheTextIsThatOfTheFile) {
+  const auto camera = load(camera_text());
+  ASSERT_TRUE(camera);
+  ASSERT_TRUE(save_camera(file_, *camera));
+  EXPECT_EQ(read_text_file(file_, 100'000).value(), ros_camera_text(*camera));
 }
 
 }  // namespace

@@ -1,16 +1,22 @@
 // Camera files of other tools.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <yaml-cpp/yaml.h>
 
 #include <fstream>
+#include <limits>
+#include <string>
 
 #include "core/camera_file.hpp"
+#include "core/text.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {
 namespace {
 
 using testing::HasSubstr;
+using testing::Not;
 
 CameraModel camera_of(DistortionModel model) {
   CameraParameters p;
@@ -60,6 +66,69 @@ TEST(CameraFormats, EachIsReadBackAsItWasWritten) {
       EXPECT_EQ(loaded->width(), 640);
     }
   }
+}
+
+TEST(CameraFormats, KalibrsLensHasFourCoefficients) {
+  const test::TemporaryFolder folder;
+  CameraParameters p = camera_of(DistortionModel::plumb_bob).parameters();
+  p.distortion[4] = 0.0;
+  const CameraModel camera = CameraModel::make(p).value();
+  const auto saved = save_camera(folder.path() / "chain", camera, CameraFileFormat::kalibr);
+  ASSERT_TRUE(saved) << saved.error().message;
+  const auto chain = YAML::LoadFile((folder.path() / "chain").string())["cam0"];
+  EXPECT_EQ(chain["distortion_model"].as<std::string>(), "radtan");
+  EXPECT_EQ(chain["distortion_coeffs"].size(), 4U);
+  const auto loaded = load_camera(folder.path() / "chain");
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  EXPECT_EQ(loaded->parameters().distortion, p.distortion);
+  EXPECT_EQ(loaded->parameters().model, DistortionModel::plumb_bob);
+  p.distortion[4] = -0.004;  // would be lost
+  const auto refused =
+      save_camera(folder.path() / "other", CameraModel::make(p).value(), CameraFileFormat::kalibr);
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, HasSubstr("no k3"));
+  EXPECT_FALSE(std::filesystem::exists(folder.path() / "other"));
+}
+
+// Kalibr takes every key of the file for a camera.
+TEST(CameraFormats, KalibrsChainsHoldNothingButTheCamera) {
+  const test::TemporaryFolder folder;
+  CameraParameters p = camera_of(DistortionModel::plumb_bob).parameters();
+  p.distortion[4] = 0.0;
+  CalibrationRecord record;
+  record.calibrated_on = "2024-05-06";
+  record.target = "a board";
+  record.focus_position = std::numeric_limits<double>::infinity();
+  const CameraModel camera = CameraModel::make(p).value();
+  ASSERT_TRUE(save_camera(folder.path() / "chain", camera, CameraFileFormat::kalibr, &record));
+  const auto root = YAML::LoadFile((folder.path() / "chain").string());
+  ASSERT_EQ(root.size(), 1U);
+  EXPECT_TRUE(root["cam0"].IsMap());
+  const std::string text = read_text_file(folder.path() / "chain", 1 << 20).value();
+  EXPECT_THAT(text, HasSubstr("\n# calibrated_on: "));
+  EXPECT_THAT(text, Not(HasSubstr("focus_position")));
+}
+
+TEST(CameraFormats, ADocumentThatHoldsItselfIsToldInALine) {
+  const test::TemporaryFolder folder;
+  std::string bomb = "a0: &a0 [1, 1]\n";
+  for (int i = 1; i < 28; ++i) {
+    bomb += fmt::format("a{}: &a{} [*a{}, *a{}]\n", i, i, i - 1, i - 1);
+  }
+  for (const std::string& text : {std::string("a: &a [*a]\n"), std::string("cam0: &a {x: *a}\n"),
+                                  std::string("a: &a {b: [1, *a]}\n"), bomb}) {
+    std::ofstream(folder.path() / "camera.yaml") << text;
+    const auto loaded = load_camera(folder.path() / "camera.yaml");
+    ASSERT_FALSE(loaded);
+    EXPECT_THAT(loaded.error().message, HasSubstr("holds itself")) << text;
+  }
+  // Aliases that say something are read.
+  std::ofstream(folder.path() / "camera.yaml")
+      << "cam0: {camera_model: pinhole, intrinsics: &i [500.0, 500.0, 320.0, 240.0], again: *i,\n"
+         "  distortion_model: radtan, distortion_coeffs: [0.1, 0.0, 0.0, 0.0],\n"
+         "  resolution: [640, 480]}\n";
+  const auto loaded = load_camera(folder.path() / "camera.yaml");
+  EXPECT_TRUE(loaded) << loaded.error().message;
 }
 
 TEST(CameraFormats, ReadsMrcalsModels) {

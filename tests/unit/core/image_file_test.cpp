@@ -188,6 +188,61 @@ TEST(Jpeg, ADecoderWarningInTheMiddleIsAnError) {
   EXPECT_NE(frame.error().message.find("broken.jpg: damaged JPEG"), std::string::npos);
 }
 
+// As many webcams give every picture.
+TEST(Jpeg, FillBytesBeforeTheEndMarkChangeNothing) {
+  for (const int flags : {0, TJFLAG_PROGRESSIVE}) {
+    const Bytes plain = encode_jpeg(smooth_rgb(61, 47), 61, 47, TJSAMP_420, flags);
+    const auto expected = decode_image(plain, "plain.jpg");
+    const auto expected_rgba = decode_rgba(plain, "plain.jpg");
+    ASSERT_TRUE(expected && expected_rgba);
+    for (const auto& [fill, accepted] : {std::pair<std::size_t, bool>{1, true},
+                                         {2, true},
+                                         {7, true},
+                                         {511, true},
+                                         {1024, true},
+                                         {1040, false},
+                                         {20000, false}}) {
+      for (const std::uint8_t value : {std::uint8_t{0x00}, std::uint8_t{0x5A}}) {
+        Bytes filled = plain;
+        filled.insert(filled.end() - 2, fill, value);
+        const auto frame = decode_image(filled, "filled.jpg");
+        const auto rgba = decode_rgba(filled, "filled.jpg");
+        ASSERT_EQ(frame.has_value(), accepted) << fill;
+        ASSERT_EQ(rgba.has_value(), accepted) << fill;
+        if (!accepted) continue;
+        EXPECT_EQ(rgba->pixels, expected_rgba->pixels);
+        for (std::size_t i = 0; i < 3; ++i) {
+          for (int y = 0; y < frame->planes[i].height; ++y) {
+            for (int x = 0; x < frame->planes[i].width; ++x) {
+              ASSERT_EQ(sample(*frame, i, x, y), sample(*expected, i, x, y)) << fill;
+            }
+          }
+        }
+      }
+    }
+  }
+}
+
+// Fill bytes at the end hide nothing of what went wrong before them.
+TEST(Jpeg, FillBytesExcuseNoDamage) {
+  Bytes bytes = encode_jpeg(smooth_rgb(320, 240), 320, 240, TJSAMP_420);
+  bytes.insert(bytes.end() - 2, 3, std::uint8_t{0});
+  ASSERT_TRUE(decode_image(bytes, "filled.jpg"));
+  // A code of 16 ones is none: 64 of them, in the entropy-coded data.
+  Bytes bad_code = bytes;
+  for (std::size_t i = 0; i < 16; ++i) bad_code[bytes.size() - 60 + i] = i % 2 == 0 ? 0xFF : 0x00;
+  const auto bad = decode_image(bad_code, "bad.jpg");
+  ASSERT_FALSE(bad);
+  EXPECT_NE(bad.error().message.find("bad.jpg: damaged JPEG"), std::string::npos);
+  EXPECT_FALSE(decode_rgba(bad_code, "bad.jpg"));
+  // Bytes of the middle are lost.
+  Bytes shorter = bytes;
+  shorter.erase(shorter.begin() + static_cast<std::ptrdiff_t>(bytes.size() / 2),
+                shorter.end() - 40);
+  EXPECT_FALSE(decode_image(shorter, "shorter.jpg"));
+  EXPECT_FALSE(decode_rgba(shorter, "shorter.jpg"));
+}
+
 TEST(Jpeg, AHeaderThatPromisesTooMuchIsRefused) {
   Bytes bytes = encode_jpeg(smooth_rgb(64, 48), 64, 48, TJSAMP_420);
   for (std::size_t i = 0; i + 9 < bytes.size(); ++i) {

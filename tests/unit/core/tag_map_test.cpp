@@ -51,7 +51,7 @@ TEST_F(TagMapFile, ReadsATagAndPlacesItsCorners) {
 TEST_F(TagMapFile, ReadsGroupsAndEveryFamily) {
   for (const char* family :
        {"tag36h11", "tag36h10", "tag25h9", "tag16h5", "tagCircle21h7", "tagCircle49h12",
-        "tagStandard41h12", "tagStandard52h13", "tagCustom48h12"}) {
+        "tagStandard41h12", "tagStandard52h13", "tagCustom48h12", "DICT_4X4_50", "DICT_6X6_1000"}) {
     const auto map = load(std::string("tags: [{id: 0, family: ") + family +
                           ", size_m: 1, position: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1], "
                           "group: lid}]");

@@ -1,0 +1,12 @@
+// The focus that a camera file was calibrated at.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+
+namespace penumbra {
+
+// Its `focus_position`, in the units of the camera's control; nothing where the file does not say.
+[[nodiscard]] std::optional<double> load_focus_position(const std::filesystem::path& camera_file);
+
+}  // namespace penumbra
