@@ -9,6 +9,7 @@
 #include "core/evaluation.hpp"
 #include "core/stopwatch.hpp"
 #include "core/units.hpp"
+#include "tracking/background_search.hpp"
 #include "tracking/motion_model.hpp"
 #include "tracking/pose_refiner.hpp"
 
@@ -16,7 +17,7 @@ namespace penumbra {
 namespace {
 
 // Of a group that is not where it was: frames after its loss in which its old place is looked at,
-// and in which the whole picture is searched, at half and full resolution in turn; then every so
+// and after which the whole picture is searched, at half and full resolution in turn; then every so
 // many frames. A search costs as much as twenty frames of tracking and more.
 constexpr int kLooksAtFirst = 15;
 constexpr int kLooksEvery = 4;
@@ -77,6 +78,11 @@ TrackStatus worse(TrackStatus a, TrackStatus b) {
 }
 static_assert(TrackStatus::tracked < TrackStatus::uncertain &&
               TrackStatus::uncertain < TrackStatus::held && TrackStatus::held < TrackStatus::lost);
+
+// Whether the picture is searched for a group that has not been seen for so many frames.
+bool searches(int unseen) {
+  return unseen < kSearchesAtFirst || unseen % kSearchesEvery == 0;
+}
 
 void add(const TrackTimes& more, TrackTimes& times) {
   times.detect_ms += more.detect_ms;
@@ -149,14 +155,31 @@ struct GroupTracker::Impl {
     int unseen = 0;                        // frames since it was tracked
   };
 
+  // Tags of a frame before this one, and where the camera was over the table in it.
+  struct Past {
+    PastTags found;
+    PoseEstimate table_pose;
+    bool recent = false;  // not longer ago than a pose is held
+  };
+
   CameraModel camera;
   TrackerOptions options;
   std::shared_ptr<TagSearch> search;
   TableTracker table;
   std::vector<Group> groups;
   int skipped = 0;
+  // Beside the tracking; nothing where a frame waits for its search.
+  std::unique_ptr<BackgroundSearch> beside;
+  PoseEstimate searched_table_pose;  // of the frame that is searched there
+  bool search_due = false;
+  bool search_full = false;  // at which resolution is searched next
 
+  [[nodiscard]] std::optional<Past> take_search(std::int64_t timestamp_ns);
+  void begin_search(const Frame& frame, const PoseEstimate& table_pose);
+  [[nodiscard]] TrackedFrame follow_table(const Frame& frame, const Past* past);
   [[nodiscard]] SharedFrame request_for(const Group& group, const PoseEstimate& table_pose) const;
+  [[nodiscard]] GroupEstimate follow(Group& group, const Frame& frame, const Past* past,
+                                     TrackedFrame& result);
   [[nodiscard]] GroupEstimate place(Group& group, std::int64_t timestamp_ns,
                                     const PoseEstimate& table_pose, const PoseEstimate& seen) const;
   void take(Group& group, const Place& now, bool doubtful, const CameraPose& T_table_camera) const;
@@ -174,8 +197,90 @@ SharedFrame GroupTracker::Impl::request_for(const Group& group,
   if (looks && measured(table_pose.status)) {
     request.hint = as_table(group.shown.inverse() * table_pose.T_table_camera);
   }
-  request.search = search->searched() || unseen < kSearchesAtFirst || unseen % kSearchesEvery == 0;
+  // Where the table was searched for in the frame, what was found is there already.
+  request.search = search->searched() || (!beside && searches(unseen));
+  if (beside && options.search_timing == SearchTiming::when_done) {
+    request.finest = SearchResolution::quarter;
+  }
   return request;
+}
+
+// What was searched for beside the tracking, as far as it is of use by now.
+std::optional<GroupTracker::Impl::Past> GroupTracker::Impl::take_search(std::int64_t timestamp_ns) {
+  if (!beside) return std::nullopt;
+  std::optional<PastTags> found = beside->take(options.search_timing == SearchTiming::next_frame);
+  if (!found) return std::nullopt;
+  const double age_s = seconds(timestamp_ns - found->timestamp_ns);
+  if (!(age_s > 0.0)) return std::nullopt;
+  return Past{std::move(*found), searched_table_pose, age_s <= options.hold_s};
+}
+
+// Gives this frame to be searched if something waits for that, and if the frame before it is done.
+void GroupTracker::Impl::begin_search(const Frame& frame, const PoseEstimate& table_pose) {
+  if (!beside) return;
+  const bool table_seen = measured(table_pose.status);
+  const bool all_seen = table_seen && std::ranges::all_of(groups, [](const Group& group) {
+                          return group.unseen == 0;
+                        });
+  if (all_seen) search_full = false;
+  // A lost table was searched for in the frame already, up to half of the resolution.
+  const bool finely = options.search_timing == SearchTiming::when_done && !table_seen;
+  if (!table_seen) search_due = finely;
+  if (all_seen || search->searched(finely ? SearchResolution::full : SearchResolution::half))
+    search_due = false;
+  const bool fits = frame.width == camera.width() && frame.height == camera.height();
+  if (!search_due || !beside->idle() || frame.empty() || !fits) return;
+  search_due = false;
+  searched_table_pose = table_pose;
+  const bool full = finely || std::exchange(search_full, !search_full);
+  beside->begin(search->image(), frame.timestamp_ns,
+                full ? SearchResolution::full : SearchResolution::half);
+}
+
+// The table, lost or not.
+TrackedFrame GroupTracker::Impl::follow_table(const Frame& frame, const Past* past) {
+  SharedFrame request;
+  if (beside && options.search_timing == SearchTiming::when_done) {
+    request.finest = SearchResolution::half;
+    if (past != nullptr && !measured(past->table_pose.status)) {
+      const PoseEstimate then = table.locate(past->found.tags);
+      if (measured(then.status)) {
+        // How the camera moved since is not known. Where it went too far for the tags to be
+        // recognised (on a slow machine, in every frame), what was seen is worth a search here.
+        if (past->recent) request.hint = then.T_table_camera;
+        request.hint_seen = past->recent;
+        request.finest = SearchResolution::full;
+        request.begins_finest = true;
+      }
+    }
+  }
+  return table.track(frame, request);
+}
+
+// A group in the frame, whose table's pose is in `result`.
+GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const Past* past,
+                                         TrackedFrame& result) {
+  SharedFrame request = request_for(group, result.pose);
+  PoseEstimate then;  // where the group was seen in the past
+  if (past != nullptr && past->recent && group.unseen > 0 && measured(past->table_pose.status)) {
+    then = group.tracker.locate(past->found.tags);
+  }
+  if (measured(then.status) && measured(result.pose.status)) {
+    // Brought forward by the camera's motion over the table.
+    request.hint = then.T_table_camera *
+                   (past->table_pose.T_table_camera.inverse() * result.pose.T_table_camera);
+    request.hint_seen = true;
+  }
+  const TrackedFrame seen = group.tracker.track(frame, request);
+  add(seen.times, result.times);
+  search_due = search_due || (seen.pose.status != TrackStatus::tracked && searches(group.unseen));
+  group.unseen = seen.pose.status == TrackStatus::tracked ? 0 : group.unseen + 1;
+  // Not recognised any more: it is held from where it was seen.
+  const bool newer = !group.found || (past && group.found->timestamp_ns < past->found.timestamp_ns);
+  if (measured(then.status) && !measured(seen.pose.status) && newer) {
+    static_cast<void>(place(group, past->found.timestamp_ns, past->table_pose, then));
+  }
+  return place(group, frame.timestamp_ns, result.pose, seen.pose);
 }
 
 // A new measurement, averaged with those before while they agree.
@@ -353,22 +458,43 @@ Result<GroupTracker> GroupTracker::create(const CameraModel& camera, const TagMa
     group.shown = GroupPose() * group.T_group_middle;
     groups.push_back(std::move(group));
   }
+  std::unique_ptr<BackgroundSearch> beside;
+  const bool needed = options.search_timing == SearchTiming::when_done ||
+                      (options.search_timing == SearchTiming::next_frame && !groups.empty());
+  if (needed && options.mode != TrackingMode::detect) {
+    auto begun = BackgroundSearch::create(
+        families, options.detector, camera.parameters().tone_curve,
+        options.search_thread || options.search_timing == SearchTiming::when_done);
+    if (!begun) return tl::unexpected(begun.error());
+    beside = std::move(*begun);
+  }
   const int skipped = static_cast<int>(all - names.size());
-  return GroupTracker(std::make_unique<Impl>(
-      Impl{camera, options, search, std::move(*table_tracker), std::move(groups), skipped}));
+  auto impl = std::make_unique<Impl>(Impl{.camera = camera,
+                                          .options = options,
+                                          .search = search,
+                                          .table = std::move(*table_tracker),
+                                          .groups = std::move(groups),
+                                          .skipped = skipped,
+                                          .beside = std::move(beside),
+                                          .searched_table_pose = {}});
+  return GroupTracker(std::move(impl));
 }
 
 TrackedFrame GroupTracker::track(const Frame& frame) {
   Impl& m = *impl_;
   const Stopwatch total;
   m.search->begin(frame);
-  TrackedFrame result = m.table.track(frame, SharedFrame());
-  for (Impl::Group& group : m.groups) {
-    const TrackedFrame seen = group.tracker.track(frame, m.request_for(group, result.pose));
-    add(seen.times, result.times);
-    group.unseen = seen.pose.status == TrackStatus::tracked ? 0 : group.unseen + 1;
-    result.groups.push_back(m.place(group, frame.timestamp_ns, result.pose, seen.pose));
+  const std::optional<Impl::Past> past = m.take_search(frame.timestamp_ns);
+  TrackedFrame result = m.follow_table(frame, past ? &*past : nullptr);
+  if (past) {
+    result.times.search_came = true;
+    result.times.search_ms = past->found.time.wall_ms;
+    result.times.search_cpu_ms = past->found.time.cpu_ms;
   }
+  for (Impl::Group& group : m.groups) {
+    result.groups.push_back(m.follow(group, frame, past ? &*past : nullptr, result));
+  }
+  m.begin_search(frame, result.pose);
   result.groups_skipped = m.skipped;
   result.times.total_ms = result.times.total_cpu_ms = 0.0;
   total.add_to(result.times.total_ms, result.times.total_cpu_ms);

@@ -39,10 +39,12 @@ class GroupTracker {
   // As TableTracker's. Times are those of all groups together.
   //
   // A group is looked for where the table's pose and its own last place on the table (at first: its
-  // place in the map) put it, and searched for over the whole frame in some frames only, unless the
-  // table has the frame searched anyway. Where it rests on the table, its place is averaged and
-  // does not change by less than a quarter of a pixel. Not seen for a moment it is held where it
-  // was, going on as it went.
+  // place in the map) put it. Where it is not, some frames are searched as a whole, beside the
+  // tracking of those after them (TrackerOptions::search_timing): what is found is brought forward
+  // by the camera's motion over the table, and counts once the alignment recognises it in the frame
+  // that is tracked by then; else the group is held from where it was seen. Where it rests on the
+  // table, its place is averaged and does not change by less than a quarter of a pixel. Not seen
+  // for a moment it is held where it was, going on as it went.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
 
  private:

@@ -353,7 +353,9 @@ std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> pa
   const int threads = std::clamp(options.threads, 1, height);
   const auto render_rows = [&](int first) {
     std::vector<int> candidates;
-    for (int y = first; y < height; y += threads) render_row(y, candidates);
+    for (int y = first; y < height; y += threads) {
+      if (y >= options.first_row && y < options.end_row) render_row(y, candidates);
+    }
   };
   std::vector<std::jthread> helpers;
   for (int k = 1; k < threads; ++k) helpers.emplace_back(render_rows, k);
@@ -371,11 +373,18 @@ GreyImage PatternRenderer::render(std::span<const CameraPose> path,
   GreyImage image;
   image.width = impl_->camera.width();
   image.height = impl_->camera.height();
-  image.pixels.resize(light.size());
+  const auto grey_of = [&](double linear) {
+    return 255.0 * std::pow(std::clamp(linear, 0.0, 1.0), 1.0 / options.gamma);
+  };
+  image.pixels.assign(light.size(), static_cast<std::uint8_t>(
+                                        std::lround(grey_of(options.background * options.gain))));
   Noise noise(options.seed);
-  for (std::size_t i = 0; i < light.size(); ++i) {
-    const double grey = 255.0 * std::pow(std::clamp(light[i], 0.0, 1.0), 1.0 / options.gamma) +
-                        (options.noise_grey > 0.0 ? options.noise_grey * noise() : 0.0);
+  const auto width = static_cast<std::size_t>(image.width);
+  const auto first = static_cast<std::size_t>(std::clamp(options.first_row, 0, image.height));
+  const auto end = static_cast<std::size_t>(std::clamp(options.end_row, 0, image.height));
+  for (std::size_t i = first * width; i < end * width; ++i) {
+    const double grey =
+        grey_of(light[i]) + (options.noise_grey > 0.0 ? options.noise_grey * noise() : 0.0);
     image.pixels[i] = static_cast<std::uint8_t>(std::lround(std::clamp(grey, 0.0, 255.0)));
   }
   return image;

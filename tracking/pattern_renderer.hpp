@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <span>
 #include <string>
@@ -39,6 +40,9 @@ struct PatternRenderOptions {
   // Share of each tag's printed square that something covers, from its left side; its light.
   double cover_share = 0.0;
   double cover = 0.30;
+  // The rows that are drawn, the first and one past the last; the others show the background.
+  int first_row = 0;
+  int end_row = std::numeric_limits<int>::max();
   int threads = 1;  // that draw; the picture is the same, bit for bit
 };
 

@@ -68,7 +68,6 @@ constexpr ImageMotion kUnknownMotion{5.0, 5.0};  // of a frame with none before 
 // Log-likelihood of one of two poses over the other, from which on the picture decides: half of the
 // chi-square of BoardPose::is_ambiguous.
 constexpr double kDecides = 9.0;
-constexpr std::string_view kTwoPoses = "two poses fit";
 
 // Of a pose from elsewhere that only says where to begin.
 Matrix6d loose_covariance() {
@@ -175,15 +174,23 @@ struct TableTracker::Impl {
   bool rests = false;
   int last_tags = 0;
   int last_samples = 0;
-  bool half_next = false;  // at which resolution is searched next
+  bool last_start_far = false;
+  bool full_next = false;  // at which resolution is searched next
   // The last search found tags that contradict each other: where the pattern fits here and there
   // says nothing.
   bool contradicted = false;
 
   TrackTimes times;
 
+  // Where an alignment begins: where the last frames say, or where somebody else does, who has seen
+  // tags there or not.
+  enum class Start { own_motion, hint, seen_hint };
+
   [[nodiscard]] std::optional<CameraPose> predict(std::int64_t timestamp_ns) const;
+  [[nodiscard]] Result<Measurement> measure(std::span<const TagDetection> detections);
   [[nodiscard]] Result<Measurement> measure_by_detection(SearchResolution resolution);
+  [[nodiscard]] bool shows_most(const Measurement& measurement) const;
+  [[nodiscard]] Result<Measurement> measure_by_search(SearchResolution finest);
   [[nodiscard]] double image_motion_px(const MotionPrediction& prediction) const;
   void choose_effort(double motion_px);
   [[nodiscard]] double samples_needed(const AlignmentResult& result) const;
@@ -191,12 +198,16 @@ struct TableTracker::Impl {
                                                    const Matrix6d& prior,
                                                    const ImageMotion& motion_px) const;
   void add_second(ImageView image, const ImageMotion& image_motion, Measurement& measurement);
+  [[nodiscard]] std::optional<Vector6d> velocity_at(std::int64_t timestamp_ns,
+                                                    const CameraPose& pose) const;
+  void align_at_own_speed(const Frame& frame, AlignmentInput& input, const AlignmentResult& result);
   [[nodiscard]] std::optional<PoseEstimate> follow(const Frame& frame, ImageView image,
-                                                   bool from_hint = false);
+                                                   Start start = Start::own_motion);
   [[nodiscard]] std::optional<PoseEstimate> follow_hint(const Frame& frame, ImageView image,
-                                                        const CameraPose& hint);
+                                                        const CameraPose& hint, Start start);
   [[nodiscard]] PoseEstimate find(const Frame& frame, ImageView image,
-                                  const std::optional<CameraPose>& predicted);
+                                  const std::optional<CameraPose>& predicted,
+                                  SearchResolution finest);
   [[nodiscard]] int tags_in_view(const CameraPose& pose) const;
   [[nodiscard]] PoseEstimate judge(const Measurement& measurement,
                                    const std::optional<CameraPose>& predicted) const;
@@ -218,20 +229,25 @@ std::optional<CameraPose> TableTracker::Impl::predict(std::int64_t timestamp_ns)
 }
 
 Result<Measurement> TableTracker::Impl::measure_by_detection(SearchResolution resolution) {
-  const bool again = search->searched();
+  const bool again = search->searched(resolution);
   const Stopwatch detect;
   const std::vector<TagDetection>& detections = search->tags(resolution);
   if (!again) {  // else it counts where it was done
     detect.add_to(times.detect_ms, times.detect_cpu_ms);
     times.full_detection = true;
   }
+  return measure(detections);
+}
 
+Result<Measurement> TableTracker::Impl::measure(std::span<const TagDetection> detections) {
   const Stopwatch solve;
   std::vector<TagObservation> observations;
   bool seen_twice = false;
+  int strangers = 0;  // that the map does not have
   for (std::size_t i = 0; i < detections.size(); ++i) {
     const TagDetection& detection = detections[i];
     const MappedTag* tag = tags.find(detection.family, detection.id);
+    if (tag == nullptr) ++strangers;
     // Another group is rigid in itself but may stand elsewhere on the table by now.
     if (tag == nullptr || tag->group != kTableGroup) continue;
     const auto same = [&](const TagDetection& other) {
@@ -247,6 +263,10 @@ Result<Measurement> TableTracker::Impl::measure_by_detection(SearchResolution re
   solve.add_to(times.solve_ms, times.solve_cpu_ms);
   if (!board) {
     if (observations.empty() && seen_twice) return fail("the same tag is in view twice");
+    // One alone may be a pattern that happens to look like a tag.
+    if (observations.empty() && strangers > 1) {
+      return fail("{} tags in view, none of them of this board (--tags)", strangers);
+    }
     return tl::unexpected(board.error());
   }
   Measurement measurement;
@@ -397,10 +417,12 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
     const ImageView image = search->image();
     std::optional<PoseEstimate> followed = follow(frame, image);
     if (!followed && shared.hint && !contradicted)
-      followed = follow_hint(frame, image, *shared.hint);
+      followed = follow_hint(frame, image, *shared.hint,
+                             shared.hint_seen ? Start::seen_hint : Start::hint);
     if (!followed && !shared.search)
       return without_measurement(frame.timestamp_ns, "not where it was");
-    estimate = followed ? *followed : find(frame, image, predicted);
+    if (shared.begins_finest && shared.finest == SearchResolution::full) full_next = true;
+    estimate = followed ? *followed : find(frame, image, predicted, shared.finest);
     if (estimate.status == TrackStatus::lost || estimate.status == TrackStatus::held)
       return estimate;
   }
@@ -505,10 +527,64 @@ void TableTracker::Impl::add_second(ImageView image, const ImageMotion& image_mo
                           kDecides * std::max(measurement.samples_for_one, samples_for_one(result));
 }
 
+// The velocity at a pose that follows the last ones: as if its change were even.
+std::optional<Vector6d> TableTracker::Impl::velocity_at(std::int64_t timestamp_ns,
+                                                        const CameraPose& pose) const {
+  if (!last || !before_last) return std::nullopt;
+  const double step_s = seconds(timestamp_ns - last->timestamp_ns);
+  const double before_s = seconds(last->timestamp_ns - before_last->timestamp_ns);
+  if (!(step_s > 0.0 && step_s <= kPriorLifetime_s)) return std::nullopt;
+  const Vector6d mean = perturbation_between(last->pose, pose) / step_s;
+  if (!(before_s > 0.0 && before_s <= kPriorLifetime_s)) return mean;
+  const Vector6d mean_before = perturbation_between(before_last->pose, last->pose) / before_s;
+  return mean + step_s / (step_s + before_s) * (mean - mean_before);
+}
+
+// With a rolling shutter the velocity is a part of the picture's geometry, with a known exposure of
+// its blur. The one that was predicted is that of the frame before; where the one that the pose
+// itself shows puts the first and the last row elsewhere, or smears the picture further, the frame
+// is aligned once more. `result` is the aligner's own.
+void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& input,
+                                            const AlignmentResult& result) {
+  const double half_readout_s =
+      0.5 * camera.parameters().rolling_shutter_row_s.value_or(0.0) * (camera.height() - 1);
+  // The smear of a lone tag and its tilt look alike.
+  const double exposure_s =
+      options.motion_blur && result.tags_verified > 1 ? frame.exposure_s.value_or(0.0) : 0.0;
+  if (!(half_readout_s > 0.0) && !(exposure_s > 0.0)) return;
+  constexpr double kElsewhere_px = 0.1;
+  constexpr double kSmeared_px = 2.0;
+  constexpr int kTries = 2;
+  for (int i = 0; i < kTries && result.verified; ++i) {
+    const auto velocity = velocity_at(frame.timestamp_ns, result.T_table_camera);
+    if (!velocity || !velocity->allFinite()) return;
+    const auto apart_px = [&](const Vector6d& xi) {
+      return overlay_difference(camera, perturbed(result.T_table_camera, xi), result.T_table_camera)
+          .rms_px();
+    };
+    const Vector6d smear = exposure_s * *velocity;
+    const bool elsewhere = half_readout_s > 0.0 &&
+                           apart_px(half_readout_s * (*velocity - input.velocity)) > kElsewhere_px;
+    const bool smeared = exposure_s > 0.0 && apart_px(smear - input.exposure_motion) > kSmeared_px;
+    if (!elsewhere && !smeared) return;
+    const Vector6d velocity_before = std::exchange(input.velocity, *velocity);
+    const Vector6d smear_before = std::exchange(input.exposure_motion, smear);
+    // The picture decides whether it is smeared so.
+    const double residual =
+        elsewhere ? std::numeric_limits<double>::infinity() : result.residual_rms;
+    if (aligner.align(input).verified && result.residual_rms <= residual) continue;
+    input.velocity = velocity_before;
+    input.exposure_motion = smear_before;
+    static_cast<void>(aligner.align(input));
+    return;
+  }
+}
+
 // The frame by alignment from where the last ones say the camera is; nothing when that does not
-// verify. `from_hint`: the state of the motion only says where to look.
+// verify. From a hint the state of the motion only says where to look.
 std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, ImageView image,
-                                                       bool from_hint) {
+                                                       Start start) {
+  const bool from_hint = start != Start::own_motion;
   if (!motion.has_state()) return std::nullopt;
   const MotionPrediction prediction = motion.predict(frame.timestamp_ns);
   if (!prediction.T_table_camera.is_finite() || !prediction.covariance.allFinite()) {
@@ -523,12 +599,16 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   input.predicted = prediction.T_table_camera;
   input.covariance = prediction.covariance;
   input.first_samples = last_samples;
+  input.starts_far = last_start_far;
+  input.velocity = prediction.velocity;
   const AlignmentResult& result = aligner.align(input);
+  if (result.verified && !from_hint) align_at_own_speed(frame, input, result);
   times.samples = last_samples = result.counters.samples;
+  last_start_far = result.counters.far_start;
   ImageMotion image_motion{motion_px, 0.0};
   // Nobody saw these tags where they are looked for: a part of them may be there by a mistake of
   // the map that a search would find.
-  if (from_hint && 3 * result.tags_verified < 2 * result.counters.tags_visible) {
+  if (start == Start::hint && 3 * result.tags_verified < 2 * result.counters.tags_visible) {
     align.add_to(times.align_ms, times.align_cpu_ms);
     return std::nullopt;
   }
@@ -592,7 +672,7 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
 // The same from a pose that somebody else believes in. It may be off by what the pattern's own
 // search finds; of the pose found it says nothing.
 std::optional<PoseEstimate> TableTracker::Impl::follow_hint(const Frame& frame, ImageView image,
-                                                            const CameraPose& hint) {
+                                                            const CameraPose& hint, Start start) {
   if (!hint.is_finite()) return std::nullopt;
   constexpr double kHintLinear_m = 0.01;
   constexpr double kHintAngular_rad = 0.03;
@@ -602,7 +682,7 @@ std::optional<PoseEstimate> TableTracker::Impl::follow_hint(const Frame& frame, 
   const MotionModel before = motion;
   const bool was_open = std::exchange(branch_open, false);
   motion.start(frame.timestamp_ns, hint, covariance);
-  std::optional<PoseEstimate> found = follow(frame, image, true);
+  std::optional<PoseEstimate> found = follow(frame, image, start);
   if (!found) {
     motion = before;
     branch_open = was_open;
@@ -610,18 +690,43 @@ std::optional<PoseEstimate> TableTracker::Impl::follow_hint(const Frame& frame, 
   return found;
 }
 
-// The frame by detection, refined by alignment where that verifies. One full frame is searched for
-// each frame that comes, at half the resolution and at the full one in turn: what is lost for long
-// costs no more than detecting does.
+// Whether so few of the tags that should be readable are missing that a finer search would find no
+// other pose, nor a contradiction.
+bool TableTracker::Impl::shows_most(const Measurement& measurement) const {
+  return !measurement.contradictory && !measurement.ambiguous && measurement.tags_used > 1 &&
+         3 * measurement.tags_used >= 2 * tags_in_view(measurement.best.T_table_camera);
+}
+
+// The frame is searched coarsely and at the full resolution in turn: what is lost for long costs no
+// more than detecting does. Coarsely is at a quarter of the resolution, which costs a quarter of
+// what half of it does, and at half of it where that shows too little.
+Result<Measurement> TableTracker::Impl::measure_by_search(SearchResolution finest) {
+  if (finest == SearchResolution::full && std::exchange(full_next, !full_next)) {
+    return measure_by_detection(SearchResolution::full);
+  }
+  if (options.quick_search || finest == SearchResolution::quarter) {
+    Result<Measurement> quick = measure_by_detection(SearchResolution::quarter);
+    if (quick && shows_most(*quick)) return quick;
+    if (finest == SearchResolution::quarter) {
+      if (!quick) return quick;
+      return fail("few of the tags are seen yet");
+    }
+  }
+  return measure_by_detection(SearchResolution::half);
+}
+
+// The frame by detection, refined by alignment where that verifies.
 PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
-                                      const std::optional<CameraPose>& predicted) {
-  const SearchResolution resolution = half_next ? SearchResolution::half : SearchResolution::full;
-  half_next = !half_next;
-  Result<Measurement> measurement = measure_by_detection(resolution);
+                                      const std::optional<CameraPose>& predicted,
+                                      SearchResolution finest) {
+  Result<Measurement> measurement = measure_by_search(finest);
   if (!measurement) return without_measurement(frame.timestamp_ns, measurement.error().message);
   if (!measurement->contradictory) {
     const Stopwatch align;
-    times.every_pixel = options.mode != TrackingMode::fast;
+    // How fast the view moves is not known yet: as if it did.
+    times.every_pixel = options.mode == TrackingMode::accurate ||
+                        (options.mode == TrackingMode::automatic &&
+                         (measurement->tags_used < kFewTags || options.pose_budget_px > 0.0));
     aligner.set_effort(times.every_pixel ? AlignmentEffort::accurate : AlignmentEffort::fast);
     AlignmentInput input;
     input.luma = image;
@@ -658,7 +763,7 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
   } else {
     motion.start(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
   }
-  if (estimate.status == TrackStatus::tracked) half_next = true;
+  if (estimate.status == TrackStatus::tracked) full_next = false;
   return estimate;
 }
 
@@ -722,6 +827,17 @@ TrackedFrame TableTracker::track(const Frame& frame, const SharedFrame& shared) 
   result.times = impl_->times;
   total.add_to(result.times.total_ms, result.times.total_cpu_ms);
   return result;
+}
+
+PoseEstimate TableTracker::locate(std::span<const TagDetection> detections) {
+  const Result<Measurement> measurement = impl_->measure(detections);
+  if (!measurement) {
+    PoseEstimate lost;
+    lost.reason = measurement.error().message;
+    return lost;
+  }
+  impl_->contradicted = measurement->contradictory;
+  return impl_->judge(*measurement, std::nullopt);
 }
 
 }  // namespace penumbra

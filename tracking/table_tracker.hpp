@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <optional>
+#include <span>
 #include <string_view>
 #include <vector>
 
@@ -29,6 +30,17 @@ enum class TrackingMode {
 // "auto" for automatic; nothing for a word that is none of them.
 [[nodiscard]] std::optional<TrackingMode> tracking_mode_from_string(std::string_view name);
 
+// When a frame is searched for tags that are not where they were (GroupTracker).
+enum class SearchTiming {
+  in_frame,  // before the frame is done: it waits for the search
+  // Groups beside a table that is tracked: what is found is used in the frame after it, the same on
+  // every machine. The table: in the frame.
+  next_frame,
+  // What is found is used in the frame that finds the search done. The table is searched for in the
+  // frame too, but at the full resolution only where a search beside it has just seen its tags.
+  when_done,
+};
+
 struct TrackerOptions {
   TrackingMode mode = TrackingMode::automatic;
   TagDetectorOptions detector;
@@ -39,6 +51,15 @@ struct TrackerOptions {
   // Pixels are sampled until the expected overlay error of their noise is below this [px]; 0: as
   // many as the mode says. `fast` never takes more than its own number.
   double pose_budget_px = 0.0;
+  bool quick_search =
+      true;  // a search begins at a quarter of the resolution; the same poses without
+  // Where a frame's exposure is known, fast motion is expected to have smeared its tags, if the
+  // picture agrees.
+  bool motion_blur = true;
+  SearchTiming search_timing = SearchTiming::next_frame;
+  // next_frame: searched by a thread of its own, beside whatever follows; the same poses without.
+  // when_done always has one.
+  bool search_thread = false;
   double hold_s = kHoldSeconds;  // how long the last motion is continued with nothing measured
 };
 
@@ -46,7 +67,11 @@ struct TrackerOptions {
 struct TrackTimes {
   double total_ms = 0.0, detect_ms = 0.0, align_ms = 0.0, solve_ms = 0.0;  // wall
   double total_cpu_ms = 0.0, detect_cpu_ms = 0.0, align_cpu_ms = 0.0,
-         solve_cpu_ms = 0.0;    // CPU time of the calling thread
+         solve_cpu_ms = 0.0;  // CPU time of the calling thread
+  // Of a search beside the tracking whose tags were used in this frame: times of the thread that
+  // did it; in the total only where that was this one.
+  double search_ms = 0.0, search_cpu_ms = 0.0;
+  bool search_came = false;     // whether tags of such a search were used
   bool full_detection = false;  // whether a full-frame detection ran
   bool every_pixel = false;     // whether the last alignment could use every pixel at an edge
   int samples = 0;              // pixels that the last alignment used
@@ -60,11 +85,17 @@ struct TrackedFrame {
   int groups_skipped = 0;             // not tracked, because nothing asks where they are
 };
 
+// PoseEstimate's reason where two poses explain the tags equally well.
+inline constexpr std::string_view kTwoPoses = "two poses fit";
+
 // How a frame is measured whose search is shared with others (GroupTracker).
 struct SharedFrame {
   // Where the camera may be, from elsewhere: tried before tags are searched for.
   std::optional<CameraPose> hint;
-  bool search = true;  // false: nothing is searched for in this frame
+  bool hint_seen = false;                            // tags were found there a moment ago
+  bool search = true;                                // false: nothing is searched for in this frame
+  SearchResolution finest = SearchResolution::full;  // how finely it may be
+  bool begins_finest = false;                        // nor any coarser
 };
 
 class TableTracker {
@@ -84,6 +115,11 @@ class TableTracker {
   [[nodiscard]] TrackedFrame track(const Frame& frame);
   // The same for a frame that the shared search has begun.
   [[nodiscard]] TrackedFrame track(const Frame& frame, const SharedFrame& shared);
+
+  // What these tags of an earlier frame say about the pose in that frame: tracked, uncertain, or
+  // lost with the reason. Of the state only this changes: after tags that contradict each other no
+  // guess is followed.
+  [[nodiscard]] PoseEstimate locate(std::span<const TagDetection> detections);
 
  private:
   struct Impl;

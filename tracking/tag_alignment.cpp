@@ -17,8 +17,10 @@ namespace {
 
 constexpr double kCornerMoved_px = 0.25;  // a fine stage that moved the tags by more is repeated
 constexpr double kConverged_px = 0.03;    // the step after such a one is below a hundredth
+constexpr double kNearlyConverged_px = 0.06;
 constexpr int kFineRounds = 3;
 constexpr int kFineSteps = 5;        // per round at most
+constexpr int kSparseSamples = 640;  // of all tags
 constexpr int kFewestBlocks = 1;     // of samples on a tag, where sampling may stop early
 constexpr double kFineCutoff = 0.6;  // of Tukey's weights, as a share of the gain
 
@@ -61,6 +63,8 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
                             std::max(2, options.samples_per_tag / kernel::kBlock)));
   noise_share = 0.0;
   const double settled = options.effort == AlignmentEffort::accurate ? 0.85 : 0.7;
+  const int sparse_cap = filled_blocks(
+      std::clamp(kSparseSamples / (kernel::kBlock * static_cast<int>(active.size())), 2, 4));
   // Of each tag; where sampling may stop early it begins low and grows.
   int now = cap;
   if (sample_need) {
@@ -68,15 +72,19 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
     now = std::min(cap, std::max(first, filled_blocks(kFewestBlocks)));
   }
   int samples_before = 0;
+  // What is far off is brought near by a few samples first.
+  const bool sparse_rounds = options.sparse_rounds && !sample_need;
+  bool sparse = sparse_rounds && starts_far;
   for (int round = 0; round < kFineRounds;) {
     ++result.counters.fine_rounds;
     find_visible(exposure_motion, false);
     result.counters.samples = 0;
     for (Tag* tag : active) {
-      select(*tag, false, now);
+      select(*tag, false, sparse ? std::min(now, sparse_cap) : now);
       result.counters.samples += tag->used;
     }
     double round_moved = 0.0;
+    bool far = false;
     for (int i = 0; i < kFineSteps; ++i) {
       if (!step(kFineCutoff, moved)) {
         result.reason = "too few pixels on tags";
@@ -85,11 +93,21 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
       const double before = noise_share;
       measure_noise();
       round_moved += moved;
+      far = round_moved >= kCornerMoved_px;
       // While outliers are still being left behind the pose may yet move.
-      if (i > 0 && moved < kConverged_px && noise_share > settled * before) break;
+      const bool at_rest = noise_share > settled * before;
+      // From near, one step says all.
+      if (sparse_rounds && round > 0 && moved < kNearlyConverged_px && noise_share > 0.9 * before)
+        break;
+      if (i == 0) continue;
+      // What is repeated from nearer need not be brought to its end.
+      const bool repeated = sparse_rounds && (sparse || (far && round + 1 < kFineRounds));
+      if (repeated && moved < kCornerMoved_px && at_rest) break;
+      if (moved < kConverged_px && at_rest) break;
     }
+    if (round == 0) result.counters.far_start = far;
     ++round;
-    if (round_moved >= kCornerMoved_px && round < kFineRounds) continue;
+    if (std::exchange(sparse, false) || (far && round < kFineRounds)) continue;
     result.design_effect = design_effect(kFineCutoff);
     if (!sample_need || now >= cap || result.counters.samples <= samples_before) break;
     report_pose();
@@ -129,6 +147,9 @@ const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool w
   PENUMBRA_ASSERT(prior_information.allFinite());
 
   first_samples = input.first_samples;
+  starts_far = input.starts_far;
+  PENUMBRA_ASSERT(input.velocity.allFinite());
+  row_velocity = camera.parameters().rolling_shutter_row_s.value_or(0.0) * input.velocity;
   bool good = attempt(input.exposure_motion, with_search, false);
   if (!good && with_search && !active.empty()) {
     result.counters.second_try = true;

@@ -38,7 +38,11 @@ struct AlignmentOptions {
   double blur_px = 0.58;
   // Linear light = (grey / 255) ^ exponent; the camera model's tone curve where it has one.
   double tone_exponent = 1.0;
-  double min_cell_px = 0.7;      // tags whose cells are smaller across are left out
+  double min_cell_px = 0.7;  // tags whose cells are smaller across are left out
+  // Rounds of the fine stage that another one follows use few samples and stop early, and the last
+  // one stops at once where it has nothing left to do. Without: the same poses to a hundredth of a
+  // pixel.
+  bool sparse_rounds = true;
   const char* kernel = nullptr;  // name of the instruction set to use; null: the best
 };
 
@@ -49,8 +53,15 @@ struct AlignmentInput {
   Matrix6d covariance = Matrix6d::Identity();
   // The camera's motion during the exposure, the same kind of vector; zero when unknown.
   Vector6d exposure_motion = Vector6d::Zero();
+  // The camera's velocity at the picture's middle row, T_table_camera * exp(t * velocity)
+  // [m/s, rad/s]: where the camera model has a rolling shutter, rows are looked at from where they
+  // were read out. Zero when unknown.
+  Vector6d velocity = Vector6d::Zero();
   // Where sampling may stop early (set_sample_need): begin with so many in all; 0: with few.
   int first_samples = 0;
+  // Whether the fine stage is likely to begin far from its end, as the last frame's did
+  // (AlignmentCounters::far_start): it then begins with few samples.
+  bool starts_far = false;
 };
 
 struct TagAlignment {
@@ -69,6 +80,7 @@ struct AlignmentCounters {
   int samples = 0;      // of the last fine stage
   int evaluations = 0;  // of the sums over all tags
   int fine_rounds = 0;
+  bool far_start = false;   // the first of these moved the tags by so much that it was repeated
   bool second_try = false;  // whether the wider search was needed
 };
 

@@ -5,6 +5,8 @@
 #include <Eigen/LU>
 #include <algorithm>
 
+#include "tracking/se3.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -19,7 +21,7 @@ double wide_variance_px2(double cell_px) {
 void TagAligner::Impl::place(Tag& tag) const {
   const Eigen::Isometry3d T_table_tag =
       Eigen::Translation3d(tag.T_table_tag.translation()) * tag.T_table_tag.rotation();
-  const Eigen::Isometry3d T = T_camera_table * T_table_tag;
+  const Eigen::Isometry3d T = tag.row_motion * T_camera_table * T_table_tag;
   const double half = 0.5 * (tag.side - 1);
   const Eigen::Matrix3d R = T.linear();
   tag.ray_from_lattice.col(0) = R.col(0) * tag.cell_m;
@@ -31,6 +33,28 @@ void TagAligner::Impl::place(Tag& tag) const {
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c)
       tag.lattice_from_ray[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(inverse(r, c));
+  }
+}
+
+// When the tag was read out, and so from where.
+void TagAligner::Impl::read_out(Tag& tag) const {
+  tag.row_motion.setIdentity();
+  tag.row_shear.setZero();
+  if (row_velocity.isZero()) return;
+  place(tag);
+  // A second time from the row found: the first one is off by the motion itself.
+  for (int pass = 0; pass < 2; ++pass) {
+    const double half = 0.5 * (tag.side - 1);
+    const Eigen::Vector3d p = tag.ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
+    if (!(p.z() > 0.0)) return;
+    Eigen::Matrix<double, 2, 3> J;
+    tag.row = std::clamp(camera.project_unchecked(p, &J).y(), 0.0, camera.height() - 1.0);
+    // Points of the scene move against the camera.
+    tag.row_shear = -(J * (row_velocity.head<3>() + row_velocity.tail<3>().cross(p)));
+    // What moves as fast as it is read out is a smear.
+    if (!(tag.row_shear.norm() < 0.3)) tag.row_shear.setZero();
+    tag.row_motion = exp_se3(-(tag.row - 0.5 * (camera.height() - 1)) * row_velocity);
+    place(tag);
   }
 }
 
@@ -61,6 +85,15 @@ void TagAligner::Impl::project_lattice(Tag& tag, double added_variance_px2) cons
   for (std::size_t k = 0; k < tag.depth.size(); ++k) {
     const float r2 = tag.ray_x[k] * tag.ray_x[k] + tag.ray_y[k] * tag.ray_y[k];
     if (!(r2 < max_r2)) tag.depth[k] = -1.0F;
+  }
+  if (tag.row_shear.isZero()) return;
+  // A vertex is seen in the row r where it is at that row's time: r = y + shear_y (r - tag's row).
+  const auto row = static_cast<float>(tag.row);
+  const Eigen::Vector2f shear = (tag.row_shear / (1.0 - tag.row_shear.y())).cast<float>();
+  for (std::size_t k = 0; k < tag.depth.size(); ++k) {
+    const float rows = tag.pixel_y[k] - row;
+    tag.pixel_x[k] += shear.x() * rows;
+    tag.pixel_y[k] += shear.y() * rows;
   }
 }
 
@@ -107,6 +140,7 @@ bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const 
 void TagAligner::Impl::find_visible(const Vector6d& exposure_motion, bool wide) {
   active.clear();
   for (Tag& tag : tags) {
+    read_out(tag);
     place(tag);
     tag.visible = measure(tag, exposure_motion);
     if (!tag.visible) continue;

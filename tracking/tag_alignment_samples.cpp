@@ -50,6 +50,17 @@ void TagAligner::Impl::finish_samples(Tag& tag) {
     s.value[i] = tone[image.row(static_cast<int>(s.pixel_y[i]))[static_cast<int>(s.pixel_x[i])]];
     s.weight[i] = 1.0F;
   }
+  if (!tag.row_shear.isZero()) {
+    // From here on the samples are where they would be, had their rows been read out with the
+    // tag's.
+    const auto row = static_cast<float>(tag.row);
+    const Eigen::Vector2f shear = tag.row_shear.cast<float>();
+    for (int i = 0; i < tag.used; ++i) {
+      const float rows = s.pixel_y[i] - row;
+      s.pixel_x[i] -= shear.x() * rows;
+      s.pixel_y[i] -= shear.y() * rows;
+    }
+  }
   for (int i = tag.used; i < padded; ++i) {
     const int last = tag.used > 0 ? tag.used - 1 : 0;
     s.pixel_x[i] = tag.used > 0 ? s.pixel_x[last] : 0.0F;

@@ -4,6 +4,7 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <cstring>
 
 #include "tracking/se3.hpp"
 
@@ -87,10 +88,17 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent) {
         std::uint8_t* copy =
             search_scratch.data() + static_cast<std::size_t>(scratch_used++) *
                                         static_cast<std::size_t>(window_rows * columns);
-        for (int r = 0; r < window_rows; ++r) {
+        const int before = std::clamp(-x, 0, columns);
+        const int after = std::clamp(x + columns - image.width, 0, columns);
+        const int within = columns - before - after;
+        for (int r = 0; r < window_rows; r += row_step) {
           const std::uint8_t* source = image.row(std::clamp(y + r, 0, image.height - 1));
-          for (int c = 0; c < columns; ++c)
-            copy[r * columns + c] = source[std::clamp(x + c, 0, image.width - 1)];
+          std::uint8_t* target = copy + r * columns;
+          std::memset(target, source[0], static_cast<std::size_t>(before));
+          if (within > 0)
+            std::memcpy(target + before, source + x + before, static_cast<std::size_t>(within));
+          std::memset(target + columns - after, source[image.width - 1],
+                      static_cast<std::size_t>(after));
         }
         points[slot] = copy;
         strides[slot] = columns;

@@ -90,6 +90,12 @@ struct TagAligner::Impl {
     double cell_px = 0.0;  // the smaller side of the central cell, across it
     double cell_max_px = 0.0;
     double correlation = 0.0;
+    // With a rolling shutter: from the camera of the picture's middle row to that of the row
+    // through the tag's centre, that row, and by how much a row more displaces the tag [px per
+    // row].
+    Eigen::Isometry3d row_motion = Eigen::Isometry3d::Identity();
+    double row = 0.0;
+    Eigen::Vector2d row_shear = Eigen::Vector2d::Zero();
     Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();
     double gain = 0.0, offset = 0.0;
     int reach = 1;
@@ -137,7 +143,9 @@ struct TagAligner::Impl {
   Matrix6d information = Matrix6d::Zero();
   SampleNeed sample_need;
   int first_samples = 0;
-  std::vector<Eliminated> eliminated;  // of the last step, by place in `active`
+  bool starts_far = false;
+  Vector6d row_velocity = Vector6d::Zero();  // the camera's, per row [m, rad]
+  std::vector<Eliminated> eliminated;        // of the last step, by place in `active`
   std::vector<std::int32_t> score_sum;
   std::vector<std::uint8_t> search_scratch;
 
@@ -149,6 +157,7 @@ struct TagAligner::Impl {
 
   // --- geometry of one tag at the current pose
   void place(Tag& tag) const;
+  void read_out(Tag& tag) const;
   // `added_variance_px2` blurs the model beyond what the lens does.
   void project_lattice(Tag& tag, double added_variance_px2) const;
 

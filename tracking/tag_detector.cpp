@@ -1,19 +1,14 @@
 #include "tracking/tag_detector.hpp"
 
 #include <apriltag/apriltag.h>
-#include <apriltag/tag16h5.h>
-#include <apriltag/tag25h9.h>
-#include <apriltag/tag36h10.h>
-#include <apriltag/tag36h11.h>
-#include <apriltag/tagCircle21h7.h>
-#include <apriltag/tagCircle49h12.h>
-#include <apriltag/tagCustom48h12.h>
-#include <apriltag/tagStandard41h12.h>
-#include <apriltag/tagStandard52h13.h>
 
 #include <algorithm>
 #include <cmath>
 #include <tuple>
+#include <utility>
+
+#include "core/assert.hpp"
+#include "tracking/tag_families.hpp"
 
 namespace penumbra {
 namespace {
@@ -23,35 +18,6 @@ namespace {
 // this size.
 constexpr int kSmallestSide = 16;    // [px], after decimation
 constexpr int kLargestSide = 32767;  // its cluster points are 16-bit half pixels
-
-struct FamilyFunctions {
-  apriltag_family_t* (*create)();
-  void (*destroy)(apriltag_family_t*);
-};
-
-FamilyFunctions functions_of(TagFamily family) {
-  switch (family) {
-    case TagFamily::tag36h11:
-      return {tag36h11_create, tag36h11_destroy};
-    case TagFamily::tag36h10:
-      return {tag36h10_create, tag36h10_destroy};
-    case TagFamily::tag25h9:
-      return {tag25h9_create, tag25h9_destroy};
-    case TagFamily::tag16h5:
-      return {tag16h5_create, tag16h5_destroy};
-    case TagFamily::tag_circle21h7:
-      return {tagCircle21h7_create, tagCircle21h7_destroy};
-    case TagFamily::tag_circle49h12:
-      return {tagCircle49h12_create, tagCircle49h12_destroy};
-    case TagFamily::tag_standard41h12:
-      return {tagStandard41h12_create, tagStandard41h12_destroy};
-    case TagFamily::tag_standard52h13:
-      return {tagStandard52h13_create, tagStandard52h13_destroy};
-    case TagFamily::tag_custom48h12:
-      return {tagCustom48h12_create, tagCustom48h12_destroy};
-  }
-  return {tag36h11_create, tag36h11_destroy};
-}
 
 struct DestroyDetections {
   void operator()(zarray_t* detections) const { apriltag_detections_destroy(detections); }
@@ -70,13 +36,17 @@ bool is_proper(const std::array<Eigen::Vector2d, 4>& corners) {
   return true;
 }
 
+// Anything else is rounded down for the image but not for the corners.
+bool is_decimation(float d) {
+  return d == 1.5F || (d >= 1.0F && d <= 8.0F && d == std::floor(d));
+}
+
 }  // namespace
 
 struct TagDetector::Impl {
   struct Family {
     TagFamily family = TagFamily::tag36h11;
-    apriltag_family_t* handle = nullptr;
-    void (*destroy)(apriltag_family_t*) = nullptr;
+    TagFamilyHandle handle;
   };
 
   Impl() = default;
@@ -84,7 +54,6 @@ struct TagDetector::Impl {
   Impl& operator=(const Impl&) = delete;
   ~Impl() {
     if (detector != nullptr) apriltag_detector_destroy(detector);
-    for (const Family& family : families) family.destroy(family.handle);
   }
 
   apriltag_detector_t* detector = nullptr;
@@ -100,9 +69,8 @@ TagDetector::~TagDetector() = default;
 Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
                                         const TagDetectorOptions& options) {
   if (families.empty()) return fail("tag detector: no tag family is given; name at least one");
-  // Anything else is rounded down for the image but not for the corners.
   const float d = options.quad_decimate;
-  if (!(d == 1.5F || (d >= 1.0F && d <= 8.0F && d == std::floor(d))))
+  if (!is_decimation(d))
     return fail("tag detector: quad_decimate is {}; give 1, 1.5 or a whole number up to 8", d);
   if (options.max_hamming < 0 || options.max_hamming > 2)
     return fail("tag detector: max_hamming is {}; give 0, 1 or 2", options.max_hamming);
@@ -117,7 +85,6 @@ Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
   if (impl->detector == nullptr) return fail("tag detector: libapriltag gave none; free memory");
   // With more threads 3.3.0 has races (its union-find and its worker pool).
   impl->detector->nthreads = 1;
-  impl->detector->quad_decimate = options.quad_decimate;
   impl->detector->quad_sigma = 0.0F;
   impl->detector->refine_edges = options.refine_edges;
   impl->detector->decode_sharpening = options.decode_sharpening;
@@ -126,15 +93,11 @@ Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
   std::sort(unique.begin(), unique.end());
   unique.erase(std::unique(unique.begin(), unique.end()), unique.end());
   for (const TagFamily family : unique) {
-    const FamilyFunctions functions = functions_of(family);
-    apriltag_family_t* handle = functions.create();
-    if (handle == nullptr)
-      return fail("tag detector: no memory for the family {}", to_string(family));
+    TagFamilyHandle handle = make_tag_family(family);
+    if (!handle) return fail("tag detector: no memory for the family {}", to_string(family));
     if (options.border_cells == 2) {
-      if (family != TagFamily::tag36h11) {
-        functions.destroy(handle);
+      if (family != TagFamily::tag36h11)
         return fail("tag detector: border_cells 2 is for tag36h11, not {}", to_string(family));
-      }
       // The same codes, one cell further in.
       handle->width_at_border += 2;
       handle->total_width += 2;
@@ -143,22 +106,28 @@ Result<TagDetector> TagDetector::create(std::span<const TagFamily> families,
         ++handle->bit_y[bit];
       }
     }
-    impl->families.push_back({family, handle, functions.destroy});
-    apriltag_detector_add_family_bits(impl->detector, handle, options.max_hamming);
+    apriltag_detector_add_family_bits(impl->detector, handle.get(),
+                                      std::min(options.max_hamming, most_corrected_bits(family)));
+    impl->families.push_back({family, std::move(handle)});
   }
   return TagDetector(std::move(impl));
 }
 
 std::vector<TagDetection> TagDetector::detect(ImageView luma) {
+  return detect(luma, impl_->options.quad_decimate);
+}
+
+std::vector<TagDetection> TagDetector::detect(ImageView luma, float decimate) {
+  PENUMBRA_ASSERT(is_decimation(decimate));
   std::vector<TagDetection> result;
   if (luma.empty() || luma.stride < luma.width) return result;
-  const float decimate = impl_->options.quad_decimate;
   const auto decimated = [&](int side) {
     return static_cast<int>(std::floor(static_cast<float>(side) / decimate));
   };
   if (std::min(decimated(luma.width), decimated(luma.height)) < kSmallestSide) return result;
   if (std::max(luma.width, luma.height) > kLargestSide || luma.stride > 1 << 24) return result;
 
+  impl_->detector->quad_decimate = decimate;
   // A header over our pixels; libapriltag only reads them (quad_sigma and debug are off).
   image_u8_t image = {luma.width, luma.height, static_cast<std::int32_t>(luma.stride),
                       const_cast<std::uint8_t*>(luma.data)};
@@ -171,7 +140,7 @@ std::vector<TagDetection> TagDetector::detect(ImageView luma) {
     if (detection == nullptr || detection->hamming > impl_->options.max_hamming) continue;
     const auto family =
         std::find_if(impl_->families.begin(), impl_->families.end(),
-                     [&](const Impl::Family& f) { return f.handle == detection->family; });
+                     [&](const Impl::Family& f) { return f.handle.get() == detection->family; });
     if (family == impl_->families.end()) continue;
     TagDetection tag;
     tag.family = family->family;

@@ -46,6 +46,9 @@ class TagDetector {
   // libapriltag 3.3.0 crashes on them. Single-threaded and deterministic; order is by (family, id,
   // position).
   [[nodiscard]] std::vector<TagDetection> detect(ImageView luma);
+  // The same with quads searched at another decimation than that of the options, one that they
+  // could have.
+  [[nodiscard]] std::vector<TagDetection> detect(ImageView luma, float quad_decimate);
 
  private:
   struct Impl;

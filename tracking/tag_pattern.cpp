@@ -1,49 +1,12 @@
 #include "tracking/tag_pattern.hpp"
 
-#include <apriltag/apriltag.h>
-#include <apriltag/tag16h5.h>
-#include <apriltag/tag25h9.h>
-#include <apriltag/tag36h10.h>
-#include <apriltag/tag36h11.h>
-#include <apriltag/tagCircle21h7.h>
-#include <apriltag/tagCircle49h12.h>
-#include <apriltag/tagCustom48h12.h>
-#include <apriltag/tagStandard41h12.h>
-#include <apriltag/tagStandard52h13.h>
-
 #include <algorithm>
-#include <memory>
 
 #include "core/assert.hpp"
+#include "tracking/tag_families.hpp"
 
 namespace penumbra {
 namespace {
-
-using FamilyHandle = std::unique_ptr<apriltag_family_t, void (*)(apriltag_family_t*)>;
-
-FamilyHandle make_family(TagFamily family) {
-  switch (family) {
-    case TagFamily::tag36h11:
-      return {tag36h11_create(), tag36h11_destroy};
-    case TagFamily::tag36h10:
-      return {tag36h10_create(), tag36h10_destroy};
-    case TagFamily::tag25h9:
-      return {tag25h9_create(), tag25h9_destroy};
-    case TagFamily::tag16h5:
-      return {tag16h5_create(), tag16h5_destroy};
-    case TagFamily::tag_circle21h7:
-      return {tagCircle21h7_create(), tagCircle21h7_destroy};
-    case TagFamily::tag_circle49h12:
-      return {tagCircle49h12_create(), tagCircle49h12_destroy};
-    case TagFamily::tag_standard41h12:
-      return {tagStandard41h12_create(), tagStandard41h12_destroy};
-    case TagFamily::tag_standard52h13:
-      return {tagStandard52h13_create(), tagStandard52h13_destroy};
-    case TagFamily::tag_custom48h12:
-      return {tagCustom48h12_create(), tagCustom48h12_destroy};
-  }
-  return {tag36h11_create(), tag36h11_destroy};
-}
 
 // Edges across one direction: `step(position, along)` is the change of colour from cell
 // position - 1 to cell position, 0 where either is not printed.
@@ -65,7 +28,8 @@ void append_runs(int width, bool vertical, const Step& step_at, std::vector<Edge
 }  // namespace
 
 Result<TagPattern> TagPattern::make(TagFamily family, int id) {
-  const FamilyHandle handle = make_family(family);
+  const TagFamilyHandle handle = make_tag_family(family);
+  if (!handle) return fail("no memory for the tag family {}", to_string(family));
   if (id < 0 || static_cast<std::uint32_t>(id) >= handle->ncodes) {
     return fail("tag id {} does not exist in family {}; ids are 0 to {}", id, to_string(family),
                 handle->ncodes - 1);

@@ -16,31 +16,43 @@ std::array<std::uint8_t, 256> linearising_table(double exponent) {
   return table;
 }
 
+float decimation(SearchResolution resolution) {
+  switch (resolution) {
+    case SearchResolution::quarter:
+      return 4.0F;
+    case SearchResolution::half:
+      return 2.0F;
+    case SearchResolution::full:
+      break;
+  }
+  return 1.0F;
+}
+
 }  // namespace
 
 Result<TagSearch> TagSearch::create(std::span<const TagFamily> families,
                                     const TagDetectorOptions& options,
                                     std::optional<double> tone_exponent) {
-  Result<TagDetector> full = TagDetector::create(families, options);
-  if (!full) return tl::unexpected(full.error());
-  TagDetectorOptions half_options = options;
-  half_options.quad_decimate = std::max(options.quad_decimate, 2.0F);
-  Result<TagDetector> half = TagDetector::create(families, half_options);
-  if (!half) return tl::unexpected(half.error());
-  TagSearch search(std::move(*full), std::move(*half));
+  Result<TagDetector> detector = TagDetector::create(families, options);
+  if (!detector) return tl::unexpected(detector.error());
+  TagSearch search(std::move(*detector), options.quad_decimate);
   if (tone_exponent) search.linearise_ = linearising_table(*tone_exponent);
   return search;
 }
 
 void TagSearch::begin(const Frame& frame) {
-  image_ = frame.empty() ? ImageView() : luma(frame, luma_scratch_);
-  searched_ = false;
+  begin(frame.empty() ? ImageView() : penumbra::luma(frame, luma_scratch_));
+}
+
+void TagSearch::begin(ImageView luma) {
+  image_ = luma;
+  searched_at_.reset();
   found_.clear();
 }
 
 const std::vector<TagDetection>& TagSearch::tags(SearchResolution resolution) {
-  if (searched_) return found_;
-  searched_ = true;
+  if (searched(resolution)) return found_;
+  searched_at_ = resolution;
   ImageView image = image_;
   if (linearise_) {
     const auto width = static_cast<std::size_t>(image.width);
@@ -52,7 +64,7 @@ const std::vector<TagDetection>& TagSearch::tags(SearchResolution resolution) {
     }
     image = {linear_scratch_.data(), image.width, image.height, image.width};
   }
-  found_ = (resolution == SearchResolution::half ? half_ : full_).detect(image);
+  found_ = detector_.detect(image, std::max(least_decimate_, decimation(resolution)));
   return found_;
 }
 

@@ -16,7 +16,8 @@
 
 namespace penumbra {
 
-enum class SearchResolution { full, half };  // half: quads are searched at half the resolution
+// Quads are searched at so much of the image's resolution, coarse to fine.
+enum class SearchResolution { quarter, half, full };
 
 class TagSearch {
  public:
@@ -29,23 +30,30 @@ class TagSearch {
 
   // The frame that is searched from here on; its pixels must outlive the search.
   void begin(const Frame& frame);
+  void begin(ImageView luma);
   // The frame's luma as it was captured.
   [[nodiscard]] ImageView image() const { return image_; }
-  // Whether the frame was searched already: asking again costs nothing.
-  [[nodiscard]] bool searched() const { return searched_; }
-  // The first who asks says at which resolution; the others get what was found for it.
+  // Whether the frame was searched already.
+  [[nodiscard]] bool searched() const { return searched_at_.has_value(); }
+  // Whether it was at this resolution or a finer one: asking for it again costs nothing.
+  [[nodiscard]] bool searched(SearchResolution resolution) const {
+    return searched_at_ && *searched_at_ >= resolution;
+  }
+  // What was found at this resolution, or at a finer one that somebody asked for before. Valid
+  // until a finer one is asked for.
   [[nodiscard]] const std::vector<TagDetection>& tags(SearchResolution resolution);
 
  private:
-  TagSearch(TagDetector full, TagDetector half) : full_(std::move(full)), half_(std::move(half)) {}
+  TagSearch(TagDetector detector, float least_decimate)
+      : detector_(std::move(detector)), least_decimate_(least_decimate) {}
 
-  TagDetector full_;
-  TagDetector half_;
+  TagDetector detector_;
+  float least_decimate_ = 1.0F;
   std::optional<std::array<std::uint8_t, 256>> linearise_;
   std::vector<std::uint8_t> luma_scratch_;
   std::vector<std::uint8_t> linear_scratch_;
   ImageView image_;
-  bool searched_ = false;
+  std::optional<SearchResolution> searched_at_;
   std::vector<TagDetection> found_;
 };
 

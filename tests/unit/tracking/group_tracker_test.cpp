@@ -6,7 +6,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <thread>
 
 #include "core/evaluation.hpp"
 #include "support/group_stage.hpp"
@@ -292,6 +294,142 @@ TEST(GroupTracker, TheSameFramesGiveTheSameBits) {
       EXPECT_EQ(x.groups[g].T_table_group.matrix(), y.groups[g].T_table_group.matrix());
       EXPECT_EQ(x.groups[g].covariance, y.groups[g].covariance);
     }
+  }
+}
+
+// A prop that comes into view while it moves, and a wall that stands elsewhere than the map says,
+// with the table tracked all the while.
+struct Arrival {
+  std::vector<TrackedFrame> frames;
+  std::vector<Placements> truth;
+  [[nodiscard]] int first_tracked(const std::string& group) const {
+    for (std::size_t f = 0; f < frames.size(); ++f) {
+      if (named(frames[f], group).status == TrackStatus::tracked) return static_cast<int>(f);
+    }
+    return -1;
+  }
+};
+constexpr int kArrives = 3;  // frame
+
+Arrival arrive(const Stage& stage, const TrackerOptions& options, int patience_ms = 0) {
+  Arrival arrival;
+  std::vector<MappedTag> without = stage.tags;
+  std::erase_if(without, [](const MappedTag& tag) { return tag.group != "table"; });
+  GroupTracker tracker = stage.tracker(options);
+  for (int f = 0; f < 14; ++f) {
+    const Placements at = {
+        {"wall", shifted(0.03, 0.05, 0.0)},
+        {"block", Placement(turned(1.5 * f, {0.2, 0.4, 1.0}),
+                            Eigen::Vector3d(-0.1 + 0.004 * f, 0.05 - 0.003 * f, 0.03))}};
+    const Frame picture = f < kArrives ? stage.picture(f, {}, &without) : stage.picture(f, at);
+    arrival.frames.push_back(tracker.track(picture));
+    arrival.truth.push_back(at);
+    if (patience_ms > 0) std::this_thread::sleep_for(std::chrono::milliseconds(patience_ms));
+  }
+  return arrival;
+}
+
+TEST(GroupTracker, OnceTheTableIsTrackedNoFrameWaitsForASearch) {
+  const Stage stage({wall(), block()});
+  TrackerOptions options;
+  options.search_timing = SearchTiming::in_frame;
+  const Arrival waiting = arrive(stage, options);
+  options.search_timing = SearchTiming::next_frame;
+  const Arrival beside = arrive(stage, options);
+  options.search_thread = true;
+  const Arrival threaded = arrive(stage, options);
+  int came = 0;
+  int waited = 0;
+  for (std::size_t f = 1; f < beside.frames.size(); ++f) {
+    SCOPED_TRACE(f);
+    const TrackedFrame& frame = beside.frames[f];
+    EXPECT_EQ(frame.pose.status, TrackStatus::tracked);
+    EXPECT_FALSE(frame.times.full_detection);
+    EXPECT_EQ(frame.times.detect_ms, 0.0);
+    came += frame.times.search_came ? 1 : 0;
+    waited += waiting.frames[f].times.full_detection ? 1 : 0;
+    for (const char* group : {"wall", "block"}) {
+      SCOPED_TRACE(group);
+      const GroupEstimate& a = named(frame, group);
+      // With a thread the same bits.
+      const GroupEstimate& b = named(threaded.frames[f], group);
+      EXPECT_EQ(a.status, b.status);
+      EXPECT_EQ(a.reason, b.reason);
+      EXPECT_EQ(a.T_table_group.matrix(), b.T_table_group.matrix());
+      EXPECT_EQ(a.covariance, b.covariance);
+      EXPECT_EQ(frame.times.search_came, threaded.frames[f].times.search_came);
+      // Of a search in the frame the same poses, a frame after both were found.
+      const GroupEstimate& c = named(waiting.frames[f], group);
+      const int both = std::max(beside.first_tracked(group), waiting.first_tracked(group));
+      if (a.status != TrackStatus::tracked || c.status != TrackStatus::tracked) continue;
+      const Placement& at = beside.truth[f].at(group);
+      const int frame_number = static_cast<int>(f);
+      EXPECT_LT(stage.error_px(frame, a, frame_number, at), 0.6);
+      EXPECT_LT(stage.error_px(waiting.frames[f], c, frame_number, at), 0.6);
+      if (frame_number > both + 1) {
+        EXPECT_NEAR(stage.error_px(frame, a, frame_number, at),
+                    stage.error_px(waiting.frames[f], c, frame_number, at), 0.3);
+      }
+    }
+  }
+  EXPECT_GE(came, 2);
+  EXPECT_GE(waited, 2);
+  for (const char* group : {"wall", "block"}) {
+    const int in_frame = waiting.first_tracked(group);
+    ASSERT_GE(in_frame, kArrives) << group;
+    EXPECT_GT(beside.first_tracked(group), in_frame - 1) << group;
+    EXPECT_LE(beside.first_tracked(group), in_frame + 1) << group;
+  }
+}
+
+// Given the time, a search that nobody waits for comes in the next frame too.
+TEST(GroupTracker, ASearchThatNobodyWaitsForFindsTheSame) {
+  const Stage stage({wall(), block()});
+  TrackerOptions options;
+  options.search_timing = SearchTiming::when_done;
+  const Arrival live = arrive(stage, options, 40);
+  for (const char* group : {"wall", "block"}) {
+    const int first = live.first_tracked(group);
+    ASSERT_GE(first, kArrives) << group;
+    for (std::size_t f = static_cast<std::size_t>(first); f < live.frames.size(); ++f) {
+      const GroupEstimate& estimate = named(live.frames[f], group);
+      EXPECT_EQ(estimate.status, TrackStatus::tracked) << estimate.reason;
+      EXPECT_LT(
+          stage.error_px(live.frames[f], estimate, static_cast<int>(f), live.truth[f].at(group)),
+          0.6);
+    }
+  }
+  for (std::size_t f = 1; f < live.frames.size(); ++f) {
+    EXPECT_EQ(live.frames[f].times.detect_ms, 0.0);
+  }
+  // No time at all: the table may be found a few frames late, as it is searched for finely beside
+  // them, but stays; and the tracker may end while it searches.
+  const Arrival hurried = arrive(stage, options);
+  bool found = false;
+  for (const TrackedFrame& frame : hurried.frames) {
+    const bool tracked = frame.pose.status == TrackStatus::tracked;
+    EXPECT_TRUE(tracked || !found) << frame.pose.reason;
+    found = found || tracked;
+  }
+  EXPECT_TRUE(found);
+}
+
+// On a machine that takes seconds for a frame, the view has changed whenever a search beside the
+// frames is done.
+TEST(GroupTracker, ASlowMachineFindsTheTableToo) {
+  const Stage stage({wall()});
+  for (const SearchTiming timing : {SearchTiming::in_frame, SearchTiming::when_done}) {
+    TrackerOptions options;
+    options.search_timing = timing;
+    GroupTracker tracker = stage.tracker(options);
+    int tracked = 0;
+    for (int f = 0; f < 12; ++f) {
+      Frame frame = stage.picture(5 * f);
+      frame.timestamp_ns = (1 + f) * std::int64_t{4'000'000'000};
+      tracked += tracker.track(frame).pose.status == TrackStatus::tracked;
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    }
+    EXPECT_GE(tracked, 11) << (timing == SearchTiming::in_frame ? "in frame" : "beside");
   }
 }
 

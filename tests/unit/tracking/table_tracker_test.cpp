@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "support/paths.hpp"
+#include "support/random_session.hpp"
 #include "support/replay_tracking.hpp"
 #include "support/synthetic_view.hpp"
 #include "tracking/pattern_renderer.hpp"
@@ -146,6 +147,17 @@ TEST_F(OnTabletop, TagsOfOtherGroupsSayNothingAboutTheTable) {
   EXPECT_LT(error_px(pose, listed_[0].timestamp_ns), 0.6);
 }
 
+TEST_F(OnTabletop, AnotherBoardIsTold) {
+  std::vector<MappedTag> tags = map_->tags();
+  for (MappedTag& tag : tags) tag.id += 100;
+  auto tracker = TableTracker::create(*camera_, TagMap::make(tags).value()).value();
+  const PoseEstimate pose = tracker.track(frame(0)).pose;
+  EXPECT_EQ(pose.status, TrackStatus::lost);
+  // At half the resolution one of the twelve is not found.
+  EXPECT_THAT(pose.reason,
+              testing::ContainsRegex("1[12] tags in view, none of them of this board"));
+}
+
 TEST_F(OnTabletop, AMapThatDoesNotFitIsNeverTracked) {
   std::vector<MappedTag> tags = map_->tags();
   // Every tag in another one's place.
@@ -264,6 +276,70 @@ TEST_F(OnTabletop, LooksWithOneDetectionAFrameUntilItIsBack) {
   EXPECT_LT(error_px(found.pose, listed_[50].timestamp_ns), 0.5);
 }
 
+// Where the exposure is known the smear of a fast motion no longer displaces the edges.
+TEST(TableTracker, AKnownExposureTakesTheMotionIntoAccount) {
+  double with = 0.0;
+  double without = 0.0;
+  int frames = 0;
+  for (const std::uint64_t seed : {3U, 21U}) {
+    test::Draw draw(seed);
+    test::Session session;
+    session.camera = test::lens_camera(test::Lens::plumb_bob, 640, 480, 0.85);
+    session.tags = test::layout_of(test::Layout::sheet, draw);
+    session.motion = test::hand(2, 0.45, radians(50.0), draw);
+    session.exposure_s = 1.0 / 40.0;
+    session.light.noise_grey = 2.0;
+    session.light.seed = seed;
+    session.light.samples = 16;
+    const TagMap map = TagMap::make(session.tags).value();
+    auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+    TrackerOptions options;
+    options.mode = TrackingMode::fast;
+    auto knows = TableTracker::create(session.camera, map, options).value();
+    auto does_not = TableTracker::create(session.camera, map, options).value();
+    options.motion_blur = false;
+    auto does_not_care = TableTracker::create(session.camera, map, options).value();
+    for (int f = 0; f < 16; ++f) {
+      Frame frame = session.picture(renderer, f);
+      const PoseEstimate a = does_not.track(frame).pose;
+      frame.exposure_s = session.exposure_s;
+      const PoseEstimate b = knows.track(frame).pose;
+      const PoseEstimate c = does_not_care.track(frame).pose;
+      ASSERT_EQ(a.T_table_camera.matrix(), c.T_table_camera.matrix());
+      ASSERT_EQ(b.status, TrackStatus::tracked) << f << ": " << b.reason;
+      if (f < 3 || a.status != TrackStatus::tracked) continue;
+      const auto square = [&](const PoseEstimate& pose) {
+        const double px =
+            overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px();
+        return px * px;
+      };
+      with += square(b);
+      without += square(a);
+      ++frames;
+    }
+  }
+  ASSERT_GT(frames, 20);
+  EXPECT_LT(std::sqrt(with / frames), 0.8 * std::sqrt(without / frames));
+}
+
+TEST_F(OnTabletop, AQuickSearchFindsWhatAWholeOneFinds) {
+  TrackerOptions options;
+  options.mode = TrackingMode::accurate;
+  for (std::size_t i = 0; i < listed_.size(); i += 10) {
+    SCOPED_TRACE(i);
+    options.quick_search = true;
+    const TrackedFrame with = TableTracker::create(*camera_, *map_, options)->track(frame(i));
+    options.quick_search = false;
+    const TrackedFrame without = TableTracker::create(*camera_, *map_, options)->track(frame(i));
+    ASSERT_EQ(with.pose.status, without.pose.status);
+    ASSERT_EQ(with.pose.status, TrackStatus::tracked);
+    EXPECT_EQ(with.pose.tags_used, without.pose.tags_used);
+    EXPECT_LT(overlay_difference(*camera_, with.pose.T_table_camera, without.pose.T_table_camera)
+                  .rms_px(),
+              0.02);
+  }
+}
+
 TEST_F(OnTabletop, DetectionAndAlignmentAgreeWithinTheirErrors) {
   TrackerOptions detect_options;
   detect_options.mode = TrackingMode::detect;
@@ -283,6 +359,55 @@ TEST_F(OnTabletop, DetectionAndAlignmentAgreeWithinTheirErrors) {
     ratio2 += between * between / (expected * expected * kFrames);
   }
   EXPECT_LT(std::sqrt(ratio2), 1.5);
+}
+
+// A hand's motion through a camera that reads its rows out over most of a frame.
+TEST(TableTracker, ARollingShutterIsTakenOut) {
+  test::Session session;
+  CameraParameters p = test::lens_camera(test::Lens::plumb_bob, 640, 480, 0.85).parameters();
+  p.rolling_shutter_row_s = 0.8 * session.frame_s / p.height;
+  p.tone_curve = 1.0;
+  session.camera = CameraModel::make(p).value();
+  session.tags = test::board(3, 2, 0.06);
+  session.motion.distance = {0.45, 0.03, 0.9, 0.3};
+  session.motion.elevation = {1.0, 0.05, 1.1, 1.0};
+  session.motion.azimuth = {0.4, 0.08, 0.8, 2.0};
+  session.motion.x = {0.0, 0.03, 1.3, 0.0};
+  session.motion.y = {0.0, 0.03, 1.0, 1.5};
+  session.light.noise_grey = 2.0;
+  session.light.samples = 64;
+  p.rolling_shutter_row_s.reset();
+  const CameraModel global = CameraModel::make(p).value();
+  PatternRenderer renderer = PatternRenderer::create(session.camera, session.tags).value();
+  const TagMap map = TagMap::make(session.tags).value();
+  TrackerOptions options;
+  options.mode = TrackingMode::fast;
+  auto knowing = TableTracker::create(session.camera, map, options).value();
+  auto unknowing = TableTracker::create(global, map, options).value();
+  double knowing2 = 0.0;
+  double unknowing2 = 0.0;
+  constexpr int kFrames = 24;
+  constexpr int kFirst = 4;  // the velocity is known from here on
+  for (int i = 0; i < kFrames; ++i) {
+    const Frame frame = session.picture(renderer, i);
+    const TrackedFrame with = knowing.track(frame);
+    const TrackedFrame without = unknowing.track(frame);
+    ASSERT_EQ(with.pose.status, TrackStatus::tracked) << i << ": " << with.pose.reason;
+    if (i < kFirst) continue;
+    const auto error2 = [&](const TrackedFrame& tracked) {
+      return std::pow(
+          overlay_difference(session.camera, tracked.pose.T_table_camera, session.truth(i))
+              .rms_px(),
+          2);
+    };
+    knowing2 += error2(with) / (kFrames - kFirst);
+    unknowing2 += error2(without) / (kFrames - kFirst);
+  }
+  RecordProperty("knowing_px", std::to_string(std::sqrt(knowing2)));
+  RecordProperty("unknowing_px", std::to_string(std::sqrt(unknowing2)));
+  // What is left is the velocity's change within a frame.
+  EXPECT_LT(std::sqrt(knowing2), 0.25);
+  EXPECT_GT(std::sqrt(unknowing2), 15.0 * std::sqrt(knowing2));
 }
 
 TEST(TrackingModes, HaveTheirWords) {

@@ -124,6 +124,7 @@ TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
   const CameraPose start = displaced(camera_, tags_, truth, 2.0, random_);
   AlignmentOptions options;
   options.effort = AlignmentEffort::accurate;
+  options.sparse_rounds = false;  // the number of pixels depends on where the last round begins
   auto aligner = TagAligner::create(camera_, tags_, options).value();
   const AlignmentResult all = align(aligner, image, start, 2.0);
   ASSERT_TRUE(all.verified);
@@ -216,6 +217,52 @@ TEST_F(TagAlignmentTest, HoldsWithAThirdOfEveryTagCovered) {
   EXPECT_LT(std::sqrt(sum2), 0.035);
 }
 
+// Rounds before the last with few samples, and rounds that stop early, cost less and change
+// nothing.
+TEST_F(TagAlignmentTest, SparseRoundsLeadToTheSamePose) {
+  AlignmentOptions options;
+  options.effort = AlignmentEffort::accurate;
+  auto sparse = TagAligner::create(camera_, tags_, options).value();
+  options.sparse_rounds = false;
+  auto whole = TagAligner::create(camera_, tags_, options).value();
+  int evaluations = 0;
+  int evaluations_whole = 0;
+  for (int k = 0; k < 12; ++k) {
+    const CameraPose truth = random_view(random_);
+    PatternRenderOptions render;
+    render.noise_grey = 2.0;
+    render.samples = 128;
+    render.lens_blur_px = k % 3 == 1 ? 1.0 : 0.5;  // the model takes it for 0.5
+    render.cover_share = k % 3 == 2 ? 0.3 : 0.0;
+    render.seed = static_cast<std::uint64_t>(k) + 1;
+    const GreyImage image = picture(truth, render);
+    AlignmentInput input;
+    input.luma = image.view();
+    input.predicted = displaced(camera_, tags_, truth, 4.0, random_);
+    input.covariance = loose_prior(0.0007 * 4.0, 0.0012 * 4.0);
+    const AlignmentResult& reference = whole.align(input);
+    ASSERT_TRUE(reference.verified) << k;
+    for (const bool starts_far : {false, true}) {
+      SCOPED_TRACE(testing::Message() << k << (starts_far ? " from far" : ""));
+      input.starts_far = starts_far;
+      const AlignmentResult& result = sparse.align(input);
+      ASSERT_TRUE(result.verified);
+      EXPECT_LT(overlay_px(result.T_table_camera, reference.T_table_camera), 0.02);
+      EXPECT_LE(result.counters.fine_rounds, reference.counters.fine_rounds + 1);
+      EXPECT_NEAR(result.counters.samples, reference.counters.samples,
+                  0.01 * reference.counters.samples);
+      // As the last frame's did.
+      if (starts_far != reference.counters.far_start) continue;
+      evaluations += result.counters.evaluations;
+      evaluations_whole += reference.counters.evaluations;
+    }
+    ASSERT_TRUE(sparse.align(input).T_table_camera.matrix() ==
+                sparse.align(input).T_table_camera.matrix())
+        << "no memory of the input before";
+  }
+  EXPECT_LT(evaluations, evaluations_whole);
+}
+
 TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
   double known2 = 0.0;
   double unknown2 = 0.0;
@@ -245,6 +292,55 @@ TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
   }
   EXPECT_LT(std::sqrt(known2 / 3.0), 0.12);
   EXPECT_LT(known2, unknown2);
+}
+
+// Rows are read out one after the other: the picture of a camera that moves is sheared.
+TEST_F(TagAlignmentTest, ARollingShutterIsTakenOutWhereTheVelocityIsKnown) {
+  CameraParameters p = camera_.parameters();
+  constexpr double kFrame_s = 1.0 / 30.0;
+  p.rolling_shutter_row_s = 0.8 * kFrame_s / p.height;
+  const CameraModel rolling = CameraModel::make(p).value();
+  auto global = TagAligner::create(camera_, tags_).value();
+  auto aligner = TagAligner::create(rolling, tags_).value();
+  double known2 = 0.0;
+  double global2 = 0.0;
+  for (int k = 0; k < 4; ++k) {
+    const CameraPose truth = random_view(random_);
+    AlignmentInput input;
+    input.velocity =
+        perturbation_between(truth, displaced(camera_, tags_, truth, 12.0, random_)) / kFrame_s;
+    PatternRenderOptions render;
+    render.noise_grey = 2.0;
+    render.samples = 128;
+    GreyImage image;
+    constexpr int kStrip = 4;
+    for (int row = 0; row < p.height; row += kStrip) {
+      const double time = *p.rolling_shutter_row_s * (row + 0.5 * (kStrip - p.height));
+      render.first_row = row;
+      render.end_row = row + kStrip;
+      const GreyImage part = picture(perturbed(truth, time * input.velocity), render);
+      if (row == 0) image = part;
+      const auto begin = static_cast<std::ptrdiff_t>(row) * p.width;
+      std::copy_n(part.pixels.begin() + begin, kStrip * p.width, image.pixels.begin() + begin);
+    }
+    input.luma = image.view();
+    input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
+    input.covariance = loose_prior(0.003, 0.005);
+    const AlignmentResult& found = aligner.align(input);
+    ASSERT_TRUE(found.verified) << found.reason;
+    known2 += std::pow(overlay_px(found.T_table_camera, truth), 2) / 4.0;
+    const AlignmentResult& without = global.align(input);
+    ASSERT_TRUE(without.verified) << without.reason;
+    global2 += std::pow(overlay_px(without.T_table_camera, truth), 2) / 4.0;
+    // A camera that rests has no shear: the same bits.
+    input.velocity.setZero();
+    EXPECT_TRUE(aligner.align(input).T_table_camera.matrix() ==
+                global.align(input).T_table_camera.matrix());
+  }
+  RecordProperty("known_px", std::to_string(std::sqrt(known2)));
+  RecordProperty("global_px", std::to_string(std::sqrt(global2)));
+  EXPECT_LT(std::sqrt(known2), 0.06);
+  EXPECT_GT(std::sqrt(global2), 10.0 * std::sqrt(known2));
 }
 
 TEST_F(TagAlignmentTest, OtherTagsOrNoneAreNotVerified) {

@@ -150,6 +150,32 @@ TEST(TagDetector, TheSameImageGivesTheSameBits) {
 // The rendered sheet's exact corners. Its tone curve lets white bleed into black, so that each
 // corner lies some 0.2 px inside its tag: that cancels over the four, an origin off by half a pixel
 // does not.
+// One detector at several resolutions is several detectors.
+TEST(TagDetector, SearchesQuadsAtTheAskedDecimation) {
+  const auto image = load_image(test::recordings_dir() / "tabletop" / "frames" / "000000.jpg");
+  ASSERT_TRUE(image);
+  std::vector<std::uint8_t> scratch;
+  const ImageView view = luma(*image, scratch);
+  TagDetector one = TagDetector::create(kFamily).value();
+  std::size_t before = 0;
+  for (const float decimate : {4.0F, 2.0F, 1.0F, 2.0F}) {
+    SCOPED_TRACE(decimate);
+    TagDetectorOptions options;
+    options.quad_decimate = decimate;
+    TagDetector own = TagDetector::create(kFamily, options).value();
+    const std::vector<TagDetection> found = one.detect(view, decimate);
+    const std::vector<TagDetection> expected = own.detect(view);
+    ASSERT_EQ(found.size(), expected.size());
+    if (decimate == 4.0F) before = found.size();
+    EXPECT_GE(found.size(), before) << "finer finds more";
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      EXPECT_EQ(found[i].id, expected[i].id);
+      EXPECT_EQ(found[i].corners_px, expected[i].corners_px);
+    }
+  }
+  EXPECT_EQ(one.detect(view).size(), one.detect(view, 1.0F).size());
+}
+
 TEST(TagDetector, AgreesWithTheTruthOfARecording) {
   const auto recording = test::recordings_dir() / "tabletop";
   ASSERT_TRUE(std::filesystem::exists(recording / "camera.yaml")) << recording;
