@@ -9,12 +9,10 @@
 #include <cmath>
 #include <memory>
 
+#include "calib/stop_callback.hpp"
+
 namespace penumbra {
 namespace {
-
-int lens_count(DistortionModel model) {
-  return 4 + coefficient_count(model);
-}
 
 CameraParameters camera_of(const LensParameters& lens, DistortionModel model, int width,
                            int height) {
@@ -91,7 +89,7 @@ bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, 
   std::vector<int> fixed;
   if (square_pixels) fixed.push_back(1);
   if (!move_centre) fixed.insert(fixed.end(), {2, 3});
-  const int count = coefficient_count(options_.model);
+  const int count = coefficients();
   for (int i = 0; i < 8; ++i) {
     if (i >= std::min(count, free_coefficients)) fixed.push_back(4 + i);
   }
@@ -135,6 +133,8 @@ bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, 
   options.gradient_tolerance = 1e-12;
   options.num_threads = 1;  // the same sums in the same order, every time
   options.logging_type = ceres::SILENT;
+  StopCallback stop(options_.stop);
+  options.callbacks.push_back(&stop);
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
   if (!summary.IsSolutionUsable()) return false;
@@ -200,7 +200,7 @@ Result<CalibrationSolution> Bundle::finish() {
     }
   }
 
-  const int n_lens = lens_count(options_.model);
+  const int n_lens = 4 + coefficients();
   const int n_shape =
       options_.shape == BoardShape::rigid ? 0 : static_cast<int>(3 * shapes_.size());
   const int n = n_lens + n_shape;
@@ -277,8 +277,8 @@ Result<CalibrationSolution> Bundle::finish() {
   solution.rms_px = std::sqrt(sum / inliers);
   solution.rms_all_px = std::sqrt(sum_all / solution.corners);
   if (options_.shape == BoardShape::free) {
-    const double information = std::pow(solution.noise_px / prior_sigma(), 2);
-    for (int i = n_lens; i < n; ++i) S(i, i) += information;
+    const Eigen::Vector3d information = (solution.noise_px / prior_sigma().array()).square();
+    for (int i = n_lens; i < n; ++i) S(i, i) += information[(i - n_lens) % 3];
   }
   // Parameters of very different sizes: scaled to ones on the diagonal.
   const Eigen::VectorXd scale = S.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
@@ -308,9 +308,21 @@ Result<CalibrationSolution> Bundle::finish() {
                                             scale.head(n_lens).cwiseInverse().asDiagonal());
   const double clustered = ratio.trace() / n_lens / (solution.noise_px * solution.noise_px);
   solution.clustering = std::isfinite(clustered) ? std::clamp(clustered, 1.0, 100.0) : 1.0;
-  solution.covariance =
+  // What may not move has no spread.
+  const int n_all = 4 + coefficient_count(options_.model);
+  solution.covariance = Eigen::MatrixXd::Zero(n_all, n_all);
+  solution.covariance.topLeftCorner(n_lens, n_lens) =
       lens_inverse * (solution.noise_px * solution.noise_px * solution.clustering);
   return solution;
+}
+
+Eigen::Vector3d Bundle::prior_sigma() const {
+  // Paper lies in waves, but a printer is true to tenths of a per mille. Were points as free in the
+  // plane as out of it, a stretch or keystone of the whole sheet would be one with the pixels'
+  // aspect and with a principal point that is moved and a camera that is turned in return.
+  const double out_of_plane = options_.free_prior_m > 0.0 ? options_.free_prior_m : radius_ / 500.0;
+  const double in_plane = 0.1 * out_of_plane;
+  return {in_plane, in_plane, out_of_plane};
 }
 
 Eigen::Vector3d Bundle::bow_of(const Eigen::Vector3d& p) const {

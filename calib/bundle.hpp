@@ -46,8 +46,12 @@ class Bundle {
   [[nodiscard]] Result<CalibrationSolution> finish();
 
  private:
-  [[nodiscard]] double prior_sigma() const {
-    return options_.free_prior_m > 0.0 ? options_.free_prior_m : radius_ / 500.0;
+  [[nodiscard]] Eigen::Vector3d prior_sigma() const;
+  // Coefficients of the lens that may be other than 0: the first ones.
+  [[nodiscard]] int coefficients() const {
+    return options_.without_k3 && options_.model == DistortionModel::plumb_bob
+               ? 4
+               : coefficient_count(options_.model);
   }
   [[nodiscard]] Eigen::Vector3d bow_of(const Eigen::Vector3d& p) const;
   [[nodiscard]] CornerTerm term_of(const TargetCorner& corner) const;

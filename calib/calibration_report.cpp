@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <functional>
 
+#include "core/evaluation.hpp"
 #include "core/text.hpp"
 
 namespace penumbra {
@@ -135,8 +136,9 @@ std::string heat_map(const CameraModel& camera, int columns, int rows,
       const double v = value(i, j);
       svg += fmt::format(
           "<rect x=\"{:.2f}\" y=\"{:.2f}\" width=\"{:.2f}\" height=\"{:.2f}\" fill=\"{}\">"
-          "<title>{:.3f} {}</title></rect>",
-          i * w, j * h, w + 0.3, h + 0.3, std::isfinite(v) ? colour(v / largest) : "#ccc", v, unit);
+          "<title>{}</title></rect>",
+          i * w, j * h, w + 0.3, h + 0.3, std::isfinite(v) ? colour(v / largest) : "#ccc",
+          std::isfinite(v) ? fmt::format("{:.3f} {}", v, unit) : "not known");
     }
   }
   for (int k = 0; k <= 10; ++k) {
@@ -272,6 +274,49 @@ std::string camera_table(const CameraCalibration& c) {
                      to_string(p.model), p.width, p.height, rows);
 }
 
+// The corners of the table volume, lower and upper ones, each with what it is worth.
+std::string table_volume_section(const CameraCalibration& c) {
+  if (!c.table) return {};
+  const CameraModel& camera = c.solution.camera;
+  const double zoom = kPlotWidth / camera.width();
+  std::string svg = plot_begin(kPlotWidth, camera.height() * zoom);
+  svg += fmt::format("<rect width=\"{:.0f}\" height=\"{:.1f}\" fill=\"#fafafa\" stroke=\"#888\"/>",
+                     kPlotWidth, camera.height() * zoom);
+  const auto cube = overlay_cube();
+  std::array<Eigen::Vector2d, 8> at;
+  for (std::size_t i = 0; i < 8; ++i)
+    at[i] = zoom * (c.table->corners_px[i] + Eigen::Vector2d(0.5, 0.5));
+  for (std::size_t i = 0; i < 8; ++i) {
+    for (std::size_t j = i + 1; j < 8; ++j) {
+      // An edge joins corners that differ in one coordinate.
+      if (((cube[i] - cube[j]).cwiseAbs().array() > 1e-9).count() != 1) continue;
+      svg += fmt::format(
+          "<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"#888\"/>",
+          at[i].x(), at[i].y(), at[j].x(), at[j].y());
+    }
+  }
+  std::string rows;
+  for (std::size_t i = 0; i < 8; ++i) {
+    svg += fmt::format(
+        "<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"3\" fill=\"#3169aa\"/><text x=\"{:.1f}\" "
+        "y=\"{:.1f}\">{:.2f}</text>",
+        at[i].x(), at[i].y(), std::clamp(at[i].x() + 6.0, 0.0, kPlotWidth - 30.0),
+        std::clamp(at[i].y() - 6.0, 12.0, camera.height() * zoom - 4.0), c.table->tracked_px[i]);
+    rows += fmt::format(
+        "<tr><td>{:+.0f}, {:+.0f}, {:.0f} mm</td><td>{:.3f} px</td><td>{:.3f} px</td></tr>",
+        cube[i].x() * 1e3, cube[i].y() * 1e3, cube[i].z() * 1e3, c.table->tracked_px[i],
+        c.table->known_pose_px[i]);
+  }
+  return fmt::format(
+      "<div class=\"row\"><div><h2>Over the table</h2><p class=\"note\">Corners of a 0.2 m cube on "
+      "the table, seen from {:.2f} m: one sigma of where they are drawn [px], with the pose found "
+      "by "
+      "this lens from the tags under it.</p>{}</svg></div><div><h2>Corners</h2><table><tr><th>on "
+      "the "
+      "table</th><th>pose found</th><th>pose known</th></tr>{}</table></div></div>\n",
+      c.table->distance_m, svg, rows);
+}
+
 }  // namespace
 
 std::string calibration_report(const CameraCalibration& c, const ReportInput& input) {
@@ -333,6 +378,8 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       histogram(c), input.earlier ? "; orange: the earlier calibration" : "",
       distortion_plot(camera, input.earlier));
 
+  html += table_volume_section(c);
+
   if (input.earlier) {
     const ProjectionDifference difference = projection_difference(camera, *input.earlier);
     html += fmt::format(
@@ -359,9 +406,11 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
         "<th>held-out views</th><th></th></tr>";
     for (const ModelTrial& trial : c.trials) {
       html += fmt::format("<tr><td>{}</td><td>{}</td><td>{:.3f} px</td><td>{}</td><td>{}</td></tr>",
-                          to_string(trial.model), to_string(trial.shape), trial.rms_px,
+                          lens_name(trial), to_string(trial.shape), trial.rms_px,
                           trial.held_out_px ? fmt::format("{:.3f} px", *trial.held_out_px) : "-",
-                          trial.chosen ? "chosen" : "");
+                          trial.chosen    ? "chosen"
+                          : trial.fold_px ? "folds in the image"
+                                          : "");
     }
     html += "</table>\n";
   }

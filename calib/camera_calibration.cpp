@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <utility>
 
 namespace penumbra {
 namespace {
@@ -13,6 +14,10 @@ namespace {
 constexpr double kDegrees = 180.0 / M_PI;
 // Views whose boards are all within this of parallel do not tell focal length from distance.
 constexpr double kLeastTilt_deg = 8.0;
+// Tone curve, blur and ink make black squares look larger or smaller; by more than this share of
+// their size, and this far at each edge, they are of another size than the target file says.
+constexpr double kOtherSize = 0.04;
+constexpr double kOtherEdge_px = 0.8;
 constexpr double kWorthwhile = 0.97;  // of the held-out error: what a further freedom must bring
 
 double median(std::vector<double> values) {
@@ -39,6 +44,11 @@ double view_distance(const TargetView& a, const TargetView& b) {
                                          : std::sqrt(sum / count);
 }
 
+// Of nine equal cells of the image, the one that holds the pixel: 0, 1 or 2.
+std::size_t third_of(double at, int size) {
+  return static_cast<std::size_t>(std::clamp(static_cast<int>(3.0 * at / size), 0, 2));
+}
+
 std::string cell_name(int column, int row) {
   constexpr std::array<const char*, 3> kRows = {"top", "middle", "bottom"};
   constexpr std::array<const char*, 3> kColumns = {"left", "centre", "right"};
@@ -50,7 +60,129 @@ std::string cell_name(int column, int row) {
   return fmt::format("{} {}", kRows[j], kColumns[i]);
 }
 
+std::string cell_name(const CameraModel& camera, const Eigen::Vector2d& pixel) {
+  return cell_name(static_cast<int>(third_of(pixel.x(), camera.width())),
+                   static_cast<int>(third_of(pixel.y(), camera.height())));
+}
+
+struct Lens {
+  DistortionModel model = DistortionModel::plumb_bob;
+  bool without_k3 = false;
+};
+
+// Simplest first.
+std::vector<Lens> lenses_of(const LensChoice& choice) {
+  constexpr Lens kNoK3 = {DistortionModel::plumb_bob, true};
+  constexpr Lens kPlumbBob = {DistortionModel::plumb_bob, false};
+  if (choice.model)
+    return {{*choice.model, choice.for_kalibr && *choice.model == DistortionModel::plumb_bob}};
+  if (choice.for_kalibr) return {kNoK3, {DistortionModel::fisheye}};
+  return {kNoK3, kPlumbBob, {DistortionModel::fisheye}, {DistortionModel::rational}};
+}
+
 }  // namespace
+
+std::string lens_name(const ModelTrial& trial) {
+  return fmt::format("{}{}", to_string(trial.model), trial.without_k3 ? ", k3 = 0" : "");
+}
+
+std::optional<Eigen::Vector2d> fold_in_image(const CameraModel& camera) {
+  const CameraParameters& p = camera.parameters();
+  const bool whole = p.model == DistortionModel::fisheye && !std::isfinite(camera.max_radius());
+  // Distortion grows outwards: what the border's pixels show is the furthest that there is.
+  constexpr int kSteps = 64;  // along each side
+  const Eigen::Vector2d centre(p.cx, p.cy);
+  std::optional<Eigen::Vector2d> nearest;
+  const auto look_at = [&](double x, double y) {
+    const Eigen::Vector2d pixel(x, y);
+    const auto direction = camera.unproject(pixel);
+    const bool said =
+        direction ? camera.distortion_jacobian(direction->head<2>()).determinant() > 0.0 : whole;
+    if (!said && (!nearest || (pixel - centre).norm() < (*nearest - centre).norm()))
+      nearest = pixel;
+  };
+  for (int i = 0; i <= kSteps; ++i) {
+    const double x = (p.width - 1.0) * i / kSteps;
+    const double y = (p.height - 1.0) * i / kSteps;
+    look_at(x, 0.0);
+    look_at(x, p.height - 1.0);
+    look_at(0.0, y);
+    look_at(p.width - 1.0, y);
+  }
+  return nearest;
+}
+
+Result<ChosenLens> choose_lens(const CalibrationSolution& start,
+                               const std::vector<Eigen::Vector3d>& board,
+                               const std::vector<CalibrationView>& views, const LensChoice& choice,
+                               std::optional<BoardShape> shape, std::vector<ModelTrial>& trials) {
+  std::optional<ChosenLens> best;
+  std::optional<Error> first_error;
+  const auto consider = [&](const Lens& lens, BoardShape board_shape) {
+    if (choice.stop.stop_requested()) return;
+    SolverOptions solver;
+    solver.stop = choice.stop;
+    solver.without_k3 = lens.without_k3;
+    solver.model = lens.model;
+    solver.shape = board_shape;
+    Result<CalibrationSolution> solved =
+        solve_intrinsics(best ? best->solution : start, board, views, solver);
+    if (!solved) {
+      if (!first_error) first_error = solved.error();
+      return;
+    }
+    const auto held_out = held_out_error(*solved, board, views, solver);
+    const auto fold = fold_in_image(solved->camera);
+    trials.push_back(
+        {lens.model, lens.without_k3, board_shape, solved->rms_px, held_out, fold, false});
+    // What explains no view that was left out is worse than what explains some.
+    const bool better =
+        !best || (held_out && (!best->held_out_px || *held_out < kWorthwhile * *best->held_out_px));
+    if (!fold && better)
+      best = ChosenLens{std::move(*solved), held_out, lens.without_k3, trials.size() - 1};
+  };
+  const std::vector<Lens> lenses = lenses_of(choice);
+  const BoardShape first_shape = shape.value_or(BoardShape::rigid);
+  for (const Lens& lens : lenses) consider(lens, first_shape);
+  // A lens that was asked for, but folds for want of corners far out, may do without its last term.
+  if (!best && choice.model == DistortionModel::plumb_bob && !choice.for_kalibr)
+    consider({DistortionModel::plumb_bob, true}, first_shape);
+  if (best && !shape) {
+    const auto lens_of_best = [&] {
+      return Lens{best->solution.camera.parameters().model, best->without_k3};
+    };
+    consider(lens_of_best(), BoardShape::bowed);
+    // Offsets of their own need every point seen many times.
+    if (views.size() >= 8) consider(lens_of_best(), BoardShape::free);
+    // What a board that is not flat hides may need a lens with more freedoms.
+    const BoardShape found = best->solution.shape;
+    const Lens before = lens_of_best();
+    bool richer = false;
+    for (const Lens& lens : lenses) {
+      if (found != BoardShape::rigid && richer) consider(lens, found);
+      richer = richer || (lens.model == before.model && lens.without_k3 == before.without_k3);
+    }
+  }
+  if (choice.stop.stop_requested()) return fail("ended early");
+  if (best) {
+    trials[best->trial].chosen = true;
+    return std::move(*best);
+  }
+  if (!trials.empty() && trials.front().fold_px) {
+    const Eigen::Vector2d& at = *trials.front().fold_px;
+    return fail(
+        "every lens that explains the views folds its picture back inside the image, first at "
+        "({:.0f}, {:.0f}): no corners were seen so far out; take views with the target near the {} "
+        "and in the other corners{}",
+        at.x(), at.y(), cell_name(start.camera, at),
+        choice.model == DistortionModel::fisheye ? "" : ", or try --model fisheye");
+  }
+  return fail(
+      "the views do not fix a lens ({}); take views with the target near every corner of the "
+      "image, "
+      "tilted in several directions",
+      first_error ? first_error->message : "none explains them");
+}
 
 std::string_view to_string(CalibrationGrade grade) {
   switch (grade) {
@@ -89,6 +221,9 @@ UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd&
     }
   }
   map.mean_px = count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN();
+  // Nothing is known of where such a lens draws what it can't describe.
+  if (count < columns * rows && fold_in_image(camera))
+    map.mean_px = map.largest_px = std::numeric_limits<double>::infinity();
   return map;
 }
 
@@ -124,8 +259,16 @@ struct CameraCalibrator::Impl {
   int width = 0;
   int height = 0;
   std::string first;  // picture that set the size
+  std::stop_token stop;
 
+  [[nodiscard]] SolverOptions solver_options() const {
+    SolverOptions solver;
+    solver.without_k3 = options.for_kalibr;
+    solver.stop = stop;
+    return solver;
+  }
   [[nodiscard]] Result<void> check_found() const;
+  [[nodiscard]] Result<void> check_markers() const;
   void leave_out_blurred();
   void leave_out_surplus();
   [[nodiscard]] std::vector<CalibrationView> used_views();
@@ -134,7 +277,6 @@ struct CameraCalibrator::Impl {
       const std::vector<CalibrationView>& views) const;
   [[nodiscard]] Result<void> check_solution(const CalibrationSolution& solution,
                                             const std::vector<CalibrationView>& views) const;
-  void choose_model(CameraCalibration& result, const std::vector<CalibrationView>& views) const;
   void judge(CameraCalibration& result) const;
 };
 
@@ -218,11 +360,23 @@ Result<void> CameraCalibrator::Impl::check_found() const {
   const auto most =
       std::max_element(reasons.begin(), reasons.end(),
                        [](const auto& a, const auto& b) { return a.second < b.second; });
-  const std::string because =
-      most == reasons.end() ? "" : fmt::format(" ({} times: {})", most->second, most->first);
+  const std::string because = most == reasons.end()
+                                  ? ""
+                                  : fmt::format(" ({} time{}: {})", most->second,
+                                                most->second == 1 ? "" : "s", most->first);
+  const auto is_unreadable = [](const CalibrationPicture& picture) { return picture.width == 0; };
+  if (std::all_of(pictures.begin(), pictures.end(), is_unreadable)) {
+    return fail("none of {} pictures can be read ({})", pictures.size(), pictures.front().left_out);
+  }
   if (seen == 0) {
     return fail("the target ({}) is in none of {} pictures{}; is it the right target file?",
                 target.description, pictures.size(), because);
+  }
+  if (usable < 3 && usable == static_cast<int>(pictures.size())) {
+    return fail(
+        "{} picture{} too few, a camera needs at least 3; take 20, with the target tilted in "
+        "several directions and in every part of the image",
+        usable, usable == 1 ? " is" : "s are");
   }
   if (usable < 3) {
     return fail(
@@ -231,6 +385,28 @@ Result<void> CameraCalibrator::Impl::check_found() const {
         usable, pictures.size(), because);
   }
   return {};
+}
+
+// Markers of another size than the file says are found all the same, and the lens is right, but who
+// tracks the board by them next would be wrong.
+Result<void> CameraCalibrator::Impl::check_markers() const {
+  if (target.kind != TargetKind::charuco) return {};
+  std::vector<double> shares;
+  std::vector<double> edges_px;
+  for (const CalibrationPicture& picture : pictures) {
+    if (!picture.left_out.empty() || !picture.view.markers) continue;
+    shares.push_back(picture.view.markers->share);
+    edges_px.push_back(picture.view.markers->edge_px);
+  }
+  if (shares.empty()) return {};
+  const double said = target.tags->tags().front().size_m / target.square_m;
+  const double seen = median(shares);
+  if (std::abs(seen / said - 1.0) <= kOtherSize || std::abs(median(edges_px)) <= kOtherEdge_px)
+    return {};
+  return fail(
+      "the markers are {:.3f} of a square wide, but the target file says {:.3f}; measure tag_m and "
+      "square_m again",
+      seen, said);
 }
 
 void CameraCalibrator::Impl::leave_out_blurred() {
@@ -299,6 +475,7 @@ std::vector<CalibrationView> CameraCalibrator::Impl::used_views() {
 
 void CameraCalibrator::Impl::refine_corners(const CalibrationSolution& solution) {
   for (CalibrationPicture& picture : pictures) {
+    if (stop.stop_requested()) return;
     if (picture.solved < 0) continue;
     picture.view =
         detector->refine(picture.picture(), picture.view, solution.camera,
@@ -308,12 +485,18 @@ void CameraCalibrator::Impl::refine_corners(const CalibrationSolution& solution)
 
 Result<CalibrationSolution> CameraCalibrator::Impl::first_solution(
     const std::vector<CalibrationView>& views) const {
-  SolverOptions solver;
+  SolverOptions solver = solver_options();
   if (options.model) {
     solver.model = *options.model;
     return solve_intrinsics(width, height, target.points, views, solver);
   }
   Result<CalibrationSolution> best = solve_intrinsics(width, height, target.points, views, solver);
+  if (best && !solver.without_k3 && fold_in_image(best->camera)) {
+    solver.without_k3 = true;
+    Result<CalibrationSolution> plainer =
+        solve_intrinsics(width, height, target.points, views, solver);
+    if (plainer) best = std::move(plainer);
+  }
   solver.model = DistortionModel::fisheye;
   // A wide lens can't be described by a polynomial in tan(angle): where that fits badly, or not at
   // all, the other is tried before corners are refined with it.
@@ -357,7 +540,7 @@ Result<void> CameraCalibrator::Impl::check_solution(
       shifts.push_back(solution.views[v].edge_shift_px);
     }
     const double share = median(shares);
-    if (std::abs(share) > 0.04 && std::abs(median(shifts)) > 0.8) {
+    if (std::abs(share) > kOtherSize && std::abs(median(shifts)) > kOtherEdge_px) {
       return fail(
           "the tags' black squares are {:.0f} % {} than the target file says, for the distances "
           "between them; measure tag size and spacing again",
@@ -374,53 +557,10 @@ Result<void> CameraCalibrator::Impl::check_solution(
   return {};
 }
 
-void CameraCalibrator::Impl::choose_model(CameraCalibration& result,
-                                          const std::vector<CalibrationView>& views) const {
-  const auto try_one = [&](DistortionModel model, BoardShape shape)
-      -> std::optional<std::pair<CalibrationSolution, std::optional<double>>> {
-    SolverOptions solver;
-    solver.model = model;
-    solver.shape = shape;
-    Result<CalibrationSolution> solved =
-        solve_intrinsics(result.solution, target.points, views, solver);
-    if (!solved) return std::nullopt;
-    const auto held_out = held_out_error(*solved, target.points, views, solver);
-    result.trials.push_back({model, shape, solved->rms_px, held_out, false});
-    return std::pair(std::move(*solved), held_out);
-  };
-  // Simplest first; each must be worth its freedoms.
-  const std::vector<DistortionModel> models =
-      options.model ? std::vector{*options.model}
-                    : std::vector{DistortionModel::plumb_bob, DistortionModel::fisheye,
-                                  DistortionModel::rational};
-  const BoardShape first_shape = options.shape.value_or(BoardShape::rigid);
-  std::optional<std::pair<CalibrationSolution, std::optional<double>>> best;
-  std::size_t chosen = 0;
-  const auto consider = [&](DistortionModel model, BoardShape shape) {
-    auto tried = try_one(model, shape);
-    if (!tried) return;
-    const bool better =
-        !best || (tried->second && best->second && *tried->second < kWorthwhile * *best->second);
-    if (!better) return;
-    best = std::move(tried);
-    chosen = result.trials.size() - 1;
-  };
-  for (const DistortionModel model : models) consider(model, first_shape);
-  if (best && !options.shape) {
-    const DistortionModel model = best->first.camera.parameters().model;
-    consider(model, BoardShape::bowed);
-    // Offsets of their own need every point seen many times.
-    if (views.size() >= 8) consider(model, BoardShape::free);
-  }
-  if (!best) return;
-  result.solution = std::move(best->first);
-  result.held_out_px = best->second;
-  result.trials[chosen].chosen = true;
-}
-
 void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
   const CalibrationSolution& solution = result.solution;
   result.uncertainty = uncertainty_map(solution.camera, solution.covariance);
+  result.table = table_volume_uncertainty(solution.camera, solution.covariance);
   result.tilt_spread_deg = tilt_spread(solution.views) * kDegrees;
   std::vector<double> blurs;
   std::array<std::array<int, 3>, 3> cells{};
@@ -428,10 +568,7 @@ void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
     if (picture.solved < 0) continue;
     blurs.push_back(picture.view.blur_px);
     for (const TargetCorner& corner : picture.view.corners) {
-      const auto cell = [](double at, int size) {
-        return static_cast<std::size_t>(std::clamp(static_cast<int>(3.0 * at / size), 0, 2));
-      };
-      ++cells[cell(corner.pixel.y(), height)][cell(corner.pixel.x(), width)];
+      ++cells[third_of(corner.pixel.y(), height)][third_of(corner.pixel.x(), width)];
     }
   }
   result.blur_px = median(blurs);
@@ -454,8 +591,20 @@ void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
   if (result.blur_px > 1.5)
     result.advice.push_back(fmt::format(
         "pictures are blurred ({:.1f} px): hold still, focus, more light", result.blur_px));
+  std::string folds;
+  for (const ModelTrial& trial : result.trials) {
+    // Told where that lens might have been the better one.
+    if (!trial.fold_px || !folds.empty() || !trial.held_out_px || !result.held_out_px ||
+        *trial.held_out_px >= kWorthwhile * *result.held_out_px)
+      continue;
+    folds = fmt::format(
+        "{} was not taken, since it folds near the {}, where too few corners were seen: take views "
+        "there",
+        lens_name(trial), cell_name(solution.camera, *trial.fold_px));
+    result.advice.push_back(folds);
+  }
   if (solution.shape != BoardShape::rigid)
-    result.advice.push_back("the target is not flat or not true: glue it on glass or a board");
+    result.advice.emplace_back("the target is not flat or not true: glue it on glass or a board");
 
   const double error = result.held_out_px.value_or(solution.rms_px);
   const double sigma = result.uncertainty.largest_px;
@@ -465,8 +614,10 @@ void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
                                                           : CalibrationGrade::poor;
   std::string text = fmt::format(
       "{}: projection is known to {:.2f} px (1 sigma) at the worst place in the image, {:.2f} on "
-      "average; views left out of the solution are explained to {:.2f} px",
-      to_string(result.grade), sigma, result.uncertainty.mean_px, error);
+      "average; {} are explained to {:.2f} px",
+      to_string(result.grade), sigma, result.uncertainty.mean_px,
+      result.held_out_px ? "views left out of the solution" : "the views, none of them left out,",
+      error);
   if (result.grade != CalibrationGrade::good) {
     if (result.advice.empty()) {
       text += error > 1.0
@@ -477,13 +628,17 @@ void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
     }
   } else if (!empty.empty()) {
     text += fmt::format("; {}", result.advice.front());
+  } else if (!folds.empty()) {
+    text += fmt::format("; {}", folds);
   }
   result.verdict = text;
 }
 
-Result<CameraCalibration> CameraCalibrator::finish() {
+Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop) {
   Impl& self = *impl_;
+  self.stop = std::move(stop);
   if (const auto ok = self.check_found(); !ok) return tl::unexpected(ok.error());
+  if (const auto ok = self.check_markers(); !ok) return tl::unexpected(ok.error());
   self.leave_out_blurred();
   self.leave_out_surplus();
   std::vector<CalibrationView> views = self.used_views();
@@ -495,14 +650,21 @@ Result<CameraCalibration> CameraCalibrator::finish() {
   for (int round = 0; round < 2; ++round) {
     self.refine_corners(*solution);
     views = self.used_views();
-    SolverOptions solver;
+    SolverOptions solver = self.solver_options();
     solver.model = solution->camera.parameters().model;
+    solver.without_k3 = solver.model == DistortionModel::plumb_bob &&
+                        solution->camera.parameters().distortion[4] == 0.0;
     solution = solve_intrinsics(*solution, self.target.points, views, solver);
     if (!solution) return tl::unexpected(solution.error());
   }
   CameraCalibration result;
-  result.solution = std::move(*solution);
-  self.choose_model(result, views);
+  Result<ChosenLens> chosen = choose_lens(*solution, self.target.points, views,
+                                          {self.options.model, self.options.for_kalibr, self.stop},
+                                          self.options.shape, result.trials);
+  if (self.stop.stop_requested()) return fail("ended early");
+  if (!chosen) return tl::unexpected(chosen.error());
+  result.solution = std::move(chosen->solution);
+  result.held_out_px = chosen->held_out_px;
   if (const auto ok = self.check_solution(result.solution, views); !ok)
     return tl::unexpected(ok.error());
   result.pictures = std::move(self.pictures);

@@ -47,10 +47,10 @@ struct EdgeShiftPrior {
 };
 
 struct OffsetPrior {
-  double sigma;
+  Eigen::Vector3d sigma;
   template <class T>
   bool operator()(const T* shape, T* residual) const {
-    for (int i = 0; i < 3; ++i) residual[i] = shape[i] / sigma;
+    for (int i = 0; i < 3; ++i) residual[i] = shape[i] / sigma[i];
     return true;
   }
 };
@@ -68,7 +68,7 @@ std::unique_ptr<ceres::CostFunction> edge_shift_prior() {
       new EdgeShiftPrior);
 }
 
-std::unique_ptr<ceres::CostFunction> offset_prior(double sigma_m) {
+std::unique_ptr<ceres::CostFunction> offset_prior(const Eigen::Vector3d& sigma_m) {
   return std::make_unique<ceres::AutoDiffCostFunction<OffsetPrior, kShapeSize, kShapeSize>>(
       new OffsetPrior{sigma_m});
 }

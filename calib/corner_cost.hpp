@@ -38,7 +38,7 @@ struct CornerTerm {
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> corner_cost(const CornerTerm& term);
 // Holds a view's edge shift near 0, by a sigma of 1 px. Takes the view's block.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> edge_shift_prior();
-// Holds a point's offset near 0. Takes a shape's block.
-[[nodiscard]] std::unique_ptr<ceres::CostFunction> offset_prior(double sigma_m);
+// Holds a point's offset near 0, by a sigma for each axis. Takes a shape's block.
+[[nodiscard]] std::unique_ptr<ceres::CostFunction> offset_prior(const Eigen::Vector3d& sigma_m);
 
 }  // namespace penumbra

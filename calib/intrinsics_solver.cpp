@@ -43,7 +43,9 @@ struct Guess {
 };
 
 std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vector3d> board,
-                              std::span<const CalibrationView> views, DistortionModel model) {
+                              std::span<const CalibrationView> views,
+                              const SolverOptions& options) {
+  const DistortionModel model = options.model;
   constexpr std::size_t kMostViews = 8;
   std::vector<std::vector<PointObservation>> chosen;
   const std::size_t step = std::max<std::size_t>(1, views.size() / kMostViews);
@@ -53,7 +55,7 @@ std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vect
   const bool fisheye = model == DistortionModel::fisheye;
   for (const double k1 :
        fisheye ? std::vector<double>{0.0} : std::vector<double>{0.0, -0.15, -0.3}) {
-    for (double f = 0.25; f < 5.0; f *= 1.2) {
+    for (double f = 0.25; f < 5.0 && !options.stop.stop_requested(); f *= 1.2) {
       CameraParameters p;
       p.width = width;
       p.height = height;
@@ -99,10 +101,15 @@ std::optional<CameraPose> best_pose(const CameraModel& camera,
   return best;
 }
 
+tl::unexpected<Error> ended_early() {
+  return fail("ended early");
+}
+
 Result<CalibrationSolution> polish(Bundle& bundle, const SolverOptions& options,
                                    bool robust_first) {
   double noise = std::clamp(bundle.robust_noise(), 0.02, 2.0);
-  const auto fails = [] {
+  const auto fails = [&options] {
+    if (options.stop.stop_requested()) return ended_early();
     return fail("no camera explains the corners; is it the right target file, and one camera?");
   };
   if (robust_first) {
@@ -160,7 +167,7 @@ Result<CalibrationSolution> solve_intrinsics(int width, int height,
                                              std::span<const CalibrationView> views,
                                              const SolverOptions& options) {
   if (const auto ok = check_views(board, views); !ok) return tl::unexpected(ok.error());
-  const std::vector<Guess> guesses = guess_lens(width, height, board, views, options.model);
+  const std::vector<Guess> guesses = guess_lens(width, height, board, views, options);
   SolverOptions rough = options;
   rough.shape = BoardShape::rigid;
   std::optional<CalibrationSolution> best;
@@ -168,6 +175,7 @@ Result<CalibrationSolution> solve_intrinsics(int width, int height,
   std::string why = "no lens explains the corners; is it the right target file, and one camera?";
   int tried = 0;
   for (const Guess& guess : guesses) {
+    if (options.stop.stop_requested()) return ended_early();
     if (tried == 4 || (tried > 0 && guess.error_px > 20.0 * guesses.front().error_px + 5.0)) break;
     ++tried;
     Bundle bundle(width, height, board, views, rough);
@@ -176,7 +184,7 @@ Result<CalibrationSolution> solve_intrinsics(int width, int height,
     for (const CalibrationView& view : views) {
       const auto observations = observations_of(view, board);
       const auto pose = best_pose(guess.camera, observations);
-      if (!pose) {
+      if (!pose || options.stop.stop_requested()) {
         posed = false;
         break;
       }
@@ -199,6 +207,7 @@ Result<CalibrationSolution> solve_intrinsics(int width, int height,
       best = std::move(*solved);
     }
   }
+  if (options.stop.stop_requested()) return ended_early();
   if (!best) return fail("{}", why);
   if (options.shape == BoardShape::rigid) return *best;
   return solve_intrinsics(*best, board, views, options);
@@ -218,6 +227,8 @@ Result<CalibrationSolution> solve_intrinsics(const CalibrationSolution& start,
     }
     parameters.model = options.model;
   }
+  if (options.without_k3 && options.model == DistortionModel::plumb_bob)
+    parameters.distortion[4] = 0.0;
   bundle.lens = lens_of(parameters);
   bundle.start_shape(start);
   for (std::size_t v = 0; v < views.size(); ++v) {
@@ -227,6 +238,7 @@ Result<CalibrationSolution> solve_intrinsics(const CalibrationSolution& start,
     }
     const auto pose = best_pose(start.camera, observations_of(views[v], board));
     if (!pose) return fail("{}: no pose explains its corners", views[v].name);
+    if (options.stop.stop_requested()) return ended_early();
     bundle.poses.push_back(view_of(*pose, 0.0));
   }
   return polish(bundle, options, true);

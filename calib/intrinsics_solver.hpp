@@ -8,6 +8,7 @@
 #include <Eigen/Core>
 #include <optional>
 #include <span>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -27,19 +28,24 @@ struct CalibrationView {
 enum class BoardShape {
   rigid,  // as the target's file says
   bowed,  // z = a x^2 + b y^2 + c x y
-  free,   // every point has an offset of its own, held by a prior (Strobl and Hirzinger, More
-          // accurate pinhole camera calibration with imperfect planar target, ICCV workshops 2011)
+  free,   // every point has an offset of its own, held by a prior, tighter in the plane than out of
+         // it (Strobl and Hirzinger, More accurate pinhole camera calibration with imperfect planar
+         // target, ICCV workshops 2011, without a prior)
 };
 [[nodiscard]] std::string_view to_string(BoardShape shape);  // "rigid", "bowed", "free"
 
 struct SolverOptions {
   DistortionModel model = DistortionModel::plumb_bob;
   BoardShape shape = BoardShape::rigid;
+  bool without_k3 = false;  // plumb_bob: k3 stays 0, as Kalibr's radtan has it
   bool remove_outliers = true;
   // Corners are outliers beyond so many times the spread of one axis, found by the median.
   double outlier_sigmas = 4.5;
-  double free_prior_m = 0.0;  // sigma of a point's offset; 0: 1/500 of the board's radius
+  // Sigma of a point's offset out of the board's plane; in the plane a tenth of it. 0: 1/500 of the
+  // board's radius.
+  double free_prior_m = 0.0;
   int max_iterations = 100;
+  std::stop_token stop;  // once requested, what solves fails soon: "ended early"
 };
 
 struct SolvedView {

@@ -1,354 +1,490 @@
 #include "calib/tag_survey.hpp"
 
-#include <ceres/ceres.h>
-#include <ceres/rotation.h>
 #include <glog/logging.h>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <set>
+#include <utility>
 #include <vector>
 
+#include "calib/tag_graph.hpp"
 #include "core/text.hpp"
+#include "core/units.hpp"
 #include "core/yaml_fields.hpp"
-#include "tracking/pose_solver.hpp"
 
 namespace penumbra {
 namespace {
 
-using TagPose = Transform<frame::Table, frame::Tag>;
-using Pose6 = std::array<double, 6>;  // angle-axis, translation
-
-constexpr double kNearest = 1e-6;        // [m] in front of the camera
-constexpr double kEdgeShiftPrior = 0.5;  // [px]
-constexpr double kTypicalNoise = 0.1;    // [px]
 // No tone curve and no blur that leaves a tag readable moves edges by more: what was found instead
 // is an error of the model (a sheet that is not flat, a lens) that scale and shift took up
 // together.
-constexpr double kMostEdgeShift = 0.5;  // [px]
-constexpr int kFewestFrames = 2;        // that a tag must be seen in
+constexpr double kMostEdgeShift = 0.5;    // [px]
+constexpr double kFlat = radians(6.0);    // tags of one table are parallel to this
+constexpr double kHigh = 0.03;            // of the tag's size: further off the plane is not on it
+constexpr double kMostLensSpread = 0.02;  // of the focal length: a worse one is not worth having
 
-struct Sighting {
-  int id = 0;
-  std::array<Eigen::Vector2d, 4> corners_px;
-  std::array<Eigen::Vector2d, 4> spread;
-};
-
-std::array<Eigen::Vector3d, 4> corners_of(double size) {
-  const double h = 0.5 * size;
-  return {Eigen::Vector3d(-h, -h, 0.0), Eigen::Vector3d(h, -h, 0.0), Eigen::Vector3d(h, h, 0.0),
-          Eigen::Vector3d(-h, h, 0.0)};
+double size_of(const SurveyOptions& options, int id) {
+  const auto named = options.sizes_m.find(id);
+  return named != options.sizes_m.end() ? named->second : options.tag_size_m.value_or(0.0);
 }
 
-// How each corner moves when the tag's edges move outwards by 1 px.
-std::array<Eigen::Vector2d, 4> spreads_of(const std::array<Eigen::Vector2d, 4>& corners) {
-  const Eigen::Vector2d centre = 0.25 * (corners[0] + corners[1] + corners[2] + corners[3]);
-  const auto outward = [&](const Eigen::Vector2d& p, const Eigen::Vector2d& q) {
-    Eigen::Vector2d n(-(q - p).y(), (q - p).x());
-    n.normalize();
-    return n.dot(p - centre) < 0.0 ? Eigen::Vector2d(-n) : n;
+// The table's plane by the centres of the tags on it, in the anchor's frame, whose origin is the
+// anchor's centre: `turn` takes the anchor's axes to the table's.
+struct TablePlane {
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();  // of the table, in the anchor's frame [m]
+};
+
+TablePlane plane_through(const Eigen::Matrix3Xd& centres) {
+  const Eigen::Vector3d middle = centres.rowwise().mean();
+  const Eigen::Matrix3Xd d = centres.colwise() - middle;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(d * d.transpose());
+  Eigen::Vector3d z = eigen.eigenvectors().col(0);
+  if (z.z() < 0.0) z = -z;
+  TablePlane plane;
+  const Eigen::Vector3d x = (Eigen::Vector3d::UnitX() - z.x() * z).normalized();
+  plane.turn.row(0) = x.transpose();
+  plane.turn.row(1) = z.cross(x).transpose();
+  plane.turn.row(2) = z.transpose();
+  plane.origin = z.dot(middle) * z;
+  return plane;
+}
+
+// Ids of the tags that lie flat in one plane with the anchor (and face the same way), by growing
+// sureness: first those near the anchor's own plane, then those near the plane through these.
+std::vector<int> tags_on_table(const std::map<int, TagPose>& tags, int anchor,
+                               const SurveyOptions& options) {
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
+  Eigen::Vector3d on_plane = Eigen::Vector3d::Zero();
+  double slack = std::tan(kFlat);  // of the distance: how far the normal may be off
+  std::vector<int> members;
+  for (int round = 0; round < 4; ++round) {
+    members.clear();
+    for (const auto& [id, pose] : tags) {
+      const Eigen::Vector3d d = pose.translation() - on_plane;
+      const double facing = (pose.rotation() * Eigen::Vector3d::UnitZ()).dot(normal);
+      const double limit = kHigh * size_of(options, id) + slack * d.norm();
+      if (facing > std::cos(kFlat) && std::abs(normal.dot(d)) < limit) members.push_back(id);
+    }
+    if (members.size() < 3) return {anchor};
+    Eigen::Matrix3Xd centres(3, members.size());
+    for (std::size_t i = 0; i < members.size(); ++i)
+      centres.col(static_cast<Eigen::Index>(i)) = tags.at(members[i]).translation();
+    const Eigen::Matrix3Xd around = centres.colwise() - centres.rowwise().mean();
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(around * around.transpose());
+    // On a line they leave the plane open.
+    if (eigen.eigenvalues()[1] < std::pow(0.5 * size_of(options, anchor), 2)) return {anchor};
+    const TablePlane plane = plane_through(centres);
+    normal = plane.turn.row(2).transpose();
+    on_plane = plane.origin;
+    slack = 0.0;
+  }
+  return members;
+}
+
+// Turns what was solved in the anchor's frame into the table's, covariance included.
+void settle_on_plane(TagSurvey& survey, std::map<int, TagPose> tags, const GraphCovariance& found,
+                     const std::vector<int>& on_plane, int anchor) {
+  std::vector<int> ids;
+  for (const auto& [id, pose] : tags) ids.push_back(id);
+  const auto n = static_cast<Eigen::Index>(ids.size());
+  Eigen::Matrix3Xd centres(3, n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    centres.col(i) = tags.at(ids[static_cast<std::size_t>(i)]).translation();
+  const auto plane_of = [&](const Eigen::Matrix3Xd& at) {
+    if (on_plane.size() < 3) return TablePlane{};
+    Eigen::Matrix3Xd members(3, on_plane.size());
+    Eigen::Index k = 0;
+    for (Eigen::Index i = 0; i < n; ++i) {
+      if (std::binary_search(on_plane.begin(), on_plane.end(), ids[static_cast<std::size_t>(i)]))
+        members.col(k++) = at.col(i);
+    }
+    return plane_through(members);
   };
-  std::array<Eigen::Vector2d, 4> spreads;
-  for (std::size_t i = 0; i < 4; ++i) {
-    Eigen::Matrix2d normals;
-    normals.row(0) = outward(corners[(i + 3) % 4], corners[i]).transpose();
-    normals.row(1) = outward(corners[i], corners[(i + 1) % 4]).transpose();
-    spreads[i] = std::abs(normals.determinant()) < 0.2
-                     ? Eigen::Vector2d(Eigen::Vector2d::Zero())
-                     : Eigen::Vector2d(normals.inverse() * Eigen::Vector2d::Ones());
+  const TablePlane plane = plane_of(centres);
+  const Transform<frame::Table, frame::Table> T_table_anchor(plane.turn,
+                                                             -(plane.turn * plane.origin));
+  // How plane and origin follow the centres: [turn about the table's axes; origin in them].
+  Eigen::MatrixXd follow = Eigen::MatrixXd::Zero(6, 3 * n);
+  if (on_plane.size() >= 3) {
+    constexpr double kStep = 1e-6;  // [m]
+    for (Eigen::Index c = 0; c < 3 * n; ++c) {
+      if (ids[static_cast<std::size_t>(c / 3)] == anchor) continue;
+      Eigen::Matrix3Xd after = centres;
+      Eigen::Matrix3Xd before = centres;
+      after(c % 3, c / 3) += kStep;
+      before(c % 3, c / 3) -= kStep;
+      const TablePlane a = plane_of(after);
+      const TablePlane b = plane_of(before);
+      const Eigen::Matrix3d W = (a.turn - b.turn) * plane.turn.transpose() / (2.0 * kStep);
+      follow.col(c).head<3>() = Eigen::Vector3d(W(2, 1), W(0, 2), W(1, 0));
+      follow.col(c).tail<3>() = plane.turn * (a.origin - b.origin) / (2.0 * kStep);
+    }
   }
-  return spreads;
-}
-
-template <class To, class From>
-Pose6 packed(const Transform<To, From>& pose) {
-  const Eigen::AngleAxisd turn(pose.rotation());
-  const Eigen::Vector3d axis = turn.angle() * turn.axis();
-  const Eigen::Vector3d& t = pose.translation();
-  return {axis.x(), axis.y(), axis.z(), t.x(), t.y(), t.z()};
-}
-
-template <class To, class From>
-Transform<To, From> unpacked(const Pose6& pose) {
-  const Eigen::Vector3d axis(pose[0], pose[1], pose[2]);
-  const double angle = axis.norm();
-  return {angle < 1e-12 ? Eigen::Quaterniond::Identity()
-                        : Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis / angle)),
-          Eigen::Vector3d(pose[3], pose[4], pose[5])};
-}
-
-struct CornerCost {
-  const CameraModel* camera;
-  Eigen::Vector3d p_tag;
-  Eigen::Vector2d pixel;
-  Eigen::Vector2d spread;
-
-  // T_camera_table, T_table_tag, edge shift.
-  template <class T>
-  bool operator()(const T* camera_pose, const T* tag_pose, const T* shift, T* residual) const {
-    const T p[3] = {T(p_tag.x()), T(p_tag.y()), T(p_tag.z())};
-    T in_table[3];
-    ceres::AngleAxisRotatePoint(tag_pose, p, in_table);
-    for (int i = 0; i < 3; ++i) in_table[i] += tag_pose[3 + i];
-    T in_camera[3];
-    ceres::AngleAxisRotatePoint(camera_pose, in_table, in_camera);
-    for (int i = 0; i < 3; ++i) in_camera[i] += camera_pose[3 + i];
-    if (!(in_camera[2] > T(kNearest))) return false;
-    camera->project_generic<T>(in_camera, residual);
-    residual[0] += shift[0] * spread.x() - pixel.x();
-    residual[1] += shift[0] * spread.y() - pixel.y();
-    return true;
+  std::map<int, Eigen::Index> row;  // in the covariance; the anchor has none
+  for (std::size_t i = 0; i < found.ids.size(); ++i)
+    row[found.ids[i]] = 6 * static_cast<Eigen::Index>(i);
+  double heights = 0.0;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const int id = ids[static_cast<std::size_t>(i)];
+    SurveyedTag& tag = survey.tags[static_cast<std::size_t>(i)];
+    tag.tag.T_table_tag = T_table_anchor * tags.at(id);
+    const Eigen::Vector3d p = tag.tag.T_table_tag.translation();
+    if (std::binary_search(on_plane.begin(), on_plane.end(), id)) heights += p.z() * p.z();
+    Eigen::Matrix3d cross;
+    cross << 0.0, -p.z(), p.y(), p.z(), 0.0, -p.x(), -p.y(), p.x(), 0.0;
+    // Moved as a whole with plane and origin, and by itself.
+    Eigen::MatrixXd J = Eigen::MatrixXd::Zero(6, found.tags.cols());
+    for (Eigen::Index k = 0; k < n; ++k) {
+      const auto at = row.find(ids[static_cast<std::size_t>(k)]);
+      if (at == row.end()) continue;
+      const Eigen::MatrixXd turned = follow.block(0, 3 * k, 3, 3);
+      J.block(0, at->second, 3, 3) = -cross * turned - follow.block(3, 3 * k, 3, 3);
+      J.block(3, at->second, 3, 3) = turned;
+    }
+    if (const auto own = row.find(id); own != row.end()) {
+      J.block(0, own->second, 3, 3) += plane.turn;
+      J.block(3, own->second + 3, 3, 3) += plane.turn;
+    }
+    tag.covariance = J * found.tags * J.transpose();
   }
+  for (auto& camera : survey.cameras) {
+    if (camera) camera = T_table_anchor * *camera;
+  }
+  survey.tags_on_plane = static_cast<int>(on_plane.size());
+  survey.flatness_m = std::sqrt(heights / static_cast<double>(on_plane.size()));
+  survey.plane_tilt_rad = std::acos(std::min(1.0, plane.turn(2, 2)));
+}
+
+// Which frames are used, and what of them: tags with a known size, once and whole in the picture.
+struct SurveyInput {
+  std::vector<std::vector<TagSighting>> frames;
+  std::vector<std::size_t> of;  // their numbers in what was given
+  std::map<int, int> seen;      // frames, by id
+  std::set<int> without_size;
 };
-using CornerFunction = ceres::AutoDiffCostFunction<CornerCost, 2, 6, 6, 1>;
 
-struct ShiftPrior {
-  template <class T>
-  bool operator()(const T* shift, T* residual) const {
-    residual[0] = shift[0] / kEdgeShiftPrior;
-    return true;
+SurveyInput input_of(const CameraModel& camera, std::span<const SurveyFrame> frames,
+                     const SurveyOptions& options) {
+  SurveyInput input;
+  const auto is_measured = [](const SurveyFrame& frame, std::size_t i) {
+    return i < frame.measured.size() && frame.measured[i].has_value();
+  };
+  std::map<int, int> detected;
+  std::map<int, int> measured;
+  for (const SurveyFrame& frame : frames) {
+    for (std::size_t i = 0; i < frame.tags.size(); ++i) {
+      ++detected[frame.tags[i].id];
+      if (is_measured(frame, i)) ++measured[frame.tags[i].id];
+    }
   }
+  const auto most = static_cast<std::size_t>(options.most_frames);
+  const std::size_t step = std::max<std::size_t>(1, (frames.size() + most - 1) / most);
+  for (std::size_t f = 0; f < frames.size(); f += step) {
+    const SurveyFrame& frame = frames[f];
+    std::map<int, int> times;
+    for (const TagDetection& tag : frame.tags) ++times[tag.id];
+    std::vector<TagSighting>& here = input.frames.emplace_back();
+    input.of.push_back(f);
+    for (std::size_t i = 0; i < frame.tags.size(); ++i) {
+      const TagDetection& tag = frame.tags[i];
+      if (times[tag.id] > 1) continue;  // two of them: nobody knows which is meant
+      double size = size_of(options, tag.id);
+      if (size <= 0.0) {
+        // Not placed, but its size can be told.
+        input.without_size.insert(tag.id);
+        size = size_of(options, options.anchor);
+        if (size <= 0.0) continue;
+      }
+      const bool inside = std::all_of(
+          tag.corners_px.begin(), tag.corners_px.end(), [&](const Eigen::Vector2d& corner) {
+            return corner.x() > 2.0 && corner.y() > 2.0 && corner.x() < camera.width() - 3 &&
+                   corner.y() < camera.height() - 3;
+          });
+      if (!inside) continue;
+      // Where a tag's edges are found in most frames, one without them is partly hidden.
+      const bool edges = is_measured(frame, i);
+      if (!edges && 2 * measured[tag.id] > detected[tag.id]) continue;
+      here.push_back(edges ? sighting_of(tag.id, size, *frame.measured[i])
+                           : sighting_of(tag.id, size, tag.corners_px));
+      if (input.without_size.count(tag.id) == 0) ++input.seen[tag.id];
+    }
+  }
+  return input;
+}
+
+// From the anchor outwards: cameras from placed tags, tags from posed cameras, all but `without`.
+Result<void> chain(TagGraph& graph, const SurveyInput& input, int anchor,
+                   const std::set<int>& without) {
+  constexpr double kPlaced = 3.0;  // [px], of most frames: beyond, better cameras are waited for
+  graph.tags[anchor] = Pose6{};
+  for (bool grew = true; grew;) {
+    grew = false;
+    graph.pose_cameras();
+    std::optional<std::pair<int, TagPlacement>> next_best;
+    for (const auto& [id, count] : input.seen) {
+      if (graph.tags.count(id) > 0 || without.count(id) > 0) continue;
+      auto fit = graph.place(id);
+      if (!fit) continue;
+      if (fit->median_px() < kPlaced) {
+        graph.tags[id] = packed(fit->T_anchor_tag);
+        grew = true;
+      } else if (!next_best || fit->median_px() < next_best->second.median_px()) {
+        next_best.emplace(id, std::move(*fit));
+      }
+    }
+    if (!grew && next_best && next_best->second.median_px() < kFarOff) {
+      graph.tags[next_best->first] = packed(next_best->second.T_anchor_tag);
+      grew = true;
+    }
+    if (grew && !graph.adjust(true))
+      return fail(
+          "the tags' places do not settle; sweep slower, and over two or more tags at a time");
+  }
+  if (std::none_of(graph.cameras.begin(), graph.cameras.end(),
+                   [](const auto& pose) { return pose.has_value(); })) {
+    return fail("tag {} alone never tells where the camera is; come closer to it, at an angle",
+                anchor);
+  }
+  return {};
+}
+
+struct SettledGraph {
+  TagGraph graph;  // without outliers
+  double rms_px = 0.0;
+  std::map<int, double> lost;  // by tag that was placed: share of its sightings that are outliers
+  std::set<int> misfits;       // seen where cameras are known, and not placed
 };
 
-class Survey {
- public:
-  Survey(const CameraModel& camera, const SurveyOptions& options)
-      : camera_(camera), options_(options) {}
-
-  std::vector<std::vector<Sighting>> frames;
-  std::map<int, Pose6> tags;                  // placed ones: T_table_tag
-  std::vector<std::optional<Pose6>> cameras;  // T_camera_table
-
-  [[nodiscard]] double size_of(int id) const {
-    const auto named = options_.sizes_m.find(id);
-    return named != options_.sizes_m.end() ? named->second : options_.tag_size_m.value_or(0.0);
-  }
-
-  // Observations of placed tags in a frame.
-  [[nodiscard]] std::vector<PointObservation> placed_in(std::size_t frame) const {
-    std::vector<PointObservation> points;
-    for (const Sighting& sighting : frames[frame]) {
-      const auto placed = tags.find(sighting.id);
-      if (placed == tags.end()) continue;
-      const auto T_table_tag = unpacked<frame::Table, frame::Tag>(placed->second);
-      const auto corners = corners_of(size_of(sighting.id));
-      for (std::size_t i = 0; i < 4; ++i)
-        points.push_back({T_table_tag * corners[i], sighting.corners_px[i]});
+// Chains and adjusts all tags but `without`.
+Result<SettledGraph> settle(const CameraModel& camera, const SurveyInput& input, int anchor,
+                            const std::set<int>& without, const SurveyOptions& options) {
+  SettledGraph result{TagGraph(camera, anchor), 0.0, {}, {}};
+  TagGraph& graph = result.graph;
+  graph.stop = options.stop;
+  graph.frames = input.frames;
+  graph.shift_is_free = false;
+  if (const auto ok = chain(graph, input, anchor, without); !ok) return tl::unexpected(ok.error());
+  const TagGraph chained = graph;
+  graph.shift_is_free = options.edge_shift;
+  int corners = 0;
+  const auto adjust = [&] {
+    for (int round = 0; round < 4; ++round) {
+      if (!graph.adjust(round == 0)) return false;
+      if (!graph.drop_outliers(result.rms_px, corners) && round > 0) break;
     }
-    return points;
+    return true;
+  };
+  bool settled = adjust();
+  if (settled && std::abs(graph.shift) > kMostEdgeShift) {
+    graph = chained;
+    settled = adjust();
   }
-
-  // Cameras from what is placed; where two poses explain a frame about as well, none is taken.
-  void pose_cameras() {
-    for (std::size_t f = 0; f < frames.size(); ++f) {
-      const auto points = placed_in(f);
-      if (points.size() < 4) continue;
-      std::optional<RefinedPose> best;
-      double second = std::numeric_limits<double>::infinity();
-      for (const CameraPose& start : solve_pose(camera_, points)) {
-        const auto refined = refine_pose(camera_, points, start);
-        if (!refined) continue;
-        if (!best || refined->rms_px < best->rms_px) {
-          if (best &&
-              perturbation_between(best->T_table_camera, refined->T_table_camera).norm() > 1e-3)
-            second = best->rms_px;
-          best = refined;
-        } else if (perturbation_between(best->T_table_camera, refined->T_table_camera).norm() >
-                   1e-3) {
-          second = std::min(second, refined->rms_px);
-        }
-      }
-      if (!best || best->rms_px > 5.0) continue;
-      if (points.size() == 4 && second < 2.0 * best->rms_px + 0.1) continue;
-      cameras[f] = packed(best->T_table_camera.inverse());
+  if (settled && options.refine_camera) {
+    graph.lens_is_free = true;
+    settled = adjust();
+  }
+  if (!settled) return fail("the tags' places do not settle; sweep slower");
+  std::map<int, std::pair<int, int>> counts;  // seen, of these left
+  for (std::size_t f = 0; f < input.frames.size(); ++f) {
+    if (!graph.cameras[f]) continue;
+    for (const TagSighting& sighting : input.frames[f]) ++counts[sighting.id].first;
+    for (const TagSighting& sighting : graph.frames[f]) ++counts[sighting.id].second;
+  }
+  for (const auto& [id, count] : counts) {
+    if (graph.tags.count(id) > 0) {
+      result.lost[id] = 1.0 - static_cast<double>(count.second) / count.first;
+    } else if (count.first >= 2 && input.without_size.count(id) == 0) {
+      result.misfits.insert(id);
     }
   }
+  return result;
+}
 
-  // The tag where it explains what all posed frames show of it best.
-  [[nodiscard]] std::optional<Pose6> place(int id) const {
-    std::vector<std::pair<std::size_t, const Sighting*>> seen;
-    for (std::size_t f = 0; f < frames.size(); ++f) {
-      if (!cameras[f]) continue;
-      for (const Sighting& sighting : frames[f]) {
-        if (sighting.id == id) seen.emplace_back(f, &sighting);
-      }
-    }
-    if (seen.size() < static_cast<std::size_t>(kFewestFrames)) return std::nullopt;
-    const auto corners = corners_of(size_of(id));
-    std::optional<Pose6> best;
+// A tag that lay in one place up to a frame, and in another one from it on.
+struct Movement {
+  std::size_t frame = 0;
+  double distance_m = 0.0;  // of the corner that moved furthest
+  double mean_px = 0.0;     // as TagPlacement's
+};
+
+// `judge` has all sightings, and cameras that this tag has no part in (or not much).
+std::optional<Movement> movement_of(const TagGraph& judge, int id, double size_m) {
+  constexpr std::size_t kFewest = 3;  // sightings in either place
+  const auto seen = judge.seen_of(id);
+  if (seen.size() < 2 * kFewest) return std::nullopt;
+  std::optional<Movement> best;
+  for (const double share : {0.25, 0.5, 0.75}) {
+    std::size_t split =
+        std::clamp(static_cast<std::size_t>(share * static_cast<double>(seen.size())), kFewest,
+                   seen.size() - kFewest);
+    std::optional<TagPlacement> before;
+    std::optional<TagPlacement> after;
+    const auto fit_parts = [&] {
+      before = judge.fit(id, false, 0, seen[split].first);
+      after = judge.fit(id, false, seen[split].first);
+      return before && after;
+    };
+    if (!fit_parts()) continue;
+    // Where the one explains less from then on than the other.
+    judge.measure(*before, id);
+    judge.measure(*after, id);
+    double sum = after->mean_px() * static_cast<double>(seen.size());
     double least = std::numeric_limits<double>::infinity();
-    const std::size_t step = std::max<std::size_t>(1, seen.size() / 10);
-    for (std::size_t k = 0; k < seen.size(); k += step) {
-      const auto& [frame, sighting] = seen[k];
-      std::vector<PointObservation> points;  // "table" is the tag here
-      for (std::size_t i = 0; i < 4; ++i) points.push_back({corners[i], sighting->corners_px[i]});
-      for (const CameraPose& T_tag_camera : solve_pose(camera_, points)) {
-        const auto T_camera_table = unpacked<frame::Camera, frame::Table>(*cameras[frame]);
-        const Transform<frame::Camera, frame::Tag> T_camera_tag(
-            T_tag_camera.inverse().rotation(), T_tag_camera.inverse().translation());
-        const TagPose T_table_tag = T_camera_table.inverse() * T_camera_tag;
-        std::vector<double> errors;
-        for (const auto& [other, view] : seen) {
-          const auto T = unpacked<frame::Camera, frame::Table>(*cameras[other]) * T_table_tag;
-          double sum = 0.0;
-          for (std::size_t i = 0; i < 4; ++i) {
-            const auto pixel = camera_.project(T * corners[i]);
-            sum += pixel ? (*pixel - view->corners_px[i]).squaredNorm() : 1e6;
-          }
-          errors.push_back(sum);
-        }
-        const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
-        std::nth_element(errors.begin(), middle, errors.end());
-        if (*middle < least) {
-          least = *middle;
-          best = packed(T_table_tag);
-        }
+    for (std::size_t k = 0; k + kFewest <= seen.size(); ++k) {
+      if (k >= kFewest && sum < least) {
+        least = sum;
+        split = k;
+      }
+      sum += std::min(before->errors_px[k].second, kFarOff) -
+             std::min(after->errors_px[k].second, kFarOff);
+    }
+    if (!fit_parts()) continue;
+    const auto n = static_cast<double>(seen.size());
+    Movement here;
+    here.frame = seen[split].first;
+    here.mean_px = (before->mean_px() * static_cast<double>(split) +
+                    after->mean_px() * (n - static_cast<double>(split))) /
+                   n;
+    for (const double x : {-0.5 * size_m, 0.5 * size_m}) {
+      for (const double y : {-0.5 * size_m, 0.5 * size_m}) {
+        const Eigen::Vector3d corner(x, y, 0.0);
+        here.distance_m = std::max(
+            here.distance_m, (before->T_anchor_tag * corner - after->T_anchor_tag * corner).norm());
       }
     }
-    return best;
+    if (!best || here.mean_px < best->mean_px) best = here;
   }
+  return best;
+}
 
-  bool adjust(bool robust) {
-    ceres::Problem problem;
-    build(problem, robust);
-    ceres::Solver::Options options;
-    options.linear_solver_type = ceres::DENSE_SCHUR;
-    options.max_num_iterations = 60;
-    options.num_threads = 1;  // the same sums in the same order, every time
-    options.logging_type = ceres::SILENT;
-    ceres::Solver::Summary summary;
-    ceres::Solve(options, &problem, &summary);
-    return summary.IsSolutionUsable();
+// Why a tag does not fit the others, if it does not.
+struct Contradiction {
+  std::string words;                  // "tag 7: looks ..."
+  bool moved = false;                 // it is where it is said to be, at times
+  std::optional<MappedTag> apparent;  // its size explains it; T_anchor_tag
+};
+
+std::optional<Contradiction> contradiction_of(const TagGraph& judge, const SurveyInput& input,
+                                              int id, const SurveyOptions& options) {
+  constexpr double kExplains = 0.5;  // of the error that is left otherwise
+  const bool sized = input.without_size.count(id) == 0;
+  const double nominal_m = size_of(options, sized ? id : options.anchor);
+  const auto free = judge.fit(id, true);
+  const auto given = sized ? judge.fit(id, false) : free;
+  if (!free || !given) return std::nullopt;
+  const auto moved = movement_of(judge, id, nominal_m);
+  Contradiction result;
+  if (!sized || (free->mean_px() < kExplains * given->mean_px() &&
+                 (!moved || free->mean_px() < 1.5 * moved->mean_px))) {
+    MappedTag tag;
+    tag.id = id;
+    tag.family = options.family;
+    tag.size_m = free->scale * nominal_m;
+    tag.T_table_tag = free->T_anchor_tag;
+    result.apparent = tag;
+    result.words =
+        sized ? fmt::format(
+                    "tag {}: looks {:.1f} mm in size, where {:.1f} mm is given; say its size "
+                    "with --sizes",
+                    id, tag.size_m * 1e3, nominal_m * 1e3)
+              : fmt::format("tag {}: has no size, and looks {:.1f} mm; say its size with --sizes",
+                            id, tag.size_m * 1e3);
+    return result;
   }
+  if (moved && moved->mean_px < kExplains * given->mean_px()) {
+    result.moved = true;
+    result.words = fmt::format(
+        "tag {}: moved by {:.1f} mm at about frame {}; sweep again while all of them rest", id,
+        moved->distance_m * 1e3, input.of[moved->frame]);
+    return result;
+  }
+  result.words =
+      fmt::format("tag {}: is {:.1f} px off what the others say; is it flat, and did it rest?", id,
+                  given->mean_px());
+  return result;
+}
 
-  // Residuals by corner; sightings whose tag is off in a frame are taken out. True if any was.
-  bool drop_outliers(double& rms, int& corners) {
-    std::vector<double> all;
-    for_each([&](std::size_t, const Sighting&, const std::array<Eigen::Vector2d, 4>& r) {
-      for (const Eigen::Vector2d& e : r) all.push_back(e.norm());
-    });
-    if (all.empty()) return false;
-    std::vector<double> sorted = all;
-    const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-    std::nth_element(sorted.begin(), middle, sorted.end());
-    const double limit = std::max(6.0 * *middle / 1.1774, 0.3);
-    std::set<std::pair<std::size_t, int>> bad;
-    double sum = 0.0;
-    corners = 0;
-    for_each([&](std::size_t f, const Sighting& s, const std::array<Eigen::Vector2d, 4>& r) {
-      double worst = 0.0;
-      for (const Eigen::Vector2d& e : r) worst = std::max(worst, e.norm());
-      if (worst > limit) {
-        bad.emplace(f, s.id);
-        return;
-      }
-      for (const Eigen::Vector2d& e : r) sum += e.squaredNorm();
-      corners += 4;
-    });
-    rms = std::sqrt(sum / std::max(corners, 1));
-    for (std::size_t f = 0; f < frames.size(); ++f) {
-      std::erase_if(frames[f], [&](const Sighting& s) { return bad.count({f, s.id}) > 0; });
+// All tags that agree, and what is to be said of the others.
+struct Agreement {
+  SettledGraph settled;
+  std::map<int, Contradiction> others;
+};
+
+// Takes out one tag after the other that contradicts the rest, worst first.
+Result<Agreement> agree(const CameraModel& camera, const SurveyInput& input, int anchor,
+                        const SurveyOptions& options) {
+  constexpr double kMostLost = 0.5;    // of the sightings
+  constexpr double kSuspicious = 0.1;  // that many may be blurred or hidden
+  std::set<int> without;
+  for (;;) {
+    auto settled = settle(camera, input, anchor, without, options);
+    if (options.stop.stop_requested()) return fail("ended early");
+    if (!settled) return tl::unexpected(settled.error());
+    TagGraph judge = settled->graph;
+    judge.frames = input.frames;
+    std::optional<std::pair<double, int>> worst;
+    for (const auto& [id, lost] : settled->lost) {
+      if (id != anchor && lost > kMostLost && (!worst || lost > worst->first)) worst = {lost, id};
     }
-    return !bad.empty();
-  }
-
-  // Covariances of tag poses, scaled by the residuals' spread; nothing where they are not fixed.
-  std::optional<std::map<int, Matrix6d>> covariances(double noise_px) {
-    ceres::Problem problem;
-    build(problem, false);
-    ceres::Covariance::Options options;
-    options.algorithm_type = ceres::SPARSE_QR;
-    options.num_threads = 1;
-    ceres::Covariance covariance(options);
-    std::vector<std::pair<const double*, const double*>> blocks;
-    for (auto& [id, pose] : tags) {
-      if (id != options_.anchor) blocks.emplace_back(pose.data(), pose.data());
+    for (const auto& [id, lost] : settled->lost) {
+      if (worst || lost <= kSuspicious) continue;
+      const auto told = contradiction_of(judge, input, id, options);
+      if (!told || !told->moved) continue;
+      if (id == anchor) return fail("the anchor, {}", told->words);
+      worst = {lost, id};
     }
-    if (!covariance.Compute(blocks, &problem)) return std::nullopt;
-    std::map<int, Matrix6d> result;
-    for (auto& [id, pose] : tags) {
-      Matrix6d moved = Matrix6d::Zero();
-      if (id != options_.anchor) {
-        Eigen::Matrix<double, 6, 6, Eigen::RowMajor> raw;
-        if (!covariance.GetCovarianceBlock(pose.data(), pose.data(), raw.data()))
-          return std::nullopt;
-        // Angle-axis parameters -> turns about table axes, by differences of the rotation itself;
-        // and position first.
-        const Eigen::Quaterniond q = unpacked<frame::Table, frame::Tag>(pose).rotation();
-        Matrix6d J = Matrix6d::Zero();
-        J.block<3, 3>(0, 3).setIdentity();
-        for (int i = 0; i < 3; ++i) {
-          Pose6 step = pose;
-          step[static_cast<std::size_t>(i)] += 1e-6;
-          const Eigen::Quaterniond d =
-              unpacked<frame::Table, frame::Tag>(step).rotation() * q.conjugate();
-          J.block<3, 1>(3, i) = 2.0 * (d.w() < 0.0 ? -1.0 : 1.0) * d.vec() / 1e-6;
-        }
-        moved = J * raw * J.transpose() * noise_px * noise_px;
-      }
-      result[id] = moved;
+    if (worst) {
+      without.insert(worst->second);
+      continue;
+    }
+    Agreement result{std::move(*settled), {}};
+    std::set<int> untold = result.settled.misfits;
+    untold.insert(input.without_size.begin(), input.without_size.end());
+    for (const int id : untold) {
+      if (auto told = contradiction_of(judge, input, id, options))
+        result.others[id] = std::move(*told);
     }
     return result;
   }
+}
 
-  double shift = 0.0;
-  bool shift_is_free = true;
+// Whether so many contradict the anchor that it may be the one that is wrong.
+bool anchor_is_doubtful(const Agreement& agreement, const SurveyInput& input, int anchor) {
+  const auto lost = agreement.settled.lost.find(anchor);
+  if (lost != agreement.settled.lost.end() && lost->second > 0.5) return true;
+  const std::size_t misfits = agreement.settled.misfits.size();
+  return misfits >= 2 && 2 * misfits > input.seen.size() - 1;
+}
 
- private:
-  template <class Visit>
-  void for_each(const Visit& visit) {
-    for (std::size_t f = 0; f < frames.size(); ++f) {
-      if (!cameras[f]) continue;
-      for (const Sighting& sighting : frames[f]) {
-        const auto placed = tags.find(sighting.id);
-        if (placed == tags.end()) continue;
-        std::array<Eigen::Vector2d, 4> residuals;
-        const auto corners = corners_of(size_of(sighting.id));
-        for (std::size_t i = 0; i < 4; ++i) {
-          const CornerCost cost{&camera_, corners[i], sighting.corners_px[i], sighting.spread[i]};
-          if (!cost(cameras[f]->data(), placed->second.data(), &shift, residuals[i].data()))
-            residuals[i].setConstant(1e3);
-        }
-        visit(f, sighting, residuals);
-      }
-    }
+// What the others say of the anchor, if they agree among themselves.
+tl::unexpected<Error> blame(const CameraModel& camera, const SurveyInput& input,
+                            const SurveyOptions& options) {
+  std::vector<std::pair<int, int>> by_count;
+  for (const auto& [id, count] : input.seen) {
+    if (id != options.anchor) by_count.emplace_back(-count, id);
   }
-
-  void build(ceres::Problem& problem, bool robust) {
-    for (std::size_t f = 0; f < frames.size(); ++f) {
-      if (!cameras[f]) continue;
-      for (const Sighting& sighting : frames[f]) {
-        const auto placed = tags.find(sighting.id);
-        if (placed == tags.end()) continue;
-        const auto corners = corners_of(size_of(sighting.id));
-        for (std::size_t i = 0; i < 4; ++i) {
-          problem.AddResidualBlock(
-              new CornerFunction(
-                  new CornerCost{&camera_, corners[i], sighting.corners_px[i], sighting.spread[i]}),
-              robust ? new ceres::CauchyLoss(0.5) : nullptr, cameras[f]->data(),
-              placed->second.data(), &shift);
-        }
-      }
-    }
-    // Residuals are pixels of about this noise: the prior counts no more than it should.
-    problem.AddResidualBlock(
-        new ceres::AutoDiffCostFunction<ShiftPrior, 1, 1>(new ShiftPrior),
-        new ceres::ScaledLoss(nullptr, kTypicalNoise * kTypicalNoise, ceres::TAKE_OWNERSHIP),
-        &shift);
-    if (!shift_is_free) problem.SetParameterBlockConstant(&shift);
-    Pose6& anchor = tags.at(options_.anchor);
-    if (problem.HasParameterBlock(anchor.data())) problem.SetParameterBlockConstant(anchor.data());
+  std::sort(by_count.begin(), by_count.end());
+  constexpr std::size_t kTried = 3;
+  for (std::size_t i = 0; i < std::min(kTried, by_count.size()); ++i) {
+    const int other = by_count[i].second;
+    const auto agreement = agree(camera, input, other, options);
+    if (!agreement || anchor_is_doubtful(*agreement, input, other)) continue;
+    const auto told = agreement->others.find(options.anchor);
+    if (told == agreement->others.end()) continue;
+    return fail("the anchor, {}; or choose another anchor", told->second.words);
   }
-
-  const CameraModel& camera_;
-  const SurveyOptions& options_;
-};
+  return fail(
+      "the tags contradict each other: did some of them move, are the sizes right, and is the "
+      "camera's file of this camera?");
+}
 
 }  // namespace
 
@@ -356,140 +492,126 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
                               const SurveyOptions& options) {
   // Ceres says on standard error what it tries in vain; what matters is in the result.
   FLAGS_minloglevel = std::max(FLAGS_minloglevel, static_cast<int>(google::GLOG_ERROR));
-  Survey survey(camera, options);
-  std::map<int, int> seen;
-  std::set<int> without_size;
-  const std::size_t step =
-      std::max<std::size_t>(1, (frames.size() + static_cast<std::size_t>(options.most_frames) - 1) /
-                                   static_cast<std::size_t>(options.most_frames));
-  for (std::size_t f = 0; f < frames.size(); f += step) {
-    std::map<int, int> times;
-    for (const TagDetection& tag : frames[f].tags) ++times[tag.id];
-    std::vector<Sighting> sightings;
-    for (const TagDetection& tag : frames[f].tags) {
-      if (times[tag.id] > 1) continue;  // two of them: nobody knows which is meant
-      if (survey.size_of(tag.id) <= 0.0) {
-        without_size.insert(tag.id);
-        continue;
-      }
-      bool inside = true;
-      for (const Eigen::Vector2d& corner : tag.corners_px) {
-        inside = inside && corner.x() > 2.0 && corner.y() > 2.0 &&
-                 corner.x() < camera.width() - 3 && corner.y() < camera.height() - 3;
-      }
-      if (!inside) continue;
-      sightings.push_back({tag.id, tag.corners_px, spreads_of(tag.corners_px)});
-      ++seen[tag.id];
-    }
-    survey.frames.push_back(std::move(sightings));
-  }
-  survey.cameras.resize(survey.frames.size());
-  if (seen.empty()) {
+  const SurveyInput input = input_of(camera, frames, options);
+  if (input.seen.empty()) {
     return fail(
         "no tag of the family {} with a known size is seen{}; name the family (--family) "
         "and the sizes",
         to_string(options.family),
-        without_size.empty()
+        input.without_size.empty()
             ? ""
-            : fmt::format(" (without size: {})",
-                          joined(std::vector(without_size.begin(), without_size.end()))));
+            : fmt::format(" (without size: {})", joined(std::vector(input.without_size.begin(),
+                                                                    input.without_size.end()))));
   }
-  if (seen.count(options.anchor) == 0) {
+  if (input.seen.count(options.anchor) == 0) {
     std::vector<int> ids;
-    for (const auto& [id, count] : seen) ids.push_back(id);
-    return fail("the anchor, tag {}, is never seen; choose one of {}", options.anchor, joined(ids));
+    for (const auto& [id, count] : input.seen) ids.push_back(id);
+    return fail("the anchor, tag {}, is never seen{}; choose one of {}", options.anchor,
+                input.without_size.count(options.anchor) > 0 ? " with a size" : "", joined(ids));
   }
-
-  survey.shift_is_free = options.edge_shift;
-  // From the anchor outwards: cameras from placed tags, tags from posed cameras.
-  survey.tags[options.anchor] = Pose6{};
-  for (bool grew = true; grew;) {
-    grew = false;
-    survey.pose_cameras();
-    for (const auto& [id, count] : seen) {
-      if (survey.tags.count(id) > 0) continue;
-      if (const auto pose = survey.place(id)) {
-        survey.tags[id] = *pose;
-        grew = true;
-      }
-    }
-    if (grew && !survey.adjust(true))
-      return fail(
-          "the tags' places do not settle; sweep slower, and over two or more tags at a time");
-  }
-  if (std::none_of(survey.cameras.begin(), survey.cameras.end(),
-                   [](const auto& pose) { return pose.has_value(); })) {
-    return fail("tag {} alone never tells where the camera is; come closer to it, at an angle",
-                options.anchor);
-  }
+  auto agreement = agree(camera, input, options.anchor, options);
+  if (!agreement) return tl::unexpected(agreement.error());
+  if (anchor_is_doubtful(*agreement, input, options.anchor)) return blame(camera, input, options);
+  TagGraph& graph = agreement->settled.graph;
   TagSurvey result;
-  int corners = 0;
-  const auto settle = [&] {
-    for (int round = 0; round < 4; ++round) {
-      if (!survey.adjust(round == 0)) return false;
-      if (!survey.drop_outliers(result.rms_px, corners) && round > 0) break;
-    }
-    return true;
-  };
-  bool settled = settle();
-  if (settled && std::abs(survey.shift) > kMostEdgeShift) {
-    survey.shift = 0.0;
-    survey.shift_is_free = false;
-    settled = settle();
-  }
-  if (!settled) return fail("the tags' places do not settle; sweep slower");
+  result.rms_px = agreement->settled.rms_px;
   if (result.rms_px > 3.0) {
     return fail(
-        "the tags contradict each other by {:.1f} px: did one move, are the sizes right, and "
-        "is the camera's file of this camera?",
+        "the tags contradict each other by {:.1f} px: did some of them move, are the sizes right, "
+        "and is the camera's file of this camera?",
         result.rms_px);
   }
-  result.edge_shift_px = survey.shift;
-  int posed = 0;
-  for (std::size_t f = 0; f < survey.frames.size(); ++f) {
-    if (survey.cameras[f] && !survey.frames[f].empty()) ++posed;
-  }
-  result.frames_used = posed;
-  const double freedom =
-      2.0 * corners - 6.0 * posed - 6.0 * (static_cast<double>(survey.tags.size()) - 1.0) - 1.0;
-  if (freedom < 4.0) return fail("too few tags and frames to place them; sweep over all of them");
-  const double noise = result.rms_px * std::sqrt(corners / freedom);
-  const auto covariances = survey.covariances(noise);
-  if (!covariances)
+  const auto covariance = graph.covariance();
+  if (!covariance) return tl::unexpected(covariance.error());
+  Result<CameraModel> lens = graph.camera();
+  if (!lens) {
     return fail(
-        "some tags' places are not fixed; see every tag together with others, in several frames");
-  for (const auto& [id, pose] : survey.tags) {
+        "the sweep leads to no lens ({}); look at the tags from lower and from more sides, or "
+        "leave the camera as it is",
+        lens.error().message);
+  }
+  result.camera = std::move(*lens);
+  result.lens_covariance = covariance->lens;
+  if (options.refine_camera) {
+    const double spread = std::sqrt(covariance->lens(0, 0)) / result.camera.parameters().fx;
+    if (!(spread < kMostLensSpread)) {
+      return fail(
+          "the sweep leaves the focal length open by {:.1f} %; look at the tags from lower and "
+          "from more sides, or leave the camera as it is",
+          spread * 100.0);
+    }
+  }
+  result.clustering = covariance->clustering;
+  result.edge_shift_px = graph.shift;
+  result.cameras.resize(frames.size());
+  for (std::size_t f = 0; f < graph.frames.size(); ++f) {
+    if (!graph.cameras[f] || graph.frames[f].empty()) continue;
+    ++result.frames_used;
+    result.cameras[input.of[f]] =
+        unpacked<frame::Camera, frame::Table>(*graph.cameras[f]).inverse();
+  }
+  std::map<int, TagPose> poses;
+  for (const auto& [id, pose] : graph.tags) {
+    poses[id] = unpacked<frame::Table, frame::Tag>(pose);
     SurveyedTag tag;
     tag.tag.id = id;
     tag.tag.family = options.family;
-    tag.tag.size_m = survey.size_of(id);
-    tag.tag.T_table_tag = unpacked<frame::Table, frame::Tag>(pose);
-    tag.covariance = covariances->at(id);
-    tag.frames = seen[id];
+    tag.tag.size_m = size_of(options, id);
+    tag.frames = static_cast<int>(graph.seen_of(id).size());
     result.tags.push_back(tag);
   }
-  for (const auto& [id, count] : seen) {
-    if (survey.tags.count(id) == 0)
+  const std::vector<int> on_plane = options.plane == SurveyPlane::fitted
+                                        ? tags_on_table(poses, options.anchor, options)
+                                        : std::vector{options.anchor};
+  settle_on_plane(result, std::move(poses), *covariance, on_plane, options.anchor);
+  const TagPose T_table_anchor =
+      std::find_if(result.tags.begin(), result.tags.end(), [&](const SurveyedTag& tag) {
+        return tag.tag.id == options.anchor;
+      })->tag.T_table_tag;
+  const Transform<frame::Table, frame::Table> settled_on(T_table_anchor.rotation(),
+                                                         T_table_anchor.translation());
+  std::set<int> left_out = input.without_size;
+  for (const auto& [id, count] : input.seen) {
+    if (graph.tags.count(id) == 0) left_out.insert(id);
+  }
+  for (const int id : left_out) {
+    const auto told = agreement->others.find(id);
+    if (told != agreement->others.end()) {
+      result.left_out.push_back(told->second.words);
+      if (told->second.apparent) {
+        result.misfits.push_back(*told->second.apparent);
+        result.misfits.back().T_table_tag = settled_on * result.misfits.back().T_table_tag;
+      }
+    } else if (input.without_size.count(id) > 0) {
+      result.left_out.push_back(fmt::format("tag {}: has no size", id));
+    } else {
+      const int count = input.seen.at(id);
       result.left_out.push_back(
-          fmt::format("tag {}: seen in {} frames, never with others that are "
-                      "placed",
-                      id, count));
+          fmt::format("tag {}: seen in {} frame{}, not often enough with others that are placed",
+                      id, count, count == 1 ? "" : "s"));
+    }
   }
-  for (const int id : without_size)
-    result.left_out.push_back(fmt::format("tag {}: has no size", id));
-  // The plane that fits the centres best.
-  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (const SurveyedTag& tag : result.tags) middle += tag.tag.T_table_tag.translation();
-  middle /= static_cast<double>(result.tags.size());
-  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
-  for (const SurveyedTag& tag : result.tags) {
-    const Eigen::Vector3d d = tag.tag.T_table_tag.translation() - middle;
-    scatter += d * d.transpose() / static_cast<double>(result.tags.size());
-  }
-  if (result.tags.size() >= 3) {
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(scatter);
-    result.flatness_m = std::sqrt(std::max(eigen.eigenvalues()[0], 0.0));
-    result.plane_tilt_rad = std::acos(std::min(1.0, std::abs(eigen.eigenvectors()(2, 0))));
+  return result;
+}
+
+SurveyFrame measured_frame(const TagSurvey& survey, std::size_t index, const SurveyFrame& frame,
+                           ImageView luma) {
+  SurveyFrame result = frame;
+  result.measured.assign(frame.tags.size(), std::nullopt);
+  if (index >= survey.cameras.size() || !survey.cameras[index]) return result;
+  const auto T_camera_table = survey.cameras[index]->inverse();
+  for (std::size_t i = 0; i < frame.tags.size(); ++i) {
+    const int id = frame.tags[i].id;
+    const auto placed = std::find_if(survey.tags.begin(), survey.tags.end(),
+                                     [id](const SurveyedTag& tag) { return tag.tag.id == id; });
+    const auto misfit = std::find_if(survey.misfits.begin(), survey.misfits.end(),
+                                     [id](const MappedTag& tag) { return tag.id == id; });
+    if (placed == survey.tags.end() && misfit == survey.misfits.end()) continue;
+    const MappedTag& tag = placed != survey.tags.end() ? placed->tag : *misfit;
+    const auto pattern = TagPattern::make(tag.family, tag.id);
+    if (!pattern) continue;
+    result.measured[i] =
+        measure_tag(luma, survey.camera, *pattern, tag.size_m, T_camera_table * tag.T_table_tag);
   }
   return result;
 }

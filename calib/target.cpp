@@ -112,14 +112,26 @@ Result<Target> read_charuco(const YamlFields& fields) {
   if (!square) return tl::unexpected(square.error());
   const Result<double> tag = fields.number("tag_m", "give the edge of a tag's black border");
   if (!tag) return tl::unexpected(tag.error());
-  const Result<std::string> family = fields.text("family", "name a family of libapriltag");
+  const char* key = fields.has("dictionary") ? "dictionary" : "family";
+  const Result<std::string> family =
+      fields.text(key, "name a dictionary such as DICT_4X4_50, or a family such as tag36h11");
   if (!family) return tl::unexpected(family.error());
   const auto known = tag_family_from_string(*family);
   if (!known) {
-    return fail("{}: '{}' is not known; boards are read with tags of libapriltag, such as tag36h11",
-                fields.place_of("family"), *family);
+    return fail(
+        "{}: '{}' is not known; boards are read with DICT_4X4_*, 5X5_* and 6X6_* (50, 100, 250 or "
+        "1000) of ArUco, and with families of libapriltag such as tag36h11",
+        fields.place_of(key), *family);
   }
-  board = {*columns, *rows, *square, *tag, *known, 0};
+  board = {*columns, *rows, *square, *tag, *known, 0, false};
+  if (fields.has("legacy")) {
+    // What OpenCV calls its own boards before 4.6: their last row begins with a black square.
+    const Result<std::string> legacy = fields.text("legacy", "give true or false");
+    if (!legacy) return tl::unexpected(legacy.error());
+    if (*legacy != "true" && *legacy != "false")
+      return fail("{}: is '{}'; give true or false", fields.place_of("legacy"), *legacy);
+    board.first_white = *legacy == "true" && board.rows % 2 == 0;
+  }
   if (fields.has("first_id")) {
     const Result<int> first = fields.integer("first_id", "give the id of the first tag");
     if (!first) return tl::unexpected(first.error());
@@ -203,11 +215,12 @@ Result<Target> charuco_target(const CharucoBoard& board) {
     return fail("{}: has data outside its border; a ChArUco board takes a family such as tag36h11",
                 to_string(board.family));
   }
-  if (board.tag_m * pattern->total_width() / pattern->width_at_border() >
-      board.square_m * (1.0 + 1e-9)) {
+  // Half a cell of white on each side is what its border is told by.
+  const double needed_m =
+      board.tag_m * (pattern->width_at_border() + 1) / pattern->width_at_border();
+  if (needed_m > board.square_m * (1.0 + 1e-9)) {
     return fail("a tag of {} m needs a square of {:.4f} m with its white margin, and it is {} m",
-                board.tag_m, board.tag_m * pattern->total_width() / pattern->width_at_border(),
-                board.square_m);
+                board.tag_m, needed_m, board.square_m);
   }
   Target target;
   target.kind = TargetKind::charuco;
@@ -218,7 +231,7 @@ Result<Target> charuco_target(const CharucoBoard& board) {
   std::vector<MappedTag> tags;
   for (int j = 0; j < board.rows; ++j) {
     for (int i = 0; i < board.columns; ++i) {
-      if ((i + j) % 2 == 0) continue;  // black
+      if ((i + j) % 2 == (board.first_white ? 1 : 0)) continue;  // black
       MappedTag tag;
       tag.id = board.first_id + static_cast<int>(tags.size());
       tag.family = board.family;

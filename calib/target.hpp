@@ -40,14 +40,17 @@ struct Target {
 // tags.yaml, Kalibr's aprilgrid.yaml (target_type: aprilgrid, tagCols, tagRows, tagSize,
 // tagSpacing), chessboards (target_type: checkerboard with inner_cols, inner_rows, square_m, or
 // Kalibr's targetCols, targetRows, rowSpacingMeters, colSpacingMeters), ChArUco boards as `penumbra
-// target` writes them (target_type: charuco). Errors name file and field.
+// target` writes them (target_type: charuco with columns, rows, square_m, tag_m, family or
+// dictionary, optional first_id, legacy: true for boards of OpenCV before 4.6). Errors name file
+// and field.
 [[nodiscard]] Result<Target> load_target(const std::filesystem::path& file);
 
 [[nodiscard]] Result<Target> tag_target(TagMap map);
 // Inner corners, squares of square_m.
 [[nodiscard]] Result<Target> chessboard_target(int inner_columns, int inner_rows, double square_m);
-// `columns` x `rows` squares, the top left one black, a tag of `tag_m` in every white one, ids
-// counted in reading order from first_id.
+// `columns` x `rows` squares, the top left one black (or white: boards of OpenCV before 4.6 with an
+// even number of rows), a tag of `tag_m` in every white one, ids counted in reading order from
+// first_id.
 struct CharucoBoard {
   int columns = 8;
   int rows = 6;
@@ -55,6 +58,7 @@ struct CharucoBoard {
   double tag_m = 0.022;  // edge of the tag's black border
   TagFamily family = TagFamily::tag36h11;
   int first_id = 0;
+  bool first_white = false;
 };
 [[nodiscard]] Result<Target> charuco_target(const CharucoBoard& board);
 // Kalibr's order: id 0 at the bottom left, ids to the right, then up.

@@ -11,6 +11,7 @@
 #include <opencv2/imgproc.hpp>
 #include <optional>
 
+#include "calib/luma_sample.hpp"
 #include "tracking/tag_detector.hpp"
 #include "tracking/tag_pattern.hpp"
 
@@ -31,19 +32,6 @@ bool inside(ImageView luma, const Eigen::Vector2d& p, double margin) {
          p.y() <= luma.height - 1 - margin;
 }
 
-// Grey level by bilinear interpolation; nothing outside the image.
-std::optional<double> sample(ImageView luma, const Eigen::Vector2d& p) {
-  if (!inside(luma, p, 0.0)) return std::nullopt;
-  const int x = std::min(static_cast<int>(p.x()), luma.width - 2);
-  const int y = std::min(static_cast<int>(p.y()), luma.height - 2);
-  if (x < 0 || y < 0) return std::nullopt;
-  const double u = p.x() - x;
-  const double v = p.y() - y;
-  const std::uint8_t* a = luma.row(y) + x;
-  const std::uint8_t* b = luma.row(y + 1) + x;
-  return (1.0 - v) * ((1.0 - u) * a[0] + u * a[1]) + v * ((1.0 - u) * b[0] + u * b[1]);
-}
-
 // Four sectors, black and white in turn, around the point: what a chessboard's corner looks like.
 bool is_saddle(ImageView luma, const Eigen::Vector2d& centre, double radius_px) {
   constexpr int kSamples = 24;
@@ -53,7 +41,7 @@ bool is_saddle(ImageView luma, const Eigen::Vector2d& centre, double radius_px) 
   for (int i = 0; i < kSamples; ++i) {
     const double angle = 2.0 * M_PI * i / kSamples;
     const auto value =
-        sample(luma, centre + radius_px * Eigen::Vector2d(std::cos(angle), std::sin(angle)));
+        sample_luma(luma, centre + radius_px * Eigen::Vector2d(std::cos(angle), std::sin(angle)));
     if (!value) return false;
     ring[static_cast<std::size_t>(i)] = *value;
     lowest = std::min(lowest, *value);
@@ -97,7 +85,7 @@ std::optional<double> blur_across(ImageView luma, const Eigen::Vector2d& a,
   for (int i = -steps; i <= steps; ++i) {
     double sum = 0.0;
     for (const double t : {0.42, 0.46, 0.5, 0.54, 0.58}) {  // along the edge: less noise
-      const auto value = sample(luma, a + t * along + i * kStep * normal);
+      const auto value = sample_luma(luma, a + t * along + i * kStep * normal);
       if (!value) return std::nullopt;
       sum += *value;
     }
@@ -147,6 +135,8 @@ struct TargetDetector::Impl {
   [[nodiscard]] TargetView detect_tags(ImageView luma);
   [[nodiscard]] TargetView detect_chessboard(ImageView luma) const;
   [[nodiscard]] TargetView detect_charuco(ImageView luma);
+  [[nodiscard]] std::optional<TargetView::MarkerShare> marker_share(
+      const TargetView& view, const std::map<std::size_t, TagDetection>& seen) const;
   [[nodiscard]] double blur_of(ImageView luma, const TargetView& view) const;
   [[nodiscard]] bool has_squares(ImageView luma, const TargetView& view) const;
   [[nodiscard]] std::optional<std::array<Eigen::Vector2d, 4>> follow_edges(
@@ -199,9 +189,9 @@ bool TargetDetector::Impl::has_squares(ImageView luma, const TargetView& view) c
       const Eigen::Vector2d& corner = view.corners[i + k].pixel;
       const Eigen::Vector2d side =
           0.5 * (corner + view.corners[i + (k + 1) % 4].pixel) - centre;  // to the side's middle
-      const auto at_square = sample(luma, centre + (1.0 + spacing) * (corner - centre));
-      const auto at_border = sample(luma, centre + (1.0 - 1.0 / cells) * side);
-      const auto at_paper = sample(luma, centre + (1.0 + spacing) * side);
+      const auto at_square = sample_luma(luma, centre + (1.0 + spacing) * (corner - centre));
+      const auto at_border = sample_luma(luma, centre + (1.0 - 1.0 / cells) * side);
+      const auto at_paper = sample_luma(luma, centre + (1.0 + spacing) * side);
       if (!at_square || !at_border || !at_paper || *at_paper - *at_border < 20.0) continue;
       ++(*at_square < 0.5 * (*at_paper + *at_border) ? black : white);
     }
@@ -336,6 +326,51 @@ TargetView TargetDetector::Impl::detect_chessboard(ImageView luma) const {
   return view;
 }
 
+// A square is small enough to be seen without its lens: what maps its corners to the unit square
+// says how large the marker in it is.
+std::optional<TargetView::MarkerShare> TargetDetector::Impl::marker_share(
+    const TargetView& view, const std::map<std::size_t, TagDetection>& seen) const {
+  std::vector<double> shares;
+  std::vector<double> squares_px;
+  for (const auto& [index, detection] : seen) {
+    const MappedTag& tag = target.tags->tags()[index];
+    std::vector<cv::Point2f> from;
+    std::vector<cv::Point2f> to;
+    for (const TargetCorner& corner : view.corners) {
+      const Eigen::Vector3d offset =
+          (target.points[static_cast<std::size_t>(corner.point)] - tag.T_table_tag.translation()) /
+          target.square_m;
+      if (std::max(std::abs(offset.x()), std::abs(offset.y())) > 0.51) continue;
+      from.emplace_back(static_cast<float>(corner.pixel.x()), static_cast<float>(corner.pixel.y()));
+      to.emplace_back(static_cast<float>(offset.x()), static_cast<float>(offset.y()));
+    }
+    if (from.size() != 4) continue;  // a square at the board's edge, or one seen in part
+    const cv::Mat h = cv::getPerspectiveTransform(from, to);
+    std::vector<cv::Point2f> corners;
+    for (const Eigen::Vector2d& p : detection.corners_px)
+      corners.emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()));
+    cv::perspectiveTransform(corners, corners, h);
+    double perimeter = 0.0;
+    double perimeter_px = 0.0;
+    for (std::size_t i = 0; i < 4; ++i) {
+      perimeter += cv::norm(corners[i] - corners[(i + 1) % 4]);
+      perimeter_px += (detection.corners_px[i] - detection.corners_px[(i + 1) % 4]).norm();
+    }
+    if (!(perimeter > 0.0)) continue;
+    shares.push_back(0.25 * perimeter);
+    squares_px.push_back(perimeter_px / perimeter);
+  }
+  if (shares.empty()) return std::nullopt;
+  const auto middle = [](std::vector<double>& values) {
+    const auto at = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    std::nth_element(values.begin(), at, values.end());
+    return *at;
+  };
+  const double share = middle(shares);
+  const double said = target.tags->tags().front().size_m / target.square_m;
+  return TargetView::MarkerShare{share, 0.5 * (share - said) * middle(squares_px)};
+}
+
 TargetView TargetDetector::Impl::detect_charuco(ImageView luma) {
   TargetView view;
   const auto seen = seen_tags(luma, *tags, nullptr);
@@ -375,6 +410,7 @@ TargetView TargetDetector::Impl::detect_charuco(ImageView luma) {
         find_saddle(luma, predicted, std::max(0.45 * gap, 0.12) * square_px, 0.2 * square_px);
     if (found) view.corners.push_back({static_cast<int>(point), *found, Eigen::Vector2d::Zero()});
   }
+  view.markers = marker_share(view, seen);
   if (view.corners.size() < kFewestCorners) {
     view.problem = seen.empty() ? "no tag of the board is seen"
                                 : fmt::format("only {} of {} corners are seen", view.corners.size(),
@@ -450,7 +486,7 @@ std::optional<FollowedEdge> follow_edge(
       bool ok = true;
       for (int s = 0; s <= 2 * steps + 1; ++s) {
         const auto value =
-            sample(luma, place.p + (expected + (s - steps - 0.5) * kStep) * place.normal);
+            sample_luma(luma, place.p + (expected + (s - steps - 0.5) * kStep) * place.normal);
         if (!value) {
           ok = false;
           break;

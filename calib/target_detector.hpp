@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,6 +29,14 @@ struct TargetView {
   double blur_px = 0.0;
   // Tags of this board that were seen with a border of two cells, as Kalibr prints them.
   int two_cell_tags = 0;
+  // Of ChArUco boards: the edge of a marker over that of a square, as seen, and by how many pixels
+  // the marker's edges lie elsewhere than the target file says; nothing where no marker is seen
+  // with the four corners around it.
+  struct MarkerShare {
+    double share = 0.0;
+    double edge_px = 0.0;
+  };
+  std::optional<MarkerShare> markers;
   bool black_squares = false;  // the sheet has Kalibr's squares at the tags' corners
   // Why there are no corners, or too few: empty when the view can be used.
   std::string problem;

@@ -73,14 +73,15 @@ struct Sheet {
 
 // The page as it must lie for the sheet.
 Result<PageSize> turned_page(const Sheet& sheet, const PageSize& page) {
-  const double needed_width = sheet.width + 2.0 * kMargin;
+  const double needed_width = std::max(sheet.width, kRulerLength) + 2.0 * kMargin;
   const double needed_height = sheet.height + 2.0 * kMargin + kFooter;
   double width = page.width_m;
   double height = page.height_m;
   if (needed_width > width || needed_height > height) std::swap(width, height);
   if (needed_width > width || needed_height > height) {
     return fail(
-        "the board needs {:.0f} x {:.0f} mm with its margins and does not fit on a page of {:.0f} "
+        "the board needs {:.0f} x {:.0f} mm with its margins and the 100 mm ruler, and does not "
+        "fit on a page of {:.0f} "
         "x {:.0f} mm; use a larger --page or a smaller board",
         needed_width * 1e3, needed_height * 1e3, page.width_m * 1e3, page.height_m * 1e3);
   }
@@ -160,7 +161,7 @@ Result<Sheet> sheet_of(const CharucoBoard& board) {
                [board, map = std::move(*target->tags)](cairo_t* cr, double x, double y) {
                  // All as one path, so that squares that touch leave no hairline.
                  for (int j = 0; j < board.rows; ++j) {
-                   for (int i = j % 2; i < board.columns; i += 2) {
+                   for (int i = (j + (board.first_white ? 1 : 0)) % 2; i < board.columns; i += 2) {
                      draw_square(cr, x + (i - 0.5 * board.columns) * board.square_m,
                                  y + (j - 0.5 * board.rows) * board.square_m, board.square_m);
                    }
@@ -318,7 +319,7 @@ Result<void> write_sheet(const std::filesystem::path& pdf, const SheetTarget& ta
   cairo_set_source_rgb(cr, 0.0, 0.0, 0.0);
   sheet->draw(cr, 0.5 * width, 0.5 * (height - kFooter));
   const double footer_y = height - kMargin - 0.002;
-  const double ruler_x = std::min(kMargin + 0.004, width - kRulerLength);
+  const double ruler_x = std::min(kMargin + 0.004, width - kMargin - kRulerLength);
   draw_ruler(cr, ruler_x, footer_y);
   draw_text(cr, ruler_x, footer_y - 0.0045, "measure this: 100 mm");
   if (width > 0.25) {
@@ -358,12 +359,13 @@ Result<void> save_target(const std::filesystem::path& file, const SheetTarget& t
         to_string(grid->family), grid->first_id);
   } else if (const auto* charuco = std::get_if<CharucoBoard>(&target)) {
     text = fmt::format(
-        "# Squares, the top left one black, a tag in every white one; ids in reading order. "
-        "Metres.\n"
+        "# Squares, the top left one {}, a tag in every white one; ids in reading order. Metres.\n"
         "target_type: charuco\ncolumns: {}\nrows: {}\nsquare_m: {}\ntag_m: {}\nfamily: {}\n"
-        "first_id: {}\n",
-        charuco->columns, charuco->rows, charuco->square_m * printed_scale,
-        charuco->tag_m * printed_scale, to_string(charuco->family), charuco->first_id);
+        "first_id: {}\n{}",
+        charuco->first_white ? "white" : "black", charuco->columns, charuco->rows,
+        charuco->square_m * printed_scale, charuco->tag_m * printed_scale,
+        to_string(charuco->family), charuco->first_id,
+        charuco->first_white ? "legacy: true\n" : "");
   } else if (const auto* chess = std::get_if<ChessboardSheet>(&target)) {
     text = fmt::format(
         "# Corners between squares, across and down. Metres.\n"

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <functional>
 #include <random>
 
 #include "calib/camera_calibration.hpp"
@@ -84,6 +85,64 @@ TEST(IntrinsicsSolver, FindsTheBowOfABoard) {
     ASSERT_TRUE(held_out && held_out_rigid);
     EXPECT_LT(*held_out, *held_out_rigid) << to_string(shape);
   }
+}
+
+// Mean error of the projection over a few calibrations with a board that is as `bend` makes it.
+double error_with(BoardShape shape,
+                  const std::function<void(Eigen::Vector3d&, std::mt19937&)>& bend) {
+  constexpr unsigned kRuns = 5;
+  const CameraModel truth = test::desk_camera();
+  const auto board = test::flat_board();
+  double sum = 0.0;
+  for (unsigned run = 0; run < kRuns; ++run) {
+    std::mt19937 rng(40 + run);
+    auto real = board;
+    for (Eigen::Vector3d& p : real) bend(p, rng);
+    const auto views = test::simulate_views(truth, real, {.views = 15, .noise_px = 0.06}, rng);
+    const auto rigid = solve_intrinsics(640, 480, board, views);
+    EXPECT_TRUE(rigid);
+    if (!rigid) return 1e9;
+    SolverOptions options;
+    options.shape = shape;
+    const auto solved = solve_intrinsics(*rigid, board, views, options);
+    EXPECT_TRUE(solved) << solved.error().message;
+    if (!solved) return 1e9;
+    sum += projection_difference(truth, solved->camera).mean_px / kRuns;
+  }
+  return sum;
+}
+
+TEST(IntrinsicsSolver, ABoardOfItsOwnMendsWavesAndLeavesTheLensToATrueBoard) {
+  const auto waves = [](Eigen::Vector3d& p, std::mt19937& rng) {
+    std::normal_distribution<double> print(0.0, 2e-5);
+    p += Eigen::Vector3d(print(rng), print(rng),
+                         3e-4 * (std::sin(27.0 * p.x() + 1.0) + std::cos(20.0 * p.y())));
+  };
+  EXPECT_LT(error_with(BoardShape::free, waves), 0.5 * error_with(BoardShape::rigid, waves));
+  // Nothing to mend: what is solved for needlessly must not be paid for by the principal point.
+  const auto none = [](Eigen::Vector3d&, std::mt19937&) {};
+  EXPECT_LT(error_with(BoardShape::free, none), 1.5 * error_with(BoardShape::rigid, none));
+  // A sheet that was stretched by 0.1 % when printed.
+  const auto stretched = [](Eigen::Vector3d& p, std::mt19937&) { p.y() *= 1.001; };
+  EXPECT_LT(error_with(BoardShape::free, stretched),
+            2.0 * error_with(BoardShape::rigid, stretched));
+}
+
+// The size of a chessboard's squares is no part of the lens: a wrong one makes all distances wrong
+// by as much, and nothing in the views can tell.
+TEST(IntrinsicsSolver, TheLensDoesNotHangOnTheSizeOfTheSquares) {
+  std::mt19937 rng(7);
+  const auto board = test::flat_board();
+  auto twice = board;
+  for (Eigen::Vector3d& p : twice) p *= 2.0;
+  const auto views = test::simulate_views(test::desk_camera(), board, {}, rng);
+  const auto one = solve_intrinsics(640, 480, board, views);
+  const auto other = solve_intrinsics(640, 480, twice, views);
+  ASSERT_TRUE(one && other);
+  EXPECT_LT(projection_difference(one->camera, other->camera).largest_px, 1e-3);
+  EXPECT_NEAR(other->views[0].T_board_camera.translation().norm() /
+                  one->views[0].T_board_camera.translation().norm(),
+              2.0, 1e-4);
 }
 
 TEST(IntrinsicsSolver, LensJacobianIsThatOfCentralDifferences) {

@@ -4,10 +4,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <limits>
+#include <utility>
 
+#include "calib/target_detector.hpp"
 #include "core/image_file.hpp"
 #include "support/paths.hpp"
 #include "tracking/tag_detector.hpp"
@@ -72,6 +76,88 @@ TEST(TargetSheet, AnyPageFamilyAndLayout) {
                     page_size_from_string("150x200").value());
 }
 
+// A page as it comes out of the printer, read with the file that was written with it.
+struct SheetInHand {
+  Target target;
+  TargetView view;
+  Frame frame;
+};
+
+SheetInHand printed(const SheetTarget& sheet, const PageSize& page) {
+  const test::TemporaryFolder folder;
+  const auto pdf = folder.path() / "sheet.pdf";
+  const auto file = folder.path() / "target.yaml";
+  const auto written = write_sheet(pdf, sheet, page);
+  EXPECT_TRUE(written) << written.error().message;
+  const auto saved = save_target(file, sheet);
+  EXPECT_TRUE(saved) << saved.error().message;
+  SheetInHand hand{load_target(file).value(), {}, rendered(pdf)};
+  std::vector<std::uint8_t> scratch;
+  TargetDetector detector = TargetDetector::create(hand.target).value();
+  hand.view = detector.detect(luma(hand.frame, scratch));
+  return hand;
+}
+
+class EverySheet : public testing::TestWithParam<std::pair<SheetTarget, const char*>> {};
+
+// Nothing is scaled to fit: place and turn of the page are the only freedoms.
+TEST_P(EverySheet, IsWhatItsFileSays) {
+  const SheetInHand hand =
+      printed(GetParam().first, page_size_from_string(GetParam().second).value());
+  EXPECT_EQ(hand.view.problem, "");
+  ASSERT_EQ(hand.view.corners.size(), hand.target.points.size()) << "every point is found";
+  const auto count = static_cast<Eigen::Index>(hand.view.corners.size());
+  Eigen::Matrix2Xd measured(2, count);
+  Eigen::Matrix2Xd said(2, count);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    const TargetCorner& corner = hand.view.corners[static_cast<std::size_t>(i)];
+    measured.col(i) = Eigen::Vector2d(corner.pixel.x(), -corner.pixel.y()) / kPixelsPerMetre;
+    said.col(i) = hand.target.points[static_cast<std::size_t>(corner.point)].head<2>();
+  }
+  const Eigen::Matrix3d motion = Eigen::umeyama(said, measured, false);
+  const Eigen::Matrix2Xd off = ((motion.topLeftCorner<2, 2>() * said).colwise() +
+                                Eigen::Vector2d(motion.topRightCorner<2, 1>())) -
+                               measured;
+  EXPECT_LT(off.colwise().norm().maxCoeff(), 1e-4) << "0.1 mm";
+  if (!hand.target.tags) return;
+  std::vector<std::uint8_t> scratch;
+  TagDetector detector = TagDetector::create(hand.target.tags->families()).value();
+  EXPECT_EQ(detector.detect(luma(hand.frame, scratch)).size(), hand.target.tags->tags().size());
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Kinds, EverySheet,
+    testing::Values(std::pair<SheetTarget, const char*>{TagBoard{}, "a4"},
+                    std::pair<SheetTarget, const char*>{AprilGrid{6, 5, 0.026, 0.25}, "a4"},
+                    std::pair<SheetTarget, const char*>{AprilGrid{}, "a3"},
+                    std::pair<SheetTarget, const char*>{CharucoBoard{}, "a4"},
+                    std::pair<SheetTarget, const char*>{
+                        CharucoBoard{7, 9, 0.02, 0.014, TagFamily::tag25h9, 2}, "letter"},
+                    std::pair<SheetTarget, const char*>{
+                        TagBoard{TagFamily::tag36h11, 0, 1, 1, 0.04, 0.055}, "112x100"},
+                    std::pair<SheetTarget, const char*>{
+                        TagBoard{TagFamily::tag36h11, 0, 1, 1, 0.04, 0.055}, "80x120"},
+                    std::pair<SheetTarget, const char*>{ChessboardSheet{}, "a4"},
+                    std::pair<SheetTarget, const char*>{ChessboardSheet{7, 9, 0.018}, "letter"}));
+
+// The ruler's two ends are the first and last ink of the longest dark row below the board.
+TEST_P(EverySheet, HasARulerOfAHundredMillimetres) {
+  const SheetInHand hand =
+      printed(GetParam().first, page_size_from_string(GetParam().second).value());
+  std::vector<std::uint8_t> scratch;
+  const ImageView page = luma(hand.frame, scratch);
+  int longest = 0;
+  for (int y = 0; y < page.height; ++y) {
+    int run = 0;
+    for (int x = 0; x < page.width; ++x) {
+      run = page.row(y)[x] < 128 ? run + 1 : 0;
+      longest = std::max(longest, run);
+    }
+  }
+  // The stroke's width adds to both ends, and half a pixel of its raster.
+  EXPECT_NEAR(longest / kPixelsPerMetre, 0.1, 4e-4);
+}
+
 TEST(TargetSheet, IdsRunInReadingOrderAroundTheCentre) {
   const TagMap map = tag_map_of(TagBoard{}).value();
   EXPECT_EQ(map.tags().size(), 12U);
@@ -98,6 +184,15 @@ TEST(TargetSheet, SaysWhatDoesNotFit) {
       write_tag_board(folder.path() / "sheet.pdf", board, page_size_from_string("a4").value());
   ASSERT_FALSE(written);
   EXPECT_THAT(written.error().message, HasSubstr("does not fit on a page of 210 x 297 mm"));
+  EXPECT_FALSE(std::filesystem::exists(folder.path() / "sheet.pdf"));
+
+  // The ruler needs its place too; a page that has it when turned is turned.
+  board = TagBoard{};
+  board.columns = board.rows = 1;
+  const auto narrow =
+      write_tag_board(folder.path() / "sheet.pdf", board, page_size_from_string("80x100").value());
+  ASSERT_FALSE(narrow);
+  EXPECT_THAT(narrow.error().message, HasSubstr("ruler"));
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "sheet.pdf"));
 
   board = TagBoard{};

@@ -58,6 +58,21 @@ TEST(Target, CharucoHasATagInEveryWhiteSquare) {
   EXPECT_EQ(target->tags->tags().size(), 24U);
 }
 
+TEST(Target, CharucoIsReadWithOpenCvsDictionaries) {
+  const std::string text =
+      "target_type: charuco\ncolumns: 8\nrows: 8\nsquare_m: 0.0254\ntag_m: 0.01905\n";
+  const auto board = target_of(text + "dictionary: DICT_4X4_50\n");
+  ASSERT_TRUE(board) << board.error().message;
+  EXPECT_EQ(board->tags->tags().front().family, TagFamily::aruco_4x4_50);
+  EXPECT_GT(board->tags->tags()[0].T_table_tag.translation().x(),
+            board->points[0].x() - 0.0255 + 0.0254);  // the second square of the first row
+  // Boards of before 4.6 begin with a white square where the number of rows is even.
+  const auto legacy = target_of(text + "dictionary: 4x4_50\nlegacy: true\n");
+  ASSERT_TRUE(legacy) << legacy.error().message;
+  EXPECT_LT(legacy->tags->tags()[0].T_table_tag.translation().x(), legacy->points[0].x());
+  EXPECT_FALSE(target_of(text + "dictionary: 4x4_50\nlegacy: perhaps\n"));
+}
+
 TEST(Target, SaysWhatIsWrong) {
   const auto message = [](const std::string& text) {
     const auto target = target_of(text);
@@ -78,8 +93,8 @@ TEST(Target, SaysWhatIsWrong) {
                       "0.03\nfamily: tag36h11\n"),
               HasSubstr("white margin"));
   EXPECT_THAT(message("target_type: charuco\ncolumns: 8\nrows: 6\nsquare_m: 0.03\ntag_m: "
-                      "0.02\nfamily: DICT_4X4_50\n"),
-              HasSubstr("DICT_4X4_50"));
+                      "0.02\nfamily: DICT_7X7_50\n"),
+              HasSubstr("DICT_7X7_50"));
 }
 
 }  // namespace

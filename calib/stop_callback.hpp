@@ -1,0 +1,23 @@
+// Long solves end where someone asks for it.
+#pragma once
+
+#include <ceres/iteration_callback.h>
+
+#include <stop_token>
+#include <utility>
+
+namespace penumbra {
+
+// Ends a solve after the iteration in which `stop` was requested; its solution is then not usable.
+class StopCallback final : public ceres::IterationCallback {
+ public:
+  explicit StopCallback(std::stop_token stop) : stop_(std::move(stop)) {}
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& /*summary*/) override {
+    return stop_.stop_requested() ? ceres::SOLVER_ABORT : ceres::SOLVER_CONTINUE;
+  }
+
+ private:
+  std::stop_token stop_;
+};
+
+}  // namespace penumbra

@@ -1,0 +1,141 @@
+// From pictures to a camera: which pictures are left out and why, and what other readers make of
+// the file.
+#include "calib/camera_calibration.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <opencv2/core.hpp>
+#include <vector>
+
+#include "core/camera_file.hpp"
+#include "core/image_file.hpp"
+#include "support/calibration_views.hpp"
+#include "support/recording_folder.hpp"
+#include "support/synthetic_board.hpp"
+
+namespace penumbra {
+namespace {
+
+using testing::HasSubstr;
+using testing::StartsWith;
+
+GreyImage smeared(GreyImage image, int rounds) {
+  for (int round = 0; round < rounds; ++round) {
+    const GreyImage before = image;
+    for (int y = 1; y + 1 < image.height; ++y) {
+      for (int x = 1; x + 1 < image.width; ++x) {
+        int sum = 0;
+        for (int v = -1; v <= 1; ++v) {
+          for (int u = -1; u <= 1; ++u) sum += before.view().row(y + v)[x + u];
+        }
+        image.pixels[static_cast<std::size_t>(y * image.width + x)] =
+            static_cast<std::uint8_t>((sum + 4) / 9);
+      }
+    }
+  }
+  return image;
+}
+
+TEST(CameraCalibrator, LeavesOutWhatIsBlurredCutOffOrSeenBefore) {
+  const CameraModel camera = test::wide_camera();
+  const auto board = test::board(4, 3, 0.04);
+  auto renderer = PatternRenderer::create(camera, board);
+  ASSERT_TRUE(renderer);
+  std::uint64_t seed = 0;
+  const auto picture = [&](const Eigen::Vector3d& at, double distance_m, double elevation,
+                           double azimuth) {
+    PatternRenderOptions options;
+    options.samples = 32;
+    options.noise_grey = 1.0;
+    options.seed = ++seed;
+    return renderer->render(std::array{test::looking_at(at, distance_m, elevation, azimuth, 0.0)},
+                            options);
+  };
+  CalibrationOptions options;
+  options.model = DistortionModel::plumb_bob;
+  options.shape = BoardShape::rigid;
+  auto calibrator =
+      CameraCalibrator::create(tag_target(TagMap::make(board).value()).value(), options);
+  ASSERT_TRUE(calibrator);
+  const auto add = [&](const char* name, const GreyImage& image) {
+    const auto added = calibrator->add(name, image.view());
+    EXPECT_TRUE(added);
+  };
+  std::vector<GreyImage> good;
+  for (int k = 0; k < 9; ++k) {
+    const Eigen::Vector3d at(0.05 * (k % 3 - 1), 0.04 * (k / 3 - 1), 0.0);
+    good.push_back(
+        picture(at, 0.38 + 0.05 * (k % 4), radians(40.0 + 12.0 * (k % 4)), radians(80.0 * k)));
+    add(("view " + std::to_string(k)).c_str(), good.back());
+  }
+  add("blurred", smeared(picture({0.0, 0.02, 0.0}, 0.4, radians(55.0), radians(33.0)), 12));
+  add("again", good[4]);
+  add("cut off", picture({0.25, 0.15, 0.0}, 0.3, radians(75.0), radians(90.0)));
+  const auto result = calibrator->finish();
+  ASSERT_TRUE(result) << result.error().message;
+  ASSERT_EQ(result->pictures.size(), 12U);
+  for (std::size_t k = 0; k < 9; ++k) EXPECT_EQ(result->pictures[k].left_out, "") << k;
+  EXPECT_THAT(result->pictures[9].left_out, StartsWith("blurred: edges are "));
+  EXPECT_EQ(result->pictures[10].left_out, "the same view as view 4");
+  EXPECT_THAT(result->pictures[11].left_out, StartsWith("only 1 of 12 tags are seen whole"));
+  EXPECT_EQ(result->solution.views.size(), 9U);
+  EXPECT_LT(projection_difference(camera, result->solution.camera).mean_px, 2.0);
+}
+
+// OpenCV reads what is written for it, to the last digit.
+TEST(CameraFile, OpenCvReadsTheSameNumbers) {
+  const test::TemporaryFolder folder;
+  for (const CameraModel& camera : {test::desk_camera(), test::wide_lens()}) {
+    const auto file = folder.path() / "camera.yml";
+    CalibrationRecord record;
+    record.calibrated_on = "2026-03-01";
+    record.target = "6 x 6 tags of 30 mm: \"true\"";
+    record.standard_deviations = {1.0, 2.0, 0.1};
+    record.focus_position = 20.0;
+    ASSERT_TRUE(save_camera(file, camera, CameraFileFormat::opencv, &record));
+    cv::FileStorage read(file.string(), cv::FileStorage::READ);
+    ASSERT_TRUE(read.isOpened());
+    const CameraParameters& p = camera.parameters();
+    cv::Mat matrix;
+    cv::Mat distortion;
+    read["camera_matrix"] >> matrix;
+    read["distortion_coefficients"] >> distortion;
+    EXPECT_EQ(static_cast<int>(read["image_width"]), p.width);
+    EXPECT_EQ(static_cast<int>(read["image_height"]), p.height);
+    EXPECT_EQ(static_cast<int>(read["fisheye_model"]), p.model == DistortionModel::fisheye ? 1 : 0);
+    ASSERT_EQ(matrix.type(), CV_64F);
+    ASSERT_EQ(matrix.size(), cv::Size(3, 3));
+    EXPECT_EQ(matrix.at<double>(0, 0), p.fx);
+    EXPECT_EQ(matrix.at<double>(1, 1), p.fy);
+    EXPECT_EQ(matrix.at<double>(0, 2), p.cx);
+    EXPECT_EQ(matrix.at<double>(1, 2), p.cy);
+    EXPECT_EQ(matrix.at<double>(2, 2), 1.0);
+    ASSERT_EQ(distortion.type(), CV_64F);
+    ASSERT_EQ(static_cast<int>(distortion.total()), coefficient_count(p.model));
+    for (int i = 0; i < coefficient_count(p.model); ++i)
+      EXPECT_EQ(distortion.at<double>(i), p.distortion[static_cast<std::size_t>(i)]);
+  }
+}
+
+TEST(CameraFile, LeavesOutWhatIsNoNumber) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "camera.yaml";
+  CalibrationRecord record;
+  record.projection_mean_px = std::nan("");
+  record.projection_largest_px = std::numeric_limits<double>::infinity();
+  record.held_out_px = std::nan("");
+  record.standard_deviations = {1.0, std::nan("")};
+  record.table_tracked_px = {std::nan("")};
+  ASSERT_TRUE(save_camera(file, test::desk_camera(), CameraFileFormat::ros, &record));
+  const std::string text = test::read_bytes(file);
+  EXPECT_THAT(text, testing::Not(HasSubstr(": nan")));
+  EXPECT_THAT(text, testing::Not(HasSubstr(": inf")));
+  EXPECT_TRUE(load_camera(file));
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,112 @@
+// Corners from all of a tag's edges, on pictures with a known truth.
+#include "calib/tag_edges.hpp"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <array>
+
+#include "core/units.hpp"
+#include "support/synthetic_board.hpp"
+
+namespace penumbra {
+namespace {
+
+class TagEdges : public testing::Test {
+ protected:
+  // RMS distance of measured and true corners [px] over some views; `size`: how much larger the tag
+  // looks than it is, on average.
+  struct Errors {
+    double rms_px = 0.0;
+    double size_px = 0.0;
+    double chi2 = 0.0;
+    int tags = 0;
+    Eigen::Vector2d shift = Eigen::Vector2d::Zero();
+  };
+
+  [[nodiscard]] Errors measure(const PatternRenderOptions& render, double distance_m = 0.6) const {
+    const CameraModel camera = test::wide_camera();
+    const auto board = test::board(3, 2, 0.06);
+    PatternRenderer renderer = PatternRenderer::create(camera, board).value();
+    Errors errors;
+    for (int k = 0; k < 6; ++k) {
+      const CameraPose pose = test::looking_at({0.0, 0.0, 0.0}, distance_m, radians(45.0 + 8.0 * k),
+                                               radians(70.0 * k), radians(5.0 * k));
+      PatternRenderOptions options = render;
+      options.seed += static_cast<std::uint64_t>(k);
+      options.samples = 256;
+      const GreyImage picture = renderer.render(std::array{pose}, options);
+      // A prediction as the first survey gives it: a little off.
+      Vector6d off;
+      off << 2e-4, -1e-4, 3e-4, 4e-4, -3e-4, 2e-4;
+      const auto predicted = perturbed(pose, off).inverse();
+      for (const MappedTag& tag : board) {
+        const TagPattern pattern = TagPattern::make(tag.family, tag.id).value();
+        const auto measured =
+            measure_tag(picture.view(), camera, pattern, tag.size_m, predicted * tag.T_table_tag);
+        if (!measured) continue;
+        Eigen::Matrix<double, 8, 1> e;
+        std::array<Eigen::Vector2d, 4> truth;
+        Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+        for (std::size_t i = 0; i < 4; ++i) {
+          truth[i] = camera.project(pose.inverse() * tag.corners()[i]).value();
+          centre += 0.25 * truth[i];
+        }
+        for (std::size_t i = 0; i < 4; ++i) {
+          const Eigen::Vector2d d = measured->corners_px[i] - truth[i];
+          e.segment<2>(static_cast<Eigen::Index>(2 * i)) = d;
+          errors.rms_px += d.squaredNorm() / 4.0;
+          errors.size_px += d.dot((truth[i] - centre).normalized()) / 4.0;
+        }
+        errors.chi2 += e.dot(measured->covariance.inverse() * e) / 8.0;
+        errors.shift += measured->edge_shift_px;
+        ++errors.tags;
+      }
+    }
+    errors.rms_px = std::sqrt(errors.rms_px / errors.tags);
+    errors.size_px /= errors.tags;
+    errors.chi2 /= errors.tags;
+    errors.shift /= errors.tags;
+    return errors;
+  }
+};
+
+TEST_F(TagEdges, AreWhereTheyArePrinted) {
+  PatternRenderOptions render;
+  render.noise_grey = 2.0;
+  const Errors errors = measure(render);
+  EXPECT_EQ(errors.tags, 36);
+  EXPECT_LT(errors.rms_px, 0.03);
+  EXPECT_NEAR(errors.size_px, 0.0, 0.01);
+  EXPECT_NEAR(errors.shift.norm(), 0.0, 0.02);
+}
+
+TEST_F(TagEdges, AToneCurveMovesEdgesAndNoCorners) {
+  PatternRenderOptions render;
+  render.noise_grey = 2.0;
+  render.gamma = 2.2;
+  const Errors errors = measure(render);
+  EXPECT_EQ(errors.tags, 36);
+  EXPECT_LT(errors.shift.maxCoeff(), -0.1);  // white bleeds into black
+  EXPECT_LT(errors.rms_px, 0.035);
+  EXPECT_NEAR(errors.size_px, 0.0, 0.015);
+}
+
+TEST_F(TagEdges, NoisePassesIntoTheCovariance) {
+  PatternRenderOptions render;
+  render.noise_grey = 12.0;
+  const Errors errors = measure(render);
+  EXPECT_GE(errors.tags, 34);
+  EXPECT_GT(errors.chi2, 0.3);
+  EXPECT_LT(errors.chi2, 3.0);
+}
+
+TEST_F(TagEdges, NarrowCellsAndHiddenTagsGiveNothing) {
+  EXPECT_EQ(measure({}, 3.2).tags, 0);
+  PatternRenderOptions hidden;
+  hidden.cover_share = 0.6;
+  EXPECT_EQ(measure(hidden).tags, 0);
+}
+
+}  // namespace
+}  // namespace penumbra
