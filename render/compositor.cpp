@@ -8,11 +8,13 @@
 #include "core/stopwatch.hpp"
 #include "render/camera_gl.hpp"
 #include "render/gl/framebuffer.hpp"
+#include "render/gl/picture_probe.hpp"
 #include "render/passes/hard_pass.hpp"
 #include "render/passes/object_pass.hpp"
 #include "render/passes/phantom_shadow_pass.hpp"
 #include "render/passes/ray_pass.hpp"
 #include "render/passes/receivers.hpp"
+#include "render/passes/rectified_video.hpp"
 #include "render/passes/shadow_pass.hpp"
 #include "render/passes/video_pass.hpp"
 #include "render/passes/volume_pass.hpp"
@@ -34,14 +36,16 @@ std::optional<GLenum> noted_gl_error() {
 
 struct Compositor::Impl {
   Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
-       Framebuffer target, ObjectPass object_pass, Receivers receiving, ShadowPass shadow_pass,
-       HardPass hard_pass, VolumePass volume_pass, RayPass ray_pass)
+       Framebuffer target, const PictureAbilities& found, ObjectPass object_pass,
+       Receivers receiving, ShadowPass shadow_pass, HardPass hard_pass, VolumePass volume_pass,
+       RayPass ray_pass)
       : context(gl),
         scene(std::move(shown)),
         width(camera.width()),
         height(camera.height()),
         lens(make_lens(camera)),
         framebuffer(std::move(target)),
+        abilities(found),
         video(gl.info().api),
         objects(std::move(object_pass)),
         receivers(std::move(receiving)),
@@ -61,7 +65,9 @@ struct Compositor::Impl {
   int height;
   LensUniforms lens;
   Framebuffer framebuffer;
+  PictureAbilities abilities;
   VideoPass video;
+  std::optional<RectifiedVideo> rectified;
   ObjectPass objects;
   Receivers receivers;
   ShadowPass shadows;
@@ -70,6 +76,16 @@ struct Compositor::Impl {
   VolumePass volumes;
   RayPass rays;
   CompositeStats stats;
+
+  // All passes draw in one way.
+  Result<void> choose(Translucency way, PixelFormat captured) {
+    const auto format = rectified ? std::nullopt : std::optional(captured);
+    if (auto chosen = objects.choose(way, format); !chosen) return chosen;
+    if (auto chosen = shadows.choose(way, format); !chosen) return chosen;
+    if (auto chosen = hard_shadows.choose(way, format); !chosen) return chosen;
+    if (auto chosen = volumes.choose(way, format); !chosen) return chosen;
+    return rays.choose(way, format);
+  }
 };
 
 void add(CompositeStats& to, const CompositeStats& stats) {
@@ -90,6 +106,8 @@ void add(CompositeStats& to, const CompositeStats& stats) {
   to.proxy_faces_saved += stats.proxy_faces_saved;
   to.masks_drawn += stats.masks_drawn;
   to.masks_kept += stats.masks_kept;
+  to.video_copies += stats.video_copies;
+  to.video_imports += stats.video_imports;
   to.faces_tested += stats.faces_tested;
   to.faces_twisted += stats.faces_twisted;
   to.skipped.insert(to.skipped.end(), stats.skipped.begin(), stats.skipped.end());
@@ -101,10 +119,15 @@ Compositor& Compositor::operator=(Compositor&&) noexcept = default;
 Compositor::~Compositor() = default;
 
 Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const Scene> scene,
-                                      const CameraModel& camera) {
+                                      const CameraModel& video_camera,
+                                      const CompositorOptions& options) {
   PENUMBRA_ASSERT(scene != nullptr);
+  const bool rectified = options.rectified && video_camera.has_distortion();
+  const CameraModel camera = rectified ? without_distortion(video_camera) : video_camera;
   auto framebuffer = Framebuffer::create(camera.width(), camera.height());
   if (!framebuffer) return tl::unexpected(framebuffer.error());
+  const auto abilities = probe_picture(context.info().api);
+  if (!abilities) return tl::unexpected(abilities.error());
   auto objects = ObjectPass::create(context.info().api, *scene, camera);
   if (!objects) return tl::unexpected(objects.error());
   auto receivers = Receivers::create(context.info().api, *scene, camera);
@@ -117,10 +140,12 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   if (!volumes) return tl::unexpected(volumes.error());
   auto rays = RayPass::create(context.info().api, camera);
   if (!rays) return tl::unexpected(rays.error());
-  return Compositor(
-      std::make_unique<Impl>(context, std::move(scene), camera, std::move(*framebuffer),
+  auto impl =
+      std::make_unique<Impl>(context, std::move(scene), camera, std::move(*framebuffer), *abilities,
                              std::move(*objects), std::move(*receivers), std::move(*shadows),
-                             std::move(*hard), std::move(*volumes), std::move(*rays)));
+                             std::move(*hard), std::move(*volumes), std::move(*rays));
+  if (rectified) impl->rectified.emplace(context.info().api, video_camera);
+  return Compositor(std::move(impl));
 }
 
 Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& plan) {
@@ -132,6 +157,8 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
         frame.sequence, frame.width, frame.height, m.width, m.height);
   }
   m.stats = {};
+  const Translucency way = choose_translucency(plan.translucency, m.abilities);
+  if (auto chosen = m.choose(way, frame.format); !chosen) return tl::unexpected(chosen.error());
   const Stopwatch shadow_clock;
   ShadowWork work;
   m.shadows.prepare(*m.scene, plan, work);
@@ -142,24 +169,28 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
 
   const Stopwatch render_clock;
   m.framebuffer.bind();
-  m.video.upload(frame);
-  if (auto drawn = m.video.draw(frame); !drawn) return tl::unexpected(drawn.error());
+  const VideoPass::Way came = m.video.upload(frame);
+  m.stats.video_copies = came == VideoPass::Way::copied ? 1 : 0;
+  m.stats.video_imports = came == VideoPass::Way::imported ? 1 : 0;
+  auto drawn = m.rectified ? m.rectified->draw(m.video, frame) : m.video.draw(frame);
+  if (!drawn) return tl::unexpected(drawn.error());
   ++calls;
   if (plan.has_pose) {
     glDepthMask(GL_TRUE);
     glStencilMask(0xFF);
     glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
     calls += m.objects.draw_phantoms(*m.scene, plan, m.lens);
-    calls += m.objects.draw_objects(*m.scene, plan, m.lens);
+    calls += m.objects.draw_objects(*m.scene, plan, m.lens, m.framebuffer);
     // A phantom under a plane is not what its pixels show.
     calls += m.receivers.begin_frame(plan, m.lens, !plan.volumes.empty());
-    calls += m.shadows.draw(plan, m.lens, m.receivers);
-    calls += m.phantom_shadows.draw(*m.scene, plan, m.lens, m.objects);
-    calls += m.hard_shadows.draw(*m.scene, plan, m.lens, m.receivers);
+    calls += m.shadows.draw(plan, m.lens, m.receivers, m.video, frame, m.framebuffer);
+    calls += m.phantom_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.framebuffer);
+    calls += m.hard_shadows.draw(*m.scene, plan, m.lens, m.receivers, m.framebuffer);
     calls += m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer);
-    calls += m.rays.draw(*m.scene, plan, m.lens);
+    calls += m.rays.draw(*m.scene, plan, m.lens, m.framebuffer);
     m.framebuffer.invalidate_depth_stencil();
   }
+  m.video.hold(frame);
   // A CPU rasteriser works in this process: waited for here, so that its time counts here and not
   // in the read-back.
   if (m.context.info().software) glFinish();
@@ -168,6 +199,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     return fail("the graphics driver reports error {:#x} while frame {} is drawn", *error,
                 frame.sequence);
 
+  m.stats.translucency = way;
   m.stats.passes_drawn = calls;
   m.stats.passes_skipped =
       static_cast<std::int64_t>(plan.skipped.size() + work.skipped.size()) + work.layers_skipped;
@@ -197,6 +229,14 @@ Result<CompositeStats> Compositor::read_back(std::span<std::uint8_t> rgba) {
   if (const auto error = noted_gl_error())
     return fail("the graphics driver reports error {:#x} while the picture is read back", *error);
   return m.stats;
+}
+
+const PictureAbilities& Compositor::abilities() const {
+  return impl_->abilities;
+}
+
+void Compositor::set_abilities(const PictureAbilities& abilities) {
+  impl_->abilities = abilities;
 }
 
 std::vector<CasterKernels> Compositor::kernels_in_use() const {

@@ -14,6 +14,7 @@
 #include "render/gl/context.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/twist.hpp"
+#include "render/translucency.hpp"
 
 namespace penumbra {
 
@@ -34,13 +35,23 @@ struct CompositeStats {
   std::int64_t proxy_faces_saved = 0;  // by those drawn, over all their layers
   // Of the shadows on phantoms, a picture for each level: drawn, and kept from a frame before.
   std::int64_t masks_drawn = 0, masks_kept = 0;
+  // The video frame: copied to the GPU, or read by it in the camera's own buffer. Neither for one
+  // that was there already.
+  std::int64_t video_copies = 0, video_imports = 0;
   // Faces of the kernel sets made in this frame, and those that turn over in some layer.
   std::int64_t faces_tested = 0, faces_twisted = 0;
+  Translucency translucency = Translucency::blend;  // as it was drawn; never automatic
   // What the plan asked for and could not be drawn; counted in passes_skipped.
   std::vector<SkippedPass> skipped;
 };
 // Of two pictures together.
 void add(CompositeStats& to, const CompositeStats& stats);
+
+struct CompositorOptions {
+  // The video without its lens's distortion (rectified_video.hpp). Plans are then made for a camera
+  // without_distortion().
+  bool rectified = false;
+};
 
 class Compositor {
  public:
@@ -48,10 +59,15 @@ class Compositor {
   // call, and outlive the compositor.
   [[nodiscard]] static Result<Compositor> create(GlContext& context,
                                                  std::shared_ptr<const Scene> scene,
-                                                 const CameraModel& camera);
+                                                 const CameraModel& camera,
+                                                 const CompositorOptions& options = {});
   Compositor(Compositor&&) noexcept;
   Compositor& operator=(Compositor&&) noexcept;
   ~Compositor();
+
+  // What the context was found to do when this was created, for tests to say otherwise.
+  [[nodiscard]] const PictureAbilities& abilities() const;
+  void set_abilities(const PictureAbilities& abilities);
 
   // Draws into a framebuffer of its own, of the camera's size.
   [[nodiscard]] Result<CompositeStats> draw(const Frame& frame, const FramePlan& plan);

@@ -208,6 +208,11 @@ class Planner {
     }
     if (draw.opacity <= 0.0F) return;  // told of the object
     if (draw.technique == ShadowTechnique::simple) draw.umbra = draw.penumbra = false;
+    const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
+    const Disc bounds =
+        shadow_bounds(corners, draw, heights_above(draw.plane_frame, corners).second);
+    draw.centre = bounds.centre;
+    draw.radius = bounds.radius;
     plan_phantoms_under(draw, object);
     if (options_.skip && !something_to_see(draw, object, plane)) return;
     plan_.shadows.push_back(draw);
@@ -539,6 +544,7 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
     return plan;
   }
   plan.finest_edges = options.finest_edges;
+  plan.translucency = options.translucency;
   plan.overlay_opacity = static_cast<float>(opacity_for(pose.status, pose.held_from, pose.age_s));
   if (plan.overlay_opacity <= 0.0F) {
     plan.skipped.push_back({"faded_out", "overlay: the pose is too old"});

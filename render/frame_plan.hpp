@@ -12,10 +12,12 @@
 #include "render/scene.hpp"
 #include "render/shadow/plane_frame.hpp"
 #include "render/shadow/shadow_volume.hpp"
+#include "render/translucency.hpp"
 
 namespace penumbra {
 
 struct PlanOptions {
+  Translucency translucency = Translucency::automatic;
   std::optional<ShadowTechnique> technique;  // overrides every shadow node's
   std::optional<KernelSource> kernels;       // overrides every shadow node's
   std::optional<LightMode> light_mode;       // overrides every shadow node's
@@ -55,6 +57,10 @@ struct ShadowDraw {
   LightFractions fractions;
   bool umbra = true, middle = true, penumbra = true;  // which layers have anything to draw
   float opacity = 1.0F;                               // of caster and plane together
+  // On the plane, what holds every layer [m]; kernels that are given may lie anywhere, and what
+  // they make is not held.
+  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+  double radius = 0.0;
 };
 
 // The part of such a shadow that falls on a phantom before it reaches the plane. Cast straight down
@@ -121,7 +127,8 @@ struct SkippedPass {
 struct FramePlan {
   bool has_pose = false;
   CameraPose T_table_camera;
-  bool finest_edges = false;         // of casters, whatever the distance
+  Translucency translucency = Translucency::automatic;  // of all that is drawn
+  bool finest_edges = false;                            // of casters, whatever the distance
   float overlay_opacity = 1.0F;      // 1 when tracked, lower when uncertain or held
   std::vector<ObjectDraw> phantoms;  // depth only
   std::vector<ObjectDraw> objects;

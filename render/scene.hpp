@@ -32,6 +32,10 @@ struct Placement {
   [[nodiscard]] Placement operator*(const Placement& child) const {
     return {*this * child.position, (rotation * child.rotation).normalized(), scale * child.scale};
   }
+  friend bool operator==(const Placement& a, const Placement& b) {
+    return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs() &&
+           a.scale == b.scale;
+  }
 };
 
 struct Keyframe {
@@ -118,6 +122,7 @@ struct LayeredConstants {
   double light_ratio = 3.0;        // a
   double umbra_height = 0.3;       // h_u = H / a [m]
   double magnification_cap = 8.0;  // faces are clipped at h = H (1 - 1/m)
+  friend bool operator==(const LayeredConstants&, const LayeredConstants&) = default;
 };
 
 // Share of the light that is left in each layer, in linear light, 0 (black) to 1.

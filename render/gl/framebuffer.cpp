@@ -94,7 +94,8 @@ void Framebuffer::bind_sums() {
     glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_RENDERBUFFER,
                               depth_stencil_.id());
     glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA16F, width_, height_, 0, GL_RGBA, GL_HALF_FLOAT, nullptr);
-    if (glCheckFramebufferStatus(GL_FRAMEBUFFER) != GL_FRAMEBUFFER_COMPLETE) {
+    sums_are_half_floats_ = glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
+    if (!sums_are_half_floats_) {
       glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width_, height_, 0, GL_RGBA, GL_UNSIGNED_BYTE,
                    nullptr);
     }
@@ -114,6 +115,37 @@ void Framebuffer::bind_sums_texture(int unit) const {
   PENUMBRA_ASSERT(static_cast<bool>(sums_));
   glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(unit));
   glBindTexture(GL_TEXTURE_2D, sums_.id());
+}
+
+void Framebuffer::copy_picture(int unit) {
+  copy(framebuffer_.id(), picture_copy_, false, unit);
+}
+
+void Framebuffer::copy_sums(int unit) {
+  PENUMBRA_ASSERT(static_cast<bool>(sums_));
+  copy(sums_framebuffer_.id(), sums_copy_, sums_are_half_floats_, unit);
+}
+
+void Framebuffer::copy(unsigned from, Copy& to, bool half_floats, int unit) const {
+  glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(unit));
+  if (!to.framebuffer) {
+    to.texture = GlHandle<TextureTraits>::create();
+    to.framebuffer = GlHandle<FramebufferTraits>::create();
+    glBindTexture(GL_TEXTURE_2D, to.texture.id());
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+    glTexImage2D(GL_TEXTURE_2D, 0, half_floats ? GL_RGBA16F : GL_RGBA8, width_, height_, 0, GL_RGBA,
+                 half_floats ? GL_HALF_FLOAT : GL_UNSIGNED_BYTE, nullptr);
+    glBindFramebuffer(GL_FRAMEBUFFER, to.framebuffer.id());
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, to.texture.id(), 0);
+  }
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, from);
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, to.framebuffer.id());
+  glDisable(GL_SCISSOR_TEST);
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  glBlitFramebuffer(0, 0, width_, height_, 0, 0, width_, height_, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+  glBindFramebuffer(GL_FRAMEBUFFER, from);
+  glBindTexture(GL_TEXTURE_2D, to.texture.id());
 }
 
 void Framebuffer::read_rgba(std::span<std::uint8_t> rgba) const {

@@ -45,6 +45,10 @@ class Framebuffer {
   // bits. All 0 after bind_sums(). Made by the first bind_sums().
   void bind_sums();
   void bind_sums_texture(int unit) const;
+  // A texture with the picture, or with the sums, as they are now, for programs that draw into them
+  // and cannot read them. Leaves bound for drawing what it copied.
+  void copy_picture(int unit);
+  void copy_sums(int unit);
   // Rows top to bottom, width * height * 4 bytes.
   void read_rgba(std::span<std::uint8_t> rgba) const;
   // Depth and stencil are of no use after the frame; on a tiler this saves writing them out.
@@ -53,12 +57,19 @@ class Framebuffer {
   void present(GlContext::Size window) const;
 
  private:
+  struct Copy {
+    GlHandle<FramebufferTraits> framebuffer;  // none until it is asked for
+    GlHandle<TextureTraits> texture;
+  };
   Framebuffer() = default;
+  void copy(unsigned from, Copy& to, bool half_floats, int unit) const;
   GlHandle<FramebufferTraits> framebuffer_;
   GlHandle<RenderbufferTraits> color_;
   GlHandle<RenderbufferTraits> depth_stencil_;
   GlHandle<FramebufferTraits> sums_framebuffer_;  // none until it is asked for
   GlHandle<TextureTraits> sums_;
+  bool sums_are_half_floats_ = true;
+  Copy picture_copy_, sums_copy_;
   int width_ = 0;
   int height_ = 0;
 };

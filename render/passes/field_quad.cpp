@@ -54,7 +54,7 @@ void FieldTexture::upload(const ShadowField& field) {
            static_cast<float>(field.origin.y() + 0.5 * field.cell), cell * last_.x, cell * last_.y};
 }
 
-FieldQuad::FieldQuad(ShaderProgram program, double longest_edge_m)
+FieldQuad::FieldQuad(TranslucentProgram program, double longest_edge_m)
     : program_(std::move(program)), longest_edge_m_(longest_edge_m) {
   for (std::size_t i = 0; i < kGrids; ++i) {
     Grid& grid = grids_[i];
@@ -83,30 +83,33 @@ FieldQuad::FieldQuad(ShaderProgram program, double longest_edge_m)
 Result<FieldQuad> FieldQuad::create(GlApi api, double longest_edge_m) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "field.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"field.frag.glsl"};
-  auto program = ShaderProgram::link(api, kVertex, kFragment);
+  auto program = TranslucentProgram::create(api, kVertex, kFragment, {}, Under::video);
   if (!program) return tl::unexpected(program.error());
   return FieldQuad(std::move(*program), longest_edge_m);
 }
 
-void FieldQuad::begin(const LensUniforms& lens, const glm::mat4x3& camera_from_plane) {
-  program_.use();
-  set_lens(program_, lens);
-  program_.set("camera_from_plane", camera_from_plane);
-  program_.set("field", 0);
+void FieldQuad::begin(const ShaderProgram& program, const LensUniforms& lens,
+                      const glm::mat4x3& camera_from_plane) {
+  program.use();
+  set_lens(program, lens);
+  program.set("camera_from_plane", camera_from_plane);
+  program.set("field", 0);
   straight_ = lens.model == 0;
 }
 
-void FieldQuad::draw(const FieldTexture& field, const PlanarMotion& T_plane_own,
-                     const std::array<bool, 3>& wanted, const glm::vec3& layer_light) const {
-  program_.set("field_rect", field.rect_);
-  program_.set("field_last", field.last_);
-  program_.set("plane_from_own", glm::vec4(static_cast<float>(T_plane_own.cosine),
-                                           static_cast<float>(T_plane_own.sine),
-                                           static_cast<float>(T_plane_own.slide.x()),
-                                           static_cast<float>(T_plane_own.slide.y())));
-  program_.set("layer_wanted", glm::vec3(wanted[0] ? 1.0F : 0.0F, wanted[1] ? 1.0F : 0.0F,
-                                         wanted[2] ? 1.0F : 0.0F));
-  program_.set("layer_light", layer_light);
+void FieldQuad::draw(const ShaderProgram& program, const FieldTexture& field,
+                     const PlanarMotion& T_plane_own, const std::array<bool, 3>& wanted,
+                     const glm::vec3& layer_light) const {
+  program.use();
+  program.set("field_rect", field.rect_);
+  program.set("field_last", field.last_);
+  program.set("plane_from_own", glm::vec4(static_cast<float>(T_plane_own.cosine),
+                                          static_cast<float>(T_plane_own.sine),
+                                          static_cast<float>(T_plane_own.slide.x()),
+                                          static_cast<float>(T_plane_own.slide.y())));
+  program.set("layer_wanted",
+              glm::vec3(wanted[0] ? 1.0F : 0.0F, wanted[1] ? 1.0F : 0.0F, wanted[2] ? 1.0F : 0.0F));
+  program.set("layer_light", layer_light);
   const auto longest = static_cast<double>(std::max(field.rect_.z, field.rect_.w));
   std::size_t grid = 0;
   while (!straight_ && grid + 1 < kGrids &&

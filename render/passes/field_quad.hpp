@@ -11,6 +11,7 @@
 #include "render/gl/buffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/gl/texture.hpp"
+#include "render/passes/translucent_program.hpp"
 #include "render/shadow/own_frame.hpp"
 #include "render/shadow/power_distance.hpp"
 
@@ -36,12 +37,18 @@ class FieldQuad {
  public:
   [[nodiscard]] static Result<FieldQuad> create(GlApi api, double longest_edge_m);
 
-  // Of each plane, before its fields are drawn.
-  void begin(const LensUniforms& lens, const glm::mat4x3& camera_from_plane);
-  // Darkens to the darkest of the wanted layers. begin() must be the last to have used a program.
-  void draw(const FieldTexture& field, const PlanarMotion& T_plane_own,
-            const std::array<bool, 3>& wanted, const glm::vec3& layer_light) const;
-  void use() const { program_.use(); }
+  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video) {
+    return program_.choose(way, video);
+  }
+  [[nodiscard]] const TranslucentProgram& program() const { return program_; }
+  // Of each plane, before its fields are drawn: with one of program()'s.
+  void begin(const ShaderProgram& program, const LensUniforms& lens,
+             const glm::mat4x3& camera_from_plane);
+  // Darkens to the darkest of the wanted layers, with begin()'s program, which is put in use.
+  // `layer_light`: of each layer, for darkened_by_layer() of translucency.glsl.
+  void draw(const ShaderProgram& program, const FieldTexture& field,
+            const PlanarMotion& T_plane_own, const std::array<bool, 3>& wanted,
+            const glm::vec3& layer_light) const;
 
  private:
   // The unit square in 2^i by 2^i pieces.
@@ -53,9 +60,9 @@ class FieldQuad {
   };
   static constexpr std::size_t kGrids = 7;  // up to 64 x 64
 
-  FieldQuad(ShaderProgram program, double longest_edge_m);
+  FieldQuad(TranslucentProgram program, double longest_edge_m);
 
-  ShaderProgram program_;
+  TranslucentProgram program_;
   std::array<Grid, kGrids> grids_;
   double longest_edge_m_ = 0.0;  // pieces are no longer than this, so that they follow the lens
   bool straight_ = false;        // the lens has no distortion: one piece is exact

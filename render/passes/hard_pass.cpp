@@ -15,18 +15,6 @@
 #include "render/shadow/projected_shadow.hpp"
 
 namespace penumbra {
-namespace {
-
-bool same(const PlaneFrame& a, const PlaneFrame& b) {
-  return a.n == b.n && a.q == b.q && a.e1 == b.e1;
-}
-bool same(const Placement& a, const Placement& b) {
-  return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs() &&
-         a.scale == b.scale;
-}
-
-}  // namespace
-
 Result<HardPass> HardPass::create(GlApi api, const Scene& scene, const CameraModel& camera) {
   if (scene.lights.size() > kMaxLights) {
     return fail("{}: lights: {} of them; at most {} can be drawn", scene.file, scene.lights.size(),
@@ -39,11 +27,16 @@ Result<HardPass> HardPass::create(GlApi api, const Scene& scene, const CameraMod
                                                       "blocked_light.frag.glsl"};
   auto shape = ShaderProgram::link(api, kShape, kNothing);
   if (!shape) return tl::unexpected(shape.error());
-  auto light = ShaderProgram::link(api, kReceiver, kLight, kLightDefines);
+  auto light = TranslucentProgram::create(api, kReceiver, kLight, kLightDefines);
   if (!light) return tl::unexpected(light.error());
   HardPass pass(std::move(*shape), std::move(*light));
   if (make_lens(camera).model != 0) pass.longest_edge_ = longest_edge(camera);
   return pass;
+}
+
+Result<void> HardPass::choose(Translucency way, std::optional<PixelFormat> video) {
+  way_ = way;
+  return light_program_.choose(way, video);
 }
 
 const ShadowMesh& HardPass::mesh_of(const Scene& scene, const HardShadowDraw& draw) {
@@ -93,8 +86,8 @@ void HardPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& wo
     const Key key = {draw.object, draw.plane, draw.light};
     if (!seen.insert(key).second) continue;
     Shadow& shadow = shadows_[key];
-    if (shadow.valid && same(shadow.plane, draw.plane_frame) &&
-        same(shadow.T_table_object, draw.T_table_object) && shadow.light == draw.light_place) {
+    if (shadow.valid && shadow.plane == draw.plane_frame &&
+        shadow.T_table_object == draw.T_table_object && shadow.light == draw.light_place) {
       ++work.reprojections;
       continue;
     }
@@ -167,10 +160,10 @@ int HardPass::draw_plane(const Scene& scene, const FramePlan& plan, const PlaneR
   glStencilMask(0);
   glStencilOp(GL_KEEP, GL_KEEP, GL_KEEP);
   glDisable(GL_DEPTH_TEST);
-  glEnable(GL_BLEND);
-  glBlendFunc(GL_ZERO, GL_SRC_COLOR);
-  const ShaderProgram& p = light_program_;
+  begin_darkening(way_);
+  const ShaderProgram& p = light_program_.get();
   p.use();
+  p.set("picture_before", kPictureBeforeUnit);
   p.set("table_from_camera", to_gl(plan.T_table_camera.rotation().toRotationMatrix()));
   p.set("eye", to_gl(plan.T_table_camera.translation()));
   p.set("normal", to_gl(receiver.frame.n));
@@ -200,15 +193,17 @@ int HardPass::draw_plane(const Scene& scene, const FramePlan& plan, const PlaneR
 }
 
 int HardPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                   Receivers& receivers) {
+                   Receivers& receivers, Framebuffer& framebuffer) {
   if (plan.hard_shadows.empty()) return 0;
+  // No pixel is of two planes: one copy is right for all.
+  if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
   int calls = 0;
   for (const PlaneReceiver& receiver : plan.receivers) {
     calls += draw_plane(scene, plan, receiver, lens, receivers);
   }
   glStencilMask(0xFF);
   glDisable(GL_STENCIL_TEST);
-  glDisable(GL_BLEND);
+  end_translucent();
   glDepthMask(GL_TRUE);
   return calls;
 }

@@ -15,9 +15,11 @@
 #include "render/camera_gl.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
+#include "render/gl/framebuffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/passes/receivers.hpp"
 #include "render/passes/shadow_pass.hpp"
+#include "render/passes/translucent_program.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/shadow_mesh.hpp"
 
@@ -33,9 +35,11 @@ class HardPass {
   // The CPU's part: casters clipped and projected where a caster, plane or light moved. Adds to
   // `work`.
   void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
+  // How the shadows are drawn from here on.
+  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
   // The plan must be the one prepared, and `receivers` begun for it. Number of draw calls.
   int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-           Receivers& receivers);
+           Receivers& receivers, Framebuffer& framebuffer);
 
  private:
   // One caster's shadow from one light on one plane, on the GPU.
@@ -52,7 +56,7 @@ class HardPass {
   };
   using Key = std::tuple<int, int, int>;  // object, plane, light
 
-  HardPass(ShaderProgram shape, ShaderProgram light)
+  HardPass(ShaderProgram shape, TranslucentProgram light)
       : shape_program_(std::move(shape)), light_program_(std::move(light)) {}
 
   const ShadowMesh& mesh_of(const Scene& scene, const HardShadowDraw& draw);
@@ -61,7 +65,8 @@ class HardPass {
                  const LensUniforms& lens, Receivers& receivers);
 
   ShaderProgram shape_program_;
-  ShaderProgram light_program_;
+  TranslucentProgram light_program_;
+  Translucency way_ = Translucency::blend;
   std::optional<double> longest_edge_;  // [m]; none: the lens keeps straight edges straight
   std::map<const Model*, std::unique_ptr<ShadowMesh>> meshes_;
   std::map<Key, Shadow> shadows_;

@@ -36,12 +36,15 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
                 kMaxLights);
   }
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "object.vert.glsl"};
-  constexpr std::array<std::string_view, 3> kFragment = {"ambient.glsl", "light_share.glsl",
-                                                         "object.frag.glsl"};
-  constexpr std::array<std::string_view, 2> kMasked = {"shadow_mask.glsl", "masked.frag.glsl"};
-  auto program = ShaderProgram::link(api, kVertex, kFragment, kLightDefines);
+  constexpr std::array<std::string_view, 4> kFragment = {"ambient.glsl", "light_share.glsl",
+                                                         "surface_normal.glsl", "object.frag.glsl"};
+  constexpr std::array<std::string_view, 3> kMasked = {"shadow_mask.glsl", "surface_normal.glsl",
+                                                       "masked.frag.glsl"};
+  constexpr std::array<std::string_view, 1> kMaskDefines = {"MAX_LEVELS 64"};
+  static_assert(kMostReceivingLevels == 64);
+  auto program = TranslucentProgram::create(api, kVertex, kFragment, kLightDefines);
   if (!program) return tl::unexpected(program.error());
-  auto masked = ShaderProgram::link(api, kVertex, kMasked);
+  auto masked = TranslucentProgram::create(api, kVertex, kMasked, kMaskDefines);
   if (!masked) return tl::unexpected(masked.error());
   ObjectPass pass(std::move(*program), std::move(*masked));
 
@@ -92,14 +95,25 @@ std::shared_ptr<ObjectPass::GpuModel> ObjectPass::upload(const Model& model, flo
   return gpu;
 }
 
-void ObjectPass::set_lights(const Scene& scene, const FramePlan& plan) const {
+Result<void> ObjectPass::choose(Translucency way, std::optional<PixelFormat> video) {
+  way_ = way;
+  if (auto chosen = program_.choose(way, video); !chosen) return chosen;
+  return masked_program_.choose(way, video);
+}
+
+void ObjectPass::begin_lit(const ShaderProgram& program, const Scene& scene, const FramePlan& plan,
+                           const LensUniforms& lens) const {
+  program.use();
+  set_lens(program, lens);
   if (plan.lights.empty()) {  // a lamp over the left shoulder, so that shapes are seen
     const PlacedLight lamp{{-0.35, -0.45, 0.82, 0.0}, Eigen::Vector3d::Constant(0.8)};
-    set_light_uniforms(program_, {&lamp, 1});
+    set_light_uniforms(program, {&lamp, 1});
   } else {
-    set_light_uniforms(program_, plan.lights);
+    set_light_uniforms(program, plan.lights);
   }
-  program_.set("ambient", to_gl(scene.ambient));
+  program.set("ambient", to_gl(scene.ambient));
+  program.set("eye", to_gl(plan.T_table_camera.translation()));
+  program.set("darkens", 0);
 }
 
 int ObjectPass::draw_all(const ShaderProgram& program, const Scene& scene,
@@ -139,26 +153,25 @@ int ObjectPass::draw_all(const ShaderProgram& program, const Scene& scene,
 int ObjectPass::draw_phantoms(const Scene& scene, const FramePlan& plan,
                               const LensUniforms& lens) const {
   if (plan.phantoms.empty()) return 0;
-  program_.use();
-  set_lens(program_, lens);
+  const ShaderProgram& program = program_.plain();
+  program.use();
+  set_lens(program, lens);
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
   glDepthMask(GL_TRUE);
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_BLEND);
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  const int calls = draw_all(program_, scene, plan.phantoms, plan.T_table_camera);
+  const int calls = draw_all(program, scene, plan.phantoms, plan.T_table_camera);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   return calls;
 }
 
-int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan,
-                             const LensUniforms& lens) const {
+int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+                             Framebuffer& framebuffer) const {
   if (plan.objects.empty()) return 0;
-  program_.use();
-  set_lens(program_, lens);
-  set_lights(scene, plan);
-  program_.set("eye", to_gl(plan.T_table_camera.translation()));
+  const ShaderProgram& plain = program_.plain();
+  begin_lit(plain, scene, plan, lens);
   glFrontFace(GL_CW);  // counter-clockwise faces, seen in a framebuffer whose row 0 is the top
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
@@ -169,31 +182,34 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan,
   for (const ObjectDraw& draw : plan.objects) {
     if (draw.opacity < 1.0F) faint.push_back(draw);
   }
-  if (faint.empty()) return draw_all(program_, scene, plan.objects, plan.T_table_camera);
+  if (faint.empty()) return draw_all(plain, scene, plan.objects, plan.T_table_camera);
   int calls = 0;
   if (faint.size() < plan.objects.size()) {
     std::vector<ObjectDraw> solid = plan.objects;
     std::erase_if(solid, [](const ObjectDraw& draw) { return draw.opacity < 1.0F; });
-    calls += draw_all(program_, scene, solid, plan.T_table_camera);
+    calls += draw_all(plain, scene, solid, plan.T_table_camera);
   }
   std::ranges::stable_sort(faint, {}, &ObjectDraw::opacity);
 
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  calls += draw_all(program_, scene, faint, plan.T_table_camera);
+  calls += draw_all(plain, scene, faint, plan.T_table_camera);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
-  glEnable(GL_BLEND);
-  glBlendFuncSeparate(GL_CONSTANT_ALPHA, GL_ONE_MINUS_CONSTANT_ALPHA, GL_ZERO, GL_ONE);
+  const ShaderProgram& mixed = program_.get();
+  if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
+  begin_lit(mixed, scene, plan, lens);
+  mixed.set("picture_before", kPictureBeforeUnit);
+  begin_mixing(way_);
   for (std::span<const ObjectDraw> left = faint; !left.empty();) {
     const float opacity = left.front().opacity;
     std::size_t count = 1;
     while (count < left.size() && left[count].opacity == opacity) ++count;
-    glBlendColor(0.0F, 0.0F, 0.0F, opacity);
-    calls += draw_all(program_, scene, left.first(count), plan.T_table_camera);
+    set_mixing(way_, mixed, opacity);
+    calls += draw_all(mixed, scene, left.first(count), plan.T_table_camera);
     left = left.subspan(count);
   }
-  glDisable(GL_BLEND);
+  end_translucent();
   glDepthMask(GL_TRUE);
   glDepthFunc(GL_LESS);
   return calls;
@@ -201,33 +217,38 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan,
 
 int ObjectPass::draw_alone(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                            const LensUniforms& lens) const {
-  program_.use();
-  set_lens(program_, lens);
-  return draw_all(program_, scene, {&draw, 1}, plan.T_table_camera);
+  const ShaderProgram& program = program_.plain();
+  program.use();
+  set_lens(program, lens);
+  return draw_all(program, scene, {&draw, 1}, plan.T_table_camera);
 }
 
 int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                               const LensUniforms& lens, int light, float opacity,
                               bool add_up) const {
-  program_.use();
-  set_lens(program_, lens);
+  const ShaderProgram& program = program_.get();
+  program.use();
+  set_lens(program, lens);
   std::vector<float> blocked(plan.lights.size(), 0.0F);
   blocked.at(static_cast<std::size_t>(light)) = 1.0F;
-  set_light_uniforms(program_, plan.lights, blocked);
-  program_.set("ambient", to_gl(scene.ambient));
-  program_.set("eye", to_gl(plan.T_table_camera.translation()));
-  program_.set("opacity", opacity);
-  program_.set("darkens", add_up ? 2 : 1);
+  set_light_uniforms(program, plan.lights, blocked);
+  program.set("ambient", to_gl(scene.ambient));
+  program.set("eye", to_gl(plan.T_table_camera.translation()));
+  program.set("opacity", opacity);
+  program.set("darkens", add_up ? 2 : 1);
+  program.set("picture_before", kPictureBeforeUnit);
+  program.set("sums_before", kSumsBeforeUnit);
   glFrontFace(GL_CW);
-  const int calls = draw_all(program_, scene, {&draw, 1}, plan.T_table_camera);
-  program_.set("darkens", 0);
+  const int calls = draw_all(program, scene, {&draw, 1}, plan.T_table_camera);
+  program.set("darkens", 0);
   return calls;
 }
 
 int ObjectPass::draw_under_shadow(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                                   const LensUniforms& lens, const ShadowMask& mask) const {
-  const ShaderProgram& p = masked_program_;
+  const ShaderProgram& p = masked_program_.get();
   p.use();
+  p.set("picture_before", kPictureBeforeUnit);
   set_lens(p, lens);
   p.set("eye", to_gl(plan.T_table_camera.translation()));
   p.set("mask_from_table", mask.plane_from_table);

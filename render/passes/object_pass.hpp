@@ -14,8 +14,10 @@
 #include "render/camera_gl.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
+#include "render/gl/framebuffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/gl/texture.hpp"
+#include "render/passes/translucent_program.hpp"
 #include "render/scene.hpp"
 
 namespace penumbra {
@@ -46,21 +48,26 @@ class ObjectPass {
   [[nodiscard]] static Result<ObjectPass> create(GlApi api, const Scene& scene,
                                                  const CameraModel& camera);
 
+  // How what is translucent is drawn from here on.
+  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
+
   // Depth of the phantoms. Number of draw calls, here and below.
   int draw_phantoms(const Scene& scene, const FramePlan& plan, const LensUniforms& lens) const;
   // An opacity under 1 (held poses) mixes the objects' surface into the video: depth first, then
   // colour where the depth is equal, so that their insides do not show.
-  int draw_objects(const Scene& scene, const FramePlan& plan, const LensUniforms& lens) const;
+  int draw_objects(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+                   Framebuffer& framebuffer) const;
   // One object with the tests and masks as they are: the same depths as above.
   int draw_alone(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                  const LensUniforms& lens) const;
-  // The same, in the colour that is left where one of plan.lights does not reach it: a factor for
-  // the encoded picture, or with `add_up` the blocked share of its light, linear, times `opacity`.
+  // The same, after begin_darkening(), in what is left where one of plan.lights does not reach it;
+  // or with `add_up`, after begin_summing(), the blocked share of its light, linear, times
+  // `opacity`. Retextured, a copy of the picture, or of the sums, is bound.
   int draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                     const LensUniforms& lens, int light, float opacity, bool add_up) const;
 
-  // The same, in what a shadow's layer leaves of the encoded picture. What is not in it, is under
-  // the plane, or faces away from the light is discarded.
+  // The same, after begin_darkening(), in what a shadow's layer leaves of the picture. What is not
+  // in it, is under the plane, or faces away from the light is discarded.
   int draw_under_shadow(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                         const LensUniforms& lens, const ShadowMask& mask) const;
 
@@ -76,16 +83,19 @@ class ObjectPass {
     std::vector<GpuMesh> meshes;
     std::vector<Texture2d> textures;
   };
-  ObjectPass(ShaderProgram program, ShaderProgram masked)
+  ObjectPass(TranslucentProgram program, TranslucentProgram masked)
       : program_(std::move(program)), masked_program_(std::move(masked)) {}
 
   static std::shared_ptr<GpuModel> upload(const Model& model, float max_edge);
   int draw_all(const ShaderProgram& program, const Scene& scene, std::span<const ObjectDraw> draws,
                const CameraPose& pose) const;
-  void set_lights(const Scene& scene, const FramePlan& plan) const;
+  void begin_lit(const ShaderProgram& program, const Scene& scene, const FramePlan& plan,
+                 const LensUniforms& lens) const;
 
-  ShaderProgram program_;
-  ShaderProgram masked_program_;  // of shadows by masks: light alone would cost many times as much
+  TranslucentProgram program_;
+  Translucency way_ = Translucency::blend;
+  TranslucentProgram
+      masked_program_;  // of shadows by masks: light alone would cost many times as much
   std::vector<std::shared_ptr<const GpuModel>> models_;     // one per scene object; null: no model
   std::vector<std::shared_ptr<const Model>> descriptions_;  // their materials
 };

@@ -17,23 +17,12 @@ constexpr int kMostTexels = 1024;  // along a side
 constexpr double kMostTexelsInAll = 4e6;
 constexpr int kTexelsAtOnce = 32;  // sides are whole numbers of these: storage changes rarely
 
-bool same(const Placement& a, const Placement& b) {
-  return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs() &&
-         a.scale == b.scale;
-}
-bool same(const PlaneFrame& a, const PlaneFrame& b) {
-  return a.n == b.n && a.q == b.q;
-}
 // Whether their layers have the same shapes. How dark they are, and which are seen on the plane,
 // does not count.
-bool same(const ShadowDraw& a, const ShadowDraw& b) {
-  const LayeredConstants& c = a.constants;
-  const LayeredConstants& d = b.constants;
+bool same_shapes(const ShadowDraw& a, const ShadowDraw& b) {
   return a.technique == b.technique && a.kernels == b.kernels && a.light_mode == b.light_mode &&
-         a.proxy == b.proxy && same(a.plane_frame, b.plane_frame) &&
-         same(a.T_table_object, b.T_table_object) && c.light_height == d.light_height &&
-         c.light_ratio == d.light_ratio && c.umbra_height == d.umbra_height &&
-         c.magnification_cap == d.magnification_cap;
+         a.proxy == b.proxy && a.plane_frame == b.plane_frame &&
+         a.T_table_object == b.T_table_object && a.constants == b.constants;
 }
 
 // The part of the plane where the shadow may meet the surface.
@@ -64,8 +53,8 @@ const PhantomShadowPass::Surface& PhantomShadowPass::surface_of(const Scene& sce
                                                                 const PlaneFrame& frame) {
   Surface& surface = surfaces_[{phantom.object, plane}];
   surface.last_used = frame_count_;
-  if (surface.version == 0 || !same(surface.T_table_object, phantom.T_table_object) ||
-      !same(surface.plane, frame)) {
+  if (surface.version == 0 || !(surface.T_table_object == phantom.T_table_object) ||
+      !(surface.plane == frame)) {
     surface.version = ++surfaces_made_;
     surface.T_table_object = phantom.T_table_object;
     surface.plane = frame;
@@ -77,7 +66,7 @@ const PhantomShadowPass::Surface& PhantomShadowPass::surface_of(const Scene& sce
 
 int PhantomShadowPass::draw_mask(const Scene& scene, const PhantomShadowDraw& draw,
                                  const Surface& surface, Mask& mask, ShadowPass& shadows,
-                                 ShadowWork& work) const {
+                                 ShadowWork& work) {
   mask.layers = {};
   mask.levels.clear();
   const Eigen::AlignedBox2d box = meeting(draw, surface.faces);
@@ -139,7 +128,7 @@ int PhantomShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shadow
     Mask& mask = masks_[{draw.shadow.node, draw.shadow.object, draw.shadow.plane, draw.phantom}];
     mask.last_used = frame_count_;
     const bool kept = mask.valid && mask.surface == surface.version && mask.top == draw.top &&
-                      same(mask.shadow, draw.shadow);
+                      same_shapes(mask.shadow, draw.shadow);
     if (!kept) {
       mask.valid = true;
       mask.surface = surface.version;
@@ -181,17 +170,24 @@ int PhantomShadowPass::draw_layer(const Scene& scene, const FramePlan& plan,
 }
 
 int PhantomShadowPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                            const ObjectPass& objects) const {
+                            const ObjectPass& objects, Translucency way,
+                            Framebuffer& framebuffer) const {
   if (shown_.empty()) return 0;
-  glEnable(GL_STENCIL_TEST);
+  // Each pixel once: blended, by the stencil; retextured, what comes first is drawn last.
+  const bool once = way == Translucency::blend;
+  const bool last_is_seen = way == Translucency::retexture;
   glStencilMask(0xFF);
-  glStencilFunc(GL_EQUAL, 0, 0xFF);
-  glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
+  if (once) {
+    glEnable(GL_STENCIL_TEST);
+    glStencilFunc(GL_EQUAL, 0, 0xFF);
+    glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
+  } else {
+    glDisable(GL_STENCIL_TEST);
+  }
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
-  glEnable(GL_BLEND);
-  glBlendFunc(GL_ZERO, GL_SRC_COLOR);
+  begin_darkening(way);
   int calls = 0;
   // Planes that are parallel have one light: what lies in its shadow for several is darkened once.
   std::vector<const Shown*> left;
@@ -201,17 +197,22 @@ int PhantomShadowPass::draw(const Scene& scene, const FramePlan& plan, const Len
     const auto other = std::ranges::stable_partition(left, [&normal](const Shown* shown) {
       return (shown->draw->shadow.plane_frame.n - normal).norm() < 1e-3;
     });
-    glClear(GL_STENCIL_BUFFER_BIT);
-    for (int layer = 0; layer < 3; ++layer) {
-      for (auto shown = left.begin(); shown != other.begin(); ++shown) {
-        calls += draw_layer(scene, plan, lens, objects, **shown, layer);
-      }
-    }
+    std::vector<const Shown*> together(left.begin(), other.begin());
     left.erase(left.begin(), other.begin());
+    if (once) glClear(GL_STENCIL_BUFFER_BIT);
+    if (last_is_seen) {
+      framebuffer.copy_picture(kPictureBeforeUnit);
+      std::ranges::reverse(together);
+    }
+    for (int i = 0; i < 3; ++i) {
+      const int layer = last_is_seen ? 2 - i : i;
+      for (const Shown* shown : together)
+        calls += draw_layer(scene, plan, lens, objects, *shown, layer);
+    }
   }
   MaskStack::unbind(kShadowMaskUnit);
   glClear(GL_STENCIL_BUFFER_BIT);
-  glDisable(GL_BLEND);
+  end_translucent();
   glDisable(GL_STENCIL_TEST);
   glDepthFunc(GL_LESS);
   glDepthMask(GL_TRUE);

@@ -1,7 +1,8 @@
 // Layered, field and simple shadows on phantoms. Each shadow that a phantom may meet on its way to
 // a plane is drawn as seen along the plane's normal, for each of the phantom's levels as on a plane
 // at that height; then the phantom's pixels are darkened by what lies over each of them, once, with
-// the layer that comes first over all casters, as a plane's are. A face gets as much of the light
+// the layer that comes first over all casters, as a plane's are (through a screen-door, shadows
+// onto planes that face elsewhere are not darker where they meet). A face gets as much of the light
 // as Lambert's law lets it.
 #pragma once
 
@@ -25,10 +26,10 @@ class PhantomShadowPass {
   // Draws the shadows of what changed, into framebuffers of its own. The shadows of the plan must
   // have been prepared. Adds to `work`. Number of draw calls.
   int prepare(const Scene& scene, const FramePlan& plan, ShadowPass& shadows, ShadowWork& work);
-  // The plan must be the one prepared; with the depth of phantoms, objects and planes. Leaves the
-  // stencil all 0. Number of draw calls.
+  // The plan must be the one prepared; with the depth of phantoms, objects and planes, and
+  // `objects` drawing in the same way. Leaves the stencil all 0. Number of draw calls.
   int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-           const ObjectPass& objects) const;
+           const ObjectPass& objects, Translucency way, Framebuffer& framebuffer) const;
 
  private:
   // Of a phantom over a plane.
@@ -59,8 +60,8 @@ class PhantomShadowPass {
 
   const Surface& surface_of(const Scene& scene, const ObjectDraw& phantom, int plane,
                             const PlaneFrame& frame);
-  int draw_mask(const Scene& scene, const PhantomShadowDraw& draw, const Surface& surface,
-                Mask& mask, ShadowPass& shadows, ShadowWork& work) const;
+  static int draw_mask(const Scene& scene, const PhantomShadowDraw& draw, const Surface& surface,
+                       Mask& mask, ShadowPass& shadows, ShadowWork& work);
   static int draw_layer(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
                         const ObjectPass& objects, const Shown& shown, int layer);
 

@@ -34,7 +34,7 @@ glm::vec3 encoded(const glm::vec3& linear) {
 Result<RayPass> RayPass::create(GlApi api, const CameraModel& camera) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "ray.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"ray.frag.glsl"};
-  auto program = ShaderProgram::link(api, kVertex, kFragment);
+  auto program = TranslucentProgram::create(api, kVertex, kFragment);
   if (!program) return tl::unexpected(program.error());
   RayPass pass(std::move(*program));
   const CameraParameters& p = camera.parameters();
@@ -42,6 +42,11 @@ Result<RayPass> RayPass::create(GlApi api, const CameraModel& camera) {
                       static_cast<float>(std::max(kLeastDot_px, kDotPerHeight * p.height) / p.fy)};
   if (camera.has_distortion()) pass.pieces_ = kPieces;
   return pass;
+}
+
+Result<void> RayPass::choose(Translucency way, std::optional<PixelFormat> video) {
+  way_ = way;
+  return program_.choose(way, video);
 }
 
 void RayPass::add_ribbon(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
@@ -70,7 +75,8 @@ void RayPass::add_dot(const Eigen::Vector3d& at, const glm::vec3& color) {
   }
 }
 
-int RayPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens) {
+int RayPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+                  Framebuffer& framebuffer) {
   if (plan.rays.empty()) return 0;
   corners_.clear();
   std::vector<Batch> batches;
@@ -111,10 +117,14 @@ int RayPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms&
     VertexArray::attribute(3, 3, sizeof(Corner), offsetof(Corner, color));
     layout_made_ = true;
   }
-  program_.use();
-  set_lens(program_, lens);
-  program_.set("camera_from_table", camera_from_object(plan.T_table_camera, Placement()));
-  program_.set("half_width", half_width_);
+  const auto begin = [&](const ShaderProgram& program) {
+    program.use();
+    set_lens(program, lens);
+    program.set("camera_from_table", camera_from_object(plan.T_table_camera, Placement()));
+    program.set("half_width", half_width_);
+    program.set("picture_before", kPictureBeforeUnit);
+  };
+  begin(program_.plain());
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDisable(GL_STENCIL_TEST);
   glEnable(GL_DEPTH_TEST);
@@ -132,16 +142,17 @@ int RayPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms&
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
-  glEnable(GL_BLEND);
-  glBlendFuncSeparate(GL_CONSTANT_ALPHA, GL_ONE_MINUS_CONSTANT_ALPHA, GL_ZERO, GL_ONE);
+  if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
+  begin(program_.get());
+  begin_mixing(way_);
   int calls = 1;
   for (const Batch& batch : batches) {
     if (batch.count == 0) continue;
-    glBlendColor(0.0F, 0.0F, 0.0F, batch.opacity);
+    set_mixing(way_, program_.get(), batch.opacity);
     glDrawArrays(GL_TRIANGLES, static_cast<GLint>(batch.first), static_cast<GLsizei>(batch.count));
     ++calls;
   }
-  glDisable(GL_BLEND);
+  end_translucent();
   glDepthMask(GL_TRUE);
   glDepthFunc(GL_LESS);
   return calls;

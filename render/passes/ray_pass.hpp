@@ -12,7 +12,8 @@
 #include "render/camera_gl.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
-#include "render/gl/shader.hpp"
+#include "render/gl/framebuffer.hpp"
+#include "render/passes/translucent_program.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/light_rays.hpp"
 
@@ -22,8 +23,11 @@ class RayPass {
  public:
   [[nodiscard]] static Result<RayPass> create(GlApi api, const CameraModel& camera);
 
+  // How faint rays are drawn from here on.
+  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
   // Number of draw calls; none where no rays are asked for.
-  int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens);
+  int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+           Framebuffer& framebuffer);
 
  private:
   // A corner of a ribbon or a dot; both face the camera.
@@ -37,12 +41,13 @@ class RayPass {
     float opacity = 1.0F;
     std::size_t first = 0, count = 0;
   };
-  explicit RayPass(ShaderProgram program) : program_(std::move(program)) {}
+  explicit RayPass(TranslucentProgram program) : program_(std::move(program)) {}
 
   void add_ribbon(const Eigen::Vector3d& from, const Eigen::Vector3d& to, const glm::vec3& color);
   void add_dot(const Eigen::Vector3d& at, const glm::vec3& color);
 
-  ShaderProgram program_;
+  TranslucentProgram program_;
+  Translucency way_ = Translucency::blend;
   glm::vec2 half_width_{0.0F};  // of a ribbon and of a dot, over the depth
   int pieces_ = 1;              // of a ray, to follow the lens
   std::map<const Model*, std::vector<MarkedVertex>> marked_;

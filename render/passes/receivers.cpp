@@ -174,6 +174,14 @@ void Receivers::begin_plane(const FramePlan& plan, int plane, const PlaneFrame& 
   glStencilMask(kShadowBits);
 }
 
+void Receivers::test_place() const {
+  if (marked_) {
+    stencil_test(0, 0);
+  } else {
+    glDisable(GL_STENCIL_TEST);
+  }
+}
+
 void Receivers::stencil_test(unsigned bits, unsigned compared) const {
   PENUMBRA_ASSERT((bits & ~kShadowBits) == 0 && (compared & ~kShadowBits) == 0);
   const unsigned own = marked_ ? kReceiverBit : 0U;

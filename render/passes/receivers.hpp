@@ -41,6 +41,10 @@ class Receivers {
   // `bits` is also what GL_REPLACE writes.
   void stencil_test(unsigned bits, unsigned compared) const;
 
+  // Passes on the plane's own pixels, with whatever shadow bits; without a stencil where all of the
+  // picture is the plane's.
+  void test_place() const;
+
   // The grid of receiver.vert.glsl, for programs that begin with it and are in use. Sets their lens
   // and place, and draws.
   void draw_grid(const ShaderProgram& program, const FramePlan& plan, const PlaneFrame& frame,

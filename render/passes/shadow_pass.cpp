@@ -38,11 +38,6 @@ constexpr int kFieldBits = 13;
 constexpr double kLeastFactor = 0.05;
 constexpr double kGreatestFactor = 1.65;
 
-bool same(const LayeredConstants& a, const LayeredConstants& b) {
-  return a.light_height == b.light_height && a.light_ratio == b.light_ratio &&
-         a.umbra_height == b.umbra_height && a.magnification_cap == b.magnification_cap;
-}
-
 std::array<bool, 3> wanted_layers(const ShadowDraw& draw) {
   return {draw.umbra, draw.middle, draw.penumbra};
 }
@@ -224,11 +219,13 @@ std::vector<float> longest_caster_edges(const Scene& scene, const CameraModel& c
 Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const CameraModel& camera) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "shadow.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"shadow.frag.glsl"};
-  auto shadow = ShaderProgram::link(api, kVertex, kFragment);
+  auto shadow = TranslucentProgram::create(api, kVertex, kFragment, {}, Under::video);
   if (!shadow) return tl::unexpected(shadow.error());
   auto field = FieldQuad::create(api, longest_edge(camera));
   if (!field) return tl::unexpected(field.error());
-  ShadowPass pass(std::move(*shadow), std::move(*field));
+  auto strips = MeshStrips::create(api, camera);
+  if (!strips) return tl::unexpected(strips.error());
+  ShadowPass pass(std::move(*shadow), std::move(*field), std::move(*strips));
   pass.edges_ = longest_caster_edges(scene, camera);
   pass.steady_ = steady_casters(scene);
   pass.edge_at_unit_depth_ = longest_edge(camera) / kNearestDistance;
@@ -601,7 +598,7 @@ void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& p
       prepared.valid && prepared.technique == draw.technique && prepared.reduced == reduced &&
       prepared.light_mode == draw.light_mode && prepared.own.same_shape(own) &&
       prepared.kernel_key == key &&
-      (draw.technique == ShadowTechnique::simple || same(prepared.constants, draw.constants)) &&
+      (draw.technique == ShadowTechnique::simple || prepared.constants == draw.constants) &&
       (field || prepared.wanted == wanted_layers(draw));
   prepared.own = own;
   prepared.wanted = wanted_layers(draw);
@@ -830,12 +827,27 @@ std::vector<CasterKernels> ShadowPass::kernels_in_use() {
   return in_use;
 }
 
-int ShadowPass::draw_layers(const ShadowDraw& draw, const Item& it, int first_layer,
-                            int count) const {
+Result<void> ShadowPass::choose(Translucency way, std::optional<PixelFormat> video) {
+  way_ = way;
+  fetches_video_ = video.has_value();
+  if (way == Translucency::geometry_mesh) return {};  // layers are marked, not darkened
+  if (auto chosen = shadow_program_.choose(way, video); !chosen) return chosen;
+  return field_quad_.choose(way, video);
+}
+
+// For darkened_by_layer() of translucency.glsl.
+glm::vec3 ShadowPass::layer_values(const ShadowDraw& draw, const Brush& brush) {
+  const glm::vec3 light = layer_light(draw);
+  if (!brush.door) return light;
+  return {door_places(light.x), door_places(light.y), door_places(light.z)};
+}
+
+int ShadowPass::draw_layers(const ShadowDraw& draw, const Item& it, int first_layer, int count,
+                            const Brush& brush) const {
   const LayerGeometry& layer = it.prepared->layers[static_cast<std::size_t>(first_layer)];
   if (layer.source == LayerSource::nothing) return 0;
-  const ShaderProgram& p = shadow_program_;
-  if (layer.source == LayerSource::field) return draw_field(draw, it, first_layer, count);
+  if (layer.source == LayerSource::field) return draw_field(draw, it, first_layer, count, brush);
+  const ShaderProgram& p = brush.layers;
   p.use();
   const bool layered = draw.technique == ShadowTechnique::layered;
   // H = inf, or a simple shadow, has 1/H = 0; a simple shadow casts its middle layer at factor 1.
@@ -844,8 +856,9 @@ int ShadowPass::draw_layers(const ShadowDraw& draw, const Item& it, int first_la
   p.set("umbra_height", static_cast<float>(c.umbra_height));
   p.set("inverse_umbra_height", layered ? static_cast<float>(1.0 / c.umbra_height) : 0.0F);
   p.set("height_cap", static_cast<float>(std::min(range_of(draw, ShadowLayer::middle).high, 1e30)));
-  p.set("layer_light", layer_light(draw));
-  p.set("first_layer", first_layer);
+  p.set("layer_light", layer_values(draw, brush));
+  p.set("first_layer", brush.penumbra_first ? first_layer + count - 1 : first_layer);
+  p.set("layer_step", brush.penumbra_first ? -1 : 1);
   if (layer.source == LayerSource::whole) {
     p.set("plane_from_caster", plane_from_object(draw.plane_frame, draw.T_table_object));
     const auto set = it.caster->sets.find(it.prepared->kernel_key);
@@ -875,81 +888,152 @@ int ShadowPass::draw_layers(const ShadowDraw& draw, const Item& it, int first_la
   return 1;
 }
 
-int ShadowPass::draw_field(const ShadowDraw& draw, const Item& item, int first_layer,
-                           int count) const {
+int ShadowPass::draw_field(const ShadowDraw& draw, const Item& item, int first_layer, int count,
+                           const Brush& brush) const {
   const Prepared& prepared = *item.prepared;
   std::array<bool, 3> wanted{};
   for (std::size_t i = 0; i < 3; ++i) {
     const auto layer = static_cast<int>(i);
     wanted[i] = prepared.wanted[i] && layer >= first_layer && layer < first_layer + count;
   }
-  field_quad_.use();
-  field_quad_.draw(prepared.field, prepared.own.T_plane_own, wanted, layer_light(draw));
+  field_quad_.draw(brush.field, prepared.field, prepared.own.T_plane_own, wanted,
+                   layer_values(draw, brush));
   return 1;
 }
 
 // All the layers that are whole and follow each other in one instanced draw: instances are drawn in
 // order. Those of a field in one rectangle.
-int ShadowPass::draw_all_layers(const ShadowDraw& draw, const Item& item) const {
+int ShadowPass::draw_all_layers(const ShadowDraw& draw, const Item& item,
+                                const Brush& brush) const {
   const auto& layers = item.prepared->layers;
-  int calls = 0;
-  for (int first = 0; first < 3;) {
+  const auto source = [&layers](int layer) {
+    return layers[static_cast<std::size_t>(layer)].source;
+  };
+  struct Run {
+    int first = 0, count = 0;
+  };
+  std::vector<Run> runs;
+  for (int first = 0; first < 3; first += runs.back().count) {
     int count = 1;
-    const auto source = [&layers](int layer) {
-      return layers[static_cast<std::size_t>(layer)].source;
-    };
     const bool together =
         source(first) == LayerSource::whole || source(first) == LayerSource::field;
     while (together && first + count < 3 && source(first + count) == source(first)) ++count;
-    calls += draw_layers(draw, item, first, count);
-    first += count;
+    runs.push_back({first, count});
   }
+  if (brush.penumbra_first) std::ranges::reverse(runs);
+  int calls = 0;
+  for (const Run& run : runs) calls += draw_layers(draw, item, run.first, run.count, brush);
   return calls;
 }
 
 int ShadowPass::draw_flat(std::size_t flat, int layer, const LensUniforms& camera,
                           const glm::mat4x3& camera_from_plane) {
   const auto& [draw, item] = flats_.at(flat);
-  shadow_program_.use();
-  set_lens(shadow_program_, camera);
-  shadow_program_.set("camera_from_plane", camera_from_plane);
-  field_quad_.begin(camera, camera_from_plane);
-  return draw_layers(draw, item, layer, 1);
+  const Brush white{shadow_program_.plain(), field_quad_.program().plain()};
+  begin_plane(white, camera, camera_from_plane);
+  return draw_layers(draw, item, layer, 1, white);
 }
 
-int ShadowPass::draw_plane(const FramePlan& plan, int plane) const {
+void ShadowPass::begin_plane(const Brush& brush, const LensUniforms& lens,
+                             const glm::mat4x3& camera_from_plane) {
+  brush.layers.use();
+  set_lens(brush.layers, lens);
+  brush.layers.set("camera_from_plane", camera_from_plane);
+  field_quad_.begin(brush.field, lens, camera_from_plane);
+}
+
+int ShadowPass::draw_plane(const FramePlan& plan, int plane, const Brush& brush) const {
   std::vector<std::size_t> casters;
   for (std::size_t i = 0; i < plan.shadows.size(); ++i) {
     if (plan.shadows[i].plane == plane) casters.push_back(i);
   }
   int calls = 0;
   if (casters.size() == 1) {
-    return draw_all_layers(plan.shadows[casters.front()], items_[casters.front()]);
+    return draw_all_layers(plan.shadows[casters.front()], items_[casters.front()], brush);
   }
-  for (int layer = 0; layer < 3; ++layer) {
-    for (const std::size_t i : casters) calls += draw_layers(plan.shadows[i], items_[i], layer, 1);
+  if (brush.penumbra_first) std::ranges::reverse(casters);
+  for (int i = 0; i < 3; ++i) {
+    const int layer = brush.penumbra_first ? 2 - i : i;
+    for (const std::size_t caster : casters)
+      calls += draw_layers(plan.shadows[caster], items_[caster], layer, 1, brush);
   }
   return calls;
 }
 
-int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers) {
-  PENUMBRA_ASSERT(items_.size() == plan.shadows.size());
+// The layers are marked in the stencil, each by how dark it is, the penumbra first; then strips are
+// drawn over all pixels that are equally dark.
+int ShadowPass::draw_strips(const FramePlan& plan, const PlaneReceiver& receiver,
+                            const LensUniforms& lens, const Receivers& receivers,
+                            const Brush& brush) {
+  std::set<unsigned> levels;
+  Eigen::AlignedBox2d bounds;
   int calls = 0;
+  glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+  glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
+  for (int layer = 2; layer >= 0; --layer) {
+    for (std::size_t i = plan.shadows.size(); i-- > 0;) {
+      const ShadowDraw& draw = plan.shadows[i];
+      if (draw.plane != receiver.plane) continue;
+      const unsigned level = MeshStrips::level_of(layer_light(draw)[layer]);
+      receivers.stencil_test(level, 0);
+      const int drawn = draw_layers(draw, items_[i], layer, 1, brush);
+      calls += drawn;
+      if (drawn == 0) continue;
+      levels.insert(level);
+      const Eigen::Vector2d reach = Eigen::Vector2d::Constant(draw.radius);
+      bounds.extend(Eigen::AlignedBox2d(draw.centre - reach, draw.centre + reach));
+    }
+  }
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  glStencilMask(0);
+  glDisable(GL_DEPTH_TEST);
+  const glm::mat4x3 to_camera = camera_from_plane(plan.T_table_camera, receiver.frame);
+  for (const unsigned level : levels) {
+    if (level == 0) continue;
+    receivers.stencil_test(level, kShadowBits);
+    calls += mesh_strips_.draw(level, bounds, lens, to_camera);
+  }
+  return calls;
+}
+
+int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers,
+                     const VideoPass& video, const Frame& frame, Framebuffer& framebuffer) {
+  PENUMBRA_ASSERT(items_.size() == plan.shadows.size());
+  const bool strips = way_ == Translucency::geometry_mesh;
+  const Brush brush{strips ? shadow_program_.plain() : shadow_program_.get(),
+                    strips ? field_quad_.program().plain() : field_quad_.program().get(),
+                    way_ == Translucency::retexture, way_ == Translucency::mesh};
+  int calls = 0;
+  if (way_ == Translucency::retexture && !fetches_video_ && !plan.shadows.empty()) {
+    framebuffer.copy_picture(kPictureBeforeUnit);  // no pixel is of two planes
+  }
   for (const PlaneReceiver& receiver : plan.receivers) {
     const auto first = std::ranges::find(plan.shadows, receiver.plane, &ShadowDraw::plane);
     if (first == plan.shadows.end()) continue;
     receivers.begin_plane(plan, receiver.plane, receiver.frame, lens);
-    const glm::mat4x3 to_camera = camera_from_plane(plan.T_table_camera, receiver.frame);
-    shadow_program_.use();
-    set_lens(shadow_program_, lens);
-    shadow_program_.set("camera_from_plane", to_camera);
-    field_quad_.begin(lens, to_camera);
-    glEnable(GL_BLEND);
-    glBlendFunc(GL_ZERO, GL_SRC_COLOR);
-    // Each pixel once, with the layer that comes first.
-    receivers.stencil_test(0, kShadowBits);
-    glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
-    calls += draw_plane(plan, receiver.plane);
+    begin_plane(brush, lens, camera_from_plane(plan.T_table_camera, receiver.frame));
+    if (strips) {
+      glDisable(GL_BLEND);
+      calls += draw_strips(plan, receiver, lens, receivers, brush);
+      continue;
+    }
+    if (way_ == Translucency::retexture) {
+      for (const ShaderProgram* program : {&brush.field, &brush.layers}) {
+        program->use();
+        if (fetches_video_) video.bind_texels(*program, frame, kVideoUnit);
+        program->set("picture_before", kPictureBeforeUnit);
+      }
+    }
+    begin_darkening(way_);
+    if (way_ == Translucency::blend) {
+      // Each pixel once, with the layer that comes first.
+      receivers.stencil_test(0, kShadowBits);
+      glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
+    } else {
+      glStencilMask(0);
+      receivers.test_place();
+    }
+    calls += draw_plane(plan, receiver.plane, brush);
   }
   glStencilMask(0xFF);
   glDisable(GL_STENCIL_TEST);

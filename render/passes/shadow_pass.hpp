@@ -1,6 +1,7 @@
 // Shadows on planes: layers projected in the vertex shader, or fields as textured rectangles; each
 // pixel darkened once with its darkest layer (umbra before middle before penumbra, over all casters
-// of a plane together).
+// of a plane together). Blended, the stencil holds the first layer; retextured, the last one drawn
+// is seen, so the penumbra comes first; a mesh's pattern is the same in any order.
 #pragma once
 
 #include <array>
@@ -17,9 +18,13 @@
 #include "render/camera_gl.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
+#include "render/gl/framebuffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/passes/field_quad.hpp"
+#include "render/passes/mesh_strips.hpp"
 #include "render/passes/receivers.hpp"
+#include "render/passes/translucent_program.hpp"
+#include "render/passes/video_pass.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/caster_geometry.hpp"
 #include "render/shadow/kernel_direction.hpp"
@@ -71,8 +76,13 @@ class ShadowPass {
   // The CPU's part: kernels where the tilt is new, clipping where a caster straddles a height.
   // Adds to `work`.
   void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
-  // The plan must be the one prepared, and `receivers` begun for it. Number of draw calls.
-  int draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers);
+  // How the shadows are drawn from here on; `video`: the format of the frames under them, none
+  // where the picture is not the video pixel by pixel.
+  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
+  // The plan must be the one prepared, `receivers` begun for it, and `frame` uploaded to `video`
+  // and nothing but that under the planes in `framebuffer`. Number of draw calls.
+  int draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers,
+           const VideoPass& video, const Frame& frame, Framebuffer& framebuffer);
   // One more shadow than the plan's `shadows`, of the same frame: on a plane that is parallel to
   // its own, the `level`th of its phantom. For draw_flat(), until the next prepare().
   std::size_t prepare_flat(const Scene& scene, const PhantomShadowDraw& draw, int level,
@@ -178,8 +188,10 @@ class ShadowPass {
     FieldTexture field;
     std::uint64_t last_used = 0;  // of those that are no item of the plan
   };
-  ShadowPass(ShaderProgram shadow, FieldQuad field)
-      : shadow_program_(std::move(shadow)), field_quad_(std::move(field)) {}
+  ShadowPass(TranslucentProgram shadow, FieldQuad field, MeshStrips strips)
+      : shadow_program_(std::move(shadow)),
+        field_quad_(std::move(field)),
+        mesh_strips_(std::move(strips)) {}
 
   // The model, its longest edge as a caster, what casts in its place, and its groups.
   using CasterKey =
@@ -208,14 +220,31 @@ class ShadowPass {
                      Prepared& prepared) const;
   static void upload_clipped(std::span<const CasterVertex> faces, Prepared& prepared);
   void make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
-  int draw_plane(const FramePlan& plan, int plane) const;
   struct Item;
-  int draw_all_layers(const ShadowDraw& draw, const Item& item) const;
-  int draw_layers(const ShadowDraw& draw, const Item& item, int first_layer, int count) const;
-  int draw_field(const ShadowDraw& draw, const Item& item, int first_layer, int count) const;
+  // What layers are drawn with.
+  struct Brush {
+    const ShaderProgram& layers;
+    const ShaderProgram& field;
+    bool penumbra_first = false;
+    bool door = false;  // layers are told by the places of a screen-door, not by the light left
+  };
+  [[nodiscard]] static glm::vec3 layer_values(const ShadowDraw& draw, const Brush& brush);
+  void begin_plane(const Brush& brush, const LensUniforms& lens,
+                   const glm::mat4x3& camera_from_plane);
+  int draw_plane(const FramePlan& plan, int plane, const Brush& brush) const;
+  int draw_strips(const FramePlan& plan, const PlaneReceiver& receiver, const LensUniforms& lens,
+                  const Receivers& receivers, const Brush& brush);
+  int draw_all_layers(const ShadowDraw& draw, const Item& item, const Brush& brush) const;
+  int draw_layers(const ShadowDraw& draw, const Item& item, int first_layer, int count,
+                  const Brush& brush) const;
+  int draw_field(const ShadowDraw& draw, const Item& item, int first_layer, int count,
+                 const Brush& brush) const;
 
-  ShaderProgram shadow_program_;
+  TranslucentProgram shadow_program_;
   FieldQuad field_quad_;
+  MeshStrips mesh_strips_;
+  Translucency way_ = Translucency::blend;
+  bool fetches_video_ = true;        // retextured, and not from a copy
   std::vector<float> edges_;         // the longest of each scene object's model, as a caster
   std::vector<bool> steady_;         // of each scene object: a proxy may cast
   double edge_at_unit_depth_ = 0.0;  // 1 m from the camera, the longest that follows the lens [m]

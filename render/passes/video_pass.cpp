@@ -2,8 +2,16 @@
 
 #include <epoxy/gl.h>
 
+#include <algorithm>
+
 namespace penumbra {
 namespace {
+
+// More than the buffers of one camera. Those of a stream that was set up again fall out at the end.
+constexpr std::size_t kMostImported = 12;
+// Pictures that the GPU may be reading while the next one is drawn.
+constexpr std::size_t kMostInUse = 1;
+constexpr GLuint64 kPatience_ns = 1'000'000'000;  // with a GPU that does not get done
 
 enum class Layout : std::size_t { grey, rgb, yuyv, nv12, planar };
 
@@ -58,12 +66,51 @@ YuvConversion yuv_conversion(ColorMatrix matrix, ColorRange range) {
   return conversion;
 }
 
-bool VideoPass::upload(const Frame& frame) {
+std::size_t layout_number(PixelFormat format) {
+  return static_cast<std::size_t>(layout_of(format));
+}
+
+std::string_view layout_define(PixelFormat format) {
+  constexpr std::array<std::string_view, kVideoLayouts> kDefines = {
+      "VIDEO_GREY", "VIDEO_RGB", "VIDEO_YUYV", "VIDEO_NV12", "VIDEO_PLANAR"};
+  return kDefines[layout_number(format)];
+}
+
+void VideoPass::bind_texels(const ShaderProgram& program, const Frame& frame,
+                            int first_unit) const {
+  program.set("plane0", first_unit);
+  program.set("plane1", first_unit + 1);
+  program.set("plane2", first_unit + 2);
+  const YuvConversion conversion = yuv_conversion(frame.color_matrix, frame.color_range);
+  program.set("yuv_offset", conversion.offset);
+  program.set("rgb_from_yuv", conversion.rgb_from_yuv);
+  program.set("chroma_step", glm::vec2(frame.format == PixelFormat::yuv444p ? 1.0F : 2.0F,
+                                       frame.format == PixelFormat::yuv420p ? 2.0F : 1.0F));
+  for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i) {
+    const int unit = first_unit + static_cast<int>(i);
+    if (shows_imported_) {
+      imported_.back().planes[i].bind(unit);
+    } else {
+      textures_[i].bind(unit);
+    }
+  }
+}
+
+VideoPass::~VideoPass() {
+  release(0);
+}
+
+VideoPass::Way VideoPass::upload(const Frame& frame) {
   // The same buffer, still held by someone, is the same frame: frames are immutable.
   const bool same =
       frame.owner && !uploaded_owner_.expired() && !uploaded_owner_.owner_before(frame.owner) &&
       !frame.owner.owner_before(uploaded_owner_) && frame.planes[0].data == uploaded_data_;
-  if (same) return false;
+  if (same) return Way::there;
+  release(kMostInUse);
+  uploaded_owner_ = frame.owner;
+  uploaded_data_ = frame.planes[0].data;
+  shows_imported_ = can_import_ && frame.dma_buf.descriptor >= 0 && import(frame);
+  if (shows_imported_) return Way::imported;
   const auto count = static_cast<std::size_t>(frame.plane_count);
   while (textures_.size() < count) textures_.emplace_back(TextureFilter::nearest);
   for (std::size_t i = 0; i < count; ++i) {
@@ -71,21 +118,55 @@ bool VideoPass::upload(const Frame& frame) {
     textures_[i].upload(texel_format(frame.format, i), plane.width, plane.height, plane.data,
                         plane.stride);
   }
-  uploaded_owner_ = frame.owner;
-  uploaded_data_ = frame.planes[0].data;
+  return Way::copied;
+}
+
+bool VideoPass::import(const Frame& frame) {
+  const auto known = std::find_if(
+      imported_.begin(), imported_.end(),
+      [&](const ImportedBuffer& buffer) { return buffer.number == frame.dma_buf.buffer; });
+  if (known != imported_.end()) {
+    std::rotate(known, known + 1, imported_.end());
+    return true;
+  }
+  ImportedBuffer buffer;
+  buffer.number = frame.dma_buf.buffer;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i) {
+    const PixelPlane& plane = frame.planes[i];
+    auto texture =
+        ImportedTexture::create({frame.dma_buf.descriptor, texel_format(frame.format, i),
+                                 plane.width, plane.height, frame.dma_buf.offset[i], plane.stride});
+    if (!texture) {
+      can_import_ = false;  // the next picture has the same layout
+      imported_.clear();
+      return false;
+    }
+    buffer.planes.push_back(std::move(*texture));
+  }
+  imported_.push_back(std::move(buffer));
+  if (imported_.size() > kMostImported) imported_.pop_front();
   return true;
 }
 
+void VideoPass::release(std::size_t most) {
+  while (!in_use_.empty()) {
+    auto* fence = static_cast<GLsync>(in_use_.front().drawn);
+    const bool wait = in_use_.size() > most;
+    const GLenum state = glClientWaitSync(fence, wait ? GL_SYNC_FLUSH_COMMANDS_BIT : 0U,
+                                          wait ? kPatience_ns : GLuint64{0});
+    if (!wait && state == GL_TIMEOUT_EXPIRED) return;
+    glDeleteSync(fence);
+    in_use_.pop_front();
+  }
+}
+
 Result<const ShaderProgram*> VideoPass::program_for(PixelFormat format) {
-  constexpr std::array<std::string_view, 5> kDefines = {"VIDEO_GREY", "VIDEO_RGB", "VIDEO_YUYV",
-                                                        "VIDEO_NV12", "VIDEO_PLANAR"};
   constexpr std::array<std::string_view, 1> kVertex = {"video.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kFragment = {"video.frag.glsl"};
-  const auto index = static_cast<std::size_t>(layout_of(format));
-  std::optional<ShaderProgram>& program = programs_[index];
+  constexpr std::array<std::string_view, 2> kFragment = {"video_texel.glsl", "video.frag.glsl"};
+  std::optional<ShaderProgram>& program = programs_[layout_number(format)];
   if (!program) {
-    auto linked =
-        ShaderProgram::link(api_, kVertex, kFragment, std::span(&kDefines[index], std::size_t{1}));
+    const std::array<std::string_view, 1> defines = {layout_define(format)};
+    auto linked = ShaderProgram::link(api_, kVertex, kFragment, defines);
     if (!linked) return tl::unexpected(linked.error());
     program.emplace(std::move(*linked));
   }
@@ -97,16 +178,7 @@ Result<void> VideoPass::draw(const Frame& frame) {
   if (!program) return tl::unexpected(program.error());
   const ShaderProgram& p = **program;
   p.use();
-  p.set("plane0", 0);
-  p.set("plane1", 1);
-  p.set("plane2", 2);
-  const YuvConversion conversion = yuv_conversion(frame.color_matrix, frame.color_range);
-  p.set("yuv_offset", conversion.offset);
-  p.set("rgb_from_yuv", conversion.rgb_from_yuv);
-  p.set("chroma_step", glm::vec2(frame.format == PixelFormat::yuv444p ? 1.0F : 2.0F,
-                                 frame.format == PixelFormat::yuv420p ? 2.0F : 1.0F));
-  for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i)
-    textures_[i].bind(static_cast<int>(i));
+  bind_texels(p, frame, 0);
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_BLEND);
@@ -114,6 +186,15 @@ Result<void> VideoPass::draw(const Frame& frame) {
   no_vertices_.bind();
   glDrawArrays(GL_TRIANGLES, 0, 3);
   return {};
+}
+
+void VideoPass::hold(const Frame& frame) {
+  if (!shows_imported_) return;
+  if (!in_use_.empty() && in_use_.back().owner == frame.owner) {  // a picture that stands still
+    glDeleteSync(static_cast<GLsync>(in_use_.back().drawn));
+    in_use_.pop_back();
+  }
+  in_use_.push_back({frame.owner, glFenceSync(GL_SYNC_GPU_COMMANDS_COMPLETE, 0)});
 }
 
 }  // namespace penumbra

@@ -2,13 +2,17 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
+#include <deque>
 #include <memory>
 #include <optional>
+#include <string_view>
 #include <vector>
 
 #include "core/frame.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/context.hpp"
+#include "render/gl/imported_texture.hpp"
 #include "render/gl/shader.hpp"
 #include "render/gl/texture.hpp"
 
@@ -21,25 +25,65 @@ struct YuvConversion {
 };
 [[nodiscard]] YuvConversion yuv_conversion(ColorMatrix matrix, ColorRange range);
 
+// A program for each layout of texels; formats with the same one share it.
+inline constexpr std::size_t kVideoLayouts = 5;
+[[nodiscard]] std::size_t layout_number(PixelFormat format);
+// What video_texel.glsl wants defined for it.
+[[nodiscard]] std::string_view layout_define(PixelFormat format);
+
 class VideoPass {
  public:
-  explicit VideoPass(GlApi api) : api_(api) {}
+  // The context is current, now and at every later call.
+  explicit VideoPass(GlApi api) : api_(api), can_import_(can_import_textures()) {}
+  VideoPass(VideoPass&&) noexcept = default;
+  VideoPass& operator=(VideoPass&&) noexcept = default;
+  VideoPass(const VideoPass&) = delete;
+  VideoPass& operator=(const VideoPass&) = delete;
+  ~VideoPass();
 
-  // Copies the planes to the GPU; does nothing when they are there already. False when nothing was
-  // to be done.
-  bool upload(const Frame& frame);
+  enum class Way {
+    there,    // it was on the GPU already
+    copied,   // plane by plane
+    imported  // read where it lies, in a buffer that the camera's driver shares
+  };
+  // Makes the planes known to the GPU.
+  Way upload(const Frame& frame);
   // Covers every pixel: no clearing of colour is needed.
   [[nodiscard]] Result<void> draw(const Frame& frame);
+  // Gives a program that has video_texel.glsl in it, and is in use, the frame that was uploaded, in
+  // this texture unit and the two behind it.
+  void bind_texels(const ShaderProgram& program, const Frame& frame, int first_unit) const;
+  // Behind all that reads the frame: until the GPU is there, a buffer that it reads in place does
+  // not go back to the camera.
+  void hold(const Frame& frame);
 
  private:
+  // A buffer that the camera fills again and again, as textures.
+  struct ImportedBuffer {
+    std::uint64_t number = 0;
+    std::vector<ImportedTexture> planes;
+  };
+  // A picture that the GPU may still be reading: its buffer must not go back to the camera.
+  struct InUse {
+    std::shared_ptr<const void> owner;
+    void* drawn = nullptr;  // a fence behind what reads it
+  };
+
   [[nodiscard]] Result<const ShaderProgram*> program_for(PixelFormat format);
+  [[nodiscard]] bool import(const Frame& frame);
+  // Gives back what the GPU is done with; waits for it where more than `most` are in use.
+  void release(std::size_t most);
 
   GlApi api_;
   VertexArray no_vertices_;
   std::vector<Texture2d> textures_;
-  std::array<std::optional<ShaderProgram>, 5> programs_;
+  std::array<std::optional<ShaderProgram>, kVideoLayouts> programs_;
   std::weak_ptr<const void> uploaded_owner_;
   const std::uint8_t* uploaded_data_ = nullptr;
+  bool can_import_ = false;
+  std::deque<ImportedBuffer> imported_;  // the one that was used last at the end
+  bool shows_imported_ = false;          // that one is the picture, and not textures_
+  std::deque<InUse> in_use_;             // in the order in which they were drawn
 };
 
 }  // namespace penumbra

@@ -21,15 +21,6 @@ constexpr unsigned kDarkBit = 0x40U;                  // in some caster's shadow
 constexpr unsigned kMarkBit = 0x80U;
 static_assert((kCountBits & (kDarkBit | kMarkBit)) == 0);
 
-bool same(const Placement& a, const Placement& b) {
-  return a.position == b.position && a.rotation.coeffs() == b.rotation.coeffs() &&
-         a.scale == b.scale;
-}
-bool same(const std::vector<PlaneFrame>& a, const std::vector<PlaneFrame>& b) {
-  return std::ranges::equal(
-      a, b, [](const PlaneFrame& p, const PlaneFrame& q) { return p.n == q.n && p.q == q.q; });
-}
-
 }  // namespace
 
 Result<VolumePass> VolumePass::create(GlApi api, const CameraModel& camera) {
@@ -45,20 +36,26 @@ Result<VolumePass> VolumePass::create(GlApi api, const CameraModel& camera) {
   if (!volume) return tl::unexpected(volume.error());
   auto fill = ShaderProgram::link(api, kWhole, kFill);
   if (!fill) return tl::unexpected(fill.error());
-  auto plane = ShaderProgram::link(api, kReceiver, kLight, kLightDefines);
+  auto plane = TranslucentProgram::create(api, kReceiver, kLight, kLightDefines);
   if (!plane) return tl::unexpected(plane.error());
-  auto light_sum = ShaderProgram::link(api, kWhole, kSum);
+  auto light_sum = TranslucentProgram::create(api, kWhole, kSum);
   if (!light_sum) return tl::unexpected(light_sum.error());
   VolumePass pass(std::move(*volume), std::move(*fill), std::move(*plane), std::move(*light_sum));
   if (make_lens(camera).model != 0) pass.longest_edge_ = longest_edge(camera);
   return pass;
 }
 
+Result<void> VolumePass::choose(Translucency way, std::optional<PixelFormat> video) {
+  way_ = way;
+  if (auto chosen = plane_program_.choose(way, video); !chosen) return chosen;
+  return light_sum_program_.choose(way, video);
+}
+
 void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work) {
   for (const ShadowVolumeDraw& draw : plan.volumes) {
     Volume& volume = volumes_[{draw.object, draw.light}];
-    if (volume.valid && same(volume.T_table_object, draw.T_table_object) &&
-        volume.light == draw.light_place && same(volume.floors, draw.floors) &&
+    if (volume.valid && volume.T_table_object == draw.T_table_object &&
+        volume.light == draw.light_place && volume.floors == draw.floors &&
         volume.receivers == draw.receivers) {
       ++work.reprojections;
       if (volume.light_inside) note_light_inside(scene, draw, work);
@@ -184,15 +181,9 @@ void VolumePass::note_dark() const {
 int VolumePass::darken(const Drawing& drawing, const ShadowVolumeDraw& draw,
                        const Darkening& how) const {
   const auto& [scene, plan, lens, objects, receivers] = drawing;
-  if (how.add_up) {
-    glBlendFunc(GL_ONE, GL_ONE);
-    glBlendEquationSeparate(GL_FUNC_ADD, GL_MAX);
-  } else {
-    glBlendFunc(GL_ZERO, GL_SRC_COLOR);
-  }
   int calls = draw.on_planes ? darken_planes(drawing, draw.light, how) : 0;
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-  glEnable(GL_BLEND);
+  begin(how);
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_EQUAL);
   glStencilMask(how.written);
@@ -206,11 +197,18 @@ int VolumePass::darken(const Drawing& drawing, const ShadowVolumeDraw& draw,
   };
   darken_things(plan.phantoms);
   if (draw.on_planes) darken_things(plan.objects);
-  glBlendEquation(GL_FUNC_ADD);
+  end_translucent();
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  glDisable(GL_BLEND);
   glDisable(GL_DEPTH_TEST);
   return calls;
+}
+
+void VolumePass::begin(const Darkening& how) const {
+  if (how.add_up) {
+    begin_summing(way_);
+  } else {
+    begin_darkening(way_);
+  }
 }
 
 int VolumePass::darken_planes(const Drawing& drawing, int light, const Darkening& how) const {
@@ -229,12 +227,14 @@ int VolumePass::darken_planes(const Drawing& drawing, int light, const Darkening
     glStencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
     receivers.draw_place(plan, receiver.frame, lens);
     glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-    glEnable(GL_BLEND);
+    begin(how);
     glDisable(GL_DEPTH_TEST);
     glStencilMask(kMarkBit | how.written);
     glStencilFunc(GL_NOTEQUAL, static_cast<GLint>(how.after), kMarkBit);
-    const ShaderProgram& p = plane_program_;
+    const ShaderProgram& p = plane_program_.get();
     p.use();
+    p.set("picture_before", kPictureBeforeUnit);
+    p.set("sums_before", kSumsBeforeUnit);
     p.set("table_from_camera", to_gl(plan.T_table_camera.rotation().toRotationMatrix()));
     p.set("eye", to_gl(plan.T_table_camera.translation()));
     p.set("normal", to_gl(receiver.frame.n));
@@ -243,21 +243,24 @@ int VolumePass::darken_planes(const Drawing& drawing, int light, const Darkening
     p.set("add_up", how.add_up ? 1 : 0);
     set_light_uniforms(p, plan.lights, blocked);
     receivers.draw_grid(p, plan, receiver.frame, lens);
+    end_translucent();
     calls += 2;
   }
   return calls;
 }
 
-void VolumePass::darken_by_sums(const Framebuffer& framebuffer) const {
+void VolumePass::darken_by_sums(Framebuffer& framebuffer) const {
   framebuffer.bind();
+  if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
   framebuffer.bind_sums_texture(0);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_STENCIL_TEST);
-  glEnable(GL_BLEND);
-  glBlendFunc(GL_ZERO, GL_SRC_COLOR);
-  light_sum_program_.use();
-  light_sum_program_.set("sums", 0);
+  begin_darkening(way_);
+  const ShaderProgram& p = light_sum_program_.get();
+  p.use();
+  p.set("sums", 0);
+  p.set("picture_before", kPictureBeforeUnit);
   no_vertices_.bind();
   glDrawArrays(GL_TRIANGLES, 0, 3);
 }
@@ -314,7 +317,15 @@ int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUnifor
   int calls = 0;
   glEnable(GL_STENCIL_TEST);
   glDepthMask(GL_FALSE);
-  for (const Casters& casters : lights) calls += draw_light(drawing, casters, add_up);
+  for (const Casters& casters : lights) {
+    // A light darkens a pixel once: before it is soon enough for a copy.
+    if (add_up && way_ != Translucency::blend) {
+      framebuffer.copy_sums(kSumsBeforeUnit);
+    } else if (!add_up && way_ == Translucency::retexture) {
+      framebuffer.copy_picture(kPictureBeforeUnit);
+    }
+    calls += draw_light(drawing, casters, add_up);
+  }
   if (add_up) {
     darken_by_sums(framebuffer);
     ++calls;
@@ -322,7 +333,7 @@ int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUnifor
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glStencilMask(0xFF);
   glDisable(GL_STENCIL_TEST);
-  glDisable(GL_BLEND);
+  end_translucent();
   glDepthFunc(GL_LESS);
   glDepthMask(GL_TRUE);
   return calls;

@@ -22,6 +22,7 @@
 #include "render/passes/object_pass.hpp"
 #include "render/passes/receivers.hpp"
 #include "render/passes/shadow_pass.hpp"
+#include "render/passes/translucent_program.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/shadow_volume.hpp"
 
@@ -33,9 +34,11 @@ class VolumePass {
 
   // The CPU's part: volumes of casters that moved, or whose light did. Adds to `work`.
   void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
-  // The plan must be the one prepared; `framebuffer` bound, with the depth of phantoms, objects and
-  // planes. The shadow is as strong as the fainter of what casts it and what it falls on. Number of
-  // draw calls.
+  // How the shadows are drawn from here on.
+  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
+  // The plan must be the one prepared; `objects` draws in the same way; `framebuffer` is bound,
+  // with the depth of phantoms, objects and planes. The shadow is as strong as the fainter of what
+  // casts it and what it falls on. Number of draw calls.
   int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
            const ObjectPass& objects, const Receivers& receivers, Framebuffer& framebuffer) const;
 
@@ -57,7 +60,8 @@ class VolumePass {
   // The casters of one light.
   using Casters = std::vector<const ShadowVolumeDraw*>;
 
-  VolumePass(ShaderProgram volume, ShaderProgram fill, ShaderProgram plane, ShaderProgram light_sum)
+  VolumePass(ShaderProgram volume, ShaderProgram fill, TranslucentProgram plane,
+             TranslucentProgram light_sum)
       : volume_program_(std::move(volume)),
         fill_program_(std::move(fill)),
         plane_program_(std::move(plane)),
@@ -89,14 +93,16 @@ class VolumePass {
   int note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const;
   void note_dark() const;
   int darken(const Drawing& drawing, const ShadowVolumeDraw& draw, const Darkening& how) const;
+  void begin(const Darkening& how) const;
   int darken_planes(const Drawing& drawing, int light, const Darkening& how) const;
-  void darken_by_sums(const Framebuffer& framebuffer) const;
+  void darken_by_sums(Framebuffer& framebuffer) const;
   int draw_light(const Drawing& drawing, Casters casters, bool add_up) const;
 
   ShaderProgram volume_program_;
   ShaderProgram fill_program_;
-  ShaderProgram plane_program_;
-  ShaderProgram light_sum_program_;
+  TranslucentProgram plane_program_;
+  TranslucentProgram light_sum_program_;
+  Translucency way_ = Translucency::blend;
   std::optional<double> longest_edge_;  // [m]; none: the lens keeps straight edges straight
   VertexArray no_vertices_;
   std::map<const Model*, std::unique_ptr<VolumeCaster>> casters_;

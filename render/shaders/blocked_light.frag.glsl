@@ -8,10 +8,10 @@ uniform vec3 normal;    // of the plane, unit
 uniform float opacity;  // of the overlay
 uniform int add_up;     // 1: the blocked share itself
 
-layout(location = 0) out vec4 factor;
+layout(location = 0) out vec4 color;
 
 void main() {
   vec3 ray = vec3(view, 1.0);
   vec3 place = eye + table_from_camera * ray / max(dot(inverse_depth, ray), 1.0e-6);
-  factor = darkening(blocked_share(place, normal), opacity, add_up != 0);
+  color = darkening(blocked_share(place, normal), opacity, add_up != 0);
 }

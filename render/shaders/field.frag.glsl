@@ -4,8 +4,8 @@ in vec2 texel;
 uniform sampler2D field;    // umbra, middle, penumbra
 uniform vec2 field_last;    // index of the last texel
 uniform vec3 layer_wanted;  // 1 or 0
-uniform vec3 layer_light;   // what is left of the video's (encoded) value
-layout(location = 0) out vec4 factor;
+uniform vec3 layer_light;   // of each layer, for darkened_by_layer()
+layout(location = 0) out vec4 color;
 
 void main() {
   vec2 base = clamp(floor(texel), vec2(0.0), field_last - 1.0);
@@ -24,5 +24,5 @@ void main() {
     light_left = layer_light.z;
   else
     discard;
-  factor = vec4(vec3(light_left), 1.0);  // blended: video * factor
+  color = darkened_by_layer(light_left);
 }

@@ -20,10 +20,10 @@ vec3 blocked_share(vec3 place, vec3 normal) {
   return clamp(blocked / max(all, vec3(1.0e-4)), 0.0, 1.0);
 }
 
-// A factor for the encoded picture (blended: picture * factor); or where several lights are added up,
-// the share itself, for light_sum.frag.glsl.
+// The picture, encoded, in what light is left; or where several lights are added up, the share
+// itself, for light_sum.frag.glsl.
 vec4 darkening(vec3 share, float opacity, bool add_up) {
-  if (add_up) return opacity * vec4(share, 1.0);
+  if (add_up) return added(opacity * vec4(share, 1.0));
   vec3 encoded = pow(1.0 - share, vec3(1.0 / 2.2));
-  return vec4(1.0 - opacity * (1.0 - encoded), 1.0);
+  return darkened(1.0 - opacity * (1.0 - encoded));
 }

@@ -15,14 +15,12 @@ uniform float roughness;
 uniform int has_texture;
 uniform sampler2D base_color_texture;  // decoded to linear light by the sampler
 uniform vec3 eye;                      // table frame
-uniform int darkens;    // 1: a factor for the picture; 2: the blocked share, for light_sum.frag.glsl
-uniform float opacity;  // of the shadow
+uniform int darkens;    // 1: the shadow on it; 2: the blocked share, for light_sum.frag.glsl
+uniform float opacity;  // of the shadow, or of the surface
 
 void main() {
   vec3 view = normalize(eye - place);
-  float normal_length = length(facing);
-  vec3 n = normal_length > 0.0 ? facing / normal_length : view;
-  if (dot(n, view) < 0.0 && !gl_FrontFacing) n = -n;  // the inside of an open surface
+  vec3 n = surface_normal(facing, view);
   if (darkens != 0) {
     color = darkening(blocked_share(place, n), opacity, darkens == 2);
     return;
@@ -67,5 +65,5 @@ void main() {
   sum = min(sum, vec3(knee)) + (1.0 - knee) * (1.0 - exp(-over / (1.0 - knee)));
   vec3 low = sum * 12.92;
   vec3 high = 1.055 * pow(max(sum, vec3(0.0031308)), vec3(1.0 / 2.4)) - 0.055;
-  color = vec4(mix(high, low, vec3(lessThan(sum, vec3(0.0031308)))), 1.0);
+  color = mixed_in(mix(high, low, vec3(lessThan(sum, vec3(0.0031308)))), opacity);
 }

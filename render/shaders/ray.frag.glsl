@@ -3,9 +3,11 @@ in vec2 from_middle;
 
 layout(location = 0) out vec4 color;
 
+uniform float opacity;
+
 void main() {
   float r2 = dot(from_middle, from_middle);
   if (r2 > 1.0) discard;
   // A dark rim sets a dot off from what has its colour.
-  color = vec4(r2 > 0.55 ? tint * 0.25 : tint, 1.0);
+  color = mixed_in(r2 > 0.55 ? tint * 0.25 : tint, opacity);
 }

@@ -7,6 +7,9 @@ layout(location = 3) in vec3 color;
 uniform mat4x3 camera_from_table;
 uniform vec2 half_width;  // of a ribbon and of a dot, over the depth
 
+// Drawn again by another program, a ray has the same depth.
+invariant gl_Position;
+
 out vec3 tint;
 out vec2 from_middle;  // of a dot
 

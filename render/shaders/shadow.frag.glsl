@@ -1,6 +1,6 @@
 flat in float light_left;
-layout(location = 0) out vec4 factor;
+layout(location = 0) out vec4 color;
 
 void main() {
-  factor = vec4(vec3(light_left), 1.0);  // blended: video * factor
+  color = darkened_by_layer(light_left);
 }

@@ -13,7 +13,8 @@ uniform float umbra_height;          // h_u [m]
 uniform float inverse_umbra_height;  // 1/h_u [1/m]
 uniform float height_cap;            // [m]
 uniform int first_layer;             // of the first instance: 0 umbra, 1 middle, 2 penumbra
-uniform vec3 layer_light;            // what is left of the video's (encoded) value, per layer
+uniform int layer_step;              // from instance to instance, 1 or -1
+uniform vec3 layer_light;            // of each layer, for darkened_by_layer()
 
 flat out float light_left;
 
@@ -23,7 +24,7 @@ void main() {
   float h = clamp(x.z, 0.0, height_cap);
   float q = 1.0 / (1.0 - h * inverse_light_height);
   float t = h * inverse_light_height * q;
-  int layer = first_layer + gl_InstanceID;
+  int layer = first_layer + layer_step * gl_InstanceID;
   vec2 place;
   if (layer == 0) {
     // Anchored at k: at h_u the factor is exactly 0.

@@ -7,7 +7,7 @@ uniform mat4x3 mask_from_table;  // -> (u, v, h)
 uniform vec3 mask_normal;        // of the plane, table frame
 uniform vec2 mask_origin;        // (u, v) in the pictures' corner [m]
 uniform vec2 mask_extent;        // [m]
-uniform vec4 mask_levels[16];    // heights [m], ascending
+uniform vec4 mask_levels[MAX_LEVELS / 4];  // heights [m], ascending
 uniform int mask_count;
 uniform float mask_step;         // farther above all of them nothing receives [m]
 

@@ -36,6 +36,7 @@ struct PlaneFrame {
   }
   [[nodiscard]] Eigen::Vector3d lift(double u, double v) const { return q + u * e1 + v * e2; }
   [[nodiscard]] double height(const Eigen::Vector3d& p) const { return n.dot(p - q); }
+  friend bool operator==(const PlaneFrame&, const PlaneFrame&) = default;
 };
 
 }  // namespace penumbra

@@ -35,8 +35,8 @@ class ReceivingSurface {
   Eigen::AlignedBox2d bounds_;
 };
 
-// Between two levels, and over the highest, what receives is taken for the nearer one; a surface
-// farther than this from all of them receives nothing.
+// Slopes have a level this often, where that is not too many. What lies between two levels receives
+// as at the nearer one; what lies farther than this above the highest receives nothing.
 inline constexpr double kLevelStep = 4e-3;  // [m]
 
 }  // namespace penumbra

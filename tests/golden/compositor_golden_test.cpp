@@ -2,6 +2,7 @@
 // proof that the comparison can fail.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <filesystem>
@@ -97,10 +98,12 @@ RgbaImage image_of(const test::Picture& picture) {
 }
 
 RgbaImage composite(const View& view, ShadowTechnique technique,
-                    const std::shared_ptr<const Scene>& scene = solids(), double time_s = 0.0) {
+                    const std::shared_ptr<const Scene>& scene = solids(), double time_s = 0.0,
+                    Translucency translucency = Translucency::automatic) {
   Studio studio(scene, view.camera);
   PlanOptions options;
   options.technique = technique;
+  options.translucency = translucency;
   return image_of(
       studio.draw(view.frame, studio.plan(test::tracked(view.T_table_camera), options, time_s)));
 }
@@ -115,7 +118,8 @@ INSTANTIATE_TEST_SUITE_P(Solids, Golden,
                          testing::Values(Case{"tabletop", ShadowTechnique::layered, 0},
                                          Case{"tabletop", ShadowTechnique::layered, 75},
                                          Case{"tabletop", ShadowTechnique::simple, 0},
-                                         Case{"corner", ShadowTechnique::layered, 20}),
+                                         Case{"corner", ShadowTechnique::layered, 20},
+                                         Case{"corner", ShadowTechnique::field, 20}),
                          [](const auto& instance) {
                            return std::string(instance.param.recording) + "_" +
                                   std::string(to_string(instance.param.technique)) + "_" +
@@ -140,11 +144,13 @@ INSTANTIATE_TEST_SUITE_P(Golden, DefaultScene,
                                          Case{"tabletop", ShadowTechnique::field, 60},
                                          Case{"tabletop", ShadowTechnique::field, 110},
                                          Case{"tabletop", ShadowTechnique::simple, 60},
+                                         Case{"tabletop", ShadowTechnique::simple, 110},
                                          Case{"tabletop", ShadowTechnique::walls, 60},
                                          Case{"tabletop", ShadowTechnique::hard, 60},
                                          Case{"tabletop", ShadowTechnique::hard, 110},
                                          Case{"tabletop", ShadowTechnique::volume, 110},
-                                         Case{"corner", ShadowTechnique::layered, 30}),
+                                         Case{"corner", ShadowTechnique::layered, 30},
+                                         Case{"corner", ShadowTechnique::hard, 30}),
                          [](const auto& instance) {
                            return std::string(instance.param.recording) + "_" +
                                   std::string(to_string(instance.param.technique)) + "_" +
@@ -160,6 +166,41 @@ TEST_P(DefaultScene, CompositedFrame) {
   EXPECT_TRUE(matches_golden(
       fmt::format("default__{}__{}__{:06}", c.recording, to_string(c.technique), c.frame),
       composite(*view, c.technique, std::make_shared<const Scene>(*scene), c.frame / 30.0)));
+}
+
+// The same without blending.
+struct TranslucentCase {
+  Translucency translucency;
+  ShadowTechnique technique;
+  int frame;
+};
+class Translucent : public testing::TestWithParam<TranslucentCase> {};
+INSTANTIATE_TEST_SUITE_P(
+    Golden, Translucent,
+    testing::Values(TranslucentCase{Translucency::mesh, ShadowTechnique::layered, 60},
+                    TranslucentCase{Translucency::mesh, ShadowTechnique::layered, 110},
+                    TranslucentCase{Translucency::mesh, ShadowTechnique::field, 60},
+                    TranslucentCase{Translucency::mesh, ShadowTechnique::hard, 110},
+                    TranslucentCase{Translucency::mesh, ShadowTechnique::volume, 110},
+                    TranslucentCase{Translucency::retexture, ShadowTechnique::layered, 110},
+                    TranslucentCase{Translucency::geometry_mesh, ShadowTechnique::layered, 60}),
+    [](const auto& instance) {
+      std::string name = fmt::format("{}_{}_{}", to_string(instance.param.technique),
+                                     to_string(instance.param.translucency), instance.param.frame);
+      std::ranges::replace(name, '-', '_');
+      return name;
+    });
+
+TEST_P(Translucent, CompositedFrame) {
+  const TranslucentCase& c = GetParam();
+  const auto view = half_size_view("tabletop", c.frame);
+  ASSERT_TRUE(view) << view.error().message;
+  const auto scene = load_scene(test::source_dir() / "scenes" / "default.json");
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_TRUE(matches_golden(fmt::format("default__tabletop__{}-{}__{:06}", to_string(c.technique),
+                                         to_string(c.translucency), c.frame),
+                             composite(*view, c.technique, std::make_shared<const Scene>(*scene),
+                                       c.frame / 30.0, c.translucency)));
 }
 
 // Every other scene that is bundled, as README.md's table says.

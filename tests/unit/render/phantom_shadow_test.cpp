@@ -67,6 +67,11 @@ Model ball(double radius, int rings) {
   shape.sphere(radius, rings, 2 * rings);
   return shape.build();
 }
+Model standing_box(double side, double height) {
+  ShapeBuilder shape;
+  shape.box(-side / 2, -side / 2, 0.0, side / 2, side / 2, height);
+  return shape.build();
+}
 // Twenty steps of 15 mm, 20 mm deep each, along x.
 Model staircase() {
   ShapeBuilder shape;
@@ -507,11 +512,29 @@ TEST(PhantomShadow, OfAPlateThatIsThinnerThanALipBesideIt) {
   EXPECT_LT(both.unlike, 0.1 * both.on_plane);
 }
 
+// A face without a normal is taken to face the eye: no picture gets what is not a number.
+TEST(PhantomShadow, OfASurfaceWithoutNormals) {
+  Model bare = *solid(standing_box(0.12, 0.06));
+  for (Mesh& mesh : bare.meshes) mesh.normals.assign(mesh.normals.size(), glm::vec3(0.0F));
+  SceneBuilder builder = builder_with(ShadowTechnique::simple);
+  builder.add(l_shape(), test::at(0, 0, 0.15));
+  builder.add(std::make_shared<const Model>(bare), Placement(), false, true);
+  Studio studio(builder.build(), camera());
+  const Picture picture = studio.draw_shadows(white(), studio.plan(from({0.1, -0.35, 0.6})));
+  int dark = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      dark += picture.red(x, y) < 250 ? 1 : 0;
+      EXPECT_GT(picture.red(x, y), 100) << x << " " << y;
+    }
+  }
+  EXPECT_GT(dark, 800);
+}
+
 // Of what is wound inwards too.
 TEST(PhantomShadow, DoesNotDependOnTheWayFacesAreWound) {
-  Model turned = make_box({0.12F, 0.12F, 0.06F});
+  Model turned = standing_box(0.12, 0.06);
   for (Mesh& mesh : turned.meshes) {
-    for (glm::vec3& p : mesh.positions) p.z += 0.03F;
     for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3)
       std::swap(mesh.indices[i], mesh.indices[i + 1]);
   }
@@ -523,10 +546,7 @@ TEST(PhantomShadow, DoesNotDependOnTheWayFacesAreWound) {
 
 // The first layer counts, as on planes, also where it is the fainter one.
 TEST(PhantomShadow, HasTheFirstLayerOfAllCasters) {
-  Model block = make_box({0.16F, 0.16F, 0.06F});
-  for (Mesh& mesh : block.meshes) {
-    for (glm::vec3& p : mesh.positions) p.z += 0.03F;
-  }
+  const Model block = standing_box(0.16, 0.06);
   const auto all = around(0, 0, 0.075, 0.075);
   const OnBoth fractions =
       compare(block, l_shape(), test::at(0, 0, 0.15), 0.06, all, [](FramePlan& plan) {
@@ -565,7 +585,7 @@ TEST(PhantomShadow, HasTheFirstLayerOfAllCasters) {
 // A ramp: what hovers as far over it everywhere throws nothing upwards, and the same shade all
 // along.
 TEST(PhantomShadow, StaysUnderItsCaster) {
-  const auto red = [](double over, double x) {
+  const auto darkened = [](double over, double x) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
     builder.add(box(0.03, 0.06, 0.002), test::at(x, 0.0, 0.001 + 0.5 * x + over));
     builder.add(solid(ramp(0.5, 0.5, 0.01)), Placement(), false, true);
@@ -583,8 +603,8 @@ TEST(PhantomShadow, StaysUnderItsCaster) {
   };
   for (const double x : {0.05, 0.2, 0.4}) {
     SCOPED_TRACE(x);
-    EXPECT_GT(red(0.03, x), 300);
-    EXPECT_EQ(red(-0.03, x), 0) << "wholly under its surface";
+    EXPECT_GT(darkened(0.03, x), 300);
+    EXPECT_EQ(darkened(-0.03, x), 0) << "wholly under its surface";
   }
 }
 

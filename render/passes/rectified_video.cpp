@@ -1,0 +1,102 @@
+#include "render/passes/rectified_video.hpp"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <glm/vec2.hpp>
+
+#include "core/assert.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr double kCell_px = 12.0;
+constexpr double kNowhere_px = -1e6;
+
+}  // namespace
+
+CameraModel without_distortion(const CameraModel& camera) {
+  CameraParameters p = camera.parameters();
+  p.model = DistortionModel::plumb_bob;
+  p.distortion = {};
+  auto straight = CameraModel::make(p);
+  PENUMBRA_ASSERT(straight.has_value());
+  return std::move(*straight);
+}
+
+RectifyingGrid rectifying_grid(const CameraModel& camera) {
+  const CameraModel straight = without_distortion(camera);
+  RectifyingGrid grid;
+  grid.columns = static_cast<int>(std::ceil(camera.width() / kCell_px)) + 1;
+  grid.rows = static_cast<int>(std::ceil(camera.height() / kCell_px)) + 1;
+  for (int row = 0; row < grid.rows; ++row) {
+    for (int column = 0; column < grid.columns; ++column) {
+      // From edge to edge: half a pixel beyond the centres.
+      const Eigen::Vector2d pixel(-0.5 + std::min(column * kCell_px, 1.0 * camera.width()),
+                                  -0.5 + std::min(row * kCell_px, 1.0 * camera.height()));
+      grid.picture.push_back(pixel);
+      const auto ray = straight.unproject(pixel);
+      const auto source = ray ? camera.project_extended(*ray) : std::nullopt;
+      grid.video.push_back(source ? *source : Eigen::Vector2d::Constant(kNowhere_px));
+    }
+  }
+  return grid;
+}
+
+RectifiedVideo::RectifiedVideo(GlApi api, const CameraModel& camera)
+    : api_(api), width_(camera.width()), height_(camera.height()) {
+  struct Corner {
+    glm::vec2 place;
+    glm::vec2 source;
+  };
+  const RectifyingGrid grid = rectifying_grid(camera);
+  std::vector<Corner> corners;
+  for (std::size_t i = 0; i < grid.picture.size(); ++i) {
+    const Eigen::Vector2d& p = grid.picture[i];
+    const Eigen::Vector2d& v = grid.video[i];
+    corners.push_back({{static_cast<float>(2.0 * (p.x() + 0.5) / width_ - 1.0),
+                        static_cast<float>(2.0 * (p.y() + 0.5) / height_ - 1.0)},
+                       {static_cast<float>(v.x()), static_cast<float>(v.y())}});
+  }
+  std::vector<std::uint32_t> indices;
+  const auto columns = static_cast<std::uint32_t>(grid.columns);
+  for (std::uint32_t row = 0; row + 1 < static_cast<std::uint32_t>(grid.rows); ++row) {
+    for (std::uint32_t column = 0; column + 1 < columns; ++column) {
+      const std::uint32_t a = row * columns + column;
+      for (const std::uint32_t i : {a, a + 1, a + columns, a + columns, a + 1, a + columns + 1})
+        indices.push_back(i);
+    }
+  }
+  layout_.bind();
+  vertices_.write(std::span<const Corner>(corners));
+  VertexArray::attribute(0, 2, sizeof(Corner), offsetof(Corner, place));
+  VertexArray::attribute(1, 2, sizeof(Corner), offsetof(Corner, source));
+  indices_.write(std::span<const std::uint32_t>(indices));
+  index_count_ = static_cast<int>(indices.size());
+}
+
+Result<void> RectifiedVideo::draw(const VideoPass& video, const Frame& frame) {
+  constexpr std::array<std::string_view, 1> kVertex = {"rectified.vert.glsl"};
+  constexpr std::array<std::string_view, 2> kFragment = {"video_texel.glsl", "rectified.frag.glsl"};
+  std::optional<ShaderProgram>& program = programs_[layout_number(frame.format)];
+  if (!program) {
+    const std::array<std::string_view, 1> defines = {layout_define(frame.format)};
+    auto linked = ShaderProgram::link(api_, kVertex, kFragment, defines);
+    if (!linked) return tl::unexpected(linked.error());
+    program.emplace(std::move(*linked));
+  }
+  program->use();
+  video.bind_texels(*program, frame, 0);
+  program->set("last_pixel", glm::vec2(width_ - 1, height_ - 1));
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_STENCIL_TEST);
+  glDisable(GL_BLEND);
+  glDepthMask(GL_FALSE);
+  layout_.bind();
+  glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr);
+  return {};
+}
+
+}  // namespace penumbra

@@ -1,0 +1,21 @@
+// The video between its pixels, black outside of it. Interpolated by hand: the planes of video are
+// of several sizes, and the hardware's weights have 8 bits only.
+in vec2 source;
+layout(location = 0) out vec4 color;
+
+uniform vec2 last_pixel;
+
+vec3 at_pixel(ivec2 at) {
+  return clamp(video_color(clamp(at, ivec2(0), ivec2(last_pixel))), 0.0, 1.0);
+}
+
+void main() {
+  vec2 low = floor(source);
+  vec2 part = source - low;
+  ivec2 at = ivec2(low);
+  vec3 above = mix(at_pixel(at), at_pixel(at + ivec2(1, 0)), part.x);
+  vec3 below = mix(at_pixel(at + ivec2(0, 1)), at_pixel(at + ivec2(1, 1)), part.x);
+  bool inside = all(greaterThanEqual(source, vec2(-0.5))) &&
+                all(lessThanEqual(source, last_pixel + 0.5));
+  color = vec4(inside ? mix(above, below, part.y) : vec3(0.0), 1.0);
+}

@@ -1,0 +1,62 @@
+// The ways in which what is translucent (shadows, and what fades out) reaches the picture.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string_view>
+
+namespace penumbra {
+
+enum class Translucency {
+  automatic,      // the first of blend, retexture and mesh that works here
+  blend,          // the picture is multiplied, or mixed, by the blending hardware
+  mesh,           // screen-door: pixels are black or left alone, by an ordered pattern; no blending
+  retexture,      // fragments fetch what lies under them and write it anew; no blending
+  geometry_mesh,  // the mesh of Layered Penumbrae, as a baseline: black strips on the plane
+};
+
+struct TranslucencyName {
+  Translucency way;
+  std::string_view name;
+};
+inline constexpr std::array kTranslucencyNames = {
+    TranslucencyName{Translucency::automatic, "auto"},
+    TranslucencyName{Translucency::blend, "blend"},
+    TranslucencyName{Translucency::mesh, "mesh"},
+    TranslucencyName{Translucency::retexture, "retexture"},
+    TranslucencyName{Translucency::geometry_mesh, "geometry-mesh"},
+};
+
+[[nodiscard]] constexpr std::string_view to_string(Translucency way) {
+  for (const TranslucencyName& entry : kTranslucencyNames) {
+    if (entry.way == way) return entry.name;
+  }
+  return "auto";
+}
+[[nodiscard]] constexpr std::optional<Translucency> translucency_from_string(
+    std::string_view name) {
+  for (const TranslucencyName& entry : kTranslucencyNames) {
+    if (entry.name == name) return entry.way;
+  }
+  return std::nullopt;
+}
+
+// What a context was found to do (render/gl/picture_probe.hpp).
+struct PictureAbilities {
+  bool blends = true;   // a fragment can be multiplied with what is there
+  bool fetches = true;  // a fragment can read texels of a texture
+};
+
+// What is asked for is what is done; `automatic` is exact where it can be: blending and fetching
+// give the same picture, the first at less cost; a mesh needs neither.
+[[nodiscard]] constexpr Translucency choose_translucency(Translucency asked,
+                                                         const PictureAbilities& abilities) {
+  if (asked != Translucency::automatic) return asked;
+  if (abilities.blends) return Translucency::blend;
+  return abilities.fetches ? Translucency::retexture : Translucency::mesh;
+}
+
+// The screen-door's pattern has so many places: densities are multiples of one of them.
+inline constexpr int kDoorPlaces = 16;
+
+}  // namespace penumbra

@@ -1,0 +1,140 @@
+// Pictures that the GPU reads in the camera's own buffer are those that are copied to it, to the
+// last bit. Whether a driver reads them there is its own choice: Mesa's llvmpipe does from 24.3 on.
+#include <gtest/gtest.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <random>
+#include <vector>
+
+#include "core/frame.hpp"
+#include "render/gl/imported_texture.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::Picture;
+using test::Studio;
+
+// Memory that several can map, in place of a camera's.
+class SharedBuffer {
+ public:
+  SharedBuffer(std::size_t bytes, std::uint64_t number)
+      : number_(number), size_(bytes), descriptor_(memfd_create("frame", MFD_CLOEXEC)) {
+    if (descriptor_ < 0 || ftruncate(descriptor_, static_cast<off_t>(bytes)) != 0) std::abort();
+    void* start = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, descriptor_, 0);
+    if (start == MAP_FAILED) std::abort();
+    bytes_ = static_cast<std::uint8_t*>(start);
+  }
+  SharedBuffer(const SharedBuffer&) = delete;
+  SharedBuffer& operator=(const SharedBuffer&) = delete;
+  ~SharedBuffer() {
+    munmap(bytes_, size_);
+    close(descriptor_);
+  }
+  // The frame's pixels, in here.
+  [[nodiscard]] Frame filled(const Frame& from) {
+    Frame frame = from;
+    const std::uint8_t* first = from.planes[0].data;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i) {
+      PixelPlane& plane = frame.planes[i];
+      const auto offset = static_cast<std::size_t>(plane.data - first);
+      std::memcpy(bytes_ + offset, plane.data,
+                  static_cast<std::size_t>(plane.stride) * static_cast<std::size_t>(plane.height));
+      plane.data = bytes_ + offset;
+      frame.dma_buf.offset[i] = offset;
+    }
+    frame.dma_buf.descriptor = descriptor_;
+    frame.dma_buf.buffer = number_;
+    frame.owner = std::make_shared<int>(0);
+    return frame;
+  }
+
+ private:
+  const std::uint64_t number_;
+  const std::size_t size_;
+  const int descriptor_;
+  std::uint8_t* bytes_ = nullptr;
+};
+
+Frame noise(PixelFormat format, int width, int height, unsigned seed) {
+  FrameBuffer buffer = allocate_frame(format, width, height);
+  std::mt19937 random(seed);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(buffer.frame.plane_count); ++i) {
+    const PixelPlane& plane = buffer.frame.planes[i];
+    for (std::ptrdiff_t j = 0; j < plane.stride * plane.height; ++j) {
+      buffer.plane_data[i][j] = static_cast<std::uint8_t>(random() & 0xFFU);
+    }
+  }
+  return buffer.frame;
+}
+
+class ImportedVideo : public testing::TestWithParam<GlApi> {};
+
+TEST_P(ImportedVideo, IsTheCopiedOneInEveryFormat) {
+  constexpr int kWidth = 64, kHeight = 48;
+  constexpr std::size_t kMostBytes = std::size_t{kWidth} * kHeight * 4;
+  for (const PixelFormat format : {PixelFormat::grey8, PixelFormat::rgb24, PixelFormat::yuyv,
+                                   PixelFormat::nv12, PixelFormat::yuv420p, PixelFormat::yuv422p}) {
+    test::SceneBuilder empty;
+    Studio studio(empty.build(), test::camera_of(kWidth, kHeight, 50.0), GetParam());
+    // Two buffers in turn, as a camera fills them, and each again.
+    SharedBuffer first(kMostBytes, 1), second(kMostBytes, 2);
+    std::int64_t imports = 0;
+    for (unsigned i = 0; i < 6; ++i) {
+      const Frame frame = noise(format, kWidth, kHeight, i);
+      const Picture copied = studio.draw(frame, FramePlan());
+      EXPECT_EQ(studio.stats().video_copies, 1);
+      const Frame shared = (i % 2 == 0 ? first : second).filled(frame);
+      const Picture read = studio.draw(shared, FramePlan());
+      EXPECT_EQ(studio.stats().video_copies + studio.stats().video_imports, 1);
+      imports += studio.stats().video_imports;
+      ASSERT_EQ(read.rgba, copied.rgba) << static_cast<int>(format) << " " << i;
+      // Standing still it is there.
+      EXPECT_EQ(studio.draw(shared, FramePlan()).rgba, copied.rgba);
+      EXPECT_EQ(studio.stats().video_copies + studio.stats().video_imports, 0);
+    }
+    // A driver reads a layout, or it does not (RGB, say) and the picture is copied: never now and
+    // then.
+    EXPECT_TRUE(imports == 0 || imports == 6) << imports;
+    if (!can_import_textures()) {
+      EXPECT_EQ(imports, 0);
+    }
+    RecordProperty(fmt::format("imports_{}", static_cast<int>(format)), static_cast<int>(imports));
+  }
+}
+
+// The camera gets no buffer back that is being read, and in the end all of them.
+TEST_P(ImportedVideo, BuffersGoBackWhenTheGpuIsDone) {
+  constexpr int kWidth = 64, kHeight = 48;
+  test::SceneBuilder empty;
+  auto studio =
+      std::make_unique<Studio>(empty.build(), test::camera_of(kWidth, kHeight, 50.0), GetParam());
+  SharedBuffer buffer(std::size_t{kWidth} * kHeight * 4, 1);
+  std::vector<std::weak_ptr<const void>> owners;
+  for (unsigned i = 0; i < 10; ++i) {
+    const Frame frame = buffer.filled(noise(PixelFormat::nv12, kWidth, kHeight, i));
+    owners.push_back(frame.owner);
+    studio->draw(frame, FramePlan());
+    studio->draw(frame, FramePlan());
+  }
+  const auto held = std::count_if(owners.begin(), owners.end(),
+                                  [](const auto& owner) { return !owner.expired(); });
+  EXPECT_LE(held, 2);
+  studio.reset();
+  for (const auto& owner : owners) EXPECT_TRUE(owner.expired());
+}
+
+INSTANTIATE_TEST_SUITE_P(BothApis, ImportedVideo, testing::Values(GlApi::gl33, GlApi::gles30),
+                         [](const auto& api) {
+                           return api.param == GlApi::gl33 ? "OpenGl" : "OpenGlEs";
+                         });
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,199 @@
+// The picture without the lens's distortion: where each of its pixels is in the video, and the
+// overlay on it.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "render/passes/rectified_video.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+#include "support/studio_models.hpp"
+
+namespace penumbra::rectified_test {
+namespace {
+
+using test::Picture;
+
+constexpr int kWidth = 640;
+constexpr int kHeight = 480;
+
+std::vector<CameraModel> lenses() {
+  return {test::camera_of(kWidth, kHeight, 560.0, DistortionModel::plumb_bob,
+                          {-0.28, 0.08, 0.001, -0.0008, -0.006}),
+          test::camera_of(kWidth, kHeight, 520.0, DistortionModel::plumb_bob, {0.18, -0.04}),
+          test::camera_of(kWidth, kHeight, 500.0, DistortionModel::rational,
+                          {0.31, -0.05, 0.0006, -0.0004, 0.002, 0.62, -0.02, 0.004}),
+          test::camera_of(kWidth, kHeight, 420.0, DistortionModel::fisheye,
+                          {-0.04, 0.012, -0.006, 0.001})};
+}
+
+// Where the pixel's ray meets the video; as it is without a grid.
+Eigen::Vector2d exact(const CameraModel& camera, const CameraModel& straight, double x, double y) {
+  return *camera.project_extended(*straight.unproject({x, y}));
+}
+
+TEST(Rectified, TheGridIsRightToATenthOfAPixel) {
+  for (const CameraModel& camera : lenses()) {
+    const CameraModel straight = without_distortion(camera);
+    EXPECT_FALSE(straight.has_distortion());
+    EXPECT_EQ(straight.parameters().fx, camera.parameters().fx);
+    const RectifyingGrid grid = rectifying_grid(camera);
+    double worst = 0.0;
+    for (int row = 0; row + 1 < grid.rows; ++row) {
+      for (int column = 0; column + 1 < grid.columns; ++column) {
+        const auto corner = [&](int dx, int dy) {
+          return static_cast<std::size_t>((row + dy) * grid.columns + column + dx);
+        };
+        // Both triangles' sides and middles, where the chord is farthest from the bow.
+        for (const auto& [a, b] :
+             {std::pair(corner(0, 0), corner(1, 0)), std::pair(corner(0, 0), corner(0, 1)),
+              std::pair(corner(1, 0), corner(0, 1))}) {
+          const Eigen::Vector2d middle = 0.5 * (grid.picture[a] + grid.picture[b]);
+          const Eigen::Vector2d source = 0.5 * (grid.video[a] + grid.video[b]);
+          const Eigen::Vector2d truth = exact(camera, straight, middle.x(), middle.y());
+          // Of what can be seen in the video.
+          if (truth.x() < -1 || truth.y() < -1 || truth.x() > kWidth || truth.y() > kHeight)
+            continue;
+          worst = std::max(worst, (source - truth).norm());
+        }
+      }
+    }
+    EXPECT_LE(worst, 0.1);
+    EXPECT_GT(worst, 0.001) << "a lens that bends";
+  }
+}
+
+// A frame whose luma rises from left to right and from top to bottom says where each pixel of the
+// picture was taken from.
+TEST(Rectified, EveryPixelIsTheVideosAtItsRay) {
+  for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+    for (const CameraModel& camera : lenses()) {
+      for (const bool across : {true, false}) {
+        FrameBuffer buffer = allocate_frame(PixelFormat::grey8, kWidth, kHeight);
+        const auto luma = [across](double x, double y) { return 20.0 + 0.3 * (across ? x : y); };
+        for (int y = 0; y < kHeight; ++y) {
+          for (int x = 0; x < kWidth; ++x) {
+            buffer.plane_data[0][y * buffer.frame.planes[0].stride + x] =
+                static_cast<std::uint8_t>(std::lround(luma(x, y)));
+          }
+        }
+        const auto context = create_offscreen_context(api).value();
+        context->make_current();
+        auto compositor =
+            Compositor::create(*context, test::SceneBuilder().build(), camera, {true}).value();
+        Picture picture{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
+        ASSERT_TRUE(compositor.draw(buffer.frame, FramePlan()));
+        ASSERT_TRUE(compositor.read_back(picture.rgba));
+        const CameraModel straight = without_distortion(camera);
+        int inside = 0;
+        int outside = 0;
+        for (int y = 0; y < kHeight; y += 3) {
+          for (int x = 0; x < kWidth; x += 3) {
+            const Eigen::Vector2d at = exact(camera, straight, x, y);
+            if (at.x() > 0 && at.y() > 0 && at.x() < kWidth - 1 && at.y() < kHeight - 1) {
+              ++inside;
+              // Rounded to codes twice; 0.1 px of the grid are 0.03 of them.
+              ASSERT_NEAR(picture.red(x, y), luma(at.x(), at.y()), 1.05) << x << " " << y;
+            } else if (at.x() < -1 || at.y() < -1 || at.x() > kWidth || at.y() > kHeight) {
+              ++outside;
+              ASSERT_EQ(picture.red(x, y), 0) << x << " " << y;
+            }
+          }
+        }
+        EXPECT_GT(inside, 20'000);
+        (void)outside;  // only a lens that bends outwards leaves such pixels
+      }
+    }
+  }
+}
+
+// What stands on the table is drawn where the table is in the straight picture: over a frame whose
+// only mark is drawn where the true lens puts it.
+TEST(Rectified, TheOverlayIsOnTheVideo) {
+  for (const CameraModel& camera : lenses()) {
+    const CameraPose pose = test::look_at({0.05, -0.35, 0.4}, {0.0, 0.0, 0.0});
+    test::SceneBuilder builder;
+    builder.add(test::box(0.08, 0.08, 0.002), test::at(0.06, 0.04, 0.001), false);
+    const auto scene = builder.build();
+    const auto context = create_offscreen_context().value();
+    context->make_current();
+    auto bent = Compositor::create(*context, scene, camera).value();
+    auto rectified = Compositor::create(*context, scene, camera, {true}).value();
+    const auto draw = [&](Compositor& compositor, const CameraModel& view, const Frame& frame,
+                          bool with_object) {
+      FramePlan plan = plan_frame(*scene, evaluate_scene(*scene, 0.0), test::tracked(pose), view);
+      if (!with_object) plan.objects.clear();
+      Picture picture{kWidth, kHeight, std::vector<std::uint8_t>(4 * kWidth * kHeight)};
+      EXPECT_TRUE(compositor.draw(frame, plan));
+      EXPECT_TRUE(compositor.read_back(picture.rgba));
+      return picture;
+    };
+    // The object as the lens shows it becomes the video.
+    const Frame grey = test::plain_frame(kWidth, kHeight, 30);
+    const Picture seen = draw(bent, camera, grey, true);
+    FrameBuffer video = allocate_frame(PixelFormat::grey8, kWidth, kHeight);
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        video.plane_data[0][y * video.frame.planes[0].stride + x] =
+            std::equal(seen.at(x, y), seen.at(x, y) + 3, std::array{30, 30, 30}.data()) ? 0 : 200;
+      }
+    }
+    const CameraModel straight = without_distortion(camera);
+    const Picture resampled = draw(rectified, straight, video.frame, false);
+    const Picture drawn = draw(rectified, straight, grey, true);
+    const Picture empty = draw(rectified, straight, grey, false);
+    const auto middle = [](const Picture& picture, auto weight) {
+      Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+      for (int y = 0; y < kHeight; ++y) {
+        for (int x = 0; x < kWidth; ++x) sum += weight(picture, x, y) * Eigen::Vector3d(x, y, 1.0);
+      }
+      return Eigen::Vector3d(sum.x() / sum.z(), sum.y() / sum.z(), sum.z());
+    };
+    const Eigen::Vector3d of_video =
+        middle(resampled, [](const Picture& p, int x, int y) { return p.red(x, y) / 200.0; });
+    const Eigen::Vector3d of_overlay = middle(drawn, [&](const Picture& p, int x, int y) {
+      return std::equal(p.at(x, y), p.at(x, y) + 3, empty.at(x, y)) ? 0.0 : 1.0;
+    });
+    ASSERT_GT(of_overlay.z(), 2000.0);
+    EXPECT_LE((of_video - of_overlay).head<2>().norm(), 0.15);
+    EXPECT_NEAR(of_video.z() / of_overlay.z(), 1.0, 0.03);
+  }
+}
+
+// Retextured, shadows lie on what the straight picture shows and not on the video's own pixels.
+TEST(Rectified, RetexturedShadowsAreOnTheStraightPicture) {
+  test::SceneBuilder builder;
+  builder.add(test::ring(), test::at(0.0, 0.0, 0.08));
+  const auto scene = builder.build();
+  const CameraModel camera = lenses().front();
+  const CameraModel straight = without_distortion(camera);
+  FrameBuffer buffer = allocate_frame(PixelFormat::nv12, kWidth, kHeight);
+  for (std::size_t plane = 0; plane < 2; ++plane) {
+    const PixelPlane& view = buffer.frame.planes[plane];
+    for (std::ptrdiff_t i = 0; i < view.stride * view.height; ++i)
+      buffer.plane_data[plane][i] = static_cast<std::uint8_t>(i * 2654435761U >> 13U);
+  }
+  const auto context = create_offscreen_context().value();
+  context->make_current();
+  auto compositor = Compositor::create(*context, scene, camera, {true}).value();
+  const auto draw = [&](Translucency way) {
+    PlanOptions options;
+    options.translucency = way;
+    const auto pose = test::tracked(test::look_at({0.05, -0.35, 0.4}, {0.0, 0.0, 0.0}));
+    FramePlan plan = plan_frame(*scene, evaluate_scene(*scene, 0.0), pose, straight, options);
+    plan.objects.clear();
+    std::vector<std::uint8_t> pixels(4 * kWidth * kHeight);
+    EXPECT_TRUE(compositor.draw(buffer.frame, plan));
+    EXPECT_TRUE(compositor.read_back(pixels));
+    return pixels;
+  };
+  const auto blended = draw(Translucency::blend);
+  const auto fetched = draw(Translucency::retexture);
+  for (std::size_t i = 0; i < blended.size(); ++i) ASSERT_NEAR(blended[i], fetched[i], 1);
+  EXPECT_NE(blended, draw(Translucency::mesh));
+}
+
+}  // namespace
+}  // namespace penumbra::rectified_test

@@ -1,0 +1,581 @@
+// The ways in which shadows, and what fades out, let the picture shine through: densities and order
+// of the mesh, what is fetched against what is blended, and that only `blend` blends.
+#include <epoxy/gl.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <random>
+#include <set>
+#include <span>
+#include <string>
+
+#include "render/gl/picture_probe.hpp"
+#include "render/passes/shadow_pass.hpp"
+#include "render/passes/translucent_program.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+#include "support/studio_models.hpp"
+
+namespace penumbra::translucency_test {
+namespace {
+
+using test::box;
+using test::Picture;
+using test::ring;
+using test::SceneBuilder;
+using test::Studio;
+
+constexpr int kWidth = 320;
+constexpr int kHeight = 240;
+constexpr std::array kWithoutBlending = {Translucency::mesh, Translucency::retexture,
+                                         Translucency::geometry_mesh};
+const std::array<double, 8> kBent = {-0.28, 0.09, 0.0012, -0.0009, -0.006};
+
+CameraModel straight_camera() {
+  return test::camera_of(kWidth, kHeight, 300.0);
+}
+CameraModel bent_camera() {
+  return test::camera_of(kWidth, kHeight, 260.0, DistortionModel::plumb_bob, kBent);
+}
+Frame white() {
+  return test::plain_frame(kWidth, kHeight, 255);
+}
+Frame noise(PixelFormat format) {
+  FrameBuffer buffer = allocate_frame(format, kWidth, kHeight);
+  std::mt19937 random(11);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(buffer.frame.plane_count); ++i) {
+    const PixelPlane& plane = buffer.frame.planes[i];
+    const std::ptrdiff_t bytes = plane.stride * plane.height;
+    for (std::ptrdiff_t j = 0; j < bytes; ++j)
+      buffer.plane_data[i][j] = static_cast<std::uint8_t>(random() & 0xFFU);
+  }
+  buffer.frame.color_matrix = ColorMatrix::bt709;
+  buffer.frame.color_range = ColorRange::limited;
+  return buffer.frame;
+}
+
+// From above, all three layers of a plate seen beside each other.
+SceneBuilder plate(const LightFractions& fractions) {
+  SceneBuilder builder;
+  builder.add(box(0.12, 0.12, 0.004), test::at(0.0, 0.0, 0.1));
+  builder.scene().shadows[0].layered = make_layered_constants(0.6, 3.0, 0.0).value();
+  builder.scene().shadows[0].fractions = fractions;
+  return builder;
+}
+PoseEstimate above() {
+  return test::tracked(test::look_at({0.02, -0.06, 0.45}, {0.0, 0.0, 0.0}));
+}
+
+// Casters over a table, a wall with an outline and a phantom; two lights.
+SceneBuilder busy() {
+  SceneBuilder builder;
+  builder.add(ring(), test::at(0.05, 0.0, 0.1, {1, 0, 0}, 0.4));
+  builder.add(box(0.06, 0.06, 0.06), test::at(-0.08, 0.04, 0.03));
+  builder.add(box(0.05, 0.05, 0.05), test::at(0.0, -0.1, 0.17, {1, 1, 0}, 0.5));
+  builder.add(box(0.09, 0.09, 0.06), test::at(0.06, 0.0, 0.03), false, true);
+  ScenePlane& wall = builder.scene().planes.emplace_back();
+  wall.name = "wall";
+  wall.normal = {0, -1, 0};
+  wall.point = {0, 0.15, 0};
+  wall.outline = {{-0.2, 0.0}, {0.2, 0.0}, {0.2, 0.2}, {-0.2, 0.2}};
+  builder.scene().shadows[0].walls = {1};
+  SceneLight lamp;
+  lamp.name = "lamp";
+  lamp.position = {0.2, -0.3, 0.9};
+  lamp.intensity = 0.8;
+  builder.scene().lights.push_back(lamp);
+  lamp.name = "other";
+  lamp.position = {-0.5, -0.4, 0.7};
+  lamp.color = {1.0, 0.7, 0.4};
+  builder.scene().lights.push_back(lamp);
+  builder.scene().shadows[0].lights = {0, 1};
+  return builder;
+}
+// Onto both planes: what falls on the phantom has two directions.
+SceneBuilder busy_on_both() {
+  SceneBuilder builder = busy();
+  builder.scene().shadows[0].planes = {0, 1};
+  return builder;
+}
+std::vector<CameraPose> views() {
+  return {test::look_at({0.3, -0.5, 0.4}, {0.0, 0.0, 0.05}),
+          test::look_at({-0.2, -0.4, 0.25}, {0.1, 0.0, 0.02}),
+          test::look_at({0.05, -0.1, 0.6}, {0.0, 0.0, 0.0}),
+          test::look_at({0.06, 0.01, 0.13}, {0.3, 0.1, 0.05}),
+          test::look_at({0.5, -0.2, 0.2}, {0.4, 0.4, 0.0})};
+}
+
+PlanOptions options_of(Translucency way, ShadowTechnique technique = ShadowTechnique::layered) {
+  PlanOptions options;
+  options.translucency = way;
+  options.technique = technique;
+  return options;
+}
+
+bool is_black(const Picture& picture, int x, int y) {
+  return picture.at(x, y)[0] == 0 && picture.at(x, y)[1] == 0 && picture.at(x, y)[2] == 0;
+}
+int black_pixels(const Picture& picture) {
+  int count = 0;
+  for (int y = 0; y < picture.height; ++y) {
+    for (int x = 0; x < picture.width; ++x) count += is_black(picture, x, y) ? 1 : 0;
+  }
+  return count;
+}
+bool all_black_of_are_black_in(const Picture& lighter, const Picture& darker) {
+  for (int y = 0; y < lighter.height; ++y) {
+    for (int x = 0; x < lighter.width; ++x) {
+      if (is_black(lighter, x, y) && !is_black(darker, x, y)) return false;
+    }
+  }
+  return true;
+}
+int largest_difference(const Picture& a, const Picture& b) {
+  int largest = 0;
+  for (std::size_t i = 0; i < a.rgba.size(); ++i)
+    largest =
+        std::max(largest, std::abs(static_cast<int>(a.rgba[i]) - static_cast<int>(b.rgba[i])));
+  return largest;
+}
+
+void keep_layer(FramePlan& plan, int layer) {
+  for (ShadowDraw& draw : plan.shadows) {
+    draw.umbra = layer == 0;
+    draw.middle = layer == 1;
+    draw.penumbra = layer == 2;
+  }
+}
+
+TEST(Translucency, EveryWordIsAWay) {
+  for (const auto& [way, name] : kTranslucencyNames) {
+    EXPECT_EQ(to_string(way), name);
+    EXPECT_EQ(translucency_from_string(name), way);
+  }
+  EXPECT_FALSE(translucency_from_string("glass"));
+}
+
+TEST(Translucency, WhatIsAskedForIsDoneAndTheRestByWhatWorks) {
+  for (const bool blends : {false, true}) {
+    for (const bool fetches : {false, true}) {
+      const PictureAbilities abilities{blends, fetches};
+      for (const Translucency way : kWithoutBlending)
+        EXPECT_EQ(choose_translucency(way, abilities), way);
+      EXPECT_EQ(choose_translucency(Translucency::blend, abilities), Translucency::blend);
+      EXPECT_EQ(choose_translucency(Translucency::automatic, abilities),
+                blends    ? Translucency::blend
+                : fetches ? Translucency::retexture
+                          : Translucency::mesh);
+    }
+  }
+}
+
+// In every 4 x 4 pixels that lie wholly in one layer, wherever they begin, the share of pixels that
+// are left alone is the layer's light fraction: to the last pixel where it is a multiple of 1/16,
+// to half a pixel of 16 where not.
+TEST(Mesh, DensitiesAreTheLightFractions) {
+  struct Case {
+    LightFractions fractions;
+    std::array<int, 3> black;  // of 16
+  };
+  for (const Case& c : {Case{{0.0625, 0.4375, 0.8125}, {15, 9, 3}},
+                        Case{{0.15, 0.4, 0.83}, {14, 10, 3}}, Case{{0.0, 0.5, 1.0}, {16, 8, 0}}}) {
+    for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+      Studio studio(plate(c.fractions).build(), straight_camera(), api);
+      const Picture blended =
+          studio.draw_shadows(white(), studio.plan(above(), options_of(Translucency::blend)));
+      const FramePlan plan = studio.plan(above(), options_of(Translucency::mesh));
+      const Picture mesh = studio.draw_shadows(white(), plan);
+      const glm::vec3 light = layer_light(plan.shadows.at(0));
+      std::array<int, 3> blocks{};
+      for (int y = 0; y + 4 <= kHeight; ++y) {
+        for (int x = 0; x + 4 <= kWidth; ++x) {
+          const int code = blended.red(x, y);
+          bool uniform = true;
+          int black = 0;
+          for (int dy = 0; dy < 4; ++dy) {
+            for (int dx = 0; dx < 4; ++dx) {
+              uniform = uniform && blended.red(x + dx, y + dy) == code;
+              black += is_black(mesh, x + dx, y + dy) ? 1 : 0;
+            }
+          }
+          if (!uniform || (code == 255 && c.fractions.penumbra < 1.0)) continue;
+          for (int layer = 0; layer < 3; ++layer) {
+            if (std::abs(code - 255.0 * static_cast<double>(light[layer])) > 0.6) continue;
+            ++blocks[static_cast<std::size_t>(layer)];
+            ASSERT_EQ(black, c.black[static_cast<std::size_t>(layer)]) << x << " " << y;
+          }
+        }
+      }
+      for (const int count : blocks) EXPECT_GT(count, 500);
+      EXPECT_EQ(studio.stats().translucency, Translucency::mesh);
+    }
+  }
+}
+
+// Places of the pattern that are dark are dark in everything darker: layers and casters may be
+// drawn in any order, each by itself or all at once.
+TEST(Mesh, IsNested) {
+  SceneBuilder builder = plate({0.15, 0.4, 0.83});
+  builder.add(ring(), test::at(0.04, 0.03, 0.06));
+  Studio studio(builder.build(), bent_camera());
+  FramePlan plan = studio.plan(above(), options_of(Translucency::mesh));
+  const Picture whole = studio.draw_shadows(white(), plan);
+  std::array<Picture, 3> layers;
+  Picture together = studio.draw(white(), FramePlan());
+  for (int layer = 0; layer < 3; ++layer) {
+    FramePlan alone = plan;
+    keep_layer(alone, layer);
+    Picture& picture = layers[static_cast<std::size_t>(layer)];
+    picture = studio.draw_shadows(white(), alone);
+    EXPECT_GT(black_pixels(picture), 200);
+    EXPECT_TRUE(all_black_of_are_black_in(picture, whole));
+    for (std::size_t i = 0; i < together.rgba.size(); ++i)
+      together.rgba[i] = std::min(together.rgba[i], picture.rgba[i]);
+  }
+  EXPECT_EQ(together, whole);
+  // The same place in all three layers of one caster, where the layers lie over each other.
+  FramePlan solid = plan;
+  for (ShadowDraw& draw : solid.shadows) draw.fractions = {0.0, 0.0, 0.0};
+  std::array<Picture, 3> masks;
+  for (int layer = 0; layer < 3; ++layer) {
+    FramePlan alone = solid;
+    keep_layer(alone, layer);
+    masks[static_cast<std::size_t>(layer)] = studio.draw_shadows(white(), alone);
+  }
+  int compared = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      for (std::size_t dark = 0; dark < 2; ++dark) {
+        if (!is_black(masks[dark], x, y) || !is_black(masks[dark + 1], x, y)) continue;
+        ++compared;
+        ASSERT_TRUE(!is_black(layers[dark + 1], x, y) || is_black(layers[dark], x, y)) << x << y;
+      }
+    }
+  }
+  EXPECT_GT(compared, 1000);
+
+  std::ranges::reverse(plan.shadows);
+  EXPECT_EQ(studio.draw_shadows(white(), plan), whole);
+}
+
+// What a fading pose leaves of shadows and objects is a share of the pattern too.
+TEST(Mesh, WhatFadesHasFewerPlaces) {
+  SceneBuilder builder;
+  builder.add(box(0.2, 0.2, 0.02), test::at(0, 0, 0.01), false);
+  Studio studio(builder.build(), straight_camera());
+  PoseEstimate pose = above();
+  const Picture solid = studio.draw(white(), studio.plan(pose, options_of(Translucency::mesh)));
+  pose.status = TrackStatus::held;
+  pose.age_s = 0.25;
+  const FramePlan plan = studio.plan(pose, options_of(Translucency::mesh));
+  ASSERT_NEAR(plan.overlay_opacity, 0.5, 1e-6);
+  const Picture faint = studio.draw(white(), plan);
+  int of_object = 0;
+  int seen = 0;
+  for (int y = 90; y < 90 + 60; ++y) {
+    for (int x = 130; x < 130 + 60; ++x) {
+      ASSERT_NE(solid.red(x, y), 255);
+      const bool object = std::equal(faint.at(x, y), faint.at(x, y) + 4, solid.at(x, y));
+      of_object += object ? 1 : 0;
+      seen += faint.red(x, y) == 255 ? 1 : 0;
+    }
+  }
+  EXPECT_EQ(of_object, 60 * 60 / 2);
+  EXPECT_EQ(seen, 60 * 60 / 2);
+}
+
+// Retextured, the picture is the blended one to the rounding of a code: shadows on planes and
+// phantoms, of several lights, on virtual things, and what fades.
+TEST(Retexture, IsWhatBlendingGives) {
+  for (const auto& builder : {busy(), busy_on_both()}) {
+    for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+      Studio studio(builder.build(), bent_camera(), api);
+      const Frame frame = noise(PixelFormat::nv12);
+      const auto poses = views();
+      const std::size_t count = api == GlApi::gl33 ? 3 : 1;  // both draw the same: another test
+      for (const auto& [technique, name] : kShadowTechniqueNames) {
+        for (const CameraPose& view : std::span(poses).first(count)) {
+          for (const double age_s : {0.0, 0.25}) {
+            PoseEstimate pose = test::tracked(view);
+            if (age_s > 0.0) pose.status = TrackStatus::held;
+            pose.age_s = age_s;
+            const auto draw = [&](Translucency way) {
+              return studio.draw(frame, studio.plan(pose, options_of(way, technique)));
+            };
+            // A faint object may be darkened: blended, it is rounded twice.
+            EXPECT_LE(largest_difference(draw(Translucency::blend), draw(Translucency::retexture)),
+                      age_s > 0.0 ? 2 : 1)
+                << name << " " << age_s;
+          }
+        }
+      }
+    }
+  }
+}
+
+// Half of a solid ray and half of what is there without it.
+TEST(Retexture, FaintRaysAreMixedInOnce) {
+  Studio studio(busy().build(), bent_camera());
+  const Frame frame = noise(PixelFormat::nv12);
+  const auto draw = [&](bool faint, bool rays) {
+    PoseEstimate pose = test::tracked(views().front());
+    if (faint) pose.status = TrackStatus::held;
+    pose.age_s = faint ? 0.25 : 0.0;
+    PlanOptions options = options_of(Translucency::retexture, ShadowTechnique::hard);
+    options.light_rays = rays;
+    return studio.draw(frame, studio.plan(pose, options));
+  };
+  const Picture solid = draw(false, true);
+  const Picture solid_without = draw(false, false);
+  const Picture faint = draw(true, true);
+  const Picture faint_without = draw(true, false);
+  int rays = 0;
+  for (std::size_t i = 0; i < solid.rgba.size(); i += 4) {
+    const bool ray = !std::equal(&solid.rgba[i], &solid.rgba[i] + 4, &solid_without.rgba[i]);
+    rays += ray ? 1 : 0;
+    for (std::size_t c = i; c < i + 3; ++c) {
+      const double expected =
+          ray ? 0.5 * (solid.rgba[c] + faint_without.rgba[c]) : faint_without.rgba[c];
+      ASSERT_NEAR(faint.rgba[c], expected, 1.01);
+    }
+  }
+  EXPECT_GT(rays, 500);
+}
+
+TEST(Retexture, FetchesEveryVideoFormat) {
+  Studio studio(plate({0.15, 0.4, 0.83}).build(), straight_camera());
+  for (const PixelFormat format :
+       {PixelFormat::grey8, PixelFormat::rgb24, PixelFormat::yuyv, PixelFormat::nv12,
+        PixelFormat::yuv420p, PixelFormat::yuv422p, PixelFormat::yuv444p}) {
+    for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field}) {
+      const Frame frame = noise(format);
+      const auto draw = [&](Translucency way) {
+        return studio.draw_shadows(frame, studio.plan(above(), options_of(way, technique)));
+      };
+      const Picture blended = draw(Translucency::blend);
+      EXPECT_LE(largest_difference(blended, draw(Translucency::retexture)), 1);
+      EXPECT_GT(largest_difference(blended, studio.draw(frame, FramePlan())), 40);
+    }
+  }
+}
+
+// What OpenGL is set to when something is drawn, by functions put in the place of the driver's.
+struct Watched {
+  std::int64_t draws = 0, blended = 0, stencilled = 0;
+};
+Watched watched;
+void watch() {
+  ++watched.draws;
+  watched.blended += glIsEnabled(GL_BLEND) == GL_TRUE ? 1 : 0;
+  watched.stencilled += glIsEnabled(GL_STENCIL_TEST) == GL_TRUE ? 1 : 0;
+}
+PFNGLDRAWARRAYSPROC driver_draw_arrays;
+PFNGLDRAWELEMENTSPROC driver_draw_elements;
+PFNGLDRAWARRAYSINSTANCEDPROC driver_draw_arrays_instanced;
+PFNGLDRAWELEMENTSINSTANCEDPROC driver_draw_elements_instanced;
+void draw_arrays(GLenum mode, GLint first, GLsizei count) {
+  watch();
+  driver_draw_arrays(mode, first, count);
+}
+void draw_elements(GLenum mode, GLsizei count, GLenum type, const void* indices) {
+  watch();
+  driver_draw_elements(mode, count, type, indices);
+}
+void draw_arrays_instanced(GLenum mode, GLint first, GLsizei count, GLsizei instances) {
+  watch();
+  driver_draw_arrays_instanced(mode, first, count, instances);
+}
+void draw_elements_instanced(GLenum mode, GLsizei count, GLenum type, const void* indices,
+                             GLsizei instances) {
+  watch();
+  driver_draw_elements_instanced(mode, count, type, indices, instances);
+}
+class Watch {
+ public:
+  Watch() {
+    watched = {};
+    driver_draw_arrays = epoxy_glDrawArrays;
+    driver_draw_elements = epoxy_glDrawElements;
+    driver_draw_arrays_instanced = epoxy_glDrawArraysInstanced;
+    driver_draw_elements_instanced = epoxy_glDrawElementsInstanced;
+    epoxy_glDrawArrays = draw_arrays;
+    epoxy_glDrawElements = draw_elements;
+    epoxy_glDrawArraysInstanced = draw_arrays_instanced;
+    epoxy_glDrawElementsInstanced = draw_elements_instanced;
+  }
+  Watch(const Watch&) = delete;
+  Watch& operator=(const Watch&) = delete;
+  ~Watch() {
+    epoxy_glDrawArrays = driver_draw_arrays;
+    epoxy_glDrawElements = driver_draw_elements;
+    epoxy_glDrawArraysInstanced = driver_draw_arrays_instanced;
+    epoxy_glDrawElementsInstanced = driver_draw_elements_instanced;
+  }
+};
+
+TEST(Translucency, OnlyBlendBlends) {
+  Studio studio(busy_on_both().build(), bent_camera());
+  const Frame frame = noise(PixelFormat::yuv420p);
+  const auto draw_all = [&](Translucency way) {
+    for (const auto& [technique, name] : kShadowTechniqueNames) {
+      for (const bool faint : {false, true}) {
+        PoseEstimate pose = test::tracked(views().front());
+        if (faint) pose.status = TrackStatus::held;
+        pose.age_s = faint ? 0.25 : 0.0;
+        PlanOptions options = options_of(way, technique);
+        options.light_rays = true;
+        const Picture picture = studio.draw(frame, studio.plan(pose, options));
+        ASSERT_NE(picture, studio.draw(frame, FramePlan())) << name;
+      }
+    }
+  };
+  draw_all(Translucency::blend);  // the driver's functions are known now
+  for (const Translucency way : kWithoutBlending) {
+    const Watch watch;
+    draw_all(way);
+    EXPECT_GT(watched.draws, 100);
+    EXPECT_EQ(watched.blended, 0) << to_string(way);
+  }
+  const Watch watch;
+  draw_all(Translucency::blend);
+  EXPECT_GT(watched.blended, 30);
+}
+
+// On a plane without end neither the mesh nor fetching needs a stencil; blending does.
+TEST(Translucency, MeshAndRetextureNeedNoStencilOnATable) {
+  SceneBuilder builder = busy();
+  builder.scene().planes.resize(1);
+  builder.scene().shadows[0].walls.clear();
+  Studio studio(builder.build(), bent_camera());
+  const Frame frame = noise(PixelFormat::yuyv);
+  const auto stencilled = [&](Translucency way) {
+    const auto draw = [&] {
+      (void)studio.draw(frame, studio.plan(test::tracked(views().front()), options_of(way)));
+    };
+    draw();
+    const Watch watch;
+    draw();
+    EXPECT_GT(watched.draws, 5);
+    return watched.stencilled;
+  };
+  EXPECT_GT(stencilled(Translucency::blend), 3);
+  EXPECT_EQ(stencilled(Translucency::mesh), 0);
+  EXPECT_EQ(stencilled(Translucency::retexture), 0);
+}
+
+TEST(Translucency, LeavingOutWhatCannotShowChangesNoBit) {
+  const auto scene = busy_on_both().build();
+  Studio with(scene, bent_camera());
+  Studio without(scene, bent_camera());
+  const Frame frame = noise(PixelFormat::nv12);
+  std::size_t skipped = 0;
+  for (const Translucency way : kWithoutBlending) {
+    for (const auto& [technique, name] : kShadowTechniqueNames) {
+      PlanOptions some = options_of(way, technique);
+      PlanOptions all = some;
+      all.skip = false;
+      for (const CameraPose& view : views()) {
+        const FramePlan plan = with.plan(test::tracked(view), some);
+        skipped += plan.skipped.size();
+        ASSERT_EQ(with.draw(frame, plan),
+                  without.draw(frame, without.plan(test::tracked(view), all)))
+            << to_string(way) << " " << name << " " << view.translation().transpose();
+      }
+    }
+  }
+  EXPECT_GT(skipped, 30U);
+}
+
+TEST(Translucency, BothApisDrawTheSame) {
+  const auto scene = busy_on_both().build();
+  Studio desktop(scene, bent_camera(), GlApi::gl33);
+  Studio embedded(scene, bent_camera(), GlApi::gles30);
+  const Frame frame = noise(PixelFormat::nv12);
+  for (const Translucency way : kWithoutBlending) {
+    for (const auto& [technique, name] : kShadowTechniqueNames) {
+      for (const CameraPose& view : views()) {
+        const FramePlan plan = desktop.plan(test::tracked(view), options_of(way, technique));
+        const Picture one = desktop.draw(frame, plan);
+        const Picture other = embedded.draw(frame, plan);
+        int over = 0;
+        for (std::size_t i = 0; i < one.rgba.size(); ++i)
+          over += std::abs(one.rgba[i] - other.rgba[i]) > 2 ? 1 : 0;
+        EXPECT_LE(over, 8) << to_string(way) << " " << name;
+      }
+    }
+  }
+}
+
+// Strips so near that they are many pixels wide: their share of each layer is the layer's.
+TEST(GeometryMesh, TakesTheLayersShareOfTheLight) {
+  const LightFractions fractions{0.15, 0.4, 0.83};
+  Studio studio(plate(fractions).build(), test::camera_of(900, 900, 1200.0));
+  const PoseEstimate near = test::tracked(test::look_at({0.0, -0.01, 0.2}, {0.0, 0.0, 0.0}));
+  const Frame frame = test::plain_frame(900, 900, 255);
+  const std::array<double, 3> left = {fractions.umbra, fractions.middle, fractions.penumbra};
+  for (int layer = 0; layer < 3; ++layer) {
+    FramePlan blended = studio.plan(near, options_of(Translucency::blend));
+    FramePlan strips = studio.plan(near, options_of(Translucency::geometry_mesh));
+    keep_layer(blended, layer);
+    keep_layer(strips, layer);
+    const Picture mask = studio.draw_shadows(frame, blended);
+    const Picture picture = studio.draw_shadows(frame, strips);
+    EXPECT_EQ(studio.stats().translucency, Translucency::geometry_mesh);
+    int inside = 0;
+    int black = 0;
+    for (int y = 0; y < 900; ++y) {
+      for (int x = 0; x < 900; ++x) {
+        const bool is_inside = mask.red(x, y) != 255;
+        inside += is_inside ? 1 : 0;
+        black += is_black(picture, x, y) ? 1 : 0;
+        ASSERT_TRUE(is_inside || picture.red(x, y) == 255);
+        ASSERT_TRUE(is_black(picture, x, y) || picture.red(x, y) == 255);
+      }
+    }
+    ASSERT_GT(inside, 100'000);
+    EXPECT_NEAR(static_cast<double>(black) / inside, 1.0 - left[static_cast<std::size_t>(layer)],
+                0.02);
+  }
+}
+
+// A driver that has no blending is found out, and `auto` then fetches.
+void (*driver_enable)(GLenum);
+void enable_without_blending(GLenum ability) {
+  if (ability != GL_BLEND) driver_enable(ability);
+}
+
+TEST(PictureProbe, FindsWhatWorks) {
+  for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+    const auto context = create_offscreen_context(api).value();
+    context->make_current();
+    const PictureAbilities found = probe_picture(api).value();
+    EXPECT_TRUE(found.blends);
+    EXPECT_TRUE(found.fetches);
+    EXPECT_EQ(glGetError(), static_cast<GLenum>(GL_NO_ERROR));
+
+    driver_enable = epoxy_glEnable;
+    epoxy_glEnable = enable_without_blending;
+    const PictureAbilities without = probe_picture(api).value();
+    epoxy_glEnable = driver_enable;
+    EXPECT_FALSE(without.blends);
+    EXPECT_TRUE(without.fetches);
+  }
+}
+
+TEST(PictureProbe, DecidesWhatAutoDoes) {
+  Studio studio(plate({0.15, 0.4, 0.83}).build(), straight_camera());
+  const auto drawn = [&] {
+    (void)studio.draw(white(), studio.plan(above()));
+    return studio.stats().translucency;
+  };
+  EXPECT_EQ(drawn(), Translucency::blend);
+  studio.compositor().set_abilities({false, true});
+  EXPECT_EQ(drawn(), Translucency::retexture);
+  studio.compositor().set_abilities({false, false});
+  EXPECT_EQ(drawn(), Translucency::mesh);
+}
+
+}  // namespace
+}  // namespace penumbra::translucency_test
