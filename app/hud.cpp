@@ -15,28 +15,42 @@ struct Key {
   WindowCommand command;
 };
 constexpr std::array kKeys = {
-    Key{GLFW_KEY_ESCAPE, WindowCommand::quit},     Key{GLFW_KEY_Q, WindowCommand::quit},
-    Key{GLFW_KEY_SPACE, WindowCommand::pause},     Key{GLFW_KEY_PERIOD, WindowCommand::step},
-    Key{GLFW_KEY_S, WindowCommand::screenshot},    Key{GLFW_KEY_R, WindowCommand::record},
-    Key{GLFW_KEY_F11, WindowCommand::full_screen}, Key{GLFW_KEY_F, WindowCommand::full_screen},
-    Key{GLFW_KEY_H, WindowCommand::hud},           Key{GLFW_KEY_F1, WindowCommand::help},
-    Key{GLFW_KEY_D, WindowCommand::debug},         Key{GLFW_KEY_P, WindowCommand::panels},
-    Key{GLFW_KEY_C, WindowCommand::layout},        Key{GLFW_KEY_X, WindowCommand::slide},
-    Key{GLFW_KEY_Z, WindowCommand::lift},          Key{GLFW_KEY_Y, WindowCommand::reach},
-    Key{GLFW_KEY_T, WindowCommand::turn},          Key{GLFW_KEY_B, WindowCommand::put},
-    Key{GLFW_KEY_K, WindowCommand::cursor},        Key{GLFW_KEY_N, WindowCommand::next_technique},
+    Key{GLFW_KEY_ESCAPE, WindowCommand::quit},
+    Key{GLFW_KEY_Q, WindowCommand::quit},
+    Key{GLFW_KEY_SPACE, WindowCommand::pause},
+    Key{GLFW_KEY_PERIOD, WindowCommand::step},
+    Key{GLFW_KEY_S, WindowCommand::screenshot},
+    Key{GLFW_KEY_R, WindowCommand::record},
+    Key{GLFW_KEY_F11, WindowCommand::full_screen},
+    Key{GLFW_KEY_F, WindowCommand::full_screen},
+    Key{GLFW_KEY_H, WindowCommand::hud},
+    Key{GLFW_KEY_F1, WindowCommand::help},
+    Key{GLFW_KEY_D, WindowCommand::debug},
+    Key{GLFW_KEY_P, WindowCommand::panels},
+    Key{GLFW_KEY_C, WindowCommand::layout},
+    Key{GLFW_KEY_X, WindowCommand::slide},
+    Key{GLFW_KEY_Z, WindowCommand::lift},
+    Key{GLFW_KEY_Y, WindowCommand::reach},
+    Key{GLFW_KEY_T, WindowCommand::turn},
+    Key{GLFW_KEY_B, WindowCommand::put},
+    Key{GLFW_KEY_K, WindowCommand::cursor},
+    Key{GLFW_KEY_N, WindowCommand::next_technique},
     Key{GLFW_KEY_G, WindowCommand::next_node},
+    Key{GLFW_KEY_M, WindowCommand::next_translucency},
+    Key{GLFW_KEY_J, WindowCommand::smooth},
 };
 
 constexpr std::array kHelp = {
     KeyHelp{"F1", "this help"},
     KeyHelp{"H", "HUD shown or hidden"},
-    KeyHelp{"P", "panels: technique, H and a, strength, kernels"},
+    KeyHelp{"P", "panels: translucency, technique, H and a, strength, kernels"},
     KeyHelp{"C", "compact layout with large buttons, or full"},
     KeyHelp{"D", "debug view: passes, work, kernels, twisted faces"},
     KeyHelp{"1 2 3 ...  0", "shadow technique; 0: none"},
+    KeyHelp{"J", "the drawn pose smoothed, or as measured"},
     KeyHelp{"N", "next technique"},
     KeyHelp{"G", "which shadow node these keys are for: all, or one by one"},
+    KeyHelp{"M", "next way to let the video shine through shadows"},
     KeyHelp{"space   .", "pause, one frame on"},
     KeyHelp{"S", "screenshot (without HUD)"},
     KeyHelp{"R", "start or stop recording (live)"},
@@ -127,6 +141,11 @@ HudStatus status_of(const GroupEstimate& group) {
   return status;
 }
 
+std::string smoothing_in_words(const SmoothedPose& smoothed) {
+  return fmt::format("smoothed: {:.{}f} ms late, {:.2f} px", smoothed.lag_ms,
+                     smoothed.lag_ms < 10.0 ? 1 : 0, smoothed.offset_px);
+}
+
 std::string technique_in_words(std::span<const HudNode> nodes) {
   std::vector<std::string> words;
   for (const HudNode& node : nodes) {
@@ -138,6 +157,18 @@ std::string technique_in_words(std::span<const HudNode> nodes) {
   std::string text;
   for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
   return text.empty() ? "none" : text;
+}
+
+std::string in_words(Translucency asked, Translucency drawn) {
+  if (asked != Translucency::automatic || drawn == Translucency::automatic) {
+    return std::string(to_string(asked));
+  }
+  return fmt::format("{} ({})", to_string(asked), to_string(drawn));
+}
+
+Translucency translucency_after(Translucency way) {
+  const auto at = std::ranges::find(kTranslucencyNames, way, &TranslucencyName::way);
+  return at + 1 == kTranslucencyNames.end() ? kTranslucencyNames.front().way : (at + 1)->way;
 }
 
 std::optional<Workspace> workspace_of(const LayeredConstants& constants) {

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "app/manipulation.hpp"
+#include "app/pose_smoother.hpp"
 #include "app/scene_edit.hpp"
 #include "core/group_pose.hpp"
 #include "core/pose_estimate.hpp"
@@ -35,6 +36,7 @@ enum class WindowCommand {
   debug,
   panels,
   layout,
+  smooth,  // the pose that is drawn
   slide,
   lift,
   reach,
@@ -42,6 +44,7 @@ enum class WindowCommand {
   put,
   cursor,  // the scene's 3D cursor follows the pointer, or rests
   next_technique,
+  next_translucency,
   next_node,  // which shadow node the keys for techniques are for: all, or one
 };
 
@@ -83,14 +86,18 @@ struct HudState {
   std::optional<int> frame_count;  // of a recording
   PoseEstimate pose;
   std::vector<GroupEstimate> groups;                   // of tags, beside the table
-  double frames_per_s = 0.0;                           // shown
+  double frames_per_s = 0.0;                           // new ones shown
   std::vector<std::pair<std::string, double>> stages;  // wall, mean of the last frames [ms]
   std::optional<double> latency_ms;                    // from the camera's timestamp to the swap
-  int frames_dropped = 0;                              // too late to be shown
+  std::optional<bool> smooth;  // whether the pose is smoothed as it is drawn; nothing: can't be
+  std::optional<SmoothedPose> smoothed;                      // what that did to the last picture
+  int frames_dropped = 0;                                    // too late to be shown
   std::vector<std::pair<std::string, std::int64_t>> faults;  // of the camera, counted
   std::optional<std::string> trouble;                        // of the camera, right now
   std::optional<HudRecording> recording;
   std::vector<HudNode> nodes;
+  Translucency translucency = Translucency::automatic;        // asked for
+  Translucency translucency_drawn = Translucency::automatic;  // in the last picture
 
   // For the debug view; filled only where it is open.
   CompositeStats drawn;                                    // of the last picture
@@ -117,6 +124,7 @@ struct HudPanels {
 struct HudActions {
   std::vector<WindowCommand> commands;
   std::vector<SceneEdit> edits;
+  std::optional<Translucency> translucency;
 };
 
 struct HudColor {
@@ -128,8 +136,14 @@ struct HudStatus {
 };
 [[nodiscard]] HudStatus status_of(const PoseEstimate& pose);
 [[nodiscard]] HudStatus status_of(const GroupEstimate& group);  // "wall: tracked"
+// "smoothed: 12 ms late, 0.05 px".
+[[nodiscard]] std::string smoothing_in_words(const SmoothedPose& smoothed);
 // "layered", "cocl", or a list where nodes differ.
 [[nodiscard]] std::string technique_in_words(std::span<const HudNode> nodes);
+
+// "mesh"; of what was chosen by itself "auto (blend)".
+[[nodiscard]] std::string in_words(Translucency asked, Translucency drawn);
+[[nodiscard]] Translucency translucency_after(Translucency way);
 
 // What a node's constants come from (shadows.md 2.4): the height at which the umbra vanishes and
 // the middle layer's magnification there. Nothing where it never vanishes (a <= 1).

@@ -49,4 +49,10 @@ bool InterruptWatch::interrupted() {
   return interrupted_;
 }
 
+void InterruptWatch::again() {
+  if (!interrupted_) return;
+  pthread_sigmask(SIG_BLOCK, &watched_, nullptr);
+  interrupted_ = false;
+}
+
 }  // namespace penumbra

@@ -23,6 +23,8 @@ class InterruptWatch {
   // True from the first signal after hold() on. That signal is taken; a second one then ends the
   // process at once, should closing the files hang.
   [[nodiscard]] bool interrupted();
+  // The signal is answered, and something else begins: the next one is asked for as it was.
+  void again();
 
  private:
   sigset_t watched_{};

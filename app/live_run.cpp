@@ -1,24 +1,21 @@
 #include "app/live_run.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
-#include <exception>
-#include <functional>
-#include <future>
+#include <cmath>
+#include <limits>
 #include <memory>
-#include <mutex>
-#include <thread>
 #include <utility>
 #include <vector>
 
 #include "app/capture/libcamera_source.hpp"
-#include "app/capture/mailbox.hpp"
 #include "app/capture/recording_feed.hpp"
 #include "app/capture/recording_writer.hpp"
 #include "app/capture/v4l2_device.hpp"
 #include "app/capture/v4l2_source.hpp"
 #include "app/interrupt.hpp"
+#include "app/live_pipeline.hpp"
+#include "app/live_recorder.hpp"
 #include "app/logging.hpp"
 #include "app/overlay.hpp"
 #include "app/scene_edit.hpp"
@@ -26,6 +23,7 @@
 #include "app/session_host.hpp"
 #include "app/viewer.hpp"
 #include "core/camera_file.hpp"
+#include "core/focus_file.hpp"
 #include "core/text.hpp"
 #include "core/units.hpp"
 #include "tracking/group_tracker.hpp"
@@ -33,19 +31,13 @@
 namespace penumbra {
 namespace {
 
-using Clock = std::chrono::steady_clock;  // CLOCK_MONOTONIC, which drivers stamp frames with
 using std::chrono::milliseconds;
 
-constexpr milliseconds kPatience(50);              // between looks at the window and at Ctrl-C
-constexpr std::int64_t kSilence_ns = 250'000'000;  // without a frame: the picture is not live
-constexpr double kHold_s = 0.5;                    // then the pose fades out over this
-constexpr int kEncodeAhead = 4;                    // composited frames that wait for the encoder
+constexpr milliseconds kPatience(50);  // between looks at the window and at Ctrl-C
+// The pose fades out over this once the picture is not live. But for slow cameras: at once.
+constexpr double kHold_s = 0.5;
+constexpr int kEncodeAhead = 4;  // composited frames that wait for the encoder
 constexpr std::size_t kMaxYamlBytes = 16'000'000;
-
-std::int64_t now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch())
-      .count();
-}
 
 struct CameraName {
   enum class Kind { v4l2, libcamera, recording } kind = Kind::v4l2;
@@ -74,8 +66,15 @@ Result<void> check_camera(const CameraName& camera) {
   return {};
 }
 
+CameraWish wish_for(const CameraModel& camera) {
+  CameraWish wish;
+  wish.width = camera.width();
+  wish.height = camera.height();
+  return wish;
+}
+
 Result<std::unique_ptr<LiveSource>> open_camera(const CameraName& name, const LiveRequest& request,
-                                                const CameraModel& camera) {
+                                                const CameraWish& usual) {
   if (name.kind == CameraName::Kind::recording) {
     OpenRecordingOptions options;
     options.require_camera = options.require_tags = false;
@@ -83,15 +82,17 @@ Result<std::unique_ptr<LiveSource>> open_camera(const CameraName& name, const Li
     if (!recording) return tl::unexpected(recording.error());
     return open_recording_feed(*recording, request.fps);
   }
-  CameraWish wish;
-  wish.width = request.width.value_or(camera.width());
-  wish.height = request.height.value_or(camera.height());
+  CameraWish wish = usual;
+  wish.width = request.width.value_or(wish.width);
+  wish.height = request.height.value_or(wish.height);
   wish.fps = request.fps.value_or(wish.fps);
   wish.format = request.format;
   wish.recording = request.record.has_value();
   wish.controls = request.controls;
-  if (name.kind == CameraName::Kind::libcamera) return open_libcamera_source({wish, name.name});
-  return open_v4l2_source({wish, name.name});
+  if (name.kind == CameraName::Kind::libcamera) {
+    return open_libcamera_source({wish, name.name, request.dma_buf});
+  }
+  return open_v4l2_source({wish, name.name, request.dma_buf});
 }
 
 Result<void> check_size(const LiveRequest& request, const StreamFormat& format,
@@ -104,200 +105,68 @@ Result<void> check_size(const LiveRequest& request, const StreamFormat& format,
       camera.width(), camera.height());
 }
 
-Result<std::unique_ptr<RecordingWriter>> open_recording_writer(const LiveRequest& request,
-                                                               const LiveSource& source,
-                                                               const std::filesystem::path& to) {
-  auto camera_yaml = read_text_file(request.calibration, kMaxYamlBytes);
+// The same, with an offer to scale the calibration where that is exact.
+Result<void> check_size_or_offer(const LiveRequest& request, const CameraName& name,
+                                 const StreamFormat& format, const CameraModel& camera) {
+  auto checked = check_size(request, format, camera);
+  if (checked || request.scale_calibration || !scaled_to(camera, format.width, format.height)) {
+    return checked;
+  }
+  const int larger = std::max(format.width, camera.width());
+  const int times = larger / std::min(format.width, camera.width());
+  const bool of_recording = name.kind == CameraName::Kind::recording;
+  const std::string size =
+      of_recording ? std::string() : fmt::format("--size {}x{} ", format.width, format.height);
+  return fail(
+      "{}; or, if both sizes show the same view, {}x{} pixels of one taken together in the other, "
+      "scale the calibration, which is exact then ({}--scale-calibration)",
+      checked.error().message, times, times, size);
+}
+
+// The calibration at the size that is asked for or that the recording has, if it may be scaled.
+Result<CameraModel> calibration_at_size(const LiveRequest& request, const CameraName& name,
+                                        const CameraModel& camera) {
+  if (!request.scale_calibration) return camera;
+  int width = request.width.value_or(camera.width());
+  int height = request.height.value_or(camera.height());
+  if (name.kind == CameraName::Kind::recording) {
+    const auto feed = open_camera(name, request, wish_for(camera));
+    if (!feed) return tl::unexpected(feed.error());
+    width = (*feed)->format().width;
+    height = (*feed)->format().height;
+  }
+  auto scaled = scaled_to(camera, width, height);
+  if (!scaled) return fail_in(request.calibration.string(), scaled.error());
+  return scaled;
+}
+
+// What a recording of this session begins with.
+Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSource& source,
+                                     const CameraModel& camera) {
+  // Word for word, with all that calibration says of itself; but not of another size.
+  auto camera_yaml = request.scale_calibration ? Result<std::string>(ros_camera_text(camera))
+                                               : read_text_file(request.calibration, kMaxYamlBytes);
   if (!camera_yaml) return tl::unexpected(camera_yaml.error());
   auto tags_yaml = read_text_file(request.tags, kMaxYamlBytes);
   if (!tags_yaml) return tl::unexpected(tags_yaml.error());
-  return RecordingWriter::create(to, {source.description(), source.format(), source.controls(),
-                                      std::move(*camera_yaml), std::move(*tags_yaml)});
+  RecordingHead head;
+  head.camera = source.description();
+  head.format = source.format();
+  head.controls = source.controls();
+  head.read_controls = [&source] { return source.controls(); };
+  head.camera_yaml = std::move(*camera_yaml);
+  head.tags_yaml = std::move(*tags_yaml);
+  return head;
 }
 
-// The recording that is being written, if any: begun and ended while the camera runs.
-class Recorder {
- public:
-  Recorder(const LiveRequest& request, const LiveSource& source)
-      : request_(request), source_(source) {}
-  Recorder(const Recorder&) = delete;
-  Recorder& operator=(const Recorder&) = delete;
-  ~Recorder() = default;
-
-  [[nodiscard]] Result<void> start(const std::filesystem::path& folder) {
-    auto opened = open_recording_writer(request_, source_, folder);
-    if (!opened) return tl::unexpected(opened.error());
-    std::shared_ptr<RecordingWriter> writer = std::move(*opened);
-    writer->add_event(now_ns(), "start", source_.description());
-    scene_told_ = false;
-    const std::lock_guard lock(mutex_);
-    writer_ = std::move(writer);
-    return {};
-  }
-
-  // What was given so far is written by a thread of its own: the picture goes on.
-  void stop() {
-    std::shared_ptr<RecordingWriter> writer;
-    {
-      const std::lock_guard lock(mutex_);
-      writer = std::exchange(writer_, nullptr);
-    }
-    if (!writer) return;
-    writer->add_event(now_ns(), "end");
-    ended_.push_back(std::async(std::launch::async, [writer = std::move(writer)] {
-      Result<void> finished = writer->finish();
-      const RecordingCounts counts = writer->counts();
-      fmt::print("recorded {} frames to {}{}\n", counts.written, writer->folder().string(),
-                 counts.dropped > 0
-                     ? fmt::format("; {} left out, the disk was too slow", counts.dropped)
-                     : std::string());
-      return finished;
-    }));
-  }
-
-  // Ends the last one too, and says what became of each; fails where one is not whole.
-  [[nodiscard]] Result<void> finish() {
-    stop();
-    Result<void> all;
-    for (std::future<Result<void>>& ended : ended_) {
-      if (Result<void> one = ended.get(); !one && all) all = std::move(one);
-    }
-    ended_.clear();
-    return all;
-  }
-
-  // By any thread.
-  [[nodiscard]] std::shared_ptr<RecordingWriter> writer() const {
-    const std::lock_guard lock(mutex_);
-    return writer_;
-  }
-
-  // What belongs to a frame that was drawn; at first also how the scene came to be as it is.
-  void add(const SessionFrame& frame, const Session& session) {
-    const auto to = writer();
-    if (!to) return;
-    const std::int64_t timestamp_ns = frame.tracked.frame.timestamp_ns;
-    if (!scene_told_) {
-      scene_told_ = true;
-      to->add_event(session.scene_start_ns().value_or(timestamp_ns), kSceneStartEvent);
-      for (const SceneEdit& edit : session.edits_so_far()) {
-        to->add_scene_edit({timestamp_ns, edit});
-      }
-    } else {
-      for (const SceneEdit& edit : frame.edits) to->add_scene_edit({timestamp_ns, edit});
-    }
-    to->add_pose(timestamp_ns, frame.tracked.pose);
-  }
-
- private:
-  const LiveRequest& request_;
-  const LiveSource& source_;
-  mutable std::mutex mutex_;
-  std::shared_ptr<RecordingWriter> writer_;  // guarded by mutex_
-  std::vector<std::future<Result<void>>> ended_;
-  bool scene_told_ = false;
-};
-
-// A frame with its pose, on its way to be drawn.
-struct ReadyFrame {
-  TrackedFrame tracked;
-  StageTime capture_time;  // to decode it
-};
-
-// The camera's thread and the tracker's. The newest picture waits for the tracker, older ones are
-// dropped; a tracked frame is always drawn.
-class Pipeline {
- public:
-  Pipeline(LiveSource& source, Session& session, const Recorder& recorder)
-      : source_(source), session_(session), recorder_(recorder), last_capture_ns_(now_ns()) {
-    capture_ = std::thread([this] { guarded([this] { capture(); }); });
-    tracking_ = std::thread([this] { guarded([this] { track(); }); });
-  }
-  Pipeline(const Pipeline&) = delete;
-  Pipeline& operator=(const Pipeline&) = delete;
-  ~Pipeline() { stop(); }
-
-  [[nodiscard]] std::optional<ReadyFrame> take() { return ready_.take(kPatience); }
-  // Nothing will come any more.
-  [[nodiscard]] bool finished() const { return ready_.finished(); }
-  // How long the camera has given nothing.
-  [[nodiscard]] std::int64_t silence_ns() const { return now_ns() - last_capture_ns_; }
-  void stop() {
-    source_.stop();
-    inbox_.close();
-    ready_.close();
-    if (capture_.joinable()) capture_.join();
-    if (tracking_.joinable()) tracking_.join();
-  }
-  // Why it ended by itself, if not well.
-  [[nodiscard]] std::optional<Error> error() const {
-    const std::lock_guard lock(mutex_);
-    return error_;
-  }
-
- private:
-  void guarded(const std::function<void()>& work) {
-    try {
-      work();
-    } catch (const std::exception& error) {
-      set_error({error.what()});
-    }
-    // Whoever ends, the others have nothing left to do.
-    source_.stop();
-    inbox_.close();
-  }
-  void set_error(Error error) {
-    const std::lock_guard lock(mutex_);
-    if (!error_) error_ = std::move(error);
-  }
-
-  void capture() {
-    while (true) {
-      auto image = source_.next_image();
-      if (!image) {
-        set_error(image.error());
-        return;
-      }
-      if (!*image) return;
-      last_capture_ns_ = now_ns();
-      if (const auto writer = recorder_.writer()) writer->add_image(**image);
-      inbox_.put(std::move(**image));
-    }
-  }
-
-  void track() {
-    while (!inbox_.finished()) {
-      auto image = inbox_.take(kPatience);
-      if (!image) continue;
-      const Stopwatch watch;
-      const std::optional<Frame> frame = source_.decode(*image);
-      if (!frame) continue;
-      image.reset();  // a JPEG's buffer goes back to the camera
-      const StageTime time = watch.elapsed();
-      if (!ready_.hand_over({session_.track(*frame), time})) break;
-    }
-    ready_.close();
-  }
-
-  LiveSource& source_;
-  Session& session_;
-  const Recorder& recorder_;
-  std::atomic<std::int64_t> last_capture_ns_;
-  Mailbox<CapturedImage> inbox_;
-  Mailbox<ReadyFrame> ready_;
-  mutable std::mutex mutex_;
-  std::optional<Error> error_;  // guarded by mutex_
-  std::thread capture_, tracking_;
-};
-
-// What is on the screen while the camera gives nothing: the last picture, its pose held and fading,
-// then no pose. Never a still picture that looks live.
+// What is on the screen while the camera gives no whole picture: the last one, its pose held and
+// fading, then no pose. Never a still picture that looks live.
 class Silence {
  public:
   void saw(const TrackedFrame& tracked) { last_ = tracked; }
   // What to draw now; nothing when that is on the screen already.
   [[nodiscard]] std::optional<TrackedFrame> picture(std::int64_t silence_ns) {
-    if (!last_ || silence_ns < kSilence_ns) return std::nullopt;
+    if (!last_) return std::nullopt;
     TrackedFrame tracked = *last_;
     const double age_s = last_->pose.age_s + seconds(silence_ns);
     const bool gone = !tracked.pose.has_pose() || age_s > kHold_s;
@@ -310,7 +179,7 @@ class Silence {
     // Drawn for the last time; its buffer goes back: a driver that lost its camera waits for every
     // one of them before it takes the camera again.
     if (gone) last_.reset();
-    tracked.pose.reason = "no frame from the camera";
+    tracked.pose.reason = "no whole picture from the camera";
     return tracked;
   }
 
@@ -318,10 +187,15 @@ class Silence {
   std::optional<TrackedFrame> last_;
 };
 
+// Of a camera whose pictures come, but none that is whole.
+std::uint64_t spoiled_pictures(const CaptureStats& stats) {
+  return stats.of(CaptureFault::damaged) + stats.of(CaptureFault::error_frame);
+}
+
 // The session in the window, with its camera.
 class LiveHost final : public SessionHost {
  public:
-  LiveHost(Session& session, RunRecorder& run, LiveSource& source, Recorder& recorder,
+  LiveHost(Session& session, RunRecorder& run, LiveSource& source, LiveRecorder& recorder,
            const LiveRequest& request)
       : SessionHost(session, run),
         run_(run),
@@ -337,17 +211,28 @@ class LiveHost final : public SessionHost {
     }
     const std::filesystem::path folder =
         request_.record ? free_name(*request_.record, "") : free_name("");
-    if (auto started = recorder_.start(folder); !started) return started.error().message;
+    recorder_.begin(folder);
     return "recording to " + folder.string();
   }
+
+  // A whole picture came; or none does any more.
+  void is_live() {
+    stale_ = false;
+    spoiled_ = spoiled_pictures(source_.faults().stats());
+  }
+  void is_stale() { stale_ = true; }
 
   void describe(HudState& state, bool debug) const override {
     SessionHost::describe(state, debug);
     state.live = true;
-    state.latency_ms = run_.recent_ms("latency", kLatencyFrames);
+    state.latency_ms = run_.recent_ms("latency");
     const CaptureStats stats = source_.faults().stats();
-    state.frames_dropped = std::max(0, static_cast<int>(stats.frames) - run_.frames());
+    state.frames_dropped =
+        std::max(0, static_cast<int>(stats.frames - stats.undecoded) - run_.frames());
     state.trouble = stats.trouble;
+    if (!state.trouble && stale_ && spoiled_pictures(stats) > spoiled_) {
+      state.trouble = "every picture is damaged";
+    }
     for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {
       if (stats.faults[i] == 0) continue;
       state.faults.emplace_back(name_of(static_cast<CaptureFault>(i)),
@@ -364,11 +249,12 @@ class LiveHost final : public SessionHost {
   }
 
  private:
-  static constexpr std::size_t kLatencyFrames = 30;
   const RunRecorder& run_;
   LiveSource& source_;
-  Recorder& recorder_;
+  LiveRecorder& recorder_;
   const LiveRequest& request_;
+  bool stale_ = false;
+  std::uint64_t spoiled_ = 0;  // pictures, until the last whole one
 };
 
 }  // namespace
@@ -378,7 +264,7 @@ Result<std::unique_ptr<LiveSource>> open_live_source(const LiveRequest& request,
   const auto name = parse_camera(request.camera);
   if (!name) return tl::unexpected(name.error());
   if (auto checked = check_camera(*name); !checked) return tl::unexpected(checked.error());
-  auto source = open_camera(*name, request, camera);
+  auto source = open_camera(*name, request, wish_for(camera));
   if (!source) return tl::unexpected(source.error());
   if (auto checked = check_size(request, (*source)->format(), camera); !checked) {
     return tl::unexpected(checked.error());
@@ -386,30 +272,63 @@ Result<std::unique_ptr<LiveSource>> open_live_source(const LiveRequest& request,
   return source;
 }
 
+Result<std::unique_ptr<LiveSource>> open_live_source(const LiveRequest& request) {
+  const auto name = parse_camera(request.camera);
+  if (!name) return tl::unexpected(name.error());
+  if (auto checked = check_camera(*name); !checked) return tl::unexpected(checked.error());
+  return open_camera(*name, request, CameraWish());
+}
+
+std::optional<std::string> focus_warning(const std::filesystem::path& calibration,
+                                         const std::optional<FocusReading>& focus) {
+  const auto calibrated = load_focus_position(calibration);
+  if (!focus || !calibrated || std::abs(*calibrated - focus->position) <= 0.5 * focus->step) {
+    return std::nullopt;
+  }
+  return fmt::format(
+      "{}: was calibrated at focus_position {}, but the camera is focused at {:.4g}; ask for that "
+      "focus (--focus {}), or calibrate anew",
+      calibration.string(), *calibrated, focus->position, *calibrated);
+}
+
+bool names_camera(const std::string& source) {
+  return source.starts_with("v4l2:") || source.starts_with("libcamera:") ||
+         source.starts_with("recording:");
+}
+
 Result<RunReport> run_live(const LiveRequest& request) {
   InterruptWatch interrupt;  // first: everything below starts threads
 
-  const auto camera = load_camera(request.calibration);
+  const auto calibrated = load_camera(request.calibration);
+  if (!calibrated) return tl::unexpected(calibrated.error());
+  const auto name = parse_camera(request.camera);
+  if (!name) return tl::unexpected(name.error());
+  const auto camera = calibration_at_size(request, *name, *calibrated);
   if (!camera) return tl::unexpected(camera.error());
   const auto tags = load_tag_map(request.tags);
   if (!tags) return tl::unexpected(tags.error());
   auto loaded_scene = load_run_scene(request.scene, request.kernel_file);
   if (!loaded_scene) return tl::unexpected(loaded_scene.error());
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
+  TrackerOptions tracking = request.tracking;
+  // A camera does not wait.
+  if (tracking.search_timing != SearchTiming::in_frame) {
+    tracking.search_timing = SearchTiming::when_done;
+  }
   auto tracker =
-      GroupTracker::create(*camera, *tags, request.tracking,
+      GroupTracker::create(*camera, *tags, tracking,
                            wanted_groups(*scene, *tags, request.tags, request, request.plan.skip));
   if (!tracker) return fail_in(request.tags.string(), tracker.error());
   tell_warnings(*scene, request.plan);
 
-  const auto name = parse_camera(request.camera);
-  if (!name) return tl::unexpected(name.error());
   if (auto checked = check_camera(*name); !checked) return tl::unexpected(checked.error());
   auto context =
       open_run_context({request.window, request.vsync}, {camera->width(), camera->height()});
   if (!context) return tl::unexpected(context.error());
   SessionOptions session_options;
   session_options.plan = request.plan;
+  session_options.rectified = request.rectified;
+  session_options.smooth = request.smooth;
   auto session = Session::create(**context, scene, *camera, std::move(*tracker), session_options);
   if (!session) return tl::unexpected(session.error());
   // Before the camera starts: what it gives first would be old by the time it is drawn.
@@ -417,9 +336,9 @@ Result<RunReport> run_live(const LiveRequest& request) {
     return tl::unexpected(warm.error());
   }
 
-  auto source = open_camera(*name, request, *camera);
+  auto source = open_camera(*name, request, wish_for(*camera));
   if (!source) return tl::unexpected(source.error());
-  if (auto checked = check_size(request, (*source)->format(), *camera); !checked) {
+  if (auto checked = check_size_or_offer(request, *name, (*source)->format(), *camera); !checked) {
     return tl::unexpected(checked.error());
   }
   log_info("{}", (*source)->description());
@@ -435,14 +354,16 @@ Result<RunReport> run_live(const LiveRequest& request) {
       open_outputs(request, {camera->width(), camera->height(), (*source)->format().interval_s},
                    other_groups(*tags), kEncodeAhead);
   if (!outputs) return tl::unexpected(outputs.error());
-  Recorder recorder(request, **source);
+  auto head = recording_head(request, **source, *camera);
+  if (!head) return tl::unexpected(head.error());
+  LiveRecorder recorder(std::move(*head));
   if (request.record) {
     if (auto started = recorder.start(*request.record); !started) {
       return tl::unexpected(started.error());
     }
   }
 
-  RunRecorder run;
+  RunRecorder run({*camera});
   LiveHost host(*session, run, **source, recorder, request);
   std::optional<Viewer> viewer;
   if ((*context)->window_size().width > 0) {
@@ -459,19 +380,35 @@ Result<RunReport> run_live(const LiveRequest& request) {
   Silence silence;
   std::optional<Stopwatch> since_first;
   bool stopped = false;
-  const auto show = [&] {
-    if (viewer && !viewer->show(interrupt)) stopped = true;
+  // What was taken before a person paused and is shown after: its age is no latency.
+  std::int64_t paused_until_ns = std::numeric_limits<std::int64_t>::min();
+  const auto show = [&](Viewer::Picture picture) {
+    if (!viewer) return;
+    const double paused_ms = viewer->paused_ms();
+    if (!viewer->show(interrupt, picture)) stopped = true;
+    if (viewer->paused_ms() > paused_ms) paused_until_ns = monotonic_ns();
   };
-  Pipeline pipeline(**source, *session, recorder);
+  LivePipeline pipeline(
+      **source, [&](const Frame& frame) { return session->track(frame); },
+      [&](const CapturedImage& image) {
+        if (const auto writer = recorder.writer()) writer->add_image(image);
+      },
+      request.threads > 1);
   while (!stopped && !pipeline.finished()) {
-    auto ready = pipeline.take();
+    auto ready = pipeline.take(kPatience);
     for (const auto& event : (*source)->faults().take_events()) {
       if (const auto writer = recorder.writer()) {
-        writer->add_event(now_ns(), name_of(event.fault), event.detail);
+        writer->add_event(event.timestamp_ns, name_of(event.fault), event.detail);
       }
     }
     if (ready) {
-      if (!since_first) since_first.emplace();
+      host.is_live();
+      if (!since_first) {
+        since_first.emplace();
+        if (const auto warning = focus_warning(request.calibration, (*source)->focus())) {
+          log_warning("{}", *warning);
+        }
+      }
       const Stopwatch watch;
       const std::int64_t timestamp_ns = ready->tracked.frame.timestamp_ns;
       run.add_time("capture", ready->capture_time);
@@ -481,21 +418,26 @@ Result<RunReport> run_live(const LiveRequest& request) {
       run.add_frame(*done);
       recorder.add(*done, *session);
       if (viewer) host.saw(*done);
-      show();
+      show(Viewer::Picture::next);
       // From the driver's stamp to the picture's being on the screen (or, offscreen, drawn).
-      run.add_time("latency", {static_cast<double>(now_ns() - timestamp_ns) * 1e-6, 0.0});
+      const bool paused = timestamp_ns <= paused_until_ns;
+      if (!paused) {
+        run.add_time("latency", {static_cast<double>(monotonic_ns() - timestamp_ns) * 1e-6, 0.0});
+      }
       if (auto written = outputs->write(*done, pixels, run); !written) {
         return tl::unexpected(written.error());
       }
-      run.add_time("frame", watch.elapsed());
+      if (!paused) run.add_time("frame", watch.elapsed());
     } else {
-      if (auto picture = silence.picture(pipeline.silence_ns())) {
+      const auto silence_ns = pipeline.stale_for_ns();
+      if (silence_ns) host.is_stale();
+      if (auto picture = silence_ns ? silence.picture(*silence_ns) : std::nullopt) {
         auto drawn = session->redraw(std::move(*picture));
         if (!drawn) return tl::unexpected(drawn.error());
         if (viewer) host.saw(*drawn);
         if (!drawn->tracked.pose.has_pose()) host.forget_frame();
       }
-      show();
+      show(Viewer::Picture::same);
     }
     if (request.duration_s && since_first &&
         since_first->elapsed().wall_ms >= *request.duration_s * 1e3) {
@@ -515,7 +457,9 @@ Result<RunReport> run_live(const LiveRequest& request) {
   report.height = camera->height();
   report.frames_captured = static_cast<int>(stats.frames);
   report.frames_dropped = report.frames_captured - report.frames;
+  report.frames_damaged = static_cast<int>(stats.undecoded);
   report.interrupted = interrupt.interrupted();
+  report.threads = request.threads;
   report.gl_renderer = (*context)->info().renderer;
   report.gl_version = (*context)->info().version;
   for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {

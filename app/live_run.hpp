@@ -24,16 +24,25 @@ struct LiveRequest : OutputRequest {
   std::filesystem::path tags;
   std::filesystem::path scene;
   PlanOptions plan;
+  bool rectified = false;                            // the picture without the lens's distortion
   std::optional<std::filesystem::path> kernel_file;  // for the scene's casters that it fits
   TrackerOptions tracking;
   std::optional<int> width, height;  // [px]; the calibration's
+  // Where the pictures have another size than the calibration, it is scaled if it can be exactly;
+  // that both show the same view is the caller's word.
+  bool scale_calibration = false;
   std::optional<double> fps;
   std::optional<std::string> format;  // of V4L2
   CameraControls controls;
+  bool dma_buf = true;  // V4L2 buffers are shared with the GPU, where that is possible
   std::optional<std::filesystem::path> record;
   std::optional<double> duration_s;  // from the first frame; nothing: until it is stopped
+  bool smooth = false;               // the pose that is drawn
   bool window = true;                // where there is a display
   bool vsync = true;
+  // 1: frames are tracked and drawn one after the other; more: side by side. The camera has a
+  // thread of its own in any case.
+  int threads = 2;
   ViewerOptions viewer;
 };
 
@@ -44,5 +53,14 @@ struct LiveRequest : OutputRequest {
 // The camera that the request names, at the size of its calibration.
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_live_source(const LiveRequest& request,
                                                                    const CameraModel& camera);
+
+// The same without a calibration, at the size that the request names or that a camera has first.
+[[nodiscard]] Result<std::unique_ptr<LiveSource>> open_live_source(const LiveRequest& request);
+// What to say where the camera's lens is focused elsewhere than when it was calibrated: it is
+// another lens then. Nothing where it is not, or either does not say.
+[[nodiscard]] std::optional<std::string> focus_warning(const std::filesystem::path& calibration,
+                                                       const std::optional<FocusReading>& focus);
+// Whether `source` is a camera's name (v4l2:..., libcamera:..., recording:...), no path.
+[[nodiscard]] bool names_camera(const std::string& source);
 
 }  // namespace penumbra

@@ -28,6 +28,8 @@ constexpr const char* kFontFile = "/usr/share/fonts/truetype/dejavu/DejaVuSans.t
 constexpr std::array<float, 3> kFontSizes = {15.0F, 18.0F, 24.0F};  // [px]
 // A finger needs so much [px at a font of 15 px].
 constexpr float kTouchHeight = 46.0F;
+constexpr float kHelpWidth = 48.0F;   // with less [em] its lines are broken
+constexpr int kHandheldHeight = 400;  // of a window with less [px] every line counts
 constexpr std::size_t kMostDebugLines = 10;
 
 constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove |
@@ -219,6 +221,7 @@ struct Overlay::Impl {
     if (state.latency_ms) rate += fmt::format("   latency {:.0f} ms", *state.latency_ms);
     text(rate + "   " + frame_in_words(state));
     text(measured_tags(state.pose));
+    if (state.smoothed) text(kQuiet, smoothing_in_words(*state.smoothed));
     for (const GroupEstimate& group : state.groups) {
       const HudStatus of_group = status_of(group);
       text(of_group.color, of_group.text);
@@ -232,7 +235,7 @@ struct Overlay::Impl {
     camera_and_recording(state);
   }
 
-  void camera_and_recording(const HudState& state) {
+  void camera_and_recording(const HudState& state, bool selection = true) {
     if (state.live) {
       const std::string faults = count_of_faults(state);
       text(kQuiet, fmt::format("dropped {}{}", state.frames_dropped,
@@ -247,7 +250,7 @@ struct Overlay::Impl {
                                              : std::string()));
       if (recording.error) text(kWarning, *recording.error);
     }
-    if (!state.selected.empty()) {
+    if (selection && !state.selected.empty()) {
       text(kQuiet, fmt::format("selected: {}   drag: {}", state.selected, word_of(state.drag)));
     }
   }
@@ -299,14 +302,22 @@ struct Overlay::Impl {
     }
     std::string line = fmt::format("{:.0f} frames/s", state.frames_per_s);
     if (state.latency_ms) line += fmt::format("   latency {:.0f} ms", *state.latency_ms);
-    line += "   " + measured_tags(state.pose);
-    text(line);
-    std::string times;
-    for (const auto& [stage, ms] : state.stages) {
-      times += fmt::format("{}{} {:.1f}", times.empty() ? "" : "   ", stage, ms);
+    // A handheld's screen is for the picture: what a stage takes is told on larger ones.
+    const bool handheld = size.height < kHandheldHeight;
+    if (handheld) {
+      ImGui::SameLine();
+      text("  " + line);
+      text(measured_tags(state.pose));
+    } else {
+      text(line + "   " + measured_tags(state.pose));
+      std::string times;
+      for (const auto& [stage, ms] : state.stages) {
+        times += fmt::format("{}{} {:.1f}", times.empty() ? "" : "   ", stage, ms);
+      }
+      if (!times.empty()) text(kQuiet, times + " ms");
     }
-    if (!times.empty()) text(kQuiet, times + " ms");
-    camera_and_recording(state);
+    if (state.smoothed && !handheld) text(kQuiet, smoothing_in_words(*state.smoothed));
+    camera_and_recording(state, !handheld);
     ImGui::PopTextWrapPos();
     status_bottom = ImGui::GetWindowPos().y + ImGui::GetWindowSize().y;
     end_window();
@@ -340,6 +351,19 @@ struct Overlay::Impl {
     }
     end_window();
     ImGui::PopStyleVar(3);
+  }
+
+  // Of all shadows together.
+  static void translucency_panel(const HudState& state, HudActions& actions) {
+    const std::string words = in_words(state.translucency, state.translucency_drawn);
+    if (!ImGui::BeginCombo("##translucency", fmt::format("translucency: {}", words).c_str()))
+      return;
+    for (const TranslucencyName& entry : kTranslucencyNames) {
+      if (ImGui::Selectable(std::string(entry.name).c_str(), entry.way == state.translucency)) {
+        actions.translucency = entry.way;
+      }
+    }
+    ImGui::EndCombo();
   }
 
   void node_panel(const HudNode& node, HudActions& actions) {
@@ -445,18 +469,34 @@ struct Overlay::Impl {
     return changed;
   }
 
+  // Before what a scene may have many of: a small screen shows it without scrolling.
+  void smoothing_panel(const HudState& state, HudActions& actions) {
+    if (!state.smooth) return;
+    bool smooth = *state.smooth;
+    if (ImGui::Checkbox("smooth the drawn pose (J)", &smooth)) {
+      actions.commands.push_back(WindowCommand::smooth);
+    }
+    if (state.smoothed) text(kQuiet, smoothing_in_words(*state.smoothed));
+    ImGui::Separator();
+  }
+
   void panels(const HudState& state, const HudPanels& open, GlContext::Size size,
               HudActions& actions) {
     const auto width = static_cast<float>(size.width);
     const auto height = static_cast<float>(size.height);
     const float below = open.compact ? kTouchHeight * em / kFontSizes[0] + em : 0.5F * em;
-    const float top = open.compact ? status_bottom + 0.3F * em : 0.5F * em;
+    // On a handheld's screen over the measurements, for the sliders need the height.
+    const float top = open.compact && size.height >= kHandheldHeight ? status_bottom + 0.3F * em
+                      : open.compact                                 ? 0.0F
+                                                                     : 0.5F * em;
     const ImVec2 most(open.compact ? 0.46F * width : 19.0F * em, height - top - below);
     ImGui::SetNextWindowSizeConstraints({most.x, 0.0F}, most);
     begin_window("shadows", {width - (open.compact ? 0.0F : 0.5F * em), top}, {1.0F, 0.0F},
                  (kPlain & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_AlwaysAutoResize);
     ImGui::PushItemWidth(-1.0F);
-    ImGui::PushTextWrapPos(most.x - em);
+    ImGui::PushTextWrapPos(0.0F);  // at the end of what the scroll bar leaves
+    smoothing_panel(state, actions);
+    translucency_panel(state, actions);
     for (const HudNode& node : state.nodes) node_panel(node, actions);
     if (state.nodes.empty()) text("the scene has no shadows");
     ImGui::PopTextWrapPos();
@@ -516,10 +556,12 @@ struct Overlay::Impl {
     end_window();
   }
 
-  void help(GlContext::Size size, HudActions& actions) {
+  void help(GlContext::Size size, bool compact, HudActions& actions) {
     const auto width = static_cast<float>(size.width);
     const auto height = static_cast<float>(size.height);
-    ImGui::SetNextWindowSizeConstraints({0.0F, 0.0F}, {width - em, height - em});
+    const bool narrow = compact && width < kHelpWidth * em;
+    ImGui::SetNextWindowSizeConstraints({narrow ? width - em : 0.0F, 0.0F},
+                                        {width - em, height - em});
     ImGui::PushStyleColor(ImGuiCol_WindowBg, ImVec4(0.05F, 0.06F, 0.08F, 0.94F));
     ImGui::SetNextWindowFocus();
     begin_window("help", {0.5F * width, 0.5F * height}, {0.5F, 0.5F},
@@ -529,14 +571,20 @@ struct Overlay::Impl {
       column = std::max(column,
                         ImGui::CalcTextSize(key.keys.data(), key.keys.data() + key.keys.size()).x);
     }
+    const auto close = [&] {
+      if (ImGui::Button("close", {ImGui::GetContentRegionAvail().x, 0.0F})) {
+        actions.commands.push_back(WindowCommand::help);
+      }
+    };
+    if (compact) close();  // a finger reaches it without scrolling
+    if (narrow) ImGui::PushTextWrapPos(0.0F);
     for (const KeyHelp& key : key_help()) {
       text(std::string(key.keys));
-      ImGui::SameLine(column + 2.0F * em);
+      ImGui::SameLine(column + (narrow ? 1.5F : 2.0F) * em);
       text(kQuiet, std::string(key.what));
     }
-    if (ImGui::Button("close", {ImGui::GetContentRegionAvail().x, 0.0F})) {
-      actions.commands.push_back(WindowCommand::help);
-    }
+    if (narrow) ImGui::PopTextWrapPos();
+    if (!compact) close();
     end_window();
     ImGui::PopStyleColor();
   }
@@ -645,7 +693,7 @@ void Overlay::draw(const HudState& state, const HudPanels& panels, GlContext::Si
   if (panels.debug) m.kernel_dots(state, size);
   if (panels.debug && debug_fits) m.debug(state, panels, size);
   if (panels.panels && panels_fit) m.panels(state, panels, size, actions);
-  if (panels.help) m.help(size, actions);
+  if (panels.help) m.help(size, panels.compact, actions);
   m.message(state, size);
   m.end_drawing(size);
 }
@@ -665,6 +713,13 @@ void Overlay::draw_words(const std::string& words, bool in_the_middle, GlContext
   ImGui::PopTextWrapPos();
   m.end_window();
   m.end_drawing(size);
+}
+
+void Overlay::draw_own(GlContext::Size size, const std::function<void(float em)>& lay_out) {
+  if (size.width <= 0 || size.height <= 0) return;
+  impl_->begin_drawing(size, false);
+  lay_out(impl_->em);
+  impl_->end_drawing(size);
 }
 
 }  // namespace penumbra

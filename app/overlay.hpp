@@ -2,6 +2,7 @@
 // buttons. Draws into the window only, never into the picture that is written.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 
@@ -33,6 +34,9 @@ class Overlay {
             HudActions& actions);
   // Only these words, in place of the HUD: in the middle, or in a corner. Takes no clicks.
   void draw_words(const std::string& words, bool in_the_middle, GlContext::Size size);
+  // What `lay_out` lays out with Dear ImGui, in place of the HUD; it is given the height of the
+  // letters [px].
+  void draw_own(GlContext::Size size, const std::function<void(float em)>& lay_out);
 
  private:
   struct Impl;

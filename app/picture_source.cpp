@@ -42,6 +42,7 @@ Result<void> each_file(const std::vector<std::filesystem::path>& files,
     picture.count = static_cast<int>(files.size());
     const Result<Frame> frame = load_image(files[i]);
     if (frame) {
+      picture.frame = *frame;
       picture.luma = luma(*frame, scratch);
     } else {
       picture.unreadable = frame.error().message;
@@ -94,6 +95,7 @@ Result<void> for_each_picture(const std::filesystem::path& source,
     picture.name = fmt::format("frame {}", (*frame)->sequence);
     picture.index = i;
     picture.count = (*frames)->frame_count().value_or(0);
+    picture.frame = **frame;
     picture.luma = luma(**frame, scratch);
     const Result<bool> more = take(picture);
     if (!more) return tl::unexpected(more.error());

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "core/error.hpp"
+#include "core/frame.hpp"
 #include "core/image_view.hpp"
 
 namespace penumbra {
@@ -14,7 +15,8 @@ struct Picture {
   std::string name;  // the file's, or "frame 12" of a video
   int index = 0;
   int count = 0;           // of all pictures, where known; else 0
-  ImageView luma;          // empty where it can't be read ...
+  Frame frame;             // as it was decoded; empty where it can't be read
+  ImageView luma;          // of it, empty where it can't be read ...
   std::string unreadable;  // ... and why
 };
 

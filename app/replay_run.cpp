@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <map>
 #include <memory>
 #include <set>
 #include <span>
@@ -10,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "app/capture/capture_stats.hpp"
 #include "app/capture/look_ahead.hpp"
 #include "app/capture/recording_source.hpp"
 #include "app/comparison.hpp"
@@ -243,8 +245,10 @@ Result<PoseSource> open_replay_poses(const ReplayRequest& request, const Recordi
                                      const Scene& scene) {
   const fs::path tags = request.tags.value_or(recording.folder / "tags.yaml");
   if (!request.poses_from) {
+    TrackerOptions tracking = request.tracking;
+    tracking.search_thread = request.threads > 1;
     auto tracker = GroupTracker::create(
-        *recording.camera, *recording.tags, request.tracking,
+        *recording.camera, *recording.tags, tracking,
         wanted_groups(scene, *recording.tags, tags, request, request.plan.skip));
     if (!tracker) return fail_in(tags.string(), tracker.error());
     return PoseSource(std::move(*tracker));
@@ -269,7 +273,15 @@ Result<PoseSource> open_replay_poses(const ReplayRequest& request, const Recordi
     return fail("{}: has no pose within 1 ms of any frame of {}; is it of another recording?",
                 *request.poses_from, recording.folder.string());
   }
-  return PoseSource(GivenPoses{std::move(*trajectory), recording.group_groundtruth});
+  // Groups as they were tracked together with these poses; else where they truly are.
+  std::map<std::string, Trajectory> groups = recording.group_groundtruth;
+  if (recording.tags) {
+    auto tracked = load_group_paths(fs::path(*request.poses_from).parent_path() / kGroupPosesFolder,
+                                    other_groups(*recording.tags));
+    if (!tracked) return tl::unexpected(tracked.error());
+    for (auto& [group, path] : *tracked) groups.insert_or_assign(group, std::move(path));
+  }
+  return PoseSource(GivenPoses{std::move(*trajectory), std::move(groups)});
 }
 
 double frame_interval_s(const Recording& recording) {
@@ -329,6 +341,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   for (const auto& [name, version] : component_versions()) log_info("{} {}", name, version);
   SessionOptions session_options;
   session_options.plan = request.plan;
+  session_options.rectified = request.rectified;
+  session_options.smooth = request.smooth;
   session_options.scene_start_ns =
       events->scene_start_ns.value_or(recording->frames.front().timestamp_ns);
   auto shown = Shown::open(request, **context, scene, camera, std::move(*poses), session_options);
@@ -342,7 +356,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
                    overlapped ? kEncodeAhead : 0);
   if (!outputs) return tl::unexpected(outputs.error());
 
-  RunRecorder run;
+  RunRecorder run({camera, recording->groundtruth.has_value()});
   const bool has_window = (*context)->window_size().width > 0;
   std::optional<Viewer> viewer;
   if (has_window) {
@@ -411,12 +425,18 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   report.width = picture.width;
   report.height = picture.height;
   report.panes = shown->pane_reports();
+  if (const std::int64_t damaged = (*source)->damaged(); damaged > 0) {
+    report.camera_faults[std::string(name_of(CaptureFault::damaged))] = damaged;
+  }
   report.interrupted = interrupt.interrupted();
   report.gl_renderer = (*context)->info().renderer;
   report.gl_version = (*context)->info().version;
   if (recording->groundtruth) {
     const Evaluation accuracy = accuracy_of(camera, run, *recording->groundtruth);
     if (accuracy.frames_with_truth > 0) report.accuracy = accuracy;
+    if (report.smoothing) {
+      report.smoothing->accuracy = accuracy_as_drawn(camera, run, *recording->groundtruth);
+    }
     for (GroupReport& group : report.groups) {
       const auto truth = recording->group_groundtruth.find(group.name);
       if (truth == recording->group_groundtruth.end()) continue;

@@ -24,6 +24,7 @@ struct ReplayRequest : OutputRequest {
   std::filesystem::path scene;
   std::optional<std::filesystem::path> tags;  // instead of the recording's
   PlanOptions plan;
+  bool rectified = false;  // the picture without the lens's distortion
   // Two or more, side by side in one picture; `plan` is then not used.
   std::vector<ComparedTechnique> compare;
   std::optional<std::filesystem::path> kernel_file;  // for the scene's casters that it fits
@@ -36,7 +37,8 @@ struct ReplayRequest : OutputRequest {
   bool realtime = false;
   bool window = true;  // where there is a display
   ViewerOptions viewer;
-  bool edits = true;  // what was moved and changed while it was recorded happens again
+  bool smooth = false;  // the pose that is drawn
+  bool edits = true;    // what was moved and changed while it was recorded happens again
 };
 
 // Every path is checked before the first frame. Stopped by Ctrl-C or by closing the window, the

@@ -177,17 +177,21 @@ Result<void> RunOutputs::write_report(const RunReport& measured) {
   return write_text(*report, report_json(measured));
 }
 
+Result<std::unique_ptr<GlContext>> open_window(GlContext::Size picture, bool vsync) {
+  return with_either_api([&](GlApi api) {
+    WindowOptions options;
+    options.width = picture.width;
+    options.height = picture.height;
+    options.vsync = vsync;
+    options.api = api;
+    return create_window_context(options);
+  });
+}
+
 Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
                                                     GlContext::Size picture) {
   if (choice.window && display_available()) {
-    auto window = with_either_api([&](GlApi api) {
-      WindowOptions options;
-      options.width = picture.width;
-      options.height = picture.height;
-      options.vsync = choice.vsync;
-      options.api = api;
-      return create_window_context(options);
-    });
+    auto window = open_window(picture, choice.vsync);
     if (window) return window;
     fmt::print("{}; going on offscreen\n", window.error().message);
   } else if (choice.window) {

@@ -76,6 +76,9 @@ void warn_of_unknown_groups(const Scene& scene, const TagMap& tags,
 [[nodiscard]] Result<Scene> load_run_scene(const std::filesystem::path& scene,
                                            const std::optional<std::filesystem::path>& kernel_file);
 
+// A window for a picture of this size [px]. Fails in one line where there is none to be had.
+[[nodiscard]] Result<std::unique_ptr<GlContext>> open_window(GlContext::Size picture, bool vsync);
+
 struct WindowChoice {
   bool window = true;  // where there is a display
   bool vsync = true;

@@ -93,40 +93,52 @@ Json pipeline_json(const RunReport& report) {
           {"critical_ms_per_frame", side_by_side ? most_ms : sum_ms}};
 }
 
+// The true poses that belong to processed frames.
+Trajectory truth_of_processed(const RunRecorder& run, const Trajectory& truth) {
+  Trajectory processed;
+  for (const std::int64_t time_ns : run.times_ns()) {
+    if (const StampedPose* pose = truth.at(time_ns); pose != nullptr) {
+      processed.poses.push_back(*pose);
+    }
+  }
+  return processed;
+}
+
+Json json_of(const SmoothingReport& smoothing) {
+  Json json = {
+      {"lag_ms", json_of(smoothing.lag_ms)},
+      {"measured_lag_ms", smoothing.measured_lag_ms ? Json(*smoothing.measured_lag_ms) : Json()},
+      {"offset_px", json_of(smoothing.offset_px)}};
+  if (smoothing.accuracy) json["accuracy"] = json_of(*smoothing.accuracy);
+  return json;
+}
+
 }  // namespace
 
 void StageTimes::add(StageTime time) {
-  wall_ms_.push_back(time.wall_ms);
-  cpu_ms_.push_back(time.cpu_ms);
+  recent_ms_[wall_ms_.count() % kMostRecent] = time.wall_ms;
+  wall_ms_.add(time.wall_ms);
+  cpu_ms_.add(time.cpu_ms);
 }
 
 StageSummary StageTimes::summary() const {
-  StageSummary summary;
-  summary.count = wall_ms_.size();
-  if (wall_ms_.empty()) return summary;
-  const Statistics wall = statistics_of(wall_ms_);
-  summary.median = wall.median;
-  summary.p95 = wall.p95;
-  summary.max = wall.max;
-  summary.mean =
-      std::accumulate(wall_ms_.begin(), wall_ms_.end(), 0.0) / static_cast<double>(wall_ms_.size());
-  summary.cpu_median = statistics_of(cpu_ms_).median;
-  summary.cpu_mean =
-      std::accumulate(cpu_ms_.begin(), cpu_ms_.end(), 0.0) / static_cast<double>(cpu_ms_.size());
-  return summary;
+  const Statistics wall = wall_ms_.statistics();
+  return {wall.median,    wall.p95,        wall.max, wall_ms_.mean(), cpu_ms_.statistics().median,
+          cpu_ms_.mean(), wall_ms_.count()};
 }
 
-std::optional<double> StageTimes::recent_ms(std::size_t count) const {
-  if (wall_ms_.empty() || count == 0) return std::nullopt;
-  const std::size_t used = std::min(count, wall_ms_.size());
-  return std::accumulate(wall_ms_.end() - static_cast<std::ptrdiff_t>(used), wall_ms_.end(), 0.0) /
+std::optional<double> StageTimes::recent_ms() const {
+  const std::size_t used = std::min(kMostRecent, wall_ms_.count());
+  if (used == 0) return std::nullopt;
+  return std::accumulate(recent_ms_.begin(), recent_ms_.begin() + used, 0.0) /
          static_cast<double>(used);
 }
 
-RunRecorder::RunRecorder() {
+RunRecorder::RunRecorder(const RunRecorderOptions& options) : keep_paths_(options.keep_paths) {
+  if (options.camera) lag_.emplace(*options.camera);
   // A stage that never ran is told too, with a count of 0.
-  for (const char* stage : {"capture", "track", "detect", "align", "solve", "plan", "shadow",
-                            "render", "readback", "draw", "encode", "frame", "latency"}) {
+  for (const char* stage : {"capture", "track", "detect", "search", "align", "solve", "plan",
+                            "shadow", "render", "readback", "draw", "encode", "frame", "latency"}) {
     stages_.emplace_back(stage, StageTimes());
   }
 }
@@ -143,10 +155,11 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   const TrackTimes& times = frame.tracked.times;
   const CompositeStats& drawn = frame.composite;
   ++report_.frames;
+  report_.translucency = drawn.translucency;
   switch (pose.status) {
     case TrackStatus::tracked:
       ++report_.frames_tracked;
-      tracked_.poses.push_back({frame.tracked.frame.timestamp_ns, pose.T_table_camera, {}});
+      add_tracked(frame);
       break;
     case TrackStatus::uncertain:
       ++report_.frames_uncertain;
@@ -158,9 +171,14 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
       ++report_.frames_lost;
       break;
   }
+  if (frame.smoothed) {
+    lag_ms_.add(frame.smoothed->lag_ms);
+    offset_px_.add(frame.smoothed->offset_px);
+  }
   report_.pixels_sampled += times.samples;
-  times_ns_.push_back(frame.tracked.frame.timestamp_ns);
-  if (pose.tags_used > 0) reprojection_px_.push_back(pose.reprojection_rms_px);
+  if (keep_paths_) times_ns_.push_back(frame.tracked.frame.timestamp_ns);
+  if (pose.tags_used > 0) reprojection_px_.add(pose.reprojection_rms_px);
+  if (times.search_came) ++report_.full_detections;
   if (times.full_detection) {
     ++report_.full_detections;
   } else if (pose.tags_used > 0) {
@@ -169,6 +187,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
 
   add_time("track", {times.total_ms, times.total_cpu_ms});
   if (times.detect_ms > 0.0) add_time("detect", {times.detect_ms, times.detect_cpu_ms});
+  if (times.search_came) add_time("search", {times.search_ms, times.search_cpu_ms});
   if (times.align_ms > 0.0) add_time("align", {times.align_ms, times.align_cpu_ms});
   if (times.solve_ms > 0.0) add_time("solve", {times.solve_ms, times.solve_cpu_ms});
   add_time("plan", frame.plan_time);
@@ -186,6 +205,20 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
 }
 
+void RunRecorder::add_tracked(const SessionFrame& frame) {
+  const std::int64_t timestamp_ns = frame.tracked.frame.timestamp_ns;
+  const CameraPose& measured = frame.tracked.pose.T_table_camera;
+  const CameraPose& drawn = frame.smoothed ? frame.smoothed->T_table_camera : measured;
+  if (lag_ && frame.smoothed) {
+    lag_->add(timestamp_ns, measured, drawn);
+  } else if (lag_) {
+    lag_->restart();
+  }
+  if (!keep_paths_) return;
+  tracked_.poses.push_back({timestamp_ns, measured, {}});
+  drawn_.poses.push_back({timestamp_ns, drawn, {}});
+}
+
 void RunRecorder::add_group(const GroupEstimate& estimate, const TrackedFrame& tracked) {
   auto found = std::ranges::find(groups_, estimate.name,
                                  [](const Group& group) { return group.report.name; });
@@ -197,6 +230,7 @@ void RunRecorder::add_group(const GroupEstimate& estimate, const TrackedFrame& t
   switch (estimate.status) {
     case TrackStatus::tracked: {
       ++found->report.frames_tracked;
+      if (!keep_paths_) break;
       const auto T_middle_camera = (estimate.T_table_group * estimate.T_group_middle).inverse() *
                                    tracked.pose.T_table_camera;
       found->tracked.poses.push_back(
@@ -215,7 +249,7 @@ void RunRecorder::add_group(const GroupEstimate& estimate, const TrackedFrame& t
       ++found->report.frames_lost;
       break;
   }
-  if (estimate.tags_used > 0) found->reprojection_px.push_back(estimate.reprojection_rms_px);
+  if (estimate.tags_used > 0) found->reprojection_px.add(estimate.reprojection_rms_px);
 }
 
 const RunRecorder::Group& RunRecorder::group(const std::string& name) const {
@@ -247,29 +281,37 @@ void RunRecorder::add_work(const CompositeStats& drawn) {
   work_.proxy_faces_saved += drawn.proxy_faces_saved;
   work_.masks_drawn += drawn.masks_drawn;
   work_.masks_kept += drawn.masks_kept;
+  work_.video_copies += drawn.video_copies;
+  work_.video_imports += drawn.video_imports;
   work_.faces_tested += drawn.faces_tested;
   work_.faces_twisted += drawn.faces_twisted;
   work_.passes_drawn += drawn.passes_drawn;
   work_.passes_skipped += drawn.passes_skipped;
 }
 
-std::optional<double> RunRecorder::recent_ms(std::string_view stage, std::size_t count) const {
+std::optional<double> RunRecorder::recent_ms(std::string_view stage) const {
   const auto found = std::find_if(stages_.begin(), stages_.end(),
                                   [&](const auto& entry) { return entry.first == stage; });
   PENUMBRA_ASSERT(found != stages_.end());
-  return found->second.recent_ms(count);
+  return found->second.recent_ms();
 }
 
 RunReport RunRecorder::report() const {
   RunReport report = report_;
   report.frames_captured = report.frames;
   for (const auto& [stage, times] : stages_) report.time_ms.emplace_back(stage, times.summary());
-  report.reprojection_rms_px = statistics_of(reprojection_px_);
+  report.reprojection_rms_px = reprojection_px_.statistics();
   report.tags_measured = !reprojection_px_.empty();
+  if (!lag_ms_.empty()) {
+    report.smoothing.emplace();
+    report.smoothing->lag_ms = lag_ms_.statistics();
+    report.smoothing->offset_px = offset_px_.statistics();
+    if (lag_) report.smoothing->measured_lag_ms = lag_->lag_ms();
+  }
   report.work = work();
   for (const Group& group : groups_) {
     GroupReport& of_group = report.groups.emplace_back(group.report);
-    of_group.reprojection_rms_px = statistics_of(group.reprojection_px);
+    of_group.reprojection_rms_px = group.reprojection_px.statistics();
     of_group.tags_measured = !group.reprojection_px.empty();
   }
   return report;
@@ -286,6 +328,8 @@ std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
       {"proxy_faces_saved", work_.proxy_faces_saved},
       {"phantom_masks_drawn", work_.masks_drawn},
       {"phantom_masks_kept", work_.masks_kept},
+      {"video_copies", work_.video_copies},
+      {"video_imports", work_.video_imports},
       {"kernel_faces", work_.faces_tested},
       {"twisted_faces", work_.faces_twisted},
       {"passes_drawn", work_.passes_drawn},
@@ -297,31 +341,19 @@ std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
 }
 
 Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run, const Trajectory& truth) {
-  Trajectory processed;
-  for (const std::int64_t time_ns : run.times_ns()) {
-    if (const StampedPose* pose = truth.at(time_ns); pose != nullptr) {
-      processed.poses.push_back(*pose);
-    }
-  }
-  return evaluate(camera, run.tracked(), processed);
+  return evaluate(camera, run.tracked(), truth_of_processed(run, truth));
+}
+
+Evaluation accuracy_as_drawn(const CameraModel& camera, const RunRecorder& run,
+                             const Trajectory& truth) {
+  return evaluate(camera, run.drawn(), truth_of_processed(run, truth));
 }
 
 Evaluation accuracy_of_group(const CameraModel& camera, const RunRecorder& run,
                              const std::string& group, const Trajectory& truth,
                              const Trajectory& group_truth) {
-  const auto T_group_middle = run.middle_of(group);
-  Trajectory over_group;
-  for (const std::int64_t time_ns : run.times_ns()) {
-    const StampedPose* pose = truth.at(time_ns);
-    const StampedPose* place = group_truth.at(time_ns);
-    if (pose == nullptr || place == nullptr) continue;
-    const GroupPose T_table_group(place->T_table_camera.rotation(),
-                                  place->T_table_camera.translation());
-    const auto T_middle_camera = (T_table_group * T_group_middle).inverse() * pose->T_table_camera;
-    over_group.poses.push_back(
-        {time_ns, CameraPose(T_middle_camera.rotation(), T_middle_camera.translation()), {}});
-  }
-  return evaluate(camera, run.tracked_over(group), over_group);
+  return evaluate(camera, run.tracked_over(group),
+                  over_group(truth_of_processed(run, truth), group_truth, run.middle_of(group)));
 }
 
 std::string report_json(const RunReport& report) {
@@ -331,6 +363,7 @@ std::string report_json(const RunReport& report) {
   json["frames"] = report.frames;
   json["frames_captured"] = report.frames_captured;
   json["frames_dropped"] = report.frames_dropped;
+  json["frames_damaged"] = report.frames_damaged;
   json["frames_tracked"] = report.frames_tracked;
   json["frames_uncertain"] = report.frames_uncertain;
   json["frames_held"] = report.frames_held;
@@ -339,7 +372,9 @@ std::string report_json(const RunReport& report) {
   Json versions;
   for (const auto& [name, version] : component_versions()) versions[name] = version;
   json["versions"] = versions;
-  json["gl"] = {{"renderer", report.gl_renderer}, {"version", report.gl_version}};
+  json["gl"] = {{"renderer", report.gl_renderer},
+                {"version", report.gl_version},
+                {"translucency", to_string(report.translucency)}};
   json["time_ms"] = times_json(report.time_ms);
   json["pipeline"] = pipeline_json(report);
   json["tracking"] = {
@@ -359,12 +394,16 @@ std::string report_json(const RunReport& report) {
   }
   if (!report.camera_faults.empty()) json["camera_faults"] = counts_json(report.camera_faults);
   if (report.accuracy) json["accuracy"] = json_of(*report.accuracy);
+  if (report.smoothing) json["smoothing"] = json_of(*report.smoothing);
   // A folder name that is no UTF-8 must not cost the report.
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
-std::string evaluation_json(const Evaluation& evaluation) {
-  return json_of(evaluation).dump(2) + "\n";
+std::string evaluation_json(const Evaluation& evaluation,
+                            const std::map<std::string, Evaluation>& groups) {
+  Json json = json_of(evaluation);
+  for (const auto& [name, of_group] : groups) json["groups"][name] = json_of(of_group);
+  return json.dump(2) + "\n";
 }
 
 std::string evaluation_table(const Evaluation& evaluation) {
@@ -390,6 +429,23 @@ std::string evaluation_table(const Evaluation& evaluation) {
   return text;
 }
 
+namespace {
+
+std::string smoothing_table(const SmoothingReport& smoothing) {
+  std::string text = fmt::format(
+      "\nsmoothed as drawn: {:.1f} ms late in the median, {:.1f} at most; {:.3f} px from the "
+      "measured pose, {:.3f} at most\n",
+      smoothing.lag_ms.median, smoothing.lag_ms.max, smoothing.offset_px.rmse,
+      smoothing.offset_px.max);
+  if (smoothing.measured_lag_ms) {
+    text += fmt::format("where the view moves: {:.2f} ms late\n", *smoothing.measured_lag_ms);
+  }
+  if (smoothing.accuracy) text += evaluation_table(*smoothing.accuracy);
+  return text;
+}
+
+}  // namespace
+
 std::string report_table(const RunReport& report) {
   std::string text =
       fmt::format("{}: {} frames of {} x {}{}\n", report.recording, report.frames, report.width,
@@ -397,8 +453,13 @@ std::string report_table(const RunReport& report) {
   text += fmt::format("tracked {}, uncertain {}, held {}, lost {}\n", report.frames_tracked,
                       report.frames_uncertain, report.frames_held, report.frames_lost);
   if (report.frames_dropped > 0) {
-    text += fmt::format("captured {}, of which {} were too late to be shown\n",
-                        report.frames_captured, report.frames_dropped);
+    std::vector<std::string> why;
+    if (report.frames_damaged > 0) why.push_back(fmt::format("{} damaged", report.frames_damaged));
+    if (const int late = report.frames_dropped - report.frames_damaged; late > 0) {
+      why.push_back(fmt::format("{} too late to be shown", late));
+    }
+    text +=
+        fmt::format("captured {}, of which {}\n", report.frames_captured, fmt::join(why, " and "));
   }
   for (const auto& [fault, count] : report.camera_faults) {
     text += fmt::format("camera: {} {}\n", fault, count);
@@ -427,6 +488,7 @@ std::string report_table(const RunReport& report) {
     text += '\n';
     text += evaluation_table(*report.accuracy);
   }
+  if (report.smoothing) text += smoothing_table(*report.smoothing);
   for (const GroupReport& group : report.groups) {
     if (!group.accuracy) continue;
     text += fmt::format("\ntag group {}\n", group.name);

@@ -10,9 +10,11 @@
 #include <utility>
 #include <vector>
 
+#include "app/pose_smoother.hpp"
 #include "app/session.hpp"
 #include "core/evaluation.hpp"
 #include "core/group_pose.hpp"
+#include "core/running_statistics.hpp"
 #include "core/stopwatch.hpp"
 #include "render/shadow/shadow_node.hpp"
 
@@ -29,12 +31,13 @@ class StageTimes {
  public:
   void add(StageTime time);
   [[nodiscard]] StageSummary summary() const;
-  // Wall, mean of the last `count` frames [ms]; nothing before the first.
-  [[nodiscard]] std::optional<double> recent_ms(std::size_t count) const;
+  // Wall, mean of the last frames, kMostRecent at most [ms]; nothing before the first.
+  [[nodiscard]] std::optional<double> recent_ms() const;
 
  private:
-  std::vector<double> wall_ms_;
-  std::vector<double> cpu_ms_;
+  static constexpr std::size_t kMostRecent = 30;
+  RunningStatistics wall_ms_, cpu_ms_;
+  std::array<double, kMostRecent> recent_ms_{};  // a ring
 };
 
 // Of a group of tags beside the table.
@@ -46,6 +49,16 @@ struct GroupReport {
   // Of the camera over the group's middle, in the tracked frames: what stands there is drawn so far
   // from where it is.
   std::optional<Evaluation> accuracy;
+};
+
+// What smoothing did to the pose that was drawn.
+struct SmoothingReport {
+  Statistics lag_ms;     // of each frame, as SmoothedPose's
+  Statistics offset_px;  // as SmoothedPose's
+  // By how much the overlay as drawn comes late where it moves, found by comparing the two paths;
+  // nothing where it does not move.
+  std::optional<double> measured_lag_ms;
+  std::optional<Evaluation> accuracy;  // as drawn, of the tracked frames
 };
 
 // One technique of a comparison: what drawing it took, and what it did.
@@ -62,10 +75,12 @@ struct RunReport {
   int width = 0, height = 0;  // [px]
   int frames = 0;             // processed
   int frames_captured = 0, frames_dropped = 0;
+  int frames_damaged = 0;  // of those dropped: they could not be decoded; others came too late
   int frames_tracked = 0, frames_uncertain = 0, frames_held = 0, frames_lost = 0;
   bool interrupted = false;
   std::string gl_renderer;
   std::string gl_version;
+  Translucency translucency = Translucency::automatic;  // of the last frame; automatic: none drawn
   std::vector<std::pair<std::string, StageSummary>> time_ms;  // in the order of the pipeline
   Statistics reprojection_rms_px;   // over the frames in which tags were measured
   bool tags_measured = false;       // in any frame
@@ -78,15 +93,24 @@ struct RunReport {
   std::map<std::string, std::int64_t> camera_faults;
   // The stages that can run side by side, and which of them the others wait for.
   int threads = 1;
-  std::optional<Evaluation> accuracy;  // of the tracked frames
-  std::vector<GroupReport> groups;     // those that were tracked, in the order of the tag map
+  std::optional<Evaluation> accuracy;        // of the tracked frames, as measured
+  std::optional<SmoothingReport> smoothing;  // where any frame was drawn so
+  std::vector<GroupReport> groups;           // those that were tracked, in the order of the tag map
   // Of a comparison, in the order of its panes: time_ms, work and skipped are of all together.
   std::vector<PaneReport> panes;
 };
 
+struct RunRecorderOptions {
+  // Of the picture; where it is given, the lag of smoothed poses is measured.
+  std::optional<CameraModel> camera;
+  // Every frame's time and pose, to be compared with the truth: memory grows with the frames.
+  bool keep_paths = false;
+};
+
+// Of a run of any length in bounded memory, but for the paths where they are kept.
 class RunRecorder {
  public:
-  RunRecorder();
+  explicit RunRecorder(const RunRecorderOptions& options = {});
   // `stage` is one of the report's.
   void add_time(std::string_view stage, StageTime time);
   // Counts a frame; its stages' times are added here.
@@ -96,12 +120,14 @@ class RunRecorder {
   void add_redrawn(const SessionFrame& frame);
 
   [[nodiscard]] int frames() const { return report_.frames; }
-  [[nodiscard]] std::optional<double> recent_ms(std::string_view stage, std::size_t count) const;
+  [[nodiscard]] std::optional<double> recent_ms(std::string_view stage) const;
   // The report's "work" so far.
   [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> work() const;
-  // Timestamps of the processed frames, and the poses of the tracked ones.
+  // Where paths are kept: timestamps of the processed frames, and the poses of the tracked ones.
   [[nodiscard]] const std::vector<std::int64_t>& times_ns() const { return times_ns_; }
   [[nodiscard]] const Trajectory& tracked() const { return tracked_; }
+  // The same frames, as they were drawn.
+  [[nodiscard]] const Trajectory& drawn() const { return drawn_; }
   // Of the frames in which the group was tracked: T_middle_camera, as it was drawn.
   [[nodiscard]] const Trajectory& tracked_over(const std::string& group) const;
   [[nodiscard]] Transform<frame::Group, frame::GroupMiddle> middle_of(
@@ -113,32 +139,41 @@ class RunRecorder {
   struct Work {
     std::int64_t shadow_vertices = 0, kernel_generations = 0, reprojections = 0,
                  triples_recomputed = 0, proxy_shadows = 0, proxy_checks = 0, proxy_faces_saved = 0,
-                 masks_drawn = 0, masks_kept = 0, faces_tested = 0, faces_twisted = 0,
-                 passes_drawn = 0, passes_skipped = 0;
+                 masks_drawn = 0, masks_kept = 0, video_copies = 0, video_imports = 0,
+                 faces_tested = 0, faces_twisted = 0, passes_drawn = 0, passes_skipped = 0;
   };
   struct Group {
     GroupReport report;
     Transform<frame::Group, frame::GroupMiddle> T_group_middle;
-    std::vector<double> reprojection_px;
-    Trajectory tracked;  // T_middle_camera
+    RunningStatistics reprojection_px;
+    Trajectory tracked;  // T_middle_camera; where paths are kept
   };
   void add_work(const CompositeStats& drawn);
+  void add_tracked(const SessionFrame& frame);
   void add_group(const GroupEstimate& estimate, const TrackedFrame& tracked);
   [[nodiscard]] const Group& group(const std::string& name) const;
 
   RunReport report_;
   std::vector<std::pair<std::string, StageTimes>> stages_;
-  std::vector<double> reprojection_px_;
+  RunningStatistics reprojection_px_;
+  bool keep_paths_ = false;
   std::vector<std::int64_t> times_ns_;
-  Trajectory tracked_;
+  Trajectory tracked_, drawn_;
+  RunningStatistics lag_ms_, offset_px_;  // of frames drawn with a smoothed pose
+  std::optional<LagMeter> lag_;           // of those of them that were tracked
   std::vector<Group> groups_;
   Work work_;
   std::array<std::int64_t, kShadowEventNames.size()> events_{};  // by ShadowEventKind
 };
 
+// These need the paths of the run.
 // The errors of the tracked poses against those true poses that belong to processed frames.
 [[nodiscard]] Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run,
                                      const Trajectory& truth);
+
+// The same of the poses that these frames were drawn with.
+[[nodiscard]] Evaluation accuracy_as_drawn(const CameraModel& camera, const RunRecorder& run,
+                                           const Trajectory& truth);
 
 // The same of a group of tags beside the table: of the camera over its middle. `group_truth`:
 // T_table_group.
@@ -148,8 +183,9 @@ class RunRecorder {
 
 [[nodiscard]] std::string report_json(const RunReport& report);
 // {"rmse", "median", "p95", "max", ...} of an evaluation, as in the report's "accuracy", with the
-// counts of frames.
-[[nodiscard]] std::string evaluation_json(const Evaluation& evaluation);
+// counts of frames; those of groups of tags, if any, in "groups".
+[[nodiscard]] std::string evaluation_json(const Evaluation& evaluation,
+                                          const std::map<std::string, Evaluation>& groups = {});
 
 // For people; ends with a line break.
 [[nodiscard]] std::string report_table(const RunReport& report);

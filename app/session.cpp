@@ -7,6 +7,7 @@
 
 #include "app/logging.hpp"
 #include "core/units.hpp"
+#include "render/passes/rectified_video.hpp"
 
 namespace penumbra {
 namespace {
@@ -59,14 +60,16 @@ Session::Session(const Scene& scene, const CameraModel& camera, PoseSource poses
       tied_(tag_groups_of(scene)),
       poses_(std::move(poses)),
       options_(options),
+      smoother_(camera),
       compositor_(std::move(compositor)) {}
 
 Result<Session> Session::create(GlContext& context, std::shared_ptr<const Scene> scene,
                                 const CameraModel& camera, PoseSource poses,
                                 const SessionOptions& options) {
-  auto compositor = Compositor::create(context, scene, camera);
+  auto compositor = Compositor::create(context, scene, camera, {options.rectified});
   if (!compositor) return tl::unexpected(compositor.error());
-  return Session(*scene, camera, std::move(poses), options, std::move(*compositor));
+  return Session(*scene, options.rectified ? without_distortion(camera) : camera, std::move(poses),
+                 options, std::move(*compositor));
 }
 
 TrackedFrame Session::track(const Frame& frame) {
@@ -116,7 +119,14 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   const Stopwatch plan_watch;
   SceneState state = evaluate_scene(scene_, seconds(frame.timestamp_ns - *options_.scene_start_ns),
                                     result.tracked.groups);
-  result.plan = plan_frame(scene_, state, result.tracked.pose, camera_, options_.plan);
+  PoseEstimate drawn_pose = result.tracked.pose;
+  if (options_.smooth && drawn_pose.has_pose()) {
+    result.smoothed = smoother_.smooth(frame.timestamp_ns, drawn_pose.T_table_camera);
+    drawn_pose.T_table_camera = result.smoothed->T_table_camera;
+  } else {
+    smoother_.reset();
+  }
+  result.plan = plan_frame(scene_, state, drawn_pose, camera_, options_.plan);
   if (result.plan.has_pose) {
     if (state_with_pose_) result.events = shadow_events(*state_with_pose_, state);
     state_with_pose_ = state;

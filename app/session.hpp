@@ -12,6 +12,7 @@
 #include <variant>
 #include <vector>
 
+#include "app/pose_smoother.hpp"
 #include "app/scene_edit.hpp"
 #include "core/stopwatch.hpp"
 #include "core/trajectory.hpp"
@@ -34,12 +35,16 @@ using PoseSource = std::variant<GroupTracker, GivenPoses>;
 
 struct SessionOptions {
   PlanOptions plan;
+  bool smooth = false;  // the pose that is drawn
   // The frames' clock at which the scene's time is 0; nothing: the first frame that is drawn.
   std::optional<std::int64_t> scene_start_ns;
+  bool rectified = false;  // the picture without the lens's distortion
 };
 
 struct SessionFrame {
-  TrackedFrame tracked;
+  TrackedFrame tracked;  // with the pose as it was measured
+  // What was drawn in place of the measured pose; nothing where that was drawn itself.
+  std::optional<SmoothedPose> smoothed;
   FramePlan plan;
   std::vector<ShadowEvent> events;  // since the frame before that had a pose
   CompositeStats composite;
@@ -95,7 +100,15 @@ class Session {
   [[nodiscard]] std::optional<std::int64_t> scene_start_ns() const {
     return options_.scene_start_ns;
   }
+  // How what is translucent is drawn from the next picture on. A matter of the display and not of
+  // the scene: no edit.
+  void set_translucency(Translucency way) { options_.plan.translucency = way; }
+  [[nodiscard]] Translucency translucency() const { return options_.plan.translucency; }
+  // Whether the pose that is drawn is smoothed, from the next picture on.
+  void set_smooth(bool smooth) { options_.smooth = smooth; }
+  [[nodiscard]] bool smooth() const { return options_.smooth; }
   [[nodiscard]] SessionView view() const;
+  // Of the picture: of a rectified one without distortion.
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
   // How the node is drawn, by the options or by the scene.
   [[nodiscard]] ShadowStyle style_in_effect(const ShadowNode& node) const;
@@ -115,6 +128,7 @@ class Session {
   std::vector<std::string> tied_;  // groups of tags that something in the scene moves with
   PoseSource poses_;
   SessionOptions options_;
+  PoseSmoother smoother_;
   Compositor compositor_;
   std::vector<SceneEdit> edits_;  // since the last frame
   std::vector<SceneEdit> edits_so_far_;

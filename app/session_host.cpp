@@ -15,7 +15,6 @@
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kMeanFrames = 30;
 constexpr std::array<std::string_view, 6> kStages = {"capture", "track",    "shadow",
                                                      "render",  "readback", "encode"};
 
@@ -90,10 +89,11 @@ void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorde
   state.has_picture = true;
   state.frame = frame.tracked.frame.sequence;
   state.pose = frame.tracked.pose;
+  state.smoothed = frame.smoothed;
   state.groups = frame.tracked.groups;
+  state.translucency_drawn = frame.composite.translucency;
   const auto add = [&](std::string_view stage) {
-    if (const auto mean = run.recent_ms(stage, kMeanFrames))
-      state.stages.emplace_back(stage, *mean);
+    if (const auto mean = run.recent_ms(stage)) state.stages.emplace_back(stage, *mean);
   };
   for (const std::string_view stage : kStages) {
     add(stage);
@@ -106,7 +106,13 @@ void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorde
   }
 }
 
+std::string SessionHost::toggle_smoothing() {
+  session_.set_smooth(!session_.smooth());
+  return session_.smooth() ? "the drawn pose is smoothed" : "the pose is drawn as measured";
+}
+
 void SessionHost::describe(HudState& state, bool debug) const {
+  state.smooth = session_.smooth();
   state.frame_count = frame_count_;
   if (last_) describe_frame(state, *last_, run_);
   if (!debug || !last_) return;

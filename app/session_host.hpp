@@ -29,10 +29,13 @@ class SessionHost : public ViewerHost {
   [[nodiscard]] SessionView view() const override { return session_.view(); }
   [[nodiscard]] std::vector<HudNode> nodes() const override;
   void edit(const SceneEdit& edit) override;
+  [[nodiscard]] Translucency translucency() const override { return session_.translucency(); }
+  void set_translucency(Translucency way) override { session_.set_translucency(way); }
   void redraw() override;
   // A PNG of the picture without the HUD, into the current folder.
   [[nodiscard]] std::string save_screenshot() override;
   [[nodiscard]] std::string toggle_recording() override { return "only live is recorded"; }
+  [[nodiscard]] std::string toggle_smoothing() override;
   void describe(HudState& state, bool debug) const override;
 
  private:

@@ -363,7 +363,9 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
     return folder.failed(written.error());
 
   SimulateSummary summary;
-  std::string listing = "frame,timestamp_s,file\n";
+  // An instant's exposure has no length to tell.
+  const bool exposed = request.exposure_s > 0.0;
+  std::string listing = fmt::format("frame,timestamp_s,file{}\n", exposed ? ",exposure_s" : "");
   Trajectory truth;
   std::map<std::string, Trajectory> group_truth;
   for (const std::string& group : other_groups(*tags)) {
@@ -377,7 +379,8 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
         return folder.failed(written.error());
       StampedPose pose = simulation.path().poses[static_cast<std::size_t>(i)];
       pose.comment.clear();
-      listing += fmt::format("{},{},{}\n", i, format_ns_as_seconds(pose.timestamp_ns), name);
+      listing += fmt::format("{},{},{}", i, format_ns_as_seconds(pose.timestamp_ns), name);
+      listing += exposed ? fmt::format(",{:.7g}\n", request.exposure_s) : std::string("\n");
       for (auto& [group, places] : group_truth) {
         const auto moves = simulation.groups().find(group);
         StampedPose& place = places.poses.emplace_back();

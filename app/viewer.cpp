@@ -14,8 +14,7 @@ namespace {
 // While paused the picture is drawn again at an easy rate: the window may be resized or uncovered.
 constexpr std::chrono::milliseconds kPausedRefresh(30);
 constexpr double kMessage_ms = 4000.0;
-constexpr std::size_t kRateFrames = 30;  // over which the rate is taken
-constexpr double kCorner_px = 48.0;      // a touch here brings a hidden HUD back
+constexpr double kCorner_px = 48.0;  // a touch here brings a hidden HUD back
 
 }  // namespace
 
@@ -29,12 +28,11 @@ Viewer::~Viewer() {
   context_.on_event({});
 }
 
-bool Viewer::show(InterruptWatch& interrupt) {
+bool Viewer::show(InterruptWatch& interrupt, Picture picture) {
   const Stopwatch pause;
   bool waited = false;
   step_ = false;
-  shown_ms_.push_back(clock_.elapsed().wall_ms);
-  if (shown_ms_.size() > kRateFrames) shown_ms_.pop_front();
+  if (picture == Picture::next) shown_.add(clock_.elapsed().wall_ms);
   do {
     host_.present();
     draw_hud();
@@ -50,7 +48,7 @@ bool Viewer::show(InterruptWatch& interrupt) {
   edited_ = false;
   if (waited) {
     paused_ms_ += pause.elapsed().wall_ms;
-    shown_ms_.clear();
+    shown_.restart();
   }
   return !closed_;
 }
@@ -60,10 +58,8 @@ void Viewer::draw_hud() {
   HudState state;
   host_.describe(state, panels_.debug);
   state.nodes = host_.nodes();
-  if (shown_ms_.size() > 1 && shown_ms_.back() > shown_ms_.front()) {
-    state.frames_per_s =
-        1e3 * static_cast<double>(shown_ms_.size() - 1) / (shown_ms_.back() - shown_ms_.front());
-  }
+  state.translucency = host_.translucency();
+  state.frames_per_s = shown_.per_s(clock_.elapsed().wall_ms);
   state.paused = paused_;
   state.selected = manipulator_.selected();
   state.drag = drag_;
@@ -81,6 +77,7 @@ void Viewer::draw_hud() {
 void Viewer::act_on_clicks(HudActions actions) {
   for (const WindowCommand command : actions.commands) act(command);
   for (const SceneEdit& change : actions.edits) edit(change);
+  if (actions.translucency) set_translucency(*actions.translucency);
 }
 
 void Viewer::take(const WindowEvent& event) {
@@ -186,6 +183,12 @@ void Viewer::set_technique(ShadowTechnique technique) {
   say((node_ ? *node_ : std::string("shadows")) + ": " + std::string(to_string(technique)));
 }
 
+void Viewer::set_translucency(Translucency way) {
+  host_.set_translucency(way);
+  edited_ = true;
+  say("translucency: " + std::string(to_string(host_.translucency())));
+}
+
 std::vector<HudNode> Viewer::chosen_nodes() const {
   std::vector<HudNode> nodes = host_.nodes();
   if (node_) std::erase_if(nodes, [this](const HudNode& node) { return node.name != *node_; });
@@ -237,6 +240,10 @@ void Viewer::act(WindowCommand command) {
     case WindowCommand::layout:
       compact_ = !compact_.value_or(is_small(context_.window_size()));
       break;
+    case WindowCommand::smooth:
+      say(host_.toggle_smoothing());
+      edited_ = true;  // a picture that stands still is drawn again
+      break;
     case WindowCommand::slide:
       drag_ = DragMode::slide;
       break;
@@ -272,6 +279,9 @@ void Viewer::act(WindowCommand command) {
       if (!nodes.empty()) set_technique(technique_after(nodes.front().style.technique));
       break;
     }
+    case WindowCommand::next_translucency:
+      set_translucency(translucency_after(host_.translucency()));
+      break;
     case WindowCommand::next_node: {
       const std::vector<HudNode> nodes = host_.nodes();
       const auto at = std::ranges::find_if(

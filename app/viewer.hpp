@@ -3,7 +3,6 @@
 
 #include <Eigen/Core>
 #include <array>
-#include <deque>
 #include <memory>
 #include <optional>
 #include <string>
@@ -12,6 +11,7 @@
 #include "app/interrupt.hpp"
 #include "app/manipulation.hpp"
 #include "app/overlay.hpp"
+#include "app/rate_meter.hpp"
 #include "app/session.hpp"
 #include "core/stopwatch.hpp"
 #include "render/gl/context.hpp"
@@ -32,11 +32,14 @@ class ViewerHost {
   [[nodiscard]] virtual SessionView view() const { return {}; }
   [[nodiscard]] virtual std::vector<HudNode> nodes() const { return {}; }
   virtual void edit(const SceneEdit& /*edit*/) {}
+  [[nodiscard]] virtual Translucency translucency() const { return Translucency::automatic; }
+  virtual void set_translucency(Translucency /*way*/) {}
   // Draws the last picture again with what was edited, while it stands still.
   virtual void redraw() {}
   // Says what became of it, for the person.
   [[nodiscard]] virtual std::string save_screenshot() { return {}; }
   [[nodiscard]] virtual std::string toggle_recording() { return {}; }
+  [[nodiscard]] virtual std::string toggle_smoothing() { return {}; }
   // Fills in what was measured; `debug`: for the debug view too.
   virtual void describe(HudState& /*state*/, bool /*debug*/) const {}
 };
@@ -55,9 +58,12 @@ class Viewer {
   Viewer& operator=(const Viewer&) = delete;
   ~Viewer();
 
+  // What show() shows: the next frame's picture, or the one that is on the screen, perhaps drawn
+  // again. The frame rate counts the former.
+  enum class Picture { next, same };
   // Shows the last picture and answers what was done; while paused until that ends, a step is asked
   // for, or the program is interrupted. False once the window was closed.
-  [[nodiscard]] bool show(InterruptWatch& interrupt);
+  [[nodiscard]] bool show(InterruptWatch& interrupt, Picture picture = Picture::next);
   // How long the pauses were, all together [ms]: time that does not count for pacing.
   [[nodiscard]] double paused_ms() const { return paused_ms_; }
   [[nodiscard]] bool paused() const { return paused_; }
@@ -74,6 +80,7 @@ class Viewer {
   void edit(const SceneEdit& edit);
   // Of the nodes that the keys are for.
   void set_technique(ShadowTechnique technique);
+  void set_translucency(Translucency way);
   [[nodiscard]] std::vector<HudNode> chosen_nodes() const;
   void say(std::string message);
   // Nothing outside of the picture, or without a pose.
@@ -100,7 +107,7 @@ class Viewer {
   double raise_m_ = 0.0;  // of the cursor, asked for since the last picture
   std::string message_;
   Stopwatch since_message_;
-  std::deque<double> shown_ms_;  // when the last pictures were shown
+  RateMeter shown_;
   Stopwatch clock_;
 };
 

@@ -11,10 +11,10 @@ namespace penumbra {
 struct CameraControls {
   std::optional<double> exposure_ms;
   bool auto_exposure = false;
-  std::optional<int> gain;  // in the camera's own steps; times by libcamera
+  std::optional<double> gain;  // in the camera's own steps; times by libcamera
   std::optional<int> white_balance_k;
   bool auto_white_balance = false;
-  std::optional<int> focus;  // in the camera's own steps; dioptres by libcamera
+  std::optional<double> focus;  // in the camera's own steps; dioptres by libcamera
 };
 
 // The stream that a person wishes for; what the camera grants is obeyed.

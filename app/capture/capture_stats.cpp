@@ -1,5 +1,6 @@
 #include "app/capture/capture_stats.hpp"
 
+#include <chrono>
 #include <utility>
 
 #include "app/logging.hpp"
@@ -20,13 +21,16 @@ std::string_view name_of(CaptureFault fault) {
 }
 
 void FaultCounter::count(CaptureFault fault, std::string_view detail, std::uint64_t times) {
+  const std::int64_t now_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(
+                                  std::chrono::steady_clock::now().time_since_epoch())
+                                  .count();
   bool first = false;
   {
     const std::lock_guard lock(mutex_);
     std::uint64_t& counter = stats_.faults[static_cast<std::size_t>(fault)];
     first = counter == 0;
     counter += times;
-    if (events_.size() < kMostEvents) events_.push_back({fault, std::string(detail)});
+    if (events_.size() < kMostEvents) events_.push_back({now_ns, fault, std::string(detail)});
   }
   if (first) {
     log_warning("{}: {} (told once, counted from now on)", camera_, detail);
@@ -38,6 +42,12 @@ void FaultCounter::count(CaptureFault fault, std::string_view detail, std::uint6
 void FaultCounter::count_frame() {
   const std::lock_guard lock(mutex_);
   ++stats_.frames;
+}
+
+void FaultCounter::count_undecoded(std::string_view detail) {
+  count(CaptureFault::damaged, detail);
+  const std::lock_guard lock(mutex_);
+  ++stats_.undecoded;
 }
 
 void FaultCounter::count_restart() {

@@ -31,7 +31,8 @@ inline constexpr std::size_t kCaptureFaultCount = 12;
 [[nodiscard]] std::string_view name_of(CaptureFault fault);
 
 struct CaptureStats {
-  std::uint64_t frames = 0;  // handed out
+  std::uint64_t frames = 0;     // handed out
+  std::uint64_t undecoded = 0;  // of these: damaged, as was found when they were decoded
   std::array<std::uint64_t, kCaptureFaultCount> faults{};
   std::uint64_t restarts = 0;          // times the stream was set up again
   std::optional<std::string> trouble;  // what is wrong right now, in a few words for the HUD
@@ -47,12 +48,14 @@ class FaultCounter {
   explicit FaultCounter(std::string camera) : camera_(std::move(camera)) {}
   void count(CaptureFault fault, std::string_view detail, std::uint64_t times = 1);
   void count_frame();
+  void count_undecoded(std::string_view detail);
   void count_restart();
   // What is wrong right now; nothing: it is over.
   void set_trouble(std::optional<std::string> trouble);
   [[nodiscard]] CaptureStats stats() const;
   // The faults counted since the last call, for the events of a recording.
   struct Event {
+    std::int64_t timestamp_ns;  // when it was counted, on the monotonic clock
     CaptureFault fault;
     std::string detail;
   };

@@ -8,8 +8,6 @@ namespace {
 
 // A frame is stamped before it arrives, and no driver keeps one for longer than this.
 constexpr std::int64_t kOldest_ns = 10'000'000'000;
-// Some drivers name the moment at which the frame is going to end.
-constexpr std::int64_t kYoungest_ns = 1'000'000'000;
 // Numbers that jump by more than this were set back, not lost.
 constexpr std::uint32_t kMostLost = 1U << 20U;
 // A pause of this many intervals, with consecutive numbers, has a lost frame in it.
@@ -30,10 +28,16 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
   FrameStamp stamp;
   stamp.timestamp_ns = driver_ns;
   if (monotonic) {
-    const bool possible = driver_ns <= arrival_ns + kYoungest_ns &&
+    // Not of the future, but for drivers that name the moment at which the frame is going to end;
+    // and after the last true one: what stood for a bad time is no measure.
+    const bool possible = driver_ns <= arrival_ns + usual_interval_ns() &&
                           driver_ns >= arrival_ns - kOldest_ns &&
-                          (!any_ || driver_ns > timestamp_ns_);
+                          (!any_believed_ || driver_ns > believed_ns_);
     stamp.bad_time = !possible;
+    if (possible) {
+      believed_ns_ = driver_ns;
+      any_believed_ = true;
+    }
   }
   if (!monotonic || stamp.bad_time) stamp.timestamp_ns = arrival_ns;
   if (any_) stamp.timestamp_ns = std::max(stamp.timestamp_ns, timestamp_ns_ + 1);

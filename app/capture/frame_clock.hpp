@@ -41,6 +41,8 @@ class FrameClock {
   std::uint32_t driver_sequence_ = 0;
   std::uint64_t sequence_ = 0;
   std::int64_t timestamp_ns_ = 0;
+  std::int64_t believed_ns_ = 0;  // the last of the driver's times that could be true
+  bool any_believed_ = false;
   bool last_bad_ = false;
 };
 

@@ -2,6 +2,7 @@
 // the same to the session.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 
@@ -25,7 +26,9 @@ class FrameSource {
   // What reading and decoding the last frame took, on the thread that did it (which may have been
   // ahead of next()).
   [[nodiscard]] virtual StageTime capture_time() const = 0;
-  // How many frames there will be, where that is known.
+  // How many were left out so far because they can't be decoded, where that is no error.
+  [[nodiscard]] virtual std::int64_t damaged() const { return 0; }
+  // How many frames there will be, with those left out, where that is known.
   [[nodiscard]] virtual std::optional<int> frame_count() const = 0;
 };
 

@@ -1,5 +1,6 @@
 #include "app/capture/libcamera_source.hpp"
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <libcamera/camera.h>
 #include <libcamera/camera_manager.h>
@@ -12,7 +13,6 @@
 #include <libcamera/transform.h>
 #include <linux/videodev2.h>
 #include <sys/ioctl.h>
-#include <sys/mman.h>
 
 #include <algorithm>
 #include <array>
@@ -20,6 +20,7 @@
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
+#include <cstdlib>
 #include <cstring>
 #include <deque>
 #include <filesystem>
@@ -29,8 +30,10 @@
 
 #include "app/capture/buffer_ring.hpp"
 #include "app/capture/camera_trouble.hpp"
+#include "app/capture/dma_buf_memory.hpp"
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_layout.hpp"
+#include "app/capture/frame_pace.hpp"
 #include "app/capture/libcamera_versions.hpp"
 #include "app/logging.hpp"
 #include "core/text.hpp"
@@ -44,7 +47,6 @@ namespace lc = libcamera;
 // As for V4L2 (v4l2_source.cpp): one being filled, one waiting, and what others hold.
 constexpr unsigned kBuffers = 6;
 constexpr std::size_t kDriverNeeds = 2;
-constexpr auto kSilence = std::chrono::milliseconds(1000);
 constexpr auto kRetry = std::chrono::milliseconds(500);  // libcamera looks for all cameras anew
 constexpr std::uint64_t kMostBytes = std::uint64_t{1} << 30U;  // of one buffer
 
@@ -121,54 +123,55 @@ Started<std::shared_ptr<lc::Camera>> find_camera(const lc::CameraManager& manage
                  name, cameras.size())});
 }
 
-// The memory of all buffers of a stream, mapped; frames may outlive the camera.
-class Mapping {
+// A buffer of a stream, mapped to be read. libcamera's buffers are shared memory from the start.
+class MappedBuffer {
  public:
-  Mapping() = default;
-  Mapping(const Mapping&) = delete;
-  Mapping& operator=(const Mapping&) = delete;
-  ~Mapping() {
-    for (const auto& bytes : maps_) munmap(const_cast<std::uint8_t*>(bytes.data()), bytes.size());
-  }
-
-  struct Buffer {
-    std::vector<std::span<const std::uint8_t>> planes;  // as libcamera has them
-  };
-  // 0, or the error's number.
-  int add(const lc::FrameBuffer& buffer) {
-    std::map<int, std::uint64_t> lengths;  // of each memory
+  // Fails with an errno.
+  static tl::expected<MappedBuffer, int> map(const lc::FrameBuffer& buffer) {
+    std::map<int, std::size_t> lengths;  // of each memory, by libcamera's descriptor
     for (const auto& plane : buffer.planes()) {
       const std::uint64_t end = std::uint64_t{offset_of(plane)} + plane.length;
-      if (end == 0 || end > kMostBytes) return EINVAL;
-      std::uint64_t& length = lengths[plane.fd.get()];
-      length = std::max(length, end);
+      if (end == 0 || end > kMostBytes) return tl::unexpected(EINVAL);
+      std::size_t& length = lengths[plane.fd.get()];
+      length = std::max<std::size_t>(length, end);
     }
-    std::map<int, std::span<const std::uint8_t>> mapped;
+    if (lengths.empty()) return tl::unexpected(EINVAL);
+    MappedBuffer mapped;
+    std::map<int, std::span<const std::uint8_t>> bytes;
     for (const auto& [descriptor, length] : lengths) {
-      void* start = mmap(nullptr, length, PROT_READ, MAP_SHARED, descriptor, 0);
-      if (start == MAP_FAILED) return errno;
-      maps_.emplace_back(static_cast<const std::uint8_t*>(start), length);
-      mapped[descriptor] = maps_.back();
+      // One of our own: frames may outlive the camera.
+      const int own = fcntl(descriptor, F_DUPFD_CLOEXEC, 0);
+      if (own < 0) return tl::unexpected(errno);
+      auto memory = DmaBufMemory::map(own, length);
+      if (!memory) return tl::unexpected(memory.error());
+      bytes[descriptor] = memory->bytes();
+      mapped.memories_.push_back(std::move(*memory));
     }
-    Buffer& added = buffers_.emplace_back();
     for (const auto& plane : buffer.planes()) {
-      added.planes.push_back(mapped[plane.fd.get()].subspan(offset_of(plane), plane.length));
+      mapped.planes_.push_back(bytes[plane.fd.get()].subspan(offset_of(plane), plane.length));
     }
-    return buffer.planes().empty() ? EINVAL : 0;
+    return mapped;
   }
-  [[nodiscard]] const Buffer& buffer(std::size_t index) const { return buffers_[index]; }
-  [[nodiscard]] std::vector<std::span<const std::uint8_t>> first_planes() const {
-    std::vector<std::span<const std::uint8_t>> spans;
-    for (const Buffer& buffer : buffers_) spans.push_back(buffer.planes.front());
-    return spans;
+
+  // As libcamera has them.
+  [[nodiscard]] const std::vector<std::span<const std::uint8_t>>& planes() const { return planes_; }
+  // The memory that all planes lie in; null where there are several.
+  [[nodiscard]] const DmaBufMemory* memory() const {
+    return memories_.size() == 1 ? &memories_.front() : nullptr;
+  }
+  void begin_reading() const {
+    for (const DmaBufMemory& memory : memories_) memory.begin_reading();
+  }
+  void end_reading() const {
+    for (const DmaBufMemory& memory : memories_) memory.end_reading();
   }
 
  private:
   static unsigned offset_of(const lc::FrameBuffer::Plane& plane) {
     return plane.offset == lc::FrameBuffer::Plane::kInvalidOffset ? 0 : plane.offset;
   }
-  std::vector<std::span<const std::uint8_t>> maps_;
-  std::vector<Buffer> buffers_;
+  std::vector<DmaBufMemory> memories_;
+  std::vector<std::span<const std::uint8_t>> planes_;
 };
 
 // Requests that libcamera has completed, on its own thread, for ours to take.
@@ -287,10 +290,16 @@ class Stream {
   [[nodiscard]] BufferRing& ring() { return *ring_; }
   [[nodiscard]] const std::string& id() const { return camera_->id(); }
   [[nodiscard]] std::string model() const { return model_of(*camera_); }
+  // Whether a GPU may read its buffers where they lie.
+  [[nodiscard]] bool shares() const {
+    return share_ && !known_->jpeg && buffers_->front().memory() != nullptr;
+  }
+  [[nodiscard]] const MappedBuffer& buffer(std::size_t index) const { return (*buffers_)[index]; }
 
   // Where each plane of a picture lies in buffer `index`, or nothing where it is too short.
   [[nodiscard]] std::optional<Frame> frame(std::size_t index) const {
-    const auto& planes = mapping_->buffer(index).planes;
+    const MappedBuffer& buffer = (*buffers_)[index];
+    const auto& planes = buffer.planes();
     Frame frame = layout_.frame;
     const auto count = static_cast<std::size_t>(frame.plane_count);
     for (std::size_t i = 0; i < count; ++i) {
@@ -301,6 +310,14 @@ class Stream {
                                 static_cast<std::size_t>(frame.planes[i].height);
       if (offset + bytes > memory.size()) return std::nullopt;
       frame.planes[i].data = memory.data() + offset;
+      if (share_ && buffer.memory() != nullptr) {
+        frame.dma_buf.offset[i] =
+            static_cast<std::size_t>(frame.planes[i].data - buffer.memory()->bytes().data());
+      }
+    }
+    if (share_ && buffer.memory() != nullptr) {
+      frame.dma_buf.descriptor = buffer.memory()->descriptor();
+      frame.dma_buf.buffer = buffer.memory()->number();
     }
     return frame;
   }
@@ -331,6 +348,7 @@ class Stream {
         camera_->generateConfiguration({lc::StreamRole::Viewfinder});
     if (!configuration || configuration->empty()) return trouble("its viewfinder stream", EINVAL);
     if (auto set = configure(*configuration, options, as_before); !set) return set;
+    share_ = options.dma_buf;
     if (auto allocated = allocate(); !allocated) return allocated;
     lc::ControlList controls = start_controls(options);
     camera_->requestCompleted.connect(this, &Stream::complete);
@@ -424,11 +442,13 @@ class Stream {
     if (const int count = allocator_->allocate(stream_); count <= 0) {
       return trouble("getting memory for frames", count == 0 ? ENOMEM : count);
     }
-    mapping_ = std::make_shared<Mapping>();
+    auto buffers = std::make_shared<std::vector<MappedBuffer>>();
+    std::vector<std::span<const std::uint8_t>> first_planes;
     for (const auto& buffer : allocator_->buffers(stream_)) {
-      if (const int error = mapping_->add(*buffer); error != 0) {
-        return trouble("mapping its buffers", error);
-      }
+      auto mapped = MappedBuffer::map(*buffer);
+      if (!mapped) return trouble("mapping its buffers", mapped.error());
+      first_planes.push_back(mapped->planes().front());
+      buffers->push_back(std::move(*mapped));
       std::unique_ptr<lc::Request> request = camera_->createRequest(requests_.size());
       if (!request) return trouble("making a request", ENOMEM);
       if (const int error = request->addBuffer(stream_, buffer.get()); error != 0) {
@@ -438,14 +458,18 @@ class Stream {
       fresh_.push_back(true);
     }
     if (requests_.size() < kDriverNeeds) return trouble("getting memory for frames", ENOMEM);
-    ring_ = BufferRing::create(mapping_->first_planes(),
-                               {[this](unsigned index) {
-                                  lc::Request& request = *requests_[index];
-                                  if (!fresh_[index]) request.reuse(lc::Request::ReuseBuffers);
-                                  fresh_[index] = false;
-                                  return camera_->queueRequest(&request) == 0;
-                                },
-                                [mapping = mapping_]() mutable { mapping.reset(); }});
+    buffers_ = buffers;
+    ring_ =
+        BufferRing::create(std::move(first_planes), {[this, buffers](unsigned index) {
+                                                       lc::Request& request = *requests_[index];
+                                                       if (!fresh_[index]) {
+                                                         (*buffers)[index].end_reading();
+                                                         request.reuse(lc::Request::ReuseBuffers);
+                                                       }
+                                                       fresh_[index] = false;
+                                                       return camera_->queueRequest(&request) == 0;
+                                                     },
+                                                     [buffers] { buffers->clear(); }});
     return {};
   }
 
@@ -516,7 +540,8 @@ class Stream {
   std::unique_ptr<lc::FrameBufferAllocator> allocator_;
   std::vector<std::unique_ptr<lc::Request>> requests_;
   std::vector<bool> fresh_;  // never queued yet; guarded by the ring's lock
-  std::shared_ptr<Mapping> mapping_;
+  bool share_ = true;        // its buffers with a GPU
+  std::shared_ptr<const std::vector<MappedBuffer>> buffers_;
   std::shared_ptr<BufferRing> ring_;
 };
 
@@ -527,8 +552,10 @@ class LibcameraSource final : public LiveSource {
       : options_(std::move(options)),
         before_{stream->id(), stream->format()},
         model_(stream->model()),
+        shares_(stream->shares()),
         faults_("libcamera:" + options_.camera),
         clock_(nanoseconds(before_.format.interval_s)),
+        pace_(nanoseconds(before_.format.interval_s)),
         completed_(std::move(completed)),
         stream_(std::move(stream)) {}
 
@@ -565,10 +592,17 @@ class LibcameraSource final : public LiveSource {
     add("colour_temperature_k", now.white_balance_k, 1.0);
     return values;
   }
+  [[nodiscard]] std::optional<FocusReading> focus() const override {
+    const std::lock_guard lock(mutex_);
+    if (!readings_.lens_position || !std::isfinite(*readings_.lens_position)) return std::nullopt;
+    constexpr double kStep_dioptres = 0.1;
+    return FocusReading{*readings_.lens_position, kStep_dioptres};
+  }
   [[nodiscard]] std::string description() const override {
-    return fmt::format("libcamera:{} ({}), {} {}x{} at {:.4g}/s", before_.id, model_,
+    return fmt::format("libcamera:{} ({}), {} {}x{} at {:.4g}/s{}", before_.id, model_,
                        before_.format.name, before_.format.width, before_.format.height,
-                       1.0 / before_.format.interval_s);
+                       1.0 / before_.format.interval_s,
+                       shares_ ? ", buffers shared by DMA-BUF" : "");
   }
 
  private:
@@ -585,24 +619,28 @@ class LibcameraSource final : public LiveSource {
     }
     stream_ = std::move(*started);
     clock_.restart(nanoseconds(before_.format.interval_s));
+    pace_.restart(nanoseconds(before_.format.interval_s));
     faults_.count_restart();
     return true;
   }
 
   std::optional<CapturedImage> receive() {
-    lc::Request* request = completed_->take(kSilence);
+    const auto silent = std::chrono::duration_cast<std::chrono::milliseconds>(
+        std::chrono::nanoseconds(pace_.silent_after_ns()));
+    lc::Request* request = completed_->take(silent);
     if (request == nullptr) {
       if (completed_->stopped()) return std::nullopt;
       if (completed_->disconnected()) {
         lose_stream(CaptureFault::disconnected, "the camera is gone");
       } else {
-        lose_stream(CaptureFault::silent,
-                    fmt::format("no frame for {} s, and no error", kSilence.count() / 1000));
+        lose_stream(CaptureFault::silent, fmt::format("no frame for {:.2g} s, and no error",
+                                                      1e-3 * static_cast<double>(silent.count())));
       }
       return std::nullopt;
     }
     const auto index = static_cast<unsigned>(request->cookie());
     CapturedImage image;
+    stream_->buffer(index).begin_reading();
     image.owner = stream_->ring().lend(index);
     if (stream_->ring().refused()) {
       image.owner.reset();
@@ -619,7 +657,11 @@ class LibcameraSource final : public LiveSource {
         clock_.next(metadata.sequence, static_cast<std::int64_t>(metadata.timestamp), true, now);
     image.sequence = stamp.sequence;
     image.timestamp_ns = stamp.timestamp_ns;
+    if (const auto us = request->metadata().get(lc::controls::ExposureTime); us && *us > 0) {
+      image.exposure_s = 1e-6 * *us;
+    }
     count_stamp(faults_, stamp);
+    pace_.saw(stamp.timestamp_ns);
     std::size_t bytes = 0;
     for (const auto& plane : metadata.planes()) bytes += plane.bytesused;
     if (metadata.status != lc::FrameMetadata::FrameSuccess || bytes == 0) {
@@ -670,6 +712,7 @@ class LibcameraSource final : public LiveSource {
         frame->planes[i].data = copy.get() + at;
         at += size_of(frame->planes[i]);
       }
+      frame->dma_buf = {};
       image.owner = copy;
     }
     image.frame = *frame;
@@ -696,9 +739,11 @@ class LibcameraSource final : public LiveSource {
   const LibcameraOptions options_;
   const Stream::Before before_;
   const std::string model_;
+  const bool shares_;  // as it was started
   FaultCounter faults_;
   Outage outage_{faults_};
   FrameClock clock_;
+  FramePace pace_;
   mutable std::mutex mutex_;
   Readings readings_;  // guarded by mutex_
   const std::unique_ptr<Completed> completed_;
@@ -722,6 +767,11 @@ Result<std::vector<LibcameraCamera>> list_libcamera_cameras() {
     LibcameraCamera& about = list.emplace_back();
     about.id = camera->id();
     about.model = model_of(*camera);
+    if (const int error = camera->acquire(); error == 0) {
+      camera->release();
+    } else {
+      about.problem = std::abs(error) == EBUSY ? "another program uses it" : message_of(error);
+    }
     const auto configuration = camera->generateConfiguration({lc::StreamRole::Viewfinder});
     if (!configuration || configuration->empty()) {
       about.problem = "it has no viewfinder stream";

@@ -15,6 +15,7 @@ namespace penumbra {
 
 struct LibcameraOptions : CameraWish {
   std::string camera = "0";  // its place in the list, its id, or its model's name
+  bool dma_buf = true;       // let a GPU read its buffers where they lie
 };
 
 // Opens the camera and starts its viewfinder stream; an error says why it can't be used. Once it

@@ -70,7 +70,7 @@ std::optional<Frame> LiveSource::decode(const CapturedImage& image) {
   if (image.is_jpeg()) {
     auto decoded = decode_image(image.jpeg, "a frame");
     if (!decoded) {
-      faults().count(CaptureFault::damaged, decoded.error().message);
+      faults().count_undecoded(decoded.error().message);
       return std::nullopt;
     }
     frame = std::move(*decoded);
@@ -80,6 +80,7 @@ std::optional<Frame> LiveSource::decode(const CapturedImage& image) {
   }
   frame.sequence = image.sequence;
   frame.timestamp_ns = image.timestamp_ns;
+  frame.exposure_s = image.exposure_s;
   return frame;
 }
 

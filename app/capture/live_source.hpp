@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -16,8 +17,9 @@ namespace penumbra {
 
 // One picture as the camera gave it.
 struct CapturedImage {
-  std::uint64_t sequence = 0;     // from 0; a gap is a lost frame
-  std::int64_t timestamp_ns = 0;  // the driver's, on the monotonic clock
+  std::uint64_t sequence = 0;        // from 0; a gap is a lost frame
+  std::int64_t timestamp_ns = 0;     // the driver's, on the monotonic clock
+  std::optional<double> exposure_s;  // as Frame's
   // Either a JPEG, not yet decoded, or a frame whose planes lie in the camera's buffer.
   std::span<const std::uint8_t> jpeg;
   Frame frame;  // empty for a JPEG
@@ -32,6 +34,12 @@ struct StreamFormat {
   int width = 0;     // [px]
   int height = 0;    // [px]
   double interval_s = 1.0 / 30.0;
+};
+
+// Where a lens is focused, in the units of CameraControls.
+struct FocusReading {
+  double position = 0.0;
+  double step = 1.0;  // as fine as it can be read
 };
 
 class LiveSource : public FrameSource {
@@ -53,7 +61,9 @@ class LiveSource : public FrameSource {
   [[nodiscard]] virtual StreamFormat format() const = 0;
   [[nodiscard]] virtual std::string description() const = 0;  // for people: device, card, format
   [[nodiscard]] virtual FaultCounter& faults() = 0;
-  // The camera's controls as they are now: name -> value.
+  // Once frames come; nothing where the camera does not say.
+  [[nodiscard]] virtual std::optional<FocusReading> focus() const { return std::nullopt; }
+  // The camera's controls as they are now: name -> value. By any thread.
   [[nodiscard]] virtual std::vector<std::pair<std::string, std::int64_t>> controls() const = 0;
 
  private:

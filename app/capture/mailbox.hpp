@@ -38,6 +38,13 @@ class Mailbox {
     return true;
   }
 
+  // Waits until the slot is empty: for a giver that makes its item only then. False once closed.
+  [[nodiscard]] bool wait_until_empty() {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [this] { return closed_ || !slot_; });
+    return !closed_;
+  }
+
   // The newest item; nothing when `patience` ended first, or when the box is closed and empty.
   [[nodiscard]] std::optional<T> take(std::chrono::milliseconds patience) {
     std::optional<T> item;

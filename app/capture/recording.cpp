@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
-#include <set>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -14,16 +13,17 @@
 #include "app/capture/recording_source.hpp"
 #include "app/capture/video_reader.hpp"
 #include "core/camera_file.hpp"
-#include "core/group_pose.hpp"
 #include "core/image_file.hpp"
 #include "core/sensor_file.hpp"
 #include "core/text.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace penumbra {
 namespace {
 
 constexpr std::size_t kMaxListBytes = 256'000'000;
-constexpr std::int64_t kMaxFrameNumber = 999'999'999;           // nine digits in a picture's name
+constexpr std::int64_t kMaxFrameNumber = 999'999'999;  // nine digits in a picture's name
+constexpr double kMaxExposure_s = 60.0;
 constexpr std::int64_t kMaxTimeNs = 4'000'000'000'000'000'000;  // differences fit into 64 bits
 
 bool is_there(const std::filesystem::path& path) {
@@ -169,6 +169,7 @@ Result<void> list_own(const std::filesystem::path& folder, Recording& recording)
   const auto number_column = column("frame");
   const auto time_column = column("timestamp_s");
   const auto file_column = column("file");
+  const auto exposure_column = column("exposure_s");
   const bool pictures = recording.video.empty();
   if (!number_column || !time_column || (pictures && !file_column)) {
     return fail("{}: line {}: has no column {}; the first line must be frame,timestamp_s,file", csv,
@@ -195,6 +196,14 @@ Result<void> list_own(const std::filesystem::path& folder, Recording& recording)
                   shown(time));
     }
     frame.timestamp_ns = *parsed_time;
+    if (exposure_column && !row.fields[*exposure_column].empty()) {
+      const std::string_view exposure = row.fields[*exposure_column];
+      frame.exposure_s = parse_number(exposure);
+      if (!frame.exposure_s || !(*frame.exposure_s > 0.0 && *frame.exposure_s <= kMaxExposure_s)) {
+        return fail("{}: line {}: exposure_s: '{}' is no time above 0 and up to {} s", csv,
+                    row.line, shown(exposure), kMaxExposure_s);
+      }
+    }
     if (pictures) {
       const std::string_view file = row.fields[*file_column];
       if (file.empty() || file.find('\0') != std::string_view::npos || !stays_inside(file)) {
@@ -349,15 +358,9 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
     recording.groundtruth = std::move(*trajectory);
   }
   if (!recording.tags) return {};
-  std::set<std::string> groups;
-  for (const MappedTag& tag : recording.tags->tags()) groups.insert(tag.group);
-  for (const std::string& group : groups) {
-    const auto file = group_file(group);
-    if (group == kTableGroup || !file || !is_there(folder / "groups" / *file)) continue;
-    auto trajectory = load_trajectory(folder / "groups" / *file);
-    if (!trajectory) return tl::unexpected(trajectory.error());
-    recording.group_groundtruth.emplace(group, std::move(*trajectory));
-  }
+  auto paths = load_group_paths(folder / "groups", other_groups(*recording.tags));
+  if (!paths) return tl::unexpected(paths.error());
+  recording.group_groundtruth = std::move(*paths);
   return {};
 }
 
@@ -372,6 +375,19 @@ std::optional<std::filesystem::path> group_file(const std::string& group) {
     return std::nullopt;
   }
   return std::filesystem::path(group + ".tum");
+}
+
+Result<std::map<std::string, Trajectory>> load_group_paths(const std::filesystem::path& folder,
+                                                           const std::vector<std::string>& groups) {
+  std::map<std::string, Trajectory> paths;
+  for (const std::string& group : groups) {
+    const auto file = group_file(group);
+    if (!file || !is_there(folder / *file)) continue;
+    auto trajectory = load_trajectory(folder / *file);
+    if (!trajectory) return tl::unexpected(trajectory.error());
+    paths.emplace(group, std::move(*trajectory));
+  }
+  return paths;
 }
 
 bool is_recording(const std::filesystem::path& folder) {
@@ -418,6 +434,7 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
     listed = list_own(folder, recording);
   }
   if (!listed) return tl::unexpected(listed.error());
+  recording.of_camera = is_there(folder / "controls.json");
   // Before the frames are looked at: a recording without its camera says just that.
   if (auto loaded =
           load_surroundings(folder, euroc ? cam0 / "sensor.yaml" : "", options, recording);

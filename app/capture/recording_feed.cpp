@@ -46,7 +46,9 @@ class RecordingFeed final : public LiveSource {
     image.sequence = sequence;
     image.timestamp_ns =
         std::chrono::duration_cast<std::chrono::nanoseconds>(due.time_since_epoch()).count();
-    const auto& file = frames_[sequence % frames_.size()].file;
+    const RecordedFrame& listed = frames_[sequence % frames_.size()];
+    image.exposure_s = listed.exposure_s;
+    const auto& file = listed.file;
     auto bytes = read_file(file);
     if (!bytes) return tl::unexpected(bytes.error());
     if (format_.name == kJpegName) {

@@ -4,8 +4,10 @@
 #include <algorithm>
 #include <utility>
 
+#include "app/capture/capture_stats.hpp"
 #include "app/capture/look_ahead.hpp"
 #include "app/capture/video_reader.hpp"
+#include "core/file.hpp"
 #include "core/image_file.hpp"
 
 namespace penumbra {
@@ -20,44 +22,74 @@ struct TimedFrame {
 class Decoder {
  public:
   Decoder(std::vector<RecordedFrame> frames, std::optional<VideoReader> video,
-          const std::filesystem::path& video_file, const std::optional<CameraModel>& camera)
-      : frames_(std::move(frames)), video_(std::move(video)), video_file_(video_file) {
-    if (camera) size_ = {camera->width(), camera->height()};
+          const Recording& recording)
+      : frames_(std::move(frames)),
+        video_(std::move(video)),
+        video_file_(recording.video),
+        of_camera_(recording.of_camera),
+        faults_(recording.folder.string()) {
+    if (const auto& camera = recording.camera) size_ = {camera->width(), camera->height()};
   }
 
   Result<std::optional<TimedFrame>> next() {
-    if (at_ == frames_.size()) return std::optional<TimedFrame>();
-    const Stopwatch watch;
-    const RecordedFrame& listed = frames_[at_++];
-    Result<Frame> frame = video_ ? next_of_video(listed) : load_image(listed.file);
-    if (!frame) return tl::unexpected(frame.error());
-    if (size_ && (frame->width != size_->first || frame->height != size_->second)) {
-      return fail(
-          "{}: is {}x{} px, but the camera model is of {}x{} px; calibrate at the size that "
-          "is recorded",
-          place(listed), frame->width, frame->height, size_->first, size_->second);
+    while (at_ < frames_.size()) {
+      const Stopwatch watch;
+      const RecordedFrame& listed = frames_[at_++];
+      auto frame = video_ ? next_of_video(listed) : next_picture(listed);
+      if (!frame) return tl::unexpected(frame.error());
+      if (!*frame) continue;
+      return timed(std::move(**frame), listed, watch);
     }
-    frame->sequence = static_cast<std::uint64_t>(listed.number);
-    frame->timestamp_ns = listed.timestamp_ns;
-    return std::optional<TimedFrame>({std::move(*frame), watch.elapsed()});
+    return std::optional<TimedFrame>();
+  }
+  // By any thread.
+  [[nodiscard]] std::int64_t damaged() const {
+    return static_cast<std::int64_t>(faults_.stats().of(CaptureFault::damaged));
   }
 
  private:
+  [[nodiscard]] Result<std::optional<TimedFrame>> timed(Frame frame, const RecordedFrame& listed,
+                                                        const Stopwatch& watch) const {
+    if (size_ && (frame.width != size_->first || frame.height != size_->second)) {
+      return fail(
+          "{}: is {}x{} px, but the camera model is of {}x{} px; calibrate at the size that "
+          "is recorded",
+          place(listed), frame.width, frame.height, size_->first, size_->second);
+    }
+    frame.sequence = static_cast<std::uint64_t>(listed.number);
+    frame.timestamp_ns = listed.timestamp_ns;
+    frame.exposure_s = listed.exposure_s;
+    return std::optional<TimedFrame>({std::move(frame), watch.elapsed()});
+  }
+
   [[nodiscard]] std::string place(const RecordedFrame& listed) const {
     return video_ ? fmt::format("{}: frame {}", video_file_.string(), listed.number)
                   : listed.file.string();
   }
 
-  Result<Frame> next_of_video(const RecordedFrame& listed) {
+  Result<std::optional<Frame>> next_of_video(const RecordedFrame& listed) {
     auto frame = video_->next();
-    if (!frame) return tl::unexpected(frame.error());
-    if (!*frame) return fail("{}: is missing; the file ends before it", place(listed));
-    return std::move(**frame);
+    if (frame && !*frame) return fail("{}: is missing; the file ends before it", place(listed));
+    return frame;
+  }
+
+  // Nothing where it is damaged, as the camera gave it: live left it out too.
+  Result<std::optional<Frame>> next_picture(const RecordedFrame& listed) {
+    const auto bytes = read_file(listed.file);
+    if (!bytes) return tl::unexpected(bytes.error());
+    auto frame = decode_image(*bytes, listed.file.string());
+    if (frame) return std::optional<Frame>(std::move(*frame));
+    if (!of_camera_) return tl::unexpected(frame.error());
+    faults_.count(CaptureFault::damaged,
+                  fmt::format("{}; left out, as it was while recording", frame.error().message));
+    return std::optional<Frame>();
   }
 
   const std::vector<RecordedFrame> frames_;
   std::optional<VideoReader> video_;
   const std::filesystem::path video_file_;
+  const bool of_camera_;
+  FaultCounter faults_;
   std::optional<std::pair<int, int>> size_;  // [px]
   std::size_t at_ = 0;
 };
@@ -77,6 +109,7 @@ class RecordingSource final : public FrameSource {
     return std::optional<Frame>(std::move((*timed)->frame));
   }
   [[nodiscard]] StageTime capture_time() const override { return capture_time_; }
+  [[nodiscard]] std::int64_t damaged() const override { return decoder_->damaged(); }
   [[nodiscard]] std::optional<int> frame_count() const override { return count_; }
 
  private:
@@ -110,8 +143,7 @@ Result<std::unique_ptr<FrameSource>> open_recording_source(const Recording& reco
   std::vector<RecordedFrame> frames(recording.frames.begin() + options.first,
                                     recording.frames.begin() + last);
   const int count = last - options.first;
-  auto decoder = std::make_unique<Decoder>(std::move(frames), std::move(video), recording.video,
-                                           recording.camera);
+  auto decoder = std::make_unique<Decoder>(std::move(frames), std::move(video), recording);
   return std::make_unique<RecordingSource>(count, std::move(decoder), options.look_ahead);
 }
 

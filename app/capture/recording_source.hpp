@@ -2,6 +2,8 @@
 //
 //   camera.yaml tags.yaml frames/000000.jpg ... (or video.mkv) timestamps.csv groundtruth.tum?
 //   groups/NAME.tum? ...   where the groups of tags beside the table truly are
+//   (timestamps.csv: frame,timestamp_s,file, and exposure_s where it is known)
+//   poses.tum? group-poses/NAME.tum? ...   camera and groups as they were tracked live
 //
 // EuRoC/ASL folders open too: mav0/cam0/data.csv (timestamp [ns], filename), mav0/cam0/data/*.png,
 // mav0/cam0/sensor.yaml, and camera.yaml / tags.yaml beside mav0 where given.
@@ -12,6 +14,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "app/capture/frame_source.hpp"
@@ -23,7 +26,8 @@ namespace penumbra {
 struct RecordedFrame {
   int number = 0;  // as listed
   std::int64_t timestamp_ns = 0;
-  std::filesystem::path file;  // empty when the frames are in a video
+  std::optional<double> exposure_s;  // as Frame's
+  std::filesystem::path file;        // empty when the frames are in a video
 };
 
 // The listing of a recording: everything but the pixels.
@@ -32,6 +36,8 @@ struct Recording {
   std::string name;
   std::vector<RecordedFrame> frames;  // in order of time
   std::filesystem::path video;        // video.mkv, or empty
+  // What a camera gave, whole or not: by the controls.json that only such a recording has.
+  bool of_camera = false;
   std::optional<CameraModel> camera;  // absent only where allowed (stills to calibrate from)
   std::optional<TagMap> tags;
   std::optional<Trajectory> groundtruth;
@@ -53,6 +59,12 @@ struct OpenRecordingOptions {
 // file's ('/', "..", too long).
 [[nodiscard]] std::optional<std::filesystem::path> group_file(const std::string& group);
 
+// The paths (T_table_group) that a folder of such files has of these groups.
+[[nodiscard]] Result<std::map<std::string, Trajectory>> load_group_paths(
+    const std::filesystem::path& folder, const std::vector<std::string>& groups);
+// The folder beside a file of camera poses that holds those of groups.
+inline constexpr std::string_view kGroupPosesFolder = "group-poses";
+
 // Whether the folder is a recording, or the camera's folder of an EuRoC one, by what lies in it.
 [[nodiscard]] bool is_recording(const std::filesystem::path& folder);
 
@@ -70,7 +82,8 @@ struct RecordingSourceOptions {
 
 // Frames as recorded: JPEG is decoded to its own YUV planes, PNG to grey or RGB, FFV1 to the stored
 // planes; nothing is converted. `sequence` is the frame's number in the listing. Every frame must
-// have the camera model's size.
+// have the camera model's size. A picture that can't be decoded is an error, but for one of a
+// camera's: that one is left out, as it was while it was recorded, told once and counted.
 [[nodiscard]] Result<std::unique_ptr<FrameSource>> open_recording_source(
     const Recording& recording, const RecordingSourceOptions& options = {});
 

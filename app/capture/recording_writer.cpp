@@ -4,9 +4,11 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <chrono>
 #include <condition_variable>
 #include <deque>
 #include <exception>
+#include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <span>
@@ -15,6 +17,7 @@
 #include <variant>
 
 #include "app/capture/lossless_video.hpp"
+#include "app/capture/recording_source.hpp"
 #include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "core/text.hpp"
@@ -29,6 +32,8 @@ using Json = nlohmann::ordered_json;
 // What waits for the disk: a second of video, and lines for far longer.
 constexpr std::size_t kMostImages = 32;
 constexpr std::size_t kMostLines = 4096;
+// How old controls.json may be: what it says is of then, should the program be killed.
+constexpr std::chrono::seconds kControlsAge(1);
 
 Result<void> write_all(int descriptor, std::span<const std::uint8_t> bytes, const fs::path& file) {
   while (!bytes.empty()) {
@@ -74,11 +79,21 @@ class LineFile {
 
 struct PoseLine {
   std::string text;
+  std::string group;  // empty: the camera's
 };
 struct EventLine {
   std::string text;
 };
 using Item = std::variant<CapturedImage, PoseLine, EventLine>;
+
+std::string event_text(std::int64_t timestamp_ns, std::string_view event, std::string_view detail) {
+  Json json;
+  json["event"] = event;
+  if (!detail.empty()) json["detail"] = detail;
+  const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  // The time is written as a decimal number, to the nanosecond.
+  return fmt::format("{{\"timestamp_s\":{},{}", format_ns_as_seconds(timestamp_ns), text.substr(1));
+}
 
 }  // namespace
 
@@ -86,7 +101,10 @@ struct RecordingWriter::Impl {
   fs::path folder;
   RecordingHead head;
   LineFile timestamps, poses, events;
+  std::map<std::string, LineFile> group_poses;  // of the groups that were tracked so far
   std::optional<LosslessVideo> video;
+  bool with_exposure = false;  // as the first picture has it
+  bool is_open = false;        // the folder is there and ours
 
   mutable std::mutex mutex;
   std::condition_variable changed;
@@ -94,6 +112,9 @@ struct RecordingWriter::Impl {
   std::size_t images_waiting = 0;  // guarded by mutex
   RecordingCounts counts;          // guarded by mutex
   bool closing = false;            // guarded by mutex
+  std::uint64_t left_out = 0;      // guarded by mutex: pictures since the last one that was taken
+  std::int64_t left_out_ns = 0;    // guarded by mutex: the time of the first of them
+  std::chrono::steady_clock::time_point controls_written;
   std::thread thread;
 
   Result<void> write_controls() {
@@ -103,6 +124,10 @@ struct RecordingWriter::Impl {
       const std::lock_guard lock(mutex);
       now = counts;
     }
+    if (head.read_controls) {
+      if (auto read = head.read_controls(); !read.empty()) head.controls = std::move(read);
+    }
+    controls_written = std::chrono::steady_clock::now();
     json["camera"] = head.camera;
     json["format"] = head.format.name;
     json["width"] = head.format.width;
@@ -125,6 +150,27 @@ struct RecordingWriter::Impl {
       return fail("{}: is there already and not empty; name a new folder to record to",
                   folder.string());
     }
+    // Deepest first: removed in that order should the rest fail.
+    std::vector<fs::path> made;
+    for (fs::path part = folder; !part.empty() && !fs::exists(part, error);
+         part = part.parent_path()) {
+      made.push_back(part);
+    }
+    auto filled = fill();
+    if (!filled) {
+      for (const char* name : {"camera.yaml", "tags.yaml", "controls.json", "events.jsonl",
+                               "poses.tum", "timestamps.csv", "frames"}) {
+        fs::remove(folder / name, error);
+      }
+      for (const fs::path& part : made) fs::remove(part, error);
+    }
+    is_open = filled.has_value();
+    return filled;
+  }
+
+  // The folder with all that it begins with.
+  Result<void> fill() {
+    std::error_code error;
     fs::create_directories(folder, error);
     if (!error && is_jpeg()) fs::create_directories(folder / "frames", error);
     if (error) {
@@ -143,12 +189,17 @@ struct RecordingWriter::Impl {
         !made) {
       return made;
     }
-    if (auto made = timestamps.create(folder / "timestamps.csv"); !made) return made;
-    return timestamps.add("frame,timestamp_s,file");
+    return timestamps.create(folder / "timestamps.csv");
   }
 
   [[nodiscard]] bool is_jpeg() const {
     return head.format.name == "MJPEG" || head.format.name == "JPEG";
+  }
+
+  // The first line, once it is known what there is to say of a picture.
+  Result<void> begin_listing() {
+    const char* more = with_exposure ? ",exposure_s" : "";
+    return timestamps.add(fmt::format("frame,timestamp_s,file{}", more));
   }
 
   // The picture first, then the line that lists it.
@@ -177,8 +228,35 @@ struct RecordingWriter::Impl {
       }
       if (auto written = video->write(image.frame); !written) return written;
     }
-    return timestamps.add(
-        fmt::format("{},{},{}", number, format_ns_as_seconds(image.timestamp_ns), name));
+    std::string line =
+        fmt::format("{},{},{}", number, format_ns_as_seconds(image.timestamp_ns), name);
+    if (with_exposure) {
+      line += image.exposure_s ? fmt::format(",{:.7g}", *image.exposure_s) : std::string(",");
+    }
+    return timestamps.add(line);
+  }
+
+  Result<void> write_group(const PoseLine& pose) {
+    auto file = group_poses.find(pose.group);
+    if (file == group_poses.end()) {
+      const auto name = group_file(pose.group);
+      if (!name) return {};  // can be no file's; told by whoever asked for one
+      const fs::path in = folder / kGroupPosesFolder;
+      std::error_code error;
+      fs::create_directories(in, error);
+      if (error) {
+        return fail("{}: cannot be made: {}; free some space or choose another place", in.string(),
+                    error.message());
+      }
+      file = group_poses.try_emplace(pose.group).first;
+      if (auto made = file->second.create(in / *name); !made) return made;
+      if (auto head_line =
+              file->second.add("# timestamp tx ty tz qx qy qz qw (T_table_group, tracked poses)");
+          !head_line) {
+        return head_line;
+      }
+    }
+    return file->second.add(pose.text);
   }
 
   Result<void> write(const Item& item) {
@@ -188,24 +266,42 @@ struct RecordingWriter::Impl {
         const std::lock_guard lock(mutex);
         number = counts.written;
       }
+      if (number == 0) {
+        with_exposure = image->exposure_s.has_value();
+        if (auto written = begin_listing(); !written) return written;
+      }
       if (auto written = write_image(*image, number); !written) return written;
-      const std::lock_guard lock(mutex);
-      ++counts.written;
-      return {};
+      {
+        const std::lock_guard lock(mutex);
+        ++counts.written;
+      }
+      const bool old = std::chrono::steady_clock::now() - controls_written >= kControlsAge;
+      return number == 0 || old ? write_controls() : Result<void>();
     }
-    if (const auto* pose = std::get_if<PoseLine>(&item)) return poses.add(pose->text);
+    if (const auto* pose = std::get_if<PoseLine>(&item)) {
+      return pose->group.empty() ? poses.add(pose->text) : write_group(*pose);
+    }
     return events.add(std::get<EventLine>(item).text);
   }
 
-  Result<void> write_guarded(const Item& item) {
+  template <class Work>
+  Result<void> guarded(const Work& work) {
     try {
-      return write(item);
+      return work();
     } catch (const std::exception& error) {
       return fail("{}: {}", folder.string(), error.what());
     }
   }
 
-  void run() {
+  // `opened`: the folder is there.
+  void run(bool opened) {
+    if (!opened) {
+      if (auto made = guarded([this] { return open(); }); !made) {
+        log_warning("{}; nothing is recorded", made.error().message);
+        const std::lock_guard lock(mutex);
+        counts.error = made.error().message;
+      }
+    }
     while (true) {
       std::optional<Item> item;
       {
@@ -217,12 +313,22 @@ struct RecordingWriter::Impl {
         if (std::holds_alternative<CapturedImage>(*item)) --images_waiting;
         if (counts.error) continue;  // the disk is full, say: what comes is let go
       }
-      if (auto written = write_guarded(*item); !written) {
+      if (auto written = guarded([&] { return write(*item); }); !written) {
         log_warning("{}; the recording ends here, the picture goes on", written.error().message);
         const std::lock_guard lock(mutex);
         counts.error = written.error().message;
       }
     }
+  }
+
+  // The mutex is held.
+  void tell_left_out() {
+    if (left_out == 0) return;
+    queue.push_back(
+        EventLine{event_text(left_out_ns, "left_out",
+                             fmt::format("{} {}, the disk or the encoder was too slow", left_out,
+                                         left_out == 1 ? "frame" : "frames"))});
+    left_out = 0;
   }
 
   void add(Item item) {
@@ -232,22 +338,30 @@ struct RecordingWriter::Impl {
       if (closing || counts.error) return;
       const bool is_image = std::holds_alternative<CapturedImage>(item);
       if (is_image ? images_waiting >= kMostImages : queue.size() >= kMostLines) {
-        if (is_image) first_dropped = ++counts.dropped == 1;
+        if (is_image) {
+          first_dropped = ++counts.dropped == 1;
+          if (left_out++ == 0) left_out_ns = std::get<CapturedImage>(item).timestamp_ns;
+        }
       } else {
-        if (is_image) ++images_waiting;
+        if (is_image) {
+          tell_left_out();
+          ++images_waiting;
+        }
         queue.push_back(std::move(item));
       }
     }
     changed.notify_one();
     if (first_dropped) {
-      log_warning("{}: the disk is too slow: frames are left out of the recording (told once)",
-                  folder.string());
+      log_warning(
+          "{}: writing can't keep up (disk or encoder): frames are left out of the recording (told "
+          "once)",
+          folder.string());
     }
   }
 };
 
-RecordingWriter::RecordingWriter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {
-  impl_->thread = std::thread([m = impl_.get()] { m->run(); });
+RecordingWriter::RecordingWriter(std::unique_ptr<Impl> impl, bool opened) : impl_(std::move(impl)) {
+  impl_->thread = std::thread([m = impl_.get(), opened] { m->run(opened); });
 }
 
 RecordingWriter::~RecordingWriter() {
@@ -260,7 +374,15 @@ Result<std::unique_ptr<RecordingWriter>> RecordingWriter::create(const fs::path&
   impl->folder = folder;
   impl->head = head;
   if (auto opened = impl->open(); !opened) return tl::unexpected(opened.error());
-  return std::unique_ptr<RecordingWriter>(new RecordingWriter(std::move(impl)));
+  return std::unique_ptr<RecordingWriter>(new RecordingWriter(std::move(impl), true));
+}
+
+std::unique_ptr<RecordingWriter> RecordingWriter::begin(const fs::path& folder,
+                                                        const RecordingHead& head) {
+  auto impl = std::make_unique<Impl>();
+  impl->folder = folder;
+  impl->head = head;
+  return std::unique_ptr<RecordingWriter>(new RecordingWriter(std::move(impl), false));
 }
 
 void RecordingWriter::add_image(const CapturedImage& image) {
@@ -269,18 +391,18 @@ void RecordingWriter::add_image(const CapturedImage& image) {
 
 void RecordingWriter::add_pose(std::int64_t timestamp_ns, const PoseEstimate& pose) {
   if (pose.status != TrackStatus::tracked) return;
-  impl_->add(PoseLine{format_tum({timestamp_ns, pose.T_table_camera, {}})});
+  impl_->add(PoseLine{format_tum({timestamp_ns, pose.T_table_camera, {}}), {}});
+}
+
+void RecordingWriter::add_group(std::int64_t timestamp_ns, const GroupEstimate& group) {
+  if (group.status != TrackStatus::tracked) return;
+  const CameraPose place(group.T_table_group.rotation(), group.T_table_group.translation());
+  impl_->add(PoseLine{format_tum({timestamp_ns, place, {}}), group.name});
 }
 
 void RecordingWriter::add_event(std::int64_t timestamp_ns, std::string_view event,
                                 std::string_view detail) {
-  Json json;
-  json["event"] = event;
-  if (!detail.empty()) json["detail"] = detail;
-  const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
-  // The time is written as a decimal number, to the nanosecond.
-  impl_->add(EventLine{
-      fmt::format("{{\"timestamp_s\":{},{}", format_ns_as_seconds(timestamp_ns), text.substr(1))});
+  impl_->add(EventLine{event_text(timestamp_ns, event, detail)});
 }
 
 void RecordingWriter::add_scene_edit(const SceneEvent& event) {
@@ -301,6 +423,7 @@ Result<void> RecordingWriter::finish() {
   if (!m.thread.joinable()) return {};
   {
     const std::lock_guard lock(m.mutex);
+    m.tell_left_out();
     m.closing = true;
   }
   m.changed.notify_all();
@@ -308,8 +431,15 @@ Result<void> RecordingWriter::finish() {
   if (m.video && !m.counts.error) {
     if (auto finished = m.video->finish(); !finished) m.counts.error = finished.error().message;
   }
-  if (!m.counts.error) {
-    if (auto written = m.write_controls(); !written) m.counts.error = written.error().message;
+  if (!m.counts.error && m.counts.written == 0) {
+    if (auto begun = m.begin_listing(); !begun) m.counts.error = begun.error().message;
+  }
+  // Also where writing ended early: as far as it can be.
+  const bool whole = !m.counts.error;
+  if (m.is_open) {
+    if (auto written = m.write_controls(); !written && whole) {
+      m.counts.error = written.error().message;
+    }
   }
   if (m.counts.error) return fail("{}", *m.counts.error);
   return {};

@@ -8,6 +8,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -17,6 +18,7 @@
 
 #include "app/capture/live_source.hpp"
 #include "app/scene_edit.hpp"
+#include "core/group_pose.hpp"
 #include "core/pose_estimate.hpp"
 
 namespace penumbra {
@@ -25,21 +27,29 @@ struct RecordingHead {
   std::string camera;  // for people: which camera, at what
   StreamFormat format;
   std::vector<std::pair<std::string, std::int64_t>> controls;
+  // Asked for them again while the recording goes on, by the writer's thread: some cameras say what
+  // they are only with their frames. Nothing: they stay.
+  std::function<std::vector<std::pair<std::string, std::int64_t>>()> read_controls;
   std::string camera_yaml;  // the text of the file
   std::string tags_yaml;
 };
 
 struct RecordingCounts {
   std::uint64_t written = 0;
-  std::uint64_t dropped = 0;         // the disk was too slow
+  std::uint64_t dropped = 0;         // writing could not keep up
   std::optional<std::string> error;  // why writing ended early
 };
 
 class RecordingWriter {
  public:
-  // Makes the folder; one that holds anything already is refused.
+  // Makes the folder; one that holds anything already is refused. Where that fails, nothing stays
+  // of what it made.
   [[nodiscard]] static Result<std::unique_ptr<RecordingWriter>> create(
       const std::filesystem::path& folder, const RecordingHead& head);
+  // The same without a wait for the disk: that the folder can't be made is told by counts() and
+  // finish(), as what goes wrong later.
+  [[nodiscard]] static std::unique_ptr<RecordingWriter> begin(const std::filesystem::path& folder,
+                                                              const RecordingHead& head);
   RecordingWriter(const RecordingWriter&) = delete;
   RecordingWriter& operator=(const RecordingWriter&) = delete;
   ~RecordingWriter();  // as finish()
@@ -47,7 +57,9 @@ class RecordingWriter {
   // None of these waits for the disk. JPEGs are stored byte for byte, other pictures lossless as
   // FFV1 with a check sum for each slice. By any thread.
   void add_image(const CapturedImage& image);
-  void add_pose(std::int64_t timestamp_ns, const PoseEstimate& pose);  // tracked ones are kept
+  // Tracked ones are kept.
+  void add_pose(std::int64_t timestamp_ns, const PoseEstimate& pose);
+  void add_group(std::int64_t timestamp_ns, const GroupEstimate& group);
   void add_event(std::int64_t timestamp_ns, std::string_view event, std::string_view detail = {});
   void add_scene_edit(const SceneEvent& event);
   [[nodiscard]] const std::filesystem::path& folder() const;
@@ -58,7 +70,7 @@ class RecordingWriter {
 
  private:
   struct Impl;
-  explicit RecordingWriter(std::unique_ptr<Impl> impl);
+  RecordingWriter(std::unique_ptr<Impl> impl, bool opened);
   std::unique_ptr<Impl> impl_;
 };
 

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <functional>
 #include <system_error>
 
 #include "core/text.hpp"
@@ -31,22 +32,26 @@ double rate_of(const v4l2_fract& interval) {
                                 : 0.0;
 }
 
-double fastest_rate(const V4l2Device& device, std::uint32_t fourcc, std::uint32_t width,
-                    std::uint32_t height) {
-  double fastest = 0.0;
+void add_rates(const V4l2Device& device, std::uint32_t fourcc, V4l2Size& size) {
+  std::vector<double>& rates = size.rates;
   for (unsigned i = 0; i < kMostEntries; ++i) {
     v4l2_frmivalenum entry{};
     entry.index = i;
     entry.pixel_format = fourcc;
-    entry.width = width;
-    entry.height = height;
+    entry.width = static_cast<std::uint32_t>(size.max_width);
+    entry.height = static_cast<std::uint32_t>(size.max_height);
     if (device.call(VIDIOC_ENUM_FRAMEINTERVALS, &entry) != 0) break;
     if (entry.type != V4L2_FRMIVAL_TYPE_DISCRETE) {
-      return std::max(fastest, rate_of(entry.stepwise.min));
+      size.any_rate = true;
+      rates.push_back(rate_of(entry.stepwise.min));  // the shortest interval
+      rates.push_back(rate_of(entry.stepwise.max));
+      break;
     }
-    fastest = std::max(fastest, rate_of(entry.discrete));
+    rates.push_back(rate_of(entry.discrete));
   }
-  return fastest;
+  std::erase_if(rates, [](double rate) { return !(rate > 0.0); });
+  std::ranges::sort(rates, std::greater());
+  rates.erase(std::ranges::unique(rates).begin(), rates.end());
 }
 
 std::vector<V4l2Size> sizes_of(const V4l2Device& device, std::uint32_t fourcc) {
@@ -66,9 +71,8 @@ std::vector<V4l2Size> sizes_of(const V4l2Device& device, std::uint32_t fourcc) {
       size.max_width = static_cast<int>(entry.stepwise.max_width);
       size.max_height = static_cast<int>(entry.stepwise.max_height);
     }
-    size.fastest = fastest_rate(device, fourcc, static_cast<std::uint32_t>(size.max_width),
-                                static_cast<std::uint32_t>(size.max_height));
-    sizes.push_back(size);
+    add_rates(device, fourcc, size);
+    sizes.push_back(std::move(size));
     if (entry.type != V4L2_FRMSIZE_TYPE_DISCRETE) break;
   }
   return sizes;
@@ -177,6 +181,14 @@ std::vector<V4l2Format> V4l2Device::formats() const {
   return formats;
 }
 
+bool V4l2Device::busy() const {
+  // Gives back the buffers that this descriptor has, none; refused while another one has some.
+  v4l2_requestbuffers none{};
+  none.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  none.memory = V4L2_MEMORY_MMAP;
+  return call(VIDIOC_REQBUFS, &none) == EBUSY;
+}
+
 std::vector<std::pair<std::string, std::int64_t>> V4l2Device::controls() const {
   std::vector<std::pair<std::string, std::int64_t>> controls;
   v4l2_queryctrl entry{};
@@ -197,6 +209,13 @@ std::vector<std::pair<std::string, std::int64_t>> V4l2Device::controls() const {
     entry.id |= V4L2_CTRL_FLAG_NEXT_CTRL;
   }
   return controls;
+}
+
+std::optional<std::int32_t> V4l2Device::control(std::uint32_t id) const {
+  v4l2_control control{};
+  control.id = id;
+  if (call(VIDIOC_G_CTRL, &control) != 0) return std::nullopt;
+  return control.value;
 }
 
 bool V4l2Device::set_control(std::uint32_t id, std::int32_t value) const {

@@ -18,8 +18,12 @@ struct V4l2Size {
   // Any size from this one up to max_width x max_height, where the driver lists a range.
   int max_width = 0;
   int max_height = 0;
-  double fastest = 0.0;  // highest rate [1/s]; 0 where the driver does not say
+  // [1/s], the highest first; all of them, or where any up to the highest can be set, `any_rate`
+  // and both ends. None where the driver does not say. Of a range of sizes: of its largest.
+  std::vector<double> rates;
+  bool any_rate = false;
 
+  [[nodiscard]] double fastest() const { return rates.empty() ? 0.0 : rates.front(); }
   [[nodiscard]] bool covers(int w, int h) const {
     return w >= width && w <= max_width && h >= height && h <= max_height;
   }
@@ -51,7 +55,11 @@ class V4l2Device {
   [[nodiscard]] const V4l2Identity& identity() const { return identity_; }
 
   [[nodiscard]] std::vector<V4l2Format> formats() const;
+  // Whether another program has its buffers: it can't be streamed from now.
+  [[nodiscard]] bool busy() const;
   [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const;
+  // Its value; nothing where there is no such control.
+  [[nodiscard]] std::optional<std::int32_t> control(std::uint32_t id) const;
   // False: there is no such control, or it can't be set to that.
   bool set_control(std::uint32_t id, std::int32_t value) const;
 

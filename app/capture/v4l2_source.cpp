@@ -3,7 +3,7 @@
 #include <linux/videodev2.h>
 #include <poll.h>
 #include <sys/eventfd.h>
-#include <sys/mman.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -12,14 +12,18 @@
 #include <cmath>
 #include <cstring>
 #include <ctime>
+#include <limits>
 #include <mutex>
 #include <tuple>
 #include <utility>
 
 #include "app/capture/buffer_ring.hpp"
+#include "app/capture/camera_search.hpp"
 #include "app/capture/camera_trouble.hpp"
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_layout.hpp"
+#include "app/capture/frame_pace.hpp"
+#include "app/capture/v4l2_buffer.hpp"
 #include "app/capture/v4l2_device.hpp"
 #include "app/logging.hpp"
 #include "core/units.hpp"
@@ -32,9 +36,10 @@ namespace {
 constexpr unsigned kBuffers = 6;
 // With fewer than this in the driver it would have to lose frames: pictures are copied then.
 constexpr std::size_t kDriverNeeds = 2;
-constexpr int kSilence_ms = 1000;  // without a frame: the stream is set up again
-constexpr int kRetry_ms = 200;     // between attempts to open the camera again
-constexpr int kFirstTries = 3;     // a camera that was just closed may need a moment
+constexpr int kRetry_ms = 200;  // between attempts to open the camera again
+constexpr int kFirstTries = 3;  // a camera that was just closed may need a moment
+// Every camera of the machine is looked at so often while this one is away and no other comes.
+constexpr std::int64_t kLookAround_ns = 2'000'000'000;
 
 struct KnownFormat {
   std::uint32_t fourcc;
@@ -103,7 +108,8 @@ class Stream {
     }
     stream->set_rate(options.fps);
     stream->set_controls(options.controls, !as_before);
-    if (auto mapped = stream->map_buffers(); !mapped) return tl::unexpected(mapped.error());
+    if (auto mapped = stream->map_buffers(options.dma_buf); !mapped)
+      return tl::unexpected(mapped.error());
     if (!stream->ring_->queue_all()) return trouble(stream->device_, "VIDIOC_QBUF", EINVAL);
     int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     if (const int error = stream->device_.call(VIDIOC_STREAMON, &type); error != 0) {
@@ -127,8 +133,14 @@ class Stream {
   [[nodiscard]] const V4l2Device& device() const { return device_; }
   [[nodiscard]] BufferRing& ring() { return *ring_; }
   [[nodiscard]] const StreamFormat& format() const { return format_; }
+  // Of every frame; nothing where the camera chooses it.
+  [[nodiscard]] std::optional<double> exposure_s() const { return exposure_s_; }
+  // In steps, once it is locked; nothing where the camera does not say.
+  [[nodiscard]] std::optional<double> focus() const { return focus_; }
   [[nodiscard]] const KnownFormat& known() const { return *known_; }
   [[nodiscard]] const FrameLayout& layout() const { return layout_; }
+  [[nodiscard]] const V4l2Buffer& buffer(unsigned index) const { return (*buffers_)[index]; }
+  [[nodiscard]] bool shares() const { return buffer(0).shared().has_value(); }
 
  private:
   explicit Stream(V4l2Device device) : device_(std::move(device)) {}
@@ -149,7 +161,7 @@ class Stream {
       for (const V4l2Size& size : offered.sizes) {
         if (!size.covers(options.width, options.height)) continue;
         has_size = true;
-        if (size.fastest > 0.0) rate = size.fastest;
+        if (!size.rates.empty()) rate = size.fastest();
       }
       constexpr double kAsGood = 0.95;  // 29.97 is 30
       int cost = static_cast<int>(known - kFormats.begin());
@@ -221,7 +233,8 @@ class Stream {
       }
     };
     (void)device_.set_control(V4L2_CID_FOCUS_AUTO, 0);
-    if (wish.focus) set("focus", V4L2_CID_FOCUS_ABSOLUTE, *wish.focus);
+    if (wish.focus) set("focus", V4L2_CID_FOCUS_ABSOLUTE, in_steps(*wish.focus));
+    focus_ = device_.control(V4L2_CID_FOCUS_ABSOLUTE);
     if (wish.auto_exposure) {
       if (!device_.set_control(V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_AUTO)) {
         set("automatic exposure", V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_APERTURE_PRIORITY);
@@ -234,8 +247,9 @@ class Stream {
     }
     if (wish.gain) {
       (void)device_.set_control(V4L2_CID_AUTOGAIN, 0);
-      set("gain", V4L2_CID_GAIN, *wish.gain);
+      set("gain", V4L2_CID_GAIN, in_steps(*wish.gain));
     }
+    exposure_s_ = exposure_in_effect();
     if (wish.auto_white_balance) set("automatic white balance", V4L2_CID_AUTO_WHITE_BALANCE, 1);
     if (wish.white_balance_k) {
       (void)device_.set_control(V4L2_CID_AUTO_WHITE_BALANCE, 0);
@@ -243,7 +257,23 @@ class Stream {
     }
   }
 
-  Started<void> map_buffers() {
+  static std::int32_t in_steps(double value) {
+    constexpr double kMost = std::numeric_limits<std::int32_t>::max();
+    return static_cast<std::int32_t>(std::lround(std::clamp(value, -kMost, kMost)));
+  }
+
+  // While the camera chooses, what the control says is of no frame in particular.
+  [[nodiscard]] std::optional<double> exposure_in_effect() const {
+    const auto way = device_.control(V4L2_CID_EXPOSURE_AUTO);
+    if (way && *way != V4L2_EXPOSURE_MANUAL && *way != V4L2_EXPOSURE_SHUTTER_PRIORITY) {
+      return std::nullopt;
+    }
+    const auto steps = device_.control(V4L2_CID_EXPOSURE_ABSOLUTE);
+    constexpr double kStep_s = 1e-4;
+    return steps && *steps > 0 ? std::optional(kStep_s * *steps) : std::nullopt;
+  }
+
+  Started<void> map_buffers(bool share) {
     v4l2_requestbuffers request{};
     request.count = kBuffers;
     request.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
@@ -251,59 +281,50 @@ class Stream {
     if (const int error = device_.call(VIDIOC_REQBUFS, &request); error != 0) {
       return trouble(device_, "VIDIOC_REQBUFS", error);
     }
-    std::vector<std::span<const std::uint8_t>> buffers;
-    const auto unmap = [](const std::vector<std::span<const std::uint8_t>>& mapped) {
-      for (const auto& bytes : mapped) {
-        munmap(const_cast<std::uint8_t*>(bytes.data()), bytes.size());
-      }
-    };
-    int failed = request.count < kDriverNeeds ? ENOMEM : 0;
-    for (unsigned i = 0; i < request.count && failed == 0; ++i) {
-      v4l2_buffer buffer{};
-      buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-      buffer.memory = V4L2_MEMORY_MMAP;
-      buffer.index = i;
-      failed = device_.call(VIDIOC_QUERYBUF, &buffer);
-      if (failed != 0) break;
-      void* start = mmap(nullptr, buffer.length, PROT_READ, MAP_SHARED, device_.descriptor(),
-                         static_cast<off_t>(buffer.m.offset));
-      if (start == MAP_FAILED) {
-        failed = errno;
-        break;
-      }
-      buffers.emplace_back(static_cast<const std::uint8_t*>(start), buffer.length);
+    if (request.count < kDriverNeeds) return trouble(device_, "mapping its buffers", ENOMEM);
+    auto buffers = std::make_shared<std::vector<V4l2Buffer>>();
+    std::vector<std::span<const std::uint8_t>> views;
+    for (unsigned i = 0; i < request.count; ++i) {
+      auto buffer = V4l2Buffer::map(device_, i, share);
+      if (!buffer) return trouble(device_, "mapping its buffers", buffer.error());
+      views.push_back(buffer->bytes());
+      buffers->push_back(std::move(*buffer));
     }
-    if (failed != 0) {
-      unmap(buffers);
-      return trouble(device_, "mapping its buffers", failed);
-    }
-    ring_ = BufferRing::create(buffers, {[&device = device_](unsigned index) {
-                                           v4l2_buffer buffer{};
-                                           buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-                                           buffer.memory = V4L2_MEMORY_MMAP;
-                                           buffer.index = index;
-                                           return device.call(VIDIOC_QBUF, &buffer) == 0;
-                                         },
-                                         [buffers, unmap] { unmap(buffers); }});
+    buffers_ = buffers;
+    ring_ = BufferRing::create(std::move(views), {[&device = device_, buffers](unsigned index) {
+                                                    (*buffers)[index].end_reading();
+                                                    v4l2_buffer buffer{};
+                                                    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+                                                    buffer.memory = V4L2_MEMORY_MMAP;
+                                                    buffer.index = index;
+                                                    return device.call(VIDIOC_QBUF, &buffer) == 0;
+                                                  },
+                                                  [buffers] { buffers->clear(); }});
     return {};
   }
 
   const V4l2Device device_;  // outlives the ring's use of it: the destructor closes the ring
   const KnownFormat* known_ = nullptr;
   StreamFormat format_;
+  std::optional<double> exposure_s_;
+  std::optional<double> focus_;
   FrameLayout layout_;
+  std::shared_ptr<const std::vector<V4l2Buffer>> buffers_;
   std::shared_ptr<BufferRing> ring_;
 };
 
 class V4l2Source final : public LiveSource {
  public:
   V4l2Source(V4l2Options options, std::unique_ptr<Stream> stream)
-      : options_(std::move(options)),
+      : options_(with_focus(std::move(options), stream->focus())),
         path_(stream->device().path()),
-        identity_(stream->device().identity()),
+        card_(stream->device().identity().card),
+        search_(stream->device().identity()),
         format_(stream->format()),
+        shares_(stream->shares()),
         faults_(options_.device.string()),
         clock_(nanoseconds(format_.interval_s)),
+        pace_(nanoseconds(format_.interval_s)),
         stop_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)),
         controls_(stream->device().controls()),
         stream_(std::move(stream)) {}
@@ -332,12 +353,23 @@ class V4l2Source final : public LiveSource {
   [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const override {
     return controls_;
   }
+  [[nodiscard]] std::optional<FocusReading> focus() const override {
+    if (!options_.controls.focus) return std::nullopt;
+    return FocusReading{*options_.controls.focus, 1.0};
+  }
   [[nodiscard]] std::string description() const override {
-    return fmt::format("{} ({}), {} {}x{} at {:.4g}/s", options_.device.string(), identity_.card,
-                       format_.name, format_.width, format_.height, 1.0 / format_.interval_s);
+    return fmt::format("{} ({}), {} {}x{} at {:.4g}/s{}", options_.device.string(), card_,
+                       format_.name, format_.width, format_.height, 1.0 / format_.interval_s,
+                       shares_ ? ", buffers shared by DMA-BUF" : "");
   }
 
  private:
+  // A camera that comes back is focused as it was when it was opened.
+  static V4l2Options with_focus(V4l2Options options, std::optional<double> focus) {
+    if (focus) options.controls.focus = focus;
+    return options;
+  }
+
   bool stopped() const { return wait(0); }
   // True once stop() was called.
   bool wait(int timeout_ms) const {
@@ -349,34 +381,58 @@ class V4l2Source final : public LiveSource {
                    const std::optional<std::string>& now = std::nullopt) {
     outage_.begin({fault, what}, now);
     stream_.reset();
+    search_.begin();
+    looked_around_.reset();
   }
 
   // The camera where it was, or where it came back: another number, perhaps another socket.
-  Started<V4l2Device> find() const {
+  Started<V4l2Device> find() {
     std::vector<std::filesystem::path> paths = {options_.device, path_};
-    for (auto& path : list_v4l2_paths()) paths.push_back(std::move(path));
+    const bool around = look_around();
+    if (around) {
+      for (auto& path : list_v4l2_paths()) paths.push_back(std::move(path));
+    }
     std::optional<Trouble> first;
-    std::optional<V4l2Device> elsewhere;
+    std::vector<V4l2Device> there;
+    std::vector<V4l2Identity> identities;
     for (const auto& path : paths) {
       auto device = V4l2Device::open(path);
-      if (!device) {
-        if (!first) {
-          const bool there = access(path.c_str(), F_OK) == 0;
-          const bool allowed = there && access(path.c_str(), R_OK | W_OK) == 0;
-          first = Trouble{there && !allowed ? CaptureFault::forbidden : CaptureFault::disconnected,
-                          device.error().message};
-        }
-        continue;
+      if (device) {
+        if (search_.is_in_place(device->identity())) return std::move(*device);
+        identities.push_back(device->identity());
+        there.push_back(std::move(*device));
+      } else if (!first) {
+        const bool exists = access(path.c_str(), F_OK) == 0;
+        const bool allowed = exists && access(path.c_str(), R_OK | W_OK) == 0;
+        first = Trouble{exists && !allowed ? CaptureFault::forbidden : CaptureFault::disconnected,
+                        device.error().message};
       }
-      const V4l2Identity& found = device->identity();
-      if (found.card != identity_.card || found.driver != identity_.driver) continue;
-      if (found.bus == identity_.bus) return std::move(*device);
-      if (!elsewhere) elsewhere = std::move(*device);
     }
-    if (elsewhere) return std::move(*elsewhere);
+    if (around) {
+      if (const auto found = search_.find(identities)) return std::move(there[*found]);
+    }
     return tl::unexpected<Trouble>(
         first.value_or(Trouble{CaptureFault::disconnected, fmt::format("{}: is another camera now",
                                                                        options_.device.string())}));
+  }
+
+  // Whether to open every camera that there is, and not just the device where this one was: just
+  // after it was lost, when a device came, went or got another owner, and now and then.
+  bool look_around() {
+    std::string listing;
+    for (const auto& path : list_v4l2_paths()) {
+      struct stat about {};
+      if (stat(path.c_str(), &about) != 0) continue;
+      listing += fmt::format("{} {} {}.{}\n", path.string(), about.st_rdev, about.st_ctim.tv_sec,
+                             about.st_ctim.tv_nsec);
+    }
+    const std::int64_t now_ns = monotonic_ns();
+    if (looked_around_ && looked_around_->first == listing &&
+        now_ns - looked_around_->second < kLookAround_ns) {
+      return false;
+    }
+    looked_around_.emplace(std::move(listing), now_ns);
+    return true;
   }
 
   bool reopen() {
@@ -386,9 +442,11 @@ class V4l2Source final : public LiveSource {
       outage_.begin(started.error());
       return false;
     }
+    looked_around_.reset();
     stream_ = std::move(*started);
     path_ = stream_->device().path();
     clock_.restart(nanoseconds(stream_->format().interval_s));
+    pace_.restart(nanoseconds(stream_->format().interval_s));
     faults_.count_restart();
     return true;
   }
@@ -397,12 +455,15 @@ class V4l2Source final : public LiveSource {
   std::optional<CapturedImage> dequeue() {
     std::array<pollfd, 2> waiting{
         {{stream_->device().descriptor(), POLLIN, 0}, {stop_, POLLIN, 0}}};
-    const int ready = poll(waiting.data(), waiting.size(), kSilence_ms);
+    constexpr std::int64_t kMs_ns = 1'000'000;
+    const std::int64_t silent_ms = pace_.silent_after_ns() / kMs_ns;
+    const int ready = poll(waiting.data(), waiting.size(), static_cast<int>(silent_ms));
     if (ready < 0 || waiting[1].revents != 0) return std::nullopt;
     if (ready == 0) {
-      lose_stream(CaptureFault::silent,
-                  fmt::format("no frame for {} s, and no error", kSilence_ms / 1000),
-                  "the camera is silent");
+      lose_stream(
+          CaptureFault::silent,
+          fmt::format("no frame for {:.2g} s, and no error", 1e-3 * static_cast<double>(silent_ms)),
+          "the camera is silent");
       return std::nullopt;
     }
     if (stream_->ring().refused()) {
@@ -438,12 +499,15 @@ class V4l2Source final : public LiveSource {
     const FrameStamp stamp = clock_.next(buffer.sequence, driver_ns, monotonic, monotonic_ns());
     image.sequence = stamp.sequence;
     image.timestamp_ns = stamp.timestamp_ns;
+    image.exposure_s = stream_->exposure_s();
     count_stamp(faults_, stamp);
+    pace_.saw(stamp.timestamp_ns);
 
     if ((buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused == 0) {
       faults_.count(CaptureFault::error_frame, "a frame is marked as bad and left out");
       return std::nullopt;
     }
+    stream_->buffer(buffer.index).begin_reading();
     auto bytes = stream_->ring().buffer(buffer.index);
     bytes = bytes.first(std::min<std::size_t>(bytes.size(), buffer.bytesused));
     if (stream_->known().jpeg) {
@@ -457,7 +521,8 @@ class V4l2Source final : public LiveSource {
       return std::nullopt;
     }
 
-    if (stream_->ring().in_driver() < kDriverNeeds) {
+    const bool copied = stream_->ring().in_driver() < kDriverNeeds;
+    if (copied) {
       const std::shared_ptr<std::uint8_t[]> copy(new std::uint8_t[bytes.size()]);
       std::memcpy(copy.get(), bytes.data(), bytes.size());
       bytes = {copy.get(), bytes.size()};
@@ -470,6 +535,9 @@ class V4l2Source final : public LiveSource {
       for (std::size_t i = 0; i < static_cast<std::size_t>(image.frame.plane_count); ++i) {
         image.frame.planes[i].data = bytes.data() + stream_->layout().offset[i];
       }
+      if (const auto& shared = stream_->buffer(buffer.index).shared(); shared && !copied) {
+        image.frame.dma_buf = {shared->descriptor(), shared->number(), stream_->layout().offset};
+      }
       image.frame.sequence = image.sequence;
       image.frame.timestamp_ns = image.timestamp_ns;
     }
@@ -480,17 +548,25 @@ class V4l2Source final : public LiveSource {
 
   const V4l2Options options_;
   std::filesystem::path path_;  // where the camera is now
-  const V4l2Identity identity_;
+  const std::string card_;
+  CameraSearch search_;
+  std::optional<std::pair<std::string, std::int64_t>> looked_around_;  // at what, and when [ns]
   const StreamFormat format_;
+  const bool shares_;  // as it was started
   FaultCounter faults_;
   Outage outage_{faults_};
   FrameClock clock_;
+  FramePace pace_;
   const int stop_;  // an eventfd
   const std::vector<std::pair<std::string, std::int64_t>> controls_;
   std::unique_ptr<Stream> stream_;
 };
 
 }  // namespace
+
+bool reads_v4l2_format(std::uint32_t fourcc) {
+  return std::ranges::find(kFormats, fourcc, &KnownFormat::fourcc) != kFormats.end();
+}
 
 Result<std::unique_ptr<LiveSource>> open_v4l2_source(const V4l2Options& options) {
   for (int attempt = 1;; ++attempt) {

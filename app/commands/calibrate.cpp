@@ -5,14 +5,27 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <array>
+#include <chrono>
 #include <ctime>
+#include <fstream>
 #include <memory>
 #include <optional>
+#include <stop_token>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
 
+#include "app/calibration_capture.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
+#include "app/guide_window.hpp"
 #include "app/interrupt.hpp"
+#include "app/live_run.hpp"
 #include "app/output/output_file.hpp"
+#include "app/output/stoppable.hpp"
 #include "app/picture_source.hpp"
 #include "app/progress.hpp"
 #include "calib/calibration_report.hpp"
@@ -40,6 +53,10 @@ struct CalibrateOptions {
   std::string format = "auto";
   std::optional<double> focus_position;
   int views = 60;
+  std::optional<std::filesystem::path> keep;
+  bool no_window = false;
+  std::string size;
+  LiveRequest live;  // where the source is a camera
 };
 
 CameraFileFormat format_of(const CalibrateOptions& options) {
@@ -60,6 +77,7 @@ CalibrationOptions calibration_options(const CalibrateOptions& options) {
   if (options.board == "bowed") result.shape = BoardShape::bowed;
   if (options.board == "free") result.shape = BoardShape::free;
   result.most_views = options.views;
+  result.for_kalibr = format_of(options) == CameraFileFormat::kalibr;
   return result;
 }
 
@@ -74,8 +92,13 @@ CalibrationRecord record_of(const CameraCalibration& calibration, const Target& 
   record.held_out_px = calibration.held_out_px;
   record.projection_mean_px = calibration.uncertainty.mean_px;
   record.projection_largest_px = calibration.uncertainty.largest_px;
+  if (const auto& table = calibration.table) {
+    record.table_distance_m = table->distance_m;
+    record.table_tracked_px.assign(table->tracked_px.begin(), table->tracked_px.end());
+    record.table_known_pose_px.assign(table->known_pose_px.begin(), table->known_pose_px.end());
+  }
   for (Eigen::Index i = 0; i < solution.covariance.rows(); ++i)
-    record.standard_deviations.push_back(std::sqrt(solution.covariance(i, i)));
+    record.standard_deviations.push_back(std::sqrt(std::max(solution.covariance(i, i), 0.0)));
   record.focus_position = focus_position;
   return record;
 }
@@ -86,9 +109,11 @@ void print_summary(const CameraCalibration& calibration) {
   }
   fmt::print("{:<22}{:<9}{:>13}{:>17}\n", "lens", "board", "residual [px]", "held out [px]");
   for (const ModelTrial& trial : calibration.trials) {
-    fmt::print("{:<22}{:<9}{:>13.3f}{:>17}{}\n", to_string(trial.model), to_string(trial.shape),
+    fmt::print("{:<22}{:<9}{:>13.3f}{:>17}{}\n", lens_name(trial), to_string(trial.shape),
                trial.rms_px, trial.held_out_px ? fmt::format("{:.3f}", *trial.held_out_px) : "-",
-               trial.chosen ? "  chosen" : "");
+               trial.chosen    ? "  chosen"
+               : trial.fold_px ? "  folds in the image"
+                               : "");
   }
   const CameraParameters& p = calibration.solution.camera.parameters();
   const Eigen::MatrixXd& covariance = calibration.solution.covariance;
@@ -99,9 +124,237 @@ void print_summary(const CameraCalibration& calibration) {
       calibration.solution.outliers, p.fx, std::sqrt(covariance(0, 0)), p.fy,
       std::sqrt(covariance(1, 1)), p.cx, std::sqrt(covariance(2, 2)), p.cy,
       std::sqrt(covariance(3, 3)));
+  if (const auto& table = calibration.table) {
+    fmt::print(
+        "over the table: corners of a 0.2 m cube, seen from {:.2f} m, to {:.2f} px (1 sigma) at "
+        "worst with the pose found by this lens, {:.2f} px with the pose known\n",
+        table->distance_m, table->largest_tracked_px(), table->largest_known_pose_px());
+  }
+}
+
+struct CalibrateOutputs {
+  OutputFile camera;
+  std::optional<OutputFile> report;
+
+  [[nodiscard]] std::vector<OutputFile*> all() {
+    std::vector<OutputFile*> files = {&camera};
+    if (report) files.push_back(&*report);
+    return files;
+  }
+};
+
+Result<CalibrateOutputs> open_calibrate_outputs(const CalibrateOptions& options) {
+  auto camera = OutputFile::create(options.output);
+  if (!camera) return tl::unexpected(camera.error());
+  CalibrateOutputs outputs{std::move(*camera), std::nullopt};
+  if (!options.report.empty()) {
+    auto report = OutputFile::create(options.report);
+    if (!report) return tl::unexpected(report.error());
+    outputs.report.emplace(std::move(*report));
+  }
+  return outputs;
+}
+
+// Before anything is solved: cameras of two sizes can't be compared.
+Result<void> check_comparable(const CalibrateOptions& options,
+                              const std::optional<CameraModel>& earlier, int width, int height) {
+  if (!earlier || (earlier->width() == width && earlier->height() == height)) return {};
+  return fail("{}: is of {} x {} px, but the pictures are {} x {}; name a calibration of this size",
+              options.compare.string(), earlier->width(), earlier->height(), width, height);
+}
+
+Result<void> read_pictures(const CalibrateOptions& options,
+                           const std::optional<CameraModel>& earlier, InterruptWatch& interrupt,
+                           CameraCalibrator& calibrator) {
+  const std::filesystem::path& source = options.source;
+  std::optional<ProgressBar> progress;
+  const auto read = for_each_picture(source, [&](const Picture& picture) -> Result<bool> {
+    if (!progress) progress.emplace(picture.count, "pictures");
+    if (picture.luma.empty()) {
+      calibrator.add_unreadable(picture.name, picture.unreadable);
+    } else if (auto same =
+                   check_comparable(options, earlier, picture.luma.width, picture.luma.height);
+               !same) {
+      return tl::unexpected(same.error());
+    } else if (auto added = calibrator.add(picture.name, picture.luma); !added) {
+      return fail_in(source.string(), added.error());
+    }
+    progress->update(picture.index + 1);
+    return !interrupt.interrupted();
+  });
+  if (!read) return tl::unexpected(read.error());
+  return {};
+}
+
+// A window for pictures of this size [px], where there is a display and it was not forbidden; else
+// nothing: then it is told on the terminal.
+std::unique_ptr<GuideWindow> window_for(const CalibrateOptions& options, int width, int height) {
+  if (options.no_window) return nullptr;
+  std::string why = "no display";
+  if (display_available()) {
+    auto window = GuideWindow::open(width, height);
+    if (window) return std::move(*window);
+    why = window.error().message;
+  }
+  fmt::print("{}; going on without a window\n", why);
+  std::fflush(stdout);
+  return nullptr;
+}
+
+constexpr std::string_view kRecordingPrefix = "recording:";
+
+// "recording:FOLDER" -> FOLDER; nothing for anything else.
+std::optional<std::filesystem::path> played_recording(const std::filesystem::path& source) {
+  const std::string name = source.string();
+  if (!name.starts_with(kRecordingPrefix)) return std::nullopt;
+  return name.substr(kRecordingPrefix.size());
+}
+
+// The size of the first picture that can be read.
+Result<ImageSize> picture_size(const std::filesystem::path& recording) {
+  std::optional<ImageSize> size;
+  auto read = for_each_picture(recording, [&](const Picture& picture) -> Result<bool> {
+    if (!picture.luma.empty()) size = ImageSize{picture.luma.width, picture.luma.height};
+    return !size;
+  });
+  if (!read) return tl::unexpected(read.error());
+  if (!size) {
+    return fail("{}: none of its pictures can be read; give PNG or JPEG pictures of the target",
+                recording.string());
+  }
+  return *size;
+}
+
+struct Guided {
+  Capture capture;
+  std::unique_ptr<GuideWindow> window;  // where there is one
+};
+
+// Views are taken from the source, by themselves, and go to `calibrator`.
+Result<Guided> guide(const CalibrateOptions& options, const Target& target,
+                     const std::optional<CameraModel>& earlier, InterruptWatch& interrupt,
+                     CameraCalibrator& calibrator) {
+  CaptureOptions capture;
+  capture.guide.model = calibration_options(options).model;
+  capture.guide.for_kalibr = calibration_options(options).for_kalibr;
+  capture.duration_s = options.live.duration_s;
+  capture.keep = options.keep;
+  const auto recording = played_recording(options.source);
+  std::unique_ptr<LiveSource> camera;
+  ImageSize size;
+  if (recording) {
+    const auto first = picture_size(*recording);
+    if (!first) return tl::unexpected(first.error());
+    size = *first;
+    // Nobody waits: what says more than a view of a full set does on average is taken.
+    capture.guide.least_gain = 0.5 / options.views;
+  } else {
+    auto opened = open_live_source(options.live);
+    if (!opened) return tl::unexpected(opened.error());
+    camera = std::move(*opened);
+    size = {camera->format().width, camera->format().height};
+  }
+  if (auto same = check_comparable(options, earlier, size.width, size.height); !same)
+    return tl::unexpected(same.error());
+  if (options.keep) {
+    if (auto made = create_keep_folder(*options.keep); !made) return tl::unexpected(made.error());
+  }
+  Guided guided;
+  guided.window = window_for(options, size.width, size.height);
+  GuideWindow* window = guided.window.get();
+  auto captured = camera
+                      ? capture_views(*camera, target, capture, interrupt, calibrator, window)
+                      : capture_views(*recording, target, capture, interrupt, calibrator, window);
+  if (!captured) return tl::unexpected(captured.error());
+  constexpr int kFewest = 3;
+  if (captured->views < kFewest) {
+    const std::string why =
+        captured->why_not.empty() ? "" : fmt::format(" (most often: {})", captured->why_not);
+    return fail(
+        "{}: {} of {} picture{} {} taken{}, and a camera needs at least {} views; show the whole "
+        "target, sharp and still, tilted in several directions",
+        options.source.string(), captured->views, captured->pictures,
+        captured->pictures == 1 ? "" : "s", captured->views == 1 ? "was" : "were", why, kFewest);
+  }
+  if (captured->end == CaptureEnd::interrupted) {
+    fmt::print("solving from {} views; Ctrl-C again ends it without a camera file\n",
+               captured->views);
+    std::fflush(stdout);
+  }
+  guided.capture = std::move(*captured);
+  return guided;
+}
+
+Result<CameraCalibration> finish_in(GuideWindow* window, InterruptWatch& interrupt,
+                                    CameraCalibrator& calibrator) {
+  if (window != nullptr) window->say("solving");
+  return run_stoppable(
+      interrupt, [&calibrator](std::stop_token stop) { return calibrator.finish(std::move(stop)); },
+      [window] {
+        if (window != nullptr && !window->closed()) window->refresh();
+      });
+}
+
+tl::unexpected<Error> ended_early(const CalibrateOptions& options) {
+  const std::string kept =
+      options.keep ? fmt::format("; the views are in {}", options.keep->string()) : "";
+  return fail("{}: ended early; no file was written{}", options.source.string(), kept);
+}
+
+Result<void> write_calibration(const CalibrateOptions& options, CalibrateOutputs& outputs,
+                               const Target& target, const CameraCalibration& calibration,
+                               const std::optional<CameraModel>& earlier) {
+  const CameraModel& camera = calibration.solution.camera;
+  const std::string date = today();
+  const CalibrationRecord record = record_of(calibration, target, date, options.focus_position);
+  if (auto saved = save_camera(outputs.camera.partial(), camera, format_of(options), &record);
+      !saved)
+    return outputs.camera.failed(saved.error());
+  if (outputs.report) {
+    ReportInput input;
+    input.title = options.source.string();
+    input.date = date;
+    input.target = target.description;
+    input.earlier = earlier;
+    input.earlier_name = options.compare.string();
+    if (auto written = write_whole(*outputs.report, calibration_report(calibration, input));
+        !written)
+      return written;
+  }
+  return commit_together(outputs.all());
+}
+
+void print_result(const CalibrateOptions& options, const CameraCalibration& calibration,
+                  const std::optional<CameraModel>& earlier) {
+  print_summary(calibration);
+  if (earlier) {
+    const ProjectionDifference difference =
+        projection_difference(calibration.solution.camera, *earlier);
+    fmt::print("differs from {} by {:.3f} px on average, {:.3f} px at most\n",
+               options.compare.string(), difference.mean_px, difference.largest_px);
+  }
+  fmt::print("camera: {}\n", options.output.string());
+  if (!options.report.empty()) fmt::print("report: {}\n", options.report.string());
+  fmt::print("{}\n", calibration.verdict);
+  std::fflush(stdout);
+}
+
+// A sheet is what was printed, but not what says so.
+Result<void> check_is_no_sheet(const std::filesystem::path& target) {
+  std::ifstream file(target, std::ios::binary);
+  std::array<char, 4> start{};
+  file.read(start.data(), start.size());
+  if (std::string_view(start.data(), start.size()) != "%PDF") return {};
+  return fail(
+      "{}: is a sheet to print; give the target.yaml or tags.yaml that penumbra target wrote "
+      "beside "
+      "it",
+      target.string());
 }
 
 Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
+  InterruptWatch interrupt;  // first: a window and a camera start threads
+  if (const auto ok = check_is_no_sheet(options.target); !ok) return tl::unexpected(ok.error());
   const auto target = load_target(options.target);
   if (!target) return tl::unexpected(target.error());
   std::optional<CameraModel> earlier;
@@ -110,69 +363,43 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
     if (!loaded) return tl::unexpected(loaded.error());
     earlier = std::move(*loaded);
   }
-  InterruptWatch interrupt;
   interrupt.hold();
-  auto output = OutputFile::create(options.output);
-  if (!output) return tl::unexpected(output.error());
-  std::optional<OutputFile> report;
-  if (!options.report.empty()) {
-    auto created = OutputFile::create(options.report);
-    if (!created) return tl::unexpected(created.error());
-    report.emplace(std::move(*created));
-  }
-
+  auto outputs = open_calibrate_outputs(options);
+  if (!outputs) return tl::unexpected(outputs.error());
   auto calibrator = CameraCalibrator::create(*target, calibration_options(options));
   if (!calibrator) return fail_in(options.target.string(), calibrator.error());
-  bool interrupted = false;
-  {
-    std::optional<ProgressBar> progress;
-    const auto read = for_each_picture(options.source, [&](const Picture& picture) -> Result<bool> {
-      if (!progress) progress.emplace(picture.count, "pictures");
-      if (picture.luma.empty()) {
-        calibrator->add_unreadable(picture.name, picture.unreadable);
-      } else if (auto added = calibrator->add(picture.name, picture.luma); !added) {
-        return tl::unexpected(added.error());
-      }
-      progress->update(picture.index + 1);
-      interrupted = interrupt.interrupted();
-      return !interrupted;
-    });
-    if (!read) return tl::unexpected(read.error());
+
+  std::unique_ptr<GuideWindow> window;
+  bool person_waits = false;  // for the verdict, in the window
+  if (names_camera(options.source.string())) {
+    auto guided = guide(options, *target, earlier, interrupt, *calibrator);
+    if (!guided) return tl::unexpected(guided.error());
+    window = std::move(guided->window);
+    const CaptureEnd end = guided->capture.end;
+    person_waits = window && end != CaptureEnd::closed && end != CaptureEnd::interrupted &&
+                   !options.live.duration_s;
+  } else if (auto read = read_pictures(options, earlier, interrupt, *calibrator); !read) {
+    return tl::unexpected(read.error());
   }
-  if (interrupted) return fail("{}: ended early; no file was written", options.source.string());
-  const auto calibration = calibrator->finish();
-  if (!calibration) return fail_in(options.source.string(), calibration.error());
-  const CameraModel& camera = calibration->solution.camera;
-  if (earlier && (earlier->width() != camera.width() || earlier->height() != camera.height())) {
-    return fail(
-        "{}: is of {} x {} px, but the pictures are {} x {}; name a calibration of this size",
-        options.compare.string(), earlier->width(), earlier->height(), camera.width(),
-        camera.height());
+  if (interrupt.interrupted()) return ended_early(options);
+  const auto calibration = finish_in(window.get(), interrupt, *calibrator);
+  if (interrupt.interrupted()) return ended_early(options);
+  Result<void> written = {};
+  if (!calibration) {
+    written = fail_in(options.source.string(), calibration.error());
+  } else {
+    written = write_calibration(options, *outputs, *target, *calibration, earlier);
   }
-  const std::string date = today();
-  const CalibrationRecord record = record_of(*calibration, *target, date, options.focus_position);
-  if (auto saved = save_camera(output->partial(), camera, format_of(options), &record); !saved)
-    return output->failed(saved.error());
-  if (report) {
-    ReportInput input;
-    input.title = options.source.string();
-    input.date = date;
-    input.target = target->description;
-    input.earlier = earlier;
-    input.earlier_name = options.compare.string();
-    if (auto written = write_text(*report, calibration_report(*calibration, input)); !written)
-      return tl::unexpected(written.error());
+  if (written) print_result(options, *calibration, earlier);
+  if (person_waits) {
+    if (written) {
+      window->say(calibration->verdict, calibration->grade);
+    } else {
+      window->say(written.error().message, std::nullopt, true);
+    }
+    window->wait(interrupt);
   }
-  if (auto done = output->commit(); !done) return tl::unexpected(done.error());
-  print_summary(*calibration);
-  if (earlier) {
-    const ProjectionDifference difference = projection_difference(camera, *earlier);
-    fmt::print("differs from {} by {:.3f} px on average, {:.3f} px at most\n",
-               options.compare.string(), difference.mean_px, difference.largest_px);
-  }
-  fmt::print("camera: {}\n", options.output.string());
-  if (report) fmt::print("report: {}\n", options.report.string());
-  fmt::print("{}\n", calibration->verdict);
+  if (!written) return tl::unexpected(written.error());
   return ExitCode::success;
 }
 
@@ -187,7 +414,10 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
   command
       ->add_option(
           "source", options->source,
-          "A recording, or a folder of PNG or JPEG pictures; a camera.yaml in it is not read")
+          "A recording, or a folder of PNG or JPEG pictures (a camera.yaml in it is not read); or "
+          "a camera, v4l2:/dev/video0 or libcamera:0: views are taken by themselves when they say "
+          "something new. recording:FOLDER plays a recording or a folder as if it were one, every "
+          "picture, to the end")
       ->required()
       ->type_name("SOURCE");
   command
@@ -216,8 +446,8 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
       ->capture_default_str();
   command
       ->add_option("--format", options->format,
-                   "Of the camera's file: ros, opencv, kalibr, or auto: by its name (*.yml is "
-                   "OpenCV's, *camchain* Kalibr's)")
+                   "Of the camera's file: ros, opencv, kalibr (lenses without k3), or auto: by its "
+                   "name (*.yml is OpenCV's, *camchain* Kalibr's)")
       ->check(CLI::IsMember({"auto", "ros", "opencv", "kalibr"}))
       ->capture_default_str();
   command->add_option("--compare", options->compare, "An earlier calibration to compare with")
@@ -227,18 +457,55 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_option("--views", options->views, "Most views to solve from")
       ->check(CLI::Range(3, 1000))
       ->capture_default_str();
+  command
+      ->add_option(
+          "--keep", options->keep,
+          "A new folder for the views that are taken from a camera or recording:FOLDER (PNG): "
+          "calibrating from it again gives the same")
+      ->type_name("FOLDER");
+  command->add_flag("--no-window", options->no_window,
+                    "Guide on the terminal, also where there is a display");
+  command->add_option("--size", options->size, "Of a camera's pictures")->type_name("WxH");
+  command->add_option("--fps", options->live.fps, "Of a camera")->check(CLI::Range(0.1, 1000.0));
+  command
+      ->add_option(
+          "--duration", options->live.duration_s,
+          "Seconds to take views from a camera; then solves and ends, without waiting for a key "
+          "(default: until they are enough, or Ctrl-C)")
+      ->check(CLI::Range(0.1, 1e6));
   command->footer(
       "The last line is the verdict. A camera file is written whatever it says, and none where the "
       "pictures\ncan't fix a camera.\n\n"
       "Example:\n"
       "  penumbra calibrate pictures --target aprilgrid.yaml --output camera.yaml --report "
-      "report.html");
-  command->callback([options, &chosen] {
-    if (same_path(options->output, options->target) ||
-        (!options->report.empty() && same_path(options->output, options->report))) {
+      "report.html\n"
+      "  penumbra calibrate v4l2:/dev/video0 --target target.yaml --output camera.yaml --keep "
+      "views");
+  command->callback([options, command, &chosen] {
+    const std::array outputs = {options->output, options->report};
+    const std::array inputs = {options->target, options->compare};
+    if (const auto once = check_written_once(outputs, inputs); !once)
+      throw CLI::ValidationError("--output", once.error().message);
+    options->live.camera = options->source.string();
+    if (played_recording(options->source)) {
+      for (const char* option : {"--size", "--fps"}) {
+        if (command->count(option) > 0)
+          throw CLI::ValidationError(option, "is for a camera; a recording has its own");
+      }
+    } else if (!names_camera(options->live.camera)) {
+      for (const char* option : {"--size", "--fps", "--duration", "--keep"}) {
+        if (command->count(option) > 0)
+          throw CLI::ValidationError(option, "is for a camera; the source is a folder");
+      }
+    }
+    if (!options->size.empty()) {
+      const ImageSize size = image_size_from("--size", options->size);
+      options->live.width = size.width;
+      options->live.height = size.height;
+    }
+    if (format_of(*options) == CameraFileFormat::kalibr && options->model == "rational") {
       throw CLI::ValidationError(
-          "--output", fmt::format("{}: is named for something else too; name files of their own",
-                                  options->output.string()));
+          "--model", "rational: Kalibr's files have no such lens; name plumb_bob or fisheye");
     }
     chosen = [options] { return run_calibrate(*options); };
   });

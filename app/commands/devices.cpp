@@ -1,6 +1,9 @@
 // penumbra devices: which cameras there are, what they offer, and why one can't be used.
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
@@ -8,6 +11,7 @@
 
 #include "app/capture/libcamera_source.hpp"
 #include "app/capture/v4l2_device.hpp"
+#include "app/capture/v4l2_source.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 
@@ -19,8 +23,11 @@ std::string text_of(const V4l2Size& size) {
   if (size.max_width != size.width || size.max_height != size.height) {
     text += fmt::format(" to {}x{}", size.max_width, size.max_height);
   }
-  if (size.fastest > 0.0) text += fmt::format(" at up to {:.4g}/s", size.fastest);
-  return text;
+  if (size.rates.empty()) return text;
+  if (size.any_rate) {
+    return text + fmt::format(" at {:.4g} to {:.4g}/s", size.rates.back(), size.rates.front());
+  }
+  return text + fmt::format(" at {:.4g}/s", fmt::join(size.rates, "/s, "));
 }
 
 Result<ExitCode> list_devices() {
@@ -38,8 +45,16 @@ Result<ExitCode> list_devices() {
     }
     const V4l2Identity& about = device->identity();
     fmt::print("v4l2:{}  {} ({}, {})\n", path.string(), about.card, about.driver, about.bus);
-    for (const V4l2Format& format : device->formats()) {
-      fmt::print("  {:<5} {}\n", fourcc_text(format.fourcc), format.description);
+    if (device->busy())
+      fmt::print("  busy: another program uses it (fuser -v {} names it)\n", path.string());
+    const auto formats = device->formats();
+    if (std::ranges::none_of(formats, reads_v4l2_format, &V4l2Format::fourcc)) {
+      fmt::print("  can't be used: it gives no NV12, YU12, YUYV, MJPEG or GREY pictures\n");
+    }
+    for (const V4l2Format& format : formats) {
+      const bool read = reads_v4l2_format(format.fourcc);
+      fmt::print("  {:<5} {}{}\n", fourcc_text(format.fourcc), format.description,
+                 read ? "" : " (not read by penumbra)");
       for (const V4l2Size& size : format.sizes) fmt::print("        {}\n", text_of(size));
     }
   }

@@ -7,13 +7,20 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <map>
 #include <memory>
+#include <optional>
+#include <string>
+#include <vector>
 
+#include "app/capture/recording_source.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/run_report.hpp"
 #include "core/camera_file.hpp"
+#include "core/tag_map.hpp"
 #include "core/trajectory.hpp"
+#include "tracking/group_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -22,8 +29,57 @@ struct EvaluateOptions {
   std::filesystem::path estimated;
   std::filesystem::path groundtruth;
   std::filesystem::path camera;
+  std::optional<std::filesystem::path> tags, estimated_groups, groundtruth_groups;
   bool json = false;
 };
+
+Result<void> need_a_pose(const Evaluation& evaluation, const std::filesystem::path& estimated,
+                         const std::filesystem::path& truth) {
+  if (evaluation.frames_with_pose > 0) return {};
+  return fail(
+      "{}: has no pose within 1 ms of one in {}; are both of the same recording, with times in "
+      "seconds?",
+      estimated.string(), truth.string());
+}
+
+// Of the groups of tags that have both a file of estimated places and one of true ones.
+Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions& options,
+                                                          const CameraModel& camera,
+                                                          const Trajectory& estimated,
+                                                          const Trajectory& truth) {
+  std::map<std::string, Evaluation> evaluations;
+  if (!options.tags) return evaluations;
+  const auto tags = load_tag_map(*options.tags);
+  if (!tags) return tl::unexpected(tags.error());
+  const std::vector<std::string> names = other_groups(*tags);
+  if (names.empty()) {
+    return fail("{}: has no group of tags beside the table", options.tags->string());
+  }
+  const auto found = load_group_paths(*options.estimated_groups, names);
+  if (!found) return tl::unexpected(found.error());
+  const auto true_places = load_group_paths(*options.groundtruth_groups, names);
+  if (!true_places) return tl::unexpected(true_places.error());
+  for (const auto& [name, place] : *found) {
+    const auto true_place = true_places->find(name);
+    if (true_place == true_places->end()) continue;
+    const auto T_group_middle = middle_of_group(*tags, name);
+    const Evaluation evaluation = evaluate(camera, over_group(estimated, place, T_group_middle),
+                                           over_group(truth, true_place->second, T_group_middle));
+    const auto file = *group_file(name);
+    if (auto checked = need_a_pose(evaluation, *options.estimated_groups / file,
+                                   *options.groundtruth_groups / file);
+        !checked) {
+      return tl::unexpected(checked.error());
+    }
+    evaluations.emplace(name, evaluation);
+  }
+  if (evaluations.empty()) {
+    return fail("{}: has no file of a group that {} has one of too (NAME.tum for each group of {})",
+                options.estimated_groups->string(), options.groundtruth_groups->string(),
+                options.tags->string());
+  }
+  return evaluations;
+}
 
 Result<ExitCode> run_evaluate(const EvaluateOptions& options) {
   const auto camera = load_camera(options.camera);
@@ -33,13 +89,19 @@ Result<ExitCode> run_evaluate(const EvaluateOptions& options) {
   const auto truth = load_trajectory(options.groundtruth);
   if (!truth) return tl::unexpected(truth.error());
   const Evaluation evaluation = evaluate(*camera, *estimated, *truth);
-  if (evaluation.frames_with_pose == 0) {
-    return fail(
-        "{}: has no pose within 1 ms of one in {}; are both of the same recording, with times in "
-        "seconds?",
-        options.estimated.string(), options.groundtruth.string());
+  if (auto checked = need_a_pose(evaluation, options.estimated, options.groundtruth); !checked) {
+    return tl::unexpected(checked.error());
   }
-  fmt::print("{}", options.json ? evaluation_json(evaluation) : evaluation_table(evaluation));
+  const auto groups = evaluate_groups(options, *camera, *estimated, *truth);
+  if (!groups) return tl::unexpected(groups.error());
+  if (options.json) {
+    fmt::print("{}", evaluation_json(evaluation, *groups));
+    return ExitCode::success;
+  }
+  fmt::print("{}", evaluation_table(evaluation));
+  for (const auto& [name, of_group] : *groups) {
+    fmt::print("\ntag group {}\n{}", name, evaluation_table(of_group));
+  }
   return ExitCode::success;
 }
 
@@ -60,10 +122,29 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
       ->add_option("--camera", options->camera, "Camera model: what the overlay error is seen by")
       ->required()
       ->type_name("camera.yaml");
+  CLI::Option* tags = command
+                          ->add_option("--tags", options->tags,
+                                       "Tag map: groups of tags beside the table are compared too")
+                          ->type_name("tags.yaml");
+  CLI::Option* estimated_groups =
+      command
+          ->add_option("--estimated-groups", options->estimated_groups,
+                       "Estimated places of groups on the table: NAME.tum each, as --group-poses "
+                       "of replay and a recorded session have them")
+          ->type_name("FOLDER");
+  CLI::Option* true_groups = command
+                                 ->add_option("--groundtruth-groups", options->groundtruth_groups,
+                                              "Their true places, as simulate writes them")
+                                 ->type_name("FOLDER");
+  tags->needs(estimated_groups)->needs(true_groups);
+  estimated_groups->needs(tags);
+  true_groups->needs(tags);
   command->add_flag("--json", options->json, "JSON instead of a table");
   command->footer(
       "No alignment: the table frame is known. Overlay error: how far the corners of a 0.2 m cube "
-      "on the\ntable's origin are from where the true pose shows them.\n\n"
+      "on the\ntable's origin are from where the true pose shows them; of a group of tags, one on "
+      "the "
+      "middle of its\ntags, drawn by the camera's pose and the group's place.\n\n"
       "Example:\n"
       "  penumbra evaluate --estimated out.tum --groundtruth recordings/tabletop/groundtruth.tum "
       "--camera recordings/tabletop/camera.yaml");

@@ -5,6 +5,7 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <cmath>
 #include <memory>
 
 #include "app/commands/command.hpp"
@@ -20,7 +21,7 @@ struct LiveOptions {
   LiveRequest request;
   std::optional<std::filesystem::path> calibration, tags, scene;
   ShadowChoice shadow;
-  bool no_skip = false, no_window = false, no_vsync = false, no_hud = false;
+  bool no_skip = false, no_window = false, no_vsync = false, no_hud = false, no_dma_buf = false;
 };
 
 Result<ExitCode> live(const LiveOptions& options) {
@@ -49,26 +50,13 @@ Result<ExitCode> live(const LiveOptions& options) {
   request.window = !options.no_window;
   request.viewer.hud = !options.no_hud;
   request.vsync = !options.no_vsync;
+  request.dma_buf = !options.no_dma_buf;
 
   const auto report = run_live(request);
   if (!report) return tl::unexpected(report.error());
   fmt::print("{}", report_table(*report));
   // Without a duration, Ctrl-C is how a session ends.
   return ExitCode::success;
-}
-
-void read_size(const std::string& text, LiveRequest& request) {
-  const std::size_t cross = text.find('x');
-  const auto width = parse_integer(std::string_view(text).substr(0, cross));
-  const auto height = cross == std::string::npos
-                          ? std::nullopt
-                          : parse_integer(std::string_view(text).substr(cross + 1));
-  constexpr std::int64_t kLargest = 16384;
-  if (!width || !height || *width < 1 || *height < 1 || *width > kLargest || *height > kLargest) {
-    throw CLI::ValidationError("--size", fmt::format("{}: is no size such as 640x480", text));
-  }
-  request.width = static_cast<int>(*width);
-  request.height = static_cast<int>(*height);
 }
 
 // "auto", or a number that `set` takes; false: neither.
@@ -83,6 +71,12 @@ auto automatic_or_number(const char* option, bool& automatic, Set set) {
     }
     set(*number);
   };
+}
+
+// Of what a camera could be set to: empty, or what is wrong with it.
+std::string plain_number(const std::string& text) {
+  const auto number = parse_number(text);
+  return number && std::abs(*number) <= 1e6 ? std::string() : fmt::format("{}: is no number", text);
 }
 
 }  // namespace
@@ -106,9 +100,17 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       ->type_name("camera.yaml");
   command
       ->add_option_function<std::string>(
-          "--size", [&request](const std::string& text) { read_size(text, request); },
+          "--size",
+          [&request](const std::string& text) {
+            const ImageSize size = image_size_from("--size", text);
+            request.width = size.width;
+            request.height = size.height;
+          },
           "Size of the pictures (default: the calibration's)")
       ->type_name("WIDTHxHEIGHT");
+  command->add_flag("--scale-calibration", request.scale_calibration,
+                    "For a size other than the calibration's: scale it, where a whole number of "
+                    "pixels becomes one. Exact if both sizes show the same view");
   command->add_option("--fps", request.fps, "Rate to ask the camera for (default: 30)")
       ->check(CLI::Range(0.1, 1000.0))
       ->type_name("RATE");
@@ -125,6 +127,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
           "Exposure time [ms], or auto (default: as the camera is)")
       ->type_name("MS|auto");
   command->add_option("--gain", controls.gain, "Gain, in the camera's steps (libcamera: times)")
+      ->check(plain_number)
       ->type_name("N");
   command
       ->add_option_function<std::string>(
@@ -138,6 +141,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       ->add_option("--focus", controls.focus,
                    "Focus, in the camera's steps (libcamera: dioptres); it is locked in any case, "
                    "where it can be")
+      ->check(plain_number)
       ->type_name("N");
   command
       ->add_option("--record", request.record,
@@ -157,7 +161,17 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       ->type_name("FILE.yaml");
   add_shadow_options(*command, options->shadow);
   add_tracking_options(*command, request.tracking);
+  add_smooth_option(*command, request.smooth);
   add_output_options(*command, request);
+  command
+      ->add_option("--threads", request.threads,
+                   "1: frames are tracked and drawn one after the other; more: the next one is "
+                   "tracked while one is drawn. The results are the same")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str()
+      ->type_name("N");
+  command->add_flag("--rectified", request.rectified,
+                    "The picture without the lens's distortion; the video is resampled");
   command->add_flag("--no-skip", options->no_skip,
                     "Do all work, also what can't be seen; the results are the same");
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
@@ -165,14 +179,17 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
                     "The window's HUD is hidden at first (H shows it)");
   command->add_flag("--no-vsync", options->no_vsync,
                     "Show frames at once: less latency, perhaps torn");
+  command->add_flag("--no-dma-buf", options->no_dma_buf,
+                    "Copy a camera's pictures to the GPU, also where it could read them where they "
+                    "lie; the results are the same");
   command->footer(
       "In the window: F1 lists the keys, space pauses, Esc or q closes. Ctrl-C ends cleanly.\n\n"
       "Example:\n"
       "  penumbra live --calibration camera.yaml --record session");
   command->callback([command, options, &chosen] {
     if (options->request.camera.starts_with("recording:")) {
-      for (const char* option :
-           {"--size", "--format", "--exposure", "--gain", "--white-balance", "--focus"}) {
+      for (const char* option : {"--size", "--format", "--exposure", "--gain", "--white-balance",
+                                 "--focus", "--no-dma-buf"}) {
         if (command->count(option) == 0) continue;
         throw CLI::ValidationError(option, "a recording that plays as a camera has its own");
       }

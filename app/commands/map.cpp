@@ -5,12 +5,14 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
-#include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <stop_token>
+#include <utility>
 #include <vector>
 
 #include "app/capture/recording_source.hpp"
@@ -18,10 +20,13 @@
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
 #include "app/output/output_file.hpp"
+#include "app/output/stoppable.hpp"
 #include "app/progress.hpp"
+#include "calib/camera_calibration.hpp"
 #include "calib/tag_survey.hpp"
 #include "core/camera_file.hpp"
 #include "core/tag_map.hpp"
+#include "core/units.hpp"
 
 namespace penumbra {
 namespace {
@@ -34,32 +39,66 @@ struct MapOptions {
   std::optional<double> tag_size_m;
   std::string family = "tag36h11";
   int anchor = 0;
+  std::string plane = "fitted";
+  std::filesystem::path refined_camera;
 };
 
-// What cameras and JPEG files encode light with (sRGB), where camera.yaml does not say.
-constexpr double kTypicalToneCurve = 2.2;
-
-using Curve = std::array<std::uint8_t, 256>;
-
-Curve linearising_curve(double exponent) {
-  Curve curve{};
-  for (std::size_t i = 0; i < curve.size(); ++i) {
-    curve[i] = static_cast<std::uint8_t>(
-        std::lround(255.0 * std::pow(static_cast<double>(i) / 255.0, exponent)));
+// Calls `take(index, luma)` for every frame; false where the user ended it.
+template <class Take>
+Result<bool> for_each_luma(const Recording& recording, const char* what, InterruptWatch& interrupt,
+                           const Take& take) {
+  auto source = open_recording_source(recording);
+  if (!source) return tl::unexpected(source.error());
+  ProgressBar progress((*source)->frame_count().value_or(0), what);
+  std::vector<std::uint8_t> scratch;
+  for (std::size_t index = 0;; ++index) {
+    const auto frame = (*source)->next();
+    if (!frame) return tl::unexpected(frame.error());
+    if (!*frame) return true;
+    take(index, luma(**frame, scratch));
+    progress.update(static_cast<int>(index) + 1);
+    if (interrupt.interrupted()) return false;
   }
-  return curve;
 }
 
-// In encoded light white bleeds into black and tags look smaller than they are, which the distances
-// between them would have to make up for: their edges are looked for in linear light.
-ImageView in_linear_light(ImageView luma, const Curve& curve, std::vector<std::uint8_t>& light) {
-  light.resize(static_cast<std::size_t>(luma.width) * static_cast<std::size_t>(luma.height));
-  auto out = light.begin();
-  for (int y = 0; y < luma.height; ++y) {
-    out = std::transform(luma.row(y), luma.row(y) + luma.width, out,
-                         [&](std::uint8_t value) { return curve[value]; });
+std::vector<int> ids_of(const TagSurvey& survey) {
+  std::vector<int> ids;
+  for (const SurveyedTag& tag : survey.tags) ids.push_back(tag.tag.id);
+  return ids;
+}
+
+void print_survey(const TagSurvey& survey, const CameraModel& given, const MapOptions& options) {
+  for (const std::string& line : survey.left_out) fmt::print("left out: {}\n", line);
+  fmt::print("{:>5}{:>9}{:>11}{:>11}{:>11}{:>15}\n", "tag", "frames", "x [mm]", "y [mm]", "z [mm]",
+             "1 sigma [mm]");
+  for (const SurveyedTag& tag : survey.tags) {
+    const Eigen::Vector3d p = tag.tag.T_table_tag.translation() * 1e3;
+    const double sigma = std::sqrt(tag.covariance.topLeftCorner<3, 3>().trace() / 3.0) * 1e3;
+    fmt::print("{:>5}{:>9}{:>11.2f}{:>11.2f}{:>11.2f}{:>15.3f}\n", tag.tag.id, tag.frames, p.x(),
+               p.y(), p.z(), sigma);
   }
-  return {light.data(), luma.width, luma.height, luma.width};
+  fmt::print("{} tags from {} frames, residual {:.3f} px\n", survey.tags.size(), survey.frames_used,
+             survey.rms_px);
+  if (survey.tags_on_plane >= 3) {
+    fmt::print(
+        "table: the plane through {} tags, {:.2f} mm (RMS) off it; tag {} alone is tilted by "
+        "{:.2f} degrees against it\n",
+        survey.tags_on_plane, survey.flatness_m * 1e3, options.anchor,
+        degrees(survey.plane_tilt_rad));
+  } else {
+    fmt::print("table: the plane of tag {}\n", options.anchor);
+  }
+  if (!options.refined_camera.empty()) {
+    const CameraParameters& p = survey.camera.parameters();
+    const ProjectionDifference difference = projection_difference(survey.camera, given);
+    fmt::print(
+        "camera: fx {:.3f} +- {:.3f}  fy {:.3f} +- {:.3f} px, {:.3f} px from the given one on "
+        "average: {}\n",
+        p.fx, std::sqrt(survey.lens_covariance(0, 0)), p.fy,
+        std::sqrt(survey.lens_covariance(1, 1)), difference.mean_px,
+        options.refined_camera.string());
+  }
+  fmt::print("tags: {}\n", options.output.string());
 }
 
 Result<ExitCode> run_map(const MapOptions& options) {
@@ -67,6 +106,8 @@ Result<ExitCode> run_map(const MapOptions& options) {
   survey.family = *tag_family_from_string(options.family);
   survey.anchor = options.anchor;
   survey.tag_size_m = options.tag_size_m;
+  survey.plane = options.plane == "anchor" ? SurveyPlane::anchor : SurveyPlane::fitted;
+  survey.refine_camera = !options.refined_camera.empty();
   if (!options.sizes.empty()) {
     auto sizes = load_tag_sizes(options.sizes);
     if (!sizes) return tl::unexpected(sizes.error());
@@ -85,50 +126,59 @@ Result<ExitCode> run_map(const MapOptions& options) {
   interrupt.hold();
   auto output = OutputFile::create(options.output);
   if (!output) return tl::unexpected(output.error());
-  auto source = open_recording_source(*recording);
-  if (!source) return tl::unexpected(source.error());
+  std::optional<OutputFile> refined_camera;
+  if (!options.refined_camera.empty()) {
+    auto created = OutputFile::create(options.refined_camera);
+    if (!created) return tl::unexpected(created.error());
+    refined_camera.emplace(std::move(*created));
+  }
   auto detector = TagDetector::create(std::array{survey.family});
   if (!detector) return tl::unexpected(detector.error());
+  const auto ended_early = [&] {
+    return fail("{}: ended early; no file was written", options.recording.string());
+  };
   std::vector<SurveyFrame> frames;
-  {
-    ProgressBar progress((*source)->frame_count().value_or(0));
-    std::vector<std::uint8_t> scratch;
-    std::vector<std::uint8_t> light;
-    const auto curve =
-        linearising_curve(recording->camera->parameters().tone_curve.value_or(kTypicalToneCurve));
-    for (;;) {
-      const auto frame = (*source)->next();
-      if (!frame) return tl::unexpected(frame.error());
-      if (!*frame) break;
-      frames.push_back({detector->detect(in_linear_light(luma(**frame, scratch), curve, light))});
-      progress.update(static_cast<int>(frames.size()));
-      if (interrupt.interrupted()) {
-        return fail("{}: ended early; no file was written", options.recording.string());
-      }
-    }
-  }
-  const auto result = survey_tags(*recording->camera, frames, survey);
+  auto read = for_each_luma(*recording, "frames", interrupt, [&](std::size_t, ImageView luma) {
+    frames.push_back({detector->detect(luma), {}});
+  });
+  if (!read) return tl::unexpected(read.error());
+  if (!*read) return ended_early();
+  const auto survey_all = [&] {
+    return run_stoppable(interrupt, [&](std::stop_token stop) {
+      SurveyOptions stoppable = survey;
+      stoppable.stop = std::move(stop);
+      return survey_tags(*recording->camera, frames, stoppable);
+    });
+  };
+  auto result = survey_all();
+  if (interrupt.interrupted()) return ended_early();
   if (!result) return fail_in(options.recording.string(), result.error());
+  // Edges are measured from where the tags seem to be; once more where one of them turned out not
+  // to fit the others, since it had a part in that.
+  constexpr int kMostRounds = 3;
+  for (int round = 0; round < kMostRounds; ++round) {
+    const std::vector<int> placed = ids_of(*result);
+    read = for_each_luma(*recording, "edges", interrupt, [&](std::size_t index, ImageView luma) {
+      if (index < frames.size())
+        frames[index] = measured_frame(*result, index, frames[index], luma);
+    });
+    if (!read) return tl::unexpected(read.error());
+    if (!*read) return ended_early();
+    result = survey_all();
+    if (interrupt.interrupted()) return ended_early();
+    if (!result) return fail_in(options.recording.string(), result.error());
+    if (ids_of(*result) == placed) break;
+  }
   if (auto saved = save_tag_survey(output->partial(), *result); !saved)
     return output->failed(saved.error());
-  if (auto done = output->commit(); !done) return tl::unexpected(done.error());
-  for (const std::string& line : result->left_out) fmt::print("left out: {}\n", line);
-  fmt::print("{:>5}{:>9}{:>11}{:>11}{:>11}{:>15}\n", "tag", "frames", "x [mm]", "y [mm]", "z [mm]",
-             "1 sigma [mm]");
-  for (const SurveyedTag& tag : result->tags) {
-    const Eigen::Vector3d p = tag.tag.T_table_tag.translation() * 1e3;
-    const double sigma = std::sqrt(tag.covariance.topLeftCorner<3, 3>().trace() / 3.0) * 1e3;
-    fmt::print("{:>5}{:>9}{:>11.2f}{:>11.2f}{:>11.2f}{:>15.3f}\n", tag.tag.id, tag.frames, p.x(),
-               p.y(), p.z(), sigma);
+  if (refined_camera) {
+    if (auto saved = save_camera(refined_camera->partial(), result->camera); !saved)
+      return refined_camera->failed(saved.error());
   }
-  fmt::print(
-      "{} tags from {} frames, residual {:.3f} px, black squares {:+.2f} px at their edges; {:.2f} "
-      "mm (RMS) off one plane, which is tilted "
-      "by "
-      "{:.2f} degrees against tag {}\ntags: {}\n",
-      result->tags.size(), result->frames_used, result->rms_px, result->edge_shift_px,
-      result->flatness_m * 1e3, result->plane_tilt_rad * 180.0 / M_PI, options.anchor,
-      options.output.string());
+  std::vector<OutputFile*> files = {&*output};
+  if (refined_camera) files.push_back(&*refined_camera);
+  if (auto done = commit_together(files); !done) return tl::unexpected(done.error());
+  print_survey(*result, *recording->camera, options);
   return ExitCode::success;
 }
 
@@ -149,12 +199,24 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
                     ->add_option("--sizes", options->sizes,
                                  "Sizes by tag: a YAML file of lines ID: METRES, or a tags.yaml")
                     ->type_name("FILE");
-  command->add_option("--anchor", options->anchor, "The tag whose frame becomes the table's")
+  command
+      ->add_option("--anchor", options->anchor,
+                   "The tag that is the table's origin and gives its x axis")
       ->required()
       ->check(CLI::NonNegativeNumber)
       ->type_name("ID");
   command->add_option("--family", options->family, "Tag family")->capture_default_str();
   command->add_option("--camera", options->camera, "Camera (default: the recording's)")
+      ->type_name("camera.yaml");
+  command
+      ->add_option("--plane", options->plane,
+                   "Where z = 0 is: fitted to the tags that lie flat beside the anchor, or the "
+                   "anchor's own plane")
+      ->check(CLI::IsMember({"fitted", "anchor"}))
+      ->capture_default_str();
+  command
+      ->add_option("--refine-camera", options->refined_camera,
+                   "Solve for the lens too, and write it here")
       ->type_name("camera.yaml");
   command->add_option("--output", options->output, "Where the tags are, with covariance")
       ->required()
@@ -166,6 +228,12 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
   command->callback([options, size, sizes, &chosen] {
     if (size->count() == 0 && sizes->count() == 0)
       throw CLI::ValidationError("--tag-size", "give the tags' size, or --sizes FILE");
+    const std::filesystem::path camera =
+        options->camera.empty() ? options->recording / "camera.yaml" : options->camera;
+    const std::array outputs = {options->output, options->refined_camera};
+    const std::array inputs = {options->sizes, camera};
+    if (const auto once = check_written_once(outputs, inputs); !once)
+      throw CLI::ValidationError("--output", once.error().message);
     if (!tag_family_from_string(options->family)) {
       throw CLI::ValidationError(
           "--family",

@@ -10,6 +10,7 @@
 #include "app/logging.hpp"
 #include "app/output/frame_writer.hpp"
 #include "app/versions.hpp"
+#include "core/text.hpp"
 
 namespace penumbra {
 namespace {
@@ -44,6 +45,15 @@ std::string known_techniques() {
 std::string known_kernels() {
   std::string list;
   for (const KernelSourceName& entry : kKernelSourceNames) {
+    if (!list.empty()) list += ", ";
+    list += entry.name;
+  }
+  return list;
+}
+
+std::string known_translucencies() {
+  std::string list;
+  for (const TranslucencyName& entry : kTranslucencyNames) {
     if (!list.empty()) list += ", ";
     list += entry.name;
   }
@@ -106,6 +116,24 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
           "unless the scene says otherwise; none: every object casts with its own mesh")
       ->type_name("auto|none")
       ->default_str("auto");
+  command
+      .add_option_function<std::string>(
+          "--translucency",
+          [&choice](const std::string& name) {
+            const auto way = translucency_from_string(name);
+            if (!way) {
+              throw CLI::ValidationError(
+                  "--translucency",
+                  fmt::format("{}: no such way; known: {}", name, known_translucencies()));
+            }
+            choice.translucency = *way;
+          },
+          "How shadows, and what fades out, let the video shine through. blend: by the graphics "
+          "hardware; mesh: black pixels in an ordered pattern, as many as light is missing; "
+          "retexture: by fetching the video and writing it darker; geometry-mesh: black strips on "
+          "the table, to compare with; auto: the first of blend, retexture, mesh that works")
+      ->type_name("auto|blend|mesh|retexture|geometry-mesh")
+      ->default_str("auto");
   command.add_flag("--show-rays", choice.light_rays,
                    "Draw rays from the lights through vertices of what casts to the points of the "
                    "shadow that belong to them, for hard and volume");
@@ -160,6 +188,7 @@ void apply(const ShadowChoice& choice, PlanOptions& plan) {
   plan.light_mode = choice.light_mode;
   plan.proxies = choice.proxies;
   plan.light_rays = choice.light_rays;
+  plan.translucency = choice.translucency;
   if (choice.cocl) {
     if (choice.kernel_file || (choice.kernels && *choice.kernels != KernelSource::automatic &&
                                *choice.kernels != KernelSource::centroid)) {
@@ -171,6 +200,17 @@ void apply(const ShadowChoice& choice, PlanOptions& plan) {
     throw CLI::ValidationError("--light-mode",
                                "fixed needs kernels with a thickness; cocl has none");
   }
+}
+
+ImageSize image_size_from(const std::string& option, std::string_view text) {
+  const std::size_t cross = text.find('x');
+  const auto width = parse_integer(text.substr(0, cross));
+  const auto height =
+      cross == std::string_view::npos ? std::nullopt : parse_integer(text.substr(cross + 1));
+  constexpr std::int64_t kLargest = 16384;
+  if (!width || !height || *width < 1 || *height < 1 || *width > kLargest || *height > kLargest)
+    throw CLI::ValidationError(option, fmt::format("{}: is no size such as 640x480", text));
+  return {static_cast<int>(*width), static_cast<int>(*height)};
 }
 
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
@@ -205,6 +245,17 @@ void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
           "Stop sampling pixels where their noise is expected to move the overlay by less than "
           "this; fast never takes more than without it")
       ->type_name("PX");
+  command.add_flag_callback(
+      "--no-background-search", [&tracking] { tracking.search_timing = SearchTiming::in_frame; },
+      "Search for groups of tags that were lost before the frame is done, not beside the tracking "
+      "of the next ones: the same poses once they are found, but a frame that waits for it");
+}
+
+CLI::Option* add_smooth_option(CLI::App& command, bool& smooth) {
+  return command.add_flag(
+      "--smooth", smooth,
+      "Draw with a smoothed pose: it shakes less where the view rests. Poses that are written stay "
+      "as measured; the report and the HUD tell how late the drawn one is");
 }
 
 void add_output_options(CLI::App& command, OutputRequest& request) {

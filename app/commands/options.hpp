@@ -17,8 +17,8 @@ class Option;
 
 namespace penumbra {
 
-// --shadow, --kernels, --light-mode, --proxy and --show-rays. "cocl" is the layered technique with
-// one kernel per object.
+// --shadow, --kernels, --light-mode, --proxy, --show-rays and --translucency. "cocl" is the layered
+// technique with one kernel per object.
 struct ShadowChoice {
   std::optional<ShadowTechnique> technique;
   bool cocl = false;  // by --shadow
@@ -28,6 +28,7 @@ struct ShadowChoice {
   bool proxies = true;
   bool light_rays = false;
   bool asks_for_proxies = false;  // by --proxy auto
+  Translucency translucency = Translucency::automatic;
 };
 // Gives --shadow back.
 CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice);
@@ -49,8 +50,18 @@ struct KernelChoice {
 // Throws CLI::ValidationError.
 [[nodiscard]] LightMode light_mode_choice_from(const std::string& text);
 
+struct ImageSize {
+  int width = 0;   // [px]
+  int height = 0;  // [px]
+};
+// "640x480", as `option` has it. Throws CLI::ValidationError.
+[[nodiscard]] ImageSize image_size_from(const std::string& option, std::string_view text);
+
 // --tracking and --pose-budget.
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking);
+
+// --smooth. Gives it back.
+CLI::Option* add_smooth_option(CLI::App& command, bool& smooth);
 
 // --output, --poses, --poses-all and --report.
 void add_output_options(CLI::App& command, OutputRequest& request);
@@ -59,6 +70,8 @@ void add_output_options(CLI::App& command, OutputRequest& request);
 [[nodiscard]] std::string known_techniques();
 // Every word that --kernels takes, from the same place.
 [[nodiscard]] std::string known_kernels();
+// Every word that --translucency takes, from render/translucency.hpp.
+[[nodiscard]] std::string known_translucencies();
 
 // --version and --log-level.
 void add_common_options(CLI::App& command);

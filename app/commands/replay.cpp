@@ -115,10 +115,12 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       ->type_name("TECHNIQUE,...");
   add_tracking_options(*command, request.tracking);
   add_output_options(*command, request);
+  CLI::Option* smooth = add_smooth_option(*command, request.smooth);
   command
       ->add_option("--poses-from", request.poses_from,
                    "Draw with given poses instead of tracking: groundtruth (the recording's), or a "
                    "TUM file")
+      ->excludes(smooth)
       ->type_name("groundtruth|FILE.tum");
   command
       ->add_option_function<std::string>(
@@ -141,6 +143,8 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       ->check(CLI::Range(1, 1024))
       ->capture_default_str()
       ->type_name("N");
+  command->add_flag("--rectified", request.rectified,
+                    "The picture without the lens's distortion; the video is resampled");
   command->add_flag("--no-skip", options->no_skip,
                     "Do all work, also what can't be seen; the results are the same");
   command->add_flag("--realtime", request.realtime,

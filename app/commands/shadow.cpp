@@ -324,9 +324,9 @@ KernelSet choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from
     choice.source = job.kernel_file.string();
     if (!has_stored_kernels_for(mesh, up)) {
       log_warning(
-          "{}: its kernels are for up {:.3g},{:.3g},{:.3g} and used as they are, though the "
-          "plane's "
-          "normal is {:.3g},{:.3g},{:.3g} for the object; a .glb with kernels gets new ones",
+          "{}: its kernels are for up {:.3g},{:.3g},{:.3g} and used as they are; the plane's "
+          "normal "
+          "is {:.3g},{:.3g},{:.3g} for the object; a .glb with kernels gets new ones",
           job.kernel_file.string(), choice.kernels.up.x(), choice.kernels.up.y(),
           choice.kernels.up.z(), up.x(), up.y(), up.z());
     }

@@ -28,6 +28,7 @@ struct TargetOptions {
   std::filesystem::path tags;  // beside the sheet when empty
   std::string page = "a4";
   std::string family = "tag36h11";
+  std::string dictionary;  // in place of the family
   double measured_mm = 100.0;
   std::string type = "tags";
   int first_id = 0;
@@ -87,11 +88,14 @@ SheetTarget sheet_target_of(const TargetOptions& options, TagFamily family) {
 
 // An option that would change nothing was meant for another type.
 void check_options_of_type(const CLI::App& command, const std::string& type) {
+  if (command.count("--dictionary") > 0 && command.count("--family") > 0)
+    throw CLI::ValidationError("--dictionary", "goes in place of --family; name one of them");
   struct Use {
     const char* option;
     std::vector<std::string_view> types;
   };
-  static const std::array<Use, 6> kUses = {{{"--family", {"tags", "aprilgrid", "charuco"}},
+  static const std::array<Use, 7> kUses = {{{"--family", {"tags", "aprilgrid", "charuco"}},
+                                            {"--dictionary", {"charuco"}},
                                             {"--first-id", {"tags", "aprilgrid", "charuco"}},
                                             {"--tag-size", {"tags", "aprilgrid", "charuco"}},
                                             {"--pitch", {"tags"}},
@@ -107,7 +111,14 @@ void check_options_of_type(const CLI::App& command, const std::string& type) {
 
 // Whatever is wrong here is wrong usage: nothing but the options is looked at.
 ChosenSheet target_of(const TargetOptions& options) {
-  const auto family = tag_family_from_string(options.family);
+  const auto family =
+      tag_family_from_string(options.dictionary.empty() ? options.family : options.dictionary);
+  if (!options.dictionary.empty() && (!family || !aruco_dictionary_of(*family))) {
+    throw CLI::ValidationError(
+        "--dictionary", fmt::format("'{}' is not known; name 4x4, 5x5 or 6x6 with 50, 100, 250 or "
+                                    "1000 markers, such as 4x4_50",
+                                    options.dictionary));
+  }
   if (!family) {
     throw CLI::ValidationError(
         "--family", fmt::format("'{}' is not known; use a family of libapriltag, such as tag36h11",
@@ -140,6 +151,15 @@ bool says_otherwise(const std::filesystem::path& old, const std::filesystem::pat
   return !before || !after || *before != *after;
 }
 
+// Whether `old` says of the same sheet that it came out of the printer at its true scale, which is
+// what a measured ruler corrects. Uses up `file`.
+Result<bool> is_the_unmeasured(const std::filesystem::path& old, const SheetTarget& target,
+                               const OutputFile& file) {
+  if (const auto written = save_target(file.partial(), target, 1.0); !written)
+    return tl::unexpected(written.error());
+  return !says_otherwise(old, file.partial());
+}
+
 Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& target) {
   const std::filesystem::path& tags_file = target.tags;
   for (const std::filesystem::path& file : {target.sheet, target.tags}) {
@@ -156,18 +176,20 @@ Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& tar
   if (const auto written = write_sheet(sheet->partial(), target.target, target.page); !written) {
     return sheet->failed(written.error());
   }
+  const auto unmeasured = is_the_unmeasured(tags_file, target.target, *tags);
+  if (!unmeasured) return tags->failed(unmeasured.error());
   if (const auto written = save_target(tags->partial(), target.target, options.measured_mm / 100.0);
       !written) {
     return tags->failed(written.error());
   }
-  if (options.tags.empty() && says_otherwise(tags_file, tags->partial())) {
+  if (options.tags.empty() && !*unmeasured && says_otherwise(tags_file, tags->partial())) {
     return fail(
         "{}: is there already and says something else; name it with --tags to replace it, or "
         "another file",
         tags_file.string());
   }
-  if (const auto done = sheet->commit(); !done) return tl::unexpected(done.error());
-  if (const auto done = tags->commit(); !done) return tl::unexpected(done.error());
+  if (const auto done = commit_together(std::array{&*sheet, &*tags}); !done)
+    return tl::unexpected(done.error());
   fmt::print("sheet: {}\n{}: {}\n", target.sheet.string(),
              options.type == "tags" ? "tags" : "target", tags_file.string());
   if (options.measured_mm == 100.0) {
@@ -194,6 +216,10 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
                    "a0 to a5, letter, legal, tabloid, or WIDTHxHEIGHT in millimetres")
       ->capture_default_str();
   command->add_option("--family", options->family, "Tag family")->capture_default_str();
+  command->add_option(
+      "--dictionary", options->dictionary,
+      "charuco: ArUco's markers in place of a tag family: 4x4_50, 5x5_100, 6x6_250, "
+      "... (of 4x4, 5x5, 6x6 and 50, 100, 250, 1000)");
   command
       ->add_option("--type", options->type,
                    "tags: a table to track on; to calibrate from: aprilgrid, charuco (tags in a "

@@ -3,10 +3,12 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <system_error>
 #include <utility>
+#include <vector>
 
 namespace penumbra {
 namespace {
@@ -98,6 +100,55 @@ Result<void> OutputFile::commit() {
   return {};
 }
 
+// What was at the path until now, as one more name for it; empty where nothing was. A file system
+// without hard links gets a copy.
+Result<fs::path> keep_old(const fs::path& target) {
+  std::error_code error;
+  if (!fs::exists(fs::symlink_status(target, error))) return fs::path();
+  for (int attempt = 0; attempt < kPartialAttempts; ++attempt) {
+    fs::path old = partial_path(target, attempt);
+    if (fs::exists(fs::symlink_status(old, error))) continue;
+    fs::create_hard_link(target, old, error);
+    if (error) fs::copy_file(target, old, error);
+    if (error) break;
+    return old;
+  }
+  return fail("{}: cannot be replaced: {}; choose another place", target.string(), error.message());
+}
+
+Result<void> commit_together(std::span<OutputFile* const> files) {
+  struct Committed {
+    fs::path target;
+    fs::path old;
+  };
+  std::vector<Committed> done;
+  Result<void> result;
+  std::error_code ignored;
+  for (OutputFile* file : files) {
+    Result<fs::path> old = file->direct_ ? Result<fs::path>() : keep_old(file->target_);
+    result =
+        old ? file->commit() : tl::unexpected(renamed(old.error(), file->target_, file->asked_));
+    if (old && !file->direct_) {
+      if (result) {
+        done.push_back({file->target_, std::move(*old)});
+      } else if (!old->empty()) {
+        fs::remove(*old, ignored);
+      }
+    }
+    if (!result) break;
+  }
+  for (const Committed& file : done) {
+    if (result) {
+      if (!file.old.empty()) fs::remove(file.old, ignored);
+    } else if (file.old.empty()) {
+      fs::remove(file.target, ignored);
+    } else {
+      fs::rename(file.old, file.target, ignored);
+    }
+  }
+  return result;
+}
+
 tl::unexpected<Error> OutputFile::failed(const Error& cause) const {
   return tl::unexpected(renamed(cause, partial_, asked_));
 }
@@ -139,6 +190,21 @@ bool same_path(const fs::path& a, const fs::path& b) {
          fs::weakly_canonical(fs::absolute(b, error), error);
 }
 
+Result<void> check_written_once(std::span<const fs::path> outputs,
+                                std::span<const fs::path> inputs) {
+  for (std::size_t i = 0; i < outputs.size(); ++i) {
+    if (outputs[i].empty()) continue;
+    const auto is_same = [&](const fs::path& other) {
+      return !other.empty() && same_path(outputs[i], other);
+    };
+    if (std::ranges::any_of(inputs, is_same) || std::ranges::any_of(outputs.first(i), is_same)) {
+      return fail("{}: is named for something else too; name files of their own",
+                  outputs[i].string());
+    }
+  }
+  return {};
+}
+
 bool lies_in(const fs::path& path, const fs::path& folder) {
   std::error_code error;
   fs::path at = fs::weakly_canonical(fs::absolute(path, error), error);
@@ -149,7 +215,7 @@ bool lies_in(const fs::path& path, const fs::path& folder) {
   return true;
 }
 
-Result<void> write_text(OutputFile& file, const std::string& text) {
+Result<void> write_whole(OutputFile& file, const std::string& text) {
   const int handle = open(file.partial().c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
   if (handle < 0) {
     return fail("{}: cannot be written: {}", file.target().string(), message_of(errno));
@@ -169,6 +235,11 @@ Result<void> write_text(OutputFile& file, const std::string& text) {
     return fail("{}: cannot be written: {}; free some space or choose another place",
                 file.target().string(), message_of(error));
   }
+  return {};
+}
+
+Result<void> write_text(OutputFile& file, const std::string& text) {
+  if (auto written = write_whole(file, text); !written) return written;
   return file.commit();
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <span>
 #include <string>
 
 #include "core/error.hpp"
@@ -31,6 +32,7 @@ class OutputFile {
   [[nodiscard]] tl::unexpected<Error> failed(const Error& cause) const;
 
  private:
+  friend Result<void> commit_together(std::span<OutputFile* const> files);
   OutputFile() = default;
   void discard() noexcept;
   std::filesystem::path asked_;
@@ -39,7 +41,12 @@ class OutputFile {
   bool direct_ = false;
 };
 
-// Writes a whole text through an OutputFile.
+// Commits all of them, or, where one can't be, none: what was at the others' paths is there again.
+[[nodiscard]] Result<void> commit_together(std::span<OutputFile* const> files);
+
+// Writes a whole text to the partial file.
+[[nodiscard]] Result<void> write_whole(OutputFile& file, const std::string& text);
+// The same, and commits it.
 [[nodiscard]] Result<void> write_text(OutputFile& file, const std::string& text);
 
 // "PATH.partial-PID-ATTEMPT". Whoever makes it tries 0, 1, ... and takes the first that is not
@@ -57,6 +64,11 @@ inline constexpr int kPartialAttempts = 1000;
 
 // Whether both name the same file or folder, which need not be there yet.
 [[nodiscard]] bool same_path(const std::filesystem::path& a, const std::filesystem::path& b);
+// Nothing is written over what is read, nor over what is written by the same run: fails with the
+// first of `outputs` that is the same file as another one or as one of `inputs`. Empty paths are no
+// files.
+[[nodiscard]] Result<void> check_written_once(std::span<const std::filesystem::path> outputs,
+                                              std::span<const std::filesystem::path> inputs);
 // Whether `path` is `folder` or lies somewhere below it; links are followed.
 [[nodiscard]] bool lies_in(const std::filesystem::path& path, const std::filesystem::path& folder);
 

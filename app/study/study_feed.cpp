@@ -1,12 +1,9 @@
 #include "app/study/study_feed.hpp"
 
 #include <chrono>
-#include <exception>
-#include <mutex>
-#include <thread>
 #include <utility>
 
-#include "app/capture/mailbox.hpp"
+#include "app/capture/newest_picture.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {
@@ -58,28 +55,21 @@ class RecordedFeed final : public StudyFeed {
   std::optional<std::int64_t> last_ns_;  // of the source
 };
 
-// One thread waits for the camera; a picture that comes too late for the screen is dropped.
+// A picture that comes too late for the screen is dropped.
 class CameraFeed final : public StudyFeed {
  public:
   explicit CameraFeed(std::unique_ptr<LiveSource> source)
-      : source_(std::move(source)), capture_([this] { capture(); }) {}
-  ~CameraFeed() override {
-    source_->stop();
-    newest_.close();
-    capture_.join();
-  }
+      : source_(std::move(source)), newest_(*source_) {}
 
   Result<std::optional<StudyPicture>> next() override {
     // So short that what a person does meanwhile is still timed well.
     constexpr std::chrono::milliseconds kPatience(2);
-    auto image = newest_.take(kPatience);
-    if (!image) {
-      if (!newest_.finished()) return std::optional<StudyPicture>();
-      const std::lock_guard lock(mutex_);
-      if (error_) return tl::unexpected(*error_);
+    const bool finished = newest_.finished();
+    std::optional<Frame> frame = newest_.take(kPatience);
+    if (!frame && finished) {
+      if (const auto error = newest_.error()) return tl::unexpected(*error);
       return fail("{}: gives no more pictures", source_->description());
     }
-    auto frame = source_->decode(*image);
     if (!frame) return std::optional<StudyPicture>();
     const std::int64_t time_ns = frame->timestamp_ns;
     return std::optional<StudyPicture>({std::move(*frame), time_ns});
@@ -88,32 +78,8 @@ class CameraFeed final : public StudyFeed {
   [[nodiscard]] bool waits() const override { return false; }
 
  private:
-  void capture() {
-    try {
-      while (true) {
-        auto image = source_->next_image();
-        if (!image) {
-          set_error(image.error());
-          break;
-        }
-        if (!*image) break;
-        newest_.put(std::move(**image));
-      }
-    } catch (const std::exception& error) {
-      set_error({error.what()});
-    }
-    newest_.close();
-  }
-  void set_error(Error error) {
-    const std::lock_guard lock(mutex_);
-    error_ = std::move(error);
-  }
-
   std::unique_ptr<LiveSource> source_;
-  Mailbox<CapturedImage> newest_;
-  std::mutex mutex_;
-  std::optional<Error> error_;  // guarded by mutex_
-  std::thread capture_;
+  NewestPicture newest_;
 };
 
 }  // namespace

@@ -1,19 +1,34 @@
 // The program on recordings with a known lens, and on what it must refuse.
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <yaml-cpp/yaml.h>
 
+#include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <algorithm>
+#include <array>
+#include <chrono>
 #include <cmath>
+#include <csignal>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
+#include <thread>
 
 #include "calib/camera_calibration.hpp"
 #include "core/camera_file.hpp"
+#include "core/image_file.hpp"
+#include "core/stopwatch.hpp"
 #include "core/tag_map.hpp"
+#include "core/text.hpp"
 #include "support/paths.hpp"
 #include "support/recording_folder.hpp"
 #include "support/run_program.hpp"
+#include "support/synthetic_board.hpp"
+#include "tracking/pattern_renderer.hpp"
 
 namespace penumbra {
 namespace {
@@ -98,9 +113,28 @@ TEST_F(CalibrateProgram, FindsTheLensOfTheChessboard) {
   const auto camera = load_camera(output());
   ASSERT_TRUE(truth && camera);
   EXPECT_NEAR(camera->parameters().fx, truth->parameters().fx, 1e-3 * truth->parameters().fx);
+  EXPECT_NEAR(camera->parameters().fy, truth->parameters().fy, 1e-3 * truth->parameters().fy);
   EXPECT_NEAR(camera->parameters().cx, truth->parameters().cx, 0.5);
   EXPECT_NEAR(camera->parameters().cy, truth->parameters().cy, 0.5);
   EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.2);
+}
+
+TEST_F(CalibrateProgram, WritesALensThatKalibrsFilesCanSay) {
+  const auto chain = folder() / "camchain.yaml";
+  const auto source = shared("recordings/chessboard");
+  const std::vector<std::string> arguments = {
+      "calibrate", source.string(), "--target", (source / "chessboard.yaml").string(),
+      "--output",  chain.string(),  "--board",  "rigid"};
+  const auto result = test::run_program(test::program(), arguments);
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(YAML::LoadFile(chain.string())["cam0"]["distortion_coeffs"].size(), 4U);
+  const auto truth = load_camera(source / "camera.yaml");
+  const auto camera = load_camera(chain);
+  ASSERT_TRUE(truth && camera);
+  EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.2);
+  auto rational = arguments;
+  rational.insert(rational.end(), {"--model", "rational"});
+  EXPECT_EQ(test::run_program(test::program(), rational).exit_code, 2);
 }
 
 TEST_F(CalibrateProgram, ReadsKalibrsSquares) {
@@ -128,20 +162,347 @@ TEST_F(CalibrateProgram, IgnoresTheCameraInTheSource) {
 TEST_F(CalibrateProgram, RefusesWhatCannotWork) {
   const auto grid = shared("recordings/calibration/aprilgrid.yaml");
   const auto chessboard = shared("recordings/chessboard/chessboard.yaml");
-  expect_refused(calibrate(shared("recordings/chessboard"), grid), "target");
+  expect_refused(calibrate(shared("recordings/chessboard"), grid), "is it the right target file");
   expect_refused(calibrate(some_frames("recordings/calibration", 2), grid), "at least 3");
   expect_refused(calibrate(folder() / "nowhere", grid), "no such folder");
   const auto broken = folder() / "broken";
   std::filesystem::create_directories(broken);
   for (int i = 0; i < 5; ++i) test::write_text(broken / (std::to_string(i) + ".png"), "no picture");
-  expect_refused(calibrate(broken, chessboard), "in none of 5 pictures");
+  expect_refused(calibrate(broken, chessboard), "none of 5 pictures can be read");
   const auto mixed = folder() / "pictures";
   test::write_text(mixed / "999999.jpg", test::jpeg_of(1));
   expect_refused(calibrate(mixed, grid), "64 x 48");
+  const auto sheet = folder() / "sheet.pdf";
+  test::write_text(sheet, "%PDF-1.5\n");
+  expect_refused(calibrate(shared("recordings/calibration"), sheet), "target.yaml or tags.yaml");
   const auto metres = folder() / "metres.yaml";
   test::write_text(metres,
                    "target_type: checkerboard\ninner_cols: 9\ninner_rows: 6\nsquare_m: 25\n");
   expect_refused(calibrate(shared("recordings/chessboard"), metres), "did you mean 0.025");
+}
+
+// Kalibr's own print, photographed by others: its tags have a border of two cells.
+TEST_F(CalibrateProgram, RefusesBordersOfTwoCellsAndSaysSo) {
+  const auto pictures = folder() / "kalibr";
+  std::filesystem::create_directories(pictures);
+  for (const char* name : {"a.png", "b.png", "c.png"})
+    std::filesystem::copy_file(shared("data/real/aprilgrid/EuRoC.png"), pictures / name);
+  const auto grid = folder() / "euroc.yaml";
+  test::write_text(grid,
+                   "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 0.088\n"
+                   "tagSpacing: 0.3\n");
+  const auto result = calibrate(pictures, grid);
+  expect_refused(result, "black border of two cells");
+  EXPECT_THAT(result.err, HasSubstr("3 of 3 pictures"));
+}
+
+TEST_F(CalibrateProgram, RefusesToCompareWithACameraOfAnotherSizeBeforeItSolves) {
+  CameraParameters p = load_camera(shared("recordings/chessboard/camera.yaml"))->parameters();
+  p.width = 1280;
+  const auto earlier = folder() / "earlier.yaml";
+  ASSERT_TRUE(save_camera(earlier, CameraModel::make(p).value()));
+  const auto source = shared("recordings/chessboard");
+  const auto result =
+      calibrate(source, source / "chessboard.yaml",
+                {"--compare", earlier.string(), "--report", (folder() / "report.html").string()});
+  expect_refused(result, "earlier.yaml: is of 1280 x 480 px, but the pictures are 640 x 480");
+  EXPECT_FALSE(std::filesystem::exists(folder() / "report.html"));
+  EXPECT_EQ(result.out, "") << "nothing was solved";
+}
+
+// What is read stays as it is, and no two files of a run are one.
+TEST_F(CalibrateProgram, WritesOverNothingThatItReads) {
+  const std::string text =
+      "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 0.03\n"
+      "tagSpacing: 0.3\n";
+  const auto grid = (folder() / "grid.yaml").string();
+  const auto out = (folder() / "out.yaml").string();
+  const auto pictures = shared("recordings/calibration").string();
+  const auto sweep = shared("recordings/tabletop").string();
+  test::write_text(grid, text);
+  using Arguments = std::vector<std::string>;
+  for (const Arguments& arguments :
+       {Arguments{"calibrate", pictures, "--target", grid, "--output", grid},
+        Arguments{"calibrate", pictures, "--target", grid, "--output", out, "--report", grid},
+        Arguments{"calibrate", pictures, "--target", grid, "--output", out, "--report", out},
+        Arguments{"calibrate", pictures, "--target", grid, "--output", out, "--compare", out},
+        Arguments{"map", sweep, "--anchor", "5", "--sizes", grid, "--output", grid},
+        Arguments{"map", sweep, "--anchor", "5", "--tag-size", "0.04", "--camera", grid, "--output",
+                  grid},
+        Arguments{"map", sweep, "--anchor", "5", "--sizes", grid, "--output", out,
+                  "--refine-camera", grid}}) {
+    const auto refused = test::run_program(test::program(), arguments);
+    EXPECT_EQ(refused.exit_code, 2) << refused.err;
+    EXPECT_THAT(refused.err, HasSubstr("is named for something else too"));
+    EXPECT_EQ(read_text_file(grid, 1000).value(), text);
+    EXPECT_FALSE(std::filesystem::exists(out));
+  }
+}
+
+// As the README has it: print, measure, say it.
+TEST_F(CalibrateProgram, AMeasuredRulerCorrectsTheTargetsFile) {
+  for (const char* type : {"tags", "aprilgrid", "charuco", "chessboard"}) {
+    SCOPED_TRACE(type);
+    const auto at = folder() / type;
+    std::filesystem::create_directories(at);
+    const auto file = at / (std::string(type) == "tags" ? "tags.yaml" : "target.yaml");
+    const auto print = [&](std::vector<std::string> more) {
+      std::vector<std::string> arguments = {"target", "--type", type, "--output",
+                                            (at / "sheet.pdf").string()};
+      arguments.insert(arguments.end(), more.begin(), more.end());
+      return test::run_program(test::program(), arguments);
+    };
+    ASSERT_EQ(print({}).exit_code, 0);
+    const std::string nominal = read_text_file(file, 1 << 20).value();
+    const auto measured = print({"--measured", "99.2"});
+    ASSERT_EQ(measured.exit_code, 0) << measured.err;
+    const std::string corrected = read_text_file(file, 1 << 20).value();
+    EXPECT_NE(corrected, nominal);
+    // Another sheet's file, or one that was changed, is not replaced.
+    test::write_text(file, nominal + "# mine\n");
+    const auto kept = print({"--measured", "99.2"});
+    EXPECT_EQ(kept.exit_code, 1);
+    EXPECT_THAT(kept.err, HasSubstr("says something else"));
+    EXPECT_EQ(read_text_file(file, 1 << 20).value(), nominal + "# mine\n");
+  }
+}
+
+// Views that all show the target from the front: focal length and distance can't be told apart.
+TEST_F(CalibrateProgram, RefusesViewsFromTheFrontOnly) {
+  const auto camera = load_camera(shared("recordings/calibration/camera.yaml"));
+  const auto tags = load_tag_map(shared("recordings/calibration/tags.yaml"));
+  ASSERT_TRUE(camera && tags);
+  auto renderer = PatternRenderer::create(*camera, tags->tags());
+  ASSERT_TRUE(renderer);
+  const auto pictures = folder() / "front";
+  std::filesystem::create_directories(pictures);
+  PatternRenderOptions options;
+  options.samples = 16;
+  for (int i = 0; i < 8; ++i) {
+    const Eigen::Vector3d at(0.02 * (i % 3 - 1), 0.015 * (i / 3 - 1), 0.0);
+    const auto pose = test::looking_at(at, 0.4 + 0.04 * i, radians(90.0), 0.0, radians(20.0 * i));
+    options.seed = static_cast<std::uint64_t>(i + 1);
+    ASSERT_TRUE(save_grey_png(pictures / (std::to_string(i) + ".png"),
+                              renderer->render(std::array{pose}, options).view()));
+  }
+  expect_refused(calibrate(pictures, shared("recordings/calibration/aprilgrid.yaml")),
+                 "tilt the target");
+}
+
+// A folder of pictures where some can't be read: those are left out, each with its reason.
+TEST_F(CalibrateProgram, LeavesOutPicturesThatCannotBeRead) {
+  const auto pictures = folder() / "pictures";
+  std::filesystem::create_directories(pictures);
+  const auto source = shared("recordings/chessboard");
+  for (int i = 0; i < 12; ++i) {
+    const std::string name = test::number6(i) + ".png";
+    const std::string bytes = test::read_bytes(source / "frames" / name);
+    const bool broken = i == 2 || i == 7;
+    test::write_text(pictures / name, broken ? bytes.substr(0, bytes.size() / 2) : bytes);
+  }
+  const auto result =
+      calibrate(pictures, source / "chessboard.yaml", {"--model", "plumb_bob", "--board", "rigid"});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("left out: 000002.png"));
+  EXPECT_THAT(result.out, HasSubstr("left out: 000007.png"));
+  EXPECT_THAT(result.out, HasSubstr("of 12 pictures"));
+}
+
+// The calibration recording as a person would hold the target: each picture for a while.
+class CalibrateFromCamera : public CalibrateProgram {
+ protected:
+  void SetUp() override {
+    CalibrateProgram::SetUp();
+    if (IsSkipped()) return;
+    std::filesystem::create_directories(held());
+    const auto source = shared("recordings/calibration");
+    std::filesystem::create_directory_symlink(source / "frames", held() / "frames");
+    hold(32, 4);
+  }
+  // The first `pictures`, each of them `times`.
+  void hold(int pictures, int times) const {
+    std::string lines = "frame,timestamp_s,file\n";
+    for (int i = 0; i < pictures * times; ++i)
+      lines += fmt::format("{},{:.1f},frames/{}.png\n", i, 0.1 * i, test::number6(i / times));
+    test::write_text(held() / "timestamps.csv", lines);
+  }
+  [[nodiscard]] std::filesystem::path held() const { return folder() / "held"; }
+  [[nodiscard]] std::filesystem::path keep() const { return folder() / "views"; }
+  [[nodiscard]] std::vector<std::string> arguments(std::vector<std::string> more) const {
+    std::vector<std::string> words = {
+        "calibrate", "recording:" + held().string(),
+        "--target",  shared("recordings/calibration/aprilgrid.yaml").string(),
+        "--output",  output().string(),
+        "--keep",    keep().string()};
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  }
+};
+
+// Pixels of about this colour.
+int pixels_like(const RgbaImage& image, int red, int green, int blue) {
+  int count = 0;
+  for (std::size_t i = 0; i + 3 < image.pixels.size(); i += 4) {
+    count += std::abs(image.pixels[i] - red) < 12 && std::abs(image.pixels[i + 1] - green) < 12 &&
+                     std::abs(image.pixels[i + 2] - blue) < 12
+                 ? 1
+                 : 0;
+  }
+  return count;
+}
+
+TEST_F(CalibrateFromCamera, GuidesInAWindowAndRepeatsFromTheViewsThatItKept) {
+  ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1 && command -v xdotool >/dev/null 2>&1"), 0)
+      << "scripts/setup installs both";
+  std::vector<std::string> words = {
+      (test::source_dir() / "tests" / "support" / "guide-by-keys").string(), keep().string(),
+      output().string(), test::program().string()};
+  for (const std::string& word : arguments({"--model", "plumb_bob", "--board", "rigid"}))
+    words.push_back(word);
+  const auto result = test::run_program(test::source_dir() / "tests" / "support" / "with-display",
+                                        words, {}, folder());
+  ASSERT_EQ(result.exit_code, 0) << result.err << result.out;
+  EXPECT_THAT(result.out, HasSubstr("view 5 ("));
+  EXPECT_THAT(result.out, Not(HasSubstr("without a window")));
+  const auto truth = load_camera(shared("recordings/calibration/camera.yaml"));
+  const auto camera = load_camera(output());
+  ASSERT_TRUE(truth && camera);
+  EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.5);
+
+  // Two pictures of the window: while views were taken, with bars, corners and cells; the verdict.
+  std::vector<std::filesystem::path> shots;
+  for (const auto& entry : std::filesystem::directory_iterator(folder())) {
+    if (entry.path().extension() == ".png") shots.push_back(entry.path());
+  }
+  std::sort(shots.begin(), shots.end());
+  ASSERT_EQ(shots.size(), 2U);
+  if (const char* kept = std::getenv("PENUMBRA_HUD_PICTURES")) {
+    std::filesystem::copy_file(shots[0], std::filesystem::path(kept) / "guide.png",
+                               std::filesystem::copy_options::overwrite_existing);
+    std::filesystem::copy_file(shots[1], std::filesystem::path(kept) / "verdict.png",
+                               std::filesystem::copy_options::overwrite_existing);
+  }
+  const auto during = load_rgba(shots[0]);
+  const auto at_end = load_rgba(shots[1]);
+  ASSERT_TRUE(during && at_end);
+  EXPECT_GE(during->width, 640);
+  const int bars = pixels_like(*during, 255, 190, 60) + pixels_like(*during, 70, 215, 110);
+  EXPECT_GT(bars, 1000);
+  EXPECT_LT(pixels_like(*at_end, 255, 190, 60) + pixels_like(*at_end, 70, 215, 110), bars / 2);
+
+  // From the folder it is the same calibration, to the last digit.
+  const std::string first = test::read_bytes(output());
+  std::filesystem::remove(output());
+  const auto again = calibrate(keep(), shared("recordings/calibration/aprilgrid.yaml"),
+                               {"--model", "plumb_bob", "--board", "rigid"});
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_EQ(test::read_bytes(output()), first);
+  EXPECT_EQ(last_line(again.out), last_line(result.out));
+}
+
+// Every picture is looked at, whatever is next to it, and it ends by itself: the lens is the one
+// that the same pictures give offline.
+TEST_F(CalibrateFromCamera, PlaysARecordingThroughAndIsAsGoodAsOffline) {
+  const auto source = shared("recordings/calibration");
+  const std::vector<std::string> fixed = {"--model", "plumb_bob", "--board", "rigid"};
+  const auto offline = calibrate(source, source / "aprilgrid.yaml", fixed);
+  ASSERT_EQ(offline.exit_code, 0) << offline.err;
+  const auto before = load_camera(output());
+  std::filesystem::remove(output());
+  const auto played = calibrate("recording:" + source.string(), source / "aprilgrid.yaml", fixed);
+  ASSERT_EQ(played.exit_code, 0) << played.err;
+  const auto camera = load_camera(output());
+  ASSERT_TRUE(before && camera);
+  EXPECT_LT(projection_difference(*before, *camera).mean_px, 0.03);
+  EXPECT_THAT(last_line(played.out), testing::StartsWith("good: "));
+  EXPECT_THAT(last_line(offline.out), testing::StartsWith("good: "));
+  EXPECT_THAT(played.out, HasSubstr("view 25: "));
+  EXPECT_THAT(played.out, Not(HasSubstr("hold"))) << "nobody holds anything";
+  const auto sized =
+      calibrate("recording:" + source.string(), source / "aprilgrid.yaml", {"--size", "640x480"});
+  EXPECT_EQ(sized.exit_code, 2) << sized.err;
+}
+
+TEST_F(CalibrateFromCamera, EndedBeforeThereAreEnoughViewsWritesNothingAndSaysSo) {
+  hold(1, 2000);
+  const auto result =
+      test::run_program(test::program(), arguments({}), {}, {}, [this](pid_t process) {
+        // Ctrl-C after the first view.
+        std::thread([this, process] {
+          for (int i = 0; i < 600 && !std::filesystem::exists(keep() / "000000.png"); ++i)
+            std::this_thread::sleep_for(std::chrono::milliseconds(50));
+          kill(process, SIGINT);
+        }).detach();
+      });
+  expect_refused(result, "at least 3 views");
+  EXPECT_THAT(result.out, HasSubstr("no display; going on without a window"));
+  EXPECT_TRUE(std::filesystem::exists(keep() / "000000.png")) << "what was taken is kept";
+  // A folder that holds something is not written into.
+  const auto second = test::run_program(test::program(), arguments({"--no-window"}));
+  expect_refused(second, "holds files already");
+  EXPECT_THAT(second.out, Not(HasSubstr("window")));
+}
+
+// Ctrl-C and SIGTERM at any time, also while it is solved: it ends soon, and leaves everything as
+// it was.
+TEST_F(CalibrateProgram, EndsSoonAndCleanlyByASignal) {
+  const auto results = folder() / "results";
+  std::filesystem::create_directories(results);
+  const auto in_results = [&](const char* name) { return (results / name).string(); };
+  test::write_text(results / "camera.yaml", "mine");
+  const auto source = shared("recordings/calibration");
+  const std::vector<std::vector<std::string>> runs = {
+      {"calibrate", source.string(), "--target", (source / "aprilgrid.yaml").string(), "--output",
+       in_results("camera.yaml"), "--report", in_results("report.html")},
+      {"map", shared("recordings/tabletop").string(), "--tag-size", "0.04", "--anchor", "5",
+       "--refine-camera", in_results("camera.yaml"), "--output", in_results("tags.yaml")}};
+  for (const std::vector<std::string>& arguments : runs) {
+    int early = 0;
+    for (int delay_ms = 400; delay_ms <= 12'000; delay_ms = delay_ms * 8 / 5) {
+      Stopwatch since_signal;
+      const auto result = test::run_program(test::program(), arguments, {}, {}, [&](pid_t process) {
+        siginfo_t ended{};
+        for (int ms = 0; ms < delay_ms && ended.si_pid == 0; ms += 20) {
+          std::this_thread::sleep_for(std::chrono::milliseconds(20));
+          waitid(P_PID, static_cast<id_t>(process), &ended, WEXITED | WNOHANG | WNOWAIT);
+        }
+        since_signal.restart();
+        kill(process, early % 2 == 0 ? SIGINT : SIGTERM);
+      });
+      if (result.exit_code == 0) break;
+      EXPECT_EQ(std::distance(std::filesystem::directory_iterator(results), {}), 1);
+      if (result.exit_code > 128) continue;  // before the first file is opened
+      EXPECT_LT(since_signal.elapsed().wall_ms, 3000.0) << arguments[0] << ' ' << delay_ms;
+      EXPECT_EQ(result.exit_code, 1) << result.err;
+      EXPECT_THAT(result.err, HasSubstr("ended early; no file was written"));
+      EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
+      EXPECT_EQ(test::read_bytes(results / "camera.yaml"), "mine");
+      ++early;
+    }
+    EXPECT_GE(early, 2) << arguments[0];
+    std::filesystem::remove_all(results);
+    std::filesystem::create_directories(results);
+    test::write_text(results / "camera.yaml", "mine");
+  }
+}
+
+TEST_F(CalibrateProgram, SaysWhatTheLensIsWorthOverTheTable) {
+  const auto report = folder() / "report.html";
+  const auto source = shared("recordings/chessboard");
+  const auto result =
+      calibrate(source, source / "chessboard.yaml",
+                {"--model", "plumb_bob", "--board", "rigid", "--report", report.string()});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("over the table: corners of a 0.2 m cube"));
+  EXPECT_THAT(test::read_bytes(report), HasSubstr("Over the table"));
+  const YAML::Node volume = YAML::LoadFile(output().string())["uncertainty"]["table_volume"];
+  const auto tracked = volume["tracked_px"].as<std::vector<double>>();
+  ASSERT_EQ(tracked.size(), 8U);
+  ASSERT_EQ(volume["known_pose_px"].size(), 8U);
+  for (const double sigma : tracked) {
+    EXPECT_GT(sigma, 0.0);
+    EXPECT_LT(sigma, 1.0);
+  }
 }
 
 TEST_F(CalibrateProgram, RefusesAGridOfOtherProportions) {
@@ -149,7 +510,8 @@ TEST_F(CalibrateProgram, RefusesAGridOfOtherProportions) {
   test::write_text(wrong,
                    "target_type: aprilgrid\ntagCols: 6\ntagRows: 6\ntagSize: 0.033\n"
                    "tagSpacing: 0.1818\n");
-  expect_refused(calibrate(shared("recordings/calibration"), wrong), "");
+  expect_refused(calibrate(shared("recordings/calibration"), wrong),
+                 "smaller than the target file says");
 }
 
 TEST_F(CalibrateProgram, MapFindsTheTabletop) {
@@ -162,7 +524,7 @@ TEST_F(CalibrateProgram, MapFindsTheTabletop) {
   const auto truth = load_tag_map(shared("recordings/tabletop/tags.yaml"));
   ASSERT_TRUE(found && truth);
   ASSERT_EQ(found->tags().size(), truth->tags().size());
-  // The gauge is the anchor's frame in one and the sheet's in the other: a rigid motion apart.
+  // The gauge is the anchor's in one and the sheet's in the other: a rigid motion apart.
   Eigen::Matrix3Xd a(3, found->tags().size());
   Eigen::Matrix3Xd b(3, found->tags().size());
   for (std::size_t i = 0; i < found->tags().size(); ++i) {
@@ -174,7 +536,69 @@ TEST_F(CalibrateProgram, MapFindsTheTabletop) {
   const Eigen::Matrix4d motion = Eigen::umeyama(a, b, false);
   const Eigen::Matrix3Xd moved =
       (motion.topLeftCorner<3, 3>() * a).colwise() + Eigen::Vector3d(motion.topRightCorner<3, 1>());
-  EXPECT_LT(std::sqrt((moved - b).squaredNorm() / static_cast<double>(a.cols())), 0.5e-3);
+  EXPECT_LT(std::sqrt((moved - b).squaredNorm() / static_cast<double>(a.cols())), 0.1e-3);
+  // Not too long nor too short by more than 1/1000, as the tone curve alone would make it.
+  const auto spread = [](const Eigen::Matrix3Xd& p) {
+    return (p.colwise() - p.rowwise().mean()).norm();
+  };
+  EXPECT_NEAR(spread(a) / spread(b), 1.0, 1e-3);
+  // Errors are as large as the file says they are.
+  const YAML::Node file = YAML::LoadFile(tags.string());
+  const Eigen::Vector3d anchor = truth->find(TagFamily::tag36h11, 5)->T_table_tag.translation();
+  double squares = 0.0;
+  int count = 0;
+  for (const YAML::Node& tag : file["tags"]) {
+    const int id = tag["id"].as<int>();
+    if (id == 5) continue;
+    const auto p = tag["position"].as<std::array<double, 3>>();
+    const Eigen::Vector2d e =
+        Eigen::Vector2d(p[0], p[1]) -
+        (truth->find(TagFamily::tag36h11, id)->T_table_tag.translation() - anchor).head<2>();
+    Eigen::Matrix2d covariance;
+    for (int row = 0; row < 2; ++row) {
+      for (int column = 0; column < 2; ++column)
+        covariance(row, column) = tag["covariance"][6 * row + column].as<double>();
+    }
+    squares += e.dot(covariance.inverse() * e);
+    count += 2;
+  }
+  EXPECT_LT(squares / count, 2.0);
+  EXPECT_GT(squares / count, 0.1);
+}
+
+TEST_F(CalibrateProgram, MapNamesATagOfAnotherSize) {
+  const auto sizes = folder() / "sizes.yaml";
+  std::string lines;
+  for (int id = 0; id < 12; ++id) lines += fmt::format("{}: {}\n", id, id == 7 ? 0.06 : 0.04);
+  test::write_text(sizes, lines);
+  const auto tags = folder() / "tags.yaml";
+  const auto result = test::run_program(
+      test::program(), {"map", shared("recordings/tabletop").string(), "--sizes", sizes.string(),
+                        "--anchor", "5", "--output", tags.string()});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("tag 7: looks 40.0 mm in size, where 60.0 mm is given"));
+  const auto found = load_tag_map(tags);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->tags().size(), 11U);
+}
+
+TEST_F(CalibrateProgram, MapSolvesForTheLensWhenAsked) {
+  const auto tags = folder() / "tags.yaml";
+  const auto camera = folder() / "refined.yaml";
+  const auto result =
+      test::run_program(test::program(), {"map", shared("recordings/tabletop").string(),
+                                          "--tag-size", "0.04", "--anchor", "5", "--output",
+                                          tags.string(), "--refine-camera", camera.string()});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const auto found = load_camera(camera);
+  ASSERT_TRUE(found) << found.error().message;
+  EXPECT_NEAR(found->parameters().fx, 531.7, 5.0);
+  EXPECT_THAT(result.out, HasSubstr("camera: fx"));
+  const auto same =
+      test::run_program(test::program(), {"map", shared("recordings/tabletop").string(),
+                                          "--tag-size", "0.04", "--anchor", "5", "--output",
+                                          tags.string(), "--refine-camera", tags.string()});
+  EXPECT_EQ(same.exit_code, 2) << same.err;
 }
 
 }  // namespace

@@ -46,6 +46,8 @@ INSTANTIATE_TEST_SUITE_P(
         std::vector<std::string>{"replay", "r", "--light-mode", "fixed", "--shadow", "cocl"},
         std::vector<std::string>{"replay", "r", "--shadow", "cocl", "--kernels", "k.json"},
         std::vector<std::string>{"replay", "r", "--proxy", "some"},
+        std::vector<std::string>{"replay", "r", "--translucency", "glass"},
+        std::vector<std::string>{"live", "--translucency", "glass"},
         std::vector<std::string>{"replay", "r", "--compare", "layered"},
         std::vector<std::string>{"replay", "r", "--compare", "layered,pink"},
         std::vector<std::string>{"replay", "r", "--compare", "layered,layered"},
@@ -112,6 +114,13 @@ INSTANTIATE_TEST_SUITE_P(
                                  "0.05"},
         std::vector<std::string>{"target", "--output", "x.pdf", "--type", "chessboard", "--family",
                                  "tag36h11"},
+        std::vector<std::string>{"target", "--output", "x.pdf", "--dictionary", "4x4_50"},
+        std::vector<std::string>{"target", "--output", "x.pdf", "--type", "charuco", "--dictionary",
+                                 "9x9_50"},
+        std::vector<std::string>{"target", "--output", "x.pdf", "--type", "charuco", "--dictionary",
+                                 "4x4_50", "--family", "tag36h11"},
+        std::vector<std::string>{"calibrate", "pictures", "--target", "t.yaml", "--output",
+                                 "c.yaml", "--keep", "views"},
         std::vector<std::string>{"evaluate"},
         std::vector<std::string>{"evaluate", "--estimated", "a.tum"}));
 
@@ -139,6 +148,12 @@ TEST(CommandLine, AnUnknownTechniqueListsTheKnownOnes) {
   const ProgramResult result = penumbra({"replay", "r", "--shadow", "pink"});
   EXPECT_THAT(result.err, HasSubstr("pink"));
   EXPECT_THAT(result.err, HasSubstr("none, simple, cocl, layered"));
+}
+
+TEST(CommandLine, AnUnknownTranslucencyListsTheKnownOnes) {
+  const ProgramResult result = penumbra({"replay", "r", "--translucency", "glass"});
+  EXPECT_THAT(result.err, HasSubstr("glass"));
+  EXPECT_THAT(result.err, HasSubstr("auto, blend, mesh, retexture, geometry-mesh"));
 }
 
 TEST(CommandLine, AnUnknownCommandListsTheKnownOnes) {

@@ -1,6 +1,7 @@
 // penumbra live, with a recording that plays as a camera.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <csignal>
 #include <filesystem>
 #include <thread>
@@ -62,6 +63,157 @@ TEST(Live, TracksDrawsAndRecordsAndTheRecordingReplaysToTheSamePoses) {
   ASSERT_GT(both.poses.size(), 0U);
   const Evaluation difference = evaluate(*camera, *a, both);
   EXPECT_LT(difference.overlay_px.max, 0.2);
+}
+
+// A camera that now and then gives half a picture with both marks; the recording keeps it.
+TEST(Live, ARecordingWithADamagedPictureReplaysWhatLiveSaw) {
+  const test::TemporaryFolder temporary;
+  const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
+  const std::filesystem::path camera = temporary.path() / "camera";
+  std::filesystem::copy(bundled("tabletop"), camera, std::filesystem::copy_options::recursive);
+  const auto damage = [](const std::filesystem::path& file) {
+    std::string bytes = test::bytes_of(file);
+    bytes.erase(bytes.size() / 2, bytes.size() / 4);
+    std::filesystem::remove(file);
+    std::ofstream(file, std::ios::binary) << bytes;
+  };
+  for (const char* name : {"000001.jpg", "000009.jpg"}) damage(camera / "frames" / name);
+  const auto done =
+      penumbra({"live", "--camera", "recording:" + camera.string(), "--calibration", calibration(),
+                "--no-window", "--fps", "8", "--duration", "3", "--threads", "1", "--record",
+                path("session"), "--poses", path("live.tum"), "--report", path("live.json")});
+  ASSERT_EQ(done.exit_code, 0) << done.err;
+  EXPECT_EQ(test::read_json(path("live.json"))["camera_faults"]["damaged"], 2) << done.err;
+
+  const auto replayed = penumbra({"replay", path("session"), "--no-window", "--poses",
+                                  path("replay.tum"), "--report", path("replay.json")});
+  ASSERT_EQ(replayed.exit_code, 0) << replayed.err;
+  EXPECT_EQ(test::lines_of(replayed.err).size(), 1U) << replayed.err;
+  EXPECT_NE(replayed.err.find("frames/000001.jpg: damaged JPEG"), std::string::npos)
+      << replayed.err;
+  const auto report = test::read_json(path("replay.json"));
+  EXPECT_EQ(report["camera_faults"]["damaged"], 2);
+  const auto live_poses = load_trajectory(path("live.tum"));
+  const auto replay_poses = load_trajectory(path("replay.tum"));
+  ASSERT_TRUE(live_poses && replay_poses);
+  ASSERT_FALSE(live_poses->poses.empty());
+  for (const StampedPose& pose : live_poses->poses) {
+    EXPECT_NE(replay_poses->at(pose.timestamp_ns, 0), nullptr) << pose.timestamp_ns;
+  }
+}
+
+TEST(Live, OneAfterTheOtherItTracksTheSame) {
+  const test::TemporaryFolder temporary;
+  const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
+  const auto done = penumbra(live({"--duration", "2", "--threads", "1", "--fps", "15", "--poses",
+                                   path("live.tum"), "--report", path("report.json")}));
+  ASSERT_EQ(done.exit_code, 0) << done.err;
+  const auto report = test::read_json(path("report.json"));
+  const int frames = report["frames"];
+  EXPECT_GT(frames, 0);
+  EXPECT_GE(report["frames_tracked"].get<int>(), frames * 95 / 100);
+  EXPECT_EQ(report["pipeline"]["threads"], 1);
+}
+
+TEST(Live, ACalibrationOfAnotherSizeIsScaledOnlyWhereThatIsExact) {
+  const test::TemporaryFolder temporary;
+  const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
+  const CameraModel camera = load_camera(calibration()).value();
+  const auto save_at = [&](const char* name, double width_scale, double height_scale) {
+    CameraParameters p = camera.parameters();
+    p.width = static_cast<int>(std::lround(p.width * width_scale));
+    p.height = static_cast<int>(std::lround(p.height * height_scale));
+    p.fx *= width_scale;
+    p.fy *= height_scale;
+    p.cx = (p.cx + 0.5) * width_scale - 0.5;
+    p.cy = (p.cy + 0.5) * height_scale - 0.5;
+    ASSERT_TRUE(save_camera(path(name), CameraModel::make(p).value()));
+  };
+  save_at("twice.yaml", 2.0, 2.0);
+  save_at("half.yaml", 0.5, 0.5);
+  save_at("wide.yaml", 2.0, 1.0);
+  save_at("odd.yaml", 1.5, 1.5);
+  const auto live_with = [&](const char* name, const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {
+        "live",       "--camera", "recording:" + bundled("tabletop"), "--calibration",
+        path(name),   "--tags",   bundled("tabletop") + "/tags.yaml", "--no-window",
+        "--duration", "1"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return penumbra(arguments);
+  };
+  // It is offered, never done unasked; and not offered where it can't be exact.
+  for (const char* name : {"twice.yaml", "half.yaml"}) {
+    test::expect_failure(live_with(name, {}), {name, "2x2", "--scale-calibration"});
+  }
+  for (const char* name : {"wide.yaml", "odd.yaml"}) {
+    const auto refused = live_with(name, {});
+    test::expect_failure(refused, {name, "penumbra calibrate"});
+    EXPECT_EQ(refused.err.find("--scale-calibration"), std::string::npos) << refused.err;
+    test::expect_failure(live_with(name, {"--scale-calibration"}),
+                         {name, "no whole number", "penumbra calibrate"});
+  }
+  for (const char* name : {"twice.yaml", "half.yaml"}) {
+    SCOPED_TRACE(name);
+    const std::string session = path(name) + "-session";
+    const auto done = live_with(
+        name, {"--scale-calibration", "--record", session, "--report", path("report.json")});
+    ASSERT_EQ(done.exit_code, 0) << done.err;
+    const auto report = test::read_json(path("report.json"));
+    EXPECT_GT(report["frames"].get<int>(), 0);
+    EXPECT_GE(report["frames_tracked"].get<int>(), report["frames"].get<int>() * 95 / 100);
+    // What is stored is of the size that was recorded.
+    const CameraModel stored = load_camera(session + "/camera.yaml").value();
+    EXPECT_EQ(stored.width(), camera.width());
+    EXPECT_EQ(stored.height(), camera.height());
+    EXPECT_NEAR(stored.parameters().fx, camera.parameters().fx, 1e-9);
+    EXPECT_NEAR(stored.parameters().cx, camera.parameters().cx, 1e-9);
+    EXPECT_NEAR(stored.parameters().cy, camera.parameters().cy, 1e-9);
+    EXPECT_EQ(stored.parameters().distortion, camera.parameters().distortion);
+  }
+}
+
+// Damage is told as damage, not as lateness.
+TEST(Live, DamagedFramesAreCountedApartFromLateOnes) {
+  const test::TemporaryFolder temporary;
+  const auto camera = temporary.path() / "camera";
+  std::filesystem::create_directories(camera / "frames");
+  int frames = 0;
+  for (const char* file : {"timestamps.csv", "camera.yaml", "tags.yaml"}) {
+    std::filesystem::copy(bundled("tabletop") + "/" + file, camera / file);
+  }
+  for (const auto& entry : std::filesystem::directory_iterator(bundled("tabletop") + "/frames")) {
+    const auto name = entry.path().filename();
+    if (std::stoi(name.string()) % 2 == 0) {
+      std::filesystem::copy(entry.path(), camera / "frames" / name);
+    } else {
+      std::ofstream(camera / "frames" / name) << "no picture";
+    }
+    ++frames;
+  }
+  ASSERT_GT(frames, 10);
+  const std::string report_file = (temporary.path() / "report.json").string();
+  const auto done =
+      penumbra({"live", "--camera", "recording:" + camera.string(), "--calibration", calibration(),
+                "--no-window", "--fps", "10", "--duration", "2", "--report", report_file});
+  ASSERT_EQ(done.exit_code, 0) << done.err;
+  const auto report = test::read_json(report_file);
+  const int damaged = report["frames_damaged"];
+  EXPECT_GT(damaged, 0);
+  EXPECT_EQ(damaged, report["camera_faults"]["damaged"].get<int>());
+  EXPECT_LE(damaged, report["frames_dropped"].get<int>());
+  EXPECT_EQ(report["frames_captured"].get<int>(),
+            report["frames"].get<int>() + report["frames_dropped"].get<int>());
+  EXPECT_NE(done.out.find(fmt::format("{} damaged", damaged)), std::string::npos) << done.out;
+}
+
+TEST(Live, ASmoothedPoseTellsHowLateItIs) {
+  const test::TemporaryFolder temporary;
+  const std::string report_file = (temporary.path() / "report.json").string();
+  const auto done = penumbra(live({"--duration", "3", "--smooth", "--report", report_file}));
+  ASSERT_EQ(done.exit_code, 0) << done.err;
+  const auto report = test::read_json(report_file);
+  EXPECT_GT(report["smoothing"]["lag_ms"]["max"].get<double>(), 0.0);
+  EXPECT_LE(report["smoothing"]["offset_px"]["max"].get<double>(), 0.25);
 }
 
 TEST(Live, CtrlCEndsCleanlyAndLeavesReadableFiles) {
@@ -137,6 +289,26 @@ TEST(Live, WrongUsageIsExitCode2) {
   }
   EXPECT_EQ(penumbra(live({"--exposure", "long"})).exit_code, 2);
   EXPECT_EQ(penumbra(live({"--duration", "-1"})).exit_code, 2);
+}
+
+// Only a machine that does not start is a reason to skip what cameras do on it.
+TEST(LiveScript, IsSkippedWhereThereIsNoMachineAndFailsWhereItIsNotSetUp) {
+  const test::TemporaryFolder temporary;
+  const auto machine = [&](const char* name, const std::string& script) {
+    const auto file = temporary.path() / name;
+    std::ofstream(file) << "#!/bin/bash\n" << script << "\n";
+    std::filesystem::permissions(file, std::filesystem::perms::owner_all);
+    return test::run_program(test::source_dir() / "scripts" / "test-live",
+                             {test::program().string()}, {"PENUMBRA_CAMERA_VM=" + file.string()});
+  };
+  const auto never = machine("never", "exit 125");
+  EXPECT_EQ(never.exit_code, 77) << never.err;
+  EXPECT_NE(never.err.find("does not start"), std::string::npos) << never.err;
+  const auto without_feed = machine("without-feed", R"([[ "$*" != *--feed* ]] || exit 125)");
+  EXPECT_EQ(without_feed.exit_code, 1) << without_feed.err;
+  EXPECT_NE(without_feed.err.find("not with these cameras"), std::string::npos) << without_feed.err;
+  const auto no_command = machine("no-command", "exit 127");
+  EXPECT_EQ(no_command.exit_code, 127) << no_command.err;
 }
 
 TEST(Devices, ListsWhatThereIs) {

@@ -244,6 +244,37 @@ TEST_F(TagGroups, AHeldPropIsTrackedToItsTruth) {
   const Trajectory places = load_trajectory(file("places/the prop.tum")).value();
   EXPECT_EQ(static_cast<int>(places.poses.size()), prop["frames_tracked"].get<int>());
 
+  // The same said by evaluate.
+  const std::vector<std::string> evaluation = {"evaluate",
+                                               "--estimated",
+                                               file("tracked.tum"),
+                                               "--groundtruth",
+                                               file("made/groundtruth.tum"),
+                                               "--camera",
+                                               file("made/camera.yaml"),
+                                               "--tags",
+                                               file("made/tags.yaml"),
+                                               "--estimated-groups",
+                                               file("places"),
+                                               "--groundtruth-groups",
+                                               file("made/groups")};
+  const ProgramResult told = penumbra(evaluation);
+  ASSERT_EQ(told.exit_code, 0) << told.err;
+  EXPECT_THAT(told.out, HasSubstr("tag group the prop"));
+  std::vector<std::string> as_json = evaluation;
+  as_json.emplace_back("--json");
+  const auto json = nlohmann::json::parse(penumbra(as_json).out, nullptr, false);
+  ASSERT_TRUE(json.is_object());
+  EXPECT_NEAR(json["groups"]["the prop"]["overlay_px"]["rmse"].get<double>(),
+              prop["accuracy"]["overlay_px"]["rmse"].get<double>(), 1e-3);
+  std::vector<std::string> elsewhere = evaluation;
+  elsewhere.back() = file("tracked");
+  const ProgramResult none = penumbra(elsewhere);
+  EXPECT_EQ(none.exit_code, 1);
+  EXPECT_THAT(none.err, HasSubstr("has no file of a group"));
+  elsewhere.resize(elsewhere.size() - 2);
+  EXPECT_EQ(penumbra(elsewhere).exit_code, 2);
+
   // Given poses draw the same scene, but for the tracking's error.
   run("given", {"--poses-from", "groundtruth"});
   EXPECT_LT(differing("tracked", "given"), 2e-3);
@@ -251,6 +282,51 @@ TEST_F(TagGroups, AHeldPropIsTrackedToItsTruth) {
   run("all", {"--no-skip", "--threads", "1"});
   EXPECT_EQ(contents_of(folder_.path() / "tracked"), contents_of(folder_.path() / "all"));
   EXPECT_EQ(bytes_of(file("tracked.tum")), bytes_of(file("all.tum")));
+}
+
+// A session that is recorded has the places of its groups, and replays with them.
+TEST_F(TagGroups, ALiveSessionKeepsThePlacesOfItsGroups) {
+  write_simulation(24);
+  write_prop_scene("scene.json");
+  ASSERT_EQ(penumbra(simulation("made")).exit_code, 0);
+  const ProgramResult live = penumbra(
+      {"live", "--camera", "recording:" + file("made"), "--calibration", file("made/camera.yaml"),
+       "--tags", file("made/tags.yaml"), "--scene", file("scene.json"), "--no-window", "--fps",
+       "15", "--duration", "1.5", "--record", file("session"), "--report", file("live.json")});
+  ASSERT_EQ(live.exit_code, 0) << live.err;
+  const nlohmann::json report = read_json(file("live.json"));
+  const int tracked = report["groups"]["the prop"]["frames_tracked"];
+  EXPECT_GE(tracked, 15);
+  const Trajectory places =
+      load_trajectory(folder_.path() / "session" / "group-poses" / "the prop.tum").value();
+  EXPECT_EQ(static_cast<int>(places.poses.size()), tracked);
+
+  // Tracked again from the recording, deterministically, both are where they were.
+  const auto replayed = [&](const std::string& threads) {
+    const ProgramResult replay =
+        penumbra({"replay", file("session"), "--no-window", "--scene", file("scene.json"),
+                  "--threads", threads, "--poses", file("replay" + threads + ".tum"),
+                  "--group-poses", file("places" + threads)});
+    EXPECT_EQ(replay.exit_code, 0) << replay.err;
+  };
+  replayed("1");
+  replayed("2");
+  EXPECT_EQ(bytes_of(file("replay1.tum")), bytes_of(file("replay2.tum")));
+  EXPECT_EQ(bytes_of(file("places1/the prop.tum")), bytes_of(file("places2/the prop.tum")));
+  const ProgramResult compared = penumbra(
+      {"evaluate", "--estimated", file("session/poses.tum"), "--groundtruth", file("replay1.tum"),
+       "--camera", file("made/camera.yaml"), "--tags", file("made/tags.yaml"), "--estimated-groups",
+       file("session/group-poses"), "--groundtruth-groups", file("places1"), "--json"});
+  ASSERT_EQ(compared.exit_code, 0) << compared.err;
+  const auto json = nlohmann::json::parse(compared.out, nullptr, false);
+  EXPECT_LT(json["overlay_frame_px"]["max"].get<double>(), 0.2);
+  EXPECT_LT(json["groups"]["the prop"]["overlay_frame_px"]["median"].get<double>(), 0.3);
+  // Poses as they were tracked bring their groups along.
+  const ProgramResult given =
+      penumbra({"replay", file("session"), "--no-window", "--scene", file("scene.json"),
+                "--poses-from", file("session/poses.tum"), "--report", file("given.json")});
+  ASSERT_EQ(given.exit_code, 0) << given.err;
+  EXPECT_EQ(read_json(file("given.json"))["groups"]["the prop"]["frames_tracked"], tracked);
 }
 
 // A scene that needs no group has none tracked, says so, and loses nothing by it.

@@ -1,10 +1,15 @@
 // The whole program in a real window, on a virtual display.
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 
+#include "core/image_file.hpp"
 #include "replay/replay_support.hpp"
+#include "support/replay_tracking.hpp"
 
 namespace penumbra::test {
 namespace {
@@ -124,13 +129,113 @@ TEST(Window, ADragIsRecordedAndReplaysToTheSamePictures) {
   const auto edited = replayed("edited", {});
   const auto unedited = replayed("unedited", {"--no-edits"});
   ASSERT_GT(seen.size(), 10U);
+  // A session's pictures have the camera's numbers, a recording counts what is in it: on a busy
+  // machine the camera's have gaps.
+  const auto listed = list_frames(folder.path() / "session");
+  ASSERT_TRUE(listed) << listed.error().message;
+  constexpr double kInterval_ns = 1e9 / 30.0;
   int moved = 0;
-  for (const auto& [name, picture] : seen) {
+  std::size_t compared = 0;
+  for (std::size_t i = 0; i < listed->size(); ++i) {
+    const auto age_ns =
+        static_cast<double>((*listed)[i].timestamp_ns - listed->front().timestamp_ns);
+    const auto picture = seen.find(fmt::format("{:06}.png", std::lround(age_ns / kInterval_ns)));
+    if (picture == seen.end()) continue;
+    const std::string name = fmt::format("{:06}.png", i);
     ASSERT_TRUE(edited.contains(name)) << name;
-    EXPECT_EQ(picture, edited.at(name)) << name;
-    moved += picture != unedited.at(name) ? 1 : 0;
+    EXPECT_EQ(picture->second, edited.at(name)) << name;
+    moved += picture->second != unedited.at(name) ? 1 : 0;
+    ++compared;
   }
+  EXPECT_EQ(compared, seen.size());
   EXPECT_GT(moved, 3);
+}
+
+// How much of the picture differs from the video [px].
+int pixels_drawn(const fs::path& picture, const RgbaImage& video) {
+  const auto seen = load_rgba(picture);
+  if (!seen || seen->pixels.size() != video.pixels.size()) return -1;
+  constexpr int kConverted = 24;  // what the way from JPEG to the screen and back may change
+  int drawn = 0;
+  for (std::size_t i = 0; i < video.pixels.size(); i += 4) {
+    int most = 0;
+    for (std::size_t k = i; k < i + 3; ++k) {
+      most = std::max(most, std::abs(int{seen->pixels[k]} - int{video.pixels[k]}));
+    }
+    drawn += most > kConverted ? 1 : 0;
+  }
+  return drawn;
+}
+
+// Keys in a live session whose camera is slow: the picture is never one that stands still and looks
+// live, the screenshots show what the window shows, and what was recorded between two R replays.
+TEST(Window, ALiveSessionFadesWhileItsCameraIsSilentAndIsRecordedByKey) {
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
+  ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
+  const TemporaryFolder folder;
+  const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
+  // One view again and again: whatever changes on the screen was drawn. Between whole pictures
+  // damaged ones come for more than a second (at a recording's end they would be left out).
+  const fs::path camera = folder.path() / "camera";
+  const fs::path view = fs::path(bundled("tabletop")) / "frames" / "000030.jpg";
+  fs::create_directories(camera / "frames");
+  fs::copy(view, camera / "frames" / "0.jpg");
+  const std::string whole = bytes_of(view);
+  constexpr int kPictures = 16;
+  std::string listing = "frame,timestamp_s,file\n0,0.0,frames/0.jpg\n";
+  for (int i = 1; i < kPictures; ++i) {
+    const std::string name = fmt::format("frames/{}.jpg", i);
+    std::ofstream(camera / name, std::ios::binary)
+        << (i + 1 < kPictures ? whole.substr(0, whole.size() / 2) : whole);
+    listing += fmt::format("{},{:.1f},{}\n", i, 0.1 * i, name);
+  }
+  for (const char* file : {"camera.yaml", "tags.yaml"}) {
+    fs::copy(fs::path(bundled("tabletop")) / file, camera / file);
+  }
+  std::ofstream(camera / "timestamps.csv") << listing;
+  std::ofstream(path("scene.json"))
+      << R"({"objects":[{"name":"block","shape":{"kind":"box","size":[0.1,0.08,0.04]},)"
+      << R"("position":[0,0,0.06]}],"shadows":[]})";
+  constexpr int kScreenshots = 16;
+  std::string steps = "+live.tum.partial* r +penumbra-*/timestamps.csv";
+  for (int i = 0; i < kScreenshots; ++i) steps += " s 0.17";
+  steps += " r 0.5 Escape";
+  const ProgramResult live =
+      run_program(source_dir() / "tests" / "support" / "with-display",
+                  {(source_dir() / "tests" / "support" / "press-keys").string(), steps,
+                   program().string(), "live", "--camera", "recording:" + camera.string(), "--fps",
+                   "10", "--no-background-search", "--calibration",
+                   (camera / "camera.yaml").string(), "--tags", (camera / "tags.yaml").string(),
+                   "--scene", path("scene.json"), "--poses", path("live.tum"), "--duration", "120"},
+                  {}, folder.path());
+  ASSERT_EQ(live.exit_code, 0) << live.err;
+
+  const auto video = load_rgba(view);
+  ASSERT_TRUE(video);
+  std::vector<int> drawn;
+  fs::path recorded;
+  for (const auto& entry : fs::directory_iterator(folder.path())) {
+    if (entry.path().extension() == ".png") drawn.push_back(pixels_drawn(entry.path(), *video));
+    if (entry.is_directory() && entry.path() != camera) recorded = entry.path();
+  }
+  ASSERT_GE(drawn.size(), 3U);
+  EXPECT_GT(*std::ranges::max_element(drawn), 2000) << "the block, right after a frame";
+  EXPECT_LT(*std::ranges::min_element(drawn), 100) << "half a second later it is gone";
+  EXPECT_GE(*std::ranges::min_element(drawn), 0);
+
+  ASSERT_FALSE(recorded.empty());
+  EXPECT_NE(live.out.find("recorded "), std::string::npos) << live.out;
+  const auto rows = lines_of(bytes_of(recorded / "timestamps.csv"));
+  EXPECT_GE(rows.size(), 3U);
+  EXPECT_NE(lines_of(bytes_of(recorded / "events.jsonl")).back().find("\"end\""),
+            std::string::npos);
+  const ProgramResult replayed = penumbra({"replay", recorded.string(), "--no-window", "--scene",
+                                           path("scene.json"), "--report", path("report.json")});
+  ASSERT_EQ(replayed.exit_code, 0) << replayed.err;
+  const auto report = read_json(path("report.json"));
+  EXPECT_GE(report["frames"], 1);
+  EXPECT_LT(report["frames"], rows.size() - 1) << "damaged ones are left out";
+  EXPECT_EQ(report["frames_tracked"], report["frames"]);
 }
 
 }  // namespace

@@ -91,9 +91,43 @@ struct Session {
   PatternRenderOptions light;
 
   [[nodiscard]] CameraPose truth(int frame) const { return motion.at(frame * frame_s); }
-  // The picture of a frame whose exposure has its middle at the frame's time.
+  // The picture of a frame whose exposure has its middle at the frame's time, the middle row's
+  // where the camera has a rolling shutter.
   [[nodiscard]] Frame picture(PatternRenderer& renderer, int frame) const {
     const double middle = frame * frame_s;
+    PatternRenderOptions options = light;
+    options.seed = light.seed * 1000003U + static_cast<std::uint64_t>(frame);
+    const double row_s = camera.parameters().rolling_shutter_row_s.value_or(0.0);
+    const int height = camera.height();
+    const int strip = row_s > 0.0 ? 4 : height;  // rows that are read out as one
+    GreyImage image;
+    for (int row = 0; row < height; row += strip) {
+      options.first_row = row;
+      options.end_row = row + strip;
+      const double read_out = row_s * (row + 0.5 * (strip - 1) - 0.5 * (height - 1));
+      const GreyImage part =
+          renderer.render(path_about(row_s > 0.0 ? middle + read_out : middle), options);
+      if (row == 0) image = part;
+      const auto begin = static_cast<std::size_t>(row) * static_cast<std::size_t>(image.width);
+      const auto end = static_cast<std::size_t>(std::min(row + strip, height)) *
+                       static_cast<std::size_t>(image.width);
+      std::copy(part.pixels.begin() + static_cast<std::ptrdiff_t>(begin),
+                part.pixels.begin() + static_cast<std::ptrdiff_t>(end),
+                image.pixels.begin() + static_cast<std::ptrdiff_t>(begin));
+    }
+    FrameBuffer buffer = allocate_frame(PixelFormat::grey8, image.width, image.height);
+    for (int y = 0; y < image.height; ++y) {
+      std::copy_n(image.view().row(y), image.width,
+                  buffer.plane_data[0] + y * buffer.frame.planes[0].stride);
+    }
+    buffer.frame.sequence = static_cast<std::uint64_t>(frame);
+    buffer.frame.timestamp_ns = nanoseconds(1.0 + middle);
+    return buffer.frame;
+  }
+
+ private:
+  // Where the camera is during an exposure.
+  [[nodiscard]] std::vector<CameraPose> path_about(double middle) const {
     const CameraPose begin = motion.at(middle - 0.5 * exposure_s);
     const double moved_px =
         exposure_s > 0.0
@@ -105,17 +139,7 @@ struct Session {
     std::vector<CameraPose> path;
     for (int k = 0; k < steps; ++k)
       path.push_back(motion.at(middle + exposure_s * ((k + 0.5) / steps - 0.5)));
-    PatternRenderOptions options = light;
-    options.seed = light.seed * 1000003U + static_cast<std::uint64_t>(frame);
-    const GreyImage image = renderer.render(path, options);
-    FrameBuffer buffer = allocate_frame(PixelFormat::grey8, image.width, image.height);
-    for (int y = 0; y < image.height; ++y) {
-      std::copy_n(image.view().row(y), image.width,
-                  buffer.plane_data[0] + y * buffer.frame.planes[0].stride);
-    }
-    buffer.frame.sequence = static_cast<std::uint64_t>(frame);
-    buffer.frame.timestamp_ns = nanoseconds(1.0 + middle);
-    return buffer.frame;
+    return path;
   }
 };
 

@@ -36,7 +36,8 @@ inline Result<std::vector<ListedFrame>> list_frames(const std::filesystem::path&
     const std::size_t second = line.find(',', first + 1);
     const auto time = parse_seconds_as_ns(line.substr(first + 1, second - first - 1));
     if (!time) return fail("{}: timestamps.csv: no time in '{}'", recording.string(), line);
-    frames.push_back({*time, recording / std::string(line.substr(second + 1))});
+    const std::string_view file = line.substr(second + 1);  // other columns may follow
+    frames.push_back({*time, recording / std::string(file.substr(0, file.find(',')))});
   }
   return frames;
 }

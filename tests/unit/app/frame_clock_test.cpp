@@ -88,6 +88,38 @@ TEST(FrameClock, ATimeThatCannotBeTrueIsReplacedByTheArrival) {
   }
 }
 
+// One wrong time spoils no other: neither one ahead of the clock nor one that came late.
+TEST(FrameClock, OneWrongTimeLeavesTheOthersTrue) {
+  for (const std::int64_t wrong_ms : {std::int64_t{500}, std::int64_t{-50}}) {
+    Camera camera;
+    for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
+    // Arrives 35 ms late, when others wait already.
+    const FrameStamp bad =
+        camera.clock.next(20, kStart + (200 + wrong_ms) * kMs, true, kStart + 235 * kMs);
+    EXPECT_TRUE(bad.bad_time) << wrong_ms;
+    EXPECT_EQ(bad.timestamp_ns, kStart + 235 * kMs);
+    std::int64_t last = bad.timestamp_ns;
+    for (std::uint32_t i = 21; i < 40; ++i) {
+      const FrameStamp stamp = camera.frame(i, 10 * i);
+      EXPECT_FALSE(stamp.bad_time) << wrong_ms << ", frame " << i;
+      EXPECT_GT(stamp.timestamp_ns, last);
+      if (i > 23) {
+        EXPECT_EQ(stamp.timestamp_ns, kStart + 10 * i * kMs);
+      }
+      last = stamp.timestamp_ns;
+    }
+  }
+}
+
+// Some drivers name the moment at which the frame is going to end.
+TEST(FrameClock, AnEndOfTheFrameThatIsToComeIsNoWrongTime) {
+  Camera camera;
+  for (std::uint32_t i = 0; i < 20; ++i) {
+    const std::int64_t now = kStart + 10 * i * kMs;
+    EXPECT_FALSE(camera.clock.next(i, now + 9 * kMs, true, now).bad_time) << i;
+  }
+}
+
 TEST(FrameClock, TimesAlwaysGrow) {
   FrameClock clock(10 * kMs);
   const FrameStamp first = clock.next(0, 0, false, kStart);

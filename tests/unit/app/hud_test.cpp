@@ -84,7 +84,7 @@ TEST(Hud, StrengthGoesFromNoShadowToTheWholeOne) {
 TEST(Hud, KeysAndTheirHelp) {
   std::string help;
   for (const KeyHelp& key : key_help()) help += std::string(key.keys) + " ";
-  for (const char* name : {"F1", "H", "D", "P", "C", "S", "R", "F11", "Esc", "space", "B"}) {
+  for (const char* name : {"F1", "H", "D", "P", "C", "S", "R", "F11", "Esc", "space", "B", "M"}) {
     EXPECT_THAT(help, testing::HasSubstr(name));
   }
   WindowEvent event;
@@ -102,6 +102,12 @@ TEST(Hud, KeysAndTheirHelp) {
   EXPECT_EQ(technique_of_key(event), techniques_by_key().front());
   event.code = '9';
   EXPECT_FALSE(technique_of_key(event));
+}
+
+TEST(Hud, TranslucencyInWords) {
+  EXPECT_EQ(in_words(Translucency::mesh, Translucency::mesh), "mesh");
+  EXPECT_EQ(in_words(Translucency::automatic, Translucency::retexture), "auto (retexture)");
+  EXPECT_EQ(in_words(Translucency::automatic, Translucency::automatic), "auto");
 }
 
 TEST(Hud, EveryTechniqueComesByGoingOn) {

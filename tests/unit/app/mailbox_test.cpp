@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <memory>
 #include <thread>
 
@@ -79,6 +80,25 @@ TEST(Mailbox, BetweenThreadsItemsGrowAndNoneIsUncounted) {
   giver.join();
   EXPECT_EQ(last, kItems - 1);
   EXPECT_EQ(taken + box.dropped(), static_cast<std::uint64_t>(kItems));
+}
+
+TEST(Mailbox, AGiverCanWaitForAnEmptySlot) {
+  Mailbox<int> box;
+  EXPECT_TRUE(box.wait_until_empty());
+  box.put(1);
+  std::atomic<bool> taken = false;
+  std::thread giver([&] {
+    EXPECT_TRUE(box.wait_until_empty());
+    EXPECT_TRUE(taken);
+  });
+  std::this_thread::sleep_for(milliseconds(20));
+  taken = true;
+  EXPECT_EQ(box.take(milliseconds(0)), 1);
+  giver.join();
+  box.put(2);
+  std::thread ended([&] { EXPECT_FALSE(box.wait_until_empty()); });
+  box.close();
+  ended.join();
 }
 
 TEST(Mailbox, CloseWakesAWaitingGiver) {

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <fstream>
 #include <iterator>
 
@@ -55,6 +56,33 @@ TEST(OutputFile, TellsFailuresOfTheNameThatWasAskedFor) {
   EXPECT_EQ(file->failed({"no path"}).value().message, "no path");
   EXPECT_EQ(renamed({"a.partial-1-0/frames/3.png: no"}, "a.partial-1-0", "a").message,
             "a/frames/3.png: no");
+}
+
+TEST(OutputFile, SeveralAreThereTogetherOrNotAtAll) {
+  const test::TemporaryFolder folder;
+  const fs::path replaced = folder.path() / "replaced";
+  const fs::path made = folder.path() / "made";
+  const fs::path last = folder.path() / "last";
+  std::ofstream(replaced) << "before";
+  const auto commit_all = [&](bool can_be) {
+    auto a = OutputFile::create(replaced);
+    auto b = OutputFile::create(made);
+    auto c = OutputFile::create(last);
+    EXPECT_TRUE(a && b && c);
+    for (OutputFile* file : {&*a, &*b, &*c}) EXPECT_TRUE(write_whole(*file, "after"));
+    if (!can_be) fs::create_directories(last / "in the way");
+    return commit_together(std::array{&*a, &*b, &*c});
+  };
+  const auto failed = commit_all(false);
+  ASSERT_FALSE(failed);
+  EXPECT_THAT(failed.error().message, testing::StartsWith(last.string() + ": cannot be"));
+  EXPECT_EQ(text_of(replaced), "before");
+  EXPECT_FALSE(fs::exists(made));
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 2) << "a part is left";
+  fs::remove_all(last);
+  ASSERT_TRUE(commit_all(true));
+  for (const fs::path& file : {replaced, made, last}) EXPECT_EQ(text_of(file), "after");
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 3) << "a part is left";
 }
 
 TEST(OutputFile, TwoRunsWithOneTargetDoNotMeet) {

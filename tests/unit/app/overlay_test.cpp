@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
+#include <set>
 #include <vector>
 
 #include "core/image_file.hpp"
@@ -110,6 +111,9 @@ TEST_P(OverlayOf, EveryLayoutIsDrawnAndLeavesThePictureInView) {
       {"compact-panels-640x480", 640, 480, {false, false, true, true}, 0.95},
       {"compact-debug-640x480", 640, 480, {false, true, false, true}, 0.95},
       {"compact-help-640x480", 640, 480, {true, false, false, true}, 1.0},
+      {"compact-480x320", 480, 320, {false, false, false, true}, 0.6},
+      {"compact-panels-480x320", 480, 320, {false, false, true, true}, 0.95},
+      {"compact-help-480x320", 480, 320, {true, false, false, true}, 1.0},
       {"full-640x480", 640, 480, {}, 0.6},
       {"full-1920x1080", 1920, 1080, {}, 0.3},
   };
@@ -233,6 +237,41 @@ TEST_P(OverlayOf, ASliderIsAnEdit) {
   }
   EXPECT_TRUE(constants);
   EXPECT_TRUE(strength);
+}
+
+// Clicks down the panel until the list of ways opens, and down the list until each was chosen.
+TEST_P(OverlayOf, TheListOfTranslucenciesGivesEachOfThem) {
+  HudPanels panels;
+  panels.panels = true;
+  HudState state = busy_state();
+  state.nodes.clear();  // nothing but that list can be clicked
+  std::set<Translucency> chosen;
+  for (int row = 0; row < 12; ++row) {
+    HudActions actions;
+    const auto draw = [&] { shoot(*overlay, state, panels, 1280, 720, actions); };
+    const auto click = [&](int y) {
+      WindowEvent event;
+      event.x = 1150.0;
+      event.y = y;
+      for (const auto kind : {WindowEvent::Kind::pointer_moved, WindowEvent::Kind::button_down,
+                              WindowEvent::Kind::button_up}) {
+        event.kind = kind;
+        overlay->handle(event);
+        draw();
+      }
+      draw();
+    };
+    draw();
+    click(30);
+    click(50 + 12 * row);
+    if (actions.translucency) {
+      state.translucency = *actions.translucency;
+      chosen.insert(*actions.translucency);
+    }
+    EXPECT_TRUE(actions.edits.empty());
+    click(700);  // an open list closes
+  }
+  EXPECT_EQ(chosen.size(), kTranslucencyNames.size());
 }
 
 TEST_P(OverlayOf, ThePictureUnderItIsTheSameToTheLastBit) {

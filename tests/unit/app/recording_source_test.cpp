@@ -239,6 +239,38 @@ TEST_F(RecordingOfFrames, ABadLineIsNamedWithItsCause) {
   }
 }
 
+// A column of its own, which may be empty in some lines.
+TEST_F(RecordingOfFrames, ExposuresAreReadWhereTheyAreListed) {
+  const std::string good = test::read_bytes(folder() / "timestamps.csv");
+  const auto listing = [&](const std::string& third) {
+    std::string text;
+    int line = 0;
+    for (std::size_t begin = 0; begin < good.size(); ++line) {
+      const std::size_t end = good.find('\n', begin);
+      text += good.substr(begin, end - begin);
+      text += line == 0 ? ",exposure_s" : (line == 3 ? "," + third : ",0.0125");
+      text += '\n';
+      begin = end + 1;
+    }
+    return text;
+  };
+  write_text(folder() / "timestamps.csv", listing(""));
+  const auto recording = open_recording(folder());
+  ASSERT_TRUE(recording) << recording.error().message;
+  const auto source = open_recording_source(*recording);
+  ASSERT_TRUE(source);
+  for (int i = 0; i < 4; ++i) {
+    const auto frame = (*source)->next();
+    ASSERT_TRUE(frame && *frame);
+    EXPECT_EQ((*frame)->exposure_s, i == 2 ? std::nullopt : std::optional(0.0125)) << i;
+  }
+  for (const char* bad : {"nan", "-1", "0", "61", "1/60"}) {
+    write_text(folder() / "timestamps.csv", listing(bad));
+    EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("timestamps.csv: line 4: exposure_s: '"),
+                                          HasSubstr(std::string("'") + bad + "'")));
+  }
+}
+
 TEST_F(RecordingOfFrames, AHeaderWithoutTheColumnsIsAnError) {
   replace("timestamps.csv", "timestamp_s", "time");
   EXPECT_THAT(error_of(folder()), AllOf(HasSubstr("line 1"), HasSubstr("timestamp_s")));
@@ -319,6 +351,37 @@ TEST_F(RecordingOfFrames, ADamagedFrameInTheMiddleIsAnErrorInItsPlace) {
     EXPECT_EQ(played.frames.size(), 3U);
     EXPECT_THAT(played.error, AllOf(HasSubstr("000003.jpg"), HasSubstr("damaged JPEG")));
   }
+}
+
+// Whatever a camera gave is recorded, and what live could not decode replay leaves out too.
+TEST_F(RecordingOfFrames, ADamagedFrameOfACameraIsLeftOutAndCounted) {
+  const std::string whole = test::read_bytes(frame(3));
+  write_text(frame(0), whole.substr(0, whole.size() / 3));
+  write_text(frame(3), whole.substr(0, whole.size() / 2));
+  write_text(folder() / "controls.json", "{}\n");
+  const auto recording = open_recording(folder());
+  ASSERT_TRUE(recording) << recording.error().message;
+  for (const int look_ahead : {0, 4}) {
+    RecordingSourceOptions options;
+    options.look_ahead = look_ahead;
+    const auto source = open_recording_source(*recording, options);
+    ASSERT_TRUE(source);
+    std::vector<std::uint64_t> numbers;
+    while (true) {
+      const auto next = (*source)->next();
+      ASSERT_TRUE(next) << next.error().message;
+      if (!*next) break;
+      numbers.push_back((*next)->sequence);
+      EXPECT_EQ((*next)->timestamp_ns,
+                kStartNs + static_cast<std::int64_t>((*next)->sequence) * kStepNs);
+    }
+    EXPECT_EQ(numbers, (std::vector<std::uint64_t>{1, 2, 4, 5, 6, 7}));
+    EXPECT_EQ((*source)->damaged(), 2);
+  }
+  // What can't be read at all is no matter of the camera.
+  std::filesystem::remove(frame(4));
+  std::filesystem::create_directory(frame(4));
+  EXPECT_THAT(play(*recording).error, HasSubstr("000004.jpg"));
 }
 
 TEST_F(RecordingOfFrames, NoWholeFrameIsAnError) {

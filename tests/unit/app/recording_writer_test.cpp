@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -119,6 +120,58 @@ TEST(RecordingWriter, KeepsTheCamerasOwnBytesAndTimes) {
   EXPECT_NE(controls.find("\"frames_written\": 20"), std::string::npos) << controls;
 }
 
+// What is known of a picture is kept with it; a group has a file from its first tracked pose on.
+TEST(RecordingWriter, KeepsExposuresAndPlacesOfGroups) {
+  const test::TemporaryFolder temporary;
+  const fs::path folder = temporary.path() / "session";
+  auto writer = RecordingWriter::create(folder, head_for("MJPEG", 640, 480));
+  ASSERT_TRUE(writer) << writer.error().message;
+  GroupEstimate group;
+  group.name = "the prop";
+  group.T_table_group = {Eigen::Quaterniond::Identity(), Eigen::Vector3d(0.25, 0.0, 0.5)};
+  for (int i = 0; i < 4; ++i) {
+    CapturedImage image = jpeg_image(i);
+    if (i != 1) image.exposure_s = 0.008 + 0.001 * i;
+    (*writer)->add_image(image);
+    group.status = i < 2 ? TrackStatus::held : TrackStatus::tracked;
+    (*writer)->add_group(image.timestamp_ns, group);
+  }
+  ASSERT_TRUE((*writer)->finish());
+  const auto recording = open_recording(folder);
+  ASSERT_TRUE(recording) << recording.error().message;
+  ASSERT_EQ(recording->frames.size(), 4U);
+  for (int i = 0; i < 4; ++i) {
+    const auto& exposure_s = recording->frames[static_cast<std::size_t>(i)].exposure_s;
+    ASSERT_EQ(exposure_s.has_value(), i != 1);
+    if (exposure_s) {
+      EXPECT_NEAR(*exposure_s, 0.008 + 0.001 * i, 1e-12);
+    }
+  }
+  EXPECT_TRUE(recording->group_groundtruth.empty()) << "tracked is not true";
+  const auto places = load_group_paths(folder / kGroupPosesFolder, {"the prop", "another"});
+  ASSERT_TRUE(places) << places.error().message;
+  ASSERT_EQ(places->size(), 1U);
+  const Trajectory& path = places->at("the prop");
+  ASSERT_EQ(path.poses.size(), 2U);
+  EXPECT_EQ(path.poses[0].timestamp_ns, jpeg_image(2).timestamp_ns);
+  EXPECT_EQ(path.poses[0].T_table_camera.translation(), Eigen::Vector3d(0.25, 0.0, 0.5));
+}
+
+// A recording without a picture is told by its listing, and so is one without exposures.
+TEST(RecordingWriter, TheListingHasItsHeadInAnyCase) {
+  for (const bool with_picture : {false, true}) {
+    const test::TemporaryFolder temporary;
+    const fs::path folder = temporary.path() / "session";
+    auto writer = RecordingWriter::create(folder, head_for("MJPEG", 640, 480));
+    ASSERT_TRUE(writer) << writer.error().message;
+    if (with_picture) (*writer)->add_image(jpeg_image(0));
+    ASSERT_TRUE((*writer)->finish());
+    const std::string listing = read_text_file(folder / "timestamps.csv", 1000).value();
+    EXPECT_TRUE(listing.starts_with("frame,timestamp_s,file\n")) << listing;
+    EXPECT_FALSE(fs::exists(folder / kGroupPosesFolder));
+  }
+}
+
 class RawFormats : public testing::TestWithParam<PixelFormat> {};
 
 TEST_P(RawFormats, EverySampleComesBack) {
@@ -187,6 +240,77 @@ TEST(RecordingWriter, RefusesAFolderThatHoldsSomething) {
   EXPECT_NE(writer.error().message.find("not empty"), std::string::npos);
 }
 
+// Where it could not begin nothing stays, so that the same name is free once there is space.
+TEST(RecordingWriter, AFolderThatCouldNotBeMadeIsGone) {
+  for (const bool waits : {true, false}) {
+    const test::TemporaryFolder temporary;
+    const fs::path folder = temporary.path() / "of" / "today" / "session";
+    RecordingHead head = head_for("MJPEG", 640, 480);
+    const pid_t child = fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      // No file may grow beyond what tags.yaml needs.
+      std::signal(SIGXFSZ, SIG_IGN);
+      const rlimit small{64, 64};
+      setrlimit(RLIMIT_FSIZE, &small);
+      if (waits) _exit(RecordingWriter::create(folder, head) ? 1 : 0);
+      const auto writer = RecordingWriter::begin(folder, head);
+      writer->add_image(jpeg_image(0));
+      _exit(writer->finish() || !writer->counts().error ? 1 : 0);
+    }
+    int status = 0;
+    ASSERT_EQ(waitpid(child, &status, 0), child);
+    EXPECT_EQ(status, 0) << waits;
+    EXPECT_TRUE(fs::is_empty(temporary.path())) << waits;
+    auto again = RecordingWriter::begin(folder, head);
+    again->add_image(jpeg_image(0));
+    ASSERT_TRUE(again->finish());
+    EXPECT_TRUE(open_recording(folder));
+  }
+}
+
+// What is there of others stays.
+TEST(RecordingWriter, AFolderThatIsRefusedLaterKeepsWhatItHolds) {
+  const test::TemporaryFolder temporary;
+  ASSERT_TRUE(write_text_file(temporary.path() / "camera.yaml", "mine"));
+  auto writer = RecordingWriter::begin(temporary.path(), head_for("MJPEG", 640, 480));
+  const auto finished = writer->finish();
+  ASSERT_FALSE(finished);
+  EXPECT_NE(finished.error().message.find("not empty"), std::string::npos);
+  EXPECT_EQ(read_text_file(temporary.path() / "camera.yaml", 100).value(), "mine");
+  EXPECT_EQ(std::distance(fs::directory_iterator(temporary.path()), fs::directory_iterator()), 1);
+}
+
+// Some cameras say what they are only with their frames.
+TEST(RecordingWriter, ControlsAreAskedForAgainWhileItGoesOn) {
+  const test::TemporaryFolder temporary;
+  const fs::path folder = temporary.path() / "session";
+  RecordingHead head = head_for("MJPEG", 640, 480);
+  head.controls.clear();
+  std::atomic<int> exposure = 0;
+  head.read_controls = [&] {
+    std::vector<std::pair<std::string, std::int64_t>> controls;
+    if (exposure > 0) controls.emplace_back("exposure_time_us", exposure.load());
+    return controls;
+  };
+  auto writer = RecordingWriter::create(folder, head);
+  ASSERT_TRUE(writer) << writer.error().message;
+  const auto controls = [&] { return read_text_file(folder / "controls.json", 10'000).value(); };
+  EXPECT_EQ(controls().find("exposure"), std::string::npos);
+  exposure = 8000;
+  (*writer)->add_image(jpeg_image(0));
+  while ((*writer)->counts().written < 1) std::this_thread::yield();
+  (*writer)->add_event(1, "behind it");
+  // As a kill would leave it.
+  while (controls().find("\"frames_written\": 1") == std::string::npos) std::this_thread::yield();
+  EXPECT_NE(controls().find("\"exposure_time_us\": 8000"), std::string::npos) << controls();
+  exposure = 9000;
+  (*writer)->add_image(jpeg_image(1));
+  ASSERT_TRUE((*writer)->finish());
+  EXPECT_NE(controls().find("\"exposure_time_us\": 9000"), std::string::npos) << controls();
+  EXPECT_NE(controls().find("\"frames_written\": 2"), std::string::npos) << controls();
+}
+
 TEST(RecordingWriter, ADiskThatIsTooSlowLosesFramesAndCountsThem) {
   const test::TemporaryFolder temporary;
   auto writer =
@@ -203,6 +327,15 @@ TEST(RecordingWriter, ADiskThatIsTooSlowLosesFramesAndCountsThem) {
   const RecordingCounts counts = (*writer)->counts();
   EXPECT_EQ(counts.written + counts.dropped, static_cast<std::uint64_t>(kWritten));
   EXPECT_GT(counts.dropped, 0U);
+  // Each time it is told when and how many.
+  const std::string events =
+      read_text_file(temporary.path() / "session" / "events.jsonl", 1'000'000).value();
+  std::uint64_t told = 0;
+  for (std::size_t at = 0; (at = events.find("\"left_out\"", at)) != std::string::npos; ++at) {
+    constexpr std::string_view kDetail = "\"detail\":\"";
+    told += std::stoull(events.substr(events.find(kDetail, at) + kDetail.size()));
+  }
+  EXPECT_EQ(told, counts.dropped) << events;
 }
 
 // What a process that is killed at any moment leaves: everything that it had said was written.

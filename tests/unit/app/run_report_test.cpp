@@ -3,6 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <malloc.h>
+
+#include <algorithm>
 #include <array>
 #include <nlohmann/json.hpp>
 
@@ -152,7 +155,7 @@ TEST(RunReport, AccuracyIsOfTheTrackedFramesThatWereProcessed) {
   const CameraPose beside(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.003, 0.0, 1.0});
   Trajectory truth;
   for (int i = 0; i < 10; ++i) truth.poses.push_back({i * 100'000'000LL, kAbove, {}});
-  RunRecorder run;
+  RunRecorder run({.camera = {}, .keep_paths = true});
   for (int i = 2; i < 6; ++i) {
     SessionFrame frame =
         frame_of(i == 5 ? TrackStatus::lost : TrackStatus::tracked, i * 100'000'000LL, true);
@@ -172,7 +175,7 @@ TEST(RunReport, GroupsAreCountedAndComparedWithTheirTruth) {
   const CameraModel camera = pinhole();
   Trajectory truth;
   Trajectory places;
-  RunRecorder run;
+  RunRecorder run({.camera = {}, .keep_paths = true});
   const std::array<TrackStatus, 5> statuses = {TrackStatus::tracked, TrackStatus::tracked,
                                                TrackStatus::uncertain, TrackStatus::held,
                                                TrackStatus::lost};
@@ -214,6 +217,63 @@ TEST(RunReport, GroupsAreCountedAndComparedWithTheirTruth) {
   EXPECT_NEAR(json["accuracy"]["translation_mm"]["max"].get<double>(), 4.0, 1e-9);
   EXPECT_THAT(report_table(report),
               testing::HasSubstr("tag group prop: tracked 2, uncertain 1, held 1, lost 1"));
+}
+
+// A live session has no end: after the first thousands of frames nothing is kept for each of them.
+TEST(RunReport, MemoryDoesNotGrowWithTheFrames) {
+  RunRecorder run({.camera = pinhole(), .keep_paths = false});
+  SessionFrame frame = frame_of(TrackStatus::tracked, 0, true);
+  frame.tracked.pose.T_table_camera = kAbove;
+  GroupEstimate& group = frame.tracked.groups.emplace_back();
+  group.name = "prop";
+  group.status = TrackStatus::tracked;
+  group.tags_used = 2;
+  const auto add = [&](int count) {
+    for (int i = 0; i < count; ++i) {
+      frame.tracked.frame.timestamp_ns += 33'000'000;
+      frame.tracked.times.total_ms = 1.0 + 0.001 * (i % 997);
+      frame.smoothed = SmoothedPose{kAbove, 1.0, 0.1};
+      run.add_time("capture", {0.5, 0.5});
+      run.add_frame(frame);
+      run.add_time("latency", {20.0, 0.0});
+    }
+  };
+  add(2 * RunningStatistics::kMostExact);
+  const auto before = mallinfo2().uordblks;
+  add(20'000);
+  // The blocks in use, exactly.
+  EXPECT_LE(mallinfo2().uordblks, before + 1024);
+  const RunReport report = run.report();
+  EXPECT_EQ(report.frames, 28'192);
+  EXPECT_NEAR(report.time_ms[1].second.median, 1.498, 0.01 * 1.498);
+  EXPECT_EQ(report.time_ms[1].second.count, 28'192U);
+}
+
+// What could not be decoded is no matter of time.
+TEST(RunReport, SaysOfCapturedFramesWhyTheyAreNotShown) {
+  RunReport report;
+  report.frames = 14;
+  report.frames_captured = 249;
+  report.frames_dropped = 235;
+  const auto words = [&](int damaged) {
+    report.frames_damaged = damaged;
+    EXPECT_EQ(Json::parse(report_json(report))["frames_damaged"], damaged);
+    return report_table(report);
+  };
+  EXPECT_THAT(words(217), testing::HasSubstr("captured 249, of which 217 damaged and 18 too late "
+                                             "to be shown\n"));
+  EXPECT_THAT(words(0), testing::HasSubstr("captured 249, of which 235 too late to be shown\n"));
+  EXPECT_THAT(words(235), testing::HasSubstr("captured 249, of which 235 damaged\n"));
+}
+
+TEST(StageTimes, TheLastThirtyAreRecent) {
+  StageTimes times;
+  EXPECT_FALSE(times.recent_ms());
+  for (int i = 1; i <= 100; ++i) {
+    times.add({i * 1.0, 0.0});
+    const int first = std::max(1, i - 29);
+    EXPECT_NEAR(times.recent_ms().value(), 0.5 * (first + i), 1e-12);
+  }
 }
 
 TEST(FrameRange, IsHalfOpen) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <deque>
+#include <set>
 #include <utility>
 
 #include "app/overlay.hpp"
@@ -76,6 +77,8 @@ class Host : public ViewerHost {
     return {{"one", style}, {"two", style}};
   }
   void edit(const SceneEdit& edit) override { edits.push_back(edit); }
+  [[nodiscard]] Translucency translucency() const override { return way; }
+  void set_translucency(Translucency asked) override { way = asked; }
   void redraw() override { ++redrawn; }
   [[nodiscard]] std::string save_screenshot() override {
     ++screenshots;
@@ -85,14 +88,19 @@ class Host : public ViewerHost {
     ++recordings;
     return "recording";
   }
+  [[nodiscard]] std::string toggle_smoothing() override {
+    ++smoothings;
+    return "smoothed";
+  }
   void describe(HudState& state, bool debug) const override {
     ++described;
     debug_asked = debug;
     state.has_picture = true;
   }
 
-  int presented = 0, redrawn = 0, screenshots = 0, recordings = 0;
+  int presented = 0, redrawn = 0, screenshots = 0, recordings = 0, smoothings = 0;
   ShadowStyle style;
+  Translucency way = Translucency::automatic;
   SessionView shown;
   std::vector<SceneEdit> edits;
   mutable int described = 0;
@@ -201,6 +209,35 @@ TEST(Viewer, KeysChangeOneNodeOrAll) {
   for (int i = 0; i < 2; ++i) EXPECT_TRUE(viewer.show(interrupt));
   ASSERT_EQ(host.edits.size(), 4U) << "all again";
   EXPECT_EQ(last().style.technique, techniques_by_key()[0]);
+}
+
+TEST(Viewer, MGoesThroughTheWaysOfTranslucency) {
+  std::deque<int> keys(kTranslucencyNames.size(), 'M');
+  ScriptedWindow window(keys);
+  Host host;
+  InterruptWatch interrupt;
+  Viewer viewer(window, host, nullptr);
+  std::set<Translucency> seen;
+  for (std::size_t i = 0; i < kTranslucencyNames.size(); ++i) {
+    EXPECT_TRUE(viewer.show(interrupt));
+    seen.insert(host.way);
+  }
+  EXPECT_EQ(seen.size(), kTranslucencyNames.size());
+  EXPECT_EQ(host.way, Translucency::automatic) << "once round";
+  EXPECT_TRUE(host.edits.empty()) << "it is nothing of the scene";
+}
+
+TEST(Viewer, SmoothingIsToggledAndShownInAPauseToo) {
+  ScriptedWindow window(std::deque<int>{'J', kSpace, 'J', 0, kSpace});
+  Host host;
+  InterruptWatch interrupt;
+  Viewer viewer(window, host, nullptr);
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(host.smoothings, 1);
+  EXPECT_TRUE(viewer.show(interrupt));
+  EXPECT_EQ(host.smoothings, 2);
+  EXPECT_EQ(host.redrawn, 1);
+  EXPECT_TRUE(host.edits.empty()) << "it is nothing of the scene";
 }
 
 TEST(Viewer, WhatIsChangedInAPauseIsDrawnAgainOnce) {

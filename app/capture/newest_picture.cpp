@@ -1,0 +1,49 @@
+#include "app/capture/newest_picture.hpp"
+
+#include <exception>
+#include <utility>
+
+namespace penumbra {
+
+NewestPicture::NewestPicture(LiveSource& source)
+    : source_(source), capture_([this] { capture(); }) {}
+
+NewestPicture::~NewestPicture() {
+  source_.stop();
+  newest_.close();
+  capture_.join();
+}
+
+std::optional<Frame> NewestPicture::take(std::chrono::milliseconds patience) {
+  const std::optional<CapturedImage> image = newest_.take(patience);
+  return image ? source_.decode(*image) : std::nullopt;
+}
+
+std::optional<Error> NewestPicture::error() const {
+  const std::lock_guard lock(mutex_);
+  return error_;
+}
+
+void NewestPicture::capture() {
+  try {
+    for (;;) {
+      auto image = source_.next_image();
+      if (!image) {
+        set_error(image.error());
+        break;
+      }
+      if (!*image) break;
+      newest_.put(std::move(**image));
+    }
+  } catch (const std::exception& error) {
+    set_error({error.what()});
+  }
+  newest_.close();
+}
+
+void NewestPicture::set_error(Error error) {
+  const std::lock_guard lock(mutex_);
+  error_ = std::move(error);
+}
+
+}  // namespace penumbra

@@ -1,0 +1,96 @@
+#include "app/live_recorder.hpp"
+
+#include <fmt/format.h>
+
+#include <chrono>
+#include <utility>
+
+#include "app/live_pipeline.hpp"
+#include "app/scene_edit.hpp"
+
+namespace penumbra {
+
+Result<void> LiveRecorder::start(const std::filesystem::path& folder) {
+  auto opened = RecordingWriter::create(folder, head_);
+  if (!opened) return tl::unexpected(opened.error());
+  record_to(std::move(*opened));
+  return {};
+}
+
+void LiveRecorder::begin(const std::filesystem::path& folder) {
+  record_to(RecordingWriter::begin(folder, head_));
+}
+
+void LiveRecorder::record_to(std::shared_ptr<RecordingWriter> writer) {
+  reap();
+  writer->add_event(monotonic_ns(), "start", head_.camera);
+  scene_told_ = false;
+  const std::lock_guard lock(mutex_);
+  writer_ = std::move(writer);
+}
+
+void LiveRecorder::stop() {
+  reap();
+  std::shared_ptr<RecordingWriter> writer;
+  {
+    const std::lock_guard lock(mutex_);
+    writer = std::exchange(writer_, nullptr);
+  }
+  if (!writer) return;
+  writer->add_event(monotonic_ns(), "end");
+  // The future lives until it is asked; the writer, with its files, only until it is done.
+  ended_.push_back(std::async(std::launch::async, [writer = std::move(writer)]() mutable {
+    Result<void> finished = writer->finish();
+    const RecordingCounts counts = writer->counts();
+    fmt::print(
+        "recorded {} frames to {}{}\n", counts.written, writer->folder().string(),
+        counts.dropped > 0
+            ? fmt::format("; {} left out, the disk or the encoder was too slow", counts.dropped)
+            : std::string());
+    writer.reset();
+    return finished;
+  }));
+}
+
+void LiveRecorder::reap() {
+  std::erase_if(ended_, [this](std::future<Result<void>>& ended) {
+    if (ended.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
+    if (const Result<void> one = ended.get(); !one && !failed_) failed_ = one.error();
+    return true;
+  });
+}
+
+std::size_t LiveRecorder::ending() {
+  reap();
+  return ended_.size();
+}
+
+Result<void> LiveRecorder::finish() {
+  stop();
+  for (const std::future<Result<void>>& ended : ended_) ended.wait();
+  reap();
+  if (failed_) return tl::unexpected(*failed_);
+  return {};
+}
+
+std::shared_ptr<RecordingWriter> LiveRecorder::writer() const {
+  const std::lock_guard lock(mutex_);
+  return writer_;
+}
+
+void LiveRecorder::add(const SessionFrame& frame, const Session& session) {
+  const auto to = writer();
+  if (!to) return;
+  const std::int64_t timestamp_ns = frame.tracked.frame.timestamp_ns;
+  if (!scene_told_) {
+    scene_told_ = true;
+    to->add_event(session.scene_start_ns().value_or(timestamp_ns), kSceneStartEvent);
+    for (const SceneEdit& edit : session.edits_so_far()) to->add_scene_edit({timestamp_ns, edit});
+  } else {
+    for (const SceneEdit& edit : frame.edits) to->add_scene_edit({timestamp_ns, edit});
+  }
+  to->add_pose(timestamp_ns, frame.tracked.pose);
+  for (const GroupEstimate& group : frame.tracked.groups) to->add_group(timestamp_ns, group);
+}
+
+}  // namespace penumbra

@@ -1,0 +1,57 @@
+// The recording of a live session that is being written, if any: begun and ended while the camera
+// runs.
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <future>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "app/capture/recording_writer.hpp"
+#include "app/session.hpp"
+#include "core/error.hpp"
+
+namespace penumbra {
+
+class LiveRecorder {
+ public:
+  // What every recording of the session begins with.
+  explicit LiveRecorder(RecordingHead head) : head_(std::move(head)) {}
+  LiveRecorder(const LiveRecorder&) = delete;
+  LiveRecorder& operator=(const LiveRecorder&) = delete;
+  ~LiveRecorder() = default;  // waits for what is still being written
+
+  // Makes the folder.
+  [[nodiscard]] Result<void> start(const std::filesystem::path& folder);
+  // The same without a wait for the disk; what fails is told by writer()->counts() and finish().
+  void begin(const std::filesystem::path& folder);
+  // What was given so far is written by a thread of its own: the picture goes on.
+  void stop();
+  // Ends the last one too, and says what became of each; fails where one is not whole.
+  [[nodiscard]] Result<void> finish();
+
+  // By any thread; null while nothing is recorded.
+  [[nodiscard]] std::shared_ptr<RecordingWriter> writer() const;
+  // What belongs to a frame that was drawn; at first also how the scene came to be as it is.
+  void add(const SessionFrame& frame, const Session& session);
+  // How many that were stopped are still being written.
+  [[nodiscard]] std::size_t ending();
+
+ private:
+  void record_to(std::shared_ptr<RecordingWriter> writer);
+  // Lets go of what is written.
+  void reap();
+
+  const RecordingHead head_;
+  mutable std::mutex mutex_;
+  std::shared_ptr<RecordingWriter> writer_;  // guarded by mutex_
+  std::vector<std::future<Result<void>>> ended_;
+  std::optional<Error> failed_;  // the first that is not whole
+  bool scene_told_ = false;
+};
+
+}  // namespace penumbra

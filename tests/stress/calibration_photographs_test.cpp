@@ -1,0 +1,87 @@
+// Real photographs: no worse than OpenCV on the same corners, and better on views held out.
+#include <gtest/gtest.h>
+
+#include "app/picture_source.hpp"
+#include "calib/target.hpp"
+#include "calib/target_detector.hpp"
+#include "support/opencv_calibration.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+struct Photographs {
+  const char* folder;
+  int columns;  // inner corners
+  int rows;
+  std::size_t views;
+  bool charuco = false;  // with the first markers of DICT_4X4_50
+};
+
+Target target_of(const Photographs& set) {
+  constexpr double kSquare_m = 0.0254;
+  if (!set.charuco) return chessboard_target(set.columns, set.rows, kSquare_m).value();
+  CharucoBoard board;
+  board.columns = set.columns + 1;
+  board.rows = set.rows + 1;
+  board.square_m = kSquare_m;
+  board.tag_m = 0.75 * kSquare_m;
+  board.family = TagFamily::aruco_4x4_50;
+  return charuco_target(board).value();
+}
+
+class CalibrationPhotographs : public testing::TestWithParam<Photographs> {};
+
+TEST_P(CalibrationPhotographs, AreExplainedAsWellAsByOpenCvAndBetterWhereHeldOut) {
+  if (test::shared_dir().empty()) GTEST_SKIP() << "no photographs beside the checkout";
+  const Target target = target_of(GetParam());
+  TargetDetector detector = TargetDetector::create(target).value();
+  std::vector<CalibrationView> views;
+  int width = 0;
+  int height = 0;
+  const auto read = for_each_picture(test::shared_dir() / "data" / "real" / GetParam().folder,
+                                     [&](const Picture& picture) -> Result<bool> {
+                                       width = picture.luma.width;
+                                       height = picture.luma.height;
+                                       const TargetView view = detector.detect(picture.luma);
+                                       if (view.problem.empty())
+                                         views.push_back({picture.name, view.corners});
+                                       return true;
+                                     });
+  ASSERT_TRUE(read) << read.error().message;
+  ASSERT_GE(views.size(), GetParam().views);
+  const auto peer = test::opencv_calibration(width, height, target.points, views);
+  ASSERT_TRUE(peer);
+  SolverOptions same;
+  same.remove_outliers = false;
+  const auto solved = solve_intrinsics(width, height, target.points, views, same);
+  ASSERT_TRUE(solved) << solved.error().message;
+  // Both are at the same minimum; OpenCV stops a little before it.
+  EXPECT_LE(solved->rms_all_px, peer->rms_px * 1.0001);
+  EXPECT_GE(solved->rms_all_px, peer->rms_px * 0.99);
+
+  const auto peer_held = test::held_out_px(views, [&](const auto& kept) {
+    return test::opencv_calibration(width, height, target.points, kept);
+  });
+  SolverOptions own;
+  own.shape = BoardShape::free;
+  const auto held =
+      test::held_out_px(views, [&](const auto& kept) -> std::optional<test::CameraAndBoard> {
+        const auto found = solve_intrinsics(width, height, target.points, kept, own);
+        if (!found) return std::nullopt;
+        return test::CameraAndBoard{found->camera, found->board, found->rms_all_px};
+      });
+  ASSERT_TRUE(peer_held && held);
+  EXPECT_LT(*held, *peer_held);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Real, CalibrationPhotographs,
+    testing::Values(Photographs{"opencv-chessboard", 9, 6, 13},
+                    Photographs{"swatbotics/calibration", 7, 5, 15},
+                    Photographs{"photonvision-calib/squares-lifecam-480", 10, 10, 14},
+                    Photographs{"photonvision-calib/squares-gloworm-320x240", 8, 6, 24},
+                    Photographs{"photonvision-calib/charuco-lifecam-480", 7, 7, 15, true}));
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,83 @@
+// A camera that is opened and closed again and again leaves nothing behind: no descriptor, no
+// thread, no memory. The bundled recording plays as the camera, or $PENUMBRA_CAMERA is one
+// ("v4l2:/dev/video0", with its calibration in $PENUMBRA_CAMERA_CALIBRATION);
+// $PENUMBRA_CAMERA_CYCLES says how often.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <malloc.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "app/live_run.hpp"
+#include "core/camera_file.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+std::string from_environment(const char* name, const std::string& otherwise) {
+  const char* value = std::getenv(name);
+  return value != nullptr ? value : otherwise;
+}
+
+struct Held {
+  std::ptrdiff_t descriptors = 0, threads = 0;
+  long resident_kib = 0;
+};
+
+Held held() {
+  const auto entries = [](const char* folder) {
+    return std::distance(std::filesystem::directory_iterator(folder), {});
+  };
+  malloc_trim(0);
+  Held now{entries("/proc/self/fd"), entries("/proc/self/task"), 0};
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.starts_with("VmRSS:")) now.resident_kib = std::stol(line.substr(6));
+  }
+  return now;
+}
+
+// Of the first row's bytes: memory that is gone would end the program.
+unsigned sum_of(const Frame& frame) {
+  unsigned sum = 0;
+  for (int i = 0; i < frame.planes[0].width; ++i) sum += frame.planes[0].data[i];
+  return sum;
+}
+
+TEST(CameraCycles, LeaveNothingBehind) {
+  LiveRequest request;
+  const std::string board = (test::recordings_dir() / "tabletop").string();
+  request.camera = from_environment("PENUMBRA_CAMERA", "recording:" + board);
+  const auto camera =
+      load_camera(from_environment("PENUMBRA_CAMERA_CALIBRATION", board + "/camera.yaml"));
+  ASSERT_TRUE(camera) << camera.error().message;
+  const int cycles = std::stoi(from_environment("PENUMBRA_CAMERA_CYCLES", "40"));
+  const auto cycle = [&] {
+    auto source = open_live_source(request, *camera);
+    ASSERT_TRUE(source) << source.error().message;
+    // A frame that outlives its camera, as one in the window does.
+    auto frame = (*source)->next();
+    ASSERT_TRUE(frame && *frame);
+    (*source)->stop();
+    source->reset();
+    EXPECT_NE(sum_of(**frame), 0U);
+  };
+  // Libraries set themselves up once.
+  for (int i = 0; i < std::max(4, cycles / 10); ++i) cycle();
+  const Held before = held();
+  for (int i = 0; i < cycles && !testing::Test::HasFailure(); ++i) cycle();
+  const Held after = held();
+  EXPECT_EQ(after.descriptors, before.descriptors);
+  EXPECT_EQ(after.threads, before.threads);
+  constexpr long kMostGrowth_kib = 1024;
+  EXPECT_LE(after.resident_kib - before.resident_kib, kMostGrowth_kib);
+  fmt::print("{} cycles of {}: {} KiB more, {} descriptors, {} threads\n", cycles, request.camera,
+             after.resident_kib - before.resident_kib, after.descriptors, after.threads);
+}
+
+}  // namespace
+}  // namespace penumbra

@@ -1,0 +1,102 @@
+// OpenCV's calibration on the corners that ours gets, for comparisons.
+#pragma once
+
+#include <Eigen/Core>
+#include <opencv2/calib3d.hpp>
+#include <optional>
+#include <vector>
+
+#include "calib/intrinsics_solver.hpp"
+#include "core/camera_model.hpp"
+
+namespace penumbra::test {
+
+// What a calibration says of camera and target.
+struct CameraAndBoard {
+  CameraModel camera;
+  std::vector<Eigen::Vector3d> board;
+  double rms_px = 0.0;  // 2-D distance, over all corners that it was given
+};
+
+// calibrateCamera with k1 k2 p1 p2 k3; `release`: calibrateCameraRO, which solves for the board too
+// (`fixed_point` stays). Every view must show every point. Nothing where OpenCV fails.
+inline std::optional<CameraAndBoard> opencv_calibration(int width, int height,
+                                                        const std::vector<Eigen::Vector3d>& board,
+                                                        const std::vector<CalibrationView>& views,
+                                                        bool release = false, int fixed_point = 0) {
+  std::vector<std::vector<cv::Point3f>> points;
+  std::vector<std::vector<cv::Point2f>> pixels;
+  for (const CalibrationView& view : views) {
+    auto& p = points.emplace_back();
+    auto& q = pixels.emplace_back();
+    for (const TargetCorner& corner : view.corners) {
+      const Eigen::Vector3f at = board[static_cast<std::size_t>(corner.point)].cast<float>();
+      p.emplace_back(at.x(), at.y(), at.z());
+      q.emplace_back(static_cast<float>(corner.pixel.x()), static_cast<float>(corner.pixel.y()));
+    }
+  }
+  cv::Mat K;
+  cv::Mat k;
+  std::vector<cv::Mat> turns;
+  std::vector<cv::Mat> moves;
+  std::vector<cv::Point3f> moved;
+  CameraAndBoard result;
+  try {
+    result.rms_px = release
+                        ? cv::calibrateCameraRO(points, pixels, {width, height}, fixed_point, K, k,
+                                                turns, moves, moved)
+                        : cv::calibrateCamera(points, pixels, {width, height}, K, k, turns, moves);
+  } catch (const cv::Exception&) {
+    return std::nullopt;
+  }
+  CameraParameters p;
+  p.width = width;
+  p.height = height;
+  p.fx = K.at<double>(0, 0);
+  p.fy = K.at<double>(1, 1);
+  p.cx = K.at<double>(0, 2);
+  p.cy = K.at<double>(1, 2);
+  for (int i = 0; i < 5; ++i) p.distortion[static_cast<std::size_t>(i)] = k.at<double>(i);
+  const Result<CameraModel> camera = CameraModel::make(p);
+  if (!camera) return std::nullopt;
+  result.camera = *camera;
+  result.board = board;
+  for (std::size_t i = 0; i < moved.size() && i < board.size(); ++i)
+    result.board[i] = {moved[i].x, moved[i].y, moved[i].z};
+  return result;
+}
+
+// Views whose number is `fold` of `folds`, or all others.
+inline std::vector<CalibrationView> views_of_fold(const std::vector<CalibrationView>& views,
+                                                  std::size_t fold, std::size_t folds, bool held) {
+  std::vector<CalibrationView> chosen;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if ((v % folds == fold) == held) chosen.push_back(views[v]);
+  }
+  return chosen;
+}
+
+// RMS distance [px] of the corners of views that took no part: a fifth of them at a time is left
+// out of `calibrate` (views -> optional<CameraAndBoard>), and only their poses are fitted.
+template <class Calibrate>
+std::optional<double> held_out_px(const std::vector<CalibrationView>& views,
+                                  const Calibrate& calibrate) {
+  constexpr std::size_t kFolds = 5;
+  double sum = 0.0;
+  double count = 0.0;
+  for (std::size_t fold = 0; fold < kFolds; ++fold) {
+    const std::optional<CameraAndBoard> found =
+        calibrate(views_of_fold(views, fold, kFolds, false));
+    if (!found) return std::nullopt;
+    const auto left = views_of_fold(views, fold, kFolds, true);
+    const auto error = pose_only_error(found->camera, found->board, left);
+    if (!error) return std::nullopt;
+    double corners = 0.0;
+    for (const CalibrationView& view : left) corners += static_cast<double>(view.corners.size());
+    sum += *error * *error * corners;
+    count += corners;
+  }
+  return std::sqrt(sum / count);
+}
+
+}  // namespace penumbra::test

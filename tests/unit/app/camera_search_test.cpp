@@ -1,0 +1,57 @@
+#include "app/capture/camera_search.hpp"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+namespace penumbra {
+namespace {
+
+const V4l2Identity kLost = {"uvcvideo", "Webcam", "usb-1"};
+const V4l2Identity kTwin = {"uvcvideo", "Webcam", "usb-2"};
+const V4l2Identity kOther = {"uvcvideo", "Microscope", "usb-3"};
+const V4l2Identity kMoved = {"uvcvideo", "Webcam", "usb-4"};
+const V4l2Identity kMovedToo = {"uvcvideo", "Webcam", "usb-5"};
+
+using There = std::vector<V4l2Identity>;
+
+TEST(CameraSearch, TheCameraInTheOldPlaceIsIt) {
+  CameraSearch search(kLost);
+  EXPECT_EQ(search.find(There{kTwin, kOther, kLost}), 2U);
+}
+
+TEST(CameraSearch, ATwinThatWasThereIsAnother) {
+  CameraSearch search(kLost);
+  search.begin();
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(search.find(There{kOther, kTwin}), std::nullopt);
+  EXPECT_EQ(search.find(There{kOther, kTwin, kLost}), 2U);
+}
+
+TEST(CameraSearch, OneThatCameInAnotherPlaceIsIt) {
+  CameraSearch search(kLost);
+  search.begin();
+  EXPECT_EQ(search.find(There{kOther, kTwin}), std::nullopt);
+  EXPECT_EQ(search.find(There{kOther, kTwin, kMoved, kMoved}), 2U);
+}
+
+TEST(CameraSearch, OfTwoThatCameNeitherIsTaken) {
+  CameraSearch search(kLost);
+  search.begin();
+  EXPECT_EQ(search.find(There{}), std::nullopt);
+  EXPECT_EQ(search.find(There{kMoved, kMovedToo}), std::nullopt);
+  EXPECT_EQ(search.find(There{kMoved, kMovedToo, kLost}), 2U);
+}
+
+TEST(CameraSearch, EveryLossIsLookedAtAnew) {
+  CameraSearch search(kLost);
+  search.begin();
+  EXPECT_EQ(search.find(There{}), std::nullopt);
+  EXPECT_EQ(search.find(There{kMoved}), 0U);
+  // There it is looked for from now on.
+  search.begin();
+  EXPECT_EQ(search.find(There{kLost, kTwin}), std::nullopt);
+  EXPECT_EQ(search.find(There{kLost, kTwin, kMoved}), 2U);
+}
+
+}  // namespace
+}  // namespace penumbra

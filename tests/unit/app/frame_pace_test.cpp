@@ -1,0 +1,59 @@
+#include "app/capture/frame_pace.hpp"
+
+#include <gtest/gtest.h>
+
+namespace penumbra {
+namespace {
+
+constexpr std::int64_t kMillisecond = 1'000'000;
+
+TEST(FramePace, AUsualCameraIsSilentAfterASecondAndStaleAfterAQuarter) {
+  FramePace pace(33 * kMillisecond);
+  for (int i = 0; i < 10; ++i) pace.saw(i * 33 * kMillisecond);
+  EXPECT_EQ(pace.usual_ns(), 33 * kMillisecond);
+  EXPECT_EQ(pace.silent_after_ns(), 1000 * kMillisecond);
+  EXPECT_EQ(pace.stale_after_ns(), 250 * kMillisecond);
+}
+
+// Also one that promised more than it gives.
+TEST(FramePace, ASlowCameraIsNeverSilentOrStaleBetweenItsFrames) {
+  for (const std::int64_t granted_ns : {std::int64_t{0}, 33 * kMillisecond, 1000 * kMillisecond}) {
+    FramePace pace(granted_ns);
+    pace.saw(0);
+    for (int i = 1; i < 20; ++i) {
+      EXPECT_GT(pace.silent_after_ns(), 1000 * kMillisecond) << granted_ns << ", frame " << i;
+      if (i > 1 || granted_ns == 1000 * kMillisecond) {
+        EXPECT_GT(pace.stale_after_ns(), 1000 * kMillisecond) << granted_ns << ", frame " << i;
+      }
+      pace.saw(i * 1000 * kMillisecond);
+    }
+    EXPECT_EQ(pace.silent_after_ns(), 3000 * kMillisecond);
+    EXPECT_EQ(pace.stale_after_ns(), 3000 * kMillisecond);
+  }
+}
+
+TEST(FramePace, ACameraThatStartsHasThreeSecondsForItsFirstFrames) {
+  FramePace pace(33 * kMillisecond);
+  EXPECT_EQ(pace.silent_after_ns(), 3000 * kMillisecond);
+  pace.saw(0);
+  pace.saw(33 * kMillisecond);
+  EXPECT_EQ(pace.silent_after_ns(), 1000 * kMillisecond);
+  pace.restart(33 * kMillisecond);
+  EXPECT_EQ(pace.silent_after_ns(), 3000 * kMillisecond);
+  pace.saw(9000 * kMillisecond);  // the time since the restart is no interval
+  EXPECT_EQ(pace.usual_ns(), 33 * kMillisecond);
+}
+
+// An outage makes no patient watcher.
+TEST(FramePace, OneLongIntervalChangesNothing) {
+  FramePace pace(33 * kMillisecond);
+  std::int64_t at = 0;
+  for (int i = 0; i < 10; ++i) pace.saw(at += 33 * kMillisecond);
+  pace.saw(at += 20'000 * kMillisecond);
+  EXPECT_EQ(pace.stale_after_ns(), 250 * kMillisecond);
+  pace.saw(at += 20'000 * kMillisecond);
+  EXPECT_EQ(pace.stale_after_ns(), 250 * kMillisecond);
+}
+
+}  // namespace
+}  // namespace penumbra

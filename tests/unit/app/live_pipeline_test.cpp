@@ -1,0 +1,242 @@
+// The threads of a live session, with a camera of our own.
+#include "app/live_pipeline.hpp"
+
+#include <gtest/gtest.h>
+
+#include <deque>
+#include <filesystem>
+#include <stdexcept>
+
+#include "app/live_recorder.hpp"
+#include "app/live_run.hpp"
+#include "core/file.hpp"
+#include "support/recording_folder.hpp"
+
+namespace penumbra {
+namespace {
+
+using std::chrono::milliseconds;
+
+// Gives what the test puts in, at once.
+class FedCamera final : public LiveSource {
+ public:
+  explicit FedCamera(double interval_s = 1.0 / 30.0) { format_.interval_s = interval_s; }
+  void give(const std::string& jpeg) {
+    auto bytes = std::make_shared<const std::string>(jpeg);
+    CapturedImage image;
+    image.sequence = next_++;
+    image.timestamp_ns = monotonic_ns();
+    image.jpeg = {reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size()};
+    image.owner = bytes;
+    const std::lock_guard lock(mutex_);
+    waiting_.push_back(std::move(image));
+    changed_.notify_all();
+  }
+  void give(int number) { give(test::jpeg_of(number)); }
+  void give_half() {
+    std::string bytes = test::jpeg_of(1);
+    give(bytes.erase(bytes.size() / 2, bytes.size() / 4));
+  }
+  Result<std::optional<CapturedImage>> next_image() override {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [this] { return stopped_ || !waiting_.empty(); });
+    if (stopped_) return std::optional<CapturedImage>();
+    std::optional<CapturedImage> image = std::move(waiting_.front());
+    waiting_.pop_front();
+    return image;
+  }
+  void stop() override {
+    const std::lock_guard lock(mutex_);
+    stopped_ = true;
+    changed_.notify_all();
+  }
+  [[nodiscard]] StreamFormat format() const override { return format_; }
+  [[nodiscard]] std::string description() const override { return "a camera"; }
+  [[nodiscard]] FaultCounter& faults() override { return faults_; }
+  [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const override {
+    return {};
+  }
+
+ private:
+  StreamFormat format_{"MJPEG", 64, 48, 1.0 / 30.0};
+  FaultCounter faults_{"a camera"};
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<CapturedImage> waiting_;
+  std::uint64_t next_ = 0;
+  bool stopped_ = false;
+};
+
+TrackedFrame as_it_is(const Frame& frame) {
+  TrackedFrame tracked;
+  tracked.frame = frame;
+  return tracked;
+}
+
+void let_go(const CapturedImage& /*image*/) {}
+
+class PipelineWays : public testing::TestWithParam<bool> {};
+
+// A still picture of which nothing whole follows is not live, though the camera goes on giving.
+TEST_P(PipelineWays, APictureGrowsStaleWhileTheOthersComeDamaged) {
+  FedCamera camera;
+  LivePipeline pipeline(camera, as_it_is, let_go, GetParam());
+  camera.give(0);
+  std::optional<ReadyFrame> ready;
+  while (!ready) ready = pipeline.take(milliseconds(50));
+  EXPECT_EQ(pipeline.stale_for_ns(), std::nullopt);
+  std::optional<std::int64_t> stale_ns;
+  const Stopwatch watch;
+  while (!stale_ns && watch.elapsed().wall_ms < 10e3) {
+    camera.give_half();
+    EXPECT_FALSE(pipeline.take(milliseconds(30)));
+    stale_ns = pipeline.stale_for_ns();
+  }
+  ASSERT_TRUE(stale_ns);
+  EXPECT_GE(*stale_ns, 250'000'000);
+  EXPECT_GT(camera.faults().stats().of(CaptureFault::damaged), 0U);
+  camera.give(1);
+  ready.reset();
+  while (!ready) ready = pipeline.take(milliseconds(50));
+  EXPECT_EQ(pipeline.stale_for_ns(), std::nullopt);
+}
+
+TEST_P(PipelineWays, ASlowCameraIsNotStaleBetweenItsFrames) {
+  FedCamera camera(1.0);
+  LivePipeline pipeline(camera, as_it_is, let_go, GetParam());
+  camera.give(0);
+  std::optional<ReadyFrame> ready;
+  while (!ready) ready = pipeline.take(milliseconds(50));
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_FALSE(pipeline.take(milliseconds(100)));
+    EXPECT_EQ(pipeline.stale_for_ns(), std::nullopt);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(All, PipelineWays, testing::Bool(), [](const auto& test) {
+  return test.param ? std::string("SideBySide") : std::string("OneAfterTheOther");
+});
+
+TEST(LivePipeline, WhatTheTrackerThrowsEndsItWithThatError) {
+  FedCamera camera;
+  LivePipeline pipeline(
+      camera,
+      [](const Frame& frame) {
+        if (frame.sequence == 1) throw std::runtime_error("the tracker's own");
+        return as_it_is(frame);
+      },
+      let_go, true);
+  camera.give(0);
+  while (!pipeline.take(milliseconds(50))) {
+  }
+  camera.give(1);
+  const Stopwatch watch;
+  while (!pipeline.finished() && watch.elapsed().wall_ms < 10e3) {
+    (void)pipeline.take(milliseconds(50));
+  }
+  ASSERT_TRUE(pipeline.finished());
+  ASSERT_TRUE(pipeline.error());
+  EXPECT_EQ(pipeline.error()->message, "the tracker's own");
+}
+
+// What is drawn next was taken when the one before it began to be drawn, not before.
+TEST(LivePipeline, NoPictureIsTakenWhileATrackedOneWaits) {
+  FedCamera camera;
+  std::atomic<int> tracked = 0;
+  LivePipeline pipeline(
+      camera,
+      [&](const Frame& frame) {
+        ++tracked;
+        return as_it_is(frame);
+      },
+      let_go, true);
+  camera.give(0);
+  while (tracked < 1) std::this_thread::yield();
+  for (int i = 1; i < 8; ++i) {
+    std::this_thread::sleep_for(milliseconds(20));
+    camera.give(i);
+  }
+  std::this_thread::sleep_for(milliseconds(100));
+  EXPECT_EQ(tracked, 1);
+  EXPECT_EQ(pipeline.take(milliseconds(50))->tracked.frame.sequence, 0U);
+  std::optional<ReadyFrame> next;
+  while (!next) next = pipeline.take(milliseconds(50));
+  EXPECT_EQ(next->tracked.frame.sequence, 7U);
+}
+
+TEST(LivePipeline, AFaultIsStampedWhenItHappens) {
+  FaultCounter faults("a camera");
+  const std::int64_t before_ns = monotonic_ns();
+  faults.count(CaptureFault::gap, "frames are missing");
+  const std::int64_t after_ns = monotonic_ns();
+  std::this_thread::sleep_for(milliseconds(30));
+  const auto events = faults.take_events();
+  ASSERT_EQ(events.size(), 1U);
+  EXPECT_GE(events[0].timestamp_ns, before_ns);
+  EXPECT_LE(events[0].timestamp_ns, after_ns);
+}
+
+int open_descriptors() {
+  int count = 0;
+  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
+    ++count;
+  }
+  return count;
+}
+
+TEST(LiveRecorder, RecordingsThatEndedHoldNothing) {
+  const test::TemporaryFolder temporary;
+  RecordingHead head;
+  head.camera = "a camera";
+  head.format = {"MJPEG", 64, 48, 1.0 / 30.0};
+  head.camera_yaml = test::small_camera_yaml();
+  head.tags_yaml = test::small_tags_yaml();
+  LiveRecorder recorder(head);
+  const auto settle = [&] {
+    while (recorder.ending() > 0) std::this_thread::yield();
+  };
+  const auto record = [&](int number) {
+    recorder.begin(temporary.path() / std::to_string(number));
+    recorder.stop();
+  };
+  record(0);
+  settle();
+  const int before = open_descriptors();
+  constexpr int kCycles = 40;
+  for (int i = 1; i <= kCycles; ++i) record(i);
+  // Without asking what became of them: a session does that at its end.
+  const Stopwatch watch;
+  while (open_descriptors() > before && watch.elapsed().wall_ms < 20e3) {
+    std::this_thread::sleep_for(milliseconds(5));
+  }
+  EXPECT_EQ(open_descriptors(), before);
+  settle();
+  EXPECT_TRUE(recorder.finish());
+  // One that can't be begun is told at the end.
+  recorder.begin(temporary.path() / "0");
+  const auto finished = recorder.finish();
+  ASSERT_FALSE(finished);
+  EXPECT_NE(finished.error().message.find("not empty"), std::string::npos);
+}
+
+TEST(FocusWarning, OnlyWhereTheLensIsFocusedElsewhere) {
+  const test::TemporaryFolder temporary;
+  const auto file = temporary.path() / "camera.yaml";
+  const auto with = [&](const std::string& line, std::optional<FocusReading> focus) {
+    test::write_text(file, test::small_camera_yaml() + line);
+    return focus_warning(file, focus);
+  };
+  EXPECT_FALSE(with("", FocusReading{30.0, 1.0}));
+  EXPECT_FALSE(with("focus_position: 30\n", std::nullopt));
+  EXPECT_FALSE(with("focus_position: 30\n", FocusReading{30.0, 1.0}));
+  EXPECT_FALSE(with("focus_position: 2.5\n", FocusReading{2.4995, 0.1}));
+  EXPECT_FALSE(with("focus_position: [1, 2]\n", FocusReading{30.0, 1.0}));
+  const auto warning = with("focus_position: 2.5\n", FocusReading{2.0, 0.1});
+  ASSERT_TRUE(warning);
+  EXPECT_NE(warning->find("camera.yaml"), std::string::npos);
+  EXPECT_NE(warning->find("--focus 2.5"), std::string::npos) << *warning;
+  EXPECT_TRUE(with("focus_position: 31\n", FocusReading{30.0, 1.0}));
+}
+
+}  // namespace
+}  // namespace penumbra
