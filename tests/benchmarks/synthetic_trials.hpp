@@ -2,6 +2,7 @@
 // whose cells are about 10 px across, seen by a 1280x720 camera with a lens.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -33,10 +34,11 @@ class SyntheticTrials {
  public:
   explicit SyntheticTrials(int samples = PatternRenderOptions().samples) : samples_(samples) {}
 
-  // Pictures with white noise [grey levels]; start errors of 2 px. With the Cramer-Rao bound where
-  // asked for (gain and offset of each tag unknown).
+  // Pictures with white noise [grey levels], each view `draws` times with other noise: one draw's
+  // error over its bound scatters by as much as itself. Start errors of 2 px. With the Cramer-Rao
+  // bound where asked for (gain and offset of each tag unknown).
   [[nodiscard]] TrialScore noise(AlignmentEffort effort, double noise_grey, int views,
-                                 bool with_bound) {
+                                 bool with_bound, int draws = 1) {
     TagAligner aligner = make_aligner(effort);
     std::mt19937_64 random(7);
     TrialScore score;
@@ -49,8 +51,12 @@ class SyntheticTrials {
                            camera_, truth,
                            pose_bound(renderer_, camera_, tags_, truth, render, noise_grey))
                      : 0.0;
-      run(aligner, picture(truth, render), truth, displaced(camera_, tags_, truth, 2.0, random),
-          2.0, Vector6d::Zero(), score, bound_px);
+      render.noise_grey = 0.0;
+      const std::vector<double> light = renderer_.render_light(std::span(&truth, 1), render);
+      for (int j = 0; j < draws; ++j) {
+        run(aligner, noisy(light, noise_grey, random), truth,
+            displaced(camera_, tags_, truth, 2.0, random), 2.0, Vector6d::Zero(), score, bound_px);
+      }
     }
     return score;
   }
@@ -124,6 +130,19 @@ class SyntheticTrials {
   }
   [[nodiscard]] GreyImage picture(const CameraPose& pose, const PatternRenderOptions& render) {
     return renderer_.render(std::span(&pose, 1), render);
+  }
+  [[nodiscard]] GreyImage noisy(std::span<const double> light, double noise_grey,
+                                std::mt19937_64& random) const {
+    std::normal_distribution<double> noise(0.0, 1.0);
+    GreyImage image;
+    image.width = camera_.width();
+    image.height = camera_.height();
+    image.pixels.reserve(light.size());
+    for (const double l : light) {
+      const double grey = 255.0 * l + noise_grey * noise(random);
+      image.pixels.push_back(static_cast<std::uint8_t>(std::lround(std::clamp(grey, 0.0, 255.0))));
+    }
+    return image;
   }
   void run(TagAligner& aligner, const GreyImage& image, const CameraPose& truth,
            const CameraPose& start, double start_px, const Vector6d& motion, TrialScore& score,

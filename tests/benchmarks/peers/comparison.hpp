@@ -75,14 +75,15 @@ inline constexpr std::string_view kFast = "penumbra fast";
 inline constexpr std::string_view kAccurate = "penumbra accurate";
 inline constexpr std::string_view kAuto = "penumbra auto";
 inline constexpr std::string_view kDecimate1 = "libapriltag d1 + PnP";
+inline constexpr std::string_view kDecimate1Ours = "libapriltag d1 + our pose";
 inline constexpr std::string_view kDecimate2 = "libapriltag d2 + PnP";
 
 // visp-rbt-sequence: a folder of frames/NNNN.png, cam.json, apriltag_data.json. The tags' places
-// come from a bundle adjustment over the corners that libapriltag (decimate 1) finds in all frames,
-// and so do the reference's poses, in `truth`.
+// and the reference's poses, in `truth`, are those of a bundle adjustment over the points inside
+// the tags where four cells meet (saddle_points.hpp); libapriltag's corners only say where to look.
 struct RealVideo {
   Footage footage;
-  std::vector<std::vector<PointObservation>> corners;  // of the reference's tags, per frame
+  std::vector<std::vector<PointObservation>> corners;  // by libapriltag, decimate 1; per frame
   int tags = 0;
   double rms_px = 0.0;  // of the adjustment
 };

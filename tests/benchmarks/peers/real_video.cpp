@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "benchmarks/peers/comparison.hpp"
+#include "benchmarks/peers/saddle_points.hpp"
 #include "calib/tag_survey.hpp"
 #include "core/image_file.hpp"
 #include "tracking/board_pose.hpp"
@@ -53,7 +54,7 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
   std::vector<std::uint8_t> scratch;
   std::map<int, int> count;
   for (const Frame& frame : footage.frames) {
-    seen.push_back({detector.detect(luma(frame, scratch))});
+    seen.push_back({detector.detect(luma(frame, scratch)), {}});
     for (const TagDetection& tag : seen.back().tags) ++count[tag.id];
   }
   if (count.empty()) return fail("{}: no tag in any frame", folder.string());
@@ -65,17 +66,35 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
                    })->first;
   options.most_frames = static_cast<int>(footage.frames.size());
   options.edge_shift = false;
+  options.plane = SurveyPlane::anchor;
   const auto survey = survey_tags(footage.camera, seen, options);
   if (!survey) return tl::unexpected(survey.error());
   std::vector<MappedTag> mapped;
-  for (const SurveyedTag& tag : survey->tags) mapped.push_back(tag.tag);
+  for (const SurveyedTag& tag : survey->tags) {
+    mapped.push_back(tag.tag);
+    // The adjustment below holds the first one.
+    if (tag.tag.id == options.anchor) std::swap(mapped.front(), mapped.back());
+  }
+  video.tags = static_cast<int>(mapped.size());
+
+  // From there on without the detector: it would be a judge of itself.
+  std::vector<CameraPose> poses;
+  std::vector<std::vector<SaddlePoint>> points;
+  std::vector<std::size_t> placed;
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    if (!survey->cameras[i]) continue;
+    placed.push_back(i);
+    poses.push_back(*survey->cameras[i]);
+    points.push_back(
+        find_saddle_points(footage.camera, mapped, poses.back(), luma(footage.frames[i], scratch)));
+  }
+  video.rms_px = adjust(footage.camera, points, mapped, poses);
   const auto tags = TagMap::make(mapped);
   if (!tags) return tl::unexpected(tags.error());
   footage.tags = *tags;
-  video.tags = static_cast<int>(mapped.size());
-  video.rms_px = survey->rms_px;
+  for (std::size_t k = 0; k < placed.size(); ++k)
+    footage.truth.poses.push_back({footage.frames[placed[k]].timestamp_ns, poses[k], {}});
 
-  // With the tags' places settled, each frame's pose depends on its own corners alone.
   for (std::size_t i = 0; i < seen.size(); ++i) {
     std::vector<TagObservation> observations;
     for (const TagDetection& detection : seen[i].tags) {
@@ -85,8 +104,6 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
     std::vector<PointObservation> corners;
     const Result<BoardPose> board = estimate_board_pose(footage.camera, observations);
     if (board && !board->contradictory) {
-      footage.truth.poses.push_back(
-          {footage.frames[i].timestamp_ns, board->best.T_table_camera, {}});
       for (const TagObservation& observation : observations) {
         if (std::count(board->left_out.begin(), board->left_out.end(), observation.id) > 0)
           continue;

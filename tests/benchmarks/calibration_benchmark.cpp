@@ -1,0 +1,240 @@
+// Our calibration beside OpenCV's and mrcal's, on the same corners of real photographs, in one run:
+// CPU time beside residuals and held-out error. Prints Markdown.
+//
+//   calibration_benchmark FOLDER_OF_PHOTOGRAPHS
+#include <fmt/format.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <opencv2/core/utility.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "app/picture_source.hpp"
+#include "calib/camera_calibration.hpp"
+#include "calib/target.hpp"
+#include "calib/target_detector.hpp"
+#include "core/camera_file.hpp"
+#include "support/opencv_calibration.hpp"
+#include "support/recording_folder.hpp"
+
+namespace penumbra {
+namespace {
+
+using Views = std::vector<CalibrationView>;
+using Calibrate = std::function<std::optional<test::CameraAndBoard>(const Views&)>;
+
+struct Photographs {
+  const char* folder;
+  int columns;  // inner corners
+  int rows;
+  double square_m;
+  bool charuco = false;  // with the first markers of DICT_4X4_50, three quarters of a square wide
+};
+constexpr Photographs kSets[] = {{"opencv-chessboard", 9, 6, 0.025},
+                                 {"swatbotics/calibration", 7, 5, 0.025},
+                                 {"photonvision-calib/squares-lifecam-480", 10, 10, 0.0254},
+                                 {"photonvision-calib/squares-gloworm-320x240", 8, 6, 0.0254},
+                                 {"photonvision-calib/charuco-lifecam-480", 7, 7, 0.0254, true}};
+
+Target target_of(const Photographs& set) {
+  if (!set.charuco) return chessboard_target(set.columns, set.rows, set.square_m).value();
+  CharucoBoard board;
+  board.columns = set.columns + 1;
+  board.rows = set.rows + 1;
+  board.square_m = set.square_m;
+  board.tag_m = 0.75 * set.square_m;
+  board.family = TagFamily::aruco_4x4_50;
+  return charuco_target(board).value();
+}
+
+// CPU time of this process, or of the programs that it has run [ms].
+double cpu_ms(int who) {
+  rusage usage{};
+  getrusage(who, &usage);
+  const auto ms = [](const timeval& t) {
+    return 1e3 * static_cast<double>(t.tv_sec) + 1e-3 * static_cast<double>(t.tv_usec);
+  };
+  return ms(usage.ru_utime) + ms(usage.ru_stime);
+}
+
+struct Corners {
+  int width = 0;
+  int height = 0;
+  Views views;
+};
+
+Corners find_corners(const std::filesystem::path& folder, const Target& target) {
+  TargetDetector detector = TargetDetector::create(target).value();
+  Corners corners;
+  const auto read = for_each_picture(folder, [&](const Picture& picture) -> Result<bool> {
+    corners.width = picture.luma.width;
+    corners.height = picture.luma.height;
+    const TargetView view = detector.detect(picture.luma);
+    if (view.problem.empty()) corners.views.push_back({picture.name, view.corners});
+    return true;
+  });
+  if (!read) std::fprintf(stderr, "%s\n", read.error().message.c_str());
+  return corners;
+}
+
+std::optional<test::CameraAndBoard> ours(const Corners& corners, const Target& target,
+                                         const Views& views, const SolverOptions& options) {
+  const auto solved =
+      solve_intrinsics(corners.width, corners.height, target.points, views, options);
+  if (!solved) return std::nullopt;
+  return test::CameraAndBoard{solved->camera, solved->board, solved->rms_all_px};
+}
+
+bool has_mrcal() {
+  return std::system("command -v mrcal-calibrate-cameras > /dev/null 2>&1") == 0;
+}
+
+// Debian's mrcal as the program that it is; its start is part of its time. Its board is solved for
+// (a bow), but its files say the camera alone: the board stays flat here.
+std::optional<test::CameraAndBoard> mrcal(const Corners& corners, const Target& target,
+                                          const Views& views) {
+  const test::TemporaryFolder folder;
+  {
+    std::ofstream file(folder.path() / "corners.vnl");
+    file << "# filename x y level\n";
+    for (std::size_t v = 0; v < views.size(); ++v) {
+      for (const TargetCorner& corner : views[v].corners)
+        file << fmt::format("view-{}.png {} {} 0\n", v, corner.pixel.x(), corner.pixel.y());
+    }
+  }
+  const std::string command = fmt::format(
+      "cd '{}' && mrcal-calibrate-cameras --corners-cache corners.vnl --lensmodel "
+      "LENSMODEL_OPENCV5 "
+      "--focal {} --imagersize {} {} --object-spacing {} --object-width-n {} --object-height-n {} "
+      "--outdir . 'view-*.png' > log 2>&1",
+      folder.path().string(), corners.width, corners.width, corners.height, target.square_m,
+      target.columns, target.rows);
+  if (std::system(command.c_str()) != 0) return std::nullopt;
+  const auto camera = load_camera(folder.path() / "camera-0.cameramodel");
+  if (!camera) return std::nullopt;
+  test::CameraAndBoard result{*camera, target.points, 0.0};
+  result.rms_px = pose_only_error(result.camera, result.board, views).value_or(0.0);
+  return result;
+}
+
+std::string number(std::optional<double> value, int digits = 3) {
+  return value && std::isfinite(*value) ? fmt::format("{:.{}f}", *value, digits) : "-";
+}
+
+bool all_see_everything(const Corners& corners, const Target& target) {
+  return std::all_of(corners.views.begin(), corners.views.end(), [&](const CalibrationView& view) {
+    return view.corners.size() == target.points.size();
+  });
+}
+
+// Every calibration on the same corners.
+void compare_on(const char* whose, const Corners& corners, const Target& target, double& first_ms) {
+  SolverOptions same;
+  same.remove_outliers = false;
+  SolverOptions robust;
+  SolverOptions free_board;
+  free_board.shape = BoardShape::free;
+  SolverOptions free_same = free_board;
+  free_same.remove_outliers = false;
+  const auto row = [&](const char* name, const char* board, int who, const Calibrate& calibrate) {
+    const double before = cpu_ms(who);
+    const auto found = calibrate(corners.views);
+    const double ms = cpu_ms(who) - before;
+    if (first_ms == 0.0) first_ms = ms;
+    std::printf(
+        "| %s | %s | %s | %s | %s | %s | %.0f | %.2f |\n", whose, name, board,
+        number(found ? std::optional(found->camera.parameters().fx) : std::nullopt, 1).c_str(),
+        number(found ? std::optional(found->rms_px) : std::nullopt).c_str(),
+        number(test::held_out_px(corners.views, calibrate)).c_str(), ms, ms / first_ms);
+    std::fflush(stdout);
+  };
+  row("OpenCV calibrateCamera", "true", RUSAGE_SELF, [&](const Views& views) {
+    return test::opencv_calibration(corners.width, corners.height, target.points, views);
+  });
+  const bool whole = all_see_everything(corners, target);
+  if (whole && has_mrcal()) {
+    row("mrcal, OPENCV5", "true (bowed while solving)", RUSAGE_CHILDREN,
+        [&](const Views& views) { return mrcal(corners, target, views); });
+  }
+  row("penumbra, every corner", "true", RUSAGE_SELF,
+      [&](const Views& views) { return ours(corners, target, views, same); });
+  row("penumbra, without outliers", "true", RUSAGE_SELF,
+      [&](const Views& views) { return ours(corners, target, views, robust); });
+  if (whole) {
+    row("OpenCV calibrateCameraRO", "solved for", RUSAGE_SELF, [&](const Views& views) {
+      return test::opencv_calibration(corners.width, corners.height, target.points, views, true,
+                                      target.columns - 1);
+    });
+  }
+  row("penumbra, every corner", "solved for", RUSAGE_SELF,
+      [&](const Views& views) { return ours(corners, target, views, free_same); });
+  row("penumbra, without outliers", "solved for", RUSAGE_SELF,
+      [&](const Views& views) { return ours(corners, target, views, free_board); });
+}
+
+void compare(const std::filesystem::path& root, const Photographs& set) {
+  const std::filesystem::path folder = root / set.folder;
+  const Target target = target_of(set);
+  const Corners corners = find_corners(folder, target);
+  if (corners.views.empty()) return;
+  std::printf("**%s**, %zu views of %s%zu corners, %dx%d\n\n", set.folder, corners.views.size(),
+              all_see_everything(corners, target) ? "" : "up to ", target.points.size(),
+              corners.width, corners.height);
+  std::printf(
+      "| corners | calibration | board | fx [px] | RMS [px] | held out [px] | CPU [ms] | / OpenCV "
+      "|\n|---|---|---|---|---|---|---|---|\n");
+  double first_ms = 0.0;
+  compare_on("OpenCV's", corners, target, first_ms);
+
+  // The program as it is used, from pictures: corners of its own, lens and board chosen.
+  const double before = cpu_ms(RUSAGE_SELF);
+  CameraCalibrator calibrator = CameraCalibrator::create(target).value();
+  const auto read = for_each_picture(folder, [&](const Picture& picture) -> Result<bool> {
+    if (auto added = calibrator.add(picture.name, picture.luma); !added)
+      return tl::unexpected(added.error());
+    return true;
+  });
+  const auto whole = calibrator.finish();
+  const double ms = cpu_ms(RUSAGE_SELF) - before;
+  if (read && whole) {
+    Corners own = corners;
+    own.views.clear();
+    for (const CalibrationPicture& picture : whole->pictures) {
+      if (picture.solved >= 0) own.views.push_back({picture.name, picture.view.corners});
+    }
+    compare_on("its own", own, target, first_ms);
+    const CalibrationSolution& solution = whole->solution;
+    std::string lens;
+    for (const ModelTrial& trial : whole->trials) {
+      if (trial.chosen) lens = lens_name(trial);
+    }
+    std::printf(
+        "| its own | penumbra calibrate (%s; %zu views) | %s | %.1f | %.3f | %s | %.0f | %.2f |\n",
+        lens.c_str(), solution.views.size(), std::string(to_string(solution.shape)).c_str(),
+        solution.camera.parameters().fx, solution.rms_all_px, number(whole->held_out_px).c_str(),
+        ms, ms / first_ms);
+  }
+  std::printf("\n");
+}
+
+}  // namespace
+}  // namespace penumbra
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    std::fprintf(stderr, "calibration_benchmark FOLDER_OF_PHOTOGRAPHS\n");
+    return 2;
+  }
+  cv::setNumThreads(1);
+  for (const penumbra::Photographs& set : penumbra::kSets) penumbra::compare(argv[1], set);
+  return 0;
+}
