@@ -40,22 +40,28 @@ void LiveRecorder::stop() {
   writer->add_event(monotonic_ns(), "end");
   // The future lives until it is asked; the writer, with its files, only until it is done.
   ended_.push_back(std::async(std::launch::async, [writer = std::move(writer)]() mutable {
-    Result<void> finished = writer->finish();
+    Ended ended;
+    ended.finished = writer->finish();
     const RecordingCounts counts = writer->counts();
+    ended.frames = {static_cast<std::int64_t>(counts.written),
+                    static_cast<std::int64_t>(counts.dropped)};
     fmt::print(
         "recorded {} frames to {}{}\n", counts.written, writer->folder().string(),
         counts.dropped > 0
             ? fmt::format("; {} left out, the disk or the encoder was too slow", counts.dropped)
             : std::string());
     writer.reset();
-    return finished;
+    return ended;
   }));
 }
 
 void LiveRecorder::reap() {
-  std::erase_if(ended_, [this](std::future<Result<void>>& ended) {
+  std::erase_if(ended_, [this](std::future<Ended>& ended) {
     if (ended.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
-    if (const Result<void> one = ended.get(); !one && !failed_) failed_ = one.error();
+    const Ended one = ended.get();
+    frames_.written += one.frames.written;
+    frames_.left_out += one.frames.left_out;
+    if (!one.finished && !failed_) failed_ = one.finished.error();
     return true;
   });
 }
@@ -67,7 +73,7 @@ std::size_t LiveRecorder::ending() {
 
 Result<void> LiveRecorder::finish() {
   stop();
-  for (const std::future<Result<void>>& ended : ended_) ended.wait();
+  for (const std::future<Ended>& ended : ended_) ended.wait();
   reap();
   if (failed_) return tl::unexpected(*failed_);
   return {};

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "app/capture/recording_writer.hpp"
+#include "app/run_report.hpp"
 #include "app/session.hpp"
 #include "core/error.hpp"
 
@@ -38,10 +39,16 @@ class LiveRecorder {
   [[nodiscard]] std::shared_ptr<RecordingWriter> writer() const;
   // What belongs to a frame that was drawn; at first also how the scene came to be as it is.
   void add(const SessionFrame& frame, const Session& session);
+  // Frames of all that are written, and those left out; once finish() has returned, of all.
+  [[nodiscard]] RecordedFrames frames() const { return frames_; }
   // How many that were stopped are still being written.
   [[nodiscard]] std::size_t ending();
 
  private:
+  struct Ended {
+    RecordedFrames frames;
+    Result<void> finished;
+  };
   void record_to(std::shared_ptr<RecordingWriter> writer);
   // Lets go of what is written.
   void reap();
@@ -49,7 +56,8 @@ class LiveRecorder {
   const RecordingHead head_;
   mutable std::mutex mutex_;
   std::shared_ptr<RecordingWriter> writer_;  // guarded by mutex_
-  std::vector<std::future<Result<void>>> ended_;
+  std::vector<std::future<Ended>> ended_;
+  RecordedFrames frames_;
   std::optional<Error> failed_;  // the first that is not whole
   bool scene_told_ = false;
 };

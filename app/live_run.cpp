@@ -471,6 +471,9 @@ Result<RunReport> run_live(const LiveRequest& request) {
     report.camera_faults["restarts"] = static_cast<std::int64_t>(stats.restarts);
   }
   const auto recorded = recorder.finish();
+  if (const RecordedFrames frames = recorder.frames(); frames.written + frames.left_out > 0) {
+    report.recorded = frames;
+  }
   if (report.frames == 0) return fail("{}: gave no frame", request.camera);
   if (!finished) return tl::unexpected(finished.error());
   if (auto written = outputs->write_report(report); !written) {

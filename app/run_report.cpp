@@ -392,6 +392,10 @@ std::string report_json(const RunReport& report) {
                                        {"work", counts_json(pane.work)},
                                        {"skipped", counts_json(pane.skipped)}};
   }
+  if (report.recorded) {
+    json["recorded"] = {{"frames", report.recorded->written},
+                        {"left_out", report.recorded->left_out}};
+  }
   if (!report.camera_faults.empty()) json["camera_faults"] = counts_json(report.camera_faults);
   if (report.accuracy) json["accuracy"] = json_of(*report.accuracy);
   if (report.smoothing) json["smoothing"] = json_of(*report.smoothing);

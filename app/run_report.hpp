@@ -69,6 +69,12 @@ struct PaneReport {
   std::map<std::string, std::int64_t> skipped;
 };
 
+// What became of the frames of a session that went to recordings.
+struct RecordedFrames {
+  std::int64_t written = 0;
+  std::int64_t left_out = 0;  // the disk or the encoder was too slow
+};
+
 struct RunReport {
   std::string recording;
   std::string scene;
@@ -91,6 +97,7 @@ struct RunReport {
   std::map<std::string, std::int64_t> skipped;
   // Live only: what the camera did that it should not have, and what became of it.
   std::map<std::string, std::int64_t> camera_faults;
+  std::optional<RecordedFrames> recorded;  // live only, where anything was
   // The stages that can run side by side, and which of them the others wait for.
   int threads = 1;
   std::optional<Evaluation> accuracy;        // of the tracked frames, as measured

@@ -43,6 +43,12 @@ TEST(Live, TracksDrawsAndRecordsAndTheRecordingReplaysToTheSamePoses) {
   EXPECT_EQ(report["time_ms"]["latency"]["count"], frames);
   EXPECT_GT(report["time_ms"]["latency"]["median"].get<double>(), 0.0);
 
+  // What was captured is stored, or counted as left out.
+  const std::string listed = test::read_bytes(temporary.path() / "session" / "timestamps.csv");
+  const auto rows = std::count(listed.begin(), listed.end(), '\n') - 1;
+  EXPECT_EQ(report["recorded"]["frames"], rows);
+  EXPECT_GE(rows + report["recorded"]["left_out"].get<int>(), frames);
+
   // The camera's own bytes.
   const auto recorded = test::contents_of(temporary.path() / "session" / "frames");
   const auto played = test::contents_of(test::recordings_dir() / "tabletop" / "frames");

@@ -266,6 +266,15 @@ TEST(RunReport, SaysOfCapturedFramesWhyTheyAreNotShown) {
   EXPECT_THAT(words(235), testing::HasSubstr("captured 249, of which 235 damaged\n"));
 }
 
+TEST(RunReport, SaysWhatBecameOfRecordedFrames) {
+  RunReport report;
+  EXPECT_FALSE(Json::parse(report_json(report)).contains("recorded"));
+  report.recorded = {40, 86};
+  const Json json = Json::parse(report_json(report));
+  EXPECT_EQ(json["recorded"]["frames"], 40);
+  EXPECT_EQ(json["recorded"]["left_out"], 86);
+}
+
 TEST(StageTimes, TheLastThirtyAreRecent) {
   StageTimes times;
   EXPECT_FALSE(times.recent_ms());
