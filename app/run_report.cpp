@@ -393,7 +393,7 @@ std::string report_json(const RunReport& report) {
                                        {"skipped", counts_json(pane.skipped)}};
   }
   if (report.recorded) {
-    json["recorded"] = {{"frames", report.recorded->written},
+    json["recorded"] = {{"written", report.recorded->written},
                         {"left_out", report.recorded->left_out}};
   }
   if (!report.camera_faults.empty()) json["camera_faults"] = counts_json(report.camera_faults);

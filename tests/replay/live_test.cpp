@@ -46,7 +46,7 @@ TEST(Live, TracksDrawsAndRecordsAndTheRecordingReplaysToTheSamePoses) {
   // What was captured is stored, or counted as left out.
   const std::string listed = test::read_bytes(temporary.path() / "session" / "timestamps.csv");
   const auto rows = std::count(listed.begin(), listed.end(), '\n') - 1;
-  EXPECT_EQ(report["recorded"]["frames"], rows);
+  EXPECT_EQ(report["recorded"]["written"], rows);
   EXPECT_GE(rows + report["recorded"]["left_out"].get<int>(), frames);
 
   // The camera's own bytes.

@@ -271,7 +271,7 @@ TEST(RunReport, SaysWhatBecameOfRecordedFrames) {
   EXPECT_FALSE(Json::parse(report_json(report)).contains("recorded"));
   report.recorded = {40, 86};
   const Json json = Json::parse(report_json(report));
-  EXPECT_EQ(json["recorded"]["frames"], 40);
+  EXPECT_EQ(json["recorded"]["written"], 40);
   EXPECT_EQ(json["recorded"]["left_out"], 86);
 }
 
