@@ -270,6 +270,10 @@ std::string camera_table(const CameraCalibration& c) {
                         i < 4 ? 3 : 6, std::sqrt(std::max(c.solution.covariance(i, i), 0.0)),
                         i < 4 ? 3 : 6);
   }
+  if (c.tone) {
+    rows += fmt::format("<tr><td>tone curve [exponent]</td><td>{:.2f}</td><td>± {:.2f}</td></tr>",
+                        c.tone->exponent, c.tone->sigma);
+  }
   return fmt::format("<table><tr><th colspan=\"3\">{} {} x {}</th></tr>{}</table>",
                      to_string(p.model), p.width, p.height, rows);
 }

@@ -278,6 +278,7 @@ struct CameraCalibrator::Impl {
   [[nodiscard]] Result<void> check_solution(const CalibrationSolution& solution,
                                             const std::vector<CalibrationView>& views) const;
   void judge(CameraCalibration& result) const;
+  void estimate_tone(CameraCalibration& result) const;
 };
 
 CameraCalibrator::CameraCalibrator(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -634,6 +635,41 @@ void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
   result.verdict = text;
 }
 
+// The tone curve from the tags' edges in the views, now that lens and poses are known. The lens
+// does not hang on it: each view's edges may be displaced by a number of their own.
+void CameraCalibrator::Impl::estimate_tone(CameraCalibration& result) const {
+  if (!target.tags) {
+    result.tone_unknown = "a chessboard's corners do not show it, tags do";
+    return;
+  }
+  Result<ToneEstimator> estimator =
+      ToneEstimator::create(result.solution.camera, target.tags->tags());
+  if (!estimator) {
+    result.tone_unknown = estimator.error().message;
+    return;
+  }
+  for (const CalibrationPicture& picture : result.pictures) {
+    if (stop.stop_requested()) return;
+    if (picture.solved < 0) continue;
+    const SolvedView& view = result.solution.views[static_cast<std::size_t>(picture.solved)];
+    estimator->add(picture.picture(), view.T_board_camera);
+  }
+  const Result<ToneEstimate> tone = estimator->estimate();
+  if (!tone) {
+    result.tone_unknown = tone.error().message;
+    return;
+  }
+  CameraParameters parameters = result.solution.camera.parameters();
+  parameters.tone_curve = tone->exponent;
+  Result<CameraModel> camera = CameraModel::make(parameters);
+  if (!camera) {
+    result.tone_unknown = camera.error().message;
+    return;
+  }
+  result.solution.camera = std::move(*camera);
+  result.tone = *tone;
+}
+
 Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop) {
   Impl& self = *impl_;
   self.stop = std::move(stop);
@@ -669,6 +705,8 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop) {
     return tl::unexpected(ok.error());
   result.pictures = std::move(self.pictures);
   self.judge(result);
+  self.estimate_tone(result);
+  if (self.stop.stop_requested()) return fail("ended early");
   return result;
 }
 

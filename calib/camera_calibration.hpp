@@ -14,6 +14,7 @@
 #include "calib/table_volume.hpp"
 #include "calib/target.hpp"
 #include "calib/target_detector.hpp"
+#include "tracking/tone_estimator.hpp"
 
 namespace penumbra {
 
@@ -112,6 +113,9 @@ struct CameraCalibration {
   std::optional<double> held_out_px;
   UncertaintyMap uncertainty;
   std::optional<TableVolumeUncertainty> table;
+  // Of targets with tags, where the pictures show it: the solution's camera has the exponent.
+  std::optional<ToneEstimate> tone;
+  std::string tone_unknown;  // why there is none
   double tilt_spread_deg = 0.0;
   double blur_px = 0.0;  // middle of the used views
   CalibrationGrade grade = CalibrationGrade::poor;

@@ -41,8 +41,26 @@ Result<void> take_opencv_coefficients(const std::vector<double>& d, const std::s
   return {};
 }
 
+// What readers of other tools ignore.
+Result<void> take_optional(const YamlFields& fields, CameraParameters& p) {
+  if (fields.has("tone_curve")) {
+    const Result<double> tone =
+        fields.number("tone_curve", "give the exponent of the tone curve, or leave it out");
+    if (!tone) return tl::unexpected(tone.error());
+    p.tone_curve = *tone;
+  }
+  if (fields.has("rolling_shutter_row_s")) {
+    const Result<double> row = fields.number(
+        "rolling_shutter_row_s", "give the seconds from one row to the next, or leave it out");
+    if (!row) return tl::unexpected(row.error());
+    p.rolling_shutter_row_s = *row;
+  }
+  return {};
+}
+
 Result<CameraParameters> read_opencv(const YamlFields& fields) {
   CameraParameters p;
+  if (auto ok = take_optional(fields, p); !ok) return tl::unexpected(ok.error());
   const char* width_key = present(fields, {"image_width", "image_Width", "Image_Width", "width"});
   const Result<int> width = fields.integer(width_key, "give the image's width in pixels");
   if (!width) return tl::unexpected(width.error());
@@ -243,18 +261,7 @@ Result<CameraParameters> read_ros(const YamlFields& fields) {
     if (!name) return tl::unexpected(name.error());
     p.name = *name;
   }
-  if (fields.has("tone_curve")) {
-    const Result<double> tone =
-        fields.number("tone_curve", "give the exponent of the tone curve, or leave it out");
-    if (!tone) return tl::unexpected(tone.error());
-    p.tone_curve = *tone;
-  }
-  if (fields.has("rolling_shutter_row_s")) {
-    const Result<double> row = fields.number(
-        "rolling_shutter_row_s", "give the seconds from one row to the next, or leave it out");
-    if (!row) return tl::unexpected(row.error());
-    p.rolling_shutter_row_s = *row;
-  }
+  if (auto ok = take_optional(fields, p); !ok) return tl::unexpected(ok.error());
   return p;
 }
 
@@ -341,6 +348,7 @@ std::string record_text(const CalibrationRecord& record) {
   };
   add("rms_px", record.rms_px);
   if (record.held_out_px) add("held_out_px", *record.held_out_px);
+  if (record.tone_curve_sigma) add("tone_curve", *record.tone_curve_sigma);
   add("projection_mean_px", record.projection_mean_px);
   add("projection_largest_px", record.projection_largest_px);
   if (all_finite(record.standard_deviations)) {
@@ -395,14 +403,15 @@ std::string ros_text(const CameraParameters& p) {
 }
 
 // OpenCV reads a number without a point as an integer, and `.` as part of one: always with one.
+std::string with_point(double value) {
+  std::string digits = fmt::format("{}", value);
+  if (digits.find_first_of(".e") == std::string::npos) digits += ".";
+  return digits;
+}
 template <class Range>
 std::string with_points(const Range& values) {
   std::string text = "[";
-  for (const double value : values) {
-    std::string digits = fmt::format("{}", value);
-    if (digits.find_first_of(".e") == std::string::npos) digits += ".";
-    text += (text.size() > 1 ? ", " : "") + digits;
-  }
+  for (const double value : values) text += (text.size() > 1 ? ", " : "") + with_point(value);
   return text + "]";
 }
 
@@ -419,6 +428,9 @@ std::string opencv_text(const CameraParameters& p) {
       "distortion_coefficients: !!opencv-matrix\n   rows: {}\n   cols: 1\n   dt: d\n   data: {}\n",
       count, with_points(distortion));
   text += fmt::format("fisheye_model: {}\n", p.model == DistortionModel::fisheye ? 1 : 0);
+  if (p.tone_curve) text += fmt::format("tone_curve: {}\n", with_point(*p.tone_curve));
+  if (p.rolling_shutter_row_s)
+    text += fmt::format("rolling_shutter_row_s: {}\n", with_point(*p.rolling_shutter_row_s));
   return text;
 }
 

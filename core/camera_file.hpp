@@ -15,7 +15,8 @@ namespace penumbra {
 //   camera_model), distortion_coefficients.data; optional tone_curve, rolling_shutter_row_s. Other
 //   keys are ignored (also the flat fx: ... of some recordings: camera_matrix wins).
 // - OpenCV FileStorage YAML: camera_matrix and distortion_coefficients (also as Camera_Matrix,
-//   cameraMatrix, ...) with 4, 5 or 8 coefficients, image_width, image_height; fisheye_model: 1.
+//   cameraMatrix, ...) with 4, 5 or 8 coefficients, image_width, image_height; fisheye_model: 1;
+//   optional tone_curve, rolling_shutter_row_s.
 // - Kalibr camchain YAML: cam0 with pinhole, radtan or equidistant or none.
 // - mrcal .cameramodel: LENSMODEL_PINHOLE, LENSMODEL_OPENCV4, 5 and 8.
 // Errors name file and field. An unknown lens model is refused by name.
@@ -39,6 +40,7 @@ struct CalibrationRecord {
   double table_distance_m = 0.0;
   std::vector<double> standard_deviations;  // fx fy cx cy k1 ...
   std::optional<double> focus_position;
+  std::optional<double> tone_curve_sigma;  // of the camera's tone_curve
 };
 
 // Fails for a lens that the format can't say: Kalibr has no rational model, and no k3.

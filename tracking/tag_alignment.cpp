@@ -286,5 +286,8 @@ const AlignmentResult& TagAligner::align(const AlignmentInput& input) {
 const AlignmentResult& TagAligner::refine(const AlignmentInput& input) {
   return impl_->run(input, false);
 }
+std::vector<EdgePixel> TagAligner::edge_pixels() {
+  return impl_->edge_pixels();
+}
 
 }  // namespace penumbra

@@ -98,6 +98,15 @@ struct AlignmentResult {
   std::string_view reason;  // why it is not verified
 };
 
+// A pixel near an edge of a tag, as the picture has it and as the pattern at the aligned pose
+// would.
+struct EdgePixel {
+  int tag = 0;              // in AlignmentResult::tags
+  float grey = 0.0F;        // as captured, 0 to 255
+  float model = 0.0F;       // the pattern's blurred value, 0 black to 1 white
+  float model_blur = 0.0F;  // its derivative by the logarithm of the blur
+};
+
 // How many times more samples an alignment needs, from its pose, covariance, design effect and
 // counters so far; 1 and less: it has enough.
 using SampleNeed = std::function<double(const AlignmentResult&)>;
@@ -126,6 +135,11 @@ class TagAligner {
   // Verifies a pose that came from elsewhere (a detection) as align does its own, and refines it
   // with no search.
   [[nodiscard]] const AlignmentResult& refine(const AlignmentInput& input);
+
+  // The pixels at the edges of the tags that the last alignment verified, as many of each as the
+  // effort allows. The picture that was aligned must still be there, and its camera at rest (no
+  // velocity, no motion during the exposure).
+  [[nodiscard]] std::vector<EdgePixel> edge_pixels();
 
  private:
   struct Impl;

@@ -223,4 +223,44 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
   finish_samples(tag);
 }
 
+std::vector<EdgePixel> TagAligner::Impl::edge_pixels() {
+  constexpr double kWider = 1.02;  // for the derivative by differences
+  const double wider_px2 = (kWider * kWider - 1.0) * options.blur_px * options.blur_px;
+  std::vector<EdgePixel> pixels;
+  for (std::size_t k = 0; k < result.tags.size(); ++k) {
+    if (!result.tags[k].verified) continue;
+    Tag& tag = tags[static_cast<std::size_t>(result.tags[k].index)];
+    PENUMBRA_ASSERT(tag.row_shear.isZero() && tag.motion_px.isZero());
+    project_lattice(tag, 0.0);
+    select(tag, false,
+           options.effort == AlignmentEffort::accurate ? 1'000'000 : options.samples_per_tag);
+    kernel::Samples& s = tag.samples;
+    kernel::AccumulateInput in;
+    std::copy(tag.lattice_from_ray.begin(), tag.lattice_from_ray.end(), in.lattice_from_ray);
+    in.reach = tag.reach;
+    in.correlated = tag.correlated;
+    kernel->evaluate(in, s);
+    const std::size_t first = pixels.size();
+    for (int i = 0; i < tag.used; ++i) {
+      const std::uint8_t grey =
+          image.row(static_cast<int>(s.pixel_y[i]))[static_cast<int>(s.pixel_x[i])];
+      pixels.push_back({static_cast<int>(k), static_cast<float>(grey), s.model[i], 0.0F});
+    }
+    project_lattice(tag, wider_px2);
+    for (int i = 0; i < s.count; ++i) {
+      const auto v = static_cast<std::size_t>(s.vertex[i]);
+      s.ka[i] = tag.ka[v];
+      s.kb[i] = tag.kb[v];
+      s.rho[i] = tag.rho[v];
+    }
+    kernel->evaluate(in, s);
+    const auto per_log = static_cast<float>(1.0 / std::log(kWider));
+    for (int i = 0; i < tag.used; ++i) {
+      EdgePixel& pixel = pixels[first + static_cast<std::size_t>(i)];
+      pixel.model_blur = (s.model[i] - pixel.model) * per_log;
+    }
+  }
+  return pixels;
+}
+
 }  // namespace penumbra

@@ -200,6 +200,7 @@ struct TagAligner::Impl {
   void read_levels();
   void select(Tag& tag, bool wide, int cap);
   void finish_samples(Tag& tag);
+  [[nodiscard]] std::vector<EdgePixel> edge_pixels();
   bool step(double cutoff, double& moved_px);
   void measure_noise();
   void report_pose();

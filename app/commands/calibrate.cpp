@@ -100,6 +100,7 @@ CalibrationRecord record_of(const CameraCalibration& calibration, const Target& 
   for (Eigen::Index i = 0; i < solution.covariance.rows(); ++i)
     record.standard_deviations.push_back(std::sqrt(std::max(solution.covariance(i, i), 0.0)));
   record.focus_position = focus_position;
+  if (calibration.tone) record.tone_curve_sigma = calibration.tone->sigma;
   return record;
 }
 
@@ -124,6 +125,12 @@ void print_summary(const CameraCalibration& calibration) {
       calibration.solution.outliers, p.fx, std::sqrt(covariance(0, 0)), p.fy,
       std::sqrt(covariance(1, 1)), p.cx, std::sqrt(covariance(2, 2)), p.cy,
       std::sqrt(covariance(3, 3)));
+  if (const auto& tone = calibration.tone) {
+    fmt::print("tone curve: light = grey ^ {:.2f} +- {:.2f}, by the tags' edges in {} views\n",
+               tone->exponent, tone->sigma, tone->pictures);
+  } else {
+    fmt::print("tone curve: not known: {}\n", calibration.tone_unknown);
+  }
   if (const auto& table = calibration.table) {
     fmt::print(
         "over the table: corners of a 0.2 m cube, seen from {:.2f} m, to {:.2f} px (1 sigma) at "

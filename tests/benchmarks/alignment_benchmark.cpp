@@ -1,7 +1,9 @@
 // Recordings with exact truth through the pattern alignment and through full-frame libapriltag with
 // PnP, one thread, in one run: time against overlay error.
 //
-//   alignment_benchmark FOLDER_OF_RECORDINGS [name ...]
+//   alignment_benchmark FOLDER_OF_RECORDINGS [name ...] [tone=EXPONENT|estimated] [blur=PX] [-n]
+//
+// tone=estimated: as 30 frames of each recording say, aligned without one. -n: without libapriltag.
 #include <time.h>
 
 #include <Eigen/LU>
@@ -30,6 +32,7 @@
 #include "tracking/pose_solver.hpp"
 #include "tracking/tag_alignment.hpp"
 #include "tracking/tag_detector.hpp"
+#include "tracking/tone_estimator.hpp"
 
 namespace {
 
@@ -148,6 +151,7 @@ Outcome run_detector(const Recording& recording, float decimate) {
 bool verbose = false;
 bool only_fast = false;
 double tone = 1.0;
+bool tone_estimated = false;
 double blur = 0.58;
 double exposure_share = 0.0;
 
@@ -231,6 +235,32 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
   return outcome;
 }
 
+// From the poses that alignment finds without a tone curve.
+void estimate_tone(const Recording& recording) {
+  tone = 1.0;
+  const Outcome aligned = run_alignment(recording, AlignmentEffort::accurate);
+  ToneEstimator estimator = ToneEstimator::create(recording.camera, recording.tags).value();
+  const std::size_t every = std::max<std::size_t>(1, recording.frames.size() / 30);
+  const double start = thread_cpu_us();
+  int asked = 0;
+  for (std::size_t i = 0; i < recording.frames.size(); i += every) {
+    const StampedPose* pose = aligned.poses.at(recording.frames[i].timestamp_ns);
+    if (pose == nullptr) continue;
+    ++asked;
+    estimator.add(recording.frames[i].luma_view, pose->T_table_camera);
+  }
+  const double us = thread_cpu_us() - start;
+  const Result<ToneEstimate> estimate = estimator.estimate();
+  if (!estimate) {
+    std::printf("%-10s tone curve: %s\n", recording.name.c_str(), estimate.error().message.c_str());
+    return;
+  }
+  tone = estimate->exponent;
+  std::printf("%-10s tone curve %.2f +- %.2f, blur %.2f px, by %d of %d frames, %.0f us each\n",
+              recording.name.c_str(), tone, estimate->sigma, estimate->blur_px, estimate->pictures,
+              asked, us / std::max(asked, 1));
+}
+
 double median(std::vector<double> values) {
   return statistics_of(std::move(values)).median;
 }
@@ -287,7 +317,8 @@ int main(int argc, char** argv) {
     } else if (std::strcmp(argv[i], "-f") == 0) {
       only_fast = true;
     } else if (std::strncmp(argv[i], "tone=", 5) == 0) {
-      tone = std::strtod(argv[i] + 5, nullptr);
+      tone_estimated = std::strcmp(argv[i] + 5, "estimated") == 0;
+      if (!tone_estimated) tone = std::strtod(argv[i] + 5, nullptr);
     } else if (std::strncmp(argv[i], "blur=", 5) == 0) {
       blur = std::strtod(argv[i] + 5, nullptr);
     } else if (std::strncmp(argv[i], "exp=", 4) == 0) {
@@ -301,6 +332,7 @@ int main(int argc, char** argv) {
   for (const std::string& name : names) {
     const auto recording = load(std::filesystem::path(argv[1]) / name);
     if (!recording) return 1;
+    if (tone_estimated) estimate_tone(*recording);
     if (detectors) {
       print(*recording, "libapriltag d1", run_detector(*recording, 1.0F));
       print(*recording, "libapriltag d2", run_detector(*recording, 2.0F));

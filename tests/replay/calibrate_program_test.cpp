@@ -100,6 +100,11 @@ TEST_F(CalibrateProgram, FindsTheLensOfTheTagGrid) {
   EXPECT_NEAR(p.cx, t.cx, 0.5);
   EXPECT_NEAR(p.cy, t.cy, 0.5);
   EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.2);
+  // The pictures have one, which their README does not tell.
+  ASSERT_TRUE(p.tone_curve);
+  EXPECT_GT(*p.tone_curve, 1.3);
+  EXPECT_LT(*p.tone_curve, 2.4);
+  EXPECT_THAT(result.out, HasSubstr("tone curve: light = grey ^ "));
   const std::string html = test::read_bytes(report);
   EXPECT_THAT(html, HasSubstr("class=\"verdict good\""));
   EXPECT_THAT(html, Not(HasSubstr("http")));  // nothing is fetched
@@ -117,6 +122,8 @@ TEST_F(CalibrateProgram, FindsTheLensOfTheChessboard) {
   EXPECT_NEAR(camera->parameters().cx, truth->parameters().cx, 0.5);
   EXPECT_NEAR(camera->parameters().cy, truth->parameters().cy, 0.5);
   EXPECT_LT(projection_difference(*truth, *camera).mean_px, 0.2);
+  EXPECT_FALSE(camera->parameters().tone_curve);
+  EXPECT_THAT(result.out, HasSubstr("tone curve: not known: a chessboard"));
 }
 
 TEST_F(CalibrateProgram, WritesALensThatKalibrsFilesCanSay) {

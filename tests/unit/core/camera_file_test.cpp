@@ -121,7 +121,14 @@ TEST_F(CameraFile, WhatIsWrittenReadsBackBitForBit) {
     p.name = "a \"quoted\" \\ name";
     p.tone_curve = 1.55;
     p.rolling_shutter_row_s = 1.0 / 48000.0;
-    ASSERT_TRUE(save_camera(file_, CameraModel::make(p).value()));
+    const CameraModel camera = CameraModel::make(p).value();
+    ASSERT_TRUE(save_camera(file_, camera, CameraFileFormat::opencv));
+    const auto read_opencv = load_camera(file_);
+    ASSERT_TRUE(read_opencv) << read_opencv.error().message;
+    EXPECT_EQ(read_opencv->parameters().distortion, p.distortion);
+    EXPECT_EQ(read_opencv->parameters().tone_curve, p.tone_curve);
+    EXPECT_EQ(read_opencv->parameters().rolling_shutter_row_s, p.rolling_shutter_row_s);
+    ASSERT_TRUE(save_camera(file_, camera));
     const auto read = load_camera(file_);
     ASSERT_TRUE(read) << read.error().message;
     const CameraParameters& q = read->parameters();

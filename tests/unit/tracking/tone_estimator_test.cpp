@@ -1,0 +1,270 @@
+#include "tracking/tone_estimator.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "core/evaluation.hpp"
+#include "support/cameras.hpp"
+#include "support/synthetic_board.hpp"
+#include "tracking/tag_alignment.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::board;
+using test::desk_camera;
+using test::displaced;
+
+constexpr int kPictures = 6;
+
+// What a camera makes of linear light, 0 to 1 each.
+using Tone = std::function<double(double)>;
+Tone power(double exponent) {
+  return [exponent](double light) { return std::pow(light, 1.0 / exponent); };
+}
+double srgb(double light) {
+  return light <= 0.0031308 ? 12.92 * light : 1.055 * std::pow(light, 1.0 / 2.4) - 0.055;
+}
+
+// A board seen from several places, as light; cameras with other curves look at the same.
+class Views {
+ public:
+  Views(const PatternRenderOptions& options, int count, std::vector<MappedTag> tags)
+      : tags_(std::move(tags)) {
+    PatternRenderer renderer = PatternRenderer::create(camera_, tags_).value();
+    std::mt19937_64 random(7);
+    std::uniform_real_distribution<double> u(0.0, 1.0);
+    for (int k = 0; k < count; ++k) {
+      // Cells are 4 to 7 px.
+      const double distance = 0.40 + 0.20 * u(random);
+      const double elevation = radians(45.0 + 40.0 * u(random));
+      const double azimuth = radians(360.0 * u(random));
+      poses_.push_back(test::looking_at({0.02 * (u(random) - 0.5), 0.02 * (u(random) - 0.5), 0.0},
+                                        distance, elevation, azimuth,
+                                        radians(30.0 * (u(random) - 0.5))));
+      const std::array<CameraPose, 1> path = {poses_.back()};
+      light_.push_back(renderer.render_light(path, options));
+      starts_.push_back(displaced(camera_, tags_, poses_.back(), 1.0, random));
+    }
+  }
+
+  [[nodiscard]] int count() const { return static_cast<int>(poses_.size()); }
+  [[nodiscard]] const CameraModel& camera() const { return camera_; }
+  [[nodiscard]] const std::vector<MappedTag>& tags() const { return tags_; }
+  [[nodiscard]] const CameraPose& truth(int view) const { return poses_[at(view)]; }
+  // A pixel beside the truth.
+  [[nodiscard]] const CameraPose& start(int view) const { return starts_[at(view)]; }
+
+  [[nodiscard]] GreyImage picture(int view, const Tone& tone, double noise_grey,
+                                  double gain = 1.0) const {
+    std::mt19937_64 random(31U + static_cast<std::uint64_t>(view));
+    std::normal_distribution<double> noise(0.0, 1.0);
+    GreyImage image;
+    image.width = camera_.width();
+    image.height = camera_.height();
+    for (const double light : light_[at(view)]) {
+      const double grey = 255.0 * tone(std::min(gain * light, 1.0)) +
+                          noise_grey * (noise_grey > 0.0 ? noise(random) : 0.0);
+      image.pixels.push_back(static_cast<std::uint8_t>(std::lround(std::clamp(grey, 0.0, 255.0))));
+    }
+    return image;
+  }
+
+  [[nodiscard]] ToneEstimator shown(const Tone& tone, double noise_grey, double gain = 1.0) const {
+    ToneEstimator estimator = ToneEstimator::create(camera_, tags_).value();
+    for (int k = 0; k < count(); ++k)
+      estimator.add(picture(k, tone, noise_grey, gain).view(), start(k));
+    return estimator;
+  }
+
+ private:
+  static std::size_t at(int view) { return static_cast<std::size_t>(view); }
+  CameraModel camera_ = desk_camera();
+  std::vector<MappedTag> tags_;
+  std::vector<CameraPose> poses_, starts_;
+  std::vector<std::vector<double>> light_;
+};
+
+PatternRenderOptions sharp() {
+  PatternRenderOptions options;
+  options.samples = 256;
+  return options;
+}
+
+const Views& board_views() {
+  static const Views views(sharp(), kPictures, board(4, 3, 0.04));
+  return views;
+}
+
+TEST(ToneEstimator, FindsTheExponentOfThePictures) {
+  for (const double noise : {0.0, 2.0, 8.0}) {
+    for (const double exponent : {1.0, 1.2, 1.6, 2.0, 2.4}) {
+      SCOPED_TRACE(fmt::format("exponent {}, noise {}", exponent, noise));
+      const auto estimate = board_views().shown(power(exponent), noise).estimate();
+      ASSERT_TRUE(estimate) << estimate.error().message;
+      EXPECT_EQ(estimate->pictures, kPictures);
+      EXPECT_NEAR(estimate->exponent, exponent, std::min(estimate->sigma, 0.03));
+      EXPECT_LT(estimate->sigma, 0.15);
+      // 0.5 px of the lens and a pixel's box.
+      EXPECT_NEAR(estimate->blur_px, std::hypot(0.5, std::sqrt(1.0 / 12.0)), 0.02);
+    }
+  }
+}
+
+// Brighter by a factor, a power law stays the same power law.
+TEST(ToneEstimator, ExposureDoesNotMatter) {
+  for (const double gain : {0.3, 0.6, 1.15}) {
+    const auto estimate = board_views().shown(power(1.6), 2.0, gain).estimate();
+    ASSERT_TRUE(estimate) << gain << ": " << estimate.error().message;
+    EXPECT_NEAR(estimate->exponent, 1.6, 0.03) << gain;
+  }
+}
+
+TEST(ToneEstimator, BlurIsFoundToo) {
+  for (const double lens_px : {0.2, 0.8, 1.2}) {
+    PatternRenderOptions options = sharp();
+    options.lens_blur_px = lens_px;
+    const Views views(options, kPictures, board(3, 2, 0.06));
+    for (const double exponent : {1.0, 2.2}) {
+      const auto estimate = views.shown(power(exponent), 2.0).estimate();
+      ASSERT_TRUE(estimate) << lens_px << ": " << estimate.error().message;
+      EXPECT_NEAR(estimate->exponent, exponent, estimate->sigma) << lens_px;
+      EXPECT_NEAR(estimate->blur_px, std::hypot(lens_px, std::sqrt(1.0 / 12.0)), 0.05);
+    }
+  }
+}
+
+TEST(ToneEstimator, WhatCoversAThirdOfEveryTagIsLeftOut) {
+  PatternRenderOptions options = sharp();
+  options.cover_share = 0.3;
+  const Views views(options, kPictures, board(4, 3, 0.04));
+  for (const double exponent : {1.0, 2.2}) {
+    const auto estimate = views.shown(power(exponent), 2.0).estimate();
+    ASSERT_TRUE(estimate) << estimate.error().message;
+    EXPECT_NEAR(estimate->exponent, exponent, 0.04);
+  }
+}
+
+// sRGB is no power law, but near one: what an alignment loses by not knowing comes back.
+TEST(ToneEstimator, TheExponentFoundTakesTheBiasAway) {
+  const Views& views = board_views();
+  const auto estimate = views.shown(srgb, 0.0).estimate();
+  ASSERT_TRUE(estimate) << estimate.error().message;
+  EXPECT_GT(estimate->exponent, 1.8);
+  EXPECT_LT(estimate->exponent, 2.5);
+  AlignmentOptions options;
+  options.effort = AlignmentEffort::accurate;
+  const auto error2 = [&](double exponent) {
+    options.tone_exponent = exponent;
+    auto aligner = TagAligner::create(views.camera(), views.tags(), options).value();
+    double sum = 0.0;
+    for (int k = 0; k < views.count(); ++k) {
+      const GreyImage image = views.picture(k, srgb, 0.0);
+      AlignmentInput input;
+      input.luma = image.view();
+      input.predicted = views.start(k);
+      input.covariance = test::loose_prior(0.05, 0.1);
+      const double error =
+          overlay_difference(views.camera(), aligner.align(input).T_table_camera, views.truth(k))
+              .rms_px();
+      sum += error * error / views.count();
+    }
+    return sum;
+  };
+  const double without = std::sqrt(error2(1.0));
+  const double with = std::sqrt(error2(estimate->exponent));
+  EXPECT_LT(with, 0.5 * without) << with << " and " << without << " px";
+}
+
+// What is no power law has another nearest one at another exposure: not by more than the estimate
+// says.
+TEST(ToneEstimator, ExposuresOfACurveThatIsNoPowerLawAgreeAsFarAsItSays) {
+  const auto bright = board_views().shown(srgb, 2.0).estimate();
+  ASSERT_TRUE(bright) << bright.error().message;
+  for (const double gain : {0.4, 0.7, 1.15}) {
+    const auto estimate = board_views().shown(srgb, 2.0, gain).estimate();
+    ASSERT_TRUE(estimate) << gain << ": " << estimate.error().message;
+    EXPECT_NEAR(estimate->exponent, bright->exponent, estimate->sigma) << gain;
+  }
+}
+
+// A picture with a curve of its own (a reflection, another exposure program) among the others.
+TEST(ToneEstimator, OnePictureThatDisagreesIsLeftOut) {
+  const Views& views = board_views();
+  ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
+  for (int k = 0; k < views.count(); ++k) {
+    const GreyImage image = views.picture(k, power(k == 2 ? 3.0 : 1.4), 2.0);
+    EXPECT_TRUE(estimator.add(image.view(), views.start(k)));
+  }
+  const auto estimate = estimator.estimate();
+  ASSERT_TRUE(estimate) << estimate.error().message;
+  EXPECT_NEAR(estimate->exponent, 1.4, 0.03);
+}
+
+TEST(ToneEstimator, PicturesThatDisagreeFixNothing) {
+  const Views& views = board_views();
+  ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
+  for (int k = 0; k < views.count(); ++k)
+    estimator.add(views.picture(k, power(1.0 + 0.5 * k), 2.0).view(), views.start(k));
+  const auto estimate = estimator.estimate();
+  ASSERT_FALSE(estimate);
+  EXPECT_NE(estimate.error().message.find("leave the tone curve's exponent open"),
+            std::string::npos)
+      << estimate.error().message;
+}
+
+TEST(ToneEstimator, TooFewPicturesFixNothing) {
+  const Views& views = board_views();
+  ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
+  for (int k = 0; k < 4; ++k)
+    EXPECT_TRUE(estimator.add(views.picture(k, power(1.4), 2.0).view(), views.start(k)));
+  const auto estimate = estimator.estimate();
+  ASSERT_FALSE(estimate);
+  EXPECT_NE(estimate.error().message.find("4 pictures"), std::string::npos);
+}
+
+TEST(ToneEstimator, WhatSaysNothingIsNotTaken) {
+  const Views& views = board_views();
+  const GreyImage good = views.picture(0, power(1.4), 2.0);
+  ToneEstimator estimator = ToneEstimator::create(views.camera(), views.tags()).value();
+  EXPECT_FALSE(estimator.add({}, views.start(0)));
+  EXPECT_FALSE(estimator.add({good.pixels.data(), 320, 240, 640}, views.start(0)));
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(estimator.add(
+      good.view(), CameraPose(Eigen::Quaterniond::Identity(), Eigen::Vector3d(nan, 0.0, 0.4))));
+  EXPECT_FALSE(estimator.add(good.view(), views.start(1)));  // not where the board is
+  EXPECT_FALSE(estimator.add(views.picture(0, power(1.4), 2.0, 1.6).view(), views.start(0)))
+      << "the paper is cut off";
+  EXPECT_FALSE(estimator.add(views.picture(0, power(1.0), 2.0, 0.1).view(), views.start(0)))
+      << "hardly any contrast";
+  GreyImage flat = good;
+  for (const int grey : {0, 128, 255}) {
+    std::fill(flat.pixels.begin(), flat.pixels.end(), static_cast<std::uint8_t>(grey));
+    EXPECT_FALSE(estimator.add(flat.view(), views.start(0)));
+  }
+  std::mt19937_64 random(3);
+  for (std::uint8_t& pixel : flat.pixels) pixel = static_cast<std::uint8_t>(random());
+  EXPECT_FALSE(estimator.add(flat.view(), views.start(0)));
+  EXPECT_EQ(estimator.pictures(), 0);
+  EXPECT_TRUE(estimator.add(good.view(), views.start(0)));
+}
+
+TEST(ToneEstimator, TheSamePicturesGiveTheSameBits) {
+  const auto first = board_views().shown(power(1.7), 5.0).estimate();
+  const auto second = board_views().shown(power(1.7), 5.0).estimate();
+  ASSERT_TRUE(first && second);
+  EXPECT_EQ(first->exponent, second->exponent);
+  EXPECT_EQ(first->sigma, second->sigma);
+  EXPECT_EQ(first->blur_px, second->blur_px);
+}
+
+}  // namespace
+}  // namespace penumbra
