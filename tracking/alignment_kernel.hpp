@@ -83,11 +83,8 @@ struct AccumulateInput {
   float centre[3] = {};  // the camera's centre in the lattice frame [cells]
   float gain = 0.0F, offset = 0.0F;
   float inverse_cutoff = 0.0F;  // of Tukey's weights [1 / grey]; 0: none
-  // Variance of a residual beyond the base one, where the model is at an edge, over the base
-  // variance: weights are divided by 1 + edge_noise * 4 m (1 - m).
-  float edge_noise = 0.0F;
-  int reach = 1;            // lines per axis that matter: 1, 2 or 3
-  bool correlated = false;  // whether rho is used
+  int reach = 1;                // lines per axis that matter: 1, 2 or 3
+  bool correlated = false;      // whether rho is used
 };
 
 struct Variant {

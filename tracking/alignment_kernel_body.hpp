@@ -359,9 +359,7 @@ void accumulate_as(const AccumulateInput& in, const Samples& s, Sums& sums) {
       const float t = r * in.inverse_cutoff;
       const float inside = 1.0F - t * t;
       const float tukey = inside > 0.0F ? inside * inside : 0.0F;
-      const float spread = 4.0F * m * (1.0F - m);
-      const float w =
-          s.weight[i] * tukey / (1.0F + in.edge_noise * (spread > 0.0F ? spread : 0.0F));
+      const float w = s.weight[i] * tukey;
       // A tag that moves by (nu, omega) carries its pattern along; along the fixed ray a changes by
       // -(1, 0, qa, qa b, -qa a, -b) . (nu, omega), and b alike.
       const float qa = (a - in.centre[0]) * inverse_cz;

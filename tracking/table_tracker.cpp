@@ -175,7 +175,8 @@ struct TableTracker::Impl {
   int last_tags = 0;
   int last_samples = 0;
   bool last_start_far = false;
-  bool full_next = false;  // at which resolution is searched next
+  double last_contrast = 0.0;  // of the last alignment that was verified with a search
+  bool full_next = false;      // at which resolution is searched next
   // The last search found tags that contradict each other: where the pattern fits here and there
   // says nothing.
   bool contradicted = false;
@@ -600,11 +601,13 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   input.covariance = prediction.covariance;
   input.first_samples = last_samples;
   input.starts_far = last_start_far;
+  input.seen_contrast = last_contrast;
   input.velocity = prediction.velocity;
   const AlignmentResult& result = aligner.align(input);
   if (result.verified && !from_hint) align_at_own_speed(frame, input, result);
   times.samples = last_samples = result.counters.samples;
   last_start_far = result.counters.far_start;
+  last_contrast = result.verified ? result.counters.contrast : 0.0;
   ImageMotion image_motion{motion_px, 0.0};
   // Nobody saw these tags where they are looked for: a part of them may be there by a mistake of
   // the map that a search would find.

@@ -148,6 +148,7 @@ const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool w
 
   first_samples = input.first_samples;
   starts_far = input.starts_far;
+  seen_contrast = input.seen_contrast;
   PENUMBRA_ASSERT(input.velocity.allFinite());
   row_velocity = camera.parameters().rolling_shutter_row_s.value_or(0.0) * input.velocity;
   bool good = attempt(input.exposure_motion, with_search, false);
@@ -249,6 +250,13 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
                         &tag.kb, &tag.rho})
       array->resize(vertices);
     // As many white as black cells, spread over the tag.
+    for (const EdgeRun& run : tag.pattern.runs()) {
+      const auto vertex = [&](int along) {
+        return static_cast<std::uint32_t>(run.vertical ? along * tag.side + run.position
+                                                       : run.position * tag.side + along);
+      };
+      tag.runs.push_back({vertex(run.begin), vertex(run.end), run.vertical});
+    }
     std::vector<DataCell> white;
     std::vector<DataCell> black;
     for (const DataCell& cell : tag.pattern.data_cells())

@@ -43,6 +43,12 @@ struct AlignmentOptions {
   // one stops at once where it has nothing left to do. Without: the same poses to a hundredth of a
   // pixel.
   bool sparse_rounds = true;
+  // The code search looks near by first. Without: as far as the prediction may be off, for the same
+  // poses.
+  bool narrow_search = true;
+  // The cells are decoded where the last round saw them, unless the pose moved since. Without: the
+  // same poses, bit for bit.
+  bool keep_projection = true;
   const char* kernel = nullptr;  // name of the instruction set to use; null: the best
 };
 
@@ -62,6 +68,9 @@ struct AlignmentInput {
   // Whether the fine stage is likely to begin far from its end, as the last frame's did
   // (AlignmentCounters::far_start): it then begins with few samples.
   bool starts_far = false;
+  // How clearly the search saw the tags in the last frame (AlignmentCounters::contrast): seen so
+  // near by, they are not looked for further off. 0: unknown.
+  double seen_contrast = 0.0;
 };
 
 struct TagAlignment {
@@ -76,9 +85,11 @@ struct TagAlignment {
 
 struct AlignmentCounters {
   int tags_visible = 0;
-  int searched_points = 0;
-  int samples = 0;      // of the last fine stage
-  int evaluations = 0;  // of the sums over all tags
+  int searched_points = 0;  // of all windows that were searched
+  int searched_px = 0;      // places in these windows
+  double contrast = 0.0;    // of white over black cells where the search found them [grey]
+  int samples = 0;          // of the last fine stage
+  int evaluations = 0;      // of the sums over all tags
   int fine_rounds = 0;
   bool far_start = false;   // the first of these moved the tags by so much that it was repeated
   bool second_try = false;  // whether the wider search was needed

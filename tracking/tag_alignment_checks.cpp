@@ -118,8 +118,11 @@ void TagAligner::Impl::verify() {
   result.tags.clear();
   result.tags_verified = 0;
   int visible = 0;
+  // Cells are read at whole pixels; what moved by less than this is where it was projected.
+  constexpr double kSamePixels_px = 0.1;
+  const bool projected = options.keep_projection && moved_since_projection_px < kSamePixels_px;
   for (Tag* tag : active) {
-    project_lattice(*tag, 0.0);
+    if (!projected) project_lattice(*tag, 0.0);
     TagAlignment check;
     check.index = static_cast<int>(tag - tags.data());
     check.gain = tag->gain;

@@ -139,6 +139,7 @@ bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const 
 
 void TagAligner::Impl::find_visible(const Vector6d& exposure_motion, bool wide) {
   active.clear();
+  moved_since_projection_px = 0.0;
   for (Tag& tag : tags) {
     read_out(tag);
     place(tag);

@@ -3,6 +3,7 @@
 #include "tracking/tag_alignment_state.hpp"
 
 #include <algorithm>
+#include <cstring>
 
 #include "core/assert.hpp"
 
@@ -14,6 +15,20 @@ struct Band {
   std::array<int, 16> offsets{};
   int count = 0;
 };
+
+// Four floats side by side.
+using Four = float __attribute__((vector_size(16)));
+Four all_four(float value) {
+  return Four{value, value, value, value};
+}
+Four load(const float* at) {
+  Four four;
+  std::memcpy(&four, at, sizeof four);
+  return four;
+}
+void store(float* at, Four four) {
+  std::memcpy(at, &four, sizeof four);
+}
 
 }  // namespace
 
@@ -44,8 +59,11 @@ void TagAligner::Impl::read_levels() {
 
 // Fills in what the kernel needs beside pixels and guesses of their rays.
 void TagAligner::Impl::finish_samples(Tag& tag) {
-  kernel::Samples& s = tag.samples;
-  const int padded = (tag.used + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
+  const kernel::Samples s = [&] {
+    tag.samples.count = (tag.used + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
+    return tag.samples;  // a copy, which the floats that are written are not
+  }();
+  const int padded = s.count;
   for (int i = 0; i < tag.used; ++i) {
     s.value[i] = tone[image.row(static_cast<int>(s.pixel_y[i]))[static_cast<int>(s.pixel_x[i])]];
     s.weight[i] = 1.0F;
@@ -70,21 +88,34 @@ void TagAligner::Impl::finish_samples(Tag& tag) {
     s.value[i] = 0.0F;
     s.weight[i] = 0.0F;
   }
-  s.count = padded;
   kernel->prepare(lens, tag.lattice_from_ray.data(), tag.reach, tag.side, s);
   // What depends on the anchor alone. One record per vertex; gathering it here is faster than by
   // vector instructions.
   if (tag.reach == 1) {
     for (int i = 0; i < padded; ++i) {
       const auto v = static_cast<std::size_t>(s.vertex[i]);
-      const std::array<float, 4>& c = tag.coefficients1[v];
       s.ka[i] = tag.ka[v];
       s.kb[i] = tag.kb[v];
       s.rho[i] = tag.rho[v];
-      s.c[0][i] = c[0];
-      s.c[1][i] = c[1];
-      s.c[2][i] = c[2];
-      s.c[3][i] = c[3];
+    }
+    // Four records of four become four of each.
+    for (int i = 0; i < padded; i += 4) {
+      const auto record = [&](int k) {
+        return load(tag.coefficients1[static_cast<std::size_t>(s.vertex[i + k])].data());
+      };
+      const Four r0 = record(0);
+      const Four r1 = record(1);
+      const Four r2 = record(2);
+      const Four r3 = record(3);
+      using Places = std::int32_t __attribute__((vector_size(16)));
+      const Four low01 = __builtin_shuffle(r0, r1, Places{0, 4, 1, 5});
+      const Four low23 = __builtin_shuffle(r2, r3, Places{0, 4, 1, 5});
+      const Four high01 = __builtin_shuffle(r0, r1, Places{2, 6, 3, 7});
+      const Four high23 = __builtin_shuffle(r2, r3, Places{2, 6, 3, 7});
+      store(s.c[0] + i, __builtin_shuffle(low01, low23, Places{0, 1, 4, 5}));
+      store(s.c[1] + i, __builtin_shuffle(low01, low23, Places{2, 3, 6, 7}));
+      store(s.c[2] + i, __builtin_shuffle(high01, high23, Places{0, 1, 4, 5}));
+      store(s.c[3] + i, __builtin_shuffle(high01, high23, Places{2, 3, 6, 7}));
     }
     return;
   }
@@ -106,21 +137,26 @@ void TagAligner::Impl::finish_samples(Tag& tag) {
 // Chooses the pixels at the edges: each run is walked pixel by pixel along the image axis it is
 // nearer to, and at each step the pixels across it that the blur reaches are taken.
 void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
-  const std::vector<EdgeRun>& runs = tag.pattern.runs();
-  const auto vertex = [&](const EdgeRun& run, int along) {
-    return static_cast<std::size_t>(run.vertical ? along * tag.side + run.position
-                                                 : run.position * tag.side + along);
-  };
   double length = 0.0;
   double tilt = 0.0;  // mean share of the minor direction
-  for (const EdgeRun& run : runs) {
-    const std::size_t v0 = vertex(run, run.begin);
-    const std::size_t v1 = vertex(run, run.end);
+  run_lengths.resize(tag.runs.size());
+  for (std::size_t k = 0; k < tag.runs.size(); ++k) {
+    const auto [v0, v1, vertical] = tag.runs[k];
+    run_lengths[k] = -1.0;
     if (!(tag.depth[v0] > 0.0F && tag.depth[v1] > 0.0F)) continue;
-    const double dx = std::abs(static_cast<double>(tag.pixel_x[v1] - tag.pixel_x[v0]));
-    const double dy = std::abs(static_cast<double>(tag.pixel_y[v1] - tag.pixel_y[v0]));
+    const float x0 = tag.pixel_x[v0];
+    const float y0 = tag.pixel_y[v0];
+    const float x1 = tag.pixel_x[v1];
+    const float y1 = tag.pixel_y[v1];
+    const double dx = std::abs(static_cast<double>(x1 - x0));
+    const double dy = std::abs(static_cast<double>(y1 - y0));
     length += std::max(dx, dy);
     tilt += std::min(dx, dy);
+    const double walk = std::max(std::abs(static_cast<double>(x1) - static_cast<double>(x0)),
+                                 std::abs(static_cast<double>(y1) - static_cast<double>(y0)));
+    if (walk > 1e-6 && std::max(std::abs(x0), std::abs(y0)) < 1e5F &&
+        std::max(std::abs(x1), std::abs(y1)) < 1e5F)
+      run_lengths[k] = walk;
   }
   tag.used = 0;
   tag.run_samples.clear();
@@ -146,17 +182,25 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
   const double rows = wide ? band.count : std::min(2.0 * reach_px * steepness, 16.0);
   const double stride = std::max(1.0, length * rows / cap);
   const int most_rows = wide ? band.count : std::min(static_cast<int>(3.0 * reach_px) + 2, 17);
-  const int capacity =
-      most_rows * (static_cast<int>(length / stride) + 2 * static_cast<int>(runs.size()) + 4);
+  // The steps go on from run to run. What is written is up to three pixels more than are counted.
+  const int capacity = most_rows * (static_cast<int>(length / stride) + 2) + 4;
   tag.storage.resize(capacity);
   tag.samples = tag.storage.view();
-  kernel::Samples& s = tag.samples;
+  const kernel::Samples s = tag.samples;  // a copy, which the floats that are written are not
+  // Rows across an edge, from the first one of a step.
+  std::array<float, 20> offsets{};
+  for (std::size_t k = 0; k < offsets.size(); ++k)
+    offsets[k] = wide ? static_cast<float>(band.offsets[std::min<std::size_t>(k, 15)])
+                      : static_cast<float>(k);
   int used = 0;
   double carry = 0.5 * stride;  // from a run's start to its first step
-  for (const EdgeRun& run : runs) {
-    const std::size_t v0 = vertex(run, run.begin);
-    const std::size_t v1 = vertex(run, run.end);
-    if (!(tag.depth[v0] > 0.0F && tag.depth[v1] > 0.0F)) continue;
+  for (std::size_t k = 0; k < tag.runs.size(); ++k) {
+    const double run_length = run_lengths[k];
+    if (carry >= run_length) {
+      if (run_length > 0.0) carry -= run_length;
+      continue;
+    }
+    const auto [v0, v1, vertical] = tag.runs[k];
     double x0 = static_cast<double>(tag.pixel_x[v0]);
     double y0 = static_cast<double>(tag.pixel_y[v0]);
     double x1 = static_cast<double>(tag.pixel_x[v1]);
@@ -167,16 +211,7 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
       std::swap(x1, y1);
     }
     // Now x is the direction of the walk.
-    const double span = x1 - x0;
-    const double run_length = std::abs(span);
-    if (!(run_length > 1e-6 && std::abs(x0) < 1e5 && std::abs(y0) < 1e5 && std::abs(x1) < 1e5 &&
-          std::abs(y1) < 1e5))
-      continue;
-    const double direction = span < 0.0 ? -1.0 : 1.0;
-    if (carry >= run_length) {
-      carry -= run_length;
-      continue;
-    }
+    const double direction = x1 < x0 ? -1.0 : 1.0;
     const double inverse_length = 1.0 / run_length;
     const double slope = (y1 - y0) * inverse_length;
     const int walk_limit = along_x ? image.width : image.height;
@@ -186,37 +221,42 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
     const double drx = (static_cast<double>(tag.ray_x[v1]) - rx0) * inverse_length;
     const double dry = (static_cast<double>(tag.ray_y[v1]) - ry0) * inverse_length;
     const double run_reach = std::min(reach_px * std::sqrt(1.0 + slope * slope), 8.0);
+    float* const walk_out = along_x ? s.pixel_x : s.pixel_y;
+    float* const cross_out = along_x ? s.pixel_y : s.pixel_x;
     int first = 0;
-    int last = 0;
+    int count = band.count;
     double at = carry;
     for (; at < run_length; at += stride) {
       const int walk = floor_of(x0 + direction * at + 0.5);
       if (walk < 0 || walk >= walk_limit) continue;
       const double exact = direction * (walk - x0);  // where this pixel's centre is along the run
-      const int cross = floor_of(y0 + slope * exact);
       if (wide) {
-        if (cross + band.offsets[0] < 0 ||
-            cross + band.offsets[static_cast<std::size_t>(band.count - 1)] >= cross_limit)
+        first = floor_of(y0 + slope * exact);
+        if (first + band.offsets[0] < 0 ||
+            first + band.offsets[static_cast<std::size_t>(band.count - 1)] >= cross_limit)
           continue;
       } else {
         first = ceil_of(y0 + slope * exact - run_reach);
-        last = std::min(floor_of(y0 + slope * exact + run_reach), first + most_rows - 1);
-        if (first < 0 || last >= cross_limit) continue;
+        count =
+            std::min(floor_of(y0 + slope * exact + run_reach), first + most_rows - 1) - first + 1;
+        if (first < 0 || first + count > cross_limit) continue;
       }
-      const auto guess_x = static_cast<float>(rx0 + drx * exact);
-      const auto guess_y = static_cast<float>(ry0 + dry * exact);
-      const int count = wide ? band.count : last - first + 1;
-      for (int k = 0; k < count; ++k) {
-        const int across = wide ? cross + band.offsets[static_cast<std::size_t>(k)] : first + k;
-        s.pixel_x[used] = static_cast<float>(along_x ? walk : across);
-        s.pixel_y[used] = static_cast<float>(along_x ? across : walk);
-        s.ray_x[used] = guess_x;
-        s.ray_y[used] = guess_y;
-        ++used;
+      const Four walk_4 = all_four(static_cast<float>(walk));
+      const Four cross_4 = all_four(static_cast<float>(first));
+      const Four guess_x = all_four(static_cast<float>(rx0 + drx * exact));
+      const Four guess_y = all_four(static_cast<float>(ry0 + dry * exact));
+      // How many there are changes from step to step, and no processor foresees it: always four or
+      // eight are written, those too many over again by the next step.
+      for (int i = 0; i < count; i += 4) {
+        store(walk_out + used + i, walk_4);
+        store(cross_out + used + i, cross_4 + load(offsets.data() + i));
+        store(s.ray_x + used + i, guess_x);
+        store(s.ray_y + used + i, guess_y);
       }
+      used += std::max(count, 0);
     }
     carry = at - run_length;
-    tag.run_samples.push_back({used, run.vertical});
+    tag.run_samples.push_back({used, vertical});
   }
   PENUMBRA_ASSERT(used <= tag.storage.capacity());
   tag.used = used;

@@ -12,6 +12,12 @@ namespace penumbra {
 namespace {
 
 constexpr int kSearchPoints = 256;  // in all
+constexpr int kNarrowReach = 15;    // [px]
+// The mean white cell over the mean black one [grey]; below this the peak is one of noise.
+constexpr double kLeastContrast = 12.0;
+// Of the contrast that the tags were found with last: a pattern that is displaced against itself
+// shows half of it at most.
+constexpr double kAsSeen = 0.75;
 
 }  // namespace
 
@@ -20,7 +26,7 @@ constexpr int kSearchPoints = 256;  // in all
 // tags' displacements, with the prediction's covariance deciding what they leave open.
 // `independent`: every tag's own highest peak counts, wherever it is.
 bool TagAligner::Impl::search(bool independent) {
-  if (independent) return search_within(kSearchReach, true);
+  if (independent) return search_within(kSearchReach, true, kLeastContrast);
   // As far as the prediction may be off (3 sigma); where the peak is not well inside, everywhere.
   double sigma_px = 0.0;
   for (const Tag* tag : active) {
@@ -34,11 +40,18 @@ bool TagAligner::Impl::search(bool independent) {
     sigma_px = std::max(sigma_px, std::sqrt(std::max(spread(0, 0), spread(1, 1))));
   }
   const double reach = 3.0 * sigma_px + 2.0;
-  if (reach <= 15.0 && search_within(15, false)) return true;
-  return search_within(kSearchReach, false);
+  if (reach <= kNarrowReach) {
+    if (search_within(kNarrowReach, false, kLeastContrast)) return true;
+  } else if (options.narrow_search && seen_contrast > 0.0) {
+    // Most predictions are better than they had to be: where the tags are seen near by as clearly
+    // as in the last frame, they are not elsewhere.
+    if (search_within(kNarrowReach, false, std::max(kAsSeen * seen_contrast, kLeastContrast)))
+      return true;
+  }
+  return search_within(kSearchReach, false, kLeastContrast);
 }
 
-bool TagAligner::Impl::search_within(int search_reach, bool independent) {
+bool TagAligner::Impl::search_within(int search_reach, bool independent, double least_contrast) {
   const int columns = 2 * (search_reach + 1);
   // With many tags a part of each one's cells is enough.
   const int pairs_per_tag =
@@ -50,7 +63,7 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent) {
   const int rows = 2 * (search_reach / row_step) + 1;
   const int first_row = -(search_reach / row_step) * row_step;
   score_sum.assign(static_cast<std::size_t>(rows * columns), 0);
-  fetch_ahead();
+  fetch_ahead(search_reach);
   std::array<const std::uint8_t*, kMaxSearchCells> points{};
   std::array<std::ptrdiff_t, kMaxSearchCells> strides{};
   const int window_rows = rows * row_step;
@@ -115,15 +128,15 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent) {
     for (std::size_t k = 0; k < score_sum.size(); ++k) score_sum[k] += tag->scores[k];
   }
   result.counters.searched_points += total;
+  result.counters.searched_px += rows * columns;
   if (total == 0) return false;
 
   const auto best = std::max_element(score_sum.begin(), score_sum.end()) - score_sum.begin();
   const int best_row = static_cast<int>(best) / columns;
   const int best_column = static_cast<int>(best) % columns;
-  // The mean white cell over the mean black one [grey]; below this the peak is one of noise.
-  constexpr double kLeastContrast = 12.0;
   const double contrast = 2.0 * score_sum[static_cast<std::size_t>(best)] / total;
-  if (!independent && contrast < kLeastContrast) return false;
+  result.counters.contrast = contrast;
+  if (!independent && contrast < least_contrast) return false;
   if (!independent && search_reach < kSearchReach &&
       (best_row < 2 || best_column < 2 || best_row > rows - 3 || best_column > columns - 3))
     return false;
@@ -211,7 +224,7 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent) {
 
 // Asks for the image around the tags: it is read in no order that a processor foresees, and a frame
 // fresh from a camera or a decoder lies in no near cache.
-void TagAligner::Impl::fetch_ahead() const {
+void TagAligner::Impl::fetch_ahead(int margin) const {
   float x0 = 1e9F;
   float y0 = 1e9F;
   float x1 = -1e9F;
@@ -227,13 +240,14 @@ void TagAligner::Impl::fetch_ahead() const {
       y1 = std::max(y1, tag->pixel_y[v]);
     }
   }
+  const auto margin_px = static_cast<float>(margin);
   const auto clip = [](float value, int limit) {
     return static_cast<int>(std::clamp(value, 0.0F, static_cast<float>(limit)));
   };
-  const int left = clip(x0 - kSearchReach, image.width - 1);
-  const int right = clip(x1 + kSearchReach, image.width - 1);
-  const int top = clip(y0 - kSearchReach, image.height - 1);
-  const int bottom = clip(y1 + kSearchReach, image.height - 1);
+  const int left = clip(x0 - margin_px, image.width - 1);
+  const int right = clip(x1 + margin_px, image.width - 1);
+  const int top = clip(y0 - margin_px, image.height - 1);
+  const int bottom = clip(y1 + margin_px, image.height - 1);
   for (int y = top; y <= bottom; ++y) {
     const std::uint8_t* row = image.row(y);
     for (int x = left; x <= right; x += 64) __builtin_prefetch(row + x);

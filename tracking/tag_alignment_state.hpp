@@ -77,6 +77,11 @@ struct TagAligner::Impl {
     // Of each vertex for 1, 2 and 3 lines per axis, see kernel::Samples.
     std::vector<std::array<float, 4>> coefficients1;
     std::vector<std::array<float, 16>> coefficients2, coefficients3;
+    struct Run {
+      std::uint32_t begin = 0, end = 0;  // vertices
+      bool vertical = false;             // in the lattice
+    };
+    std::vector<Run> runs;               // the pattern's
     std::vector<DataCell> search_cells;  // as many white as black, the white ones first
     int search_white = 0;
 
@@ -142,10 +147,13 @@ struct TagAligner::Impl {
   double noise_share = 0.0;  // sigma of a residual over the gain, by the median; 0: unknown
   Matrix6d information = Matrix6d::Zero();
   SampleNeed sample_need;
+  double seen_contrast = 0.0;              // [grey]
+  double moved_since_projection_px = 0.0;  // how far the tags went at most
   int first_samples = 0;
   bool starts_far = false;
   Vector6d row_velocity = Vector6d::Zero();  // the camera's, per row [m, rad]
   std::vector<Eliminated> eliminated;        // of the last step, by place in `active`
+  std::vector<double> run_lengths;           // in select, of a tag; negative: not to be walked
   std::vector<std::int32_t> score_sum;
   std::vector<std::uint8_t> search_scratch;
 
@@ -195,8 +203,8 @@ struct TagAligner::Impl {
   }
 
   [[nodiscard]] bool search(bool independent);
-  [[nodiscard]] bool search_within(int search_reach, bool independent);
-  void fetch_ahead() const;
+  [[nodiscard]] bool search_within(int search_reach, bool independent, double least_contrast);
+  void fetch_ahead(int margin) const;
   void read_levels();
   void select(Tag& tag, bool wide, int cap);
   void finish_samples(Tag& tag);

@@ -98,6 +98,7 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
     }
     place(*tag);
   }
+  moved_since_projection_px += moved_px;
   return true;
 }
 

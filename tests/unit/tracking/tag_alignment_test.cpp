@@ -263,6 +263,81 @@ TEST_F(TagAlignmentTest, SparseRoundsLeadToTheSamePose) {
   EXPECT_LT(evaluations, evaluations_whole);
 }
 
+// Tags that are as clearly seen near by as they were are found without looking further off; those
+// that are further off too, by looking there after all.
+TEST_F(TagAlignmentTest, TheNarrowSearchFindsTheSamePose) {
+  AlignmentOptions options;
+  auto narrow = TagAligner::create(camera_, tags_, options).value();
+  options.narrow_search = false;
+  auto wide = TagAligner::create(camera_, tags_, options).value();
+  int narrower = 0;
+  int again = 0;
+  for (int k = 0; k < 10; ++k) {
+    SCOPED_TRACE(k);
+    const CameraPose truth = random_view(random_);
+    PatternRenderOptions render;
+    render.noise_grey = 4.0;
+    render.samples = 128;
+    render.lens_blur_px = k % 3 == 1 ? 1.5 : 0.5;
+    render.cover_share = k % 3 == 2 ? 0.3 : 0.0;
+    render.seed = static_cast<std::uint64_t>(k) + 1;
+    const GreyImage image = picture(truth, render);
+    AlignmentInput input;
+    input.luma = image.view();
+    // Whatever is asked for may be off by more than the narrow window holds.
+    input.covariance = loose_prior(0.0007 * 25.0, 0.0012 * 25.0);
+    input.predicted = truth;
+    input.seen_contrast = wide.align(input).counters.contrast;
+    EXPECT_GT(input.seen_contrast, 60.0);
+    for (const double start_px : {2.0, 6.0, 22.0}) {
+      SCOPED_TRACE(start_px);
+      input.predicted = displaced(camera_, tags_, truth, start_px, random_);
+      const AlignmentResult& reference = wide.align(input);
+      const AlignmentResult& result = narrow.align(input);
+      ASSERT_EQ(result.verified, reference.verified);
+      if (!reference.verified) continue;
+      EXPECT_LT(overlay_px(result.T_table_camera, reference.T_table_camera), 0.05);
+      EXPECT_GT(result.counters.contrast, 0.9 * reference.counters.contrast);
+      narrower += result.counters.searched_px < reference.counters.searched_px ? 1 : 0;
+      again += result.counters.searched_px > reference.counters.searched_px ? 1 : 0;
+      if (start_px < 3.0) {
+        EXPECT_LT(result.counters.searched_px, reference.counters.searched_px);
+      }
+    }
+    // Not known how clearly: as far as it may be.
+    input.seen_contrast = 0.0;
+    EXPECT_EQ(narrow.align(input).counters.searched_px, wide.align(input).counters.searched_px);
+  }
+  EXPECT_GE(narrower, 10);
+  EXPECT_GE(again, 1);
+}
+
+TEST_F(TagAlignmentTest, DecodingWhereTheLastRoundSawTheCellsChangesNothing) {
+  AlignmentOptions options;
+  auto kept = TagAligner::create(camera_, tags_, options).value();
+  options.keep_projection = false;
+  auto anew = TagAligner::create(camera_, tags_, options).value();
+  for (int k = 0; k < 8; ++k) {
+    SCOPED_TRACE(k);
+    const CameraPose truth = random_view(random_);
+    PatternRenderOptions render;
+    render.noise_grey = 4.0;
+    render.samples = 128;
+    render.cover_share = k % 2 == 1 ? 0.3 : 0.0;
+    render.seed = static_cast<std::uint64_t>(k) + 1;
+    const GreyImage image = picture(truth, render);
+    const CameraPose start = displaced(camera_, tags_, truth, k < 6 ? 3.0 : 60.0, random_);
+    const AlignmentResult& a = align(kept, image, start, 3.0);
+    const AlignmentResult& b = align(anew, image, start, 3.0);
+    EXPECT_EQ(a.verified, b.verified);
+    EXPECT_TRUE(a.T_table_camera.matrix() == b.T_table_camera.matrix());
+    EXPECT_TRUE(a.covariance == b.covariance);
+    ASSERT_EQ(a.tags.size(), b.tags.size());
+    for (std::size_t i = 0; i < a.tags.size(); ++i)
+      EXPECT_EQ(a.tags[i].verified, b.tags[i].verified);
+  }
+}
+
 TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
   double known2 = 0.0;
   double unknown2 = 0.0;
