@@ -63,8 +63,10 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
                             std::max(2, options.samples_per_tag / kernel::kBlock)));
   noise_share = 0.0;
   const double settled = options.effort == AlignmentEffort::accurate ? 0.85 : 0.7;
+  // One block of a tag is enough where there are tags enough.
+  const int block_of_each = kernel::kBlock * static_cast<int>(active.size());
   const int sparse_cap = filled_blocks(
-      std::clamp(kSparseSamples / (kernel::kBlock * static_cast<int>(active.size())), 2, 4));
+      std::clamp(kSparseSamples / block_of_each, block_of_each >= kSparseSamples ? 1 : 2, 4));
   // Of each tag; where sampling may stop early it begins low and grows.
   int now = cap;
   if (sample_need) {

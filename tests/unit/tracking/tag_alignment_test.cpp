@@ -40,6 +40,52 @@ class TagAlignmentTest : public ::testing::Test {
     return overlay_difference(camera_, estimated, truth).rms_px();
   }
 
+  void sparse_rounds_lead_to_the_same_pose(const std::vector<MappedTag>& tags) {
+    PatternRenderer renderer = PatternRenderer::create(camera_, tags).value();
+    AlignmentOptions options;
+    options.effort = AlignmentEffort::accurate;
+    auto sparse = TagAligner::create(camera_, tags, options).value();
+    options.sparse_rounds = false;
+    auto whole = TagAligner::create(camera_, tags, options).value();
+    int evaluations = 0;
+    int evaluations_whole = 0;
+    for (int k = 0; k < 9; ++k) {
+      const CameraPose truth = random_view(random_);
+      PatternRenderOptions render;
+      render.noise_grey = 2.0;
+      render.samples = 128;
+      render.lens_blur_px = k % 3 == 1 ? 1.0 : 0.5;  // the model takes it for 0.5
+      render.cover_share = k % 3 == 2 ? 0.3 : 0.0;
+      render.seed = static_cast<std::uint64_t>(k) + 1;
+      const std::array<CameraPose, 1> path = {truth};
+      const GreyImage image = renderer.render(path, render);
+      AlignmentInput input;
+      input.luma = image.view();
+      input.predicted = displaced(camera_, tags, truth, 4.0, random_);
+      input.covariance = loose_prior(0.0007 * 4.0, 0.0012 * 4.0);
+      const AlignmentResult& reference = whole.align(input);
+      ASSERT_TRUE(reference.verified) << k;
+      for (const bool starts_far : {false, true}) {
+        SCOPED_TRACE(testing::Message() << k << (starts_far ? " from far" : ""));
+        input.starts_far = starts_far;
+        const AlignmentResult& result = sparse.align(input);
+        ASSERT_TRUE(result.verified);
+        EXPECT_LT(overlay_px(result.T_table_camera, reference.T_table_camera), 0.02);
+        EXPECT_LE(result.counters.fine_rounds, reference.counters.fine_rounds + 1);
+        EXPECT_NEAR(result.counters.samples, reference.counters.samples,
+                    0.01 * reference.counters.samples);
+        // As the last frame's did.
+        if (starts_far != reference.counters.far_start) continue;
+        evaluations += result.counters.evaluations;
+        evaluations_whole += reference.counters.evaluations;
+      }
+      ASSERT_TRUE(sparse.align(input).T_table_camera.matrix() ==
+                  sparse.align(input).T_table_camera.matrix())
+          << "no memory of the input before";
+    }
+    EXPECT_LT(evaluations, evaluations_whole);
+  }
+
   const CameraModel camera_ = wide_camera();
   const std::vector<MappedTag> tags_ = board(3, 2, 0.06);
   PatternRenderer renderer_ = PatternRenderer::create(camera_, tags_).value();
@@ -220,47 +266,11 @@ TEST_F(TagAlignmentTest, HoldsWithAThirdOfEveryTagCovered) {
 // Rounds before the last with few samples, and rounds that stop early, cost less and change
 // nothing.
 TEST_F(TagAlignmentTest, SparseRoundsLeadToTheSamePose) {
-  AlignmentOptions options;
-  options.effort = AlignmentEffort::accurate;
-  auto sparse = TagAligner::create(camera_, tags_, options).value();
-  options.sparse_rounds = false;
-  auto whole = TagAligner::create(camera_, tags_, options).value();
-  int evaluations = 0;
-  int evaluations_whole = 0;
-  for (int k = 0; k < 12; ++k) {
-    const CameraPose truth = random_view(random_);
-    PatternRenderOptions render;
-    render.noise_grey = 2.0;
-    render.samples = 128;
-    render.lens_blur_px = k % 3 == 1 ? 1.0 : 0.5;  // the model takes it for 0.5
-    render.cover_share = k % 3 == 2 ? 0.3 : 0.0;
-    render.seed = static_cast<std::uint64_t>(k) + 1;
-    const GreyImage image = picture(truth, render);
-    AlignmentInput input;
-    input.luma = image.view();
-    input.predicted = displaced(camera_, tags_, truth, 4.0, random_);
-    input.covariance = loose_prior(0.0007 * 4.0, 0.0012 * 4.0);
-    const AlignmentResult& reference = whole.align(input);
-    ASSERT_TRUE(reference.verified) << k;
-    for (const bool starts_far : {false, true}) {
-      SCOPED_TRACE(testing::Message() << k << (starts_far ? " from far" : ""));
-      input.starts_far = starts_far;
-      const AlignmentResult& result = sparse.align(input);
-      ASSERT_TRUE(result.verified);
-      EXPECT_LT(overlay_px(result.T_table_camera, reference.T_table_camera), 0.02);
-      EXPECT_LE(result.counters.fine_rounds, reference.counters.fine_rounds + 1);
-      EXPECT_NEAR(result.counters.samples, reference.counters.samples,
-                  0.01 * reference.counters.samples);
-      // As the last frame's did.
-      if (starts_far != reference.counters.far_start) continue;
-      evaluations += result.counters.evaluations;
-      evaluations_whole += reference.counters.evaluations;
-    }
-    ASSERT_TRUE(sparse.align(input).T_table_camera.matrix() ==
-                sparse.align(input).T_table_camera.matrix())
-        << "no memory of the input before";
+  // The samples of such a round are of all tags together: with many, each has few.
+  for (const auto& [columns, rows, size_m] : {std::tuple(3, 2, 0.06), std::tuple(4, 3, 0.045)}) {
+    SCOPED_TRACE(testing::Message() << columns * rows << " tags");
+    sparse_rounds_lead_to_the_same_pose(board(columns, rows, size_m));
   }
-  EXPECT_LT(evaluations, evaluations_whole);
 }
 
 // Tags that are as clearly seen near by as they were are found without looking further off; those
