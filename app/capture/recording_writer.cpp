@@ -11,6 +11,7 @@
 #include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <span>
 #include <system_error>
 #include <thread>
@@ -102,6 +103,7 @@ struct RecordingWriter::Impl {
   RecordingHead head;
   LineFile timestamps, poses, events;
   std::map<std::string, LineFile> group_poses;  // of the groups that were tracked so far
+  std::set<std::string> nameless_groups;        // of these, those that were told to have no file
   std::optional<LosslessVideo> video;
   bool with_exposure = false;  // as the first picture has it
   bool is_open = false;        // the folder is there and ours
@@ -240,7 +242,15 @@ struct RecordingWriter::Impl {
     auto file = group_poses.find(pose.group);
     if (file == group_poses.end()) {
       const auto name = group_file(pose.group);
-      if (!name) return {};  // can be no file's; told by whoever asked for one
+      if (!name) {
+        if (nameless_groups.insert(pose.group).second) {
+          log_warning(
+              "group '{}': can be no file's name, and its places are not recorded; give it another "
+              "in the tags' file",
+              pose.group);
+        }
+        return {};
+      }
       const fs::path in = folder / kGroupPosesFolder;
       std::error_code error;
       fs::create_directories(in, error);

@@ -157,6 +157,35 @@ TEST(RecordingWriter, KeepsExposuresAndPlacesOfGroups) {
   EXPECT_EQ(path.poses[0].T_table_camera.translation(), Eigen::Vector3d(0.25, 0.0, 0.5));
 }
 
+TEST(RecordingWriter, TellsOnceOfAGroupWhoseNameCanBeNoFiles) {
+  const test::TemporaryFolder temporary;
+  const fs::path folder = temporary.path() / "session";
+  testing::internal::CaptureStdout();  // where the log goes unless a program sets it up
+  auto writer = RecordingWriter::create(folder, head_for("MJPEG", 640, 480));
+  ASSERT_TRUE(writer) << writer.error().message;
+  GroupEstimate group;
+  group.status = TrackStatus::tracked;
+  for (int i = 0; i < 3; ++i) {
+    const CapturedImage image = jpeg_image(i);
+    (*writer)->add_image(image);
+    for (const char* name : {"../wall", "wall"}) {
+      group.name = name;
+      (*writer)->add_group(image.timestamp_ns, group);
+    }
+  }
+  const auto finished = (*writer)->finish();
+  const std::string told = testing::internal::GetCapturedStdout();
+  ASSERT_TRUE(finished);
+  const auto first = told.find("group '../wall': can be no file's name");
+  EXPECT_NE(first, std::string::npos) << told;
+  EXPECT_EQ(told.find("can be no file's name", first + 30), std::string::npos) << told;
+  EXPECT_FALSE(fs::exists(folder / "wall.tum"));
+  const auto places = load_group_paths(folder / kGroupPosesFolder, {"../wall", "wall"});
+  ASSERT_TRUE(places) << places.error().message;
+  EXPECT_EQ(places->count("../wall"), 0U);
+  EXPECT_EQ(places->at("wall").poses.size(), 3U);
+}
+
 // A recording without a picture is told by its listing, and so is one without exposures.
 TEST(RecordingWriter, TheListingHasItsHeadInAnyCase) {
   for (const bool with_picture : {false, true}) {
