@@ -53,6 +53,7 @@ Result<SessionFrame> Comparison::draw(const TrackedFrame& tracked) {
       continue;
     }
     add(all.composite, drawn->composite);
+    add(all.light_time, drawn->light_time);
     add(all.plan_time, drawn->plan_time);
     add(all.draw_time, drawn->draw_time);
     all.plan.skipped.insert(all.plan.skipped.end(), drawn->plan.skipped.begin(),
@@ -74,8 +75,8 @@ std::vector<PaneReport> Comparison::reports() const {
     PaneReport& report = reports.emplace_back();
     report.technique = pane.name;
     for (auto& [stage, times] : of_pane.time_ms) {
-      if (stage == "plan" || stage == "shadow" || stage == "render" || stage == "readback" ||
-          stage == "draw") {
+      if (stage == "light" || stage == "plan" || stage == "shadow" || stage == "render" ||
+          stage == "readback" || stage == "draw") {
         report.time_ms.emplace_back(stage, times);
       }
     }

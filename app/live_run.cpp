@@ -328,6 +328,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   SessionOptions session_options;
   session_options.plan = request.plan;
   session_options.rectified = request.rectified;
+  session_options.video_light = request.video_light;
   session_options.smooth = request.smooth;
   auto session = Session::create(**context, scene, *camera, std::move(*tracker), session_options);
   if (!session) return tl::unexpected(session.error());

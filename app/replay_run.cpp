@@ -342,6 +342,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   SessionOptions session_options;
   session_options.plan = request.plan;
   session_options.rectified = request.rectified;
+  session_options.video_light = request.video_light;
   session_options.smooth = request.smooth;
   session_options.scene_start_ns =
       events->scene_start_ns.value_or(recording->frames.front().timestamp_ns);

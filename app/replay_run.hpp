@@ -24,7 +24,8 @@ struct ReplayRequest : OutputRequest {
   std::filesystem::path scene;
   std::optional<std::filesystem::path> tags;  // instead of the recording's
   PlanOptions plan;
-  bool rectified = false;  // the picture without the lens's distortion
+  bool rectified = false;   // the picture without the lens's distortion
+  bool video_light = true;  // virtual objects are lit as the video is
   // Two or more, side by side in one picture; `plan` is then not used.
   std::vector<ComparedTechnique> compare;
   std::optional<std::filesystem::path> kernel_file;  // for the scene's casters that it fits

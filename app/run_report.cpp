@@ -137,8 +137,9 @@ std::optional<double> StageTimes::recent_ms() const {
 RunRecorder::RunRecorder(const RunRecorderOptions& options) : keep_paths_(options.keep_paths) {
   if (options.camera) lag_.emplace(*options.camera);
   // A stage that never ran is told too, with a count of 0.
-  for (const char* stage : {"capture", "track", "detect", "search", "align", "solve", "plan",
-                            "shadow", "render", "readback", "draw", "encode", "frame", "latency"}) {
+  for (const char* stage :
+       {"capture", "track", "detect", "search", "align", "solve", "light", "plan", "shadow",
+        "render", "readback", "draw", "encode", "frame", "latency"}) {
     stages_.emplace_back(stage, StageTimes());
   }
 }
@@ -190,6 +191,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   if (times.search_came) add_time("search", {times.search_ms, times.search_cpu_ms});
   if (times.align_ms > 0.0) add_time("align", {times.align_ms, times.align_cpu_ms});
   if (times.solve_ms > 0.0) add_time("solve", {times.solve_ms, times.solve_cpu_ms});
+  if (frame.light_time.wall_ms > 0.0) add_time("light", frame.light_time);
   add_time("plan", frame.plan_time);
   add_time("shadow", {drawn.shadow_ms, drawn.shadow_cpu_ms});
   add_time("render", {drawn.render_ms, drawn.render_cpu_ms});

@@ -61,6 +61,7 @@ Session::Session(const Scene& scene, const CameraModel& camera, PoseSource poses
       poses_(std::move(poses)),
       options_(options),
       smoother_(camera),
+      light_meter_(camera.parameters().tone_curve),
       compositor_(std::move(compositor)) {}
 
 Result<Session> Session::create(GlContext& context, std::shared_ptr<const Scene> scene,
@@ -119,6 +120,11 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   const Stopwatch plan_watch;
   SceneState state = evaluate_scene(scene_, seconds(frame.timestamp_ns - *options_.scene_start_ns),
                                     result.tracked.groups);
+  if (options_.video_light) {
+    const Stopwatch light_watch;
+    state.video_light = light_meter_.look_at(frame);
+    result.light_time = light_watch.elapsed();
+  }
   PoseEstimate drawn_pose = result.tracked.pose;
   if (options_.smooth && drawn_pose.has_pose()) {
     result.smoothed = smoother_.smooth(frame.timestamp_ns, drawn_pose.T_table_camera);

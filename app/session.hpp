@@ -39,6 +39,8 @@ struct SessionOptions {
   // The frames' clock at which the scene's time is 0; nothing: the first frame that is drawn.
   std::optional<std::int64_t> scene_start_ns;
   bool rectified = false;  // the picture without the lens's distortion
+  // Virtual objects are lit as the video is; else as the scene says.
+  bool video_light = false;
 };
 
 struct SessionFrame {
@@ -48,6 +50,7 @@ struct SessionFrame {
   FramePlan plan;
   std::vector<ShadowEvent> events;  // since the frame before that had a pose
   CompositeStats composite;
+  StageTime light_time;  // measuring the video's light
   StageTime plan_time;
   StageTime draw_time;  // plan, shadows, rendering and read-back together
   bool read_back = false;
@@ -129,6 +132,7 @@ class Session {
   PoseSource poses_;
   SessionOptions options_;
   PoseSmoother smoother_;
+  LightMeter light_meter_;
   Compositor compositor_;
   std::vector<SceneEdit> edits_;  // since the last frame
   std::vector<SceneEdit> edits_so_far_;

@@ -185,7 +185,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     calls += m.receivers.begin_frame(plan, m.lens, !plan.volumes.empty());
     calls += m.shadows.draw(plan, m.lens, m.receivers, m.video, frame, m.framebuffer);
     calls += m.phantom_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.framebuffer);
-    calls += m.hard_shadows.draw(*m.scene, plan, m.lens, m.receivers, m.framebuffer);
+    calls += m.hard_shadows.draw(plan, m.lens, m.receivers, m.framebuffer);
     calls += m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer);
     calls += m.rays.draw(*m.scene, plan, m.lens, m.framebuffer);
     m.framebuffer.invalidate_depth_stencil();

@@ -533,6 +533,30 @@ class Planner {
 
 }  // namespace
 
+Lighting lighting_for(const Scene& scene, const SceneState& state) {
+  // Cooler from above, warmer from wood and paper below.
+  const Eigen::Vector3d sky_tint(1.08, 1.12, 1.18);
+  const Eigen::Vector3d ground_tint(0.52, 0.49, 0.45);
+  Lighting lighting;
+  lighting.sky = scene.ambient.cwiseProduct(sky_tint);
+  lighting.ground = scene.ambient.cwiseProduct(ground_tint);
+  if (!state.video_light) return lighting;
+
+  Eigen::Vector3d on_table = lighting.sky;
+  const auto add = [&on_table](const PlacedLight& light) {
+    const Eigen::Vector3d towards = light.place.head<3>();
+    const double length = towards.norm();
+    if (length > 0.0) on_table += std::max(towards.z() / length, 0.0) * light.color;
+  };
+  for (const PlacedLight& light : state.lights) add(light);
+  if (state.lights.empty()) add(lamp_of_no_scene());
+  const Eigen::Vector3d luminance(0.2126, 0.7152, 0.0722);
+  lighting.gain = state.video_light->on_table / std::max(luminance.dot(on_table), 1.0);
+  lighting.sky = lighting.sky.cwiseProduct(lighting.gain);
+  lighting.ground = state.video_light->around;
+  return lighting;
+}
+
 FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEstimate& pose,
                      const CameraModel& camera, const PlanOptions& options) {
   PENUMBRA_ASSERT(state.objects.size() == scene.objects.size());
@@ -553,6 +577,7 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
   plan.has_pose = true;
   plan.T_table_camera = pose.T_table_camera;
   plan.lights = state.lights;
+  plan.lighting = lighting_for(scene, state);
   Planner planner(scene, state, camera, options, plan);
   planner.plan_objects();
   planner.plan_shadows();

@@ -124,6 +124,19 @@ struct SkippedPass {
   std::string reason;  // for the HUD: "rotor: outside the view"
 };
 
+// What virtual things are lit with beside the scene's lights. Linear, by channel.
+struct Lighting {
+  Eigen::Vector3d gain = Eigen::Vector3d::Ones();  // of the lights: those of the scene times this
+  // From the upper half of the room and from below, on a surface that faces it.
+  Eigen::Vector3d sky = Eigen::Vector3d::Zero();
+  Eigen::Vector3d ground = Eigen::Vector3d::Zero();
+};
+// Where the light of the video is known, a white matt surface that lies on the table shows as much
+// of it as white paper there would; less where all lights of the scene together give it less than
+// 1, so that they can be dimmed, and never more. What comes from below is what the picture shows.
+// Shadows on the table take the same share of its light either way.
+[[nodiscard]] Lighting lighting_for(const Scene& scene, const SceneState& state);
+
 struct FramePlan {
   bool has_pose = false;
   CameraPose T_table_camera;
@@ -139,6 +152,7 @@ struct FramePlan {
   std::vector<ShadowVolumeDraw> volumes;
   std::vector<LightRayDraw> rays;
   std::vector<PlacedLight> lights;  // one per Scene::lights
+  Lighting lighting;
   std::vector<SkippedPass> skipped;
 };
 

@@ -113,6 +113,10 @@ double opacity_for(TrackStatus status, TrackStatus held_from, double age_s) {
   return measured(held_from) * std::clamp(1.0 - age_s / kHoldSeconds, 0.0, 1.0);
 }
 
+PlacedLight lamp_of_no_scene() {
+  return {{-0.35, -0.45, 0.82, 0.0}, Eigen::Vector3d::Constant(0.8)};
+}
+
 SceneState evaluate_scene(const Scene& scene, double time_s,
                           std::span<const GroupEstimate> groups) {
   PENUMBRA_ASSERT(std::isfinite(time_s));

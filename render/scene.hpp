@@ -14,6 +14,7 @@
 #include "core/error.hpp"
 #include "core/group_pose.hpp"
 #include "core/transform.hpp"
+#include "render/light_meter.hpp"
 #include "render/model.hpp"
 #include "render/shadow/plane_frame.hpp"
 #include "render/shadow/technique.hpp"
@@ -173,6 +174,9 @@ struct PlacedLight {
   Eigen::Vector3d color = Eigen::Vector3d::Ones();  // linear, times the intensity
 };
 
+// What shows the objects of a scene without lights: a lamp over the left shoulder.
+[[nodiscard]] PlacedLight lamp_of_no_scene();
+
 // A plane in the table frame, its axes carried along by its group.
 struct PlacedPlane {
   PlaneFrame frame;
@@ -189,6 +193,8 @@ struct SceneState {
   std::vector<double> opacities;    // of the objects, as PlacedPlane::opacity; none: all 1
   std::vector<PlacedPlane> planes;  // one per Scene::planes; none: as the scene has them
   std::vector<PlacedLight> lights;  // one per Scene::lights
+  // That of the video, which the scene's lights are brought to; none: they are as the scene says.
+  std::optional<VideoLight> video_light;
 };
 // `groups`: where those beside the table are. What is tied to another one has opacity 0.
 [[nodiscard]] SceneState evaluate_scene(const Scene& scene, double time_s,

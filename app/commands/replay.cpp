@@ -145,6 +145,9 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       ->type_name("N");
   command->add_flag("--rectified", request.rectified,
                     "The picture without the lens's distortion; the video is resampled");
+  command->add_flag_callback(
+      "--no-video-light", [&request] { request.video_light = false; },
+      "Light virtual objects as the scene says, whatever light the video shows");
   command->add_flag("--no-skip", options->no_skip,
                     "Do all work, also what can't be seen; the results are the same");
   command->add_flag("--realtime", request.realtime,

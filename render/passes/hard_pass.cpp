@@ -96,7 +96,7 @@ void HardPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& wo
   }
 }
 
-int HardPass::draw_plane(const Scene& scene, const FramePlan& plan, const PlaneReceiver& receiver,
+int HardPass::draw_plane(const FramePlan& plan, const PlaneReceiver& receiver,
                          const LensUniforms& lens, Receivers& receivers) {
   // What one bit stands for: casters that are equally strong, of one light.
   struct Blocked {
@@ -167,7 +167,6 @@ int HardPass::draw_plane(const Scene& scene, const FramePlan& plan, const PlaneR
   p.set("table_from_camera", to_gl(plan.T_table_camera.rotation().toRotationMatrix()));
   p.set("eye", to_gl(plan.T_table_camera.translation()));
   p.set("normal", to_gl(receiver.frame.n));
-  p.set("ambient", to_gl(scene.ambient));
   p.set("opacity", receiver.opacity);
   const unsigned all = (1U << lights.size()) - 1U;
   std::vector<float> blocked(plan.lights.size());
@@ -184,7 +183,7 @@ int HardPass::draw_plane(const Scene& scene, const FramePlan& plan, const PlaneR
       high = high.cwiseMin(lights[i].high);
     }
     if ((low.array() > high.array()).any()) continue;
-    set_light_uniforms(p, plan.lights, blocked);
+    set_light_uniforms(p, plan, blocked);
     receivers.stencil_test(set, all);
     receivers.draw_grid(p, plan, receiver.frame, lens);
     ++calls;
@@ -192,14 +191,14 @@ int HardPass::draw_plane(const Scene& scene, const FramePlan& plan, const PlaneR
   return calls;
 }
 
-int HardPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                   Receivers& receivers, Framebuffer& framebuffer) {
+int HardPass::draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers,
+                   Framebuffer& framebuffer) {
   if (plan.hard_shadows.empty()) return 0;
   // No pixel is of two planes: one copy is right for all.
   if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
   int calls = 0;
   for (const PlaneReceiver& receiver : plan.receivers) {
-    calls += draw_plane(scene, plan, receiver, lens, receivers);
+    calls += draw_plane(plan, receiver, lens, receivers);
   }
   glStencilMask(0xFF);
   glDisable(GL_STENCIL_TEST);

@@ -38,8 +38,8 @@ class HardPass {
   // How the shadows are drawn from here on.
   [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
   // The plan must be the one prepared, and `receivers` begun for it. Number of draw calls.
-  int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-           Receivers& receivers, Framebuffer& framebuffer);
+  int draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers,
+           Framebuffer& framebuffer);
 
  private:
   // One caster's shadow from one light on one plane, on the GPU.
@@ -61,8 +61,8 @@ class HardPass {
 
   const ShadowMesh& mesh_of(const Scene& scene, const HardShadowDraw& draw);
   void make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow, ShadowWork& work);
-  int draw_plane(const Scene& scene, const FramePlan& plan, const PlaneReceiver& receiver,
-                 const LensUniforms& lens, Receivers& receivers);
+  int draw_plane(const FramePlan& plan, const PlaneReceiver& receiver, const LensUniforms& lens,
+                 Receivers& receivers);
 
   ShaderProgram shape_program_;
   TranslucentProgram light_program_;

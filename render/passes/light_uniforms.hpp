@@ -1,4 +1,5 @@
-// Gives a program the scene's lights: light_count, light_place, light_color.
+// Gives a program the light of a frame: light_count, light_place, light_color, sky_light and
+// ground_light.
 #pragma once
 
 #include <array>
@@ -6,6 +7,7 @@
 #include <span>
 #include <string_view>
 
+#include "render/frame_plan.hpp"
 #include "render/gl/shader.hpp"
 #include "render/scene.hpp"
 
@@ -16,8 +18,8 @@ inline constexpr std::size_t kMaxLights = 8;
 inline constexpr std::array<std::string_view, 1> kLightDefines = {"MAX_LIGHTS 8"};
 
 // `blocked`, the share of each light that is kept away, one per light or none, goes into the fourth
-// component of light_color. No more lights than kMaxLights.
-void set_light_uniforms(const ShaderProgram& program, std::span<const PlacedLight> lights,
+// component of light_color. No more lights than kMaxLights; without any, lamp_of_no_scene().
+void set_light_uniforms(const ShaderProgram& program, const FramePlan& plan,
                         std::span<const float> blocked = {});
 
 }  // namespace penumbra

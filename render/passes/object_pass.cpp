@@ -47,6 +47,9 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
   auto masked = TranslucentProgram::create(api, kVertex, kMasked, kMaskDefines);
   if (!masked) return tl::unexpected(masked.error());
   ObjectPass pass(std::move(*program), std::move(*masked));
+  if (const auto& tone = camera.parameters().tone_curve) {
+    pass.inverse_tone_ = static_cast<float>(1.0 / *tone);
+  }
 
   const double longest = longest_edge(camera);
   const std::vector<double> scales = largest_scales(scene);
@@ -101,17 +104,12 @@ Result<void> ObjectPass::choose(Translucency way, std::optional<PixelFormat> vid
   return masked_program_.choose(way, video);
 }
 
-void ObjectPass::begin_lit(const ShaderProgram& program, const Scene& scene, const FramePlan& plan,
+void ObjectPass::begin_lit(const ShaderProgram& program, const FramePlan& plan,
                            const LensUniforms& lens) const {
   program.use();
   set_lens(program, lens);
-  if (plan.lights.empty()) {  // a lamp over the left shoulder, so that shapes are seen
-    const PlacedLight lamp{{-0.35, -0.45, 0.82, 0.0}, Eigen::Vector3d::Constant(0.8)};
-    set_light_uniforms(program, {&lamp, 1});
-  } else {
-    set_light_uniforms(program, plan.lights);
-  }
-  program.set("ambient", to_gl(scene.ambient));
+  set_light_uniforms(program, plan);
+  program.set("inverse_tone", inverse_tone_);
   program.set("eye", to_gl(plan.T_table_camera.translation()));
   program.set("darkens", 0);
 }
@@ -171,7 +169,7 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan, const Le
                              Framebuffer& framebuffer) const {
   if (plan.objects.empty()) return 0;
   const ShaderProgram& plain = program_.plain();
-  begin_lit(plain, scene, plan, lens);
+  begin_lit(plain, plan, lens);
   glFrontFace(GL_CW);  // counter-clockwise faces, seen in a framebuffer whose row 0 is the top
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
@@ -198,7 +196,7 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan, const Le
   glDepthMask(GL_FALSE);
   const ShaderProgram& mixed = program_.get();
   if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
-  begin_lit(mixed, scene, plan, lens);
+  begin_lit(mixed, plan, lens);
   mixed.set("picture_before", kPictureBeforeUnit);
   begin_mixing(way_);
   for (std::span<const ObjectDraw> left = faint; !left.empty();) {
@@ -231,8 +229,7 @@ int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const 
   set_lens(program, lens);
   std::vector<float> blocked(plan.lights.size(), 0.0F);
   blocked.at(static_cast<std::size_t>(light)) = 1.0F;
-  set_light_uniforms(program, plan.lights, blocked);
-  program.set("ambient", to_gl(scene.ambient));
+  set_light_uniforms(program, plan, blocked);
   program.set("eye", to_gl(plan.T_table_camera.translation()));
   program.set("opacity", opacity);
   program.set("darkens", add_up ? 2 : 1);

@@ -89,11 +89,12 @@ class ObjectPass {
   static std::shared_ptr<GpuModel> upload(const Model& model, float max_edge);
   int draw_all(const ShaderProgram& program, const Scene& scene, std::span<const ObjectDraw> draws,
                const CameraPose& pose) const;
-  void begin_lit(const ShaderProgram& program, const Scene& scene, const FramePlan& plan,
+  void begin_lit(const ShaderProgram& program, const FramePlan& plan,
                  const LensUniforms& lens) const;
 
   TranslucentProgram program_;
   Translucency way_ = Translucency::blend;
+  float inverse_tone_ = 0.0F;  // of the camera's tone curve; 0: sRGB
   TranslucentProgram
       masked_program_;  // of shadows by masks: light alone would cost many times as much
   std::vector<std::shared_ptr<const GpuModel>> models_;     // one per scene object; null: no model

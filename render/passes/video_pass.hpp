@@ -15,15 +15,9 @@
 #include "render/gl/imported_texture.hpp"
 #include "render/gl/shader.hpp"
 #include "render/gl/texture.hpp"
+#include "render/yuv_conversion.hpp"
 
 namespace penumbra {
-
-// RGB in [0, 1] = matrix * (yuv - offset), yuv being stored bytes / 255.
-struct YuvConversion {
-  glm::mat3 rgb_from_yuv{1.0F};
-  glm::vec3 offset{0.0F};
-};
-[[nodiscard]] YuvConversion yuv_conversion(ColorMatrix matrix, ColorRange range);
 
 // A program for each layout of texels; formats with the same one share it.
 inline constexpr std::size_t kVideoLayouts = 5;

@@ -238,10 +238,9 @@ int VolumePass::darken_planes(const Drawing& drawing, int light, const Darkening
     p.set("table_from_camera", to_gl(plan.T_table_camera.rotation().toRotationMatrix()));
     p.set("eye", to_gl(plan.T_table_camera.translation()));
     p.set("normal", to_gl(receiver.frame.n));
-    p.set("ambient", to_gl(scene.ambient));
     p.set("opacity", std::min(receiver.opacity, how.strength));
     p.set("add_up", how.add_up ? 1 : 0);
-    set_light_uniforms(p, plan.lights, blocked);
+    set_light_uniforms(p, plan, blocked);
     receivers.draw_grid(p, plan, receiver.frame, lens);
     end_translucent();
     calls += 2;

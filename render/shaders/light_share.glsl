@@ -1,14 +1,13 @@
 // The lights of the scene, and what a surface loses where some of them do not reach it: by Lambert's
 // law each its own share of all light there, so that shadows add up as light does, and a face that a
 // light does not reach anyway loses nothing.
-uniform vec3 ambient;
 uniform int light_count;
 uniform vec4 light_place[MAX_LIGHTS];  // w 1: position; w 0: direction towards the light
 uniform vec4 light_color[MAX_LIGHTS];  // w: the share that is blocked
 
 // Of all light, linear. `place`: table frame [m]; `normal`: unit.
 vec3 blocked_share(vec3 place, vec3 normal) {
-  vec3 all = hemisphere(ambient, normal.z);
+  vec3 all = hemisphere(normal.z);
   vec3 blocked = vec3(0.0);
   for (int i = 0; i < MAX_LIGHTS; ++i) {
     if (i >= light_count) break;

@@ -1,6 +1,6 @@
 // Metal-rough surface under a few lights and a hemisphere of ambient light. Linear light inside,
-// sRGB-encoded when written, as the video is. Or, where shadows fall on the surface, what is left of
-// its light.
+// encoded as the video is when written. Or, where shadows fall on the surface, what is left of its
+// light.
 in vec3 place;
 in vec3 facing;
 in vec2 surface;
@@ -15,6 +15,7 @@ uniform float roughness;
 uniform int has_texture;
 uniform sampler2D base_color_texture;  // decoded to linear light by the sampler
 uniform vec3 eye;                      // table frame
+uniform float inverse_tone;  // encoded = linear ^ inverse_tone; 0: sRGB
 uniform int darkens;    // 1: the shadow on it; 2: the blocked share, for light_sum.frag.glsl
 uniform float opacity;  // of the shadow, or of the surface
 
@@ -55,9 +56,8 @@ void main() {
   }
   vec3 mirror = reflect(-view, n);
   vec3 ambient_fresnel = f0 + (max(vec3(1.0 - roughness), f0) - f0) * pow(max(1.0 - n_v, 0.0), 5.0);
-  sum += diffuse * hemisphere(ambient, n.z);
-  sum += ambient_fresnel *
-         hemisphere(ambient, mix(clamp(mirror.z * 2.5, -1.0, 1.0), n.z, roughness));
+  sum += diffuse * hemisphere(n.z);
+  sum += ambient_fresnel * hemisphere(mix(clamp(mirror.z * 2.5, -1.0, 1.0), n.z, roughness));
 
   // A shoulder above 0.75 in place of a hard clip.
   const float knee = 0.75;
@@ -65,5 +65,7 @@ void main() {
   sum = min(sum, vec3(knee)) + (1.0 - knee) * (1.0 - exp(-over / (1.0 - knee)));
   vec3 low = sum * 12.92;
   vec3 high = 1.055 * pow(max(sum, vec3(0.0031308)), vec3(1.0 / 2.4)) - 0.055;
-  color = mixed_in(mix(high, low, vec3(lessThan(sum, vec3(0.0031308)))), opacity);
+  vec3 encoded = mix(high, low, vec3(lessThan(sum, vec3(0.0031308))));
+  if (inverse_tone > 0.0) encoded = pow(sum, vec3(inverse_tone));
+  color = mixed_in(encoded, opacity);
 }

@@ -97,15 +97,33 @@ RgbaImage image_of(const test::Picture& picture) {
   return {picture.width, picture.height, picture.rgba};
 }
 
+// As the program draws a first frame: lit by it.
+SceneState lit(const Scene& scene, const View& view, double time_s,
+               std::span<const GroupEstimate> groups = {}) {
+  SceneState state = evaluate_scene(scene, time_s, groups);
+  state.video_light = measure_light(view.frame, view.camera.parameters().tone_curve);
+  return state;
+}
+
 RgbaImage composite(const View& view, ShadowTechnique technique,
-                    const std::shared_ptr<const Scene>& scene = solids(), double time_s = 0.0,
+                    const std::shared_ptr<const Scene>& scene, double time_s,
                     Translucency translucency = Translucency::automatic) {
   Studio studio(scene, view.camera);
   PlanOptions options;
   options.technique = technique;
   options.translucency = translucency;
+  const FramePlan plan = plan_frame(*scene, lit(*scene, view, time_s),
+                                    test::tracked(view.T_table_camera), view.camera, options);
+  return image_of(studio.draw(view.frame, plan));
+}
+
+// In the scene's own light.
+RgbaImage composite(const View& view, ShadowTechnique technique) {
+  Studio studio(solids(), view.camera);
+  PlanOptions options;
+  options.technique = technique;
   return image_of(
-      studio.draw(view.frame, studio.plan(test::tracked(view.T_table_camera), options, time_s)));
+      studio.draw(view.frame, studio.plan(test::tracked(view.T_table_camera), options)));
 }
 
 struct Case {
@@ -235,7 +253,7 @@ TEST_P(BundledScene, CompositedFrame) {
   GroupEstimate wall;
   wall.name = "wall";
   wall.status = TrackStatus::tracked;
-  const SceneState state = evaluate_scene(*scene, c.frame / 30.0, {&wall, 1});
+  const SceneState state = lit(*scene, *view, c.frame / 30.0, {&wall, 1});
   Studio studio(scene, view->camera);
   const FramePlan plan =
       plan_frame(*scene, state, test::tracked(view->T_table_camera), view->camera);

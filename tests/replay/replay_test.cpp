@@ -468,6 +468,35 @@ TEST(ReplayTest, RectifiedTheLensIsGoneAndNothingElse) {
   EXPECT_EQ(bytes_of(folder.path() / "straight.tum"), bytes_of(folder.path() / "bent.tum"));
 }
 
+// Objects take the video's light, the same whatever runs beside what, and the poses know nothing of
+// it.
+TEST(ReplayTest, ObjectsAreLitAsTheVideoIs) {
+  const TemporaryFolder folder;
+  nlohmann::json report;
+  const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {bundled("tabletop"),
+                                          "--frames",
+                                          "10:16",
+                                          "--poses",
+                                          folder.path() / (name + ".tum"),
+                                          "--output",
+                                          folder.path() / name};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const Replay done = replay(folder.path(), arguments);
+    EXPECT_EQ(done.result.exit_code, 0) << done.result.err;
+    report = done.report;
+    return contents_of(folder.path() / name);
+  };
+  const auto lit = run("lit", {});
+  EXPECT_EQ(report["time_ms"]["light"]["count"], 6);
+  EXPECT_EQ(run("again", {"--threads", "1"}), lit);
+  const auto own = run("own", {"--no-video-light"});
+  EXPECT_EQ(report["time_ms"]["light"]["count"], 0);
+  ASSERT_EQ(own.size(), lit.size());
+  for (const auto& [file, bytes] : lit) EXPECT_NE(own.at(file), bytes) << file;
+  EXPECT_EQ(bytes_of(folder.path() / "own.tum"), bytes_of(folder.path() / "lit.tum"));
+}
+
 // One frame of a scene of the helicopter alone, tilted by nothing, drawn with these options.
 class HelicopterReplay : public testing::Test {
  protected:
