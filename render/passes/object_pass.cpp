@@ -48,7 +48,7 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
   if (!masked) return tl::unexpected(masked.error());
   ObjectPass pass(std::move(*program), std::move(*masked));
   if (const auto& tone = camera.parameters().tone_curve) {
-    pass.inverse_tone_ = static_cast<float>(1.0 / *tone);
+    pass.tone_ = {static_cast<float>(1.0 / *tone), 1.0F, 0.0F, 0.0F};
   }
 
   const double longest = longest_edge(camera);
@@ -109,7 +109,7 @@ void ObjectPass::begin_lit(const ShaderProgram& program, const FramePlan& plan,
   program.use();
   set_lens(program, lens);
   set_light_uniforms(program, plan);
-  program.set("inverse_tone", inverse_tone_);
+  program.set("tone", tone_);
   program.set("eye", to_gl(plan.T_table_camera.translation()));
   program.set("darkens", 0);
 }

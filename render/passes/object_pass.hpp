@@ -94,7 +94,8 @@ class ObjectPass {
 
   TranslucentProgram program_;
   Translucency way_ = Translucency::blend;
-  float inverse_tone_ = 0.0F;  // of the camera's tone curve; 0: sRGB
+  // Of object.frag.glsl: sRGB's, where the camera's own is not known.
+  glm::vec4 tone_{1.0F / 2.4F, 1.055F, 0.055F, 0.0031308F};
   TranslucentProgram
       masked_program_;  // of shadows by masks: light alone would cost many times as much
   std::vector<std::shared_ptr<const GpuModel>> models_;     // one per scene object; null: no model

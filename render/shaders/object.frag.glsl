@@ -15,7 +15,8 @@ uniform float roughness;
 uniform int has_texture;
 uniform sampler2D base_color_texture;  // decoded to linear light by the sampler
 uniform vec3 eye;                      // table frame
-uniform float inverse_tone;  // encoded = linear ^ inverse_tone; 0: sRGB
+// encoded = tone.y * linear ^ tone.x - tone.z; below tone.w linear, as sRGB has it
+uniform vec4 tone;
 uniform int darkens;    // 1: the shadow on it; 2: the blocked share, for light_sum.frag.glsl
 uniform float opacity;  // of the shadow, or of the surface
 
@@ -64,8 +65,6 @@ void main() {
   vec3 over = max(sum - knee, 0.0);
   sum = min(sum, vec3(knee)) + (1.0 - knee) * (1.0 - exp(-over / (1.0 - knee)));
   vec3 low = sum * 12.92;
-  vec3 high = 1.055 * pow(max(sum, vec3(0.0031308)), vec3(1.0 / 2.4)) - 0.055;
-  vec3 encoded = mix(high, low, vec3(lessThan(sum, vec3(0.0031308))));
-  if (inverse_tone > 0.0) encoded = pow(sum, vec3(inverse_tone));
-  color = mixed_in(encoded, opacity);
+  vec3 high = tone.y * pow(max(sum, tone.w), vec3(tone.x)) - tone.z;
+  color = mixed_in(mix(high, low, vec3(lessThan(sum, vec3(tone.w)))), opacity);
 }
