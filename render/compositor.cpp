@@ -8,6 +8,7 @@
 #include "core/stopwatch.hpp"
 #include "render/camera_gl.hpp"
 #include "render/gl/framebuffer.hpp"
+#include "render/gl/gl_error.hpp"
 #include "render/gl/picture_probe.hpp"
 #include "render/passes/hard_pass.hpp"
 #include "render/passes/object_pass.hpp"
@@ -20,20 +21,6 @@
 #include "render/passes/volume_pass.hpp"
 
 namespace penumbra {
-namespace {
-
-// The first error that OpenGL has noted, if any; the rest are of the same cause and dropped.
-std::optional<GLenum> noted_gl_error() {
-  const GLenum first = glGetError();
-  if (first == GL_NO_ERROR) return std::nullopt;
-  // A lost context may report for ever.
-  for (int i = 0; i < 16 && glGetError() != GL_NO_ERROR; ++i) {
-  }
-  return first;
-}
-
-}  // namespace
-
 struct Compositor::Impl {
   Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
        Framebuffer target, const PictureAbilities& found, ObjectPass object_pass,
@@ -145,6 +132,9 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
                              std::move(*objects), std::move(*receivers), std::move(*shadows),
                              std::move(*hard), std::move(*volumes), std::move(*rays));
   if (rectified) impl->rectified.emplace(context.info().api, video_camera);
+  // Models, textures and programs are there now, or they are not.
+  if (const auto error = noted_gl_error())
+    return fail("{}: {}", impl->scene->file, gl_error_text(*error));
   return Compositor(std::move(impl));
 }
 
@@ -196,8 +186,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   if (m.context.info().software) glFinish();
   render_clock.add_to(m.stats.render_ms, m.stats.render_cpu_ms);
   if (const auto error = noted_gl_error())
-    return fail("the graphics driver reports error {:#x} while frame {} is drawn", *error,
-                frame.sequence);
+    return fail("frame {}: {}", frame.sequence, gl_error_text(*error));
 
   m.stats.translucency = way;
   m.stats.passes_drawn = calls;

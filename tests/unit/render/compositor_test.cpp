@@ -7,6 +7,8 @@
 #include <cmath>
 #include <random>
 
+#include "render/gl/framebuffer.hpp"
+#include "render/gl/gl_error.hpp"
 #include "render/gl/shader.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
@@ -287,9 +289,44 @@ TEST(Compositor, ReportsWhatTheDriverRefusesInTheSameFrame) {
   glEnable(0xFFFF);  // no such thing
   const auto drawn = studio.compositor().draw(frame, FramePlan());
   ASSERT_FALSE(drawn);
-  EXPECT_THAT(drawn.error().message, testing::HasSubstr("0x500 while frame"));
+  EXPECT_THAT(drawn.error().message, testing::HasSubstr("frame 0: the graphics driver refuses"));
+  EXPECT_THAT(drawn.error().message, testing::HasSubstr("0x500"));
   EXPECT_TRUE(studio.compositor().draw(frame, FramePlan()))
       << "one frame's error is not the next's";
+}
+
+// What was noted while models and textures went to the GPU is told before the first frame.
+TEST(Compositor, ReportsWhatTheDriverRefusesOfAScene) {
+  const auto context = create_offscreen_context();
+  ASSERT_TRUE(context);
+  SceneBuilder builder;
+  glEnable(0xFFFF);
+  const auto made = Compositor::create(**context, builder.build(), test::camera_of(64, 48, 60.0));
+  ASSERT_FALSE(made);
+  EXPECT_THAT(made.error().message, testing::StartsWith("test.json: the graphics driver refuses"));
+  EXPECT_TRUE(Compositor::create(**context, builder.build(), test::camera_of(64, 48, 60.0)));
+}
+
+TEST(Framebuffer, RefusesASizeThatNoDriverHolds) {
+  const auto context = create_offscreen_context();
+  ASSERT_TRUE(context);
+  const auto made = Framebuffer::create(10'000'000, 48);
+  ASSERT_FALSE(made);
+  EXPECT_THAT(made.error().message, testing::HasSubstr("10000000 x 48 px is too large"));
+}
+
+TEST(GlError, SaysWhatItMeansAndWhatToDo) {
+  EXPECT_THAT(gl_error_text(GL_OUT_OF_MEMORY), testing::HasSubstr("out of memory; use a smaller"));
+  EXPECT_THAT(gl_error_text(GL_CONTEXT_LOST), testing::HasSubstr("was reset"));
+  EXPECT_THAT(gl_error_text(GL_INVALID_OPERATION), testing::HasSubstr("refuses"));
+  EXPECT_THAT(gl_error_text(0x9999), testing::HasSubstr("0x9999"));
+  // Of a context that reports for ever, one line is told and no more are waited for.
+  const auto context = create_offscreen_context();
+  ASSERT_TRUE(context);
+  EXPECT_FALSE(noted_gl_error());
+  for (int i = 0; i < 3; ++i) glEnable(0xFFFF);
+  EXPECT_EQ(noted_gl_error(), static_cast<unsigned>(GL_INVALID_ENUM));
+  EXPECT_FALSE(noted_gl_error());
 }
 
 TEST(Compositor, RefusesMoreLightsThanItDraws) {

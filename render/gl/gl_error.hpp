@@ -1,0 +1,16 @@
+// Errors that OpenGL notes, for people.
+#pragma once
+
+#include <optional>
+#include <string>
+
+namespace penumbra {
+
+// The first error that OpenGL has noted since it was last asked, if any; the rest are of the same
+// cause and dropped.
+[[nodiscard]] std::optional<unsigned> noted_gl_error();
+
+// What it means, and what to do where somebody can.
+[[nodiscard]] std::string gl_error_text(unsigned code);
+
+}  // namespace penumbra
