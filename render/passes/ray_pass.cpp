@@ -143,6 +143,12 @@ int RayPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms&
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
   if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
+  // Dots of several lights at one vertex have one depth: a pixel is of the first.
+  glStencilMask(0xFF);
+  glClear(GL_STENCIL_BUFFER_BIT);
+  glEnable(GL_STENCIL_TEST);
+  glStencilFunc(GL_EQUAL, 0, 0xFF);
+  glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
   begin(program_.get());
   begin_mixing(way_);
   int calls = 1;
@@ -153,6 +159,7 @@ int RayPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms&
     ++calls;
   }
   end_translucent();
+  glDisable(GL_STENCIL_TEST);
   glDepthMask(GL_TRUE);
   glDepthFunc(GL_LESS);
   return calls;

@@ -232,5 +232,49 @@ TEST(DrawnRaysTest, FadeWithThePose) {
   EXPECT_GT(old, 20);
 }
 
+// Dots of two lights at one vertex are one dot, also where they are mixed into the video.
+TEST(DrawnRaysTest, OfAFadingObjectAreMixedInOnce) {
+  const CameraModel camera = test::camera_of(kSide, kSide, 260.0);
+  SceneBuilder builder = lit_box();
+  SceneLight other = builder.scene().lights[0];
+  other.name = "other";
+  other.position = {0.02, 0.01, 0.5};
+  builder.scene().lights.push_back(other);
+  builder.scene().shadows[0].lights = {0, 1};
+  const auto scene = builder.build();
+  Studio studio(scene, camera);
+  SceneState state = evaluate_scene(*scene, 0.0);
+  state.opacities = {0.5};
+  const auto drawn = [&](Translucency way, std::size_t rays) {
+    PlanOptions options;
+    options.light_rays = true;
+    options.translucency = way;
+    FramePlan plan = plan_frame(*scene, state, kFromFront, camera, options);
+    EXPECT_EQ(plan.rays.size(), 2U);
+    plan.rays.resize(rays);
+    plan.objects.clear();
+    plan.hard_shadows.clear();
+    return studio.draw(grey(), plan);
+  };
+  const Picture one = drawn(Translucency::blend, 1);
+  const Picture two = drawn(Translucency::blend, 2);
+  int dots = 0;
+  for (const double x : {-0.04, 0.04}) {
+    for (const double y : {-0.04, 0.04}) {
+      const auto at = pixel_of(camera, kFromFront.T_table_camera, {x, y, 0.17});
+      if (color_at(one, at) < 20) continue;
+      ++dots;
+      for (int c = 0; c < 3; ++c) EXPECT_EQ(two.at(at.x(), at.y())[c], one.at(at.x(), at.y())[c]);
+    }
+  }
+  EXPECT_GE(dots, 2);
+  // Fetched and written anew nothing can be mixed in twice: the same picture.
+  const Picture fetched = drawn(Translucency::retexture, 2);
+  int differ = 0;
+  for (std::size_t i = 0; i < two.rgba.size(); ++i)
+    differ += std::abs(fetched.rgba[i] - two.rgba[i]) > 1 ? 1 : 0;
+  EXPECT_LE(differ, 60) << "where pieces of equal depth have other colours, the first or the last";
+}
+
 }  // namespace
 }  // namespace penumbra::light_rays_test
