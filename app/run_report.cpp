@@ -281,6 +281,8 @@ void RunRecorder::add_work(const CompositeStats& drawn) {
   work_.proxy_shadows += drawn.proxy_shadows;
   work_.proxy_checks += drawn.proxy_checks;
   work_.proxy_faces_saved += drawn.proxy_faces_saved;
+  work_.layer_masks_drawn += drawn.layer_masks_drawn;
+  work_.layer_masks_kept += drawn.layer_masks_kept;
   work_.masks_drawn += drawn.masks_drawn;
   work_.masks_kept += drawn.masks_kept;
   work_.video_copies += drawn.video_copies;
@@ -328,6 +330,8 @@ std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
       {"proxy_shadows", work_.proxy_shadows},
       {"proxy_checks", work_.proxy_checks},
       {"proxy_faces_saved", work_.proxy_faces_saved},
+      {"layer_masks_drawn", work_.layer_masks_drawn},
+      {"layer_masks_kept", work_.layer_masks_kept},
       {"phantom_masks_drawn", work_.masks_drawn},
       {"phantom_masks_kept", work_.masks_kept},
       {"video_copies", work_.video_copies},

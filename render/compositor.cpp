@@ -91,6 +91,8 @@ void add(CompositeStats& to, const CompositeStats& stats) {
   to.proxy_shadows += stats.proxy_shadows;
   to.proxy_checks += stats.proxy_checks;
   to.proxy_faces_saved += stats.proxy_faces_saved;
+  to.layer_masks_drawn += stats.layer_masks_drawn;
+  to.layer_masks_kept += stats.layer_masks_kept;
   to.masks_drawn += stats.masks_drawn;
   to.masks_kept += stats.masks_kept;
   to.video_copies += stats.video_copies;
@@ -200,6 +202,8 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   m.stats.proxy_shadows = work.proxy_shadows;
   m.stats.proxy_checks = work.proxy_checks;
   m.stats.proxy_faces_saved = work.proxy_faces_saved;
+  m.stats.layer_masks_drawn = work.layer_masks_drawn;
+  m.stats.layer_masks_kept = work.layer_masks_kept;
   m.stats.masks_drawn = work.masks_drawn;
   m.stats.masks_kept = work.masks_kept;
   m.stats.faces_tested = work.faces_tested;

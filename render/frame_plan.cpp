@@ -569,6 +569,7 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
   }
   plan.finest_edges = options.finest_edges;
   plan.translucency = options.translucency;
+  plan.layers = options.layers;
   plan.overlay_opacity = static_cast<float>(opacity_for(pose.status, pose.held_from, pose.age_s));
   if (plan.overlay_opacity <= 0.0F) {
     plan.skipped.push_back({"faded_out", "overlay: the pose is too old"});

@@ -22,7 +22,8 @@ struct PlanOptions {
   std::optional<KernelSource> kernels;       // overrides every shadow node's
   std::optional<LightMode> light_mode;       // overrides every shadow node's
   bool proxies = true;                       // false: every object casts with its own mesh
-  bool light_rays = false;                   // of every shadow node, whatever it says
+  LayerDrawing layers = LayerDrawing::automatic;
+  bool light_rays = false;  // of every shadow node, whatever it says
   bool skip =
       true;  // leave out what can't be seen; the picture is the same either way, bit for bit
   // Split casters' edges as the nearest distance expected asks for, not as the present one does;
@@ -141,7 +142,8 @@ struct FramePlan {
   bool has_pose = false;
   CameraPose T_table_camera;
   Translucency translucency = Translucency::automatic;  // of all that is drawn
-  bool finest_edges = false;                            // of casters, whatever the distance
+  LayerDrawing layers = LayerDrawing::automatic;
+  bool finest_edges = false;         // of casters, whatever the distance
   float overlay_opacity = 1.0F;      // 1 when tracked, lower when uncertain or held
   std::vector<ObjectDraw> phantoms;  // depth only
   std::vector<ObjectDraw> objects;

@@ -56,6 +56,14 @@ struct PictureAbilities {
   return abilities.fetches ? Translucency::retexture : Translucency::mesh;
 }
 
+// How layers of kernels reach a plane. Both show the same shadow.
+enum class LayerDrawing {
+  automatic,  // as a mask where that takes less, or is all that has smooth edges at no more
+  direct,     // the caster's faces, projected by the GPU, once for each layer
+  mask,       // a picture of all layers, made of the casters' silhouettes; where the casters' faces
+              // close up and no layer is cut at a height, else directly
+};
+
 // The screen-door's pattern has so many places: densities are multiples of one of them.
 inline constexpr int kDoorPlaces = 16;
 

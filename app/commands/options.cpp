@@ -134,6 +134,24 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
           "the table, to compare with; auto: the first of blend, retexture, mesh that works")
       ->type_name("auto|blend|mesh|retexture|geometry-mesh")
       ->default_str("auto");
+  command
+      .add_option_function<std::string>(
+          "--layers",
+          [&choice](const std::string& name) {
+            if (name != "auto" && name != "direct" && name != "mask") {
+              throw CLI::ValidationError(
+                  "--layers", fmt::format("{}: no such way; known: auto, direct, mask", name));
+            }
+            choice.layers = name == "mask"     ? LayerDrawing::mask
+                            : name == "direct" ? LayerDrawing::direct
+                                               : LayerDrawing::automatic;
+          },
+          "How layered shadows are drawn. direct: each face by the graphics hardware, once a "
+          "layer; "
+          "mask: as a picture on the table made of silhouettes, with smooth edges, where nothing "
+          "has to be cut; auto: the mask for casters of many faces")
+      ->type_name("auto|direct|mask")
+      ->default_str("auto");
   command.add_flag("--show-rays", choice.light_rays,
                    "Draw rays from the lights through vertices of what casts to the points of the "
                    "shadow that belong to them, for hard and volume");
@@ -189,6 +207,7 @@ void apply(const ShadowChoice& choice, PlanOptions& plan) {
   plan.proxies = choice.proxies;
   plan.light_rays = choice.light_rays;
   plan.translucency = choice.translucency;
+  plan.layers = choice.layers;
   if (choice.cocl) {
     if (choice.kernel_file || (choice.kernels && *choice.kernels != KernelSource::automatic &&
                                *choice.kernels != KernelSource::centroid)) {

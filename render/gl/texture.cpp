@@ -54,12 +54,13 @@ Texture2d::Texture2d(TextureFilter filter)
     : handle_(GlHandle<TextureTraits>::create()), filter_(filter) {
   glBindTexture(GL_TEXTURE_2D, handle_.id());
   const bool nearest = filter == TextureFilter::nearest;
-  const GLint wrap = nearest ? GL_CLAMP_TO_EDGE : GL_REPEAT;
+  const bool trilinear = filter == TextureFilter::trilinear;
+  const GLint wrap = trilinear ? GL_REPEAT : GL_CLAMP_TO_EDGE;
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, wrap);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, wrap);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, nearest ? GL_NEAREST : GL_LINEAR);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER,
-                  nearest ? GL_NEAREST : GL_LINEAR_MIPMAP_LINEAR);
+                  nearest ? GL_NEAREST : (trilinear ? GL_LINEAR_MIPMAP_LINEAR : GL_LINEAR));
 }
 
 void Texture2d::upload(TexelFormat format, int width, int height, const std::uint8_t* data,

@@ -14,6 +14,7 @@ enum class TexelFormat { r8, rg8, rgb8, rgba8, srgb8_alpha8, rgba16f };
 
 enum class TextureFilter {
   nearest,   // fetched texel by texel
+  linear,    // between texels; beyond the last ones, these
   trilinear  // with mipmaps, repeating
 };
 

@@ -1,7 +1,5 @@
 #include "render/passes/field_quad.hpp"
 
-#include <epoxy/gl.h>
-
 #include <algorithm>
 #include <bit>
 #include <cstdint>
@@ -54,32 +52,6 @@ void FieldTexture::upload(const ShadowField& field) {
            static_cast<float>(field.origin.y() + 0.5 * field.cell), cell * last_.x, cell * last_.y};
 }
 
-FieldQuad::FieldQuad(TranslucentProgram program, double longest_edge_m)
-    : program_(std::move(program)), longest_edge_m_(longest_edge_m) {
-  for (std::size_t i = 0; i < kGrids; ++i) {
-    Grid& grid = grids_[i];
-    const std::uint32_t pieces = 1U << i;
-    std::vector<glm::vec2> corners;
-    std::vector<std::uint32_t> indices;
-    for (std::uint32_t row = 0; row <= pieces; ++row) {
-      for (std::uint32_t column = 0; column <= pieces; ++column) {
-        corners.emplace_back(static_cast<float>(column) / static_cast<float>(pieces),
-                             static_cast<float>(row) / static_cast<float>(pieces));
-        if (row == pieces || column == pieces) continue;
-        const std::uint32_t first = row * (pieces + 1) + column;
-        const std::uint32_t above = first + pieces + 1;
-        for (const std::uint32_t index : {first, first + 1, above, above, first + 1, above + 1})
-          indices.push_back(index);
-      }
-    }
-    grid.layout.bind();
-    grid.vertices.write(std::span<const glm::vec2>(corners));
-    VertexArray::attribute(0, 2, sizeof(glm::vec2), 0);
-    grid.indices.write(std::span<const std::uint32_t>(indices));
-    grid.index_count = static_cast<int>(indices.size());
-  }
-}
-
 Result<FieldQuad> FieldQuad::create(GlApi api, double longest_edge_m) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "field.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"field.frag.glsl"};
@@ -110,14 +82,9 @@ void FieldQuad::draw(const ShaderProgram& program, const FieldTexture& field,
   program.set("layer_wanted",
               glm::vec3(wanted[0] ? 1.0F : 0.0F, wanted[1] ? 1.0F : 0.0F, wanted[2] ? 1.0F : 0.0F));
   program.set("layer_light", layer_light);
-  const auto longest = static_cast<double>(std::max(field.rect_.z, field.rect_.w));
-  std::size_t grid = 0;
-  while (!straight_ && grid + 1 < kGrids &&
-         longest > longest_edge_m_ * static_cast<double>(1U << grid))
-    ++grid;
   field.texture_->bind(0);
-  grids_[grid].layout.bind();
-  glDrawElements(GL_TRIANGLES, grids_[grid].index_count, GL_UNSIGNED_INT, nullptr);
+  grids_.draw(static_cast<double>(std::max(field.rect_.z, field.rect_.w)), longest_edge_m_,
+              straight_);
 }
 
 }  // namespace penumbra

@@ -8,10 +8,10 @@
 #include <optional>
 
 #include "render/camera_gl.hpp"
-#include "render/gl/buffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/gl/texture.hpp"
 #include "render/passes/translucent_program.hpp"
+#include "render/passes/unit_grids.hpp"
 #include "render/shadow/own_frame.hpp"
 #include "render/shadow/power_distance.hpp"
 
@@ -51,19 +51,11 @@ class FieldQuad {
             const glm::vec3& layer_light) const;
 
  private:
-  // The unit square in 2^i by 2^i pieces.
-  struct Grid {
-    VertexArray layout;
-    GlBuffer vertices{BufferUse::vertices};
-    GlBuffer indices{BufferUse::indices};
-    int index_count = 0;
-  };
-  static constexpr std::size_t kGrids = 7;  // up to 64 x 64
-
-  FieldQuad(TranslucentProgram program, double longest_edge_m);
+  FieldQuad(TranslucentProgram program, double longest_edge_m)
+      : program_(std::move(program)), longest_edge_m_(longest_edge_m) {}
 
   TranslucentProgram program_;
-  std::array<Grid, kGrids> grids_;
+  UnitGrids grids_;
   double longest_edge_m_ = 0.0;  // pieces are no longer than this, so that they follow the lens
   bool straight_ = false;        // the lens has no distortion: one piece is exact
 };

@@ -28,6 +28,10 @@ namespace {
 constexpr double kContactTolerance = 1e-6;
 constexpr std::size_t kMaxKernelSets = 64;  // kept per caster
 constexpr std::size_t kMaxProxyChecks = 4096;
+// From so many faces on, of all casters of a plane, a mask takes less than drawing them directly.
+constexpr std::size_t kLeastMaskFaces = 200;
+constexpr double kPixelsPerMaskCell = 1.6;
+constexpr std::int64_t kMostMaskCells = 1024;  // along a side
 // A reduced mesh whose edges were split again for the lens must still spare this much.
 constexpr double kWorthwhileFaces = 0.75;
 // Tilt and height of layers are kept to what floats can tell; those of fields to 1/32 of a cell.
@@ -223,14 +227,18 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const Camer
   if (!shadow) return tl::unexpected(shadow.error());
   auto field = FieldQuad::create(api, longest_edge(camera));
   if (!field) return tl::unexpected(field.error());
+  auto mask = MaskQuad::create(api, longest_edge(camera));
+  if (!mask) return tl::unexpected(mask.error());
   auto strips = MeshStrips::create(api, camera);
   if (!strips) return tl::unexpected(strips.error());
-  ShadowPass pass(std::move(*shadow), std::move(*field), std::move(*strips));
+  ShadowPass pass(std::move(*shadow), std::move(*field), std::move(*mask), std::move(*strips));
   pass.edges_ = longest_caster_edges(scene, camera);
   pass.steady_ = steady_casters(scene);
   pass.edge_at_unit_depth_ = longest_edge(camera) / kNearestDistance;
   pass.finest_field_cell_ =
       kNearestDistance / std::max(camera.parameters().fx, camera.parameters().fy);
+  pass.pixel_at_unit_depth_ = 1.0 / std::max(camera.parameters().fx, camera.parameters().fy);
+  pass.frustum_ = make_frustum(camera);
   return pass;
 }
 
@@ -570,7 +578,7 @@ void ShadowPass::image_layers(const ShadowDraw& draw, Caster& caster, KernelSet&
 }
 
 void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared,
-                             ShadowWork& work) {
+                             bool masked, ShadowWork& work) {
   const bool field = draw.technique == ShadowTechnique::field;
   const OwnFrame own =
       OwnFrame::make(draw.T_table_object, draw.plane_frame, draw.T_table_object.scale * caster.size,
@@ -590,14 +598,14 @@ void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& p
   KernelSet* kernels = field ? nullptr : &kernels_of(caster, key, work);
   const bool reduced = kernels != nullptr && proxy_casts(draw, caster, key, *kernels, work);
   if (kernels != nullptr) {
-    const bool to_gpu = !is_imaged(draw, reduced ? caster.reduced : caster.whole);
+    const bool to_gpu = !masked && !is_imaged(draw, reduced ? caster.reduced : caster.whole);
     write_vertices(caster, *kernels, reduced, to_gpu);
   }
   if (reduced) ++work.proxy_shadows;
   const bool reused =
       prepared.valid && prepared.technique == draw.technique && prepared.reduced == reduced &&
-      prepared.light_mode == draw.light_mode && prepared.own.same_shape(own) &&
-      prepared.kernel_key == key &&
+      prepared.masked == masked && prepared.light_mode == draw.light_mode &&
+      prepared.own.same_shape(own) && prepared.kernel_key == key &&
       (draw.technique == ShadowTechnique::simple || prepared.constants == draw.constants) &&
       (field || prepared.wanted == wanted_layers(draw));
   prepared.own = own;
@@ -611,6 +619,7 @@ void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& p
     prepared.technique = draw.technique;
     prepared.light_mode = draw.light_mode;
     prepared.reduced = reduced;
+    prepared.masked = masked;
     prepared.kernel_key = key;
     prepared.magnification = 1.0;
     prepared.layers = {};
@@ -662,35 +671,44 @@ void ShadowPass::make_field(const ShadowDraw& draw, Caster& caster, Prepared& pr
                                               draw.constants, options));
 }
 
-void ShadowPass::place_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels,
-                              Prepared& prepared, ShadowWork& work) {
-  if (draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::fixed) {
-    image_layers(draw, caster, kernels, prepared, work);
-    return;
-  }
+// Of each layer whether all of the mesh is in its heights, or a part, or nothing.
+std::array<ShadowPass::LayerSource, 3> ShadowPass::cut_layers(const ShadowDraw& draw,
+                                                              const Caster& caster) {
   const HeightMap height(draw.plane_frame, draw.T_table_object);
   const HeightRange box = box_heights(height, caster.min_corner, caster.max_corner);
   std::optional<HeightRange> exact;
-  bool clips = false;
+  std::array<LayerSource, 3> sources{};
+  const std::array<bool, 3> wanted = wanted_layers(draw);
   for (std::size_t i = 0; i < 3; ++i) {
-    if (!prepared.wanted[i]) continue;
+    if (!wanted[i]) continue;
     const HeightRange range = range_of(draw, kShadowLayers[i]);
     HeightRange heights = box;
     if (!within(box, range)) {
       if (!exact) exact = vertex_heights(height, caster.mesh.positions);
       heights = *exact;
     }
-    LayerGeometry& layer = prepared.layers[i];
-    if (apart(heights, range)) {
-      layer.source = LayerSource::nothing;
-      ++work.layers_skipped;
-    } else if (within(heights, range)) {
-      layer.source = LayerSource::whole;
-    } else {
-      layer.source = LayerSource::clipped;
-      clips = true;
-    }
+    if (apart(heights, range)) continue;
+    sources[i] = within(heights, range) ? LayerSource::whole : LayerSource::clipped;
   }
+  return sources;
+}
+
+void ShadowPass::place_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels,
+                              Prepared& prepared, ShadowWork& work) {
+  if (draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::fixed) {
+    image_layers(draw, caster, kernels, prepared, work);
+    return;
+  }
+  const std::array<LayerSource, 3> sources = cut_layers(draw, caster);
+  bool clips = false;
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (!prepared.wanted[i]) continue;
+    const bool masked = prepared.masked && sources[i] == LayerSource::whole;
+    prepared.layers[i].source = masked ? LayerSource::masked : sources[i];
+    if (sources[i] == LayerSource::nothing) ++work.layers_skipped;
+    clips = clips || sources[i] == LayerSource::clipped;
+  }
+  if (prepared.masked) return;
   const Body& body = prepared.reduced ? caster.reduced : caster.whole;
   if (is_imaged(draw, body)) {
     image_layers(draw, caster, kernels, prepared, work);
@@ -760,7 +778,7 @@ std::size_t ShadowPass::prepare_flat(const Scene& scene, const PhantomShadowDraw
   } else {
     // What is counted is of casters, planes and lights: a phantom's levels are none of their own.
     const ShadowWork before = work;
-    prepare_one(shadow, caster, prepared, work);
+    prepare_one(shadow, caster, prepared, false, work);
     work.reprojections = before.reprojections;
     work.recomputed = before.recomputed;
     work.proxy_shadows = before.proxy_shadows;
@@ -779,17 +797,23 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   std::erase_if(flat_prepared_, [this](const auto& entry) {
     return entry.second.last_used + kFramesKept < frame_count_;
   });
+  for (auto& [plane, mask] : plane_masks_) mask.in_use = false;
+  for (const PlaneReceiver& receiver : plan.receivers) {
+    if (mask_serves(scene, plan, receiver.plane)) plane_masks_[receiver.plane].in_use = true;
+  }
   std::map<std::tuple<int, int, int>, int> repeats;
   for (const ShadowDraw& draw : plan.shadows) {
     Caster& caster = caster_of(scene, draw.object);
+    const auto mask = plane_masks_.find(draw.plane);
+    const bool masked = mask != plane_masks_.end() && mask->second.in_use;
     const int repeat = repeats[{draw.node, draw.object, draw.plane}]++;
     Prepared& prepared = prepared_[{draw.node, draw.object, draw.plane, repeat}];
     if (caster.whole.geometry.indices.empty()) {
       prepared.layers = {};
       prepared.valid = false;
     } else {
-      prepare_one(draw, caster, prepared, work);
-      prepared.surface = surface_for(draw, plan, caster, prepared);
+      prepare_one(draw, caster, prepared, masked, work);
+      if (!masked) prepared.surface = surface_for(draw, plan, caster, prepared);
       for (const LayerGeometry& layer : prepared.layers) {
         if (!prepared.reduced || layer.source == LayerSource::nothing) continue;
         work.proxy_faces_saved += static_cast<std::int64_t>(
@@ -798,6 +822,126 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
     }
     items_.push_back({&caster, &prepared, draw.node, draw.object, draw.plane, draw.plane_frame});
   }
+  for (auto& [plane, mask] : plane_masks_) {
+    if (mask.in_use) make_mask(plan, plane, mask, work);
+  }
+}
+
+bool ShadowPass::MaskPart::same_as(const MaskPart& other) const {
+  return caster == other.caster && kernels == other.kernels && reduced == other.reduced &&
+         own.same_shape(other.own) && own.T_plane_own == other.own.T_plane_own &&
+         constants == other.constants && layers == other.layers;
+}
+
+// Whether all shadows of a plane can be in a mask, and whether that pays.
+bool ShadowPass::mask_serves(const Scene& scene, const FramePlan& plan, int plane) {
+  if (plan.layers == LayerDrawing::direct) return false;
+  if (way_ != Translucency::blend && way_ != Translucency::retexture) return false;
+  std::optional<glm::vec3> light;
+  std::size_t faces = 0;
+  for (const ShadowDraw& draw : plan.shadows) {
+    if (draw.plane != plane) continue;
+    // One mask is of one light.
+    if (!light) light = layer_light(draw);
+    const bool layers =
+        draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::proportional;
+    if (!layers || layer_light(draw) != *light) return false;
+    Caster& caster = caster_of(scene, draw.object);
+    if (caster.whole.geometry.indices.empty()) continue;
+    faces += caster.mesh.indices.size() / 3;
+    // Where they are cut, faces do not close up.
+    const std::array<LayerSource, 3> sources = cut_layers(draw, caster);
+    if (std::ranges::find(sources, LayerSource::clipped) != sources.end()) return false;
+    const auto closes_up = [](Body& body, const ShadowMesh& mesh) {
+      if (!body.edges_made) body.edges = paired_edges(mesh.indices);
+      body.edges_made = true;
+      return body.edges.has_value();
+    };
+    if (!closes_up(caster.whole, caster.mesh)) return false;
+    if (caster.proxy && draw.proxy && !closes_up(caster.reduced, caster.proxy->mesh)) return false;
+  }
+  return faces > 0 && (plan.layers == LayerDrawing::mask || faces >= kLeastMaskFaces);
+}
+
+void ShadowPass::make_mask(const FramePlan& plan, int plane, PlaneMask& mask, ShadowWork& work) {
+  const auto T_camera_table = plan.T_table_camera.inverse();
+  std::vector<MaskPart> parts;
+  double depth = std::numeric_limits<double>::infinity();
+  glm::vec3 light(0.0F);
+  for (std::size_t i = 0; i < plan.shadows.size(); ++i) {
+    const ShadowDraw& draw = plan.shadows[i];
+    const Prepared& prepared = *items_[i].prepared;
+    if (draw.plane != plane || !prepared.valid) continue;
+    std::array<Eigen::Vector3d, 4> square;
+    for (std::size_t corner = 0; corner < square.size(); ++corner) {
+      const double du = (corner & 1U) != 0U ? draw.radius : -draw.radius;
+      const double dv = (corner & 2U) != 0U ? draw.radius : -draw.radius;
+      square[corner] =
+          T_camera_table * draw.plane_frame.lift(draw.centre.x() + du, draw.centre.y() + dv);
+    }
+    // What is out of view is left out whatever the plan says: it would make the mask larger.
+    // Kernels from a file may lie anywhere.
+    if (!prepared.kernel_key.stored && frustum_.misses(square)) continue;
+    for (const Eigen::Vector3d& corner : square) depth = std::min(depth, corner.z());
+    MaskPart part{items_[i].caster, prepared.kernel_key, prepared.reduced,
+                  prepared.own,     draw.constants,      {}};
+    for (std::size_t layer = 0; layer < 3; ++layer)
+      part.layers[layer] = prepared.layers[layer].source == LayerSource::masked;
+    if (part.layers == std::array<bool, 3>{}) continue;
+    light = layer_light(draw);
+    parts.push_back(part);
+  }
+  // By half powers of two, so that a camera that moves seldom makes another mask.
+  depth = std::max(depth, kNearestDistance);
+  const double target =
+      parts.empty() ? 1.0
+                    : std::exp2(0.5 * std::floor(2.0 * std::log2(kPixelsPerMaskCell *
+                                                                 pixel_at_unit_depth_ * depth)));
+  if (mask.cell == target && mask.light == light &&
+      std::ranges::equal(mask.parts, parts, &MaskPart::same_as)) {
+    if (mask.texture) ++work.layer_masks_kept;
+    return;
+  }
+  mask.cell = target;
+  mask.light = light;
+  mask.parts = parts;
+  if (mask_casters_.size() < parts.size()) mask_casters_.resize(parts.size());
+  const auto mesh_of = [](const MaskPart& part) -> const ShadowMesh& {
+    return part.reduced ? part.caster->proxy->mesh : part.caster->mesh;
+  };
+  double cell = target;
+  Eigen::AlignedBox<std::int64_t, 2> bounds;
+  for (;; cell *= 2.0) {
+    bounds.setEmpty();
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      const MaskPart& part = parts[i];
+      const KernelSet& set = part.caster->sets.at(part.kernels);
+      const std::vector<glm::vec3>& positions = mesh_of(part).positions;
+      mask_casters_[i].project(positions, (part.reduced ? set.reduced : set.whole).kernels,
+                               part.own, part.constants, part.layers, cell);
+      bounds.extend(mask_casters_[i].bounds());
+      work.vertices += static_cast<std::int64_t>(positions.size());
+    }
+    if (bounds.isEmpty() || bounds.sizes().maxCoeff() < kMostMaskCells) break;
+  }
+  if (bounds.isEmpty()) {
+    mask.texture.reset();
+    return;
+  }
+  // One cell around, with all of the light.
+  const MaskCells cells{cell, bounds.min().x() - 1, bounds.min().y() - 1,
+                        static_cast<int>(bounds.sizes().x()) + 3,
+                        static_cast<int>(bounds.sizes().y()) + 3};
+  mask_picture_.begin(cells);
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    const MaskPart& part = parts[i];
+    const Body& body = part.reduced ? part.caster->reduced : part.caster->whole;
+    mask_picture_.cover(mask_casters_[i], mesh_of(part).indices, *body.edges);
+  }
+  mask_picture_.finish(light, mask_codes_);
+  if (!mask.texture) mask.texture.emplace();
+  mask.texture->upload(cells, mask_codes_);
+  ++work.layer_masks_drawn;
 }
 
 std::vector<CasterKernels> ShadowPass::kernels_in_use() {
@@ -832,6 +976,7 @@ Result<void> ShadowPass::choose(Translucency way, std::optional<PixelFormat> vid
   fetches_video_ = video.has_value();
   if (way == Translucency::geometry_mesh) return {};  // layers are marked, not darkened
   if (auto chosen = shadow_program_.choose(way, video); !chosen) return chosen;
+  if (auto chosen = mask_quad_.choose(way, video); !chosen) return chosen;
   return field_quad_.choose(way, video);
 }
 
@@ -1018,13 +1163,23 @@ int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens, Receivers&
       continue;
     }
     if (way_ == Translucency::retexture) {
-      for (const ShaderProgram* program : {&brush.field, &brush.layers}) {
+      for (const ShaderProgram* program : {&brush.field, &brush.layers, &mask_quad_.program()}) {
         program->use();
         if (fetches_video_) video.bind_texels(*program, frame, kVideoUnit);
         program->set("picture_before", kPictureBeforeUnit);
       }
     }
     begin_darkening(way_);
+    const auto mask = plane_masks_.find(receiver.plane);
+    if (mask != plane_masks_.end() && mask->second.in_use) {
+      if (!mask->second.texture) continue;
+      glStencilMask(0);
+      receivers.test_place();
+      mask_quad_.draw(*mask->second.texture, lens,
+                      camera_from_plane(plan.T_table_camera, receiver.frame));
+      ++calls;
+      continue;
+    }
     if (way_ == Translucency::blend) {
       // Each pixel once, with the layer that comes first.
       receivers.stencil_test(0, kShadowBits);

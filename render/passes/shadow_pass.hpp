@@ -21,6 +21,7 @@
 #include "render/gl/framebuffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/passes/field_quad.hpp"
+#include "render/passes/mask_quad.hpp"
 #include "render/passes/mesh_strips.hpp"
 #include "render/passes/receivers.hpp"
 #include "render/passes/translucent_program.hpp"
@@ -32,6 +33,7 @@
 #include "render/shadow/own_frame.hpp"
 #include "render/shadow/shadow_mesh.hpp"
 #include "render/shadow/shadow_proxy.hpp"
+#include "render/shadow/silhouette_mask.hpp"
 #include "render/shadow/twist.hpp"
 
 namespace penumbra {
@@ -50,6 +52,9 @@ struct ShadowWork {
   std::int64_t proxy_faces_saved = 0;  // over the layers drawn
   std::int64_t faces_tested = 0;       // of the kernel sets made: for twists
   std::int64_t faces_twisted = 0;
+  // Pictures of the layers on a plane: drawn, and kept as they were.
+  std::int64_t layer_masks_drawn = 0;
+  std::int64_t layer_masks_kept = 0;
   // Pictures of the shadows on a phantom: drawn, and kept as they were.
   std::int64_t masks_drawn = 0;
   std::int64_t masks_kept = 0;
@@ -117,6 +122,9 @@ class ShadowPass {
     GlBuffer indices{BufferUse::indices};
     bool indices_written = false;
     std::vector<IndexRange> ranges;  // of the coarser surfaces, then of the finest
+    // Of the mesh before it was split, where its faces close up; made when it is asked for.
+    std::optional<std::vector<FacePair>> edges;
+    bool edges_made = false;
   };
   // A body's vertices with one set of kernels: { position, kernel }.
   struct BodyVertices {
@@ -159,8 +167,9 @@ class ShadowPass {
   };
   // Whole: projected by the vertex shader. Placed: the mesh's vertices projected here, once for a
   // height and tilt, and those that were added for the lens between them. Clipped: faces that had
-  // to be cut at a height, projected here too where a lens needs them split.
-  enum class LayerSource { nothing, whole, placed, clipped, field };
+  // to be cut at a height, projected here too where a lens needs them split. Masked: in the plane's
+  // mask.
+  enum class LayerSource { nothing, whole, placed, clipped, field, masked };
   struct LayerGeometry {
     LayerSource source = LayerSource::nothing;
     int first = 0;  // vertices in the clipped buffer
@@ -174,6 +183,7 @@ class ShadowPass {
     ShadowTechnique technique = ShadowTechnique::layered;
     LightMode light_mode = LightMode::proportional;
     bool reduced = false;  // the proxy casts
+    bool masked = false;   // in the plane's mask
     std::array<bool, 3> wanted{};
     KernelKey kernel_key;
     std::array<LayerGeometry, 3> layers;
@@ -188,9 +198,27 @@ class ShadowPass {
     FieldTexture field;
     std::uint64_t last_used = 0;  // of those that are no item of the plan
   };
-  ShadowPass(TranslucentProgram shadow, FieldQuad field, MeshStrips strips)
+  // What a plane's mask shows of one caster.
+  struct MaskPart {
+    Caster* caster = nullptr;
+    KernelKey kernels;
+    bool reduced = false;
+    OwnFrame own;
+    LayeredConstants constants;
+    std::array<bool, 3> layers{};
+    [[nodiscard]] bool same_as(const MaskPart& other) const;
+  };
+  struct PlaneMask {
+    std::vector<MaskPart> parts;
+    double cell = 0.0;
+    glm::vec3 light{0.0F};
+    std::optional<MaskTexture> texture;  // none: nothing is in it
+    bool in_use = false;                 // in this frame
+  };
+  ShadowPass(TranslucentProgram shadow, FieldQuad field, MaskQuad mask, MeshStrips strips)
       : shadow_program_(std::move(shadow)),
         field_quad_(std::move(field)),
+        mask_quad_(std::move(mask)),
         mesh_strips_(std::move(strips)) {}
 
   // The model, its longest edge as a caster, what casts in its place, and its groups.
@@ -209,7 +237,8 @@ class ShadowPass {
                                         const Caster& caster, const Prepared& prepared) const;
   static const std::vector<PartDisc>& parts_of(Caster& caster, const KernelDirection& direction,
                                                bool of_field, ShadowWork& work);
-  void prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
+  void prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared, bool masked,
+                   ShadowWork& work);
   void place_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels, Prepared& prepared,
                     ShadowWork& work);
   void clip_layers(const ShadowDraw& draw, const Caster& caster, const KernelSet& kernels,
@@ -219,6 +248,9 @@ class ShadowPass {
   void upload_placed(const std::array<std::vector<PlanePoint>, 3>& images, const Body& body,
                      Prepared& prepared) const;
   static void upload_clipped(std::span<const CasterVertex> faces, Prepared& prepared);
+  static std::array<LayerSource, 3> cut_layers(const ShadowDraw& draw, const Caster& caster);
+  [[nodiscard]] bool mask_serves(const Scene& scene, const FramePlan& plan, int plane);
+  void make_mask(const FramePlan& plan, int plane, PlaneMask& mask, ShadowWork& work);
   void make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
   struct Item;
   // What layers are drawn with.
@@ -242,6 +274,7 @@ class ShadowPass {
 
   TranslucentProgram shadow_program_;
   FieldQuad field_quad_;
+  MaskQuad mask_quad_;
   MeshStrips mesh_strips_;
   Translucency way_ = Translucency::blend;
   bool fetches_video_ = true;        // retextured, and not from a copy
@@ -250,6 +283,12 @@ class ShadowPass {
   double edge_at_unit_depth_ = 0.0;  // 1 m from the camera, the longest that follows the lens [m]
   // A pixel at the nearest distance expected: finer cells of a field would not be seen [m].
   double finest_field_cell_ = 0.0;
+  double pixel_at_unit_depth_ = 0.0;  // 1 m from the camera [m]
+  ViewFrustum frustum_;
+  std::map<int, PlaneMask> plane_masks_;
+  std::vector<MaskCaster> mask_casters_;
+  MaskPicture mask_picture_;
+  std::vector<std::uint8_t> mask_codes_;
   std::map<CasterKey, std::unique_ptr<Caster>> casters_;
   // One per shadow of the plan before: (node, object, plane, n-th of these in the plan).
   std::map<std::tuple<int, int, int, int>, Prepared> prepared_;

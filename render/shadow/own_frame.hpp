@@ -18,6 +18,9 @@ struct PlanarMotion {
   [[nodiscard]] Eigen::Vector2d operator*(const Eigen::Vector2d& p) const {
     return {cosine * p.x() - sine * p.y() + slide.x(), sine * p.x() + cosine * p.y() + slide.y()};
   }
+  friend bool operator==(const PlanarMotion& a, const PlanarMotion& b) {
+    return a.cosine == b.cosine && a.sine == b.sine && a.slide == b.slide;
+  }
 };
 
 // The own frame lies in the plane (z = 0, z up); the object's origin is above its origin, and its

@@ -41,8 +41,8 @@ Frame video() {
   return buffer.frame;
 }
 
-int count(int triangles, ShadowTechnique technique, Translucency translucency, bool moving,
-          int frames) {
+int count(int triangles, ShadowTechnique technique, LayerDrawing layers, Translucency translucency,
+          bool moving, int frames) {
   setenv("LP_NUM_THREADS", "0", 1);  // all work on this thread
   setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
   test::SceneBuilder builder;
@@ -55,6 +55,7 @@ int count(int triangles, ShadowTechnique technique, Translucency translucency, b
   const PoseEstimate pose = test::tracked(test::look_at({0.1, -0.45, 0.4}, {0.0, 0.0, 0.03}));
   PlanOptions options;
   options.technique = technique;
+  options.layers = layers;
   options.translucency = translucency;
   SceneState state = evaluate_scene(*shared, 0.0);
   // In turn, so that each is uploaded.
@@ -88,7 +89,16 @@ int main(int argc, char** argv) {
     return 2;
   };
   if (argc != 6) return misused();
-  const auto technique = shadow_technique_from_string(argv[2]);
+  // layered-direct and layered-mask are layers drawn in this way, whatever pays.
+  std::string name = argv[2];
+  LayerDrawing layers = LayerDrawing::automatic;
+  for (const auto& [suffix, way] : {std::pair{std::string("-direct"), LayerDrawing::direct},
+                                    {std::string("-mask"), LayerDrawing::mask}}) {
+    if (!name.ends_with(suffix)) continue;
+    layers = way;
+    name.resize(name.size() - suffix.size());
+  }
+  const auto technique = shadow_technique_from_string(name);
   const auto translucency = translucency_from_string(argv[3]);
   const std::string motion = argv[4];
   // No value is none of the numbers asked for.
@@ -98,5 +108,5 @@ int main(int argc, char** argv) {
       (motion != "still" && motion != "moving")) {
     return misused();
   }
-  return count(triangles, *technique, *translucency, motion == "moving", frames);
+  return count(triangles, *technique, layers, *translucency, motion == "moving", frames);
 }

@@ -78,6 +78,7 @@ struct Layer {
 };
 Layer draw_layer(Studio& studio, const PoseEstimate& pose, ShadowLayer layer, bool skip = true) {
   PlanOptions options;
+  options.layers = LayerDrawing::direct;  // pixel by pixel; of masks: silhouette_mask_test.cpp
   options.skip = skip;
   FramePlan plan = studio.plan(pose, options);
   for (ShadowDraw& shadow : plan.shadows) {
@@ -460,7 +461,9 @@ TEST(ShadowPass, OverlappingCastersDarkenAPixelOnceWithItsDarkestLayer) {
   other.add(torus(), b);
   const auto draw = [](const SceneBuilder& builder) {
     Studio studio(builder.build(), overhead_camera());
-    return studio.draw_shadows(white(), studio.plan(overhead()));
+    PlanOptions options;
+    options.layers = LayerDrawing::direct;
+    return studio.draw_shadows(white(), studio.plan(overhead(), options));
   };
   const Picture together = draw(both);
   const Picture first = draw(one);

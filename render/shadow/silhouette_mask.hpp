@@ -1,0 +1,90 @@
+// The layers of closed meshes as one picture of the light that is left on their plane, with smooth
+// edges. Of a closed mesh's image on a plane, whatever moved its vertices there, as many faces turn
+// one way as the other over any point; so those that turn one way cover all of it, and the area
+// under them is told by the edges where they meet the others (silhouettes), cell by cell, exactly.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <glm/vec3.hpp>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "render/shadow/layered_penumbra.hpp"
+#include "render/shadow/own_frame.hpp"
+
+namespace penumbra {
+
+// An edge from one vertex to another in one face, and back in another.
+struct FacePair {
+  std::uint32_t from = 0, to = 0;       // vertices
+  std::uint32_t forward = 0, back = 0;  // faces
+};
+// All edges of triangles that close up: every edge goes as often one way as the other. Nothing
+// where they do not. Where more than two faces meet, any pairs of them do.
+[[nodiscard]] std::optional<std::vector<FacePair>> paired_edges(
+    std::span<const std::uint32_t> indices);
+
+// Square cells of the plane whose corners are at whole multiples of their size, so that what a mesh
+// covers of a cell does not depend on what else is drawn.
+struct MaskCells {
+  double size = 0.0;          // [m]
+  std::int64_t u = 0, v = 0;  // of the first cell, in cells from the plane's origin
+  int width = 0, height = 0;
+  friend bool operator==(const MaskCells&, const MaskCells&) = default;
+};
+
+// One closed mesh over the plane. Kept between frames for its memory.
+class MaskCaster {
+ public:
+  // Vertices and kernels in the object's frame [m], one each; what `wanted` says of the layers is
+  // to be covered, and all of the mesh is in their heights. Places in cells of this size are
+  // rounded to 1/256 of one.
+  void project(std::span<const glm::vec3> positions, std::span<const glm::vec3> kernels,
+               const OwnFrame& own, const LayeredConstants& constants,
+               const std::array<bool, 3>& wanted, double cell);
+  // Of all layers, in cells; empty where none is wanted.
+  [[nodiscard]] const Eigen::AlignedBox<std::int64_t, 2>& bounds() const { return bounds_; }
+
+ private:
+  friend class MaskPicture;
+  // 1/256 cells from the whole cell that the object's origin is over, whole numbers: (u, v) of each
+  // layer.
+  struct Images {
+    alignas(16) std::array<float, 4> u;
+    alignas(16) std::array<float, 4> v;
+  };
+  std::vector<Images> images_;
+  std::array<bool, 3> wanted_{};
+  std::int64_t first_u_ = 0, first_v_ = 0;  // that cell
+  Eigen::AlignedBox<std::int64_t, 2> bounds_;
+  std::vector<std::uint8_t> turned_;  // of each face, a bit for each layer
+};
+
+class MaskPicture {
+ public:
+  // Nothing covered.
+  void begin(const MaskCells& cells);
+  // Faces as `caster` was projected with.
+  void cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
+             std::span<const FacePair> edges);
+  // What is left of the picture's (encoded) value in each cell, 0 to 255, rows in order: that of
+  // the darkest layer there, in part where an edge runs through. `light`: of each layer. What is
+  // covered is forgotten.
+  void finish(const glm::vec3& light, std::vector<std::uint8_t>& codes);
+
+ private:
+  void add_edge(int layer, std::int64_t u0, std::int64_t v0, std::int64_t u1, std::int64_t v1);
+  void add_in_row(int layer, std::int64_t row, std::int64_t u0, int v0, std::int64_t u1, int v1);
+
+  MaskCells cells_;
+  // By how much the covered share of a cell differs from that of the one before it in its row, in
+  // 1/kWhole, for each layer; one cell more than the row has.
+  std::vector<std::array<std::int32_t, 4>> steps_;
+  std::vector<std::array<int, 2>> rows_;  // the cells of each row that are touched: from, to
+};
+
+}  // namespace penumbra

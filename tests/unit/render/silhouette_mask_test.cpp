@@ -1,0 +1,466 @@
+// Layers as a mask on their plane: what it covers, and that it shows the same shadow as the faces
+// that it is made of.
+#include "render/shadow/silhouette_mask.hpp"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <functional>
+#include <random>
+
+#include "render/shadow/caster.hpp"
+#include "render/shadow/caster_geometry.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra::silhouette_mask_test {
+namespace {
+
+using test::Picture;
+using test::ShapeBuilder;
+using test::Studio;
+
+const LayeredConstants kConstants = make_layered_constants(0.7, 2.5, 0.0).value();
+
+std::shared_ptr<const Model> torus(int rings = 16, int segments = 32) {
+  ShapeBuilder shape;
+  shape.torus(0.05, 0.018, rings, segments);
+  return test::finished(shape.build(), {0.7F, 0.3F, 0.15F, 1.0F});
+}
+// Two parts, one above the other.
+std::shared_ptr<const Model> table_and_ball() {
+  ShapeBuilder shape;
+  shape.box(-0.05, -0.03, 0.0, 0.05, 0.03, 0.01);
+  shape.sphere(0.025, 16, 24, 0.02, 0.03, 0.05);
+  return test::finished(shape.build(), {0.2F, 0.3F, 0.7F, 1.0F});
+}
+std::shared_ptr<const Model> box() {
+  ShapeBuilder shape;
+  shape.box(-0.04, -0.03, -0.02, 0.04, 0.03, 0.02);
+  return test::finished(shape.build(), glm::vec4(0.5F));
+}
+
+TEST(PairedEdges, OfClosedFacesAndOfNoOthers) {
+  const ShadowMesh cube = make_shadow_mesh(*box());
+  const auto edges = paired_edges(cube.indices);
+  ASSERT_TRUE(edges);
+  EXPECT_EQ(edges->size(), 18U);  // 12, and 6 diagonals
+  for (const FacePair& edge : *edges) {
+    const auto has = [&](std::uint32_t face, std::uint32_t a, std::uint32_t b) {
+      for (std::size_t i = 0; i < 3; ++i) {
+        if (cube.indices[3 * face + i] == a && cube.indices[3 * face + (i + 1) % 3] == b)
+          return true;
+      }
+      return false;
+    };
+    EXPECT_TRUE(has(edge.forward, edge.from, edge.to));
+    EXPECT_TRUE(has(edge.back, edge.to, edge.from));
+  }
+  for (std::size_t left_out = 0; left_out < cube.indices.size(); left_out += 3) {
+    std::vector<std::uint32_t> open = cube.indices;
+    open.erase(open.begin() + static_cast<std::ptrdiff_t>(left_out),
+               open.begin() + static_cast<std::ptrdiff_t>(left_out) + 3);
+    EXPECT_FALSE(paired_edges(open)) << left_out;
+    std::vector<std::uint32_t> turned = cube.indices;
+    std::swap(turned[left_out], turned[left_out + 1]);
+    EXPECT_FALSE(paired_edges(turned)) << left_out;
+  }
+  EXPECT_TRUE(paired_edges({})->empty());
+  // Four faces about one edge, as of two wedges that touch.
+  const std::vector<std::uint32_t> wedges = {0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2,
+                                             0, 1, 4, 0, 5, 1, 0, 4, 5, 1, 5, 4};
+  EXPECT_TRUE(paired_edges(wedges));
+}
+
+struct Placed {
+  ShadowMesh mesh;
+  std::vector<glm::vec3> kernels;
+  Placement placement;
+  OwnFrame own;
+};
+Placed place(const Model& model, const Placement& placement) {
+  Placed placed{make_shadow_mesh(model), {}, placement, {}};
+  const PlaneFrame plane;
+  const ShadowKernels made =
+      generate_kernels(placed.mesh, up_in_object(placement, plane), KernelSource::automatic);
+  CasterGeometry geometry;
+  geometry.positions = placed.mesh.positions;
+  geometry.mesh_positions = placed.mesh.positions.size();
+  placed.kernels = level_kernels(geometry, made);
+  placed.own = OwnFrame::make(placement, plane, 0.1, 26);
+  return placed;
+}
+
+struct Mask {
+  MaskCells cells;
+  std::vector<std::uint8_t> codes;
+  [[nodiscard]] int at(std::int64_t u, std::int64_t v) const {
+    return codes.at(static_cast<std::size_t>((v - cells.v) * cells.width + (u - cells.u)));
+  }
+};
+Mask draw(const std::vector<const Placed*>& casters, const glm::vec3& light, double cell,
+          const std::array<bool, 3>& wanted = {true, true, true}) {
+  Eigen::AlignedBox<std::int64_t, 2> bounds;
+  std::vector<MaskCaster> projected(casters.size());
+  for (std::size_t i = 0; i < casters.size(); ++i) {
+    projected[i].project(casters[i]->mesh.positions, casters[i]->kernels, casters[i]->own,
+                         kConstants, wanted, cell);
+    bounds.extend(projected[i].bounds());
+  }
+  Mask mask;
+  mask.cells = {cell, bounds.min().x() - 1, bounds.min().y() - 1,
+                static_cast<int>(bounds.sizes().x()) + 3, static_cast<int>(bounds.sizes().y()) + 3};
+  MaskPicture picture;
+  // Twice: nothing is left over from the first.
+  for (int again = 0; again < 2; ++again) {
+    picture.begin(mask.cells);
+    for (std::size_t i = 0; i < casters.size(); ++i) {
+      picture.cover(projected[i], casters[i]->mesh.indices,
+                    *paired_edges(casters[i]->mesh.indices));
+    }
+    picture.finish(light, mask.codes);
+  }
+  return mask;
+}
+
+// Which of 8 x 8 points of a cell lie in a layer's faces.
+double covered_share(const std::vector<PlanePoint>& faces, double cell, std::int64_t u,
+                     std::int64_t v) {
+  int inside = 0;
+  for (int i = 0; i < 64; ++i) {
+    const double x = cell * (static_cast<double>(u) + (i % 8 + 0.5) / 8.0);
+    const double y = cell * (static_cast<double>(v) + (i / 8 + 0.5) / 8.0);
+    for (std::size_t f = 0; f + 2 < faces.size(); f += 3) {
+      const auto side = [&](const PlanePoint& a, const PlanePoint& b) {
+        return static_cast<double>(b.u - a.u) * (y - static_cast<double>(a.v)) -
+               static_cast<double>(b.v - a.v) * (x - static_cast<double>(a.u));
+      };
+      const double a = side(faces[f], faces[f + 1]);
+      const double b = side(faces[f + 1], faces[f + 2]);
+      const double c = side(faces[f + 2], faces[f]);
+      if ((a >= 0 && b >= 0 && c >= 0) || (a <= 0 && b <= 0 && c <= 0)) {
+        ++inside;
+        break;
+      }
+    }
+  }
+  return inside / 64.0;
+}
+
+// The area of each layer in every cell, of bodies in all poses, by the faces themselves.
+TEST(SilhouetteMask, CoversWhatTheFacesCover) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> one(-1.0, 1.0);
+  const auto small_torus = torus(6, 10);
+  const auto both = table_and_ball();
+  for (int trial = 0; trial < 9; ++trial) {
+    const Eigen::Vector3d axis(one(random), one(random), one(random));
+    const Placed placed = place(trial % 3 == 0 ? *box() : *(trial % 3 == 1 ? small_torus : both),
+                                test::at(one(random), one(random), 0.12 + 0.03 * one(random), axis,
+                                         3.0 * one(random), 1.0 + 0.2 * one(random)));
+    ShadowKernels kernels;
+    kernels.kernels = placed.kernels;
+    const std::vector<CasterVertex> vertices =
+        place_caster(placed.mesh, kernels, placed.placement, PlaneFrame());
+    constexpr double kCell = 0.006;
+    for (std::size_t layer = 0; layer < 3; ++layer) {
+      std::array<bool, 3> only{};
+      only[layer] = true;
+      glm::vec3 light(1.0F);
+      light[static_cast<int>(layer)] = 0.0F;
+      const Mask mask = draw({&placed}, light, kCell, only);
+      const std::vector<PlanePoint> faces =
+          layer_triangles(vertices, placed.mesh.indices, kConstants, kShadowLayers[layer]);
+      double most = 0.0;
+      double sum = 0.0;
+      double area = 0.0;
+      for (std::int64_t v = mask.cells.v; v < mask.cells.v + mask.cells.height; ++v) {
+        for (std::int64_t u = mask.cells.u; u < mask.cells.u + mask.cells.width; ++u) {
+          const double share = 1.0 - mask.at(u, v) / 255.0;
+          const double expected = covered_share(faces, kCell, u, v);
+          most = std::max(most, std::abs(share - expected));
+          sum += share - expected;
+          area += expected;
+        }
+      }
+      // Where a body covers a part of a cell twice, that is added up: up to half a cell too much.
+      EXPECT_LT(most, trial % 3 == 0 ? 0.1 : 0.5) << trial << " layer " << layer;
+      EXPECT_GT(area, 5.0) << trial << " layer " << layer;
+      EXPECT_LT(std::abs(sum), 0.006 * area + 0.3) << trial << " layer " << layer;
+    }
+  }
+}
+
+// Bit for bit, whatever else is in the mask and wherever it begins.
+TEST(SilhouetteMask, OneCasterIsThereAsIfAlone) {
+  const glm::vec3 light(0.4F, 0.6F, 0.9F);
+  const Placed ring = place(*torus(), test::at(0.31, -0.22, 0.1, {1, 0.3, 0}, 0.5));
+  const Placed left = place(*box(), test::at(0.03, -0.2, 0.15, {0, 1, 0.2}, 0.4));
+  const Placed below = place(*table_and_ball(), test::at(0.33, -0.6, 0.12));
+  constexpr double kCell = 0.0011;
+  const Mask alone = draw({&ring}, light, kCell);
+  const Mask together = draw({&left, &below, &ring}, light, kCell);
+  ASSERT_GT(together.cells.width, alone.cells.width + 50);
+  ASSERT_GT(together.cells.height, alone.cells.height + 50);
+  int dark = 0;
+  for (std::int64_t v = alone.cells.v; v < alone.cells.v + alone.cells.height; ++v) {
+    for (std::int64_t u = alone.cells.u; u < alone.cells.u + alone.cells.width; ++u) {
+      ASSERT_EQ(alone.at(u, v), together.at(u, v)) << u << " " << v;
+      if (alone.at(u, v) < 200) ++dark;
+    }
+  }
+  EXPECT_GT(dark, 1000);
+}
+
+TEST(SilhouetteMask, TheDarkestLayerIsSeen) {
+  // The box is high above: the ring's layers lie in its penumbra.
+  const Placed ring = place(*torus(), test::at(0, 0, 0.05));
+  const Placed high = place(*box(), test::at(0, 0, 0.2));
+  const glm::vec3 light(0.1F, 0.5F, 0.9F);
+  const Mask a = draw({&ring}, light, 0.001);
+  const Mask b = draw({&high}, light, 0.001);
+  const Mask both = draw({&ring, &high}, light, 0.001);
+  int compared = 0;
+  for (std::int64_t v = -30; v < 30; ++v) {
+    for (std::int64_t u = -30; u < 30; ++u) {
+      const auto flat = [&](int code) {
+        return code == 26 || code == 128 || code == 230 || code == 255;
+      };
+      if (!flat(a.at(u, v)) || !flat(b.at(u, v))) continue;
+      EXPECT_EQ(both.at(u, v), std::min(a.at(u, v), b.at(u, v)));
+      ++compared;
+    }
+  }
+  EXPECT_GT(compared, 1000);
+}
+
+TEST(SilhouetteMask, OfNothingIsEmpty) {
+  Placed none = place(*box(), test::at(0, 0, 0.1));
+  MaskCaster caster;
+  caster.project(none.mesh.positions, none.kernels, none.own, kConstants, {}, 0.001);
+  EXPECT_TRUE(caster.bounds().isEmpty());
+  caster.project({}, {}, none.own, kConstants, {true, true, true}, 0.001);
+  EXPECT_TRUE(caster.bounds().isEmpty());
+  // Far from the plane's origin the same cells, moved.
+  const Mask near = draw({&none}, glm::vec3(0.0F, 0.5F, 0.8F), 0.001);
+  Placed far = none;
+  far.own.T_plane_own.slide += Eigen::Vector2d(512.0, -256.0);
+  const Mask moved = draw({&far}, glm::vec3(0.0F, 0.5F, 0.8F), 1.0 / 1024.0);
+  Placed back = far;
+  back.own.T_plane_own.slide -= Eigen::Vector2d(512.0, -256.0);
+  EXPECT_EQ(moved.codes, draw({&back}, glm::vec3(0.0F, 0.5F, 0.8F), 1.0 / 1024.0).codes);
+  EXPECT_GT(near.cells.width, 10);
+}
+
+// ---- as drawn ----
+
+constexpr int kWidth = 320;
+constexpr int kHeight = 240;
+
+CameraModel camera(double times = 1.0) {
+  CameraParameters p;
+  p.width = static_cast<int>(kWidth * times);
+  p.height = static_cast<int>(kHeight * times);
+  p.fx = p.fy = 420.0 * times;
+  // The middle of the first pixel of the larger one is half a small pixel further out.
+  p.cx = (160.0 + 0.5) * times - 0.5;
+  p.cy = (120.0 + 0.5) * times - 0.5;
+  return CameraModel::make(p).value();
+}
+CameraModel bent_camera() {
+  CameraParameters p = camera().parameters();
+  p.model = DistortionModel::plumb_bob;
+  p.distortion = {-0.28, 0.08, 0.001, -0.0008, 0.0, 0.0, 0.0, 0.0};
+  return CameraModel::make(p).value();
+}
+
+class DrawnMask : public testing::Test {
+ protected:
+  static std::shared_ptr<const Scene> scene(
+      const std::vector<std::pair<std::shared_ptr<const Model>, Placement>>& objects) {
+    test::SceneBuilder builder;
+    for (const auto& [model, placement] : objects) builder.add(model, placement);
+    builder.scene().shadows[0].layered = kConstants;
+    for (SceneObject& object : builder.scene().objects) object.proxy = ProxyMode::none;
+    return builder.build();
+  }
+  static std::shared_ptr<const Scene> ring() {
+    return scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)}});
+  }
+  static PoseEstimate pose() {
+    return test::tracked(test::look_at({0.1, -0.45, 0.4}, {0.0, 0.0, 0.03}));
+  }
+  static PlanOptions by(LayerDrawing layers, Translucency translucency = Translucency::blend) {
+    PlanOptions options;
+    options.layers = layers;
+    options.translucency = translucency;
+    return options;
+  }
+  static Picture shadows(Studio& studio, const PlanOptions& options) {
+    return studio.draw_shadows(
+        test::plain_frame(studio.camera().width(), studio.camera().height(), 255),
+        studio.plan(pose(), options));
+  }
+};
+
+struct EdgeError {
+  double rms = 0.0;  // [codes]
+  int edges = 0;     // pixels
+  int largest_elsewhere = 0;
+};
+// Against the mean of 4 x 4 times as many pixels.
+EdgeError edge_error(const Picture& picture, const Picture& fine) {
+  EdgeError error;
+  double sum = 0.0;
+  for (int y = 0; y < picture.height; ++y) {
+    for (int x = 0; x < picture.width; ++x) {
+      int low = 255, high = 0, total = 0;
+      for (int i = 0; i < 16; ++i) {
+        const int value = fine.red(4 * x + i % 4, 4 * y + i / 4);
+        low = std::min(low, value);
+        high = std::max(high, value);
+        total += value;
+      }
+      const double off = picture.red(x, y) - total / 16.0;
+      if (low != high) {
+        sum += off * off;
+        ++error.edges;
+      }
+    }
+  }
+  // Where the finer picture is of one value for a pixel around.
+  for (int y = 2; y + 2 < picture.height; ++y) {
+    for (int x = 2; x + 2 < picture.width; ++x) {
+      const int value = fine.red(4 * x, 4 * y);
+      bool flat = true;
+      for (int j = -8; j < 12 && flat; ++j) {
+        for (int i = -8; i < 12 && flat; ++i) flat = fine.red(4 * x + i, 4 * y + j) == value;
+      }
+      if (flat) {
+        error.largest_elsewhere =
+            std::max(error.largest_elsewhere, std::abs(picture.red(x, y) - value));
+      }
+    }
+  }
+  error.rms = std::sqrt(sum / error.edges);
+  return error;
+}
+
+TEST_F(DrawnMask, EdgesAreSmoothAndTheRestIsTheSame) {
+  for (const auto& objects :
+       {ring(), scene({{table_and_ball(), test::at(0.02, 0.01, 0.06, {0, 1, 0.3}, 0.3)},
+                       {torus(), test::at(-0.04, -0.02, 0.15)}})}) {
+    Studio coarse(objects, camera());
+    Studio fine(objects, camera(4.0));
+    const Picture reference = shadows(fine, by(LayerDrawing::direct));
+    const EdgeError mask = edge_error(shadows(coarse, by(LayerDrawing::mask)), reference);
+    EXPECT_EQ(coarse.stats().layer_masks_drawn, 1);
+    const EdgeError direct = edge_error(shadows(coarse, by(LayerDrawing::direct)), reference);
+    EXPECT_EQ(coarse.stats().layer_masks_drawn, 0);
+    std::printf("edge error [codes RMS]: mask %.2f, direct %.2f, over %d pixels\n", mask.rms,
+                direct.rms, mask.edges);
+    EXPECT_GT(mask.edges, 500);
+    EXPECT_LT(mask.rms, 6.0);
+    EXPECT_GT(direct.rms, 1.5 * mask.rms);
+    EXPECT_LE(mask.largest_elsewhere, 1);
+    EXPECT_EQ(direct.largest_elsewhere, 0);
+  }
+}
+
+TEST_F(DrawnMask, FollowsTheLens) {
+  Studio studio(ring(), bent_camera());
+  const Picture direct = shadows(studio, by(LayerDrawing::direct));
+  const Picture mask = shadows(studio, by(LayerDrawing::mask));
+  EXPECT_EQ(studio.stats().layer_masks_drawn, 1);
+  // An edge in another pixel would differ by a layer over its length.
+  int off = 0;
+  int dark = 0;
+  for (int y = 2; y + 2 < kHeight; ++y) {
+    for (int x = 2; x + 2 < kWidth; ++x) {
+      const int value = direct.red(x, y);
+      if (value < 255) ++dark;
+      bool flat = true;
+      for (int i = 0; i < 25 && flat; ++i) flat = direct.red(x + i % 5 - 2, y + i / 5 - 2) == value;
+      if (flat && std::abs(mask.red(x, y) - value) > 1) ++off;
+    }
+  }
+  EXPECT_GT(dark, 1000);
+  EXPECT_EQ(off, 0);
+}
+
+TEST_F(DrawnMask, EveryWayAndEveryApiGiveOnePicture) {
+  const auto objects = scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
+                              {torus(), test::at(0.9, 2.0, 0.1)}});  // one out of view
+  Studio studio(objects, camera());
+  const Picture blended = shadows(studio, by(LayerDrawing::mask));
+  PlanOptions all = by(LayerDrawing::mask);
+  all.skip = false;
+  EXPECT_EQ(shadows(studio, all), blended);
+  Studio fresh(objects, camera());
+  EXPECT_EQ(shadows(fresh, all), blended);
+  Studio es(objects, camera(), GlApi::gles30);
+  EXPECT_EQ(shadows(es, by(LayerDrawing::mask)), blended);
+  const Picture retextured = shadows(studio, by(LayerDrawing::mask, Translucency::retexture));
+  for (std::size_t i = 0; i < blended.rgba.size(); ++i)
+    ASSERT_NEAR(retextured.rgba[i], blended.rgba[i], 1);
+  // By itself, as it has 1024 faces and more.
+  EXPECT_EQ(shadows(studio, by(LayerDrawing::automatic)), blended);
+  // Without blending and video there is no mask.
+  EXPECT_EQ(shadows(studio, by(LayerDrawing::mask, Translucency::mesh)),
+            shadows(studio, by(LayerDrawing::direct, Translucency::mesh)));
+}
+
+TEST_F(DrawnMask, IsKeptUntilACasterMoves) {
+  const auto objects = ring();
+  Studio studio(objects, camera());
+  const Frame frame = test::plain_frame(kWidth, kHeight, 255);
+  SceneState state = evaluate_scene(*objects, 0.0);
+  const auto draw = [&](const CameraPose& at) {
+    const Picture picture = studio.draw_shadows(
+        frame,
+        plan_frame(*objects, state, test::tracked(at), studio.camera(), by(LayerDrawing::mask)));
+    return std::pair(studio.stats().layer_masks_drawn, picture);
+  };
+  const CameraPose first = test::look_at({0.1, -0.45, 0.4}, {0.0, 0.0, 0.03});
+  EXPECT_EQ(draw(first).first, 1);
+  EXPECT_EQ(draw(test::look_at({0.1, -0.451, 0.4}, {0.0, 0.01, 0.03})).first, 0);
+  EXPECT_EQ(studio.stats().layer_masks_kept, 1);
+  EXPECT_EQ(studio.stats().shadow_vertices, 0);
+  const Picture before = draw(first).second;
+  EXPECT_EQ(draw(test::look_at({0.1, -0.2, 0.2}, {0.0, 0.0, 0.03})).first, 1) << "nearer: finer";
+  for (const Eigen::Vector3d& step : {Eigen::Vector3d(1e-3, 0, 0), Eigen::Vector3d(0, 0, 1e-3),
+                                      Eigen::Vector3d(-1e-3, 0, -1e-3)}) {
+    state.objects[0].position += step;
+    EXPECT_EQ(draw(first).first, 1);
+  }
+  EXPECT_EQ(draw(first).second, before) << "whatever came between";
+}
+
+// What a mask can't show is drawn directly, the same to the bit.
+TEST_F(DrawnMask, ServesOnlyWholeLayersOfClosedMeshes) {
+  ShapeBuilder open;
+  open.torus(0.05, 0.018, 16, 32);
+  Model without_a_face = open.build();
+  without_a_face.meshes[0].indices.resize(without_a_face.meshes[0].indices.size() - 3);
+  const auto open_ring = test::finished(without_a_face, glm::vec4(0.5F));
+  const double umbra_ends = kConstants.umbra_height;
+  for (const auto& objects : {scene({{open_ring, test::at(0, 0, 0.1, {1, 0.2, 0}, 0.4)}}),
+                              scene({{torus(), test::at(0, 0, umbra_ends, {1, 0.2, 0}, 0.4)}}),
+                              scene({{torus(), test::at(0, 0, 0.0, {1, 0.2, 0}, 0.4)}}),
+                              // Of several on one plane, one is enough.
+                              scene({{torus(), test::at(0, 0, 0.1)},
+                                     {torus(), test::at(0.02, 0, umbra_ends, {1, 0, 0}, 0.4)}})}) {
+    Studio studio(objects, camera());
+    const Picture asked = shadows(studio, by(LayerDrawing::mask));
+    EXPECT_EQ(studio.stats().layer_masks_drawn, 0);
+    EXPECT_EQ(asked, shadows(studio, by(LayerDrawing::direct)));
+  }
+  // Where all of the umbra is gone, nothing is cut.
+  Studio high(scene({{torus(), test::at(0, 0, umbra_ends + 0.1)}}), camera());
+  shadows(high, by(LayerDrawing::mask));
+  EXPECT_EQ(high.stats().layer_masks_drawn, 1);
+}
+
+}  // namespace
+}  // namespace penumbra::silhouette_mask_test
