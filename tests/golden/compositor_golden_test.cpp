@@ -13,6 +13,7 @@
 #include "core/camera_file.hpp"
 #include "core/image_file.hpp"
 #include "core/trajectory.hpp"
+#include "render/passes/rectified_video.hpp"
 #include "support/golden.hpp"
 #include "support/run_program.hpp"
 #include "support/shapes.hpp"
@@ -219,6 +220,31 @@ TEST_P(Translucent, CompositedFrame) {
                                          to_string(c.translucency), c.frame),
                              composite(*view, c.technique, std::make_shared<const Scene>(*scene),
                                        c.frame / 30.0, c.translucency)));
+}
+
+// Without the lens's distortion.
+TEST(RectifiedGolden, CompositedFrame) {
+  const auto view = half_size_view("tabletop", 60);
+  ASSERT_TRUE(view) << view.error().message;
+  const auto loaded = load_scene(test::source_dir() / "scenes" / "default.json");
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  const auto scene = std::make_shared<const Scene>(*loaded);
+  const auto context = create_offscreen_context();
+  ASSERT_TRUE(context) << context.error().message;
+  auto compositor = Compositor::create(**context, scene, view->camera, {true});
+  ASSERT_TRUE(compositor) << compositor.error().message;
+  const FramePlan plan =
+      plan_frame(*scene, lit(*scene, *view, 2.0), test::tracked(view->T_table_camera),
+                 without_distortion(view->camera));
+  const auto drawn = compositor->draw(view->frame, plan);
+  ASSERT_TRUE(drawn) << drawn.error().message;
+  RgbaImage picture{view->camera.width(), view->camera.height(), {}};
+  picture.pixels.resize(std::size_t{4} * static_cast<std::size_t>(picture.width) *
+                        static_cast<std::size_t>(picture.height));
+  ASSERT_TRUE(compositor->read_back(picture.pixels));
+  EXPECT_TRUE(matches_golden("default__tabletop__layered-rectified__000060", picture));
+  EXPECT_FALSE(
+      compare(picture, composite(*view, ShadowTechnique::layered, scene, 2.0)).acceptable());
 }
 
 // Every other scene that is bundled, as README.md's table says.

@@ -3,8 +3,10 @@
 // First exactly: the same build on the same rasteriser draws the same bits. Else within a
 // tolerance: no more than 2 codes off, but for at most 0.01 % of the pixels (edges that fall the
 // other way on another rasteriser). On failure the picture, the golden one and their difference
-// are written to the build folder's golden-output/. scripts/renew-goldens writes the golden
-// pictures instead (by PENUMBRA_RENEW_GOLDENS=1): look at them before they are committed.
+// are written to the build folder's golden-output/. On another
+// implementation of OpenGL (scripts/test-softpipe) 0.2 % of the pixels may be such edges.
+// scripts/renew-goldens writes the golden pictures instead (by PENUMBRA_RENEW_GOLDENS=1): look at
+// them before they are committed.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -30,6 +32,9 @@ struct PictureDifference {
   static constexpr int kToleranceCodes = 2;
   // 0.01 % of the pixels, rounded down.
   [[nodiscard]] bool acceptable() const { return same_size && over_tolerance * 10'000 <= pixels; }
+  [[nodiscard]] bool acceptable_elsewhere() const {
+    return same_size && over_tolerance * 500 <= pixels;
+  }
 };
 
 // Colour only; alpha is not kept in PNGs.
@@ -97,7 +102,8 @@ inline testing::AssertionResult matches_golden(const std::string& name, const Rg
   }
   const PictureDifference d = compare(actual, *golden);
   if (d.exact && d.same_size) return testing::AssertionSuccess();
-  if (d.acceptable()) {
+  const char* elsewhere = std::getenv("PENUMBRA_OTHER_OPENGL");
+  if (d.acceptable() || (elsewhere != nullptr && d.acceptable_elsewhere())) {
     std::printf("%s: not the same bits: %zu px over tolerance\n", name.c_str(),
                 static_cast<std::size_t>(d.over_tolerance));
     return testing::AssertionSuccess();
