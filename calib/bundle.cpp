@@ -4,6 +4,7 @@
 #include <glog/logging.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -63,7 +64,8 @@ Bundle::Bundle(int width, int height, std::span<const Eigen::Vector3d> board,
   for (const Eigen::Vector3d& p : board) radius_ = std::max(radius_, (p - middle_).norm());
   shapes_.resize(options.shape == BoardShape::free ? board.size() : 1, ShapeParameters{});
   for (const CalibrationView& view : views) {
-    outlier_.emplace_back(view.corners.size(), false);
+    outlier_.push_back(view.outlier.empty() ? std::vector<bool>(view.corners.size(), false)
+                                            : view.outlier);
     bool shifts = false;
     for (const TargetCorner& corner : view.corners) shifts = shifts || !corner.spread.isZero();
     shifts_.push_back(shifts);
@@ -117,6 +119,11 @@ bool Bundle::solve(int free_coefficients, bool square_pixels, bool move_centre, 
                                lens.data(), poses[v].data(), shape_of(corner.point).data());
     }
   }
+  if (options_.model == DistortionModel::rational) {
+    problem.AddResidualBlock(rational_prior(image_end()).release(),
+                             new ceres::ScaledLoss(nullptr, noise * noise, ceres::TAKE_OWNERSHIP),
+                             lens.data());
+  }
   if (options_.shape == BoardShape::free) {
     for (ShapeParameters& shape : shapes_) {
       problem.AddResidualBlock(offset_prior(prior_sigma()).release(),
@@ -152,23 +159,26 @@ std::optional<Eigen::Vector2d> Bundle::residual(std::size_t v, std::size_t c) {
   return r;
 }
 
-double Bundle::robust_noise() {
+double Bundle::distance_at(double share) {
   std::vector<double> distances;
   for (std::size_t v = 0; v < views_.size(); ++v) {
     for (std::size_t c = 0; c < views_[v].corners.size(); ++c) {
+      if (!views_[v].counts(c)) continue;
       const auto r = residual(v, c);
       distances.push_back(r ? r->norm() : 1e6);
     }
   }
   if (distances.empty()) return 1.0;
-  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
-  std::nth_element(distances.begin(), middle, distances.end());
-  return std::max(*middle / 1.1774, 1e-4);
+  const auto at = distances.begin() +
+                  static_cast<std::ptrdiff_t>(share * static_cast<double>(distances.size()));
+  std::nth_element(distances.begin(), at, distances.end());
+  return *at;
 }
 
 bool Bundle::mark_outliers(double limit_px) {
   bool changed = false;
   for (std::size_t v = 0; v < views_.size(); ++v) {
+    if (!views_[v].outlier.empty()) continue;
     std::vector<bool> marks(views_[v].corners.size(), false);
     std::size_t left = marks.size();
     for (std::size_t c = 0; c < marks.size(); ++c) {
@@ -276,6 +286,15 @@ Result<CalibrationSolution> Bundle::finish() {
   solution.noise_px = std::sqrt(sum / freedom);
   solution.rms_px = std::sqrt(sum / inliers);
   solution.rms_all_px = std::sqrt(sum_all / solution.corners);
+  if (options_.model == DistortionModel::rational) {
+    Eigen::Matrix<double, kRationalPriorSize, 1> r;
+    Eigen::Matrix<double, kRationalPriorSize, kLensSize, Eigen::RowMajor> J;
+    const double* at = lens.data();
+    double* jacobian = J.data();
+    rational_prior(image_end())->Evaluate(&at, r.data(), &jacobian);
+    S.topLeftCorner(n_lens, n_lens) +=
+        solution.noise_px * solution.noise_px * J.leftCols(n_lens).transpose() * J.leftCols(n_lens);
+  }
   if (options_.shape == BoardShape::free) {
     const Eigen::Vector3d information = (solution.noise_px / prior_sigma().array()).square();
     for (int i = n_lens; i < n; ++i) S(i, i) += information[(i - n_lens) % 3];
@@ -285,6 +304,16 @@ Result<CalibrationSolution> Bundle::finish() {
   const Eigen::MatrixXd scaled = scale.asDiagonal() * S * scale.asDiagonal();
   const Eigen::LDLT<Eigen::MatrixXd> factor(scaled);
   Eigen::MatrixXd inverse = factor.solve(Eigen::MatrixXd::Identity(n, n));
+  if (options_.model == DistortionModel::rational &&
+      !(inverse.diagonal().minCoeff() > 0.0 && inverse.allFinite())) {
+    // What a common factor of numerator and denominator is, only the prior says, and less than
+    // rounding does: as little known as can be told, in a direction that moves no pixel.
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
+    constexpr double kRounding = 1e-13;
+    const Eigen::VectorXd values = eigen.eigenvalues().cwiseMax(kRounding);
+    inverse = eigen.eigenvectors() * values.cwiseInverse().asDiagonal() *
+              eigen.eigenvectors().transpose();
+  }
   inverse = scale.asDiagonal() * inverse * scale.asDiagonal();
   const Eigen::MatrixXd lens_inverse = inverse.topLeftCorner(n_lens, n_lens);
   if (factor.info() != Eigen::Success || !lens_inverse.allFinite() ||
@@ -323,6 +352,13 @@ Eigen::Vector3d Bundle::prior_sigma() const {
   const double out_of_plane = options_.free_prior_m > 0.0 ? options_.free_prior_m : radius_ / 500.0;
   const double in_plane = 0.1 * out_of_plane;
   return {in_plane, in_plane, out_of_plane};
+}
+
+double Bundle::image_end() const {
+  constexpr double kWidest = 1.35;  // [rad] from the axis
+  // As an equidistant lens would have it: no lens that bends outwards less shows more.
+  return std::tan(
+      std::min(0.5 * std::hypot(width_, height_) / std::sqrt(lens[0] * lens[1]), kWidest));
 }
 
 Eigen::Vector3d Bundle::bow_of(const Eigen::Vector3d& p) const {

@@ -37,9 +37,12 @@ class Bundle {
   [[nodiscard]] std::optional<Eigen::Vector2d> residual(std::size_t v, std::size_t c);
 
   // Spread of one axis [px] by the median of distances (that of a 2-D normal is 1.1774 sigma).
-  [[nodiscard]] double robust_noise();
+  [[nodiscard]] double robust_noise() { return std::max(distance_at(0.5) / 1.1774, 1e-4); }
+  // So large a share of the corners is nearer than this [px]; those known to be wrong left out.
+  [[nodiscard]] double distance_at(double share);
 
-  // Whether the choice of outliers changed. Never takes so many of a view that no pose is left.
+  // Whether the choice of outliers changed. Never takes so many of a view that no pose is left, and
+  // leaves views alone whose outliers are known.
   bool mark_outliers(double limit_px);
 
   // Normal equations, views eliminated, and from them the covariance of the lens.
@@ -47,6 +50,8 @@ class Bundle {
 
  private:
   [[nodiscard]] Eigen::Vector3d prior_sigma() const;
+  // Radius of normalised coordinates up to which the image reaches, about.
+  [[nodiscard]] double image_end() const;
   // Coefficients of the lens that may be other than 0: the first ones.
   [[nodiscard]] int coefficients() const {
     return options_.without_k3 && options_.model == DistortionModel::plumb_bob

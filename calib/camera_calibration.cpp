@@ -8,17 +8,20 @@
 #include <map>
 #include <utility>
 
+#include "calib/image_cells.hpp"
+
 namespace penumbra {
 namespace {
 
 constexpr double kDegrees = 180.0 / M_PI;
 // Views whose boards are all within this of parallel do not tell focal length from distance.
 constexpr double kLeastTilt_deg = 8.0;
+// Of the image's diagonal: so near to a corner that was seen, a lens does not guess.
+constexpr double kNear = 0.05;
 // Tone curve, blur and ink make black squares look larger or smaller; by more than this share of
 // their size, and this far at each edge, they are of another size than the target file says.
 constexpr double kOtherSize = 0.04;
 constexpr double kOtherEdge_px = 0.8;
-constexpr double kWorthwhile = 0.97;  // of the held-out error: what a further freedom must bring
 
 double median(std::vector<double> values) {
   if (values.empty()) return 0.0;
@@ -44,145 +47,7 @@ double view_distance(const TargetView& a, const TargetView& b) {
                                          : std::sqrt(sum / count);
 }
 
-// Of nine equal cells of the image, the one that holds the pixel: 0, 1 or 2.
-std::size_t third_of(double at, int size) {
-  return static_cast<std::size_t>(std::clamp(static_cast<int>(3.0 * at / size), 0, 2));
-}
-
-std::string cell_name(int column, int row) {
-  constexpr std::array<const char*, 3> kRows = {"top", "middle", "bottom"};
-  constexpr std::array<const char*, 3> kColumns = {"left", "centre", "right"};
-  const auto i = static_cast<std::size_t>(column);
-  const auto j = static_cast<std::size_t>(row);
-  if (row == 1 && column == 1) return "middle";
-  if (row == 1) return kColumns[i];
-  if (column == 1) return kRows[j];
-  return fmt::format("{} {}", kRows[j], kColumns[i]);
-}
-
-std::string cell_name(const CameraModel& camera, const Eigen::Vector2d& pixel) {
-  return cell_name(static_cast<int>(third_of(pixel.x(), camera.width())),
-                   static_cast<int>(third_of(pixel.y(), camera.height())));
-}
-
-struct Lens {
-  DistortionModel model = DistortionModel::plumb_bob;
-  bool without_k3 = false;
-};
-
-// Simplest first.
-std::vector<Lens> lenses_of(const LensChoice& choice) {
-  constexpr Lens kNoK3 = {DistortionModel::plumb_bob, true};
-  constexpr Lens kPlumbBob = {DistortionModel::plumb_bob, false};
-  if (choice.model)
-    return {{*choice.model, choice.for_kalibr && *choice.model == DistortionModel::plumb_bob}};
-  if (choice.for_kalibr) return {kNoK3, {DistortionModel::fisheye}};
-  return {kNoK3, kPlumbBob, {DistortionModel::fisheye}, {DistortionModel::rational}};
-}
-
 }  // namespace
-
-std::string lens_name(const ModelTrial& trial) {
-  return fmt::format("{}{}", to_string(trial.model), trial.without_k3 ? ", k3 = 0" : "");
-}
-
-std::optional<Eigen::Vector2d> fold_in_image(const CameraModel& camera) {
-  const CameraParameters& p = camera.parameters();
-  const bool whole = p.model == DistortionModel::fisheye && !std::isfinite(camera.max_radius());
-  // Distortion grows outwards: what the border's pixels show is the furthest that there is.
-  constexpr int kSteps = 64;  // along each side
-  const Eigen::Vector2d centre(p.cx, p.cy);
-  std::optional<Eigen::Vector2d> nearest;
-  const auto look_at = [&](double x, double y) {
-    const Eigen::Vector2d pixel(x, y);
-    const auto direction = camera.unproject(pixel);
-    const bool said =
-        direction ? camera.distortion_jacobian(direction->head<2>()).determinant() > 0.0 : whole;
-    if (!said && (!nearest || (pixel - centre).norm() < (*nearest - centre).norm()))
-      nearest = pixel;
-  };
-  for (int i = 0; i <= kSteps; ++i) {
-    const double x = (p.width - 1.0) * i / kSteps;
-    const double y = (p.height - 1.0) * i / kSteps;
-    look_at(x, 0.0);
-    look_at(x, p.height - 1.0);
-    look_at(0.0, y);
-    look_at(p.width - 1.0, y);
-  }
-  return nearest;
-}
-
-Result<ChosenLens> choose_lens(const CalibrationSolution& start,
-                               const std::vector<Eigen::Vector3d>& board,
-                               const std::vector<CalibrationView>& views, const LensChoice& choice,
-                               std::optional<BoardShape> shape, std::vector<ModelTrial>& trials) {
-  std::optional<ChosenLens> best;
-  std::optional<Error> first_error;
-  const auto consider = [&](const Lens& lens, BoardShape board_shape) {
-    if (choice.stop.stop_requested()) return;
-    SolverOptions solver;
-    solver.stop = choice.stop;
-    solver.without_k3 = lens.without_k3;
-    solver.model = lens.model;
-    solver.shape = board_shape;
-    Result<CalibrationSolution> solved =
-        solve_intrinsics(best ? best->solution : start, board, views, solver);
-    if (!solved) {
-      if (!first_error) first_error = solved.error();
-      return;
-    }
-    const auto held_out = held_out_error(*solved, board, views, solver);
-    const auto fold = fold_in_image(solved->camera);
-    trials.push_back(
-        {lens.model, lens.without_k3, board_shape, solved->rms_px, held_out, fold, false});
-    // What explains no view that was left out is worse than what explains some.
-    const bool better =
-        !best || (held_out && (!best->held_out_px || *held_out < kWorthwhile * *best->held_out_px));
-    if (!fold && better)
-      best = ChosenLens{std::move(*solved), held_out, lens.without_k3, trials.size() - 1};
-  };
-  const std::vector<Lens> lenses = lenses_of(choice);
-  const BoardShape first_shape = shape.value_or(BoardShape::rigid);
-  for (const Lens& lens : lenses) consider(lens, first_shape);
-  // A lens that was asked for, but folds for want of corners far out, may do without its last term.
-  if (!best && choice.model == DistortionModel::plumb_bob && !choice.for_kalibr)
-    consider({DistortionModel::plumb_bob, true}, first_shape);
-  if (best && !shape) {
-    const auto lens_of_best = [&] {
-      return Lens{best->solution.camera.parameters().model, best->without_k3};
-    };
-    consider(lens_of_best(), BoardShape::bowed);
-    // Offsets of their own need every point seen many times.
-    if (views.size() >= 8) consider(lens_of_best(), BoardShape::free);
-    // What a board that is not flat hides may need a lens with more freedoms.
-    const BoardShape found = best->solution.shape;
-    const Lens before = lens_of_best();
-    bool richer = false;
-    for (const Lens& lens : lenses) {
-      if (found != BoardShape::rigid && richer) consider(lens, found);
-      richer = richer || (lens.model == before.model && lens.without_k3 == before.without_k3);
-    }
-  }
-  if (choice.stop.stop_requested()) return fail("ended early");
-  if (best) {
-    trials[best->trial].chosen = true;
-    return std::move(*best);
-  }
-  if (!trials.empty() && trials.front().fold_px) {
-    const Eigen::Vector2d& at = *trials.front().fold_px;
-    return fail(
-        "every lens that explains the views folds its picture back inside the image, first at "
-        "({:.0f}, {:.0f}): no corners were seen so far out; take views with the target near the {} "
-        "and in the other corners{}",
-        at.x(), at.y(), cell_name(start.camera, at),
-        choice.model == DistortionModel::fisheye ? "" : ", or try --model fisheye");
-  }
-  return fail(
-      "the views do not fix a lens ({}); take views with the target near every corner of the "
-      "image, "
-      "tilted in several directions",
-      first_error ? first_error->message : "none explains them");
-}
 
 std::string_view to_string(CalibrationGrade grade) {
   switch (grade) {
@@ -203,28 +68,59 @@ UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd&
   map.rows = rows;
   double sum = 0.0;
   int count = 0;
-  for (int j = 0; j < rows; ++j) {
-    for (int i = 0; i < columns; ++i) {
-      const Eigen::Vector2d pixel((i + 0.5) * camera.width() / columns - 0.5,
-                                  (j + 0.5) * camera.height() / rows - 0.5);
-      const auto here = projection_covariance(camera, covariance, pixel);
-      if (!here) {
-        map.sigma_px.push_back(std::numeric_limits<double>::quiet_NaN());
-        continue;
-      }
-      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(*here);
-      const double sigma = std::sqrt(std::max(eigen.eigenvalues()[1], 0.0));
-      map.sigma_px.push_back(sigma);
-      map.largest_px = std::max(map.largest_px, sigma);
-      sum += sigma;
-      ++count;
+  const ImageCells cells{columns, rows, camera.width(), camera.height()};
+  for (std::size_t cell = 0; cell < cells.count(); ++cell) {
+    const auto here = projection_covariance(camera, covariance, cells.middle(cell));
+    if (!here) {
+      map.sigma_px.push_back(std::numeric_limits<double>::quiet_NaN());
+      continue;
     }
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(*here);
+    const double sigma = std::sqrt(std::max(eigen.eigenvalues()[1], 0.0));
+    map.sigma_px.push_back(sigma);
+    map.largest_px = std::max(map.largest_px, sigma);
+    sum += sigma;
+    ++count;
   }
   map.mean_px = count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN();
   // Nothing is known of where such a lens draws what it can't describe.
   if (count < columns * rows && fold_in_image(camera))
     map.mean_px = map.largest_px = std::numeric_limits<double>::infinity();
   return map;
+}
+
+void widen(UncertaintyMap& map, const CameraModel& camera, const CameraModel& other,
+           std::span<const CalibrationPicture> pictures) {
+  const double near = kNear * std::hypot(camera.width(), camera.height());
+  const ImageCells cells{map.columns, map.rows, camera.width(), camera.height()};
+  std::vector<double> differences(map.sigma_px.size(), 0.0);
+  std::vector<bool> seen(map.sigma_px.size(), false);
+  double largest = 0.0;  // where corners were seen
+  for (std::size_t cell = 0; cell < cells.count(); ++cell) {
+    const Eigen::Vector2d pixel = cells.middle(cell);
+    const auto direction = camera.unproject(pixel);
+    const auto there = direction ? other.project_extended(*direction) : std::nullopt;
+    if (!there) continue;
+    differences[cell] = (*there - pixel).norm();
+    for (const CalibrationPicture& picture : pictures) {
+      if (picture.solved < 0 || seen[cell]) continue;
+      seen[cell] = std::any_of(
+          picture.view.corners.begin(), picture.view.corners.end(),
+          [&](const TargetCorner& corner) { return (corner.pixel - pixel).norm() < near; });
+    }
+    if (seen[cell]) largest = std::max(largest, differences[cell]);
+  }
+  double sum = 0.0;
+  int count = 0;
+  for (std::size_t cell = 0; cell < cells.count(); ++cell) {
+    double& sigma = map.sigma_px[cell];
+    if (std::isnan(sigma)) continue;
+    sigma = std::max(sigma, seen[cell] ? differences[cell] : std::min(differences[cell], largest));
+    map.largest_px = std::max(map.largest_px, sigma);
+    sum += sigma;
+    ++count;
+  }
+  if (std::isfinite(map.mean_px) && count > 0) map.mean_px = sum / count;
 }
 
 ProjectionDifference projection_difference(const CameraModel& a, const CameraModel& b) {
@@ -273,11 +169,8 @@ struct CameraCalibrator::Impl {
   void leave_out_surplus();
   [[nodiscard]] std::vector<CalibrationView> used_views();
   void refine_corners(const CalibrationSolution& solution);
-  [[nodiscard]] Result<CalibrationSolution> first_solution(
-      const std::vector<CalibrationView>& views) const;
   [[nodiscard]] Result<void> check_solution(const CalibrationSolution& solution,
                                             const std::vector<CalibrationView>& views) const;
-  void judge(CameraCalibration& result) const;
   void estimate_tone(CameraCalibration& result) const;
 };
 
@@ -484,31 +377,6 @@ void CameraCalibrator::Impl::refine_corners(const CalibrationSolution& solution)
   }
 }
 
-Result<CalibrationSolution> CameraCalibrator::Impl::first_solution(
-    const std::vector<CalibrationView>& views) const {
-  SolverOptions solver = solver_options();
-  if (options.model) {
-    solver.model = *options.model;
-    return solve_intrinsics(width, height, target.points, views, solver);
-  }
-  Result<CalibrationSolution> best = solve_intrinsics(width, height, target.points, views, solver);
-  if (best && !solver.without_k3 && fold_in_image(best->camera)) {
-    solver.without_k3 = true;
-    Result<CalibrationSolution> plainer =
-        solve_intrinsics(width, height, target.points, views, solver);
-    if (plainer) best = std::move(plainer);
-  }
-  solver.model = DistortionModel::fisheye;
-  // A wide lens can't be described by a polynomial in tan(angle): where that fits badly, or not at
-  // all, the other is tried before corners are refined with it.
-  if (!best || best->noise_px > 0.5 || best->outliers * 20 > best->corners) {
-    Result<CalibrationSolution> wide =
-        solve_intrinsics(width, height, target.points, views, solver);
-    if (wide && (!best || wide->noise_px < best->noise_px)) return wide;
-  }
-  return best;
-}
-
 Result<void> CameraCalibrator::Impl::check_solution(
     const CalibrationSolution& solution, const std::vector<CalibrationView>& views) const {
   const double tilt = tilt_spread(solution.views) * kDegrees;
@@ -558,28 +426,31 @@ Result<void> CameraCalibrator::Impl::check_solution(
   return {};
 }
 
-void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
+void judge(CameraCalibration& result) {
   const CalibrationSolution& solution = result.solution;
+  const int width = solution.camera.width();
+  const int height = solution.camera.height();
   result.uncertainty = uncertainty_map(solution.camera, solution.covariance);
+  // What the views can't tell apart is not known, whichever of them was taken.
+  for (const ModelTrial& trial : result.trials) {
+    if (trial.rival && !trial.fold_px)
+      widen(result.uncertainty, solution.camera, trial.camera, result.pictures);
+  }
   result.table = table_volume_uncertainty(solution.camera, solution.covariance);
   result.tilt_spread_deg = tilt_spread(solution.views) * kDegrees;
   std::vector<double> blurs;
-  std::array<std::array<int, 3>, 3> cells{};
+  const ImageCells cells{3, 3, width, height};
+  std::vector<int> seen(cells.count(), 0);
   for (const CalibrationPicture& picture : result.pictures) {
     if (picture.solved < 0) continue;
     blurs.push_back(picture.view.blur_px);
-    for (const TargetCorner& corner : picture.view.corners) {
-      ++cells[third_of(corner.pixel.y(), height)][third_of(corner.pixel.x(), width)];
-    }
+    for (const TargetCorner& corner : picture.view.corners) ++seen[cells.at(corner.pixel)];
   }
   result.blur_px = median(blurs);
 
   std::vector<std::string> empty;
-  for (int row = 0; row < 3; ++row) {
-    for (int column = 0; column < 3; ++column) {
-      const int count = cells[static_cast<std::size_t>(row)][static_cast<std::size_t>(column)];
-      if (count * 100 < solution.corners) empty.push_back(cell_name(column, row));
-    }
+  for (std::size_t cell = 0; cell < seen.size(); ++cell) {
+    if (seen[cell] * 100 < solution.corners) empty.push_back(cells.name(cell));
   }
   if (!empty.empty())
     result.advice.push_back(fmt::format("no views near the {}", fmt::join(empty, ", the ")));
@@ -592,6 +463,8 @@ void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
   if (result.blur_px > 1.5)
     result.advice.push_back(fmt::format(
         "pictures are blurred ({:.1f} px): hold still, focus, more light", result.blur_px));
+  // A lens that explains more, but not all of the image: then the one that was taken is wrong
+  // somewhere, however sure it is of itself.
   std::string folds;
   for (const ModelTrial& trial : result.trials) {
     // Told where that lens might have been the better one.
@@ -599,9 +472,9 @@ void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
         *trial.held_out_px >= kWorthwhile * *result.held_out_px)
       continue;
     folds = fmt::format(
-        "{} was not taken, since it folds near the {}, where too few corners were seen: take views "
-        "there",
-        lens_name(trial), cell_name(solution.camera, *trial.fold_px));
+        "{} explains the views better ({:.2f} px), but was not taken, since it folds near the {}, "
+        "where too few corners were seen: take views there",
+        lens_name(trial), *trial.held_out_px, cells.name(cells.at(*trial.fold_px)));
     result.advice.push_back(folds);
   }
   if (solution.shape != BoardShape::rigid)
@@ -609,7 +482,7 @@ void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
 
   const double error = result.held_out_px.value_or(solution.rms_px);
   const double sigma = result.uncertainty.largest_px;
-  const bool finite = std::isfinite(sigma) && std::isfinite(error);
+  const bool finite = std::isfinite(sigma) && std::isfinite(error) && folds.empty();
   result.grade = finite && sigma <= 0.5 && error <= 1.0   ? CalibrationGrade::good
                  : finite && sigma <= 2.0 && error <= 2.0 ? CalibrationGrade::usable
                                                           : CalibrationGrade::poor;
@@ -629,8 +502,6 @@ void CameraCalibrator::Impl::judge(CameraCalibration& result) const {
     }
   } else if (!empty.empty()) {
     text += fmt::format("; {}", result.advice.front());
-  } else if (!folds.empty()) {
-    text += fmt::format("; {}", folds);
   }
   result.verdict = text;
 }
@@ -678,7 +549,9 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop) {
   self.leave_out_blurred();
   self.leave_out_surplus();
   std::vector<CalibrationView> views = self.used_views();
-  Result<CalibrationSolution> solution = self.first_solution(views);
+  const LensChoice choice = {self.options.model, self.options.for_kalibr, self.stop};
+  Result<CalibrationSolution> solution =
+      first_solution(self.width, self.height, self.target.points, views, choice);
   if (!solution) return tl::unexpected(solution.error());
   if (const auto ok = self.check_solution(*solution, views); !ok) return tl::unexpected(ok.error());
   // Corners once more where the solution puts them; twice, since the first solution is off by what
@@ -694,9 +567,8 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop) {
     if (!solution) return tl::unexpected(solution.error());
   }
   CameraCalibration result;
-  Result<ChosenLens> chosen = choose_lens(*solution, self.target.points, views,
-                                          {self.options.model, self.options.for_kalibr, self.stop},
-                                          self.options.shape, result.trials);
+  Result<ChosenLens> chosen =
+      choose_lens(*solution, self.target.points, views, choice, self.options.shape, result.trials);
   if (self.stop.stop_requested()) return fail("ended early");
   if (!chosen) return tl::unexpected(chosen.error());
   result.solution = std::move(chosen->solution);
@@ -704,7 +576,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop) {
   if (const auto ok = self.check_solution(result.solution, views); !ok)
     return tl::unexpected(ok.error());
   result.pictures = std::move(self.pictures);
-  self.judge(result);
+  judge(result);
   self.estimate_tone(result);
   if (self.stop.stop_requested()) return fail("ended early");
   return result;

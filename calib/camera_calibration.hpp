@@ -6,11 +6,13 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <stop_token>
 #include <string>
 #include <vector>
 
 #include "calib/intrinsics_solver.hpp"
+#include "calib/lens_choice.hpp"
 #include "calib/table_volume.hpp"
 #include "calib/target.hpp"
 #include "calib/target_detector.hpp"
@@ -40,47 +42,6 @@ struct CalibrationPicture {
   }
 };
 
-// A lens and board that were tried.
-struct ModelTrial {
-  DistortionModel model = DistortionModel::plumb_bob;
-  bool without_k3 = false;
-  BoardShape shape = BoardShape::rigid;
-  double rms_px = 0.0;
-  std::optional<double> held_out_px;
-  // Where in the image the lens folds (fold_in_image()): then it is never chosen.
-  std::optional<Eigen::Vector2d> fold_px;
-  bool chosen = false;
-};
-[[nodiscard]] std::string lens_name(const ModelTrial& trial);  // "plumb_bob", "plumb_bob, k3 = 0"
-
-// Where in the image [px] a lens says nothing true, since its distortion folds back or levels off
-// before: the place on the image's border that is nearest to the principal point. Nothing where it
-// describes all of the image. A fisheye lens that still grows at 90 degrees from its axis is whole:
-// what it sees beyond is beyond this camera model's directions.
-[[nodiscard]] std::optional<Eigen::Vector2d> fold_in_image(const CameraModel& camera);
-
-// Which lenses are tried, the simplest first.
-struct LensChoice {
-  std::optional<DistortionModel> model;  // only this one
-  bool for_kalibr = false;               // only what Kalibr's files can say
-  std::stop_token stop = {};             // ends the search, with an error
-};
-// The solution with the lens that explains views held out of it best; a lens with more freedoms has
-// to be clearly better, and one that folds in the image is not taken. From a solution near by;
-// `trials` gets a line for each. An error says where every lens folds, or why none is found.
-struct ChosenLens {
-  CalibrationSolution solution;
-  std::optional<double> held_out_px;
-  bool without_k3 = false;
-  std::size_t trial = 0;
-};
-[[nodiscard]] Result<ChosenLens> choose_lens(const CalibrationSolution& start,
-                                             const std::vector<Eigen::Vector3d>& board,
-                                             const std::vector<CalibrationView>& views,
-                                             const LensChoice& choice,
-                                             std::optional<BoardShape> shape,
-                                             std::vector<ModelTrial>& trials);
-
 // Standard deviation of the projection over the image [px], along its worst direction.
 struct UncertaintyMap {
   int columns = 0;
@@ -93,6 +54,12 @@ struct UncertaintyMap {
 [[nodiscard]] UncertaintyMap uncertainty_map(const CameraModel& camera,
                                              const Eigen::MatrixXd& covariance, int columns = 32,
                                              int rows = 24);
+
+// Makes the map no smaller than the difference to another camera that explains the views as well.
+// Where no corner was seen near, that camera is guessing: there it counts for no more than where it
+// differs most from what was seen.
+void widen(UncertaintyMap& map, const CameraModel& camera, const CameraModel& other,
+           std::span<const CalibrationPicture> pictures);
 
 // How far two cameras' projections are from each other, over the first one's image: no rotation is
 // fitted.
@@ -122,6 +89,9 @@ struct CameraCalibration {
   std::string verdict;              // one line: the grade, why, and what to do
   std::vector<std::string> advice;  // "no views near the top left", ...
 };
+
+// What a solution is worth: fills in the uncertainty, grade, advice and verdict from the rest.
+void judge(CameraCalibration& calibration);
 
 class CameraCalibrator {
  public:

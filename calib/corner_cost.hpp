@@ -25,6 +25,9 @@ inline constexpr int kLensSize = std::tuple_size_v<LensParameters>;
 inline constexpr int kViewSize = std::tuple_size_v<ViewParameters>;
 inline constexpr int kShapeSize = std::tuple_size_v<ShapeParameters>;
 
+inline constexpr int kGrowthSamples = 8;
+inline constexpr int kRationalPriorSize = 6 + 2 * kGrowthSamples;
+
 struct CornerTerm {
   DistortionModel model = DistortionModel::plumb_bob;
   Eigen::Vector3d point = Eigen::Vector3d::Zero();  // on the board [m]
@@ -38,6 +41,10 @@ struct CornerTerm {
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> corner_cost(const CornerTerm& term);
 // Holds a view's edge shift near 0, by a sigma of 1 px. Takes the view's block.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> edge_shift_prior();
+// Holds a rational lens to what lenses do, where no corner says it; `end` is the radius of
+// normalised coordinates up to which the image reaches. Takes the lens' block; kRationalPriorSize
+// residuals.
+[[nodiscard]] std::unique_ptr<ceres::CostFunction> rational_prior(double end);
 // Holds a point's offset near 0, by a sigma for each axis. Takes a shape's block.
 [[nodiscard]] std::unique_ptr<ceres::CostFunction> offset_prior(const Eigen::Vector3d& sigma_m);
 

@@ -2,6 +2,7 @@
 
 #include <ceres/ceres.h>
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -17,8 +18,11 @@ namespace {
 std::vector<PointObservation> observations_of(const CalibrationView& view,
                                               std::span<const Eigen::Vector3d> board) {
   std::vector<PointObservation> observations;
-  for (const TargetCorner& corner : view.corners)
-    observations.push_back({board[static_cast<std::size_t>(corner.point)], corner.pixel});
+  for (std::size_t c = 0; c < view.corners.size(); ++c) {
+    const TargetCorner& corner = view.corners[c];
+    if (view.counts(c))
+      observations.push_back({board[static_cast<std::size_t>(corner.point)], corner.pixel});
+  }
   return observations;
 }
 
@@ -101,6 +105,59 @@ std::optional<CameraPose> best_pose(const CameraModel& camera,
   return best;
 }
 
+constexpr double kBadFit_px = 0.5;     // of noise: such a start is none for a lens of another kind
+constexpr double kFarthest_px = 20.0;  // that a corner is off at a start near by
+
+// The lens of another kind that bends rays most like this one; nothing for one that folds at once.
+std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionModel model) {
+  const CameraParameters& from = camera.parameters();
+  const auto end = camera.unproject(Eigen::Vector2d(0.0, 0.0));
+  constexpr double kWidest = 4.0;  // tangent of the angle from the axis
+  const double furthest = std::min(
+      {end ? end->head<2>().norm() : kWidest,
+       std::isfinite(camera.max_radius()) ? 0.98 * camera.max_radius() : kWidest, kWidest});
+  if (!(furthest > 0.05)) return std::nullopt;
+  constexpr int kSamples = 48;
+  // Unknown are the radial coefficients, in the order of their places in the parameters.
+  const std::vector<std::size_t> places =
+      model == DistortionModel::fisheye    ? std::vector<std::size_t>{0, 1, 2, 3}
+      : model == DistortionModel::rational ? std::vector<std::size_t>{0, 1, 4, 5, 6, 7}
+                                           : std::vector<std::size_t>{0, 1, 4};
+  const auto n = static_cast<Eigen::Index>(places.size());
+  Eigen::MatrixXd A = Eigen::MatrixXd::Zero(kSamples + n, n);
+  Eigen::VectorXd b = Eigen::VectorXd::Zero(kSamples + n);
+  std::array<double, 8> radial = from.distortion;
+  if (from.model != DistortionModel::fisheye) radial[2] = radial[3] = 0.0;
+  for (int i = 0; i < kSamples; ++i) {
+    const double r = furthest * (i + 1) / kSamples;
+    double bent = 0.0;
+    double zero = 0.0;
+    distort(from.model, radial, r, 0.0, bent, zero);
+    const double at = model == DistortionModel::fisheye ? std::atan(r) : r;
+    double power = 1.0;
+    for (Eigen::Index k = 0; k < n; ++k) {
+      if (k == 3 && model == DistortionModel::rational) power = 1.0;
+      power *= at * at;
+      A(i, k) = k >= 3 && model == DistortionModel::rational ? -bent * power : at * power;
+    }
+    b[i] = bent - at;
+  }
+  // Held near 0 by little, since some are as good as others.
+  for (Eigen::Index k = 0; k < n; ++k) A(kSamples + k, k) = 1e-4;
+  const Eigen::VectorXd solved = A.householderQr().solve(b);
+  if (!solved.allFinite()) return std::nullopt;
+  CameraParameters to = from;
+  to.model = model;
+  to.distortion = {};
+  if (from.model != DistortionModel::fisheye && model != DistortionModel::fisheye) {
+    to.distortion[2] = from.distortion[2];
+    to.distortion[3] = from.distortion[3];
+  }
+  for (Eigen::Index k = 0; k < n; ++k)
+    to.distortion[places[static_cast<std::size_t>(k)]] = solved[k];
+  return to;
+}
+
 tl::unexpected<Error> ended_early() {
   return fail("ended early");
 }
@@ -113,8 +170,12 @@ Result<CalibrationSolution> polish(Bundle& bundle, const SolverOptions& options,
     return fail("no camera explains the corners; is it the right target file, and one camera?");
   };
   if (robust_first) {
-    if (!bundle.solve(8, false, true, noise, std::max(2.0 * noise, 0.5), options.max_iterations))
+    const double scale = std::max(2.0 * noise, 0.5);
+    // Corners far out may be off by much only for want of this lens' further coefficients.
+    const double far = std::min(bundle.distance_at(0.95), kFarthest_px);
+    if (far > 2.0 * scale && !bundle.solve(8, false, true, noise, far, options.max_iterations))
       return fails();
+    if (!bundle.solve(8, false, true, noise, scale, options.max_iterations)) return fails();
     noise = bundle.robust_noise();
   }
   for (int round = 0; round < 5; ++round) {
@@ -137,6 +198,9 @@ Result<void> check_views(std::span<const Eigen::Vector3d> board,
         views.size());
   }
   for (const CalibrationView& view : views) {
+    if (!view.outlier.empty() && view.outlier.size() != view.corners.size())
+      return fail("{}: has {} corners, but {} marks", view.name, view.corners.size(),
+                  view.outlier.size());
     if (view.corners.size() < 4)
       return fail("{}: has {} corners; 4 fix a pose", view.name, view.corners.size());
     for (const TargetCorner& corner : view.corners) {
@@ -223,7 +287,11 @@ Result<CalibrationSolution> solve_intrinsics(const CalibrationSolution& start,
   if (parameters.model != options.model) {
     const bool from_fisheye = parameters.model == DistortionModel::fisheye;
     if (from_fisheye || options.model == DistortionModel::fisheye) {
-      return solve_intrinsics(parameters.width, parameters.height, board, views, options);
+      const bool explains = start.noise_px <= kBadFit_px && start.outliers * 20 <= start.corners;
+      const auto alike = explains ? as_model(start.camera, options.model) : std::nullopt;
+      if (!alike)
+        return solve_intrinsics(parameters.width, parameters.height, board, views, options);
+      parameters = *alike;
     }
     parameters.model = options.model;
   }
@@ -241,14 +309,25 @@ Result<CalibrationSolution> solve_intrinsics(const CalibrationSolution& start,
     if (options.stop.stop_requested()) return ended_early();
     bundle.poses.push_back(view_of(*pose, 0.0));
   }
-  return polish(bundle, options, true);
+  const bool known = std::all_of(views.begin(), views.end(),
+                                 [](const CalibrationView& view) { return !view.outlier.empty(); });
+  return polish(bundle, options, !known);
 }
 
-std::optional<double> pose_only_error(const CameraModel& camera,
-                                      std::span<const Eigen::Vector3d> board,
-                                      std::span<const CalibrationView> views) {
+double rms_of(std::span<const ViewError> errors) {
   double sum = 0.0;
   int count = 0;
+  for (const ViewError& error : errors) {
+    sum += error.squared_px2;
+    count += error.corners;
+  }
+  return std::sqrt(sum / count);
+}
+
+std::optional<std::vector<ViewError>> pose_only_errors(const CameraModel& camera,
+                                                       std::span<const Eigen::Vector3d> board,
+                                                       std::span<const CalibrationView> views) {
+  std::vector<ViewError> errors;
   for (const CalibrationView& view : views) {
     const auto pose = best_pose(camera, observations_of(view, board));
     if (!pose) return std::nullopt;
@@ -257,8 +336,12 @@ std::optional<double> pose_only_error(const CameraModel& camera,
     ShapeParameters none{};
     ceres::Problem problem;
     bool shifts = false;
-    for (const TargetCorner& corner : view.corners) {
+    int count = 0;
+    for (std::size_t c = 0; c < view.corners.size(); ++c) {
+      if (!view.counts(c)) continue;
+      const TargetCorner& corner = view.corners[c];
       shifts = shifts || !corner.spread.isZero();
+      ++count;
       problem.AddResidualBlock(
           corner_cost({camera.parameters().model, board[static_cast<std::size_t>(corner.point)],
                        Eigen::Vector3d::Zero(), false, corner.pixel, corner.spread})
@@ -276,46 +359,58 @@ std::optional<double> pose_only_error(const CameraModel& camera,
     ceres::Solver::Summary summary;
     ceres::Solve(options, &problem, &summary);
     if (!summary.IsSolutionUsable()) return std::nullopt;
-    sum += 2.0 * summary.final_cost;
-    count += static_cast<int>(view.corners.size());
+    const double squared = 2.0 * summary.final_cost;
+    if (!std::isfinite(squared)) return std::nullopt;
+    errors.push_back({squared, count});
   }
-  if (count == 0 || !std::isfinite(sum)) return std::nullopt;
-  return std::sqrt(sum / count);
+  return errors;
+}
+
+std::optional<double> pose_only_error(const CameraModel& camera,
+                                      std::span<const Eigen::Vector3d> board,
+                                      std::span<const CalibrationView> views) {
+  const auto errors = pose_only_errors(camera, board, views);
+  if (!errors || !std::isfinite(rms_of(*errors))) return std::nullopt;
+  return rms_of(*errors);
+}
+
+std::optional<std::vector<ViewError>> held_out_errors(const CalibrationSolution& solution,
+                                                      std::span<const Eigen::Vector3d> board,
+                                                      std::span<const CalibrationView> views,
+                                                      const SolverOptions& options, int folds) {
+  const std::size_t n = views.size();
+  const std::size_t parts = std::min(static_cast<std::size_t>(std::max(folds, 0)), n);
+  if (n < 4 || parts < 2) return std::nullopt;
+  std::vector<ViewError> errors(n);
+  for (std::size_t part = 0; part < parts; ++part) {
+    std::vector<CalibrationView> kept;
+    std::vector<CalibrationView> left;
+    CalibrationSolution start = solution;
+    start.views.clear();
+    for (std::size_t v = 0; v < n; ++v) {
+      if (v % parts == part) {
+        left.push_back(views[v]);
+      } else {
+        kept.push_back(views[v]);
+        if (solution.views.size() == n) start.views.push_back(solution.views[v]);
+      }
+    }
+    const Result<CalibrationSolution> solved = solve_intrinsics(start, board, kept, options);
+    if (!solved) return std::nullopt;
+    const auto found = pose_only_errors(solved->camera, solved->board, left);
+    if (!found) return std::nullopt;
+    for (std::size_t i = 0; i < found->size(); ++i) errors[part + i * parts] = (*found)[i];
+  }
+  return errors;
 }
 
 std::optional<double> held_out_error(const CalibrationSolution& solution,
                                      std::span<const Eigen::Vector3d> board,
                                      std::span<const CalibrationView> views,
                                      const SolverOptions& options, int folds) {
-  const auto n = static_cast<int>(views.size());
-  folds = std::min(folds, n);
-  if (n < 4 || folds < 2) return std::nullopt;
-  double sum = 0.0;
-  double count = 0.0;
-  for (int fold = 0; fold < folds; ++fold) {
-    std::vector<CalibrationView> kept;
-    std::vector<CalibrationView> left;
-    CalibrationSolution start = solution;
-    start.views.clear();
-    for (int v = 0; v < n; ++v) {
-      const auto i = static_cast<std::size_t>(v);
-      if (v % folds == fold) {
-        left.push_back(views[i]);
-      } else {
-        kept.push_back(views[i]);
-        if (solution.views.size() == views.size()) start.views.push_back(solution.views[i]);
-      }
-    }
-    const Result<CalibrationSolution> solved = solve_intrinsics(start, board, kept, options);
-    if (!solved) return std::nullopt;
-    const auto error = pose_only_error(solved->camera, solved->board, left);
-    if (!error) return std::nullopt;
-    double corners = 0.0;
-    for (const CalibrationView& view : left) corners += static_cast<double>(view.corners.size());
-    sum += *error * *error * corners;
-    count += corners;
-  }
-  return std::sqrt(sum / count);
+  const auto errors = held_out_errors(solution, board, views, options, folds);
+  if (!errors || !std::isfinite(rms_of(*errors))) return std::nullopt;
+  return rms_of(*errors);
 }
 
 Eigen::MatrixXd lens_jacobian(const CameraModel& camera, const Eigen::Vector2d& xy) {

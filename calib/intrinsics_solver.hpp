@@ -22,6 +22,12 @@ namespace penumbra {
 struct CalibrationView {
   std::string name;  // what messages call it
   std::vector<TargetCorner> corners;
+  // Corners known to be wrong, which count for nothing. Empty: the solver finds them.
+  std::vector<bool> outlier = {};
+
+  [[nodiscard]] bool counts(std::size_t corner) const {
+    return outlier.empty() || !outlier[corner];
+  }
 };
 
 // What the board may be other than flat and true.
@@ -85,15 +91,30 @@ struct CalibrationSolution {
                                                            std::span<const CalibrationView> views,
                                                            const SolverOptions& options = {});
 
-// RMS distance [px] of all corners of views that took no part in the solution: `folds` times a
-// share of the views is left out, the rest solved (from `solution`), and only poses fitted to those
-// left out. Nothing for fewer than 4 views or where a part can't be solved.
+// Squared distances [px^2] of a view's corners, outliers left out.
+struct ViewError {
+  double squared_px2 = 0.0;
+  int corners = 0;
+};
+[[nodiscard]] double rms_of(std::span<const ViewError> errors);  // of 2-D distances [px]
+
+// How far the corners of views are off that took no part in the solution, view by view: `folds`
+// times a share of the views is left out, the rest solved (from `solution`), and only poses fitted
+// to those left out. Nothing for fewer than 4 views or where a part can't be solved.
+[[nodiscard]] std::optional<std::vector<ViewError>> held_out_errors(
+    const CalibrationSolution& solution, std::span<const Eigen::Vector3d> board,
+    std::span<const CalibrationView> views, const SolverOptions& options, int folds = 5);
+
+// Of all those views together: RMS [px].
 [[nodiscard]] std::optional<double> held_out_error(const CalibrationSolution& solution,
                                                    std::span<const Eigen::Vector3d> board,
                                                    std::span<const CalibrationView> views,
                                                    const SolverOptions& options, int folds = 5);
 
-// RMS distance [px] of the corners of `views` with camera and board as they are, poses fitted.
+// The corners of `views` with camera and board as they are, poses fitted.
+[[nodiscard]] std::optional<std::vector<ViewError>> pose_only_errors(
+    const CameraModel& camera, std::span<const Eigen::Vector3d> board,
+    std::span<const CalibrationView> views);
 [[nodiscard]] std::optional<double> pose_only_error(const CameraModel& camera,
                                                     std::span<const Eigen::Vector3d> board,
                                                     std::span<const CalibrationView> views);

@@ -19,8 +19,8 @@ namespace {
 constexpr double kElevation = radians(45.0);
 constexpr double kNearest_m = 0.25;
 constexpr double kFurthest_m = 5.0;
-constexpr double kStep = 1.01;   // from one distance to the next
-constexpr double kMargin = 2.0;  // [px] that corners keep from the picture's edge
+constexpr double kFurther = 1.01;  // from one distance to the next
+constexpr double kMargin = 2.0;    // [px] that corners keep from the picture's edge
 
 CameraPose looking_down(double distance_m) {
   const Eigen::Vector3d middle(0.0, 0.0, 0.1);  // of the cube
@@ -70,7 +70,7 @@ std::optional<TableVolumeUncertainty> table_volume_uncertainty(const CameraModel
   const auto cube = overlay_cube();
   TableVolumeUncertainty result;
   bool whole = false;
-  for (double distance = kNearest_m; !whole && distance < kFurthest_m; distance *= kStep) {
+  for (double distance = kNearest_m; !whole && distance < kFurthest_m; distance *= kFurther) {
     result.T_table_camera = looking_down(distance);
     result.distance_m = result.T_table_camera.translation().norm();
     const auto T_camera_table = result.T_table_camera.inverse();

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
+#include <array>
 #include <cmath>
 #include <random>
 
@@ -83,6 +84,70 @@ TEST(CalibrationUncertainty, HoldsForTheLensThatIsChosenToo) {
   }
   std::printf("k3 = 0 in %d\n", without_k3);
   hits.expect_honest();
+}
+
+struct Lens {
+  const char* name;
+  CameraModel camera;
+  double distance_m;  // from which the board fills a third of the picture
+};
+
+CameraModel plumb_bob(double f, std::array<double, 8> distortion) {
+  CameraParameters p = test::desk_camera().parameters();
+  p.fx = f;
+  p.fy = 0.998 * f;
+  p.distortion = distortion;
+  return CameraModel::make(p).value();
+}
+
+// Whatever the lens, and wherever the corners were: a verdict may be less than good where all is
+// well, but not good where the lens is wrong.
+TEST(CalibrationVerdict, IsNeverGoodWhereTheLensIsWrong) {
+  const Lens lenses[] = {
+      {"plumb_bob", plumb_bob(531.0, {-0.215, 0.062, 0.0008, -0.0006, -0.004}), 0.4},
+      {"plumb_bob, strong", plumb_bob(480.0, {-0.33, 0.15, 0.0005, -0.0003, -0.035}), 0.35},
+      {"rational, wide", test::rational_lens(), 0.25},
+      {"rational, 1280 x 720", test::rational_lens(1280, 720), 0.25},
+      {"equidistant", test::wide_lens(), 0.18}};
+  const auto board = test::flat_board();
+  int good = 0;
+  for (const Lens& lens : lenses) {
+    for (const double reach : {0.95, 0.6, 0.35}) {
+      for (const double noise_px : {0.05, 0.2}) {
+        for (unsigned run = 0; run < (test::kSanitized ? 1U : 3U); ++run) {
+          const int width = lens.camera.width();
+          const int height = lens.camera.height();
+          std::mt19937 rng(500 + run);
+          const auto views = test::simulate_views(
+              lens.camera, board,
+              {.views = 14, .noise_px = noise_px, .distance_m = lens.distance_m, .reach = reach},
+              rng);
+          const auto start = first_solution(width, height, board, views, {});
+          if (!start) continue;  // refused
+          CameraCalibration c;
+          const auto chosen = choose_lens(*start, board, views, {}, std::nullopt, c.trials);
+          if (!chosen) continue;
+          c.solution = chosen->solution;
+          c.held_out_px = chosen->held_out_px;
+          for (std::size_t v = 0; v < views.size(); ++v) {
+            CalibrationPicture picture;
+            picture.solved = static_cast<int>(v);
+            picture.view.corners = views[v].corners;
+            c.pictures.push_back(std::move(picture));
+          }
+          judge(c);
+          if (c.grade != CalibrationGrade::good) continue;
+          ++good;
+          const double wrong = projection_difference(lens.camera, c.solution.camera).mean_px;
+          EXPECT_LT(wrong, 1.0) << lens.name << ", reach " << reach << ", run " << run;
+          EXPECT_LT(wrong, 3.0 * c.uncertainty.mean_px)
+              << lens.name << ", reach " << reach << ", run " << run;
+        }
+      }
+    }
+  }
+  std::printf("good: %d\n", good);
+  EXPECT_GE(good, test::kSanitized ? 1 : 6) << "it may not be afraid of everything";
 }
 
 }  // namespace

@@ -12,6 +12,21 @@
 
 namespace penumbra::test {
 
+// Wide and rational: near an equidistant lens of 115 degrees across the image, with a little
+// tangential distortion.
+inline CameraModel rational_lens(int width = 640, int height = 480) {
+  CameraParameters p;
+  p.width = width;
+  p.height = height;
+  p.fx = 400.0 * width / 640.0;
+  p.fy = 0.998 * p.fx;
+  p.cx = 0.5 * width + 3.0;
+  p.cy = 0.5 * height - 4.0;
+  p.model = DistortionModel::rational;
+  p.distortion = {0.7778, 0.0677, 0.0004, -0.0003, 0.001, 1.1111, 0.2381, 0.004};
+  return CameraModel::make(p).value();
+}
+
 // Equidistant, 130 degrees across the image.
 inline CameraModel wide_lens() {
   CameraParameters p;
@@ -40,6 +55,9 @@ struct ViewOptions {
   double noise_px = 0.1;
   double tilt_rad = 0.7;     // largest, in any direction
   double distance_m = 0.35;  // typical
+  // 0: the board's middle is up to 0.35 of the distance from the axis. Else it is anywhere in so
+  // much of the image, and corners further out than this are not seen.
+  double reach = 0.0;
 };
 
 // `shape` is where the points really are; views whose target is mostly out of the image are drawn
@@ -59,7 +77,15 @@ inline std::vector<CalibrationView> simulate_views(const CameraModel& camera,
         Eigen::AngleAxisd(0.5 * unit(rng), Eigen::Vector3d::UnitZ()) *
         Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX());
     const double z = options.distance_m * (1.0 + 0.3 * unit(rng));
-    const Eigen::Vector3d t(0.35 * z * unit(rng), 0.25 * z * unit(rng), z);
+    Eigen::Vector3d t(0.35 * z * unit(rng), 0.25 * z * unit(rng), z);
+    const Eigen::Vector2d half(0.5 * camera.width(), 0.5 * camera.height());
+    if (options.reach > 0.0) {
+      const Eigen::Vector2d off(unit(rng), unit(rng));
+      const auto ray =
+          camera.unproject(half + options.reach * Eigen::Vector2d(off.cwiseProduct(half)));
+      if (!ray) continue;
+      t = z * ray->normalized();
+    }
     const Transform<frame::Camera, frame::Table> T_camera_board(q, t);
     CalibrationView view;
     view.name = "view " + std::to_string(views.size());
@@ -67,6 +93,9 @@ inline std::vector<CalibrationView> simulate_views(const CameraModel& camera,
       const auto pixel = camera.project(T_camera_board * shape[i]);
       if (!pixel || pixel->x() < 3.0 || pixel->y() < 3.0 || pixel->x() > camera.width() - 4.0 ||
           pixel->y() > camera.height() - 4.0)
+        continue;
+      if (options.reach > 0.0 &&
+          (*pixel - half).cwiseQuotient(half).cwiseAbs().maxCoeff() > options.reach + 0.1)
         continue;
       TargetCorner corner;
       corner.point = static_cast<int>(i);

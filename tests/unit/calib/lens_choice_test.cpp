@@ -136,5 +136,130 @@ TEST(LensChoice, NeverTakesALensThatFoldsInTheImage) {
   EXPECT_GT(refused, 5) << "the views are meant to be so poor that some lenses fold";
 }
 
+// Seen in the corners: what a lens with too few freedoms calls outliers there is not left out, and
+// a rational lens seldom folds there.
+TEST(LensChoice, FarCornersAreNoOutliersWhereALensExplainsThem) {
+  const CameraModel truth = test::rational_lens();
+  int found = 0;
+  for (unsigned seed = 24; seed < 29; ++seed) {
+    const Chosen wide =
+        choose(truth, {.views = 20, .noise_px = 0.05, .distance_m = 0.25, .reach = 0.95}, seed);
+    ASSERT_TRUE(wide.lens) << wide.lens.error().message;
+    // On the same corners, what does not explain them is seen to be worse by much.
+    ASSERT_TRUE(wide.trials.front().held_out_px);
+    EXPECT_GT(*wide.trials.front().held_out_px, 3.0 * *wide.lens->held_out_px);
+    if (wide.lens->solution.camera.parameters().model != DistortionModel::rational) continue;
+    ++found;
+    EXPECT_EQ(wide.lens->solution.outliers, 0);
+    EXPECT_LT(projection_difference(truth, wide.lens->solution.camera).mean_px, 0.2);
+  }
+  EXPECT_GE(found, 4);
+}
+
+TEST(LensChoice, CornersThatAreWrongAreLeftOutForEveryLens) {
+  std::mt19937 rng(25);
+  const auto board = test::flat_board();
+  auto views = test::simulate_views(test::desk_camera(), board, {.noise_px = 0.05}, rng);
+  int wrong = 0;
+  for (CalibrationView& view : views) {
+    for (std::size_t i = 3; i < view.corners.size(); i += 23, ++wrong)
+      view.corners[i].pixel += Eigen::Vector2d(7.0, -5.0);
+  }
+  const auto start = solve_intrinsics(640, 480, board, views);
+  ASSERT_TRUE(start) << start.error().message;
+  std::vector<ModelTrial> trials;
+  const auto chosen = choose_lens(*start, board, views, {}, BoardShape::rigid, trials);
+  ASSERT_TRUE(chosen) << chosen.error().message;
+  EXPECT_GE(chosen->solution.outliers, wrong);
+  for (const ModelTrial& trial : trials) {
+    ASSERT_TRUE(trial.held_out_px) << lens_name(trial);
+    EXPECT_LT(*trial.held_out_px, 0.3) << lens_name(trial);
+  }
+}
+
+// A calibration whose own covariance says that all is well.
+CameraCalibration sure_of_itself() {
+  CameraCalibration c;
+  c.solution.camera = test::desk_camera();
+  c.solution.covariance = 1e-12 * Eigen::MatrixXd::Identity(9, 9);
+  c.solution.corners = 1000;
+  c.held_out_px = 0.5;
+  for (int k = 0; k < 12; ++k) {
+    CalibrationPicture picture;
+    picture.solved = k;
+    for (int i = 0; i < 108; ++i) {
+      TargetCorner corner;
+      corner.pixel = {20.0 + 600.0 * (i % 12) / 11.0, 20.0 + 440.0 * (i / 12) / 8.0};
+      picture.view.corners.push_back(corner);
+    }
+    c.pictures.push_back(picture);
+  }
+  ModelTrial own;
+  own.held_out_px = c.held_out_px;
+  own.chosen = true;
+  own.camera = c.solution.camera;
+  c.trials.push_back(own);
+  return c;
+}
+
+TEST(Verdict, IsPoorWhereALensThatFoldsExplainsMore) {
+  CameraCalibration c = sure_of_itself();
+  judge(c);
+  ASSERT_EQ(c.grade, CalibrationGrade::good) << c.verdict;
+  ModelTrial folds;
+  folds.model = DistortionModel::rational;
+  folds.held_out_px = 0.2;
+  folds.fold_px = Eigen::Vector2d(5.0, 5.0);
+  c.trials.push_back(folds);
+  judge(c);
+  EXPECT_EQ(c.grade, CalibrationGrade::poor);
+  EXPECT_THAT(c.verdict, HasSubstr("rational_polynomial explains the views better (0.20 px)"));
+  EXPECT_THAT(c.verdict, HasSubstr("folds near the top left"));
+  // No better: nothing is wrong with the one that was taken.
+  c = sure_of_itself();
+  folds.held_out_px = 0.5;
+  c.trials.push_back(folds);
+  judge(c);
+  EXPECT_EQ(c.grade, CalibrationGrade::good) << c.verdict;
+}
+
+TEST(Verdict, KnowsNoMoreThanLensesThatExplainTheViewsAlike) {
+  CameraCalibration c = sure_of_itself();
+  ModelTrial other = c.trials.front();
+  other.chosen = false;
+  CameraParameters p = other.camera.parameters();
+  p.cx += 3.0;
+  other.camera = CameraModel::make(p).value();
+  c.trials.push_back(other);
+  judge(c);
+  EXPECT_LT(c.uncertainty.largest_px, 0.1) << "it is no rival";
+  c.trials.back().rival = true;
+  judge(c);
+  EXPECT_NEAR(c.uncertainty.mean_px, 3.0, 1e-6);
+  EXPECT_NEAR(c.uncertainty.largest_px, 3.0, 1e-6);
+  EXPECT_EQ(c.grade, CalibrationGrade::poor);
+}
+
+TEST(Verdict, IsNotLedByWhatARivalGuessesWhereNothingWasSeen) {
+  CameraCalibration c = sure_of_itself();
+  ModelTrial other = c.trials.front();
+  other.chosen = false;
+  other.rival = true;
+  CameraParameters p = other.camera.parameters();
+  p.distortion[4] += 0.4;  // k3: more and more off, the further out
+  other.camera = CameraModel::make(p).value();
+  c.trials.push_back(other);
+  judge(c);
+  const double everywhere = c.uncertainty.largest_px;
+  for (CalibrationPicture& picture : c.pictures) {
+    std::erase_if(picture.view.corners, [](const TargetCorner& corner) {
+      return (corner.pixel - Eigen::Vector2d(320.0, 240.0)).norm() > 200.0;
+    });
+  }
+  judge(c);
+  EXPECT_LT(c.uncertainty.largest_px, 0.5 * everywhere);
+  EXPECT_GT(c.uncertainty.largest_px, 0.0);
+}
+
 }  // namespace
 }  // namespace penumbra

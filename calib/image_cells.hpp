@@ -1,0 +1,41 @@
+// Equal cells of an image, and what they are called.
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cstddef>
+#include <string>
+
+namespace penumbra {
+
+struct ImageCells {
+  int columns = 3;
+  int rows = 3;
+  int width = 0;   // of the image [px]
+  int height = 0;  // [px]
+
+  // Row by row; the nearest one for a pixel beyond the border.
+  [[nodiscard]] std::size_t at(const Eigen::Vector2d& pixel) const {
+    const int i = std::clamp(static_cast<int>(columns * pixel.x() / width), 0, columns - 1);
+    const int j = std::clamp(static_cast<int>(rows * pixel.y() / height), 0, rows - 1);
+    return static_cast<std::size_t>(j * columns + i);
+  }
+  // Of a cell [px].
+  [[nodiscard]] Eigen::Vector2d middle(std::size_t cell) const {
+    const auto i = static_cast<double>(cell % static_cast<std::size_t>(columns));
+    const auto j = static_cast<double>(cell / static_cast<std::size_t>(columns));
+    return {(i + 0.5) * width / columns - 0.5, (j + 0.5) * height / rows - 0.5};
+  }
+  [[nodiscard]] std::size_t count() const { return static_cast<std::size_t>(columns * rows); }
+  // "top left", "top", "left", or "middle" for all that is on no border.
+  [[nodiscard]] std::string name(std::size_t cell) const {
+    const int i = static_cast<int>(cell) % columns;
+    const int j = static_cast<int>(cell) / columns;
+    const std::string down = j == 0 ? "top" : j == rows - 1 ? "bottom" : "";
+    const std::string across = i == 0 ? "left" : i == columns - 1 ? "right" : "";
+    if (down.empty() && across.empty()) return "middle";
+    return down + (down.empty() || across.empty() ? "" : " ") + across;
+  }
+};
+
+}  // namespace penumbra
