@@ -22,6 +22,10 @@ constexpr double kNear = 0.05;
 // their size, and this far at each edge, they are of another size than the target file says.
 constexpr double kOtherSize = 0.04;
 constexpr double kOtherEdge_px = 0.8;
+// The same where views from near and from far tell the two apart, and how many standard errors it
+// takes.
+constexpr double kOtherSlope = 0.012;
+constexpr double kSurelyOther = 5.0;
 
 double median(std::vector<double> values) {
   if (values.empty()) return 0.0;
@@ -48,6 +52,36 @@ double view_distance(const TargetView& a, const TargetView& b) {
 }
 
 }  // namespace
+
+std::optional<double> other_size(std::span<const double> sizes_px,
+                                 std::span<const double> shifts_px) {
+  const std::size_t n = sizes_px.size();
+  if (n < 6 || shifts_px.size() != n) return std::nullopt;
+  double size = 0.0;
+  double shift = 0.0;
+  for (std::size_t v = 0; v < n; ++v) {
+    size += sizes_px[v] / static_cast<double>(n);
+    shift += shifts_px[v] / static_cast<double>(n);
+  }
+  double squared = 0.0;
+  double across = 0.0;
+  for (std::size_t v = 0; v < n; ++v) {
+    squared += (sizes_px[v] - size) * (sizes_px[v] - size);
+    across += (sizes_px[v] - size) * (shifts_px[v] - shift);
+  }
+  const double slope = across / squared;
+  double left = 0.0;
+  for (std::size_t v = 0; v < n; ++v) {
+    const double off = shifts_px[v] - shift - slope * (sizes_px[v] - size);
+    left += off * off;
+  }
+  const double error = std::sqrt(left / static_cast<double>(n - 2) / squared);
+  // Both edges of a square are moved.
+  if (!std::isfinite(slope) || std::abs(2.0 * slope) <= kOtherSlope ||
+      std::abs(slope) <= kSurelyOther * error)
+    return std::nullopt;
+  return 2.0 * slope;
+}
 
 std::string_view to_string(CalibrationGrade grade) {
   switch (grade) {
@@ -142,6 +176,7 @@ ProjectionDifference projection_difference(const CameraModel& a, const CameraMod
       ++count;
     }
   }
+  difference.skipped = 1.0 - static_cast<double>(count) / (kColumns * kRows);
   difference.mean_px =
       count > 0 ? difference.mean_px / count : std::numeric_limits<double>::quiet_NaN();
   return difference;
@@ -398,6 +433,7 @@ Result<void> CameraCalibrator::Impl::check_solution(
     // Squares of a size that the file does not say look as if all edges were moved.
     std::vector<double> shares;
     std::vector<double> shifts;
+    std::vector<double> tag_sizes;
     for (std::size_t v = 0; v < views.size(); ++v) {
       std::vector<double> sizes;
       for (std::size_t c = 1; c < views[v].corners.size(); ++c) {
@@ -407,13 +443,16 @@ Result<void> CameraCalibrator::Impl::check_solution(
       if (sizes.empty()) continue;
       shares.push_back(2.0 * solution.views[v].edge_shift_px / median(sizes));
       shifts.push_back(solution.views[v].edge_shift_px);
+      tag_sizes.push_back(median(sizes));
     }
-    const double share = median(shares);
-    if (std::abs(share) > kOtherSize && std::abs(median(shifts)) > kOtherEdge_px) {
+    std::optional<double> share = other_size(tag_sizes, shifts);
+    if (!share && std::abs(median(shares)) > kOtherSize && std::abs(median(shifts)) > kOtherEdge_px)
+      share = median(shares);
+    if (share) {
       return fail(
-          "the tags' black squares are {:.0f} % {} than the target file says, for the distances "
+          "the tags' black squares are {:.1f} % {} than the target file says, for the distances "
           "between them; measure tag size and spacing again",
-          std::abs(share) * 100.0, share > 0.0 ? "larger" : "smaller");
+          std::abs(*share) * 100.0, *share > 0.0 ? "larger" : "smaller");
     }
   }
   const double sigma_f = std::sqrt(solution.covariance(0, 0)) / solution.camera.parameters().fx;
@@ -459,7 +498,10 @@ void judge(CameraCalibration& result) {
                                         result.tilt_spread_deg));
   }
   if (solution.views.size() < 10)
-    result.advice.push_back(fmt::format("{} views are few: take 20", solution.views.size()));
+    result.advice.push_back(
+        fmt::format("{} views are few: take 20, each of them tilted to "
+                    "another side",
+                    solution.views.size()));
   if (result.blur_px > 1.5)
     result.advice.push_back(fmt::format(
         "pictures are blurred ({:.1f} px): hold still, focus, more light", result.blur_px));

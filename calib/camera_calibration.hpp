@@ -66,9 +66,17 @@ void widen(UncertaintyMap& map, const CameraModel& camera, const CameraModel& ot
 struct ProjectionDifference {
   double mean_px = 0.0;
   double largest_px = 0.0;
+  double skipped = 0.0;  // share of the image that one of them does not describe
 };
 [[nodiscard]] ProjectionDifference projection_difference(const CameraModel& a,
                                                          const CameraModel& b);
+
+// By which share of their size tags' black squares are larger than the target file says, from their
+// size in views [px] and the edge shift that each view was solved with [px]: ink, blur and tone
+// curve move edges by the same whatever the size, a wrong size moves them the further the larger
+// the tags are in the picture. Nothing where that is no more than chance, or little.
+[[nodiscard]] std::optional<double> other_size(std::span<const double> sizes_px,
+                                               std::span<const double> shifts_px);
 
 enum class CalibrationGrade { good, usable, poor };
 [[nodiscard]] std::string_view to_string(CalibrationGrade grade);

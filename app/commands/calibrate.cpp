@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cmath>
 #include <ctime>
 #include <fstream>
 #include <memory>
@@ -337,8 +338,13 @@ void print_result(const CalibrateOptions& options, const CameraCalibration& cali
   if (earlier) {
     const ProjectionDifference difference =
         projection_difference(calibration.solution.camera, *earlier);
-    fmt::print("differs from {} by {:.3f} px on average, {:.3f} px at most\n",
-               options.compare.string(), difference.mean_px, difference.largest_px);
+    fmt::print(
+        "differs from {} by {:.3f} px on average, {:.3f} px at most{}\n", options.compare.string(),
+        difference.mean_px, difference.largest_px,
+        difference.skipped > 0.0
+            ? fmt::format("; {:.1f} % of the image left out, which one of them does not reach",
+                          100.0 * difference.skipped)
+            : "");
   }
   fmt::print("camera: {}\n", options.output.string());
   if (!options.report.empty()) fmt::print("report: {}\n", options.report.string());
@@ -459,8 +465,15 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
       ->capture_default_str();
   command->add_option("--compare", options->compare, "An earlier calibration to compare with")
       ->type_name("FILE");
-  command->add_option("--focus-position", options->focus_position,
-                      "Where the lens was focused, as its driver counts: kept in the file");
+  command
+      ->add_option("--focus-position", options->focus_position,
+                   "Where the lens was focused, as its driver counts: kept in the file")
+      ->check([](const std::string& text) {
+        double position = 0.0;
+        return CLI::detail::lexical_cast(text, position) && std::isfinite(position)
+                   ? std::string()
+                   : fmt::format("'{}' is not a number", text);
+      });
   command->add_option("--views", options->views, "Most views to solve from")
       ->check(CLI::Range(3, 1000))
       ->capture_default_str();

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 #include <opencv2/core.hpp>
+#include <random>
 #include <vector>
 
 #include "core/camera_file.hpp"
@@ -84,6 +85,45 @@ TEST(CameraCalibrator, LeavesOutWhatIsBlurredCutOffOrSeenBefore) {
   EXPECT_THAT(result->pictures[11].left_out, StartsWith("only 1 of 12 tags are seen whole"));
   EXPECT_EQ(result->solution.views.size(), 9U);
   EXPECT_LT(projection_difference(camera, result->solution.camera).mean_px, 2.0);
+}
+
+// Black squares of another size than the file says, and what only looks so.
+TEST(OtherSize, IsWhatGrowsWithTheTagsInThePicture) {
+  std::mt19937 rng(3);
+  std::normal_distribution<double> noise(0.0, 0.02);
+  std::uniform_real_distribution<double> size(25.0, 70.0);
+  const auto share_of = [&](double share, double everywhere_px, std::size_t views) {
+    std::vector<double> sizes;
+    std::vector<double> shifts;
+    for (std::size_t v = 0; v < views; ++v) {
+      sizes.push_back(size(rng));
+      shifts.push_back(everywhere_px + 0.5 * share * sizes.back() + noise(rng));
+    }
+    return other_size(sizes, shifts);
+  };
+  for (int run = 0; run < 200; ++run) {
+    EXPECT_FALSE(share_of(0.0, 0.4, 20));
+    EXPECT_FALSE(share_of(0.005, -0.4, 20)) << "paper is no truer";
+    for (const double wrong : {-0.05, -0.02, 0.02, 0.05}) {
+      const auto found = share_of(wrong, 0.4, 20);
+      ASSERT_TRUE(found) << wrong;
+      EXPECT_NEAR(*found, wrong, 0.005);
+    }
+  }
+  EXPECT_FALSE(share_of(0.05, 0.0, 5)) << "too few views to tell";
+  EXPECT_FALSE(other_size(std::vector<double>(20, 40.0), std::vector<double>(20, 0.5)));
+  EXPECT_FALSE(other_size(std::vector<double>(20, std::nan("")), std::vector<double>(20, 0.5)));
+}
+
+TEST(ProjectionDifference, SaysWhatItCouldNotCompare) {
+  const CameraModel camera = test::desk_camera();
+  EXPECT_EQ(projection_difference(camera, camera).skipped, 0.0);
+  CameraParameters p = camera.parameters();
+  p.distortion = {-0.6};  // reaches no further than half of the picture
+  const CameraModel folds = CameraModel::make(p).value();
+  const double skipped = projection_difference(folds, camera).skipped;
+  EXPECT_GT(skipped, 0.05);
+  EXPECT_LT(skipped, 1.0);
 }
 
 // OpenCV reads what is written for it, to the last digit.
