@@ -18,6 +18,7 @@
 #include "core/trajectory.hpp"
 #include "render/compositor.hpp"
 #include "render/frame_plan.hpp"
+#include "render/light_meter.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/shadow_node.hpp"
 #include "tracking/group_tracker.hpp"
