@@ -333,11 +333,14 @@ void accumulate_as(const AccumulateInput& in, const Samples& s, Sums& sums) {
   alignas(64) float weight[kBlock];
   alignas(64) float residual[kBlock];
   alignas(64) float weighted[kBlock];
-  alignas(64) float H[36][kLanes] = {};
-  alignas(64) float g[8][kLanes] = {};
-  alignas(64) float cost[kLanes] = {};
-  alignas(64) float total[kLanes] = {};
-  alignas(64) float base[kLanes] = {};
+  // The sums, lane by lane: 36 of H, 8 of g, cost, weight, base weight.
+  constexpr int kSums = 47;
+  alignas(64) float lanes[kSums][kLanes] = {};
+  float(*const H)[kLanes] = lanes;
+  float(*const g)[kLanes] = lanes + 36;
+  float* const cost = lanes[44];
+  float* const total = lanes[45];
+  float* const base = lanes[46];
   for (int start = 0; start < s.count; start += kBlock) {
 #pragma omp simd
     for (int l = 0; l < kBlock; ++l) {
@@ -410,16 +413,22 @@ void accumulate_as(const AccumulateInput& in, const Samples& s, Sums& sums) {
       }
     }
   }
-  const auto reduce = [](const float* lanes) {
-    double sum = 0.0;
-    for (int l = 0; l < kLanes; ++l) sum += static_cast<double>(lanes[l]);
-    return sum;
-  };
-  for (int k = 0; k < 36; ++k) sums.H[k] = reduce(H[k]);
-  for (int p = 0; p < 8; ++p) sums.g[p] = reduce(g[p]);
-  sums.cost = reduce(cost);
-  sums.weight = reduce(total);
-  sums.base_weight = reduce(base);
+  // In double, by halves: with a block or two of samples this is as much work as the samples are.
+  alignas(64) double sum[kSums];
+  for (int k = 0; k < kSums; ++k) {
+    alignas(64) double part[kLanes / 2];
+#pragma omp simd
+    for (int l = 0; l < kLanes / 2; ++l)
+      part[l] = static_cast<double>(lanes[k][l]) + static_cast<double>(lanes[k][l + kLanes / 2]);
+#pragma omp simd
+    for (int l = 0; l < kLanes / 4; ++l) part[l] += part[l + kLanes / 4];
+    sum[k] = (part[0] + part[2]) + (part[1] + part[3]);
+  }
+  __builtin_memcpy(sums.H, sum, sizeof sums.H);
+  __builtin_memcpy(sums.g, sum + 36, sizeof sums.g);
+  sums.cost = sum[44];
+  sums.weight = sum[45];
+  sums.base_weight = sum[46];
 }
 
 template <int reach, bool correlated>
