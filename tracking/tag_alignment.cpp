@@ -207,7 +207,8 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
     if (!pattern) return tl::unexpected<Error>(pattern.error());
     Impl::Tag tag;
     tag.pattern = std::move(*pattern);
-    tag.T_table_tag = mapped.T_table_tag;
+    tag.T_table_tag.linear() = mapped.T_table_tag.rotation_matrix();
+    tag.T_table_tag.translation() = mapped.T_table_tag.translation();
     tag.cell_m = mapped.size_m / tag.pattern.width_at_border();
     tag.side = tag.pattern.total_width() + 1;
     for (int j = 0; j < tag.side; ++j) {

@@ -19,9 +19,8 @@ double wide_variance_px2(double cell_px) {
 }  // namespace
 
 void TagAligner::Impl::place(Tag& tag) const {
-  const Eigen::Isometry3d T_table_tag =
-      Eigen::Translation3d(tag.T_table_tag.translation()) * tag.T_table_tag.rotation();
-  const Eigen::Isometry3d T = tag.row_motion * T_camera_table * T_table_tag;
+  Eigen::Isometry3d T = T_camera_table * tag.T_table_tag;
+  if (!row_velocity.isZero()) T = tag.row_motion * T;
   const double half = 0.5 * (tag.side - 1);
   const Eigen::Matrix3d R = T.linear();
   tag.ray_from_lattice.col(0) = R.col(0) * tag.cell_m;

@@ -70,7 +70,7 @@ struct TagAligner::Impl {
 
   struct Tag {
     TagPattern pattern;
-    Transform<frame::Table, frame::Tag> T_table_tag;
+    Eigen::Isometry3d T_table_tag = Eigen::Isometry3d::Identity();
     double cell_m = 0.0;
     int side = 0;  // lattice vertices per side
     std::vector<float> lattice_a, lattice_b;
@@ -125,7 +125,6 @@ struct TagAligner::Impl {
     Eigen::Matrix<double, 6, 2> cross;  // lattice frame
     Eigen::Matrix2d inverse;
     Eigen::Vector2d gradient;
-    Matrix6d adjoint;  // from the camera's motion to the lattice's
     bool valid = false;
   };
 
