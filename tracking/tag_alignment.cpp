@@ -18,6 +18,9 @@ namespace {
 constexpr double kCornerMoved_px = 0.25;  // a fine stage that moved the tags by more is repeated
 constexpr double kConverged_px = 0.03;    // the step after such a one is below a hundredth
 constexpr double kNearlyConverged_px = 0.06;
+// A step is a quarter to a third of the one before: what follows this one is kConverged_px. A lone
+// tag's tilt goes slower than that.
+constexpr double kConvergesFrom_px = 0.1;
 constexpr int kFineRounds = 3;
 constexpr int kFineSteps = 5;        // per round at most
 constexpr int kSparseSamples = 640;  // of all tags
@@ -74,6 +77,9 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
     now = std::min(cap, std::max(first, filled_blocks(kFewestBlocks)));
   }
   int samples_before = 0;
+  const double near_px = options.effort == AlignmentEffort::fast && active.size() > 2
+                             ? kConvergesFrom_px
+                             : kNearlyConverged_px;
   // What is far off is brought near by a few samples first.
   const bool sparse_rounds = options.sparse_rounds && !sample_need;
   bool sparse = sparse_rounds && starts_far;
@@ -99,8 +105,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
       // While outliers are still being left behind the pose may yet move.
       const bool at_rest = noise_share > settled * before;
       // From near, one step says all.
-      if (sparse_rounds && round > 0 && moved < kNearlyConverged_px && noise_share > 0.9 * before)
-        break;
+      if (sparse_rounds && round > 0 && moved < near_px && noise_share > 0.9 * before) break;
       if (i == 0) continue;
       // What is repeated from nearer need not be brought to its end.
       const bool repeated = sparse_rounds && (sparse || (far && round + 1 < kFineRounds));
