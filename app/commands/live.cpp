@@ -163,20 +163,9 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   add_tracking_options(*command, request.tracking);
   add_smooth_option(*command, request.smooth);
   add_output_options(*command, request);
-  command
-      ->add_option("--threads", request.threads,
-                   "1: frames are tracked and drawn one after the other; more: the next one is "
-                   "tracked while one is drawn. The results are the same")
-      ->check(CLI::Range(1, 1024))
-      ->capture_default_str()
-      ->type_name("N");
-  command->add_flag("--rectified", request.rectified,
-                    "The picture without the lens's distortion; the video is resampled");
-  command->add_flag_callback(
-      "--no-video-light", [&request] { request.video_light = false; },
-      "Light virtual objects as the scene says, whatever light the video shows");
-  command->add_flag("--no-skip", options->no_skip,
-                    "Do all work, also what can't be seen; the results are the same");
+  add_frame_options(*command,
+                    {request.threads, request.rectified, request.video_light, options->no_skip},
+                    "the next frame is tracked while one is drawn");
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
   command->add_flag("--no-hud", options->no_hud,
                     "The window's HUD is hidden at first (H shows it)");

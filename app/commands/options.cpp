@@ -277,6 +277,24 @@ CLI::Option* add_smooth_option(CLI::App& command, bool& smooth) {
       "as measured; the report and the HUD tell how late the drawn one is");
 }
 
+void add_frame_options(CLI::App& command, const FrameWork& work, const std::string& side_by_side) {
+  command
+      .add_option(
+          "--threads", work.threads,
+          "1: one stage after another; more: " + side_by_side + ". The results are the same")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str()
+      ->type_name("N");
+  command.add_flag("--rectified", work.rectified,
+                   "The picture without the lens's distortion; the video is resampled");
+  bool* const video_light = &work.video_light;
+  command.add_flag_callback(
+      "--no-video-light", [video_light] { *video_light = false; },
+      "Light virtual objects as the scene says, whatever light the video shows");
+  command.add_flag("--no-skip", work.no_skip,
+                   "Do all work, also what can't be seen; the results are the same");
+}
+
 void add_output_options(CLI::App& command, OutputRequest& request) {
   command
       .add_option_function<std::string>(

@@ -136,20 +136,9 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
           },
           "Only frames numbered A to B - 1; either may be left out")
       ->type_name("A:B");
-  command
-      ->add_option("--threads", request.threads,
-                   "1: one stage after another; more: frames are decoded, tracked, drawn and "
-                   "encoded side by side. The results are the same")
-      ->check(CLI::Range(1, 1024))
-      ->capture_default_str()
-      ->type_name("N");
-  command->add_flag("--rectified", request.rectified,
-                    "The picture without the lens's distortion; the video is resampled");
-  command->add_flag_callback(
-      "--no-video-light", [&request] { request.video_light = false; },
-      "Light virtual objects as the scene says, whatever light the video shows");
-  command->add_flag("--no-skip", options->no_skip,
-                    "Do all work, also what can't be seen; the results are the same");
+  add_frame_options(*command,
+                    {request.threads, request.rectified, request.video_light, options->no_skip},
+                    "frames are decoded, tracked, drawn and encoded side by side");
   command->add_flag("--realtime", request.realtime,
                     "At the pace it was recorded (always so in a window)");
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");

@@ -444,20 +444,26 @@ TEST(ReplayTest, TranslucencyIsForcedToldAndTheSameWithoutSkipping) {
   EXPECT_NE(frames["geometry-mesh"], frames["mesh"]);
 }
 
+// Frames of a recording, replayed to a folder of pictures and a file of poses of this name.
+struct NamedReplay {
+  std::map<std::string, std::string> pictures;
+  nlohmann::json report;
+};
+NamedReplay replay_named(const TemporaryFolder& folder, const std::string& name,
+                         const std::string& frames, const std::vector<std::string>& more) {
+  std::vector<std::string> arguments = {
+      bundled("tabletop"), "--frames",          frames, "--poses", folder.path() / (name + ".tum"),
+      "--output",          folder.path() / name};
+  arguments.insert(arguments.end(), more.begin(), more.end());
+  const Replay done = replay(folder.path(), arguments);
+  EXPECT_EQ(done.result.exit_code, 0) << done.result.err;
+  return {contents_of(folder.path() / name), done.report};
+}
+
 TEST(ReplayTest, RectifiedTheLensIsGoneAndNothingElse) {
   const TemporaryFolder folder;
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
-    std::vector<std::string> arguments = {bundled("tabletop"),
-                                          "--frames",
-                                          "30:33",
-                                          "--poses",
-                                          folder.path() / (name + ".tum"),
-                                          "--output",
-                                          folder.path() / name};
-    arguments.insert(arguments.end(), more.begin(), more.end());
-    const Replay done = replay(folder.path(), arguments);
-    EXPECT_EQ(done.result.exit_code, 0) << done.result.err;
-    return contents_of(folder.path() / name);
+    return replay_named(folder, name, "30:33", more).pictures;
   };
   const auto bent = run("bent", {});
   const auto straight = run("straight", {"--rectified"});
@@ -472,28 +478,16 @@ TEST(ReplayTest, RectifiedTheLensIsGoneAndNothingElse) {
 // it.
 TEST(ReplayTest, ObjectsAreLitAsTheVideoIs) {
   const TemporaryFolder folder;
-  nlohmann::json report;
   const auto run = [&](const std::string& name, const std::vector<std::string>& more) {
-    std::vector<std::string> arguments = {bundled("tabletop"),
-                                          "--frames",
-                                          "10:16",
-                                          "--poses",
-                                          folder.path() / (name + ".tum"),
-                                          "--output",
-                                          folder.path() / name};
-    arguments.insert(arguments.end(), more.begin(), more.end());
-    const Replay done = replay(folder.path(), arguments);
-    EXPECT_EQ(done.result.exit_code, 0) << done.result.err;
-    report = done.report;
-    return contents_of(folder.path() / name);
+    return replay_named(folder, name, "10:16", more);
   };
-  const auto lit = run("lit", {});
-  EXPECT_EQ(report["time_ms"]["light"]["count"], 6);
-  EXPECT_EQ(run("again", {"--threads", "1"}), lit);
-  const auto own = run("own", {"--no-video-light"});
-  EXPECT_EQ(report["time_ms"]["light"]["count"], 0);
-  ASSERT_EQ(own.size(), lit.size());
-  for (const auto& [file, bytes] : lit) EXPECT_NE(own.at(file), bytes) << file;
+  const NamedReplay lit = run("lit", {});
+  EXPECT_EQ(lit.report["time_ms"]["light"]["count"], 6);
+  EXPECT_EQ(run("again", {"--threads", "1"}).pictures, lit.pictures);
+  const NamedReplay own = run("own", {"--no-video-light"});
+  EXPECT_EQ(own.report["time_ms"]["light"]["count"], 0);
+  ASSERT_EQ(own.pictures.size(), lit.pictures.size());
+  for (const auto& [file, bytes] : lit.pictures) EXPECT_NE(own.pictures.at(file), bytes) << file;
   EXPECT_EQ(bytes_of(folder.path() / "own.tum"), bytes_of(folder.path() / "lit.tum"));
 }
 
