@@ -54,7 +54,7 @@ Result<CameraName> parse_camera(const std::string& camera) {
   if (kind == "libcamera" && !name.empty()) return CameraName{CameraName::Kind::libcamera, name};
   return fail(
       "--camera {}: is no camera; give v4l2:/dev/video0 or libcamera:0 (penumbra devices lists "
-      "them)",
+      "them), or recording:FOLDER",
       camera);
 }
 
@@ -73,12 +73,16 @@ CameraWish wish_for(const CameraModel& camera) {
   return wish;
 }
 
+Result<Recording> open_as_camera(const CameraName& name) {
+  OpenRecordingOptions options;
+  options.require_camera = options.require_tags = false;
+  return open_recording(name.name, options);
+}
+
 Result<std::unique_ptr<LiveSource>> open_camera(const CameraName& name, const LiveRequest& request,
                                                 const CameraWish& usual) {
   if (name.kind == CameraName::Kind::recording) {
-    OpenRecordingOptions options;
-    options.require_camera = options.require_tags = false;
-    const auto recording = open_recording(name.name, options);
+    const auto recording = open_as_camera(name);
     if (!recording) return tl::unexpected(recording.error());
     return open_recording_feed(*recording, request.fps);
   }
@@ -98,11 +102,16 @@ Result<std::unique_ptr<LiveSource>> open_camera(const CameraName& name, const Li
 Result<void> check_size(const LiveRequest& request, const StreamFormat& format,
                         const CameraModel& camera) {
   if (format.width == camera.width() && format.height == camera.height()) return {};
+  // The calibrated size was asked for already, unless the request names another; a recording has
+  // one alone.
+  const bool other_asked = request.width && *request.width != camera.width();
   return fail(
-      "{}: is a calibration of {}x{} px, but the camera gives {}x{} px; ask for the calibrated "
-      "size (--size {}x{}), or calibrate at this one (penumbra calibrate)",
+      "{}: is a calibration of {}x{} px, but the camera gives {}x{} px; {}calibrate at this size "
+      "(penumbra calibrate)",
       request.calibration.string(), camera.width(), camera.height(), format.width, format.height,
-      camera.width(), camera.height());
+      other_asked ? fmt::format("ask for the calibrated one (--size {}x{}), or ", camera.width(),
+                                camera.height())
+                  : std::string());
 }
 
 // The same, with an offer to scale the calibration where that is exact.
@@ -347,6 +356,14 @@ Result<RunReport> run_live(const LiveRequest& request) {
   std::vector<std::filesystem::path> taken = {request.scene, request.calibration, request.tags};
   if (request.kernel_file) taken.push_back(*request.kernel_file);
   if (request.record) taken.push_back(*request.record);
+  if (name->kind == CameraName::Kind::recording) {
+    const auto played = open_as_camera(*name);
+    if (!played) return tl::unexpected(played.error());
+    if (auto apart = check_apart_from(*played, request, request.record); !apart) {
+      return tl::unexpected(apart.error());
+    }
+    for (std::filesystem::path& file : files_of(*played)) taken.push_back(std::move(file));
+  }
   if (auto checked = check_output_paths(request, std::move(taken)); !checked) {
     return tl::unexpected(checked.error());
   }

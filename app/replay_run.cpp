@@ -5,7 +5,6 @@
 #include <cstdio>
 #include <map>
 #include <memory>
-#include <set>
 #include <span>
 #include <thread>
 #include <utility>
@@ -48,34 +47,12 @@ using TrackAhead = LookAhead<TrackedItem>;
 // read: nothing is written anywhere in its folder.
 Result<void> check_outputs(const ReplayRequest& request, const Recording& recording) {
   std::vector<fs::path> taken = {request.scene};
-  for (const char* file : {"camera.yaml", "tags.yaml", "timestamps.csv", "groundtruth.tum"}) {
-    taken.push_back(recording.folder / file);  // may be links to elsewhere
-  }
   if (request.kernel_file) taken.push_back(*request.kernel_file);
   if (request.tags) taken.push_back(*request.tags);
-  if (!recording.video.empty()) taken.push_back(recording.video);
+  for (const fs::path& file : files_of(recording)) taken.push_back(file);
   if (request.poses_from) taken.emplace_back(*request.poses_from);
-  std::error_code ignored;
-  std::set<fs::path> frame_folders;  // links followed
-  for (const RecordedFrame& frame : recording.frames) {
-    if (frame.file.empty()) continue;
-    frame_folders.insert(frame.file.parent_path());
-    if (fs::is_symlink(frame.file, ignored)) {
-      frame_folders.insert(fs::weakly_canonical(frame.file, ignored).parent_path());
-    }
-  }
-  for (const auto& output : {request.output, request.poses, request.report, request.group_poses}) {
-    if (!output) continue;
-    if (lies_in(*output, recording.folder)) {
-      return fail("{}: lies in the recording {}, which is only read; name a place outside it",
-                  output->string(), recording.folder.string());
-    }
-    for (const fs::path& frames : frame_folders) {
-      if (lies_in(frames, *output)) {
-        return fail("{}: holds frames of the recording {}; name another place", output->string(),
-                    recording.folder.string());
-      }
-    }
+  if (auto apart = check_apart_from(recording, request); !apart) {
+    return tl::unexpected(apart.error());
   }
   return check_output_paths(request, std::move(taken));
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <set>
 #include <system_error>
 #include <utility>
 
@@ -52,6 +53,42 @@ Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::pa
     // Devices may be named twice (/dev/null).
     if (!fs::exists(*output, ignored) || fs::is_regular_file(*output, ignored)) {
       taken.push_back(*output);
+    }
+  }
+  return {};
+}
+
+std::vector<fs::path> files_of(const Recording& recording) {
+  std::vector<fs::path> files;
+  for (const char* name : {"camera.yaml", "tags.yaml", "timestamps.csv", "groundtruth.tum"})
+    files.push_back(recording.folder / name);
+  if (!recording.video.empty()) files.push_back(recording.video);
+  return files;
+}
+
+Result<void> check_apart_from(const Recording& recording, const OutputRequest& request,
+                              const std::optional<fs::path>& more) {
+  std::error_code ignored;
+  std::set<fs::path> frame_folders;  // links followed
+  for (const RecordedFrame& frame : recording.frames) {
+    if (frame.file.empty()) continue;
+    frame_folders.insert(frame.file.parent_path());
+    if (fs::is_symlink(frame.file, ignored)) {
+      frame_folders.insert(fs::weakly_canonical(frame.file, ignored).parent_path());
+    }
+  }
+  for (const auto& output :
+       {request.output, request.poses, request.report, request.group_poses, more}) {
+    if (!output) continue;
+    if (lies_in(*output, recording.folder)) {
+      return fail("{}: lies in the recording {}, which is only read; name a place outside it",
+                  output->string(), recording.folder.string());
+    }
+    for (const fs::path& frames : frame_folders) {
+      if (lies_in(frames, *output)) {
+        return fail("{}: holds frames of the recording {}; name another place", output->string(),
+                    recording.folder.string());
+      }
     }
   }
   return {};

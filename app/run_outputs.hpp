@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "app/capture/recording_source.hpp"
 #include "app/output/background_writer.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/pose_writer.hpp"
@@ -34,6 +35,14 @@ struct OutputRequest {
 // No output may take the place of what is read (`taken`), or of another output.
 [[nodiscard]] Result<void> check_output_paths(const OutputRequest& request,
                                               std::vector<std::filesystem::path> taken);
+
+// What of a recording is read beside its frames' pictures; they may be links to elsewhere.
+[[nodiscard]] std::vector<std::filesystem::path> files_of(const Recording& recording);
+// A recording is only read: fails where an output would lie in its folder, or where its pictures
+// lie. `more`: written as well.
+[[nodiscard]] Result<void> check_apart_from(
+    const Recording& recording, const OutputRequest& request,
+    const std::optional<std::filesystem::path>& more = std::nullopt);
 
 struct RunOutputs {
   std::unique_ptr<BackgroundWriter> frames;

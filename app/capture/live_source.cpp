@@ -73,6 +73,13 @@ std::optional<Frame> LiveSource::decode(const CapturedImage& image) {
       faults().count_undecoded(decoded.error().message);
       return std::nullopt;
     }
+    const StreamFormat stream = format();
+    if (decoded->width != stream.width || decoded->height != stream.height) {
+      faults().count_undecoded(fmt::format("a frame is {}x{} px, the others {}x{} px",
+                                           decoded->width, decoded->height, stream.width,
+                                           stream.height));
+      return std::nullopt;
+    }
     frame = std::move(*decoded);
   } else {
     frame = image.frame;

@@ -195,8 +195,10 @@ Result<LosslessVideo> LosslessVideo::create(const std::filesystem::path& file, c
 
 Result<void> LosslessVideo::write(const Frame& frame) {
   Impl& m = *impl_;
-  PENUMBRA_ASSERT(frame.format == m.format && frame.width == m.encoder->width &&
-                  frame.height == m.encoder->height);
+  if (frame.format != m.format || frame.width != m.encoder->width ||
+      frame.height != m.encoder->height) {
+    return fail("{}: a picture of another size or format than the first can't be stored", m.name);
+  }
   const int error = av_frame_make_writable(m.picture.get());
   if (error < 0) return m.failed("no memory for a picture", error);
   sort_samples(frame, *m.picture);

@@ -18,53 +18,44 @@ using Clock = std::chrono::steady_clock;
 
 class RecordingFeed final : public LiveSource {
  public:
-  RecordingFeed(const Recording& recording, StreamFormat format)
+  RecordingFeed(const Recording& recording, StreamFormat format, PixelFormat pixels)
       : name_(recording.name),
         frames_(recording.frames),
         format_(std::move(format)),
+        pixels_(pixels),
         interval_(nanoseconds(format_.interval_s)),
         faults_(name_) {}
 
+  // A picture that can't be read, or is another than the first ones are, is left out and counted,
+  // as a camera's is.
   Result<std::optional<CapturedImage>> next_image() override {
     if (!start_) start_ = Clock::now();
-    // The frame after the last one, or a later one whose time has come.
-    const auto elapsed = Clock::now() - *start_;
-    const std::uint64_t sequence =
-        std::max(next_, static_cast<std::uint64_t>(std::max<std::int64_t>(0, elapsed / interval_)));
-    if (sequence > next_) {
-      faults_.count(CaptureFault::gap, "frames are missing: nobody took them", sequence - next_);
-    }
-    const auto due = *start_ + static_cast<std::int64_t>(sequence) * interval_;
-    {
-      std::unique_lock lock(mutex_);
-      if (stop_changed_.wait_until(lock, due, [this] { return stopped_; })) {
-        return std::optional<CapturedImage>();
+    while (true) {
+      // The frame after the last one, or a later one whose time has come.
+      const auto elapsed = Clock::now() - *start_;
+      const std::uint64_t sequence = std::max(
+          next_, static_cast<std::uint64_t>(std::max<std::int64_t>(0, elapsed / interval_)));
+      if (sequence > next_) {
+        faults_.count(CaptureFault::gap, "frames are missing: nobody took them", sequence - next_);
       }
+      const auto due = *start_ + static_cast<std::int64_t>(sequence) * interval_;
+      {
+        std::unique_lock lock(mutex_);
+        if (stop_changed_.wait_until(lock, due, [this] { return stopped_; })) {
+          return std::optional<CapturedImage>();
+        }
+      }
+      next_ = sequence + 1;
+      CapturedImage image;
+      image.sequence = sequence;
+      image.timestamp_ns =
+          std::chrono::duration_cast<std::chrono::nanoseconds>(due.time_since_epoch()).count();
+      const RecordedFrame& listed = frames_[sequence % frames_.size()];
+      image.exposure_s = listed.exposure_s;
+      if (!take(listed.file, image)) continue;
+      faults_.count_frame();
+      return std::optional<CapturedImage>(std::move(image));
     }
-    next_ = sequence + 1;
-    CapturedImage image;
-    image.sequence = sequence;
-    image.timestamp_ns =
-        std::chrono::duration_cast<std::chrono::nanoseconds>(due.time_since_epoch()).count();
-    const RecordedFrame& listed = frames_[sequence % frames_.size()];
-    image.exposure_s = listed.exposure_s;
-    const auto& file = listed.file;
-    auto bytes = read_file(file);
-    if (!bytes) return tl::unexpected(bytes.error());
-    if (format_.name == kJpegName) {
-      auto kept = std::make_shared<const std::vector<std::uint8_t>>(std::move(*bytes));
-      image.jpeg = *kept;
-      image.owner = std::move(kept);
-    } else {
-      auto frame = decode_image(*bytes, file.string());
-      if (!frame) return tl::unexpected(frame.error());
-      image.frame = std::move(*frame);
-      image.owner = image.frame.owner;
-      image.frame.sequence = image.sequence;
-      image.frame.timestamp_ns = image.timestamp_ns;
-    }
-    faults_.count_frame();
-    return std::optional<CapturedImage>(std::move(image));
   }
 
   void stop() override {
@@ -87,9 +78,42 @@ class RecordingFeed final : public LiveSource {
   static constexpr const char* kJpegName = "MJPEG";
 
  private:
+  bool take(const std::filesystem::path& file, CapturedImage& image) {
+    auto bytes = read_file(file);
+    if (!bytes) {
+      faults_.count(CaptureFault::damaged, bytes.error().message);
+      return false;
+    }
+    if (format_.name == kJpegName) {
+      auto kept = std::make_shared<const std::vector<std::uint8_t>>(std::move(*bytes));
+      image.jpeg = *kept;
+      image.owner = std::move(kept);
+      return true;
+    }
+    auto frame = decode_image(*bytes, file.string());
+    if (!frame) {
+      faults_.count(CaptureFault::damaged, frame.error().message);
+      return false;
+    }
+    if (frame->width != format_.width || frame->height != format_.height ||
+        frame->format != pixels_) {
+      faults_.count(CaptureFault::wrong_format,
+                    fmt::format("{}: a picture of another size or format than the first ones is "
+                                "left out",
+                                file.string()));
+      return false;
+    }
+    image.frame = std::move(*frame);
+    image.owner = image.frame.owner;
+    image.frame.sequence = image.sequence;
+    image.frame.timestamp_ns = image.timestamp_ns;
+    return true;
+  }
+
   const std::string name_;
   const std::vector<RecordedFrame> frames_;
   const StreamFormat format_;
+  const PixelFormat pixels_;  // where a picture is no JPEG
   const std::chrono::nanoseconds interval_;
   FaultCounter faults_;
   std::optional<Clock::time_point> start_;
@@ -126,7 +150,7 @@ Result<std::unique_ptr<LiveSource>> open_recording_feed(const Recording& recordi
                 (count - 1));
   }
   format.interval_s = std::clamp(format.interval_s, 1e-4, 10.0);
-  return std::make_unique<RecordingFeed>(recording, std::move(format));
+  return std::make_unique<RecordingFeed>(recording, std::move(format), first->format);
 }
 
 }  // namespace penumbra
