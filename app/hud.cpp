@@ -141,6 +141,30 @@ HudStatus status_of(const GroupEstimate& group) {
   return status;
 }
 
+std::string age_in_words(const HudState& state) {
+  if (state.silent_s) return fmt::format("the picture is {:.1f} s old", *state.silent_s);
+  return state.latency_ms ? fmt::format("latency {:.0f} ms", *state.latency_ms) : std::string();
+}
+
+std::vector<std::string> warnings_of(const HudState& state) {
+  std::vector<std::string> warnings;
+  if (state.silent_s) warnings.push_back(age_in_words(state));
+  if (state.trouble) warnings.push_back("camera: " + *state.trouble);
+  if (state.recording && state.recording->error) {
+    warnings.push_back(recording_in_words(*state.recording));
+    warnings.push_back(*state.recording->error);
+  }
+  return warnings;
+}
+
+std::string recording_in_words(const HudRecording& recording) {
+  std::string words =
+      fmt::format("{} {}   {} frames", recording.error ? "recording FAILED:" : "REC",
+                  recording.folder, recording.written);
+  if (recording.dropped > 0) words += fmt::format(", {} left out", recording.dropped);
+  return words;
+}
+
 std::string smoothing_in_words(const SmoothedPose& smoothed) {
   return fmt::format("smoothed: {:.{}f} ms late, {:.2f} px", smoothed.lag_ms,
                      smoothed.lag_ms < 10.0 ? 1 : 0, smoothed.offset_px);

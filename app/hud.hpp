@@ -89,7 +89,8 @@ struct HudState {
   double frames_per_s = 0.0;                           // new ones shown
   std::vector<std::pair<std::string, double>> stages;  // wall, mean of the last frames [ms]
   std::optional<double> latency_ms;                    // from the camera's timestamp to the swap
-  std::optional<bool> smooth;  // whether the pose is smoothed as it is drawn; nothing: can't be
+  std::optional<double> silent_s;  // for so long the camera has given no whole picture
+  std::optional<bool> smooth;      // whether the pose is smoothed as it is drawn; nothing: can't be
   std::optional<SmoothedPose> smoothed;                      // what that did to the last picture
   int frames_dropped = 0;                                    // too late to be shown
   std::vector<std::pair<std::string, std::int64_t>> faults;  // of the camera, counted
@@ -136,6 +137,13 @@ struct HudStatus {
 };
 [[nodiscard]] HudStatus status_of(const PoseEstimate& pose);
 [[nodiscard]] HudStatus status_of(const GroupEstimate& group);  // "wall: tracked"
+// What a person must know also where the HUD is hidden: that the picture stands still, and why, and
+// that a recording failed. Nothing else.
+[[nodiscard]] std::vector<std::string> warnings_of(const HudState& state);
+// "latency 45 ms", or how old the picture is by now; empty: neither is known.
+[[nodiscard]] std::string age_in_words(const HudState& state);
+// "REC folder   26 frames, 3 left out", or that it failed.
+[[nodiscard]] std::string recording_in_words(const HudRecording& recording);
 // "smoothed: 12 ms late, 0.05 px".
 [[nodiscard]] std::string smoothing_in_words(const SmoothedPose& smoothed);
 // "layered", "cocl", or a list where nodes differ.

@@ -34,8 +34,6 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kPatience(50);  // between looks at the window and at Ctrl-C
-// The pose fades out over this once the picture is not live. But for slow cameras: at once.
-constexpr double kHold_s = 0.5;
 constexpr int kEncodeAhead = 4;  // composited frames that wait for the encoder
 constexpr std::size_t kMaxYamlBytes = 16'000'000;
 
@@ -178,12 +176,17 @@ class Silence {
     if (!last_) return std::nullopt;
     TrackedFrame tracked = *last_;
     const double age_s = last_->pose.age_s + seconds(silence_ns);
-    const bool gone = !tracked.pose.has_pose() || age_s > kHold_s;
-    tracked.pose.status = gone ? TrackStatus::lost : TrackStatus::held;
-    tracked.pose.age_s = age_s;
+    const bool gone = !tracked.pose.has_pose() || age_s > kHoldSeconds;
+    // What was measured was measured of a picture that is no longer the camera's.
+    tracked.pose.tags_used = 0;
+    const auto hold = [gone, age_s](auto& pose) {
+      if (pose.status != TrackStatus::held) pose.held_from = pose.status;
+      pose.status = gone ? TrackStatus::lost : TrackStatus::held;
+      pose.age_s = age_s;
+    };
+    hold(tracked.pose);
     for (GroupEstimate& group : tracked.groups) {
-      if (group.has_pose()) group.status = tracked.pose.status;
-      group.age_s = age_s;
+      if (group.has_pose()) hold(group);
     }
     // Drawn for the last time; its buffer goes back: a driver that lost its camera waits for every
     // one of them before it takes the camera again.
@@ -214,9 +217,11 @@ class LiveHost final : public SessionHost {
 
   [[nodiscard]] std::string toggle_recording() override {
     if (const auto writer = recorder_.writer()) {
+      const bool failed = writer->counts().error.has_value();
       const std::string folder = writer->folder().string();
       recorder_.stop();
-      return "recording ended: " + folder;
+      // One that failed is over already: what is asked for is another.
+      if (!failed) return "recording ended: " + folder;
     }
     const std::filesystem::path folder =
         request_.record ? free_name(*request_.record, "") : free_name("");
@@ -226,20 +231,21 @@ class LiveHost final : public SessionHost {
 
   // A whole picture came; or none does any more.
   void is_live() {
-    stale_ = false;
+    silent_s_.reset();
     spoiled_ = spoiled_pictures(source_.faults().stats());
   }
-  void is_stale() { stale_ = true; }
+  void is_stale(std::int64_t silence_ns) { silent_s_ = seconds(silence_ns); }
 
   void describe(HudState& state, bool debug) const override {
     SessionHost::describe(state, debug);
     state.live = true;
-    state.latency_ms = run_.recent_ms("latency");
+    state.silent_s = silent_s_;
+    if (!silent_s_) state.latency_ms = run_.recent_ms("latency");
     const CaptureStats stats = source_.faults().stats();
     state.frames_dropped =
         std::max(0, static_cast<int>(stats.frames - stats.undecoded) - run_.frames());
     state.trouble = stats.trouble;
-    if (!state.trouble && stale_ && spoiled_pictures(stats) > spoiled_) {
+    if (!state.trouble && silent_s_ && spoiled_pictures(stats) > spoiled_) {
       state.trouble = "every picture is damaged";
     }
     for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {
@@ -262,7 +268,7 @@ class LiveHost final : public SessionHost {
   LiveSource& source_;
   LiveRecorder& recorder_;
   const LiveRequest& request_;
-  bool stale_ = false;
+  std::optional<double> silent_s_;
   std::uint64_t spoiled_ = 0;  // pictures, until the last whole one
 };
 
@@ -448,7 +454,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
       if (!paused) run.add_time("frame", watch.elapsed());
     } else {
       const auto silence_ns = pipeline.stale_for_ns();
-      if (silence_ns) host.is_stale();
+      if (silence_ns) host.is_stale(*silence_ns);
       if (auto picture = silence_ns ? silence.picture(*silence_ns) : std::nullopt) {
         auto drawn = session->redraw(std::move(*picture));
         if (!drawn) return tl::unexpected(drawn.error());

@@ -218,7 +218,7 @@ struct Overlay::Impl {
       text({1.0F, 0.9F, 0.3F, 1.0F}, "  PAUSED");
     }
     std::string rate = fmt::format("{:.1f} frames/s", state.frames_per_s);
-    if (state.latency_ms) rate += fmt::format("   latency {:.0f} ms", *state.latency_ms);
+    if (const std::string age = age_in_words(state); !age.empty()) rate += "   " + age;
     text(rate + "   " + frame_in_words(state));
     text(measured_tags(state.pose));
     if (state.smoothed) text(kQuiet, smoothing_in_words(*state.smoothed));
@@ -244,10 +244,7 @@ struct Overlay::Impl {
     }
     if (state.recording) {
       const HudRecording& recording = *state.recording;
-      text(kWarning,
-           fmt::format("REC {}   {} frames{}", recording.folder, recording.written,
-                       recording.dropped > 0 ? fmt::format(", {} left out", recording.dropped)
-                                             : std::string()));
+      text(kWarning, recording_in_words(recording));
       if (recording.error) text(kWarning, *recording.error);
     }
     if (selection && !state.selected.empty()) {
@@ -301,7 +298,7 @@ struct Overlay::Impl {
       text({1.0F, 0.9F, 0.3F, 1.0F}, "  PAUSED");
     }
     std::string line = fmt::format("{:.0f} frames/s", state.frames_per_s);
-    if (state.latency_ms) line += fmt::format("   latency {:.0f} ms", *state.latency_ms);
+    if (const std::string age = age_in_words(state); !age.empty()) line += "   " + age;
     // A handheld's screen is for the picture: what a stage takes is told on larger ones.
     const bool handheld = size.height < kHandheldHeight;
     if (handheld) {
@@ -694,6 +691,25 @@ void Overlay::draw(const HudState& state, const HudPanels& panels, GlContext::Si
   if (panels.debug && debug_fits) m.debug(state, panels, size);
   if (panels.panels && panels_fit) m.panels(state, panels, size, actions);
   if (panels.help) m.help(size, panels.compact, actions);
+  m.message(state, size);
+  m.end_drawing(size);
+}
+
+void Overlay::draw_hidden(const HudState& state, GlContext::Size size) {
+  if (size.width <= 0 || size.height <= 0) return;
+  const std::vector<std::string> warnings = warnings_of(state);
+  if (warnings.empty() && state.message.empty()) return;
+  Impl& m = *impl_;
+  m.begin_drawing(size, false);
+  if (!warnings.empty()) {
+    const float gap = 0.5F * m.em;
+    m.begin_window("warnings", {gap, gap}, {0.0F, 0.0F},
+                   kPlain | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
+    ImGui::PushTextWrapPos(0.8F * static_cast<float>(size.width));
+    for (const std::string& warning : warnings) text(kWarning, warning);
+    ImGui::PopTextWrapPos();
+    m.end_window();
+  }
   m.message(state, size);
   m.end_drawing(size);
 }

@@ -32,6 +32,9 @@ class Overlay {
   // drawing is added to `actions`.
   void draw(const HudState& state, const HudPanels& panels, GlContext::Size size,
             HudActions& actions);
+  // Where the HUD is hidden: what a person must know all the same (warnings_of), and what was just
+  // done. Mostly nothing. Takes no clicks.
+  void draw_hidden(const HudState& state, GlContext::Size size);
   // Only these words, in place of the HUD: in the middle, or in a corner. Takes no clicks.
   void draw_words(const std::string& words, bool in_the_middle, GlContext::Size size);
   // What `lay_out` lays out with Dear ImGui, in place of the HUD; it is given the height of the

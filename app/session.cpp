@@ -98,6 +98,8 @@ Result<void> Session::warm_up(PixelFormat format) {
   if (auto drawn = compositor_.draw(grey.frame, plan); !drawn) {
     return tl::unexpected(drawn.error());
   }
+  // Nobody should take it for a picture of the camera.
+  compositor_.clear();
   return {};
 }
 

@@ -54,18 +54,22 @@ bool Viewer::show(InterruptWatch& interrupt, Picture picture) {
 }
 
 void Viewer::draw_hud() {
-  if (!overlay_ || !hud_) return;
+  if (!overlay_) return;
   HudState state;
-  host_.describe(state, panels_.debug);
+  host_.describe(state, hud_ && panels_.debug);
+  if (!message_.empty() && since_message_.elapsed().wall_ms < kMessage_ms) {
+    state.message = message_;
+  }
+  if (!hud_) {
+    overlay_->draw_hidden(state, context_.window_size());
+    return;
+  }
   state.nodes = host_.nodes();
   state.translucency = host_.translucency();
   state.frames_per_s = shown_.per_s(clock_.elapsed().wall_ms);
   state.paused = paused_;
   state.selected = manipulator_.selected();
   state.drag = drag_;
-  if (!message_.empty() && since_message_.elapsed().wall_ms < kMessage_ms) {
-    state.message = message_;
-  }
   const GlContext::Size size = context_.window_size();
   panels_.compact = compact_.value_or(is_small(size));
   HudActions actions;

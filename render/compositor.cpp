@@ -236,6 +236,10 @@ std::vector<CasterKernels> Compositor::kernels_in_use() const {
   return impl_->shadows.kernels_in_use();
 }
 
+void Compositor::clear() {
+  impl_->framebuffer.clear();
+}
+
 void Compositor::present() {
   impl_->framebuffer.present(impl_->context.window_size());
 }

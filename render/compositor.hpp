@@ -78,6 +78,8 @@ class Compositor {
   [[nodiscard]] Result<CompositeStats> read_back(std::span<std::uint8_t> rgba);
   // Copies the last picture to the context's window, letterboxed.
   void present();
+  // Black, until something is drawn.
+  void clear();
   // For a debug view: the kernels that the last picture's shadows were made with, and how many
   // faces turn over for them.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use() const;

@@ -345,8 +345,12 @@ struct RecordingWriter::Impl {
     bool first_dropped = false;
     {
       const std::lock_guard lock(mutex);
-      if (closing || counts.error) return;
+      if (closing) return;
       const bool is_image = std::holds_alternative<CapturedImage>(item);
+      if (counts.error) {
+        counts.dropped += is_image ? 1 : 0;
+        return;
+      }
       if (is_image ? images_waiting >= kMostImages : queue.size() >= kMostLines) {
         if (is_image) {
           first_dropped = ++counts.dropped == 1;

@@ -163,6 +163,14 @@ void Framebuffer::invalidate_depth_stencil() const {
   glInvalidateFramebuffer(GL_FRAMEBUFFER, 1, &attachment);
 }
 
+void Framebuffer::clear() const {
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+  glDisable(GL_SCISSOR_TEST);
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  glClearColor(0.0F, 0.0F, 0.0F, 1.0F);
+  glClear(GL_COLOR_BUFFER_BIT);
+}
+
 void Framebuffer::present(GlContext::Size window) const {
   show(framebuffer_.id(), width_, height_, window);
 }

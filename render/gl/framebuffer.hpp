@@ -55,6 +55,8 @@ class Framebuffer {
   void invalidate_depth_stencil() const;
   // Into the window's framebuffer, at picture_area().
   void present(GlContext::Size window) const;
+  // Opaque black.
+  void clear() const;
 
  private:
   struct Copy {

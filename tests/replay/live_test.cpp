@@ -8,6 +8,7 @@
 
 #include "core/camera_file.hpp"
 #include "core/evaluation.hpp"
+#include "core/image_file.hpp"
 #include "core/trajectory.hpp"
 #include "replay/replay_support.hpp"
 
@@ -210,6 +211,64 @@ TEST(Live, DamagedFramesAreCountedApartFromLateOnes) {
   EXPECT_EQ(report["frames_captured"].get<int>(),
             report["frames"].get<int>() + report["frames_dropped"].get<int>());
   EXPECT_NE(done.out.find(fmt::format("{} damaged", damaged)), std::string::npos) << done.out;
+}
+
+// A camera's driver would leave it out too; and a recording of this one holds the others.
+TEST(Live, APictureOfAnotherKindIsLeftOut) {
+  const test::TemporaryFolder temporary;
+  const auto camera = temporary.path() / "camera";
+  std::filesystem::create_directories(camera / "frames");
+  for (const char* file : {"camera.yaml", "tags.yaml"}) {
+    std::filesystem::copy(bundled("tabletop") + "/" + file, camera / file);
+  }
+  std::ofstream listing(camera / "timestamps.csv");
+  listing << "frame,timestamp_s,file\n";
+  constexpr int kFrames = 12;
+  for (int i = 0; i < kFrames; ++i) {
+    const std::string name = fmt::format("{:06}.png", i);
+    listing << fmt::format("{},{:.6f},frames/{}\n", i, 0.1 * i, name);
+    const int width = i == 4 ? 320 : 640;
+    const std::vector<std::uint8_t> grey(std::size_t{4} * 480 * static_cast<std::size_t>(width),
+                                         128);
+    ASSERT_TRUE(save_png(camera / "frames" / name, width, 480, grey));
+    if (i == 7) std::ofstream(camera / "frames" / name) << "no picture";
+    if (i == 9) std::filesystem::remove(camera / "frames" / name);
+  }
+  listing.close();
+  const auto session = temporary.path() / "session";
+  const auto report_file = temporary.path() / "report.json";
+  const auto done = penumbra({"live", "--camera", "recording:" + camera.string(), "--calibration",
+                              calibration(), "--no-window", "--fps", "6", "--duration", "2.5",
+                              "--record", session.string(), "--report", report_file.string()});
+  ASSERT_EQ(done.exit_code, 0) << done.err;
+  const auto report = test::read_json(report_file);
+  EXPECT_EQ(report["camera_faults"]["wrong_format"], 1) << done.err;
+  EXPECT_EQ(report["camera_faults"]["damaged"], 2) << done.err;
+  EXPECT_GT(report["recorded"]["written"].get<int>(), 5);
+  const auto replayed = penumbra({"replay", session.string(), "--no-window"});
+  EXPECT_EQ(replayed.exit_code, 0) << replayed.err;
+}
+
+TEST(Live, TheRecordingThatItPlaysIsOnlyRead) {
+  const test::TemporaryFolder temporary;
+  const auto camera = temporary.path() / "camera";
+  std::filesystem::copy(bundled("tabletop"), camera, std::filesystem::copy_options::recursive);
+  const auto before = test::contents_of(camera);
+  const auto pictures = test::contents_of(camera / "frames");
+  for (const auto& [option, name] :
+       std::vector<std::pair<std::string, std::string>>{{"--poses", "groundtruth.tum"},
+                                                        {"--report", "timestamps.csv"},
+                                                        {"--report", "frames/000003.jpg"},
+                                                        {"--output", "pictures"},
+                                                        {"--record", "session"}}) {
+    SCOPED_TRACE(option + " " + name);
+    test::expect_failure(penumbra({"live", "--camera", "recording:" + camera.string(),
+                                   "--calibration", calibration(), "--no-window", "--duration", "1",
+                                   option, (camera / name).string()}),
+                         {name, "only read"});
+  }
+  EXPECT_EQ(test::contents_of(camera), before);
+  EXPECT_EQ(test::contents_of(camera / "frames"), pictures);
 }
 
 TEST(Live, ASmoothedPoseTellsHowLateItIs) {

@@ -46,6 +46,25 @@ HudState busy_state() {
   return state;
 }
 
+TEST(HudWords, TheAgeOfAPictureStandsInPlaceOfItsLatency) {
+  HudState state;
+  EXPECT_EQ(age_in_words(state), "");
+  EXPECT_TRUE(warnings_of(state).empty());
+  state.latency_ms = 48.2;
+  EXPECT_EQ(age_in_words(state), "latency 48 ms");
+  EXPECT_TRUE(warnings_of(state).empty());
+  state.silent_s = 3.21;
+  EXPECT_EQ(age_in_words(state), "the picture is 3.2 s old");
+  EXPECT_EQ(warnings_of(state).size(), 1U);
+  state.recording = HudRecording{"session", 26, 0, std::nullopt};
+  EXPECT_EQ(recording_in_words(*state.recording), "REC session   26 frames");
+  EXPECT_EQ(warnings_of(state).size(), 1U);
+  state.recording = HudRecording{"session", 26, 40, "no space left"};
+  EXPECT_EQ(recording_in_words(*state.recording),
+            "recording FAILED: session   26 frames, 40 left out");
+  EXPECT_EQ(warnings_of(state).back(), "no space left");
+}
+
 struct Shot {
   int width = 0, height = 0;
   std::vector<std::uint8_t> rgba;
