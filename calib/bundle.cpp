@@ -10,6 +10,7 @@
 #include <cmath>
 #include <memory>
 
+#include "calib/packed_pose.hpp"
 #include "calib/stop_callback.hpp"
 
 namespace penumbra {
@@ -31,12 +32,8 @@ CameraParameters camera_of(const LensParameters& lens, DistortionModel model, in
 }
 
 CameraPose pose_of(const ViewParameters& view) {
-  const Eigen::Vector3d axis(view[0], view[1], view[2]);
-  const double angle = axis.norm();
-  const Eigen::Quaterniond q = angle < 1e-12
-                                   ? Eigen::Quaterniond::Identity()
-                                   : Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis / angle));
-  return Transform<frame::Camera, frame::Table>(q, Eigen::Vector3d(view[3], view[4], view[5]))
+  return unpacked<frame::Camera, frame::Table>(
+             {view[0], view[1], view[2], view[3], view[4], view[5]})
       .inverse();
 }
 
@@ -49,11 +46,8 @@ LensParameters lens_of(const CameraParameters& p) {
 }
 
 ViewParameters view_of(const CameraPose& T_board_camera, double edge_shift_px) {
-  const auto T_camera_board = T_board_camera.inverse();
-  const Eigen::AngleAxisd turn(T_camera_board.rotation());
-  const Eigen::Vector3d axis = turn.angle() * turn.axis();
-  const Eigen::Vector3d& t = T_camera_board.translation();
-  return {axis.x(), axis.y(), axis.z(), t.x(), t.y(), t.z(), edge_shift_px};
+  const Pose6 pose = packed(T_board_camera.inverse());
+  return {pose[0], pose[1], pose[2], pose[3], pose[4], pose[5], edge_shift_px};
 }
 
 Bundle::Bundle(int width, int height, std::span<const Eigen::Vector3d> board,

@@ -34,23 +34,6 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-// RMS distance between the corners that two views share [px]; infinite when they share few.
-double view_distance(const TargetView& a, const TargetView& b) {
-  double sum = 0.0;
-  int count = 0;
-  auto j = b.corners.begin();
-  for (const TargetCorner& corner : a.corners) {
-    while (j != b.corners.end() && j->point < corner.point) ++j;
-    if (j == b.corners.end()) break;
-    if (j->point != corner.point) continue;
-    sum += (j->pixel - corner.pixel).squaredNorm();
-    ++count;
-  }
-  const auto fewer = static_cast<int>(std::min(a.corners.size(), b.corners.size()));
-  return 2 * count < fewer || count == 0 ? std::numeric_limits<double>::infinity()
-                                         : std::sqrt(sum / count);
-}
-
 }  // namespace
 
 std::optional<double> other_size(std::span<const double> sizes_px,
@@ -245,7 +228,9 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
     // Less than a finger's tremor apart: the same view once more weighs its errors double.
     const double nearest = 0.002 * self.width;
     for (const CalibrationPicture& other : self.pictures) {
-      if (!other.left_out.empty() || view_distance(picture.view, other.view) > nearest) continue;
+      if (!other.left_out.empty() ||
+          corner_distance(picture.view.corners, other.view.corners) > nearest)
+        continue;
       picture.left_out = fmt::format("the same view as {}", other.name);
       break;
     }
@@ -372,8 +357,8 @@ void CameraCalibrator::Impl::leave_out_surplus() {
     std::size_t furthest = next;
     double most = -1.0;
     for (std::size_t i = 0; i < candidates.size(); ++i) {
-      distance[i] = std::min(distance[i], view_distance(pictures[candidates[i]].view,
-                                                        pictures[candidates[next]].view));
+      distance[i] = std::min(distance[i], corner_distance(pictures[candidates[i]].view.corners,
+                                                          pictures[candidates[next]].view.corners));
       // A view of the whole target says more than one of a corner of it.
       const double worth =
           distance[i] * std::sqrt(static_cast<double>(pictures[candidates[i]].view.corners.size()));

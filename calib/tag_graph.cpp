@@ -12,6 +12,7 @@
 #include <set>
 
 #include "calib/bundle.hpp"
+#include "calib/edge_spread.hpp"
 #include "calib/stop_callback.hpp"
 #include "tracking/pose_refiner.hpp"
 
@@ -36,26 +37,6 @@ std::array<Eigen::Vector3d, 4> corners_of(double size) {
   const double h = 0.5 * size;
   return {Eigen::Vector3d(-h, -h, 0.0), Eigen::Vector3d(h, -h, 0.0), Eigen::Vector3d(h, h, 0.0),
           Eigen::Vector3d(-h, h, 0.0)};
-}
-
-// How each corner moves when the tag's edges move outwards by 1 px.
-std::array<Eigen::Vector2d, 4> spreads_of(const std::array<Eigen::Vector2d, 4>& corners) {
-  const Eigen::Vector2d centre = 0.25 * (corners[0] + corners[1] + corners[2] + corners[3]);
-  const auto outward = [&](const Eigen::Vector2d& p, const Eigen::Vector2d& q) {
-    Eigen::Vector2d n(-(q - p).y(), (q - p).x());
-    n.normalize();
-    return n.dot(p - centre) < 0.0 ? Eigen::Vector2d(-n) : n;
-  };
-  std::array<Eigen::Vector2d, 4> spreads;
-  for (std::size_t i = 0; i < 4; ++i) {
-    Eigen::Matrix2d normals;
-    normals.row(0) = outward(corners[(i + 3) % 4], corners[i]).transpose();
-    normals.row(1) = outward(corners[i], corners[(i + 1) % 4]).transpose();
-    spreads[i] = std::abs(normals.determinant()) < 0.2
-                     ? Eigen::Vector2d(Eigen::Vector2d::Zero())
-                     : Eigen::Vector2d(normals.inverse() * Eigen::Vector2d::Ones());
-  }
-  return spreads;
 }
 
 // Four corners of a tag in one frame, whitened.
@@ -184,7 +165,7 @@ struct SeenTag {
 }  // namespace
 
 TagSighting sighting_of(int id, double size_m, const std::array<Eigen::Vector2d, 4>& corners_px) {
-  TagSighting sighting{id, size_m, corners_px, spreads_of(corners_px), {}};
+  TagSighting sighting{id, size_m, corners_px, edge_spreads(corners_px), {}};
   sighting.whitening = Matrix8d::Identity() / kDetectionNoise;
   return sighting;
 }

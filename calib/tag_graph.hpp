@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "calib/corner_cost.hpp"
+#include "calib/packed_pose.hpp"
 #include "calib/tag_edges.hpp"
 #include "core/camera_model.hpp"
 #include "core/error.hpp"
@@ -24,7 +25,6 @@ class Problem;
 namespace penumbra {
 
 using TagPose = Transform<frame::Table, frame::Tag>;
-using Pose6 = std::array<double, 6>;  // angle-axis [rad], translation [m]
 
 struct TagSighting {
   int id = 0;
@@ -113,22 +113,5 @@ class TagGraph {
   int anchor_;
   LensParameters lens_;
 };
-
-template <class To, class From>
-[[nodiscard]] Transform<To, From> unpacked(const Pose6& pose) {
-  const Eigen::Vector3d axis(pose[0], pose[1], pose[2]);
-  const double angle = axis.norm();
-  return {angle < 1e-12 ? Eigen::Quaterniond::Identity()
-                        : Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis / angle)),
-          Eigen::Vector3d(pose[3], pose[4], pose[5])};
-}
-
-template <class To, class From>
-[[nodiscard]] Pose6 packed(const Transform<To, From>& pose) {
-  const Eigen::AngleAxisd turn(pose.rotation());
-  const Eigen::Vector3d axis = turn.angle() * turn.axis();
-  const Eigen::Vector3d& t = pose.translation();
-  return {axis.x(), axis.y(), axis.z(), t.x(), t.y(), t.z()};
-}
 
 }  // namespace penumbra

@@ -6,11 +6,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
 
+#include "calib/edge_spread.hpp"
 #include "calib/luma_sample.hpp"
 #include "tracking/tag_detector.hpp"
 #include "tracking/tag_pattern.hpp"
@@ -99,31 +101,29 @@ std::optional<double> blur_across(ImageView luma, const Eigen::Vector2d& a,
   return (*highest - *lowest) / (slope * std::sqrt(2.0 * M_PI));
 }
 
-// How a tag's corner moves when both edges that meet there move outwards by 1 px.
-Eigen::Vector2d spread_at(const Eigen::Vector2d& before, const Eigen::Vector2d& corner,
-                          const Eigen::Vector2d& after, const Eigen::Vector2d& centre) {
-  const auto outward = [&](const Eigen::Vector2d& p, const Eigen::Vector2d& q) {
-    Eigen::Vector2d n(-(q - p).y(), (q - p).x());
-    n.normalize();
-    return n.dot(p - centre) < 0.0 ? Eigen::Vector2d(-n) : n;
-  };
-  Eigen::Matrix2d normals;
-  normals.row(0) = outward(before, corner).transpose();
-  normals.row(1) = outward(corner, after).transpose();
-  if (std::abs(normals.determinant()) < 0.2) return Eigen::Vector2d::Zero();
-  return normals.inverse() * Eigen::Vector2d::Ones();
-}
-
 void set_spreads(std::array<TargetCorner, 4>& corners) {
-  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
-  for (const TargetCorner& c : corners) centre += 0.25 * c.pixel;
-  for (std::size_t i = 0; i < 4; ++i) {
-    corners[i].spread =
-        spread_at(corners[(i + 3) % 4].pixel, corners[i].pixel, corners[(i + 1) % 4].pixel, centre);
-  }
+  const auto spreads =
+      edge_spreads({corners[0].pixel, corners[1].pixel, corners[2].pixel, corners[3].pixel});
+  for (std::size_t i = 0; i < 4; ++i) corners[i].spread = spreads[i];
 }
 
 }  // namespace
+
+double corner_distance(std::span<const TargetCorner> a, std::span<const TargetCorner> b) {
+  double sum = 0.0;
+  std::size_t count = 0;
+  auto j = b.begin();
+  for (const TargetCorner& corner : a) {
+    while (j != b.end() && j->point < corner.point) ++j;
+    if (j == b.end()) break;
+    if (j->point != corner.point) continue;
+    sum += (j->pixel - corner.pixel).squaredNorm();
+    ++count;
+  }
+  if (count == 0 || 2 * count < std::min(a.size(), b.size()))
+    return std::numeric_limits<double>::infinity();
+  return std::sqrt(sum / static_cast<double>(count));
+}
 
 struct TargetDetector::Impl {
   Target target;

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -41,6 +42,11 @@ struct TargetView {
   // Why there are no corners, or too few: empty when the view can be used.
   std::string problem;
 };
+
+// RMS distance between the corners that two views share [px]; infinite where these are none, or
+// fewer than half of what either of them has.
+[[nodiscard]] double corner_distance(std::span<const TargetCorner> a,
+                                     std::span<const TargetCorner> b);
 
 class TargetDetector {
  public:

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "calib/camera_calibration.hpp"
+#include "calib/image_cells.hpp"
 #include "core/units.hpp"
 #include "tracking/pose_refiner.hpp"
 #include "tracking/pose_solver.hpp"
@@ -29,37 +30,6 @@ constexpr double kSharp = 1.6;       // [px] of blur
 constexpr std::size_t kFirstViews = 4;
 constexpr std::size_t kViewsPerChoice = 4;  // views until the lens is chosen again
 constexpr double kBadFit = 0.5;             // [px] of noise: another lens may explain the views
-
-// RMS distance of the corners that two views share [px]; infinite where these are few.
-double distance_of(const std::vector<TargetCorner>& a, const std::vector<TargetCorner>& b) {
-  double sum = 0.0;
-  std::size_t count = 0;
-  auto j = b.begin();
-  for (const TargetCorner& corner : a) {
-    while (j != b.end() && j->point < corner.point) ++j;
-    if (j == b.end()) break;
-    if (j->point != corner.point) continue;
-    sum += (j->pixel - corner.pixel).squaredNorm();
-    ++count;
-  }
-  if (count == 0 || 2 * count < std::min(a.size(), b.size())) return 1e9;
-  return std::sqrt(sum / static_cast<double>(count));
-}
-
-std::size_t cell_of(const Eigen::Vector2d& pixel, int width, int height) {
-  const int column = std::clamp(static_cast<int>(kColumns * pixel.x() / width), 0, kColumns - 1);
-  const int row = std::clamp(static_cast<int>(kRows * pixel.y() / height), 0, kRows - 1);
-  return static_cast<std::size_t>(row * kColumns + column);
-}
-
-std::string name_of_cell(std::size_t cell) {
-  const auto column = static_cast<int>(cell) % kColumns;
-  const auto row = static_cast<int>(cell) / kColumns;
-  const std::string down = row == 0 ? "top" : row == kRows - 1 ? "bottom" : "";
-  const std::string across = column == 0 ? "left" : column == kColumns - 1 ? "right" : "";
-  if (down.empty() && across.empty()) return "middle";
-  return down + (down.empty() || across.empty() ? "" : " ") + across;
-}
 
 }  // namespace
 
@@ -114,6 +84,8 @@ struct ViewGuide::Impl {
   int width = 0;
   int height = 0;
 
+  [[nodiscard]] ImageCells image_cells() const { return {kColumns, kRows, width, height}; }
+
   [[nodiscard]] double size_of(const std::vector<TargetCorner>& corners) const {
     std::vector<const TargetCorner*> at(target.points.size(), nullptr);
     for (const TargetCorner& corner : corners) at[static_cast<std::size_t>(corner.point)] = &corner;
@@ -144,7 +116,7 @@ struct ViewGuide::Impl {
   }
 
   void take(std::vector<TargetCorner> corners) {
-    for (const TargetCorner& corner : corners) ++cells[cell_of(corner.pixel, width, height)];
+    for (const TargetCorner& corner : corners) ++cells[image_cells().at(corner.pixel)];
     sizes.push_back(size_of(corners));
     views.push_back({fmt::format("view {}", views.size() + 1), std::move(corners)});
     if (views.size() < kFirstViews) return;
@@ -228,7 +200,7 @@ struct ViewGuide::Impl {
       advise("come closer, or go further away", "views from closer, or from further away");
     } else {
       const std::size_t next = missing[missing.size() / 2];
-      const std::string cell = name_of_cell(next);
+      const std::string cell = image_cells().name(next);
       progress.coverage.next = next;
       advise(fmt::format("move the target to the {}", cell), fmt::format("views at the {}", cell));
     }
@@ -271,12 +243,12 @@ GuideLook ViewGuide::look(ImageView luma) {
   if (view.blur_px > kSharp)
     return because(self.options.held ? "blurred: hold still, focus, more light" : "blurred");
   if (self.options.held && !before.empty() &&
-      distance_of(view.corners, before) > kSteady * luma.width)
+      corner_distance(view.corners, before) > kSteady * luma.width)
     return because("it moves: hold still");
   // The same view once more lowers noise, but brings its errors of light and board twice.
   const double least_px = (self.solution ? kSameView : kFirstMove) * luma.width;
   for (const CalibrationView& other : self.views) {
-    if (distance_of(view.corners, other.corners) <= least_px)
+    if (corner_distance(view.corners, other.corners) <= least_px)
       return because("too much like a view before");
   }
   if (self.solution) {
