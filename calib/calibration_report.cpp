@@ -422,14 +422,21 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
   html +=
       "<h2>Views</h2><table><tr><th></th><th>picture</th><th>corners</th><th>residual</th>"
       "<th>blur</th><th>distance</th><th></th></tr>\n";
-  for (const CalibrationPicture& picture : c.pictures) {
+  constexpr int kMostOfAReason = 30;
+  const auto told = told_left_out(c.pictures, kMostOfAReason);
+  for (std::size_t i = 0; i < c.pictures.size(); ++i) {
+    const CalibrationPicture& picture = c.pictures[i];
+    if (picture.reason != LeftOut::no && !told[i]) continue;
+    const std::string more = told[i].value_or(0) > 0 ? fmt::format(" and {} more", *told[i]) : "";
     const SolvedView* view =
         picture.solved < 0 ? nullptr : &c.solution.views[static_cast<std::size_t>(picture.solved)];
     html += fmt::format(
         "<tr{}><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></"
         "tr>\n",
-        view == nullptr ? " class=\"out\"" : "", thumbnail(picture, 120), in_markup(picture.name),
-        picture.view.corners.size(), view != nullptr ? fmt::format("{:.3f} px", view->rms_px) : "-",
+        view == nullptr ? " class=\"out\"" : "", thumbnail(picture, 120),
+        in_markup(picture.name) + more,
+        picture.view.corners.empty() ? "-" : std::to_string(picture.view.corners.size()),
+        view != nullptr ? fmt::format("{:.3f} px", view->rms_px) : "-",
         picture.view.blur_px > 0.0 ? fmt::format("{:.2f} px", picture.view.blur_px) : "-",
         view != nullptr ? fmt::format("{:.0f} mm", view->T_board_camera.translation().norm() * 1e3)
                         : "-",

@@ -78,6 +78,21 @@ std::string_view to_string(CalibrationGrade grade) {
   return "poor";
 }
 
+std::vector<std::optional<int>> told_left_out(std::span<const CalibrationPicture> pictures,
+                                              int most) {
+  std::map<LeftOut, int> count;
+  for (const CalibrationPicture& picture : pictures) ++count[picture.reason];
+  std::vector<std::optional<int>> told(pictures.size());
+  for (std::size_t i = 0; i < pictures.size(); ++i) {
+    const LeftOut reason = pictures[i].reason;
+    if (reason == LeftOut::no || count[reason] == 0) continue;
+    const bool many = count[reason] > most;
+    told[i] = many ? count[reason] - 1 : 0;
+    if (many) count[reason] = 0;
+  }
+  return told;
+}
+
 UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd& covariance,
                                int columns, int rows) {
   UncertaintyMap map;
@@ -172,7 +187,10 @@ struct CameraCalibrator::Impl {
   std::vector<CalibrationPicture> pictures;
   int width = 0;
   int height = 0;
-  std::string first;  // picture that set the size
+  std::string first;   // picture that set the size
+  int seen_in = 0;     // pictures with a corner of the target
+  int wide_in = 0;     // ... whose tags mostly have a border of two cells
+  int candidates = 0;  // pictures that are not left out
   std::stop_token stop;
 
   [[nodiscard]] SolverOptions solver_options() const {
@@ -185,6 +203,11 @@ struct CameraCalibrator::Impl {
   [[nodiscard]] Result<void> check_markers() const;
   void leave_out_blurred();
   void leave_out_surplus();
+  void leave_out(CalibrationPicture& picture, LeftOut reason, std::string words);
+  [[nodiscard]] int most_candidates() const {
+    return options.most_candidates > 0 ? std::max(options.most_candidates, options.most_views)
+                                       : 2 * options.most_views;
+  }
   [[nodiscard]] std::vector<CalibrationView> used_views();
   void refine_corners(const CalibrationSolution& solution);
   [[nodiscard]] Result<void> check_solution(const CalibrationSolution& solution,
@@ -223,7 +246,12 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
   picture.width = luma.width;
   picture.height = luma.height;
   picture.view = self.detector->detect(luma);
-  picture.left_out = picture.view.problem;
+  ++self.candidates;
+  if (!picture.view.corners.empty()) ++self.seen_in;
+  if (4 * picture.view.two_cell_tags > static_cast<int>(picture.view.corners.size()))
+    ++self.wide_in;
+  if (!picture.view.problem.empty())
+    self.leave_out(picture, LeftOut::not_seen, picture.view.problem);
   if (picture.left_out.empty()) {
     // Less than a finger's tremor apart: the same view once more weighs its errors double.
     const double nearest = 0.002 * self.width;
@@ -231,7 +259,7 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
       if (!other.left_out.empty() ||
           corner_distance(picture.view.corners, other.view.corners) > nearest)
         continue;
-      picture.left_out = fmt::format("the same view as {}", other.name);
+      self.leave_out(picture, LeftOut::seen_before, fmt::format("the same view as {}", other.name));
       break;
     }
   }
@@ -242,34 +270,58 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
       picture.luma.insert(picture.luma.end(), luma.row(y), luma.row(y) + luma.width);
   }
   self.pictures.push_back(std::move(picture));
+  // A recording of minutes does not fit into memory, and would be compared with all of itself.
+  if (self.candidates > self.most_candidates()) {
+    self.leave_out_blurred();
+    self.leave_out_surplus();
+    for (CalibrationPicture& other : self.pictures) {
+      if (other.reason != LeftOut::no) other.luma = std::vector<std::uint8_t>();
+    }
+  }
   return {};
+}
+
+int CameraCalibrator::held() const {
+  const auto held = [](const CalibrationPicture& picture) { return picture.luma.capacity() > 0; };
+  return static_cast<int>(std::count_if(impl_->pictures.begin(), impl_->pictures.end(), held));
+}
+
+void CameraCalibrator::Impl::leave_out(CalibrationPicture& picture, LeftOut reason,
+                                       std::string words) {
+  picture.reason = reason;
+  picture.left_out = std::move(words);
+  --candidates;
+  if (reason != LeftOut::seen_before && reason != LeftOut::surplus) return;
+  // `= {}` would keep the memory.
+  picture.view.corners = std::vector<TargetCorner>();
+  picture.luma = std::vector<std::uint8_t>();
 }
 
 void CameraCalibrator::add_unreadable(const std::string& name, const std::string& why) {
   CalibrationPicture picture;
   picture.name = name;
+  picture.reason = LeftOut::unreadable;
   picture.left_out = why;
   impl_->pictures.push_back(std::move(picture));
 }
 
 Result<void> CameraCalibrator::Impl::check_found() const {
   if (pictures.empty()) return fail("there are no pictures");
-  int usable = 0;
-  int seen = 0;
-  int wide = 0;
   std::map<std::string, int> reasons;
   for (const CalibrationPicture& picture : pictures) {
-    if (picture.left_out.empty()) ++usable;
-    if (!picture.view.corners.empty()) ++seen;
-    if (4 * picture.view.two_cell_tags > static_cast<int>(picture.view.corners.size())) ++wide;
-    if (!picture.left_out.empty()) ++reasons[picture.left_out];
+    if (picture.reason == LeftOut::seen_before) {
+      ++reasons["the same view as another"];
+    } else if (picture.reason != LeftOut::no) {
+      ++reasons[picture.left_out];
+    }
   }
-  if (wide > usable) {
+  const int usable = candidates;
+  if (wide_in > usable) {
     return fail(
         "in {} of {} pictures the tags have a black border of two cells, as Kalibr prints them; "
         "libapriltag, which finds tags here and while tracking, reads borders of one cell: print a "
         "sheet with penumbra target",
-        wide, pictures.size());
+        wide_in, pictures.size());
   }
   const auto most =
       std::max_element(reasons.begin(), reasons.end(),
@@ -282,7 +334,7 @@ Result<void> CameraCalibrator::Impl::check_found() const {
   if (std::all_of(pictures.begin(), pictures.end(), is_unreadable)) {
     return fail("none of {} pictures can be read ({})", pictures.size(), pictures.front().left_out);
   }
-  if (seen == 0) {
+  if (seen_in == 0) {
     return fail("the target ({}) is in none of {} pictures{}; is it the right target file?",
                 target.description, pictures.size(), because);
   }
@@ -331,37 +383,35 @@ void CameraCalibrator::Impl::leave_out_blurred() {
   }
   if (blurs.size() < 6) return;
   const double limit = std::max(2.0 * median(blurs), 1.5);
-  auto left = static_cast<int>(blurs.size());
   for (CalibrationPicture& picture : pictures) {
-    if (!picture.left_out.empty() || picture.view.blur_px <= limit || left <= 4) continue;
-    picture.left_out =
-        fmt::format("blurred: edges are {:.1f} px wide (sigma), {:.1f} in most views",
-                    picture.view.blur_px, median(blurs));
-    --left;
+    if (!picture.left_out.empty() || picture.view.blur_px <= limit || candidates <= 4) continue;
+    leave_out(picture, LeftOut::blurred,
+              fmt::format("blurred: edges are {:.1f} px wide (sigma), {:.1f} in most views",
+                          picture.view.blur_px, median(blurs)));
   }
 }
 
 // Of many views those that differ most: each next one is the furthest from all that are chosen.
 void CameraCalibrator::Impl::leave_out_surplus() {
-  std::vector<std::size_t> candidates;
+  if (candidates <= options.most_views) return;
+  std::vector<std::size_t> at;
   for (std::size_t i = 0; i < pictures.size(); ++i) {
-    if (pictures[i].left_out.empty()) candidates.push_back(i);
+    if (pictures[i].left_out.empty()) at.push_back(i);
   }
-  if (candidates.size() <= static_cast<std::size_t>(options.most_views)) return;
   const double largest = 10.0 * width;
-  std::vector<double> distance(candidates.size(), largest);
-  std::vector<bool> chosen(candidates.size(), false);
+  std::vector<double> distance(at.size(), largest);
+  std::vector<bool> chosen(at.size(), false);
   std::size_t next = 0;
   for (int n = 0; n < options.most_views; ++n) {
     chosen[next] = true;
     std::size_t furthest = next;
     double most = -1.0;
-    for (std::size_t i = 0; i < candidates.size(); ++i) {
-      distance[i] = std::min(distance[i], corner_distance(pictures[candidates[i]].view.corners,
-                                                          pictures[candidates[next]].view.corners));
+    for (std::size_t i = 0; i < at.size(); ++i) {
+      distance[i] = std::min(distance[i], corner_distance(pictures[at[i]].view.corners,
+                                                          pictures[at[next]].view.corners));
       // A view of the whole target says more than one of a corner of it.
       const double worth =
-          distance[i] * std::sqrt(static_cast<double>(pictures[candidates[i]].view.corners.size()));
+          distance[i] * std::sqrt(static_cast<double>(pictures[at[i]].view.corners.size()));
       if (!chosen[i] && worth > most) {
         most = worth;
         furthest = i;
@@ -369,10 +419,8 @@ void CameraCalibrator::Impl::leave_out_surplus() {
     }
     next = furthest;
   }
-  for (std::size_t i = 0; i < candidates.size(); ++i) {
-    if (chosen[i]) continue;
-    pictures[candidates[i]].left_out = "much like others: enough views";
-    pictures[candidates[i]].luma = {};
+  for (std::size_t i = 0; i < at.size(); ++i) {
+    if (!chosen[i]) leave_out(pictures[at[i]], LeftOut::surplus, "much like others: enough views");
   }
 }
 

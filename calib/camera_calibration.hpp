@@ -26,21 +26,32 @@ struct CalibrationOptions {
   // Only lenses that Kalibr's files can say: plumb_bob without k3, and fisheye.
   bool for_kalibr = false;
   int most_views = 60;  // of more, those are taken that differ most
+  // So many candidates are kept in memory, with their pictures; of more, those that are much like
+  // others go before all have come. 0: twice most_views.
+  int most_candidates = 0;
 };
+
+enum class LeftOut { no, unreadable, not_seen, seen_before, blurred, surplus };
 
 // One picture, used or not.
 struct CalibrationPicture {
   std::string name;
-  TargetView view;
-  std::string left_out;            // why; empty when used
+  TargetView view;  // without corners where it was seen before or is surplus
+  LeftOut reason = LeftOut::no;
+  std::string left_out;            // the reason in words; empty when used
   int solved = -1;                 // index into CalibrationSolution::views; -1 when left out
   int width = 0;                   // [px]
   int height = 0;                  // [px]
-  std::vector<std::uint8_t> luma;  // rows of `width` bytes; empty where nothing was found
+  std::vector<std::uint8_t> luma;  // rows of `width` bytes; empty where it was left out early
   [[nodiscard]] ImageView picture() const {
     return {luma.data(), luma.empty() ? 0 : width, height, width};
   }
 };
+
+// Of every picture that was left out: whether it is told, and how many others it stands for, since
+// of more than `most` with one reason only the first is. By picture; nothing for those not told.
+[[nodiscard]] std::vector<std::optional<int>> told_left_out(
+    std::span<const CalibrationPicture> pictures, int most);
 
 // Standard deviation of the projection over the image [px], along its worst direction.
 struct UncertaintyMap {
@@ -113,6 +124,8 @@ class CameraCalibrator {
   [[nodiscard]] Result<void> add(const std::string& name, ImageView luma);
   // A picture that can't be read.
   void add_unreadable(const std::string& name, const std::string& why);
+  // Pictures that are held in memory; never more than most_candidates.
+  [[nodiscard]] int held() const;
 
   // Solves, once. An error is one line that says what the pictures lack. Fails soon after `stop`
   // was requested.

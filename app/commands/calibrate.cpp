@@ -106,8 +106,13 @@ CalibrationRecord record_of(const CameraCalibration& calibration, const Target& 
 }
 
 void print_summary(const CameraCalibration& calibration) {
-  for (const CalibrationPicture& picture : calibration.pictures) {
-    if (!picture.left_out.empty()) fmt::print("left out: {}: {}\n", picture.name, picture.left_out);
+  constexpr int kMostOfAReason = 8;
+  const auto told = told_left_out(calibration.pictures, kMostOfAReason);
+  for (std::size_t i = 0; i < told.size(); ++i) {
+    if (!told[i]) continue;
+    const CalibrationPicture& picture = calibration.pictures[i];
+    const std::string more = *told[i] > 0 ? fmt::format(" and {} more", *told[i]) : "";
+    fmt::print("left out: {}{}: {}\n", picture.name, more, picture.left_out);
   }
   fmt::print("{:<22}{:<9}{:>13}{:>17}\n", "lens", "board", "residual [px]", "held out [px]");
   for (const ModelTrial& trial : calibration.trials) {

@@ -87,6 +87,89 @@ TEST(CameraCalibrator, LeavesOutWhatIsBlurredCutOffOrSeenBefore) {
   EXPECT_LT(projection_difference(camera, result->solution.camera).mean_px, 2.0);
 }
 
+// A recording of minutes: what is like others goes before all pictures have come, and what is left
+// says as much as if it had not.
+TEST(CameraCalibrator, HoldsNoMorePicturesThanItIsTold) {
+  const CameraModel camera = test::wide_camera();
+  const auto board = test::board(4, 3, 0.04);
+  auto renderer = PatternRenderer::create(camera, board);
+  ASSERT_TRUE(renderer);
+  constexpr int kPictures = 36;
+  std::vector<GreyImage> sweep;
+  for (int k = 0; k < kPictures; ++k) {
+    PatternRenderOptions options;
+    options.samples = 8;
+    options.seed = static_cast<std::uint64_t>(k + 1);
+    // Slow: neighbours are much alike.
+    const double t = 2.0 * M_PI * k / kPictures;
+    const Eigen::Vector3d at(0.05 * std::cos(t), 0.04 * std::sin(2.0 * t), 0.0);
+    sweep.push_back(renderer->render(
+        std::array{test::looking_at(at, 0.42 + 0.06 * std::sin(3.0 * t),
+                                    radians(60.0 + 15.0 * std::cos(5.0 * t)), 2.0 * t, 0.0)},
+        options));
+  }
+  struct Run {
+    int held = 0;  // at most
+    int surplus = 0;
+    double nearest_px = 1e9;  // of views that were solved
+    double off_px = 0.0;
+  };
+  const auto run = [&](int most_candidates) {
+    Run result;
+    CalibrationOptions options;
+    options.model = DistortionModel::plumb_bob;
+    options.shape = BoardShape::rigid;
+    options.most_views = 8;
+    options.most_candidates = most_candidates;
+    auto calibrator =
+        CameraCalibrator::create(tag_target(TagMap::make(board).value()).value(), options);
+    for (const GreyImage& image : sweep) {
+      EXPECT_TRUE(calibrator->add("a picture", image.view()));
+      result.held = std::max(result.held, calibrator->held());
+    }
+    const auto found = calibrator->finish();
+    EXPECT_TRUE(found) << found.error().message;
+    if (!found) return result;
+    EXPECT_EQ(found->solution.views.size(), 8U);
+    std::vector<const CalibrationPicture*> used;
+    for (const CalibrationPicture& picture : found->pictures) {
+      if (picture.reason == LeftOut::surplus) {
+        ++result.surplus;
+        EXPECT_EQ(picture.luma.capacity() + picture.view.corners.capacity(), 0U);
+      }
+      if (picture.solved < 0) continue;
+      for (const CalibrationPicture* other : used) {
+        result.nearest_px =
+            std::min(result.nearest_px, corner_distance(picture.view.corners, other->view.corners));
+      }
+      used.push_back(&picture);
+    }
+    result.off_px = projection_difference(camera, found->solution.camera).mean_px;
+    return result;
+  };
+  const Run bounded = run(0);
+  const Run all = run(1000);
+  EXPECT_EQ(all.held, kPictures);
+  EXPECT_LE(bounded.held, 16);
+  EXPECT_EQ(all.surplus, kPictures - 8);
+  EXPECT_EQ(bounded.surplus, kPictures - 8);
+  EXPECT_GT(bounded.nearest_px, 0.5 * all.nearest_px);
+  EXPECT_LT(all.off_px, 2.0);
+  EXPECT_LT(bounded.off_px, 2.0);
+}
+
+TEST(ToldLeftOut, IsOneOfManyWithTheSameReason) {
+  std::vector<CalibrationPicture> pictures(8);
+  pictures[1].reason = LeftOut::blurred;
+  for (const std::size_t i : {2U, 4U, 5U}) pictures[i].reason = LeftOut::surplus;
+  for (const std::size_t i : {3U, 7U}) pictures[i].reason = LeftOut::seen_before;
+  using Told = std::vector<std::optional<int>>;
+  const std::nullopt_t no = std::nullopt;
+  EXPECT_EQ(told_left_out(pictures, 3), (Told{no, 0, 0, 0, 0, 0, no, 0}));
+  EXPECT_EQ(told_left_out(pictures, 2), (Told{no, 0, 2, 0, no, no, no, 0}));
+  EXPECT_EQ(told_left_out(pictures, 1), (Told{no, 0, 2, 1, no, no, no, no}));
+}
+
 // Black squares of another size than the file says, and what only looks so.
 TEST(OtherSize, IsWhatGrowsWithTheTagsInThePicture) {
   std::mt19937 rng(3);
