@@ -9,11 +9,23 @@
 
 namespace penumbra {
 
-std::string progress_text(int done, int total, double elapsed_ms, const std::string& unit) {
+namespace {
+
+std::string bar_text(int done, int total) {
   constexpr int kWidth = 30;
   const int filled = total > 0 ? std::clamp(done * kWidth / total, 0, kWidth) : 0;
+  return fmt::format("[{:#<{}}{: <{}}]", "", filled, "", kWidth - filled);
+}
+
+}  // namespace
+
+std::string step_text(const std::string& what, int step, int most, double elapsed_ms) {
+  return fmt::format("{}  {}, {:.0f} s", bar_text(step - 1, most), what, 1e-3 * elapsed_ms);
+}
+
+std::string progress_text(int done, int total, double elapsed_ms, const std::string& unit) {
   const double rate = elapsed_ms > 0.0 ? done * 1e3 / elapsed_ms : 0.0;
-  const std::string bar = fmt::format("[{:#<{}}{: <{}}]", "", filled, "", kWidth - filled);
+  const std::string bar = bar_text(done, total);
   if (unit.empty()) return bar;
   return fmt::format("{} {:>4}/{}  {:.1f} {}/s", bar, done, total, rate, unit);
 }
@@ -25,13 +37,27 @@ ProgressBar::~ProgressBar() {
   if (terminal_) std::fputs("\r\033[K", stderr);
 }
 
-void ProgressBar::update(int done) {
-  if (!terminal_) return;
+// Since the start [ms]; nothing where nothing is to be drawn now.
+std::optional<double> ProgressBar::time_to_draw(bool at_once) {
+  if (!terminal_) return std::nullopt;
   constexpr double kRedraw_ms = 100.0;
   const double now_ms = since_start_.elapsed().wall_ms;
-  if (now_ms - last_drawn_ms_ < kRedraw_ms && done < total_) return;
+  if (now_ms - last_drawn_ms_ < kRedraw_ms && !at_once) return std::nullopt;
   last_drawn_ms_ = now_ms;
-  std::fprintf(stderr, "\r%s\033[K", progress_text(done, total_, now_ms, unit_).c_str());
+  return now_ms;
+}
+
+void ProgressBar::update(int done) {
+  const auto now_ms = time_to_draw(done >= total_);
+  if (!now_ms) return;
+  std::fprintf(stderr, "\r%s\033[K", progress_text(done, total_, *now_ms, unit_).c_str());
+  std::fflush(stderr);
+}
+
+void ProgressBar::update(const std::string& what, int step, int most) {
+  const auto now_ms = time_to_draw(false);
+  if (!now_ms) return;
+  std::fprintf(stderr, "\r%s\033[K", step_text(what, step, most, *now_ms).c_str());
   std::fflush(stderr);
 }
 

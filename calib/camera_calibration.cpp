@@ -616,7 +616,7 @@ void CameraCalibrator::Impl::estimate_tone(CameraCalibration& result) const {
   result.tone = *tone;
 }
 
-Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop) {
+Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const TellStep& tell) {
   Impl& self = *impl_;
   self.stop = std::move(stop);
   if (const auto ok = self.check_found(); !ok) return tl::unexpected(ok.error());
@@ -624,7 +624,19 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop) {
   self.leave_out_blurred();
   self.leave_out_surplus();
   std::vector<CalibrationView> views = self.used_views();
-  const LensChoice choice = {self.options.model, self.options.for_kalibr, self.stop};
+  // Steps before lenses are tried, and after.
+  constexpr int kBefore = 3;
+  constexpr int kAfter = 1;
+  LensChoice choice = {self.options.model, self.options.for_kalibr, self.stop, {}};
+  int last = kBefore + most_steps(choice, self.options.shape.has_value()) + kAfter;
+  const auto tell_step = [&](const char* what, int step) {
+    if (tell) tell({what, step, last});
+  };
+  choice.tell = [&](const SolvingStep& trial) {
+    last = kBefore + trial.most + kAfter;
+    if (tell) tell({trial.what, kBefore + trial.step, last});
+  };
+  tell_step("a first lens", 1);
   Result<CalibrationSolution> solution =
       first_solution(self.width, self.height, self.target.points, views, choice);
   if (!solution) return tl::unexpected(solution.error());
@@ -632,6 +644,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop) {
   // Corners once more where the solution puts them; twice, since the first solution is off by what
   // straight lines on a bent picture are off.
   for (int round = 0; round < 2; ++round) {
+    tell_step("corners, by the lens that is known", 2 + round);
     self.refine_corners(*solution);
     views = self.used_views();
     SolverOptions solver = self.solver_options();
@@ -652,6 +665,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop) {
     return tl::unexpected(ok.error());
   result.pictures = std::move(self.pictures);
   judge(result);
+  tell_step("tone curve", last);
   self.estimate_tone(result);
   if (self.stop.stop_requested()) return fail("ended early");
   return result;

@@ -128,8 +128,9 @@ class CameraCalibrator {
   [[nodiscard]] int held() const;
 
   // Solves, once. An error is one line that says what the pictures lack. Fails soon after `stop`
-  // was requested.
-  [[nodiscard]] Result<CameraCalibration> finish(std::stop_token stop = {});
+  // was requested. `tell` is called by this thread whenever something else begins.
+  [[nodiscard]] Result<CameraCalibration> finish(std::stop_token stop = {},
+                                                 const TellStep& tell = {});
 
  private:
   struct Impl;

@@ -26,6 +26,13 @@ std::vector<Lens> lenses_of(const LensChoice& choice) {
 
 }  // namespace
 
+// Each lens twice; where the board is not given, two more boards, and on one of them the lenses
+// that are richer than the simplest.
+int most_steps(const LensChoice& choice, bool shape_given) {
+  const auto lenses = static_cast<int>(lenses_of(choice).size());
+  return shape_given ? 2 * lenses : 3 * lenses + 1;
+}
+
 std::string lens_name(const ModelTrial& trial) {
   return fmt::format("{}{}", to_string(trial.model), trial.without_k3 ? ", k3 = 0" : "");
 }
@@ -69,8 +76,13 @@ class Choice {
  public:
   Choice(const CalibrationSolution& start, const std::vector<Eigen::Vector3d>& board,
          const std::vector<CalibrationView>& views, const LensChoice& choice,
-         std::vector<ModelTrial>& trials)
-      : start_(start), board_(board), views_(views), choice_(choice), trials_(trials) {}
+         std::vector<ModelTrial>& trials, int most_steps)
+      : start_(start),
+        board_(board),
+        views_(views),
+        choice_(choice),
+        trials_(trials),
+        most_steps_(most_steps) {}
 
   // Solves with every lens and leaves out, for all of them, the corners that are outliers to the
   // one that explains most: to a lens with too few freedoms what is far out is an outlier.
@@ -82,6 +94,15 @@ class Choice {
   void find_own_outliers(const std::vector<CalibrationView>& views, bool for_all);
   // Those that explain the views no worse than the best one, of what is in its way right or wrong.
   void mark_rivals();
+  void tell(const Lens& lens, BoardShape shape) {
+    ++steps_;
+    if (!choice_.tell) return;
+    ModelTrial trial;
+    trial.model = lens.model;
+    trial.without_k3 = lens.without_k3;
+    choice_.tell({fmt::format("{}, {} board", lens_name(trial), to_string(shape)), steps_,
+                  std::max(steps_, most_steps_)});
+  }
 
   std::optional<ChosenLens> best;
   std::optional<Error> first_error;
@@ -101,6 +122,8 @@ class Choice {
   std::vector<CalibrationView> views_;
   const LensChoice& choice_;
   std::vector<ModelTrial>& trials_;
+  int steps_ = 0;
+  int most_steps_ = 0;
   struct Solved {
     Lens lens;
     BoardShape shape;
@@ -149,6 +172,7 @@ void Choice::decide_outliers(const std::vector<Lens>& lenses, BoardShape shape) 
   first_.reserve(lenses.size());
   for (const Lens& lens : lenses) {
     if (choice_.stop.stop_requested()) return;
+    tell(lens, shape);
     Result<CalibrationSolution> solved = solve_intrinsics(
         clearest == nullptr ? start_ : clearest->solution, board_, views_, solver_of(lens, shape));
     if (!solved) {
@@ -171,6 +195,7 @@ void Choice::decide_outliers(const std::vector<Lens>& lenses, BoardShape shape) 
 
 void Choice::consider(const Lens& lens, BoardShape shape) {
   if (choice_.stop.stop_requested()) return;
+  tell(lens, shape);
   const SolverOptions solver = solver_of(lens, shape);
   const auto near = std::find_if(first_.begin(), first_.end(), [&](const Solved& s) {
     return s.lens.model == lens.model && s.lens.without_k3 == lens.without_k3 && s.shape == shape;
@@ -262,8 +287,8 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
                                const std::vector<Eigen::Vector3d>& board,
                                const std::vector<CalibrationView>& views, const LensChoice& choice,
                                std::optional<BoardShape> shape, std::vector<ModelTrial>& trials) {
-  Choice tried(start, board, views, choice, trials);
   const std::vector<Lens> lenses = lenses_of(choice);
+  Choice tried(start, board, views, choice, trials, most_steps(choice, shape.has_value()));
   const BoardShape first_shape = shape.value_or(BoardShape::rigid);
   tried.decide_outliers(lenses, first_shape);
   for (const Lens& lens : lenses) tried.consider(lens, first_shape);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <optional>
 #include <stop_token>
 #include <string>
@@ -35,12 +36,23 @@ struct ModelTrial {
 // Of the held-out error: what a further freedom must bring.
 inline constexpr double kWorthwhile = 0.97;
 
+// Where a search is, for people: `step` of at most `most`, from 1.
+struct SolvingStep {
+  std::string what;  // "plumb_bob, free board"
+  int step = 0;
+  int most = 0;
+};
+using TellStep = std::function<void(const SolvingStep&)>;
+
 // Which lenses are tried, the simplest first.
 struct LensChoice {
   std::optional<DistortionModel> model;  // only this one
   bool for_kalibr = false;               // only what Kalibr's files can say
   std::stop_token stop = {};             // ends the search, with an error
+  TellStep tell = {};                    // what choose_lens() tries next
 };
+// Steps that choose_lens() tells at most, where the board's shape is given, and where it is chosen.
+[[nodiscard]] int most_steps(const LensChoice& choice, bool shape_given);
 // A lens near enough for corners to be refined with it, and for choose_lens() to begin from.
 // `width` and `height` are the pictures' [px].
 [[nodiscard]] Result<CalibrationSolution> first_solution(int width, int height,

@@ -12,6 +12,7 @@
 #include <ctime>
 #include <fstream>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <stop_token>
 #include <string>
@@ -300,11 +301,33 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
 
 Result<CameraCalibration> finish_in(GuideWindow* window, InterruptWatch& interrupt,
                                     CameraCalibrator& calibrator) {
-  if (window != nullptr) window->say("solving");
+  // Written where it is solved, read where it is shown.
+  std::mutex mutex;
+  SolvingStep latest;
+  ProgressBar progress(1);
+  int shown = -1;
   return run_stoppable(
-      interrupt, [&calibrator](std::stop_token stop) { return calibrator.finish(std::move(stop)); },
-      [window] {
-        if (window != nullptr && !window->closed()) window->refresh();
+      interrupt,
+      [&](std::stop_token stop) {
+        return calibrator.finish(std::move(stop), [&](const SolvingStep& step) {
+          const std::lock_guard lock(mutex);
+          latest = step;
+        });
+      },
+      [&] {
+        const SolvingStep step = [&] {
+          const std::lock_guard lock(mutex);
+          return latest;
+        }();
+        if (step.step > 0) progress.update("solving: " + step.what, step.step, step.most);
+        if (window == nullptr || window->closed()) return;
+        if (step.step != shown) {
+          shown = step.step;
+          window->say(step.step == 0 ? "solving"
+                                     : fmt::format("solving, {} %: {}",
+                                                   100 * (step.step - 1) / step.most, step.what));
+        }
+        window->refresh();
       });
 }
 

@@ -302,6 +302,10 @@ TEST(ProgressText, FillsUp) {
   EXPECT_EQ(progress_text(0, 10, 0.0).substr(0, 32), "[" + std::string(30, ' ') + "]");
   EXPECT_EQ(progress_text(5, 10, 500.0),
             "[" + std::string(15, '#') + std::string(15, ' ') + "]    5/10  10.0 frames/s");
+  EXPECT_EQ(step_text("solving: this", 1, 3, 0.0),
+            "[" + std::string(30, ' ') + "]  solving: this, 0 s");
+  EXPECT_EQ(step_text("solving: that", 3, 3, 12300.0),
+            "[" + std::string(20, '#') + std::string(10, ' ') + "]  solving: that, 12 s");
   EXPECT_EQ(progress_text(10, 10, 500.0).substr(0, 32), "[" + std::string(30, '#') + "]");
 }
 

@@ -127,9 +127,18 @@ TEST(CameraCalibrator, HoldsNoMorePicturesThanItIsTold) {
       EXPECT_TRUE(calibrator->add("a picture", image.view()));
       result.held = std::max(result.held, calibrator->held());
     }
-    const auto found = calibrator->finish();
+    std::vector<SolvingStep> steps;
+    const auto found =
+        calibrator->finish({}, [&](const SolvingStep& step) { steps.push_back(step); });
     EXPECT_TRUE(found) << found.error().message;
     if (!found) return result;
+    for (std::size_t i = 0; i < steps.size(); ++i) {
+      EXPECT_EQ(steps[i].step, static_cast<int>(i) + 1) << steps[i].what;
+      EXPECT_EQ(steps[i].most, 6) << steps[i].what;
+    }
+    EXPECT_EQ(steps.size(), 6U);
+    EXPECT_EQ(steps[4].what, "plumb_bob, rigid board");
+    EXPECT_EQ(steps.back().step, steps.back().most);
     EXPECT_EQ(found->solution.views.size(), 8U);
     std::vector<const CalibrationPicture*> used;
     for (const CalibrationPicture& picture : found->pictures) {
