@@ -358,11 +358,16 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       c.solution.noise_px, c.held_out_px ? fmt::format("{:.3f} px RMS", *c.held_out_px) : "-",
       c.uncertainty.mean_px, c.uncertainty.largest_px, c.tilt_spread_deg, c.blur_px);
 
-  const double largest = std::max(c.uncertainty.largest_px, 1e-6);
+  // Not by the largest alone: a lens that is known well everywhere is not to look red.
+  const double largest = std::isfinite(c.uncertainty.largest_px)
+                             ? std::max(c.uncertainty.largest_px, kGoodProjection_px)
+                             : kGoodProjection_px;
   const double arrow = 12.0 / std::max(3.0 * c.solution.noise_px, 1e-6);
   html += fmt::format(
       "<div class=\"row\"><div><h2>Projection uncertainty</h2><p class=\"note\">Standard deviation "
-      "of where things are drawn [px], from the covariance of the lens.</p>{}</div>"
+      "of where things are drawn [px], from the covariance of the lens and from what other lenses "
+      "say "
+      "that explain the views as well; up to {} is good.</p>{}</div>"
       "<div><h2>Coverage</h2><p class=\"note\">Every corner that was used; red: outliers. What no "
       "corner covers is a guess.</p>{}</div></div>\n"
       "<div class=\"row\"><div><h2>Residuals, {:.0f} times enlarged</h2><p class=\"note\">A "
@@ -372,6 +377,7 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
       "of the same spread.</p>{}<h2>Distortion</h2><p class=\"note\">How far the lens moves a "
       "point "
       "outwards{}.</p>{}</div></div>\n",
+      kGoodProjection_px,
       heat_map(
           camera, c.uncertainty.columns, c.uncertainty.rows,
           [&](int i, int j) {

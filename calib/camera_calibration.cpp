@@ -16,6 +16,9 @@ namespace {
 constexpr double kDegrees = 180.0 / M_PI;
 // Views whose boards are all within this of parallel do not tell focal length from distance.
 constexpr double kLeastTilt_deg = 8.0;
+// What the advice asks for.
+constexpr double kGoodTilt_deg = 40.0;
+constexpr std::size_t kGoodViews = 10;
 // Of the image's diagonal: so near to a corner that was seen, a lens does not guess.
 constexpr double kNear = 0.05;
 // Tone curve, blur and ink make black squares look larger or smaller; by more than this share of
@@ -132,8 +135,7 @@ void widen(UncertaintyMap& map, const CameraModel& camera, const CameraModel& ot
     const Eigen::Vector2d pixel = cells.middle(cell);
     const auto direction = camera.unproject(pixel);
     const auto there = direction ? other.project_extended(*direction) : std::nullopt;
-    if (!there) continue;
-    differences[cell] = (*there - pixel).norm();
+    if (there) differences[cell] = (*there - pixel).norm();
     for (const CalibrationPicture& picture : pictures) {
       if (picture.solved < 0 || seen[cell]) continue;
       seen[cell] = std::any_of(
@@ -147,7 +149,7 @@ void widen(UncertaintyMap& map, const CameraModel& camera, const CameraModel& ot
   for (std::size_t cell = 0; cell < cells.count(); ++cell) {
     double& sigma = map.sigma_px[cell];
     if (std::isnan(sigma)) continue;
-    sigma = std::max(sigma, seen[cell] ? differences[cell] : std::min(differences[cell], largest));
+    sigma = std::max(sigma, seen[cell] ? differences[cell] : largest);
     map.largest_px = std::max(map.largest_px, sigma);
     sum += sigma;
     ++count;
@@ -345,10 +347,15 @@ Result<void> CameraCalibrator::Impl::check_found() const {
         usable, usable == 1 ? " is" : "s are");
   }
   if (usable < 3) {
+    // A board with other numbers of corners looks cut off or hidden.
+    const std::string count =
+        target.kind == TargetKind::chessboard
+            ? fmt::format("; has it {} x {} inner corners? If so,", target.columns, target.rows)
+            : ";";
     return fail(
-        "only {} of {} pictures can be used{}, and a camera needs at least 3; take 20, with the "
+        "only {} of {} pictures can be used{}, and a camera needs at least 3{} take 20, with the "
         "target tilted in several directions and in every part of the image",
-        usable, pictures.size(), because);
+        usable, pictures.size(), because, count);
   }
   return {};
 }
@@ -371,7 +378,7 @@ Result<void> CameraCalibrator::Impl::check_markers() const {
     return {};
   return fail(
       "the markers are {:.3f} of a square wide, but the target file says {:.3f}; measure tag_m and "
-      "square_m again",
+      "square_m again, and count columns and rows",
       seen, said);
 }
 
@@ -485,7 +492,8 @@ Result<void> CameraCalibrator::Impl::check_solution(
       return fail(
           "the tags' black squares are {:.1f} % {} than the target file says, for the distances "
           "between them; measure tag size and spacing again",
-          std::abs(*share) * 100.0, *share > 0.0 ? "larger" : "smaller");
+          // A share of what is seen; of what is said it is another.
+          std::abs(*share / (1.0 - *share)) * 100.0, *share > 0.0 ? "larger" : "smaller");
     }
   }
   const double sigma_f = std::sqrt(solution.covariance(0, 0)) / solution.camera.parameters().fx;
@@ -497,6 +505,23 @@ Result<void> CameraCalibrator::Impl::check_solution(
   }
   return {};
 }
+
+namespace {
+
+// The name of the one of `cells` where the projection is known least: "the top left".
+std::string worst_place(const UncertaintyMap& map, const ImageCells& cells) {
+  const ImageCells of_map{map.columns, map.rows, cells.width, cells.height};
+  std::size_t worst = 0;
+  double most = -1.0;
+  for (std::size_t cell = 0; cell < map.sigma_px.size(); ++cell) {
+    if (!(map.sigma_px[cell] > most)) continue;  // nor where the lens reaches no pixel: NaN
+    worst = cell;
+    most = map.sigma_px[cell];
+  }
+  return "the " + cells.name(cells.at(of_map.middle(worst)));
+}
+
+}  // namespace
 
 void judge(CameraCalibration& result) {
   const CalibrationSolution& solution = result.solution;
@@ -521,20 +546,29 @@ void judge(CameraCalibration& result) {
   result.blur_px = median(blurs);
 
   std::vector<std::string> empty;
+  std::vector<std::string> nearly_empty;
   for (std::size_t cell = 0; cell < seen.size(); ++cell) {
-    if (seen[cell] * 100 < solution.corners) empty.push_back(cells.name(cell));
+    if (seen[cell] * 100 < solution.corners)
+      (seen[cell] == 0 ? empty : nearly_empty).push_back(cells.name(cell));
   }
   if (!empty.empty())
     result.advice.push_back(fmt::format("no views near the {}", fmt::join(empty, ", the ")));
-  if (result.tilt_spread_deg < 40.0) {
-    result.advice.push_back(fmt::format("tilt the target more: views differ by {:.0f} degrees only",
-                                        result.tilt_spread_deg));
-  }
-  if (solution.views.size() < 10)
+  if (!nearly_empty.empty())
     result.advice.push_back(
-        fmt::format("{} views are few: take 20, each of them tilted to "
-                    "another side",
-                    solution.views.size()));
+        fmt::format("few views near the {}", fmt::join(nearly_empty, ", the ")));
+  const bool places = !result.advice.empty();
+  if (result.tilt_spread_deg < kGoodTilt_deg) {
+    // Rounded down: 39.9 is less than 40.
+    result.advice.push_back(
+        fmt::format("tilt the target by 30 to 45 degrees to every side: no two views differ by "
+                    "more than {:.0f} "
+                    "degrees, {:.0f} are good",
+                    std::floor(result.tilt_spread_deg), kGoodTilt_deg));
+  }
+  if (solution.views.size() < kGoodViews) {
+    result.advice.push_back(fmt::format("{} views are few: take {} or more, better 20",
+                                        solution.views.size(), kGoodViews));
+  }
   if (result.blur_px > 1.5)
     result.advice.push_back(fmt::format(
         "pictures are blurred ({:.1f} px): hold still, focus, more light", result.blur_px));
@@ -547,7 +581,7 @@ void judge(CameraCalibration& result) {
         *trial.held_out_px >= kWorthwhile * *result.held_out_px)
       continue;
     folds = fmt::format(
-        "{} explains the views better ({:.2f} px), but was not taken, since it folds near the {}, "
+        "{} explains the views better ({:.3f} px), but was not taken, since it folds near the {}, "
         "where too few corners were seen: take views there",
         lens_name(trial), *trial.held_out_px, cells.name(cells.at(*trial.fold_px)));
     result.advice.push_back(folds);
@@ -558,24 +592,31 @@ void judge(CameraCalibration& result) {
   const double error = result.held_out_px.value_or(solution.rms_px);
   const double sigma = result.uncertainty.largest_px;
   const bool finite = std::isfinite(sigma) && std::isfinite(error) && folds.empty();
-  result.grade = finite && sigma <= 0.5 && error <= 1.0   ? CalibrationGrade::good
-                 : finite && sigma <= 2.0 && error <= 2.0 ? CalibrationGrade::usable
-                                                          : CalibrationGrade::poor;
+  result.grade = finite && sigma <= kGoodProjection_px && error <= 1.0 ? CalibrationGrade::good
+                 : finite && sigma <= 2.0 && error <= 2.0              ? CalibrationGrade::usable
+                                                                       : CalibrationGrade::poor;
+  const std::string worst = std::isfinite(sigma) ? worst_place(result.uncertainty, cells) : "";
   std::string text = fmt::format(
-      "{}: projection is known to {:.2f} px (1 sigma) at the worst place in the image, {:.2f} on "
-      "average; {} are explained to {:.2f} px",
-      to_string(result.grade), sigma, result.uncertainty.mean_px,
+      "{}: projection is known to {:.2f} px (1 sigma) at the worst place in the image{}, {:.2f} "
+      "on average; {} are explained to {:.2f} px",
+      to_string(result.grade), sigma, worst.empty() ? "" : fmt::format(" ({})", worst),
+      result.uncertainty.mean_px,
       result.held_out_px ? "views left out of the solution" : "the views, none of them left out,",
       error);
   if (result.grade != CalibrationGrade::good) {
-    if (result.advice.empty()) {
-      text += error > 1.0
-                  ? "; the corners are off by too much: is the target flat, the focus fixed?"
-                  : "; take more views";
-    } else {
-      text += fmt::format("; {}", fmt::join(result.advice, "; "));
+    if (error > 1.0)
+      result.advice.emplace_back(
+          "the corners are off by too much: is the target flat, the focus fixed?");
+    // Where nothing else stands out, what helps most.
+    if (finite && sigma > kGoodProjection_px && !places &&
+        result.tilt_spread_deg >= kGoodTilt_deg) {
+      result.advice.push_back(fmt::format(
+          "take more views: from near, so that the target fills the picture, tilted to every side, "
+          "and near {}",
+          worst));
     }
-  } else if (!empty.empty()) {
+    text += fmt::format("; {}", fmt::join(result.advice, "; "));
+  } else if (places) {
     text += fmt::format("; {}", result.advice.front());
   }
   result.verdict = text;

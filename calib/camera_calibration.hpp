@@ -62,13 +62,15 @@ struct UncertaintyMap {
   double mean_px = 0.0;
   double largest_px = 0.0;
 };
+// A lens is good that is known so well everywhere in the image.
+inline constexpr double kGoodProjection_px = 0.5;
 [[nodiscard]] UncertaintyMap uncertainty_map(const CameraModel& camera,
                                              const Eigen::MatrixXd& covariance, int columns = 32,
                                              int rows = 24);
 
 // Makes the map no smaller than the difference to another camera that explains the views as well.
-// Where no corner was seen near, that camera is guessing: there it counts for no more than where it
-// differs most from what was seen.
+// Where no corner was seen near, both are guessing: there it counts as much as where it differs
+// most from what was seen, even where the two happen to meet.
 void widen(UncertaintyMap& map, const CameraModel& camera, const CameraModel& other,
            std::span<const CalibrationPicture> pictures);
 

@@ -7,8 +7,12 @@
 #include <cmath>
 #include <optional>
 #include <random>
+#include <string>
+#include <vector>
 
 #include "calib/camera_calibration.hpp"
+#include "calib/image_cells.hpp"
+#include "core/units.hpp"
 #include "support/calibration_views.hpp"
 
 namespace penumbra {
@@ -177,12 +181,19 @@ TEST(LensChoice, CornersThatAreWrongAreLeftOutForEveryLens) {
   }
 }
 
+CameraPose tilted(double degrees) {
+  return {Eigen::Quaterniond(Eigen::AngleAxisd(radians(degrees), Eigen::Vector3d::UnitX())),
+          Eigen::Vector3d(0.0, 0.0, 0.4)};
+}
+
 // A calibration whose own covariance says that all is well.
 CameraCalibration sure_of_itself() {
   CameraCalibration c;
   c.solution.camera = test::desk_camera();
   c.solution.covariance = 1e-12 * Eigen::MatrixXd::Identity(9, 9);
   c.solution.corners = 1000;
+  c.solution.views.resize(12);
+  c.solution.views[0].T_board_camera = tilted(60.0);
   c.held_out_px = 0.5;
   for (int k = 0; k < 12; ++k) {
     CalibrationPicture picture;
@@ -213,7 +224,7 @@ TEST(Verdict, IsPoorWhereALensThatFoldsExplainsMore) {
   c.trials.push_back(folds);
   judge(c);
   EXPECT_EQ(c.grade, CalibrationGrade::poor);
-  EXPECT_THAT(c.verdict, HasSubstr("rational_polynomial explains the views better (0.20 px)"));
+  EXPECT_THAT(c.verdict, HasSubstr("rational_polynomial explains the views better (0.200 px)"));
   EXPECT_THAT(c.verdict, HasSubstr("folds near the top left"));
   // No better: nothing is wrong with the one that was taken.
   c = sure_of_itself();
@@ -259,6 +270,67 @@ TEST(Verdict, IsNotLedByWhatARivalGuessesWhereNothingWasSeen) {
   judge(c);
   EXPECT_LT(c.uncertainty.largest_px, 0.5 * everywhere);
   EXPECT_GT(c.uncertainty.largest_px, 0.0);
+  // But nothing out there is known better than what was seen.
+  EXPECT_NEAR(c.uncertainty.sigma_px.front(), c.uncertainty.largest_px, 1e-9);
+}
+
+// Two lenses may cross where nothing was seen: that they agree there says nothing.
+TEST(Verdict, KnowsNothingBetterWhereTwoGuessesMeet) {
+  CameraCalibration c = sure_of_itself();
+  ModelTrial other = c.trials.front();
+  other.chosen = false;
+  other.rival = true;
+  CameraParameters p = other.camera.parameters();
+  // 3 px to the right in the middle, less and less further to the right.
+  p.cx += 3.0;
+  p.distortion[0] -= 0.1;
+  other.camera = CameraModel::make(p).value();
+  c.trials.push_back(other);
+  for (CalibrationPicture& picture : c.pictures) {
+    std::erase_if(picture.view.corners, [](const TargetCorner& corner) {
+      return (corner.pixel - Eigen::Vector2d(320.0, 240.0)).norm() > 120.0;
+    });
+  }
+  judge(c);
+  const UncertaintyMap& map = c.uncertainty;
+  const ImageCells cells{map.columns, map.rows, 640, 480};
+  for (std::size_t cell = 0; cell < cells.count(); ++cell) {
+    if ((cells.middle(cell) - Eigen::Vector2d(320.0, 240.0)).norm() > 200.0) {
+      EXPECT_GE(map.sigma_px[cell], 2.5) << cell;
+    }
+  }
+}
+
+TEST(Verdict, SaysWhatToDoNext) {
+  // Too little tilt, nearly enough of it.
+  CameraCalibration c = sure_of_itself();
+  c.solution.views[0].T_board_camera = tilted(39.9);
+  c.solution.covariance *= 1e8;
+  judge(c);
+  EXPECT_NE(c.grade, CalibrationGrade::good) << c.verdict;
+  EXPECT_THAT(c.verdict, HasSubstr("differ by more than 39 degrees, 40 are good"));
+  EXPECT_THAT(c.verdict, testing::Not(HasSubstr("take more views")));
+  // Nothing stands out: then what helps most, and where.
+  c = sure_of_itself();
+  c.solution.covariance *= 1e8;
+  judge(c);
+  EXPECT_NE(c.grade, CalibrationGrade::good) << c.verdict;
+  EXPECT_THAT(c.verdict, HasSubstr("at the worst place in the image (the "));
+  EXPECT_THAT(c.verdict, HasSubstr("; take more views: from near"));
+  EXPECT_EQ(c.advice.size(), 1U);
+  // Parts of the image: without a corner, and with one.
+  c = sure_of_itself();
+  for (CalibrationPicture& picture : c.pictures) {
+    std::erase_if(picture.view.corners, [&](const TargetCorner& corner) {
+      const bool top = corner.pixel.y() < 160.0;
+      return (top && corner.pixel.x() < 214.0) ||
+             (top && corner.pixel.x() > 426.0 &&
+              (&picture != &c.pictures.front() || corner.pixel.y() > 60.0));
+    });
+  }
+  judge(c);
+  EXPECT_EQ(c.advice, (std::vector<std::string>{"no views near the top left",
+                                                "few views near the top right"}));
 }
 
 }  // namespace
