@@ -77,8 +77,8 @@ void print_survey(const TagSurvey& survey, const CameraModel& given, const MapOp
     fmt::print("{:>5}{:>9}{:>11.2f}{:>11.2f}{:>11.2f}{:>15.3f}\n", tag.tag.id, tag.frames, p.x(),
                p.y(), p.z(), sigma);
   }
-  fmt::print("{} tags from {} frames, residual {:.3f} px\n", survey.tags.size(), survey.frames_used,
-             survey.rms_px);
+  fmt::print("{} tag{} from {} frames, residual {:.3f} px\n", survey.tags.size(),
+             survey.tags.size() == 1 ? "" : "s", survey.frames_used, survey.rms_px);
   if (survey.tags_on_plane >= 3) {
     fmt::print(
         "table: the plane through {} tags, {:.2f} mm (RMS) off it; tag {} alone is tilted by "
