@@ -266,9 +266,13 @@ std::string camera_table(const CameraCalibration& c) {
                              : p.model == DistortionModel::fisheye ? fmt::format("k{}", i - 3)
                                                                    : kPolynomial[k - 4];
     const double value = i < 4 ? lens[k] : p.distortion[k - 4];
-    rows += fmt::format("<tr><td>{}</td><td>{:.{}f}</td><td>± {:.{}f}</td></tr>", name, value,
-                        i < 4 ? 3 : 6, std::sqrt(std::max(c.solution.covariance(i, i), 0.0)),
-                        i < 4 ? 3 : 6);
+    const int digits = i < 4 ? 3 : 6;
+    const double variance = c.solution.covariance(i, i);
+    // A coefficient that was not solved for is not known to the last digit.
+    const bool held = variance == 0.0 && value == 0.0;
+    rows += fmt::format(
+        "<tr><td>{}</td><td>{:.{}f}</td><td>{}</td></tr>", name, value, held ? 0 : digits,
+        held ? "held" : fmt::format("± {:.{}f}", std::sqrt(std::max(variance, 0.0)), digits));
   }
   if (c.tone) {
     rows += fmt::format("<tr><td>tone curve [exponent]</td><td>{:.2f}</td><td>± {:.2f}</td></tr>",
