@@ -12,7 +12,7 @@
 #include "render/gl/picture_probe.hpp"
 #include "render/passes/hard_pass.hpp"
 #include "render/passes/object_pass.hpp"
-#include "render/passes/phantom_shadow_pass.hpp"
+#include "render/passes/received_shadow_pass.hpp"
 #include "render/passes/ray_pass.hpp"
 #include "render/passes/receivers.hpp"
 #include "render/passes/rectified_video.hpp"
@@ -58,7 +58,7 @@ struct Compositor::Impl {
   ObjectPass objects;
   Receivers receivers;
   ShadowPass shadows;
-  PhantomShadowPass phantom_shadows;
+  ReceivedShadowPass received_shadows;
   HardPass hard_shadows;
   VolumePass volumes;
   RayPass rays;
@@ -156,7 +156,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   m.shadows.prepare(*m.scene, plan, work);
   m.hard_shadows.prepare(*m.scene, plan, work);
   m.volumes.prepare(*m.scene, plan, work);
-  int calls = m.phantom_shadows.prepare(*m.scene, plan, m.shadows, work);
+  int calls = m.received_shadows.prepare(*m.scene, plan, m.shadows, work);
   shadow_clock.add_to(m.stats.shadow_ms, m.stats.shadow_cpu_ms);
 
   const Stopwatch render_clock;
@@ -176,7 +176,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     // A phantom under a plane is not what its pixels show.
     calls += m.receivers.begin_frame(plan, m.lens, !plan.volumes.empty());
     calls += m.shadows.draw(plan, m.lens, m.receivers, m.video, frame, m.framebuffer);
-    calls += m.phantom_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.framebuffer);
+    calls += m.received_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.framebuffer);
     calls += m.hard_shadows.draw(plan, m.lens, m.receivers, m.framebuffer);
     calls += m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer);
     calls += m.rays.draw(*m.scene, plan, m.lens, m.framebuffer);

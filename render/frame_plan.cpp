@@ -213,17 +213,17 @@ class Planner {
         shadow_bounds(corners, draw, heights_above(draw.plane_frame, corners).second);
     draw.centre = bounds.centre;
     draw.radius = bounds.radius;
-    plan_phantoms_under(draw, object);
+    plan_receivers_under(draw, object);
     if (options_.skip && !something_to_see(draw, object, plane)) return;
     plan_.shadows.push_back(draw);
   }
 
-  // Of every height of a phantom its layers are others than on the plane: whether there are any is
+  // Of every height of a receiver its layers are others than on the plane: whether there are any is
   // not known here.
-  void plan_phantoms_under(const ShadowDraw& draw, const SceneObject& object) {
-    if (plan_.phantoms.empty()) return;
+  void plan_receivers_under(const ShadowDraw& draw, const SceneObject& object) {
+    if (plan_.phantoms.empty() && plan_.objects.empty()) return;
     const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
-    PhantomShadowDraw under;
+    ReceivedShadowDraw under;
     under.shadow = draw;
     under.top = heights_above(draw.plane_frame, corners).second;
     const Disc shadow = shadow_bounds(corners, draw, under.top);
@@ -232,23 +232,45 @@ class Planner {
     const bool bounded =
         draw.technique != ShadowTechnique::layered || !object.model->shadow_kernel_up;
     under.radius = bounded ? shadow.radius : std::numeric_limits<double>::infinity();
+    if (misses_all(under, plan_.phantoms))
+      skip("shadow_misses_phantoms", object.name, "its shadow meets no phantom");
+    if (misses_all(under, plan_.objects))
+      skip("shadow_misses_objects", object.name, "its shadow meets no other object");
+  }
+
+  // An object and what hangs on it are one thing; what hangs on a mere joint is by itself.
+  [[nodiscard]] int thing_of(int object) const {
+    const auto parent_of = [this](int child) {
+      return scene_.objects[static_cast<std::size_t>(child)].parent;
+    };
+    for (int parent = parent_of(object);
+         parent >= 0 && scene_.objects[static_cast<std::size_t>(parent)].model;
+         parent = parent_of(parent))
+      object = parent;
+    return object;
+  }
+
+  // Plans the shadow on those that it may meet. Whether there are others than its caster, and it
+  // meets none.
+  bool misses_all(const ReceivedShadowDraw& under, const std::vector<ObjectDraw>& receivers) {
     bool asked = false;
     bool met = false;
-    for (const ObjectDraw& phantom : plan_.phantoms) {
-      if (phantom.object == draw.object) continue;
+    for (const ObjectDraw& receiver : receivers) {
+      if (thing_of(receiver.object) == thing_of(under.shadow.object)) continue;
       asked = true;
-      const Model& model = *scene_.objects[static_cast<std::size_t>(phantom.object)].model;
-      const BoxCorners box = box_corners(model, phantom.T_table_object);
-      const Disc receiver = footprint(box, draw.plane_frame);
-      const auto [low, high] = heights_above(draw.plane_frame, box);
-      const bool apart = (shadow.centre - receiver.centre).norm() > under.radius + receiver.radius;
+      const Model& model = *scene_.objects[static_cast<std::size_t>(receiver.object)].model;
+      const BoxCorners box = box_corners(model, receiver.T_table_object);
+      const Disc disc = footprint(box, under.shadow.plane_frame);
+      const auto [low, high] = heights_above(under.shadow.plane_frame, box);
+      const bool apart = (under.centre - disc.centre).norm() > under.radius + disc.radius;
       if (options_.skip && (apart || high <= 0.0 || under.top < low)) continue;
       met = true;
-      under.phantom = phantom.object;
-      under.shadow.opacity = std::min(draw.opacity, phantom.opacity);
-      plan_.phantom_shadows.push_back(under);
+      ReceivedShadowDraw draw = under;
+      draw.receiver = receiver.object;
+      draw.shadow.opacity = std::min(under.shadow.opacity, receiver.opacity);
+      plan_.received_shadows.push_back(draw);
     }
-    if (asked && !met) skip("shadow_misses_phantoms", object.name, "its shadow meets no phantom");
+    return asked && !met;
   }
 
   static std::vector<int> planes_of(const ShadowNode& node, ShadowTechnique technique) {

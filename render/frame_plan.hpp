@@ -64,12 +64,14 @@ struct ShadowDraw {
   double radius = 0.0;
 };
 
-// The part of such a shadow that falls on a phantom before it reaches the plane. Cast straight down
-// on every height of the phantom as on a plane there, so that layers tell the height above what
-// they fall on.
-struct PhantomShadowDraw {
-  int phantom = 0;    // index into Scene::objects, one of FramePlan::phantoms
-  ShadowDraw shadow;  // on the plane; its opacity is the phantom's as well, its layers are all
+// The part of such a shadow that falls on a phantom or on another virtual object before it reaches
+// the plane. Cast straight down on every height of it as on a plane there, so that layers tell the
+// height above what they fall on. No object receives its own, nor that of what hangs on it: every
+// height of a surface is in contact with what of the object lies above it, and a penumbra begins
+// there.
+struct ReceivedShadowDraw {
+  int receiver = 0;   // index into Scene::objects, one of FramePlan::phantoms or objects
+  ShadowDraw shadow;  // on the plane; its opacity is the receiver's as well, its layers are all
   // On the plane, what holds every layer at every height [m]; without end where kernels are given.
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0.0;
@@ -149,7 +151,7 @@ struct FramePlan {
   std::vector<ObjectDraw> objects;
   std::vector<PlaneReceiver> receivers;  // of all nodes' techniques, seen or not, each once
   std::vector<ShadowDraw> shadows;
-  std::vector<PhantomShadowDraw> phantom_shadows;
+  std::vector<ReceivedShadowDraw> received_shadows;
   std::vector<HardShadowDraw> hard_shadows;
   std::vector<ShadowVolumeDraw> volumes;
   std::vector<LightRayDraw> rays;

@@ -29,14 +29,14 @@ namespace penumbra {
 inline constexpr int kShadowMaskUnit = 1;  // of a MaskStack that is read
 inline constexpr std::size_t kMostReceivingLevels = 64;
 
-// One layer of a shadow that falls along a plane's normal, at several heights above it: a channel
+// A shadow that falls along a plane's normal, at several heights above it: its layers are channels
 // of the pictures bound to kShadowMaskUnit.
 struct ShadowMask {
   glm::mat4x3 plane_from_table{0.0F};  // -> (u, v, h)
   glm::vec3 normal{0.0F};              // of the plane, table frame
   glm::vec2 origin{0.0F}, extent{1.0F};
-  int layer = 0;            // the channel
-  float light_left = 1.0F;  // of the encoded picture
+  int layer = -1;              // which one; -1: of all the first one there
+  glm::vec3 light_left{1.0F};  // of the encoded picture, by layer
   int level_count = 0;
   std::array<glm::vec4, kMostReceivingLevels / 4> levels{};  // heights [m], ascending
 };

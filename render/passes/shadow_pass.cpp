@@ -577,30 +577,35 @@ void ShadowPass::image_layers(const ShadowDraw& draw, Caster& caster, KernelSet&
   upload_placed(images, body, prepared);
 }
 
+ShadowPass::CastWith ShadowPass::cast_with(const ShadowDraw& draw, Caster& caster,
+                                           const OwnFrame& own, bool to_gpu, ShadowWork& work) {
+  CastWith with;
+  if (draw.technique == ShadowTechnique::layered) {
+    const bool stored_serve =
+        draw.kernels == KernelSource::automatic &&
+        (draw.light_mode == LightMode::proportional || have_thickness(caster.stored_source));
+    with.key.source = stored_serve ? caster.stored_source : draw.kernels;
+    // Of the own frame: turning on the plane changes nothing, not by rounding either.
+    const Eigen::Vector3d up = own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
+    with.key.direction = KernelDirection::nearest(up);
+    // By the tilt itself: the grid's direction may be nearly 2 degrees nearer to their own.
+    with.key.stored = stored_serve && has_stored_kernels_for(caster.mesh, up);
+  }
+  if (draw.technique == ShadowTechnique::field) return with;
+  with.kernels = &kernels_of(caster, with.key, work);
+  with.reduced = proxy_casts(draw, caster, with.key, *with.kernels, work);
+  const bool imaged = is_imaged(draw, with.reduced ? caster.reduced : caster.whole);
+  write_vertices(caster, *with.kernels, with.reduced, to_gpu && !imaged);
+  return with;
+}
+
 void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared,
                              bool masked, ShadowWork& work) {
   const bool field = draw.technique == ShadowTechnique::field;
   const OwnFrame own =
       OwnFrame::make(draw.T_table_object, draw.plane_frame, draw.T_table_object.scale * caster.size,
                      field ? kFieldBits : kLayerBits);
-  KernelKey key;
-  if (draw.technique == ShadowTechnique::layered) {
-    const bool stored_serve =
-        draw.kernels == KernelSource::automatic &&
-        (draw.light_mode == LightMode::proportional || have_thickness(caster.stored_source));
-    key.source = stored_serve ? caster.stored_source : draw.kernels;
-    // Of the own frame: turning on the plane changes nothing, not by rounding either.
-    const Eigen::Vector3d up = own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
-    key.direction = KernelDirection::nearest(up);
-    // By the tilt itself: the grid's direction may be nearly 2 degrees nearer to their own.
-    key.stored = stored_serve && has_stored_kernels_for(caster.mesh, up);
-  }
-  KernelSet* kernels = field ? nullptr : &kernels_of(caster, key, work);
-  const bool reduced = kernels != nullptr && proxy_casts(draw, caster, key, *kernels, work);
-  if (kernels != nullptr) {
-    const bool to_gpu = !masked && !is_imaged(draw, reduced ? caster.reduced : caster.whole);
-    write_vertices(caster, *kernels, reduced, to_gpu);
-  }
+  const auto [key, kernels, reduced] = cast_with(draw, caster, own, !masked, work);
   if (reduced) ++work.proxy_shadows;
   const bool reused =
       prepared.valid && prepared.technique == draw.technique && prepared.reduced == reduced &&
@@ -763,20 +768,82 @@ std::size_t ShadowPass::surface_for(const ShadowDraw& draw, const FramePlan& pla
   return finest;
 }
 
-std::size_t ShadowPass::prepare_flat(const Scene& scene, const PhantomShadowDraw& draw, int level,
+std::optional<ShadowReach> ShadowPass::reach_of(const Scene& scene, const ShadowDraw& draw,
+                                                double from, ShadowWork& work) {
+  const bool layered =
+      draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::proportional;
+  if (!layered && draw.technique != ShadowTechnique::simple) return std::nullopt;
+  Caster& caster = caster_of(scene, draw.object);
+  ShadowReach reach;
+  if (caster.whole.geometry.indices.empty()) return reach;
+  const OwnFrame own = OwnFrame::make(draw.T_table_object, draw.plane_frame,
+                                      draw.T_table_object.scale * caster.size, kLayerBits);
+  const CastWith with = cast_with(draw, caster, own, false, work);
+  const ShadowMesh& mesh = with.reduced ? caster.proxy->mesh : caster.mesh;
+  const std::vector<glm::vec3>& kernels =
+      (with.reduced ? with.kernels->reduced : with.kernels->whole).kernels;
+  const std::vector<CasterVertex> vertices = own_vertices(
+      own, mesh.positions, std::span<const glm::vec3>(kernels).first(mesh.positions.size()));
+  work.vertices += static_cast<std::int64_t>(vertices.size());
+  // A face that is cut at a height has its cut's images between those of its vertices.
+  std::vector<bool> casts(vertices.size(), false);
+  const double least = from - kContactTolerance;
+  for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
+    const std::array<std::uint32_t, 3> face = {mesh.indices[i], mesh.indices[i + 1],
+                                               mesh.indices[i + 2]};
+    const bool over = std::ranges::any_of(face, [&](std::uint32_t corner) {
+      return static_cast<double>(vertices[corner].h) >= least;
+    });
+    if (!over) continue;
+    for (const std::uint32_t corner : face) casts[corner] = true;
+  }
+  double top = 0.0;  // above `from`
+  for (std::size_t i = 0; i < vertices.size(); ++i) {
+    if (casts[i]) top = std::max(top, static_cast<double>(vertices[i].h) - from);
+  }
+  const LayeredConstants& c = draw.constants;
+  const auto image_at = [&](const CasterVertex& vertex, double s) -> Eigen::Vector2d {
+    const Eigen::Vector2d x(static_cast<double>(vertex.u), static_cast<double>(vertex.v));
+    const Eigen::Vector2d k(static_cast<double>(vertex.ku), static_cast<double>(vertex.kv));
+    return own.T_plane_own * Eigen::Vector2d(k + s * (x - k));
+  };
+  reach.low = std::numeric_limits<double>::infinity();
+  double thickest = 0.0;  // of x - k
+  for (std::size_t i = 0; i < vertices.size(); ++i) {
+    if (!casts[i]) continue;
+    const CasterVertex& vertex = vertices[i];
+    const auto h = static_cast<double>(vertex.h);
+    reach.low = std::min(reach.low, h);
+    reach.box.extend(image_at(vertex, 1.0));
+    if (!layered) continue;
+    thickest = std::max(
+        thickest, static_cast<double>(std::hypot(vertex.u - vertex.ku, vertex.v - vertex.kv)));
+    // Images lie between that at the vertex's own height and that at the lowest one; where faces
+    // are cut, the cut's factor may be that of any of their points.
+    for (const ShadowLayer layer : kShadowLayers) {
+      const double highest = layer_height_range(c, layer).high;
+      const double over = top > highest ? highest : std::clamp(h - from, 0.0, highest);
+      reach.box.extend(image_at(vertex, layer_factor(c, layer, over)));
+    }
+  }
+  if (layered) reach.rate = thickest * layer_rate(c, ShadowLayer::penumbra, top);
+  return reach;
+}
+
+std::size_t ShadowPass::prepare_flat(const Scene& scene, const ReceivedShadowDraw& draw, int level,
                                      const PlaneFrame& plane, ShadowWork& work) {
   ShadowDraw shadow = draw.shadow;
   shadow.plane_frame = plane;
   Caster& caster = caster_of(scene, shadow.object);
   Prepared& prepared =
-      flat_prepared_[{shadow.node, shadow.object, shadow.plane, draw.phantom, level}];
+      flat_prepared_[{shadow.node, shadow.object, shadow.plane, draw.receiver, level}];
   prepared.last_used = frame_count_;
   prepared.surface = 0;  // no lens: straight edges may be of any length
   if (caster.whole.geometry.indices.empty()) {
     prepared.layers = {};
     prepared.valid = false;
   } else {
-    // What is counted is of casters, planes and lights: a phantom's levels are none of their own.
+    // What is counted is of casters, planes and lights: a receiver's levels are none of their own.
     const ShadowWork before = work;
     prepare_one(shadow, caster, prepared, false, work);
     work.reprojections = before.reprojections;

@@ -55,7 +55,7 @@ struct ShadowWork {
   // Pictures of the layers on a plane: drawn, and kept as they were.
   std::int64_t layer_masks_drawn = 0;
   std::int64_t layer_masks_kept = 0;
-  // Pictures of the shadows on a phantom: drawn, and kept as they were.
+  // Pictures of the shadows on a receiver: drawn, and kept as they were.
   std::int64_t masks_drawn = 0;
   std::int64_t masks_kept = 0;
   std::vector<SkippedPass> skipped;  // what only the geometry can tell
@@ -67,8 +67,17 @@ struct ShadowWork {
 [[nodiscard]] std::vector<float> longest_caster_edges(const Scene& scene,
                                                       const CameraModel& camera);
 
-// What a phantom's shadows are drawn from is given back when so many frames did not need it.
+// What a receiver's shadows are drawn from is given back when so many frames did not need it.
 inline constexpr std::uint64_t kFramesKept = 150;
+
+// What of a shadow's layers meets heights above its plane, from one upwards.
+struct ShadowReach {
+  // In (u, v) of the plane [m], of all layers at all of these heights; empty: nothing casts there.
+  Eigen::AlignedBox2d box;
+  double low = 0.0;  // of what casts there, above the plane [m]
+  // By how much outlines move with the height that they fall on, at most [m / m].
+  double rate = 0.0;
+};
 
 // What each layer leaves of the video's encoded value.
 [[nodiscard]] glm::vec3 layer_light(const ShadowDraw& draw);
@@ -89,9 +98,15 @@ class ShadowPass {
   int draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers,
            const VideoPass& video, const Frame& frame, Framebuffer& framebuffer);
   // One more shadow than the plan's `shadows`, of the same frame: on a plane that is parallel to
-  // its own, the `level`th of its phantom. For draw_flat(), until the next prepare().
-  std::size_t prepare_flat(const Scene& scene, const PhantomShadowDraw& draw, int level,
+  // its own, the `level`th of its receiver. For draw_flat(), until the next prepare().
+  std::size_t prepare_flat(const Scene& scene, const ReceivedShadowDraw& draw, int level,
                            const PlaneFrame& plane, ShadowWork& work);
+  // Of such a shadow, at heights from `from` upwards; none where that is not known beforehand: of
+  // lights of one size, and of fields.
+  std::optional<ShadowReach> reach_of(const Scene& scene, const ShadowDraw& draw, double from,
+                                      ShadowWork& work);
+  // A pixel 1 m from the camera [m].
+  [[nodiscard]] double pixel_at_unit_depth() const { return pixel_at_unit_depth_; }
   // One of its layers in white, where the tests and masks as they are let it; with a camera without
   // distortion. Number of draw calls.
   int draw_flat(std::size_t flat, int layer, const LensUniforms& camera,
@@ -237,6 +252,14 @@ class ShadowPass {
                                         const Caster& caster, const Prepared& prepared) const;
   static const std::vector<PartDisc>& parts_of(Caster& caster, const KernelDirection& direction,
                                                bool of_field, ShadowWork& work);
+  // What a shadow is made with: nothing of it for a field.
+  struct CastWith {
+    KernelKey key;
+    KernelSet* kernels = nullptr;
+    bool reduced = false;  // the proxy casts
+  };
+  CastWith cast_with(const ShadowDraw& draw, Caster& caster, const OwnFrame& own, bool to_gpu,
+                     ShadowWork& work);
   void prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& prepared, bool masked,
                    ShadowWork& work);
   void place_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels, Prepared& prepared,
@@ -299,7 +322,7 @@ class ShadowPass {
     PlaneFrame plane_frame;
   };
   std::vector<Item> items_;  // one per shadow of the plan
-  // (node, object, plane, phantom, level).
+  // (node, object, plane, receiver, level).
   std::map<std::tuple<int, int, int, int, int>, Prepared> flat_prepared_;
   std::vector<std::pair<ShadowDraw, Item>> flats_;  // drawn in white
   std::uint64_t frame_count_ = 0;

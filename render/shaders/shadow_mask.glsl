@@ -1,8 +1,8 @@
 // A shadow that falls along a plane's normal, as pictures of where its layers lie, one for each of
 // several heights above the plane.
 uniform sampler2DArray shadow_mask;
-uniform int mask_layer;          // the channel of the pictures
-uniform float mask_light_left;   // what the layer leaves of the encoded picture
+uniform int mask_layer;          // the channel of the pictures; -1: of all the first one there
+uniform vec3 mask_light_left;    // what the layers leave of the encoded picture
 uniform mat4x3 mask_from_table;  // -> (u, v, h)
 uniform vec3 mask_normal;        // of the plane, table frame
 uniform vec2 mask_origin;        // (u, v) in the pictures' corner [m]
@@ -16,7 +16,7 @@ float mask_level(int i) {
 }
 
 // The encoded factor for a surface at `place` that faces `normal`; over 1 where it is not in the
-// layer.
+// layer, or in any.
 float left_under_mask(vec3 place, vec3 normal) {
   const float kNotInIt = 2.0;
   vec3 p = mask_from_table * vec4(place, 1.0);
@@ -36,8 +36,11 @@ float left_under_mask(vec3 place, vec3 normal) {
   }
   int nearest = above;
   if (above > 0 && p.z - mask_level(above - 1) < mask_level(above) - p.z) nearest = above - 1;
-  if (texture(shadow_mask, vec3(at, float(nearest)))[mask_layer] < 0.5) return kNotInIt;
+  vec3 layers = texture(shadow_mask, vec3(at, float(nearest))).rgb;
+  int layer = mask_layer;
+  if (layer < 0) layer = layers.r >= 0.5 ? 0 : layers.g >= 0.5 ? 1 : 2;
+  if (layers[layer] < 0.5) return kNotInIt;
   // The share of light that is lost is the light's own, by Lambert's law.
-  float lost = (1.0 - pow(mask_light_left, 2.2)) * min(facing, 1.0);
+  float lost = (1.0 - pow(mask_light_left[layer], 2.2)) * min(facing, 1.0);
   return pow(max(1.0 - lost, 0.0), 1.0 / 2.2);
 }

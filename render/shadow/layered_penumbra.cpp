@@ -184,6 +184,14 @@ double layer_factor(const LayeredConstants& constants, ShadowLayer layer, double
   return 1.0 + (1.0 + lambda_of(layer) * ratio) * height / (light - height);
 }
 
+double layer_rate(const LayeredConstants& constants, ShadowLayer layer, double h) {
+  const HeightRange range = layer_height_range(constants, layer);
+  const double lambda = lambda_of(layer);
+  if (std::isinf(constants.light_height)) return lambda / constants.umbra_height;
+  const double left = constants.light_height - std::clamp(h, range.low, range.high);
+  return (1.0 + lambda * constants.light_ratio) * constants.light_height / (left * left);
+}
+
 float layer_factor_f(const LayeredConstants& constants, ShadowLayer layer, float h) {
   const float high = rounded_up(layer_height_range(constants, layer).high);
   const float height = std::clamp(h, 0.0F, high);

@@ -49,6 +49,8 @@ struct HeightRange {
 // h) of the exact value.
 [[nodiscard]] double layer_factor(const LayeredConstants& constants, ShadowLayer layer, double h);
 [[nodiscard]] float layer_factor_f(const LayeredConstants& constants, ShadowLayer layer, float h);
+// ds_lambda/dh [1/m], for h inside the layer's range (clamped to it).
+[[nodiscard]] double layer_rate(const LayeredConstants& constants, ShadowLayer layer, double h);
 
 // A vertex of a caster in plane coordinates, with its kernel [m].
 struct CasterVertex {

@@ -48,18 +48,29 @@ ReceivingSurface::ReceivingSurface(const Model& model, const Placement& T_table_
   }
 }
 
+bool ReceivingSurface::meets(const Face& face, const Eigen::AlignedBox2d& over) {
+  return static_cast<double>(face.u_high) >= over.min().x() &&
+         static_cast<double>(face.u_low) <= over.max().x() &&
+         static_cast<double>(face.v_high) >= over.min().y() &&
+         static_cast<double>(face.v_low) <= over.max().y();
+}
+
+double ReceivingSurface::lowest(const Eigen::AlignedBox2d& over) const {
+  double lowest = std::numeric_limits<double>::infinity();
+  for (const Face& face : faces_) {
+    if (meets(face, over)) lowest = std::min(lowest, static_cast<double>(face.low));
+  }
+  return lowest;
+}
+
 std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& over, double top,
-                                             std::size_t most) const {
+                                             std::size_t most, const LevelSpacing& spacing) const {
   std::vector<double> plateaus;
   double slope_low = std::numeric_limits<double>::infinity();
   double slope_high = -slope_low;
   for (const Face& face : faces_) {
     const auto low = static_cast<double>(face.low);
-    if (static_cast<double>(face.u_high) < over.min().x() ||
-        static_cast<double>(face.u_low) > over.max().x() ||
-        static_cast<double>(face.v_high) < over.min().y() ||
-        static_cast<double>(face.v_low) > over.max().y() || low > top)
-      continue;
+    if (!meets(face, over) || low > top) continue;
     if (face.level) {
       plateaus.push_back(low);
     } else {
@@ -73,20 +84,25 @@ std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& over, do
     if (levels.empty() || height - levels.back() > kSameLevel) levels.push_back(height);
   }
   if (slope_high >= slope_low) {
-    const double range = slope_high - slope_low;
-    const double steps =
-        std::clamp(std::ceil(range / kLevelStep), 1.0, static_cast<double>(most - 1));
     const std::size_t flat = levels.size();
-    for (int i = 0; i <= static_cast<int>(steps); ++i) {
-      const double height = slope_low + range * i / steps;
-      const auto near = [height](double plateau) {
-        return std::abs(plateau - height) <= kSameLevel;
-      };
-      if (std::none_of(levels.begin(), levels.begin() + static_cast<std::ptrdiff_t>(flat), near)) {
-        levels.push_back(height);
+    // Evenly from one height to the other, both included.
+    const auto add = [&](double low, double high, double step) {
+      const double range = high - low;
+      const double steps = std::clamp(std::ceil(range / step), 1.0, static_cast<double>(most - 1));
+      for (int i = 0; i <= static_cast<int>(steps); ++i) {
+        const double height = low + range * i / steps;
+        const auto near = [height](double plateau) {
+          return std::abs(plateau - height) <= kSameLevel;
+        };
+        if (std::none_of(levels.begin(), levels.begin() + static_cast<std::ptrdiff_t>(flat), near))
+          levels.push_back(height);
       }
-    }
+    };
+    const double between = std::clamp(spacing.clear_below, slope_low, slope_high);
+    if (between > slope_low) add(slope_low, between, spacing.clear_step);
+    if (slope_high > between || between == slope_low) add(between, slope_high, spacing.step);
     std::sort(levels.begin(), levels.end());
+    levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
   }
   if (levels.size() <= most) return levels;
   const double low = levels.front();

@@ -1,4 +1,4 @@
-// What of a real thing faces a plane's light, and the heights at which it is shadowed: each
+// What of a thing faces a plane's light, and the heights at which it is shadowed: each
 // receives as a plane of its own does.
 #pragma once
 
@@ -12,6 +12,18 @@
 
 namespace penumbra {
 
+// Slopes have a level this often, where that is not too many. What lies between two levels receives
+// as at the nearer one; what lies farther than this above the highest receives nothing.
+inline constexpr double kLevelStep = 4e-3;  // [m]
+
+// How often slopes have one at most.
+struct LevelSpacing {
+  double step = kLevelStep;  // [m]
+  // Of what lies lower [m]: no less than `step`. All of the caster is over that, and its outlines
+  // change slowly enough.
+  double clear_below = -1.0, clear_step = kLevelStep;
+};
+
 class ReceivingSurface {
  public:
   ReceivingSurface() = default;
@@ -21,22 +33,23 @@ class ReceivingSurface {
   // In (u, v) of the plane [m]; empty where nothing receives.
   [[nodiscard]] const Eigen::AlignedBox2d& bounds() const { return bounds_; }
   // Of what lies over the rectangle: heights above the plane [m], ascending, from 0 to `top`. Those
-  // of level faces to 0.5 mm, the lowest of what is as good as one height; where faces slope, one
-  // every few millimetres. No more than `most` (> 1): of more they are spaced evenly.
+  // of level faces to 0.5 mm, the lowest of what is as good as one height; where faces slope, as
+  // `spacing` says. No more than `most` (> 1): of more they are spaced evenly.
   [[nodiscard]] std::vector<double> levels(const Eigen::AlignedBox2d& over, double top,
-                                           std::size_t most) const;
+                                           std::size_t most,
+                                           const LevelSpacing& spacing = {}) const;
+  // The lowest height of what lies over the rectangle [m]; infinite where nothing does.
+  [[nodiscard]] double lowest(const Eigen::AlignedBox2d& over) const;
 
  private:
   struct Face {
     float u_low, u_high, v_low, v_high, low, high;  // [m]
     bool level;
   };
+  [[nodiscard]] static bool meets(const Face& face, const Eigen::AlignedBox2d& over);
+
   std::vector<Face> faces_;
   Eigen::AlignedBox2d bounds_;
 };
-
-// Slopes have a level this often, where that is not too many. What lies between two levels receives
-// as at the nearer one; what lies farther than this above the highest receives nothing.
-inline constexpr double kLevelStep = 4e-3;  // [m]
 
 }  // namespace penumbra

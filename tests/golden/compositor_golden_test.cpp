@@ -258,7 +258,8 @@ constexpr std::array kSceneCases = {
     SceneCase{"tree", "tabletop", 20},      SceneCase{"tree", "tabletop", 90},
     SceneCase{"staircase", "tabletop", 40}, SceneCase{"hand", "tabletop", 30},
     SceneCase{"cursor", "tabletop", 60},    SceneCase{"cursor", "tabletop", 119},
-    SceneCase{"corner", "corner", 12}};
+    SceneCase{"corner", "corner", 12},      SceneCase{"stack", "tabletop", 30},
+    SceneCase{"stack", "tabletop", 100}};
 class BundledScene : public testing::TestWithParam<SceneCase> {};
 INSTANTIATE_TEST_SUITE_P(Golden, BundledScene, testing::ValuesIn(kSceneCases),
                          [](const auto& instance) {

@@ -50,8 +50,9 @@ TEST(FramePlan, EverythingInViewIsDrawn) {
   EXPECT_EQ(plan.phantoms.size(), 1U);
   ASSERT_EQ(plan.shadows.size(), 2U);
   EXPECT_TRUE(plan.shadows[0].umbra && plan.shadows[0].middle && plan.shadows[0].penumbra);
-  EXPECT_EQ(plan.phantom_shadows.size(), 1U);
-  EXPECT_TRUE(plan.skipped.empty());
+  EXPECT_EQ(plan.received_shadows.size(), 1U);
+  // The phantom is too low to throw its shadow on the cube.
+  EXPECT_EQ(whats(plan), std::vector<std::string>{"shadow_misses_objects"});
 }
 
 TEST(FramePlan, WithoutAPoseNothingIsDrawnOverTheVideo) {

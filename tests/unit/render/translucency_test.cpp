@@ -460,7 +460,7 @@ TEST(Translucency, MeshAndRetextureNeedNoStencilOnATable) {
     EXPECT_GT(watched.draws, 5);
     return watched.stencilled;
   };
-  EXPECT_GT(stencilled(Translucency::blend), 3);
+  EXPECT_GT(stencilled(Translucency::blend), 1);
   EXPECT_EQ(stencilled(Translucency::mesh), 0);
   EXPECT_EQ(stencilled(Translucency::retexture), 0);
 }

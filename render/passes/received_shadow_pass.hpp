@@ -1,9 +1,9 @@
-// Layered, field and simple shadows on phantoms. Each shadow that a phantom may meet on its way to
-// a plane is drawn as seen along the plane's normal, for each of the phantom's levels as on a plane
-// at that height; then the phantom's pixels are darkened by what lies over each of them, once, with
-// the layer that comes first over all casters, as a plane's are (through a screen-door, shadows
-// onto planes that face elsewhere are not darker where they meet). A face gets as much of the light
-// as Lambert's law lets it.
+// Layered, field and simple shadows on phantoms and on other virtual objects. Each shadow that such
+// a receiver may meet on its way to a plane is drawn as seen along the plane's normal, for each of
+// the receiver's levels as on a plane at that height; then the receiver's pixels are darkened by
+// what lies over each of them, once, with the layer that comes first over all casters, as a plane's
+// are (through a screen-door, shadows onto planes that face elsewhere are not darker where they
+// meet). A face gets as much of the light as Lambert's law lets it.
 #pragma once
 
 #include <array>
@@ -21,7 +21,7 @@
 
 namespace penumbra {
 
-class PhantomShadowPass {
+class ReceivedShadowPass {
  public:
   // Draws the shadows of what changed, into framebuffers of its own. The shadows of the plan must
   // have been prepared. Adds to `work`. Number of draw calls.
@@ -32,7 +32,7 @@ class PhantomShadowPass {
            const ObjectPass& objects, Translucency way, Framebuffer& framebuffer) const;
 
  private:
-  // Of a phantom over a plane.
+  // Of a receiver over a plane.
   struct Surface {
     Placement T_table_object;
     PlaneFrame plane;
@@ -40,12 +40,13 @@ class PhantomShadowPass {
     std::uint64_t version = 0;  // no two are alike; 0: not made
     std::uint64_t last_used = 0;
   };
-  // Of one caster's shadow on the way to a plane, over one phantom.
+  // Of one caster's shadow on the way to a plane, over one receiver.
   struct Mask {
     bool valid = false;
     ShadowDraw shadow;
     std::uint64_t surface = 0;  // its version
     double top = 0.0;
+    double texel = 0.0;  // as the view asks for [m]
     std::vector<double> levels;
     std::array<bool, 3> layers{};    // which of them are in some picture
     Eigen::Vector2d origin, extent;  // what the pictures show of the plane [m]
@@ -54,19 +55,20 @@ class PhantomShadowPass {
   };
   struct Shown {
     const Mask* mask = nullptr;
-    const PhantomShadowDraw* draw = nullptr;
-    ObjectDraw phantom;
+    const ReceivedShadowDraw* draw = nullptr;
+    ObjectDraw receiver;
   };
 
-  const Surface& surface_of(const Scene& scene, const ObjectDraw& phantom, int plane,
+  const Surface& surface_of(const Scene& scene, const ObjectDraw& receiver, int plane,
                             const PlaneFrame& frame);
-  static int draw_mask(const Scene& scene, const PhantomShadowDraw& draw, const Surface& surface,
-                       Mask& mask, ShadowPass& shadows, ShadowWork& work);
+  static int draw_mask(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
+                       double most_texels, Mask& mask, ShadowPass& shadows, ShadowWork& work);
+  // Or all of them at once: -1.
   static int draw_layer(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
                         const ObjectPass& objects, const Shown& shown, int layer);
 
-  std::map<std::pair<int, int>, Surface> surfaces_;       // phantom, plane
-  std::map<std::tuple<int, int, int, int>, Mask> masks_;  // node, object, plane, phantom
+  std::map<std::pair<int, int>, Surface> surfaces_;       // receiver, plane
+  std::map<std::tuple<int, int, int, int>, Mask> masks_;  // node, object, plane, receiver
   std::vector<Shown> shown_;                              // in this frame
   std::uint64_t frame_count_ = 0;
   std::uint64_t surfaces_made_ = 0;

@@ -1,20 +1,23 @@
-#include "render/passes/phantom_shadow_pass.hpp"
+#include "render/passes/received_shadow_pass.hpp"
 
 #include <epoxy/gl.h>
 
 #include <algorithm>
 #include <cmath>
-
-#include "core/assert.hpp"
+#include <limits>
 
 namespace penumbra {
 namespace {
 
 // Each level of a field is computed anew when its caster is lifted.
 constexpr std::size_t kMostFieldLevels = 16;
-constexpr double kTexel = 5e-4;    // [m]; less than a pixel but from very near
-constexpr int kMostTexels = 1024;  // along a side
+constexpr double kFinestTexel = 5e-4;  // [m]
+constexpr int kMostTexels = 1024;      // along a side
+// Of one caster over one receiver; fewer where a scene has many of these.
 constexpr double kMostTexelsInAll = 4e6;
+constexpr double kLeastTexelsInAll = 1e5;
+constexpr double kMostTexelsOfScene = 64e6;
+constexpr double kLongestLevelStep = 0.03;  // [m]
 constexpr int kTexelsAtOnce = 32;  // sides are whole numbers of these: storage changes rarely
 
 // Whether their layers have the same shapes. How dark they are, and which are seen on the plane,
@@ -25,14 +28,51 @@ bool same_shapes(const ShadowDraw& a, const ShadowDraw& b) {
          a.T_table_object == b.T_table_object && a.constants == b.constants;
 }
 
+// Hangs on the scene alone: what is left out of a frame changes no picture.
+double most_texels(const Scene& scene) {
+  double casts = 0.0;
+  for (const ShadowNode& node : scene.shadows)
+    casts += static_cast<double>(node.casters.size() * (node.planes.size() + node.walls.size()));
+  const double pairs = std::max(casts * (static_cast<double>(scene.objects.size()) - 1.0), 1.0);
+  return std::clamp(kMostTexelsOfScene / pairs, kLeastTexelsInAll, kMostTexelsInAll);
+}
+
+// About a pixel where the receiver is nearest, in whole octaves, so that a camera that moves seldom
+// changes it [m].
+double texel_for(const FramePlan& plan, const Model& model, const Placement& T_table_object,
+                 double pixel_at_unit_depth) {
+  const auto T_camera_table = plan.T_table_camera.inverse();
+  double depth = std::numeric_limits<double>::infinity();
+  for (unsigned corner = 0; corner < 8; ++corner) {
+    const auto pick = [&](glm::length_t axis) {
+      const bool high = (corner >> static_cast<unsigned>(axis) & 1U) != 0U;
+      return static_cast<double>(high ? model.max_corner[axis] : model.min_corner[axis]);
+    };
+    depth = std::min(
+        depth,
+        (T_camera_table * (T_table_object * Eigen::Vector3d(pick(0), pick(1), pick(2)))).z());
+  }
+  const double pixel = pixel_at_unit_depth * std::max(depth, kNearestDistance);
+  return std::max(kFinestTexel, std::exp2(std::floor(std::log2(pixel))));
+}
+
 // The part of the plane where the shadow may meet the surface.
-Eigen::AlignedBox2d meeting(const PhantomShadowDraw& draw, const ReceivingSurface& surface) {
+Eigen::AlignedBox2d meeting(const ReceivedShadowDraw& draw, const ReceivingSurface& surface) {
   Eigen::AlignedBox2d box = surface.bounds();
   if (std::isfinite(draw.radius)) {
     const Eigen::Vector2d reach = Eigen::Vector2d::Constant(draw.radius);
     box = box.intersection(Eigen::AlignedBox2d(draw.centre - reach, draw.centre + reach));
   }
   return box;
+}
+
+// None where the plan no longer draws it.
+const ObjectDraw* receiver_of(const FramePlan& plan, int object) {
+  for (const std::vector<ObjectDraw>* draws : {&plan.phantoms, &plan.objects}) {
+    const auto found = std::ranges::find(*draws, object, &ObjectDraw::object);
+    if (found != draws->end()) return &*found;
+  }
+  return nullptr;
 }
 
 // The plane from straight above, `origin` and `extent` in the picture's corners: at depth 1
@@ -47,45 +87,56 @@ glm::mat4x3 camera_above(const Eigen::Vector2d& origin, const Eigen::Vector2d& e
 
 }  // namespace
 
-const PhantomShadowPass::Surface& PhantomShadowPass::surface_of(const Scene& scene,
-                                                                const ObjectDraw& phantom,
-                                                                int plane,
-                                                                const PlaneFrame& frame) {
-  Surface& surface = surfaces_[{phantom.object, plane}];
+const ReceivedShadowPass::Surface& ReceivedShadowPass::surface_of(const Scene& scene,
+                                                                  const ObjectDraw& receiver,
+                                                                  int plane,
+                                                                  const PlaneFrame& frame) {
+  Surface& surface = surfaces_[{receiver.object, plane}];
   surface.last_used = frame_count_;
-  if (surface.version == 0 || !(surface.T_table_object == phantom.T_table_object) ||
+  if (surface.version == 0 || !(surface.T_table_object == receiver.T_table_object) ||
       !(surface.plane == frame)) {
     surface.version = ++surfaces_made_;
-    surface.T_table_object = phantom.T_table_object;
+    surface.T_table_object = receiver.T_table_object;
     surface.plane = frame;
-    surface.faces = ReceivingSurface(*scene.objects[static_cast<std::size_t>(phantom.object)].model,
-                                     phantom.T_table_object, frame);
+    surface.faces =
+        ReceivingSurface(*scene.objects[static_cast<std::size_t>(receiver.object)].model,
+                         receiver.T_table_object, frame);
   }
   return surface;
 }
 
-int PhantomShadowPass::draw_mask(const Scene& scene, const PhantomShadowDraw& draw,
-                                 const Surface& surface, Mask& mask, ShadowPass& shadows,
-                                 ShadowWork& work) {
+int ReceivedShadowPass::draw_mask(const Scene& scene, const ReceivedShadowDraw& draw,
+                                  const Surface& surface, double most_texels, Mask& mask,
+                                  ShadowPass& shadows, ShadowWork& work) {
   mask.layers = {};
   mask.levels.clear();
-  const Eigen::AlignedBox2d box = meeting(draw, surface.faces);
+  Eigen::AlignedBox2d box = meeting(draw, surface.faces);
   if (box.isEmpty()) return 0;
+  // Only what of the caster is over the receiver counts.
+  LevelSpacing spacing;
+  const auto reach = shadows.reach_of(scene, draw.shadow, surface.faces.lowest(box), work);
+  if (reach) {
+    box = box.intersection(reach->box);
+    if (box.isEmpty()) return 0;
+    spacing.clear_below = reach->low;
+    // So that no outline is more than a texel away from its place.
+    spacing.clear_step =
+        std::clamp(2.0 * mask.texel / std::max(reach->rate, 1e-9), kLevelStep, kLongestLevelStep);
+  }
   const std::size_t most =
       draw.shadow.technique == ShadowTechnique::field ? kMostFieldLevels : kMostReceivingLevels;
-  mask.levels = surface.faces.levels(box, draw.top, most);
+  mask.levels = surface.faces.levels(box, draw.top, most, spacing);
   if (mask.levels.empty()) return 0;
 
   // On a grid that stays where it is while the caster slides.
-  double texel = kTexel;
+  double texel = mask.texel;
   Eigen::Array2i size;
   for (;; texel *= 2.0) {
     mask.origin = (box.min() / texel).array().floor() * texel;
     const Eigen::Array2d texels = ((box.max() - mask.origin) / texel).array().ceil() + 1.0;
     if ((texels > kMostTexels).any()) continue;
     size = ((texels / kTexelsAtOnce).ceil() * kTexelsAtOnce).cast<int>();
-    if (static_cast<double>(size.prod()) * static_cast<double>(mask.levels.size()) <=
-        kMostTexelsInAll)
+    if (static_cast<double>(size.prod()) * static_cast<double>(mask.levels.size()) <= most_texels)
       break;
   }
   mask.extent = size.cast<double>().matrix() * texel;
@@ -115,30 +166,35 @@ int PhantomShadowPass::draw_mask(const Scene& scene, const PhantomShadowDraw& dr
   return calls;
 }
 
-int PhantomShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowPass& shadows,
-                               ShadowWork& work) {
+int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowPass& shadows,
+                                ShadowWork& work) {
   ++frame_count_;
   shown_.clear();
   int calls = 0;
-  for (const PhantomShadowDraw& draw : plan.phantom_shadows) {
-    const auto phantom = std::ranges::find(plan.phantoms, draw.phantom, &ObjectDraw::object);
-    PENUMBRA_ASSERT(phantom != plan.phantoms.end());
+  const double texels = most_texels(scene);
+  for (const ReceivedShadowDraw& draw : plan.received_shadows) {
+    const ObjectDraw* receiver = receiver_of(plan, draw.receiver);
+    if (receiver == nullptr) continue;
     const Surface& surface =
-        surface_of(scene, *phantom, draw.shadow.plane, draw.shadow.plane_frame);
-    Mask& mask = masks_[{draw.shadow.node, draw.shadow.object, draw.shadow.plane, draw.phantom}];
+        surface_of(scene, *receiver, draw.shadow.plane, draw.shadow.plane_frame);
+    Mask& mask = masks_[{draw.shadow.node, draw.shadow.object, draw.shadow.plane, draw.receiver}];
     mask.last_used = frame_count_;
-    const bool kept = mask.valid && mask.surface == surface.version && mask.top == draw.top &&
-                      same_shapes(mask.shadow, draw.shadow);
+    const double texel =
+        texel_for(plan, *scene.objects[static_cast<std::size_t>(draw.receiver)].model,
+                  receiver->T_table_object, shadows.pixel_at_unit_depth());
+    const bool kept = mask.valid && mask.texel == texel && mask.surface == surface.version &&
+                      mask.top == draw.top && same_shapes(mask.shadow, draw.shadow);
     if (!kept) {
       mask.valid = true;
       mask.surface = surface.version;
       mask.top = draw.top;
+      mask.texel = texel;
       mask.shadow = draw.shadow;
-      calls += draw_mask(scene, draw, surface, mask, shadows, work);
+      calls += draw_mask(scene, draw, surface, texels, mask, shadows, work);
     }
     (kept ? work.masks_kept : work.masks_drawn) += static_cast<std::int64_t>(mask.levels.size());
     if (std::ranges::find(mask.layers, true) != mask.layers.end()) {
-      shown_.push_back({&mask, &draw, *phantom});
+      shown_.push_back({&mask, &draw, *receiver});
     }
   }
   const auto unused = [this](const auto& entry) {
@@ -149,11 +205,11 @@ int PhantomShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shadow
   return calls;
 }
 
-int PhantomShadowPass::draw_layer(const Scene& scene, const FramePlan& plan,
-                                  const LensUniforms& lens, const ObjectPass& objects,
-                                  const Shown& shown, int layer) {
+int ReceivedShadowPass::draw_layer(const Scene& scene, const FramePlan& plan,
+                                   const LensUniforms& lens, const ObjectPass& objects,
+                                   const Shown& shown, int layer) {
   const Mask& mask = *shown.mask;
-  if (!mask.layers[static_cast<std::size_t>(layer)]) return 0;
+  if (layer >= 0 && !mask.layers[static_cast<std::size_t>(layer)]) return 0;
   mask.pictures.bind(kShadowMaskUnit);
   ShadowMask uniforms;
   uniforms.plane_from_table = plane_from_object(shown.draw->shadow.plane_frame, Placement());
@@ -161,17 +217,17 @@ int PhantomShadowPass::draw_layer(const Scene& scene, const FramePlan& plan,
   uniforms.origin = {static_cast<float>(mask.origin.x()), static_cast<float>(mask.origin.y())};
   uniforms.extent = {static_cast<float>(mask.extent.x()), static_cast<float>(mask.extent.y())};
   uniforms.layer = layer;
-  uniforms.light_left = layer_light(shown.draw->shadow)[layer];
+  uniforms.light_left = layer_light(shown.draw->shadow);
   uniforms.level_count = static_cast<int>(mask.levels.size());
   for (std::size_t i = 0; i < mask.levels.size(); ++i) {
     uniforms.levels[i / 4][static_cast<glm::length_t>(i % 4)] = static_cast<float>(mask.levels[i]);
   }
-  return objects.draw_under_shadow(scene, shown.phantom, plan, lens, uniforms);
+  return objects.draw_under_shadow(scene, shown.receiver, plan, lens, uniforms);
 }
 
-int PhantomShadowPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                            const ObjectPass& objects, Translucency way,
-                            Framebuffer& framebuffer) const {
+int ReceivedShadowPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+                             const ObjectPass& objects, Translucency way,
+                             Framebuffer& framebuffer) const {
   if (shown_.empty()) return 0;
   // Each pixel once: blended, by the stencil; retextured, what comes first is drawn last.
   const bool once = way == Translucency::blend;
@@ -204,9 +260,16 @@ int PhantomShadowPass::draw(const Scene& scene, const FramePlan& plan, const Len
       framebuffer.copy_picture(kPictureBeforeUnit);
       std::ranges::reverse(together);
     }
+    // No pixel is of two receivers: where one caster is over one, its layers are drawn at once.
+    std::map<int, int> casters_over;
+    for (const Shown* shown : together) ++casters_over[shown->receiver.object];
+    const auto many = std::ranges::stable_partition(
+        together, [&](const Shown* shown) { return casters_over[shown->receiver.object] == 1; });
+    for (auto shown = together.begin(); shown != many.begin(); ++shown)
+      calls += draw_layer(scene, plan, lens, objects, **shown, -1);
     for (int i = 0; i < 3; ++i) {
       const int layer = last_is_seen ? 2 - i : i;
-      for (const Shown* shown : together)
+      for (const Shown* shown : many)
         calls += draw_layer(scene, plan, lens, objects, *shown, layer);
     }
   }
