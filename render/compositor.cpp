@@ -12,8 +12,8 @@
 #include "render/gl/picture_probe.hpp"
 #include "render/passes/hard_pass.hpp"
 #include "render/passes/object_pass.hpp"
-#include "render/passes/received_shadow_pass.hpp"
 #include "render/passes/ray_pass.hpp"
+#include "render/passes/received_shadow_pass.hpp"
 #include "render/passes/receivers.hpp"
 #include "render/passes/rectified_video.hpp"
 #include "render/passes/shadow_pass.hpp"
@@ -179,6 +179,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     calls += m.received_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.framebuffer);
     calls += m.hard_shadows.draw(plan, m.lens, m.receivers, m.framebuffer);
     calls += m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer);
+    calls += m.objects.draw_blended(plan, m.lens, m.framebuffer);
     calls += m.rays.draw(*m.scene, plan, m.lens, m.framebuffer);
     m.framebuffer.invalidate_depth_stencil();
   }

@@ -71,6 +71,15 @@ std::uint32_t Splitter::middle_vertex(std::uint32_t i, std::uint32_t j) {
     if (!mesh_.texcoords.empty()) {
       mesh_.texcoords.push_back(mesh_.texcoords[i] * 0.5F + mesh_.texcoords[j] * 0.5F);
     }
+    if (!mesh_.texcoords_2.empty()) {
+      mesh_.texcoords_2.push_back(mesh_.texcoords_2[i] * 0.5F + mesh_.texcoords_2[j] * 0.5F);
+    }
+    if (!mesh_.tangents.empty()) {
+      const glm::vec4& a = mesh_.tangents[i];
+      const glm::vec3 both = glm::vec3(a) + glm::vec3(mesh_.tangents[j]);
+      const float size = glm::length(both);
+      mesh_.tangents.push_back(size > 1e-6F ? glm::vec4(both / size, a.w) : a);
+    }
     if (!mesh_.colors.empty()) {
       mesh_.colors.push_back(mesh_.colors[i] * 0.5F + mesh_.colors[j] * 0.5F);
     }
@@ -159,6 +168,116 @@ void generate_normals(Mesh& mesh) {
   }
 }
 
+namespace {
+
+// Where the texture's x points on a face, and whether the layout is mirrored there: its y, up in
+// the picture and so towards smaller v, is not a quarter turn anticlockwise from x. Nothing where
+// the layout has no area.
+struct FaceTangent {
+  glm::dvec3 x{0.0};
+  bool known = false, mirrored = false;
+};
+
+FaceTangent face_tangent(const Mesh& mesh, const std::vector<glm::vec2>& texcoords,
+                         std::size_t first) {
+  std::array<glm::dvec3, 3> p;
+  std::array<glm::dvec2, 3> t;
+  glm::dvec3 normal(0.0);
+  for (std::size_t k = 0; k < 3; ++k) {
+    const std::uint32_t i = mesh.indices[first + k];
+    p[k] = to_double(mesh.positions[i]);
+    t[k] = glm::dvec2(texcoords[i]);
+    normal += to_double(mesh.normals[i]);
+  }
+  const glm::dvec2 d1 = t[1] - t[0];
+  const glm::dvec2 d2 = t[2] - t[0];
+  const double area = d1.x * d2.y - d2.x * d1.y;
+  const glm::dvec3 along_u = (p[1] - p[0]) * d2.y - (p[2] - p[0]) * d1.y;  // times the area
+  const glm::dvec3 along_v = (p[2] - p[0]) * d1.x - (p[1] - p[0]) * d2.x;
+  const double length = glm::length(along_u);
+  FaceTangent face;
+  if (area == 0.0 || !(length > 0.0) || !std::isfinite(length)) return face;
+  const double sign = area > 0.0 ? 1.0 : -1.0;
+  face.known = true;
+  face.x = along_u * (sign / length);
+  face.mirrored = glm::dot(glm::cross(normal, face.x), along_v * -sign) < 0.0;
+  return face;
+}
+
+// Any direction along the surface.
+glm::dvec3 some_tangent(const glm::dvec3& normal) {
+  const glm::dvec3 axis =
+      std::abs(normal.x) < 0.9 ? glm::dvec3(1.0, 0.0, 0.0) : glm::dvec3(0.0, 1.0, 0.0);
+  return axis - normal * glm::dot(normal, axis);
+}
+
+}  // namespace
+
+void generate_tangents(Mesh& mesh, bool second) {
+  PENUMBRA_ASSERT(mesh.normals.size() == mesh.positions.size());
+  const std::vector<glm::vec2>& texcoords = second ? mesh.texcoords_2 : mesh.texcoords;
+  const std::size_t count = mesh.positions.size();
+  std::vector<FaceTangent> faces(mesh.indices.size() / 3);
+  std::vector<std::array<glm::dvec3, 2>> sums(count, {glm::dvec3(0.0), glm::dvec3(0.0)});
+  std::vector<std::array<bool, 2>> used(count, {false, false});  // plain, mirrored
+  for (std::size_t f = 0; f < faces.size() && texcoords.size() == count; ++f) {
+    faces[f] = face_tangent(mesh, texcoords, 3 * f);
+    if (!faces[f].known) continue;
+    const std::size_t side = faces[f].mirrored ? 1 : 0;
+    std::array<glm::dvec3, 3> p;
+    for (std::size_t k = 0; k < 3; ++k) p[k] = to_double(mesh.positions[mesh.indices[3 * f + k]]);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t i = mesh.indices[3 * f + k];
+      const glm::dvec3 n = to_double(mesh.normals[i]);
+      const glm::dvec3 along = faces[f].x - n * glm::dot(n, faces[f].x);
+      const double length = glm::length(along);
+      used[i][side] = true;
+      if (length > 1e-9) {
+        const double angle = corner_angle(p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
+        sums[i][side] += along * (angle / length);
+      }
+    }
+  }
+  const auto tangent = [&mesh](std::size_t i, const glm::dvec3& sum, bool mirrored) {
+    const glm::dvec3 n = to_double(mesh.normals[i]);
+    const glm::dvec3 along = glm::length(sum) > 1e-9 ? sum : some_tangent(n);
+    const double length = glm::length(along);
+    return length > 1e-12 ? glm::vec4(glm::vec3(along / length), mirrored ? -1.0F : 1.0F)
+                          : glm::vec4(1.0F, 0.0F, 0.0F, 1.0F);
+  };
+  mesh.tangents.clear();
+  for (std::size_t i = 0; i < count; ++i) {
+    const bool mirrored = used[i][1] && !used[i][0];
+    mesh.tangents.push_back(tangent(i, sums[i][mirrored ? 1 : 0], mirrored));
+  }
+  // Where both meet, the mirrored faces get a vertex of their own.
+  std::vector<std::uint32_t> twin(count, 0);
+  const auto repeat = [](auto& values, std::size_t i, std::size_t size) {
+    if (values.size() == size) values.push_back(values[i]);
+  };
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    if (!faces[f].mirrored) continue;
+    for (std::size_t k = 0; k < 3; ++k) {
+      std::uint32_t& index = mesh.indices[3 * f + k];
+      const std::size_t i = index;
+      if (!used[i][0]) continue;
+      if (twin[i] == 0) {
+        const std::size_t size = mesh.positions.size();
+        twin[i] = static_cast<std::uint32_t>(size);
+        repeat(mesh.normals, i, size);
+        repeat(mesh.texcoords, i, size);
+        repeat(mesh.texcoords_2, i, size);
+        repeat(mesh.colors, i, size);
+        repeat(mesh.source_vertex, i, size);
+        repeat(mesh.shadow_kernels, i, size);
+        mesh.tangents.push_back(tangent(i, sums[i][1], true));
+        repeat(mesh.positions, i, size);
+      }
+      index = twin[i];
+    }
+  }
+}
+
 void append_mesh(Mesh& mesh, const Mesh& more) {
   PENUMBRA_ASSERT(mesh.material == more.material);
   const std::size_t before = mesh.positions.size();
@@ -178,6 +297,8 @@ void append_mesh(Mesh& mesh, const Mesh& more) {
   }
   append(mesh.normals, more.normals, glm::vec3(0.0F, 0.0F, 1.0F));
   append(mesh.texcoords, more.texcoords, glm::vec2(0.0F));
+  append(mesh.texcoords_2, more.texcoords_2, glm::vec2(0.0F));
+  append(mesh.tangents, more.tangents, glm::vec4(1.0F, 0.0F, 0.0F, 1.0F));
   append(mesh.colors, more.colors, glm::vec4(1.0F));
   mesh.positions.insert(mesh.positions.end(), more.positions.begin(), more.positions.end());
   mesh.source_vertex.insert(mesh.source_vertex.end(), more.source_vertex.begin(),

@@ -12,24 +12,51 @@
 #include <vector>
 
 #include "core/error.hpp"
+#include "render/texture_sampling.hpp"
 
 namespace penumbra {
 
-// sRGB-encoded RGBA8, rows top to bottom.
+// RGBA8, rows top to bottom; of colours sRGB-encoded.
 struct Texture {
   int width = 0;
   int height = 0;
   std::vector<std::uint8_t> rgba;
 };
 
+// What a material has of a texture.
+struct MaterialTexture {
+  int image = -1;     // index into Model::textures, or -1: none
+  int texcoords = 0;  // 0: by Mesh::texcoords; 1: by Mesh::texcoords_2
+  TextureSampling sampling;
+};
+
+// Of a surface: nothing shines through; or all where it is under a cutoff; or some.
+enum class AlphaMode { opaque, mask, blend };
+
+// Factors, and textures that they are multiplied with.
 struct Material {
   std::string name;
-  glm::vec4 base_color{1.0F};  // linear light
+  glm::vec4 base_color{1.0F};  // linear light; w: opacity, where the alpha mode asks for it
   glm::vec3 emissive{0.0F};    // linear light
   float metallic = 0.0F;
   float roughness = 0.8F;
-  int base_color_texture = -1;  // index into Model::textures, or -1
   bool double_sided = false;
+  AlphaMode alpha_mode = AlphaMode::opaque;
+  float alpha_cutoff = 0.5F;
+  float normal_scale = 1.0F;                   // of the texture's x and y
+  float occlusion_strength = 1.0F;             // 0: the texture is not felt
+  MaterialTexture base_color_texture;          // colour and opacity
+  MaterialTexture metallic_roughness_texture;  // green: roughness, blue: metallic
+  MaterialTexture normal_texture;              // in the frame of Mesh::tangents
+  MaterialTexture occlusion_texture;           // red: share of the ambient light
+  MaterialTexture emissive_texture;            // colour
+
+  // Whether it needs more than a colour and its texture.
+  [[nodiscard]] bool has_maps() const {
+    return metallic_roughness_texture.image >= 0 || normal_texture.image >= 0 ||
+           occlusion_texture.image >= 0 || emissive_texture.image >= 0 ||
+           base_color_texture.texcoords != 0 || alpha_mode != AlphaMode::opaque;
+  }
 };
 
 // What the file calls a thing: a node of glTF with its mesh, an object or group of OBJ.
@@ -51,7 +78,11 @@ struct Mesh {
   std::vector<glm::vec3> positions;  // [m]
   std::vector<glm::vec3> normals;    // unit, one per position
   std::vector<glm::vec2> texcoords;  // one per position, or empty; (0, 0) at the texture's top left
-  std::vector<glm::vec4> colors;     // linear, one per position, or empty
+  std::vector<glm::vec2> texcoords_2;  // the same, for textures that are laid out in another way
+  // Of the normal texture, one per position, or empty: xyz unit, where its x points; its y points
+  // to cross(normal, tangent) * w.
+  std::vector<glm::vec4> tangents;
+  std::vector<glm::vec4> colors;  // linear, one per position, or empty
   std::vector<std::uint32_t> indices;
   // Which vertex of the model file each vertex came from (for OBJ: the index of its `v` line; for
   // glTF: counted through the primitives' POSITION accessors in the order of the file). Kernel
@@ -78,6 +109,9 @@ struct Model {
   // The groups of parts (part_groups.hpp) that share one light where nobody names others: those
   // that the kernels were stored for.
   std::vector<std::string> shadow_kernel_groups;
+  // The format says that faces of materials that are not double-sided are seen from in front alone:
+  // from where their corners turn anticlockwise.
+  bool culls_back_faces = false;
   std::vector<std::string> warnings;  // what was left out of the file, and why
 
   [[nodiscard]] std::size_t vertex_count() const;

@@ -62,6 +62,7 @@ void turn_up(Model& model) {
   for (Mesh& mesh : model.meshes) {
     for (glm::vec3& p : mesh.positions) p = turned_up(p);
     for (glm::vec3& n : mesh.normals) n = turned_up(n);
+    for (glm::vec4& t : mesh.tangents) t = glm::vec4(turned_up(glm::vec3(t)), t.w);
     for (glm::vec3& k : mesh.shadow_kernels) k = turned_up(k);
   }
   if (model.shadow_kernel_up) model.shadow_kernel_up = turned_up(*model.shadow_kernel_up);
@@ -159,6 +160,8 @@ Result<void> check_model(Model& model, const std::string& name, const ModelLimit
     const std::size_t count = mesh.positions.size();
     const bool agrees = mesh.normals.size() == count && mesh.source_vertex.size() == count &&
                         (mesh.texcoords.empty() || mesh.texcoords.size() == count) &&
+                        (mesh.texcoords_2.empty() || mesh.texcoords_2.size() == count) &&
+                        (mesh.tangents.empty() || mesh.tangents.size() == count) &&
                         (mesh.colors.empty() || mesh.colors.size() == count) &&
                         mesh.indices.size() % 3 == 0;
     if (!agrees) {
@@ -192,11 +195,26 @@ Result<void> check_model(Model& model, const std::string& name, const ModelLimit
                           static_cast<float>(n.z / length))
               : glm::vec3(0.0F, 0.0F, 1.0F);
     }
-    for (const glm::vec2& t : mesh.texcoords) {
-      if (!(std::abs(t.x) <= 1e6F && std::abs(t.y) <= 1e6F)) {
-        return fail("{}: mesh \"{}\": a texture coordinate is not a number within +-1e6", name,
-                    mesh.name);
+    for (const std::vector<glm::vec2>* texcoords : {&mesh.texcoords, &mesh.texcoords_2}) {
+      for (const glm::vec2& t : *texcoords) {
+        if (!(std::abs(t.x) <= 1e6F && std::abs(t.y) <= 1e6F)) {
+          return fail(
+              "{}: mesh \"{}\": a texture coordinate is not a number "
+              "within +-1e6",
+              name, mesh.name);
+        }
       }
+    }
+    for (glm::vec4& t : mesh.tangents) {
+      const double length =
+          std::hypot(static_cast<double>(t.x), static_cast<double>(t.y), static_cast<double>(t.z));
+      if (!std::isfinite(length) || !std::isfinite(t.w)) {
+        return fail("{}: mesh \"{}\": a tangent is not a finite number", name, mesh.name);
+      }
+      t = length > 1e-12
+              ? glm::vec4(static_cast<float>(t.x / length), static_cast<float>(t.y / length),
+                          static_cast<float>(t.z / length), t.w < 0.0F ? -1.0F : 1.0F)
+              : glm::vec4(1.0F, 0.0F, 0.0F, 1.0F);
     }
     for (glm::vec4& c : mesh.colors) {
       for (int i = 0; i < 4; ++i) {
@@ -234,9 +252,24 @@ Result<void> check_model(Model& model, const std::string& name, const ModelLimit
     if (!good) {
       return fail("{}: material \"{}\": a factor is outside 0 to 1", name, material.name);
     }
-    if (material.base_color_texture >= static_cast<int>(model.textures.size())) {
-      return fail("{}: material \"{}\": texture {} does not exist", name, material.name,
-                  material.base_color_texture);
+    const bool scaled = std::abs(material.normal_scale) <= 1e3F &&
+                        in_unit(material.occlusion_strength) && material.alpha_cutoff >= 0.0F &&
+                        material.alpha_cutoff <= 1e3F;
+    if (!scaled) {
+      return fail(
+          "{}: material \"{}\": normal scale {}, occlusion strength {} "
+          "or alpha cutoff {} is out "
+          "of range",
+          name, material.name, material.normal_scale, material.occlusion_strength,
+          material.alpha_cutoff);
+    }
+    for (const MaterialTexture* texture :
+         {&material.base_color_texture, &material.metallic_roughness_texture,
+          &material.normal_texture, &material.occlusion_texture, &material.emissive_texture}) {
+      if (texture->image >= static_cast<int>(model.textures.size())) {
+        return fail("{}: material \"{}\": texture {} does not exist", name, material.name,
+                    texture->image);
+      }
     }
   }
   model.min_corner = low;

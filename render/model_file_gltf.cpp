@@ -251,7 +251,12 @@ class GltfReader {
                                                              std::size_t vertices,
                                                              const std::string& what) const;
   [[nodiscard]] Result<void> read_materials();
-  [[nodiscard]] Result<int> texture(int index, const std::string& what);
+  [[nodiscard]] Result<int> image(int index, const std::string& what);
+  // `info`: one of tinygltf's kinds of texture reference.
+  template <class Info>
+  [[nodiscard]] Result<MaterialTexture> texture(const Info& info, const std::string& what,
+                                                std::vector<int>& texcoord_sets);
+  [[nodiscard]] Result<TextureSampling> sampling(int index) const;
   [[nodiscard]] Result<Mesh> read_primitive(const tinygltf::Primitive& primitive,
                                             const std::string& what);
   [[nodiscard]] Result<void> read_meshes();
@@ -272,7 +277,8 @@ class GltfReader {
   std::vector<std::vector<Mesh>> meshes_;  // per glTF mesh its primitives, in the mesh's frame
   std::vector<bool> placed_;               // per node
   bool kernels_disagree_ = false;
-  std::unordered_map<int, int> image_index_;               // glTF image -> Model::textures
+  std::unordered_map<int, int> image_index_;     // glTF image -> Model::textures
+  std::vector<std::vector<int>> texcoord_sets_;  // per material, those that its textures use
   std::unordered_map<int, std::size_t> mesh_of_material_;  // -> Model::meshes
   std::size_t placed_vertices_ = 0;                        // by the nodes so far
   std::size_t placed_triangles_ = 0;
@@ -479,8 +485,98 @@ Result<std::vector<std::uint32_t>> GltfReader::triangles(const tinygltf::Primiti
   return result;
 }
 
-Result<int> GltfReader::texture(int index, const std::string& what) {
-  if (index < 0) return -1;
+Result<TextureSampling> GltfReader::sampling(int index) const {
+  TextureSampling result;
+  if (index < 0) return result;
+  if (!has(gltf_.samplers, index)) {
+    return fail("{}: a texture names sampler {}, there are {}", name_, index,
+                gltf_.samplers.size());
+  }
+  const tinygltf::Sampler& from = gltf_.samplers[static_cast<std::size_t>(index)];
+  const auto unknown = [&](const char* field, int value) {
+    return fail("{}: samplers/{}/{}: {} is none of glTF's values", name_, index, field, value);
+  };
+  const auto wrap = [](int value) -> std::optional<TextureWrap> {
+    switch (value) {
+      case TINYGLTF_TEXTURE_WRAP_REPEAT:
+        return TextureWrap::repeat;
+      case TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT:
+        return TextureWrap::mirrored;
+      case TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE:
+        return TextureWrap::clamp;
+      default:
+        return std::nullopt;
+    }
+  };
+  const auto s = wrap(from.wrapS);
+  const auto t = wrap(from.wrapT);
+  if (!s) return unknown("wrapS", from.wrapS);
+  if (!t) return unknown("wrapT", from.wrapT);
+  result.wrap_s = *s;
+  result.wrap_t = *t;
+  if (from.magFilter == TINYGLTF_TEXTURE_FILTER_NEAREST) {
+    result.smooth_near = false;
+  } else if (from.magFilter >= 0 && from.magFilter != TINYGLTF_TEXTURE_FILTER_LINEAR) {
+    return unknown("magFilter", from.magFilter);
+  }
+  switch (from.minFilter) {
+    case TINYGLTF_TEXTURE_FILTER_NEAREST:
+    case TINYGLTF_TEXTURE_FILTER_LINEAR:
+      result.mipmaps = TextureMipmaps::none;
+      break;
+    case TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_NEAREST:
+    case TINYGLTF_TEXTURE_FILTER_LINEAR_MIPMAP_NEAREST:
+      result.mipmaps = TextureMipmaps::nearest;
+      break;
+    case TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_LINEAR:
+    case TINYGLTF_TEXTURE_FILTER_LINEAR_MIPMAP_LINEAR:
+      break;
+    default:
+      if (from.minFilter >= 0) return unknown("minFilter", from.minFilter);
+  }
+  result.smooth_far = from.minFilter != TINYGLTF_TEXTURE_FILTER_NEAREST &&
+                      from.minFilter != TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_NEAREST &&
+                      from.minFilter != TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_LINEAR;
+  return result;
+}
+
+template <class Info>
+Result<MaterialTexture> GltfReader::texture(const Info& info, const std::string& what,
+                                            std::vector<int>& texcoord_sets) {
+  MaterialTexture result;
+  if (info.index < 0) return result;
+  if (info.extensions.contains("KHR_texture_transform")) {
+    model_.warnings.push_back(
+        fmt::format("{}: {}: its KHR_texture_transform is left out; apply it "
+                    "to the texture coordinates",
+                    name_, what));
+  }
+  const Result<int> picture = image(info.index, what);
+  if (!picture) return tl::unexpected(picture.error());
+  const Result<TextureSampling> sampled =
+      sampling(gltf_.textures[static_cast<std::size_t>(info.index)].sampler);
+  if (!sampled) return tl::unexpected(sampled.error());
+  auto set = std::ranges::find(texcoord_sets, info.texCoord);
+  if (set == texcoord_sets.end()) {
+    if (texcoord_sets.size() == 2) {
+      model_.warnings.push_back(
+          fmt::format("{}: {}: is left out: it is the third of its material's "
+                      "textures that are laid out in "
+                      "different ways",
+                      name_, what));
+      return result;
+    }
+    texcoord_sets.push_back(info.texCoord);
+    set = texcoord_sets.end() - 1;
+  }
+  result.image = *picture;
+  result.texcoords = static_cast<int>(set - texcoord_sets.begin());
+  result.sampling = *sampled;
+  return result;
+}
+
+// The picture of a texture.
+Result<int> GltfReader::image(int index, const std::string& what) {
   if (!has(gltf_.textures, index)) {
     return fail("{}: {}: names texture {}, there are {}", name_, what, index,
                 gltf_.textures.size());
@@ -523,16 +619,43 @@ Result<void> GltfReader::read_materials() {
     for (int c = 0; c < 4; ++c) {
       material.base_color[c] = static_cast<float>(pbr.baseColorFactor[static_cast<std::size_t>(c)]);
     }
-    if (from.alphaMode == "OPAQUE") material.base_color.a = 1.0F;
+    if (from.alphaMode == "MASK") {
+      material.alpha_mode = AlphaMode::mask;
+      material.alpha_cutoff = static_cast<float>(from.alphaCutoff);
+    } else if (from.alphaMode == "BLEND") {
+      material.alpha_mode = AlphaMode::blend;
+    } else if (from.alphaMode == "OPAQUE") {
+      material.base_color.a = 1.0F;
+    } else {
+      return fail("{}: {}/alphaMode: \"{}\" is none of OPAQUE, MASK and BLEND", name_, what,
+                  from.alphaMode.substr(0, 40));
+    }
     for (int c = 0; c < 3 && !from.emissiveFactor.empty(); ++c) {
       material.emissive[c] = static_cast<float>(from.emissiveFactor[static_cast<std::size_t>(c)]);
     }
     material.metallic = static_cast<float>(pbr.metallicFactor);
     material.roughness = static_cast<float>(pbr.roughnessFactor);
     material.double_sided = from.doubleSided;
-    const Result<int> picture = texture(pbr.baseColorTexture.index, what + "/baseColorTexture");
-    if (!picture) return tl::unexpected(picture.error());
-    material.base_color_texture = *picture;
+    material.normal_scale = static_cast<float>(from.normalTexture.scale);
+    material.occlusion_strength = static_cast<float>(from.occlusionTexture.strength);
+    std::vector<int>& sets = texcoord_sets_.emplace_back();
+    std::optional<Error> failed;
+    const auto take = [&](MaterialTexture& to, const auto& info, const char* which) {
+      if (failed) return;
+      Result<MaterialTexture> taken = texture(info, what + "/" + which, sets);
+      if (taken) {
+        to = *taken;
+      } else {
+        failed = taken.error();
+      }
+    };
+    take(material.base_color_texture, pbr.baseColorTexture, "baseColorTexture");
+    take(material.metallic_roughness_texture, pbr.metallicRoughnessTexture,
+         "metallicRoughnessTexture");
+    take(material.normal_texture, from.normalTexture, "normalTexture");
+    take(material.occlusion_texture, from.occlusionTexture, "occlusionTexture");
+    take(material.emissive_texture, from.emissiveTexture, "emissiveTexture");
+    if (failed) return tl::unexpected(*failed);
     model_.materials.push_back(std::move(material));
   }
   // What a primitive without a material gets, by the specification 5.19; a metal with nothing to
@@ -566,14 +689,28 @@ Result<Mesh> GltfReader::read_primitive(const tinygltf::Primitive& primitive,
   }
   mesh.material =
       primitive.material < 0 ? static_cast<int>(gltf_.materials.size()) : primitive.material;
-  int texcoord_set = 0;
-  if (primitive.material >= 0) {
-    texcoord_set = gltf_.materials[static_cast<std::size_t>(primitive.material)]
-                       .pbrMetallicRoughness.baseColorTexture.texCoord;
+  std::vector<int> sets;
+  if (primitive.material >= 0) sets = texcoord_sets_[static_cast<std::size_t>(primitive.material)];
+  if (sets.empty()) sets.push_back(0);
+  const auto read_texcoords = [&](int set, std::vector<glm::vec2>& to) -> Result<void> {
+    const Result<Elements> from =
+        attribute(primitive, fmt::format("TEXCOORD_{}", set), 2, 2, count, what);
+    if (!from) return tl::unexpected(from.error());
+    for (std::size_t i = 0; i < from->count; ++i)
+      to.emplace_back(static_cast<float>(from->at(i, 0)), static_cast<float>(from->at(i, 1)));
+    return {};
+  };
+  if (auto done = read_texcoords(sets[0], mesh.texcoords); !done)
+    return tl::unexpected(done.error());
+  if (sets.size() > 1) {
+    if (auto done = read_texcoords(sets[1], mesh.texcoords_2); !done)
+      return tl::unexpected(done.error());
   }
-  const Result<Elements> texcoords =
-      attribute(primitive, fmt::format("TEXCOORD_{}", texcoord_set), 2, 2, count, what);
-  if (!texcoords) return tl::unexpected(texcoords.error());
+  const bool bumpy =
+      model_.materials[static_cast<std::size_t>(mesh.material)].normal_texture.image >= 0;
+  const Result<Elements> tangents =
+      bumpy ? attribute(primitive, "TANGENT", 4, 4, count, what) : Result<Elements>(Elements{});
+  if (!tangents) return tl::unexpected(tangents.error());
   Result<std::vector<std::uint32_t>> indices = triangles(primitive, count, what);
   if (!indices) return tl::unexpected(indices.error());
   mesh.indices = std::move(*indices);
@@ -594,8 +731,9 @@ Result<Mesh> GltfReader::read_primitive(const tinygltf::Primitive& primitive,
     mesh.normals.emplace_back(number(*normals, i, 0), number(*normals, i, 1),
                               number(*normals, i, 2));
   }
-  for (std::size_t i = 0; i < texcoords->count; ++i) {
-    mesh.texcoords.emplace_back(number(*texcoords, i, 0), number(*texcoords, i, 1));
+  for (std::size_t i = 0; i < tangents->count; ++i) {
+    mesh.tangents.emplace_back(number(*tangents, i, 0), number(*tangents, i, 1),
+                               number(*tangents, i, 2), number(*tangents, i, 3));
   }
   for (std::size_t i = 0; i < colors->count; ++i) {
     mesh.colors.emplace_back(number(*colors, i, 0), number(*colors, i, 1), number(*colors, i, 2),
@@ -782,6 +920,17 @@ Result<void> GltfReader::place_mesh(int index, const Eigen::Matrix4d& T_root_nod
              static_cast<float>(turned.z())};
       }
     }
+    for (glm::vec4& t : mesh.tangents) {
+      const Eigen::Vector3d turned = (linear * Eigen::Vector3d(t.x, t.y, t.z)).stableNormalized();
+      t = {static_cast<float>(turned.x()), static_cast<float>(turned.y()),
+           static_cast<float>(turned.z()), mirrored ? -t.w : t.w};
+    }
+    const Material& material = model_.materials[static_cast<std::size_t>(mesh.material)];
+    if (material.normal_texture.image >= 0 && mesh.tangents.empty()) {
+      const std::size_t before = mesh.positions.size();
+      generate_tangents(mesh, material.normal_texture.texcoords == 1);
+      placed_vertices_ += mesh.positions.size() - before;
+    }
     const auto [entry, is_new] = mesh_of_material_.try_emplace(mesh.material, model_.meshes.size());
     if (is_new) {
       model_.meshes.push_back(std::move(mesh));
@@ -833,6 +982,7 @@ Result<Model> GltfReader::read() {
                   extension.substr(0, 80));
     }
   }
+  model_.culls_back_faces = true;
   if (Result<void> done = read_materials(); !done) return tl::unexpected(done.error());
   if (Result<void> done = read_meshes(); !done) return tl::unexpected(done.error());
   placed_.assign(gltf_.nodes.size(), false);

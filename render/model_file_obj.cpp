@@ -324,7 +324,7 @@ Result<void> ObjReader::take_materials(const std::vector<tinyobj::material_t>& m
     if (!picture.empty()) {
       const auto known = pictures.find(picture);
       if (known != pictures.end()) {
-        material.base_color_texture = known->second;
+        material.base_color_texture.image = known->second;
       } else {
         const Result<std::filesystem::path> file = beside_model(file_.parent_path(), picture);
         if (!file) {
@@ -337,11 +337,12 @@ Result<void> ObjReader::take_materials(const std::vector<tinyobj::material_t>& m
         const Result<int> added = add_texture(model_, *bytes, file->string(), limits_);
         if (!added) return tl::unexpected(added.error());
         pictures.emplace(picture, *added);
-        material.base_color_texture = *added;
+        material.base_color_texture.image = *added;
       }
       // The picture is the colour; many exporters leave a dark Kd beside it.
       material.base_color = glm::vec4(1.0F, 1.0F, 1.0F, material.base_color.a);
     }
+    if (material.base_color.a < 1.0F) material.alpha_mode = AlphaMode::blend;
     model_.materials.push_back(std::move(material));
   }
   Material plain;

@@ -37,6 +37,10 @@ inline constexpr std::size_t kMaxGroups = 1000;
 // A vertex without a face of any area gets +z.
 void generate_normals(Mesh& mesh);
 
+// Tangents by the layout of `texcoords` or, `second`, `texcoords_2`, weighted by the corner's
+// angle. A vertex at which a layout meets its mirror image is split in two. Needs normals.
+void generate_tangents(Mesh& mesh, bool second);
+
 // Adds a mesh of the same material: a draw of its own for each of thousands of parts would take
 // seconds. Attributes that only one of the two has are filled in with what their absence means.
 void append_mesh(Mesh& mesh, const Mesh& more);

@@ -31,6 +31,30 @@ GlFormat gl_format(TexelFormat format) {
   return {GL_R8, GL_RED};
 }
 
+GLint gl_wrap(TextureWrap wrap) {
+  switch (wrap) {
+    case TextureWrap::repeat:
+      return GL_REPEAT;
+    case TextureWrap::mirrored:
+      return GL_MIRRORED_REPEAT;
+    case TextureWrap::clamp:
+      return GL_CLAMP_TO_EDGE;
+  }
+  return GL_REPEAT;
+}
+
+GLint gl_min_filter(const TextureSampling& sampling) {
+  switch (sampling.mipmaps) {
+    case TextureMipmaps::none:
+      return sampling.smooth_far ? GL_LINEAR : GL_NEAREST;
+    case TextureMipmaps::nearest:
+      return sampling.smooth_far ? GL_LINEAR_MIPMAP_NEAREST : GL_NEAREST_MIPMAP_NEAREST;
+    case TextureMipmaps::linear:
+      return sampling.smooth_far ? GL_LINEAR_MIPMAP_LINEAR : GL_NEAREST_MIPMAP_LINEAR;
+  }
+  return GL_LINEAR_MIPMAP_LINEAR;
+}
+
 }  // namespace
 
 int bytes_per_texel(TexelFormat format) {
@@ -51,16 +75,19 @@ int bytes_per_texel(TexelFormat format) {
 }
 
 Texture2d::Texture2d(TextureFilter filter)
-    : handle_(GlHandle<TextureTraits>::create()), filter_(filter) {
+    : Texture2d(TextureSampling{TextureWrap::clamp, TextureWrap::clamp,
+                                filter == TextureFilter::linear, filter == TextureFilter::linear,
+                                TextureMipmaps::none}) {}
+
+Texture2d::Texture2d(const TextureSampling& sampling)
+    : handle_(GlHandle<TextureTraits>::create()),
+      mipmaps_(sampling.mipmaps != TextureMipmaps::none) {
   glBindTexture(GL_TEXTURE_2D, handle_.id());
-  const bool nearest = filter == TextureFilter::nearest;
-  const bool trilinear = filter == TextureFilter::trilinear;
-  const GLint wrap = trilinear ? GL_REPEAT : GL_CLAMP_TO_EDGE;
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, wrap);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, wrap);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, nearest ? GL_NEAREST : GL_LINEAR);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER,
-                  nearest ? GL_NEAREST : (trilinear ? GL_LINEAR_MIPMAP_LINEAR : GL_LINEAR));
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, gl_wrap(sampling.wrap_s));
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, gl_wrap(sampling.wrap_t));
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER,
+                  sampling.smooth_near ? GL_LINEAR : GL_NEAREST);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, gl_min_filter(sampling));
 }
 
 void Texture2d::upload(TexelFormat format, int width, int height, const std::uint8_t* data,
@@ -89,7 +116,7 @@ void Texture2d::upload(TexelFormat format, int width, int height, const std::uin
     format_ = format;
   }
   glPixelStorei(GL_UNPACK_ROW_LENGTH, 0);
-  if (filter_ == TextureFilter::trilinear) glGenerateMipmap(GL_TEXTURE_2D);
+  if (mipmaps_) glGenerateMipmap(GL_TEXTURE_2D);
 }
 
 void Texture2d::bind(int unit) const {

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "render/gl/handle.hpp"
+#include "render/texture_sampling.hpp"
 
 namespace penumbra {
 
@@ -13,14 +14,14 @@ enum class TexelFormat { r8, rg8, rgb8, rgba8, srgb8_alpha8, rgba16f };
 [[nodiscard]] int bytes_per_texel(TexelFormat format);
 
 enum class TextureFilter {
-  nearest,   // fetched texel by texel
-  linear,    // between texels; beyond the last ones, these
-  trilinear  // with mipmaps, repeating
+  nearest,  // fetched texel by texel
+  linear    // between texels; beyond the last ones, these
 };
 
 class Texture2d {
  public:
   explicit Texture2d(TextureFilter filter);
+  explicit Texture2d(const TextureSampling& sampling);
 
   // Rows top to bottom, `stride` bytes apart; row 0 is at texture coordinate 0. Storage is kept
   // while size and format stay.
@@ -30,7 +31,7 @@ class Texture2d {
 
  private:
   GlHandle<TextureTraits> handle_;
-  TextureFilter filter_;
+  bool mipmaps_ = false;
   TexelFormat format_ = TexelFormat::r8;
   int width_ = 0;
   int height_ = 0;

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -23,6 +24,24 @@ struct Vertex {
   glm::vec2 texcoord;
   glm::vec4 color;
 };
+// Beside it, where the material has maps.
+struct MapVertex {
+  glm::vec4 tangent;
+  glm::vec2 texcoord_2;
+};
+
+// Texture units; 1 to 7 are other programs'.
+constexpr int kBaseColorUnit = 0;
+constexpr int kMetalUnit = 8;
+constexpr int kNormalUnit = 9;
+constexpr int kOcclusionUnit = 10;
+constexpr int kEmissiveUnit = 11;
+
+const Material& material_of(const Model& model, int index) {
+  static const Material plain;
+  const auto at = static_cast<std::size_t>(index);
+  return index >= 0 && at < model.materials.size() ? model.materials[at] : plain;
+}
 
 }  // namespace
 
@@ -46,7 +65,22 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
   if (!program) return tl::unexpected(program.error());
   auto masked = TranslucentProgram::create(api, kVertex, kMasked, kMaskDefines);
   if (!masked) return tl::unexpected(masked.error());
-  ObjectPass pass(std::move(*program), std::move(*masked));
+  const auto any_material = [&scene](const auto& has) {
+    return std::ranges::any_of(scene.objects, [&](const SceneObject& object) {
+      return object.model && std::ranges::any_of(object.model->materials, has);
+    });
+  };
+  std::optional<TranslucentProgram> maps;
+  if (any_material(&Material::has_maps)) {
+    std::vector<std::string_view> defines(kLightDefines.begin(), kLightDefines.end());
+    defines.emplace_back("MATERIAL_MAPS");
+    auto linked = TranslucentProgram::create(api, kVertex, kFragment, defines);
+    if (!linked) return tl::unexpected(linked.error());
+    maps = std::move(*linked);
+  }
+  ObjectPass pass(std::move(*program), std::move(maps), std::move(*masked));
+  pass.blends_ = any_material(
+      [](const Material& material) { return material.alpha_mode == AlphaMode::blend; });
   if (const auto& tone = camera.parameters().tone_curve) {
     pass.tone_ = {static_cast<float>(1.0 / *tone), 1.0F, 0.0F, 0.0F};
   }
@@ -71,10 +105,12 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
 
 std::shared_ptr<ObjectPass::GpuModel> ObjectPass::upload(const Model& model, float max_edge) {
   auto gpu = std::make_shared<GpuModel>();
-  for (const Texture& texture : model.textures) {
-    gpu->textures.emplace_back(TextureFilter::trilinear);
-    gpu->textures.back().upload(TexelFormat::srgb8_alpha8, texture.width, texture.height,
-                                texture.rgba.data(), std::ptrdiff_t{4} * texture.width);
+  for (const Material& material : model.materials) {
+    gpu->materials.push_back({texture_of(*gpu, model, material.base_color_texture, true),
+                              texture_of(*gpu, model, material.metallic_roughness_texture, false),
+                              texture_of(*gpu, model, material.normal_texture, false),
+                              texture_of(*gpu, model, material.occlusion_texture, false),
+                              texture_of(*gpu, model, material.emissive_texture, true)});
   }
   for (const Mesh& source : model.meshes) {
     const Mesh mesh = subdivided(source, max_edge);
@@ -94,73 +130,179 @@ std::shared_ptr<ObjectPass::GpuModel> ObjectPass::upload(const Model& model, flo
     VertexArray::attribute(2, 2, sizeof(Vertex), offsetof(Vertex, texcoord));
     VertexArray::attribute(3, 4, sizeof(Vertex), offsetof(Vertex, color));
     out.indices.write(std::span<const std::uint32_t>(mesh.indices));
+    const Material& material = material_of(model, mesh.material);
+    if (material.has_maps()) {
+      std::vector<MapVertex> maps(mesh.positions.size(), {glm::vec4(0.0F), glm::vec2(0.0F)});
+      for (std::size_t i = 0; i < maps.size(); ++i) {
+        if (i < mesh.tangents.size()) maps[i].tangent = mesh.tangents[i];
+        if (i < mesh.texcoords_2.size()) maps[i].texcoord_2 = mesh.texcoords_2[i];
+      }
+      out.map_vertices.emplace(BufferUse::vertices);
+      out.map_vertices->write(std::span<const MapVertex>(maps));
+      VertexArray::attribute(4, 4, sizeof(MapVertex), offsetof(MapVertex, tangent));
+      VertexArray::attribute(5, 2, sizeof(MapVertex), offsetof(MapVertex, texcoord_2));
+    }
+    if (material.alpha_mode != AlphaMode::blend) continue;
+    for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
+      out.faces.push_back({mesh.indices[i], mesh.indices[i + 1], mesh.indices[i + 2]});
+      out.middles.push_back((mesh.positions[mesh.indices[i]] + mesh.positions[mesh.indices[i + 1]] +
+                             mesh.positions[mesh.indices[i + 2]]) /
+                            3.0F);
+      out.middle += out.middles.back();
+    }
+    out.middle /= std::max(static_cast<float>(out.middles.size()), 1.0F);
   }
   return gpu;
+}
+
+const Texture2d* ObjectPass::texture_of(GpuModel& gpu, const Model& model,
+                                        const MaterialTexture& from, bool color) {
+  const auto at = static_cast<std::size_t>(from.image);
+  if (from.image < 0 || at >= model.textures.size()) return nullptr;
+  const auto [entry, is_new] =
+      gpu.textures.try_emplace({from.image, color, from.sampling}, from.sampling);
+  if (is_new) {
+    const Texture& texture = model.textures[at];
+    entry->second.upload(color ? TexelFormat::srgb8_alpha8 : TexelFormat::rgba8, texture.width,
+                         texture.height, texture.rgba.data(), std::ptrdiff_t{4} * texture.width);
+  }
+  return &entry->second;
 }
 
 Result<void> ObjectPass::choose(Translucency way, std::optional<PixelFormat> video) {
   way_ = way;
   if (auto chosen = program_.choose(way, video); !chosen) return chosen;
+  if (maps_program_) {
+    if (auto chosen = maps_program_->choose(way, video); !chosen) return chosen;
+  }
   return masked_program_.choose(way, video);
 }
 
-void ObjectPass::begin_lit(const ShaderProgram& program, const FramePlan& plan,
-                           const LensUniforms& lens) const {
-  program.use();
-  set_lens(program, lens);
-  set_light_uniforms(program, plan);
-  program.set("tone", tone_);
-  program.set("eye", to_gl(plan.T_table_camera.translation()));
-  program.set("darkens", 0);
+ObjectPass::Programs ObjectPass::plain_programs() const {
+  return {program_.plain(), maps_program_ ? &maps_program_->plain() : nullptr};
 }
 
-int ObjectPass::draw_all(const ShaderProgram& program, const Scene& scene,
-                         std::span<const ObjectDraw> draws, const CameraPose& pose) const {
+ObjectPass::Programs ObjectPass::chosen_programs() const {
+  return {program_.get(), maps_program_ ? &maps_program_->get() : nullptr};
+}
+
+template <class Action>
+void ObjectPass::for_each(const Programs& programs, const Action& action) {
+  for (const ShaderProgram* program : {programs.maps, &programs.plain}) {
+    if (program == nullptr) continue;
+    program->use();
+    action(*program);
+  }
+}
+
+void ObjectPass::begin_lit(const Programs& programs, const FramePlan& plan,
+                           const LensUniforms& lens) const {
+  for_each(programs, [&](const ShaderProgram& program) {
+    set_lens(program, lens);
+    set_light_uniforms(program, plan);
+    program.set("tone", tone_);
+    program.set("eye", to_gl(plan.T_table_camera.translation()));
+    program.set("darkens", 0);
+  });
+}
+
+void ObjectPass::set_material(const ShaderProgram& program, const Model& model, const GpuModel& gpu,
+                              int index, bool maps) {
+  const Material& material = material_of(model, index);
+  program.set("base_color", glm::vec3(material.base_color));
+  program.set("emissive", material.emissive);
+  program.set("metallic", material.metallic);
+  program.set("roughness", material.roughness);
+  const auto at = static_cast<std::size_t>(index);
+  const GpuMaterial textures =
+      index >= 0 && at < gpu.materials.size() ? gpu.materials[at] : GpuMaterial();
+  program.set("has_texture", textures.base_color != nullptr ? 1 : 0);
+  program.set("base_color_texture", kBaseColorUnit);
+  if (textures.base_color != nullptr) textures.base_color->bind(kBaseColorUnit);
+  if (!maps) return;
+  const auto set_map = [&program](const char* has, const char* name, int unit,
+                                  const MaterialTexture& from, const Texture2d* texture) {
+    program.set(has,
+                glm::vec2(texture != nullptr ? 1.0F : 0.0F, static_cast<float>(from.texcoords)));
+    program.set(name, unit);
+    if (texture != nullptr) texture->bind(unit);
+  };
+  set_map("has_base_color_map", "base_color_texture", kBaseColorUnit, material.base_color_texture,
+          textures.base_color);
+  set_map("has_metal_map", "metal_map", kMetalUnit, material.metallic_roughness_texture,
+          textures.metallic_roughness);
+  set_map("has_normal_map", "normal_map", kNormalUnit, material.normal_texture, textures.normal);
+  set_map("has_occlusion_map", "occlusion_map", kOcclusionUnit, material.occlusion_texture,
+          textures.occlusion);
+  set_map("has_emissive_map", "emissive_map", kEmissiveUnit, material.emissive_texture,
+          textures.emissive);
+  program.set("normal_scale", material.normal_scale);
+  program.set("occlusion_strength", material.occlusion_strength);
+  program.set("base_alpha", material.base_color.a);
+  program.set("alpha_cutoff",
+              material.alpha_mode == AlphaMode::mask ? material.alpha_cutoff : -1.0F);
+  program.set("alpha_blends", material.alpha_mode == AlphaMode::blend ? 1 : 0);
+}
+
+int ObjectPass::draw_some(const ShaderProgram& program, bool maps, const Programs& programs,
+                          const Scene& scene, std::span<const ObjectDraw> draws,
+                          const CameraPose& pose) const {
   PENUMBRA_ASSERT(models_.size() == scene.objects.size());
-  const Material plain;
   int calls = 0;
+  bool culls = false;
+  program.use();
   for (const ObjectDraw& draw : draws) {
     const auto index = static_cast<std::size_t>(draw.object);
     const GpuModel* gpu = models_[index].get();
     if (gpu == nullptr) continue;
+    const bool phantom = scene.objects[index].phantom;
     const Model& model = *descriptions_[index];
-    program.set("table_from_object", to_gl(draw.T_table_object));
-    program.set("camera_from_object", camera_from_object(pose, draw.T_table_object));
+    bool placed = false;
     for (const GpuMesh& mesh : gpu->meshes) {
-      const auto at = static_cast<std::size_t>(mesh.material);
-      const Material& material =
-          mesh.material >= 0 && at < model.materials.size() ? model.materials[at] : plain;
-      program.set("base_color", glm::vec3(material.base_color));
-      program.set("emissive", material.emissive);
-      program.set("metallic", material.metallic);
-      program.set("roughness", material.roughness);
-      const int texture = material.base_color_texture;
-      const bool textured =
-          texture >= 0 && static_cast<std::size_t>(texture) < gpu->textures.size();
-      program.set("has_texture", textured ? 1 : 0);
-      program.set("base_color_texture", 0);
-      if (textured) gpu->textures[static_cast<std::size_t>(texture)].bind(0);
+      const Material& material = material_of(model, mesh.material);
+      if ((programs.maps != nullptr && material.has_maps()) != maps) continue;
+      if (material.alpha_mode == AlphaMode::blend && !phantom) continue;
+      if (!placed) {
+        program.set("table_from_object", to_gl(draw.T_table_object));
+        program.set("camera_from_object", camera_from_object(pose, draw.T_table_object));
+        placed = true;
+      }
+      set_material(program, model, *gpu, mesh.material, maps);
+      // What is real hides what is behind it whichever way it is wound.
+      const bool one_sided = model.culls_back_faces && !material.double_sided && !phantom;
+      if (one_sided != culls) one_sided ? glEnable(GL_CULL_FACE) : glDisable(GL_CULL_FACE);
+      culls = one_sided;
       mesh.layout.bind();
       glDrawElements(GL_TRIANGLES, mesh.index_count, GL_UNSIGNED_INT, nullptr);
       ++calls;
     }
   }
+  if (culls) glDisable(GL_CULL_FACE);
+  return calls;
+}
+
+int ObjectPass::draw_all(const Programs& programs, const Scene& scene,
+                         std::span<const ObjectDraw> draws, const CameraPose& pose) const {
+  glFrontFace(GL_CW);  // counter-clockwise faces, seen in a framebuffer whose
+                       // row 0 is the top
+  int calls = draw_some(programs.plain, false, programs, scene, draws, pose);
+  if (programs.maps != nullptr)
+    calls += draw_some(*programs.maps, true, programs, scene, draws, pose);
   return calls;
 }
 
 int ObjectPass::draw_phantoms(const Scene& scene, const FramePlan& plan,
                               const LensUniforms& lens) const {
   if (plan.phantoms.empty()) return 0;
-  const ShaderProgram& program = program_.plain();
-  program.use();
-  set_lens(program, lens);
+  const Programs programs = plain_programs();
+  for_each(programs, [&lens](const ShaderProgram& program) { set_lens(program, lens); });
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
   glDepthMask(GL_TRUE);
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_BLEND);
   glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  const int calls = draw_all(program, scene, plan.phantoms, plan.T_table_camera);
+  const int calls = draw_all(programs, scene, plan.phantoms, plan.T_table_camera);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   return calls;
 }
@@ -168,9 +310,8 @@ int ObjectPass::draw_phantoms(const Scene& scene, const FramePlan& plan,
 int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
                              Framebuffer& framebuffer) const {
   if (plan.objects.empty()) return 0;
-  const ShaderProgram& plain = program_.plain();
+  const Programs plain = plain_programs();
   begin_lit(plain, plan, lens);
-  glFrontFace(GL_CW);  // counter-clockwise faces, seen in a framebuffer whose row 0 is the top
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
   glDepthMask(GL_TRUE);
@@ -194,16 +335,18 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan, const Le
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
-  const ShaderProgram& mixed = program_.get();
+  const Programs mixed = chosen_programs();
   if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
   begin_lit(mixed, plan, lens);
-  mixed.set("picture_before", kPictureBeforeUnit);
   begin_mixing(way_);
   for (std::span<const ObjectDraw> left = faint; !left.empty();) {
     const float opacity = left.front().opacity;
     std::size_t count = 1;
     while (count < left.size() && left[count].opacity == opacity) ++count;
-    set_mixing(way_, mixed, opacity);
+    for_each(mixed, [&](const ShaderProgram& program) {
+      program.set("picture_before", kPictureBeforeUnit);
+      set_mixing(way_, program, opacity);
+    });
     calls += draw_all(mixed, scene, left.first(count), plan.T_table_camera);
     left = left.subspan(count);
   }
@@ -213,31 +356,100 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan, const Le
   return calls;
 }
 
+int ObjectPass::draw_blended(const FramePlan& plan, const LensUniforms& lens,
+                             Framebuffer& framebuffer) const {
+  if (!blends_) return 0;
+  struct Surface {
+    const ObjectDraw* draw;
+    GpuMesh* mesh;
+    glm::mat4x3 camera_from_object;
+    float depth;  // [m]
+  };
+  std::vector<Surface> surfaces;
+  for (const ObjectDraw& draw : plan.objects) {
+    GpuModel* gpu = models_[static_cast<std::size_t>(draw.object)].get();
+    if (gpu == nullptr) continue;
+    const glm::mat4x3 to_camera = camera_from_object(plan.T_table_camera, draw.T_table_object);
+    for (GpuMesh& mesh : gpu->meshes) {
+      if (mesh.faces.empty()) continue;
+      const float depth = (to_camera * glm::vec4(mesh.middle, 1.0F)).z;
+      surfaces.push_back({&draw, &mesh, to_camera, depth});
+    }
+  }
+  if (surfaces.empty()) return 0;
+  std::ranges::stable_sort(surfaces, std::greater<>(), &Surface::depth);
+
+  const Programs programs = chosen_programs();
+  const ShaderProgram& program = *programs.maps;
+  begin_lit(programs, plan, lens);
+  program.use();
+  program.set("picture_before", kPictureBeforeUnit);
+  const bool door = way_ != Translucency::blend && way_ != Translucency::retexture;
+  glFrontFace(GL_CW);
+  glDisable(GL_STENCIL_TEST);
+  glEnable(GL_DEPTH_TEST);
+  glDepthFunc(GL_LESS);
+  glDepthMask(door ? GL_TRUE : GL_FALSE);
+  int calls = 0;
+  std::vector<std::pair<float, std::size_t>> order;
+  std::vector<std::uint32_t> sorted;
+  for (const Surface& surface : surfaces) {
+    const auto index = static_cast<std::size_t>(surface.draw->object);
+    GpuMesh& mesh = *surface.mesh;
+    const Model& model = *descriptions_[index];
+    order.clear();
+    for (std::size_t i = 0; i < mesh.middles.size(); ++i) {
+      const glm::vec3 at = surface.camera_from_object * glm::vec4(mesh.middles[i], 1.0F);
+      order.emplace_back(-at.z, i);
+    }
+    std::ranges::sort(order);
+    sorted.clear();
+    for (const auto& [depth, face] : order)
+      sorted.insert(sorted.end(), mesh.faces[face].begin(), mesh.faces[face].end());
+    if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
+    begin_seeing_through(way_);
+    program.set("opacity", surface.draw->opacity);
+    program.set("table_from_object", to_gl(surface.draw->T_table_object));
+    program.set("camera_from_object", surface.camera_from_object);
+    set_material(program, model, *models_[index], mesh.material, true);
+    const bool one_sided =
+        model.culls_back_faces && !material_of(model, mesh.material).double_sided;
+    one_sided ? glEnable(GL_CULL_FACE) : glDisable(GL_CULL_FACE);
+    mesh.layout.bind();
+    mesh.indices.write(std::span<const std::uint32_t>(sorted), BufferLife::every_frame);
+    glDrawElements(GL_TRIANGLES, mesh.index_count, GL_UNSIGNED_INT, nullptr);
+    ++calls;
+  }
+  glDisable(GL_CULL_FACE);
+  end_translucent();
+  glDepthMask(GL_TRUE);
+  return calls;
+}
+
 int ObjectPass::draw_alone(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                            const LensUniforms& lens) const {
-  const ShaderProgram& program = program_.plain();
-  program.use();
-  set_lens(program, lens);
-  return draw_all(program, scene, {&draw, 1}, plan.T_table_camera);
+  const Programs programs = plain_programs();
+  for_each(programs, [&lens](const ShaderProgram& program) { set_lens(program, lens); });
+  return draw_all(programs, scene, {&draw, 1}, plan.T_table_camera);
 }
 
 int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                               const LensUniforms& lens, int light, float opacity,
                               bool add_up) const {
-  const ShaderProgram& program = program_.get();
-  program.use();
-  set_lens(program, lens);
+  const Programs programs = chosen_programs();
   std::vector<float> blocked(plan.lights.size(), 0.0F);
   blocked.at(static_cast<std::size_t>(light)) = 1.0F;
-  set_light_uniforms(program, plan, blocked);
-  program.set("eye", to_gl(plan.T_table_camera.translation()));
-  program.set("opacity", opacity);
-  program.set("darkens", add_up ? 2 : 1);
-  program.set("picture_before", kPictureBeforeUnit);
-  program.set("sums_before", kSumsBeforeUnit);
-  glFrontFace(GL_CW);
-  const int calls = draw_all(program, scene, {&draw, 1}, plan.T_table_camera);
-  program.set("darkens", 0);
+  for_each(programs, [&](const ShaderProgram& program) {
+    set_lens(program, lens);
+    set_light_uniforms(program, plan, blocked);
+    program.set("eye", to_gl(plan.T_table_camera.translation()));
+    program.set("opacity", opacity);
+    program.set("darkens", add_up ? 2 : 1);
+    program.set("picture_before", kPictureBeforeUnit);
+    program.set("sums_before", kSumsBeforeUnit);
+  });
+  const int calls = draw_all(programs, scene, {&draw, 1}, plan.T_table_camera);
+  for_each(programs, [](const ShaderProgram& program) { program.set("darkens", 0); });
   return calls;
 }
 
@@ -258,8 +470,7 @@ int ObjectPass::draw_under_shadow(const Scene& scene, const ObjectDraw& draw, co
   p.set("mask_light_left", mask.light_left);
   p.set("mask_step", static_cast<float>(kLevelStep));
   p.set("shadow_mask", kShadowMaskUnit);
-  glFrontFace(GL_CW);
-  return draw_all(p, scene, {&draw, 1}, plan.T_table_camera);
+  return draw_all({p, nullptr}, scene, {&draw, 1}, plan.T_table_camera);
 }
 
 }  // namespace penumbra

@@ -1,4 +1,6 @@
-// Virtual objects with light and depth, and phantoms with depth alone.
+// Virtual objects with light and depth, and phantoms with depth alone. Materials that have more
+// than a colour and its texture are drawn by a program of their own: the others pay nothing for
+// them.
 #pragma once
 
 #include <array>
@@ -8,7 +10,9 @@
 #include <glm/vec4.hpp>
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
+#include <tuple>
 #include <vector>
 
 #include "render/camera_gl.hpp"
@@ -57,6 +61,10 @@ class ObjectPass {
   // colour where the depth is equal, so that their insides do not show.
   int draw_objects(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
                    Framebuffer& framebuffer) const;
+  // The surfaces that blend, when all that lies behind them is in the picture: from the farthest to
+  // the nearest, by mesh and in a mesh by triangle. They neither hide what is behind them nor get
+  // shadows; through a screen-door, whose pixels are opaque or not there, they do hide it.
+  int draw_blended(const FramePlan& plan, const LensUniforms& lens, Framebuffer& framebuffer) const;
   // One object with the tests and masks as they are: the same depths as above.
   int draw_alone(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                  const LensUniforms& lens) const;
@@ -78,27 +86,64 @@ class ObjectPass {
     GlBuffer indices{BufferUse::indices};
     int index_count = 0;
     int material = 0;
+    std::optional<GlBuffer> map_vertices;  // where the material has maps
+    // Of one that blends: its triangles and their middles, and its own; object units.
+    std::vector<std::array<std::uint32_t, 3>> faces;
+    std::vector<glm::vec3> middles;
+    glm::vec3 middle{0.0F};
+  };
+  struct GpuMaterial {
+    // As Material's; null: none.
+    const Texture2d* base_color = nullptr;
+    const Texture2d* metallic_roughness = nullptr;
+    const Texture2d* normal = nullptr;
+    const Texture2d* occlusion = nullptr;
+    const Texture2d* emissive = nullptr;
   };
   struct GpuModel {
     std::vector<GpuMesh> meshes;
-    std::vector<Texture2d> textures;
+    std::vector<GpuMaterial> materials;
+    // By picture, whether it is of colours, and how it is looked up.
+    std::map<std::tuple<int, bool, TextureSampling>, Texture2d> textures;
   };
-  ObjectPass(TranslucentProgram program, TranslucentProgram masked)
-      : program_(std::move(program)), masked_program_(std::move(masked)) {}
+  // For plain materials, and for those with maps; null: the first for all.
+  struct Programs {
+    const ShaderProgram& plain;
+    const ShaderProgram* maps = nullptr;
+  };
+  ObjectPass(TranslucentProgram program, std::optional<TranslucentProgram> maps,
+             TranslucentProgram masked)
+      : program_(std::move(program)),
+        maps_program_(std::move(maps)),
+        masked_program_(std::move(masked)) {}
 
   static std::shared_ptr<GpuModel> upload(const Model& model, float max_edge);
-  int draw_all(const ShaderProgram& program, const Scene& scene, std::span<const ObjectDraw> draws,
+  static const Texture2d* texture_of(GpuModel& gpu, const Model& model, const MaterialTexture& from,
+                                     bool color);
+  [[nodiscard]] Programs plain_programs() const;
+  [[nodiscard]] Programs chosen_programs() const;
+  // All but what blends; of phantoms that too.
+  int draw_all(const Programs& programs, const Scene& scene, std::span<const ObjectDraw> draws,
                const CameraPose& pose) const;
-  void begin_lit(const ShaderProgram& program, const FramePlan& plan,
-                 const LensUniforms& lens) const;
+  int draw_some(const ShaderProgram& program, bool maps, const Programs& programs,
+                const Scene& scene, std::span<const ObjectDraw> draws,
+                const CameraPose& pose) const;
+  static void set_material(const ShaderProgram& program, const Model& model, const GpuModel& gpu,
+                           int material, bool maps);
+  // Those of them that there are, each in use.
+  template <class Action>
+  static void for_each(const Programs& programs, const Action& action);
+  void begin_lit(const Programs& programs, const FramePlan& plan, const LensUniforms& lens) const;
 
   TranslucentProgram program_;
+  std::optional<TranslucentProgram> maps_program_;  // where the scene has such materials
+  bool blends_ = false;                             // some material does
   Translucency way_ = Translucency::blend;
   // Of object.frag.glsl: sRGB's, where the camera's own is not known.
   glm::vec4 tone_{1.0F / 2.4F, 1.055F, 0.055F, 0.0031308F};
-  TranslucentProgram
-      masked_program_;  // of shadows by masks: light alone would cost many times as much
-  std::vector<std::shared_ptr<const GpuModel>> models_;     // one per scene object; null: no model
+  // Of shadows by masks: light alone would cost many times as much.
+  TranslucentProgram masked_program_;
+  std::vector<std::shared_ptr<GpuModel>> models_;           // one per scene object; null: no model
   std::vector<std::shared_ptr<const Model>> descriptions_;  // their materials
 };
 

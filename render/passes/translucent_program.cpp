@@ -91,6 +91,15 @@ void begin_mixing(Translucency way) {
   glBlendFuncSeparate(GL_CONSTANT_ALPHA, GL_ONE_MINUS_CONSTANT_ALPHA, GL_ZERO, GL_ONE);
 }
 
+void begin_seeing_through(Translucency way) {
+  if (way != Translucency::blend) {
+    glDisable(GL_BLEND);
+    return;
+  }
+  glEnable(GL_BLEND);
+  glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
+}
+
 void set_mixing(Translucency way, const ShaderProgram& program, float opacity) {
   if (way == Translucency::blend) {
     glBlendColor(0.0F, 0.0F, 0.0F, opacity);

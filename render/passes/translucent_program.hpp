@@ -62,6 +62,8 @@ void begin_summing(Translucency way);
 // How they are mixed in; of blending, by the opacity that set_mixing() gives.
 void begin_mixing(Translucency way);
 void set_mixing(Translucency way, const ShaderProgram& program, float opacity);
+// The same by an opacity of each fragment: seen_through() of translucency.glsl.
+void begin_seeing_through(Translucency way);
 // Back to opaque.
 void end_translucent();
 

@@ -5,6 +5,10 @@ in vec3 place;
 in vec3 facing;
 in vec2 surface;
 in vec4 tint;
+#if defined(MATERIAL_MAPS)
+in vec4 along;
+in vec2 surface_2;
+#endif
 
 layout(location = 0) out vec4 color;
 
@@ -20,24 +24,93 @@ uniform vec4 tone;
 uniform int darkens;    // 1: the shadow on it; 2: the blocked share, for light_sum.frag.glsl
 uniform float opacity;  // of the shadow, or of the surface
 
+#if defined(MATERIAL_MAPS)
+// Of each map: x 1 where the material has it, y 1 where it goes by the second coordinates.
+uniform vec2 has_base_color_map;  // y alone
+uniform vec2 has_metal_map;
+uniform vec2 has_normal_map;
+uniform vec2 has_occlusion_map;
+uniform vec2 has_emissive_map;
+uniform sampler2D metal_map;  // roughness in green, metallic in blue
+uniform sampler2D normal_map;
+uniform sampler2D occlusion_map;  // in red
+uniform sampler2D emissive_map;   // decoded by the sampler
+uniform float normal_scale;
+uniform float occlusion_strength;
+uniform float base_alpha;
+uniform float alpha_cutoff;  // under it nothing is drawn; negative: everything is
+uniform int alpha_blends;
+
+vec2 map_place(vec2 map) {
+  return map.y > 0.5 ? surface_2 : surface;
+}
+
+// The surface's normal turned as the map says: of a side that is seen from behind with it.
+vec3 mapped_normal(vec3 n) {
+  vec3 t = along.xyz - n * dot(n, along.xyz);
+  float size = length(t);
+  if (has_normal_map.x < 0.5 || size < 1.0e-6) return n;
+  // The normal as it was given is turned over with its tangents.
+  float side = dot(n, facing) < 0.0 ? -1.0 : 1.0;
+  t *= side / size;
+  vec3 b = cross(n * side, t * side) * along.w * side;
+  vec3 m = (2.0 * texture(normal_map, map_place(has_normal_map)).xyz - 1.0) *
+           vec3(normal_scale, normal_scale, 1.0);
+  vec3 turned = t * m.x + b * m.y + n * m.z;
+  float turned_size = length(turned);
+  return turned_size > 1.0e-6 ? turned / turned_size : n;
+}
+#endif
+
 void main() {
   vec3 view = normalize(eye - place);
   vec3 n = surface_normal(facing, view);
+#if defined(MATERIAL_MAPS)
+  float alpha = base_alpha * tint.a;
+  if (has_texture != 0)
+    alpha *= texture(base_color_texture, map_place(has_base_color_map)).a;
+  if (alpha < alpha_cutoff) discard;
+  n = mapped_normal(n);
+#endif
   if (darkens != 0) {
     color = darkening(blocked_share(place, n), opacity, darkens == 2);
     return;
   }
 
   vec3 albedo = base_color * tint.rgb;
+#if defined(MATERIAL_MAPS)
+  if (has_texture != 0)
+    albedo *= texture(base_color_texture, map_place(has_base_color_map)).rgb;
+  vec3 own_light = emissive;
+  float metal = metallic;
+  float rough = roughness;
+  float open = 1.0;
+  if (has_emissive_map.x > 0.5)
+    own_light *= texture(emissive_map, map_place(has_emissive_map)).rgb;
+  if (has_metal_map.x > 0.5) {
+    vec4 maps = texture(metal_map, map_place(has_metal_map));
+    rough *= maps.g;
+    metal *= maps.b;
+  }
+  if (has_occlusion_map.x > 0.5) {
+    float seen = texture(occlusion_map, map_place(has_occlusion_map)).r;
+    open = 1.0 + occlusion_strength * (seen - 1.0);
+  }
+#else
   if (has_texture != 0) albedo *= texture(base_color_texture, surface).rgb;
+#define own_light emissive
+#define metal metallic
+#define rough roughness
+#define open 1.0
+#endif
   float n_v = max(dot(n, view), 1.0e-3);
 
-  vec3 f0 = mix(vec3(0.04), albedo, metallic);
-  vec3 diffuse = albedo * (1.0 - metallic);
-  float alpha = max(roughness * roughness, 0.02);
-  float alpha2 = alpha * alpha;
+  vec3 f0 = mix(vec3(0.04), albedo, metal);
+  vec3 diffuse = albedo * (1.0 - metal);
+  float width = max(rough * rough, 0.02);
+  float alpha2 = width * width;
 
-  vec3 sum = emissive;
+  vec3 sum = own_light;
   for (int i = 0; i < MAX_LIGHTS; ++i) {
     if (i >= light_count) break;
     vec3 l = normalize(light_place[i].xyz - place * light_place[i].w);
@@ -49,16 +122,16 @@ void main() {
     // GGX distribution, Smith's visibility in its fast form, Schlick's Fresnel term; times pi, so
     // that a light of intensity 1 shows a white Lambert surface at 1.
     float d = n_h * n_h * (alpha2 - 1.0) + 1.0;
-    float k = 0.5 * alpha;
+    float k = 0.5 * width;
     float visibility = 0.25 / ((n_v * (1.0 - k) + k) * (n_l * (1.0 - k) + k));
     vec3 fresnel = f0 + (1.0 - f0) * pow(max(1.0 - v_h, 0.0), 5.0);
     vec3 specular = fresnel * (alpha2 / (d * d) * visibility);
     sum += (diffuse * (1.0 - fresnel) + specular) * light_color[i].rgb * n_l;
   }
   vec3 mirror = reflect(-view, n);
-  vec3 ambient_fresnel = f0 + (max(vec3(1.0 - roughness), f0) - f0) * pow(max(1.0 - n_v, 0.0), 5.0);
-  sum += diffuse * hemisphere(n.z);
-  sum += ambient_fresnel * hemisphere(mix(clamp(mirror.z * 2.5, -1.0, 1.0), n.z, roughness));
+  vec3 ambient_fresnel = f0 + (max(vec3(1.0 - rough), f0) - f0) * pow(max(1.0 - n_v, 0.0), 5.0);
+  sum += open * diffuse * hemisphere(n.z);
+  sum += open * ambient_fresnel * hemisphere(mix(clamp(mirror.z * 2.5, -1.0, 1.0), n.z, rough));
 
   // A shoulder above 0.75 in place of a hard clip.
   const float knee = 0.75;
@@ -66,5 +139,12 @@ void main() {
   sum = min(sum, vec3(knee)) + (1.0 - knee) * (1.0 - exp(-over / (1.0 - knee)));
   vec3 low = sum * 12.92;
   vec3 high = tone.y * pow(max(sum, tone.w), vec3(tone.x)) - tone.z;
-  color = mixed_in(mix(high, low, vec3(lessThan(sum, vec3(tone.w)))), opacity);
+  vec3 encoded = mix(high, low, vec3(lessThan(sum, vec3(tone.w))));
+#if defined(MATERIAL_MAPS)
+  if (alpha_blends != 0) {
+    color = seen_through(encoded, alpha * opacity);
+    return;
+  }
+#endif
+  color = mixed_in(encoded, opacity);
 }

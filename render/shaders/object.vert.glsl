@@ -2,6 +2,10 @@ layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec2 texcoord;
 layout(location = 3) in vec4 color;
+#if defined(MATERIAL_MAPS)
+layout(location = 4) in vec4 tangent;
+layout(location = 5) in vec2 texcoord_2;
+#endif
 
 uniform mat4x3 table_from_object;
 uniform mat4x3 camera_from_object;
@@ -10,6 +14,10 @@ out vec3 place;  // table frame [m]
 out vec3 facing;
 out vec2 surface;
 out vec4 tint;
+#if defined(MATERIAL_MAPS)
+out vec4 along;  // the tangent in the table frame; w: as Mesh::tangents
+out vec2 surface_2;
+#endif
 
 // Drawn again by another program, a surface has the same depth.
 invariant gl_Position;
@@ -19,5 +27,9 @@ void main() {
   facing = table_from_object * vec4(normal, 0.0);
   surface = texcoord;
   tint = color;
+#if defined(MATERIAL_MAPS)
+  along = vec4(table_from_object * vec4(tangent.xyz, 0.0), tangent.w);
+  surface_2 = texcoord_2;
+#endif
   gl_Position = lens_clip(camera_from_object * vec4(position, 1.0), 1.0);
 }

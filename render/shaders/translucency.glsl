@@ -69,6 +69,15 @@ vec4 mixed_in(vec3 color, float opacity) {
 }
 #endif
 
+// The same with an opacity of each fragment.
+vec4 seen_through(vec3 color, float opacity) {
+#if defined(SCREEN_DOOR) || defined(RETEXTURED)
+  return mixed_in(color, opacity);
+#else
+  return vec4(color, opacity);
+#endif
+}
+
 // Colour that is summed up over several draws, alpha the greatest of theirs.
 #if defined(SCREEN_DOOR) || defined(RETEXTURED)
 uniform sampler2D sums_before;

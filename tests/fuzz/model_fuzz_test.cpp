@@ -9,6 +9,7 @@
 #include "render/model.hpp"
 #include "render/scene.hpp"
 #include "support/paths.hpp"
+#include "support/textured_glb.hpp"
 
 namespace penumbra {
 namespace {
@@ -62,6 +63,14 @@ void expect_sound(const Model& model) {
       ASSERT_TRUE(std::abs(p.x) <= 1e6F && std::abs(p.y) <= 1e6F && std::abs(p.z) <= 1e6F);
     }
     for (const std::uint32_t index : mesh.indices) ASSERT_LT(index, mesh.positions.size());
+    const Material& material = model.materials.at(static_cast<std::size_t>(mesh.material));
+    if (material.normal_texture.image >= 0) {
+      ASSERT_EQ(mesh.tangents.size(), mesh.positions.size());
+    }
+    for (const glm::vec4& t : mesh.tangents) {
+      ASSERT_TRUE(std::abs(t.x) <= 1.01F && std::abs(t.y) <= 1.01F && std::abs(t.z) <= 1.01F);
+      ASSERT_EQ(std::abs(t.w), 1.0F);
+    }
   }
 }
 
@@ -93,6 +102,27 @@ TEST(Fuzz, DamagedGlb) {
   const int accepted = fuzz_model(good, ".glb", 3000, 1);
   EXPECT_GT(accepted, 0);
   EXPECT_LT(accepted, 3000);
+}
+
+TEST(Fuzz, DamagedMaterials) {
+  test::TexturedSquare square;
+  square.material =
+      R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0},"metallicRoughnessTexture":{"index":1,)"
+      R"("texCoord":1}},"normalTexture":{"index":2,"scale":0.7},"occlusionTexture":{"index":1,)"
+      R"("strength":0.5},"emissiveTexture":{"index":0,"texCoord":1},"emissiveFactor":[1,1,1],)"
+      R"("alphaMode":"MASK","alphaCutoff":0.3,"doubleSided":true)";
+  for (const RgbaImage& image :
+       {test::one_color(200, 90, 30), test::one_color(0, 120, 200), test::one_color(150, 120, 230)})
+    square.images.push_back(test::png_bytes(image));
+  square.samplers = R"({"magFilter":9728,"minFilter":9987,"wrapS":33071,"wrapT":33648})";
+  square.texcoords_1 = square.texcoords;
+  const int with_derived = fuzz_model(test::glb_of(square), ".glb", 2000, 5);
+  EXPECT_GT(with_derived, 0);
+  EXPECT_LT(with_derived, 2000);
+  square.tangents.assign(4, {1, 0, 0, 1});
+  const int with_given = fuzz_model(test::glb_of(square), ".glb", 1000, 6);
+  EXPECT_GT(with_given, 0);
+  EXPECT_LT(with_given, 1000);
 }
 
 TEST(Fuzz, DamagedGltf) {

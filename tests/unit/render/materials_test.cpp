@@ -1,0 +1,535 @@
+// Materials of glTF: each map against the same as factors or geometry, pixel by pixel; what is seen
+// through, and from which side; and what is refused.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <random>
+
+#include "support/paths.hpp"
+#include "support/studio.hpp"
+#include "support/textured_glb.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::one_color;
+using test::Picture;
+using test::png_bytes;
+using test::SceneBuilder;
+using test::Studio;
+using test::TexturedSquare;
+using testing::HasSubstr;
+
+constexpr int kSide = 240;
+constexpr double kHeight = 0.05;
+
+Result<Model> loaded(const TexturedSquare& square) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "square.glb";
+  std::ofstream(file, std::ios::binary) << test::glb_of(square);
+  return load_model(file);
+}
+std::shared_ptr<const Model> model_of(const TexturedSquare& square) {
+  auto model = loaded(square);
+  if (!model) throw std::runtime_error(model.error().message);
+  return std::make_shared<const Model>(std::move(*model));
+}
+std::string error_of(const TexturedSquare& square) {
+  const auto model = loaded(square);
+  return model ? "was accepted" : model.error().message;
+}
+
+CameraModel camera() {
+  return test::camera_of(kSide, kSide, 420.0);
+}
+const Eigen::Vector3d kEye(0.12, -0.3, 0.45);
+PoseEstimate pose() {
+  return test::tracked(test::look_at(kEye, {0.0, 0.0, kHeight}));
+}
+SceneBuilder builder_with(double ambient = 0.3) {
+  SceneBuilder builder;
+  builder.scene().shadows[0].technique = ShadowTechnique::none;
+  builder.scene().ambient = Eigen::Vector3d::Constant(ambient);
+  SceneLight lamp;
+  lamp.position = {-0.15, 0.25, 0.5};
+  lamp.intensity = 0.6;
+  builder.scene().lights.push_back(lamp);
+  return builder;
+}
+struct Drawing {
+  double ambient = 0.3;
+  Translucency way = Translucency::blend;
+  GlApi api = GlApi::gl33;
+  bool phantom = false;
+};
+using AtHeights = std::vector<std::pair<std::shared_ptr<const Model>, double>>;
+Picture drawn(const AtHeights& at_heights, const Drawing& how = {}) {
+  SceneBuilder builder = builder_with(how.ambient);
+  for (const auto& [model, height] : at_heights)
+    builder.add(model, test::at(0, 0, height), false, how.phantom);
+  Studio studio(builder.build(), camera(), how.api);
+  PlanOptions options;
+  options.translucency = how.way;
+  return studio.draw(test::plain_frame(kSide, kSide, 120), studio.plan(pose(), options));
+}
+Picture drawn(const TexturedSquare& square, const Drawing& how = {}) {
+  return drawn({{model_of(square), kHeight}}, how);
+}
+
+// Every pixel well inside the square at this height, with its place on it [m].
+template <class Action>
+int inside(const Action& action, double height = kHeight) {
+  int count = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const auto ray = camera().unproject({static_cast<double>(x), static_cast<double>(y)});
+      const Eigen::Vector3d d = pose().T_table_camera.rotation() * *ray;
+      const Eigen::Vector3d p = kEye + (height - kEye.z()) / d.z() * d;
+      if (std::max(std::abs(p.x()), std::abs(p.y())) > 0.097) continue;
+      action(x, y, p.x(), p.y());
+      ++count;
+    }
+  }
+  return count;
+}
+int largest_difference(const Picture& a, const Picture& b) {
+  int largest = 0;
+  inside([&](int x, int y, double, double) {
+    for (int c = 0; c < 3; ++c)
+      largest = std::max(largest, std::abs(int{a.at(x, y)[c]} - int{b.at(x, y)[c]}));
+  });
+  return largest;
+}
+TexturedSquare square_of(const std::string& material, std::vector<RgbaImage> images = {}) {
+  TexturedSquare square;
+  square.material = material;
+  for (const RgbaImage& image : images) square.images.push_back(png_bytes(image));
+  return square;
+}
+float linear(int code) {
+  const float encoded = static_cast<float>(code) / 255.0F;
+  return encoded <= 0.04045F ? encoded / 12.92F : std::pow((encoded + 0.055F) / 1.055F, 2.4F);
+}
+
+constexpr const char* kPlain =
+    R"("pbrMetallicRoughness":{"baseColorFactor":[0.7,0.5,0.3,1],"metallicFactor":0.2,"roughnessFactor":0.4})";
+
+TEST(Materials, ASquareIsSeen) {
+  const Picture picture = drawn(square_of(kPlain));
+  int other = 0;
+  EXPECT_GT(inside([&](int x, int y, double, double) { other += picture.red(x, y) != 120; }), 5000);
+  EXPECT_GT(other, 5000);
+}
+
+TEST(Materials, MetalAndRoughnessOfATextureAreThoseOfFactors) {
+  const auto textured = [](int rough, int metal) {
+    return drawn(square_of(
+        R"("pbrMetallicRoughness":{"baseColorFactor":[0.7,0.5,0.3,1],"metallicFactor":0.9,"roughnessFactor":0.8,"metallicRoughnessTexture":{"index":0}})",
+        {one_color(9, rough, metal)}));
+  };
+  const auto by_factors = [](int rough, int metal) {
+    return drawn(square_of(fmt::format(
+        R"("pbrMetallicRoughness":{{"baseColorFactor":[0.7,0.5,0.3,1],"metallicFactor":{},"roughnessFactor":{}}})",
+        0.9 * metal / 255.0, 0.8 * rough / 255.0)));
+  };
+  EXPECT_LE(largest_difference(textured(140, 200), by_factors(140, 200)), 1);
+  EXPECT_LE(largest_difference(textured(60, 20), by_factors(60, 20)), 1);
+  EXPECT_GT(largest_difference(textured(60, 20), by_factors(140, 200)), 20);
+}
+
+TEST(Materials, LightOfATextureIsThatOfAFactor) {
+  const auto emissive = [](const std::string& more, std::vector<RgbaImage> images) {
+    return drawn(square_of(std::string(kPlain) + "," + more, std::move(images)));
+  };
+  const Picture textured = emissive(
+      R"("emissiveFactor":[0.5,0.2,0.4],"emissiveTexture":{"index":0})", {one_color(188, 90, 255)});
+  const Picture by_factor = emissive(
+      fmt::format(R"("emissiveFactor":[{},{},{}])", 0.5F * linear(188), 0.2F * linear(90), 0.4F),
+      {});
+  EXPECT_LE(largest_difference(textured, by_factor), 1);
+  EXPECT_GT(largest_difference(textured, drawn(square_of(kPlain))), 20);
+}
+
+TEST(Materials, OcclusionTakesAmbientLightAlone) {
+  const auto open = [](int red, double strength) {
+    return drawn(
+        square_of(std::string(kPlain) +
+                      fmt::format(R"(,"occlusionTexture":{{"index":0,"strength":{}}})", strength),
+                  {one_color(red, 255, 0)}),
+        {0.6});
+  };
+  const auto ambient = [](double share) { return drawn(square_of(kPlain), {0.6 * share}); };
+  EXPECT_LE(largest_difference(open(102, 1.0), ambient(0.4)), 1);
+  EXPECT_LE(largest_difference(open(102, 0.5), ambient(0.7)), 1);
+  EXPECT_LE(largest_difference(open(102, 0.0), ambient(1.0)), 1);
+  EXPECT_GT(largest_difference(open(102, 1.0), ambient(1.0)), 10);
+}
+
+// n: the texel; the square's own normal turned to where the texel says it points.
+std::array<float, 3> decoded(int r, int g, int b, double scale = 1.0) {
+  const Eigen::Vector3d n = Eigen::Vector3d(scale * (2.0 * r / 255.0 - 1.0),
+                                            scale * (2.0 * g / 255.0 - 1.0), 2.0 * b / 255.0 - 1.0)
+                                .normalized();
+  return {static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z())};
+}
+// In the file's axes: up is y, the texture's top is at -z.
+std::vector<std::array<float, 3>> normals_of(float right, float towards_top, float up) {
+  return std::vector<std::array<float, 3>>(4, {right, up, -towards_top});
+}
+constexpr const char* kBumpy = R"(,"normalTexture":{"index":0})";
+
+TEST(Materials, NormalsOfATextureAreThoseOfGeometry) {
+  const std::array<std::array<int, 3>, 3> texels = {
+      {{204, 128, 230}, {128, 204, 230}, {60, 90, 220}}};
+  for (const auto& [r, g, b] : texels) {
+    SCOPED_TRACE(fmt::format("{} {} {}", r, g, b));
+    const auto [x, y, z] = decoded(r, g, b);
+    TexturedSquare geometry = square_of(kPlain);
+    geometry.normals = normals_of(x, y, z);
+    const Picture expected = drawn(geometry);
+    TexturedSquare bumpy = square_of(std::string(kPlain) + kBumpy, {one_color(r, g, b)});
+    EXPECT_LE(largest_difference(drawn(bumpy), expected), 1) << "derived tangents";
+    bumpy.tangents = std::vector<std::array<float, 4>>(4, {1, 0, 0, 1});
+    EXPECT_LE(largest_difference(drawn(bumpy), expected), 1) << "given tangents";
+    EXPECT_LE(largest_difference(drawn(bumpy, {0.3, Translucency::blend, GlApi::gles30}), expected),
+              1);
+    EXPECT_GT(largest_difference(drawn(bumpy), drawn(square_of(kPlain))), 5);
+    // Given otherwise than the layout says: they count. A quarter turn: the texture's x to its top.
+    bumpy.tangents = std::vector<std::array<float, 4>>(4, {0, 0, -1, 1});
+    geometry.normals = normals_of(-y, x, z);
+    EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1) << "turned";
+    bumpy.tangents = std::vector<std::array<float, 4>>(4, {1, 0, 0, -1});
+    geometry.normals = normals_of(x, -y, z);
+    EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1) << "mirrored";
+  }
+}
+
+TEST(Materials, NormalsFollowTheLayoutOfTheTexture) {
+  const auto [x, y, z] = decoded(204, 160, 230);
+  const auto [sx, sy, sz] = decoded(204, 160, 230, 0.5);
+  TexturedSquare bumpy = square_of(std::string(kPlain) + kBumpy, {one_color(204, 160, 230)});
+  TexturedSquare geometry = square_of(kPlain);
+  // Mirrored, left is right.
+  bumpy.texcoords = {{1, 1}, {0, 1}, {0, 0}, {1, 0}};
+  geometry.normals = normals_of(-x, y, z);
+  EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
+  // A quarter turn: the texture's right is the square's top.
+  bumpy.texcoords = {{0, 0}, {0, 1}, {1, 1}, {1, 0}};
+  geometry.normals = normals_of(-y, x, z);
+  EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
+  // By a node that mirrors.
+  bumpy.texcoords = TexturedSquare().texcoords;
+  bumpy.node = R"("scale":[-1,1,1])";
+  geometry.normals = normals_of(-x, y, z);
+  EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
+  bumpy.tangents = std::vector<std::array<float, 4>>(4, {1, 0, 0, 1});
+  EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
+  // Half as steep.
+  bumpy = square_of(std::string(kPlain) + R"(,"normalTexture":{"index":0,"scale":0.5})",
+                    {one_color(204, 160, 230)});
+  geometry.normals = normals_of(sx, sy, sz);
+  EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1);
+}
+
+// A layout that meets its mirror image along an edge: the vertices there are split, and each half
+// has its own tangents.
+TEST(Materials, AMirroredHalfHasTangentsOfItsOwn) {
+  TexturedSquare bumpy = square_of(std::string(kPlain) + kBumpy, {one_color(204, 128, 230)});
+  // The diagonal is u = v; the halves are mirrored at it.
+  bumpy.texcoords = {{0, 0}, {1, 0}, {1, 1}, {1, 0}};
+  const auto model = model_of(bumpy);
+  ASSERT_EQ(model->meshes.size(), 1U);
+  const Mesh& mesh = model->meshes[0];
+  EXPECT_EQ(mesh.positions.size(), 6U);
+  EXPECT_EQ(mesh.tangents.size(), 6U);
+  EXPECT_EQ(model->source_vertex_count, 4U);
+  for (std::size_t face = 0; face < 2; ++face) {
+    const float side = mesh.tangents[mesh.indices[3 * face]].w;
+    for (std::size_t k = 0; k < 3; ++k)
+      EXPECT_EQ(mesh.tangents[mesh.indices[3 * face + k]].w, side);
+  }
+  EXPECT_NE(mesh.tangents[mesh.indices[0]].w, mesh.tangents[mesh.indices[3]].w);
+}
+
+// Each half of a picture is the material of that half.
+TEST(Materials, TexturesAreWhereTheirCoordinatesSay) {
+  const auto halves = [](std::array<int, 4> left, std::array<int, 4> right) {
+    return test::image_of(2, 1, [=](int x, int) { return x == 0 ? left : right; });
+  };
+  constexpr const char* kMaps =
+      R"("pbrMetallicRoughness":{"metallicFactor":1,"baseColorTexture":{"index":0},"metallicRoughnessTexture":{"index":1,"texCoord":1}})";
+  TexturedSquare square = square_of(kMaps, {halves({200, 90, 60, 255}, {60, 90, 200, 255}),
+                                            halves({0, 70, 20, 255}, {0, 180, 230, 255})});
+  square.samplers = R"({"magFilter":9728,"minFilter":9728})";
+  square.texcoords_1 = {{1, 1}, {0, 1}, {0, 0}, {1, 0}};
+  const Picture both = drawn(square);
+  const auto half = [](std::array<int, 3> color, int rough, int metal) {
+    return drawn(square_of(fmt::format(
+        R"("pbrMetallicRoughness":{{"baseColorFactor":[{},{},{},1],"metallicFactor":{},"roughnessFactor":{}}})",
+        linear(color[0]), linear(color[1]), linear(color[2]), metal / 255.0, rough / 255.0)));
+  };
+  const Picture left = half({200, 90, 60}, 180, 230);
+  const Picture right = half({60, 90, 200}, 70, 20);
+  int wrong = 0;
+  inside([&](int x, int y, double px, double) {
+    if (std::abs(px) < 0.002) return;
+    const Picture& expected = px < 0.0 ? left : right;
+    for (int c = 0; c < 3; ++c)
+      wrong += std::abs(int{both.at(x, y)[c]} - int{expected.at(x, y)[c]}) > 1 ? 1 : 0;
+  });
+  EXPECT_EQ(wrong, 0);
+}
+
+TEST(Materials, TexturesGoOnAsTheirSamplerSays) {
+  const auto across = [](int wrap) {
+    TexturedSquare square = square_of(
+        R"("emissiveFactor":[1,1,1],"emissiveTexture":{"index":0},"pbrMetallicRoughness":{"baseColorFactor":[0,0,0,1]})",
+        {test::image_of(2, 1, [](int x, int) {
+          return x == 0 ? std::array<int, 4>{0, 0, 0, 255} : std::array<int, 4>{140, 140, 140, 255};
+        })});
+    square.samplers = fmt::format(R"({{"magFilter":9728,"minFilter":9728,"wrapS":{}}})", wrap);
+    square.texcoords = {{-1, 1}, {2, 1}, {2, 0}, {-1, 0}};
+    return drawn(square);
+  };
+  // Sixths of the square, bright or not.
+  const std::map<int, std::array<bool, 6>> expected = {
+      {10497, {false, true, false, true, false, true}},
+      {33071, {false, false, false, true, true, true}},
+      {33648, {true, false, false, true, true, false}}};
+  for (const auto& [wrap, bright] : expected) {
+    SCOPED_TRACE(wrap);
+    const Picture picture = across(wrap);
+    int wrong = 0;
+    inside([&](int x, int y, double px, double) {
+      const double sixth = (px + 0.1) / 0.2 * 6.0;
+      if (std::abs(sixth - std::round(sixth)) < 0.06) return;
+      wrong += (picture.red(x, y) > 100) != bright[static_cast<std::size_t>(sixth)] ? 1 : 0;
+    });
+    EXPECT_EQ(wrong, 0);
+  }
+}
+
+constexpr const char* kCut =
+    R"("pbrMetallicRoughness":{"baseColorFactor":[0.7,0.5,0.3,0.8],"baseColorTexture":{"index":0}},"alphaMode":"MASK","alphaCutoff":0.4)";
+
+TEST(Materials, WhatIsUnderTheCutoffIsNotThere) {
+  const auto cut = [](int left, int right) {
+    TexturedSquare square =
+        square_of(kCut, {test::image_of(2, 1, [=](int x, int) {
+                    return std::array<int, 4>{255, 255, 255, x == 0 ? left : right};
+                  })});
+    square.samplers = R"({"magFilter":9728,"minFilter":9728})";
+    return square;
+  };
+  // 0.8 * 120 / 255 = 0.38; 0.8 * 135 / 255 = 0.42.
+  const Picture picture = drawn(cut(120, 135));
+  const Picture whole = drawn(cut(255, 255));
+  int wrong = 0;
+  inside([&](int x, int y, double px, double) {
+    if (std::abs(px) < 0.002) return;
+    for (int c = 0; c < 3; ++c)
+      wrong += picture.at(x, y)[c] != (px < 0.0 ? 120 : whole.at(x, y)[c]) ? 1 : 0;
+  });
+  EXPECT_EQ(wrong, 0);
+  // A real thing hides no more than there is of it.
+  SceneBuilder builder = builder_with();
+  builder.add(model_of(cut(120, 135)), test::at(0, 0, 0.1), false, true);
+  builder.add(model_of(square_of(kPlain)), test::at(0, 0, kHeight), false);
+  Studio studio(builder.build(), camera());
+  const Picture behind = studio.draw(test::plain_frame(kSide, kSide, 120), studio.plan(pose()));
+  int seen = 0;
+  int hidden = 0;
+  inside([&](int x, int y, double, double) { (behind.red(x, y) == 120 ? hidden : seen) += 1; });
+  EXPECT_GT(seen, 2000);
+  EXPECT_GT(hidden, 1000);
+}
+
+std::string glass(double r, double g, double b, double alpha) {
+  return fmt::format(
+      R"("alphaMode":"BLEND","pbrMetallicRoughness":{{"baseColorFactor":[{},{},{},{}],"metallicFactor":0}})",
+      r, g, b, alpha);
+}
+std::string solid(double r, double g, double b) {
+  return fmt::format(
+      R"("pbrMetallicRoughness":{{"baseColorFactor":[{},{},{},1],"metallicFactor":0}})", r, g, b);
+}
+
+TEST(Materials, WhatBlendsIsMixedByItsOpacity) {
+  const Picture opaque = drawn(square_of(solid(0.8, 0.3, 0.1)));
+  for (const Translucency way : {Translucency::blend, Translucency::retexture}) {
+    const Picture mixed = drawn(square_of(glass(0.8, 0.3, 0.1, 0.35)), {0.3, way});
+    int wrong = 0;
+    inside([&](int x, int y, double, double) {
+      for (int c = 0; c < 3; ++c) {
+        const double expected = 0.65 * 120.0 + 0.35 * opaque.at(x, y)[c];
+        wrong += std::abs(mixed.at(x, y)[c] - expected) > 1.01 ? 1 : 0;
+      }
+      EXPECT_EQ(mixed.at(x, y)[3], 255);
+    });
+    EXPECT_EQ(wrong, 0) << to_string(way);
+  }
+  // Through a screen-door, 6 pixels of 16.
+  const Picture door = drawn(square_of(glass(0.8, 0.3, 0.1, 0.35)), {0.3, Translucency::mesh});
+  int open = 0;
+  int wrong = 0;
+  const int all = inside([&](int x, int y, double, double) {
+    open += door.red(x, y) == 120 ? 1 : 0;
+    wrong += door.red(x, y) != 120 && door.red(x, y) != opaque.red(x, y) ? 1 : 0;
+  });
+  EXPECT_EQ(wrong, 0);
+  EXPECT_NEAR(static_cast<double>(open) / all, 10.0 / 16.0, 0.02);
+}
+
+// Whatever their order in the scene, the farther is drawn first, and over what is solid.
+TEST(Materials, WhatBlendsIsDrawnFromTheFarthestOn) {
+  const auto red = model_of(square_of(glass(0.9, 0.1, 0.1, 0.5)));
+  const auto green = model_of(square_of(glass(0.1, 0.9, 0.1, 0.5)));
+  const auto white = model_of(square_of(solid(0.9, 0.9, 0.9)));
+  for (const Translucency way :
+       {Translucency::blend, Translucency::retexture, Translucency::mesh}) {
+    SCOPED_TRACE(to_string(way));
+    const Drawing how{0.3, way};
+    const Picture one = drawn({{red, 0.1}, {green, kHeight}, {white, 0.0}}, how);
+    const Picture other = drawn({{white, 0.0}, {green, kHeight}, {red, 0.1}}, how);
+    EXPECT_EQ(one, other);
+    EXPECT_NE(one, drawn({{green, 0.1}, {red, kHeight}, {white, 0.0}}, how));
+  }
+}
+
+// The same within a mesh, by triangle.
+TEST(Materials, TrianglesThatBlendAreDrawnFromTheFarthestOn) {
+  const auto stack = [](bool turned) {
+    auto model = std::make_shared<Model>();
+    Material material;
+    material.base_color.a = 0.5F;
+    material.alpha_mode = AlphaMode::blend;
+    model->materials.push_back(material);
+    Mesh& mesh = model->meshes.emplace_back();
+    for (int i = 0; i < 5; ++i) {
+      const int layer = turned ? 4 - i : i;
+      const float z = 0.02F * static_cast<float>(layer);
+      const auto first = static_cast<std::uint32_t>(mesh.positions.size());
+      for (const auto& [x, y] :
+           {std::pair(-0.1F, -0.1F), {0.1F, -0.1F}, {0.1F, 0.1F}, {-0.1F, 0.1F}}) {
+        mesh.positions.emplace_back(x, y, z);
+        mesh.normals.emplace_back(0.0F, 0.0F, 1.0F);
+        mesh.colors.emplace_back(layer % 2 == 0 ? 1.0F : 0.1F, 0.2F * static_cast<float>(layer),
+                                 0.3F, 1.0F);
+        mesh.source_vertex.push_back(first);
+      }
+      for (const std::uint32_t k : {0U, 1U, 2U, 0U, 2U, 3U}) mesh.indices.push_back(first + k);
+    }
+    model->source_vertex_count = static_cast<std::uint32_t>(mesh.positions.size());
+    model->min_corner = {-0.1F, -0.1F, 0.0F};
+    model->max_corner = {0.1F, 0.1F, 0.08F};
+    return model;
+  };
+  const Picture one = drawn({{stack(false), 0.0}});
+  EXPECT_EQ(one, drawn({{stack(true), 0.0}}));
+}
+
+// A faint overlay takes as much from what blends.
+TEST(Materials, WhatBlendsFadesWithTheOverlay) {
+  SceneBuilder builder = builder_with();
+  builder.add(model_of(square_of(glass(0.8, 0.3, 0.1, 0.6))), test::at(0, 0, kHeight), false);
+  Studio studio(builder.build(), camera());
+  FramePlan plan = studio.plan(pose());
+  const Frame frame = test::plain_frame(kSide, kSide, 120);
+  const Picture full = studio.draw(frame, plan);
+  for (ObjectDraw& draw : plan.objects) draw.opacity = 0.5F;
+  const Picture faint = studio.draw(frame, plan);
+  int wrong = 0;
+  inside([&](int x, int y, double, double) {
+    wrong += std::abs(faint.red(x, y) - 0.5 * (120 + full.red(x, y))) > 1.01 ? 1 : 0;
+  });
+  EXPECT_EQ(wrong, 0);
+}
+
+TEST(Materials, OnlyTheFrontIsSeenUnlessBothSidesAre) {
+  TexturedSquare square = square_of(kPlain);
+  square.node = R"("rotation":[1,0,0,0])";  // upside down
+  const Picture video = drawn(AtHeights{{nullptr, 0.0}});
+  EXPECT_EQ(drawn(square), video);
+  square.material += R"(,"doubleSided":true)";
+  EXPECT_GT(largest_difference(drawn(square), video), 20);
+  // The back of a bumpy one is its front, turned over with it.
+  square = square_of(std::string(kPlain) + R"(,"doubleSided":true,"normalTexture":{"index":0})",
+                     {one_color(204, 128, 230)});
+  square.node = R"("rotation":[1,0,0,0])";
+  const auto [x, y, z] = decoded(204, 128, 230);
+  TexturedSquare geometry = square_of(kPlain);
+  // Half a turn about the texture's x leaves it; seen from behind all of the frame is turned over.
+  geometry.normals = normals_of(-x, y, z);
+  EXPECT_LE(largest_difference(drawn(square), drawn(geometry)), 1);
+  // A real thing hides what is behind it from either side.
+  SceneBuilder builder = builder_with();
+  TexturedSquare real = square_of(kPlain);
+  real.node = R"("rotation":[1,0,0,0])";
+  builder.add(model_of(real), test::at(0, 0, 0.1), false, true);
+  builder.add(model_of(square_of(kPlain)), test::at(0, 0, 0.02), false);
+  Studio studio(builder.build(), camera());
+  const Picture behind = studio.draw(test::plain_frame(kSide, kSide, 120), studio.plan(pose()));
+  int hidden = 0;
+  inside([&](int x2, int y2, double, double) { hidden += behind.red(x2, y2) == 120 ? 1 : 0; }, 0.1);
+  EXPECT_GT(hidden, 5000);
+}
+
+TEST(Materials, WhatIsLeftOutIsTold) {
+  TexturedSquare square = square_of(
+      R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0,"extensions":{"KHR_texture_transform":{"scale":[2,2]}}}})",
+      {one_color(200, 100, 50)});
+  auto model = loaded(square);
+  ASSERT_TRUE(model) << model.error().message;
+  ASSERT_EQ(model->warnings.size(), 1U);
+  EXPECT_THAT(model->warnings[0], HasSubstr("materials/0/baseColorTexture: its "
+                                            "KHR_texture_transform is left out"));
+  square.material =
+      R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0},"metallicRoughnessTexture":{"index":0,"texCoord":1}},"emissiveTexture":{"index":0,"texCoord":2})";
+  model = loaded(square);
+  ASSERT_TRUE(model) << model.error().message;
+  ASSERT_EQ(model->warnings.size(), 1U);
+  EXPECT_THAT(model->warnings[0],
+              HasSubstr("materials/0/emissiveTexture: is left out: it is the third"));
+}
+
+TEST(Materials, WhatIsWrongIsRefused) {
+  const auto material = [](const std::string& fields) {
+    return square_of(fields, {one_color(200, 100, 50)});
+  };
+  for (const char* map : {"normalTexture", "occlusionTexture", "emissiveTexture"}) {
+    EXPECT_THAT(error_of(material(fmt::format(R"("{}":{{"index":7}})", map))),
+                HasSubstr(fmt::format("materials/0/{}: names texture 7, there are 1", map)));
+  }
+  EXPECT_THAT(
+      error_of(material(R"("pbrMetallicRoughness":{"metallicRoughnessTexture":{"index":3}})")),
+      HasSubstr("materials/0/metallicRoughnessTexture: names texture 3, there "
+                "are 1"));
+  EXPECT_THAT(error_of(material(R"("alphaMode":"GLOW")")),
+              HasSubstr("materials/0/alphaMode: \"GLOW\" is none of OPAQUE, MASK and BLEND"));
+  EXPECT_THAT(error_of(material(R"("normalTexture":{"index":0,"scale":1e30})")),
+              HasSubstr("normal scale"));
+  EXPECT_THAT(error_of(material(R"("occlusionTexture":{"index":0,"strength":-3})")),
+              HasSubstr("occlusion strength"));
+  TexturedSquare square = material(R"("normalTexture":{"index":0})");
+  square.samplers = R"({"wrapS":5})";
+  EXPECT_THAT(error_of(square), HasSubstr("samplers/0/wrapS: 5 is none of glTF's values"));
+  square.samplers = R"({"minFilter":3})";
+  EXPECT_THAT(error_of(square), HasSubstr("samplers/0/minFilter: 3 is none of glTF's values"));
+  square.samplers = "";
+  EXPECT_THAT(error_of(square), HasSubstr("names sampler 0, there are 0"));
+  square = material(R"("normalTexture":{"index":0})");
+  square.images[0].resize(square.images[0].size() / 2);
+  EXPECT_THAT(error_of(square), HasSubstr("images/0"));
+  square.images[0] = "no picture";
+  EXPECT_THAT(error_of(square), HasSubstr("images/0"));
+  square = material(R"("normalTexture":{"index":0})");
+  square.tangents.assign(3, {1, 0, 0, 1});
+  EXPECT_THAT(error_of(square), HasSubstr("TANGENT: has 3 elements for 4 vertices"));
+}
+
+}  // namespace
+}  // namespace penumbra
