@@ -1,7 +1,9 @@
 #include "render/shadow/silhouette_mask.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <tuple>
 
@@ -17,6 +19,12 @@ constexpr std::int32_t kWhole = 2 * kPlaces * kPlaces;  // a covered cell
 std::int64_t floor_div(std::int64_t a, std::int64_t b) {
   const std::int64_t q = a / b;
   return q * b > a ? q - 1 : q;
+}
+
+// Whether no layer covers more or less than in the cell before: by two words, not three numbers.
+bool is_level(const std::array<std::int32_t, 4>& step) {
+  const auto words = std::bit_cast<std::array<std::uint64_t, 2>>(step);
+  return (words[0] | words[1]) == 0;
 }
 
 }  // namespace
@@ -257,18 +265,22 @@ void MaskPicture::finish(const glm::vec3& light, std::vector<std::uint8_t>& code
     std::array<std::int32_t, 4> covered{};
     std::uint8_t code = 255;
     for (std::size_t i = first; i < end; ++i) {
+      // Most cells are like the one before.
+      std::size_t next = i;
+      while (next < end && is_level(steps[next])) ++next;
+      std::fill(out + std::min(i, width), out + std::min(next, width), code);
+      if (next == end) break;
+      i = next;
       std::array<std::int32_t, 4>& step = steps[i];
-      if ((step[0] | step[1] | step[2]) != 0) {
-        float left = 1.0F;
-        for (int layer = 2; layer >= 0; --layer) {
-          const auto at = static_cast<std::size_t>(layer);
-          covered[at] += step[at];
-          const std::int32_t whole = std::min(std::abs(covered[at]), kWhole);
-          left += static_cast<float>(whole) * (1.0F / kWhole) * (light[layer] - left);
-        }
-        step = {};
-        code = static_cast<std::uint8_t>(255.0F * left + 0.5F);
+      float left = 1.0F;
+      for (int layer = 2; layer >= 0; --layer) {
+        const auto at = static_cast<std::size_t>(layer);
+        covered[at] += step[at];
+        const std::int32_t whole = std::min(std::abs(covered[at]), kWhole);
+        left += static_cast<float>(whole) * (1.0F / kWhole) * (light[layer] - left);
       }
+      step = {};
+      code = static_cast<std::uint8_t>(255.0F * left + 0.5F);
       if (i < width) out[i] = code;
     }
   }
