@@ -1,0 +1,276 @@
+// Soft shadows of one object on one rectangle of the table, 1280 x 720: what layers cost and how
+// far they are from an area light's shadow, beside techniques that are usual on GPUs.
+//
+//   count_soft_shadows count SHAPE FRAMES TECHNIQUE... draws moving frames for callgrind to count,
+//                                                      dumped under the technique's name
+//   count_soft_shadows frame SHAPE TECHNIQUE FILE.ppm  one picture
+//   count_soft_shadows errors                          SHAPE TECHNIQUE and four figures a line
+//
+// SHAPE: sphere | torus, of 3000 triangles. TECHNIQUE: one of the program's, or of
+// soft_shadows.hpp, or `bare`: the frame that the latter are drawn into. The light is a disc at the
+// zenith, as wide as the layers' constants make it for the body's own thickness; a share of 0.15 of
+// the light comes from all around, as the layers' shares of light have it.
+#include <valgrind/callgrind.h>
+
+#include <array>
+#include <cstdio>
+#include <fstream>
+#include <string>
+
+#include "core/text.hpp"
+#include "counted_scene.hpp"
+#include "render/passes/object_pass.hpp"
+#include "render/passes/video_pass.hpp"
+#include "render/shadow/shadow_kernels.hpp"
+#include "soft_shadows.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr int kTriangles = 3000;
+constexpr double kUmbraHeight = 0.28;  // H / a of the scenes' usual constants [m]
+constexpr int kReferenceSamples = 1024;
+
+std::shared_ptr<const Scene> scene_of(std::string_view shape) {
+  // At the zenith, where the kernels' lights of all parts are one.
+  const LayeredConstants constants =
+      make_layered_constants(std::numeric_limits<double>::infinity(), 0.0, kUmbraHeight).value();
+  return std::make_shared<const Scene>(counted::scene_of(
+      shape == "sphere" ? counted::sphere(kTriangles) : counted::torus(kTriangles), constants));
+}
+
+void check(const Result<void>& done) {
+  if (!done) throw std::runtime_error(done.error().message);
+}
+
+// Draws a frame by the program's own passes, and a soft shadow into it.
+class PeerStudio {
+ public:
+  explicit PeerStudio(std::shared_ptr<const Scene> scene)
+      : scene_(std::move(scene)), camera_(counted::camera()), lens_(make_lens(camera_)) {
+    context_ = create_offscreen_context(GlApi::gl33).value();
+    framebuffer_.emplace(Framebuffer::create(counted::kWidth, counted::kHeight).value());
+    objects_.emplace(ObjectPass::create(GlApi::gl33, *scene_, camera_).value());
+    check(objects_->choose(Translucency::blend, PixelFormat::yuyv));
+    video_.emplace(GlApi::gl33);
+  }
+  // From here on; without a technique the frame alone.
+  void choose(std::optional<counted::SoftTechnique> technique) {
+    context_->make_current();
+    soft_.reset();
+    if (!technique) return;
+    const ShadowMesh mesh = make_shadow_mesh(*scene_->objects[0].model);
+    const Eigen::Vector3d up =
+        scene_->objects[0].placement.rotation.conjugate() * Eigen::Vector3d::UnitZ();
+    const auto parts = part_discs(mesh, up);
+    const counted::SoftLight light{
+        static_cast<double>(parts.at(0).radius) / scene_->shadows[0].layered.umbra_height,
+        static_cast<float>(scene_->shadows[0].fractions.umbra)};
+    soft_.emplace(
+        counted::SoftShadows::create(mesh, *technique, light, {counted::kWidth, counted::kHeight})
+            .value());
+  }
+  [[nodiscard]] const CameraModel& camera() const { return camera_; }
+
+  void draw(const Frame& frame, const SceneState& state, const FramePlan& plan) {
+    const PlaneFrame plane;
+    const glm::mat4x3 to_camera = camera_from_plane(plan.T_table_camera, plane);
+    if (soft_) soft_->prepare(state.objects[0], plane, lens_, to_camera);
+    framebuffer_->bind();
+    video_->upload(frame);
+    check(video_->draw(frame));
+    glDepthMask(GL_TRUE);
+    glStencilMask(0xFF);
+    glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
+    objects_->draw_objects(*scene_, plan, lens_, *framebuffer_);
+    if (soft_) soft_->draw(lens_, to_camera);
+    glFinish();
+    if (glGetError() != GL_NO_ERROR) throw std::runtime_error("OpenGL reports an error");
+  }
+  [[nodiscard]] test::Picture picture() const {
+    test::Picture picture{counted::kWidth, counted::kHeight, {}};
+    picture.rgba.resize(std::size_t{4} * counted::kWidth * counted::kHeight);
+    framebuffer_->read_rgba(picture.rgba);
+    return picture;
+  }
+
+ private:
+  std::shared_ptr<const Scene> scene_;
+  CameraModel camera_;
+  LensUniforms lens_;
+  std::unique_ptr<GlContext> context_;
+  std::optional<Framebuffer> framebuffer_;
+  std::optional<ObjectPass> objects_;
+  std::optional<VideoPass> video_;
+  std::optional<counted::SoftShadows> soft_;
+};
+
+bool is_peer(std::string_view technique) {
+  return technique == "bare" || counted::soft_technique(technique);
+}
+
+PlanOptions options_of(std::string_view technique) {
+  PlanOptions options;
+  options.translucency = Translucency::blend;
+  const auto choice = counted::technique_of(technique);
+  options.technique = choice ? choice->technique : ShadowTechnique::none;
+  if (choice) options.layers = choice->layers;
+  return options;
+}
+
+// Calls draw(frame of video, state, plan) for each frame.
+template <class Draw>
+void run_frames(const Scene& scene, const CameraModel& camera, const std::string& technique,
+                int frames, const Draw& draw) {
+  SceneState state = evaluate_scene(scene, 0.0);
+  const std::array<Frame, 2> video = {counted::video(counted::Video::gradients),
+                                      counted::video(counted::Video::gradients)};
+  for (int i = 0; i < counted::kWarmFrames + frames; ++i) {
+    if (i == counted::kWarmFrames) {
+      CALLGRIND_START_INSTRUMENTATION;
+    }
+    counted::move_on(state, i);
+    draw(video[static_cast<std::size_t>(i % 2)], state,
+         plan_frame(scene, state, counted::pose(), camera, options_of(technique)));
+  }
+  CALLGRIND_STOP_INSTRUMENTATION;
+  CALLGRIND_DUMP_STATS_AT(technique.c_str());
+}
+
+// The program's techniques and the peers, each in one context for all of its own.
+class Studios {
+ public:
+  explicit Studios(std::string_view shape)
+      : scene_(scene_of(shape)), peers_(scene_), program_(scene_, counted::camera()) {}
+
+  void count(const std::string& technique, int frames) {
+    if (is_peer(technique)) {
+      peers_.choose(counted::soft_technique(technique));
+      run_frames(*scene_, peers_.camera(), technique, frames,
+                 [&](const Frame& frame, const SceneState& state, const FramePlan& plan) {
+                   peers_.draw(frame, state, plan);
+                 });
+      return;
+    }
+    program_.context().make_current();
+    run_frames(*scene_, program_.camera(), technique, frames,
+               [&](const Frame& frame, const SceneState&, const FramePlan& plan) {
+                 program_.compositor().draw(frame, plan).value();
+               });
+  }
+  // Over video of one grey: what differs is the shadow's.
+  test::Picture picture(std::string_view technique) {
+    const SceneState state = evaluate_scene(*scene_, 0.0);
+    const Frame frame = counted::video(counted::Video::plain);
+    const FramePlan plan =
+        plan_frame(*scene_, state, counted::pose(), program_.camera(), options_of(technique));
+    if (!is_peer(technique)) return program_.draw(frame, plan);
+    peers_.choose(counted::soft_technique(technique));
+    peers_.draw(frame, state, plan);
+    return peers_.picture();
+  }
+
+ private:
+  std::shared_ptr<const Scene> scene_;
+  PeerStudio peers_;
+  test::Studio program_;
+};
+
+int write_picture(const test::Picture& picture, const char* file) {
+  std::ofstream out(file, std::ios::binary);
+  out << "P6 " << picture.width << " " << picture.height << " 255\n";
+  for (std::size_t i = 0; i < picture.rgba.size(); i += 4)
+    out.write(reinterpret_cast<const char*>(picture.rgba.data() + i), 3);
+  return out.flush() ? 0 : 1;
+}
+
+struct Shadow {
+  std::vector<int> lost;  // codes of each pixel that the shadow takes
+  int darkest = 0;
+  Shadow(const test::Picture& with, const test::Picture& without) {
+    for (std::size_t i = 1; i < with.rgba.size(); i += 4) {
+      lost.push_back(static_cast<int>(without.rgba[i]) - static_cast<int>(with.rgba[i]));
+      darkest = std::max(darkest, lost.back());
+    }
+  }
+};
+
+struct Errors {
+  double rms = 0.0;                    // codes, over the pixels that the reference darkens
+  double relative = 0.0;               // L2 of what differs over L2 of the reference's shadow
+  double umbra = 0.0, penumbra = 0.0;  // area over the reference's, less 1
+};
+Errors errors_of(const Shadow& shadow, const Shadow& reference) {
+  double off = 0.0;
+  double all = 0.0;
+  double pixels = 0.0;
+  std::array<double, 2> umbra{};
+  std::array<double, 2> penumbra{};
+  for (std::size_t i = 0; i < reference.lost.size(); ++i) {
+    const double wanted = reference.lost[i];
+    off += (shadow.lost[i] - wanted) * (shadow.lost[i] - wanted);
+    all += wanted * wanted;
+    pixels += wanted > 0 ? 1.0 : 0.0;
+    for (const bool ours : {false, true}) {
+      const int lost = ours ? shadow.lost[i] : reference.lost[i];
+      umbra[ours ? 1 : 0] += lost >= reference.darkest - 1 ? 1.0 : 0.0;
+      penumbra[ours ? 1 : 0] += lost > 0 ? 1.0 : 0.0;
+    }
+  }
+  return {std::sqrt(off / pixels), std::sqrt(off / all), umbra[1] / umbra[0] - 1.0,
+          penumbra[1] / penumbra[0] - 1.0};
+}
+
+int print_errors() {
+  for (const char* shape : {"sphere", "torus"}) {
+    Studios studios(shape);
+    const test::Picture bare = studios.picture("bare");
+    if (!(bare == studios.picture("none"))) {
+      std::fprintf(stderr, "count_soft_shadows: the peers' frame is not the program's\n");
+      return 1;
+    }
+    const Shadow reference(studios.picture("reference-" + std::to_string(kReferenceSamples)), bare);
+    for (const char* technique :
+         {"simple", "layered", "layered-direct", "field", "hard-map", "pcf", "pcss-16", "pcss-32",
+          "pcss-64", "average-4", "average-16", "average-64"}) {
+      const Errors errors = errors_of(Shadow(studios.picture(technique), bare), reference);
+      std::printf("%s %s %.6f %.6f %.6f %.6f\n", shape, technique, errors.rms, errors.relative,
+                  errors.umbra, errors.penumbra);
+    }
+  }
+  return 0;
+}
+
+}  // namespace
+}  // namespace penumbra
+
+int main(int argc, char** argv) {
+  using namespace penumbra;
+  const auto misused = [] {
+    std::fprintf(
+        stderr,
+        "count_soft_shadows count SHAPE FRAMES TECHNIQUE... | frame SHAPE TECHNIQUE FILE.ppm "
+        "| errors\n");
+    return 2;
+  };
+  counted::use_one_thread_of_software_gl();
+  const std::string what = argc > 1 ? argv[1] : "";
+  if (what == "errors" && argc == 2) return print_errors();
+  if (argc < 5) return misused();
+  const std::string shape = argv[2];
+  if (shape != "sphere" && shape != "torus") return misused();
+  const auto known = [](const char* technique) {
+    return is_peer(technique) || counted::technique_of(technique);
+  };
+  if (what == "frame" && argc == 5 && known(argv[3])) {
+    return write_picture(Studios(shape).picture(argv[3]), argv[4]);
+  }
+  const auto frames = static_cast<int>(parse_integer(argv[3]).value_or(0));
+  if (what != "count" || frames < 1) return misused();
+  Studios studios(shape);
+  for (int i = 4; i < argc; ++i) {
+    if (!known(argv[i])) return misused();
+    studios.count(argv[i], frames);
+  }
+  return 0;
+}

@@ -1,0 +1,107 @@
+// What the counting programs draw: one object over the table, 1280 x 720, video as YUYV.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdlib>
+#include <memory>
+#include <string_view>
+
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra::counted {
+
+inline constexpr int kWidth = 1280;
+inline constexpr int kHeight = 720;
+inline constexpr int kWarmFrames = 3;         // programs are compiled, and what stays has been made
+inline constexpr double kObjectHeight = 0.1;  // of the object's middle, in the first frame [m]
+inline constexpr double kRisePerFrame = 0.0007;  // [m]
+
+inline void use_one_thread_of_software_gl() {
+  setenv("LP_NUM_THREADS", "0", 1);  // all work on this thread
+  setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
+}
+
+// By twos along the tube and around it.
+inline std::shared_ptr<const Model> torus(int triangles) {
+  int around = 4;
+  while (2 * around * around * 2 < triangles) ++around;
+  test::ShapeBuilder shape;
+  shape.torus(0.05, 0.018, around, triangles / (2 * around));
+  return test::finished(shape.build(), {0.7F, 0.3F, 0.15F, 1.0F});
+}
+inline std::shared_ptr<const Model> sphere(int triangles) {
+  int rings = 4;
+  while (2 * rings * 2 * rings < triangles) ++rings;
+  test::ShapeBuilder shape;
+  shape.sphere(0.045, rings, triangles / (2 * rings));
+  return test::finished(shape.build(), {0.7F, 0.3F, 0.15F, 1.0F});
+}
+
+// 12 triangles are a box, more a torus.
+inline std::shared_ptr<const Model> body(int triangles) {
+  if (triangles > 12) return torus(triangles);
+  return test::finished(test::box_model(0.08), {0.7F, 0.3F, 0.15F, 1.0F});
+}
+
+enum class Video { plain, checkerboard, gradients };
+inline Frame video(Video kind) {
+  FrameBuffer buffer = allocate_frame(PixelFormat::yuyv, kWidth, kHeight);
+  for (int y = 0; y < kHeight; ++y) {
+    std::uint8_t* row = buffer.plane_data[0] + y * buffer.frame.planes[0].stride;
+    for (int x = 0; x < 2 * kWidth; x += 2) {
+      const bool white = (x / 160 + y / 80) % 2 == 0;
+      row[x] = kind == Video::plain ? 200
+               : kind == Video::checkerboard
+                   ? (white ? 220 : 30)
+                   : static_cast<std::uint8_t>(100 + (x / 7 + y / 5) % 120);
+      row[x + 1] =
+          kind == Video::gradients ? static_cast<std::uint8_t>(118 + (x / 40 + y / 60) % 20) : 128;
+    }
+  }
+  return buffer.frame;
+}
+
+inline Scene scene_of(std::shared_ptr<const Model> model, const LayeredConstants& constants) {
+  test::SceneBuilder builder;
+  builder.add(std::move(model), test::at(0.0, 0.0, kObjectHeight, {1, 0.2, 0}, 0.4));
+  builder.scene().shadows[0].layered = constants;
+  Scene scene = builder.scene();
+  scene.objects[0].proxy = ProxyMode::none;
+  return scene;
+}
+
+// Lifted and slid a little: its shadow has another shape in each frame.
+inline void move_on(SceneState& state, int frame) {
+  state.objects[0].position.z() = kObjectHeight + kRisePerFrame * frame;
+  state.objects[0].position.x() = 0.0005 * frame;
+}
+
+inline CameraModel camera() {
+  return test::camera_of(kWidth, kHeight, 1000.0);
+}
+inline PoseEstimate pose() {
+  return test::tracked(test::look_at({0.1, -0.45, 0.4}, {0.0, 0.0, 0.03}));
+}
+
+// layered-direct and layered-mask are layers drawn in this way, whatever pays.
+struct TechniqueChoice {
+  ShadowTechnique technique = ShadowTechnique::none;
+  LayerDrawing layers = LayerDrawing::automatic;
+};
+[[nodiscard]] inline std::optional<TechniqueChoice> technique_of(std::string_view name) {
+  TechniqueChoice choice;
+  for (const auto& [suffix, way] : {std::pair{std::string_view("-direct"), LayerDrawing::direct},
+                                    std::pair{std::string_view("-mask"), LayerDrawing::mask}}) {
+    if (!name.ends_with(suffix)) continue;
+    choice.layers = way;
+    name.remove_suffix(suffix.size());
+  }
+  const auto technique = shadow_technique_from_string(name);
+  if (!technique) return std::nullopt;
+  choice.technique = *technique;
+  return choice;
+}
+
+}  // namespace penumbra::counted

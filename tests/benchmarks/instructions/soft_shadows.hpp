@@ -1,0 +1,79 @@
+// Soft shadows by techniques that are usual on GPUs, to compare the layered ones with: an object's
+// shadow on a plane under a disc of light at the zenith. A shadow map seen from there
+// (orthographic, over the shadow's own rectangle of the plane) read once, by PCF or by PCSS
+// (Fernando, 2005), and hard shadows from many points of the light averaged (Heckbert and Herf,
+// 1997). Each darkens the rectangle in the picture by one draw, blended.
+#pragma once
+
+#include <epoxy/gl.h>
+
+#include <glm/mat4x3.hpp>
+#include <optional>
+#include <span>
+#include <string_view>
+
+#include "render/camera_gl.hpp"
+#include "render/gl/buffer.hpp"
+#include "render/gl/framebuffer.hpp"
+#include "render/gl/shader.hpp"
+#include "render/shadow/plane_frame.hpp"
+#include "render/shadow/shadow_mesh.hpp"
+
+namespace penumbra::counted {
+
+struct SoftTechnique {
+  enum class Kind {
+    hard,      // the map's nearest texel
+    pcf,       // the mean of 4 x 4 texels, filtered
+    pcss,      // `samples` for the search and as many for the filter
+    average,   // of `samples` hard shadows, in a picture of the plane as large as the map
+    reference  // the same with each of the picture's pixels for itself: the area light
+  };
+  Kind kind = Kind::hard;
+  int samples = 1;
+};
+[[nodiscard]] std::optional<SoftTechnique> soft_technique(std::string_view name);
+
+struct SoftLight {
+  double slope = 0.0;    // the light's radius over its height, seen from the plane
+  float ambient = 0.0F;  // the share of light that nothing blocks
+};
+
+class SoftShadows {
+ public:
+  // The context is current, now and at every later call.
+  [[nodiscard]] static Result<SoftShadows> create(const ShadowMesh& mesh, SoftTechnique technique,
+                                                  const SoftLight& light, GlContext::Size picture);
+  // What is drawn before the picture: the map, or the sum of hard shadows.
+  void prepare(const Placement& T_table_object, const PlaneFrame& plane, const LensUniforms& lens,
+               const glm::mat4x3& camera_from_plane);
+  // Into the framebuffer that is bound, behind the objects in it.
+  void draw(const LensUniforms& lens, const glm::mat4x3& camera_from_plane) const;
+
+ private:
+  SoftShadows(ShaderProgram caster, ShaderProgram rectangle)
+      : caster_(std::move(caster)), rectangle_(std::move(rectangle)) {}
+  void draw_map();
+  void draw_sum(const LensUniforms& lens, const glm::mat4x3& camera_from_plane);
+  void set_caster() const;
+
+  ShaderProgram caster_, rectangle_;
+  SoftTechnique technique_;
+  SoftLight light_;
+  GlContext::Size size_;  // of the map, or the sum
+  std::vector<glm::vec3> positions_;
+  VertexArray mesh_layout_, rectangle_layout_;
+  GlBuffer mesh_vertices_{BufferUse::vertices}, mesh_indices_{BufferUse::indices};
+  GlBuffer rectangle_vertices_{BufferUse::vertices};
+  int index_count_ = 0;
+  bool faces_outwards_ = true;
+  GlHandle<FramebufferTraits> target_;
+  GlHandle<TextureTraits> texture_, stencil_;
+  GLuint nearest_ = 0, compared_ = 0;  // samplers; kept until the context ends
+  // Of the present frame.
+  glm::mat4x3 plane_from_caster_{0.0F};
+  glm::vec4 bounds_{0.0F};  // lowest (u, v), then the extents [m]
+  float top_ = 0.0F;        // [m]
+};
+
+}  // namespace penumbra::counted
