@@ -900,10 +900,21 @@ bool ShadowPass::MaskPart::same_as(const MaskPart& other) const {
          constants == other.constants && layers == other.layers;
 }
 
+// What a mask has for each layer: what it leaves of the encoded value; through a screen-door, the
+// share of places that it leaves open, of which 8 bits tell the number exactly.
+glm::vec3 ShadowPass::mask_light(const ShadowDraw& draw) const {
+  const glm::vec3 light = layer_light(draw);
+  if (way_ != Translucency::mesh) return light;
+  const auto open = [](float left) {
+    return 1.0F - door_places(left) / static_cast<float>(kDoorPlaces);
+  };
+  return {open(light.x), open(light.y), open(light.z)};
+}
+
 // Whether all shadows of a plane can be in a mask, and whether that pays.
 bool ShadowPass::mask_serves(const Scene& scene, const FramePlan& plan, int plane) {
   if (plan.layers == LayerDrawing::direct) return false;
-  if (way_ != Translucency::blend && way_ != Translucency::retexture) return false;
+  if (way_ == Translucency::geometry_mesh) return false;  // marked in the stencil
   std::optional<glm::vec3> light;
   std::size_t faces = 0;
   for (const ShadowDraw& draw : plan.shadows) {
@@ -955,7 +966,7 @@ void ShadowPass::make_mask(const FramePlan& plan, int plane, PlaneMask& mask, Sh
     for (std::size_t layer = 0; layer < 3; ++layer)
       part.layers[layer] = prepared.layers[layer].source == LayerSource::masked;
     if (part.layers == std::array<bool, 3>{}) continue;
-    light = layer_light(draw);
+    light = mask_light(draw);
     parts.push_back(part);
   }
   // By half powers of two, so that a camera that moves seldom makes another mask.

@@ -226,7 +226,7 @@ class ShadowPass {
   struct PlaneMask {
     std::vector<MaskPart> parts;
     double cell = 0.0;
-    glm::vec3 light{0.0F};
+    glm::vec3 light{0.0F};               // mask_light()
     std::optional<MaskTexture> texture;  // none: nothing is in it
     bool in_use = false;                 // in this frame
   };
@@ -272,6 +272,7 @@ class ShadowPass {
                      Prepared& prepared) const;
   static void upload_clipped(std::span<const CasterVertex> faces, Prepared& prepared);
   static std::array<LayerSource, 3> cut_layers(const ShadowDraw& draw, const Caster& caster);
+  [[nodiscard]] glm::vec3 mask_light(const ShadowDraw& draw) const;
   [[nodiscard]] bool mask_serves(const Scene& scene, const FramePlan& plan, int plane);
   void make_mask(const FramePlan& plan, int plane, PlaneMask& mask, ShadowWork& work);
   void make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);

@@ -4,5 +4,11 @@ uniform sampler2D mask;
 layout(location = 0) out vec4 color;
 
 void main() {
-  color = darkened_by_layer(texture(mask, texel).r);
+  float left = texture(mask, texel).r;
+#if defined(SCREEN_DOOR)
+  // The share of places that stay open; where an edge runs through, between its sides' numbers.
+  color = darkened_by_layer(floor(16.0 * (1.0 - left) + 0.5));
+#else
+  color = darkened_by_layer(left);
+#endif
 }

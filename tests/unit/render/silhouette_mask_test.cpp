@@ -9,6 +9,7 @@
 #include <functional>
 #include <random>
 
+#include "render/passes/translucent_program.hpp"
 #include "render/shadow/caster.hpp"
 #include "render/shadow/caster_geometry.hpp"
 #include "support/shapes.hpp"
@@ -406,9 +407,64 @@ TEST_F(DrawnMask, EveryWayAndEveryApiGiveOnePicture) {
     ASSERT_NEAR(retextured.rgba[i], blended.rgba[i], 1);
   // By itself, as it has 1024 faces and more.
   EXPECT_EQ(shadows(studio, by(LayerDrawing::automatic)), blended);
-  // Without blending and video there is no mask.
-  EXPECT_EQ(shadows(studio, by(LayerDrawing::mask, Translucency::mesh)),
-            shadows(studio, by(LayerDrawing::direct, Translucency::mesh)));
+  // Strips are drawn over what the stencil marks: there is no mask.
+  EXPECT_EQ(shadows(studio, by(LayerDrawing::mask, Translucency::geometry_mesh)),
+            shadows(studio, by(LayerDrawing::direct, Translucency::geometry_mesh)));
+}
+
+// Which of the 16 places of a screen-door a pixel is (translucency.glsl).
+int door_place(int x, int y) {
+  const int either = x ^ y;
+  return ((either & 1) << 3) | ((y & 1) << 2) | (either & 2) | ((y & 2) >> 1);
+}
+
+// Over white: the same places where the layers' edges are not near; and near them no fewer than the
+// lightest of the layers there has, and no more than the darkest.
+TEST_F(DrawnMask, AScreenDoorHasTheSamePlaces) {
+  for (const LightFractions& fractions :
+       {LightFractions(), LightFractions{0.0, 0.28, 0.83}, LightFractions{0.41, 0.62, 0.95}}) {
+    for (const bool lens : {false, true}) {
+      Scene of_ring = *ring();
+      of_ring.shadows[0].fractions = fractions;
+      Studio studio(std::make_shared<const Scene>(of_ring), lens ? bent_camera() : camera());
+      const Picture layers = shadows(studio, by(LayerDrawing::direct));
+      const Picture direct = shadows(studio, by(LayerDrawing::direct, Translucency::mesh));
+      EXPECT_EQ(studio.stats().layer_masks_drawn, 0);
+      const Picture mask = shadows(studio, by(LayerDrawing::mask, Translucency::mesh));
+      EXPECT_EQ(studio.stats().layer_masks_drawn, 1);
+      // The way is not another light: each has a mask of its own.
+      const Picture blended = shadows(studio, by(LayerDrawing::mask));
+      EXPECT_EQ(studio.stats().layer_masks_drawn, 1);
+      EXPECT_NE(blended, mask);
+      int inside = 0;
+      int off = 0;
+      int outside = 0;
+      for (int y = 2; y + 2 < kHeight; ++y) {
+        for (int x = 2; x + 2 < kWidth; ++x) {
+          int darkest = 255;
+          int lightest = 0;
+          for (int i = 0; i < 25; ++i) {
+            const int beside = layers.red(x + i % 5 - 2, y + i / 5 - 2);
+            darkest = std::min(darkest, beside);
+            lightest = std::max(lightest, beside);
+          }
+          const int shown = mask.red(x, y);
+          EXPECT_TRUE(shown == 0 || shown == 255);
+          const auto black = [&](int value) {
+            return static_cast<float>(door_place(x, y)) <
+                   door_places(static_cast<float>(value) / 255.0F);
+          };
+          if (shown == 0 ? !black(darkest) : black(lightest)) ++outside;
+          if (darkest != lightest) continue;
+          if (darkest < 255) ++inside;
+          if (shown != direct.red(x, y)) ++off;
+        }
+      }
+      EXPECT_GT(inside, 1000);
+      EXPECT_EQ(off, 0);
+      EXPECT_EQ(outside, 0);
+    }
+  }
 }
 
 TEST_F(DrawnMask, IsKeptUntilACasterMoves) {
