@@ -9,7 +9,7 @@ SECTIONS = pathlib.Path(__file__).resolve().parent
 COLOURS = {"layered": "#1f6fd6", "field": "#c2410c", "pcss": "#8a4fbf", "average": "#6b7280"}
 OTHER = "#0f766e"
 LEFT, TOP, GAP = 74, 98, 92
-STEPS = [step * 10.0 ** power for power in range(-2, 4) for step in (1.0, 2.0, 5.0)]
+STEPS = [step * 10.0 ** power for power in range(-2, 4) for step in (1.0, 3.0)]
 
 
 def measured():
