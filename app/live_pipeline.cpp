@@ -39,7 +39,24 @@ LivePipeline::~LivePipeline() {
 }
 
 std::optional<ReadyFrame> LivePipeline::take(std::chrono::milliseconds patience) {
-  return side_by_side_ ? ready_.take(patience) : track_next(patience);
+  if (!side_by_side_) return track_next(patience);
+  {
+    const std::lock_guard lock(drawer_mutex_);
+    draw_pace_.asked(monotonic_ns());
+    drawer_waits_ = true;
+  }
+  drawer_changed_.notify_all();
+  auto ready = ready_.take(patience);
+  if (ready) {
+    {
+      const std::lock_guard lock(drawer_mutex_);
+      draw_pace_.took(monotonic_ns());
+      drawer_waits_ = false;
+      ++taken_;
+    }
+    drawer_changed_.notify_all();
+  }
+  return ready;
 }
 
 bool LivePipeline::finished() const {
@@ -54,6 +71,11 @@ std::optional<std::int64_t> LivePipeline::stale_for_ns() const {
 
 void LivePipeline::stop() {
   source_.stop();
+  {
+    const std::lock_guard lock(drawer_mutex_);
+    stopping_ = true;
+  }
+  drawer_changed_.notify_all();
   inbox_.close();
   ready_.close();
   if (capture_thread_.joinable()) capture_thread_.join();
@@ -95,16 +117,34 @@ void LivePipeline::capture_all() {
 void LivePipeline::track_all() {
   constexpr std::chrono::milliseconds kPatience(50);
   // A tracked frame that waits to be drawn grows old; a newer picture is taken when it is gone.
-  while (!inbox_.finished() && ready_.wait_until_empty()) {
+  while (!inbox_.finished() && ready_.wait_until_empty() && wait_for_drawer()) {
     auto ready = track_next(kPatience);
-    if (ready && !ready_.hand_over(std::move(*ready))) break;
+    if (!ready) continue;
+    {
+      const std::lock_guard lock(drawer_mutex_);
+      ++handed_over_;
+    }
+    if (!ready_.hand_over(std::move(*ready))) break;
   }
+}
+
+// Until it is time for the next picture, or the drawer waits for it. False when all ends.
+bool LivePipeline::wait_for_drawer() {
+  std::unique_lock lock(drawer_mutex_);
+  // The slot is empty: whoever emptied it is about to say so.
+  drawer_changed_.wait(lock, [this] { return stopping_ || taken_ == handed_over_; });
+  if (const auto begin_ns = draw_pace_.begin_at_ns()) {
+    const std::chrono::steady_clock::time_point begin{std::chrono::nanoseconds(*begin_ns)};
+    drawer_changed_.wait_until(lock, begin, [this] { return stopping_ || drawer_waits_; });
+  }
+  return !stopping_;
 }
 
 std::optional<ReadyFrame> LivePipeline::track_next(std::chrono::milliseconds patience) {
   auto image = inbox_.take(patience);
   if (!image) return std::nullopt;
   const Stopwatch watch;
+  const std::int64_t begun_ns = monotonic_ns();
   const std::optional<Frame> frame = source_.decode(*image);
   if (!frame) return std::nullopt;
   image.reset();  // a JPEG's buffer goes back to the camera
@@ -117,6 +157,8 @@ std::optional<ReadyFrame> LivePipeline::track_next(std::chrono::milliseconds pat
   ReadyFrame ready{track_(*frame), time};
   last_whole_ns_ = monotonic_ns();
   tracking_now_ = false;
+  const std::lock_guard lock(drawer_mutex_);
+  draw_pace_.prepared(last_whole_ns_ - begun_ns);
   return ready;
 }
 

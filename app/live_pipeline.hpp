@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <condition_variable>
 #include <cstdint>
 #include <functional>
 #include <mutex>
@@ -12,6 +13,7 @@
 #include "app/capture/frame_pace.hpp"
 #include "app/capture/live_source.hpp"
 #include "app/capture/mailbox.hpp"
+#include "app/draw_pace.hpp"
 #include "core/error.hpp"
 #include "core/stopwatch.hpp"
 #include "tracking/group_tracker.hpp"
@@ -29,6 +31,8 @@ struct ReadyFrame {
 
 // The camera's thread and, unless frames are tracked by whoever takes them, the tracker's. The
 // newest picture waits for the tracker, older ones are dropped; a tracked frame is always drawn.
+// The tracker begins with a picture as late as it can be ready in time (DrawPace): what waited for
+// a slow drawer would be old when it is seen.
 class LivePipeline {
  public:
   using Track = std::function<TrackedFrame(const Frame&)>;
@@ -58,6 +62,7 @@ class LivePipeline {
   void set_error(Error error);
   void capture_all();
   void track_all();
+  [[nodiscard]] bool wait_for_drawer();
   std::optional<ReadyFrame> track_next(std::chrono::milliseconds patience);
 
   LiveSource& source_;
@@ -71,6 +76,11 @@ class LivePipeline {
   std::atomic<std::int64_t> stale_after_ns_;
   Mailbox<CapturedImage> inbox_;
   Mailbox<ReadyFrame> ready_;
+  std::mutex drawer_mutex_;
+  std::condition_variable drawer_changed_;
+  DrawPace draw_pace_;                         // these are guarded by drawer_mutex_
+  std::uint64_t handed_over_ = 0, taken_ = 0;  // tracked frames
+  bool drawer_waits_ = false, stopping_ = false;
   mutable std::mutex mutex_;
   std::optional<Error> error_;  // guarded by mutex_
   std::thread capture_thread_, tracking_thread_;

@@ -1,0 +1,67 @@
+#include "app/draw_pace.hpp"
+
+#include <gtest/gtest.h>
+
+namespace penumbra {
+namespace {
+
+constexpr std::int64_t kMillisecond_ns = 1'000'000;
+
+TEST(DrawPace, KnowsNothingAtFirst) {
+  DrawPace pace;
+  EXPECT_FALSE(pace.begin_at_ns());
+  pace.prepared(5 * kMillisecond_ns);
+  EXPECT_FALSE(pace.begin_at_ns());
+  pace.asked(0);  // nothing was taken: no drawing
+  EXPECT_FALSE(pace.begin_at_ns());
+  pace.took(10 * kMillisecond_ns);
+  EXPECT_FALSE(pace.begin_at_ns()) << "no drawing came to its end";
+}
+
+TEST(DrawPace, WhatIsDrawnNextIsReadyWhenItIsAskedForAndNoSooner) {
+  DrawPace pace;
+  pace.prepared(5 * kMillisecond_ns);
+  pace.took(0);
+  pace.asked(60 * kMillisecond_ns);
+  EXPECT_FALSE(pace.begin_at_ns()) << "the drawer waits";
+  pace.took(70 * kMillisecond_ns);
+  EXPECT_EQ(pace.begin_at_ns(), (70 + 60 - 5 - 1) * kMillisecond_ns);
+  // The fastest drawing and the slowest work of late count.
+  pace.asked(120 * kMillisecond_ns);
+  pace.prepared(8 * kMillisecond_ns);
+  pace.prepared(2 * kMillisecond_ns);
+  pace.took(200 * kMillisecond_ns);
+  EXPECT_EQ(pace.begin_at_ns(), (200 + 50 - 8 - 1) * kMillisecond_ns);
+}
+
+TEST(DrawPace, WhereDrawingIsFasterNothingWaits) {
+  DrawPace pace;
+  pace.prepared(20 * kMillisecond_ns);
+  pace.took(0);
+  pace.asked(4 * kMillisecond_ns);
+  pace.took(30 * kMillisecond_ns);
+  EXPECT_EQ(pace.begin_at_ns(), 30 * kMillisecond_ns);
+}
+
+// A window that was paused for a minute, or one slow picture, is forgotten.
+TEST(DrawPace, OnlyTheLastFewCount) {
+  DrawPace pace;
+  std::int64_t now_ns = 0;
+  const auto draw = [&](std::int64_t duration_ns) {
+    pace.took(now_ns);
+    now_ns += duration_ns;
+    pace.asked(now_ns);
+  };
+  pace.prepared(50 * kMillisecond_ns);
+  draw(10 * kMillisecond_ns);
+  for (int i = 0; i < 8; ++i) {
+    pace.prepared(5 * kMillisecond_ns);
+    draw(60'000 * kMillisecond_ns);
+  }
+  draw(40 * kMillisecond_ns);
+  pace.took(now_ns);
+  EXPECT_EQ(*pace.begin_at_ns() - now_ns, (40 - 5 - 1) * kMillisecond_ns);
+}
+
+}  // namespace
+}  // namespace penumbra
