@@ -238,16 +238,25 @@ class Planner {
       skip("shadow_misses_objects", object.name, "its shadow meets no other object");
   }
 
-  // An object and what hangs on it are one thing; what hangs on a mere joint is by itself.
+  // A virtual object and what hangs on it are one thing; what hangs on a mere joint, or on a
+  // phantom (a real thing), is by itself.
   [[nodiscard]] int thing_of(int object) const {
     const auto parent_of = [this](int child) {
       return scene_.objects[static_cast<std::size_t>(child)].parent;
     };
-    for (int parent = parent_of(object);
-         parent >= 0 && scene_.objects[static_cast<std::size_t>(parent)].model;
+    const auto is_virtual = [this](int parent) {
+      const SceneObject& node = scene_.objects[static_cast<std::size_t>(parent)];
+      return node.model && !node.phantom;
+    };
+    for (int parent = parent_of(object); parent >= 0 && is_virtual(parent);
          parent = parent_of(parent))
       object = parent;
     return object;
+  }
+  // Whether a caster's shadow could fall on it at all.
+  [[nodiscard]] bool are_one_thing(int caster, int receiver) const {
+    if (scene_.objects[static_cast<std::size_t>(receiver)].phantom) return receiver == caster;
+    return thing_of(receiver) == thing_of(caster);
   }
 
   // Plans the shadow on those that it may meet. Whether there are others than its caster, and it
@@ -256,7 +265,7 @@ class Planner {
     bool asked = false;
     bool met = false;
     for (const ObjectDraw& receiver : receivers) {
-      if (thing_of(receiver.object) == thing_of(under.shadow.object)) continue;
+      if (are_one_thing(under.shadow.object, receiver.object)) continue;
       asked = true;
       const Model& model = *scene_.objects[static_cast<std::size_t>(receiver.object)].model;
       const BoxCorners box = box_corners(model, receiver.T_table_object);

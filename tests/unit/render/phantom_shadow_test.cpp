@@ -880,6 +880,28 @@ TEST(PhantomShadow, NothingFallsOnWhatItHangsOn) {
   }
 }
 
+// What stands on a real thing, and moves with it, throws its shadow on it all the same, and is by
+// itself.
+TEST(PhantomShadow, FallsOnTheRealThingThatItHangsOn) {
+  SceneBuilder builder = builder_with(ShadowTechnique::layered);
+  const int base = builder.add(box(0.1, 0.1, 0.05), test::at(0, 0, 0.025));
+  builder.scene().objects[static_cast<std::size_t>(base)].phantom = true;
+  const int low = builder.add(box(0.1, 0.1, 0.02), test::at(0, 0, 0.05));
+  const int high = builder.add(l_shape(), test::at(0, 0, 0.15));
+  for (const int child : {low, high})
+    builder.scene().objects[static_cast<std::size_t>(child)].parent = base;
+  Studio studio(builder.build(), camera());
+  const FramePlan plan = studio.plan(from({0.1, -0.35, 0.6}));
+  const auto falls = [&](int caster, int receiver) {
+    return std::ranges::any_of(plan.received_shadows, [&](const ReceivedShadowDraw& draw) {
+      return draw.shadow.object == caster && draw.receiver == receiver;
+    });
+  };
+  EXPECT_TRUE(falls(low, base));
+  EXPECT_TRUE(falls(high, base));
+  EXPECT_TRUE(falls(high, low));
+}
+
 // The first layer over all casters, as on planes: two together are as each pixel's darker one.
 TEST_P(PhantomShadow, IsTheDarkestOfAllCastersOnAnotherObject) {
   SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
