@@ -912,6 +912,7 @@ Result<void> GltfReader::place_mesh(int index, const Eigen::Matrix4d& T_root_nod
     }
     if (mesh.normals.empty() || determinant == 0.0) {
       generate_normals(mesh);
+      mesh.tangents.clear();  // they belong to the normals that are not there (glTF 2.0, 3.7.2.1)
     } else {
       for (glm::vec3& n : mesh.normals) {
         const Eigen::Vector3d turned =
