@@ -608,14 +608,13 @@ void judge(CameraCalibration& result) {
       result.advice.emplace_back(
           "the corners are off by too much: is the target flat, the focus fixed?");
     // Where nothing else stands out, what helps most.
-    if (finite && sigma > kGoodProjection_px && !places &&
-        result.tilt_spread_deg >= kGoodTilt_deg) {
-      result.advice.push_back(fmt::format(
-          "take more views: from near, so that the target fills the picture, tilted to every side, "
-          "and near {}",
-          worst));
+    if (!(sigma <= kGoodProjection_px) && !places && result.tilt_spread_deg >= kGoodTilt_deg) {
+      result.advice.push_back(
+          fmt::format("take more views: from near, so that the target fills the picture, tilted to "
+                      "every side{}",
+                      worst.empty() ? std::string() : ", and near " + worst));
     }
-    text += fmt::format("; {}", fmt::join(result.advice, "; "));
+    if (!result.advice.empty()) text += fmt::format("; {}", fmt::join(result.advice, "; "));
   } else if (places) {
     text += fmt::format("; {}", result.advice.front());
   }
