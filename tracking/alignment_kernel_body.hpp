@@ -414,6 +414,7 @@ void accumulate_as(const AccumulateInput& in, const Samples& s, Sums& sums) {
     }
   }
   // In double, by halves: with a block or two of samples this is as much work as the samples are.
+  static_assert(kLanes == 16, "four halvings");
   alignas(64) double sum[kSums];
   for (int k = 0; k < kSums; ++k) {
     alignas(64) double part[kLanes / 2];
