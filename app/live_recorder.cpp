@@ -45,11 +45,12 @@ void LiveRecorder::stop() {
     const RecordingCounts counts = writer->counts();
     ended.frames = {static_cast<std::int64_t>(counts.written),
                     static_cast<std::int64_t>(counts.dropped)};
-    fmt::print(
-        "recorded {} frames to {}{}\n", counts.written, writer->folder().string(),
-        counts.dropped > 0
-            ? fmt::format("; {} left out, the disk or the encoder was too slow", counts.dropped)
-            : std::string());
+    fmt::print("recorded {} frames to {}{}\n", counts.written, writer->folder().string(),
+               counts.dropped == 0 ? std::string()
+                                   : fmt::format("; {} left out, {}", counts.dropped,
+                                                 counts.error ? "most after it failed"
+                                                              : "the disk or the encoder was too "
+                                                                "slow"));
     writer.reset();
     return ended;
   }));

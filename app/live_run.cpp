@@ -34,8 +34,10 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kPatience(50);  // between looks at the window and at Ctrl-C
-constexpr int kEncodeAhead = 4;  // composited frames that wait for the encoder
+constexpr int kEncodeAhead = 4;        // composited frames that wait for the encoder
 constexpr std::size_t kMaxYamlBytes = 16'000'000;
+
+constexpr std::string_view kRecordingKind = "recording:";
 
 struct CameraName {
   enum class Kind { v4l2, libcamera, recording } kind = Kind::v4l2;
@@ -102,7 +104,8 @@ Result<void> check_size(const LiveRequest& request, const StreamFormat& format,
   if (format.width == camera.width() && format.height == camera.height()) return {};
   // The calibrated size was asked for already, unless the request names another; a recording has
   // one alone.
-  const bool other_asked = request.width && *request.width != camera.width();
+  const bool other_asked = (request.width && *request.width != camera.width()) ||
+                           (request.height && *request.height != camera.height());
   return fail(
       "{}: is a calibration of {}x{} px, but the camera gives {}x{} px; {}calibrate at this size "
       "(penumbra calibrate)",
@@ -171,23 +174,24 @@ Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSourc
 class Silence {
  public:
   void saw(const TrackedFrame& tracked) { last_ = tracked; }
+  // Whether what is on the screen may still be drawn again.
+  [[nodiscard]] bool holds() const { return last_.has_value(); }
   // What to draw now; nothing when that is on the screen already.
   [[nodiscard]] std::optional<TrackedFrame> picture(std::int64_t silence_ns) {
     if (!last_) return std::nullopt;
     TrackedFrame tracked = *last_;
-    const double age_s = last_->pose.age_s + seconds(silence_ns);
-    const bool gone = !tracked.pose.has_pose() || age_s > kHoldSeconds;
     // What was measured was measured of a picture that is no longer the camera's.
     tracked.pose.tags_used = 0;
-    const auto hold = [gone, age_s](auto& pose) {
+    bool gone = true;
+    const auto hold = [&gone, silence_ns](auto& pose) {
+      if (!pose.has_pose()) return;
+      pose.age_s += seconds(silence_ns);
       if (pose.status != TrackStatus::held) pose.held_from = pose.status;
-      pose.status = gone ? TrackStatus::lost : TrackStatus::held;
-      pose.age_s = age_s;
+      pose.status = pose.age_s > kHoldSeconds ? TrackStatus::lost : TrackStatus::held;
+      gone = gone && pose.status == TrackStatus::lost;
     };
     hold(tracked.pose);
-    for (GroupEstimate& group : tracked.groups) {
-      if (group.has_pose()) hold(group);
-    }
+    for (GroupEstimate& group : tracked.groups) hold(group);
     // Drawn for the last time; its buffer goes back: a driver that lost its camera waits for every
     // one of them before it takes the camera again.
     if (gone) last_.reset();
@@ -225,6 +229,10 @@ class LiveHost final : public SessionHost {
     }
     const std::filesystem::path folder =
         request_.record ? free_name(*request_.record, "") : free_name("");
+    if (request_.camera.starts_with(kRecordingKind) &&
+        lies_in(folder, request_.camera.substr(kRecordingKind.size()))) {
+      return "this folder is the recording that is played; start elsewhere to record";
+    }
     recorder_.begin(folder);
     return "recording to " + folder.string();
   }
@@ -239,7 +247,7 @@ class LiveHost final : public SessionHost {
   void describe(HudState& state, bool debug) const override {
     SessionHost::describe(state, debug);
     state.live = true;
-    state.silent_s = silent_s_;
+    if (state.has_picture) state.silent_s = silent_s_;
     if (!silent_s_) state.latency_ms = run_.recent_ms("latency");
     const CaptureStats stats = source_.faults().stats();
     state.frames_dropped =
@@ -459,7 +467,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
         auto drawn = session->redraw(std::move(*picture));
         if (!drawn) return tl::unexpected(drawn.error());
         if (viewer) host.saw(*drawn);
-        if (!drawn->tracked.pose.has_pose()) host.forget_frame();
+        if (!silence.holds()) host.forget_frame();
       }
       show(Viewer::Picture::same);
     }

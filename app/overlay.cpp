@@ -573,7 +573,15 @@ struct Overlay::Impl {
         actions.commands.push_back(WindowCommand::help);
       }
     };
-    if (compact) close();  // a finger reaches it without scrolling
+    if (compact) {  // a finger reaches them without scrolling
+      // What keys do elsewhere, and no other button does.
+      const float half =
+          0.5F * (ImGui::GetContentRegionAvail().x - ImGui::GetStyle().ItemSpacing.x);
+      button("full screen", WindowCommand::full_screen, actions, {half, 0.0F});
+      ImGui::SameLine();
+      button("quit", WindowCommand::quit, actions, {half, 0.0F});
+      close();
+    }
     if (narrow) ImGui::PushTextWrapPos(0.0F);
     for (const KeyHelp& key : key_help()) {
       text(std::string(key.keys));

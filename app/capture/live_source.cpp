@@ -37,12 +37,10 @@ void count_stamp(FaultCounter& faults, const FrameStamp& stamp) {
   }
 }
 
-bool is_whole_jpeg(std::span<const std::uint8_t> bytes, int width, int height) {
+std::optional<JpegSize> jpeg_size(std::span<const std::uint8_t> bytes) {
   const std::size_t size = bytes.size();
-  if (size < 4 || bytes[0] != 0xFF || bytes[1] != kStartOfImage || bytes[size - 2] != 0xFF ||
-      bytes[size - 1] != kEndOfImage) {
-    return false;
-  }
+  if (size < 4 || bytes[0] != 0xFF || bytes[1] != kStartOfImage) return std::nullopt;
+  std::optional<JpegSize> found;
   // Segment after segment up to the first scan.
   std::size_t at = 2;
   while (at + 4 <= size && bytes[at] == 0xFF) {
@@ -52,17 +50,22 @@ bool is_whole_jpeg(std::span<const std::uint8_t> bytes, int width, int height) {
       continue;
     }
     const std::size_t length = (std::size_t{bytes[at + 2]} << 8U) | bytes[at + 3];
-    if (length < 2 || at + 2 + length > size) return false;
-    if (marker == kStartOfScan) return true;
+    if (length < 2 || at + 2 + length > size) return std::nullopt;
+    if (marker == kStartOfScan) return found;
     if (is_frame_header(marker)) {
-      if (length < 8) return false;
-      const int rows = (bytes[at + 5] << 8) | bytes[at + 6];
-      const int columns = (bytes[at + 7] << 8) | bytes[at + 8];
-      if (rows != height || columns != width) return false;
+      if (length < 8) return std::nullopt;
+      found = {(bytes[at + 7] << 8) | bytes[at + 8], (bytes[at + 5] << 8) | bytes[at + 6]};
     }
     at += 2 + length;
   }
-  return false;
+  return std::nullopt;
+}
+
+bool is_whole_jpeg(std::span<const std::uint8_t> bytes, int width, int height) {
+  const std::size_t size = bytes.size();
+  if (size < 4 || bytes[size - 2] != 0xFF || bytes[size - 1] != kEndOfImage) return false;
+  const auto found = jpeg_size(bytes);
+  return found && found->width == width && found->height == height;
 }
 
 std::optional<Frame> LiveSource::decode(const CapturedImage& image) {

@@ -73,6 +73,11 @@ class LiveSource : public FrameSource {
 // Counts what a frame's stamp tells of lost frames and wrong times.
 void count_stamp(FaultCounter& faults, const FrameStamp& stamp);
 
+struct JpegSize {
+  int width = 0, height = 0;  // [px]
+};
+// As a JPEG's header has it; nothing where that is not whole, or no JPEG's.
+[[nodiscard]] std::optional<JpegSize> jpeg_size(std::span<const std::uint8_t> bytes);
 // Whether the bytes are a JPEG of that size from its first mark to its last: half a picture is not.
 [[nodiscard]] bool is_whole_jpeg(std::span<const std::uint8_t> bytes, int width, int height);
 // The JPEG without the zeros that some cameras fill up with.

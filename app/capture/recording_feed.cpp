@@ -84,7 +84,19 @@ class RecordingFeed final : public LiveSource {
       faults_.count(CaptureFault::damaged, bytes.error().message);
       return false;
     }
+    const auto is_other = [this, &file] {
+      faults_.count(CaptureFault::wrong_format,
+                    fmt::format("{}: a picture of another size or format than the first ones is "
+                                "left out",
+                                file.string()));
+      return false;
+    };
     if (format_.name == kJpegName) {
+      // One that is torn is left to whoever decodes it, as a camera's is.
+      const auto size = jpeg_size(*bytes);
+      if (size && (size->width != format_.width || size->height != format_.height)) {
+        return is_other();
+      }
       auto kept = std::make_shared<const std::vector<std::uint8_t>>(std::move(*bytes));
       image.jpeg = *kept;
       image.owner = std::move(kept);
@@ -97,11 +109,7 @@ class RecordingFeed final : public LiveSource {
     }
     if (frame->width != format_.width || frame->height != format_.height ||
         frame->format != pixels_) {
-      faults_.count(CaptureFault::wrong_format,
-                    fmt::format("{}: a picture of another size or format than the first ones is "
-                                "left out",
-                                file.string()));
-      return false;
+      return is_other();
     }
     image.frame = std::move(*frame);
     image.owner = image.frame.owner;

@@ -164,6 +164,58 @@ TEST(LivePipeline, NoPictureIsTakenWhileATrackedOneWaits) {
   EXPECT_EQ(next->tracked.frame.sequence, 7U);
 }
 
+// It would be a whole drawing old. How much of a drawing's time goes by first is what counts, not
+// how long that is.
+TEST(LivePipeline, WhatIsDrawnNextIsBegunLateInADrawing) {
+  FedCamera camera;
+  LivePipeline pipeline(camera, as_it_is, let_go, true);
+  std::atomic<bool> over = false;
+  std::atomic<int> given = 0;
+  std::thread feed([&] {
+    for (int i = 0; !over; ++i) {
+      camera.give(i);
+      given = i;
+      std::this_thread::sleep_for(milliseconds(5));
+    }
+  });
+  const auto next = [&] {
+    std::optional<ReadyFrame> ready;
+    while (!ready) ready = pipeline.take(milliseconds(50));
+    return static_cast<int>(ready->tracked.frame.sequence);
+  };
+  const auto draw = [] { std::this_thread::sleep_for(milliseconds(150)); };
+  for (int i = 0; i < 3; ++i) {
+    (void)next();
+    draw();
+  }
+  (void)next();
+  const int begun = given;
+  draw();
+  const int done = given;
+  // Whatever little came on a machine that has no time.
+  EXPECT_GE(2 * (next() - begun) + 2, done - begun);
+  over = true;
+  feed.join();
+}
+
+// Also while it waits for its time.
+TEST(LivePipeline, EndsWhileADrawingGoesOn) {
+  FedCamera camera;
+  LivePipeline pipeline(camera, as_it_is, let_go, true);
+  for (int i = 0; i < 3; ++i) {
+    camera.give(i);
+    while (!pipeline.take(milliseconds(50))) {
+    }
+    std::this_thread::sleep_for(milliseconds(300));
+  }
+  camera.give(3);
+  while (!pipeline.take(milliseconds(50))) {
+  }
+  camera.give(4);
+  pipeline.stop();
+  EXPECT_TRUE(pipeline.finished());
+}
+
 TEST(LivePipeline, AFaultIsStampedWhenItHappens) {
   FaultCounter faults("a camera");
   const std::int64_t before_ns = monotonic_ns();

@@ -215,8 +215,8 @@ TEST(Mesh, DensitiesAreTheLightFractions) {
 }
 
 // Places of the pattern that are dark are dark in everything darker: layers and casters may be
-// drawn in any order, each by itself or all at once. (A mask's edges are graded; what holds there is
-// DrawnMask.AScreenDoorHasTheSamePlaces.)
+// drawn in any order, each by itself or all at once. (A mask's edges are graded; what holds there
+// is DrawnMask.AScreenDoorHasTheSamePlaces.)
 TEST(Mesh, IsNested) {
   SceneBuilder builder = plate({0.15, 0.4, 0.83});
   builder.add(ring(), test::at(0.04, 0.03, 0.06));
