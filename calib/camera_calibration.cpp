@@ -110,16 +110,21 @@ UncertaintyMap uncertainty_map(const CameraModel& camera, const Eigen::MatrixXd&
       map.sigma_px.push_back(std::numeric_limits<double>::quiet_NaN());
       continue;
     }
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(*here);
-    const double sigma = std::sqrt(std::max(eigen.eigenvalues()[1], 0.0));
+    // A covariance that is no number says that nothing is known, not that all is.
+    double sigma = std::numeric_limits<double>::infinity();
+    if (here->allFinite()) {
+      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(*here);
+      sigma = std::sqrt(std::max(eigen.eigenvalues()[1], 0.0));
+    }
     map.sigma_px.push_back(sigma);
     map.largest_px = std::max(map.largest_px, sigma);
     sum += sigma;
     ++count;
   }
-  map.mean_px = count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN();
-  // Nothing is known of where such a lens draws what it can't describe.
-  if (count < columns * rows && fold_in_image(camera))
+  map.mean_px = sum / count;
+  // Nothing is known of where such a lens draws what it can't describe; nor of one that draws
+  // nothing.
+  if (count == 0 || (count < columns * rows && fold_in_image(camera)))
     map.mean_px = map.largest_px = std::numeric_limits<double>::infinity();
   return map;
 }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <random>
 #include <string>
@@ -249,6 +250,16 @@ TEST(Verdict, KnowsNoMoreThanLensesThatExplainTheViewsAlike) {
   EXPECT_NEAR(c.uncertainty.mean_px, 3.0, 1e-6);
   EXPECT_NEAR(c.uncertainty.largest_px, 3.0, 1e-6);
   EXPECT_EQ(c.grade, CalibrationGrade::poor);
+}
+
+// Where the projection is known nowhere, a person is told what to do all the same.
+TEST(Verdict, SaysWhatToDoAlsoWhereNothingIsKnown) {
+  CameraCalibration c = sure_of_itself();
+  c.solution.covariance = std::numeric_limits<double>::infinity() * Eigen::MatrixXd::Ones(9, 9);
+  judge(c);
+  EXPECT_EQ(c.grade, CalibrationGrade::poor);
+  EXPECT_FALSE(c.advice.empty());
+  EXPECT_THAT(c.verdict, HasSubstr("take more views"));
 }
 
 TEST(Verdict, IsNotLedByWhatARivalGuessesWhereNothingWasSeen) {
