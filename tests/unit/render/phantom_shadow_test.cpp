@@ -340,22 +340,28 @@ TEST_P(PhantomShadow, FallsDownwards) {
   EXPECT_EQ(with, studio.draw_shadows(white(), plan));
 }
 
-// What is left out or kept changes nothing.
-TEST_P(PhantomShadow, IsTheSameWhatsoeverIsSkipped) {
-  std::mt19937 random(5);
+// An L somewhere, and somewhere a box, upright or tilted: a phantom, or a virtual object that casts
+// as well.
+void add_anywhere(SceneBuilder& builder, std::mt19937& random, bool upright, bool phantom) {
   const auto within = [&random](double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random);
   };
+  builder.add(l_shape(), test::at(within(-0.12, 0.12), within(-0.12, 0.12), within(0.0, 0.3),
+                                  {1, 1, 0}, within(0, 3)));
+  builder.add(box(within(0.02, 0.1), within(0.02, 0.1), within(0.02, 0.1)),
+              test::at(within(-0.12, 0.12), within(-0.12, 0.12), within(-0.05, 0.1), {0, 1, 1},
+                       upright ? 0.0 : within(0, 3)),
+              !phantom, phantom);
+}
+
+// What is left out or kept changes nothing.
+TEST_P(PhantomShadow, IsTheSameWhatsoeverIsSkipped) {
+  std::mt19937 random(5);
   int left_out = 0;
   int drawn = 0;
   for (int i = 0; i < 16; ++i) {
     SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
-    builder.add(l_shape(), test::at(within(-0.12, 0.12), within(-0.12, 0.12), within(0.0, 0.3),
-                                    {1, 1, 0}, within(0, 3)));
-    builder.add(box(within(0.02, 0.1), within(0.02, 0.1), within(0.02, 0.1)),
-                test::at(within(-0.12, 0.12), within(-0.12, 0.12), within(-0.05, 0.1), {0, 1, 1},
-                         i % 2 == 0 ? 0.0 : within(0, 3)),
-                false, true);
+    add_anywhere(builder, random, i % 2 == 0, true);
     Studio studio(builder.build(), camera());
     const PoseEstimate pose = from({0.3, -0.4, 0.5});
     PlanOptions all;
@@ -935,18 +941,11 @@ TEST_P(PhantomShadow, IsTheDarkestOfAllCastersOnAnotherObject) {
 
 TEST_P(PhantomShadow, OnObjectsIsTheSameWhatsoeverIsSkipped) {
   std::mt19937 random(6);
-  const auto within = [&random](double low, double high) {
-    return std::uniform_real_distribution<double>(low, high)(random);
-  };
   int left_out = 0;
   int drawn = 0;
   for (int i = 0; i < 12; ++i) {
     SceneBuilder builder = builder_with(GetParam().technique, GetParam().light_mode);
-    builder.add(l_shape(), test::at(within(-0.12, 0.12), within(-0.12, 0.12), within(0.0, 0.3),
-                                    {1, 1, 0}, within(0, 3)));
-    builder.add(box(within(0.02, 0.1), within(0.02, 0.1), within(0.02, 0.1)),
-                test::at(within(-0.12, 0.12), within(-0.12, 0.12), within(-0.05, 0.1), {0, 1, 1},
-                         i % 2 == 0 ? 0.0 : within(0, 3)));
+    add_anywhere(builder, random, i % 2 == 0, false);
     Studio studio(builder.build(), camera());
     const PoseEstimate pose = from({0.3, -0.4, 0.5});
     PlanOptions all;
