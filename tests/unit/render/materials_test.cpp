@@ -205,6 +205,9 @@ TEST(Materials, NormalsOfATextureAreThoseOfGeometry) {
     bumpy.tangents = std::vector<std::array<float, 4>>(4, {1, 0, 0, -1});
     geometry.normals = normals_of(x, -y, z);
     EXPECT_LE(largest_difference(drawn(bumpy), drawn(geometry)), 1) << "mirrored";
+    // Tangents of normals that are not there are none.
+    bumpy.normals.clear();
+    EXPECT_LE(largest_difference(drawn(bumpy), expected), 1) << "without normals";
   }
 }
 
