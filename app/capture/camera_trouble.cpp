@@ -1,7 +1,11 @@
 #include "app/capture/camera_trouble.hpp"
 
+#include <fmt/format.h>
+#include <unistd.h>
+
 #include <cerrno>
 #include <cstdlib>
+#include <set>
 #include <system_error>
 
 namespace penumbra {
@@ -26,6 +30,24 @@ CaptureFault fault_of(int error) {
 
 std::string message_of(int error) {
   return std::generic_category().message(std::abs(error));
+}
+
+std::optional<std::string> forbidden_camera_device(const std::filesystem::path& devices) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  std::set<std::string> forbidden;
+  for (const auto& entry : fs::directory_iterator(devices, error)) {
+    const std::string name = entry.path().filename().string();
+    if (!name.starts_with("media") && !name.starts_with("video")) continue;
+    if (access(entry.path().c_str(), R_OK | W_OK) != 0 && (errno == EACCES || errno == EPERM)) {
+      forbidden.insert(entry.path().string());
+    }
+  }
+  if (forbidden.empty()) return std::nullopt;
+  return fmt::format(
+      "no permission to use {}{}; {}", *forbidden.begin(),
+      forbidden.size() > 1 ? fmt::format(" and {} more", forbidden.size() - 1) : std::string(),
+      kJoinVideoGroup);
 }
 
 void Outage::begin(const Trouble& trouble, const std::optional<std::string>& now) {

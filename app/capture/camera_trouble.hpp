@@ -1,8 +1,10 @@
 // Why a camera gives no frames, whatever library opens it, and how that is told.
 #pragma once
 
+#include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <tl/expected.hpp>
 
 #include "app/capture/capture_stats.hpp"
@@ -20,6 +22,14 @@ using Started = tl::expected<T, Trouble>;
 // Of an errno, or of its negative as some calls return it.
 [[nodiscard]] CaptureFault fault_of(int error);
 [[nodiscard]] std::string message_of(int error);
+
+// What to do where a camera may not be opened.
+inline constexpr std::string_view kJoinVideoGroup =
+    "join the video group (sudo usermod -aG video $USER) and log in again";
+// What to say where a camera's device (media*, video*) in `devices` may not be opened by this user;
+// nothing where all may be, or there is none. libcamera does not tell that from there being none.
+[[nodiscard]] std::optional<std::string> forbidden_camera_device(
+    const std::filesystem::path& devices = "/dev");
 
 // From the moment that no frames come until they do again. Each kind of trouble is counted once in
 // an outage, however long it lasts and however often it is tried. For one thread.

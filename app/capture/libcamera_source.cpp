@@ -111,6 +111,10 @@ Started<std::shared_ptr<lc::Camera>> find_camera(const lc::CameraManager& manage
   for (const auto& camera : cameras) {
     if (camera->id() == name || model_of(*camera) == name) return camera;
   }
+  if (const auto closed = forbidden_camera_device(); cameras.empty() && closed) {
+    return tl::unexpected<Trouble>(
+        {CaptureFault::forbidden, fmt::format("libcamera:{}: {}", name, *closed)});
+  }
   return tl::unexpected<Trouble>(
       {CaptureFault::disconnected,
        cameras.empty()
@@ -332,11 +336,10 @@ class Stream {
 
   [[nodiscard]] tl::unexpected<Trouble> trouble(const char* what, int error) const {
     const CaptureFault fault = fault_of(error);
-    const char* remedy =
-        fault == CaptureFault::busy ? "another program holds it; close that one"
-        : fault == CaptureFault::forbidden
-            ? "join the group video (sudo usermod -aG video $USER), and log in anew"
-            : "plug the camera in again";
+    const std::string remedy = fault == CaptureFault::busy
+                                   ? "another program holds it; close that one"
+                               : fault == CaptureFault::forbidden ? std::string(kJoinVideoGroup)
+                                                                  : "plug the camera in again";
     return tl::unexpected<Trouble>({fault, fmt::format("libcamera:{}: {} fails: {}; {}", id(), what,
                                                        message_of(error), remedy)});
   }
@@ -487,8 +490,17 @@ class Stream {
     };
     const CameraControls& wish = options.controls;
     namespace c = lc::controls;
-    if (has(c::FrameDurationLimits)) {
-      const auto duration_us = static_cast<std::int64_t>(std::lround(1e6 / options.fps));
+    format_.interval_granted = has(c::FrameDurationLimits);
+    if (format_.interval_granted) {
+      auto duration_us = static_cast<std::int64_t>(std::llround(1e6 / options.fps));
+      // As it will be held to what this size and format can do.
+      const lc::ControlInfo& can = known.find(&c::FrameDurationLimits)->second;
+      const auto shortest_us = can.min().get<std::int64_t>();
+      const auto longest_us = can.max().get<std::int64_t>();
+      if (0 < shortest_us && shortest_us <= longest_us) {
+        duration_us = std::clamp(duration_us, shortest_us, longest_us);
+      }
+      format_.interval_s = 1e-6 * static_cast<double>(duration_us);
       const std::array<std::int64_t, 2> limits = {duration_us, duration_us};
       list.set(c::FrameDurationLimits, lc::Span<const std::int64_t, 2>(limits));
     }
@@ -599,9 +611,10 @@ class LibcameraSource final : public LiveSource {
     return FocusReading{*readings_.lens_position, kStep_dioptres};
   }
   [[nodiscard]] std::string description() const override {
-    return fmt::format("libcamera:{} ({}), {} {}x{} at {:.4g}/s{}", before_.id, model_,
+    return fmt::format("libcamera:{} ({}), {} {}x{} at {:.4g}/s{}{}", before_.id, model_,
                        before_.format.name, before_.format.width, before_.format.height,
                        1.0 / before_.format.interval_s,
+                       before_.format.interval_granted ? "" : " as asked, or at its own rate",
                        shares_ ? ", buffers shared by DMA-BUF" : "");
   }
 

@@ -34,6 +34,7 @@ struct StreamFormat {
   int width = 0;     // [px]
   int height = 0;    // [px]
   double interval_s = 1.0 / 30.0;
+  bool interval_granted = true;  // else that is what was asked for: the camera does not say
 };
 
 // Where a lens is focused, in the units of CameraControls.

@@ -6,6 +6,7 @@
 #include <mutex>
 #include <utility>
 
+#include "app/capture/video_reader.hpp"
 #include "core/file.hpp"
 #include "core/image_file.hpp"
 #include "core/units.hpp"
@@ -21,6 +22,7 @@ class RecordingFeed final : public LiveSource {
   RecordingFeed(const Recording& recording, StreamFormat format, PixelFormat pixels)
       : name_(recording.name),
         frames_(recording.frames),
+        video_file_(recording.video),
         format_(std::move(format)),
         pixels_(pixels),
         interval_(nanoseconds(format_.interval_s)),
@@ -50,9 +52,11 @@ class RecordingFeed final : public LiveSource {
       image.sequence = sequence;
       image.timestamp_ns =
           std::chrono::duration_cast<std::chrono::nanoseconds>(due.time_since_epoch()).count();
-      const RecordedFrame& listed = frames_[sequence % frames_.size()];
-      image.exposure_s = listed.exposure_s;
-      if (!take(listed.file, image)) continue;
+      const std::size_t index = sequence % frames_.size();
+      image.exposure_s = frames_[index].exposure_s;
+      if (!(video_file_.empty() ? take(frames_[index].file, image) : take_of_video(index, image))) {
+        continue;
+      }
       faults_.count_frame();
       return std::optional<CapturedImage>(std::move(image));
     }
@@ -78,38 +82,23 @@ class RecordingFeed final : public LiveSource {
   static constexpr const char* kJpegName = "MJPEG";
 
  private:
-  bool take(const std::filesystem::path& file, CapturedImage& image) {
-    auto bytes = read_file(file);
-    if (!bytes) {
-      faults_.count(CaptureFault::damaged, bytes.error().message);
-      return false;
-    }
-    const auto is_other = [this, &file] {
-      faults_.count(CaptureFault::wrong_format,
-                    fmt::format("{}: a picture of another size or format than the first ones is "
-                                "left out",
-                                file.string()));
-      return false;
-    };
-    if (format_.name == kJpegName) {
-      // One that is torn is left to whoever decodes it, as a camera's is.
-      const auto size = jpeg_size(*bytes);
-      if (size && (size->width != format_.width || size->height != format_.height)) {
-        return is_other();
-      }
-      auto kept = std::make_shared<const std::vector<std::uint8_t>>(std::move(*bytes));
-      image.jpeg = *kept;
-      image.owner = std::move(kept);
-      return true;
-    }
-    auto frame = decode_image(*bytes, file.string());
+  bool is_other(const std::string& what) {
+    faults_.count(
+        CaptureFault::wrong_format,
+        fmt::format("{}: a picture of another size or format than the first ones is left out",
+                    what));
+    return false;
+  }
+
+  // False where it is none that can be shown.
+  bool take_frame(Result<Frame> frame, const std::string& what, CapturedImage& image) {
     if (!frame) {
       faults_.count(CaptureFault::damaged, frame.error().message);
       return false;
     }
     if (frame->width != format_.width || frame->height != format_.height ||
         frame->format != pixels_) {
-      return is_other();
+      return is_other(what);
     }
     image.frame = std::move(*frame);
     image.owner = image.frame.owner;
@@ -118,8 +107,57 @@ class RecordingFeed final : public LiveSource {
     return true;
   }
 
+  bool take_of_video(std::size_t index, CapturedImage& image) {
+    auto frame = frame_of_video(index);
+    // What comes after a damaged frame is looked for from the beginning.
+    if (!frame) video_.reset();
+    return take_frame(std::move(frame), video_file_.string(), image);
+  }
+
+  Result<Frame> frame_of_video(std::size_t index) {
+    if (!video_ || index < video_at_) {
+      auto opened = VideoReader::open(video_file_);
+      if (!opened) return tl::unexpected(opened.error());
+      video_ = std::move(*opened);
+      video_at_ = 0;
+    }
+    if (index > video_at_) {
+      if (auto skipped = video_->skip(static_cast<int>(index - video_at_)); !skipped) {
+        return tl::unexpected(skipped.error());
+      }
+    }
+    video_at_ = index + 1;
+    auto frame = video_->next();
+    if (!frame) return tl::unexpected(frame.error());
+    if (!*frame) return fail("{}: ends before frame {}", video_file_.string(), index);
+    return std::move(**frame);
+  }
+
+  bool take(const std::filesystem::path& file, CapturedImage& image) {
+    auto bytes = read_file(file);
+    if (!bytes) {
+      faults_.count(CaptureFault::damaged, bytes.error().message);
+      return false;
+    }
+    if (format_.name == kJpegName) {
+      // One that is torn is left to whoever decodes it, as a camera's is.
+      const auto size = jpeg_size(*bytes);
+      if (size && (size->width != format_.width || size->height != format_.height)) {
+        return is_other(file.string());
+      }
+      auto kept = std::make_shared<const std::vector<std::uint8_t>>(std::move(*bytes));
+      image.jpeg = *kept;
+      image.owner = std::move(kept);
+      return true;
+    }
+    return take_frame(decode_image(*bytes, file.string()), file.string(), image);
+  }
+
   const std::string name_;
   const std::vector<RecordedFrame> frames_;
+  const std::filesystem::path video_file_;  // empty: its pictures are files
+  std::optional<VideoReader> video_;
+  std::size_t video_at_ = 0;  // the frame that it gives next
   const StreamFormat format_;
   const PixelFormat pixels_;  // where a picture is no JPEG
   const std::chrono::nanoseconds interval_;
@@ -131,22 +169,32 @@ class RecordingFeed final : public LiveSource {
   bool stopped_ = false;  // guarded by mutex_
 };
 
+Result<Frame> first_frame(const Recording& recording) {
+  if (recording.video.empty()) {
+    const std::filesystem::path& file = recording.frames.front().file;
+    const auto bytes = read_file(file);
+    if (!bytes) return tl::unexpected(bytes.error());
+    return decode_image(*bytes, file.string());
+  }
+  auto video = VideoReader::open(recording.video);
+  if (!video) return tl::unexpected(video.error());
+  auto frame = video->next();
+  if (!frame) return tl::unexpected(frame.error());
+  if (!*frame) return fail("{}: holds no frame", recording.video.string());
+  return std::move(**frame);
+}
+
 }  // namespace
 
 Result<std::unique_ptr<LiveSource>> open_recording_feed(const Recording& recording,
                                                         std::optional<double> fps) {
-  if (!recording.video.empty()) {
-    return fail("{}: only recordings with pictures (frames/) can stand for a camera",
-                recording.folder.string());
-  }
-  const std::filesystem::path& first_file = recording.frames.front().file;
-  const auto bytes = read_file(first_file);
-  if (!bytes) return tl::unexpected(bytes.error());
-  const auto first = decode_image(*bytes, first_file.string());
+  const auto first = first_frame(recording);
   if (!first) return tl::unexpected(first.error());
   StreamFormat format;
-  const std::string extension = first_file.extension().string();
-  format.name = extension == ".jpg" || extension == ".jpeg" ? RecordingFeed::kJpegName : "PNG";
+  const std::string extension = recording.frames.front().file.extension().string();
+  format.name = !recording.video.empty()                      ? "FFV1"
+                : extension == ".jpg" || extension == ".jpeg" ? RecordingFeed::kJpegName
+                                                              : "PNG";
   format.width = first->width;
   format.height = first->height;
   const auto count = static_cast<std::int64_t>(recording.frames.size());

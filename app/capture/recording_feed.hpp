@@ -10,7 +10,8 @@
 
 namespace penumbra {
 
-// `fps`: another pace than the recorded one. The recording has pictures (frames/), no video.
+// `fps`: another pace than the recorded one. A damaged frame is left out and counted, as a camera's
+// is.
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_recording_feed(const Recording& recording,
                                                                       std::optional<double> fps);
 

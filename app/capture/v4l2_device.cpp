@@ -11,6 +11,7 @@
 #include <functional>
 #include <system_error>
 
+#include "app/capture/camera_trouble.hpp"
 #include "core/text.hpp"
 
 namespace penumbra {
@@ -78,6 +79,24 @@ std::vector<V4l2Size> sizes_of(const V4l2Device& device, std::uint32_t fourcc) {
   return sizes;
 }
 
+// Those that are numbers and can be read, with what they are set to.
+template <class Visit>
+void for_each_control(const V4l2Device& device, const Visit& visit) {
+  v4l2_queryctrl entry{};
+  entry.id = V4L2_CTRL_FLAG_NEXT_CTRL;
+  for (unsigned i = 0; i < kMostEntries && device.call(VIDIOC_QUERYCTRL, &entry) == 0; ++i) {
+    const bool number = entry.type == V4L2_CTRL_TYPE_INTEGER ||
+                        entry.type == V4L2_CTRL_TYPE_BOOLEAN || entry.type == V4L2_CTRL_TYPE_MENU ||
+                        entry.type == V4L2_CTRL_TYPE_INTEGER_MENU;
+    const bool readable =
+        (entry.flags & (V4L2_CTRL_FLAG_DISABLED | V4L2_CTRL_FLAG_WRITE_ONLY)) == 0;
+    if (number && readable) {
+      if (const auto value = device.control(entry.id)) visit(entry, *value);
+    }
+    entry.id |= V4L2_CTRL_FLAG_NEXT_CTRL;
+  }
+}
+
 }  // namespace
 
 std::string fourcc_text(std::uint32_t fourcc) {
@@ -99,10 +118,7 @@ std::string v4l2_help(const fs::path& path, int error) {
                          name);
     case EACCES:
     case EPERM:
-      return fmt::format(
-          "{}: no permission to use the camera; join the video group (sudo usermod -aG video "
-          "$USER) and log in again",
-          name);
+      return fmt::format("{}: no permission to use the camera; {}", name, kJoinVideoGroup);
     case EBUSY:
       return fmt::format(
           "{}: another program uses the camera; close that one (fuser -v {} names it)", name, name);
@@ -191,24 +207,31 @@ bool V4l2Device::busy() const {
 
 std::vector<std::pair<std::string, std::int64_t>> V4l2Device::controls() const {
   std::vector<std::pair<std::string, std::int64_t>> controls;
-  v4l2_queryctrl entry{};
-  entry.id = V4L2_CTRL_FLAG_NEXT_CTRL;
-  for (unsigned i = 0; i < kMostEntries && call(VIDIOC_QUERYCTRL, &entry) == 0; ++i) {
-    const bool number = entry.type == V4L2_CTRL_TYPE_INTEGER ||
-                        entry.type == V4L2_CTRL_TYPE_BOOLEAN || entry.type == V4L2_CTRL_TYPE_MENU ||
-                        entry.type == V4L2_CTRL_TYPE_INTEGER_MENU;
-    const bool readable =
-        (entry.flags & (V4L2_CTRL_FLAG_DISABLED | V4L2_CTRL_FLAG_WRITE_ONLY)) == 0;
-    if (number && readable) {
-      v4l2_control control{};
-      control.id = entry.id;
-      if (call(VIDIOC_G_CTRL, &control) == 0) {
-        controls.emplace_back(text_of(entry.name), control.value);
-      }
-    }
-    entry.id |= V4L2_CTRL_FLAG_NEXT_CTRL;
-  }
+  for_each_control(*this, [&controls](const v4l2_queryctrl& about, std::int32_t value) {
+    controls.emplace_back(text_of(about.name), value);
+  });
   return controls;
+}
+
+std::vector<V4l2Setting> V4l2Device::settings() const {
+  std::vector<V4l2Setting> settings;
+  for_each_control(*this, [&settings](const v4l2_queryctrl& about, std::int32_t value) {
+    constexpr std::uint32_t kNotSet =
+        V4L2_CTRL_FLAG_READ_ONLY | V4L2_CTRL_FLAG_INACTIVE | V4L2_CTRL_FLAG_VOLATILE;
+    const auto of_class = V4L2_CTRL_ID2CLASS(about.id);
+    const bool common = (of_class == V4L2_CTRL_CLASS_USER || of_class == V4L2_CTRL_CLASS_CAMERA) &&
+                        !V4L2_CTRL_DRIVER_PRIV(about.id);
+    if (common && (about.flags & kNotSet) == 0) settings.push_back({about.id, value});
+  });
+  return settings;
+}
+
+// In the order of their numbers: whether something is automatic stands before what it is set to.
+void V4l2Device::restore(const std::vector<V4l2Setting>& settings) const {
+  for (const V4l2Setting& setting : settings) {
+    const auto now = control(setting.id);
+    if (now && *now != setting.value) (void)set_control(setting.id, setting.value);
+  }
 }
 
 std::optional<std::int32_t> V4l2Device::control(std::uint32_t id) const {

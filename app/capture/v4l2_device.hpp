@@ -35,6 +35,13 @@ struct V4l2Format {
   std::vector<V4l2Size> sizes;
 };
 
+// A control of those that every camera may have (brightness, gain, exposure, ...) and what it is
+// set to.
+struct V4l2Setting {
+  std::uint32_t id = 0;
+  std::int32_t value = 0;
+};
+
 struct V4l2Identity {
   std::string driver, card, bus;
 };
@@ -58,6 +65,10 @@ class V4l2Device {
   // Whether another program has its buffers: it can't be streamed from now.
   [[nodiscard]] bool busy() const;
   [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const;
+  // What a person may have set: not what the camera sets by itself, nor what is its driver's own.
+  [[nodiscard]] std::vector<V4l2Setting> settings() const;
+  // As far as they are other now and can be set.
+  void restore(const std::vector<V4l2Setting>& settings) const;
   // Its value; nothing where there is no such control.
   [[nodiscard]] std::optional<std::int32_t> control(std::uint32_t id) const;
   // False: there is no such control, or it can't be set to that.

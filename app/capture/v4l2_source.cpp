@@ -99,21 +99,24 @@ FrameLayout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) 
 // that frames still hold stay mapped until those are gone.
 class Stream {
  public:
-  // `as_before`: only this format will do.
+  // `as_before`: only this format will do. `settings`: as its controls are to be, but for what is
+  // wished.
   static Started<std::unique_ptr<Stream>> start(V4l2Device device, const V4l2Options& options,
-                                                const std::optional<StreamFormat>& as_before) {
+                                                const std::optional<StreamFormat>& as_before,
+                                                const std::vector<V4l2Setting>& settings = {}) {
     std::unique_ptr<Stream> stream(new Stream(std::move(device)));
     if (auto set = stream->set_format(options, as_before); !set) {
       return tl::unexpected(set.error());
     }
     stream->set_rate(options.fps);
+    stream->device_->restore(settings);
     stream->set_controls(options.controls, !as_before);
     if (auto mapped = stream->map_buffers(options.dma_buf); !mapped)
       return tl::unexpected(mapped.error());
-    if (!stream->ring_->queue_all()) return trouble(stream->device_, "VIDIOC_QBUF", EINVAL);
+    if (!stream->ring_->queue_all()) return trouble(*stream->device_, "VIDIOC_QBUF", EINVAL);
     int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    if (const int error = stream->device_.call(VIDIOC_STREAMON, &type); error != 0) {
-      return trouble(stream->device_, "VIDIOC_STREAMON", error);
+    if (const int error = stream->device_->call(VIDIOC_STREAMON, &type); error != 0) {
+      return trouble(*stream->device_, "VIDIOC_STREAMON", error);
     }
     return stream;
   }
@@ -122,15 +125,15 @@ class Stream {
   ~Stream() {
     if (ring_) ring_->close();
     int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    (void)device_.call(VIDIOC_STREAMOFF, &type);
+    (void)device_->call(VIDIOC_STREAMOFF, &type);
     // Gives the device free for others (and for us, again) though frames may still have it mapped.
     v4l2_requestbuffers none{};
     none.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     none.memory = V4L2_MEMORY_MMAP;
-    (void)device_.call(VIDIOC_REQBUFS, &none);
+    (void)device_->call(VIDIOC_REQBUFS, &none);
   }
 
-  [[nodiscard]] const V4l2Device& device() const { return device_; }
+  [[nodiscard]] const std::shared_ptr<const V4l2Device>& device() const { return device_; }
   [[nodiscard]] BufferRing& ring() { return *ring_; }
   [[nodiscard]] const StreamFormat& format() const { return format_; }
   // Of every frame; nothing where the camera chooses it.
@@ -143,13 +146,14 @@ class Stream {
   [[nodiscard]] bool shares() const { return buffer(0).shared().has_value(); }
 
  private:
-  explicit Stream(V4l2Device device) : device_(std::move(device)) {}
+  explicit Stream(V4l2Device device)
+      : device_(std::make_shared<const V4l2Device>(std::move(device))) {}
 
   Started<void> choose(const V4l2Options& options, const std::optional<StreamFormat>& as_before) {
     // By: the size is there, the rate is reached, what a frame costs.
     using Merit = std::tuple<bool, double, int>;
     std::optional<Merit> best;
-    for (const V4l2Format& offered : device_.formats()) {
+    for (const V4l2Format& offered : device_->formats()) {
       const auto known = std::find_if(kFormats.begin(), kFormats.end(), [&](const auto& format) {
         return format.fourcc == offered.fourcc;
       });
@@ -177,7 +181,7 @@ class Stream {
     return tl::unexpected<Trouble>(
         {CaptureFault::wrong_format,
          fmt::format("{}: gives {} pictures; see what it offers: penumbra devices",
-                     device_.path().string(),
+                     device_->path().string(),
                      wish.empty() ? "no NV12, YU12, YUYV, MJPEG or GREY" : "no " + wish)});
   }
 
@@ -190,8 +194,8 @@ class Stream {
     wish.fmt.pix.height = static_cast<std::uint32_t>(options.height);
     wish.fmt.pix.pixelformat = known_->fourcc;
     wish.fmt.pix.field = V4L2_FIELD_NONE;
-    if (const int error = device_.call(VIDIOC_S_FMT, &wish); error != 0) {
-      return trouble(device_, "VIDIOC_S_FMT", error);
+    if (const int error = device_->call(VIDIOC_S_FMT, &wish); error != 0) {
+      return trouble(*device_, "VIDIOC_S_FMT", error);
     }
     const v4l2_pix_format& granted = wish.fmt.pix;
     format_.name = known_->name;
@@ -204,7 +208,7 @@ class Stream {
       return tl::unexpected<Trouble>(
           {CaptureFault::wrong_format,
            fmt::format("{}: grants {}x{} {} for {}x{} {}; choose another --size or --format",
-                       device_.path().string(), granted.width, granted.height,
+                       device_->path().string(), granted.width, granted.height,
                        fourcc_text(granted.pixelformat), options.width, options.height,
                        known_->name)});
     }
@@ -219,7 +223,7 @@ class Stream {
     interval = {1000, static_cast<std::uint32_t>(std::lround(fps * 1000.0))};
     format_.interval_s = 1.0 / fps;
     // A driver without rates answers with an error, and goes on at its own.
-    if (device_.call(VIDIOC_S_PARM, &parameters) == 0 && interval.numerator > 0 &&
+    if (device_->call(VIDIOC_S_PARM, &parameters) == 0 && interval.numerator > 0 &&
         interval.denominator > 0) {
       format_.interval_s = static_cast<double>(interval.numerator) / interval.denominator;
     }
@@ -227,32 +231,32 @@ class Stream {
 
   void set_controls(const CameraControls& wish, bool say) {
     const auto set = [&](const char* what, std::uint32_t id, std::int32_t value) {
-      if (!device_.set_control(id, value) && say) {
-        log_warning("{}: the camera takes no {} of {}; it stays as it is", device_.path().string(),
+      if (!device_->set_control(id, value) && say) {
+        log_warning("{}: the camera takes no {} of {}; it stays as it is", device_->path().string(),
                     what, value);
       }
     };
-    (void)device_.set_control(V4L2_CID_FOCUS_AUTO, 0);
+    (void)device_->set_control(V4L2_CID_FOCUS_AUTO, 0);
     if (wish.focus) set("focus", V4L2_CID_FOCUS_ABSOLUTE, in_steps(*wish.focus));
-    focus_ = device_.control(V4L2_CID_FOCUS_ABSOLUTE);
+    focus_ = device_->control(V4L2_CID_FOCUS_ABSOLUTE);
     if (wish.auto_exposure) {
-      if (!device_.set_control(V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_AUTO)) {
+      if (!device_->set_control(V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_AUTO)) {
         set("automatic exposure", V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_APERTURE_PRIORITY);
       }
     } else if (wish.exposure_ms) {
-      (void)device_.set_control(V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_MANUAL);
+      (void)device_->set_control(V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_MANUAL);
       constexpr double kSteps_per_ms = 10.0;  // the control counts in 100 us
       set("exposure [0.1 ms]", V4L2_CID_EXPOSURE_ABSOLUTE,
           static_cast<std::int32_t>(std::lround(*wish.exposure_ms * kSteps_per_ms)));
     }
     if (wish.gain) {
-      (void)device_.set_control(V4L2_CID_AUTOGAIN, 0);
+      (void)device_->set_control(V4L2_CID_AUTOGAIN, 0);
       set("gain", V4L2_CID_GAIN, in_steps(*wish.gain));
     }
     exposure_s_ = exposure_in_effect();
     if (wish.auto_white_balance) set("automatic white balance", V4L2_CID_AUTO_WHITE_BALANCE, 1);
     if (wish.white_balance_k) {
-      (void)device_.set_control(V4L2_CID_AUTO_WHITE_BALANCE, 0);
+      (void)device_->set_control(V4L2_CID_AUTO_WHITE_BALANCE, 0);
       set("white balance [K]", V4L2_CID_WHITE_BALANCE_TEMPERATURE, *wish.white_balance_k);
     }
   }
@@ -264,11 +268,11 @@ class Stream {
 
   // While the camera chooses, what the control says is of no frame in particular.
   [[nodiscard]] std::optional<double> exposure_in_effect() const {
-    const auto way = device_.control(V4L2_CID_EXPOSURE_AUTO);
+    const auto way = device_->control(V4L2_CID_EXPOSURE_AUTO);
     if (way && *way != V4L2_EXPOSURE_MANUAL && *way != V4L2_EXPOSURE_SHUTTER_PRIORITY) {
       return std::nullopt;
     }
-    const auto steps = device_.control(V4L2_CID_EXPOSURE_ABSOLUTE);
+    const auto steps = device_->control(V4L2_CID_EXPOSURE_ABSOLUTE);
     constexpr double kStep_s = 1e-4;
     return steps && *steps > 0 ? std::optional(kStep_s * *steps) : std::nullopt;
   }
@@ -278,20 +282,20 @@ class Stream {
     request.count = kBuffers;
     request.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     request.memory = V4L2_MEMORY_MMAP;
-    if (const int error = device_.call(VIDIOC_REQBUFS, &request); error != 0) {
-      return trouble(device_, "VIDIOC_REQBUFS", error);
+    if (const int error = device_->call(VIDIOC_REQBUFS, &request); error != 0) {
+      return trouble(*device_, "VIDIOC_REQBUFS", error);
     }
-    if (request.count < kDriverNeeds) return trouble(device_, "mapping its buffers", ENOMEM);
+    if (request.count < kDriverNeeds) return trouble(*device_, "mapping its buffers", ENOMEM);
     auto buffers = std::make_shared<std::vector<V4l2Buffer>>();
     std::vector<std::span<const std::uint8_t>> views;
     for (unsigned i = 0; i < request.count; ++i) {
-      auto buffer = V4l2Buffer::map(device_, i, share);
-      if (!buffer) return trouble(device_, "mapping its buffers", buffer.error());
+      auto buffer = V4l2Buffer::map(*device_, i, share);
+      if (!buffer) return trouble(*device_, "mapping its buffers", buffer.error());
       views.push_back(buffer->bytes());
       buffers->push_back(std::move(*buffer));
     }
     buffers_ = buffers;
-    ring_ = BufferRing::create(std::move(views), {[&device = device_, buffers](unsigned index) {
+    ring_ = BufferRing::create(std::move(views), {[&device = *device_, buffers](unsigned index) {
                                                     (*buffers)[index].end_reading();
                                                     v4l2_buffer buffer{};
                                                     buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
@@ -303,7 +307,8 @@ class Stream {
     return {};
   }
 
-  const V4l2Device device_;  // outlives the ring's use of it: the destructor closes the ring
+  // Outlives the ring's use of it: the destructor closes the ring.
+  const std::shared_ptr<const V4l2Device> device_;
   const KnownFormat* known_ = nullptr;
   StreamFormat format_;
   std::optional<double> exposure_s_;
@@ -315,32 +320,37 @@ class Stream {
 
 class V4l2Source final : public LiveSource {
  public:
-  V4l2Source(V4l2Options options, std::unique_ptr<Stream> stream)
+  // `stop`: an eventfd, which becomes its own.
+  V4l2Source(V4l2Options options, std::unique_ptr<Stream> stream, int stop)
       : options_(with_focus(std::move(options), stream->focus())),
-        path_(stream->device().path()),
-        card_(stream->device().identity().card),
-        search_(stream->device().identity()),
+        path_(stream->device()->path()),
+        card_(stream->device()->identity().card),
+        search_(stream->device()->identity()),
         format_(stream->format()),
         shares_(stream->shares()),
         faults_(options_.device.string()),
         clock_(nanoseconds(format_.interval_s)),
         pace_(nanoseconds(format_.interval_s)),
-        stop_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)),
-        controls_(stream->device().controls()),
+        stop_(stop),
+        device_(stream->device()),
+        controls_(device_->controls()),
+        settings_(device_->settings()),
         stream_(std::move(stream)) {}
-  ~V4l2Source() override {
-    if (stop_ >= 0) close(stop_);
-  }
+  ~V4l2Source() override { close(stop_); }
 
   Result<std::optional<CapturedImage>> next_image() override {
     while (!stopped()) {
-      if (!stream_ && !reopen()) {
-        wait(kRetry_ms);
-        continue;
+      if (!stream_) {
+        // One that starts and fails at once is not asked without a pause either.
+        if (std::exchange(in_vain_, true)) wait(kRetry_ms);
+        if (!reopen()) continue;
       }
-      if (auto image = dequeue()) return image;
+      if (auto image = dequeue()) {
+        in_vain_ = false;
+        return image;
+      }
     }
-    stream_.reset();
+    set_stream(nullptr);
     return std::optional<CapturedImage>();
   }
 
@@ -351,6 +361,18 @@ class V4l2Source final : public LiveSource {
   [[nodiscard]] StreamFormat format() const override { return format_; }
   [[nodiscard]] FaultCounter& faults() override { return faults_; }
   [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const override {
+    // Of a device that may go meanwhile, and take its time about it: not under the lock.
+    const std::shared_ptr<const V4l2Device> device = [this] {
+      const std::lock_guard lock(mutex_);
+      return device_;
+    }();
+    auto controls = device ? device->controls() : decltype(controls_)();
+    auto settings = device ? device->settings() : decltype(settings_)();
+    const std::lock_guard lock(mutex_);
+    if (!controls.empty()) {
+      controls_ = std::move(controls);
+      settings_ = std::move(settings);
+    }
     return controls_;
   }
   [[nodiscard]] std::optional<FocusReading> focus() const override {
@@ -380,7 +402,8 @@ class V4l2Source final : public LiveSource {
   void lose_stream(CaptureFault fault, const std::string& what,
                    const std::optional<std::string>& now = std::nullopt) {
     outage_.begin({fault, what}, now);
-    stream_.reset();
+    is_gone_ = is_gone_ || fault == CaptureFault::disconnected;
+    set_stream(nullptr);
     search_.begin();
     looked_around_.reset();
   }
@@ -435,16 +458,33 @@ class V4l2Source final : public LiveSource {
     return true;
   }
 
+  // What others call reads the device of the stream that runs.
+  void set_stream(std::unique_ptr<Stream> stream) {
+    {
+      const std::lock_guard lock(mutex_);
+      device_ = stream ? stream->device() : nullptr;
+    }
+    stream_ = std::move(stream);
+  }
+
   bool reopen() {
-    auto started = find().and_then(
-        [&](V4l2Device device) { return Stream::start(std::move(device), options_, format_); });
+    auto started = find().and_then([&](V4l2Device device) {
+      // A camera that was without power has forgotten how it was set.
+      const std::vector<V4l2Setting> settings = [this] {
+        const std::lock_guard lock(mutex_);
+        return is_gone_ ? settings_ : std::vector<V4l2Setting>();
+      }();
+      return Stream::start(std::move(device), options_, format_, settings);
+    });
     if (!started) {
       outage_.begin(started.error());
+      is_gone_ = is_gone_ || started.error().fault == CaptureFault::disconnected;
       return false;
     }
     looked_around_.reset();
-    stream_ = std::move(*started);
-    path_ = stream_->device().path();
+    is_gone_ = false;
+    set_stream(std::move(*started));
+    path_ = stream_->device()->path();
     clock_.restart(nanoseconds(stream_->format().interval_s));
     pace_.restart(nanoseconds(stream_->format().interval_s));
     faults_.count_restart();
@@ -454,7 +494,7 @@ class V4l2Source final : public LiveSource {
   // One buffer; nothing where there was none, or none that is any good.
   std::optional<CapturedImage> dequeue() {
     std::array<pollfd, 2> waiting{
-        {{stream_->device().descriptor(), POLLIN, 0}, {stop_, POLLIN, 0}}};
+        {{stream_->device()->descriptor(), POLLIN, 0}, {stop_, POLLIN, 0}}};
     constexpr std::int64_t kMs_ns = 1'000'000;
     const std::int64_t silent_ms = pace_.silent_after_ns() / kMs_ns;
     const int ready = poll(waiting.data(), waiting.size(), static_cast<int>(silent_ms));
@@ -473,7 +513,7 @@ class V4l2Source final : public LiveSource {
     v4l2_buffer buffer{};
     buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     buffer.memory = V4L2_MEMORY_MMAP;
-    const int error = stream_->device().call(VIDIOC_DQBUF, &buffer);
+    const int error = stream_->device()->call(VIDIOC_DQBUF, &buffer);
     if (error == EAGAIN && (waiting[0].revents & (POLLERR | POLLHUP)) == 0) return std::nullopt;
     if (error != 0) {
       lose_stream(fault_of(error == EAGAIN ? EIO : error),
@@ -505,6 +545,9 @@ class V4l2Source final : public LiveSource {
 
     if ((buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused == 0) {
       faults_.count(CaptureFault::error_frame, "a frame is marked as bad and left out");
+      // A camera that gives nothing else may give them without end and without a pause.
+      image.owner.reset();
+      (void)wait(static_cast<int>(std::clamp(500.0 * format_.interval_s, 1.0, 100.0)));
       return std::nullopt;
     }
     stream_->buffer(buffer.index).begin_reading();
@@ -557,8 +600,14 @@ class V4l2Source final : public LiveSource {
   Outage outage_{faults_};
   FrameClock clock_;
   FramePace pace_;
-  const int stop_;  // an eventfd
-  const std::vector<std::pair<std::string, std::int64_t>> controls_;
+  const int stop_;        // an eventfd
+  bool in_vain_ = false;  // tried to open it again, and no frame came since
+  bool is_gone_ = false;  // was unplugged since the last stream
+  mutable std::mutex mutex_;
+  std::shared_ptr<const V4l2Device> device_;  // guarded by mutex_: of the stream, if there is one
+  // Guarded by mutex_; as they were last read.
+  mutable std::vector<std::pair<std::string, std::int64_t>> controls_;
+  mutable std::vector<V4l2Setting> settings_;
   std::unique_ptr<Stream> stream_;
 };
 
@@ -573,7 +622,12 @@ Result<std::unique_ptr<LiveSource>> open_v4l2_source(const V4l2Options& options)
     auto device = V4l2Device::open(options.device);
     if (!device) return tl::unexpected(device.error());
     auto stream = Stream::start(std::move(*device), options, std::nullopt);
-    if (stream) return std::make_unique<V4l2Source>(options, std::move(*stream));
+    if (stream) {
+      const int stop = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+      if (stop >= 0) return std::make_unique<V4l2Source>(options, std::move(*stream), stop);
+      return fail("{}: {}; close other programs, or raise the limit of open files (ulimit -n)",
+                  options.device.string(), message_of(errno));
+    }
     const CaptureFault fault = stream.error().fault;
     const bool again = fault == CaptureFault::refused || fault == CaptureFault::io_error;
     if (!again || attempt == kFirstTries) return fail("{}", stream.error().message);

@@ -9,6 +9,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "app/capture/camera_trouble.hpp"
 #include "app/capture/libcamera_source.hpp"
 #include "app/capture/v4l2_device.hpp"
 #include "app/capture/v4l2_source.hpp"
@@ -30,6 +31,15 @@ std::string text_of(const V4l2Size& size) {
   return text + fmt::format(" at {:.4g}/s", fmt::join(size.rates, "/s, "));
 }
 
+// Without the advice to run this command.
+std::string without_itself(std::string message) {
+  for (const std::string_view advice : {"; plug it in, or see what there is: penumbra devices",
+                                        "; see what there is: penumbra devices"}) {
+    if (message.ends_with(advice)) message = message.substr(0, message.size() - advice.size());
+  }
+  return message;
+}
+
 Result<ExitCode> list_devices() {
   const auto paths = list_v4l2_paths();
   if (paths.empty()) {
@@ -40,7 +50,8 @@ Result<ExitCode> list_devices() {
   for (const auto& path : paths) {
     const auto device = V4l2Device::open(path);
     if (!device) {
-      fmt::print("v4l2:{}  can't be used\n  {}\n", path.string(), device.error().message);
+      fmt::print("v4l2:{}  can't be used\n  {}\n", path.string(),
+                 without_itself(device.error().message));
       continue;
     }
     const V4l2Identity& about = device->identity();
@@ -63,7 +74,10 @@ Result<ExitCode> list_devices() {
     fmt::print("{}\n", cameras.error().message);
     return ExitCode::success;
   }
-  if (cameras->empty()) fmt::print("no camera known to libcamera\n");
+  if (cameras->empty()) {
+    const auto forbidden = forbidden_camera_device();
+    fmt::print("no camera known to libcamera{}\n", forbidden ? ": " + *forbidden : "");
+  }
   for (std::size_t i = 0; i < cameras->size(); ++i) {
     const LibcameraCamera& about = (*cameras)[i];
     fmt::print("libcamera:{}  {} ({})\n", i, about.model.empty() ? "camera" : about.model,
