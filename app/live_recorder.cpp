@@ -96,6 +96,7 @@ void LiveRecorder::add(const SessionFrame& frame, const Session& session) {
   } else {
     for (const SceneEdit& edit : frame.edits) to->add_scene_edit({timestamp_ns, edit});
   }
+  if (frame.video_light) to->add_light({timestamp_ns, *frame.video_light});
   to->add_pose(timestamp_ns, frame.tracked.pose);
   for (const GroupEstimate& group : frame.tracked.groups) to->add_group(timestamp_ns, group);
 }

@@ -17,6 +17,8 @@ constexpr std::size_t kMaxEventBytes = 256'000'000;
 constexpr std::string_view kMoved = "object_moved";
 constexpr std::string_view kTurned = "object_rotated";
 constexpr std::string_view kStyled = "shadow_changed";
+constexpr std::string_view kLit = "video_light";
+constexpr double kBrightest = 1e6;  // times full white
 constexpr double kFarthest_m = 1e6;
 constexpr double kLongestQuaternionError = 1e-3;
 
@@ -35,6 +37,13 @@ bool usable(const ShadowStyle& style) {
          std::isfinite(c.magnification_cap) && c.magnification_cap > 1.0 &&
          fraction(style.fractions.umbra) && fraction(style.fractions.middle) &&
          fraction(style.fractions.penumbra);
+}
+
+bool usable(const VideoLight& light) {
+  const auto good = [](const Eigen::Vector3d& v) {
+    return v.allFinite() && v.minCoeff() > 0.0 && v.maxCoeff() < kBrightest;
+  };
+  return good(light.on_table) && good(light.around);
 }
 
 // JSON has no infinity.
@@ -78,6 +87,17 @@ std::optional<std::int64_t> timestamp_of(std::string_view line) {
   if (at == std::string_view::npos) return std::nullopt;
   const std::string_view rest = line.substr(at + kKey.size());
   return parse_seconds_as_ns(trim(rest.substr(0, rest.find_first_of(",}"))));
+}
+
+// The time is a decimal number, to the nanosecond.
+std::string line_of(std::int64_t timestamp_ns, const Json& json) {
+  const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return "{\"timestamp_s\":" + format_ns_as_seconds(timestamp_ns) + "," + text.substr(1);
+}
+
+std::optional<VideoLight> light_in(const Json& json) {
+  const VideoLight light = {numbers_in<3>(json, "on_table"), numbers_in<3>(json, "around")};
+  return usable(light) ? std::optional(light) : std::nullopt;
 }
 
 std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
@@ -161,9 +181,23 @@ std::string event_line(const SceneEvent& event) {
     json["penumbra"] = styled.style.fractions.penumbra;
     if (styled.style.light_rays) json["light_rays"] = true;
   }
-  const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
-  // The time is a decimal number, to the nanosecond.
-  return "{\"timestamp_s\":" + format_ns_as_seconds(event.timestamp_ns) + "," + text.substr(1);
+  return line_of(event.timestamp_ns, json);
+}
+
+std::string light_line(const LitFrame& lit) {
+  const Eigen::Vector3d& table = lit.light.on_table;
+  const Eigen::Vector3d& around = lit.light.around;
+  Json json;
+  json["event"] = kLit;
+  json["on_table"] = {table.x(), table.y(), table.z()};
+  json["around"] = {around.x(), around.y(), around.z()};
+  return line_of(lit.timestamp_ns, json);
+}
+
+const VideoLight* light_at(const std::vector<LitFrame>& lights, std::int64_t timestamp_ns) {
+  if (lights.empty()) return nullptr;
+  const auto later = std::ranges::upper_bound(lights, timestamp_ns, {}, &LitFrame::timestamp_ns);
+  return later == lights.begin() ? &later->light : &std::prev(later)->light;
 }
 
 Result<std::optional<SceneEvent>> parse_event_line(std::string_view line, const std::string& name) {
@@ -198,12 +232,23 @@ Result<SceneEvents> load_scene_events(const std::filesystem::path& file) {
     }
     if (*event) {
       events.edits.push_back(std::move(**event));
-    } else if (const Json json = Json::parse(line, nullptr, false);
-               text_in(json, "event") == kSceneStartEvent) {
-      events.scene_start_ns = timestamp_of(line);
+      continue;
+    }
+    const Json json = Json::parse(line, nullptr, false);
+    const std::string kind = text_in(json, "event");
+    if (kind == kSceneStartEvent) events.scene_start_ns = timestamp_of(line);
+    if (kind != kLit) continue;
+    const auto timestamp_ns = timestamp_of(line);
+    const auto light = light_in(json);
+    if (timestamp_ns && light) {
+      events.lights.push_back({*timestamp_ns, *light});
+    } else if (end < text->size()) {
+      return fail("{}: line {}: {}: a number is missing or out of range; remove the line",
+                  file.string(), number, kind);
     }
   }
   std::ranges::stable_sort(events.edits, {}, &SceneEvent::timestamp_ns);
+  std::ranges::stable_sort(events.lights, {}, &LitFrame::timestamp_ns);
   return events;
 }
 

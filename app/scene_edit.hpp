@@ -1,5 +1,6 @@
-// What a person changes in a scene while it runs: where an object stands, how a shadow is drawn.
-// Written to a recording's events.jsonl, and read from there to happen again.
+// What a person changes in a scene while it runs: where an object stands, how a shadow is drawn;
+// and the light that it was drawn in. Written to a recording's events.jsonl, and read from there to
+// happen again.
 #pragma once
 
 #include <cstdint>
@@ -11,6 +12,7 @@
 #include <vector>
 
 #include "core/error.hpp"
+#include "render/light_meter.hpp"
 #include "render/scene.hpp"
 
 namespace penumbra {
@@ -55,10 +57,26 @@ struct SceneEvent {
 // error.
 [[nodiscard]] Result<std::optional<SceneEvent>> parse_event_line(std::string_view line,
                                                                  const std::string& name);
+
+// The video's light that the frame with this timestamp was drawn in. It follows the frames that
+// were drawn, also those before the recording began: from its pictures alone it can't be had again.
+struct LitFrame {
+  std::int64_t timestamp_ns = 0;
+  VideoLight light;
+};
+// A line of events.jsonl, as event_line's: {"timestamp_s": ..., "event": "video_light",
+// "on_table": [r, g, b], "around": [r, g, b]}, linear light above 0.
+[[nodiscard]] std::string light_line(const LitFrame& lit);
+
 struct SceneEvents {
   std::optional<std::int64_t> scene_start_ns;  // the frames' clock at which the scene's time was 0
   std::vector<SceneEvent> edits;               // in order of time
+  std::vector<LitFrame> lights;                // in order of time
 };
+// That of the last frame drawn up to this time; the first one's before it. Nothing where there is
+// none.
+[[nodiscard]] const VideoLight* light_at(const std::vector<LitFrame>& lights,
+                                         std::int64_t timestamp_ns);
 // Of a recording; none where the file is not there. A damaged last line is left out: the session
 // was cut off there.
 [[nodiscard]] Result<SceneEvents> load_scene_events(const std::filesystem::path& file);

@@ -124,7 +124,9 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
                                     result.tracked.groups);
   if (options_.video_light) {
     const Stopwatch light_watch;
-    state.video_light = light_meter_.look_at(frame);
+    const VideoLight* recorded = light_at(options_.recorded_light, frame.timestamp_ns);
+    state.video_light = recorded != nullptr ? *recorded : light_meter_.look_at(frame);
+    result.video_light = state.video_light;
     result.light_time = light_watch.elapsed();
   }
   PoseEstimate drawn_pose = result.tracked.pose;

@@ -42,6 +42,8 @@ struct SessionOptions {
   bool rectified = false;  // the picture without the lens's distortion
   // Virtual objects are lit as the video is; else as the scene says.
   bool video_light = false;
+  // As a recorded session had it, in order of time; where there is none it is measured.
+  std::vector<LitFrame> recorded_light;
 };
 
 struct SessionFrame {
@@ -49,7 +51,8 @@ struct SessionFrame {
   // What was drawn in place of the measured pose; nothing where that was drawn itself.
   std::optional<SmoothedPose> smoothed;
   FramePlan plan;
-  std::vector<ShadowEvent> events;  // since the frame before that had a pose
+  std::vector<ShadowEvent> events;        // since the frame before that had a pose
+  std::optional<VideoLight> video_light;  // that it is drawn in
   CompositeStats composite;
   StageTime light_time;  // measuring the video's light
   StageTime plan_time;

@@ -423,6 +423,10 @@ void RecordingWriter::add_scene_edit(const SceneEvent& event) {
   impl_->add(EventLine{event_line(event)});
 }
 
+void RecordingWriter::add_light(const LitFrame& lit) {
+  impl_->add(EventLine{light_line(lit)});
+}
+
 const std::filesystem::path& RecordingWriter::folder() const {
   return impl_->folder;
 }

@@ -62,6 +62,7 @@ class RecordingWriter {
   void add_group(std::int64_t timestamp_ns, const GroupEstimate& group);
   void add_event(std::int64_t timestamp_ns, std::string_view event, std::string_view detail = {});
   void add_scene_edit(const SceneEvent& event);
+  void add_light(const LitFrame& lit);
   [[nodiscard]] const std::filesystem::path& folder() const;
   [[nodiscard]] RecordingCounts counts() const;
 

@@ -142,5 +142,40 @@ TEST(SceneEdit, AFileCutOffInItsLastLineIsReadUpToThere) {
   EXPECT_THAT(damaged.error().message, testing::HasSubstr("line 1"));
 }
 
+TEST(SceneEdit, LightIsReadAsItWasWrittenBitForBit) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "events.jsonl";
+  const VideoLight first = {{1.0 / 3.0, 0.1, 2.5}, {1e-3, 0.7, 1.0 / 7.0}};
+  const VideoLight second = {{0.9, 0.8, 0.7}, {0.4, 0.3, 0.2}};
+  const std::string good =
+      light_line({2'000'000'003, second}) + "\n" + light_line({1'000'000'001, first}) + "\n";
+  test::write_text(file, good + light_line({3'000'000'000, first}).substr(0, 60));
+  const auto events = load_scene_events(file);
+  ASSERT_TRUE(events) << events.error().message;
+  EXPECT_TRUE(events->edits.empty());
+  ASSERT_EQ(events->lights.size(), 2U) << "the one that was cut off is left out";
+  const auto is = [&](std::int64_t timestamp_ns, const VideoLight& light) {
+    const VideoLight* at = light_at(events->lights, timestamp_ns);
+    return at != nullptr && at->on_table == light.on_table && at->around == light.around;
+  };
+  EXPECT_TRUE(is(0, first)) << "before the first frame that was drawn";
+  EXPECT_TRUE(is(1'000'000'001, first));
+  EXPECT_TRUE(is(2'000'000'002, first)) << "of a frame that was not drawn";
+  EXPECT_TRUE(is(2'000'000'003, second));
+  EXPECT_TRUE(is(9'000'000'000, second));
+  EXPECT_EQ(light_at({}, 0), nullptr);
+  for (const char* bad :
+       {R"({"timestamp_s":1,"event":"video_light"})",
+        R"({"event":"video_light","on_table":[1,1,1],"around":[1,1,1]})",
+        R"({"timestamp_s":1,"event":"video_light","on_table":[1,1,0],"around":[1,1,1]})",
+        R"({"timestamp_s":1,"event":"video_light","on_table":[1,1,1],"around":[1,1]})",
+        R"({"timestamp_s":1,"event":"video_light","on_table":[1,1,1e9],"around":[1,1,1]})"}) {
+    test::write_text(file, std::string(bad) + "\n" + good);
+    const auto damaged = load_scene_events(file);
+    ASSERT_FALSE(damaged) << bad;
+    EXPECT_THAT(damaged.error().message, testing::HasSubstr("line 1: video_light"));
+  }
+}
+
 }  // namespace
 }  // namespace penumbra

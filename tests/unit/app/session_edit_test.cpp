@@ -67,6 +67,45 @@ class EditedSession : public testing::Test {
   int frame_number = 0;
 };
 
+// Whatever is drawn before the first picture, for the driver's sake, is no picture of the camera.
+TEST_F(EditedSession, WarmedUpItShowsBlack) {
+  ASSERT_TRUE(session->warm_up(PixelFormat::yuv420p));
+  picture.assign(static_cast<std::size_t>(kPictureWidth) * kPictureHeight * 4, 77);
+  ASSERT_TRUE(session->read_back(picture));
+  int lit = 0;
+  for (std::size_t i = 0; i < picture.size(); ++i) lit += i % 4 != 3 && picture[i] != 0 ? 1 : 0;
+  EXPECT_EQ(lit, 0);
+  step();
+  EXPECT_GT(picture[0], 0);
+}
+
+// The light of a session that is played again is that session's, whatever its pictures show.
+TEST_F(EditedSession, RecordedLightStandsForWhatWouldBeMeasured) {
+  const auto drawn_with = [&](std::vector<LitFrame> recorded) {
+    Trajectory poses;
+    poses.poses.push_back({0, test::look_at({0.1, -0.5, 0.5}, {0, 0, 0}), {}});
+    SessionOptions options;
+    options.video_light = true;
+    options.recorded_light = std::move(recorded);
+    session.emplace(Session::create(*context, builder.build(), camera,
+                                    GivenPoses{std::move(poses), {}}, options)
+                        .value());
+    frame_number = 0;
+    return step().video_light;
+  };
+  const auto measured = drawn_with({});
+  ASSERT_TRUE(measured);
+  const auto bright = picture;
+  const VideoLight dim = {{0.1, 0.2, 0.15}, {0.05, 0.05, 0.05}};
+  const auto recorded = drawn_with({{0, dim}});
+  ASSERT_TRUE(recorded);
+  EXPECT_EQ(recorded->on_table, dim.on_table);
+  EXPECT_EQ(recorded->around, dim.around);
+  EXPECT_NE(picture, bright);
+  (void)drawn_with({{0, *measured}});
+  EXPECT_EQ(picture, bright);
+}
+
 TEST_F(EditedSession, LightFractionsComputeNothing) {
   EXPECT_EQ(step().composite.triples_recomputed, 2);
   const auto before = picture;
