@@ -88,7 +88,7 @@ std::vector<PaneReport> Comparison::reports() const {
 
 std::string ComparisonHost::save_screenshot() {
   const PaneGrid& grid = comparison_.grid();
-  return save_picture(grid.width(), grid.height(), grid.rgba());
+  return save_picture(grid.width(), grid.height(), grid.rgba(), recording_);
 }
 
 void ComparisonHost::describe(HudState& state, bool debug) const {

@@ -80,6 +80,8 @@ class ComparisonHost : public ViewerHost {
 
   // What the window is about to show.
   void saw(const SessionFrame& frame) { last_ = frame; }
+  // As SessionHost's.
+  void keep_out_of(std::filesystem::path recording) { recording_ = std::move(recording); }
   void present() override { picture_.present(comparison_.grid().rgba(), context_.window_size()); }
   [[nodiscard]] std::string save_screenshot() override;
   [[nodiscard]] std::string toggle_recording() override { return "only live is recorded"; }
@@ -91,6 +93,7 @@ class ComparisonHost : public ViewerHost {
   UploadedPicture picture_;
   const RunRecorder& run_;
   int frame_count_;
+  std::optional<std::filesystem::path> recording_;
   std::optional<SessionFrame> last_;
 };
 

@@ -21,6 +21,7 @@
 #include "app/scene_edit.hpp"
 #include "app/session.hpp"
 #include "app/session_host.hpp"
+#include "app/silence.hpp"
 #include "app/viewer.hpp"
 #include "core/camera_file.hpp"
 #include "core/focus_file.hpp"
@@ -35,6 +36,7 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kPatience(50);  // between looks at the window and at Ctrl-C
 constexpr int kEncodeAhead = 4;        // composited frames that wait for the encoder
+constexpr double kLongestStart_s = 10.0;
 constexpr std::size_t kMaxYamlBytes = 16'000'000;
 
 constexpr std::string_view kRecordingKind = "recording:";
@@ -150,6 +152,24 @@ Result<CameraModel> calibration_at_size(const LiveRequest& request, const Camera
   return scaled;
 }
 
+// A recording's folder holds the recording, and a folder of pictures these: neither lies in the
+// other.
+Result<void> check_apart_from_record(const LiveRequest& request) {
+  if (!request.record) return {};
+  for (const auto& output : {request.output, request.poses, request.report, request.group_poses}) {
+    if (output && lies_in(*output, *request.record)) {
+      return fail("{}: lies in {}, where the recording is made (--record); name another place",
+                  output->string(), request.record->string());
+    }
+  }
+  if (request.output && output_kind(*request.output) == OutputKind::folder &&
+      lies_in(*request.record, *request.output)) {
+    return fail("{}: lies in {}, which holds pictures and nothing else; name another place",
+                request.record->string(), request.output->string());
+  }
+  return {};
+}
+
 // What a recording of this session begins with.
 Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSource& source,
                                      const CameraModel& camera) {
@@ -169,40 +189,6 @@ Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSourc
   return head;
 }
 
-// What is on the screen while the camera gives no whole picture: the last one, its pose held and
-// fading, then no pose. Never a still picture that looks live.
-class Silence {
- public:
-  void saw(const TrackedFrame& tracked) { last_ = tracked; }
-  // Whether what is on the screen may still be drawn again.
-  [[nodiscard]] bool holds() const { return last_.has_value(); }
-  // What to draw now; nothing when that is on the screen already.
-  [[nodiscard]] std::optional<TrackedFrame> picture(std::int64_t silence_ns) {
-    if (!last_) return std::nullopt;
-    TrackedFrame tracked = *last_;
-    // What was measured was measured of a picture that is no longer the camera's.
-    tracked.pose.tags_used = 0;
-    bool gone = true;
-    const auto hold = [&gone, silence_ns](auto& pose) {
-      if (!pose.has_pose()) return;
-      pose.age_s += seconds(silence_ns);
-      if (pose.status != TrackStatus::held) pose.held_from = pose.status;
-      pose.status = pose.age_s > kHoldSeconds ? TrackStatus::lost : TrackStatus::held;
-      gone = gone && pose.status == TrackStatus::lost;
-    };
-    hold(tracked.pose);
-    for (GroupEstimate& group : tracked.groups) hold(group);
-    // Drawn for the last time; its buffer goes back: a driver that lost its camera waits for every
-    // one of them before it takes the camera again.
-    if (gone) last_.reset();
-    tracked.pose.reason = "no whole picture from the camera";
-    return tracked;
-  }
-
- private:
-  std::optional<TrackedFrame> last_;
-};
-
 // Of a camera whose pictures come, but none that is whole.
 std::uint64_t spoiled_pictures(const CaptureStats& stats) {
   return stats.of(CaptureFault::damaged) + stats.of(CaptureFault::error_frame);
@@ -217,7 +203,11 @@ class LiveHost final : public SessionHost {
         run_(run),
         source_(source),
         recorder_(recorder),
-        request_(request) {}
+        request_(request) {
+    if (request.camera.starts_with(kRecordingKind)) {
+      keep_out_of(request.camera.substr(kRecordingKind.size()));
+    }
+  }
 
   [[nodiscard]] std::string toggle_recording() override {
     if (const auto writer = recorder_.writer()) {
@@ -237,8 +227,18 @@ class LiveHost final : public SessionHost {
     return "recording to " + folder.string();
   }
 
+  // After the duration that was asked for, from the first picture; where none comes at all, after
+  // as long, but no sooner than a slow camera starts.
+  [[nodiscard]] bool is_over() const override {
+    if (!request_.duration_s) return false;
+    const double longest_s =
+        has_begun_ ? *request_.duration_s : std::max(*request_.duration_s, kLongestStart_s);
+    return watch_.elapsed().wall_ms >= longest_s * 1e3;
+  }
+
   // A whole picture came; or none does any more.
   void is_live() {
+    if (!std::exchange(has_begun_, true)) watch_.restart();
     silent_s_.reset();
     spoiled_ = spoiled_pictures(source_.faults().stats());
   }
@@ -276,6 +276,8 @@ class LiveHost final : public SessionHost {
   LiveSource& source_;
   LiveRecorder& recorder_;
   const LiveRequest& request_;
+  Stopwatch watch_;  // since the first picture, or since it was waited for
+  bool has_begun_ = false;
   std::optional<double> silent_s_;
   std::uint64_t spoiled_ = 0;  // pictures, until the last whole one
 };
@@ -381,6 +383,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (auto checked = check_output_paths(request, std::move(taken)); !checked) {
     return tl::unexpected(checked.error());
   }
+  if (auto apart = check_apart_from_record(request); !apart) return tl::unexpected(apart.error());
   interrupt.hold();
   auto outputs =
       open_outputs(request, {camera->width(), camera->height(), (*source)->format().interval_s},
@@ -410,8 +413,9 @@ Result<RunReport> run_live(const LiveRequest& request) {
   }
 
   Silence silence;
-  std::optional<Stopwatch> since_first;
   bool stopped = false;
+  // What went wrong first; what was made until then is kept.
+  std::optional<Error> failure;
   // What was taken before a person paused and is shown after: its age is no latency.
   std::int64_t paused_until_ns = std::numeric_limits<std::int64_t>::min();
   const auto show = [&](Viewer::Picture picture) {
@@ -435,8 +439,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
     }
     if (ready) {
       host.is_live();
-      if (!since_first) {
-        since_first.emplace();
+      if (run.frames() == 0) {
         if (const auto warning = focus_warning(request.calibration, (*source)->focus())) {
           log_warning("{}", *warning);
         }
@@ -446,7 +449,10 @@ Result<RunReport> run_live(const LiveRequest& request) {
       run.add_time("capture", ready->capture_time);
       silence.saw(ready->tracked);
       auto done = session->draw(std::move(ready->tracked), pixels);
-      if (!done) return tl::unexpected(done.error());
+      if (!done) {
+        failure = done.error();
+        break;
+      }
       run.add_frame(*done);
       recorder.add(*done, *session);
       if (viewer) host.saw(*done);
@@ -457,7 +463,9 @@ Result<RunReport> run_live(const LiveRequest& request) {
         run.add_time("latency", {static_cast<double>(monotonic_ns() - timestamp_ns) * 1e-6, 0.0});
       }
       if (auto written = outputs->write(*done, pixels, run); !written) {
-        return tl::unexpected(written.error());
+        log_warning("{}; it ends here, the picture goes on", written.error().message);
+        if (!failure) failure = written.error();
+        if (!outputs->frames) pixels.clear();
       }
       if (!paused) run.add_time("frame", watch.elapsed());
     } else {
@@ -465,22 +473,23 @@ Result<RunReport> run_live(const LiveRequest& request) {
       if (silence_ns) host.is_stale(*silence_ns);
       if (auto picture = silence_ns ? silence.picture(*silence_ns) : std::nullopt) {
         auto drawn = session->redraw(std::move(*picture));
-        if (!drawn) return tl::unexpected(drawn.error());
+        if (!drawn) {
+          failure = drawn.error();
+          break;
+        }
         if (viewer) host.saw(*drawn);
         if (!silence.holds()) host.forget_frame();
       }
       show(Viewer::Picture::same);
     }
-    if (request.duration_s && since_first &&
-        since_first->elapsed().wall_ms >= *request.duration_s * 1e3) {
-      stopped = true;
-    }
-    if (interrupt.interrupted()) stopped = true;
+    if (host.is_over() || interrupt.interrupted()) stopped = true;
   }
   pipeline.stop();
-  if (const auto error = pipeline.error()) return tl::unexpected(*error);
+  if (const auto error = pipeline.error(); error && !failure) failure = error;
 
-  const auto finished = outputs->finish(run);
+  if (const auto finished = outputs->finish(run); !finished && !failure) {
+    failure = finished.error();
+  }
   const CaptureStats stats = (*source)->faults().stats();
   RunReport report = run.report();
   report.recording = request.camera;
@@ -506,12 +515,15 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (const RecordedFrames frames = recorder.frames(); frames.written + frames.left_out > 0) {
     report.recorded = frames;
   }
-  if (report.frames == 0) return fail("{}: gave no frame", request.camera);
-  if (!finished) return tl::unexpected(finished.error());
-  if (auto written = outputs->write_report(report); !written) {
-    return tl::unexpected(written.error());
+  if (report.frames == 0 && !failure) return fail("{}: gave no frame", request.camera);
+  if (report.frames > 0) {
+    if (auto written = outputs->write_report(report); !written && !failure) {
+      failure = written.error();
+    }
   }
-  if (!recorded) return tl::unexpected(recorded.error());
+  if (report.frames == 0) return tl::unexpected(*failure);
+  report.failure = failure;
+  if (!recorded && !report.failure) report.failure = recorded.error();
   return report;
 }
 

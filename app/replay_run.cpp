@@ -175,9 +175,11 @@ class Shown {
 
   // For a window; kept here.
   [[nodiscard]] Result<ViewerHost*> open_host(GlContext& context, RunRecorder& run,
-                                              int frame_count) {
+                                              const Recording& recording) {
+    const int frame_count = static_cast<int>(recording.frames.size());
     if (!comparison_) {
       session_host_ = std::make_unique<SessionHost>(*session_, run, frame_count);
+      session_host_->keep_out_of(recording.folder);
       return session_host_.get();
     }
     const PaneGrid& grid = comparison_->grid();
@@ -185,6 +187,7 @@ class Shown {
     if (!picture) return tl::unexpected(picture.error());
     comparison_host_ = std::make_unique<ComparisonHost>(*comparison_, context, std::move(*picture),
                                                         run, frame_count);
+    comparison_host_->keep_out_of(recording.folder);
     return comparison_host_.get();
   }
   void saw(const SessionFrame& frame) {
@@ -292,8 +295,12 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   if (!poses) return tl::unexpected(poses.error());
   tell_warnings(*scene, request.plan);
 
-  auto events = request.edits ? load_scene_events(recording->folder / "events.jsonl")
-                              : Result<SceneEvents>(SceneEvents());
+  auto events = load_scene_events(recording->folder / "events.jsonl");
+  if (!request.edits) {
+    SceneEvents without;
+    if (events) without.lights = std::move(events->lights);
+    events = std::move(without);
+  }
   if (!events) return tl::unexpected(events.error());
 
   if (auto checked = check_outputs(request, *recording); !checked)
@@ -321,6 +328,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   session_options.rectified = request.rectified;
   session_options.video_light = request.video_light;
   session_options.smooth = request.smooth;
+  session_options.recorded_light = std::move(events->lights);
   session_options.scene_start_ns =
       events->scene_start_ns.value_or(recording->frames.front().timestamp_ns);
   auto shown = Shown::open(request, **context, scene, camera, std::move(*poses), session_options);
@@ -340,7 +348,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   if (has_window) {
     auto overlay = Overlay::create(**context);
     if (!overlay) return tl::unexpected(overlay.error());
-    auto host = shown->open_host(**context, run, static_cast<int>(recording->frames.size()));
+    auto host = shown->open_host(**context, run, *recording);
     if (!host) return tl::unexpected(host.error());
     viewer.emplace(**context, **host, std::move(*overlay), request.viewer);
   }
@@ -357,27 +365,34 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       },
       overlapped ? kTrackAhead : 0);
   bool stopped = false;
+  // What goes wrong on the way ends the run; what was made until then is kept.
+  std::optional<Error> failure;
   {
     ProgressBar progress((*source)->frame_count().value_or(0));
     while (!stopped) {
       const Stopwatch frame_watch;
       auto item = tracked.next();
-      if (!item) return tl::unexpected(item.error());
-      if (!*item) break;
+      if (!item) failure = item.error();
+      if (!item || !*item) break;
       run.add_time("capture", (*item)->capture_time);
       const std::uint64_t sequence = (*item)->tracked.frame.sequence;
       const std::int64_t timestamp_ns = (*item)->tracked.frame.timestamp_ns;
       edits.replay_until(timestamp_ns, *shown);
 
       auto done = shown->draw(std::move((*item)->tracked), outputs->frames != nullptr);
-      if (!done) return tl::unexpected(done.error());
+      if (!done) {
+        failure = done.error();
+        break;
+      }
       run.add_frame(*done);
       const PoseEstimate& pose = done->tracked.pose;
       log_debug("frame {}: {}{}{}", sequence, to_string(pose.status),
                 pose.reason.empty() ? "" : ": ", pose.reason);
 
-      if (auto written = outputs->write(*done, shown->pixels(), run); !written)
-        return tl::unexpected(written.error());
+      if (auto written = outputs->write(*done, shown->pixels(), run); !written) {
+        failure = written.error();
+        stopped = true;
+      }
       run.add_time("frame", frame_watch.elapsed());
       progress.update(run.frames());
 
@@ -386,16 +401,17 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       }
       if (viewer) {
         shown->saw(*done);
-        stopped = !viewer->show(interrupt);
+        stopped = !viewer->show(interrupt) || stopped;
       }
       stopped = interrupt.interrupted() || stopped;
     }
   }
   if (run.frames() == 0) {
+    if (failure) return tl::unexpected(*failure);
     return fail("{}: no frame was replayed", recording->folder.string());
   }
 
-  if (auto finished = outputs->finish(run); !finished) return tl::unexpected(finished.error());
+  if (auto finished = outputs->finish(run); !finished && !failure) failure = finished.error();
   RunReport report = run.report();
   report.threads = overlapped ? request.threads : 1;
   report.recording = request.recording.string();
@@ -423,8 +439,10 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       if (of_group.frames_with_truth > 0) group.accuracy = of_group;
     }
   }
-  if (auto written = outputs->write_report(report); !written)
-    return tl::unexpected(written.error());
+  if (auto written = outputs->write_report(report); !written && !failure) {
+    failure = written.error();
+  }
+  report.failure = std::move(failure);
   return report;
 }
 

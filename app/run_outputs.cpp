@@ -178,35 +178,37 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
 Result<void> RunOutputs::write(const SessionFrame& frame, std::span<const std::uint8_t> pixels,
                                RunRecorder& run) {
   const Frame& video = frame.tracked.frame;
-  if (poses) {
-    if (auto written = poses->write(video.timestamp_ns, frame.tracked.pose); !written) {
-      return written;
-    }
-  }
+  Result<void> all;
+  const auto done = [&all](const Result<void>& written) {
+    if (!written && all) all = written;
+    return written.has_value();
+  };
+  if (poses && !done(poses->write(video.timestamp_ns, frame.tracked.pose))) poses.reset();
   for (const GroupEstimate& group : frame.tracked.groups) {
     const auto writer = group_poses.find(group.name);
     if (writer == group_poses.end()) continue;
-    if (auto written = writer->second.write(video.timestamp_ns, group); !written) return written;
+    if (!done(writer->second.write(video.timestamp_ns, group))) group_poses.erase(writer);
   }
   if (frames) {
-    auto written = frames->write(video.sequence, video.timestamp_ns, pixels);
+    const auto written = frames->write(video.sequence, video.timestamp_ns, pixels);
     for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
-    if (!written) return written;
+    if (!done(written)) frames.reset();
   }
-  return {};
+  return all;
 }
 
 Result<void> RunOutputs::finish(RunRecorder& run) {
+  Result<void> all;
+  const auto done = [&all](const Result<void>& finished) {
+    if (!finished && all) all = finished;
+  };
   if (frames) {
-    auto finished = frames->finish();
+    done(frames->finish());
     for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
-    if (!finished) return finished;
   }
-  for (auto& [unused, writer] : group_poses) {
-    if (auto finished = writer.finish(); !finished) return finished;
-  }
-  if (poses) return poses->finish();
-  return {};
+  for (auto& [unused, writer] : group_poses) done(writer.finish());
+  if (poses) done(poses->finish());
+  return all;
 }
 
 Result<void> RunOutputs::write_report(const RunReport& measured) {

@@ -51,10 +51,12 @@ struct RunOutputs {
   std::optional<OutputFile> report;
 
   // What is asked for of one frame; the times of those encoded since the last call go to `run`.
-  // `pixels` is empty where no composited frames are wanted.
+  // `pixels` is empty where no composited frames are wanted. What fails (a full disk) is given up,
+  // and told by the first error that there was; the others go on.
   [[nodiscard]] Result<void> write(const SessionFrame& frame, std::span<const std::uint8_t> pixels,
                                    RunRecorder& run);
-  // Frames and poses are on disk, under their names, when this returns.
+  // Frames and poses are on disk, under their names, when this returns; one that fails does not
+  // keep the others from it.
   [[nodiscard]] Result<void> finish(RunRecorder& run);
   [[nodiscard]] Result<void> write_report(const RunReport& measured);
 };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <numeric>
 
@@ -52,6 +53,20 @@ Json groups_json(const std::vector<GroupReport>& groups) {
     if (group.accuracy) of_group["accuracy"] = json_of(*group.accuracy);
   }
   return json;
+}
+
+// "expected error 2.7 px" is "expected error N px".
+std::string without_numbers(const std::string& reason) {
+  std::string text;
+  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+  for (std::size_t i = 0; i < reason.size(); ++i) {
+    const bool of_number =
+        is_digit(reason[i]) || (reason[i] == '.' && text.ends_with('N') && i + 1 < reason.size() &&
+                                is_digit(reason[i + 1]));
+    if (!of_number) text.push_back(reason[i]);
+    if (of_number && !text.ends_with('N')) text.push_back('N');
+  }
+  return text;
 }
 
 template <class Counts>
@@ -172,6 +187,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
       ++report_.frames_lost;
       break;
   }
+  if (pose.status != TrackStatus::tracked) add_reason(pose.reason);
   if (frame.smoothed) {
     lag_ms_.add(frame.smoothed->lag_ms);
     offset_px_.add(frame.smoothed->offset_px);
@@ -205,6 +221,15 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   add_work(drawn);
   for (const ShadowEvent& event : frame.events) ++events_[static_cast<std::size_t>(event.kind)];
   for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
+}
+
+void RunRecorder::add_reason(const std::string& reason) {
+  constexpr std::size_t kMostReasons = 64;  // there are a dozen; memory stays bounded in any case
+  std::string general = without_numbers(reason);
+  if (general.empty() || (reasons_.size() >= kMostReasons && !reasons_.contains(general))) {
+    general = "other";
+  }
+  ++reasons_[general];
 }
 
 void RunRecorder::add_tracked(const SessionFrame& frame) {
@@ -312,6 +337,9 @@ RunReport RunRecorder::report() const {
     report.smoothing->offset_px = offset_px_.statistics();
     if (lag_) report.smoothing->measured_lag_ms = lag_->lag_ms();
   }
+  report.reasons.assign(reasons_.begin(), reasons_.end());
+  std::ranges::stable_sort(report.reasons, std::greater(),
+                           &std::pair<std::string, std::int64_t>::second);
   report.work = work();
   for (const Group& group : groups_) {
     GroupReport& of_group = report.groups.emplace_back(group.report);
@@ -389,7 +417,8 @@ std::string report_json(const RunReport& report) {
                                   : Json({{"rmse", {}}, {"median", {}}, {"p95", {}}, {"max", {}}})},
       {"full_detections", report.full_detections},
       {"tracked_updates", report.tracked_updates},
-      {"pixels_sampled", report.pixels_sampled}};
+      {"pixels_sampled", report.pixels_sampled},
+      {"not_tracked", counts_json(report.reasons)}};
   if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
   json["work"] = counts_json(report.work);
   json["skipped"] = counts_json(report.skipped);
@@ -462,6 +491,15 @@ std::string report_table(const RunReport& report) {
                   report.height, report.interrupted ? " (interrupted)" : "");
   text += fmt::format("tracked {}, uncertain {}, held {}, lost {}\n", report.frames_tracked,
                       report.frames_uncertain, report.frames_held, report.frames_lost);
+  for (std::size_t i = 0; i < std::min<std::size_t>(report.reasons.size(), 3); ++i) {
+    const auto& [reason, count] = report.reasons[i];
+    text += fmt::format("not tracked: {} ({})\n", reason, count);
+  }
+  if (report.frames > 0 && report.frames_tracked == 0) {
+    text +=
+        "no frame was tracked: is the sheet that --tags lists in view, whole and sharp? Tags of "
+        "other families are not looked for\n";
+  }
   if (report.frames_dropped > 0) {
     std::vector<std::string> why;
     if (report.frames_damaged > 0) why.push_back(fmt::format("{} damaged", report.frames_damaged));

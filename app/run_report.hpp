@@ -12,6 +12,7 @@
 
 #include "app/pose_smoother.hpp"
 #include "app/session.hpp"
+#include "core/error.hpp"
 #include "core/evaluation.hpp"
 #include "core/group_pose.hpp"
 #include "core/running_statistics.hpp"
@@ -83,7 +84,12 @@ struct RunReport {
   int frames_captured = 0, frames_dropped = 0;
   int frames_damaged = 0;  // of those dropped: they could not be decoded; others came too late
   int frames_tracked = 0, frames_uncertain = 0, frames_held = 0, frames_lost = 0;
+  // Why frames were not tracked -> how many, the most frequent first. Numbers in a reason are an N:
+  // it is one reason whatever they were.
+  std::vector<std::pair<std::string, std::int64_t>> reasons;
   bool interrupted = false;
+  // What ended the run early, or was not written of it; the rest is as told here.
+  std::optional<Error> failure;
   std::string gl_renderer;
   std::string gl_version;
   Translucency translucency = Translucency::automatic;  // of the last frame; automatic: none drawn
@@ -156,6 +162,7 @@ class RunRecorder {
     RunningStatistics reprojection_px;
     Trajectory tracked;  // T_middle_camera; where paths are kept
   };
+  void add_reason(const std::string& reason);
   void add_work(const CompositeStats& drawn);
   void add_tracked(const SessionFrame& frame);
   void add_group(const GroupEstimate& estimate, const TrackedFrame& tracked);
@@ -170,6 +177,7 @@ class RunRecorder {
   RunningStatistics lag_ms_, offset_px_;  // of frames drawn with a smoothed pose
   std::optional<LagMeter> lag_;           // of those of them that were tracked
   std::vector<Group> groups_;
+  std::map<std::string, std::int64_t> reasons_;
   Work work_;
   std::array<std::int64_t, kShadowEventNames.size()> events_{};  // by ShadowEventKind
 };

@@ -10,6 +10,7 @@
 #include <system_error>
 
 #include "app/logging.hpp"
+#include "app/output/output_file.hpp"
 #include "core/image_file.hpp"
 
 namespace penumbra {
@@ -70,8 +71,12 @@ void SessionHost::redraw() {
   last_ = std::move(*drawn);
 }
 
-std::string save_picture(int width, int height, std::span<const std::uint8_t> rgba) {
+std::string save_picture(int width, int height, std::span<const std::uint8_t> rgba,
+                         const std::optional<std::filesystem::path>& recording) {
   const std::filesystem::path file = free_name(".png");
+  if (recording && lies_in(file, *recording)) {
+    return "this folder is the recording that is played; start elsewhere to save pictures";
+  }
   if (auto saved = save_png(file, width, height, rgba); !saved) return saved.error().message;
   std::error_code ignored;
   return "picture saved: " + std::filesystem::absolute(file, ignored).string();
@@ -82,7 +87,7 @@ std::string SessionHost::save_screenshot() {
   std::vector<std::uint8_t> pixels(static_cast<std::size_t>(camera.width()) *
                                    static_cast<std::size_t>(camera.height()) * 4U);
   if (auto read = session_.read_back(pixels); !read) return read.error().message;
-  return save_picture(camera.width(), camera.height(), pixels);
+  return save_picture(camera.width(), camera.height(), pixels, recording_);
 }
 
 void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorder& run) {

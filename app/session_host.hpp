@@ -24,6 +24,8 @@ class SessionHost : public ViewerHost {
   void saw(const SessionFrame& frame);
   // The frame's buffer is wanted back: it can't be drawn again.
   void forget_frame();
+  // The recording that is played: nothing is saved into it.
+  void keep_out_of(std::filesystem::path recording) { recording_ = std::move(recording); }
 
   void present() override { session_.present(); }
   [[nodiscard]] SessionView view() const override { return session_.view(); }
@@ -42,14 +44,17 @@ class SessionHost : public ViewerHost {
   Session& session_;
   RunRecorder& run_;
   std::optional<int> frame_count_;
+  std::optional<std::filesystem::path> recording_;
   std::optional<SessionFrame> last_;
 };
 
 // What the HUD says of a frame: its number, poses, and the times of the stages.
 void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorder& run);
 
-// A PNG of RGBA8 pixels into the current folder. Says what became of it, for the person.
-[[nodiscard]] std::string save_picture(int width, int height, std::span<const std::uint8_t> rgba);
+// A PNG of RGBA8 pixels into the current folder, unless that lies in the `recording` that is
+// played. Says what became of it, for the person.
+[[nodiscard]] std::string save_picture(int width, int height, std::span<const std::uint8_t> rgba,
+                                       const std::optional<std::filesystem::path>& recording = {});
 
 // "penumbra-20260131-142305EXTENSION" in the current folder, by the clock; with -2, -3, ... where
 // that is there already.

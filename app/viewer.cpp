@@ -44,7 +44,7 @@ bool Viewer::show(InterruptWatch& interrupt, Picture picture) {
       waited = true;
       std::this_thread::sleep_for(kPausedRefresh);
     }
-  } while (paused_ && !closed_ && !step_ && !interrupt.interrupted());
+  } while (paused_ && !closed_ && !step_ && !host_.is_over() && !interrupt.interrupted());
   edited_ = false;
   if (waited) {
     paused_ms_ += pause.elapsed().wall_ms;

@@ -36,6 +36,8 @@ class ViewerHost {
   virtual void set_translucency(Translucency /*way*/) {}
   // Draws the last picture again with what was edited, while it stands still.
   virtual void redraw() {}
+  // Whether the run is to end, also out of a pause.
+  [[nodiscard]] virtual bool is_over() const { return false; }
   // Says what became of it, for the person.
   [[nodiscard]] virtual std::string save_screenshot() { return {}; }
   [[nodiscard]] virtual std::string toggle_recording() { return {}; }
@@ -62,7 +64,7 @@ class Viewer {
   // again. The frame rate counts the former.
   enum class Picture { next, same };
   // Shows the last picture and answers what was done; while paused until that ends, a step is asked
-  // for, or the program is interrupted. False once the window was closed.
+  // for, the run is over, or the program is interrupted. False once the window was closed.
   [[nodiscard]] bool show(InterruptWatch& interrupt, Picture picture = Picture::next);
   // How long the pauses were, all together [ms]: time that does not count for pacing.
   [[nodiscard]] double paused_ms() const { return paused_ms_; }

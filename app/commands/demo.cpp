@@ -36,6 +36,10 @@ Result<ExitCode> demo(const DemoOptions& options) {
 
   const auto report = run_replay(request);
   if (!report) return tl::unexpected(report.error());
+  if (report->failure) {
+    fmt::print("{}", report_table(*report));
+    return tl::unexpected(*report->failure);
+  }
   fmt::print("{}\nvideo: {}\n", report_table(*report),
              std::filesystem::absolute(options.output).lexically_normal().string());
   return ExitCode::success;

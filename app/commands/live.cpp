@@ -55,6 +55,7 @@ Result<ExitCode> live(const LiveOptions& options) {
   const auto report = run_live(request);
   if (!report) return tl::unexpected(report.error());
   fmt::print("{}", report_table(*report));
+  if (report->failure) return tl::unexpected(*report->failure);
   // Without a duration, Ctrl-C is how a session ends.
   return ExitCode::success;
 }
@@ -75,8 +76,13 @@ auto automatic_or_number(const char* option, bool& automatic, Set set) {
 
 // Of what a camera could be set to: empty, or what is wrong with it.
 std::string plain_number(const std::string& text) {
+  constexpr double kMost = 1e6;
   const auto number = parse_number(text);
-  return number && std::abs(*number) <= 1e6 ? std::string() : fmt::format("{}: is no number", text);
+  if (!number) return fmt::format("{}: is no number", text);
+  if (!(std::abs(*number) <= kMost)) {
+    return fmt::format("{}: is out of range; no camera has more than {:.0f} steps", text, kMost);
+  }
+  return {};
 }
 
 }  // namespace
@@ -149,7 +155,8 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       ->type_name("FOLDER");
   command
       ->add_option("--duration", request.duration_s,
-                   "End after so many seconds from the first frame")
+                   "End after so many seconds from the first frame; where none comes, after as "
+                   "many, but not before 10")
       ->check(CLI::Range(0.001, 1e9))
       ->type_name("SECONDS");
   command->add_option("--scene", options->scene, "Scene to draw (default: the program's own)")

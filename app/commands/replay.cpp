@@ -77,6 +77,7 @@ Result<ExitCode> replay(const ReplayOptions& options) {
   const auto report = run_replay(request);
   if (!report) return tl::unexpected(report.error());
   fmt::print("{}", report_table(*report));
+  if (report->failure) return tl::unexpected(*report->failure);
   return ExitCode::success;
 }
 

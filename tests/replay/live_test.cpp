@@ -336,6 +336,93 @@ TEST(Live, ARecordingThatCouldNotBeWrittenIsAFailureAndThePictureGoesOn) {
   EXPECT_NE(last.find("free some space"), std::string::npos) << done.err;
 }
 
+// A video that can't be written any more costs that video alone.
+TEST(Live, WhatCannotBeWrittenDoesNotTakeTheRestWithIt) {
+  const test::TemporaryFolder temporary;
+  const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
+  const auto limited = [&](const std::vector<std::string>& words) {
+    // No file may grow beyond 64 KiB: a moment of lossless video.
+    std::vector<std::string> whole = {"-c", R"(trap '' XFSZ; ulimit -f 64; exec "$0" "$@")",
+                                      test::program().string()};
+    whole.insert(whole.end(), words.begin(), words.end());
+    return test::run_program("/bin/bash", whole);
+  };
+  const auto check = [&](const test::ProgramResult& done, const std::string& poses) {
+    EXPECT_EQ(done.exit_code, 1);
+    const std::string last = test::lines_of(done.err).back();
+    EXPECT_NE(last.find(path("out.mkv")), std::string::npos) << done.err;
+    const auto report = test::read_json(path("report.json"));
+    const auto written = load_trajectory(poses);
+    ASSERT_TRUE(written) << written.error().message;
+    EXPECT_GT(written->poses.size(), 0U);
+    EXPECT_EQ(written->poses.size(), report["frames_tracked"].get<std::size_t>());
+    EXPECT_NE(done.out.find("tracked "), std::string::npos) << done.out;
+  };
+  {
+    SCOPED_TRACE("live");
+    const auto done = limited(live({"--duration", "3", "--output", path("out.mkv"), "--poses",
+                                    path("live.tum"), "--report", path("report.json")}));
+    check(done, path("live.tum"));
+    EXPECT_NE(done.err.find("it ends here, the picture goes on"), std::string::npos) << done.err;
+    EXPECT_GT(test::read_json(path("report.json"))["frames"].get<int>(), 10);
+  }
+  {
+    SCOPED_TRACE("replay");
+    const auto done =
+        limited({"replay", bundled("tabletop"), "--no-window", "--output", path("out.mkv"),
+                 "--poses", path("replay.tum"), "--report", path("report.json")});
+    check(done, path("replay.tum"));
+    EXPECT_EQ(test::lines_of(done.err).size(), 1U) << done.err;
+  }
+}
+
+TEST(Live, ARecordingAsVideoPlaysAsACameraToo) {
+  const test::TemporaryFolder temporary;
+  const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
+  std::filesystem::create_directory(path("video"));
+  // As live stores what a camera gives uncompressed: the same pictures as the bundled JPEGs.
+  std::ofstream(path("nothing.json")) << R"({"objects": [], "shadows": []})";
+  const auto made =
+      penumbra({"replay", bundled("tabletop"), "--no-window", "--frames", "0:12", "--scene",
+                path("nothing.json"), "--output", path("video/video.mkv")});
+  ASSERT_EQ(made.exit_code, 0) << made.err;
+  for (const char* file : {"camera.yaml", "tags.yaml"}) {
+    std::filesystem::copy(bundled("tabletop") + "/" + file, path("video") + "/" + file);
+  }
+  std::ofstream listing(path("video/timestamps.csv"));
+  listing << "frame,timestamp_s,file\n";
+  for (int i = 0; i < 12; ++i) listing << fmt::format("{},{:.6f},video.mkv\n", i, i / 30.0);
+  listing.close();
+  // Slow enough that none is missed, and past its end: it begins again.
+  const auto done =
+      penumbra({"live", "--camera", "recording:" + path("video"), "--calibration", calibration(),
+                "--no-window", "--fps", "8", "--duration", "2", "--poses", path("live.tum"),
+                "--record", path("session"), "--report", path("report.json")});
+  ASSERT_EQ(done.exit_code, 0) << done.err;
+  const auto report = test::read_json(path("report.json"));
+  EXPECT_GE(report["frames"].get<int>(), 5);
+  EXPECT_EQ(report["frames_tracked"], report["frames"]);
+  EXPECT_FALSE(report.contains("camera_faults") && report["camera_faults"].contains("damaged"));
+  EXPECT_TRUE(std::filesystem::exists(path("session/video.mkv")));
+  const auto replayed = penumbra({"replay", path("session"), "--no-window"});
+  EXPECT_EQ(replayed.exit_code, 0) << replayed.err;
+}
+
+TEST(Live, SaysWhyNothingIsTracked) {
+  const test::TemporaryFolder temporary;
+  const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
+  // The same family, but none of the tags that lie there.
+  const auto sheet = penumbra(
+      {"target", "--first-id", "300", "--output", path("other.pdf"), "--tags", path("other.yaml")});
+  ASSERT_EQ(sheet.exit_code, 0) << sheet.err;
+  const auto done = penumbra(
+      live({"--duration", "1", "--tags", path("other.yaml"), "--report", path("report.json")}));
+  ASSERT_EQ(done.exit_code, 0) << done.err;
+  EXPECT_NE(done.out.find("none of them of this board (--tags)"), std::string::npos) << done.out;
+  EXPECT_NE(done.out.find("no frame was tracked"), std::string::npos) << done.out;
+  EXPECT_FALSE(test::read_json(path("report.json"))["tracking"]["not_tracked"].empty());
+}
+
 TEST(Live, SaysWhatIsMissingInOneLine) {
   test::expect_failure(penumbra({"live", "--no-window"}), {"--calibration", "penumbra calibrate"});
   test::expect_failure(penumbra({"live", "--no-window", "--camera", "v4l2:/dev/no-such-camera",
@@ -355,7 +442,23 @@ TEST(Live, SaysWhatIsMissingInOneLine) {
   test::expect_failure(penumbra(live({"--record", full.path().string()})), {"not empty"});
 }
 
+TEST(Live, WhatIsRecordedAndWhatIsWrittenLieApart) {
+  const test::TemporaryFolder temporary;
+  const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
+  for (const auto& [option, place] : std::vector<std::pair<std::string, std::string>>{
+           {"--output", "session/frames"}, {"--poses", "session/poses.tum"}}) {
+    test::expect_failure(penumbra(live({"--record", path("session"), option, path(place.c_str())})),
+                         {place, "--record"});
+  }
+  test::expect_failure(
+      penumbra(live({"--output", path("pictures"), "--record", path("pictures/session")})),
+      {"pictures/session", "pictures and nothing else"});
+  EXPECT_TRUE(std::filesystem::is_empty(temporary.path()));
+}
+
 TEST(Live, WrongUsageIsExitCode2) {
+  const auto much = penumbra(live({"--gain", "1e9"}));
+  EXPECT_EQ(much.exit_code, 2);
   EXPECT_EQ(penumbra(live({"--size", "640"})).exit_code, 2);
   EXPECT_EQ(penumbra(live({"--format", "bayer"})).exit_code, 2);
   // What a recording can't obey.

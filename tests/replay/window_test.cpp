@@ -91,8 +91,6 @@ TEST(Window, ADragIsRecordedAndReplaysToTheSamePictures) {
       << R"("position":[0,0,0.06],"animation":{"spin":{"turns_per_s":0.1}}}],)"
       << R"("lights":[{"name":"lamp","kind":"point","position":[-0.2,-0.1,0.9]}],)"
       << R"("shadows":[{"name":"shadow","technique":"layered"}]})";
-  // Without the video's light: it follows the frames that were drawn, and a replay draws those too
-  // that live was too late for.
   const ProgramResult live =
       run_program(source_dir() / "tests" / "support" / "with-display",
                   {(source_dir() / "tests" / "support" / "drag-by-mouse").string(),
@@ -114,15 +112,14 @@ TEST(Window, ADragIsRecordedAndReplaysToTheSamePictures) {
                    "--poses",
                    path("live.tum"),
                    "--poses-all",
-                   "--no-video-light",
                    "--duration",
                    "120"},
                   {}, folder.path());
   ASSERT_EQ(live.exit_code, 0) << live.err;
   const auto replayed = [&](const char* name, const std::vector<std::string>& more) {
-    std::vector<std::string> words = {
-        "replay",           path("session"), "--no-window",    "--no-video-light", "--scene",
-        path("scene.json"), "--poses-from",  path("live.tum"), "--output",         path(name)};
+    std::vector<std::string> words = {"replay",         path("session"),    "--no-window",
+                                      "--scene",        path("scene.json"), "--poses-from",
+                                      path("live.tum"), "--output",         path(name)};
     words.insert(words.end(), more.begin(), more.end());
     const ProgramResult result = penumbra(words);
     EXPECT_EQ(result.exit_code, 0) << result.err;
@@ -239,6 +236,44 @@ TEST(Window, ALiveSessionFadesWhileItsCameraIsSilentAndIsRecordedByKey) {
   EXPECT_GE(report["frames"], 1);
   EXPECT_LT(report["frames"], rows.size() - 1) << "damaged ones are left out";
   EXPECT_EQ(report["frames_tracked"], report["frames"]);
+}
+
+// Started in the folder of the recording that it plays, neither pictures nor recordings are saved
+// there by a key.
+TEST(Window, NothingIsSavedIntoTheRecordingThatIsPlayed) {
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
+  ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
+  const TemporaryFolder folder;
+  const fs::path played = folder.path() / "played";
+  fs::copy(bundled("tabletop"), played, fs::copy_options::recursive);
+  const auto names = [&played] {
+    std::set<std::string> all;
+    for (const auto& entry : fs::recursive_directory_iterator(played)) all.insert(entry.path());
+    return all;
+  };
+  const auto before = names();
+  const std::string poses = (folder.path() / "out.tum").string();
+  for (const std::vector<std::string>& command :
+       {std::vector<std::string>{"live", "--camera", "recording:" + played.string(),
+                                 "--calibration", (played / "camera.yaml").string(), "--duration",
+                                 "120"},
+        std::vector<std::string>{"replay", played.string()},
+        std::vector<std::string>{"replay", played.string(), "--compare", "none,layered"}}) {
+    SCOPED_TRACE(command.front() + " " + command.back());
+    std::vector<std::string> words = {(source_dir() / "tests" / "support" / "press-keys").string(),
+                                      "+" + poses + ".partial* r 0.3 s 0.3 Escape",
+                                      program().string()};
+    words.insert(words.end(), command.begin(), command.end());
+    words.insert(words.end(), {"--poses", poses, "--log-level", "info"});
+    const ProgramResult done =
+        run_program(source_dir() / "tests" / "support" / "with-display", words, {}, played);
+    ASSERT_EQ(done.exit_code, 0) << done.err;
+    EXPECT_NE(done.err.find("start elsewhere to save pictures"), std::string::npos) << done.err;
+    if (command.front() == "live") {
+      EXPECT_NE(done.err.find("start elsewhere to record"), std::string::npos) << done.err;
+    }
+    EXPECT_EQ(names(), before);
+  }
 }
 
 }  // namespace

@@ -195,6 +195,42 @@ TEST_P(OverlayOf, AClickIsACommandAlsoWhenItIsShorterThanAPicture) {
   EXPECT_EQ(actions.commands[0], WindowCommand::next_technique);
 }
 
+// Who has only a finger gets out of full screen, and out of the program: in the help of the compact
+// layout there are buttons for it.
+TEST_P(OverlayOf, TheCompactHelpHasButtonsForFullScreenAndQuit) {
+  constexpr int kWidth = 480;
+  constexpr int kHeight = 320;
+  constexpr int kStep_px = 16;
+  HudPanels panels;
+  panels.compact = panels.help = true;
+  std::set<WindowCommand> found;
+  for (int i = 0; i < 2; ++i) {
+    HudActions none;
+    shoot(*overlay, busy_state(), panels, kWidth, kHeight, none);
+  }
+  for (int y = kStep_px / 2; y < kHeight; y += kStep_px) {
+    for (int x = kStep_px / 2; x < kWidth; x += kStep_px) {
+      if (!overlay->covers(x, y)) continue;
+      WindowEvent event;
+      event.x = x;
+      event.y = y;
+      event.kind = WindowEvent::Kind::button_down;
+      overlay->handle(event);
+      event.kind = WindowEvent::Kind::button_up;
+      overlay->handle(event);
+      HudActions actions;
+      for (int i = 0; i < 3; ++i) {
+        HudPanels shown = panels;  // whatever was opened or closed
+        shoot(*overlay, busy_state(), shown, kWidth, kHeight, actions);
+      }
+      found.insert(actions.commands.begin(), actions.commands.end());
+    }
+  }
+  EXPECT_TRUE(found.contains(WindowCommand::full_screen));
+  EXPECT_TRUE(found.contains(WindowCommand::quit));
+  EXPECT_TRUE(found.contains(WindowCommand::help)) << "the help is closed by a touch too";
+}
+
 // Who takes part in a study sees what to do, and nothing that could be clicked.
 TEST_P(OverlayOf, WordsStandInPlaceOfTheHud) {
   HudActions actions;

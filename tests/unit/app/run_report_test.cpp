@@ -150,6 +150,35 @@ CameraModel pinhole() {
 // Looking straight down from 1 m: camera x = table x, camera y = -table y.
 const CameraPose kAbove(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.0, 0.0, 1.0});
 
+TEST(RunReport, SaysWhyFramesWereNotTracked) {
+  RunRecorder run;
+  const auto add = [&run](TrackStatus status, const char* reason) {
+    SessionFrame frame = frame_of(status, 10 * run.frames(), true);
+    frame.tracked.pose.reason = reason;
+    run.add_frame(frame);
+  };
+  add(TrackStatus::uncertain, "expected error 2.7 px");
+  for (int i = 0; i < 3; ++i)
+    add(TrackStatus::lost, "24 tags in view, none of them of this board (--tags)");
+  add(TrackStatus::uncertain, "expected error 13.1 px");
+  add(TrackStatus::held, "");
+  const RunReport none = run.report();
+  const Json counts = Json::parse(report_json(none))["tracking"]["not_tracked"];
+  EXPECT_EQ(counts, Json({{"N tags in view, none of them of this board (--tags)", 3},
+                          {"expected error N px", 2},
+                          {"other", 1}}));
+  EXPECT_THAT(report_table(none), testing::HasSubstr("not tracked: N tags in view, none of them of "
+                                                     "this board (--tags) (3)\n"
+                                                     "not tracked: expected error N px (2)\n"));
+  EXPECT_THAT(report_table(none), testing::HasSubstr("no frame was tracked"));
+  add(TrackStatus::tracked, "");
+  EXPECT_THAT(report_table(run.report()), testing::Not(testing::HasSubstr("no frame was tracked")));
+  for (int i = 0; i < 1000; ++i) {
+    add(TrackStatus::lost, std::string(static_cast<std::size_t>(i) + 1, 'x').c_str());
+  }
+  EXPECT_LE(run.report().reasons.size(), 65U) << "memory is bounded";
+}
+
 TEST(RunReport, AccuracyIsOfTheTrackedFramesThatWereProcessed) {
   const CameraModel camera = pinhole();
   const CameraPose beside(Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0), {0.003, 0.0, 1.0});

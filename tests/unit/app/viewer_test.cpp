@@ -80,6 +80,7 @@ class Host : public ViewerHost {
   [[nodiscard]] Translucency translucency() const override { return way; }
   void set_translucency(Translucency asked) override { way = asked; }
   void redraw() override { ++redrawn; }
+  [[nodiscard]] bool is_over() const override { return presented >= ends_after; }
   [[nodiscard]] std::string save_screenshot() override {
     ++screenshots;
     return "saved";
@@ -100,6 +101,7 @@ class Host : public ViewerHost {
   }
 
   int presented = 0, redrawn = 0, screenshots = 0, recordings = 0, smoothings = 0;
+  int ends_after = std::numeric_limits<int>::max();  // pictures
   ShadowStyle style;
   Translucency way = Translucency::automatic;
   SessionView shown;
@@ -158,6 +160,16 @@ TEST(Viewer, APauseEndsByClosing) {
   Host host;
   Viewer viewer(window, host, nullptr);
   EXPECT_FALSE(viewer.show(interrupt));
+}
+
+TEST(Viewer, APauseEndsWithTheRun) {
+  ScriptedWindow window(std::deque<int>{kSpace, 0, 0});
+  InterruptWatch interrupt;
+  Host host;
+  host.ends_after = 3;
+  Viewer viewer(window, host, nullptr);
+  EXPECT_TRUE(viewer.show(interrupt)) << "the window was not closed";
+  EXPECT_EQ(host.presented, 3);
 }
 
 TEST(Viewer, AStepShowsOneMoreAndPausesAgain) {

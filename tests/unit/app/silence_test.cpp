@@ -1,0 +1,68 @@
+#include "app/silence.hpp"
+
+#include <gtest/gtest.h>
+
+namespace penumbra {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+
+TrackedFrame frame_with(TrackStatus table, TrackStatus wall, double wall_age_s = 0.0) {
+  TrackedFrame tracked;
+  tracked.pose.status = table;
+  tracked.pose.tags_used = 12;
+  GroupEstimate& group = tracked.groups.emplace_back();
+  group.name = "wall";
+  group.status = wall;
+  group.age_s = wall_age_s;
+  if (wall == TrackStatus::held) group.held_from = TrackStatus::uncertain;
+  return tracked;
+}
+
+TEST(Silence, HasNothingToShowBeforeTheFirstPicture) {
+  Silence silence;
+  EXPECT_FALSE(silence.holds());
+  EXPECT_FALSE(silence.picture(100 * kMs));
+}
+
+TEST(Silence, APoseIsHeldAsWhatItWasAndThenLost) {
+  for (const TrackStatus before : {TrackStatus::tracked, TrackStatus::uncertain}) {
+    SCOPED_TRACE(to_string(before));
+    Silence silence;
+    silence.saw(frame_with(before, TrackStatus::lost));
+    const auto early = silence.picture(100 * kMs);
+    ASSERT_TRUE(early);
+    EXPECT_EQ(early->pose.status, TrackStatus::held);
+    EXPECT_EQ(early->pose.held_from, before) << "it fades from what it was drawn as";
+    EXPECT_DOUBLE_EQ(early->pose.age_s, 0.1);
+    EXPECT_EQ(early->pose.tags_used, 0) << "nothing is measured of a picture that is old";
+    EXPECT_FALSE(early->pose.reason.empty());
+    EXPECT_EQ(early->groups[0].status, TrackStatus::lost) << "what had no pose gets none";
+    const auto again = silence.picture(200 * kMs);
+    ASSERT_TRUE(again);
+    EXPECT_DOUBLE_EQ(again->pose.age_s, 0.2) << "of the picture, not of what was held of it";
+    EXPECT_EQ(again->pose.held_from, before);
+    const auto late = silence.picture(static_cast<std::int64_t>(1.01e9 * kHoldSeconds));
+    ASSERT_TRUE(late);
+    EXPECT_EQ(late->pose.status, TrackStatus::lost);
+    EXPECT_FALSE(silence.holds()) << "its buffer goes back to the camera";
+    EXPECT_FALSE(silence.picture(static_cast<std::int64_t>(1.1e9 * kHoldSeconds)));
+  }
+}
+
+TEST(Silence, EachGroupFadesFromItsOwnAge) {
+  const double half_s = 0.5 * kHoldSeconds;
+  Silence silence;
+  silence.saw(frame_with(TrackStatus::tracked, TrackStatus::held, half_s));
+  const auto silence_ns = static_cast<std::int64_t>(0.6e9 * kHoldSeconds);
+  const auto picture = silence.picture(silence_ns);
+  ASSERT_TRUE(picture);
+  EXPECT_EQ(picture->pose.status, TrackStatus::held);
+  EXPECT_EQ(picture->groups[0].status, TrackStatus::lost);
+  EXPECT_DOUBLE_EQ(picture->groups[0].age_s, half_s + 1e-9 * static_cast<double>(silence_ns));
+  EXPECT_EQ(picture->groups[0].held_from, TrackStatus::uncertain) << "as it was held before";
+  EXPECT_TRUE(silence.holds()) << "the table is still drawn";
+}
+
+}  // namespace
+}  // namespace penumbra
