@@ -28,8 +28,10 @@ constexpr const char* kFontFile = "/usr/share/fonts/truetype/dejavu/DejaVuSans.t
 constexpr std::array<float, 3> kFontSizes = {15.0F, 18.0F, 24.0F};  // [px]
 // A finger needs so much [px at a font of 15 px].
 constexpr float kTouchHeight = 46.0F;
-constexpr float kHelpWidth = 48.0F;   // with less [em] its lines are broken
-constexpr int kHandheldHeight = 400;  // of a window with less [px] every line counts
+constexpr float kHelpWidth = 48.0F;    // with less [em] its lines are broken
+constexpr float kHelpColumns = 26.0F;  // with less [em] a key stands above what it does
+constexpr float kPanelWidth = 12.0F;   // [em] with less its words are cut
+constexpr int kHandheldHeight = 400;   // of a window with less [px] either way every line counts
 constexpr std::size_t kMostDebugLines = 10;
 
 constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove |
@@ -281,6 +283,7 @@ struct Overlay::Impl {
     button(fmt::format("Drag: {}###drag", word_of(state.drag)).c_str(), after(state.drag), actions);
     ImGui::SameLine();
     button("Hide H", WindowCommand::hud, actions);
+    buttons_height = ImGui::GetWindowSize().y;
     end_window();
   }
 
@@ -300,10 +303,14 @@ struct Overlay::Impl {
     std::string line = fmt::format("{:.0f} frames/s", state.frames_per_s);
     if (const std::string age = age_in_words(state); !age.empty()) line += "   " + age;
     // A handheld's screen is for the picture: what a stage takes is told on larger ones.
-    const bool handheld = size.height < kHandheldHeight;
+    const bool handheld = size.height < kHandheldHeight || size.width < kHandheldHeight;
     if (handheld) {
-      ImGui::SameLine();
-      text("  " + line);
+      const float right = ImGui::GetItemRectMax().x + ImGui::CalcTextSize(line.c_str()).x;
+      if (right + 1.4F * em < width) {
+        ImGui::SameLine();
+        line.insert(0, "  ");
+      }
+      text(line);
       text(measured_tags(state.pose));
     } else {
       text(line + "   " + measured_tags(state.pose));
@@ -338,14 +345,25 @@ struct Overlay::Impl {
     buttons.emplace_back("panels", WindowCommand::panels);
     buttons.emplace_back("help", WindowCommand::help);
     buttons.emplace_back("hide", WindowCommand::hud);
-    const auto count = static_cast<float>(buttons.size());
-    const float each =
-        std::floor((ImGui::GetContentRegionAvail().x - (count - 1.0F) * 0.2F * em) / count);
+    // In as many rows as it takes for their words to be read; whatever they say just now, for no
+    // button may come to lie under a finger that means another.
+    float widest = 0.0F;
+    for (const char* words : {"layered", "picture", "go on", "stop rec", "panels"}) {
+      widest = std::max(widest, ImGui::CalcTextSize(words).x + 0.2F * em);
+    }
+    const auto width_of = [&](std::size_t in_row) {
+      const auto count = static_cast<float>(in_row);
+      return std::floor((ImGui::GetContentRegionAvail().x - (count - 1.0F) * 0.2F * em) / count);
+    };
+    std::size_t in_row = buttons.size();
+    while (in_row > 2 && width_of(in_row) < widest) in_row = (in_row + 1) / 2;
+    const float each = width_of(in_row);
     for (std::size_t i = 0; i < buttons.size(); ++i) {
-      if (i > 0) ImGui::SameLine();
+      if (i % in_row > 0) ImGui::SameLine();
       button(buttons[i].first.c_str(), buttons[i].second, actions,
              {each, kTouchHeight * em / kFontSizes[0]});
     }
+    buttons_height = ImGui::GetWindowSize().y;
     end_window();
     ImGui::PopStyleVar(3);
   }
@@ -481,12 +499,15 @@ struct Overlay::Impl {
               HudActions& actions) {
     const auto width = static_cast<float>(size.width);
     const auto height = static_cast<float>(size.height);
-    const float below = open.compact ? kTouchHeight * em / kFontSizes[0] + em : 0.5F * em;
+    const float below = open.compact ? buttons_height + 0.3F * em : 0.5F * em;
     // On a handheld's screen over the measurements, for the sliders need the height.
     const float top = open.compact && size.height >= kHandheldHeight ? status_bottom + 0.3F * em
                       : open.compact                                 ? 0.0F
                                                                      : 0.5F * em;
-    const ImVec2 most(open.compact ? 0.46F * width : 19.0F * em, height - top - below);
+    // Half of a screen that is wide enough for their words.
+    const bool narrow = 0.46F * width < kPanelWidth * em;
+    const ImVec2 most(!open.compact ? 19.0F * em : (narrow ? width : 0.46F * width),
+                      height - top - below);
     ImGui::SetNextWindowSizeConstraints({most.x, 0.0F}, most);
     begin_window("shadows", {width - (open.compact ? 0.0F : 0.5F * em), top}, {1.0F, 0.0F},
                  (kPlain & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_AlwaysAutoResize);
@@ -583,10 +604,16 @@ struct Overlay::Impl {
       close();
     }
     if (narrow) ImGui::PushTextWrapPos(0.0F);
+    const bool columns = width >= kHelpColumns * em;
     for (const KeyHelp& key : key_help()) {
       text(std::string(key.keys));
-      ImGui::SameLine(column + (narrow ? 1.5F : 2.0F) * em);
+      if (columns) {
+        ImGui::SameLine(column + (narrow ? 1.5F : 2.0F) * em);
+      } else {
+        ImGui::Indent();
+      }
       text(kQuiet, std::string(key.what));
+      if (!columns) ImGui::Unindent();
     }
     if (narrow) ImGui::PopTextWrapPos();
     if (!compact) close();
@@ -596,11 +623,13 @@ struct Overlay::Impl {
 
   void message(const HudState& state, GlContext::Size size) {
     if (state.message.empty()) return;
-    const float above = 4.0F * em;
-    begin_window(
-        "message", {0.5F * static_cast<float>(size.width), static_cast<float>(size.height) - above},
-        {0.5F, 1.0F}, kPlain | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
+    const float above = buttons_height + em;
+    const auto width = static_cast<float>(size.width);
+    begin_window("message", {0.5F * width, static_cast<float>(size.height) - above}, {0.5F, 1.0F},
+                 kPlain | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
+    ImGui::PushTextWrapPos(width - 1.2F * em);
     text(state.message);
+    ImGui::PopTextWrapPos();
     ImGui::End();
   }
 
@@ -614,6 +643,7 @@ struct Overlay::Impl {
   std::array<bool, 3> pressed{}, down{};
   std::vector<std::array<float, 4>> windows;  // left, top, right, bottom
   float status_bottom = 0.0F;
+  float buttons_height = 0.0F;  // [px]
   struct Strength {
     LightFractions full;
     double opacity = 1.0;

@@ -133,6 +133,9 @@ TEST_P(OverlayOf, EveryLayoutIsDrawnAndLeavesThePictureInView) {
       {"compact-480x320", 480, 320, {false, false, false, true}, 0.6},
       {"compact-panels-480x320", 480, 320, {false, false, true, true}, 0.95},
       {"compact-help-480x320", 480, 320, {true, false, false, true}, 1.0},
+      {"compact-320x480", 320, 480, {false, false, false, true}, 0.65},
+      {"compact-panels-320x480", 320, 480, {false, false, true, true}, 1.0},
+      {"compact-help-320x480", 320, 480, {true, false, false, true}, 1.0},
       {"full-640x480", 640, 480, {}, 0.6},
       {"full-1920x1080", 1920, 1080, {}, 0.3},
   };
