@@ -347,20 +347,21 @@ Result<void> save_target(const std::filesystem::path& file, const SheetTarget& t
     if (!map) return tl::unexpected(map.error());
     return save_tag_map(file, *map);
   }
+  // Lengths to the nanometre: 0.03 m times 0.992 is 0.02976 and not 0.029759999999999998.
   std::string text;
   if (const auto* grid = std::get_if<AprilGrid>(&target)) {
     text = fmt::format(
         "# Tags with a border of one cell, no black squares between them; id {} at the bottom "
         "left,\n# ids to the right, then up. tagSize: metres. tagSpacing: gap between tags over "
         "their size.\n"
-        "target_type: aprilgrid\ntagCols: {}\ntagRows: {}\ntagSize: {}\ntagSpacing: {}\n"
+        "target_type: aprilgrid\ntagCols: {}\ntagRows: {}\ntagSize: {:.9g}\ntagSpacing: {}\n"
         "family: {}\nfirst_id: {}\n",
         grid->first_id, grid->columns, grid->rows, grid->tag_size_m * printed_scale, grid->spacing,
         to_string(grid->family), grid->first_id);
   } else if (const auto* charuco = std::get_if<CharucoBoard>(&target)) {
     text = fmt::format(
         "# Squares, the top left one {}, a tag in every white one; ids in reading order. Metres.\n"
-        "target_type: charuco\ncolumns: {}\nrows: {}\nsquare_m: {}\ntag_m: {}\nfamily: {}\n"
+        "target_type: charuco\ncolumns: {}\nrows: {}\nsquare_m: {:.9g}\ntag_m: {:.9g}\nfamily: {}\n"
         "first_id: {}\n{}",
         charuco->first_white ? "white" : "black", charuco->columns, charuco->rows,
         charuco->square_m * printed_scale, charuco->tag_m * printed_scale,
@@ -369,7 +370,7 @@ Result<void> save_target(const std::filesystem::path& file, const SheetTarget& t
   } else if (const auto* chess = std::get_if<ChessboardSheet>(&target)) {
     text = fmt::format(
         "# Corners between squares, across and down. Metres.\n"
-        "target_type: checkerboard\ninner_cols: {}\ninner_rows: {}\nsquare_m: {}\n",
+        "target_type: checkerboard\ninner_cols: {}\ninner_rows: {}\nsquare_m: {:.9g}\n",
         chess->inner_columns, chess->inner_rows, chess->square_m * printed_scale);
   }
   return write_text_file(file, text);
