@@ -487,7 +487,8 @@ Result<RunReport> run_live(const LiveRequest& request) {
   pipeline.stop();
   if (const auto error = pipeline.error(); error && !failure) failure = error;
 
-  if (const auto finished = outputs->finish(run); !finished && !failure) {
+  // Of no frame there is nothing to be written.
+  if (const auto finished = outputs->finish(run); !finished && !failure && run.frames() > 0) {
     failure = finished.error();
   }
   const CaptureStats stats = (*source)->faults().stats();
@@ -515,15 +516,16 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (const RecordedFrames frames = recorder.frames(); frames.written + frames.left_out > 0) {
     report.recorded = frames;
   }
-  if (report.frames == 0 && !failure) return fail("{}: gave no frame", request.camera);
-  if (report.frames > 0) {
-    if (auto written = outputs->write_report(report); !written && !failure) {
-      failure = written.error();
-    }
+  if (report.frames == 0) {
+    if (failure) return tl::unexpected(*failure);
+    return fail("{}: gave no frame{}", request.camera,
+                recorded ? std::string() : "; and " + recorded.error().message);
   }
-  if (report.frames == 0) return tl::unexpected(*failure);
-  report.failure = failure;
-  if (!recorded && !report.failure) report.failure = recorded.error();
+  if (!recorded && !failure) failure = recorded.error();
+  report.failure = std::move(failure);
+  if (auto written = outputs->write_report(report); !written && !report.failure) {
+    report.failure = written.error();
+  }
   return report;
 }
 

@@ -298,7 +298,11 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   auto events = load_scene_events(recording->folder / "events.jsonl");
   if (!request.edits) {
     SceneEvents without;
-    if (events) without.lights = std::move(events->lights);
+    if (events) {
+      without.lights = std::move(events->lights);
+    } else {
+      log_warning("{}; the light is measured anew", events.error().message);
+    }
     events = std::move(without);
   }
   if (!events) return tl::unexpected(events.error());
@@ -365,33 +369,32 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       },
       overlapped ? kTrackAhead : 0);
   bool stopped = false;
-  // What goes wrong on the way ends the run; what was made until then is kept.
+  // What can't be written is given up, and the rest goes on. What can't be read or drawn ends the
+  // run: nothing takes the place of what an earlier one made.
   std::optional<Error> failure;
   {
     ProgressBar progress((*source)->frame_count().value_or(0));
     while (!stopped) {
       const Stopwatch frame_watch;
       auto item = tracked.next();
-      if (!item) failure = item.error();
-      if (!item || !*item) break;
+      if (!item) return tl::unexpected(item.error());
+      if (!*item) break;
       run.add_time("capture", (*item)->capture_time);
       const std::uint64_t sequence = (*item)->tracked.frame.sequence;
       const std::int64_t timestamp_ns = (*item)->tracked.frame.timestamp_ns;
       edits.replay_until(timestamp_ns, *shown);
 
       auto done = shown->draw(std::move((*item)->tracked), outputs->frames != nullptr);
-      if (!done) {
-        failure = done.error();
-        break;
-      }
+      if (!done) return tl::unexpected(done.error());
       run.add_frame(*done);
       const PoseEstimate& pose = done->tracked.pose;
       log_debug("frame {}: {}{}{}", sequence, to_string(pose.status),
                 pose.reason.empty() ? "" : ": ", pose.reason);
 
       if (auto written = outputs->write(*done, shown->pixels(), run); !written) {
-        failure = written.error();
-        stopped = true;
+        if (!failure) failure = written.error();
+        stopped = !outputs->any() && !outputs->report && !has_window;
+        if (!stopped) log_warning("{}; it ends here, the rest goes on", written.error().message);
       }
       run.add_time("frame", frame_watch.elapsed());
       progress.update(run.frames());
@@ -407,7 +410,6 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     }
   }
   if (run.frames() == 0) {
-    if (failure) return tl::unexpected(*failure);
     return fail("{}: no frame was replayed", recording->folder.string());
   }
 
@@ -439,10 +441,10 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       if (of_group.frames_with_truth > 0) group.accuracy = of_group;
     }
   }
-  if (auto written = outputs->write_report(report); !written && !failure) {
-    failure = written.error();
-  }
   report.failure = std::move(failure);
+  if (auto written = outputs->write_report(report); !written && !report.failure) {
+    report.failure = written.error();
+  }
   return report;
 }
 

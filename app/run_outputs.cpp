@@ -183,31 +183,42 @@ Result<void> RunOutputs::write(const SessionFrame& frame, std::span<const std::u
     if (!written && all) all = written;
     return written.has_value();
   };
-  if (poses && !done(poses->write(video.timestamp_ns, frame.tracked.pose))) poses.reset();
+  if (poses && !done(poses->write(video.timestamp_ns, frame.tracked.pose))) {
+    poses->rescue();
+    poses.reset();
+  }
   for (const GroupEstimate& group : frame.tracked.groups) {
     const auto writer = group_poses.find(group.name);
     if (writer == group_poses.end()) continue;
-    if (!done(writer->second.write(video.timestamp_ns, group))) group_poses.erase(writer);
+    if (done(writer->second.write(video.timestamp_ns, group))) continue;
+    writer->second.rescue();
+    group_poses.erase(writer);
   }
   if (frames) {
     const auto written = frames->write(video.sequence, video.timestamp_ns, pixels);
     for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
-    if (!done(written)) frames.reset();
+    if (!done(written)) {
+      frames->rescue();
+      frames.reset();
+    }
   }
   return all;
 }
 
 Result<void> RunOutputs::finish(RunRecorder& run) {
   Result<void> all;
-  const auto done = [&all](const Result<void>& finished) {
-    if (!finished && all) all = finished;
+  const auto finish_or_rescue = [&all](auto& writer) {
+    const Result<void> finished = writer.finish();
+    if (finished) return;
+    writer.rescue();
+    if (all) all = finished;
   };
   if (frames) {
-    done(frames->finish());
+    finish_or_rescue(*frames);
     for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
   }
-  for (auto& [unused, writer] : group_poses) done(writer.finish());
-  if (poses) done(poses->finish());
+  for (auto& [unused, writer] : group_poses) finish_or_rescue(writer);
+  if (poses) finish_or_rescue(*poses);
   return all;
 }
 

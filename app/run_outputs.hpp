@@ -51,14 +51,16 @@ struct RunOutputs {
   std::optional<OutputFile> report;
 
   // What is asked for of one frame; the times of those encoded since the last call go to `run`.
-  // `pixels` is empty where no composited frames are wanted. What fails (a full disk) is given up,
-  // and told by the first error that there was; the others go on.
+  // `pixels` is empty where no composited frames are wanted. What fails (a full disk) is given up
+  // with what it holds until then, and told by the first error that there was; the others go on.
   [[nodiscard]] Result<void> write(const SessionFrame& frame, std::span<const std::uint8_t> pixels,
                                    RunRecorder& run);
   // Frames and poses are on disk, under their names, when this returns; one that fails does not
   // keep the others from it.
   [[nodiscard]] Result<void> finish(RunRecorder& run);
   [[nodiscard]] Result<void> write_report(const RunReport& measured);
+  // Whether there is anything left to write, frame by frame.
+  [[nodiscard]] bool any() const { return frames || poses || !group_poses.empty(); }
 };
 // `groups`: those whose poses are written, where that is asked for.
 // `encode_ahead`: how many composited frames may wait for an encoder on a thread of its own; 0:

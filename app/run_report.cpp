@@ -403,6 +403,7 @@ std::string report_json(const RunReport& report) {
   json["frames_held"] = report.frames_held;
   json["frames_lost"] = report.frames_lost;
   json["interrupted"] = report.interrupted;
+  if (report.failure) json["failure"] = report.failure->message;
   Json versions;
   for (const auto& [name, version] : component_versions()) versions[name] = version;
   json["versions"] = versions;

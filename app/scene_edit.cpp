@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <system_error>
@@ -13,7 +14,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr std::size_t kMaxEventBytes = 256'000'000;
+constexpr std::size_t kMaxLineBytes = 1U << 20U;
 constexpr std::string_view kMoved = "object_moved";
 constexpr std::string_view kTurned = "object_rotated";
 constexpr std::string_view kStyled = "shadow_changed";
@@ -129,6 +130,38 @@ std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
   return placed;
 }
 
+Result<std::optional<SceneEvent>> event_in(const Json& json, std::string_view line,
+                                           const std::string& name) {
+  if (!json.is_object()) return fail("{}: is no JSON object; remove the line", name);
+  const std::string event = text_in(json, "event");
+  if (event != kMoved && event != kTurned && event != kStyled) return std::nullopt;
+  const auto timestamp_ns = timestamp_of(line);
+  if (!timestamp_ns) return fail("{}: timestamp_s is no time in seconds; remove the line", name);
+  const auto edit = edit_in(json, event);
+  if (!edit) return fail("{}: {}: a number is missing or out of range", name, event);
+  return SceneEvent{*timestamp_ns, *edit};
+}
+
+Result<void> add_event(std::string_view line, const std::string& name, SceneEvents& events) {
+  const Json json = Json::parse(line, nullptr, false);
+  auto event = event_in(json, line, name);
+  if (!event) return tl::unexpected(event.error());
+  if (*event) {
+    events.edits.push_back(std::move(**event));
+    return {};
+  }
+  const std::string kind = text_in(json, "event");
+  if (kind == kSceneStartEvent) events.scene_start_ns = timestamp_of(line);
+  if (kind != kLit) return {};
+  const auto timestamp_ns = timestamp_of(line);
+  const auto light = light_in(json);
+  if (!timestamp_ns || !light) {
+    return fail("{}: {}: a number is missing or out of range; remove the line", name, kind);
+  }
+  events.lights.push_back({*timestamp_ns, *light});
+  return {};
+}
+
 }  // namespace
 
 ShadowStyle style_of(const ShadowNode& node) {
@@ -201,51 +234,34 @@ const VideoLight* light_at(const std::vector<LitFrame>& lights, std::int64_t tim
 }
 
 Result<std::optional<SceneEvent>> parse_event_line(std::string_view line, const std::string& name) {
-  const Json json = Json::parse(line, nullptr, false);
-  if (!json.is_object()) return fail("{}: is no JSON object; remove the line", name);
-  const std::string event = text_in(json, "event");
-  if (event != kMoved && event != kTurned && event != kStyled) return std::nullopt;
-  const auto timestamp_ns = timestamp_of(line);
-  if (!timestamp_ns) return fail("{}: timestamp_s is no time in seconds; remove the line", name);
-  const auto edit = edit_in(json, event);
-  if (!edit) return fail("{}: {}: a number is missing or out of range", name, event);
-  return SceneEvent{*timestamp_ns, *edit};
+  return event_in(Json::parse(line, nullptr, false), line, name);
 }
 
 Result<SceneEvents> load_scene_events(const std::filesystem::path& file) {
   SceneEvents events;
   std::error_code ignored;
   if (!std::filesystem::exists(file, ignored)) return events;
-  const auto text = read_text_file(file, kMaxEventBytes);
-  if (!text) return tl::unexpected(text.error());
-  std::size_t number = 0;
-  for (std::size_t at = 0; at < text->size();) {
-    const std::size_t end = std::min(text->find('\n', at), text->size());
-    const std::string_view line = trim(std::string_view(*text).substr(at, end - at));
-    at = end + 1;
-    ++number;
-    if (line.empty()) continue;
-    auto event = parse_event_line(line, fmt::format("{}: line {}", file.string(), number));
-    if (!event) {
-      if (end == text->size()) break;  // cut off
-      return tl::unexpected(event.error());
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream || std::filesystem::is_directory(file, ignored)) {
+    return fail("{}: cannot be read; see who may read it", file.string());
+  }
+  // Line by line: a session of a day has as many as frames.
+  std::vector<char> buffer(kMaxLineBytes);
+  for (std::size_t number = 1;; ++number) {
+    stream.getline(buffer.data(), static_cast<std::streamsize>(buffer.size()));
+    const bool is_last = stream.eof();  // without a line break: cut off, perhaps
+    if (!is_last && !stream) {
+      return fail("{}: line {}: is longer than {} bytes; remove the line", file.string(), number,
+                  kMaxLineBytes);
     }
-    if (*event) {
-      events.edits.push_back(std::move(**event));
-      continue;
+    const auto read = static_cast<std::size_t>(stream.gcount());
+    const std::string_view line =
+        trim(std::string_view(buffer.data(), is_last || read == 0 ? read : read - 1));
+    if (!line.empty()) {
+      auto added = add_event(line, fmt::format("{}: line {}", file.string(), number), events);
+      if (!added && !is_last) return tl::unexpected(added.error());
     }
-    const Json json = Json::parse(line, nullptr, false);
-    const std::string kind = text_in(json, "event");
-    if (kind == kSceneStartEvent) events.scene_start_ns = timestamp_of(line);
-    if (kind != kLit) continue;
-    const auto timestamp_ns = timestamp_of(line);
-    const auto light = light_in(json);
-    if (timestamp_ns && light) {
-      events.lights.push_back({*timestamp_ns, *light});
-    } else if (end < text->size()) {
-      return fail("{}: line {}: {}: a number is missing or out of range; remove the line",
-                  file.string(), number, kind);
-    }
+    if (is_last) break;
   }
   std::ranges::stable_sort(events.edits, {}, &SceneEvent::timestamp_ns);
   std::ranges::stable_sort(events.lights, {}, &LitFrame::timestamp_ns);

@@ -1,5 +1,6 @@
 #include "app/capture/camera_trouble.hpp"
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -39,7 +40,8 @@ std::optional<std::string> forbidden_camera_device(const std::filesystem::path& 
   for (const auto& entry : fs::directory_iterator(devices, error)) {
     const std::string name = entry.path().filename().string();
     if (!name.starts_with("media") && !name.starts_with("video")) continue;
-    if (access(entry.path().c_str(), R_OK | W_OK) != 0 && (errno == EACCES || errno == EPERM)) {
+    if (faccessat(AT_FDCWD, entry.path().c_str(), R_OK | W_OK, AT_EACCESS) != 0 &&
+        (errno == EACCES || errno == EPERM)) {
       forbidden.insert(entry.path().string());
     }
   }

@@ -113,7 +113,8 @@ Started<std::shared_ptr<lc::Camera>> find_camera(const lc::CameraManager& manage
   }
   if (const auto closed = forbidden_camera_device(); cameras.empty() && closed) {
     return tl::unexpected<Trouble>(
-        {CaptureFault::forbidden, fmt::format("libcamera:{}: {}", name, *closed)});
+        {CaptureFault::forbidden,
+         fmt::format("libcamera:{}: libcamera finds no camera, and has {}", name, *closed)});
   }
   return tl::unexpected<Trouble>(
       {CaptureFault::disconnected,
@@ -219,6 +220,10 @@ class Completed {
     lc::Request* request = requests_.front();
     requests_.pop_front();
     return request;
+  }
+  void wait_for_stop(std::chrono::milliseconds timeout) {
+    std::unique_lock lock(mutex_);
+    changed_.wait_for(lock, timeout, [&] { return stopped_; });
   }
   // Of a stream that ended; the next one starts with nothing.
   void clear() {
@@ -495,10 +500,15 @@ class Stream {
       auto duration_us = static_cast<std::int64_t>(std::llround(1e6 / options.fps));
       // As it will be held to what this size and format can do.
       const lc::ControlInfo& can = known.find(&c::FrameDurationLimits)->second;
-      const auto shortest_us = can.min().get<std::int64_t>();
-      const auto longest_us = can.max().get<std::int64_t>();
-      if (0 < shortest_us && shortest_us <= longest_us) {
-        duration_us = std::clamp(duration_us, shortest_us, longest_us);
+      const auto is_time = [](const lc::ControlValue& value) {
+        return value.type() == lc::ControlTypeInteger64 && !value.isArray();
+      };
+      if (is_time(can.min()) && is_time(can.max())) {
+        const auto shortest_us = can.min().get<std::int64_t>();
+        const auto longest_us = can.max().get<std::int64_t>();
+        if (0 < shortest_us && shortest_us <= longest_us) {
+          duration_us = std::clamp(duration_us, shortest_us, longest_us);
+        }
       }
       format_.interval_s = 1e-6 * static_cast<double>(duration_us);
       const std::array<std::int64_t, 2> limits = {duration_us, duration_us};
@@ -573,11 +583,15 @@ class LibcameraSource final : public LiveSource {
 
   Result<std::optional<CapturedImage>> next_image() override {
     while (!completed_->stopped()) {
-      if (!stream_ && !reopen()) {
-        (void)completed_->take(kRetry);
-        continue;
+      if (!stream_) {
+        // One that starts and fails at once is not asked without a pause either.
+        if (std::exchange(in_vain_, true)) completed_->wait_for_stop(kRetry);
+        if (!reopen()) continue;
       }
-      if (auto image = receive()) return image;
+      if (auto image = receive()) {
+        in_vain_ = false;
+        return image;
+      }
     }
     stream_.reset();
     return std::optional<CapturedImage>();
@@ -611,11 +625,9 @@ class LibcameraSource final : public LiveSource {
     return FocusReading{*readings_.lens_position, kStep_dioptres};
   }
   [[nodiscard]] std::string description() const override {
-    return fmt::format("libcamera:{} ({}), {} {}x{} at {:.4g}/s{}{}", before_.id, model_,
+    return fmt::format("libcamera:{} ({}), {} {}x{} at {}{}", before_.id, model_,
                        before_.format.name, before_.format.width, before_.format.height,
-                       1.0 / before_.format.interval_s,
-                       before_.format.interval_granted ? "" : " as asked, or at its own rate",
-                       shares_ ? ", buffers shared by DMA-BUF" : "");
+                       rate_in_words(before_.format), shares_ ? ", buffers shared by DMA-BUF" : "");
   }
 
  private:
@@ -679,14 +691,21 @@ class LibcameraSource final : public LiveSource {
     for (const auto& plane : metadata.planes()) bytes += plane.bytesused;
     if (metadata.status != lc::FrameMetadata::FrameSuccess || bytes == 0) {
       faults_.count(CaptureFault::error_frame, "a frame is marked as bad and left out");
-      return std::nullopt;
+      return leave_out(std::move(image));
     }
     if (!(stream_->known().jpeg ? read_jpeg(index, bytes, image) : read_planes(index, image))) {
-      return std::nullopt;
+      return leave_out(std::move(image));
     }
     if (outage_.end()) log_info("libcamera:{}: frames come again", options_.camera);
     faults_.count_frame();
     return image;
+  }
+
+  // A camera that gives nothing else may give it without end and without a pause of its own.
+  std::optional<CapturedImage> leave_out(CapturedImage image) {
+    image.owner.reset();
+    completed_->wait_for_stop(bad_frame_pause(before_.format.interval_s));
+    return std::nullopt;
   }
 
   bool read_jpeg(unsigned index, std::size_t used, CapturedImage& image) {
@@ -760,6 +779,7 @@ class LibcameraSource final : public LiveSource {
   mutable std::mutex mutex_;
   Readings readings_;  // guarded by mutex_
   const std::unique_ptr<Completed> completed_;
+  bool in_vain_ = false;  // tried to open it again, and no frame came since
   std::unique_ptr<Stream> stream_;
 };
 

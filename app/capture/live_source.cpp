@@ -1,5 +1,10 @@
 #include "app/capture/live_source.hpp"
 
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
 #include "core/image_file.hpp"
 
 namespace penumbra {
@@ -15,6 +20,15 @@ bool is_frame_header(std::uint8_t marker) {
 }
 
 }  // namespace
+
+std::string rate_in_words(const StreamFormat& format) {
+  return fmt::format("{:.4g}/s{}", 1.0 / format.interval_s,
+                     format.interval_granted ? "" : " as asked, or its own rate");
+}
+
+std::chrono::milliseconds bad_frame_pause(double interval_s) {
+  return std::chrono::milliseconds(std::lround(std::clamp(500.0 * interval_s, 1.0, 100.0)));
+}
 
 std::span<const std::uint8_t> trim_jpeg(std::span<const std::uint8_t> bytes) {
   std::size_t size = bytes.size();

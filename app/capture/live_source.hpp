@@ -1,6 +1,7 @@
 // A camera, or what stands for one: frames come at their own pace, and who is late loses some.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -36,6 +37,12 @@ struct StreamFormat {
   double interval_s = 1.0 / 30.0;
   bool interval_granted = true;  // else that is what was asked for: the camera does not say
 };
+
+// "30/s"; or that that was asked for, and may not be.
+[[nodiscard]] std::string rate_in_words(const StreamFormat& format);
+// How long to wait after a frame that is none before the next one is asked for: half an interval,
+// 100 ms at most.
+[[nodiscard]] std::chrono::milliseconds bad_frame_pause(double interval_s);
 
 // Where a lens is focused, in the units of CameraControls.
 struct FocusReading {

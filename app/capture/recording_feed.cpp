@@ -54,7 +54,8 @@ class RecordingFeed final : public LiveSource {
           std::chrono::duration_cast<std::chrono::nanoseconds>(due.time_since_epoch()).count();
       const std::size_t index = sequence % frames_.size();
       image.exposure_s = frames_[index].exposure_s;
-      if (!(video_file_.empty() ? take(frames_[index].file, image) : take_of_video(index, image))) {
+      if (!(video_file_.empty() ? take(frames_[index].file, image)
+                                : take_frame(frame_of_video(index), video_file_.string(), image))) {
         continue;
       }
       faults_.count_frame();
@@ -90,7 +91,7 @@ class RecordingFeed final : public LiveSource {
     return false;
   }
 
-  // False where it is none that can be shown.
+  // False where it is left out.
   bool take_frame(Result<Frame> frame, const std::string& what, CapturedImage& image) {
     if (!frame) {
       faults_.count(CaptureFault::damaged, frame.error().message);
@@ -105,13 +106,6 @@ class RecordingFeed final : public LiveSource {
     image.frame.sequence = image.sequence;
     image.frame.timestamp_ns = image.timestamp_ns;
     return true;
-  }
-
-  bool take_of_video(std::size_t index, CapturedImage& image) {
-    auto frame = frame_of_video(index);
-    // What comes after a damaged frame is looked for from the beginning.
-    if (!frame) video_.reset();
-    return take_frame(std::move(frame), video_file_.string(), image);
   }
 
   Result<Frame> frame_of_video(std::size_t index) {

@@ -135,10 +135,12 @@ struct RecordingWriter::Impl {
     json["width"] = head.format.width;
     json["height"] = head.format.height;
     json["interval_s"] = head.format.interval_s;
+    json["interval_granted"] = head.format.interval_granted;
     json["controls"] = Json::object();
     for (const auto& [name, value] : head.controls) json["controls"][name] = value;
     json["frames_written"] = now.written;
     json["frames_dropped"] = now.dropped;
+    json["lines_dropped"] = now.lines_dropped;
     auto file = OutputFile::create(folder / "controls.json");
     if (!file) return tl::unexpected(file.error());
     return write_text(*file, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
@@ -343,6 +345,7 @@ struct RecordingWriter::Impl {
 
   void add(Item item) {
     bool first_dropped = false;
+    bool first_line_dropped = false;
     {
       const std::lock_guard lock(mutex);
       if (closing) return;
@@ -355,6 +358,8 @@ struct RecordingWriter::Impl {
         if (is_image) {
           first_dropped = ++counts.dropped == 1;
           if (left_out++ == 0) left_out_ns = std::get<CapturedImage>(item).timestamp_ns;
+        } else {
+          first_line_dropped = ++counts.lines_dropped == 1;
         }
       } else {
         if (is_image) {
@@ -369,6 +374,12 @@ struct RecordingWriter::Impl {
       log_warning(
           "{}: writing can't keep up (disk or encoder): frames are left out of the recording (told "
           "once)",
+          folder.string());
+    }
+    if (first_line_dropped) {
+      log_warning(
+          "{}: writing can't keep up (disk): poses, light and what was done are left out of the "
+          "recording too (told once)",
           folder.string());
     }
   }

@@ -37,6 +37,7 @@ struct RecordingHead {
 struct RecordingCounts {
   std::uint64_t written = 0;
   std::uint64_t dropped = 0;         // writing could not keep up
+  std::uint64_t lines_dropped = 0;   // poses, light, events: for more than a minute it could not
   std::optional<std::string> error;  // why writing ended early
 };
 

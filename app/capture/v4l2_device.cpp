@@ -79,22 +79,14 @@ std::vector<V4l2Size> sizes_of(const V4l2Device& device, std::uint32_t fourcc) {
   return sizes;
 }
 
-// Those that are numbers and can be read, with what they are set to.
-template <class Visit>
-void for_each_control(const V4l2Device& device, const Visit& visit) {
-  v4l2_queryctrl entry{};
-  entry.id = V4L2_CTRL_FLAG_NEXT_CTRL;
-  for (unsigned i = 0; i < kMostEntries && device.call(VIDIOC_QUERYCTRL, &entry) == 0; ++i) {
-    const bool number = entry.type == V4L2_CTRL_TYPE_INTEGER ||
-                        entry.type == V4L2_CTRL_TYPE_BOOLEAN || entry.type == V4L2_CTRL_TYPE_MENU ||
-                        entry.type == V4L2_CTRL_TYPE_INTEGER_MENU;
-    const bool readable =
-        (entry.flags & (V4L2_CTRL_FLAG_DISABLED | V4L2_CTRL_FLAG_WRITE_ONLY)) == 0;
-    if (number && readable) {
-      if (const auto value = device.control(entry.id)) visit(entry, *value);
-    }
-    entry.id |= V4L2_CTRL_FLAG_NEXT_CTRL;
-  }
+// Whether a person may have set it.
+bool is_setting(const v4l2_queryctrl& about) {
+  constexpr std::uint32_t kNotSet =
+      V4L2_CTRL_FLAG_READ_ONLY | V4L2_CTRL_FLAG_INACTIVE | V4L2_CTRL_FLAG_VOLATILE;
+  const auto of_class = V4L2_CTRL_ID2CLASS(about.id);
+  const bool common = (of_class == V4L2_CTRL_CLASS_USER || of_class == V4L2_CTRL_CLASS_CAMERA) &&
+                      !V4L2_CTRL_DRIVER_PRIV(about.id);
+  return common && (about.flags & kNotSet) == 0;
 }
 
 }  // namespace
@@ -205,32 +197,42 @@ bool V4l2Device::busy() const {
   return call(VIDIOC_REQBUFS, &none) == EBUSY;
 }
 
-std::vector<std::pair<std::string, std::int64_t>> V4l2Device::controls() const {
-  std::vector<std::pair<std::string, std::int64_t>> controls;
-  for_each_control(*this, [&controls](const v4l2_queryctrl& about, std::int32_t value) {
-    controls.emplace_back(text_of(about.name), value);
-  });
+std::optional<V4l2Controls> V4l2Device::controls() const {
+  V4l2Controls controls;
+  v4l2_queryctrl entry{};
+  entry.id = V4L2_CTRL_FLAG_NEXT_CTRL;
+  for (unsigned i = 0; i < kMostEntries; ++i) {
+    const int end = call(VIDIOC_QUERYCTRL, &entry);
+    if (end == EINVAL || end == ENOTTY) break;  // there are no more, or none at all
+    if (end != 0) return std::nullopt;
+    const bool is_switch = entry.type == V4L2_CTRL_TYPE_BOOLEAN ||
+                           entry.type == V4L2_CTRL_TYPE_MENU ||
+                           entry.type == V4L2_CTRL_TYPE_INTEGER_MENU;
+    const bool readable =
+        (entry.flags & (V4L2_CTRL_FLAG_DISABLED | V4L2_CTRL_FLAG_WRITE_ONLY)) == 0;
+    if ((is_switch || entry.type == V4L2_CTRL_TYPE_INTEGER) && readable) {
+      v4l2_control control{};
+      control.id = entry.id;
+      const int error = call(VIDIOC_G_CTRL, &control);
+      // Of a camera that hangs each would be waited for in turn.
+      if (error == ENODEV || error == EIO || error == ETIMEDOUT) return std::nullopt;
+      if (error == 0) {
+        controls.named.emplace_back(text_of(entry.name), control.value);
+        if (is_setting(entry)) controls.settings.push_back({entry.id, control.value, is_switch});
+      }
+    }
+    entry.id |= V4L2_CTRL_FLAG_NEXT_CTRL;
+  }
   return controls;
 }
 
-std::vector<V4l2Setting> V4l2Device::settings() const {
-  std::vector<V4l2Setting> settings;
-  for_each_control(*this, [&settings](const v4l2_queryctrl& about, std::int32_t value) {
-    constexpr std::uint32_t kNotSet =
-        V4L2_CTRL_FLAG_READ_ONLY | V4L2_CTRL_FLAG_INACTIVE | V4L2_CTRL_FLAG_VOLATILE;
-    const auto of_class = V4L2_CTRL_ID2CLASS(about.id);
-    const bool common = (of_class == V4L2_CTRL_CLASS_USER || of_class == V4L2_CTRL_CLASS_CAMERA) &&
-                        !V4L2_CTRL_DRIVER_PRIV(about.id);
-    if (common && (about.flags & kNotSet) == 0) settings.push_back({about.id, value});
-  });
-  return settings;
-}
-
-// In the order of their numbers: whether something is automatic stands before what it is set to.
 void V4l2Device::restore(const std::vector<V4l2Setting>& settings) const {
-  for (const V4l2Setting& setting : settings) {
-    const auto now = control(setting.id);
-    if (now && *now != setting.value) (void)set_control(setting.id, setting.value);
+  for (const bool switches : {true, false}) {
+    for (const V4l2Setting& setting : settings) {
+      if (setting.is_switch != switches) continue;
+      const auto now = control(setting.id);
+      if (now && *now != setting.value) (void)set_control(setting.id, setting.value);
+    }
   }
 }
 

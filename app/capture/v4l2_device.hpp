@@ -40,6 +40,12 @@ struct V4l2Format {
 struct V4l2Setting {
   std::uint32_t id = 0;
   std::int32_t value = 0;
+  bool is_switch = false;  // or a menu: whether something is automatic, say
+};
+struct V4l2Controls {
+  std::vector<std::pair<std::string, std::int64_t>> named;  // all that are numbers
+  // What a person may have set: not what the camera sets by itself, nor what is its driver's own.
+  std::vector<V4l2Setting> settings;
 };
 
 struct V4l2Identity {
@@ -64,10 +70,10 @@ class V4l2Device {
   [[nodiscard]] std::vector<V4l2Format> formats() const;
   // Whether another program has its buffers: it can't be streamed from now.
   [[nodiscard]] bool busy() const;
-  [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const;
-  // What a person may have set: not what the camera sets by itself, nor what is its driver's own.
-  [[nodiscard]] std::vector<V4l2Setting> settings() const;
-  // As far as they are other now and can be set.
+  // Nothing where the device goes, or does not answer, meanwhile.
+  [[nodiscard]] std::optional<V4l2Controls> controls() const;
+  // As far as they are other now and can be set: switches first, for while something is automatic
+  // many drivers take no value for it.
   void restore(const std::vector<V4l2Setting>& settings) const;
   // Its value; nothing where there is no such control.
   [[nodiscard]] std::optional<std::int32_t> control(std::uint32_t id) const;

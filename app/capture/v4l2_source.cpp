@@ -95,6 +95,17 @@ FrameLayout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) 
   return layout;
 }
 
+// While the camera chooses, what the control says is of no frame in particular.
+std::optional<double> exposure_in_effect(const V4l2Device& device) {
+  const auto way = device.control(V4L2_CID_EXPOSURE_AUTO);
+  if (way && *way != V4L2_EXPOSURE_MANUAL && *way != V4L2_EXPOSURE_SHUTTER_PRIORITY) {
+    return std::nullopt;
+  }
+  const auto steps = device.control(V4L2_CID_EXPOSURE_ABSOLUTE);
+  constexpr double kStep_s = 1e-4;
+  return steps && *steps > 0 ? std::optional(kStep_s * *steps) : std::nullopt;
+}
+
 // A camera that streams: the device, its buffers, what it granted. Stops when destroyed; buffers
 // that frames still hold stay mapped until those are gone.
 class Stream {
@@ -223,8 +234,9 @@ class Stream {
     interval = {1000, static_cast<std::uint32_t>(std::lround(fps * 1000.0))};
     format_.interval_s = 1.0 / fps;
     // A driver without rates answers with an error, and goes on at its own.
-    if (device_->call(VIDIOC_S_PARM, &parameters) == 0 && interval.numerator > 0 &&
-        interval.denominator > 0) {
+    format_.interval_granted = device_->call(VIDIOC_S_PARM, &parameters) == 0 &&
+                               interval.numerator > 0 && interval.denominator > 0;
+    if (format_.interval_granted) {
       format_.interval_s = static_cast<double>(interval.numerator) / interval.denominator;
     }
   }
@@ -253,7 +265,7 @@ class Stream {
       (void)device_->set_control(V4L2_CID_AUTOGAIN, 0);
       set("gain", V4L2_CID_GAIN, in_steps(*wish.gain));
     }
-    exposure_s_ = exposure_in_effect();
+    exposure_s_ = exposure_in_effect(*device_);
     if (wish.auto_white_balance) set("automatic white balance", V4L2_CID_AUTO_WHITE_BALANCE, 1);
     if (wish.white_balance_k) {
       (void)device_->set_control(V4L2_CID_AUTO_WHITE_BALANCE, 0);
@@ -264,17 +276,6 @@ class Stream {
   static std::int32_t in_steps(double value) {
     constexpr double kMost = std::numeric_limits<std::int32_t>::max();
     return static_cast<std::int32_t>(std::lround(std::clamp(value, -kMost, kMost)));
-  }
-
-  // While the camera chooses, what the control says is of no frame in particular.
-  [[nodiscard]] std::optional<double> exposure_in_effect() const {
-    const auto way = device_->control(V4L2_CID_EXPOSURE_AUTO);
-    if (way && *way != V4L2_EXPOSURE_MANUAL && *way != V4L2_EXPOSURE_SHUTTER_PRIORITY) {
-      return std::nullopt;
-    }
-    const auto steps = device_->control(V4L2_CID_EXPOSURE_ABSOLUTE);
-    constexpr double kStep_s = 1e-4;
-    return steps && *steps > 0 ? std::optional(kStep_s * *steps) : std::nullopt;
   }
 
   Started<void> map_buffers(bool share) {
@@ -333,8 +334,8 @@ class V4l2Source final : public LiveSource {
         pace_(nanoseconds(format_.interval_s)),
         stop_(stop),
         device_(stream->device()),
-        controls_(device_->controls()),
-        settings_(device_->settings()),
+        exposure_s_(stream->exposure_s()),
+        controls_(device_->controls().value_or(V4l2Controls())),
         stream_(std::move(stream)) {}
   ~V4l2Source() override { close(stop_); }
 
@@ -366,22 +367,22 @@ class V4l2Source final : public LiveSource {
       const std::lock_guard lock(mutex_);
       return device_;
     }();
-    auto controls = device ? device->controls() : decltype(controls_)();
-    auto settings = device ? device->settings() : decltype(settings_)();
+    auto controls = device ? device->controls() : std::nullopt;
+    const auto exposure_s = controls ? exposure_in_effect(*device) : std::nullopt;
     const std::lock_guard lock(mutex_);
-    if (!controls.empty()) {
-      controls_ = std::move(controls);
-      settings_ = std::move(settings);
+    if (controls) {
+      controls_ = std::move(*controls);
+      if (device == device_) exposure_s_ = exposure_s;
     }
-    return controls_;
+    return controls_.named;
   }
   [[nodiscard]] std::optional<FocusReading> focus() const override {
     if (!options_.controls.focus) return std::nullopt;
     return FocusReading{*options_.controls.focus, 1.0};
   }
   [[nodiscard]] std::string description() const override {
-    return fmt::format("{} ({}), {} {}x{} at {:.4g}/s{}", options_.device.string(), card_,
-                       format_.name, format_.width, format_.height, 1.0 / format_.interval_s,
+    return fmt::format("{} ({}), {} {}x{} at {}{}", options_.device.string(), card_, format_.name,
+                       format_.width, format_.height, rate_in_words(format_),
                        shares_ ? ", buffers shared by DMA-BUF" : "");
   }
 
@@ -463,6 +464,7 @@ class V4l2Source final : public LiveSource {
     {
       const std::lock_guard lock(mutex_);
       device_ = stream ? stream->device() : nullptr;
+      if (stream) exposure_s_ = stream->exposure_s();
     }
     stream_ = std::move(stream);
   }
@@ -472,7 +474,7 @@ class V4l2Source final : public LiveSource {
       // A camera that was without power has forgotten how it was set.
       const std::vector<V4l2Setting> settings = [this] {
         const std::lock_guard lock(mutex_);
-        return is_gone_ ? settings_ : std::vector<V4l2Setting>();
+        return is_gone_ ? controls_.settings : std::vector<V4l2Setting>();
       }();
       return Stream::start(std::move(device), options_, format_, settings);
     });
@@ -527,6 +529,15 @@ class V4l2Source final : public LiveSource {
     return receive(buffer);
   }
 
+  // A camera that gives nothing else may give it without end and without a pause of its own.
+  std::optional<CapturedImage> leave_out(CapturedImage image, CaptureFault fault,
+                                         std::string_view what) {
+    faults_.count(fault, what);
+    image.owner.reset();
+    (void)wait(static_cast<int>(bad_frame_pause(format_.interval_s).count()));
+    return std::nullopt;
+  }
+
   std::optional<CapturedImage> receive(const v4l2_buffer& buffer) {
     CapturedImage image;
     image.owner = stream_->ring().lend(buffer.index);
@@ -539,16 +550,16 @@ class V4l2Source final : public LiveSource {
     const FrameStamp stamp = clock_.next(buffer.sequence, driver_ns, monotonic, monotonic_ns());
     image.sequence = stamp.sequence;
     image.timestamp_ns = stamp.timestamp_ns;
-    image.exposure_s = stream_->exposure_s();
+    {
+      const std::lock_guard lock(mutex_);
+      image.exposure_s = exposure_s_;
+    }
     count_stamp(faults_, stamp);
     pace_.saw(stamp.timestamp_ns);
 
     if ((buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused == 0) {
-      faults_.count(CaptureFault::error_frame, "a frame is marked as bad and left out");
-      // A camera that gives nothing else may give them without end and without a pause.
-      image.owner.reset();
-      (void)wait(static_cast<int>(std::clamp(500.0 * format_.interval_s, 1.0, 100.0)));
-      return std::nullopt;
+      return leave_out(std::move(image), CaptureFault::error_frame,
+                       "a frame is marked as bad and left out");
     }
     stream_->buffer(buffer.index).begin_reading();
     auto bytes = stream_->ring().buffer(buffer.index);
@@ -556,12 +567,12 @@ class V4l2Source final : public LiveSource {
     if (stream_->known().jpeg) {
       bytes = trim_jpeg(bytes);
       if (!is_whole_jpeg(bytes, format_.width, format_.height)) {
-        faults_.count(CaptureFault::damaged, "a JPEG that is not whole is left out");
-        return std::nullopt;
+        return leave_out(std::move(image), CaptureFault::damaged,
+                         "a JPEG that is not whole is left out");
       }
     } else if (bytes.size() < stream_->layout().bytes) {
-      faults_.count(CaptureFault::error_frame, "a frame that is too short is left out");
-      return std::nullopt;
+      return leave_out(std::move(image), CaptureFault::error_frame,
+                       "a frame that is too short is left out");
     }
 
     const bool copied = stream_->ring().in_driver() < kDriverNeeds;
@@ -606,8 +617,8 @@ class V4l2Source final : public LiveSource {
   mutable std::mutex mutex_;
   std::shared_ptr<const V4l2Device> device_;  // guarded by mutex_: of the stream, if there is one
   // Guarded by mutex_; as they were last read.
-  mutable std::vector<std::pair<std::string, std::int64_t>> controls_;
-  mutable std::vector<V4l2Setting> settings_;
+  mutable std::optional<double> exposure_s_;
+  mutable V4l2Controls controls_;
   std::unique_ptr<Stream> stream_;
 };
 

@@ -210,6 +210,7 @@ struct VideoReader::Impl {
   Av<AVCodecContext> decoder;
   std::deque<Av<AVPacket>> waiting;  // read while skipping: since the last key frame
   int frame = 0;                     // number of the next one
+  bool broken = false;               // by a damaged frame, until the next key frame
   bool has_sums = false;
 
   tl::unexpected<Error> damaged(std::string_view what) const {
@@ -231,7 +232,16 @@ struct VideoReader::Impl {
     return {};
   }
 
-  // Null: an error was met that leaves no frame.
+  // The next frame. After a damaged one those that are told as changes to it are damaged too.
+  Result<Av<AVFrame>> decode_next(const AVPacket& packet) {
+    broken = broken && (packet.flags & AV_PKT_FLAG_KEY) == 0;
+    auto decoded =
+        broken ? Result<Av<AVFrame>>(damaged("it builds on a damaged frame")) : decode(packet);
+    broken = !decoded;
+    ++frame;
+    return decoded;
+  }
+
   Result<Av<AVFrame>> decode(const AVPacket& packet) {
     if (auto whole = verify(packet); !whole) return tl::unexpected(whole.error());
     Av<AVFrame> decoded(av_frame_alloc());
@@ -290,10 +300,10 @@ Result<VideoReader> VideoReader::open(const std::filesystem::path& file) {
 }
 
 Result<void> VideoReader::skip(int count) {
-  PENUMBRA_ASSERT(impl_->waiting.empty());
+  const int target = impl_->frame + count;
   // One packet more than is skipped, since only the next one tells whether those before it are
   // needed.
-  for (int i = 0; i <= count; ++i) {
+  while (impl_->frame + static_cast<int>(impl_->waiting.size()) <= target) {
     const Result<AVPacket*> packet = impl_->demuxer.next();
     if (!packet) return tl::unexpected(packet.error());
     if (*packet == nullptr) break;
@@ -304,11 +314,9 @@ Result<void> VideoReader::skip(int count) {
     impl_->waiting.emplace_back(av_packet_clone(*packet));
     if (!impl_->waiting.back()) return fail("{}: no memory", impl_->demuxer.name());
   }
-  while (impl_->frame < count && !impl_->waiting.empty()) {
-    const auto decoded = impl_->decode(*impl_->waiting.front());
-    if (!decoded) return tl::unexpected(decoded.error());
+  while (impl_->frame < target && !impl_->waiting.empty()) {
+    (void)impl_->decode_next(*impl_->waiting.front());  // one that is wanted tells of it
     impl_->waiting.pop_front();
-    ++impl_->frame;
   }
   return {};
 }
@@ -326,11 +334,10 @@ Result<std::optional<Frame>> VideoReader::next() {
     packet = *read;
   }
   if (packet == nullptr) return std::optional<Frame>();
-  auto decoded = impl_->decode(*packet);
+  auto decoded = impl_->decode_next(*packet);
   if (!decoded) return tl::unexpected(decoded.error());
   Result<Frame> frame = impl_->convert(std::move(*decoded));
   if (!frame) return tl::unexpected(frame.error());
-  ++impl_->frame;
   return std::optional<Frame>(std::move(*frame));
 }
 

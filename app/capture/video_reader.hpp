@@ -18,11 +18,13 @@ class VideoReader {
   VideoReader& operator=(VideoReader&&) noexcept;
   ~VideoReader();
 
-  // Reads over the next `count` frames; only those since the last key frame are decoded.
+  // Reads over the next `count` frames, those that are damaged too; only what the frame after them
+  // builds on is decoded.
   [[nodiscard]] Result<void> skip(int count);
   // The next frame as stored, viewing the decoder's memory; RGB layouts become rgb24. Sequence and
   // timestamp are 0: the times in the file are never read. Nothing at the end. Damage (a check sum
-  // that is wrong, a block that is lost) is an error.
+  // that is wrong, a block that is lost) is an error; of a single frame it is one of this frame and
+  // of those that build on it, and reading goes on after them.
   [[nodiscard]] Result<std::optional<Frame>> next();
 
  private:

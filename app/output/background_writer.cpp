@@ -127,6 +127,11 @@ Result<void> BackgroundWriter::finish() {
   return impl_->writer->finish();
 }
 
+void BackgroundWriter::rescue() {
+  impl_->join(true);
+  impl_->writer->rescue();
+}
+
 std::vector<StageTime> BackgroundWriter::take_times() {
   const std::lock_guard lock(impl_->mutex);
   return std::exchange(impl_->times, {});

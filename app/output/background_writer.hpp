@@ -21,6 +21,7 @@ class BackgroundWriter final : public FrameWriter {
   [[nodiscard]] Result<void> write(std::uint64_t number, std::int64_t timestamp_ns,
                                    std::span<const std::uint8_t> rgba) override;
   [[nodiscard]] Result<void> finish() override;
+  void rescue() override;
 
   // How long each frame took to encode, on the thread that did it: those done since the last call.
   [[nodiscard]] std::vector<StageTime> take_times();

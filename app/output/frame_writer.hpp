@@ -33,6 +33,9 @@ class FrameWriter {
                                            std::span<const std::uint8_t> rgba) = 0;
   // Everything is on disk, under its name, when this returns. Nothing was ever written: an error.
   [[nodiscard]] virtual Result<void> finish() = 0;
+  // After an error: leaves under its name what was written before, where that can be read; else
+  // nothing.
+  virtual void rescue() {}
 };
 
 enum class OutputKind { ffv1, h264, folder };

@@ -99,10 +99,12 @@ class PngWriter final : public FrameWriter {
   Result<void> write(std::uint64_t number, std::int64_t /*timestamp_ns*/,
                      std::span<const std::uint8_t> rgba) override {
     PENUMBRA_ASSERT(!finished_);
-    any_ = true;
     const std::string name = fmt::format("{:06}.png", number);
     auto saved = save_png(partial_ / name, format_.width, format_.height, rgba);
+    any_ = any_ || saved.has_value();
     if (saved) return saved;
+    std::error_code ignored;
+    fs::remove(partial_ / name, ignored);
     // By the name that the user gave, not by that of the folder that is filled meanwhile.
     return fail("{}; free some space or choose another place",
                 renamed(saved.error(), partial_, folder_).message);
@@ -140,6 +142,8 @@ class PngWriter final : public FrameWriter {
     finished_ = true;
     return {};
   }
+
+  void rescue() override { (void)finish(); }
 
  private:
   // A new, empty folder with a name of its own.

@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "core/text.hpp"
 #include "core/trajectory.hpp"
 
 namespace penumbra {
@@ -47,6 +48,17 @@ Result<void> PoseWriter::write(std::int64_t timestamp_ns, TrackStatus status,
                 file_.target().string());
   }
   return {};
+}
+
+void PoseWriter::rescue() {
+  stream_.close();
+  constexpr std::size_t kMostBytes = 4'000'000'000;
+  const auto text = read_text_file(file_.partial(), kMostBytes);
+  const std::size_t end = text ? text->rfind('\n') : std::string::npos;
+  if (end == std::string::npos) return;
+  std::error_code error;
+  std::filesystem::resize_file(file_.partial(), end + 1, error);
+  if (!error) (void)file_.commit();
 }
 
 Result<void> PoseWriter::finish() {

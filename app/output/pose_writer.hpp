@@ -25,6 +25,8 @@ class PoseWriter {
   [[nodiscard]] Result<void> write(std::int64_t timestamp_ns, const PoseEstimate& pose);
   [[nodiscard]] Result<void> write(std::int64_t timestamp_ns, const GroupEstimate& group);
   [[nodiscard]] Result<void> finish();
+  // After an error: leaves the whole lines that were written before under the file's name.
+  void rescue();
 
  private:
   PoseWriter(OutputFile file, bool all, std::string_view what);

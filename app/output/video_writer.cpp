@@ -5,6 +5,7 @@
 #include <cstring>
 #include <optional>
 
+#include "app/capture/video_reader.hpp"
 #include "app/libav.hpp"
 #include "app/output/output_file.hpp"
 #include "core/assert.hpp"
@@ -150,6 +151,14 @@ class VideoWriter final : public FrameWriter {
     error = avio_closep(&muxer_->pb);
     if (error < 0) return failed("cannot be written", error);
     return file_.commit();
+  }
+
+  // A Matroska file reads without its index up to where it ends; an MP4 file does not.
+  void rescue() override {
+    if (codec_ != VideoCodec::ffv1 || !first_ns_) return;
+    avio_closep(&muxer_->pb);
+    const auto whole = count_video_frames(file_.partial());
+    if (whole && *whole > 0) (void)file_.commit();
   }
 
  private:

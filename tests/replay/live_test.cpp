@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <thread>
 
+#include "app/capture/video_reader.hpp"
 #include "core/camera_file.hpp"
 #include "core/evaluation.hpp"
 #include "core/image_file.hpp"
@@ -341,8 +342,8 @@ TEST(Live, WhatCannotBeWrittenDoesNotTakeTheRestWithIt) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
   const auto limited = [&](const std::vector<std::string>& words) {
-    // No file may grow beyond 64 KiB: a moment of lossless video.
-    std::vector<std::string> whole = {"-c", R"(trap '' XFSZ; ulimit -f 64; exec "$0" "$@")",
+    // No file may grow beyond 3 MiB: a moment of lossless video.
+    std::vector<std::string> whole = {"-c", R"(trap '' XFSZ; ulimit -f 3072; exec "$0" "$@")",
                                       test::program().string()};
     whole.insert(whole.end(), words.begin(), words.end());
     return test::run_program("/bin/bash", whole);
@@ -351,7 +352,13 @@ TEST(Live, WhatCannotBeWrittenDoesNotTakeTheRestWithIt) {
     EXPECT_EQ(done.exit_code, 1);
     const std::string last = test::lines_of(done.err).back();
     EXPECT_NE(last.find(path("out.mkv")), std::string::npos) << done.err;
+    EXPECT_NE(done.err.find("it ends here"), std::string::npos) << done.err;
+    const auto kept = count_video_frames(path("out.mkv"));
+    ASSERT_TRUE(kept) << "what was written before is there; " << kept.error().message;
+    EXPECT_GT(*kept, 0);
     const auto report = test::read_json(path("report.json"));
+    EXPECT_LT(*kept, report["frames"].get<int>());
+    EXPECT_NE(report["failure"].get<std::string>().find("out.mkv"), std::string::npos);
     const auto written = load_trajectory(poses);
     ASSERT_TRUE(written) << written.error().message;
     EXPECT_GT(written->poses.size(), 0U);
@@ -363,7 +370,6 @@ TEST(Live, WhatCannotBeWrittenDoesNotTakeTheRestWithIt) {
     const auto done = limited(live({"--duration", "3", "--output", path("out.mkv"), "--poses",
                                     path("live.tum"), "--report", path("report.json")}));
     check(done, path("live.tum"));
-    EXPECT_NE(done.err.find("it ends here, the picture goes on"), std::string::npos) << done.err;
     EXPECT_GT(test::read_json(path("report.json"))["frames"].get<int>(), 10);
   }
   {
@@ -372,8 +378,44 @@ TEST(Live, WhatCannotBeWrittenDoesNotTakeTheRestWithIt) {
         limited({"replay", bundled("tabletop"), "--no-window", "--output", path("out.mkv"),
                  "--poses", path("replay.tum"), "--report", path("report.json")});
     check(done, path("replay.tum"));
-    EXPECT_EQ(test::lines_of(done.err).size(), 1U) << done.err;
+    EXPECT_EQ(test::lines_of(done.err).size(), 2U) << done.err;
   }
+}
+
+// Poses that can't be written any more: those of before stay, in whole lines.
+TEST(Live, PosesOfAFullDiskEndWithAWholeLine) {
+  const test::TemporaryFolder temporary;
+  const std::string poses = (temporary.path() / "live.tum").string();
+  std::vector<std::string> words = {"-c", R"(trap '' XFSZ; ulimit -f 1; exec "$0" "$@")",
+                                    test::program().string()};
+  for (const std::string& word : live({"--duration", "2", "--poses", poses})) {
+    words.push_back(word);
+  }
+  const auto done = test::run_program("/bin/bash", words);
+  EXPECT_EQ(done.exit_code, 1);
+  EXPECT_NE(test::lines_of(done.err).back().find(poses), std::string::npos) << done.err;
+  const std::string text = test::bytes_of(poses);
+  EXPECT_TRUE(text.ends_with('\n'));
+  const auto written = load_trajectory(poses);
+  ASSERT_TRUE(written) << written.error().message;
+  EXPECT_GT(written->poses.size(), 3U);
+}
+
+// A replay that its recording ends early does not replace what an earlier one made.
+TEST(Live, AReplayThatEndsEarlyLeavesWhatWasThere) {
+  const test::TemporaryFolder temporary;
+  const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
+  std::filesystem::copy(bundled("tabletop"), path("played"),
+                        std::filesystem::copy_options::recursive);
+  std::ofstream(path("out.tum")) << "1 0 0 0 0 0 0 1\n";
+  const std::string before = test::bytes_of(path("out.tum"));
+  std::filesystem::remove(path("played/frames/000030.jpg"));
+  std::ofstream(path("played/frames/000030.jpg")) << "no picture";
+  const auto done = penumbra({"replay", path("played"), "--no-window", "--poses", path("out.tum"),
+                              "--report", path("report.json")});
+  test::expect_failure(done, {"000030.jpg"});
+  EXPECT_EQ(test::bytes_of(path("out.tum")), before);
+  EXPECT_FALSE(std::filesystem::exists(path("report.json")));
 }
 
 TEST(Live, ARecordingAsVideoPlaysAsACameraToo) {

@@ -2,7 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <unistd.h>
+
 #include <cerrno>
+#include <filesystem>
+
+#include "support/recording_folder.hpp"
 
 namespace penumbra {
 namespace {
@@ -26,6 +31,35 @@ TEST(Outage, EachKindOfTroubleIsCountedOnceUntilAFrameComes) {
   EXPECT_FALSE(outage.end());
   outage.begin({CaptureFault::disconnected, "again"});
   EXPECT_EQ(faults.stats().of(CaptureFault::disconnected), 2U);
+}
+
+TEST(CameraTrouble, ADeviceThatMayNotBeOpenedIsNamed) {
+  const test::TemporaryFolder devices;
+  const auto place = [&](const char* name) { return devices.path() / name; };
+  std::filesystem::permissions(devices.path(), std::filesystem::perms(0755));
+  EXPECT_FALSE(forbidden_camera_device(place("nowhere")));
+  EXPECT_FALSE(forbidden_camera_device(devices.path()));
+  for (const char* name : {"media0", "video0", "video1", "mem"}) {
+    test::write_text(place(name), "");
+    std::filesystem::permissions(place(name), std::filesystem::perms(0666));
+  }
+  std::filesystem::permissions(place("mem"), std::filesystem::perms(0600));
+  // Root may open everything: as somebody else then.
+  const bool is_root = geteuid() == 0;
+  const auto told_now = [&] {
+    EXPECT_EQ(is_root ? seteuid(65534) : 0, 0);
+    auto told = forbidden_camera_device(devices.path());
+    EXPECT_EQ(is_root ? seteuid(0) : 0, 0);
+    return told;
+  };
+  EXPECT_FALSE(told_now()) << "that one is no camera";
+  for (const char* name : {"media0", "video1"}) {
+    std::filesystem::permissions(place(name), std::filesystem::perms(is_root ? 0600 : 0000));
+  }
+  const auto told = told_now();
+  ASSERT_TRUE(told);
+  EXPECT_NE(told->find("media0 and 1 more"), std::string::npos) << *told;
+  EXPECT_NE(told->find("video group"), std::string::npos) << *told;
 }
 
 TEST(CameraTrouble, ErrorsAreFaultsWithEitherSign) {

@@ -5,7 +5,10 @@
 
 #include <array>
 #include <cstring>
+#include <random>
+#include <set>
 
+#include "app/capture/video_reader.hpp"
 #include "core/image_file.hpp"
 #include "support/recording_folder.hpp"
 #include "support/video_file.hpp"
@@ -537,6 +540,74 @@ TEST_F(RecordingOfVideo, AnyRangeOfFramesIsTheSameAsInTheWhole) {
         EXPECT_TRUE(same_pixels(part.frames[i], whole.frames[i + static_cast<std::size_t>(first)]));
         EXPECT_EQ(part.frames[i].sequence, i + static_cast<std::size_t>(first));
       }
+    }
+  }
+}
+
+// Reading over frames begins anywhere: between key frames, on one, and after having read over some.
+TEST_F(RecordingOfVideo, FramesAreReadOverFromAnywhere) {
+  std::mt19937 random(7);
+  for (const int gop : {1, 3, 5, 100}) {
+    SCOPED_TRACE(gop);
+    test::VideoSpec spec;
+    spec.gop = gop;
+    test::write_video(video(), spec, fill_planes);
+    const Played whole = play(*open_recording(folder()));
+    ASSERT_EQ(whole.frames.size(), std::size_t{kFrames});
+    for (int round = 0; round < 40; ++round) {
+      auto reader = VideoReader::open(video());
+      ASSERT_TRUE(reader) << reader.error().message;
+      for (int at = 0; at < kFrames;) {
+        const int over = static_cast<int>(random() % 4);
+        ASSERT_TRUE(reader->skip(over));
+        at += over;
+        const auto frame = reader->next();
+        ASSERT_TRUE(frame) << frame.error().message;
+        ASSERT_EQ(frame->has_value(), at < kFrames);
+        if (!*frame) break;
+        EXPECT_TRUE(same_pixels(**frame, whole.frames[static_cast<std::size_t>(at)])) << at;
+        ++at;
+      }
+    }
+  }
+}
+
+// A damaged frame is told, and so is what builds on it; from the next key frame on all is right.
+TEST_F(RecordingOfVideo, ReadingGoesOnAfterADamagedFrame) {
+  for (const int gop : {1, 4}) {
+    SCOPED_TRACE(gop);
+    test::VideoSpec spec;
+    spec.gop = gop;
+    test::write_video(video(), spec, fill_planes);
+    const Played whole = play(*open_recording(folder()));
+    ASSERT_EQ(whole.frames.size(), std::size_t{kFrames});
+    std::string bytes = test::read_bytes(video());
+    bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 0x10);
+    write_text(video(), bytes);
+    auto reader = VideoReader::open(video());
+    ASSERT_TRUE(reader) << reader.error().message;
+    std::set<int> damaged;
+    for (int at = 0; at < kFrames; ++at) {
+      const auto frame = reader->next();
+      if (!frame) {
+        damaged.insert(at);
+        continue;
+      }
+      ASSERT_TRUE(frame->has_value());
+      EXPECT_TRUE(same_pixels(**frame, whole.frames[static_cast<std::size_t>(at)])) << at;
+    }
+    ASSERT_FALSE(damaged.empty());
+    EXPECT_LT(*damaged.rbegin() - *damaged.begin(), gop);
+    if (gop > 1) {
+      EXPECT_EQ((*damaged.rbegin() + 1) % gop, 0) << "up to the next key frame";
+    }
+    // The same where some of them are read over.
+    auto again = VideoReader::open(video());
+    ASSERT_TRUE(again);
+    ASSERT_TRUE(again->skip(*damaged.begin() + 1));
+    for (int at = *damaged.begin() + 1; at < kFrames; ++at) {
+      const auto frame = again->next();
+      EXPECT_EQ(frame.has_value(), !damaged.contains(at)) << at;
     }
   }
 }
