@@ -32,34 +32,49 @@ float cross(const Eigen::Vector2f& a, const Eigen::Vector2f& b) {
   return a.x() * b.y() - a.y() * b.x();
 }
 
-// The largest of non-negative values: their bits sort as they do, and the largest of integers is
-// found many at once.
+// squared[x] = min over x' of (x - x')^2 + g2[x'] within each row: from near x' to far ones, four
+// steps at a time, many x at once. A step of dx can no longer lower a value of less than dx^2, nor
+// any within dx of the row's ends: rows begin and end with a 0, which is also nearer than what lies
+// beyond, so that a neighbour in the row before or after lowers nothing. There is a row before the
+// first and after the last. All numbers are small integers: exact; their bits sort as they do, and
+// the largest of integers is found many at once.
 PENUMBRA_VECTOR_CLONES
-float largest_of(const float* values, std::size_t count) {
-  std::int32_t largest = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    const auto bits = std::bit_cast<std::int32_t>(values[i]);
-    largest = bits > largest ? bits : largest;
-  }
-  return std::bit_cast<float>(largest);
-}
-
-// squared[x] = min over x' of (x - x')^2 + g2[x'] within each row, for all rows one after another:
-// from near x' to far ones, all x at once; a step of dx can no longer lower a value of less than
-// dx^2. Rows begin and end with a 0, which is nearer than what lies beyond: a neighbour in the row
-// before or after lowers nothing. There are dx cells before the first and after the last. All
-// numbers are small integers: exact.
-PENUMBRA_VECTOR_CLONES
-void lower_by_step(const float* g2, float* squared, std::size_t count, std::ptrdiff_t dx) {
-  const auto step = static_cast<float>(dx * dx);
-  const float* left = g2 - dx;
-  const float* right = g2 + dx;
+void lower_rows(const float* g2, float* squared, std::size_t rows, std::size_t stride,
+                std::size_t width) {
+  for (std::size_t row = 0; row < rows; ++row) {
+    const float* here = g2 + row * stride;
+    float* out = squared + row * stride;
+    for (std::size_t dx = 1; 2 * dx < width; dx += 4) {
+      const std::size_t first = dx / kRowBlock * kRowBlock;  // whole vectors
+      const std::size_t count = (width - dx + kRowBlock - 1) / kRowBlock * kRowBlock - first;
+      const auto step = static_cast<float>(dx * dx);
+      const auto step_1 = static_cast<float>((dx + 1) * (dx + 1));
+      const auto step_2 = static_cast<float>((dx + 2) * (dx + 2));
+      const auto step_3 = static_cast<float>((dx + 3) * (dx + 3));
+      const float* left = here + first - dx;
+      const float* right = here + first + dx;
+      float* lowered = out + first;
+      std::int32_t largest = 0;
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC ivdep  // two arrays
 #endif
-  for (std::size_t x = 0; x < count; ++x) {
-    const float nearer = step + (left[x] < right[x] ? left[x] : right[x]);
-    squared[x] = nearer < squared[x] ? nearer : squared[x];
+      for (std::size_t x = 0; x < count; ++x) {
+        const auto at = static_cast<std::ptrdiff_t>(x);
+        const float near = step + (left[at] < right[at] ? left[at] : right[at]);
+        const float near_1 = step_1 + (left[at - 1] < right[at + 1] ? left[at - 1] : right[at + 1]);
+        const float near_2 = step_2 + (left[at - 2] < right[at + 2] ? left[at - 2] : right[at + 2]);
+        const float near_3 = step_3 + (left[at - 3] < right[at + 3] ? left[at - 3] : right[at + 3]);
+        const float nearer = near < near_1 ? near : near_1;
+        const float farther = near_2 < near_3 ? near_2 : near_3;
+        const float nearest = nearer < farther ? nearer : farther;
+        const float value = nearest < lowered[x] ? nearest : lowered[x];
+        lowered[x] = value;
+        const auto bits = std::bit_cast<std::int32_t>(value);
+        largest = bits > largest ? bits : largest;
+      }
+      const auto next = static_cast<float>((dx + 4) * (dx + 4));
+      if (std::bit_cast<float>(largest) <= next) break;
+    }
   }
 }
 PENUMBRA_VECTOR_CLONES
@@ -513,14 +528,11 @@ void FootprintRaster::compute_depth() {
   // Rows: D(x)^2 = min over x' of (x - x')^2 + g(x')^2. The margin's rows are 0 and stay so.
   squared_column_distance_.resize(depth_.size());
   take_squares(depth_.data(), squared_column_distance_.data(), depth_.size());
-  const std::size_t inner = depth_.size() - 2 * stride();
+  const auto inner_rows = static_cast<std::size_t>(std::max(height_ - 2, 0));
   float* squared = depth_.data() + stride();
-  float largest = largest_of(squared, inner);
-  for (std::ptrdiff_t dx = 1; dx < width_ && static_cast<float>(dx * dx) < largest; ++dx) {
-    lower_by_step(squared_column_distance_.data() + stride(), squared, inner, dx);
-    if (dx % 4 == 0) largest = largest_of(squared, inner);
-  }
-  take_roots(squared, inner);
+  lower_rows(squared_column_distance_.data() + stride(), squared, inner_rows, stride(),
+             static_cast<std::size_t>(width_));
+  take_roots(squared, inner_rows * stride());
 }
 
 Eigen::Vector2f FootprintRaster::centroid() const {

@@ -549,9 +549,11 @@ class LocalThickness {
     const Disc* winner = nullptr;
     if (largest < discs.size()) {
       const float limit = tuning_.equal_radius * discs[largest].radius;
-      std::size_t end = largest + 1;
-      while (end < discs.size() && discs[end].radius >= limit) ++end;
-      winner = &discs[near_.nearest(largest, end, p.x(), p.y())];
+      const auto end = std::partition_point(  // largest first
+          discs.begin() + static_cast<std::ptrdiff_t>(largest) + 1, discs.end(),
+          [limit](const Disc& disc) { return disc.radius >= limit; });
+      winner = &discs[near_.nearest(largest, static_cast<std::size_t>(end - discs.begin()), p.x(),
+                                    p.y())];
     } else {
       // A border vertex between cells: the disc that misses it by least.
       float least = kBorderSlack * nominal_cell_;

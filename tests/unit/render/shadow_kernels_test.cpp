@@ -8,6 +8,7 @@
 #include <limits>
 #include <random>
 
+#include "render/shadow/footprint.hpp"
 #include "support/kernel_reach.hpp"
 #include "support/shapes.hpp"
 
@@ -310,6 +311,47 @@ TEST(ShadowKernels, PerAxisIsExactOnAnAxisAndAMixtureBetween) {
     const Eigen::Vector3d expected =
         0.36 * to_eigen(along_x.kernels[i]) + 0.64 * to_eigen(direct.kernels[i]);
     EXPECT_LT((to_eigen(mixed.kernels[i]) - expected).norm(), 1e-7);
+  }
+}
+
+// Of rasters of all shapes, with holes and bays: against every cell that is not covered.
+TEST(Footprint, DepthIsTheDistanceToTheNearestCellOutside) {
+  std::mt19937 random(7);
+  std::uniform_real_distribution<float> unit(0.0F, 1.0F);
+  FootprintRaster raster;
+  for (int round = 0; round < 60; ++round) {
+    const float height = std::exp2(-6.0F * unit(random));
+    std::vector<Eigen::Vector2f> points;
+    std::vector<std::uint32_t> faces;
+    const int triangles = 1 + round % 7;
+    for (int i = 0; i < 3 * triangles; ++i) {
+      faces.push_back(static_cast<std::uint32_t>(points.size()));
+      points.emplace_back(unit(random), height * unit(random));
+    }
+    ASSERT_TRUE(raster.cover(points, faces, 4 << round % 12));
+    raster.compute_depth();
+    struct Cell {
+      int column, row;
+    };
+    std::vector<Cell> outside;
+    for (int row = 0; row < raster.height(); ++row) {
+      for (int column = 0; column < raster.width(); ++column) {
+        if (raster.covered_row(row)[column] == 0.0F) outside.push_back({column, row});
+      }
+    }
+    for (int row = 0; row < raster.height(); ++row) {
+      for (int column = 0; column < raster.width(); ++column) {
+        int nearest = std::numeric_limits<int>::max();
+        for (const Cell& cell : outside) {
+          const int dx = cell.column - column;
+          const int dy = cell.row - row;
+          nearest = std::min(nearest, dx * dx + dy * dy);
+        }
+        ASSERT_EQ(raster.depth_row(row)[column], std::sqrt(static_cast<float>(nearest)))
+            << "round " << round << ", cell " << column << ", " << row << " of " << raster.width()
+            << " x " << raster.height();
+      }
+    }
   }
 }
 
