@@ -4,27 +4,58 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <tuple>
 
 #include "core/assert.hpp"
+#include "core/vector_clones.hpp"
 #include "render/shadow/caster.hpp"
 
 namespace penumbra {
 namespace {
 
-constexpr int kPlaces = 256;                            // that a cell is told into, along each side
+constexpr int kPlaceBits = 8;
+constexpr int kPlaces = 1 << kPlaceBits;                // that a cell is told into, along each side
 constexpr std::int32_t kWhole = 2 * kPlaces * kPlaces;  // a covered cell
+constexpr std::size_t kFlagsAtOnce = sizeof(std::uint64_t);
 
-std::int64_t floor_div(std::int64_t a, std::int64_t b) {
-  const std::int64_t q = a / b;
-  return q * b > a ? q - 1 : q;
+// What is left of the picture's value where so much of a cell is covered by each layer.
+PENUMBRA_VECTOR_CLONES
+void codes_of(const std::int32_t* umbra, const std::int32_t* middle, const std::int32_t* penumbra,
+              std::size_t count, float umbra_light, float middle_light, float penumbra_light,
+              std::uint8_t* codes) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // four arrays
+#endif
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto share = [](std::int32_t covered) {
+      const std::int32_t area = covered < 0 ? -covered : covered;
+      return static_cast<float>(area < kWhole ? area : kWhole) * (1.0F / kWhole);
+    };
+    float left = 1.0F;
+    left += share(penumbra[i]) * (penumbra_light - left);
+    left += share(middle[i]) * (middle_light - left);
+    left += share(umbra[i]) * (umbra_light - left);
+    codes[i] = static_cast<std::uint8_t>(static_cast<std::int32_t>(255.0F * left + 0.5F));
+  }
 }
 
-// Whether no layer covers more or less than in the cell before: by two words, not three numbers.
-bool is_level(const std::array<std::int32_t, 4>& step) {
-  const auto words = std::bit_cast<std::array<std::uint64_t, 2>>(step);
-  return (words[0] | words[1]) == 0;
+struct Quotient {
+  int whole, rest;  // 0 <= rest < by
+
+  void add(const Quotient& other, int by) {
+    whole += other.whole;
+    rest += other.rest;
+    if (rest < by) return;
+    rest -= by;
+    ++whole;
+  }
+};
+// Rounded down; by > 0.
+Quotient divide(int value, int by) {
+  const Quotient towards_0{value / by, value % by};
+  return towards_0.rest < 0 ? Quotient{towards_0.whole - 1, towards_0.rest + by} : towards_0;
 }
 
 }  // namespace
@@ -138,7 +169,7 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
   for (std::size_t layer = 0; layer < 3; ++layer) {
     if (!wanted_[layer]) continue;
     const auto cell_of = [](float at, std::int64_t first) {
-      return first + floor_div(static_cast<std::int64_t>(at), kPlaces);
+      return first + (static_cast<std::int64_t>(at) >> kPlaceBits);
     };
     bounds_.extend(Eigen::Vector<std::int64_t, 2>(cell_of(low.u[layer], first_u_),
                                                   cell_of(low.v[layer], first_v_)));
@@ -149,9 +180,12 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
 
 void MaskPicture::begin(const MaskCells& cells) {
   cells_ = cells;
+  row_cells_ = (static_cast<std::size_t>(cells.width) + kFlagsAtOnce) / kFlagsAtOnce * kFlagsAtOnce;
   // finish() leaves them all 0.
-  steps_.resize(static_cast<std::size_t>(cells.width + 1) * static_cast<std::size_t>(cells.height));
-  rows_.assign(static_cast<std::size_t>(cells.height), {std::numeric_limits<int>::max(), -1});
+  const std::size_t needed = row_cells_ * static_cast<std::size_t>(cells.height);
+  if (steps_.size() >= needed) return;
+  steps_.resize(needed);
+  touched_.resize(needed);
 }
 
 void MaskPicture::cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
@@ -175,8 +209,8 @@ void MaskPicture::cover(MaskCaster& caster, std::span<const std::uint32_t> indic
         (area[0] > 0.0F ? 1U : 0U) | (area[1] > 0.0F ? 2U : 0U) | (area[2] > 0.0F ? 4U : 0U);
     turned[face] = static_cast<std::uint8_t>(bits & wanted);
   }
-  const std::int64_t u0 = kPlaces * (caster.first_u_ - cells_.u);
-  const std::int64_t v0 = kPlaces * (caster.first_v_ - cells_.v);
+  const auto u0 = static_cast<int>(kPlaces * (caster.first_u_ - cells_.u));
+  const auto v0 = static_cast<int>(kPlaces * (caster.first_v_ - cells_.v));
   for (const FacePair& edge : edges) {
     const unsigned differ = turned[edge.forward] ^ turned[edge.back];
     if (differ == 0) continue;
@@ -186,7 +220,7 @@ void MaskPicture::cover(MaskCaster& caster, std::span<const std::uint32_t> indic
       const bool forward = (turned[edge.forward] >> layer & 1U) != 0;
       const MaskCaster::Images& a = images[forward ? edge.from : edge.to];
       const MaskCaster::Images& b = images[forward ? edge.to : edge.from];
-      const auto whole = [](float at) { return static_cast<std::int64_t>(at); };
+      const auto whole = [](float at) { return static_cast<int>(at); };
       add_edge(static_cast<int>(layer), u0 + whole(a.u[layer]), v0 + whole(a.v[layer]),
                u0 + whole(b.u[layer]), v0 + whole(b.v[layer]));
     }
@@ -196,92 +230,121 @@ void MaskPicture::cover(MaskCaster& caster, std::span<const std::uint32_t> indic
 // Cut at the rows' borders. All divisions are of differences along the edge, so that where the
 // picture begins changes nothing; and what is cut off goes to the next piece, so that the rows of a
 // closed line add up to 0.
-void MaskPicture::add_edge(int layer, std::int64_t u0, std::int64_t v0, std::int64_t u1,
-                           std::int64_t v1) {
+void MaskPicture::add_edge(int layer, int u0, int v0, int u1, int v1) {
   if (v0 == v1) return;
-  const std::int64_t du = u1 - u0;
-  const std::int64_t dv = v1 - v0;
-  const std::int64_t down = dv > 0 ? 1 : -1;
-  std::int64_t u = u0;
-  std::int64_t v = v0;
+  const bool down = v1 > v0;
   // Of a point on a border, the row that the edge goes on in.
-  std::int64_t row = floor_div(dv > 0 ? v0 : v0 - 1, kPlaces);
-  while (v != v1) {
-    const std::int64_t border = kPlaces * (dv > 0 ? row + 1 : row);
-    const bool last = dv > 0 ? border >= v1 : border <= v1;
-    const std::int64_t next_v = last ? v1 : border;
-    const std::int64_t next_u = last ? u1 : u0 + floor_div(du * (border - v0), dv);
-    add_in_row(layer, row, u, static_cast<int>(v - kPlaces * row), next_u,
-               static_cast<int>(next_v - kPlaces * row));
+  int row = (down ? v0 : v0 - 1) >> kPlaceBits;
+  const int last = (down ? v1 - 1 : v1) >> kPlaceBits;
+  PENUMBRA_ASSERT(std::min(row, last) >= 0 && std::max(row, last) < cells_.height);
+  const int step = down ? 1 : -1;
+  const int border = down ? kPlaces : 0;
+  const int rise = down ? v1 - v0 : v0 - v1;
+  int u = u0;
+  int v = v0 - kPlaces * row;
+  Quotient along{0, 0};
+  Quotient a_row{0, 0};
+  if (row != last) along = divide((u1 - u0) * (down ? kPlaces - v : v), rise);
+  if (row + step != last) a_row = divide((u1 - u0) * kPlaces, rise);
+  while (true) {
+    const bool at_end = row == last;
+    const int next_u = at_end ? u1 : u0 + along.whole;
+    const std::ptrdiff_t begin = row * static_cast<std::ptrdiff_t>(row_cells_);
+    add_in_row(layer, begin, u, v, next_u, at_end ? v1 - kPlaces * row : border);
+    if (at_end) return;
+    along.add(a_row, rise);
     u = next_u;
-    v = next_v;
-    row += down;
+    v = kPlaces - border;
+    row += step;
   }
 }
 
 // To the left of the edge nothing changes, to the right all; in the cells that it runs through, the
 // area beside it.
-void MaskPicture::add_in_row(int layer, std::int64_t row, std::int64_t u0, int v0, std::int64_t u1,
-                             int v1) {
-  PENUMBRA_ASSERT(row >= 0 && row < cells_.height);
+inline void MaskPicture::add_in_row(int layer, std::ptrdiff_t begin, int u0, int v0, int u1,
+                                    int v1) {
+  const int first = u0 >> kPlaceBits;
+  const int last = u1 >> kPlaceBits;
   const auto at = static_cast<std::size_t>(layer);
-  auto* steps = &steps_[static_cast<std::size_t>(row) * static_cast<std::size_t>(cells_.width + 1)];
-  std::int64_t cell = floor_div(u0, kPlaces);
-  const std::int64_t last = floor_div(u1, kPlaces);
-  auto& touched = rows_[static_cast<std::size_t>(row)];
-  touched[0] = std::min(touched[0], static_cast<int>(std::min(cell, last)));
-  touched[1] = std::max(touched[1], static_cast<int>(std::max(cell, last)));
-  const auto add = [&](std::int64_t in_cell, std::int64_t from_u, std::int64_t to_u, int height) {
-    const auto area = static_cast<std::int32_t>(height * (from_u + to_u - 2 * kPlaces * in_cell));
-    auto* step = &steps[in_cell];
-    step[0][at] += 2 * kPlaces * height - area;
-    step[1][at] += area;
+  auto* steps = steps_.data() + begin + first;
+  std::uint8_t* touched = touched_.data() + begin + first;
+  // Twice what lies beside the edge in a cell: of a height, and the sum of two places in the cell.
+  const auto add = [&steps, &touched, at](int height, int places) {
+    const int area = height * places;
+    steps[0][at] += 2 * kPlaces * height - area;
+    steps[1][at] += area;
+    touched[0] = touched[1] = 1;
   };
-  std::int64_t u = u0;
-  int v = v0;
-  const std::int64_t du = u1 - u0;
-  const int dv = v1 - v0;
-  while (cell != last) {
-    const std::int64_t border = kPlaces * (du > 0 ? cell + 1 : cell);
-    const int next_v = v0 + static_cast<int>(floor_div(dv * (border - u0), du));
-    add(cell, u, border, next_v - v);
-    u = border;
-    v = next_v;
-    cell += du > 0 ? 1 : -1;
+  const int from = u0 - kPlaces * first;
+  const int to = u1 - kPlaces * last;
+  if (first == last) {
+    add(v1 - v0, from + to);
+    return;
   }
-  add(cell, u, u1, v1 - v);
+  const bool right = last > first;
+  const int step = right ? 1 : -1;
+  const int border = right ? kPlaces : 0;
+  const int run = right ? u1 - u0 : u0 - u1;
+  Quotient along = divide((v1 - v0) * (right ? kPlaces - from : from), run);
+  int v = v0 + along.whole;
+  add(v - v0, from + border);
+  steps += step;
+  touched += step;
+  int cell = first + step;
+  if (cell != last) {
+    const Quotient a_cell = divide((v1 - v0) * kPlaces, run);
+    for (; cell != last; cell += step, steps += step, touched += step) {
+      along.add(a_cell, run);
+      const int next_v = v0 + along.whole;
+      add(next_v - v, kPlaces);
+      v = next_v;
+    }
+  }
+  add(v1 - v, kPlaces - border + to);
 }
 
 void MaskPicture::finish(const glm::vec3& light, std::vector<std::uint8_t>& codes) {
   const auto width = static_cast<std::size_t>(cells_.width);
-  codes.assign(width * static_cast<std::size_t>(cells_.height), 255);
-  for (std::size_t row = 0; row < rows_.size(); ++row) {
-    if (rows_[row][1] < 0) continue;
-    const auto first = static_cast<std::size_t>(rows_[row][0]);
-    // What lies right of the last edge is not covered.
-    const std::size_t end = std::min(static_cast<std::size_t>(rows_[row][1]) + 2, width + 1);
-    std::array<std::int32_t, 4>* steps = &steps_[row * (width + 1)];
-    std::uint8_t* out = &codes[row * width];
-    std::array<std::int32_t, 4> covered{};
-    std::uint8_t code = 255;
-    for (std::size_t i = first; i < end; ++i) {
-      // Most cells are like the one before.
-      std::size_t next = i;
-      while (next < end && is_level(steps[next])) ++next;
-      std::fill(out + std::min(i, width), out + std::min(next, width), code);
-      if (next == end) break;
-      i = next;
-      std::array<std::int32_t, 4>& step = steps[i];
-      float left = 1.0F;
-      for (int layer = 2; layer >= 0; --layer) {
-        const auto at = static_cast<std::size_t>(layer);
-        covered[at] += step[at];
-        const std::int32_t whole = std::min(std::abs(covered[at]), kWhole);
-        left += static_cast<float>(whole) * (1.0F / kWhole) * (light[layer] - left);
-      }
-      step = {};
-      code = static_cast<std::uint8_t>(255.0F * left + 0.5F);
-      if (i < width) out[i] = code;
+  const auto height = static_cast<std::size_t>(cells_.height);
+  codes.resize(width * height);
+  changed_.resize(row_cells_);
+  for (std::vector<std::int32_t>& covered : covered_) covered.resize(row_cells_);
+  changed_codes_.resize(row_cells_);
+  std::uint32_t* changed = changed_.data();
+  std::int32_t* umbra = covered_[0].data();
+  std::int32_t* middle = covered_[1].data();
+  std::int32_t* penumbra = covered_[2].data();
+  for (std::size_t row = 0; row < height; ++row) {
+    std::array<std::int32_t, 4>* steps = &steps_[row * row_cells_];
+    std::uint8_t* touched = &touched_[row * row_cells_];
+    std::array<std::int32_t, 3> covered{};
+    std::size_t count = 0;
+    for (std::size_t block = 0; block < row_cells_; block += kFlagsAtOnce) {
+      std::uint64_t flags = 0;
+      std::memcpy(&flags, touched + block, sizeof(flags));
+      if (flags == 0) continue;
+      std::memset(touched + block, 0, sizeof(flags));
+      do {
+        const std::size_t i = block + static_cast<std::size_t>(std::countr_zero(flags)) / 8;
+        flags &= flags - 1;
+        std::array<std::int32_t, 4>& step = steps[i];
+        umbra[count] = covered[0] += step[0];
+        middle[count] = covered[1] += step[1];
+        penumbra[count] = covered[2] += step[2];
+        step = {};
+        changed[count++] = static_cast<std::uint32_t>(i);
+      } while (flags != 0);
+    }
+    std::uint8_t* out = codes.data() + row * width;
+    std::fill_n(out, width, std::uint8_t{255});
+    codes_of(umbra, middle, penumbra, count, light.x, light.y, light.z, changed_codes_.data());
+    // What lies between is like the cell before; what lies right of the last is not covered.
+    const std::uint8_t* code = changed_codes_.data();
+    for (std::size_t i = 0; i < count && changed[i] < width; ++i) {
+      out[changed[i]] = code[i];
+      if (code[i] == 255 || i + 1 == count) continue;
+      const std::size_t next = std::min<std::size_t>(changed[i + 1], width);
+      for (std::size_t cell = changed[i] + 1; cell < next; ++cell) out[cell] = code[i];
     }
   }
 }

@@ -77,14 +77,22 @@ class MaskPicture {
   void finish(const glm::vec3& light, std::vector<std::uint8_t>& codes);
 
  private:
-  void add_edge(int layer, std::int64_t u0, std::int64_t v0, std::int64_t u1, std::int64_t v1);
-  void add_in_row(int layer, std::int64_t row, std::int64_t u0, int v0, std::int64_t u1, int v1);
+  // Places in 1/256 cells from the first cell's corner; of add_in_row() `v` from the row's border,
+  // and the row by its first cell.
+  void add_edge(int layer, int u0, int v0, int u1, int v1);
+  void add_in_row(int layer, std::ptrdiff_t begin, int u0, int v0, int u1, int v1);
 
   MaskCells cells_;
   // By how much the covered share of a cell differs from that of the one before it in its row, in
-  // 1/kWhole, for each layer; one cell more than the row has.
+  // 1/kWhole, for each layer; at least one cell more than the row has.
   std::vector<std::array<std::int32_t, 4>> steps_;
-  std::vector<std::array<int, 2>> rows_;  // the cells of each row that are touched: from, to
+  std::vector<std::uint8_t> touched_;  // 1 for each of these that an edge has changed
+  std::size_t row_cells_ = 0;          // of both
+  // Of one row: the cells that were touched, what is covered of them by each layer, and their
+  // codes.
+  std::vector<std::uint32_t> changed_;
+  std::array<std::vector<std::int32_t>, 3> covered_;
+  std::vector<std::uint8_t> changed_codes_;
 };
 
 }  // namespace penumbra
