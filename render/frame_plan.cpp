@@ -599,6 +599,7 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
     return plan;
   }
   plan.finest_edges = options.finest_edges;
+  plan.whole_masks = !options.skip;
   plan.translucency = options.translucency;
   plan.layers = options.layers;
   plan.overlay_opacity = static_cast<float>(opacity_for(pose.status, pose.held_from, pose.age_s));

@@ -26,7 +26,8 @@ struct PlanOptions {
   bool light_rays = false;  // of every shadow node, whatever it says
   bool skip =
       true;  // leave out what can't be seen; the picture is the same either way, bit for bit
-  // Split casters' edges as the nearest distance expected asks for, not as the present one does;
+  // Split casters' edges and masks as the nearest distance expected asks for, not as the present
+  // one does;
   // the picture is the same to 0.15 px.
   bool finest_edges = false;
 };
@@ -145,7 +146,8 @@ struct FramePlan {
   CameraPose T_table_camera;
   Translucency translucency = Translucency::automatic;  // of all that is drawn
   LayerDrawing layers = LayerDrawing::automatic;
-  bool finest_edges = false;         // of casters, whatever the distance
+  bool finest_edges = false;         // of casters and masks, whatever the distance
+  bool whole_masks = false;          // of planes: also where they darken nothing
   float overlay_opacity = 1.0F;      // 1 when tracked, lower when uncertain or held
   std::vector<ObjectDraw> phantoms;  // depth only
   std::vector<ObjectDraw> objects;

@@ -83,8 +83,8 @@ void FieldQuad::draw(const ShaderProgram& program, const FieldTexture& field,
               glm::vec3(wanted[0] ? 1.0F : 0.0F, wanted[1] ? 1.0F : 0.0F, wanted[2] ? 1.0F : 0.0F));
   program.set("layer_light", layer_light);
   field.texture_->bind(0);
-  grids_.draw(static_cast<double>(std::max(field.rect_.z, field.rect_.w)), longest_edge_m_,
-              straight_);
+  grids_.draw(UnitGrids::grid_for(static_cast<double>(std::max(field.rect_.z, field.rect_.w)),
+                                  longest_edge_m_, straight_));
 }
 
 }  // namespace penumbra

@@ -1,10 +1,15 @@
-// Draws a MaskPicture as one textured rectangle on its plane.
+// Draws a MaskPicture as a textured rectangle on its plane, or those pieces of it that darken
+// anything.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
+#include <vector>
 
 #include "render/camera_gl.hpp"
+#include "render/gl/buffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/gl/texture.hpp"
 #include "render/passes/translucent_program.hpp"
@@ -21,8 +26,25 @@ class MaskTexture {
 
  private:
   friend class MaskQuad;
+  static constexpr std::size_t kPieces = std::size_t{1} << (UnitGrids::kGrids - 1);
+
   Texture2d texture_{TextureFilter::linear};
   glm::vec4 rect_{0.0F};  // corner and extents [m], plane
+  // Of the finest grid's pieces, row by row, a bit each: whether it darkens anything.
+  std::array<std::uint64_t, kPieces> darkens_{};
+  std::vector<std::uint8_t> darkest_in_column_;  // of some rows
+  // Those of the grid that was drawn last.
+  VertexArray layout_;
+  GlBuffer indices_{BufferUse::indices};
+  std::optional<std::size_t> grid_;
+  bool all_ = false;
+  int index_count_ = 0;
+};
+
+// How a mask is drawn. The pictures are the same: to the bit, and to 0.15 px.
+struct MaskPieces {
+  bool all = false;     // also those that darken nothing
+  bool finest = false;  // as short as the nearest distance expected asks for, whatever the present
 };
 
 class MaskQuad {
@@ -33,8 +55,8 @@ class MaskQuad {
     return program_.choose(way, video);
   }
   [[nodiscard]] const ShaderProgram& program() const { return program_.get(); }
-  void draw(const MaskTexture& mask, const LensUniforms& lens,
-            const glm::mat4x3& camera_from_plane) const;
+  void draw(MaskTexture& mask, const LensUniforms& lens, const glm::mat4x3& camera_from_plane,
+            const MaskPieces& pieces) const;
 
  private:
   MaskQuad(TranslucentProgram program, double longest_edge_m)
@@ -42,7 +64,8 @@ class MaskQuad {
 
   TranslucentProgram program_;
   UnitGrids grids_;
-  double longest_edge_m_ = 0.0;  // pieces are no longer than this, so that they follow the lens
+  // At the nearest distance expected pieces are no longer than this, so that they follow the lens.
+  double longest_edge_m_ = 0.0;
 };
 
 }  // namespace penumbra

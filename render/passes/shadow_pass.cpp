@@ -1254,7 +1254,8 @@ int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens, Receivers&
       glStencilMask(0);
       receivers.test_place();
       mask_quad_.draw(*mask->second.texture, lens,
-                      camera_from_plane(plan.T_table_camera, receiver.frame));
+                      camera_from_plane(plan.T_table_camera, receiver.frame),
+                      {plan.whole_masks, plan.finest_edges});
       ++calls;
       continue;
     }
