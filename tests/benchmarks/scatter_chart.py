@@ -5,11 +5,13 @@ PANEL_W, PANEL_H = 400, 300
 
 
 def place_labels(points, width):
-    """A place for each label beside its point, where it meets no other label or point: the free one nearest to it."""
+    """A place for each label beside its point, where it meets no other label or point: the free one nearest to it. Rather not next to
+    another's point, whose name it would seem to be."""
     taken = [(x - 7, y - 7, x + 7, y + 7) for _, x, y in points]
     placed = []
     for name, x, y in sorted(points, key=lambda p: p[2]):
         w, h = 6.4 * len(name) + 4, 14
+        others = [(px, py) for other, px, py in points if other != name]
         best = None
         for ring in range(0, 7):
             for dx, dy in ((10, 4), (-10 - w, 4), (-w / 2, -10), (-w / 2, 18), (10, -8), (10, 16), (-10 - w, -8), (-10 - w, 16)):
@@ -19,7 +21,8 @@ def place_labels(points, width):
                     continue
                 if any(box[0] < t[2] and t[0] < box[2] and box[1] < t[3] and t[1] < box[3] for t in taken):
                     continue
-                cost = abs(left + (0 if dx > 0 else w) - x) + abs(base - y) + 12 * ring
+                near = sum(box[0] - 30 < px < box[2] + 30 and box[1] - 6 < py < box[3] + 6 for px, py in others)
+                cost = abs(left + (0 if dx > 0 else w) - x) + abs(base - y) + 12 * ring + 60 * near
                 if best is None or cost < best[0]:
                     best = (cost, left, base, box)
         if best is None:

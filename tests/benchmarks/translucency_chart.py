@@ -55,7 +55,7 @@ def draw(file):
     missing = sorted({way for _, way, *_ in rows} - set(cost))
     if missing or len(rows) < 4:
         return
-    top, names, each = 96, 190, 150
+    top, names, each = 96, 210, 150
     lines = [(label, way) for label, way, *_ in rows]
     panels = [("instructions / simple", [cost[way] for _, way in lines], lambda v: f"{v:.2f}"),
               ("density off by, at most", [row[2] for row in rows], lambda v: f"{v:.3f}"),
