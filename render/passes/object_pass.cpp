@@ -227,8 +227,7 @@ void ObjectPass::set_material(const ShaderProgram& program, const Model& model, 
     program.set(name, unit);
     if (texture != nullptr) texture->bind(unit);
   };
-  set_map("has_base_color_map", "base_color_texture", kBaseColorUnit, material.base_color_texture,
-          textures.base_color);
+  program.set("base_color_by_second", static_cast<float>(material.base_color_texture.texcoords));
   set_map("has_metal_map", "metal_map", kMetalUnit, material.metallic_roughness_texture,
           textures.metallic_roughness);
   set_map("has_normal_map", "normal_map", kNormalUnit, material.normal_texture, textures.normal);

@@ -25,8 +25,8 @@ uniform int darkens;    // 1: the shadow on it; 2: the blocked share, for light_
 uniform float opacity;  // of the shadow, or of the surface
 
 #if defined(MATERIAL_MAPS)
+uniform float base_color_by_second;  // 1 where the texture goes by the second coordinates
 // Of each map: x 1 where the material has it, y 1 where it goes by the second coordinates.
-uniform vec2 has_base_color_map;  // y alone
 uniform vec2 has_metal_map;
 uniform vec2 has_normal_map;
 uniform vec2 has_occlusion_map;
@@ -41,8 +41,8 @@ uniform float base_alpha;
 uniform float alpha_cutoff;  // under it nothing is drawn; negative: everything is
 uniform int alpha_blends;
 
-vec2 map_place(vec2 map) {
-  return map.y > 0.5 ? surface_2 : surface;
+vec2 map_place(float by_second) {
+  return by_second > 0.5 ? surface_2 : surface;
 }
 
 // The surface's normal turned as the map says: of a side that is seen from behind with it.
@@ -54,7 +54,7 @@ vec3 mapped_normal(vec3 n) {
   float side = dot(n, facing) < 0.0 ? -1.0 : 1.0;
   t *= side / size;
   vec3 b = cross(n * side, t * side) * along.w * side;
-  vec3 m = (2.0 * texture(normal_map, map_place(has_normal_map)).xyz - 1.0) *
+  vec3 m = (2.0 * texture(normal_map, map_place(has_normal_map.y)).xyz - 1.0) *
            vec3(normal_scale, normal_scale, 1.0);
   vec3 turned = t * m.x + b * m.y + n * m.z;
   float turned_size = length(turned);
@@ -68,7 +68,7 @@ void main() {
 #if defined(MATERIAL_MAPS)
   float alpha = base_alpha * tint.a;
   if (has_texture != 0)
-    alpha *= texture(base_color_texture, map_place(has_base_color_map)).a;
+    alpha *= texture(base_color_texture, map_place(base_color_by_second)).a;
   if (alpha < alpha_cutoff) discard;
   n = mapped_normal(n);
 #endif
@@ -80,20 +80,20 @@ void main() {
   vec3 albedo = base_color * tint.rgb;
 #if defined(MATERIAL_MAPS)
   if (has_texture != 0)
-    albedo *= texture(base_color_texture, map_place(has_base_color_map)).rgb;
+    albedo *= texture(base_color_texture, map_place(base_color_by_second)).rgb;
   vec3 own_light = emissive;
   float metal = metallic;
   float rough = roughness;
   float open = 1.0;
   if (has_emissive_map.x > 0.5)
-    own_light *= texture(emissive_map, map_place(has_emissive_map)).rgb;
+    own_light *= texture(emissive_map, map_place(has_emissive_map.y)).rgb;
   if (has_metal_map.x > 0.5) {
-    vec4 maps = texture(metal_map, map_place(has_metal_map));
+    vec4 maps = texture(metal_map, map_place(has_metal_map.y));
     rough *= maps.g;
     metal *= maps.b;
   }
   if (has_occlusion_map.x > 0.5) {
-    float seen = texture(occlusion_map, map_place(has_occlusion_map)).r;
+    float seen = texture(occlusion_map, map_place(has_occlusion_map.y)).r;
     open = 1.0 + occlusion_strength * (seen - 1.0);
   }
 #else
