@@ -78,20 +78,10 @@ tl::unexpected<Trouble> trouble(const V4l2Device& device, const char* call, int 
 FrameLayout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) {
   FrameLayout layout = frame_layout(known.pixels, static_cast<int>(granted.width),
                                     static_cast<int>(granted.height), granted.bytesperline);
-  Frame& frame = layout.frame;
-  const std::uint32_t encoding =
-      granted.ycbcr_enc != V4L2_YCBCR_ENC_DEFAULT
-          ? granted.ycbcr_enc
-          : std::uint32_t{V4L2_MAP_YCBCR_ENC_DEFAULT(granted.colorspace)};
-  frame.color_matrix = encoding == V4L2_YCBCR_ENC_709 || encoding == V4L2_YCBCR_ENC_XV709
-                           ? ColorMatrix::bt709
-                           : ColorMatrix::bt601;
-  const std::uint32_t range =
-      granted.quantization != V4L2_QUANTIZATION_DEFAULT
-          ? granted.quantization
-          : std::uint32_t{V4L2_MAP_QUANTIZATION_DEFAULT(false, granted.colorspace, encoding)};
-  frame.color_range =
-      range == V4L2_QUANTIZATION_FULL_RANGE ? ColorRange::full : ColorRange::limited;
+  const VideoColors colors =
+      v4l2_colors(granted.colorspace, granted.ycbcr_enc, granted.quantization);
+  layout.frame.color_matrix = colors.matrix;
+  layout.frame.color_range = colors.range;
   return layout;
 }
 
@@ -623,6 +613,20 @@ class V4l2Source final : public LiveSource {
 };
 
 }  // namespace
+
+VideoColors v4l2_colors(std::uint32_t colorspace, std::uint32_t ycbcr_enc,
+                        std::uint32_t quantization) {
+  const std::uint32_t encoding = ycbcr_enc != V4L2_YCBCR_ENC_DEFAULT
+                                     ? ycbcr_enc
+                                     : std::uint32_t{V4L2_MAP_YCBCR_ENC_DEFAULT(colorspace)};
+  const bool bt601 = encoding == V4L2_YCBCR_ENC_601 || encoding == V4L2_YCBCR_ENC_XV601;
+  const std::uint32_t range =
+      quantization != V4L2_QUANTIZATION_DEFAULT
+          ? quantization
+          : std::uint32_t{V4L2_MAP_QUANTIZATION_DEFAULT(false, colorspace, encoding)};
+  return {bt601 ? ColorMatrix::bt601 : ColorMatrix::bt709,
+          range == V4L2_QUANTIZATION_FULL_RANGE ? ColorRange::full : ColorRange::limited};
+}
 
 bool reads_v4l2_format(std::uint32_t fourcc) {
   return std::ranges::find(kFormats, fourcc, &KnownFormat::fourcc) != kFormats.end();

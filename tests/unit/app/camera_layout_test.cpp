@@ -1,8 +1,10 @@
 // What cameras' buffers look like, and what differs between versions of libcamera.
 #include <gtest/gtest.h>
+#include <linux/videodev2.h>
 
 #include "app/capture/frame_layout.hpp"
 #include "app/capture/libcamera_versions.hpp"
+#include "app/capture/v4l2_source.hpp"
 
 namespace penumbra {
 namespace {
@@ -28,6 +30,37 @@ TEST(FrameLayout, PlanesLieOneBehindTheOther) {
   const FrameLayout rgb = frame_layout(PixelFormat::rgb24, 33, 7, 99);
   EXPECT_EQ(rgb.frame.plane_count, 1);
   EXPECT_EQ(rgb.bytes, 99U * 7U);
+}
+
+// By the kernel's documentation of colour spaces: what is left open hangs on the colour space, and
+// what is said holds whatever that is.
+TEST(V4l2Colors, AreWhatTheDriverSays) {
+  constexpr VideoColors kBt601{ColorMatrix::bt601, ColorRange::limited};
+  constexpr VideoColors kBt601Full{ColorMatrix::bt601, ColorRange::full};
+  constexpr VideoColors kBt709{ColorMatrix::bt709, ColorRange::limited};
+  constexpr VideoColors kBt709Full{ColorMatrix::bt709, ColorRange::full};
+  const auto of = [](std::uint32_t space, std::uint32_t encoding = V4L2_YCBCR_ENC_DEFAULT,
+                     std::uint32_t range = V4L2_QUANTIZATION_DEFAULT) {
+    return v4l2_colors(space, encoding, range);
+  };
+  EXPECT_EQ(of(V4L2_COLORSPACE_DEFAULT), kBt601);
+  EXPECT_EQ(of(V4L2_COLORSPACE_SMPTE170M), kBt601);
+  EXPECT_EQ(of(V4L2_COLORSPACE_470_SYSTEM_BG), kBt601);
+  EXPECT_EQ(of(V4L2_COLORSPACE_SRGB), kBt601) << "usual for webcams";
+  EXPECT_EQ(of(V4L2_COLORSPACE_REC709), kBt709);
+  EXPECT_EQ(of(V4L2_COLORSPACE_JPEG), kBt601Full);
+  EXPECT_EQ(of(V4L2_COLORSPACE_DCI_P3), kBt709);
+  EXPECT_EQ(of(V4L2_COLORSPACE_BT2020), kBt709);
+  EXPECT_EQ(of(V4L2_COLORSPACE_SMPTE240M), kBt709);
+  EXPECT_EQ(of(V4L2_COLORSPACE_SRGB, V4L2_YCBCR_ENC_709), kBt709);
+  EXPECT_EQ(of(V4L2_COLORSPACE_REC709, V4L2_YCBCR_ENC_601), kBt601);
+  EXPECT_EQ(of(V4L2_COLORSPACE_REC709, V4L2_YCBCR_ENC_XV601), kBt601);
+  EXPECT_EQ(of(V4L2_COLORSPACE_SMPTE170M, V4L2_YCBCR_ENC_XV709), kBt709);
+  EXPECT_EQ(of(V4L2_COLORSPACE_SRGB, V4L2_YCBCR_ENC_DEFAULT, V4L2_QUANTIZATION_FULL_RANGE),
+            kBt601Full);
+  EXPECT_EQ(of(V4L2_COLORSPACE_REC709, V4L2_YCBCR_ENC_709, V4L2_QUANTIZATION_FULL_RANGE),
+            kBt709Full);
+  EXPECT_EQ(of(V4L2_COLORSPACE_JPEG, V4L2_YCBCR_ENC_601, V4L2_QUANTIZATION_LIM_RANGE), kBt601);
 }
 
 TEST(FrameLayout, AStrideThatIsTooSmallOrUnknownIsRaised) {
