@@ -463,7 +463,7 @@ TEST(Translucency, MeshAndRetextureNeedNoStencilOnATable) {
     EXPECT_GT(watched.draws, 5);
     return watched.stencilled;
   };
-  EXPECT_GT(stencilled(Translucency::blend), 1);
+  EXPECT_EQ(stencilled(Translucency::blend), 2);
   EXPECT_EQ(stencilled(Translucency::mesh), 0);
   EXPECT_EQ(stencilled(Translucency::retexture), 0);
 }
