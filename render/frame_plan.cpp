@@ -97,6 +97,15 @@ bool misses_outline(const Disc& disc, const std::vector<Eigen::Vector2d>& outlin
                         outline);
 }
 
+// What blends receives nothing; only a phantom, which hides by its depth alone, is drawn whole.
+bool all_blends(const Model& model) {
+  return std::ranges::all_of(model.meshes, [&model](const Mesh& mesh) {
+    const auto at = static_cast<std::size_t>(mesh.material);
+    return mesh.material >= 0 && at < model.materials.size() &&
+           model.materials[at].alpha_mode == AlphaMode::blend;
+  });
+}
+
 class Planner {
  public:
   Planner(const Scene& scene, const SceneState& state, const CameraModel& camera,
@@ -266,8 +275,13 @@ class Planner {
     bool met = false;
     for (const ObjectDraw& receiver : receivers) {
       if (are_one_thing(under.shadow.object, receiver.object)) continue;
+      const SceneObject& object = scene_.objects[static_cast<std::size_t>(receiver.object)];
+      const Model& model = *object.model;
+      if (options_.skip && !object.phantom && all_blends(model)) {
+        skip("receiver_blends", object.name, "shadows do not fall on what blends");
+        continue;
+      }
       asked = true;
-      const Model& model = *scene_.objects[static_cast<std::size_t>(receiver.object)].model;
       const BoxCorners box = box_corners(model, receiver.T_table_object);
       const Disc disc = footprint(box, under.shadow.plane_frame);
       const auto [low, high] = heights_above(under.shadow.plane_frame, box);
