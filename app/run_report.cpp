@@ -308,6 +308,7 @@ void RunRecorder::add_work(const CompositeStats& drawn) {
   work_.proxy_faces_saved += drawn.proxy_faces_saved;
   work_.layer_masks_drawn += drawn.layer_masks_drawn;
   work_.layer_masks_kept += drawn.layer_masks_kept;
+  work_.mask_pieces_skipped += drawn.mask_pieces_skipped;
   work_.masks_drawn += drawn.masks_drawn;
   work_.masks_kept += drawn.masks_kept;
   work_.video_copies += drawn.video_copies;
@@ -360,6 +361,7 @@ std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
       {"proxy_faces_saved", work_.proxy_faces_saved},
       {"layer_masks_drawn", work_.layer_masks_drawn},
       {"layer_masks_kept", work_.layer_masks_kept},
+      {"mask_pieces_skipped", work_.mask_pieces_skipped},
       {"phantom_masks_drawn", work_.masks_drawn},
       {"phantom_masks_kept", work_.masks_kept},
       {"video_copies", work_.video_copies},

@@ -152,9 +152,9 @@ class RunRecorder {
   struct Work {
     std::int64_t shadow_vertices = 0, kernel_generations = 0, reprojections = 0,
                  triples_recomputed = 0, proxy_shadows = 0, proxy_checks = 0, proxy_faces_saved = 0,
-                 layer_masks_drawn = 0, layer_masks_kept = 0, masks_drawn = 0, masks_kept = 0,
-                 video_copies = 0, video_imports = 0, faces_tested = 0, faces_twisted = 0,
-                 passes_drawn = 0, passes_skipped = 0;
+                 layer_masks_drawn = 0, layer_masks_kept = 0, mask_pieces_skipped = 0,
+                 masks_drawn = 0, masks_kept = 0, video_copies = 0, video_imports = 0,
+                 faces_tested = 0, faces_twisted = 0, passes_drawn = 0, passes_skipped = 0;
   };
   struct Group {
     GroupReport report;

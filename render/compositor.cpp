@@ -93,6 +93,7 @@ void add(CompositeStats& to, const CompositeStats& stats) {
   to.proxy_faces_saved += stats.proxy_faces_saved;
   to.layer_masks_drawn += stats.layer_masks_drawn;
   to.layer_masks_kept += stats.layer_masks_kept;
+  to.mask_pieces_skipped += stats.mask_pieces_skipped;
   to.masks_drawn += stats.masks_drawn;
   to.masks_kept += stats.masks_kept;
   to.video_copies += stats.video_copies;
@@ -205,6 +206,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   m.stats.proxy_faces_saved = work.proxy_faces_saved;
   m.stats.layer_masks_drawn = work.layer_masks_drawn;
   m.stats.layer_masks_kept = work.layer_masks_kept;
+  m.stats.mask_pieces_skipped = plan.has_pose ? m.shadows.mask_pieces_skipped() : 0;
   m.stats.masks_drawn = work.masks_drawn;
   m.stats.masks_kept = work.masks_kept;
   m.stats.faces_tested = work.faces_tested;
@@ -221,7 +223,7 @@ Result<CompositeStats> Compositor::read_back(std::span<std::uint8_t> rgba) {
   m.framebuffer.read_rgba(rgba);
   clock.add_to(m.stats.readback_ms, m.stats.readback_cpu_ms);
   if (const auto error = noted_gl_error())
-    return fail("the graphics driver reports error {:#x} while the picture is read back", *error);
+    return fail("while the picture is read back: {}", gl_error_text(*error));
   return m.stats;
 }
 

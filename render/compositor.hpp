@@ -35,6 +35,7 @@ struct CompositeStats {
   std::int64_t proxy_faces_saved = 0;  // by those drawn, over all their layers
   // Of the layers on a plane as a picture of their own: drawn, and kept from a frame before.
   std::int64_t layer_masks_drawn = 0, layer_masks_kept = 0;
+  std::int64_t mask_pieces_skipped = 0;  // of these pictures, where they darken nothing
   // Of the shadows on phantoms and objects, a picture for each level: drawn, and kept from a frame
   // before.
   std::int64_t masks_drawn = 0, masks_kept = 0;

@@ -68,8 +68,8 @@ Result<MaskQuad> MaskQuad::create(GlApi api, double longest_edge_m) {
   return MaskQuad(std::move(*program), longest_edge_m);
 }
 
-void MaskQuad::draw(MaskTexture& mask, const LensUniforms& lens,
-                    const glm::mat4x3& camera_from_plane, const MaskPieces& pieces) const {
+int MaskQuad::draw(MaskTexture& mask, const LensUniforms& lens,
+                   const glm::mat4x3& camera_from_plane, const MaskPieces& pieces) const {
   const ShaderProgram& p = program_.get();
   p.use();
   set_lens(p, lens);
@@ -115,6 +115,7 @@ void MaskQuad::draw(MaskTexture& mask, const LensUniforms& lens,
   }
   mask.layout_.bind();
   glDrawElements(GL_TRIANGLES, mask.index_count_, GL_UNSIGNED_INT, nullptr);
+  return (1 << 2 * grid) - mask.index_count_ / 6;
 }
 
 }  // namespace penumbra

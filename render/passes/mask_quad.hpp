@@ -55,8 +55,9 @@ class MaskQuad {
     return program_.choose(way, video);
   }
   [[nodiscard]] const ShaderProgram& program() const { return program_.get(); }
-  void draw(MaskTexture& mask, const LensUniforms& lens, const glm::mat4x3& camera_from_plane,
-            const MaskPieces& pieces) const;
+  // How many pieces were left out.
+  int draw(MaskTexture& mask, const LensUniforms& lens, const glm::mat4x3& camera_from_plane,
+           const MaskPieces& pieces) const;
 
  private:
   MaskQuad(TranslucentProgram program, double longest_edge_m)

@@ -1222,6 +1222,7 @@ int ShadowPass::draw_strips(const FramePlan& plan, const PlaneReceiver& receiver
 int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers,
                      const VideoPass& video, const Frame& frame, Framebuffer& framebuffer) {
   PENUMBRA_ASSERT(items_.size() == plan.shadows.size());
+  mask_pieces_skipped_ = 0;
   const bool strips = way_ == Translucency::geometry_mesh;
   const Brush brush{strips ? shadow_program_.plain() : shadow_program_.get(),
                     strips ? field_quad_.program().plain() : field_quad_.program().get(),
@@ -1253,9 +1254,9 @@ int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens, Receivers&
       if (!mask->second.texture) continue;
       glStencilMask(0);
       receivers.test_place();
-      mask_quad_.draw(*mask->second.texture, lens,
-                      camera_from_plane(plan.T_table_camera, receiver.frame),
-                      {plan.whole_masks, plan.finest_edges});
+      mask_pieces_skipped_ += mask_quad_.draw(
+          *mask->second.texture, lens, camera_from_plane(plan.T_table_camera, receiver.frame),
+          {plan.whole_masks, plan.finest_edges});
       ++calls;
       continue;
     }

@@ -97,6 +97,8 @@ class ShadowPass {
   // and nothing but that under the planes in `framebuffer`. Number of draw calls.
   int draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers,
            const VideoPass& video, const Frame& frame, Framebuffer& framebuffer);
+  // Of the planes' masks, in that draw(): pieces that darken nothing.
+  [[nodiscard]] std::int64_t mask_pieces_skipped() const { return mask_pieces_skipped_; }
   // One more shadow than the plan's `shadows`, of the same frame: on a plane that is parallel to
   // its own, the `level`th of its receiver. For draw_flat(), until the next prepare().
   std::size_t prepare_flat(const Scene& scene, const ReceivedShadowDraw& draw, int level,
@@ -310,6 +312,7 @@ class ShadowPass {
   double pixel_at_unit_depth_ = 0.0;  // 1 m from the camera [m]
   ViewFrustum frustum_;
   std::map<int, PlaneMask> plane_masks_;
+  std::int64_t mask_pieces_skipped_ = 0;
   std::vector<MaskCaster> mask_casters_;
   MaskPicture mask_picture_;
   std::vector<std::uint8_t> mask_codes_;

@@ -295,6 +295,37 @@ TEST(Compositor, ReportsWhatTheDriverRefusesInTheSameFrame) {
       << "one frame's error is not the next's";
 }
 
+PFNGLGETERRORPROC driver_get_error = nullptr;
+GLenum noted_always = GL_NO_ERROR;
+GLenum get_error() {
+  return noted_always == GL_NO_ERROR ? driver_get_error() : noted_always;
+}
+
+// As a driver does that was reset, for ever; and one that is out of memory.
+TEST(Compositor, ReportsALostContextInOneLine) {
+  SceneBuilder builder;
+  Studio studio(builder.build(), test::camera_of(64, 48, 60.0));
+  const Frame frame = test::plain_frame(64, 48, 0);
+  ASSERT_TRUE(studio.compositor().draw(frame, FramePlan()));
+  std::vector<std::uint8_t> rgba(std::size_t{4} * 64 * 48);
+  driver_get_error = epoxy_glGetError;
+  epoxy_glGetError = get_error;
+  for (const auto& [error, what] :
+       {std::pair(GL_CONTEXT_LOST, "was reset"), std::pair(GL_OUT_OF_MEMORY, "out of memory")}) {
+    noted_always = static_cast<GLenum>(error);
+    const auto drawn = studio.compositor().draw(frame, FramePlan());
+    const auto read = studio.compositor().read_back(rgba);
+    noted_always = GL_NO_ERROR;
+    for (const auto& result : {drawn, read}) {
+      ASSERT_FALSE(result);
+      EXPECT_THAT(result.error().message, testing::HasSubstr(what));
+      EXPECT_THAT(result.error().message, testing::Not(testing::HasSubstr("\n")));
+    }
+    EXPECT_TRUE(studio.compositor().draw(frame, FramePlan()));
+  }
+  epoxy_glGetError = driver_get_error;
+}
+
 // What was noted while models and textures went to the GPU is told before the first frame.
 TEST(Compositor, ReportsWhatTheDriverRefusesOfAScene) {
   const auto context = create_offscreen_context();

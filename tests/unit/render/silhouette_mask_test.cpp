@@ -390,6 +390,64 @@ TEST_F(DrawnMask, FollowsTheLens) {
   EXPECT_EQ(off, 0);
 }
 
+// By any way and with any lens, bit for bit; also of a mask that was kept from another view.
+TEST_F(DrawnMask, LeavingOutPiecesThatDarkenNothingChangesNoBit) {
+  const auto objects = scene({{torus(), test::at(-0.15, 0.02, 0.1, {1, 0.2, 0}, 0.4)},
+                              {table_and_ball(), test::at(0.12, 0.1, 0.05)}});
+  const PoseEstimate near = test::tracked(test::look_at({0.05, -0.2, 0.25}, {0.0, 0.05, 0.0}));
+  const PoseEstimate far = test::tracked(test::look_at({0.1, -0.8, 0.9}, {0.0, 0.05, 0.0}));
+  for (const bool lens : {false, true}) {
+    const CameraModel by_camera = lens ? bent_camera() : camera();
+    Studio some(objects, by_camera);
+    Studio all(objects, by_camera);
+    for (const Translucency way :
+         {Translucency::blend, Translucency::retexture, Translucency::mesh}) {
+      for (const PoseEstimate& at : {far, near, far, pose()}) {
+        FramePlan plan = some.plan(at, by(LayerDrawing::mask, way));
+        plan.objects.clear();
+        ASSERT_FALSE(plan.whole_masks);
+        const Frame frame = test::plain_frame(kWidth, kHeight, 200);
+        const Picture picture = some.draw(frame, plan);
+        ASSERT_EQ(some.stats().layer_masks_drawn + some.stats().layer_masks_kept, 1);
+        // Half of the rectangle about both, and more.
+        EXPECT_GT(some.stats().mask_pieces_skipped, 128);
+        plan.whole_masks = true;
+        EXPECT_EQ(picture, all.draw(frame, plan)) << to_string(way) << " lens " << lens;
+        EXPECT_EQ(all.stats().mask_pieces_skipped, 0);
+        EXPECT_EQ(picture, some.draw(frame, plan)) << "the switch is heeded for a kept mask";
+        EXPECT_EQ(some.stats().mask_pieces_skipped, 0);
+      }
+    }
+  }
+}
+
+// As far away as the camera is, longer pieces follow the lens to 0.15 px.
+TEST_F(DrawnMask, PiecesAreAsLongAsTheLensAllows) {
+  const auto objects = ring();
+  Studio studio(objects, bent_camera());
+  const auto drawn = [&](const PoseEstimate& at, bool finest) {
+    PlanOptions options = by(LayerDrawing::mask);
+    options.finest_edges = finest;
+    return studio.draw_shadows(test::plain_frame(kWidth, kHeight, 255), studio.plan(at, options));
+  };
+  for (const double away : {0.6, 1.0, 1.6}) {
+    const PoseEstimate at = test::tracked(
+        test::look_at({0.1 * away, -0.45 * away, 0.4 * away}, {0.13 * away, 0.1 * away, 0.0}));
+    const Picture now = drawn(at, false);
+    const Picture finest = drawn(at, true);
+    EXPECT_NE(now, finest) << away;
+    int most = 0;
+    int dark = 0;
+    for (std::size_t i = 0; i < now.rgba.size(); i += 4) {
+      most = std::max(most, std::abs(now.rgba[i] - finest.rgba[i]));
+      dark += now.rgba[i] < 200 ? 1 : 0;
+    }
+    EXPECT_GT(dark, 200) << away;
+    // An edge of all of the light, moved by so much of a pixel.
+    EXPECT_LE(most, 0.15 * 255) << away;
+  }
+}
+
 TEST_F(DrawnMask, EveryWayAndEveryApiGiveOnePicture) {
   const auto objects = scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
                               {torus(), test::at(0.9, 2.0, 0.1)}});  // one out of view
