@@ -535,13 +535,8 @@ class Planner {
       skip("shadow_off_receiver", object.name, "off the plane's outline");
       return false;
     }
-    std::array<Eigen::Vector3d, 4> square;
-    for (std::size_t i = 0; i < square.size(); ++i) {
-      const double du = (i & 1U) != 0U ? disc.radius : -disc.radius;
-      const double dv = (i & 2U) != 0U ? disc.radius : -disc.radius;
-      square[i] =
-          T_camera_table_ * draw.plane_frame.lift(disc.centre.x() + du, disc.centre.y() + dv);
-    }
+    std::array<Eigen::Vector3d, 4> square = draw.plane_frame.square_about(disc.centre, disc.radius);
+    for (Eigen::Vector3d& corner : square) corner = T_camera_table_ * corner;
     if (frustum_.misses(square)) {
       skip("shadow_out_of_view", object.name, "its shadow is outside the view");
       return false;

@@ -950,13 +950,8 @@ void ShadowPass::make_mask(const FramePlan& plan, int plane, PlaneMask& mask, Sh
     const ShadowDraw& draw = plan.shadows[i];
     const Prepared& prepared = *items_[i].prepared;
     if (draw.plane != plane || !prepared.valid) continue;
-    std::array<Eigen::Vector3d, 4> square;
-    for (std::size_t corner = 0; corner < square.size(); ++corner) {
-      const double du = (corner & 1U) != 0U ? draw.radius : -draw.radius;
-      const double dv = (corner & 2U) != 0U ? draw.radius : -draw.radius;
-      square[corner] =
-          T_camera_table * draw.plane_frame.lift(draw.centre.x() + du, draw.centre.y() + dv);
-    }
+    std::array<Eigen::Vector3d, 4> square = draw.plane_frame.square_about(draw.centre, draw.radius);
+    for (Eigen::Vector3d& corner : square) corner = T_camera_table * corner;
     // What is out of view is left out whatever the plan says: it would make the mask larger.
     // Kernels from a file may lie anywhere.
     if (!prepared.kernel_key.stored && frustum_.misses(square)) continue;

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <array>
 #include <cmath>
 
 namespace penumbra {
@@ -35,6 +36,14 @@ struct PlaneFrame {
     return {e1.dot(d), e2.dot(d), n.dot(d)};
   }
   [[nodiscard]] Eigen::Vector3d lift(double u, double v) const { return q + u * e1 + v * e2; }
+  // The corners of the square about a disc on the plane.
+  [[nodiscard]] std::array<Eigen::Vector3d, 4> square_about(const Eigen::Vector2d& centre,
+                                                            double radius) const {
+    const Eigen::Vector3d middle = lift(centre.x(), centre.y());
+    const Eigen::Vector3d u = radius * e1;
+    const Eigen::Vector3d v = radius * e2;
+    return {middle - u - v, middle + u - v, middle - u + v, middle + u + v};
+  }
   [[nodiscard]] double height(const Eigen::Vector3d& p) const { return n.dot(p - q); }
   friend bool operator==(const PlaneFrame&, const PlaneFrame&) = default;
 };
