@@ -421,6 +421,26 @@ TEST_F(DrawnMask, LeavingOutPiecesThatDarkenNothingChangesNoBit) {
   }
 }
 
+// Of a caster that slides and turns: its edges cross pieces' borders anywhere.
+TEST_F(DrawnMask, PiecesAreThoseOfThePresentMask) {
+  const auto objects = ring();
+  Studio some(objects, camera());
+  Studio all(objects, camera());
+  SceneState state = evaluate_scene(*objects, 0.0);
+  const Frame frame = test::plain_frame(kWidth, kHeight, 200);
+  for (int i = 0; i < 60; ++i) {
+    state.objects[0].position.x() += 0.00037;
+    state.objects[0].rotation =
+        Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitZ()) * state.objects[0].rotation;
+    FramePlan plan = plan_frame(*objects, state, pose(), camera(), by(LayerDrawing::mask));
+    plan.objects.clear();
+    const Picture picture = some.draw(frame, plan);
+    EXPECT_GT(some.stats().mask_pieces_skipped, 0);
+    plan.whole_masks = true;
+    ASSERT_EQ(picture, all.draw(frame, plan)) << i;
+  }
+}
+
 // As far away as the camera is, longer pieces follow the lens to 0.15 px.
 TEST_F(DrawnMask, PiecesAreAsLongAsTheLensAllows) {
   const auto objects = ring();
