@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cerrno>
 #include <cmath>
 #include <cstring>
@@ -144,6 +145,8 @@ class Stream {
   [[nodiscard]] const KnownFormat& known() const { return *known_; }
   [[nodiscard]] const FrameLayout& layout() const { return layout_; }
   [[nodiscard]] const V4l2Buffer& buffer(unsigned index) const { return (*buffers_)[index]; }
+  // Why the driver did not take a buffer back, as an errno.
+  [[nodiscard]] int refusal() const { return refusal_; }
   [[nodiscard]] bool shares() const { return buffer(0).shared().has_value(); }
 
  private:
@@ -286,20 +289,23 @@ class Stream {
       buffers->push_back(std::move(*buffer));
     }
     buffers_ = buffers;
-    ring_ = BufferRing::create(std::move(views), {[&device = *device_, buffers](unsigned index) {
-                                                    (*buffers)[index].end_reading();
-                                                    v4l2_buffer buffer{};
-                                                    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-                                                    buffer.memory = V4L2_MEMORY_MMAP;
-                                                    buffer.index = index;
-                                                    return device.call(VIDIOC_QBUF, &buffer) == 0;
-                                                  },
-                                                  [buffers] { buffers->clear(); }});
+    const auto give_back = [&device = *device_, &refusal = refusal_, buffers](unsigned index) {
+      (*buffers)[index].end_reading();
+      v4l2_buffer buffer{};
+      buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+      buffer.memory = V4L2_MEMORY_MMAP;
+      buffer.index = index;
+      const int error = device.call(VIDIOC_QBUF, &buffer);
+      if (error != 0) refusal = error;
+      return error == 0;
+    };
+    ring_ = BufferRing::create(std::move(views), {give_back, [buffers] { buffers->clear(); }});
     return {};
   }
 
-  // Outlives the ring's use of it: the destructor closes the ring.
+  // These outlive the ring's use of them: the destructor closes the ring.
   const std::shared_ptr<const V4l2Device> device_;
+  std::atomic<int> refusal_ = EINVAL;  // why a buffer was not taken back, an errno
   const KnownFormat* known_ = nullptr;
   StreamFormat format_;
   std::optional<double> exposure_s_;
@@ -499,7 +505,10 @@ class V4l2Source final : public LiveSource {
       return std::nullopt;
     }
     if (stream_->ring().refused()) {
-      lose_stream(CaptureFault::refused, "the driver does not take a buffer back");
+      // A device that failed or went tells so here too, before or in place of VIDIOC_DQBUF.
+      const int error = stream_->refusal();
+      lose_stream(fault_of(error),
+                  fmt::format("the driver does not take a buffer back: {}", message_of(error)));
       return std::nullopt;
     }
     v4l2_buffer buffer{};
