@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <deque>
+#include <limits>
 #include <tuple>
 
 namespace penumbra {
@@ -95,6 +96,127 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 7> {
   const PointObservation& observation_;
 };
 
+std::optional<CameraPose> minimum_by_ceres(const CameraModel& camera,
+                                           std::span<const PointObservation> observations,
+                                           const CameraPose& start, const RefinerOptions& options) {
+  PoseParameters x{};
+  write_pose(start, x.data());
+  ceres::Problem::Options ownership;
+  ownership.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ownership.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ownership.disable_all_safety_checks = true;
+  // They must outlive the problem.
+  ceres::HuberLoss loss(options.robust_scale_px);
+  PoseManifold manifold;
+  std::deque<ReprojectionCost> costs;  // their addresses stay
+  ceres::Problem problem(ownership);
+  problem.AddParameterBlock(x.data(), 7, &manifold);
+  for (const PointObservation& observation : observations) {
+    costs.emplace_back(camera, observation);
+    problem.AddResidualBlock(&costs.back(), &loss, x.data());
+  }
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = ceres::DENSE_QR;
+  solver.max_num_iterations = options.max_iterations;
+  solver.num_threads = 1;
+  solver.logging_type = ceres::SILENT;
+  // A step under these moves no corner by 1e-4 px.
+  solver.function_tolerance = 1e-10;
+  solver.parameter_tolerance = 1e-10;
+  solver.gradient_tolerance = 1e-12;
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, &problem, &summary);
+  if (!summary.IsSolutionUsable()) return std::nullopt;
+  return to_pose(x.data());
+}
+
+// The squares' sum of a pose with Huber's loss, and where asked for its normal equations by the
+// step in the camera's own axes. Infinite where a point is not in front of the camera.
+struct NormalEquations {
+  Matrix6d H = Matrix6d::Zero();  // lower triangle
+  Vector6d g = Vector6d::Zero();
+};
+double cost_of(const CameraModel& camera, std::span<const PointObservation> observations,
+               const CameraPose& pose, double robust_scale_px, NormalEquations* equations) {
+  const auto T_camera_table = pose.inverse();
+  const Eigen::Matrix3d R = T_camera_table.rotation_matrix();
+  const Eigen::Vector3d& t = T_camera_table.translation();
+  double cost = 0.0;
+  Eigen::Matrix<double, 2, 3> J_point;
+  for (const PointObservation& observation : observations) {
+    const Eigen::Vector3d p = R * observation.p_table + t;
+    if (!(p.z() > kNearest)) return std::numeric_limits<double>::infinity();
+    const Eigen::Vector2d r =
+        camera.project_unchecked(p, equations != nullptr ? &J_point : nullptr) - observation.pixel;
+    const double square = r.squaredNorm();
+    const bool inside = square <= robust_scale_px * robust_scale_px;
+    const double error = inside ? 0.0 : std::sqrt(square);
+    cost += inside ? square : robust_scale_px * (2.0 * error - robust_scale_px);
+    if (equations == nullptr) continue;
+    const double weight = inside ? 1.0 : robust_scale_px / error;
+    // The camera's own motion moves the point to p - nu - omega x p = p - nu + [p]x omega.
+    std::array<std::array<double, 6>, 2> J;
+    for (int axis = 0; axis < 2; ++axis) {
+      const double x = J_point(axis, 0);
+      const double y = J_point(axis, 1);
+      const double z = J_point(axis, 2);
+      J[static_cast<std::size_t>(axis)] = {
+          -x, -y, -z, y * p.z() - z * p.y(), z * p.x() - x * p.z(), x * p.y() - y * p.x()};
+    }
+    for (std::size_t row = 0; row < 6; ++row) {
+      const double w0 = weight * J[0][row];
+      const double w1 = weight * J[1][row];
+      for (std::size_t column = 0; column <= row; ++column)
+        equations->H(static_cast<int>(row), static_cast<int>(column)) +=
+            w0 * J[0][column] + w1 * J[1][column];
+      equations->g[static_cast<int>(row)] += w0 * r[0] + w1 * r[1];
+    }
+  }
+  return cost;
+}
+
+// Levenberg and Marquardt, with Huber's weights renewed in every step. Where it starts a point must
+// be in front of the camera.
+std::optional<CameraPose> minimum_near(const CameraModel& camera,
+                                       std::span<const PointObservation> observations,
+                                       const CameraPose& start, const RefinerOptions& options) {
+  // A step that moves the points by less, RMS, is the last [px].
+  constexpr double kLastStep_px = 1e-7;
+  const double last_step2 = kLastStep_px * kLastStep_px * static_cast<double>(observations.size());
+  CameraPose pose = start;
+  NormalEquations equations;
+  double cost = cost_of(camera, observations, pose, options.robust_scale_px, &equations);
+  if (!std::isfinite(cost)) return std::nullopt;
+  double damping = 1e-4;
+  double harder = 2.0;
+  for (int i = 0; i < options.max_iterations; ++i) {
+    Matrix6d damped = equations.H;
+    damped.diagonal() += damping * equations.H.diagonal().cwiseMax(1e-6).cwiseMin(1e32);
+    const Vector6d step = damped.ldlt().solve(-equations.g);
+    if (!step.allFinite()) return std::nullopt;
+    const double moved2 = step.dot(equations.H.selfadjointView<Eigen::Lower>() * step);
+    const CameraPose next = perturbed(pose, step);
+    NormalEquations next_equations;
+    const double next_cost =
+        cost_of(camera, observations, next, options.robust_scale_px, &next_equations);
+    if (next_cost <= cost) {
+      pose = next;
+      cost = next_cost;
+      equations = next_equations;
+      damping = std::max(damping / 3.0, 1e-16);
+      harder = 2.0;
+    } else {
+      damping *= harder;
+      harder *= 2.0;
+    }
+    // With rejected steps too: what is left to gain is rounding.
+    if (moved2 <= last_step2) break;
+    if (!(damping < 1e32)) break;
+  }
+  return pose;
+}
+
 }  // namespace
 
 CameraPose perturbed(const CameraPose& T_table_camera, const Vector6d& xi) {
@@ -134,38 +256,13 @@ std::optional<RefinedPose> refine_pose(const CameraModel& camera,
     if (!((T_camera_table * observation.p_table).z() > kNearest)) return std::nullopt;
   }
 
-  PoseParameters x{};
-  write_pose(start, x.data());
-  ceres::Problem::Options ownership;
-  ownership.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  ownership.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  ownership.disable_all_safety_checks = true;
-  // They must outlive the problem.
-  ceres::HuberLoss loss(options.robust_scale_px);
-  PoseManifold manifold;
-  std::deque<ReprojectionCost> costs;  // their addresses stay
-  ceres::Problem problem(ownership);
-  problem.AddParameterBlock(x.data(), 7, &manifold);
-  for (const PointObservation& observation : observations) {
-    costs.emplace_back(camera, observation);
-    problem.AddResidualBlock(&costs.back(), &loss, x.data());
-  }
-  ceres::Solver::Options solver;
-  solver.linear_solver_type = ceres::DENSE_QR;
-  solver.max_num_iterations = options.max_iterations;
-  solver.num_threads = 1;
-  solver.logging_type = ceres::SILENT;
-  // A step under these moves no corner by 1e-4 px.
-  solver.function_tolerance = 1e-10;
-  solver.parameter_tolerance = 1e-10;
-  solver.gradient_tolerance = 1e-12;
-  ceres::Solver::Summary summary;
-  ceres::Solve(solver, &problem, &summary);
-  if (!summary.IsSolutionUsable()) return std::nullopt;
+  const std::optional<CameraPose> minimum =
+      options.by_ceres ? minimum_by_ceres(camera, observations, start, options)
+                       : minimum_near(camera, observations, start, options);
+  if (!minimum) return std::nullopt;
 
   RefinedPose result;
-  result.T_table_camera = to_pose(x.data());
+  result.T_table_camera = *minimum;
   if (!result.T_table_camera.is_finite()) return std::nullopt;
   // Information of the weighted problem. Translations are measured in units of the distance, so
   // that all six directions compare.
