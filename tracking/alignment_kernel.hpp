@@ -20,6 +20,8 @@ struct Lens {
   // polynomial: k4 k5 k6 (the denominator of the rational model) are 0
   enum class Kind { none, polynomial, rational, fisheye } kind = Kind::none;
   float k[8] = {};  // k1 k2 p1 p2 k3 k4 k5 k6, or k1..k4 of the fisheye
+  // Squared radius of rays beyond which the model folds back; infinite when it never does.
+  float max_radius2 = __builtin_inff();
 };
 
 // How the image is blurred, as variances in pixels: what the lens and the pixel's box do, and the
@@ -29,8 +31,8 @@ struct Blur {
   float motion_x_px = 0.0F, motion_y_px = 0.0F;
 };
 
-// Lattice points (a, b) -> ray, pixel, depth (<= 0: behind the camera), and the blur there.
-// ka, kb: 1 / sigma along a and b [1/cells]; rho: their correlation.
+// Lattice points (a, b) -> ray, pixel, depth (<= 0: behind the camera or beyond the lens model),
+// and the blur there. ka, kb: 1 / sigma along a and b [1/cells]; rho: their correlation.
 struct Vertices {
   int count = 0;  // multiple of 16
   const float* a = nullptr;
@@ -66,6 +68,40 @@ struct Samples {
   float* c[16] = {};
   float* model = nullptr;     // out of evaluate: the pattern's blurred value, 0 black to 1 white
   float* residual = nullptr;  // out of accumulate
+  // Out of levers, four numbers for each sample: its lever times its residual, times its slope,
+  // squared, and nothing.
+  float* levers = nullptr;
+};
+
+// Four tags side by side in a step, the last index the tag. Matrices by rows.
+struct TagPack {
+  double H[36][4] = {};  // of Sums; zero for a tag that is left out
+  double g[8][4] = {};
+  double weight[4] = {};
+  double R[9][4] = {};  // lattice from camera
+  double centre[3][4] = {};
+  double per_cell[4] = {};             // [1/m]
+  double ray_from_lattice[9][4] = {};  // where the tag is, before the step
+  double side_cells[4] = {};
+  // Out of eliminate: whether the tag takes part; the inverse of its gain's and offset's equations;
+  // and its share in those of the camera's motion, gain and offset solved for: upper triangle of
+  // [nu nu, nu omega; , omega omega], as 6, 9 and 6 numbers, and gradient.
+  bool valid[4] = {};
+  double inverse[3][4] = {};
+  double H_camera[21][4] = {};
+  double g_camera[6][4] = {};
+  // Out of follow: by how much gain and offset change, and how far the farthest of the tag's
+  // corners goes [rays squared, each axis times the focal length].
+  double levels[2][4] = {};
+  double moved_px2[4] = {};
+};
+
+// A step of the camera: left perturbation of T_camera_table, and the motion it is.
+struct CameraStep {
+  double xi[6] = {};
+  double R[9] = {};
+  double t[3] = {};
+  double fx = 0.0, fy = 0.0;
 };
 
 // Normal equations of one tag, parameters (nu, omega) of the right perturbation of
@@ -78,6 +114,37 @@ struct Sums {
   double base_weight = 0.0;  // sum of the samples' own weights
 };
 
+// Steps along edges of one of the lattice's two directions, and the pixels across the edge at each.
+// Edges are walked along the image axis they are nearer to: a step is at the nearest pixel's centre
+// along that axis, and takes the pixels across within `reach_px` of the edge, or, with a band,
+// those at its offsets from the edge's own pixel.
+struct Walk {
+  // All edges of the direction one behind the other, by their cells: a place at distance d along
+  // them is at begin + d in the edge's direction and at `across` in the other, with the record of
+  // cell floor(d); there is one record more than cells.
+  struct Cell {
+    float begin = 0.0F, across = 0.0F;
+    std::int32_t run = 0;  // which edge it is of
+  };
+  const Cell* cells = nullptr;
+  int cell_count = 0;
+  int count = 0;                            // of steps, evenly over all cells
+  const float* ray_from_lattice = nullptr;  // 3 x 3, by rows
+  bool along_b = false;                     // which way the edges go in the lattice
+  bool along_x = false;                     // and which way they are walked in the image
+  int width = 0, height = 0;                // of the image
+  std::ptrdiff_t stride = 0;                // from an image row to the next [bytes]
+  float reach_px = 0.0F;                    // at right angles to the edge
+  int most_rows = 0;                        // pixels at a step
+  int band_count = 0;                       // 0: all within reach
+  const float* offsets = nullptr;           // 0, 1, 2 ..., or the band's; 20 of them
+  // A point at row y is seen displaced by shear (y - row), see Tag::row_shear.
+  float row = 0.0F, shear_x = 0.0F, shear_y = 0.0F;
+  // Out, for each step: where its samples end, and its run (up to a multiple of 16).
+  std::int32_t* end = nullptr;
+  std::int32_t* run = nullptr;
+};
+
 struct AccumulateInput {
   float lattice_from_ray[9] = {};
   float centre[3] = {};  // the camera's centre in the lattice frame [cells]
@@ -87,17 +154,32 @@ struct AccumulateInput {
   bool correlated = false;      // whether rho is used
 };
 
+// What a displacement of the edges would do to residuals, by accumulate's last ones.
+struct LeverInput {
+  float inverse_gain = 0.0F;
+  float offset = 0.0F;
+  float inverse_limit = 0.0F;  // of Tukey's weights [1 / share of the gain]
+};
+
 struct Variant {
   const char* name;
   void (*project)(const Lens& lens, const Blur& blur, const float* ray_from_lattice,
                   const float* lattice_from_ray, const Vertices& vertices);
+  // Writes pixels, guesses of their rays and, for `vertex`, their places in the image's memory,
+  // from sample `used` on and up to three more than there are; returns where they end.
+  int (*walk)(const Lens& lens, const Walk& walk, const Samples& samples, int used);
   // Rays of the pixels (ray_x, ray_y hold a guess within a few pixels), and their anchor on a
   // lattice of side x side vertices.
   void (*prepare)(const Lens& lens, const float* lattice_from_ray, int reach, int side,
                   const Samples& samples);
   void (*accumulate)(const AccumulateInput& input, const Samples& samples, Sums& sums);
+  // Gains and offsets solved for in terms of the camera's motion; returns nothing but in the packs.
+  void (*eliminate)(TagPack* packs, int count);
+  // What the step does to the tags.
+  void (*follow)(const CameraStep& step, TagPack* packs, int count);
   // The model alone, at the pose of `input`, into samples.model.
   void (*evaluate)(const AccumulateInput& input, const Samples& samples);
+  void (*levers)(const LeverInput& input, const Samples& samples);
   // scores[r * columns + c] = sum over the first `positive` points minus the sum over the others of
   // point[r * row_step * stride + c]; columns: 32 or 64.
   void (*search)(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,

@@ -168,7 +168,7 @@ void project_as(const Lens& lens, const Blur& blur, const float* M, const float*
     v.ray_y[i] = y;
     v.pixel_x[i] = lens.fx * xd + lens.cx;
     v.pixel_y[i] = lens.fy * yd + lens.cy;
-    v.depth[i] = Z;
+    v.depth[i] = x * x + y * y < lens.max_radius2 ? Z : -1.0F;
     const float inverse_det = 1.0F / (j00 * j11 - j01 * j01);
     const float i00 = j11 * inverse_det;
     const float i01 = -j01 * inverse_det;
@@ -193,6 +193,230 @@ void project_as(const Lens& lens, const Blur& blur, const float* M, const float*
     v.kb[i] = kb;
     v.rho[i] = rho > 0.95F ? 0.95F : rho < -0.95F ? -0.95F : rho;
   }
+}
+
+// Of |x| < 2^22; a whole number may go down by one.
+PENUMBRA_INLINE float round_down(float x) {
+  return ((x - 0.5F) + 12582912.0F) - 12582912.0F;
+}
+
+constexpr int kSteps = 16;  // that are placed at a time
+struct StepBlock {
+  alignas(64) float a[kSteps], b[kSteps], walk[kSteps], cross[kSteps], ray_x[kSteps], ray_y[kSteps];
+  alignas(64) std::int32_t cell[kSteps], rows[kSteps], place[kSteps];
+};
+
+template <Lens::Kind kind, bool along_x, bool band>
+PENUMBRA_INLINE void place_steps(const Lens& lens, const Walk& w, StepBlock& block) {
+  const float* M = w.ray_from_lattice;
+  const float to_x = w.along_b ? M[1] : M[0];
+  const float to_y = w.along_b ? M[4] : M[3];
+  const float to_z = w.along_b ? M[7] : M[6];
+  const auto walk_limit = static_cast<float>(along_x ? w.width : w.height);
+  const auto cross_limit = static_cast<float>(along_x ? w.height : w.width);
+  const auto walk_bytes = static_cast<std::int32_t>(along_x ? 1 : w.stride);
+  const auto cross_bytes = static_cast<std::int32_t>(along_x ? w.stride : 1);
+  const float band_first = w.offsets[0];
+  const float band_last = w.offsets[band ? w.band_count - 1 : 0];
+  const auto most = static_cast<float>(w.most_rows);
+#pragma omp simd
+  for (int i = 0; i < kSteps; ++i) {
+    const float a = block.a[i];
+    const float b = block.b[i];
+    const float Z = M[6] * a + M[7] * b + M[8];
+    const float inverse = 1.0F / (Z > 1e-9F ? Z : 1e-9F);
+    const float x = (M[0] * a + M[1] * b + M[2]) * inverse;
+    const float y = (M[3] * a + M[4] * b + M[5]) * inverse;
+    float xd = 0.0F;
+    float yd = 0.0F;
+    float j00 = 0.0F;
+    float j01 = 0.0F;
+    float j11 = 0.0F;
+    distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
+    // The pixel and the edge's direction there; later rows are seen later.
+    const float dx = (to_x - x * to_z) * inverse;
+    const float dy = (to_y - y * to_z) * inverse;
+    float u = lens.fx * xd + lens.cx;
+    float v = lens.fy * yd + lens.cy;
+    float du = lens.fx * (j00 * dx + j01 * dy);
+    float dv = lens.fy * (j01 * dx + j11 * dy);
+    const float rows_later = v - w.row;
+    u += w.shear_x * rows_later;
+    v += w.shear_y * rows_later;
+    du += w.shear_x * dv;
+    dv += w.shear_y * dv;
+    const float slope = along_x ? dv / du : du / dv;
+    const float along = along_x ? u : v;
+    const float walk = (along + 12582912.0F) - 12582912.0F;
+    const float centre = (along_x ? v : u) + slope * (walk - along);
+    float first = 0.0F;
+    float rows = 0.0F;
+    float low = 0.0F;
+    float high = 0.0F;
+    if constexpr (band) {
+      first = round_down(centre);
+      rows = static_cast<float>(w.band_count);
+      low = first + band_first;
+      high = first + band_last;
+    } else {
+      const float wide = w.reach_px * __builtin_sqrtf(1.0F + slope * slope);
+      const float reach = wide < 8.0F ? wide : 8.0F;
+      first = -round_down(reach - centre);
+      const float all = round_down(centre + reach) - first + 1.0F;
+      rows = all < most ? all : most;
+      low = first;
+      high = first + rows - 1.0F;
+    }
+    const bool seen = (Z > 1e-9F) & (x * x + y * y < lens.max_radius2) & (walk >= 0.0F) &
+                      (walk < walk_limit) & (low >= 0.0F) & (high < cross_limit) & (rows > 0.0F);
+    const float walk_seen = seen ? walk : 0.0F;
+    const float first_seen = seen ? first : 0.0F;
+    block.walk[i] = walk_seen;
+    block.cross[i] = first_seen;
+    block.ray_x[i] = x;
+    block.ray_y[i] = y;
+    block.rows[i] = static_cast<std::int32_t>(seen ? rows : 0.0F);
+    block.place[i] = static_cast<std::int32_t>(walk_seen) * walk_bytes +
+                     static_cast<std::int32_t>(first_seen) * cross_bytes;
+  }
+}
+
+// Where the samples of steps are written to.
+struct StepOutput {
+  float* walk;
+  float* cross;
+  float* ray_x;
+  float* ray_y;
+  std::int32_t* place;
+  std::int32_t* end;
+};
+
+// How many rows there are changes from step to step, and no processor foresees it: always four or
+// eight are written, those too many over again by the next step.
+template <bool with_rays, bool one_group>
+__attribute__((noinline)) int write_steps(const StepBlock& block, int steps, const float* offsets,
+                                          std::int32_t cross_bytes, const StepOutput& out,
+                                          int used) {
+  using Four = float __attribute__((vector_size(16)));
+  using Places = std::int32_t __attribute__((vector_size(16)));
+  float* const __restrict walk_out = out.walk;
+  float* const __restrict cross_out = out.cross;
+  float* const __restrict x_out = out.ray_x;
+  float* const __restrict y_out = out.ray_y;
+  std::int32_t* const __restrict place_out = out.place;
+  std::int32_t* const __restrict end_out = out.end;
+  Four first_offsets;
+  __builtin_memcpy(&first_offsets, offsets, sizeof first_offsets);
+  const Places first_places = __builtin_convertvector(first_offsets, Places) * cross_bytes;
+  std::ptrdiff_t at = used;
+  for (int l = 0; l < steps; ++l) {
+    const float walk = block.walk[l];
+    const float first = block.cross[l];
+    const std::int32_t place = block.place[l];
+    const Four walk_4 = {walk, walk, walk, walk};
+    const Four first_4 = {first, first, first, first};
+    const Places place_4 = {place, place, place, place};
+    const Four cross_4 = first_4 + first_offsets;
+    const Places places_4 = place_4 + first_places;
+    __builtin_memcpy(walk_out + at, &walk_4, sizeof walk_4);
+    __builtin_memcpy(cross_out + at, &cross_4, sizeof cross_4);
+    __builtin_memcpy(place_out + at, &places_4, sizeof places_4);
+    if constexpr (with_rays) {
+      const float x = block.ray_x[l];
+      const float y = block.ray_y[l];
+      const Four x_4 = {x, x, x, x};
+      const Four y_4 = {y, y, y, y};
+      __builtin_memcpy(x_out + at, &x_4, sizeof x_4);
+      __builtin_memcpy(y_out + at, &y_4, sizeof y_4);
+    }
+    const std::int32_t rows = block.rows[l];
+    if constexpr (!one_group) {
+      for (int i = 4; i < rows; i += 4) {
+        Four more;
+        __builtin_memcpy(&more, offsets + i, sizeof more);
+        const Four cross_i = first_4 + more;
+        const Places places_i = place_4 + __builtin_convertvector(more, Places) * cross_bytes;
+        __builtin_memcpy(walk_out + at + i, &walk_4, sizeof walk_4);
+        __builtin_memcpy(cross_out + at + i, &cross_i, sizeof cross_i);
+        __builtin_memcpy(place_out + at + i, &places_i, sizeof places_i);
+        if constexpr (with_rays) {
+          const float x = block.ray_x[l];
+          const float y = block.ray_y[l];
+          const Four x_4 = {x, x, x, x};
+          const Four y_4 = {y, y, y, y};
+          __builtin_memcpy(x_out + at + i, &x_4, sizeof x_4);
+          __builtin_memcpy(y_out + at + i, &y_4, sizeof y_4);
+        }
+      }
+    }
+    at += rows;
+    end_out[l] = static_cast<std::int32_t>(at);
+  }
+  return static_cast<int>(at);
+}
+
+template <Lens::Kind kind, bool along_x, bool band>
+int walk_as(const Lens& lens, const Walk& w, const Samples& s, int used) {
+  StepBlock block;
+  float* const going = w.along_b ? block.b : block.a;
+  float* const fixed = w.along_b ? block.a : block.b;
+  const float cells_per_step = static_cast<float>(w.cell_count) / static_cast<float>(w.count);
+  const auto cross_bytes = static_cast<std::int32_t>(along_x ? w.stride : 1);
+  StepOutput out = {along_x ? s.pixel_x : s.pixel_y,
+                    along_x ? s.pixel_y : s.pixel_x,
+                    s.ray_x,
+                    s.ray_y,
+                    s.vertex,
+                    w.end};
+  const int last_cell = w.cell_count;
+  for (int begin = 0; begin < w.count; begin += kSteps) {
+#pragma omp simd
+    for (int l = 0; l < kSteps; ++l) {
+      const float at = cells_per_step * (static_cast<float>(begin + l) + 0.5F);
+      const auto cell = static_cast<std::int32_t>(at);
+      going[l] = at;
+      block.cell[l] = cell < last_cell ? cell : last_cell;
+    }
+    for (int l = 0; l < kSteps; ++l) {
+      const Walk::Cell& cell = w.cells[block.cell[l]];
+      going[l] += cell.begin;
+      fixed[l] = cell.across;
+      w.run[begin + l] = cell.run;
+    }
+    place_steps<kind, along_x, band>(lens, w, block);
+    const int steps = w.count - begin < kSteps ? w.count - begin : kSteps;
+    // Without distortion a ray is known from its pixel.
+    constexpr bool kRays = kind != Lens::Kind::none;
+    used = w.most_rows <= 4
+               ? write_steps<kRays, true>(block, steps, w.offsets, cross_bytes, out, used)
+               : write_steps<kRays, false>(block, steps, w.offsets, cross_bytes, out, used);
+    out.end += kSteps;
+  }
+  return used;
+}
+
+template <Lens::Kind kind>
+int walk_of(const Lens& lens, const Walk& w, const Samples& s, int used) {
+  if (w.along_x) {
+    return w.band_count > 0 ? walk_as<kind, true, true>(lens, w, s, used)
+                            : walk_as<kind, true, false>(lens, w, s, used);
+  }
+  return w.band_count > 0 ? walk_as<kind, false, true>(lens, w, s, used)
+                          : walk_as<kind, false, false>(lens, w, s, used);
+}
+
+int walk(const Lens& lens, const Walk& w, const Samples& s, int used) {
+  switch (lens.kind) {
+    case Lens::Kind::none:
+      return walk_of<Lens::Kind::none>(lens, w, s, used);
+    case Lens::Kind::polynomial:
+      return walk_of<Lens::Kind::polynomial>(lens, w, s, used);
+    case Lens::Kind::rational:
+      return walk_of<Lens::Kind::rational>(lens, w, s, used);
+    case Lens::Kind::fisheye:
+      break;
+  }
+  return walk_of<Lens::Kind::fisheye>(lens, w, s, used);
 }
 
 template <Lens::Kind kind>
@@ -328,19 +552,18 @@ template <int reach, bool correlated>
 void accumulate_as(const AccumulateInput& in, const Samples& s, Sums& sums) {
   const float* M = in.lattice_from_ray;
   const float inverse_cz = 1.0F / in.centre[2];
-  alignas(64) float J[8][kBlock];
+  alignas(64) float J[7][kBlock];  // and that of the offset, which is 1
   alignas(64) float W[8][kBlock];
-  alignas(64) float weight[kBlock];
+  float* const weight = W[7];
   alignas(64) float residual[kBlock];
   alignas(64) float weighted[kBlock];
-  // The sums, lane by lane: 36 of H, 8 of g, cost, weight, base weight.
-  constexpr int kSums = 47;
+  // The sums, lane by lane: 36 of H, the last of which is the weight, 8 of g, cost, base weight.
+  constexpr int kSums = 46;
   alignas(64) float lanes[kSums][kLanes] = {};
   float(*const H)[kLanes] = lanes;
   float(*const g)[kLanes] = lanes + 36;
   float* const cost = lanes[44];
-  float* const total = lanes[45];
-  float* const base = lanes[46];
+  float* const base = lanes[45];
   for (int start = 0; start < s.count; start += kBlock) {
 #pragma omp simd
     for (int l = 0; l < kBlock; ++l) {
@@ -377,19 +600,18 @@ void accumulate_as(const AccumulateInput& in, const Samples& s, Sums& sums) {
       J[4][l] = -jz * a;
       J[5][l] = jb * a - ja * b;
       J[6][l] = m;
-      J[7][l] = 1.0F;
       weight[l] = w;
       residual[l] = r;
       s.residual[i] = r;
       weighted[l] = w * r;
     }
-    for (int p = 0; p < 8; ++p) {
+    for (int p = 0; p < 7; ++p) {
 #pragma omp simd
       for (int l = 0; l < kBlock; ++l) W[p][l] = weight[l] * J[p][l];
     }
     int k = 0;
     for (int p = 0; p < 8; ++p) {
-      for (int q = p; q < 8; ++q, ++k) {
+      for (int q = p; q < 7; ++q, ++k) {
 #pragma omp simd
         for (int l = 0; l < kLanes; ++l) {
           H[k][l] += (W[p][l] * J[q][l] + W[p][l + kLanes] * J[q][l + kLanes]) +
@@ -397,6 +619,12 @@ void accumulate_as(const AccumulateInput& in, const Samples& s, Sums& sums) {
                       W[p][l + 3 * kLanes] * J[q][l + 3 * kLanes]);
         }
       }
+#pragma omp simd
+      for (int l = 0; l < kLanes; ++l)
+        H[k][l] += (W[p][l] + W[p][l + kLanes]) + (W[p][l + 2 * kLanes] + W[p][l + 3 * kLanes]);
+      ++k;
+    }
+    for (int p = 0; p < 7; ++p) {
 #pragma omp simd
       for (int l = 0; l < kLanes; ++l) {
         g[p][l] += (J[p][l] * weighted[l] + J[p][l + kLanes] * weighted[l + kLanes]) +
@@ -406,11 +634,13 @@ void accumulate_as(const AccumulateInput& in, const Samples& s, Sums& sums) {
     }
 #pragma omp simd
     for (int l = 0; l < kLanes; ++l) {
-      for (int part = 0; part < kBlock; part += kLanes) {
-        cost[l] += weighted[l + part] * residual[l + part];
-        total[l] += weight[l + part];
-        base[l] += s.weight[start + l + part];
-      }
+      g[7][l] += (weighted[l] + weighted[l + kLanes]) +
+                 (weighted[l + 2 * kLanes] + weighted[l + 3 * kLanes]);
+      cost[l] += (weighted[l] * residual[l] + weighted[l + kLanes] * residual[l + kLanes]) +
+                 (weighted[l + 2 * kLanes] * residual[l + 2 * kLanes] +
+                  weighted[l + 3 * kLanes] * residual[l + 3 * kLanes]);
+      base[l] += (s.weight[start + l] + s.weight[start + l + kLanes]) +
+                 (s.weight[start + l + 2 * kLanes] + s.weight[start + l + 3 * kLanes]);
     }
   }
   // In double, by halves: with a block or two of samples this is as much work as the samples are.
@@ -428,8 +658,252 @@ void accumulate_as(const AccumulateInput& in, const Samples& s, Sums& sums) {
   __builtin_memcpy(sums.H, sum, sizeof sums.H);
   __builtin_memcpy(sums.g, sum + 36, sizeof sums.g);
   sums.cost = sum[44];
-  sums.weight = sum[45];
-  sums.base_weight = sum[46];
+  sums.weight = sum[35];
+  sums.base_weight = sum[45];
+}
+
+// Four doubles side by side: of four tags.
+using Pack = double __attribute__((vector_size(32)));
+using PackMask = long long __attribute__((vector_size(32)));
+PENUMBRA_INLINE void load(const double* at, Pack& pack) {
+  __builtin_memcpy(&pack, at, sizeof pack);
+}
+PENUMBRA_INLINE void store(double* at, const Pack& pack) {
+  __builtin_memcpy(at, &pack, sizeof pack);
+}
+
+// The rows of R^T A R, for A by rows; where it is symmetric, only the upper triangle.
+template <bool symmetric>
+PENUMBRA_INLINE void turned(const Pack* A, const Pack* R, const Pack& factor, double (*out)[4]) {
+  Pack AR[9];
+#pragma GCC unroll 3
+  for (int i = 0; i < 3; ++i) {
+#pragma GCC unroll 3
+    for (int j = 0; j < 3; ++j)
+      AR[3 * i + j] = A[3 * i] * R[j] + A[3 * i + 1] * R[3 + j] + A[3 * i + 2] * R[6 + j];
+  }
+  int k = 0;
+#pragma GCC unroll 3
+  for (int i = 0; i < 3; ++i) {
+#pragma GCC unroll 3
+    for (int j = symmetric ? i : 0; j < 3; ++j, ++k)
+      store(out[k], factor * (R[i] * AR[j] + R[3 + i] * AR[3 + j] + R[6 + i] * AR[6 + j]));
+  }
+}
+
+void eliminate(TagPack* packs, int count) {
+  for (int n = 0; n < count; ++n) {
+    TagPack& pack = packs[n];
+    Pack H[36];
+    Pack sum = {0.0, 0.0, 0.0, 0.0};
+#pragma GCC unroll 36
+    for (int k = 0; k < 36; ++k) {
+      load(pack.H[k], H[k]);
+      sum += H[k];
+    }
+    const auto at = [](int p, int q) { return p * 8 - p * (p - 1) / 2 + q - p; };
+    Pack weight;
+    load(pack.weight, weight);
+    const Pack& l00 = H[at(6, 6)];
+    const Pack& l01 = H[at(6, 7)];
+    const Pack& l11 = H[at(7, 7)];
+    const Pack det = l00 * l11 - l01 * l01;
+    // Finite, seen by enough samples, and of two levels that can be told apart.
+    const PackMask valid = (sum - sum == 0.0) & (weight > 8.0) & (det > 1e-6 * (l00 * l11));
+    const Pack zero = {0.0, 0.0, 0.0, 0.0};
+    const Pack one = {1.0, 1.0, 1.0, 1.0};
+#pragma GCC unroll 36
+    for (int k = 0; k < 36; ++k) H[k] = valid ? H[k] : zero;
+    const Pack inverse_det = 1.0 / (valid ? det : one);
+    const Pack i00 = l11 * inverse_det;
+    const Pack i01 = -l01 * inverse_det;
+    const Pack i11 = l00 * inverse_det;
+    store(pack.inverse[0], i00);
+    store(pack.inverse[1], i01);
+    store(pack.inverse[2], i11);
+    Pack g[8];
+    for (int p = 0; p < 8; ++p) {
+      load(pack.g[p], g[p]);
+      g[p] = valid ? g[p] : zero;
+    }
+    Pack share0[6];
+    Pack share1[6];
+    Pack g_tag[6];
+#pragma GCC unroll 6
+    for (int p = 0; p < 6; ++p) {
+      const Pack& c0 = H[at(p, 6)];
+      const Pack& c1 = H[at(p, 7)];
+      share0[p] = c0 * i00 + c1 * i01;
+      share1[p] = c0 * i01 + c1 * i11;
+      g_tag[p] = g[p] - (share0[p] * g[6] + share1[p] * g[7]);
+    }
+    Pack P[9];
+    Pack Q[9];
+    Pack S[9];
+#pragma GCC unroll 3
+    for (int p = 0; p < 3; ++p) {
+#pragma GCC unroll 3
+      for (int q = 0; q < 3; ++q) {
+        const int low = p < q ? p : q;
+        const int high = p < q ? q : p;
+        P[3 * p + q] =
+            H[at(low, high)] - (share0[low] * H[at(high, 6)] + share1[low] * H[at(high, 7)]);
+        Q[3 * p + q] =
+            H[at(p, q + 3)] - (share0[p] * H[at(q + 3, 6)] + share1[p] * H[at(q + 3, 7)]);
+        S[3 * p + q] = H[at(low + 3, high + 3)] - (share0[low + 3] * H[at(high + 3, 6)] +
+                                                   share1[low + 3] * H[at(high + 3, 7)]);
+      }
+    }
+    // Into the camera's frame: the lattice's motion is [R / cell, K R; 0, R] times the camera's,
+    // with K = skew(centre). The lever first: Q + P K, then S + Q^T K - K (Q + P K).
+    Pack x;
+    Pack y;
+    Pack z;
+    load(pack.centre[0], x);
+    load(pack.centre[1], y);
+    load(pack.centre[2], z);
+    Pack Q_lever[9];
+#pragma GCC unroll 3
+    for (int i = 0; i < 3; ++i) {
+      Q_lever[3 * i] = Q[3 * i] + (P[3 * i + 1] * z - P[3 * i + 2] * y);
+      Q_lever[3 * i + 1] = Q[3 * i + 1] + (P[3 * i + 2] * x - P[3 * i] * z);
+      Q_lever[3 * i + 2] = Q[3 * i + 2] + (P[3 * i] * y - P[3 * i + 1] * x);
+    }
+#pragma GCC unroll 3
+    for (int i = 0; i < 3; ++i) {
+      S[3 * i] += Q[3 + i] * z - Q[6 + i] * y;
+      S[3 * i + 1] += Q[6 + i] * x - Q[i] * z;
+      S[3 * i + 2] += Q[i] * y - Q[3 + i] * x;
+    }
+#pragma GCC unroll 3
+    for (int j = 0; j < 3; ++j) {
+      S[j] -= Q_lever[6 + j] * y - Q_lever[3 + j] * z;
+      S[3 + j] -= Q_lever[j] * z - Q_lever[6 + j] * x;
+      S[6 + j] -= Q_lever[3 + j] * x - Q_lever[j] * y;
+    }
+    Pack R[9];
+    for (int k = 0; k < 9; ++k) load(pack.R[k], R[k]);
+    Pack per_cell;
+    load(pack.per_cell, per_cell);
+    turned<true>(P, R, per_cell * per_cell, pack.H_camera);
+    turned<false>(Q_lever, R, per_cell, pack.H_camera + 6);
+    turned<true>(S, R, one, pack.H_camera + 15);
+    const Pack turn[3] = {g_tag[3] + (g_tag[1] * z - g_tag[2] * y),
+                          g_tag[4] + (g_tag[2] * x - g_tag[0] * z),
+                          g_tag[5] + (g_tag[0] * y - g_tag[1] * x)};
+#pragma GCC unroll 3
+    for (int i = 0; i < 3; ++i) {
+      store(pack.g_camera[i],
+            per_cell * (R[i] * g_tag[0] + R[3 + i] * g_tag[1] + R[6 + i] * g_tag[2]));
+      store(pack.g_camera[3 + i], R[i] * turn[0] + R[3 + i] * turn[1] + R[6 + i] * turn[2]);
+    }
+    for (int l = 0; l < 4; ++l) pack.valid[l] = valid[l] != 0;
+  }
+}
+
+void follow(const CameraStep& step, TagPack* packs, int count) {
+  for (int n = 0; n < count; ++n) {
+    TagPack& pack = packs[n];
+    Pack R[9];
+    for (int k = 0; k < 9; ++k) load(pack.R[k], R[k]);
+    Pack centre[3];
+    for (int k = 0; k < 3; ++k) load(pack.centre[k], centre[k]);
+    Pack per_cell;
+    load(pack.per_cell, per_cell);
+    const double* xi = step.xi;
+    Pack moved[6];
+    for (int i = 0; i < 3; ++i) {
+      moved[i] = per_cell * (R[3 * i] * xi[0] + R[3 * i + 1] * xi[1] + R[3 * i + 2] * xi[2]);
+      moved[3 + i] = R[3 * i] * xi[3] + R[3 * i + 1] * xi[4] + R[3 * i + 2] * xi[5];
+    }
+    for (int i = 0; i < 3; ++i) {
+      const int j = (i + 1) % 3;
+      const int k = (i + 2) % 3;
+      moved[i] += centre[j] * moved[3 + k] - centre[k] * moved[3 + j];
+    }
+    const auto at = [](int p, int q) { return p * 8 - p * (p - 1) / 2 + q - p; };
+    Pack left[2];
+    for (int c = 0; c < 2; ++c) {
+      load(pack.g[6 + c], left[c]);
+      for (int p = 0; p < 6; ++p) {
+        Pack cross;
+        load(pack.H[at(p, 6 + c)], cross);
+        left[c] -= cross * moved[p];
+      }
+    }
+    Pack inverse[3];
+    for (int k = 0; k < 3; ++k) load(pack.inverse[k], inverse[k]);
+    store(pack.levels[0], inverse[0] * left[0] + inverse[1] * left[1]);
+    store(pack.levels[1], inverse[1] * left[0] + inverse[2] * left[1]);
+    // The tag's corners, one after the other.
+    Pack M[9];
+    for (int k = 0; k < 9; ++k) load(pack.ray_from_lattice[k], M[k]);
+    Pack side;
+    load(pack.side_cells, side);
+    Pack most = {0.0, 0.0, 0.0, 0.0};
+    for (int corner = 0; corner < 4; ++corner) {
+      Pack p[3];
+      Pack q[3];
+      for (int i = 0; i < 3; ++i) {
+        p[i] = M[3 * i + 2];
+        if ((corner & 1) != 0) p[i] += side * M[3 * i];
+        if ((corner & 2) != 0) p[i] += side * M[3 * i + 1];
+      }
+      for (int i = 0; i < 3; ++i)
+        q[i] =
+            step.R[3 * i] * p[0] + step.R[3 * i + 1] * p[1] + step.R[3 * i + 2] * p[2] + step.t[i];
+      const Pack scale = 1.0 / (q[2] * p[2]);
+      const Pack x = (q[0] * p[2] - p[0] * q[2]) * step.fx * scale;
+      const Pack y = (q[1] * p[2] - p[1] * q[2]) * step.fy * scale;
+      const Pack px2 = x * x + y * y;
+      most = ((p[2] > 0.0) & (q[2] > 0.0) & (px2 > most)) ? px2 : most;
+    }
+    store(pack.moved_px2, most);
+  }
+}
+
+void levers(const LeverInput& in, const Samples& s) {
+  using Four = float __attribute__((vector_size(16)));
+  using Places = std::int32_t __attribute__((vector_size(16)));
+  constexpr int kPart = 16;
+  alignas(64) float along[kPart];
+  alignas(64) float width[kPart];
+  alignas(64) float square[kPart];
+  for (int begin = 0; begin < s.count; begin += kPart) {
+#pragma omp simd
+    for (int l = 0; l < kPart; ++l) {
+      const int i = begin + l;
+      const float r = s.residual[i] * in.inverse_gain;
+      const float m = (s.value[i] - in.offset) * in.inverse_gain - r;
+      const float t = r * in.inverse_limit;
+      const float left = 1.0F - t * t;
+      const float inside = left > 0.0F ? left : 0.0F;
+      const float rise = m * (1.0F - m);  // of a blurred edge, nearly
+      const float slope = rise > 0.0F ? rise : 0.0F;
+      const float lever = slope * inside * inside;
+      along[l] = lever * r;
+      width[l] = lever * slope;
+      square[l] = lever * lever;
+    }
+    for (int l = 0; l < kPart; l += 4) {
+      Four a;
+      Four b;
+      Four c;
+      __builtin_memcpy(&a, along + l, sizeof a);
+      __builtin_memcpy(&b, width + l, sizeof b);
+      __builtin_memcpy(&c, square + l, sizeof c);
+      const Four zero = {0.0F, 0.0F, 0.0F, 0.0F};
+      const Four ab_low = __builtin_shuffle(a, b, Places{0, 4, 1, 5});
+      const Four ab_high = __builtin_shuffle(a, b, Places{2, 6, 3, 7});
+      const Four c_low = __builtin_shuffle(c, zero, Places{0, 4, 1, 5});
+      const Four c_high = __builtin_shuffle(c, zero, Places{2, 6, 3, 7});
+      const Four records[4] = {__builtin_shuffle(ab_low, c_low, Places{0, 1, 4, 5}),
+                               __builtin_shuffle(ab_low, c_low, Places{2, 3, 6, 7}),
+                               __builtin_shuffle(ab_high, c_high, Places{0, 1, 4, 5}),
+                               __builtin_shuffle(ab_high, c_high, Places{2, 3, 6, 7})};
+      __builtin_memcpy(s.levers + 4 * (begin + l), records, sizeof records);
+    }
+  }
 }
 
 template <int reach, bool correlated>
@@ -596,7 +1070,16 @@ void search(const std::uint8_t* const* points, const std::ptrdiff_t* strides, in
 }  // namespace
 
 extern const Variant kVariant;
-const Variant kVariant = {PENUMBRA_KERNEL_NAME, project, prepare, accumulate, evaluate, search};
+const Variant kVariant = {PENUMBRA_KERNEL_NAME,
+                          project,
+                          walk,
+                          prepare,
+                          accumulate,
+                          eliminate,
+                          follow,
+                          evaluate,
+                          levers,
+                          search};
 
 #undef PENUMBRA_INLINE
 

@@ -38,13 +38,17 @@ constexpr int filled_blocks(int blocks) {
 bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search,
                                bool independent) {
   T_camera_table = T_predicted;
-  find_visible(exposure_motion, true);
-  result.counters.tags_visible = static_cast<int>(active.size());
-  if (active.empty()) {
-    result.reason = "no tag in view";
-    return false;
+  if (with_search) {
+    find_visible(exposure_motion, Projection::search);
+    result.counters.tags_visible = static_cast<int>(active.size());
+    if (active.empty()) {
+      result.reason = "no tag in view";
+      return false;
+    }
+    static_cast<void>(search(independent));  // where nothing is found, from where it was predicted
   }
-  if (with_search && search(independent)) find_visible(exposure_motion, true);
+  find_visible(exposure_motion, Projection::wide);
+  if (!with_search) result.counters.tags_visible = static_cast<int>(active.size());
   if (active.empty()) {
     result.reason = "no tag in view";
     return false;
@@ -85,7 +89,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
   bool sparse = sparse_rounds && starts_far;
   for (int round = 0; round < kFineRounds;) {
     ++result.counters.fine_rounds;
-    find_visible(exposure_motion, false);
+    find_visible(exposure_motion, Projection::fine);
     result.counters.samples = 0;
     for (Tag* tag : active) {
       select(*tag, false, sparse ? std::min(now, sparse_cap) : now);
@@ -134,6 +138,8 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
 const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool with_search) {
   PENUMBRA_ASSERT(input.luma.width == camera.width() && input.luma.height == camera.height() &&
                   !input.luma.empty());
+  // Places of pixels in memory are 32 bits.
+  PENUMBRA_ASSERT(std::abs(input.luma.stride) * input.luma.height < std::ptrdiff_t{1} << 31);
   PENUMBRA_ASSERT(input.predicted.is_finite() && input.covariance.allFinite());
   result.verified = false;
   result.tags.clear();
@@ -206,6 +212,7 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
                     : p.model == DistortionModel::fisheye  ? kernel::Lens::Kind::fisheye
                     : p.model == DistortionModel::rational ? kernel::Lens::Kind::rational
                                                            : kernel::Lens::Kind::polynomial;
+  impl->lens.max_radius2 = static_cast<float>(camera.max_radius() * camera.max_radius());
   impl->set_tone(p.tone_curve ? *p.tone_curve : options.tone_exponent);
   for (const MappedTag& mapped : tags) {
     Result<TagPattern> pattern = TagPattern::make(mapped.family, mapped.id);
@@ -263,7 +270,16 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
         return static_cast<std::uint32_t>(run.vertical ? along * tag.side + run.position
                                                        : run.position * tag.side + along);
       };
+      for (int cell = run.begin; cell < run.end; ++cell) {
+        std::vector<kernel::Walk::Cell>& cells = tag.edge_cells[run.vertical ? 1 : 0];
+        cells.push_back({static_cast<float>(cell - static_cast<int>(cells.size())),
+                         static_cast<float>(run.position),
+                         static_cast<std::int32_t>(tag.runs.size())});
+      }
       tag.runs.push_back({vertex(run.begin), vertex(run.end), run.vertical});
+    }
+    for (std::vector<kernel::Walk::Cell>& cells : tag.edge_cells) {
+      if (!cells.empty()) cells.push_back(kernel::Walk::Cell(cells.back()));
     }
     std::vector<DataCell> white;
     std::vector<DataCell> black;
@@ -276,6 +292,22 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
       for (std::size_t k = 0; k < pairs; ++k)
         tag.search_cells.push_back((*cells)[k * cells->size() / pairs]);
     }
+    for (const DataCell& cell : tag.search_cells) {
+      tag.search_a.push_back(static_cast<float>(cell.i) + 0.5F);
+      tag.search_b.push_back(static_cast<float>(cell.j) + 0.5F);
+    }
+    const auto last = static_cast<float>(tag.side - 1);
+    for (const auto& [a, b] : {std::pair(0.0F, 0.0F), std::pair(last, 0.0F), std::pair(0.0F, last),
+                               std::pair(last, last)}) {
+      tag.search_a.push_back(a);
+      tag.search_b.push_back(b);
+    }
+    while (tag.search_a.size() % 16 != 0) {
+      tag.search_a.push_back(last);
+      tag.search_b.push_back(last);
+    }
+    for (auto* array : {&tag.search_x, &tag.search_y, &tag.search_depth})
+      array->resize(tag.search_a.size());
     impl->tags.push_back(std::move(tag));
   }
   return TagAligner(std::move(impl));

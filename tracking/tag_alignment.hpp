@@ -43,6 +43,9 @@ struct AlignmentOptions {
   // one stops at once where it has nothing left to do. Without: the same poses to a hundredth of a
   // pixel.
   bool sparse_rounds = true;
+  // Where a limited number of pixels is far apart, edges are sampled at even steps of the lattice.
+  // Without: each edge is walked pixel by pixel, for the same poses within what their noise says.
+  bool lattice_steps = true;
   // The code search looks near by first. Without: as far as the prediction may be off, for the same
   // poses.
   bool narrow_search = true;

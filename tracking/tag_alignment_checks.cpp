@@ -5,8 +5,14 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstring>
 
 namespace penumbra {
+namespace {
+
+using Four = float __attribute__((vector_size(16)));
+
+}  // namespace
 
 // The residuals' size as a share of the gain, by their median: what covers a part of the tags does
 // not count. The median is that of a histogram whose classes are the leading bits of the floats
@@ -15,29 +21,38 @@ void TagAligner::Impl::measure_noise() {
   constexpr std::uint32_t kShift = 19;                  // leaves 4 bits of the mantissa
   constexpr std::uint32_t kFirst = (127U - 16U) << 4U;  // 2^-16 of the gain and less
   constexpr std::size_t kClasses = 20 * 16;             // up to 2^4
+  constexpr float kLeast = 0x1p-16F;
+  constexpr float kMost = 0x1.fp3F;  // the last class begins there
   std::array<std::uint16_t, kClasses> histogram{};
   int total = 0;
   for (const Tag* tag : active) total += tag->used;
-  const int stride = std::max(1, total / 384);
+  const int stride = std::max(1, (total + 383) / 384);
   int count = 0;
   int next = 0;
   for (const Tag* tag : active) {
     if (!(tag->gain > 1.5)) continue;
     const auto inverse_gain = static_cast<float>(1.0 / tag->gain);
-    for (; next < tag->used; next += stride) {
-      const auto bits =
-          std::bit_cast<std::uint32_t>(std::abs(tag->samples.residual[next]) * inverse_gain);
-      const std::uint32_t position = std::max(bits >> kShift, kFirst) - kFirst;
-      ++histogram[std::min<std::size_t>(position, kClasses - 1)];
+    const float* const residual = tag->samples.residual;
+    const int end = tag->used;
+    for (; next < end; next += stride) {
+      const float share = std::min(std::abs(residual[next]) * inverse_gain, kMost);
+      ++histogram[(std::bit_cast<std::uint32_t>(std::max(share, kLeast)) >> kShift) - kFirst];
       ++count;
     }
-    next -= tag->used;
+    next -= end;
   }
   if (count < 16) return;
   const double middle = 0.5 * count;
-  double below = 0.0;
+  // Octave by octave, then class by class.
+  int below = 0;
   std::size_t at = 0;
-  while (below + histogram[at] < middle) below += histogram[at++];
+  for (; at + 16 < kClasses; at += 16) {
+    int octave = 0;
+    for (std::size_t k = 0; k < 16; ++k) octave += histogram[at + k];
+    if (2 * (below + octave) >= count) break;
+    below += octave;
+  }
+  while (at + 1 < kClasses && 2 * (below + histogram[at]) < count) below += histogram[at++];
   const auto edge = [](std::size_t position) {
     return static_cast<double>(
         std::bit_cast<float>((static_cast<std::uint32_t>(position) + kFirst) << kShift));
@@ -68,25 +83,30 @@ double TagAligner::Impl::design_effect(double cutoff) const {
     if (tag->used < 16 || !(tag->gain > 1.5)) continue;
     parameters += 2;
     const kernel::Samples& s = tag->samples;
-    const auto inverse_gain = static_cast<float>(1.0 / tag->gain);
-    const auto offset = static_cast<float>(tag->offset);
+    kernel::LeverInput in;
+    in.inverse_gain = static_cast<float>(1.0 / tag->gain);
+    in.offset = static_cast<float>(tag->offset);
+    in.inverse_limit = inverse_limit;
+    kernel->levers(in, s);
     double tag_expected = 0.0;
     int begin = 0;
-    for (const auto& [end, vertical] : tag->run_samples) {
-      float along = 0.0F;
-      float width = 0.0F;
-      float squares = 0.0F;
-      for (int i = begin; i < end; ++i) {
-        const float r = s.residual[i] * inverse_gain;
-        const float m = (s.value[i] - offset) * inverse_gain - r;
-        const float t = r * inverse_limit;
-        const float inside = std::max(1.0F - t * t, 0.0F);
-        const float slope = std::max(m * (1.0F - m), 0.0F);  // of a blurred edge, nearly
-        const float lever = slope * inside * inside;
-        along += lever * r;
-        width += lever * slope;
-        squares += lever * lever;
+    const std::int32_t* const step_run = tag->step_run.data();
+    const int steps = tag->step_count;
+    for (int k = 0; k < steps;) {
+      const std::int32_t run = step_run[k];
+      while (k < steps && step_run[k] == run) ++k;
+      const int end = tag->step_end[static_cast<std::size_t>(k - 1)];
+      const bool vertical = tag->runs[static_cast<std::size_t>(run)].vertical;
+      const float* const stop = s.levers + 4 * end;
+      Four sums{};
+      for (const float* at = s.levers + 4 * begin; at < stop; at += 4) {
+        Four lever;
+        std::memcpy(&lever, at, sizeof lever);
+        sums += lever;
       }
+      const float along = sums[0];
+      const float width = sums[1];
+      const float squares = sums[2];
       begin = end;
       if (!(squares > 0.0F)) continue;
       const auto S = static_cast<double>(along);
@@ -146,6 +166,7 @@ void TagAligner::Impl::verify() {
       s.ray_y[tag->used] = tag->ray_y[v];
       ++tag->used;
     }
+    locate_samples(*tag);
     finish_samples(*tag);
     kernel::AccumulateInput in;
     std::copy(tag->lattice_from_ray.begin(), tag->lattice_from_ray.end(), in.lattice_from_ray);

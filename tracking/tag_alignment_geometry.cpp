@@ -57,7 +57,9 @@ void TagAligner::Impl::read_out(Tag& tag) const {
   }
 }
 
-void TagAligner::Impl::project_lattice(Tag& tag, double added_variance_px2) const {
+// Lattice points into what the rest of `vertices` says, rolling shutter and all.
+void TagAligner::Impl::project(Tag& tag, double added_variance_px2,
+                               kernel::Vertices& vertices) const {
   std::array<float, 9> M{};
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c)
@@ -67,6 +69,37 @@ void TagAligner::Impl::project_lattice(Tag& tag, double added_variance_px2) cons
   blur.variance_px2 = static_cast<float>(options.blur_px * options.blur_px + added_variance_px2);
   blur.motion_x_px = static_cast<float>(tag.motion_px.x());
   blur.motion_y_px = static_cast<float>(tag.motion_px.y());
+  kernel->project(lens, blur, M.data(), tag.lattice_from_ray.data(), vertices);
+  if (tag.row_shear.isZero()) return;
+  // A vertex is seen in the row r where it is at that row's time: r = y + shear_y (r - tag's row).
+  const auto row = static_cast<float>(tag.row);
+  const Eigen::Vector2f shear = (tag.row_shear / (1.0 - tag.row_shear.y())).cast<float>();
+  for (int k = 0; k < vertices.count; ++k) {
+    const float rows = vertices.pixel_y[k] - row;
+    vertices.pixel_x[k] += shear.x() * rows;
+    vertices.pixel_y[k] += shear.y() * rows;
+  }
+}
+
+void TagAligner::Impl::project_search(Tag& tag) {
+  const std::size_t count = tag.search_a.size();
+  unused.resize(5 * count);
+  kernel::Vertices points;
+  points.count = static_cast<int>(count);
+  points.a = tag.search_a.data();
+  points.b = tag.search_b.data();
+  points.pixel_x = tag.search_x.data();
+  points.pixel_y = tag.search_y.data();
+  points.depth = tag.search_depth.data();
+  float* next = unused.data();
+  for (float** array : {&points.ray_x, &points.ray_y, &points.ka, &points.kb, &points.rho}) {
+    *array = next;
+    next += count;
+  }
+  project(tag, 0.0, points);
+}
+
+void TagAligner::Impl::project_lattice(Tag& tag, double added_variance_px2) const {
   kernel::Vertices vertices;
   vertices.count = static_cast<int>(tag.lattice_a.size());
   vertices.a = tag.lattice_a.data();
@@ -79,21 +112,13 @@ void TagAligner::Impl::project_lattice(Tag& tag, double added_variance_px2) cons
   vertices.ka = tag.ka.data();
   vertices.kb = tag.kb.data();
   vertices.rho = tag.rho.data();
-  kernel->project(lens, blur, M.data(), tag.lattice_from_ray.data(), vertices);
-  const auto max_r2 = static_cast<float>(camera.max_radius() * camera.max_radius());
-  for (std::size_t k = 0; k < tag.depth.size(); ++k) {
-    const float r2 = tag.ray_x[k] * tag.ray_x[k] + tag.ray_y[k] * tag.ray_y[k];
-    if (!(r2 < max_r2)) tag.depth[k] = -1.0F;
-  }
-  if (tag.row_shear.isZero()) return;
-  // A vertex is seen in the row r where it is at that row's time: r = y + shear_y (r - tag's row).
-  const auto row = static_cast<float>(tag.row);
-  const Eigen::Vector2f shear = (tag.row_shear / (1.0 - tag.row_shear.y())).cast<float>();
-  for (std::size_t k = 0; k < tag.depth.size(); ++k) {
-    const float rows = tag.pixel_y[k] - row;
-    tag.pixel_x[k] += shear.x() * rows;
-    tag.pixel_y[k] += shear.y() * rows;
-  }
+  project(tag, added_variance_px2, vertices);
+  // Depths are linear in the lattice, and the lens model's disc is convex: where the four outermost
+  // vertices are seen, all are.
+  const auto last = static_cast<std::size_t>(tag.side - 1);
+  const auto top = last * static_cast<std::size_t>(tag.side);
+  tag.wholly_seen = tag.depth[0] > 0.0F && tag.depth[last] > 0.0F && tag.depth[top] > 0.0F &&
+                    tag.depth[top + last] > 0.0F;
 }
 
 bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const {
@@ -106,6 +131,8 @@ bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const 
   const Eigen::Vector2d pixel = camera.project_unchecked(p, &J);
   const Eigen::Vector2d along_a = J * tag.ray_from_lattice.col(0);
   const Eigen::Vector2d along_b = J * tag.ray_from_lattice.col(1);
+  tag.along_a = along_a;
+  tag.along_b = along_b;
   const double area = std::abs(along_a.x() * along_b.y() - along_a.y() * along_b.x());
   const double across_a = area / along_b.norm();  // the distance between two a-lines
   const double across_b = area / along_a.norm();
@@ -136,7 +163,7 @@ bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const 
   return true;
 }
 
-void TagAligner::Impl::find_visible(const Vector6d& exposure_motion, bool wide) {
+void TagAligner::Impl::find_visible(const Vector6d& exposure_motion, Projection projection) {
   active.clear();
   moved_since_projection_px = 0.0;
   for (Tag& tag : tags) {
@@ -144,8 +171,14 @@ void TagAligner::Impl::find_visible(const Vector6d& exposure_motion, bool wide) 
     place(tag);
     tag.visible = measure(tag, exposure_motion);
     if (!tag.visible) continue;
-    if (wide) tag.correlated = false;  // the model is blurred anyway
-    project_lattice(tag, wide ? wide_variance_px2(tag.cell_px) : 0.0);
+    if (projection == Projection::search) {
+      project_search(tag);
+    } else if (projection == Projection::wide) {
+      tag.correlated = false;  // the model is blurred anyway
+      project_lattice(tag, wide_variance_px2(tag.cell_px));
+    } else {
+      project_lattice(tag, 0.0);
+    }
     active.push_back(&tag);
   }
 }

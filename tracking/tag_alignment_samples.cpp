@@ -10,11 +10,26 @@
 namespace penumbra {
 namespace {
 
-// Places along the rows across an edge that are sampled, in pixels from the edge's own pixel.
-struct Band {
-  std::array<int, 16> offsets{};
-  int count = 0;
-};
+// Of the edges along one of the lattice's directions.
+template <class Tag>
+int edge_cells(const Tag& tag, std::size_t direction) {
+  const auto& cells = tag.edge_cells[direction];
+  return cells.empty() ? 0 : static_cast<int>(cells.size()) - 1;
+}
+
+// Pixels at a step across an edge.
+template <class Band>
+int rows_at_most(const Band& band, double reach_px) {
+  return band.count > 0 ? band.count : std::min(static_cast<int>(3.0 * reach_px) + 2, 17);
+}
+
+// From step to step along edges that are so long altogether, for about `cap` samples [px].
+template <class Band>
+double stride_of(const Band& band, double reach_px, double length, double tilt, int cap) {
+  const double steepness = std::hypot(1.0, tilt / length);
+  const double rows = band.count > 0 ? band.count : std::min(2.0 * reach_px * steepness, 16.0);
+  return std::max(1.0, length * rows / cap);
+}
 
 // Four floats side by side.
 using Four = float __attribute__((vector_size(16)));
@@ -57,51 +72,58 @@ void TagAligner::Impl::read_levels() {
   }
 }
 
-// Fills in what the kernel needs beside pixels and guesses of their rays.
+// Where the samples' pixels lie in the image's memory, for finish_samples.
+void TagAligner::Impl::locate_samples(Tag& tag) const {
+  const kernel::Samples& s = tag.samples;
+  const auto stride = static_cast<std::int32_t>(image.stride);
+  for (int i = 0; i < tag.used; ++i)
+    s.vertex[i] =
+        static_cast<std::int32_t>(s.pixel_y[i]) * stride + static_cast<std::int32_t>(s.pixel_x[i]);
+}
+
+// Fills in what the kernel needs beside pixels, their places in memory (in `vertex`) and guesses of
+// their rays.
 void TagAligner::Impl::finish_samples(Tag& tag) {
-  const kernel::Samples s = [&] {
-    tag.samples.count = (tag.used + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
-    return tag.samples;  // a copy, which the floats that are written are not
-  }();
+  tag.samples.count = (tag.used + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
+  const kernel::Samples s = tag.samples;  // a copy, which the floats that are written are not
+  const int used = tag.used;
   const int padded = s.count;
-  for (int i = 0; i < tag.used; ++i) {
-    s.value[i] = tone[image.row(static_cast<int>(s.pixel_y[i]))[static_cast<int>(s.pixel_x[i])]];
-    s.weight[i] = 1.0F;
-  }
+  const std::uint8_t* const pixels = image.data;
+  const float* const levels = tone.data();
+  for (int i = 0; i < used; ++i) s.value[i] = levels[pixels[s.vertex[i]]];
+  std::fill(s.weight, s.weight + used, 1.0F);
   if (!tag.row_shear.isZero()) {
     // From here on the samples are where they would be, had their rows been read out with the
     // tag's.
     const auto row = static_cast<float>(tag.row);
     const Eigen::Vector2f shear = tag.row_shear.cast<float>();
-    for (int i = 0; i < tag.used; ++i) {
+    for (int i = 0; i < used; ++i) {
       const float rows = s.pixel_y[i] - row;
       s.pixel_x[i] -= shear.x() * rows;
       s.pixel_y[i] -= shear.y() * rows;
     }
   }
-  for (int i = tag.used; i < padded; ++i) {
-    const int last = tag.used > 0 ? tag.used - 1 : 0;
-    s.pixel_x[i] = tag.used > 0 ? s.pixel_x[last] : 0.0F;
-    s.pixel_y[i] = tag.used > 0 ? s.pixel_y[last] : 0.0F;
-    s.ray_x[i] = tag.used > 0 ? s.ray_x[last] : 0.0F;
-    s.ray_y[i] = tag.used > 0 ? s.ray_y[last] : 0.0F;
-    s.value[i] = 0.0F;
-    s.weight[i] = 0.0F;
-  }
+  for (float* array : {s.pixel_x, s.pixel_y, s.ray_x, s.ray_y})
+    std::fill(array + used, array + padded, used > 0 ? array[used - 1] : 0.0F);
+  std::fill(s.value + used, s.value + padded, 0.0F);
+  std::fill(s.weight + used, s.weight + padded, 0.0F);
   kernel->prepare(lens, tag.lattice_from_ray.data(), tag.reach, tag.side, s);
   // What depends on the anchor alone. One record per vertex; gathering it here is faster than by
   // vector instructions.
   if (tag.reach == 1) {
-    for (int i = 0; i < padded; ++i) {
-      const auto v = static_cast<std::size_t>(s.vertex[i]);
-      s.ka[i] = tag.ka[v];
-      s.kb[i] = tag.kb[v];
-      s.rho[i] = tag.rho[v];
+    const float* const ka = tag.ka.data();
+    const float* const kb = tag.kb.data();
+    const std::array<float, 4>* const coefficients = tag.coefficients1.data();
+    if (tag.correlated) {
+      for (int i = 0; i < padded; ++i) s.rho[i] = tag.rho[static_cast<std::size_t>(s.vertex[i])];
     }
     // Four records of four become four of each.
     for (int i = 0; i < padded; i += 4) {
       const auto record = [&](int k) {
-        return load(tag.coefficients1[static_cast<std::size_t>(s.vertex[i + k])].data());
+        const std::int32_t v = s.vertex[i + k];
+        s.ka[i + k] = ka[v];
+        s.kb[i + k] = kb[v];
+        return load(coefficients[v].data());
       };
       const Four r0 = record(0);
       const Four r1 = record(1);
@@ -134,12 +156,122 @@ void TagAligner::Impl::finish_samples(Tag& tag) {
   }
 }
 
-// Chooses the pixels at the edges: each run is walked pixel by pixel along the image axis it is
-// nearer to, and at each step the pixels across it that the blur reaches are taken.
+// Chooses the pixels at the edges, up to about `cap`.
 void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
+  tag.used = 0;
+  tag.step_count = 0;
+  const double motion = tag.motion_px.norm() / std::sqrt(12.0);
+  const double sigma = std::hypot(options.blur_px, motion);
+  Band band;
+  if (wide) {
+    // Far enough out to feel an edge half a cell away.
+    const double unit = std::max(tag.cell_px / 10.0, 0.3);
+    for (const double o : {-5.0, -3.0, -1.0, 1.0, 3.0, 5.0})
+      band.offsets[static_cast<std::size_t>(band.count++)] = floor_of(o * unit + 0.5);
+  }
+  // Within 2.1 sigma of an edge lies all but a two-hundredth of what it tells; a limited number of
+  // pixels is best spent closer.
+  const double reach_px = (options.effort == AlignmentEffort::accurate ? 2.1 : 1.25) * sigma;
+  // Of steps nearer than this two may fall on a pixel where the tag is seen smaller.
+  constexpr double kLeastStep_px = 1.5;
+  // The tilt of a lone tag hangs on single edges.
+  constexpr std::size_t kFewestTags = 3;
+  if (options.lattice_steps && active.size() >= kFewestTags) {
+    // Lengths by the cells at the tag's centre: of each direction's edges along the image axis they
+    // are nearer to, and along the other one.
+    double length = 0.0;
+    double tilt = 0.0;
+    for (const auto& [direction, cell_px] :
+         {std::pair(0U, tag.along_a), std::pair(1U, tag.along_b)}) {
+      const double cells = edge_cells(tag, direction);
+      length += cells * cell_px.cwiseAbs().maxCoeff();
+      tilt += cells * cell_px.cwiseAbs().minCoeff();
+    }
+    const double stride = stride_of(band, reach_px, length, tilt, cap);
+    if (stride > kLeastStep_px && length < 1e7) {
+      step_along(tag, band, reach_px, stride);
+      PENUMBRA_ASSERT(tag.used <= tag.storage.capacity());
+      finish_samples(tag);
+      return;
+    }
+  }
+  walk_runs(tag, band, reach_px, cap);
+  PENUMBRA_ASSERT(tag.used <= tag.storage.capacity());
+  locate_samples(tag);
+  finish_samples(tag);
+}
+
+// Each of the lattice's two directions in even steps over all of its edges, about `stride` pixels
+// along the image axis that they are nearer to.
+void TagAligner::Impl::step_along(Tag& tag, const Band& band, double reach_px, double stride) {
+  const std::array<Eigen::Vector2d, 2> cell_px = {tag.along_a, tag.along_b};
+  const std::array<int, 2> cells = {edge_cells(tag, 0), edge_cells(tag, 1)};
+  std::array<int, 2> counts{};
+  for (const std::size_t k : {0U, 1U})
+    counts[k] = static_cast<int>(cells[k] * cell_px[k].cwiseAbs().maxCoeff() / stride + 0.5);
+  const int most_rows = rows_at_most(band, reach_px);
+  // What is written is up to three pixels more than are counted.
+  tag.storage.resize(most_rows * (counts[0] + counts[1]) + 4);
+  tag.samples = tag.storage.view();
+  tag.step_count = counts[0] + counts[1];
+  if (const auto most = static_cast<std::size_t>(tag.step_count) + 16; tag.step_run.size() < most) {
+    tag.step_end.resize(most);
+    tag.step_run.resize(most);
+  }
+  std::array<float, 9> M{};
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c)
+      M[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(tag.ray_from_lattice(r, c));
+  }
+  // Rows across an edge, from the first one of a step.
+  std::array<float, 20> offsets = {0.0F,  1.0F,  2.0F,  3.0F,  4.0F,  5.0F,  6.0F,
+                                   7.0F,  8.0F,  9.0F,  10.0F, 11.0F, 12.0F, 13.0F,
+                                   14.0F, 15.0F, 16.0F, 17.0F, 18.0F, 19.0F};
+  for (int k = 0; k < band.count; ++k) {
+    const auto at = static_cast<std::size_t>(k);
+    offsets[at] = static_cast<float>(band.offsets[at]);
+  }
+  kernel::Walk walk;
+  walk.ray_from_lattice = M.data();
+  walk.width = image.width;
+  walk.height = image.height;
+  walk.stride = image.stride;
+  walk.reach_px = static_cast<float>(reach_px);
+  walk.most_rows = most_rows;
+  walk.band_count = band.count;
+  walk.offsets = offsets.data();
+  if (!tag.row_shear.isZero()) {
+    const Eigen::Vector2f shear = (tag.row_shear / (1.0 - tag.row_shear.y())).cast<float>();
+    walk.row = static_cast<float>(tag.row);
+    walk.shear_x = shear.x();
+    walk.shear_y = shear.y();
+  }
+  walk.end = tag.step_end.data();
+  walk.run = tag.step_run.data();
+  for (const std::size_t k : {0U, 1U}) {
+    if (counts[k] == 0) continue;
+    walk.cells = tag.edge_cells[k].data();
+    walk.cell_count = cells[k];
+    walk.count = counts[k];
+    walk.along_b = k == 1;
+    walk.along_x = std::abs(cell_px[k].x()) >= std::abs(cell_px[k].y());
+    tag.used = kernel->walk(lens, walk, tag.samples, tag.used);
+    walk.end += counts[k];
+    walk.run += counts[k];
+  }
+}
+
+// Each run is walked pixel by pixel along the image axis it is nearer to, and at each step the
+// pixels across it that the blur reaches are taken.
+void TagAligner::Impl::walk_runs(Tag& tag, const Band& band, double reach_px, int cap) {
+  const bool wide = band.count > 0;
   double length = 0.0;
-  double tilt = 0.0;  // mean share of the minor direction
+  double tilt = 0.0;  // along the other axis
   run_lengths.resize(tag.runs.size());
+  if (tag.step_run.size() < tag.runs.size()) {
+    tag.step_end.resize(tag.runs.size());
+    tag.step_run.resize(tag.runs.size());
+  }
   for (std::size_t k = 0; k < tag.runs.size(); ++k) {
     const auto [v0, v1, vertical] = tag.runs[k];
     run_lengths[k] = -1.0;
@@ -158,30 +290,9 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
         std::max(std::abs(x1), std::abs(y1)) < 1e5F)
       run_lengths[k] = walk;
   }
-  tag.used = 0;
-  tag.run_samples.clear();
-  if (!(length > 0.0) || !(length < 1e7)) {
-    finish_samples(tag);
-    return;
-  }
-
-  const double motion = tag.motion_px.norm() / std::sqrt(12.0);
-  const double sigma = std::hypot(options.blur_px, motion);
-  Band band;
-  if (wide) {
-    // Far enough out to feel an edge half a cell away.
-    const double unit = std::max(tag.cell_px / 10.0, 0.3);
-    for (const double o : {-5.0, -3.0, -1.0, 1.0, 3.0, 5.0})
-      band.offsets[static_cast<std::size_t>(band.count++)] =
-          static_cast<int>(std::floor(o * unit + 0.5));
-  }
-  // Within 2.1 sigma of an edge lies all but a two-hundredth of what it tells; a limited number of
-  // pixels is best spent closer.
-  const double reach_px = (options.effort == AlignmentEffort::accurate ? 2.1 : 1.25) * sigma;
-  const double steepness = std::hypot(1.0, tilt / length);
-  const double rows = wide ? band.count : std::min(2.0 * reach_px * steepness, 16.0);
-  const double stride = std::max(1.0, length * rows / cap);
-  const int most_rows = wide ? band.count : std::min(static_cast<int>(3.0 * reach_px) + 2, 17);
+  if (!(length > 0.0) || !(length < 1e7)) return;
+  const double stride = stride_of(band, reach_px, length, tilt, cap);
+  const int most_rows = rows_at_most(band, reach_px);
   // The steps go on from run to run. What is written is up to three pixels more than are counted.
   const int capacity = most_rows * (static_cast<int>(length / stride) + 2) + 4;
   tag.storage.resize(capacity);
@@ -256,11 +367,11 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
       used += std::max(count, 0);
     }
     carry = at - run_length;
-    tag.run_samples.push_back({used, vertical});
+    tag.step_end[static_cast<std::size_t>(tag.step_count)] = used;
+    tag.step_run[static_cast<std::size_t>(tag.step_count)] = static_cast<std::int32_t>(k);
+    ++tag.step_count;
   }
-  PENUMBRA_ASSERT(used <= tag.storage.capacity());
   tag.used = used;
-  finish_samples(tag);
 }
 
 std::vector<EdgePixel> TagAligner::Impl::edge_pixels() {

@@ -79,16 +79,16 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
     const int pairs = std::min(pairs_per_tag, tag->search_white);
     for (int k = 0; k < 2 * pairs; ++k) {
       const int of_colour = k < pairs ? k : k - pairs;
-      const DataCell& cell = tag->search_cells[static_cast<std::size_t>(
-          (k < pairs ? 0 : tag->search_white) + of_colour * tag->search_white / pairs)];
-      double px = 0.0;
-      double py = 0.0;
-      if (!cell_pixel(*tag, cell.i, cell.j, px, py)) {
+      const auto point = static_cast<std::size_t>((k < pairs ? 0 : tag->search_white) +
+                                                  of_colour * tag->search_white / pairs);
+      const float px = tag->search_x[point];
+      const float py = tag->search_y[point];
+      if (!(tag->search_depth[point] > 0.0F && std::abs(px) < 1e5F && std::abs(py) < 1e5F)) {
         complete = false;
         break;
       }
-      const int x = floor_of(px + 0.5) - search_reach;
-      const int y = floor_of(py + 0.5) + first_row;
+      const int x = floor_of(static_cast<double>(px) + 0.5) - search_reach;
+      const int y = floor_of(static_cast<double>(py) + 0.5) + first_row;
       const int cx = x + search_reach;
       const int cy = y - first_row;
       inside += cx >= 0 && cy >= 0 && cx < image.width && cy < image.height ? 1 : 0;
@@ -116,7 +116,7 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
         points[slot] = copy;
         strides[slot] = columns;
       }
-      positive += cell.white ? 1 : 0;
+      positive += k < pairs ? 1 : 0;
       ++count;
     }
     if (!complete || 2 * inside < count || count < 4) continue;
@@ -212,8 +212,13 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
       Eigen::Matrix<double, 2, 6> J;
       J.leftCols<3>() = J_p;
       J.rightCols<3>() = -J_p * skew(p);
-      H += w * J.transpose() * J;
-      g += w * J.transpose() * r;
+      for (int row = 0; row < 6; ++row) {
+        const double w0 = w * J(0, row);
+        const double w1 = w * J(1, row);
+        for (int column = 0; column <= row; ++column)  // the lower triangle is what ldlt reads
+          H(row, column) += w0 * J(0, column) + w1 * J(1, column);
+        g[row] += w0 * r[0] + w1 * r[1];
+      }
     }
     const Vector6d xi = H.ldlt().solve(g);
     if (!xi.allFinite()) return false;
@@ -230,14 +235,13 @@ void TagAligner::Impl::fetch_ahead(int margin) const {
   float x1 = -1e9F;
   float y1 = -1e9F;
   for (const Tag* tag : active) {
-    const auto last = static_cast<std::size_t>(tag->side - 1);
-    const auto width = static_cast<std::size_t>(tag->side);
-    for (const std::size_t v : {std::size_t{0}, last, last * width, last * width + last}) {
-      if (!(tag->depth[v] > 0.0F)) continue;
-      x0 = std::min(x0, tag->pixel_x[v]);
-      y0 = std::min(y0, tag->pixel_y[v]);
-      x1 = std::max(x1, tag->pixel_x[v]);
-      y1 = std::max(y1, tag->pixel_y[v]);
+    const std::size_t corners = tag->search_cells.size();
+    for (std::size_t k = corners; k < corners + 4; ++k) {
+      if (!(tag->search_depth[k] > 0.0F)) continue;
+      x0 = std::min(x0, tag->search_x[k]);
+      y0 = std::min(y0, tag->search_y[k]);
+      x1 = std::max(x1, tag->search_x[k]);
+      y1 = std::max(y1, tag->search_y[k]);
     }
   }
   const auto margin_px = static_cast<float>(margin);

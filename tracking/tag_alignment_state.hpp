@@ -57,12 +57,13 @@ struct TagAligner::Impl {
                             &s.vb, &s.ka, &s.kb, &s.rho, &s.model, &s.residual})
         *array = take();
       for (float*& array : s.c) array = take();
+      s.levers = next;
       s.vertex = vertex_.data();
       return s;
     }
 
    private:
-    static constexpr std::size_t kArrays = 29;
+    static constexpr std::size_t kArrays = 33;
     std::vector<float> data_;
     std::vector<std::int32_t> vertex_;
     int capacity_ = 0;
@@ -81,17 +82,25 @@ struct TagAligner::Impl {
       std::uint32_t begin = 0, end = 0;  // vertices
       bool vertical = false;             // in the lattice
     };
-    std::vector<Run> runs;               // the pattern's
+    std::vector<Run> runs;  // the pattern's
+    // The runs' cells one behind the other, those of runs along a and then those along b; the last
+    // one twice, see kernel::Walk.
+    std::array<std::vector<kernel::Walk::Cell>, 2> edge_cells;
     std::vector<DataCell> search_cells;  // as many white as black, the white ones first
     int search_white = 0;
+    // Their centres in the lattice, and then its four corners; filled up with the last one.
+    std::vector<float> search_a, search_b;
 
     // Of the current frame.
     bool visible = false;
+    bool wholly_seen = false;  // all vertices have a projection
     Eigen::Matrix3d R_lattice_camera = Eigen::Matrix3d::Identity();
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // of the camera in the lattice [cells]
     Eigen::Matrix3d ray_from_lattice = Eigen::Matrix3d::Identity();
     std::array<float, 9> lattice_from_ray{};
     std::vector<float> ray_x, ray_y, pixel_x, pixel_y, depth, ka, kb, rho;  // of the vertices
+    Eigen::Vector2d along_a = Eigen::Vector2d::Zero();  // of a cell at the tag's centre [px]
+    Eigen::Vector2d along_b = Eigen::Vector2d::Zero();
     double cell_px = 0.0;  // the smaller side of the central cell, across it
     double cell_max_px = 0.0;
     double correlation = 0.0;
@@ -108,24 +117,23 @@ struct TagAligner::Impl {
     SampleStorage storage;
     kernel::Samples samples;
     int used = 0;  // samples without padding
-    // Of the last selection: a run's samples end where the next begin.
-    struct RunSamples {
-      int end = 0;
-      bool vertical = false;
-    };
-    std::vector<RunSamples> run_samples;
+    // Of the last selection, step by step or run by run: a step's samples end where the next one's
+    // begin.
+    int step_count = 0;
+    std::vector<std::int32_t> step_end, step_run;
     kernel::Sums sums;
     std::vector<std::int16_t> scores;
     int score_points = 0;
     TagAlignment result;
+    // Of `search_a`, `search_b`: depth not positive where there is no projection.
+    std::vector<float> search_x, search_y, search_depth;
   };
 
-  // A tag's gain and offset, solved for in terms of the pose.
-  struct Eliminated {
-    Eigen::Matrix<double, 6, 2> cross;  // lattice frame
-    Eigen::Matrix2d inverse;
-    Eigen::Vector2d gradient;
-    bool valid = false;
+  // What is wanted of where the tags lie.
+  enum class Projection {
+    search,  // the cells that are searched for, alone
+    wide,    // the lattice, blurred as the wide stage's model
+    fine,    // as the picture is
   };
 
   CameraModel camera;
@@ -136,6 +144,12 @@ struct TagAligner::Impl {
   std::vector<Tag> tags;
   std::vector<Tag*> active;
   AlignmentResult result;
+  // Places across an edge that are sampled, in pixels from the edge's own one; none: all within
+  // reach.
+  struct Band {
+    std::array<int, 16> offsets{};
+    int count = 0;
+  };
   // Of the current frame.
   ImageView image;
   Eigen::Isometry3d T_camera_table = Eigen::Isometry3d::Identity();
@@ -151,10 +165,11 @@ struct TagAligner::Impl {
   int first_samples = 0;
   bool starts_far = false;
   Vector6d row_velocity = Vector6d::Zero();  // the camera's, per row [m, rad]
-  std::vector<Eliminated> eliminated;        // of the last step, by place in `active`
+  std::vector<kernel::TagPack> packs;        // of the active tags in a step
   std::vector<double> run_lengths;           // in select, of a tag; negative: not to be walked
   std::vector<std::int32_t> score_sum;
   std::vector<std::uint8_t> search_scratch;
+  std::vector<float> unused;  // what a projection gives beside what is asked for
 
   void set_tone(double exponent) {
     options.tone_exponent = exponent;
@@ -167,26 +182,25 @@ struct TagAligner::Impl {
   void read_out(Tag& tag) const;
   // `added_variance_px2` blurs the model beyond what the lens does.
   void project_lattice(Tag& tag, double added_variance_px2) const;
+  void project_search(Tag& tag);
+  void project(Tag& tag, double added_variance_px2, kernel::Vertices& vertices) const;
 
   // Whether the tag can be used at the current pose; its size in the image.
   [[nodiscard]] bool measure(Tag& tag, const Vector6d& exposure_motion) const;
 
-  void find_visible(const Vector6d& exposure_motion, bool wide);
+  void find_visible(const Vector6d& exposure_motion, Projection projection);
 
   // Pixel of a cell's centre by its corners; nothing where a corner has no projection.
   [[nodiscard]] static bool cell_pixel(const Tag& tag, int i, int j, double& x, double& y) {
     const auto v = static_cast<std::size_t>(j * tag.side + i);
-    const std::array<std::size_t, 4> corners = {v, v + 1, v + static_cast<std::size_t>(tag.side),
-                                                v + static_cast<std::size_t>(tag.side) + 1};
-    float sum_x = 0.0F;
-    float sum_y = 0.0F;
-    for (const std::size_t c : corners) {
-      if (!(tag.depth[c] > 0.0F)) return false;
-      sum_x += tag.pixel_x[c];
-      sum_y += tag.pixel_y[c];
-    }
-    x = 0.25 * static_cast<double>(sum_x);
-    y = 0.25 * static_cast<double>(sum_y);
+    const std::size_t up = v + static_cast<std::size_t>(tag.side);
+    if (!tag.wholly_seen && !(tag.depth[v] > 0.0F && tag.depth[v + 1] > 0.0F &&
+                              tag.depth[up] > 0.0F && tag.depth[up + 1] > 0.0F))
+      return false;
+    const float* px = tag.pixel_x.data();
+    const float* py = tag.pixel_y.data();
+    x = 0.25 * static_cast<double>(px[v] + px[v + 1] + px[up] + px[up + 1]);
+    y = 0.25 * static_cast<double>(py[v] + py[v + 1] + py[up] + py[up + 1]);
     return std::abs(x) < 1e5 && std::abs(y) < 1e5;
   }
 
@@ -206,6 +220,9 @@ struct TagAligner::Impl {
   void fetch_ahead(int margin) const;
   void read_levels();
   void select(Tag& tag, bool wide, int cap);
+  void walk_runs(Tag& tag, const Band& band, double reach_px, int cap);
+  void step_along(Tag& tag, const Band& band, double reach_px, double stride);
+  void locate_samples(Tag& tag) const;
   void finish_samples(Tag& tag);
   [[nodiscard]] std::vector<EdgePixel> edge_pixels();
   bool step(double cutoff, double& moved_px);

@@ -3,9 +3,10 @@
 #include "tracking/tag_alignment_state.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <utility>
 
 #include "tracking/se3.hpp"
 
@@ -15,15 +16,34 @@ namespace penumbra {
 // weights, as a share of the gain; 0: none. moved_px: how far the tags' centres and corners went at
 // most.
 bool TagAligner::Impl::step(double cutoff, double& moved_px) {
-  Matrix6d H = Matrix6d::Zero();
-  Vector6d g = Vector6d::Zero();
-  if (eliminated.size() < active.size()) eliminated.resize(active.size());
+  const std::size_t pack_count = (active.size() + 3) / 4;
+  packs.resize(pack_count);
   double cost = 0.0;
   double weight = 0.0;
-  for (std::size_t k = 0; k < active.size(); ++k) {
+  for (std::size_t k = 0; k < 4 * pack_count; ++k) {
+    kernel::TagPack& pack = packs[k / 4];
+    const std::size_t lane = k % 4;
+    pack.weight[lane] = 0.0;
+    if (k >= active.size()) {
+      for (auto& h : pack.H) h[lane] = 0.0;
+      continue;
+    }
     Tag& tag = *active[k];
-    eliminated[k].valid = false;
-    if (tag.used < 16 || !(tag.gain > 1.0)) continue;
+    for (int r = 0; r < 3; ++r) {
+      const auto row = static_cast<std::size_t>(3 * r);
+      for (int c = 0; c < 3; ++c) {
+        const auto i = row + static_cast<std::size_t>(c);
+        pack.R[i][lane] = tag.R_lattice_camera(r, c);
+        pack.ray_from_lattice[i][lane] = tag.ray_from_lattice(r, c);
+      }
+      pack.centre[r][lane] = tag.centre[r];
+    }
+    pack.per_cell[lane] = 1.0 / tag.cell_m;
+    pack.side_cells[lane] = tag.side - 1;
+    if (tag.used < 16 || !(tag.gain > 1.0)) {
+      for (auto& h : pack.H) h[lane] = 0.0;
+      continue;
+    }
     kernel::AccumulateInput in;
     std::copy(tag.lattice_from_ray.begin(), tag.lattice_from_ray.end(), in.lattice_from_ray);
     for (int c = 0; c < 3; ++c) in.centre[c] = static_cast<float>(tag.centre[c]);
@@ -37,51 +57,36 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
     in.correlated = tag.correlated;
     kernel->accumulate(in, tag.samples, tag.sums);
     const kernel::Sums& sums = tag.sums;
-    double sum = 0.0;
-    for (const double h : sums.H) sum += h;
-    if (!std::isfinite(sum) || !(sums.weight > 8.0)) continue;
-    Eigen::Matrix<double, 8, 8> full;
-    int index = 0;
-    for (int p = 0; p < 8; ++p) {
-      for (int q = p; q < 8; ++q, ++index) full(p, q) = full(q, p) = sums.H[index];
-    }
-    const Eigen::Map<const Eigen::Matrix<double, 8, 1>> gradient(sums.g);
-    Eliminated& e = eliminated[k];
-    const Eigen::Matrix2d levels = full.bottomRightCorner<2, 2>();
-    const double det = levels.determinant();
-    if (!(det > 1e-6 * levels(0, 0) * levels(1, 1))) continue;
-    e.inverse = levels.inverse();
-    e.cross = full.topRightCorner<6, 2>();
-    e.gradient = gradient.tail<2>();
-    const Eigen::Matrix<double, 6, 2> shares = e.cross * e.inverse;
-    const Vector6d g_tag = gradient.head<6>() - shares * e.gradient;
-    // Into the camera's frame: the lattice's motion is [R / cell, K R; 0, R] times the camera's,
-    // with K = skew(centre). The lever first, then the rotation, block by block.
-    const auto cross_nu = e.cross.topRows<3>();
-    const auto cross_omega = e.cross.bottomRows<3>();
-    const Eigen::Matrix3d P =
-        full.topLeftCorner<3, 3>() - shares.topRows<3>() * cross_nu.transpose();
-    const Eigen::Matrix3d Q =
-        full.block<3, 3>(0, 3) - shares.topRows<3>() * cross_omega.transpose();
-    const Eigen::Matrix3d S =
-        full.block<3, 3>(3, 3) - shares.bottomRows<3>() * cross_omega.transpose();
-    const Eigen::Matrix3d K = skew(tag.centre);
-    const Eigen::Matrix3d Q_lever = Q + P * K;
-    const Eigen::Matrix3d S_lever = S + Q.transpose() * K - K * Q_lever;  // K^T = -K
-    const Eigen::Matrix3d& R = tag.R_lattice_camera;
-    const double per_cell = 1.0 / tag.cell_m;
-    H.topLeftCorner<3, 3>() += per_cell * per_cell * (R.transpose() * P * R);
-    H.topRightCorner<3, 3>() += per_cell * (R.transpose() * Q_lever * R);
-    H.bottomRightCorner<3, 3>() += R.transpose() * S_lever * R;
-    const Eigen::Vector3d g_nu = g_tag.head<3>();
-    g.head<3>() += per_cell * (R.transpose() * g_nu);
-    g.tail<3>() += R.transpose() * (g_tag.tail<3>() + g_nu.cross(tag.centre));
-    e.valid = true;
-    cost += sums.cost;
-    weight += sums.weight;
+    for (std::size_t i = 0; i < 36; ++i) pack.H[i][lane] = sums.H[i];
+    for (std::size_t i = 0; i < 8; ++i) pack.g[i][lane] = sums.g[i];
+    pack.weight[lane] = sums.weight;
   }
+  kernel->eliminate(packs.data(), static_cast<int>(pack_count));
+  std::array<double, 21> H_sum{};
+  std::array<double, 6> g_sum{};
+  for (std::size_t k = 0; k < active.size(); ++k) {
+    if (!packs[k / 4].valid[k % 4]) continue;
+    cost += active[k]->sums.cost;
+    weight += active[k]->sums.weight;
+  }
+  for (const kernel::TagPack& pack : packs) {
+    // Tags that are left out have zeros.
+    const auto over_lanes = [](const double* four) {
+      return (four[0] + four[2]) + (four[1] + four[3]);
+    };
+    for (std::size_t i = 0; i < H_sum.size(); ++i) H_sum[i] += over_lanes(pack.H_camera[i]);
+    for (std::size_t i = 0; i < g_sum.size(); ++i) g_sum[i] += over_lanes(pack.g_camera[i]);
+  }
+  Matrix6d H;
+  const double* h = H_sum.data();
+  for (const auto& [row, column] : {std::pair(0, 0), std::pair(0, 3), std::pair(3, 3)}) {
+    for (int p = 0; p < 3; ++p) {
+      for (int q = row == column ? p : 0; q < 3; ++q, ++h)
+        H(row + p, column + q) = H(column + q, row + p) = *h;
+    }
+  }
+  const Eigen::Map<const Vector6d> g(g_sum.data());
   ++result.counters.evaluations;
-  H.bottomLeftCorner<3, 3>() = H.topRightCorner<3, 3>().transpose();
   if (!(weight > 12.0)) return false;
   variance = std::max(cost / weight, 0.25);  // a grey level's own rounding at least
   information = H / variance;
@@ -89,37 +94,29 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
   const Matrix6d H_prior = H + variance * prior_information;
   const Vector6d xi = H_prior.ldlt().solve(g - variance * (prior_information * deviation));
   if (!xi.allFinite()) return false;
-  for (std::size_t k = 0; k < active.size(); ++k) {
-    const Eliminated& e = eliminated[k];
-    if (!e.valid) continue;
-    Tag& tag = *active[k];
-    const Eigen::Vector3d omega = tag.R_lattice_camera * xi.tail<3>();
-    Vector6d moved;
-    moved << tag.R_lattice_camera * xi.head<3>() / tag.cell_m + tag.centre.cross(omega), omega;
-    const Eigen::Vector2d levels = e.inverse * (e.gradient - e.cross.transpose() * moved);
-    // A gain of nothing or less is no tag; it is kept just above, to come back.
-    tag.gain = std::max(tag.gain + levels[0], 1.5);
-    tag.offset += levels[1];
-  }
   const Eigen::Isometry3d motion = exp_se3(xi);
+  kernel::CameraStep camera_step;
+  std::copy(xi.data(), xi.data() + 6, camera_step.xi);
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) camera_step.R[3 * r + c] = motion.linear()(r, c);
+    camera_step.t[r] = motion.translation()[r];
+  }
+  camera_step.fx = camera.parameters().fx;
+  camera_step.fy = camera.parameters().fy;
+  kernel->follow(camera_step, packs.data(), static_cast<int>(pack_count));
   T_camera_table = motion * T_camera_table;
   double moved_px2 = 0.0;
-  const Eigen::Vector2d focal(camera.parameters().fx, camera.parameters().fy);
-  for (Tag* tag : active) {
-    const Eigen::Vector3d across = (tag->side - 1) * tag->ray_from_lattice.col(0);
-    const Eigen::Vector3d down = (tag->side - 1) * tag->ray_from_lattice.col(1);
-    Eigen::Vector3d p = tag->ray_from_lattice.col(2);
-    for (const Eigen::Vector3d& to_next :
-         {across, down, Eigen::Vector3d(-across), Eigen::Vector3d(-down)}) {
-      const Eigen::Vector3d q = motion * p;
-      if (p.z() > 0.0 && q.z() > 0.0) {
-        const Eigen::Vector2d shift =
-            (q.head<2>() * p.z() - p.head<2>() * q.z()).cwiseProduct(focal) / (q.z() * p.z());
-        moved_px2 = std::max(moved_px2, shift.squaredNorm());
-      }
-      p += to_next;
+  for (std::size_t k = 0; k < active.size(); ++k) {
+    const kernel::TagPack& pack = packs[k / 4];
+    const std::size_t lane = k % 4;
+    Tag& tag = *active[k];
+    if (pack.valid[lane]) {
+      // A gain of nothing or less is no tag; it is kept just above, to come back.
+      tag.gain = std::max(tag.gain + pack.levels[0][lane], 1.5);
+      tag.offset += pack.levels[1][lane];
     }
-    place(*tag);
+    moved_px2 = std::max(moved_px2, pack.moved_px2[lane]);
+    place(tag);
   }
   moved_px = std::sqrt(moved_px2);
   moved_since_projection_px += moved_px;

@@ -4,11 +4,15 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include "tracking/se3.hpp"
@@ -262,6 +266,299 @@ TEST(AlignmentKernel, EveryVariantGivesTheSameBits) {
         }
         EXPECT_GT(results[0].weight, 1.0);
       }
+    }
+  }
+}
+
+kernel::Lens wide_lens(kernel::Lens::Kind kind) {
+  kernel::Lens lens;
+  lens.fx = 530.0F;
+  lens.fy = 528.0F;
+  lens.cx = 320.0F;
+  lens.cy = 240.0F;
+  lens.kind = kind;
+  lens.k[0] = kind == kernel::Lens::Kind::none ? 0.0F : -0.1F;
+  lens.k[1] = kind == kernel::Lens::Kind::none ? 0.0F : 0.02F;
+  return lens;
+}
+
+// Steps along edges against the same in double, pixel by pixel.
+TEST(AlignmentKernel, StepsTakeThePixelsWithinReachOfTheirEdge) {
+  const Eigen::Isometry3d T = lattice_pose();
+  // Along a: at b = 3 over 1 to 4, at b = 7 over 2 to 9. Of the other direction, the same.
+  std::vector<kernel::Walk::Cell> cells;
+  for (const auto& [from, to, across, run] : {std::array{1, 4, 3, 5}, std::array{2, 9, 7, 8}}) {
+    for (int cell = from; cell < to; ++cell)
+      cells.push_back({static_cast<float>(cell - static_cast<int>(cells.size())),
+                       static_cast<float>(across), run});
+  }
+  const auto cell_count = static_cast<int>(cells.size());
+  cells.push_back(kernel::Walk::Cell(cells.back()));
+  std::array<float, 9> M{};
+  for (int r = 0; r < 3; ++r) {
+    M[static_cast<std::size_t>(3 * r)] = static_cast<float>(T.linear()(r, 0));
+    M[static_cast<std::size_t>(3 * r + 1)] = static_cast<float>(T.linear()(r, 1));
+    M[static_cast<std::size_t>(3 * r + 2)] = static_cast<float>(T.translation()[r]);
+  }
+  std::array<float, 20> offsets{};
+  for (std::size_t k = 0; k < offsets.size(); ++k) offsets[k] = static_cast<float>(k);
+  const std::array<float, 20> band = {-4.0F, -1.0F, 0.0F, 1.0F, 3.0F, 5.0F};
+  for (const auto kind : {kernel::Lens::Kind::none, kernel::Lens::Kind::polynomial}) {
+    const kernel::Lens lens = wide_lens(kind);
+    const auto pixel_of = [&](double a, double b) {
+      const Eigen::Vector3d p = T * Eigen::Vector3d(a, b, 0.0);
+      const double x = p.x() / p.z();
+      const double y = p.y() / p.z();
+      const double r2 = x * x + y * y;
+      const double radial =
+          1.0 + r2 * (static_cast<double>(lens.k[0]) + r2 * static_cast<double>(lens.k[1]));
+      return Eigen::Vector2d(static_cast<double>(lens.fx) * radial * x + 320.0,
+                             static_cast<double>(lens.fy) * radial * y + 240.0);
+    };
+    for (const bool along_b : {false, true}) {
+      for (const int band_count : {0, 6}) {
+        SCOPED_TRACE(testing::Message() << static_cast<int>(kind) << along_b << band_count);
+        const Eigen::Vector2d along = along_b
+                                          ? Eigen::Vector2d(pixel_of(5, 5.5) - pixel_of(5, 4.5))
+                                          : Eigen::Vector2d(pixel_of(5.5, 5) - pixel_of(4.5, 5));
+        kernel::Walk walk;
+        walk.cells = cells.data();
+        walk.cell_count = cell_count;
+        walk.count = 21;
+        walk.ray_from_lattice = M.data();
+        walk.along_b = along_b;
+        walk.along_x = std::abs(along.x()) >= std::abs(along.y());
+        walk.width = 640;
+        walk.height = 270;  // a part of the edges is below
+        walk.stride = 700;
+        walk.reach_px = 1.3F;
+        walk.most_rows = band_count > 0 ? band_count : 5;
+        walk.band_count = band_count;
+        walk.offsets = band_count > 0 ? band.data() : offsets.data();
+        std::vector<std::int32_t> end(32);
+        std::vector<std::int32_t> run(32);
+        walk.end = end.data();
+        walk.run = run.data();
+        std::vector<SampleSet> sets;
+        std::vector<int> used;
+        for (const Variant* variant : variants()) {
+          SampleSet& set = sets.emplace_back(4 * kernel::kBlock);
+          used.push_back(variant->walk(lens, walk, set.s, 0));
+          const SampleSet& first = sets.front();
+          ASSERT_EQ(used.back(), used.front()) << variant->name;
+          const auto size = static_cast<std::size_t>(used.back()) * sizeof(float);
+          EXPECT_EQ(std::memcmp(set.s.pixel_x, first.s.pixel_x, size), 0) << variant->name;
+          EXPECT_EQ(std::memcmp(set.s.pixel_y, first.s.pixel_y, size), 0) << variant->name;
+          EXPECT_EQ(std::memcmp(set.s.vertex, first.s.vertex, size), 0) << variant->name;
+        }
+        const Samples& s = sets.front().s;
+        int begin = 0;
+        int outside = 0;
+        for (int k = 0; k < walk.count; ++k) {
+          const double at = (k + 0.5) * cell_count / walk.count;
+          const double going = at < 3.0 ? at + 1.0 : at - 1.0;
+          const double fixed = at < 3.0 ? 3.0 : 7.0;
+          const auto place = [&](double d) {
+            return along_b ? pixel_of(fixed, going + d) : pixel_of(going + d, fixed);
+          };
+          Eigen::Vector2d p = place(0.0);
+          Eigen::Vector2d d = place(1e-4) - place(-1e-4);
+          if (!walk.along_x) {
+            std::swap(p.x(), p.y());
+            std::swap(d.x(), d.y());
+          }
+          const double slope = d.y() / d.x();
+          const double step = std::round(p.x());
+          const double centre = p.y() + slope * (step - p.x());
+          const double reach = 1.3 * std::sqrt(1.0 + slope * slope);
+          std::vector<double> expected;
+          for (int c = -20; c < 700; ++c) {
+            if (band_count == 0 && std::abs(c - centre) <= reach) expected.push_back(c);
+          }
+          for (int i = 0; i < band_count; ++i)
+            expected.push_back(std::floor(centre) +
+                               static_cast<double>(band[static_cast<std::size_t>(i)]));
+          const double cross_limit = walk.along_x ? walk.height : walk.width;
+          const double walk_limit = walk.along_x ? walk.width : walk.height;
+          if (step < 0.0 || step >= walk_limit || expected.front() < 0.0 ||
+              expected.back() >= cross_limit)
+            expected.clear();
+          outside += expected.empty() ? 1 : 0;
+          EXPECT_EQ(run[static_cast<std::size_t>(k)], at < 3.0 ? 5 : 8);
+          const int stop = end[static_cast<std::size_t>(k)];
+          ASSERT_EQ(stop - begin, static_cast<int>(expected.size())) << k;
+          for (int i = begin; i < stop; ++i) {
+            const auto x = static_cast<int>(s.pixel_x[i]);
+            const auto y = static_cast<int>(s.pixel_y[i]);
+            EXPECT_EQ(walk.along_x ? x : y, static_cast<int>(step));
+            EXPECT_EQ(walk.along_x ? y : x,
+                      static_cast<int>(expected[static_cast<std::size_t>(i - begin)]));
+            EXPECT_EQ(s.vertex[i], 700 * y + x);
+          }
+          begin = stop;
+        }
+        EXPECT_EQ(begin, used.front());
+        EXPECT_LT(outside, walk.count);
+      }
+    }
+  }
+}
+
+// A step over four tags at once against the same by matrices, one tag after the other.
+TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
+  std::mt19937 random(21);
+  std::normal_distribution<double> n(0.0, 1.0);
+  constexpr std::size_t kLeftOut = 2;  // in the second pack, and all after it
+  std::array<kernel::TagPack, 2> packs;
+  struct Tag {
+    Eigen::Matrix<double, 8, 8> H;
+    Eigen::Matrix<double, 8, 1> g;
+    Eigen::Matrix3d R;
+    Eigen::Vector3d centre;
+    Eigen::Matrix3d M;
+    double cell_m = 0.0;
+    int side = 0;
+  };
+  std::vector<Tag> tags;
+  for (std::size_t k = 0; k < 4 + kLeftOut; ++k) {
+    Tag tag;
+    Eigen::Matrix<double, 20, 8> J;
+    for (double& j : J.reshaped()) j = n(random);
+    tag.H = J.transpose() * J;
+    for (double& g : tag.g) g = n(random);
+    tag.R = Eigen::Quaterniond(n(random), n(random), n(random), n(random))
+                .normalized()
+                .toRotationMatrix();
+    tag.centre = Eigen::Vector3d(n(random), n(random), 30.0 + n(random));
+    tag.M = Eigen::Matrix3d::Zero();
+    tag.M.col(0) = Eigen::Vector3d(0.01, 0.001 * n(random), 0.001 * n(random));
+    tag.M.col(1) = Eigen::Vector3d(0.001 * n(random), 0.01, 0.001 * n(random));
+    tag.M.col(2) = Eigen::Vector3d(0.1 * n(random), 0.1 * n(random), 0.6);
+    tag.cell_m = 0.01;
+    tag.side = 9;
+    kernel::TagPack& pack = packs[k / 4];
+    const std::size_t lane = k % 4;
+    int index = 0;
+    for (int p = 0; p < 8; ++p) {
+      pack.g[p][lane] = tag.g[p];
+      for (int q = p; q < 8; ++q, ++index) pack.H[index][lane] = tag.H(p, q);
+    }
+    pack.weight[lane] = 100.0;
+    for (int r = 0; r < 3; ++r) {
+      pack.centre[r][lane] = tag.centre[r];
+      for (int c = 0; c < 3; ++c) {
+        pack.R[3 * r + c][lane] = tag.R(r, c);
+        pack.ray_from_lattice[3 * r + c][lane] = tag.M(r, c);
+      }
+    }
+    pack.per_cell[lane] = 1.0 / tag.cell_m;
+    pack.side_cells[lane] = tag.side;
+    tags.push_back(tag);
+  }
+  // Seen by too few samples; not finite.
+  packs[1].weight[kLeftOut] = 3.0;
+  packs[1].weight[3] = 100.0;
+  packs[1].H[4][3] = std::numeric_limits<double>::quiet_NaN();
+  kernel::CameraStep step;
+  Vector6d xi;
+  xi << 0.002, -0.001, 0.003, 0.01, -0.02, 0.005;
+  std::copy(xi.data(), xi.data() + 6, step.xi);
+  const Eigen::Isometry3d motion = exp_se3(xi);
+  for (int r = 0; r < 3; ++r) {
+    step.t[r] = motion.translation()[r];
+    for (int c = 0; c < 3; ++c) step.R[3 * r + c] = motion.linear()(r, c);
+  }
+  step.fx = 500.0;
+  step.fy = 510.0;
+  std::vector<std::array<kernel::TagPack, 2>> results;
+  for (const Variant* variant : variants()) {
+    results.push_back(packs);
+    variant->eliminate(results.back().data(), 2);
+    variant->follow(step, results.back().data(), 2);
+    for (std::size_t p = 0; p < 2; ++p) {
+      const kernel::TagPack& a = results.front()[p];
+      const kernel::TagPack& b = results.back()[p];
+      EXPECT_EQ(std::memcmp(a.H_camera, b.H_camera, sizeof a.H_camera), 0) << variant->name;
+      EXPECT_EQ(std::memcmp(a.g_camera, b.g_camera, sizeof a.g_camera), 0) << variant->name;
+    }
+  }
+  for (const std::size_t lane : {kLeftOut, std::size_t{3}}) {
+    const kernel::TagPack& pack = results[0][1];
+    EXPECT_FALSE(pack.valid[lane]);
+    for (const auto& h : pack.H_camera) EXPECT_EQ(h[lane], 0.0);
+    for (const auto& g : pack.g_camera) EXPECT_EQ(g[lane], 0.0);
+  }
+  for (std::size_t k = 0; k < tags.size(); ++k) {
+    SCOPED_TRACE(k);
+    const Tag& tag = tags[k];
+    const kernel::TagPack& pack = results[0][k / 4];
+    const std::size_t lane = k % 4;
+    if (k >= 4 + kLeftOut) continue;
+    ASSERT_TRUE(pack.valid[lane]);
+    const Eigen::Matrix2d inverse = tag.H.bottomRightCorner<2, 2>().inverse();
+    const Eigen::Matrix<double, 6, 2> cross = tag.H.topRightCorner<6, 2>();
+    const Matrix6d H = tag.H.topLeftCorner<6, 6>() - cross * inverse * cross.transpose();
+    const Vector6d g = tag.g.head<6>() - cross * inverse * tag.g.tail<2>();
+    Matrix6d to_lattice = Matrix6d::Zero();
+    to_lattice.topLeftCorner<3, 3>() = tag.R / tag.cell_m;
+    to_lattice.topRightCorner<3, 3>() = skew(tag.centre) * tag.R;
+    to_lattice.bottomRightCorner<3, 3>() = tag.R;
+    const Matrix6d H_camera = to_lattice.transpose() * H * to_lattice;
+    const Vector6d g_camera = to_lattice.transpose() * g;
+    int index = 0;
+    const double scale = 1e-12 * H_camera.cwiseAbs().maxCoeff();
+    for (const auto& [row, column] : {std::pair(0, 0), std::pair(0, 3), std::pair(3, 3)}) {
+      for (int p = 0; p < 3; ++p) {
+        for (int q = row == column ? p : 0; q < 3; ++q, ++index)
+          EXPECT_NEAR(pack.H_camera[index][lane], H_camera(row + p, column + q), scale);
+      }
+    }
+    for (int p = 0; p < 6; ++p)
+      EXPECT_NEAR(pack.g_camera[p][lane], g_camera[p], 1e-12 * g_camera.norm());
+    const Eigen::Vector2d levels =
+        inverse * (tag.g.tail<2>() - cross.transpose() * (to_lattice * xi));
+    EXPECT_NEAR(pack.levels[0][lane], levels[0], 1e-10);
+    EXPECT_NEAR(pack.levels[1][lane], levels[1], 1e-10);
+    double most = 0.0;
+    for (const double a : {0.0, 9.0}) {
+      for (const double b : {0.0, 9.0}) {
+        const Eigen::Vector3d p = tag.M * Eigen::Vector3d(a, b, 1.0);
+        const Eigen::Vector3d q = motion * p;
+        const Eigen::Vector2d moved = q.hnormalized() - p.hnormalized();
+        most = std::max(most, moved.cwiseProduct(Eigen::Vector2d(500.0, 510.0)).squaredNorm());
+      }
+    }
+    EXPECT_NEAR(pack.moved_px2[lane], most, 1e-9 * most);
+  }
+}
+
+TEST(AlignmentKernel, LeversAreThoseOfAnEdgesDisplacement) {
+  for (const Variant* variant : variants()) {
+    SampleSet set(2 * kernel::kBlock);
+    std::vector<float> levers(4 * 2 * kernel::kBlock, -1.0F);
+    set.s.levers = levers.data();
+    std::mt19937 random(4);
+    std::uniform_real_distribution<float> uniform(-1.0F, 1.0F);
+    for (int i = 0; i < set.s.count; ++i) {
+      set.s.value[i] = 100.0F + 90.0F * uniform(random);
+      set.s.residual[i] = 20.0F * uniform(random);
+    }
+    kernel::LeverInput in;
+    in.inverse_gain = 1.0F / 120.0F;
+    in.offset = 40.0F;
+    in.inverse_limit = 1.0F / 0.12F;
+    variant->levers(in, set.s);
+    for (int i = 0; i < set.s.count; ++i) {
+      const float r = set.s.residual[i] / 120.0F;
+      const float m = (set.s.value[i] - 40.0F) / 120.0F - r;
+      const float inside = std::max(0.0F, 1.0F - r * r / (0.12F * 0.12F));
+      const float slope = std::max(0.0F, m * (1.0F - m));
+      const float lever = slope * inside * inside;
+      const float* found = levers.data() + 4 * i;
+      EXPECT_NEAR(found[0], lever * r, 1e-6F);
+      EXPECT_NEAR(found[1], lever * slope, 1e-6F);
+      EXPECT_NEAR(found[2], lever * lever, 1e-6F);
+      EXPECT_EQ(found[3], 0.0F);
     }
   }
 }

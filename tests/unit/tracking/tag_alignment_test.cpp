@@ -170,7 +170,9 @@ TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
   const CameraPose start = displaced(camera_, tags_, truth, 2.0, random_);
   AlignmentOptions options;
   options.effort = AlignmentEffort::accurate;
-  options.sparse_rounds = false;  // the number of pixels depends on where the last round begins
+  // The number of pixels depends on where the last round begins.
+  options.sparse_rounds = false;
+  options.lattice_steps = false;
   auto aligner = TagAligner::create(camera_, tags_, options).value();
   const AlignmentResult all = align(aligner, image, start, 2.0);
   ASSERT_TRUE(all.verified);
@@ -271,6 +273,46 @@ TEST_F(TagAlignmentTest, SparseRoundsLeadToTheSamePose) {
     SCOPED_TRACE(testing::Message() << columns * rows << " tags");
     sparse_rounds_lead_to_the_same_pose(board(columns, rows, size_m));
   }
+}
+
+// Pixels at even steps of the lattice are worth as much as those of a walk along every edge.
+TEST_F(TagAlignmentTest, StepsOfTheLatticeFindTheSamePose) {
+  AlignmentOptions options;
+  auto stepping = TagAligner::create(camera_, tags_, options).value();
+  options.lattice_steps = false;
+  auto walking = TagAligner::create(camera_, tags_, options).value();
+  double stepping2 = 0.0;
+  double walking2 = 0.0;
+  int different = 0;
+  constexpr int kPoses = 16;
+  for (int k = 0; k < kPoses; ++k) {
+    SCOPED_TRACE(k);
+    const CameraPose truth = random_view(random_);
+    PatternRenderOptions render;
+    render.noise_grey = 3.0;
+    render.samples = 128;
+    render.cover_share = k % 4 == 3 ? 0.3 : 0.0;
+    render.seed = static_cast<std::uint64_t>(k) + 1;
+    const GreyImage image = picture(truth, render);
+    const CameraPose start = displaced(camera_, tags_, truth, 4.0, random_);
+    const AlignmentResult a = align(stepping, image, start, 4.0);
+    const AlignmentResult b = align(walking, image, start, 4.0);
+    ASSERT_TRUE(a.verified) << a.reason;
+    ASSERT_TRUE(b.verified) << b.reason;
+    EXPECT_NEAR(a.counters.samples, b.counters.samples, 0.1 * b.counters.samples);
+    // What covers a tag goes into one's pixels otherwise than into the other's.
+    EXPECT_LT(overlay_px(a.T_table_camera, b.T_table_camera), k % 4 == 3 ? 0.15 : 0.06);
+    const double expected_a = expected_overlay_error_px(camera_, a.T_table_camera, a.covariance);
+    const double expected_b = expected_overlay_error_px(camera_, b.T_table_camera, b.covariance);
+    EXPECT_NEAR(expected_a, expected_b, 0.2 * expected_b);
+    different += a.T_table_camera.matrix() == b.T_table_camera.matrix() ? 0 : 1;
+    stepping2 += std::pow(overlay_px(a.T_table_camera, truth), 2) / kPoses;
+    walking2 += std::pow(overlay_px(b.T_table_camera, truth), 2) / kPoses;
+  }
+  EXPECT_EQ(different, kPoses);
+  EXPECT_LT(std::sqrt(stepping2), 1.15 * std::sqrt(walking2));
+  RecordProperty("stepping_px", std::to_string(std::sqrt(stepping2)));
+  RecordProperty("walking_px", std::to_string(std::sqrt(walking2)));
 }
 
 // Tags that are as clearly seen near by as they were are found without looking further off; those
