@@ -90,14 +90,19 @@ int MaskQuad::draw(MaskTexture& mask, const LensUniforms& lens,
     depth = std::max(static_cast<double>(nearest), kNearestDistance);
   }
   const auto size = static_cast<double>(std::max(mask.rect_.z, mask.rect_.w));
-  const std::size_t grid = std::max(
-      kLeastGrid,
-      UnitGrids::grid_for(size, longest_edge_m_ * depth / kNearestDistance, lens.model == 0));
+  // Without a lens to follow one piece is cheapest: what it darkens nothing of costs less than the
+  // corners of many.
+  const bool straight = lens.model == 0;
+  const std::size_t grid =
+      straight ? 0
+               : std::max(kLeastGrid, UnitGrids::grid_for(
+                                          size, longest_edge_m_ * depth / kNearestDistance, false));
   if (mask.grid_ != grid || mask.all_ != pieces.all) {
     mask.grid_ = grid;
     mask.all_ = pieces.all;
     const auto shift = static_cast<unsigned>(UnitGrids::kGrids - 1 - grid);
-    const std::uint64_t a_piece = (std::uint64_t{1} << (1U << shift)) - 1;  // grid > 0
+    const std::uint64_t a_piece =
+        grid == 0 ? ~std::uint64_t{0} : (std::uint64_t{1} << (1U << shift)) - 1;
     std::vector<std::uint32_t> indices;
     for (std::uint32_t row = 0; row < 1U << grid; ++row) {
       std::uint64_t darkens = 0;
