@@ -48,6 +48,8 @@ class Comparison {
   // of times and work the sum.
   [[nodiscard]] Result<SessionFrame> draw(const TrackedFrame& tracked);
   bool replay_edit(const SceneEdit& edit);
+  // As a Session's; of all panes alike.
+  [[nodiscard]] int samples() const { return panes_.front().session->samples(); }
 
   // The last picture.
   [[nodiscard]] const PaneGrid& grid() const { return grid_; }

@@ -354,6 +354,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   session_options.plan = request.plan;
   session_options.rectified = request.rectified;
   session_options.video_light = request.video_light;
+  session_options.msaa = request.msaa;
   session_options.smooth = request.smooth;
   auto session = Session::create(**context, scene, *camera, std::move(*tracker), session_options);
   if (!session) return tl::unexpected(session.error());
@@ -502,6 +503,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   report.frames_damaged = static_cast<int>(stats.undecoded);
   report.interrupted = interrupt.interrupted();
   report.threads = request.threads;
+  report.msaa_samples = session->samples();
   report.gl_renderer = (*context)->info().renderer;
   report.gl_version = (*context)->info().version;
   for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {

@@ -169,6 +169,9 @@ class Shown {
   bool replay_edit(const SceneEdit& edit) {
     return comparison_ ? comparison_->replay_edit(edit) : session_->replay_edit(edit);
   }
+  [[nodiscard]] int samples() const {
+    return comparison_ ? comparison_->samples() : session_->samples();
+  }
   [[nodiscard]] std::vector<PaneReport> pane_reports() const {
     return comparison_ ? comparison_->reports() : std::vector<PaneReport>();
   }
@@ -331,6 +334,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   session_options.plan = request.plan;
   session_options.rectified = request.rectified;
   session_options.video_light = request.video_light;
+  session_options.msaa = request.msaa;
   session_options.smooth = request.smooth;
   session_options.recorded_light = std::move(events->lights);
   session_options.scene_start_ns =
@@ -425,6 +429,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     report.camera_faults[std::string(name_of(CaptureFault::damaged))] = damaged;
   }
   report.interrupted = interrupt.interrupted();
+  report.msaa_samples = shown->samples();
   report.gl_renderer = (*context)->info().renderer;
   report.gl_version = (*context)->info().version;
   if (recording->groundtruth) {

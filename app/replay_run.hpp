@@ -25,6 +25,7 @@ struct ReplayRequest : OutputRequest {
   std::optional<std::filesystem::path> tags;  // instead of the recording's
   PlanOptions plan;
   bool rectified = false;   // the picture without the lens's distortion
+  std::optional<int> msaa;  // as CompositorOptions'
   bool video_light = true;  // virtual objects are lit as the video is
   // Two or more, side by side in one picture; `plan` is then not used.
   std::vector<ComparedTechnique> compare;

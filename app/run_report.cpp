@@ -411,6 +411,7 @@ std::string report_json(const RunReport& report) {
   json["versions"] = versions;
   json["gl"] = {{"renderer", report.gl_renderer},
                 {"version", report.gl_version},
+                {"msaa_samples", report.msaa_samples},
                 {"translucency", to_string(report.translucency)}};
   json["time_ms"] = times_json(report.time_ms);
   json["pipeline"] = pipeline_json(report);

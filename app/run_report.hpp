@@ -90,6 +90,7 @@ struct RunReport {
   bool interrupted = false;
   // What ended the run early, or was not written of it; the rest is as told here.
   std::optional<Error> failure;
+  int msaa_samples = 0;  // of each pixel; 0: no multisampling
   std::string gl_renderer;
   std::string gl_version;
   Translucency translucency = Translucency::automatic;  // of the last frame; automatic: none drawn

@@ -67,7 +67,7 @@ Session::Session(const Scene& scene, const CameraModel& camera, PoseSource poses
 Result<Session> Session::create(GlContext& context, std::shared_ptr<const Scene> scene,
                                 const CameraModel& camera, PoseSource poses,
                                 const SessionOptions& options) {
-  auto compositor = Compositor::create(context, scene, camera, {options.rectified});
+  auto compositor = Compositor::create(context, scene, camera, {options.rectified, options.msaa});
   if (!compositor) return tl::unexpected(compositor.error());
   return Session(*scene, options.rectified ? without_distortion(camera) : camera, std::move(poses),
                  options, std::move(*compositor));

@@ -40,6 +40,8 @@ struct SessionOptions {
   // The frames' clock at which the scene's time is 0; nothing: the first frame that is drawn.
   std::optional<std::int64_t> scene_start_ns;
   bool rectified = false;  // the picture without the lens's distortion
+  // As CompositorOptions' `msaa`.
+  std::optional<int> msaa;
   // Virtual objects are lit as the video is; else as the scene says.
   bool video_light = false;
   // As a recorded session had it, in order of time; where there is none it is measured.
@@ -119,6 +121,8 @@ class Session {
   [[nodiscard]] const CameraModel& camera() const { return camera_; }
   // How the node is drawn, by the options or by the scene.
   [[nodiscard]] ShadowStyle style_in_effect(const ShadowNode& node) const;
+  // As Compositor's.
+  [[nodiscard]] int samples() const { return compositor_.samples(); }
   // Of the last picture, for a debug view.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use() const {
     return compositor_.kernels_in_use();

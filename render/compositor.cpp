@@ -2,6 +2,7 @@
 
 #include <epoxy/gl.h>
 
+#include <algorithm>
 #include <optional>
 
 #include "core/assert.hpp"
@@ -103,6 +104,11 @@ void add(CompositeStats& to, const CompositeStats& stats) {
   to.skipped.insert(to.skipped.end(), stats.skipped.begin(), stats.skipped.end());
 }
 
+int multisampling_for(bool software, int most_samples) {
+  constexpr int kSamples = 4;
+  return software ? 0 : std::clamp(most_samples, 0, kSamples);
+}
+
 Compositor::Compositor(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Compositor::Compositor(Compositor&&) noexcept = default;
 Compositor& Compositor::operator=(Compositor&&) noexcept = default;
@@ -114,7 +120,11 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   PENUMBRA_ASSERT(scene != nullptr);
   const bool rectified = options.rectified && video_camera.has_distortion();
   const CameraModel camera = rectified ? without_distortion(video_camera) : video_camera;
-  auto framebuffer = Framebuffer::create(camera.width(), camera.height());
+  GLint most_samples = 0;
+  glGetIntegerv(GL_MAX_SAMPLES, &most_samples);
+  const int samples =
+      options.msaa.value_or(multisampling_for(context.info().software, most_samples));
+  auto framebuffer = Framebuffer::create(camera.width(), camera.height(), samples);
   if (!framebuffer) return tl::unexpected(framebuffer.error());
   const auto abilities = probe_picture(context.info().api);
   if (!abilities) return tl::unexpected(abilities.error());
@@ -237,6 +247,10 @@ void Compositor::set_abilities(const PictureAbilities& abilities) {
 
 std::vector<CasterKernels> Compositor::kernels_in_use() const {
   return impl_->shadows.kernels_in_use();
+}
+
+int Compositor::samples() const {
+  return impl_->framebuffer.samples();
 }
 
 void Compositor::clear() {

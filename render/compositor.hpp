@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -55,7 +56,15 @@ struct CompositorOptions {
   // The video without its lens's distortion (rectified_video.hpp). Plans are then made for a camera
   // without_distortion().
   bool rectified = false;
+  // Samples of each pixel at the edges of what is drawn; 0: no multisampling. Nothing: by the
+  // renderer, as multisampling_for() says. The driver may give more than asked.
+  std::optional<int> msaa = std::nullopt;
 };
+
+// What multisampling is worth by itself: on a GPU 4 samples, which tiling ones (a Raspberry Pi's)
+// keep on the chip; none with a rasteriser on the CPU, which pays for each (BENCHMARKS.md). At most
+// what the driver has.
+[[nodiscard]] int multisampling_for(bool software, int most_samples);
 
 class Compositor {
  public:
@@ -80,6 +89,8 @@ class Compositor {
   [[nodiscard]] Result<CompositeStats> read_back(std::span<std::uint8_t> rgba);
   // Copies the last picture to the context's window, letterboxed.
   void present();
+  // Of each pixel; 0 without multisampling.
+  [[nodiscard]] int samples() const;
   // Black, until something is drawn.
   void clear();
   // For a debug view: the kernels that the last picture's shadows were made with, and how many

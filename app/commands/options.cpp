@@ -287,6 +287,25 @@ void add_frame_options(CLI::App& command, const FrameWork& work, const std::stri
       ->type_name("N");
   command.add_flag("--rectified", work.rectified,
                    "The picture without the lens's distortion; the video is resampled");
+  std::optional<int>* const msaa = &work.msaa;
+  command
+      .add_option_function<std::string>(
+          "--msaa",
+          [msaa](const std::string& text) {
+            msaa->reset();
+            if (text == "auto") return;
+            constexpr std::int64_t kMost = 64;
+            const auto samples = text == "off" ? 0 : parse_integer(text);
+            if (!samples || *samples < 0 || *samples > kMost) {
+              throw CLI::ValidationError(
+                  "--msaa", fmt::format("{}: is neither auto, off nor a number of samples", text));
+            }
+            *msaa = static_cast<int>(*samples);
+          },
+          "Smooth edges of what is drawn, by so many samples of each pixel; auto: 4 on a GPU, off "
+          "where a processor draws, for it pays for each")
+      ->type_name("auto|off|N")
+      ->default_str("auto");
   bool* const video_light = &work.video_light;
   command.add_flag_callback(
       "--no-video-light", [video_light] { *video_light = false; },

@@ -48,11 +48,17 @@ PictureArea picture_area(int picture_width, int picture_height, GlContext::Size 
   return area;
 }
 
-Result<Framebuffer> Framebuffer::create(int width, int height) {
+Result<Framebuffer> Framebuffer::create(int width, int height, int samples) {
   GLint largest = 0;
   glGetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &largest);
   if (width > largest || height > largest) {
     return too_large(width, height, largest);
+  }
+  GLint most = 0;
+  glGetIntegerv(GL_MAX_SAMPLES, &most);
+  if (samples > most) {
+    return fail("{} samples a pixel: this graphics driver has at most {}; ask for fewer (--msaa)",
+                samples, most);
   }
   Framebuffer f;
   f.width_ = width;
@@ -61,9 +67,12 @@ Result<Framebuffer> Framebuffer::create(int width, int height) {
   f.color_ = GlHandle<RenderbufferTraits>::create();
   f.depth_stencil_ = GlHandle<RenderbufferTraits>::create();
   glBindRenderbuffer(GL_RENDERBUFFER, f.color_.id());
-  glRenderbufferStorage(GL_RENDERBUFFER, GL_RGBA8, width, height);
+  // Of 0 samples: as glRenderbufferStorage.
+  glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples, GL_RGBA8, width, height);
+  if (samples > 0)
+    glGetRenderbufferParameteriv(GL_RENDERBUFFER, GL_RENDERBUFFER_SAMPLES, &f.samples_);
   glBindRenderbuffer(GL_RENDERBUFFER, f.depth_stencil_.id());
-  glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH24_STENCIL8, width, height);
+  glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples, GL_DEPTH24_STENCIL8, width, height);
   glBindFramebuffer(GL_FRAMEBUFFER, f.framebuffer_.id());
   glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, f.color_.id());
   glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_RENDERBUFFER,
@@ -83,21 +92,37 @@ void Framebuffer::bind() const {
 
 void Framebuffer::bind_sums() {
   if (!sums_framebuffer_) {
-    sums_ = GlHandle<TextureTraits>::create();
     sums_framebuffer_ = GlHandle<FramebufferTraits>::create();
-    glActiveTexture(GL_TEXTURE0);
-    glBindTexture(GL_TEXTURE_2D, sums_.id());
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-    glBindFramebuffer(GL_FRAMEBUFFER, sums_framebuffer_.id());
-    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, sums_.id(), 0);
-    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_RENDERBUFFER,
-                              depth_stencil_.id());
-    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA16F, width_, height_, 0, GL_RGBA, GL_HALF_FLOAT, nullptr);
-    sums_are_half_floats_ = glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
-    if (!sums_are_half_floats_) {
-      glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width_, height_, 0, GL_RGBA, GL_UNSIGNED_BYTE,
+    if (samples_ > 0) {
+      sums_samples_ = GlHandle<RenderbufferTraits>::create();
+      glBindFramebuffer(GL_FRAMEBUFFER, sums_framebuffer_.id());
+      glBindRenderbuffer(GL_RENDERBUFFER, sums_samples_.id());
+      glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER,
+                                sums_samples_.id());
+      glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_RENDERBUFFER,
+                                depth_stencil_.id());
+      glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples_, GL_RGBA16F, width_, height_);
+      sums_are_half_floats_ = glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
+      if (!sums_are_half_floats_) {
+        glRenderbufferStorageMultisample(GL_RENDERBUFFER, samples_, GL_RGBA8, width_, height_);
+      }
+    } else {
+      sums_ = GlHandle<TextureTraits>::create();
+      glActiveTexture(GL_TEXTURE0);
+      glBindTexture(GL_TEXTURE_2D, sums_.id());
+      glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+      glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+      glBindFramebuffer(GL_FRAMEBUFFER, sums_framebuffer_.id());
+      glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, sums_.id(), 0);
+      glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_RENDERBUFFER,
+                                depth_stencil_.id());
+      glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA16F, width_, height_, 0, GL_RGBA, GL_HALF_FLOAT,
                    nullptr);
+      sums_are_half_floats_ = glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
+      if (!sums_are_half_floats_) {
+        glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width_, height_, 0, GL_RGBA, GL_UNSIGNED_BYTE,
+                     nullptr);
+      }
     }
   }
   // Not read where it is drawn into.
@@ -111,8 +136,13 @@ void Framebuffer::bind_sums() {
   glClear(GL_COLOR_BUFFER_BIT);
 }
 
-void Framebuffer::bind_sums_texture(int unit) const {
-  PENUMBRA_ASSERT(static_cast<bool>(sums_));
+void Framebuffer::bind_sums_texture(int unit) {
+  PENUMBRA_ASSERT(static_cast<bool>(sums_framebuffer_));
+  if (samples_ > 0) {
+    copy_sums(unit);
+    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+    return;
+  }
   glActiveTexture(GL_TEXTURE0 + static_cast<GLenum>(unit));
   glBindTexture(GL_TEXTURE_2D, sums_.id());
 }
@@ -122,7 +152,7 @@ void Framebuffer::copy_picture(int unit) {
 }
 
 void Framebuffer::copy_sums(int unit) {
-  PENUMBRA_ASSERT(static_cast<bool>(sums_));
+  PENUMBRA_ASSERT(static_cast<bool>(sums_framebuffer_));
   copy(sums_framebuffer_.id(), sums_copy_, sums_are_half_floats_, unit);
 }
 
@@ -151,9 +181,15 @@ void Framebuffer::copy(unsigned from, Copy& to, bool half_floats, int unit) cons
 void Framebuffer::read_rgba(std::span<std::uint8_t> rgba) const {
   PENUMBRA_ASSERT(rgba.size() == std::size_t{4} * static_cast<std::size_t>(width_) *
                                      static_cast<std::size_t>(height_));
-  glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_.id());
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, resolved());
   glPixelStorei(GL_PACK_ALIGNMENT, 1);
   glReadPixels(0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, rgba.data());
+}
+
+unsigned Framebuffer::resolved() const {
+  if (samples_ == 0) return framebuffer_.id();
+  copy(framebuffer_.id(), resolved_, false, 0);
+  return resolved_.framebuffer.id();
 }
 
 void Framebuffer::invalidate_depth_stencil() const {
@@ -172,7 +208,7 @@ void Framebuffer::clear() const {
 }
 
 void Framebuffer::present(GlContext::Size window) const {
-  show(framebuffer_.id(), width_, height_, window);
+  show(resolved(), width_, height_, window);
 }
 
 Result<UploadedPicture> UploadedPicture::create(int width, int height) {

@@ -1,5 +1,5 @@
-// The picture's own framebuffer: RGBA8 with 24-bit depth and 8-bit stencil. Row 0 is the TOP row of
-// the picture, so that reading back needs no turning over.
+// The picture's own framebuffer: RGBA8 with 24-bit depth and 8-bit stencil, of one or several
+// samples a pixel. Row 0 is the TOP row of the picture, so that reading back needs no turning over.
 #pragma once
 
 #include <cstdint>
@@ -37,19 +37,24 @@ class UploadedPicture {
 
 class Framebuffer {
  public:
-  [[nodiscard]] static Result<Framebuffer> create(int width, int height);
+  // `samples`: of each pixel; 0: one, in the pixel's middle, without multisampling. Fails where the
+  // driver has no so many.
+  [[nodiscard]] static Result<Framebuffer> create(int width, int height, int samples = 0);
+  // As many as the driver has of each pixel, or 0 without multisampling; at least as many as asked.
+  [[nodiscard]] int samples() const { return samples_; }
 
   void bind() const;  // for drawing, with its viewport
   // For drawing into a second picture over the same depth and stencil, in which passes add up what
   // they then take from bind()'s at once: RGBA, half floats where the driver draws those, else 8
   // bits. All 0 after bind_sums(). Made by the first bind_sums().
   void bind_sums();
-  void bind_sums_texture(int unit) const;
+  // Leaves bind() bound for drawing.
+  void bind_sums_texture(int unit);
   // A texture with the picture, or with the sums, as they are now, for programs that draw into them
   // and cannot read them. Leaves bound for drawing what it copied.
   void copy_picture(int unit);
   void copy_sums(int unit);
-  // Rows top to bottom, width * height * 4 bytes.
+  // Rows top to bottom, width * height * 4 bytes; of several samples their mean.
   void read_rgba(std::span<std::uint8_t> rgba) const;
   // Depth and stencil are of no use after the frame; on a tiler this saves writing them out.
   void invalidate_depth_stencil() const;
@@ -64,16 +69,21 @@ class Framebuffer {
     GlHandle<TextureTraits> texture;
   };
   Framebuffer() = default;
+  // What is read, presented: the framebuffer itself, or the mean of its samples as they are now.
+  [[nodiscard]] unsigned resolved() const;
   void copy(unsigned from, Copy& to, bool half_floats, int unit) const;
   GlHandle<FramebufferTraits> framebuffer_;
   GlHandle<RenderbufferTraits> color_;
   GlHandle<RenderbufferTraits> depth_stencil_;
   GlHandle<FramebufferTraits> sums_framebuffer_;  // none until it is asked for
-  GlHandle<TextureTraits> sums_;
+  GlHandle<TextureTraits> sums_;                  // of one sample
+  GlHandle<RenderbufferTraits> sums_samples_;     // of several
   bool sums_are_half_floats_ = true;
   Copy picture_copy_, sums_copy_;
+  mutable Copy resolved_;
   int width_ = 0;
   int height_ = 0;
+  int samples_ = 0;
 };
 
 }  // namespace penumbra

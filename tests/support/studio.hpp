@@ -152,12 +152,13 @@ struct Picture {
 // A context and a compositor on it.
 class Studio {
  public:
-  Studio(std::shared_ptr<const Scene> scene, const CameraModel& camera, GlApi api = GlApi::gl33)
+  Studio(std::shared_ptr<const Scene> scene, const CameraModel& camera, GlApi api = GlApi::gl33,
+         const CompositorOptions& options = {})
       : scene_(std::move(scene)), camera_(camera) {
     auto context = create_offscreen_context(api);
     if (!context) throw std::runtime_error(context.error().message);
     context_ = std::move(*context);
-    auto compositor = Compositor::create(*context_, scene_, camera);
+    auto compositor = Compositor::create(*context_, scene_, camera, options);
     if (!compositor) throw std::runtime_error(compositor.error().message);
     compositor_ = std::make_unique<Compositor>(std::move(*compositor));
   }

@@ -1,0 +1,163 @@
+// Several samples a pixel: smooth edges, and otherwise the same picture whatever is drawn.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+
+#include "core/image_file.hpp"
+#include "render/scene.hpp"
+#include "render/shapes.hpp"
+#include "support/paths.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr int kViewWidth = 320;
+constexpr int kViewHeight = 240;
+
+// The same view with `times` as many pixels a side: pixel (0, 0) covers the first times x times.
+CameraModel view_of(int times) {
+  CameraParameters p;
+  p.width = times * kViewWidth;
+  p.height = times * kViewHeight;
+  p.fx = p.fy = times * 280.0;
+  p.cx = times * (0.5 * kViewWidth + 1.7 + 0.5) - 0.5;
+  p.cy = times * (0.5 * kViewHeight - 2.1 + 0.5) - 0.5;
+  return CameraModel::make(p).value();
+}
+
+PoseEstimate view_pose() {
+  return test::tracked(test::look_at({0.25, -0.45, 0.4}, {0.0, 0.0, 0.05}));
+}
+
+// For looking at: PENUMBRA_MSAA_PICTURES=FOLDER.
+void keep(const test::Picture& picture, const std::string& name) {
+  const char* folder = std::getenv("PENUMBRA_MSAA_PICTURES");
+  if (folder == nullptr) return;
+  ASSERT_TRUE(save_png(std::filesystem::path(folder) / (name + ".png"), picture.width,
+                       picture.height, picture.rgba));
+}
+
+TEST(Multisampling, IsChosenByTheRenderer) {
+  EXPECT_EQ(multisampling_for(true, 8), 0);
+  EXPECT_EQ(multisampling_for(false, 8), 4);
+  EXPECT_EQ(multisampling_for(false, 2), 2);
+  EXPECT_EQ(multisampling_for(false, 0), 0);
+  const test::Studio studio(test::SceneBuilder().build(), view_of(1));
+  const bool software = const_cast<test::Studio&>(studio).context().info().software;
+  EXPECT_EQ(const_cast<test::Studio&>(studio).compositor().samples() == 0, software);
+}
+
+TEST(Multisampling, MoreSamplesThanTheDriverHasAreRefused) {
+  auto context = create_offscreen_context().value();
+  CompositorOptions options;
+  options.msaa = 1'000'000;
+  const auto made = Compositor::create(*context, test::SceneBuilder().build(), view_of(1), options);
+  ASSERT_FALSE(made);
+  EXPECT_NE(made.error().message.find("--msaa"), std::string::npos) << made.error().message;
+}
+
+// Against the mean of 8 x 8 pixels for each.
+TEST(Multisampling, SmoothsTheEdgesOfObjects) {
+  constexpr int kFiner = 8;
+  test::SceneBuilder builder;
+  builder.add(test::finished(make_box({0.14F, 0.09F, 0.06F}), glm::vec4(0.9F, 0.3F, 0.2F, 1.0F)),
+              test::at(0.0, 0.0, 0.08, {1, 2, 3}, 0.7), false);
+  const auto draw = [&](int times, int samples, GlApi api) {
+    CompositorOptions options;
+    options.msaa = samples;
+    test::Studio studio(builder.build(), view_of(times), api, options);
+    EXPECT_GE(studio.compositor().samples(), samples);
+    return studio.draw(test::plain_frame(times * kViewWidth, times * kViewHeight, 220),
+                       studio.plan(view_pose()));
+  };
+  const test::Picture fine = draw(kFiner, 0, GlApi::gl33);
+  for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+    const test::Picture plain = draw(1, 0, api);
+    const test::Picture smooth = draw(1, 4, api);
+    keep(plain, "plain");
+    keep(smooth, "smooth");
+    double plain_sum = 0.0;
+    double smooth_sum = 0.0;
+    int edge_pixels = 0;
+    for (int y = 0; y < kViewHeight; ++y) {
+      for (int x = 0; x < kViewWidth; ++x) {
+        double mean = 0.0;
+        int least = 255;
+        int most = 0;
+        for (int j = 0; j < kFiner; ++j) {
+          for (int i = 0; i < kFiner; ++i) {
+            const int red = fine.at(kFiner * x + i, kFiner * y + j)[1];
+            mean += red / static_cast<double>(kFiner * kFiner);
+            least = std::min(least, red);
+            most = std::max(most, red);
+          }
+        }
+        const double plain_error = plain.at(x, y)[1] - mean;
+        const double smooth_error = smooth.at(x, y)[1] - mean;
+        if (most - least <= 1) {
+          EXPECT_NEAR(smooth.at(x, y)[1], plain.at(x, y)[1], 1) << x << ", " << y;
+        }
+        if (most - least < 8) continue;
+        ++edge_pixels;
+        plain_sum += plain_error * plain_error;
+        smooth_sum += smooth_error * smooth_error;
+      }
+    }
+    ASSERT_GT(edge_pixels, 200);
+    const double plain_rms = std::sqrt(plain_sum / edge_pixels);
+    const double smooth_rms = std::sqrt(smooth_sum / edge_pixels);
+    RecordProperty("plain_rms", std::to_string(plain_rms));
+    RecordProperty("smooth_rms", std::to_string(smooth_rms));
+    EXPECT_LT(smooth_rms, 0.5 * plain_rms) << plain_rms;
+  }
+}
+
+// Everything that is drawn, in every way: the same picture but for edges.
+TEST(Multisampling, ChangesNothingButEdges) {
+  const auto scene = std::make_shared<const Scene>(
+      load_scene(test::source_dir() / "scenes" / "default.json").value());
+  for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+    CompositorOptions several;
+    several.msaa = 4;
+    CompositorOptions one;
+    one.msaa = 0;
+    test::Studio plain(scene, view_of(1), api, one);
+    test::Studio smooth(scene, view_of(1), api, several);
+    const Frame frame = test::plain_frame(kViewWidth, kViewHeight, 200);
+    for (const ShadowTechnique technique :
+         {ShadowTechnique::none, ShadowTechnique::simple, ShadowTechnique::walls,
+          ShadowTechnique::hard, ShadowTechnique::layered, ShadowTechnique::field,
+          ShadowTechnique::volume}) {
+      for (const Translucency way : {Translucency::blend, Translucency::mesh,
+                                     Translucency::retexture, Translucency::geometry_mesh}) {
+        const std::string name =
+            std::string(to_string(technique)) + "-" + std::string(to_string(way));
+        SCOPED_TRACE(name);
+        PlanOptions options;
+        options.technique = technique;
+        options.translucency = way;
+        const test::Picture a = plain.draw(frame, plain.plan(view_pose(), options, 0.8));
+        const test::Picture b = smooth.draw(frame, smooth.plan(view_pose(), options, 0.8));
+        keep(a, name + "-plain");
+        keep(b, name + "-smooth");
+        int changed = 0;
+        for (int y = 0; y < kViewHeight; ++y) {
+          for (int x = 0; x < kViewWidth; ++x) {
+            const auto differs = [&](int channel) {
+              return std::abs(a.at(x, y)[channel] - b.at(x, y)[channel]) > 2;
+            };
+            changed += differs(0) || differs(1) || differs(2) ? 1 : 0;
+          }
+        }
+        EXPECT_GT(changed, 50) << "edges are smoothed";
+        EXPECT_LT(changed, kViewWidth * kViewHeight / 20) << "of " << kViewWidth * kViewHeight;
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace penumbra
