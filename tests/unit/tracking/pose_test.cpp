@@ -129,12 +129,12 @@ TEST_P(EveryLens, TheMinimumIsTheOneThatCeresFinds) {
         if (i % 5 != 0) worst_px = std::max(worst_px, (a - b).norm());
       }
       // With corners beyond the loss's bend either converges slowly, and Ceres stops before.
-      EXPECT_LT(cost_ours, cost_theirs * (1.0 + 1e-5));
+      EXPECT_LT(cost_ours, cost_theirs * (1.0 + 1e-6));
       EXPECT_NEAR(ours->rms_px, theirs->rms_px, i % 5 == 0 ? 5e-3 : 1e-4);
     }
   }
   EXPECT_GE(compared, 60);
-  EXPECT_LT(worst_px, 5e-3);  // the costs say that what is left is Ceres's
+  EXPECT_LT(worst_px, 2e-3);  // along which the cost is flat: either stops there
   RecordProperty("worst_px", std::to_string(worst_px));
 }
 
