@@ -32,6 +32,15 @@ std::vector<std::string> live(const std::vector<std::string>& more) {
   return arguments;
 }
 
+// The program on a disk that no file of it finds more room on than so much [KiB].
+test::ProgramResult with_files_up_to(int kib, const std::vector<std::string>& arguments) {
+  std::vector<std::string> words = {
+      "-c", fmt::format(R"(trap '' XFSZ; ulimit -f {}; exec "$0" "$@")", kib),
+      test::program().string()};
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  return test::run_program("/bin/bash", words);
+}
+
 TEST(Live, TracksDrawsAndRecordsAndTheRecordingReplaysToTheSamePoses) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
@@ -322,13 +331,9 @@ TEST(Live, CtrlCEndsCleanlyAndLeavesReadableFiles) {
 TEST(Live, ARecordingThatCouldNotBeWrittenIsAFailureAndThePictureGoesOn) {
   const test::TemporaryFolder temporary;
   const std::string session = (temporary.path() / "session").string();
-  // No file may grow beyond 8 KiB, less than a frame has.
-  std::vector<std::string> words = {"-c", R"(trap '' XFSZ; ulimit -f 8; exec "$0" "$@")",
-                                    test::program().string()};
-  for (const std::string& word : live({"--duration", "1", "--record", session})) {
-    words.push_back(word);
-  }
-  const auto done = test::run_program("/bin/bash", words);
+  constexpr int kLessThanAFrame = 8;
+  const auto done =
+      with_files_up_to(kLessThanAFrame, live({"--duration", "1", "--record", session}));
   EXPECT_EQ(done.exit_code, 1);
   EXPECT_NE(done.err.find("the recording ends here, the picture goes on"), std::string::npos)
       << done.err;
@@ -341,13 +346,7 @@ TEST(Live, ARecordingThatCouldNotBeWrittenIsAFailureAndThePictureGoesOn) {
 TEST(Live, WhatCannotBeWrittenDoesNotTakeTheRestWithIt) {
   const test::TemporaryFolder temporary;
   const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
-  const auto limited = [&](const std::vector<std::string>& words) {
-    // No file may grow beyond 3 MiB: a moment of lossless video.
-    std::vector<std::string> whole = {"-c", R"(trap '' XFSZ; ulimit -f 3072; exec "$0" "$@")",
-                                      test::program().string()};
-    whole.insert(whole.end(), words.begin(), words.end());
-    return test::run_program("/bin/bash", whole);
-  };
+  constexpr int kAMomentOfVideo = 3072;
   const auto check = [&](const test::ProgramResult& done, const std::string& poses) {
     EXPECT_EQ(done.exit_code, 1);
     const std::string last = test::lines_of(done.err).back();
@@ -367,16 +366,17 @@ TEST(Live, WhatCannotBeWrittenDoesNotTakeTheRestWithIt) {
   };
   {
     SCOPED_TRACE("live");
-    const auto done = limited(live({"--duration", "3", "--output", path("out.mkv"), "--poses",
-                                    path("live.tum"), "--report", path("report.json")}));
+    const auto done = with_files_up_to(
+        kAMomentOfVideo, live({"--duration", "3", "--output", path("out.mkv"), "--poses",
+                               path("live.tum"), "--report", path("report.json")}));
     check(done, path("live.tum"));
     EXPECT_GT(test::read_json(path("report.json"))["frames"].get<int>(), 10);
   }
   {
     SCOPED_TRACE("replay");
-    const auto done =
-        limited({"replay", bundled("tabletop"), "--no-window", "--output", path("out.mkv"),
-                 "--poses", path("replay.tum"), "--report", path("report.json")});
+    const auto done = with_files_up_to(
+        kAMomentOfVideo, {"replay", bundled("tabletop"), "--no-window", "--output", path("out.mkv"),
+                          "--poses", path("replay.tum"), "--report", path("report.json")});
     check(done, path("replay.tum"));
     EXPECT_EQ(test::lines_of(done.err).size(), 2U) << done.err;
   }
@@ -386,12 +386,7 @@ TEST(Live, WhatCannotBeWrittenDoesNotTakeTheRestWithIt) {
 TEST(Live, PosesOfAFullDiskEndWithAWholeLine) {
   const test::TemporaryFolder temporary;
   const std::string poses = (temporary.path() / "live.tum").string();
-  std::vector<std::string> words = {"-c", R"(trap '' XFSZ; ulimit -f 1; exec "$0" "$@")",
-                                    test::program().string()};
-  for (const std::string& word : live({"--duration", "2", "--poses", poses})) {
-    words.push_back(word);
-  }
-  const auto done = test::run_program("/bin/bash", words);
+  const auto done = with_files_up_to(1, live({"--duration", "2", "--poses", poses}));
   EXPECT_EQ(done.exit_code, 1);
   EXPECT_NE(test::lines_of(done.err).back().find(poses), std::string::npos) << done.err;
   const std::string text = test::bytes_of(poses);

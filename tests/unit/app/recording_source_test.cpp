@@ -427,6 +427,14 @@ class RecordingOfVideo : public testing::Test {
   [[nodiscard]] std::filesystem::path folder() const { return root_.path() / "filmed"; }
   [[nodiscard]] std::filesystem::path video() const { return folder() / "video.mkv"; }
 
+  // Writes a video with so many frames from key frame to key frame, and plays it.
+  [[nodiscard]] Played play_with_key_frames(int gop) const {
+    test::VideoSpec spec;
+    spec.gop = gop;
+    test::write_video(video(), spec, fill_planes);
+    return play(*open_recording(folder()));
+  }
+
  private:
   TemporaryFolder root_;
 };
@@ -549,10 +557,7 @@ TEST_F(RecordingOfVideo, FramesAreReadOverFromAnywhere) {
   std::mt19937 random(7);
   for (const int gop : {1, 3, 5, 100}) {
     SCOPED_TRACE(gop);
-    test::VideoSpec spec;
-    spec.gop = gop;
-    test::write_video(video(), spec, fill_planes);
-    const Played whole = play(*open_recording(folder()));
+    const Played whole = play_with_key_frames(gop);
     ASSERT_EQ(whole.frames.size(), std::size_t{kFrames});
     for (int round = 0; round < 40; ++round) {
       auto reader = VideoReader::open(video());
@@ -576,10 +581,7 @@ TEST_F(RecordingOfVideo, FramesAreReadOverFromAnywhere) {
 TEST_F(RecordingOfVideo, ReadingGoesOnAfterADamagedFrame) {
   for (const int gop : {1, 4}) {
     SCOPED_TRACE(gop);
-    test::VideoSpec spec;
-    spec.gop = gop;
-    test::write_video(video(), spec, fill_planes);
-    const Played whole = play(*open_recording(folder()));
+    const Played whole = play_with_key_frames(gop);
     ASSERT_EQ(whole.frames.size(), std::size_t{kFrames});
     std::string bytes = test::read_bytes(video());
     bytes[bytes.size() / 2] = static_cast<char>(bytes[bytes.size() / 2] ^ 0x10);

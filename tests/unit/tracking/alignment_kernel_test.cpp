@@ -207,6 +207,18 @@ TEST(AlignmentKernel, CorrelatedBlurIsTheBivariateNormal) {
   }
 }
 
+kernel::Lens wide_lens(kernel::Lens::Kind kind) {
+  kernel::Lens lens;
+  lens.fx = 530.0F;
+  lens.fy = 528.0F;
+  lens.cx = 320.0F;
+  lens.cy = 240.0F;
+  lens.kind = kind;
+  lens.k[0] = kind == kernel::Lens::Kind::none ? 0.0F : -0.1F;
+  lens.k[1] = kind == kernel::Lens::Kind::none ? 0.0F : 0.02F;
+  return lens;
+}
+
 // Sums run in fixed lanes and nothing is fused: every instruction set gives the same bits, and so
 // the same poses on every machine.
 TEST(AlignmentKernel, EveryVariantGivesTheSameBits) {
@@ -231,14 +243,7 @@ TEST(AlignmentKernel, EveryVariantGivesTheSameBits) {
         std::vector<std::vector<std::int16_t>> scores;
         for (const Variant* variant : all) {
           SampleSet set = random_samples(4 * kernel::kBlock, T, 0.7F);
-          kernel::Lens lens;
-          lens.fx = 530.0F;
-          lens.fy = 528.0F;
-          lens.cx = 320.0F;
-          lens.cy = 240.0F;
-          lens.kind = kind;
-          lens.k[0] = -0.1F;
-          lens.k[1] = 0.02F;
+          const kernel::Lens lens = wide_lens(kind);
           for (int i = 0; i < set.s.count; ++i) {
             set.s.pixel_x[i] = std::round(lens.fx * set.s.ray_x[i] + lens.cx);
             set.s.pixel_y[i] = std::round(lens.fy * set.s.ray_y[i] + lens.cy);
@@ -268,18 +273,6 @@ TEST(AlignmentKernel, EveryVariantGivesTheSameBits) {
       }
     }
   }
-}
-
-kernel::Lens wide_lens(kernel::Lens::Kind kind) {
-  kernel::Lens lens;
-  lens.fx = 530.0F;
-  lens.fy = 528.0F;
-  lens.cx = 320.0F;
-  lens.cy = 240.0F;
-  lens.kind = kind;
-  lens.k[0] = kind == kernel::Lens::Kind::none ? 0.0F : -0.1F;
-  lens.k[1] = kind == kernel::Lens::Kind::none ? 0.0F : 0.02F;
-  return lens;
 }
 
 // Steps along edges against the same in double, pixel by pixel.
