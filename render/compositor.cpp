@@ -146,7 +146,7 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
                              std::move(*hard), std::move(*volumes), std::move(*rays));
   if (rectified) impl->rectified.emplace(context.info().api, video_camera);
   // Models, textures and programs are there now, or they are not.
-  if (const auto error = noted_gl_error())
+  if (const auto error = noted_gl_error(context.info()))
     return fail("{}: {}", impl->scene->file, gl_error_text(*error));
   return Compositor(std::move(impl));
 }
@@ -199,7 +199,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   // in the read-back.
   if (m.context.info().software) glFinish();
   render_clock.add_to(m.stats.render_ms, m.stats.render_cpu_ms);
-  if (const auto error = noted_gl_error())
+  if (const auto error = noted_gl_error(m.context.info()))
     return fail("frame {}: {}", frame.sequence, gl_error_text(*error));
 
   m.stats.translucency = way;
@@ -232,7 +232,7 @@ Result<CompositeStats> Compositor::read_back(std::span<std::uint8_t> rgba) {
   const Stopwatch clock;
   m.framebuffer.read_rgba(rgba);
   clock.add_to(m.stats.readback_ms, m.stats.readback_cpu_ms);
-  if (const auto error = noted_gl_error())
+  if (const auto error = noted_gl_error(m.context.info()))
     return fail("while the picture is read back: {}", gl_error_text(*error));
   return m.stats;
 }

@@ -17,6 +17,9 @@ struct GlInfo {
   std::string renderer;
   std::string version;
   bool software = false;  // a CPU rasteriser: llvmpipe, softpipe, swrast
+  // The driver says when it was reset (GL_KHR_robustness, and the context asked for it); without
+  // that a reset is another error, or the end of the process.
+  bool tells_resets = false;
 };
 
 // What a person did in the window: a key, the mouse, or a finger (which window systems pass on as

@@ -3,6 +3,7 @@
 #include <epoxy/gl.h>
 
 #include <array>
+#include <optional>
 #include <string_view>
 #include <vector>
 
@@ -113,6 +114,18 @@ std::vector<Platform> find_platforms() {
   return platforms;
 }
 
+// By which a context asks to be told when the driver was reset; none where it can't. (Its value is
+// EGL_LOSE_CONTEXT_ON_RESET in the core and in both extensions.)
+std::optional<EGLint> reset_notification_attribute(GlApi api, EGLint major, EGLint minor,
+                                                   const char* extensions) {
+  if (api == GlApi::gles30 && has_word(extensions, "EGL_EXT_create_context_robustness"))
+    return EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY_EXT;
+  const bool core = major > 1 || (major == 1 && minor >= 5);
+  if (core || (api == GlApi::gl33 && has_word(extensions, "EGL_KHR_create_context")))
+    return EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY;
+  return std::nullopt;
+}
+
 // The context, or what this platform lacks.
 Result<std::unique_ptr<GlContext>> try_platform(const Platform& platform, GlApi api) {
   if (platform.display == EGL_NO_DISPLAY) return fail("{}: not there", platform.name);
@@ -128,24 +141,30 @@ Result<std::unique_ptr<GlContext>> try_platform(const Platform& platform, GlApi 
   if (eglBindAPI(api_name) != EGL_TRUE) return fail("{}: the API is not there", platform.name);
   EGLConfig config = nullptr;  // EGL_NO_CONFIG_KHR
   if (!has_word(extensions, "EGL_KHR_no_config_context")) {
-    const std::array<EGLint, 5> wanted = {EGL_RENDERABLE_TYPE,
-                                          api == GlApi::gl33 ? EGL_OPENGL_BIT : EGL_OPENGL_ES3_BIT,
-                                          EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_NONE};
+    const std::array<EGLint, 5> of_config = {
+        EGL_RENDERABLE_TYPE, api == GlApi::gl33 ? EGL_OPENGL_BIT : EGL_OPENGL_ES3_BIT,
+        EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_NONE};
     EGLint count = 0;
-    if (eglChooseConfig(platform.display, wanted.data(), &config, 1, &count) != EGL_TRUE ||
+    if (eglChooseConfig(platform.display, of_config.data(), &config, 1, &count) != EGL_TRUE ||
         count < 1)
       return fail("{}: no framebuffer configuration", platform.name);
   }
-  const std::array<EGLint, 7> desktop = {EGL_CONTEXT_MAJOR_VERSION,
-                                         3,
-                                         EGL_CONTEXT_MINOR_VERSION,
-                                         3,
-                                         EGL_CONTEXT_OPENGL_PROFILE_MASK,
-                                         EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
-                                         EGL_NONE};
-  const std::array<EGLint, 3> embedded = {EGL_CONTEXT_CLIENT_VERSION, 3, EGL_NONE};
-  EGLContext context = eglCreateContext(platform.display, config, EGL_NO_CONTEXT,
-                                        api == GlApi::gl33 ? desktop.data() : embedded.data());
+  std::vector<EGLint> wanted = {EGL_CONTEXT_CLIENT_VERSION, 3};
+  if (api == GlApi::gl33) {
+    wanted.insert(wanted.end(), {EGL_CONTEXT_MINOR_VERSION, 3, EGL_CONTEXT_OPENGL_PROFILE_MASK,
+                                 EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT});
+  }
+  const auto create = [&](std::vector<EGLint> attributes) {
+    attributes.push_back(EGL_NONE);
+    return eglCreateContext(platform.display, config, EGL_NO_CONTEXT, attributes.data());
+  };
+  EGLContext context = EGL_NO_CONTEXT;
+  if (const auto attribute = reset_notification_attribute(api, major, minor, extensions)) {
+    std::vector<EGLint> with_notification = wanted;
+    with_notification.insert(with_notification.end(), {*attribute, EGL_LOSE_CONTEXT_ON_RESET});
+    context = create(with_notification);
+  }
+  if (context == EGL_NO_CONTEXT) context = create(wanted);
   if (context == EGL_NO_CONTEXT)
     return fail("{}: {}", platform.name, egl_error_name(eglGetError()));
   auto owner = std::make_unique<EglContext>(platform.display, context);

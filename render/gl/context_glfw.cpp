@@ -156,8 +156,13 @@ Result<std::unique_ptr<GlContext>> create_window_context(const WindowOptions& op
   // only.
   glfwWindowHint(GLFW_DEPTH_BITS, 0);
   glfwWindowHint(GLFW_STENCIL_BITS, 0);
-  GLFWwindow* window =
-      glfwCreateWindow(options.width, options.height, options.title.c_str(), nullptr, nullptr);
+  const auto create = [&](int robustness) {
+    glfwWindowHint(GLFW_CONTEXT_ROBUSTNESS, robustness);
+    return glfwCreateWindow(options.width, options.height, options.title.c_str(), nullptr, nullptr);
+  };
+  // To be told when the driver was reset, where it can tell.
+  GLFWwindow* window = create(GLFW_LOSE_CONTEXT_ON_RESET);
+  if (window == nullptr) window = create(GLFW_NO_ROBUSTNESS);
   if (window == nullptr) {
     const std::string cause = last_glfw_error();
     glfwTerminate();

@@ -20,6 +20,12 @@ GlInfo current_gl_info(GlApi api) {
                                                          "SwiftShader"};
   for (const std::string_view name : kSoftware)
     info.software = info.software || info.renderer.find(name) != std::string::npos;
+  const int core = api == GlApi::gl33 ? 45 : 32;
+  if (epoxy_gl_version() >= core || epoxy_has_gl_extension("GL_KHR_robustness")) {
+    GLint strategy = GL_NO_RESET_NOTIFICATION;
+    glGetIntegerv(GL_RESET_NOTIFICATION_STRATEGY, &strategy);
+    info.tells_resets = strategy == GL_LOSE_CONTEXT_ON_RESET;
+  }
   return info;
 }
 

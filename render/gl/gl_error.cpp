@@ -3,14 +3,17 @@
 #include <epoxy/gl.h>
 #include <fmt/format.h>
 
+#include "render/gl/context.hpp"
+
 namespace penumbra {
 
-std::optional<unsigned> noted_gl_error() {
+std::optional<unsigned> noted_gl_error(const GlInfo& context) {
   const GLenum first = glGetError();
-  if (first == GL_NO_ERROR) return std::nullopt;
   // A lost context may report for ever.
-  for (int i = 0; i < 16 && glGetError() != GL_NO_ERROR; ++i) {
+  for (int i = 0; first != GL_NO_ERROR && i < 16 && glGetError() != GL_NO_ERROR; ++i) {
   }
+  if (context.tells_resets && glGetGraphicsResetStatus() != GL_NO_ERROR) return GL_CONTEXT_LOST;
+  if (first == GL_NO_ERROR) return std::nullopt;
   return first;
 }
 

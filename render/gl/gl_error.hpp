@@ -6,9 +6,11 @@
 
 namespace penumbra {
 
+struct GlInfo;
+
 // The first error that OpenGL has noted since it was last asked, if any; the rest are of the same
-// cause and dropped.
-[[nodiscard]] std::optional<unsigned> noted_gl_error();
+// cause and dropped. A reset of the driver is GL_CONTEXT_LOST, whatever else was noted.
+[[nodiscard]] std::optional<unsigned> noted_gl_error(const GlInfo& context);
 
 // What it means, and what to do where somebody can.
 [[nodiscard]] std::string gl_error_text(unsigned code);

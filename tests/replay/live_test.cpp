@@ -396,6 +396,49 @@ TEST(Live, PosesOfAFullDiskEndWithAWholeLine) {
   EXPECT_GT(written->poses.size(), 3U);
 }
 
+#ifdef PENUMBRA_RESET_DRIVER
+// Of a graphics driver that was reset nothing more can be asked. What was made until then is kept.
+TEST(Live, AGraphicsDriverThatIsResetEndsTheSessionAndLeavesWhatWasMade) {
+  const test::TemporaryFolder temporary;
+  const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
+  const auto environment = [](int at) {
+    return std::vector<std::string>{"LD_PRELOAD=" PENUMBRA_RESET_DRIVER,
+                                    fmt::format("PENUMBRA_TEST_RESET_AT={}", at)};
+  };
+  const auto done =
+      penumbra(live({"--duration", "30", "--output", path("out.mkv"), "--poses", path("live.tum"),
+                     "--record", path("session"), "--report", path("report.json")}),
+               environment(30));
+  EXPECT_EQ(done.exit_code, 1);
+  const std::string last = test::lines_of(done.err).back();
+  EXPECT_NE(last.find("was reset"), std::string::npos) << done.err;
+  const auto report = test::read_json(path("report.json"));
+  const int frames = report["frames"].get<int>();
+  EXPECT_GT(frames, 5);
+  EXPECT_LT(frames, 30);
+  EXPECT_NE(report["failure"].get<std::string>().find("was reset"), std::string::npos);
+  const auto kept = count_video_frames(path("out.mkv"));
+  ASSERT_TRUE(kept) << kept.error().message;
+  EXPECT_EQ(*kept, frames);
+  const auto poses = load_trajectory(path("live.tum"));
+  ASSERT_TRUE(poses) << poses.error().message;
+  EXPECT_EQ(poses->poses.size(), report["frames_tracked"].get<std::size_t>());
+  const auto replayed =
+      penumbra({"replay", path("session"), "--no-window", "--poses", path("replay.tum")});
+  EXPECT_EQ(replayed.exit_code, 0) << replayed.err;
+
+  // A replay leaves what an earlier one made; and a driver that is reset before the first frame
+  // ends it too.
+  const std::string before = test::bytes_of(path("replay.tum"));
+  for (const int at : {5, 1}) {
+    const auto again = penumbra(
+        {"replay", path("session"), "--no-window", "--poses", path("replay.tum")}, environment(at));
+    test::expect_failure(again, {"was reset"});
+    EXPECT_EQ(test::bytes_of(path("replay.tum")), before);
+  }
+}
+#endif
+
 // A replay that its recording ends early does not replace what an earlier one made.
 TEST(Live, AReplayThatEndsEarlyLeavesWhatWasThere) {
   const test::TemporaryFolder temporary;

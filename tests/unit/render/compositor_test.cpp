@@ -326,6 +326,42 @@ TEST(Compositor, ReportsALostContextInOneLine) {
   epoxy_glGetError = driver_get_error;
 }
 
+PFNGLGETGRAPHICSRESETSTATUSPROC driver_reset_status = nullptr;
+bool driver_was_reset = false;
+GLenum reset_status() {
+  return driver_was_reset ? GL_UNKNOWN_CONTEXT_RESET : driver_reset_status();
+}
+
+// Some drivers tell of a reset only when they are asked.
+TEST(Compositor, AsksWhetherTheDriverWasReset) {
+  for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+    const auto context = create_offscreen_context(api);
+    ASSERT_TRUE(context);
+    EXPECT_TRUE((*context)->info().tells_resets) << "Mesa's software rasterisers do";
+    SceneBuilder builder;
+    const auto camera = test::camera_of(64, 48, 60.0);
+    auto compositor = Compositor::create(**context, builder.build(), camera);
+    ASSERT_TRUE(compositor);
+    const Frame frame = test::plain_frame(64, 48, 0);
+    EXPECT_TRUE(compositor->draw(frame, FramePlan()));
+    driver_reset_status = epoxy_glGetGraphicsResetStatus;
+    epoxy_glGetGraphicsResetStatus = reset_status;
+    driver_was_reset = true;
+    const auto drawn = compositor->draw(frame, FramePlan());
+    const auto made = Compositor::create(**context, builder.build(), camera);
+    GlInfo silent = (*context)->info();
+    silent.tells_resets = false;
+    EXPECT_FALSE(noted_gl_error(silent)) << "not asked where the context can't say";
+    driver_was_reset = false;
+    epoxy_glGetGraphicsResetStatus = driver_reset_status;
+    ASSERT_FALSE(drawn);
+    EXPECT_THAT(drawn.error().message, testing::HasSubstr("was reset"));
+    ASSERT_FALSE(made);
+    EXPECT_THAT(made.error().message, testing::HasSubstr("was reset"));
+    EXPECT_TRUE(compositor->draw(frame, FramePlan()));
+  }
+}
+
 // What was noted while models and textures went to the GPU is told before the first frame.
 TEST(Compositor, ReportsWhatTheDriverRefusesOfAScene) {
   const auto context = create_offscreen_context();
@@ -354,10 +390,10 @@ TEST(GlError, SaysWhatItMeansAndWhatToDo) {
   // Of a context that reports for ever, one line is told and no more are waited for.
   const auto context = create_offscreen_context();
   ASSERT_TRUE(context);
-  EXPECT_FALSE(noted_gl_error());
+  EXPECT_FALSE(noted_gl_error((*context)->info()));
   for (int i = 0; i < 3; ++i) glEnable(0xFFFF);
-  EXPECT_EQ(noted_gl_error(), static_cast<unsigned>(GL_INVALID_ENUM));
-  EXPECT_FALSE(noted_gl_error());
+  EXPECT_EQ(noted_gl_error((*context)->info()), static_cast<unsigned>(GL_INVALID_ENUM));
+  EXPECT_FALSE(noted_gl_error((*context)->info()));
 }
 
 TEST(Compositor, RefusesMoreLightsThanItDraws) {
