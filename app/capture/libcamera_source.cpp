@@ -16,6 +16,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
@@ -225,11 +226,24 @@ class Completed {
     std::unique_lock lock(mutex_);
     changed_.wait_for(lock, timeout, [&] { return stopped_; });
   }
+  // The request that a stream ends with.
+  void saw_last() {
+    {
+      const std::lock_guard lock(mutex_);
+      last_seen_ = true;
+    }
+    changed_.notify_all();
+  }
+  [[nodiscard]] bool wait_for_last(std::chrono::milliseconds timeout) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait_for(lock, timeout, [&] { return last_seen_; });
+  }
   // Of a stream that ended; the next one starts with nothing.
   void clear() {
     const std::lock_guard lock(mutex_);
     requests_.clear();
     disconnected_ = false;
+    last_seen_ = false;
   }
 
  private:
@@ -237,6 +251,7 @@ class Completed {
   std::condition_variable changed_;
   std::deque<lc::Request*> requests_;  // guarded by mutex_
   bool disconnected_ = false;          // guarded by mutex_
+  bool last_seen_ = false;             // guarded by mutex_
   bool stopped_ = false;               // guarded by mutex_
 };
 
@@ -285,9 +300,16 @@ class Stream {
   Stream& operator=(const Stream&) = delete;
   ~Stream() {
     if (ring_) ring_->close();
-    if (running_ && !a_device_is_gone()) camera_->stop();
+    if (running_) {
+      if (a_device_is_gone()) {
+        wait_for_libcamera();
+      } else {
+        camera_->stop();
+      }
+    }
     camera_->requestCompleted.disconnect();
     camera_->disconnected.disconnect();
+    camera_->bufferCompleted.disconnect();
     completed_.clear();
     requests_.clear();
     allocator_.reset();
@@ -361,6 +383,7 @@ class Stream {
     lc::ControlList controls = start_controls(options);
     camera_->requestCompleted.connect(this, &Stream::complete);
     camera_->disconnected.connect(this, &Stream::disconnect);
+    camera_->bufferCompleted.connect(this, &Stream::buffer_done);
     if (const int error = camera_->start(&controls); error != 0) {
       return trouble("starting it", error);
     }
@@ -549,6 +572,25 @@ class Stream {
     if (request->status() != lc::Request::RequestCancelled) completed_.put(request);
   }
   void disconnect() { completed_.disconnect(); }
+  void buffer_done(lc::Request* request, lc::FrameBuffer* /*buffer*/) {
+    if (request == awaited_.load()) completed_.saw_last();
+  }
+
+  // Of a camera that is gone: libcamera's thread may be about to hand over a last picture, or to
+  // take a request that was given back, and nothing that stops the stream waits for that. One more
+  // request, which a device that is not there refuses, is done when it is.
+  void wait_for_libcamera() {
+    const auto& buffers = allocator_->buffers(stream_);
+    if (buffers.empty()) return;
+    last_buffer_ = std::make_unique<lc::FrameBuffer>(buffers.front()->planes());
+    last_request_ = camera_->createRequest();
+    if (!last_request_ || last_request_->addBuffer(stream_, last_buffer_.get()) != 0) return;
+    awaited_ = last_request_.get();
+    const bool done =
+        camera_->queueRequest(last_request_.get()) == 0 && completed_.wait_for_last(kRetry);
+    log_debug("libcamera:{}: the camera is gone, and libcamera is {} with it", id(),
+              done ? "done" : "not done");
+  }
 
   // In this order: the manager goes after all that is its own.
   const std::shared_ptr<lc::CameraManager> manager_;
@@ -561,8 +603,11 @@ class Stream {
   lc::Stream* stream_ = nullptr;
   std::unique_ptr<lc::FrameBufferAllocator> allocator_;
   std::vector<std::unique_ptr<lc::Request>> requests_;
-  std::vector<bool> fresh_;  // never queued yet; guarded by the ring's lock
-  bool share_ = true;        // its buffers with a GPU
+  std::vector<bool> fresh_;                       // never queued yet; guarded by the ring's lock
+  std::unique_ptr<lc::FrameBuffer> last_buffer_;  // of wait_for_libcamera()
+  std::unique_ptr<lc::Request> last_request_;
+  std::atomic<const lc::Request*> awaited_ = nullptr;
+  bool share_ = true;  // its buffers with a GPU
   std::shared_ptr<const std::vector<MappedBuffer>> buffers_;
   std::shared_ptr<BufferRing> ring_;
 };
