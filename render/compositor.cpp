@@ -172,7 +172,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
 
   const Stopwatch render_clock;
   m.framebuffer.bind();
-  const VideoPass::Way came = m.video.upload(frame);
+  const VideoPass::Way came = m.video.upload(frame, plan.reuse);
   m.stats.video_copies = came == VideoPass::Way::copied ? 1 : 0;
   m.stats.video_imports = came == VideoPass::Way::imported ? 1 : 0;
   auto drawn = m.rectified ? m.rectified->draw(m.video, frame) : m.video.draw(frame);
@@ -204,8 +204,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
 
   m.stats.translucency = way;
   m.stats.passes_drawn = calls;
-  m.stats.passes_skipped =
-      static_cast<std::int64_t>(plan.skipped.size() + work.skipped.size()) + work.layers_skipped;
+  m.stats.passes_skipped = static_cast<std::int64_t>(plan.skipped.size() + work.skipped.size());
   m.stats.skipped = std::move(work.skipped);
   m.stats.shadow_vertices = work.vertices;
   m.stats.kernel_generations = work.kernel_generations;

@@ -16,6 +16,8 @@
 namespace penumbra {
 namespace {
 
+const Eigen::Vector3d kLuminance(0.2126, 0.7152, 0.0722);
+
 using BoxCorners = std::array<Eigen::Vector3d, 8>;
 
 BoxCorners box_corners(const Model& model, const Placement& T_table_object) {
@@ -184,7 +186,9 @@ class Planner {
           draw.plane_frame = frame;
           draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
           draw.constants = node.layered;
-          draw.fractions = node.fractions;
+          draw.fractions =
+              lifted_by_ambient(node.fractions, scene_, state_.lights, frame.n, frame.q);
+          draw.tone_exponent = plan_.tone_exponent;
           draw.opacity = std::min(receiver.opacity, opacity_of_object(caster));
           plan_shadow(draw, plane);
         }
@@ -222,8 +226,16 @@ class Planner {
         shadow_bounds(corners, draw, heights_above(draw.plane_frame, corners).second);
     draw.centre = bounds.centre;
     draw.radius = bounds.radius;
+    // Kernels from a file may lie anywhere, and so may the layers.
+    const bool bounded =
+        draw.technique != ShadowTechnique::layered || !object.model->shadow_kernel_up;
+    draw.off_outline = bounded && misses_outline(bounds, plane.outline);
     plan_receivers_under(draw, object);
-    if (options_.skip && !something_to_see(draw, object, plane)) return;
+    const ShadowDraw whole = draw;
+    if (options_.skip && !something_to_see(draw, object)) {
+      plan_.unseen_shadows.push_back(whole);
+      return;
+    }
     plan_.shadows.push_back(draw);
   }
 
@@ -374,6 +386,7 @@ class Planner {
     }
     draw.on_planes = on_planes;
     draw.proxy = options_.proxies;
+    const std::vector<Ball> seen = on_planes ? std::vector<Ball>() : balls_about_phantoms();
     for (const int light : lights) {
       draw.light = light;
       draw.light_place = plan_.lights[static_cast<std::size_t>(light)].place;
@@ -383,15 +396,20 @@ class Planner {
         return lights_there != lights_on_.end() && lights_there->second.contains(light);
       });
       if (!on_planes && !shown) continue;
-      const bool needed = on_planes || !options_.skip;  // all of it
       for (const int caster : casters) {
         draw.object = caster;
         draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
-        if (!needed) draw.receivers = phantoms_met(draw);
-        if (!needed && draw.receivers.empty()) {
-          const std::string& name = scene_.objects[static_cast<std::size_t>(caster)].name;
-          skip("shadow_misses_phantoms", name, "its shadow meets no phantom");
-          continue;
+        draw.receivers.clear();
+        if (!on_planes) {
+          // A volume that is made for other receivers has other triangles, whose edges may fall on
+          // other pixels: the same ones with and without skipping.
+          draw.receivers = balls_met(draw, seen);
+          if (draw.receivers.empty() && options_.skip) {
+            const std::string& name = scene_.objects[static_cast<std::size_t>(caster)].name;
+            skip("shadow_misses_phantoms", name, "its shadow meets no phantom");
+          }
+          if (draw.receivers.empty() && !options_.skip) draw.receivers = seen;
+          if (draw.receivers.empty()) continue;
         }
         draw.opacity = opacity_of_object(caster);
         add_volume(draw);
@@ -405,14 +423,24 @@ class Planner {
     return {middle, (corners.back() - middle).norm()};
   }
 
-  // The phantoms that are seen and that a caster may keep its light from.
-  [[nodiscard]] std::vector<Ball> phantoms_met(const ShadowVolumeDraw& draw) const {
+  // The phantoms that are in view.
+  [[nodiscard]] std::vector<Ball> balls_about_phantoms() const {
+    std::vector<Ball> balls;
+    for (const ObjectDraw& phantom : plan_.phantoms) {
+      const Model& model = *scene_.objects[static_cast<std::size_t>(phantom.object)].model;
+      if (out_of_view(box_corners(model, phantom.T_table_object))) continue;
+      balls.push_back(ball_about(model, phantom.T_table_object));
+    }
+    return balls;
+  }
+
+  // Those that a caster may keep its light from.
+  [[nodiscard]] std::vector<Ball> balls_met(const ShadowVolumeDraw& draw,
+                                            const std::vector<Ball>& receivers) const {
     const SceneObject& object = scene_.objects[static_cast<std::size_t>(draw.object)];
     const Ball caster = ball_about(*casting_model(object, draw.proxy), draw.T_table_object);
     std::vector<Ball> met;
-    for (const ObjectDraw& phantom : plan_.phantoms) {
-      const Model& model = *scene_.objects[static_cast<std::size_t>(phantom.object)].model;
-      const Ball receiver = ball_about(model, phantom.T_table_object);
+    for (const Ball& receiver : receivers) {
       if (may_shadow(draw.light_place, caster, receiver)) met.push_back(receiver);
     }
     return met;
@@ -501,7 +529,7 @@ class Planner {
   }
 
   // Drops what cannot show; the mesh lies inside its box, so the box decides on the safe side.
-  bool something_to_see(ShadowDraw& draw, const SceneObject& object, const ScenePlane& plane) {
+  bool something_to_see(ShadowDraw& draw, const SceneObject& object) {
     const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
     const auto [bottom, top] = heights_above(draw.plane_frame, corners);
     if (top < -kContactTolerance) {
@@ -528,14 +556,12 @@ class Planner {
         return false;
       }
     }
-    // Kernels from a file may lie anywhere, and so may the layers.
     if (draw.technique == ShadowTechnique::layered && object.model->shadow_kernel_up) return true;
-    const Disc disc = shadow_bounds(corners, draw, top);
-    if (misses_outline(disc, plane.outline)) {
+    if (draw.off_outline) {
       skip("shadow_off_receiver", object.name, "off the plane's outline");
       return false;
     }
-    std::array<Eigen::Vector3d, 4> square = draw.plane_frame.square_about(disc.centre, disc.radius);
+    std::array<Eigen::Vector3d, 4> square = draw.plane_frame.square_about(draw.centre, draw.radius);
     for (Eigen::Vector3d& corner : square) corner = T_camera_table_ * corner;
     if (frustum_.misses(square)) {
       skip("shadow_out_of_view", object.name, "its shadow is outside the view");
@@ -590,11 +616,29 @@ Lighting lighting_for(const Scene& scene, const SceneState& state) {
   };
   for (const PlacedLight& light : state.lights) add(light);
   if (state.lights.empty()) add(lamp_of_no_scene());
-  const Eigen::Vector3d luminance(0.2126, 0.7152, 0.0722);
-  lighting.gain = state.video_light->on_table / std::max(luminance.dot(on_table), 1.0);
+  lighting.gain = state.video_light->on_table / std::max(kLuminance.dot(on_table), 1.0);
   lighting.sky = lighting.sky.cwiseProduct(lighting.gain);
   lighting.ground = state.video_light->around;
   return lighting;
+}
+
+LightFractions lifted_by_ambient(const LightFractions& fractions, const Scene& scene,
+                                 const std::vector<PlacedLight>& lights,
+                                 const Eigen::Vector3d& normal, const Eigen::Vector3d& place) {
+  const double ambient = kLuminance.dot(scene.ambient);
+  if (!(ambient > Scene::kUsualAmbient)) return fractions;
+  double direct = 0.0;
+  const auto add = [&](const PlacedLight& light) {
+    const Eigen::Vector3d towards = light.place.head<3>() - light.place.w() * place;
+    const double length = towards.norm();
+    if (length > 0.0)
+      direct += std::max(towards.dot(normal) / length, 0.0) * kLuminance.dot(light.color);
+  };
+  for (const PlacedLight& light : lights) add(light);
+  if (lights.empty()) add(lamp_of_no_scene());
+  const double share = (Scene::kUsualAmbient + direct) / (ambient + direct);
+  const auto lifted = [share](double left) { return 1.0 - share * (1.0 - left); };
+  return {lifted(fractions.umbra), lifted(fractions.middle), lifted(fractions.penumbra)};
 }
 
 FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEstimate& pose,
@@ -602,6 +646,7 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
   PENUMBRA_ASSERT(state.objects.size() == scene.objects.size());
   PENUMBRA_ASSERT(state.lights.size() == scene.lights.size());
   FramePlan plan;
+  plan.reuse = options.skip;
   if (!pose.has_pose() || !pose.T_table_camera.is_finite()) {
     plan.skipped.push_back(
         {"no_pose", "overlay: " + (pose.reason.empty() ? std::string("no pose") : pose.reason)});
@@ -620,6 +665,7 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
   plan.T_table_camera = pose.T_table_camera;
   plan.lights = state.lights;
   plan.lighting = lighting_for(scene, state);
+  plan.tone_exponent = camera.parameters().tone_curve.value_or(kUsualToneExponent);
   Planner planner(scene, state, camera, options, plan);
   planner.plan_objects();
   planner.plan_shadows();

@@ -16,6 +16,10 @@
 
 namespace penumbra {
 
+// Of a camera whose tone curve is not known: encoded = linear ^ (1 / exponent), near enough to sRGB
+// (rendering.md 3).
+inline constexpr double kUsualToneExponent = 2.2;
+
 struct PlanOptions {
   Translucency translucency = Translucency::automatic;
   std::optional<ShadowTechnique> technique;  // overrides every shadow node's
@@ -24,8 +28,9 @@ struct PlanOptions {
   bool proxies = true;                       // false: every object casts with its own mesh
   LayerDrawing layers = LayerDrawing::automatic;
   bool light_rays = false;  // of every shadow node, whatever it says
-  bool skip =
-      true;  // leave out what can't be seen; the picture is the same either way, bit for bit
+  // Leave out what can't be seen, and make nothing again that an earlier frame made; the picture is
+  // the same either way, bit for bit.
+  bool skip = true;
   // Split casters' edges and masks as the nearest distance expected asks for, not as the present
   // one does;
   // the picture is the same to 0.15 px.
@@ -56,8 +61,10 @@ struct ShadowDraw {
   PlaneFrame plane_frame;
   Placement T_table_object;
   LayeredConstants constants;
-  LightFractions fractions;
+  LightFractions fractions;                           // the scene's, lifted by its ambient light
+  double tone_exponent = kUsualToneExponent;          // FramePlan::tone_exponent
   bool umbra = true, middle = true, penumbra = true;  // which layers have anything to draw
+  bool off_outline = false;                           // its bounds do not meet the plane's outline
   float opacity = 1.0F;                               // of caster and plane together
   // On the plane, what holds every layer [m]; kernels that are given may lie anywhere, and what
   // they make is not held.
@@ -141,6 +148,15 @@ struct Lighting {
 // Shadows on the table take the same share of its light either way.
 [[nodiscard]] Lighting lighting_for(const Scene& scene, const SceneState& state);
 
+// What is left of the light in the layers on a plane, `normal` up, through `place`, table frame.
+// The scene's fractions are those under the usual ambient light (Scene::kUsualAmbient) or less; of
+// more of it no caster takes anything away, and what the layers take away of all the light falls as
+// the lights' share in it does (rendering.md 3: lifted by ambient).
+[[nodiscard]] LightFractions lifted_by_ambient(const LightFractions& fractions, const Scene& scene,
+                                               const std::vector<PlacedLight>& lights,
+                                               const Eigen::Vector3d& normal,
+                                               const Eigen::Vector3d& place);
+
 struct FramePlan {
   bool has_pose = false;
   CameraPose T_table_camera;
@@ -148,17 +164,22 @@ struct FramePlan {
   LayerDrawing layers = LayerDrawing::automatic;
   bool finest_edges = false;         // of casters and masks, whatever the distance
   bool whole_masks = false;          // of planes: also where they darken nothing
+  bool reuse = true;                 // false: nothing that an earlier frame made, but kernels
   float overlay_opacity = 1.0F;      // 1 when tracked, lower when uncertain or held
   std::vector<ObjectDraw> phantoms;  // depth only
   std::vector<ObjectDraw> objects;
   std::vector<PlaneReceiver> receivers;  // of all nodes' techniques, seen or not, each once
   std::vector<ShadowDraw> shadows;
+  // What is left out of them for being out of sight. How the others are drawn must not hang on
+  // that.
+  std::vector<ShadowDraw> unseen_shadows;
   std::vector<ReceivedShadowDraw> received_shadows;
   std::vector<HardShadowDraw> hard_shadows;
   std::vector<ShadowVolumeDraw> volumes;
   std::vector<LightRayDraw> rays;
   std::vector<PlacedLight> lights;  // one per Scene::lights
   Lighting lighting;
+  double tone_exponent = kUsualToneExponent;  // of the camera: linear light = encoded ^ exponent
   std::vector<SkippedPass> skipped;
 };
 

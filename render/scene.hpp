@@ -162,6 +162,9 @@ struct Scene {
   std::vector<ScenePlane> planes;
   std::vector<SceneLight> lights;
   std::vector<ShadowNode> shadows;
+  // Luminance, up to which shadows' light fractions are as they are given (lifted_by_ambient()): a
+  // bright room's, which most bundled scenes have.
+  static constexpr double kUsualAmbient = 0.36;
   Eigen::Vector3d ambient = Eigen::Vector3d::Constant(0.35);  // linear
   std::vector<std::string> warnings;  // what is legal but against the sources' advice
   std::vector<LayeredAdvice> layered_advice;

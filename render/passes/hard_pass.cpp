@@ -86,7 +86,7 @@ void HardPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& wo
     const Key key = {draw.object, draw.plane, draw.light};
     if (!seen.insert(key).second) continue;
     Shadow& shadow = shadows_[key];
-    if (shadow.valid && shadow.plane == draw.plane_frame &&
+    if (plan.reuse && shadow.valid && shadow.plane == draw.plane_frame &&
         shadow.T_table_object == draw.T_table_object && shadow.light == draw.light_place) {
       ++work.reprojections;
       continue;

@@ -21,6 +21,7 @@ void set_light_uniforms(const ShaderProgram& program, const FramePlan& plan,
     places[i] = glm::vec4(to_gl(Eigen::Vector3d(place.head<3>())), static_cast<float>(place.w()));
     colors[i] = glm::vec4(to_gl(color), i < blocked.size() ? blocked[i] : 0.0F);
   }
+  program.set("encoding", static_cast<float>(1.0 / plan.tone_exponent));
   program.set("light_count", static_cast<int>(lights.size()));
   program.set("light_place", std::span<const glm::vec4>(places));
   program.set("light_color", std::span<const glm::vec4>(colors));

@@ -1,5 +1,5 @@
-// Gives a program the light of a frame: light_count, light_place, light_color, sky_light and
-// ground_light.
+// Gives a program the light of a frame: light_count, light_place, light_color, sky_light,
+// ground_light and encoding.
 #pragma once
 
 #include <array>

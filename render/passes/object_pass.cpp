@@ -467,6 +467,7 @@ int ObjectPass::draw_under_shadow(const Scene& scene, const ObjectDraw& draw, co
   p.set("mask_count", mask.level_count);
   p.set("mask_layer", mask.layer);
   p.set("mask_light_left", mask.light_left);
+  p.set("encoding", static_cast<float>(1.0 / plan.tone_exponent));
   p.set("mask_step", static_cast<float>(kLevelStep));
   p.set("shadow_mask", kShadowMaskUnit);
   return draw_all({p, nullptr}, scene, {&draw, 1}, plan.T_table_camera);

@@ -170,6 +170,10 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
                                 ShadowWork& work) {
   ++frame_count_;
   shown_.clear();
+  if (!plan.reuse) {
+    masks_.clear();
+    surfaces_.clear();
+  }
   int calls = 0;
   const double texels = most_texels(scene);
   for (const ReceivedShadowDraw& draw : plan.received_shadows) {

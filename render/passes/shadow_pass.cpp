@@ -28,8 +28,6 @@ namespace {
 constexpr double kContactTolerance = 1e-6;
 constexpr std::size_t kMaxKernelSets = 64;  // kept per caster
 constexpr std::size_t kMaxProxyChecks = 4096;
-// From so many faces on, of all casters of a plane, a mask takes less than drawing them directly.
-constexpr std::size_t kLeastMaskFaces = 200;
 constexpr double kPixelsPerMaskCell = 1.6;
 constexpr std::int64_t kMostMaskCells = 1024;  // along a side
 // A reduced mesh whose edges were split again for the lens must still spare this much.
@@ -99,9 +97,9 @@ bool apart(const HeightRange& heights, const HeightRange& range) {
 }
 
 // Share of the light that is left -> factor for the video's encoded value: darkening linear light
-// by k is multiplying the encoded value by k^(1/2.2). Fades to 1 with the overlay's opacity.
-float encoded_factor(double light_fraction, float opacity) {
-  const double factor = std::pow(std::clamp(light_fraction, 0.0, 1.0), 1.0 / 2.2);
+// by k is multiplying the encoded value by k^(1/exponent). Fades to 1 with the overlay's opacity.
+float encoded_factor(double light_fraction, double tone_exponent, float opacity) {
+  const double factor = std::pow(std::clamp(light_fraction, 0.0, 1.0), 1.0 / tone_exponent);
   return static_cast<float>(1.0 - static_cast<double>(opacity) * (1.0 - factor));
 }
 
@@ -203,9 +201,11 @@ std::vector<bool> steady_casters(const Scene& scene) {
 }  // namespace
 
 glm::vec3 layer_light(const ShadowDraw& draw) {
-  return {encoded_factor(draw.fractions.umbra, draw.opacity),
-          encoded_factor(draw.fractions.middle, draw.opacity),
-          encoded_factor(draw.fractions.penumbra, draw.opacity)};
+  const auto factor = [&draw](double fraction) {
+    return encoded_factor(fraction, draw.tone_exponent, draw.opacity);
+  };
+  return {factor(draw.fractions.umbra), factor(draw.fractions.middle),
+          factor(draw.fractions.penumbra)};
 }
 
 std::vector<float> longest_caster_edges(const Scene& scene, const CameraModel& camera) {
@@ -565,7 +565,6 @@ void ShadowPass::image_layers(const ShadowDraw& draw, Caster& caster, KernelSet&
         longest);
     if (faces.empty()) {
       layer.source = LayerSource::nothing;
-      ++work.layers_skipped;
       continue;
     }
     layer.source = LayerSource::clipped;
@@ -637,12 +636,8 @@ void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& p
   if (field) {
     for (std::size_t i = 0; i < 3; ++i) {
       prepared.layers[i].source = LayerSource::nothing;
-      if (!prepared.wanted[i]) continue;
-      if (prepared.field.layers()[i]) {
+      if (prepared.wanted[i] && prepared.field.layers()[i])
         prepared.layers[i].source = LayerSource::field;
-      } else {
-        ++work.layers_skipped;
-      }
     }
   }
 }
@@ -710,7 +705,6 @@ void ShadowPass::place_layers(const ShadowDraw& draw, Caster& caster, KernelSet&
     if (!prepared.wanted[i]) continue;
     const bool masked = prepared.masked && sources[i] == LayerSource::whole;
     prepared.layers[i].source = masked ? LayerSource::masked : sources[i];
-    if (sources[i] == LayerSource::nothing) ++work.layers_skipped;
     clips = clips || sources[i] == LayerSource::clipped;
   }
   if (prepared.masked) return;
@@ -849,7 +843,6 @@ std::size_t ShadowPass::prepare_flat(const Scene& scene, const ReceivedShadowDra
     work.reprojections = before.reprojections;
     work.recomputed = before.recomputed;
     work.proxy_shadows = before.proxy_shadows;
-    work.layers_skipped = before.layers_skipped;
   }
   shadow.fractions = {1.0, 1.0, 1.0};
   flats_.emplace_back(shadow, Item{&caster, &prepared, shadow.node, shadow.object, shadow.plane,
@@ -861,12 +854,21 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   ++frame_count_;
   items_.clear();
   flats_.clear();
+  if (!plan.reuse) {
+    prepared_.clear();
+    flat_prepared_.clear();
+    plane_masks_.clear();
+  }
   std::erase_if(flat_prepared_, [this](const auto& entry) {
     return entry.second.last_used + kFramesKept < frame_count_;
   });
   for (auto& [plane, mask] : plane_masks_) mask.in_use = false;
   for (const PlaneReceiver& receiver : plan.receivers) {
-    if (mask_serves(scene, plan, receiver.plane)) plane_masks_[receiver.plane].in_use = true;
+    const std::optional<double> depth = mask_depth(scene, plan, receiver.plane);
+    if (!depth) continue;
+    PlaneMask& mask = plane_masks_[receiver.plane];
+    mask.in_use = true;
+    mask.depth = *depth;
   }
   std::map<std::tuple<int, int, int>, int> repeats;
   for (const ShadowDraw& draw : plan.shadows) {
@@ -911,22 +913,26 @@ glm::vec3 ShadowPass::mask_light(const ShadowDraw& draw) const {
   return {open(light.x), open(light.y), open(light.z)};
 }
 
-// Whether all shadows of a plane can be in a mask, and whether that pays.
-bool ShadowPass::mask_serves(const Scene& scene, const FramePlan& plan, int plane) {
-  if (plan.layers == LayerDrawing::direct) return false;
-  if (way_ == Translucency::geometry_mesh) return false;  // marked in the stencil
+// How near the nearest of a plane's shadows is, if all of them can be in a mask [m]; where nothing
+// casts one, or they can't, nothing. A mask takes less than drawing its casters directly, be it 12
+// faces or 23,000, and has smooth edges (BENCHMARKS.md). What is out of sight counts like the rest:
+// else a shadow would be drawn another way when another one leaves the view.
+std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan& plan, int plane) {
+  if (plan.layers == LayerDrawing::direct) return std::nullopt;
+  if (way_ == Translucency::geometry_mesh) return std::nullopt;  // marked in the stencil
+  const auto T_camera_table = plan.T_table_camera.inverse();
   std::optional<glm::vec3> light;
-  std::size_t faces = 0;
-  for (const ShadowDraw& draw : plan.shadows) {
-    if (draw.plane != plane) continue;
+  constexpr double kNone = std::numeric_limits<double>::infinity();
+  double in_view = kNone;
+  double anywhere = kNone;
+  const auto serves = [&](const ShadowDraw& draw) {
     // One mask is of one light.
     if (!light) light = layer_light(draw);
     const bool layers =
         draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::proportional;
     if (!layers || layer_light(draw) != *light) return false;
     Caster& caster = caster_of(scene, draw.object);
-    if (caster.whole.geometry.indices.empty()) continue;
-    faces += caster.mesh.indices.size() / 3;
+    if (caster.whole.geometry.indices.empty()) return true;
     // Where they are cut, faces do not close up.
     const std::array<LayerSource, 3> sources = cut_layers(draw, caster);
     if (std::ranges::find(sources, LayerSource::clipped) != sources.end()) return false;
@@ -937,14 +943,27 @@ bool ShadowPass::mask_serves(const Scene& scene, const FramePlan& plan, int plan
     };
     if (!closes_up(caster.whole, caster.mesh)) return false;
     if (caster.proxy && draw.proxy && !closes_up(caster.reduced, caster.proxy->mesh)) return false;
+    if (sources == std::array<LayerSource, 3>{}) return true;
+    std::array<Eigen::Vector3d, 4> square = draw.plane_frame.square_about(draw.centre, draw.radius);
+    for (Eigen::Vector3d& corner : square) corner = T_camera_table * corner;
+    double nearest = kNone;
+    for (const Eigen::Vector3d& corner : square) nearest = std::min(nearest, corner.z());
+    anywhere = std::min(anywhere, nearest);
+    if (!draw.off_outline && !frustum_.misses(square)) in_view = std::min(in_view, nearest);
+    return true;
+  };
+  for (const std::vector<ShadowDraw>* draws : {&plan.shadows, &plan.unseen_shadows}) {
+    for (const ShadowDraw& draw : *draws) {
+      if (draw.plane == plane && !serves(draw)) return std::nullopt;
+    }
   }
-  return faces > 0 && (plan.layers == LayerDrawing::mask || faces >= kLeastMaskFaces);
+  if (anywhere == kNone) return std::nullopt;
+  return in_view == kNone ? anywhere : in_view;
 }
 
 void ShadowPass::make_mask(const FramePlan& plan, int plane, PlaneMask& mask, ShadowWork& work) {
   const auto T_camera_table = plan.T_table_camera.inverse();
   std::vector<MaskPart> parts;
-  double depth = std::numeric_limits<double>::infinity();
   glm::vec3 light(0.0F);
   for (std::size_t i = 0; i < plan.shadows.size(); ++i) {
     const ShadowDraw& draw = plan.shadows[i];
@@ -952,10 +971,9 @@ void ShadowPass::make_mask(const FramePlan& plan, int plane, PlaneMask& mask, Sh
     if (draw.plane != plane || !prepared.valid) continue;
     std::array<Eigen::Vector3d, 4> square = draw.plane_frame.square_about(draw.centre, draw.radius);
     for (Eigen::Vector3d& corner : square) corner = T_camera_table * corner;
-    // What is out of view is left out whatever the plan says: it would make the mask larger.
+    // What is out of sight is left out whatever the plan says: it would make the mask larger.
     // Kernels from a file may lie anywhere.
-    if (!prepared.kernel_key.stored && frustum_.misses(square)) continue;
-    for (const Eigen::Vector3d& corner : square) depth = std::min(depth, corner.z());
+    if (draw.off_outline || (!prepared.kernel_key.stored && frustum_.misses(square))) continue;
     MaskPart part{items_[i].caster, prepared.kernel_key, prepared.reduced,
                   prepared.own,     draw.constants,      {}};
     for (std::size_t layer = 0; layer < 3; ++layer)
@@ -964,20 +982,30 @@ void ShadowPass::make_mask(const FramePlan& plan, int plane, PlaneMask& mask, Sh
     light = mask_light(draw);
     parts.push_back(part);
   }
-  // By half powers of two, so that a camera that moves seldom makes another mask.
-  depth = std::max(depth, kNearestDistance);
-  const double target =
-      parts.empty() ? 1.0
-                    : std::exp2(0.5 * std::floor(2.0 * std::log2(kPixelsPerMaskCell *
-                                                                 pixel_at_unit_depth_ * depth)));
-  if (mask.cell == target && mask.light == light &&
-      std::ranges::equal(mask.parts, parts, &MaskPart::same_as)) {
-    if (mask.texture) ++work.layer_masks_kept;
+  // By half powers of two, so that a camera that moves seldom makes another mask. Of the present
+  // frame alone; but where a camera at rest trembles between two sizes, both are kept.
+  const double depth = std::max(mask.depth, kNearestDistance);
+  const double target = std::exp2(
+      0.5 * std::floor(2.0 * std::log2(kPixelsPerMaskCell * pixel_at_unit_depth_ * depth)));
+  const auto is_it = [&](const DrawnMask& picture) {
+    return picture.made && picture.cell == target && picture.light == light &&
+           std::ranges::equal(picture.parts, parts, &MaskPart::same_as);
+  };
+  if (!is_it(mask.now)) std::swap(mask.now, mask.other);
+  if (is_it(mask.now)) {
+    if (mask.now.texture) ++work.layer_masks_kept;
     return;
   }
+  draw_mask(target, light, std::move(parts), mask.now, work);
+}
+
+void ShadowPass::draw_mask(double target, const glm::vec3& light, std::vector<MaskPart> of,
+                           DrawnMask& mask, ShadowWork& work) {
+  mask.made = true;
+  mask.parts = std::move(of);
+  const std::vector<MaskPart>& parts = mask.parts;
   mask.cell = target;
   mask.light = light;
-  mask.parts = parts;
   if (mask_casters_.size() < parts.size()) mask_casters_.resize(parts.size());
   const auto mesh_of = [](const MaskPart& part) -> const ShadowMesh& {
     return part.reduced ? part.caster->proxy->mesh : part.caster->mesh;
@@ -1246,12 +1274,13 @@ int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens, Receivers&
     begin_darkening(way_);
     const auto mask = plane_masks_.find(receiver.plane);
     if (mask != plane_masks_.end() && mask->second.in_use) {
-      if (!mask->second.texture) continue;
+      std::optional<MaskTexture>& texture = mask->second.now.texture;
+      if (!texture) continue;
       glStencilMask(0);
       receivers.test_place();
-      mask_pieces_skipped_ += mask_quad_.draw(
-          *mask->second.texture, lens, camera_from_plane(plan.T_table_camera, receiver.frame),
-          {plan.whole_masks, plan.finest_edges});
+      mask_pieces_skipped_ +=
+          mask_quad_.draw(*texture, lens, camera_from_plane(plan.T_table_camera, receiver.frame),
+                          {plan.whole_masks, plan.finest_edges});
       ++calls;
       continue;
     }

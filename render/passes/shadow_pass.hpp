@@ -40,7 +40,6 @@ namespace penumbra {
 
 struct ShadowWork {
   std::int64_t layers_drawn = 0;
-  std::int64_t layers_skipped = 0;      // nothing of the caster within the layer's heights
   std::int64_t vertices = 0;            // that the CPU projected and clipped
   std::int64_t kernel_generations = 0;  // kernel sets, and sets of part lights, for a tilt
   // Shadows of this plan whose geometry is that of a plan before, on its place or slid and turned;
@@ -225,12 +224,17 @@ class ShadowPass {
     std::array<bool, 3> layers{};
     [[nodiscard]] bool same_as(const MaskPart& other) const;
   };
-  struct PlaneMask {
+  struct DrawnMask {
+    bool made = false;
     std::vector<MaskPart> parts;
     double cell = 0.0;
     glm::vec3 light{0.0F};               // mask_light()
     std::optional<MaskTexture> texture;  // none: nothing is in it
-    bool in_use = false;                 // in this frame
+  };
+  struct PlaneMask {
+    DrawnMask now, other;  // of this frame, and the one shown before it
+    bool in_use = false;   // in this frame
+    double depth = 0.0;    // of the nearest shadow that counts [m]
   };
   ShadowPass(TranslucentProgram shadow, FieldQuad field, MaskQuad mask, MeshStrips strips)
       : shadow_program_(std::move(shadow)),
@@ -275,8 +279,11 @@ class ShadowPass {
   static void upload_clipped(std::span<const CasterVertex> faces, Prepared& prepared);
   static std::array<LayerSource, 3> cut_layers(const ShadowDraw& draw, const Caster& caster);
   [[nodiscard]] glm::vec3 mask_light(const ShadowDraw& draw) const;
-  [[nodiscard]] bool mask_serves(const Scene& scene, const FramePlan& plan, int plane);
+  [[nodiscard]] std::optional<double> mask_depth(const Scene& scene, const FramePlan& plan,
+                                                 int plane);
   void make_mask(const FramePlan& plan, int plane, PlaneMask& mask, ShadowWork& work);
+  void draw_mask(double target, const glm::vec3& light, std::vector<MaskPart> of, DrawnMask& mask,
+                 ShadowWork& work);
   void make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
   struct Item;
   // What layers are drawn with.

@@ -82,12 +82,12 @@ VideoPass::~VideoPass() {
   release(0);
 }
 
-VideoPass::Way VideoPass::upload(const Frame& frame) {
+VideoPass::Way VideoPass::upload(const Frame& frame, bool reuse) {
   // The same buffer, still held by someone, is the same frame: frames are immutable.
   const bool same =
       frame.owner && !uploaded_owner_.expired() && !uploaded_owner_.owner_before(frame.owner) &&
       !frame.owner.owner_before(uploaded_owner_) && frame.planes[0].data == uploaded_data_;
-  if (same) return Way::there;
+  if (same && reuse) return Way::there;
   release(kMostInUse);
   uploaded_owner_ = frame.owner;
   uploaded_data_ = frame.planes[0].data;

@@ -40,8 +40,9 @@ class VideoPass {
     copied,   // plane by plane
     imported  // read where it lies, in a buffer that the camera's driver shares
   };
-  // Makes the planes known to the GPU.
-  Way upload(const Frame& frame);
+  // Makes the planes known to the GPU; those that it has already, only where they are not to be
+  // used again.
+  Way upload(const Frame& frame, bool reuse = true);
   // Covers every pixel: no clearing of colour is needed.
   [[nodiscard]] Result<void> draw(const Frame& frame);
   // Gives a program that has video_texel.glsl in it, and is in use, the frame that was uploaded, in

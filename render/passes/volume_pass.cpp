@@ -54,7 +54,7 @@ Result<void> VolumePass::choose(Translucency way, std::optional<PixelFormat> vid
 void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work) {
   for (const ShadowVolumeDraw& draw : plan.volumes) {
     Volume& volume = volumes_[{draw.object, draw.light}];
-    if (volume.valid && volume.T_table_object == draw.T_table_object &&
+    if (plan.reuse && volume.valid && volume.T_table_object == draw.T_table_object &&
         volume.light == draw.light_place && volume.floors == draw.floors &&
         volume.receivers == draw.receivers) {
       ++work.reprojections;
@@ -248,7 +248,7 @@ int VolumePass::darken_planes(const Drawing& drawing, int light, const Darkening
   return calls;
 }
 
-void VolumePass::darken_by_sums(Framebuffer& framebuffer) const {
+void VolumePass::darken_by_sums(const FramePlan& plan, Framebuffer& framebuffer) const {
   framebuffer.bind();
   if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
   framebuffer.bind_sums_texture(0);
@@ -259,6 +259,7 @@ void VolumePass::darken_by_sums(Framebuffer& framebuffer) const {
   const ShaderProgram& p = light_sum_program_.get();
   p.use();
   p.set("sums", 0);
+  p.set("encoding", static_cast<float>(1.0 / plan.tone_exponent));
   p.set("picture_before", kPictureBeforeUnit);
   no_vertices_.bind();
   glDrawArrays(GL_TRIANGLES, 0, 3);
@@ -326,7 +327,7 @@ int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUnifor
     calls += draw_light(drawing, casters, add_up);
   }
   if (add_up) {
-    darken_by_sums(framebuffer);
+    darken_by_sums(plan, framebuffer);
     ++calls;
   }
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);

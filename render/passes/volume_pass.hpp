@@ -95,7 +95,7 @@ class VolumePass {
   int darken(const Drawing& drawing, const ShadowVolumeDraw& draw, const Darkening& how) const;
   void begin(const Darkening& how) const;
   int darken_planes(const Drawing& drawing, int light, const Darkening& how) const;
-  void darken_by_sums(Framebuffer& framebuffer) const;
+  void darken_by_sums(const FramePlan& plan, Framebuffer& framebuffer) const;
   int draw_light(const Drawing& drawing, Casters casters, bool add_up) const;
 
   ShaderProgram volume_program_;

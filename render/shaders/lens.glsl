@@ -35,7 +35,7 @@ vec4 lens_clip(vec3 p, float farther) {
   if (lens_model == 0) {
     distorted_z = p.xy;
   } else {
-    float rz = length(p.xy);
+    float rz = max(length(p.xy), 1.0e-9);  // behind the camera on its axis: a direction, not 0 / 0
     if (p.z > 0.0 && rz <= lens_max_radius * p.z)
       distorted_z = lens_distort(p.xy / p.z) * p.z;
     else

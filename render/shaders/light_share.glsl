@@ -4,6 +4,7 @@
 uniform int light_count;
 uniform vec4 light_place[MAX_LIGHTS];  // w 1: position; w 0: direction towards the light
 uniform vec4 light_color[MAX_LIGHTS];  // w: the share that is blocked
+uniform float encoding;                // of the video: encoded = linear ^ encoding
 
 // Of all light, linear. `place`: table frame [m]; `normal`: unit.
 vec3 blocked_share(vec3 place, vec3 normal) {
@@ -23,6 +24,6 @@ vec3 blocked_share(vec3 place, vec3 normal) {
 // itself, for light_sum.frag.glsl.
 vec4 darkening(vec3 share, float opacity, bool add_up) {
   if (add_up) return added(opacity * vec4(share, 1.0));
-  vec3 encoded = pow(1.0 - share, vec3(1.0 / 2.2));
+  vec3 encoded = pow(1.0 - share, vec3(encoding));
   return darkened(1.0 - opacity * (1.0 - encoded));
 }

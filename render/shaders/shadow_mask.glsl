@@ -3,6 +3,7 @@
 uniform sampler2DArray shadow_mask;
 uniform int mask_layer;          // the channel of the pictures; -1: of all the first one there
 uniform vec3 mask_light_left;    // what the layers leave of the encoded picture
+uniform float encoding;          // of the video: encoded = linear ^ encoding
 uniform mat4x3 mask_from_table;  // -> (u, v, h)
 uniform vec3 mask_normal;        // of the plane, table frame
 uniform vec2 mask_origin;        // (u, v) in the pictures' corner [m]
@@ -41,6 +42,6 @@ float left_under_mask(vec3 place, vec3 normal) {
   if (layer < 0) layer = layers.r >= 0.5 ? 0 : layers.g >= 0.5 ? 1 : 2;
   if (layers[layer] < 0.5) return kNotInIt;
   // The share of light that is lost is the light's own, by Lambert's law.
-  float lost = (1.0 - pow(mask_light_left[layer], 2.2)) * min(facing, 1.0);
-  return pow(max(1.0 - lost, 0.0), 1.0 / 2.2);
+  float lost = (1.0 - pow(mask_light_left[layer], 1.0 / encoding)) * min(facing, 1.0);
+  return pow(max(1.0 - lost, 0.0), encoding);
 }

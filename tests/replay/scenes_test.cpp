@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -43,6 +44,64 @@ TEST_P(Scenes, ReplaysTheTabletop) {
   const nlohmann::json report = read_json(folder.path() / "report.json");
   EXPECT_EQ(report.at("frames_tracked"), 6);
   EXPECT_GT(report.at("work").at("triples_recomputed"), 0) << "it has a shadow";
+}
+
+// Of every bundled scene and recording, and of every technique: with all skips and all that is kept
+// from frame to frame, and with nothing of that.
+struct Session {
+  std::string scene;
+  std::string recording;
+  std::string technique;  // none: the scene's own
+};
+std::vector<Session> sessions() {
+  std::vector<Session> sessions;
+  for (const std::string& scene : bundled_scenes()) {
+    for (const char* recording : {"tabletop", "corner"}) sessions.push_back({scene, recording, ""});
+  }
+  for (const char* technique : {"simple", "cocl", "field", "walls", "hard", "volume"})
+    sessions.push_back({"default", "tabletop", technique});
+  for (const char* technique : {"layered", "field", "hard"})
+    sessions.push_back({"stack", "tabletop", technique});
+  return sessions;
+}
+class Sessions : public testing::TestWithParam<Session> {};
+INSTANTIATE_TEST_SUITE_P(Bundled, Sessions, testing::ValuesIn(sessions()),
+                         [](const auto& instance) {
+                           const Session& s = instance.param;
+                           return s.scene + "_" + s.recording +
+                                  (s.technique.empty() ? "" : "_" + s.technique);
+                         });
+
+TEST_P(Sessions, AreTheSameWithoutSkipping) {
+  const Session& session = GetParam();
+  const TemporaryFolder folder;
+  // Tabletop: casters low and high, near the table's edge and, in the end, over the pad.
+  const std::vector<std::string> ranges = session.recording == "tabletop"
+                                              ? std::vector<std::string>{"40:44", "108:120"}
+                                              : std::vector<std::string>{"8:12", "30:34"};
+  for (const std::string& frames : ranges) {
+    std::map<std::string, nlohmann::json> reports;
+    for (const std::string way : {"skip", "no-skip"}) {
+      std::vector<std::string> words = {"replay",   bundled(session.recording.c_str()),
+                                        "--scene",  scene_file(session.scene),
+                                        "--frames", frames,
+                                        "--output", (folder.path() / way).string(),
+                                        "--report", (folder.path() / "report.json").string()};
+      if (!session.technique.empty()) words.insert(words.end(), {"--shadow", session.technique});
+      if (way == "no-skip") words.emplace_back("--no-skip");
+      const ProgramResult result = penumbra(words);
+      ASSERT_EQ(result.exit_code, 0) << result.err;
+      reports[way] = read_json(folder.path() / "report.json");
+    }
+    EXPECT_EQ(contents_of(folder.path() / "skip"), contents_of(folder.path() / "no-skip"))
+        << frames;
+    const nlohmann::json& work = reports["no-skip"].at("work");
+    for (const char* counter :
+         {"passes_skipped", "reprojections", "layer_masks_kept", "phantom_masks_kept"}) {
+      EXPECT_EQ(work.at(counter), 0) << counter;
+    }
+    EXPECT_TRUE(reports["no-skip"].at("skipped").empty()) << reports["no-skip"].at("skipped");
+  }
 }
 
 // A tree of 26,000 faces under the sun, which goes its way, and a lantern, which stands: what is

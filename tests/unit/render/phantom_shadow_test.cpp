@@ -30,6 +30,11 @@ constexpr int kSide = 300;
 Frame white() {
   return test::plain_frame(kSide, kSide, 255);
 }
+// On the plane as on receivers, whose pictures have no smooth edges.
+Picture draw_directly(Studio& studio, FramePlan plan) {
+  plan.layers = LayerDrawing::direct;
+  return studio.draw_shadows(white(), plan);
+}
 CameraModel camera() {
   return test::camera_of(kSide, kSide, 420.0);
 }
@@ -228,8 +233,8 @@ TEST_P(PhantomShadow, OnALevelTopIsThatOfAPlaneThere) {
   Studio with_plane(scene(false), camera());
   const Eigen::Vector3d eye(0.1, -0.35, 0.6);
   const PoseEstimate pose = from(eye);
-  const Picture on_phantom = with_phantom.draw_shadows(white(), with_phantom.plan(pose));
-  const Picture on_plane = with_plane.draw_shadows(white(), with_plane.plan(pose));
+  const Picture on_phantom = draw_directly(with_phantom, with_phantom.plan(pose));
+  const Picture on_plane = draw_directly(with_plane, with_plane.plan(pose));
   int dark = 0;
   int wrong = 0;
   int dark_sides = 0;
@@ -335,9 +340,9 @@ TEST_P(PhantomShadow, FallsDownwards) {
   builder.add(box(0.04, 0.04, 0.08), test::at(0.0, 0.0, 0.04), false, true);
   Studio studio(builder.build(), camera());
   FramePlan plan = studio.plan(from({0.1, -0.3, 0.5}));
-  const Picture with = studio.draw_shadows(white(), plan);
+  const Picture with = draw_directly(studio, plan);
   plan.received_shadows.clear();
-  EXPECT_EQ(with, studio.draw_shadows(white(), plan));
+  EXPECT_EQ(with, draw_directly(studio, plan));
 }
 
 // An L somewhere, and somewhere a box, upright or tilted: a phantom, or a virtual object that casts
@@ -384,12 +389,14 @@ TEST_P(PhantomShadow, IsKeptWhileOnlyTheCameraMoves) {
   builder.add(box(0.08, 0.08, 0.04), test::at(0.02, 0.0, 0.02), false, true);
   const auto scene = builder.build();
   Studio studio(scene, camera());
-  studio.draw(white(), studio.plan(from({0.1, -0.3, 0.5})));
+  PlanOptions direct;
+  direct.layers = LayerDrawing::direct;  // a mask of the plane has cells as fine as the camera sees
+  studio.draw(white(), studio.plan(from({0.1, -0.3, 0.5}), direct));
   EXPECT_EQ(studio.stats().masks_drawn, 1);
   EXPECT_EQ(studio.stats().masks_kept, 0);
   const CompositeStats first = studio.stats();
   EXPECT_EQ(studio.stats().triples_recomputed, 1) << "a phantom's top is no plane of the scene";
-  const FramePlan moved = studio.plan(from({-0.2, -0.3, 0.4}));
+  const FramePlan moved = studio.plan(from({-0.2, -0.3, 0.4}), direct);
   const Picture kept = studio.draw(white(), moved);
   EXPECT_EQ(studio.stats().masks_drawn, 0);
   EXPECT_EQ(studio.stats().masks_kept, 1);
@@ -397,7 +404,7 @@ TEST_P(PhantomShadow, IsKeptWhileOnlyTheCameraMoves) {
   EXPECT_EQ(studio.stats().passes_skipped, first.passes_skipped);
   EXPECT_EQ(studio.stats().proxy_shadows, first.proxy_shadows);
   Studio fresh(scene, camera());
-  EXPECT_EQ(kept, fresh.draw(white(), fresh.plan(from({-0.2, -0.3, 0.4}))));
+  EXPECT_EQ(kept, fresh.draw(white(), fresh.plan(from({-0.2, -0.3, 0.4}), direct)));
   // The caster slides: drawn anew, from what there is.
   FramePlan slid = moved;
   for (ShadowDraw& draw : slid.shadows) draw.T_table_object.position.x() += 0.01;
@@ -460,11 +467,11 @@ TEST(PhantomShadow, IsMadeAnewWhereItChanged) {
   Studio studio(scene, camera());
   for (const auto& [name, change] : changes) {
     FramePlan plan = studio.plan(pose);
-    const Picture before = studio.draw_shadows(white(), plan);
+    const Picture before = draw_directly(studio, plan);
     change(plan);
-    const Picture after = studio.draw_shadows(white(), plan);
+    const Picture after = draw_directly(studio, plan);
     Studio fresh(scene, camera());
-    EXPECT_EQ(after, fresh.draw_shadows(white(), plan)) << name;
+    EXPECT_EQ(after, draw_directly(fresh, plan)) << name;
     EXPECT_EQ(after == before, std::string(name) == "nothing") << name;
   }
 }
@@ -487,7 +494,7 @@ OnBoth compare(const Model& phantom, const std::shared_ptr<const Model>& caster,
     Studio studio(builder.build(), camera());
     FramePlan plan = studio.plan(from({0.1, -0.35, 0.6}));
     if (change) change(plan);
-    return studio.draw_shadows(white(), plan);
+    return draw_directly(studio, plan);
   };
   const Picture on_phantom = draw(true);
   const Picture on_plane = draw(false);
@@ -545,7 +552,7 @@ TEST(PhantomShadow, OfASurfaceWithoutNormals) {
   builder.add(l_shape(), test::at(0, 0, 0.15));
   builder.add(std::make_shared<const Model>(bare), Placement(), false, true);
   Studio studio(builder.build(), camera());
-  const Picture picture = studio.draw_shadows(white(), studio.plan(from({0.1, -0.35, 0.6})));
+  const Picture picture = draw_directly(studio, studio.plan(from({0.1, -0.35, 0.6})));
   int dark = 0;
   for (int y = 0; y < kSide; ++y) {
     for (int x = 0; x < kSide; ++x) {
@@ -617,9 +624,9 @@ TEST(PhantomShadow, StaysUnderItsCaster) {
     Studio studio(builder.build(), camera());
     const PoseEstimate pose = test::tracked(test::look_at({x, -0.5, 0.7}, {x, 0.0, 0.1}));
     FramePlan plan = studio.plan(pose);
-    const Picture with = studio.draw_shadows(white(), plan);
+    const Picture with = draw_directly(studio, plan);
     plan.received_shadows.clear();
-    const Picture without = studio.draw_shadows(white(), plan);
+    const Picture without = draw_directly(studio, plan);
     int dark = 0;
     for (int y = 0; y < kSide; ++y)
       for (int column = 0; column < kSide; ++column)
@@ -648,7 +655,7 @@ TEST(PhantomShadow, OfTwoPlanesDoesNotDependOnTheirOrder) {
     FramePlan plan = studio.plan(from({0.1, -0.4, 0.5}));
     plan.shadows.clear();
     EXPECT_EQ(plan.received_shadows.size(), 2U);
-    return studio.draw_shadows(white(), plan);
+    return draw_directly(studio, plan);
   };
   const Picture one = picture(false);
   const Picture other = picture(true);
@@ -682,7 +689,7 @@ TEST(PhantomShadow, LeavesHardShadowsAlone) {
                   [](const PlaneReceiver& receiver) { return receiver.plane == 0; });
     std::erase_if(plan.shadows, [](const ShadowDraw& draw) { return draw.plane == 0; });
     for (ReceivedShadowDraw& draw : plan.received_shadows) draw.shadow.plane = 1;
-    return studio.draw_shadows(white(), plan);
+    return draw_directly(studio, plan);
   };
   const Picture both = picture(true, true);
   const Picture simple = picture(true, false);
@@ -732,7 +739,7 @@ TEST(PhantomShadow, DarkensOnce) {
       builder.scene().shadows[0].planes.push_back(i);
     }
     Studio studio(builder.build(), camera());
-    return studio.draw_shadows(white(), studio.plan(from({0.1, -0.3, 0.5})));
+    return draw_directly(studio, studio.plan(from({0.1, -0.3, 0.5})));
   };
   const Picture once = picture(1, 1);
   EXPECT_EQ(picture(2, 1), once);
@@ -750,7 +757,7 @@ TEST(PhantomShadow, FallsTowardsItsPlane) {
   Studio studio(builder.build(), camera());
   const Eigen::Vector3d eye(0.1, -0.6, 0.35);
   const PoseEstimate pose = from(eye);
-  const Picture picture = studio.draw_shadows(white(), studio.plan(pose));
+  const Picture picture = draw_directly(studio, studio.plan(pose));
   const auto red_at = [&](const Eigen::Vector3d& place) {
     const auto pixel = camera().project(pose.T_table_camera.inverse() * place);
     return picture.red(static_cast<int>(std::lround(pixel->x())),
@@ -783,7 +790,7 @@ TEST_P(PhantomShadow, OnTheTopOfAnotherObjectIsThatOfAPlaneThere) {
   const FramePlan plan = without_caster(with_object.plan(pose));
   const Picture shadowed = with_object.draw(white(), plan);
   const Picture unshadowed = with_object.draw(white(), without_received(plan));
-  const Picture on_plane = with_plane.draw_shadows(white(), with_plane.plan(pose));
+  const Picture on_plane = draw_directly(with_plane, with_plane.plan(pose));
   int dark = 0;
   int wrong = 0;
   int front = 0;
@@ -835,7 +842,7 @@ TEST(PhantomShadow, OnAnyLevelTopIsThatOfAPlaneThere) {
         builder.scene().planes[0].point = {0.0, 0.0, top};
       }
       Studio studio(builder.build(), camera());
-      return studio.draw_shadows(white(), studio.plan(from({0.1, -0.35, 0.6})));
+      return draw_directly(studio, studio.plan(from({0.1, -0.35, 0.6})));
     };
     const Picture on_object = draw(true);
     const Picture on_plane = draw(false);

@@ -76,7 +76,9 @@ class Stage {
 
   Picture draw(const Placement& placement, const PoseEstimate& pose = overhead(),
                const LayeredConstants* constants = nullptr) {
-    FramePlan plan = studio_.plan(pose);
+    PlanOptions options;
+    options.layers = LayerDrawing::direct;  // a mask is made anew where the caster slides
+    FramePlan plan = studio_.plan(pose, options);
     if (plan.shadows.size() != 1) throw std::runtime_error("one shadow is expected");
     plan.shadows[0].T_table_object = placement;
     if (constants != nullptr) plan.shadows[0].constants = *constants;

@@ -274,6 +274,7 @@ TEST(TagGroup, OnlyWhatAPlanesMotionChangesIsMadeAgain) {
     SCOPED_TRACE(std::string(to_string(technique)));
     PlanOptions options;
     options.technique = technique;
+    options.layers = LayerDrawing::direct;  // a mask is made anew where a shadow slides
     const auto draw = [&](const GroupPose& pose, double eye_x) {
       studio.draw(frame, plan_of(studio.scene(), seen("wall", pose), options, viewer(eye_x)));
       return studio.stats();

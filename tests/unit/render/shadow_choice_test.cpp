@@ -1,0 +1,234 @@
+// How shadows are drawn, and how dark: what that may hang on, and what not.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "render/frame_plan.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::Picture;
+using test::SceneBuilder;
+using test::Studio;
+
+constexpr int kSide = 200;
+constexpr std::uint8_t kGrey = 200;
+
+std::shared_ptr<const Model> block(double side) {
+  test::ShapeBuilder shape;
+  shape.box(-side / 2, -side / 2, -side / 2, side / 2, side / 2, side / 2);
+  return test::finished(shape.build(), glm::vec4(1.0F));
+}
+PoseEstimate from_the_side(double distance) {
+  return test::tracked(test::look_at({0.0, -0.7 * distance, 0.7 * distance}, {0.0, -0.05, 0.0}));
+}
+PoseEstimate from_height(double z) {
+  return test::tracked(test::look_at({0.0, -0.05, z}, {0.0, 0.0, 0.0}));
+}
+Frame grey() {
+  return test::plain_frame(kSide, kSide, kGrey);
+}
+
+// A block of 12 faces in view and another thing, which is out of sight; or nothing else.
+enum class Other { none, cut, whole, off_outline };
+SceneBuilder block_and(Other other) {
+  SceneBuilder builder;
+  builder.add(block(0.05), test::at(0, 0, 0.07));
+  if (other == Other::cut) builder.add(block(0.05), test::at(8, 0, 0));
+  if (other == Other::whole) builder.add(block(0.05), test::at(8, 0, 0.06));
+  if (other == Other::off_outline) {
+    // In view, and nearer to the camera than the other.
+    builder.scene().planes[0].outline = {{-0.2, -0.08}, {0.2, -0.08}, {0.2, 0.2}, {-0.2, 0.2}};
+    builder.add(block(0.05), test::at(0.0, -0.2, 0.05));
+  }
+  return builder;
+}
+
+TEST(ShadowChoice, HangsNotOnWhatIsOutOfSight) {
+  const CameraModel camera = test::bent_camera(kSide, 220.0);
+  for (const Other other : {Other::none, Other::cut, Other::whole, Other::off_outline}) {
+    SCOPED_TRACE(static_cast<int>(other));
+    Studio skipping(block_and(other).build(), camera);
+    Studio whole(block_and(other).build(), camera);
+    PlanOptions all;
+    all.skip = false;
+    for (const double distance : {0.6, 0.53, 0.47, 0.4}) {
+      const FramePlan plan = skipping.plan(from_the_side(distance));
+      EXPECT_EQ(plan.shadows.size(), 1U);
+      EXPECT_EQ(plan.unseen_shadows.size(), other == Other::none ? 0U : 1U);
+      const Picture seen = skipping.draw(grey(), plan);
+      EXPECT_EQ(seen, whole.draw(grey(), whole.plan(from_the_side(distance), all)));
+      const auto masks = skipping.stats().layer_masks_drawn + skipping.stats().layer_masks_kept;
+      EXPECT_EQ(masks, other == Other::cut ? 0 : 1) << "12 faces have a mask, but none where "
+                                                       "another caster of the plane is cut";
+    }
+  }
+}
+
+TEST(ShadowChoice, ACameraThatTremblesBetweenTwoSizesMakesNoMasks) {
+  Studio studio(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
+  const auto drawn_at = [&](double height) {
+    const Picture picture = studio.draw(grey(), studio.plan(from_height(height)));
+    EXPECT_EQ(studio.stats().layer_masks_drawn + studio.stats().layer_masks_kept, 1);
+    return std::pair(picture, studio.stats().layer_masks_drawn);
+  };
+  // From high up downwards until the size changes, then to and fro by a hundredth of a millimetre.
+  constexpr double kStep = 1e-5;
+  double high = 0.8;
+  double low = 0.4;
+  static_cast<void>(drawn_at(high));
+  while (high - low > kStep) {
+    const double middle = 0.5 * (low + high);
+    static_cast<void>(drawn_at(high));
+    (drawn_at(middle).second > 0 ? low : high) = middle;
+  }
+  const Picture above = drawn_at(high).first;
+  const Picture below = drawn_at(low).first;
+  std::int64_t made = 0;
+  for (int i = 0; i < 10; ++i) {
+    const auto [up, up_made] = drawn_at(high);
+    const auto [down, down_made] = drawn_at(low);
+    EXPECT_EQ(up, above) << "what came before does not matter";
+    EXPECT_EQ(down, below);
+    made += up_made + down_made;
+  }
+  EXPECT_EQ(made, 0);
+  Studio other(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
+  EXPECT_EQ(other.draw(grey(), other.plan(from_height(low))), below);
+}
+
+TEST(ShadowChoice, WithoutSkippingNothingIsUsedAgain) {
+  for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field,
+                                          ShadowTechnique::hard, ShadowTechnique::volume}) {
+    SceneBuilder builder;
+    builder.add(block(0.05), test::at(0, 0, 0.15));
+    builder.add(block(0.06), test::at(0.01, 0, 0.03), false, true);
+    SceneLight& light = builder.scene().lights.emplace_back();
+    light.position = {0.1, 0.0, 1.0};
+    Studio studio(builder.build(), test::camera_of(kSide, kSide, 220.0));
+    PlanOptions options;
+    options.technique = technique;
+    const Frame frame = grey();
+    const Picture first = studio.draw(frame, studio.plan(from_height(0.5), options));
+    EXPECT_EQ(studio.draw(frame, studio.plan(from_height(0.5), options)), first);
+    const CompositeStats again = studio.stats();
+    EXPECT_EQ(again.triples_recomputed, 0);
+    EXPECT_EQ(again.video_copies, 0);
+    EXPECT_EQ(again.masks_drawn + again.layer_masks_drawn, 0);
+    options.skip = false;
+    EXPECT_EQ(studio.draw(frame, studio.plan(from_height(0.5), options)), first);
+    const CompositeStats anew = studio.stats();
+    EXPECT_EQ(anew.video_copies, 1);
+    EXPECT_EQ(anew.reprojections, 0);
+    EXPECT_GT(anew.triples_recomputed, 0);
+    EXPECT_EQ(anew.masks_kept + anew.layer_masks_kept, 0);
+    EXPECT_EQ(anew.masks_drawn, again.masks_kept);
+    EXPECT_EQ(anew.layer_masks_drawn, again.layer_masks_kept);
+  }
+}
+
+// The darkest value of every technique, and everything else, is the light that is left as the
+// camera encodes it.
+TEST(ShadowTone, IsTheCameras) {
+  struct Case {
+    ShadowTechnique technique;
+    int lights;
+    bool phantom;
+  };
+  for (const Case& c :
+       {Case{ShadowTechnique::layered, 1, false}, Case{ShadowTechnique::simple, 1, false},
+        Case{ShadowTechnique::field, 1, false}, Case{ShadowTechnique::hard, 1, false},
+        Case{ShadowTechnique::volume, 1, false}, Case{ShadowTechnique::volume, 2, false},
+        Case{ShadowTechnique::layered, 1, true}}) {
+    SCOPED_TRACE(std::string(to_string(c.technique)));
+    SceneBuilder builder;
+    builder.add(block(0.05), test::at(0, 0, 0.12));
+    if (c.phantom) builder.add(block(0.08), test::at(0.0, 0.0, 0.04), false, true);
+    for (int i = 0; i < c.lights; ++i)
+      builder.scene().lights.emplace_back().position = {0.2 - 0.4 * i, 0.0, 1.0};
+    std::vector<Picture> pictures;
+    for (const std::optional<double> tone : {std::optional<double>(), std::optional(1.0)}) {
+      CameraParameters parameters = test::camera_of(kSide, kSide, 220.0).parameters();
+      parameters.tone_curve = tone;
+      Studio studio(builder.build(), CameraModel::make(parameters).value());
+      PlanOptions options;
+      options.technique = c.technique;
+      // Edges of masks are mixed as they are encoded.
+      options.layers = LayerDrawing::direct;
+      pictures.push_back(studio.draw_shadows(grey(), studio.plan(from_height(0.6), options)));
+    }
+    int dark = 0;
+    for (int y = 0; y < kSide; ++y) {
+      for (int x = 0; x < kSide; ++x) {
+        const double left = std::pow(pictures[0].red(x, y) / double{kGrey}, kUsualToneExponent);
+        ASSERT_NEAR(pictures[1].red(x, y), left * kGrey, 2.6) << x << ", " << y;
+        dark += pictures[1].red(x, y) < kGrey - 20 ? 1 : 0;
+      }
+    }
+    EXPECT_GT(dark, 100);
+    const int darkest = *std::ranges::min_element(pictures[1].rgba);
+    if (c.technique == ShadowTechnique::layered) {
+      EXPECT_NEAR(darkest, LightFractions().umbra * kGrey, 1.0);
+    }
+  }
+}
+
+TEST(LiftedByAmbient, AsMuchAsTheLightsLoseInShare) {
+  Scene scene;
+  const LightFractions given;
+  const auto lifted = [&](double ambient, const std::vector<PlacedLight>& lights) {
+    scene.ambient.setConstant(ambient);
+    return lifted_by_ambient(given, scene, lights, Eigen::Vector3d::UnitZ(), {0.1, 0.0, 0.0});
+  };
+  PlacedLight above;  // straight over the place, of which all arrives
+  above.place = {0.1, 0.0, 2.0, 1.0};
+  PlacedLight sideways;
+  sideways.place = {1.0, 0.0, 0.0, 0.0};
+  for (const double little : {0.0, 0.2, Scene::kUsualAmbient}) {
+    EXPECT_EQ(lifted(little, {above}).umbra, given.umbra);
+    EXPECT_EQ(lifted(little, {above}).penumbra, given.penumbra);
+  }
+  // 1.36 of light in all, of 1.66: what is taken away is 0.85 of 1.36 in 1.66.
+  EXPECT_NEAR(lifted(0.66, {above}).umbra, 1.0 - 0.85 * 1.36 / 1.66, 1e-9);
+  EXPECT_NEAR(lifted(0.66, {above}).middle, 1.0 - 0.6 * 1.36 / 1.66, 1e-9);
+  EXPECT_NEAR(lifted(0.66, {above}).penumbra, 1.0 - 0.17 * 1.36 / 1.66, 1e-9);
+  EXPECT_NEAR(lifted(0.66, {above, sideways}).umbra, lifted(0.66, {above}).umbra, 1e-9)
+      << "what arrives edge on gives nothing";
+  EXPECT_NEAR(lifted(0.66, {}).umbra, lifted(0.66, {lamp_of_no_scene()}).umbra, 1e-9);
+  double before = given.umbra;
+  for (const double more : {0.37, 0.5, 1.0, 10.0, 1e6}) {
+    const LightFractions now = lifted(more, {above});
+    EXPECT_GT(now.umbra, before);
+    EXPECT_LE(now.umbra, now.middle);
+    EXPECT_LE(now.middle, now.penumbra);
+    EXPECT_LE(now.penumbra, 1.0);
+    before = now.umbra;
+  }
+  EXPECT_GT(before, 0.999) << "a shadow drowns";
+}
+
+TEST(LiftedByAmbient, IsWhatIsDrawn) {
+  int before = 0;
+  for (const double ambient : {0.36, 0.7, 2.0}) {
+    SceneBuilder builder = block_and(Other::none);
+    builder.scene().ambient.setConstant(ambient);
+    Studio studio(builder.build(), test::camera_of(kSide, kSide, 220.0));
+    const FramePlan plan = studio.plan(from_height(0.5));
+    const LightFractions expected =
+        lifted_by_ambient(LightFractions(), studio.scene(), plan.lights, Eigen::Vector3d::UnitZ(),
+                          Eigen::Vector3d::Zero());
+    const Picture picture = studio.draw_shadows(grey(), plan);
+    const int darkest = *std::ranges::min_element(picture.rgba);
+    EXPECT_NEAR(darkest, kGrey * std::pow(expected.umbra, 1.0 / kUsualToneExponent), 1.0);
+    EXPECT_GT(darkest, before);
+    before = darkest;
+  }
+}
+
+}  // namespace
+}  // namespace penumbra
