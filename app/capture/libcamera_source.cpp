@@ -16,7 +16,6 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
@@ -226,24 +225,11 @@ class Completed {
     std::unique_lock lock(mutex_);
     changed_.wait_for(lock, timeout, [&] { return stopped_; });
   }
-  // The request that a stream ends with.
-  void saw_last() {
-    {
-      const std::lock_guard lock(mutex_);
-      last_seen_ = true;
-    }
-    changed_.notify_all();
-  }
-  [[nodiscard]] bool wait_for_last(std::chrono::milliseconds timeout) {
-    std::unique_lock lock(mutex_);
-    return changed_.wait_for(lock, timeout, [&] { return last_seen_; });
-  }
   // Of a stream that ended; the next one starts with nothing.
   void clear() {
     const std::lock_guard lock(mutex_);
     requests_.clear();
     disconnected_ = false;
-    last_seen_ = false;
   }
 
  private:
@@ -251,7 +237,6 @@ class Completed {
   std::condition_variable changed_;
   std::deque<lc::Request*> requests_;  // guarded by mutex_
   bool disconnected_ = false;          // guarded by mutex_
-  bool last_seen_ = false;             // guarded by mutex_
   bool stopped_ = false;               // guarded by mutex_
 };
 
@@ -309,7 +294,6 @@ class Stream {
     }
     camera_->requestCompleted.disconnect();
     camera_->disconnected.disconnect();
-    camera_->bufferCompleted.disconnect();
     completed_.clear();
     requests_.clear();
     allocator_.reset();
@@ -383,7 +367,6 @@ class Stream {
     lc::ControlList controls = start_controls(options);
     camera_->requestCompleted.connect(this, &Stream::complete);
     camera_->disconnected.connect(this, &Stream::disconnect);
-    camera_->bufferCompleted.connect(this, &Stream::buffer_done);
     if (const int error = camera_->start(&controls); error != 0) {
       return trouble("starting it", error);
     }
@@ -572,24 +555,15 @@ class Stream {
     if (request->status() != lc::Request::RequestCancelled) completed_.put(request);
   }
   void disconnect() { completed_.disconnect(); }
-  void buffer_done(lc::Request* request, lc::FrameBuffer* /*buffer*/) {
-    if (request == awaited_.load()) completed_.saw_last();
-  }
 
   // Of a camera that is gone: libcamera's thread may be about to hand over a last picture, or to
-  // take a request that was given back, and nothing that stops the stream waits for that. One more
-  // request, which a device that is not there refuses, is done when it is.
+  // take a request that was given back, and nothing that stops the stream waits for that. A call
+  // that this thread makes in its turn does: to release the camera, which is refused while it
+  // streams. Two of them, for what comes in its turn may ask for another.
   void wait_for_libcamera() {
-    const auto& buffers = allocator_->buffers(stream_);
-    if (buffers.empty()) return;
-    last_buffer_ = std::make_unique<lc::FrameBuffer>(buffers.front()->planes());
-    last_request_ = camera_->createRequest();
-    if (!last_request_ || last_request_->addBuffer(stream_, last_buffer_.get()) != 0) return;
-    awaited_ = last_request_.get();
-    const bool done =
-        camera_->queueRequest(last_request_.get()) == 0 && completed_.wait_for_last(kRetry);
-    log_debug("libcamera:{}: the camera is gone, and libcamera is {} with it", id(),
-              done ? "done" : "not done");
+    for (int i = 0; i < 2; ++i) {
+      static_cast<void>(camera_->invokeMethod(&lc::Camera::release, lc::ConnectionTypeBlocking));
+    }
   }
 
   // In this order: the manager goes after all that is its own.
@@ -603,11 +577,8 @@ class Stream {
   lc::Stream* stream_ = nullptr;
   std::unique_ptr<lc::FrameBufferAllocator> allocator_;
   std::vector<std::unique_ptr<lc::Request>> requests_;
-  std::vector<bool> fresh_;                       // never queued yet; guarded by the ring's lock
-  std::unique_ptr<lc::FrameBuffer> last_buffer_;  // of wait_for_libcamera()
-  std::unique_ptr<lc::Request> last_request_;
-  std::atomic<const lc::Request*> awaited_ = nullptr;
-  bool share_ = true;  // its buffers with a GPU
+  std::vector<bool> fresh_;  // never queued yet; guarded by the ring's lock
+  bool share_ = true;        // its buffers with a GPU
   std::shared_ptr<const std::vector<MappedBuffer>> buffers_;
   std::shared_ptr<BufferRing> ring_;
 };
