@@ -40,6 +40,8 @@ class EditedSession : public testing::Test {
     }
     SessionOptions options;
     options.plan = plan;
+    // Of a mask all of a plane's shadows are one, and made anew where one of them is styled alone.
+    options.plan.layers = LayerDrawing::direct;
     session.emplace(Session::create(*context, builder.build(), camera,
                                     GivenPoses{std::move(poses), {}}, options)
                         .value());
