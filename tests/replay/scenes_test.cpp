@@ -77,8 +77,8 @@ TEST_P(Sessions, AreTheSameWithoutSkipping) {
   const TemporaryFolder folder;
   // Tabletop: casters low and high, near the table's edge and, in the end, over the pad.
   const std::vector<std::string> ranges = session.recording == "tabletop"
-                                              ? std::vector<std::string>{"40:44", "108:120"}
-                                              : std::vector<std::string>{"8:12", "30:34"};
+                                              ? std::vector<std::string>{"40:42", "114:120"}
+                                              : std::vector<std::string>{"30:33"};
   for (const std::string& frames : ranges) {
     std::map<std::string, nlohmann::json> reports;
     for (const std::string way : {"skip", "no-skip"}) {
