@@ -170,6 +170,8 @@ class Planner {
           plan_hard_shadows(node, static_cast<int>(n), receiver);
           continue;
         }
+        const LightFractions fractions =
+            lifted_by_ambient(node.fractions, scene_, state_.lights, frame.n, frame.q);
         for (const int caster : node.casters) {
           ShadowDraw draw;
           draw.node = static_cast<int>(n);
@@ -186,8 +188,7 @@ class Planner {
           draw.plane_frame = frame;
           draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
           draw.constants = node.layered;
-          draw.fractions =
-              lifted_by_ambient(node.fractions, scene_, state_.lights, frame.n, frame.q);
+          draw.fractions = fractions;
           draw.tone_exponent = plan_.tone_exponent;
           draw.opacity = std::min(receiver.opacity, opacity_of_object(caster));
           plan_shadow(draw, plane);

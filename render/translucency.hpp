@@ -58,7 +58,7 @@ struct PictureAbilities {
 
 // How layers of kernels reach a plane. Both show the same shadow.
 enum class LayerDrawing {
-  automatic,  // as a mask where that takes less, or is all that has smooth edges at no more
+  automatic,  // as a mask, which takes less whatever the number of faces (BENCHMARKS.md)
   direct,     // the caster's faces, projected by the GPU, once for each layer
   mask,       // a picture of all layers, made of the casters' silhouettes; where the casters' faces
               // close up and no layer is cut at a height, else directly

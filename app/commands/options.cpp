@@ -149,7 +149,7 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
           "How layered shadows are drawn. direct: each face by the graphics hardware, once a "
           "layer; "
           "mask: as a picture on the table made of silhouettes, with smooth edges, where nothing "
-          "has to be cut; auto: the mask for casters of many faces")
+          "has to be cut; auto: the mask, which takes less")
       ->type_name("auto|direct|mask")
       ->default_str("auto");
   command.add_flag("--show-rays", choice.light_rays,
@@ -311,7 +311,8 @@ void add_frame_options(CLI::App& command, const FrameWork& work, const std::stri
       "--no-video-light", [video_light] { *video_light = false; },
       "Light virtual objects as the scene says, whatever light the video shows");
   command.add_flag("--no-skip", work.no_skip,
-                   "Do all work, also what can't be seen; the results are the same");
+                   "Do all work, also what can't be seen or was done for an earlier frame; the "
+                   "results are the same");
 }
 
 void add_output_options(CLI::App& command, OutputRequest& request) {
