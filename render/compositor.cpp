@@ -132,7 +132,7 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   if (!objects) return tl::unexpected(objects.error());
   auto receivers = Receivers::create(context.info().api, *scene, camera);
   if (!receivers) return tl::unexpected(receivers.error());
-  auto shadows = ShadowPass::create(context.info().api, *scene, camera);
+  auto shadows = ShadowPass::create(context.info().api, *scene, camera, framebuffer->samples());
   if (!shadows) return tl::unexpected(shadows.error());
   auto hard = HardPass::create(context.info().api, *scene, camera);
   if (!hard) return tl::unexpected(hard.error());

@@ -58,10 +58,13 @@ struct PictureAbilities {
 
 // How layers of kernels reach a plane. Both show the same shadow.
 enum class LayerDrawing {
-  automatic,  // as a mask, which takes less whatever the number of faces (BENCHMARKS.md)
+  automatic,  // as a mask, which takes less whatever the number of faces (BENCHMARKS.md); but
+              // directly where a pixel has several samples, which smooth edges too, and the casters
+              // on a plane have few faces: the CPU then has next to nothing to do
   direct,     // the caster's faces, projected by the GPU, once for each layer
-  mask,       // a picture of all layers, made of the casters' silhouettes; where the casters' faces
-              // close up and no layer is cut at a height, else directly
+  mask,       // a picture of all layers, made of the casters' silhouettes, or face by face where
+              // they are open or cut at a height; directly where it can't be told which way faces
+              // turn, and beside a shadow of another technique
 };
 
 // The screen-door's pattern has so many places: densities are multiples of one of them.

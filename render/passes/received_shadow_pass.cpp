@@ -271,11 +271,24 @@ int ReceivedShadowPass::draw(const Scene& scene, const FramePlan& plan, const Le
         together, [&](const Shown* shown) { return casters_over[shown->receiver.object] == 1; });
     for (auto shown = together.begin(); shown != many.begin(); ++shown)
       calls += draw_layer(scene, plan, lens, objects, **shown, -1);
+    struct Fill {
+      const Shown* shown;
+      int layer;
+      float light;
+    };
+    std::vector<Fill> fills;  // as on planes, the darkest first
     for (int i = 0; i < 3; ++i) {
       const int layer = last_is_seen ? 2 - i : i;
       for (const Shown* shown : many)
-        calls += draw_layer(scene, plan, lens, objects, *shown, layer);
+        fills.push_back({shown, layer, layer_light(shown->draw->shadow)[layer]});
     }
+    if (last_is_seen) {
+      std::ranges::stable_sort(fills, std::ranges::greater(), &Fill::light);
+    } else {
+      std::ranges::stable_sort(fills, {}, &Fill::light);
+    }
+    for (const Fill& fill : fills)
+      calls += draw_layer(scene, plan, lens, objects, *fill.shown, fill.layer);
   }
   MaskStack::unbind(kShadowMaskUnit);
   glClear(GL_STENCIL_BUFFER_BIT);

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <glm/common.hpp>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <optional>
@@ -30,6 +31,10 @@ constexpr std::size_t kMaxKernelSets = 64;  // kept per caster
 constexpr std::size_t kMaxProxyChecks = 4096;
 constexpr double kPixelsPerMaskCell = 1.6;
 constexpr std::int64_t kMostMaskCells = 1024;  // along a side
+// Of all casters on a plane, as many as are drawn directly where edges are smooth anyway
+// (rendering.md 3). A mask takes the CPU half a million instructions and more, drawing directly a
+// few thousand, and the rest is the GPU's (BENCHMARKS.md).
+constexpr std::size_t kFewFaces = 500;
 // A reduced mesh whose edges were split again for the lens must still spare this much.
 constexpr double kWorthwhileFaces = 0.75;
 // Tilt and height of layers are kept to what floats can tell; those of fields to 1/32 of a cell.
@@ -220,7 +225,8 @@ std::vector<float> longest_caster_edges(const Scene& scene, const CameraModel& c
   return edges;
 }
 
-Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const CameraModel& camera) {
+Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const CameraModel& camera,
+                                      int samples) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "shadow.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"shadow.frag.glsl"};
   auto shadow = TranslucentProgram::create(api, kVertex, kFragment, {}, Under::video);
@@ -239,6 +245,7 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const Camer
       kNearestDistance / std::max(camera.parameters().fx, camera.parameters().fy);
   pass.pixel_at_unit_depth_ = 1.0 / std::max(camera.parameters().fx, camera.parameters().fy);
   pass.frustum_ = make_frustum(camera);
+  pass.smooth_edges_ = samples > 0;
   return pass;
 }
 
@@ -421,6 +428,11 @@ void ShadowPass::upload_clipped(std::span<const CasterVertex> faces, Prepared& p
 
 namespace {
 
+// What stands on the plane is not cut by rounding.
+float at_contact(float h) {
+  return h < 0.0F && static_cast<double>(h) > -kContactTolerance ? 0.0F : h;
+}
+
 // In the own frame: sliding and turning leave the faces as they are.
 std::vector<CasterVertex> own_vertices(const OwnFrame& own, std::span<const glm::vec3> positions,
                                        std::span<const glm::vec3> kernels) {
@@ -512,10 +524,7 @@ void ShadowPass::image_layers(const ShadowDraw& draw, Caster& caster, KernelSet&
   std::vector<CasterVertex> vertices =
       own_vertices(prepared.own, mesh.positions,
                    std::span<const glm::vec3>(levelled).first(mesh.positions.size()));
-  for (CasterVertex& vertex : vertices) {
-    // What stands on the plane is not cut by rounding.
-    if (vertex.h < 0.0F && static_cast<double>(vertex.h) > -kContactTolerance) vertex.h = 0.0F;
-  }
+  for (CasterVertex& vertex : vertices) vertex.h = at_contact(vertex.h);
   work.vertices += static_cast<std::int64_t>(vertices.size());
   std::vector<VertexDisc> discs;
   if (fixed) {
@@ -695,20 +704,26 @@ std::array<ShadowPass::LayerSource, 3> ShadowPass::cut_layers(const ShadowDraw& 
 
 void ShadowPass::place_layers(const ShadowDraw& draw, Caster& caster, KernelSet& kernels,
                               Prepared& prepared, ShadowWork& work) {
-  if (draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::fixed) {
+  const bool fixed =
+      draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::fixed;
+  if (fixed && !prepared.masked) {
     image_layers(draw, caster, kernels, prepared, work);
     return;
   }
+  const Body& body = prepared.reduced ? caster.reduced : caster.whole;
   const std::array<LayerSource, 3> sources = cut_layers(draw, caster);
   bool clips = false;
   for (std::size_t i = 0; i < 3; ++i) {
     if (!prepared.wanted[i]) continue;
-    const bool masked = prepared.masked && sources[i] == LayerSource::whole;
-    prepared.layers[i].source = masked ? LayerSource::masked : sources[i];
+    prepared.layers[i].source = sources[i];
     clips = clips || sources[i] == LayerSource::clipped;
+    if (!prepared.masked) continue;
+    // In a light of one size each part loses its umbra at a height of its own.
+    if (sources[i] == LayerSource::nothing && !fixed) continue;
+    const bool closes_up = sources[i] == LayerSource::whole && body.edges && !fixed;
+    prepared.layers[i].source = closes_up ? LayerSource::masked : LayerSource::masked_faces;
   }
   if (prepared.masked) return;
-  const Body& body = prepared.reduced ? caster.reduced : caster.whole;
   if (is_imaged(draw, body)) {
     image_layers(draw, caster, kernels, prepared, work);
   } else if (clips) {
@@ -896,10 +911,11 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   }
 }
 
-bool ShadowPass::MaskPart::same_as(const MaskPart& other) const {
+bool ShadowPass::MaskPart::covers_same_as(const MaskPart& other) const {
   return caster == other.caster && kernels == other.kernels && reduced == other.reduced &&
          own.same_shape(other.own) && own.T_plane_own == other.own.T_plane_own &&
-         constants == other.constants && layers == other.layers;
+         constants == other.constants && light_mode == other.light_mode && layers == other.layers &&
+         faces == other.faces;
 }
 
 // What a mask has for each layer: what it leaves of the encoded value; through a screen-door, the
@@ -913,37 +929,39 @@ glm::vec3 ShadowPass::mask_light(const ShadowDraw& draw) const {
   return {open(light.x), open(light.y), open(light.z)};
 }
 
+bool ShadowPass::is_for_masks(Body& body, const ShadowMesh& mesh) {
+  if (!body.edges_made) {
+    body.edges = paired_edges(mesh.indices);
+    if (!body.edges) body.oriented = oriented_faces(mesh.positions, mesh.indices);
+    body.edges_made = true;
+  }
+  return body.edges || body.oriented;
+}
+
 // How near the nearest of a plane's shadows is, if all of them can be in a mask [m]; where nothing
 // casts one, or they can't, nothing. A mask takes less than drawing its casters directly, be it 12
 // faces or 23,000, and has smooth edges (BENCHMARKS.md). What is out of sight counts like the rest:
-// else a shadow would be drawn another way when another one leaves the view.
+// else a shadow would be drawn another way when another one leaves the view. All of a plane or
+// nothing: where they overlap the darkest layer counts, and once.
 std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan& plan, int plane) {
   if (plan.layers == LayerDrawing::direct) return std::nullopt;
   if (way_ == Translucency::geometry_mesh) return std::nullopt;  // marked in the stencil
   const auto T_camera_table = plan.T_table_camera.inverse();
-  std::optional<glm::vec3> light;
   constexpr double kNone = std::numeric_limits<double>::infinity();
   double in_view = kNone;
   double anywhere = kNone;
+  std::size_t faces = 0;
   const auto serves = [&](const ShadowDraw& draw) {
-    // One mask is of one light.
-    if (!light) light = layer_light(draw);
-    const bool layers =
-        draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::proportional;
-    if (!layers || layer_light(draw) != *light) return false;
+    if (draw.technique != ShadowTechnique::layered) return false;
     Caster& caster = caster_of(scene, draw.object);
+    faces += caster.mesh.indices.size() / 3;
     if (caster.whole.geometry.indices.empty()) return true;
-    // Where they are cut, faces do not close up.
-    const std::array<LayerSource, 3> sources = cut_layers(draw, caster);
-    if (std::ranges::find(sources, LayerSource::clipped) != sources.end()) return false;
-    const auto closes_up = [](Body& body, const ShadowMesh& mesh) {
-      if (!body.edges_made) body.edges = paired_edges(mesh.indices);
-      body.edges_made = true;
-      return body.edges.has_value();
-    };
-    if (!closes_up(caster.whole, caster.mesh)) return false;
-    if (caster.proxy && draw.proxy && !closes_up(caster.reduced, caster.proxy->mesh)) return false;
-    if (sources == std::array<LayerSource, 3>{}) return true;
+    if (!is_for_masks(caster.whole, caster.mesh)) return false;
+    if (caster.proxy && draw.proxy && !is_for_masks(caster.reduced, caster.proxy->mesh))
+      return false;
+    if (draw.light_mode == LightMode::proportional &&
+        cut_layers(draw, caster) == std::array<LayerSource, 3>{})
+      return true;
     std::array<Eigen::Vector3d, 4> square = draw.plane_frame.square_about(draw.centre, draw.radius);
     for (Eigen::Vector3d& corner : square) corner = T_camera_table * corner;
     double nearest = kNone;
@@ -957,6 +975,8 @@ std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan
       if (draw.plane == plane && !serves(draw)) return std::nullopt;
     }
   }
+  if (plan.layers == LayerDrawing::automatic && smooth_edges_ && faces <= kFewFaces)
+    return std::nullopt;
   if (anywhere == kNone) return std::nullopt;
   return in_view == kNone ? anywhere : in_view;
 }
@@ -964,7 +984,6 @@ std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan
 void ShadowPass::make_mask(const FramePlan& plan, int plane, PlaneMask& mask, ShadowWork& work) {
   const auto T_camera_table = plan.T_table_camera.inverse();
   std::vector<MaskPart> parts;
-  glm::vec3 light(0.0F);
   for (std::size_t i = 0; i < plan.shadows.size(); ++i) {
     const ShadowDraw& draw = plan.shadows[i];
     const Prepared& prepared = *items_[i].prepared;
@@ -974,12 +993,21 @@ void ShadowPass::make_mask(const FramePlan& plan, int plane, PlaneMask& mask, Sh
     // What is out of sight is left out whatever the plan says: it would make the mask larger.
     // Kernels from a file may lie anywhere.
     if (draw.off_outline || (!prepared.kernel_key.stored && frustum_.misses(square))) continue;
-    MaskPart part{items_[i].caster, prepared.kernel_key, prepared.reduced,
-                  prepared.own,     draw.constants,      {}};
-    for (std::size_t layer = 0; layer < 3; ++layer)
-      part.layers[layer] = prepared.layers[layer].source == LayerSource::masked;
-    if (part.layers == std::array<bool, 3>{}) continue;
-    light = mask_light(draw);
+    MaskPart part{items_[i].caster,
+                  prepared.kernel_key,
+                  prepared.reduced,
+                  prepared.own,
+                  draw.constants,
+                  draw.light_mode,
+                  {},
+                  {},
+                  mask_light(draw)};
+    for (std::size_t layer = 0; layer < 3; ++layer) {
+      const LayerSource source = prepared.layers[layer].source;
+      part.layers[layer] = source == LayerSource::masked;
+      part.faces[layer] = source == LayerSource::masked_faces;
+    }
+    if (part.layers == std::array<bool, 3>{} && part.faces == std::array<bool, 3>{}) continue;
     parts.push_back(part);
   }
   // By half powers of two, so that a camera that moves seldom makes another mask. Of the present
@@ -988,7 +1016,7 @@ void ShadowPass::make_mask(const FramePlan& plan, int plane, PlaneMask& mask, Sh
   const double target = std::exp2(
       0.5 * std::floor(2.0 * std::log2(kPixelsPerMaskCell * pixel_at_unit_depth_ * depth)));
   const auto is_it = [&](const DrawnMask& picture) {
-    return picture.made && picture.cell == target && picture.light == light &&
+    return picture.made && picture.cell == target &&
            std::ranges::equal(picture.parts, parts, &MaskPart::same_as);
   };
   if (!is_it(mask.now)) std::swap(mask.now, mask.other);
@@ -996,32 +1024,95 @@ void ShadowPass::make_mask(const FramePlan& plan, int plane, PlaneMask& mask, Sh
     if (mask.now.texture) ++work.layer_masks_kept;
     return;
   }
-  draw_mask(target, light, std::move(parts), mask.now, work);
+  draw_mask(target, std::move(parts), mask, work);
 }
 
-void ShadowPass::draw_mask(double target, const glm::vec3& light, std::vector<MaskPart> of,
-                           DrawnMask& mask, ShadowWork& work) {
+// What covers the layers that are covered face by face; in the own frame.
+std::array<std::vector<PlanePoint>, 3> ShadowPass::face_images(const MaskPart& part,
+                                                               ShadowWork& work) {
+  std::array<std::vector<PlanePoint>, 3> images;
+  if (part.faces == std::array<bool, 3>{}) return images;
+  Caster& caster = *part.caster;
+  KernelSet& set = caster.sets.at(part.kernels);
+  const ShadowMesh& mesh = part.reduced ? caster.proxy->mesh : caster.mesh;
+  const Body& body = part.reduced ? caster.reduced : caster.whole;
+  const std::vector<std::uint32_t>& faces = body.oriented ? *body.oriented : mesh.indices;
+  const std::vector<glm::vec3>& kernels = (part.reduced ? set.reduced : set.whole).kernels;
+  std::vector<CasterVertex> vertices = own_vertices(
+      part.own, mesh.positions, std::span<const glm::vec3>(kernels).first(mesh.positions.size()));
+  for (CasterVertex& vertex : vertices) vertex.h = at_contact(vertex.h);
+  work.vertices += static_cast<std::int64_t>(vertices.size());
+  std::vector<VertexDisc> discs;
+  if (part.light_mode == LightMode::fixed) {
+    complete_set(caster, set, work);
+    const std::vector<PartDisc>& parts = parts_of(caster, part.kernels.direction, false, work);
+    discs = part.reduced ? vertex_discs(mesh, carried_kernels(*caster.proxy, set.made), parts,
+                                        part.own.T_own_object.scale)
+                         : vertex_discs(mesh, set.made, parts, part.own.T_own_object.scale);
+  }
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (!part.faces[i]) continue;
+    images[i] =
+        part.light_mode == LightMode::fixed
+            ? fixed_light_triangles(vertices, discs, faces, part.constants, kShadowLayers[i])
+            : layer_triangles(vertices, faces, part.constants, kShadowLayers[i]);
+  }
+  return images;
+}
+
+void ShadowPass::cover_part(const MaskPart& part, MaskCaster& caster) {
+  static const std::vector<FacePair> kNoEdges;
+  const ShadowMesh& mesh = part.reduced ? part.caster->proxy->mesh : part.caster->mesh;
+  const Body& body = part.reduced ? part.caster->reduced : part.caster->whole;
+  if (part.layers == std::array<bool, 3>{}) {
+    mask_picture_.cover(caster, {}, kNoEdges);
+  } else {
+    mask_picture_.cover(caster, mesh.indices, *body.edges);
+  }
+}
+
+void ShadowPass::draw_mask(double target, std::vector<MaskPart> of, PlaneMask& plane_mask,
+                           ShadowWork& work) {
+  DrawnMask& mask = plane_mask.now;
   mask.made = true;
   mask.parts = std::move(of);
-  const std::vector<MaskPart>& parts = mask.parts;
   mask.cell = target;
-  mask.light = light;
+  const std::vector<MaskPart>& parts = mask.parts;
+  ++plane_mask.times_drawn;
   if (mask_casters_.size() < parts.size()) mask_casters_.resize(parts.size());
-  const auto mesh_of = [](const MaskPart& part) -> const ShadowMesh& {
-    return part.reduced ? part.caster->proxy->mesh : part.caster->mesh;
-  };
+  // One alone is what has changed.
+  const bool keeps_covers = parts.size() > 1;
+  std::vector<PartCover*> kept(parts.size(), nullptr);
+  std::vector<std::optional<std::array<std::vector<PlanePoint>, 3>>> faces(parts.size());
   double cell = target;
   Eigen::AlignedBox<std::int64_t, 2> bounds;
   for (;; cell *= 2.0) {
     bounds.setEmpty();
     for (std::size_t i = 0; i < parts.size(); ++i) {
       const MaskPart& part = parts[i];
-      const KernelSet& set = part.caster->sets.at(part.kernels);
-      const std::vector<glm::vec3>& positions = mesh_of(part).positions;
-      mask_casters_[i].project(positions, (part.reduced ? set.reduced : set.whole).kernels,
-                               part.own, part.constants, part.layers, cell);
-      bounds.extend(mask_casters_[i].bounds());
-      work.vertices += static_cast<std::int64_t>(positions.size());
+      const auto known = std::ranges::find_if(plane_mask.covers, [&](const PartCover& cover) {
+        return cover.cell == cell && cover.part.covers_same_as(part);
+      });
+      kept[i] = !keeps_covers || known == plane_mask.covers.end() ? nullptr : &*known;
+      if (kept[i] != nullptr) {
+        bounds.extend(kept[i]->bounds);
+        continue;
+      }
+      MaskCaster& caster = mask_casters_[i];
+      if (part.layers == std::array<bool, 3>{}) {
+        caster.begin(part.own, cell);
+      } else {
+        const KernelSet& set = part.caster->sets.at(part.kernels);
+        const std::vector<glm::vec3>& positions =
+            (part.reduced ? part.caster->proxy->mesh : part.caster->mesh).positions;
+        caster.project(positions, (part.reduced ? set.reduced : set.whole).kernels, part.own,
+                       part.constants, part.layers, cell);
+        work.vertices += static_cast<std::int64_t>(positions.size());
+      }
+      if (!faces[i]) faces[i] = face_images(part, work);
+      for (std::size_t layer = 0; layer < 3; ++layer)
+        caster.project_faces(kShadowLayers[layer], (*faces[i])[layer]);
+      bounds.extend(caster.bounds());
     }
     if (bounds.isEmpty() || bounds.sizes().maxCoeff() < kMostMaskCells) break;
   }
@@ -1030,16 +1121,60 @@ void ShadowPass::draw_mask(double target, const glm::vec3& light, std::vector<Ma
     return;
   }
   // One cell around, with all of the light.
-  const MaskCells cells{cell, bounds.min().x() - 1, bounds.min().y() - 1,
-                        static_cast<int>(bounds.sizes().x()) + 3,
-                        static_cast<int>(bounds.sizes().y()) + 3};
-  mask_picture_.begin(cells);
-  for (std::size_t i = 0; i < parts.size(); ++i) {
-    const MaskPart& part = parts[i];
-    const Body& body = part.reduced ? part.caster->reduced : part.caster->whole;
-    mask_picture_.cover(mask_casters_[i], mesh_of(part).indices, *body.edges);
+  const auto cells_about = [cell](const Eigen::AlignedBox<std::int64_t, 2>& box) {
+    return MaskCells{cell, box.min().x() - 1, box.min().y() - 1,
+                     static_cast<int>(box.sizes().x()) + 3, static_cast<int>(box.sizes().y()) + 3};
+  };
+  if (keeps_covers) {
+    std::vector<PartCover> made;
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      if (kept[i] != nullptr) {
+        kept[i]->last_used = plane_mask.times_drawn;
+        continue;
+      }
+      PartCover& cover = made.emplace_back(
+          PartCover{parts[i], cell, mask_casters_[i].bounds(), {}, plane_mask.times_drawn});
+      if (cover.bounds.isEmpty()) continue;
+      mask_picture_.begin(cells_about(cover.bounds));
+      cover_part(parts[i], mask_casters_[i]);
+      mask_picture_.take(cover.cover);
+    }
+    // Those of the last two masks: a camera may tremble between two sizes of cells.
+    std::erase_if(plane_mask.covers, [&](const PartCover& cover) {
+      return cover.last_used + 1 < plane_mask.times_drawn;
+    });
+    std::ranges::move(made, std::back_inserter(plane_mask.covers));
   }
-  mask_picture_.finish(light, mask_codes_);
+  const MaskCells cells = cells_about(bounds);
+  std::vector<bool> done(parts.size(), false);
+  bool first = true;
+  for (std::size_t of_light = 0; of_light < parts.size(); ++of_light) {
+    if (done[of_light]) continue;
+    const glm::vec3 light = parts[of_light].light;
+    mask_picture_.begin(cells);
+    for (std::size_t i = of_light; i < parts.size(); ++i) {
+      if (done[i] || parts[i].light != light) continue;
+      done[i] = true;
+      if (!keeps_covers) {
+        cover_part(parts[i], mask_casters_[i]);
+        continue;
+      }
+      const auto cover = std::ranges::find_if(plane_mask.covers, [&](const PartCover& known) {
+        return known.cell == cell && known.part.covers_same_as(parts[i]);
+      });
+      PENUMBRA_ASSERT(cover != plane_mask.covers.end());
+      mask_picture_.cover(cover->cover);
+    }
+    if (first) {
+      mask_picture_.finish(light, mask_codes_);
+      first = false;
+      continue;
+    }
+    // Where lights differ, the darkest.
+    mask_picture_.finish(light, lighter_codes_);
+    std::ranges::transform(mask_codes_, lighter_codes_, mask_codes_.begin(),
+                           [](std::uint8_t a, std::uint8_t b) { return std::min(a, b); });
+  }
   if (!mask.texture) mask.texture.emplace();
   mask.texture->upload(cells, mask_codes_);
   ++work.layer_masks_drawn;
@@ -1193,16 +1328,26 @@ int ShadowPass::draw_plane(const FramePlan& plan, int plane, const Brush& brush)
   for (std::size_t i = 0; i < plan.shadows.size(); ++i) {
     if (plan.shadows[i].plane == plane) casters.push_back(i);
   }
-  int calls = 0;
   if (casters.size() == 1) {
     return draw_all_layers(plan.shadows[casters.front()], items_[casters.front()], brush);
   }
-  if (brush.penumbra_first) std::ranges::reverse(casters);
-  for (int i = 0; i < 3; ++i) {
-    const int layer = brush.penumbra_first ? 2 - i : i;
+  // All umbrae, then all middles, then all penumbrae; where casters' lights differ, the darkest
+  // first.
+  struct Fill {
+    std::size_t caster;
+    int layer;
+    float light;
+  };
+  std::vector<Fill> fills;
+  for (int layer = 0; layer < 3; ++layer) {
     for (const std::size_t caster : casters)
-      calls += draw_layers(plan.shadows[caster], items_[caster], layer, 1, brush);
+      fills.push_back({caster, layer, layer_light(plan.shadows[caster])[layer]});
   }
+  std::ranges::stable_sort(fills, {}, &Fill::light);
+  if (brush.penumbra_first) std::ranges::reverse(fills);
+  int calls = 0;
+  for (const Fill& fill : fills)
+    calls += draw_layers(plan.shadows[fill.caster], items_[fill.caster], fill.layer, 1, brush);
   return calls;
 }
 

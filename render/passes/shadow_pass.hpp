@@ -83,8 +83,9 @@ struct ShadowReach {
 
 class ShadowPass {
  public:
+  // `samples` of each pixel of what it draws into; 0: no multisampling.
   [[nodiscard]] static Result<ShadowPass> create(GlApi api, const Scene& scene,
-                                                 const CameraModel& camera);
+                                                 const CameraModel& camera, int samples);
 
   // The CPU's part: kernels where the tilt is new, clipping where a caster straddles a height.
   // Adds to `work`.
@@ -138,8 +139,10 @@ class ShadowPass {
     GlBuffer indices{BufferUse::indices};
     bool indices_written = false;
     std::vector<IndexRange> ranges;  // of the coarser surfaces, then of the finest
-    // Of the mesh before it was split, where its faces close up; made when it is asked for.
+    // Of the mesh before it was split, made when they are asked for: its edges where its faces
+    // close up, and else its faces where they can be told apart by the way they turn.
     std::optional<std::vector<FacePair>> edges;
+    std::optional<std::vector<std::uint32_t>> oriented;
     bool edges_made = false;
   };
   // A body's vertices with one set of kernels: { position, kernel }.
@@ -184,8 +187,8 @@ class ShadowPass {
   // Whole: projected by the vertex shader. Placed: the mesh's vertices projected here, once for a
   // height and tilt, and those that were added for the lens between them. Clipped: faces that had
   // to be cut at a height, projected here too where a lens needs them split. Masked: in the plane's
-  // mask.
-  enum class LayerSource { nothing, whole, placed, clipped, field, masked };
+  // mask, by its silhouettes, or face by face where it does not close up.
+  enum class LayerSource { nothing, whole, placed, clipped, field, masked, masked_faces };
   struct LayerGeometry {
     LayerSource source = LayerSource::nothing;
     int first = 0;  // vertices in the clipped buffer
@@ -221,20 +224,35 @@ class ShadowPass {
     bool reduced = false;
     OwnFrame own;
     LayeredConstants constants;
-    std::array<bool, 3> layers{};
-    [[nodiscard]] bool same_as(const MaskPart& other) const;
+    LightMode light_mode = LightMode::proportional;
+    std::array<bool, 3> layers{};  // by silhouettes
+    std::array<bool, 3> faces{};   // face by face
+    glm::vec3 light{0.0F};         // mask_light()
+    [[nodiscard]] bool covers_same_as(const MaskPart& other) const;
+    [[nodiscard]] bool same_as(const MaskPart& other) const {
+      return light == other.light && covers_same_as(other);
+    }
+  };
+  // What one of several casters covers of a mask's cells: the others may move.
+  struct PartCover {
+    MaskPart part;
+    double cell = 0.0;
+    Eigen::AlignedBox<std::int64_t, 2> bounds;
+    MaskCover cover;
+    std::uint64_t last_used = 0;
   };
   struct DrawnMask {
     bool made = false;
     std::vector<MaskPart> parts;
     double cell = 0.0;
-    glm::vec3 light{0.0F};               // mask_light()
     std::optional<MaskTexture> texture;  // none: nothing is in it
   };
   struct PlaneMask {
     DrawnMask now, other;  // of this frame, and the one shown before it
     bool in_use = false;   // in this frame
     double depth = 0.0;    // of the nearest shadow that counts [m]
+    std::vector<PartCover> covers;
+    std::uint64_t times_drawn = 0;
   };
   ShadowPass(TranslucentProgram shadow, FieldQuad field, MaskQuad mask, MeshStrips strips)
       : shadow_program_(std::move(shadow)),
@@ -278,12 +296,14 @@ class ShadowPass {
                      Prepared& prepared) const;
   static void upload_clipped(std::span<const CasterVertex> faces, Prepared& prepared);
   static std::array<LayerSource, 3> cut_layers(const ShadowDraw& draw, const Caster& caster);
+  [[nodiscard]] static bool is_for_masks(Body& body, const ShadowMesh& mesh);
   [[nodiscard]] glm::vec3 mask_light(const ShadowDraw& draw) const;
   [[nodiscard]] std::optional<double> mask_depth(const Scene& scene, const FramePlan& plan,
                                                  int plane);
   void make_mask(const FramePlan& plan, int plane, PlaneMask& mask, ShadowWork& work);
-  void draw_mask(double target, const glm::vec3& light, std::vector<MaskPart> of, DrawnMask& mask,
-                 ShadowWork& work);
+  void draw_mask(double target, std::vector<MaskPart> of, PlaneMask& mask, ShadowWork& work);
+  std::array<std::vector<PlanePoint>, 3> face_images(const MaskPart& part, ShadowWork& work);
+  void cover_part(const MaskPart& part, MaskCaster& caster);
   void make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
   struct Item;
   // What layers are drawn with.
@@ -310,6 +330,7 @@ class ShadowPass {
   MaskQuad mask_quad_;
   MeshStrips mesh_strips_;
   Translucency way_ = Translucency::blend;
+  bool smooth_edges_ = false;        // whatever is drawn: pixels have several samples
   bool fetches_video_ = true;        // retextured, and not from a copy
   std::vector<float> edges_;         // the longest of each scene object's model, as a caster
   std::vector<bool> steady_;         // of each scene object: a proxy may cast
@@ -322,7 +343,7 @@ class ShadowPass {
   std::int64_t mask_pieces_skipped_ = 0;
   std::vector<MaskCaster> mask_casters_;
   MaskPicture mask_picture_;
-  std::vector<std::uint8_t> mask_codes_;
+  std::vector<std::uint8_t> mask_codes_, lighter_codes_;
   std::map<CasterKey, std::unique_ptr<Caster>> casters_;
   // One per shadow of the plan before: (node, object, plane, n-th of these in the plan).
   std::map<std::tuple<int, int, int, int>, Prepared> prepared_;

@@ -6,7 +6,9 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <map>
 #include <tuple>
+#include <utility>
 
 #include "core/assert.hpp"
 #include "core/vector_clones.hpp"
@@ -33,10 +35,13 @@ void codes_of(const std::int32_t* umbra, const std::int32_t* middle, const std::
       const std::int32_t area = covered < 0 ? -covered : covered;
       return static_cast<float>(area < kWhole ? area : kWhole) * (1.0F / kWhole);
     };
-    float left = 1.0F;
-    left += share(penumbra[i]) * (penumbra_light - left);
-    left += share(middle[i]) * (middle_light - left);
-    left += share(umbra[i]) * (umbra_light - left);
+    // A layer lies within the next lighter one, and where they are in contact with the plane their
+    // edges are one: shares are of the same part of the cell.
+    const float dark = share(umbra[i]);
+    const float half = std::max(dark, share(middle[i]));
+    const float any = std::max(half, share(penumbra[i]));
+    const float left = 1.0F + any * (penumbra_light - 1.0F) +
+                       half * (middle_light - penumbra_light) + dark * (umbra_light - middle_light);
     codes[i] = static_cast<std::uint8_t>(static_cast<std::int32_t>(255.0F * left + 0.5F));
   }
 }
@@ -99,12 +104,117 @@ std::optional<std::vector<FacePair>> paired_edges(std::span<const std::uint32_t>
   return pairs;
 }
 
+std::optional<std::vector<std::uint32_t>> oriented_faces(std::span<const glm::vec3> positions,
+                                                         std::span<const std::uint32_t> indices) {
+  // Vertices of one place are one, whatever their kernels.
+  std::map<std::tuple<float, float, float>, std::uint32_t> places;
+  std::vector<std::uint32_t> place_of;
+  place_of.reserve(positions.size());
+  for (const glm::vec3& p : positions) {
+    const auto next = static_cast<std::uint32_t>(places.size());
+    place_of.push_back(places.try_emplace({p.x, p.y, p.z}, next).first->second);
+  }
+  std::vector<std::uint32_t> faces;
+  for (std::size_t i = 0; i + 2 < indices.size(); i += 3) {
+    const std::array<std::uint32_t, 3> at = {place_of[indices[i]], place_of[indices[i + 1]],
+                                             place_of[indices[i + 2]]};
+    if (at[0] == at[1] || at[1] == at[2] || at[2] == at[0]) continue;
+    faces.insert(faces.end(), {indices[i], indices[i + 1], indices[i + 2]});
+  }
+  struct Side {
+    std::uint32_t face;
+    bool forward;  // from the lower place to the higher
+  };
+  std::map<std::pair<std::uint32_t, std::uint32_t>, std::vector<Side>> sides;
+  const auto edge_of = [&](std::size_t face, std::size_t corner) {
+    return std::pair(place_of[faces[3 * face + corner]],
+                     place_of[faces[3 * face + (corner + 1) % 3]]);
+  };
+  const std::size_t count = faces.size() / 3;
+  for (std::size_t face = 0; face < count; ++face) {
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const auto [a, b] = edge_of(face, corner);
+      std::vector<Side>& of_edge = sides[std::minmax(a, b)];
+      if (of_edge.size() == 2) return std::nullopt;
+      of_edge.push_back({static_cast<std::uint32_t>(face), a < b});
+    }
+  }
+  enum class Turn : std::uint8_t { unknown, kept, turned };
+  std::vector<Turn> turns(count, Turn::unknown);
+  std::vector<std::uint32_t> open;
+  for (std::size_t first = 0; first < count; ++first) {
+    if (turns[first] != Turn::unknown) continue;
+    turns[first] = Turn::kept;
+    open.push_back(static_cast<std::uint32_t>(first));
+    while (!open.empty()) {
+      const std::uint32_t face = open.back();
+      open.pop_back();
+      for (std::size_t corner = 0; corner < 3; ++corner) {
+        const auto [a, b] = edge_of(face, corner);
+        const std::vector<Side>& of_edge = sides.at(std::minmax(a, b));
+        if (of_edge.size() < 2) continue;
+        const Side& other = of_edge[of_edge[0].face == face ? 1 : 0];
+        const bool alike = of_edge[0].forward != of_edge[1].forward;
+        const Turn wanted = (turns[face] == Turn::kept) == alike ? Turn::kept : Turn::turned;
+        if (turns[other.face] == Turn::unknown) {
+          turns[other.face] = wanted;
+          open.push_back(other.face);
+        } else if (turns[other.face] != wanted) {
+          return std::nullopt;
+        }
+      }
+    }
+  }
+  for (std::size_t face = 0; face < count; ++face) {
+    if (turns[face] == Turn::turned) std::swap(faces[3 * face + 1], faces[3 * face + 2]);
+  }
+  return faces;
+}
+
+void MaskCaster::begin(const OwnFrame& own, double cell) {
+  wanted_ = {};
+  bounds_.setEmpty();
+  for (std::vector<Place>& faces : faces_) faces.clear();
+  T_plane_own_ = own.T_plane_own;
+  cell_ = cell;
+  const Eigen::Vector2d slide = T_plane_own_.slide / cell;
+  first_u_ = static_cast<std::int64_t>(std::floor(slide.x()));
+  first_v_ = static_cast<std::int64_t>(std::floor(slide.y()));
+}
+
+void MaskCaster::project_faces(ShadowLayer layer, std::span<const PlanePoint> triangles) {
+  std::vector<Place>& places = faces_[static_cast<std::size_t>(layer)];
+  places.clear();
+  places.reserve(triangles.size());
+  const Eigen::Vector2d first(static_cast<double>(first_u_), static_cast<double>(first_v_));
+  constexpr double kMost =
+      1e12;  // far beyond any mask's cells, which are counted before they are drawn
+  for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
+    std::array<Place, 3> face;
+    bool usable = true;
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const PlanePoint& p = triangles[i + corner];
+      const Eigen::Vector2d on_plane =
+          T_plane_own_ * Eigen::Vector2d(static_cast<double>(p.u), static_cast<double>(p.v));
+      const Eigen::Vector2d at = kPlaces * (on_plane / cell_ - first);
+      usable = usable && at.cwiseAbs().maxCoeff() < kMost;  // and is a number
+      if (usable) face[corner] = {std::llround(at.x()), std::llround(at.y())};
+    }
+    if (!usable) continue;
+    for (const Place& place : face) {
+      places.push_back(place);
+      bounds_.extend(
+          Place(first_u_ + (place.x() >> kPlaceBits), first_v_ + (place.y() >> kPlaceBits)));
+    }
+  }
+}
+
 void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const glm::vec3> kernels,
                          const OwnFrame& own, const LayeredConstants& constants,
                          const std::array<bool, 3>& wanted, double cell) {
   PENUMBRA_ASSERT(kernels.size() >= positions.size());
+  begin(own, cell);
   wanted_ = wanted;
-  bounds_.setEmpty();
   if (positions.empty()) return;
   // Turned on the plane, in cells, from the cell under the object's origin.
   const PlaneMap map = plane_map(own.T_own_object, PlaneFrame());
@@ -114,8 +224,6 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
   const Eigen::Matrix3d linear = turn * map.linear;
   Eigen::Vector3d offset = turn * map.offset;
   const Eigen::Vector2d slide = own.T_plane_own.slide / cell;
-  first_u_ = static_cast<std::int64_t>(std::floor(slide.x()));
-  first_v_ = static_cast<std::int64_t>(std::floor(slide.y()));
   offset.x() += cell * (slide.x() - static_cast<double>(first_u_));
   offset.y() += cell * (slide.y() - static_cast<double>(first_v_));
   std::array<float, 9> m{};
@@ -181,7 +289,7 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
 void MaskPicture::begin(const MaskCells& cells) {
   cells_ = cells;
   row_cells_ = (static_cast<std::size_t>(cells.width) + kFlagsAtOnce) / kFlagsAtOnce * kFlagsAtOnce;
-  // finish() leaves them all 0.
+  // finish() and take() leave them all 0.
   const std::size_t needed = row_cells_ * static_cast<std::size_t>(cells.height);
   if (steps_.size() >= needed) return;
   steps_.resize(needed);
@@ -221,16 +329,89 @@ void MaskPicture::cover(MaskCaster& caster, std::span<const std::uint32_t> indic
       const MaskCaster::Images& a = images[forward ? edge.from : edge.to];
       const MaskCaster::Images& b = images[forward ? edge.to : edge.from];
       const auto whole = [](float at) { return static_cast<int>(at); };
-      add_edge(static_cast<int>(layer), u0 + whole(a.u[layer]), v0 + whole(a.v[layer]),
+      add_edge(steps_, static_cast<int>(layer), u0 + whole(a.u[layer]), v0 + whole(a.v[layer]),
                u0 + whole(b.u[layer]), v0 + whole(b.v[layer]));
     }
   }
+  for (int layer = 0; layer < 3; ++layer) cover_faces(caster, layer);
+}
+
+// Each edge the same way round in both of its faces, so that what they round is the same.
+void MaskPicture::cover_faces(const MaskCaster& caster, int layer) {
+  const std::vector<MaskCaster::Place>& places = caster.faces_[static_cast<std::size_t>(layer)];
+  const MaskCaster::Place first(kPlaces * (caster.first_u_ - cells_.u),
+                                kPlaces * (caster.first_v_ - cells_.v));
+  struct Point {
+    int u = 0, v = 0;
+  };
+  for (std::size_t i = 0; i + 2 < places.size(); i += 3) {
+    std::array<Point, 3> p;
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const MaskCaster::Place at = first + places[i + corner];
+      p[corner] = {static_cast<int>(at.x()), static_cast<int>(at.y())};
+    }
+    const std::int64_t area = static_cast<std::int64_t>(p[1].u - p[0].u) * (p[2].v - p[0].v) -
+                              static_cast<std::int64_t>(p[2].u - p[0].u) * (p[1].v - p[0].v);
+    if (area == 0) continue;
+    if (area < 0) {
+      if (back_.size() < steps_.size()) back_.resize(steps_.size());
+      has_back_ = true;
+      std::swap(p[1], p[2]);
+    }
+    Steps& to = area < 0 ? back_ : steps_;
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const Point& a = p[corner];
+      const Point& b = p[(corner + 1) % 3];
+      if (std::tie(a.v, a.u) < std::tie(b.v, b.u)) {
+        add_edge<1>(to, layer, a.u, a.v, b.u, b.v);
+      } else {
+        add_edge<-1>(to, layer, b.u, b.v, a.u, a.v);
+      }
+    }
+  }
+}
+
+void MaskPicture::cover(const MaskCover& cover) {
+  const auto u = static_cast<int>(cover.u_ - cells_.u);
+  const auto v = static_cast<int>(cover.v_ - cells_.v);
+  if (!cover.back_.empty()) {
+    if (back_.size() < steps_.size()) back_.resize(steps_.size());
+    has_back_ = true;
+  }
+  for (std::size_t i = 0; i < cover.steps_.size(); ++i) {
+    const MaskCover::Step& step = cover.steps_[i];
+    PENUMBRA_ASSERT(u + step.u >= 0 && v + step.v >= 0 && v + step.v < cells_.height);
+    const std::size_t at =
+        static_cast<std::size_t>(v + step.v) * row_cells_ + static_cast<std::size_t>(u + step.u);
+    for (std::size_t layer = 0; layer < 4; ++layer) steps_[at][layer] += step.front[layer];
+    touched_[at] = 1;
+    if (cover.back_.empty()) continue;
+    for (std::size_t layer = 0; layer < 4; ++layer) back_[at][layer] += cover.back_[i][layer];
+  }
+}
+
+void MaskPicture::take(MaskCover& cover) {
+  cover.u_ = cells_.u;
+  cover.v_ = cells_.v;
+  cover.steps_.clear();
+  cover.back_.clear();
+  for (int v = 0; v < cells_.height; ++v) {
+    const std::size_t row = static_cast<std::size_t>(v) * row_cells_;
+    for (std::size_t u = 0; u < row_cells_; ++u) {
+      if (touched_[row + u] == 0) continue;
+      touched_[row + u] = 0;
+      cover.steps_.push_back({static_cast<int>(u), v, std::exchange(steps_[row + u], {})});
+      if (has_back_) cover.back_.push_back(std::exchange(back_[row + u], {}));
+    }
+  }
+  has_back_ = false;
 }
 
 // Cut at the rows' borders. All divisions are of differences along the edge, so that where the
 // picture begins changes nothing; and what is cut off goes to the next piece, so that the rows of a
 // closed line add up to 0.
-void MaskPicture::add_edge(int layer, int u0, int v0, int u1, int v1) {
+template <int kSign>
+void MaskPicture::add_edge(Steps& sums, int layer, int u0, int v0, int u1, int v1) {
   if (v0 == v1) return;
   const bool down = v1 > v0;
   // Of a point on a border, the row that the edge goes on in.
@@ -250,7 +431,7 @@ void MaskPicture::add_edge(int layer, int u0, int v0, int u1, int v1) {
     const bool at_end = row == last;
     const int next_u = at_end ? u1 : u0 + along.whole;
     const std::ptrdiff_t begin = row * static_cast<std::ptrdiff_t>(row_cells_);
-    add_in_row(layer, begin, u, v, next_u, at_end ? v1 - kPlaces * row : border);
+    add_in_row<kSign>(sums, layer, begin, u, v, next_u, at_end ? v1 - kPlaces * row : border);
     if (at_end) return;
     along.add(a_row, rise);
     u = next_u;
@@ -261,18 +442,19 @@ void MaskPicture::add_edge(int layer, int u0, int v0, int u1, int v1) {
 
 // To the left of the edge nothing changes, to the right all; in the cells that it runs through, the
 // area beside it.
-inline void MaskPicture::add_in_row(int layer, std::ptrdiff_t begin, int u0, int v0, int u1,
-                                    int v1) {
+template <int kSign>
+inline void MaskPicture::add_in_row(Steps& sums, int layer, std::ptrdiff_t begin, int u0, int v0,
+                                    int u1, int v1) {
   const int first = u0 >> kPlaceBits;
   const int last = u1 >> kPlaceBits;
   const auto at = static_cast<std::size_t>(layer);
-  auto* steps = steps_.data() + begin + first;
+  auto* steps = sums.data() + begin + first;
   std::uint8_t* touched = touched_.data() + begin + first;
   // Twice what lies beside the edge in a cell: of a height, and the sum of two places in the cell.
   const auto add = [&steps, &touched, at](int height, int places) {
     const int area = height * places;
-    steps[0][at] += 2 * kPlaces * height - area;
-    steps[1][at] += area;
+    steps[0][at] += kSign * (2 * kPlaces * height - area);
+    steps[1][at] += kSign * area;
     touched[0] = touched[1] = 1;
   };
   const int from = u0 - kPlaces * first;
@@ -310,42 +492,55 @@ void MaskPicture::finish(const glm::vec3& light, std::vector<std::uint8_t>& code
   changed_.resize(row_cells_);
   for (std::vector<std::int32_t>& covered : covered_) covered.resize(row_cells_);
   changed_codes_.resize(row_cells_);
-  std::uint32_t* changed = changed_.data();
-  std::int32_t* umbra = covered_[0].data();
-  std::int32_t* middle = covered_[1].data();
-  std::int32_t* penumbra = covered_[2].data();
   for (std::size_t row = 0; row < height; ++row) {
-    std::array<std::int32_t, 4>* steps = &steps_[row * row_cells_];
-    std::uint8_t* touched = &touched_[row * row_cells_];
-    std::array<std::int32_t, 3> covered{};
-    std::size_t count = 0;
-    for (std::size_t block = 0; block < row_cells_; block += kFlagsAtOnce) {
-      std::uint64_t flags = 0;
-      std::memcpy(&flags, touched + block, sizeof(flags));
-      if (flags == 0) continue;
-      std::memset(touched + block, 0, sizeof(flags));
-      do {
-        const std::size_t i = block + static_cast<std::size_t>(std::countr_zero(flags)) / 8;
-        flags &= flags - 1;
-        std::array<std::int32_t, 4>& step = steps[i];
-        umbra[count] = covered[0] += step[0];
-        middle[count] = covered[1] += step[1];
-        penumbra[count] = covered[2] += step[2];
-        step = {};
-        changed[count++] = static_cast<std::uint32_t>(i);
-      } while (flags != 0);
-    }
     std::uint8_t* out = codes.data() + row * width;
     std::fill_n(out, width, std::uint8_t{255});
-    codes_of(umbra, middle, penumbra, count, light.x, light.y, light.z, changed_codes_.data());
-    // What lies between is like the cell before; what lies right of the last is not covered.
-    const std::uint8_t* code = changed_codes_.data();
-    for (std::size_t i = 0; i < count && changed[i] < width; ++i) {
-      out[changed[i]] = code[i];
-      if (code[i] == 255 || i + 1 == count) continue;
-      const std::size_t next = std::min<std::size_t>(changed[i + 1], width);
-      for (std::size_t cell = changed[i] + 1; cell < next; ++cell) out[cell] = code[i];
-    }
+    has_back_ ? finish_row<true>(row, light, out) : finish_row<false>(row, light, out);
+  }
+  has_back_ = false;
+}
+
+template <bool kBack>
+void MaskPicture::finish_row(std::size_t row, const glm::vec3& light, std::uint8_t* out) {
+  const auto width = static_cast<std::size_t>(cells_.width);
+  std::uint32_t* changed = changed_.data();
+  std::array<std::int32_t*, 3> share = {covered_[0].data(), covered_[1].data(), covered_[2].data()};
+  std::array<std::int32_t, 4>* steps = &steps_[row * row_cells_];
+  std::array<std::int32_t, 4>* back_steps = kBack ? &back_[row * row_cells_] : nullptr;
+  std::uint8_t* touched = &touched_[row * row_cells_];
+  std::array<std::int32_t, 3> covered{};
+  std::array<std::int32_t, 3> behind{};
+  std::size_t count = 0;
+  for (std::size_t block = 0; block < row_cells_; block += kFlagsAtOnce) {
+    std::uint64_t flags = 0;
+    std::memcpy(&flags, touched + block, sizeof(flags));
+    if (flags == 0) continue;
+    std::memset(touched + block, 0, sizeof(flags));
+    do {
+      const std::size_t i = block + static_cast<std::size_t>(std::countr_zero(flags)) / 8;
+      flags &= flags - 1;
+      std::array<std::int32_t, 4>& step = steps[i];
+      for (std::size_t layer = 0; layer < 3; ++layer) {
+        share[layer][count] = covered[layer] += step[layer];
+        if constexpr (kBack) {
+          behind[layer] += back_steps[i][layer];
+          if (std::abs(behind[layer]) > std::abs(covered[layer]))
+            share[layer][count] = behind[layer];
+        }
+      }
+      step = {};
+      if constexpr (kBack) back_steps[i] = {};
+      changed[count++] = static_cast<std::uint32_t>(i);
+    } while (flags != 0);
+  }
+  codes_of(share[0], share[1], share[2], count, light.x, light.y, light.z, changed_codes_.data());
+  // What lies between is like the cell before; what lies right of the last is not covered.
+  const std::uint8_t* code = changed_codes_.data();
+  for (std::size_t i = 0; i < count && changed[i] < width; ++i) {
+    out[changed[i]] = code[i];
+    if (code[i] == 255 || i + 1 == count) continue;
+    const std::size_t next = std::min<std::size_t>(changed[i + 1], width);
+    for (std::size_t cell = changed[i] + 1; cell < next; ++cell) out[cell] = code[i];
   }
 }
 

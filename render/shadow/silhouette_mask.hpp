@@ -2,6 +2,10 @@
 // edges. Of a closed mesh's image on a plane, whatever moved its vertices there, as many faces turn
 // one way as the other over any point; so those that turn one way cover all of it, and the area
 // under them is told by the edges where they meet the others (silhouettes), cell by cell, exactly.
+// Where a mesh is open or cut, neither those that turn one way nor the others need cover all of it,
+// but both together do: each kind is summed by itself, and the greater sum counts. Neighbours that
+// turn the same way cancel out along their edge, and where two that turn different ways meet, the
+// surface folds: both cover the same side.
 #pragma once
 
 #include <Eigen/Core>
@@ -28,6 +32,12 @@ struct FacePair {
 [[nodiscard]] std::optional<std::vector<FacePair>> paired_edges(
     std::span<const std::uint32_t> indices);
 
+// The same triangles, turned over where their neighbours ask for it, so that no edge goes the same
+// way in two faces, whichever vertices of one place it is between; without those of no area.
+// Nothing where there is no such way, as on a Moebius strip, or where three faces meet in an edge.
+[[nodiscard]] std::optional<std::vector<std::uint32_t>> oriented_faces(
+    std::span<const glm::vec3> positions, std::span<const std::uint32_t> indices);
+
 // Square cells of the plane whose corners are at whole multiples of their size, so that what a mesh
 // covers of a cell does not depend on what else is drawn.
 struct MaskCells {
@@ -37,9 +47,14 @@ struct MaskCells {
   friend bool operator==(const MaskCells&, const MaskCells&) = default;
 };
 
-// One closed mesh over the plane. Kept between frames for its memory.
+// One mesh over the plane. Kept between frames for its memory.
 class MaskCaster {
  public:
+  // Nothing of it, on cells of this size. project() begins by itself.
+  void begin(const OwnFrame& own, double cell);
+  // Triangles of a layer in the own frame [m], three points each, of a mesh whose edges are paired
+  // or of oriented faces, cut or not: all that casts the layer, in place of what project() would.
+  void project_faces(ShadowLayer layer, std::span<const PlanePoint> triangles);
   // Vertices and kernels in the object's frame [m], one each; what `wanted` says of the layers is
   // to be covered, and all of the mesh is in their heights. Places in cells of this size are
   // rounded to 1/256 of one.
@@ -62,6 +77,25 @@ class MaskCaster {
   std::int64_t first_u_ = 0, first_v_ = 0;  // that cell
   Eigen::AlignedBox<std::int64_t, 2> bounds_;
   std::vector<std::uint8_t> turned_;  // of each face, a bit for each layer
+  PlanarMotion T_plane_own_;
+  double cell_ = 0.0;
+  // Of layers that were given face by face; (u, v) in places as above.
+  using Place = Eigen::Vector<std::int64_t, 2>;
+  std::array<std::vector<Place>, 3> faces_;
+};
+
+// What covers cells, by rows and wherever it changes along them; to be covered again in a picture
+// of other cells of the same size.
+class MaskCover {
+ private:
+  friend class MaskPicture;
+  struct Step {
+    int u = 0, v = 0;  // from the first cell
+    std::array<std::int32_t, 4> front{};
+  };
+  std::int64_t u_ = 0, v_ = 0;  // the first cell
+  std::vector<Step> steps_;
+  std::vector<std::array<std::int32_t, 4>> back_;  // as many, or none
 };
 
 class MaskPicture {
@@ -71,23 +105,36 @@ class MaskPicture {
   // Faces as `caster` was projected with.
   void cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
              std::span<const FacePair> edges);
+  // Adds what take() took, which lies within the picture's cells.
+  void cover(const MaskCover& cover);
+  // All that was covered since begin(), and forgets it.
+  void take(MaskCover& cover);
   // What is left of the picture's (encoded) value in each cell, 0 to 255, rows in order: that of
   // the darkest layer there, in part where an edge runs through. `light`: of each layer. What is
   // covered is forgotten.
   void finish(const glm::vec3& light, std::vector<std::uint8_t>& codes);
 
  private:
+  using Steps = std::vector<std::array<std::int32_t, 4>>;
   // Places in 1/256 cells from the first cell's corner; of add_in_row() `v` from the row's border,
-  // and the row by its first cell.
-  void add_edge(int layer, int u0, int v0, int u1, int v1);
-  void add_in_row(int layer, std::ptrdiff_t begin, int u0, int v0, int u1, int v1);
+  // and the row by its first cell. kSign -1: as if it ran the other way.
+  template <int kSign = 1>
+  void add_edge(Steps& to, int layer, int u0, int v0, int u1, int v1);
+  template <int kSign>
+  void add_in_row(Steps& sums, int layer, std::ptrdiff_t begin, int u0, int v0, int u1, int v1);
+  void cover_faces(const MaskCaster& caster, int layer);
+  template <bool kBack>
+  void finish_row(std::size_t row, const glm::vec3& light, std::uint8_t* out);
 
   MaskCells cells_;
   // By how much the covered share of a cell differs from that of the one before it in its row, in
-  // 1/kWhole, for each layer; at least one cell more than the row has.
-  std::vector<std::array<std::int32_t, 4>> steps_;
+  // 1/kWhole, for each layer; at least one cell more than the row has. Under faces that turn one
+  // way; and, where a mesh is given face by face, the other.
+  Steps steps_;
+  Steps back_;
+  bool has_back_ = false;
   std::vector<std::uint8_t> touched_;  // 1 for each of these that an edge has changed
-  std::size_t row_cells_ = 0;          // of both
+  std::size_t row_cells_ = 0;          // of all three
   // Of one row: the cells that were touched, what is covered of them by each layer, and their
   // codes.
   std::vector<std::uint32_t> changed_;

@@ -9,6 +9,7 @@
 #include "render/scene.hpp"
 #include "render/shapes.hpp"
 #include "support/paths.hpp"
+#include "support/shapes.hpp"
 #include "support/studio.hpp"
 
 namespace penumbra {
@@ -156,6 +157,70 @@ TEST(Multisampling, ChangesNothingButEdges) {
       }
     }
   }
+}
+
+// Casters of few faces are then drawn directly, with edges as smooth as a mask's.
+TEST(Multisampling, LeavesFewFacesToTheGpu) {
+  const auto scene_of = [](int around) {
+    test::ShapeBuilder shape;
+    shape.torus(0.06, 0.02, around, 16);  // twice 16 times as many faces
+    test::SceneBuilder builder;
+    builder.add(test::finished(shape.build(), glm::vec4(1.0F)), test::at(0, 0, 0.1));
+    builder.scene().objects[0].proxy = ProxyMode::none;
+    return builder.build();
+  };
+  struct Drawn {
+    test::Picture picture;
+    std::int64_t masks = 0;
+  };
+  const auto draw = [](const std::shared_ptr<const Scene>& scene, int times, int samples,
+                       LayerDrawing layers) {
+    CompositorOptions options;
+    options.msaa = samples;
+    test::Studio studio(scene, view_of(times), GlApi::gl33, options);
+    PlanOptions plan;
+    plan.layers = layers;
+    const test::Picture picture =
+        studio.draw_shadows(test::plain_frame(times * kViewWidth, times * kViewHeight, 255),
+                            studio.plan(view_pose(), plan));
+    return Drawn{picture, studio.stats().layer_masks_drawn};
+  };
+  const auto few = scene_of(14);
+  const auto many = scene_of(16);
+  EXPECT_EQ(draw(few, 1, 4, LayerDrawing::automatic).masks, 0);
+  EXPECT_EQ(draw(few, 1, 0, LayerDrawing::automatic).masks, 1);
+  EXPECT_EQ(draw(few, 1, 4, LayerDrawing::mask).masks, 1);
+  EXPECT_EQ(draw(many, 1, 4, LayerDrawing::automatic).masks, 1);
+  const test::Picture fine = draw(few, 8, 0, LayerDrawing::direct).picture;
+  const auto error = [&](int samples, LayerDrawing layers) {
+    const test::Picture picture = draw(few, 1, samples, layers).picture;
+    double sum = 0.0;
+    int edges = 0;
+    for (int y = 0; y < kViewHeight; ++y) {
+      for (int x = 0; x < kViewWidth; ++x) {
+        int low = 255, high = 0, total = 0;
+        for (int i = 0; i < 64; ++i) {
+          const int value = fine.red(8 * x + i % 8, 8 * y + i / 8);
+          low = std::min(low, value);
+          high = std::max(high, value);
+          total += value;
+        }
+        if (low == high) continue;
+        sum += std::pow(picture.red(x, y) - total / 64.0, 2);
+        ++edges;
+      }
+    }
+    EXPECT_GT(edges, 300);
+    return std::sqrt(sum / edges);
+  };
+  const double directly = error(4, LayerDrawing::direct);
+  const double mask = error(4, LayerDrawing::mask);
+  const double plain = error(0, LayerDrawing::direct);
+  std::printf("edge error [codes RMS]: directly with 4 samples %.2f, mask %.2f, directly %.2f\n",
+              directly, mask, plain);
+  EXPECT_LT(directly, 6.0);
+  EXPECT_LT(mask, 6.0);
+  EXPECT_GT(plain, 12.0);
 }
 
 }  // namespace

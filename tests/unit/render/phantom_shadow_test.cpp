@@ -576,8 +576,9 @@ TEST(PhantomShadow, DoesNotDependOnTheWayFacesAreWound) {
   EXPECT_LT(both.unlike, 0.06 * both.on_plane);
 }
 
-// The first layer counts, as on planes, also where it is the fainter one.
-TEST(PhantomShadow, HasTheFirstLayerOfAllCasters) {
+// Of one caster the first layer counts, as on planes, also where it is the fainter one; of several
+// the darkest.
+TEST(PhantomShadow, HasTheDarkestLayerOfAllCasters) {
   const Model block = standing_box(0.16, 0.06);
   const auto all = around(0, 0, 0.075, 0.075);
   const OnBoth fractions =

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <functional>
 #include <random>
+#include <set>
 
 #include "render/passes/translucent_program.hpp"
 #include "render/shadow/caster.hpp"
@@ -72,6 +73,47 @@ TEST(PairedEdges, OfClosedFacesAndOfNoOthers) {
   const std::vector<std::uint32_t> wedges = {0, 1, 2, 0, 3, 1, 0, 2, 3, 1, 3, 2,
                                              0, 1, 4, 0, 5, 1, 0, 4, 5, 1, 5, 4};
   EXPECT_TRUE(paired_edges(wedges));
+}
+
+// Faces with a common edge run along it in different ways.
+bool are_oriented(const std::vector<std::uint32_t>& faces) {
+  std::set<std::pair<std::uint32_t, std::uint32_t>> edges;
+  for (std::size_t i = 0; i < faces.size(); i += 3) {
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      if (!edges.insert({faces[i + corner], faces[i + (corner + 1) % 3]}).second) return false;
+    }
+  }
+  return true;
+}
+
+TEST(OrientedFaces, AreTurnedOverWhereNeighboursAskForIt) {
+  const ShadowMesh cube = make_shadow_mesh(*box());
+  std::mt19937 random(3);
+  for (int trial = 0; trial < 20; ++trial) {
+    std::vector<std::uint32_t> faces = cube.indices;
+    for (std::size_t i = 0; i < faces.size(); i += 3) {
+      if ((random() & 1U) != 0) std::swap(faces[i + 1], faces[i + 2]);
+    }
+    faces.resize(faces.size() - 3 * (random() % 6));
+    const auto oriented = oriented_faces(cube.positions, faces);
+    ASSERT_TRUE(oriented);
+    EXPECT_EQ(oriented->size(), faces.size());
+    EXPECT_TRUE(are_oriented(*oriented));
+    for (std::size_t i = 0; i < faces.size(); i += 3) {
+      const std::set<std::uint32_t> before(&faces[i], &faces[i] + 3);
+      EXPECT_EQ(before, std::set<std::uint32_t>(&(*oriented)[i], &(*oriented)[i] + 3));
+    }
+  }
+  const std::vector<glm::vec3> places = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0},
+                                         {0, 0, 1}, {1, 1, 1}, {1, 0, 0}};
+  // Three faces about one edge, also where vertices are only of the same place.
+  EXPECT_FALSE(oriented_faces(places, std::vector<std::uint32_t>{0, 1, 2, 0, 1, 3, 0, 1, 4}));
+  EXPECT_FALSE(oriented_faces(places, std::vector<std::uint32_t>{0, 1, 2, 0, 5, 3, 1, 0, 4}));
+  const auto two = oriented_faces(places, std::vector<std::uint32_t>{0, 1, 2, 0, 5, 3});
+  ASSERT_TRUE(two);
+  EXPECT_EQ(*two, (std::vector<std::uint32_t>{0, 1, 2, 0, 3, 5}));
+  EXPECT_TRUE(oriented_faces(places, std::vector<std::uint32_t>{0, 0, 2, 1, 5, 3})->empty());
+  EXPECT_TRUE(oriented_faces({}, {})->empty());
 }
 
 struct Placed {
@@ -189,6 +231,81 @@ TEST(SilhouetteMask, CoversWhatTheFacesCover) {
       EXPECT_LT(most, trial % 3 == 0 ? 0.1 : 0.5) << trial << " layer " << layer;
       EXPECT_GT(area, 5.0) << trial << " layer " << layer;
       EXPECT_LT(std::abs(sum), 0.006 * area + 0.3) << trial << " layer " << layer;
+    }
+  }
+}
+
+// Open and cut faces, one by one; neighbours leave no seam, whatever they are rounded to.
+TEST(SilhouetteMask, CoversWhatOpenAndCutFacesCover) {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> one(-1.0, 1.0);
+  constexpr double kCell = 0.006;
+  for (int trial = 0; trial < 12; ++trial) {
+    Placed placed = place(trial % 2 == 0 ? *torus(8, 14) : *box(),
+                          test::at(one(random), one(random), trial % 3 == 0 ? 0.0 : 0.28,
+                                   {one(random), one(random), one(random)}, 3.0 * one(random)));
+    std::vector<std::uint32_t> faces = placed.mesh.indices;
+    if (trial % 4 > 1) faces.resize(faces.size() - 15);
+    ShadowKernels kernels;
+    kernels.kernels = placed.kernels;
+    const std::vector<CasterVertex> on_plane =
+        place_caster(placed.mesh, kernels, placed.placement, PlaneFrame());
+    const std::vector<CasterVertex> own =
+        place_caster(placed.mesh, kernels, placed.own.T_own_object, PlaneFrame());
+    for (std::size_t layer = 0; layer < 3; ++layer) {
+      const std::vector<PlanePoint> expected_faces =
+          layer_triangles(on_plane, faces, kConstants, kShadowLayers[layer]);
+      MaskCaster caster;
+      caster.begin(placed.own, kCell);
+      caster.project_faces(kShadowLayers[layer],
+                           layer_triangles(own, faces, kConstants, kShadowLayers[layer]));
+      if (caster.bounds().isEmpty()) continue;
+      Mask mask;
+      mask.cells = {kCell, caster.bounds().min().x() - 1, caster.bounds().min().y() - 1,
+                    static_cast<int>(caster.bounds().sizes().x()) + 3,
+                    static_cast<int>(caster.bounds().sizes().y()) + 3};
+      glm::vec3 light(1.0F);
+      light[static_cast<int>(layer)] = 0.0F;
+      MaskPicture picture;
+      MaskCover cover;
+      picture.begin(mask.cells);
+      picture.cover(caster, {}, {});
+      picture.finish(light, mask.codes);
+      // Taken, and laid into a larger picture, it is the same.
+      MaskCells larger = mask.cells;
+      larger.u -= 5;
+      larger.v -= 7;
+      larger.width += 9;
+      larger.height += 11;
+      picture.begin(mask.cells);
+      picture.cover(caster, {}, {});
+      picture.take(cover);
+      Mask again;
+      again.cells = larger;
+      picture.begin(larger);
+      picture.cover(cover);
+      picture.finish(light, again.codes);
+      double most = 0.0;
+      double sum = 0.0;
+      double area = 0.0;
+      for (std::int64_t v = mask.cells.v; v < mask.cells.v + mask.cells.height; ++v) {
+        for (std::int64_t u = mask.cells.u; u < mask.cells.u + mask.cells.width; ++u) {
+          ASSERT_EQ(mask.at(u, v), again.at(u, v));
+          const double share = 1.0 - mask.at(u, v) / 255.0;
+          const double expected = covered_share(expected_faces, kCell, u, v);
+          most = std::max(most, std::abs(share - expected));
+          sum += share - expected;
+          area += expected;
+          if (expected == 1.0) {
+            ASSERT_GT(share, 0.96)
+                << trial << " layer " << layer << " a seam at " << u << ", " << v;
+          }
+        }
+      }
+      // Of a thin rest of an umbra, sheets are added up in more cells than elsewhere.
+      EXPECT_LT(std::abs(sum), 0.003 * area + 2.5) << trial << " layer " << layer;
+      // Where two sheets cover different parts of a cell, the larger counts.
+      EXPECT_LT(most, trial % 4 == 1 ? 0.12 : 0.5) << trial << " layer " << layer;
     }
   }
 }
@@ -575,29 +692,195 @@ TEST_F(DrawnMask, IsKeptUntilACasterMoves) {
   EXPECT_EQ(draw(first).second, before) << "whatever came between";
 }
 
-// What a mask can't show is drawn directly, the same to the bit.
-TEST_F(DrawnMask, ServesOnlyWholeLayersOfClosedMeshes) {
-  ShapeBuilder open;
-  open.torus(0.05, 0.018, 16, 32);
-  Model without_a_face = open.build();
-  without_a_face.meshes[0].indices.resize(without_a_face.meshes[0].indices.size() - 3);
-  const auto open_ring = test::finished(without_a_face, glm::vec4(0.5F));
-  const double umbra_ends = kConstants.umbra_height;
-  for (const auto& objects : {scene({{open_ring, test::at(0, 0, 0.1, {1, 0.2, 0}, 0.4)}}),
-                              scene({{torus(), test::at(0, 0, umbra_ends, {1, 0.2, 0}, 0.4)}}),
-                              scene({{torus(), test::at(0, 0, 0.0, {1, 0.2, 0}, 0.4)}}),
-                              // Of several on one plane, one is enough.
-                              scene({{torus(), test::at(0, 0, 0.1)},
-                                     {torus(), test::at(0.02, 0, umbra_ends, {1, 0, 0}, 0.4)}})}) {
-    Studio studio(objects, camera());
-    const Picture asked = shadows(studio, by(LayerDrawing::mask));
-    EXPECT_EQ(studio.stats().layer_masks_drawn, 0);
-    EXPECT_EQ(asked, shadows(studio, by(LayerDrawing::direct)));
+// Of scenes whose layers are cut, of open meshes and of lights of one size.
+class MaskByFaces : public DrawnMask {
+ protected:
+  static std::shared_ptr<const Model> open_torus(bool turn_some = false) {
+    ShapeBuilder shape;
+    shape.torus(0.05, 0.018, 16, 32);
+    Model model = shape.build();
+    std::vector<std::uint32_t>& indices = model.meshes[0].indices;
+    indices.resize(indices.size() - 3 * std::size_t{150});
+    for (std::size_t i = 0; turn_some && i + 2 < indices.size(); i += 21)
+      std::swap(indices[i], indices[i + 1]);
+    return test::finished(model, glm::vec4(0.5F));
   }
-  // Where all of the umbra is gone, nothing is cut.
-  Studio high(scene({{torus(), test::at(0, 0, umbra_ends + 0.1)}}), camera());
-  shadows(high, by(LayerDrawing::mask));
-  EXPECT_EQ(high.stats().layer_masks_drawn, 1);
+  // A band with a half turn in it.
+  static std::shared_ptr<const Model> moebius() {
+    constexpr int kSteps = 24;
+    constexpr double kHalf = 0.015;
+    constexpr double kTurn = 2.0 * 3.14159265358979;
+    ShapeBuilder shape;
+    const auto add = [&shape](int i, double side) {
+      const double t = kTurn * i / kSteps;
+      const double r = 0.05 + side * std::cos(t / 2);
+      shape.vertex(r * std::cos(t), r * std::sin(t), side * std::sin(t / 2));
+    };
+    for (int i = 0; i < kSteps; ++i) {
+      add(i, -kHalf);
+      add(i, kHalf);
+    }
+    // The last of one side meets the first of the other.
+    const auto at = [](int i, int side) {
+      const int turned = i == kSteps ? 1 - side : side;
+      return static_cast<std::uint32_t>(2 * (i % kSteps) + turned);
+    };
+    for (int i = 0; i < kSteps; ++i) {
+      shape.triangle(at(i, 0), at(i + 1, 0), at(i, 1));
+      shape.triangle(at(i, 1), at(i + 1, 0), at(i + 1, 1));
+    }
+    return test::finished(shape.build(), glm::vec4(0.5F));
+  }
+  static std::shared_ptr<const Scene> in_one_light(const std::shared_ptr<const Scene>& scene) {
+    Scene fixed = *scene;
+    fixed.shadows[0].light_mode = LightMode::fixed;
+    return std::make_shared<const Scene>(fixed);
+  }
+  static constexpr double kUmbraEnds = 0.28;
+};
+
+TEST_F(MaskByFaces, EdgesAreSmoothAndTheRestIsTheSame) {
+  ASSERT_NEAR(kConstants.umbra_height, kUmbraEnds, 1e-12);
+  const Eigen::Vector3d tilt(1, 0.2, 0);
+  const struct {
+    const char* what;
+    std::shared_ptr<const Scene> of;
+    // Of what direct drawing has; the least for an edge is a share of the step that it is. Near its
+    // end an umbra is narrower than a cell, over which it is spread.
+    double most;
+  } cases[] = {
+      {"open", scene({{open_torus(), test::at(0, 0, 0.1, tilt, 0.4)}}), 0.4},
+      {"open, faces turned", scene({{open_torus(true), test::at(0, 0, 0.1, tilt, 0.4)}}), 0.4},
+      {"cut where the umbra ends", scene({{torus(), test::at(0, 0, kUmbraEnds, tilt, 0.4)}}), 0.6},
+      {"cut by the plane", scene({{torus(), test::at(0, 0, 0.0, tilt, 0.4)}}), 0.4},
+      {"cut, beside a whole one",
+       scene({{torus(), test::at(0, 0, 0.1)},
+              {torus(), test::at(0.06, 0, kUmbraEnds, {1, 0, 0}, 0.4)}}),
+       0.6},
+      {"cut twice, open", scene({{open_torus(), test::at(0, 0, 0.0, {1, 0, 0}, 1.5, 5.0)}}), 0.4},
+      {"in a light of one size", in_one_light(scene({{table_and_ball(), test::at(0, 0, 0.08)}})),
+       0.4},
+      {"in a light of one size, cut",
+       in_one_light(scene({{table_and_ball(), test::at(0, 0, kUmbraEnds - 0.03, tilt, 0.4)}})),
+       0.6},
+  };
+  for (const auto& c : cases) {
+    SCOPED_TRACE(c.what);
+    Studio coarse(c.of, camera());
+    Studio fine(c.of, camera(4.0));
+    const Picture reference = shadows(fine, by(LayerDrawing::direct));
+    const EdgeError mask = edge_error(shadows(coarse, by(LayerDrawing::mask)), reference);
+    EXPECT_EQ(coarse.stats().layer_masks_drawn, 1);
+    const EdgeError direct = edge_error(shadows(coarse, by(LayerDrawing::direct)), reference);
+    EXPECT_EQ(coarse.stats().layer_masks_drawn, 0);
+    std::printf("%s: edge error [codes RMS]: mask %.2f, direct %.2f, over %d pixels\n", c.what,
+                mask.rms, direct.rms, mask.edges);
+    EXPECT_GT(mask.edges, 300);
+    EXPECT_LT(mask.rms, c.most * direct.rms);
+    EXPECT_LE(mask.largest_elsewhere, 1);
+    EXPECT_EQ(direct.largest_elsewhere, 0);
+  }
+}
+
+// No seam where neighbours meet: a caster rises through the heights where it is cut.
+TEST_F(MaskByFaces, ACutThatMovesLeavesNoSeam) {
+  const auto objects = scene({{torus(), test::at(0, 0, 0)}});
+  Studio studio(objects, camera());
+  Studio fine(objects, camera(4.0));
+  SceneState state = evaluate_scene(*objects, 0.0);
+  for (int i = 0; i < 12; ++i) {
+    state.objects[0] = test::at(0.002 * i, 0, -0.02 + 0.0274 * i, {1, 0.3, 0.1}, 0.2 + 0.06 * i);
+    const auto drawn = [&](Studio& by_studio, LayerDrawing layers) {
+      const CameraModel& seen_by = by_studio.camera();
+      return by_studio.draw_shadows(test::plain_frame(seen_by.width(), seen_by.height(), 255),
+                                    plan_frame(*objects, state, pose(), seen_by, by(layers)));
+    };
+    const Picture mask = drawn(studio, LayerDrawing::mask);
+    EXPECT_EQ(studio.stats().layer_masks_drawn, 1);
+    EXPECT_LE(edge_error(mask, drawn(fine, LayerDrawing::direct)).largest_elsewhere, 1) << i;
+  }
+}
+
+// Where it can't be told which way faces turn, all of the plane is drawn directly.
+TEST_F(MaskByFaces, NotOfWhatHasNoSides) {
+  const auto objects = scene({{moebius(), test::at(0, 0, 0.1)}, {torus(), test::at(0.1, 0, 0.1)}});
+  Studio studio(objects, camera());
+  const Picture asked = shadows(studio, by(LayerDrawing::mask));
+  EXPECT_EQ(studio.stats().layer_masks_drawn, 0);
+  EXPECT_EQ(asked, shadows(studio, by(LayerDrawing::direct)));
+}
+
+// The darkest layer of all counts, drawn directly as in a mask.
+TEST_F(MaskByFaces, NodesOfDifferentLightsShareAMask) {
+  Scene two = *scene({{torus(), test::at(0, 0, 0.1, {1, 0.2, 0}, 0.4)},
+                      {table_and_ball(), test::at(0.03, 0.02, 0.06)}});
+  two.shadows.push_back(two.shadows[0]);
+  two.shadows[0].casters = {0};
+  two.shadows[1].casters = {1};
+  two.shadows[1].fractions = {0.3, 0.35, 0.38};
+  const auto objects = std::make_shared<const Scene>(two);
+  Studio coarse(objects, camera());
+  Studio fine(objects, camera(4.0));
+  const Picture reference = shadows(fine, by(LayerDrawing::direct));
+  const EdgeError mask = edge_error(shadows(coarse, by(LayerDrawing::mask)), reference);
+  EXPECT_EQ(coarse.stats().layer_masks_drawn, 1);
+  EXPECT_LT(mask.rms, 6.0);
+  EXPECT_LE(mask.largest_elsewhere, 1);
+  // Every pixel drawn directly is that of the node that darkens it more.
+  const Picture both = shadows(coarse, by(LayerDrawing::direct));
+  std::array<Picture, 2> alone;
+  for (std::size_t i = 0; i < 2; ++i) {
+    Scene one = two;
+    one.shadows[1 - i].casters.clear();
+    Studio studio(std::make_shared<const Scene>(one), camera());
+    alone[i] = shadows(studio, by(LayerDrawing::direct));
+  }
+  int of_first = 0;
+  int of_second = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const int a = alone[0].red(x, y);
+      const int b = alone[1].red(x, y);
+      ASSERT_EQ(both.red(x, y), std::min(a, b)) << x << ", " << y;
+      if (a < b && b < 255) ++of_first;
+      if (b < a && a < 255) ++of_second;
+    }
+  }
+  EXPECT_GT(of_first, 20);
+  EXPECT_GT(of_second, 20);
+}
+
+// Of several casters only those that move are projected and covered again; the picture is that of
+// a mask made anew.
+TEST_F(DrawnMask, OnlyWhatMovesIsCoveredAgain) {
+  const auto objects = scene({{torus(), test::at(0.0, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
+                              {table_and_ball(), test::at(-0.1, 0.02, 0.05)},
+                              {box(), test::at(0.1, 0.0, kConstants.umbra_height)}});
+  Studio studio(objects, camera());
+  const Frame frame = test::plain_frame(kWidth, kHeight, 255);
+  SceneState state = evaluate_scene(*objects, 0.0);
+  const auto draw = [&](Studio& by_studio, bool skip) {
+    PlanOptions options = by(LayerDrawing::mask);
+    options.skip = skip;
+    return by_studio.draw_shadows(frame,
+                                  plan_frame(*objects, state, pose(), by_studio.camera(), options));
+  };
+  static_cast<void>(draw(studio, true));
+  const std::int64_t all = studio.stats().shadow_vertices;
+  for (int i = 0; i < 6; ++i) {
+    const auto moved = static_cast<std::size_t>(i % 3);
+    state.objects[moved].position.x() += 0.0037;
+    const Picture picture = draw(studio, true);
+    EXPECT_EQ(studio.stats().layer_masks_drawn, 1);
+    EXPECT_LT(studio.stats().shadow_vertices, moved == 0 ? all : all / 2) << i;
+    EXPECT_GT(studio.stats().shadow_vertices, 0);
+    EXPECT_EQ(studio.stats().triples_recomputed, 0) << "they only slide";
+    Studio fresh(objects, camera());
+    EXPECT_EQ(picture, draw(fresh, true)) << i;
+    Studio whole(objects, camera());
+    EXPECT_EQ(picture, draw(whole, false)) << i;
+    EXPECT_GE(whole.stats().shadow_vertices, all);
+  }
 }
 
 }  // namespace
