@@ -1,4 +1,4 @@
-// Draws frames for callgrind to count: count_frames TRIANGLES still|moving FRAMES
+// Draws frames for callgrind to count: count_frames TRIANGLES still|moving|cut FRAMES
 // TECHNIQUE:TRANSLUCENCY..., 1280 x 720, video as YUYV, a torus of so many triangles over the
 // table. Of each technique counted from the fourth frame on, when programs are compiled and what
 // stays as it is has been made; dumped under its name. Prints how many passes the last frame of
@@ -32,7 +32,8 @@ std::optional<Row> row_of(const std::string& name) {
   return Row{name, *choice, *translucency};
 }
 
-void count(test::Studio& studio, int triangles, bool moving, int frames, const Row& row) {
+void count(test::Studio& studio, int triangles, counted::Motion motion, int frames,
+           const Row& row) {
   const Scene& scene = studio.scene();
   const PoseEstimate pose = counted::pose();
   PlanOptions options;
@@ -48,7 +49,8 @@ void count(test::Studio& studio, int triangles, bool moving, int frames, const R
     if (i == kWarmFrames) {
       CALLGRIND_START_INSTRUMENTATION;
     }
-    if (moving) counted::move_on(state, i);
+    if (motion != counted::Motion::still)
+      counted::move_on(state, i, scene.shadows[0].layered.umbra_height, motion);
     const Frame& frame = frames_of_video[static_cast<std::size_t>(i % 2)];
     const FramePlan plan = plan_frame(scene, state, pose, studio.camera(), options);
     passes = studio.compositor().draw(frame, plan).value().passes_drawn;
@@ -64,16 +66,20 @@ void count(test::Studio& studio, int triangles, bool moving, int frames, const R
 int main(int argc, char** argv) {
   using namespace penumbra;
   const auto misused = [] {
-    std::fprintf(stderr, "count_frames TRIANGLES still|moving FRAMES TECHNIQUE:TRANSLUCENCY...\n");
+    std::fprintf(stderr,
+                 "count_frames TRIANGLES still|moving|cut FRAMES TECHNIQUE:TRANSLUCENCY...\n");
     return 2;
   };
   if (argc < 5) return misused();
   // No value is none of the numbers asked for.
   const auto triangles = static_cast<int>(parse_integer(argv[1]).value_or(0));
-  const std::string motion = argv[2];
+  const std::string named = argv[2];
+  const counted::Motion motion = named == "still" ? counted::Motion::still
+                                 : named == "cut" ? counted::Motion::cut
+                                                  : counted::Motion::moving;
   const auto frames = static_cast<int>(parse_integer(argv[3]).value_or(0));
   if ((triangles != 12 && triangles < 32) || frames < 1 ||
-      (motion != "still" && motion != "moving"))
+      (named != "still" && named != "moving" && named != "cut"))
     return misused();
   counted::use_one_thread_of_software_gl();
   const auto scene = std::make_shared<const Scene>(
@@ -82,7 +88,7 @@ int main(int argc, char** argv) {
   for (int i = 4; i < argc; ++i) {
     const auto row = row_of(argv[i]);
     if (!row) return misused();
-    count(studio, triangles, motion == "moving", frames, *row);
+    count(studio, triangles, motion, frames, *row);
   }
   return 0;
 }

@@ -72,9 +72,12 @@ inline Scene scene_of(std::shared_ptr<const Model> model, const LayeredConstants
   return scene;
 }
 
-// Lifted and slid a little: its shadow has another shape in each frame.
-inline void move_on(SceneState& state, int frame) {
-  state.objects[0].position.z() = kObjectHeight + kRisePerFrame * frame;
+enum class Motion { still, moving, cut };
+// Lifted and slid a little: its shadow has another shape in each frame. `cut`: through the height
+// at which its umbra ends, so that a part of it has one.
+inline void move_on(SceneState& state, int frame, double umbra_height, Motion motion) {
+  const double start = motion == Motion::cut ? umbra_height : kObjectHeight;
+  state.objects[0].position.z() = start + kRisePerFrame * frame;
   state.objects[0].position.x() = 0.0005 * frame;
 }
 
