@@ -1,6 +1,9 @@
 // The window, where there is a display (a desktop, or tests/support/with-display); else, that its
 // absence is said.
+#include <dlfcn.h>
 #include <epoxy/gl.h>
+#define GLFW_INCLUDE_NONE
+#include <GLFW/glfw3.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -8,6 +11,34 @@
 #include <cstdlib>
 
 #include "support/studio.hpp"
+
+namespace {
+
+bool refuses_reset_notification = false;
+int robustness_asked_for = 0;
+int windows_refused = 0;
+
+template <class Function>
+Function* glfw_function(const char* name) {
+  return reinterpret_cast<Function*>(dlsym(RTLD_NEXT, name));
+}
+
+}  // namespace
+
+// In place of the library's, which these call: a driver that gives no context that tells of resets.
+extern "C" void glfwWindowHint(int hint, int value) {
+  if (hint == GLFW_CONTEXT_ROBUSTNESS) robustness_asked_for = value;
+  glfw_function<decltype(glfwWindowHint)>("glfwWindowHint")(hint, value);
+}
+extern "C" GLFWwindow* glfwCreateWindow(int width, int height, const char* title,
+                                        GLFWmonitor* monitor, GLFWwindow* share) {
+  if (refuses_reset_notification && robustness_asked_for == GLFW_LOSE_CONTEXT_ON_RESET) {
+    ++windows_refused;
+    return nullptr;
+  }
+  return glfw_function<decltype(glfwCreateWindow)>("glfwCreateWindow")(width, height, title,
+                                                                       monitor, share);
+}
 
 namespace penumbra {
 namespace {
@@ -59,6 +90,29 @@ TEST(Window, ShowsThePictureUprightAndLetterboxed) {
     EXPECT_EQ(value(270, 40), 100);
     (*context)->swap();
     EXPECT_TRUE((*context)->poll_events());
+  }
+}
+
+TEST(Window, ShowsAlsoWhatADriverDrawsThatTellsOfNoReset) {
+  if (!display_available()) GTEST_SKIP() << "no display: DISPLAY and WAYLAND_DISPLAY are not set";
+  WindowOptions options;
+  options.vsync = false;
+  for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
+    options.api = api;
+    windows_refused = 0;
+    refuses_reset_notification = true;
+    const auto context = create_window_context(options);
+    refuses_reset_notification = false;
+    ASSERT_TRUE(context) << context.error().message;
+    EXPECT_EQ(windows_refused, 1) << "it is asked for first";
+    EXPECT_FALSE((*context)->info().tells_resets);
+    auto compositor =
+        Compositor::create(**context, test::SceneBuilder().build(), test::camera_of(64, 48, 50.0));
+    ASSERT_TRUE(compositor) << compositor.error().message;
+    const auto drawn = compositor->draw(test::plain_frame(64, 48, 90), FramePlan());
+    EXPECT_TRUE(drawn) << drawn.error().message;
+    compositor->present();
+    (*context)->swap();
   }
 }
 
