@@ -192,5 +192,57 @@ TEST(FramePlan, AHeldPoseFades) {
   EXPECT_THAT(whats(plan_of(builder, pose)), testing::ElementsAre("faded_out"));
 }
 
+// A light over the table, or as far below it.
+SceneLight light_at_height(double z) {
+  SceneLight light;
+  light.name = fmt::format("light at {}", z);
+  light.position = Eigen::Vector3d(0.1, 0.0, z);
+  return light;
+}
+
+SceneBuilder lit_by(const std::vector<double>& heights) {
+  SceneBuilder builder;
+  builder.add(cube(0.05), test::at(0, 0, 0.1));
+  ShadowNode& node = builder.scene().shadows[0];
+  node.technique = ShadowTechnique::hard;
+  for (const double z : heights) {
+    node.lights.push_back(static_cast<int>(builder.scene().lights.size()));
+    builder.scene().lights.push_back(light_at_height(z));
+  }
+  return builder;
+}
+
+FramePlan evaluated_plan_of(const SceneBuilder& builder) {
+  const auto scene = builder.build();
+  return plan_frame(*scene, evaluate_scene(*scene, 0.0), above(), camera(), {});
+}
+
+TEST(FramePlan, ALightInOrUnderAPlaneCastsNoHardShadowOnIt) {
+  const FramePlan plan = evaluated_plan_of(lit_by({1.0, 0.0, -1.0}));
+  EXPECT_EQ(plan.hard_shadows.size(), 1U);
+  ASSERT_THAT(whats(plan), testing::ElementsAre("light_below_plane", "light_below_plane"));
+  EXPECT_THAT(plan.skipped[0].reason, testing::HasSubstr("light at 0"));
+  EXPECT_THAT(plan.skipped[1].reason, testing::HasSubstr("light at -1"));
+  // A sun under the horizon too.
+  SceneBuilder night = lit_by({1.0});
+  night.scene().lights[0].kind = SceneLight::Kind::directional;
+  night.scene().lights[0].direction = Eigen::Vector3d(0.6, 0.0, -0.8);
+  EXPECT_THAT(whats(evaluated_plan_of(night)), testing::ElementsAre("light_below_plane"));
+}
+
+TEST(FramePlan, OfMoreLightsThanAPlaneHasRoomForTheLastAreLeftOut) {
+  std::vector<double> heights;
+  for (std::size_t i = 0; i < kMaxHardLights; ++i)
+    heights.push_back(1.0 + 0.01 * static_cast<double>(i));
+  const FramePlan full = evaluated_plan_of(lit_by(heights));
+  EXPECT_TRUE(whats(full).empty());
+  heights.insert(heights.end(), {2.5, 3.5});
+  const FramePlan plan = evaluated_plan_of(lit_by(heights));
+  EXPECT_EQ(plan.hard_shadows.size(), full.hard_shadows.size());
+  ASSERT_THAT(whats(plan), testing::ElementsAre("too_many_lights", "too_many_lights"));
+  EXPECT_THAT(plan.skipped[0].reason, testing::HasSubstr("light at 2.5"));
+  EXPECT_THAT(plan.skipped[1].reason, testing::HasSubstr("light at 3.5"));
+}
+
 }  // namespace
 }  // namespace penumbra
