@@ -82,6 +82,7 @@ std::vector<PaneReport> Comparison::reports() const {
     }
     report.work = std::move(of_pane.work);
     report.skipped = std::move(of_pane.skipped);
+    report.kept = std::move(of_pane.kept);
   }
   return reports;
 }
@@ -98,6 +99,7 @@ void ComparisonHost::describe(HudState& state, bool debug) const {
   if (!debug) return;
   state.drawn = last_->composite;
   state.skipped = last_->plan.skipped;
+  state.kept = last_->composite.kept;
   state.work = run_.work();
 }
 

@@ -183,6 +183,22 @@ std::string technique_in_words(std::span<const HudNode> nodes) {
   return text.empty() ? "none" : text;
 }
 
+std::vector<std::string> reasons_in_words(const HudState& state) {
+  std::vector<std::string> lines;
+  const auto add = [&lines](std::string_view head, const auto& parts) {
+    const std::size_t shown = std::min(parts.size(), kMostReasons);
+    for (std::size_t i = 0; i < shown; ++i) {
+      lines.push_back(fmt::format("{}: {}", head, parts[i].reason));
+    }
+    if (parts.size() > shown) {
+      lines.push_back(fmt::format("{}: {} more", head, parts.size() - shown));
+    }
+  };
+  add("left out", state.skipped);
+  add("kept", state.kept);
+  return lines;
+}
+
 std::string in_words(Translucency asked, Translucency drawn) {
   if (asked != Translucency::automatic || drawn == Translucency::automatic) {
     return std::string(to_string(asked));

@@ -104,6 +104,7 @@ struct HudState {
   CompositeStats drawn;                                    // of the last picture
   std::vector<std::pair<std::string, std::int64_t>> work;  // since the start
   std::vector<SkippedPass> skipped;
+  std::vector<KeptPart> kept;
   std::vector<HudTwist> twists;
   std::vector<Eigen::Vector2d> kernels_px;  // where kernels are in the picture
   int picture_width = 0, picture_height = 0;
@@ -144,6 +145,10 @@ struct HudStatus {
 [[nodiscard]] std::string age_in_words(const HudState& state);
 // "REC folder   26 frames, 3 left out", or that it failed.
 [[nodiscard]] std::string recording_in_words(const HudRecording& recording);
+// Of the debug view: "left out: rotor: outside the view", then "kept: video: ...", a line each; of
+// each kind kMostReasons at most, and then how many more there are.
+[[nodiscard]] std::vector<std::string> reasons_in_words(const HudState& state);
+inline constexpr std::size_t kMostReasons = 10;
 // "smoothed: 12 ms late, 0.05 px".
 [[nodiscard]] std::string smoothing_in_words(const SmoothedPose& smoothed);
 // "layered", "cocl", or a list where nodes differ.

@@ -550,19 +550,15 @@ struct Overlay::Impl {
                  (kPlain & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_AlwaysAutoResize);
     const CompositeStats& s = state.drawn;
     ImGui::PushTextWrapPos(most_width - em);
-    text(fmt::format("this picture: {} drawn, {} left out; {} shadows computed, {} reused",
-                     s.passes_drawn, s.passes_skipped, s.triples_recomputed, s.reprojections));
+    text(fmt::format(
+        "this picture: {} passes ({} calls), {} left out; shadows: {} computed, {} reused",
+        s.passes_drawn, s.draw_calls, s.passes_skipped, s.triples_recomputed, s.reprojections));
     std::string work;
     for (const auto& [name, count] : state.work) {
       work += fmt::format("{}{} {}", work.empty() ? "since the start: " : "   ", name, count);
     }
     text(kQuiet, work);
-    for (std::size_t i = 0; i < state.skipped.size() && i < kMostDebugLines; ++i) {
-      text(kQuiet, "left out: " + state.skipped[i].reason);
-    }
-    if (state.skipped.size() > kMostDebugLines) {
-      text(kQuiet, fmt::format("and {} more", state.skipped.size() - kMostDebugLines));
-    }
+    for (const std::string& line : reasons_in_words(state)) text(kQuiet, line);
     for (std::size_t i = 0; i < state.twists.size() && i < kMostDebugLines; ++i) {
       const HudTwist& twist = state.twists[i];
       text(twist.twist.faces_twisted > 0 ? kWarning : kQuiet,

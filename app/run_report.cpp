@@ -221,6 +221,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   add_work(drawn);
   for (const ShadowEvent& event : frame.events) ++events_[static_cast<std::size_t>(event.kind)];
   for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
+  for (const KeptPart& part : drawn.kept) ++report_.kept[part.what];
 }
 
 void RunRecorder::add_reason(const std::string& reason) {
@@ -317,6 +318,7 @@ void RunRecorder::add_work(const CompositeStats& drawn) {
   work_.faces_twisted += drawn.faces_twisted;
   work_.passes_drawn += drawn.passes_drawn;
   work_.passes_skipped += drawn.passes_skipped;
+  work_.draw_calls += drawn.draw_calls;
 }
 
 std::optional<double> RunRecorder::recent_ms(std::string_view stage) const {
@@ -369,7 +371,8 @@ std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
       {"kernel_faces", work_.faces_tested},
       {"twisted_faces", work_.faces_twisted},
       {"passes_drawn", work_.passes_drawn},
-      {"passes_skipped", work_.passes_skipped}};
+      {"passes_skipped", work_.passes_skipped},
+      {"draw_calls", work_.draw_calls}};
   for (std::size_t i = 0; i < events_.size(); ++i) {
     counts.emplace_back(kShadowEventNames[i], events_[i]);
   }
@@ -426,10 +429,12 @@ std::string report_json(const RunReport& report) {
   if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
   json["work"] = counts_json(report.work);
   json["skipped"] = counts_json(report.skipped);
+  json["kept"] = counts_json(report.kept);
   for (const PaneReport& pane : report.panes) {
     json["compare"][pane.technique] = {{"time_ms", times_json(pane.time_ms)},
                                        {"work", counts_json(pane.work)},
-                                       {"skipped", counts_json(pane.skipped)}};
+                                       {"skipped", counts_json(pane.skipped)},
+                                       {"kept", counts_json(pane.kept)}};
   }
   if (report.recorded) {
     json["recorded"] = {{"written", report.recorded->written},

@@ -67,7 +67,7 @@ struct PaneReport {
   std::string technique;
   std::vector<std::pair<std::string, StageSummary>> time_ms;  // of the stages that draw
   std::vector<std::pair<std::string, std::int64_t>> work;
-  std::map<std::string, std::int64_t> skipped;
+  std::map<std::string, std::int64_t> skipped, kept;
 };
 
 // What became of the frames of a session that went to recordings.
@@ -102,6 +102,7 @@ struct RunReport {
   std::int64_t pixels_sampled = 0;  // by alignments
   std::vector<std::pair<std::string, std::int64_t>> work;
   std::map<std::string, std::int64_t> skipped;
+  std::map<std::string, std::int64_t> kept;  // what was there from an earlier picture
   // Live only: what the camera did that it should not have, and what became of it.
   std::map<std::string, std::int64_t> camera_faults;
   std::optional<RecordedFrames> recorded;  // live only, where anything was
@@ -155,7 +156,8 @@ class RunRecorder {
                  triples_recomputed = 0, proxy_shadows = 0, proxy_checks = 0, proxy_faces_saved = 0,
                  layer_masks_drawn = 0, layer_masks_kept = 0, mask_pieces_skipped = 0,
                  masks_drawn = 0, masks_kept = 0, video_copies = 0, video_imports = 0,
-                 faces_tested = 0, faces_twisted = 0, passes_drawn = 0, passes_skipped = 0;
+                 faces_tested = 0,
+                 faces_twisted = 0, passes_drawn = 0, passes_skipped = 0, draw_calls = 0;
   };
   struct Group {
     GroupReport report;

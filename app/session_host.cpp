@@ -122,6 +122,7 @@ void SessionHost::describe(HudState& state, bool debug) const {
   if (last_) describe_frame(state, *last_, run_);
   if (!debug || !last_) return;
   state.drawn = last_->composite;
+  state.kept = last_->composite.kept;
   state.skipped = last_->plan.skipped;
   state.work = run_.work();
   const SessionView view = session_.view();

@@ -3,6 +3,7 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
+#include <iterator>
 #include <optional>
 
 #include "core/assert.hpp"
@@ -85,6 +86,7 @@ void add(CompositeStats& to, const CompositeStats& stats) {
   to.readback_cpu_ms += stats.readback_cpu_ms;
   to.passes_drawn += stats.passes_drawn;
   to.passes_skipped += stats.passes_skipped;
+  to.draw_calls += stats.draw_calls;
   to.shadow_vertices += stats.shadow_vertices;
   to.kernel_generations += stats.kernel_generations;
   to.reprojections += stats.reprojections;
@@ -102,6 +104,7 @@ void add(CompositeStats& to, const CompositeStats& stats) {
   to.faces_tested += stats.faces_tested;
   to.faces_twisted += stats.faces_twisted;
   to.skipped.insert(to.skipped.end(), stats.skipped.begin(), stats.skipped.end());
+  to.kept.insert(to.kept.end(), stats.kept.begin(), stats.kept.end());
 }
 
 int multisampling_for(bool software, int most_samples) {
@@ -167,7 +170,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   m.shadows.prepare(*m.scene, plan, work);
   m.hard_shadows.prepare(*m.scene, plan, work);
   m.volumes.prepare(*m.scene, plan, work);
-  int calls = m.received_shadows.prepare(*m.scene, plan, m.shadows, work);
+  const int received = m.received_shadows.prepare(*m.scene, plan, m.shadows, work);
   shadow_clock.add_to(m.stats.shadow_ms, m.stats.shadow_cpu_ms);
 
   const Stopwatch render_clock;
@@ -175,25 +178,33 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   const VideoPass::Way came = m.video.upload(frame, plan.reuse);
   m.stats.video_copies = came == VideoPass::Way::copied ? 1 : 0;
   m.stats.video_imports = came == VideoPass::Way::imported ? 1 : 0;
+  if (came == VideoPass::Way::there)
+    m.stats.kept.push_back({"video", "video: the frame is on the GPU already"});
+  const auto count = [&m](int calls) {
+    m.stats.passes_drawn += calls > 0 ? 1 : 0;
+    m.stats.draw_calls += calls;
+  };
   auto drawn = m.rectified ? m.rectified->draw(m.video, frame) : m.video.draw(frame);
-  if (!drawn) return tl::unexpected(drawn.error());
-  ++calls;
-  if (plan.has_pose) {
+  if (drawn) count(1);
+  if (drawn && plan.has_pose) {
     glDepthMask(GL_TRUE);
     glStencilMask(0xFF);
     glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
-    calls += m.objects.draw_phantoms(*m.scene, plan, m.lens);
-    calls += m.objects.draw_objects(*m.scene, plan, m.lens, m.framebuffer);
-    // A phantom under a plane is not what its pixels show.
-    calls += m.receivers.begin_frame(plan, m.lens, !plan.volumes.empty());
-    calls += m.shadows.draw(plan, m.lens, m.receivers, m.video, frame, m.framebuffer);
-    calls += m.received_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.framebuffer);
-    calls += m.hard_shadows.draw(plan, m.lens, m.receivers, m.framebuffer);
-    calls += m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer);
-    calls += m.objects.draw_blended(plan, m.lens, m.framebuffer);
-    calls += m.rays.draw(*m.scene, plan, m.lens, m.framebuffer);
+    count(m.objects.draw_phantoms(*m.scene, plan, m.lens));
+    count(m.objects.draw_objects(*m.scene, plan, m.lens, m.framebuffer));
+    // A phantom under a plane is not what its pixels show. No pass of its own: what it marks is for
+    // those behind it.
+    m.stats.draw_calls += m.receivers.begin_frame(plan, m.lens, !plan.volumes.empty());
+    count(m.shadows.draw(plan, m.lens, m.receivers, m.video, frame, m.framebuffer));
+    count(received +
+          m.received_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.framebuffer));
+    count(m.hard_shadows.draw(plan, m.lens, m.receivers, m.framebuffer));
+    count(m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer));
+    count(m.objects.draw_blended(plan, m.lens, m.framebuffer));
+    count(m.rays.draw(*m.scene, plan, m.lens, m.framebuffer));
     m.framebuffer.invalidate_depth_stencil();
   }
+  if (!drawn) return tl::unexpected(drawn.error());
   m.video.hold(frame);
   // A CPU rasteriser works in this process: waited for here, so that its time counts here and not
   // in the read-back.
@@ -203,9 +214,10 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     return fail("frame {}: {}", frame.sequence, gl_error_text(*error));
 
   m.stats.translucency = way;
-  m.stats.passes_drawn = calls;
   m.stats.passes_skipped = static_cast<std::int64_t>(plan.skipped.size() + work.skipped.size());
   m.stats.skipped = std::move(work.skipped);
+  m.stats.kept.insert(m.stats.kept.end(), std::make_move_iterator(work.kept.begin()),
+                      std::make_move_iterator(work.kept.end()));
   m.stats.shadow_vertices = work.vertices;
   m.stats.kernel_generations = work.kernel_generations;
   m.stats.reprojections = work.reprojections;

@@ -24,7 +24,11 @@ struct CompositeStats {
          readback_ms = 0.0;  // wall; shadow: CPU work on shadow geometry
   double shadow_cpu_ms = 0.0, render_cpu_ms = 0.0,
          readback_cpu_ms = 0.0;  // CPU time of the calling thread
-  std::int64_t passes_drawn = 0, passes_skipped = 0;
+  // Passes that drew anything: video, phantoms, objects, shadows on planes, received shadows, hard
+  // shadows, volumes, see-through objects, rays.
+  std::int64_t passes_drawn = 0;
+  std::int64_t passes_skipped = 0;   // what the plan and the geometry left out
+  std::int64_t draw_calls = 0;       // of OpenGL's
   std::int64_t shadow_vertices = 0;  // vertices that the CPU projected or clipped for shadows
   std::int64_t kernel_generations = 0;
   // Shadows drawn from the geometry of an earlier frame: only the camera moved, or the caster slid
@@ -48,6 +52,7 @@ struct CompositeStats {
   Translucency translucency = Translucency::blend;  // as it was drawn; never automatic
   // What the plan asked for and could not be drawn; counted in passes_skipped.
   std::vector<SkippedPass> skipped;
+  std::vector<KeptPart> kept;
 };
 // Of two pictures together.
 void add(CompositeStats& to, const CompositeStats& stats);

@@ -135,6 +135,12 @@ struct SkippedPass {
   std::string reason;  // for the HUD: "rotor: outside the view"
 };
 
+// What was not done anew, for what is there from an earlier picture does.
+struct KeptPart {
+  std::string what;    // counter in the report: "video", ...
+  std::string reason;  // for the HUD: "video: the frame is on the GPU already"
+};
+
 // What virtual things are lit with beside the scene's lights. Linear, by channel.
 struct Lighting {
   Eigen::Vector3d gain = Eigen::Vector3d::Ones();  // of the lights: those of the scene times this

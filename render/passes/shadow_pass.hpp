@@ -58,6 +58,7 @@ struct ShadowWork {
   std::int64_t masks_drawn = 0;
   std::int64_t masks_kept = 0;
   std::vector<SkippedPass> skipped;  // what only the geometry can tell
+  std::vector<KeptPart> kept;
 };
 
 // For each object of the scene: the longest edge [object units] of the caster made of it, so that

@@ -1,7 +1,7 @@
 // Draws frames for callgrind to count: count_frames TRIANGLES still|moving|cut FRAMES
 // TECHNIQUE:TRANSLUCENCY..., 1280 x 720, video as YUYV, a torus of so many triangles over the
 // table. Of each technique counted from the fourth frame on, when programs are compiled and what
-// stays as it is has been made; dumped under its name. Prints how many passes the last frame of
+// stays as it is has been made; dumped under its name. Prints how many draw calls the last frame of
 // each had. scripts/count-instructions runs it.
 #include <valgrind/callgrind.h>
 
@@ -44,7 +44,7 @@ void count(test::Studio& studio, int triangles, counted::Motion motion, int fram
   const auto video = triangles == 12 ? counted::Video::checkerboard : counted::Video::gradients;
   // In turn, so that each is uploaded.
   const std::array<Frame, 2> frames_of_video = {counted::video(video), counted::video(video)};
-  std::int64_t passes = 0;
+  std::int64_t calls = 0;
   for (int i = 0; i < kWarmFrames + frames; ++i) {
     if (i == kWarmFrames) {
       CALLGRIND_START_INSTRUMENTATION;
@@ -53,11 +53,11 @@ void count(test::Studio& studio, int triangles, counted::Motion motion, int fram
       counted::move_on(state, i, scene.shadows[0].layered.umbra_height, motion);
     const Frame& frame = frames_of_video[static_cast<std::size_t>(i % 2)];
     const FramePlan plan = plan_frame(scene, state, pose, studio.camera(), options);
-    passes = studio.compositor().draw(frame, plan).value().passes_drawn;
+    calls = studio.compositor().draw(frame, plan).value().draw_calls;
   }
   CALLGRIND_STOP_INSTRUMENTATION;
   CALLGRIND_DUMP_STATS_AT(row.name.c_str());
-  std::printf("%s %lld\n", row.name.c_str(), static_cast<long long>(passes));
+  std::printf("%s %lld\n", row.name.c_str(), static_cast<long long>(calls));
 }
 
 }  // namespace

@@ -104,6 +104,26 @@ TEST(Hud, KeysAndTheirHelp) {
   EXPECT_FALSE(technique_of_key(event));
 }
 
+TEST(Hud, WhatWasLeftOutOrKeptHasItsReason) {
+  HudState state;
+  EXPECT_TRUE(reasons_in_words(state).empty());
+  state.skipped = {{"object_out_of_view", "rotor: outside the view"},
+                   {"umbra_vanished", "leaf: too high for an umbra"}};
+  state.kept = {{"video", "video: the frame is on the GPU already"}};
+  EXPECT_THAT(reasons_in_words(state),
+              testing::ElementsAre("left out: rotor: outside the view",
+                                   "left out: leaf: too high for an umbra",
+                                   "kept: video: the frame is on the GPU already"));
+  // However much it is, the view stays as large.
+  state.skipped.resize(kMostReasons + 3, {"object_out_of_view", "leaf: outside the view"});
+  state.kept.resize(kMostReasons, {"mask", "floor: its mask is that of an earlier picture"});
+  const std::vector<std::string> lines = reasons_in_words(state);
+  ASSERT_EQ(lines.size(), 2 * kMostReasons + 1);
+  EXPECT_EQ(lines[kMostReasons - 1], "left out: leaf: outside the view");
+  EXPECT_EQ(lines[kMostReasons], "left out: 3 more");
+  EXPECT_EQ(lines.back(), "kept: floor: its mask is that of an earlier picture");
+}
+
 TEST(Hud, TranslucencyInWords) {
   EXPECT_EQ(in_words(Translucency::mesh, Translucency::mesh), "mesh");
   EXPECT_EQ(in_words(Translucency::automatic, Translucency::retexture), "auto (retexture)");

@@ -39,6 +39,7 @@ HudState busy_state() {
   state.recording = HudRecording{"session", 512, 2, std::nullopt};
   state.nodes = {{"layers on the table", {}}};
   state.skipped = {{"object_out_of_view", "rotor: outside the view"}};
+  state.kept = {{"video", "video: the frame is on the GPU already"}};
   state.twists = {{"helicopter", {2000, 12, 0.013}, 0.004}};
   state.work = {{"shadow_vertices", 8124}, {"kernel_generations", 3}, {"reprojections", 114}};
   state.selected = "helicopter";
@@ -175,6 +176,43 @@ TEST_P(OverlayOf, KernelsAreDotsWhereTheyAre) {
     EXPECT_FALSE(bluish(shot, 160 + 480, 380));
     if (debug) keep(shot, prefix() + "kernels-1280x720");
   }
+}
+
+// A line each in the debug view, and nowhere else.
+TEST_P(OverlayOf, WhatWasLeftOutOrKeptIsReadInTheDebugView) {
+  HudState plain = busy_state();
+  plain.skipped.clear();
+  plain.kept.clear();
+  HudState left_out = plain;
+  left_out.skipped = {{"object_out_of_view", "rotor: outside the view"}};
+  HudState kept = plain;
+  kept.kept = {{"video", "video: the frame is on the GPU already"}};
+  HudState both = left_out;
+  both.kept = kept.kept;
+  const auto shot_of = [&](const HudState& state, bool debug) {
+    HudPanels panels;
+    panels.debug = debug;
+    HudActions actions;
+    shoot(*overlay, state, panels, 1280, 720, actions);
+    return shoot(*overlay, state, panels, 1280, 720, actions);
+  };
+  // How far down the debug view goes: the last row of its left part that is not the picture's grey.
+  const auto bottom = [](const Shot& shot) {
+    int last = 0;
+    for (int y = 0; y < shot.height * 3 / 4; ++y) {
+      const std::uint8_t* p = shot.rgba.data() + 4 * (y * shot.width + 60);
+      if (p[0] != 153 || p[1] != 153 || p[2] != 153) last = y;
+    }
+    return last;
+  };
+  const int without = bottom(shot_of(plain, true));
+  const int line = bottom(shot_of(left_out, true)) - without;
+  EXPECT_GT(line, 8) << "[px] of a line";
+  EXPECT_EQ(bottom(shot_of(kept, true)), without + line);
+  EXPECT_EQ(bottom(shot_of(both, true)), without + 2 * line);
+  EXPECT_NE(shot_of(kept, true).rgba, shot_of(left_out, true).rgba) << "each says its own";
+  EXPECT_EQ(shot_of(both, false).rgba, shot_of(plain, false).rgba);
+  keep(shot_of(both, true), prefix() + "reasons-1280x720");
 }
 
 TEST_P(OverlayOf, AClickIsACommandAlsoWhenItIsShorterThanAPicture) {

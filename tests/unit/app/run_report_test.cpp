@@ -47,6 +47,8 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
   frame.composite.faces_tested = 50;
   frame.composite.faces_twisted = 4;
   frame.composite.passes_drawn = 3;
+  frame.composite.draw_calls = 7;
+  frame.composite.kept = {{"video", "video: the frame is on the GPU already"}};
   frame.read_back = status != TrackStatus::lost;
   frame.plan.skipped = {{"object_out_of_view", "rotor: outside the view"}};
   return frame;
@@ -103,6 +105,8 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   EXPECT_EQ(json["work"]["kernel_faces"], 250);
   EXPECT_EQ(json["work"]["twisted_faces"], 20);
   EXPECT_EQ(json["work"]["passes_drawn"], 15);
+  EXPECT_EQ(json["work"]["draw_calls"], 35);
+  EXPECT_EQ(json["kept"]["video"], 5);
   for (const char* counter : {"kernel_generations", "reprojections", "triples_recomputed",
                               "passes_skipped", "phantom_masks_drawn", "phantom_masks_kept"}) {
     EXPECT_TRUE(json["work"].contains(counter)) << counter;
