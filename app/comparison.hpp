@@ -50,6 +50,7 @@ class Comparison {
   bool replay_edit(const SceneEdit& edit);
   // As a Session's; of all panes alike.
   [[nodiscard]] int samples() const { return panes_.front().session->samples(); }
+  [[nodiscard]] bool pixel_buffers() const { return panes_.front().session->pixel_buffers(); }
 
   // The last picture.
   [[nodiscard]] const PaneGrid& grid() const { return grid_; }

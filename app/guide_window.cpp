@@ -195,7 +195,7 @@ GuideWindow::GuideWindow(std::unique_ptr<GlContext> context, std::unique_ptr<Ove
     : context_(std::move(context)),
       overlay_(std::move(overlay)),
       picture_(std::move(picture)),
-      video_(context_->info().api) {
+      video_(context_->info().api, !context_->info().software) {
   context_->on_event([this](const WindowEvent& event) { take(event); });
 }
 

@@ -14,6 +14,7 @@
 #include "app/capture/v4l2_device.hpp"
 #include "app/capture/v4l2_source.hpp"
 #include "app/interrupt.hpp"
+#include "app/late_outputs.hpp"
 #include "app/live_pipeline.hpp"
 #include "app/live_recorder.hpp"
 #include "app/logging.hpp"
@@ -355,6 +356,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   session_options.rectified = request.rectified;
   session_options.video_light = request.video_light;
   session_options.msaa = request.msaa;
+  session_options.pixel_buffers = request.pixel_buffers;
   session_options.smooth = request.smooth;
   auto session = Session::create(**context, scene, *camera, std::move(*tracker), session_options);
   if (!session) return tl::unexpected(session.error());
@@ -413,10 +415,17 @@ Result<RunReport> run_live(const LiveRequest& request) {
                   static_cast<std::size_t>(camera->height()) * 4U);
   }
 
+  LateOutputs late(&*session, *outputs, run);
   Silence silence;
   bool stopped = false;
   // What went wrong first; what was made until then is kept.
   std::optional<Error> failure;
+  const auto keep_on = [&](const Result<void>& written) {
+    if (written) return;
+    log_warning("{}; it ends here, the picture goes on", written.error().message);
+    if (!failure) failure = written.error();
+    if (!outputs->frames) pixels.clear();
+  };
   // What was taken before a person paused and is shown after: its age is no latency.
   std::int64_t paused_until_ns = std::numeric_limits<std::int64_t>::min();
   const auto show = [&](Viewer::Picture picture) {
@@ -449,7 +458,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
       const std::int64_t timestamp_ns = ready->tracked.frame.timestamp_ns;
       run.add_time("capture", ready->capture_time);
       silence.saw(ready->tracked);
-      auto done = session->draw(std::move(ready->tracked), pixels);
+      auto done = session->draw(std::move(ready->tracked), pixels, PictureTime::later);
       if (!done) {
         failure = done.error();
         break;
@@ -463,13 +472,10 @@ Result<RunReport> run_live(const LiveRequest& request) {
       if (!paused) {
         run.add_time("latency", {static_cast<double>(monotonic_ns() - timestamp_ns) * 1e-6, 0.0});
       }
-      if (auto written = outputs->write(*done, pixels, run); !written) {
-        log_warning("{}; it ends here, the picture goes on", written.error().message);
-        if (!failure) failure = written.error();
-        if (!outputs->frames) pixels.clear();
-      }
+      keep_on(late.write(*done, pixels));
       if (!paused) run.add_time("frame", watch.elapsed());
     } else {
+      keep_on(late.write_rest());  // no next frame came soon
       const auto silence_ns = pipeline.stale_for_ns();
       if (silence_ns) host.is_stale(*silence_ns);
       if (auto picture = silence_ns ? silence.picture(*silence_ns) : std::nullopt) {
@@ -488,6 +494,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   pipeline.stop();
   if (const auto error = pipeline.error(); error && !failure) failure = error;
 
+  if (const auto rest = late.write_rest(); !rest && !failure) failure = rest.error();
   // Of no frame there is nothing to be written.
   if (const auto finished = outputs->finish(run); !finished && !failure && run.frames() > 0) {
     failure = finished.error();
@@ -504,6 +511,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   report.interrupted = interrupt.interrupted();
   report.threads = request.threads;
   report.msaa_samples = session->samples();
+  report.pixel_buffers = session->pixel_buffers();
   report.gl_renderer = (*context)->info().renderer;
   report.gl_version = (*context)->info().version;
   for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {

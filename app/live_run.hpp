@@ -24,8 +24,9 @@ struct LiveRequest : OutputRequest {
   std::filesystem::path tags;
   std::filesystem::path scene;
   PlanOptions plan;
-  bool rectified = false;                            // the picture without the lens's distortion
-  std::optional<int> msaa;                           // as CompositorOptions'
+  bool rectified = false;   // the picture without the lens's distortion
+  std::optional<int> msaa;  // as CompositorOptions'
+  std::optional<bool> pixel_buffers;
   bool video_light = true;                           // virtual objects are lit as the video is
   std::optional<std::filesystem::path> kernel_file;  // for the scene's casters that it fits
   TrackerOptions tracking;

@@ -15,6 +15,7 @@
 #include "app/capture/recording_source.hpp"
 #include "app/comparison.hpp"
 #include "app/interrupt.hpp"
+#include "app/late_outputs.hpp"
 #include "app/logging.hpp"
 #include "app/overlay.hpp"
 #include "app/progress.hpp"
@@ -155,19 +156,26 @@ class Shown {
   }
   [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, bool read_back) {
     if (comparison_) return comparison_->draw(tracked);
-    if (read_back && pixels_.empty()) {
+    if (!read_back) {
+      pixels_.clear();
+    } else if (pixels_.empty()) {
       const CameraModel& camera = session_->camera();
       pixels_.resize(std::size_t{4} * static_cast<std::size_t>(camera.width()) *
                      static_cast<std::size_t>(camera.height()));
     }
-    return session_->draw(std::move(tracked), pixels_);
+    return session_->draw(std::move(tracked), pixels_, PictureTime::later);
   }
-  // Of the last picture, where it was read back.
+  // What draw() read back: the last picture, or the one before it (SessionFrame::picture).
   [[nodiscard]] std::span<const std::uint8_t> pixels() const {
     return comparison_ ? comparison_->grid().rgba() : std::span<const std::uint8_t>(pixels_);
   }
   bool replay_edit(const SceneEdit& edit) {
     return comparison_ ? comparison_->replay_edit(edit) : session_->replay_edit(edit);
+  }
+  // Null in comparison, whose pictures are there as soon as they are drawn.
+  [[nodiscard]] Session* session() { return session_.get(); }
+  [[nodiscard]] bool pixel_buffers() const {
+    return comparison_ ? comparison_->pixel_buffers() : session_->pixel_buffers();
   }
   [[nodiscard]] int samples() const {
     return comparison_ ? comparison_->samples() : session_->samples();
@@ -335,6 +343,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   session_options.rectified = request.rectified;
   session_options.video_light = request.video_light;
   session_options.msaa = request.msaa;
+  session_options.pixel_buffers = request.pixel_buffers;
   session_options.smooth = request.smooth;
   session_options.recorded_light = std::move(events->lights);
   session_options.scene_start_ns =
@@ -360,6 +369,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     if (!host) return tl::unexpected(host.error());
     viewer.emplace(**context, **host, std::move(*overlay), request.viewer);
   }
+  LateOutputs late(shown->session(), *outputs, run);
   RecordedEdits edits(*recording, *events, request.scene);
   Pacer pacer;
   // The next frames are tracked while this one is drawn and the one before it encoded; each stage
@@ -376,12 +386,17 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   // What can't be written is given up, and the rest goes on. What can't be read or drawn ends the
   // run: nothing takes the place of what an earlier one made.
   std::optional<Error> failure;
+  // An error of the run comes first.
+  const auto end_with = [&](const Error& error) -> tl::unexpected<Error> {
+    if (const auto rest = late.write_rest(); !rest) log_warning("{}", rest.error().message);
+    return tl::unexpected(error);
+  };
   {
     ProgressBar progress((*source)->frame_count().value_or(0));
     while (!stopped) {
       const Stopwatch frame_watch;
       auto item = tracked.next();
-      if (!item) return tl::unexpected(item.error());
+      if (!item) return end_with(item.error());
       if (!*item) break;
       run.add_time("capture", (*item)->capture_time);
       const std::uint64_t sequence = (*item)->tracked.frame.sequence;
@@ -389,13 +404,13 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       edits.replay_until(timestamp_ns, *shown);
 
       auto done = shown->draw(std::move((*item)->tracked), outputs->frames != nullptr);
-      if (!done) return tl::unexpected(done.error());
+      if (!done) return end_with(done.error());
       run.add_frame(*done);
       const PoseEstimate& pose = done->tracked.pose;
       log_debug("frame {}: {}{}{}", sequence, to_string(pose.status),
                 pose.reason.empty() ? "" : ": ", pose.reason);
 
-      if (auto written = outputs->write(*done, shown->pixels(), run); !written) {
+      if (auto written = late.write(*done, shown->pixels()); !written) {
         if (!failure) failure = written.error();
         stopped = !outputs->any() && !outputs->report && !has_window;
         if (!stopped) log_warning("{}; it ends here, the rest goes on", written.error().message);
@@ -417,6 +432,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     return fail("{}: no frame was replayed", recording->folder.string());
   }
 
+  if (auto rest = late.write_rest(); !rest && !failure) failure = rest.error();
   if (auto finished = outputs->finish(run); !finished && !failure) failure = finished.error();
   RunReport report = run.report();
   report.threads = overlapped ? request.threads : 1;
@@ -430,6 +446,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   }
   report.interrupted = interrupt.interrupted();
   report.msaa_samples = shown->samples();
+  report.pixel_buffers = shown->pixel_buffers();
   report.gl_renderer = (*context)->info().renderer;
   report.gl_version = (*context)->info().version;
   if (recording->groundtruth) {

@@ -26,6 +26,7 @@ struct ReplayRequest : OutputRequest {
   PlanOptions plan;
   bool rectified = false;   // the picture without the lens's distortion
   std::optional<int> msaa;  // as CompositorOptions'
+  std::optional<bool> pixel_buffers;
   bool video_light = true;  // virtual objects are lit as the video is
   // Two or more, side by side in one picture; `plan` is then not used.
   std::vector<ComparedTechnique> compare;

@@ -175,34 +175,37 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
   return outputs;
 }
 
-Result<void> RunOutputs::write(const SessionFrame& frame, std::span<const std::uint8_t> pixels,
-                               RunRecorder& run) {
-  const Frame& video = frame.tracked.frame;
+Result<void> RunOutputs::write_without_picture(const TrackedFrame& frame) {
+  const Frame& video = frame.frame;
   Result<void> all;
   const auto done = [&all](const Result<void>& written) {
     if (!written && all) all = written;
     return written.has_value();
   };
-  if (poses && !done(poses->write(video.timestamp_ns, frame.tracked.pose))) {
+  if (poses && !done(poses->write(video.timestamp_ns, frame.pose))) {
     poses->rescue();
     poses.reset();
   }
-  for (const GroupEstimate& group : frame.tracked.groups) {
+  for (const GroupEstimate& group : frame.groups) {
     const auto writer = group_poses.find(group.name);
     if (writer == group_poses.end()) continue;
     if (done(writer->second.write(video.timestamp_ns, group))) continue;
     writer->second.rescue();
     group_poses.erase(writer);
   }
-  if (frames) {
-    const auto written = frames->write(video.sequence, video.timestamp_ns, pixels);
-    for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
-    if (!done(written)) {
-      frames->rescue();
-      frames.reset();
-    }
-  }
   return all;
+}
+
+Result<void> RunOutputs::write(const TrackedFrame& frame, std::span<const std::uint8_t> pixels,
+                               RunRecorder& run) {
+  Result<void> all = write_without_picture(frame);
+  if (!frames) return all;
+  const auto written = frames->write(frame.frame.sequence, frame.frame.timestamp_ns, pixels);
+  for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
+  if (written) return all;
+  frames->rescue();
+  frames.reset();
+  return all ? written : all;
 }
 
 Result<void> RunOutputs::finish(RunRecorder& run) {

@@ -53,8 +53,10 @@ struct RunOutputs {
   // What is asked for of one frame; the times of those encoded since the last call go to `run`.
   // `pixels` is empty where no composited frames are wanted. What fails (a full disk) is given up
   // with what it holds until then, and told by the first error that there was; the others go on.
-  [[nodiscard]] Result<void> write(const SessionFrame& frame, std::span<const std::uint8_t> pixels,
+  [[nodiscard]] Result<void> write(const TrackedFrame& frame, std::span<const std::uint8_t> pixels,
                                    RunRecorder& run);
+  // The same of a frame whose picture is lost.
+  [[nodiscard]] Result<void> write_without_picture(const TrackedFrame& frame);
   // Frames and poses are on disk, under their names, when this returns; one that fails does not
   // keep the others from it.
   [[nodiscard]] Result<void> finish(RunRecorder& run);

@@ -314,6 +314,8 @@ void RunRecorder::add_work(const CompositeStats& drawn) {
   work_.masks_kept += drawn.masks_kept;
   work_.video_copies += drawn.video_copies;
   work_.video_imports += drawn.video_imports;
+  work_.pixel_buffer_uploads += drawn.pixel_buffer_uploads;
+  work_.pixel_buffer_read_backs += drawn.pixel_buffer_read_backs;
   work_.faces_tested += drawn.faces_tested;
   work_.faces_twisted += drawn.faces_twisted;
   work_.passes_drawn += drawn.passes_drawn;
@@ -368,6 +370,8 @@ std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
       {"phantom_masks_kept", work_.masks_kept},
       {"video_copies", work_.video_copies},
       {"video_imports", work_.video_imports},
+      {"pixel_buffer_uploads", work_.pixel_buffer_uploads},
+      {"pixel_buffer_read_backs", work_.pixel_buffer_read_backs},
       {"kernel_faces", work_.faces_tested},
       {"twisted_faces", work_.faces_twisted},
       {"passes_drawn", work_.passes_drawn},
@@ -415,6 +419,7 @@ std::string report_json(const RunReport& report) {
   json["gl"] = {{"renderer", report.gl_renderer},
                 {"version", report.gl_version},
                 {"msaa_samples", report.msaa_samples},
+                {"pixel_buffers", report.pixel_buffers},
                 {"translucency", to_string(report.translucency)}};
   json["time_ms"] = times_json(report.time_ms);
   json["pipeline"] = pipeline_json(report);

@@ -90,7 +90,8 @@ struct RunReport {
   bool interrupted = false;
   // What ended the run early, or was not written of it; the rest is as told here.
   std::optional<Error> failure;
-  int msaa_samples = 0;  // of each pixel; 0: no multisampling
+  int msaa_samples = 0;        // of each pixel; 0: no multisampling
+  bool pixel_buffers = false;  // pixels go to the GPU and come from it through the driver's buffers
   std::string gl_renderer;
   std::string gl_version;
   Translucency translucency = Translucency::automatic;  // of the last frame; automatic: none drawn
@@ -156,7 +157,7 @@ class RunRecorder {
                  triples_recomputed = 0, proxy_shadows = 0, proxy_checks = 0, proxy_faces_saved = 0,
                  layer_masks_drawn = 0, layer_masks_kept = 0, mask_pieces_skipped = 0,
                  masks_drawn = 0, masks_kept = 0, video_copies = 0, video_imports = 0,
-                 faces_tested = 0,
+                 pixel_buffer_uploads = 0, pixel_buffer_read_backs = 0, faces_tested = 0,
                  faces_twisted = 0, passes_drawn = 0, passes_skipped = 0, draw_calls = 0;
   };
   struct Group {

@@ -67,7 +67,11 @@ Session::Session(const Scene& scene, const CameraModel& camera, PoseSource poses
 Result<Session> Session::create(GlContext& context, std::shared_ptr<const Scene> scene,
                                 const CameraModel& camera, PoseSource poses,
                                 const SessionOptions& options) {
-  auto compositor = Compositor::create(context, scene, camera, {options.rectified, options.msaa});
+  CompositorOptions of_compositor;
+  of_compositor.rectified = options.rectified;
+  of_compositor.msaa = options.msaa;
+  of_compositor.pixel_buffers = options.pixel_buffers;
+  auto compositor = Compositor::create(context, scene, camera, of_compositor);
   if (!compositor) return tl::unexpected(compositor.error());
   return Session(*scene, options.rectified ? without_distortion(camera) : camera, std::move(poses),
                  options, std::move(*compositor));
@@ -103,17 +107,19 @@ Result<void> Session::warm_up(PixelFormat format) {
   return {};
 }
 
-Result<SessionFrame> Session::draw(TrackedFrame tracked, std::span<std::uint8_t> rgba) {
-  auto result = compose(std::move(tracked), rgba);
+Result<SessionFrame> Session::draw(TrackedFrame tracked, std::span<std::uint8_t> rgba,
+                                   PictureTime picture) {
+  auto result = compose(std::move(tracked), rgba, picture);
   if (result) result->edits = std::exchange(edits_, {});
   return result;
 }
 
 Result<SessionFrame> Session::redraw(TrackedFrame tracked) {
-  return compose(std::move(tracked), {});
+  return compose(std::move(tracked), {}, PictureTime::now);
 }
 
-Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8_t> rgba) {
+Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8_t> rgba,
+                                      PictureTime picture) {
   SessionFrame result;
   result.tracked = std::move(tracked);
   const Frame& frame = result.tracked.frame;
@@ -152,8 +158,6 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   if (result.plan.has_pose) drawn_pose_ = result.plan.T_table_camera;
 
   auto drawn = compositor_.draw(frame, result.plan);
-  result.read_back = !rgba.empty();
-  if (drawn && result.read_back) drawn = compositor_.read_back(rgba);
   if (!drawn) return tl::unexpected(drawn.error());
   for (const SkippedPass& left_out : drawn->skipped) {
     result.plan.skipped.push_back(left_out);
@@ -161,9 +165,36 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
       log_warning("{}: no shadow of a volume: {}", scene_.file, left_out.reason);
     }
   }
-  result.composite = *drawn;
+  result.composite = std::move(*drawn);
+  if (!rgba.empty()) {
+    result.picture = compositor_.pixel_buffers() ? picture : PictureTime::now;
+    if (auto read = read_picture(rgba, result); !read) return tl::unexpected(read.error());
+  }
   result.draw_time = plan_watch.elapsed();
   return result;
+}
+
+Result<void> Session::read_picture(std::span<std::uint8_t> rgba, SessionFrame& drawn) {
+  const bool later = drawn.picture == PictureTime::later;
+  const bool has_earlier = compositor_.pictures_asked_for() > 0;
+  auto read = later ? compositor_.ask_for_picture() : compositor_.read_back(rgba);
+  if (read && later && has_earlier) read = compositor_.take_picture(rgba);
+  if (!read) return tl::unexpected(read.error());
+  drawn.read_back = !later || has_earlier;
+  drawn.composite.readback_ms = read->readback_ms;
+  drawn.composite.readback_cpu_ms = read->readback_cpu_ms;
+  drawn.composite.pixel_buffer_read_backs = read->pixel_buffer_read_backs;
+  return {};
+}
+
+Result<StageTime> Session::take_picture(std::vector<std::uint8_t>& rgba) {
+  rgba.resize(std::size_t{4} * static_cast<std::size_t>(camera_.width()) *
+              static_cast<std::size_t>(camera_.height()));
+  if (compositor_.pictures_asked_for() == 0) return fail("a picture that was drawn is lost");
+  const Stopwatch watch;
+  const auto taken = compositor_.take_picture(rgba);
+  if (!taken) return tl::unexpected(taken.error());
+  return watch.elapsed();
 }
 
 Result<void> Session::read_back(std::span<std::uint8_t> rgba) {

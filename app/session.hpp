@@ -40,13 +40,17 @@ struct SessionOptions {
   // The frames' clock at which the scene's time is 0; nothing: the first frame that is drawn.
   std::optional<std::int64_t> scene_start_ns;
   bool rectified = false;  // the picture without the lens's distortion
-  // As CompositorOptions' `msaa`.
+  // As CompositorOptions'.
   std::optional<int> msaa;
+  std::optional<bool> pixel_buffers;
   // Virtual objects are lit as the video is; else as the scene says.
   bool video_light = false;
   // As a recorded session had it, in order of time; where there is none it is measured.
   std::vector<LitFrame> recorded_light;
 };
+
+// When a picture that is wanted is read back: as soon as it is drawn, or while the next one is.
+enum class PictureTime { now, later };
 
 struct SessionFrame {
   TrackedFrame tracked;  // with the pose as it was measured
@@ -59,7 +63,9 @@ struct SessionFrame {
   StageTime light_time;  // measuring the video's light
   StageTime plan_time;
   StageTime draw_time;  // plan, shadows, rendering and read-back together
+  // A picture was read back: this one, or (later) the one before it.
   bool read_back = false;
+  PictureTime picture = PictureTime::now;
   std::vector<SceneEdit> edits;  // made since the frame before: in effect from this one on
 };
 
@@ -85,8 +91,14 @@ class Session {
   // The two halves of a step. Frames are tracked in order, by one thread at a time, which need not
   // be the one that draws: neither touches what the other does.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
-  // `rgba`, if not empty, receives the picture: RGBA8, width * height * 4 bytes.
-  [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, std::span<std::uint8_t> rgba = {});
+  // `rgba`, if not empty, receives the picture: RGBA8, width * height * 4 bytes. `later`, where
+  // pixel buffers are used: it receives the picture of the call before, if that was such a call,
+  // and this one is for the next call or take_picture().
+  [[nodiscard]] Result<SessionFrame> draw(TrackedFrame tracked, std::span<std::uint8_t> rgba = {},
+                                          PictureTime picture = PictureTime::now);
+  // The picture that draw() left for later; waits until it is drawn. How long it took to read back.
+  // `rgba` is made as large as it needs to be. Fails where there is none.
+  [[nodiscard]] Result<StageTime> take_picture(std::vector<std::uint8_t>& rgba);
   [[nodiscard]] Result<SessionFrame> step(const Frame& frame, std::span<std::uint8_t> rgba = {}) {
     return draw(track(frame), rgba);
   }
@@ -123,6 +135,7 @@ class Session {
   [[nodiscard]] ShadowStyle style_in_effect(const ShadowNode& node) const;
   // As Compositor's.
   [[nodiscard]] int samples() const { return compositor_.samples(); }
+  [[nodiscard]] bool pixel_buffers() const { return compositor_.pixel_buffers(); }
   // Of the last picture, for a debug view.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use() const {
     return compositor_.kernels_in_use();
@@ -132,7 +145,10 @@ class Session {
   Session(const Scene& scene, const CameraModel& camera, PoseSource poses,
           const SessionOptions& options, Compositor compositor);
 
-  [[nodiscard]] Result<SessionFrame> compose(TrackedFrame tracked, std::span<std::uint8_t> rgba);
+  [[nodiscard]] Result<SessionFrame> compose(TrackedFrame tracked, std::span<std::uint8_t> rgba,
+                                             PictureTime picture);
+  // Of the picture that was drawn last.
+  [[nodiscard]] Result<void> read_picture(std::span<std::uint8_t> rgba, SessionFrame& drawn);
 
   Scene scene_;  // models are shared with the compositor's
   CameraModel camera_;

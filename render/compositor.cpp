@@ -12,6 +12,7 @@
 #include "render/gl/framebuffer.hpp"
 #include "render/gl/gl_error.hpp"
 #include "render/gl/picture_probe.hpp"
+#include "render/gl/pixel_buffer.hpp"
 #include "render/passes/hard_pass.hpp"
 #include "render/passes/object_pass.hpp"
 #include "render/passes/ray_pass.hpp"
@@ -27,7 +28,7 @@ struct Compositor::Impl {
   Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
        Framebuffer target, const PictureAbilities& found, ObjectPass object_pass,
        Receivers receiving, ShadowPass shadow_pass, HardPass hard_pass, VolumePass volume_pass,
-       RayPass ray_pass)
+       RayPass ray_pass, bool with_pixel_buffers)
       : context(gl),
         scene(std::move(shown)),
         width(camera.width()),
@@ -35,7 +36,8 @@ struct Compositor::Impl {
         lens(make_lens(camera)),
         framebuffer(std::move(target)),
         abilities(found),
-        video(gl.info().api),
+        pixel_buffers(with_pixel_buffers),
+        video(gl.info().api, with_pixel_buffers),
         objects(std::move(object_pass)),
         receivers(std::move(receiving)),
         shadows(std::move(shadow_pass)),
@@ -55,6 +57,8 @@ struct Compositor::Impl {
   LensUniforms lens;
   Framebuffer framebuffer;
   PictureAbilities abilities;
+  bool pixel_buffers;
+  ReadBackBuffers pictures;
   VideoPass video;
   std::optional<RectifiedVideo> rectified;
   ObjectPass objects;
@@ -74,6 +78,17 @@ struct Compositor::Impl {
     if (auto chosen = hard_shadows.choose(way, format); !chosen) return chosen;
     if (auto chosen = volumes.choose(way, format); !chosen) return chosen;
     return rays.choose(way, format);
+  }
+
+  [[nodiscard]] std::size_t picture_bytes() const {
+    return std::size_t{4} * static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+  }
+
+  [[nodiscard]] Result<CompositeStats> read(const Stopwatch& since) {
+    since.add_to(stats.readback_ms, stats.readback_cpu_ms);
+    if (const auto error = noted_gl_error(context.info()))
+      return fail("while the picture is read back: {}", gl_error_text(*error));
+    return stats;
   }
 };
 
@@ -101,6 +116,8 @@ void add(CompositeStats& to, const CompositeStats& stats) {
   to.masks_kept += stats.masks_kept;
   to.video_copies += stats.video_copies;
   to.video_imports += stats.video_imports;
+  to.pixel_buffer_uploads += stats.pixel_buffer_uploads;
+  to.pixel_buffer_read_backs += stats.pixel_buffer_read_backs;
   to.faces_tested += stats.faces_tested;
   to.faces_twisted += stats.faces_twisted;
   to.skipped.insert(to.skipped.end(), stats.skipped.begin(), stats.skipped.end());
@@ -143,10 +160,11 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   if (!volumes) return tl::unexpected(volumes.error());
   auto rays = RayPass::create(context.info().api, camera);
   if (!rays) return tl::unexpected(rays.error());
-  auto impl =
-      std::make_unique<Impl>(context, std::move(scene), camera, std::move(*framebuffer), *abilities,
-                             std::move(*objects), std::move(*receivers), std::move(*shadows),
-                             std::move(*hard), std::move(*volumes), std::move(*rays));
+  const bool on_gpu = !context.info().software;
+  auto impl = std::make_unique<Impl>(
+      context, std::move(scene), camera, std::move(*framebuffer), *abilities, std::move(*objects),
+      std::move(*receivers), std::move(*shadows), std::move(*hard), std::move(*volumes),
+      std::move(*rays), options.pixel_buffers.value_or(on_gpu));
   if (rectified) impl->rectified.emplace(context.info().api, video_camera);
   // Models, textures and programs are there now, or they are not.
   if (const auto error = noted_gl_error(context.info()))
@@ -176,8 +194,10 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   const Stopwatch render_clock;
   m.framebuffer.bind();
   const VideoPass::Way came = m.video.upload(frame, plan.reuse);
-  m.stats.video_copies = came == VideoPass::Way::copied ? 1 : 0;
+  const bool buffered = came == VideoPass::Way::buffered;
+  m.stats.video_copies = came == VideoPass::Way::copied || buffered ? 1 : 0;
   m.stats.video_imports = came == VideoPass::Way::imported ? 1 : 0;
+  m.stats.pixel_buffer_uploads = buffered ? 1 : 0;
   if (came == VideoPass::Way::there)
     m.stats.kept.push_back({"video", "video: the frame is on the GPU already"});
   const auto count = [&m](int calls) {
@@ -237,15 +257,40 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
 
 Result<CompositeStats> Compositor::read_back(std::span<std::uint8_t> rgba) {
   Impl& m = *impl_;
-  const std::size_t size =
-      std::size_t{4} * static_cast<std::size_t>(m.width) * static_cast<std::size_t>(m.height);
-  PENUMBRA_ASSERT(rgba.size() == size);
+  PENUMBRA_ASSERT(rgba.size() == m.picture_bytes());
   const Stopwatch clock;
   m.framebuffer.read_rgba(rgba);
-  clock.add_to(m.stats.readback_ms, m.stats.readback_cpu_ms);
-  if (const auto error = noted_gl_error(m.context.info()))
-    return fail("while the picture is read back: {}", gl_error_text(*error));
-  return m.stats;
+  return m.read(clock);
+}
+
+bool Compositor::pixel_buffers() const {
+  return impl_->pixel_buffers;
+}
+
+Result<CompositeStats> Compositor::ask_for_picture() {
+  Impl& m = *impl_;
+  PENUMBRA_ASSERT(m.pixel_buffers);
+  const Stopwatch clock;
+  m.pictures.ask(m.framebuffer, m.picture_bytes());
+  ++m.stats.pixel_buffer_read_backs;
+  auto stats = m.read(clock);
+  if (!stats) m.pictures.drop_last();
+  return stats;
+}
+
+std::size_t Compositor::pictures_asked_for() const {
+  return impl_->pictures.asked();
+}
+
+Result<CompositeStats> Compositor::take_picture(std::span<std::uint8_t> rgba) {
+  Impl& m = *impl_;
+  PENUMBRA_ASSERT(rgba.size() == m.picture_bytes());
+  const Stopwatch clock;
+  const auto taken = m.pictures.take(rgba);
+  auto stats = m.read(clock);  // what the driver says of itself comes first
+  if (!stats || !taken) m.pictures.drop_all();
+  if (stats && !taken) return tl::unexpected(taken.error());
+  return stats;
 }
 
 const PictureAbilities& Compositor::abilities() const {

@@ -47,6 +47,8 @@ struct CompositeStats {
   // The video frame: copied to the GPU, or read by it in the camera's own buffer. Neither for one
   // that was there already.
   std::int64_t video_copies = 0, video_imports = 0;
+  // Through pixel buffers: of the copies, and pictures that ask_for_picture() asked for.
+  std::int64_t pixel_buffer_uploads = 0, pixel_buffer_read_backs = 0;
   // Faces of the kernel sets made in this frame, and those that turn over in some layer.
   std::int64_t faces_tested = 0, faces_twisted = 0;
   Translucency translucency = Translucency::blend;  // as it was drawn; never automatic
@@ -64,6 +66,11 @@ struct CompositorOptions {
   // Samples of each pixel at the edges of what is drawn; 0: no multisampling. Nothing: by the
   // renderer, as multisampling_for() says. The driver may give more than asked.
   std::optional<int> msaa = std::nullopt;
+  // The video goes to the GPU, and pictures that ask_for_picture() asks for come from it, through
+  // buffers of the driver's, so that neither it nor this thread waits for the other. Nothing: where
+  // the renderer is no CPU rasteriser, which has nobody to wait for and pays for the copies. The
+  // pictures are the same.
+  std::optional<bool> pixel_buffers = std::nullopt;
 };
 
 // What multisampling is worth by itself: on a GPU 4 samples, which tiling ones (a Raspberry Pi's)
@@ -92,6 +99,18 @@ class Compositor {
   // The last picture: RGBA8, rows top to bottom, width * height * 4 bytes. Adds to the last stats'
   // read-back time, given back.
   [[nodiscard]] Result<CompositeStats> read_back(std::span<std::uint8_t> rgba);
+
+  // Whether pictures can be asked for, and the video goes through pixel buffers.
+  [[nodiscard]] bool pixel_buffers() const;
+  // What read_back() would give, later: the picture as it is now goes into a pixel buffer once it
+  // is drawn, and nothing waits for it. At most two may be on their way. Adds to the last stats, as
+  // take_picture() does. Where it fails it was not asked for.
+  [[nodiscard]] Result<CompositeStats> ask_for_picture();
+  // How many of them are on their way.
+  [[nodiscard]] std::size_t pictures_asked_for() const;
+  // The one that was asked for first; waits until it is drawn. Where it fails none is on its way
+  // any more.
+  [[nodiscard]] Result<CompositeStats> take_picture(std::span<std::uint8_t> rgba);
   // Copies the last picture to the context's window, letterboxed.
   void present();
   // Of each pixel; 0 without multisampling.

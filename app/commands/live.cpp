@@ -170,10 +170,10 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   add_tracking_options(*command, request.tracking);
   add_smooth_option(*command, request.smooth);
   add_output_options(*command, request);
-  add_frame_options(
-      *command,
-      {request.threads, request.rectified, request.video_light, options->no_skip, request.msaa},
-      "the next frame is tracked while one is drawn");
+  add_frame_options(*command,
+                    {request.threads, request.rectified, request.video_light, options->no_skip,
+                     request.msaa, request.pixel_buffers},
+                    "the next frame is tracked while one is drawn");
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
   command->add_flag("--no-hud", options->no_hud,
                     "The window's HUD is hidden at first (H shows it)");

@@ -306,6 +306,21 @@ void add_frame_options(CLI::App& command, const FrameWork& work, const std::stri
           "where a processor draws, for it pays for each")
       ->type_name("auto|off|N")
       ->default_str("auto");
+  std::optional<bool>* const pixel_buffers = &work.pixel_buffers;
+  command
+      .add_option_function<std::string>(
+          "--pixel-buffers",
+          [pixel_buffers](const std::string& text) {
+            pixel_buffers->reset();
+            if (text != "auto") *pixel_buffers = text == "on";
+          },
+          "Pixels go to the GPU, and pictures that are written come from it, through buffers of "
+          "the "
+          "driver's, so that nobody waits for the other; auto: on with a GPU, off where a "
+          "processor draws. The results are the same")
+      ->check(CLI::IsMember({"auto", "on", "off"}))
+      ->type_name("auto|on|off")
+      ->default_str("auto");
   bool* const video_light = &work.video_light;
   command.add_flag_callback(
       "--no-video-light", [video_light] { *video_light = false; },

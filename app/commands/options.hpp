@@ -67,14 +67,15 @@ CLI::Option* add_smooth_option(CLI::App& command, bool& smooth);
 // --output, --poses, --poses-all and --report.
 void add_output_options(CLI::App& command, OutputRequest& request);
 
-// --threads, --rectified, --msaa, --no-video-light and --no-skip. `side_by_side`: what more than
-// one thread does, a clause.
+// --threads, --rectified, --msaa, --pixel-buffers, --no-video-light and --no-skip. `side_by_side`:
+// what more than one thread does, a clause.
 struct FrameWork {
   int& threads;
   bool& rectified;
   bool& video_light;
   bool& no_skip;
   std::optional<int>& msaa;
+  std::optional<bool>& pixel_buffers;
 };
 void add_frame_options(CLI::App& command, const FrameWork& work, const std::string& side_by_side);
 

@@ -137,10 +137,10 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
           },
           "Only frames numbered A to B - 1; either may be left out")
       ->type_name("A:B");
-  add_frame_options(
-      *command,
-      {request.threads, request.rectified, request.video_light, options->no_skip, request.msaa},
-      "frames are decoded, tracked, drawn and encoded side by side");
+  add_frame_options(*command,
+                    {request.threads, request.rectified, request.video_light, options->no_skip,
+                     request.msaa, request.pixel_buffers},
+                    "frames are decoded, tracked, drawn and encoded side by side");
   command->add_flag("--realtime", request.realtime,
                     "At the pace it was recorded (always so in a window)");
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");

@@ -181,9 +181,17 @@ void Framebuffer::copy(unsigned from, Copy& to, bool half_floats, int unit) cons
 void Framebuffer::read_rgba(std::span<std::uint8_t> rgba) const {
   PENUMBRA_ASSERT(rgba.size() == std::size_t{4} * static_cast<std::size_t>(width_) *
                                      static_cast<std::size_t>(height_));
+  read(rgba.data());
+}
+
+void Framebuffer::read_rgba_to_buffer() const {
+  read(nullptr);
+}
+
+void Framebuffer::read(void* rgba) const {
   glBindFramebuffer(GL_READ_FRAMEBUFFER, resolved());
   glPixelStorei(GL_PACK_ALIGNMENT, 1);
-  glReadPixels(0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, rgba.data());
+  glReadPixels(0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, rgba);
 }
 
 unsigned Framebuffer::resolved() const {

@@ -56,6 +56,9 @@ class Framebuffer {
   void copy_sums(int unit);
   // Rows top to bottom, width * height * 4 bytes; of several samples their mean.
   void read_rgba(std::span<std::uint8_t> rgba) const;
+  // The same into the pixel pack buffer that is bound, from its first byte on, behind what was
+  // drawn: nothing waits for it.
+  void read_rgba_to_buffer() const;
   // Depth and stencil are of no use after the frame; on a tiler this saves writing them out.
   void invalidate_depth_stencil() const;
   // Into the window's framebuffer, at picture_area().
@@ -71,6 +74,7 @@ class Framebuffer {
   Framebuffer() = default;
   // What is read, presented: the framebuffer itself, or the mean of its samples as they are now.
   [[nodiscard]] unsigned resolved() const;
+  void read(void* rgba) const;
   void copy(unsigned from, Copy& to, bool half_floats, int unit) const;
   GlHandle<FramebufferTraits> framebuffer_;
   GlHandle<RenderbufferTraits> color_;

@@ -92,7 +92,6 @@ Texture2d::Texture2d(const TextureSampling& sampling)
 
 void Texture2d::upload(TexelFormat format, int width, int height, const std::uint8_t* data,
                        std::ptrdiff_t stride) {
-  const GlFormat gl = gl_format(format);
   const int texel = bytes_per_texel(format);
   if (stride % texel != 0) {
     const auto row_bytes = static_cast<std::size_t>(width) * static_cast<std::size_t>(texel);
@@ -104,9 +103,19 @@ void Texture2d::upload(TexelFormat format, int width, int height, const std::uin
     data = packed_.data();
     stride = static_cast<std::ptrdiff_t>(row_bytes);
   }
+  put(format, width, height, data, stride / texel);
+}
+
+void Texture2d::upload_from_buffer(TexelFormat format, int width, int height, std::size_t offset) {
+  put(format, width, height, reinterpret_cast<const void*>(offset), width);
+}
+
+void Texture2d::put(TexelFormat format, int width, int height, const void* data,
+                    std::ptrdiff_t row_texels) {
+  const GlFormat gl = gl_format(format);
   glBindTexture(GL_TEXTURE_2D, handle_.id());
   glPixelStorei(GL_UNPACK_ALIGNMENT, 1);
-  glPixelStorei(GL_UNPACK_ROW_LENGTH, static_cast<GLint>(stride / texel));
+  glPixelStorei(GL_UNPACK_ROW_LENGTH, static_cast<GLint>(row_texels));
   if (width == width_ && height == height_ && format == format_) {
     glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, width, height, gl.external, gl.type, data);
   } else {

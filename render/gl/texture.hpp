@@ -27,9 +27,12 @@ class Texture2d {
   // while size and format stay.
   void upload(TexelFormat format, int width, int height, const std::uint8_t* data,
               std::ptrdiff_t stride);
+  // The same of rows without gaps, `offset` bytes into the pixel unpack buffer that is bound.
+  void upload_from_buffer(TexelFormat format, int width, int height, std::size_t offset);
   void bind(int unit) const;
 
  private:
+  void put(TexelFormat format, int width, int height, const void* data, std::ptrdiff_t row_texels);
   GlHandle<TextureTraits> handle_;
   bool mipmaps_ = false;
   TexelFormat format_ = TexelFormat::r8;

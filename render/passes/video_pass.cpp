@@ -3,6 +3,9 @@
 #include <epoxy/gl.h>
 
 #include <algorithm>
+#include <cstring>
+#include <span>
+#include <tuple>
 
 namespace penumbra {
 namespace {
@@ -95,12 +98,52 @@ VideoPass::Way VideoPass::upload(const Frame& frame, bool reuse) {
   if (shows_imported_) return Way::imported;
   const auto count = static_cast<std::size_t>(frame.plane_count);
   while (textures_.size() < count) textures_.emplace_back(TextureFilter::nearest);
+  if (pixel_buffers_ && upload_through_buffer(frame)) return Way::buffered;
   for (std::size_t i = 0; i < count; ++i) {
     const PixelPlane& plane = frame.planes[i];
     textures_[i].upload(texel_format(frame.format, i), plane.width, plane.height, plane.data,
                         plane.stride);
   }
   return Way::copied;
+}
+
+bool VideoPass::upload_through_buffer(const Frame& frame) {
+  constexpr std::size_t kAlignment = 64;  // of a plane's first byte: whole cache lines are copied
+  const auto count = static_cast<std::size_t>(frame.plane_count);
+  struct Packed {
+    std::size_t offset = 0, row_bytes = 0, rows = 0;
+  };
+  std::array<Packed, std::tuple_size_v<decltype(Frame::planes)>> packed;
+  std::size_t bytes = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const PixelPlane& plane = frame.planes[i];
+    const int texel = bytes_per_texel(texel_format(frame.format, i));
+    packed[i] = {bytes, static_cast<std::size_t>(plane.width) * static_cast<std::size_t>(texel),
+                 static_cast<std::size_t>(plane.height)};
+    bytes += packed[i].row_bytes * packed[i].rows;
+    bytes = (bytes + kAlignment - 1) / kAlignment * kAlignment;
+  }
+  const std::span<std::uint8_t> to = buffers_.map(bytes);
+  if (to.empty()) return false;
+  for (std::size_t i = 0; i < count; ++i) {
+    const PixelPlane& plane = frame.planes[i];
+    const auto& [offset, row_bytes, rows] = packed[i];
+    if (plane.stride == static_cast<std::ptrdiff_t>(row_bytes)) {
+      std::memcpy(to.data() + offset, plane.data, row_bytes * rows);
+      continue;
+    }
+    for (std::size_t y = 0; y < rows; ++y) {
+      std::memcpy(to.data() + offset + y * row_bytes,
+                  plane.data + static_cast<std::ptrdiff_t>(y) * plane.stride, row_bytes);
+    }
+  }
+  if (!buffers_.unmap()) return false;
+  for (std::size_t i = 0; i < count; ++i) {
+    textures_[i].upload_from_buffer(texel_format(frame.format, i), frame.planes[i].width,
+                                    frame.planes[i].height, packed[i].offset);
+  }
+  UploadBuffers::unbind();
+  return true;
 }
 
 bool VideoPass::import(const Frame& frame) {

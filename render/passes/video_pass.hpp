@@ -13,6 +13,7 @@
 #include "render/gl/buffer.hpp"
 #include "render/gl/context.hpp"
 #include "render/gl/imported_texture.hpp"
+#include "render/gl/pixel_buffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/gl/texture.hpp"
 #include "render/yuv_conversion.hpp"
@@ -27,8 +28,10 @@ inline constexpr std::size_t kVideoLayouts = 5;
 
 class VideoPass {
  public:
-  // The context is current, now and at every later call.
-  explicit VideoPass(GlApi api) : api_(api), can_import_(can_import_textures()) {}
+  // The context is current, now and at every later call. `pixel_buffers`: planes are copied through
+  // them.
+  explicit VideoPass(GlApi api, bool pixel_buffers = false)
+      : api_(api), pixel_buffers_(pixel_buffers), can_import_(can_import_textures()) {}
   VideoPass(VideoPass&&) noexcept = default;
   VideoPass& operator=(VideoPass&&) noexcept = default;
   VideoPass(const VideoPass&) = delete;
@@ -36,9 +39,10 @@ class VideoPass {
   ~VideoPass();
 
   enum class Way {
-    there,    // it was on the GPU already
-    copied,   // plane by plane
-    imported  // read where it lies, in a buffer that the camera's driver shares
+    there,     // it was on the GPU already
+    copied,    // plane by plane
+    buffered,  // the same through a pixel buffer: no wait for who reads the picture before
+    imported   // read where it lies, in a buffer that the camera's driver shares
   };
   // Makes the planes known to the GPU; those that it has already, only where they are not to be
   // used again.
@@ -66,10 +70,14 @@ class VideoPass {
 
   [[nodiscard]] Result<const ShaderProgram*> program_for(PixelFormat format);
   [[nodiscard]] bool import(const Frame& frame);
+  // False where the driver gives no buffer, or loses it.
+  [[nodiscard]] bool upload_through_buffer(const Frame& frame);
   // Gives back what the GPU is done with; waits for it where more than `most` are in use.
   void release(std::size_t most);
 
   GlApi api_;
+  bool pixel_buffers_ = false;
+  UploadBuffers buffers_;
   VertexArray no_vertices_;
   std::vector<Texture2d> textures_;
   std::array<std::optional<ShaderProgram>, kVideoLayouts> programs_;

@@ -48,6 +48,8 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
   frame.composite.faces_twisted = 4;
   frame.composite.passes_drawn = 3;
   frame.composite.draw_calls = 7;
+  frame.composite.pixel_buffer_uploads = 1;
+  frame.composite.pixel_buffer_read_backs = 1;
   frame.composite.kept = {{"video", "video: the frame is on the GPU already"}};
   frame.read_back = status != TrackStatus::lost;
   frame.plan.skipped = {{"object_out_of_view", "rotor: outside the view"}};
@@ -106,7 +108,10 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   EXPECT_EQ(json["work"]["twisted_faces"], 20);
   EXPECT_EQ(json["work"]["passes_drawn"], 15);
   EXPECT_EQ(json["work"]["draw_calls"], 35);
+  EXPECT_EQ(json["work"]["pixel_buffer_uploads"], 5);
+  EXPECT_EQ(json["work"]["pixel_buffer_read_backs"], 5);
   EXPECT_EQ(json["kept"]["video"], 5);
+  EXPECT_EQ(json["gl"]["pixel_buffers"], false);
   for (const char* counter : {"kernel_generations", "reprojections", "triples_recomputed",
                               "passes_skipped", "phantom_masks_drawn", "phantom_masks_kept"}) {
     EXPECT_TRUE(json["work"].contains(counter)) << counter;

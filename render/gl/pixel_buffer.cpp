@@ -1,0 +1,81 @@
+#include "render/gl/pixel_buffer.hpp"
+
+#include <epoxy/gl.h>
+
+#include <algorithm>
+
+#include "core/assert.hpp"
+
+namespace penumbra {
+
+std::span<std::uint8_t> UploadBuffers::map(std::size_t bytes) {
+  Buffer& buffer = buffers_[next_];
+  next_ = (next_ + 1) % buffers_.size();
+  if (!buffer.handle) buffer.handle = GlHandle<BufferTraits>::create();
+  glBindBuffer(GL_PIXEL_UNPACK_BUFFER, buffer.handle.id());
+  if (buffer.bytes != bytes) {
+    glBufferData(GL_PIXEL_UNPACK_BUFFER, static_cast<GLsizeiptr>(bytes), nullptr, GL_STREAM_DRAW);
+    buffer.bytes = bytes;
+  }
+  void* start = glMapBufferRange(GL_PIXEL_UNPACK_BUFFER, 0, static_cast<GLsizeiptr>(bytes),
+                                 GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
+  if (start == nullptr) {
+    unbind();
+    return {};
+  }
+  return {static_cast<std::uint8_t*>(start), bytes};
+}
+
+bool UploadBuffers::unmap() {
+  if (glUnmapBuffer(GL_PIXEL_UNPACK_BUFFER) == GL_TRUE) return true;
+  unbind();
+  return false;
+}
+
+void UploadBuffers::unbind() {
+  glBindBuffer(GL_PIXEL_UNPACK_BUFFER, 0);
+}
+
+void ReadBackBuffers::ask(const Framebuffer& picture, std::size_t bytes) {
+  PENUMBRA_ASSERT(asked_ < kMost);
+  Buffer& buffer = buffers_[(first_ + asked_) % kMost];
+  if (!buffer.handle) buffer.handle = GlHandle<BufferTraits>::create();
+  glBindBuffer(GL_PIXEL_PACK_BUFFER, buffer.handle.id());
+  if (buffer.bytes != bytes) {
+    glBufferData(GL_PIXEL_PACK_BUFFER, static_cast<GLsizeiptr>(bytes), nullptr, GL_STREAM_READ);
+    buffer.bytes = bytes;
+  }
+  picture.read_rgba_to_buffer();
+  glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
+  ++asked_;
+}
+
+void ReadBackBuffers::drop_last() {
+  PENUMBRA_ASSERT(asked_ > 0);
+  --asked_;
+}
+
+Result<void> ReadBackBuffers::take(std::span<std::uint8_t> rgba) {
+  PENUMBRA_ASSERT(asked_ > 0);
+  const Buffer& buffer = buffers_[first_];
+  PENUMBRA_ASSERT(buffer.bytes == rgba.size());
+  first_ = (first_ + 1) % kMost;
+  --asked_;
+  glBindBuffer(GL_PIXEL_PACK_BUFFER, buffer.handle.id());
+  const void* start = glMapBufferRange(GL_PIXEL_PACK_BUFFER, 0,
+                                       static_cast<GLsizeiptr>(rgba.size()), GL_MAP_READ_BIT);
+  bool whole = start != nullptr;
+  if (whole) {
+    std::copy_n(static_cast<const std::uint8_t*>(start), rgba.size(), rgba.data());
+    whole = glUnmapBuffer(GL_PIXEL_PACK_BUFFER) == GL_TRUE;
+  }
+  glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
+  if (!whole) {
+    return fail(
+        "the graphics driver has lost a picture that was to be read back; go on without pixel "
+        "buffers (--pixel-buffers off)");
+  }
+  return {};
+}
+
+}  // namespace penumbra
