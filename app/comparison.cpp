@@ -50,6 +50,7 @@ Result<SessionFrame> Comparison::draw(const TrackedFrame& tracked) {
     pane.run->add_frame(*drawn);
     if (i == 0) {
       all = std::move(*drawn);
+      all.composite.gpu_ms.clear();  // each pane's own is in its report
       continue;
     }
     add(all.composite, drawn->composite);
@@ -68,6 +69,10 @@ bool Comparison::replay_edit(const SceneEdit& edit) {
   return known;
 }
 
+void Comparison::take_gpu_times() {
+  for (Pane& pane : panes_) pane.run->add_gpu_times(pane.session->take_gpu_times());
+}
+
 std::vector<PaneReport> Comparison::reports() const {
   std::vector<PaneReport> reports;
   for (const Pane& pane : panes_) {
@@ -76,7 +81,7 @@ std::vector<PaneReport> Comparison::reports() const {
     report.technique = pane.name;
     for (auto& [stage, times] : of_pane.time_ms) {
       if (stage == "light" || stage == "plan" || stage == "shadow" || stage == "render" ||
-          stage == "readback" || stage == "draw") {
+          stage == "gpu" || stage == "readback" || stage == "draw") {
         report.time_ms.emplace_back(stage, times);
       }
     }

@@ -55,6 +55,8 @@ class Comparison {
   // The last picture.
   [[nodiscard]] const PaneGrid& grid() const { return grid_; }
   [[nodiscard]] std::vector<PaneReport> reports() const;
+  // The GPU's times that no frame told of yet go to the panes' reports.
+  void take_gpu_times();
 
  private:
   struct Pane {

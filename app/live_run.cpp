@@ -499,6 +499,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (const auto finished = outputs->finish(run); !finished && !failure && run.frames() > 0) {
     failure = finished.error();
   }
+  run.add_gpu_times(session->take_gpu_times());
   const CaptureStats stats = (*source)->faults().stats();
   RunReport report = run.report();
   report.recording = request.camera;

@@ -177,6 +177,13 @@ class Shown {
   [[nodiscard]] bool pixel_buffers() const {
     return comparison_ ? comparison_->pixel_buffers() : session_->pixel_buffers();
   }
+  void take_gpu_times(RunRecorder& run) {
+    if (comparison_) {
+      comparison_->take_gpu_times();
+    } else {
+      run.add_gpu_times(session_->take_gpu_times());
+    }
+  }
   [[nodiscard]] int samples() const {
     return comparison_ ? comparison_->samples() : session_->samples();
   }
@@ -434,6 +441,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
 
   if (auto rest = late.write_rest(); !rest && !failure) failure = rest.error();
   if (auto finished = outputs->finish(run); !finished && !failure) failure = finished.error();
+  shown->take_gpu_times(run);
   RunReport report = run.report();
   report.threads = overlapped ? request.threads : 1;
   report.recording = request.recording.string();

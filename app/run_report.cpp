@@ -154,7 +154,7 @@ RunRecorder::RunRecorder(const RunRecorderOptions& options) : keep_paths_(option
   // A stage that never ran is told too, with a count of 0.
   for (const char* stage :
        {"capture", "track", "detect", "search", "align", "solve", "light", "plan", "shadow",
-        "render", "readback", "draw", "encode", "frame", "latency"}) {
+        "render", "gpu", "readback", "draw", "encode", "frame", "latency"}) {
     stages_.emplace_back(stage, StageTimes());
   }
 }
@@ -164,6 +164,10 @@ void RunRecorder::add_time(std::string_view stage, StageTime time) {
                             [&](const auto& entry) { return entry.first == stage; });
   PENUMBRA_ASSERT(found != stages_.end());
   found->second.add(time);
+}
+
+void RunRecorder::add_gpu_times(std::span<const double> times_ms) {
+  for (const double time_ms : times_ms) add_time("gpu", {time_ms, 0.0});
 }
 
 void RunRecorder::add_frame(const SessionFrame& frame) {
@@ -321,6 +325,8 @@ void RunRecorder::add_work(const CompositeStats& drawn) {
   work_.passes_drawn += drawn.passes_drawn;
   work_.passes_skipped += drawn.passes_skipped;
   work_.draw_calls += drawn.draw_calls;
+  // Of a frame before this one, or of one drawn again.
+  add_gpu_times(drawn.gpu_ms);
 }
 
 std::optional<double> RunRecorder::recent_ms(std::string_view stage) const {
@@ -333,7 +339,11 @@ std::optional<double> RunRecorder::recent_ms(std::string_view stage) const {
 RunReport RunRecorder::report() const {
   RunReport report = report_;
   report.frames_captured = report.frames;
-  for (const auto& [stage, times] : stages_) report.time_ms.emplace_back(stage, times.summary());
+  for (const auto& [stage, times] : stages_) {
+    // Where the GPU's clock is not read, it is no stage of this run.
+    if (stage == "gpu" && !times.recent_ms()) continue;
+    report.time_ms.emplace_back(stage, times.summary());
+  }
   report.reprojection_rms_px = reprojection_px_.statistics();
   report.tags_measured = !reprojection_px_.empty();
   if (!lag_ms_.empty()) {
@@ -541,7 +551,7 @@ std::string report_table(const RunReport& report) {
   }
   for (const PaneReport& pane : report.panes) {
     for (const auto& [stage, s] : pane.time_ms) {
-      if (stage != "shadow" && stage != "render") continue;
+      if (stage != "shadow" && stage != "render" && stage != "gpu") continue;
       text += fmt::format("{:<22}{:>10.3f}{:>10.3f}{:>10.3f}{:>10.3f}\n",
                           pane.technique + ": " + stage, s.median, s.p95, s.max, s.cpu_mean);
     }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -129,6 +130,8 @@ class RunRecorder {
   explicit RunRecorder(const RunRecorderOptions& options = {});
   // `stage` is one of the report's.
   void add_time(std::string_view stage, StageTime time);
+  // Of the stage "gpu": of frames that were drawn, in any order.
+  void add_gpu_times(std::span<const double> times_ms);
   // Counts a frame; its stages' times are added here.
   void add_frame(const SessionFrame& frame);
 

@@ -136,6 +136,7 @@ class Session {
   // As Compositor's.
   [[nodiscard]] int samples() const { return compositor_.samples(); }
   [[nodiscard]] bool pixel_buffers() const { return compositor_.pixel_buffers(); }
+  [[nodiscard]] std::vector<double> take_gpu_times() { return compositor_.take_gpu_times(); }
   // Of the last picture, for a debug view.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use() const {
     return compositor_.kernels_in_use();

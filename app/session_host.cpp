@@ -16,8 +16,8 @@
 namespace penumbra {
 namespace {
 
-constexpr std::array<std::string_view, 6> kStages = {"capture", "track",    "shadow",
-                                                     "render",  "readback", "encode"};
+constexpr std::array<std::string_view, 7> kStages = {"capture", "track",    "shadow", "render",
+                                                     "gpu",     "readback", "encode"};
 
 }  // namespace
 

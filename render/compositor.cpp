@@ -11,6 +11,7 @@
 #include "render/camera_gl.hpp"
 #include "render/gl/framebuffer.hpp"
 #include "render/gl/gl_error.hpp"
+#include "render/gl/gpu_timer.hpp"
 #include "render/gl/picture_probe.hpp"
 #include "render/gl/pixel_buffer.hpp"
 #include "render/passes/hard_pass.hpp"
@@ -28,7 +29,7 @@ struct Compositor::Impl {
   Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
        Framebuffer target, const PictureAbilities& found, ObjectPass object_pass,
        Receivers receiving, ShadowPass shadow_pass, HardPass hard_pass, VolumePass volume_pass,
-       RayPass ray_pass, bool with_pixel_buffers)
+       RayPass ray_pass, bool with_pixel_buffers, std::optional<GpuTimer> timer)
       : context(gl),
         scene(std::move(shown)),
         width(camera.width()),
@@ -37,6 +38,7 @@ struct Compositor::Impl {
         framebuffer(std::move(target)),
         abilities(found),
         pixel_buffers(with_pixel_buffers),
+        gpu_timer(std::move(timer)),
         video(gl.info().api, with_pixel_buffers),
         objects(std::move(object_pass)),
         receivers(std::move(receiving)),
@@ -59,6 +61,7 @@ struct Compositor::Impl {
   PictureAbilities abilities;
   bool pixel_buffers;
   ReadBackBuffers pictures;
+  std::optional<GpuTimer> gpu_timer;
   VideoPass video;
   std::optional<RectifiedVideo> rectified;
   ObjectPass objects;
@@ -161,10 +164,12 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   auto rays = RayPass::create(context.info().api, camera);
   if (!rays) return tl::unexpected(rays.error());
   const bool on_gpu = !context.info().software;
+  auto timer = options.gpu_time.value_or(on_gpu) ? GpuTimer::create(context.info().api)
+                                                 : std::optional<GpuTimer>();
   auto impl = std::make_unique<Impl>(
       context, std::move(scene), camera, std::move(*framebuffer), *abilities, std::move(*objects),
       std::move(*receivers), std::move(*shadows), std::move(*hard), std::move(*volumes),
-      std::move(*rays), options.pixel_buffers.value_or(on_gpu));
+      std::move(*rays), options.pixel_buffers.value_or(on_gpu), std::move(timer));
   if (rectified) impl->rectified.emplace(context.info().api, video_camera);
   // Models, textures and programs are there now, or they are not.
   if (const auto error = noted_gl_error(context.info()))
@@ -188,6 +193,10 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   m.shadows.prepare(*m.scene, plan, work);
   m.hard_shadows.prepare(*m.scene, plan, work);
   m.volumes.prepare(*m.scene, plan, work);
+  if (m.gpu_timer) {
+    m.gpu_timer->take(m.stats.gpu_ms);
+    m.gpu_timer->begin();
+  }
   const int received = m.received_shadows.prepare(*m.scene, plan, m.shadows, work);
   shadow_clock.add_to(m.stats.shadow_ms, m.stats.shadow_cpu_ms);
 
@@ -224,6 +233,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     count(m.rays.draw(*m.scene, plan, m.lens, m.framebuffer));
     m.framebuffer.invalidate_depth_stencil();
   }
+  if (m.gpu_timer) m.gpu_timer->end();
   if (!drawn) return tl::unexpected(drawn.error());
   m.video.hold(frame);
   // A CPU rasteriser works in this process: waited for here, so that its time counts here and not
@@ -293,6 +303,12 @@ Result<CompositeStats> Compositor::take_picture(std::span<std::uint8_t> rgba) {
   return stats;
 }
 
+std::vector<double> Compositor::take_gpu_times() {
+  std::vector<double> times_ms;
+  if (impl_->gpu_timer) impl_->gpu_timer->take(times_ms);
+  return times_ms;
+}
+
 const PictureAbilities& Compositor::abilities() const {
   return impl_->abilities;
 }
@@ -311,6 +327,7 @@ int Compositor::samples() const {
 
 void Compositor::clear() {
   impl_->framebuffer.clear();
+  if (impl_->gpu_timer) impl_->gpu_timer->forget();
 }
 
 void Compositor::present() {

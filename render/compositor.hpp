@@ -24,6 +24,9 @@ struct CompositeStats {
          readback_ms = 0.0;  // wall; shadow: CPU work on shadow geometry
   double shadow_cpu_ms = 0.0, render_cpu_ms = 0.0,
          readback_cpu_ms = 0.0;  // CPU time of the calling thread
+  // Of a GPU's own time: of frames drawn before this one, those that are known since the frame
+  // before. Each frame's once; none where it is not measured (CompositorOptions).
+  std::vector<double> gpu_ms;
   // Passes that drew anything: video, phantoms, objects, shadows on planes, received shadows, hard
   // shadows, volumes, see-through objects, rays.
   std::int64_t passes_drawn = 0;
@@ -56,7 +59,7 @@ struct CompositeStats {
   std::vector<SkippedPass> skipped;
   std::vector<KeptPart> kept;
 };
-// Of two pictures together.
+// Of two pictures together. Without gpu_ms: those of two compositors are not of the same frames.
 void add(CompositeStats& to, const CompositeStats& stats);
 
 struct CompositorOptions {
@@ -71,6 +74,9 @@ struct CompositorOptions {
   // the renderer is no CPU rasteriser, which has nobody to wait for and pays for the copies. The
   // pictures are the same.
   std::optional<bool> pixel_buffers = std::nullopt;
+  // Frames are timed by the GPU's clock, where the driver has one (gpu_timer.hpp). Nothing: where
+  // the renderer is no CPU rasteriser, whose time is the process's.
+  std::optional<bool> gpu_time = std::nullopt;
 };
 
 // What multisampling is worth by itself: on a GPU 4 samples, which tiling ones (a Raspberry Pi's)
@@ -111,11 +117,13 @@ class Compositor {
   // The one that was asked for first; waits until it is drawn. Where it fails none is on its way
   // any more.
   [[nodiscard]] Result<CompositeStats> take_picture(std::span<std::uint8_t> rgba);
+  // The GPU's times that are known by now and no stats had [ms]; never waits.
+  [[nodiscard]] std::vector<double> take_gpu_times();
   // Copies the last picture to the context's window, letterboxed.
   void present();
   // Of each pixel; 0 without multisampling.
   [[nodiscard]] int samples() const;
-  // Black, until something is drawn.
+  // Black, until something is drawn. What was drawn before is not among the GPU's times.
   void clear();
   // For a debug view: the kernels that the last picture's shadows were made with, and how many
   // faces turn over for them.

@@ -49,6 +49,15 @@ void RenderbufferTraits::destroy(unsigned id) {
   glDeleteRenderbuffers(1, &id);
 }
 
+unsigned QueryTraits::create() {
+  GLuint id = 0;
+  glGenQueries(1, &id);
+  return id;
+}
+void QueryTraits::destroy(unsigned id) {
+  glDeleteQueries(1, &id);
+}
+
 unsigned ProgramTraits::create() {
   return glCreateProgram();
 }

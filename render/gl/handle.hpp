@@ -54,6 +54,10 @@ struct RenderbufferTraits {
   static unsigned create();
   static void destroy(unsigned id);
 };
+struct QueryTraits {
+  static unsigned create();
+  static void destroy(unsigned id);
+};
 struct ProgramTraits {
   static unsigned create();
   static void destroy(unsigned id);

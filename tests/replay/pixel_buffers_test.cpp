@@ -127,6 +127,7 @@ TEST_F(PixelBufferRuns, ByThemselvesAProcessorThatDrawsGoesWithout) {
   const bool software =
       report["gl"]["renderer"].get<std::string>().find("llvmpipe") != std::string::npos;
   EXPECT_EQ(report["gl"]["pixel_buffers"], !software);
+  EXPECT_EQ(report["time_ms"].contains("gpu"), !software);
   const auto wrong = run("maybe", {"replay", bundled("corner")}, "maybe");
   EXPECT_EQ(wrong.exit_code, 2);
   EXPECT_THAT(wrong.err, testing::HasSubstr("--pixel-buffers"));

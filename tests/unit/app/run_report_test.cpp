@@ -11,6 +11,7 @@
 
 #include "app/frame_range.hpp"
 #include "app/progress.hpp"
+#include "app/session_host.hpp"
 
 namespace penumbra {
 namespace {
@@ -54,6 +55,45 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
   frame.read_back = status != TrackStatus::lost;
   frame.plan.skipped = {{"object_out_of_view", "rotor: outside the view"}};
   return frame;
+}
+
+// The GPU's times come some frames late, two at once or none: each counts once. Where it has no
+// clock that is read there is no such stage.
+TEST(RunReport, TheGpusTimeIsAStageOnlyWhereItIsMeasured) {
+  RunRecorder without;
+  without.add_frame(frame_of(TrackStatus::tracked, 0, true));
+  EXPECT_FALSE(Json::parse(report_json(without.report()))["time_ms"].contains("gpu"));
+  EXPECT_EQ(report_table(without.report()).find("\ngpu "), std::string::npos);
+  EXPECT_FALSE(without.recent_ms("gpu"));
+  HudState state;
+  describe_frame(state, frame_of(TrackStatus::tracked, 0, true), without);
+  const auto is_gpu = [](const auto& stage) { return stage.first == "gpu"; };
+  EXPECT_EQ(std::ranges::count_if(state.stages, is_gpu), 0);
+
+  RunRecorder run;
+  const std::vector<std::vector<double>> told = {{}, {1.0}, {}, {2.0, 3.0}};
+  for (std::size_t i = 0; i < told.size(); ++i) {
+    SessionFrame frame = frame_of(TrackStatus::tracked, static_cast<std::int64_t>(i), false);
+    frame.composite.gpu_ms = told[i];
+    run.add_frame(frame);
+  }
+  SessionFrame again = frame_of(TrackStatus::tracked, 3, false);
+  again.composite.gpu_ms = {6.0};
+  run.add_redrawn(again);
+  run.add_gpu_times(std::vector<double>{8.0});
+  const Json json = Json::parse(report_json(run.report()));
+  EXPECT_EQ(json["time_ms"]["gpu"]["count"], 5);
+  EXPECT_DOUBLE_EQ(json["time_ms"]["gpu"]["mean"], 4.0);
+  EXPECT_DOUBLE_EQ(json["time_ms"]["gpu"]["max"], 8.0);
+  EXPECT_EQ(json["time_ms"]["render"]["count"], 4);
+  EXPECT_NE(report_table(run.report()).find("\ngpu "), std::string::npos);
+  state = HudState();
+  describe_frame(state, again, run);
+  const auto gpu = std::ranges::find_if(state.stages, is_gpu);
+  ASSERT_NE(gpu, state.stages.end());
+  EXPECT_DOUBLE_EQ(gpu->second, 4.0);
+  ASSERT_NE(gpu, state.stages.begin());
+  EXPECT_EQ((gpu - 1)->first, "render");
 }
 
 TEST(RunReport, HasEveryFieldOfTheContract) {

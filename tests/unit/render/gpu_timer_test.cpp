@@ -1,0 +1,137 @@
+// The GPU's own clock: every frame's time is told once, some frames later, and none is waited for.
+#include "render/gl/gpu_timer.hpp"
+
+#include <gtest/gtest.h>
+
+#include <numeric>
+
+#include "support/replaced_gl.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::ReplacedGl;
+using test::Studio;
+
+class GpuTime : public testing::TestWithParam<GlApi> {
+ protected:
+  GpuTime() {
+    test::SceneBuilder builder;
+    test::ShapeBuilder shape;
+    shape.box(-0.03, -0.03, -0.03, 0.03, 0.03, 0.03);
+    builder.add(test::finished(shape.build(), glm::vec4(1.0F)), test::at(0, 0, 0.1));
+    CompositorOptions options;
+    options.gpu_time = true;
+    studio = std::make_unique<Studio>(builder.build(), test::camera_of(160, 120, 150.0), GetParam(),
+                                      options);
+    plan = studio->plan(test::tracked(test::look_at({0.0, -0.4, 0.5}, {0.0, 0.0, 0.0})));
+  }
+  // How many frames' times came with this one.
+  std::size_t draw() {
+    studio->draw(test::plain_frame(160, 120, 90), plan);
+    for (const double time_ms : studio->stats().gpu_ms) EXPECT_GT(time_ms, 0.0);
+    return studio->stats().gpu_ms.size();
+  }
+  std::size_t drain() {
+    glFinish();
+    const auto times_ms = studio->compositor().take_gpu_times();
+    for (const double time_ms : times_ms) EXPECT_GT(time_ms, 0.0);
+    return times_ms.size();
+  }
+  // Whether the driver has the queries at all; OpenGL 3.3 must.
+  [[nodiscard]] static bool measured() {
+    const bool can = GpuTimer::create(GetParam()).has_value();
+    EXPECT_TRUE(can || GetParam() == GlApi::gles30);
+    return can;
+  }
+
+  std::unique_ptr<Studio> studio;
+  FramePlan plan;
+};
+
+TEST_P(GpuTime, IsToldOfEveryFrameOnceAndNotManyFramesLate) {
+  if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
+  constexpr std::size_t kFrames = 40;
+  std::size_t told = 0;
+  for (std::size_t drawn = 0; drawn < kFrames; ++drawn) {
+    told += draw();
+    EXPECT_LE(told, drawn) << "of those before it";
+    EXPECT_GE(told + GpuTimer::kMost, drawn);
+  }
+  EXPECT_EQ(told + drain(), kFrames);
+  EXPECT_EQ(drain(), 0U);
+}
+
+// A GPU that is far behind: those that find no query free are not measured, the others once.
+TEST_P(GpuTime, ResultsThatComeLateAreNotWaitedForAndNotLost) {
+  if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
+  draw();
+  draw();
+  drain();
+  static decltype(epoxy_glGetQueryObjectuiv) ask = nullptr;
+  ask = epoxy_glGetQueryObjectuiv;
+  {
+    const ReplacedGl late(
+        epoxy_glGetQueryObjectuiv, +[](GLuint id, GLenum what, GLuint* value) {
+          ask(id, what, value);
+          if (what == GL_QUERY_RESULT_AVAILABLE) *value = GL_FALSE;
+        });
+    for (std::size_t i = 0; i < 2 * GpuTimer::kMost; ++i) EXPECT_EQ(draw(), 0U);
+  }
+  EXPECT_EQ(draw(), GpuTimer::kMost);
+  EXPECT_EQ(drain(), 1U);
+}
+
+TEST_P(GpuTime, WhatWasDrawnToWarmUpIsNotTold) {
+  if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
+  draw();
+  studio->compositor().clear();
+  EXPECT_EQ(draw(), 0U);
+  EXPECT_EQ(drain(), 1U);
+}
+
+TEST_P(GpuTime, DoesNotCountWhereTheClockDidNotRunEvenly) {
+  if (GetParam() == GlApi::gl33) GTEST_SKIP() << "OpenGL's clock always does";
+  if (!measured()) GTEST_SKIP() << "the driver has no GL_EXT_disjoint_timer_query";
+  draw();
+  draw();
+  drain();
+  draw();
+  glFinish();
+  static decltype(epoxy_glGetIntegerv) get = nullptr;
+  get = epoxy_glGetIntegerv;
+  {
+    const ReplacedGl uneven(
+        epoxy_glGetIntegerv, +[](GLenum name, GLint* value) {
+          get(name, value);
+          if (name == GL_GPU_DISJOINT_EXT) *value = 1;
+        });
+    EXPECT_EQ(draw(), 0U);  // and what was drawn before
+  }
+  EXPECT_EQ(draw(), 1U) << "that one began behind the question";
+  EXPECT_EQ(drain(), 1U);
+}
+
+// Nobody asks for it where a CPU rasteriser draws: its time is that of the stage itself.
+TEST_P(GpuTime, IsMeasuredByItselfOnlyWhereAGpuDraws) {
+  test::SceneBuilder empty;
+  Studio shown(empty.build(), test::camera_of(64, 48, 50.0), GetParam());
+  if (!shown.context().info().software) GTEST_SKIP() << "a GPU draws";
+  std::size_t told = 0;
+  for (int i = 0; i < 10; ++i) {
+    shown.draw(test::plain_frame(64, 48, 90), FramePlan());
+    told += shown.stats().gpu_ms.size();
+  }
+  glFinish();
+  EXPECT_EQ(told + shown.compositor().take_gpu_times().size(), 0U);
+}
+
+INSTANTIATE_TEST_SUITE_P(BothApis, GpuTime, testing::Values(GlApi::gl33, GlApi::gles30),
+                         [](const auto& api) {
+                           return api.param == GlApi::gl33 ? "OpenGl" : "OpenGlEs";
+                         });
+
+}  // namespace
+}  // namespace penumbra
