@@ -124,10 +124,11 @@ TEST_F(PixelBufferRuns, WhereThereIsOnlyOpenGlEsAndInAComparisonTheyAreTheSameTo
 TEST_F(PixelBufferRuns, ByThemselvesAProcessorThatDrawsGoesWithout) {
   ASSERT_EQ(run("auto", {"replay", bundled("corner"), "--frames", "0:3"}, "auto").exit_code, 0);
   const auto report = read_json(path("auto.json"));
-  const bool software =
-      report["gl"]["renderer"].get<std::string>().find("llvmpipe") != std::string::npos;
+  const auto renderer = report["gl"]["renderer"].get<std::string>();
+  const bool software = renderer.find("llvmpipe") != std::string::npos ||
+                        renderer.find("softpipe") != std::string::npos;
   EXPECT_EQ(report["gl"]["pixel_buffers"], !software);
-  EXPECT_EQ(report["time_ms"].contains("gpu"), !software);
+  EXPECT_FALSE(software && report["time_ms"].contains("gpu"));
   const auto wrong = run("maybe", {"replay", bundled("corner")}, "maybe");
   EXPECT_EQ(wrong.exit_code, 2);
   EXPECT_THAT(wrong.err, testing::HasSubstr("--pixel-buffers"));
