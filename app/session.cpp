@@ -161,7 +161,7 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   if (!drawn) return tl::unexpected(drawn.error());
   for (const SkippedPass& left_out : drawn->skipped) {
     result.plan.skipped.push_back(left_out);
-    if (told_.insert(left_out.reason).second) {
+    if (left_out.what == "light_inside_caster" && told_.insert(left_out.reason).second) {
       log_warning("{}: no shadow of a volume: {}", scene_.file, left_out.reason);
     }
   }

@@ -1,6 +1,7 @@
 #include "render/passes/received_shadow_pass.hpp"
 
 #include <epoxy/gl.h>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
@@ -195,6 +196,13 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
       mask.texel = texel;
       mask.shadow = draw.shadow;
       calls += draw_mask(scene, draw, surface, texels, mask, shadows, work);
+    }
+    if (kept && !mask.levels.empty()) {
+      work.kept.push_back(
+          {"phantom_mask",
+           fmt::format("{}: the shadow of {} on it is that of an earlier picture",
+                       scene.objects[static_cast<std::size_t>(draw.receiver)].name,
+                       scene.objects[static_cast<std::size_t>(draw.shadow.object)].name)});
     }
     (kept ? work.masks_kept : work.masks_drawn) += static_cast<std::int64_t>(mask.levels.size());
     if (std::ranges::find(mask.layers, true) != mask.layers.end()) {

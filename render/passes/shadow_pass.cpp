@@ -1,6 +1,7 @@
 #include "render/passes/shadow_pass.hpp"
 
 #include <epoxy/gl.h>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <array>
@@ -879,7 +880,7 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   });
   for (auto& [plane, mask] : plane_masks_) mask.in_use = false;
   for (const PlaneReceiver& receiver : plan.receivers) {
-    const std::optional<double> depth = mask_depth(scene, plan, receiver.plane);
+    const std::optional<double> depth = mask_depth(scene, plan, receiver.plane, work);
     if (!depth) continue;
     PlaneMask& mask = plane_masks_[receiver.plane];
     mask.in_use = true;
@@ -907,7 +908,7 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
     items_.push_back({&caster, &prepared, draw.node, draw.object, draw.plane, draw.plane_frame});
   }
   for (auto& [plane, mask] : plane_masks_) {
-    if (mask.in_use) make_mask(plan, plane, mask, work);
+    if (mask.in_use) make_mask(scene, plan, plane, mask, work);
   }
 }
 
@@ -943,7 +944,8 @@ bool ShadowPass::is_for_masks(Body& body, const ShadowMesh& mesh) {
 // faces or 23,000, and has smooth edges (BENCHMARKS.md). What is out of sight counts like the rest:
 // else a shadow would be drawn another way when another one leaves the view. All of a plane or
 // nothing: where they overlap the darkest layer counts, and once.
-std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan& plan, int plane) {
+std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan& plan, int plane,
+                                             ShadowWork& work) {
   if (plan.layers == LayerDrawing::direct) return std::nullopt;
   if (way_ == Translucency::geometry_mesh) return std::nullopt;  // marked in the stencil
   const auto T_camera_table = plan.T_table_camera.inverse();
@@ -951,14 +953,23 @@ std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan
   double in_view = kNone;
   double anywhere = kNone;
   std::size_t faces = 0;
+  bool layered = false;
+  std::string why_not;
   const auto serves = [&](const ShadowDraw& draw) {
-    if (draw.technique != ShadowTechnique::layered) return false;
+    const SceneObject& object = scene.objects[static_cast<std::size_t>(draw.object)];
+    if (draw.technique != ShadowTechnique::layered) {
+      why_not = fmt::format("{} casts another kind of shadow there", object.name);
+      return false;
+    }
+    layered = true;
     Caster& caster = caster_of(scene, draw.object);
     faces += caster.mesh.indices.size() / 3;
     if (caster.whole.geometry.indices.empty()) return true;
-    if (!is_for_masks(caster.whole, caster.mesh)) return false;
-    if (caster.proxy && draw.proxy && !is_for_masks(caster.reduced, caster.proxy->mesh))
+    if (!is_for_masks(caster.whole, caster.mesh) ||
+        (caster.proxy && draw.proxy && !is_for_masks(caster.reduced, caster.proxy->mesh))) {
+      why_not = fmt::format("it can't be told which way {}'s faces turn", object.name);
       return false;
+    }
     if (draw.light_mode == LightMode::proportional &&
         cut_layers(draw, caster) == std::array<LayerSource, 3>{})
       return true;
@@ -970,10 +981,20 @@ std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan
     if (!draw.off_outline && !frustum_.misses(square)) in_view = std::min(in_view, nearest);
     return true;
   };
+  bool serve = true;
   for (const std::vector<ShadowDraw>* draws : {&plan.shadows, &plan.unseen_shadows}) {
     for (const ShadowDraw& draw : *draws) {
-      if (draw.plane == plane && !serves(draw)) return std::nullopt;
+      if (draw.plane == plane && !serves(draw)) serve = false;
     }
+  }
+  if (!serve) {
+    if (layered) {
+      work.skipped.push_back(
+          {"mask_impossible",
+           fmt::format("{}: layers are drawn directly and not as a mask, for {}",
+                       scene.planes[static_cast<std::size_t>(plane)].name, why_not)});
+    }
+    return std::nullopt;
   }
   if (plan.layers == LayerDrawing::automatic && smooth_edges_ && faces <= kFewFaces)
     return std::nullopt;
@@ -981,7 +1002,8 @@ std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan
   return in_view == kNone ? anywhere : in_view;
 }
 
-void ShadowPass::make_mask(const FramePlan& plan, int plane, PlaneMask& mask, ShadowWork& work) {
+void ShadowPass::make_mask(const Scene& scene, const FramePlan& plan, int plane, PlaneMask& mask,
+                           ShadowWork& work) {
   const auto T_camera_table = plan.T_table_camera.inverse();
   std::vector<MaskPart> parts;
   for (std::size_t i = 0; i < plan.shadows.size(); ++i) {
@@ -1021,7 +1043,12 @@ void ShadowPass::make_mask(const FramePlan& plan, int plane, PlaneMask& mask, Sh
   };
   if (!is_it(mask.now)) std::swap(mask.now, mask.other);
   if (is_it(mask.now)) {
-    if (mask.now.texture) ++work.layer_masks_kept;
+    if (mask.now.texture) {
+      ++work.layer_masks_kept;
+      work.kept.push_back(
+          {"layer_mask", fmt::format("{}: its mask is that of an earlier picture",
+                                     scene.planes[static_cast<std::size_t>(plane)].name)});
+    }
     return;
   }
   draw_mask(target, std::move(parts), mask, work);

@@ -300,8 +300,9 @@ class ShadowPass {
   [[nodiscard]] static bool is_for_masks(Body& body, const ShadowMesh& mesh);
   [[nodiscard]] glm::vec3 mask_light(const ShadowDraw& draw) const;
   [[nodiscard]] std::optional<double> mask_depth(const Scene& scene, const FramePlan& plan,
-                                                 int plane);
-  void make_mask(const FramePlan& plan, int plane, PlaneMask& mask, ShadowWork& work);
+                                                 int plane, ShadowWork& work);
+  void make_mask(const Scene& scene, const FramePlan& plan, int plane, PlaneMask& mask,
+                 ShadowWork& work);
   void draw_mask(double target, std::vector<MaskPart> of, PlaneMask& mask, ShadowWork& work);
   std::array<std::vector<PlanePoint>, 3> face_images(const MaskPart& part, ShadowWork& work);
   void cover_part(const MaskPart& part, MaskCaster& caster);

@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <array>
 #include <cmath>
+#include <cstdlib>
 #include <random>
 
 #include "calib/camera_calibration.hpp"
@@ -101,7 +102,7 @@ CameraModel plumb_bob(double f, std::array<double, 8> distortion) {
 }
 
 // Whatever the lens, and wherever the corners were: a verdict may be less than good where all is
-// well, but not good where the lens is wrong.
+// well, but not good where the lens is wrong. Of each case one calibration, and nightly three.
 TEST(CalibrationVerdict, IsNeverGoodWhereTheLensIsWrong) {
   const Lens lenses[] = {
       {"plumb_bob", plumb_bob(531.0, {-0.215, 0.062, 0.0008, -0.0006, -0.004}), 0.4},
@@ -109,12 +110,13 @@ TEST(CalibrationVerdict, IsNeverGoodWhereTheLensIsWrong) {
       {"rational, wide", test::rational_lens(), 0.25},
       {"rational, 1280 x 720", test::rational_lens(1280, 720), 0.25},
       {"equidistant", test::wide_lens(), 0.18}};
+  const bool nightly = std::getenv("PENUMBRA_NIGHTLY") != nullptr;
   const auto board = test::flat_board();
   int good = 0;
   for (const Lens& lens : lenses) {
     for (const double reach : {0.95, 0.6, 0.35}) {
       for (const double noise_px : {0.05, 0.2}) {
-        for (unsigned run = 0; run < (test::kSanitized ? 1U : 3U); ++run) {
+        for (unsigned run = 0; run < (nightly ? 3U : 1U); ++run) {
           const int width = lens.camera.width();
           const int height = lens.camera.height();
           std::mt19937 rng(500 + run);
@@ -147,7 +149,7 @@ TEST(CalibrationVerdict, IsNeverGoodWhereTheLensIsWrong) {
     }
   }
   std::printf("good: %d\n", good);
-  EXPECT_GE(good, test::kSanitized ? 1 : 6) << "it may not be afraid of everything";
+  EXPECT_GE(good, nightly ? 6 : 2) << "it may not be afraid of everything";
 }
 
 }  // namespace

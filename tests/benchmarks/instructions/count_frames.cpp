@@ -50,7 +50,7 @@ void count(test::Studio& studio, int triangles, counted::Motion motion, int fram
       CALLGRIND_START_INSTRUMENTATION;
     }
     if (motion != counted::Motion::still)
-      counted::move_on(state, i, scene.shadows[0].layered.umbra_height, motion);
+      counted::move_on(state, i, motion, scene.shadows[0].layered.umbra_height);
     const Frame& frame = frames_of_video[static_cast<std::size_t>(i % 2)];
     const FramePlan plan = plan_frame(scene, state, pose, studio.camera(), options);
     calls = studio.compositor().draw(frame, plan).value().draw_calls;

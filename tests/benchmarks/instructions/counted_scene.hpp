@@ -75,7 +75,8 @@ inline Scene scene_of(std::shared_ptr<const Model> model, const LayeredConstants
 enum class Motion { still, moving, cut };
 // Lifted and slid a little: its shadow has another shape in each frame. `cut`: through the height
 // at which its umbra ends, so that a part of it has one.
-inline void move_on(SceneState& state, int frame, double umbra_height, Motion motion) {
+inline void move_on(SceneState& state, int frame, Motion motion = Motion::moving,
+                    double umbra_height = 0.0) {
   const double start = motion == Motion::cut ? umbra_height : kObjectHeight;
   state.objects[0].position.z() = start + kRisePerFrame * frame;
   state.objects[0].position.x() = 0.0005 * frame;

@@ -681,6 +681,8 @@ TEST_F(DrawnMask, IsKeptUntilACasterMoves) {
   EXPECT_EQ(draw(first).first, 1);
   EXPECT_EQ(draw(test::look_at({0.1, -0.451, 0.4}, {0.0, 0.01, 0.03})).first, 0);
   EXPECT_EQ(studio.stats().layer_masks_kept, 1);
+  EXPECT_TRUE(std::ranges::any_of(studio.stats().kept,
+                                  [](const KeptPart& part) { return part.what == "layer_mask"; }));
   EXPECT_EQ(studio.stats().shadow_vertices, 0);
   const Picture before = draw(first).second;
   EXPECT_EQ(draw(test::look_at({0.1, -0.2, 0.2}, {0.0, 0.0, 0.03})).first, 1) << "nearer: finer";
@@ -807,7 +809,11 @@ TEST_F(MaskByFaces, NotOfWhatHasNoSides) {
   Studio studio(objects, camera());
   const Picture asked = shadows(studio, by(LayerDrawing::mask));
   EXPECT_EQ(studio.stats().layer_masks_drawn, 0);
+  ASSERT_EQ(studio.stats().skipped.size(), 1U);
+  EXPECT_EQ(studio.stats().skipped[0].what, "mask_impossible");
+  EXPECT_NE(studio.stats().skipped[0].reason.find(objects->objects[0].name), std::string::npos);
   EXPECT_EQ(asked, shadows(studio, by(LayerDrawing::direct)));
+  EXPECT_TRUE(studio.stats().skipped.empty()) << "nobody asked for one";
 }
 
 // The darkest layer of all counts, drawn directly as in a mask.
