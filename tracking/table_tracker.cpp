@@ -745,6 +745,11 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
       measurement->samples_for_one = samples_for_one(result);
       measurement->tags_used = result.tags_verified;
       last_tags = result.tags_verified;
+      // Until the velocity is known the view rests as far as anybody knows, and every pixel is
+      // used; the rounds that bring them near need not be of all. But for few tags, whose tilt
+      // hangs on single edges.
+      last_start_far = options.mode == TrackingMode::automatic && last_tags >= kFewTags &&
+                       result.counters.far_start;
       if (measurement->ambiguous) {
         add_second(image, kUnknownMotion, *measurement);
       } else {

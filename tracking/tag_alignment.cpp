@@ -25,7 +25,12 @@ constexpr int kFineRounds = 3;
 constexpr int kFineSteps = 5;        // per round at most
 constexpr int kSparseSamples = 640;  // of all tags
 constexpr int kFewestBlocks = 1;     // of samples on a tag, where sampling may stop early
-constexpr double kFineCutoff = 0.6;  // of Tukey's weights, as a share of the gain
+// Memory for samples: of every pixel at the edges of tags that fill the picture, or of so many of
+// each tag, whichever is less. More is asked for when it is needed.
+constexpr std::size_t kPixelsPerSample = 12;
+constexpr std::size_t kSamplesPerTag = 4096;
+constexpr std::size_t kFloatsPerSample = 17;  // where cells are large against the blur
+constexpr double kFineCutoff = 0.6;           // of Tukey's weights, as a share of the gain
 
 // What to ask for so that so many of the kernel's blocks come out full: the walk along the edges
 // meets its cap within some samples, and a last one over the brim costs a whole block.
@@ -58,6 +63,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
   noise_share = 0.0;
   double moved = 0.0;
   const int wide_cap = filled_blocks(active.size() > 8 ? 1 : 2);
+  arena.give_back();
   for (Tag* tag : active) select(*tag, true, wide_cap);
   if (!step(0.0, moved) || !step(0.8, moved)) {
     result.reason = "too few pixels on tags";
@@ -91,6 +97,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
     ++result.counters.fine_rounds;
     find_visible(exposure_motion, Projection::fine);
     result.counters.samples = 0;
+    arena.give_back();
     for (Tag* tag : active) {
       select(*tag, false, sparse ? std::min(now, sparse_cap) : now);
       result.counters.samples += tag->used;
@@ -213,6 +220,10 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
                     : p.model == DistortionModel::rational ? kernel::Lens::Kind::rational
                                                            : kernel::Lens::Kind::polynomial;
   impl->lens.max_radius2 = static_cast<float>(camera.max_radius() * camera.max_radius());
+  const std::size_t pixels =
+      static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height());
+  impl->arena = Impl::SampleArena(
+      kFloatsPerSample * std::min(tags.size() * kSamplesPerTag, pixels / kPixelsPerSample));
   impl->set_tone(p.tone_curve ? *p.tone_curve : options.tone_exponent);
   for (const MappedTag& mapped : tags) {
     Result<TagPattern> pattern = TagPattern::make(mapped.family, mapped.id);

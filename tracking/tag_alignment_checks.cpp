@@ -69,7 +69,7 @@ void TagAligner::Impl::measure_noise() {
 // areas: a displacement of every edge towards black, by more where the edge is blurred by motion,
 // with which opposite edges of a cell leave the pose where it is; it is taken out first, for each
 // of the tag's two directions.
-double TagAligner::Impl::design_effect(double cutoff) const {
+double TagAligner::Impl::design_effect(double cutoff) {
   struct Direction {  // edges along b, and along a
     double s = 0.0, q = 0.0, ss = 0.0, sq = 0.0, qq = 0.0;
   };
@@ -82,7 +82,8 @@ double TagAligner::Impl::design_effect(double cutoff) const {
   for (const Tag* tag : active) {
     if (tag->used < 16 || !(tag->gain > 1.5)) continue;
     parameters += 2;
-    const kernel::Samples& s = tag->samples;
+    kernel::Samples s = tag->samples;
+    s.levers = arena.lend(4 * static_cast<std::size_t>(s.count));
     kernel::LeverInput in;
     in.inverse_gain = static_cast<float>(1.0 / tag->gain);
     in.offset = static_cast<float>(tag->offset);
@@ -151,8 +152,8 @@ void TagAligner::Impl::verify() {
         tag->sums.base_weight > 0.0 ? tag->sums.weight / tag->sums.base_weight : 0.0;
     // The model at the cells' centres; with coarse cells that is the cell's colour.
     const std::vector<DataCell>& cells = tag->pattern.data_cells();
-    tag->storage.resize(static_cast<int>(cells.size()));
-    tag->samples = tag->storage.view();
+    arena.give_back();
+    take_samples(*tag, static_cast<int>(cells.size()));
     kernel::Samples& s = tag->samples;
     tag->used = 0;
     for (const DataCell& cell : cells) {

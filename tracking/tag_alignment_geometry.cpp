@@ -126,7 +126,7 @@ bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const 
   const double half = 0.5 * (tag.side - 1);
   const Eigen::Vector3d p = tag.ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
   if (!(p.z() > 0.0)) return false;
-  if (std::hypot(p.x(), p.y()) >= camera.max_radius() * p.z()) return false;
+  if (p.head<2>().norm() >= camera.max_radius() * p.z()) return false;
   Eigen::Matrix<double, 2, 3> J;
   const Eigen::Vector2d pixel = camera.project_unchecked(p, &J);
   const Eigen::Vector2d along_a = J * tag.ray_from_lattice.col(0);

@@ -26,7 +26,7 @@ int rows_at_most(const Band& band, double reach_px) {
 // From step to step along edges that are so long altogether, for about `cap` samples [px].
 template <class Band>
 double stride_of(const Band& band, double reach_px, double length, double tilt, int cap) {
-  const double steepness = std::hypot(1.0, tilt / length);
+  const double steepness = std::sqrt(1.0 + (tilt / length) * (tilt / length));
   const double rows = band.count > 0 ? band.count : std::min(2.0 * reach_px * steepness, 16.0);
   return std::max(1.0, length * rows / cap);
 }
@@ -156,12 +156,22 @@ void TagAligner::Impl::finish_samples(Tag& tag) {
   }
 }
 
+void TagAligner::Impl::take_samples(Tag& tag, int capacity) {
+  tag.capacity = capacity;
+  tag.samples = arena.take(capacity, tag.reach);
+  // The kernels write whole blocks.
+  if (const auto most = static_cast<std::size_t>(capacity + kernel::kBlock);
+      tag.vertex.size() < most)
+    tag.vertex.resize(most + most / 2);
+  tag.samples.vertex = tag.vertex.data();
+}
+
 // Chooses the pixels at the edges, up to about `cap`.
 void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
   tag.used = 0;
   tag.step_count = 0;
-  const double motion = tag.motion_px.norm() / std::sqrt(12.0);
-  const double sigma = std::hypot(options.blur_px, motion);
+  const double sigma =
+      std::sqrt(options.blur_px * options.blur_px + tag.motion_px.squaredNorm() / 12.0);
   Band band;
   if (wide) {
     // Far enough out to feel an edge half a cell away.
@@ -190,13 +200,13 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
     const double stride = stride_of(band, reach_px, length, tilt, cap);
     if (stride > kLeastStep_px && length < 1e7) {
       step_along(tag, band, reach_px, stride);
-      PENUMBRA_ASSERT(tag.used <= tag.storage.capacity());
+      PENUMBRA_ASSERT(tag.used <= tag.capacity);
       finish_samples(tag);
       return;
     }
   }
   walk_runs(tag, band, reach_px, cap);
-  PENUMBRA_ASSERT(tag.used <= tag.storage.capacity());
+  PENUMBRA_ASSERT(tag.used <= tag.capacity);
   locate_samples(tag);
   finish_samples(tag);
 }
@@ -211,8 +221,7 @@ void TagAligner::Impl::step_along(Tag& tag, const Band& band, double reach_px, d
     counts[k] = static_cast<int>(cells[k] * cell_px[k].cwiseAbs().maxCoeff() / stride + 0.5);
   const int most_rows = rows_at_most(band, reach_px);
   // What is written is up to three pixels more than are counted.
-  tag.storage.resize(most_rows * (counts[0] + counts[1]) + 4);
-  tag.samples = tag.storage.view();
+  take_samples(tag, most_rows * (counts[0] + counts[1]) + 4);
   tag.step_count = counts[0] + counts[1];
   if (const auto most = static_cast<std::size_t>(tag.step_count) + 16; tag.step_run.size() < most) {
     tag.step_end.resize(most);
@@ -295,8 +304,7 @@ void TagAligner::Impl::walk_runs(Tag& tag, const Band& band, double reach_px, in
   const int most_rows = rows_at_most(band, reach_px);
   // The steps go on from run to run. What is written is up to three pixels more than are counted.
   const int capacity = most_rows * (static_cast<int>(length / stride) + 2) + 4;
-  tag.storage.resize(capacity);
-  tag.samples = tag.storage.view();
+  take_samples(tag, capacity);
   const kernel::Samples s = tag.samples;  // a copy, which the floats that are written are not
   // Rows across an edge, from the first one of a step.
   std::array<float, 20> offsets{};
@@ -383,6 +391,7 @@ std::vector<EdgePixel> TagAligner::Impl::edge_pixels() {
     Tag& tag = tags[static_cast<std::size_t>(result.tags[k].index)];
     PENUMBRA_ASSERT(tag.row_shear.isZero() && tag.motion_px.isZero());
     project_lattice(tag, 0.0);
+    arena.give_back();
     select(tag, false,
            options.effort == AlignmentEffort::accurate ? 1'000'000 : options.samples_per_tag);
     kernel::Samples& s = tag.samples;

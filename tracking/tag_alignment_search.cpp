@@ -70,7 +70,6 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
   int total = 0;
   for (Tag* tag : active) {
     tag->score_points = 0;
-    search_scratch.resize(static_cast<std::size_t>(kMaxSearchCells * window_rows * columns));
     int scratch_used = 0;
     int count = 0;
     int positive = 0;
@@ -98,6 +97,7 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
         strides[slot] = image.stride;
       } else {
         // The window leaves the image: a copy with the border's pixels repeated.
+        search_scratch.resize(static_cast<std::size_t>(kMaxSearchCells * window_rows * columns));
         std::uint8_t* copy =
             search_scratch.data() + static_cast<std::size_t>(scratch_used++) *
                                         static_cast<std::size_t>(window_rows * columns);

@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -32,41 +33,66 @@ struct TagAligner::Impl {
   static constexpr int kSearchReach = 31;     // [px] the code search looks this far to each side
   static constexpr int kMaxSearchCells = 36;  // per tag; sums of so many bytes fit in 16 bits
 
-  // 64-byte aligned arrays of floats, one behind the other.
-  class SampleStorage {
+  // Memory for the samples of all tags, taken tag by tag and given back all at once: what one stage
+  // used the next one finds in the near caches. The first part is written to when it is made, so
+  // that no frame waits for the system to provide it.
+  class SampleArena {
    public:
-    void resize(int capacity) {
-      capacity = (capacity + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
-      if (capacity <= capacity_) return;
-      capacity_ = capacity + capacity / 2;
-      capacity_ = (capacity_ + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
-      data_.assign(static_cast<std::size_t>(capacity_) * kArrays + 16, 0.0F);
-      vertex_.assign(static_cast<std::size_t>(capacity_), 0);
+    explicit SampleArena(std::size_t first_floats) { parts_.emplace_back(first_floats); }
+    void give_back() {
+      part_ = 0;
+      used_ = 0;
     }
-    [[nodiscard]] int capacity() const { return capacity_; }
-    [[nodiscard]] kernel::Samples view() {
-      auto address = reinterpret_cast<std::uintptr_t>(data_.data());
-      float* next = data_.data() + ((64 - address % 64) % 64) / sizeof(float);
-      const auto take = [&] {
+    // Arrays of `capacity` samples, 64-byte aligned, but for `levers` and `vertex`; of `c` those
+    // that `reach` has.
+    [[nodiscard]] kernel::Samples take(int capacity, int reach) {
+      const std::size_t each =
+          static_cast<std::size_t>(capacity + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
+      const std::size_t coefficients = reach == 1 ? 4 : 16;
+      float* next = floats((kArrays + coefficients) * each);
+      const auto take_one = [&] {
         float* array = next;
-        next += capacity_;
+        next += each;
         return array;
       };
       kernel::Samples s;
       for (float** array : {&s.pixel_x, &s.pixel_y, &s.ray_x, &s.ray_y, &s.value, &s.weight, &s.va,
                             &s.vb, &s.ka, &s.kb, &s.rho, &s.model, &s.residual})
-        *array = take();
-      for (float*& array : s.c) array = take();
-      s.levers = next;
-      s.vertex = vertex_.data();
+        *array = take_one();
+      for (std::size_t k = 0; k < coefficients; ++k) s.c[k] = take_one();
       return s;
+    }
+    // So many floats, 64-byte aligned if all that is taken is a multiple of 16.
+    [[nodiscard]] float* floats(std::size_t count) {
+      while (part_ < parts_.size() && used_ + count > parts_[part_].size) {
+        ++part_;
+        used_ = 0;
+      }
+      if (part_ == parts_.size()) parts_.emplace_back(std::max(count, parts_[0].size / 4));
+      float* const at = parts_[part_].begin() + used_;
+      used_ += count;
+      return at;
+    }
+    // The same, until something else is taken.
+    [[nodiscard]] float* lend(std::size_t count) {
+      float* const at = floats(count);
+      used_ -= count;
+      return at;
     }
 
    private:
-    static constexpr std::size_t kArrays = 33;
-    std::vector<float> data_;
-    std::vector<std::int32_t> vertex_;
-    int capacity_ = 0;
+    static constexpr std::size_t kArrays = 13;  // and the coefficients
+    struct Part {
+      explicit Part(std::size_t count) : size(count), data(count + 16, 0.0F) {}
+      [[nodiscard]] float* begin() {
+        const auto address = reinterpret_cast<std::uintptr_t>(data.data());
+        return data.data() + ((64 - address % 64) % 64) / sizeof(float);
+      }
+      std::size_t size = 0;
+      std::vector<float> data;
+    };
+    std::vector<Part> parts_;
+    std::size_t part_ = 0, used_ = 0;
   };
 
   struct Tag {
@@ -114,9 +140,10 @@ struct TagAligner::Impl {
     double gain = 0.0, offset = 0.0;
     int reach = 1;
     bool correlated = false;
-    SampleStorage storage;
-    kernel::Samples samples;
-    int used = 0;  // samples without padding
+    kernel::Samples samples;           // in the arena
+    std::vector<std::int32_t> vertex;  // theirs
+    int capacity = 0;                  // [samples]
+    int used = 0;                      // samples without padding
     // Of the last selection, step by step or run by run: a step's samples end where the next one's
     // begin.
     int step_count = 0;
@@ -143,6 +170,8 @@ struct TagAligner::Impl {
   std::array<float, 256> tone{};
   std::vector<Tag> tags;
   std::vector<Tag*> active;
+  // For the samples until the next stage begins.
+  SampleArena arena{0};
   AlignmentResult result;
   // Places across an edge that are sampled, in pixels from the edge's own one; none: all within
   // reach.
@@ -219,6 +248,7 @@ struct TagAligner::Impl {
   [[nodiscard]] bool search_within(int search_reach, bool independent, double least_contrast);
   void fetch_ahead(int margin) const;
   void read_levels();
+  void take_samples(Tag& tag, int capacity);
   void select(Tag& tag, bool wide, int cap);
   void walk_runs(Tag& tag, const Band& band, double reach_px, int cap);
   void step_along(Tag& tag, const Band& band, double reach_px, double stride);
@@ -228,7 +258,7 @@ struct TagAligner::Impl {
   bool step(double cutoff, double& moved_px);
   void measure_noise();
   void report_pose();
-  [[nodiscard]] double design_effect(double cutoff) const;
+  [[nodiscard]] double design_effect(double cutoff);
   void verify();
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);
   bool attempt(const Vector6d& exposure_motion, bool with_search, bool independent);
