@@ -8,7 +8,6 @@
 #include <cmath>
 #include <cstddef>
 #include <glm/common.hpp>
-#include <iterator>
 #include <limits>
 #include <map>
 #include <optional>
@@ -912,6 +911,13 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   }
 }
 
+std::vector<ShadowPass::PartCover>::iterator ShadowPass::PlaneMask::cover_of(const MaskPart& part,
+                                                                             double cell) {
+  return std::ranges::find_if(covers, [&](const PartCover& known) {
+    return known.cell == cell && known.part.covers_same_as(part);
+  });
+}
+
 bool ShadowPass::MaskPart::covers_same_as(const MaskPart& other) const {
   return caster == other.caster && kernels == other.kernels && reduced == other.reduced &&
          own.same_shape(other.own) && own.T_plane_own == other.own.T_plane_own &&
@@ -1107,9 +1113,15 @@ void ShadowPass::draw_mask(double target, std::vector<MaskPart> of, PlaneMask& p
   const std::vector<MaskPart>& parts = mask.parts;
   ++plane_mask.times_drawn;
   if (mask_casters_.size() < parts.size()) mask_casters_.resize(parts.size());
-  // One alone is what has changed.
-  const bool keeps_covers = parts.size() > 1;
-  std::vector<PartCover*> kept(parts.size(), nullptr);
+  // Worth noting down is what has rested since the mask before, while others moved.
+  std::vector<bool> rests(parts.size(), false);
+  for (std::size_t i = 0; parts.size() > 1 && i < parts.size(); ++i) {
+    rests[i] = std::ranges::any_of(plane_mask.drawn_before, [&](const MaskPart& before) {
+      return before.covers_same_as(parts[i]);
+    });
+  }
+  plane_mask.drawn_before = parts;
+  std::vector<const PartCover*> kept(parts.size(), nullptr);
   std::vector<std::optional<std::array<std::vector<PlanePoint>, 3>>> faces(parts.size());
   double cell = target;
   Eigen::AlignedBox<std::int64_t, 2> bounds;
@@ -1117,13 +1129,14 @@ void ShadowPass::draw_mask(double target, std::vector<MaskPart> of, PlaneMask& p
     bounds.setEmpty();
     for (std::size_t i = 0; i < parts.size(); ++i) {
       const MaskPart& part = parts[i];
-      const auto known = std::ranges::find_if(plane_mask.covers, [&](const PartCover& cover) {
-        return cover.cell == cell && cover.part.covers_same_as(part);
-      });
-      kept[i] = !keeps_covers || known == plane_mask.covers.end() ? nullptr : &*known;
-      if (kept[i] != nullptr) {
-        bounds.extend(kept[i]->bounds);
-        continue;
+      kept[i] = nullptr;
+      if (rests[i]) {
+        const auto known = plane_mask.cover_of(part, cell);
+        if (known != plane_mask.covers.end()) {
+          kept[i] = &*known;
+          bounds.extend(known->bounds);
+          continue;
+        }
       }
       MaskCaster& caster = mask_casters_[i];
       if (part.layers == std::array<bool, 3>{}) {
@@ -1152,25 +1165,15 @@ void ShadowPass::draw_mask(double target, std::vector<MaskPart> of, PlaneMask& p
     return MaskCells{cell, box.min().x() - 1, box.min().y() - 1,
                      static_cast<int>(box.sizes().x()) + 3, static_cast<int>(box.sizes().y()) + 3};
   };
-  if (keeps_covers) {
-    std::vector<PartCover> made;
-    for (std::size_t i = 0; i < parts.size(); ++i) {
-      if (kept[i] != nullptr) {
-        kept[i]->last_used = plane_mask.times_drawn;
-        continue;
-      }
-      PartCover& cover = made.emplace_back(
-          PartCover{parts[i], cell, mask_casters_[i].bounds(), {}, plane_mask.times_drawn});
-      if (cover.bounds.isEmpty()) continue;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    if (!rests[i] || kept[i] != nullptr) continue;
+    PartCover cover{parts[i], cell, mask_casters_[i].bounds(), {}, 0};
+    if (!cover.bounds.isEmpty()) {
       mask_picture_.begin(cells_about(cover.bounds));
       cover_part(parts[i], mask_casters_[i]);
       mask_picture_.take(cover.cover);
     }
-    // Those of the last two masks: a camera may tremble between two sizes of cells.
-    std::erase_if(plane_mask.covers, [&](const PartCover& cover) {
-      return cover.last_used + 1 < plane_mask.times_drawn;
-    });
-    std::ranges::move(made, std::back_inserter(plane_mask.covers));
+    plane_mask.covers.push_back(std::move(cover));
   }
   const MaskCells cells = cells_about(bounds);
   std::vector<bool> done(parts.size(), false);
@@ -1182,15 +1185,14 @@ void ShadowPass::draw_mask(double target, std::vector<MaskPart> of, PlaneMask& p
     for (std::size_t i = of_light; i < parts.size(); ++i) {
       if (done[i] || parts[i].light != light) continue;
       done[i] = true;
-      if (!keeps_covers) {
+      if (!rests[i]) {
         cover_part(parts[i], mask_casters_[i]);
         continue;
       }
-      const auto cover = std::ranges::find_if(plane_mask.covers, [&](const PartCover& known) {
-        return known.cell == cell && known.part.covers_same_as(parts[i]);
-      });
-      PENUMBRA_ASSERT(cover != plane_mask.covers.end());
-      mask_picture_.cover(cover->cover);
+      const auto known = plane_mask.cover_of(parts[i], cell);
+      PENUMBRA_ASSERT(known != plane_mask.covers.end());
+      known->last_used = plane_mask.times_drawn;
+      mask_picture_.cover(known->cover);
     }
     if (first) {
       mask_picture_.finish(light, mask_codes_);
@@ -1202,6 +1204,10 @@ void ShadowPass::draw_mask(double target, std::vector<MaskPart> of, PlaneMask& p
     std::ranges::transform(mask_codes_, lighter_codes_, mask_codes_.begin(),
                            [](std::uint8_t a, std::uint8_t b) { return std::min(a, b); });
   }
+  // Those of the last two masks: a camera may tremble between two sizes of cells.
+  std::erase_if(plane_mask.covers, [&](const PartCover& cover) {
+    return cover.last_used + 1 < plane_mask.times_drawn;
+  });
   if (!mask.texture) mask.texture.emplace();
   mask.texture->upload(cells, mask_codes_);
   ++work.layer_masks_drawn;

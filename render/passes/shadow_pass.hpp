@@ -249,11 +249,13 @@ class ShadowPass {
     std::optional<MaskTexture> texture;  // none: nothing is in it
   };
   struct PlaneMask {
-    DrawnMask now, other;  // of this frame, and the one shown before it
-    bool in_use = false;   // in this frame
-    double depth = 0.0;    // of the nearest shadow that counts [m]
-    std::vector<PartCover> covers;
+    DrawnMask now, other;                // of this frame, and the one shown before it
+    bool in_use = false;                 // in this frame
+    double depth = 0.0;                  // of the nearest shadow that counts [m]
+    std::vector<MaskPart> drawn_before;  // in the mask that was made last
+    std::vector<PartCover> covers;       // of those that rested from one mask to the next
     std::uint64_t times_drawn = 0;
+    [[nodiscard]] std::vector<PartCover>::iterator cover_of(const MaskPart& part, double cell);
   };
   ShadowPass(TranslucentProgram shadow, FieldQuad field, MaskQuad mask, MeshStrips strips)
       : shadow_program_(std::move(shadow)),
