@@ -8,6 +8,7 @@
 #include "core/image_file.hpp"
 #include "render/scene.hpp"
 #include "render/shapes.hpp"
+#include "support/edge_error.hpp"
 #include "support/paths.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
@@ -193,25 +194,9 @@ TEST(Multisampling, LeavesFewFacesToTheGpu) {
   EXPECT_EQ(draw(many, 1, 4, LayerDrawing::automatic).masks, 1);
   const test::Picture fine = draw(few, 8, 0, LayerDrawing::direct).picture;
   const auto error = [&](int samples, LayerDrawing layers) {
-    const test::Picture picture = draw(few, 1, samples, layers).picture;
-    double sum = 0.0;
-    int edges = 0;
-    for (int y = 0; y < kViewHeight; ++y) {
-      for (int x = 0; x < kViewWidth; ++x) {
-        int low = 255, high = 0, total = 0;
-        for (int i = 0; i < 64; ++i) {
-          const int value = fine.red(8 * x + i % 8, 8 * y + i / 8);
-          low = std::min(low, value);
-          high = std::max(high, value);
-          total += value;
-        }
-        if (low == high) continue;
-        sum += std::pow(picture.red(x, y) - total / 64.0, 2);
-        ++edges;
-      }
-    }
-    EXPECT_GT(edges, 300);
-    return std::sqrt(sum / edges);
+    const auto of_edges = test::edge_error(draw(few, 1, samples, layers).picture, fine, 8);
+    EXPECT_GT(of_edges.edges, 300);
+    return of_edges.rms;
   };
   const double directly = error(4, LayerDrawing::direct);
   const double mask = error(4, LayerDrawing::mask);

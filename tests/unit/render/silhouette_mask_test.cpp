@@ -14,12 +14,15 @@
 #include "render/passes/translucent_program.hpp"
 #include "render/shadow/caster.hpp"
 #include "render/shadow/caster_geometry.hpp"
+#include "support/edge_error.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 
 namespace penumbra::silhouette_mask_test {
 namespace {
 
+using test::edge_error;
+using test::EdgeError;
 using test::Picture;
 using test::ShapeBuilder;
 using test::Studio;
@@ -423,49 +426,6 @@ class DrawnMask : public testing::Test {
   }
 };
 
-struct EdgeError {
-  double rms = 0.0;  // [codes]
-  int edges = 0;     // pixels
-  int largest_elsewhere = 0;
-};
-// Against the mean of 4 x 4 times as many pixels.
-EdgeError edge_error(const Picture& picture, const Picture& fine) {
-  EdgeError error;
-  double sum = 0.0;
-  for (int y = 0; y < picture.height; ++y) {
-    for (int x = 0; x < picture.width; ++x) {
-      int low = 255, high = 0, total = 0;
-      for (int i = 0; i < 16; ++i) {
-        const int value = fine.red(4 * x + i % 4, 4 * y + i / 4);
-        low = std::min(low, value);
-        high = std::max(high, value);
-        total += value;
-      }
-      const double off = picture.red(x, y) - total / 16.0;
-      if (low != high) {
-        sum += off * off;
-        ++error.edges;
-      }
-    }
-  }
-  // Where the finer picture is of one value for a pixel around.
-  for (int y = 2; y + 2 < picture.height; ++y) {
-    for (int x = 2; x + 2 < picture.width; ++x) {
-      const int value = fine.red(4 * x, 4 * y);
-      bool flat = true;
-      for (int j = -8; j < 12 && flat; ++j) {
-        for (int i = -8; i < 12 && flat; ++i) flat = fine.red(4 * x + i, 4 * y + j) == value;
-      }
-      if (flat) {
-        error.largest_elsewhere =
-            std::max(error.largest_elsewhere, std::abs(picture.red(x, y) - value));
-      }
-    }
-  }
-  error.rms = std::sqrt(sum / error.edges);
-  return error;
-}
-
 TEST_F(DrawnMask, EdgesAreSmoothAndTheRestIsTheSame) {
   for (const auto& objects :
        {ring(), scene({{table_and_ball(), test::at(0.02, 0.01, 0.06, {0, 1, 0.3}, 0.3)},
@@ -473,9 +433,9 @@ TEST_F(DrawnMask, EdgesAreSmoothAndTheRestIsTheSame) {
     Studio coarse(objects, camera());
     Studio fine(objects, camera(4.0));
     const Picture reference = shadows(fine, by(LayerDrawing::direct));
-    const EdgeError mask = edge_error(shadows(coarse, by(LayerDrawing::mask)), reference);
+    const EdgeError mask = edge_error(shadows(coarse, by(LayerDrawing::mask)), reference, 4);
     EXPECT_EQ(coarse.stats().layer_masks_drawn, 1);
-    const EdgeError direct = edge_error(shadows(coarse, by(LayerDrawing::direct)), reference);
+    const EdgeError direct = edge_error(shadows(coarse, by(LayerDrawing::direct)), reference, 4);
     EXPECT_EQ(coarse.stats().layer_masks_drawn, 0);
     std::printf("edge error [codes RMS]: mask %.2f, direct %.2f, over %d pixels\n", mask.rms,
                 direct.rms, mask.edges);
@@ -772,9 +732,9 @@ TEST_F(MaskByFaces, EdgesAreSmoothAndTheRestIsTheSame) {
     Studio coarse(c.of, camera());
     Studio fine(c.of, camera(4.0));
     const Picture reference = shadows(fine, by(LayerDrawing::direct));
-    const EdgeError mask = edge_error(shadows(coarse, by(LayerDrawing::mask)), reference);
+    const EdgeError mask = edge_error(shadows(coarse, by(LayerDrawing::mask)), reference, 4);
     EXPECT_EQ(coarse.stats().layer_masks_drawn, 1);
-    const EdgeError direct = edge_error(shadows(coarse, by(LayerDrawing::direct)), reference);
+    const EdgeError direct = edge_error(shadows(coarse, by(LayerDrawing::direct)), reference, 4);
     EXPECT_EQ(coarse.stats().layer_masks_drawn, 0);
     std::printf("%s: edge error [codes RMS]: mask %.2f, direct %.2f, over %d pixels\n", c.what,
                 mask.rms, direct.rms, mask.edges);
@@ -800,7 +760,7 @@ TEST_F(MaskByFaces, ACutThatMovesLeavesNoSeam) {
     };
     const Picture mask = drawn(studio, LayerDrawing::mask);
     EXPECT_EQ(studio.stats().layer_masks_drawn, 1);
-    EXPECT_LE(edge_error(mask, drawn(fine, LayerDrawing::direct)).largest_elsewhere, 1) << i;
+    EXPECT_LE(edge_error(mask, drawn(fine, LayerDrawing::direct), 4).largest_elsewhere, 1) << i;
   }
 }
 
@@ -829,7 +789,7 @@ TEST_F(MaskByFaces, NodesOfDifferentLightsShareAMask) {
   Studio coarse(objects, camera());
   Studio fine(objects, camera(4.0));
   const Picture reference = shadows(fine, by(LayerDrawing::direct));
-  const EdgeError mask = edge_error(shadows(coarse, by(LayerDrawing::mask)), reference);
+  const EdgeError mask = edge_error(shadows(coarse, by(LayerDrawing::mask)), reference, 4);
   EXPECT_EQ(coarse.stats().layer_masks_drawn, 1);
   EXPECT_LT(mask.rms, 6.0);
   EXPECT_LE(mask.largest_elsewhere, 1);

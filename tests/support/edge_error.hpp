@@ -1,0 +1,56 @@
+// How far a picture's edges are from those of one with many more pixels.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+
+#include "support/studio.hpp"
+
+namespace penumbra::test {
+
+struct EdgeError {
+  double rms = 0.0;  // [codes]
+  int edges = 0;     // pixels
+  int largest_elsewhere = 0;
+};
+// Against the mean of `times` x `times` as many pixels.
+inline EdgeError edge_error(const Picture& picture, const Picture& fine, int times) {
+  EdgeError error;
+  double sum = 0.0;
+  for (int y = 0; y < picture.height; ++y) {
+    for (int x = 0; x < picture.width; ++x) {
+      int low = 255, high = 0, total = 0;
+      for (int i = 0; i < times * times; ++i) {
+        const int value = fine.red(times * x + i % times, times * y + i / times);
+        low = std::min(low, value);
+        high = std::max(high, value);
+        total += value;
+      }
+      const double off = picture.red(x, y) - static_cast<double>(total) / (times * times);
+      if (low != high) {
+        sum += off * off;
+        ++error.edges;
+      }
+    }
+  }
+  // Where the finer picture is of one value for a pixel around.
+  for (int y = 2; y + 2 < picture.height; ++y) {
+    for (int x = 2; x + 2 < picture.width; ++x) {
+      const int value = fine.red(times * x, times * y);
+      bool flat = true;
+      for (int j = -2 * times; j < 3 * times && flat; ++j) {
+        for (int i = -2 * times; i < 3 * times && flat; ++i)
+          flat = fine.red(times * x + i, times * y + j) == value;
+      }
+      if (flat) {
+        error.largest_elsewhere =
+            std::max(error.largest_elsewhere, std::abs(picture.red(x, y) - value));
+      }
+    }
+  }
+  error.rms = std::sqrt(sum / error.edges);
+  return error;
+}
+
+}  // namespace penumbra::test
