@@ -2,11 +2,27 @@
 
 #include <epoxy/gl.h>
 
+#include <algorithm>
+
 namespace penumbra {
+namespace {
+
+// Every driver of OpenGL 3.3 and OpenGL ES 3.0 that multisamples at all has as many.
+constexpr int kMostSamples = 4;
+
+}  // namespace
 
 MaskStack::MaskStack()
     : framebuffer_(GlHandle<FramebufferTraits>::create()),
       texture_(GlHandle<TextureTraits>::create()) {
+  GLint most = 0;
+  glGetIntegerv(GL_MAX_SAMPLES, &most);
+  sample_count_ = std::min(kMostSamples, most);
+  if (sample_count_ <= 1) sample_count_ = 0;
+  if (sample_count_ > 0) {
+    samples_framebuffer_ = GlHandle<FramebufferTraits>::create();
+    samples_ = GlHandle<RenderbufferTraits>::create();
+  }
   bind(0);
   glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
   glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
@@ -24,16 +40,29 @@ void MaskStack::resize(int width, int height, int count) {
   glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_RGBA8, width, height, count, 0, GL_RGBA, GL_UNSIGNED_BYTE,
                nullptr);
   unbind(0);
+  if (sample_count_ == 0) return;
+  glBindRenderbuffer(GL_RENDERBUFFER, samples_.id());
+  glRenderbufferStorageMultisample(GL_RENDERBUFFER, sample_count_, GL_RGBA8, width, height);
+  glBindFramebuffer(GL_FRAMEBUFFER, samples_framebuffer_.id());
+  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, samples_.id());
 }
 
 void MaskStack::begin(int index) const {
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   glFramebufferTextureLayer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, texture_.id(), 0, index);
+  if (sample_count_ > 0) glBindFramebuffer(GL_FRAMEBUFFER, samples_framebuffer_.id());
   glViewport(0, 0, width_, height_);
   glDisable(GL_SCISSOR_TEST);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glClearColor(0.0F, 0.0F, 0.0F, 0.0F);
   glClear(GL_COLOR_BUFFER_BIT);
+}
+
+void MaskStack::end() const {
+  if (sample_count_ == 0) return;
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, samples_framebuffer_.id());
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, framebuffer_.id());
+  glBlitFramebuffer(0, 0, width_, height_, 0, 0, width_, height_, GL_COLOR_BUFFER_BIT, GL_NEAREST);
 }
 
 void MaskStack::bind(int unit) const {

@@ -15,6 +15,9 @@ class MaskStack {
   void resize(int width, int height, int count);
   // For drawing, with its viewport; all 0.
   void begin(int index) const;
+  // Once it is drawn: what its texels hold is the mean over their samples, where the driver has
+  // several of them.
+  void end() const;
   // Sampled linearly, with the edge's values beyond it; row 0 of what was drawn is at 0.
   void bind(int unit) const;
   static void unbind(int unit);
@@ -22,6 +25,9 @@ class MaskStack {
  private:
   GlHandle<FramebufferTraits> framebuffer_;
   GlHandle<TextureTraits> texture_;
+  GlHandle<FramebufferTraits> samples_framebuffer_;
+  GlHandle<RenderbufferTraits> samples_;  // of one picture, drawn before it is resolved
+  int sample_count_ = 0;                  // of a texel; 0: the picture is drawn itself
   int width_ = 0;
   int height_ = 0;
   int count_ = 0;

@@ -453,7 +453,8 @@ int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const 
 }
 
 int ObjectPass::draw_under_shadow(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
-                                  const LensUniforms& lens, const ShadowMask& mask) const {
+                                  const LensUniforms& lens, const ShadowMask& mask,
+                                  Gathering gathering) const {
   const ShaderProgram& p = masked_program_.get();
   p.use();
   p.set("picture_before", kPictureBeforeUnit);
@@ -465,10 +466,11 @@ int ObjectPass::draw_under_shadow(const Scene& scene, const ObjectDraw& draw, co
   p.set("mask_extent", mask.extent);
   p.set("mask_levels", std::span<const glm::vec4>(mask.levels));
   p.set("mask_count", mask.level_count);
-  p.set("mask_layer", mask.layer);
+  p.set("gathering", static_cast<int>(gathering));
   p.set("mask_light_left", mask.light_left);
   p.set("encoding", static_cast<float>(1.0 / plan.tone_exponent));
   p.set("mask_step", static_cast<float>(kLevelStep));
+  p.set("mask_level_width", static_cast<float>(kLevelWidth));
   p.set("shadow_mask", kShadowMaskUnit);
   return draw_all({p, nullptr}, scene, {&draw, 1}, plan.T_table_camera);
 }

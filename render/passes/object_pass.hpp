@@ -33,13 +33,16 @@ namespace penumbra {
 inline constexpr int kShadowMaskUnit = 1;  // of a MaskStack that is read
 inline constexpr std::size_t kMostReceivingLevels = 64;
 
+// How a shadow on a surface is drawn: by itself, or as one of several whose darkest counts, which
+// are gathered in the picture's alpha first.
+enum class Gathering { none, first, further, result };
+
 // A shadow that falls along a plane's normal, at several heights above it: its layers are channels
 // of the pictures bound to kShadowMaskUnit.
 struct ShadowMask {
   glm::mat4x3 plane_from_table{0.0F};  // -> (u, v, h)
   glm::vec3 normal{0.0F};              // of the plane, table frame
   glm::vec2 origin{0.0F}, extent{1.0F};
-  int layer = -1;              // which one; -1: of all the first one there
   glm::vec3 light_left{1.0F};  // of the encoded picture, by layer
   int level_count = 0;
   std::array<glm::vec4, kMostReceivingLevels / 4> levels{};  // heights [m], ascending
@@ -74,10 +77,12 @@ class ObjectPass {
   int draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                     const LensUniforms& lens, int light, float opacity, bool add_up) const;
 
-  // The same, after begin_darkening(), in what a shadow's layer leaves of the picture. What is not
-  // in it, is under the plane, or faces away from the light is discarded.
+  // The same, after begin_darkening(), in what a shadow leaves of the picture; all of what is not
+  // in it, is under the plane, or faces away from the light. While several are gathered the caller
+  // sets blending and the colours that are written.
   int draw_under_shadow(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
-                        const LensUniforms& lens, const ShadowMask& mask) const;
+                        const LensUniforms& lens, const ShadowMask& mask,
+                        Gathering gathering) const;
 
  private:
   struct GpuMesh {

@@ -38,25 +38,6 @@ double most_texels(const Scene& scene) {
   return std::clamp(kMostTexelsOfScene / pairs, kLeastTexelsInAll, kMostTexelsInAll);
 }
 
-// About a pixel where the receiver is nearest, in whole octaves, so that a camera that moves seldom
-// changes it [m].
-double texel_for(const FramePlan& plan, const Model& model, const Placement& T_table_object,
-                 double pixel_at_unit_depth) {
-  const auto T_camera_table = plan.T_table_camera.inverse();
-  double depth = std::numeric_limits<double>::infinity();
-  for (unsigned corner = 0; corner < 8; ++corner) {
-    const auto pick = [&](glm::length_t axis) {
-      const bool high = (corner >> static_cast<unsigned>(axis) & 1U) != 0U;
-      return static_cast<double>(high ? model.max_corner[axis] : model.min_corner[axis]);
-    };
-    depth = std::min(
-        depth,
-        (T_camera_table * (T_table_object * Eigen::Vector3d(pick(0), pick(1), pick(2)))).z());
-  }
-  const double pixel = pixel_at_unit_depth * std::max(depth, kNearestDistance);
-  return std::max(kFinestTexel, std::exp2(std::floor(std::log2(pixel))));
-}
-
 // The part of the plane where the shadow may meet the surface.
 Eigen::AlignedBox2d meeting(const ReceivedShadowDraw& draw, const ReceivingSurface& surface) {
   Eigen::AlignedBox2d box = surface.bounds();
@@ -65,6 +46,40 @@ Eigen::AlignedBox2d meeting(const ReceivedShadowDraw& draw, const ReceivingSurfa
     box = box.intersection(Eigen::AlignedBox2d(draw.centre - reach, draw.centre + reach));
   }
   return box;
+}
+
+// About a pixel where the shadow meets the receiver nearest to the camera, in whole octaves, so
+// that a camera that moves seldom changes it [m].
+double texel_for(const FramePlan& plan, const ReceivedShadowDraw& draw,
+                 const ReceivingSurface& surface, const Model& model,
+                 const Placement& T_table_object, double pixel_at_unit_depth) {
+  const auto T_camera_table = plan.T_table_camera.inverse();
+  const auto nearest_corner = [](auto&& depth_of) {
+    double depth = std::numeric_limits<double>::infinity();
+    for (unsigned corner = 0; corner < 8; ++corner) {
+      const auto high = [corner](unsigned axis) { return (corner >> axis & 1U) != 0U; };
+      depth = std::min(depth, depth_of(high(0), high(1), high(2)));
+    }
+    return depth;
+  };
+  double depth = nearest_corner([&](bool x, bool y, bool z) {
+    const Eigen::Vector3d p((x ? model.max_corner : model.min_corner).x,
+                            (y ? model.max_corner : model.min_corner).y,
+                            (z ? model.max_corner : model.min_corner).z);
+    return (T_camera_table * (T_table_object * p)).z();
+  });
+  const Eigen::AlignedBox2d box = meeting(draw, surface);
+  if (!box.isEmpty()) {
+    const PlaneFrame& plane = draw.shadow.plane_frame;
+    depth = std::max(depth, nearest_corner([&](bool u, bool v, bool h) {
+                       const Eigen::Vector3d p = plane.lift((u ? box.max() : box.min()).x(),
+                                                            (v ? box.max() : box.min()).y()) +
+                                                 (h ? std::max(draw.top, 0.0) : 0.0) * plane.n;
+                       return (T_camera_table * p).z();
+                     }));
+  }
+  const double pixel = pixel_at_unit_depth * std::max(depth, kNearestDistance);
+  return std::max(kFinestTexel, std::exp2(std::floor(std::log2(pixel))));
 }
 
 // None where the plan no longer draws it.
@@ -109,7 +124,7 @@ const ReceivedShadowPass::Surface& ReceivedShadowPass::surface_of(const Scene& s
 int ReceivedShadowPass::draw_mask(const Scene& scene, const ReceivedShadowDraw& draw,
                                   const Surface& surface, double most_texels, Mask& mask,
                                   ShadowPass& shadows, ShadowWork& work) {
-  mask.layers = {};
+  mask.shows = false;
   mask.levels.clear();
   Eigen::AlignedBox2d box = meeting(draw, surface.faces);
   if (box.isEmpty()) return 0;
@@ -159,11 +174,12 @@ int ReceivedShadowPass::draw_mask(const Scene& scene, const ReceivedShadowDraw& 
       glColorMask(layer == 0 ? GL_TRUE : GL_FALSE, layer == 1 ? GL_TRUE : GL_FALSE,
                   layer == 2 ? GL_TRUE : GL_FALSE, GL_FALSE);
       const int drawn = shadows.draw_flat(flat, layer, straight, camera);
-      if (drawn > 0) mask.layers[static_cast<std::size_t>(layer)] = true;
+      mask.shows = mask.shows || drawn > 0;
       calls += drawn;
     }
+    glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+    mask.pictures.end();
   }
-  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   return calls;
 }
 
@@ -184,9 +200,9 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
         surface_of(scene, *receiver, draw.shadow.plane, draw.shadow.plane_frame);
     Mask& mask = masks_[{draw.shadow.node, draw.shadow.object, draw.shadow.plane, draw.receiver}];
     mask.last_used = frame_count_;
-    const double texel =
-        texel_for(plan, *scene.objects[static_cast<std::size_t>(draw.receiver)].model,
-                  receiver->T_table_object, shadows.pixel_at_unit_depth());
+    const double texel = texel_for(plan, draw, surface.faces,
+                                   *scene.objects[static_cast<std::size_t>(draw.receiver)].model,
+                                   receiver->T_table_object, shadows.pixel_at_unit_depth());
     const bool kept = mask.valid && mask.texel == texel && mask.surface == surface.version &&
                       mask.top == draw.top && same_shapes(mask.shadow, draw.shadow);
     if (!kept) {
@@ -205,9 +221,7 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
                        scene.objects[static_cast<std::size_t>(draw.shadow.object)].name)});
     }
     (kept ? work.masks_kept : work.masks_drawn) += static_cast<std::int64_t>(mask.levels.size());
-    if (std::ranges::find(mask.layers, true) != mask.layers.end()) {
-      shown_.push_back({&mask, &draw, *receiver});
-    }
+    if (mask.shows) shown_.push_back({&mask, &draw, *receiver});
   }
   const auto unused = [this](const auto& entry) {
     return entry.second.last_used + kFramesKept < frame_count_;
@@ -217,45 +231,48 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
   return calls;
 }
 
-int ReceivedShadowPass::draw_layer(const Scene& scene, const FramePlan& plan,
-                                   const LensUniforms& lens, const ObjectPass& objects,
-                                   const Shown& shown, int layer) {
+int ReceivedShadowPass::draw_shadow(const Scene& scene, const FramePlan& plan,
+                                    const LensUniforms& lens, const ObjectPass& objects,
+                                    const Shown& shown, Gathering gathering) {
   const Mask& mask = *shown.mask;
-  if (layer >= 0 && !mask.layers[static_cast<std::size_t>(layer)]) return 0;
   mask.pictures.bind(kShadowMaskUnit);
   ShadowMask uniforms;
   uniforms.plane_from_table = plane_from_object(shown.draw->shadow.plane_frame, Placement());
   uniforms.normal = to_gl(shown.draw->shadow.plane_frame.n);
   uniforms.origin = {static_cast<float>(mask.origin.x()), static_cast<float>(mask.origin.y())};
   uniforms.extent = {static_cast<float>(mask.extent.x()), static_cast<float>(mask.extent.y())};
-  uniforms.layer = layer;
   uniforms.light_left = layer_light(shown.draw->shadow);
   uniforms.level_count = static_cast<int>(mask.levels.size());
   for (std::size_t i = 0; i < mask.levels.size(); ++i) {
     uniforms.levels[i / 4][static_cast<glm::length_t>(i % 4)] = static_cast<float>(mask.levels[i]);
   }
-  return objects.draw_under_shadow(scene, shown.receiver, plan, lens, uniforms);
+  return objects.draw_under_shadow(scene, shown.receiver, plan, lens, uniforms, gathering);
 }
 
 int ReceivedShadowPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
                              const ObjectPass& objects, Translucency way,
                              Framebuffer& framebuffer) const {
   if (shown_.empty()) return 0;
-  // Each pixel once: blended, by the stencil; retextured, what comes first is drawn last.
-  const bool once = way == Translucency::blend;
-  const bool last_is_seen = way == Translucency::retexture;
+  // Blended, each pixel once, though faces may lie in one place; a screen-door's darkest is seen
+  // whatever else is drawn there, and what is retextured is written anew.
+  const bool blended = way == Translucency::blend;
+  const bool retextured = way == Translucency::retexture;
+  const auto darken = [&](const Shown& shown, Gathering gathering) {
+    begin_darkening(way);
+    if (blended) {
+      if (gathering == Gathering::result)
+        glBlendFuncSeparate(GL_ZERO, GL_DST_ALPHA, GL_ONE, GL_ZERO);
+      glEnable(GL_STENCIL_TEST);
+    }
+    return draw_shadow(scene, plan, lens, objects, shown, gathering);
+  };
   glStencilMask(0xFF);
-  if (once) {
-    glEnable(GL_STENCIL_TEST);
-    glStencilFunc(GL_EQUAL, 0, 0xFF);
-    glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
-  } else {
-    glDisable(GL_STENCIL_TEST);
-  }
+  glStencilFunc(GL_EQUAL, 0, 0xFF);
+  glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
+  glDisable(GL_STENCIL_TEST);
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
-  begin_darkening(way);
   int calls = 0;
   // Planes that are parallel have one light: what lies in its shadow for several is darkened once.
   std::vector<const Shown*> left;
@@ -265,38 +282,37 @@ int ReceivedShadowPass::draw(const Scene& scene, const FramePlan& plan, const Le
     const auto other = std::ranges::stable_partition(left, [&normal](const Shown* shown) {
       return (shown->draw->shadow.plane_frame.n - normal).norm() < 1e-3;
     });
-    std::vector<const Shown*> together(left.begin(), other.begin());
+    std::map<int, std::vector<const Shown*>> over;  // by receiver: no pixel is of two
+    for (auto shown = left.begin(); shown != other.begin(); ++shown)
+      over[(*shown)->receiver.object].push_back(*shown);
     left.erase(left.begin(), other.begin());
-    if (once) glClear(GL_STENCIL_BUFFER_BIT);
-    if (last_is_seen) {
-      framebuffer.copy_picture(kPictureBeforeUnit);
-      std::ranges::reverse(together);
+    if (blended) glClear(GL_STENCIL_BUFFER_BIT);
+    if (retextured) framebuffer.copy_picture(kPictureBeforeUnit);
+    for (const auto& [receiver, casters] : over) {
+      if (casters.size() == 1 || !(blended || retextured)) {
+        for (const Shown* shown : casters) calls += darken(*shown, Gathering::none);
+        continue;
+      }
+      glDisable(GL_STENCIL_TEST);
+      for (const Shown* shown : casters) {
+        const bool first = shown == casters.front();
+        if (blended && !first) {
+          glEnable(GL_BLEND);
+          glBlendFunc(GL_ONE, GL_ONE);
+          glBlendEquation(GL_MIN);
+        } else {
+          glDisable(GL_BLEND);
+        }
+        if (retextured && !first) framebuffer.copy_picture(kPictureBeforeUnit);
+        glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_TRUE);
+        calls += draw_shadow(scene, plan, lens, objects, *shown,
+                             first ? Gathering::first : Gathering::further);
+      }
+      glBlendEquation(GL_FUNC_ADD);
+      glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+      if (retextured) framebuffer.copy_picture(kPictureBeforeUnit);
+      calls += darken(*casters.front(), Gathering::result);
     }
-    // No pixel is of two receivers: where one caster is over one, its layers are drawn at once.
-    std::map<int, int> casters_over;
-    for (const Shown* shown : together) ++casters_over[shown->receiver.object];
-    const auto many = std::ranges::stable_partition(
-        together, [&](const Shown* shown) { return casters_over[shown->receiver.object] == 1; });
-    for (auto shown = together.begin(); shown != many.begin(); ++shown)
-      calls += draw_layer(scene, plan, lens, objects, **shown, -1);
-    struct Fill {
-      const Shown* shown;
-      int layer;
-      float light;
-    };
-    std::vector<Fill> fills;  // as on planes, the darkest first
-    for (int i = 0; i < 3; ++i) {
-      const int layer = last_is_seen ? 2 - i : i;
-      for (const Shown* shown : many)
-        fills.push_back({shown, layer, layer_light(shown->draw->shadow)[layer]});
-    }
-    if (last_is_seen) {
-      std::ranges::stable_sort(fills, std::ranges::greater(), &Fill::light);
-    } else {
-      std::ranges::stable_sort(fills, {}, &Fill::light);
-    }
-    for (const Fill& fill : fills)
-      calls += draw_layer(scene, plan, lens, objects, *fill.shown, fill.layer);
   }
   MaskStack::unbind(kShadowMaskUnit);
   glClear(GL_STENCIL_BUFFER_BIT);

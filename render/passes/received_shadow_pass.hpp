@@ -1,9 +1,9 @@
 // Layered, field and simple shadows on phantoms and on other virtual objects. Each shadow that such
 // a receiver may meet on its way to a plane is drawn as seen along the plane's normal, for each of
-// the receiver's levels as on a plane at that height; then the receiver's pixels are darkened by
-// what lies over each of them, once, with the layer that comes first over all casters, as a plane's
-// are (through a screen-door, shadows onto planes that face elsewhere are not darker where they
-// meet). A face gets as much of the light as Lambert's law lets it.
+// the receiver's levels as on a plane at that height, with several samples a texel; then the
+// receiver's pixels are darkened by what lies over each of them, once, by the caster that leaves
+// least, as a plane's are (through a screen-door, shadows onto planes that face elsewhere are not
+// darker where they meet). A face gets as much of the light as Lambert's law lets it.
 #pragma once
 
 #include <array>
@@ -48,7 +48,7 @@ class ReceivedShadowPass {
     double top = 0.0;
     double texel = 0.0;  // as the view asks for [m]
     std::vector<double> levels;
-    std::array<bool, 3> layers{};    // which of them are in some picture
+    bool shows = false;              // something is in some picture
     Eigen::Vector2d origin, extent;  // what the pictures show of the plane [m]
     MaskStack pictures;
     std::uint64_t last_used = 0;
@@ -63,9 +63,8 @@ class ReceivedShadowPass {
                             const PlaneFrame& frame);
   static int draw_mask(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
                        double most_texels, Mask& mask, ShadowPass& shadows, ShadowWork& work);
-  // Or all of them at once: -1.
-  static int draw_layer(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                        const ObjectPass& objects, const Shown& shown, int layer);
+  static int draw_shadow(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+                         const ObjectPass& objects, const Shown& shown, Gathering gathering);
 
   std::map<std::pair<int, int>, Surface> surfaces_;       // receiver, plane
   std::map<std::tuple<int, int, int, int>, Mask> masks_;  // node, object, plane, receiver

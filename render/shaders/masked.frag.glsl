@@ -1,13 +1,29 @@
-// What a shadow's layer leaves of the picture on a surface, by shadow_mask.glsl.
+// What a shadow leaves of the picture on a surface, by shadow_mask.glsl. Or the least that several of
+// them leave: gathered in the picture's alpha, shadow by shadow, and then taken from there.
 in vec3 place;
 in vec3 facing;
 
 layout(location = 0) out vec4 color;
 
 uniform vec3 eye;  // table frame
+uniform int gathering;  // 0: nothing; 1: the first shadow; 2: a further one; 3: what was gathered
 
 void main() {
+  if (gathering == 3) {
+#if defined(RETEXTURED)
+    color = darkened(vec3(texelFetch(picture_before, ivec2(gl_FragCoord.xy), 0).a));
+#else
+    color = vec4(1.0);  // the blending takes the picture's own alpha
+#endif
+    return;
+  }
   float left = left_under_mask(place, surface_normal(facing, normalize(eye - place)));
-  if (left > 1.0) discard;
-  color = darkened(vec3(left));
+  if (gathering == 0) {
+    color = darkened(vec3(left));
+    return;
+  }
+#if defined(RETEXTURED)
+  if (gathering == 2) left = min(left, texelFetch(picture_before, ivec2(gl_FragCoord.xy), 0).a);
+#endif
+  color = vec4(vec3(0.0), left);
 }

@@ -10,7 +10,6 @@
 namespace penumbra {
 namespace {
 
-constexpr double kSameLevel = 5e-4;  // [m]
 // Steeper faces get next to nothing of a light that comes straight down.
 constexpr double kLeastCosine = 0.02;
 constexpr double kLevelCosine = 0.999;
@@ -37,7 +36,7 @@ ReceivingSurface::ReceivingSurface(const Model& model, const Placement& T_table_
       const Eigen::Vector3d high = corners[0].cwiseMax(corners[1]).cwiseMax(corners[2]);
       if (!(high.z() > kContact)) continue;
       const bool level =
-          high.z() - low.z() <= kSameLevel && std::abs(normal.z()) > kLevelCosine * length;
+          high.z() - low.z() <= kLevelWidth && std::abs(normal.z()) > kLevelCosine * length;
       faces_.push_back({static_cast<float>(low.x()), static_cast<float>(high.x()),
                         static_cast<float>(low.y()), static_cast<float>(high.y()),
                         static_cast<float>(std::max(low.z(), 0.0)), static_cast<float>(high.z()),
@@ -81,7 +80,7 @@ std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& over, do
   std::sort(plateaus.begin(), plateaus.end());
   std::vector<double> levels;
   for (const double height : plateaus) {
-    if (levels.empty() || height - levels.back() > kSameLevel) levels.push_back(height);
+    if (levels.empty() || height - levels.back() > kLevelWidth) levels.push_back(height);
   }
   if (slope_high >= slope_low) {
     const std::size_t flat = levels.size();
@@ -92,7 +91,7 @@ std::vector<double> ReceivingSurface::levels(const Eigen::AlignedBox2d& over, do
       for (int i = 0; i <= static_cast<int>(steps); ++i) {
         const double height = low + range * i / steps;
         const auto near = [height](double plateau) {
-          return std::abs(plateau - height) <= kSameLevel;
+          return std::abs(plateau - height) <= kLevelWidth;
         };
         if (std::none_of(levels.begin(), levels.begin() + static_cast<std::ptrdiff_t>(flat), near))
           levels.push_back(height);

@@ -13,8 +13,10 @@
 namespace penumbra {
 
 // Slopes have a level this often, where that is not too many. What lies between two levels receives
-// as at the nearer one; what lies farther than this above the highest receives nothing.
+// a mixture of theirs; what lies farther than this above the highest receives nothing.
 inline constexpr double kLevelStep = 4e-3;  // [m]
+// What lies so far above a level is as good as on it.
+inline constexpr double kLevelWidth = 5e-4;  // [m]
 
 // How often slopes have one at most.
 struct LevelSpacing {
