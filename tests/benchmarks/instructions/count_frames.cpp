@@ -1,14 +1,17 @@
-// Draws frames for callgrind to count: count_frames TRIANGLES still|moving|cut FRAMES
-// TECHNIQUE:TRANSLUCENCY..., 1280 x 720, video as YUYV, a torus of so many triangles over the
-// table. Of each technique counted from the fourth frame on, when programs are compiled and what
-// stays as it is has been made; dumped under its name. Prints how many draw calls the last frame of
-// each had. scripts/count-instructions runs it.
+// Draws frames for callgrind to count: count_frames TRIANGLES still|moving|cut|over-box|over-ball
+// FRAMES TECHNIQUE:TRANSLUCENCY..., 1280 x 720, video as YUYV, a torus of so many triangles over
+// the table; over-box and over-ball: moving over a phantom, which its shadow climbs. Of each
+// technique counted from the fourth frame on, when programs are compiled and what stays as it is
+// has been made; dumped under its name. Prints how many draw calls the last frame of each had.
+// scripts/count-instructions runs it.
 #include <valgrind/callgrind.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "core/text.hpp"
 #include "counted_scene.hpp"
@@ -67,28 +70,36 @@ int main(int argc, char** argv) {
   using namespace penumbra;
   const auto misused = [] {
     std::fprintf(stderr,
-                 "count_frames TRIANGLES still|moving|cut FRAMES TECHNIQUE:TRANSLUCENCY...\n");
+                 "count_frames TRIANGLES still|moving|cut|over-box|over-ball FRAMES "
+                 "TECHNIQUE:TRANSLUCENCY...\n");
     return 2;
   };
   if (argc < 5) return misused();
   // No value is none of the numbers asked for.
   const auto triangles = static_cast<int>(parse_integer(argv[1]).value_or(0));
   const std::string named = argv[2];
-  const counted::Motion motion = named == "still" ? counted::Motion::still
-                                 : named == "cut" ? counted::Motion::cut
-                                                  : counted::Motion::moving;
+  using counted::Motion;
+  using counted::Receiver;
+  struct Kind {
+    std::string_view name;
+    Motion motion;
+    Receiver receiver;
+  };
+  constexpr std::array kKinds = {
+      Kind{"still", Motion::still, Receiver::none}, Kind{"moving", Motion::moving, Receiver::none},
+      Kind{"cut", Motion::cut, Receiver::none}, Kind{"over-box", Motion::moving, Receiver::box},
+      Kind{"over-ball", Motion::moving, Receiver::ball}};
+  const auto kind = std::ranges::find(kKinds, std::string_view(argv[2]), &Kind::name);
   const auto frames = static_cast<int>(parse_integer(argv[3]).value_or(0));
-  if ((triangles != 12 && triangles < 32) || frames < 1 ||
-      (named != "still" && named != "moving" && named != "cut"))
-    return misused();
+  if ((triangles != 12 && triangles < 32) || frames < 1 || kind == kKinds.end()) return misused();
   counted::use_one_thread_of_software_gl();
-  const auto scene = std::make_shared<const Scene>(
-      counted::scene_of(counted::body(triangles), make_layered_constants(0.7, 2.5, 0.0).value()));
+  const auto scene = std::make_shared<const Scene>(counted::scene_of(
+      counted::body(triangles), make_layered_constants(0.7, 2.5, 0.0).value(), kind->receiver));
   test::Studio studio(scene, counted::camera());
   for (int i = 4; i < argc; ++i) {
     const auto row = row_of(argv[i]);
     if (!row) return misused();
-    count(studio, triangles, motion, frames, *row);
+    count(studio, triangles, kind->motion, frames, *row);
   }
   return 0;
 }

@@ -9,6 +9,7 @@
 
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
+#include "support/studio_models.hpp"
 
 namespace penumbra::counted {
 
@@ -63,9 +64,20 @@ inline Frame video(Video kind) {
   return buffer.frame;
 }
 
-inline Scene scene_of(std::shared_ptr<const Model> model, const LayeredConstants& constants) {
+// A thing that the object's shadow climbs.
+enum class Receiver { none, box, ball };
+inline Scene scene_of(std::shared_ptr<const Model> model, const LayeredConstants& constants,
+                      Receiver receiver = Receiver::none) {
   test::SceneBuilder builder;
   builder.add(std::move(model), test::at(0.0, 0.0, kObjectHeight, {1, 0.2, 0}, 0.4));
+  if (receiver == Receiver::box)
+    builder.add(test::box(0.07, 0.06, 0.03), test::at(0.03, 0.0, 0.015), false, true);
+  if (receiver == Receiver::ball) {
+    test::ShapeBuilder shape;
+    shape.sphere(0.03, 24, 48);
+    builder.add(test::finished(shape.build(), glm::vec4(1.0F)), test::at(0.03, 0.0, 0.02), false,
+                true);
+  }
   builder.scene().shadows[0].layered = constants;
   Scene scene = builder.scene();
   scene.objects[0].proxy = ProxyMode::none;
