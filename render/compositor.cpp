@@ -225,8 +225,8 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     // those behind it.
     m.stats.draw_calls += m.receivers.begin_frame(plan, m.lens, !plan.volumes.empty());
     count(m.shadows.draw(plan, m.lens, m.receivers, m.video, frame, m.framebuffer));
-    count(received +
-          m.received_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.framebuffer));
+    count(received + m.received_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.receivers,
+                                             m.framebuffer));
     count(m.hard_shadows.draw(plan, m.lens, m.receivers, m.framebuffer));
     count(m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer));
     count(m.objects.draw_blended(plan, m.lens, m.framebuffer));

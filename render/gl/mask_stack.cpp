@@ -40,17 +40,30 @@ void MaskStack::resize(int width, int height, int count) {
   glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_RGBA8, width, height, count, 0, GL_RGBA, GL_UNSIGNED_BYTE,
                nullptr);
   unbind(0);
-  if (sample_count_ == 0) return;
-  glBindRenderbuffer(GL_RENDERBUFFER, samples_.id());
-  glRenderbufferStorageMultisample(GL_RENDERBUFFER, sample_count_, GL_RGBA8, width, height);
-  glBindFramebuffer(GL_FRAMEBUFFER, samples_framebuffer_.id());
-  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, samples_.id());
 }
 
-void MaskStack::begin(int index) const {
+void MaskStack::upload(int index, std::span<const std::uint8_t> rgba) const {
+  bind(0);
+  glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
+  glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, index, width_, height_, 1, GL_RGBA,
+                  GL_UNSIGNED_BYTE, rgba.data());
+  unbind(0);
+}
+
+void MaskStack::begin(int index) {
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   glFramebufferTextureLayer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, texture_.id(), 0, index);
-  if (sample_count_ > 0) glBindFramebuffer(GL_FRAMEBUFFER, samples_framebuffer_.id());
+  if (sample_count_ > 0) {
+    glBindFramebuffer(GL_FRAMEBUFFER, samples_framebuffer_.id());
+    if (samples_width_ != width_ || samples_height_ != height_) {
+      samples_width_ = width_;
+      samples_height_ = height_;
+      glBindRenderbuffer(GL_RENDERBUFFER, samples_.id());
+      glRenderbufferStorageMultisample(GL_RENDERBUFFER, sample_count_, GL_RGBA8, width_, height_);
+      glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER,
+                                samples_.id());
+    }
+  }
   glViewport(0, 0, width_, height_);
   glDisable(GL_SCISSOR_TEST);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);

@@ -1,6 +1,9 @@
-// Pictures of one size, drawn one by one and read as an array texture: which of a shadow's layers
-// lies where, at several heights.
+// Pictures of one size, drawn or uploaded one by one and read as an array texture: which of a
+// shadow's layers lies where, at several heights.
 #pragma once
+
+#include <cstdint>
+#include <span>
 
 #include "render/gl/handle.hpp"
 
@@ -13,8 +16,10 @@ class MaskStack {
   // RGBA of 8 bits. Storage is kept while this stays as it was; what is in it is not defined
   // afterwards.
   void resize(int width, int height, int count);
+  // 4 bytes a texel, rows in order.
+  void upload(int index, std::span<const std::uint8_t> rgba) const;
   // For drawing, with its viewport; all 0.
-  void begin(int index) const;
+  void begin(int index);
   // Once it is drawn: what its texels hold is the mean over their samples, where the driver has
   // several of them.
   void end() const;
@@ -28,6 +33,8 @@ class MaskStack {
   GlHandle<FramebufferTraits> samples_framebuffer_;
   GlHandle<RenderbufferTraits> samples_;  // of one picture, drawn before it is resolved
   int sample_count_ = 0;                  // of a texel; 0: the picture is drawn itself
+  int samples_width_ = 0;
+  int samples_height_ = 0;
   int width_ = 0;
   int height_ = 0;
   int count_ = 0;

@@ -121,7 +121,7 @@ const ReceivedShadowPass::Surface& ReceivedShadowPass::surface_of(const Scene& s
   return surface;
 }
 
-int ReceivedShadowPass::draw_mask(const Scene& scene, const ReceivedShadowDraw& draw,
+int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& draw,
                                   const Surface& surface, double most_texels, Mask& mask,
                                   ShadowPass& shadows, ShadowWork& work) {
   mask.shows = false;
@@ -157,7 +157,31 @@ int ReceivedShadowPass::draw_mask(const Scene& scene, const ReceivedShadowDraw& 
   }
   mask.extent = size.cast<double>().matrix() * texel;
   mask.pictures.resize(size.x(), size.y(), static_cast<int>(mask.levels.size()));
+  const MaskCells cells{texel, std::llround(mask.origin.x() / texel),
+                        std::llround(mask.origin.y() / texel), size.x(), size.y()};
+  if (mask.covered && cover_levels(scene, draw, surface, cells, mask, shadows, work)) return 0;
+  return draw_levels(scene, draw, surface, mask, shadows, work);
+}
 
+bool ReceivedShadowPass::cover_levels(const Scene& scene, const ReceivedShadowDraw& draw,
+                                      const Surface& surface, const MaskCells& cells, Mask& mask,
+                                      ShadowPass& shadows, ShadowWork& work) {
+  shares_.resize(std::size_t{4} * static_cast<std::size_t>(cells.width) *
+                 static_cast<std::size_t>(cells.height));
+  for (std::size_t level = 0; level < mask.levels.size(); ++level) {
+    PlaneFrame plane = surface.plane;
+    plane.q += mask.levels[level] * plane.n;
+    if (!shadows.cover_flat(scene, draw, static_cast<int>(level), plane, cells, shares_, work))
+      return false;
+    mask.shows = mask.shows || std::ranges::any_of(shares_, [](std::uint8_t s) { return s != 0; });
+    mask.pictures.upload(static_cast<int>(level), shares_);
+  }
+  return true;
+}
+
+int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw& draw,
+                                    const Surface& surface, Mask& mask, ShadowPass& shadows,
+                                    ShadowWork& work) {
   const LensUniforms straight;
   const glm::mat4x3 camera = camera_above(mask.origin, mask.extent);
   glDisable(GL_DEPTH_TEST);
@@ -203,15 +227,18 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
     const double texel = texel_for(plan, draw, surface.faces,
                                    *scene.objects[static_cast<std::size_t>(draw.receiver)].model,
                                    receiver->T_table_object, shadows.pixel_at_unit_depth());
-    const bool kept = mask.valid && mask.texel == texel && mask.surface == surface.version &&
-                      mask.top == draw.top && same_shapes(mask.shadow, draw.shadow);
+    const bool covers = shadows.covers_flat(scene, plan, draw.shadow);
+    const bool kept = mask.valid && mask.covered == covers && mask.texel == texel &&
+                      mask.surface == surface.version && mask.top == draw.top &&
+                      same_shapes(mask.shadow, draw.shadow);
     if (!kept) {
       mask.valid = true;
       mask.surface = surface.version;
       mask.top = draw.top;
       mask.texel = texel;
+      mask.covered = covers;
       mask.shadow = draw.shadow;
-      calls += draw_mask(scene, draw, surface, texels, mask, shadows, work);
+      calls += make_mask(scene, draw, surface, texels, mask, shadows, work);
     }
     if (kept && !mask.levels.empty()) {
       work.kept.push_back(
@@ -250,7 +277,7 @@ int ReceivedShadowPass::draw_shadow(const Scene& scene, const FramePlan& plan,
 }
 
 int ReceivedShadowPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                             const ObjectPass& objects, Translucency way,
+                             const ObjectPass& objects, Translucency way, Receivers& receivers,
                              Framebuffer& framebuffer) const {
   if (shown_.empty()) return 0;
   // Blended, each pixel once, though faces may lie in one place; a screen-door's darkest is seen
@@ -266,7 +293,6 @@ int ReceivedShadowPass::draw(const Scene& scene, const FramePlan& plan, const Le
     }
     return draw_shadow(scene, plan, lens, objects, shown, gathering);
   };
-  glStencilMask(0xFF);
   glStencilFunc(GL_EQUAL, 0, 0xFF);
   glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
   glDisable(GL_STENCIL_TEST);
@@ -286,7 +312,7 @@ int ReceivedShadowPass::draw(const Scene& scene, const FramePlan& plan, const Le
     for (auto shown = left.begin(); shown != other.begin(); ++shown)
       over[(*shown)->receiver.object].push_back(*shown);
     left.erase(left.begin(), other.begin());
-    if (blended) glClear(GL_STENCIL_BUFFER_BIT);
+    if (blended) receivers.begin_marks();
     if (retextured) framebuffer.copy_picture(kPictureBeforeUnit);
     for (const auto& [receiver, casters] : over) {
       if (casters.size() == 1 || !(blended || retextured)) {
@@ -315,7 +341,6 @@ int ReceivedShadowPass::draw(const Scene& scene, const FramePlan& plan, const Le
     }
   }
   MaskStack::unbind(kShadowMaskUnit);
-  glClear(GL_STENCIL_BUFFER_BIT);
   end_translucent();
   glDisable(GL_STENCIL_TEST);
   glDepthFunc(GL_LESS);

@@ -1,6 +1,7 @@
 // Layered, field and simple shadows on phantoms and on other virtual objects. Each shadow that such
 // a receiver may meet on its way to a plane is drawn as seen along the plane's normal, for each of
-// the receiver's levels as on a plane at that height, with several samples a texel; then the
+// the receiver's levels as on a plane at that height: covered as masks of planes are, or drawn with
+// several samples a texel; then the
 // receiver's pixels are darkened by what lies over each of them, once, by the caster that leaves
 // least, as a plane's are (through a screen-door, shadows onto planes that face elsewhere are not
 // darker where they meet). A face gets as much of the light as Lambert's law lets it.
@@ -16,6 +17,7 @@
 #include "render/frame_plan.hpp"
 #include "render/gl/mask_stack.hpp"
 #include "render/passes/object_pass.hpp"
+#include "render/passes/receivers.hpp"
 #include "render/passes/shadow_pass.hpp"
 #include "render/shadow/receiving_levels.hpp"
 
@@ -27,9 +29,10 @@ class ReceivedShadowPass {
   // have been prepared. Adds to `work`. Number of draw calls.
   int prepare(const Scene& scene, const FramePlan& plan, ShadowPass& shadows, ShadowWork& work);
   // The plan must be the one prepared; with the depth of phantoms, objects and planes, and
-  // `objects` drawing in the same way. Leaves the stencil all 0. Number of draw calls.
+  // `objects` drawing in the same way. Number of draw calls.
   int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-           const ObjectPass& objects, Translucency way, Framebuffer& framebuffer) const;
+           const ObjectPass& objects, Translucency way, Receivers& receivers,
+           Framebuffer& framebuffer) const;
 
  private:
   // Of a receiver over a plane.
@@ -48,6 +51,7 @@ class ReceivedShadowPass {
     double top = 0.0;
     double texel = 0.0;  // as the view asks for [m]
     std::vector<double> levels;
+    bool covered = false;            // made by covers_flat()
     bool shows = false;              // something is in some picture
     Eigen::Vector2d origin, extent;  // what the pictures show of the plane [m]
     MaskStack pictures;
@@ -61,14 +65,20 @@ class ReceivedShadowPass {
 
   const Surface& surface_of(const Scene& scene, const ObjectDraw& receiver, int plane,
                             const PlaneFrame& frame);
-  static int draw_mask(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
-                       double most_texels, Mask& mask, ShadowPass& shadows, ShadowWork& work);
+  int make_mask(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
+                double most_texels, Mask& mask, ShadowPass& shadows, ShadowWork& work);
+  // Makes the pictures of its levels; false where they are to be drawn instead.
+  bool cover_levels(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
+                    const MaskCells& cells, Mask& mask, ShadowPass& shadows, ShadowWork& work);
+  static int draw_levels(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
+                         Mask& mask, ShadowPass& shadows, ShadowWork& work);
   static int draw_shadow(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
                          const ObjectPass& objects, const Shown& shown, Gathering gathering);
 
   std::map<std::pair<int, int>, Surface> surfaces_;       // receiver, plane
   std::map<std::tuple<int, int, int, int>, Mask> masks_;  // node, object, plane, receiver
   std::vector<Shown> shown_;                              // in this frame
+  std::vector<std::uint8_t> shares_;
   std::uint64_t frame_count_ = 0;
   std::uint64_t surfaces_made_ = 0;
 };

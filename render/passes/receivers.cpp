@@ -145,10 +145,10 @@ void Receivers::begin_plane(const FramePlan& plan, int plane, const PlaneFrame& 
   glEnable(GL_STENCIL_TEST);
   glStencilMask(0xFF);
   if (used_) glClear(GL_STENCIL_BUFFER_BIT);
-  used_ = true;
   const Outline& outline = outlines_[static_cast<std::size_t>(plane)];
   if (outline.count > 0) turn_outline_over(outline, plan, frame, lens);
   marked_ = outline.count > 0 || depth_drawn_;
+  used_ = marked_;
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_LESS);
   if (depth_drawn_) {
@@ -174,7 +174,13 @@ void Receivers::begin_plane(const FramePlan& plan, int plane, const PlaneFrame& 
   glStencilMask(kShadowBits);
 }
 
-void Receivers::test_place() const {
+void Receivers::begin_marks() {
+  glStencilMask(0xFF);
+  if (used_) glClear(GL_STENCIL_BUFFER_BIT);
+  used_ = true;
+}
+
+void Receivers::test_place() {
   if (marked_) {
     stencil_test(0, 0);
   } else {
@@ -182,7 +188,8 @@ void Receivers::test_place() const {
   }
 }
 
-void Receivers::stencil_test(unsigned bits, unsigned compared) const {
+void Receivers::stencil_test(unsigned bits, unsigned compared) {
+  used_ = true;
   PENUMBRA_ASSERT((bits & ~kShadowBits) == 0 && (compared & ~kShadowBits) == 0);
   const unsigned own = marked_ ? kReceiverBit : 0U;
   glStencilFunc(GL_EQUAL, static_cast<GLint>(own | bits), own | compared);

@@ -39,11 +39,15 @@ class Receivers {
                    const LensUniforms& lens);
   // Passes on the plane's own pixels whose other shadow bits, of those in `compared`, are `bits`.
   // `bits` is also what GL_REPLACE writes.
-  void stencil_test(unsigned bits, unsigned compared) const;
+  void stencil_test(unsigned bits, unsigned compared);
+
+  // For a pass that marks pixels by itself: from here on all bits of the stencil are 0, and its own
+  // to write; the next begin_plane() makes them so again.
+  void begin_marks();
 
   // Passes on the plane's own pixels, with whatever shadow bits; without a stencil where all of the
   // picture is the plane's.
-  void test_place() const;
+  void test_place();
 
   // The grid of receiver.vert.glsl, for programs that begin with it and are in use. Sets their lens
   // and place, and draws.

@@ -35,6 +35,12 @@ constexpr std::int64_t kMostMaskCells = 1024;  // along a side
 // (rendering.md 3). A mask takes the CPU half a million instructions and more, drawing directly a
 // few thousand, and the rest is the GPU's (BENCHMARKS.md).
 constexpr std::size_t kFewFaces = 500;
+
+// One cell around, with all of the light.
+MaskCells cells_about(const Eigen::AlignedBox<std::int64_t, 2>& box, double cell) {
+  return MaskCells{cell, box.min().x() - 1, box.min().y() - 1,
+                   static_cast<int>(box.sizes().x()) + 3, static_cast<int>(box.sizes().y()) + 3};
+}
 // A reduced mesh whose edges were split again for the lens must still spare this much.
 constexpr double kWorthwhileFaces = 0.75;
 // Tilt and height of layers are kept to what floats can tell; those of fields to 1/32 of a cell.
@@ -839,11 +845,9 @@ std::optional<ShadowReach> ShadowPass::reach_of(const Scene& scene, const Shadow
   return reach;
 }
 
-std::size_t ShadowPass::prepare_flat(const Scene& scene, const ReceivedShadowDraw& draw, int level,
-                                     const PlaneFrame& plane, ShadowWork& work) {
-  ShadowDraw shadow = draw.shadow;
-  shadow.plane_frame = plane;
-  Caster& caster = caster_of(scene, shadow.object);
+ShadowPass::Prepared& ShadowPass::prepare_level(const ReceivedShadowDraw& draw, int level,
+                                                const ShadowDraw& shadow, Caster& caster,
+                                                bool masked, ShadowWork& work) {
   Prepared& prepared =
       flat_prepared_[{shadow.node, shadow.object, shadow.plane, draw.receiver, level}];
   prepared.last_used = frame_count_;
@@ -851,18 +855,61 @@ std::size_t ShadowPass::prepare_flat(const Scene& scene, const ReceivedShadowDra
   if (caster.whole.geometry.indices.empty()) {
     prepared.layers = {};
     prepared.valid = false;
-  } else {
-    // What is counted is of casters, planes and lights: a receiver's levels are none of their own.
-    const ShadowWork before = work;
-    prepare_one(shadow, caster, prepared, false, work);
-    work.reprojections = before.reprojections;
-    work.recomputed = before.recomputed;
-    work.proxy_shadows = before.proxy_shadows;
+    return prepared;
   }
+  // What is counted is of casters, planes and lights: a receiver's levels are none of their own.
+  const ShadowWork before = work;
+  prepare_one(shadow, caster, prepared, masked, work);
+  work.reprojections = before.reprojections;
+  work.recomputed = before.recomputed;
+  work.proxy_shadows = before.proxy_shadows;
+  return prepared;
+}
+
+std::size_t ShadowPass::prepare_flat(const Scene& scene, const ReceivedShadowDraw& draw, int level,
+                                     const PlaneFrame& plane, ShadowWork& work) {
+  ShadowDraw shadow = draw.shadow;
+  shadow.plane_frame = plane;
+  Caster& caster = caster_of(scene, shadow.object);
+  Prepared& prepared = prepare_level(draw, level, shadow, caster, false, work);
   shadow.fractions = {1.0, 1.0, 1.0};
   flats_.emplace_back(shadow, Item{&caster, &prepared, shadow.node, shadow.object, shadow.plane,
                                    shadow.plane_frame});
   return flats_.size() - 1;
+}
+
+bool ShadowPass::covers_flat(const Scene& scene, const FramePlan& plan, const ShadowDraw& draw) {
+  if (plan.layers == LayerDrawing::direct || draw.technique != ShadowTechnique::layered)
+    return false;
+  Caster& caster = caster_of(scene, draw.object);
+  if (plan.layers == LayerDrawing::automatic && smooth_edges_ &&
+      caster.mesh.indices.size() / 3 <= kFewFaces)
+    return false;
+  return is_for_masks(caster.whole, caster.mesh) &&
+         (!caster.proxy || !draw.proxy || is_for_masks(caster.reduced, caster.proxy->mesh));
+}
+
+bool ShadowPass::cover_flat(const Scene& scene, const ReceivedShadowDraw& draw, int level,
+                            const PlaneFrame& plane, const MaskCells& cells,
+                            std::span<std::uint8_t> rgba, ShadowWork& work) {
+  ShadowDraw shadow = draw.shadow;
+  shadow.plane_frame = plane;
+  Caster& caster = caster_of(scene, shadow.object);
+  const Prepared& prepared = prepare_level(draw, level, shadow, caster, true, work);
+  std::ranges::fill(rgba, std::uint8_t{0});
+  if (!prepared.valid) return true;
+  const MaskPart part = mask_part(shadow, caster, prepared);
+  if (part.covers_nothing()) return true;
+  if (mask_casters_.empty()) mask_casters_.resize(1);
+  MaskCaster& projected = mask_casters_.front();
+  project_part(part, face_images(part, work), cells.size, projected, work);
+  const Eigen::AlignedBox<std::int64_t, 2>& bounds = projected.bounds();
+  if (bounds.isEmpty()) return true;
+  if (bounds.sizes().maxCoeff() >= kMostMaskCells) return false;
+  mask_picture_.begin(cells_about(bounds, cells.size));
+  cover_part(part, projected);
+  mask_picture_.finish_shares(cells, rgba);
+  return true;
 }
 
 void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work) {
@@ -1008,6 +1055,25 @@ std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan
   return in_view == kNone ? anywhere : in_view;
 }
 
+ShadowPass::MaskPart ShadowPass::mask_part(const ShadowDraw& draw, Caster& caster,
+                                           const Prepared& prepared) const {
+  MaskPart part{&caster,
+                prepared.kernel_key,
+                prepared.reduced,
+                prepared.own,
+                draw.constants,
+                draw.light_mode,
+                {},
+                {},
+                mask_light(draw)};
+  for (std::size_t layer = 0; layer < 3; ++layer) {
+    const LayerSource source = prepared.layers[layer].source;
+    part.layers[layer] = source == LayerSource::masked;
+    part.faces[layer] = source == LayerSource::masked_faces;
+  }
+  return part;
+}
+
 void ShadowPass::make_mask(const Scene& scene, const FramePlan& plan, int plane, PlaneMask& mask,
                            ShadowWork& work) {
   const auto T_camera_table = plan.T_table_camera.inverse();
@@ -1021,22 +1087,8 @@ void ShadowPass::make_mask(const Scene& scene, const FramePlan& plan, int plane,
     // What is out of sight is left out whatever the plan says: it would make the mask larger.
     // Kernels from a file may lie anywhere.
     if (draw.off_outline || (!prepared.kernel_key.stored && frustum_.misses(square))) continue;
-    MaskPart part{items_[i].caster,
-                  prepared.kernel_key,
-                  prepared.reduced,
-                  prepared.own,
-                  draw.constants,
-                  draw.light_mode,
-                  {},
-                  {},
-                  mask_light(draw)};
-    for (std::size_t layer = 0; layer < 3; ++layer) {
-      const LayerSource source = prepared.layers[layer].source;
-      part.layers[layer] = source == LayerSource::masked;
-      part.faces[layer] = source == LayerSource::masked_faces;
-    }
-    if (part.layers == std::array<bool, 3>{} && part.faces == std::array<bool, 3>{}) continue;
-    parts.push_back(part);
+    const MaskPart part = mask_part(draw, *items_[i].caster, prepared);
+    if (!part.covers_nothing()) parts.push_back(part);
   }
   // By half powers of two, so that a camera that moves seldom makes another mask. Of the present
   // frame alone; but where a camera at rest trembles between two sizes, both are kept.
@@ -1093,6 +1145,23 @@ std::array<std::vector<PlanePoint>, 3> ShadowPass::face_images(const MaskPart& p
   return images;
 }
 
+void ShadowPass::project_part(const MaskPart& part,
+                              const std::array<std::vector<PlanePoint>, 3>& faces, double cell,
+                              MaskCaster& caster, ShadowWork& work) {
+  if (part.layers == std::array<bool, 3>{}) {
+    caster.begin(part.own, cell);
+  } else {
+    const KernelSet& set = part.caster->sets.at(part.kernels);
+    const std::vector<glm::vec3>& positions =
+        (part.reduced ? part.caster->proxy->mesh : part.caster->mesh).positions;
+    caster.project(positions, (part.reduced ? set.reduced : set.whole).kernels, part.own,
+                   part.constants, part.layers, cell);
+    work.vertices += static_cast<std::int64_t>(positions.size());
+  }
+  for (std::size_t layer = 0; layer < 3; ++layer)
+    caster.project_faces(kShadowLayers[layer], faces[layer]);
+}
+
 void ShadowPass::cover_part(const MaskPart& part, MaskCaster& caster) {
   static const std::vector<FacePair> kNoEdges;
   const ShadowMesh& mesh = part.reduced ? part.caster->proxy->mesh : part.caster->mesh;
@@ -1138,21 +1207,9 @@ void ShadowPass::draw_mask(double target, std::vector<MaskPart> of, PlaneMask& p
           continue;
         }
       }
-      MaskCaster& caster = mask_casters_[i];
-      if (part.layers == std::array<bool, 3>{}) {
-        caster.begin(part.own, cell);
-      } else {
-        const KernelSet& set = part.caster->sets.at(part.kernels);
-        const std::vector<glm::vec3>& positions =
-            (part.reduced ? part.caster->proxy->mesh : part.caster->mesh).positions;
-        caster.project(positions, (part.reduced ? set.reduced : set.whole).kernels, part.own,
-                       part.constants, part.layers, cell);
-        work.vertices += static_cast<std::int64_t>(positions.size());
-      }
       if (!faces[i]) faces[i] = face_images(part, work);
-      for (std::size_t layer = 0; layer < 3; ++layer)
-        caster.project_faces(kShadowLayers[layer], (*faces[i])[layer]);
-      bounds.extend(caster.bounds());
+      project_part(part, *faces[i], cell, mask_casters_[i], work);
+      bounds.extend(mask_casters_[i].bounds());
     }
     if (bounds.isEmpty() || bounds.sizes().maxCoeff() < kMostMaskCells) break;
   }
@@ -1160,22 +1217,17 @@ void ShadowPass::draw_mask(double target, std::vector<MaskPart> of, PlaneMask& p
     mask.texture.reset();
     return;
   }
-  // One cell around, with all of the light.
-  const auto cells_about = [cell](const Eigen::AlignedBox<std::int64_t, 2>& box) {
-    return MaskCells{cell, box.min().x() - 1, box.min().y() - 1,
-                     static_cast<int>(box.sizes().x()) + 3, static_cast<int>(box.sizes().y()) + 3};
-  };
   for (std::size_t i = 0; i < parts.size(); ++i) {
     if (!rests[i] || kept[i] != nullptr) continue;
     PartCover cover{parts[i], cell, mask_casters_[i].bounds(), {}, 0};
     if (!cover.bounds.isEmpty()) {
-      mask_picture_.begin(cells_about(cover.bounds));
+      mask_picture_.begin(cells_about(cover.bounds, cell));
       cover_part(parts[i], mask_casters_[i]);
       mask_picture_.take(cover.cover);
     }
     plane_mask.covers.push_back(std::move(cover));
   }
-  const MaskCells cells = cells_about(bounds);
+  const MaskCells cells = cells_about(bounds, cell);
   std::vector<bool> done(parts.size(), false);
   bool first = true;
   for (std::size_t of_light = 0; of_light < parts.size(); ++of_light) {
@@ -1387,8 +1439,7 @@ int ShadowPass::draw_plane(const FramePlan& plan, int plane, const Brush& brush)
 // The layers are marked in the stencil, each by how dark it is, the penumbra first; then strips are
 // drawn over all pixels that are equally dark.
 int ShadowPass::draw_strips(const FramePlan& plan, const PlaneReceiver& receiver,
-                            const LensUniforms& lens, const Receivers& receivers,
-                            const Brush& brush) {
+                            const LensUniforms& lens, Receivers& receivers, const Brush& brush) {
   std::set<unsigned> levels;
   Eigen::AlignedBox2d bounds;
   int calls = 0;

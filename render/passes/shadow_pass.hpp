@@ -114,6 +114,14 @@ class ShadowPass {
   // distortion. Number of draw calls.
   int draw_flat(std::size_t flat, int layer, const LensUniforms& camera,
                 const glm::mat4x3& camera_from_plane);
+  // Whether cover_flat() can tell what a shadow covers, and is to: as masks of planes are made.
+  [[nodiscard]] bool covers_flat(const Scene& scene, const FramePlan& plan, const ShadowDraw& draw);
+  // What prepare_flat() and draw_flat() would draw, without OpenGL and exactly: how much of these
+  // cells of the plane each layer covers, as MaskPicture::finish_shares() tells it. Nothing where
+  // the shadow is too large for that.
+  [[nodiscard]] bool cover_flat(const Scene& scene, const ReceivedShadowDraw& draw, int level,
+                                const PlaneFrame& plane, const MaskCells& cells,
+                                std::span<std::uint8_t> rgba, ShadowWork& work);
   // Of those shadows of the last plan that are made with kernels; takes milliseconds for kernels
   // that it was not asked for before.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use();
@@ -229,6 +237,9 @@ class ShadowPass {
     std::array<bool, 3> layers{};  // by silhouettes
     std::array<bool, 3> faces{};   // face by face
     glm::vec3 light{0.0F};         // mask_light()
+    [[nodiscard]] bool covers_nothing() const {
+      return layers == std::array<bool, 3>{} && faces == std::array<bool, 3>{};
+    }
     [[nodiscard]] bool covers_same_as(const MaskPart& other) const;
     [[nodiscard]] bool same_as(const MaskPart& other) const {
       return light == other.light && covers_same_as(other);
@@ -307,7 +318,14 @@ class ShadowPass {
                  ShadowWork& work);
   void draw_mask(double target, std::vector<MaskPart> of, PlaneMask& mask, ShadowWork& work);
   std::array<std::vector<PlanePoint>, 3> face_images(const MaskPart& part, ShadowWork& work);
+  [[nodiscard]] MaskPart mask_part(const ShadowDraw& draw, Caster& caster,
+                                   const Prepared& prepared) const;
+  static void project_part(const MaskPart& part,
+                           const std::array<std::vector<PlanePoint>, 3>& faces, double cell,
+                           MaskCaster& caster, ShadowWork& work);
   void cover_part(const MaskPart& part, MaskCaster& caster);
+  Prepared& prepare_level(const ReceivedShadowDraw& draw, int level, const ShadowDraw& shadow,
+                          Caster& caster, bool masked, ShadowWork& work);
   void make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
   struct Item;
   // What layers are drawn with.
@@ -322,7 +340,7 @@ class ShadowPass {
                    const glm::mat4x3& camera_from_plane);
   int draw_plane(const FramePlan& plan, int plane, const Brush& brush) const;
   int draw_strips(const FramePlan& plan, const PlaneReceiver& receiver, const LensUniforms& lens,
-                  const Receivers& receivers, const Brush& brush);
+                  Receivers& receivers, const Brush& brush);
   int draw_all_layers(const ShadowDraw& draw, const Item& item, const Brush& brush) const;
   int draw_layers(const ShadowDraw& draw, const Item& item, int first_layer, int count,
                   const Brush& brush) const;

@@ -485,24 +485,75 @@ inline void MaskPicture::add_in_row(Steps& sums, int layer, std::ptrdiff_t begin
   add(v1 - v, kPlaces - border + to);
 }
 
+void MaskPicture::begin_rows() {
+  changed_.resize(row_cells_);
+  for (std::vector<std::int32_t>& covered : covered_) covered.resize(row_cells_);
+}
+
 void MaskPicture::finish(const glm::vec3& light, std::vector<std::uint8_t>& codes) {
   const auto width = static_cast<std::size_t>(cells_.width);
   const auto height = static_cast<std::size_t>(cells_.height);
   codes.resize(width * height);
-  changed_.resize(row_cells_);
-  for (std::vector<std::int32_t>& covered : covered_) covered.resize(row_cells_);
+  begin_rows();
   changed_codes_.resize(row_cells_);
   for (std::size_t row = 0; row < height; ++row) {
     std::uint8_t* out = codes.data() + row * width;
     std::fill_n(out, width, std::uint8_t{255});
-    has_back_ ? finish_row<true>(row, light, out) : finish_row<false>(row, light, out);
+    const std::size_t count = finish_row(row);
+    codes_of(covered_[0].data(), covered_[1].data(), covered_[2].data(), count, light.x, light.y,
+             light.z, changed_codes_.data());
+    // What lies between is like the cell before; what lies right of the last is not covered.
+    const std::uint8_t* code = changed_codes_.data();
+    for (std::size_t i = 0; i < count && changed_[i] < width; ++i) {
+      out[changed_[i]] = code[i];
+      if (code[i] == 255 || i + 1 == count) continue;
+      const std::size_t next = std::min<std::size_t>(changed_[i + 1], width);
+      for (std::size_t cell = changed_[i] + 1; cell < next; ++cell) out[cell] = code[i];
+    }
   }
   has_back_ = false;
 }
 
+void MaskPicture::finish_shares(const MaskCells& part, std::span<std::uint8_t> rgba) {
+  PENUMBRA_ASSERT(part.size == cells_.size &&
+                  rgba.size() == std::size_t{4} * static_cast<std::size_t>(part.width) *
+                                     static_cast<std::size_t>(part.height));
+  std::ranges::fill(rgba, std::uint8_t{0});
+  begin_rows();
+  const auto code = [](std::int32_t covered) {
+    const std::int32_t area = std::min(covered < 0 ? -covered : covered, kWhole);
+    return static_cast<std::uint8_t>((std::int64_t{255} * area + kWhole / 2) / kWhole);
+  };
+  for (int row = 0; row < cells_.height; ++row) {
+    const std::size_t count = finish_row(static_cast<std::size_t>(row));
+    const std::int64_t part_row = cells_.v + row - part.v;
+    if (part_row < 0 || part_row >= part.height) continue;
+    std::uint8_t* out = rgba.data() + 4 * part_row * part.width;
+    for (std::size_t i = 0; i + 1 < count; ++i) {
+      const std::uint8_t umbra = code(covered_[0][i]);
+      const std::uint8_t middle = std::max(umbra, code(covered_[1][i]));
+      const std::uint8_t penumbra = std::max(middle, code(covered_[2][i]));
+      if (penumbra == 0) continue;
+      const auto at = [&](std::size_t change) {
+        return std::clamp<std::int64_t>(cells_.u + changed_[change] - part.u, 0, part.width);
+      };
+      const std::int64_t end = at(i + 1);
+      for (std::int64_t cell = at(i); cell < end; ++cell) {
+        out[4 * cell] = umbra;
+        out[4 * cell + 1] = middle;
+        out[4 * cell + 2] = penumbra;
+      }
+    }
+  }
+  has_back_ = false;
+}
+
+std::size_t MaskPicture::finish_row(std::size_t row) {
+  return has_back_ ? gather_row<true>(row) : gather_row<false>(row);
+}
+
 template <bool kBack>
-void MaskPicture::finish_row(std::size_t row, const glm::vec3& light, std::uint8_t* out) {
-  const auto width = static_cast<std::size_t>(cells_.width);
+std::size_t MaskPicture::gather_row(std::size_t row) {
   std::uint32_t* changed = changed_.data();
   std::array<std::int32_t*, 3> share = {covered_[0].data(), covered_[1].data(), covered_[2].data()};
   std::array<std::int32_t, 4>* steps = &steps_[row * row_cells_];
@@ -533,15 +584,7 @@ void MaskPicture::finish_row(std::size_t row, const glm::vec3& light, std::uint8
       changed[count++] = static_cast<std::uint32_t>(i);
     } while (flags != 0);
   }
-  codes_of(share[0], share[1], share[2], count, light.x, light.y, light.z, changed_codes_.data());
-  // What lies between is like the cell before; what lies right of the last is not covered.
-  const std::uint8_t* code = changed_codes_.data();
-  for (std::size_t i = 0; i < count && changed[i] < width; ++i) {
-    out[changed[i]] = code[i];
-    if (code[i] == 255 || i + 1 == count) continue;
-    const std::size_t next = std::min<std::size_t>(changed[i + 1], width);
-    for (std::size_t cell = changed[i] + 1; cell < next; ++cell) out[cell] = code[i];
-  }
+  return count;
 }
 
 }  // namespace penumbra

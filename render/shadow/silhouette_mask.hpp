@@ -113,6 +113,10 @@ class MaskPicture {
   // the darkest layer there, in part where an edge runs through. `light`: of each layer. What is
   // covered is forgotten.
   void finish(const glm::vec3& light, std::vector<std::uint8_t>& codes);
+  // How much of each of these cells, of the same size, umbra, middle and penumbra cover, 0 to 255,
+  // each no less than the one before it; 4 bytes each, the last one 0, rows in order. What is
+  // covered is forgotten, of all cells.
+  void finish_shares(const MaskCells& part, std::span<std::uint8_t> rgba);
 
  private:
   using Steps = std::vector<std::array<std::int32_t, 4>>;
@@ -123,8 +127,12 @@ class MaskPicture {
   template <int kSign>
   void add_in_row(Steps& sums, int layer, std::ptrdiff_t begin, int u0, int v0, int u1, int v1);
   void cover_faces(const MaskCaster& caster, int layer);
+  void begin_rows();
+  // Where the shares change along a row into changed_, what they are from there into covered_;
+  // forgets the row. How often.
+  std::size_t finish_row(std::size_t row);
   template <bool kBack>
-  void finish_row(std::size_t row, const glm::vec3& light, std::uint8_t* out);
+  std::size_t gather_row(std::size_t row);
 
   MaskCells cells_;
   // By how much the covered share of a cell differs from that of the one before it in its row, in

@@ -289,6 +289,27 @@ TEST(SilhouetteMask, CoversWhatOpenAndCutFacesCover) {
       picture.begin(larger);
       picture.cover(cover);
       picture.finish(light, again.codes);
+      // As shares of cells, some of them the picture's own.
+      MaskCells part = mask.cells;
+      part.u += 3;
+      part.v -= 2;
+      part.width += 1;
+      std::vector<std::uint8_t> shares(std::size_t{4} * static_cast<std::size_t>(part.width) *
+                                       static_cast<std::size_t>(part.height));
+      picture.begin(mask.cells);
+      picture.cover(caster, {}, {});
+      picture.finish_shares(part, shares);
+      const std::uint8_t* texel = shares.data();
+      for (std::int64_t v = part.v; v < part.v + part.height; ++v) {
+        for (std::int64_t u = part.u; u < part.u + part.width; ++u, texel += 4) {
+          const bool inside = u < mask.cells.u + mask.cells.width && v >= mask.cells.v;
+          for (std::size_t channel = 0; channel < 3; ++channel) {
+            const int expected = inside && channel >= layer ? 255 - mask.at(u, v) : 0;
+            ASSERT_LE(std::abs(texel[channel] - expected), 1) << channel;
+          }
+          ASSERT_EQ(texel[3], 0);
+        }
+      }
       double most = 0.0;
       double sum = 0.0;
       double area = 0.0;
