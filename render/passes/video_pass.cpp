@@ -49,6 +49,24 @@ TexelFormat texel_format(PixelFormat format, std::size_t plane) {
   }
 }
 
+glm::vec2 chroma_step(PixelFormat format) {
+  return {format == PixelFormat::yuv444p ? 1.0F : 2.0F,
+          format == PixelFormat::yuv420p || format == PixelFormat::nv12 ? 2.0F : 1.0F};
+}
+
+// The picture's width and height as shares of the first plane's and of the chroma planes': 1, but
+// where a last sample is half outside of it.
+glm::vec4 plane_extents(const Frame& frame) {
+  const glm::vec2 picture(frame.width, frame.height);
+  const auto size = [&frame](std::size_t i) {
+    return glm::vec2(frame.planes[i].width, frame.planes[i].height);
+  };
+  const glm::vec2 first_step(frame.format == PixelFormat::yuyv ? 2.0F : 1.0F, 1.0F);
+  const glm::vec2 first = picture / (first_step * size(0));
+  if (frame.plane_count < 2) return {first, first};
+  return {first, picture / (chroma_step(frame.format) * size(1))};
+}
+
 }  // namespace
 
 std::size_t layout_number(PixelFormat format) {
@@ -69,8 +87,7 @@ void VideoPass::bind_texels(const ShaderProgram& program, const Frame& frame,
   const YuvConversion conversion = yuv_conversion(frame.color_matrix, frame.color_range);
   program.set("yuv_offset", conversion.offset);
   program.set("rgb_from_yuv", conversion.rgb_from_yuv);
-  program.set("chroma_step", glm::vec2(frame.format == PixelFormat::yuv444p ? 1.0F : 2.0F,
-                                       frame.format == PixelFormat::yuv420p ? 2.0F : 1.0F));
+  program.set("chroma_step", chroma_step(frame.format));
   for (std::size_t i = 0; i < static_cast<std::size_t>(frame.plane_count); ++i) {
     const int unit = first_unit + static_cast<int>(i);
     if (shows_imported_) {
@@ -190,7 +207,7 @@ Result<const ShaderProgram*> VideoPass::program_for(PixelFormat format) {
   constexpr std::array<std::string_view, 2> kFragment = {"video_texel.glsl", "video.frag.glsl"};
   std::optional<ShaderProgram>& program = programs_[layout_number(format)];
   if (!program) {
-    const std::array<std::string_view, 1> defines = {layout_define(format)};
+    const std::array<std::string_view, 2> defines = {layout_define(format), "WHOLE_PICTURE"};
     auto linked = ShaderProgram::link(api_, kVertex, kFragment, defines);
     if (!linked) return tl::unexpected(linked.error());
     program.emplace(std::move(*linked));
@@ -204,6 +221,7 @@ Result<void> VideoPass::draw(const Frame& frame) {
   const ShaderProgram& p = **program;
   p.use();
   bind_texels(p, frame, 0);
+  p.set("plane_extents", plane_extents(frame));
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_BLEND);

@@ -1,5 +1,24 @@
 // One triangle that covers the picture.
+#if defined(WHOLE_PICTURE)
+// Of video_texel.glsl: handed on from here, since some renderers (llvmpipe) load a uniform anew for
+// each fragment, and what is flat once.
+uniform vec3 yuv_offset;
+uniform mat3 rgb_from_yuv;
+uniform vec4 plane_extents;  // the picture's, in planes of luma (or all) and of chroma
+
+out vec2 in_plane;
+flat out vec2 chroma_scale;
+flat out vec3 flat_yuv_offset;
+flat out mat3 flat_rgb_from_yuv;
+#endif
+
 void main() {
   vec2 corner = vec2(float(gl_VertexID & 1), float(gl_VertexID >> 1));
+#if defined(WHOLE_PICTURE)
+  in_plane = 2.0 * corner * plane_extents.xy;
+  chroma_scale = plane_extents.zw / plane_extents.xy;
+  flat_yuv_offset = yuv_offset;
+  flat_rgb_from_yuv = rgb_from_yuv;
+#endif
   gl_Position = vec4(corner * 4.0 - 1.0, 0.0, 1.0);
 }

@@ -3,32 +3,71 @@
 uniform sampler2D plane0;
 uniform sampler2D plane1;
 uniform sampler2D plane2;
+
+#if defined(WHOLE_PICTURE)
+// By video.vert.glsl. Sampled at the middle of a pixel of luma, which is half of a texel from the
+// texel's edge, a quarter in one of chroma: interpolation is off by a thousandth of that in pictures
+// of 3840 pixels, so that the texel is the one that is fetched below. A CPU renderer fetches it in a
+// third of the instructions: it has neither levels nor bounds to compare for each fragment.
+in vec2 in_plane;
+flat in vec2 chroma_scale;
+flat in vec3 flat_yuv_offset;
+flat in mat3 flat_rgb_from_yuv;
+#define yuv_offset flat_yuv_offset
+#define rgb_from_yuv flat_rgb_from_yuv
+#else
 uniform vec3 yuv_offset;
 uniform mat3 rgb_from_yuv;
 uniform vec2 chroma_step;  // luma pixels per chroma sample, 1 or 2
-
-// May lie outside of 0 .. 1.
-vec3 video_color(ivec2 at) {
-#if defined(VIDEO_RGB)
-  return texelFetch(plane0, at, 0).rgb;
-#else
-#if defined(VIDEO_GREY)
-  vec3 yuv = vec3(texelFetch(plane0, at, 0).r, yuv_offset.yz);
-#elif defined(VIDEO_YUYV)
-  vec4 pair = texelFetch(plane0, ivec2(at.x >> 1, at.y), 0);  // Y0 U Y1 V
-  vec3 yuv = vec3((at.x & 1) == 0 ? pair.r : pair.b, pair.ga);
-#elif defined(VIDEO_NV12)
-  vec3 yuv = vec3(texelFetch(plane0, at, 0).r, texelFetch(plane1, at >> 1, 0).rg);
-#else
-  ivec2 chroma = at / ivec2(chroma_step);
-  vec3 yuv = vec3(texelFetch(plane0, at, 0).r, texelFetch(plane1, chroma, 0).r,
-                  texelFetch(plane2, chroma, 0).r);
 #endif
+
+vec3 rgb_of(vec3 yuv) {
   // The matrix has two zeros. What is written to the picture is clamped there.
   yuv -= yuv_offset;
   float grey = rgb_from_yuv[0].r * yuv.x;
   return vec3(grey + rgb_from_yuv[2].r * yuv.z,
               grey + rgb_from_yuv[1].g * yuv.y + rgb_from_yuv[2].g * yuv.z,
               grey + rgb_from_yuv[1].b * yuv.y);
+}
+
+// Y0 U Y1 V of two pixels -> those of one.
+vec3 yuv_of_pair(vec4 pair, int column) {
+  return vec3((column & 1) == 0 ? pair.r : pair.b, pair.ga);
+}
+
+// These may lie outside of 0 .. 1.
+#if defined(WHOLE_PICTURE)
+vec3 video_color() {
+#if defined(VIDEO_RGB)
+  return texture(plane0, in_plane).rgb;
+#elif defined(VIDEO_GREY)
+  return rgb_of(vec3(texture(plane0, in_plane).r, yuv_offset.yz));
+#elif defined(VIDEO_YUYV)
+  return rgb_of(yuv_of_pair(texture(plane0, in_plane), int(gl_FragCoord.x)));
+#else
+  vec2 chroma = in_plane * chroma_scale;
+#if defined(VIDEO_NV12)
+  return rgb_of(vec3(texture(plane0, in_plane).r, texture(plane1, chroma).rg));
+#else
+  return rgb_of(
+      vec3(texture(plane0, in_plane).r, texture(plane1, chroma).r, texture(plane2, chroma).r));
+#endif
 #endif
 }
+#else
+vec3 video_color(ivec2 at) {
+#if defined(VIDEO_RGB)
+  return texelFetch(plane0, at, 0).rgb;
+#elif defined(VIDEO_GREY)
+  return rgb_of(vec3(texelFetch(plane0, at, 0).r, yuv_offset.yz));
+#elif defined(VIDEO_YUYV)
+  return rgb_of(yuv_of_pair(texelFetch(plane0, ivec2(at.x >> 1, at.y), 0), at.x));
+#elif defined(VIDEO_NV12)
+  return rgb_of(vec3(texelFetch(plane0, at, 0).r, texelFetch(plane1, at >> 1, 0).rg));
+#else
+  ivec2 chroma = at / ivec2(chroma_step);
+  return rgb_of(vec3(texelFetch(plane0, at, 0).r, texelFetch(plane1, chroma, 0).r,
+                     texelFetch(plane2, chroma, 0).r));
+#endif
+}
+#endif
