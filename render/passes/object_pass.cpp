@@ -65,20 +65,31 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
   if (!program) return tl::unexpected(program.error());
   auto masked = TranslucentProgram::create(api, kVertex, kMasked, kMaskDefines);
   if (!masked) return tl::unexpected(masked.error());
+  std::vector<std::string_view> darkens(kLightDefines.begin(), kLightDefines.end());
+  darkens.emplace_back("DARKENS");
+  auto darkening = TranslucentProgram::create(api, kVertex, kFragment, darkens);
+  if (!darkening) return tl::unexpected(darkening.error());
   const auto any_material = [&scene](const auto& has) {
     return std::ranges::any_of(scene.objects, [&](const SceneObject& object) {
       return object.model && std::ranges::any_of(object.model->materials, has);
     });
   };
   std::optional<TranslucentProgram> maps;
+  std::optional<TranslucentProgram> maps_darkening;
   if (any_material(&Material::has_maps)) {
     std::vector<std::string_view> defines(kLightDefines.begin(), kLightDefines.end());
     defines.emplace_back("MATERIAL_MAPS");
     auto linked = TranslucentProgram::create(api, kVertex, kFragment, defines);
     if (!linked) return tl::unexpected(linked.error());
     maps = std::move(*linked);
+    darkens.emplace_back("MATERIAL_MAPS");
+    auto linked_darkening = TranslucentProgram::create(api, kVertex, kFragment, darkens);
+    if (!linked_darkening) return tl::unexpected(linked_darkening.error());
+    maps_darkening = std::move(*linked_darkening);
   }
   ObjectPass pass(std::move(*program), std::move(maps), std::move(*masked));
+  pass.darkening_program_ = std::move(*darkening);
+  pass.maps_darkening_program_ = std::move(maps_darkening);
   pass.blends_ = any_material(
       [](const Material& material) { return material.alpha_mode == AlphaMode::blend; });
   if (const auto& tone = camera.parameters().tone_curve) {
@@ -172,8 +183,9 @@ const Texture2d* ObjectPass::texture_of(GpuModel& gpu, const Model& model,
 Result<void> ObjectPass::choose(Translucency way, std::optional<PixelFormat> video) {
   way_ = way;
   if (auto chosen = program_.choose(way, video); !chosen) return chosen;
-  if (maps_program_) {
-    if (auto chosen = maps_program_->choose(way, video); !chosen) return chosen;
+  for (auto* const program : {&maps_program_, &darkening_program_, &maps_darkening_program_}) {
+    if (!*program) continue;
+    if (auto chosen = (*program)->choose(way, video); !chosen) return chosen;
   }
   return masked_program_.choose(way, video);
 }
@@ -184,6 +196,11 @@ ObjectPass::Programs ObjectPass::plain_programs() const {
 
 ObjectPass::Programs ObjectPass::chosen_programs() const {
   return {program_.get(), maps_program_ ? &maps_program_->get() : nullptr};
+}
+
+ObjectPass::Programs ObjectPass::darkening_programs() const {
+  return {darkening_program_->get(),
+          maps_darkening_program_ ? &maps_darkening_program_->get() : nullptr};
 }
 
 template <class Action>
@@ -202,7 +219,6 @@ void ObjectPass::begin_lit(const Programs& programs, const FramePlan& plan,
     set_light_uniforms(program, plan);
     program.set("tone", tone_);
     program.set("eye", to_gl(plan.T_table_camera.translation()));
-    program.set("darkens", 0);
   });
 }
 
@@ -435,7 +451,7 @@ int ObjectPass::draw_alone(const Scene& scene, const ObjectDraw& draw, const Fra
 int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                               const LensUniforms& lens, int light, float opacity,
                               bool add_up) const {
-  const Programs programs = chosen_programs();
+  const Programs programs = darkening_programs();
   std::vector<float> blocked(plan.lights.size(), 0.0F);
   blocked.at(static_cast<std::size_t>(light)) = 1.0F;
   for_each(programs, [&](const ShaderProgram& program) {
@@ -447,9 +463,7 @@ int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const 
     program.set("picture_before", kPictureBeforeUnit);
     program.set("sums_before", kSumsBeforeUnit);
   });
-  const int calls = draw_all(programs, scene, {&draw, 1}, plan.T_table_camera);
-  for_each(programs, [](const ShaderProgram& program) { program.set("darkens", 0); });
-  return calls;
+  return draw_all(programs, scene, {&draw, 1}, plan.T_table_camera);
 }
 
 int ObjectPass::draw_under_shadow(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,

@@ -127,6 +127,7 @@ class ObjectPass {
                                      bool color);
   [[nodiscard]] Programs plain_programs() const;
   [[nodiscard]] Programs chosen_programs() const;
+  [[nodiscard]] Programs darkening_programs() const;
   // All but what blends; of phantoms that too.
   int draw_all(const Programs& programs, const Scene& scene, std::span<const ObjectDraw> draws,
                const CameraPose& pose) const;
@@ -142,7 +143,9 @@ class ObjectPass {
 
   TranslucentProgram program_;
   std::optional<TranslucentProgram> maps_program_;  // where the scene has such materials
-  bool blends_ = false;                             // some material does
+  // Of draw_darkened(), apart from the lit ones: some renderers run both sides of a branch.
+  std::optional<TranslucentProgram> darkening_program_, maps_darkening_program_;
+  bool blends_ = false;  // some material does
   Translucency way_ = Translucency::blend;
   // Of object.frag.glsl: sRGB's, where the camera's own is not known.
   glm::vec4 tone_{1.0F / 2.4F, 1.055F, 0.055F, 0.0031308F};

@@ -21,7 +21,9 @@ uniform sampler2D base_color_texture;  // decoded to linear light by the sampler
 uniform vec3 eye;                      // table frame
 // encoded = tone.y * linear ^ tone.x - tone.z; below tone.w linear, as sRGB has it
 uniform vec4 tone;
+#if defined(DARKENS)
 uniform int darkens;    // 1: the shadow on it; 2: the blocked share, for light_sum.frag.glsl
+#endif
 uniform float opacity;  // of the shadow, or of the surface
 
 #if defined(MATERIAL_MAPS)
@@ -72,11 +74,9 @@ void main() {
   if (alpha < alpha_cutoff) discard;
   n = mapped_normal(n);
 #endif
-  if (darkens != 0) {
-    color = darkening(blocked_share(place, n), opacity, darkens == 2);
-    return;
-  }
-
+#if defined(DARKENS)
+  color = darkening(blocked_share(place, n), opacity, darkens == 2);
+#else
   vec3 albedo = base_color * tint.rgb;
 #if defined(MATERIAL_MAPS)
   if (has_texture != 0)
@@ -147,4 +147,5 @@ void main() {
   }
 #endif
   color = mixed_in(encoded, opacity);
+#endif
 }
