@@ -131,7 +131,10 @@ TEST(Compositor, CountsPassesAndDrawCallsApart) {
 TEST(Compositor, VideoIsDrawnPixelByPixelInEveryFormat) {
   SceneBuilder empty;
   for (const GlApi api : {GlApi::gl33, GlApi::gles30}) {
-    for (const auto& [width, height] : {std::pair{64, 48}, std::pair{37, 23}}) {
+    // Odd sizes, whose last chroma sample is half outside; and such that a texel is a small part of
+    // the whole.
+    for (const auto& [width, height] : {std::pair{64, 48}, std::pair{37, 23}, std::pair{3841, 3},
+                                        std::pair{4096, 2}, std::pair{5, 2161}}) {
       Studio studio(empty.build(), test::camera_of(width, height, 50.0), api);
       for (const PixelFormat format :
            {PixelFormat::grey8, PixelFormat::rgb24, PixelFormat::yuyv, PixelFormat::nv12,
