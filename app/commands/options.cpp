@@ -147,9 +147,9 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
                                                : LayerDrawing::automatic;
           },
           "How layered shadows are drawn. direct: each face by the graphics hardware, once a "
-          "layer; mask: as a picture on the table made of silhouettes, with smooth edges; auto: "
-          "the mask, which takes less, but with several samples a pixel (--msaa) casters of few "
-          "faces directly")
+          "layer; mask: as a picture on the table, and on each height of what the shadow climbs, "
+          "made of silhouettes, with smooth edges; auto: the mask, which takes less, but with "
+          "several samples a pixel (--msaa) casters of few faces directly")
       ->type_name("auto|direct|mask")
       ->default_str("auto");
   command.add_flag("--show-rays", choice.light_rays,

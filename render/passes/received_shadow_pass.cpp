@@ -222,15 +222,20 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
     if (receiver == nullptr) continue;
     const Surface& surface =
         surface_of(scene, *receiver, draw.shadow.plane, draw.shadow.plane_frame);
-    Mask& mask = masks_[{draw.shadow.node, draw.shadow.object, draw.shadow.plane, draw.receiver}];
-    mask.last_used = frame_count_;
+    Masks& masks = masks_[{draw.shadow.node, draw.shadow.object, draw.shadow.plane, draw.receiver}];
+    masks.last_used = frame_count_;
     const double texel = texel_for(plan, draw, surface.faces,
                                    *scene.objects[static_cast<std::size_t>(draw.receiver)].model,
                                    receiver->T_table_object, shadows.pixel_at_unit_depth());
     const bool covers = shadows.covers_flat(scene, plan, draw.shadow);
-    const bool kept = mask.valid && mask.covered == covers && mask.texel == texel &&
-                      mask.surface == surface.version && mask.top == draw.top &&
-                      same_shapes(mask.shadow, draw.shadow);
+    const auto is_it = [&](const Mask& made) {
+      return made.valid && made.covered == covers && made.texel == texel &&
+             made.surface == surface.version && made.top == draw.top &&
+             same_shapes(made.shadow, draw.shadow);
+    };
+    if (!is_it(masks.now)) std::swap(masks.now, masks.other);
+    Mask& mask = masks.now;
+    const bool kept = is_it(mask);
     if (!kept) {
       mask.valid = true;
       mask.surface = surface.version;

@@ -1,10 +1,11 @@
 // Layered, field and simple shadows on phantoms and on other virtual objects. Each shadow that such
-// a receiver may meet on its way to a plane is drawn as seen along the plane's normal, for each of
+// a receiver may meet on its way to a plane is made as seen along the plane's normal, for each of
 // the receiver's levels as on a plane at that height: covered as masks of planes are, or drawn with
-// several samples a texel; then the
-// receiver's pixels are darkened by what lies over each of them, once, by the caster that leaves
-// least, as a plane's are (through a screen-door, shadows onto planes that face elsewhere are not
-// darker where they meet). A face gets as much of the light as Lambert's law lets it.
+// several samples a texel. Then the receiver's pixels are darkened by what lies over each of them,
+// once, by the caster that leaves least, as a plane's are (through a screen-door, shadows onto
+// planes that face elsewhere are not darker where they meet). A face gets as much of the light as
+// Lambert's law lets it. (Volumes would sweep one outline straight up: on a box it would tell the
+// height over the table.)
 #pragma once
 
 #include <array>
@@ -55,6 +56,10 @@ class ReceivedShadowPass {
     bool shows = false;              // something is in some picture
     Eigen::Vector2d origin, extent;  // what the pictures show of the plane [m]
     MaskStack pictures;
+  };
+  // The last two: a camera at rest may tremble between two sizes of texels.
+  struct Masks {
+    Mask now, other;
     std::uint64_t last_used = 0;
   };
   struct Shown {
@@ -75,9 +80,9 @@ class ReceivedShadowPass {
   static int draw_shadow(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
                          const ObjectPass& objects, const Shown& shown, Gathering gathering);
 
-  std::map<std::pair<int, int>, Surface> surfaces_;       // receiver, plane
-  std::map<std::tuple<int, int, int, int>, Mask> masks_;  // node, object, plane, receiver
-  std::vector<Shown> shown_;                              // in this frame
+  std::map<std::pair<int, int>, Surface> surfaces_;        // receiver, plane
+  std::map<std::tuple<int, int, int, int>, Masks> masks_;  // node, object, plane, receiver
+  std::vector<Shown> shown_;                               // in this frame
   std::vector<std::uint8_t> shares_;
   std::uint64_t frame_count_ = 0;
   std::uint64_t surfaces_made_ = 0;
