@@ -52,6 +52,9 @@ struct AlignmentOptions {
   // The cells are decoded where the last round saw them, unless the pose moved since. Without: the
   // same poses, bit for bit.
   bool keep_projection = true;
+  // Cells that are large against the blur are read against their own colour. Without: against the
+  // blurred model, for the same verdicts.
+  bool clear_cells = true;
   const char* kernel = nullptr;  // name of the instruction set to use; null: the best
 };
 

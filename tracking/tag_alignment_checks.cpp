@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
+#include <limits>
 
 namespace penumbra {
 namespace {
@@ -134,6 +136,23 @@ double TagAligner::Impl::design_effect(double cutoff) {
   return std::max(found, 0.0) / expected * runs / free;
 }
 
+// Whether the model is within a twentieth of each cell's own colour at the pixel nearest to its
+// centre. That pixel is at most sqrt(1/2) px off, which is so many sigmas of the lens's blur or
+// fewer in either direction of the lattice, and half a cell is 0.5 / ka; the model is then as far
+// from the colour as the two nearest lines leave of it, each less than a fortieth beyond 1.96
+// sigmas. The scale of a tag in the image is least at one of its corners; what a lens bends it by
+// beyond that, and what the middle of four corners is off the centre, is left room for.
+bool TagAligner::Impl::reads_clearly(const Tag& tag) const {
+  constexpr double kSigmas = 2.2;
+  if (!options.clear_cells || tag.reach != 1 || !tag.wholly_seen) return false;
+  const auto last = static_cast<std::size_t>(tag.side - 1);
+  const auto top = last * static_cast<std::size_t>(tag.side);
+  float least = std::numeric_limits<float>::infinity();
+  for (const std::size_t v : {std::size_t{0}, last, top, top + last})
+    least = std::min({least, tag.ka[v], tag.kb[v]});
+  return 0.5 * static_cast<double>(least) >= kSigmas + std::sqrt(0.5) / options.blur_px;
+}
+
 // Reads the data cells at the solved pose against the model's own blurred values.
 void TagAligner::Impl::verify() {
   result.tags.clear();
@@ -150,40 +169,55 @@ void TagAligner::Impl::verify() {
     check.offset = tag->offset;
     check.weight_share =
         tag->sums.base_weight > 0.0 ? tag->sums.weight / tag->sums.base_weight : 0.0;
-    // The model at the cells' centres; with coarse cells that is the cell's colour.
     const std::vector<DataCell>& cells = tag->pattern.data_cells();
-    arena.give_back();
-    take_samples(*tag, static_cast<int>(cells.size()));
-    kernel::Samples& s = tag->samples;
-    tag->used = 0;
-    for (const DataCell& cell : cells) {
-      int px = 0;
-      int py = 0;
-      if (!nearest_cell_pixel(*tag, cell, px, py)) continue;
-      const auto v = static_cast<std::size_t>(cell.j * tag->side + cell.i);
-      s.pixel_x[tag->used] = static_cast<float>(px);
-      s.pixel_y[tag->used] = static_cast<float>(py);
-      s.ray_x[tag->used] = tag->ray_x[v];
-      s.ray_y[tag->used] = tag->ray_y[v];
-      ++tag->used;
-    }
-    locate_samples(*tag);
-    finish_samples(*tag);
-    kernel::AccumulateInput in;
-    std::copy(tag->lattice_from_ray.begin(), tag->lattice_from_ray.end(), in.lattice_from_ray);
-    in.reach = tag->reach;
-    in.correlated = tag->correlated;
-    kernel->evaluate(in, s);
+    const double middle = tag->offset + 0.5 * tag->gain;
+    const double covered = 0.25 * tag->gain;
     int decidable = 0;
-    for (int i = 0; i < tag->used; ++i) {
-      const double expected = static_cast<double>(s.model[i]) - 0.5;
-      if (std::abs(expected) < 0.15) continue;  // too blurred to be one or the other
-      const double read = static_cast<double>(s.value[i]) - (tag->offset + 0.5 * tag->gain);
-      // What reads as neither black nor white is covered by something.
-      ++decidable;
-      if (std::abs(read) < 0.25 * tag->gain && std::abs(expected) > 0.45) continue;
-      ++check.cells_read;
-      check.cells_wrong += expected * read < 0.0 ? 1 : 0;
+    if (reads_clearly(*tag)) {
+      for (const DataCell& cell : cells) {
+        int px = 0;
+        int py = 0;
+        if (!nearest_cell_pixel(*tag, cell, px, py)) continue;
+        const double read = static_cast<double>(tone[image.row(py)[px]]) - middle;
+        ++decidable;
+        // What reads as neither black nor white is covered by something.
+        const bool decided = std::abs(read) >= covered;
+        check.cells_read += decided ? 1 : 0;
+        check.cells_wrong += decided && (cell.white ? read < 0.0 : read > 0.0) ? 1 : 0;
+      }
+    } else {
+      // The model at the cells' centres.
+      arena.give_back();
+      take_samples(*tag, static_cast<int>(cells.size()));
+      kernel::Samples& s = tag->samples;
+      tag->used = 0;
+      for (const DataCell& cell : cells) {
+        int px = 0;
+        int py = 0;
+        if (!nearest_cell_pixel(*tag, cell, px, py)) continue;
+        const auto v = static_cast<std::size_t>(cell.j * tag->side + cell.i);
+        s.pixel_x[tag->used] = static_cast<float>(px);
+        s.pixel_y[tag->used] = static_cast<float>(py);
+        s.ray_x[tag->used] = tag->ray_x[v];
+        s.ray_y[tag->used] = tag->ray_y[v];
+        ++tag->used;
+      }
+      locate_samples(*tag);
+      finish_samples(*tag);
+      kernel::AccumulateInput in;
+      std::copy(tag->lattice_from_ray.begin(), tag->lattice_from_ray.end(), in.lattice_from_ray);
+      in.reach = tag->reach;
+      in.correlated = tag->correlated;
+      kernel->evaluate(in, s);
+      for (int i = 0; i < tag->used; ++i) {
+        const double expected = static_cast<double>(s.model[i]) - 0.5;
+        if (std::abs(expected) < 0.15) continue;  // too blurred to be one or the other
+        const double read = static_cast<double>(s.value[i]) - middle;
+        ++decidable;
+        if (std::abs(read) < covered && std::abs(expected) > 0.45) continue;
+        ++check.cells_read;
+        check.cells_wrong += expected * read < 0.0 ? 1 : 0;
+      }
     }
     const int least = std::max(8, static_cast<int>(cells.size()) / 4);
     const int right = check.cells_read - check.cells_wrong;

@@ -259,6 +259,7 @@ struct TagAligner::Impl {
   void measure_noise();
   void report_pose();
   [[nodiscard]] double design_effect(double cutoff);
+  [[nodiscard]] bool reads_clearly(const Tag& tag) const;
   void verify();
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);
   bool attempt(const Vector6d& exposure_motion, bool with_search, bool independent);

@@ -390,6 +390,40 @@ TEST_F(TagAlignmentTest, DecodingWhereTheLastRoundSawTheCellsChangesNothing) {
   }
 }
 
+TEST_F(TagAlignmentTest, CellsReadByTheirOwnColourReadAsByTheModel) {
+  int wrong = 0;
+  for (int k = 0; k < 12; ++k) {
+    SCOPED_TRACE(k);
+    // From cells that are large against the blur to ones that are not.
+    AlignmentOptions options;
+    options.blur_px = k % 3 == 0 ? 0.58 : k % 3 == 1 ? 2.0 : 4.0;
+    auto by_colour = TagAligner::create(camera_, tags_, options).value();
+    options.clear_cells = false;
+    auto by_model = TagAligner::create(camera_, tags_, options).value();
+    const CameraPose truth = random_view(random_);
+    PatternRenderOptions render;
+    render.noise_grey = 6.0;
+    render.samples = 128;
+    render.cover_share = k % 2 == 1 ? 0.3 : 0.0;
+    render.seed = static_cast<std::uint64_t>(k) + 1;
+    const GreyImage image = picture(truth, render);
+    // From the last ones no tag is found: there the cells are read somewhere.
+    const CameraPose start = displaced(camera_, tags_, truth, k < 8 ? 3.0 : 60.0, random_);
+    const AlignmentResult& a = align(by_colour, image, start, 3.0);
+    const AlignmentResult& b = align(by_model, image, start, 3.0);
+    EXPECT_EQ(a.verified, b.verified);
+    EXPECT_TRUE(a.T_table_camera.matrix() == b.T_table_camera.matrix());
+    ASSERT_EQ(a.tags.size(), b.tags.size());
+    for (std::size_t i = 0; i < a.tags.size(); ++i) {
+      EXPECT_EQ(a.tags[i].verified, b.tags[i].verified);
+      EXPECT_EQ(a.tags[i].cells_read, b.tags[i].cells_read);
+      EXPECT_EQ(a.tags[i].cells_wrong, b.tags[i].cells_wrong);
+      wrong += a.tags[i].cells_wrong;
+    }
+  }
+  EXPECT_GT(wrong, 0);
+}
+
 TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
   double known2 = 0.0;
   double unknown2 = 0.0;
