@@ -145,6 +145,46 @@ struct Walk {
   std::int32_t* run = nullptr;
 };
 
+// Edges of a tag, each walked pixel by pixel along the image axis it is nearer to.
+struct RunWalk {
+  struct Run {
+    std::uint32_t begin = 0, end = 0;  // vertices
+    bool vertical = false;             // in the lattice
+  };
+  // Sixteen runs side by side, out of measure_runs. "Along" is the axis of the walk, "across" the
+  // other one.
+  struct Part {
+    static constexpr int kRuns = 16;
+    alignas(64) double length[kRuns];          // [px along]; -1: not to be walked
+    double along_px[kRuns], across_px[kRuns];  // how far the run goes; 0 where it is not seen
+    double along[kRuns], across[kRuns];        // where it begins [px]
+    double direction[kRuns], slope[kRuns];     // of the walk, 1 or -1, and across by along
+    double reach[kRuns];                       // across [px]
+    double ray_x[kRuns], ray_y[kRuns];         // where it begins
+    double per_px_x[kRuns], per_px_y[kRuns];   // and by how much the ray changes along
+    std::int32_t along_x[kRuns];               // whether along is x
+  };
+  const Run* runs = nullptr;
+  int count = 0;
+  const float* ray_x = nullptr;  // of the vertices, as in Vertices
+  const float* ray_y = nullptr;
+  const float* pixel_x = nullptr;
+  const float* pixel_y = nullptr;
+  const float* depth = nullptr;
+  Part* parts = nullptr;           // (count + 15) / 16
+  double reach_px = 0.0;           // at right angles to the edge
+  double stride_px = 0.0;          // along, from step to step and on from run to run
+  int width = 0, height = 0;       // of the image
+  std::ptrdiff_t stride = 0;       // from an image row to the next [bytes]
+  int most_rows = 0;               // pixels at a step
+  int band_count = 0;              // as in Walk
+  const float* offsets = nullptr;  // as in Walk
+  // Out, for each run with a step: where its samples end, and which run it is; and how many.
+  std::int32_t* end = nullptr;
+  std::int32_t* run = nullptr;
+  int walked = 0;
+};
+
 struct AccumulateInput {
   float lattice_from_ray[9] = {};
   float centre[3] = {};  // the camera's centre in the lattice frame [cells]
@@ -168,10 +208,21 @@ struct Variant {
   // Writes pixels, guesses of their rays and, for `vertex`, their places in the image's memory,
   // from sample `used` on and up to three more than there are; returns where they end.
   int (*walk)(const Lens& lens, const Walk& walk, const Samples& samples, int used);
+  // Fills `parts`; returns the sums of along_px and across_px.
+  void (*measure_runs)(const RunWalk& walk, double& along_px, double& across_px);
+  // From the first sample on; writes and returns what `walk` does.
+  int (*walk_runs)(const Lens& lens, RunWalk& walk, const Samples& samples);
+  // Values of the first `used` samples by their places in the image's memory (in `vertex`) and the
+  // levels' 256 values, and weights of 1; fills up pixels, rays, values and weights to `count`.
+  void (*read)(const std::uint8_t* pixels, const float* levels, int used, const Samples& samples);
   // Rays of the pixels (ray_x, ray_y hold a guess within a few pixels), and their anchor on a
   // lattice of side x side vertices.
   void (*prepare)(const Lens& lens, const float* lattice_from_ray, int reach, int side,
                   const Samples& samples);
+  // ka, kb and c of the samples' vertices, for one line per axis: by those of all vertices, four
+  // coefficients each.
+  void (*attach)(const float* ka, const float* kb, const float* coefficients,
+                 const Samples& samples);
   void (*accumulate)(const AccumulateInput& input, const Samples& samples, Sums& sums);
   // Gains and offsets solved for in terms of the camera's motion; returns nothing but in the packs.
   void (*eliminate)(TagPack* packs, int count);

@@ -419,6 +419,251 @@ int walk(const Lens& lens, const Walk& w, const Samples& s, int used) {
   return walk_of<Lens::Kind::fisheye>(lens, w, s, used);
 }
 
+// Double precision, as floats at the far end of a run may round to another pixel than its start's.
+void measure_runs(const RunWalk& w, double& along_px, double& across_px) {
+  constexpr int kRuns = RunWalk::Part::kRuns;
+  along_px = 0.0;
+  across_px = 0.0;
+  for (int begin = 0; begin < w.count; begin += kRuns) {
+    RunWalk::Part& part = w.parts[begin / kRuns];
+    const int runs = w.count - begin < kRuns ? w.count - begin : kRuns;
+    alignas(64) float from_x[kRuns], from_y[kRuns], to_x[kRuns], to_y[kRuns], depth[kRuns];
+    alignas(64) float ray_x[kRuns], ray_y[kRuns], to_ray_x[kRuns], to_ray_y[kRuns];
+    for (int l = 0; l < kRuns; ++l) {
+      const RunWalk::Run& run = w.runs[begin + (l < runs ? l : runs - 1)];
+      from_x[l] = w.pixel_x[run.begin];
+      from_y[l] = w.pixel_y[run.begin];
+      to_x[l] = w.pixel_x[run.end];
+      to_y[l] = w.pixel_y[run.end];
+      ray_x[l] = w.ray_x[run.begin];
+      ray_y[l] = w.ray_y[run.begin];
+      to_ray_x[l] = w.ray_x[run.end];
+      to_ray_y[l] = w.ray_y[run.end];
+      const float depth0 = w.depth[run.begin];
+      const float depth1 = w.depth[run.end];
+      depth[l] = depth0 < depth1 ? depth0 : depth1;
+    }
+#pragma omp simd
+    for (int l = 0; l < kRuns; ++l) {
+      const float dx = __builtin_fabsf(to_x[l] - from_x[l]);
+      const float dy = __builtin_fabsf(to_y[l] - from_y[l]);
+      const bool seen = depth[l] > 0.0F;
+      part.along_px[l] = static_cast<double>(seen ? (dx < dy ? dy : dx) : 0.0F);
+      part.across_px[l] = static_cast<double>(seen ? (dy < dx ? dy : dx) : 0.0F);
+      const float x = __builtin_fabsf(from_x[l]);
+      const float y = __builtin_fabsf(from_y[l]);
+      const float u = __builtin_fabsf(to_x[l]);
+      const float v = __builtin_fabsf(to_y[l]);
+      const bool near = (x < 1e5F) & (y < 1e5F) & (u < 1e5F) & (v < 1e5F);
+      const double x0 = static_cast<double>(from_x[l]);
+      const double y0 = static_cast<double>(from_y[l]);
+      const double x1 = static_cast<double>(to_x[l]);
+      const double y1 = static_cast<double>(to_y[l]);
+      const double step_x = __builtin_fabs(x1 - x0);
+      const double step_y = __builtin_fabs(y1 - y0);
+      const bool along_x = step_x >= step_y;
+      const double length = along_x ? step_x : step_y;
+      const double along0 = along_x ? x0 : y0;
+      const double along1 = along_x ? x1 : y1;
+      const double across0 = along_x ? y0 : x0;
+      const double across1 = along_x ? y1 : x1;
+      const double inverse = 1.0 / length;
+      const double slope = (across1 - across0) * inverse;
+      const double wide = w.reach_px * __builtin_sqrt(1.0 + slope * slope);
+      part.length[l] = seen & near & (length > 1e-6) ? length : -1.0;
+      part.along[l] = along0;
+      part.across[l] = across0;
+      part.direction[l] = along1 < along0 ? -1.0 : 1.0;
+      part.slope[l] = slope;
+      part.reach[l] = wide < 8.0 ? wide : 8.0;
+      part.along_x[l] = along_x ? 1 : 0;
+      const double rx = static_cast<double>(ray_x[l]);
+      const double ry = static_cast<double>(ray_y[l]);
+      part.ray_x[l] = rx;
+      part.ray_y[l] = ry;
+      part.per_px_x[l] = (static_cast<double>(to_ray_x[l]) - rx) * inverse;
+      part.per_px_y[l] = (static_cast<double>(to_ray_y[l]) - ry) * inverse;
+    }
+    for (int l = 0; l < runs; ++l) {
+      along_px += part.along_px[l];
+      across_px += part.across_px[l];
+    }
+  }
+}
+
+// Steps of runs that are walked along the same axis, with what is known of their runs.
+struct RunSteps {
+  static constexpr int kRoom = kSteps + 4;  // runs are written four steps at a time
+  alignas(64) double at[kRoom], along[kRoom], across[kRoom], direction[kRoom], slope[kRoom];
+  alignas(64) double reach[kRoom], ray_x[kRoom], ray_y[kRoom], per_px_x[kRoom], per_px_y[kRoom];
+};
+
+// Rounded down, of |x| < 2^20.
+PENUMBRA_INLINE std::int32_t floor_of_double(double x) {
+  constexpr std::int32_t kShift = 1 << 20;
+  return static_cast<std::int32_t>(x + kShift) - kShift;
+}
+
+template <bool along_x, bool band, bool with_rays>
+PENUMBRA_INLINE void place_run_steps(const RunWalk& w, const RunSteps& steps, StepBlock& block) {
+  const std::int32_t walk_limit = along_x ? w.width : w.height;
+  const std::int32_t cross_limit = along_x ? w.height : w.width;
+  const auto walk_bytes = static_cast<std::int32_t>(along_x ? 1 : w.stride);
+  const auto cross_bytes = static_cast<std::int32_t>(along_x ? w.stride : 1);
+  const auto band_first = static_cast<std::int32_t>(w.offsets[0]);
+  const auto band_last = static_cast<std::int32_t>(w.offsets[band ? w.band_count - 1 : 0]);
+  const std::int32_t most = w.most_rows;
+  const std::int32_t band_rows = w.band_count;
+#pragma omp simd
+  for (int i = 0; i < kSteps; ++i) {
+    const std::int32_t walk =
+        floor_of_double(steps.along[i] + steps.direction[i] * steps.at[i] + 0.5);
+    // Where this pixel's centre is along the run.
+    const double exact = steps.direction[i] * (static_cast<double>(walk) - steps.along[i]);
+    const double centre = steps.across[i] + steps.slope[i] * exact;
+    std::int32_t first = 0;
+    std::int32_t rows = 0;
+    std::int32_t low = 0;
+    std::int32_t high = 0;
+    if constexpr (band) {
+      first = floor_of_double(centre);
+      rows = band_rows;
+      low = first + band_first;
+      high = first + band_last;
+    } else {
+      first = -floor_of_double(-(centre - steps.reach[i]));
+      const std::int32_t all = floor_of_double(centre + steps.reach[i]) - first + 1;
+      const std::int32_t some = all < most ? all : most;
+      rows = some > 0 ? some : 0;
+      low = first;
+      high = first + rows - 1;
+    }
+    const bool seen = (walk >= 0) & (walk < walk_limit) & (low >= 0) & (high < cross_limit);
+    const std::int32_t walk_seen = seen ? walk : 0;
+    const std::int32_t first_seen = seen ? first : 0;
+    block.walk[i] = static_cast<float>(walk_seen);
+    block.cross[i] = static_cast<float>(first_seen);
+    block.rows[i] = seen ? rows : 0;
+    block.place[i] = walk_seen * walk_bytes + first_seen * cross_bytes;
+    if constexpr (with_rays) {
+      block.ray_x[i] = static_cast<float>(steps.ray_x[i] + steps.per_px_x[i] * exact);
+      block.ray_y[i] = static_cast<float>(steps.ray_y[i] + steps.per_px_y[i] * exact);
+    }
+  }
+}
+
+PENUMBRA_INLINE void repeat(double* to, int begin, int end, double value) {
+  using Two = double __attribute__((vector_size(16)));
+  const Two two = {value, value};
+  for (int i = begin; i < end; i += 4) {
+    __builtin_memcpy(to + i, &two, sizeof two);
+    __builtin_memcpy(to + i + 2, &two, sizeof two);
+  }
+}
+
+template <bool band, bool with_rays>
+int walk_runs_as(RunWalk& w, const Samples& s) {
+  constexpr int kRuns = RunWalk::Part::kRuns;
+  StepBlock block = {};
+  RunSteps steps = {};
+  std::int32_t ends[kSteps];
+  // Of the runs that end in a block: which one, and how many of the block's steps precede the end.
+  std::int32_t ended[kSteps + 1];
+  int ended_at[kSteps + 1];
+  int used = 0;
+  w.walked = 0;
+  bool begun = false;             // the run has a step
+  double at = 0.5 * w.stride_px;  // along the run
+  for (int k = 0; k < w.count;) {
+    int count = 0;
+    int ended_count = 0;
+    std::int32_t along_x = 0;
+    while (k < w.count) {
+      const RunWalk::Part& part = w.parts[k / kRuns];
+      const int l = k % kRuns;
+      const double length = part.length[l];
+      if (at >= length) {
+        if (length > 0.0) at -= length;
+        if (begun) {
+          ended[ended_count] = k;
+          ended_at[ended_count++] = count;
+          begun = false;
+        }
+        ++k;
+        continue;
+      }
+      if (count == kSteps || (count > 0 && part.along_x[l] != along_x)) break;
+      along_x = part.along_x[l];
+      const int first = count;
+      do {
+        steps.at[count++] = at;
+        at += w.stride_px;
+      } while (at < length && count < kSteps);
+      begun = true;
+      repeat(steps.along, first, count, part.along[l]);
+      repeat(steps.across, first, count, part.across[l]);
+      repeat(steps.direction, first, count, part.direction[l]);
+      repeat(steps.slope, first, count, part.slope[l]);
+      if constexpr (!band) repeat(steps.reach, first, count, part.reach[l]);
+      if constexpr (with_rays) {
+        repeat(steps.ray_x, first, count, part.ray_x[l]);
+        repeat(steps.ray_y, first, count, part.ray_y[l]);
+        repeat(steps.per_px_x, first, count, part.per_px_x[l]);
+        repeat(steps.per_px_y, first, count, part.per_px_y[l]);
+      }
+    }
+    const std::int32_t before = used;
+    if (count > 0) {
+      StepOutput out = {s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.vertex, ends};
+      std::int32_t cross_bytes = 1;
+      if (along_x != 0) {
+        place_run_steps<true, band, with_rays>(w, steps, block);
+        cross_bytes = static_cast<std::int32_t>(w.stride);
+      } else {
+        place_run_steps<false, band, with_rays>(w, steps, block);
+        out.walk = s.pixel_y;
+        out.cross = s.pixel_x;
+      }
+      used = w.most_rows <= 4
+                 ? write_steps<with_rays, true>(block, count, w.offsets, cross_bytes, out, used)
+                 : write_steps<with_rays, false>(block, count, w.offsets, cross_bytes, out, used);
+    }
+    for (int i = 0; i < ended_count; ++i) {
+      w.run[w.walked] = ended[i];
+      w.end[w.walked] = ended_at[i] > 0 ? ends[ended_at[i] - 1] : before;
+      ++w.walked;
+    }
+  }
+  return used;
+}
+
+int walk_runs(const Lens& lens, RunWalk& w, const Samples& s) {
+  // Without distortion a ray is known from its pixel.
+  if (lens.kind == Lens::Kind::none)
+    return w.band_count > 0 ? walk_runs_as<true, false>(w, s) : walk_runs_as<false, false>(w, s);
+  return w.band_count > 0 ? walk_runs_as<true, true>(w, s) : walk_runs_as<false, true>(w, s);
+}
+
+void read(const std::uint8_t* pixels, const float* levels, int used, const Samples& s) {
+  const std::int32_t* const __restrict place = s.vertex;
+  float* const __restrict value = s.value;
+#pragma GCC unroll 4
+  for (int i = 0; i < used; ++i) value[i] = levels[pixels[place[i]]];
+  float* const __restrict weight = s.weight;
+#pragma omp simd
+  for (int i = 0; i < used; ++i) weight[i] = 1.0F;
+  const int left = s.count - used;
+  if (left == 0) return;
+  float* const arrays[] = {s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.value, s.weight};
+#pragma GCC unroll 6
+  for (int k = 0; k < 6; ++k) {
+    float* const __restrict to = arrays[k] + used;
+    const float last = k < 4 && used > 0 ? to[-1] : 0.0F;
+#pragma omp simd
+    for (int i = 0; i < left; ++i) to[i] = last;
+  }
+}
+
 template <Lens::Kind kind>
 void prepare_as(const Lens& lens, const float* M, int reach, int side, const Samples& s) {
   const auto last = static_cast<float>(side - 1);
@@ -469,6 +714,79 @@ void prepare_as(const Lens& lens, const float* M, int reach, int side, const Sam
     s.va[i] = va_low < last ? va_low : last;
     s.vb[i] = vb_low < last ? vb_low : last;
     s.vertex[i] = static_cast<std::int32_t>(s.vb[i]) * side + static_cast<std::int32_t>(s.va[i]);
+  }
+}
+
+// What depends on the anchor alone. One record per vertex; four or eight records become as many of
+// each.
+void attach(const float* ka, const float* kb, const float* coefficients, const Samples& s) {
+#if defined(__AVX2__)
+  constexpr int kPart = 8;
+#else
+  constexpr int kPart = 4;
+#endif
+  using Part = float __attribute__((vector_size(4 * kPart)));
+  using Four = float __attribute__((vector_size(16)));
+  const std::int32_t* const __restrict vertex = s.vertex;
+  float* const __restrict ka_out = s.ka;
+  float* const __restrict kb_out = s.kb;
+  float* const __restrict c0 = s.c[0];
+  float* const __restrict c1 = s.c[1];
+  float* const __restrict c2 = s.c[2];
+  float* const __restrict c3 = s.c[3];
+  for (int i = 0; i < s.count; i += kPart) {
+    std::ptrdiff_t v[kPart];
+#pragma GCC unroll 8
+    for (int k = 0; k < kPart; ++k) v[k] = vertex[i + k];
+    const auto record = [&](int k) {
+      Four four;
+      __builtin_memcpy(&four, coefficients + 4 * v[k], sizeof four);
+      return four;
+    };
+#if defined(__AVX2__)
+    const Part part_ka = {ka[v[0]], ka[v[1]], ka[v[2]], ka[v[3]],
+                          ka[v[4]], ka[v[5]], ka[v[6]], ka[v[7]]};
+    const Part part_kb = {kb[v[0]], kb[v[1]], kb[v[2]], kb[v[3]],
+                          kb[v[4]], kb[v[5]], kb[v[6]], kb[v[7]]};
+    const auto both = [&](int k) {
+      return static_cast<Part>(
+          _mm256_set_m128(static_cast<__m128>(record(k + 4)), static_cast<__m128>(record(k))));
+    };
+    const auto r0 = static_cast<__m256>(both(0));
+    const auto r1 = static_cast<__m256>(both(1));
+    const auto r2 = static_cast<__m256>(both(2));
+    const auto r3 = static_cast<__m256>(both(3));
+    const __m256 low01 = _mm256_unpacklo_ps(r0, r1);
+    const __m256 low23 = _mm256_unpacklo_ps(r2, r3);
+    const __m256 high01 = _mm256_unpackhi_ps(r0, r1);
+    const __m256 high23 = _mm256_unpackhi_ps(r2, r3);
+    _mm256_storeu_ps(c0 + i, _mm256_shuffle_ps(low01, low23, 0x44));
+    _mm256_storeu_ps(c1 + i, _mm256_shuffle_ps(low01, low23, 0xEE));
+    _mm256_storeu_ps(c2 + i, _mm256_shuffle_ps(high01, high23, 0x44));
+    _mm256_storeu_ps(c3 + i, _mm256_shuffle_ps(high01, high23, 0xEE));
+#else
+    using Places = std::int32_t __attribute__((vector_size(16)));
+    const Part part_ka = {ka[v[0]], ka[v[1]], ka[v[2]], ka[v[3]]};
+    const Part part_kb = {kb[v[0]], kb[v[1]], kb[v[2]], kb[v[3]]};
+    const Four r0 = record(0);
+    const Four r1 = record(1);
+    const Four r2 = record(2);
+    const Four r3 = record(3);
+    const Four low01 = __builtin_shuffle(r0, r1, Places{0, 4, 1, 5});
+    const Four low23 = __builtin_shuffle(r2, r3, Places{0, 4, 1, 5});
+    const Four high01 = __builtin_shuffle(r0, r1, Places{2, 6, 3, 7});
+    const Four high23 = __builtin_shuffle(r2, r3, Places{2, 6, 3, 7});
+    const Four columns[4] = {__builtin_shuffle(low01, low23, Places{0, 1, 4, 5}),
+                             __builtin_shuffle(low01, low23, Places{2, 3, 6, 7}),
+                             __builtin_shuffle(high01, high23, Places{0, 1, 4, 5}),
+                             __builtin_shuffle(high01, high23, Places{2, 3, 6, 7})};
+    __builtin_memcpy(c0 + i, &columns[0], sizeof(Four));
+    __builtin_memcpy(c1 + i, &columns[1], sizeof(Four));
+    __builtin_memcpy(c2 + i, &columns[2], sizeof(Four));
+    __builtin_memcpy(c3 + i, &columns[3], sizeof(Four));
+#endif
+    __builtin_memcpy(ka_out + i, &part_ka, sizeof part_ka);
+    __builtin_memcpy(kb_out + i, &part_kb, sizeof part_kb);
   }
 }
 
@@ -1070,16 +1388,9 @@ void search(const std::uint8_t* const* points, const std::ptrdiff_t* strides, in
 }  // namespace
 
 extern const Variant kVariant;
-const Variant kVariant = {PENUMBRA_KERNEL_NAME,
-                          project,
-                          walk,
-                          prepare,
-                          accumulate,
-                          eliminate,
-                          follow,
-                          evaluate,
-                          levers,
-                          search};
+const Variant kVariant = {
+    PENUMBRA_KERNEL_NAME, project,   walk,   measure_runs, walk_runs, read,  prepare, attach,
+    accumulate,           eliminate, follow, evaluate,     levers,    search};
 
 #undef PENUMBRA_INLINE
 

@@ -3,7 +3,6 @@
 #include "tracking/tag_alignment_state.hpp"
 
 #include <algorithm>
-#include <cstring>
 
 #include "core/assert.hpp"
 
@@ -31,18 +30,17 @@ double stride_of(const Band& band, double reach_px, double length, double tilt, 
   return std::max(1.0, length * rows / cap);
 }
 
-// Four floats side by side.
-using Four = float __attribute__((vector_size(16)));
-Four all_four(float value) {
-  return Four{value, value, value, value};
-}
-Four load(const float* at) {
-  Four four;
-  std::memcpy(&four, at, sizeof four);
-  return four;
-}
-void store(float* at, Four four) {
-  std::memcpy(at, &four, sizeof four);
+// Rows across an edge, from the first one of a step.
+template <class Band>
+std::array<float, 20> row_offsets(const Band& band) {
+  std::array<float, 20> offsets = {0.0F,  1.0F,  2.0F,  3.0F,  4.0F,  5.0F,  6.0F,
+                                   7.0F,  8.0F,  9.0F,  10.0F, 11.0F, 12.0F, 13.0F,
+                                   14.0F, 15.0F, 16.0F, 17.0F, 18.0F, 19.0F};
+  for (int k = 0; k < band.count; ++k) {
+    const auto at = static_cast<std::size_t>(k);
+    offsets[at] = static_cast<float>(band.offsets[at]);
+  }
+  return offsets;
 }
 
 }  // namespace
@@ -86,58 +84,25 @@ void TagAligner::Impl::locate_samples(Tag& tag) const {
 void TagAligner::Impl::finish_samples(Tag& tag) {
   tag.samples.count = (tag.used + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
   const kernel::Samples s = tag.samples;  // a copy, which the floats that are written are not
-  const int used = tag.used;
   const int padded = s.count;
-  const std::uint8_t* const pixels = image.data;
-  const float* const levels = tone.data();
-  for (int i = 0; i < used; ++i) s.value[i] = levels[pixels[s.vertex[i]]];
-  std::fill(s.weight, s.weight + used, 1.0F);
+  kernel->read(image.data, tone.data(), tag.used, s);
   if (!tag.row_shear.isZero()) {
     // From here on the samples are where they would be, had their rows been read out with the
     // tag's.
     const auto row = static_cast<float>(tag.row);
     const Eigen::Vector2f shear = tag.row_shear.cast<float>();
-    for (int i = 0; i < used; ++i) {
+    for (int i = 0; i < padded; ++i) {
       const float rows = s.pixel_y[i] - row;
       s.pixel_x[i] -= shear.x() * rows;
       s.pixel_y[i] -= shear.y() * rows;
     }
   }
-  for (float* array : {s.pixel_x, s.pixel_y, s.ray_x, s.ray_y})
-    std::fill(array + used, array + padded, used > 0 ? array[used - 1] : 0.0F);
-  std::fill(s.value + used, s.value + padded, 0.0F);
-  std::fill(s.weight + used, s.weight + padded, 0.0F);
   kernel->prepare(lens, tag.lattice_from_ray.data(), tag.reach, tag.side, s);
-  // What depends on the anchor alone. One record per vertex; gathering it here is faster than by
-  // vector instructions.
+  // What depends on the anchor alone.
   if (tag.reach == 1) {
-    const float* const ka = tag.ka.data();
-    const float* const kb = tag.kb.data();
-    const std::array<float, 4>* const coefficients = tag.coefficients1.data();
+    kernel->attach(tag.ka.data(), tag.kb.data(), tag.coefficients1.front().data(), s);
     if (tag.correlated) {
       for (int i = 0; i < padded; ++i) s.rho[i] = tag.rho[static_cast<std::size_t>(s.vertex[i])];
-    }
-    // Four records of four become four of each.
-    for (int i = 0; i < padded; i += 4) {
-      const auto record = [&](int k) {
-        const std::int32_t v = s.vertex[i + k];
-        s.ka[i + k] = ka[v];
-        s.kb[i + k] = kb[v];
-        return load(coefficients[v].data());
-      };
-      const Four r0 = record(0);
-      const Four r1 = record(1);
-      const Four r2 = record(2);
-      const Four r3 = record(3);
-      using Places = std::int32_t __attribute__((vector_size(16)));
-      const Four low01 = __builtin_shuffle(r0, r1, Places{0, 4, 1, 5});
-      const Four low23 = __builtin_shuffle(r2, r3, Places{0, 4, 1, 5});
-      const Four high01 = __builtin_shuffle(r0, r1, Places{2, 6, 3, 7});
-      const Four high23 = __builtin_shuffle(r2, r3, Places{2, 6, 3, 7});
-      store(s.c[0] + i, __builtin_shuffle(low01, low23, Places{0, 1, 4, 5}));
-      store(s.c[1] + i, __builtin_shuffle(low01, low23, Places{2, 3, 6, 7}));
-      store(s.c[2] + i, __builtin_shuffle(high01, high23, Places{0, 1, 4, 5}));
-      store(s.c[3] + i, __builtin_shuffle(high01, high23, Places{2, 3, 6, 7}));
     }
     return;
   }
@@ -207,7 +172,6 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
   }
   walk_runs(tag, band, reach_px, cap);
   PENUMBRA_ASSERT(tag.used <= tag.capacity);
-  locate_samples(tag);
   finish_samples(tag);
 }
 
@@ -232,14 +196,7 @@ void TagAligner::Impl::step_along(Tag& tag, const Band& band, double reach_px, d
     for (int c = 0; c < 3; ++c)
       M[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(tag.ray_from_lattice(r, c));
   }
-  // Rows across an edge, from the first one of a step.
-  std::array<float, 20> offsets = {0.0F,  1.0F,  2.0F,  3.0F,  4.0F,  5.0F,  6.0F,
-                                   7.0F,  8.0F,  9.0F,  10.0F, 11.0F, 12.0F, 13.0F,
-                                   14.0F, 15.0F, 16.0F, 17.0F, 18.0F, 19.0F};
-  for (int k = 0; k < band.count; ++k) {
-    const auto at = static_cast<std::size_t>(k);
-    offsets[at] = static_cast<float>(band.offsets[at]);
-  }
+  const std::array<float, 20> offsets = row_offsets(band);
   kernel::Walk walk;
   walk.ray_from_lattice = M.data();
   walk.width = image.width;
@@ -273,113 +230,41 @@ void TagAligner::Impl::step_along(Tag& tag, const Band& band, double reach_px, d
 // Each run is walked pixel by pixel along the image axis it is nearer to, and at each step the
 // pixels across it that the blur reaches are taken.
 void TagAligner::Impl::walk_runs(Tag& tag, const Band& band, double reach_px, int cap) {
-  const bool wide = band.count > 0;
-  double length = 0.0;
-  double tilt = 0.0;  // along the other axis
-  run_lengths.resize(tag.runs.size());
+  kernel::RunWalk walk;
+  constexpr auto kPart = static_cast<std::size_t>(kernel::RunWalk::Part::kRuns);
+  if (const std::size_t parts = (tag.runs.size() + kPart - 1) / kPart; run_parts.size() < parts)
+    run_parts.resize(parts);
   if (tag.step_run.size() < tag.runs.size()) {
     tag.step_end.resize(tag.runs.size());
     tag.step_run.resize(tag.runs.size());
   }
-  for (std::size_t k = 0; k < tag.runs.size(); ++k) {
-    const auto [v0, v1, vertical] = tag.runs[k];
-    run_lengths[k] = -1.0;
-    if (!(tag.depth[v0] > 0.0F && tag.depth[v1] > 0.0F)) continue;
-    const float x0 = tag.pixel_x[v0];
-    const float y0 = tag.pixel_y[v0];
-    const float x1 = tag.pixel_x[v1];
-    const float y1 = tag.pixel_y[v1];
-    const double dx = std::abs(static_cast<double>(x1 - x0));
-    const double dy = std::abs(static_cast<double>(y1 - y0));
-    length += std::max(dx, dy);
-    tilt += std::min(dx, dy);
-    const double walk = std::max(std::abs(static_cast<double>(x1) - static_cast<double>(x0)),
-                                 std::abs(static_cast<double>(y1) - static_cast<double>(y0)));
-    if (walk > 1e-6 && std::max(std::abs(x0), std::abs(y0)) < 1e5F &&
-        std::max(std::abs(x1), std::abs(y1)) < 1e5F)
-      run_lengths[k] = walk;
-  }
+  walk.runs = tag.runs.data();
+  walk.count = static_cast<int>(tag.runs.size());
+  walk.ray_x = tag.ray_x.data();
+  walk.ray_y = tag.ray_y.data();
+  walk.pixel_x = tag.pixel_x.data();
+  walk.pixel_y = tag.pixel_y.data();
+  walk.depth = tag.depth.data();
+  walk.parts = run_parts.data();
+  walk.reach_px = reach_px;
+  double length = 0.0;
+  double tilt = 0.0;  // along the other axis
+  kernel->measure_runs(walk, length, tilt);
   if (!(length > 0.0) || !(length < 1e7)) return;
-  const double stride = stride_of(band, reach_px, length, tilt, cap);
-  const int most_rows = rows_at_most(band, reach_px);
+  walk.stride_px = stride_of(band, reach_px, length, tilt, cap);
+  walk.most_rows = rows_at_most(band, reach_px);
   // The steps go on from run to run. What is written is up to three pixels more than are counted.
-  const int capacity = most_rows * (static_cast<int>(length / stride) + 2) + 4;
-  take_samples(tag, capacity);
-  const kernel::Samples s = tag.samples;  // a copy, which the floats that are written are not
-  // Rows across an edge, from the first one of a step.
-  std::array<float, 20> offsets{};
-  for (std::size_t k = 0; k < offsets.size(); ++k)
-    offsets[k] = wide ? static_cast<float>(band.offsets[std::min<std::size_t>(k, 15)])
-                      : static_cast<float>(k);
-  int used = 0;
-  double carry = 0.5 * stride;  // from a run's start to its first step
-  for (std::size_t k = 0; k < tag.runs.size(); ++k) {
-    const double run_length = run_lengths[k];
-    if (carry >= run_length) {
-      if (run_length > 0.0) carry -= run_length;
-      continue;
-    }
-    const auto [v0, v1, vertical] = tag.runs[k];
-    double x0 = static_cast<double>(tag.pixel_x[v0]);
-    double y0 = static_cast<double>(tag.pixel_y[v0]);
-    double x1 = static_cast<double>(tag.pixel_x[v1]);
-    double y1 = static_cast<double>(tag.pixel_y[v1]);
-    const bool along_x = std::abs(x1 - x0) >= std::abs(y1 - y0);
-    if (!along_x) {
-      std::swap(x0, y0);
-      std::swap(x1, y1);
-    }
-    // Now x is the direction of the walk.
-    const double direction = x1 < x0 ? -1.0 : 1.0;
-    const double inverse_length = 1.0 / run_length;
-    const double slope = (y1 - y0) * inverse_length;
-    const int walk_limit = along_x ? image.width : image.height;
-    const int cross_limit = along_x ? image.height : image.width;
-    const auto rx0 = static_cast<double>(tag.ray_x[v0]);
-    const auto ry0 = static_cast<double>(tag.ray_y[v0]);
-    const double drx = (static_cast<double>(tag.ray_x[v1]) - rx0) * inverse_length;
-    const double dry = (static_cast<double>(tag.ray_y[v1]) - ry0) * inverse_length;
-    const double run_reach = std::min(reach_px * std::sqrt(1.0 + slope * slope), 8.0);
-    float* const walk_out = along_x ? s.pixel_x : s.pixel_y;
-    float* const cross_out = along_x ? s.pixel_y : s.pixel_x;
-    int first = 0;
-    int count = band.count;
-    double at = carry;
-    for (; at < run_length; at += stride) {
-      const int walk = floor_of(x0 + direction * at + 0.5);
-      if (walk < 0 || walk >= walk_limit) continue;
-      const double exact = direction * (walk - x0);  // where this pixel's centre is along the run
-      if (wide) {
-        first = floor_of(y0 + slope * exact);
-        if (first + band.offsets[0] < 0 ||
-            first + band.offsets[static_cast<std::size_t>(band.count - 1)] >= cross_limit)
-          continue;
-      } else {
-        first = ceil_of(y0 + slope * exact - run_reach);
-        count =
-            std::min(floor_of(y0 + slope * exact + run_reach), first + most_rows - 1) - first + 1;
-        if (first < 0 || first + count > cross_limit) continue;
-      }
-      const Four walk_4 = all_four(static_cast<float>(walk));
-      const Four cross_4 = all_four(static_cast<float>(first));
-      const Four guess_x = all_four(static_cast<float>(rx0 + drx * exact));
-      const Four guess_y = all_four(static_cast<float>(ry0 + dry * exact));
-      // How many there are changes from step to step, and no processor foresees it: always four or
-      // eight are written, those too many over again by the next step.
-      for (int i = 0; i < count; i += 4) {
-        store(walk_out + used + i, walk_4);
-        store(cross_out + used + i, cross_4 + load(offsets.data() + i));
-        store(s.ray_x + used + i, guess_x);
-        store(s.ray_y + used + i, guess_y);
-      }
-      used += std::max(count, 0);
-    }
-    carry = at - run_length;
-    tag.step_end[static_cast<std::size_t>(tag.step_count)] = used;
-    tag.step_run[static_cast<std::size_t>(tag.step_count)] = static_cast<std::int32_t>(k);
-    ++tag.step_count;
-  }
-  tag.used = used;
+  take_samples(tag, walk.most_rows * (static_cast<int>(length / walk.stride_px) + 2) + 4);
+  const std::array<float, 20> offsets = row_offsets(band);
+  walk.offsets = offsets.data();
+  walk.band_count = band.count;
+  walk.width = image.width;
+  walk.height = image.height;
+  walk.stride = image.stride;
+  walk.end = tag.step_end.data();
+  walk.run = tag.step_run.data();
+  tag.used = kernel->walk_runs(lens, walk, tag.samples);
+  tag.step_count = walk.walked;
 }
 
 std::vector<EdgePixel> TagAligner::Impl::edge_pixels() {

@@ -104,11 +104,7 @@ struct TagAligner::Impl {
     // Of each vertex for 1, 2 and 3 lines per axis, see kernel::Samples.
     std::vector<std::array<float, 4>> coefficients1;
     std::vector<std::array<float, 16>> coefficients2, coefficients3;
-    struct Run {
-      std::uint32_t begin = 0, end = 0;  // vertices
-      bool vertical = false;             // in the lattice
-    };
-    std::vector<Run> runs;  // the pattern's
+    std::vector<kernel::RunWalk::Run> runs;  // the pattern's
     // The runs' cells one behind the other, those of runs along a and then those along b; the last
     // one twice, see kernel::Walk.
     std::array<std::vector<kernel::Walk::Cell>, 2> edge_cells;
@@ -193,9 +189,9 @@ struct TagAligner::Impl {
   double moved_since_projection_px = 0.0;  // how far the tags went at most
   int first_samples = 0;
   bool starts_far = false;
-  Vector6d row_velocity = Vector6d::Zero();  // the camera's, per row [m, rad]
-  std::vector<kernel::TagPack> packs;        // of the active tags in a step
-  std::vector<double> run_lengths;           // in select, of a tag; negative: not to be walked
+  Vector6d row_velocity = Vector6d::Zero();      // the camera's, per row [m, rad]
+  std::vector<kernel::TagPack> packs;            // of the active tags in a step
+  std::vector<kernel::RunWalk::Part> run_parts;  // in select, of a tag
   std::vector<std::int32_t> score_sum;
   std::vector<std::uint8_t> search_scratch;
   std::vector<float> unused;  // what a projection gives beside what is asked for

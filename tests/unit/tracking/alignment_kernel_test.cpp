@@ -397,6 +397,208 @@ TEST(AlignmentKernel, StepsTakeThePixelsWithinReachOfTheirEdge) {
   }
 }
 
+// Runs walked one after the other against the same by doubles, step by step.
+TEST(AlignmentKernel, RunsAreWalkedPixelByPixel) {
+  constexpr int kWidth = 300;
+  constexpr int kHeight = 200;
+  constexpr int kStride = 350;
+  std::mt19937 random(5);
+  std::uniform_real_distribution<float> anywhere(-30.0F, 310.0F);
+  std::uniform_real_distribution<float> near(-12.0F, 12.0F);
+  constexpr std::size_t kVertices = 200;
+  std::vector<float> x(kVertices);
+  std::vector<float> y(kVertices);
+  std::vector<float> ray_x(kVertices);
+  std::vector<float> ray_y(kVertices);
+  std::vector<float> depth(kVertices, 1.0F);
+  std::vector<kernel::RunWalk::Run> runs;
+  for (std::size_t k = 0; k < kVertices; k += 2) {
+    x[k] = anywhere(random);
+    y[k] = anywhere(random);
+    x[k + 1] = x[k] + near(random) * (k % 7 == 0 ? 4.0F : 1.0F);
+    y[k + 1] = y[k] + near(random);
+    for (const std::size_t v : {k, k + 1}) {
+      ray_x[v] = x[v] / 300.0F + 1e-4F * near(random);
+      ray_y[v] = y[v] / 300.0F + 1e-4F * near(random);
+    }
+    runs.push_back({static_cast<std::uint32_t>(k), static_cast<std::uint32_t>(k + 1), false});
+  }
+  depth[10] = -1.0F;
+  depth[31] = 0.0F;
+  x[40] = x[41];  // a point, no run
+  y[40] = y[41];
+  x[50] = 2e5F;
+  std::array<float, 20> all_rows{};
+  for (std::size_t k = 0; k < all_rows.size(); ++k) all_rows[k] = static_cast<float>(k);
+  const std::array<float, 20> band = {-4.0F, -1.0F, 0.0F, 1.0F, 3.0F, 5.0F};
+  for (const int band_count : {0, 6}) {
+    for (const double stride : {1.0, 1.37, 9.0}) {
+      for (const auto kind : {kernel::Lens::Kind::none, kernel::Lens::Kind::polynomial}) {
+        SCOPED_TRACE(testing::Message() << band_count << ' ' << stride);
+        kernel::Lens lens;
+        lens.kind = kind;
+        kernel::RunWalk walk;
+        walk.runs = runs.data();
+        walk.count = static_cast<int>(runs.size());
+        walk.pixel_x = x.data();
+        walk.pixel_y = y.data();
+        walk.ray_x = ray_x.data();
+        walk.ray_y = ray_y.data();
+        walk.depth = depth.data();
+        walk.reach_px = 1.7;
+        walk.stride_px = stride;
+        walk.width = kWidth;
+        walk.height = kHeight;
+        walk.stride = kStride;
+        walk.band_count = band_count;
+        walk.most_rows = band_count > 0 ? band_count : 5;
+        walk.offsets = band_count > 0 ? band.data() : all_rows.data();
+        struct Sample {
+          int x, y, place;
+          float ray_x, ray_y;
+        };
+        std::vector<Sample> expected;
+        std::vector<std::pair<std::int32_t, std::int32_t>> ends;
+        double along_px = 0.0;
+        double carry = 0.5 * stride;
+        for (std::size_t k = 0; k < runs.size(); ++k) {
+          const std::size_t v0 = runs[k].begin;
+          const std::size_t v1 = runs[k].end;
+          if (!(depth[v0] > 0.0F && depth[v1] > 0.0F)) continue;
+          Eigen::Vector2d p(static_cast<double>(x[v0]), static_cast<double>(y[v0]));
+          Eigen::Vector2d q(static_cast<double>(x[v1]), static_cast<double>(y[v1]));
+          along_px +=
+              static_cast<double>(std::max(std::abs(x[v1] - x[v0]), std::abs(y[v1] - y[v0])));
+          const double length = (q - p).cwiseAbs().maxCoeff();
+          if (length < 1e-6 || std::max(p.cwiseAbs().maxCoeff(), q.cwiseAbs().maxCoeff()) > 1e5)
+            continue;
+          const bool along_x = std::abs(q.x() - p.x()) >= std::abs(q.y() - p.y());
+          if (!along_x) {
+            std::swap(p.x(), p.y());
+            std::swap(q.x(), q.y());
+          }
+          const double slope = (q.y() - p.y()) / length;
+          const double reach = std::min(1.7 * std::sqrt(1.0 + slope * slope), 8.0);
+          double at = carry;
+          for (; at < length; at += stride) {
+            const double toward = q.x() < p.x() ? -1.0 : 1.0;
+            const double step = std::floor(p.x() + toward * at + 0.5);
+            const double exact = toward * (step - p.x());
+            const double centre = p.y() + slope * exact;
+            std::vector<double> rows;
+            if (band_count == 0) {
+              for (double c = std::ceil(centre - reach); c <= centre + reach && rows.size() < 5;
+                   ++c)
+                rows.push_back(c);
+            }
+            for (int i = 0; i < band_count; ++i)
+              rows.push_back(std::floor(centre) +
+                             static_cast<double>(band[static_cast<std::size_t>(i)]));
+            if (step < 0.0 || step >= (along_x ? kWidth : kHeight) || rows.front() < 0.0 ||
+                rows.back() >= (along_x ? kHeight : kWidth))
+              continue;
+            const auto guess = [&](const std::vector<float>& ray) {
+              const auto from = static_cast<double>(ray[v0]);
+              return static_cast<float>(from +
+                                        (static_cast<double>(ray[v1]) - from) / length * exact);
+            };
+            for (const double row : rows) {
+              const int px = static_cast<int>(along_x ? step : row);
+              const int py = static_cast<int>(along_x ? row : step);
+              expected.push_back({px, py, py * kStride + px, guess(ray_x), guess(ray_y)});
+            }
+          }
+          if (carry < length)
+            ends.emplace_back(static_cast<std::int32_t>(k),
+                              static_cast<std::int32_t>(expected.size()));
+          carry = at - length;
+        }
+        ASSERT_GT(expected.size(), 100U);
+        for (const Variant* variant : variants()) {
+          SCOPED_TRACE(variant->name);
+          std::vector<kernel::RunWalk::Part> parts((runs.size() + 15) / 16);
+          std::vector<std::int32_t> end(runs.size());
+          std::vector<std::int32_t> run(runs.size());
+          walk.parts = parts.data();
+          walk.end = end.data();
+          walk.run = run.data();
+          double along = 0.0;
+          double across = 0.0;
+          variant->measure_runs(walk, along, across);
+          EXPECT_EQ(along, along_px);
+          SampleSet set(200 * kernel::kBlock);
+          const int used = variant->walk_runs(lens, walk, set.s);
+          ASSERT_EQ(static_cast<std::size_t>(used), expected.size());
+          ASSERT_EQ(static_cast<std::size_t>(walk.walked), ends.size());
+          for (std::size_t k = 0; k < ends.size(); ++k) {
+            EXPECT_EQ(run[k], ends[k].first);
+            EXPECT_EQ(end[k], ends[k].second) << k;
+          }
+          for (std::size_t i = 0; i < expected.size(); ++i) {
+            ASSERT_EQ(static_cast<int>(set.s.pixel_x[i]), expected[i].x) << i;
+            ASSERT_EQ(static_cast<int>(set.s.pixel_y[i]), expected[i].y) << i;
+            ASSERT_EQ(set.s.vertex[i], expected[i].place) << i;
+            if (kind == kernel::Lens::Kind::none) continue;
+            ASSERT_NEAR(set.s.ray_x[i], expected[i].ray_x, 1e-6F) << i;
+            ASSERT_NEAR(set.s.ray_y[i], expected[i].ray_y, 1e-6F) << i;
+          }
+        }
+      }
+    }
+  }
+}
+
+// Values by places, what fills the last block up, and the vertices' records.
+TEST(AlignmentKernel, SamplesAreReadAndGivenTheirVerticesRecords) {
+  std::mt19937 random(8);
+  std::uniform_int_distribution<int> byte(0, 255);
+  constexpr std::size_t kVertices = 50;
+  std::vector<std::uint8_t> pixels(1000);
+  for (std::uint8_t& pixel : pixels) pixel = static_cast<std::uint8_t>(byte(random));
+  std::array<float, 256> levels{};
+  for (std::size_t k = 0; k < levels.size(); ++k) levels[k] = 0.37F * static_cast<float>(k);
+  std::vector<float> ka(kVertices);
+  std::vector<float> kb(kVertices);
+  std::vector<float> coefficients(4 * kVertices);
+  for (std::vector<float>* array : {&ka, &kb, &coefficients}) {
+    for (float& value : *array) value = static_cast<float>(byte(random));
+  }
+  for (const Variant* variant : variants()) {
+    for (const int used : {0, 1, 63, 64, 100, 128}) {
+      SCOPED_TRACE(testing::Message() << variant->name << ' ' << used);
+      SampleSet set(3 * kernel::kBlock);
+      set.s.count = (used + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
+      const std::array<float*, 4> kept = {set.s.pixel_x, set.s.pixel_y, set.s.ray_x, set.s.ray_y};
+      for (std::size_t k = 0; k < kept.size(); ++k) {
+        for (int i = 0; i < 3 * kernel::kBlock; ++i) kept[k][i] = static_cast<float>(i * 4 + k);
+      }
+      std::vector<std::int32_t> places;
+      for (int i = 0; i < used; ++i) places.push_back(set.s.vertex[i] = (37 * i + 5) % 1000);
+      variant->read(pixels.data(), levels.data(), used, set.s);
+      for (int i = 0; i < 3 * kernel::kBlock; ++i) {
+        const bool sampled = i < used;
+        const bool filled = i < set.s.count;
+        const float value =
+            sampled ? levels[pixels[static_cast<std::size_t>(places[static_cast<std::size_t>(i)])]]
+                    : 0.0F;
+        EXPECT_EQ(set.s.value[i], value);
+        EXPECT_EQ(set.s.weight[i], sampled ? 1.0F : 0.0F);
+        for (std::size_t k = 0; k < kept.size(); ++k)
+          EXPECT_EQ(kept[k][i], static_cast<float>((!sampled && filled ? used - 1 : i) * 4 + k));
+      }
+      for (int i = 0; i < set.s.count; ++i)
+        set.s.vertex[i] = (11 * i + 3) % static_cast<int>(kVertices);
+      variant->attach(ka.data(), kb.data(), coefficients.data(), set.s);
+      for (int i = 0; i < set.s.count; ++i) {
+        const auto v = static_cast<std::size_t>(set.s.vertex[i]);
+        EXPECT_EQ(set.s.ka[i], ka[v]);
+        EXPECT_EQ(set.s.kb[i], kb[v]);
+        for (std::size_t c = 0; c < 4; ++c) EXPECT_EQ(set.s.c[c][i], coefficients[4 * v + c]);
+      }
+    }
+  }
+}
+
 // A step over four tags at once against the same by matrices, one tag after the other.
 TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
   std::mt19937 random(21);
