@@ -185,6 +185,19 @@ struct RunWalk {
   int walked = 0;
 };
 
+inline constexpr std::int32_t kNowhere = INT32_MIN;
+
+struct CellCorners {  // of Vertices
+  const float* pixel_x = nullptr;
+  const float* pixel_y = nullptr;
+  const float* depth = nullptr;
+};
+
+struct ImagePlan {
+  int width = 0, height = 0;
+  std::ptrdiff_t stride = 0;  // from row to row [bytes]
+};
+
 struct AccumulateInput {
   float lattice_from_ray[9] = {};
   float centre[3] = {};  // the camera's centre in the lattice frame [cells]
@@ -235,6 +248,13 @@ struct Variant {
   // point[r * row_step * stride + c]; columns: 32 or 64.
   void (*search)(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,
                  int count, int columns, int rows, int row_step, std::int16_t* scores);
+  // sums[k] += scores[k]
+  void (*add)(const std::int16_t* scores, int count, std::int32_t* sums);
+  // Of the cell above and right of each vertex of a lattice of side x side: where the pixel nearest
+  // to its centre, the mean of its corners, lies in the image's memory; kNowhere where there is
+  // none. The last vertex of a row has no cell, and the last row has none.
+  void (*cell_places)(int side, const CellCorners& corners, const ImagePlan& image,
+                      std::int32_t* places);
 };
 
 // The widest variant that this processor runs.

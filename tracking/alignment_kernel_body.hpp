@@ -1385,12 +1385,49 @@ void search(const std::uint8_t* const* points, const std::ptrdiff_t* strides, in
   }
 }
 
+void add(const std::int16_t* scores, int count, std::int32_t* sums) {
+#pragma omp simd
+  for (int k = 0; k < count; ++k) sums[k] += scores[k];
+}
+
+void cell_places(int side, const CellCorners& v, const ImagePlan& image, std::int32_t* places) {
+  const float* const __restrict x = v.pixel_x;
+  const float* const __restrict y = v.pixel_y;
+  const float* const __restrict depth = v.depth;
+  std::int32_t* const __restrict out = places;
+  const auto stride = static_cast<std::int32_t>(image.stride);
+  const float right = static_cast<float>(image.width) - 0.5F;
+  const float top = static_cast<float>(image.height) - 0.5F;
+  const int count = side * (side - 1) - 1;
+#pragma omp simd
+  for (int k = 0; k < count; ++k) {
+    const float cx = 0.25F * (x[k] + x[k + 1] + x[k + side] + x[k + side + 1]);
+    const float cy = 0.25F * (y[k] + y[k + 1] + y[k + side] + y[k + side + 1]);
+    const bool seen = (depth[k] > 0.0F) & (depth[k + 1] > 0.0F) & (depth[k + side] > 0.0F) &
+                      (depth[k + side + 1] > 0.0F) & (cx >= -0.5F) & (cy >= -0.5F) & (cx < right) &
+                      (cy < top);
+    // Cut off and rounded up from a half, which is exact as adding a half is not.
+    const float least_x = cx > -0.5F ? cx : -0.5F;
+    const float least_y = cy > -0.5F ? cy : -0.5F;
+    const float safe_x = least_x < right ? least_x : right;
+    const float safe_y = least_y < top ? least_y : top;
+    const auto cut_x = static_cast<float>(static_cast<std::int32_t>(safe_x));
+    const auto cut_y = static_cast<float>(static_cast<std::int32_t>(safe_y));
+    const float up_x = safe_x - cut_x >= 0.5F ? 1.0F : 0.0F;
+    const float up_y = safe_y - cut_y >= 0.5F ? 1.0F : 0.0F;
+    const auto px = static_cast<std::int32_t>(cut_x + up_x);
+    const auto py = static_cast<std::int32_t>(cut_y + up_y);
+    const std::int32_t place = py * stride + px;
+    out[k] = seen ? place : kNowhere;
+  }
+}
+
 }  // namespace
 
 extern const Variant kVariant;
 const Variant kVariant = {
-    PENUMBRA_KERNEL_NAME, project,   walk,   measure_runs, walk_runs, read,  prepare, attach,
-    accumulate,           eliminate, follow, evaluate,     levers,    search};
+    PENUMBRA_KERNEL_NAME, project,   walk,   measure_runs, walk_runs, read,   prepare, attach,
+    accumulate,           eliminate, follow, evaluate,     levers,    search, add,     cell_places};
 
 #undef PENUMBRA_INLINE
 

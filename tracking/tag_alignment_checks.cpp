@@ -102,7 +102,8 @@ double TagAligner::Impl::design_effect(double cutoff) {
       const bool vertical = tag->runs[static_cast<std::size_t>(run)].vertical;
       const float* const stop = s.levers + 4 * end;
       Four sums{};
-      for (const float* at = s.levers + 4 * begin; at < stop; at += 4) {
+#pragma GCC unroll 4
+      for (const float* at = s.levers + 4 * begin; at != stop; at += 4) {
         Four lever;
         std::memcpy(&lever, at, sizeof lever);
         sums += lever;
@@ -174,11 +175,12 @@ void TagAligner::Impl::verify() {
     const double covered = 0.25 * tag->gain;
     int decidable = 0;
     if (reads_clearly(*tag)) {
+      find_cells(*tag);
       for (const DataCell& cell : cells) {
-        int px = 0;
-        int py = 0;
-        if (!nearest_cell_pixel(*tag, cell, px, py)) continue;
-        const double read = static_cast<double>(tone[image.row(py)[px]]) - middle;
+        const std::int32_t place =
+            cell_places[static_cast<std::size_t>(cell.j * tag->side + cell.i)];
+        if (place == kernel::kNowhere) continue;
+        const double read = static_cast<double>(tone[image.data[place]]) - middle;
         ++decidable;
         // What reads as neither black nor white is covered by something.
         const bool decided = std::abs(read) >= covered;

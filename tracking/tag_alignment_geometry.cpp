@@ -121,6 +121,16 @@ void TagAligner::Impl::project_lattice(Tag& tag, double added_variance_px2) cons
                     tag.depth[top + last] > 0.0F;
 }
 
+void TagAligner::Impl::find_cells(const Tag& tag) {
+  cell_places.resize(std::max(cell_places.size(), tag.lattice_a.size()));
+  kernel::CellCorners corners;
+  corners.pixel_x = tag.pixel_x.data();
+  corners.pixel_y = tag.pixel_y.data();
+  corners.depth = tag.depth.data();
+  kernel->cell_places(tag.side, corners, {image.width, image.height, image.stride},
+                      cell_places.data());
+}
+
 bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const {
   if (!(tag.centre.z() > 0.5)) return false;  // from behind, or the camera lies in the sheet
   const double half = 0.5 * (tag.side - 1);

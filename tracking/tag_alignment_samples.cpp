@@ -53,11 +53,11 @@ void TagAligner::Impl::read_levels() {
     double black = 0.0;
     int whites = 0;
     int blacks = 0;
+    find_cells(*tag);
     for (const DataCell& cell : tag->pattern.data_cells()) {
-      int px = 0;
-      int py = 0;
-      if (!nearest_cell_pixel(*tag, cell, px, py)) continue;
-      const double value = static_cast<double>(tone[image.row(py)[px]]);
+      const std::int32_t place = cell_places[static_cast<std::size_t>(cell.j * tag->side + cell.i)];
+      if (place == kernel::kNowhere) continue;
+      const double value = static_cast<double>(tone[image.data[place]]);
       (cell.white ? white : black) += value;
       ++(cell.white ? whites : blacks);
     }

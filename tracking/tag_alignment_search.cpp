@@ -125,7 +125,7 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
                    tag->scores.data());
     tag->score_points = count;
     total += count;
-    for (std::size_t k = 0; k < score_sum.size(); ++k) score_sum[k] += tag->scores[k];
+    kernel->add(tag->scores.data(), rows * columns, score_sum.data());
   }
   result.counters.searched_points += total;
   result.counters.searched_px += rows * columns;

@@ -193,6 +193,7 @@ struct TagAligner::Impl {
   std::vector<kernel::TagPack> packs;            // of the active tags in a step
   std::vector<kernel::RunWalk::Part> run_parts;  // in select, of a tag
   std::vector<std::int32_t> score_sum;
+  std::vector<std::int32_t> cell_places;  // of a tag
   std::vector<std::uint8_t> search_scratch;
   std::vector<float> unused;  // what a projection gives beside what is asked for
 
@@ -239,6 +240,9 @@ struct TagAligner::Impl {
     y = floor_of(centre_y + 0.5);
     return x >= 0 && y >= 0 && x < image.width && y < image.height;
   }
+
+  // The nearest pixels of all cells into cell_places: that of the cell (i, j) at j * side + i.
+  void find_cells(const Tag& tag);
 
   [[nodiscard]] bool search(bool independent);
   [[nodiscard]] bool search_within(int search_reach, bool independent, double least_contrast);

@@ -599,6 +599,64 @@ TEST(AlignmentKernel, SamplesAreReadAndGivenTheirVerticesRecords) {
   }
 }
 
+// The pixels nearest to cells against the same by doubles, one cell after the other.
+TEST(AlignmentKernel, CellsLieAtThePixelsNearestToTheirCorners) {
+  constexpr int kWidth = 90;
+  constexpr int kHeight = 70;
+  std::mt19937 random(3);
+  std::uniform_real_distribution<float> jitter(-0.4F, 0.4F);
+  for (const int side : {7, 9, 12}) {
+    for (const int stride : {100, -100}) {
+      const auto vertices = static_cast<std::size_t>(side * side);
+      std::vector<float> x(vertices);
+      std::vector<float> y(vertices);
+      std::vector<float> depth(vertices, 2.0F);
+      for (int j = 0; j < side; ++j) {
+        for (int i = 0; i < side; ++i) {
+          const auto v = static_cast<std::size_t>(j * side + i);
+          x[v] =
+              -9.0F + 11.3F * static_cast<float>(i) + 1.2F * static_cast<float>(j) + jitter(random);
+          y[v] =
+              -7.0F + 10.6F * static_cast<float>(j) - 0.7F * static_cast<float>(i) + jitter(random);
+        }
+      }
+      depth[static_cast<std::size_t>(3 * side + 2)] = -1.0F;
+      x[static_cast<std::size_t>(4 * side + 4)] = 1e7F;
+      kernel::CellCorners corners;
+      corners.pixel_x = x.data();
+      corners.pixel_y = y.data();
+      corners.depth = depth.data();
+      for (const Variant* variant : variants()) {
+        std::vector<std::int32_t> places(vertices, 7);
+        variant->cell_places(side, corners, {kWidth, kHeight, stride}, places.data());
+        int outside = 0;
+        for (int j = 0; j + 1 < side; ++j) {
+          for (int i = 0; i + 1 < side; ++i) {
+            Eigen::Vector2d sum(0.0, 0.0);
+            bool seen = true;
+            for (const int v :
+                 {j * side + i, j * side + i + 1, (j + 1) * side + i, (j + 1) * side + i + 1}) {
+              const auto at = static_cast<std::size_t>(v);
+              sum += Eigen::Vector2d(static_cast<double>(x[at]), static_cast<double>(y[at]));
+              seen = seen && depth[at] > 0.0F;
+            }
+            const double px = std::floor(0.25 * sum.x() + 0.5);
+            const double py = std::floor(0.25 * sum.y() + 0.5);
+            seen = seen && px >= 0.0 && py >= 0.0 && px < kWidth && py < kHeight;
+            outside += seen ? 0 : 1;
+            EXPECT_EQ(
+                places[static_cast<std::size_t>(j * side + i)],
+                seen ? static_cast<int>(py) * stride + static_cast<int>(px) : kernel::kNowhere)
+                << variant->name << ' ' << side << ' ' << i << ' ' << j;
+          }
+        }
+        EXPECT_GT(outside, 6);
+        EXPECT_LT(outside, (side - 1) * (side - 1));
+      }
+    }
+  }
+}
+
 // A step over four tags at once against the same by matrices, one tag after the other.
 TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
   std::mt19937 random(21);
