@@ -567,7 +567,8 @@ int walk_runs_as(RunWalk& w, const Samples& s) {
   StepBlock block = {};
   RunSteps steps = {};
   std::int32_t ends[kSteps];
-  // Of the runs that end in a block: which one, and how many of the block's steps precede the end.
+  // Of the runs that end in a block: which one, and how many of the block's steps precede the end,
+  // one at least: where a run fills a block and goes on, the next block begins with its steps.
   std::int32_t ended[kSteps + 1];
   int ended_at[kSteps + 1];
   int used = 0;
@@ -612,7 +613,6 @@ int walk_runs_as(RunWalk& w, const Samples& s) {
         repeat(steps.per_px_y, first, count, part.per_px_y[l]);
       }
     }
-    const std::int32_t before = used;
     if (count > 0) {
       StepOutput out = {s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.vertex, ends};
       std::int32_t cross_bytes = 1;
@@ -630,7 +630,7 @@ int walk_runs_as(RunWalk& w, const Samples& s) {
     }
     for (int i = 0; i < ended_count; ++i) {
       w.run[w.walked] = ended[i];
-      w.end[w.walked] = ended_at[i] > 0 ? ends[ended_at[i] - 1] : before;
+      w.end[w.walked] = ends[ended_at[i] - 1];
       ++w.walked;
     }
   }
