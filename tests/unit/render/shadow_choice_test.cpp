@@ -190,13 +190,22 @@ TEST(ShadowTone, IsTheCameras) {
       Studio studio(builder.build(), CameraModel::make(parameters).value());
       PlanOptions options;
       options.technique = c.technique;
-      // Edges of masks are mixed as they are encoded.
+      // Edges of masks are mixed as they are encoded; on phantoms all edges are.
       options.layers = LayerDrawing::direct;
       pictures.push_back(studio.draw_shadows(grey(), studio.plan(from_height(0.6), options)));
     }
+    const auto is_edge = [&picture = pictures[0]](int x, int y) {
+      for (int j = std::max(y - 1, 0); j <= std::min(y + 1, kSide - 1); ++j) {
+        for (int i = std::max(x - 1, 0); i <= std::min(x + 1, kSide - 1); ++i) {
+          if (picture.red(i, j) != picture.red(x, y)) return true;
+        }
+      }
+      return false;
+    };
     int dark = 0;
     for (int y = 0; y < kSide; ++y) {
       for (int x = 0; x < kSide; ++x) {
+        if (c.phantom && is_edge(x, y)) continue;
         const double left = std::pow(pictures[0].red(x, y) / double{kGrey}, kUsualToneExponent);
         ASSERT_NEAR(pictures[1].red(x, y), left * kGrey, 2.6) << x << ", " << y;
         dark += pictures[1].red(x, y) < kGrey - 20 ? 1 : 0;
