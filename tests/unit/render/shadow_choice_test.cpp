@@ -69,6 +69,32 @@ TEST(ShadowChoice, HangsNotOnWhatIsOutOfSight) {
   }
 }
 
+// From `high` up downwards until the size of what is made changes, then to and fro by a hundredth
+// of a millimetre: nothing is made any more. `drawn_at`: height -> picture, how much was made for
+// it. The height below, and its picture.
+template <typename DrawnAt>
+std::pair<double, Picture> tremble(const DrawnAt& drawn_at, double high, double low) {
+  constexpr double kStep = 1e-5;
+  static_cast<void>(drawn_at(high));
+  while (high - low > kStep) {
+    const double middle = 0.5 * (low + high);
+    static_cast<void>(drawn_at(high));
+    (drawn_at(middle).second > 0 ? low : high) = middle;
+  }
+  const Picture above = drawn_at(high).first;
+  const Picture below = drawn_at(low).first;
+  std::int64_t made = 0;
+  for (int i = 0; i < 10; ++i) {
+    const auto [up, up_made] = drawn_at(high);
+    const auto [down, down_made] = drawn_at(low);
+    EXPECT_EQ(up, above) << "what came before does not matter";
+    EXPECT_EQ(down, below);
+    made += up_made + down_made;
+  }
+  EXPECT_EQ(made, 0);
+  return {low, below};
+}
+
 TEST(ShadowChoice, ACameraThatTremblesBetweenTwoSizesMakesNoMasks) {
   Studio studio(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
   const auto drawn_at = [&](double height) {
@@ -76,62 +102,23 @@ TEST(ShadowChoice, ACameraThatTremblesBetweenTwoSizesMakesNoMasks) {
     EXPECT_EQ(studio.stats().layer_masks_drawn + studio.stats().layer_masks_kept, 1);
     return std::pair(picture, studio.stats().layer_masks_drawn);
   };
-  // From high up downwards until the size changes, then to and fro by a hundredth of a millimetre.
-  constexpr double kStep = 1e-5;
-  double high = 0.8;
-  double low = 0.4;
-  static_cast<void>(drawn_at(high));
-  while (high - low > kStep) {
-    const double middle = 0.5 * (low + high);
-    static_cast<void>(drawn_at(high));
-    (drawn_at(middle).second > 0 ? low : high) = middle;
-  }
-  const Picture above = drawn_at(high).first;
-  const Picture below = drawn_at(low).first;
-  std::int64_t made = 0;
-  for (int i = 0; i < 10; ++i) {
-    const auto [up, up_made] = drawn_at(high);
-    const auto [down, down_made] = drawn_at(low);
-    EXPECT_EQ(up, above) << "what came before does not matter";
-    EXPECT_EQ(down, below);
-    made += up_made + down_made;
-  }
-  EXPECT_EQ(made, 0);
+  const auto [low, below] = tremble(drawn_at, 0.8, 0.4);
   Studio other(block_and(Other::none).build(), test::camera_of(kSide, kSide, 220.0));
   EXPECT_EQ(other.draw(grey(), other.plan(from_height(low))), below);
 }
 
-// Nor of what climbs.
-TEST(ShadowChoice, ACameraThatTremblesMakesNoMasksOfReceivers) {
+TEST(ShadowChoice, NorMasksOfWhatClimbs) {
   SceneBuilder builder;
   builder.add(block(0.05), test::at(0, 0, 0.15));
   builder.add(block(0.06), test::at(0.01, 0, 0.03), false, true);
   Studio studio(builder.build(), test::camera_of(kSide, kSide, 220.0));
-  const auto drawn_at = [&](double height) {
-    const Picture picture = studio.draw(grey(), studio.plan(from_height(height)));
-    EXPECT_GT(studio.stats().masks_drawn + studio.stats().masks_kept, 0);
-    return std::pair(picture, studio.stats().masks_drawn);
-  };
-  constexpr double kStep = 1e-5;
-  double high = 1.2;
-  double low = 0.5;
-  static_cast<void>(drawn_at(high));
-  while (high - low > kStep) {
-    const double middle = 0.5 * (low + high);
-    static_cast<void>(drawn_at(high));
-    (drawn_at(middle).second > 0 ? low : high) = middle;
-  }
-  const Picture above = drawn_at(high).first;
-  const Picture below = drawn_at(low).first;
-  std::int64_t made = 0;
-  for (int i = 0; i < 10; ++i) {
-    const auto [up, up_made] = drawn_at(high);
-    const auto [down, down_made] = drawn_at(low);
-    EXPECT_EQ(up, above) << "what came before does not matter";
-    EXPECT_EQ(down, below);
-    made += up_made + down_made;
-  }
-  EXPECT_EQ(made, 0);
+  tremble(
+      [&](double height) {
+        const Picture picture = studio.draw(grey(), studio.plan(from_height(height)));
+        EXPECT_GT(studio.stats().masks_drawn + studio.stats().masks_kept, 0);
+        return std::pair(picture, studio.stats().masks_drawn);
+      },
+      1.2, 0.5);
 }
 
 TEST(ShadowChoice, WithoutSkippingNothingIsUsedAgain) {
