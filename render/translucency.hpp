@@ -56,15 +56,16 @@ struct PictureAbilities {
   return abilities.fetches ? Translucency::retexture : Translucency::mesh;
 }
 
-// How layers of kernels reach a plane. Both show the same shadow.
+// How layered, field and simple shadows reach a plane. Both ways show the same shadow.
 enum class LayerDrawing {
   automatic,  // as a mask, which takes less whatever the number of faces (BENCHMARKS.md); but
               // directly where a pixel has several samples, which smooth edges too, and the casters
-              // on a plane have few faces: the CPU then has next to nothing to do
-  direct,     // the caster's faces, projected by the GPU, once for each layer
-  mask,       // a picture of all layers, made of the casters' silhouettes, or face by face where
-              // they are open or cut at a height; directly where it can't be told which way faces
-              // turn, and beside a shadow of another technique
+              // on a plane have few faces: the CPU then has next to nothing to do. Simple shadows
+              // directly, where a plane has no others: they are what the others are compared with
+  direct,     // the caster's faces, projected by the GPU, once for each layer; fields as textures
+  mask,  // a picture of all layers, made of the casters' silhouettes, of their faces where they
+         // are open or cut at a height, or of a field's outlines; directly where it can't be
+         // told which way faces turn
 };
 
 // The screen-door's pattern has so many places: densities are multiples of one of them.

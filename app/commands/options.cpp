@@ -146,10 +146,11 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
                             : name == "direct" ? LayerDrawing::direct
                                                : LayerDrawing::automatic;
           },
-          "How layered shadows are drawn. direct: each face by the graphics hardware, once a "
-          "layer; mask: as a picture on the table, and on each height of what the shadow climbs, "
-          "made of silhouettes, with smooth edges; auto: the mask, which takes less, but with "
-          "several samples a pixel (--msaa) casters of few faces directly")
+          "How layered, field and simple shadows are drawn. direct: each face by the graphics "
+          "hardware, once a layer; mask: as a picture on the table, and on each height of what the "
+          "shadow climbs, made of silhouettes, with smooth edges; auto: the mask, which takes "
+          "less, but directly with several samples a pixel (--msaa) and few faces, and where all "
+          "shadows on a plane are simple")
       ->type_name("auto|direct|mask")
       ->default_str("auto");
   command.add_flag("--show-rays", choice.light_rays,

@@ -651,8 +651,10 @@ void ShadowPass::prepare_one(const ShadowDraw& draw, Caster& caster, Prepared& p
   if (field) {
     for (std::size_t i = 0; i < 3; ++i) {
       prepared.layers[i].source = LayerSource::nothing;
-      if (prepared.wanted[i] && prepared.field.layers()[i])
-        prepared.layers[i].source = LayerSource::field;
+      if (!prepared.wanted[i]) continue;
+      if (masked && !(*prepared.outlines)[i].empty())
+        prepared.layers[i].source = LayerSource::masked_outline;
+      if (!masked && prepared.field.layers()[i]) prepared.layers[i].source = LayerSource::field;
     }
   }
 }
@@ -681,9 +683,16 @@ void ShadowPass::make_field(const ShadowDraw& draw, Caster& caster, Prepared& pr
   work.vertices += static_cast<std::int64_t>(vertices.size());
   ShadowFieldOptions options;
   options.finest_cell = finest_field_cell_;
-  prepared.field.upload(power_distance_layers(vertices, caster.mesh.indices, caster.mesh.part,
-                                              part_lights(parts, T_own_object, plane),
-                                              draw.constants, options));
+  const ShadowField field =
+      power_distance_layers(vertices, caster.mesh.indices, caster.mesh.part,
+                            part_lights(parts, T_own_object, plane), draw.constants, options);
+  if (!prepared.masked) {
+    prepared.field.upload(field);
+    return;
+  }
+  FieldOutlines outlines;
+  for (std::size_t i = 0; i < 3; ++i) outlines[i] = field_outline(field, kShadowLayers[i]);
+  prepared.outlines = std::make_shared<const FieldOutlines>(std::move(outlines));
 }
 
 // Of each layer whether all of the mesh is in its heights, or a part, or nothing.
@@ -879,8 +888,8 @@ std::size_t ShadowPass::prepare_flat(const Scene& scene, const ReceivedShadowDra
 }
 
 bool ShadowPass::covers_flat(const Scene& scene, const FramePlan& plan, const ShadowDraw& draw) {
-  if (plan.layers == LayerDrawing::direct || draw.technique != ShadowTechnique::layered)
-    return false;
+  if (plan.layers == LayerDrawing::direct) return false;
+  if (draw.technique == ShadowTechnique::field) return true;
   Caster& caster = caster_of(scene, draw.object);
   if (plan.layers == LayerDrawing::automatic && smooth_edges_ &&
       caster.mesh.indices.size() / 3 <= kFewFaces)
@@ -969,7 +978,7 @@ bool ShadowPass::MaskPart::covers_same_as(const MaskPart& other) const {
   return caster == other.caster && kernels == other.kernels && reduced == other.reduced &&
          own.same_shape(other.own) && own.T_plane_own == other.own.T_plane_own &&
          constants == other.constants && light_mode == other.light_mode && layers == other.layers &&
-         faces == other.faces;
+         faces == other.faces && sides == other.sides;
 }
 
 // What a mask has for each layer: what it leaves of the encoded value; through a screen-door, the
@@ -1006,26 +1015,25 @@ std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan
   double in_view = kNone;
   double anywhere = kNone;
   std::size_t faces = 0;
-  bool layered = false;
+  bool layers = false;
+  bool fields = false;
   std::string why_not;
   const auto serves = [&](const ShadowDraw& draw) {
     const SceneObject& object = scene.objects[static_cast<std::size_t>(draw.object)];
-    if (draw.technique != ShadowTechnique::layered) {
-      why_not = fmt::format("{} casts another kind of shadow there", object.name);
-      return false;
-    }
-    layered = true;
+    const bool field = draw.technique == ShadowTechnique::field;
+    fields = fields || field;
+    layers = layers || draw.technique != ShadowTechnique::simple;
     Caster& caster = caster_of(scene, draw.object);
     faces += caster.mesh.indices.size() / 3;
     if (caster.whole.geometry.indices.empty()) return true;
-    if (!is_for_masks(caster.whole, caster.mesh) ||
-        (caster.proxy && draw.proxy && !is_for_masks(caster.reduced, caster.proxy->mesh))) {
+    if (!field &&
+        (!is_for_masks(caster.whole, caster.mesh) ||
+         (caster.proxy && draw.proxy && !is_for_masks(caster.reduced, caster.proxy->mesh)))) {
       why_not = fmt::format("it can't be told which way {}'s faces turn", object.name);
       return false;
     }
-    if (draw.light_mode == LightMode::proportional &&
-        cut_layers(draw, caster) == std::array<LayerSource, 3>{})
-      return true;
+    const bool one_size = field || draw.light_mode == LightMode::fixed;
+    if (!one_size && cut_layers(draw, caster) == std::array<LayerSource, 3>{}) return true;
     std::array<Eigen::Vector3d, 4> square = draw.plane_frame.square_about(draw.centre, draw.radius);
     for (Eigen::Vector3d& corner : square) corner = T_camera_table * corner;
     double nearest = kNone;
@@ -1040,16 +1048,17 @@ std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan
       if (draw.plane == plane && !serves(draw)) serve = false;
     }
   }
+  // What is alone with others of its kind is what layers are compared with, and one draw call.
+  if (!layers && plan.layers == LayerDrawing::automatic) return std::nullopt;
   if (!serve) {
-    if (layered) {
-      work.skipped.push_back(
-          {"mask_impossible",
-           fmt::format("{}: layers are drawn directly and not as a mask, for {}",
-                       scene.planes[static_cast<std::size_t>(plane)].name, why_not)});
-    }
+    work.skipped.push_back(
+        {"mask_impossible",
+         fmt::format("{}: layers are drawn directly and not as a mask, for {}",
+                     scene.planes[static_cast<std::size_t>(plane)].name, why_not)});
     return std::nullopt;
   }
-  if (plan.layers == LayerDrawing::automatic && smooth_edges_ && faces <= kFewFaces)
+  // A field has no edges that several samples a pixel would smooth.
+  if (plan.layers == LayerDrawing::automatic && smooth_edges_ && faces <= kFewFaces && !fields)
     return std::nullopt;
   if (anywhere == kNone) return std::nullopt;
   return in_view == kNone ? anywhere : in_view;
@@ -1057,19 +1066,26 @@ std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan
 
 ShadowPass::MaskPart ShadowPass::mask_part(const ShadowDraw& draw, Caster& caster,
                                            const Prepared& prepared) const {
-  MaskPart part{&caster,
-                prepared.kernel_key,
-                prepared.reduced,
-                prepared.own,
-                draw.constants,
-                draw.light_mode,
-                {},
-                {},
-                mask_light(draw)};
+  MaskPart part;
+  part.caster = &caster;
+  part.kernels = prepared.kernel_key;
+  part.reduced = prepared.reduced;
+  part.own = prepared.own;
+  part.light = mask_light(draw);
+  if (draw.technique == ShadowTechnique::simple) {
+    // The middle layer of a light at the zenith, whatever the node's own.
+    part.constants.light_height = std::numeric_limits<double>::infinity();
+    part.constants.umbra_height = 1.0;
+  } else {
+    part.constants = draw.constants;
+    part.light_mode = draw.light_mode;
+  }
+  if (draw.technique == ShadowTechnique::field) part.outlines = prepared.outlines;
   for (std::size_t layer = 0; layer < 3; ++layer) {
     const LayerSource source = prepared.layers[layer].source;
     part.layers[layer] = source == LayerSource::masked;
     part.faces[layer] = source == LayerSource::masked_faces;
+    part.sides[layer] = source == LayerSource::masked_outline;
   }
   return part;
 }
@@ -1158,8 +1174,10 @@ void ShadowPass::project_part(const MaskPart& part,
                    part.constants, part.layers, cell);
     work.vertices += static_cast<std::int64_t>(positions.size());
   }
-  for (std::size_t layer = 0; layer < 3; ++layer)
+  for (std::size_t layer = 0; layer < 3; ++layer) {
     caster.project_faces(kShadowLayers[layer], faces[layer]);
+    if (part.sides[layer]) caster.project_outline(kShadowLayers[layer], (*part.outlines)[layer]);
+  }
 }
 
 void ShadowPass::cover_part(const MaskPart& part, MaskCaster& caster) {

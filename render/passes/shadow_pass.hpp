@@ -196,8 +196,18 @@ class ShadowPass {
   // Whole: projected by the vertex shader. Placed: the mesh's vertices projected here, once for a
   // height and tilt, and those that were added for the lens between them. Clipped: faces that had
   // to be cut at a height, projected here too where a lens needs them split. Masked: in the plane's
-  // mask, by its silhouettes, or face by face where it does not close up.
-  enum class LayerSource { nothing, whole, placed, clipped, field, masked, masked_faces };
+  // mask, by its silhouettes, face by face where it does not close up, or by a field's outline.
+  enum class LayerSource {
+    nothing,
+    whole,
+    placed,
+    clipped,
+    field,
+    masked,
+    masked_faces,
+    masked_outline
+  };
+  using FieldOutlines = std::array<std::vector<OutlineSide>, 3>;  // of each layer, own frame
   struct LayerGeometry {
     LayerSource source = LayerSource::nothing;
     int first = 0;  // vertices in the clipped buffer
@@ -224,7 +234,8 @@ class ShadowPass {
     GlBuffer clipped{BufferUse::vertices};
     bool clipped_layout_made = false;
     FieldTexture field;
-    std::uint64_t last_used = 0;  // of those that are no item of the plan
+    std::shared_ptr<const FieldOutlines> outlines;  // in its place, for a mask
+    std::uint64_t last_used = 0;                    // of those that are no item of the plan
   };
   // What a plane's mask shows of one caster.
   struct MaskPart {
@@ -236,9 +247,12 @@ class ShadowPass {
     LightMode light_mode = LightMode::proportional;
     std::array<bool, 3> layers{};  // by silhouettes
     std::array<bool, 3> faces{};   // face by face
-    glm::vec3 light{0.0F};         // mask_light()
+    std::array<bool, 3> sides{};   // by a field's outlines
+    std::shared_ptr<const FieldOutlines> outlines;
+    glm::vec3 light{0.0F};  // mask_light()
     [[nodiscard]] bool covers_nothing() const {
-      return layers == std::array<bool, 3>{} && faces == std::array<bool, 3>{};
+      constexpr std::array<bool, 3> kNone{};
+      return layers == kNone && faces == kNone && sides == kNone;
     }
     [[nodiscard]] bool covers_same_as(const MaskPart& other) const;
     [[nodiscard]] bool same_as(const MaskPart& other) const {

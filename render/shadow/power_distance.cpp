@@ -834,41 +834,53 @@ ShadowField power_distance_layers(std::span<const CasterVertex> vertices,
   return field;
 }
 
+namespace {
+
+// Marching squares over the squares between four centres. A point on a side is computed from the
+// side's lower end, so that neighbours share it.
+struct FieldCorner {
+  int column, row;
+  float value;
+};
+
+PlanePoint field_point(const ShadowField& field, double column, double row) {
+  return {static_cast<float>(field.origin.x() + field.cell * (column + 0.5)),
+          static_cast<float>(field.origin.y() + field.cell * (row + 0.5))};
+}
+
+PlanePoint field_crossing(const ShadowField& field, FieldCorner a, FieldCorner b) {
+  if (b.row < a.row || (b.row == a.row && b.column < a.column)) std::swap(a, b);
+  const double t =
+      static_cast<double>(a.value) / (static_cast<double>(a.value) - static_cast<double>(b.value));
+  return field_point(field, a.column + t * (b.column - a.column), a.row + t * (b.row - a.row));
+}
+
+// In the order in which a square's sides turn to the left.
+std::array<FieldCorner, 4> corners_of(const ShadowField& field, const std::vector<float>& values,
+                                      int column, int row) {
+  const auto stride = static_cast<std::size_t>(field.width);
+  const std::size_t i = static_cast<std::size_t>(row) * stride + static_cast<std::size_t>(column);
+  return {FieldCorner{column, row, values[i]}, FieldCorner{column + 1, row, values[i + 1]},
+          FieldCorner{column + 1, row + 1, values[i + stride + 1]},
+          FieldCorner{column, row + 1, values[i + stride]}};
+}
+
+}  // namespace
+
 std::vector<PlanePoint> field_triangles(const ShadowField& field, ShadowLayer layer) {
   std::vector<PlanePoint> triangles;
   const std::vector<float>& values = field.layer(layer);
-  // Marching squares over the squares between four centres. A point on a side is computed from the
-  // side's lower end, so that neighbours share it.
-  struct Corner {
-    int column, row;
-    float value;
-  };
-  const auto position = [&field](double column, double row) {
-    return PlanePoint{static_cast<float>(field.origin.x() + field.cell * (column + 0.5)),
-                      static_cast<float>(field.origin.y() + field.cell * (row + 0.5))};
-  };
-  const auto crossing = [&](Corner a, Corner b) {
-    if (b.row < a.row || (b.row == a.row && b.column < a.column)) std::swap(a, b);
-    const double t = static_cast<double>(a.value) /
-                     (static_cast<double>(a.value) - static_cast<double>(b.value));
-    return position(a.column + t * (b.column - a.column), a.row + t * (b.row - a.row));
-  };
   for (int row = 0; row + 1 < field.height; ++row) {
     for (int column = 0; column + 1 < field.width; ++column) {
-      const std::size_t i = static_cast<std::size_t>(row) * static_cast<std::size_t>(field.width) +
-                            static_cast<std::size_t>(column);
-      const auto stride = static_cast<std::size_t>(field.width);
-      const std::array<Corner, 4> corners = {Corner{column, row, values[i]},
-                                             Corner{column + 1, row, values[i + 1]},
-                                             Corner{column + 1, row + 1, values[i + stride + 1]},
-                                             Corner{column, row + 1, values[i + stride]}};
+      const std::array<FieldCorner, 4> corners = corners_of(field, values, column, row);
       std::array<PlanePoint, 8> polygon;
       std::size_t count = 0;
       for (std::size_t c = 0; c < 4; ++c) {
-        const Corner& from = corners[c];
-        const Corner& to = corners[(c + 1) % 4];
-        if (from.value > 0.0F) polygon[count++] = position(from.column, from.row);
-        if ((from.value > 0.0F) != (to.value > 0.0F)) polygon[count++] = crossing(from, to);
+        const FieldCorner& from = corners[c];
+        const FieldCorner& to = corners[(c + 1) % 4];
+        if (from.value > 0.0F) polygon[count++] = field_point(field, from.column, from.row);
+        if ((from.value > 0.0F) != (to.value > 0.0F))
+          polygon[count++] = field_crossing(field, from, to);
       }
       for (std::size_t c = 2; c < count; ++c) {
         triangles.insert(triangles.end(), {polygon[0], polygon[c - 1], polygon[c]});
@@ -876,6 +888,57 @@ std::vector<PlanePoint> field_triangles(const ShadowField& field, ShadowLayer la
     }
   }
   return triangles;
+}
+
+std::vector<OutlineSide> field_outline(const ShadowField& field, ShadowLayer layer) {
+  std::vector<OutlineSide> sides;
+  const std::vector<float>& values = field.layer(layer);
+  if (field.width < 2 || field.height < 2) return sides;
+  const auto width = static_cast<std::size_t>(field.width);
+  // Most squares lie wholly inside or outside.
+  std::vector<std::uint8_t> low(width);
+  std::vector<std::uint8_t> high(width);
+  const auto mark = [&](int row, std::vector<std::uint8_t>& inside) {
+    const float* of_row = values.data() + static_cast<std::size_t>(row) * width;
+    for (std::size_t i = 0; i < width; ++i) inside[i] = of_row[i] > 0.0F ? 1 : 0;
+  };
+  mark(0, high);
+  for (int row = 0; row + 1 < field.height; ++row) {
+    std::swap(low, high);
+    mark(row + 1, high);
+    for (int column = 0; column + 1 < field.width; ++column) {
+      const auto i = static_cast<std::size_t>(column);
+      const int inside = low[i] + low[i + 1] + high[i] + high[i + 1];
+      // What is cut off at the raster's border ends there.
+      const std::array<bool, 4> ends = {row == 0, column + 2 == field.width,
+                                        row + 2 == field.height, column == 0};
+      const bool at_border = ends[0] || ends[1] || ends[2] || ends[3];
+      if (inside == 0 || (inside == 4 && !at_border)) continue;
+      const std::array<FieldCorner, 4> corners = corners_of(field, values, column, row);
+      // Where the sides of the square leave the inside, it is bounded up to where they come back.
+      std::array<std::optional<PlanePoint>, 4> left;
+      std::array<std::optional<PlanePoint>, 4> entered;
+      for (std::size_t c = 0; c < 4; ++c) {
+        const FieldCorner& from = corners[c];
+        const FieldCorner& to = corners[(c + 1) % 4];
+        const bool from_inside = from.value > 0.0F;
+        const bool to_inside = to.value > 0.0F;
+        if (from_inside != to_inside)
+          (from_inside ? left : entered)[c] = field_crossing(field, from, to);
+        if (!ends[c] || (!from_inside && !to_inside)) continue;
+        sides.push_back(
+            {from_inside ? field_point(field, from.column, from.row) : entered[c].value(),
+             to_inside ? field_point(field, to.column, to.row) : left[c].value()});
+      }
+      for (std::size_t c = 0; c < 4; ++c) {
+        if (!left[c]) continue;
+        std::size_t back = (c + 1) % 4;
+        while (!entered[back]) back = (back + 1) % 4;
+        sides.push_back({*left[c], *entered[back]});
+      }
+    }
+  }
+  return sides;
 }
 
 }  // namespace penumbra

@@ -66,5 +66,11 @@ struct ShadowFieldOptions {
 // Triangles that cover a layer's inside, bounded by the zero contour of its field: three points
 // each, for union_of_triangles.
 [[nodiscard]] std::vector<PlanePoint> field_triangles(const ShadowField& field, ShadowLayer layer);
+// What bounds those, each side once and the inside to its left: closed lines, in no order, that
+// meet in points that are equal to the bit.
+struct OutlineSide {
+  PlanePoint from, to;
+};
+[[nodiscard]] std::vector<OutlineSide> field_outline(const ShadowField& field, ShadowLayer layer);
 
 }  // namespace penumbra

@@ -175,6 +175,7 @@ void MaskCaster::begin(const OwnFrame& own, double cell) {
   wanted_ = {};
   bounds_.setEmpty();
   for (std::vector<Place>& faces : faces_) faces.clear();
+  for (std::vector<Place>& sides : sides_) sides.clear();
   T_plane_own_ = own.T_plane_own;
   cell_ = cell;
   const Eigen::Vector2d slide = T_plane_own_.slide / cell;
@@ -182,31 +183,53 @@ void MaskCaster::begin(const OwnFrame& own, double cell) {
   first_v_ = static_cast<std::int64_t>(std::floor(slide.y()));
 }
 
+// Nothing where it is no place that a mask's cells could hold.
+std::optional<MaskCaster::Place> MaskCaster::place_of(const PlanePoint& p) const {
+  // Far beyond any mask's cells, which are counted before they are drawn.
+  constexpr double kMost = 1e12;
+  const Eigen::Vector2d first(static_cast<double>(first_u_), static_cast<double>(first_v_));
+  const Eigen::Vector2d on_plane =
+      T_plane_own_ * Eigen::Vector2d(static_cast<double>(p.u), static_cast<double>(p.v));
+  const Eigen::Vector2d at = kPlaces * (on_plane / cell_ - first);
+  // Numbers, too.
+  if (!(std::abs(at.x()) < kMost) || !(std::abs(at.y()) < kMost)) return std::nullopt;
+  return Place{std::llround(at.x()), std::llround(at.y())};
+}
+
+void MaskCaster::extend_bounds(const Place& place) {
+  bounds_.extend(Place(first_u_ + (place.x() >> kPlaceBits), first_v_ + (place.y() >> kPlaceBits)));
+}
+
 void MaskCaster::project_faces(ShadowLayer layer, std::span<const PlanePoint> triangles) {
   std::vector<Place>& places = faces_[static_cast<std::size_t>(layer)];
   places.clear();
   places.reserve(triangles.size());
-  const Eigen::Vector2d first(static_cast<double>(first_u_), static_cast<double>(first_v_));
-  constexpr double kMost =
-      1e12;  // far beyond any mask's cells, which are counted before they are drawn
   for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
-    std::array<Place, 3> face;
-    bool usable = true;
-    for (std::size_t corner = 0; corner < 3; ++corner) {
-      const PlanePoint& p = triangles[i + corner];
-      const Eigen::Vector2d on_plane =
-          T_plane_own_ * Eigen::Vector2d(static_cast<double>(p.u), static_cast<double>(p.v));
-      const Eigen::Vector2d at = kPlaces * (on_plane / cell_ - first);
-      usable = usable && at.cwiseAbs().maxCoeff() < kMost;  // and is a number
-      if (usable) face[corner] = {std::llround(at.x()), std::llround(at.y())};
-    }
-    if (!usable) continue;
-    for (const Place& place : face) {
-      places.push_back(place);
-      bounds_.extend(
-          Place(first_u_ + (place.x() >> kPlaceBits), first_v_ + (place.y() >> kPlaceBits)));
+    const std::array<std::optional<Place>, 3> face = {
+        place_of(triangles[i]), place_of(triangles[i + 1]), place_of(triangles[i + 2])};
+    if (!face[0] || !face[1] || !face[2]) continue;
+    for (const std::optional<Place>& place : face) {
+      places.push_back(*place);
+      extend_bounds(*place);
     }
   }
+}
+
+void MaskCaster::project_outline(ShadowLayer layer, std::span<const OutlineSide> sides) {
+  std::vector<Place>& places = sides_[static_cast<std::size_t>(layer)];
+  places.clear();
+  places.reserve(2 * sides.size());
+  for (const OutlineSide& side : sides) {
+    const std::optional<Place> from = place_of(side.from);
+    const std::optional<Place> to = place_of(side.to);
+    if (!from || !to) {  // a line that isn't closed bounds nothing
+      places.clear();
+      return;
+    }
+    places.push_back(*from);
+    places.push_back(*to);
+  }
+  for (const Place& place : places) extend_bounds(place);
 }
 
 void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const glm::vec3> kernels,
@@ -333,7 +356,10 @@ void MaskPicture::cover(MaskCaster& caster, std::span<const std::uint32_t> indic
                u0 + whole(b.u[layer]), v0 + whole(b.v[layer]));
     }
   }
-  for (int layer = 0; layer < 3; ++layer) cover_faces(caster, layer);
+  for (int layer = 0; layer < 3; ++layer) {
+    cover_faces(caster, layer);
+    cover_outline(caster, layer);
+  }
 }
 
 // Each edge the same way round in both of its faces, so that what they round is the same.
@@ -368,6 +394,18 @@ void MaskPicture::cover_faces(const MaskCaster& caster, int layer) {
         add_edge<-1>(to, layer, b.u, b.v, a.u, a.v);
       }
     }
+  }
+}
+
+void MaskPicture::cover_outline(const MaskCaster& caster, int layer) {
+  const std::vector<MaskCaster::Place>& places = caster.sides_[static_cast<std::size_t>(layer)];
+  const MaskCaster::Place first(kPlaces * (caster.first_u_ - cells_.u),
+                                kPlaces * (caster.first_v_ - cells_.v));
+  for (std::size_t i = 0; i + 1 < places.size(); i += 2) {
+    const MaskCaster::Place from = first + places[i];
+    const MaskCaster::Place to = first + places[i + 1];
+    add_edge(steps_, layer, static_cast<int>(from.x()), static_cast<int>(from.y()),
+             static_cast<int>(to.x()), static_cast<int>(to.y()));
   }
 }
 

@@ -1,11 +1,11 @@
-// The layers of closed meshes as one picture of the light that is left on their plane, with smooth
-// edges. Of a closed mesh's image on a plane, whatever moved its vertices there, as many faces turn
-// one way as the other over any point; so those that turn one way cover all of it, and the area
-// under them is told by the edges where they meet the others (silhouettes), cell by cell, exactly.
-// Where a mesh is open or cut, neither those that turn one way nor the others need cover all of it,
-// but both together do: each kind is summed by itself, and the greater sum counts. Neighbours that
-// turn the same way cancel out along their edge, and where two that turn different ways meet, the
-// surface folds: both cover the same side.
+// The layers of closed meshes, and of fields, as one picture of the light that is left on their
+// plane, with smooth edges. Of a closed mesh's image on a plane, whatever moved its vertices there,
+// as many faces turn one way as the other over any point; so those that turn one way cover all of
+// it, and the area under them is told by the edges where they meet the others (silhouettes), cell
+// by cell, exactly. Where a mesh is open or cut, neither those that turn one way nor the others
+// need cover all of it, but both together do: each kind is summed by itself, and the greater sum
+// counts. Neighbours that turn the same way cancel out along their edge, and where two that turn
+// different ways meet, the surface folds: both cover the same side.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,6 +19,7 @@
 
 #include "render/shadow/layered_penumbra.hpp"
 #include "render/shadow/own_frame.hpp"
+#include "render/shadow/power_distance.hpp"
 
 namespace penumbra {
 
@@ -55,6 +56,9 @@ class MaskCaster {
   // Triangles of a layer in the own frame [m], three points each, of a mesh whose edges are paired
   // or of oriented faces, cut or not: all that casts the layer, in place of what project() would.
   void project_faces(ShadowLayer layer, std::span<const PlanePoint> triangles);
+  // Closed lines in the own frame [m], the layer to the left of each side: all that is of the
+  // layer.
+  void project_outline(ShadowLayer layer, std::span<const OutlineSide> sides);
   // Vertices and kernels in the object's frame [m], one each; what `wanted` says of the layers is
   // to be covered, and all of the mesh is in their heights. Places in cells of this size are
   // rounded to 1/256 of one.
@@ -82,6 +86,9 @@ class MaskCaster {
   // Of layers that were given face by face; (u, v) in places as above.
   using Place = Eigen::Vector<std::int64_t, 2>;
   std::array<std::vector<Place>, 3> faces_;
+  std::array<std::vector<Place>, 3> sides_;  // two points each
+  [[nodiscard]] std::optional<Place> place_of(const PlanePoint& p) const;
+  void extend_bounds(const Place& place);
 };
 
 // What covers cells, by rows and wherever it changes along them; to be covered again in a picture
@@ -127,6 +134,7 @@ class MaskPicture {
   template <int kSign>
   void add_in_row(Steps& sums, int layer, std::ptrdiff_t begin, int u0, int v0, int u1, int v1);
   void cover_faces(const MaskCaster& caster, int layer);
+  void cover_outline(const MaskCaster& caster, int layer);
   void begin_rows();
   // Where the shares change along a row into changed_, what they are from there into covered_;
   // forgets the row. How often.

@@ -220,9 +220,9 @@ struct Technique {
   const char* name;
   ShadowTechnique technique;
   LightMode light_mode = LightMode::proportional;
-  // Of layers [codes]; a simple shadow's only step is as high as three of them, and a field is cut
-  // off at its texels' middles.
-  double edge_error = 6.0;
+  // Where they are drawn [codes]: a simple shadow's only step is as high as three layers', and a
+  // field is cut off at its texels' middles.
+  double drawn_edge_error = 6.0;
 };
 class PhantomShadow : public testing::TestWithParam<Technique> {};
 INSTANTIATE_TEST_SUITE_P(
@@ -378,7 +378,7 @@ TEST_P(PhantomShadow, HasSmoothEdges) {
                     layers == LayerDrawing::direct ? "drawn" : "covered", name, count, error.rms,
                     error.edges);
         EXPECT_GT(error.edges, 200);
-        EXPECT_LE(error.rms, GetParam().edge_error);
+        EXPECT_LE(error.rms, layers == LayerDrawing::mask ? 6.0 : GetParam().drawn_edge_error);
         EXPECT_LE(error.largest_elsewhere, 1);
       }
     }

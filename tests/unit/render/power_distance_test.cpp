@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <numbers>
 
 #include "render/shadow/caster.hpp"
@@ -240,6 +241,46 @@ TEST(PowerDistance, NestsEverywhere) {
     ASSERT_TRUE(field.umbra[i] <= 0.0F || field.middle[i] > 0.0F);
     ASSERT_TRUE(field.middle[i] <= 0.0F || field.penumbra[i] > 0.0F);
   }
+}
+
+// Every point is left as often as it is come to, and the area inside is that of the triangles.
+TEST(PowerDistance, OutlinesAreClosedLinesRoundTheTriangles) {
+  for (const double height : {0.02, 0.1, 0.2}) {
+    const Placement placement{
+        Eigen::Vector3d(0.01, 0.02, height),
+        Eigen::Quaterniond(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 0.3, 0.2).normalized())), 1.0};
+    const ShadowField field =
+        field_of(make_shadow_mesh(test::bush_model(20)), placement, {0.6, 2.5, 0.24, 8.0});
+    for (const ShadowLayer layer : kShadowLayers) {
+      SCOPED_TRACE(height);
+      const auto sides = field_outline(field, layer);
+      const auto triangles = field_triangles(field, layer);
+      ASSERT_EQ(sides.empty(), triangles.empty());
+      std::map<std::pair<float, float>, int> ends;
+      double inside = 0.0;
+      const auto cross = [](const PlanePoint& a, const PlanePoint& b) {
+        return 0.5 * (static_cast<double>(a.u) * static_cast<double>(b.v) -
+                      static_cast<double>(b.u) * static_cast<double>(a.v));
+      };
+      for (const OutlineSide& side : sides) {
+        ++ends[{side.from.u, side.from.v}];
+        --ends[{side.to.u, side.to.v}];
+        inside += cross(side.from, side.to);
+      }
+      for (const auto& [point, count] : ends) EXPECT_EQ(count, 0);
+      double area = 0.0;
+      for (std::size_t i = 0; i + 2 < triangles.size(); i += 3) {
+        area += cross(triangles[i], triangles[i + 1]) + cross(triangles[i + 1], triangles[i + 2]) +
+                cross(triangles[i + 2], triangles[i]);
+      }
+      EXPECT_NEAR(inside, area, 1e-9);
+      if (layer == ShadowLayer::penumbra) {
+        EXPECT_GT(inside, 1e-3);
+      }
+    }
+  }
+  ShadowField none;
+  EXPECT_TRUE(field_outline(none, ShadowLayer::umbra).empty());
 }
 
 TEST(PowerDistance, TotalOnNothingAndOnNonsense) {

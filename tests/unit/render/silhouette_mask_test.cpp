@@ -396,6 +396,76 @@ TEST(SilhouetteMask, OfNothingIsEmpty) {
   EXPECT_GT(near.cells.width, 10);
 }
 
+// A field's outline covers what its triangles do, to the bit, wherever it lies.
+TEST(SilhouetteMask, OutlinesCoverWhatTheirTrianglesDo) {
+  std::mt19937 generator(7);
+  std::uniform_real_distribution<float> noise(-1.0F, 1.0F);
+  for (int i = 0; i < 60; ++i) {
+    ShadowField field;
+    field.width = 2 + i % 19;
+    field.height = 2 + i % 11;
+    field.cell = i % 3 == 0 ? 0.0037 : 0.0007;
+    field.origin = {-0.02 + 0.013 * i, 0.4 - 0.021 * i};
+    const auto count = static_cast<std::size_t>(field.width * field.height);
+    for (std::vector<float>* layer : {&field.umbra, &field.middle, &field.penumbra}) {
+      layer->resize(count);
+      const float least = noise(generator);
+      // Some wholly inside, and some that touch 0.
+      for (float& value : *layer) {
+        value = i % 7 == 0 ? 1.0F : noise(generator) - least;
+        if (std::abs(value) < 0.05F) value = 0.0F;
+      }
+    }
+    OwnFrame own;
+    own.T_plane_own = PlanarMotion{std::cos(0.3 * i), std::sin(0.3 * i), {0.31 * i, -0.07 * i}};
+    constexpr double kCell = 0.0011;
+    const auto picture_of = [&](bool by_outline) {
+      MaskCaster caster;
+      caster.begin(own, kCell);
+      for (const ShadowLayer layer : kShadowLayers) {
+        if (by_outline) {
+          caster.project_outline(layer, field_outline(field, layer));
+        } else {
+          caster.project_faces(layer, field_triangles(field, layer));
+        }
+      }
+      const auto& box = caster.bounds();
+      std::vector<std::uint8_t> codes;
+      if (box.isEmpty()) return codes;
+      MaskPicture picture;
+      picture.begin({kCell, box.min().x() - 1, box.min().y() - 1,
+                     static_cast<int>(box.sizes().x()) + 3, static_cast<int>(box.sizes().y()) + 3});
+      picture.cover(caster, {}, {});
+      picture.finish({0.0F, 0.5F, 0.8F}, codes);
+      return codes;
+    };
+    const std::vector<std::uint8_t> outlined = picture_of(true);
+    const std::vector<std::uint8_t> faces = picture_of(false);
+    // Within faces that turn over where they are thin, sums are rounded otherwise.
+    ASSERT_EQ(outlined.size(), faces.size()) << i;
+    for (std::size_t cell = 0; cell < faces.size(); ++cell)
+      ASSERT_NEAR(outlined[cell], faces[cell], 2) << i;
+  }
+}
+
+TEST(SilhouetteMask, OutlinesThatAreNoNumbersCoverNothing) {
+  const float inf = std::numeric_limits<float>::infinity();
+  for (const float bad : {std::numeric_limits<float>::quiet_NaN(), inf, -inf, 3e38F}) {
+    MaskCaster caster;
+    caster.begin(OwnFrame(), 0.001);
+    const PlanePoint a{0.0F, 0.0F}, b{0.1F, 0.0F}, c{0.05F, bad};
+    const std::vector<OutlineSide> sides = {{a, b}, {b, c}, {c, a}};
+    caster.project_outline(ShadowLayer::middle, sides);
+    EXPECT_TRUE(caster.bounds().isEmpty());
+    MaskPicture picture;
+    picture.begin({0.001, 0, 0, 16, 16});
+    picture.cover(caster, {}, {});
+    std::vector<std::uint8_t> codes;
+    picture.finish({0.0F, 0.5F, 0.8F}, codes);
+    EXPECT_EQ(std::ranges::count(codes, 255), 256);
+  }
+}
+
 // ---- as drawn ----
 
 constexpr int kWidth = 320;
@@ -836,6 +906,67 @@ TEST_F(MaskByFaces, NodesOfDifferentLightsShareAMask) {
   }
   EXPECT_GT(of_first, 20);
   EXPECT_GT(of_second, 20);
+}
+
+// Fields and simple shadows have a mask's edges too; alone, simple ones are drawn as they always
+// were unless a mask is asked for.
+TEST_F(DrawnMask, IsOfEveryTechnique) {
+  struct Case {
+    const char* what;
+    std::vector<ShadowTechnique> of;
+    int automatic;  // masks
+    double most;    // [codes RMS]; a simple shadow's one step is as high as several of layers
+  };
+  constexpr auto kSimple = ShadowTechnique::simple;
+  constexpr auto kField = ShadowTechnique::field;
+  constexpr auto kLayered = ShadowTechnique::layered;
+  const std::vector<std::pair<std::shared_ptr<const Model>, Placement>> casters = {
+      {torus(), test::at(-0.06, 0.0, 0.1, {1, 0.2, 0}, 0.4)},
+      {table_and_ball(), test::at(0.06, 0.02, 0.06)},
+      {box(), test::at(0.0, 0.1, 0.12, {0.2, 1, 0.3}, 0.5)}};
+  for (const Case& c : {Case{"simple", {kSimple, kSimple, kSimple}, 0, 9.5},
+                        Case{"field", {kField, kField, kField}, 1, 6.0},
+                        Case{"simple and layered", {kSimple, kLayered, kLayered}, 1, 6.0},
+                        Case{"simple and field", {kField, kSimple, kField}, 1, 6.0},
+                        Case{"all", {kLayered, kField, kSimple}, 1, 6.0}}) {
+    SCOPED_TRACE(c.what);
+    Scene some = *scene(casters);
+    some.shadows.resize(3, some.shadows[0]);
+    for (std::size_t i = 0; i < 3; ++i) {
+      some.shadows[i].casters = {static_cast<int>(i)};
+      some.shadows[i].technique = c.of[i];
+    }
+    const auto objects = std::make_shared<const Scene>(some);
+    Studio coarse(objects, camera());
+    Studio fine(objects, camera(4.0));
+    const Picture reference = shadows(fine, by(LayerDrawing::direct));
+    const Picture mask = shadows(coarse, by(LayerDrawing::mask));
+    EXPECT_EQ(coarse.stats().layer_masks_drawn, 1);
+    EXPECT_TRUE(coarse.stats().skipped.empty());
+    const EdgeError error = edge_error(mask, reference, 4);
+    const Picture direct = shadows(coarse, by(LayerDrawing::direct));
+    EXPECT_EQ(coarse.stats().layer_masks_drawn, 0);
+    const EdgeError drawn = edge_error(direct, reference, 4);
+    std::printf("%s: edge error [codes RMS]: mask %.2f, direct %.2f, over %d pixels\n", c.what,
+                error.rms, drawn.rms, error.edges);
+    EXPECT_GT(error.edges, 500);
+    EXPECT_LT(error.rms, c.most);
+    EXPECT_GT(drawn.rms, 1.5 * error.rms);
+    EXPECT_LE(error.largest_elsewhere, 1);
+    Studio anew(objects, camera());
+    EXPECT_EQ(shadows(anew, by(LayerDrawing::automatic)), c.automatic == 1 ? mask : direct);
+    EXPECT_EQ(anew.stats().layer_masks_drawn, c.automatic);
+    // Where nothing moves, nothing is made anew; and without reuse all is, to the same picture.
+    EXPECT_EQ(shadows(anew, by(LayerDrawing::mask)), mask);
+    EXPECT_EQ(shadows(anew, by(LayerDrawing::mask)), mask);
+    EXPECT_EQ(anew.stats().layer_masks_kept, 1);
+    EXPECT_EQ(anew.stats().shadow_vertices, 0);
+    PlanOptions without = by(LayerDrawing::mask);
+    without.skip = false;
+    EXPECT_EQ(shadows(anew, without), mask);
+    EXPECT_GT(anew.stats().shadow_vertices, 0);
+    EXPECT_EQ(shadows(anew, by(LayerDrawing::mask, Translucency::retexture)), mask);
+  }
 }
 
 // Of several casters those that rested since the mask before are not projected and covered again;

@@ -421,7 +421,7 @@ class Watch {
 TEST(Translucency, OnlyBlendBlends) {
   Studio studio(busy_on_both().build(), bent_camera());
   const Frame frame = noise(PixelFormat::yuv420p);
-  const auto draw_all = [&](Translucency way) {
+  const auto draw_all = [&](Translucency way, LayerDrawing layers) {
     for (const auto& [technique, name] : kShadowTechniqueNames) {
       for (const bool faint : {false, true}) {
         PoseEstimate pose = test::tracked(views().front());
@@ -429,21 +429,26 @@ TEST(Translucency, OnlyBlendBlends) {
         pose.age_s = faint ? 0.25 : 0.0;
         PlanOptions options = options_of(way, technique);
         options.light_rays = true;
+        options.layers = layers;
         const Picture picture = studio.draw(frame, studio.plan(pose, options));
         ASSERT_NE(picture, studio.draw(frame, FramePlan())) << name;
       }
     }
   };
-  draw_all(Translucency::blend);  // the driver's functions are known now
-  for (const Translucency way : kWithoutBlending) {
+  constexpr std::array kLayers = {LayerDrawing::direct, LayerDrawing::mask};
+  // The driver's functions are known then.
+  for (const LayerDrawing layers : kLayers) draw_all(Translucency::blend, layers);
+  for (const LayerDrawing layers : kLayers) {
+    for (const Translucency way : kWithoutBlending) {
+      const Watch watch;
+      draw_all(way, layers);
+      EXPECT_GT(watched.draws, 100);
+      EXPECT_EQ(watched.blended, 0) << to_string(way);
+    }
     const Watch watch;
-    draw_all(way);
-    EXPECT_GT(watched.draws, 100);
-    EXPECT_EQ(watched.blended, 0) << to_string(way);
+    draw_all(Translucency::blend, layers);
+    EXPECT_GT(watched.blended, 30);
   }
-  const Watch watch;
-  draw_all(Translucency::blend);
-  EXPECT_GT(watched.blended, 30);
 }
 
 // On a plane without end neither the mesh nor fetching needs a stencil; blending does.
