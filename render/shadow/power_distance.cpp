@@ -6,6 +6,7 @@
 #include <cstring>
 #include <limits>
 #include <numeric>
+#include <optional>
 
 #include "core/vector_clones.hpp"
 #include "render/shadow/power_transform.hpp"
@@ -890,51 +891,86 @@ std::vector<PlanePoint> field_triangles(const ShadowField& field, ShadowLayer la
   return triangles;
 }
 
+namespace {
+
+PENUMBRA_VECTOR_CLONES
+void mark_inside(const float* values, std::size_t count, std::uint8_t* inside) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // two arrays
+#endif
+  for (std::size_t i = 0; i < count; ++i) inside[i] = values[i] > 0.0F ? 1 : 0;
+}
+
+// Of the squares between two rows, whether their corners differ; rows of one more than `count`.
+PENUMBRA_VECTOR_CLONES
+void mark_crossed(const std::uint8_t* low, const std::uint8_t* high, std::size_t count,
+                  std::uint8_t* crossed) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // three arrays
+#endif
+  for (std::size_t i = 0; i < count; ++i) {
+    crossed[i] = static_cast<std::uint8_t>((low[i] ^ low[i + 1]) | (low[i] ^ high[i]) |
+                                           (low[i] ^ high[i + 1]));
+  }
+}
+
+// What bounds a layer in one square. `ends`: which of its sides are the raster's border, where what
+// is cut off ends.
+void add_sides(const ShadowField& field, const std::array<FieldCorner, 4>& corners,
+               const std::array<bool, 4>& ends, std::vector<OutlineSide>& sides) {
+  // Where the sides of the square leave the inside, it is bounded up to where they come back.
+  std::array<std::optional<PlanePoint>, 4> left;
+  std::array<std::optional<PlanePoint>, 4> entered;
+  for (std::size_t c = 0; c < 4; ++c) {
+    const FieldCorner& from = corners[c];
+    const FieldCorner& to = corners[(c + 1) % 4];
+    const bool from_inside = from.value > 0.0F;
+    const bool to_inside = to.value > 0.0F;
+    if (from_inside != to_inside)
+      (from_inside ? left : entered)[c] = field_crossing(field, from, to);
+    if (!ends[c] || (!from_inside && !to_inside)) continue;
+    sides.push_back({from_inside ? field_point(field, from.column, from.row) : entered[c].value(),
+                     to_inside ? field_point(field, to.column, to.row) : left[c].value()});
+  }
+  for (std::size_t c = 0; c < 4; ++c) {
+    if (!left[c]) continue;
+    std::size_t back = (c + 1) % 4;
+    while (!entered[back]) back = (back + 1) % 4;
+    sides.push_back({*left[c], *entered[back]});
+  }
+}
+
+}  // namespace
+
 std::vector<OutlineSide> field_outline(const ShadowField& field, ShadowLayer layer) {
   std::vector<OutlineSide> sides;
   const std::vector<float>& values = field.layer(layer);
   if (field.width < 2 || field.height < 2) return sides;
   const auto width = static_cast<std::size_t>(field.width);
-  // Most squares lie wholly inside or outside.
+  const std::size_t squares = width - 1;  // in a row
+  // Most of them lie wholly inside or outside: eight at once are looked over.
+  constexpr std::size_t kAtOnce = sizeof(std::uint64_t);
   std::vector<std::uint8_t> low(width);
   std::vector<std::uint8_t> high(width);
-  const auto mark = [&](int row, std::vector<std::uint8_t>& inside) {
-    const float* of_row = values.data() + static_cast<std::size_t>(row) * width;
-    for (std::size_t i = 0; i < width; ++i) inside[i] = of_row[i] > 0.0F ? 1 : 0;
-  };
-  mark(0, high);
+  std::vector<std::uint8_t> worked_on((squares + kAtOnce - 1) / kAtOnce * kAtOnce);
+  mark_inside(values.data(), width, high.data());
   for (int row = 0; row + 1 < field.height; ++row) {
     std::swap(low, high);
-    mark(row + 1, high);
-    for (int column = 0; column + 1 < field.width; ++column) {
-      const auto i = static_cast<std::size_t>(column);
-      const int inside = low[i] + low[i + 1] + high[i] + high[i + 1];
-      // What is cut off at the raster's border ends there.
-      const std::array<bool, 4> ends = {row == 0, column + 2 == field.width,
-                                        row + 2 == field.height, column == 0};
-      const bool at_border = ends[0] || ends[1] || ends[2] || ends[3];
-      if (inside == 0 || (inside == 4 && !at_border)) continue;
-      const std::array<FieldCorner, 4> corners = corners_of(field, values, column, row);
-      // Where the sides of the square leave the inside, it is bounded up to where they come back.
-      std::array<std::optional<PlanePoint>, 4> left;
-      std::array<std::optional<PlanePoint>, 4> entered;
-      for (std::size_t c = 0; c < 4; ++c) {
-        const FieldCorner& from = corners[c];
-        const FieldCorner& to = corners[(c + 1) % 4];
-        const bool from_inside = from.value > 0.0F;
-        const bool to_inside = to.value > 0.0F;
-        if (from_inside != to_inside)
-          (from_inside ? left : entered)[c] = field_crossing(field, from, to);
-        if (!ends[c] || (!from_inside && !to_inside)) continue;
-        sides.push_back(
-            {from_inside ? field_point(field, from.column, from.row) : entered[c].value(),
-             to_inside ? field_point(field, to.column, to.row) : left[c].value()});
-      }
-      for (std::size_t c = 0; c < 4; ++c) {
-        if (!left[c]) continue;
-        std::size_t back = (c + 1) % 4;
-        while (!entered[back]) back = (back + 1) % 4;
-        sides.push_back({*left[c], *entered[back]});
+    mark_inside(values.data() + static_cast<std::size_t>(row + 1) * width, width, high.data());
+    mark_crossed(low.data(), high.data(), squares, worked_on.data());
+    const bool first_row = row == 0;
+    const bool last_row = row + 2 == field.height;
+    if (first_row || last_row) std::ranges::fill(worked_on, std::uint8_t{1});
+    worked_on[0] = worked_on[squares - 1] = 1;
+    for (std::size_t block = 0; block < squares; block += kAtOnce) {
+      std::uint64_t flags = 0;
+      std::memcpy(&flags, worked_on.data() + block, sizeof(flags));
+      if (flags == 0) continue;
+      for (std::size_t i = block; i < std::min(block + kAtOnce, squares); ++i) {
+        if (worked_on[i] == 0) continue;
+        const auto column = static_cast<int>(i);
+        add_sides(field, corners_of(field, values, column, row),
+                  {first_row, i + 1 == squares, last_row, i == 0}, sides);
       }
     }
   }
