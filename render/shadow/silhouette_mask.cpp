@@ -8,6 +8,7 @@
 #include <limits>
 #include <map>
 #include <tuple>
+#include <type_traits>
 #include <utility>
 
 #include "core/assert.hpp"
@@ -21,6 +22,15 @@ constexpr int kPlaceBits = 8;
 constexpr int kPlaces = 1 << kPlaceBits;                // that a cell is told into, along each side
 constexpr std::int32_t kWhole = 2 * kPlaces * kPlaces;  // a covered cell
 constexpr std::size_t kFlagsAtOnce = sizeof(std::uint64_t);
+// Places from the object's origin, so that products of their differences fit into 64 bits.
+constexpr float kFarthest = 1 << 29;
+// Cells along a side, so that those of differences and kPlaces fit into 32.
+constexpr int kMostOfPicture = 1 << 14;
+// That a sum can hold; and what it is cut to to make room for more, which is many times a cell,
+// lest what edges are rounded to should count.
+constexpr std::size_t kMostSheets = std::numeric_limits<std::int32_t>::max() / kWhole;
+constexpr std::size_t kSettledSheets = 512;
+constexpr std::size_t kSheetsAtOnce = kMostSheets - kSettledSheets;
 
 // What is left of the picture's value where so much of a cell is covered by each layer.
 PENUMBRA_VECTOR_CLONES
@@ -58,6 +68,10 @@ struct Quotient {
   }
 };
 // Rounded down; by > 0.
+std::int64_t quotient(std::int64_t value, std::int64_t by) {
+  const std::int64_t towards_0 = value / by;
+  return towards_0 * by > value ? towards_0 - 1 : towards_0;
+}
 Quotient divide(int value, int by) {
   const Quotient towards_0{value / by, value % by};
   return towards_0.rest < 0 ? Quotient{towards_0.whole - 1, towards_0.rest + by} : towards_0;
@@ -183,16 +197,17 @@ void MaskCaster::begin(const OwnFrame& own, double cell) {
   first_v_ = static_cast<std::int64_t>(std::floor(slide.y()));
 }
 
-// Nothing where it is no place that a mask's cells could hold.
+// Nothing where it is no number.
 std::optional<MaskCaster::Place> MaskCaster::place_of(const PlanePoint& p) const {
-  // Far beyond any mask's cells, which are counted before they are drawn.
-  constexpr double kMost = 1e12;
   const Eigen::Vector2d first(static_cast<double>(first_u_), static_cast<double>(first_v_));
   const Eigen::Vector2d on_plane =
       T_plane_own_ * Eigen::Vector2d(static_cast<double>(p.u), static_cast<double>(p.v));
-  const Eigen::Vector2d at = kPlaces * (on_plane / cell_ - first);
-  // Numbers, too.
-  if (!(std::abs(at.x()) < kMost) || !(std::abs(at.y()) < kMost)) return std::nullopt;
+  Eigen::Vector2d at = kPlaces * (on_plane / cell_ - first);
+  constexpr double kMost = kFarthest;
+  if (!(std::abs(at.x()) <= kMost && std::abs(at.y()) <= kMost)) {
+    if (!at.allFinite()) return std::nullopt;
+    at = at.cwiseMax(-kMost).cwiseMin(kMost);
+  }
   return Place{std::llround(at.x()), std::llround(at.y())};
 }
 
@@ -297,20 +312,49 @@ void MaskCaster::project(std::span<const glm::vec3> positions, std::span<const g
       high.v[layer] = image.v[layer] > high.v[layer] ? image.v[layer] : high.v[layer];
     }
   }
+  const auto cell_of = [](float at, std::int64_t first) {
+    return first + (static_cast<std::int64_t>(at) >> kPlaceBits);
+  };
   for (std::size_t layer = 0; layer < 3; ++layer) {
     if (!wanted_[layer]) continue;
-    const auto cell_of = [](float at, std::int64_t first) {
-      return first + (static_cast<std::int64_t>(at) >> kPlaceBits);
-    };
-    bounds_.extend(Eigen::Vector<std::int64_t, 2>(cell_of(low.u[layer], first_u_),
-                                                  cell_of(low.v[layer], first_v_)));
-    bounds_.extend(Eigen::Vector<std::int64_t, 2>(cell_of(high.u[layer], first_u_),
-                                                  cell_of(high.v[layer], first_v_)));
+    const std::array<float, 2> lowest = {low.u[layer], low.v[layer]};
+    const std::array<float, 2> highest = {high.u[layer], high.v[layer]};
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      // Where nothing is a number, the lowest is higher than the highest.
+      if (lowest[axis] >= -kFarthest && highest[axis] <= kFarthest && lowest[axis] <= highest[axis])
+        continue;
+      bring_near();
+      return;
+    }
+    bounds_.extend(Place(cell_of(low.u[layer], first_u_), cell_of(low.v[layer], first_v_)));
+    bounds_.extend(Place(cell_of(high.u[layer], first_u_), cell_of(high.v[layer], first_v_)));
+  }
+}
+
+// A face with a place that is not a number turns neither way, so that none of its edges counts.
+void MaskCaster::bring_near() {
+  bounds_.setEmpty();
+  constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
+  for (Images& image : images_) {
+    for (std::size_t layer = 0; layer < 3; ++layer) {
+      if (!wanted_[layer]) continue;
+      float& u = image.u[layer];
+      float& v = image.v[layer];
+      if (!std::isfinite(u) || !std::isfinite(v)) {
+        u = v = kNone;
+        continue;
+      }
+      u = std::clamp(u, -kFarthest, kFarthest);
+      v = std::clamp(v, -kFarthest, kFarthest);
+      bounds_.extend(Place(first_u_ + (static_cast<std::int64_t>(u) >> kPlaceBits),
+                           first_v_ + (static_cast<std::int64_t>(v) >> kPlaceBits)));
+    }
   }
 }
 
 void MaskPicture::begin(const MaskCells& cells) {
   cells_ = cells;
+  sheets_ = {};
   row_cells_ = (static_cast<std::size_t>(cells.width) + kFlagsAtOnce) / kFlagsAtOnce * kFlagsAtOnce;
   // finish() and take() leave them all 0.
   const std::size_t needed = row_cells_ * static_cast<std::size_t>(cells.height);
@@ -321,6 +365,13 @@ void MaskPicture::begin(const MaskCells& cells) {
 
 void MaskPicture::cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
                         std::span<const FacePair> edges) {
+  const Eigen::AlignedBox<std::int64_t, 2> own(
+      MaskCaster::Place(cells_.u, cells_.v),
+      MaskCaster::Place(cells_.u + cells_.width - 1, cells_.v + cells_.height - 1));
+  // What lies to the left adds up to nothing.
+  if (!own.intersects(caster.bounds_)) return;
+  const bool clipped =
+      !own.contains(caster.bounds_) || std::max(cells_.width, cells_.height) > kMostOfPicture;
   const std::vector<MaskCaster::Images>& images = caster.images_;
   std::vector<std::uint8_t>& turned = caster.turned_;
   turned.resize(indices.size() / 3);
@@ -340,8 +391,35 @@ void MaskPicture::cover(MaskCaster& caster, std::span<const std::uint32_t> indic
         (area[0] > 0.0F ? 1U : 0U) | (area[1] > 0.0F ? 2U : 0U) | (area[2] > 0.0F ? 4U : 0U);
     turned[face] = static_cast<std::uint8_t>(bits & wanted);
   }
-  const auto u0 = static_cast<int>(kPlaces * (caster.first_u_ - cells_.u));
-  const auto v0 = static_cast<int>(kPlaces * (caster.first_v_ - cells_.v));
+  // Over any point as many faces are turned as are not; and as many edges of those lead up past it
+  // as down.
+  std::size_t sheets = (turned.size() + 1) / 2;
+  if (sheets > kSheetsAtOnce) {
+    const auto outlines = std::ranges::count_if(edges, [&turned](const FacePair& edge) {
+      return turned[edge.forward] != turned[edge.back];
+    });
+    sheets = std::min(sheets, (static_cast<std::size_t>(outlines) + 1) / 2);
+  }
+  if (sheets > kSheetsAtOnce) {
+    clipped ? cover_turned<true>(caster, indices) : cover_turned<false>(caster, indices);
+  } else {
+    for (int layer = 0; layer < 3; ++layer) {
+      if (caster.wanted_[static_cast<std::size_t>(layer)]) make_room(layer, sheets);
+    }
+    clipped ? cover_outlines<true>(caster, edges) : cover_outlines<false>(caster, edges);
+  }
+  for (int layer = 0; layer < 3; ++layer) {
+    clipped ? cover_faces<true>(caster, layer) : cover_faces<false>(caster, layer);
+    clipped ? cover_lines<true>(caster, layer) : cover_lines<false>(caster, layer);
+  }
+}
+
+template <bool kClipped>
+void MaskPicture::cover_outlines(const MaskCaster& caster, std::span<const FacePair> edges) {
+  const std::vector<MaskCaster::Images>& images = caster.images_;
+  const std::vector<std::uint8_t>& turned = caster.turned_;
+  const auto u0 = static_cast<Offset<kClipped>>(kPlaces * (caster.first_u_ - cells_.u));
+  const auto v0 = static_cast<Offset<kClipped>>(kPlaces * (caster.first_v_ - cells_.v));
   for (const FacePair& edge : edges) {
     const unsigned differ = turned[edge.forward] ^ turned[edge.back];
     if (differ == 0) continue;
@@ -352,29 +430,54 @@ void MaskPicture::cover(MaskCaster& caster, std::span<const std::uint32_t> indic
       const MaskCaster::Images& a = images[forward ? edge.from : edge.to];
       const MaskCaster::Images& b = images[forward ? edge.to : edge.from];
       const auto whole = [](float at) { return static_cast<int>(at); };
-      add_edge(steps_, static_cast<int>(layer), u0 + whole(a.u[layer]), v0 + whole(a.v[layer]),
-               u0 + whole(b.u[layer]), v0 + whole(b.v[layer]));
+      const auto at = static_cast<int>(layer);
+      if constexpr (kClipped) {
+        add_clipped_edge(steps_, at, u0 + whole(a.u[layer]), v0 + whole(a.v[layer]),
+                         u0 + whole(b.u[layer]), v0 + whole(b.v[layer]));
+      } else {
+        add_edge(steps_, at, u0 + whole(a.u[layer]), v0 + whole(a.v[layer]), u0 + whole(b.u[layer]),
+                 v0 + whole(b.v[layer]));
+      }
     }
-  }
-  for (int layer = 0; layer < 3; ++layer) {
-    cover_faces(caster, layer);
-    cover_outline(caster, layer);
   }
 }
 
-// Each edge the same way round in both of its faces, so that what they round is the same.
+// Faces that are turned one by one, as many at once as the sums can hold: of outlines it can't be
+// told which of them belong together.
+template <bool kClipped>
+void MaskPicture::cover_turned(const MaskCaster& caster, std::span<const std::uint32_t> indices) {
+  const auto u0 = static_cast<Offset<kClipped>>(kPlaces * (caster.first_u_ - cells_.u));
+  const auto v0 = static_cast<Offset<kClipped>>(kPlaces * (caster.first_v_ - cells_.v));
+  for (std::size_t layer = 0; layer < 3; ++layer) {
+    for (std::size_t face = 0; face < caster.turned_.size(); ++face) {
+      if ((caster.turned_[face] >> layer & 1U) == 0) continue;
+      std::array<Place<kClipped>, 3> corners;
+      for (std::size_t corner = 0; corner < 3; ++corner) {
+        const MaskCaster::Images& at = caster.images_[indices[3 * face + corner]];
+        corners[corner] = {u0 + static_cast<int>(at.u[layer]), v0 + static_cast<int>(at.v[layer])};
+      }
+      make_room(static_cast<int>(layer), 1);
+      add_face<kClipped>(steps_, static_cast<int>(layer), corners);
+    }
+  }
+}
+
+template <bool kClipped>
 void MaskPicture::cover_faces(const MaskCaster& caster, int layer) {
   const std::vector<MaskCaster::Place>& places = caster.faces_[static_cast<std::size_t>(layer)];
   const MaskCaster::Place first(kPlaces * (caster.first_u_ - cells_.u),
                                 kPlaces * (caster.first_v_ - cells_.v));
-  struct Point {
-    int u = 0, v = 0;
-  };
+  std::size_t room_for = 0;
   for (std::size_t i = 0; i + 2 < places.size(); i += 3) {
-    std::array<Point, 3> p;
+    if (i == room_for) {
+      const std::size_t sheets = std::min(kSheetsAtOnce, (places.size() - i) / 3);
+      make_room(layer, sheets);
+      room_for += 3 * sheets;
+    }
+    std::array<Place<kClipped>, 3> p;
     for (std::size_t corner = 0; corner < 3; ++corner) {
       const MaskCaster::Place at = first + places[i + corner];
-      p[corner] = {static_cast<int>(at.x()), static_cast<int>(at.y())};
+      p[corner] = {static_cast<Offset<kClipped>>(at.x()), static_cast<Offset<kClipped>>(at.y())};
     }
     const std::int64_t area = static_cast<std::int64_t>(p[1].u - p[0].u) * (p[2].v - p[0].v) -
                               static_cast<std::int64_t>(p[2].u - p[0].u) * (p[1].v - p[0].v);
@@ -384,34 +487,91 @@ void MaskPicture::cover_faces(const MaskCaster& caster, int layer) {
       has_back_ = true;
       std::swap(p[1], p[2]);
     }
-    Steps& to = area < 0 ? back_ : steps_;
-    for (std::size_t corner = 0; corner < 3; ++corner) {
-      const Point& a = p[corner];
-      const Point& b = p[(corner + 1) % 3];
-      if (std::tie(a.v, a.u) < std::tie(b.v, b.u)) {
-        add_edge<1>(to, layer, a.u, a.v, b.u, b.v);
-      } else {
-        add_edge<-1>(to, layer, b.u, b.v, a.u, a.v);
-      }
+    add_face<kClipped>(area < 0 ? back_ : steps_, layer, p);
+  }
+}
+
+// Each edge the same way round in both of its faces, so that what they round is the same.
+template <bool kClipped>
+inline void MaskPicture::add_face(Steps& to, int layer,
+                                  const std::array<Place<kClipped>, 3>& corners) {
+  const auto add = [&]<int kSign>(std::integral_constant<int, kSign>, const auto& a,
+                                  const auto& b) {
+    if constexpr (kClipped) {
+      add_clipped_edge<kSign>(to, layer, a.u, a.v, b.u, b.v);
+    } else {
+      add_edge<kSign>(to, layer, a.u, a.v, b.u, b.v);
+    }
+  };
+  for (std::size_t corner = 0; corner < 3; ++corner) {
+    const Place<kClipped>& a = corners[corner];
+    const Place<kClipped>& b = corners[(corner + 1) % 3];
+    if (std::tie(a.v, a.u) < std::tie(b.v, b.u)) {
+      add(std::integral_constant<int, 1>(), a, b);
+    } else {
+      add(std::integral_constant<int, -1>(), b, a);
     }
   }
 }
 
-void MaskPicture::cover_outline(const MaskCaster& caster, int layer) {
+// Closed lines of which none lies within another that turns the same way: a sheet.
+template <bool kClipped>
+void MaskPicture::cover_lines(const MaskCaster& caster, int layer) {
   const std::vector<MaskCaster::Place>& places = caster.sides_[static_cast<std::size_t>(layer)];
+  if (places.empty()) return;
+  make_room(layer, 1);
   const MaskCaster::Place first(kPlaces * (caster.first_u_ - cells_.u),
                                 kPlaces * (caster.first_v_ - cells_.v));
   for (std::size_t i = 0; i + 1 < places.size(); i += 2) {
     const MaskCaster::Place from = first + places[i];
     const MaskCaster::Place to = first + places[i + 1];
-    add_edge(steps_, layer, static_cast<int>(from.x()), static_cast<int>(from.y()),
-             static_cast<int>(to.x()), static_cast<int>(to.y()));
+    if constexpr (kClipped) {
+      add_clipped_edge(steps_, layer, from.x(), from.y(), to.x(), to.y());
+    } else {
+      add_edge(steps_, layer, static_cast<int>(from.x()), static_cast<int>(from.y()),
+               static_cast<int>(to.x()), static_cast<int>(to.y()));
+    }
   }
+}
+
+void MaskPicture::make_room(int layer, std::size_t sheets) {
+  std::size_t& held = sheets_[static_cast<std::size_t>(layer)];
+  if (held + sheets > kMostSheets) settle();
+  held += sheets;
+  PENUMBRA_ASSERT(held <= kMostSheets);
+}
+
+// What is covered more often than kSettledSheets is covered so often: a cell that is covered once
+// is so whatever covers it more.
+void MaskPicture::settle() {
+  static constexpr auto kMost = static_cast<std::int32_t>(kSettledSheets) * kWhole;
+  const auto settle_row = [](std::array<std::int32_t, 4>* steps, const std::uint8_t* touched,
+                             std::size_t count) {
+    std::array<std::int32_t, 3> sum{};
+    std::array<std::int32_t, 3> before{};
+    for (std::size_t i = 0; i < count; ++i) {
+      if (touched[i] == 0) continue;
+      for (std::size_t layer = 0; layer < 3; ++layer) {
+        sum[layer] += steps[i][layer];
+        const std::int32_t held = std::clamp(sum[layer], -kMost, kMost);
+        steps[i][layer] = held - before[layer];
+        before[layer] = held;
+      }
+    }
+  };
+  for (std::size_t row = 0; row < static_cast<std::size_t>(cells_.height); ++row) {
+    const std::size_t at = row * row_cells_;
+    settle_row(&steps_[at], &touched_[at], row_cells_);
+    if (has_back_) settle_row(&back_[at], &touched_[at], row_cells_);
+  }
+  for (std::size_t& held : sheets_) held = std::min(held, kSettledSheets);
 }
 
 void MaskPicture::cover(const MaskCover& cover) {
   const auto u = static_cast<int>(cover.u_ - cells_.u);
   const auto v = static_cast<int>(cover.v_ - cells_.v);
+  for (int layer = 0; layer < 3; ++layer)
+    make_room(layer, cover.sheets_[static_cast<std::size_t>(layer)]);
   if (!cover.back_.empty()) {
     if (back_.size() < steps_.size()) back_.resize(steps_.size());
     has_back_ = true;
@@ -433,6 +593,12 @@ void MaskPicture::take(MaskCover& cover) {
   cover.v_ = cells_.v;
   cover.steps_.clear();
   cover.back_.clear();
+  for (const std::size_t held : sheets_) {
+    if (held <= kSheetsAtOnce) continue;
+    settle();  // so that another picture has room for it
+    break;
+  }
+  cover.sheets_ = sheets_;
   for (int v = 0; v < cells_.height; ++v) {
     const std::size_t row = static_cast<std::size_t>(v) * row_cells_;
     for (std::size_t u = 0; u < row_cells_; ++u) {
@@ -523,6 +689,104 @@ inline void MaskPicture::add_in_row(Steps& sums, int layer, std::ptrdiff_t begin
   add(v1 - v, kPlaces - border + to);
 }
 
+// Of the rows that it crosses only those of the picture, from the same places on their borders.
+template <int kSign>
+void MaskPicture::add_clipped_edge(Steps& sums, int layer, std::int64_t u0, std::int64_t v0,
+                                   std::int64_t u1, std::int64_t v1) {
+  const std::int64_t right = std::int64_t{kPlaces} * cells_.width;
+  const std::int64_t bottom = std::int64_t{kPlaces} * cells_.height;
+  if (v0 == v1 || std::max(v0, v1) <= 0 || std::min(v0, v1) >= bottom) return;
+  if (std::min(u0, u1) >= right) return;
+  const bool small = std::max(cells_.width, cells_.height) <= kMostOfPicture;
+  if (small && std::min({u0, u1, v0, v1}) >= 0 && std::max(u0, u1) < right &&
+      std::max(v0, v1) <= bottom) {
+    add_edge<kSign>(sums, layer, static_cast<int>(u0), static_cast<int>(v0), static_cast<int>(u1),
+                    static_cast<int>(v1));
+    return;
+  }
+  const bool down = v1 > v0;
+  const std::int64_t rise = down ? v1 - v0 : v0 - v1;
+  const std::int64_t last_of_all = cells_.height - 1;
+  const std::int64_t first =
+      std::clamp<std::int64_t>((down ? v0 : v0 - 1) >> kPlaceBits, 0, last_of_all);
+  const std::int64_t last =
+      std::clamp<std::int64_t>((down ? v1 - 1 : v1) >> kPlaceBits, 0, last_of_all);
+  // Where it is when it has come to a row's border; at its ends, there.
+  struct Point {
+    std::int64_t u, v;
+  };
+  const auto at = [&](std::int64_t v) {
+    if (down ? v <= v0 : v >= v0) return Point{u0, v0};
+    if (down ? v >= v1 : v <= v1) return Point{u1, v1};
+    return Point{u0 + quotient((u1 - u0) * (down ? v - v0 : v0 - v), rise), v};
+  };
+  const std::int64_t step = down ? 1 : -1;
+  Point from = at(kPlaces * (down ? first : first + 1));
+  for (std::int64_t row = first;; row += step) {
+    const Point to = at(kPlaces * (down ? row + 1 : row));
+    add_clipped_in_row<kSign>(sums, layer, row * static_cast<std::ptrdiff_t>(row_cells_), from.u,
+                              static_cast<int>(from.v - kPlaces * row), to.u,
+                              static_cast<int>(to.v - kPlaces * row));
+    if (row == last) return;
+    from = to;
+  }
+}
+
+template <int kSign>
+void MaskPicture::add_clipped_in_row(Steps& sums, int layer, std::ptrdiff_t begin, std::int64_t u0,
+                                     int v0, std::int64_t u1, int v1) {
+  const auto at = static_cast<std::size_t>(layer);
+  const auto add = [&](std::int64_t cell, int height, int places) {
+    const std::ptrdiff_t i = begin + cell;
+    const int area = height * places;
+    auto* steps = sums.data() + i;
+    steps[0][at] += kSign * (2 * kPlaces * height - area);
+    steps[1][at] += kSign * area;
+    touched_[static_cast<std::size_t>(i)] = touched_[static_cast<std::size_t>(i) + 1] = 1;
+  };
+  const std::int64_t first = u0 >> kPlaceBits;
+  const std::int64_t last = u1 >> kPlaceBits;
+  const bool right = last >= first;
+  const std::int64_t run = right ? u1 - u0 : u0 - u1;
+  // How far down it has come at a column's border.
+  const auto down_at = [&](std::int64_t u) {
+    return v0 + static_cast<int>(quotient((v1 - v0) * (right ? u - u0 : u0 - u),
+                                          std::max<std::int64_t>(run, 1)));
+  };
+  int v = v0;
+  std::int64_t cell = first;
+  if (right) {
+    if (cell < 0) {
+      const int next = last < 0 ? v1 : down_at(0);
+      add(0, next - v, 0);
+      v = next;
+      cell = 0;
+    }
+    const std::int64_t end = std::min<std::int64_t>(last, cells_.width - 1);
+    for (; cell <= end; ++cell) {
+      const int next = cell == last ? v1 : down_at(kPlaces * (cell + 1));
+      const auto from = static_cast<int>(cell == first ? u0 - kPlaces * cell : 0);
+      const auto to = static_cast<int>(cell == last ? u1 - kPlaces * cell : kPlaces);
+      add(cell, next - v, from + to);
+      v = next;
+    }
+    return;
+  }
+  if (cell >= cells_.width) {
+    cell = cells_.width - 1;
+    if (cell < last) return;
+    v = down_at(kPlaces * (cell + 1));
+  }
+  for (; cell >= std::max<std::int64_t>(last, 0); --cell) {
+    const int next = cell == last ? v1 : down_at(kPlaces * cell);
+    const auto from = static_cast<int>(cell == first ? u0 - kPlaces * cell : kPlaces);
+    const auto to = static_cast<int>(cell == last ? u1 - kPlaces * cell : 0);
+    add(cell, next - v, from + to);
+    v = next;
+  }
+  if (last < 0) add(0, v1 - v, 0);
+}
+
 void MaskPicture::begin_rows() {
   changed_.resize(row_cells_);
   for (std::vector<std::int32_t>& covered : covered_) covered.resize(row_cells_);
@@ -540,12 +804,14 @@ void MaskPicture::finish(const glm::vec3& light, std::vector<std::uint8_t>& code
     const std::size_t count = finish_row(row);
     codes_of(covered_[0].data(), covered_[1].data(), covered_[2].data(), count, light.x, light.y,
              light.z, changed_codes_.data());
-    // What lies between is like the cell before; what lies right of the last is not covered.
+    // What lies between is like the cell before, and so is what lies right of the last: not covered
+    // but where something reaches beyond the picture.
     const std::uint8_t* code = changed_codes_.data();
     for (std::size_t i = 0; i < count && changed_[i] < width; ++i) {
       out[changed_[i]] = code[i];
-      if (code[i] == 255 || i + 1 == count) continue;
-      const std::size_t next = std::min<std::size_t>(changed_[i + 1], width);
+      if (code[i] == 255) continue;
+      const std::size_t next =
+          i + 1 == count ? width : std::min<std::size_t>(changed_[i + 1], width);
       for (std::size_t cell = changed_[i] + 1; cell < next; ++cell) out[cell] = code[i];
     }
   }
@@ -567,16 +833,18 @@ void MaskPicture::finish_shares(const MaskCells& part, std::span<std::uint8_t> r
     const std::int64_t part_row = cells_.v + row - part.v;
     if (part_row < 0 || part_row >= part.height) continue;
     std::uint8_t* out = rgba.data() + 4 * part_row * part.width;
-    for (std::size_t i = 0; i + 1 < count; ++i) {
+    for (std::size_t i = 0; i < count; ++i) {
       const std::uint8_t umbra = code(covered_[0][i]);
       const std::uint8_t middle = std::max(umbra, code(covered_[1][i]));
       const std::uint8_t penumbra = std::max(middle, code(covered_[2][i]));
       if (penumbra == 0) continue;
-      const auto at = [&](std::size_t change) {
-        return std::clamp<std::int64_t>(cells_.u + changed_[change] - part.u, 0, part.width);
+      const auto at = [&](std::int64_t column) {
+        return std::clamp<std::int64_t>(cells_.u + column - part.u, 0, part.width);
       };
-      const std::int64_t end = at(i + 1);
-      for (std::int64_t cell = at(i); cell < end; ++cell) {
+      const std::int64_t width = cells_.width;
+      const std::int64_t end =
+          at(i + 1 == count ? width : std::min<std::int64_t>(changed_[i + 1], width));
+      for (std::int64_t cell = at(changed_[i]); cell < end; ++cell) {
         out[4 * cell] = umbra;
         out[4 * cell + 1] = middle;
         out[4 * cell + 2] = penumbra;

@@ -15,6 +15,7 @@
 #include <glm/vec3.hpp>
 #include <optional>
 #include <span>
+#include <type_traits>
 #include <vector>
 
 #include "render/shadow/layered_penumbra.hpp"
@@ -55,13 +56,15 @@ class MaskCaster {
   void begin(const OwnFrame& own, double cell);
   // Triangles of a layer in the own frame [m], three points each, of a mesh whose edges are paired
   // or of oriented faces, cut or not: all that casts the layer, in place of what project() would.
+  // Nothing of those that are not finite; places are taken to be at most 2 million cells from the
+  // object's origin.
   void project_faces(ShadowLayer layer, std::span<const PlanePoint> triangles);
   // Closed lines in the own frame [m], the layer to the left of each side: all that is of the
   // layer.
   void project_outline(ShadowLayer layer, std::span<const OutlineSide> sides);
   // Vertices and kernels in the object's frame [m], one each; what `wanted` says of the layers is
   // to be covered, and all of the mesh is in their heights. Places in cells of this size are
-  // rounded to 1/256 of one.
+  // rounded to 1/256 of one (where a float can tell it), and taken as those of project_faces().
   void project(std::span<const glm::vec3> positions, std::span<const glm::vec3> kernels,
                const OwnFrame& own, const LayeredConstants& constants,
                const std::array<bool, 3>& wanted, double cell);
@@ -71,11 +74,12 @@ class MaskCaster {
  private:
   friend class MaskPicture;
   // 1/256 cells from the whole cell that the object's origin is over, whole numbers: (u, v) of each
-  // layer.
+  // layer; of wanted layers either finite or both not numbers.
   struct Images {
     alignas(16) std::array<float, 4> u;
     alignas(16) std::array<float, 4> v;
   };
+  void bring_near();
   std::vector<Images> images_;
   std::array<bool, 3> wanted_{};
   std::int64_t first_u_ = 0, first_v_ = 0;  // that cell
@@ -103,16 +107,18 @@ class MaskCover {
   std::int64_t u_ = 0, v_ = 0;  // the first cell
   std::vector<Step> steps_;
   std::vector<std::array<std::int32_t, 4>> back_;  // as many, or none
+  std::array<std::size_t, 3> sheets_{};            // of each layer, as in MaskPicture
 };
 
 class MaskPicture {
  public:
   // Nothing covered.
   void begin(const MaskCells& cells);
-  // Faces as `caster` was projected with.
+  // Faces as `caster` was projected with, of cells of this size. Of what reaches beyond the
+  // picture, its cells get what a larger picture would have there, bit by bit.
   void cover(MaskCaster& caster, std::span<const std::uint32_t> indices,
              std::span<const FacePair> edges);
-  // Adds what take() took, which lies within the picture's cells.
+  // Adds what take() took, all of which lies within the picture's cells.
   void cover(const MaskCover& cover);
   // All that was covered since begin(), and forgets it.
   void take(MaskCover& cover);
@@ -133,8 +139,33 @@ class MaskPicture {
   void add_edge(Steps& to, int layer, int u0, int v0, int u1, int v1);
   template <int kSign>
   void add_in_row(Steps& sums, int layer, std::ptrdiff_t begin, int u0, int v0, int u1, int v1);
+  // The same of what of it lies in the picture, and of what lies to the left of that.
+  template <int kSign = 1>
+  void add_clipped_edge(Steps& to, int layer, std::int64_t u0, std::int64_t v0, std::int64_t u1,
+                        std::int64_t v1);
+  template <int kSign>
+  void add_clipped_in_row(Steps& sums, int layer, std::ptrdiff_t begin, std::int64_t u0, int v0,
+                          std::int64_t u1, int v1);
+  template <bool kClipped>
+  void cover_outlines(const MaskCaster& caster, std::span<const FacePair> edges);
+  template <bool kClipped>
+  void cover_turned(const MaskCaster& caster, std::span<const std::uint32_t> indices);
+  template <bool kClipped>
   void cover_faces(const MaskCaster& caster, int layer);
-  void cover_outline(const MaskCaster& caster, int layer);
+  template <bool kClipped>
+  void cover_lines(const MaskCaster& caster, int layer);
+  // In the picture all places fit into 32 bits.
+  template <bool kClipped>
+  using Offset = std::conditional_t<kClipped, std::int64_t, int>;
+  template <bool kClipped>
+  struct Place {
+    Offset<kClipped> u, v;
+  };
+  template <bool kClipped>
+  void add_face(Steps& to, int layer, const std::array<Place<kClipped>, 3>& corners);
+  // Room in the sums of a layer for so many sheets more.
+  void make_room(int layer, std::size_t sheets);
+  void settle();
   void begin_rows();
   // Where the shares change along a row into changed_, what they are from there into covered_;
   // forgets the row. How often.
@@ -149,6 +180,8 @@ class MaskPicture {
   Steps steps_;
   Steps back_;
   bool has_back_ = false;
+  // How often a cell is covered at most, by each layer, in sums as they are.
+  std::array<std::size_t, 3> sheets_{};
   std::vector<std::uint8_t> touched_;  // 1 for each of these that an edge has changed
   std::size_t row_cells_ = 0;          // of all three
   // Of one row: the cells that were touched, what is covered of them by each layer, and their

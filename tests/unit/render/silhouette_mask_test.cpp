@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <map>
 #include <random>
 #include <set>
@@ -450,7 +451,7 @@ TEST(SilhouetteMask, OutlinesCoverWhatTheirTrianglesDo) {
 
 TEST(SilhouetteMask, OutlinesThatAreNoNumbersCoverNothing) {
   const float inf = std::numeric_limits<float>::infinity();
-  for (const float bad : {std::numeric_limits<float>::quiet_NaN(), inf, -inf, 3e38F}) {
+  for (const float bad : {std::numeric_limits<float>::quiet_NaN(), inf, -inf}) {
     MaskCaster caster;
     caster.begin(OwnFrame(), 0.001);
     const PlanePoint a{0.0F, 0.0F}, b{0.1F, 0.0F}, c{0.05F, bad};
@@ -463,6 +464,332 @@ TEST(SilhouetteMask, OutlinesThatAreNoNumbersCoverNothing) {
     std::vector<std::uint8_t> codes;
     picture.finish({0.0F, 0.5F, 0.8F}, codes);
     EXPECT_EQ(std::ranges::count(codes, 255), 256);
+  }
+}
+
+// ---- parts of a mask, and many sheets ----
+
+// Triangles in cells of one size, and what some of a picture's cells have of them: of all layers
+// the same.
+constexpr double kUnit = 1.0 / 1024.0;  // so that places are exact
+using Triangles = std::vector<Eigen::Vector2d>;
+OwnFrame unmoved() {
+  return OwnFrame::make(Placement(), PlaneFrame(), 0.1, 26);
+}
+MaskCaster caster_of(const Triangles& corners) {
+  std::vector<PlanePoint> points;
+  for (const Eigen::Vector2d& corner : corners)
+    points.push_back(
+        {static_cast<float>(kUnit * corner.x()), static_cast<float>(kUnit * corner.y())});
+  MaskCaster caster;
+  caster.begin(unmoved(), kUnit);
+  for (const ShadowLayer layer : kShadowLayers) caster.project_faces(layer, points);
+  return caster;
+}
+// A closed mesh, by its outlines.
+struct Body {
+  std::vector<glm::vec3> positions;
+  std::vector<std::uint32_t> indices;
+  [[nodiscard]] MaskCaster projected(double cell) const {
+    MaskCaster caster;
+    const std::vector<glm::vec3> kernels(positions.size(), glm::vec3(0.002F, 0.001F, 0.05F));
+    caster.project(positions, kernels, unmoved(), kConstants, {true, true, true}, cell);
+    return caster;
+  }
+};
+using Cover = std::function<void(MaskPicture&)>;
+// By a picture of `cells`, those of `part`.
+std::vector<std::uint8_t> shares_of(MaskPicture& picture, const Cover& cover,
+                                    const MaskCells& cells, const MaskCells& part) {
+  std::vector<std::uint8_t> shares(std::size_t{4} * static_cast<std::size_t>(part.width) *
+                                   static_cast<std::size_t>(part.height));
+  picture.begin(cells);
+  cover(picture);
+  picture.finish_shares(part, shares);
+  return shares;
+}
+MaskCells cells_around(const MaskCaster& caster, double cell) {
+  const auto& box = caster.bounds();
+  return {cell, box.min().x() - 1, box.min().y() - 1, static_cast<int>(box.sizes().x()) + 3,
+          static_cast<int>(box.sizes().y()) + 3};
+}
+
+// Bit by bit, wherever its edges run: through the part's corners and along its borders too.
+TEST(SilhouetteMask, OfAPartIsThatOfTheWhole) {
+  std::mt19937 random(23);
+  const auto whole_number = [&random](int low, int high) {
+    return std::uniform_int_distribution<int>(low, high)(random);
+  };
+  int partly = 0;
+  int beside = 0;
+  MaskPicture of_whole;
+  MaskPicture of_part;
+  const auto compare = [&](const MaskCaster& caster, const Cover& cover, double cell) {
+    if (caster.bounds().isEmpty()) return;
+    const MaskCells whole = cells_around(caster, cell);
+    for (int i = 0; i < 12; ++i) {
+      const auto side = [&](int most) {
+        return i % 3 == 0 ? whole_number(1, 4) : whole_number(1, most);
+      };
+      MaskCells part{cell, whole.u + whole_number(-8, whole.width + 4),
+                     whole.v + whole_number(-8, whole.height + 4), side(whole.width + 8),
+                     side(whole.height + 8)};
+      if (i == 11) part = whole;
+      const auto expected = shares_of(of_whole, cover, whole, part);
+      ASSERT_EQ(shares_of(of_part, cover, part, part), expected)
+          << whole.width << " x " << whole.height << ": " << part.width << " x " << part.height
+          << " at " << part.u - whole.u << ", " << part.v - whole.v;
+      const bool dark = std::ranges::any_of(expected, [](std::uint8_t share) { return share > 0; });
+      (dark ? partly : beside) += 1;
+      // As codes, too; and nothing is left over.
+      std::vector<std::uint8_t> all;
+      std::vector<std::uint8_t> some;
+      of_whole.begin(whole);
+      cover(of_whole);
+      of_whole.finish({0.2F, 0.5F, 0.8F}, all);
+      of_part.begin(part);
+      cover(of_part);
+      of_part.finish({0.2F, 0.5F, 0.8F}, some);
+      for (int v = 0; v < part.height; ++v) {
+        for (int u = 0; u < part.width; ++u) {
+          const std::int64_t x = part.u + u - whole.u;
+          const std::int64_t y = part.v + v - whole.v;
+          const bool inside = x >= 0 && y >= 0 && x < whole.width && y < whole.height;
+          const int code = inside ? all.at(static_cast<std::size_t>(y * whole.width + x)) : 255;
+          ASSERT_EQ(some.at(static_cast<std::size_t>(v * part.width + u)), code);
+        }
+      }
+    }
+  };
+  for (int trial = 0; trial < 60; ++trial) {
+    SCOPED_TRACE(trial);
+    // On corners and borders of cells, or anywhere; small and large.
+    const int reach = trial % 5 == 0 ? 300 : 24;
+    const int fine = trial % 2 == 0 ? 1 : 256;
+    Triangles corners;
+    for (int face = 0; face < 1 + trial % 4; ++face) {
+      for (int corner = 0; corner < 3; ++corner) {
+        corners.emplace_back(whole_number(-reach * fine, reach * fine) / static_cast<double>(fine),
+                             whole_number(-reach * fine, reach * fine) / static_cast<double>(fine));
+      }
+    }
+    MaskCaster faces = caster_of(corners);
+    compare(
+        faces, [&](MaskPicture& to) { to.cover(faces, {}, {}); }, kUnit);
+    const Placed placed = place(trial % 2 == 0 ? *table_and_ball() : *torus(6, 10),
+                                test::at(0.01 * trial, -0.02 * trial, 0.1, {1, 0.2, 0.4}, trial));
+    const auto edges = paired_edges(placed.mesh.indices);
+    for (const double cell : {0.02, 0.0011}) {
+      MaskCaster closed;
+      closed.project(placed.mesh.positions, placed.kernels, placed.own, kConstants,
+                     {true, trial % 3 != 0, true}, cell);
+      compare(
+          closed, [&](MaskPicture& to) { to.cover(closed, placed.mesh.indices, *edges); }, cell);
+    }
+  }
+  EXPECT_GT(partly, 600);
+  EXPECT_GT(beside, 200);
+}
+
+// Larger than any picture: against what half planes cover, and each part against parts of it.
+TEST(SilhouetteMask, OfWhatIsVastIsThatOfItsEdges) {
+  std::mt19937 random(29);
+  std::uniform_real_distribution<double> one(-1.0, 1.0);
+  const MaskCells cells{kUnit, -20, -15, 40, 30};
+  MaskPicture picture;
+  int edges = 0;
+  for (const double reach : {3e3, 2e5, 1.9e6}) {
+    for (int trial = 0; trial < 30; ++trial) {
+      // One side of it passes by the picture.
+      const Eigen::Vector2d along = Eigen::Vector2d(one(random), one(random)).normalized();
+      const Eigen::Vector2d across(-along.y(), along.x());
+      const Eigen::Vector2d through(15.0 * one(random), 10.0 * one(random));
+      const auto rounded = [](const Eigen::Vector2d& p) -> Eigen::Vector2d {
+        return (256.0 * p).array().round() / 256.0;
+      };
+      const Eigen::Vector2d a = rounded(through - reach * along);
+      const Eigen::Vector2d b = rounded(through + reach * along);
+      const Eigen::Vector2d c = rounded(through + reach * across);
+      MaskCaster caster = caster_of(trial % 2 == 0 ? Triangles{a, b, c} : Triangles{a, c, b});
+      const Cover cover = [&](MaskPicture& to) { to.cover(caster, {}, {}); };
+      const auto shares = shares_of(picture, cover, cells, cells);
+      // Where floats have put its corners.
+      const auto placed = [](const Eigen::Vector2d& p) -> Eigen::Vector2d {
+        return Eigen::Vector2d(static_cast<double>(static_cast<float>(kUnit * p.x())),
+                               static_cast<double>(static_cast<float>(kUnit * p.y()))) /
+               kUnit;
+      };
+      const Eigen::Vector2d from = placed(a);
+      const Eigen::Vector2d side = placed(b) - from;
+      for (int v = 0; v < cells.height; ++v) {
+        for (int u = 0; u < cells.width; ++u) {
+          // In 256 places of the cell, where its corners are not all on one side.
+          const auto is_inside = [&](double x, double y) {
+            const Eigen::Vector2d d = Eigen::Vector2d(static_cast<double>(cells.u + u) + x,
+                                                      static_cast<double>(cells.v + v) + y) -
+                                      from;
+            return side.x() * d.y() - side.y() * d.x() > 0.0;
+          };
+          int inside = 0;
+          for (const double x : {0.0, 1.0}) {
+            for (const double y : {0.0, 1.0}) inside += is_inside(x, y) ? 64 : 0;
+          }
+          if (inside > 0 && inside < 256) {
+            inside = 0;
+            for (int i = 0; i < 256; ++i)
+              inside += is_inside((i % 16 + 0.5) / 16.0, (i / 16 + 0.5) / 16.0) ? 1 : 0;
+          }
+          const double expected = 255.0 * inside / 256.0;
+          const int share = shares[static_cast<std::size_t>(4 * (v * cells.width + u))];
+          // By places of a cell along its borders, and by points in it.
+          ASSERT_NEAR(share, expected, 8.0) << reach << " " << trial << ": " << u << ", " << v;
+          edges += inside > 0 && inside < 256 ? 1 : 0;
+        }
+      }
+      const MaskCells part{kUnit, cells.u + trial, cells.v + trial % 7, 9, 21};
+      ASSERT_EQ(shares_of(picture, cover, part, part), shares_of(picture, cover, cells, part));
+    }
+  }
+  EXPECT_GT(edges, 1000);
+}
+
+// What is not finite, or beyond what can be told, leaves the rest as it is.
+TEST(SilhouetteMask, OfWhatIsNotFiniteIsThatOfTheRest) {
+  const float infinity = std::numeric_limits<float>::infinity();
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  Body body;
+  ShapeBuilder shape;
+  shape.box(-0.04, -0.03, 0.03, 0.0, 0.03, 0.06);
+  shape.box(0.05, -0.02, 0.03, 0.08, 0.02, 0.05);
+  for (const Mesh& mesh : shape.build().meshes) {
+    for (const std::uint32_t index : mesh.indices)
+      body.indices.push_back(static_cast<std::uint32_t>(body.positions.size()) + index);
+    body.positions.insert(body.positions.end(), mesh.positions.begin(), mesh.positions.end());
+  }
+  const std::size_t of_first = body.positions.size() / 2;
+  const auto edges = paired_edges(body.indices);
+  ASSERT_TRUE(edges);
+  MaskPicture picture;
+  constexpr double kCell = 0.001;
+  const MaskCells cells{kCell, -60, -50, 160, 100};
+  const auto shares = [&](const Body& of) {
+    MaskCaster caster = of.projected(kCell);
+    return shares_of(
+        picture, [&](MaskPicture& to) { to.cover(caster, of.indices, *edges); }, cells, cells);
+  };
+  const auto all = shares(body);
+  for (const float wrong : {nan, infinity, -infinity, 3e38F, -1e30F, 1e9F}) {
+    SCOPED_TRACE(wrong);
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      Body broken = body;
+      for (std::size_t i = of_first; i < broken.positions.size(); ++i)
+        broken.positions[i][static_cast<int>(axis)] = wrong;
+      const MaskCaster caster = broken.projected(kCell);
+      EXPECT_LT(caster.bounds().sizes().maxCoeff(), std::int64_t{1} << 23);
+      const auto of_rest = shares(broken);
+      int dark = 0;
+      for (std::size_t i = 0; i < of_rest.size(); ++i) {
+        const bool of_second = static_cast<int>(i / 4) % cells.width > 80;
+        ASSERT_EQ(of_rest[i], of_second ? 0 : all[i]) << i;
+        dark += of_rest[i] == 255 ? 1 : 0;
+      }
+      EXPECT_GT(dark, 2000);
+      // One of its places: still what the first box covers is covered.
+      Body pierced = body;
+      pierced.positions.back()[static_cast<int>(axis)] = wrong;
+      const auto of_more = shares(pierced);
+      for (std::size_t i = 0; i < of_more.size(); ++i) ASSERT_GE(of_more[i], of_rest[i]) << i;
+    }
+  }
+  Body nothing = body;
+  for (glm::vec3& p : nothing.positions) p = glm::vec3(nan);
+  EXPECT_TRUE(nothing.projected(kCell).bounds().isEmpty());
+  const double far = std::numeric_limits<double>::infinity();
+  EXPECT_TRUE(caster_of({{0, 0}, {far, 1}, {3, 4}}).bounds().isEmpty());
+}
+
+// However many faces lie over each other, whether they are covered by themselves, by their
+// outlines, or were taken before.
+TEST(SilhouetteMask, OfManySheetsIsNoLighterThanOfFew) {
+  const Triangles triangle = {{2.3, 1.2}, {30.7, 4.1}, {12.4, 25.9}};
+  const auto open = [&](std::size_t count, bool turn_some) {
+    Triangles corners;
+    for (std::size_t i = 0; i < count; ++i) {
+      corners.insert(corners.end(), triangle.begin(), triangle.end());
+      if (turn_some && i % 2 == 0) std::swap(corners[3 * i], corners[3 * i + 1]);
+    }
+    return caster_of(corners);
+  };
+  // Flat bodies of four faces, three of them one way over each place.
+  const auto closed = [](std::size_t count) {
+    Body body;
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto first = static_cast<std::uint32_t>(body.positions.size());
+      for (const glm::vec3& p : {glm::vec3(0.002F, 0.001F, 0.04F), glm::vec3(0.03F, 0.004F, 0.04F),
+                                 glm::vec3(0.012F, 0.026F, 0.04F), glm::vec3(0.014F, 0.01F, 0.05F)})
+        body.positions.push_back(p);
+      for (const std::uint32_t corner : {0U, 2U, 1U, 0U, 1U, 3U, 1U, 2U, 3U, 2U, 0U, 3U})
+        body.indices.push_back(first + corner);
+    }
+    return body;
+  };
+  const MaskCells cells{kUnit, -2, -2, 40, 34};
+  const MaskCells part{kUnit, 10, 6, 11, 9};
+  MaskPicture picture;
+  const auto check = [&](const Cover& many, const std::vector<std::uint8_t>& few,
+                         const std::vector<std::uint8_t>& few_of_part) {
+    const auto shares = shares_of(picture, many, cells, cells);
+    int full = 0;
+    for (std::size_t i = 0; i < shares.size(); ++i) {
+      ASSERT_GE(shares[i], few[i]) << i;
+      if (few[i] == 0 && shares[i] > 0) {
+        ASSERT_LT(i % 4, 3U);
+      }
+      full += few[i] == 255 ? 1 : 0;
+    }
+    EXPECT_GT(full, 600);
+    const auto shares_in_part = shares_of(picture, many, part, part);
+    for (std::size_t i = 0; i < shares_in_part.size(); ++i)
+      ASSERT_GE(shares_in_part[i], few_of_part[i]) << i;
+  };
+  constexpr std::size_t kFew = 4000;  // of any kind
+  const std::size_t many_of[] = {16384, 20000, 32767, 32768, 40000, 65536};
+  for (const bool turn_some : {false, true}) {
+    MaskCaster few = open(kFew, turn_some);
+    const Cover cover_few = [&](MaskPicture& to) { to.cover(few, {}, {}); };
+    const auto shares = shares_of(picture, cover_few, cells, cells);
+    const auto of_part = shares_of(picture, cover_few, part, part);
+    for (const std::size_t count : many_of) {
+      SCOPED_TRACE(count);
+      MaskCaster many = open(turn_some ? 2 * count : count, turn_some);
+      check([&](MaskPicture& to) { to.cover(many, {}, {}); }, shares, of_part);
+      // Several of few, as covers.
+      MaskPicture of_one;
+      MaskCover cover;
+      of_one.begin(cells);
+      of_one.cover(many, {}, {});
+      of_one.take(cover);
+      const auto taken = [&](MaskPicture& to) {
+        for (int i = 0; i < 3; ++i) to.cover(cover);
+      };
+      const auto of_taken = shares_of(picture, taken, cells, cells);
+      for (std::size_t i = 0; i < of_taken.size(); ++i) ASSERT_GE(of_taken[i], shares[i]) << i;
+    }
+  }
+  const Body few = closed(kFew);
+  MaskCaster few_projected = few.projected(kUnit);
+  const auto few_edges = paired_edges(few.indices);
+  const Cover cover_few = [&](MaskPicture& to) {
+    to.cover(few_projected, few.indices, *few_edges);
+  };
+  const auto shares = shares_of(picture, cover_few, cells, cells);
+  const auto of_part = shares_of(picture, cover_few, part, part);
+  for (const std::size_t count : many_of) {
+    SCOPED_TRACE(count);
+    const Body many = closed(count);
+    MaskCaster projected = many.projected(kUnit);
+    const auto edges = paired_edges(many.indices);
+    check([&](MaskPicture& to) { to.cover(projected, many.indices, *edges); }, shares, of_part);
   }
 }
 
