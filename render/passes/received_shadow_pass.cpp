@@ -159,11 +159,14 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
   mask.pictures.resize(size.x(), size.y(), static_cast<int>(mask.levels.size()));
   const MaskCells cells{texel, std::llround(mask.origin.x() / texel),
                         std::llround(mask.origin.y() / texel), size.x(), size.y()};
-  if (mask.covered && cover_levels(scene, draw, surface, cells, mask, shadows, work)) return 0;
+  if (mask.covered) {
+    cover_levels(scene, draw, surface, cells, mask, shadows, work);
+    return 0;
+  }
   return draw_levels(scene, draw, surface, mask, shadows, work);
 }
 
-bool ReceivedShadowPass::cover_levels(const Scene& scene, const ReceivedShadowDraw& draw,
+void ReceivedShadowPass::cover_levels(const Scene& scene, const ReceivedShadowDraw& draw,
                                       const Surface& surface, const MaskCells& cells, Mask& mask,
                                       ShadowPass& shadows, ShadowWork& work) {
   shares_.resize(std::size_t{4} * static_cast<std::size_t>(cells.width) *
@@ -171,12 +174,10 @@ bool ReceivedShadowPass::cover_levels(const Scene& scene, const ReceivedShadowDr
   for (std::size_t level = 0; level < mask.levels.size(); ++level) {
     PlaneFrame plane = surface.plane;
     plane.q += mask.levels[level] * plane.n;
-    if (!shadows.cover_flat(scene, draw, static_cast<int>(level), plane, cells, shares_, work))
-      return false;
+    shadows.cover_flat(scene, draw, static_cast<int>(level), plane, cells, shares_, work);
     mask.shows = mask.shows || std::ranges::any_of(shares_, [](std::uint8_t s) { return s != 0; });
     mask.pictures.upload(static_cast<int>(level), shares_);
   }
-  return true;
 }
 
 int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw& draw,

@@ -72,9 +72,10 @@ class ReceivedShadowPass {
                             const PlaneFrame& frame);
   int make_mask(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
                 double most_texels, Mask& mask, ShadowPass& shadows, ShadowWork& work);
-  // Makes the pictures of its levels; false where they are to be drawn instead.
-  bool cover_levels(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
+  // Makes the pictures of its levels without drawing ...
+  void cover_levels(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
                     const MaskCells& cells, Mask& mask, ShadowPass& shadows, ShadowWork& work);
+  // ... or draws them. Number of draw calls.
   static int draw_levels(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
                          Mask& mask, ShadowPass& shadows, ShadowWork& work);
   static int draw_shadow(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,

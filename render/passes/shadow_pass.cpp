@@ -898,7 +898,7 @@ bool ShadowPass::covers_flat(const Scene& scene, const FramePlan& plan, const Sh
          (!caster.proxy || !draw.proxy || is_for_masks(caster.reduced, caster.proxy->mesh));
 }
 
-bool ShadowPass::cover_flat(const Scene& scene, const ReceivedShadowDraw& draw, int level,
+void ShadowPass::cover_flat(const Scene& scene, const ReceivedShadowDraw& draw, int level,
                             const PlaneFrame& plane, const MaskCells& cells,
                             std::span<std::uint8_t> rgba, ShadowWork& work) {
   ShadowDraw shadow = draw.shadow;
@@ -906,19 +906,23 @@ bool ShadowPass::cover_flat(const Scene& scene, const ReceivedShadowDraw& draw, 
   Caster& caster = caster_of(scene, shadow.object);
   const Prepared& prepared = prepare_level(draw, level, shadow, caster, true, work);
   std::ranges::fill(rgba, std::uint8_t{0});
-  if (!prepared.valid) return true;
+  if (!prepared.valid) return;
   const MaskPart part = mask_part(shadow, caster, prepared);
-  if (part.covers_nothing()) return true;
+  if (part.covers_nothing()) return;
   if (mask_casters_.empty()) mask_casters_.resize(1);
   MaskCaster& projected = mask_casters_.front();
   project_part(part, face_images(part, work), cells.size, projected, work);
-  const Eigen::AlignedBox<std::int64_t, 2>& bounds = projected.bounds();
-  if (bounds.isEmpty()) return true;
-  if (bounds.sizes().maxCoeff() >= kMostMaskCells) return false;
-  mask_picture_.begin(cells_about(bounds, cells.size));
+  // However large the shadow is: only what of it is over these cells.
+  using Cell = Eigen::Vector<std::int64_t, 2>;
+  const Eigen::AlignedBox<std::int64_t, 2> all(
+      Cell(cells.u, cells.v), Cell(cells.u + cells.width - 1, cells.v + cells.height - 1));
+  const Eigen::AlignedBox<std::int64_t, 2> over = all.intersection(projected.bounds());
+  if (over.isEmpty()) return;
+  mask_picture_.begin({cells.size, over.min().x(), over.min().y(),
+                       static_cast<int>(over.sizes().x()) + 1,
+                       static_cast<int>(over.sizes().y()) + 1});
   cover_part(part, projected);
   mask_picture_.finish_shares(cells, rgba);
-  return true;
 }
 
 void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work) {

@@ -117,11 +117,10 @@ class ShadowPass {
   // Whether cover_flat() can tell what a shadow covers, and is to: as masks of planes are made.
   [[nodiscard]] bool covers_flat(const Scene& scene, const FramePlan& plan, const ShadowDraw& draw);
   // What prepare_flat() and draw_flat() would draw, without OpenGL and exactly: how much of these
-  // cells of the plane each layer covers, as MaskPicture::finish_shares() tells it. Nothing where
-  // the shadow is too large for that.
-  [[nodiscard]] bool cover_flat(const Scene& scene, const ReceivedShadowDraw& draw, int level,
-                                const PlaneFrame& plane, const MaskCells& cells,
-                                std::span<std::uint8_t> rgba, ShadowWork& work);
+  // cells of the plane each layer covers, as MaskPicture::finish_shares() tells it.
+  void cover_flat(const Scene& scene, const ReceivedShadowDraw& draw, int level,
+                  const PlaneFrame& plane, const MaskCells& cells, std::span<std::uint8_t> rgba,
+                  ShadowWork& work);
   // Of those shadows of the last plan that are made with kernels; takes milliseconds for kernels
   // that it was not asked for before.
   [[nodiscard]] std::vector<CasterKernels> kernels_in_use();

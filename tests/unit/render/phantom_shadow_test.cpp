@@ -385,6 +385,44 @@ TEST_P(PhantomShadow, HasSmoothEdges) {
   }
 }
 
+// Of a beam that is long beside what it is over: the whole shadow is larger than any picture of
+// what it falls on, and what of it is there is covered like any other.
+TEST(PhantomShadow, OfALargeCasterIsCovered) {
+  for (const double length : {0.3, 3.0, 300.0}) {
+    for (const LightMode light_mode : {LightMode::proportional, LightMode::fixed}) {
+      SCOPED_TRACE(length);
+      SceneBuilder builder = builder_with(ShadowTechnique::layered, light_mode);
+      ShapeBuilder beam;
+      beam.box(0.0, -0.02, 0.0, length, 0.02, 0.02);
+      builder.add(solid(beam.build()), test::at(-0.05, -0.01, 0.13, {0.0, 0.0, 1.0}, 0.1));
+      builder.add(box(0.6, 0.6, 0.06), test::at(0.0, 0.0, 0.03), false, true);
+      const auto scene = builder.build();
+      const auto draw = [&](Studio& studio, int times, LayerDrawing layers) {
+        FramePlan plan = studio.plan(from({0.05, -0.3, 0.6}));
+        plan.shadows.clear();
+        plan.layers = layers;
+        return studio.draw_shadows(test::plain_frame(kSide * times, kSide * times, 255), plan);
+      };
+      Studio coarse(scene, camera_by(1));
+      Studio fine(scene, camera_by(4));
+      const Picture reference = draw(fine, 4, LayerDrawing::direct);
+      const test::EdgeError drawn =
+          test::edge_error(draw(coarse, 1, LayerDrawing::direct), reference, 4);
+      const std::int64_t calls = coarse.stats().draw_calls;
+      const test::EdgeError covered =
+          test::edge_error(draw(coarse, 1, LayerDrawing::mask), reference, 4);
+      EXPECT_EQ(coarse.stats().masks_drawn, 1);
+      EXPECT_LT(coarse.stats().draw_calls, calls) << "its layers are not drawn";
+      std::printf("beam of %.1f m: covered %.2f, drawn %.2f codes RMS over %d pixels\n", length,
+                  covered.rms, drawn.rms, covered.edges);
+      EXPECT_GT(covered.edges, 100);
+      EXPECT_LE(covered.rms, 6.0);
+      EXPECT_LE(covered.largest_elsewhere, 1);
+      EXPECT_LE(drawn.largest_elsewhere, 1);
+    }
+  }
+}
+
 // Against the exact shadow at each height, in four by four places of a pixel.
 TEST(PhantomShadow, HasSmoothEdgesOnASlope) {
   constexpr double kSlope = 0.4;
