@@ -34,6 +34,20 @@ PENUMBRA_INLINE float exp_negative(float x) {
   return p * scale;
 }
 
+// Four rows of four -> their columns, or back.
+using Floats4 = float __attribute__((vector_size(16)));
+PENUMBRA_INLINE void transpose(Floats4 (&rows)[4]) {
+  using Places = std::int32_t __attribute__((vector_size(16)));
+  const Floats4 low01 = __builtin_shuffle(rows[0], rows[1], Places{0, 4, 1, 5});
+  const Floats4 low23 = __builtin_shuffle(rows[2], rows[3], Places{0, 4, 1, 5});
+  const Floats4 high01 = __builtin_shuffle(rows[0], rows[1], Places{2, 6, 3, 7});
+  const Floats4 high23 = __builtin_shuffle(rows[2], rows[3], Places{2, 6, 3, 7});
+  rows[0] = __builtin_shuffle(low01, low23, Places{0, 1, 4, 5});
+  rows[1] = __builtin_shuffle(low01, low23, Places{2, 3, 6, 7});
+  rows[2] = __builtin_shuffle(high01, high23, Places{0, 1, 4, 5});
+  rows[3] = __builtin_shuffle(high01, high23, Places{2, 3, 6, 7});
+}
+
 // Normal distribution and its density: Abramowitz and Stegun 7.1.25, error under 1.3e-5.
 PENUMBRA_INLINE float normal_cdf(float u, float& density) {
   const float t = __builtin_fabsf(u) * 0.70710678F;
@@ -726,7 +740,6 @@ void attach(const float* ka, const float* kb, const float* coefficients, const S
   constexpr int kPart = 4;
 #endif
   using Part = float __attribute__((vector_size(4 * kPart)));
-  using Four = float __attribute__((vector_size(16)));
   const std::int32_t* const __restrict vertex = s.vertex;
   float* const __restrict ka_out = s.ka;
   float* const __restrict kb_out = s.kb;
@@ -739,7 +752,7 @@ void attach(const float* ka, const float* kb, const float* coefficients, const S
 #pragma GCC unroll 8
     for (int k = 0; k < kPart; ++k) v[k] = vertex[i + k];
     const auto record = [&](int k) {
-      Four four;
+      Floats4 four;
       __builtin_memcpy(&four, coefficients + 4 * v[k], sizeof four);
       return four;
     };
@@ -765,25 +778,14 @@ void attach(const float* ka, const float* kb, const float* coefficients, const S
     _mm256_storeu_ps(c2 + i, _mm256_shuffle_ps(high01, high23, 0x44));
     _mm256_storeu_ps(c3 + i, _mm256_shuffle_ps(high01, high23, 0xEE));
 #else
-    using Places = std::int32_t __attribute__((vector_size(16)));
     const Part part_ka = {ka[v[0]], ka[v[1]], ka[v[2]], ka[v[3]]};
     const Part part_kb = {kb[v[0]], kb[v[1]], kb[v[2]], kb[v[3]]};
-    const Four r0 = record(0);
-    const Four r1 = record(1);
-    const Four r2 = record(2);
-    const Four r3 = record(3);
-    const Four low01 = __builtin_shuffle(r0, r1, Places{0, 4, 1, 5});
-    const Four low23 = __builtin_shuffle(r2, r3, Places{0, 4, 1, 5});
-    const Four high01 = __builtin_shuffle(r0, r1, Places{2, 6, 3, 7});
-    const Four high23 = __builtin_shuffle(r2, r3, Places{2, 6, 3, 7});
-    const Four columns[4] = {__builtin_shuffle(low01, low23, Places{0, 1, 4, 5}),
-                             __builtin_shuffle(low01, low23, Places{2, 3, 6, 7}),
-                             __builtin_shuffle(high01, high23, Places{0, 1, 4, 5}),
-                             __builtin_shuffle(high01, high23, Places{2, 3, 6, 7})};
-    __builtin_memcpy(c0 + i, &columns[0], sizeof(Four));
-    __builtin_memcpy(c1 + i, &columns[1], sizeof(Four));
-    __builtin_memcpy(c2 + i, &columns[2], sizeof(Four));
-    __builtin_memcpy(c3 + i, &columns[3], sizeof(Four));
+    Floats4 columns[4] = {record(0), record(1), record(2), record(3)};
+    transpose(columns);
+    __builtin_memcpy(c0 + i, &columns[0], sizeof(Floats4));
+    __builtin_memcpy(c1 + i, &columns[1], sizeof(Floats4));
+    __builtin_memcpy(c2 + i, &columns[2], sizeof(Floats4));
+    __builtin_memcpy(c3 + i, &columns[3], sizeof(Floats4));
 #endif
     __builtin_memcpy(ka_out + i, &part_ka, sizeof part_ka);
     __builtin_memcpy(kb_out + i, &part_kb, sizeof part_kb);
@@ -1181,8 +1183,6 @@ void follow(const CameraStep& step, TagPack* packs, int count) {
 }
 
 void levers(const LeverInput& in, const Samples& s) {
-  using Four = float __attribute__((vector_size(16)));
-  using Places = std::int32_t __attribute__((vector_size(16)));
   constexpr int kPart = 16;
   alignas(64) float along[kPart];
   alignas(64) float width[kPart];
@@ -1204,21 +1204,11 @@ void levers(const LeverInput& in, const Samples& s) {
       square[l] = lever * lever;
     }
     for (int l = 0; l < kPart; l += 4) {
-      Four a;
-      Four b;
-      Four c;
-      __builtin_memcpy(&a, along + l, sizeof a);
-      __builtin_memcpy(&b, width + l, sizeof b);
-      __builtin_memcpy(&c, square + l, sizeof c);
-      const Four zero = {0.0F, 0.0F, 0.0F, 0.0F};
-      const Four ab_low = __builtin_shuffle(a, b, Places{0, 4, 1, 5});
-      const Four ab_high = __builtin_shuffle(a, b, Places{2, 6, 3, 7});
-      const Four c_low = __builtin_shuffle(c, zero, Places{0, 4, 1, 5});
-      const Four c_high = __builtin_shuffle(c, zero, Places{2, 6, 3, 7});
-      const Four records[4] = {__builtin_shuffle(ab_low, c_low, Places{0, 1, 4, 5}),
-                               __builtin_shuffle(ab_low, c_low, Places{2, 3, 6, 7}),
-                               __builtin_shuffle(ab_high, c_high, Places{0, 1, 4, 5}),
-                               __builtin_shuffle(ab_high, c_high, Places{2, 3, 6, 7})};
+      Floats4 records[4] = {};  // the last of each is not used
+      __builtin_memcpy(&records[0], along + l, sizeof(Floats4));
+      __builtin_memcpy(&records[1], width + l, sizeof(Floats4));
+      __builtin_memcpy(&records[2], square + l, sizeof(Floats4));
+      transpose(records);
       __builtin_memcpy(s.levers + 4 * (begin + l), records, sizeof records);
     }
   }
