@@ -13,25 +13,121 @@ namespace {
 
 constexpr int kLanes = 16;
 
+// As many floats as the instruction set has side by side.
+#if defined(__AVX512F__)
+constexpr int kWide = 16;
+#elif defined(__AVX2__)
+constexpr int kWide = 8;
+#else
+constexpr int kWide = 4;
+#endif
+using Wide = float __attribute__((vector_size(4 * kWide)));
+using WideInts = std::int32_t __attribute__((vector_size(4 * kWide)));
+static_assert(kLanes % kWide == 0);
+
+PENUMBRA_INLINE Wide wide(float x) {
+  return Wide{} + x;
+}
+PENUMBRA_INLINE Wide load(const float* at) {
+  Wide x;
+  __builtin_memcpy(&x, at, sizeof x);
+  return x;
+}
+PENUMBRA_INLINE void store(float* at, const Wide& x) {
+  __builtin_memcpy(at, &x, sizeof x);
+}
+PENUMBRA_INLINE Wide magnitude(const Wide& x) {
+  return reinterpret_cast<Wide>(reinterpret_cast<WideInts>(x) & 0x7FFFFFFF);
+}
+PENUMBRA_INLINE Wide square_root(const Wide& x) {
+  Wide root;
+#pragma omp simd
+  for (int l = 0; l < kWide; ++l) root[l] = __builtin_sqrtf(x[l]);
+  return root;
+}
+// x where it is less, and where it is more; a limit for what is no number. By name, as the compiler
+// has a limit that it knows go through comparisons and blends.
+PENUMBRA_INLINE Wide least(const Wide& x, const Wide& limit) {
+#if defined(__AVX512F__)
+  return _mm512_maskz_min_ps(0xFFFF, x, limit);
+#elif defined(__AVX2__)
+  return _mm256_min_ps(x, limit);
+#else
+  return x < limit ? x : limit;
+#endif
+}
+PENUMBRA_INLINE Wide most(const Wide& x, const Wide& limit) {
+#if defined(__AVX512F__)
+  return _mm512_maskz_max_ps(0xFFFF, x, limit);
+#elif defined(__AVX2__)
+  return _mm256_max_ps(x, limit);
+#else
+  return x > limit ? x : limit;
+#endif
+}
+PENUMBRA_INLINE Wide by_sign(const Wide& u, const Wide& negative, const Wide& positive) {
+  return reinterpret_cast<WideInts>(u) < 0 ? negative : positive;
+}
+
 // exp(-x) for x >= 0, relative error under 3e-7: 2^-n by the exponent bits, a polynomial for the
 // rest. Flushes to about 1e-35.
-PENUMBRA_INLINE float exp_negative(float x) {
-  const float clamped = x < 80.0F ? x : 80.0F;
-  const float scaled = clamped * -1.44269504F;
+PENUMBRA_INLINE Wide exp_negative(const Wide& x) {
+  const Wide scaled = least(x, wide(80.0F)) * -1.44269504F;
   // Adding 1.5 * 2^23 rounds to the nearest integer and leaves it in the low bits.
-  const float shifted = scaled + 12582912.0F;
-  const float n = shifted - 12582912.0F;
-  const float f = (scaled - n) * 0.69314718F;  // in [-0.35, 0.35]
-  const float p =
+  const Wide shifted = scaled + 12582912.0F;
+  const Wide n = shifted - 12582912.0F;
+  const Wide f = (scaled - n) * 0.69314718F;  // in [-0.35, 0.35]
+  const Wide p =
       1.0F +
       f * (1.0F + f * (0.5F + f * (0.16666667F +
                                    f * (0.04166667F + f * (0.00833333F + f * 0.00138889F)))));
-  int bits = 0;
-  __builtin_memcpy(&bits, &shifted, sizeof bits);
-  const int exponent = (bits - 0x4B400000 + 127) << 23;
-  float scale = 0.0F;
-  __builtin_memcpy(&scale, &exponent, sizeof scale);
-  return p * scale;
+  // Onto the exponent, which what is above the low bits falls off.
+  return reinterpret_cast<Wide>(reinterpret_cast<WideInts>(p) +
+                                (reinterpret_cast<WideInts>(shifted) << 23));
+}
+
+// Normal distribution and its density: Abramowitz and Stegun 7.1.25, error under 1.3e-5.
+PENUMBRA_INLINE Wide normal_cdf(const Wide& u, Wide& density) {
+  const Wide t = magnitude(u) * 0.70710678F;
+  const Wide e = exp_negative(t * t);
+  const Wide q = 1.0F / (1.0F + 0.47047F * t);
+  const Wide tail = 0.5F * e * q * (0.3480242F + q * (-0.0958798F + q * 0.7478556F));
+  density = 0.39894228F * e;
+  return by_sign(u, tail, 1.0F - tail);
+}
+
+// Bivariate normal distribution: product plus an integral over the correlation (Plackett), with
+// r = sin(theta), by three Gauss-Legendre nodes. d_x, d_y: derivatives.
+PENUMBRA_INLINE Wide binormal_cdf(const Wide& x, const Wide& y, const Wide& rho, const Wide& cdf_x,
+                                  const Wide& cdf_y, const Wide& density_x, const Wide& density_y,
+                                  Wide& d_x, Wide& d_y) {
+  constexpr float kNode[3] = {0.11270167F, 0.5F, 0.88729833F};
+  constexpr float kWeight[3] = {0.27777778F, 0.44444444F, 0.27777778F};
+  // asin for |rho| <= 0.95: Abramowitz and Stegun 4.4.45, error under 7e-5.
+  const Wide r = magnitude(rho);
+  const Wide arc = 1.5707288F + r * (-0.2121144F + r * (0.0742610F - r * 0.0187293F));
+  const Wide angle_abs = 1.5707963F - square_root(1.0F - r) * arc;
+  const Wide angle = by_sign(rho, -angle_abs, angle_abs);
+  const Wide squares = 0.5F * (x * x + y * y);
+  const Wide product = x * y;
+  Wide integral = {};
+#pragma GCC unroll 3
+  for (int k = 0; k < 3; ++k) {
+    const Wide theta = angle * kNode[k];
+    const Wide t2 = theta * theta;
+    // sin by its series; |theta| < 1.26
+    const Wide s =
+        theta *
+        (1.0F + t2 * (-0.16666667F + t2 * (0.00833333F + t2 * (-0.00019841F + t2 * 2.7557e-6F))));
+    const Wide inverse = 1.0F / (1.0F - s * s);
+    const Wide z = (squares - product * s) * inverse;
+    integral += kWeight[k] * exp_negative(most(z, Wide{}));
+  }
+  const Wide root = 1.0F / square_root(1.0F - rho * rho);
+  Wide unused;
+  d_x = density_x * normal_cdf((y - rho * x) * root, unused);
+  d_y = density_y * normal_cdf((x - rho * y) * root, unused);
+  return cdf_x * cdf_y + angle * 0.15915494F * integral;
 }
 
 // Four rows of four -> their columns, or back.
@@ -46,49 +142,6 @@ PENUMBRA_INLINE void transpose(Floats4 (&rows)[4]) {
   rows[1] = __builtin_shuffle(low01, low23, Places{2, 3, 6, 7});
   rows[2] = __builtin_shuffle(high01, high23, Places{0, 1, 4, 5});
   rows[3] = __builtin_shuffle(high01, high23, Places{2, 3, 6, 7});
-}
-
-// Normal distribution and its density: Abramowitz and Stegun 7.1.25, error under 1.3e-5.
-PENUMBRA_INLINE float normal_cdf(float u, float& density) {
-  const float t = __builtin_fabsf(u) * 0.70710678F;
-  const float e = exp_negative(t * t);
-  const float q = 1.0F / (1.0F + 0.47047F * t);
-  const float tail = 0.5F * e * q * (0.3480242F + q * (-0.0958798F + q * 0.7478556F));
-  density = 0.39894228F * e;
-  return u >= 0.0F ? 1.0F - tail : tail;
-}
-
-// Bivariate normal distribution: product plus an integral over the correlation (Plackett), with
-// r = sin(theta), by three Gauss-Legendre nodes. d_x, d_y: derivatives.
-PENUMBRA_INLINE float binormal_cdf(float x, float y, float rho, float cdf_x, float cdf_y,
-                                   float density_x, float density_y, float& d_x, float& d_y) {
-  constexpr float kNode[3] = {0.11270167F, 0.5F, 0.88729833F};
-  constexpr float kWeight[3] = {0.27777778F, 0.44444444F, 0.27777778F};
-  // asin for |rho| <= 0.95: Abramowitz and Stegun 4.4.45, error under 7e-5.
-  const float r = __builtin_fabsf(rho);
-  const float arc = 1.5707288F + r * (-0.2121144F + r * (0.0742610F - r * 0.0187293F));
-  const float angle_abs = 1.5707963F - __builtin_sqrtf(1.0F - r) * arc;
-  const float angle = rho < 0.0F ? -angle_abs : angle_abs;
-  const float squares = 0.5F * (x * x + y * y);
-  const float product = x * y;
-  float integral = 0.0F;
-#pragma GCC unroll 3
-  for (int k = 0; k < 3; ++k) {
-    const float theta = angle * kNode[k];
-    const float t2 = theta * theta;
-    // sin by its series; |theta| < 1.26
-    const float s =
-        theta *
-        (1.0F + t2 * (-0.16666667F + t2 * (0.00833333F + t2 * (-0.00019841F + t2 * 2.7557e-6F))));
-    const float inverse = 1.0F / (1.0F - s * s);
-    const float z = (squares - product * s) * inverse;
-    integral += kWeight[k] * exp_negative(z > 0.0F ? z : 0.0F);
-  }
-  const float root = 1.0F / __builtin_sqrtf(1.0F - rho * rho);
-  float unused = 0.0F;
-  d_x = density_x * normal_cdf((y - rho * x) * root, unused);
-  d_y = density_y * normal_cdf((x - rho * y) * root, unused);
-  return cdf_x * cdf_y + angle * 0.15915494F * integral;
 }
 
 PENUMBRA_INLINE float arc_tangent(float r) {  // of r >= 0; Abramowitz and Stegun 4.4.49
@@ -801,58 +854,67 @@ void attach(const float* ka, const float* kb, const float* coefficients, const S
 // colour that the vertex of lines i and j makes, c[4 * j + 3] that of row j's line, c[12 + i] that
 // of column i's, c[15] the colour below and left of all.
 template <int reach, bool correlated>
-PENUMBRA_INLINE float pattern(float a, float b, float ka, float kb, float rho,
-                              const float* const* c, int i, float& m_a, float& m_b) {
+PENUMBRA_INLINE Wide pattern(const Wide& a, const Wide& b, const Samples& s, int i, Wide& m_a,
+                             Wide& m_b) {
+  const float* const* const c = s.c;
+  const Wide ka = load(s.ka + i);
+  const Wide kb = load(s.kb + i);
   if constexpr (reach == 1) {
-    const float ua = ka * a;
-    const float ub = kb * b;
-    float da = 0.0F;
-    float db = 0.0F;
-    const float Fa = normal_cdf(ua, da);
-    const float Fb = normal_cdf(ub, db);
+    const Wide ua = ka * a;
+    const Wide ub = kb * b;
+    Wide da;
+    Wide db;
+    const Wide Fa = normal_cdf(ua, da);
+    const Wide Fb = normal_cdf(ub, db);
+    const Wide c1 = load(c[1] + i);
+    const Wide c2 = load(c[2] + i);
+    const Wide c3 = load(c[3] + i);
     if constexpr (correlated) {
-      float dx = 0.0F;
-      float dy = 0.0F;
-      const float Fab = binormal_cdf(ua, ub, rho, Fa, Fb, da, db, dx, dy);
-      m_a = ka * (c[1][i] * da + c[3][i] * dx);
-      m_b = kb * (c[2][i] * db + c[3][i] * dy);
-      return c[0][i] + c[1][i] * Fa + c[2][i] * Fb + c[3][i] * Fab;
+      Wide dx;
+      Wide dy;
+      const Wide Fab = binormal_cdf(ua, ub, load(s.rho + i), Fa, Fb, da, db, dx, dy);
+      m_a = ka * (c1 * da + c3 * dx);
+      m_b = kb * (c2 * db + c3 * dy);
+      return load(c[0] + i) + c1 * Fa + c2 * Fb + c3 * Fab;
     } else {
-      m_a = ka * da * (c[1][i] + c[3][i] * Fb);
-      m_b = kb * db * (c[2][i] + c[3][i] * Fa);
-      return c[0][i] + c[1][i] * Fa + Fb * (c[2][i] + c[3][i] * Fa);
+      const Wide by_b = c2 + c3 * Fa;
+      m_a = ka * da * (c1 + c3 * Fb);
+      m_b = kb * db * by_b;
+      return load(c[0] + i) + c1 * Fa + Fb * by_b;
     }
   } else {
     constexpr float kFirst = reach == 3 ? -1.0F : 0.0F;
-    float ua[reach];
-    float ub[reach];
-    float Fa[reach];
-    float Fb[reach];
-    float da[reach];
-    float db[reach];
-    float m = c[15][i];
-    m_a = 0.0F;
-    m_b = 0.0F;
+    Wide ua[reach];
+    Wide ub[reach];
+    Wide Fa[reach];
+    Wide Fb[reach];
+    Wide da[reach];
+    Wide db[reach];
+    Wide m = load(c[15] + i);
+    m_a = Wide{};
+    m_b = Wide{};
 #pragma GCC unroll 3
     for (int k = 0; k < reach; ++k) {
       ua[k] = ka * (a - (kFirst + static_cast<float>(k)));
       ub[k] = kb * (b - (kFirst + static_cast<float>(k)));
       Fa[k] = normal_cdf(ua[k], da[k]);
       Fb[k] = normal_cdf(ub[k], db[k]);
-      m += c[12 + k][i] * Fa[k] + c[4 * k + 3][i] * Fb[k];
-      m_a += c[12 + k][i] * da[k];
-      m_b += c[4 * k + 3][i] * db[k];
+      const Wide column = load(c[12 + k] + i);
+      const Wide row = load(c[4 * k + 3] + i);
+      m += column * Fa[k] + row * Fb[k];
+      m_a += column * da[k];
+      m_b += row * db[k];
     }
 #pragma GCC unroll 3
     for (int row = 0; row < reach; ++row) {
 #pragma GCC unroll 3
       for (int column = 0; column < reach; ++column) {
-        const float corner = c[4 * row + column][i];
+        const Wide corner = load(c[4 * row + column] + i);
         if constexpr (correlated) {
-          float dx = 0.0F;
-          float dy = 0.0F;
-          m += corner * binormal_cdf(ua[column], ub[row], rho, Fa[column], Fb[row], da[column],
-                                     db[row], dx, dy);
+          Wide dx;
+          Wide dy;
+          m += corner * binormal_cdf(ua[column], ub[row], load(s.rho + i), Fa[column], Fb[row],
+                                     da[column], db[row], dx, dy);
           m_a += corner * dx;
           m_b += corner * dy;
         } else {
@@ -868,118 +930,164 @@ PENUMBRA_INLINE float pattern(float a, float b, float ka, float kb, float rho,
   }
 }
 
-template <int reach, bool correlated>
-void accumulate_as(const AccumulateInput& in, const Samples& s, Sums& sums) {
-  const float* M = in.lattice_from_ray;
-  const float inverse_cz = 1.0F / in.centre[2];
+// What a block of samples puts into the sums.
+struct BlockTerms {
   alignas(64) float J[7][kBlock];  // and that of the offset, which is 1
-  alignas(64) float W[8][kBlock];
-  float* const weight = W[7];
-  alignas(64) float residual[kBlock];
-  alignas(64) float weighted[kBlock];
-  // The sums, lane by lane: 36 of H, the last of which is the weight, 8 of g, cost, base weight.
-  constexpr int kSums = 46;
-  alignas(64) float lanes[kSums][kLanes] = {};
-  float(*const H)[kLanes] = lanes;
-  float(*const g)[kLanes] = lanes + 36;
-  float* const cost = lanes[44];
-  float* const base = lanes[45];
+  alignas(64) float weight[kBlock];
+  alignas(64) float weighted[kBlock];  // residual
+};
+
+// The sums, lane by lane: 36 of H, the last of which is the weight, 8 of g, cost, base weight.
+struct LaneSums {
+  static constexpr int kSums = 46;
+  alignas(64) float lanes[kSums][kLanes];
+};
+
+// Samples l, l + 16, l + 32 and l + 48 of the block go into lane l.
+template <bool first>
+__attribute__((noinline)) void add_block(const BlockTerms& block, const float* residuals,
+                                         const float* base_weights, LaneSums& sums) {
+  constexpr int kQuarters = kBlock / kLanes;
+  static_assert(kQuarters == 4, "sums of two and two");
+#pragma GCC unroll 1
+  for (int l = 0; l < kLanes; l += kWide) {
+    int k = 0;
+    const auto add = [&](const Wide& x) {
+      float* const sum = sums.lanes[k++] + l;
+      store(sum, first ? x : load(sum) + x);
+    };
+    const auto add_product = [&](const Wide* x, const float* y) {
+      add((x[0] * load(y) + x[1] * load(y + kLanes)) +
+          (x[2] * load(y + 2 * kLanes) + x[3] * load(y + 3 * kLanes)));
+    };
+    const auto add_sum = [&](const Wide* x) { add((x[0] + x[1]) + (x[2] + x[3])); };
+    Wide x[kQuarters];
+#pragma GCC unroll 7
+    for (int p = 0; p < 7; ++p) {
+      // A row's products with the weight stay in registers.
+#pragma GCC unroll 4
+      for (int n = 0; n < kQuarters; ++n)
+        x[n] = load(block.weight + l + n * kLanes) * load(block.J[p] + l + n * kLanes);
+#pragma GCC unroll 7
+      for (int q = p; q < 7; ++q) add_product(x, block.J[q] + l);
+      add_sum(x);
+    }
+    const auto load_all = [&](const float* at) {
+#pragma GCC unroll 4
+      for (int n = 0; n < kQuarters; ++n) x[n] = load(at + l + n * kLanes);
+    };
+    load_all(block.weight);
+    add_sum(x);
+    load_all(block.weighted);
+#pragma GCC unroll 7
+    for (int p = 0; p < 7; ++p) add_product(x, block.J[p] + l);
+    add_sum(x);
+    add_product(x, residuals + l);
+    load_all(base_weights);
+    add_sum(x);
+  }
+}
+
+// Four floats as doubles. The compiler's own way to them is twice two.
+using Doubles4 = double __attribute__((vector_size(32)));
+PENUMBRA_INLINE void load(const float* at, Doubles4& four) {
+#if defined(__AVX2__)
+  four = _mm256_cvtps_pd(_mm_loadu_ps(at));
+#else
+  Floats4 floats;
+  __builtin_memcpy(&floats, at, sizeof floats);
+  four = __builtin_convertvector(floats, Doubles4);
+#endif
+}
+
+// In double, by halves: with a block or two of samples this is as much work as the samples are.
+// `count` is even.
+PENUMBRA_INLINE void add_lanes(const float (*lanes)[kLanes], int count, double* sums) {
+  static_assert(kLanes == 16, "four halvings");
+  using Two = double __attribute__((vector_size(16)));
+  using Places = long long __attribute__((vector_size(16)));
+#pragma GCC unroll 1
+  for (int k = 0; k < count; k += 2) {
+    Two halves[2];
+#pragma GCC unroll 2
+    for (int i = 0; i < 2; ++i) {
+      Doubles4 part[4];
+#pragma GCC unroll 4
+      for (int n = 0; n < 4; ++n) load(lanes[k + i] + 4 * n, part[n]);
+      const Doubles4 quarters = (part[0] + part[2]) + (part[1] + part[3]);
+      const Two low = {quarters[0], quarters[1]};
+      const Two high = {quarters[2], quarters[3]};
+      halves[i] = low + high;
+    }
+    const Two both = __builtin_shuffle(halves[0], halves[1], Places{0, 2}) +
+                     __builtin_shuffle(halves[0], halves[1], Places{1, 3});
+    __builtin_memcpy(sums + k, &both, sizeof both);
+  }
+}
+
+__attribute__((noinline)) void add_lanes(const LaneSums& from, Sums& sums) {
+  double last[2];
+  add_lanes(from.lanes, 36, sums.H);
+  add_lanes(from.lanes + 36, 8, sums.g);
+  add_lanes(from.lanes + 44, 2, last);
+  sums.cost = last[0];
+  sums.weight = sums.H[35];
+  sums.base_weight = last[1];
+}
+
+template <int reach, bool correlated>
+void accumulate_as(const AccumulateInput& in, const Samples& samples, Sums& sums) {
+  // Copies, which the floats that are written are not.
+  const Samples s = samples;
+  const AccumulateInput input = in;
+  const float* const M = input.lattice_from_ray;
+  const float inverse_cz = 1.0F / input.centre[2];
+  const float gain = input.gain;
+  BlockTerms block;
+  LaneSums lanes;
   for (int start = 0; start < s.count; start += kBlock) {
-#pragma omp simd
-    for (int l = 0; l < kBlock; ++l) {
+#pragma GCC unroll 1
+    for (int l = 0; l < kBlock; l += kWide) {
       const int i = start + l;
-      const float x = s.ray_x[i];
-      const float y = s.ray_y[i];
-      const float A = M[0] * x + M[1] * y + M[2];
-      const float B = M[3] * x + M[4] * y + M[5];
-      const float S = M[6] * x + M[7] * y + M[8];
-      const float inverse_s = 1.0F / S;
-      const float a = A * inverse_s;
-      const float b = B * inverse_s;
-      float m_a = 0.0F;
-      float m_b = 0.0F;
-      const float m =
-          pattern<reach, correlated>(a - s.va[i], b - s.vb[i], s.ka[i], s.kb[i], s.rho[i],
-                                     static_cast<const float* const*>(s.c), i, m_a, m_b);
-      const float r = s.value[i] - (in.gain * m + in.offset);
-      const float t = r * in.inverse_cutoff;
-      const float inside = 1.0F - t * t;
-      const float tukey = inside > 0.0F ? inside * inside : 0.0F;
-      const float w = s.weight[i] * tukey;
+      const Wide x = load(s.ray_x + i);
+      const Wide y = load(s.ray_y + i);
+      const Wide A = M[0] * x + M[1] * y + M[2];
+      const Wide B = M[3] * x + M[4] * y + M[5];
+      const Wide S = M[6] * x + M[7] * y + M[8];
+      const Wide inverse_s = 1.0F / S;
+      const Wide a = A * inverse_s;
+      const Wide b = B * inverse_s;
+      Wide m_a;
+      Wide m_b;
+      const Wide m = pattern<reach, correlated>(a - load(s.va + i), b - load(s.vb + i), s, i, m_a,
+                                                m_b);
+      const Wide r = load(s.value + i) - (gain * m + input.offset);
+      const Wide t = r * input.inverse_cutoff;
+      const Wide inside = most(1.0F - t * t, Wide{});
+      const Wide w = load(s.weight + i) * (inside * inside);
       // A tag that moves by (nu, omega) carries its pattern along; along the fixed ray a changes by
       // -(1, 0, qa, qa b, -qa a, -b) . (nu, omega), and b alike.
-      const float qa = (a - in.centre[0]) * inverse_cz;
-      const float qb = (b - in.centre[1]) * inverse_cz;
-      const float ja = -in.gain * m_a;
-      const float jb = -in.gain * m_b;
-      const float jz = ja * qa + jb * qb;
-      J[0][l] = ja;
-      J[1][l] = jb;
-      J[2][l] = jz;
-      J[3][l] = jz * b;
-      J[4][l] = -jz * a;
-      J[5][l] = jb * a - ja * b;
-      J[6][l] = m;
-      weight[l] = w;
-      residual[l] = r;
-      s.residual[i] = r;
-      weighted[l] = w * r;
+      const Wide qa = (a - input.centre[0]) * inverse_cz;
+      const Wide qb = (b - input.centre[1]) * inverse_cz;
+      const Wide ja = -gain * m_a;
+      const Wide jb = -gain * m_b;
+      const Wide jz = ja * qa + jb * qb;
+      store(block.J[0] + l, ja);
+      store(block.J[1] + l, jb);
+      store(block.J[2] + l, jz);
+      store(block.J[3] + l, jz * b);
+      store(block.J[4] + l, -jz * a);
+      store(block.J[5] + l, jb * a - ja * b);
+      store(block.J[6] + l, m);
+      store(block.weight + l, w);
+      store(block.weighted + l, w * r);
+      store(s.residual + i, r);
     }
-    for (int p = 0; p < 7; ++p) {
-#pragma omp simd
-      for (int l = 0; l < kBlock; ++l) W[p][l] = weight[l] * J[p][l];
-    }
-    int k = 0;
-    for (int p = 0; p < 8; ++p) {
-      for (int q = p; q < 7; ++q, ++k) {
-#pragma omp simd
-        for (int l = 0; l < kLanes; ++l) {
-          H[k][l] += (W[p][l] * J[q][l] + W[p][l + kLanes] * J[q][l + kLanes]) +
-                     (W[p][l + 2 * kLanes] * J[q][l + 2 * kLanes] +
-                      W[p][l + 3 * kLanes] * J[q][l + 3 * kLanes]);
-        }
-      }
-#pragma omp simd
-      for (int l = 0; l < kLanes; ++l)
-        H[k][l] += (W[p][l] + W[p][l + kLanes]) + (W[p][l + 2 * kLanes] + W[p][l + 3 * kLanes]);
-      ++k;
-    }
-    for (int p = 0; p < 7; ++p) {
-#pragma omp simd
-      for (int l = 0; l < kLanes; ++l) {
-        g[p][l] += (J[p][l] * weighted[l] + J[p][l + kLanes] * weighted[l + kLanes]) +
-                   (J[p][l + 2 * kLanes] * weighted[l + 2 * kLanes] +
-                    J[p][l + 3 * kLanes] * weighted[l + 3 * kLanes]);
-      }
-    }
-#pragma omp simd
-    for (int l = 0; l < kLanes; ++l) {
-      g[7][l] += (weighted[l] + weighted[l + kLanes]) +
-                 (weighted[l + 2 * kLanes] + weighted[l + 3 * kLanes]);
-      cost[l] += (weighted[l] * residual[l] + weighted[l + kLanes] * residual[l + kLanes]) +
-                 (weighted[l + 2 * kLanes] * residual[l + 2 * kLanes] +
-                  weighted[l + 3 * kLanes] * residual[l + 3 * kLanes]);
-      base[l] += (s.weight[start + l] + s.weight[start + l + kLanes]) +
-                 (s.weight[start + l + 2 * kLanes] + s.weight[start + l + 3 * kLanes]);
-    }
+    start == 0 ? add_block<true>(block, s.residual, s.weight, lanes)
+               : add_block<false>(block, s.residual + start, s.weight + start, lanes);
   }
-  // In double, by halves: with a block or two of samples this is as much work as the samples are.
-  static_assert(kLanes == 16, "four halvings");
-  alignas(64) double sum[kSums];
-  for (int k = 0; k < kSums; ++k) {
-    alignas(64) double part[kLanes / 2];
-#pragma omp simd
-    for (int l = 0; l < kLanes / 2; ++l)
-      part[l] = static_cast<double>(lanes[k][l]) + static_cast<double>(lanes[k][l + kLanes / 2]);
-#pragma omp simd
-    for (int l = 0; l < kLanes / 4; ++l) part[l] += part[l + kLanes / 4];
-    sum[k] = (part[0] + part[2]) + (part[1] + part[3]);
-  }
-  __builtin_memcpy(sums.H, sum, sizeof sums.H);
-  __builtin_memcpy(sums.g, sum + 36, sizeof sums.g);
-  sums.cost = sum[44];
-  sums.weight = sum[35];
-  sums.base_weight = sum[45];
+  if (s.count == 0) lanes = {};
+  add_lanes(lanes, sums);
 }
 
 // Four doubles side by side: of four tags.
@@ -1217,17 +1325,17 @@ void levers(const LeverInput& in, const Samples& s) {
 template <int reach, bool correlated>
 void evaluate_as(const AccumulateInput& in, const Samples& s) {
   const float* M = in.lattice_from_ray;
-#pragma omp simd
-  for (int i = 0; i < s.count; ++i) {
-    const float x = s.ray_x[i];
-    const float y = s.ray_y[i];
-    const float inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
-    const float a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
-    const float b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
-    float m_a = 0.0F;
-    float m_b = 0.0F;
-    s.model[i] = pattern<reach, correlated>(a - s.va[i], b - s.vb[i], s.ka[i], s.kb[i], s.rho[i],
-                                            static_cast<const float* const*>(s.c), i, m_a, m_b);
+#pragma GCC unroll 1
+  for (int i = 0; i < s.count; i += kWide) {
+    const Wide x = load(s.ray_x + i);
+    const Wide y = load(s.ray_y + i);
+    const Wide inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
+    const Wide a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
+    const Wide b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
+    Wide m_a;
+    Wide m_b;
+    store(s.model + i, pattern<reach, correlated>(a - load(s.va + i), b - load(s.vb + i), s, i,
+                                                  m_a, m_b));
   }
 }
 
