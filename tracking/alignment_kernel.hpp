@@ -68,8 +68,8 @@ struct Samples {
   float* c[16] = {};
   float* model = nullptr;     // out of evaluate: the pattern's blurred value, 0 black to 1 white
   float* residual = nullptr;  // out of accumulate
-  // Out of levers, four numbers for each sample: its lever times its residual, times its slope,
-  // squared, and nothing.
+  // Out of levers: of each sample, one behind the other, its lever times its residual and times its
+  // slope; and after those of all `count` its lever squared, of each.
   float* levers = nullptr;
 };
 

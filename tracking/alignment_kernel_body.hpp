@@ -69,6 +69,19 @@ PENUMBRA_INLINE Wide by_sign(const Wide& u, const Wide& negative, const Wide& po
   return reinterpret_cast<WideInts>(u) < 0 ? negative : positive;
 }
 
+// x0 y0 x1 y1 ..., as twice as many floats.
+PENUMBRA_INLINE void store_pairs(float* at, const Wide& x, const Wide& y) {
+#if defined(__AVX512F__)
+  constexpr WideInts kLow = {0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23};
+#elif defined(__AVX2__)
+  constexpr WideInts kLow = {0, 8, 1, 9, 2, 10, 3, 11};
+#else
+  constexpr WideInts kLow = {0, 4, 1, 5};
+#endif
+  store(at, __builtin_shuffle(x, y, kLow));
+  store(at + kWide, __builtin_shuffle(x, y, kLow + kWide / 2));
+}
+
 // exp(-x) for x >= 0, relative error under 3e-7: 2^-n by the exponent bits, a polynomial for the
 // rest. Flushes to about 1e-35.
 PENUMBRA_INLINE Wide exp_negative(const Wide& x) {
@@ -1291,34 +1304,24 @@ void follow(const CameraStep& step, TagPack* packs, int count) {
 }
 
 void levers(const LeverInput& in, const Samples& s) {
-  constexpr int kPart = 16;
-  alignas(64) float along[kPart];
-  alignas(64) float width[kPart];
-  alignas(64) float square[kPart];
-  for (int begin = 0; begin < s.count; begin += kPart) {
-#pragma omp simd
-    for (int l = 0; l < kPart; ++l) {
-      const int i = begin + l;
-      const float r = s.residual[i] * in.inverse_gain;
-      const float m = (s.value[i] - in.offset) * in.inverse_gain - r;
-      const float t = r * in.inverse_limit;
-      const float left = 1.0F - t * t;
-      const float inside = left > 0.0F ? left : 0.0F;
-      const float rise = m * (1.0F - m);  // of a blurred edge, nearly
-      const float slope = rise > 0.0F ? rise : 0.0F;
-      const float lever = slope * inside * inside;
-      along[l] = lever * r;
-      width[l] = lever * slope;
-      square[l] = lever * lever;
-    }
-    for (int l = 0; l < kPart; l += 4) {
-      Floats4 records[4] = {};  // the last of each is not used
-      __builtin_memcpy(&records[0], along + l, sizeof(Floats4));
-      __builtin_memcpy(&records[1], width + l, sizeof(Floats4));
-      __builtin_memcpy(&records[2], square + l, sizeof(Floats4));
-      transpose(records);
-      __builtin_memcpy(s.levers + 4 * (begin + l), records, sizeof records);
-    }
+  const float inverse_gain = in.inverse_gain;
+  const float offset = in.offset;
+  const float inverse_limit = in.inverse_limit;
+  const int count = s.count;
+  const float* const __restrict residual = s.residual;
+  const float* const __restrict value = s.value;
+  float* const __restrict pairs = s.levers;
+  float* const __restrict squares = s.levers + 2 * static_cast<std::ptrdiff_t>(count);
+#pragma GCC unroll 1
+  for (int i = 0; i < count; i += kWide) {
+    const Wide r = load(residual + i) * inverse_gain;
+    const Wide m = (load(value + i) - offset) * inverse_gain - r;
+    const Wide t = r * inverse_limit;
+    const Wide inside = most(1.0F - t * t, Wide{});
+    const Wide slope = most(m * (1.0F - m), Wide{});  // of a blurred edge, nearly
+    const Wide lever = slope * inside * inside;
+    store_pairs(pairs + 2 * static_cast<std::ptrdiff_t>(i), lever * r, lever * slope);
+    store(squares + i, lever * lever);
   }
 }
 

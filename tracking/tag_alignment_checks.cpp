@@ -12,7 +12,8 @@
 namespace penumbra {
 namespace {
 
-using Four = float __attribute__((vector_size(16)));
+using Two = double __attribute__((vector_size(16)));
+using Pair = float __attribute__((vector_size(8), may_alias));
 
 }  // namespace
 
@@ -73,7 +74,9 @@ void TagAligner::Impl::measure_noise() {
 // of the tag's two directions.
 double TagAligner::Impl::design_effect(double cutoff) {
   struct Direction {  // edges along b, and along a
-    double s = 0.0, q = 0.0, ss = 0.0, sq = 0.0, qq = 0.0;
+    Two sums{};     // of s and q
+    Two squares{};  // of ss and qq
+    double products = 0.0;
   };
   std::array<Direction, 2> directions;
   double expected = 0.0;
@@ -85,12 +88,14 @@ double TagAligner::Impl::design_effect(double cutoff) {
     if (tag->used < 16 || !(tag->gain > 1.5)) continue;
     parameters += 2;
     kernel::Samples s = tag->samples;
-    s.levers = arena.lend(4 * static_cast<std::size_t>(s.count));
+    s.levers = arena.lend(3 * static_cast<std::size_t>(s.count));
     kernel::LeverInput in;
     in.inverse_gain = static_cast<float>(1.0 / tag->gain);
     in.offset = static_cast<float>(tag->offset);
     in.inverse_limit = inverse_limit;
     kernel->levers(in, s);
+    const auto* const pairs = reinterpret_cast<const Pair*>(s.levers);
+    const float* const squares = s.levers + 2 * static_cast<std::ptrdiff_t>(s.count);
     double tag_expected = 0.0;
     int begin = 0;
     const std::int32_t* const step_run = tag->step_run.data();
@@ -100,28 +105,21 @@ double TagAligner::Impl::design_effect(double cutoff) {
       while (k < steps && step_run[k] == run) ++k;
       const int end = tag->step_end[static_cast<std::size_t>(k - 1)];
       const bool vertical = tag->runs[static_cast<std::size_t>(run)].vertical;
-      const float* const stop = s.levers + 4 * end;
-      Four sums{};
-#pragma GCC unroll 4
-      for (const float* at = s.levers + 4 * begin; at != stop; at += 4) {
-        Four lever;
-        std::memcpy(&lever, at, sizeof lever);
-        sums += lever;
+      Pair sums{};
+      float square_sum = 0.0F;
+#pragma GCC unroll 2
+      for (int i = begin; i < end; ++i) {
+        sums += pairs[i];
+        square_sum += squares[i];
       }
-      const float along = sums[0];
-      const float width = sums[1];
-      const float squares = sums[2];
       begin = end;
-      if (!(squares > 0.0F)) continue;
-      const auto S = static_cast<double>(along);
-      const auto Q = static_cast<double>(width);
+      if (!(square_sum > 0.0F)) continue;
+      const Two both = __builtin_convertvector(sums, Two);
       Direction& direction = directions[vertical ? 0 : 1];
-      direction.s += S;
-      direction.q += Q;
-      direction.ss += S * S;
-      direction.sq += S * Q;
-      direction.qq += Q * Q;
-      tag_expected += static_cast<double>(squares);
+      direction.sums += both;
+      direction.squares += both * both;
+      direction.products += both[0] * both[1];
+      tag_expected += static_cast<double>(square_sum);
       ++runs;
     }
     expected += tag_expected * variance / (tag->gain * tag->gain);
@@ -130,9 +128,9 @@ double TagAligner::Impl::design_effect(double cutoff) {
   if (free < 4 || !(expected > 0.0)) return 1.0;
   double found = 0.0;
   for (const Direction& d : directions) {
-    if (!(d.q > 0.0)) continue;
-    const double widening = d.s / d.q;
-    found += d.ss - 2.0 * widening * d.sq + widening * widening * d.qq;
+    if (!(d.sums[1] > 0.0)) continue;
+    const double widening = d.sums[0] / d.sums[1];
+    found += d.squares[0] - 2.0 * widening * d.products + widening * widening * d.squares[1];
   }
   return std::max(found, 0.0) / expected * runs / free;
 }
