@@ -32,7 +32,8 @@ struct Blur {
 };
 
 // Lattice points (a, b) -> ray, pixel, depth (<= 0: behind the camera or beyond the lens model),
-// and the blur there. ka, kb: 1 / sigma along a and b [1/cells]; rho: their correlation.
+// and the blur there. ka, kb: 1 / sigma along a and b [1/cells]; rho: their correlation. Null: rho
+// where it is not asked for; rays, ka, kb and rho where pixels and depths alone are.
 struct Vertices {
   int count = 0;  // multiple of 16
   const float* a = nullptr;

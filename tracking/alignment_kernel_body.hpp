@@ -39,6 +39,9 @@ PENUMBRA_INLINE void store(float* at, const Wide& x) {
 PENUMBRA_INLINE Wide magnitude(const Wide& x) {
   return reinterpret_cast<Wide>(reinterpret_cast<WideInts>(x) & 0x7FFFFFFF);
 }
+PENUMBRA_INLINE float square_root(float x) {
+  return __builtin_sqrtf(x);
+}
 PENUMBRA_INLINE Wide square_root(const Wide& x) {
   Wide root;
 #pragma omp simd
@@ -157,12 +160,13 @@ PENUMBRA_INLINE void transpose(Floats4 (&rows)[4]) {
   rows[3] = __builtin_shuffle(high01, high23, Places{2, 3, 6, 7});
 }
 
-PENUMBRA_INLINE float arc_tangent(float r) {  // of r >= 0; Abramowitz and Stegun 4.4.49
-  const bool large = r > 1.0F;
-  const float x = large ? 1.0F / r : r;
-  const float z = x * x;
-  float p = 0.0028662257F;
-  p = p * z - 0.0161657367F;
+// In what follows a Value is a float or a Wide.
+template <class Value>
+PENUMBRA_INLINE Value arc_tangent(const Value& r) {  // of r >= 0; Abramowitz and Stegun 4.4.49
+  const auto large = r > 1.0F;
+  const Value x = large ? 1.0F / r : r;
+  const Value z = x * x;
+  Value p = z * 0.0028662257F - 0.0161657367F;
   p = p * z + 0.0429096138F;
   p = p * z - 0.0752896400F;
   p = p * z + 0.1065626393F;
@@ -174,42 +178,43 @@ PENUMBRA_INLINE float arc_tangent(float r) {  // of r >= 0; Abramowitz and Stegu
 }
 
 // Distorted coordinates and their derivative (see core/camera_model.hpp).
-template <Lens::Kind kind>
-PENUMBRA_INLINE void distort(const Lens& lens, float x, float y, float& xd, float& yd, float& j00,
-                             float& j01, float& j11) {
-  const float r2 = x * x + y * y;
+template <Lens::Kind kind, class Value>
+PENUMBRA_INLINE void distort(const Lens& lens, const Value& x, const Value& y, Value& xd, Value& yd,
+                             Value& j00, Value& j01, Value& j11) {
+  const Value r2 = x * x + y * y;
   const float* k = lens.k;
   if constexpr (kind == Lens::Kind::none) {
     xd = x;
     yd = y;
-    j00 = 1.0F;
-    j01 = 0.0F;
-    j11 = 1.0F;
+    j00 = Value{} + 1.0F;
+    j01 = Value{};
+    j11 = Value{} + 1.0F;
   } else if constexpr (kind != Lens::Kind::fisheye) {
-    float radial = 1.0F + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
-    float d_radial = k[0] + r2 * (2.0F * k[1] + r2 * 3.0F * k[4]);
+    Value radial = 1.0F + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
+    Value d_radial = k[0] + r2 * (2.0F * k[1] + r2 * 3.0F * k[4]);
     if constexpr (kind == Lens::Kind::rational) {
-      const float inverse = 1.0F / (1.0F + r2 * (k[5] + r2 * (k[6] + r2 * k[7])));
-      const float d_denominator = k[5] + r2 * (2.0F * k[6] + r2 * 3.0F * k[7]);
+      const Value inverse = 1.0F / (1.0F + r2 * (k[5] + r2 * (k[6] + r2 * k[7])));
+      const Value d_denominator = k[5] + r2 * (2.0F * k[6] + r2 * 3.0F * k[7]);
       radial *= inverse;
       d_radial = (d_radial - radial * d_denominator) * inverse;
     }
-    const float xy2 = 2.0F * x * y;
+    const Value xy2 = 2.0F * x * y;
     xd = x * radial + k[2] * xy2 + k[3] * (r2 + 2.0F * x * x);
     yd = y * radial + k[2] * (r2 + 2.0F * y * y) + k[3] * xy2;
     j00 = radial + 2.0F * x * x * d_radial + 2.0F * k[2] * y + 6.0F * k[3] * x;
     j01 = xy2 * d_radial + 2.0F * (k[2] * x + k[3] * y);
     j11 = radial + 2.0F * y * y * d_radial + 6.0F * k[2] * y + 2.0F * k[3] * x;
   } else {
-    const float r2_safe = r2 > 1e-8F ? r2 : 1e-8F;
-    const float r = __builtin_sqrtf(r2_safe);
-    const float t = arc_tangent(r);
-    const float t2 = t * t;
-    const float theta_d = t * (1.0F + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))));
-    const float d_theta_d =
+    const Value least2 = Value{} + 1e-8F;
+    const Value r2_safe = r2 > least2 ? r2 : least2;
+    const Value r = square_root(r2_safe);
+    const Value t = arc_tangent(r);
+    const Value t2 = t * t;
+    const Value theta_d = t * (1.0F + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))));
+    const Value d_theta_d =
         1.0F + t2 * (3.0F * k[0] + t2 * (5.0F * k[1] + t2 * (7.0F * k[2] + t2 * 9.0F * k[3])));
-    const float scale = theta_d / r;
-    const float d_scale = (d_theta_d / (1.0F + r2_safe) - scale) / r2_safe;
+    const Value scale = theta_d / r;
+    const Value d_scale = (d_theta_d / (1.0F + r2_safe) - scale) / r2_safe;
     xd = scale * x;
     yd = scale * y;
     j00 = scale + d_scale * x * x;
@@ -218,9 +223,26 @@ PENUMBRA_INLINE void distort(const Lens& lens, float x, float y, float& xd, floa
   }
 }
 
-template <Lens::Kind kind>
-void project_as(const Lens& lens, const Blur& blur, const float* M, const float* N,
-                const Vertices& v) {
+// What is wanted of vertices.
+enum class Wanted {
+  places,           // pixels and depths
+  spread,           // rays and blur too, of a blur that goes no way between the axes
+  slanting_spread,  // of any
+  correlation,      // and that of the blur along the lattice's directions
+};
+
+template <Lens::Kind kind, Wanted wanted>
+void project_as(const Lens& lens_in, const Blur& blur, const float* M_in, const float* N_in,
+                const Vertices& v_in) {
+  // Copies, which the floats that are written are not.
+  const Lens lens = lens_in;
+  const Vertices v = v_in;
+  float M[9];
+  float N[9];
+  for (int k = 0; k < 9; ++k) {
+    M[k] = M_in[k];
+    N[k] = N_in[k];
+  }
   const float inverse_fx = 1.0F / lens.fx;
   const float inverse_fy = 1.0F / lens.fy;
   const float mxx = blur.motion_x_px * blur.motion_x_px * (1.0F / 12.0F);
@@ -228,50 +250,83 @@ void project_as(const Lens& lens, const Blur& blur, const float* M, const float*
   const float myy = blur.motion_y_px * blur.motion_y_px * (1.0F / 12.0F);
   const float cxx = blur.variance_px2 + mxx;
   const float cyy = blur.variance_px2 + myy;
-#pragma omp simd
-  for (int i = 0; i < v.count; ++i) {
-    const float a = v.a[i];
-    const float b = v.b[i];
-    const float X = M[0] * a + M[1] * b + M[2];
-    const float Y = M[3] * a + M[4] * b + M[5];
-    const float Z = M[6] * a + M[7] * b + M[8];
-    const float inverse = 1.0F / (Z > 1e-9F ? Z : 1e-9F);
-    const float x = X * inverse;
-    const float y = Y * inverse;
-    float xd = 0.0F;
-    float yd = 0.0F;
-    float j00 = 0.0F;
-    float j01 = 0.0F;
-    float j11 = 0.0F;
+#pragma GCC unroll 1
+  for (int i = 0; i < v.count; i += kWide) {
+    const Wide a = load(v.a + i);
+    const Wide b = load(v.b + i);
+    const Wide X = M[0] * a + M[1] * b + M[2];
+    const Wide Y = M[3] * a + M[4] * b + M[5];
+    const Wide Z = M[6] * a + M[7] * b + M[8];
+    const Wide inverse = 1.0F / most(Z, wide(1e-9F));
+    const Wide x = X * inverse;
+    const Wide y = Y * inverse;
+    Wide xd;
+    Wide yd;
+    Wide j00;
+    Wide j01;
+    Wide j11;
     distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
-    v.ray_x[i] = x;
-    v.ray_y[i] = y;
-    v.pixel_x[i] = lens.fx * xd + lens.cx;
-    v.pixel_y[i] = lens.fy * yd + lens.cy;
-    v.depth[i] = x * x + y * y < lens.max_radius2 ? Z : -1.0F;
-    const float inverse_det = 1.0F / (j00 * j11 - j01 * j01);
-    const float i00 = j11 * inverse_det;
-    const float i01 = -j01 * inverse_det;
-    const float i11 = j00 * inverse_det;
+    store(v.pixel_x + i, lens.fx * xd + lens.cx);
+    store(v.pixel_y + i, lens.fy * yd + lens.cy);
+    store(v.depth + i, x * x + y * y < lens.max_radius2 ? Z : wide(-1.0F));
+    if constexpr (wanted == Wanted::places) continue;
+    store(v.ray_x + i, x);
+    store(v.ray_y + i, y);
     // d(a, b) / d ray, then by the pixel
-    const float inverse_s = 1.0F / (N[6] * x + N[7] * y + N[8]);
-    const float ax = (N[0] - a * N[6]) * inverse_s;
-    const float ay = (N[1] - a * N[7]) * inverse_s;
-    const float bx = (N[3] - b * N[6]) * inverse_s;
-    const float by = (N[4] - b * N[7]) * inverse_s;
-    const float au = (ax * i00 + ay * i01) * inverse_fx;
-    const float av = (ax * i01 + ay * i11) * inverse_fy;
-    const float bu = (bx * i00 + by * i01) * inverse_fx;
-    const float bv = (bx * i01 + by * i11) * inverse_fy;
-    const float var_a = au * au * cxx + 2.0F * au * av * mxy + av * av * cyy;
-    const float var_b = bu * bu * cxx + 2.0F * bu * bv * mxy + bv * bv * cyy;
-    const float cov = au * bu * cxx + (au * bv + av * bu) * mxy + av * bv * cyy;
-    const float ka = 1.0F / __builtin_sqrtf(var_a);
-    const float kb = 1.0F / __builtin_sqrtf(var_b);
-    const float rho = cov * ka * kb;
-    v.ka[i] = ka;
-    v.kb[i] = kb;
-    v.rho[i] = rho > 0.95F ? 0.95F : rho < -0.95F ? -0.95F : rho;
+    const Wide inverse_s = 1.0F / (N[6] * x + N[7] * y + N[8]);
+    const Wide ax = (N[0] - a * N[6]) * inverse_s;
+    const Wide ay = (N[1] - a * N[7]) * inverse_s;
+    const Wide bx = (N[3] - b * N[6]) * inverse_s;
+    const Wide by = (N[4] - b * N[7]) * inverse_s;
+    Wide au = ax;
+    Wide av = ay;
+    Wide bu = bx;
+    Wide bv = by;
+    if constexpr (kind != Lens::Kind::none) {
+      const Wide inverse_det = 1.0F / (j00 * j11 - j01 * j01);
+      const Wide i00 = j11 * inverse_det;
+      const Wide i01 = -j01 * inverse_det;
+      const Wide i11 = j00 * inverse_det;
+      au = ax * i00 + ay * i01;
+      av = ax * i01 + ay * i11;
+      bu = bx * i00 + by * i01;
+      bv = bx * i01 + by * i11;
+    }
+    au *= inverse_fx;
+    av *= inverse_fy;
+    bu *= inverse_fx;
+    bv *= inverse_fy;
+    constexpr bool kSlanting = wanted != Wanted::spread;
+    Wide var_a = au * au * cxx;
+    Wide var_b = bu * bu * cxx;
+    if constexpr (kSlanting) {
+      var_a += 2.0F * au * av * mxy;
+      var_b += 2.0F * bu * bv * mxy;
+    }
+    var_a += av * av * cyy;
+    var_b += bv * bv * cyy;
+    const Wide ka = 1.0F / square_root(var_a);
+    const Wide kb = 1.0F / square_root(var_b);
+    store(v.ka + i, ka);
+    store(v.kb + i, kb);
+    if constexpr (wanted == Wanted::correlation) {
+      const Wide cov = au * bu * cxx + (au * bv + av * bu) * mxy + av * bv * cyy;
+      store(v.rho + i, most(least(cov * ka * kb, wide(0.95F)), wide(-0.95F)));
+    }
+  }
+}
+
+template <Lens::Kind kind>
+void project_of(const Lens& lens, const Blur& blur, const float* M, const float* N,
+                const Vertices& v) {
+  if (v.ka == nullptr) {
+    project_as<kind, Wanted::places>(lens, blur, M, N, v);
+  } else if (v.rho != nullptr) {
+    project_as<kind, Wanted::correlation>(lens, blur, M, N, v);
+  } else if (blur.motion_x_px * blur.motion_y_px != 0.0F) {
+    project_as<kind, Wanted::slanting_spread>(lens, blur, M, N, v);
+  } else {
+    project_as<kind, Wanted::spread>(lens, blur, M, N, v);
   }
 }
 
@@ -745,55 +800,61 @@ void read(const std::uint8_t* pixels, const float* levels, int used, const Sampl
 }
 
 template <Lens::Kind kind>
-void prepare_as(const Lens& lens, const float* M, int reach, int side, const Samples& s) {
-  const auto last = static_cast<float>(side - 1);
+void prepare_as(const Lens& lens_in, const float* M_in, int reach, int side,
+                const Samples& samples) {
+  // Copies, which the floats that are written are not.
+  const Lens lens = lens_in;
+  const Samples s = samples;
+  float M[9];
+  for (int k = 0; k < 9; ++k) M[k] = M_in[k];
+  const Wide last = wide(static_cast<float>(side - 1));
   const float anchor_shift = reach == 2 ? 0.5F : 0.0F;
   const float inverse_fx = 1.0F / lens.fx;
   const float inverse_fy = 1.0F / lens.fy;
-#pragma omp simd
-  for (int i = 0; i < s.count; ++i) {
-    const float target_x = (s.pixel_x[i] - lens.cx) * inverse_fx;
-    const float target_y = (s.pixel_y[i] - lens.cy) * inverse_fy;
-    float x = target_x;
-    float y = target_y;
+#pragma GCC unroll 1
+  for (int i = 0; i < s.count; i += kWide) {
+    const Wide target_x = (load(s.pixel_x + i) - lens.cx) * inverse_fx;
+    const Wide target_y = (load(s.pixel_y + i) - lens.cy) * inverse_fy;
+    Wide x = target_x;
+    Wide y = target_y;
     if constexpr (kind != Lens::Kind::none) {
       // Newton from a guess a few pixels off; the second step, with the first one's derivative,
       // brings it to float precision.
-      float xd = 0.0F;
-      float yd = 0.0F;
-      float j00 = 0.0F;
-      float j01 = 0.0F;
-      float j11 = 0.0F;
-      x = s.ray_x[i];
-      y = s.ray_y[i];
+      Wide xd;
+      Wide yd;
+      Wide j00;
+      Wide j01;
+      Wide j11;
+      x = load(s.ray_x + i);
+      y = load(s.ray_y + i);
       distort<kind>(lens, x, y, xd, yd, j00, j01, j11);
-      const float inverse_det = 1.0F / (j00 * j11 - j01 * j01);
-      float ex = target_x - xd;
-      float ey = target_y - yd;
+      const Wide inverse_det = 1.0F / (j00 * j11 - j01 * j01);
+      Wide ex = target_x - xd;
+      Wide ey = target_y - yd;
       x += (j11 * ex - j01 * ey) * inverse_det;
       y += (j00 * ey - j01 * ex) * inverse_det;
-      float u00 = 0.0F;
-      float u01 = 0.0F;
-      float u11 = 0.0F;
+      Wide u00;
+      Wide u01;
+      Wide u11;
       distort<kind>(lens, x, y, xd, yd, u00, u01, u11);
       ex = target_x - xd;
       ey = target_y - yd;
       x += (j11 * ex - j01 * ey) * inverse_det;
       y += (j00 * ey - j01 * ex) * inverse_det;
     }
-    const float inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
-    const float a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
-    const float b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
-    s.ray_x[i] = x;
-    s.ray_y[i] = y;
+    const Wide inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
+    const Wide a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
+    const Wide b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
+    store(s.ray_x + i, x);
+    store(s.ray_y + i, y);
     // The nearest vertex, or the one below and left of it (adding 1.5 * 2^23 rounds).
-    const float va = ((a - anchor_shift) + 12582912.0F) - 12582912.0F;
-    const float vb = ((b - anchor_shift) + 12582912.0F) - 12582912.0F;
-    const float va_low = va > 0.0F ? va : 0.0F;
-    const float vb_low = vb > 0.0F ? vb : 0.0F;
-    s.va[i] = va_low < last ? va_low : last;
-    s.vb[i] = vb_low < last ? vb_low : last;
-    s.vertex[i] = static_cast<std::int32_t>(s.vb[i]) * side + static_cast<std::int32_t>(s.va[i]);
+    const Wide va = least(most(((a - anchor_shift) + 12582912.0F) - 12582912.0F, Wide{}), last);
+    const Wide vb = least(most(((b - anchor_shift) + 12582912.0F) - 12582912.0F, Wide{}), last);
+    store(s.va + i, va);
+    store(s.vb + i, vb);
+    const WideInts vertex =
+        __builtin_convertvector(vb, WideInts) * side + __builtin_convertvector(va, WideInts);
+    __builtin_memcpy(s.vertex + i, &vertex, sizeof vertex);
   }
 }
 
@@ -1072,8 +1133,8 @@ void accumulate_as(const AccumulateInput& in, const Samples& samples, Sums& sums
       const Wide b = B * inverse_s;
       Wide m_a;
       Wide m_b;
-      const Wide m = pattern<reach, correlated>(a - load(s.va + i), b - load(s.vb + i), s, i, m_a,
-                                                m_b);
+      const Wide m =
+          pattern<reach, correlated>(a - load(s.va + i), b - load(s.vb + i), s, i, m_a, m_b);
       const Wide r = load(s.value + i) - (gain * m + input.offset);
       const Wide t = r * input.inverse_cutoff;
       const Wide inside = most(1.0F - t * t, Wide{});
@@ -1337,8 +1398,8 @@ void evaluate_as(const AccumulateInput& in, const Samples& s) {
     const Wide b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
     Wide m_a;
     Wide m_b;
-    store(s.model + i, pattern<reach, correlated>(a - load(s.va + i), b - load(s.vb + i), s, i,
-                                                  m_a, m_b));
+    store(s.model + i,
+          pattern<reach, correlated>(a - load(s.va + i), b - load(s.vb + i), s, i, m_a, m_b));
   }
 }
 
@@ -1346,16 +1407,16 @@ void project(const Lens& lens, const Blur& blur, const float* ray_from_lattice,
              const float* lattice_from_ray, const Vertices& vertices) {
   switch (lens.kind) {
     case Lens::Kind::none:
-      project_as<Lens::Kind::none>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
+      project_of<Lens::Kind::none>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
       break;
     case Lens::Kind::polynomial:
-      project_as<Lens::Kind::polynomial>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
+      project_of<Lens::Kind::polynomial>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
       break;
     case Lens::Kind::rational:
-      project_as<Lens::Kind::rational>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
+      project_of<Lens::Kind::rational>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
       break;
     case Lens::Kind::fisheye:
-      project_as<Lens::Kind::fisheye>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
+      project_of<Lens::Kind::fisheye>(lens, blur, ray_from_lattice, lattice_from_ray, vertices);
       break;
   }
 }

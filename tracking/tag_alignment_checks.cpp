@@ -74,8 +74,8 @@ void TagAligner::Impl::measure_noise() {
 // of the tag's two directions.
 double TagAligner::Impl::design_effect(double cutoff) {
   struct Direction {  // edges along b, and along a
-    Two sums{};     // of s and q
-    Two squares{};  // of ss and qq
+    Two sums{};       // of s and q
+    Two squares{};    // of ss and qq
     double products = 0.0;
   };
   std::array<Direction, 2> directions;

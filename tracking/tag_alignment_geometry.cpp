@@ -81,21 +81,14 @@ void TagAligner::Impl::project(Tag& tag, double added_variance_px2,
   }
 }
 
-void TagAligner::Impl::project_search(Tag& tag) {
-  const std::size_t count = tag.search_a.size();
-  unused.resize(5 * count);
+void TagAligner::Impl::project_search(Tag& tag) const {
   kernel::Vertices points;
-  points.count = static_cast<int>(count);
+  points.count = static_cast<int>(tag.search_a.size());
   points.a = tag.search_a.data();
   points.b = tag.search_b.data();
   points.pixel_x = tag.search_x.data();
   points.pixel_y = tag.search_y.data();
   points.depth = tag.search_depth.data();
-  float* next = unused.data();
-  for (float** array : {&points.ray_x, &points.ray_y, &points.ka, &points.kb, &points.rho}) {
-    *array = next;
-    next += count;
-  }
   project(tag, 0.0, points);
 }
 
@@ -111,7 +104,7 @@ void TagAligner::Impl::project_lattice(Tag& tag, double added_variance_px2) cons
   vertices.depth = tag.depth.data();
   vertices.ka = tag.ka.data();
   vertices.kb = tag.kb.data();
-  vertices.rho = tag.rho.data();
+  if (tag.correlated) vertices.rho = tag.rho.data();
   project(tag, added_variance_px2, vertices);
   // Depths are linear in the lattice, and the lens model's disc is convex: where the four outermost
   // vertices are seen, all are.

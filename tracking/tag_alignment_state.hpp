@@ -195,7 +195,6 @@ struct TagAligner::Impl {
   std::vector<std::int32_t> score_sum;
   std::vector<std::int32_t> cell_places;  // of a tag
   std::vector<std::uint8_t> search_scratch;
-  std::vector<float> unused;  // what a projection gives beside what is asked for
 
   void set_tone(double exponent) {
     options.tone_exponent = exponent;
@@ -208,7 +207,7 @@ struct TagAligner::Impl {
   void read_out(Tag& tag) const;
   // `added_variance_px2` blurs the model beyond what the lens does.
   void project_lattice(Tag& tag, double added_variance_px2) const;
-  void project_search(Tag& tag);
+  void project_search(Tag& tag) const;
   void project(Tag& tag, double added_variance_px2, kernel::Vertices& vertices) const;
 
   // Whether the tag can be used at the current pose; its size in the image.

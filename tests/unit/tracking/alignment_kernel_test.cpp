@@ -207,6 +207,65 @@ TEST(AlignmentKernel, CorrelatedBlurIsTheBivariateNormal) {
   }
 }
 
+// The first block begins the sums and the others go on with them.
+TEST(AlignmentKernel, SumsOverBlocksAreThoseOfEachAddedUp) {
+  const Eigen::Isometry3d T = lattice_pose();
+  constexpr int kBlocks = 5;
+  SampleSet set = random_samples(kBlocks * kernel::kBlock, T, 0.0F);
+  for (int i = 0; i < set.s.count; ++i) set.s.weight[i] = i % 7 == 0 ? 0.0F : 1.0F;
+  AccumulateInput in;
+  set_pose(T, in);
+  in.gain = 120.0F;
+  in.offset = 30.0F;
+  in.inverse_cutoff = 1.0F / 80.0F;
+  for (const Variant* variant : variants()) {
+    SCOPED_TRACE(variant->name);
+    Sums whole;
+    variant->accumulate(in, set.s, whole);
+    Sums added;
+    for (int block = 0; block < kBlocks; ++block) {
+      Samples part = set.s;
+      part.count = kernel::kBlock;
+      const std::ptrdiff_t begin = std::ptrdiff_t{block} * kernel::kBlock;
+      for (float** array : {&part.ray_x, &part.ray_y, &part.value, &part.weight, &part.va, &part.vb,
+                            &part.ka, &part.kb, &part.rho, &part.residual})
+        *array += begin;
+      for (float*& array : part.c) array += begin;
+      Sums sums;
+      variant->accumulate(in, part, sums);
+      for (int k = 0; k < 36; ++k) added.H[k] += sums.H[k];
+      for (int k = 0; k < 8; ++k) added.g[k] += sums.g[k];
+      added.cost += sums.cost;
+      added.weight += sums.weight;
+      added.base_weight += sums.base_weight;
+    }
+    // Rows and columns of the matrix have their own scales.
+    const auto diagonal = [](int p) { return p * 8 - p * (p - 1) / 2; };
+    int index = 0;
+    for (int p = 0; p < 8; ++p) {
+      for (int q = p; q < 8; ++q, ++index) {
+        const double scale = std::sqrt(whole.H[diagonal(p)] * whole.H[diagonal(q)]);
+        EXPECT_NEAR(whole.H[index], added.H[index], 1e-6 * scale) << p << ' ' << q;
+      }
+      const double scale = std::sqrt(whole.H[diagonal(p)] * whole.cost);
+      EXPECT_NEAR(whole.g[p], added.g[p], 1e-6 * scale) << p;
+    }
+    EXPECT_NEAR(whole.cost, added.cost, 1e-6 * added.cost);
+    EXPECT_NEAR(whole.weight, added.weight, 1e-6 * added.weight);
+    EXPECT_EQ(whole.base_weight, added.base_weight);
+    EXPECT_EQ(whole.base_weight, 320.0 - 46.0);
+  }
+  // None at all.
+  set.s.count = 0;
+  for (const Variant* variant : variants()) {
+    Sums sums;
+    sums.weight = 1.0;
+    variant->accumulate(in, set.s, sums);
+    EXPECT_EQ(sums.H[0], 0.0);
+    EXPECT_EQ(sums.weight, 0.0);
+  }
+}
+
 kernel::Lens wide_lens(kernel::Lens::Kind kind) {
   kernel::Lens lens;
   lens.fx = 530.0F;
@@ -270,6 +329,107 @@ TEST(AlignmentKernel, EveryVariantGivesTheSameBits) {
           EXPECT_EQ(scores[0], scores[k]) << all[k]->name;
         }
         EXPECT_GT(results[0].weight, 1.0);
+      }
+    }
+  }
+}
+
+// Pixels, rays, depths and blur of a lattice are the same whatever else is asked for, and the blur
+// is the image's brought back by the projection's derivative.
+TEST(AlignmentKernel, ProjectsAlikeWhateverIsAskedFor) {
+  const Eigen::Isometry3d T = lattice_pose();
+  constexpr int kSide = 11;
+  constexpr std::size_t kCount = 128;
+  std::vector<float> a;
+  std::vector<float> b;
+  for (int k = 0; k < kSide * kSide; ++k) {
+    a.push_back(static_cast<float>(k % kSide));
+    b.push_back(static_cast<float>(k / kSide));
+  }
+  a.resize(kCount, -4000.0F);  // behind the camera
+  b.resize(kCount, -4000.0F);
+  AccumulateInput in;
+  set_pose(T, in);
+  std::array<float, 9> M{};
+  for (int r = 0; r < 3; ++r) {
+    M[static_cast<std::size_t>(3 * r)] = static_cast<float>(T.linear()(r, 0));
+    M[static_cast<std::size_t>(3 * r + 1)] = static_cast<float>(T.linear()(r, 1));
+    M[static_cast<std::size_t>(3 * r + 2)] = static_cast<float>(T.translation()[r]);
+  }
+  struct Projected {
+    std::array<std::vector<float>, 8> arrays;
+    kernel::Vertices v;
+  };
+  for (const auto kind : {kernel::Lens::Kind::none, kernel::Lens::Kind::polynomial,
+                          kernel::Lens::Kind::rational, kernel::Lens::Kind::fisheye}) {
+    for (const Eigen::Vector2f& motion :
+         {Eigen::Vector2f(0.0F, 0.0F), Eigen::Vector2f(3.0F, 0.0F), Eigen::Vector2f(3.0F, -2.0F)}) {
+      SCOPED_TRACE(testing::Message() << static_cast<int>(kind) << ' ' << motion.transpose());
+      const kernel::Lens lens = wide_lens(kind);
+      kernel::Blur blur;
+      blur.variance_px2 = 0.34F;
+      blur.motion_x_px = motion.x();
+      blur.motion_y_px = motion.y();
+      const auto projected = [&](const Variant& variant, bool spread, bool correlation) {
+        Projected p;
+        for (std::vector<float>& array : p.arrays) array.assign(kCount, -7.0F);
+        p.v.count = kCount;
+        p.v.a = a.data();
+        p.v.b = b.data();
+        p.v.pixel_x = p.arrays[0].data();
+        p.v.pixel_y = p.arrays[1].data();
+        p.v.depth = p.arrays[2].data();
+        if (spread) {
+          p.v.ray_x = p.arrays[3].data();
+          p.v.ray_y = p.arrays[4].data();
+          p.v.ka = p.arrays[5].data();
+          p.v.kb = p.arrays[6].data();
+        }
+        if (correlation) p.v.rho = p.arrays[7].data();
+        variant.project(lens, blur, M.data(), in.lattice_from_ray, p.v);
+        return p;
+      };
+      const Projected all = projected(kernel::best_variant(), true, true);
+      for (const Variant* variant : variants()) {
+        SCOPED_TRACE(variant->name);
+        const Projected same = projected(*variant, true, true);
+        const Projected without = projected(*variant, true, false);
+        const Projected places = projected(*variant, false, false);
+        for (std::size_t k = 0; k < 8; ++k) {
+          SCOPED_TRACE(k);
+          // What is behind the camera may be no number.
+          const auto equal = [&](const Projected& some) {
+            return std::memcmp(some.arrays[k].data(), all.arrays[k].data(),
+                               sizeof(float) * kSide * kSide) == 0;
+          };
+          EXPECT_TRUE(equal(same));
+          EXPECT_EQ(equal(without), k < 7);
+          EXPECT_EQ(equal(places), k < 3);
+        }
+        for (const Projected* some : {&same, &without, &places})
+          EXPECT_EQ(some->arrays[2], all.arrays[2]);
+      }
+      EXPECT_LE(all.v.depth[kCount - 1], 0.0F);
+      // Neighbours in the lattice say how a pixel goes with it.
+      const Eigen::Matrix2d covariance =
+          0.34 * Eigen::Matrix2d::Identity() + (motion * motion.transpose()).cast<double>() / 12.0;
+      for (int j = 1; j + 1 < kSide; ++j) {
+        for (int i = 1; i + 1 < kSide; ++i) {
+          const int v = j * kSide + i;
+          const auto difference = [&](int to, int from) {
+            return Eigen::Vector2d(static_cast<double>(all.v.pixel_x[to] - all.v.pixel_x[from]),
+                                   static_cast<double>(all.v.pixel_y[to] - all.v.pixel_y[from]));
+          };
+          Eigen::Matrix2d pixel_by_lattice;
+          pixel_by_lattice << 0.5 * difference(v + 1, v - 1),
+              0.5 * difference(v + kSide, v - kSide);
+          const Eigen::Matrix2d back = pixel_by_lattice.inverse();
+          const Eigen::Matrix2d spread = back * covariance * back.transpose();
+          EXPECT_NEAR(all.v.ka[v] * std::sqrt(spread(0, 0)), 1.0, 0.01);
+          EXPECT_NEAR(all.v.kb[v] * std::sqrt(spread(1, 1)), 1.0, 0.01);
+          const double rho = spread(0, 1) / std::sqrt(spread(0, 0) * spread(1, 1));
+          EXPECT_NEAR(all.v.rho[v], std::clamp(rho, -0.95, 0.95), 0.01);
+        }
       }
     }
   }
