@@ -67,6 +67,7 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
   std::array<const std::uint8_t*, kMaxSearchCells> points{};
   std::array<std::ptrdiff_t, kMaxSearchCells> strides{};
   const int window_rows = rows * row_step;
+  const ImageView view = image;  // what is written below is not its size
   int total = 0;
   for (Tag* tag : active) {
     tag->score_points = 0;
@@ -90,11 +91,11 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
       const int y = floor_of(static_cast<double>(py) + 0.5) + first_row;
       const int cx = x + search_reach;
       const int cy = y - first_row;
-      inside += cx >= 0 && cy >= 0 && cx < image.width && cy < image.height ? 1 : 0;
+      inside += cx >= 0 && cy >= 0 && cx < view.width && cy < view.height ? 1 : 0;
       const auto slot = static_cast<std::size_t>(count);
-      if (x >= 0 && y >= 0 && x + columns <= image.width && y + window_rows <= image.height) {
-        points[slot] = image.row(y) + x;
-        strides[slot] = image.stride;
+      if (x >= 0 && y >= 0 && x + columns <= view.width && y + window_rows <= view.height) {
+        points[slot] = view.row(y) + x;
+        strides[slot] = view.stride;
       } else {
         // The window leaves the image: a copy with the border's pixels repeated.
         search_scratch.resize(static_cast<std::size_t>(kMaxSearchCells * window_rows * columns));
@@ -212,9 +213,11 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
       Eigen::Matrix<double, 2, 6> J;
       J.leftCols<3>() = J_p;
       J.rightCols<3>() = -J_p * skew(p);
+#pragma GCC unroll 6
       for (int row = 0; row < 6; ++row) {
         const double w0 = w * J(0, row);
         const double w1 = w * J(1, row);
+#pragma GCC unroll 6
         for (int column = 0; column <= row; ++column)  // the lower triangle is what ldlt reads
           H(row, column) += w0 * J(0, column) + w1 * J(1, column);
         g[row] += w0 * r[0] + w1 * r[1];
