@@ -397,26 +397,31 @@ TEST(SilhouetteMask, OfNothingIsEmpty) {
   EXPECT_GT(near.cells.width, 10);
 }
 
-// A field's outline covers what its triangles do, to the bit, wherever it lies.
+ShadowField some_field(int i, std::mt19937& generator) {
+  std::uniform_real_distribution<float> noise(-1.0F, 1.0F);
+  ShadowField field;
+  field.width = 2 + i % 19;
+  field.height = 2 + i % 11;
+  field.cell = i % 3 == 0 ? 0.0037 : 0.0007;
+  field.origin = {-0.02 + 0.013 * i, 0.4 - 0.021 * i};
+  const auto count = static_cast<std::size_t>(field.width * field.height);
+  for (std::vector<float>* layer : {&field.umbra, &field.middle, &field.penumbra}) {
+    layer->resize(count);
+    const float least = noise(generator);
+    // Some wholly inside, and some that touch 0.
+    for (float& value : *layer) {
+      value = i % 7 == 0 ? 1.0F : noise(generator) - least;
+      if (std::abs(value) < 0.05F) value = 0.0F;
+    }
+  }
+  return field;
+}
+
+// A field's outline covers what its triangles do, but for rounding, wherever it lies.
 TEST(SilhouetteMask, OutlinesCoverWhatTheirTrianglesDo) {
   std::mt19937 generator(7);
-  std::uniform_real_distribution<float> noise(-1.0F, 1.0F);
   for (int i = 0; i < 60; ++i) {
-    ShadowField field;
-    field.width = 2 + i % 19;
-    field.height = 2 + i % 11;
-    field.cell = i % 3 == 0 ? 0.0037 : 0.0007;
-    field.origin = {-0.02 + 0.013 * i, 0.4 - 0.021 * i};
-    const auto count = static_cast<std::size_t>(field.width * field.height);
-    for (std::vector<float>* layer : {&field.umbra, &field.middle, &field.penumbra}) {
-      layer->resize(count);
-      const float least = noise(generator);
-      // Some wholly inside, and some that touch 0.
-      for (float& value : *layer) {
-        value = i % 7 == 0 ? 1.0F : noise(generator) - least;
-        if (std::abs(value) < 0.05F) value = 0.0F;
-      }
-    }
+    const ShadowField field = some_field(i, generator);
     OwnFrame own;
     own.T_plane_own = PlanarMotion{std::cos(0.3 * i), std::sin(0.3 * i), {0.31 * i, -0.07 * i}};
     constexpr double kCell = 0.0011;
@@ -586,6 +591,13 @@ TEST(SilhouetteMask, OfAPartIsThatOfTheWhole) {
       compare(
           closed, [&](MaskPicture& to) { to.cover(closed, placed.mesh.indices, *edges); }, cell);
     }
+    const ShadowField field = some_field(trial, random);
+    MaskCaster lines;
+    lines.begin(placed.own, 0.0003);
+    for (const ShadowLayer layer : kShadowLayers)
+      lines.project_outline(layer, field_outline(field, layer));
+    compare(
+        lines, [&](MaskPicture& to) { to.cover(lines, {}, {}); }, 0.0003);
   }
   EXPECT_GT(partly, 600);
   EXPECT_GT(beside, 200);
