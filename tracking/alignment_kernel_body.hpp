@@ -1075,38 +1075,42 @@ PENUMBRA_INLINE void load(const float* at, Doubles4& four) {
 }
 
 // In double, by halves: with a block or two of samples this is as much work as the samples are.
-// `count` is even.
+// `count` is a multiple of 4.
 PENUMBRA_INLINE void add_lanes(const float (*lanes)[kLanes], int count, double* sums) {
   static_assert(kLanes == 16, "four halvings");
-  using Two = double __attribute__((vector_size(16)));
-  using Places = long long __attribute__((vector_size(16)));
+  using Places = long long __attribute__((vector_size(sizeof(Doubles4))));
 #pragma GCC unroll 1
-  for (int k = 0; k < count; k += 2) {
-    Two halves[2];
-#pragma GCC unroll 2
-    for (int i = 0; i < 2; ++i) {
+  for (int k = 0; k < count; k += 4) {
+    Doubles4 quarters[4];
+#pragma GCC unroll 4
+    for (int i = 0; i < 4; ++i) {
       Doubles4 part[4];
 #pragma GCC unroll 4
       for (int n = 0; n < 4; ++n) load(lanes[k + i] + 4 * n, part[n]);
-      const Doubles4 quarters = (part[0] + part[2]) + (part[1] + part[3]);
-      const Two low = {quarters[0], quarters[1]};
-      const Two high = {quarters[2], quarters[3]};
-      halves[i] = low + high;
+      quarters[i] = (part[0] + part[2]) + (part[1] + part[3]);
     }
-    const Two both = __builtin_shuffle(halves[0], halves[1], Places{0, 2}) +
-                     __builtin_shuffle(halves[0], halves[1], Places{1, 3});
-    __builtin_memcpy(sums + k, &both, sizeof both);
+    const auto halves = [](const Doubles4& x, const Doubles4& y, Doubles4& of_both) {
+      of_both =
+          __builtin_shuffle(x, y, Places{0, 1, 4, 5}) + __builtin_shuffle(x, y, Places{2, 3, 6, 7});
+    };
+    Doubles4 even;
+    Doubles4 odd;
+    halves(quarters[0], quarters[2], even);
+    halves(quarters[1], quarters[3], odd);
+    const Doubles4 all = __builtin_shuffle(even, odd, Places{0, 4, 2, 6}) +
+                         __builtin_shuffle(even, odd, Places{1, 5, 3, 7});
+    __builtin_memcpy(sums + k, &all, sizeof all);
   }
 }
 
 __attribute__((noinline)) void add_lanes(const LaneSums& from, Sums& sums) {
-  double last[2];
+  double last[4];
   add_lanes(from.lanes, 36, sums.H);
   add_lanes(from.lanes + 36, 8, sums.g);
-  add_lanes(from.lanes + 44, 2, last);
-  sums.cost = last[0];
+  add_lanes(from.lanes + 42, 4, last);
+  sums.cost = last[2];
   sums.weight = sums.H[35];
-  sums.base_weight = last[1];
+  sums.base_weight = last[3];
 }
 
 template <int reach, bool correlated>
