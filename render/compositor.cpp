@@ -25,6 +25,34 @@
 #include "render/passes/volume_pass.hpp"
 
 namespace penumbra {
+namespace {
+
+// Whether a plane's shadows may be seen on an object and not on the video: on what lies behind the
+// plane, below a table or a wall's own body. Any part of its box counts.
+bool objects_lie_behind_planes(const Scene& scene, const FramePlan& plan) {
+  constexpr double kContact = 1e-6;  // [m], as of what stands on a plane
+  for (const PlaneReceiver& receiver : plan.receivers) {
+    if (std::ranges::find(plan.shadows, receiver.plane, &ShadowDraw::plane) == plan.shadows.end())
+      continue;
+    const double side = receiver.frame.height(plan.T_table_camera.translation()) < 0.0 ? -1.0 : 1.0;
+    for (const ObjectDraw& object : plan.objects) {
+      const Model* model = scene.objects[static_cast<std::size_t>(object.object)].model.get();
+      if (model == nullptr) continue;
+      for (unsigned corner = 0; corner < 8; ++corner) {
+        const auto at = [&](int axis) {
+          const bool high = (corner >> static_cast<unsigned>(axis) & 1U) != 0;
+          return static_cast<double>((high ? model->max_corner : model->min_corner)[axis]);
+        };
+        const Eigen::Vector3d p = object.T_table_object * Eigen::Vector3d(at(0), at(1), at(2));
+        if (!(side * receiver.frame.height(p) >= -kContact)) return true;
+      }
+    }
+  }
+  return false;
+}
+
+}  // namespace
+
 struct Compositor::Impl {
   Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
        Framebuffer target, const PictureAbilities& found, ObjectPass object_pass,
@@ -74,10 +102,13 @@ struct Compositor::Impl {
   CompositeStats stats;
 
   // All passes draw in one way.
-  Result<void> choose(Translucency way, PixelFormat captured) {
+  Result<void> choose(Translucency way, PixelFormat captured, const FramePlan& plan) {
     const auto format = rectified ? std::nullopt : std::optional(captured);
     if (auto chosen = objects.choose(way, format); !chosen) return chosen;
-    if (auto chosen = shadows.choose(way, format); !chosen) return chosen;
+    const bool on_objects =
+        way == Translucency::retexture && objects_lie_behind_planes(*scene, plan);
+    if (auto chosen = shadows.choose(way, on_objects ? std::nullopt : format); !chosen)
+      return chosen;
     if (auto chosen = hard_shadows.choose(way, format); !chosen) return chosen;
     if (auto chosen = volumes.choose(way, format); !chosen) return chosen;
     return rays.choose(way, format);
@@ -187,7 +218,8 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   }
   m.stats = {};
   const Translucency way = choose_translucency(plan.translucency, m.abilities);
-  if (auto chosen = m.choose(way, frame.format); !chosen) return tl::unexpected(chosen.error());
+  if (auto chosen = m.choose(way, frame.format, plan); !chosen)
+    return tl::unexpected(chosen.error());
   const Stopwatch shadow_clock;
   ShadowWork work;
   m.shadows.prepare(*m.scene, plan, work);

@@ -1,5 +1,6 @@
 // What the darkest of several layers leaves of the picture.
-in vec2 texel;
+// Of a sample in this piece: what is left out beside it shows nothing of its own.
+centroid in vec2 texel;
 uniform sampler2D mask;
 layout(location = 0) out vec4 color;
 

@@ -4,7 +4,7 @@ layout(location = 0) in vec2 corner;  // 0 .. 1
 uniform vec4 mask_rect;  // corner, then extents [m]
 uniform mat4x3 camera_from_plane;
 
-out vec2 texel;
+centroid out vec2 texel;
 
 void main() {
   texel = corner;

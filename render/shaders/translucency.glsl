@@ -36,7 +36,8 @@ vec4 mixed_in(vec3 color, float opacity) {
 #elif defined(RETEXTURED)
 #if defined(OVER_VIDEO)
 vec3 under_fragment() {
-  return clamp(video_color(ivec2(gl_FragCoord.xy)), 0.0, 1.0);
+  // In whole codes, as the picture has it: fetched from there instead, nothing changes.
+  return floor(255.0 * clamp(video_color(ivec2(gl_FragCoord.xy)), 0.0, 1.0) + 0.5) / 255.0;
 }
 #else
 uniform sampler2D picture_before;

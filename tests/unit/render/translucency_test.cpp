@@ -318,6 +318,34 @@ TEST(Retexture, IsWhatBlendingGives) {
   }
 }
 
+// A plane may lie before a thing of the scene: what is written anew there is that thing, and by
+// masks also what darkens nothing.
+TEST(Retexture, ShadowsOnThingsBehindAPlaneAreOnThoseThings) {
+  SceneBuilder builder = busy_on_both();
+  builder.add(box(0.4, 0.004, 0.2), test::at(0.0, 0.154, 0.1));   // the wall's body
+  builder.add(box(0.2, 0.2, 0.02), test::at(0.05, 0.0, -0.015));  // below the table
+  builder.scene().shadows[0].casters = {0, 1, 2};
+  Studio studio(builder.build(), bent_camera());
+  const Frame frame = noise(PixelFormat::yuyv);
+  for (const ShadowTechnique technique : {ShadowTechnique::layered, ShadowTechnique::field,
+                                          ShadowTechnique::simple, ShadowTechnique::walls}) {
+    for (const LayerDrawing layers : {LayerDrawing::mask, LayerDrawing::direct}) {
+      for (const CameraPose& view : {views()[0], views()[1]}) {
+        const auto draw = [&](Translucency way, bool skip) {
+          PlanOptions options = options_of(way, technique);
+          options.layers = layers;
+          options.skip = skip;
+          return studio.draw(frame, studio.plan(test::tracked(view), options));
+        };
+        const Picture blended = draw(Translucency::blend, true);
+        const Picture retextured = draw(Translucency::retexture, true);
+        EXPECT_LE(largest_difference(blended, retextured), 1);
+        EXPECT_EQ(retextured, draw(Translucency::retexture, false));
+      }
+    }
+  }
+}
+
 // Half of a solid ray and half of what is there without it.
 TEST(Retexture, FaintRaysAreMixedInOnce) {
   Studio studio(busy().build(), bent_camera());
