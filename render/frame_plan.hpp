@@ -27,6 +27,7 @@ struct PlanOptions {
   std::optional<LightMode> light_mode;       // overrides every shadow node's
   bool proxies = true;                       // false: every object casts with its own mesh
   LayerDrawing layers = LayerDrawing::automatic;
+  Climbing climbing = Climbing::heights;
   bool light_rays = false;  // of every shadow node, whatever it says
   // Leave out what can't be seen, and make nothing again that an earlier frame made; the picture is
   // the same either way, bit for bit.
@@ -71,6 +72,10 @@ struct ShadowDraw {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   double radius = 0.0;
 };
+
+// Whether their layers have the same shapes. How dark they are, and which are seen on the plane,
+// does not count.
+[[nodiscard]] bool same_shapes(const ShadowDraw& a, const ShadowDraw& b);
 
 // The part of such a shadow that falls on a phantom or on another virtual object before it reaches
 // the plane. Cast straight down on every height of it as on a plane there, so that layers tell the
@@ -168,6 +173,9 @@ struct FramePlan {
   CameraPose T_table_camera;
   Translucency translucency = Translucency::automatic;  // of all that is drawn
   LayerDrawing layers = LayerDrawing::automatic;
+  // Volumes only where the shadows of all nodes can be drawn so: not fields, which have no mesh,
+  // nor those of lights of one size.
+  Climbing climbing = Climbing::heights;
   bool finest_edges = false;         // of casters and masks, whatever the distance
   bool whole_masks = false;          // of planes: also where they darken nothing
   bool reuse = true;                 // false: nothing that an earlier frame made, but kernels

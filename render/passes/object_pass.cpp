@@ -18,6 +18,8 @@
 namespace penumbra {
 namespace {
 
+constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "object.vert.glsl"};
+
 struct Vertex {
   glm::vec3 position;
   glm::vec3 normal;
@@ -54,7 +56,6 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
     return fail("{}: lights: {} of them; at most {} can be drawn", scene.file, scene.lights.size(),
                 kMaxLights);
   }
-  constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "object.vert.glsl"};
   constexpr std::array<std::string_view, 4> kFragment = {"ambient.glsl", "light_share.glsl",
                                                          "surface_normal.glsl", "object.frag.glsl"};
   constexpr std::array<std::string_view, 3> kMasked = {"shadow_mask.glsl", "surface_normal.glsl",
@@ -87,7 +88,7 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
     if (!linked_darkening) return tl::unexpected(linked_darkening.error());
     maps_darkening = std::move(*linked_darkening);
   }
-  ObjectPass pass(std::move(*program), std::move(maps), std::move(*masked));
+  ObjectPass pass(api, std::move(*program), std::move(maps), std::move(*masked));
   pass.darkening_program_ = std::move(*darkening);
   pass.maps_darkening_program_ = std::move(maps_darkening);
   pass.blends_ = any_material(
@@ -180,8 +181,18 @@ const Texture2d* ObjectPass::texture_of(GpuModel& gpu, const Model& model,
   return &entry->second;
 }
 
-Result<void> ObjectPass::choose(Translucency way, std::optional<PixelFormat> video) {
+Result<void> ObjectPass::choose(Translucency way, std::optional<PixelFormat> video,
+                                Climbing climbing) {
   way_ = way;
+  if (climbing == Climbing::volumes) {
+    constexpr std::array<std::string_view, 1> kLayer = {"layer.frag.glsl"};
+    if (!layer_program_) {
+      auto linked = TranslucentProgram::create(api_, kVertex, kLayer);
+      if (!linked) return tl::unexpected(linked.error());
+      layer_program_ = std::move(*linked);
+    }
+    if (auto chosen = layer_program_->choose(way, video); !chosen) return chosen;
+  }
   if (auto chosen = program_.choose(way, video); !chosen) return chosen;
   for (auto* const program : {&maps_program_, &darkening_program_, &maps_darkening_program_}) {
     if (!*program) continue;
@@ -486,6 +497,16 @@ int ObjectPass::draw_under_shadow(const Scene& scene, const ObjectDraw& draw, co
   p.set("mask_step", static_cast<float>(kLevelStep));
   p.set("mask_level_width", static_cast<float>(kLevelWidth));
   p.set("shadow_mask", kShadowMaskUnit);
+  return draw_all({p, nullptr}, scene, {&draw, 1}, plan.T_table_camera);
+}
+
+int ObjectPass::draw_in_layer(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+                              const LensUniforms& lens, float light_left) const {
+  const ShaderProgram& p = layer_program_->get();
+  p.use();
+  p.set("picture_before", kPictureBeforeUnit);
+  set_lens(p, lens);
+  p.set("light_left", light_left);
   return draw_all({p, nullptr}, scene, {&draw, 1}, plan.T_table_camera);
 }
 

@@ -55,8 +55,9 @@ class ObjectPass {
   [[nodiscard]] static Result<ObjectPass> create(GlApi api, const Scene& scene,
                                                  const CameraModel& camera);
 
-  // How what is translucent is drawn from here on.
-  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
+  // How what is translucent is drawn from here on; draw_in_layer() only with Climbing::volumes.
+  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video,
+                                    Climbing climbing);
 
   // Depth of the phantoms. Number of draw calls, here and below.
   int draw_phantoms(const Scene& scene, const FramePlan& plan, const LensUniforms& lens) const;
@@ -83,6 +84,10 @@ class ObjectPass {
   int draw_under_shadow(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                         const LensUniforms& lens, const ShadowMask& mask,
                         Gathering gathering) const;
+  // The same where all of what passes the tests lies in one layer of such a shadow, whichever way
+  // it faces, which leaves so much of the encoded picture; after choose() for volumes.
+  int draw_in_layer(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+                    const LensUniforms& lens, float light_left) const;
 
  private:
   struct GpuMesh {
@@ -116,9 +121,10 @@ class ObjectPass {
     const ShaderProgram& plain;
     const ShaderProgram* maps = nullptr;
   };
-  ObjectPass(TranslucentProgram program, std::optional<TranslucentProgram> maps,
+  ObjectPass(GlApi api, TranslucentProgram program, std::optional<TranslucentProgram> maps,
              TranslucentProgram masked)
-      : program_(std::move(program)),
+      : api_(api),
+        program_(std::move(program)),
         maps_program_(std::move(maps)),
         masked_program_(std::move(masked)) {}
 
@@ -141,6 +147,7 @@ class ObjectPass {
   static void for_each(const Programs& programs, const Action& action);
   void begin_lit(const Programs& programs, const FramePlan& plan, const LensUniforms& lens) const;
 
+  GlApi api_;
   TranslucentProgram program_;
   std::optional<TranslucentProgram> maps_program_;  // where the scene has such materials
   // Of draw_darkened(), apart from the lit ones: some renderers run both sides of a branch.
@@ -151,6 +158,7 @@ class ObjectPass {
   glm::vec4 tone_{1.0F / 2.4F, 1.055F, 0.055F, 0.0031308F};
   // Of shadows by masks: light alone would cost many times as much.
   TranslucentProgram masked_program_;
+  std::optional<TranslucentProgram> layer_program_;  // linked when it is first asked for
   std::vector<std::shared_ptr<GpuModel>> models_;           // one per scene object; null: no model
   std::vector<std::shared_ptr<const Model>> descriptions_;  // their materials
 };

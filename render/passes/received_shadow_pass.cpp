@@ -21,14 +21,6 @@ constexpr double kMostTexelsOfScene = 64e6;
 constexpr double kLongestLevelStep = 0.03;  // [m]
 constexpr int kTexelsAtOnce = 32;  // sides are whole numbers of these: storage changes rarely
 
-// Whether their layers have the same shapes. How dark they are, and which are seen on the plane,
-// does not count.
-bool same_shapes(const ShadowDraw& a, const ShadowDraw& b) {
-  return a.technique == b.technique && a.kernels == b.kernels && a.light_mode == b.light_mode &&
-         a.proxy == b.proxy && a.plane_frame == b.plane_frame &&
-         a.T_table_object == b.T_table_object && a.constants == b.constants;
-}
-
 // Hangs on the scene alone: what is left out of a frame changes no picture.
 double most_texels(const Scene& scene) {
   double casts = 0.0;
@@ -216,6 +208,7 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
     masks_.clear();
     surfaces_.clear();
   }
+  if (plan.climbing == Climbing::volumes) return 0;
   int calls = 0;
   const double texels = most_texels(scene);
   for (const ReceivedShadowDraw& draw : plan.received_shadows) {

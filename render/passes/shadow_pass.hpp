@@ -29,6 +29,7 @@
 #include "render/scene.hpp"
 #include "render/shadow/caster_geometry.hpp"
 #include "render/shadow/kernel_direction.hpp"
+#include "render/shadow/layer_volume.hpp"
 #include "render/shadow/layered_penumbra.hpp"
 #include "render/shadow/own_frame.hpp"
 #include "render/shadow/shadow_mesh.hpp"
@@ -108,6 +109,9 @@ class ShadowPass {
   // lights of one size, and of fields.
   std::optional<ShadowReach> reach_of(const Scene& scene, const ShadowDraw& draw, double from,
                                       ShadowWork& work);
+  // A layered shadow's caster, of proportional lights, or a simple one's: over its plane, with the
+  // mesh that casts. Until the next prepare().
+  CasterOverPlane caster_over(const Scene& scene, const ShadowDraw& draw, ShadowWork& work);
   // A pixel 1 m from the camera [m].
   [[nodiscard]] double pixel_at_unit_depth() const { return pixel_at_unit_depth_; }
   // One of its layers in white, where the tests and masks as they are let it; with a camera without

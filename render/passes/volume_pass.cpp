@@ -24,15 +24,13 @@ static_assert((kCountBits & (kDarkBit | kMarkBit)) == 0);
 }  // namespace
 
 Result<VolumePass> VolumePass::create(GlApi api, const CameraModel& camera) {
-  constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "volume.vert.glsl"};
-  constexpr std::array<std::string_view, 1> kNothing = {"outline.frag.glsl"};
   constexpr std::array<std::string_view, 1> kWhole = {"video.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFill = {"fill.frag.glsl"};
   constexpr std::array<std::string_view, 2> kReceiver = {"lens.glsl", "receiver.vert.glsl"};
   constexpr std::array<std::string_view, 3> kLight = {"ambient.glsl", "light_share.glsl",
                                                       "blocked_light.frag.glsl"};
   constexpr std::array<std::string_view, 1> kSum = {"light_sum.frag.glsl"};
-  auto volume = ShaderProgram::link(api, kVertex, kNothing);
+  auto volume = volume_program(api);
   if (!volume) return tl::unexpected(volume.error());
   auto fill = ShaderProgram::link(api, kWhole, kFill);
   if (!fill) return tl::unexpected(fill.error());
@@ -70,37 +68,12 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
                                        draw.reach, draw.receivers);
     volume.light_inside = made.light_inside;
     if (volume.light_inside) note_light_inside(scene, draw, work);
-    std::vector<glm::vec3> triangles;
-    volume.batch_ends.clear();
-    for (std::size_t i = 0; i < made.batch_ends.size(); ++i) {
-      const std::size_t begin = i == 0 ? 0 : made.batch_ends[i - 1];
-      const std::span<const glm::vec3> batch =
-          std::span(made.triangles).subspan(begin, made.batch_ends[i] - begin);
-      if (longest_edge_) {
-        // Of all triangles that there may be, the batch's share.
-        const auto budget = static_cast<std::size_t>(std::ceil(
-            static_cast<double>(kMostVolumeTriangles) * static_cast<double>(batch.size()) /
-            static_cast<double>(made.triangles.size())));
-        const std::vector<glm::vec3> pieces =
-            split_for_lens({batch.begin(), batch.end()}, *longest_edge_, budget);
-        triangles.insert(triangles.end(), pieces.begin(), pieces.end());
-      } else {
-        triangles.insert(triangles.end(), batch.begin(), batch.end());
-      }
-      volume.batch_ends.push_back(static_cast<int>(triangles.size()));
-    }
-    work.vertices += static_cast<std::int64_t>(triangles.size());
+    work.vertices += static_cast<std::int64_t>(volume.buffers.write(made, longest_edge_));
     volume.valid = true;
     volume.T_table_object = draw.T_table_object;
     volume.light = draw.light_place;
     volume.floors = draw.floors;
     volume.receivers = draw.receivers;
-    volume.layout.bind();
-    volume.vertices.write(std::span<const glm::vec3>(triangles), BufferLife::every_frame);
-    if (!volume.layout_made) {
-      VertexArray::attribute(0, 3, sizeof(glm::vec3), 0);
-      volume.layout_made = true;
-    }
   }
 }
 
@@ -131,32 +104,17 @@ void VolumePass::clear_mark() {
   glClear(GL_STENCIL_BUFFER_BIT);
 }
 
-// How many of the volume's walls are behind what the pixel shows: those turned to the eye count one
-// way, those turned away the other. Not where the pixel is marked.
+// Not where the pixel is marked.
 void VolumePass::count(const Drawing& drawing, const ShadowVolumeDraw& draw,
                        std::size_t batch) const {
-  const auto& [scene, plan, lens, objects, receivers] = drawing;
-  glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
-  glDisable(GL_BLEND);
-  glEnable(GL_DEPTH_TEST);
-  volume_program_.use();
-  set_lens(volume_program_, lens);
-  volume_program_.set("camera_from_table", camera_from_object(plan.T_table_camera, Placement()));
-  glDepthFunc(GL_LESS);
-  glStencilMask(kCountBits);
-  glStencilFunc(GL_EQUAL, 0, kMarkBit);
-  glStencilOpSeparate(GL_FRONT, GL_KEEP, GL_DECR_WRAP, GL_KEEP);
-  glStencilOpSeparate(GL_BACK, GL_KEEP, GL_INCR_WRAP, GL_KEEP);
-  const Volume& volume = volumes_.at({draw.object, draw.light});
-  volume.layout.bind();
-  const int begin = batch == 0 ? 0 : volume.batch_ends[batch - 1];
-  glDrawArrays(GL_TRIANGLES, begin, volume.batch_ends[batch] - begin);
-  glDisable(GL_DEPTH_TEST);
+  count_volume(volume_program_, drawing.lens,
+               camera_from_object(drawing.plan.T_table_camera, Placement()),
+               volumes_.at({draw.object, draw.light}).buffers, batch, kMarkBit);
 }
 
 int VolumePass::note_volume(const Drawing& drawing, const ShadowVolumeDraw& draw) const {
   int calls = mark_caster(drawing, draw);
-  const std::size_t batches = volumes_.at({draw.object, draw.light}).batch_ends.size();
+  const std::size_t batches = volumes_.at({draw.object, draw.light}).buffers.batches();
   for (std::size_t batch = 0; batch < batches; ++batch) {
     count(drawing, draw, batch);
     note_dark();
@@ -279,7 +237,7 @@ int VolumePass::draw_light(const Drawing& drawing, Casters casters, bool add_up)
                           {kDarkBit, 0, kDarkBit, casters.front()->opacity, add_up});
   }
   for (const ShadowVolumeDraw* caster : casters) {
-    const std::size_t batches = volumes_.at({caster->object, caster->light}).batch_ends.size();
+    const std::size_t batches = volumes_.at({caster->object, caster->light}).buffers.batches();
     for (std::size_t batch = 0; batch < batches; ++batch) {
       calls += mark_caster(drawing, *caster) + 1;
       count(drawing, *caster, batch);
@@ -305,7 +263,7 @@ int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUnifor
                      Framebuffer& framebuffer) const {
   std::vector<Casters> lights;
   for (const ShadowVolumeDraw& draw : plan.volumes) {
-    if (volumes_.at({draw.object, draw.light}).batch_ends.empty()) continue;
+    if (volumes_.at({draw.object, draw.light}).buffers.batches() == 0) continue;
     const auto known = std::ranges::find_if(
         lights, [&draw](const Casters& casters) { return casters.front()->light == draw.light; });
     (known == lights.end() ? lights.emplace_back() : *known).push_back(&draw);

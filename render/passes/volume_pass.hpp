@@ -23,6 +23,7 @@
 #include "render/passes/receivers.hpp"
 #include "render/passes/shadow_pass.hpp"
 #include "render/passes/translucent_program.hpp"
+#include "render/passes/volume_buffers.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/shadow_volume.hpp"
 
@@ -49,11 +50,8 @@ class VolumePass {
     Eigen::Vector4d light;
     std::vector<PlaneFrame> floors;
     std::vector<Ball> receivers;
-    std::vector<int> batch_ends;  // in vertices
     bool light_inside = false;
-    bool layout_made = false;
-    VertexArray layout;
-    GlBuffer vertices{BufferUse::vertices};
+    VolumeBuffers buffers;
   };
   using Key = std::tuple<int, int>;  // object, light
 

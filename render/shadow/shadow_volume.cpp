@@ -10,6 +10,7 @@
 #include <optional>
 #include <utility>
 
+#include "core/assert.hpp"
 #include "render/shadow/split_edges.hpp"
 
 namespace penumbra {
@@ -182,19 +183,8 @@ bool may_shadow(const Eigen::Vector4d& light, const Ball& caster, const Ball& re
 ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::Vector4d& light,
                                   std::span<const PlaneFrame> floors, double reach,
                                   std::span<const Ball> receivers) const {
-  ShadowVolume result;
-  const bool local = light.w() != 0.0;
-  const Eigen::Vector3d from =
-      local ? Eigen::Vector3d(light.head<3>() / light.w()) : light.head<3>().normalized();
   std::vector<Eigen::Vector3d> near(positions_.size());
-  for (std::size_t i = 0; i < near.size(); ++i) {
-    near[i] = T_table_object * positions_[i];
-    if (!near[i].allFinite()) return result;
-  }
-  if (!from.allFinite()) return result;
-
-  // Faces that count, each turned towards the light: +1 as it is, -1 the other way round.
-  const std::size_t faces = indices_.size() / 3;
+  for (std::size_t i = 0; i < near.size(); ++i) near[i] = T_table_object * positions_[i];
   std::vector<bool> needed(closed_.size(), receivers.empty());
   for (std::size_t part = 0; part < needed.size() && !receivers.empty(); ++part) {
     const Ball ball{T_table_object * balls_[part].middle,
@@ -202,6 +192,29 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
     needed[part] = std::ranges::any_of(
         receivers, [&](const Ball& receiver) { return may_shadow(light, ball, receiver); });
   }
+  return volume_of(near, light, floors, reach, needed);
+}
+
+ShadowVolume VolumeCaster::volume_at(const std::vector<Eigen::Vector3d>& points,
+                                     const Eigen::Vector4d& light,
+                                     std::span<const PlaneFrame> floors, double reach) const {
+  PENUMBRA_ASSERT(points.size() == positions_.size());
+  return volume_of(points, light, floors, reach, std::vector<bool>(closed_.size(), true));
+}
+
+ShadowVolume VolumeCaster::volume_of(const std::vector<Eigen::Vector3d>& near,
+                                     const Eigen::Vector4d& light,
+                                     std::span<const PlaneFrame> floors, double reach,
+                                     const std::vector<bool>& needed) const {
+  ShadowVolume result;
+  const bool local = light.w() != 0.0;
+  const Eigen::Vector3d from =
+      local ? Eigen::Vector3d(light.head<3>() / light.w()) : light.head<3>().normalized();
+  const auto finite = [](const Eigen::Vector3d& p) { return p.allFinite(); };
+  if (!from.allFinite() || !std::ranges::all_of(near, finite)) return result;
+
+  // Faces that count, each turned towards the light: +1 as it is, -1 the other way round.
+  const std::size_t faces = indices_.size() / 3;
   std::vector<int> turn(faces, 0);
   std::vector<int> lit(closed_.size(), 0);
   std::vector<int> turned_away(closed_.size(), 0);
