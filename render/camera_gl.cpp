@@ -105,6 +105,29 @@ bool ViewFrustum::misses(std::span<const Eigen::Vector3d> hull) const {
          all([this](P p) { return p.y() > y_max * p.z(); });
 }
 
+// Side by side (Sutherland and Hodgman).
+std::vector<Eigen::Vector3d> ViewFrustum::part_in_view(
+    std::span<const Eigen::Vector3d> polygon) const {
+  std::vector<Eigen::Vector3d> part(polygon.begin(), polygon.end());
+  std::vector<Eigen::Vector3d> cut;
+  for (const Eigen::Vector3d& inwards :
+       {Eigen::Vector3d(0.0, 0.0, 1.0), Eigen::Vector3d(1.0, 0.0, -x_min),
+        Eigen::Vector3d(-1.0, 0.0, x_max), Eigen::Vector3d(0.0, 1.0, -y_min),
+        Eigen::Vector3d(0.0, -1.0, y_max)}) {
+    cut.clear();
+    for (std::size_t i = 0; i < part.size(); ++i) {
+      const Eigen::Vector3d& a = part[i];
+      const Eigen::Vector3d& b = part[(i + 1) % part.size()];
+      const double of_a = inwards.dot(a);
+      const double of_b = inwards.dot(b);
+      if (of_a >= 0.0) cut.push_back(a);
+      if ((of_a >= 0.0) != (of_b >= 0.0)) cut.emplace_back(a + of_a / (of_a - of_b) * (b - a));
+    }
+    std::swap(part, cut);
+  }
+  return part;
+}
+
 ViewFrustum make_frustum(const CameraModel& camera) {
   // The extremes lie on the border, for the lens maps the view onto the picture continuously and
   // one to one. Taken at a few places; the margin covers what is between them, and the sag of the

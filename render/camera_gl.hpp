@@ -9,6 +9,7 @@
 #include <glm/vec3.hpp>
 #include <glm/vec4.hpp>
 #include <span>
+#include <vector>
 
 #include "core/camera_model.hpp"
 #include "core/transform.hpp"
@@ -61,6 +62,10 @@ struct ViewFrustum {
 
   // Whether the convex hull of the points (camera frame [m]) is certainly out of view.
   [[nodiscard]] bool misses(std::span<const Eigen::Vector3d> hull) const;
+  // The corners of what of a convex polygon (camera frame [m], in order) may be in view; none where
+  // nothing is.
+  [[nodiscard]] std::vector<Eigen::Vector3d> part_in_view(
+      std::span<const Eigen::Vector3d> polygon) const;
 };
 [[nodiscard]] ViewFrustum make_frustum(const CameraModel& camera);
 

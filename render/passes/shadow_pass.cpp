@@ -30,7 +30,11 @@ constexpr double kContactTolerance = 1e-6;
 constexpr std::size_t kMaxKernelSets = 64;  // kept per caster
 constexpr std::size_t kMaxProxyChecks = 4096;
 constexpr double kPixelsPerMaskCell = 1.6;
-constexpr std::int64_t kMostMaskCells = 1024;  // along a side
+// Where it is known how near what is seen of a shadow is, and not only all of it: the edges of the
+// coarsest of these have 6 codes RMS, as far as the other's reach in pictures.
+constexpr double kPixelsPerSeenCell = 1.35;
+constexpr std::int64_t kMostMaskSide = 8192;  // cells, if the driver has textures as large
+constexpr int kMaskCellsAtOnce = 1 << 20;
 // Of all casters on a plane, as many as are drawn directly where edges are smooth anyway
 // (rendering.md 3). A mask takes the CPU half a million instructions and more, drawing directly a
 // few thousand, and the rest is the GPU's (BENCHMARKS.md).
@@ -260,6 +264,9 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const Camer
   pass.pixel_at_unit_depth_ = 1.0 / std::max(camera.parameters().fx, camera.parameters().fy);
   pass.frustum_ = make_frustum(camera);
   pass.smooth_edges_ = samples > 0;
+  GLint most_side = 0;
+  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &most_side);
+  pass.most_mask_side_ = std::min<std::int64_t>(kMostMaskSide, most_side);
   return pass;
 }
 
@@ -876,9 +883,9 @@ CasterOverPlane ShadowPass::caster_over(const Scene& scene, const ShadowDraw& dr
   if (with.reduced) over.mesh = &caster.proxy->mesh;
   const std::vector<glm::vec3>& kernels =
       (with.reduced ? with.kernels->reduced : with.kernels->whole).kernels;
-  over.vertices = own_vertices(
-      own, over.mesh->positions,
-      std::span<const glm::vec3>(kernels).first(over.mesh->positions.size()));
+  over.vertices =
+      own_vertices(own, over.mesh->positions,
+                   std::span<const glm::vec3>(kernels).first(over.mesh->positions.size()));
   const auto placed = [&own](float u, float v) -> Eigen::Vector2f {
     return (own.T_plane_own * Eigen::Vector2d(static_cast<double>(u), static_cast<double>(v)))
         .cast<float>();
@@ -1148,24 +1155,47 @@ void ShadowPass::make_mask(const Scene& scene, const FramePlan& plan, int plane,
   }
   // By half powers of two, so that a camera that moves seldom makes another mask. Of the present
   // frame alone; but where a camera at rest trembles between two sizes, both are kept.
-  const double depth = std::max(mask.depth, kNearestDistance);
-  const double target = std::exp2(
-      0.5 * std::floor(2.0 * std::log2(kPixelsPerMaskCell * pixel_at_unit_depth_ * depth)));
-  const auto is_it = [&](const DrawnMask& picture) {
-    return picture.made && picture.cell == target &&
-           std::ranges::equal(picture.parts, parts, &MaskPart::same_as);
+  const int half_octave = mask_cell_at(mask.depth, kPixelsPerMaskCell);
+  const LayOut lay_out = [&](std::span<const CellBox> bounds) {
+    const auto receiver = std::ranges::find(plan.receivers, plane, &PlaneReceiver::plane);
+    const PlaneFrame& frame = receiver->frame;
+    return lay_out_masks(bounds, half_octave, most_mask_side_, [&](const Eigen::AlignedBox2d& box) {
+      std::array<Eigen::Vector3d, 4> corners = {
+          frame.lift(box.min().x(), box.min().y()), frame.lift(box.max().x(), box.min().y()),
+          frame.lift(box.max().x(), box.max().y()), frame.lift(box.min().x(), box.max().y())};
+      for (Eigen::Vector3d& corner : corners) corner = T_camera_table * corner;
+      SeenPart part;
+      double nearest = std::numeric_limits<double>::infinity();
+      for (const Eigen::Vector3d& corner : frustum_.part_in_view(corners)) {
+        nearest = std::min(nearest, corner.z());
+        part.box.extend(frame.to_plane(plan.T_table_camera * corner).head<2>());
+      }
+      if (!part.box.isEmpty()) part.half_octave = mask_cell_at(nearest, kPixelsPerSeenCell);
+      return part;
+    });
+  };
+  const auto is_it = [&](const DrawnMasks& masks) {
+    return masks.made && masks.half_octave == half_octave &&
+           std::ranges::equal(masks.parts, parts, &MaskPart::same_as) &&
+           (!masks.layout.of_view || masks.layout == lay_out(masks.bounds));
   };
   if (!is_it(mask.now)) std::swap(mask.now, mask.other);
+  const std::int64_t kept_before = work.layer_masks_kept;
   if (is_it(mask.now)) {
-    if (mask.now.texture) {
-      ++work.layer_masks_kept;
-      work.kept.push_back(
-          {"layer_mask", fmt::format("{}: its mask is that of an earlier picture",
-                                     scene.planes[static_cast<std::size_t>(plane)].name)});
-    }
-    return;
+    work.layer_masks_kept += static_cast<std::int64_t>(mask.now.masks.size());
+  } else {
+    draw_masks(half_octave, std::move(parts), lay_out, mask, work);
   }
-  draw_mask(target, std::move(parts), mask, work);
+  if (work.layer_masks_kept > kept_before) {
+    work.kept.push_back(
+        {"layer_mask", fmt::format("{}: its mask is that of an earlier picture",
+                                   scene.planes[static_cast<std::size_t>(plane)].name)});
+  }
+}
+
+int ShadowPass::mask_cell_at(double depth, double pixels) const {
+  return static_cast<int>(std::floor(
+      2.0 * std::log2(pixels * pixel_at_unit_depth_ * std::max(depth, kNearestDistance))));
 }
 
 // What covers the layers that are covered face by face; in the own frame.
@@ -1231,16 +1261,17 @@ void ShadowPass::cover_part(const MaskPart& part, MaskCaster& caster) {
   }
 }
 
-void ShadowPass::draw_mask(double target, std::vector<MaskPart> of, PlaneMask& plane_mask,
-                           ShadowWork& work) {
-  DrawnMask& mask = plane_mask.now;
-  mask.made = true;
-  mask.parts = std::move(of);
-  mask.cell = target;
-  const std::vector<MaskPart>& parts = mask.parts;
+void ShadowPass::draw_masks(int half_octave, std::vector<MaskPart> of, const LayOut& lay_out,
+                            PlaneMask& plane_mask, ShadowWork& work) {
+  DrawnMasks older = std::move(plane_mask.now);
+  DrawnMasks& made = plane_mask.now = {};
+  made.made = true;
+  made.parts = std::move(of);
+  made.half_octave = half_octave;
+  const std::vector<MaskPart>& parts = made.parts;
   ++plane_mask.times_drawn;
   if (mask_casters_.size() < parts.size()) mask_casters_.resize(parts.size());
-  // Worth noting down is what has rested since the mask before, while others moved.
+  // Worth noting down is what has rested since the masks before, while others moved.
   std::vector<bool> rests(parts.size(), false);
   for (std::size_t i = 0; parts.size() > 1 && i < parts.size(); ++i) {
     rests[i] = std::ranges::any_of(plane_mask.drawn_before, [&](const MaskPart& before) {
@@ -1248,79 +1279,129 @@ void ShadowPass::draw_mask(double target, std::vector<MaskPart> of, PlaneMask& p
     });
   }
   plane_mask.drawn_before = parts;
-  std::vector<const PartCover*> kept(parts.size(), nullptr);
+
   std::vector<std::optional<std::array<std::vector<PlanePoint>, 3>>> faces(parts.size());
-  double cell = target;
-  Eigen::AlignedBox<std::int64_t, 2> bounds;
-  for (;; cell *= 2.0) {
-    bounds.setEmpty();
-    for (std::size_t i = 0; i < parts.size(); ++i) {
-      const MaskPart& part = parts[i];
-      kept[i] = nullptr;
-      if (rests[i]) {
-        const auto known = plane_mask.cover_of(part, cell);
-        if (known != plane_mask.covers.end()) {
-          kept[i] = &*known;
-          bounds.extend(known->bounds);
-          continue;
-        }
-      }
-      if (!faces[i]) faces[i] = face_images(part, work);
-      project_part(part, *faces[i], cell, mask_casters_[i], work);
-      bounds.extend(mask_casters_[i].bounds());
-    }
-    if (bounds.isEmpty() || bounds.sizes().maxCoeff() < kMostMaskCells) break;
-  }
-  if (bounds.isEmpty()) {
-    mask.texture.reset();
-    return;
-  }
+  std::vector<double> projected(parts.size(), 0.0);  // for cells of this size
+  const auto project = [&](std::size_t i, double cell) {
+    if (projected[i] == cell) return;
+    if (!faces[i]) faces[i] = face_images(parts[i], work);
+    project_part(parts[i], *faces[i], cell, mask_casters_[i], work);
+    projected[i] = cell;
+  };
   for (std::size_t i = 0; i < parts.size(); ++i) {
-    if (!rests[i] || kept[i] != nullptr) continue;
-    PartCover cover{parts[i], cell, mask_casters_[i].bounds(), {}, 0};
-    if (!cover.bounds.isEmpty()) {
-      mask_picture_.begin(cells_about(cover.bounds, cell));
-      cover_part(parts[i], mask_casters_[i]);
-      mask_picture_.take(cover.cover);
-    }
-    plane_mask.covers.push_back(std::move(cover));
-  }
-  const MaskCells cells = cells_about(bounds, cell);
-  std::vector<bool> done(parts.size(), false);
-  bool first = true;
-  for (std::size_t of_light = 0; of_light < parts.size(); ++of_light) {
-    if (done[of_light]) continue;
-    const glm::vec3 light = parts[of_light].light;
-    mask_picture_.begin(cells);
-    for (std::size_t i = of_light; i < parts.size(); ++i) {
-      if (done[i] || parts[i].light != light) continue;
-      done[i] = true;
-      if (!rests[i]) {
-        cover_part(parts[i], mask_casters_[i]);
-        continue;
+    const CellBox* known = nullptr;
+    for (const DrawnMasks* before : {&older, &plane_mask.other}) {
+      if (!rests[i] || !before->made || before->half_octave != half_octave) continue;
+      for (std::size_t k = 0; k < before->parts.size() && known == nullptr; ++k) {
+        if (before->parts[k].covers_same_as(parts[i])) known = &before->bounds[k];
       }
-      const auto known = plane_mask.cover_of(parts[i], cell);
-      PENUMBRA_ASSERT(known != plane_mask.covers.end());
-      known->last_used = plane_mask.times_drawn;
-      mask_picture_.cover(known->cover);
     }
-    if (first) {
-      mask_picture_.finish(light, mask_codes_);
-      first = false;
+    if (known == nullptr) project(i, cell_size(half_octave));
+    made.bounds.push_back(known != nullptr ? *known : mask_casters_[i].bounds());
+  }
+
+  made.layout = lay_out(made.bounds);
+  for (const MaskLayout::Group& group : made.layout.groups) {
+    std::vector<MaskPart> of_group;
+    for (const std::size_t i : group.parts) of_group.push_back(parts[i]);
+    std::shared_ptr<DrawnMask> mask;
+    for (const DrawnMasks* before : {&older, &plane_mask.other}) {
+      const auto shows_it = [&](const std::shared_ptr<DrawnMask>& known) {
+        return known->cells == group.cells &&
+               std::ranges::equal(known->parts, of_group, &MaskPart::same_as);
+      };
+      const auto found = std::ranges::find_if(before->masks, shows_it);
+      if (found == before->masks.end()) continue;
+      mask = *found;
+      break;
+    }
+    if (mask) {
+      ++work.layer_masks_kept;
+      made.masks.push_back(mask);
       continue;
     }
-    // Where lights differ, the darkest.
-    mask_picture_.finish(light, lighter_codes_);
-    std::ranges::transform(mask_codes_, lighter_codes_, mask_codes_.begin(),
-                           [](std::uint8_t a, std::uint8_t b) { return std::min(a, b); });
+    const double cell = group.cells.size;
+    std::vector<bool> noted(of_group.size(), false);
+    for (std::size_t k = 0; k < of_group.size(); ++k) {
+      const std::size_t i = group.parts[k];
+      noted[k] = rests[i] && !group.cut && of_group.size() > 1;
+      if (noted[k] && plane_mask.cover_of(parts[i], cell) != plane_mask.covers.end()) continue;
+      project(i, cell);
+      if (!noted[k]) continue;
+      PartCover cover{parts[i], cell, {}, 0};
+      const CellBox& bounds = mask_casters_[i].bounds();
+      if (!bounds.isEmpty()) {
+        mask_picture_.begin(cells_about(bounds, cell));
+        cover_part(parts[i], mask_casters_[i]);
+        mask_picture_.take(cover.cover);
+      }
+      plane_mask.covers.push_back(std::move(cover));
+    }
+    // Of those that nothing shows any more: a mask that changes need not be stored anew.
+    for (std::shared_ptr<DrawnMask>& spare : older.masks) {
+      if (spare.use_count() == 1 && !mask) mask = std::move(spare);
+    }
+    std::erase(older.masks, nullptr);
+    if (!mask) mask = std::make_shared<DrawnMask>();
+    mask->cells = group.cells;
+    mask->parts = std::move(of_group);
+    draw_mask(group, noted, plane_mask, *mask);
+    made.masks.push_back(std::move(mask));
+    ++work.layer_masks_drawn;
   }
   // Those of the last two masks: a camera may tremble between two sizes of cells.
   std::erase_if(plane_mask.covers, [&](const PartCover& cover) {
     return cover.last_used + 1 < plane_mask.times_drawn;
   });
-  if (!mask.texture) mask.texture.emplace();
-  mask.texture->upload(cells, mask_codes_);
-  ++work.layer_masks_drawn;
+}
+
+void ShadowPass::draw_mask(const MaskLayout::Group& group, const std::vector<bool>& noted,
+                           PlaneMask& plane_mask, DrawnMask& mask) {
+  const MaskCells& cells = mask.cells;
+  const std::vector<MaskPart>& parts = mask.parts;
+  const auto width = static_cast<std::size_t>(cells.width);
+  mask_codes_.resize(width * static_cast<std::size_t>(cells.height));
+  // What is cut may be large: some rows at a time, lest sums of all take a lot of memory.
+  const int rows =
+      group.cut ? std::clamp(kMaskCellsAtOnce / cells.width, 1, cells.height) : cells.height;
+  for (int first_row = 0; first_row < cells.height; first_row += rows) {
+    MaskCells band = cells;
+    band.v += first_row;
+    band.height = std::min(rows, cells.height - first_row);
+    const std::span<std::uint8_t> codes =
+        std::span(mask_codes_)
+            .subspan(width * static_cast<std::size_t>(first_row),
+                     width * static_cast<std::size_t>(band.height));
+    std::vector<bool> done(parts.size(), false);
+    bool first = true;
+    for (std::size_t of_light = 0; of_light < parts.size(); ++of_light) {
+      if (done[of_light]) continue;
+      const glm::vec3 light = parts[of_light].light;
+      mask_picture_.begin(band);
+      for (std::size_t k = of_light; k < parts.size(); ++k) {
+        if (done[k] || parts[k].light != light) continue;
+        done[k] = true;
+        if (!noted[k]) {
+          cover_part(parts[k], mask_casters_[group.parts[k]]);
+          continue;
+        }
+        const auto known = plane_mask.cover_of(parts[k], cells.size);
+        PENUMBRA_ASSERT(known != plane_mask.covers.end());
+        known->last_used = plane_mask.times_drawn;
+        mask_picture_.cover(known->cover);
+      }
+      if (first) {
+        mask_picture_.finish(light, codes);
+        first = false;
+        continue;
+      }
+      // Where lights differ, the darkest.
+      mask_picture_.finish(light, lighter_codes_);
+      std::ranges::transform(codes, lighter_codes_, codes.begin(),
+                             [](std::uint8_t a, std::uint8_t b) { return std::min(a, b); });
+    }
+  }
+  mask.texture.upload(cells, mask_codes_);
 }
 
 std::vector<CasterKernels> ShadowPass::kernels_in_use() {
@@ -1561,14 +1642,15 @@ int ShadowPass::draw(const FramePlan& plan, const LensUniforms& lens, Receivers&
     begin_darkening(way_);
     const auto mask = plane_masks_.find(receiver.plane);
     if (mask != plane_masks_.end() && mask->second.in_use) {
-      std::optional<MaskTexture>& texture = mask->second.now.texture;
-      if (!texture) continue;
+      if (mask->second.now.masks.empty()) continue;
       glStencilMask(0);
       receivers.test_place();
-      mask_pieces_skipped_ +=
-          mask_quad_.draw(*texture, lens, camera_from_plane(plan.T_table_camera, receiver.frame),
-                          {plan.whole_masks, plan.finest_edges});
-      ++calls;
+      for (const std::shared_ptr<DrawnMask>& part : mask->second.now.masks) {
+        mask_pieces_skipped_ += mask_quad_.draw(
+            part->texture, lens, camera_from_plane(plan.T_table_camera, receiver.frame),
+            {plan.whole_masks, plan.finest_edges});
+        ++calls;
+      }
       continue;
     }
     if (way_ == Translucency::blend) {

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -266,18 +267,25 @@ class ShadowPass {
   struct PartCover {
     MaskPart part;
     double cell = 0.0;
-    Eigen::AlignedBox<std::int64_t, 2> bounds;
     MaskCover cover;
     std::uint64_t last_used = 0;
   };
   struct DrawnMask {
+    MaskCells cells;
+    std::vector<MaskPart> parts;
+    MaskTexture texture;
+  };
+  // Those of a plane: what they were made for, and they.
+  struct DrawnMasks {
     bool made = false;
     std::vector<MaskPart> parts;
-    double cell = 0.0;
-    std::optional<MaskTexture> texture;  // none: nothing is in it
+    int half_octave = 0;          // of cells
+    std::vector<CellBox> bounds;  // of each part, in these
+    MaskLayout layout;
+    std::vector<std::shared_ptr<DrawnMask>> masks;  // of each of its groups
   };
   struct PlaneMask {
-    DrawnMask now, other;                // of this frame, and the one shown before it
+    DrawnMasks now, other;               // of this frame, and those shown before it
     bool in_use = false;                 // in this frame
     double depth = 0.0;                  // of the nearest shadow that counts [m]
     std::vector<MaskPart> drawn_before;  // in the mask that was made last
@@ -333,7 +341,15 @@ class ShadowPass {
                                                  int plane, ShadowWork& work);
   void make_mask(const Scene& scene, const FramePlan& plan, int plane, PlaneMask& mask,
                  ShadowWork& work);
-  void draw_mask(double target, std::vector<MaskPart> of, PlaneMask& mask, ShadowWork& work);
+  // How masks of parts in these bounds are laid out, for the camera as it is.
+  using LayOut = std::function<MaskLayout(std::span<const CellBox>)>;
+  void draw_masks(int half_octave, std::vector<MaskPart> of, const LayOut& lay_out, PlaneMask& mask,
+                  ShadowWork& work);
+  // `noted`: what they cover is known, of the group's parts.
+  void draw_mask(const MaskLayout::Group& group, const std::vector<bool>& noted,
+                 PlaneMask& plane_mask, DrawnMask& mask);
+  // The half octave of cells that are no larger than so many pixels, so far away [m].
+  [[nodiscard]] int mask_cell_at(double depth, double pixels) const;
   std::array<std::vector<PlanePoint>, 3> face_images(const MaskPart& part, ShadowWork& work);
   [[nodiscard]] MaskPart mask_part(const ShadowDraw& draw, Caster& caster,
                                    const Prepared& prepared) const;
@@ -380,6 +396,7 @@ class ShadowPass {
   ViewFrustum frustum_;
   std::map<int, PlaneMask> plane_masks_;
   std::int64_t mask_pieces_skipped_ = 0;
+  std::int64_t most_mask_side_ = 0;  // cells along a side, of a texture
   std::vector<MaskCaster> mask_casters_;
   MaskPicture mask_picture_;
   std::vector<std::uint8_t> mask_codes_, lighter_codes_;

@@ -12,6 +12,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <glm/vec3.hpp>
 #include <optional>
 #include <span>
@@ -48,6 +49,39 @@ struct MaskCells {
   int width = 0, height = 0;
   friend bool operator==(const MaskCells&, const MaskCells&) = default;
 };
+
+// Boxes of whole cells, first and last.
+using CellBox = Eigen::AlignedBox<std::int64_t, 2>;
+
+// The sides of cells, by half powers of two [m].
+[[nodiscard]] double cell_size(int half_octave);
+
+// What a camera sees of a rectangle of the plane.
+struct SeenPart {
+  Eigen::AlignedBox2d box;  // that holds it [m]; empty: nothing is seen
+  int half_octave = 0;      // of cells as fine as it asks for
+};
+
+// Which parts share a picture, and of which cells it is: nothing is in two pictures' cells, so that
+// what the darkest layer is anywhere one of them tells.
+struct MaskLayout {
+  struct Group {
+    std::vector<std::size_t> parts;
+    MaskCells cells;
+    bool cut = false;  // to what is seen: parts may reach beyond the cells
+    friend bool operator==(const Group&, const Group&) = default;
+  };
+  std::vector<Group> groups;
+  bool of_view = false;  // what is seen was asked for
+  friend bool operator==(const MaskLayout&, const MaskLayout&) = default;
+};
+// One picture where all parts fit into one of moderate size. Else one for each group of parts that
+// lie together, cut to what is seen where that is large, of cells as fine as what is seen asks for;
+// coarser only where there would be too many. `bounds`: of each part, in cells of `half_octave`;
+// `most`: cells along a side that a picture can have at all.
+[[nodiscard]] MaskLayout lay_out_masks(
+    std::span<const CellBox> bounds, int half_octave, std::int64_t most,
+    const std::function<SeenPart(const Eigen::AlignedBox2d&)>& seen);
 
 // One mesh over the plane. Kept between frames for its memory.
 class MaskCaster {
@@ -126,6 +160,8 @@ class MaskPicture {
   // the darkest layer there, in part where an edge runs through. `light`: of each layer. What is
   // covered is forgotten.
   void finish(const glm::vec3& light, std::vector<std::uint8_t>& codes);
+  // The same into as many codes as the picture has cells.
+  void finish(const glm::vec3& light, std::span<std::uint8_t> codes);
   // How much of each of these cells, of the same size, umbra, middle and penumbra cover, 0 to 255,
   // each no less than the one before it; 4 bytes each, the last one 0, rows in order. What is
   // covered is forgotten, of all cells.

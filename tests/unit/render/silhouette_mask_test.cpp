@@ -1351,5 +1351,240 @@ TEST_F(DrawnMask, OnlyWhatMovesIsCoveredAgain) {
   }
 }
 
+// ---- what is large or spread ----
+
+TEST(MaskLayout, KeepsPartsTogetherThatMeetAndNoOthers) {
+  std::mt19937 random(7);
+  const auto between = [&random](int low, int high) {
+    return std::uniform_int_distribution<int>(low, high)(random);
+  };
+  constexpr int kSize = -22;  // 0.5 mm
+  const Eigen::AlignedBox2d view(Eigen::Vector2d(-0.3, -0.2), Eigen::Vector2d(0.4, 0.5));
+  int cut = 0;
+  int apart = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    std::vector<CellBox> bounds;
+    for (int i = between(1, 8); i > 0; --i) {
+      const Eigen::Vector<std::int64_t, 2> low(between(-900, 1100), between(-900, 1100));
+      const int longest = between(0, 6) == 0 ? 6000 : 300;
+      bounds.emplace_back(
+          low, low + Eigen::Vector<std::int64_t, 2>(between(0, longest), between(0, longest)));
+    }
+    bounds.emplace_back();  // of what casts nothing
+    const auto seen = [&](const Eigen::AlignedBox2d& box) {
+      const Eigen::AlignedBox2d part = box.intersection(view);
+      return part.isEmpty() ? SeenPart{} : SeenPart{part, kSize + trial % 3 - 1};
+    };
+    const MaskLayout layout = lay_out_masks(bounds, kSize, 4096, seen);
+    EXPECT_EQ(layout, lay_out_masks(bounds, kSize, 4096, seen));
+    std::vector<int> shown(bounds.size(), 0);
+    double cells = 0.0;
+    std::vector<Eigen::AlignedBox2d> rects;
+    for (const MaskLayout::Group& group : layout.groups) {
+      const MaskCells& of = group.cells;
+      EXPECT_LE(std::max(of.width, of.height), 4096);
+      cells += 1.0 * of.width * of.height;
+      const Eigen::Vector2d low(static_cast<double>(of.u), static_cast<double>(of.v));
+      const Eigen::AlignedBox2d rect(of.size * low,
+                                     of.size * (low + Eigen::Vector2d(of.width, of.height)));
+      for (const std::size_t i : group.parts) {
+        ++shown[i];
+        Eigen::AlignedBox2d needed(
+            cell_size(kSize) * bounds[i].min().cast<double>(),
+            cell_size(kSize) * (bounds[i].max().cast<double>() + Eigen::Vector2d::Ones()));
+        if (group.cut) needed = needed.intersection(view);
+        if (needed.isEmpty()) continue;
+        // But for rounding.
+        EXPECT_TRUE((rect.min().array() <= needed.min().array() + 1e-9).all());
+        EXPECT_TRUE((rect.max().array() >= needed.max().array() - 1e-9).all());
+      }
+      for (const Eigen::AlignedBox2d& other : rects) {
+        const Eigen::AlignedBox2d both = other.intersection(rect);
+        EXPECT_TRUE(both.isEmpty() || both.sizes().minCoeff() < 1e-9);
+      }
+      rects.push_back(rect);
+      if (group.cut) ++cut;
+    }
+    EXPECT_LE(cells, 8388608.0);
+    for (std::size_t i = 0; i < bounds.size(); ++i) {
+      EXPECT_LE(shown[i], 1);
+      if (bounds[i].isEmpty()) {
+        EXPECT_EQ(shown[i], 0);
+        continue;
+      }
+      const Eigen::AlignedBox2d place(
+          cell_size(kSize) * bounds[i].min().cast<double>(),
+          cell_size(kSize) * (bounds[i].max().cast<double>() + Eigen::Vector2d::Ones()));
+      if (!place.intersection(view).isEmpty()) {
+        EXPECT_EQ(shown[i], 1) << trial;
+      }
+    }
+    if (layout.groups.size() > 1) ++apart;
+  }
+  EXPECT_GT(cut, 50);
+  EXPECT_GT(apart, 50);
+}
+
+TEST(MaskLayout, OfModerateSizeIsOnePictureWhateverIsSeen) {
+  const std::vector<CellBox> bounds = {
+      {Eigen::Vector<std::int64_t, 2>(-500, 3), Eigen::Vector<std::int64_t, 2>(-400, 20)},
+      {Eigen::Vector<std::int64_t, 2>(300, -30), Eigen::Vector<std::int64_t, 2>(500, 7)}};
+  const MaskLayout layout = lay_out_masks(bounds, -22, 4096, [](const Eigen::AlignedBox2d&) {
+    ADD_FAILURE() << "not asked for";
+    return SeenPart{};
+  });
+  ASSERT_EQ(layout.groups.size(), 1U);
+  EXPECT_FALSE(layout.of_view || layout.groups[0].cut);
+  EXPECT_EQ(layout.groups[0].parts, (std::vector<std::size_t>{0, 1}));
+  EXPECT_EQ(layout.groups[0].cells, (MaskCells{cell_size(-22), -501, -31, 1003, 53}));
+}
+
+class LargeMask : public DrawnMask {
+ protected:
+  static CameraModel camera_of_height(int height, double times = 1.0) {
+    CameraParameters p;
+    p.width = static_cast<int>(height * times) * 16 / 9;
+    p.height = static_cast<int>(height * times);
+    p.fx = p.fy = height * 1000.0 / 720.0 * times;
+    p.cx = (height * 8.0 / 9.0) * times - 0.5;
+    p.cy = (height / 2.0) * times - 0.5;
+    return CameraModel::make(p).value();
+  }
+  static std::shared_ptr<const Model> beam(double length) {
+    test::ShapeBuilder shape;
+    shape.box(-length / 2, -0.01, -0.01, length / 2, 0.01, 0.01);
+    return test::finished(shape.build(), glm::vec4(0.5F));
+  }
+  static std::shared_ptr<const Scene> two_rings() {
+    return scene({{torus(), test::at(-0.22, 0.02, 0.08, {1, 0.2, 0}, 0.3)},
+                  {torus(), test::at(0.22, -0.02, 0.08, {1, 0.2, 0}, 0.4)}});
+  }
+  static std::shared_ptr<const Scene> four_rings() {
+    return scene({{torus(), test::at(-0.24, 0.1, 0.08, {1, 0.2, 0}, 0.3)},
+                  {torus(), test::at(0.24, -0.1, 0.08, {1, 0.2, 0}, 0.4)},
+                  {torus(), test::at(0.0, -0.12, 0.05, {1, 0.2, 0}, 0.2)},
+                  {torus(), test::at(0.0, 0.1, 0.1)}});
+  }
+  // Slanted, so that a picture of all of it would have millions of cells.
+  static std::shared_ptr<const Scene> long_beam() {
+    return scene({{beam(2.0), test::at(0.0, 0.0, 0.06, {0, 0, 1}, 0.35)},
+                  {torus(), test::at(0.1, -0.1, 0.05, {1, 0.2, 0}, 0.2)}});
+  }
+  static PoseEstimate seen_from(const Eigen::Vector3d& eye, const Eigen::Vector3d& target) {
+    return test::tracked(test::look_at(eye, target));
+  }
+  static Picture drawn(Studio& studio, const PoseEstimate& from, const PlanOptions& options) {
+    return studio.draw_shadows(
+        test::plain_frame(studio.camera().width(), studio.camera().height(), 255),
+        studio.plan(from, options));
+  }
+};
+
+TEST_F(LargeMask, EdgesAreSmoothAndTheRestIsTheSame) {
+  const PoseEstimate from_above = seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0});
+  // The beam goes on behind the camera.
+  const PoseEstimate close = seen_from({0.1, -0.1, 0.15}, {0.0, 0.05, 0.0});
+  const struct {
+    const char* what;
+    std::shared_ptr<const Scene> of;
+    int height;
+    PoseEstimate from;
+  } cases[] = {
+      {"two rings, 720", two_rings(), 720, from_above},
+      {"four rings, 720", four_rings(), 720, from_above},
+      {"four rings, 1080", four_rings(), 1080, from_above},
+      {"a beam, 720", long_beam(), 720, from_above},
+      {"a beam, 1080", long_beam(), 1080, from_above},
+      {"a beam from near, 720", long_beam(), 720, close},
+  };
+  for (const auto& c : cases) {
+    SCOPED_TRACE(c.what);
+    Studio coarse(c.of, camera_of_height(c.height));
+    Studio fine(c.of, camera_of_height(c.height, 4.0));
+    const Picture mask = drawn(coarse, c.from, by(LayerDrawing::mask));
+    const EdgeError error = edge_error(mask, drawn(fine, c.from, by(LayerDrawing::direct)), 4);
+    EXPECT_GE(coarse.stats().layer_masks_drawn, 1);
+    std::printf("%s: edge error %.2f codes RMS over %d pixels, elsewhere %d at most\n", c.what,
+                error.rms, error.edges, error.largest_elsewhere);
+    EXPECT_GT(error.edges, 1500);
+    EXPECT_LE(error.rms, 6.0);
+    EXPECT_LE(error.largest_elsewhere, 1);
+    PlanOptions all = by(LayerDrawing::mask);
+    all.skip = false;
+    EXPECT_EQ(mask, drawn(coarse, c.from, all));
+  }
+}
+
+// Whatever came before, and by any way to darken the video.
+TEST_F(LargeMask, IsOfThePresentFrameAlone) {
+  const std::vector<PoseEstimate> path = {seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0}),
+                                          seen_from({0.06, -0.37, 0.36}, {0.0, 0.02, 0}),
+                                          seen_from({0.15, -0.3, 0.3}, {0.1, 0.02, 0.0}),
+                                          seen_from({0.1, -0.1, 0.15}, {0.0, 0.05, 0}),
+                                          seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0}),
+                                          seen_from({0.8, -0.4, 0.4}, {0.6, 0.3, 0.0}),
+                                          seen_from({0.4, -0.9, 0.15}, {0.0, 0.3, 0.0})};
+  for (const auto& of : {long_beam(), four_rings()}) {
+    const CameraModel by_camera = camera_of_height(720);
+    Studio studio(of, by_camera);
+    Studio whole(of, by_camera);
+    for (std::size_t i = 0; i < path.size(); ++i) {
+      for (const Translucency way :
+           {Translucency::blend, Translucency::retexture, Translucency::mesh}) {
+        SCOPED_TRACE(std::to_string(i) + " " + std::string(to_string(way)));
+        PlanOptions options = by(LayerDrawing::mask, way);
+        const Picture picture = drawn(studio, path[i], options);
+        Studio fresh(of, by_camera);
+        EXPECT_EQ(picture, drawn(fresh, path[i], options));
+        options.skip = false;
+        EXPECT_EQ(picture, drawn(whole, path[i], options));
+      }
+    }
+  }
+}
+
+TEST_F(LargeMask, IsKeptWhileTheCameraMovesALittle) {
+  for (const auto& of : {long_beam(), four_rings()}) {
+    Studio studio(of, camera_of_height(720));
+    static_cast<void>(
+        drawn(studio, seen_from({0.05, -0.38, 0.36}, {0, 0, 0}), by(LayerDrawing::mask)));
+    const std::int64_t masks = studio.stats().layer_masks_drawn;
+    EXPECT_GE(masks, 1);
+    std::int64_t again = 0;
+    constexpr int kSteps = 30;
+    for (int i = 0; i < kSteps; ++i) {  // a second of a slow hand, 6 cm
+      static_cast<void>(
+          drawn(studio, seen_from({0.05 + 0.001 * i, -0.38 + 0.0015 * i, 0.36}, {0.0005 * i, 0, 0}),
+                by(LayerDrawing::mask)));
+      again += studio.stats().layer_masks_drawn;
+      EXPECT_EQ(studio.stats().layer_masks_drawn + studio.stats().layer_masks_kept, masks);
+    }
+    EXPECT_LT(again, kSteps * masks / 4);
+  }
+}
+
+TEST_F(LargeMask, OnlyTheGroupOfWhatMovesIsDrawnAgain) {
+  const auto objects = four_rings();
+  Studio studio(objects, camera_of_height(720));
+  const PoseEstimate from = seen_from({0.05, -0.38, 0.36}, {0.0, 0.0, 0.0});
+  SceneState state = evaluate_scene(*objects, 0.0);
+  const Frame frame = test::plain_frame(studio.camera().width(), studio.camera().height(), 255);
+  const auto draw = [&](Studio& by_studio) {
+    return by_studio.draw_shadows(
+        frame, plan_frame(*objects, state, from, by_studio.camera(), by(LayerDrawing::mask)));
+  };
+  static_cast<void>(draw(studio));
+  const std::int64_t masks = studio.stats().layer_masks_drawn;
+  EXPECT_EQ(masks, 4);
+  for (int i = 0; i < 4; ++i) {
+    state.objects[3].position.y() += 0.0037;
+    const Picture picture = draw(studio);
+    EXPECT_EQ(studio.stats().layer_masks_drawn, 1);
+    EXPECT_EQ(studio.stats().layer_masks_kept, 3);
+    Studio fresh(objects, studio.camera());
+    EXPECT_EQ(picture, draw(fresh));
+  }
+}
+
 }  // namespace
 }  // namespace penumbra::silhouette_mask_test
