@@ -217,10 +217,9 @@ class Planner {
   void plan_climbing() {
     for (const ShadowNode& node : scene_.shadows) {
       const ShadowTechnique technique = options_.technique.value_or(node.technique);
-      const bool one_size =
-          technique == ShadowTechnique::layered &&
-          options_.kernels.value_or(node.kernels) != KernelSource::centroid &&
-          options_.light_mode.value_or(node.light_mode) == LightMode::fixed;
+      const bool one_size = technique == ShadowTechnique::layered &&
+                            options_.kernels.value_or(node.kernels) != KernelSource::centroid &&
+                            options_.light_mode.value_or(node.light_mode) == LightMode::fixed;
       if (!one_size && technique != ShadowTechnique::field) continue;
       skip("volumes_impossible", node.name,
            "its light is of one size, and no mesh tells its layers' volumes");
@@ -259,7 +258,7 @@ class Planner {
   // Of every height of a receiver its layers are others than on the plane: whether there are any is
   // not known here.
   void plan_receivers_under(const ShadowDraw& draw, const SceneObject& object) {
-    if (plan_.phantoms.empty() && plan_.objects.empty()) return;
+    if (scene_.objects.size() < 2) return;
     const BoxCorners corners = box_corners(*object.model, draw.T_table_object);
     ReceivedShadowDraw under;
     under.shadow = draw;
@@ -270,6 +269,10 @@ class Planner {
     const bool bounded =
         draw.technique != ShadowTechnique::layered || !object.model->shadow_kernel_up;
     under.radius = bounded ? shadow.radius : std::numeric_limits<double>::infinity();
+    for (const OverPlane& receiver : receivers_over(draw.plane, draw.plane_frame)) {
+      if (!are_one_thing(draw.object, receiver.object) && receiver.meets(under))
+        ++plan_.meeting_pairs;
+    }
     if (misses_all(under, plan_.phantoms))
       skip("shadow_misses_phantoms", object.name, "its shadow meets no phantom");
     if (misses_all(under, plan_.objects))
@@ -297,6 +300,35 @@ class Planner {
     return thing_of(receiver) == thing_of(caster);
   }
 
+  // Where a thing is over a plane.
+  struct OverPlane {
+    int object = 0;
+    Disc disc;
+    double low = 0.0, high = 0.0;  // [m]
+    [[nodiscard]] bool meets(const ReceivedShadowDraw& under) const {
+      return (under.centre - disc.centre).norm() <= under.radius + disc.radius && high > 0.0 &&
+             under.top >= low;
+    }
+  };
+  [[nodiscard]] OverPlane over_plane(int object, const PlaneFrame& plane) const {
+    const auto at = static_cast<std::size_t>(object);
+    const BoxCorners box = box_corners(*scene_.objects[at].model, state_.objects[at]);
+    const auto [low, high] = heights_above(plane, box);
+    return {object, footprint(box, plane), low, high};
+  }
+  // All that shadows fall on, in view or not.
+  const std::vector<OverPlane>& receivers_over(int plane, const PlaneFrame& frame) {
+    const auto [entry, is_new] = receivers_over_.try_emplace(plane);
+    for (std::size_t i = 0; is_new && i < scene_.objects.size(); ++i) {
+      const SceneObject& object = scene_.objects[i];
+      const auto index = static_cast<int>(i);
+      if (!object.model || opacity_of_object(index) <= 0.0F) continue;
+      if (object.phantom || !all_blends(*object.model))
+        entry->second.push_back(over_plane(index, frame));
+    }
+    return entry->second;
+  }
+
   // Plans the shadow on those that it may meet. Whether there are others than its caster, and it
   // meets none.
   bool misses_all(const ReceivedShadowDraw& under, const std::vector<ObjectDraw>& receivers) {
@@ -311,11 +343,8 @@ class Planner {
         continue;
       }
       asked = true;
-      const BoxCorners box = box_corners(model, receiver.T_table_object);
-      const Disc disc = footprint(box, under.shadow.plane_frame);
-      const auto [low, high] = heights_above(under.shadow.plane_frame, box);
-      const bool apart = (under.centre - disc.centre).norm() > under.radius + disc.radius;
-      if (options_.skip && (apart || high <= 0.0 || under.top < low)) continue;
+      if (options_.skip && !over_plane(receiver.object, under.shadow.plane_frame).meets(under))
+        continue;
       met = true;
       ReceivedShadowDraw draw = under;
       draw.receiver = receiver.object;
@@ -609,7 +638,8 @@ class Planner {
   const SceneState& state_;
   const PlanOptions& options_;
   FramePlan& plan_;
-  std::map<int, std::set<int>> lights_on_;  // of a plane, with hard shadows
+  std::map<int, std::set<int>> lights_on_;                // of a plane, with hard shadows
+  std::map<int, std::vector<OverPlane>> receivers_over_;  // a plane
   ViewFrustum frustum_;
   Transform<frame::Camera, frame::Table> T_camera_table_;
 };

@@ -188,6 +188,9 @@ struct FramePlan {
   // that.
   std::vector<ShadowDraw> unseen_shadows;
   std::vector<ReceivedShadowDraw> received_shadows;
+  // How many casters and receivers of all planes may meet, in view or not: what they share must not
+  // hang on what is seen.
+  std::size_t meeting_pairs = 0;
   std::vector<HardShadowDraw> hard_shadows;
   std::vector<ShadowVolumeDraw> volumes;
   std::vector<LightRayDraw> rays;

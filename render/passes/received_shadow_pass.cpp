@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -14,20 +15,19 @@ namespace {
 constexpr std::size_t kMostFieldLevels = 16;
 constexpr double kFinestTexel = 5e-4;  // [m]
 constexpr int kMostTexels = 1024;      // along a side
-// Of one caster over one receiver; fewer where a scene has many of these.
+// Of one caster over one receiver; fewer where many of these meet.
 constexpr double kMostTexelsInAll = 4e6;
 constexpr double kLeastTexelsInAll = 1e5;
-constexpr double kMostTexelsOfScene = 64e6;
+constexpr double kMostTexelsOfFrame = 64e6;
 constexpr double kLongestLevelStep = 0.03;  // [m]
 constexpr int kTexelsAtOnce = 32;  // sides are whole numbers of these: storage changes rarely
 
-// Hangs on the scene alone: what is left out of a frame changes no picture.
-double most_texels(const Scene& scene) {
-  double casts = 0.0;
-  for (const ShadowNode& node : scene.shadows)
-    casts += static_cast<double>(node.casters.size() * (node.planes.size() + node.walls.size()));
-  const double pairs = std::max(casts * (static_cast<double>(scene.objects.size()) - 1.0), 1.0);
-  return std::clamp(kMostTexelsOfScene / pairs, kLeastTexelsInAll, kMostTexelsInAll);
+// By powers of two, so that pairs that come and go seldom change it. Hangs on what meets, in view
+// or not: what is left out of a frame changes no picture.
+double most_texels(const FramePlan& plan) {
+  const auto pairs =
+      static_cast<double>(std::bit_ceil(std::max<std::size_t>(plan.meeting_pairs, 1)));
+  return std::clamp(kMostTexelsOfFrame / pairs, kLeastTexelsInAll, kMostTexelsInAll);
 }
 
 // The part of the plane where the shadow may meet the surface.
@@ -114,8 +114,8 @@ const ReceivedShadowPass::Surface& ReceivedShadowPass::surface_of(const Scene& s
 }
 
 int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& draw,
-                                  const Surface& surface, double most_texels, Mask& mask,
-                                  ShadowPass& shadows, ShadowWork& work) {
+                                  const Surface& surface, Mask& mask, ShadowPass& shadows,
+                                  ShadowWork& work) {
   mask.shows = false;
   mask.levels.clear();
   Eigen::AlignedBox2d box = meeting(draw, surface.faces);
@@ -144,7 +144,8 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
     const Eigen::Array2d texels = ((box.max() - mask.origin) / texel).array().ceil() + 1.0;
     if ((texels > kMostTexels).any()) continue;
     size = ((texels / kTexelsAtOnce).ceil() * kTexelsAtOnce).cast<int>();
-    if (static_cast<double>(size.prod()) * static_cast<double>(mask.levels.size()) <= most_texels)
+    if (static_cast<double>(size.prod()) * static_cast<double>(mask.levels.size()) <=
+        mask.most_texels)
       break;
   }
   mask.extent = size.cast<double>().matrix() * texel;
@@ -210,7 +211,7 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
   }
   if (plan.climbing == Climbing::volumes) return 0;
   int calls = 0;
-  const double texels = most_texels(scene);
+  const double texels = most_texels(plan);
   for (const ReceivedShadowDraw& draw : plan.received_shadows) {
     const ObjectDraw* receiver = receiver_of(plan, draw.receiver);
     if (receiver == nullptr) continue;
@@ -224,8 +225,8 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
     const bool covers = shadows.covers_flat(scene, plan, draw.shadow);
     const auto is_it = [&](const Mask& made) {
       return made.valid && made.covered == covers && made.texel == texel &&
-             made.surface == surface.version && made.top == draw.top &&
-             same_shapes(made.shadow, draw.shadow);
+             made.most_texels == texels && made.surface == surface.version &&
+             made.top == draw.top && same_shapes(made.shadow, draw.shadow);
     };
     if (!is_it(masks.now)) std::swap(masks.now, masks.other);
     Mask& mask = masks.now;
@@ -235,9 +236,10 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
       mask.surface = surface.version;
       mask.top = draw.top;
       mask.texel = texel;
+      mask.most_texels = texels;
       mask.covered = covers;
       mask.shadow = draw.shadow;
-      calls += make_mask(scene, draw, surface, texels, mask, shadows, work);
+      calls += make_mask(scene, draw, surface, mask, shadows, work);
     }
     if (kept && !mask.levels.empty()) {
       work.kept.push_back(

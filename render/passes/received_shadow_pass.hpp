@@ -51,6 +51,7 @@ class ReceivedShadowPass {
     std::uint64_t surface = 0;  // its version
     double top = 0.0;
     double texel = 0.0;  // as the view asks for [m]
+    double most_texels = 0.0;
     std::vector<double> levels;
     bool covered = false;            // made by covers_flat()
     bool shows = false;              // something is in some picture
@@ -71,7 +72,7 @@ class ReceivedShadowPass {
   const Surface& surface_of(const Scene& scene, const ObjectDraw& receiver, int plane,
                             const PlaneFrame& frame);
   int make_mask(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
-                double most_texels, Mask& mask, ShadowPass& shadows, ShadowWork& work);
+                Mask& mask, ShadowPass& shadows, ShadowWork& work);
   // Makes the pictures of its levels without drawing ...
   void cover_levels(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
                     const MaskCells& cells, Mask& mask, ShadowPass& shadows, ShadowWork& work);

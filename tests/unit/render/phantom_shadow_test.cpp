@@ -1276,6 +1276,31 @@ TEST(PhantomShadow, OnObjectsIsTheSameWithoutBlending) {
   EXPECT_LT(black, 0.9 * dark);
 }
 
+// How fine a shadow on a thing is hangs on what meets there, and not on what else the scene has.
+TEST(PhantomShadow, IsAsFineWhateverIsFarAway) {
+  const auto drawn = [](int far_away, bool skip) {
+    SceneBuilder builder = builder_with(ShadowTechnique::layered);
+    ShapeBuilder torus;
+    torus.torus(0.06, 0.02, 16, 40);
+    builder.add(solid(torus.build()), test::at(0.0, 0.0, 0.12, {1, 0, 0}, 0.2));
+    builder.add(solid(ball(0.12, 24)), test::at(0.0, 0.0, -0.07), false, true);
+    for (int i = 0; i < far_away; ++i)
+      builder.add(box(0.02, 0.02, 0.02), test::at(50.0 + 0.1 * i, 40.0, 0.05));
+    Studio studio(builder.build(), camera());
+    PlanOptions options;
+    options.skip = skip;
+    options.layers = LayerDrawing::mask;
+    const FramePlan plan = studio.plan(from({0.1, -0.25, 0.3}), options);
+    EXPECT_EQ(plan.meeting_pairs, 1U);
+    const Picture picture = studio.draw(white(), plan);
+    EXPECT_GT(studio.stats().masks_drawn, 0);
+    return picture;
+  };
+  const Picture alone = drawn(0, true);
+  EXPECT_EQ(alone, drawn(40, true));
+  EXPECT_EQ(alone, drawn(40, false));
+}
+
 // Under a caster a slope has fewer levels, evenly; beside it as many as ever.
 TEST(ReceivingLevels, OfSlopesAreFartherApartUnderACasterThatIsClear) {
   const ReceivingSurface surface(ramp(0.2, 0.5, 0.002), Placement(), PlaneFrame());
