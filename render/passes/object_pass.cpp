@@ -45,6 +45,24 @@ const Material& material_of(const Model& model, int index) {
   return index >= 0 && at < model.materials.size() ? model.materials[at] : plain;
 }
 
+// Asked before they are uploaded: a driver only says that it refuses something.
+Result<void> images_fit(const Scene& scene) {
+  GLint most = 0;
+  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &most);
+  for (const SceneObject& object : scene.objects) {
+    if (!object.model) continue;
+    for (const Texture& texture : object.model->textures) {
+      if (std::max(texture.width, texture.height) <= most) continue;
+      return fail(
+          "{}: object \"{}\": an image of its model{}{} is {} x {} px, and this graphics driver "
+          "takes {} px along a side at most; make the image smaller",
+          scene.file, object.name, object.model_file.empty() ? "" : " ", object.model_file,
+          texture.width, texture.height, most);
+    }
+  }
+  return {};
+}
+
 }  // namespace
 
 float longest_model_edge(double longest_edge_m, double scale) {
@@ -96,6 +114,8 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
   if (const auto& tone = camera.parameters().tone_curve) {
     pass.tone_ = {static_cast<float>(1.0 / *tone), 1.0F, 0.0F, 0.0F};
   }
+
+  if (auto fit = images_fit(scene); !fit) return tl::unexpected(fit.error());
 
   const double longest = longest_edge(camera);
   const std::vector<double> scales = largest_scales(scene);

@@ -484,5 +484,27 @@ TEST(Context, SaysWhatItIs) {
   }
 }
 
+TEST(Compositor, AnImageThatIsTooLargeIsNamed) {
+  const auto plain = box(0.05, glm::vec4(1.0F));
+  auto model = std::make_shared<Model>(*plain);
+  constexpr int kWidth = 1 << 17;  // more than any driver takes
+  model->textures.push_back(
+      {kWidth, 1, std::vector<std::uint8_t>(std::size_t{4} * kWidth, std::uint8_t{200})});
+  model->materials[0].base_color_texture.image = 0;
+  SceneBuilder builder;
+  builder.add(plain, test::at(0.0, 0.0, 0.1));
+  builder.add(model, test::at(0.1, 0.0, 0.1));
+  builder.scene().objects[1].model_file = "wide.glb";
+  auto context = create_offscreen_context(GlApi::gl33);
+  ASSERT_TRUE(context) << context.error().message;
+  const auto compositor =
+      Compositor::create(**context, builder.build(), test::camera_of(64, 64, 60.0), {});
+  ASSERT_FALSE(compositor);
+  EXPECT_THAT(compositor.error().message,
+              testing::MatchesRegex("test.json: object \"object2\": an image of its model wide.glb "
+                                    "is 131072 x 1 px, and this graphics driver takes [0-9]+ px "
+                                    "along a side at most; make the image smaller"));
+}
+
 }  // namespace
 }  // namespace penumbra
