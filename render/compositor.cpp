@@ -260,7 +260,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     count(m.objects.draw_objects(*m.scene, plan, m.lens, m.framebuffer));
     // A phantom under a plane is not what its pixels show. No pass of its own: what it marks is for
     // those behind it.
-    m.stats.draw_calls += m.receivers.begin_frame(plan, m.lens, !plan.volumes.empty());
+    m.stats.draw_calls += m.receivers.begin_frame(plan, m.lens, plan.volume_lights > 0);
     count(m.shadows.draw(plan, m.lens, m.receivers, m.video, frame, m.framebuffer));
     count(received + m.received_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.receivers,
                                              m.framebuffer));

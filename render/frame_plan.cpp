@@ -11,6 +11,7 @@
 #include "core/assert.hpp"
 #include "render/camera_gl.hpp"
 #include "render/shadow/layered_penumbra.hpp"
+#include "render/shadow/light_rays.hpp"
 #include "render/shadow/projected_shadow.hpp"
 
 namespace penumbra {
@@ -210,6 +211,11 @@ class Planner {
       if (hard && (volumes || !plan_.phantoms.empty())) {
         plan_volumes(node, static_cast<int>(n), volumes);
       }
+    }
+    plan_.volume_lights = static_cast<int>(volume_lights_.size());
+    if (options_.skip) {
+      std::erase_if(plan_.volumes,
+                    [this](const ShadowVolumeDraw& draw) { return !volume_shows(draw); });
     }
   }
 
@@ -450,6 +456,7 @@ class Planner {
           // A volume that is made for other receivers has other triangles, whose edges may fall on
           // other pixels: the same ones with and without skipping.
           draw.receivers = balls_met(draw, seen);
+          if (!draw.receivers.empty()) volume_lights_.insert(light);
           if (draw.receivers.empty() && options_.skip) {
             const std::string& name = scene_.objects[static_cast<std::size_t>(caster)].name;
             skip("shadow_misses_phantoms", name, "its shadow meets no phantom");
@@ -458,6 +465,7 @@ class Planner {
           if (draw.receivers.empty()) continue;
         }
         draw.opacity = opacity_of_object(caster);
+        if (on_planes) volume_lights_.insert(light);
         add_volume(draw);
       }
     }
@@ -527,11 +535,56 @@ class Planner {
         const SceneObject& object = scene_.objects[static_cast<std::size_t>(caster)];
         const float opacity = opacity_of_object(caster);
         if (!object.model || !object.casts_shadow || opacity <= 0.0F) continue;
-        plan_.rays.push_back({caster, light, state_.objects[static_cast<std::size_t>(caster)],
-                              plan_.lights[static_cast<std::size_t>(light)].place, planes,
-                              options_.proxies, opacity});
+        const LightRayDraw draw{caster,
+                                light,
+                                state_.objects[static_cast<std::size_t>(caster)],
+                                plan_.lights[static_cast<std::size_t>(light)].place,
+                                planes,
+                                options_.proxies,
+                                opacity};
+        if (options_.skip && !rays_show(draw, object)) continue;
+        plan_.rays.push_back(draw);
       }
     }
+  }
+
+  // Of one for phantoms it is known which it meets.
+  bool volume_shows(const ShadowVolumeDraw& draw) {
+    if (!draw.on_planes) return true;
+    const SceneObject& object = scene_.objects[static_cast<std::size_t>(draw.object)];
+    const BoxCorners corners = box_corners(*casting_model(object, draw.proxy), draw.T_table_object);
+    if (!out_of_view(hull_of_volume(corners, draw.light_place, draw.floors, draw.reach)))
+      return true;
+    skip("volume_out_of_view", object.name, "its shadow volume is outside the view");
+    return false;
+  }
+
+  // All that is drawn lies between the light, the caster and its box's images on the planes; where
+  // a light is not above the box, nothing is said.
+  bool rays_show(const LightRayDraw& draw, const SceneObject& object) {
+    const BoxCorners corners = box_corners(*casting_model(object, draw.proxy), draw.T_table_object);
+    std::vector<Eigen::Vector3d> hull(corners.begin(), corners.end());
+    if (draw.light_place.w() != 0.0) {
+      hull.emplace_back(draw.light_place.head<3>() / draw.light_place.w());
+    } else {
+      for (const Eigen::Vector3d& corner : corners)
+        hull.emplace_back(corner + kParallelRay * draw.light_place.head<3>().normalized());
+    }
+    for (const LightRayDraw::Plane& plane : draw.planes) {
+      if (!(light_height(plane.frame, draw.light_place) > 0.0)) continue;
+      const auto [bottom, top] = heights_above(plane.frame, corners);
+      const HeightRange range = hard_shadow_range(plane.frame, draw.light_place);
+      if (top < range.low || bottom > range.high) continue;
+      if (top > range.high) return true;
+      for (const Eigen::Vector3d& corner : corners) {
+        const Eigen::Vector2d image =
+            shadow_point(plane.frame, draw.light_place, plane.frame.to_plane(corner));
+        hull.push_back(plane.frame.lift(image.x(), image.y()));
+      }
+    }
+    if (!out_of_view(std::move(hull))) return true;
+    skip("rays_out_of_view", object.name, "its light rays are outside the view");
+    return false;
   }
 
   // The box's image decides; where the box reaches under the plane or up to the light, nothing is
@@ -624,6 +677,11 @@ class Planner {
     for (Eigen::Vector3d& corner : corners) corner = T_camera_table_ * corner;
     return frustum_.misses(corners);
   }
+  // Of the hull of these; none: it is not known.
+  bool out_of_view(std::vector<Eigen::Vector3d> hull) const {
+    for (Eigen::Vector3d& corner : hull) corner = T_camera_table_ * corner;
+    return !hull.empty() && frustum_.misses(hull);
+  }
 
   void skip(const char* what, const std::string& name, const char* why) {
     plan_.skipped.push_back({what, name + ": " + why});
@@ -639,6 +697,7 @@ class Planner {
   const PlanOptions& options_;
   FramePlan& plan_;
   std::map<int, std::set<int>> lights_on_;                // of a plane, with hard shadows
+  std::set<int> volume_lights_;                           // that have volumes, seen or not
   std::map<int, std::vector<OverPlane>> receivers_over_;  // a plane
   ViewFrustum frustum_;
   Transform<frame::Camera, frame::Table> T_camera_table_;

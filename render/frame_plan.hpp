@@ -193,6 +193,7 @@ struct FramePlan {
   std::size_t meeting_pairs = 0;
   std::vector<HardShadowDraw> hard_shadows;
   std::vector<ShadowVolumeDraw> volumes;
+  int volume_lights = 0;  // that have volumes, seen or not: how they are drawn hangs on it
   std::vector<LightRayDraw> rays;
   std::vector<PlacedLight> lights;  // one per Scene::lights
   Lighting lighting;

@@ -269,7 +269,8 @@ int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUnifor
     (known == lights.end() ? lights.emplace_back() : *known).push_back(&draw);
   }
   if (lights.empty()) return 0;
-  const bool add_up = lights.size() > 1;
+  // Not of those in view: sums are rounded otherwise than one light's share.
+  const bool add_up = plan.volume_lights > 1;
   if (add_up) framebuffer.bind_sums();
   const Drawing drawing{scene, plan, lens, objects, receivers};
   int calls = 0;

@@ -11,8 +11,6 @@
 namespace penumbra {
 namespace {
 
-// A parallel light's rays begin this far before the vertex [m].
-constexpr double kParallelRay_m = 0.25;
 // Vertices nearer to a chosen one than this share of the model's size are the same corner.
 constexpr double kSameCorner = 1e-4;
 
@@ -118,7 +116,7 @@ std::vector<LightRay> light_rays(std::span<const MarkedVertex> vertices,
     if (!shadow) continue;
     const Eigen::Vector3d from =
         light.w() != 0.0 ? Eigen::Vector3d(light.head<3>() / light.w())
-                         : Eigen::Vector3d(vertex + kParallelRay_m * light.head<3>().normalized());
+                         : Eigen::Vector3d(vertex + kParallelRay * light.head<3>().normalized());
     rays.push_back({from, vertex, *shadow, marked.color});
   }
   return rays;

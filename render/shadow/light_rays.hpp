@@ -24,6 +24,9 @@ struct MarkedVertex {
 // colours are the model's own where it has one per vertex, and otherwise differ from each other.
 [[nodiscard]] std::vector<MarkedVertex> marked_vertices(const Model& model, std::size_t most);
 
+// A parallel light's rays begin this far before the vertex [m].
+inline constexpr double kParallelRay = 0.25;
+
 struct RayReceiver {
   PlaneFrame frame;
   std::span<const Eigen::Vector2d> outline;  // none: the plane has no end

@@ -341,6 +341,45 @@ ShadowVolume VolumeCaster::volume_of(const std::vector<Eigen::Vector3d>& near,
   return result;
 }
 
+// As volume_of(): to the floors, where a quotient of two linear functions is largest in a corner of
+// what it is over, or to the sphere.
+std::vector<Eigen::Vector3d> hull_of_volume(std::span<const Eigen::Vector3d> points,
+                                            const Eigen::Vector4d& light,
+                                            std::span<const PlaneFrame> floors, double reach) {
+  const bool local = light.w() != 0.0;
+  const Eigen::Vector3d from =
+      local ? Eigen::Vector3d(light.head<3>() / light.w()) : light.head<3>().normalized();
+  const auto away = [&](const Eigen::Vector3d& p) {
+    return local ? Eigen::Vector3d(p - from) : Eigen::Vector3d(-from);
+  };
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& p : points) middle += p / static_cast<double>(points.size());
+  double farthest = 0.0;  // from the table's origin
+  double radius = 0.0;
+  double to_floors = floors.empty() ? std::numeric_limits<double>::infinity() : 0.0;
+  for (const Eigen::Vector3d& p : points) {
+    farthest = std::max(farthest, p.norm());
+    radius = std::max(radius, (p - middle).norm());
+    for (const PlaneFrame& floor : floors) {
+      const double fall = -floor.n.dot(away(p));
+      const double height = floor.height(p) + kUnderFloor;
+      to_floors = std::max(to_floors, fall > 0.0 ? std::max(height, 0.0) / fall
+                                                 : std::numeric_limits<double>::infinity());
+    }
+  }
+  const double shortest = away(middle).norm() - (local ? radius : 0.0);
+  if (!(shortest > 0.0)) return {};
+  constexpr double kRounding = 1.0 + 1e-6;
+  const double t = kRounding * std::min(to_floors, (reach + farthest) / shortest);
+  if (!std::isfinite(t)) return {};
+  std::vector<Eigen::Vector3d> hull;
+  for (const Eigen::Vector3d& p : points) {
+    hull.push_back(p);
+    hull.emplace_back(p + t * away(p));
+  }
+  return hull;
+}
+
 std::vector<glm::vec3> split_for_lens(const std::vector<glm::vec3>& triangles, double longest_edge,
                                       std::size_t max_triangles) {
   const auto longest = static_cast<float>(longest_edge);

@@ -90,6 +90,14 @@ class VolumeCaster {
   std::vector<double> outside_;  // of each part: -1 where it is closed and turned inside out
 };
 
+// Points whose hull holds the volume (of these floors, as far as this) of whatever lies in the hull
+// of `points`, all in the table frame [m]; none where that has no end, as where the light may be
+// inside.
+[[nodiscard]] std::vector<Eigen::Vector3d> hull_of_volume(std::span<const Eigen::Vector3d> points,
+                                                          const Eigen::Vector4d& light,
+                                                          std::span<const PlaneFrame> floors,
+                                                          double reach);
+
 // Cut so that straight edges can follow a lens, as for planes in projected_shadow.hpp; still
 // closed.
 [[nodiscard]] std::vector<glm::vec3> split_for_lens(

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <random>
 
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
@@ -274,6 +275,48 @@ TEST(DrawnRaysTest, OfAFadingObjectAreMixedInOnce) {
   for (std::size_t i = 0; i < two.rgba.size(); ++i)
     differ += std::abs(fetched.rgba[i] - two.rgba[i]) > 1 ? 1 : 0;
   EXPECT_LE(differ, 60) << "where pieces of equal depth have other colours, the first or the last";
+}
+
+// What can't be seen is not drawn, and the picture is the same.
+TEST(DrawnRaysTest, OutOfViewAreLeftOut) {
+  std::mt19937 random(3);
+  const auto within = [&random](double low, double high) {
+    return std::uniform_real_distribution<double>(low, high)(random);
+  };
+  std::size_t left_out = 0;
+  std::size_t drawn = 0;
+  for (int i = 0; i < 30; ++i) {
+    SceneBuilder builder = lit_box();
+    SceneLight& lamp = builder.scene().lights[0];
+    if (i % 2 == 0) {
+      lamp.position = {within(-0.8, 0.8), within(-0.8, 0.8), within(0.1, 0.6)};
+    } else {
+      lamp.kind = SceneLight::Kind::directional;
+      lamp.direction = {within(-1, 1), within(-1, 1), within(0.2, 1)};
+    }
+    for (SceneObject& object : builder.scene().objects) {
+      object.placement = test::at(within(-0.9, 0.9), within(-0.9, 0.9), within(0.0, 0.3));
+    }
+    builder.add(test::box(0.05, 0.05, 0.05),
+                test::at(within(-0.9, 0.9), within(-0.9, 0.9), within(0.0, 0.3)));
+    Studio studio(builder.build(), i % 3 == 0 ? test::bent_camera(kSide, 260.0)
+                                              : test::camera_of(kSide, kSide, 260.0));
+    const PoseEstimate pose = test::tracked(test::look_at(
+        {within(-0.5, 0.5), -0.4, within(0.1, 0.6)}, {within(-0.3, 0.3), within(-0.3, 0.3), 0.0}));
+    PlanOptions options;
+    options.light_rays = true;
+    const FramePlan skipping = studio.plan(pose, options);
+    options.skip = false;
+    const FramePlan whole = studio.plan(pose, options);
+    EXPECT_EQ(whole.rays.size(), 2U);
+    const auto told = std::ranges::count(skipping.skipped, "rays_out_of_view", &SkippedPass::what);
+    EXPECT_EQ(skipping.rays.size() + static_cast<std::size_t>(told), 2U);
+    left_out += static_cast<std::size_t>(told);
+    drawn += skipping.rays.size();
+    EXPECT_EQ(studio.draw(grey(), skipping), studio.draw(grey(), whole)) << i;
+  }
+  EXPECT_GT(left_out, 5U);
+  EXPECT_GT(drawn, 10U);
 }
 
 }  // namespace

@@ -831,5 +831,77 @@ TEST(ShadowVolume, IsMadeAgainWhereItsCasterOrLightMovedOnly) {
   EXPECT_EQ(studio.stats().triples_recomputed, 2);
 }
 
+// What can't be seen is not made, and the picture is the same; of one light and of two.
+TEST(ShadowVolume, OutOfViewIsLeftOut) {
+  std::mt19937 random(5);
+  const auto within = [&random](double low, double high) {
+    return std::uniform_real_distribution<double>(low, high)(random);
+  };
+  int left_out = 0;
+  int drawn = 0;
+  for (int i = 0; i < 40; ++i) {
+    SceneBuilder builder =
+        i % 2 == 0
+            ? with_light({within(-0.5, 0.5), within(-0.5, 0.5), within(0.1, 0.8)})
+            : with_light(Eigen::Vector3d(within(-1, 1), within(-1, 1), within(0.1, 1)).normalized(),
+                         SceneLight::Kind::directional);
+    if (i % 3 == 0) {
+      SceneLight& second = builder.scene().lights.emplace_back(builder.scene().lights[0]);
+      second.name = "second";
+      second.position = {within(-0.5, 0.5), within(-0.5, 0.5), within(0.2, 0.8)};
+      builder.scene().shadows[0].lights = {0, 1};
+    }
+    if (i % 5 == 0) {
+      builder.scene().planes[0].outline = {{-0.4, -0.4}, {0.4, -0.4}, {0.4, 0.4}, {-0.4, 0.4}};
+    }
+    for (int k = 0; k < 4; ++k) {
+      builder.add(box(within(0.02, 0.1), within(0.02, 0.1), within(0.02, 0.1)),
+                  test::at(within(-0.8, 0.8), within(-0.8, 0.8), within(0.03, 0.3), {1, 1, 0},
+                           within(0, 3)));
+    }
+    builder.add(box(0.1, 0.1, 0.1), test::at(within(-0.2, 0.2), within(-0.2, 0.2), 0.02), false,
+                i % 2 == 0);
+    Studio studio(builder.build(), i % 4 == 0 ? test::bent_camera(kSide, 260.0)
+                                              : test::camera_of(kSide, kSide, 260.0));
+    const PoseEstimate pose = test::tracked(test::look_at(
+        {within(-0.5, 0.5), -0.4, within(0.1, 0.6)}, {within(-0.3, 0.3), within(-0.3, 0.3), 0.0}));
+    PlanOptions all;
+    all.skip = false;
+    const FramePlan skipping = studio.plan(pose);
+    const FramePlan whole = studio.plan(pose, all);
+    const auto told =
+        std::ranges::count(skipping.skipped, "volume_out_of_view", &SkippedPass::what);
+    EXPECT_EQ(skipping.volumes.size() + static_cast<std::size_t>(told), whole.volumes.size());
+    EXPECT_EQ(std::ranges::count(whole.skipped, "volume_out_of_view", &SkippedPass::what), 0);
+    left_out += static_cast<int>(told);
+    drawn += static_cast<int>(skipping.volumes.size());
+    EXPECT_EQ(studio.draw(white(), skipping).rgba, studio.draw(white(), whole).rgba) << i;
+  }
+  EXPECT_GT(left_out, 20);
+  EXPECT_GT(drawn, 20);
+}
+
+TEST(ShadowVolume, NothingIsDrawnWhereAllIsOutOfView) {
+  SceneBuilder builder = with_light({3.1, 0.0, 0.6});
+  builder.scene().shadows[0].light_rays = true;
+  builder.add(box(0.1, 0.1, 0.1), test::at(3.0, 0.0, 0.1));
+  Studio studio(builder.build(), test::camera_of(kSide, kSide, 260.0));
+  const PoseEstimate pose = test::tracked(test::look_at({0.0, -0.2, 0.4}, {0.0, 0.0, 0.0}));
+  const FramePlan plan = studio.plan(pose);
+  EXPECT_TRUE(plan.objects.empty() && plan.volumes.empty() && plan.rays.empty());
+  std::vector<std::string> reasons;
+  for (const SkippedPass& pass : plan.skipped) reasons.push_back(pass.reason);
+  EXPECT_EQ(reasons, (std::vector<std::string>{"object1: outside the view",
+                                               "object1: its light rays are outside the view",
+                                               "object1: its shadow volume is outside the view"}));
+  const Picture picture = studio.draw(white(), plan);
+  EXPECT_EQ(studio.stats().shadow_vertices, 0);
+  EXPECT_LE(studio.stats().draw_calls, 2) << "the video and where the plane is";
+  PlanOptions all;
+  all.skip = false;
+  EXPECT_EQ(picture, studio.draw(white(), studio.plan(pose, all)));
+  EXPECT_GT(studio.stats().draw_calls, 5);
+}
+
 }  // namespace
 }  // namespace penumbra::shadow_volume_test
