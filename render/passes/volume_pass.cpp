@@ -56,7 +56,7 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
         volume.light == draw.light_place && volume.floors == draw.floors &&
         volume.receivers == draw.receivers) {
       ++work.reprojections;
-      if (volume.light_inside) note_light_inside(scene, draw, work);
+      note_trouble(scene, draw, volume, work);
       continue;
     }
     ++work.recomputed;
@@ -67,7 +67,8 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
     ShadowVolume made = caster->volume(draw.T_table_object, draw.light_place, draw.floors,
                                        draw.reach, draw.receivers);
     volume.light_inside = made.light_inside;
-    if (volume.light_inside) note_light_inside(scene, draw, work);
+    volume.ends_above_floors = made.ends_above_floors;
+    note_trouble(scene, draw, volume, work);
     work.vertices += static_cast<std::int64_t>(volume.buffers.write(made, longest_edge_));
     volume.valid = true;
     volume.T_table_object = draw.T_table_object;
@@ -77,13 +78,23 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   }
 }
 
-void VolumePass::note_light_inside(const Scene& scene, const ShadowVolumeDraw& draw,
-                                   ShadowWork& work) {
+void VolumePass::note_trouble(const Scene& scene, const ShadowVolumeDraw& draw,
+                              const Volume& volume, ShadowWork& work) {
   const std::string& light = scene.lights[static_cast<std::size_t>(draw.light)].name;
   const std::string& object = scene.objects[static_cast<std::size_t>(draw.object)].name;
-  work.skipped.push_back(
-      {"light_inside_caster",
-       fmt::format("{}: the light \"{}\" is inside of it, or of a part of it", object, light)});
+  if (volume.light_inside) {
+    work.skipped.push_back(
+        {"light_inside_caster",
+         fmt::format("{}: the light \"{}\" is inside of it, or of a part of it", object, light)});
+  }
+  if (volume.ends_above_floors) {
+    work.skipped.push_back(
+        {"volume_too_far",
+         fmt::format(
+             "{}: it is so large or so far from the table that its shadow volume from \"{}\" "
+             "ends {:.0f} m from the table's origin, above the plane",
+             object, light, draw.reach)});
+  }
 }
 
 // Where the caster itself is seen.

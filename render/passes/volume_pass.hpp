@@ -51,6 +51,7 @@ class VolumePass {
     std::vector<PlaneFrame> floors;
     std::vector<Ball> receivers;
     bool light_inside = false;
+    bool ends_above_floors = false;
     VolumeBuffers buffers;
   };
   using Key = std::tuple<int, int>;  // object, light
@@ -81,7 +82,8 @@ class VolumePass {
     const Receivers& receivers;
   };
 
-  static void note_light_inside(const Scene& scene, const ShadowVolumeDraw& draw, ShadowWork& work);
+  static void note_trouble(const Scene& scene, const ShadowVolumeDraw& draw, const Volume& volume,
+                           ShadowWork& work);
   int mark_caster(const Drawing& drawing, const ShadowVolumeDraw& draw) const;
   static void clear_mark();
   // Leaves how often each pixel's ray is in one batch of the volume, in the stencil's bits for

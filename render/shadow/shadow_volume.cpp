@@ -18,6 +18,8 @@ namespace {
 
 // The far end lies this far under a floor [m], behind whatever rounding makes of the floor.
 constexpr double kUnderFloor = 0.02;
+// Of a volume's reach: what is farther away than this has a volume that may be too short.
+constexpr double kFarCaster = 0.5;
 
 glm::vec3 to_float(const Eigen::Vector3d& p) {
   return {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())};
@@ -247,6 +249,7 @@ ShadowVolume VolumeCaster::volume_of(const std::vector<Eigen::Vector3d>& near,
   // cone: p + t (p - L), or p - t L.
   double to_floors = floors.empty() ? std::numeric_limits<double>::infinity() : 0.0;
   double to_sphere = std::numeric_limits<double>::infinity();
+  double farthest = 0.0;  // from the table's origin
   std::vector<bool> used(near.size());
   for (std::size_t face = 0; face < faces; ++face) {
     for (std::size_t k = 0; k < 3 && turn[face] != 0; ++k) used[indices_[3 * face + k]] = true;
@@ -258,6 +261,7 @@ ShadowVolume VolumeCaster::volume_of(const std::vector<Eigen::Vector3d>& near,
     if (!used[i]) continue;
     const Eigen::Vector3d direction = away(near[i]);
     to_sphere = std::min(to_sphere, leaves_sphere(near[i], direction, reach));
+    farthest = std::max(farthest, near[i].norm());
     for (const PlaneFrame& floor : floors) {
       const double fall = -floor.n.dot(direction);
       const double height = floor.height(near[i]) + kUnderFloor;
@@ -266,6 +270,9 @@ ShadowVolume VolumeCaster::volume_of(const std::vector<Eigen::Vector3d>& near,
           std::max(to_floors, fall > 0.0 ? height / fall : std::numeric_limits<double>::infinity());
     }
   }
+  // Of what is near the table it is right to end there: the floor that it would come to is beyond.
+  result.ends_above_floors = !floors.empty() && std::isfinite(to_floors) && to_sphere < to_floors &&
+                             farthest > kFarCaster * reach;
   const double t = std::min(to_floors, to_sphere);
   if (!std::isfinite(t) || !(t > 0.0)) return result;
   std::vector<glm::vec3> here(near.size());

@@ -42,6 +42,8 @@ struct ShadowVolume {
   // A closed part of the caster has no face that the light sees: the light is in it, and all that
   // is outside would be dark. That part is left out.
   bool light_inside = false;
+  // The caster is too large or too far away: its volume ends before it comes to the floors.
+  bool ends_above_floors = false;
 };
 
 // Faces, and which of them share an edge.

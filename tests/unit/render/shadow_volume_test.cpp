@@ -903,5 +903,22 @@ TEST(ShadowVolume, NothingIsDrawnWhereAllIsOutOfView) {
   EXPECT_GT(studio.stats().draw_calls, 5);
 }
 
+TEST(ShadowVolume, OfWhatIsTooLargeIsTold) {
+  const auto told = [](double length) {
+    SceneBuilder builder = with_light({0.05, -0.05, 0.7});
+    builder.add(box(length, 0.02, 0.02), test::at(0.0, 0.0, 0.08));
+    Studio studio(builder.build(), test::camera_of(kSide, kSide, 260.0));
+    const PoseEstimate pose = test::tracked(test::look_at({0.3, -0.4, 0.5}, {0.0, 0.0, 0.0}));
+    for (int frame = 0; frame < 2; ++frame) {  // made, and drawn again
+      studio.draw(white(), studio.plan(pose));
+    }
+    return studio.stats().skipped.size() == 1 && studio.stats().skipped[0].what == "volume_too_far";
+  };
+  EXPECT_FALSE(told(0.5));
+  EXPECT_FALSE(told(10.0));
+  EXPECT_TRUE(told(22.0));
+  EXPECT_TRUE(told(40.0));
+}
+
 }  // namespace
 }  // namespace penumbra::shadow_volume_test
