@@ -710,6 +710,22 @@ void ShadowPass::make_field(const ShadowDraw& draw, Caster& caster, Prepared& pr
   prepared.outlines = std::make_shared<const FieldOutlines>(std::move(outlines));
 }
 
+void ShadowPass::note_empty_field(const Scene& scene, const ShadowDraw& draw, const Caster& caster,
+                                  const Prepared& prepared, ShadowWork& work) {
+  const auto is_empty = [](const LayerGeometry& layer) {
+    return layer.source == LayerSource::nothing;
+  };
+  if (draw.technique != ShadowTechnique::field || !std::ranges::all_of(prepared.layers, is_empty) ||
+      cut_layers(draw, caster) == std::array<LayerSource, 3>{})
+    return;
+  work.skipped.push_back(
+      {"field_too_coarse",
+       fmt::format(
+           "{}: it is so large and thin that no cell of its field is covered; give it another "
+           "technique",
+           scene.objects[static_cast<std::size_t>(draw.object)].name)});
+}
+
 // Of each layer whether all of the mesh is in its heights, or a part, or nothing.
 std::array<ShadowPass::LayerSource, 3> ShadowPass::cut_layers(const ShadowDraw& draw,
                                                               const Caster& caster) {
@@ -1003,6 +1019,7 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
     } else {
       prepare_one(draw, caster, prepared, masked, work);
       if (!masked) prepared.surface = surface_for(draw, plan, caster, prepared);
+      note_empty_field(scene, draw, caster, prepared, work);
       for (const LayerGeometry& layer : prepared.layers) {
         if (!prepared.reduced || layer.source == LayerSource::nothing) continue;
         work.proxy_faces_saved += static_cast<std::int64_t>(
@@ -1052,9 +1069,11 @@ bool ShadowPass::is_for_masks(Body& body, const ShadowMesh& mesh) {
 
 // How near the nearest of a plane's shadows is, if all of them can be in a mask [m]; where nothing
 // casts one, or they can't, nothing. A mask takes less than drawing its casters directly, be it 12
-// faces or 23,000, and has smooth edges (BENCHMARKS.md). What is out of sight counts like the rest:
-// else a shadow would be drawn another way when another one leaves the view. All of a plane or
-// nothing: where they overlap the darkest layer counts, and once.
+// faces or 23,000, and has smooth edges (BENCHMARKS.md); where casters of few faces are cut by the
+// plane or at the height where the umbra ends it takes slightly more, and has these edges too. What
+// is out of sight counts like the rest: else a shadow would be drawn another way when another one
+// leaves the view. All of a plane or nothing: where they overlap the darkest layer counts, and
+// once.
 std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan& plan, int plane,
                                              ShadowWork& work) {
   if (plan.layers == LayerDrawing::direct) return std::nullopt;

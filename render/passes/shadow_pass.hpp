@@ -360,6 +360,9 @@ class ShadowPass {
   Prepared& prepare_level(const ReceivedShadowDraw& draw, int level, const ShadowDraw& shadow,
                           Caster& caster, bool masked, ShadowWork& work);
   void make_field(const ShadowDraw& draw, Caster& caster, Prepared& prepared, ShadowWork& work);
+  // Where a field has nothing of what it is to have.
+  static void note_empty_field(const Scene& scene, const ShadowDraw& draw, const Caster& caster,
+                               const Prepared& prepared, ShadowWork& work);
   struct Item;
   // What layers are drawn with.
   struct Brush {

@@ -615,5 +615,28 @@ TEST(ShadowPass, SplittingKeepsTheSurfaceAndItsKernels) {
   }
 }
 
+TEST(ShadowPass, AFieldThatIsTooCoarseIsTold) {
+  const auto told = [](double length, LayerDrawing layers, bool lifted = false) {
+    SceneBuilder builder;
+    builder.scene().shadows[0].technique = ShadowTechnique::field;
+    builder.scene().shadows[0].layered = constants_with(0.4, 2.5);
+    builder.add(box(length, 0.01, 0.01), test::at(0.0, 0.0, lifted ? 5.0 : 0.08, {0, 0, 1}, 0.5));
+    Studio studio(builder.build(), overhead_camera());
+    PlanOptions options;
+    options.layers = layers;
+    options.skip = !lifted;
+    for (int frame = 0; frame < 2; ++frame) {  // made, and kept
+      studio.draw(white(), studio.plan(overhead(), options));
+    }
+    const auto& skipped = studio.stats().skipped;
+    return std::ranges::count(skipped, "field_too_coarse", &SkippedPass::what);
+  };
+  for (const LayerDrawing layers : {LayerDrawing::direct, LayerDrawing::mask}) {
+    EXPECT_EQ(told(0.5, layers), 0);
+    EXPECT_EQ(told(20.0, layers), 1);
+    EXPECT_EQ(told(0.1, layers, true), 0) << "it is above all layers";
+  }
+}
+
 }  // namespace
 }  // namespace penumbra::shadow_pass_test
