@@ -197,6 +197,14 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
     offset_px_.add(frame.smoothed->offset_px);
   }
   report_.pixels_sampled += times.samples;
+  const auto skip = [this](const char* what, std::int64_t count) {
+    if (count > 0) report_.skipped[what] += count;
+  };
+  skip("tag_out_of_view", times.tags_out_of_view);
+  skip("tag_too_small", times.tags_too_small);
+  skip("pixels_within_budget", times.sampling_stopped ? 1 : 0);
+  skip("pixels_while_moving", times.fewer_pixels ? 1 : 0);
+  for (const int id : pose.tags_left_out) ++report_.tags_left_out[id];
   if (keep_paths_) times_ns_.push_back(frame.tracked.frame.timestamp_ns);
   if (pose.tags_used > 0) reprojection_px_.add(pose.reprojection_rms_px);
   if (times.search_came) ++report_.full_detections;
@@ -409,6 +417,12 @@ Evaluation accuracy_of_group(const CameraModel& camera, const RunRecorder& run,
                   over_group(truth_of_processed(run, truth), group_truth, run.middle_of(group)));
 }
 
+static Json left_out_json(const std::map<int, std::int64_t>& tags) {
+  Json json = Json::object();
+  for (const auto& [id, frames] : tags) json[std::to_string(id)] = frames;
+  return json;
+}
+
 std::string report_json(const RunReport& report) {
   Json json;
   json["recording"] = report.recording;
@@ -440,7 +454,8 @@ std::string report_json(const RunReport& report) {
       {"full_detections", report.full_detections},
       {"tracked_updates", report.tracked_updates},
       {"pixels_sampled", report.pixels_sampled},
-      {"not_tracked", counts_json(report.reasons)}};
+      {"not_tracked", counts_json(report.reasons)},
+      {"tags_left_out", left_out_json(report.tags_left_out)}};
   if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
   json["work"] = counts_json(report.work);
   json["skipped"] = counts_json(report.skipped);
@@ -518,6 +533,15 @@ std::string report_table(const RunReport& report) {
   for (std::size_t i = 0; i < std::min<std::size_t>(report.reasons.size(), 3); ++i) {
     const auto& [reason, count] = report.reasons[i];
     text += fmt::format("not tracked: {} ({})\n", reason, count);
+  }
+  constexpr std::size_t kMostNamed = 5;
+  std::size_t named = 0;
+  for (const auto& [id, frames] : report.tags_left_out) {
+    if (++named > kMostNamed) break;
+    text += fmt::format(
+        "tag {} does not lie where the map has it: left out of {} frames (measure it, or make a "
+        "map: penumbra map)\n",
+        id, frames);
   }
   if (report.frames > 0 && report.frames_tracked == 0) {
     text +=

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/transform.hpp"
 
@@ -46,6 +47,9 @@ struct PoseEstimate {
   // infinite when there is only one. Near 1 the view is ambiguous.
   double ambiguity_ratio = 0.0;
   int tags_used = 0;
+  // Ids of tags in view that contradict the others, as a tag that was moved does: none of them
+  // counts.
+  std::vector<int> tags_left_out;
   double age_s = 0.0;  // since the last measured pose; 0 unless held
   // Of the last measured pose, where held: tracked or uncertain. Fading starts from how that one
   // was drawn.

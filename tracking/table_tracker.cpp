@@ -83,7 +83,8 @@ struct Measurement {
   std::optional<RefinedPose> second;
   double ambiguity_ratio = std::numeric_limits<double>::infinity();
   int tags_used = 0;
-  bool ambiguous = false;  // the second pose may be the true one
+  std::vector<int> left_out;  // in the aligner's order
+  bool ambiguous = false;     // the second pose may be the true one
   bool contradictory = false;
   bool aligned = false;          // by the alignment: the covariance is what it should be
   double samples_for_one = 1.0;  // of an alignment; see the function of this name
@@ -99,7 +100,8 @@ double samples_for_one(const AlignmentResult& result) {
 // The bias of a tag displaces it as a whole: against the other tags it turns the pose, a lone one
 // it takes along by no more than itself.
 double covariance_times(const AlignmentResult& result, double noise_px) {
-  double times = samples_for_one(result);
+  // How far the tags disagree says what a part of it is worth.
+  double times = std::max(samples_for_one(result), result.disagreement);
   if (result.tags_verified > 1 && noise_px > 0.0) {
     const double tag_bias = kTagBias_px / noise_px;
     times += tag_bias * tag_bias * result.counters.samples / result.tags_verified;
@@ -177,9 +179,16 @@ struct TableTracker::Impl {
   bool last_start_far = false;
   double last_contrast = 0.0;  // of the last alignment that was verified with a search
   bool full_next = false;      // at which resolution is searched next
+  bool searched_before = false;
   // The last search found tags that contradict each other: where the pattern fits here and there
   // says nothing.
   bool contradicted = false;
+  // Tags that contradict the others, in the aligner's order, and for how many frames they have
+  // been left out: then they are looked at again.
+  std::vector<int> left_out;
+  int frames_without = 0;
+  std::vector<TagObservation> observations;  // of the last search that was measured
+  int frames_unasked = 0;  // in which all tags disagreed, and were not asked one by one
 
   TrackTimes times;
 
@@ -199,6 +208,14 @@ struct TableTracker::Impl {
                                                    const Matrix6d& prior,
                                                    const ImageMotion& motion_px) const;
   void add_second(ImageView image, const ImageMotion& image_motion, Measurement& measurement);
+  void note_work(const AlignmentResult& result);
+  [[nodiscard]] bool may_leave_out(const AlignmentResult& result) const;
+  const AlignmentResult& align_without(AlignmentInput& input, std::span<const int> without,
+                                       bool with_search);
+  void leave_one_out(AlignmentInput& input, const AlignmentResult& result);
+  [[nodiscard]] double scatter_px(const AlignmentResult& joint, const AlignmentInput& input);
+  [[nodiscard]] bool settle(AlignmentInput& input, const AlignmentResult& result, bool with_search);
+  void look_again(AlignmentInput& input, const AlignmentResult& result, bool with_search);
   [[nodiscard]] std::optional<Vector6d> velocity_at(std::int64_t timestamp_ns,
                                                     const CameraPose& pose) const;
   void align_at_own_speed(const Frame& frame, AlignmentInput& input, const AlignmentResult& result);
@@ -242,7 +259,7 @@ Result<Measurement> TableTracker::Impl::measure_by_detection(SearchResolution re
 
 Result<Measurement> TableTracker::Impl::measure(std::span<const TagDetection> detections) {
   const Stopwatch solve;
-  std::vector<TagObservation> observations;
+  observations.clear();
   bool seen_twice = false;
   int strangers = 0;  // that the map does not have
   for (std::size_t i = 0; i < detections.size(); ++i) {
@@ -260,7 +277,9 @@ Result<Measurement> TableTracker::Impl::measure(std::span<const TagDetection> de
     }
     observations.push_back({tag->id, tag->corners(), detection.corners_px});
   }
-  const Result<BoardPose> board = estimate_board_pose(camera, observations);
+  BoardPoseOptions pose_options;
+  pose_options.finish_by_ceres = true;
+  const Result<BoardPose> board = estimate_board_pose(camera, observations, pose_options);
   solve.add_to(times.solve_ms, times.solve_cpu_ms);
   if (!board) {
     if (observations.empty() && seen_twice) return fail("the same tag is in view twice");
@@ -277,6 +296,11 @@ Result<Measurement> TableTracker::Impl::measure(std::span<const TagDetection> de
   measurement.tags_used = board->tags_used;
   measurement.ambiguous = board->is_ambiguous(options.ambiguity_ratio);
   measurement.contradictory = board->contradictory;
+  for (const int id : board->left_out) {
+    const auto known = std::ranges::find(table_tags, id, &MappedTag::id);
+    if (known != table_tags.end())
+      measurement.left_out.push_back(static_cast<int>(known - table_tags.begin()));
+  }
   if (measurement.best.rms_px > options.max_reprojection_rms_px)
     return fail("the tags do not fit the map ({:.1f} px)", measurement.best.rms_px);
   return measurement;
@@ -352,6 +376,8 @@ PoseEstimate TableTracker::Impl::judge(const Measurement& measurement,
   estimate.reprojection_rms_px = chosen.rms_px;
   estimate.ambiguity_ratio = measurement.ambiguity_ratio;
   estimate.tags_used = measurement.tags_used;
+  for (const int index : measurement.left_out)
+    estimate.tags_left_out.push_back(table_tags[static_cast<std::size_t>(index)].id);
   estimate.expected_overlay_error_px = std::hypot(
       expected_overlay_error_px(camera, chosen.T_table_camera, estimate.covariance), between_px);
   estimate.status = TrackStatus::uncertain;
@@ -510,6 +536,7 @@ void TableTracker::Impl::add_second(ImageView image, const ImageMotion& image_mo
   input.luma = image;
   input.predicted = measurement.second->T_table_camera;
   input.covariance = loose_covariance();
+  input.left_out = left_out;
   measurement.second.reset();
   measurement.ambiguous = false;
   measurement.ambiguity_ratio = std::numeric_limits<double>::infinity();
@@ -581,6 +608,149 @@ void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& 
   }
 }
 
+void TableTracker::Impl::note_work(const AlignmentResult& result) {
+  times.samples = last_samples = result.counters.samples;
+  times.tags_out_of_view = result.counters.tags_out_of_view;
+  times.tags_too_small = result.counters.tags_too_small;
+  times.sampling_stopped = result.counters.sampling_stopped;
+  times.fewer_pixels = options.mode == TrackingMode::automatic && !times.every_pixel;
+}
+
+// Whether tags that are not left out are enough to tell that one more of them is wrong: a bare
+// majority may be the half that was moved, with one or two of the others fitting it.
+bool TableTracker::Impl::may_leave_out(const AlignmentResult& result) const {
+  return 3 * (left_out.size() + 1) <=
+         left_out.size() + static_cast<std::size_t>(result.counters.tags_visible);
+}
+
+const AlignmentResult& TableTracker::Impl::align_without(AlignmentInput& input,
+                                                         std::span<const int> without,
+                                                         bool with_search) {
+  input.left_out = without;
+  return with_search ? aligner.align(input) : aligner.refine(input);
+}
+
+// The tag without which all others agree, tried one after the other from where their own corners
+// put the camera: a pose may have been made to fit the wrong one, and the equations there know of
+// no better one.
+void TableTracker::Impl::leave_one_out(AlignmentInput& input, const AlignmentResult& result) {
+  constexpr std::size_t kMostToTry = 6;
+  constexpr double kAgree = 3.0;
+  if (result.counters.tags_visible < 4 || !may_leave_out(result)) return;
+  std::vector<TagAlignment> candidates = result.tags;
+  std::ranges::stable_sort(candidates, {}, &TagAlignment::weight_share);
+  candidates.resize(std::min(candidates.size(), kMostToTry));
+  double least = kAgree;
+  int culprit = -1;
+  const CameraPose with_all = input.predicted;
+  CameraPose best_start = with_all;
+  for (const TagAlignment& candidate : candidates) {
+    std::vector<int> without = left_out;
+    without.push_back(candidate.index);
+    std::vector<TagObservation> others;
+    for (const TagObservation& seen : observations) {
+      const auto is_it = [&](int index) {
+        return table_tags[static_cast<std::size_t>(index)].id == seen.id;
+      };
+      if (std::ranges::none_of(without, is_it)) others.push_back(seen);
+    }
+    const Result<BoardPose> start = estimate_board_pose(camera, others);
+    if (!start || start->contradictory || !start->best.T_table_camera.is_finite()) continue;
+    input.predicted = start->best.T_table_camera;
+    const AlignmentResult& rest = align_without(input, without, false);
+    if (!rest.verified || rest.tags_verified < rest.counters.tags_visible ||
+        !(rest.disagreement < least))
+      continue;
+    least = rest.disagreement;
+    culprit = candidate.index;
+    best_start = input.predicted;
+  }
+  input.predicted = best_start;
+  if (culprit >= 0) {
+    left_out.push_back(culprit);
+    frames_without = 0;
+  }
+  static_cast<void>(align_without(input, left_out, false));
+}
+
+// How far each tag would be elsewhere if it were alone [px], RMS over those that can be.
+double TableTracker::Impl::scatter_px(const AlignmentResult& joint, const AlignmentInput& input) {
+  const CameraPose pose = joint.T_table_camera;
+  const std::vector<TagAlignment> visible = joint.tags;
+  AlignmentInput alone = input;
+  alone.predicted = pose;
+  alone.covariance = loose_covariance();
+  double sum = 0.0;
+  double count = 0.0;
+  for (const TagAlignment& tag : visible) {
+    std::vector<int> others;
+    for (int i = 0; i < static_cast<int>(table_tags.size()); ++i) {
+      if (i != tag.index) others.push_back(i);
+    }
+    const AlignmentResult& own = align_without(alone, others, false);
+    if (!own.verified || !own.T_table_camera.is_finite()) continue;
+    const auto centre = table_tags[static_cast<std::size_t>(tag.index)].T_table_tag.translation();
+    const auto here = camera.project(pose.inverse() * centre);
+    const auto there = camera.project(own.T_table_camera.inverse() * centre);
+    if (!here || !there) continue;
+    sum += (*here - *there).squaredNorm();
+    count += 1.0;
+  }
+  return count > 0.0 ? std::sqrt(sum / count) : 0.0;
+}
+
+// Leaves out tags that contradict the others and aligns again. False where nothing says which are
+// right: too many would have to go, or the tags lie elsewhere with no single one to blame.
+// `result` is the aligner's own.
+bool TableTracker::Impl::settle(AlignmentInput& input, const AlignmentResult& result,
+                                bool with_search) {
+  while (result.verified && result.contradicting >= 0) {
+    if (!may_leave_out(result)) return false;
+    left_out.push_back(result.contradicting);
+    frames_without = 0;
+    static_cast<void>(align_without(input, left_out, with_search));
+  }
+  if (!result.verified || result.disagreement < kDisagree) return true;
+  if (!with_search) leave_one_out(input, result);
+  // What fits here and there only.
+  if (result.verified && result.disagreement >= kDisagree &&
+      3 * result.tags_verified < 2 * result.counters.tags_visible)
+    return false;
+  // Less than the first is what lens, tone curve and paper do to real tags, as far as the pixels
+  // that fit the pose tell; less than the second when each tag is free to go [px].
+  constexpr double kSuspicious_px = 0.3;
+  constexpr double kElsewhere_px = 0.5;
+  if (!result.verified || result.disagreement < kDisagree || result.displaced_px < kSuspicious_px)
+    return true;
+  constexpr int kSeldom = 15;  // [frames]
+  if (with_search && frames_unasked++ % kSeldom != 0) return true;
+  const double apart_px = scatter_px(result, input);
+  static_cast<void>(align_without(input, left_out, with_search));
+  return apart_px < kElsewhere_px;
+}
+
+// A tag that is left out counts again when the others agree with it: it may have been put back, and
+// corners alone may have blamed the wrong one.
+void TableTracker::Impl::look_again(AlignmentInput& input, const AlignmentResult& result,
+                                    bool with_search) {
+  if (left_out.empty() || !result.verified) return;
+  frames_without = 0;
+  const double without_it = result.disagreement;
+  for (std::size_t i = 0; i < left_out.size(); ++i) {
+    std::vector<int> fewer = left_out;
+    const int tag = fewer[i];
+    fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(i));
+    const AlignmentResult& all = align_without(input, fewer, with_search);
+    const auto it = std::ranges::find(all.tags, tag, &TagAlignment::index);
+    const bool agrees = all.verified && it != all.tags.end() && it->verified &&
+                        all.disagreement < std::max(kDisagree / 2.0, 1.5 * without_it);
+    if (!agrees) continue;
+    left_out = fewer;
+    break;
+  }
+  static_cast<void>(align_without(input, left_out, with_search));
+}
+
 // The frame by alignment from where the last ones say the camera is; nothing when that does not
 // verify. From a hint the state of the motion only says where to look.
 std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, ImageView image,
@@ -603,9 +773,17 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   input.starts_far = last_start_far;
   input.seen_contrast = last_contrast;
   input.velocity = prediction.velocity;
+  input.left_out = left_out;
   const AlignmentResult& result = aligner.align(input);
   if (result.verified && !from_hint) align_at_own_speed(frame, input, result);
-  times.samples = last_samples = result.counters.samples;
+  if (!settle(input, result, true)) {
+    align.add_to(times.align_ms, times.align_cpu_ms);
+    contradicted = true;
+    return std::nullopt;
+  }
+  constexpr int kSeldom = 60;  // [frames]
+  if (!left_out.empty() && ++frames_without >= kSeldom) look_again(input, result, true);
+  note_work(result);
   last_start_far = result.counters.far_start;
   last_contrast = result.verified ? result.counters.contrast : 0.0;
   ImageMotion image_motion{motion_px, 0.0};
@@ -619,7 +797,7 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
     input.predicted = result.T_table_camera;
     input.covariance = loose_covariance();
     static_cast<void>(aligner.refine(input));  // in the same result
-    times.samples = last_samples = result.counters.samples;
+    note_work(result);
     image_motion = kUnknownMotion;
   } else if (result.verified) {
     image_motion.missed =
@@ -636,9 +814,10 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   measurement.aligned = true;
   measurement.samples_for_one = samples_for_one(result);
   measurement.tags_used = result.tags_verified;
+  measurement.left_out = left_out;
   last_tags = result.tags_verified;
   if (result.tags_verified == 1 || branch_open) {
-    std::vector<TagObservation> observations;
+    std::vector<TagObservation> as_aligned;
     for (const TagAlignment& tag : result.tags) {
       if (!tag.verified) continue;
       const MappedTag& mapped = table_tags[static_cast<std::size_t>(tag.index)];
@@ -650,10 +829,10 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
         all = pixel.has_value();
         if (all) observation.corners_px[i] = *pixel;
       }
-      if (all) observations.push_back(observation);
+      if (all) as_aligned.push_back(observation);
     }
     const Stopwatch solve;
-    const Result<BoardPose> board = estimate_board_pose(camera, observations);
+    const Result<BoardPose> board = estimate_board_pose(camera, as_aligned);
     solve.add_to(times.solve_ms, times.solve_cpu_ms);
     if (board) measurement.second = board->second;
     add_second(image, image_motion, measurement);
@@ -701,9 +880,11 @@ bool TableTracker::Impl::shows_most(const Measurement& measurement) const {
 }
 
 // The frame is searched coarsely and at the full resolution in turn: what is lost for long costs no
-// more than detecting does. Coarsely is at a quarter of the resolution, which costs a quarter of
-// what half of it does, and at half of it where that shows too little.
+// more than detecting does. The first one may be the only one, and is searched in every way.
+// Coarsely is at a quarter of the resolution, which costs a quarter of what half of it does, and at
+// half of it where that shows too little.
 Result<Measurement> TableTracker::Impl::measure_by_search(SearchResolution finest) {
+  const bool first = !std::exchange(searched_before, true) && finest == SearchResolution::full;
   if (finest == SearchResolution::full && std::exchange(full_next, !full_next)) {
     return measure_by_detection(SearchResolution::full);
   }
@@ -715,7 +896,12 @@ Result<Measurement> TableTracker::Impl::measure_by_search(SearchResolution fines
       return fail("few of the tags are seen yet");
     }
   }
-  return measure_by_detection(SearchResolution::half);
+  Result<Measurement> half = measure_by_detection(SearchResolution::half);
+  const bool enough = half && !half->contradictory &&
+                      3 * half->tags_used >= 2 * tags_in_view(half->best.T_table_camera);
+  if (!first || enough) return half;
+  Result<Measurement> full = measure_by_detection(SearchResolution::full);
+  return full ? full : half;
 }
 
 // The frame by detection, refined by alignment where that verifies.
@@ -735,9 +921,15 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
     input.luma = image;
     input.predicted = measurement->best.T_table_camera;
     input.covariance = loose_covariance();
+    left_out = measurement->left_out;
+    frames_without = 0;
+    input.left_out = left_out;
     // How fast the camera goes is not known here.
     const AlignmentResult& result = aligner.refine(input);
-    times.samples = last_samples = result.counters.samples;
+    if (!left_out.empty()) look_again(input, result, false);
+    measurement->contradictory = !settle(input, result, false);
+    measurement->left_out = left_out;
+    note_work(result);
     const std::optional<RefinedPose> best = aligned(result, input.covariance, kUnknownMotion);
     if (best) {
       measurement->best = *best;

@@ -75,6 +75,11 @@ struct TrackTimes {
   bool full_detection = false;  // whether a full-frame detection ran
   bool every_pixel = false;     // whether the last alignment could use every pixel at an edge
   int samples = 0;              // pixels that the last alignment used
+  // Of it: tags of the map that were not looked at, and whether it took fewer pixels than it might
+  // because the pose was good enough.
+  int tags_out_of_view = 0, tags_too_small = 0;
+  bool sampling_stopped = false;
+  bool fewer_pixels = false;  // it was kept to a limited number of pixels for the view moves
 };
 
 struct TrackedFrame {

@@ -138,6 +138,8 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
     now = std::min(now, cap);
     round = kFineRounds - 1;  // near the pose already
   }
+  result.counters.sampling_stopped = sample_need != nullptr && now < cap;
+  check_agreement();
   verify();
   return result.verified;
 }
@@ -155,6 +157,11 @@ const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool w
   result.reason = {};
   result.residual_rms = 0.0;
   result.design_effect = 1.0;
+  result.displaced_px = 0.0;
+  result.disagreement = 1.0;
+  result.contradicting = -1;
+  for (Tag& tag : tags) tag.left_out = false;
+  for (const int index : input.left_out) tags[static_cast<std::size_t>(index)].left_out = true;
   image = input.luma;
   T_predicted = Eigen::Isometry3d::Identity();
   const CameraPose& pose = input.predicted;

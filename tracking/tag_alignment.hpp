@@ -74,10 +74,16 @@ struct AlignmentInput {
   // Whether the fine stage is likely to begin far from its end, as the last frame's did
   // (AlignmentCounters::far_start): it then begins with few samples.
   bool starts_far = false;
+  // Of tags, in the list given to create: those that are not looked at.
+  std::span<const int> left_out;
   // How clearly the search saw the tags in the last frame (AlignmentCounters::contrast): seen so
   // near by, they are not looked for further off. 0: unknown.
   double seen_contrast = 0.0;
 };
+
+// From here on tags do not lie to each other as the map says, by more than noise:
+// AlignmentResult::disagreement.
+inline constexpr double kDisagree = 9.0;
 
 struct TagAlignment {
   int index = 0;  // in the list given to create
@@ -91,11 +97,14 @@ struct TagAlignment {
 
 struct AlignmentCounters {
   int tags_visible = 0;
-  int searched_points = 0;  // of all windows that were searched
-  int searched_px = 0;      // places in these windows
-  double contrast = 0.0;    // of white over black cells where the search found them [grey]
-  int samples = 0;          // of the last fine stage
-  int evaluations = 0;      // of the sums over all tags
+  int tags_out_of_view = 0;       // or seen from behind: not looked at
+  int tags_too_small = 0;         // the same
+  bool sampling_stopped = false;  // where sampling may stop early: before all pixels were taken
+  int searched_points = 0;        // of all windows that were searched
+  int searched_px = 0;            // places in these windows
+  double contrast = 0.0;          // of white over black cells where the search found them [grey]
+  int samples = 0;                // of the last fine stage
+  int evaluations = 0;            // of the sums over all tags
   int fine_rounds = 0;
   bool far_start = false;   // the first of these moved the tags by so much that it was repeated
   bool second_try = false;  // whether the wider search was needed
@@ -109,6 +118,14 @@ struct AlignmentResult {
   // Variance of an edge's mean residual over that of independent ones: how many samples are worth
   // one. The covariance is that of independent ones.
   double design_effect = 1.0;
+  // How far the tags lie from where the map has them, each as a whole, when the pose is solved: RMS
+  // of those that took part [px]; and the variance of that over what independent residuals leave
+  // of it, 1 where these are all there is. Of three tags and more, else 0 and 1.
+  double displaced_px = 0.0;
+  double disagreement = 1.0;
+  // The tag without which the others agree, in the list given to create; -1: there is none, or they
+  // agree as it is.
+  int contradicting = -1;
   std::vector<TagAlignment> tags;  // the visible ones
   int tags_verified = 0;
   AlignmentCounters counters;

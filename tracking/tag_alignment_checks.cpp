@@ -3,11 +3,17 @@
 
 #include "tracking/tag_alignment_state.hpp"
 
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <functional>
 #include <limits>
+#include <numeric>
+#include <utility>
+#include <vector>
 
 namespace penumbra {
 namespace {
@@ -133,6 +139,101 @@ double TagAligner::Impl::design_effect(double cutoff) {
     found += d.squares[0] - 2.0 * widening * d.products + widening * widening * d.squares[1];
   }
   return std::max(found, 0.0) / expected * runs / free;
+}
+
+// Whether the tags lie to each other as the map says. A tag that was moved has all of its pixels
+// displaced together, by what the pose does not take away: each tag's own equations, at the solved
+// pose, say by how much it would rather be shifted in the image, and turned in it. (Not how much
+// nearer it would be: a tone curve does that to all of them.) Where that is far more than the
+// residuals' own variance leaves, and a small part of it when one tag goes, it is that tag which
+// lies elsewhere.
+void TagAligner::Impl::check_agreement() {
+  constexpr std::size_t kFewest = 3;
+  constexpr double kOfPose = 6.0;
+  agreement.clear();
+  for (std::size_t k = 0; k < active.size(); ++k) {
+    const kernel::TagPack& pack = packs[k / 4];
+    const std::size_t lane = k % 4;
+    const Tag& tag = *active[k];
+    if (!pack.valid[lane] || !(tag.sums.weight > 0.3 * tag.sums.base_weight)) continue;
+    const double half = 0.5 * (tag.side - 1);
+    const Eigen::Vector3d centre = tag.ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
+    if (!(centre.z() > 0.0)) continue;
+    TagEquations& own = agreement.emplace_back();
+    own.index = static_cast<int>(&tag - tags.data());
+    std::size_t h = 0;
+    for (const auto& [row, column] : {std::pair(0, 0), std::pair(0, 3), std::pair(3, 3)}) {
+      for (int p = 0; p < 3; ++p) {
+        for (int q = row == column ? p : 0; q < 3; ++q, ++h)
+          own.H(row + p, column + q) = own.H(column + q, row + p) = pack.H_camera[h][lane];
+      }
+    }
+    for (int i = 0; i < 6; ++i) own.g[i] = pack.g_camera[i][lane];
+    own.g -= own.H * last_step;
+    // A pixel along each axis at its centre, and a radian about the ray to it.
+    own.motions.setZero();
+    own.motions(0, 0) = centre.z() / camera.parameters().fx;
+    own.motions(1, 1) = centre.z() / camera.parameters().fy;
+    own.motions.col(2).tail<3>() = centre.normalized();
+    own.inverse = (own.motions.transpose() * own.H * own.motions).inverse();
+    if (!own.inverse.allFinite()) agreement.pop_back();
+  }
+  const std::size_t count = agreement.size();
+  if (count < kFewest) return;
+  // Sum of squares by which these tags disagree, as far as the residuals' variance counts them.
+  const auto own_shift = [](const TagEquations& of, const Vector6d& g) -> Eigen::Vector3d {
+    return of.inverse * (of.motions.transpose() * g);
+  };
+  double squares = 0.0;
+  double shifts_px2 = 0.0;
+  for (TagEquations& of : agreement) {
+    const Eigen::Vector3d asked = of.motions.transpose() * of.g;
+    const Eigen::Vector3d shift = of.inverse * asked;
+    of.squares = asked.dot(shift);
+    squares += of.squares;
+    shifts_px2 += shift.head<2>().squaredNorm();
+  }
+  const auto per_freedom = [](double sum, std::size_t tags_left) {
+    return sum / std::max(3.0 * static_cast<double>(tags_left) - kOfPose, 1.0);
+  };
+  result.displaced_px = std::sqrt(shifts_px2 / static_cast<double>(count));
+  result.disagreement = per_freedom(squares, count) / variance;
+
+  // Less than this is what lens, tone curve and paper do to real tags.
+  constexpr double kLeast_px = 0.1;
+  // What is left without it, per degree of freedom: noise alone falls to a ninth when one of four
+  // tags goes, now and then.
+  const double small_part = count > 4 ? 1.0 / 9.0 : 1.0 / 16.0;
+  if (count <= kFewest || result.displaced_px < kLeast_px || result.disagreement < kDisagree)
+    return;
+  constexpr std::size_t kMostToTry = 12;  // those that disagree most
+  std::vector<std::size_t> order(count);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_sort(order, std::greater<>(),
+                           [this](std::size_t k) { return agreement[k].squares; });
+  order.resize(std::min(count, kMostToTry));
+  Matrix6d H_all = Matrix6d::Zero();
+  Vector6d g_all = Vector6d::Zero();
+  for (const TagEquations& of : agreement) {
+    H_all += of.H;
+    g_all += of.g;
+  }
+  double least = small_part * per_freedom(squares, count);
+  for (const std::size_t without : order) {
+    const TagEquations& gone = agreement[without];
+    const Vector6d motion = Matrix6d(H_all - gone.H).ldlt().solve(Vector6d(g_all - gone.g));
+    if (!motion.allFinite()) continue;
+    double left = 0.0;
+    for (std::size_t k = 0; k < count; ++k) {
+      if (k == without) continue;
+      const TagEquations& of = agreement[k];
+      const Vector6d g = of.g - of.H * motion;
+      left += (of.motions.transpose() * g).dot(own_shift(of, g));
+    }
+    if (!(per_freedom(left, count - 1) < least)) continue;
+    least = per_freedom(left, count - 1);
+    result.contradicting = gone.index;
+  }
 }
 
 // Whether the model is within a twentieth of each cell's own colour at the pixel nearest to its

@@ -125,6 +125,7 @@ void TagAligner::Impl::find_cells(const Tag& tag) {
 }
 
 bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const {
+  tag.too_small = false;
   if (!(tag.centre.z() > 0.5)) return false;  // from behind, or the camera lies in the sheet
   const double half = 0.5 * (tag.side - 1);
   const Eigen::Vector3d p = tag.ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
@@ -141,7 +142,10 @@ bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const 
   const double across_b = area / along_a.norm();
   tag.cell_px = std::min(across_a, across_b);
   tag.cell_max_px = std::max(across_a, across_b);
-  if (!(tag.cell_px >= options.min_cell_px)) return false;
+  if (!(tag.cell_px >= options.min_cell_px)) {
+    tag.too_small = true;
+    return false;
+  }
   const double reach = half * (along_a.norm() + along_b.norm());
   if (!(pixel.x() > -reach && pixel.y() > -reach && pixel.x() < camera.width() + reach &&
         pixel.y() < camera.height() + reach))
@@ -168,12 +172,18 @@ bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const 
 
 void TagAligner::Impl::find_visible(const Vector6d& exposure_motion, Projection projection) {
   active.clear();
+  result.counters.tags_out_of_view = 0;
+  result.counters.tags_too_small = 0;
   moved_since_projection_px = 0.0;
   for (Tag& tag : tags) {
+    if (tag.left_out) continue;
     read_out(tag);
     place(tag);
     tag.visible = measure(tag, exposure_motion);
-    if (!tag.visible) continue;
+    if (!tag.visible) {
+      ++(tag.too_small ? result.counters.tags_too_small : result.counters.tags_out_of_view);
+      continue;
+    }
     if (projection == Projection::search) {
       project_search(tag);
     } else if (projection == Projection::wide) {

@@ -114,7 +114,9 @@ struct TagAligner::Impl {
     std::vector<float> search_a, search_b;
 
     // Of the current frame.
+    bool left_out = false;  // not looked at
     bool visible = false;
+    bool too_small = false;    // if not
     bool wholly_seen = false;  // all vertices have a projection
     Eigen::Matrix3d R_lattice_camera = Eigen::Matrix3d::Identity();
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // of the camera in the lattice [cells]
@@ -152,6 +154,18 @@ struct TagAligner::Impl {
     std::vector<float> search_x, search_y, search_depth;
   };
 
+  // What one tag says by itself at the solved pose: left perturbation of T_camera_table, gain and
+  // offset eliminated.
+  struct TagEquations {
+    int index = 0;
+    Matrix6d H = Matrix6d::Zero();
+    Vector6d g = Vector6d::Zero();
+    // Its own motions, as such perturbations, and the inverse of its equations for them.
+    Eigen::Matrix<double, 6, 3> motions = Eigen::Matrix<double, 6, 3>::Zero();
+    Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
+    double squares = 0.0;
+  };
+
   // What is wanted of where the tags lie.
   enum class Projection {
     search,  // the cells that are searched for, alone
@@ -184,6 +198,7 @@ struct TagAligner::Impl {
   double variance = 0.0;     // of a residual [grey^2]
   double noise_share = 0.0;  // sigma of a residual over the gain, by the median; 0: unknown
   Matrix6d information = Matrix6d::Zero();
+  Vector6d last_step = Vector6d::Zero();  // left perturbation of T_camera_table
   SampleNeed sample_need;
   double seen_contrast = 0.0;              // [grey]
   double moved_since_projection_px = 0.0;  // how far the tags went at most
@@ -192,6 +207,7 @@ struct TagAligner::Impl {
   Vector6d row_velocity = Vector6d::Zero();      // the camera's, per row [m, rad]
   std::vector<kernel::TagPack> packs;            // of the active tags in a step
   std::vector<kernel::RunWalk::Part> run_parts;  // in select, of a tag
+  std::vector<TagEquations> agreement;
   std::vector<std::int32_t> score_sum;
   std::vector<std::int32_t> cell_places;  // of a tag
   std::vector<std::uint8_t> search_scratch;
@@ -258,6 +274,7 @@ struct TagAligner::Impl {
   void measure_noise();
   void report_pose();
   [[nodiscard]] double design_effect(double cutoff);
+  void check_agreement();
   [[nodiscard]] bool reads_clearly(const Tag& tag) const;
   void verify();
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);

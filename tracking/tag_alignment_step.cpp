@@ -94,6 +94,7 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
   const Matrix6d H_prior = H + variance * prior_information;
   const Vector6d xi = H_prior.ldlt().solve(g - variance * (prior_information * deviation));
   if (!xi.allFinite()) return false;
+  last_step = xi;
   const Eigen::Isometry3d motion = exp_se3(xi);
   kernel::CameraStep camera_step;
   std::copy(xi.data(), xi.data() + 6, camera_step.xi);

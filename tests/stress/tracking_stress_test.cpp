@@ -75,12 +75,13 @@ std::vector<Cell> cells() {
         for (test::Sway* sway : {&s.motion.x, &s.motion.y, &s.motion.azimuth, &s.motion.roll})
           sway->amplitude *= std::min(times, 12.0);
       },
-      [](double v) { return v < 1.0; });
+      [](double v) { return v <= 1.0; });
   add(
       "side px", {8, 400}, {8, 12, 16, 25, 50, 100, 200, 400},
       [](Session& s, double v) {
         Draw draw(3);
         s.tags = test::layout_of(Layout::one, draw);
+        if (v > 200.0) s.camera = test::lens_camera(Lens::plumb_bob, 1280, 960, 0.85);
         s.motion.distance.middle = distance_for(s, v);
         // The overlay's cube is 0.2 m: it must stay before the camera.
         const double scale = std::max(1.0, 0.5 / s.motion.distance.middle);
@@ -90,11 +91,11 @@ std::vector<Cell> cells() {
         s.motion.x.middle = s.tags.front().T_table_tag.translation().x();
         s.motion.y.middle = s.tags.front().T_table_tag.translation().y();
       },
-      [](double v) { return v > 90.0 && v < 300.0; });
+      [](double v) { return v >= 12.0; });
   add(
       "tilt deg", {75, 85}, {0, 15, 30, 45, 60, 75, 80, 85},
       [](Session& s, double v) { s.motion.elevation.middle = radians(90.0 - v); },
-      [](double v) { return v < 70.0; });
+      [](double v) { return v <= 75.0; });
   add(
       "distance times", {100}, {3, 10, 30, 100},
       [](Session& s, double v) {
@@ -115,7 +116,7 @@ std::vector<Cell> cells() {
         s.light.gain = v;
         s.light.noise_grey = 1.0;
       },
-      [](double v) { return v > 0.4 && v < 1.3; });
+      always);
   add(
       "gamma", {2.4}, {1, 1.4, 1.8, 2.2, 2.4}, [](Session& s, double v) { s.light.gamma = v; },
       always);
@@ -135,11 +136,17 @@ std::vector<Cell> cells() {
         s.motion.elevation.middle = radians(55.0);
         s.motion.distance.middle = 0.5;
       },
-      [](double v) { return v < 150; });
+      always);
   return list;
 }
 
-void expect_honest(const Session& session, const PoseEstimate& pose, const CameraPose& truth) {
+// How many tracked frames were off by more than four times what they expected: of many, a few are.
+struct Beyond {
+  int tracked = 0, beyond = 0;
+};
+
+void expect_honest(const Session& session, const PoseEstimate& pose, const CameraPose& truth,
+                   Beyond* of_many = nullptr) {
   if (!pose.has_pose()) return;
   EXPECT_TRUE(pose.T_table_camera.is_finite());
   EXPECT_TRUE(pose.covariance.allFinite());
@@ -147,11 +154,20 @@ void expect_honest(const Session& session, const PoseEstimate& pose, const Camer
   if (pose.status != TrackStatus::tracked) return;
   const double error = overlay_difference(session.camera, pose.T_table_camera, truth).rms_px();
   EXPECT_LT(error, 5.0);
-  EXPECT_LT(error, std::max(1.0, 4.0 * pose.expected_overlay_error_px));
+  const bool beyond = error > std::max(1.0, 4.0 * pose.expected_overlay_error_px);
+  if (of_many != nullptr) {
+    ++of_many->tracked;
+    of_many->beyond += beyond ? 1 : 0;
+    EXPECT_LT(error, std::max(1.0, 6.0 * pose.expected_overlay_error_px));
+  } else {
+    EXPECT_FALSE(beyond) << error << " px where " << pose.expected_overlay_error_px
+                         << " were expected";
+  }
   EXPECT_LT(pose.expected_overlay_error_px, 2.0);
 }
 
 TEST(TrackingStress, EveryCellIsHonest) {
+  Beyond all;
   for (const Cell& cell : cells()) {
     SCOPED_TRACE(cell.name);
     Session session = ordinary();
@@ -164,12 +180,13 @@ TEST(TrackingStress, EveryCellIsHonest) {
       SCOPED_TRACE(f);
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
       tracked += pose.status == TrackStatus::tracked ? 1 : 0;
-      expect_honest(session, pose, session.truth(f));
+      expect_honest(session, pose, session.truth(f), long_form() ? &all : nullptr);
     }
     if (cell.tracked) {
       EXPECT_GE(tracked, frames - 1);
     }
   }
+  EXPECT_LE(all.beyond, 0.005 * all.tracked) << "of " << all.tracked;
 }
 
 TEST(TrackingStress, RandomSessionsAreHonest) {
@@ -236,14 +253,18 @@ TEST(TrackingStress, ACopyOfATagInViewMisleadsNobody) {
   }
 }
 
+Session moved(Session session, std::size_t tag, const Eigen::Vector3d& by) {
+  session.tags[tag].T_table_tag = {session.tags[tag].T_table_tag.rotation(),
+                                   session.tags[tag].T_table_tag.translation() + by};
+  return session;
+}
+
 // A tag lies elsewhere than the map has it, by less than a cell and by more than a tag.
 TEST(TrackingStress, ATagThatWasMovedIsLeftOut) {
   for (const double moved_m : {0.002, 0.004, 0.012, 0.1}) {
     SCOPED_TRACE(moved_m);
     const Session session = ordinary();
-    std::vector<MappedTag> drawn = session.tags;
-    drawn[3].T_table_tag = {drawn[3].T_table_tag.rotation(),
-                            drawn[3].T_table_tag.translation() + Eigen::Vector3d(moved_m, 0, 0)};
+    const std::vector<MappedTag> drawn = moved(session, 3, {moved_m, 0.0, 0.0}).tags;
     auto renderer = PatternRenderer::create(session.camera, drawn).value();
     auto tracker = TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
     for (int f = 0; f < 4; ++f) {
@@ -252,6 +273,125 @@ TEST(TrackingStress, ATagThatWasMovedIsLeftOut) {
       expect_honest(session, pose, session.truth(f));
       EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px(),
                 0.6);
+      // By a quarter of a cell only its weight falls, and farther than the aligner looks it reads
+      // as no tag at all: neither needs leaving out. None but it is.
+      for (const int id : pose.tags_left_out) EXPECT_EQ(id, session.tags[3].id);
+      if (moved_m == 0.004) {
+        EXPECT_EQ(pose.tags_left_out, std::vector<int>{session.tags[3].id});
+      }
+    }
+  }
+}
+
+// Few tags, seen grazingly: a pose that fits all of them halfway is many pixels off. Whichever tag
+// was moved, and wherever to, no frame is tracked so, and the one that is left out is that one.
+TEST(TrackingStress, AMovedTagOfFewMisleadsNobody) {
+  struct Board {
+    const char* name;
+    std::vector<MappedTag> tags;
+    double elevation_deg, distance_m;
+  };
+  std::vector<MappedTag> five = test::board(3, 2, 0.11);
+  five.erase(five.begin() + 1);
+  const std::vector<Board> boards = {{"five, grazing", five, 24.0, 0.6},
+                                     {"four", test::board(2, 2, 0.1), 45.0, 0.5}};
+  const std::vector<double> few = {0.004, 0.008};
+  const std::vector<double> all = {-0.005, 0.003, 0.005, 0.01};
+  int named = 0;
+  int cases = 0;
+  for (const Board& board : boards) {
+    Session session = ordinary();
+    session.tags = board.tags;
+    session.motion.elevation.middle = radians(board.elevation_deg);
+    session.motion.distance.middle = board.distance_m;
+    for (std::size_t tag = 0; tag < board.tags.size(); tag += long_form() ? 1 : 2) {
+      for (const bool sideways : {false, true}) {
+        for (const double by : long_form() ? all : few) {
+          SCOPED_TRACE(fmt::format("{}: tag {} by {} m {}", board.name, board.tags[tag].id, by,
+                                   sideways ? "sideways" : "away"));
+          const Session drawn = moved(session, tag, {sideways ? by : 0.0, sideways ? 0.0 : by, 0});
+          auto renderer = PatternRenderer::create(session.camera, drawn.tags).value();
+          auto tracker =
+              TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+          bool right = false;
+          for (int f = 0; f < 4; ++f) {
+            const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+            expect_honest(session, pose, session.truth(f));
+            right = pose.tags_left_out == std::vector<int>{board.tags[tag].id};
+          }
+          if (std::abs(by) < 0.005) continue;  // that little need not be blamed on anybody
+          ++cases;
+          named += right ? 1 : 0;
+        }
+      }
+    }
+  }
+  EXPECT_GE(named, 0.75 * cases) << "of " << cases;
+}
+
+// Half of the board was moved as one piece: nothing says which half is right.
+TEST(TrackingStress, HalfOfTheBoardThatWasMovedMisleadsNobody) {
+  for (const double by : {0.003, 0.006}) {
+    SCOPED_TRACE(by);
+    const Session session = ordinary();
+    Session drawn = session;
+    for (std::size_t tag = 0; tag < session.tags.size(); tag += 2)
+      drawn = moved(drawn, tag, {by, 0.0, 0.0});
+    auto renderer = PatternRenderer::create(session.camera, drawn.tags).value();
+    auto tracker = TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    for (int f = 0; f < 6; ++f) {
+      const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+      expect_honest(session, pose, session.truth(f));
+      if (by > 0.004) {
+        EXPECT_NE(pose.status, TrackStatus::tracked);
+      }
+    }
+  }
+}
+
+// A tag that was moved is looked at again: when it was put back it counts, and before that not.
+TEST(TrackingStress, ATagThatWasPutBackCountsAgain) {
+  Session session = ordinary();
+  session.motion.x.amplitude = session.motion.y.amplitude = 0.0;
+  const Session elsewhere = moved(session, 3, {0.004, 0.0, 0.0});
+  auto wrong = PatternRenderer::create(session.camera, elsewhere.tags).value();
+  auto right = PatternRenderer::create(session.camera, session.tags).value();
+  const Frame moved_picture = session.picture(wrong, 0);
+  const Frame picture = session.picture(right, 0);
+  auto tracker = TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+  const std::vector<int> left_out = {session.tags[3].id};
+  for (int f = 0; f < 260; ++f) {
+    Frame frame = f < 130 ? moved_picture : picture;
+    frame.timestamp_ns = 1'000'000'000 + f * std::int64_t{33'333'333};
+    const PoseEstimate pose = tracker.track(frame).pose;
+    ASSERT_EQ(pose.status, TrackStatus::tracked) << f << ": " << pose.reason;
+    EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, session.truth(0)).rms_px(),
+              0.3);
+    if (f < 130) {
+      ASSERT_EQ(pose.tags_left_out, left_out) << f;
+    }
+    if (f >= 200) {
+      ASSERT_TRUE(pose.tags_left_out.empty()) << f;
+    }
+  }
+}
+
+// A part of every tag is covered once tracking has begun: all frames are kept.
+TEST(TrackingStress, TagsThatGetCoveredAreKept) {
+  const std::vector<double> few = {0.3};
+  const std::vector<double> all = {0.1, 0.2, 0.3};
+  for (const double share : long_form() ? all : few) {
+    SCOPED_TRACE(share);
+    Session session = ordinary();
+    auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+    auto tracker = TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    for (int f = 0; f < (long_form() ? 30 : 8); ++f) {
+      session.light.cover_share = f < 2 ? 0.0 : share;
+      const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+      EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << pose.reason;
+      expect_honest(session, pose, session.truth(f));
+      EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px(),
+                0.3);
     }
   }
 }
