@@ -118,9 +118,8 @@ int LayerVolumePass::draw(const Scene& scene, const FramePlan& plan, const LensU
   for (const Fill& fill : fills) left.push_back(&fill);
   while (!left.empty()) {
     const Eigen::Vector3d normal = left.front()->normal;
-    const auto other = std::ranges::stable_partition(left, [&normal](const Fill* fill) {
-      return (fill->normal - normal).norm() < 1e-3;
-    });
+    const auto other = std::ranges::stable_partition(
+        left, [&normal](const Fill* fill) { return (fill->normal - normal).norm() < 1e-3; });
     receivers.begin_marks();
     glEnable(GL_STENCIL_TEST);
     if (way == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);

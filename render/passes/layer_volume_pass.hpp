@@ -1,8 +1,8 @@
-// Layered and simple shadows on phantoms and on other virtual objects by nested volumes (rendering.md
-// 5), instead of pictures at heights (received_shadow_pass.hpp): of each layer the imaginary mesh
-// swept straight down. Counted z-fail, so right wherever the eye is; then what receives is drawn
-// again where it lies in the volume, and darkened: once, by the darkest layer, its sides as its top.
-// A box in a shadow carries the outlines that the table would.
+// Layered and simple shadows on phantoms and on other virtual objects by nested volumes
+// (rendering.md 5), instead of pictures at heights (received_shadow_pass.hpp): of each layer the
+// imaginary mesh swept straight down. Counted z-fail, so right wherever the eye is; then what
+// receives is drawn again where it lies in the volume, and darkened: once, by the darkest layer,
+// its sides as its top. A box in a shadow carries the outlines that the table would.
 #pragma once
 
 #include <array>

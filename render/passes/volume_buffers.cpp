@@ -21,9 +21,9 @@ std::size_t VolumeBuffers::write(const ShadowVolume& volume, std::optional<doubl
         std::span(volume.triangles).subspan(begin, volume.batch_ends[i] - begin);
     if (longest_edge) {
       // Of all triangles that there may be, the batch's share.
-      const auto budget = static_cast<std::size_t>(std::ceil(
-          static_cast<double>(kMostVolumeTriangles) * static_cast<double>(batch.size()) /
-          static_cast<double>(volume.triangles.size())));
+      const auto budget = static_cast<std::size_t>(
+          std::ceil(static_cast<double>(kMostVolumeTriangles) * static_cast<double>(batch.size()) /
+                    static_cast<double>(volume.triangles.size())));
       const std::vector<glm::vec3> pieces =
           split_for_lens({batch.begin(), batch.end()}, *longest_edge, budget);
       triangles.insert(triangles.end(), pieces.begin(), pieces.end());

@@ -28,9 +28,9 @@ class VolumeBuffers {
 
 [[nodiscard]] Result<ShaderProgram> volume_program(GlApi api);
 
-// z-fail: leaves in kMostVolumesCounted of the stencil how often each pixel's ray is in one batch of
-// a volume, where those bits were 0: walls behind what the pixel shows count, those turned to the
-// eye one way, those turned away the other. Only where `left_out` of the stencil is 0.
+// z-fail: leaves in kMostVolumesCounted of the stencil how often each pixel's ray is in one batch
+// of a volume, where those bits were 0: walls behind what the pixel shows count, those turned to
+// the eye one way, those turned away the other. Only where `left_out` of the stencil is 0.
 void count_volume(const ShaderProgram& program, const LensUniforms& lens,
                   const glm::mat4x3& camera_from_table, const VolumeBuffers& volume,
                   std::size_t batch, unsigned left_out);

@@ -92,9 +92,9 @@ class Imaginary {
       const HeightRange range =
           simple ? HeightRange{0.0, 10.0} : layer_height_range(node.layered, kShadowLayers[layer]);
       for (const CasterVertex& vertex : clip_to_heights(vertices, mesh.indices, range)) {
-        const PlanePoint image =
-            simple ? PlanePoint{vertex.u, vertex.v}
-                   : project_to_layer(vertex, node.layered, kShadowLayers[layer]);
+        const PlanePoint image = simple
+                                     ? PlanePoint{vertex.u, vertex.v}
+                                     : project_to_layer(vertex, node.layered, kShadowLayers[layer]);
         layers_[layer].push_back({static_cast<double>(image.u), static_cast<double>(image.v),
                                   static_cast<double>(vertex.h)});
       }
@@ -141,24 +141,25 @@ const View kOutside{"outside", {0.35, -0.5, 0.45}, {0.02, 0.0, 0.03}};
 const View kInside{"inside", {0.03, -0.03, 0.12}, {0.09, 0.06, 0.0}};
 const View kWall{"wall_in_near_plane", {0.0005, -0.075, 0.11}, {0.05, 0.02, 0.0}};
 const View kAbove{"above_the_caster", {-0.1, -0.05, 0.6}, {0.0, 0.0, 0.0}};
-INSTANTIATE_TEST_SUITE_P(
-    Of, LayerVolumeView,
-    testing::Values(Case{kOutside, ShadowTechnique::layered, 0.16, false},
-                    Case{kOutside, ShadowTechnique::layered, 0.16, true},
-                    Case{kOutside, ShadowTechnique::layered, kCutHeight, false},
-                    Case{kOutside, ShadowTechnique::simple, 0.16, false},
-                    Case{kInside, ShadowTechnique::layered, 0.16, false},
-                    Case{kInside, ShadowTechnique::layered, 0.16, true},
-                    Case{kInside, ShadowTechnique::simple, 0.16, false},
-                    Case{kWall, ShadowTechnique::layered, 0.16, false},
-                    Case{kWall, ShadowTechnique::simple, 0.16, false},
-                    Case{kAbove, ShadowTechnique::layered, 0.16, false},
-                    Case{kAbove, ShadowTechnique::layered, kCutHeight, true}),
-    [](const auto& instance) {
-      const Case& c = instance.param;
-      return std::string(c.view.name) + "_" + std::string(to_string(c.technique)) +
-             (c.height == kCutHeight ? "_cut" : "") + (c.bent ? "_bent" : "");
-    });
+INSTANTIATE_TEST_SUITE_P(Of, LayerVolumeView,
+                         testing::Values(Case{kOutside, ShadowTechnique::layered, 0.16, false},
+                                         Case{kOutside, ShadowTechnique::layered, 0.16, true},
+                                         Case{kOutside, ShadowTechnique::layered, kCutHeight,
+                                              false},
+                                         Case{kOutside, ShadowTechnique::simple, 0.16, false},
+                                         Case{kInside, ShadowTechnique::layered, 0.16, false},
+                                         Case{kInside, ShadowTechnique::layered, 0.16, true},
+                                         Case{kInside, ShadowTechnique::simple, 0.16, false},
+                                         Case{kWall, ShadowTechnique::layered, 0.16, false},
+                                         Case{kWall, ShadowTechnique::simple, 0.16, false},
+                                         Case{kAbove, ShadowTechnique::layered, 0.16, false},
+                                         Case{kAbove, ShadowTechnique::layered, kCutHeight, true}),
+                         [](const auto& instance) {
+                           const Case& c = instance.param;
+                           return std::string(c.view.name) + "_" +
+                                  std::string(to_string(c.technique)) +
+                                  (c.height == kCutHeight ? "_cut" : "") + (c.bent ? "_bent" : "");
+                         });
 
 // A phantom box, a virtual one, and a tower beside the caster that is higher than it. An edge may
 // fall to either side of a pixel's middle: but where all around is alike, no pixel is wrong.
@@ -254,8 +255,8 @@ TEST_P(LayerVolumeView, DarkensWhatIsUnderTheImaginaryMeshes) {
   }
 }
 
-// A simple shadow's outline is the same at all heights: both ways show one picture on a top, but for
-// edges, which heights smooth; sides are darkened by volumes alone.
+// A simple shadow's outline is the same at all heights: both ways show one picture on a top, but
+// for edges, which heights smooth; sides are darkened by volumes alone.
 TEST(LayerVolume, OfASimpleShadowIsThatOfItsHeights) {
   SceneBuilder builder = builder_with(ShadowTechnique::simple);
   builder.add(l_shape(), test::at(0.0, 0.0, 0.16));
@@ -312,8 +313,8 @@ TEST(LayerVolume, IsTheDarkestOfAllCasters) {
     SceneBuilder builder = builder_with(ShadowTechnique::layered);
     const std::array<Placement, 2> places = {test::at(0.0, 0.0, 0.16),
                                              test::at(0.03, 0.02, 0.2, {0, 0, 1}, 1.0)};
-    for (const std::size_t i : turned ? std::array<std::size_t, 2>{1, 0}
-                                      : std::array<std::size_t, 2>{0, 1}) {
+    for (const std::size_t i :
+         turned ? std::array<std::size_t, 2>{1, 0} : std::array<std::size_t, 2>{0, 1}) {
       builder.add(l_shape(), places[i], i == 0 ? first : second);
     }
     builder.add(box(0.3, 0.3, 0.06), test::at(0.02, 0.0, 0.03), false, true);
@@ -400,8 +401,7 @@ TEST(LayerVolume, IsTheSameWithoutBlending) {
 // and the plan says so. What is left out of a frame doesn't decide.
 TEST(LayerVolume, IsNotOfLightsOfOneSize) {
   for (const bool field : {false, true}) {
-    SceneBuilder builder =
-        builder_with(field ? ShadowTechnique::field : ShadowTechnique::layered);
+    SceneBuilder builder = builder_with(field ? ShadowTechnique::field : ShadowTechnique::layered);
     if (!field) builder.scene().shadows[0].light_mode = LightMode::fixed;
     builder.add(l_shape(), test::at(0.0, 0.0, 0.16));
     builder.add(box(0.2, 0.2, 0.06), test::at(0.02, 0.0, 0.03), false, true);
@@ -438,7 +438,9 @@ TEST(LayerVolume, IsClosedWhateverCastsIt) {
   for (int i = 0; i < 120; ++i) {
     ShapeBuilder shape;
     for (int face = 0; face < 6; ++face) {
-      const auto corner = [&] { return shape.vertex(place(random), place(random), height(random)); };
+      const auto corner = [&] {
+        return shape.vertex(place(random), place(random), height(random));
+      };
       const std::uint32_t a = corner();
       const std::uint32_t b = corner();
       shape.triangle(a, b, corner());
