@@ -264,8 +264,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     count(m.shadows.draw(plan, m.lens, m.receivers, m.video, frame, m.framebuffer));
     count(received + m.received_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.receivers,
                                              m.framebuffer));
-    count(m.layer_volumes.draw(*m.scene, plan, m.lens, m.objects, way, m.receivers,
-                               m.framebuffer));
+    count(m.layer_volumes.draw(*m.scene, plan, m.lens, m.objects, way, m.receivers, m.framebuffer));
     count(m.hard_shadows.draw(plan, m.lens, m.receivers, m.framebuffer));
     count(m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer));
     count(m.objects.draw_blended(plan, m.lens, m.framebuffer));

@@ -57,7 +57,7 @@ class ObjectPass {
 
   // How what is translucent is drawn from here on; draw_in_layer() only with Climbing::volumes.
   [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video,
-                                    Climbing climbing);
+                                    Climbing climbing = Climbing::heights);
 
   // Depth of the phantoms. Number of draw calls, here and below.
   int draw_phantoms(const Scene& scene, const FramePlan& plan, const LensUniforms& lens) const;
@@ -158,7 +158,7 @@ class ObjectPass {
   glm::vec4 tone_{1.0F / 2.4F, 1.055F, 0.055F, 0.0031308F};
   // Of shadows by masks: light alone would cost many times as much.
   TranslucentProgram masked_program_;
-  std::optional<TranslucentProgram> layer_program_;  // linked when it is first asked for
+  std::optional<TranslucentProgram> layer_program_;         // linked when it is first asked for
   std::vector<std::shared_ptr<GpuModel>> models_;           // one per scene object; null: no model
   std::vector<std::shared_ptr<const Model>> descriptions_;  // their materials
 };
