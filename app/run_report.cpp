@@ -210,6 +210,8 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   if (times.search_came) ++report_.full_detections;
   if (times.full_detection) {
     ++report_.full_detections;
+  } else if (times.box_detection) {
+    ++report_.box_detections;
   } else if (pose.tags_used > 0) {
     ++report_.tracked_updates;
   }
@@ -452,6 +454,7 @@ std::string report_json(const RunReport& report) {
                                   ? json_of(report.reprojection_rms_px)
                                   : Json({{"rmse", {}}, {"median", {}}, {"p95", {}}, {"max", {}}})},
       {"full_detections", report.full_detections},
+      {"box_detections", report.box_detections},
       {"tracked_updates", report.tracked_updates},
       {"pixels_sampled", report.pixels_sampled},
       {"not_tracked", counts_json(report.reasons)},

@@ -200,7 +200,9 @@ struct TableTracker::Impl {
   [[nodiscard]] Result<Measurement> measure(std::span<const TagDetection> detections);
   [[nodiscard]] Result<Measurement> measure_by_detection(SearchResolution resolution);
   [[nodiscard]] bool shows_most(const Measurement& measurement) const;
-  [[nodiscard]] Result<Measurement> measure_by_search(SearchResolution finest);
+  [[nodiscard]] std::optional<PixelBox> box_about(const CameraPose& pose) const;
+  [[nodiscard]] Result<Measurement> measure_by_search(SearchResolution finest,
+                                                      const std::optional<CameraPose>& predicted);
   [[nodiscard]] double image_motion_px(const MotionPrediction& prediction) const;
   void choose_effort(double motion_px);
   [[nodiscard]] double samples_needed(const AlignmentResult& result) const;
@@ -879,11 +881,52 @@ bool TableTracker::Impl::shows_most(const Measurement& measurement) const {
          3 * measurement.tags_used >= 2 * tags_in_view(measurement.best.T_table_camera);
 }
 
+// Where the table's tags would be, with as much room about them as a hand moves in some frames;
+// nothing where that is most of the picture.
+std::optional<PixelBox> TableTracker::Impl::box_about(const CameraPose& pose) const {
+  constexpr double kLeastRoom_px = 32.0;
+  constexpr double kMostOfPicture = 0.6;
+  const auto T_camera_table = pose.inverse();
+  Eigen::AlignedBox2d box;
+  for (const MappedTag& tag : table_tags) {
+    for (const Eigen::Vector3d& corner : tag.corners()) {
+      const std::optional<Eigen::Vector2d> pixel = camera.project(T_camera_table * corner);
+      if (pixel && pixel->allFinite()) box.extend(*pixel);
+    }
+  }
+  const Eigen::AlignedBox2d picture(Eigen::Vector2d::Zero(),
+                                    Eigen::Vector2d(camera.width(), camera.height()));
+  if (box.isEmpty()) return std::nullopt;
+  const double room = std::max(kLeastRoom_px, 0.25 * box.sizes().maxCoeff());
+  box.min().array() -= room;
+  box.max().array() += room;
+  box = box.intersection(picture);
+  if (box.isEmpty() || box.volume() > kMostOfPicture * picture.volume()) return std::nullopt;
+  const auto x = static_cast<int>(box.min().x());
+  const auto y = static_cast<int>(box.min().y());
+  const PixelBox pixels{x, y, static_cast<int>(box.max().x()) - x,
+                        static_cast<int>(box.max().y()) - y};
+  if (pixels.width < 1 || pixels.height < 1) return std::nullopt;
+  return pixels;
+}
+
 // The frame is searched coarsely and at the full resolution in turn: what is lost for long costs no
 // more than detecting does. The first one may be the only one, and is searched in every way.
 // Coarsely is at a quarter of the resolution, which costs a quarter of what half of it does, and at
 // half of it where that shows too little.
-Result<Measurement> TableTracker::Impl::measure_by_search(SearchResolution finest) {
+Result<Measurement> TableTracker::Impl::measure_by_search(
+    SearchResolution finest, const std::optional<CameraPose>& predicted) {
+  const auto box = options.box_search && predicted && finest != SearchResolution::quarter
+                       ? box_about(*predicted)
+                       : std::nullopt;
+  if (box && !search->searched(SearchResolution::half)) {
+    const Stopwatch detect;
+    const std::vector<TagDetection> tags_there = search->tags_within(*box);
+    detect.add_to(times.detect_ms, times.detect_cpu_ms);
+    Result<Measurement> there = measure(tags_there);
+    times.box_detection = there && shows_most(*there);
+    if (times.box_detection) return there;
+  }
   const bool first = !std::exchange(searched_before, true) && finest == SearchResolution::full;
   if (finest == SearchResolution::full && std::exchange(full_next, !full_next)) {
     return measure_by_detection(SearchResolution::full);
@@ -908,7 +951,7 @@ Result<Measurement> TableTracker::Impl::measure_by_search(SearchResolution fines
 PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
                                       const std::optional<CameraPose>& predicted,
                                       SearchResolution finest) {
-  Result<Measurement> measurement = measure_by_search(finest);
+  Result<Measurement> measurement = measure_by_search(finest, predicted);
   if (!measurement) return without_measurement(frame.timestamp_ns, measurement.error().message);
   if (!measurement->contradictory) {
     const Stopwatch align;

@@ -53,6 +53,9 @@ struct TrackerOptions {
   double pose_budget_px = 0.0;
   bool quick_search =
       true;  // a search begins at a quarter of the resolution; the same poses without
+  // What was seen a moment ago is searched for about where it was, before the whole frame; the same
+  // poses without.
+  bool box_search = true;
   // Where a frame's exposure is known, fast motion is expected to have smeared its tags, if the
   // picture agrees.
   bool motion_blur = true;
@@ -73,6 +76,7 @@ struct TrackTimes {
   double search_ms = 0.0, search_cpu_ms = 0.0;
   bool search_came = false;     // whether tags of such a search were used
   bool full_detection = false;  // whether a full-frame detection ran
+  bool box_detection = false;   // whether one of a part of the frame did, and was enough
   bool every_pixel = false;     // whether the last alignment could use every pixel at an edge
   int samples = 0;              // pixels that the last alignment used
   // Of it: tags of the map that were not looked at, and whether it took fewer pixels than it might

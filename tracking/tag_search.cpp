@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstddef>
 
+#include "core/assert.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -50,22 +52,36 @@ void TagSearch::begin(ImageView luma) {
   found_.clear();
 }
 
+ImageView TagSearch::in_linear_light(ImageView image) {
+  if (!linearise_) return image;
+  const auto width = static_cast<std::size_t>(image.width);
+  linear_scratch_.resize(width * static_cast<std::size_t>(image.height));
+  for (int y = 0; y < image.height; ++y) {
+    const std::uint8_t* in = image.row(y);
+    std::uint8_t* out = linear_scratch_.data() + static_cast<std::size_t>(y) * width;
+    for (std::size_t x = 0; x < width; ++x) out[x] = (*linearise_)[in[x]];
+  }
+  return {linear_scratch_.data(), image.width, image.height, image.width};
+}
+
 const std::vector<TagDetection>& TagSearch::tags(SearchResolution resolution) {
   if (searched(resolution)) return found_;
   searched_at_ = resolution;
-  ImageView image = image_;
-  if (linearise_) {
-    const auto width = static_cast<std::size_t>(image.width);
-    linear_scratch_.resize(width * static_cast<std::size_t>(image.height));
-    for (int y = 0; y < image.height; ++y) {
-      const std::uint8_t* in = image.row(y);
-      std::uint8_t* out = linear_scratch_.data() + static_cast<std::size_t>(y) * width;
-      for (std::size_t x = 0; x < width; ++x) out[x] = (*linearise_)[in[x]];
-    }
-    image = {linear_scratch_.data(), image.width, image.height, image.width};
-  }
-  found_ = detector_.detect(image, std::max(least_decimate_, decimation(resolution)));
+  found_ =
+      detector_.detect(in_linear_light(image_), std::max(least_decimate_, decimation(resolution)));
   return found_;
+}
+
+std::vector<TagDetection> TagSearch::tags_within(const PixelBox& box) {
+  PENUMBRA_ASSERT(box.x >= 0 && box.y >= 0 && box.width > 0 && box.height > 0 &&
+                  box.x + box.width <= image_.width && box.y + box.height <= image_.height);
+  const ImageView part = {image_.row(box.y) + box.x, box.width, box.height, image_.stride};
+  std::vector<TagDetection> tags = detector_.detect(
+      in_linear_light(part), std::max(least_decimate_, decimation(SearchResolution::half)));
+  for (TagDetection& tag : tags) {
+    for (Eigen::Vector2d& corner : tag.corners_px) corner += Eigen::Vector2d(box.x, box.y);
+  }
+  return tags;
 }
 
 }  // namespace penumbra

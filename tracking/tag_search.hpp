@@ -19,6 +19,11 @@ namespace penumbra {
 // Quads are searched at so much of the image's resolution, coarse to fine.
 enum class SearchResolution { quarter, half, full };
 
+// A part of the image [px].
+struct PixelBox {
+  int x = 0, y = 0, width = 0, height = 0;
+};
+
 class TagSearch {
  public:
   // `tone_exponent`: linear light = (grey / 255) ^ exponent, where it is known; tags are then
@@ -42,8 +47,13 @@ class TagSearch {
   // What was found at this resolution, or at a finer one that somebody asked for before. Valid
   // until a finer one is asked for.
   [[nodiscard]] const std::vector<TagDetection>& tags(SearchResolution resolution);
+  // Those that lie wholly within a part of the frame, which must be inside of it, at half of the
+  // resolution. Not what tags() then knows.
+  [[nodiscard]] std::vector<TagDetection> tags_within(const PixelBox& box);
 
  private:
+  [[nodiscard]] ImageView in_linear_light(ImageView image);
+
   TagSearch(TagDetector detector, float least_decimate)
       : detector_(std::move(detector)), least_decimate_(least_decimate) {}
 

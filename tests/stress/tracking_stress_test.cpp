@@ -376,6 +376,40 @@ TEST(TrackingStress, ATagThatWasPutBackCountsAgain) {
   }
 }
 
+// A hand jerks: the tags are looked for about where they were first, and found as by searching the
+// whole frame.
+TEST(TrackingStress, WhatJumpsIsFoundWhereItWas) {
+  int found_there = 0;
+  for (const double jump_m : {0.05, 0.06, 0.07}) {
+    SCOPED_TRACE(jump_m);
+    Session session = ordinary();
+    session.motion.distance.middle = 0.6;
+    Session later = session;
+    later.motion.x.middle += jump_m;
+    auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+    std::vector<PoseEstimate> poses;
+    for (const bool by_box : {true, false}) {
+      TrackerOptions options;
+      options.box_search = by_box;
+      auto tracker =
+          TableTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
+      for (int f = 0; f < 3; ++f) {
+        ASSERT_EQ(tracker.track(session.picture(renderer, f)).pose.status, TrackStatus::tracked);
+      }
+      const TrackedFrame jumped = tracker.track(later.picture(renderer, 3));
+      EXPECT_EQ(jumped.pose.status, TrackStatus::tracked) << jumped.pose.reason;
+      expect_honest(session, jumped.pose, later.truth(3));
+      EXPECT_TRUE(by_box || !jumped.times.box_detection);
+      found_there += jumped.times.box_detection ? 1 : 0;
+      poses.push_back(jumped.pose);
+    }
+    EXPECT_LT(overlay_difference(session.camera, poses[0].T_table_camera, poses[1].T_table_camera)
+                  .rms_px(),
+              0.05);
+  }
+  EXPECT_GE(found_there, 1);
+}
+
 // A part of every tag is covered once tracking has begun: all frames are kept.
 TEST(TrackingStress, TagsThatGetCoveredAreKept) {
   const std::vector<double> few = {0.3};
