@@ -198,7 +198,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   }
   report_.pixels_sampled += times.samples;
   const auto skip = [this](const char* what, std::int64_t count) {
-    if (count > 0) report_.skipped[what] += count;
+    if (count > 0) report_.tracking_skipped[what] += count;
   };
   skip("tag_out_of_view", times.tags_out_of_view);
   skip("tag_too_small", times.tags_too_small);
@@ -458,6 +458,7 @@ std::string report_json(const RunReport& report) {
       {"tracked_updates", report.tracked_updates},
       {"pixels_sampled", report.pixels_sampled},
       {"not_tracked", counts_json(report.reasons)},
+      {"skipped", counts_json(report.tracking_skipped)},
       {"tags_left_out", left_out_json(report.tags_left_out)}};
   if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
   json["work"] = counts_json(report.work);
