@@ -711,6 +711,14 @@ bool same_shapes(const ShadowDraw& a, const ShadowDraw& b) {
          a.T_table_object == b.T_table_object && a.constants == b.constants;
 }
 
+const ObjectDraw* drawn_object(const FramePlan& plan, int object) {
+  for (const std::vector<ObjectDraw>* draws : {&plan.phantoms, &plan.objects}) {
+    const auto found = std::ranges::find(*draws, object, &ObjectDraw::object);
+    if (found != draws->end()) return &*found;
+  }
+  return nullptr;
+}
+
 Lighting lighting_for(const Scene& scene, const SceneState& state) {
   // Cooler from above, warmer from wood and paper below.
   const Eigen::Vector3d sky_tint(1.08, 1.12, 1.18);

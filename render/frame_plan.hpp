@@ -201,6 +201,9 @@ struct FramePlan {
   std::vector<SkippedPass> skipped;
 };
 
+// What the plan draws of an object, a phantom or not; null where it draws nothing of it.
+[[nodiscard]] const ObjectDraw* drawn_object(const FramePlan& plan, int object);
+
 [[nodiscard]] FramePlan plan_frame(const Scene& scene, const SceneState& state,
                                    const PoseEstimate& pose, const CameraModel& camera,
                                    const PlanOptions& options = {});

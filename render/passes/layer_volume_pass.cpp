@@ -13,14 +13,6 @@ constexpr unsigned kCountBits = kMostVolumesCounted;
 constexpr unsigned kDoneBit = 0x40U;  // darkened already, by a darker layer
 static_assert((kCountBits & kDoneBit) == 0);
 
-const ObjectDraw* receiver_of(const FramePlan& plan, int object) {
-  for (const std::vector<ObjectDraw>* draws : {&plan.phantoms, &plan.objects}) {
-    const auto found = std::ranges::find(*draws, object, &ObjectDraw::object);
-    if (found != draws->end()) return &*found;
-  }
-  return nullptr;
-}
-
 // One layer of one caster, on those receivers that are as faint as each other.
 struct Fill {
   const VolumeBuffers* volume = nullptr;
@@ -97,7 +89,7 @@ int LayerVolumePass::draw(const Scene& scene, const FramePlan& plan, const LensU
     Fill fill;
     fill.normal = shadow.plane_frame.n;
     for (const ReceivedShadowDraw& other : plan.received_shadows) {
-      const ObjectDraw* receiver = like_it(other) ? receiver_of(plan, other.receiver) : nullptr;
+      const ObjectDraw* receiver = like_it(other) ? drawn_object(plan, other.receiver) : nullptr;
       if (receiver != nullptr) fill.receivers.push_back(receiver);
     }
     for (std::size_t layer = 0; layer < 3; ++layer) {

@@ -74,15 +74,6 @@ double texel_for(const FramePlan& plan, const ReceivedShadowDraw& draw,
   return std::max(kFinestTexel, std::exp2(std::floor(std::log2(pixel))));
 }
 
-// None where the plan no longer draws it.
-const ObjectDraw* receiver_of(const FramePlan& plan, int object) {
-  for (const std::vector<ObjectDraw>* draws : {&plan.phantoms, &plan.objects}) {
-    const auto found = std::ranges::find(*draws, object, &ObjectDraw::object);
-    if (found != draws->end()) return &*found;
-  }
-  return nullptr;
-}
-
 // The plane from straight above, `origin` and `extent` in the picture's corners: at depth 1
 // everywhere, so that nothing is farther away than anything else.
 glm::mat4x3 camera_above(const Eigen::Vector2d& origin, const Eigen::Vector2d& extent) {
@@ -213,7 +204,7 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
   int calls = 0;
   const double texels = most_texels(plan);
   for (const ReceivedShadowDraw& draw : plan.received_shadows) {
-    const ObjectDraw* receiver = receiver_of(plan, draw.receiver);
+    const ObjectDraw* receiver = drawn_object(plan, draw.receiver);
     if (receiver == nullptr) continue;
     const Surface& surface =
         surface_of(scene, *receiver, draw.shadow.plane, draw.shadow.plane_frame);
