@@ -204,7 +204,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   skip("tag_too_small", times.tags_too_small);
   skip("pixels_within_budget", times.sampling_stopped ? 1 : 0);
   skip("pixels_while_moving", times.fewer_pixels ? 1 : 0);
-  for (const int id : pose.tags_left_out) ++report_.tags_left_out[id];
+  for (const int id : pose.tags_left_out) ++report_.tags_left_out[std::to_string(id)];
   if (keep_paths_) times_ns_.push_back(frame.tracked.frame.timestamp_ns);
   if (pose.tags_used > 0) reprojection_px_.add(pose.reprojection_rms_px);
   if (times.search_came) ++report_.full_detections;
@@ -419,12 +419,6 @@ Evaluation accuracy_of_group(const CameraModel& camera, const RunRecorder& run,
                   over_group(truth_of_processed(run, truth), group_truth, run.middle_of(group)));
 }
 
-static Json left_out_json(const std::map<int, std::int64_t>& tags) {
-  Json json = Json::object();
-  for (const auto& [id, frames] : tags) json[std::to_string(id)] = frames;
-  return json;
-}
-
 std::string report_json(const RunReport& report) {
   Json json;
   json["recording"] = report.recording;
@@ -459,7 +453,7 @@ std::string report_json(const RunReport& report) {
       {"pixels_sampled", report.pixels_sampled},
       {"not_tracked", counts_json(report.reasons)},
       {"skipped", counts_json(report.tracking_skipped)},
-      {"tags_left_out", left_out_json(report.tags_left_out)}};
+      {"tags_left_out", counts_json(report.tags_left_out)}};
   if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
   json["work"] = counts_json(report.work);
   json["skipped"] = counts_json(report.skipped);

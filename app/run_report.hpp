@@ -89,7 +89,7 @@ struct RunReport {
   // it is one reason whatever they were.
   std::vector<std::pair<std::string, std::int64_t>> reasons;
   // By id, frames in which a tag contradicted the others: it lies elsewhere than the map says.
-  std::map<int, std::int64_t> tags_left_out;
+  std::map<std::string, std::int64_t> tags_left_out;
   bool interrupted = false;
   // What ended the run early, or was not written of it; the rest is as told here.
   std::optional<Error> failure;
