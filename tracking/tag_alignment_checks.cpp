@@ -155,7 +155,8 @@ void TagAligner::Impl::check_agreement() {
     const kernel::TagPack& pack = packs[k / 4];
     const std::size_t lane = k % 4;
     const Tag& tag = *active[k];
-    if (!pack.valid[lane] || !(tag.sums.weight > 0.3 * tag.sums.base_weight)) continue;
+    if (!pack.valid[lane] || !(tag.sums.weight > kLeastWeightShare * tag.sums.base_weight))
+      continue;
     const double half = 0.5 * (tag.side - 1);
     const Eigen::Vector3d centre = tag.ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
     if (!(centre.z() > 0.0)) continue;
@@ -323,7 +324,8 @@ void TagAligner::Impl::verify() {
     const int least = std::max(8, static_cast<int>(cells.size()) / 4);
     const int right = check.cells_read - check.cells_wrong;
     check.verified = check.cells_read >= least && 4 * check.cells_wrong <= check.cells_read &&
-                     20 * right >= 9 * decidable && check.gain > 12.0 && check.weight_share > 0.3;
+                     20 * right >= 9 * decidable && check.gain > 12.0 &&
+                     check.weight_share > kLeastWeightShare;
     visible += decidable >= least ? 1 : 0;
     result.tags_verified += check.verified ? 1 : 0;
     result.tags.push_back(check);

@@ -30,7 +30,9 @@ inline int ceil_of(double x) {
 }
 
 struct TagAligner::Impl {
-  static constexpr int kSearchReach = 31;     // [px] the code search looks this far to each side
+  static constexpr int kSearchReach = 31;  // [px] the code search looks this far to each side
+  // Of a tag's samples, after Tukey's weights: with less it says nothing.
+  static constexpr double kLeastWeightShare = 0.3;
   static constexpr int kMaxSearchCells = 36;  // per tag; sums of so many bytes fit in 16 bits
 
   // Memory for the samples of all tags, taken tag by tag and given back all at once: what one stage
