@@ -15,6 +15,7 @@
 #include "render/passes/shadow_pass.hpp"
 #include "render/shadow/caster.hpp"
 #include "render/shadow/kernel_direction.hpp"
+#include "support/beside_no_edge.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 #include "support/studio_models.hpp"
@@ -229,20 +230,7 @@ TEST_P(LayerVolumeView, DarkensWhatIsUnderTheImaginaryMeshes) {
                           factor * static_cast<float>(without.red(x, y))) > 1.5F;
     }
   }
-  int beside_no_edge = 0;
-  int wrong_there = 0;
-  for (int y = 1; y + 1 < kSide; ++y) {
-    for (int x = 1; x + 1 < kSide; ++x) {
-      const auto at = [&](int dx, int dy) {
-        return static_cast<std::size_t>(kSide * (y + dy) + x + dx);
-      };
-      bool alike = expected[at(0, 0)] >= 0;
-      for (int i = 0; i < 9; ++i)
-        alike = alike && expected[at(i % 3 - 1, i / 3 - 1)] == expected[at(0, 0)];
-      beside_no_edge += alike ? 1 : 0;
-      wrong_there += alike && wrong[at(0, 0)] ? 1 : 0;
-    }
-  }
+  const auto [beside_no_edge, wrong_there] = test::beside_no_edge(kSide, expected, wrong);
   EXPECT_GT(beside_no_edge, 2000);
   EXPECT_EQ(wrong_there, 0) << "of " << beside_no_edge;
   EXPECT_GT(seen[1], 300);

@@ -14,6 +14,7 @@
 
 #include "render/camera_gl.hpp"
 #include "render/model.hpp"
+#include "support/beside_no_edge.hpp"
 #include "support/paths.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"
@@ -358,20 +359,7 @@ TEST_P(VolumeView, DarkensWhatTheLightDoesNotReach) {
   }
   // An edge may fall to either side of a pixel's centre: but where the pixels around are in light
   // or in shadow all alike, none is wrong.
-  int beside_no_edge = 0;
-  int wrong_there = 0;
-  for (int y = 1; y + 1 < kSide; ++y) {
-    for (int x = 1; x + 1 < kSide; ++x) {
-      const auto at = [&](int dx, int dy) {
-        return static_cast<std::size_t>(kSide * (y + dy) + x + dx);
-      };
-      const int here = expected[at(0, 0)];
-      bool alike = here >= 0;
-      for (int i = 0; i < 9; ++i) alike = alike && expected[at(i % 3 - 1, i / 3 - 1)] == here;
-      beside_no_edge += alike ? 1 : 0;
-      wrong_there += alike && off[at(0, 0)] ? 1 : 0;
-    }
-  }
+  const auto [beside_no_edge, wrong_there] = test::beside_no_edge(kSide, expected, off);
   EXPECT_GT(beside_no_edge, 5000);
   EXPECT_EQ(wrong_there, 0) << "of " << beside_no_edge;
   EXPECT_GT(dark, 1000);

@@ -1,0 +1,34 @@
+// Pictures against what each pixel should show, where edges may fall to either side of a pixel.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+namespace penumbra::test {
+
+struct BesideNoEdge {
+  int pixels = 0, wrong = 0;
+};
+
+// Of a square picture: pixels all around which the same is expected, and how many of them are
+// wrong. `expected`: a number for each pixel that says what it shows; negative: not known, nor
+// beside it.
+inline BesideNoEdge beside_no_edge(int side, const std::vector<int>& expected,
+                                   const std::vector<bool>& wrong) {
+  BesideNoEdge found;
+  for (int y = 1; y + 1 < side; ++y) {
+    for (int x = 1; x + 1 < side; ++x) {
+      const auto at = [&](int dx, int dy) {
+        return static_cast<std::size_t>(side * (y + dy) + x + dx);
+      };
+      const int here = expected[at(0, 0)];
+      bool alike = here >= 0;
+      for (int i = 0; i < 9; ++i) alike = alike && expected[at(i % 3 - 1, i / 3 - 1)] == here;
+      found.pixels += alike ? 1 : 0;
+      found.wrong += alike && wrong[at(0, 0)] ? 1 : 0;
+    }
+  }
+  return found;
+}
+
+}  // namespace penumbra::test
