@@ -55,6 +55,9 @@ struct AlignmentOptions {
   // Cells that are large against the blur are read against their own colour. Without: against the
   // blurred model, for the same verdicts.
   bool clear_cells = true;
+  // Each step is one of Gauss and Newton. Without: a solve by ceres::TinySolver with the weights
+  // held, for the same poses in more time.
+  bool own_steps = true;
   const char* kernel = nullptr;  // name of the instruction set to use; null: the best
 };
 

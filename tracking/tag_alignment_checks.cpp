@@ -88,8 +88,7 @@ double TagAligner::Impl::design_effect(double cutoff) {
   double expected = 0.0;
   int runs = 0;
   int parameters = 8;  // the pose and the widenings
-  const double limit = noise_share > 0.0 ? std::clamp(4.685 * noise_share, 0.03, cutoff) : cutoff;
-  const auto inverse_limit = static_cast<float>(1.0 / limit);
+  const auto inverse_limit = static_cast<float>(1.0 / tukey_share(cutoff));
   for (const Tag* tag : active) {
     if (tag->used < 16 || !(tag->gain > 1.5)) continue;
     parameters += 2;

@@ -1,7 +1,8 @@
 // What the parts of the alignment share: a tag with its samples, and the aligner's state between
 // them. The geometry is here, the search in tag_alignment_search.cpp, the choice of pixels in
-// tag_alignment_samples.cpp, the steps in tag_alignment_step.cpp, what says whether the result
-// holds in tag_alignment_checks.cpp, and their order in tag_alignment.cpp.
+// tag_alignment_samples.cpp, the steps in tag_alignment_step.cpp (by Ceres:
+// tag_alignment_tiny_solver.cpp), what says whether the result holds in tag_alignment_checks.cpp,
+// and their order in tag_alignment.cpp.
 #pragma once
 
 #include <Eigen/Core>
@@ -168,6 +169,17 @@ struct TagAligner::Impl {
     double squares = 0.0;
   };
 
+  // What all tags say together: of the left perturbation of T_camera_table, gains and offsets
+  // eliminated, without the prior.
+  struct Equations {
+    Matrix6d H;
+    Vector6d g;
+    double cost = 0.0;    // sum of w r^2, at the gains and offsets as they are
+    double weight = 0.0;  // sum of w
+  };
+
+  struct Compressed;  // the same for a general solver
+
   // What is wanted of where the tags lie.
   enum class Projection {
     search,  // the cells that are searched for, alone
@@ -272,7 +284,16 @@ struct TagAligner::Impl {
   void locate_samples(Tag& tag) const;
   void finish_samples(Tag& tag);
   [[nodiscard]] std::vector<EdgePixel> edge_pixels();
-  bool step(double cutoff, double& moved_px);
+  // Where Tukey's weights end, as a share of the gain: never cut into the noise itself, and no
+  // further out than it asks for.
+  [[nodiscard]] double tukey_share(double cutoff) const {
+    return noise_share > 0.0 ? std::clamp(4.685 * noise_share, 0.03, cutoff) : cutoff;
+  }
+  void sum_up(double cutoff, Equations& equations);
+  [[nodiscard]] bool take_variance(const Equations& equations);
+  void follow_tags(const Vector6d& xi, const Eigen::Isometry3d& motion, double& moved_px);
+  [[nodiscard]] bool step(double cutoff, double& moved_px);
+  [[nodiscard]] bool solve_by_tiny_solver(double cutoff, double& moved_px);
   void measure_noise();
   void report_pose();
   [[nodiscard]] double design_effect(double cutoff);

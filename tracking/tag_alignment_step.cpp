@@ -1,4 +1,4 @@
-// One Gauss-Newton step over all tags.
+// The equations of all tags, and one Gauss-Newton step by them.
 
 #include "tracking/tag_alignment_state.hpp"
 
@@ -12,14 +12,13 @@
 
 namespace penumbra {
 
-// One Gauss-Newton step over all active tags, gains and offsets eliminated. `cutoff`: of Tukey's
-// weights, as a share of the gain; 0: none. moved_px: how far the tags' centres and corners went at
-// most.
-bool TagAligner::Impl::step(double cutoff, double& moved_px) {
+// Of all active tags at the current pose, gains and offsets eliminated. `cutoff`: of Tukey's
+// weights, as a share of the gain; 0: none.
+void TagAligner::Impl::sum_up(double cutoff, Equations& equations) {
   const std::size_t pack_count = (active.size() + 3) / 4;
   packs.resize(pack_count);
-  double cost = 0.0;
-  double weight = 0.0;
+  equations.cost = 0.0;
+  equations.weight = 0.0;
   for (std::size_t k = 0; k < 4 * pack_count; ++k) {
     kernel::TagPack& pack = packs[k / 4];
     const std::size_t lane = k % 4;
@@ -49,10 +48,8 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
     for (int c = 0; c < 3; ++c) in.centre[c] = static_cast<float>(tag.centre[c]);
     in.gain = static_cast<float>(tag.gain);
     in.offset = static_cast<float>(tag.offset);
-    // Never cut into the noise itself, and no further out than it asks for.
-    double limit = cutoff * tag.gain;
-    if (noise_share > 0.0) limit = tag.gain * std::clamp(4.685 * noise_share, 0.03, cutoff);
-    in.inverse_cutoff = cutoff > 0.0 ? static_cast<float>(1.0 / limit) : 0.0F;
+    in.inverse_cutoff =
+        cutoff > 0.0 ? static_cast<float>(1.0 / (tukey_share(cutoff) * tag.gain)) : 0.0F;
     in.reach = tag.reach;
     in.correlated = tag.correlated;
     kernel->accumulate(in, tag.samples, tag.sums);
@@ -66,8 +63,8 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
   std::array<double, 6> g_sum{};
   for (std::size_t k = 0; k < active.size(); ++k) {
     if (!packs[k / 4].valid[k % 4]) continue;
-    cost += active[k]->sums.cost;
-    weight += active[k]->sums.weight;
+    equations.cost += active[k]->sums.cost;
+    equations.weight += active[k]->sums.weight;
   }
   for (const kernel::TagPack& pack : packs) {
     // Tags that are left out have zeros.
@@ -77,7 +74,7 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
     for (std::size_t i = 0; i < H_sum.size(); ++i) H_sum[i] += over_lanes(pack.H_camera[i]);
     for (std::size_t i = 0; i < g_sum.size(); ++i) g_sum[i] += over_lanes(pack.g_camera[i]);
   }
-  Matrix6d H;
+  Matrix6d& H = equations.H;
   const double* h = H_sum.data();
   for (const auto& [row, column] : {std::pair(0, 0), std::pair(0, 3), std::pair(3, 3)}) {
     for (int p = 0; p < 3; ++p) {
@@ -85,17 +82,42 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
         H(row + p, column + q) = H(column + q, row + p) = *h;
     }
   }
-  const Eigen::Map<const Vector6d> g(g_sum.data());
+  equations.g = Eigen::Map<const Vector6d>(g_sum.data());
   ++result.counters.evaluations;
-  if (!(weight > 12.0)) return false;
-  variance = std::max(cost / weight, 0.25);  // a grey level's own rounding at least
-  information = H / variance;
+}
+
+// What the residuals say of themselves; false where they are too few.
+bool TagAligner::Impl::take_variance(const Equations& equations) {
+  if (!(equations.weight > 12.0)) return false;
+  // A grey level's own rounding at least.
+  variance = std::max(equations.cost / equations.weight, 0.25);
+  information = equations.H / variance;
+  return true;
+}
+
+// One step by all active tags; false where it can't be made. moved_px: how far the tags' centres
+// and corners went at most.
+bool TagAligner::Impl::step(double cutoff, double& moved_px) {
+  if (!options.own_steps) return solve_by_tiny_solver(cutoff, moved_px);
+  Equations equations;
+  sum_up(cutoff, equations);
+  if (!take_variance(equations)) return false;
   const Vector6d deviation = log_se3(T_camera_table * T_predicted.inverse());
-  const Matrix6d H_prior = H + variance * prior_information;
-  const Vector6d xi = H_prior.ldlt().solve(g - variance * (prior_information * deviation));
+  const Matrix6d H_prior = equations.H + variance * prior_information;
+  const Vector6d xi =
+      H_prior.ldlt().solve(equations.g - variance * (prior_information * deviation));
   if (!xi.allFinite()) return false;
   last_step = xi;
   const Eigen::Isometry3d motion = exp_se3(xi);
+  T_camera_table = motion * T_camera_table;
+  follow_tags(xi, motion, moved_px);
+  return true;
+}
+
+// Takes the active tags, their gains and offsets along to the current pose, from that of the last
+// equations. `xi`: how far their gains and offsets go with it; `motion`: what moved them.
+void TagAligner::Impl::follow_tags(const Vector6d& xi, const Eigen::Isometry3d& motion,
+                                   double& moved_px) {
   kernel::CameraStep camera_step;
   std::copy(xi.data(), xi.data() + 6, camera_step.xi);
   for (int r = 0; r < 3; ++r) {
@@ -104,8 +126,7 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
   }
   camera_step.fx = camera.parameters().fx;
   camera_step.fy = camera.parameters().fy;
-  kernel->follow(camera_step, packs.data(), static_cast<int>(pack_count));
-  T_camera_table = motion * T_camera_table;
+  kernel->follow(camera_step, packs.data(), static_cast<int>(packs.size()));
   double moved_px2 = 0.0;
   for (std::size_t k = 0; k < active.size(); ++k) {
     const kernel::TagPack& pack = packs[k / 4];
@@ -121,7 +142,6 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
   }
   moved_px = std::sqrt(moved_px2);
   moved_since_projection_px += moved_px;
-  return true;
 }
 
 }  // namespace penumbra

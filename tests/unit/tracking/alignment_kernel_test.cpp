@@ -1,9 +1,7 @@
 #include "tracking/alignment_kernel.hpp"
 
-#include <ceres/tiny_solver.h>
 #include <gtest/gtest.h>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
@@ -973,99 +971,6 @@ TEST(AlignmentKernel, LeversAreThoseOfAnEdgesDisplacement) {
       EXPECT_NEAR(levers[static_cast<std::size_t>(2 * set.s.count + i)], lever * lever, 1e-6F);
     }
   }
-}
-
-// The pose problem of one tag with gain and offset eliminated, as the few residuals that have the
-// same normal equations: what a general solver is given.
-struct CompressedProblem {
-  using Scalar = double;
-  enum { NUM_RESIDUALS = 7, NUM_PARAMETERS = 6 };
-
-  const Variant* variant;
-  const SampleSet* set;
-  Eigen::Isometry3d T0;
-  mutable double gain, offset;
-  mutable int evaluations = 0;
-
-  void normal_equations(const Vector6d& xi, Matrix6d& H, Vector6d& g, double& cost) const {
-    AccumulateInput in;
-    set_pose(T0 * exp_se3(xi), in);
-    in.gain = static_cast<float>(gain);
-    in.offset = static_cast<float>(offset);
-    Sums sums;
-    variant->accumulate(in, set->s, sums);
-    ++evaluations;
-    Eigen::Matrix<double, 8, 8> full;
-    int index = 0;
-    for (int p = 0; p < 8; ++p) {
-      for (int q = p; q < 8; ++q, ++index) full(p, q) = full(q, p) = sums.H[index];
-    }
-    const Eigen::Map<const Eigen::Matrix<double, 8, 1>> gradient(sums.g);
-    const Eigen::Matrix2d inverse = full.bottomRightCorner<2, 2>().inverse();
-    const Eigen::Matrix<double, 6, 2> cross = full.topRightCorner<6, 2>();
-    H = full.topLeftCorner<6, 6>() - cross * inverse * cross.transpose();
-    g = gradient.head<6>() - cross * inverse * gradient.tail<2>();
-    cost = sums.cost - gradient.tail<2>().dot(inverse * gradient.tail<2>());
-    // Gain and offset go to their best values, which do not change the eliminated problem.
-    const Eigen::Vector2d levels = inverse * gradient.tail<2>();
-    gain += levels[0];
-    offset += levels[1];
-  }
-
-  bool operator()(const double* x, double* residuals, double* jacobian) const {
-    Matrix6d H;
-    Vector6d g;
-    double cost = 0.0;
-    normal_equations(Eigen::Map<const Vector6d>(x), H, g, cost);
-    const Eigen::LLT<Matrix6d> llt(H);
-    const Vector6d projected = llt.matrixL().solve(g);
-    Eigen::Map<Eigen::Matrix<double, 7, 1>> r(residuals);
-    r.head<6>() = -projected;
-    r[6] = std::sqrt(std::max(0.0, cost - projected.squaredNorm()));
-    if (jacobian != nullptr) {
-      Eigen::Map<Eigen::Matrix<double, 7, 6>> J(jacobian);
-      J.setZero();
-      J.topRows<6>() = llt.matrixU();
-    }
-    return true;
-  }
-};
-
-TEST(AlignmentKernel, HandWrittenStepsEndWhereTinySolverDoes) {
-  const Eigen::Isometry3d truth = lattice_pose();
-  SampleSet set = random_samples(8 * kernel::kBlock, truth, 0.0F);
-  AccumulateInput in;
-  set_pose(truth, in);
-  const Variant& variant = kernel::best_variant();
-  variant.evaluate(in, set.s);
-  std::mt19937 random(9);
-  std::normal_distribution<float> noise(0.0F, 2.0F);
-  for (int i = 0; i < set.s.count; ++i)
-    set.s.value[i] = 35.0F + 140.0F * set.s.model[i] + noise(random);
-  Vector6d off;
-  off << 0.05, -0.04, 0.2, 0.01, -0.012, 0.008;
-  const Eigen::Isometry3d start = truth * exp_se3(off);
-
-  CompressedProblem tiny{&variant, &set, start, 120.0, 45.0};
-  ceres::TinySolver<CompressedProblem> solver;
-  solver.options.max_num_iterations = 30;
-  Vector6d found = Vector6d::Zero();
-  solver.Solve(tiny, &found);
-
-  CompressedProblem hand{&variant, &set, start, 120.0, 45.0};
-  for (int i = 0; i < 6; ++i) {
-    Matrix6d H;
-    Vector6d g;
-    double cost = 0.0;
-    hand.normal_equations(Vector6d::Zero(), H, g, cost);
-    hand.T0 = hand.T0 * exp_se3(H.ldlt().solve(g));
-  }
-  const Vector6d difference = log_se3((start * exp_se3(found)).inverse() * hand.T0);
-  EXPECT_LT(difference.head<3>().norm(), 2e-3);  // cells
-  EXPECT_LT(difference.tail<3>().norm(), 1e-4);
-  const Vector6d error = log_se3(truth.inverse() * hand.T0);
-  EXPECT_LT(error.head<2>().norm(), 0.05);
-  EXPECT_LE(hand.evaluations, tiny.evaluations);
 }
 
 }  // namespace

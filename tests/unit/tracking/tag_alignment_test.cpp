@@ -313,6 +313,56 @@ TEST_F(TagAlignmentTest, SparseRoundsLeadToTheSamePose) {
 }
 
 // Pixels at even steps of the lattice are worth as much as those of a walk along every edge.
+// The product's own step against a solver that others keep. Where outliers are weighed down, which
+// pixels count hangs on the way there: of single pictures poses may be apart by what their noise
+// does, of many they are as good.
+TEST_F(TagAlignmentTest, OwnStepsEndWhereTinySolverDoes) {
+  const std::vector<MappedTag> lone(tags_.begin(), tags_.begin() + 1);
+  for (const AlignmentEffort effort : {AlignmentEffort::fast, AlignmentEffort::accurate}) {
+    for (const std::vector<MappedTag>& tags : {tags_, lone}) {
+      SCOPED_TRACE(testing::Message() << tags.size() << " tags, "
+                                      << (effort == AlignmentEffort::fast ? "fast" : "accurate"));
+      PatternRenderer renderer = PatternRenderer::create(camera_, tags).value();
+      AlignmentOptions options;
+      options.effort = effort;
+      auto own = TagAligner::create(camera_, tags, options).value();
+      options.own_steps = false;
+      auto tiny = TagAligner::create(camera_, tags, options).value();
+      int evaluations = 0;
+      int evaluations_tiny = 0;
+      std::vector<double> apart;  // as a share of the error that noise lets expect
+      std::vector<double> errors, errors_tiny;
+      for (std::uint64_t k = 0; k < 24; ++k) {
+        SCOPED_TRACE(k);
+        const CameraPose truth = random_view(random_);
+        PatternRenderOptions render;
+        render.noise_grey = k % 2 == 0 ? 2.0 : 6.0;
+        render.samples = 64;
+        render.cover_share = k % 3 == 2 ? 0.2 : 0.0;
+        render.seed = k + 1;
+        const std::array<CameraPose, 1> path = {truth};
+        const GreyImage image = renderer.render(path, render);
+        const CameraPose start = displaced(camera_, tags, truth, 3.0, random_);
+        const AlignmentResult& a = align(own, image, start, 3.0);
+        const AlignmentResult& b = align(tiny, image, start, 3.0);
+        ASSERT_TRUE(a.verified);
+        ASSERT_TRUE(b.verified);
+        const double expected = expected_overlay_error_px(camera_, a.T_table_camera, a.covariance);
+        EXPECT_NEAR(expected_overlay_error_px(camera_, b.T_table_camera, b.covariance), expected,
+                    0.15 * expected);
+        apart.push_back(overlay_px(a.T_table_camera, b.T_table_camera) / expected);
+        errors.push_back(overlay_px(a.T_table_camera, truth));
+        errors_tiny.push_back(overlay_px(b.T_table_camera, truth));
+        evaluations += a.counters.evaluations;
+        evaluations_tiny += b.counters.evaluations;
+      }
+      EXPECT_LT(statistics_of(apart).median, 0.3);
+      EXPECT_LT(statistics_of(errors).rmse, 1.2 * statistics_of(errors_tiny).rmse);
+      EXPECT_LT(evaluations, evaluations_tiny) << "else it had no reason to be";
+    }
+  }
+}
+
 TEST_F(TagAlignmentTest, StepsOfTheLatticeFindTheSamePose) {
   AlignmentOptions options;
   auto stepping = TagAligner::create(camera_, tags_, options).value();
