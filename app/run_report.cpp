@@ -214,6 +214,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
     ++report_.box_detections;
   } else if (pose.tags_used > 0) {
     ++report_.tracked_updates;
+    if (times.coarse_search) ++report_.coarse_searches;
   }
 
   add_time("track", {times.total_ms, times.total_cpu_ms});
@@ -448,6 +449,7 @@ std::string report_json(const RunReport& report) {
                                   ? json_of(report.reprojection_rms_px)
                                   : Json({{"rmse", {}}, {"median", {}}, {"p95", {}}, {"max", {}}})},
       {"full_detections", report.full_detections},
+      {"coarse_searches", report.coarse_searches},
       {"box_detections", report.box_detections},
       {"tracked_updates", report.tracked_updates},
       {"pixels_sampled", report.pixels_sampled},

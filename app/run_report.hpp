@@ -102,6 +102,7 @@ struct RunReport {
   Statistics reprojection_rms_px;   // over the frames in which tags were measured
   bool tags_measured = false;       // in any frame
   int full_detections = 0;          // frames searched as a whole
+  int coarse_searches = 0;          // of tracked_updates: found further off, in a smaller picture
   int box_detections = 0;           // frames searched where the tags were a moment ago
   int tracked_updates = 0;          // frames measured without such a search
   std::int64_t pixels_sampled = 0;  // by alignments

@@ -225,6 +225,7 @@ struct TableTracker::Impl {
                                                    Start start = Start::own_motion);
   [[nodiscard]] std::optional<PoseEstimate> follow_hint(const Frame& frame, ImageView image,
                                                         const CameraPose& hint, Start start);
+  [[nodiscard]] std::optional<PoseEstimate> follow_far(const Frame& frame, ImageView image);
   [[nodiscard]] PoseEstimate find(const Frame& frame, ImageView image,
                                   const std::optional<CameraPose>& predicted,
                                   SearchResolution finest);
@@ -445,6 +446,7 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
       motion.reset();
     const ImageView image = search->image();
     std::optional<PoseEstimate> followed = follow(frame, image);
+    if (!followed && options.coarse_search && !contradicted) followed = follow_far(frame, image);
     if (!followed && shared.hint && !contradicted)
       followed = follow_hint(frame, image, *shared.hint,
                              shared.hint_seen ? Start::seen_hint : Start::hint);
@@ -872,6 +874,35 @@ std::optional<PoseEstimate> TableTracker::Impl::follow_hint(const Frame& frame, 
     branch_open = was_open;
   }
   return found;
+}
+
+// The same where the camera went much further than the pattern's own search looks.
+std::optional<PoseEstimate> TableTracker::Impl::follow_far(const Frame& frame, ImageView image) {
+  if (!motion.has_state()) return std::nullopt;
+  const MotionPrediction prediction = motion.predict(frame.timestamp_ns);
+  AlignmentInput input;
+  input.luma = image;
+  input.predicted = prediction.T_table_camera;
+  input.covariance = loose_covariance();
+  input.velocity = prediction.velocity;
+  for (const bool further : {false, true}) {
+    const Stopwatch align;
+    input.left_out = left_out;
+    const std::optional<CameraPose> guess = aligner.search_coarsely(input, further);
+    align.add_to(times.align_ms, times.align_cpu_ms);
+    if (!guess) continue;
+    const MotionModel before = motion;
+    const std::optional<PoseEstimate> found = follow_hint(frame, image, *guess, Start::hint);
+    if (contradicted) return std::nullopt;
+    if (!found) continue;
+    times.coarse_search = true;
+    if (!branch_open) {
+      motion = before;  // two poses give a velocity
+      motion.update(frame.timestamp_ns, found->T_table_camera, found->covariance);
+    }
+    return found;
+  }
+  return std::nullopt;
 }
 
 // Whether so few of the tags that should be readable are missing that a finer search would find no

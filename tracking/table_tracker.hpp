@@ -53,6 +53,9 @@ struct TrackerOptions {
   double pose_budget_px = 0.0;
   bool quick_search =
       true;  // a search begins at a quarter of the resolution; the same poses without
+  // Where the pattern is not near where it was predicted it is looked for further off in a smaller
+  // picture, before tags are detected; the same poses without.
+  bool coarse_search = true;
   // What was seen a moment ago is searched for about where it was, before the whole frame; the same
   // poses without.
   bool box_search = true;
@@ -76,6 +79,7 @@ struct TrackTimes {
   double search_ms = 0.0, search_cpu_ms = 0.0;
   bool search_came = false;     // whether tags of such a search were used
   bool full_detection = false;  // whether a full-frame detection ran
+  bool coarse_search = false;   // whether the pattern was found further off, in a smaller picture
   bool box_detection = false;   // whether one of a part of the frame did, and was enough
   bool every_pixel = false;     // whether the last alignment could use every pixel at an edge
   int samples = 0;              // pixels that the last alignment used

@@ -144,7 +144,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
   return result.verified;
 }
 
-const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool with_search) {
+void TagAligner::Impl::begin(const AlignmentInput& input) {
   PENUMBRA_ASSERT(input.luma.width == camera.width() && input.luma.height == camera.height() &&
                   !input.luma.empty());
   // Places of pixels in memory are 32 bits.
@@ -178,6 +178,10 @@ const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool w
   seen_contrast = input.seen_contrast;
   PENUMBRA_ASSERT(input.velocity.allFinite());
   row_velocity = camera.parameters().rolling_shutter_row_s.value_or(0.0) * input.velocity;
+}
+
+const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool with_search) {
+  begin(input);
   bool good = attempt(input.exposure_motion, with_search, false);
   if (!good && with_search && !active.empty()) {
     result.counters.second_try = true;
@@ -351,6 +355,16 @@ const AlignmentResult& TagAligner::align(const AlignmentInput& input) {
 }
 const AlignmentResult& TagAligner::refine(const AlignmentInput& input) {
   return impl_->run(input, false);
+}
+std::optional<CameraPose> TagAligner::search_coarsely(const AlignmentInput& input, bool further) {
+  Impl& impl = *impl_;
+  impl.begin(input);
+  impl.T_camera_table = impl.T_predicted;
+  impl.find_visible(input.exposure_motion, Impl::Projection::search);
+  if (impl.active.empty() || !impl.search_coarsely(further)) return std::nullopt;
+  impl.report_pose();
+  if (!impl.result.T_table_camera.is_finite()) return std::nullopt;
+  return impl.result.T_table_camera;
 }
 std::vector<EdgePixel> TagAligner::edge_pixels() {
   return impl_->edge_pixels();

@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -172,6 +173,12 @@ class TagAligner {
   // Verifies a pose that came from elsewhere (a detection) as align does its own, and refines it
   // with no search.
   [[nodiscard]] const AlignmentResult& refine(const AlignmentInput& input);
+
+  // Where the code search alone would put the camera in a picture made smaller, which reaches as
+  // many times further: a guess to align from, off by some pixels or all wrong. `further`: in one
+  // smaller again, where a cell is less than a pixel. Nothing where no tag is seen.
+  [[nodiscard]] std::optional<CameraPose> search_coarsely(const AlignmentInput& input,
+                                                          bool further);
 
   // The pixels at the edges of the tags that the last alignment verified, as many of each as the
   // effort allows. The picture that was aligned must still be there, and its camera at rest (no

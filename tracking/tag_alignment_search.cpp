@@ -13,6 +13,7 @@ namespace {
 
 constexpr int kSearchPoints = 256;  // in all
 constexpr int kNarrowReach = 15;    // [px]
+constexpr int kCoarsest = 16;       // a pixel of the coarse search is so many of the picture's
 // The mean white cell over the mean black one [grey]; below this the peak is one of noise.
 constexpr double kLeastContrast = 12.0;
 // Of the contrast that the tags were found with last: a pattern that is displaced against itself
@@ -26,6 +27,7 @@ constexpr double kAsSeen = 0.75;
 // tags' displacements, with the prediction's covariance deciding what they leave open.
 // `independent`: every tag's own highest peak counts, wherever it is.
 bool TagAligner::Impl::search(bool independent) {
+  searched = {.view = image, .scale = 1};
   if (independent) return search_within(kSearchReach, true, kLeastContrast);
   // As far as the prediction may be off (3 sigma); where the peak is not well inside, everywhere.
   double sigma_px = 0.0;
@@ -51,7 +53,52 @@ bool TagAligner::Impl::search(bool independent) {
   return search_within(kSearchReach, false, kLeastContrast);
 }
 
+// The same in a picture made so small that it reaches four times as far and more, for a hand that
+// jerked; the smaller, the further, as long as a cell is left a pixel. It takes some pixels of the
+// way to go on from there.
+bool TagAligner::Impl::search_coarsely(bool further) {
+  std::vector<double> cells;
+  cells.reserve(active.size());
+  for (const Tag* tag : active) cells.push_back(tag->cell_px);
+  const auto middle = cells.begin() + static_cast<std::ptrdiff_t>(cells.size() / 2);
+  std::nth_element(cells.begin(), middle, cells.end());
+  int scale = 2;
+  while (*middle >= 2 * scale) scale *= 2;
+  if (further) scale *= 2;
+  scale = std::min(scale, kCoarsest);
+  searched = {.view = shrink(scale), .scale = scale};
+  if (searched.view.empty()) return false;
+  return search_within(kSearchReach, false, kLeastContrast);
+}
+
+// Means of scale x scale pixels; what is left at the right and below is left out.
+ImageView TagAligner::Impl::shrink(int scale) {
+  const int width = image.width / scale;
+  const int height = image.height / scale;
+  small_picture.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  column_sums.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(scale));
+  const int pixels = scale * scale;
+  std::uint8_t* out = small_picture.data();
+  for (int y = 0; y < height; ++y) {
+    std::fill(column_sums.begin(), column_sums.end(), std::uint16_t{0});
+    for (int r = 0; r < scale; ++r) {
+      const std::uint8_t* const row = image.row(y * scale + r);
+      for (std::size_t x = 0; x < column_sums.size(); ++x)
+        column_sums[x] = static_cast<std::uint16_t>(column_sums[x] + row[x]);
+    }
+    const std::uint16_t* sums = column_sums.data();
+    for (int x = 0; x < width; ++x, sums += scale) {
+      int sum = pixels / 2;
+      for (int c = 0; c < scale; ++c) sum += sums[c];
+      *out++ = static_cast<std::uint8_t>(sum / pixels);
+    }
+  }
+  return {small_picture.data(), width, height, width};
+}
+
 bool TagAligner::Impl::search_within(int search_reach, bool independent, double least_contrast) {
+  const double scale = searched.scale;
+  const auto smaller = static_cast<float>(1.0 / scale);
   const int columns = 2 * (search_reach + 1);
   // With many tags a part of each one's cells is enough.
   const int pairs_per_tag =
@@ -59,15 +106,15 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
   double smallest_cell = 1e9;
   for (const Tag* tag : active) smallest_cell = std::min(smallest_cell, tag->cell_px);
   // The peak is about a cell high to each side.
-  const int row_step = std::clamp(static_cast<int>(smallest_cell / 1.75), 1, 4);
+  const int row_step = std::clamp(static_cast<int>(smallest_cell / scale / 1.75), 1, 4);
   const int rows = 2 * (search_reach / row_step) + 1;
   const int first_row = -(search_reach / row_step) * row_step;
   score_sum.assign(static_cast<std::size_t>(rows * columns), 0);
-  fetch_ahead(search_reach);
+  if (searched.scale == 1) fetch_ahead(search_reach);
   std::array<const std::uint8_t*, kMaxSearchCells> points{};
   std::array<std::ptrdiff_t, kMaxSearchCells> strides{};
   const int window_rows = rows * row_step;
-  const ImageView view = image;  // what is written below is not its size
+  const ImageView view = searched.view;  // what is written below is not its size
   int total = 0;
   for (Tag* tag : active) {
     tag->score_points = 0;
@@ -81,8 +128,12 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
       const int of_colour = k < pairs ? k : k - pairs;
       const auto point = static_cast<std::size_t>((k < pairs ? 0 : tag->search_white) +
                                                   of_colour * tag->search_white / pairs);
-      const float px = tag->search_x[point];
-      const float py = tag->search_y[point];
+      float px = tag->search_x[point];
+      float py = tag->search_y[point];
+      if (searched.scale != 1) {
+        px = (px + 0.5F) * smaller - 0.5F;
+        py = (py + 0.5F) * smaller - 0.5F;
+      }
       if (!(tag->search_depth[point] > 0.0F && std::abs(px) < 1e5F && std::abs(py) < 1e5F)) {
         complete = false;
         break;
@@ -103,15 +154,15 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
             search_scratch.data() + static_cast<std::size_t>(scratch_used++) *
                                         static_cast<std::size_t>(window_rows * columns);
         const int before = std::clamp(-x, 0, columns);
-        const int after = std::clamp(x + columns - image.width, 0, columns);
+        const int after = std::clamp(x + columns - view.width, 0, columns);
         const int within = columns - before - after;
         for (int r = 0; r < window_rows; r += row_step) {
-          const std::uint8_t* source = image.row(std::clamp(y + r, 0, image.height - 1));
+          const std::uint8_t* source = view.row(std::clamp(y + r, 0, view.height - 1));
           std::uint8_t* target = copy + r * columns;
           std::memset(target, source[0], static_cast<std::size_t>(before));
           if (within > 0)
             std::memcpy(target + before, source + x + before, static_cast<std::size_t>(within));
-          std::memset(target + columns - after, source[image.width - 1],
+          std::memset(target + columns - after, source[view.width - 1],
                       static_cast<std::size_t>(after));
         }
         points[slot] = copy;
@@ -152,7 +203,7 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
   const Eigen::Isometry3d T_table_camera = T_camera_table.inverse();
   for (const Tag* tag : active) {
     if (tag->score_points == 0) continue;
-    const int slack = independent ? columns : static_cast<int>(std::ceil(tag->cell_px)) + 2;
+    const int slack = independent ? columns : static_cast<int>(std::ceil(tag->cell_px / scale)) + 2;
     const int slack_rows = slack / row_step;
     const int r0 = std::max(best_row - slack_rows, 0);
     const int r1 = std::min(best_row + slack_rows, rows - 1);
@@ -190,8 +241,8 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
     const double half = 0.5 * (tag->side - 1);
     const Eigen::Vector3d p_camera = tag->ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
     const Eigen::Vector2d centre = camera.project_unchecked(p_camera);
-    displaced.push_back(
-        {T_table_camera * p_camera, centre + Eigen::Vector2d(dx, dy), 0.4 + 0.1 * tag->cell_px});
+    displaced.push_back({T_table_camera * p_camera, centre + scale * Eigen::Vector2d(dx, dy),
+                         0.4 * scale + 0.1 * tag->cell_px});
   }
   if (displaced.empty()) return false;
 

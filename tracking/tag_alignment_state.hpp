@@ -225,6 +225,14 @@ struct TagAligner::Impl {
   std::vector<std::int32_t> score_sum;
   std::vector<std::int32_t> cell_places;  // of a tag
   std::vector<std::uint8_t> search_scratch;
+  // What is searched: the image, or one a whole number of times smaller.
+  struct SearchedPicture {
+    ImageView view;
+    int scale = 1;
+  };
+  SearchedPicture searched;
+  std::vector<std::uint8_t> small_picture;
+  std::vector<std::uint16_t> column_sums;
 
   void set_tone(double exponent) {
     options.tone_exponent = exponent;
@@ -274,6 +282,8 @@ struct TagAligner::Impl {
   void find_cells(const Tag& tag);
 
   [[nodiscard]] bool search(bool independent);
+  [[nodiscard]] bool search_coarsely(bool further);
+  [[nodiscard]] ImageView shrink(int scale);
   [[nodiscard]] bool search_within(int search_reach, bool independent, double least_contrast);
   void fetch_ahead(int margin) const;
   void read_levels();
@@ -300,6 +310,7 @@ struct TagAligner::Impl {
   void check_agreement();
   [[nodiscard]] bool reads_clearly(const Tag& tag) const;
   void verify();
+  void begin(const AlignmentInput& input);
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);
   bool attempt(const Vector6d& exposure_motion, bool with_search, bool independent);
 };

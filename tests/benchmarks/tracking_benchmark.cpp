@@ -1,13 +1,23 @@
 // Detection and pose: CPU time per frame beside the overlay error against exact truth, on the
-// bundled recording.
+// bundled recording; and what finding the tags again costs once a hand jerked, on synthetic
+// pictures.
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <map>
 #include <memory>
+#include <numbers>
+#include <random>
+#include <vector>
 
 #include "app/capture/recording_source.hpp"
 #include "core/evaluation.hpp"
+#include "core/units.hpp"
 #include "support/paths.hpp"
+#include "support/synthetic_board.hpp"
+#include "tracking/pattern_renderer.hpp"
 #include "tracking/table_tracker.hpp"
 #include "tracking/tag_detector.hpp"
 
@@ -76,12 +86,106 @@ void track(benchmark::State& state, TrackingMode mode, float quad_decimate) {
   state.counters["overlay_max_px"] = evaluation.overlay_px.max;
 }
 
+// Views of six tags at 1280 x 720, and of each the next frame, for which the camera turned by 50 to
+// 120 px (cells are 10 px).
+struct Jump {
+  CameraPose before, after;
+  Frame first, second;
+};
+
+Frame picture_of(PatternRenderer& renderer, const CameraPose& pose, int number) {
+  PatternRenderOptions options;
+  options.noise_grey = 3.0;
+  options.samples = 64;
+  options.seed = static_cast<std::uint64_t>(number) + 1;
+  const std::array<CameraPose, 1> path = {pose};
+  const GreyImage image = renderer.render(path, options);
+  const ImageView view = image.view();
+  FrameBuffer buffer = allocate_frame(PixelFormat::grey8, view.width, view.height);
+  for (int y = 0; y < view.height; ++y)
+    std::copy_n(view.row(y), view.width, buffer.plane_data[0] + y * buffer.frame.planes[0].stride);
+  return buffer.frame;
+}
+
+const std::vector<Jump>& jumps() {
+  static const std::vector<Jump> jumps = [] {
+    std::vector<Jump> made;
+    std::mt19937_64 random(7);
+    std::uniform_real_distribution<double> u(0.0, 1.0);
+    const CameraModel camera = test::wide_camera();
+    PatternRenderer renderer = PatternRenderer::create(camera, test::board(3, 2, 0.06)).value();
+    for (int k = 0; k < 24; ++k) {
+      Jump& jump = made.emplace_back();
+      jump.before = test::random_view(random);
+      const double towards = 2.0 * std::numbers::pi * u(random);
+      const double by_rad = (50.0 + 70.0 * u(random)) / camera.parameters().fx;
+      Vector6d turned = Vector6d::Zero();
+      turned.tail<3>() << by_rad * std::cos(towards), by_rad * std::sin(towards),
+          radians(6.0 * u(random) - 3.0);
+      jump.after = perturbed(jump.before, turned);
+      jump.first = picture_of(renderer, jump.before, 2 * k);
+      jump.second = picture_of(renderer, jump.after, 2 * k + 1);
+    }
+    return made;
+  }();
+  return jumps;
+}
+
+enum class By { pattern, box, frame };
+
+// The frame after each jump alone. `by_pattern`, `by_box`: share of these that were found so.
+void recover(benchmark::State& state, By by) {
+  TrackerOptions options;
+  options.mode = TrackingMode::fast;
+  options.coarse_search = by == By::pattern;
+  options.box_search = by != By::frame;
+  const CameraModel camera = test::wide_camera();
+  const TagMap tags = TagMap::make(test::board(3, 2, 0.06)).value();
+  static_cast<void>(jumps());  // made once, not in the time
+  double by_pattern = 0.0, by_box = 0.0, tracked = 0.0, squares = 0.0;
+  for (auto _ : state) {
+    by_pattern = by_box = tracked = squares = 0.0;
+    for (const Jump& jump : jumps()) {
+      state.PauseTiming();
+      TableTracker tracker = TableTracker::create(camera, tags, options).value();
+      Frame frame = jump.first;
+      for (int f = 0; f < 2; ++f) {
+        frame.timestamp_ns = nanoseconds(f / 30.0);
+        static_cast<void>(tracker.track(frame));
+      }
+      frame = jump.second;
+      frame.timestamp_ns = nanoseconds(2 / 30.0);
+      state.ResumeTiming();
+      const TrackedFrame found = tracker.track(frame);
+      state.PauseTiming();
+      by_pattern += found.times.coarse_search ? 1.0 : 0.0;
+      by_box += found.times.box_detection ? 1.0 : 0.0;
+      if (found.pose.status == TrackStatus::tracked) {
+        tracked += 1.0;
+        const double error =
+            overlay_difference(camera, found.pose.T_table_camera, jump.after).rms_px();
+        squares += error * error;
+      }
+      state.ResumeTiming();
+    }
+  }
+  const auto count = static_cast<double>(jumps().size());
+  state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(jumps().size()));
+  state.counters["by_pattern"] = by_pattern / count;
+  state.counters["by_box"] = by_box / count;
+  state.counters["tracked"] = tracked / count;
+  state.counters["overlay_rmse_px"] = std::sqrt(squares / std::max(tracked, 1.0));
+}
+
 BENCHMARK_CAPTURE(detect, decimate_1, 1.0F)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(detect, decimate_2, 2.0F)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(track, decimate_1, TrackingMode::detect, 1.0F)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(track, decimate_2, TrackingMode::detect, 2.0F)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(track, fast, TrackingMode::fast, 1.0F)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(track, accurate, TrackingMode::accurate, 1.0F)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(recover, pattern, By::pattern)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(recover, box, By::box)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(recover, frame, By::frame)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace penumbra

@@ -376,11 +376,13 @@ TEST(TrackingStress, ATagThatWasPutBackCountsAgain) {
   }
 }
 
-// A hand jerks: the tags are looked for about where they were first, and found as by searching the
-// whole frame.
-TEST(TrackingStress, WhatJumpsIsFoundWhereItWas) {
-  int found_there = 0;
-  for (const double jump_m : {0.05, 0.06, 0.07}) {
+// A hand jerks: the pattern is looked for further off, and tags where they were, and what is found
+// is what searching the whole frame finds.
+TEST(TrackingStress, WhatJumpsIsFoundNearWhereItWas) {
+  enum class By { pattern, box, frame };
+  int found_by_pattern = 0;
+  int found_by_box = 0;
+  for (const double jump_m : {0.05, 0.06, 0.07, 0.09}) {
     SCOPED_TRACE(jump_m);
     Session session = ordinary();
     session.motion.distance.middle = 0.6;
@@ -388,9 +390,10 @@ TEST(TrackingStress, WhatJumpsIsFoundWhereItWas) {
     later.motion.x.middle += jump_m;
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     std::vector<PoseEstimate> poses;
-    for (const bool by_box : {true, false}) {
+    for (const By by : {By::pattern, By::box, By::frame}) {
       TrackerOptions options;
-      options.box_search = by_box;
+      options.coarse_search = by == By::pattern;
+      options.box_search = by == By::box;
       auto tracker =
           TableTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
       for (int f = 0; f < 3; ++f) {
@@ -399,15 +402,22 @@ TEST(TrackingStress, WhatJumpsIsFoundWhereItWas) {
       const TrackedFrame jumped = tracker.track(later.picture(renderer, 3));
       EXPECT_EQ(jumped.pose.status, TrackStatus::tracked) << jumped.pose.reason;
       expect_honest(session, jumped.pose, later.truth(3));
-      EXPECT_TRUE(by_box || !jumped.times.box_detection);
-      found_there += jumped.times.box_detection ? 1 : 0;
+      EXPECT_TRUE(by == By::pattern || !jumped.times.coarse_search);
+      EXPECT_TRUE(by == By::box || !jumped.times.box_detection);
+      found_by_pattern += jumped.times.coarse_search ? 1 : 0;
+      found_by_box += jumped.times.box_detection ? 1 : 0;
       poses.push_back(jumped.pose);
+      // And is followed from there.
+      EXPECT_EQ(tracker.track(later.picture(renderer, 4)).pose.status, TrackStatus::tracked);
     }
-    EXPECT_LT(overlay_difference(session.camera, poses[0].T_table_camera, poses[1].T_table_camera)
-                  .rms_px(),
-              0.05);
+    for (const PoseEstimate& pose : poses) {
+      EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, poses.back().T_table_camera)
+                    .rms_px(),
+                0.05);
+    }
   }
-  EXPECT_GE(found_there, 1);
+  EXPECT_GE(found_by_pattern, 2);
+  EXPECT_GE(found_by_box, 1);
 }
 
 // A part of every tag is covered once tracking has begun: all frames are kept.

@@ -96,6 +96,23 @@ TEST(RunReport, TheGpusTimeIsAStageOnlyWhereItIsMeasured) {
   EXPECT_EQ((gpu - 1)->first, "render");
 }
 
+TEST(RunReport, SaysHowTagsWereFoundAgain) {
+  RunRecorder run;
+  run.add_frame(frame_of(TrackStatus::tracked, 0, true));
+  auto by_box = frame_of(TrackStatus::tracked, 10, false);
+  by_box.tracked.times.box_detection = true;
+  run.add_frame(by_box);
+  auto by_pattern = frame_of(TrackStatus::tracked, 20, false);
+  by_pattern.tracked.times.coarse_search = true;
+  run.add_frame(by_pattern);
+  run.add_frame(frame_of(TrackStatus::tracked, 30, false));
+  const Json tracking = Json::parse(report_json(run.report()))["tracking"];
+  EXPECT_EQ(tracking["full_detections"], 1);
+  EXPECT_EQ(tracking["box_detections"], 1);
+  EXPECT_EQ(tracking["tracked_updates"], 2);
+  EXPECT_EQ(tracking["coarse_searches"], 1);
+}
+
 TEST(RunReport, HasEveryFieldOfTheContract) {
   RunRecorder run;
   run.add_time("capture", {1.0, 0.5});

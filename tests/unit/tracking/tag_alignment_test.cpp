@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
+#include <numbers>
 #include <optional>
 #include <random>
 
@@ -449,6 +451,86 @@ TEST_F(TagAlignmentTest, TheNarrowSearchFindsTheSamePose) {
   }
   EXPECT_GE(narrower, 10);
   EXPECT_GE(again, 1);
+}
+
+// The camera turned by up to 110 px between two frames, and about its axis as well.
+TEST_F(TagAlignmentTest, TheCoarseSearchBringsNearWhatIsFarOff) {
+  auto aligner = TagAligner::create(camera_, tags_).value();
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  constexpr int kPictures = 24;
+  int near_by_itself = 0;
+  int near_coarsely = 0;
+  for (int k = 0; k < kPictures; ++k) {
+    SCOPED_TRACE(k);
+    const CameraPose truth = random_view(random_);
+    PatternRenderOptions render;
+    render.noise_grey = 4.0;
+    render.samples = 16;
+    render.seed = static_cast<std::uint64_t>(k) + 1;
+    const GreyImage image = picture(truth, render);
+    const double towards = std::numbers::pi * uniform(random_);
+    const double by_rad = (75.0 + 35.0 * uniform(random_)) / camera_.parameters().fx;
+    Vector6d turned = Vector6d::Zero();
+    turned.tail<3>() << by_rad * std::cos(towards), by_rad * std::sin(towards),
+        radians(3.0) * uniform(random_);
+    AlignmentInput input;
+    input.luma = image.view();
+    input.predicted = perturbed(truth, turned);
+    input.covariance = loose_prior(0.05, 0.1);
+    near_by_itself += aligner.align(input).verified ? 1 : 0;
+    for (const bool further : {false, true}) {
+      const std::optional<CameraPose> guess = aligner.search_coarsely(input, further);
+      if (!guess) continue;
+      AlignmentInput from_guess = input;
+      from_guess.predicted = *guess;
+      const AlignmentResult& result = aligner.align(from_guess);
+      if (!result.verified) continue;
+      EXPECT_LT(overlay_px(result.T_table_camera, truth), 0.3);
+      ++near_coarsely;
+      break;
+    }
+  }
+  EXPECT_LT(near_by_itself, kPictures / 3) << "else there is nothing to bring near";
+  EXPECT_GE(near_coarsely, kPictures - 2);
+}
+
+TEST_F(TagAlignmentTest, TheCoarseSearchSeesNoTagsWhereThereAreNone) {
+  auto aligner = TagAligner::create(camera_, tags_).value();
+  const std::vector<std::uint8_t> grey(1280 * 720, 120);
+  AlignmentInput input;
+  input.luma = {grey.data(), 1280, 720, 1280};
+  input.predicted = random_view(random_);
+  input.covariance = loose_prior(0.05, 0.1);
+  EXPECT_FALSE(aligner.search_coarsely(input, false));
+  EXPECT_FALSE(aligner.search_coarsely(input, true));
+}
+
+// Pictures smaller than what is searched in them, and than a pixel of the smaller one.
+TEST_F(TagAlignmentTest, TheCoarseSearchTakesPicturesOfEverySize) {
+  std::uniform_int_distribution<int> grey(0, 255);
+  for (int width = 1; width <= 40; width += width < 20 ? 1 : 5) {
+    for (int height = 1; height <= 40; height += height < 20 ? 1 : 5) {
+      CameraParameters p;
+      p.width = width;
+      p.height = height;
+      p.fx = p.fy = 60.0;
+      p.cx = 0.5 * (width - 1);
+      p.cy = 0.5 * (height - 1);
+      auto aligner = TagAligner::create(CameraModel::make(p).value(), tags_).value();
+      // Rows end where the picture's memory does: what reads on reads what is not there.
+      std::vector<std::uint8_t> pixels;
+      for (int i = 0; i < width * height; ++i)
+        pixels.push_back(static_cast<std::uint8_t>(grey(random_)));
+      AlignmentInput input;
+      input.luma = {pixels.data(), width, height, width};
+      input.predicted = test::looking_at(Eigen::Vector3d::Zero(), 0.2, 1.2, 0.3, 0.0);
+      input.covariance = loose_prior(0.05, 0.1);
+      for (const bool further : {false, true}) {
+        const std::optional<CameraPose> guess = aligner.search_coarsely(input, further);
+        EXPECT_TRUE(!guess || guess->is_finite());
+      }
+    }
+  }
 }
 
 TEST_F(TagAlignmentTest, DecodingWhereTheLastRoundSawTheCellsChangesNothing) {
