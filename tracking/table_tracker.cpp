@@ -211,6 +211,7 @@ struct TableTracker::Impl {
                                                    const ImageMotion& motion_px) const;
   void add_second(ImageView image, const ImageMotion& image_motion, Measurement& measurement);
   void note_work(const AlignmentResult& result);
+  [[nodiscard]] bool is_doubtful(const AlignmentResult& result, bool with_search) const;
   [[nodiscard]] bool may_leave_out(const AlignmentResult& result) const;
   const AlignmentResult& align_without(AlignmentInput& input, std::span<const int> without,
                                        bool with_search);
@@ -627,6 +628,27 @@ bool TableTracker::Impl::may_leave_out(const AlignmentResult& result) const {
          left_out.size() + static_cast<std::size_t>(result.counters.tags_visible);
 }
 
+// Whether the tags that fit say no more than those that don't. Two or three may fit each other by
+// chance: not where more than a third of what is seen clearly lies elsewhere; and after tags that
+// contradicted each other only most of them, agreeing, end that.
+bool TableTracker::Impl::is_doubtful(const AlignmentResult& result, bool with_search) const {
+  if (!result.verified) return false;
+  int elsewhere = 0;
+  for (const TagAlignment& tag : result.tags) {
+    if (tag.verified) continue;
+    const int id = table_tags[static_cast<std::size_t>(tag.index)].id;
+    const bool detected =
+        !with_search &&
+        std::ranges::find(observations, id, &TagObservation::id) != observations.end();
+    elsewhere += tag.displaced || detected ? 1 : 0;
+  }
+  if (result.tags_verified < 2 * elsewhere) return true;
+  constexpr double kDoubtful_px = 0.15;
+  return contradicted && !with_search &&
+         (3 * result.tags_verified < 2 * result.counters.tags_visible ||
+          (result.disagreement >= kDisagree && result.displaced_px >= kDoubtful_px));
+}
+
 const AlignmentResult& TableTracker::Impl::align_without(AlignmentInput& input,
                                                          std::span<const int> without,
                                                          bool with_search) {
@@ -714,8 +736,10 @@ bool TableTracker::Impl::settle(AlignmentInput& input, const AlignmentResult& re
     frames_without = 0;
     static_cast<void>(align_without(input, left_out, with_search));
   }
-  if (!result.verified || result.disagreement < kDisagree) return true;
+  const bool doubtful = is_doubtful(result, with_search);
+  if (!result.verified || (result.disagreement < kDisagree && !doubtful)) return true;
   if (!with_search) leave_one_out(input, result);
+  if (doubtful && is_doubtful(result, with_search)) return false;
   // What fits here and there only.
   if (result.verified && result.disagreement >= kDisagree &&
       3 * result.tags_verified < 2 * result.counters.tags_visible)

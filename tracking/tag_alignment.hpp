@@ -32,7 +32,7 @@ enum class AlignmentEffort {
 
 struct AlignmentOptions {
   AlignmentEffort effort = AlignmentEffort::fast;
-  int samples_per_tag = 400;
+  int samples_per_tag = 400;  // of three tags and more: the tilt of fewer hangs on each pixel
   int samples = 1920;  // of all tags together, where that gives a tag 128 and more; fast only
   // Sigma of the point spread, the pixel's box included: a lens of 0.5 px gives
   // sqrt(0.25 + 1/12) px.
@@ -97,6 +97,7 @@ struct TagAlignment {
   int cells_read = 0;         // data cells that were decided
   int cells_wrong = 0;        // of these
   double weight_share = 0.0;  // of the samples, after Tukey's weights
+  bool displaced = false;     // its cells read right, its edges are elsewhere
 };
 
 struct AlignmentCounters {

@@ -325,6 +325,9 @@ void TagAligner::Impl::verify() {
     check.verified = check.cells_read >= least && 4 * check.cells_wrong <= check.cells_read &&
                      20 * right >= 9 * decidable && check.gain > 12.0 &&
                      check.weight_share > kLeastWeightShare;
+    // Nearly all of a covered tag's cells are not read.
+    check.displaced =
+        check.weight_share <= kLeastWeightShare && decidable >= least && 5 * right >= 4 * decidable;
     visible += decidable >= least ? 1 : 0;
     result.tags_verified += check.verified ? 1 : 0;
     result.tags.push_back(check);

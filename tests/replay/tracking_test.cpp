@@ -40,7 +40,7 @@ const std::vector<Expected>& expectations() {
       {"shake", false, 86, 0.4, 2.5, 6},
       {"grazing", false, 90, 0.06, 0.3, 1},
       {"tabletop", true, 120, 0.06, 0.3, 1, kFast},
-      {"single", false, 80, 0.4, 5.0, 3, kFast},
+      {"single", false, 88, 0.4, 4.0, 3, kFast},
       {"shake", false, 84, 0.4, 3.0, 8, kFast},
       {"tabletop", true, 120, 0.05, 0.2, 1, kAccurate},
       {"shake", false, 84, 0.4, 3.0, 8, kAccurate},
@@ -90,6 +90,67 @@ TEST_P(TrackedRecordings, WhatIsTrackedIsRight) {
   EXPECT_EQ(result->wrong, 0);
   EXPECT_GE(result->count_of(TrackStatus::tracked), expected.least_tracked);
   EXPECT_LE(result->tracked.overlay_px.median, expected.median_px);
+}
+
+// One of five tags was moved, or the map has it wrong, at a grazing view: each of them, both ways.
+TEST(Grazing, AMovedTagIsLeftOutAndMisleadsNobody) {
+  const std::filesystem::path shared = test::shared_dir();
+  if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  const auto session = test::load_session(shared / "recordings" / "grazing");
+  ASSERT_TRUE(session) << session.error().message;
+  std::vector<Frame> frames;
+  for (const test::ListedFrame& entry : session->listed) {
+    frames.push_back(test::load_picture(entry).value());
+  }
+  const std::vector<MappedTag> tags(session->tags.tags().begin(), session->tags.tags().end());
+  for (std::size_t k = 0; k < tags.size(); ++k) {
+    for (const int axis : {0, 1}) {
+      for (const double by_m : {0.003, 0.005, 0.01, -0.005}) {
+        SCOPED_TRACE(testing::Message() << "tag " << tags[k].id << " by " << by_m << " m along "
+                                        << "xy"[axis]);
+        std::vector<MappedTag> wrong = tags;
+        const auto& T = tags[k].T_table_tag;
+        wrong[k].T_table_tag = {
+            T.rotation(), Eigen::Vector3d(T.translation() + by_m * Eigen::Vector3d::Unit(axis))};
+        auto trial = test::TrackingTrial::create(*session, TagMap::make(wrong).value());
+        ASSERT_TRUE(trial) << trial.error().message;
+        for (const Frame& frame : frames) trial->add(frame);
+        const test::TrackedRecording result = trial->result();
+        EXPECT_GE(result.count_of(TrackStatus::tracked), 80);
+        for (std::size_t i = 0; i < result.frames.size(); ++i) {
+          const PoseEstimate& pose = result.frames[i].pose;
+          if (pose.status == TrackStatus::tracked) {
+            EXPECT_LT(result.overlay_px[i], 1.0) << "frame " << i;
+          }
+        }
+      }
+    }
+  }
+}
+
+// A camera that gives every third frame of a hand that shakes: the pattern is found again without
+// a search for tags, mostly.
+TEST(Shake, WhatJumpsBetweenFramesIsFoundByThePattern) {
+  const std::filesystem::path shared = test::shared_dir();
+  if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  const std::filesystem::path folder = shared / "recordings" / "shake";
+  std::vector<int> detections;
+  for (const bool by_pattern : {true, false}) {
+    TrackerOptions options;
+    options.coarse_search = by_pattern;
+    const auto result = test::track_recording(folder, options, 3);
+    ASSERT_TRUE(result) << result.error().message;
+    EXPECT_EQ(result->wrong, 0);
+    EXPECT_GE(result->count_of(TrackStatus::tracked), 28);
+    int found_by_pattern = 0;
+    int& detected = detections.emplace_back(0);
+    for (const TrackedFrame& frame : result->frames) {
+      found_by_pattern += frame.times.coarse_search ? 1 : 0;
+      detected += frame.times.full_detection || frame.times.box_detection ? 1 : 0;
+    }
+    EXPECT_TRUE(by_pattern ? found_by_pattern >= 4 : found_by_pattern == 0);
+  }
+  EXPECT_LE(2 * detections[0], detections[1]);
 }
 
 // The board leaves the view and comes back.

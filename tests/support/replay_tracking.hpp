@@ -5,6 +5,7 @@
 #include <array>
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/camera_file.hpp"
@@ -54,8 +55,15 @@ struct TrackedRecording {
   }
 };
 
-inline Result<TrackedRecording> track_recording(const std::filesystem::path& recording,
-                                                const TrackerOptions& options = {}) {
+// What a recording says of itself, and its pictures in order.
+struct RecordedSession {
+  CameraModel camera;
+  TagMap tags;
+  Trajectory truth;
+  std::vector<ListedFrame> listed;
+};
+
+inline Result<RecordedSession> load_session(const std::filesystem::path& recording) {
   const auto camera = load_camera(recording / "camera.yaml");
   if (!camera) return tl::unexpected(camera.error());
   const auto tags = load_tag_map(recording / "tags.yaml");
@@ -64,32 +72,71 @@ inline Result<TrackedRecording> track_recording(const std::filesystem::path& rec
   if (!truth) return tl::unexpected(truth.error());
   const auto listed = list_frames(recording);
   if (!listed) return tl::unexpected(listed.error());
-  auto tracker = TableTracker::create(*camera, *tags, options);
-  if (!tracker) return tl::unexpected(tracker.error());
+  return RecordedSession{*camera, *tags, *truth, *listed};
+}
 
-  TrackedRecording result;
-  Trajectory tracked;
-  for (const ListedFrame& entry : *listed) {
-    auto frame = load_image(entry.file);
-    if (!frame) return tl::unexpected(frame.error());
-    frame->timestamp_ns = entry.timestamp_ns;
-    TrackedFrame t = tracker->track(*frame);
+inline Result<Frame> load_picture(const ListedFrame& entry) {
+  auto frame = load_image(entry.file);
+  if (frame) frame->timestamp_ns = entry.timestamp_ns;
+  return frame;
+}
+
+// A tracker's frames, one after the other, against the truth.
+class TrackingTrial {
+ public:
+  static Result<TrackingTrial> create(const RecordedSession& session, const TagMap& tags,
+                                      const TrackerOptions& options = {}) {
+    auto tracker = TableTracker::create(session.camera, tags, options);
+    if (!tracker) return tl::unexpected(tracker.error());
+    return TrackingTrial(session, std::move(*tracker));
+  }
+
+  void add(const Frame& frame) {
+    TrackedFrame t = tracker_.track(frame);
     t.frame = {};  // not all pictures at once
-    ++result.count[static_cast<std::size_t>(t.pose.status)];
-    const StampedPose* true_pose = truth->at(entry.timestamp_ns);
+    ++result_.count[static_cast<std::size_t>(t.pose.status)];
+    const StampedPose* true_pose = session_->truth.at(frame.timestamp_ns);
     double error = -1.0;
     if (true_pose != nullptr && t.pose.has_pose())
-      error =
-          overlay_difference(*camera, t.pose.T_table_camera, true_pose->T_table_camera).rms_px();
-    result.overlay_px.push_back(error);
+      error = overlay_difference(session_->camera, t.pose.T_table_camera, true_pose->T_table_camera)
+                  .rms_px();
+    result_.overlay_px.push_back(error);
     if (t.pose.status == TrackStatus::tracked) {
-      tracked.poses.push_back({entry.timestamp_ns, t.pose.T_table_camera, {}});
-      if (!(error <= 5.0)) ++result.wrong;
+      tracked_.poses.push_back({frame.timestamp_ns, t.pose.T_table_camera, {}});
+      if (!(error <= 5.0)) ++result_.wrong;
     }
-    result.frames.push_back(std::move(t));
+    result_.frames.push_back(std::move(t));
   }
-  result.tracked = evaluate(*camera, tracked, *truth);
-  return result;
+
+  [[nodiscard]] TrackedRecording result() const {
+    TrackedRecording result = result_;
+    result.tracked = evaluate(session_->camera, tracked_, session_->truth);
+    return result;
+  }
+
+ private:
+  TrackingTrial(const RecordedSession& session, TableTracker tracker)
+      : session_(&session), tracker_(std::move(tracker)) {}
+  const RecordedSession* session_;
+  TableTracker tracker_;
+  TrackedRecording result_;
+  Trajectory tracked_;
+};
+
+// `every`: of the frames only each so many.
+inline Result<TrackedRecording> track_recording(const std::filesystem::path& recording,
+                                                const TrackerOptions& options = {},
+                                                std::size_t every = 1) {
+  const auto session = load_session(recording);
+  if (!session) return tl::unexpected(session.error());
+  auto trial = TrackingTrial::create(*session, session->tags, options);
+  if (!trial) return tl::unexpected(trial.error());
+  for (std::size_t i = 0; i < session->listed.size(); i += every) {
+    const auto frame = load_picture(session->listed[i]);
+    if (!frame) return tl::unexpected(frame.error());
+    trial->add(*frame);
+  }
+  return trial->result();
 }
 
 }  // namespace penumbra::test
