@@ -41,6 +41,33 @@ Result<void> take_opencv_coefficients(const std::vector<double>& d, const std::s
   return {};
 }
 
+double rms(const std::vector<double>& values) {
+  double squares = 0.0;
+  for (const double value : values) squares += value * value;
+  return std::sqrt(squares / static_cast<double>(values.size()));
+}
+
+// What the calibration says of itself, as far as it concerns what is drawn. Files without
+// overlay_px have the corners it is made of.
+Result<void> take_uncertainty(const YamlFields& fields, CameraParameters& p) {
+  constexpr const char* kRemedy = "leave out `uncertainty`, or calibrate again";
+  if (!fields.has("uncertainty")) return {};
+  const Result<YamlFields> uncertainty = fields.fields("uncertainty", kRemedy);
+  if (!uncertainty) return tl::unexpected(uncertainty.error());
+  if (uncertainty->has("overlay_px")) {
+    const Result<double> overlay = uncertainty->number("overlay_px", kRemedy);
+    if (!overlay) return tl::unexpected(overlay.error());
+    p.overlay_sigma_px = *overlay;
+  } else if (uncertainty->has("table_volume")) {
+    const Result<YamlFields> table = uncertainty->fields("table_volume", kRemedy);
+    if (!table) return tl::unexpected(table.error());
+    const Result<std::vector<double>> corners = table->numbers("tracked_px", kRemedy);
+    if (!corners) return tl::unexpected(corners.error());
+    if (!corners->empty()) p.overlay_sigma_px = rms(*corners);
+  }
+  return {};
+}
+
 // What readers of other tools ignore.
 Result<void> take_optional(const YamlFields& fields, CameraParameters& p) {
   if (fields.has("tone_curve")) {
@@ -55,7 +82,7 @@ Result<void> take_optional(const YamlFields& fields, CameraParameters& p) {
     if (!row) return tl::unexpected(row.error());
     p.rolling_shutter_row_s = *row;
   }
-  return {};
+  return take_uncertainty(fields, p);
 }
 
 Result<CameraParameters> read_opencv(const YamlFields& fields) {
@@ -357,6 +384,7 @@ std::string record_text(const CalibrationRecord& record) {
   }
   if (!record.table_tracked_px.empty() && all_finite(record.table_tracked_px) &&
       all_finite(record.table_known_pose_px)) {
+    add("overlay_px", rms(record.table_tracked_px));
     text += fmt::format(
         "  # corners of a 0.2 m cube on the table: pose found with this lens, and pose known\n"
         "  table_volume:\n    distance_m: {:.3f}\n    tracked_px: [{}]\n    known_pose_px: [{}]\n",
@@ -399,6 +427,8 @@ std::string ros_text(const CameraParameters& p) {
   if (p.tone_curve) text += fmt::format("tone_curve: {}\n", *p.tone_curve);
   if (p.rolling_shutter_row_s)
     text += fmt::format("rolling_shutter_row_s: {}\n", *p.rolling_shutter_row_s);
+  if (p.overlay_sigma_px)
+    text += fmt::format("uncertainty:\n  overlay_px: {}\n", *p.overlay_sigma_px);
   return text;
 }
 
@@ -431,6 +461,8 @@ std::string opencv_text(const CameraParameters& p) {
   if (p.tone_curve) text += fmt::format("tone_curve: {}\n", with_point(*p.tone_curve));
   if (p.rolling_shutter_row_s)
     text += fmt::format("rolling_shutter_row_s: {}\n", with_point(*p.rolling_shutter_row_s));
+  if (p.overlay_sigma_px)
+    text += fmt::format("uncertainty:\n   overlay_px: {}\n", with_point(*p.overlay_sigma_px));
   return text;
 }
 
@@ -448,7 +480,8 @@ std::string kalibr_text(const CameraParameters& p) {
 
 Result<void> save_camera(const std::filesystem::path& file, const CameraModel& camera,
                          CameraFileFormat format, const CalibrationRecord* record) {
-  const CameraParameters& p = camera.parameters();
+  CameraParameters p = camera.parameters();
+  if (record != nullptr) p.overlay_sigma_px.reset();  // it has its own
   std::string text;
   switch (format) {
     case CameraFileFormat::ros:
@@ -511,6 +544,7 @@ Result<CameraModel> scaled_to(const CameraModel& camera, int width, int height) 
   p.cx = (p.cx + 0.5) * scale - 0.5;
   p.cy = (p.cy + 0.5) * scale - 0.5;
   if (scale != 1.0) p.rolling_shutter_row_s.reset();
+  if (p.overlay_sigma_px) *p.overlay_sigma_px *= scale;
   return CameraModel::make(p);
 }
 

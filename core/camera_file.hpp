@@ -12,11 +12,12 @@ namespace penumbra {
 
 // What kind of file it is is told by what it holds, never by its name:
 // - ROS camera_info YAML: image_width, image_height, camera_matrix.data, distortion_model (or
-//   camera_model), distortion_coefficients.data; optional tone_curve, rolling_shutter_row_s. Other
+//   camera_model), distortion_coefficients.data; optional tone_curve, rolling_shutter_row_s,
+//   uncertainty.overlay_px (or uncertainty.table_volume.tracked_px, of which it is the RMS). Other
 //   keys are ignored (also the flat fx: ... of some recordings: camera_matrix wins).
 // - OpenCV FileStorage YAML: camera_matrix and distortion_coefficients (also as Camera_Matrix,
 //   cameraMatrix, ...) with 4, 5 or 8 coefficients, image_width, image_height; fisheye_model: 1;
-//   optional tone_curve, rolling_shutter_row_s.
+//   optional tone_curve, rolling_shutter_row_s, uncertainty.
 // - Kalibr camchain YAML: cam0 with pinhole, radtan or equidistant or none.
 // - mrcal .cameramodel: LENSMODEL_PINHOLE, LENSMODEL_OPENCV4, 5 and 8.
 // Errors name file and field. An unknown lens model is refused by name.

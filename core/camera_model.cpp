@@ -114,6 +114,11 @@ Result<CameraModel> CameraModel::make(const CameraParameters& parameters) {
     return fail("rolling_shutter_row_s is {}; it must be the seconds from row to row",
                 *parameters.rolling_shutter_row_s);
   }
+  if (parameters.overlay_sigma_px &&
+      !(*parameters.overlay_sigma_px >= 0.0 && *parameters.overlay_sigma_px <= 1e6)) {
+    return fail("uncertainty: overlay_px is {}; it must be a number of pixels",
+                *parameters.overlay_sigma_px);
+  }
 
   CameraModel camera;
   camera.parameters_ = parameters;

@@ -39,6 +39,9 @@ struct CameraParameters {
   std::string name;
   std::optional<double> tone_curve;  // exponent: linear light = (value / 255) ^ tone_curve
   std::optional<double> rolling_shutter_row_s;  // [s] from one row's read-out to the next
+  // By how much the lens, as far as it is known, displaces the overlay (core/evaluation.hpp) where
+  // the pose was found with it: 1 sigma [px].
+  std::optional<double> overlay_sigma_px;
 };
 
 // Distorts normalised image coordinates; any scalar (double, ceres::Jet), coefficients of the same

@@ -195,4 +195,8 @@ double expected_overlay_error_px(const CameraModel& camera, const CameraPose& po
   return std::sqrt(sum / count);
 }
 
+double with_lens_error_px(const CameraModel& camera, double expected_px) {
+  return std::hypot(expected_px, camera.parameters().overlay_sigma_px.value_or(0.0));
+}
+
 }  // namespace penumbra

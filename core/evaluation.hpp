@@ -63,5 +63,7 @@ struct Evaluation {
 // PoseEstimate.
 [[nodiscard]] double expected_overlay_error_px(const CameraModel& camera, const CameraPose& pose,
                                                const Eigen::Matrix<double, 6, 6>& covariance);
+// The same with what the lens itself adds, as far as the camera file says (overlay_sigma_px).
+[[nodiscard]] double with_lens_error_px(const CameraModel& camera, double expected_px);
 
 }  // namespace penumbra

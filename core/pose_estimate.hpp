@@ -42,7 +42,8 @@ struct PoseEstimate {
   // of the edges that would leave its residuals.
   double reprojection_rms_px = 0.0;
   double expected_overlay_error_px =
-      0.0;  // 1 sigma of the overlay error (see core/evaluation.hpp), from the covariance
+      0.0;  // 1 sigma of the overlay error (see core/evaluation.hpp), from the covariance and what
+            // is known of the lens
   // Reprojection RMS of the second pose that explains a planar target over that of the best one;
   // infinite when there is only one. Near 1 the view is ambiguous.
   double ambiguity_ratio = 0.0;

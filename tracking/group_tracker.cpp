@@ -341,8 +341,8 @@ GroupEstimate GroupTracker::Impl::held(const Group& group, std::int64_t timestam
   const Matrix6d A = adjoint(T_middle_camera.inverse());
   const Matrix6d of_group = group.found->covariance + unforeseen_motion(age_s);
   estimate.covariance = table_pose.covariance + A * of_group * A.transpose();
-  estimate.expected_overlay_error_px =
-      expected_overlay_error_px(camera, T_middle_camera, estimate.covariance);
+  estimate.expected_overlay_error_px = with_lens_error_px(
+      camera, expected_overlay_error_px(camera, T_middle_camera, estimate.covariance));
   return estimate;
 }
 
@@ -394,7 +394,7 @@ GroupEstimate GroupTracker::Impl::place(Group& group, std::int64_t timestamp_ns,
     estimate.covariance = seen.covariance;
   }
   estimate.expected_overlay_error_px =
-      expected_overlay_error_px(camera, drawn, estimate.covariance);
+      with_lens_error_px(camera, expected_overlay_error_px(camera, drawn, estimate.covariance));
   if (group.rests) {
     // Both distances are anything up to their limit, as likely as anything else.
     estimate.expected_overlay_error_px =

@@ -382,18 +382,24 @@ PoseEstimate TableTracker::Impl::judge(const Measurement& measurement,
   estimate.tags_used = measurement.tags_used;
   for (const int index : measurement.left_out)
     estimate.tags_left_out.push_back(table_tags[static_cast<std::size_t>(index)].id);
-  estimate.expected_overlay_error_px = std::hypot(
+  const double of_pose_px = std::hypot(
       expected_overlay_error_px(camera, chosen.T_table_camera, estimate.covariance), between_px);
+  estimate.expected_overlay_error_px = with_lens_error_px(camera, of_pose_px);
   estimate.status = TrackStatus::uncertain;
   if (measurement.contradictory) {
     estimate.reason = "the tags contradict each other";
   } else if (open) {
     estimate.reason = kTwoPoses;
   } else if (!(estimate.expected_overlay_error_px < options.tracked_overlay_px)) {
-    estimate.reason =
-        std::isfinite(estimate.expected_overlay_error_px)
-            ? fmt::format("expected error {:.1f} px", estimate.expected_overlay_error_px)
-            : "the table's centre is out of sight";
+    if (!std::isfinite(estimate.expected_overlay_error_px)) {
+      estimate.reason = "the table's centre is out of sight";
+    } else if (of_pose_px < options.tracked_overlay_px) {
+      estimate.reason = fmt::format(
+          "the camera file knows its lens to {:.1f} px only; calibrate it from more views",
+          camera.parameters().overlay_sigma_px.value_or(0.0));
+    } else {
+      estimate.reason = fmt::format("expected error {:.1f} px", estimate.expected_overlay_error_px);
+    }
   } else {
     estimate.status = TrackStatus::tracked;
   }
@@ -415,8 +421,8 @@ PoseEstimate TableTracker::Impl::without_measurement(std::int64_t timestamp_ns,
   estimate.age_s = age_s;
   estimate.ambiguity_ratio = std::numeric_limits<double>::infinity();
   estimate.covariance = last->covariance + unforeseen_motion(age_s);
-  estimate.expected_overlay_error_px =
-      expected_overlay_error_px(camera, estimate.T_table_camera, estimate.covariance);
+  estimate.expected_overlay_error_px = with_lens_error_px(
+      camera, expected_overlay_error_px(camera, estimate.T_table_camera, estimate.covariance));
   return estimate;
 }
 

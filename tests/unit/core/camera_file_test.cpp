@@ -88,8 +88,32 @@ TEST_F(CameraFile, ErrorsNameFileAndField) {
   refuses("image_width: 640\nimage_height: 480\n", "camera_matrix: is missing");
   refuses(camera_text() + "tone_curve: bright\n", "tone_curve");
   refuses(camera_text() + "tone_curve: -2\n", "tone_curve");
+  refuses(camera_text() + "uncertainty: 3\n", "uncertainty");
+  refuses(camera_text() + "uncertainty: {overlay_px: much}\n", "overlay_px");
+  refuses(camera_text() + "uncertainty: {overlay_px: -1}\n", "overlay_px");
+  refuses(camera_text() + "uncertainty: {table_volume: {tracked_px: [.nan]}}\n", "tracked_px");
   refuses("image_width: [\n", "line");
   EXPECT_FALSE(load_camera(folder_.path() / "absent.yaml"));
+}
+
+TEST_F(CameraFile, WhatTheLensAddsToTheOverlaysErrorIsRead) {
+  EXPECT_FALSE(load(camera_text())->parameters().overlay_sigma_px);
+  EXPECT_FALSE(load(camera_text() + "uncertainty: {views: 3}\n")->parameters().overlay_sigma_px);
+  const auto of_corners =
+      load(camera_text() + "uncertainty: {table_volume: {tracked_px: [3, 4, 0, 0]}}\n");
+  ASSERT_TRUE(of_corners) << of_corners.error().message;
+  EXPECT_EQ(of_corners->parameters().overlay_sigma_px, 2.5);
+  EXPECT_EQ(scaled_to(*of_corners, 320, 240)->parameters().overlay_sigma_px, 1.25);
+  // As `calibrate` writes it.
+  CalibrationRecord record;
+  record.table_tracked_px = {3.0, 4.0, 0.0, 0.0};
+  record.table_known_pose_px = {5.0, 5.0, 5.0, 5.0};
+  for (const auto format : {CameraFileFormat::ros, CameraFileFormat::opencv}) {
+    ASSERT_TRUE(save_camera(file_, *of_corners, format, &record));
+    const auto read = load_camera(file_);
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_EQ(read->parameters().overlay_sigma_px, 2.5);
+  }
 }
 
 // A k1 of -5000 once was a lens that showed a fortieth of the picture and nothing around it.
@@ -121,6 +145,7 @@ TEST_F(CameraFile, WhatIsWrittenReadsBackBitForBit) {
     p.name = "a \"quoted\" \\ name";
     p.tone_curve = 1.55;
     p.rolling_shutter_row_s = 1.0 / 48000.0;
+    p.overlay_sigma_px = 0.1 / 3.0;
     const CameraModel camera = CameraModel::make(p).value();
     ASSERT_TRUE(save_camera(file_, camera, CameraFileFormat::opencv));
     const auto read_opencv = load_camera(file_);
@@ -128,6 +153,7 @@ TEST_F(CameraFile, WhatIsWrittenReadsBackBitForBit) {
     EXPECT_EQ(read_opencv->parameters().distortion, p.distortion);
     EXPECT_EQ(read_opencv->parameters().tone_curve, p.tone_curve);
     EXPECT_EQ(read_opencv->parameters().rolling_shutter_row_s, p.rolling_shutter_row_s);
+    EXPECT_EQ(read_opencv->parameters().overlay_sigma_px, p.overlay_sigma_px);
     ASSERT_TRUE(save_camera(file_, camera));
     const auto read = load_camera(file_);
     ASSERT_TRUE(read) << read.error().message;
@@ -142,6 +168,7 @@ TEST_F(CameraFile, WhatIsWrittenReadsBackBitForBit) {
     EXPECT_EQ(q.name, p.name);
     EXPECT_EQ(q.tone_curve, p.tone_curve);
     EXPECT_EQ(q.rolling_shutter_row_s, p.rolling_shutter_row_s);
+    EXPECT_EQ(q.overlay_sigma_px, p.overlay_sigma_px);
   }
 }
 

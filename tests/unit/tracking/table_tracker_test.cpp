@@ -186,6 +186,39 @@ TEST_F(OnTabletop, AKnownToneCurveTakesTheCornersOutOfTheTags) {
   EXPECT_LT(linear_rms, 0.8 * plain_rms);
 }
 
+// What the camera file says of its own lens counts in what is expected, and changes no pose.
+TEST_F(OnTabletop, AnUncertainLensIsAddedToWhatIsExpected) {
+  const auto with_lens = [&](double sigma_px) {
+    CameraParameters parameters = camera_->parameters();
+    parameters.overlay_sigma_px = sigma_px;
+    return CameraModel::make(parameters).value();
+  };
+  for (const TrackingMode mode : {TrackingMode::detect, TrackingMode::automatic}) {
+    TrackerOptions options;
+    options.mode = mode;
+    auto plain = TableTracker::create(*camera_, *map_, options).value();
+    auto known = TableTracker::create(with_lens(0.7), *map_, options).value();
+    auto hardly_known = TableTracker::create(with_lens(3.0), *map_, options).value();
+    for (std::size_t i = 0; i < 4; ++i) {
+      const PoseEstimate a = plain.track(frame(i)).pose;
+      const PoseEstimate b = known.track(frame(i)).pose;
+      const PoseEstimate c = hardly_known.track(frame(i)).pose;
+      ASSERT_EQ(a.status, TrackStatus::tracked);
+      EXPECT_EQ(b.status, TrackStatus::tracked);
+      EXPECT_EQ(a.T_table_camera.matrix(), b.T_table_camera.matrix());
+      EXPECT_NEAR(b.expected_overlay_error_px, std::hypot(a.expected_overlay_error_px, 0.7), 1e-12);
+      EXPECT_EQ(c.status, TrackStatus::uncertain);
+      EXPECT_GT(c.expected_overlay_error_px, 3.0);
+      EXPECT_THAT(c.reason, testing::HasSubstr("calibrate"));
+    }
+    const std::int64_t later = listed_[4].timestamp_ns;
+    const PoseEstimate a = plain.track(grey_frame(640, 480, later)).pose;
+    const PoseEstimate b = known.track(grey_frame(640, 480, later)).pose;
+    ASSERT_EQ(b.status, TrackStatus::held);
+    EXPECT_NEAR(b.expected_overlay_error_px, std::hypot(a.expected_overlay_error_px, 0.7), 1e-12);
+  }
+}
+
 TEST_F(OnTabletop, TheSameFramesGiveTheSameBits) {
   for (const TrackingMode mode : {TrackingMode::detect, TrackingMode::fast, TrackingMode::accurate,
                                   TrackingMode::automatic}) {
