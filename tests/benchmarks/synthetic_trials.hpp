@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <optional>
 #include <random>
 #include <span>
 #include <vector>
@@ -40,26 +41,34 @@ class SyntheticTrials {
   [[nodiscard]] TrialScore noise(AlignmentEffort effort, double noise_grey, int views,
                                  bool with_bound, int draws = 1) {
     TagAligner aligner = make_aligner(effort);
-    std::mt19937_64 random(7);
     TrialScore score;
-    for (int k = 0; k < views; ++k) {
-      const CameraPose truth = random_view(random);
-      PatternRenderOptions render = options(k);
-      render.noise_grey = noise_grey;
-      const double bound_px =
-          with_bound ? expected_overlay_error_px(
-                           camera_, truth,
-                           pose_bound(renderer_, camera_, tags_, truth, render, noise_grey))
-                     : 0.0;
-      render.noise_grey = 0.0;
-      const std::vector<double> light = renderer_.render_light(std::span(&truth, 1), render);
-      for (int j = 0; j < draws; ++j) {
-        run(aligner, noisy(light, noise_grey, random), truth,
-            displaced(camera_, tags_, truth, 2.0, random), 2.0, Vector6d::Zero(), score, bound_px);
-      }
-    }
+    noisy_pictures(noise_grey, views, with_bound, draws,
+                   [&](const GreyImage& image, const CameraPose& truth, const CameraPose& start,
+                       double bound_px) {
+                     run(aligner, image, truth, start, 2.0, Vector6d::Zero(), score, bound_px);
+                   });
     return score;
   }
+
+  // The same pictures, with the bound, for methods that need no start: `find` is given each picture
+  // and says where the camera is, or nothing.
+  template <class Find>
+  void noise_by(double noise_grey, int views, int draws, std::vector<TrialScore>& scores,
+                Find find) {
+    noisy_pictures(
+        noise_grey, views, true, draws,
+        [&](const GreyImage& image, const CameraPose& truth, const CameraPose&, double bound_px) {
+          for (std::size_t k = 0; k < scores.size(); ++k) {
+            const Stopwatch watch;
+            const std::optional<CameraPose> pose = find(k, image);
+            scores[k].us.push_back(1e3 * watch.elapsed().cpu_ms);
+            count(pose, truth, scores[k], bound_px);
+          }
+        });
+  }
+
+  [[nodiscard]] const CameraModel& camera() const { return camera_; }
+  [[nodiscard]] const std::vector<MappedTag>& tags() const { return tags_; }
 
   // A share of every tag covered; noise 2.
   [[nodiscard]] TrialScore cover(double share, int views) {
@@ -131,6 +140,27 @@ class SyntheticTrials {
   [[nodiscard]] GreyImage picture(const CameraPose& pose, const PatternRenderOptions& render) {
     return renderer_.render(std::span(&pose, 1), render);
   }
+  template <class Visit>
+  void noisy_pictures(double noise_grey, int views, bool with_bound, int draws, Visit visit) {
+    std::mt19937_64 random(7);
+    for (int k = 0; k < views; ++k) {
+      const CameraPose truth = random_view(random);
+      PatternRenderOptions render = options(k);
+      render.noise_grey = noise_grey;
+      const double bound_px =
+          with_bound ? expected_overlay_error_px(
+                           camera_, truth,
+                           pose_bound(renderer_, camera_, tags_, truth, render, noise_grey))
+                     : 0.0;
+      render.noise_grey = 0.0;
+      const std::vector<double> light = renderer_.render_light(std::span(&truth, 1), render);
+      for (int j = 0; j < draws; ++j) {
+        const GreyImage image = noisy(light, noise_grey, random);
+        const CameraPose start = displaced(camera_, tags_, truth, 2.0, random);
+        visit(image, truth, start, bound_px);
+      }
+    }
+  }
   [[nodiscard]] GreyImage noisy(std::span<const double> light, double noise_grey,
                                 std::mt19937_64& random) const {
     std::normal_distribution<double> noise(0.0, 1.0);
@@ -156,9 +186,14 @@ class SyntheticTrials {
     const Stopwatch watch;
     const AlignmentResult& result = aligner.align(input);
     score.us.push_back(1e3 * watch.elapsed().cpu_ms);
+    count(result.verified ? std::optional(result.T_table_camera) : std::nullopt, truth, score,
+          bound_px);
+  }
+  void count(const std::optional<CameraPose>& pose, const CameraPose& truth, TrialScore& score,
+             double bound_px) const {
     ++score.runs;
-    const double error = overlay_difference(camera_, result.T_table_camera, truth).rms_px();
-    if (!result.verified) return;
+    if (!pose) return;
+    const double error = overlay_difference(camera_, *pose, truth).rms_px();
     if (error < 3.0) {
       ++score.found;
       score.errors.push_back(error);
