@@ -799,6 +799,18 @@ void read(const std::uint8_t* pixels, const float* levels, int used, const Sampl
   }
 }
 
+// The vertex nearest to a place in the lattice (adding 1.5 * 2^23 rounds).
+PENUMBRA_INLINE void store_anchor(const Wide& a, const Wide& b, const Wide& last, int side,
+                                  const Samples& s, int i) {
+  const Wide va = least(most((a + 12582912.0F) - 12582912.0F, Wide{}), last);
+  const Wide vb = least(most((b + 12582912.0F) - 12582912.0F, Wide{}), last);
+  store(s.va + i, va);
+  store(s.vb + i, vb);
+  const WideInts vertex =
+      __builtin_convertvector(vb, WideInts) * side + __builtin_convertvector(va, WideInts);
+  __builtin_memcpy(s.vertex + i, &vertex, sizeof vertex);
+}
+
 template <Lens::Kind kind>
 void prepare_as(const Lens& lens_in, const float* M_in, int reach, int side,
                 const Samples& samples) {
@@ -847,14 +859,24 @@ void prepare_as(const Lens& lens_in, const float* M_in, int reach, int side,
     const Wide b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
     store(s.ray_x + i, x);
     store(s.ray_y + i, y);
-    // The nearest vertex, or the one below and left of it (adding 1.5 * 2^23 rounds).
-    const Wide va = least(most(((a - anchor_shift) + 12582912.0F) - 12582912.0F, Wide{}), last);
-    const Wide vb = least(most(((b - anchor_shift) + 12582912.0F) - 12582912.0F, Wide{}), last);
-    store(s.va + i, va);
-    store(s.vb + i, vb);
-    const WideInts vertex =
-        __builtin_convertvector(vb, WideInts) * side + __builtin_convertvector(va, WideInts);
-    __builtin_memcpy(s.vertex + i, &vertex, sizeof vertex);
+    store_anchor(a - anchor_shift, b - anchor_shift, last, side, s, i);
+  }
+}
+
+void anchor(const float* M_in, int reach, int side, const Samples& samples) {
+  const Samples s = samples;  // a copy, which the floats that are written are not
+  float M[9];
+  for (int k = 0; k < 9; ++k) M[k] = M_in[k];
+  const Wide last = wide(static_cast<float>(side - 1));
+  const float anchor_shift = reach == 2 ? 0.5F : 0.0F;
+#pragma GCC unroll 1
+  for (int i = 0; i < s.count; i += kWide) {
+    const Wide x = load(s.ray_x + i);
+    const Wide y = load(s.ray_y + i);
+    const Wide inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
+    const Wide a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
+    const Wide b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
+    store_anchor(a - anchor_shift, b - anchor_shift, last, side, s, i);
   }
 }
 
@@ -1168,6 +1190,68 @@ void accumulate_as(const AccumulateInput& in, const Samples& samples, Sums& sums
   add_lanes(lanes, sums);
 }
 
+// A fixed ray meets the lattice elsewhere at each moment. What moves the tag moves it at all of
+// them, in the lattice's own frame by the same.
+template <int reach, bool correlated>
+void accumulate_moments_as(const AccumulateInput* inputs, const Samples* moments, int count,
+                           Sums& sums) {
+  const Samples s = moments[0];
+  const float share = 1.0F / static_cast<float>(count);
+  const float gain = inputs[0].gain;
+  const float offset = inputs[0].offset;
+  const float inverse_cutoff = inputs[0].inverse_cutoff;
+  const float gain_share = -gain * share;
+  BlockTerms block;
+  LaneSums lanes;
+  for (int start = 0; start < s.count; start += kBlock) {
+#pragma GCC unroll 1
+    for (int l = 0; l < kBlock; l += kWide) {
+      const int i = start + l;
+      const Wide x = load(s.ray_x + i);
+      const Wide y = load(s.ray_y + i);
+      Wide m = {};
+      Wide J[6] = {};
+#pragma GCC unroll 1
+      for (int k = 0; k < count; ++k) {
+        const AccumulateInput& input = inputs[k];
+        const float* const M = input.lattice_from_ray;
+        const float inverse_cz = 1.0F / input.centre[2];
+        const Wide inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
+        const Wide a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
+        const Wide b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
+        Wide m_a;
+        Wide m_b;
+        m += pattern<reach, correlated>(a - load(moments[k].va + i), b - load(moments[k].vb + i),
+                                        moments[k], i, m_a, m_b);
+        const Wide qa = (a - input.centre[0]) * inverse_cz;
+        const Wide qb = (b - input.centre[1]) * inverse_cz;
+        const Wide jz = m_a * qa + m_b * qb;
+        J[0] += m_a;
+        J[1] += m_b;
+        J[2] += jz;
+        J[3] += jz * b;
+        J[4] -= jz * a;
+        J[5] += m_b * a - m_a * b;
+      }
+      m *= share;
+      const Wide r = load(s.value + i) - (gain * m + offset);
+      const Wide t = r * inverse_cutoff;
+      const Wide inside = most(1.0F - t * t, Wide{});
+      const Wide w = load(s.weight + i) * (inside * inside);
+#pragma GCC unroll 6
+      for (int p = 0; p < 6; ++p) store(block.J[p] + l, gain_share * J[p]);
+      store(block.J[6] + l, m);
+      store(block.weight + l, w);
+      store(block.weighted + l, w * r);
+      store(s.residual + i, r);
+    }
+    start == 0 ? add_block<true>(block, s.residual, s.weight, lanes)
+               : add_block<false>(block, s.residual + start, s.weight + start, lanes);
+  }
+  if (s.count == 0) lanes = {};
+  add_lanes(lanes, sums);
+}
+
 // Four doubles side by side: of four tags.
 using Pack = double __attribute__((vector_size(32)));
 using PackMask = long long __attribute__((vector_size(32)));
@@ -1407,6 +1491,30 @@ void evaluate_as(const AccumulateInput& in, const Samples& s) {
   }
 }
 
+template <int reach, bool correlated>
+void evaluate_moments_as(const AccumulateInput* inputs, const Samples* moments, int count) {
+  const Samples s = moments[0];
+  const float share = 1.0F / static_cast<float>(count);
+#pragma GCC unroll 1
+  for (int i = 0; i < s.count; i += kWide) {
+    const Wide x = load(s.ray_x + i);
+    const Wide y = load(s.ray_y + i);
+    Wide m = {};
+#pragma GCC unroll 1
+    for (int k = 0; k < count; ++k) {
+      const float* const M = inputs[k].lattice_from_ray;
+      const Wide inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
+      const Wide a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
+      const Wide b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
+      Wide m_a;
+      Wide m_b;
+      m += pattern<reach, correlated>(a - load(moments[k].va + i), b - load(moments[k].vb + i),
+                                      moments[k], i, m_a, m_b);
+    }
+    store(s.model + i, m * share);
+  }
+}
+
 void project(const Lens& lens, const Blur& blur, const float* ray_from_lattice,
              const float* lattice_from_ray, const Vertices& vertices) {
   switch (lens.kind) {
@@ -1463,6 +1571,35 @@ void evaluate(const AccumulateInput& in, const Samples& samples) {
     in.correlated ? evaluate_as<2, true>(in, samples) : evaluate_as<2, false>(in, samples);
   } else {
     in.correlated ? evaluate_as<3, true>(in, samples) : evaluate_as<3, false>(in, samples);
+  }
+}
+
+void accumulate_moments(const AccumulateInput* inputs, const Samples* moments, int count,
+                        Sums& sums) {
+  const bool correlated = inputs[0].correlated;
+  if (inputs[0].reach == 1) {
+    correlated ? accumulate_moments_as<1, true>(inputs, moments, count, sums)
+               : accumulate_moments_as<1, false>(inputs, moments, count, sums);
+  } else if (inputs[0].reach == 2) {
+    correlated ? accumulate_moments_as<2, true>(inputs, moments, count, sums)
+               : accumulate_moments_as<2, false>(inputs, moments, count, sums);
+  } else {
+    correlated ? accumulate_moments_as<3, true>(inputs, moments, count, sums)
+               : accumulate_moments_as<3, false>(inputs, moments, count, sums);
+  }
+}
+
+void evaluate_moments(const AccumulateInput* inputs, const Samples* moments, int count) {
+  const bool correlated = inputs[0].correlated;
+  if (inputs[0].reach == 1) {
+    correlated ? evaluate_moments_as<1, true>(inputs, moments, count)
+               : evaluate_moments_as<1, false>(inputs, moments, count);
+  } else if (inputs[0].reach == 2) {
+    correlated ? evaluate_moments_as<2, true>(inputs, moments, count)
+               : evaluate_moments_as<2, false>(inputs, moments, count);
+  } else {
+    correlated ? evaluate_moments_as<3, true>(inputs, moments, count)
+               : evaluate_moments_as<3, false>(inputs, moments, count);
   }
 }
 
@@ -1591,9 +1728,25 @@ void cell_places(int side, const CellCorners& v, const ImagePlan& image, std::in
 }  // namespace
 
 extern const Variant kVariant;
-const Variant kVariant = {
-    PENUMBRA_KERNEL_NAME, project,   walk,   measure_runs, walk_runs, read,   prepare, attach,
-    accumulate,           eliminate, follow, evaluate,     levers,    search, add,     cell_places};
+const Variant kVariant = {PENUMBRA_KERNEL_NAME,
+                          project,
+                          walk,
+                          measure_runs,
+                          walk_runs,
+                          read,
+                          prepare,
+                          attach,
+                          accumulate,
+                          anchor,
+                          accumulate_moments,
+                          eliminate,
+                          follow,
+                          evaluate,
+                          evaluate_moments,
+                          levers,
+                          search,
+                          add,
+                          cell_places};
 
 #undef PENUMBRA_INLINE
 

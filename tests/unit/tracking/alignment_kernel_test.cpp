@@ -149,6 +149,126 @@ TEST(AlignmentKernel, JacobiansAreThoseOfCentralDifferences) {
   }
 }
 
+// A picture that is taken while the camera moves by `motion`, as its first, middle and last moment.
+constexpr int kMoments = 3;
+std::array<AccumulateInput, kMoments> moments_of(const Eigen::Isometry3d& T, const Vector6d& motion,
+                                                 const AccumulateInput& in) {
+  std::array<AccumulateInput, kMoments> inputs;
+  for (int k = 0; k < kMoments; ++k) {
+    inputs[static_cast<std::size_t>(k)] = in;
+    set_pose(exp_se3(0.5 * (k - 1) * motion) * T, inputs[static_cast<std::size_t>(k)]);
+  }
+  return inputs;
+}
+
+Vector6d some_motion() {
+  return (Vector6d() << 0.5, -0.3, 0.4, 0.01, 0.02, -0.03).finished();
+}
+
+TEST(AlignmentKernel, AnchorsAreTheOnesOfPrepare) {
+  const Eigen::Isometry3d T = lattice_pose();
+  AccumulateInput in;
+  set_pose(T, in);
+  for (const Variant* variant : variants()) {
+    for (const int reach : {1, 2, 3}) {
+      SampleSet set = random_samples(kernel::kBlock, T, 0.0F);
+      kernel::Lens lens;
+      lens.fx = lens.fy = 500.0F;
+      for (int i = 0; i < set.s.count; ++i) {
+        set.s.pixel_x[i] = lens.fx * set.s.ray_x[i];
+        set.s.pixel_y[i] = lens.fy * set.s.ray_y[i];
+      }
+      variant->prepare(lens, in.lattice_from_ray, reach, 11, set.s);
+      const std::vector<std::int32_t> vertex = set.vertex;
+      const std::vector<float> va(set.s.va, set.s.va + set.s.count);
+      const std::vector<float> vb(set.s.vb, set.s.vb + set.s.count);
+      std::fill_n(set.s.va, set.s.count, -1.0F);
+      std::fill_n(set.s.vb, set.s.count, -1.0F);
+      std::fill(set.vertex.begin(), set.vertex.end(), -1);
+      variant->anchor(in.lattice_from_ray, reach, 11, set.s);
+      EXPECT_EQ(vertex, set.vertex);
+      EXPECT_TRUE(std::equal(va.begin(), va.end(), set.s.va));
+      EXPECT_TRUE(std::equal(vb.begin(), vb.end(), set.s.vb));
+    }
+  }
+}
+
+// What several moments show is the mean of what each shows, and so are its derivatives.
+TEST(AlignmentKernel, MomentsAreTheMeanOfEach) {
+  const Eigen::Isometry3d T = lattice_pose();
+  const Variant& variant = kernel::best_variant();
+  for (const int reach : {1, 2, 3}) {
+    for (const bool correlated : {false, true}) {
+      SCOPED_TRACE(testing::Message() << "reach " << reach << ", correlated " << correlated);
+      SampleSet set = random_samples(kernel::kBlock, T, correlated ? 0.8F : 0.0F);
+      AccumulateInput in;
+      in.gain = 120.0F;
+      in.offset = 30.0F;
+      in.reach = reach;
+      in.correlated = correlated;
+      // One has other anchors and coefficients than the next.
+      std::array<SampleSet, kMoments> sets = {random_samples(kernel::kBlock, T, 0.5F),
+                                              random_samples(kernel::kBlock, T, 0.6F),
+                                              random_samples(kernel::kBlock, T, 0.7F)};
+      std::array<Samples, kMoments> moments;
+      for (std::size_t k = 0; k < kMoments; ++k) {
+        moments[k] = set.s;
+        moments[k].va = sets[k].s.va;
+        moments[k].vb = sets[k].s.vb;
+        moments[k].ka = sets[k].s.ka;
+        moments[k].kb = sets[k].s.kb;
+        moments[k].rho = sets[k].s.rho;
+        for (std::size_t c = 0; c < 16; ++c) moments[k].c[c] = sets[k].s.c[(c + k) % 16];
+      }
+      const auto inputs = moments_of(T, some_motion(), in);
+      std::vector<double> mean(static_cast<std::size_t>(set.s.count), 0.0);
+      for (std::size_t k = 0; k < kMoments; ++k) {
+        variant.evaluate(inputs[k], moments[k]);
+        for (std::size_t i = 0; i < mean.size(); ++i)
+          mean[i] += static_cast<double>(set.s.model[i]) / kMoments;
+      }
+      variant.evaluate_moments(inputs.data(), moments.data(), kMoments);
+      for (std::size_t i = 0; i < mean.size(); ++i)
+        EXPECT_NEAR(static_cast<double>(set.s.model[i]), mean[i], 1e-6);
+      for (int i = 0; i < set.s.count; ++i) {
+        // With one sample's weight the gradient is its own Jacobian times its residual.
+        const float model = static_cast<float>(mean[static_cast<std::size_t>(i)]);
+        for (int j = 0; j < set.s.count; ++j) set.s.weight[j] = i == j ? 1.0F : 0.0F;
+        set.s.value[i] = in.offset + in.gain * model + 1.0F;
+        std::array<double, 6> g{};
+        for (std::size_t k = 0; k < kMoments; ++k) {
+          variant.evaluate(inputs[k], moments[k]);
+          const float value =
+              std::exchange(set.s.value[i], in.offset + in.gain * set.s.model[i] + 1.0F);
+          Sums sums;
+          variant.accumulate(inputs[k], moments[k], sums);
+          set.s.value[i] = value;
+          for (std::size_t p = 0; p < 6; ++p) g[p] += sums.g[p] / kMoments;
+        }
+        Sums sums;
+        variant.accumulate_moments(inputs.data(), moments.data(), kMoments, sums);
+        for (std::size_t p = 0; p < 6; ++p)
+          EXPECT_NEAR(sums.g[p], g[p], 1e-3 * (std::abs(g[p]) + (p < 3 ? 1.0 : 10.0))) << p;
+        // The sum is of floats as large as a level.
+        const double residual = static_cast<double>(set.s.residual[i]);
+        EXPECT_NEAR(residual, 1.0, 1e-4);
+        EXPECT_NEAR(sums.g[6], residual * static_cast<double>(model), 1e-5);
+        EXPECT_NEAR(sums.g[7], residual, 1e-5);
+      }
+    }
+  }
+  // None at all.
+  SampleSet none = random_samples(kernel::kBlock, T, 0.0F);
+  none.s.count = 0;
+  const std::array<Samples, kMoments> moments = {none.s, none.s, none.s};
+  const auto inputs = moments_of(T, some_motion(), {});
+  Sums sums;
+  sums.weight = 1.0;
+  variant.accumulate_moments(inputs.data(), moments.data(), kMoments, sums);
+  EXPECT_EQ(sums.H[0], 0.0);
+  EXPECT_EQ(sums.weight, 0.0);
+}
+
 // Without correlation the bivariate distribution is the product, and with lines far apart the
 // vertex alone says the same as its neighbourhood.
 TEST(AlignmentKernel, ModelsAgreeWhereTheyShould) {
@@ -296,6 +416,8 @@ TEST(AlignmentKernel, EveryVariantGivesTheSameBits) {
       for (const auto kind : {kernel::Lens::Kind::none, kernel::Lens::Kind::polynomial,
                               kernel::Lens::Kind::rational, kernel::Lens::Kind::fisheye}) {
         std::vector<Sums> results;
+        std::vector<Sums> results_moments;
+        std::vector<std::vector<float>> models;
         std::vector<std::vector<float>> rays;
         std::vector<std::vector<std::int16_t>> scores;
         for (const Variant* variant : all) {
@@ -316,6 +438,14 @@ TEST(AlignmentKernel, EveryVariantGivesTheSameBits) {
           Sums sums;
           variant->accumulate(in, set.s, sums);
           results.push_back(sums);
+          const auto inputs = moments_of(T, some_motion(), in);
+          const std::array<Samples, kMoments> moments = {set.s, set.s, set.s};
+          variant->anchor(inputs[0].lattice_from_ray, reach, 11, set.s);
+          Sums sums_moments;
+          variant->accumulate_moments(inputs.data(), moments.data(), kMoments, sums_moments);
+          results_moments.push_back(sums_moments);
+          variant->evaluate_moments(inputs.data(), moments.data(), kMoments);
+          models.emplace_back(set.s.model, set.s.model + set.s.count);
           rays.emplace_back(set.s.ray_x, set.s.ray_x + set.s.count);
           std::vector<std::int16_t> map(64 * 20);
           variant->search(points.data(), strides.data(), 10, 20, 64, 20, 2, map.data());
@@ -323,6 +453,9 @@ TEST(AlignmentKernel, EveryVariantGivesTheSameBits) {
         }
         for (std::size_t k = 1; k < all.size(); ++k) {
           EXPECT_EQ(std::memcmp(&results[0], &results[k], sizeof(Sums)), 0) << all[k]->name;
+          EXPECT_EQ(std::memcmp(&results_moments[0], &results_moments[k], sizeof(Sums)), 0)
+              << all[k]->name;
+          EXPECT_EQ(models[0], models[k]) << all[k]->name;
           EXPECT_EQ(rays[0], rays[k]) << all[k]->name;
           EXPECT_EQ(scores[0], scores[k]) << all[k]->name;
         }
