@@ -70,7 +70,8 @@ Result<TagPattern> TagPattern::make(TagFamily family, int id) {
 
   // Both rings at the border are printed; of what lies beyond only the data cells are (the corners
   // of round tags are not).
-  std::vector<std::uint8_t> printed(pattern.cells_.size(), 0);
+  std::vector<std::uint8_t>& printed = pattern.printed_;
+  printed.assign(pattern.cells_.size(), 0);
   const int printed_start = border_start - 1;
   const int printed_end = printed_start + pattern.width_at_border_ + 1;
   for (int j = std::max(printed_start, 0); j <= std::min(printed_end, width - 1); ++j) {

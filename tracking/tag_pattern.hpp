@@ -41,6 +41,11 @@ class TagPattern {
     if (i < 0 || j < 0 || i >= total_width_ || j >= total_width_) return true;
     return cells_[static_cast<std::size_t>(j * total_width_ + i)] != 0;
   }
+  // Whether the family says what the cell is.
+  [[nodiscard]] bool printed(int i, int j) const {
+    if (i < 0 || j < 0 || i >= total_width_ || j >= total_width_) return false;
+    return printed_[static_cast<std::size_t>(j * total_width_ + i)] != 0;
+  }
   // All edges inside the printed square. Its outline is no edge: families with data outside the
   // border say nothing about what lies around them.
   [[nodiscard]] const std::vector<EdgeRun>& runs() const { return runs_; }
@@ -49,7 +54,8 @@ class TagPattern {
  private:
   int width_at_border_ = 0;
   int total_width_ = 0;
-  std::vector<std::uint8_t> cells_;  // rows from the bottom, 1 = white
+  std::vector<std::uint8_t> cells_;    // rows from the bottom, 1 = white
+  std::vector<std::uint8_t> printed_;  // the same, 1 = printed
   std::vector<EdgeRun> runs_;
   std::vector<DataCell> data_cells_;
 };

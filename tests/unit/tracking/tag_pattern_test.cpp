@@ -78,6 +78,21 @@ TEST(TagPattern, RunsCoverEveryColourChangeOnce) {
   EXPECT_EQ(border_sides, 4);
 }
 
+TEST(TagPattern, KnowsWhatIsPrinted) {
+  const TagPattern square = TagPattern::make(TagFamily::tag36h11, 7).value();
+  const TagPattern round = TagPattern::make(TagFamily::tag_circle21h7, 2).value();
+  for (const TagPattern* pattern : {&square, &round}) {
+    const int last = pattern->total_width() - 1;
+    EXPECT_EQ(pattern->printed(0, 0), pattern == &square);
+    EXPECT_EQ(pattern->printed(last, last), pattern == &square);
+    EXPECT_TRUE(pattern->printed(last / 2, 0));
+    EXPECT_FALSE(pattern->printed(-1, last / 2));
+    EXPECT_FALSE(pattern->printed(last / 2, last + 1));
+    for (const DataCell& cell : pattern->data_cells())
+      EXPECT_TRUE(pattern->printed(cell.i, cell.j));
+  }
+}
+
 TEST(TagPattern, ChecksTheIdAgainstTheFamily) {
   EXPECT_FALSE(TagPattern::make(TagFamily::tag36h11, 587).has_value());
   EXPECT_FALSE(TagPattern::make(TagFamily::tag16h5, -1).has_value());
