@@ -40,11 +40,10 @@ constexpr int filled_blocks(int blocks) {
 
 }  // namespace
 
-bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search,
-                               bool independent) {
+bool TagAligner::Impl::attempt(bool with_search, bool independent) {
   T_camera_table = T_predicted;
   if (with_search) {
-    find_visible(exposure_motion, Projection::search);
+    find_visible(Projection::search);
     result.counters.tags_visible = static_cast<int>(active.size());
     if (active.empty()) {
       result.reason = "no tag in view";
@@ -52,7 +51,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
     }
     static_cast<void>(search(independent));  // where nothing is found, from where it was predicted
   }
-  find_visible(exposure_motion, Projection::wide);
+  find_visible(Projection::wide);
   if (!with_search) result.counters.tags_visible = static_cast<int>(active.size());
   if (active.empty()) {
     result.reason = "no tag in view";
@@ -96,7 +95,7 @@ bool TagAligner::Impl::attempt(const Vector6d& exposure_motion, bool with_search
   bool sparse = sparse_rounds && starts_far;
   for (int round = 0; round < kFineRounds;) {
     ++result.counters.fine_rounds;
-    find_visible(exposure_motion, Projection::fine);
+    find_visible(Projection::fine);
     result.counters.samples = 0;
     arena.give_back();
     for (Tag* tag : active) {
@@ -179,14 +178,19 @@ void TagAligner::Impl::begin(const AlignmentInput& input) {
   seen_contrast = input.seen_contrast;
   PENUMBRA_ASSERT(input.velocity.allFinite());
   row_velocity = camera.parameters().rolling_shutter_row_s.value_or(0.0) * input.velocity;
+  PENUMBRA_ASSERT(input.exposure_motion.allFinite());
+  exposure_motion = input.exposure_motion;
+  if (!exposure_motion.isZero(0.0)) {
+    for (auto& path : paths) path.clear();
+  }
 }
 
 const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool with_search) {
   begin(input);
-  bool good = attempt(input.exposure_motion, with_search, false);
+  bool good = attempt(with_search, false);
   if (!good && with_search && !active.empty()) {
     result.counters.second_try = true;
-    good = attempt(input.exposure_motion, true, true);
+    good = attempt(true, true);
   }
   report_pose();
   return result;
@@ -361,7 +365,7 @@ std::optional<CameraPose> TagAligner::search_coarsely(const AlignmentInput& inpu
   Impl& impl = *impl_;
   impl.begin(input);
   impl.T_camera_table = impl.T_predicted;
-  impl.find_visible(input.exposure_motion, Impl::Projection::search);
+  impl.find_visible(Impl::Projection::search);
   if (impl.active.empty() || !impl.search_coarsely(further)) return std::nullopt;
   impl.report_pose();
   if (!impl.result.T_table_camera.is_finite()) return std::nullopt;

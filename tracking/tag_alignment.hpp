@@ -59,6 +59,10 @@ struct AlignmentOptions {
   // Each step is one of Gauss and Newton. Without: a solve by ceres::TinySolver with the weights
   // held, for the same poses in more time.
   bool own_steps = true;
+  // What a known motion smears is the mean of what the camera sees at moments of the exposure, and
+  // nothing is read where the smear reaches beyond a tag's printed square. Without: the smear is a
+  // Gaussian point spread, one for each tag. That is as good where it is short against a cell.
+  bool exposure_moments = true;
   const char* kernel = nullptr;  // name of the instruction set to use; null: the best
 };
 

@@ -244,7 +244,7 @@ void TagAligner::Impl::check_agreement() {
 // beyond that, and what the middle of four corners is off the centre, is left room for.
 bool TagAligner::Impl::reads_clearly(const Tag& tag) const {
   constexpr double kSigmas = 2.2;
-  if (!options.clear_cells || tag.reach != 1 || !tag.wholly_seen) return false;
+  if (!options.clear_cells || tag.reach != 1 || tag.moments > 1 || !tag.wholly_seen) return false;
   const auto last = static_cast<std::size_t>(tag.side - 1);
   const auto top = last * static_cast<std::size_t>(tag.side);
   float least = std::numeric_limits<float>::infinity();
@@ -292,6 +292,7 @@ void TagAligner::Impl::verify() {
       take_samples(*tag, static_cast<int>(cells.size()));
       kernel::Samples& s = tag->samples;
       tag->used = 0;
+      tag->step_count = 0;
       for (const DataCell& cell : cells) {
         int px = 0;
         int py = 0;
@@ -305,11 +306,7 @@ void TagAligner::Impl::verify() {
       }
       locate_samples(*tag);
       finish_samples(*tag);
-      kernel::AccumulateInput in;
-      std::copy(tag->lattice_from_ray.begin(), tag->lattice_from_ray.end(), in.lattice_from_ray);
-      in.reach = tag->reach;
-      in.correlated = tag->correlated;
-      kernel->evaluate(in, s);
+      evaluate(*tag);
       for (int i = 0; i < tag->used; ++i) {
         const double expected = static_cast<double>(s.model[i]) - 0.5;
         if (std::abs(expected) < 0.15) continue;  // too blurred to be one or the other

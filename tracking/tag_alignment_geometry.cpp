@@ -67,8 +67,8 @@ void TagAligner::Impl::project(Tag& tag, double added_variance_px2,
   }
   kernel::Blur blur;
   blur.variance_px2 = static_cast<float>(options.blur_px * options.blur_px + added_variance_px2);
-  blur.motion_x_px = static_cast<float>(tag.motion_px.x());
-  blur.motion_y_px = static_cast<float>(tag.motion_px.y());
+  blur.motion_x_px = static_cast<float>(tag.smear_px.x());
+  blur.motion_y_px = static_cast<float>(tag.smear_px.y());
   kernel->project(lens, blur, M.data(), tag.lattice_from_ray.data(), vertices);
   if (tag.row_shear.isZero()) return;
   // A vertex is seen in the row r where it is at that row's time: r = y + shear_y (r - tag's row).
@@ -124,7 +124,60 @@ void TagAligner::Impl::find_cells(const Tag& tag) {
                       cell_places.data());
 }
 
-bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const {
+// How far the tag moves in the image during the exposure, and as how many moments that is seen.
+void TagAligner::Impl::measure_motion(Tag& tag, const Eigen::Vector3d& centre,
+                                      const Eigen::Matrix<double, 2, 3>& J) const {
+  tag.motion_px.setZero();
+  tag.smear_px.setZero();
+  tag.moments = 1;
+  if (exposure_motion.isZero(0.0)) return;
+  // Points of the scene move against the camera.
+  const auto motion_of = [&](const Eigen::Vector3d& p) -> Eigen::Vector2d {
+    return -(J * (exposure_motion.head<3>() + exposure_motion.tail<3>().cross(p))) *
+           (centre.z() / p.z());
+  };
+  tag.motion_px = motion_of(centre);
+  double longest_px = tag.motion_px.norm();
+  const double last = tag.side - 1;
+  for (const auto& [a, b] :
+       {std::pair(0.0, 0.0), std::pair(last, 0.0), std::pair(0.0, last), std::pair(last, last)}) {
+    const Eigen::Vector3d corner = tag.ray_from_lattice * Eigen::Vector3d(a, b, 1.0);
+    if (corner.z() > 0.0) longest_px = std::max(longest_px, motion_of(corner).norm());
+  }
+  // Point spreads so far apart, each wider by what falls into it, add up to an even smear within a
+  // three-hundredth of the gain.
+  constexpr double kSigmasApart = 4.0;
+  if (options.exposure_moments)
+    tag.moments = std::clamp(ceil_of(std::min(longest_px / (kSigmasApart * options.blur_px), 1e5)),
+                             1, kMostMoments);
+  tag.smear_px = tag.motion_px / tag.moments;
+}
+
+void TagAligner::Impl::place_moments(Tag& tag) {
+  std::vector<Eigen::Isometry3d>& path = paths[static_cast<std::size_t>(tag.moments)];
+  if (path.empty()) {
+    // A right perturbation of T_table_camera is a left one of T_camera_table, the other way.
+    for (int k = 0; k < tag.moments; ++k)
+      path.push_back(exp_se3(-((k + 0.5) / tag.moments - 0.5) * exposure_motion));
+  }
+  tag.moment_samples.resize(path.size());
+  tag.moment_inputs.resize(path.size());
+  for (std::size_t k = 0; k < path.size(); ++k) {
+    Eigen::Matrix3d M = path[k].linear() * tag.ray_from_lattice;
+    M.col(2) += path[k].translation();
+    const Eigen::Matrix3d inverse = M.inverse() * tag.cell_m;
+    const Eigen::Vector3d seen_from = -(path[k].linear().transpose() * path[k].translation());
+    const Eigen::Vector3d centre = tag.R_lattice_camera * seen_from / tag.cell_m + tag.centre;
+    kernel::AccumulateInput& input = tag.moment_inputs[k];
+    for (int r = 0; r < 3; ++r) {
+      for (int c = 0; c < 3; ++c)
+        input.lattice_from_ray[3 * r + c] = static_cast<float>(inverse(r, c));
+      input.centre[r] = static_cast<float>(centre[r]);
+    }
+  }
+}
+
+bool TagAligner::Impl::measure(Tag& tag) const {
   tag.too_small = false;
   if (!(tag.centre.z() > 0.5)) return false;  // from behind, or the camera lies in the sheet
   const double half = 0.5 * (tag.side - 1);
@@ -150,13 +203,10 @@ bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const 
   if (!(pixel.x() > -reach && pixel.y() > -reach && pixel.x() < camera.width() + reach &&
         pixel.y() < camera.height() + reach))
     return false;
-  // Points of the scene move against the camera.
-  const Eigen::Vector3d nu = exposure_motion.head<3>();
-  const Eigen::Vector3d omega = exposure_motion.tail<3>();
-  tag.motion_px = -(J * (nu + omega.cross(p)));
+  measure_motion(tag, p, J);
   const double variance_px = options.blur_px * options.blur_px;
   const Eigen::Matrix2d cov =
-      variance_px * Eigen::Matrix2d::Identity() + tag.motion_px * tag.motion_px.transpose() / 12.0;
+      variance_px * Eigen::Matrix2d::Identity() + tag.smear_px * tag.smear_px.transpose() / 12.0;
   Eigen::Matrix2d basis;
   basis << along_a, along_b;
   const Eigen::Matrix2d G = basis.inverse();
@@ -165,12 +215,15 @@ bool TagAligner::Impl::measure(Tag& tag, const Vector6d& exposure_motion) const 
   // A line matters up to 2.5 sigma. With one line per axis the next is half a cell or more away,
   // with two a whole one, with three one and a half.
   const double sigma_cells = std::sqrt(std::max(cov_lattice(0, 0), cov_lattice(1, 1)));
+  if (tag.moments > 1) tag.sigma_cells = cov_lattice.diagonal().cwiseSqrt();
   tag.reach = sigma_cells < 0.2 ? 1 : (sigma_cells < 0.4 ? 2 : 3);
-  tag.correlated = std::abs(tag.correlation) > 0.3;
+  // It shows at vertices, and in the mean of many moments no more.
+  constexpr int kMostCorrelated = 2;
+  tag.correlated = tag.moments <= kMostCorrelated && std::abs(tag.correlation) > 0.3;
   return true;
 }
 
-void TagAligner::Impl::find_visible(const Vector6d& exposure_motion, Projection projection) {
+void TagAligner::Impl::find_visible(Projection projection) {
   active.clear();
   result.counters.tags_out_of_view = 0;
   result.counters.tags_too_small = 0;
@@ -179,11 +232,12 @@ void TagAligner::Impl::find_visible(const Vector6d& exposure_motion, Projection 
     if (tag.left_out) continue;
     read_out(tag);
     place(tag);
-    tag.visible = measure(tag, exposure_motion);
+    tag.visible = measure(tag);
     if (!tag.visible) {
       ++(tag.too_small ? result.counters.tags_too_small : result.counters.tags_out_of_view);
       continue;
     }
+    if (tag.moments > 1) place_moments(tag);
     if (projection == Projection::search) {
       project_search(tag);
     } else if (projection == Projection::wide) {

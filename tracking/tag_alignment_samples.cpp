@@ -30,6 +30,10 @@ double stride_of(const Band& band, double reach_px, double length, double tilt, 
   return std::max(1.0, length * rows / cap);
 }
 
+double mean_of(const std::array<double, 2>& reach_px) {
+  return 0.5 * (reach_px[0] + reach_px[1]);
+}
+
 // Rows across an edge, from the first one of a step.
 template <class Band>
 std::array<float, 20> row_offsets(const Band& band) {
@@ -98,7 +102,64 @@ void TagAligner::Impl::finish_samples(Tag& tag) {
     }
   }
   kernel->prepare(lens, tag.lattice_from_ray.data(), tag.reach, tag.side, s);
-  // What depends on the anchor alone.
+  if (tag.moments == 1) {
+    attach(tag, s);
+    return;
+  }
+  keep_on_paper(tag);
+  for (int k = 0; k < tag.moments; ++k) {
+    const auto moment = static_cast<std::size_t>(k);
+    kernel::Samples& of = tag.moment_samples[moment];
+    of = tag.samples;
+    if (k > 0) arena.take_anchors(tag.reach, of);
+    kernel->anchor(tag.moment_inputs[moment].lattice_from_ray, tag.reach, tag.side, of);
+    attach(tag, of);
+  }
+}
+
+// A smear mixes a tag with what lies around it, which nobody knows: samples that saw it, or came
+// near, at the exposure's ends are left out.
+void TagAligner::Impl::keep_on_paper(Tag& tag) {
+  const kernel::Samples& s = tag.samples;
+  // A line matters up to 2.5 sigma.
+  const Eigen::Vector2f near = (2.5 * tag.sigma_cells).cast<float>();
+  const auto on_paper = [&](const float* M, int i) {
+    const float x = s.ray_x[i];
+    const float y = s.ray_y[i];
+    const float inverse = 1.0F / (M[6] * x + M[7] * y + M[8]);
+    const float a = (M[0] * x + M[1] * y + M[2]) * inverse;
+    const float b = (M[3] * x + M[4] * y + M[5]) * inverse;
+    const auto last = static_cast<float>(tag.side - 1);
+    if (!(a > near.x() && b > near.y() && a < last - near.x() && b < last - near.y())) return false;
+    for (const float of_a : {a - near.x(), a + near.x()}) {
+      for (const float of_b : {b - near.y(), b + near.y()}) {
+        if (!tag.pattern.printed(static_cast<int>(of_a), static_cast<int>(of_b))) return false;
+      }
+    }
+    return true;
+  };
+  const float* const first = tag.moment_inputs[0].lattice_from_ray;
+  const float* const end =
+      tag.moment_inputs[static_cast<std::size_t>(tag.moments - 1)].lattice_from_ray;
+  int kept = 0;
+  int step = 0;
+  for (int i = 0; i < tag.used; ++i) {
+    while (step < tag.step_count && tag.step_end[static_cast<std::size_t>(step)] <= i)
+      tag.step_end[static_cast<std::size_t>(step++)] = kept;
+    if (!on_paper(first, i) || !on_paper(end, i)) continue;
+    for (float* array : {s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.value}) array[kept] = array[i];
+    ++kept;
+  }
+  while (step < tag.step_count) tag.step_end[static_cast<std::size_t>(step++)] = kept;
+  for (int i = kept; i < tag.used; ++i) s.weight[i] = 0.0F;
+  tag.used = kept;
+  tag.samples.count = (kept + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
+}
+
+// What depends on the anchor alone.
+void TagAligner::Impl::attach(const Tag& tag, const kernel::Samples& samples) const {
+  const kernel::Samples s = samples;  // a copy, which the floats that are written are not
+  const int padded = s.count;
   if (tag.reach == 1) {
     kernel->attach(tag.ka.data(), tag.kb.data(), tag.coefficients1.front().data(), s);
     if (tag.correlated) {
@@ -123,7 +184,7 @@ void TagAligner::Impl::finish_samples(Tag& tag) {
 
 void TagAligner::Impl::take_samples(Tag& tag, int capacity) {
   tag.capacity = capacity;
-  tag.samples = arena.take(capacity, tag.reach);
+  arena.take(capacity, tag.reach, tag.samples);
   // The kernels write whole blocks.
   if (const auto most = static_cast<std::size_t>(capacity + kernel::kBlock);
       tag.vertex.size() < most)
@@ -131,12 +192,23 @@ void TagAligner::Impl::take_samples(Tag& tag, int capacity) {
   tag.samples.vertex = tag.vertex.data();
 }
 
+void TagAligner::Impl::evaluate(Tag& tag) {
+  kernel::AccumulateInput one;
+  kernel::AccumulateInput& in = tag.moments > 1 ? tag.moment_inputs[0] : one;
+  in.reach = tag.reach;
+  in.correlated = tag.correlated;
+  if (tag.moments > 1) {
+    kernel->evaluate_moments(tag.moment_inputs.data(), tag.moment_samples.data(), tag.moments);
+    return;
+  }
+  std::copy(tag.lattice_from_ray.begin(), tag.lattice_from_ray.end(), in.lattice_from_ray);
+  kernel->evaluate(in, tag.samples);
+}
+
 // Chooses the pixels at the edges, up to about `cap`.
 void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
   tag.used = 0;
   tag.step_count = 0;
-  const double sigma =
-      std::sqrt(options.blur_px * options.blur_px + tag.motion_px.squaredNorm() / 12.0);
   Band band;
   if (wide) {
     // Far enough out to feel an edge half a cell away.
@@ -146,7 +218,15 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
   }
   // Within 2.1 sigma of an edge lies all but a two-hundredth of what it tells; a limited number of
   // pixels is best spent closer.
-  const double reach_px = (options.effort == AlignmentEffort::accurate ? 2.1 : 1.25) * sigma;
+  const double sigmas = options.effort == AlignmentEffort::accurate ? 2.1 : 1.25;
+  // A smear along an edge leaves it as it is.
+  const auto reach_across = [&](const Eigen::Vector2d& along) {
+    const double across_px =
+        (along.x() * tag.motion_px.y() - along.y() * tag.motion_px.x()) / along.norm();
+    return sigmas * std::sqrt(options.blur_px * options.blur_px + across_px * across_px / 12.0);
+  };
+  std::array<double, 2> reach_px = {sigmas * options.blur_px, sigmas * options.blur_px};
+  if (!tag.motion_px.isZero(0.0)) reach_px = {reach_across(tag.along_a), reach_across(tag.along_b)};
   // Of steps nearer than this two may fall on a pixel where the tag is seen smaller.
   constexpr double kLeastStep_px = 1.5;
   // The tilt of a lone tag hangs on single edges.
@@ -162,7 +242,7 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
       length += cells * cell_px.cwiseAbs().maxCoeff();
       tilt += cells * cell_px.cwiseAbs().minCoeff();
     }
-    const double stride = stride_of(band, reach_px, length, tilt, cap);
+    const double stride = stride_of(band, mean_of(reach_px), length, tilt, cap);
     if (stride > kLeastStep_px && length < 1e7) {
       step_along(tag, band, reach_px, stride);
       PENUMBRA_ASSERT(tag.used <= tag.capacity);
@@ -177,15 +257,17 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
 
 // Each of the lattice's two directions in even steps over all of its edges, about `stride` pixels
 // along the image axis that they are nearer to.
-void TagAligner::Impl::step_along(Tag& tag, const Band& band, double reach_px, double stride) {
+void TagAligner::Impl::step_along(Tag& tag, const Band& band, const std::array<double, 2>& reach_px,
+                                  double stride) {
   const std::array<Eigen::Vector2d, 2> cell_px = {tag.along_a, tag.along_b};
   const std::array<int, 2> cells = {edge_cells(tag, 0), edge_cells(tag, 1)};
   std::array<int, 2> counts{};
   for (const std::size_t k : {0U, 1U})
     counts[k] = static_cast<int>(cells[k] * cell_px[k].cwiseAbs().maxCoeff() / stride + 0.5);
-  const int most_rows = rows_at_most(band, reach_px);
+  const std::array<int, 2> most_rows = {rows_at_most(band, reach_px[0]),
+                                        rows_at_most(band, reach_px[1])};
   // What is written is up to three pixels more than are counted.
-  take_samples(tag, most_rows * (counts[0] + counts[1]) + 4);
+  take_samples(tag, most_rows[0] * counts[0] + most_rows[1] * counts[1] + 4);
   tag.step_count = counts[0] + counts[1];
   if (const auto most = static_cast<std::size_t>(tag.step_count) + 16; tag.step_run.size() < most) {
     tag.step_end.resize(most);
@@ -202,8 +284,6 @@ void TagAligner::Impl::step_along(Tag& tag, const Band& band, double reach_px, d
   walk.width = image.width;
   walk.height = image.height;
   walk.stride = image.stride;
-  walk.reach_px = static_cast<float>(reach_px);
-  walk.most_rows = most_rows;
   walk.band_count = band.count;
   walk.offsets = offsets.data();
   if (!tag.row_shear.isZero()) {
@@ -219,6 +299,8 @@ void TagAligner::Impl::step_along(Tag& tag, const Band& band, double reach_px, d
     walk.cells = tag.edge_cells[k].data();
     walk.cell_count = cells[k];
     walk.count = counts[k];
+    walk.reach_px = static_cast<float>(reach_px[k]);
+    walk.most_rows = most_rows[k];
     walk.along_b = k == 1;
     walk.along_x = std::abs(cell_px[k].x()) >= std::abs(cell_px[k].y());
     tag.used = kernel->walk(lens, walk, tag.samples, tag.used);
@@ -229,7 +311,8 @@ void TagAligner::Impl::step_along(Tag& tag, const Band& band, double reach_px, d
 
 // Each run is walked pixel by pixel along the image axis it is nearer to, and at each step the
 // pixels across it that the blur reaches are taken.
-void TagAligner::Impl::walk_runs(Tag& tag, const Band& band, double reach_px, int cap) {
+void TagAligner::Impl::walk_runs(Tag& tag, const Band& band, const std::array<double, 2>& reach_px,
+                                 int cap) {
   kernel::RunWalk walk;
   constexpr auto kPart = static_cast<std::size_t>(kernel::RunWalk::Part::kRuns);
   if (const std::size_t parts = (tag.runs.size() + kPart - 1) / kPart; run_parts.size() < parts)
@@ -246,13 +329,21 @@ void TagAligner::Impl::walk_runs(Tag& tag, const Band& band, double reach_px, in
   walk.pixel_y = tag.pixel_y.data();
   walk.depth = tag.depth.data();
   walk.parts = run_parts.data();
-  walk.reach_px = reach_px;
+  walk.reach_px = reach_px[0];
   double length = 0.0;
   double tilt = 0.0;  // along the other axis
   kernel->measure_runs(walk, length, tilt);
   if (!(length > 0.0) || !(length < 1e7)) return;
-  walk.stride_px = stride_of(band, reach_px, length, tilt, cap);
-  walk.most_rows = rows_at_most(band, reach_px);
+  if (reach_px[1] != reach_px[0]) {
+    for (std::size_t k = 0; k < tag.runs.size(); ++k) {
+      if (!tag.runs[k].vertical) continue;
+      kernel::RunWalk::Part& part = run_parts[k / kPart];
+      const double slope = part.slope[k % kPart];
+      part.reach[k % kPart] = std::min(reach_px[1] * std::sqrt(1.0 + slope * slope), 8.0);
+    }
+  }
+  walk.stride_px = stride_of(band, mean_of(reach_px), length, tilt, cap);
+  walk.most_rows = rows_at_most(band, std::max(reach_px[0], reach_px[1]));
   // The steps go on from run to run. What is written is up to three pixels more than are counted.
   take_samples(tag, walk.most_rows * (static_cast<int>(length / walk.stride_px) + 2) + 4);
   const std::array<float, 20> offsets = row_offsets(band);
@@ -280,11 +371,7 @@ std::vector<EdgePixel> TagAligner::Impl::edge_pixels() {
     select(tag, false,
            options.effort == AlignmentEffort::accurate ? 1'000'000 : options.samples_per_tag);
     kernel::Samples& s = tag.samples;
-    kernel::AccumulateInput in;
-    std::copy(tag.lattice_from_ray.begin(), tag.lattice_from_ray.end(), in.lattice_from_ray);
-    in.reach = tag.reach;
-    in.correlated = tag.correlated;
-    kernel->evaluate(in, s);
+    evaluate(tag);
     const std::size_t first = pixels.size();
     for (int i = 0; i < tag.used; ++i) {
       const std::uint8_t grey =
@@ -298,7 +385,7 @@ std::vector<EdgePixel> TagAligner::Impl::edge_pixels() {
       s.kb[i] = tag.kb[v];
       s.rho[i] = tag.rho[v];
     }
-    kernel->evaluate(in, s);
+    evaluate(tag);
     const auto per_log = static_cast<float>(1.0 / std::log(kWider));
     for (int i = 0; i < tag.used; ++i) {
       EdgePixel& pixel = pixels[first + static_cast<std::size_t>(i)];

@@ -12,6 +12,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "tracking/alignment_kernel.hpp"
@@ -34,6 +35,7 @@ struct TagAligner::Impl {
   static constexpr int kSearchReach = 31;  // [px] the code search looks this far to each side
   // Of a tag's samples, after Tukey's weights: with less it says nothing.
   static constexpr double kLeastWeightShare = 0.3;
+  static constexpr int kMostMoments = 16;     // that an exposure is seen as
   static constexpr int kMaxSearchCells = 36;  // per tag; sums of so many bytes fit in 16 bits
 
   // Memory for the samples of all tags, taken tag by tag and given back all at once: what one stage
@@ -48,22 +50,18 @@ struct TagAligner::Impl {
     }
     // Arrays of `capacity` samples, 64-byte aligned, but for `levers` and `vertex`; of `c` those
     // that `reach` has.
-    [[nodiscard]] kernel::Samples take(int capacity, int reach) {
-      const std::size_t each =
-          static_cast<std::size_t>(capacity + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
-      const std::size_t coefficients = reach == 1 ? 4 : 16;
-      float* next = floats((kArrays + coefficients) * each);
-      const auto take_one = [&] {
-        float* array = next;
-        next += each;
-        return array;
-      };
-      kernel::Samples s;
-      for (float** array : {&s.pixel_x, &s.pixel_y, &s.ray_x, &s.ray_y, &s.value, &s.weight, &s.va,
-                            &s.vb, &s.ka, &s.kb, &s.rho, &s.model, &s.residual})
-        *array = take_one();
-      for (std::size_t k = 0; k < coefficients; ++k) s.c[k] = take_one();
-      return s;
+    void take(int capacity, int reach, kernel::Samples& s) {
+      s.count = (capacity + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
+      take_each(s.count, s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.value, s.weight, s.model,
+                s.residual);
+      take_anchors(reach, s);
+    }
+    // The same samples get arrays of their own for what hangs on the anchor.
+    void take_anchors(int reach, kernel::Samples& s) {
+      take_each(s.count, s.va, s.vb, s.ka, s.kb, s.rho, s.c[0], s.c[1], s.c[2], s.c[3]);
+      if (reach > 1)
+        take_each(s.count, s.c[4], s.c[5], s.c[6], s.c[7], s.c[8], s.c[9], s.c[10], s.c[11],
+                  s.c[12], s.c[13], s.c[14], s.c[15]);
     }
     // So many floats, 64-byte aligned if all that is taken is a multiple of 16.
     [[nodiscard]] float* floats(std::size_t count) {
@@ -84,7 +82,12 @@ struct TagAligner::Impl {
     }
 
    private:
-    static constexpr std::size_t kArrays = 13;  // and the coefficients
+    template <class... Array>
+    void take_each(int count, Array&... arrays) {
+      const auto each = static_cast<std::size_t>(count);
+      float* next = floats(sizeof...(arrays) * each);
+      ((arrays = std::exchange(next, next + each)), ...);
+    }
     struct Part {
       explicit Part(std::size_t count) : size(count), data(count + 16, 0.0F) {}
       [[nodiscard]] float* begin() {
@@ -137,14 +140,22 @@ struct TagAligner::Impl {
     Eigen::Isometry3d row_motion = Eigen::Isometry3d::Identity();
     double row = 0.0;
     Eigen::Vector2d row_shear = Eigen::Vector2d::Zero();
-    Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();
+    Eigen::Vector2d motion_px = Eigen::Vector2d::Zero();  // during the exposure
+    // As how many moments the exposure is seen, and what of the motion falls into each: it is left
+    // to the point spread, whose sigma that is along the lattice's directions.
+    int moments = 1;
+    Eigen::Vector2d smear_px = Eigen::Vector2d::Zero();
+    Eigen::Vector2d sigma_cells = Eigen::Vector2d::Zero();
     double gain = 0.0, offset = 0.0;
     int reach = 1;
     bool correlated = false;
     kernel::Samples samples;           // in the arena
     std::vector<std::int32_t> vertex;  // theirs
-    int capacity = 0;                  // [samples]
-    int used = 0;                      // samples without padding
+    // Where an exposure is seen as several moments: the samples as each sees them, and from where.
+    std::vector<kernel::Samples> moment_samples;
+    std::vector<kernel::AccumulateInput> moment_inputs;
+    int capacity = 0;  // [samples]
+    int used = 0;      // samples without padding
     // Of the last selection, step by step or run by run: a step's samples end where the next one's
     // begin.
     int step_count = 0;
@@ -218,7 +229,10 @@ struct TagAligner::Impl {
   double moved_since_projection_px = 0.0;  // how far the tags went at most
   int first_samples = 0;
   bool starts_far = false;
-  Vector6d row_velocity = Vector6d::Zero();      // the camera's, per row [m, rad]
+  Vector6d row_velocity = Vector6d::Zero();     // the camera's, per row [m, rad]
+  Vector6d exposure_motion = Vector6d::Zero();  // the camera's [m, rad]
+  // For so many moments, what takes T_camera_table to each of them; empty: not asked for yet.
+  std::array<std::vector<Eigen::Isometry3d>, kMostMoments + 1> paths;
   std::vector<kernel::TagPack> packs;            // of the active tags in a step
   std::vector<kernel::RunWalk::Part> run_parts;  // in select, of a tag
   std::vector<TagEquations> agreement;
@@ -247,11 +261,15 @@ struct TagAligner::Impl {
   void project_lattice(Tag& tag, double added_variance_px2) const;
   void project_search(Tag& tag) const;
   void project(Tag& tag, double added_variance_px2, kernel::Vertices& vertices) const;
+  // Of a tag that is seen at several moments: where the camera is then.
+  void place_moments(Tag& tag);
 
   // Whether the tag can be used at the current pose; its size in the image.
-  [[nodiscard]] bool measure(Tag& tag, const Vector6d& exposure_motion) const;
+  [[nodiscard]] bool measure(Tag& tag) const;
+  void measure_motion(Tag& tag, const Eigen::Vector3d& centre,
+                      const Eigen::Matrix<double, 2, 3>& J) const;
 
-  void find_visible(const Vector6d& exposure_motion, Projection projection);
+  void find_visible(Projection projection);
 
   // Pixel of a cell's centre by its corners; nothing where a corner has no projection.
   [[nodiscard]] static bool cell_pixel(const Tag& tag, int i, int j, double& x, double& y) {
@@ -289,10 +307,15 @@ struct TagAligner::Impl {
   void read_levels();
   void take_samples(Tag& tag, int capacity);
   void select(Tag& tag, bool wide, int cap);
-  void walk_runs(Tag& tag, const Band& band, double reach_px, int cap);
-  void step_along(Tag& tag, const Band& band, double reach_px, double stride);
+  // `reach_px`: across edges along a, and along b.
+  void walk_runs(Tag& tag, const Band& band, const std::array<double, 2>& reach_px, int cap);
+  void step_along(Tag& tag, const Band& band, const std::array<double, 2>& reach_px, double stride);
   void locate_samples(Tag& tag) const;
   void finish_samples(Tag& tag);
+  void keep_on_paper(Tag& tag);
+  void attach(const Tag& tag, const kernel::Samples& samples) const;
+  // The model at the samples' pixels.
+  void evaluate(Tag& tag);
   [[nodiscard]] std::vector<EdgePixel> edge_pixels();
   // Where Tukey's weights end, as a share of the gain: never cut into the noise itself, and no
   // further out than it asks for.
@@ -312,7 +335,7 @@ struct TagAligner::Impl {
   void verify();
   void begin(const AlignmentInput& input);
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);
-  bool attempt(const Vector6d& exposure_motion, bool with_search, bool independent);
+  bool attempt(bool with_search, bool independent);
 };
 
 }  // namespace penumbra

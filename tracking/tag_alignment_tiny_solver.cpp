@@ -55,7 +55,10 @@ struct TagAligner::Impl::Compressed {
     if (xi == at) return;
     at = xi;
     aligner.T_camera_table = exp_se3(xi) * T_begin;
-    for (Tag* tag : aligner.active) aligner.place(*tag);
+    for (Tag* tag : aligner.active) {
+      aligner.place(*tag);
+      if (tag->moments > 1) aligner.place_moments(*tag);
+    }
     aligner.sum_up(0.0, equations);
   }
 

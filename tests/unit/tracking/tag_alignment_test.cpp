@@ -1,5 +1,6 @@
 #include "tracking/tag_alignment.hpp"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -77,6 +78,19 @@ class TagAlignmentTest : public ::testing::Test {
       }
     }
     return wrong;
+  }
+
+  // The picture of a camera that moves during the exposure, `truth` being its middle.
+  static GreyImage smeared_picture(PatternRenderer& renderer, const CameraPose& truth,
+                                   const Vector6d& motion, const PatternRenderOptions& render) {
+    constexpr int kPoses = 32;
+    std::vector<CameraPose> path;
+    for (int i = 0; i < kPoses; ++i)
+      path.push_back(perturbed(truth, motion * ((i + 0.5) / kPoses - 0.5)));
+    return renderer.render(path, render);
+  }
+  Vector6d random_motion(const CameraPose& truth, double length_px) {
+    return perturbation_between(truth, displaced(camera_, tags_, truth, length_px, random_));
   }
 
   void sparse_rounds_lead_to_the_same_pose(const std::vector<MappedTag>& tags) {
@@ -547,15 +561,11 @@ TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
   double unknown2 = 0.0;
   for (int k = 0; k < 3; ++k) {
     const CameraPose truth = random_view(random_);
-    const Vector6d motion =
-        perturbation_between(truth, displaced(camera_, tags_, truth, 8.0, random_));
-    std::vector<CameraPose> path;
-    for (int i = 0; i < 16; ++i)
-      path.push_back(perturbed(truth, motion * ((i + 0.5) / 16.0 - 0.5)));
+    const Vector6d motion = random_motion(truth, 8.0);
     PatternRenderOptions render;
     render.noise_grey = 2.0;
     render.samples = 512;
-    const GreyImage image = renderer_.render(path, render);
+    const GreyImage image = smeared_picture(renderer_, truth, motion, render);
     AlignmentInput input;
     input.luma = image.view();
     input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
@@ -571,6 +581,118 @@ TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
   }
   EXPECT_LT(std::sqrt(known2 / 3.0), 0.12);
   EXPECT_LT(known2, unknown2);
+}
+
+// To know the motion never does harm, be the smear shorter than a cell (10 px) or longer.
+TEST_F(TagAlignmentTest, AKnownMotionIsNeverWorseThanAnUnknownOne) {
+  AlignmentOptions options;
+  auto aligner = TagAligner::create(camera_, tags_, options).value();
+  options.exposure_moments = false;
+  auto by_point_spread = TagAligner::create(camera_, tags_, options).value();
+  for (const double length_px : {4.0, 8.0, 16.0, 24.0}) {
+    SCOPED_TRACE(length_px);
+    struct Found {
+      std::vector<double> errors_px;  // of what is verified
+      void add(const AlignmentResult& result, double error_px) {
+        if (result.verified) errors_px.push_back(error_px);
+      }
+      [[nodiscard]] double rms_px() const { return statistics_of(errors_px).rmse; }
+    };
+    Found unknown, known, spread;
+    constexpr int kViews = 10;
+    for (int k = 0; k < kViews; ++k) {
+      const CameraPose truth = random_view(random_);
+      AlignmentInput input;
+      const Vector6d motion = random_motion(truth, length_px);
+      PatternRenderOptions render;
+      render.noise_grey = k % 2 == 0 ? 2.0 : 6.0;
+      render.samples = 256;
+      render.seed = static_cast<std::uint64_t>(k) + 1;
+      const GreyImage image = smeared_picture(renderer_, truth, motion, render);
+      input.luma = image.view();
+      input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
+      input.covariance = loose_prior(0.0014, 0.0024);
+      const auto align_with = [&](TagAligner& by, Found& found) {
+        const AlignmentResult& result = by.align(input);
+        found.add(result, overlay_px(result.T_table_camera, truth));
+      };
+      align_with(aligner, unknown);
+      input.exposure_motion = motion;
+      align_with(aligner, known);
+      align_with(by_point_spread, spread);
+    }
+    EXPECT_EQ(known.errors_px.size(), std::size_t{kViews});
+    EXPECT_GE(known.errors_px.size(), unknown.errors_px.size());
+    EXPECT_LE(known.rms_px(), unknown.rms_px());
+    // A Gaussian point spread of the tag's centre does where it is short.
+    EXPECT_LT(known.rms_px(), 1.05 * spread.rms_px());
+    if (length_px > 10.0) {
+      EXPECT_LT(known.rms_px(), 0.6 * spread.rms_px());
+    }
+    RecordProperty(fmt::format("unknown_{}_px", length_px),
+                   fmt::format("{:.4f}", unknown.rms_px()));
+    RecordProperty(fmt::format("known_{}_px", length_px), fmt::format("{:.4f}", known.rms_px()));
+    RecordProperty(fmt::format("spread_{}_px", length_px), fmt::format("{:.4f}", spread.rms_px()));
+  }
+}
+
+// What lies around the tags is smeared into them, and nobody knows what it is.
+TEST_F(TagAlignmentTest, WhatIsSmearedInFromAroundATagCountsForNothing) {
+  const std::vector<MappedTag> small = board(3, 2, 0.03);  // cells of 5 px
+  PatternRenderer renderer = PatternRenderer::create(camera_, small).value();
+  auto aligner = TagAligner::create(camera_, small).value();
+  double apart2 = 0.0;
+  constexpr int kViews = 4;
+  for (int k = 0; k < kViews; ++k) {
+    const CameraPose truth = random_view(random_);
+    AlignmentInput input;
+    input.exposure_motion = random_motion(truth, 10.0);
+    input.predicted = displaced(camera_, small, truth, 1.0, random_);
+    input.covariance = loose_prior(0.0014, 0.0024);
+    std::vector<CameraPose> poses;
+    for (const double background : {0.05, 0.80}) {
+      PatternRenderOptions render;
+      render.background = background;
+      render.samples = 256;
+      const GreyImage image = smeared_picture(renderer, truth, input.exposure_motion, render);
+      input.luma = image.view();
+      const AlignmentResult& result = aligner.align(input);
+      ASSERT_TRUE(result.verified);
+      poses.push_back(result.T_table_camera);
+    }
+    apart2 += std::pow(overlay_px(poses[0], poses[1]), 2) / kViews;
+  }
+  RecordProperty("apart_px", fmt::format("{:.4f}", std::sqrt(apart2)));
+  EXPECT_LT(std::sqrt(apart2), 0.02);
+}
+
+// A camera that rests, or a smear as short as the point spread, is seen as one moment.
+TEST_F(TagAlignmentTest, AShortSmearIsThePointSpreadsEitherWay) {
+  for (const double length_px : {0.0, 1.0, 4.0}) {
+    SCOPED_TRACE(length_px);
+    const CameraPose truth = random_view(random_);
+    AlignmentInput input;
+    if (length_px > 0.0) input.exposure_motion = random_motion(truth, length_px);
+    PatternRenderOptions render;
+    render.noise_grey = 2.0;
+    render.samples = 128;
+    const GreyImage image = smeared_picture(renderer_, truth, input.exposure_motion, render);
+    input.luma = image.view();
+    input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
+    input.covariance = loose_prior(0.0014, 0.0024);
+    for (const AlignmentEffort effort : {AlignmentEffort::fast, AlignmentEffort::accurate}) {
+      AlignmentOptions options;
+      options.effort = effort;
+      auto with = TagAligner::create(camera_, tags_, options).value();
+      options.exposure_moments = false;
+      auto without = TagAligner::create(camera_, tags_, options).value();
+      const AlignmentResult& a = with.align(input);
+      const AlignmentResult& b = without.align(input);
+      ASSERT_TRUE(a.verified);
+      ASSERT_TRUE(b.verified);
+      EXPECT_EQ(a.T_table_camera.matrix() == b.T_table_camera.matrix(), length_px < 2.0);
+    }
+  }
 }
 
 // Rows are read out one after the other: the picture of a camera that moves is sheared.
@@ -654,16 +776,27 @@ TEST_F(TagAlignmentTest, EveryInstructionSetGivesTheSamePose) {
   render.samples = 128;
   const GreyImage image = picture(truth, render);
   const CameraPose start = displaced(camera_, tags_, truth, 6.0, random_);
+  AlignmentInput smeared;
+  smeared.exposure_motion = random_motion(truth, 12.0);
+  const GreyImage smeared_image =
+      smeared_picture(renderer_, truth, smeared.exposure_motion, render);
+  smeared.luma = smeared_image.view();
+  smeared.predicted = displaced(camera_, tags_, truth, 2.0, random_);
+  smeared.covariance = loose_prior(0.0014, 0.0024);
   std::optional<CameraPose> first;
+  std::optional<CameraPose> first_smeared;
   for (const kernel::Variant* const* v = kernel::available_variants(); *v != nullptr; ++v) {
     AlignmentOptions options;
     options.kernel = (*v)->name;
     auto aligner = TagAligner::create(camera_, tags_, options).value();
-    const AlignmentResult& result = align(aligner, image, start, 6.0);
-    ASSERT_TRUE(result.verified);
-    if (!first) first = result.T_table_camera;
-    EXPECT_EQ(result.T_table_camera.translation(), first->translation()) << (*v)->name;
-    EXPECT_EQ(result.T_table_camera.rotation().coeffs(), first->rotation().coeffs()) << (*v)->name;
+    const auto expect_same = [&](const AlignmentResult& result, std::optional<CameraPose>& as) {
+      ASSERT_TRUE(result.verified);
+      if (!as) as = result.T_table_camera;
+      EXPECT_EQ(result.T_table_camera.translation(), as->translation()) << (*v)->name;
+      EXPECT_EQ(result.T_table_camera.rotation().coeffs(), as->rotation().coeffs()) << (*v)->name;
+    };
+    expect_same(align(aligner, image, start, 6.0), first);
+    expect_same(aligner.align(smeared), first_smeared);
   }
 }
 
