@@ -203,6 +203,7 @@ Result<CameraModel> TagGraph::camera() const {
   p.cx = lens_[2];
   p.cy = lens_[3];
   std::copy(lens_.begin() + 4, lens_.end(), p.distortion.begin());
+  p.overlay_sigma_px.reset();  // that was the other lens's
   return CameraModel::make(p);
 }
 

@@ -124,6 +124,22 @@ constexpr std::array<ModeName, 4> kModes = {{{"detect", TrackingMode::detect},
                                              {"accurate", TrackingMode::accurate},
                                              {"auto", TrackingMode::automatic}}};
 
+// Of frame to frame tracking: what a guess that turned out wrong must leave as it was.
+struct Following {
+  MotionModel motion;
+  bool branch_open = false;  // which of a lone tag's two poses is followed is not known
+  bool rests = false;
+  int last_tags = 0;
+  int last_samples = 0;
+  bool last_start_far = false;
+  double last_contrast = 0.0;  // of the last alignment that was verified with a search
+  // Tags that contradict the others, in the aligner's order, and for how many frames they have
+  // been left out: then they are looked at again.
+  std::vector<int> left_out;
+  int frames_without = 0;
+  int frames_unasked = 0;  // in which all tags disagreed, and were not asked one by one
+};
+
 }  // namespace
 
 std::string_view to_string(TrackingMode mode) {
@@ -140,7 +156,7 @@ std::optional<TrackingMode> tracking_mode_from_string(std::string_view name) {
   return std::nullopt;
 }
 
-struct TableTracker::Impl {
+struct TableTracker::Impl : Following {
   Impl(CameraModel camera_, TagMap tags_, TrackerOptions options_,
        std::shared_ptr<TagSearch> search_, TagAligner aligner_, std::vector<MappedTag> table_tags_)
       : camera(std::move(camera_)),
@@ -170,25 +186,15 @@ struct TableTracker::Impl {
   std::optional<TimedPose> before_last;
   TrackStatus last_status = TrackStatus::tracked;  // of the last measured pose
 
-  // Frame to frame.
-  MotionModel motion;
-  bool branch_open = false;  // which of a lone tag's two poses is followed is not known
-  bool rests = false;
-  int last_tags = 0;
-  int last_samples = 0;
-  bool last_start_far = false;
-  double last_contrast = 0.0;  // of the last alignment that was verified with a search
-  bool full_next = false;      // at which resolution is searched next
+  bool full_next = false;  // at which resolution is searched next
   bool searched_before = false;
   // The last search found tags that contradict each other: where the pattern fits here and there
   // says nothing.
   bool contradicted = false;
-  // Tags that contradict the others, in the aligner's order, and for how many frames they have
-  // been left out: then they are looked at again.
-  std::vector<int> left_out;
-  int frames_without = 0;
+  int frames_doubtful = 0;  // searches after one of these that want more than a pose
+  // The last judged pose is uncertain because the lens is.
+  bool lens_alone_uncertain = false;
   std::vector<TagObservation> observations;  // of the last search that was measured
-  int frames_unasked = 0;  // in which all tags disagreed, and were not asked one by one
 
   TrackTimes times;
 
@@ -232,7 +238,7 @@ struct TableTracker::Impl {
                                   SearchResolution finest);
   [[nodiscard]] int tags_in_view(const CameraPose& pose) const;
   [[nodiscard]] PoseEstimate judge(const Measurement& measurement,
-                                   const std::optional<CameraPose>& predicted) const;
+                                   const std::optional<CameraPose>& predicted);
   [[nodiscard]] PoseEstimate without_measurement(std::int64_t timestamp_ns,
                                                  std::string reason) const;
   [[nodiscard]] PoseEstimate estimate(const Frame& frame, const SharedFrame& shared);
@@ -340,7 +346,7 @@ int TableTracker::Impl::tags_in_view(const CameraPose& pose) const {
 }
 
 PoseEstimate TableTracker::Impl::judge(const Measurement& measurement,
-                                       const std::optional<CameraPose>& predicted) const {
+                                       const std::optional<CameraPose>& predicted) {
   RefinedPose chosen = measurement.best;
   bool open = false;
   double between_px = 0.0;  // what the other pose would do to the overlay, where it stays possible
@@ -386,6 +392,7 @@ PoseEstimate TableTracker::Impl::judge(const Measurement& measurement,
       expected_overlay_error_px(camera, chosen.T_table_camera, estimate.covariance), between_px);
   estimate.expected_overlay_error_px = with_lens_error_px(camera, of_pose_px);
   estimate.status = TrackStatus::uncertain;
+  lens_alone_uncertain = false;
   if (measurement.contradictory) {
     estimate.reason = "the tags contradict each other";
   } else if (open) {
@@ -394,6 +401,7 @@ PoseEstimate TableTracker::Impl::judge(const Measurement& measurement,
     if (!std::isfinite(estimate.expected_overlay_error_px)) {
       estimate.reason = "the table's centre is out of sight";
     } else if (of_pose_px < options.tracked_overlay_px) {
+      lens_alone_uncertain = true;
       estimate.reason = fmt::format(
           "the camera file knows its lens to {:.1f} px only; calibrate it from more views",
           camera.parameters().overlay_sigma_px.value_or(0.0));
@@ -453,10 +461,10 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
       motion.reset();
     const ImageView image = search->image();
     std::optional<PoseEstimate> followed = follow(frame, image);
-    if (!followed && options.coarse_search && !contradicted) followed = follow_far(frame, image);
     if (!followed && shared.hint && !contradicted)
       followed = follow_hint(frame, image, *shared.hint,
                              shared.hint_seen ? Start::seen_hint : Start::hint);
+    if (!followed && options.coarse_search && !contradicted) followed = follow_far(frame, image);
     if (!followed && !shared.search)
       return without_measurement(frame.timestamp_ns, "not where it was");
     if (shared.begins_finest && shared.finest == SearchResolution::full) full_next = true;
@@ -465,7 +473,8 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
       return estimate;
   }
   last_status = estimate.status;
-  if (estimate.status == TrackStatus::tracked) {
+  // What can be continued: a lens that is hardly known is the same in all frames.
+  if (estimate.status == TrackStatus::tracked || lens_alone_uncertain) {
     before_last = std::exchange(
         last, TimedPose{frame.timestamp_ns, estimate.T_table_camera, estimate.covariance});
   }
@@ -635,8 +644,9 @@ bool TableTracker::Impl::may_leave_out(const AlignmentResult& result) const {
 }
 
 // Whether the tags that fit say no more than those that don't. Two or three may fit each other by
-// chance: not where more than a third of what is seen clearly lies elsewhere; and after tags that
-// contradicted each other only most of them, agreeing, end that.
+// chance: not where more than a third of what is seen clearly lies elsewhere; nor, for some frames
+// after tags that contradicted each other, where they are not most of those in the picture or don't
+// agree. (For some frames only: the others may be covered, or not there.)
 bool TableTracker::Impl::is_doubtful(const AlignmentResult& result, bool with_search) const {
   if (!result.verified) return false;
   int elsewhere = 0;
@@ -650,8 +660,8 @@ bool TableTracker::Impl::is_doubtful(const AlignmentResult& result, bool with_se
   }
   if (result.tags_verified < 2 * elsewhere) return true;
   constexpr double kDoubtful_px = 0.15;
-  return contradicted && !with_search &&
-         (3 * result.tags_verified < 2 * result.counters.tags_visible ||
+  return frames_doubtful > 0 && !with_search &&
+         (3 * result.tags_verified < 2 * result.counters.tags_in_picture ||
           (result.disagreement >= kDisagree && result.displaced_px >= kDoubtful_px));
 }
 
@@ -690,7 +700,7 @@ void TableTracker::Impl::leave_one_out(AlignmentInput& input, const AlignmentRes
     if (!start || start->contradictory || !start->best.T_table_camera.is_finite()) continue;
     input.predicted = start->best.T_table_camera;
     const AlignmentResult& rest = align_without(input, without, false);
-    if (!rest.verified || rest.tags_verified < rest.counters.tags_visible ||
+    if (!rest.verified || rest.tags_verified < rest.counters.tags_in_picture ||
         !(rest.disagreement < least))
       continue;
     least = rest.disagreement;
@@ -895,14 +905,11 @@ std::optional<PoseEstimate> TableTracker::Impl::follow_hint(const Frame& frame, 
   Matrix6d covariance = Matrix6d::Zero();
   covariance.diagonal().head<3>().setConstant(kHintLinear_m * kHintLinear_m);
   covariance.diagonal().tail<3>().setConstant(kHintAngular_rad * kHintAngular_rad);
-  const MotionModel before = motion;
-  const bool was_open = std::exchange(branch_open, false);
+  const Following before = *this;
+  branch_open = false;
   motion.start(frame.timestamp_ns, hint, covariance);
   std::optional<PoseEstimate> found = follow(frame, image, start);
-  if (!found) {
-    motion = before;
-    branch_open = was_open;
-  }
+  if (!found) static_cast<Following&>(*this) = before;
   return found;
 }
 
@@ -923,8 +930,10 @@ std::optional<PoseEstimate> TableTracker::Impl::follow_far(const Frame& frame, I
     if (!guess) continue;
     const MotionModel before = motion;
     const std::optional<PoseEstimate> found = follow_hint(frame, image, *guess, Start::hint);
-    if (contradicted) return std::nullopt;
-    if (!found) continue;
+    if (!found) {
+      contradicted = false;  // it was before this guess, which may be all wrong
+      continue;
+    }
     times.coarse_search = true;
     if (!branch_open) {
       motion = before;  // two poses give a velocity
@@ -1012,9 +1021,12 @@ Result<Measurement> TableTracker::Impl::measure_by_search(
 PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
                                       const std::optional<CameraPose>& predicted,
                                       SearchResolution finest) {
+  constexpr int kDoubtfulFrames = 5;
   Result<Measurement> measurement = measure_by_search(finest, predicted);
   if (!measurement) return without_measurement(frame.timestamp_ns, measurement.error().message);
-  if (!measurement->contradictory) {
+  if (measurement->contradictory) {
+    frames_doubtful = kDoubtfulFrames;
+  } else {
     const Stopwatch align;
     // How fast the view moves is not known yet: as if it did.
     times.every_pixel = options.mode == TrackingMode::accurate ||
@@ -1052,6 +1064,7 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
         measurement->second.reset();
       }
     }
+    frames_doubtful = measurement->contradictory ? std::max(frames_doubtful - 1, 0) : 0;
     align.add_to(times.align_ms, times.align_cpu_ms);
   }
   const PoseEstimate estimate = judge(*measurement, predicted);

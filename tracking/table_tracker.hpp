@@ -54,7 +54,8 @@ struct TrackerOptions {
   bool quick_search =
       true;  // a search begins at a quarter of the resolution; the same poses without
   // Where the pattern is not near where it was predicted it is looked for further off in a smaller
-  // picture, before tags are detected; the same poses without.
+  // picture, before tags are detected. Without: where they are detected, too, the same poses to a
+  // twentieth of a pixel.
   bool coarse_search = true;
   // What was seen a moment ago is searched for about where it was, before the whole frame; the same
   // poses without.
@@ -130,8 +131,8 @@ class TableTracker {
   [[nodiscard]] TrackedFrame track(const Frame& frame, const SharedFrame& shared);
 
   // What these tags of an earlier frame say about the pose in that frame: tracked, uncertain, or
-  // lost with the reason. Of the state only this changes: after tags that contradict each other no
-  // guess is followed.
+  // lost with the reason. Of what is followed nothing changes, but after tags that contradict each
+  // other no guess is.
   [[nodiscard]] PoseEstimate locate(std::span<const TagDetection> detections);
 
  private:

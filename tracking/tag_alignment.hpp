@@ -26,7 +26,7 @@
 namespace penumbra {
 
 enum class AlignmentEffort {
-  fast,      // up to about `samples_per_tag` pixels per tag and `samples` in all
+  fast,  // up to about `samples` pixels in all, of three tags and more `samples_per_tag` of each
   accurate,  // every pixel at an edge
 };
 
@@ -105,7 +105,8 @@ struct TagAlignment {
 };
 
 struct AlignmentCounters {
-  int tags_visible = 0;
+  int tags_visible = 0;           // by the pose alone: they may be covered, or not there
+  int tags_in_picture = 0;        // of these, with enough cells inside it to be read
   int tags_out_of_view = 0;       // or seen from behind: not looked at
   int tags_too_small = 0;         // the same
   bool sampling_stopped = false;  // where sampling may stop early: before all pixels were taken

@@ -257,7 +257,7 @@ bool TagAligner::Impl::reads_clearly(const Tag& tag) const {
 void TagAligner::Impl::verify() {
   result.tags.clear();
   result.tags_verified = 0;
-  int visible = 0;
+  int in_picture = 0;
   // Cells are read at whole pixels; what moved by less than this is where it was projected.
   constexpr double kSamePixels_px = 0.1;
   const bool projected = options.keep_projection && moved_since_projection_px < kSamePixels_px;
@@ -325,11 +325,12 @@ void TagAligner::Impl::verify() {
     // Nearly all of a covered tag's cells are not read.
     check.displaced =
         check.weight_share <= kLeastWeightShare && decidable >= least && 5 * right >= 4 * decidable;
-    visible += decidable >= least ? 1 : 0;
+    in_picture += decidable >= least ? 1 : 0;
     result.tags_verified += check.verified ? 1 : 0;
     result.tags.push_back(check);
   }
-  result.verified = result.tags_verified > 0 && 10 * result.tags_verified >= 4 * visible;
+  result.verified = result.tags_verified > 0 && 10 * result.tags_verified >= 4 * in_picture;
+  result.counters.tags_in_picture = in_picture;
   if (!result.verified) result.reason = "the cells do not read as these tags";
 }
 

@@ -53,9 +53,9 @@ bool TagAligner::Impl::search(bool independent) {
   return search_within(kSearchReach, false, kLeastContrast);
 }
 
-// The same in a picture made so small that it reaches four times as far and more, for a hand that
-// jerked; the smaller, the further, as long as a cell is left a pixel. It takes some pixels of the
-// way to go on from there.
+// The same in a picture made two to sixteen times smaller, which reaches as many times further, for
+// a hand that jerked: the smaller, the further, as long as a cell is left a pixel. From there it is
+// some pixels more.
 bool TagAligner::Impl::search_coarsely(bool further) {
   std::vector<double> cells;
   cells.reserve(active.size());
@@ -63,9 +63,11 @@ bool TagAligner::Impl::search_coarsely(bool further) {
   const auto middle = cells.begin() + static_cast<std::ptrdiff_t>(cells.size() / 2);
   std::nth_element(cells.begin(), middle, cells.end());
   int scale = 2;
-  while (*middle >= 2 * scale) scale *= 2;
-  if (further) scale *= 2;
-  scale = std::min(scale, kCoarsest);
+  while (scale < kCoarsest && *middle >= 2 * scale) scale *= 2;
+  if (further) {
+    if (scale == kCoarsest) return false;
+    scale *= 2;
+  }
   searched = {.view = shrink(scale), .scale = scale};
   if (searched.view.empty()) return false;
   return search_within(kSearchReach, false, kLeastContrast);

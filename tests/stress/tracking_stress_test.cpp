@@ -349,6 +349,32 @@ TEST(TrackingStress, HalfOfTheBoardThatWasMovedMisleadsNobody) {
   }
 }
 
+// After such frames a part of the tags is enough again, though the others are not there.
+TEST(TrackingStress, AContradictionEnds) {
+  const Session session = ordinary();
+  Session wrong = session;
+  for (std::size_t tag = 0; tag < session.tags.size(); tag += 2)
+    wrong = moved(wrong, tag, {0.006, 0.0, 0.0});
+  std::vector<MappedTag> part;
+  for (std::size_t tag = 0; tag < session.tags.size(); ++tag) {
+    if (tag % 2 == 0 || tag == 1) part.push_back(session.tags[tag]);
+  }
+  ASSERT_LT(3 * part.size(), 2 * session.tags.size()) << "fewer than would end it at once";
+  auto contradicting = PatternRenderer::create(session.camera, wrong.tags).value();
+  auto right = PatternRenderer::create(session.camera, part).value();
+  auto tracker = TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+  for (int f = 0; f < 4; ++f) {
+    ASSERT_NE(tracker.track(session.picture(contradicting, f)).pose.status, TrackStatus::tracked);
+  }
+  for (int f = 4; f < 16; ++f) {
+    const PoseEstimate pose = tracker.track(session.picture(right, f)).pose;
+    expect_honest(session, pose, session.truth(f));
+    if (f >= 10) {
+      EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << pose.reason;
+    }
+  }
+}
+
 // A tag that was moved is looked at again: when it was put back it counts, and before that not.
 TEST(TrackingStress, ATagThatWasPutBackCountsAgain) {
   Session session = ordinary();

@@ -138,6 +138,7 @@ TEST_F(TagSurveyTest, SolvesForTheLensWhenAsked) {
   off.fx *= 1.02;
   off.fy *= 1.02;
   off.distortion[0] += 0.02;
+  off.overlay_sigma_px = 3.0;
   const CameraModel given = CameraModel::make(off).value();
   options_.refine_camera = true;
   const auto frames = sweep(camera_, board_, 0.0);
@@ -146,10 +147,12 @@ TEST_F(TagSurveyTest, SolvesForTheLensWhenAsked) {
   EXPECT_NEAR(survey->camera.parameters().fx, camera_.parameters().fx, 0.05);
   EXPECT_NEAR(survey->camera.parameters().cy, camera_.parameters().cy, 0.05);
   EXPECT_EQ(survey->lens_covariance.rows(), 9);
+  EXPECT_FALSE(survey->camera.parameters().overlay_sigma_px) << "that was of the lens given";
   options_.refine_camera = false;
   const auto left = survey_tags(given, frames, options_);
   ASSERT_TRUE(left) << left.error().message;
   EXPECT_EQ(left->camera.parameters().fx, off.fx);
+  EXPECT_EQ(left->camera.parameters().overlay_sigma_px, 3.0);
   EXPECT_GT(left->rms_px, 10.0 * survey->rms_px);
 }
 

@@ -328,7 +328,6 @@ TEST_F(TagAlignmentTest, SparseRoundsLeadToTheSamePose) {
   }
 }
 
-// Pixels at even steps of the lattice are worth as much as those of a walk along every edge.
 // The product's own step against a solver that others keep. Where outliers are weighed down, which
 // pixels count hangs on the way there: of single pictures poses may be apart by what their noise
 // does, of many they are as good.
@@ -367,6 +366,10 @@ TEST_F(TagAlignmentTest, OwnStepsEndWhereTinySolverDoes) {
         EXPECT_NEAR(expected_overlay_error_px(camera_, b.T_table_camera, b.covariance), expected,
                     0.15 * expected);
         apart.push_back(overlay_px(a.T_table_camera, b.T_table_camera) / expected);
+        // Every pixel, nothing to weigh down, the tilt well seen: the very same pose.
+        if (effort == AlignmentEffort::accurate && tags.size() > 1 && render.cover_share == 0.0) {
+          EXPECT_LT(apart.back(), 0.25);
+        }
         errors.push_back(overlay_px(a.T_table_camera, truth));
         errors_tiny.push_back(overlay_px(b.T_table_camera, truth));
         evaluations += a.counters.evaluations;
@@ -379,6 +382,7 @@ TEST_F(TagAlignmentTest, OwnStepsEndWhereTinySolverDoes) {
   }
 }
 
+// Pixels at even steps of the lattice are worth as much as those of a walk along every edge.
 TEST_F(TagAlignmentTest, StepsOfTheLatticeFindTheSamePose) {
   AlignmentOptions options;
   auto stepping = TagAligner::create(camera_, tags_, options).value();
@@ -506,6 +510,18 @@ TEST_F(TagAlignmentTest, TheCoarseSearchBringsNearWhatIsFarOff) {
   }
   EXPECT_LT(near_by_itself, kPictures / 3) << "else there is nothing to bring near";
   EXPECT_GE(near_coarsely, kPictures - 2);
+}
+
+TEST_F(TagAlignmentTest, TheCoarseSearchEndsWhereThePictureCannotBeSmaller) {
+  auto aligner = TagAligner::create(camera_, tags_).value();
+  const CameraPose near = test::looking_at(Eigen::Vector3d::Zero(), 0.25, 1.2, 0.3, 0.0);
+  const GreyImage image = picture(near, {});
+  AlignmentInput input;
+  input.luma = image.view();
+  input.predicted = near;
+  input.covariance = loose_prior(0.05, 0.1);
+  EXPECT_TRUE(aligner.search_coarsely(input, false)) << "cells of more than 16 px";
+  EXPECT_FALSE(aligner.search_coarsely(input, true));
 }
 
 TEST_F(TagAlignmentTest, TheCoarseSearchSeesNoTagsWhereThereAreNone) {
