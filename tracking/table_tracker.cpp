@@ -1119,7 +1119,9 @@ Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMa
   for (const MappedTag& tag : tags.tags()) {
     if (tag.group == kTableGroup) table_tags.push_back(tag);
   }
-  Result<TagAligner> aligner = TagAligner::create(camera, table_tags);
+  AlignmentOptions alignment;
+  alignment.exposure_moments = options.exposure_moments;
+  Result<TagAligner> aligner = TagAligner::create(camera, table_tags, alignment);
   if (!aligner) return tl::unexpected(aligner.error());
   return TableTracker(std::make_unique<Impl>(camera, tags, options, std::move(search),
                                              std::move(*aligner), std::move(table_tags)));

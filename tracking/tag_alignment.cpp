@@ -68,12 +68,11 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
     result.reason = "too few pixels on tags";
     return false;
   }
-  const int most_per_tag = active.size() < 3 ? options.samples : options.samples_per_tag;
   const int cap = options.effort == AlignmentEffort::accurate
                       ? 1'000'000
                       : filled_blocks(std::clamp(
                             options.samples / (kernel::kBlock * static_cast<int>(active.size())), 2,
-                            std::max(2, most_per_tag / kernel::kBlock)));
+                            std::max(2, options.samples_per_tag / kernel::kBlock)));
   noise_share = 0.0;
   const double settled = options.effort == AlignmentEffort::accurate ? 0.85 : 0.7;
   // One block of a tag is enough where there are tags enough.

@@ -32,7 +32,7 @@ enum class AlignmentEffort {
 
 struct AlignmentOptions {
   AlignmentEffort effort = AlignmentEffort::fast;
-  int samples_per_tag = 400;  // of three tags and more: the tilt of fewer hangs on each pixel
+  int samples_per_tag = 400;
   int samples = 1920;  // of all tags together, where that gives a tag 128 and more; fast only
   // Sigma of the point spread, the pixel's box included: a lens of 0.5 px gives
   // sqrt(0.25 + 1/12) px.
