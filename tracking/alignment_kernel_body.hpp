@@ -1135,6 +1135,19 @@ __attribute__((noinline)) void add_lanes(const LaneSums& from, Sums& sums) {
   sums.base_weight = last[3];
 }
 
+// What a model of `m` leaves of the samples from `i` on, by Tukey's weights.
+PENUMBRA_INLINE void weigh(const AccumulateInput& in, const Samples& s, int i, const Wide& m,
+                           BlockTerms& block, int l) {
+  const Wide r = load(s.value + i) - (in.gain * m + in.offset);
+  const Wide t = r * in.inverse_cutoff;
+  const Wide inside = most(1.0F - t * t, Wide{});
+  const Wide w = load(s.weight + i) * (inside * inside);
+  store(block.J[6] + l, m);
+  store(block.weight + l, w);
+  store(block.weighted + l, w * r);
+  store(s.residual + i, r);
+}
+
 template <int reach, bool correlated>
 void accumulate_as(const AccumulateInput& in, const Samples& samples, Sums& sums) {
   // Copies, which the floats that are written are not.
@@ -1161,10 +1174,7 @@ void accumulate_as(const AccumulateInput& in, const Samples& samples, Sums& sums
       Wide m_b;
       const Wide m =
           pattern<reach, correlated>(a - load(s.va + i), b - load(s.vb + i), s, i, m_a, m_b);
-      const Wide r = load(s.value + i) - (gain * m + input.offset);
-      const Wide t = r * input.inverse_cutoff;
-      const Wide inside = most(1.0F - t * t, Wide{});
-      const Wide w = load(s.weight + i) * (inside * inside);
+      weigh(input, s, i, m, block, l);
       // A tag that moves by (nu, omega) carries its pattern along; along the fixed ray a changes by
       // -(1, 0, qa, qa b, -qa a, -b) . (nu, omega), and b alike.
       const Wide qa = (a - input.centre[0]) * inverse_cz;
@@ -1178,10 +1188,6 @@ void accumulate_as(const AccumulateInput& in, const Samples& samples, Sums& sums
       store(block.J[3] + l, jz * b);
       store(block.J[4] + l, -jz * a);
       store(block.J[5] + l, jb * a - ja * b);
-      store(block.J[6] + l, m);
-      store(block.weight + l, w);
-      store(block.weighted + l, w * r);
-      store(s.residual + i, r);
     }
     start == 0 ? add_block<true>(block, s.residual, s.weight, lanes)
                : add_block<false>(block, s.residual + start, s.weight + start, lanes);
@@ -1196,11 +1202,9 @@ template <int reach, bool correlated>
 void accumulate_moments_as(const AccumulateInput* inputs, const Samples* moments, int count,
                            Sums& sums) {
   const Samples s = moments[0];
+  const AccumulateInput first = inputs[0];
   const float share = 1.0F / static_cast<float>(count);
-  const float gain = inputs[0].gain;
-  const float offset = inputs[0].offset;
-  const float inverse_cutoff = inputs[0].inverse_cutoff;
-  const float gain_share = -gain * share;
+  const float gain_share = -first.gain * share;
   BlockTerms block;
   LaneSums lanes;
   for (int start = 0; start < s.count; start += kBlock) {
@@ -1234,16 +1238,9 @@ void accumulate_moments_as(const AccumulateInput* inputs, const Samples* moments
         J[5] += m_b * a - m_a * b;
       }
       m *= share;
-      const Wide r = load(s.value + i) - (gain * m + offset);
-      const Wide t = r * inverse_cutoff;
-      const Wide inside = most(1.0F - t * t, Wide{});
-      const Wide w = load(s.weight + i) * (inside * inside);
+      weigh(first, s, i, m, block, l);
 #pragma GCC unroll 6
       for (int p = 0; p < 6; ++p) store(block.J[p] + l, gain_share * J[p]);
-      store(block.J[6] + l, m);
-      store(block.weight + l, w);
-      store(block.weighted + l, w * r);
-      store(s.residual + i, r);
     }
     start == 0 ? add_block<true>(block, s.residual, s.weight, lanes)
                : add_block<false>(block, s.residual + start, s.weight + start, lanes);
