@@ -172,7 +172,7 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
                                     [](const Eigen::Vector3d& p) { return p.allFinite(); });
     if (finite) used.push_back(tag);
   }
-  if (used.empty()) return fail("no tag of the table in view");
+  if (used.empty()) return fail("no tag of the table was found");
 
   BoardPose result;
   std::vector<RefinedPose> minima = minima_of(camera, used, options.refiner);

@@ -63,9 +63,6 @@ struct TrackerOptions {
   // Where a frame's exposure is known, fast motion is expected to have smeared its tags, if the
   // picture agrees.
   bool motion_blur = true;
-  // AlignmentOptions::exposure_moments. It asks for the motion more exactly than frames tell it: a
-  // hand that shakes (0.72 px with it, 0.50 px without) turns within an exposure.
-  bool exposure_moments = false;
   SearchTiming search_timing = SearchTiming::next_frame;
   // next_frame: searched by a thread of its own, beside whatever follows; the same poses without.
   // when_done always has one.

@@ -195,11 +195,14 @@ const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool w
   return result;
 }
 
+CameraPose TagAligner::Impl::pose() const {
+  const Eigen::Isometry3d T_table_camera = T_camera_table.inverse();
+  return {Eigen::Matrix3d(T_table_camera.linear()), T_table_camera.translation()};
+}
+
 // What is known by now, into the result.
 void TagAligner::Impl::report_pose() {
-  const Eigen::Isometry3d T_table_camera = T_camera_table.inverse();
-  result.T_table_camera =
-      CameraPose(Eigen::Matrix3d(T_table_camera.linear()), T_table_camera.translation());
+  result.T_table_camera = pose();
   const Matrix6d total = information + prior_information;
   result.covariance = total.ldlt().solve(Matrix6d::Identity());
   double gain = 0.0;
@@ -366,9 +369,8 @@ std::optional<CameraPose> TagAligner::search_coarsely(const AlignmentInput& inpu
   impl.T_camera_table = impl.T_predicted;
   impl.find_visible(Impl::Projection::search);
   if (impl.active.empty() || !impl.search_coarsely(further)) return std::nullopt;
-  impl.report_pose();
-  if (!impl.result.T_table_camera.is_finite()) return std::nullopt;
-  return impl.result.T_table_camera;
+  const CameraPose guess = impl.pose();
+  return guess.is_finite() ? std::optional(guess) : std::nullopt;
 }
 std::vector<EdgePixel> TagAligner::edge_pixels() {
   return impl_->edge_pixels();

@@ -61,7 +61,8 @@ struct AlignmentOptions {
   bool own_steps = true;
   // What a known motion smears is the mean of what the camera sees at moments of the exposure, and
   // nothing is read where the smear reaches beyond a tag's printed square. Without: the smear is a
-  // Gaussian point spread, one for each tag. That is as good where it is short against a cell.
+  // Gaussian point spread, one for each tag. That is as good where it is short against a cell, and
+  // better where the motion is only roughly known (TableTracker goes without).
   bool exposure_moments = true;
   const char* kernel = nullptr;  // name of the instruction set to use; null: the best
 };

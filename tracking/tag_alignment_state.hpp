@@ -328,6 +328,7 @@ struct TagAligner::Impl {
   [[nodiscard]] bool step(double cutoff, double& moved_px);
   [[nodiscard]] bool solve_by_tiny_solver(double cutoff, double& moved_px);
   void measure_noise();
+  [[nodiscard]] CameraPose pose() const;
   void report_pose();
   [[nodiscard]] double design_effect(double cutoff);
   void check_agreement();

@@ -216,6 +216,8 @@ TEST_F(OnTabletop, AnUncertainLensIsAddedToWhatIsExpected) {
     const PoseEstimate b = known.track(grey_frame(640, 480, later)).pose;
     ASSERT_EQ(b.status, TrackStatus::held);
     EXPECT_NEAR(b.expected_overlay_error_px, std::hypot(a.expected_overlay_error_px, 0.7), 1e-12);
+    EXPECT_EQ(hardly_known.track(grey_frame(640, 480, later)).pose.status, TrackStatus::held)
+        << "the lens is the same in the next frame";
   }
 }
 
