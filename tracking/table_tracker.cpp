@@ -62,8 +62,9 @@ constexpr double kBlurShare = 0.288675134594813;
 struct ImageMotion {
   double predicted = 0.0;
   double missed = 0.0;  // what a prediction at constant velocity missed
+  double smear = 0.0;   // what it may have done to the tags, TagAligner::smear_error_px
 };
-constexpr ImageMotion kUnknownMotion{5.0, 5.0};  // of a frame with none before it
+constexpr ImageMotion kUnknownMotion{5.0, 5.0, 0.0};  // of a frame with none before it
 
 // Log-likelihood of one of two poses over the other, from which on the picture decides: half of the
 // chi-square of BoardPose::is_ambiguous.
@@ -184,7 +185,13 @@ struct TableTracker::Impl : Following {
   // The last two tracked poses, newest first.
   std::optional<TimedPose> last;
   std::optional<TimedPose> before_last;
-  TrackStatus last_status = TrackStatus::tracked;  // of the last measured pose
+  // The last two measured ones, tracked or uncertain.
+  std::optional<TimedPose> measured;
+  std::optional<TimedPose> before_measured;
+  TrackStatus last_status = TrackStatus::tracked;  // of `measured`
+  // From the frame before to this one, no longer than which it was exposed; 0: unknown.
+  double frame_interval_s = 0.0;
+  std::optional<std::int64_t> frame_before_ns;
 
   bool full_next = false;  // at which resolution is searched next
   bool searched_before = false;
@@ -216,6 +223,7 @@ struct TableTracker::Impl : Following {
                                                    const Matrix6d& prior,
                                                    const ImageMotion& motion_px) const;
   void add_second(ImageView image, const ImageMotion& image_motion, Measurement& measurement);
+  [[nodiscard]] ImageMotion motion_found(const Frame& frame, const AlignmentResult& result);
   void note_work(const AlignmentResult& result);
   [[nodiscard]] bool is_doubtful(const AlignmentResult& result, bool with_search) const;
   [[nodiscard]] bool may_leave_out(const AlignmentResult& result) const;
@@ -447,6 +455,10 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
     last.reset();
     before_last.reset();
   }
+  frame_interval_s = 0.0;
+  if (frame_before_ns)
+    frame_interval_s = std::max(seconds(frame.timestamp_ns - *frame_before_ns), 0.0);
+  frame_before_ns = frame.timestamp_ns;
   const bool recent = last && seconds(frame.timestamp_ns - last->timestamp_ns) <= kPriorLifetime_s;
   const std::optional<CameraPose> predicted = recent ? predict(frame.timestamp_ns) : std::nullopt;
   PoseEstimate estimate;
@@ -473,6 +485,8 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
       return estimate;
   }
   last_status = estimate.status;
+  before_measured = std::exchange(
+      measured, TimedPose{frame.timestamp_ns, estimate.T_table_camera, estimate.covariance});
   // What can be continued: a lens that is hardly known is the same in all frames.
   if (estimate.status == TrackStatus::tracked || lens_alone_uncertain) {
     before_last = std::exchange(
@@ -539,8 +553,9 @@ std::optional<RefinedPose> TableTracker::Impl::aligned(const AlignmentResult& re
   if (promised > 0.0 && std::isfinite(promised)) {
     const double blur_px =
         std::min(kBlurShare * std::hypot(motion_px.predicted, motion_px.missed), pose.rms_px);
-    const double systematic_px = std::hypot(camera.parameters().tone_curve ? 0.0 : kToneBias_px,
-                                            kExposureShare * motion_px.missed, blur_px);
+    const double systematic_px =
+        std::hypot(camera.parameters().tone_curve ? 0.0 : kToneBias_px,
+                   kExposureShare * motion_px.missed, std::hypot(blur_px, motion_px.smear));
     pose.covariance *= 1.0 + systematic_px * systematic_px / (promised * promised);
   }
   return pose;
@@ -626,6 +641,40 @@ void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& 
     static_cast<void>(aligner.align(input));
     return;
   }
+}
+
+// What a measured pose says of the motion in its frame, by those before it. A prediction is no part
+// of it: it may not have been there, or not this one.
+ImageMotion TableTracker::Impl::motion_found(const Frame& frame, const AlignmentResult& result) {
+  ImageMotion found = kUnknownMotion;
+  if (!result.verified || !measured) return found;
+  const double step_s = seconds(frame.timestamp_ns - measured->timestamp_ns);
+  if (!(step_s > 0.0 && step_s <= kPriorLifetime_s)) return found;
+  constexpr double kFrame_s = 1.0 / 30.0;
+  const auto moves_px = [&](const Vector6d& velocity) {
+    return overlay_difference(camera, perturbed(result.T_table_camera, kFrame_s * velocity),
+                              result.T_table_camera)
+        .rms_px();
+  };
+  const Vector6d mean = perturbation_between(measured->pose, result.T_table_camera) / step_s;
+  Vector6d velocity = mean;
+  Vector6d change = mean;
+  if (before_measured) {
+    const double before_s = seconds(measured->timestamp_ns - before_measured->timestamp_ns);
+    if (before_s > 0.0 && before_s <= kPriorLifetime_s) {
+      change = mean - perturbation_between(before_measured->pose, measured->pose) / before_s;
+      velocity += step_s / (step_s + before_s) * change;
+    }
+  }
+  if (!velocity.allFinite() || !change.allFinite()) return found;
+  const double exposure_s = std::min(frame.exposure_s.value_or(frame_interval_s), frame_interval_s);
+  if (exposure_s > 0.0)
+    found.smear = aligner.smear_error_px(exposure_s * velocity, frame.exposure_s.has_value());
+  // What jumped between two clear pictures did not move so within them.
+  if (!(found.smear > 0.0)) return found;
+  found.predicted = std::max(found.predicted, moves_px(velocity));
+  found.missed = std::max(found.missed, moves_px(change));
+  return found;
 }
 
 void TableTracker::Impl::note_work(const AlignmentResult& result) {
@@ -830,7 +879,7 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   note_work(result);
   last_start_far = result.counters.far_start;
   last_contrast = result.verified ? result.counters.contrast : 0.0;
-  ImageMotion image_motion{motion_px, 0.0};
+  ImageMotion image_motion{motion_px, 0.0, 0.0};
   // Nobody saw these tags where they are looked for: a part of them may be there by a mistake of
   // the map that a search would find.
   if (start == Start::hint && 3 * result.tags_verified < 2 * result.counters.tags_visible) {
@@ -842,8 +891,9 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
     input.covariance = loose_covariance();
     static_cast<void>(aligner.refine(input));  // in the same result
     note_work(result);
-    image_motion = kUnknownMotion;
+    image_motion = motion_found(frame, result);
   } else if (result.verified) {
+    image_motion.smear = motion_found(frame, result).smear;
     image_motion.missed =
         overlay_difference(camera, result.T_table_camera, prediction.T_table_camera).rms_px();
   }
@@ -1046,7 +1096,8 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
     measurement->contradictory = !settle(input, result, false);
     measurement->left_out = left_out;
     note_work(result);
-    const std::optional<RefinedPose> best = aligned(result, input.covariance, kUnknownMotion);
+    const ImageMotion image_motion = motion_found(frame, result);
+    const std::optional<RefinedPose> best = aligned(result, input.covariance, image_motion);
     if (best) {
       measurement->best = *best;
       measurement->aligned = true;
@@ -1059,7 +1110,7 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
       last_start_far = options.mode == TrackingMode::automatic && last_tags >= kFewTags &&
                        result.counters.far_start;
       if (measurement->ambiguous) {
-        add_second(image, kUnknownMotion, *measurement);
+        add_second(image, image_motion, *measurement);
       } else {
         measurement->second.reset();
       }

@@ -372,6 +372,9 @@ std::optional<CameraPose> TagAligner::search_coarsely(const AlignmentInput& inpu
   const CameraPose guess = impl.pose();
   return guess.is_finite() ? std::optional(guess) : std::nullopt;
 }
+double TagAligner::smear_error_px(const Vector6d& motion, bool known) {
+  return impl_->smear_error_px(motion, known);
+}
 std::vector<EdgePixel> TagAligner::edge_pixels() {
   return impl_->edge_pixels();
 }

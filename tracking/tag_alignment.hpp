@@ -102,7 +102,10 @@ struct TagAlignment {
   int cells_read = 0;         // data cells that were decided
   int cells_wrong = 0;        // of these
   double weight_share = 0.0;  // of the samples, after Tukey's weights
-  bool displaced = false;     // its cells read right, its edges are elsewhere
+  // What share of the variance of its cells in the picture the model has; negative where too few of
+  // them are seen.
+  double explained = -1.0;
+  bool displaced = false;  // its cells read right, its edges are elsewhere
 };
 
 struct AlignmentCounters {
@@ -186,6 +189,13 @@ class TagAligner {
   // smaller again, where a cell is less than a pixel. Nothing where no tag is seen.
   [[nodiscard]] std::optional<CameraPose> search_coarsely(const AlignmentInput& input,
                                                           bool further);
+
+  // How far off, along a motion that smeared the picture, the last pose (verified) may be by what
+  // the equations don't know [px], 1 sigma, RMS over the tags in the picture. `motion`: what went
+  // on during the exposure, as AlignmentInput::exposure_motion; where that is not `known`, the most
+  // that may have, and how much of it did the picture says. 0 where the smear is shorter than a
+  // cell, or the picture as clear as if it were: then an edge has but one place to be.
+  [[nodiscard]] double smear_error_px(const Vector6d& motion, bool known);
 
   // The pixels at the edges of the tags that the last alignment verified, as many of each as the
   // effort allows. The picture that was aligned must still be there, and its camera at rest (no

@@ -21,6 +21,32 @@ namespace {
 using Two = double __attribute__((vector_size(16)));
 using Pair = float __attribute__((vector_size(8), may_alias));
 
+// What share of the variance of a tag's cells in the picture the model has.
+class Explained {
+ public:
+  void add(double model, double value) {
+    count_ += 1.0;
+    model_ += model;
+    value_ += value;
+    model2_ += model * model;
+    value2_ += value * value;
+    both_ += model * value;
+  }
+  // 0 where the model is no better than its negative, negative where too few cells were seen.
+  [[nodiscard]] double share() const {
+    constexpr double kFewest = 16.0;
+    if (count_ < kFewest) return -1.0;
+    const double both = count_ * both_ - model_ * value_;
+    const double alone =
+        (count_ * model2_ - model_ * model_) * (count_ * value2_ - value_ * value_);
+    return both > 0.0 && alone > 0.0 ? std::min(both * both / alone, 1.0) : 0.0;
+  }
+
+ private:
+  double count_ = 0.0, model_ = 0.0, value_ = 0.0;
+  double model2_ = 0.0, value2_ = 0.0, both_ = 0.0;
+};
+
 }  // namespace
 
 // The residuals' size as a share of the gain, by their median: what covers a part of the tags does
@@ -253,6 +279,113 @@ bool TagAligner::Impl::reads_clearly(const Tag& tag) const {
   return 0.5 * static_cast<double>(least) >= kSigmas + std::sqrt(0.5) / options.blur_px;
 }
 
+// The picture and the model at cells' centres.
+void TagAligner::Impl::read_cells(Tag& tag) {
+  const std::vector<DataCell>& cells = tag.pattern.data_cells();
+  take_samples(tag, static_cast<int>(cells.size()));
+  kernel::Samples& s = tag.samples;
+  tag.used = 0;
+  tag.step_count = 0;
+  for (const DataCell& cell : cells) {
+    int px = 0;
+    int py = 0;
+    if (!nearest_cell_pixel(tag, cell, px, py)) continue;
+    const auto v = static_cast<std::size_t>(cell.j * tag.side + cell.i);
+    s.pixel_x[tag.used] = static_cast<float>(px);
+    s.pixel_y[tag.used] = static_cast<float>(py);
+    s.ray_x[tag.used] = tag.ray_x[v];
+    s.ray_y[tag.used] = tag.ray_y[v];
+    ++tag.used;
+  }
+  locate_samples(tag);
+  finish_samples(tag);
+  evaluate(tag);
+}
+
+// Cells are black or white by chance: their pattern is like itself, displaced by d along one of its
+// axes, by 1 - d / c, c a cell, and no more than by chance from a cell on. What a smear of length L
+// shows of it is the mean of that over L:
+//   - from one end to the other but for a cell at each it is the same wherever the pattern is put:
+//     a pose that shows it there is one of many, spread evenly over L - 2 c;
+//   - displaced further it loses what it is like in about c + L / 2. So if the picture is like the
+//     model by r, the model may be displaced by (1 - r) (c + L / 2).
+// L is not known, but for the motion, which it does not exceed. For the first that share of it is
+// taken which explains the picture best, for the second, which asks what is not explained by any,
+// the whole. Both want a smear that is long against a cell: one of 1.5 c mixes two thirds of a cell
+// with a sixth of each neighbour, and its cells by themselves explain 16 / 18 of what is seen.
+double TagAligner::Impl::smear_error_px(const Vector6d& motion, bool known) {
+  constexpr int kShares = 8;
+  constexpr double kClear = 8.0 / 9.0;
+  std::vector<double> shares;  // explained, of each tag
+  const auto median = [&shares] {
+    const auto middle = shares.begin() + static_cast<std::ptrdiff_t>(shares.size() / 2);
+    std::ranges::nth_element(shares, middle);
+    return *middle;
+  };
+  // Those that did not verify, too: most of them may be smeared too far.
+  std::vector<Tag*> seen;
+  for (const TagAlignment& of : result.tags) {
+    if (of.explained < 0.0) continue;
+    seen.push_back(&tags[static_cast<std::size_t>(of.index)]);
+    shares.push_back(of.explained);
+  }
+  if (seen.empty() || !motion.allFinite()) return 0.0;
+  // Not by the mean: something may cover a part of a tag.
+  double best = median();
+  if (best >= kClear && !known) return 0.0;
+
+  const Vector6d motion_before = std::exchange(exposure_motion, motion);
+  const bool moments_before = std::exchange(options.exposure_moments, true);
+  // Of each tag: the smear along it, and a cell in that direction.
+  struct Smear {
+    double length_px = 0.0;
+    double cell_px = 0.0;
+  };
+  std::vector<Smear> smears;
+  for (Tag* tag : seen) {
+    if (!measure(*tag)) continue;
+    Eigen::Matrix2d cell_px;
+    cell_px << tag->along_a, tag->along_b;
+    const double cells = (cell_px.inverse() * tag->motion_px).cwiseAbs().maxCoeff();
+    if (cells > 1.0) smears.push_back({tag->motion_px.norm(), tag->motion_px.norm() / cells});
+  }
+  double share = 0.0;
+  for (int k = known ? kShares : 1; !smears.empty() && k <= kShares; ++k) {
+    const double part = static_cast<double>(k) / kShares;
+    exposure_motion = part * motion;
+    for (auto& path : paths) path.clear();
+    shares.clear();
+    for (Tag* tag : seen) {
+      if (!measure(*tag)) continue;
+      if (tag->moments > 1) place_moments(*tag);
+      project_lattice(*tag, 0.0);
+      arena.give_back();
+      read_cells(*tag);
+      Explained explained;
+      for (int i = 0; i < tag->used; ++i)
+        explained.add(static_cast<double>(tag->samples.model[i]),
+                      static_cast<double>(tag->samples.value[i]));
+      if (const double here = explained.share(); here >= 0.0) shares.push_back(here);
+    }
+    if (shares.empty()) continue;
+    const double here = median();
+    if (here <= best) continue;
+    best = here;
+    share = part;
+  }
+  exposure_motion = motion_before;
+  options.exposure_moments = moments_before;
+  for (auto& path : paths) path.clear();
+  double squares = 0.0;
+  for (const Smear& smear : smears) {
+    const double smeared_px = known ? smear.length_px : share * smear.length_px;
+    const double flat_px = std::max(smeared_px - 2.0 * smear.cell_px, 0.0);
+    const double away_px = (1.0 - std::sqrt(best)) * (smear.cell_px + 0.5 * smear.length_px);
+    squares += flat_px * flat_px / 12.0 + away_px * away_px;
+  }
+  return std::sqrt(squares / static_cast<double>(seen.size()));
+}
+
 // Reads the data cells at the solved pose against the model's own blurred values.
 void TagAligner::Impl::verify() {
   result.tags.clear();
@@ -273,6 +406,7 @@ void TagAligner::Impl::verify() {
     const double middle = tag->offset + 0.5 * tag->gain;
     const double covered = 0.25 * tag->gain;
     int decidable = 0;
+    Explained explained;
     if (reads_clearly(*tag)) {
       find_cells(*tag);
       for (const DataCell& cell : cells) {
@@ -280,6 +414,7 @@ void TagAligner::Impl::verify() {
             cell_places[static_cast<std::size_t>(cell.j * tag->side + cell.i)];
         if (place == kernel::kNowhere) continue;
         const double read = static_cast<double>(tone[image.data[place]]) - middle;
+        explained.add(cell.white ? 1.0 : 0.0, read);
         ++decidable;
         // What reads as neither black nor white is covered by something.
         const bool decided = std::abs(read) >= covered;
@@ -289,34 +424,20 @@ void TagAligner::Impl::verify() {
     } else {
       // The model at the cells' centres.
       arena.give_back();
-      take_samples(*tag, static_cast<int>(cells.size()));
-      kernel::Samples& s = tag->samples;
-      tag->used = 0;
-      tag->step_count = 0;
-      for (const DataCell& cell : cells) {
-        int px = 0;
-        int py = 0;
-        if (!nearest_cell_pixel(*tag, cell, px, py)) continue;
-        const auto v = static_cast<std::size_t>(cell.j * tag->side + cell.i);
-        s.pixel_x[tag->used] = static_cast<float>(px);
-        s.pixel_y[tag->used] = static_cast<float>(py);
-        s.ray_x[tag->used] = tag->ray_x[v];
-        s.ray_y[tag->used] = tag->ray_y[v];
-        ++tag->used;
-      }
-      locate_samples(*tag);
-      finish_samples(*tag);
-      evaluate(*tag);
+      read_cells(*tag);
+      const kernel::Samples& s = tag->samples;
       for (int i = 0; i < tag->used; ++i) {
         const double expected = static_cast<double>(s.model[i]) - 0.5;
-        if (std::abs(expected) < 0.15) continue;  // too blurred to be one or the other
         const double read = static_cast<double>(s.value[i]) - middle;
+        explained.add(expected, read);
+        if (std::abs(expected) < 0.15) continue;  // too blurred to be one or the other
         ++decidable;
         if (std::abs(read) < covered && std::abs(expected) > 0.45) continue;
         ++check.cells_read;
         check.cells_wrong += expected * read < 0.0 ? 1 : 0;
       }
     }
+    check.explained = explained.share();
     const int least = std::max(8, static_cast<int>(cells.size()) / 4);
     const int right = check.cells_read - check.cells_wrong;
     check.verified = check.cells_read >= least && 4 * check.cells_wrong <= check.cells_read &&

@@ -202,6 +202,67 @@ TEST(TrackingStress, RandomSessionsAreHonest) {
   }
 }
 
+// A hand that shakes so that its tags smear over several cells, its exposure known or not: what is
+// expected of the error is what the error is, also where the pose is one of many that look alike.
+TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
+  int frames = 0;
+  int smeared = 0;  // over more than three cells
+  int beyond = 0;   // by more than four times what was expected
+  std::vector<double> over_expected;
+  const int sessions = long_form() ? 40 : 6;
+  for (int k = 0; k < sessions; ++k) {
+    Draw draw(900U + static_cast<std::uint64_t>(k));
+    Session session = ordinary();
+    session.light.seed = static_cast<std::uint64_t>(k) + 1;
+    session.light.lens_blur_px = draw.between(0.4, 0.8);
+    session.tags = test::layout_of(k % 3 == 2 ? Layout::loose : Layout::sheet, draw);
+    session.motion =
+        test::hand(3, draw.between(0.38, 0.5), radians(draw.between(35.0, 75.0)), draw);
+    const double times = draw.between(2.0, 6.0);
+    for (test::Sway* sway : {&session.motion.x, &session.motion.y, &session.motion.azimuth})
+      sway->amplitude *= times;
+    session.exposure_s = draw.between(0.010, 0.025);
+    const double cell_px = session.camera.parameters().fx * session.tags.front().size_m /
+                           (8.0 * session.motion.distance.middle);
+    auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+    const TagMap map = TagMap::make(session.tags).value();
+    auto knows = TableTracker::create(session.camera, map).value();
+    auto does_not = TableTracker::create(session.camera, map).value();
+    for (int f = 0; f < 20; ++f) {
+      Frame frame = session.picture(renderer, f);
+      const double middle = f * session.frame_s;
+      const double smear_px = test::corner_distance_px(
+          session.camera, session.tags, session.motion.at(middle - 0.5 * session.exposure_s),
+          session.motion.at(middle + 0.5 * session.exposure_s));
+      smeared += smear_px > 3.0 * cell_px ? 1 : 0;
+      ++frames;
+      for (TableTracker* tracker : {&does_not, &knows}) {
+        SCOPED_TRACE(testing::Message() << "session " << k << ", frame " << f);
+        if (tracker == &knows) frame.exposure_s = session.exposure_s;
+        const PoseEstimate pose = tracker->track(frame).pose;
+        if (!pose.has_pose()) continue;
+        EXPECT_TRUE(pose.T_table_camera.is_finite());
+        EXPECT_TRUE(pose.covariance.allFinite());
+        if (pose.status != TrackStatus::tracked) continue;
+        const double error =
+            overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px();
+        over_expected.push_back(error / pose.expected_overlay_error_px);
+        beyond += error > std::max(1.0, 4.0 * pose.expected_overlay_error_px) ? 1 : 0;
+      }
+    }
+  }
+  const double spread = statistics_of(over_expected).rmse;
+  const auto tracked = static_cast<int>(over_expected.size());
+  RecordProperty("honesty",
+                 fmt::format("{} of {} frames smeared, {} of {} tracked, {} beyond 4 sigma, {:.2f} "
+                             "of what is expected RMS",
+                             smeared, frames, tracked, 2 * frames, beyond, spread));
+  EXPECT_GT(6 * smeared, frames) << "of " << frames;
+  EXPECT_GT(2 * tracked, frames);
+  EXPECT_LT(spread, 1.6);
+  EXPECT_LE(beyond, 0.03 * tracked) << "of " << tracked;
+}
+
 // There and back over the same pictures: what drifts has nothing to hide behind.
 TEST(TrackingStress, TenThousandFramesWithoutDrift) {
   Session session = ordinary();
