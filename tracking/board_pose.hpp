@@ -18,7 +18,7 @@ namespace penumbra {
 
 // One tag as it was seen: where its corners are on the table, and in the image.
 struct TagObservation {
-  int id = 0;
+  int id = 0;                                    // what tells it from the others
   std::array<Eigen::Vector3d, 4> corners_table;  // [m]
   std::array<Eigen::Vector2d, 4> corners_px;
 };

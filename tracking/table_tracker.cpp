@@ -201,7 +201,9 @@ struct TableTracker::Impl : Following {
   int frames_doubtful = 0;  // searches after one of these that want more than a pose
   // The last judged pose is uncertain because the lens is.
   bool lens_alone_uncertain = false;
-  std::vector<TagObservation> observations;  // of the last search that was measured
+  // Of the last search that was measured; their ids are places in table_tags, for tags of several
+  // families may have the same ids.
+  std::vector<TagObservation> observations;
 
   TrackTimes times;
 
@@ -293,7 +295,11 @@ Result<Measurement> TableTracker::Impl::measure(std::span<const TagDetection> de
       seen_twice = true;  // nothing says which of them lies where the map has it
       continue;
     }
-    observations.push_back({tag->id, tag->corners(), detection.corners_px});
+    const auto known = std::ranges::find_if(table_tags, [tag](const MappedTag& of_table) {
+      return of_table.family == tag->family && of_table.id == tag->id;
+    });
+    const auto index = static_cast<int>(known - table_tags.begin());
+    observations.push_back({index, tag->corners(), detection.corners_px});
   }
   BoardPoseOptions pose_options;
   pose_options.finish_by_ceres = true;
@@ -314,11 +320,7 @@ Result<Measurement> TableTracker::Impl::measure(std::span<const TagDetection> de
   measurement.tags_used = board->tags_used;
   measurement.ambiguous = board->is_ambiguous(options.ambiguity_ratio);
   measurement.contradictory = board->contradictory;
-  for (const int id : board->left_out) {
-    const auto known = std::ranges::find(table_tags, id, &MappedTag::id);
-    if (known != table_tags.end())
-      measurement.left_out.push_back(static_cast<int>(known - table_tags.begin()));
-  }
+  measurement.left_out = board->left_out;
   if (measurement.best.rms_px > options.max_reprojection_rms_px)
     return fail("the tags do not fit the map ({:.1f} px)", measurement.best.rms_px);
   return measurement;
@@ -701,10 +703,9 @@ bool TableTracker::Impl::is_doubtful(const AlignmentResult& result, bool with_se
   int elsewhere = 0;
   for (const TagAlignment& tag : result.tags) {
     if (tag.verified) continue;
-    const int id = table_tags[static_cast<std::size_t>(tag.index)].id;
     const bool detected =
         !with_search &&
-        std::ranges::find(observations, id, &TagObservation::id) != observations.end();
+        std::ranges::find(observations, tag.index, &TagObservation::id) != observations.end();
     elsewhere += tag.displaced || detected ? 1 : 0;
   }
   if (result.tags_verified < 2 * elsewhere) return true;
@@ -740,10 +741,7 @@ void TableTracker::Impl::leave_one_out(AlignmentInput& input, const AlignmentRes
     without.push_back(candidate.index);
     std::vector<TagObservation> others;
     for (const TagObservation& seen : observations) {
-      const auto is_it = [&](int index) {
-        return table_tags[static_cast<std::size_t>(index)].id == seen.id;
-      };
-      if (std::ranges::none_of(without, is_it)) others.push_back(seen);
+      if (std::ranges::find(without, seen.id) == without.end()) others.push_back(seen);
     }
     const Result<BoardPose> start = estimate_board_pose(camera, others);
     if (!start || start->contradictory || !start->best.T_table_camera.is_finite()) continue;
@@ -915,7 +913,7 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
     for (const TagAlignment& tag : result.tags) {
       if (!tag.verified) continue;
       const MappedTag& mapped = table_tags[static_cast<std::size_t>(tag.index)];
-      TagObservation observation{mapped.id, mapped.corners(), {}};
+      TagObservation observation{tag.index, mapped.corners(), {}};
       bool all = true;
       for (std::size_t i = 0; i < 4 && all; ++i) {
         const auto pixel =

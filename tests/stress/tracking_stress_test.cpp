@@ -320,6 +320,38 @@ Session moved(Session session, std::size_t tag, const Eigen::Vector3d& by) {
   return session;
 }
 
+// Tags of two families may have the same ids: it is the moved one of them that is left out, and its
+// namesake that counts.
+TEST(TrackingStress, ANamesakeOfAMovedTagCounts) {
+  Session session = ordinary();
+  const auto half = session.tags.size() / 2;
+  for (std::size_t k = 0; k < half; ++k) {
+    session.tags[half + k].family = TagFamily::tag36h10;
+    session.tags[half + k].id = session.tags[k].id;
+  }
+  for (const std::size_t culprit : {std::size_t{2}, half + 2}) {
+    SCOPED_TRACE(culprit);
+    const std::vector<MappedTag> drawn = moved(session, culprit, {0.006, 0.0, 0.0}).tags;
+    auto renderer = PatternRenderer::create(session.camera, drawn).value();
+    for (const TrackingMode mode : {TrackingMode::automatic, TrackingMode::detect}) {
+      TrackerOptions options;
+      options.mode = mode;
+      auto tracker =
+          TableTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
+      for (int f = 0; f < 4; ++f) {
+        const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+        EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
+        expect_honest(session, pose, session.truth(f));
+        EXPECT_EQ(pose.tags_left_out, std::vector<int>{session.tags[2].id});
+        EXPECT_EQ(pose.tags_used, 11);
+        EXPECT_LT(
+            overlay_difference(session.camera, pose.T_table_camera, session.truth(f)).rms_px(),
+            mode == TrackingMode::detect ? 2.0 : 0.6);
+      }
+    }
+  }
+}
+
 // A tag lies elsewhere than the map has it, by less than a cell and by more than a tag.
 TEST(TrackingStress, ATagThatWasMovedIsLeftOut) {
   for (const double moved_m : {0.002, 0.004, 0.012, 0.1}) {
