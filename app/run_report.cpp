@@ -40,6 +40,13 @@ Json json_of(const Evaluation& e) {
   return json;
 }
 
+template <class Counts>
+Json counts_json(const Counts& counts) {
+  Json json = Json::object();
+  for (const auto& [name, count] : counts) json[name] = count;
+  return json;
+}
+
 Json groups_json(const std::vector<GroupReport>& groups) {
   Json json = Json::object();
   for (const GroupReport& group : groups) {
@@ -50,6 +57,7 @@ Json groups_json(const std::vector<GroupReport>& groups) {
     of_group["frames_lost"] = group.frames_lost;
     of_group["reprojection_rms_px"] =
         group.tags_measured ? json_of(group.reprojection_rms_px) : Json();
+    of_group["tags_left_out"] = counts_json(group.tags_left_out);
     if (group.accuracy) of_group["accuracy"] = json_of(*group.accuracy);
   }
   return json;
@@ -69,12 +77,6 @@ std::string without_numbers(const std::string& reason) {
   return text;
 }
 
-template <class Counts>
-Json counts_json(const Counts& counts) {
-  Json json = Json::object();
-  for (const auto& [name, count] : counts) json[name] = count;
-  return json;
-}
 Json times_json(const std::vector<std::pair<std::string, StageSummary>>& time_ms) {
   Json json = Json::object();
   for (const auto& [stage, summary] : time_ms) json[stage] = json_of(summary);
@@ -293,6 +295,7 @@ void RunRecorder::add_group(const GroupEstimate& estimate, const TrackedFrame& t
       break;
   }
   if (estimate.tags_used > 0) found->reprojection_px.add(estimate.reprojection_rms_px);
+  for (const int id : estimate.tags_left_out) ++found->report.tags_left_out[std::to_string(id)];
 }
 
 const RunRecorder::Group& RunRecorder::group(const std::string& name) const {
@@ -522,6 +525,21 @@ std::string smoothing_table(const SmoothingReport& smoothing) {
   return text;
 }
 
+// `map`: what says where the tags lie.
+std::string left_out_lines(const std::map<std::string, std::int64_t>& tags, std::string_view map) {
+  constexpr std::size_t kMostNamed = 5;
+  std::string text;
+  std::size_t named = 0;
+  for (const auto& [id, frames] : tags) {
+    if (++named > kMostNamed) break;
+    text += fmt::format(
+        "tag {} does not lie where {} has it: left out of {} frames (measure it, or make a map: "
+        "penumbra map)\n",
+        id, map, frames);
+  }
+  return text;
+}
+
 }  // namespace
 
 std::string report_table(const RunReport& report) {
@@ -534,15 +552,7 @@ std::string report_table(const RunReport& report) {
     const auto& [reason, count] = report.reasons[i];
     text += fmt::format("not tracked: {} ({})\n", reason, count);
   }
-  constexpr std::size_t kMostNamed = 5;
-  std::size_t named = 0;
-  for (const auto& [id, frames] : report.tags_left_out) {
-    if (++named > kMostNamed) break;
-    text += fmt::format(
-        "tag {} does not lie where the map has it: left out of {} frames (measure it, or make a "
-        "map: penumbra map)\n",
-        id, frames);
-  }
+  text += left_out_lines(report.tags_left_out, "the map");
   if (report.frames > 0 && report.frames_tracked == 0) {
     text +=
         "no frame was tracked: is the sheet that --tags lists in view, whole and sharp? Tags of "
@@ -564,6 +574,7 @@ std::string report_table(const RunReport& report) {
     text += fmt::format("tag group {}: tracked {}, uncertain {}, held {}, lost {}\n", group.name,
                         group.frames_tracked, group.frames_uncertain, group.frames_held,
                         group.frames_lost);
+    text += left_out_lines(group.tags_left_out, "the map of its group");
   }
   text += fmt::format("OpenGL: {}, {}\n\n", report.gl_renderer, report.gl_version);
   text += fmt::format("{:<22}{:>10}{:>10}{:>10}{:>10}\n", "time [ms]", "median", "p95", "max",

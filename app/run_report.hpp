@@ -48,6 +48,7 @@ struct GroupReport {
   int frames_tracked = 0, frames_uncertain = 0, frames_held = 0, frames_lost = 0;
   Statistics reprojection_rms_px;  // over the frames in which its tags were measured
   bool tags_measured = false;
+  std::map<std::string, std::int64_t> tags_left_out;  // as RunReport's
   // Of the camera over the group's middle, in the tracked frames: what stands there is drawn so far
   // from where it is.
   std::optional<Evaluation> accuracy;

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/pose_estimate.hpp"
 #include "core/transform.hpp"
@@ -36,6 +37,7 @@ struct GroupEstimate {
   double expected_overlay_error_px = 0.0;
   double reprojection_rms_px = 0.0;              // as PoseEstimate's, of the group's own tags
   int tags_used = 0;                             // 0: not measured in this frame
+  std::vector<int> tags_left_out;                // as PoseEstimate's, of the group's own tags
   bool rests = false;                            // on the table, as far as can be measured
   double age_s = 0.0;                            // since the last measured pose; 0 unless held
   TrackStatus held_from = TrackStatus::tracked;  // as PoseEstimate's

@@ -384,6 +384,7 @@ GroupEstimate GroupTracker::Impl::place(Group& group, std::int64_t timestamp_ns,
   estimate.T_table_group = group.shown * group.T_group_middle.inverse();
   estimate.reprojection_rms_px = seen.reprojection_rms_px;
   estimate.tags_used = seen.tags_used;
+  estimate.tags_left_out = seen.tags_left_out;
   estimate.rests = group.rests;
   const CameraPose drawn = as_table(group.shown.inverse() * table_pose.T_table_camera);
   if (group.rests) {

@@ -290,6 +290,7 @@ TEST(RunReport, GroupsAreCountedAndComparedWithTheirTruth) {
                            Eigen::Vector3d(i == 1 ? 0.104 : 0.1, 0.02, 0.0)};
     group.tags_used = i < 3 ? 2 : 0;
     group.reprojection_rms_px = 0.1;
+    if (i < 2) group.tags_left_out = {41};
     run.add_frame(frame);
   }
   RunReport report = run.report();
@@ -311,7 +312,10 @@ TEST(RunReport, GroupsAreCountedAndComparedWithTheirTruth) {
   EXPECT_NEAR(json["reprojection_rms_px"]["median"].get<double>(), 0.1, 1e-12);
   EXPECT_NEAR(json["accuracy"]["translation_mm"]["max"].get<double>(), 4.0, 1e-9);
   EXPECT_THAT(report_table(report),
-              testing::HasSubstr("tag group prop: tracked 2, uncertain 1, held 1, lost 1"));
+              testing::HasSubstr("tag group prop: tracked 2, uncertain 1, held 1, lost 1\n"
+                                 "tag 41 does not lie where the map of its group has it: left out "
+                                 "of 2 frames"));
+  EXPECT_EQ(json["tags_left_out"], Json({{"41", 2}}));
 }
 
 // A live session has no end: after the first thousands of frames nothing is kept for each of them.
