@@ -47,6 +47,56 @@ class Explained {
   double model2_ = 0.0, value2_ = 0.0, both_ = 0.0;
 };
 
+// The same, of the cells that nothing covers: a line through the three fifths of them that are
+// nearest to one (least trimmed squares). Negative where too few are seen.
+double explained_by_most(const float* models, const float* values, int count) {
+  constexpr int kFewest = 16;
+  if (count < kFewest) return -1.0;
+  constexpr double kShare = 0.6;
+  // The variance of the middle three fifths of a normal distribution.
+  constexpr double kOfNormal = 0.2145;
+  constexpr int kSteps = 5;
+  const auto n = static_cast<std::size_t>(count);
+  const auto most = static_cast<std::size_t>(kShare * count + 0.5);
+  std::vector<std::size_t> order(n);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::vector<double> squares(n);
+  double gain = 0.0;
+  double spread = 0.0;  // of the models, of all cells
+  double rest = 0.0;    // what is not explained, of those on the line
+  for (int step = 0; step < kSteps; ++step) {
+    const std::size_t used = step == 0 ? n : most;
+    double m = 0.0;
+    double v = 0.0;
+    for (std::size_t k = 0; k < used; ++k) {
+      m += static_cast<double>(models[order[k]]) / static_cast<double>(used);
+      v += static_cast<double>(values[order[k]]) / static_cast<double>(used);
+    }
+    double mm = 0.0;
+    double mv = 0.0;
+    for (std::size_t k = 0; k < used; ++k) {
+      const double of_model = static_cast<double>(models[order[k]]) - m;
+      mm += of_model * of_model;
+      mv += of_model * (static_cast<double>(values[order[k]]) - v);
+    }
+    if (step == 0) spread = mm / static_cast<double>(n);
+    if (!(mm > 0.0)) return 0.0;
+    gain = mv / mm;
+    for (std::size_t i = 0; i < n; ++i) {
+      const double residual =
+          static_cast<double>(values[i]) - v - gain * (static_cast<double>(models[i]) - m);
+      squares[i] = residual * residual;
+    }
+    std::ranges::nth_element(order, order.begin() + static_cast<std::ptrdiff_t>(most), {},
+                             [&squares](std::size_t i) { return squares[i]; });
+    rest = 0.0;
+    for (std::size_t k = 0; k < most; ++k) rest += squares[order[k]] / static_cast<double>(most);
+  }
+  const double explained = gain * gain * spread;
+  if (!(gain > 0.0) || !(explained > 0.0)) return 0.0;
+  return explained / (explained + rest / kOfNormal);
+}
+
 }  // namespace
 
 // The residuals' size as a share of the gain, by their median: what covers a part of the tags does
@@ -312,7 +362,8 @@ void TagAligner::Impl::read_cells(Tag& tag) {
 // L is not known, but for the motion, which it does not exceed. For the first that share of it is
 // taken which explains the picture best, for the second, which asks what is not explained by any,
 // the whole. Both want a smear that is long against a cell: one of 1.5 c mixes two thirds of a cell
-// with a sixth of each neighbour, and its cells by themselves explain 16 / 18 of what is seen.
+// with a sixth of each neighbour, and its cells by themselves explain 16 / 18 of what is seen. What
+// covers a part of a tag explains nothing either, and is left out.
 double TagAligner::Impl::smear_error_px(const Vector6d& motion, bool known) {
   constexpr int kShares = 8;
   constexpr double kClear = 8.0 / 9.0;
@@ -330,18 +381,22 @@ double TagAligner::Impl::smear_error_px(const Vector6d& motion, bool known) {
     shares.push_back(of.explained);
   }
   if (seen.empty() || !motion.allFinite()) return 0.0;
-  // Not by the mean: something may cover a part of a tag.
-  double best = median();
-  if (best >= kClear && !known) return 0.0;
+  // Not by the mean: something may cover some of them.
+  if (exposure_motion.isZero(0.0) && median() >= kClear) return 0.0;
 
-  const Vector6d motion_before = std::exchange(exposure_motion, motion);
+  const Vector6d motion_before = exposure_motion;
   const bool moments_before = std::exchange(options.exposure_moments, true);
+  const auto smear_by = [this](const Vector6d& smear) {
+    exposure_motion = smear;
+    for (auto& path : paths) path.clear();
+  };
   // Of each tag: the smear along it, and a cell in that direction.
   struct Smear {
     double length_px = 0.0;
     double cell_px = 0.0;
   };
   std::vector<Smear> smears;
+  smear_by(motion);
   for (Tag* tag : seen) {
     if (!measure(*tag)) continue;
     Eigen::Matrix2d cell_px;
@@ -349,11 +404,10 @@ double TagAligner::Impl::smear_error_px(const Vector6d& motion, bool known) {
     const double cells = (cell_px.inverse() * tag->motion_px).cwiseAbs().maxCoeff();
     if (cells > 1.0) smears.push_back({tag->motion_px.norm(), tag->motion_px.norm() / cells});
   }
-  double share = 0.0;
-  for (int k = known ? kShares : 1; !smears.empty() && k <= kShares; ++k) {
-    const double part = static_cast<double>(k) / kShares;
-    exposure_motion = part * motion;
-    for (auto& path : paths) path.clear();
+  double best = 0.0;
+  int share = 0;  // [1 / kShares]
+  const auto explain_by = [&](int part) {
+    smear_by(static_cast<double>(part) / kShares * motion);
     shares.clear();
     for (Tag* tag : seen) {
       if (!measure(*tag)) continue;
@@ -361,24 +415,32 @@ double TagAligner::Impl::smear_error_px(const Vector6d& motion, bool known) {
       project_lattice(*tag, 0.0);
       arena.give_back();
       read_cells(*tag);
-      Explained explained;
-      for (int i = 0; i < tag->used; ++i)
-        explained.add(static_cast<double>(tag->samples.model[i]),
-                      static_cast<double>(tag->samples.value[i]));
-      if (const double here = explained.share(); here >= 0.0) shares.push_back(here);
+      const double here = explained_by_most(tag->samples.model, tag->samples.value, tag->used);
+      if (here >= 0.0) shares.push_back(here);
     }
-    if (shares.empty()) continue;
-    const double here = median();
-    if (here <= best) continue;
+    const double here = shares.empty() ? 0.0 : median();
+    if (here <= best) return;
     best = here;
     share = part;
+  };
+  if (!smears.empty()) explain_by(0);
+  if (best >= kClear) smears.clear();  // whatever moved, this picture is sharp
+  if (!smears.empty() && known) {
+    explain_by(kShares);
+  } else if (!smears.empty()) {
+    for (int part = 2; part <= kShares; part += 2) explain_by(part);
+    const int about = share;
+    if (about > 0) explain_by(about - 1);
+    if (about < kShares) explain_by(about + 1);
   }
-  exposure_motion = motion_before;
+  smear_by(motion_before);
   options.exposure_moments = moments_before;
-  for (auto& path : paths) path.clear();
+  for (Tag* tag : seen) {
+    if (measure(*tag) && tag->moments > 1) place_moments(*tag);
+  }
   double squares = 0.0;
   for (const Smear& smear : smears) {
-    const double smeared_px = known ? smear.length_px : share * smear.length_px;
+    const double smeared_px = known ? smear.length_px : smear.length_px * share / kShares;
     const double flat_px = std::max(smeared_px - 2.0 * smear.cell_px, 0.0);
     const double away_px = (1.0 - std::sqrt(best)) * (smear.cell_px + 0.5 * smear.length_px);
     squares += flat_px * flat_px / 12.0 + away_px * away_px;

@@ -559,5 +559,52 @@ TEST(TrackingStress, TagsThatGetCoveredAreKept) {
   }
 }
 
+// What covers a part of every tag explains none of its cells, as a smear would, but smears nothing.
+TEST(TrackingStress, CoveredTagsAreKeptInFastMotion) {
+  for (const double light : {0.3, 0.8}) {
+    for (const double times : {6.0, 12.0}) {
+      SCOPED_TRACE(testing::Message() << "cover of light " << light << ", motion x " << times);
+      Session session = ordinary();
+      for (test::Sway* sway : {&session.motion.x, &session.motion.y, &session.motion.azimuth})
+        sway->amplitude *= times;
+      session.light.cover = light;
+      auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+      auto tracker =
+          TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+      for (int f = 0; f < 16; ++f) {
+        session.light.cover_share = f < 4 ? 0.0 : 0.3;
+        const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+        EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << pose.reason;
+        EXPECT_LT(pose.expected_overlay_error_px, 0.8);
+        expect_honest(session, pose, session.truth(f));
+      }
+    }
+  }
+}
+
+// A camera that was put elsewhere between two sharp pictures did not move within them, however long
+// they were exposed.
+TEST(TrackingStress, AJumpBetweenClearPicturesSmearsNothing) {
+  Session session = ordinary();
+  for (test::Sway* sway :
+       {&session.motion.x, &session.motion.y, &session.motion.distance, &session.motion.elevation,
+        &session.motion.azimuth, &session.motion.roll})
+    sway->amplitude = 0.0;
+  auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+  for (const bool told : {false, true}) {
+    SCOPED_TRACE(told);
+    auto tracker = TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    for (int f = 0; f < 12; ++f) {
+      Session there = session;
+      there.motion.x.middle += f / 3 % 2 == 0 ? 0.0 : 0.03;
+      Frame frame = there.picture(renderer, f);
+      if (told) frame.exposure_s = 0.02;
+      const PoseEstimate pose = tracker.track(frame).pose;
+      EXPECT_EQ(pose.status, TrackStatus::tracked) << f << ": " << pose.reason;
+      expect_honest(there, pose, there.truth(f));
+    }
+  }
+}
+
 }  // namespace
 }  // namespace penumbra
