@@ -181,6 +181,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   switch (pose.status) {
     case TrackStatus::tracked:
       ++report_.frames_tracked;
+      expected_px_.add(pose.expected_overlay_error_px);
       add_tracked(frame);
       break;
     case TrackStatus::uncertain:
@@ -360,6 +361,7 @@ RunReport RunRecorder::report() const {
   }
   report.reprojection_rms_px = reprojection_px_.statistics();
   report.tags_measured = !reprojection_px_.empty();
+  report.expected_overlay_px = expected_px_.statistics();
   if (!lag_ms_.empty()) {
     report.smoothing.emplace();
     report.smoothing->lag_ms = lag_ms_.statistics();
@@ -447,10 +449,11 @@ std::string report_json(const RunReport& report) {
                 {"translucency", to_string(report.translucency)}};
   json["time_ms"] = times_json(report.time_ms);
   json["pipeline"] = pipeline_json(report);
+  const Json none = {{"rmse", {}}, {"median", {}}, {"p95", {}}, {"max", {}}};
   json["tracking"] = {
-      {"reprojection_rms_px", report.tags_measured
-                                  ? json_of(report.reprojection_rms_px)
-                                  : Json({{"rmse", {}}, {"median", {}}, {"p95", {}}, {"max", {}}})},
+      {"reprojection_rms_px", report.tags_measured ? json_of(report.reprojection_rms_px) : none},
+      {"expected_overlay_px",
+       report.frames_tracked > 0 ? json_of(report.expected_overlay_px) : none},
       {"full_detections", report.full_detections},
       {"coarse_searches", report.coarse_searches},
       {"box_detections", report.box_detections},

@@ -102,6 +102,7 @@ struct RunReport {
   std::vector<std::pair<std::string, StageSummary>> time_ms;  // in the order of the pipeline
   Statistics reprojection_rms_px;   // over the frames in which tags were measured
   bool tags_measured = false;       // in any frame
+  Statistics expected_overlay_px;   // PoseEstimate's, over the tracked frames
   int full_detections = 0;          // frames searched as a whole
   int coarse_searches = 0;          // of tracked_updates: found further off, in a smaller picture
   int box_detections = 0;           // frames searched where the tags were a moment ago
@@ -185,6 +186,7 @@ class RunRecorder {
   RunReport report_;
   std::vector<std::pair<std::string, StageTimes>> stages_;
   RunningStatistics reprojection_px_;
+  RunningStatistics expected_px_;  // of tracked frames
   bool keep_paths_ = false;
   std::vector<std::int64_t> times_ns_;
   Trajectory tracked_, drawn_;

@@ -39,6 +39,7 @@ SessionFrame frame_of(TrackStatus status, std::int64_t timestamp_ns, bool full_d
   frame.tracked.pose.tags_used =
       status == TrackStatus::tracked || status == TrackStatus::uncertain ? 4 : 0;
   frame.tracked.pose.reprojection_rms_px = 0.25;
+  frame.tracked.pose.expected_overlay_error_px = status == TrackStatus::tracked ? 0.125 : 7.0;
   frame.tracked.times.total_ms = 3.0;
   if (full_detection) frame.tracked.times.detect_ms = 2.0;
   frame.tracked.times.full_detection = full_detection;
@@ -157,6 +158,7 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   EXPECT_EQ(json["time_ms"]["solve"]["count"], 0) << "it never ran";
   EXPECT_EQ(json["time_ms"]["readback"]["count"], 4);
   EXPECT_EQ(json["tracking"]["reprojection_rms_px"]["median"], 0.25);
+  EXPECT_EQ(json["tracking"]["expected_overlay_px"]["max"], 0.125) << "of tracked frames alone";
   EXPECT_EQ(json["tracking"]["full_detections"], 4);
   EXPECT_EQ(json["tracking"]["tracked_updates"], 1);
   EXPECT_EQ(json["work"]["shadow_vertices"], 500);
