@@ -669,7 +669,11 @@ ImageMotion TableTracker::Impl::motion_found(const Frame& frame, const Alignment
     }
   }
   if (!velocity.allFinite() || !change.allFinite()) return found;
-  const double exposure_s = std::min(frame.exposure_s.value_or(frame_interval_s), frame_interval_s);
+  // Of frames that lie further apart nothing says whether those between them were not seen, or they
+  // were exposed for longer, in the dark: the first.
+  constexpr double kLongestExposure_s = 1.0 / 30.0;
+  const double exposure_s = std::min(
+      frame.exposure_s.value_or(std::min(frame_interval_s, kLongestExposure_s)), frame_interval_s);
   if (exposure_s > 0.0)
     found.smear = aligner.smear_error_px(exposure_s * velocity, frame.exposure_s.has_value());
   // What jumped between two clear pictures did not move so within them.
