@@ -18,7 +18,7 @@ namespace penumbra {
 
 // One tag as it was seen: where its corners are on the table, and in the image.
 struct TagObservation {
-  int id = 0;                                    // what tells it from the others
+  int id = 0;  // whatever the caller tells it from the others by; BoardPose::left_out says it again
   std::array<Eigen::Vector3d, 4> corners_table;  // [m]
   std::array<Eigen::Vector2d, 4> corners_px;
 };
@@ -28,7 +28,7 @@ struct BoardPose {
   // The other minimum of a planar target, where there is one; it fits worse.
   std::optional<RefinedPose> second;
   int tags_used = 0;
-  std::vector<int> left_out;  // ids of tags that contradict the rest
+  std::vector<int> left_out;  // TagObservation::id of those that contradict the rest
   // The tags contradict each other and no majority says which are right.
   bool contradictory = false;
   // RMS of the second over that of the best; infinite when there is no second.
