@@ -66,9 +66,17 @@ struct ImageMotion {
 };
 constexpr ImageMotion kUnknownMotion{5.0, 5.0, 0.0};  // of a frame with none before it
 
+// In a frame, as perturbations of its pose per second.
+struct CameraMotion {
+  Vector6d velocity;
+  Vector6d change;  // of it, since the frame before
+};
+
 // Log-likelihood of one of two poses over the other, from which on the picture decides: half of the
 // chi-square of BoardPose::is_ambiguous.
 constexpr double kDecides = 9.0;
+
+constexpr std::string_view kContradicting = "the tags contradict each other";
 
 // Of a pose from elsewhere that only says where to begin.
 Matrix6d loose_covariance() {
@@ -185,7 +193,8 @@ struct TableTracker::Impl : Following {
   // The last two tracked poses, newest first.
   std::optional<TimedPose> last;
   std::optional<TimedPose> before_last;
-  // The last two measured ones, tracked or uncertain.
+  // The last two measured ones, tracked or uncertain, but for those that may be elsewhere
+  // altogether: they say nothing of how the camera moved.
   std::optional<TimedPose> measured;
   std::optional<TimedPose> before_measured;
   TrackStatus last_status = TrackStatus::tracked;  // of `measured`
@@ -235,8 +244,8 @@ struct TableTracker::Impl : Following {
   [[nodiscard]] double scatter_px(const AlignmentResult& joint, const AlignmentInput& input);
   [[nodiscard]] bool settle(AlignmentInput& input, const AlignmentResult& result, bool with_search);
   void look_again(AlignmentInput& input, const AlignmentResult& result, bool with_search);
-  [[nodiscard]] std::optional<Vector6d> velocity_at(std::int64_t timestamp_ns,
-                                                    const CameraPose& pose) const;
+  [[nodiscard]] std::optional<CameraMotion> motion_at(std::int64_t timestamp_ns,
+                                                      const CameraPose& pose) const;
   void align_at_own_speed(const Frame& frame, AlignmentInput& input, const AlignmentResult& result);
   [[nodiscard]] std::optional<PoseEstimate> follow(const Frame& frame, ImageView image,
                                                    Start start = Start::own_motion);
@@ -404,7 +413,7 @@ PoseEstimate TableTracker::Impl::judge(const Measurement& measurement,
   estimate.status = TrackStatus::uncertain;
   lens_alone_uncertain = false;
   if (measurement.contradictory) {
-    estimate.reason = "the tags contradict each other";
+    estimate.reason = kContradicting;
   } else if (open) {
     estimate.reason = kTwoPoses;
   } else if (!(estimate.expected_overlay_error_px < options.tracked_overlay_px)) {
@@ -489,6 +498,7 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
   last_status = estimate.status;
   before_measured = std::exchange(
       measured, TimedPose{frame.timestamp_ns, estimate.T_table_camera, estimate.covariance});
+  if (estimate.reason == kTwoPoses || estimate.reason == kContradicting) measured.reset();
   // What can be continued: a lens that is hardly known is the same in all frames.
   if (estimate.status == TrackStatus::tracked || lens_alone_uncertain) {
     before_last = std::exchange(
@@ -592,17 +602,25 @@ void TableTracker::Impl::add_second(ImageView image, const ImageMotion& image_mo
                           kDecides * std::max(measurement.samples_for_one, samples_for_one(result));
 }
 
-// The velocity at a pose that follows the last ones: as if its change were even.
-std::optional<Vector6d> TableTracker::Impl::velocity_at(std::int64_t timestamp_ns,
-                                                        const CameraPose& pose) const {
-  if (!last || !before_last) return std::nullopt;
-  const double step_s = seconds(timestamp_ns - last->timestamp_ns);
-  const double before_s = seconds(last->timestamp_ns - before_last->timestamp_ns);
+// By the measured poses before it, as if the velocity changed evenly. A prediction is no part of
+// it: it may not have been there, or not this one.
+std::optional<CameraMotion> TableTracker::Impl::motion_at(std::int64_t timestamp_ns,
+                                                          const CameraPose& pose) const {
+  if (!measured) return std::nullopt;
+  const double step_s = seconds(timestamp_ns - measured->timestamp_ns);
   if (!(step_s > 0.0 && step_s <= kPriorLifetime_s)) return std::nullopt;
-  const Vector6d mean = perturbation_between(last->pose, pose) / step_s;
-  if (!(before_s > 0.0 && before_s <= kPriorLifetime_s)) return mean;
-  const Vector6d mean_before = perturbation_between(before_last->pose, last->pose) / before_s;
-  return mean + step_s / (step_s + before_s) * (mean - mean_before);
+  const Vector6d mean = perturbation_between(measured->pose, pose) / step_s;
+  CameraMotion motion_there{mean, mean};
+  if (before_measured) {
+    const double before_s = seconds(measured->timestamp_ns - before_measured->timestamp_ns);
+    if (before_s > 0.0 && before_s <= kPriorLifetime_s) {
+      motion_there.change =
+          mean - perturbation_between(before_measured->pose, measured->pose) / before_s;
+      motion_there.velocity += step_s / (step_s + before_s) * motion_there.change;
+    }
+  }
+  if (!motion_there.velocity.allFinite() || !motion_there.change.allFinite()) return std::nullopt;
+  return motion_there;
 }
 
 // With a rolling shutter the velocity is a part of the picture's geometry, with a known exposure of
@@ -621,18 +639,19 @@ void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& 
   constexpr double kSmeared_px = 2.0;
   constexpr int kTries = 2;
   for (int i = 0; i < kTries && result.verified; ++i) {
-    const auto velocity = velocity_at(frame.timestamp_ns, result.T_table_camera);
-    if (!velocity || !velocity->allFinite()) return;
+    const auto found = motion_at(frame.timestamp_ns, result.T_table_camera);
+    if (!found) return;
+    const Vector6d& velocity = found->velocity;
     const auto apart_px = [&](const Vector6d& xi) {
       return overlay_difference(camera, perturbed(result.T_table_camera, xi), result.T_table_camera)
           .rms_px();
     };
-    const Vector6d smear = exposure_s * *velocity;
+    const Vector6d smear = exposure_s * velocity;
     const bool elsewhere = half_readout_s > 0.0 &&
-                           apart_px(half_readout_s * (*velocity - input.velocity)) > kElsewhere_px;
+                           apart_px(half_readout_s * (velocity - input.velocity)) > kElsewhere_px;
     const bool smeared = exposure_s > 0.0 && apart_px(smear - input.exposure_motion) > kSmeared_px;
     if (!elsewhere && !smeared) return;
-    const Vector6d velocity_before = std::exchange(input.velocity, *velocity);
+    const Vector6d velocity_before = std::exchange(input.velocity, velocity);
     const Vector6d smear_before = std::exchange(input.exposure_motion, smear);
     // The picture decides whether it is smeared so.
     const double residual =
@@ -645,41 +664,33 @@ void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& 
   }
 }
 
-// What a measured pose says of the motion in its frame, by those before it. A prediction is no part
-// of it: it may not have been there, or not this one.
+// What a measured pose says of the motion in its frame, and that of what it did to the picture.
 ImageMotion TableTracker::Impl::motion_found(const Frame& frame, const AlignmentResult& result) {
   ImageMotion found = kUnknownMotion;
-  if (!result.verified || !measured) return found;
-  const double step_s = seconds(frame.timestamp_ns - measured->timestamp_ns);
-  if (!(step_s > 0.0 && step_s <= kPriorLifetime_s)) return found;
+  if (!result.verified) return found;
+  const auto motion_there = motion_at(frame.timestamp_ns, result.T_table_camera);
+  if (!motion_there) {
+    found.smear = aligner.smear_error_px();
+    return found;
+  }
   constexpr double kFrame_s = 1.0 / 30.0;
   const auto moves_px = [&](const Vector6d& velocity) {
     return overlay_difference(camera, perturbed(result.T_table_camera, kFrame_s * velocity),
                               result.T_table_camera)
         .rms_px();
   };
-  const Vector6d mean = perturbation_between(measured->pose, result.T_table_camera) / step_s;
-  Vector6d velocity = mean;
-  Vector6d change = mean;
-  if (before_measured) {
-    const double before_s = seconds(measured->timestamp_ns - before_measured->timestamp_ns);
-    if (before_s > 0.0 && before_s <= kPriorLifetime_s) {
-      change = mean - perturbation_between(before_measured->pose, measured->pose) / before_s;
-      velocity += step_s / (step_s + before_s) * change;
-    }
-  }
-  if (!velocity.allFinite() || !change.allFinite()) return found;
   // Of frames that lie further apart nothing says whether those between them were not seen, or they
   // were exposed for longer, in the dark: the first.
   constexpr double kLongestExposure_s = 1.0 / 30.0;
   const double exposure_s = std::min(
       frame.exposure_s.value_or(std::min(frame_interval_s, kLongestExposure_s)), frame_interval_s);
   if (exposure_s > 0.0)
-    found.smear = aligner.smear_error_px(exposure_s * velocity, frame.exposure_s.has_value());
+    found.smear =
+        aligner.smear_error_px(exposure_s * motion_there->velocity, frame.exposure_s.has_value());
   // What jumped between two clear pictures did not move so within them.
   if (!(found.smear > 0.0)) return found;
-  found.predicted = std::max(found.predicted, moves_px(velocity));
-  found.missed = std::max(found.missed, moves_px(change));
+  found.predicted = std::max(found.predicted, moves_px(motion_there->velocity));
+  found.missed = std::max(found.missed, moves_px(motion_there->change));
   return found;
 }
 

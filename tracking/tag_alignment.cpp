@@ -375,6 +375,9 @@ std::optional<CameraPose> TagAligner::search_coarsely(const AlignmentInput& inpu
 double TagAligner::smear_error_px(const Vector6d& motion, bool known) {
   return impl_->smear_error_px(motion, known);
 }
+double TagAligner::smear_error_px() {
+  return impl_->smear_error_px(std::nullopt, false);
+}
 std::vector<EdgePixel> TagAligner::edge_pixels() {
   return impl_->edge_pixels();
 }

@@ -196,6 +196,9 @@ class TagAligner {
   // that may have, and how much of it did the picture says. 0 where the smear is shorter than a
   // cell, or the picture as clear as if it were: then an edge has but one place to be.
   [[nodiscard]] double smear_error_px(const Vector6d& motion, bool known);
+  // The same where nothing is known of the motion: of a smear over up to two cells, in any
+  // direction (the pose came from a detection, which reads no longer ones).
+  [[nodiscard]] double smear_error_px();
 
   // The pixels at the edges of the tags that the last alignment verified, as many of each as the
   // effort allows. The picture that was aligned must still be there, and its camera at rest (no

@@ -364,10 +364,12 @@ void TagAligner::Impl::read_cells(Tag& tag) {
 // the whole. Both want a smear that is long against a cell: one of 1.5 c mixes two thirds of a cell
 // with a sixth of each neighbour, and its cells by themselves explain 16 / 18 of what is seen. What
 // covers a part of a tag explains nothing either, and is left out.
-double TagAligner::Impl::smear_error_px(const Vector6d& motion, bool known) {
+// Of no motion at all the picture says the second only, of a smear as long as can be read.
+double TagAligner::Impl::smear_error_px(const std::optional<Vector6d>& motion, bool known) {
   constexpr int kShares = 8;
   constexpr double kClear = 8.0 / 9.0;
-  std::vector<double> shares;  // explained, of each tag
+  constexpr double kLongestRead_cells = 2.0;  // by libapriltag
+  std::vector<double> shares;                 // explained, of each tag
   const auto median = [&shares] {
     const auto middle = shares.begin() + static_cast<std::ptrdiff_t>(shares.size() / 2);
     std::ranges::nth_element(shares, middle);
@@ -380,7 +382,7 @@ double TagAligner::Impl::smear_error_px(const Vector6d& motion, bool known) {
     seen.push_back(&tags[static_cast<std::size_t>(of.index)]);
     shares.push_back(of.explained);
   }
-  if (seen.empty() || !motion.allFinite()) return 0.0;
+  if (seen.empty() || (motion && !motion->allFinite())) return 0.0;
   // Not by the mean: something may cover some of them.
   if (exposure_motion.isZero(0.0) && median() >= kClear) return 0.0;
 
@@ -396,9 +398,15 @@ double TagAligner::Impl::smear_error_px(const Vector6d& motion, bool known) {
     double cell_px = 0.0;
   };
   std::vector<Smear> smears;
-  smear_by(motion);
+  if (motion) smear_by(*motion);
   for (Tag* tag : seen) {
     if (!measure(*tag)) continue;
+    if (!motion) {
+      const double cell_px =
+          std::sqrt(0.5 * (tag->along_a.squaredNorm() + tag->along_b.squaredNorm()));
+      smears.push_back({kLongestRead_cells * cell_px, cell_px});
+      continue;
+    }
     Eigen::Matrix2d cell_px;
     cell_px << tag->along_a, tag->along_b;
     const double cells = (cell_px.inverse() * tag->motion_px).cwiseAbs().maxCoeff();
@@ -407,7 +415,7 @@ double TagAligner::Impl::smear_error_px(const Vector6d& motion, bool known) {
   double best = 0.0;
   int share = 0;  // [1 / kShares]
   const auto explain_by = [&](int part) {
-    smear_by(static_cast<double>(part) / kShares * motion);
+    smear_by(motion ? Vector6d(static_cast<double>(part) / kShares * *motion) : Vector6d::Zero());
     shares.clear();
     for (Tag* tag : seen) {
       if (!measure(*tag)) continue;
@@ -427,7 +435,7 @@ double TagAligner::Impl::smear_error_px(const Vector6d& motion, bool known) {
   if (best >= kClear) smears.clear();  // whatever moved, this picture is sharp
   if (!smears.empty() && known) {
     explain_by(kShares);
-  } else if (!smears.empty()) {
+  } else if (!smears.empty() && motion) {
     for (int part = 2; part <= kShares; part += 2) explain_by(part);
     const int about = share;
     if (about > 0) explain_by(about - 1);

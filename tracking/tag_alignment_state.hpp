@@ -335,7 +335,7 @@ struct TagAligner::Impl {
   [[nodiscard]] bool reads_clearly(const Tag& tag) const;
   void verify();
   void read_cells(Tag& tag);
-  [[nodiscard]] double smear_error_px(const Vector6d& motion, bool known);
+  [[nodiscard]] double smear_error_px(const std::optional<Vector6d>& motion, bool known);
   void begin(const AlignmentInput& input);
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);
   bool attempt(bool with_search, bool independent);

@@ -709,6 +709,37 @@ TEST_F(TagAlignmentTest, ALongSmearSaysWhatItHides) {
   EXPECT_GT(least_unknown, 0.5);
 }
 
+// Of a picture by itself, with nothing known of what moved.
+TEST_F(TagAlignmentTest, APictureThatIsNotClearSaysSoByItself) {
+  auto aligner = TagAligner::create(camera_, tags_).value();
+  int smeared = 0;
+  for (int k = 0; k < 5; ++k) {
+    SCOPED_TRACE(k);
+    const CameraPose truth = random_view(random_);
+    const Vector6d motion = random_motion(truth, 26.0);
+    PatternRenderOptions render;
+    render.noise_grey = 2.0;
+    render.samples = 96;
+    const auto error_px = [&](const Vector6d& smear) {
+      const GreyImage image = smeared_picture(renderer_, truth, smear, render);
+      AlignmentInput input;
+      input.luma = image.view();
+      input.predicted = truth;
+      input.covariance = loose_prior(0.0005, 0.001);
+      const AlignmentResult& result = aligner.refine(input);
+      return result.verified ? std::optional(aligner.smear_error_px()) : std::nullopt;
+    };
+    EXPECT_EQ(error_px(Vector6d::Zero()), 0.0);
+    EXPECT_EQ(error_px(0.4 * motion), 0.0) << "about than a cell of some 10 px";
+    const std::optional<double> error = error_px(motion);
+    if (!error) continue;  // by all means
+    ++smeared;
+    EXPECT_GT(*error, 0.3);
+    EXPECT_LT(*error, 20.0);
+  }
+  EXPECT_GE(smeared, 2);
+}
+
 // What lies around the tags is smeared into them, and nobody knows what it is.
 TEST_F(TagAlignmentTest, WhatIsSmearedInFromAroundATagCountsForNothing) {
   const std::vector<MappedTag> small = board(3, 2, 0.03);  // cells of 5 px
