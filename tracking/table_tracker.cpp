@@ -97,6 +97,7 @@ struct Measurement {
   bool contradictory = false;
   bool aligned = false;          // by the alignment: the covariance is what it should be
   double samples_for_one = 1.0;  // of an alignment; see the function of this name
+  double map_px = 0.0;           // of the overlay, AlignmentResult::map_covariance
 };
 
 // How many samples say as much as one that is independent of the others: residuals along an edge
@@ -424,6 +425,11 @@ PoseEstimate TableTracker::Impl::judge(const Measurement& measurement,
       estimate.reason = fmt::format(
           "the camera file knows its lens to {:.1f} px only; calibrate it from more views",
           camera.parameters().overlay_sigma_px.value_or(0.0));
+    } else if (of_pose_px * of_pose_px - measurement.map_px * measurement.map_px <
+               options.tracked_overlay_px * options.tracked_overlay_px) {
+      estimate.reason =
+          fmt::format("the few tags in view do not lie as the map says: expected error {:.1f} px",
+                      estimate.expected_overlay_error_px);
     } else {
       estimate.reason = fmt::format("expected error {:.1f} px", estimate.expected_overlay_error_px);
     }
@@ -560,6 +566,7 @@ std::optional<RefinedPose> TableTracker::Impl::aligned(const AlignmentResult& re
   const Matrix6d& inverse = result.covariance;
   pose.covariance =
       larger * inverse - (larger - 1.0) * (inverse * prior.ldlt().solve(inverse)).eval();
+  pose.covariance += result.map_covariance;
   pose.covariance = 0.5 * (pose.covariance + pose.covariance.transpose()).eval();
   const double promised = expected_overlay_error_px(camera, result.T_table_camera, pose.covariance);
   if (promised > 0.0 && std::isfinite(promised)) {
@@ -920,6 +927,8 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   measurement.best = *best;
   measurement.aligned = true;
   measurement.samples_for_one = samples_for_one(result);
+  measurement.map_px =
+      expected_overlay_error_px(camera, best->T_table_camera, result.map_covariance);
   measurement.tags_used = result.tags_verified;
   measurement.left_out = left_out;
   last_tags = result.tags_verified;
@@ -1115,6 +1124,8 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
       measurement->best = *best;
       measurement->aligned = true;
       measurement->samples_for_one = samples_for_one(result);
+      measurement->map_px =
+          expected_overlay_error_px(camera, best->T_table_camera, result.map_covariance);
       measurement->tags_used = result.tags_verified;
       last_tags = result.tags_verified;
       // Until the velocity is known the view rests as far as anybody knows, and every pixel is

@@ -158,6 +158,7 @@ void TagAligner::Impl::begin(const AlignmentInput& input) {
   result.design_effect = 1.0;
   result.displaced_px = 0.0;
   result.disagreement = 1.0;
+  result.map_covariance.setZero();
   result.contradicting = -1;
   for (Tag& tag : tags) tag.left_out = false;
   for (const int index : input.left_out) tags[static_cast<std::size_t>(index)].left_out = true;

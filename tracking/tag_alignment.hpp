@@ -137,6 +137,9 @@ struct AlignmentResult {
   // of it, 1 where these are all there is. Of three tags and more, else 0 and 1.
   double displaced_px = 0.0;
   double disagreement = 1.0;
+  // Of the pose, because of places in the map that are wrong, as far as the tags in view contradict
+  // them; zero where they do not by more than chance. Of two to four tags.
+  Matrix6d map_covariance = Matrix6d::Zero();
   // The tag without which the others agree, in the list given to create; -1: there is none, or they
   // agree as it is.
   int contradicting = -1;

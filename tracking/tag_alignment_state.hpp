@@ -332,6 +332,7 @@ struct TagAligner::Impl {
   void report_pose();
   [[nodiscard]] double design_effect(double cutoff);
   void check_agreement();
+  void check_map();
   [[nodiscard]] bool reads_clearly(const Tag& tag) const;
   void verify();
   void read_cells(Tag& tag);

@@ -709,6 +709,49 @@ TEST_F(TagAlignmentTest, ALongSmearSaysWhatItHides) {
   EXPECT_GT(least_unknown, 0.5);
 }
 
+// Two or three tags of which one lies elsewhere than the map says, by much less than a cell: the
+// pose that fits them is off, and says by how much that may be.
+TEST_F(TagAlignmentTest, FewTagsSayWhatAWrongMapDoes) {
+  for (const int columns : {2, 3}) {
+    const std::vector<MappedTag> printed = board(columns, 1, 0.07);
+    auto renderer = PatternRenderer::create(camera_, printed).value();
+    int told = 0;
+    for (const double off_m : {0.0, 0.002, -0.002}) {
+      SCOPED_TRACE(testing::Message() << columns << " tags, " << off_m << " m");
+      std::vector<MappedTag> map = printed;
+      map[1].T_table_tag = {
+          printed[1].T_table_tag.rotation(),
+          printed[1].T_table_tag.translation() + off_m * Eigen::Vector3d(0.6, 0.8, 0.0)};
+      auto aligner = TagAligner::create(camera_, map).value();
+      for (int k = 0; k < 3; ++k) {
+        const CameraPose truth = random_view(random_);
+        PatternRenderOptions render;
+        render.noise_grey = 2.0;
+        const GreyImage image = renderer.render(std::array{truth}, render);
+        AlignmentInput input;
+        input.luma = image.view();
+        input.predicted = truth;
+        input.covariance = loose_prior(0.01, 0.02);
+        const AlignmentResult& result = aligner.refine(input);
+        ASSERT_TRUE(result.verified) << result.reason;
+        ASSERT_TRUE(result.map_covariance.allFinite());
+        if (off_m == 0.0) {
+          EXPECT_TRUE(result.map_covariance.isZero(0.0));
+          continue;
+        }
+        // A pose that leaves out the wrong one is right.
+        const double error_px = overlay_difference(camera_, result.T_table_camera, truth).rms_px();
+        const double expected_px =
+            expected_overlay_error_px(camera_, result.T_table_camera, result.map_covariance);
+        EXPECT_LT(error_px, std::max(1.0, 4.0 * expected_px));
+        EXPECT_LT(expected_px, std::max(1.0, 10.0 * error_px));
+        told += expected_px > 0.5 ? 1 : 0;
+      }
+    }
+    EXPECT_GE(told, 4) << "of 6";
+  }
+}
+
 // Of a picture by itself, with nothing known of what moved.
 TEST_F(TagAlignmentTest, APictureThatIsNotClearSaysSoByItself) {
   auto aligner = TagAligner::create(camera_, tags_).value();
