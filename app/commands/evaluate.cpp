@@ -55,6 +55,13 @@ Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions&
   if (names.empty()) {
     return fail("{}: has no group of tags beside the table", options.tags->string());
   }
+  for (const auto& folder : {*options.estimated_groups, *options.groundtruth_groups}) {
+    std::error_code ignored;
+    if (!std::filesystem::is_directory(folder, ignored)) {
+      return fail("{}: is no folder; give the one that holds NAME.tum of each group",
+                  folder.string());
+    }
+  }
   const auto found = load_group_paths(*options.estimated_groups, names);
   if (!found) return tl::unexpected(found.error());
   const auto true_places = load_group_paths(*options.groundtruth_groups, names);

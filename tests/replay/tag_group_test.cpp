@@ -268,10 +268,14 @@ TEST_F(TagGroups, AHeldPropIsTrackedToItsTruth) {
   EXPECT_NEAR(json["groups"]["the prop"]["overlay_px"]["rmse"].get<double>(),
               prop["accuracy"]["overlay_px"]["rmse"].get<double>(), 1e-3);
   std::vector<std::string> elsewhere = evaluation;
-  elsewhere.back() = file("tracked");
+  elsewhere.back() = file("made/frames");
   const ProgramResult none = penumbra(elsewhere);
   EXPECT_EQ(none.exit_code, 1);
   EXPECT_THAT(none.err, HasSubstr("has no file of a group"));
+  elsewhere.back() = file("nowhere");
+  const ProgramResult nowhere = penumbra(elsewhere);
+  EXPECT_EQ(nowhere.exit_code, 1);
+  EXPECT_THAT(nowhere.err, HasSubstr(file("nowhere") + ": is no folder"));
   elsewhere.resize(elsewhere.size() - 2);
   EXPECT_EQ(penumbra(elsewhere).exit_code, 2);
 
