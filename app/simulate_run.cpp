@@ -162,7 +162,6 @@ class Simulation {
     light_.lens_blur_px = request.lens_blur_px;
     light_.gain = request.gain;
     light_.gamma = request.tone_curve.value_or(camera_.parameters().tone_curve.value_or(1.0));
-    light_.cover_share = request.cover_share;
     light_.threads = request.threads;
     for (const auto& [group, unused] : groups_) {
       middles_.emplace(group, middle_of_group(tags, group));
@@ -200,6 +199,7 @@ class Simulation {
       }
     }
     PatternRenderOptions light = light_;
+    light.cover_share = number < request_.cover_from ? 0.0 : request_.cover_share;
     // Each frame's noise is its own, and does not depend on the frames before.
     light.seed = SplitMix64::nth(request_.seed, static_cast<std::uint64_t>(number));
     if (!session_) {

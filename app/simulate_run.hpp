@@ -30,6 +30,7 @@ struct SimulateRequest {
   double gain = 1.0;          // of the light, > 0
   double lens_blur_px = 0.5;  // sigma of the lens's own blur, >= 0
   double cover_share = 0.0;   // of each tag, hidden from its left side: 0 to 1
+  int cover_from = 0;         // the first frame of which this holds
   int threads = 1;            // that draw the tags; the pictures are the same, bit for bit
 };
 

@@ -126,10 +126,18 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_option("--lens-blur", request->lens_blur_px, "Sigma of the lens's own blur [px]")
       ->check(within(0.0, 10.0))
       ->capture_default_str();
+  CLI::Option* cover = command
+                           ->add_option("--cover", request->cover_share,
+                                        "Share of every tag that something grey hides, from its "
+                                        "left side: no detection finds it, tracking follows it")
+                           ->check(within(0.0, 1.0))
+                           ->capture_default_str();
   command
-      ->add_option("--cover", request->cover_share,
-                   "Share of every tag that something grey hides, from its left side")
-      ->check(within(0.0, 1.0))
+      ->add_option("--cover-from", request->cover_from,
+                   "The first frame that --cover is for; before it the tags are seen whole")
+      ->check(CLI::NonNegativeNumber)
+      ->needs(cover)
+      ->type_name("FRAME")
       ->capture_default_str();
   command->footer(
       "The recording holds frames/*.png, timestamps.csv, camera.yaml, tags.yaml and "

@@ -177,6 +177,22 @@ TEST_F(Simulate, ToneGainAndCoverDoWhatTheySay) {
   EXPECT_GT(changed, 2000);
 }
 
+// No detection reads a tag whose edge is hidden; the tracker holds on to one that it knows.
+TEST_F(Simulate, WhatIsCoveredLaterIsTrackedOn) {
+  ASSERT_EQ(run("plain").exit_code, 0);
+  ASSERT_EQ(run("covered", {"--cover", "0.4"}).exit_code, 0);
+  ASSERT_EQ(run("later", {"--cover", "0.4", "--cover-from", "1"}).exit_code, 0);
+  EXPECT_EQ(pixels("later", 0), pixels("plain", 0));
+  EXPECT_EQ(pixels("later", 1), pixels("covered", 1));
+  const auto covered = track_recording(folder_.path() / "covered");
+  ASSERT_TRUE(covered) << covered.error().message;
+  EXPECT_EQ(covered->count_of(TrackStatus::tracked), 0);
+  const auto later = track_recording(folder_.path() / "later");
+  ASSERT_TRUE(later) << later.error().message;
+  EXPECT_EQ(later->count_of(TrackStatus::tracked), static_cast<int>(later->frames.size()));
+  EXPECT_EQ(later->wrong, 0);
+}
+
 TEST_F(Simulate, AScenesObjectsAreDrawnOverTheTags) {
   const std::string scene = (source_dir() / "scenes" / "default.json").string();
   ASSERT_EQ(run("plain").exit_code, 0);
