@@ -333,6 +333,10 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   auto renderer = PatternRenderer::create(*camera, tags->tags());
   if (!renderer) return fail_in(request.tags.string(), renderer.error());
 
+  if (request.cover_from >= static_cast<int>(path->poses.size()) && request.cover_from > 0) {
+    return fail("--cover-from: {} is beyond the last frame; {} has {} poses", request.cover_from,
+                request.trajectory.string(), path->poses.size());
+  }
   auto groups = load_group_paths(request, *tags, *path);
   if (!groups) return tl::unexpected(groups.error());
 

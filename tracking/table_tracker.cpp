@@ -37,9 +37,6 @@ constexpr double kBlurs_px = 12.0;
 // None of it was fitted to a recording; tests/benchmarks/honesty_benchmark.cpp holds the sum
 // against random synthetic sessions.
 //
-// Tukey's weights at 4.685 sigma: variance E[psi^2] / E[psi']^2 = 1.053 of that of least squares
-// for normal residuals, while sum(w r^2) / sum(w) and sum(w) say 0.758 / 0.915^2 of it.
-constexpr double kTukeyTimes = 1.16;
 // The model of the picture is not exact (point spread, what is next to an edge), and misses all
 // edges of a tag together by some thousandths of a pixel, against which more samples do not help:
 // 0.003 px on exact pictures without noise. Over random synthetic sessions (seeds 1 to 130 of the
@@ -69,8 +66,12 @@ constexpr ImageMotion kUnknownMotion{5.0, 5.0, 0.0};  // of a frame with none be
 // In a frame, as perturbations of its pose per second.
 struct CameraMotion {
   Vector6d velocity;
-  Vector6d change;  // of it, since the frame before
+  Vector6d change;  // of it, since the frame before; all of it where there is but one
 };
+
+// The longest smears over which tags are read, by libapriltag and by the alignment.
+constexpr double kDetected_cells = 2.0;
+constexpr double kAligned_cells = 5.0;
 
 // Log-likelihood of one of two poses over the other, from which on the picture decides: half of the
 // chi-square of BoardPose::is_ambiguous.
@@ -97,21 +98,16 @@ struct Measurement {
   bool contradictory = false;
   bool aligned = false;          // by the alignment: the covariance is what it should be
   double samples_for_one = 1.0;  // of an alignment; see the function of this name
-  double map_px = 0.0;           // of the overlay, AlignmentResult::map_covariance
+  double map_px = 0.0;           // of the overlay, what a map that the tags contradict may do to it
 };
-
-// How many samples say as much as one that is independent of the others: residuals along an edge
-// go together.
-double samples_for_one(const AlignmentResult& result) {
-  return kTukeyTimes * std::max(result.design_effect, 1.0);
-}
 
 // How many times larger the covariance is than that of independent residuals about a true model.
 // The bias of a tag displaces it as a whole: against the other tags it turns the pose, a lone one
 // it takes along by no more than itself.
 double covariance_times(const AlignmentResult& result, double noise_px) {
   // How far the tags disagree says what a part of it is worth.
-  double times = std::max(samples_for_one(result), result.disagreement);
+  double times = samples_for_one(result);
+  if (result.map_covariance.isZero(0.0)) times = std::max(times, result.disagreement);
   if (result.tags_verified > 1 && noise_px > 0.0) {
     const double tag_bias = kTagBias_px / noise_px;
     times += tag_bias * tag_bias * result.counters.samples / result.tags_verified;
@@ -123,6 +119,7 @@ struct TimedPose {
   std::int64_t timestamp_ns = 0;
   CameraPose pose;
   Matrix6d covariance = Matrix6d::Zero();
+  bool tracked = false;
 };
 
 struct ModeName {
@@ -195,10 +192,11 @@ struct TableTracker::Impl : Following {
   std::optional<TimedPose> last;
   std::optional<TimedPose> before_last;
   // The last two measured ones, tracked or uncertain, but for those that may be elsewhere
-  // altogether: they say nothing of how the camera moved.
+  // altogether (two poses, or tags that contradict each other): they say nothing of how the camera
+  // moved.
   std::optional<TimedPose> measured;
   std::optional<TimedPose> before_measured;
-  TrackStatus last_status = TrackStatus::tracked;  // of `measured`
+  TrackStatus last_status = TrackStatus::tracked;  // of the last frame that was measured
   // From the frame before to this one, no longer than which it was exposed; 0: unknown.
   double frame_interval_s = 0.0;
   std::optional<std::int64_t> frame_before_ns;
@@ -234,8 +232,10 @@ struct TableTracker::Impl : Following {
   [[nodiscard]] std::optional<RefinedPose> aligned(const AlignmentResult& result,
                                                    const Matrix6d& prior,
                                                    const ImageMotion& motion_px) const;
+  void take(const RefinedPose& pose, const AlignmentResult& result, Measurement& measurement) const;
   void add_second(ImageView image, const ImageMotion& image_motion, Measurement& measurement);
-  [[nodiscard]] ImageMotion motion_found(const Frame& frame, const AlignmentResult& result);
+  [[nodiscard]] ImageMotion motion_found(const Frame& frame, const AlignmentResult& result,
+                                         double longest_smear_cells);
   void note_work(const AlignmentResult& result);
   [[nodiscard]] bool is_doubtful(const AlignmentResult& result, bool with_search) const;
   [[nodiscard]] bool may_leave_out(const AlignmentResult& result) const;
@@ -472,6 +472,10 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
     last.reset();
     before_last.reset();
   }
+  if (measured && frame.timestamp_ns <= measured->timestamp_ns) {
+    measured.reset();
+    before_measured.reset();
+  }
   frame_interval_s = 0.0;
   if (frame_before_ns)
     frame_interval_s = std::max(seconds(frame.timestamp_ns - *frame_before_ns), 0.0);
@@ -502,13 +506,13 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
       return estimate;
   }
   last_status = estimate.status;
-  before_measured = std::exchange(
-      measured, TimedPose{frame.timestamp_ns, estimate.T_table_camera, estimate.covariance});
-  if (estimate.reason == kTwoPoses || estimate.reason == kContradicting) measured.reset();
+  const TimedPose here{frame.timestamp_ns, estimate.T_table_camera, estimate.covariance,
+                       estimate.status == TrackStatus::tracked};
+  if (estimate.reason != kTwoPoses && estimate.reason != kContradicting)
+    before_measured = std::exchange(measured, here);
   // What can be continued: a lens that is hardly known is the same in all frames.
   if (estimate.status == TrackStatus::tracked || lens_alone_uncertain) {
-    before_last = std::exchange(
-        last, TimedPose{frame.timestamp_ns, estimate.T_table_camera, estimate.covariance});
+    before_last = std::exchange(last, here);
   }
   return estimate;
 }
@@ -578,6 +582,17 @@ std::optional<RefinedPose> TableTracker::Impl::aligned(const AlignmentResult& re
     pose.covariance *= 1.0 + systematic_px * systematic_px / (promised * promised);
   }
   return pose;
+}
+
+void TableTracker::Impl::take(const RefinedPose& pose, const AlignmentResult& result,
+                              Measurement& measurement) const {
+  measurement.best = pose;
+  measurement.aligned = true;
+  measurement.samples_for_one = samples_for_one(result);
+  measurement.tags_used = result.tags_verified;
+  if (result.map_contradicted)
+    measurement.map_px =
+        expected_overlay_error_px(camera, pose.T_table_camera, result.map_covariance);
 }
 
 // The other pose that a lone tag (or a few in one plane, seen from afar) allows, aligned as well:
@@ -661,8 +676,9 @@ void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& 
     const Vector6d velocity_before = std::exchange(input.velocity, velocity);
     const Vector6d smear_before = std::exchange(input.exposure_motion, smear);
     // The picture decides whether it is smeared so.
-    const double residual =
-        elsewhere ? std::numeric_limits<double>::infinity() : result.residual_rms;
+    // ... and so it does where the pose before may be far off itself.
+    const double residual = elsewhere && measured->tracked ? std::numeric_limits<double>::infinity()
+                                                           : result.residual_rms;
     if (aligner.align(input).verified && result.residual_rms <= residual) continue;
     input.velocity = velocity_before;
     input.exposure_motion = smear_before;
@@ -672,12 +688,14 @@ void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& 
 }
 
 // What a measured pose says of the motion in its frame, and that of what it did to the picture.
-ImageMotion TableTracker::Impl::motion_found(const Frame& frame, const AlignmentResult& result) {
+// `longest_smear_cells`: that the method which found it reads.
+ImageMotion TableTracker::Impl::motion_found(const Frame& frame, const AlignmentResult& result,
+                                             double longest_smear_cells) {
   ImageMotion found = kUnknownMotion;
   if (!result.verified) return found;
   const auto motion_there = motion_at(frame.timestamp_ns, result.T_table_camera);
   if (!motion_there) {
-    found.smear = aligner.smear_error_px();
+    found.smear = aligner.smear_error_px(longest_smear_cells);
     return found;
   }
   constexpr double kFrame_s = 1.0 / 30.0;
@@ -911,9 +929,9 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
     input.covariance = loose_covariance();
     static_cast<void>(aligner.refine(input));  // in the same result
     note_work(result);
-    image_motion = motion_found(frame, result);
+    image_motion = motion_found(frame, result, kAligned_cells);
   } else if (result.verified) {
-    image_motion.smear = motion_found(frame, result).smear;
+    image_motion.smear = motion_found(frame, result, kAligned_cells).smear;
     image_motion.missed =
         overlay_difference(camera, result.T_table_camera, prediction.T_table_camera).rms_px();
   }
@@ -924,12 +942,7 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   }
   const Matrix6d filter_covariance = result.covariance;
   Measurement measurement;
-  measurement.best = *best;
-  measurement.aligned = true;
-  measurement.samples_for_one = samples_for_one(result);
-  measurement.map_px =
-      expected_overlay_error_px(camera, best->T_table_camera, result.map_covariance);
-  measurement.tags_used = result.tags_verified;
+  take(*best, result, measurement);
   measurement.left_out = left_out;
   last_tags = result.tags_verified;
   if (result.tags_verified == 1 || branch_open) {
@@ -1118,15 +1131,10 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
     measurement->contradictory = !settle(input, result, false);
     measurement->left_out = left_out;
     note_work(result);
-    const ImageMotion image_motion = motion_found(frame, result);
+    const ImageMotion image_motion = motion_found(frame, result, kDetected_cells);
     const std::optional<RefinedPose> best = aligned(result, input.covariance, image_motion);
     if (best) {
-      measurement->best = *best;
-      measurement->aligned = true;
-      measurement->samples_for_one = samples_for_one(result);
-      measurement->map_px =
-          expected_overlay_error_px(camera, best->T_table_camera, result.map_covariance);
-      measurement->tags_used = result.tags_verified;
+      take(*best, result, *measurement);
       last_tags = result.tags_verified;
       // Until the velocity is known the view rests as far as anybody knows, and every pixel is
       // used; the rounds that bring them near need not be of all. But for few tags, whose tilt

@@ -138,8 +138,10 @@ struct AlignmentResult {
   double displaced_px = 0.0;
   double disagreement = 1.0;
   // Of the pose, because of places in the map that are wrong, as far as the tags in view contradict
-  // them; zero where they do not by more than chance. Of two to four tags.
+  // them: the mean of what noise does is taken out of it, and zero is what is left mostly.
+  // map_contradicted: noise would do as much to one in a hundred. Of two to four tags.
   Matrix6d map_covariance = Matrix6d::Zero();
+  bool map_contradicted = false;
   // The tag without which the others agree, in the list given to create; -1: there is none, or they
   // agree as it is.
   int contradicting = -1;
@@ -148,6 +150,10 @@ struct AlignmentResult {
   AlignmentCounters counters;
   std::string_view reason;  // why it is not verified
 };
+
+// How many samples say as much as one that is independent of the others: residuals along an edge
+// go together.
+[[nodiscard]] double samples_for_one(const AlignmentResult& result);
 
 // A pixel near an edge of a tag, as the picture has it and as the pattern at the aligned pose
 // would.
@@ -199,9 +205,9 @@ class TagAligner {
   // that may have, and how much of it did the picture says. 0 where the smear is shorter than a
   // cell, or the picture as clear as if it were: then an edge has but one place to be.
   [[nodiscard]] double smear_error_px(const Vector6d& motion, bool known);
-  // The same where nothing is known of the motion: of a smear over up to two cells, in any
-  // direction (the pose came from a detection, which reads no longer ones).
-  [[nodiscard]] double smear_error_px();
+  // The same where nothing is known of the motion: of a smear over up to so many cells, in any
+  // direction.
+  [[nodiscard]] double smear_error_px(double longest_cells);
 
   // The pixels at the edges of the tags that the last alignment verified, as many of each as the
   // effort allows. The picture that was aligned must still be there, and its camera at rest (no

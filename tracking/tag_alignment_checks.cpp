@@ -216,21 +216,20 @@ double TagAligner::Impl::design_effect(double cutoff) {
   return std::max(found, 0.0) / expected * runs / free;
 }
 
-// Where tags do not lie to each other as the map says, how far off that may have put the pose. Two
-// or three of them take a pose along that fits both to some tenths of a pixel, and is off by many:
-// each by itself says where the camera is, x_k off the pose that was solved, and how well it knows
-// that, W_k. What of these differences is more than that leaves is places in the map that are wrong
-// by tau in each direction (the estimate of a random effect by its moments: DerSimonian and Laird,
-// Meta-analysis in clinical trials, 1986, for several dimensions), and the pose has what the
+// Where tags do not lie to each other as the map says, how far off that may have put the pose. One
+// of two or three takes the pose along until all fit to some tenths of a pixel, and it is off by
+// many: each by itself says where the camera is, x_k off the pose that was solved, and how well it
+// knows that, W_k. What of these differences is more than that leaves is places in the map that are
+// wrong by tau in each direction (the estimate of a random effect by its moments: DerSimonian and
+// Laird, Meta-analysis in clinical trials, 1986, for several dimensions), and the pose has what the
 // equations make of that.
 void TagAligner::Impl::check_map() {
-  result.map_covariance.setZero();
-  // What lens, tone curve and paper do to each real tag, edge by edge and as a whole: with so much
-  // of it, those of a real sheet (visp-rbt-sequence) differ by as much as chance has them differ.
+  // What lens, tone curve and paper do to each real tag, edge by edge and as a whole: chosen so
+  // that those of a real sheet (visp-rbt-sequence) differ by as much as chance has them differ.
   constexpr double kShift_px = 0.05;
   constexpr double kEdge_px = 0.05;
   constexpr double kTilt_rad = 0.005;
-  const auto tags_count = static_cast<double>(agreement.size());
+  double tags_count = 0.0;
   Matrix6d H = Matrix6d::Zero();
   Matrix6d H_of_places = Matrix6d::Zero();
   Matrix6d W = Matrix6d::Zero();
@@ -245,7 +244,11 @@ void TagAligner::Impl::check_map() {
     const double half_px =
         half *
         std::sqrt(std::abs(tag.along_a.x() * tag.along_b.y() - tag.along_a.y() * tag.along_b.x()));
-    const Matrix6d own = of.H.ldlt().solve(Matrix6d::Identity());
+    const Eigen::LDLT<Matrix6d> solver(of.H);
+    // The little that is seen of a tag at the picture's border fixes no pose.
+    constexpr double kLeastCondition = 1e-13;
+    if (!solver.isPositive() || !(solver.rcond() > kLeastCondition)) continue;
+    const Matrix6d own = solver.solve(Matrix6d::Identity());
     const Vector6d x = own * of.g;
     // About its centre.
     Eigen::Matrix<double, 6, 6> paper = Matrix6d::Zero();
@@ -258,10 +261,11 @@ void TagAligner::Impl::check_map() {
       paper.block<3, 1>(3, 3 + axis) = turn;
     }
     const Matrix6d weight =
-        Matrix6d(variance * result.design_effect * own + paper * paper.transpose())
+        Matrix6d(variance * samples_for_one(result) * own + paper * paper.transpose())
             .ldlt()
             .solve(Matrix6d::Identity());
-    if (!weight.allFinite() || !x.allFinite()) return;
+    if (!weight.allFinite() || !x.allFinite()) continue;
+    tags_count += 1.0;
     H += of.H;
     H_of_places += of.H.leftCols<3>() * of.H.topRows<3>();
     W += weight;
@@ -270,14 +274,24 @@ void TagAligner::Impl::check_map() {
     squares += x.dot(weight * x);
     trace += weight.topLeftCorner<3, 3>().trace();
   }
+  if (tags_count < 2.0) return;
   const Eigen::LDLT<Matrix6d> together(W);
   squares -= asked.dot(together.solve(asked));
   trace -= together.solve(W_of_places).trace();
   const double freedoms = 6.0 * (tags_count - 1.0);
   if (!(squares > freedoms) || !(trace > 0.0)) return;
   const Matrix6d inverse = H.ldlt().solve(Matrix6d::Identity());
-  const Matrix6d off = (squares - freedoms) / trace * inverse * H_of_places * inverse;
-  if (off.allFinite()) result.map_covariance = off;
+  // One tag that is wrong is so in three directions: what is estimated from three is, with their
+  // Student's t, of three times the variance.
+  constexpr double kOfThree = 3.0;
+  const Matrix6d off = kOfThree * (squares - freedoms) / trace * inverse * H_of_places * inverse;
+  if (!off.allFinite()) return;
+  result.map_covariance = off;
+  // Chi-square's 99 % (Wilson and Hilferty, The distribution of chi-square, 1931).
+  constexpr double kNormal99 = 2.326;
+  const double ninth = 2.0 / (9.0 * freedoms);
+  result.map_contradicted =
+      squares > freedoms * std::pow(1.0 - ninth + kNormal99 * std::sqrt(ninth), 3.0);
 }
 
 // Whether the tags lie to each other as the map says. A tag that was moved has all of its pixels
@@ -418,6 +432,28 @@ void TagAligner::Impl::read_cells(Tag& tag) {
   evaluate(tag);
 }
 
+// The picture's noise at cells' centres, taken out of what read_cells read: the mean of all pixels
+// within a sixth of a cell.
+void TagAligner::Impl::average_cells(Tag& tag) const {
+  const kernel::Samples& s = tag.samples;
+  const int about = std::min(static_cast<int>(tag.cell_px / 6.0), 3);
+  // With a rolling shutter samples are no longer where their pixels are.
+  if (about == 0 || !tag.row_shear.isZero(0.0)) return;
+  for (int k = 0; k < tag.used; ++k) {
+    const int x = static_cast<int>(s.pixel_x[k]);
+    const int y = static_cast<int>(s.pixel_y[k]);
+    float sum = 0.0F;
+    int count = 0;
+    for (int v = std::max(y - about, 0); v <= std::min(y + about, image.height - 1); ++v) {
+      for (int u = std::max(x - about, 0); u <= std::min(x + about, image.width - 1); ++u) {
+        sum += tone[image.data[v * image.stride + u]];
+        ++count;
+      }
+    }
+    s.value[k] = sum / static_cast<float>(count);
+  }
+}
+
 // Cells are black or white by chance: their pattern is like itself, displaced by d along one of its
 // axes, by 1 - d / c, c a cell, and no more than by chance from a cell on. What a smear of length L
 // shows of it is the mean of that over L:
@@ -430,12 +466,13 @@ void TagAligner::Impl::read_cells(Tag& tag) {
 // the whole. Both want a smear that is long against a cell: one of 1.5 c mixes two thirds of a cell
 // with a sixth of each neighbour, and its cells by themselves explain 16 / 18 of what is seen. What
 // covers a part of a tag explains nothing either, and is left out.
-// Of no motion at all the picture says the second only, of a smear as long as can be read.
-double TagAligner::Impl::smear_error_px(const std::optional<Vector6d>& motion, bool known) {
+// Where the motion is not known the picture says the second only, of a smear as long as can be
+// read.
+double TagAligner::Impl::smear_error_px(const std::optional<Vector6d>& motion, bool known,
+                                        double longest_cells) {
   constexpr int kShares = 8;
   constexpr double kClear = 8.0 / 9.0;
-  constexpr double kLongestRead_cells = 2.0;  // by libapriltag
-  std::vector<double> shares;                 // explained, of each tag
+  std::vector<double> shares;  // explained, of each tag
   const auto median = [&shares] {
     const auto middle = shares.begin() + static_cast<std::ptrdiff_t>(shares.size() / 2);
     std::ranges::nth_element(shares, middle);
@@ -470,7 +507,7 @@ double TagAligner::Impl::smear_error_px(const std::optional<Vector6d>& motion, b
     if (!motion) {
       const double cell_px =
           std::sqrt(0.5 * (tag->along_a.squaredNorm() + tag->along_b.squaredNorm()));
-      smears.push_back({kLongestRead_cells * cell_px, cell_px});
+      smears.push_back({longest_cells * cell_px, cell_px});
       continue;
     }
     Eigen::Matrix2d cell_px;
@@ -489,6 +526,7 @@ double TagAligner::Impl::smear_error_px(const std::optional<Vector6d>& motion, b
       project_lattice(*tag, 0.0);
       arena.give_back();
       read_cells(*tag);
+      average_cells(*tag);
       const double here = explained_by_most(tag->samples.model, tag->samples.value, tag->used);
       if (here >= 0.0) shares.push_back(here);
     }

@@ -336,7 +336,9 @@ struct TagAligner::Impl {
   [[nodiscard]] bool reads_clearly(const Tag& tag) const;
   void verify();
   void read_cells(Tag& tag);
-  [[nodiscard]] double smear_error_px(const std::optional<Vector6d>& motion, bool known);
+  void average_cells(Tag& tag) const;
+  [[nodiscard]] double smear_error_px(const std::optional<Vector6d>& motion, bool known,
+                                      double longest_cells = 0.0);
   void begin(const AlignmentInput& input);
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);
   bool attempt(bool with_search, bool independent);

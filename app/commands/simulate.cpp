@@ -129,7 +129,7 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
   CLI::Option* cover = command
                            ->add_option("--cover", request->cover_share,
                                         "Share of every tag that something grey hides, from its "
-                                        "left side: no detection finds it, tracking follows it")
+                                        "left side, its white margin first")
                            ->check(within(0.0, 1.0))
                            ->capture_default_str();
   command

@@ -182,6 +182,9 @@ TEST_F(Simulate, WhatIsCoveredLaterIsTrackedOn) {
   ASSERT_EQ(run("plain").exit_code, 0);
   ASSERT_EQ(run("covered", {"--cover", "0.4"}).exit_code, 0);
   ASSERT_EQ(run("later", {"--cover", "0.4", "--cover-from", "1"}).exit_code, 0);
+  const ProgramResult never = run("never", {"--cover", "0.4", "--cover-from", "1000"});
+  EXPECT_EQ(never.exit_code, 1);
+  EXPECT_THAT(never.err, HasSubstr("--cover-from: 1000 is beyond the last frame"));
   EXPECT_EQ(pixels("later", 0), pixels("plain", 0));
   EXPECT_EQ(pixels("later", 1), pixels("covered", 1));
   const auto covered = track_recording(folder_.path() / "covered");
