@@ -556,7 +556,9 @@ std::string report_table(const RunReport& report) {
     text += fmt::format("not tracked: {} ({})\n", reason, count);
   }
   text += left_out_lines(report.tags_left_out, "the map");
-  if (report.frames > 0 && report.frames_tracked == 0) {
+  // Uncertain frames have seen it.
+  if (report.frames > 0 && report.frames_tracked == 0 &&
+      2 * report.frames_uncertain < report.frames) {
     text +=
         "no frame was tracked: is the sheet that --tags lists in view, whole and sharp? Tags of "
         "other families are not looked for\n";

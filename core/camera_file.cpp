@@ -51,10 +51,14 @@ double rms(const std::vector<double>& values) {
 // overlay_px have the corners it is made of.
 Result<void> take_uncertainty(const YamlFields& fields, CameraParameters& p) {
   constexpr const char* kRemedy = "leave out `uncertainty`, or calibrate again";
-  if (!fields.has("uncertainty")) return {};
+  const Result<bool> told = fields.has_optional("uncertainty");
+  if (!told) return tl::unexpected(told.error());
+  if (!*told) return {};
   const Result<YamlFields> uncertainty = fields.fields("uncertainty", kRemedy);
   if (!uncertainty) return tl::unexpected(uncertainty.error());
-  if (uncertainty->has("overlay_px")) {
+  const Result<bool> of_overlay = uncertainty->has_optional("overlay_px");
+  if (!of_overlay) return tl::unexpected(of_overlay.error());
+  if (*of_overlay) {
     const Result<double> overlay = uncertainty->number("overlay_px", kRemedy);
     if (!overlay) return tl::unexpected(overlay.error());
     p.overlay_sigma_px = *overlay;
@@ -70,13 +74,17 @@ Result<void> take_uncertainty(const YamlFields& fields, CameraParameters& p) {
 
 // What readers of other tools ignore.
 Result<void> take_optional(const YamlFields& fields, CameraParameters& p) {
-  if (fields.has("tone_curve")) {
+  const Result<bool> toned = fields.has_optional("tone_curve");
+  if (!toned) return tl::unexpected(toned.error());
+  if (*toned) {
     const Result<double> tone =
         fields.number("tone_curve", "give the exponent of the tone curve, or leave it out");
     if (!tone) return tl::unexpected(tone.error());
     p.tone_curve = *tone;
   }
-  if (fields.has("rolling_shutter_row_s")) {
+  const Result<bool> rolls = fields.has_optional("rolling_shutter_row_s");
+  if (!rolls) return tl::unexpected(rolls.error());
+  if (*rolls) {
     const Result<double> row = fields.number(
         "rolling_shutter_row_s", "give the seconds from one row to the next, or leave it out");
     if (!row) return tl::unexpected(row.error());

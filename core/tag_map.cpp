@@ -83,7 +83,9 @@ Result<MappedTag> read_tag(const YamlFields& fields) {
   tag.T_table_tag = Transform<frame::Table, frame::Tag>(
       rotation, Eigen::Vector3d((*position)[0], (*position)[1], (*position)[2]));
 
-  if (fields.has("group")) {
+  const Result<bool> in_group = fields.has_optional("group");
+  if (!in_group) return tl::unexpected(in_group.error());
+  if (*in_group) {
     const Result<std::string> group =
         fields.text("group", "name the rigid group, or leave it out for 'table'");
     if (!group) return tl::unexpected(group.error());

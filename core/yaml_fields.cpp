@@ -1,10 +1,15 @@
 #include "core/yaml_fields.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <set>
 #include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
 
 #include "core/text.hpp"
 
@@ -19,6 +24,21 @@ std::string shown(const YAML::Node& node) {
     if (static_cast<unsigned char>(c) < 0x20) c = ' ';
   }
   return "'" + text + "'";
+}
+
+// How many letters have to be put in, taken out or replaced to make one of the other (Levenshtein).
+std::size_t letters_apart(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = std::exchange(row[0], i + 1);
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      const std::size_t replaced = diagonal + (a[i] == b[j] ? 0 : 1);
+      diagonal = row[j + 1];
+      row[j + 1] = std::min({replaced, diagonal + 1, row[j] + 1});
+    }
+  }
+  return row.back();
 }
 
 // What makes a document unreadable though it is YAML: a key that a map names twice (which of the
@@ -86,6 +106,19 @@ YAML::Node YamlFields::find(const char* key) const {
 
 bool YamlFields::has(const char* key) const {
   return find(key).IsDefined();
+}
+
+Result<bool> YamlFields::has_optional(const char* key) const {
+  if (has(key)) return true;
+  constexpr std::size_t kMisspelt = 2;
+  constexpr std::size_t kLongest = 64;
+  for (const auto& entry : map_) {
+    if (!entry.first.IsScalar()) continue;
+    const std::string& other = entry.first.Scalar();
+    if (other.size() > kLongest || letters_apart(other, key) > kMisspelt) continue;
+    return fail("{}: is not known; is it meant to be `{}`?", place_of(other.c_str()), key);
+  }
+  return false;
 }
 
 std::string YamlFields::place_of(const char* key) const {

@@ -26,6 +26,9 @@ class YamlFields {
   YamlFields(YAML::Node map, std::string place) : map_(std::move(map)), place_(std::move(place)) {}
 
   [[nodiscard]] bool has(const char* key) const;
+  // Whether a key that may be left out is there. Fails where it is not, but one that is up to two
+  // letters off is: what is misspelt would be ignored.
+  [[nodiscard]] Result<bool> has_optional(const char* key) const;
   [[nodiscard]] Result<YAML::Node> node(const char* key, const char* remedy) const;
   [[nodiscard]] Result<double> number(const char* key, const char* remedy) const;
   [[nodiscard]] Result<int> integer(const char* key, const char* remedy) const;

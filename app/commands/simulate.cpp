@@ -135,7 +135,7 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
   command
       ->add_option("--cover-from", request->cover_from,
                    "The first frame that --cover is for; before it the tags are seen whole")
-      ->check(CLI::NonNegativeNumber)
+      ->check(whole_number())
       ->needs(cover)
       ->type_name("FRAME")
       ->capture_default_str();

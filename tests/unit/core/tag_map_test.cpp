@@ -89,6 +89,9 @@ TEST_F(TagMapFile, ErrorsNameFileTagAndField) {
   refuses(with("1", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 0, 1.01]"), "quaternion_xyzw");
   refuses(with("1", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 1]"), "quaternion_xyzw");
   refuses("tags: [{id: 1, family: tag36h11}]", "size_m: is missing");
+  std::string misspelt = with("1", "tag36h11", "0.1", "[0, 0, 0]", "[0, 0, 0, 1]");
+  misspelt.insert(misspelt.find("id"), "grop: wall, ");
+  refuses(misspelt, "grop (line 1): is not known; is it meant to be `group`?");
   refuses(std::string(100000, '['), "YAML");
 }
 
