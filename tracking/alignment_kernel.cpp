@@ -1,6 +1,9 @@
 #include "tracking/alignment_kernel.hpp"
 
 #include <array>
+#include <cstddef>
+
+#include "core/camera_model.hpp"
 
 namespace penumbra::kernel {
 
@@ -23,6 +26,7 @@ struct VariantList {
   std::size_t count = 0;
 };
 
+// What is asked for is what the variants are compiled for, see CMakeLists.txt.
 VariantList find_variants() {
   VariantList list;
   list.variants[list.count++] = &generic::kVariant;
@@ -45,6 +49,22 @@ const VariantList& variants() {
 }
 
 }  // namespace
+
+Lens lens_of(const CameraModel& camera) {
+  const CameraParameters& p = camera.parameters();
+  Lens lens;
+  lens.fx = static_cast<float>(p.fx);
+  lens.fy = static_cast<float>(p.fy);
+  lens.cx = static_cast<float>(p.cx);
+  lens.cy = static_cast<float>(p.cy);
+  for (std::size_t k = 0; k < 8; ++k) lens.k[k] = static_cast<float>(p.distortion[k]);
+  lens.kind = !camera.has_distortion()               ? Lens::Kind::none
+              : p.model == DistortionModel::fisheye  ? Lens::Kind::fisheye
+              : p.model == DistortionModel::rational ? Lens::Kind::rational
+                                                     : Lens::Kind::polynomial;
+  lens.max_radius2 = static_cast<float>(camera.max_radius() * camera.max_radius());
+  return lens;
+}
 
 const Variant& best_variant() {
   return *variants().variants[variants().count - 1];

@@ -11,6 +11,10 @@
 #include <cstddef>
 #include <cstdint>
 
+namespace penumbra {
+class CameraModel;
+}
+
 namespace penumbra::kernel {
 
 inline constexpr int kBlock = 64;  // sample arrays are padded to a multiple of this
@@ -266,6 +270,7 @@ struct Variant {
                       std::int32_t* places);
 };
 
+[[nodiscard]] Lens lens_of(const CameraModel& camera);
 // The widest variant that this processor runs.
 [[nodiscard]] const Variant& best_variant();
 // All that this processor runs, narrowest first; null ends the list.

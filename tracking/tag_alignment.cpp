@@ -238,16 +238,7 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
     }
   }
   const CameraParameters& p = camera.parameters();
-  impl->lens.fx = static_cast<float>(p.fx);
-  impl->lens.fy = static_cast<float>(p.fy);
-  impl->lens.cx = static_cast<float>(p.cx);
-  impl->lens.cy = static_cast<float>(p.cy);
-  for (std::size_t k = 0; k < 8; ++k) impl->lens.k[k] = static_cast<float>(p.distortion[k]);
-  impl->lens.kind = !camera.has_distortion()               ? kernel::Lens::Kind::none
-                    : p.model == DistortionModel::fisheye  ? kernel::Lens::Kind::fisheye
-                    : p.model == DistortionModel::rational ? kernel::Lens::Kind::rational
-                                                           : kernel::Lens::Kind::polynomial;
-  impl->lens.max_radius2 = static_cast<float>(camera.max_radius() * camera.max_radius());
+  impl->lens = kernel::lens_of(camera);
   const std::size_t pixels =
       static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height());
   impl->arena = Impl::SampleArena(

@@ -8,6 +8,7 @@
 #include <random>
 #include <tuple>
 
+#include "core/units.hpp"
 #include "support/cameras.hpp"
 
 namespace penumbra {
@@ -71,6 +72,45 @@ TEST_P(EveryModel, GenericProjectionIsTheSame) {
   Eigen::Vector2d generic;
   camera.project_generic(p.data(), generic.data());
   EXPECT_EQ(generic, camera.project_unchecked(p));
+}
+
+// A strong fisheye, all four coefficients, to 80 degrees from the axis.
+TEST(CameraModel, AStrongFisheyeIsExactToItsRim) {
+  CameraParameters p = base();
+  p.fx = p.fy = 0.35 * p.width;
+  p.model = DistortionModel::fisheye;
+  p.distortion = {-0.04, 0.012, -0.006, 0.001};
+  const CameraModel camera = CameraModel::make(p).value();
+  ASSERT_GT(camera.max_radius(), std::tan(radians(80.0)));
+  std::mt19937 random(9);
+  std::uniform_real_distribution<double> u(0.0, 1.0);
+  for (int i = 0; i < 500; ++i) {
+    const double theta = radians(80.0 * u(random));
+    const double phi = radians(360.0 * u(random));
+    const double depth = 0.2 + u(random);
+    const Eigen::Vector3d point = depth * Eigen::Vector3d(std::tan(theta) * std::cos(phi),
+                                                          std::tan(theta) * std::sin(phi), 1.0);
+    // The formula, by angles.
+    const double t2 = theta * theta;
+    const double theta_d = theta * (1.0 + t2 * (-0.04 + t2 * (0.012 + t2 * (-0.006 + t2 * 0.001))));
+    const Eigen::Vector2d expected(p.fx * theta_d * std::cos(phi) + p.cx,
+                                   p.fy * theta_d * std::sin(phi) + p.cy);
+    const auto pixel = camera.project(point);
+    ASSERT_TRUE(pixel);
+    EXPECT_LT((*pixel - expected).norm(), 1e-9);
+    const auto ray = camera.unproject(*pixel);
+    ASSERT_TRUE(ray);
+    EXPECT_LT((*ray - point / depth).norm(), 1e-8 * (1.0 + ray->squaredNorm()));
+    Eigen::Matrix<double, 2, 3> J;
+    std::ignore = camera.project_unchecked(point, &J);
+    for (int axis = 0; axis < 3; ++axis) {
+      Eigen::Vector3d step = Eigen::Vector3d::Zero();
+      step[axis] = 1e-6;
+      const Eigen::Vector2d difference =
+          (camera.project_unchecked(point + step) - camera.project_unchecked(point - step)) / 2e-6;
+      EXPECT_LT((difference - J.col(axis)).norm(), 1e-5 * (1.0 + J.norm()));
+    }
+  }
 }
 
 TEST(CameraModel, NothingBehindTheCameraOrNotFinite) {

@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/camera_model.hpp"
 #include "tracking/se3.hpp"
 
 namespace penumbra {
@@ -562,6 +563,110 @@ TEST(AlignmentKernel, ProjectsAlikeWhateverIsAskedFor) {
           EXPECT_NEAR(all.v.rho[v], std::clamp(rho, -0.95, 0.95), 0.01);
         }
       }
+    }
+  }
+}
+
+// Every coefficient of every model, over the whole picture and, of the fisheye, to 75 degrees from
+// the axis: pixels of rays and rays of pixels are those of the camera model in double.
+TEST(AlignmentKernel, LensesAreTheCameraModels) {
+  struct Case {
+    const char* name;
+    DistortionModel model;
+    double focal_px;
+    std::array<double, 8> k;
+    double radius;  // of rays
+  };
+  const std::array<Case, 5> cases = {{
+      {"none", DistortionModel::plumb_bob, 530.0, {}, 0.9},
+      {"plumb_bob", DistortionModel::plumb_bob, 530.0, {-0.21, 0.06, 8e-4, -6e-4, -0.004}, 0.8},
+      {"rational",
+       DistortionModel::rational,
+       530.0,
+       {0.31, -0.05, 6e-4, -4e-4, 0.002, 0.62, -0.02, 0.004},
+       0.9},
+      {"fisheye", DistortionModel::fisheye, 240.0, {-0.04, 0.012, -0.006, 0.001}, 3.73},
+      {"equidistant", DistortionModel::fisheye, 240.0, {}, 3.73},
+  }};
+  std::mt19937 random(8);
+  std::uniform_real_distribution<double> u(-1.0, 1.0);
+  for (const Case& c : cases) {
+    SCOPED_TRACE(c.name);
+    CameraParameters p;
+    p.width = 640;
+    p.height = 480;
+    p.fx = c.focal_px;
+    p.fy = 0.997 * c.focal_px;
+    p.cx = 322.0;
+    p.cy = 236.0;
+    p.model = c.model;
+    p.distortion = c.k;
+    const CameraModel camera = CameraModel::make(p).value();
+    ASSERT_GT(camera.max_radius(), c.radius);
+    const kernel::Lens lens = kernel::lens_of(camera);
+    // Vertices whose rays are their places in the lattice, 0.02 apart.
+    constexpr int kCount = 64 * kernel::kBlock;
+    constexpr double kCell = 0.02;
+    const std::array<float, 9> M = {0.02F, 0, 0, 0, 0.02F, 0, 0, 0, 1};
+    const std::array<float, 9> N = {50, 0, 0, 0, 50, 0, 0, 0, 1};
+    std::vector<float> a;
+    std::vector<float> b;
+    std::vector<Eigen::Vector2d> pixels;
+    std::vector<Eigen::Vector2d> rays;
+    while (static_cast<int>(a.size()) < kCount) {
+      const double radius = c.radius * std::sqrt(0.5 + 0.5 * u(random));
+      const double angle = 3.1416 * u(random);
+      a.push_back(static_cast<float>(radius * std::cos(angle) / kCell));
+      b.push_back(static_cast<float>(radius * std::sin(angle) / kCell));
+      rays.emplace_back(static_cast<double>(a.back()) * kCell,
+                        static_cast<double>(b.back()) * kCell);
+      const auto pixel = camera.project({rays.back().x(), rays.back().y(), 1.0});
+      ASSERT_TRUE(pixel);
+      pixels.push_back(*pixel);
+    }
+    std::array<std::vector<float>, 3> out;
+    for (std::vector<float>& array : out) array.resize(kCount);
+    kernel::Vertices vertices;
+    vertices.count = kCount;
+    vertices.a = a.data();
+    vertices.b = b.data();
+    vertices.pixel_x = out[0].data();
+    vertices.pixel_y = out[1].data();
+    vertices.depth = out[2].data();
+    SampleSet set(kCount);
+    for (int i = 0; i < kCount; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      // Guesses are within three pixels.
+      const auto guess = camera.unproject(pixels[k] + 3.0 * Eigen::Vector2d(u(random), u(random)));
+      ASSERT_TRUE(guess);
+      set.s.ray_x[i] = static_cast<float>(guess->x());
+      set.s.ray_y[i] = static_cast<float>(guess->y());
+      set.s.pixel_x[i] = static_cast<float>(pixels[k].x());
+      set.s.pixel_y[i] = static_cast<float>(pixels[k].y());
+    }
+    kernel::best_variant().project(lens, {}, M.data(), N.data(), vertices);
+    kernel::best_variant().prepare(lens, N.data(), 1, 11, set.s);
+    double pixel_off = 0.0;
+    double ray_off = 0.0;
+    for (int i = 0; i < kCount; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      EXPECT_GT(out[2][k], 0.0F);
+      const Eigen::Vector2d pixel(static_cast<double>(out[0][k]), static_cast<double>(out[1][k]));
+      pixel_off = std::max(pixel_off, (pixel - pixels[k]).norm());
+      const auto back = camera.project(
+          {static_cast<double>(set.s.ray_x[i]), static_cast<double>(set.s.ray_y[i]), 1.0});
+      ASSERT_TRUE(back);
+      ray_off = std::max(ray_off, (*back - pixels[k]).norm());
+    }
+    EXPECT_LT(pixel_off, 5e-4);
+    EXPECT_LT(ray_off, 5e-3);
+    RecordProperty(c.name, std::to_string(pixel_off) + ", " + std::to_string(ray_off) + " px");
+    // What lies beyond the lens is nowhere.
+    if (std::isfinite(camera.max_radius())) {
+      a[0] = static_cast<float>(1.01 * camera.max_radius() / kCell);
+      b[0] = 0.0F;
+      kernel::best_variant().project(lens, {}, M.data(), N.data(), vertices);
+      EXPECT_LT(out[2][0], 0.0F);
     }
   }
 }
