@@ -40,6 +40,7 @@ class BackgroundSearch {
   BackgroundSearch& operator=(const BackgroundSearch&) = delete;
   ~BackgroundSearch();  // waits for the search that is under way
 
+  [[nodiscard]] bool has_thread() const { return thread_.joinable(); }
   // Whether nothing was begun that has not been taken.
   [[nodiscard]] bool idle() const { return !begun_; }
   // Has to be idle. The luma is copied, nothing else of the frame is kept.

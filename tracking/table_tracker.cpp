@@ -1206,6 +1206,8 @@ Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMa
   // They ask for the motion more exactly than frames tell it: a hand turns within an exposure
   // (shake, its exposure told: 0.72 px with them, 0.50 px without).
   alignment.exposure_moments = false;
+  alignment.keep_projection = options.exact_shortcuts;
+  alignment.clear_cells = options.exact_shortcuts;
   Result<TagAligner> aligner = TagAligner::create(camera, table_tags, alignment);
   if (!aligner) return tl::unexpected(aligner.error());
   return TableTracker(std::make_unique<Impl>(camera, tags, options, std::move(search),

@@ -63,6 +63,9 @@ struct TrackerOptions {
   // Where a frame's exposure is known, fast motion is expected to have smeared its tags, if the
   // picture agrees.
   bool motion_blur = true;
+  // Alignments do no work whose result is known, and read large cells by their own colour; the same
+  // poses without, bit for bit.
+  bool exact_shortcuts = true;
   SearchTiming search_timing = SearchTiming::next_frame;
   // next_frame: searched by a thread of its own, beside whatever follows; the same poses without.
   // when_done always has one.
@@ -74,9 +77,9 @@ struct TrackerOptions {
 struct TrackTimes {
   double total_ms = 0.0, detect_ms = 0.0, align_ms = 0.0, solve_ms = 0.0;  // wall
   double total_cpu_ms = 0.0, detect_cpu_ms = 0.0, align_cpu_ms = 0.0,
-         solve_cpu_ms = 0.0;  // CPU time of the calling thread
+         solve_cpu_ms = 0.0;  // CPU time: of the calling thread, and of a search beside it
   // Of a search beside the tracking whose tags were used in this frame: times of the thread that
-  // did it; in the total only where that was this one.
+  // did it. Its CPU time is in the total, its wall time only where that thread is this one.
   double search_ms = 0.0, search_cpu_ms = 0.0;
   bool search_came = false;     // whether tags of such a search were used
   bool full_detection = false;  // whether a full-frame detection ran

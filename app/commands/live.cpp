@@ -47,6 +47,7 @@ Result<ExitCode> live(const LiveOptions& options) {
   request.scene = options.scene ? *options.scene : *resources / "scenes" / "default.json";
   request.kernel_file = options.shadow.kernel_file;
   request.plan.skip = !options.no_skip;
+  request.tracking.exact_shortcuts = !options.no_skip;
   request.window = !options.no_window;
   request.viewer.hud = !options.no_hud;
   request.vsync = !options.no_vsync;

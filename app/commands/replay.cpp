@@ -69,6 +69,7 @@ Result<ExitCode> replay(const ReplayOptions& options) {
   }
   request.kernel_file = options.shadow.kernel_file;
   request.plan.skip = !options.no_skip;
+  request.tracking.exact_shortcuts = !options.no_skip;
   for (ComparedTechnique& technique : request.compare) technique.plan.skip = !options.no_skip;
   request.window = !options.no_window;
   request.viewer.hud = !options.no_hud;

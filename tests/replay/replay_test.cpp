@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <array>
 #include <fstream>
 #include <map>
@@ -300,9 +301,20 @@ TEST(ReplayTest, APoseBudgetStopsSampling) {
     const Replay done = replay(folder.path(), options);
     EXPECT_EQ(done.result.exit_code, 0) << done.result.err;
     EXPECT_EQ(done.report["frames_tracked"], 20);
+    // What is left is told.
+    const bool stops = std::ranges::find(options, "--pose-budget") != options.end();
+    const auto& skipped = done.report["tracking"]["skipped"];
+    EXPECT_EQ(skipped.contains("pixels_within_budget"), stops && options.back() != "0.000001")
+        << options.back();
+    EXPECT_FALSE(options.size() > 3 && options[3] == "--tracking" &&
+                 skipped.contains("pixels_while_moving"))
+        << "only auto chooses";
     return std::pair(done.report["tracking"]["pixels_sampled"].get<std::int64_t>(),
                      done.report["accuracy"]["overlay_px"]["rmse"].get<double>());
   };
+  const Replay moving = replay(folder.path(), {bundled("tabletop"), "--frames", "0:20"});
+  EXPECT_GT(moving.report["tracking"]["skipped"]["pixels_while_moving"], 10);
+  EXPECT_FALSE(moving.report["tracking"]["skipped"].contains("pixels_within_budget"));
   const auto all = run({"--tracking", "accurate"});
   const auto fast = run({"--tracking", "fast"});
   const auto loose = run({"--pose-budget", "0.3"});

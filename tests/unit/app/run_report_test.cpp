@@ -114,6 +114,41 @@ TEST(RunReport, SaysHowTagsWereFoundAgain) {
   EXPECT_EQ(tracking["coarse_searches"], 1);
 }
 
+TEST(RunReport, SaysWhatTheTrackerDidNotLookAt) {
+  RunRecorder run;
+  run.add_frame(frame_of(TrackStatus::tracked, 0, true));
+  EXPECT_TRUE(Json::parse(report_json(run.report()))["tracking"]["skipped"].empty());
+  SessionFrame frame = frame_of(TrackStatus::tracked, 10, false);
+  frame.tracked.times.samples = 700;
+  frame.tracked.times.tags_out_of_view = 3;
+  frame.tracked.times.tags_too_small = 2;
+  frame.tracked.times.sampling_stopped = true;
+  run.add_frame(frame);
+  frame.tracked.times.fewer_pixels = true;
+  run.add_frame(frame);
+  const Json tracking = Json::parse(report_json(run.report()))["tracking"];
+  EXPECT_EQ(tracking["pixels_sampled"], 1400);
+  EXPECT_EQ(tracking["skipped"], Json({{"tag_out_of_view", 6},
+                                       {"tag_too_small", 4},
+                                       {"pixels_within_budget", 2},
+                                       {"pixels_while_moving", 1}}));
+}
+
+// A search beside the frames took its time, though no frame waited for it.
+TEST(RunReport, ASearchBesideTheFramesIsAStageAndAFullDetection) {
+  RunRecorder run;
+  SessionFrame frame = frame_of(TrackStatus::tracked, 0, false);
+  run.add_frame(frame);
+  frame.tracked.times.search_came = true;
+  frame.tracked.times.search_ms = 12.0;
+  frame.tracked.times.search_cpu_ms = 11.0;
+  run.add_frame(frame);
+  const Json json = Json::parse(report_json(run.report()));
+  EXPECT_EQ(json["tracking"]["full_detections"], 1);
+  EXPECT_EQ(json["time_ms"]["search"]["count"], 1);
+  EXPECT_DOUBLE_EQ(json["time_ms"]["search"]["cpu_mean"], 11.0);
+}
+
 TEST(RunReport, HasEveryFieldOfTheContract) {
   RunRecorder run;
   run.add_time("capture", {1.0, 0.5});

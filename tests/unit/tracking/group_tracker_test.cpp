@@ -358,6 +358,11 @@ TEST(GroupTracker, OnceTheTableIsTrackedNoFrameWaitsForASearch) {
       EXPECT_EQ(a.T_table_group.matrix(), b.T_table_group.matrix());
       EXPECT_EQ(a.covariance, b.covariance);
       EXPECT_EQ(frame.times.search_came, threaded.frames[f].times.search_came);
+      // What a search takes is part of what tracking takes, whichever thread did it.
+      for (const TrackedFrame* one : {&frame, &threaded.frames[f]}) {
+        EXPECT_EQ(one->times.search_cpu_ms > 0.0, one->times.search_came);
+        EXPECT_GT(one->times.total_cpu_ms, one->times.search_cpu_ms);
+      }
       // Of a search in the frame the same poses, a frame after both were found.
       const GroupEstimate& c = named(waiting.frames[f], group);
       const int both = std::max(beside.first_tracked(group), waiting.first_tracked(group));
