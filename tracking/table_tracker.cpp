@@ -43,6 +43,11 @@ constexpr double kBlurs_px = 12.0;
 // benchmark; other lenses, point spreads and tone curves than the model's) 0.01 px is what the
 // layout that feels it most, six tags in a line, needs for errors of the size expected.
 constexpr double kTagBias_px = 0.01;
+// A point spread that is not what it is taken for displaces an edge only with the help of the next
+// one, half a cell from the point between them: by this [px], though no more than residuals show,
+// times how much of an edge's spread reaches there. A tag's edges go together in some eight parts.
+constexpr double kSpreadBias_px = 0.1;
+constexpr double kPartsOfTag = 8.0;
 // With a tone curve that is not known, all edges of all tags: 0.04 px of overlay on an exact
 // picture coded as sRGB.
 constexpr double kToneBias_px = 0.04;
@@ -77,6 +82,17 @@ constexpr double kAligned_cells = 5.0;
 // chi-square of BoardPose::is_ambiguous.
 constexpr double kDecides = 9.0;
 
+// ... but never between two that put the tags' corners nearer to each other than this [px], nor,
+// where cells are smaller than so many sigmas of the point spread and their edges run together,
+// than so many times what residuals, taken as a displacement, show: what the model of the picture
+// misses (point spread, tone curve, pixels) is the same for all pixels of an edge, and their number
+// makes it no smaller. Of 9000 random pictures of a lone tag, 8 to 130 px wide, whose two poses are
+// 2 px of overlay apart and more, likelihood alone told 5950 apart and 65 of them wrongly, as far
+// as 16 px.
+constexpr double kSame_px = 0.15;
+constexpr double kSameResiduals = 2.0;
+constexpr double kRunTogether_sigmas = 5.0;
+
 constexpr std::string_view kContradicting = "the tags contradict each other";
 
 // Of a pose from elsewhere that only says where to begin.
@@ -102,16 +118,28 @@ struct Measurement {
 };
 
 // How many times larger the covariance is than that of independent residuals about a true model.
-// The bias of a tag displaces it as a whole: against the other tags it turns the pose, a lone one
-// it takes along by no more than itself.
-double covariance_times(const AlignmentResult& result, double noise_px) {
+struct CovarianceTimes {
+  double scatter = 1.0;  // by residuals that go together, and tags that disagree
+  double bias = 0.0;     // on top of it, by what displaces a tag as a whole, in every frame alike
+};
+
+// The bias of a tag turns the pose against the other tags; a lone one it takes along by no more
+// than itself, but where its cells are small against the point spread.
+CovarianceTimes covariance_times(const AlignmentResult& result, double blur_px, double noise_px) {
+  CovarianceTimes times;
   // How far the tags disagree says what a part of it is worth.
-  double times = samples_for_one(result);
-  if (result.map_covariance.isZero(0.0)) times = std::max(times, result.disagreement);
-  if (result.tags_verified > 1 && noise_px > 0.0) {
-    const double tag_bias = kTagBias_px / noise_px;
-    times += tag_bias * tag_bias * result.counters.samples / result.tags_verified;
+  times.scatter = samples_for_one(result);
+  if (result.map_covariance.isZero(0.0))
+    times.scatter = std::max(times.scatter, result.disagreement);
+  if (result.tags_verified == 0 || !(noise_px > 0.0)) return times;
+  double bias2 = result.tags_verified > 1 ? kTagBias_px * kTagBias_px : 0.0;
+  const double spread_px = std::min(kSpreadBias_px, noise_px);
+  for (const TagAlignment& tag : result.tags) {
+    if (!tag.verified) continue;
+    const double reach = std::exp(-std::pow(tag.cell_px / blur_px, 2) / 8.0);
+    bias2 += std::pow(spread_px * reach, 2) / (kPartsOfTag * result.tags_verified);
   }
+  times.bias = bias2 / (noise_px * noise_px) * result.counters.samples / result.tags_verified;
   return times;
 }
 
@@ -233,7 +261,12 @@ struct TableTracker::Impl : Following {
                                                    const Matrix6d& prior,
                                                    const ImageMotion& motion_px) const;
   void take(const RefinedPose& pose, const AlignmentResult& result, Measurement& measurement) const;
-  void add_second(ImageView image, const ImageMotion& image_motion, Measurement& measurement);
+  [[nodiscard]] double apart_px(const CameraPose& a, const CameraPose& b,
+                                std::span<const TagAlignment> seen) const;
+  [[nodiscard]] CameraPose mirrored(const CameraPose& pose,
+                                    std::span<const TagAlignment> seen) const;
+  bool add_second(ImageView image, const ImageMotion& image_motion, const AlignmentResult& first,
+                  Measurement& measurement);
   [[nodiscard]] ImageMotion motion_found(const Frame& frame, const AlignmentResult& result,
                                          double longest_smear_cells);
   void note_work(const AlignmentResult& result);
@@ -565,11 +598,19 @@ std::optional<RefinedPose> TableTracker::Impl::aligned(const AlignmentResult& re
   pose.rms_px = std::sqrt(2.0) * pose.noise_px;
   // The alignment weighs image (information H) and prediction (P^-1) with A = H + P^-1. If the
   // image's errors have F times the covariance it took them to have, the estimate's covariance is
-  // A^-1 (F H + P^-1) A^-1 = F A^-1 - (F - 1) A^-1 P^-1 A^-1.
-  const double larger = covariance_times(result, pose.noise_px);
+  // A^-1 (F H + P^-1) A^-1 = F A^-1 - (F - 1) A^-1 P^-1 A^-1. A bias is in the frames before this
+  // one, too: predictions made of them hold nothing against it, and it moves the pose by what the
+  // image alone would let it. Where that knows nothing of a direction, a metre and a radian.
+  const CovarianceTimes larger = covariance_times(result, aligner.options().blur_px, pose.noise_px);
   const Matrix6d& inverse = result.covariance;
-  pose.covariance =
-      larger * inverse - (larger - 1.0) * (inverse * prior.ldlt().solve(inverse)).eval();
+  const Matrix6d prior_information = prior.ldlt().solve(Matrix6d::Identity());
+  pose.covariance = larger.scatter * inverse -
+                    (larger.scatter - 1.0) * (inverse * prior_information * inverse).eval();
+  if (larger.bias > 0.0) {
+    const Matrix6d of_image = inverse.ldlt().solve(Matrix6d::Identity()) - prior_information;
+    pose.covariance +=
+        larger.bias * (of_image + Matrix6d::Identity()).ldlt().solve(Matrix6d::Identity());
+  }
   pose.covariance += result.map_covariance;
   pose.covariance = 0.5 * (pose.covariance + pose.covariance.transpose()).eval();
   const double promised = expected_overlay_error_px(camera, result.T_table_camera, pose.covariance);
@@ -595,33 +636,116 @@ void TableTracker::Impl::take(const RefinedPose& pose, const AlignmentResult& re
         expected_overlay_error_px(camera, pose.T_table_camera, result.map_covariance);
 }
 
+// How far apart two poses put the corners of the verified tags in the picture, in the mean [px].
+double TableTracker::Impl::apart_px(const CameraPose& a, const CameraPose& b,
+                                    std::span<const TagAlignment> seen) const {
+  double sum = 0.0;
+  double count = 0.0;
+  for (const TagAlignment& tag : seen) {
+    if (!tag.verified) continue;
+    for (const Eigen::Vector3d& corner :
+         table_tags[static_cast<std::size_t>(tag.index)].corners()) {
+      const auto here = camera.project(a.inverse() * corner);
+      const auto there = camera.project(b.inverse() * corner);
+      if (!here || !there) continue;
+      sum += (*here - *there).norm();
+      count += 1.0;
+    }
+  }
+  return count > 0.0 ? sum / count : 0.0;
+}
+
+// The pose from which the verified tags, all in the plane of the first of them, look the same but
+// for perspective: what was farther from the camera than their middle is nearer by as much.
+CameraPose TableTracker::Impl::mirrored(const CameraPose& pose,
+                                        std::span<const TagAlignment> seen) const {
+  const Transform<frame::Camera, frame::Table> T_camera_table = pose.inverse();
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();  // of the tags, in the table frame
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
+  int count = 0;
+  for (const TagAlignment& tag : seen) {
+    if (!tag.verified) continue;
+    const auto& T_table_tag = table_tags[static_cast<std::size_t>(tag.index)].T_table_tag;
+    if (count++ == 0) normal = T_table_tag.rotation() * Eigen::Vector3d::UnitZ();
+    middle += T_table_tag.translation();
+  }
+  if (count > 0) middle /= count;
+  const Eigen::Vector3d at = T_camera_table * middle;
+  const Eigen::Vector3d sight = at.normalized();
+  const auto reflection = [](const Eigen::Vector3d& n) {
+    return Eigen::Matrix3d(Eigen::Matrix3d::Identity() - 2.0 * n * n.transpose());
+  };
+  const Eigen::Matrix3d R =
+      reflection(sight) * T_camera_table.rotation_matrix() * reflection(normal);
+  return Transform<frame::Camera, frame::Table>(Eigen::Quaterniond(R), at - R * middle).inverse();
+}
+
 // The other pose that a lone tag (or a few in one plane, seen from afar) allows, aligned as well:
-// the picture itself is asked which of the two it is.
-void TableTracker::Impl::add_second(ImageView image, const ImageMotion& image_motion,
-                                    Measurement& measurement) {
-  if (!measurement.second) return;
-  const double first_residual = measurement.best.noise_px;
+// the picture itself is asked which of the two it is. True where it says the other. `first_result`:
+// the aligner's own, of the best pose.
+bool TableTracker::Impl::add_second(ImageView image, const ImageMotion& image_motion,
+                                    const AlignmentResult& first_result, Measurement& measurement) {
+  const std::vector<TagAlignment> seen = first_result.tags;
   AlignmentInput input;
   input.luma = image;
-  input.predicted = measurement.second->T_table_camera;
+  input.predicted = mirrored(measurement.best.T_table_camera, seen);
   input.covariance = loose_covariance();
   input.left_out = left_out;
   measurement.second.reset();
   measurement.ambiguous = false;
   measurement.ambiguity_ratio = std::numeric_limits<double>::infinity();
-  if (!input.predicted.is_finite()) return;
+  if (!input.predicted.is_finite()) return false;
+  double residuals = kSameResiduals;
+  for (const TagAlignment& tag : seen) {
+    if (tag.verified && tag.cell_px > kRunTogether_sigmas * aligner.options().blur_px)
+      residuals = 0.0;
+  }
+  const auto look_the_same = [&](const CameraPose& other, double residual_px) {
+    return apart_px(measurement.best.T_table_camera, other, seen) <
+           std::max(kSame_px, residuals * residual_px);
+  };
+  const CameraPose mirror = input.predicted;
   const AlignmentResult& result = aligner.refine(input);
   const std::optional<RefinedPose> second = aligned(result, input.covariance, image_motion);
-  if (!second) return;
-  const double samples = static_cast<double>(result.counters.samples);
-  measurement.second = second;
-  measurement.ambiguity_ratio = second->noise_px / std::max(first_residual, 1e-9);
-  if (measurement.ambiguity_ratio < 1.0) {
-    std::swap(measurement.best, *measurement.second);
-    measurement.ambiguity_ratio = 1.0 / std::max(measurement.ambiguity_ratio, 1e-9);
+  if (!second) {
+    // Cells that read right from one of two poses and wrong from the other are evidence, too, only
+    // where the two look different.
+    if (look_the_same(mirror, measurement.best.noise_px)) {
+      measurement.second = measurement.best;
+      measurement.second->T_table_camera = mirror;
+      measurement.ambiguous = true;
+      measurement.ambiguity_ratio = 1.0;
+    }
+    return false;
   }
-  measurement.ambiguous = samples * std::log(measurement.ambiguity_ratio) <
-                          kDecides * std::max(measurement.samples_for_one, samples_for_one(result));
+  // Found again from the other side: the same pose, as far as it is known.
+  constexpr double kSamePose_sigmas = 2.0;
+  if (overlay_difference(camera, measurement.best.T_table_camera, second->T_table_camera).rms_px() <
+      kSamePose_sigmas * expected_overlay_error_px(camera, measurement.best.T_table_camera,
+                                                   measurement.best.covariance))
+    return false;
+  const double samples = static_cast<double>(result.counters.samples);
+  double for_one = std::max(measurement.samples_for_one, samples_for_one(result));
+  double first_residual = measurement.best.noise_px;
+  if (second->noise_px < first_residual) {
+    // The first had a prediction to please as well.
+    input.predicted = measurement.best.T_table_camera;
+    const std::optional<RefinedPose> first =
+        aligned(aligner.refine(input), input.covariance, image_motion);
+    if (first) {
+      first_residual = std::min(first_residual, first->noise_px);
+      for_one = std::max(for_one, samples_for_one(result));
+    }
+  }
+  measurement.second = second;
+  const double ratio = second->noise_px / std::max(first_residual, 1e-9);
+  const bool is_other = ratio < 1.0;
+  measurement.ambiguity_ratio = is_other ? 1.0 / std::max(ratio, 1e-9) : ratio;
+  measurement.ambiguous =
+      look_the_same(second->T_table_camera, std::min(first_residual, second->noise_px)) ||
+      samples * std::log(measurement.ambiguity_ratio) < kDecides * for_one;
+  if (is_other) std::swap(measurement.best, *measurement.second);
+  return is_other;
 }
 
 // By the measured poses before it, as if the velocity changed evenly. A prediction is no part of
@@ -945,31 +1069,21 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   take(*best, result, measurement);
   measurement.left_out = left_out;
   last_tags = result.tags_verified;
+  bool other = false;  // whether the picture says that it is not the pose that is followed
   if (result.tags_verified == 1 || branch_open) {
-    std::vector<TagObservation> as_aligned;
-    for (const TagAlignment& tag : result.tags) {
-      if (!tag.verified) continue;
-      const MappedTag& mapped = table_tags[static_cast<std::size_t>(tag.index)];
-      TagObservation observation{tag.index, mapped.corners(), {}};
-      bool all = true;
-      for (std::size_t i = 0; i < 4 && all; ++i) {
-        const auto pixel =
-            camera.project(best->T_table_camera.inverse() * observation.corners_table[i]);
-        all = pixel.has_value();
-        if (all) observation.corners_px[i] = *pixel;
-      }
-      if (all) as_aligned.push_back(observation);
-    }
-    const Stopwatch solve;
-    const Result<BoardPose> board = estimate_board_pose(camera, as_aligned);
-    solve.add_to(times.solve_ms, times.solve_cpu_ms);
-    if (board) measurement.second = board->second;
-    add_second(image, image_motion, measurement);
+    other = add_second(image, image_motion, result, measurement);
   }
   align.add_to(times.align_ms, times.align_cpu_ms);
-  PoseEstimate estimate =
-      judge(measurement,
-            branch_open || from_hint ? std::nullopt : std::optional(prediction.T_table_camera));
+  std::optional<CameraPose> expected = prediction.T_table_camera;
+  if (branch_open || from_hint) {
+    expected.reset();
+  } else if (other && !measurement.ambiguous) {
+    // Against what was followed so far one picture is not enough: the next one decides.
+    std::swap(measurement.best, *measurement.second);
+    measurement.ambiguous = true;
+    expected.reset();
+  }
+  PoseEstimate estimate = judge(measurement, expected);
   branch_open = estimate.status == TrackStatus::uncertain && measurement.ambiguous &&
                 estimate.reason == kTwoPoses;
   if (!from_hint && estimate.T_table_camera.matrix() == best->T_table_camera.matrix()) {
@@ -1141,8 +1255,11 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
       // hangs on single edges.
       last_start_far = options.mode == TrackingMode::automatic && last_tags >= kFewTags &&
                        result.counters.far_start;
-      if (measurement->ambiguous) {
-        add_second(image, image_motion, *measurement);
+      // Few or small tags that face the camera may turn either way, though their corners know one.
+      constexpr double kUnsure_px = 0.5;
+      if (measurement->ambiguous || last_tags == 1 ||
+          expected_overlay_error_px(camera, best->T_table_camera, best->covariance) > kUnsure_px) {
+        add_second(image, image_motion, result, *measurement);
       } else {
         measurement->second.reset();
       }

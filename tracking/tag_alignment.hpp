@@ -106,6 +106,7 @@ struct TagAlignment {
   // them are seen.
   double explained = -1.0;
   bool displaced = false;  // its cells read right, its edges are elsewhere
+  double cell_px = 0.0;    // the shorter way across one of its cells
 };
 
 struct AlignmentCounters {

@@ -571,6 +571,7 @@ void TagAligner::Impl::verify() {
   for (Tag* tag : active) {
     if (!projected) project_lattice(*tag, 0.0);
     TagAlignment check;
+    check.cell_px = tag->cell_px;
     check.index = static_cast<int>(tag - tags.data());
     check.gain = tag->gain;
     check.offset = tag->offset;

@@ -14,28 +14,20 @@
 #include "core/evaluation.hpp"
 #include "support/random_session.hpp"
 #include "support/stress_form.hpp"
+#include "support/tracked_session.hpp"
 #include "tracking/table_tracker.hpp"
 
 namespace penumbra {
 namespace {
 
+using test::Beyond;
 using test::Draw;
+using test::expect_honest;
 using test::Layout;
 using test::Lens;
 using test::long_form;
+using test::ordinary;
 using test::Session;
-
-// A sheet of 12 tags seen well, strolled over.
-Session ordinary() {
-  Draw draw(5);
-  Session session;
-  session.camera = test::lens_camera(Lens::plumb_bob, 480, 360, 0.85);
-  session.tags = test::layout_of(Layout::sheet, draw);
-  session.motion = test::hand(1, 0.42, radians(62.0), draw);
-  session.light.noise_grey = 2.0;
-  session.light.samples = 64;
-  return session;
-}
 
 // Distance at which a tag of `size_m` is `side_px` wide.
 double distance_for(const Session& session, double side_px) {
@@ -128,6 +120,14 @@ std::vector<Cell> cells() {
       },
       [](double v) { return v > 0.39; });
   add(
+      "line tilt deg", {30, 60}, {0, 15, 30, 45, 60, 70},
+      [](Session& s, double v) {
+        Draw draw(3);
+        s.tags = test::layout_of(Layout::line, draw);
+        s.motion.elevation.middle = radians(90.0 - v);
+      },
+      always);
+  add(
       "tags", {1, 196}, {1, 4, 49, 196},
       [](Session& s, double v) {
         const int side = static_cast<int>(std::lround(std::sqrt(v)));
@@ -138,32 +138,6 @@ std::vector<Cell> cells() {
       },
       always);
   return list;
-}
-
-// How many tracked frames were off by more than four times what they expected: of many, a few are.
-struct Beyond {
-  int tracked = 0, beyond = 0;
-};
-
-void expect_honest(const Session& session, const PoseEstimate& pose, const CameraPose& truth,
-                   Beyond* of_many = nullptr) {
-  if (!pose.has_pose()) return;
-  EXPECT_TRUE(pose.T_table_camera.is_finite());
-  EXPECT_TRUE(pose.covariance.allFinite());
-  EXPECT_FALSE(std::isnan(pose.expected_overlay_error_px));
-  if (pose.status != TrackStatus::tracked) return;
-  const double error = overlay_difference(session.camera, pose.T_table_camera, truth).rms_px();
-  EXPECT_LT(error, 5.0);
-  const bool beyond = error > std::max(1.0, 4.0 * pose.expected_overlay_error_px);
-  if (of_many != nullptr) {
-    ++of_many->tracked;
-    of_many->beyond += beyond ? 1 : 0;
-    EXPECT_LT(error, std::max(1.0, 6.0 * pose.expected_overlay_error_px));
-  } else {
-    EXPECT_FALSE(beyond) << error << " px where " << pose.expected_overlay_error_px
-                         << " were expected";
-  }
-  EXPECT_LT(pose.expected_overlay_error_px, 2.0);
 }
 
 TEST(TrackingStress, EveryCellIsHonest) {

@@ -1,0 +1,402 @@
+// What a view may do while it is tracked: the light jumps, tags come into it, it goes to the end of
+// what can be seen, a strong fisheye sees the tags at its rim, prints lie on the table twice.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <numbers>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/evaluation.hpp"
+#include "support/random_session.hpp"
+#include "support/stress_form.hpp"
+#include "support/tracked_session.hpp"
+#include "tracking/table_tracker.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::Draw;
+using test::expect_honest;
+using test::Layout;
+using test::Lens;
+using test::long_form;
+using test::ordinary;
+using test::Session;
+
+TableTracker tracker_of(const Session& session, TrackingMode mode = TrackingMode::automatic) {
+  TrackerOptions options;
+  options.mode = mode;
+  return TableTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
+}
+
+double error_px(const Session& session, const PoseEstimate& pose, int frame) {
+  return overlay_difference(session.camera, pose.T_table_camera, session.truth(frame)).rms_px();
+}
+
+// A camera that sets its exposure anew, a lamp that is switched: up to ten times as much light, or
+// a tenth, from one frame to the next, while the hand moves on.
+TEST(TrackingStress, JumpsOfTheExposureAreFollowed) {
+  constexpr std::array<double, 12> kGains = {1.0, 0.3, 1.0,  0.15, 1.2, 0.12,
+                                             1.2, 2.5, 0.25, 0.25, 1.0, 0.1};
+  for (const TrackingMode mode : {TrackingMode::fast, TrackingMode::automatic}) {
+    for (const double noise : {0.5, 2.0}) {
+      SCOPED_TRACE(testing::Message() << to_string(mode) << ", noise " << noise);
+      Session session = ordinary();
+      session.light.noise_grey = noise;
+      auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+      TableTracker tracker = tracker_of(session, mode);
+      for (std::size_t f = 0; f < kGains.size(); ++f) {
+        SCOPED_TRACE(f);
+        session.light.gain = kGains[f];
+        const auto number = static_cast<int>(f);
+        const TrackedFrame frame = tracker.track(session.picture(renderer, number));
+        EXPECT_EQ(frame.pose.status, TrackStatus::tracked) << frame.pose.reason;
+        EXPECT_EQ(frame.pose.tags_used, 12);
+        EXPECT_EQ(frame.times.full_detection, f == 0);
+        EXPECT_FALSE(frame.times.box_detection);
+        expect_honest(session, frame.pose, session.truth(number));
+        EXPECT_LT(error_px(session, frame.pose, number), 0.5);
+      }
+    }
+  }
+}
+
+// Tags of the map with every corner at least `margin_px` inside the picture, or with none nearer to
+// it than that.
+struct Seen {
+  int wholly = 0, not_at_all = 0;
+};
+Seen seen_at(const Session& session, const CameraPose& at, double margin_px) {
+  Seen seen;
+  const Eigen::Vector2d last(session.camera.width() - 1, session.camera.height() - 1);
+  for (const MappedTag& tag : session.tags) {
+    double inside = 1e9;
+    double outside = 1e9;
+    for (const Eigen::Vector3d& corner : tag.corners()) {
+      const auto p = session.camera.project(at.inverse() * corner);
+      if (!p) return {};
+      const double depth = std::min(p->minCoeff(), (last - *p).minCoeff());
+      inside = std::min(inside, depth);
+      outside = std::min(outside, -depth);
+    }
+    seen.wholly += inside >= margin_px ? 1 : 0;
+    seen.not_at_all += outside >= margin_px ? 1 : 0;
+  }
+  return seen;
+}
+
+// The camera turns from a corner of the sheet to all of it and away again: each tag counts as soon
+// as it is seen, and nothing is searched for.
+TEST(TrackingStress, TagsThatComeIntoViewAreJoined) {
+  for (const TrackingMode mode : {TrackingMode::fast, TrackingMode::accurate}) {
+    SCOPED_TRACE(to_string(mode));
+    Session session = ordinary();
+    session.motion.azimuth.middle = radians(-90.0);
+    session.motion.roll.middle = 0.0;
+    auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+    TableTracker tracker = tracker_of(session, mode);
+    int fewest = 12;
+    int most = 0;
+    int out = 0;
+    constexpr int kFrames = 60;
+    for (int f = 0; f < kFrames; ++f) {
+      SCOPED_TRACE(f);
+      const double away = 0.5 + 0.5 * std::cos(2.0 * std::numbers::pi * f / kFrames);
+      Session now = session;
+      now.motion.x.middle = 0.24 * away;
+      now.motion.y.middle = 0.10 * away;
+      const TrackedFrame frame = tracker.track(now.picture(renderer, f));
+      EXPECT_EQ(frame.pose.status, TrackStatus::tracked) << frame.pose.reason;
+      EXPECT_EQ(frame.times.full_detection, f == 0);
+      expect_honest(now, frame.pose, now.truth(f));
+      const Seen seen = seen_at(now, now.truth(f), 4.0);
+      EXPECT_GE(frame.pose.tags_used, seen.wholly);
+      const int far_out = seen_at(now, now.truth(f), 40.0).not_at_all;
+      EXPECT_GE(frame.times.tags_out_of_view, far_out);
+      EXPECT_LE(frame.times.tags_out_of_view, 12 - seen.wholly);
+      out = std::max(out, far_out);
+      fewest = std::min(fewest, seen.wholly);
+      most = std::max(most, frame.pose.tags_used);
+    }
+    EXPECT_LE(fewest, 6);
+    EXPECT_GE(out, 1);
+    EXPECT_EQ(most, 12);
+  }
+}
+
+// A strong fisheye sees the sheet at its rim, where the lens's last coefficients are pixels.
+TEST(TrackingStress, AFisheyesRimIsAsGoodAsItsMiddle) {
+  for (const double focal : {0.35, 0.45}) {
+    for (const double aside : {0.0, 0.25, 0.4}) {
+      SCOPED_TRACE(testing::Message() << "focal " << focal << ", aside " << aside);
+      Session session = ordinary();
+      session.camera = test::lens_camera(Lens::fisheye, 960, 720, focal);
+      session.tags = test::board(4, 3, 0.09);
+      session.light.samples = 128;
+      session.motion.distance.middle = 0.45;
+      session.motion.elevation.middle = radians(75.0);
+      session.motion.x.middle = aside;
+      session.motion.y.middle = 0.7 * aside;
+      auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+      TableTracker tracker = tracker_of(session);
+      for (int f = 0; f < (long_form() ? 20 : 5); ++f) {
+        SCOPED_TRACE(f);
+        const CameraPose truth = session.truth(f);
+        const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+        EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
+        expect_honest(session, pose, truth);
+        const double corners_px =
+            test::corner_distance_px(session.camera, session.tags, pose.T_table_camera, truth);
+        EXPECT_LT(corners_px, 0.1);
+      }
+    }
+  }
+}
+
+// A table a hundred times as large a hundred times as far off looks the same: the pose is the same,
+// in other units.
+TEST(TrackingStress, APoseGrowsWithItsTable) {
+  for (const double times : {0.1, 100.0}) {
+    SCOPED_TRACE(times);
+    Session session = ordinary();
+    for (MappedTag& tag : session.tags) {
+      tag.size_m *= times;
+      tag.T_table_tag = {tag.T_table_tag.rotation(), times * tag.T_table_tag.translation()};
+    }
+    for (test::Sway* sway : {&session.motion.distance, &session.motion.x, &session.motion.y}) {
+      sway->middle *= times;
+      sway->amplitude *= times;
+    }
+    auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+    TableTracker tracker = tracker_of(session);
+    for (int f = 0; f < 5; ++f) {
+      SCOPED_TRACE(f);
+      const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+      const CameraPose truth = session.truth(f);
+      ASSERT_TRUE(pose.has_pose()) << pose.reason;
+      // The overlay's cube is 0.2 m whatever the table is: seen from a few centimetres it does not
+      // say how good a pose is.
+      if (times > 1.0) {
+        EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
+        expect_honest(session, pose, truth);
+      }
+      const double distance = truth.translation().norm();
+      EXPECT_LT((pose.T_table_camera.translation() - truth.translation()).norm(), 1e-3 * distance);
+      EXPECT_LT(degrees(pose.T_table_camera.rotation().angularDistance(truth.rotation())), 0.1);
+      EXPECT_LT(test::corner_distance_px(session.camera, session.tags, pose.T_table_camera, truth),
+                0.1);
+    }
+  }
+}
+
+// Tags that keep their size while the camera goes away are lost, and it is said.
+TEST(TrackingStress, TagsTooFarAwayAreLost) {
+  Session session = ordinary();
+  auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+  TableTracker tracker = tracker_of(session);
+  constexpr int kFrames = 60;
+  for (int f = 0; f < kFrames; ++f) {
+    SCOPED_TRACE(f);
+    Session now = session;
+    now.motion.distance.middle *= std::pow(1.06, f);
+    const PoseEstimate pose = tracker.track(now.picture(renderer, f)).pose;
+    expect_honest(now, pose, now.truth(f));
+    if (pose.status != TrackStatus::tracked) {
+      EXPECT_FALSE(pose.reason.empty());
+    }
+    if (f < 20) {  // tags of 12 px
+      EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
+    }
+    if (f == kFrames - 1) {  // of 1 px
+      EXPECT_EQ(pose.status, TrackStatus::lost);
+    }
+  }
+}
+
+// Each thing driven from where it is easy to where nothing can be seen, a step a frame: how far a
+// pose is expected at least, and that nothing is believed beyond.
+TEST(TrackingStress, WhatIsDrivenToItsEndIsFollowedFar) {
+  struct Way {
+    const char* name;
+    double from, to, tracked_to;
+    bool inverse;
+    std::function<void(Session&, double)> set;
+  };
+  const std::vector<Way> ways = {
+      {"side px", 25.0, 8.0, 10.0, true,
+       [](Session& s, double v) {
+         Draw draw(3);
+         s.tags = test::layout_of(Layout::one, draw);
+         s.motion.distance.middle = s.camera.parameters().fx * s.tags.front().size_m / v;
+         s.motion.elevation.middle = radians(50.0);
+         s.motion.x.middle = s.tags.front().T_table_tag.translation().x();
+         s.motion.y.middle = s.tags.front().T_table_tag.translation().y();
+       }},
+      {"tilt deg", 60.0, 85.0, 81.0, false,
+       [](Session& s, double v) { s.motion.elevation.middle = radians(90.0 - v); }},
+      {"cover", 0.0, 0.8, 0.5, false, [](Session& s, double v) { s.light.cover_share = v; }},
+      {"noise", 2.0, 60.0, 25.0, false, [](Session& s, double v) { s.light.noise_grey = v; }},
+      {"light", 1.0, 0.01, 0.05, true,
+       [](Session& s, double v) {
+         s.light.gain = v;
+         s.light.noise_grey = 1.0;
+       }},
+  };
+  for (const Way& way : ways) {
+    SCOPED_TRACE(way.name);
+    Session first = ordinary();
+    way.set(first, way.from);
+    auto renderer = PatternRenderer::create(first.camera, first.tags).value();
+    TableTracker tracker = tracker_of(first);
+    constexpr int kSteps = 60;
+    double reached = way.from;
+    for (int f = 0; f <= kSteps; ++f) {
+      // As a hand would: evenly in the distance.
+      const double share = static_cast<double>(f) / kSteps;
+      const double value = way.inverse
+                               ? 1.0 / (1.0 / way.from + (1.0 / way.to - 1.0 / way.from) * share)
+                               : way.from + (way.to - way.from) * share;
+      SCOPED_TRACE(value);
+      Session now = ordinary();
+      way.set(now, value);
+      const PoseEstimate pose = tracker.track(now.picture(renderer, f)).pose;
+      expect_honest(now, pose, now.truth(f));
+      if (pose.status != TrackStatus::tracked) {
+        EXPECT_FALSE(pose.reason.empty());
+      }
+      const bool expected = (value - way.tracked_to) * (way.to - way.from) <= 0.0;
+      if (pose.status == TrackStatus::tracked) reached = value;
+      if (expected) {
+        EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
+      }
+    }
+    RecordProperty(way.name, fmt::format("tracked to {:.3g}", reached));
+  }
+}
+
+// A lone tag that goes away until it is seven pixels wide, and comes back: its other pose explains
+// the picture there as well as the true one, and what the model misses may favour it. The one that
+// was followed stays.
+TEST(TrackingStress, ALoneTagThatGoesAwayDoesNotFlip) {
+  int tracked = 0;
+  int frames = 0;
+  const int sessions = long_form() ? 40 : 5;
+  for (int k = 0; k < sessions; ++k) {
+    Draw draw(60U + static_cast<std::uint64_t>(k));
+    Session session = ordinary();
+    session.tags = test::layout_of(Layout::one, draw);
+    session.light.noise_grey = draw.between(0.0, 5.0);
+    session.light.lens_blur_px = draw.between(0.4, 0.7);
+    session.light.seed = static_cast<std::uint64_t>(k) + 1;
+    session.motion.elevation.middle = radians(draw.between(30.0, 65.0));
+    const Eigen::Vector3d place = session.tags.front().T_table_tag.translation();
+    session.motion.x.middle = place.x();
+    session.motion.y.middle = place.y();
+    const double reach_px = session.camera.parameters().fx * session.tags.front().size_m;
+    auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+    TableTracker tracker = tracker_of(session);
+    constexpr int kFrames = 160;
+    for (int f = 0; f < kFrames; ++f) {
+      SCOPED_TRACE(testing::Message() << "session " << k << ", frame " << f);
+      const double away = 0.5 - 0.5 * std::cos(2.0 * std::numbers::pi * f / kFrames);
+      Session now = session;
+      now.motion.distance.middle = reach_px * (away / 7.0 + (1.0 - away) / 30.0);
+      const PoseEstimate pose = tracker.track(now.picture(renderer, f)).pose;
+      expect_honest(now, pose, now.truth(f));
+      tracked += pose.status == TrackStatus::tracked ? 1 : 0;
+      ++frames;
+    }
+  }
+  RecordProperty("tracked", fmt::format("{} of {}", tracked, frames));
+  EXPECT_GE(tracked, 0.6 * frames);
+}
+
+// A lone tag in the first frame, any lens, tone curve, light, tilt: which of its poses it is, is
+// said only where the picture shows it.
+TEST(TrackingStress, ALoneTagsFirstPoseIsNotGuessed) {
+  int tracked = 0;
+  int open = 0;
+  int wrong = 0;
+  const int sessions = long_form() ? 3000 : 120;
+  for (int k = 0; k < sessions; ++k) {
+    SCOPED_TRACE(k);
+    test::SessionKind kind;
+    Session session = test::random_session(70'000U + static_cast<std::uint64_t>(k), kind);
+    Draw draw(80U + static_cast<std::uint64_t>(k));
+    session.tags = test::layout_of(Layout::one, draw);
+    session.light.samples = 64;
+    const double fx = session.camera.parameters().fx;
+    session.motion.distance.middle =
+        std::max(0.34, fx * session.tags.front().size_m / draw.log_between(10.0, 60.0));
+    const Eigen::Vector3d place = session.tags.front().T_table_tag.translation();
+    session.motion.x.middle = place.x();
+    session.motion.y.middle = place.y();
+    auto renderer = PatternRenderer::create(session.camera, session.tags).value();
+    const PoseEstimate pose = tracker_of(session).track(session.picture(renderer, 0)).pose;
+    open += pose.status == TrackStatus::uncertain && pose.reason == kTwoPoses ? 1 : 0;
+    if (pose.status != TrackStatus::tracked) continue;
+    ++tracked;
+    wrong += error_px(session, pose, 0) > 5.0 ? 1 : 0;
+  }
+  RecordProperty("first", fmt::format("{} tracked, {} of them wrong, {} open, of {}", tracked,
+                                      wrong, open, sessions));
+  EXPECT_GE(tracked, 0.4 * sessions);
+  EXPECT_GT(open, 0);
+  EXPECT_LE(wrong, 0.002 * tracked);
+}
+
+// Prints of the same tag twice: the copy is out wherever others say which is which, by detection
+// too; where nothing does, nothing is tracked.
+TEST(TrackingStress, TheSameTagTwiceIsNotBelieved) {
+  const auto with_copies = [](const Session& session, std::size_t count) {
+    std::vector<MappedTag> drawn = session.tags;
+    for (std::size_t k = 0; k < count; ++k) {
+      MappedTag copy = session.tags[k];
+      copy.T_table_tag = {copy.T_table_tag.rotation(),
+                          copy.T_table_tag.translation() + Eigen::Vector3d(0.0, 0.17, 0.0)};
+      drawn.push_back(copy);
+    }
+    return drawn;
+  };
+  for (const TrackingMode mode : {TrackingMode::automatic, TrackingMode::detect}) {
+    for (const bool few : {false, true}) {
+      for (const bool all : {false, true}) {
+        SCOPED_TRACE(fmt::format("{}, {}, {}", to_string(mode), few ? "few" : "many",
+                                 all ? "all twice" : "one twice"));
+        Session session = ordinary();
+        if (few) session.tags = test::board(2, 1, 0.06);
+        session.motion.distance.middle = 0.7;
+        const auto drawn = with_copies(session, all ? session.tags.size() : 1);
+        auto renderer = PatternRenderer::create(session.camera, drawn).value();
+        TableTracker tracker = tracker_of(session, mode);
+        for (int f = 0; f < 3; ++f) {
+          SCOPED_TRACE(f);
+          const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
+          if (all) {
+            EXPECT_NE(pose.status, TrackStatus::tracked);
+            EXPECT_FALSE(pose.reason.empty());
+            continue;
+          }
+          expect_honest(session, pose, session.truth(f));
+          if (!few) {
+            EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
+            // Detection can't say which print it is; where the pattern is followed the right one
+            // counts.
+            EXPECT_EQ(pose.tags_used, mode == TrackingMode::detect ? 11 : 12);
+          }
+        }
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace penumbra

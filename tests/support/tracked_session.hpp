@@ -1,0 +1,53 @@
+// A session that is easy to track, and what is asked of every pose whatever was done to it.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/evaluation.hpp"
+#include "support/random_session.hpp"
+#include "tracking/table_tracker.hpp"
+
+namespace penumbra::test {
+
+// A sheet of 12 tags seen well, strolled over.
+inline Session ordinary() {
+  Draw draw(5);
+  Session session;
+  session.camera = lens_camera(Lens::plumb_bob, 480, 360, 0.85);
+  session.tags = layout_of(Layout::sheet, draw);
+  session.motion = hand(1, 0.42, radians(62.0), draw);
+  session.light.noise_grey = 2.0;
+  session.light.samples = 64;
+  return session;
+}
+
+// How many tracked frames were off by more than four times what they expected: of many, a few are.
+struct Beyond {
+  int tracked = 0, beyond = 0;
+};
+
+inline void expect_honest(const Session& session, const PoseEstimate& pose, const CameraPose& truth,
+                          Beyond* of_many = nullptr) {
+  if (!pose.has_pose()) return;
+  EXPECT_TRUE(pose.T_table_camera.is_finite());
+  EXPECT_TRUE(pose.covariance.allFinite());
+  EXPECT_FALSE(std::isnan(pose.expected_overlay_error_px));
+  if (pose.status != TrackStatus::tracked) return;
+  const double error = overlay_difference(session.camera, pose.T_table_camera, truth).rms_px();
+  EXPECT_LT(error, 5.0);
+  const bool beyond = error > std::max(1.0, 4.0 * pose.expected_overlay_error_px);
+  if (of_many != nullptr) {
+    ++of_many->tracked;
+    of_many->beyond += beyond ? 1 : 0;
+    EXPECT_LT(error, std::max(1.0, 6.0 * pose.expected_overlay_error_px));
+  } else {
+    EXPECT_FALSE(beyond) << error << " px where " << pose.expected_overlay_error_px
+                         << " were expected";
+  }
+  EXPECT_LT(pose.expected_overlay_error_px, 2.0);
+}
+
+}  // namespace penumbra::test
