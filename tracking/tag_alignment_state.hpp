@@ -72,6 +72,10 @@ struct TagAligner::Impl {
       if (part_ == parts_.size()) parts_.emplace_back(std::max(count, parts_[0].size / 4));
       float* const at = parts_[part_].begin() + used_;
       used_ += count;
+#ifdef EIGEN_INITIALIZE_MATRICES_BY_NAN
+      // As matrices are: what is read before it is written shows.
+      std::fill_n(at, count, std::numeric_limits<float>::quiet_NaN());
+#endif
       return at;
     }
     // The same, until something else is taken.

@@ -563,6 +563,89 @@ TEST_F(TagAlignmentTest, TheCoarseSearchTakesPicturesOfEverySize) {
   }
 }
 
+// Tags of the map that can't be seen or read cost nothing and change nothing, and are counted.
+TEST_F(TagAlignmentTest, TagsOutOfViewOrTooSmallAreNotLookedAt) {
+  std::vector<MappedTag> more = tags_;
+  const auto add = [&more](double x, double y, double size_m, bool upside_down) {
+    MappedTag tag;
+    tag.id = static_cast<int>(more.size());
+    tag.size_m = size_m;
+    const Eigen::Quaterniond facing(upside_down ? 0.0 : 1.0, upside_down ? 1.0 : 0.0, 0.0, 0.0);
+    tag.T_table_tag = {facing, Eigen::Vector3d(x, y, 0.0)};
+    more.push_back(tag);
+  };
+  add(3.0, 0.0, 0.06, false);
+  add(0.0, -5.0, 0.06, false);
+  add(-40.0, 40.0, 0.06, false);
+  add(0.0, 0.12, 0.06, true);     // shows its back
+  add(0.0, -0.09, 0.001, false);  // cells of a fifth of a pixel
+  add(0.01, -0.09, 0.001, false);
+  for (const AlignmentEffort effort : {AlignmentEffort::fast, AlignmentEffort::accurate}) {
+    AlignmentOptions options;
+    options.effort = effort;
+    auto all = TagAligner::create(camera_, more, options).value();
+    auto seen = TagAligner::create(camera_, tags_, options).value();
+    for (int k = 0; k < 4; ++k) {
+      SCOPED_TRACE(k);
+      const CameraPose truth = random_view(random_);
+      PatternRenderOptions render;
+      render.noise_grey = 2.0;
+      render.samples = 128;
+      const GreyImage image = picture(truth, render);
+      const CameraPose start = displaced(camera_, tags_, truth, 2.0, random_);
+      const AlignmentResult& a = align(all, image, start, 2.0);
+      const AlignmentResult& b = align(seen, image, start, 2.0);
+      ASSERT_TRUE(b.verified);
+      EXPECT_TRUE(a.verified);
+      // One that is far off may be both.
+      EXPECT_GE(a.counters.tags_out_of_view, 2);
+      EXPECT_GE(a.counters.tags_too_small, 2);
+      EXPECT_EQ(a.counters.tags_out_of_view + a.counters.tags_too_small, 6);
+      EXPECT_EQ(b.counters.tags_out_of_view, 0);
+      EXPECT_EQ(b.counters.tags_too_small, 0);
+      EXPECT_EQ(a.counters.samples, b.counters.samples);
+      EXPECT_EQ(a.tags_verified, b.tags_verified);
+      EXPECT_TRUE(a.T_table_camera.matrix() == b.T_table_camera.matrix());
+      EXPECT_TRUE(a.covariance == b.covariance);
+    }
+  }
+}
+
+// Families differ in their cells, in how many lie outside the black square, and in which are read.
+TEST_F(TagAlignmentTest, EveryFamilyIsAligned) {
+  for (const TagFamily family :
+       {TagFamily::tag36h11, TagFamily::tag36h10, TagFamily::tag25h9, TagFamily::tag16h5,
+        TagFamily::tag_circle21h7, TagFamily::tag_circle49h12, TagFamily::tag_standard41h12,
+        TagFamily::tag_standard52h13, TagFamily::tag_custom48h12, TagFamily::aruco_4x4_50,
+        TagFamily::aruco_5x5_250, TagFamily::aruco_6x6_1000}) {
+    SCOPED_TRACE(to_string(family));
+    // Those with cells around the black square have paper to lie on.
+    std::vector<MappedTag> tags = board(3, 2, 0.045);
+    for (MappedTag& tag : tags) {
+      tag.family = family;
+      tag.T_table_tag = {tag.T_table_tag.rotation(), 1.6 * tag.T_table_tag.translation()};
+    }
+    std::vector<MappedTag> others = tags;
+    for (MappedTag& tag : others) tag.id += static_cast<int>(tags.size());
+    auto renderer = PatternRenderer::create(camera_, tags).value();
+    auto aligner = TagAligner::create(camera_, tags).value();
+    auto of_others = TagAligner::create(camera_, others).value();
+    for (int k = 0; k < 4; ++k) {
+      const CameraPose truth = random_view(random_);
+      PatternRenderOptions render;
+      render.samples = 256;
+      const std::array<CameraPose, 1> path = {truth};
+      const GreyImage image = renderer.render(path, render);
+      const CameraPose start = displaced(camera_, tags, truth, 3.0, random_);
+      const AlignmentResult& result = align(aligner, image, start, 3.0);
+      ASSERT_TRUE(result.verified) << result.reason;
+      EXPECT_EQ(result.tags_verified, 6);
+      EXPECT_LT(overlay_px(result.T_table_camera, truth), 0.03);
+      EXPECT_FALSE(align(of_others, image, start, 3.0).verified);
+    }
+  }
+}
+
 TEST_F(TagAlignmentTest, DecodingWhereTheLastRoundSawTheCellsChangesNothing) {
   static_cast<void>(cells_wrong_either_way(&AlignmentOptions::keep_projection, {0.58}));
 }
