@@ -27,6 +27,18 @@ CameraParameters of_model(DistortionModel model) {
   return p;
 }
 
+void expect_jacobian_of_differences(const CameraModel& camera, const Eigen::Vector3d& p) {
+  Eigen::Matrix<double, 2, 3> J;
+  std::ignore = camera.project_unchecked(p, &J);
+  for (int axis = 0; axis < 3; ++axis) {
+    Eigen::Vector3d step = Eigen::Vector3d::Zero();
+    step[axis] = 1e-6;
+    const Eigen::Vector2d difference =
+        (camera.project_unchecked(p + step) - camera.project_unchecked(p - step)) / 2e-6;
+    EXPECT_LT((difference - J.col(axis)).norm(), 1e-5 * (1.0 + J.norm()));
+  }
+}
+
 class EveryModel : public testing::TestWithParam<DistortionModel> {};
 INSTANTIATE_TEST_SUITE_P(CameraModel, EveryModel,
                          testing::Values(DistortionModel::plumb_bob, DistortionModel::rational,
@@ -54,15 +66,7 @@ TEST_P(EveryModel, JacobianAgreesWithCentralDifferences) {
   std::uniform_real_distribution<double> across(-0.5, 0.5);
   for (int i = 0; i < 200; ++i) {
     const Eigen::Vector3d p(across(random), across(random), 0.8 + across(random) * 0.5);
-    Eigen::Matrix<double, 2, 3> J;
-    std::ignore = camera.project_unchecked(p, &J);
-    for (int axis = 0; axis < 3; ++axis) {
-      Eigen::Vector3d step = Eigen::Vector3d::Zero();
-      step[axis] = 1e-6;
-      const Eigen::Vector2d difference =
-          (camera.project_unchecked(p + step) - camera.project_unchecked(p - step)) / 2e-6;
-      EXPECT_LT((difference - J.col(axis)).norm(), 1e-5 * (1.0 + J.norm()));
-    }
+    expect_jacobian_of_differences(camera, p);
   }
 }
 
@@ -101,15 +105,7 @@ TEST(CameraModel, AStrongFisheyeIsExactToItsRim) {
     const auto ray = camera.unproject(*pixel);
     ASSERT_TRUE(ray);
     EXPECT_LT((*ray - point / depth).norm(), 1e-8 * (1.0 + ray->squaredNorm()));
-    Eigen::Matrix<double, 2, 3> J;
-    std::ignore = camera.project_unchecked(point, &J);
-    for (int axis = 0; axis < 3; ++axis) {
-      Eigen::Vector3d step = Eigen::Vector3d::Zero();
-      step[axis] = 1e-6;
-      const Eigen::Vector2d difference =
-          (camera.project_unchecked(point + step) - camera.project_unchecked(point - step)) / 2e-6;
-      EXPECT_LT((difference - J.col(axis)).norm(), 1e-5 * (1.0 + J.norm()));
-    }
+    expect_jacobian_of_differences(camera, point);
   }
 }
 
