@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <numeric>
 #include <optional>
 #include <random>
 
@@ -160,6 +161,44 @@ TEST_F(TagAlignmentTest, WithoutNoiseThePoseIsTrueToAHundredthOfAPixel) {
   }
 }
 
+// What the Cramer-Rao bound stands on, against differences of pictures of many samples. These have
+// grain, less in a soft picture and a longer step, which makes them a percent less.
+TEST_F(TagAlignmentTest, TheBoundsDerivativesAreThoseOfThePicture) {
+  PatternRenderOptions render;
+  render.background = render.white;  // no edge of the sheet
+  render.samples = 4096;
+  render.lens_blur_px = 0.9;
+  const std::vector<MappedTag> one = {tags_[4]};
+  auto renderer = PatternRenderer::create(camera_, one).value();
+  const CameraPose pose = random_view(random_);
+  const auto exact = test::light_by_pose(camera_, one, pose, render);
+  const auto product = [](const std::vector<double>& a, const std::vector<double>& b) {
+    return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
+  };
+  for (std::size_t k = 0; k < 6; ++k) {
+    SCOPED_TRACE(testing::Message() << "parameter " << k);
+    // About a third of a pixel, at the tag's corners where it grows or turns.
+    constexpr std::array<double, 6> kSteps = {2e-4, 2e-4, 2e-3, 3e-4, 3e-4, 3e-3};
+    const double step = kSteps[k];
+    Vector6d xi = Vector6d::Zero();
+    xi[static_cast<Eigen::Index>(k)] = step;
+    const std::array<CameraPose, 1> plus = {perturbed(pose, xi)};
+    const std::array<CameraPose, 1> minus = {perturbed(pose, -xi)};
+    std::vector<double> difference = renderer.render_light(plus, render);
+    const std::vector<double> before = renderer.render_light(minus, render);
+    std::vector<double> off(difference.size());
+    for (std::size_t i = 0; i < difference.size(); ++i) {
+      difference[i] = 255.0 * (difference[i] - before[i]) / (2.0 * step);
+      off[i] = difference[i] - exact[k][i];
+    }
+    EXPECT_LT(product(off, off), 0.07 * 0.07 * product(exact[k], exact[k]));
+    for (std::size_t l = 0; l < 6; ++l) {
+      const double scale = std::sqrt(product(exact[k], exact[k]) * product(exact[l], exact[l]));
+      EXPECT_NEAR(product(difference, exact[l]), product(exact[k], exact[l]), 0.02 * scale) << l;
+    }
+  }
+}
+
 TEST_F(TagAlignmentTest, NoiseCostsWhatTheBoundSays) {
   double fast2 = 0.0;
   double accurate2 = 0.0;
@@ -199,11 +238,11 @@ TEST_F(TagAlignmentTest, NoiseCostsWhatTheBoundSays) {
       }
     }
   }
-  EXPECT_LT(std::sqrt(fast2), 4.0);
-  EXPECT_LT(std::sqrt(accurate2), 1.7);
+  EXPECT_LT(std::sqrt(fast2), 3.0);
+  EXPECT_LT(std::sqrt(accurate2), 1.4);
   // The covariance promises neither less than is possible nor much more than is found.
-  EXPECT_GT(std::sqrt(expected2), 0.7);
-  EXPECT_LT(std::sqrt(expected2), 2.0);
+  EXPECT_GT(std::sqrt(expected2), 0.85);
+  EXPECT_LT(std::sqrt(expected2), 1.2);
   RecordProperty("fast_over_bound", std::to_string(std::sqrt(fast2)));
   RecordProperty("expected_over_bound", std::to_string(std::sqrt(expected2)));
   RecordProperty("accurate_over_bound", std::to_string(std::sqrt(accurate2)));
