@@ -1,11 +1,11 @@
 #include "tracking/motion_model.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
 #include "core/assert.hpp"
 #include "core/units.hpp"
+#include "tracking/spd6.hpp"
 
 namespace penumbra {
 namespace {
@@ -86,8 +86,7 @@ void MotionModel::update(std::int64_t timestamp_ns, const CameraPose& T_table_ca
   State next = advanced(timestamp_ns);
   const Vector6d moved = perturbation_between(next.pose, T_table_camera);
   // The pose's correction is passed on to the velocity as far as the two were known to go together.
-  const Matrix6d gain =
-      next.P_pose.ldlt().solve(Matrix6d(next.P_cross.transpose())).transpose();  // cross P^-1
+  const Matrix6d gain = next.P_cross * inverse_of_spd(next.P_pose);
   const Matrix6d learned = next.P_pose - covariance;  // E[moved moved^T] if q is right
   const auto ratio = [&](int first) {
     const double expected = learned.diagonal().segment<3>(first).sum();

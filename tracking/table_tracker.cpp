@@ -15,6 +15,7 @@
 #include "core/units.hpp"
 #include "tracking/board_pose.hpp"
 #include "tracking/motion_model.hpp"
+#include "tracking/spd6.hpp"
 #include "tracking/tag_alignment.hpp"
 
 namespace penumbra {
@@ -603,13 +604,12 @@ std::optional<RefinedPose> TableTracker::Impl::aligned(const AlignmentResult& re
   // image alone would let it. Where that knows nothing of a direction, a metre and a radian.
   const CovarianceTimes larger = covariance_times(result, aligner.options().blur_px, pose.noise_px);
   const Matrix6d& inverse = result.covariance;
-  const Matrix6d prior_information = prior.ldlt().solve(Matrix6d::Identity());
+  const Matrix6d prior_information = inverse_of_spd(prior);
   pose.covariance = larger.scatter * inverse -
                     (larger.scatter - 1.0) * (inverse * prior_information * inverse).eval();
   if (larger.bias > 0.0) {
-    const Matrix6d of_image = inverse.ldlt().solve(Matrix6d::Identity()) - prior_information;
-    pose.covariance +=
-        larger.bias * (of_image + Matrix6d::Identity()).ldlt().solve(Matrix6d::Identity());
+    const Matrix6d of_image = inverse_of_spd(inverse) - prior_information;
+    pose.covariance += larger.bias * inverse_of_spd(of_image + Matrix6d::Identity());
   }
   pose.covariance += result.map_covariance;
   pose.covariance = 0.5 * (pose.covariance + pose.covariance.transpose()).eval();

@@ -1,6 +1,5 @@
 #include "tracking/tag_alignment.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -9,6 +8,7 @@
 
 #include "core/assert.hpp"
 #include "tracking/alignment_kernel.hpp"
+#include "tracking/spd6.hpp"
 #include "tracking/tag_alignment_state.hpp"
 #include "tracking/tag_pattern.hpp"
 
@@ -179,7 +179,7 @@ void TagAligner::Impl::begin(const AlignmentInput& input) {
   // A right perturbation of T_table_camera by xi is a left one of T_camera_table by -xi: the same
   // covariance.
   prior_covariance = input.covariance;
-  prior_information = prior_covariance.ldlt().solve(Matrix6d::Identity());
+  prior_information = inverse_of_spd(prior_covariance);
   PENUMBRA_ASSERT(prior_information.allFinite());
 
   first_samples = input.first_samples;
@@ -214,7 +214,7 @@ CameraPose TagAligner::Impl::pose() const {
 void TagAligner::Impl::report_pose() {
   result.T_table_camera = pose();
   const Matrix6d total = information + prior_information;
-  result.covariance = total.ldlt().solve(Matrix6d::Identity());
+  result.covariance = inverse_of_spd(total);
   double gain = 0.0;
   for (const Tag* tag : active) gain += tag->gain;
   if (!active.empty() && gain > 0.0)

@@ -14,6 +14,7 @@
 #include <numeric>
 #include <utility>
 #include <vector>
+#include "tracking/spd6.hpp"
 
 namespace penumbra {
 namespace {
@@ -261,9 +262,7 @@ void TagAligner::Impl::check_map() {
       paper.block<3, 1>(3, 3 + axis) = turn;
     }
     const Matrix6d weight =
-        Matrix6d(variance * samples_for_one(result) * own + paper * paper.transpose())
-            .ldlt()
-            .solve(Matrix6d::Identity());
+        inverse_of_spd(variance * samples_for_one(result) * own + paper * paper.transpose());
     if (!weight.allFinite() || !x.allFinite()) continue;
     tags_count += 1.0;
     H += of.H;
@@ -280,7 +279,7 @@ void TagAligner::Impl::check_map() {
   trace -= together.solve(W_of_places).trace();
   const double freedoms = 6.0 * (tags_count - 1.0);
   if (!(squares > freedoms) || !(trace > 0.0)) return;
-  const Matrix6d inverse = H.ldlt().solve(Matrix6d::Identity());
+  const Matrix6d inverse = inverse_of_spd(H);
   // One tag that is wrong is so in three directions: what is estimated from three is, with their
   // Student's t, of three times the variance.
   constexpr double kOfThree = 3.0;
@@ -377,7 +376,7 @@ void TagAligner::Impl::check_agreement() {
   double least = small_part * per_freedom(squares, count);
   for (const std::size_t without : order) {
     const TagEquations& gone = agreement[without];
-    const Vector6d motion = Matrix6d(H_all - gone.H).ldlt().solve(Vector6d(g_all - gone.g));
+    const Vector6d motion = solve_spd(H_all - gone.H, g_all - gone.g);
     if (!motion.allFinite()) continue;
     double left = 0.0;
     for (std::size_t k = 0; k < count; ++k) {

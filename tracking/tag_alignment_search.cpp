@@ -2,11 +2,11 @@
 
 #include "tracking/tag_alignment_state.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cstring>
 
 #include "tracking/se3.hpp"
+#include "tracking/spd6.hpp"
 
 namespace penumbra {
 namespace {
@@ -271,12 +271,12 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
         const double w0 = w * J(0, row);
         const double w1 = w * J(1, row);
 #pragma GCC unroll 6
-        for (int column = 0; column <= row; ++column)  // the lower triangle is what ldlt reads
+        for (int column = 0; column <= row; ++column)  // the lower triangle is what is read
           H(row, column) += w0 * J(0, column) + w1 * J(1, column);
         g[row] += w0 * r[0] + w1 * r[1];
       }
     }
-    const Vector6d xi = H.ldlt().solve(g);
+    const Vector6d xi = solve_spd(H, g);
     if (!xi.allFinite()) return false;
     T_camera_table = exp_se3(xi) * T_camera_table;
   }

@@ -2,13 +2,13 @@
 
 #include "tracking/tag_alignment_state.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <utility>
 
 #include "tracking/se3.hpp"
+#include "tracking/spd6.hpp"
 
 namespace penumbra {
 
@@ -112,8 +112,7 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
   if (!take_variance(equations)) return false;
   const Vector6d deviation = log_se3(T_camera_table * T_predicted.inverse());
   const Matrix6d H_prior = equations.H + variance * prior_information;
-  const Vector6d xi =
-      H_prior.ldlt().solve(equations.g - variance * (prior_information * deviation));
+  const Vector6d xi = solve_spd(H_prior, equations.g - variance * (prior_information * deviation));
   if (!xi.allFinite()) return false;
   last_step = xi;
   const Eigen::Isometry3d motion = exp_se3(xi);
