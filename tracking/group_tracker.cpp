@@ -497,7 +497,6 @@ TrackedFrame GroupTracker::track(const Frame& frame) {
   }
   m.begin_search(frame, result.pose);
   result.groups_skipped = m.skipped;
-  result.times.total_ms = result.times.total_cpu_ms = 0.0;
   total.add_to(result.times.total_ms, result.times.total_cpu_ms);
   // No frame waits for another thread, but what tracking takes is what it takes.
   if (past && m.beside->has_thread()) result.times.total_cpu_ms += result.times.search_cpu_ms;

@@ -1334,23 +1334,19 @@ Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMa
 }
 
 TrackedFrame TableTracker::track(const Frame& frame) {
-  const Stopwatch begin;
+  const Stopwatch total;
   impl_->search->begin(frame);
-  const StageTime begun = begin.elapsed();
   TrackedFrame result = track(frame, SharedFrame());
-  result.times.total_ms += begun.wall_ms;
-  result.times.total_cpu_ms += begun.cpu_ms;
+  total.add_to(result.times.total_ms, result.times.total_cpu_ms);
   return result;
 }
 
 TrackedFrame TableTracker::track(const Frame& frame, const SharedFrame& shared) {
-  const Stopwatch total;
   impl_->times = {};
   TrackedFrame result;
   result.frame = frame;
   result.pose = impl_->estimate(frame, shared);
   result.times = impl_->times;
-  total.add_to(result.times.total_ms, result.times.total_cpu_ms);
   return result;
 }
 

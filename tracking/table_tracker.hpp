@@ -130,7 +130,7 @@ class TableTracker {
   // Frames in order of time. Deterministic: the same frames give the same poses, bit for bit. A
   // frame whose size is not the camera model's is lost, with the reason said.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
-  // The same for a frame that the shared search has begun.
+  // The same for a frame that the shared search has begun; the total time is its owner's to take.
   [[nodiscard]] TrackedFrame track(const Frame& frame, const SharedFrame& shared);
 
   // What these tags of an earlier frame say about the pose in that frame: tracked, uncertain, or
