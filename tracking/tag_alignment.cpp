@@ -150,7 +150,9 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
     now = std::min(now, cap);
     round = kFineRounds - 1;  // near the pose already
   }
-  result.counters.sampling_stopped = sample_need != nullptr && now < cap;
+  result.counters.sampling_stopped =
+      sample_need != nullptr && now < cap &&
+      std::ranges::any_of(active, [](const Tag* tag) { return tag->thinned; });
   check_agreement();
   verify();
   return result.verified;

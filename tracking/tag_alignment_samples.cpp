@@ -209,6 +209,7 @@ void TagAligner::Impl::evaluate(Tag& tag) {
 void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
   tag.used = 0;
   tag.step_count = 0;
+  tag.thinned = false;
   Band band;
   if (wide) {
     // Far enough out to feel an edge half a cell away.
@@ -244,6 +245,7 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
     }
     const double stride = stride_of(band, mean_of(reach_px), length, tilt, cap);
     if (stride > kLeastStep_px && length < 1e7) {
+      tag.thinned = true;
       step_along(tag, band, reach_px, stride);
       PENUMBRA_ASSERT(tag.used <= tag.capacity);
       finish_samples(tag);
@@ -343,6 +345,7 @@ void TagAligner::Impl::walk_runs(Tag& tag, const Band& band, const std::array<do
     }
   }
   walk.stride_px = stride_of(band, mean_of(reach_px), length, tilt, cap);
+  tag.thinned = walk.stride_px > 1.0;
   walk.most_rows = rows_at_most(band, std::max(reach_px[0], reach_px[1]));
   // The steps go on from run to run. What is written is up to three pixels more than are counted.
   take_samples(tag, walk.most_rows * (static_cast<int>(length / walk.stride_px) + 2) + 4);

@@ -163,6 +163,7 @@ struct TagAligner::Impl {
     // Of the last selection, step by step or run by run: a step's samples end where the next one's
     // begin.
     int step_count = 0;
+    bool thinned = false;  // not every pixel at an edge was taken
     std::vector<std::int32_t> step_end, step_run;
     kernel::Sums sums;
     std::vector<std::int16_t> scores;

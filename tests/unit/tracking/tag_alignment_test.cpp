@@ -262,7 +262,6 @@ TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
   const CameraPose start = displaced(camera_, tags_, truth, 2.0, random_);
   AlignmentOptions options;
   options.effort = AlignmentEffort::accurate;
-  // The number of pixels depends on where the last round begins.
   options.sparse_rounds = false;
   options.lattice_steps = false;
   auto aligner = TagAligner::create(camera_, tags_, options).value();
@@ -290,7 +289,9 @@ TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
     if (times > 1.0) {
       EXPECT_LT(expected_px(result), budget_px) << times;
     } else {
-      EXPECT_EQ(result.counters.samples, all.counters.samples);
+      // Where the last round begins, some pixels more or less are at an edge.
+      EXPECT_FALSE(result.counters.sampling_stopped);
+      EXPECT_NEAR(result.counters.samples, all.counters.samples, 0.001 * all.counters.samples);
     }
     if (times == 4.0) {
       EXPECT_LT(result.counters.samples, all.counters.samples / 3);
