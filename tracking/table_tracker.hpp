@@ -92,6 +92,7 @@ struct TrackTimes {
   int tags_out_of_view = 0, tags_too_small = 0;
   bool sampling_stopped = false;
   bool fewer_pixels = false;  // it was kept to a limited number of pixels for the view moves
+  bool near_start = false;    // it began near, so without its wide stage
 };
 
 struct TrackedFrame {

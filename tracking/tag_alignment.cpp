@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <utility>
 
 #include "core/assert.hpp"
@@ -21,6 +22,9 @@ constexpr double kNearlyConverged_px = 0.06;
 // A step is a quarter to a third of the one before: what follows this one is kConverged_px. A lone
 // tag's tilt goes slower than that.
 constexpr double kConvergesFrom_px = 0.1;
+// The same in standard deviations of the pose, all six numbers in one; 2.4 are what noise does.
+constexpr double kConverged_sigmas = 1.0;
+constexpr double kNearlyConverged_sigmas = 3.0;
 constexpr int kFineRounds = 3;
 constexpr int kFineSteps = 5;        // per round at most
 constexpr int kSparseSamples = 640;  // of all tags
@@ -30,7 +34,8 @@ constexpr int kFewestBlocks = 1;     // of samples on a tag, where sampling may 
 constexpr std::size_t kPixelsPerSample = 12;
 constexpr std::size_t kSamplesPerTag = 4096;
 constexpr std::size_t kFloatsPerSample = 17;  // where cells are large against the blur
-constexpr double kFineCutoff = 0.6;           // of Tukey's weights, as a share of the gain
+constexpr double kWideCutoff = 0.8;           // of Tukey's weights, as a share of the gain
+constexpr double kFineCutoff = 0.6;           // the same
 
 // What to ask for so that so many of the kernel's blocks come out full: the walk along the edges
 // meets its cap within some samples, and a last one over the brim costs a whole block.
@@ -55,6 +60,7 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
   result.map_contradicted = false;
   result.contradicting = -1;
   T_camera_table = T_predicted;
+  bool near = false;
   if (with_search) {
     find_visible(Projection::search);
     result.counters.tags_visible = static_cast<int>(active.size());
@@ -63,8 +69,10 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
       return false;
     }
     static_cast<void>(search(independent));  // where nothing is found, from where it was predicted
+    // A second try goes all the way.
+    near = options.near_starts && !independent && found_near();
   }
-  find_visible(Projection::wide);
+  find_visible(near ? Projection::fine : Projection::wide);
   if (!with_search) result.counters.tags_visible = static_cast<int>(active.size());
   if (active.empty()) {
     result.reason = "no tag in view";
@@ -74,13 +82,16 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
   variance = 0.0;
   noise_share = 0.0;
   double moved = 0.0;
-  const int wide_cap = filled_blocks(active.size() > 8 ? 1 : 2);
-  arena.give_back();
-  for (Tag* tag : active) select(*tag, true, wide_cap);
-  if (!step(0.0, moved) || !step(0.8, moved)) {
-    result.reason = "too few pixels on tags";
-    return false;
+  if (!near) {
+    const int wide_cap = filled_blocks(active.size() > 8 ? 1 : 2);
+    arena.give_back();
+    for (Tag* tag : active) select(*tag, true, wide_cap);
+    if (!step(0.0, moved) || !step(kWideCutoff, moved)) {
+      result.reason = "too few pixels on tags";
+      return false;
+    }
   }
+  result.counters.wide_stage = !near;
   const int cap = options.effort == AlignmentEffort::accurate
                       ? 1'000'000
                       : filled_blocks(std::clamp(
@@ -102,12 +113,16 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
   const double near_px = options.effort == AlignmentEffort::fast && active.size() > 2
                              ? kConvergesFrom_px
                              : kNearlyConverged_px;
-  // What is far off is brought near by a few samples first.
+  const double near_sigmas = options.effort == AlignmentEffort::fast
+                                 ? std::numeric_limits<double>::infinity()
+                                 : kNearlyConverged_sigmas;
+  // What is far off is brought near by a few samples first; many are best chosen where they end.
   const bool sparse_rounds = options.sparse_rounds && !sample_need;
-  bool sparse = sparse_rounds && starts_far;
+  bool sparse =
+      sparse_rounds && (starts_far || (near && options.effort == AlignmentEffort::accurate));
   for (int round = 0; round < kFineRounds;) {
     ++result.counters.fine_rounds;
-    find_visible(Projection::fine);
+    if (round > 0 || !near) find_visible(Projection::fine);
     result.counters.samples = 0;
     arena.give_back();
     for (Tag* tag : active) {
@@ -117,7 +132,8 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
     double round_moved = 0.0;
     bool far = false;
     for (int i = 0; i < kFineSteps; ++i) {
-      if (!step(kFineCutoff, moved)) {
+      // The first step of all is by all samples, wherever they seem to lie.
+      if (!step(near && round == 0 && i == 0 ? 0.0 : kFineCutoff, moved)) {
         result.reason = "too few pixels on tags";
         return false;
       }
@@ -125,10 +141,13 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
       measure_noise();
       round_moved += moved;
       far = round_moved >= kCornerMoved_px;
-      // While outliers are still being left behind the pose may yet move.
-      const bool at_rest = noise_share > settled * before;
+      // While outliers are still being left behind the pose may yet move, but not from where it
+      // stands within what noise does.
+      const bool at_rest = noise_share > settled * before || step_sigmas < kConverged_sigmas;
       // From near, one step says all.
-      if (sparse_rounds && round > 0 && moved < near_px && noise_share > 0.9 * before) break;
+      if (sparse_rounds && round > 0 && moved < near_px && step_sigmas < near_sigmas &&
+          noise_share > 0.9 * before)
+        break;
       if (i == 0) continue;
       // What is repeated from nearer need not be brought to its end.
       const bool repeated = sparse_rounds && (sparse || (far && round + 1 < kFineRounds));
@@ -187,6 +206,7 @@ void TagAligner::Impl::begin(const AlignmentInput& input) {
   first_samples = input.first_samples;
   starts_far = input.starts_far;
   seen_contrast = input.seen_contrast;
+  seen_off_px = input.seen_off_px;
   PENUMBRA_ASSERT(input.velocity.allFinite());
   row_velocity = camera.parameters().rolling_shutter_row_s.value_or(0.0) * input.velocity;
   PENUMBRA_ASSERT(input.exposure_motion.allFinite());

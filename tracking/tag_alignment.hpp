@@ -50,6 +50,9 @@ struct AlignmentOptions {
   // The code search looks near by first. Without: as far as the prediction may be off, for the same
   // poses.
   bool narrow_search = true;
+  // Where the code search leaves the tags near enough for the fine stage, as they agree to say, it
+  // begins there. Without: after the wide stage, for the same poses to a hundredth of a pixel.
+  bool near_starts = true;
   // The cells are decoded where the last round saw them, unless the pose moved since. Without: the
   // same poses, bit for bit.
   bool keep_projection = true;
@@ -88,6 +91,9 @@ struct AlignmentInput {
   // How clearly the search saw the tags in the last frame (AlignmentCounters::contrast): seen so
   // near by, they are not looked for further off. 0: unknown.
   double seen_contrast = 0.0;
+  // How far from its prediction (AlignmentCounters::found_off_px): as near they are looked for
+  // first. Of no meaning where seen_contrast is 0.
+  double seen_off_px = 0.0;
 };
 
 // From here on tags do not lie to each other as the map says, by more than noise:
@@ -118,8 +124,11 @@ struct AlignmentCounters {
   int searched_points = 0;        // of all windows that were searched
   int searched_px = 0;            // places in these windows
   double contrast = 0.0;          // of white over black cells where the search found them [grey]
+  double found_off_px = 0.0;      // how far that is from the prediction, the larger of x and y
+  bool wide_stage = true;         // whether the fine stage needed to be brought near
   int samples = 0;                // of the last fine stage
   int evaluations = 0;            // of the sums over all tags
+  std::int64_t samples_evaluated = 0;  // in all of these
   int fine_rounds = 0;
   bool far_start = false;   // the first of these moved the tags by so much that it was repeated
   bool second_try = false;  // whether the wider search was needed

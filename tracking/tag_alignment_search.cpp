@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <limits>
 
 #include "tracking/se3.hpp"
 #include "tracking/spd6.hpp"
@@ -13,12 +14,60 @@ namespace {
 
 constexpr int kSearchPoints = 256;  // in all
 constexpr int kNarrowReach = 15;    // [px]
+constexpr int kNearReach = 7;       // [px], for cells that are no larger: a peak is a cell wide
+constexpr double kNear_px = 4.0;    // found no further off in the last frame: the near one first
+constexpr int kRim_px = 2;          // a peak at the rim of a window may be the flank of another
 constexpr int kCoarsest = 16;       // a pixel of the coarse search is so many of the picture's
 // The mean white cell over the mean black one [grey]; below this the peak is one of noise.
 constexpr double kLeastContrast = 12.0;
 // Of the contrast that the tags were found with last: a pattern that is displaced against itself
 // shows half of it at most.
 constexpr double kAsSeen = 0.75;
+constexpr std::size_t kFewestToJudge = 5;  // tags, how well they agree
+constexpr double kNearError_px = 0.6;
+constexpr double kNearError_cells = 0.15;
+constexpr double kFlank = 0.75;  // of a peak's height: what is higher is its top
+
+// Where along a row or a column of a map of scores the middle of the top lies that `at` is on:
+// scores[k * step] for k below count. Cells' centres read the same wherever in their cells they
+// are, so that the top is as wide as a cell, and noise says where on it the highest place is. A top
+// that goes on beyond the map ends with it.
+template <class Score>
+double middle_of_top(const Score* scores, int step, int count, int at, double level) {
+  const auto value = [&](int k) { return static_cast<double>(scores[k * step]); };
+  if (!(value(at) >= level)) return at;  // a top that is hollow there
+  int first = at;
+  while (first > 0 && value(first - 1) >= level) --first;
+  int last = at;
+  while (last + 1 < count && value(last + 1) >= level) ++last;
+  double begin = first;
+  double end = last;
+  if (first > 0) begin -= (value(first) - level) / (value(first) - value(first - 1));
+  if (last + 1 < count) end += (value(last) - level) / (value(last) - value(last + 1));
+  return 0.5 * (begin + end);
+}
+
+struct Top {
+  double row = 0.0;
+  double column = 0.0;
+};
+
+// The middle of the top about the highest place of a map. A tag that is turned has a top that is,
+// so along the row, the column through its middle, and the row through that one's.
+template <class Score>
+Top top_about(const std::vector<Score>& scores, int rows, int columns, int row, int column) {
+  const double level =
+      kFlank * static_cast<double>(scores[static_cast<std::size_t>(row * columns + column)]);
+  Top top;
+  for (int pass = 0; pass < 2; ++pass) {
+    top.column = middle_of_top(scores.data() + row * columns, 1, columns, column, level);
+    column = static_cast<int>(std::lround(top.column));
+    if (pass == 1) break;
+    top.row = middle_of_top(scores.data() + column, columns, rows, row, level);
+    row = static_cast<int>(std::lround(top.row));
+  }
+  return top;
+}
 
 }  // namespace
 
@@ -28,10 +77,13 @@ constexpr double kAsSeen = 0.75;
 // `independent`: every tag's own highest peak counts, wherever it is.
 bool TagAligner::Impl::search(bool independent) {
   searched = {.view = image, .scale = 1};
+  search_error_px = std::numeric_limits<double>::infinity();
   if (independent) return search_within(kSearchReach, true, kLeastContrast);
   // As far as the prediction may be off (3 sigma); where the peak is not well inside, everywhere.
   double sigma_px = 0.0;
+  double smallest_cell_px = 1e9;
   for (const Tag* tag : active) {
+    smallest_cell_px = std::min(smallest_cell_px, tag->cell_px);
     const double half = 0.5 * (tag->side - 1);
     const Eigen::Vector3d p = tag->ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
     Eigen::Matrix<double, 2, 3> J_p;
@@ -41,16 +93,28 @@ bool TagAligner::Impl::search(bool independent) {
     const Eigen::Matrix2d spread = J * prior_covariance * J.transpose();
     sigma_px = std::max(sigma_px, std::sqrt(std::max(spread(0, 0), spread(1, 1))));
   }
-  const double reach = 3.0 * sigma_px + 2.0;
-  if (reach <= kNarrowReach) {
-    if (search_within(kNarrowReach, false, kLeastContrast)) return true;
-  } else if (options.narrow_search && seen_contrast > 0.0) {
+  const double reach = 3.0 * sigma_px + kRim_px;
+  for (const int window : {kNearReach, kNarrowReach}) {
+    if (window == kNearReach && smallest_cell_px > kNearReach) continue;
     // Most predictions are better than they had to be: where the tags are seen near by as clearly
     // as in the last frame, they are not elsewhere.
-    if (search_within(kNarrowReach, false, std::max(kAsSeen * seen_contrast, kLeastContrast)))
-      return true;
+    const bool enough = reach <= window;
+    const bool likely = options.narrow_search && seen_contrast > 0.0 &&
+                        (window == kNarrowReach || seen_off_px <= kNear_px);
+    if (!enough && !likely) continue;
+    const double least =
+        enough ? kLeastContrast : std::max(kAsSeen * seen_contrast, kLeastContrast);
+    if (search_within(window, false, least)) return true;
   }
   return search_within(kSearchReach, false, kLeastContrast);
+}
+
+// Whether the search left the tags so near that the fine stage, which feels edges over two pixels
+// and less where cells are small, finds its way by itself.
+bool TagAligner::Impl::found_near() const {
+  double smallest_cell_px = 1e9;
+  for (const Tag* tag : active) smallest_cell_px = std::min(smallest_cell_px, tag->cell_px);
+  return search_error_px <= std::min(kNearError_px, kNearError_cells * smallest_cell_px);
 }
 
 // The same in a picture made two to sixteen times smaller, which reaches as many times further, for
@@ -98,91 +162,162 @@ ImageView TagAligner::Impl::shrink(int scale) {
   return {small_picture.data(), width, height, width};
 }
 
-bool TagAligner::Impl::search_within(int search_reach, bool independent, double least_contrast) {
-  const double scale = searched.scale;
-  const auto smaller = static_cast<float>(1.0 / scale);
-  const int columns = 2 * (search_reach + 1);
-  // With many tags a part of each one's cells is enough.
-  const int pairs_per_tag =
-      std::clamp(kSearchPoints / (2 * static_cast<int>(active.size())), 4, kMaxSearchCells / 2);
-  double smallest_cell = 1e9;
-  for (const Tag* tag : active) smallest_cell = std::min(smallest_cell, tag->cell_px);
-  // The peak is about a cell high to each side.
-  const int row_step = std::clamp(static_cast<int>(smallest_cell / scale / 1.75), 1, 4);
-  const int rows = 2 * (search_reach / row_step) + 1;
-  const int first_row = -(search_reach / row_step) * row_step;
-  score_sum.assign(static_cast<std::size_t>(rows * columns), 0);
-  if (searched.scale == 1) fetch_ahead(search_reach);
-  std::array<const std::uint8_t*, kMaxSearchCells> points{};
-  std::array<std::ptrdiff_t, kMaxSearchCells> strides{};
-  const int window_rows = rows * row_step;
+// The displacements of a search, and the rows of its maps of scores: every row_step-th one.
+struct TagAligner::Impl::SearchWindow {
+  int reach = 0;  // [pixels of the searched picture]
+  int columns = 0;
+  int rows = 0;
+  int row_step = 1;
+  int first_row = 0;  // the displacement of the first one
+
+  [[nodiscard]] Eigen::Vector2d displacement(const Top& top) const {
+    return {top.column - reach, first_row + row_step * top.row};
+  }
+  // Where the flank that begins a peak beyond the window may be.
+  [[nodiscard]] bool is_rim(const Eigen::Vector2d& d) const {
+    return std::abs(d.x()) + kRim_px > reach || std::abs(d.y()) + kRim_px > -first_row;
+  }
+};
+
+// Where the window about each of a tag's cells begins in memory, as many white ones as black.
+struct TagAligner::Impl::CellWindows {
+  std::array<const std::uint8_t*, kMaxSearchCells> begin;
+  std::array<std::ptrdiff_t, kMaxSearchCells> stride;
+  int white = 0;  // come first
+  int count = 0;  // 0: too few of them are seen
+};
+
+// Where a search saw a tag.
+struct TagAligner::Impl::DisplacedTag {
+  Eigen::Vector3d p;  // its centre, in the table frame
+  Eigen::Vector2d z;  // that in the image
+  double sigma_px;
+};
+
+// With many tags a part of each one's cells, `pairs` of a white and a black one, is enough.
+void TagAligner::Impl::find_cell_windows(const Tag& tag, const SearchWindow& window, int pairs,
+                                         CellWindows& windows) {
+  pairs = std::min(pairs, tag.search_white);
+  windows.white = pairs;
+  windows.count = 0;
+  const int count = 2 * pairs;
+  if (count < 4) return;
+  std::array<int, kMaxSearchCells> xs;
+  std::array<int, kMaxSearchCells> ys;
+  const auto smaller = static_cast<float>(1.0 / searched.scale);
   const ImageView view = searched.view;  // what is written below is not its size
-  int total = 0;
-  for (Tag* tag : active) {
-    tag->score_points = 0;
-    int scratch_used = 0;
-    int count = 0;
-    int positive = 0;
-    bool complete = true;
-    int inside = 0;
-    const int pairs = std::min(pairs_per_tag, tag->search_white);
-    for (int k = 0; k < 2 * pairs; ++k) {
-      const int of_colour = k < pairs ? k : k - pairs;
-      const auto point = static_cast<std::size_t>((k < pairs ? 0 : tag->search_white) +
-                                                  of_colour * tag->search_white / pairs);
-      float px = tag->search_x[point];
-      float py = tag->search_y[point];
+  const int last_x = view.width - window.columns;
+  const int last_y = view.height - window.rows * window.row_step;
+  bool complete = true;
+  bool within = true;
+  int inside = 0;
+  // Cell k of `pairs` of a colour is cell floor(k * search_white / pairs) of it.
+  std::size_t at = 0;
+  int remainder = 0;
+  const int step = tag.search_white / pairs;
+  const int rest = tag.search_white % pairs;
+  for (int k = 0; k < pairs; ++k) {
+    for (const bool white : {true, false}) {
+      const std::size_t point = white ? at : at + static_cast<std::size_t>(tag.search_white);
+      float px = tag.search_x[point];
+      float py = tag.search_y[point];
       if (searched.scale != 1) {
         px = (px + 0.5F) * smaller - 0.5F;
         py = (py + 0.5F) * smaller - 0.5F;
       }
-      if (!(tag->search_depth[point] > 0.0F && std::abs(px) < 1e5F && std::abs(py) < 1e5F)) {
-        complete = false;
-        break;
-      }
-      const int x = floor_of(static_cast<double>(px) + 0.5) - search_reach;
-      const int y = floor_of(static_cast<double>(py) + 0.5) + first_row;
-      const int cx = x + search_reach;
-      const int cy = y - first_row;
-      inside += cx >= 0 && cy >= 0 && cx < view.width && cy < view.height ? 1 : 0;
-      const auto slot = static_cast<std::size_t>(count);
-      if (x >= 0 && y >= 0 && x + columns <= view.width && y + window_rows <= view.height) {
-        points[slot] = view.row(y) + x;
-        strides[slot] = view.stride;
-      } else {
-        // The window leaves the image: a copy with the border's pixels repeated.
-        search_scratch.resize(static_cast<std::size_t>(kMaxSearchCells * window_rows * columns));
-        std::uint8_t* copy =
-            search_scratch.data() + static_cast<std::size_t>(scratch_used++) *
-                                        static_cast<std::size_t>(window_rows * columns);
-        const int before = std::clamp(-x, 0, columns);
-        const int after = std::clamp(x + columns - view.width, 0, columns);
-        const int within = columns - before - after;
-        for (int r = 0; r < window_rows; r += row_step) {
-          const std::uint8_t* source = view.row(std::clamp(y + r, 0, view.height - 1));
-          std::uint8_t* target = copy + r * columns;
-          std::memset(target, source[0], static_cast<std::size_t>(before));
-          if (within > 0)
-            std::memcpy(target + before, source + x + before, static_cast<std::size_t>(within));
-          std::memset(target + columns - after, source[view.width - 1],
-                      static_cast<std::size_t>(after));
-        }
-        points[slot] = copy;
-        strides[slot] = columns;
-      }
-      positive += k < pairs ? 1 : 0;
-      ++count;
+      const bool seen =
+          tag.search_depth[point] > 0.0F && std::abs(px) < 1e5F && std::abs(py) < 1e5F;
+      complete = complete && seen;
+      if (!seen) continue;
+      const int x = floor_of(static_cast<double>(px) + 0.5);
+      const int y = floor_of(static_cast<double>(py) + 0.5);
+      inside += x >= 0 && y >= 0 && x < view.width && y < view.height ? 1 : 0;
+      const auto slot = static_cast<std::size_t>(white ? k : k + pairs);
+      xs[slot] = x - window.reach;
+      ys[slot] = y + window.first_row;
+      within = within && xs[slot] >= 0 && ys[slot] >= 0 && xs[slot] <= last_x && ys[slot] <= last_y;
     }
-    if (!complete || 2 * inside < count || count < 4) continue;
-    tag->scores.resize(static_cast<std::size_t>(rows * columns));
-    kernel->search(points.data(), strides.data(), positive, count, columns, rows, row_step,
-                   tag->scores.data());
-    tag->score_points = count;
-    total += count;
-    kernel->add(tag->scores.data(), rows * columns, score_sum.data());
+    at += static_cast<std::size_t>(step);
+    remainder += rest;
+    if (remainder >= pairs) {
+      remainder -= pairs;
+      ++at;
+    }
+  }
+  if (!complete || 2 * inside < count) return;
+  windows.count = count;
+  const int columns = window.columns;
+  const auto size = static_cast<std::size_t>(window.rows * window.row_step * columns);
+  std::uint8_t* copy = nullptr;
+  if (!within) {
+    search_scratch.resize(static_cast<std::size_t>(kMaxSearchCells) * size);
+    copy = search_scratch.data();
+  }
+  for (std::size_t k = 0; k < static_cast<std::size_t>(count); ++k) {
+    const int x = xs[k];
+    const int y = ys[k];
+    if (within || (x >= 0 && y >= 0 && x <= last_x && y <= last_y)) {
+      windows.begin[k] = view.row(y) + x;
+      windows.stride[k] = view.stride;
+      continue;
+    }
+    // The window leaves the image: a copy with the border's pixels repeated.
+    const int before = std::clamp(-x, 0, columns);
+    const int after = std::clamp(x + columns - view.width, 0, columns);
+    const int between = columns - before - after;
+    for (int r = 0; r < window.rows * window.row_step; r += window.row_step) {
+      const std::uint8_t* source = view.row(std::clamp(y + r, 0, view.height - 1));
+      std::uint8_t* target = copy + r * columns;
+      std::memset(target, source[0], static_cast<std::size_t>(before));
+      if (between > 0)
+        std::memcpy(target + before, source + x + before, static_cast<std::size_t>(between));
+      std::memset(target + columns - after, source[view.width - 1],
+                  static_cast<std::size_t>(after));
+    }
+    windows.begin[k] = copy;
+    windows.stride[k] = columns;
+    copy += size;
+  }
+}
+
+// Maps of scores of all active tags, and their sum; of how many cells these are.
+int TagAligner::Impl::score_tags(const SearchWindow& window) {
+  const int pairs =
+      std::clamp(kSearchPoints / (2 * static_cast<int>(active.size())), 4, kMaxSearchCells / 2);
+  const int size = window.rows * window.columns;
+  score_sum.assign(static_cast<std::size_t>(size), 0);
+  if (searched.scale == 1) fetch_ahead(window.reach);
+  CellWindows windows;
+  int total = 0;
+  for (Tag* tag : active) {
+    find_cell_windows(*tag, window, pairs, windows);
+    tag->score_points = windows.count;
+    if (windows.count == 0) continue;
+    tag->scores.resize(static_cast<std::size_t>(size));
+    kernel->search(windows.begin.data(), windows.stride.data(), windows.white, windows.count,
+                   window.columns, window.rows, window.row_step, tag->scores.data());
+    total += windows.count;
+    kernel->add(tag->scores.data(), size, score_sum.data());
   }
   result.counters.searched_points += total;
-  result.counters.searched_px += rows * columns;
+  result.counters.searched_px += size;
+  return total;
+}
+
+bool TagAligner::Impl::search_within(int search_reach, bool independent, double least_contrast) {
+  const double scale = searched.scale;
+  double smallest_cell = 1e9;
+  for (const Tag* tag : active) smallest_cell = std::min(smallest_cell, tag->cell_px);
+  SearchWindow window;
+  window.reach = search_reach;
+  window.columns = 2 * (search_reach + 1);
+  // The peak is about a cell high to each side.
+  window.row_step = std::clamp(static_cast<int>(smallest_cell / scale / 1.75), 1, 4);
+  window.rows = 2 * (search_reach / window.row_step) + 1;
+  window.first_row = -(search_reach / window.row_step) * window.row_step;
+  const int rows = window.rows;
+  const int columns = window.columns;
+  const int total = score_tags(window);
   if (total == 0) return false;
 
   const auto best = std::max_element(score_sum.begin(), score_sum.end()) - score_sum.begin();
@@ -191,22 +326,18 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
   const double contrast = 2.0 * score_sum[static_cast<std::size_t>(best)] / total;
   result.counters.contrast = contrast;
   if (!independent && contrast < least_contrast) return false;
-  if (!independent && search_reach < kSearchReach &&
-      (best_row < 2 || best_column < 2 || best_row > rows - 3 || best_column > columns - 3))
-    return false;
+  const Eigen::Vector2d found =
+      window.displacement(top_about(score_sum, rows, columns, best_row, best_column));
+  if (!independent && search_reach < kSearchReach && window.is_rim(found)) return false;
+  result.counters.found_off_px = scale * found.lpNorm<Eigen::Infinity>();
 
-  struct Displaced {
-    Eigen::Vector3d p;  // of the tag's centre, in the table frame
-    Eigen::Vector2d z;
-    double sigma_px;
-  };
-  std::vector<Displaced> displaced;
+  std::vector<DisplacedTag> displaced;
   displaced.reserve(active.size());
   const Eigen::Isometry3d T_table_camera = T_camera_table.inverse();
   for (const Tag* tag : active) {
     if (tag->score_points == 0) continue;
     const int slack = independent ? columns : static_cast<int>(std::ceil(tag->cell_px / scale)) + 2;
-    const int slack_rows = slack / row_step;
+    const int slack_rows = slack / window.row_step;
     const int r0 = std::max(best_row - slack_rows, 0);
     const int r1 = std::min(best_row + slack_rows, rows - 1);
     const int c0 = std::max(best_column - slack, 0);
@@ -225,37 +356,27 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
       }
     }
     if (2.0 * score / tag->score_points < std::max(kLeastContrast, 0.4 * contrast)) continue;
-    // A peak at the rim of the window is the flank of another.
-    if (at_row == 0 || at_column == 0 || at_row == rows - 1 || at_column == columns - 1) continue;
-    const auto value_at = [&](int r, int c) {
-      return static_cast<double>(tag->scores[static_cast<std::size_t>(r * columns + c)]);
-    };
-    const auto vertex = [](double before, double middle, double after) {
-      const double curvature = before - 2.0 * middle + after;
-      return curvature < -1e-9 ? std::clamp(0.5 * (before - after) / curvature, -0.5, 0.5) : 0.0;
-    };
-    const double dx =
-        at_column - search_reach +
-        vertex(value_at(at_row, at_column - 1), score, value_at(at_row, at_column + 1));
-    const double dy =
-        first_row + row_step * (at_row + vertex(value_at(at_row - 1, at_column), score,
-                                                value_at(at_row + 1, at_column)));
+    const Eigen::Vector2d d =
+        window.displacement(top_about(tag->scores, rows, columns, at_row, at_column));
+    if (window.is_rim(d)) continue;
     const double half = 0.5 * (tag->side - 1);
     const Eigen::Vector3d p_camera = tag->ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
     const Eigen::Vector2d centre = camera.project_unchecked(p_camera);
-    displaced.push_back({T_table_camera * p_camera, centre + scale * Eigen::Vector2d(dx, dy),
-                         0.4 * scale + 0.1 * tag->cell_px});
+    displaced.push_back(
+        {T_table_camera * p_camera, centre + scale * d, 0.4 * scale + 0.1 * tag->cell_px});
   }
-  if (displaced.empty()) return false;
+  return !displaced.empty() && fit_displaced(displaced);
+}
 
-  // Gauss-Newton on the left perturbation of T_camera_table. The rounds of weights start wide and
-  // close in, so that a few wrong peaks are left behind.
+// Gauss-Newton on the left perturbation of T_camera_table. The rounds of weights start wide and
+// close in, so that a few wrong peaks are left behind.
+bool TagAligner::Impl::fit_displaced(const std::vector<DisplacedTag>& displaced) {
   for (int round = 0; round < 4; ++round) {
     const double cutoff = round == 0 ? 1e9 : (round == 1 ? 12.0 : 6.0);
     const Vector6d deviation = log_se3(T_camera_table * T_predicted.inverse());
     Matrix6d H = prior_information;
     Vector6d g = -prior_information * deviation;
-    for (const Displaced& d : displaced) {
+    for (const DisplacedTag& d : displaced) {
       const Eigen::Vector3d p = T_camera_table * d.p;
       if (!(p.z() > 0.0)) continue;
       Eigen::Matrix<double, 2, 3> J_p;
@@ -279,6 +400,14 @@ bool TagAligner::Impl::search_within(int search_reach, bool independent, double 
     const Vector6d xi = solve_spd(H, g);
     if (!xi.allFinite()) return false;
     T_camera_table = exp_se3(xi) * T_camera_table;
+  }
+  // How far off the tags are left, by how far their tops lie from where the pose has them.
+  if (displaced.size() >= kFewestToJudge) {
+    double sum2 = 0.0;
+    for (const DisplacedTag& d : displaced)
+      sum2 += (d.z - camera.project_unchecked(T_camera_table * d.p)).squaredNorm();
+    const auto n = static_cast<double>(displaced.size());
+    search_error_px = std::sqrt(sum2 / n * 6.0 / (2.0 * n - 6.0));
   }
   return true;
 }

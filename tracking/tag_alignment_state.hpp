@@ -12,6 +12,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -229,8 +230,12 @@ struct TagAligner::Impl {
   double noise_share = 0.0;  // sigma of a residual over the gain, by the median; 0: unknown
   Matrix6d information = Matrix6d::Zero();
   Vector6d last_step = Vector6d::Zero();  // left perturbation of T_camera_table
+  double step_sigmas = 0.0;               // how far that was [standard deviations]
   SampleNeed sample_need;
-  double seen_contrast = 0.0;              // [grey]
+  double seen_contrast = 0.0;  // [grey]
+  double seen_off_px = 0.0;    // of no meaning where that is 0
+  // How far the search left the tags from where they are, by how they agree; infinite: unknown.
+  double search_error_px = std::numeric_limits<double>::infinity();
   double moved_since_projection_px = 0.0;  // how far the tags went at most
   int first_samples = 0;
   bool starts_far = false;
@@ -305,8 +310,16 @@ struct TagAligner::Impl {
   void find_cells(const Tag& tag);
 
   [[nodiscard]] bool search(bool independent);
+  [[nodiscard]] bool found_near() const;
   [[nodiscard]] bool search_coarsely(bool further);
   [[nodiscard]] ImageView shrink(int scale);
+  struct SearchWindow;
+  struct CellWindows;
+  struct DisplacedTag;
+  void find_cell_windows(const Tag& tag, const SearchWindow& window, int pairs,
+                         CellWindows& windows);
+  [[nodiscard]] int score_tags(const SearchWindow& window);
+  [[nodiscard]] bool fit_displaced(const std::vector<DisplacedTag>& displaced);
   [[nodiscard]] bool search_within(int search_reach, bool independent, double least_contrast);
   void fetch_ahead(int margin) const;
   void read_levels();

@@ -125,13 +125,15 @@ TEST(RunReport, SaysWhatTheTrackerDidNotLookAt) {
   frame.tracked.times.sampling_stopped = true;
   run.add_frame(frame);
   frame.tracked.times.fewer_pixels = true;
+  frame.tracked.times.near_start = true;
   run.add_frame(frame);
   const Json tracking = Json::parse(report_json(run.report()))["tracking"];
   EXPECT_EQ(tracking["pixels_sampled"], 1400);
   EXPECT_EQ(tracking["skipped"], Json({{"tag_out_of_view", 6},
                                        {"tag_too_small", 4},
                                        {"pixels_within_budget", 2},
-                                       {"pixels_while_moving", 1}}));
+                                       {"pixels_while_moving", 1},
+                                       {"wide_stage", 1}}));
 }
 
 // A search beside the frames took its time, though no frame waited for it.
