@@ -258,7 +258,7 @@ struct Variant {
   void (*evaluate_moments)(const AccumulateInput* inputs, const Samples* moments, int count);
   void (*levers)(const LeverInput& input, const Samples& samples);
   // scores[r * columns + c] = sum over the first `positive` points minus the sum over the others of
-  // point[r * row_step * stride + c]; columns: 16, 32 or 64.
+  // point[r * row_step * stride + c]; columns: 32 or 64.
   void (*search)(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,
                  int count, int columns, int rows, int row_step, std::int16_t* scores);
   // sums[k] += scores[k]

@@ -1611,71 +1611,74 @@ void evaluate_moments(const AccumulateInput* inputs, const Samples* moments, int
 // Sums of bytes in 16-bit lanes. The compiler's own widening of bytes goes through several
 // shuffles; the instruction that does it in one is asked for by name where there is one.
 #if defined(__AVX512BW__)
-struct Words32 {
-  using Type = __m512i;
-  static constexpr int kLanes = 32;
-  static PENUMBRA_INLINE Type zero() { return _mm512_setzero_si512(); }
-  static PENUMBRA_INLINE Type load(const std::uint8_t* bytes) {
-    return _mm512_cvtepu8_epi16(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(bytes)));
-  }
-  static PENUMBRA_INLINE Type add(Type a, Type b) { return _mm512_add_epi16(a, b); }
-  static PENUMBRA_INLINE Type subtract(Type a, Type b) { return _mm512_sub_epi16(a, b); }
-};
-#endif
-#if defined(__AVX2__)
-struct Words16 {
-  using Type = __m256i;
-  static constexpr int kLanes = 16;
-  static PENUMBRA_INLINE Type zero() { return _mm256_setzero_si256(); }
-  static PENUMBRA_INLINE Type load(const std::uint8_t* bytes) {
-    return _mm256_cvtepu8_epi16(_mm_loadu_si128(reinterpret_cast<const __m128i*>(bytes)));
-  }
-  static PENUMBRA_INLINE Type add(Type a, Type b) { return _mm256_add_epi16(a, b); }
-  static PENUMBRA_INLINE Type subtract(Type a, Type b) { return _mm256_sub_epi16(a, b); }
-};
-using NarrowWords = Words16;
+using Words = __m512i;
+constexpr int kWordLanes = 32;
+PENUMBRA_INLINE Words zero_words() {
+  return _mm512_setzero_si512();
+}
+PENUMBRA_INLINE Words load_words(const std::uint8_t* bytes) {
+  return _mm512_cvtepu8_epi16(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(bytes)));
+}
+PENUMBRA_INLINE Words add_words(Words a, Words b) {
+  return _mm512_add_epi16(a, b);
+}
+PENUMBRA_INLINE Words subtract_words(Words a, Words b) {
+  return _mm512_sub_epi16(a, b);
+}
+#elif defined(__AVX2__)
+using Words = __m256i;
+constexpr int kWordLanes = 16;
+PENUMBRA_INLINE Words zero_words() {
+  return _mm256_setzero_si256();
+}
+PENUMBRA_INLINE Words load_words(const std::uint8_t* bytes) {
+  return _mm256_cvtepu8_epi16(_mm_loadu_si128(reinterpret_cast<const __m128i*>(bytes)));
+}
+PENUMBRA_INLINE Words add_words(Words a, Words b) {
+  return _mm256_add_epi16(a, b);
+}
+PENUMBRA_INLINE Words subtract_words(Words a, Words b) {
+  return _mm256_sub_epi16(a, b);
+}
 #else
-struct Words8 {
-  using Type = std::int16_t __attribute__((vector_size(16)));
-  static constexpr int kLanes = 8;
-  static PENUMBRA_INLINE Type zero() { return Type{}; }
-  static PENUMBRA_INLINE Type load(const std::uint8_t* bytes) {
-    using Bytes = std::uint8_t __attribute__((vector_size(8)));
-    Bytes packed;
-    __builtin_memcpy(&packed, bytes, sizeof packed);
-    return __builtin_convertvector(packed, Type);
-  }
-  static PENUMBRA_INLINE Type add(Type a, Type b) { return a + b; }
-  static PENUMBRA_INLINE Type subtract(Type a, Type b) { return a - b; }
-};
-using NarrowWords = Words8;
-#endif
-#if defined(__AVX512BW__)
-using WideWords = Words32;
-#else
-using WideWords = NarrowWords;
+using Words = std::int16_t __attribute__((vector_size(16)));
+constexpr int kWordLanes = 8;
+PENUMBRA_INLINE Words zero_words() {
+  return Words{};
+}
+PENUMBRA_INLINE Words load_words(const std::uint8_t* bytes) {
+  using Bytes = std::uint8_t __attribute__((vector_size(8)));
+  Bytes packed;
+  __builtin_memcpy(&packed, bytes, sizeof packed);
+  return __builtin_convertvector(packed, Words);
+}
+PENUMBRA_INLINE Words add_words(Words a, Words b) {
+  return a + b;
+}
+PENUMBRA_INLINE Words subtract_words(Words a, Words b) {
+  return a - b;
+}
 #endif
 
-template <int columns, class Words>
+template <int columns>
 void search_as(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,
                int count, int rows, int row_step, std::int16_t* scores) {
-  constexpr int kParts = columns / Words::kLanes;
-  static_assert(kParts * Words::kLanes == columns);
+  constexpr int kParts = columns / kWordLanes;
   for (int row = 0; row < rows; ++row) {
-    typename Words::Type sum[kParts];
+    Words sum[kParts];
 #pragma GCC unroll 8
-    for (int part = 0; part < kParts; ++part) sum[part] = Words::zero();
+    for (int part = 0; part < kParts; ++part) sum[part] = zero_words();
     for (int k = 0; k < positive; ++k) {
       const std::uint8_t* pixels = points[k] + row * row_step * strides[k];
 #pragma GCC unroll 8
       for (int part = 0; part < kParts; ++part)
-        sum[part] = Words::add(sum[part], Words::load(pixels + Words::kLanes * part));
+        sum[part] = add_words(sum[part], load_words(pixels + kWordLanes * part));
     }
     for (int k = positive; k < count; ++k) {
       const std::uint8_t* pixels = points[k] + row * row_step * strides[k];
 #pragma GCC unroll 8
       for (int part = 0; part < kParts; ++part)
-        sum[part] = Words::subtract(sum[part], Words::load(pixels + Words::kLanes * part));
+        sum[part] = subtract_words(sum[part], load_words(pixels + kWordLanes * part));
     }
     __builtin_memcpy(scores + row * columns, sum, sizeof sum);
   }
@@ -1683,12 +1686,10 @@ void search_as(const std::uint8_t* const* points, const std::ptrdiff_t* strides,
 
 void search(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,
             int count, int columns, int rows, int row_step, std::int16_t* scores) {
-  if (columns == 16) {
-    search_as<16, NarrowWords>(points, strides, positive, count, rows, row_step, scores);
-  } else if (columns == 32) {
-    search_as<32, WideWords>(points, strides, positive, count, rows, row_step, scores);
+  if (columns == 32) {
+    search_as<32>(points, strides, positive, count, rows, row_step, scores);
   } else {
-    search_as<64, WideWords>(points, strides, positive, count, rows, row_step, scores);
+    search_as<64>(points, strides, positive, count, rows, row_step, scores);
   }
 }
 

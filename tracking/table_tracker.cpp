@@ -169,7 +169,6 @@ struct Following {
   int last_samples = 0;
   bool last_start_far = false;
   double last_contrast = 0.0;  // of the last alignment that was verified with a search
-  double last_off_px = 0.0;    // the same
   // Tags that contradict the others, in the aligner's order, and for how many frames they have
   // been left out: then they are looked at again.
   std::vector<int> left_out;
@@ -1031,7 +1030,6 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   input.first_samples = last_samples;
   input.starts_far = last_start_far;
   input.seen_contrast = last_contrast;
-  input.seen_off_px = last_off_px;
   input.velocity = prediction.velocity;
   input.left_out = left_out;
   const AlignmentResult& result = aligner.align(input);
@@ -1046,7 +1044,6 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   note_work(result);
   last_start_far = result.counters.far_start;
   last_contrast = result.verified ? result.counters.contrast : 0.0;
-  last_off_px = result.counters.found_off_px;
   ImageMotion image_motion{motion_px, 0.0, 0.0};
   // Nobody saw these tags where they are looked for: a part of them may be there by a mistake of
   // the map that a search would find.

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <utility>
 
 #include "core/assert.hpp"
@@ -52,13 +51,15 @@ double samples_for_one(const AlignmentResult& result) {
   return kTukeyTimes * std::max(result.design_effect, 1.0);
 }
 
-bool TagAligner::Impl::attempt(bool with_search, bool independent) {
+bool TagAligner::Impl::attempt(bool with_search, bool independent, bool may_be_near) {
   // What an attempt before this one found says nothing of where this one goes.
   result.displaced_px = 0.0;
   result.disagreement = 1.0;
   result.map_covariance.setZero();
   result.map_contradicted = false;
   result.contradicting = -1;
+  result.counters.far_start = false;
+  result.counters.sampling_stopped = false;
   T_camera_table = T_predicted;
   bool near = false;
   if (with_search) {
@@ -69,8 +70,7 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
       return false;
     }
     static_cast<void>(search(independent));  // where nothing is found, from where it was predicted
-    // A second try goes all the way.
-    near = options.near_starts && !independent && found_near();
+    near = may_be_near && found_near();
   }
   find_visible(near ? Projection::fine : Projection::wide);
   if (!with_search) result.counters.tags_visible = static_cast<int>(active.size());
@@ -82,6 +82,7 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
   variance = 0.0;
   noise_share = 0.0;
   double moved = 0.0;
+  result.counters.wide_stage = !near;
   if (!near) {
     const int wide_cap = filled_blocks(active.size() > 8 ? 1 : 2);
     arena.give_back();
@@ -91,7 +92,6 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
       return false;
     }
   }
-  result.counters.wide_stage = !near;
   const int cap = options.effort == AlignmentEffort::accurate
                       ? 1'000'000
                       : filled_blocks(std::clamp(
@@ -113,9 +113,8 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
   const double near_px = options.effort == AlignmentEffort::fast && active.size() > 2
                              ? kConvergesFrom_px
                              : kNearlyConverged_px;
-  const double near_sigmas = options.effort == AlignmentEffort::fast
-                                 ? std::numeric_limits<double>::infinity()
-                                 : kNearlyConverged_sigmas;
+  // Of few pixels noise leaves more than that.
+  const bool within_noise = options.effort == AlignmentEffort::accurate;
   // What is far off is brought near by a few samples first; many are best chosen where they end.
   const bool sparse_rounds = options.sparse_rounds && !sample_need;
   bool sparse =
@@ -145,8 +144,8 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent) {
       // stands within what noise does.
       const bool at_rest = noise_share > settled * before || step_sigmas < kConverged_sigmas;
       // From near, one step says all.
-      if (sparse_rounds && round > 0 && moved < near_px && step_sigmas < near_sigmas &&
-          noise_share > 0.9 * before)
+      if (sparse_rounds && round > 0 && moved < near_px && noise_share > 0.9 * before &&
+          (!within_noise || step_sigmas < kNearlyConverged_sigmas))
         break;
       if (i == 0) continue;
       // What is repeated from nearer need not be brought to its end.
@@ -206,7 +205,6 @@ void TagAligner::Impl::begin(const AlignmentInput& input) {
   first_samples = input.first_samples;
   starts_far = input.starts_far;
   seen_contrast = input.seen_contrast;
-  seen_off_px = input.seen_off_px;
   PENUMBRA_ASSERT(input.velocity.allFinite());
   row_velocity = camera.parameters().rolling_shutter_row_s.value_or(0.0) * input.velocity;
   PENUMBRA_ASSERT(input.exposure_motion.allFinite());
@@ -218,10 +216,12 @@ void TagAligner::Impl::begin(const AlignmentInput& input) {
 
 const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool with_search) {
   begin(input);
-  bool good = attempt(with_search, false);
+  bool good = attempt(with_search, false, options.near_starts);
+  // From where it seemed near, all the way.
+  if (!good && !result.counters.wide_stage) good = attempt(with_search, false, false);
   if (!good && with_search && !active.empty()) {
     result.counters.second_try = true;
-    good = attempt(true, true);
+    good = attempt(true, true, false);
   }
   report_pose();
   return result;

@@ -2,9 +2,9 @@
 //
 // From a predicted pose the camera's pose is found that explains the grey levels around the edges
 // of all visible tags of one rigid group best: a code search brings the prediction within a cell, a
-// wide and a fine photometric stage (closed-form blurred edges, gain and offset per tag, Tukey's
-// weights) solve one SE(3) pose over all tags with the full lens model, and the cells are decoded
-// at the solved pose before it counts.
+// wide photometric stage, where the search did not end near enough for it, and a fine one
+// (closed-form blurred edges, gain and offset per tag, Tukey's weights) solve one SE(3) pose over
+// all tags with the full lens model, and the cells are decoded at the solved pose before it counts.
 #pragma once
 
 #include <Eigen/Core>
@@ -51,7 +51,7 @@ struct AlignmentOptions {
   // poses.
   bool narrow_search = true;
   // Where the code search leaves the tags near enough for the fine stage, as they agree to say, it
-  // begins there. Without: after the wide stage, for the same poses to a hundredth of a pixel.
+  // begins there. Without: after the wide stage, for the same poses within what their noise says.
   bool near_starts = true;
   // The cells are decoded where the last round saw them, unless the pose moved since. Without: the
   // same poses, bit for bit.
@@ -91,9 +91,6 @@ struct AlignmentInput {
   // How clearly the search saw the tags in the last frame (AlignmentCounters::contrast): seen so
   // near by, they are not looked for further off. 0: unknown.
   double seen_contrast = 0.0;
-  // How far from its prediction (AlignmentCounters::found_off_px): as near they are looked for
-  // first. Of no meaning where seen_contrast is 0.
-  double seen_off_px = 0.0;
 };
 
 // From here on tags do not lie to each other as the map says, by more than noise:
@@ -124,7 +121,6 @@ struct AlignmentCounters {
   int searched_points = 0;        // of all windows that were searched
   int searched_px = 0;            // places in these windows
   double contrast = 0.0;          // of white over black cells where the search found them [grey]
-  double found_off_px = 0.0;      // how far that is from the prediction, the larger of x and y
   bool wide_stage = true;         // whether the fine stage needed to be brought near
   int samples = 0;                // of the last fine stage
   int evaluations = 0;            // of the sums over all tags

@@ -14,6 +14,7 @@
 #include <numeric>
 #include <utility>
 #include <vector>
+
 #include "tracking/spd6.hpp"
 
 namespace penumbra {

@@ -3,8 +3,10 @@
 #include "tracking/tag_alignment_state.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <limits>
+#include <optional>
 
 #include "tracking/se3.hpp"
 #include "tracking/spd6.hpp"
@@ -14,8 +16,6 @@ namespace {
 
 constexpr int kSearchPoints = 256;  // in all
 constexpr int kNarrowReach = 15;    // [px]
-constexpr int kNearReach = 7;       // [px], for cells that are no larger: a peak is a cell wide
-constexpr double kNear_px = 4.0;    // found no further off in the last frame: the near one first
 constexpr int kRim_px = 2;          // a peak at the rim of a window may be the flank of another
 constexpr int kCoarsest = 16;       // a pixel of the coarse search is so many of the picture's
 // The mean white cell over the mean black one [grey]; below this the peak is one of noise.
@@ -23,53 +23,123 @@ constexpr double kLeastContrast = 12.0;
 // Of the contrast that the tags were found with last: a pattern that is displaced against itself
 // shows half of it at most.
 constexpr double kAsSeen = 0.75;
-constexpr std::size_t kFewestToJudge = 5;  // tags, how well they agree
-constexpr double kNearError_px = 0.6;
-constexpr double kNearError_cells = 0.15;
-constexpr double kFlank = 0.75;  // of a peak's height: what is higher is its top
+constexpr std::size_t kFewestToJudge = 5;  // tags: how well they agree
+// What the fine stage finds its way from.
+constexpr double kNearError_px = 1.2;
+constexpr double kNearError_cells = 0.2;
+constexpr double kRowGrid =
+    0.1;  // of the steps between rows: how far off a top's middle is by them
 
-// Where along a row or a column of a map of scores the middle of the top lies that `at` is on:
-// scores[k * step] for k below count. Cells' centres read the same wherever in their cells they
-// are, so that the top is as wide as a cell, and noise says where on it the highest place is. A top
-// that goes on beyond the map ends with it.
-template <class Score>
-double middle_of_top(const Score* scores, int step, int count, int at, double level) {
-  const auto value = [&](int k) { return static_cast<double>(scores[k * step]); };
-  if (!(value(at) >= level)) return at;  // a top that is hollow there
-  int first = at;
-  while (first > 0 && value(first - 1) >= level) --first;
-  int last = at;
-  while (last + 1 < count && value(last + 1) >= level) ++last;
-  double begin = first;
-  double end = last;
-  if (first > 0) begin -= (value(first) - level) / (value(first) - value(first - 1));
-  if (last + 1 < count) end += (value(last) - level) / (value(last) - value(last + 1));
-  return 0.5 * (begin + end);
-}
+}  // namespace
 
-struct Top {
-  double row = 0.0;
-  double column = 0.0;
+// The displacements of a search, and the rows of its maps of scores: every row_step-th one.
+struct TagAligner::Impl::SearchWindow {
+  int reach = 0;    // [pixels of the searched picture]
+  int columns = 0;  // one more than displacements, which fills the kernel's lanes
+  int rows = 0;
+  int row_step = 1;
+  int first_row = 0;  // the displacement of the first one
+
+  // Whether a peak so far off would be found in it, well inside.
+  [[nodiscard]] bool holds(double px) const { return px + kRim_px <= std::min(reach, -first_row); }
+  [[nodiscard]] Eigen::Vector2d displacement(const SearchTop& top) const {
+    return {top.column - reach, first_row + row_step * top.row};
+  }
 };
 
-// The middle of the top about the highest place of a map. A tag that is turned has a top that is,
-// so along the row, the column through its middle, and the row through that one's.
-template <class Score>
-Top top_about(const std::vector<Score>& scores, int rows, int columns, int row, int column) {
-  const double level =
-      kFlank * static_cast<double>(scores[static_cast<std::size_t>(row * columns + column)]);
-  Top top;
-  for (int pass = 0; pass < 2; ++pass) {
-    top.column = middle_of_top(scores.data() + row * columns, 1, columns, column, level);
-    column = static_cast<int>(std::lround(top.column));
-    if (pass == 1) break;
-    top.row = middle_of_top(scores.data() + column, columns, rows, row, level);
-    row = static_cast<int>(std::lround(top.row));
+namespace {
+
+// The middle of the top about a map's highest place, of which a cell is `cell` places wide. Cells'
+// centres read the same wherever in their cells they are, so that the top is as wide as a cell, and
+// noise says where on it the highest place is. What is higher than most of the peak counts alike,
+// and its flanks by as much as they reach up: their middle is found between places and rows.
+template <class Window, class Score>
+SearchTop top_about(const Window& window, const std::vector<Score>& scores, int row, int column,
+                    double cell) {
+  // Of the peak: a pattern displaced against itself stays under the foot.
+  constexpr int kParts = 5;
+  constexpr int kFoot = 3;
+  constexpr int kShoulder = 4;
+  const int last_row = window.rows - 1;
+  const int last_column = 2 * window.reach;
+  const auto peak =
+      static_cast<int>(scores[static_cast<std::size_t>(row * window.columns + column)]);
+  if (peak <= 0) return {static_cast<double>(row), static_cast<double>(column), true};
+  // Wherever on the top the highest place is, its other end is about a cell away.
+  const int half = static_cast<int>(std::ceil(cell)) + 1;
+  const int half_rows = (half + window.row_step - 1) / window.row_step;
+  const int r0 = std::max(row - half_rows, 0);
+  const int r1 = std::min(row + half_rows, last_row);
+  const int c0 = std::max(column - half, 0);
+  const int c1 = std::min(column + half, last_column);
+  const int foot = kFoot * peak / kParts;
+  const int shoulder = kShoulder * peak / kParts;
+  double sum = 0.0;
+  double sum_rows = 0.0;
+  double sum_columns = 0.0;
+  bool open = false;
+  for (int r = r0; r <= r1; ++r) {
+    const Score* const of_row = scores.data() + static_cast<std::ptrdiff_t>(r) * window.columns;
+    int of_places = 0;
+    int of_columns = 0;  // from c0
+    int highest = 0;
+    for (int c = c0; c <= c1; ++c) {
+      const int value = of_row[c];
+      const int up = std::clamp(value, foot, shoulder) - foot;
+      of_places += up;
+      of_columns += up * (c - c0);
+      highest = std::max(highest, value);
+    }
+    open = open || ((r == 0 || r == last_row) && highest >= shoulder) ||
+           (c0 == 0 && of_row[0] >= shoulder) ||
+           (c1 == last_column && of_row[last_column] >= shoulder);
+    sum += of_places;
+    sum_rows += static_cast<double>(of_places) * r;
+    sum_columns += static_cast<double>(of_columns) + static_cast<double>(of_places) * c0;
   }
-  return top;
+  if (!(sum > 0.0)) return {static_cast<double>(row), static_cast<double>(column), open};
+  return {sum_rows / sum, sum_columns / sum, open};
+}
+
+// Adds w J^T J of a point p that moves with the left perturbation, to the lower triangle.
+void add_point(const Eigen::Matrix<double, 2, 3>& J_p, const Eigen::Vector3d& p, double w,
+               Matrix6d& H) {
+  Eigen::Matrix<double, 2, 6> J;
+  J << J_p, -J_p * skew(p);
+#pragma GCC unroll 6
+  for (int row = 0; row < 6; ++row) {
+    const double w0 = w * J(0, row);
+    const double w1 = w * J(1, row);
+#pragma GCC unroll 6
+    for (int column = 0; column <= row; ++column)
+      H(row, column) += w0 * J(0, column) + w1 * J(1, column);
+  }
 }
 
 }  // namespace
+
+double TagAligner::Impl::smallest_cell_px() const {
+  double smallest = 1e9;
+  for (const Tag* tag : active) smallest = std::min(smallest, tag->cell_px);
+  return smallest;
+}
+
+// In the camera frame.
+Eigen::Vector3d TagAligner::Impl::centre_of(const Tag& tag) {
+  const double half = 0.5 * (tag.side - 1);
+  return tag.ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
+}
+
+TagAligner::Impl::SearchWindow TagAligner::Impl::window_of(int reach) const {
+  SearchWindow window;
+  window.reach = reach;
+  window.columns = 2 * (reach + 1);
+  // The peak is about a cell high to each side.
+  window.row_step = std::clamp(static_cast<int>(smallest_cell_px() / searched.scale / 1.75), 1, 4);
+  window.rows = 2 * (reach / window.row_step) + 1;
+  window.first_row = -(reach / window.row_step) * window.row_step;
+  return window;
+}
 
 // Scores of the data cells' pattern at displacements of the predicted tags, one map per tag; their
 // sum tells the common displacement, each map its own tag's near it. The pose is then fitted to the
@@ -78,14 +148,13 @@ Top top_about(const std::vector<Score>& scores, int rows, int columns, int row, 
 bool TagAligner::Impl::search(bool independent) {
   searched = {.view = image, .scale = 1};
   search_error_px = std::numeric_limits<double>::infinity();
-  if (independent) return search_within(kSearchReach, true, kLeastContrast);
+  if (independent) return search_within(window_of(kSearchReach), true, kLeastContrast);
   // As far as the prediction may be off (3 sigma); where the peak is not well inside, everywhere.
   double sigma_px = 0.0;
-  double smallest_cell_px = 1e9;
+  double smallest_cell_max_px = 1e9;
   for (const Tag* tag : active) {
-    smallest_cell_px = std::min(smallest_cell_px, tag->cell_px);
-    const double half = 0.5 * (tag->side - 1);
-    const Eigen::Vector3d p = tag->ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
+    smallest_cell_max_px = std::min(smallest_cell_max_px, tag->cell_max_px);
+    const Eigen::Vector3d p = centre_of(*tag);
     Eigen::Matrix<double, 2, 3> J_p;
     static_cast<void>(camera.project_unchecked(p, &J_p));
     Eigen::Matrix<double, 2, 6> J;
@@ -93,28 +162,23 @@ bool TagAligner::Impl::search(bool independent) {
     const Eigen::Matrix2d spread = J * prior_covariance * J.transpose();
     sigma_px = std::max(sigma_px, std::sqrt(std::max(spread(0, 0), spread(1, 1))));
   }
-  const double reach = 3.0 * sigma_px + kRim_px;
-  for (const int window : {kNearReach, kNarrowReach}) {
-    if (window == kNearReach && smallest_cell_px > kNearReach) continue;
+  const SearchWindow narrow = window_of(kNarrowReach);
+  if (narrow.holds(0.5 * smallest_cell_max_px)) {  // a top is as wide as a cell
     // Most predictions are better than they had to be: where the tags are seen near by as clearly
     // as in the last frame, they are not elsewhere.
-    const bool enough = reach <= window;
-    const bool likely = options.narrow_search && seen_contrast > 0.0 &&
-                        (window == kNarrowReach || seen_off_px <= kNear_px);
-    if (!enough && !likely) continue;
+    const bool enough = narrow.holds(3.0 * sigma_px);
+    const bool likely = options.narrow_search && seen_contrast > 0.0;
     const double least =
         enough ? kLeastContrast : std::max(kAsSeen * seen_contrast, kLeastContrast);
-    if (search_within(window, false, least)) return true;
+    if ((enough || likely) && search_within(narrow, false, least)) return true;
   }
-  return search_within(kSearchReach, false, kLeastContrast);
+  return search_within(window_of(kSearchReach), false, kLeastContrast);
 }
 
 // Whether the search left the tags so near that the fine stage, which feels edges over two pixels
 // and less where cells are small, finds its way by itself.
 bool TagAligner::Impl::found_near() const {
-  double smallest_cell_px = 1e9;
-  for (const Tag* tag : active) smallest_cell_px = std::min(smallest_cell_px, tag->cell_px);
-  return search_error_px <= std::min(kNearError_px, kNearError_cells * smallest_cell_px);
+  return search_error_px <= std::min(kNearError_px, kNearError_cells * smallest_cell_px());
 }
 
 // The same in a picture made two to sixteen times smaller, which reaches as many times further, for
@@ -134,7 +198,7 @@ bool TagAligner::Impl::search_coarsely(bool further) {
   }
   searched = {.view = shrink(scale), .scale = scale};
   if (searched.view.empty()) return false;
-  return search_within(kSearchReach, false, kLeastContrast);
+  return search_within(window_of(kSearchReach), false, kLeastContrast);
 }
 
 // Means of scale x scale pixels; what is left at the right and below is left out.
@@ -162,36 +226,12 @@ ImageView TagAligner::Impl::shrink(int scale) {
   return {small_picture.data(), width, height, width};
 }
 
-// The displacements of a search, and the rows of its maps of scores: every row_step-th one.
-struct TagAligner::Impl::SearchWindow {
-  int reach = 0;  // [pixels of the searched picture]
-  int columns = 0;
-  int rows = 0;
-  int row_step = 1;
-  int first_row = 0;  // the displacement of the first one
-
-  [[nodiscard]] Eigen::Vector2d displacement(const Top& top) const {
-    return {top.column - reach, first_row + row_step * top.row};
-  }
-  // Where the flank that begins a peak beyond the window may be.
-  [[nodiscard]] bool is_rim(const Eigen::Vector2d& d) const {
-    return std::abs(d.x()) + kRim_px > reach || std::abs(d.y()) + kRim_px > -first_row;
-  }
-};
-
 // Where the window about each of a tag's cells begins in memory, as many white ones as black.
 struct TagAligner::Impl::CellWindows {
   std::array<const std::uint8_t*, kMaxSearchCells> begin;
   std::array<std::ptrdiff_t, kMaxSearchCells> stride;
   int white = 0;  // come first
   int count = 0;  // 0: too few of them are seen
-};
-
-// Where a search saw a tag.
-struct TagAligner::Impl::DisplacedTag {
-  Eigen::Vector3d p;  // its centre, in the table frame
-  Eigen::Vector2d z;  // that in the image
-  double sigma_px;
 };
 
 // With many tags a part of each one's cells, `pairs` of a white and a black one, is enough.
@@ -304,112 +344,167 @@ int TagAligner::Impl::score_tags(const SearchWindow& window) {
   return total;
 }
 
-bool TagAligner::Impl::search_within(int search_reach, bool independent, double least_contrast) {
+bool TagAligner::Impl::search_within(const SearchWindow& window, bool independent,
+                                     double least_contrast) {
   const double scale = searched.scale;
-  double smallest_cell = 1e9;
-  for (const Tag* tag : active) smallest_cell = std::min(smallest_cell, tag->cell_px);
-  SearchWindow window;
-  window.reach = search_reach;
-  window.columns = 2 * (search_reach + 1);
-  // The peak is about a cell high to each side.
-  window.row_step = std::clamp(static_cast<int>(smallest_cell / scale / 1.75), 1, 4);
-  window.rows = 2 * (search_reach / window.row_step) + 1;
-  window.first_row = -(search_reach / window.row_step) * window.row_step;
-  const int rows = window.rows;
-  const int columns = window.columns;
   const int total = score_tags(window);
   if (total == 0) return false;
-
   const auto best = std::max_element(score_sum.begin(), score_sum.end()) - score_sum.begin();
-  const int best_row = static_cast<int>(best) / columns;
-  const int best_column = static_cast<int>(best) % columns;
+  const int best_row = static_cast<int>(best) / window.columns;
+  const int best_column = static_cast<int>(best) % window.columns;
   const double contrast = 2.0 * score_sum[static_cast<std::size_t>(best)] / total;
   result.counters.contrast = contrast;
   if (!independent && contrast < least_contrast) return false;
-  const Eigen::Vector2d found =
-      window.displacement(top_about(score_sum, rows, columns, best_row, best_column));
-  if (!independent && search_reach < kSearchReach && window.is_rim(found)) return false;
-  result.counters.found_off_px = scale * found.lpNorm<Eigen::Infinity>();
-
-  std::vector<DisplacedTag> displaced;
-  displaced.reserve(active.size());
+  // In the largest window there is no other to look in, and of a cell as large as that some of the
+  // top is better than nothing.
+  const bool largest = window.reach >= kSearchReach;
+  const auto elsewhere = [&](const SearchTop& top, double cell_px) {
+    if (largest) return top.open && window.holds(cell_px / scale);
+    return top.open || !window.holds(window.displacement(top).lpNorm<Eigen::Infinity>());
+  };
+  double largest_cell_px = 0.0;
+  for (const Tag* tag : active) largest_cell_px = std::max(largest_cell_px, tag->cell_max_px);
+  const SearchTop found =
+      top_about(window, score_sum, best_row, best_column, largest_cell_px / scale);
+  if (!independent && !largest && elsewhere(found, largest_cell_px)) return false;
+  displaced.clear();
   const Eigen::Isometry3d T_table_camera = T_camera_table.inverse();
   for (const Tag* tag : active) {
     if (tag->score_points == 0) continue;
-    const int slack = independent ? columns : static_cast<int>(std::ceil(tag->cell_px / scale)) + 2;
-    const int slack_rows = slack / window.row_step;
-    const int r0 = std::max(best_row - slack_rows, 0);
-    const int r1 = std::min(best_row + slack_rows, rows - 1);
-    const int c0 = std::max(best_column - slack, 0);
-    const int c1 = std::min(best_column + slack, columns - 1);
-    int score = -1;
-    int at_row = 0;
-    int at_column = 0;
-    for (int r = r0; r <= r1; ++r) {
-      for (int c = c0; c <= c1; ++c) {
-        const int value = tag->scores[static_cast<std::size_t>(r * columns + c)];
-        if (value > score) {
-          score = value;
-          at_row = r;
-          at_column = c;
-        }
-      }
-    }
-    if (2.0 * score / tag->score_points < std::max(kLeastContrast, 0.4 * contrast)) continue;
-    const Eigen::Vector2d d =
-        window.displacement(top_about(tag->scores, rows, columns, at_row, at_column));
-    if (window.is_rim(d)) continue;
-    const double half = 0.5 * (tag->side - 1);
-    const Eigen::Vector3d p_camera = tag->ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
-    const Eigen::Vector2d centre = camera.project_unchecked(p_camera);
-    displaced.push_back(
-        {T_table_camera * p_camera, centre + scale * d, 0.4 * scale + 0.1 * tag->cell_px});
+    const int slack =
+        independent ? window.columns : static_cast<int>(std::ceil(tag->cell_px / scale)) + 2;
+    const std::optional<SearchTop> top = own_top(*tag, window, best_row, best_column, slack,
+                                                 std::max(kLeastContrast, 0.4 * contrast));
+    if (!top || elsewhere(*top, tag->cell_max_px)) continue;
+    const Eigen::Vector3d p_camera = centre_of(*tag);
+    // The middle of what is seen of a top that goes on may be off by a part of a cell.
+    const double cut_off_px = top->open ? tag->cell_max_px / std::sqrt(12.0) : 0.0;
+    displaced.push_back({T_table_camera * p_camera,
+                         camera.project_unchecked(p_camera) + scale * window.displacement(*top),
+                         std::hypot(0.4 * scale + 0.1 * tag->cell_px, cut_off_px), tag->cell_px,
+                         top->open});
   }
-  return !displaced.empty() && fit_displaced(displaced);
+  if (displaced.empty() || !fit_displaced()) return false;
+  search_error_px = std::hypot(fit_error_px(), kRowGrid * scale * window.row_step);
+  return true;
+}
+
+// A tag's own top within `slack` of the common one; nothing where it is not seen so clearly, or
+// where the highest place is on the flank of what is further off.
+std::optional<SearchTop> TagAligner::Impl::own_top(const Tag& tag, const SearchWindow& window,
+                                                   int row, int column, int slack,
+                                                   double least_contrast) {
+  const int columns = window.columns;
+  const int last_row = window.rows - 1;
+  const int last_column = 2 * window.reach;
+  const int slack_rows = slack / window.row_step;
+  const int r0 = std::max(row - slack_rows, 0);
+  const int r1 = std::min(row + slack_rows, last_row);
+  const int c0 = std::max(column - slack, 0);
+  const int c1 = std::min(column + slack, last_column);
+  const auto value = [&](int r, int c) {
+    return tag.scores[static_cast<std::size_t>(r * columns + c)];
+  };
+  int score = -1;
+  int at_row = 0;
+  int at_column = 0;
+  for (int r = r0; r <= r1; ++r) {
+    for (int c = c0; c <= c1; ++c) {
+      if (value(r, c) <= score) continue;
+      score = value(r, c);
+      at_row = r;
+      at_column = c;
+    }
+  }
+  if (2.0 * score / tag.score_points < least_contrast) return std::nullopt;
+  if ((at_row == r0 && r0 > 0 && value(r0 - 1, at_column) > score) ||
+      (at_row == r1 && r1 < last_row && value(r1 + 1, at_column) > score) ||
+      (at_column == c0 && c0 > 0 && value(at_row, c0 - 1) > score) ||
+      (at_column == c1 && c1 < last_column && value(at_row, c1 + 1) > score))
+    return std::nullopt;
+  return top_about(window, tag.scores, at_row, at_column, tag.cell_max_px / searched.scale);
 }
 
 // Gauss-Newton on the left perturbation of T_camera_table. The rounds of weights start wide and
 // close in, so that a few wrong peaks are left behind.
-bool TagAligner::Impl::fit_displaced(const std::vector<DisplacedTag>& displaced) {
+bool TagAligner::Impl::fit_displaced() {
+  Eigen::Isometry3d T = T_camera_table;
   for (int round = 0; round < 4; ++round) {
     const double cutoff = round == 0 ? 1e9 : (round == 1 ? 12.0 : 6.0);
-    const Vector6d deviation = log_se3(T_camera_table * T_predicted.inverse());
+    const Vector6d deviation = log_se3(T * T_predicted.inverse());
     Matrix6d H = prior_information;
     Vector6d g = -prior_information * deviation;
     for (const DisplacedTag& d : displaced) {
-      const Eigen::Vector3d p = T_camera_table * d.p;
+      const Eigen::Vector3d p = T * d.p;
       if (!(p.z() > 0.0)) continue;
       Eigen::Matrix<double, 2, 3> J_p;
       const Eigen::Vector2d r = d.z - camera.project_unchecked(p, &J_p);
       const double t = r.norm() / (d.sigma_px * cutoff);
       if (t >= 1.0) continue;
       const double w = (1.0 - t * t) * (1.0 - t * t) / (d.sigma_px * d.sigma_px);
-      Eigen::Matrix<double, 2, 6> J;
-      J.leftCols<3>() = J_p;
-      J.rightCols<3>() = -J_p * skew(p);
-#pragma GCC unroll 6
-      for (int row = 0; row < 6; ++row) {
-        const double w0 = w * J(0, row);
-        const double w1 = w * J(1, row);
-#pragma GCC unroll 6
-        for (int column = 0; column <= row; ++column)  // the lower triangle is what is read
-          H(row, column) += w0 * J(0, column) + w1 * J(1, column);
-        g[row] += w0 * r[0] + w1 * r[1];
-      }
+      add_point(J_p, p, w, H);
+      const Eigen::Vector2d weighed = w * r;
+      g.head<3>() += J_p.transpose() * weighed;
+      g.tail<3>() += p.cross(J_p.transpose() * weighed);
     }
     const Vector6d xi = solve_spd(H, g);
     if (!xi.allFinite()) return false;
-    T_camera_table = exp_se3(xi) * T_camera_table;
+    T = exp_se3(xi) * T;
   }
-  // How far off the tags are left, by how far their tops lie from where the pose has them.
-  if (displaced.size() >= kFewestToJudge) {
-    double sum2 = 0.0;
-    for (const DisplacedTag& d : displaced)
-      sum2 += (d.z - camera.project_unchecked(T_camera_table * d.p)).squaredNorm();
-    const auto n = static_cast<double>(displaced.size());
-    search_error_px = std::sqrt(sum2 / n * 6.0 / (2.0 * n - 6.0));
-  }
+  T_camera_table = T;
   return true;
+}
+
+// How far off the fit may have left a tag's corner, one standard deviation, by how well the tags
+// agree and by what the prediction knows of the motions that their centres leave open: those of a
+// row of tags about itself, or of what is far from all that were seen. Few tags say little of
+// their scatter: it is as if four numbers more had said a twentieth of a cell. Infinite: unknown.
+double TagAligner::Impl::fit_error_px() const {
+  constexpr double kScatter_cells = 0.05;
+  constexpr double kScatterNumbers = 4.0;
+  if (displaced.size() < kFewestToJudge) return std::numeric_limits<double>::infinity();
+  double sum2 = 0.0;
+  double cells = 0.0;
+  Eigen::Vector2d middle = Eigen::Vector2d::Zero();
+  Matrix6d H = Matrix6d::Zero();
+  for (const DisplacedTag& d : displaced) {
+    if (d.open) return std::numeric_limits<double>::infinity();
+    const Eigen::Vector3d p = T_camera_table * d.p;
+    Eigen::Matrix<double, 2, 3> J_p;
+    sum2 += (d.z - camera.project_unchecked(p, &J_p)).squaredNorm();
+    add_point(J_p, p, 1.0, H);
+    cells += d.cell_px;
+    middle += d.z;
+  }
+  const auto n = static_cast<double>(displaced.size());
+  middle /= n;
+  const double scatter2 = (sum2 + kScatterNumbers * std::pow(kScatter_cells * cells / n, 2)) /
+                          (2.0 * n - 6.0 + kScatterNumbers);
+  const Matrix6d covariance = inverse_of_spd(H / scatter2 + prior_information);
+  double largest2 = 0.0;
+  for (const Tag* tag : active) {
+    // The corner that is farthest from the middle.
+    const std::size_t first = tag->search_cells.size();
+    double farthest2 = -1.0;
+    std::size_t corner = 0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const double distance2 =
+          (Eigen::Vector2d(tag->search_x[first + k], tag->search_y[first + k]) - middle)
+              .squaredNorm();
+      if (!(distance2 > farthest2)) continue;
+      farthest2 = distance2;
+      corner = k;
+    }
+    const double last = tag->side - 1;
+    const Eigen::Vector3d p = tag->ray_from_lattice * Eigen::Vector3d(corner % 2 == 0 ? 0.0 : last,
+                                                                      corner < 2 ? 0.0 : last, 1.0);
+    Eigen::Matrix<double, 2, 3> J_p;
+    static_cast<void>(camera.project_unchecked(p, &J_p));
+    Eigen::Matrix<double, 2, 6> J;
+    J << J_p, -J_p * skew(p);
+    largest2 = std::max(largest2, (J * covariance * J.transpose()).trace());
+  }
+  return std::sqrt(largest2);
 }
 
 // Asks for the image around the tags: it is read in no order that a processor foresees, and a frame

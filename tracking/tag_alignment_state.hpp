@@ -13,6 +13,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -31,6 +32,13 @@ inline int floor_of(double x) {
 inline int ceil_of(double x) {
   return -floor_of(-x);
 }
+
+// The top of a peak in a map of scores.
+struct SearchTop {
+  double row = 0.0;
+  double column = 0.0;
+  bool open = false;  // goes on beyond the map, perhaps
+};
 
 struct TagAligner::Impl {
   static constexpr int kSearchReach = 31;  // [px] the code search looks this far to each side
@@ -233,7 +241,6 @@ struct TagAligner::Impl {
   double step_sigmas = 0.0;               // how far that was [standard deviations]
   SampleNeed sample_need;
   double seen_contrast = 0.0;  // [grey]
-  double seen_off_px = 0.0;    // of no meaning where that is 0
   // How far the search left the tags from where they are, by how they agree; infinite: unknown.
   double search_error_px = std::numeric_limits<double>::infinity();
   double moved_since_projection_px = 0.0;  // how far the tags went at most
@@ -247,6 +254,15 @@ struct TagAligner::Impl {
   std::vector<kernel::RunWalk::Part> run_parts;  // in select, of a tag
   std::vector<TagEquations> agreement;
   std::vector<std::int32_t> score_sum;
+  // Where a search saw a tag.
+  struct DisplacedTag {
+    Eigen::Vector3d p;  // its centre, in the table frame
+    Eigen::Vector2d z;  // that in the image
+    double sigma_px = 0.0;
+    double cell_px = 0.0;
+    bool open = false;
+  };
+  std::vector<DisplacedTag> displaced;
   std::vector<std::int32_t> cell_places;  // of a tag
   std::vector<std::uint8_t> search_scratch;
   // What is searched: the image, or one a whole number of times smaller.
@@ -315,12 +331,19 @@ struct TagAligner::Impl {
   [[nodiscard]] ImageView shrink(int scale);
   struct SearchWindow;
   struct CellWindows;
-  struct DisplacedTag;
+  [[nodiscard]] double smallest_cell_px() const;
+  [[nodiscard]] static Eigen::Vector3d centre_of(const Tag& tag);
+  [[nodiscard]] SearchWindow window_of(int reach) const;
   void find_cell_windows(const Tag& tag, const SearchWindow& window, int pairs,
                          CellWindows& windows);
   [[nodiscard]] int score_tags(const SearchWindow& window);
-  [[nodiscard]] bool fit_displaced(const std::vector<DisplacedTag>& displaced);
-  [[nodiscard]] bool search_within(int search_reach, bool independent, double least_contrast);
+  [[nodiscard]] bool search_within(const SearchWindow& window, bool independent,
+                                   double least_contrast);
+  [[nodiscard]] std::optional<SearchTop> own_top(const Tag& tag, const SearchWindow& window,
+                                                 int row, int column, int slack,
+                                                 double least_contrast);
+  [[nodiscard]] bool fit_displaced();
+  [[nodiscard]] double fit_error_px() const;
   void fetch_ahead(int margin) const;
   void read_levels();
   void take_samples(Tag& tag, int capacity);
@@ -359,7 +382,7 @@ struct TagAligner::Impl {
                                       double longest_cells = 0.0);
   void begin(const AlignmentInput& input);
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);
-  bool attempt(bool with_search, bool independent);
+  bool attempt(bool with_search, bool independent, bool may_be_near);
 };
 
 }  // namespace penumbra

@@ -28,7 +28,6 @@ void TagAligner::Impl::sum_up(double cutoff, Equations& equations) {
       continue;
     }
     Tag& tag = *active[k];
-    result.counters.samples_evaluated += tag.used;
     for (int r = 0; r < 3; ++r) {
       const auto row = static_cast<std::size_t>(3 * r);
       for (int c = 0; c < 3; ++c) {
@@ -44,6 +43,7 @@ void TagAligner::Impl::sum_up(double cutoff, Equations& equations) {
       for (auto& h : pack.H) h[lane] = 0.0;
       continue;
     }
+    result.counters.samples_evaluated += tag.used;
     kernel::AccumulateInput one;
     kernel::AccumulateInput& in = tag.moments > 1 ? tag.moment_inputs[0] : one;
     if (tag.moments == 1) {
@@ -116,7 +116,7 @@ bool TagAligner::Impl::step(double cutoff, double& moved_px) {
   const Vector6d xi = solve_spd(H_prior, equations.g - variance * (prior_information * deviation));
   if (!xi.allFinite()) return false;
   last_step = xi;
-  step_sigmas = std::sqrt(xi.dot(information * xi));
+  step_sigmas = std::sqrt(std::max(xi.dot(information * xi), 0.0));
   const Eigen::Isometry3d motion = exp_se3(xi);
   T_camera_table = motion * T_camera_table;
   follow_tags(xi, motion, moved_px);

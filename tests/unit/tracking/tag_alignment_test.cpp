@@ -263,6 +263,7 @@ TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
   AlignmentOptions options;
   options.effort = AlignmentEffort::accurate;
   options.sparse_rounds = false;
+  options.near_starts = false;
   options.lattice_steps = false;
   auto aligner = TagAligner::create(camera_, tags_, options).value();
   const AlignmentResult all = align(aligner, image, start, 2.0);
@@ -282,11 +283,12 @@ TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
     });
     const AlignmentResult& result = align(aligner, image, start, 2.0);
     ASSERT_TRUE(result.verified) << times;
-    EXPECT_GE(result.counters.samples, before);
+    EXPECT_GE(result.counters.samples, 0.999 * before);
     before = result.counters.samples;
     EXPECT_LT(overlay_px(result.T_table_camera, truth),
               4.0 * std::max(1.0, times) * expected_px(all));
     if (times > 1.0) {
+      EXPECT_TRUE(times < 2.0 || result.counters.sampling_stopped) << times;
       EXPECT_LT(expected_px(result), budget_px) << times;
     } else {
       // Where the last round begins, some pixels more or less are at an edge.
@@ -386,7 +388,7 @@ TEST_F(TagAlignmentTest, OwnStepsEndWhereTinySolverDoes) {
       int evaluations = 0;
       int evaluations_tiny = 0;
       std::vector<double> apart;  // as a share of the error that noise lets expect
-      std::vector<double> errors, errors_tiny;
+      std::vector<double> errors, errors_tiny, covered_times;
       for (std::uint64_t k = 0; k < 24; ++k) {
         SCOPED_TRACE(k);
         const CameraPose truth = random_view(random_);
@@ -404,8 +406,13 @@ TEST_F(TagAlignmentTest, OwnStepsEndWhereTinySolverDoes) {
         ASSERT_TRUE(b.verified);
         const double expected = expected_overlay_error_px(camera_, a.T_table_camera, a.covariance);
         // What is left of a cover among the samples is a part of their noise.
-        EXPECT_NEAR(expected_overlay_error_px(camera_, b.T_table_camera, b.covariance), expected,
-                    (render.cover_share > 0.0 ? 0.25 : 0.05) * expected);
+        const double times =
+            expected_overlay_error_px(camera_, b.T_table_camera, b.covariance) / expected;
+        if (render.cover_share > 0.0) {
+          covered_times.push_back(times);
+        } else {
+          EXPECT_NEAR(times, 1.0, 0.05);
+        }
         apart.push_back(overlay_px(a.T_table_camera, b.T_table_camera) / expected);
         // Every pixel, nothing to weigh down, the tilt well seen: the very same pose.
         if (effort == AlignmentEffort::accurate && tags.size() > 1 && render.cover_share == 0.0) {
@@ -416,6 +423,8 @@ TEST_F(TagAlignmentTest, OwnStepsEndWhereTinySolverDoes) {
         evaluations += a.counters.evaluations;
         evaluations_tiny += b.counters.evaluations;
       }
+      EXPECT_NEAR(statistics_of(covered_times).median, 1.0, 0.1);
+      EXPECT_LT(statistics_of(covered_times).max, 1.5);
       EXPECT_LT(statistics_of(apart).median, 0.3);
       EXPECT_LT(statistics_of(errors).rmse, 1.2 * statistics_of(errors_tiny).rmse);
       EXPECT_LT(evaluations, evaluations_tiny) << "else it had no reason to be";
@@ -426,6 +435,7 @@ TEST_F(TagAlignmentTest, OwnStepsEndWhereTinySolverDoes) {
 // Pixels at even steps of the lattice are worth as much as those of a walk along every edge.
 TEST_F(TagAlignmentTest, StepsOfTheLatticeFindTheSamePose) {
   AlignmentOptions options;
+  options.near_starts = false;
   auto stepping = TagAligner::create(camera_, tags_, options).value();
   options.lattice_steps = false;
   auto walking = TagAligner::create(camera_, tags_, options).value();
@@ -467,6 +477,7 @@ TEST_F(TagAlignmentTest, StepsOfTheLatticeFindTheSamePose) {
 // that are further off too, by looking there after all.
 TEST_F(TagAlignmentTest, TheNarrowSearchFindsTheSamePose) {
   AlignmentOptions options;
+  options.near_starts = false;
   auto narrow = TagAligner::create(camera_, tags_, options).value();
   options.narrow_search = false;
   auto wide = TagAligner::create(camera_, tags_, options).value();
@@ -512,49 +523,6 @@ TEST_F(TagAlignmentTest, TheNarrowSearchFindsTheSamePose) {
   EXPECT_GE(again, 1);
 }
 
-// Of small cells those that were found near their prediction in the last frame are first looked for
-// so near, in a third of the places.
-TEST_F(TagAlignmentTest, TheNearSearchFindsTheSamePose) {
-  const std::vector<MappedTag> small = board(4, 3, 0.03);
-  PatternRenderer renderer = PatternRenderer::create(camera_, small).value();
-  auto aligner = TagAligner::create(camera_, small).value();
-  int nearer = 0;
-  int again = 0;
-  for (int k = 0; k < 10; ++k) {
-    SCOPED_TRACE(k);
-    const CameraPose truth = random_view(random_);
-    PatternRenderOptions render;
-    render.noise_grey = 4.0;
-    render.samples = 128;
-    render.cover_share = k % 3 == 2 ? 0.3 : 0.0;
-    render.seed = static_cast<std::uint64_t>(k) + 1;
-    const std::array<CameraPose, 1> path = {truth};
-    const GreyImage image = renderer.render(path, render);
-    AlignmentInput input;
-    input.luma = image.view();
-    input.covariance = loose_prior(0.0007 * 25.0, 0.0012 * 25.0);
-    input.predicted = truth;
-    input.seen_contrast = aligner.align(input).counters.contrast;
-    for (const double start_px : {1.0, 3.0, 10.0}) {
-      SCOPED_TRACE(start_px);
-      input.predicted = displaced(camera_, small, truth, start_px, random_);
-      input.seen_off_px = 10.0;
-      const AlignmentResult reference = aligner.align(input);
-      ASSERT_TRUE(reference.verified);
-      input.seen_off_px = 1.0;
-      const AlignmentResult& result = aligner.align(input);
-      ASSERT_TRUE(result.verified);
-      EXPECT_LT(overlay_px(result.T_table_camera, reference.T_table_camera), 0.05);
-      EXPECT_NEAR(result.counters.found_off_px, reference.counters.found_off_px, 1.0);
-      EXPECT_GT(result.counters.contrast, 0.9 * reference.counters.contrast);
-      nearer += 3 * result.counters.searched_px <= reference.counters.searched_px ? 1 : 0;
-      again += result.counters.searched_px > reference.counters.searched_px ? 1 : 0;
-    }
-  }
-  EXPECT_GE(nearer, 10);
-  EXPECT_GE(again, 5);
-}
-
 // What the search finds near is left to the fine stage, for less work.
 TEST_F(TagAlignmentTest, NearStartsLeadToTheSamePose) {
   for (const AlignmentEffort effort : {AlignmentEffort::fast, AlignmentEffort::accurate}) {
@@ -591,7 +559,7 @@ TEST_F(TagAlignmentTest, NearStartsLeadToTheSamePose) {
       const double expected = expected_overlay_error_px(camera_, b.T_table_camera, b.covariance);
       EXPECT_LT(overlay_px(a.T_table_camera, b.T_table_camera), std::max(0.01, 3.0 * expected));
       EXPECT_NEAR(expected_overlay_error_px(camera_, a.T_table_camera, a.covariance), expected,
-                  0.25 * expected);
+                  (render.cover_share > 0.0 ? 0.5 : 0.1) * expected);
       error2 += std::pow(overlay_px(a.T_table_camera, truth), 2);
       error2_through += std::pow(overlay_px(b.T_table_camera, truth), 2);
     }
@@ -603,6 +571,53 @@ TEST_F(TagAlignmentTest, NearStartsLeadToTheSamePose) {
         fmt::format("left out {} of 24, samples {} of {}, px {:.4f} of {:.4f}", left_out, evaluated,
                     evaluated_through, std::sqrt(error2 / 24.0), std::sqrt(error2_through / 24.0)));
   }
+}
+
+// Whatever the layout and however large the cells: where the narrow window cuts their tops off,
+// where a row of tags may turn about itself, and where tags are too few to judge.
+TEST_F(TagAlignmentTest, WhatIsNotNearGoesThroughTheWideStage) {
+  AlignmentOptions options;
+  int near = 0;
+  for (const auto& [columns, rows, size_m] :
+       {std::tuple(3, 2, 0.06), std::tuple(3, 2, 0.1), std::tuple(5, 1, 0.06),
+        std::tuple(4, 3, 0.03), std::tuple(2, 2, 0.06), std::tuple(1, 1, 0.1)}) {
+    SCOPED_TRACE(testing::Message() << columns << " x " << rows << " of " << size_m << " m");
+    const std::vector<MappedTag> tags = board(columns, rows, size_m);
+    PatternRenderer renderer = PatternRenderer::create(camera_, tags).value();
+    auto aligner = TagAligner::create(camera_, tags, options).value();
+    options.near_starts = false;
+    auto through = TagAligner::create(camera_, tags, options).value();
+    options.near_starts = true;
+    for (int k = 0; k < 12; ++k) {
+      SCOPED_TRACE(k);
+      const CameraPose truth = random_view(random_);
+      PatternRenderOptions render;
+      render.noise_grey = 2.0;
+      render.samples = 64;
+      render.seed = static_cast<std::uint64_t>(k) + 1;
+      const std::array<CameraPose, 1> path = {truth};
+      const GreyImage image = renderer.render(path, render);
+      AlignmentInput input;
+      input.luma = image.view();
+      input.predicted = truth;
+      input.covariance = loose_prior(0.0007 * 25.0, 0.0012 * 25.0);
+      input.seen_contrast = aligner.align(input).counters.contrast;
+      input.predicted = displaced(camera_, tags, truth, static_cast<double>(k), random_);
+      const AlignmentResult& reference = through.align(input);
+      const AlignmentResult& result = aligner.align(input);
+      ASSERT_EQ(result.verified, reference.verified);
+      if (tags.size() < 5) {
+        EXPECT_TRUE(result.counters.wide_stage);
+      }
+      if (!result.verified || result.counters.wide_stage) continue;
+      ++near;
+      EXPECT_FALSE(result.counters.second_try);
+      EXPECT_LT(overlay_px(result.T_table_camera, reference.T_table_camera),
+                std::max(0.01, 2.0 * expected_overlay_error_px(camera_, reference.T_table_camera,
+                                                               reference.covariance)));
+    }
+  }
+  EXPECT_GE(near, 24);
 }
 
 // The camera turned by up to 110 px between two frames, and about its axis as well.
