@@ -51,6 +51,13 @@ double samples_for_one(const AlignmentResult& result) {
   return kTukeyTimes * std::max(result.design_effect, 1.0);
 }
 
+// Where a search begins; false where no tag is in view.
+bool TagAligner::Impl::look_where_predicted() {
+  T_camera_table = T_predicted;
+  find_visible(Projection::search);
+  return !active.empty();
+}
+
 bool TagAligner::Impl::attempt(bool with_search, bool independent, bool may_be_near) {
   // What an attempt before this one found says nothing of where this one goes.
   result.displaced_px = 0.0;
@@ -63,9 +70,9 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent, bool may_be_n
   T_camera_table = T_predicted;
   bool near = false;
   if (with_search) {
-    find_visible(Projection::search);
+    const bool any = look_where_predicted();
     result.counters.tags_visible = static_cast<int>(active.size());
-    if (active.empty()) {
+    if (!any) {
       result.reason = "no tag in view";
       return false;
     }
@@ -386,12 +393,16 @@ const AlignmentResult& TagAligner::align(const AlignmentInput& input) {
 const AlignmentResult& TagAligner::refine(const AlignmentInput& input) {
   return impl_->run(input, false);
 }
+std::optional<SearchedPose> TagAligner::search(const AlignmentInput& input) {
+  Impl& impl = *impl_;
+  impl.begin(input);
+  if (!impl.look_where_predicted() || !impl.search(false)) return std::nullopt;
+  return SearchedPose{impl.pose(), impl.search_error_px};
+}
 std::optional<CameraPose> TagAligner::search_coarsely(const AlignmentInput& input, bool further) {
   Impl& impl = *impl_;
   impl.begin(input);
-  impl.T_camera_table = impl.T_predicted;
-  impl.find_visible(Impl::Projection::search);
-  if (impl.active.empty() || !impl.search_coarsely(further)) return std::nullopt;
+  if (!impl.look_where_predicted() || !impl.search_coarsely(further)) return std::nullopt;
   const CameraPose guess = impl.pose();
   return guess.is_finite() ? std::optional(guess) : std::nullopt;
 }

@@ -93,6 +93,15 @@ struct AlignmentInput {
   double seen_contrast = 0.0;
 };
 
+// What the code search says before any pixel at an edge is read.
+struct SearchedPose {
+  CameraPose T_table_camera;
+  // How far from where it is it has a tag's corner, the worst of those in view [px], 1 sigma, by
+  // how well the tags agree; infinite: too few to say, or cells that the search has not seen the
+  // end of.
+  double error_px = 0.0;
+};
+
 // From here on tags do not lie to each other as the map says, by more than noise:
 // AlignmentResult::disagreement.
 inline constexpr double kDisagree = 9.0;
@@ -199,7 +208,11 @@ class TagAligner {
   // with no search.
   [[nodiscard]] const AlignmentResult& refine(const AlignmentInput& input);
 
-  // Where the code search alone would put the camera in a picture made smaller, which reaches as
+  // Where the code search alone would put the camera, as align begins with it. Nothing where the
+  // tags are not found.
+  [[nodiscard]] std::optional<SearchedPose> search(const AlignmentInput& input);
+
+  // The same in a picture made smaller, which reaches as
   // many times further: a guess to align from, off by some pixels or all wrong. `further`: in one
   // smaller again, where a cell is less than a pixel. Nothing where no tag is seen.
   [[nodiscard]] std::optional<CameraPose> search_coarsely(const AlignmentInput& input,

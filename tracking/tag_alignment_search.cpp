@@ -27,8 +27,8 @@ constexpr std::size_t kFewestToJudge = 5;  // tags: how well they agree
 // What the fine stage finds its way from.
 constexpr double kNearError_px = 1.2;
 constexpr double kNearError_cells = 0.2;
-constexpr double kRowGrid =
-    0.1;  // of the steps between rows: how far off a top's middle is by them
+// How far off a top's middle is by the grid of rows, of the steps between them.
+constexpr double kRowGrid = 0.1;
 
 }  // namespace
 
@@ -101,11 +101,21 @@ SearchTop top_about(const Window& window, const std::vector<Score>& scores, int 
   return {sum_rows / sum, sum_columns / sum, open};
 }
 
-// Adds w J^T J of a point p that moves with the left perturbation, to the lower triangle.
-void add_point(const Eigen::Matrix<double, 2, 3>& J_p, const Eigen::Vector3d& p, double w,
-               Matrix6d& H) {
-  Eigen::Matrix<double, 2, 6> J;
+// How a left perturbation of T_camera_table moves the image of a point p of the camera frame.
+using Jacobian = Eigen::Matrix<double, 2, 6>;
+Jacobian jacobian_of(const Eigen::Matrix<double, 2, 3>& J_p, const Eigen::Vector3d& p) {
+  Jacobian J;
   J << J_p, -J_p * skew(p);
+  return J;
+}
+Jacobian jacobian_at(const CameraModel& camera, const Eigen::Vector3d& p) {
+  Eigen::Matrix<double, 2, 3> J_p;
+  static_cast<void>(camera.project_unchecked(p, &J_p));
+  return jacobian_of(J_p, p);
+}
+
+// Adds w J^T J to the lower triangle.
+void add_point(const Jacobian& J, double w, Matrix6d& H) {
 #pragma GCC unroll 6
   for (int row = 0; row < 6; ++row) {
     const double w0 = w * J(0, row);
@@ -154,11 +164,7 @@ bool TagAligner::Impl::search(bool independent) {
   double smallest_cell_max_px = 1e9;
   for (const Tag* tag : active) {
     smallest_cell_max_px = std::min(smallest_cell_max_px, tag->cell_max_px);
-    const Eigen::Vector3d p = centre_of(*tag);
-    Eigen::Matrix<double, 2, 3> J_p;
-    static_cast<void>(camera.project_unchecked(p, &J_p));
-    Eigen::Matrix<double, 2, 6> J;
-    J << J_p, -J_p * skew(p);
+    const Jacobian J = jacobian_at(camera, centre_of(*tag));
     const Eigen::Matrix2d spread = J * prior_covariance * J.transpose();
     sigma_px = std::max(sigma_px, std::sqrt(std::max(spread(0, 0), spread(1, 1))));
   }
@@ -248,7 +254,6 @@ void TagAligner::Impl::find_cell_windows(const Tag& tag, const SearchWindow& win
   const ImageView view = searched.view;  // what is written below is not its size
   const int last_x = view.width - window.columns;
   const int last_y = view.height - window.rows * window.row_step;
-  bool complete = true;
   bool within = true;
   int inside = 0;
   // Cell k of `pairs` of a colour is cell floor(k * search_white / pairs) of it.
@@ -265,10 +270,7 @@ void TagAligner::Impl::find_cell_windows(const Tag& tag, const SearchWindow& win
         px = (px + 0.5F) * smaller - 0.5F;
         py = (py + 0.5F) * smaller - 0.5F;
       }
-      const bool seen =
-          tag.search_depth[point] > 0.0F && std::abs(px) < 1e5F && std::abs(py) < 1e5F;
-      complete = complete && seen;
-      if (!seen) continue;
+      if (!(tag.search_depth[point] > 0.0F && std::abs(px) < 1e5F && std::abs(py) < 1e5F)) return;
       const int x = floor_of(static_cast<double>(px) + 0.5);
       const int y = floor_of(static_cast<double>(py) + 0.5);
       inside += x >= 0 && y >= 0 && x < view.width && y < view.height ? 1 : 0;
@@ -284,7 +286,7 @@ void TagAligner::Impl::find_cell_windows(const Tag& tag, const SearchWindow& win
       ++at;
     }
   }
-  if (!complete || 2 * inside < count) return;
+  if (2 * inside < count) return;
   windows.count = count;
   const int columns = window.columns;
   const auto size = static_cast<std::size_t>(window.rows * window.row_step * columns);
@@ -366,7 +368,7 @@ bool TagAligner::Impl::search_within(const SearchWindow& window, bool independen
   for (const Tag* tag : active) largest_cell_px = std::max(largest_cell_px, tag->cell_max_px);
   const SearchTop found =
       top_about(window, score_sum, best_row, best_column, largest_cell_px / scale);
-  if (!independent && !largest && elsewhere(found, largest_cell_px)) return false;
+  if (!largest && elsewhere(found, largest_cell_px)) return false;
   displaced.clear();
   const Eigen::Isometry3d T_table_camera = T_camera_table.inverse();
   for (const Tag* tag : active) {
@@ -442,10 +444,9 @@ bool TagAligner::Impl::fit_displaced() {
       const double t = r.norm() / (d.sigma_px * cutoff);
       if (t >= 1.0) continue;
       const double w = (1.0 - t * t) * (1.0 - t * t) / (d.sigma_px * d.sigma_px);
-      add_point(J_p, p, w, H);
-      const Eigen::Vector2d weighed = w * r;
-      g.head<3>() += J_p.transpose() * weighed;
-      g.tail<3>() += p.cross(J_p.transpose() * weighed);
+      const Jacobian J = jacobian_of(J_p, p);
+      add_point(J, w, H);
+      g += J.transpose() * (w * r);
     }
     const Vector6d xi = solve_spd(H, g);
     if (!xi.allFinite()) return false;
@@ -472,7 +473,7 @@ double TagAligner::Impl::fit_error_px() const {
     const Eigen::Vector3d p = T_camera_table * d.p;
     Eigen::Matrix<double, 2, 3> J_p;
     sum2 += (d.z - camera.project_unchecked(p, &J_p)).squaredNorm();
-    add_point(J_p, p, 1.0, H);
+    add_point(jacobian_of(J_p, p), 1.0, H);
     cells += d.cell_px;
     middle += d.z;
   }
@@ -498,10 +499,7 @@ double TagAligner::Impl::fit_error_px() const {
     const double last = tag->side - 1;
     const Eigen::Vector3d p = tag->ray_from_lattice * Eigen::Vector3d(corner % 2 == 0 ? 0.0 : last,
                                                                       corner < 2 ? 0.0 : last, 1.0);
-    Eigen::Matrix<double, 2, 3> J_p;
-    static_cast<void>(camera.project_unchecked(p, &J_p));
-    Eigen::Matrix<double, 2, 6> J;
-    J << J_p, -J_p * skew(p);
+    const Jacobian J = jacobian_at(camera, p);
     largest2 = std::max(largest2, (J * covariance * J.transpose()).trace());
   }
   return std::sqrt(largest2);

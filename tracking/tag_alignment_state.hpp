@@ -33,7 +33,7 @@ inline int ceil_of(double x) {
   return -floor_of(-x);
 }
 
-// The top of a peak in a map of scores.
+// The middle of a peak's top in a map of scores [its rows and columns].
 struct SearchTop {
   double row = 0.0;
   double column = 0.0;
@@ -325,6 +325,7 @@ struct TagAligner::Impl {
   // The nearest pixels of all cells into cell_places: that of the cell (i, j) at j * side + i.
   void find_cells(const Tag& tag);
 
+  [[nodiscard]] bool look_where_predicted();
   [[nodiscard]] bool search(bool independent);
   [[nodiscard]] bool found_near() const;
   [[nodiscard]] bool search_coarsely(bool further);

@@ -98,6 +98,7 @@ class TagAlignmentTest : public ::testing::Test {
     PatternRenderer renderer = PatternRenderer::create(camera_, tags).value();
     AlignmentOptions options;
     options.effort = AlignmentEffort::accurate;
+    options.near_starts = false;  // from near every pixel comes after a sparse round anyway
     auto sparse = TagAligner::create(camera_, tags, options).value();
     options.sparse_rounds = false;
     auto whole = TagAligner::create(camera_, tags, options).value();
@@ -262,6 +263,7 @@ TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
   const CameraPose start = displaced(camera_, tags_, truth, 2.0, random_);
   AlignmentOptions options;
   options.effort = AlignmentEffort::accurate;
+  // The number of pixels depends on where the last round begins.
   options.sparse_rounds = false;
   options.near_starts = false;
   options.lattice_steps = false;
@@ -435,7 +437,7 @@ TEST_F(TagAlignmentTest, OwnStepsEndWhereTinySolverDoes) {
 // Pixels at even steps of the lattice are worth as much as those of a walk along every edge.
 TEST_F(TagAlignmentTest, StepsOfTheLatticeFindTheSamePose) {
   AlignmentOptions options;
-  options.near_starts = false;
+  options.near_starts = false;  // which pixels a cover leaves hangs on where the fine stage begins
   auto stepping = TagAligner::create(camera_, tags_, options).value();
   options.lattice_steps = false;
   auto walking = TagAligner::create(camera_, tags_, options).value();
@@ -477,7 +479,7 @@ TEST_F(TagAlignmentTest, StepsOfTheLatticeFindTheSamePose) {
 // that are further off too, by looking there after all.
 TEST_F(TagAlignmentTest, TheNarrowSearchFindsTheSamePose) {
   AlignmentOptions options;
-  options.near_starts = false;
+  options.near_starts = false;  // as above
   auto narrow = TagAligner::create(camera_, tags_, options).value();
   options.narrow_search = false;
   auto wide = TagAligner::create(camera_, tags_, options).value();
@@ -557,7 +559,11 @@ TEST_F(TagAlignmentTest, NearStartsLeadToTheSamePose) {
       evaluated += a.counters.samples_evaluated;
       evaluated_through += b.counters.samples_evaluated;
       const double expected = expected_overlay_error_px(camera_, b.T_table_camera, b.covariance);
-      EXPECT_LT(overlay_px(a.T_table_camera, b.T_table_camera), std::max(0.01, 3.0 * expected));
+      // Every pixel, nothing to weigh down: the same pose. Else by what the noise of those that
+      // count says.
+      const bool of_all = effort == AlignmentEffort::accurate && render.cover_share == 0.0 &&
+                          render.lens_blur_px < 1.0;
+      EXPECT_LT(overlay_px(a.T_table_camera, b.T_table_camera), (of_all ? 0.6 : 3.0) * expected);
       EXPECT_NEAR(expected_overlay_error_px(camera_, a.T_table_camera, a.covariance), expected,
                   (render.cover_share > 0.0 ? 0.5 : 0.1) * expected);
       error2 += std::pow(overlay_px(a.T_table_camera, truth), 2);
@@ -573,26 +579,22 @@ TEST_F(TagAlignmentTest, NearStartsLeadToTheSamePose) {
   }
 }
 
-// Whatever the layout and however large the cells: where the narrow window cuts their tops off,
-// where a row of tags may turn about itself, and where tags are too few to judge.
-TEST_F(TagAlignmentTest, WhatIsNotNearGoesThroughTheWideStage) {
-  AlignmentOptions options;
-  int near = 0;
-  for (const auto& [columns, rows, size_m] :
-       {std::tuple(3, 2, 0.06), std::tuple(3, 2, 0.1), std::tuple(5, 1, 0.06),
-        std::tuple(4, 3, 0.03), std::tuple(2, 2, 0.06), std::tuple(1, 1, 0.1)}) {
+// What the search says of its own error holds whatever the layout and however large the cells:
+// where the narrow window cuts their tops off, and where a row of tags may turn about itself.
+TEST_F(TagAlignmentTest, TheSearchSaysHowFarOffItIs) {
+  constexpr int kPictures = 24;  // of each layout
+  for (const auto& [columns, rows, size_m] : {std::tuple(3, 2, 0.06), std::tuple(3, 2, 0.1),
+                                              std::tuple(5, 1, 0.06), std::tuple(4, 3, 0.03)}) {
     SCOPED_TRACE(testing::Message() << columns << " x " << rows << " of " << size_m << " m");
     const std::vector<MappedTag> tags = board(columns, rows, size_m);
     PatternRenderer renderer = PatternRenderer::create(camera_, tags).value();
-    auto aligner = TagAligner::create(camera_, tags, options).value();
-    options.near_starts = false;
-    auto through = TagAligner::create(camera_, tags, options).value();
-    options.near_starts = true;
-    for (int k = 0; k < 12; ++k) {
-      SCOPED_TRACE(k);
+    auto aligner = TagAligner::create(camera_, tags).value();
+    std::vector<double> times;
+    int unknown = 0;
+    for (int k = 0; k < kPictures; ++k) {
       const CameraPose truth = random_view(random_);
       PatternRenderOptions render;
-      render.noise_grey = 2.0;
+      render.noise_grey = 3.0;
       render.samples = 64;
       render.seed = static_cast<std::uint64_t>(k) + 1;
       const std::array<CameraPose, 1> path = {truth};
@@ -602,22 +604,47 @@ TEST_F(TagAlignmentTest, WhatIsNotNearGoesThroughTheWideStage) {
       input.predicted = truth;
       input.covariance = loose_prior(0.0007 * 25.0, 0.0012 * 25.0);
       input.seen_contrast = aligner.align(input).counters.contrast;
-      input.predicted = displaced(camera_, tags, truth, static_cast<double>(k), random_);
-      const AlignmentResult& reference = through.align(input);
-      const AlignmentResult& result = aligner.align(input);
-      ASSERT_EQ(result.verified, reference.verified);
-      if (tags.size() < 5) {
-        EXPECT_TRUE(result.counters.wide_stage);
+      input.predicted = displaced(camera_, tags, truth, 12.0 / kPictures * k, random_);
+      const std::optional<SearchedPose> found = aligner.search(input);
+      ASSERT_TRUE(found) << k;
+      if (!std::isfinite(found->error_px)) {
+        ++unknown;
+        continue;
       }
-      if (!result.verified || result.counters.wide_stage) continue;
-      ++near;
-      EXPECT_FALSE(result.counters.second_try);
-      EXPECT_LT(overlay_px(result.T_table_camera, reference.T_table_camera),
-                std::max(0.01, 2.0 * expected_overlay_error_px(camera_, reference.T_table_camera,
-                                                               reference.covariance)));
+      double worst_px = 0.0;
+      for (const MappedTag& tag : tags) {
+        for (const Eigen::Vector3d& corner : tag.corners()) {
+          const auto at = camera_.project(truth.inverse() * corner);
+          const auto by_search = camera_.project(found->T_table_camera.inverse() * corner);
+          if (at && by_search) worst_px = std::max(worst_px, (*at - *by_search).norm());
+        }
+      }
+      times.push_back(worst_px / found->error_px);
+    }
+    const Statistics s = statistics_of(times);
+    RecordProperty(fmt::format("of_{}_x_{}_of_{}_m", columns, rows, size_m),
+                   fmt::format("unknown {}, rms {:.2f}, max {:.2f}", unknown, s.rmse, s.max));
+    EXPECT_LE(unknown, kPictures / 2);
+    EXPECT_LT(s.rmse, 1.3);
+    EXPECT_LT(s.max, 3.0);
+  }
+}
+
+// Four tags agree on any pose near by: they are too few to say that it is near.
+TEST_F(TagAlignmentTest, FewTagsGoThroughTheWideStage) {
+  for (const std::vector<MappedTag>& tags : {board(2, 2, 0.06), board(1, 1, 0.1)}) {
+    SCOPED_TRACE(tags.size());
+    PatternRenderer renderer = PatternRenderer::create(camera_, tags).value();
+    auto aligner = TagAligner::create(camera_, tags).value();
+    for (int k = 0; k < 3; ++k) {
+      const CameraPose truth = random_view(random_);
+      const std::array<CameraPose, 1> path = {truth};
+      const GreyImage image = renderer.render(path, {.samples = 64});
+      const AlignmentResult& result = align(aligner, image, truth, 6.0);
+      EXPECT_TRUE(result.verified);
+      EXPECT_TRUE(result.counters.wide_stage);
     }
   }
-  EXPECT_GE(near, 24);
 }
 
 // The camera turned by up to 110 px between two frames, and about its axis as well.
