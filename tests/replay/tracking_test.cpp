@@ -37,7 +37,7 @@ const std::vector<Expected>& expectations() {
       {"still", false, 50, 0.04, 0.2, 1},
       {"reentry", false, 58, 0.08, 1.0, 38},
       {"single", false, 88, 0.4, 4.0, 3},
-      {"shake", false, 84, 0.4, 2.5, 6},
+      {"shake", false, 85, 0.4, 2.5, 6},
       {"grazing", false, 90, 0.06, 0.3, 1},
       {"tabletop", true, 120, 0.06, 0.3, 1, kFast},
       {"single", false, 88, 0.4, 4.0, 3, kFast},
