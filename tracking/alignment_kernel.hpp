@@ -101,12 +101,14 @@ struct TagPack {
   double moved_px2[4] = {};
 };
 
-// A step of the camera: left perturbation of T_camera_table, and the motion it is.
+// A step of the camera: left perturbation of T_camera_table, and the motion it is. `slope`: the
+// share of H that it was solved with.
 struct CameraStep {
   double xi[6] = {};
   double R[9] = {};
   double t[3] = {};
   double fx = 0.0, fy = 0.0;
+  double slope = 1.0;
 };
 
 // Normal equations of one tag, parameters (nu, omega) of the right perturbation of

@@ -1397,6 +1397,7 @@ void eliminate(TagPack* packs, int count) {
 }
 
 void follow(const CameraStep& step, TagPack* packs, int count) {
+  const double inverse_slope = 1.0 / step.slope;
   for (int n = 0; n < count; ++n) {
     TagPack& pack = packs[n];
     Pack R[9];
@@ -1420,6 +1421,7 @@ void follow(const CameraStep& step, TagPack* packs, int count) {
     Pack left[2];
     for (int c = 0; c < 2; ++c) {
       load(pack.g[6 + c], left[c]);
+      left[c] *= inverse_slope;
       for (int p = 0; p < 6; ++p) {
         Pack cross;
         load(pack.H[at(p, 6 + c)], cross);

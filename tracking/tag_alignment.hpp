@@ -62,6 +62,10 @@ struct AlignmentOptions {
   // Each step is one of Gauss and Newton. Without: a solve by ceres::TinySolver with the weights
   // held, for the same poses in more time.
   bool own_steps = true;
+  // Where every pixel is read and the tags are near, a step reckons with the weights that it
+  // changes, and mostly is the last. Without: more steps, for the same poses within what their
+  // noise says.
+  bool slope_steps = true;
   // What a known motion smears is the mean of what the camera sees at moments of the exposure, and
   // nothing is read where the smear reaches beyond a tag's printed square. Without: the smear is a
   // Gaussian point spread, one for each tag. That is as good where it is short against a cell, and

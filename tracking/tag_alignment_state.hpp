@@ -239,6 +239,8 @@ struct TagAligner::Impl {
   Matrix6d information = Matrix6d::Zero();
   Vector6d last_step = Vector6d::Zero();  // left perturbation of T_camera_table
   double step_sigmas = 0.0;               // how far that was [standard deviations]
+  double step_slope = 1.0;                // the share of the equations' H that it was solved with
+  double share_beyond = 0.0;              // of the samples, where that was measured: without weight
   SampleNeed sample_need;
   double seen_contrast = 0.0;  // [grey]
   // How far the search left the tags from where they are, by how they agree; infinite: unknown.
@@ -367,7 +369,8 @@ struct TagAligner::Impl {
   void sum_up(double cutoff, Equations& equations);
   [[nodiscard]] bool take_variance(const Equations& equations);
   void follow_tags(const Vector6d& xi, const Eigen::Isometry3d& motion, double& moved_px);
-  [[nodiscard]] bool step(double cutoff, double& moved_px);
+  void measure_slope(double cutoff);
+  [[nodiscard]] bool step(double cutoff, bool by_slope, double& moved_px);
   [[nodiscard]] bool solve_by_tiny_solver(double cutoff, double& moved_px);
   void measure_noise();
   [[nodiscard]] CameraPose pose() const;

@@ -143,6 +143,7 @@ bool TagAligner::Impl::solve_by_tiny_solver(double cutoff, double& moved_px) {
   }
   if (!solved || !enough) return false;
   last_step.setZero();
+  step_slope = 1.0;
   step_sigmas = std::sqrt(std::max(xi.dot(information * xi), 0.0));
   // The equations are those of the pose itself: it was further off where the solver began.
   follow_tags(Vector6d::Zero(), problem.T_begin * T_camera_table.inverse(), moved_px);
