@@ -222,19 +222,17 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
     result.contradictory = true;
   }
   if (minima.size() > 1) result.second = minima[1];
-  if (options.finish_by_ceres) {
-    RefinerOptions by_ceres = options.refiner;
-    by_ceres.by_ceres = true;
-    const std::vector<PointObservation> points = points_of(used);
-    const auto finish = [&](RefinedPose& pose) {
-      const auto finished = refine_pose(camera, points, pose.T_table_camera, by_ceres);
-      if (finished) pose = *finished;
-    };
-    finish(result.best);
-    if (result.second) finish(*result.second);
-  }
+  result.points = points_of(used);
   result.tags_used = static_cast<int>(used.size());
   return result;
+}
+
+void finish_by_ceres(const CameraModel& camera, std::span<const PointObservation> points,
+                     RefinedPose& pose) {
+  RefinerOptions by_ceres;
+  by_ceres.by_ceres = true;
+  const auto finished = refine_pose(camera, points, pose.T_table_camera, by_ceres);
+  if (finished) pose = *finished;
 }
 
 }  // namespace penumbra

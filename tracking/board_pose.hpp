@@ -28,7 +28,8 @@ struct BoardPose {
   // The other minimum of a planar target, where there is one; it fits worse.
   std::optional<RefinedPose> second;
   int tags_used = 0;
-  std::vector<int> left_out;  // TagObservation::id of those that contradict the rest
+  std::vector<int> left_out;             // TagObservation::id of those that contradict the rest
+  std::vector<PointObservation> points;  // the corners that the poses fit
   // The tags contradict each other and no majority says which are right.
   bool contradictory = false;
   // RMS of the second over that of the best; infinite when there is no second.
@@ -45,14 +46,16 @@ struct BoardPoseOptions {
   double outlier_px = 1.5;
   double outlier_times_middle = 2.5;
   double outlier_always_px = 3.0;
-  // The poses that are found are solved for by Ceres in the end, from where the steps of this
-  // project's own solver, which takes a twentieth of the time, have brought them.
-  bool finish_by_ceres = false;
 };
 
 // An error says in a few words why there is no pose: no usable tags, or corners that fix none.
 [[nodiscard]] Result<BoardPose> estimate_board_pose(const CameraModel& camera,
                                                     std::span<const TagObservation> tags,
                                                     const BoardPoseOptions& options = {});
+
+// Solves for a pose that was found, from its corners, by Ceres: from where the steps of this
+// project's own solver, which takes a twentieth of the time, have brought it.
+void finish_by_ceres(const CameraModel& camera, std::span<const PointObservation> points,
+                     RefinedPose& pose);
 
 }  // namespace penumbra

@@ -108,6 +108,8 @@ Matrix6d loose_covariance() {
 struct Measurement {
   RefinedPose best;
   std::optional<RefinedPose> second;
+  std::vector<PointObservation> corners;  // that these fit
+  bool finished = false;                  // solved for by Ceres
   double ambiguity_ratio = std::numeric_limits<double>::infinity();
   int tags_used = 0;
   std::vector<int> left_out;  // in the aligner's order
@@ -250,6 +252,7 @@ struct TableTracker::Impl : Following {
 
   [[nodiscard]] std::optional<CameraPose> predict(std::int64_t timestamp_ns) const;
   [[nodiscard]] Result<Measurement> measure(std::span<const TagDetection> detections);
+  void finish(Measurement& measurement);
   [[nodiscard]] Result<Measurement> measure_by_detection(SearchResolution resolution);
   [[nodiscard]] bool shows_most(const Measurement& measurement) const;
   [[nodiscard]] std::optional<PixelBox> box_about(const CameraPose& pose) const;
@@ -345,9 +348,7 @@ Result<Measurement> TableTracker::Impl::measure(std::span<const TagDetection> de
     const auto index = static_cast<int>(known - table_tags.begin());
     observations.push_back({index, tag->corners(), detection.corners_px});
   }
-  BoardPoseOptions pose_options;
-  pose_options.finish_by_ceres = true;
-  const Result<BoardPose> board = estimate_board_pose(camera, observations, pose_options);
+  Result<BoardPose> board = estimate_board_pose(camera, observations);
   solve.add_to(times.solve_ms, times.solve_cpu_ms);
   if (!board) {
     if (observations.empty() && seen_twice) return fail("the same tag is in view twice");
@@ -360,6 +361,7 @@ Result<Measurement> TableTracker::Impl::measure(std::span<const TagDetection> de
   Measurement measurement;
   measurement.best = board->best;
   measurement.second = board->second;
+  measurement.corners = std::move(board->points);
   measurement.ambiguity_ratio = board->ambiguity_ratio();
   measurement.tags_used = board->tags_used;
   measurement.ambiguous = board->is_ambiguous(options.ambiguity_ratio);
@@ -367,7 +369,17 @@ Result<Measurement> TableTracker::Impl::measure(std::span<const TagDetection> de
   measurement.left_out = board->left_out;
   if (measurement.best.rms_px > options.max_reprojection_rms_px)
     return fail("the tags do not fit the map ({:.1f} px)", measurement.best.rms_px);
+  if (!options.late_ceres) finish(measurement);
   return measurement;
+}
+
+// To be judged by its corners alone.
+void TableTracker::Impl::finish(Measurement& measurement) {
+  if (measurement.aligned || std::exchange(measurement.finished, true)) return;
+  const Stopwatch solve;
+  finish_by_ceres(camera, measurement.corners, measurement.best);
+  if (measurement.second) finish_by_ceres(camera, measurement.corners, *measurement.second);
+  solve.add_to(times.solve_ms, times.solve_cpu_ms);
 }
 
 // Tags of the table that lie wholly inside the image under this pose, are seen from in front, and
@@ -518,8 +530,9 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
   const std::optional<CameraPose> predicted = recent ? predict(frame.timestamp_ns) : std::nullopt;
   PoseEstimate estimate;
   if (options.mode == TrackingMode::detect) {
-    const Result<Measurement> measurement = measure_by_detection(SearchResolution::full);
+    Result<Measurement> measurement = measure_by_detection(SearchResolution::full);
     if (!measurement) return without_measurement(frame.timestamp_ns, measurement.error().message);
+    finish(*measurement);
     estimate = judge(*measurement, predicted);
   } else {
     if (motion.has_state() &&
@@ -1270,6 +1283,8 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
     frames_doubtful = measurement->contradictory ? std::max(frames_doubtful - 1, 0) : 0;
     align.add_to(times.align_ms, times.align_cpu_ms);
   }
+  finish(*measurement);
+  times.corners_left = !measurement->finished;
   const PoseEstimate estimate = judge(*measurement, predicted);
   contradicted = measurement->contradictory;
   if (measurement->contradictory) {
@@ -1352,12 +1367,13 @@ TrackedFrame TableTracker::track(const Frame& frame, const SharedFrame& shared) 
 }
 
 PoseEstimate TableTracker::locate(std::span<const TagDetection> detections) {
-  const Result<Measurement> measurement = impl_->measure(detections);
+  Result<Measurement> measurement = impl_->measure(detections);
   if (!measurement) {
     PoseEstimate lost;
     lost.reason = measurement.error().message;
     return lost;
   }
+  impl_->finish(*measurement);
   impl_->contradicted = measurement->contradictory;
   return impl_->judge(*measurement, std::nullopt);
 }

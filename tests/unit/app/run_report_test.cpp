@@ -126,6 +126,7 @@ TEST(RunReport, SaysWhatTheTrackerDidNotLookAt) {
   run.add_frame(frame);
   frame.tracked.times.fewer_pixels = true;
   frame.tracked.times.near_start = true;
+  frame.tracked.times.corners_left = true;
   run.add_frame(frame);
   const Json tracking = Json::parse(report_json(run.report()))["tracking"];
   EXPECT_EQ(tracking["pixels_sampled"], 1400);
@@ -133,7 +134,8 @@ TEST(RunReport, SaysWhatTheTrackerDidNotLookAt) {
                                        {"tag_too_small", 4},
                                        {"pixels_within_budget", 2},
                                        {"pixels_while_moving", 1},
-                                       {"wide_stage", 1}}));
+                                       {"wide_stage", 1},
+                                       {"corner_solve", 1}}));
 }
 
 // A search beside the frames took its time, though no frame waited for it.

@@ -375,6 +375,31 @@ TEST_F(OnTabletop, AQuickSearchFindsWhatAWholeOneFinds) {
   }
 }
 
+// What is aligned with the picture begins as well from corners that Ceres has not solved for; what
+// is not, it has.
+TEST_F(OnTabletop, CeresSolvesForWhatIsNotAligned) {
+  TrackerOptions options;
+  TrackerOptions always = options;
+  always.late_ceres = false;
+  for (std::size_t i = 0; i < listed_.size(); i += 10) {
+    SCOPED_TRACE(i);
+    const TrackedFrame late = TableTracker::create(*camera_, *map_, options)->track(frame(i));
+    const TrackedFrame first = TableTracker::create(*camera_, *map_, always)->track(frame(i));
+    ASSERT_EQ(late.pose.status, TrackStatus::tracked);
+    ASSERT_EQ(first.pose.status, TrackStatus::tracked);
+    EXPECT_TRUE(late.times.corners_left);
+    EXPECT_FALSE(first.times.corners_left);
+    EXPECT_LT(
+        overlay_difference(*camera_, late.pose.T_table_camera, first.pose.T_table_camera).rms_px(),
+        0.01);
+  }
+  options.mode = always.mode = TrackingMode::detect;
+  const TrackedFrame late = TableTracker::create(*camera_, *map_, options)->track(frame(0));
+  const TrackedFrame first = TableTracker::create(*camera_, *map_, always)->track(frame(0));
+  EXPECT_EQ(late.pose.T_table_camera.matrix(), first.pose.T_table_camera.matrix());
+  EXPECT_FALSE(late.times.corners_left);
+}
+
 TEST_F(OnTabletop, DetectionAndAlignmentAgreeWithinTheirErrors) {
   TrackerOptions detect_options;
   detect_options.mode = TrackingMode::detect;
