@@ -208,7 +208,7 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
   skip("pixels_within_budget", times.sampling_stopped ? 1 : 0);
   skip("pixels_while_moving", times.fewer_pixels ? 1 : 0);
   skip("wide_stage", times.near_start ? 1 : 0);
-  skip("corner_solve", times.corners_left ? 1 : 0);
+  skip("corner_solve", times.corner_solve_skipped ? 1 : 0);
   for (const int id : pose.tags_left_out) ++report_.tags_left_out[std::to_string(id)];
   if (keep_paths_) times_ns_.push_back(frame.tracked.frame.timestamp_ns);
   if (pose.tags_used > 0) reprojection_px_.add(pose.reprojection_rms_px);

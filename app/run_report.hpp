@@ -110,8 +110,8 @@ struct RunReport {
   std::int64_t pixels_sampled = 0;  // by alignments
   std::vector<std::pair<std::string, std::int64_t>> work;
   std::map<std::string, std::int64_t> skipped;
-  // Pixels that the tracker did not read. Its poses are the same to the bit without the tags that
-  // are counted here, not with more pixels: --no-skip leaves that as it is.
+  // What the tracker did not do. Its poses are the same to the bit without the tags that are
+  // counted here, not with more pixels or steps: --no-skip leaves that as it is.
   std::map<std::string, std::int64_t> tracking_skipped;
   std::map<std::string, std::int64_t> kept;  // what was there from an earlier picture
   // Live only: what the camera did that it should not have, and what became of it.

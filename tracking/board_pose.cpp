@@ -227,12 +227,15 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
   return result;
 }
 
-void finish_by_ceres(const CameraModel& camera, std::span<const PointObservation> points,
-                     RefinedPose& pose) {
-  RefinerOptions by_ceres;
+void finish_by_ceres(const CameraModel& camera, BoardPose& pose, const RefinerOptions& options) {
+  RefinerOptions by_ceres = options;
   by_ceres.by_ceres = true;
-  const auto finished = refine_pose(camera, points, pose.T_table_camera, by_ceres);
-  if (finished) pose = *finished;
+  const auto finish = [&](RefinedPose& minimum) {
+    const auto finished = refine_pose(camera, pose.points, minimum.T_table_camera, by_ceres);
+    if (finished) minimum = *finished;
+  };
+  finish(pose.best);
+  if (pose.second) finish(*pose.second);
 }
 
 }  // namespace penumbra

@@ -53,9 +53,9 @@ struct BoardPoseOptions {
                                                     std::span<const TagObservation> tags,
                                                     const BoardPoseOptions& options = {});
 
-// Solves for a pose that was found, from its corners, by Ceres: from where the steps of this
-// project's own solver, which takes a twentieth of the time, have brought it.
-void finish_by_ceres(const CameraModel& camera, std::span<const PointObservation> points,
-                     RefinedPose& pose);
+// Solves by Ceres for the poses that were found, from where the steps of this project's own solver,
+// which takes a twentieth of the time, have brought them.
+void finish_by_ceres(const CameraModel& camera, BoardPose& pose,
+                     const RefinerOptions& options = {});
 
 }  // namespace penumbra

@@ -108,8 +108,8 @@ Matrix6d loose_covariance() {
 struct Measurement {
   RefinedPose best;
   std::optional<RefinedPose> second;
-  std::vector<PointObservation> corners;  // that these fit
-  bool finished = false;                  // solved for by Ceres
+  BoardPose by_corners;   // what these are where they are not aligned
+  bool by_ceres = false;  // whether that was solved for by Ceres
   double ambiguity_ratio = std::numeric_limits<double>::infinity();
   int tags_used = 0;
   std::vector<int> left_out;  // in the aligner's order
@@ -252,7 +252,8 @@ struct TableTracker::Impl : Following {
 
   [[nodiscard]] std::optional<CameraPose> predict(std::int64_t timestamp_ns) const;
   [[nodiscard]] Result<Measurement> measure(std::span<const TagDetection> detections);
-  void finish(Measurement& measurement);
+  void take_corners(Measurement& measurement) const;
+  void solve_by_ceres(Measurement& measurement);
   [[nodiscard]] Result<Measurement> measure_by_detection(SearchResolution resolution);
   [[nodiscard]] bool shows_most(const Measurement& measurement) const;
   [[nodiscard]] std::optional<PixelBox> box_about(const CameraPose& pose) const;
@@ -359,26 +360,31 @@ Result<Measurement> TableTracker::Impl::measure(std::span<const TagDetection> de
     return tl::unexpected(board.error());
   }
   Measurement measurement;
-  measurement.best = board->best;
-  measurement.second = board->second;
-  measurement.corners = std::move(board->points);
-  measurement.ambiguity_ratio = board->ambiguity_ratio();
-  measurement.tags_used = board->tags_used;
-  measurement.ambiguous = board->is_ambiguous(options.ambiguity_ratio);
-  measurement.contradictory = board->contradictory;
-  measurement.left_out = board->left_out;
+  measurement.by_corners = std::move(*board);
+  take_corners(measurement);
+  measurement.tags_used = measurement.by_corners.tags_used;
+  measurement.contradictory = measurement.by_corners.contradictory;
+  measurement.left_out = measurement.by_corners.left_out;
   if (measurement.best.rms_px > options.max_reprojection_rms_px)
     return fail("the tags do not fit the map ({:.1f} px)", measurement.best.rms_px);
-  if (!options.late_ceres) finish(measurement);
+  if (!options.late_ceres) solve_by_ceres(measurement);
   return measurement;
 }
 
-// To be judged by its corners alone.
-void TableTracker::Impl::finish(Measurement& measurement) {
-  if (measurement.aligned || std::exchange(measurement.finished, true)) return;
+void TableTracker::Impl::take_corners(Measurement& measurement) const {
+  const BoardPose& board = measurement.by_corners;
+  measurement.best = board.best;
+  measurement.second = board.second;
+  measurement.ambiguity_ratio = board.ambiguity_ratio();
+  measurement.ambiguous = board.is_ambiguous(options.ambiguity_ratio);
+}
+
+// What is to be judged by its corners alone.
+void TableTracker::Impl::solve_by_ceres(Measurement& measurement) {
+  if (measurement.aligned || std::exchange(measurement.by_ceres, true)) return;
   const Stopwatch solve;
-  finish_by_ceres(camera, measurement.corners, measurement.best);
-  if (measurement.second) finish_by_ceres(camera, measurement.corners, *measurement.second);
+  finish_by_ceres(camera, measurement.by_corners);
+  take_corners(measurement);
   solve.add_to(times.solve_ms, times.solve_cpu_ms);
 }
 
@@ -532,7 +538,7 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
   if (options.mode == TrackingMode::detect) {
     Result<Measurement> measurement = measure_by_detection(SearchResolution::full);
     if (!measurement) return without_measurement(frame.timestamp_ns, measurement.error().message);
-    finish(*measurement);
+    solve_by_ceres(*measurement);
     estimate = judge(*measurement, predicted);
   } else {
     if (motion.has_state() &&
@@ -1283,8 +1289,8 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
     frames_doubtful = measurement->contradictory ? std::max(frames_doubtful - 1, 0) : 0;
     align.add_to(times.align_ms, times.align_cpu_ms);
   }
-  finish(*measurement);
-  times.corners_left = !measurement->finished;
+  solve_by_ceres(*measurement);
+  times.corner_solve_skipped = !measurement->by_ceres;
   const PoseEstimate estimate = judge(*measurement, predicted);
   contradicted = measurement->contradictory;
   if (measurement->contradictory) {
@@ -1373,7 +1379,7 @@ PoseEstimate TableTracker::locate(std::span<const TagDetection> detections) {
     lost.reason = measurement.error().message;
     return lost;
   }
-  impl_->finish(*measurement);
+  impl_->solve_by_ceres(*measurement);
   impl_->contradicted = measurement->contradictory;
   return impl_->judge(*measurement, std::nullopt);
 }

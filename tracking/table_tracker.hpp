@@ -66,8 +66,8 @@ struct TrackerOptions {
   // Alignments do no work whose result is known, and read large cells by their own colour; the same
   // poses without, bit for bit.
   bool exact_shortcuts = true;
-  // A pose by corners is solved for by Ceres only where it is not aligned with the picture.
-  // Without: always, for the same poses to a hundredth of a pixel.
+  // In a frame a pose by corners is solved for by Ceres only where it is not aligned with the
+  // picture. Without: always, for the same poses to a hundredth of a pixel.
   bool late_ceres = true;
   SearchTiming search_timing = SearchTiming::next_frame;
   // next_frame: searched by a thread of its own, beside whatever follows; the same poses without.
@@ -96,7 +96,7 @@ struct TrackTimes {
   bool sampling_stopped = false;
   bool fewer_pixels = false;  // it was kept to a limited number of pixels for the view moves
   bool near_start = false;    // it began near, so without its wide stage
-  bool corners_left = false;  // tags were found, and their pose not solved for by Ceres
+  bool corner_solve_skipped = false;  // tags were found, their pose not solved for by Ceres
 };
 
 struct TrackedFrame {

@@ -126,7 +126,7 @@ TEST(RunReport, SaysWhatTheTrackerDidNotLookAt) {
   run.add_frame(frame);
   frame.tracked.times.fewer_pixels = true;
   frame.tracked.times.near_start = true;
-  frame.tracked.times.corners_left = true;
+  frame.tracked.times.corner_solve_skipped = true;
   run.add_frame(frame);
   const Json tracking = Json::parse(report_json(run.report()))["tracking"];
   EXPECT_EQ(tracking["pixels_sampled"], 1400);
