@@ -24,10 +24,11 @@ constexpr double kConvergesFrom_px = 0.1;
 // The same in standard deviations of the pose, all six numbers in one; 2.4 are what noise does.
 constexpr double kConverged_sigmas = 1.0;
 constexpr double kNearlyConverged_sigmas = 3.0;
-// A step that reckons with the weights leaves a twentieth of itself where no more samples than
-// these have none: 2 % in a real picture, 4 % and more at first where a third of the tags is
-// covered.
-constexpr double kSlopeConverged_sigmas = 16.0;
+// A step that reckons with the weights leaves a twentieth of itself where next to no sample is
+// beyond the cutoff: 2 % are in a real picture, 4 % and more at first where a third of the tags is
+// covered. What the residuals say of themselves is of before that step, which is to matter little
+// there.
+constexpr double kSlopeConverged_sigmas = 8.0;
 constexpr double kFewBeyond = 0.03;
 constexpr int kFineRounds = 3;
 constexpr int kFineSteps = 5;        // per round at most
@@ -99,7 +100,7 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent, bool may_be_n
     const int wide_cap = filled_blocks(active.size() > 8 ? 1 : 2);
     arena.give_back();
     for (Tag* tag : active) select(*tag, true, wide_cap);
-    if (!step(0.0, false, moved) || !step(kWideCutoff, false, moved)) {
+    if (!step(0.0, StepBy::weights, moved) || !step(kWideCutoff, StepBy::weights, moved)) {
       result.reason = "too few pixels on tags";
       return false;
     }
@@ -141,12 +142,13 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent, bool may_be_n
       result.counters.samples += tag->used;
     }
     double round_moved = 0.0;
-    const bool by_slope =
-        options.slope_steps && options.own_steps && within_noise && round > 0 && !sparse;
+    const bool by_slope = options.slope_steps && options.own_steps && within_noise &&
+                          !sample_need && round > 0 && !sparse;
+    const StepBy by = by_slope ? StepBy::slope : StepBy::weights;
     bool far = false;
     for (int i = 0; i < kFineSteps; ++i) {
       // The first step of all is by all samples, wherever they seem to lie.
-      if (!step(near && round == 0 && i == 0 ? 0.0 : kFineCutoff, by_slope, moved)) {
+      if (!step(near && round == 0 && i == 0 ? 0.0 : kFineCutoff, by, moved)) {
         result.reason = "too few pixels on tags";
         return false;
       }
@@ -157,8 +159,9 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent, bool may_be_n
       // While outliers are still being left behind the pose may yet move, but not from where it
       // stands within what noise does.
       const bool at_rest = noise_share > settled * before || step_sigmas < kConverged_sigmas;
-      const double nearly_sigmas =
-          by_slope && share_beyond < kFewBeyond ? kSlopeConverged_sigmas : kNearlyConverged_sigmas;
+      const double nearly_sigmas = by_slope && share_beyond_cutoff < kFewBeyond
+                                       ? kSlopeConverged_sigmas
+                                       : kNearlyConverged_sigmas;
       // From near, one step says all.
       if (sparse_rounds && round > 0 && moved < near_px && noise_share > 0.9 * before &&
           (!within_noise || step_sigmas < nearly_sigmas))
@@ -406,7 +409,8 @@ std::optional<SearchedPose> TagAligner::search(const AlignmentInput& input) {
   Impl& impl = *impl_;
   impl.begin(input);
   if (!impl.look_where_predicted() || !impl.search(false)) return std::nullopt;
-  return SearchedPose{impl.pose(), impl.search_error_px};
+  const SearchedPose found = {impl.pose(), impl.search_error_px};
+  return found.T_table_camera.is_finite() ? std::optional(found) : std::nullopt;
 }
 std::optional<CameraPose> TagAligner::search_coarsely(const AlignmentInput& input, bool further) {
   Impl& impl = *impl_;

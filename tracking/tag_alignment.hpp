@@ -62,9 +62,9 @@ struct AlignmentOptions {
   // Each step is one of Gauss and Newton. Without: a solve by ceres::TinySolver with the weights
   // held, for the same poses in more time.
   bool own_steps = true;
-  // Where every pixel is read and the tags are near, a step reckons with the weights that it
-  // changes, and mostly is the last. Without: more steps, for the same poses within what their
-  // noise says.
+  // Where every pixel is read, the tags are near and own_steps is set, a step reckons with the
+  // weights that it changes, and is the last one more often. Without: more steps, for the same
+  // poses within what their noise says. Where sampling may stop early there are none.
   bool slope_steps = true;
   // What a known motion smears is the mean of what the camera sees at moments of the exposure, and
   // nothing is read where the smear reaches beyond a tag's printed square. Without: the smear is a
@@ -100,7 +100,7 @@ struct AlignmentInput {
 // What the code search says before any pixel at an edge is read.
 struct SearchedPose {
   CameraPose T_table_camera;
-  // How far from where it is it has a tag's corner, the worst of those in view [px], 1 sigma, by
+  // How far off it puts a tag's corner in the image, the worst of those in view [px], 1 sigma, by
   // how well the tags agree; infinite: too few to say, or cells that the search has not seen the
   // end of.
   double error_px = 0.0;
@@ -216,9 +216,9 @@ class TagAligner {
   // tags are not found.
   [[nodiscard]] std::optional<SearchedPose> search(const AlignmentInput& input);
 
-  // The same in a picture made smaller, which reaches as
-  // many times further: a guess to align from, off by some pixels or all wrong. `further`: in one
-  // smaller again, where a cell is less than a pixel. Nothing where no tag is seen.
+  // The same in a picture made smaller, which reaches as many times further: a guess to align from,
+  // off by some pixels or all wrong. `further`: in one smaller again, where a cell is less than a
+  // pixel. Nothing where no tag is seen.
   [[nodiscard]] std::optional<CameraPose> search_coarsely(const AlignmentInput& input,
                                                           bool further);
 

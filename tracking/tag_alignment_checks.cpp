@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/assert.hpp"
 #include "tracking/spd6.hpp"
 
 namespace penumbra {
@@ -99,6 +100,21 @@ double explained_by_most(const float* models, const float* values, int count) {
   return explained / (explained + rest / kOfNormal);
 }
 
+// Calls each(tag, k) for about `count` of the samples that the last equations are of, evenly over
+// all tags' together.
+template <class Tags, class Each>
+void visit_evenly(const Tags& tags, int count, const Each& each) {
+  int total = 0;
+  for (const auto* tag : tags) total += tag->used;
+  const int stride = std::max(1, (total + count - 1) / count);
+  int next = 0;
+  for (const auto* tag : tags) {
+    if (tag->used < kFewestSamples || !(tag->gain > 1.5)) continue;  // not in them
+    for (; next < tag->used; next += stride) each(*tag, next);
+    next -= tag->used;
+  }
+}
+
 }  // namespace
 
 // The residuals' size as a share of the gain, by their median: what covers a part of the tags does
@@ -111,23 +127,13 @@ void TagAligner::Impl::measure_noise() {
   constexpr float kLeast = 0x1p-16F;
   constexpr float kMost = 0x1.fp3F;  // the last class begins there
   std::array<std::uint16_t, kClasses> histogram{};
-  int total = 0;
-  for (const Tag* tag : active) total += tag->used;
-  const int stride = std::max(1, (total + 383) / 384);
   int count = 0;
-  int next = 0;
-  for (const Tag* tag : active) {
-    if (!(tag->gain > 1.5)) continue;
-    const auto inverse_gain = static_cast<float>(1.0 / tag->gain);
-    const float* const residual = tag->samples.residual;
-    const int end = tag->used;
-    for (; next < end; next += stride) {
-      const float share = std::min(std::abs(residual[next]) * inverse_gain, kMost);
-      ++histogram[(std::bit_cast<std::uint32_t>(std::max(share, kLeast)) >> kShift) - kFirst];
-      ++count;
-    }
-    next -= end;
-  }
+  visit_evenly(active, 384, [&](const Tag& tag, int k) {
+    const auto inverse_gain = static_cast<float>(1.0 / tag.gain);
+    const float share = std::min(std::abs(tag.samples.residual[k]) * inverse_gain, kMost);
+    ++histogram[(std::bit_cast<std::uint32_t>(std::max(share, kLeast)) >> kShift) - kFirst];
+    ++count;
+  });
   if (count < 16) return;
   const double middle = 0.5 * count;
   // Octave by octave, then class by class.
@@ -148,6 +154,31 @@ void TagAligner::Impl::measure_noise() {
   noise_share = 1.4826 * (edge(at) + within * (edge(at + 1) - edge(at)));
 }
 
+// The weights fall as the residuals grow, so that a step by them falls short. By what share, in the
+// mean over the samples, is known where these are many: the sum of d(w r) / dr over that of w
+// (Bickel, "One-Step Huber Estimates in the Linear Model", 1975: from where noise alone is left,
+// one such step is as good as many).
+void TagAligner::Impl::measure_slope(double cutoff) {
+  PENUMBRA_ASSERT(cutoff > 0.0);
+  constexpr double kLeast = 0.7;  // 0.83 where residuals are normal
+  const double limit = tukey_share(cutoff);
+  double slope = 0.0;
+  double weight = 0.0;
+  double base_weight = 0.0;
+  double beyond = 0.0;
+  visit_evenly(active, 768, [&](const Tag& tag, int k) {
+    const double base = static_cast<double>(tag.samples.weight[k]);
+    const double t = static_cast<double>(tag.samples.residual[k]) / (limit * tag.gain);
+    const double inside = 1.0 - std::min(t * t, 1.0);
+    base_weight += base;
+    if (!(inside > 0.0)) beyond += base;
+    weight += base * inside * inside;
+    slope += base * inside * (5.0 * inside - 4.0);
+  });
+  step_slope = weight > 0.0 ? std::clamp(slope / weight, kLeast, 1.0) : 1.0;
+  share_beyond_cutoff = base_weight > 0.0 ? beyond / base_weight : 0.0;
+}
+
 // How many times larger the variance of the mean displacement of an edge is than independent
 // residuals would make it (the "design effect" of samples that come in clusters): the residuals of
 // each run of samples along one edge, projected on what a displacement of that edge would do to
@@ -164,11 +195,12 @@ double TagAligner::Impl::design_effect(double cutoff) {
   };
   std::array<Direction, 2> directions;
   double expected = 0.0;
+  double expected_squares = 0.0;  // of the runs
   int runs = 0;
   int parameters = 8;  // the pose and the widenings
   const auto inverse_limit = static_cast<float>(1.0 / tukey_share(cutoff));
   for (const Tag* tag : active) {
-    if (tag->used < 16 || !(tag->gain > 1.5)) continue;
+    if (tag->used < kFewestSamples || !(tag->gain > 1.5)) continue;
     parameters += 2;
     kernel::Samples s = tag->samples;
     s.levers = arena.lend(3 * static_cast<std::size_t>(s.count));
@@ -180,6 +212,7 @@ double TagAligner::Impl::design_effect(double cutoff) {
     const auto* const pairs = reinterpret_cast<const Pair*>(s.levers);
     const float* const squares = s.levers + 2 * static_cast<std::ptrdiff_t>(s.count);
     double tag_expected = 0.0;
+    double tag_squares = 0.0;
     int begin = 0;
     const std::int32_t* const step_run = tag->step_run.data();
     const int steps = tag->step_count;
@@ -202,10 +235,14 @@ double TagAligner::Impl::design_effect(double cutoff) {
       direction.sums += both;
       direction.squares += both * both;
       direction.products += both[0] * both[1];
-      tag_expected += static_cast<double>(square_sum);
+      const auto run_expected = static_cast<double>(square_sum);
+      tag_expected += run_expected;
+      tag_squares += run_expected * run_expected;
       ++runs;
     }
-    expected += tag_expected * variance / (tag->gain * tag->gain);
+    const double scale = variance / (tag->gain * tag->gain);
+    expected += tag_expected * scale;
+    expected_squares += tag_squares * scale * scale;
   }
   const int free = runs - parameters;
   if (free < 4 || !(expected > 0.0)) return 1.0;
@@ -215,6 +252,9 @@ double TagAligner::Impl::design_effect(double cutoff) {
     const double widening = d.sums[0] / d.sums[1];
     found += d.squares[0] - 2.0 * widening * d.products + widening * widening * d.squares[1];
   }
+  // The residuals are those before the last step, and hold the displacements that it took away: of
+  // a run in proportion to its expected square, all together as many variances as the step's own.
+  found -= last_step.dot(information * last_step) * expected_squares / expected;
   return std::max(found, 0.0) / expected * runs / free;
 }
 
@@ -324,7 +364,7 @@ void TagAligner::Impl::check_agreement() {
       }
     }
     for (int i = 0; i < 6; ++i) own.g[i] = pack.g_camera[i][lane];
-    own.g -= own.H * last_step;
+    own.g -= step_slope * (own.H * last_step);
     // A pixel along each axis at its centre, and a radian about the ray to it.
     own.motions.setZero();
     own.motions(0, 0) = centre.z() / camera.parameters().fx;

@@ -33,6 +33,9 @@ inline int ceil_of(double x) {
   return -floor_of(-x);
 }
 
+// Of a tag: with fewer samples it has no equations.
+inline constexpr int kFewestSamples = 16;
+
 // The middle of a peak's top in a map of scores [its rows and columns].
 struct SearchTop {
   double row = 0.0;
@@ -240,7 +243,7 @@ struct TagAligner::Impl {
   Vector6d last_step = Vector6d::Zero();  // left perturbation of T_camera_table
   double step_sigmas = 0.0;               // how far that was [standard deviations]
   double step_slope = 1.0;                // the share of the equations' H that it was solved with
-  double share_beyond = 0.0;              // of the samples, where that was measured: without weight
+  double share_beyond_cutoff = 0.0;       // of the samples, at the last step by slope
   SampleNeed sample_need;
   double seen_contrast = 0.0;  // [grey]
   // How far the search left the tags from where they are, by how they agree; infinite: unknown.
@@ -369,10 +372,14 @@ struct TagAligner::Impl {
   void sum_up(double cutoff, Equations& equations);
   [[nodiscard]] bool take_variance(const Equations& equations);
   void follow_tags(const Vector6d& xi, const Eigen::Isometry3d& motion, double& moved_px);
-  void measure_slope(double cutoff);
-  [[nodiscard]] bool step(double cutoff, bool by_slope, double& moved_px);
+  enum class StepBy {
+    weights,  // as they are
+    slope,    // as they change with the step
+  };
+  [[nodiscard]] bool step(double cutoff, StepBy by, double& moved_px);
   [[nodiscard]] bool solve_by_tiny_solver(double cutoff, double& moved_px);
   void measure_noise();
+  void measure_slope(double cutoff);
   [[nodiscard]] CameraPose pose() const;
   void report_pose();
   [[nodiscard]] double design_effect(double cutoff);

@@ -11,6 +11,14 @@
 #include "tracking/spd6.hpp"
 
 namespace penumbra {
+namespace {
+
+// A grey level's own rounding at least.
+double variance_of(double cost, double weight) {
+  return std::max(cost / weight, 0.25);
+}
+
+}  // namespace
 
 // Of all active tags at the current pose, gains and offsets eliminated. `cutoff`: of Tukey's
 // weights, as a share of the gain; 0: none.
@@ -39,7 +47,7 @@ void TagAligner::Impl::sum_up(double cutoff, Equations& equations) {
     }
     pack.per_cell[lane] = 1.0 / tag.cell_m;
     pack.side_cells[lane] = tag.side - 1;
-    if (tag.used < 16 || !(tag.gain > 1.0)) {
+    if (tag.used < kFewestSamples || !(tag.gain > 1.0)) {
       for (auto& h : pack.H) h[lane] = 0.0;
       continue;
     }
@@ -98,60 +106,31 @@ void TagAligner::Impl::sum_up(double cutoff, Equations& equations) {
 // What the residuals say of themselves; false where they are too few.
 bool TagAligner::Impl::take_variance(const Equations& equations) {
   if (!(equations.weight > 12.0)) return false;
-  // A grey level's own rounding at least.
-  variance = std::max(equations.cost / equations.weight, 0.25);
+  variance = variance_of(equations.cost, equations.weight);
   information = equations.H / variance;
   return true;
 }
 
-// The weights fall as the residuals grow, so that a step by them falls short. By what share, in the
-// mean over the samples, is known where these are many: the sum of d(w r) / dr over that of w
-// (Bickel, "One-Step Huber Estimates in the Linear Model", 1975: from where noise alone is left,
-// one such step is as good as many). By some hundreds of the last equations' residuals.
-void TagAligner::Impl::measure_slope(double cutoff) {
-  constexpr int kEnough = 768;
-  constexpr double kLeast = 0.5;  // 0.82 where residuals are normal
-  int total = 0;
-  for (const Tag* tag : active) total += tag->used;
-  const int stride = std::max(1, (total + kEnough - 1) / kEnough);
-  double slope = 0.0;
-  double weight = 0.0;
-  double base_weight = 0.0;
-  double beyond = 0.0;
-  int next = 0;
-  for (const Tag* tag : active) {
-    const int end = tag->used;
-    if (!(tag->gain > 1.5)) continue;
-    const auto inverse_cutoff = static_cast<float>(1.0 / (tukey_share(cutoff) * tag->gain));
-    for (; next < end; next += stride) {
-      const float base = tag->samples.weight[next];
-      const float t = tag->samples.residual[next] * inverse_cutoff;
-      const float inside = 1.0F - std::min(t * t, 1.0F);
-      base_weight += base;
-      if (!(inside > 0.0F)) beyond += base;
-      weight += base * inside * inside;
-      slope += base * inside * (5.0F * inside - 4.0F);
-    }
-    next -= end;
-  }
-  step_slope = weight > 0.0 ? std::clamp(slope / weight, kLeast, 1.0) : 1.0;
-  share_beyond = base_weight > 0.0 ? beyond / base_weight : 0.0;
-}
-
-// One step by all active tags; false where it can't be made. `by_slope`: it reckons with the
-// weights' change. moved_px: how far the tags' centres and corners went at most.
-bool TagAligner::Impl::step(double cutoff, bool by_slope, double& moved_px) {
+// One step by all active tags; false where it can't be made. moved_px: how far the tags' centres
+// and corners went at most.
+bool TagAligner::Impl::step(double cutoff, StepBy by, double& moved_px) {
   if (!options.own_steps) return solve_by_tiny_solver(cutoff, moved_px);
   Equations equations;
   sum_up(cutoff, equations);
   if (!take_variance(equations)) return false;
   const Vector6d deviation = log_se3(T_camera_table * T_predicted.inverse());
   step_slope = 1.0;
-  if (by_slope) measure_slope(cutoff);
+  if (by == StepBy::slope) measure_slope(cutoff);
   const Matrix6d H_prior = step_slope * equations.H + variance * prior_information;
   const Vector6d xi = solve_spd(H_prior, equations.g - variance * (prior_information * deviation));
   if (!xi.allFinite()) return false;
   last_step = xi;
+  if (by == StepBy::slope) {
+    // It may be the last, and long: what it takes off the residuals is no noise.
+    const double taken = xi.dot(2.0 * equations.g - equations.H * xi);
+    variance = variance_of(equations.cost - taken, equations.weight);
+    information = equations.H / variance;
+  }
   step_sigmas = std::sqrt(std::max(xi.dot(information * xi), 0.0));
   const Eigen::Isometry3d motion = exp_se3(xi);
   T_camera_table = motion * T_camera_table;

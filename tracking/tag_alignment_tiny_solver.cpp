@@ -115,7 +115,7 @@ bool TagAligner::Impl::solve_by_tiny_solver(double cutoff, double& moved_px) {
     const kernel::Samples& s = tag->samples;
     own_weights.insert(own_weights.end(), s.weight, s.weight + s.count);
     base_weights.push_back(tag->sums.base_weight);
-    if (!(cutoff > 0.0) || tag->used < 16 || !(tag->gain > 1.0)) continue;
+    if (!(cutoff > 0.0) || tag->used < kFewestSamples || !(tag->gain > 1.0)) continue;
     const auto inverse_cutoff = static_cast<float>(1.0 / (tukey_share(cutoff) * tag->gain));
     for (int i = 0; i < s.count; ++i) {
       const float t = s.residual[i] * inverse_cutoff;

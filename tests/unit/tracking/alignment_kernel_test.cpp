@@ -1119,6 +1119,7 @@ TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
   }
   step.fx = 500.0;
   step.fy = 510.0;
+  step.slope = 0.8;
   std::vector<std::array<kernel::TagPack, 2>> results;
   for (const Variant* variant : variants()) {
     results.push_back(packs);
@@ -1129,6 +1130,8 @@ TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
       const kernel::TagPack& b = results.back()[p];
       EXPECT_EQ(std::memcmp(a.H_camera, b.H_camera, sizeof a.H_camera), 0) << variant->name;
       EXPECT_EQ(std::memcmp(a.g_camera, b.g_camera, sizeof a.g_camera), 0) << variant->name;
+      EXPECT_EQ(std::memcmp(a.levels, b.levels, sizeof a.levels), 0) << variant->name;
+      EXPECT_EQ(std::memcmp(a.moved_px2, b.moved_px2, sizeof a.moved_px2), 0) << variant->name;
     }
   }
   for (const std::size_t lane : {kLeftOut, std::size_t{3}}) {
@@ -1165,7 +1168,7 @@ TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
     for (int p = 0; p < 6; ++p)
       EXPECT_NEAR(pack.g_camera[p][lane], g_camera[p], 1e-12 * g_camera.norm());
     const Eigen::Vector2d levels =
-        inverse * (tag.g.tail<2>() - cross.transpose() * (to_lattice * xi));
+        inverse * (tag.g.tail<2>() / step.slope - cross.transpose() * (to_lattice * xi));
     EXPECT_NEAR(pack.levels[0][lane], levels[0], 1e-10);
     EXPECT_NEAR(pack.levels[1][lane], levels[1], 1e-10);
     double most = 0.0;
