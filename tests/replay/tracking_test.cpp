@@ -40,9 +40,16 @@ const std::vector<Expected>& expectations() {
       {"shake", false, 85, 0.4, 2.5, 6},
       {"grazing", false, 90, 0.06, 0.3, 1},
       {"tabletop", true, 120, 0.06, 0.3, 1, kFast},
+      {"still", false, 50, 0.08, 0.3, 1, kFast},
+      {"grazing", false, 90, 0.06, 0.3, 1, kFast},
+      {"reentry", false, 58, 0.08, 1.0, 38, kFast},
       {"single", false, 88, 0.4, 4.0, 3, kFast},
       {"shake", false, 84, 0.4, 3.0, 8, kFast},
       {"tabletop", true, 120, 0.05, 0.2, 1, kAccurate},
+      {"still", false, 50, 0.04, 0.2, 1, kAccurate},
+      {"grazing", false, 90, 0.06, 0.3, 1, kAccurate},
+      {"reentry", false, 58, 0.08, 1.0, 38, kAccurate},
+      {"single", false, 88, 0.4, 4.0, 3, kAccurate},
       {"shake", false, 84, 0.4, 3.0, 8, kAccurate},
       {"tabletop", true, 120, 0.5, 2.0, 120, kDetect},
       {"corner", false, 90, 0.5, 2.0, 90, kDetect},
@@ -90,6 +97,24 @@ TEST_P(TrackedRecordings, WhatIsTrackedIsRight) {
   EXPECT_EQ(result->wrong, 0);
   EXPECT_GE(result->count_of(TrackStatus::tracked), expected.least_tracked);
   EXPECT_LE(result->tracked.overlay_px.median, expected.median_px);
+}
+
+// The overlay of a camera at rest keeps still: its change from frame to frame beside that of
+// detection.
+TEST(Still, TheOverlayKeepsStill) {
+  const std::filesystem::path shared = test::shared_dir();
+  if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  const auto jitter_px = [&](TrackingMode mode) {
+    TrackerOptions options;
+    options.mode = mode;
+    const auto result = test::track_recording(shared / "recordings" / "still", options).value();
+    EXPECT_GT(result.tracked.jitter_changes, 40);
+    return result.tracked.jitter_px;
+  };
+  const double detected = jitter_px(TrackingMode::detect);
+  EXPECT_LT(jitter_px(TrackingMode::automatic), 0.45 * detected);
+  EXPECT_LT(jitter_px(TrackingMode::accurate), 0.45 * detected);
+  EXPECT_LT(jitter_px(TrackingMode::fast), 0.75 * detected);
 }
 
 // One of five tags was moved, or the map has it wrong, at a grazing view: each of them, both ways.
