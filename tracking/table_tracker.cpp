@@ -65,9 +65,9 @@ constexpr double kBlurShare = 0.288675134594813;
 struct ImageMotion {
   double predicted = 0.0;
   double missed = 0.0;  // what a prediction at constant velocity missed
-  double smear = 0.0;   // what it may have done to the tags, TagAligner::smear_error_px
+  SmearError smear;     // what it may have done to the picture
 };
-constexpr ImageMotion kUnknownMotion{5.0, 5.0, 0.0};  // of a frame with none before it
+const ImageMotion kUnknownMotion{5.0, 5.0, {}};  // of a frame with none before it
 
 // In a frame, as perturbations of its pose per second.
 struct CameraMotion {
@@ -630,15 +630,15 @@ std::optional<RefinedPose> TableTracker::Impl::aligned(const AlignmentResult& re
     const Matrix6d of_image = inverse_of_spd(inverse) - prior_information;
     pose.covariance += larger.bias * inverse_of_spd(of_image + Matrix6d::Identity());
   }
-  pose.covariance += result.map_covariance;
+  pose.covariance += result.map_covariance + motion_px.smear.covariance;
   pose.covariance = 0.5 * (pose.covariance + pose.covariance.transpose()).eval();
   const double promised = expected_overlay_error_px(camera, result.T_table_camera, pose.covariance);
   if (promised > 0.0 && std::isfinite(promised)) {
     const double blur_px =
         std::min(kBlurShare * std::hypot(motion_px.predicted, motion_px.missed), pose.rms_px);
-    const double systematic_px =
-        std::hypot(camera.parameters().tone_curve ? 0.0 : kToneBias_px,
-                   kExposureShare * motion_px.missed, std::hypot(blur_px, motion_px.smear));
+    const double systematic_px = std::hypot(camera.parameters().tone_curve ? 0.0 : kToneBias_px,
+                                            kExposureShare * motion_px.missed,
+                                            std::hypot(blur_px, motion_px.smear.shift_px));
     pose.covariance *= 1.0 + systematic_px * systematic_px / (promised * promised);
   }
   return pose;
@@ -840,7 +840,7 @@ ImageMotion TableTracker::Impl::motion_found(const Frame& frame, const Alignment
   if (!result.verified) return found;
   const auto motion_there = motion_at(frame.timestamp_ns, result.T_table_camera);
   if (!motion_there) {
-    found.smear = aligner.smear_error_px(longest_smear_cells);
+    found.smear = aligner.smear_error(longest_smear_cells);
     return found;
   }
   constexpr double kFrame_s = 1.0 / 30.0;
@@ -856,9 +856,9 @@ ImageMotion TableTracker::Impl::motion_found(const Frame& frame, const Alignment
       frame.exposure_s.value_or(std::min(frame_interval_s, kLongestExposure_s)), frame_interval_s);
   if (exposure_s > 0.0)
     found.smear =
-        aligner.smear_error_px(exposure_s * motion_there->velocity, frame.exposure_s.has_value());
+        aligner.smear_error(exposure_s * motion_there->velocity, frame.exposure_s.has_value());
   // What jumped between two clear pictures did not move so within them.
-  if (!(found.smear > 0.0)) return found;
+  if (!(found.smear.shift_px > 0.0)) return found;
   found.predicted = std::max(found.predicted, moves_px(motion_there->velocity));
   found.missed = std::max(found.missed, moves_px(motion_there->change));
   return found;
@@ -1063,7 +1063,7 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   note_work(result);
   last_start_far = result.counters.far_start;
   last_contrast = result.verified ? result.counters.contrast : 0.0;
-  ImageMotion image_motion{motion_px, 0.0, 0.0};
+  ImageMotion image_motion{motion_px, 0.0, {}};
   // Nobody saw these tags where they are looked for: a part of them may be there by a mistake of
   // the map that a search would find.
   if (start == Start::hint && 3 * result.tags_verified < 2 * result.counters.tags_visible) {

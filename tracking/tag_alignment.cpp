@@ -419,11 +419,11 @@ std::optional<CameraPose> TagAligner::search_coarsely(const AlignmentInput& inpu
   const CameraPose guess = impl.pose();
   return guess.is_finite() ? std::optional(guess) : std::nullopt;
 }
-double TagAligner::smear_error_px(const Vector6d& motion, bool known) {
-  return impl_->smear_error_px(motion, known);
+SmearError TagAligner::smear_error(const Vector6d& motion, bool known) {
+  return impl_->smear_error(motion, known);
 }
-double TagAligner::smear_error_px(double longest_cells) {
-  return impl_->smear_error_px(std::nullopt, false, longest_cells);
+SmearError TagAligner::smear_error(double longest_cells) {
+  return impl_->smear_error(std::nullopt, false, longest_cells);
 }
 std::vector<EdgePixel> TagAligner::edge_pixels() {
   return impl_->edge_pixels();

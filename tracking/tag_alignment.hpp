@@ -187,6 +187,15 @@ struct EdgePixel {
 // counters so far; 1 and less: it has enough.
 using SampleNeed = std::function<double(const AlignmentResult&)>;
 
+// What a smear of the picture hides of the pose, 1 sigma.
+struct SmearError {
+  // By which all tags may be off together, RMS over those in the picture.
+  double shift_px = 0.0;
+  // Of the pose, where each of them is off by itself: that turns it. As
+  // AlignmentResult::covariance.
+  Matrix6d covariance = Matrix6d::Zero();
+};
+
 class TagAligner {
  public:
   // `tags`: of one rigid group. Fails when a tag's id does not exist in its family.
@@ -223,14 +232,14 @@ class TagAligner {
                                                           bool further);
 
   // How far off, along a motion that smeared the picture, the last pose (verified) may be by what
-  // the equations don't know [px], 1 sigma, RMS over the tags in the picture. `motion`: what went
-  // on during the exposure, as AlignmentInput::exposure_motion; where that is not `known`, the most
-  // that may have, and how much of it did the picture says. 0 where the smear is shorter than a
-  // cell, or the picture as clear as if it were: then an edge has but one place to be.
-  [[nodiscard]] double smear_error_px(const Vector6d& motion, bool known);
+  // the equations don't know. `motion`: what went on during the exposure, as
+  // AlignmentInput::exposure_motion; where that is not `known`, the most that may have, and how
+  // much of it did the picture says. Nothing where the smear is shorter than a cell, or the picture
+  // as clear as if it were: then an edge has but one place to be.
+  [[nodiscard]] SmearError smear_error(const Vector6d& motion, bool known);
   // The same where nothing is known of the motion: of a smear over up to so many cells, in any
   // direction.
-  [[nodiscard]] double smear_error_px(double longest_cells);
+  [[nodiscard]] SmearError smear_error(double longest_cells);
 
   // The pixels at the edges of the tags that the last alignment verified, as many of each as the
   // effort allows. The picture that was aligned must still be there, and its camera at rest (no

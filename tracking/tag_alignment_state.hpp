@@ -389,8 +389,8 @@ struct TagAligner::Impl {
   void verify();
   void read_cells(Tag& tag);
   void average_cells(Tag& tag) const;
-  [[nodiscard]] double smear_error_px(const std::optional<Vector6d>& motion, bool known,
-                                      double longest_cells = 0.0);
+  [[nodiscard]] SmearError smear_error(const std::optional<Vector6d>& motion, bool known,
+                                       double longest_cells = 0.0);
   void begin(const AlignmentInput& input);
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);
   bool attempt(bool with_search, bool independent, bool may_be_near);

@@ -252,11 +252,11 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
   RecordProperty("first", first.said());
   EXPECT_GT(6 * smeared, frames) << "of " << frames;
   EXPECT_GT(2 * followed.tracked(), frames);
-  EXPECT_LT(followed.spread(), 1.6);
-  EXPECT_LE(followed.beyond, 0.03 * followed.tracked()) << "of " << followed.tracked();
-  // In the long form 12 of 1129 and 1 of 486, where the smear is over two and a half to five cells.
-  EXPECT_LE(followed.wrong, 0.015 * followed.tracked()) << "of " << followed.tracked();
-  EXPECT_LE(first.wrong, 0.005 * first.tracked()) << "of " << first.tracked();
+  EXPECT_LT(followed.spread(), 1.0);
+  EXPECT_LE(followed.beyond, 0.01 * followed.tracked()) << "of " << followed.tracked();
+  // Over 240 sessions 7 of 7863 by either.
+  EXPECT_LE(followed.wrong, 0.001 * followed.tracked()) << "of " << followed.tracked();
+  EXPECT_LE(first.wrong, 0.001 * first.tracked()) << "of " << first.tracked();
   EXPECT_GT(4 * first.tracked(), frames);
   EXPECT_LT(first.spread(), 1.2);
   EXPECT_LE(first.beyond, 0.01 * first.tracked()) << "of " << first.tracked();

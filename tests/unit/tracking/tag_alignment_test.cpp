@@ -15,6 +15,7 @@
 #include "core/evaluation.hpp"
 #include "support/synthetic_board.hpp"
 #include "tracking/alignment_kernel.hpp"
+#include "tracking/board_pose.hpp"
 #include "tracking/se3.hpp"
 
 namespace penumbra {
@@ -1082,9 +1083,13 @@ TEST_F(TagAlignmentTest, ALongSmearSaysWhatItHides) {
     const AlignmentResult& result = aligner.refine(input);
     if (!result.verified) return std::optional<double>();
     const CameraPose pose = result.T_table_camera;
-    const double error_px = aligner.smear_error_px(motion, known);
+    const SmearError error = aligner.smear_error(motion, known);
+    const double error_px = error.shift_px;
     EXPECT_TRUE(std::isfinite(error_px));
-    EXPECT_EQ(aligner.smear_error_px(motion, known), error_px) << "asking leaves all as it was";
+    EXPECT_TRUE(error.covariance.allFinite());
+    EXPECT_EQ(error.covariance.isZero(0.0), error_px == 0.0);
+    EXPECT_EQ(aligner.smear_error(motion, known).shift_px, error_px) << "asking leaves all";
+    EXPECT_EQ(aligner.smear_error(motion, known).covariance, error.covariance);
     if (input.exposure_motion.isZero(0.0)) {
       EXPECT_FALSE(aligner.edge_pixels().empty());
     }
@@ -1115,6 +1120,63 @@ TEST_F(TagAlignmentTest, ALongSmearSaysWhatItHides) {
   }
   EXPECT_GE(unknowns, 2);
   EXPECT_GT(least_unknown, 0.5);
+}
+
+// What a smear hides of the pose is what tags that are displaced, each by itself along the motion,
+// make of a pose by their corners.
+TEST_F(TagAlignmentTest, ASmearTurnsThePose) {
+  AlignmentOptions options;
+  options.exposure_moments = false;
+  auto aligner = TagAligner::create(camera_, tags_, options).value();
+  std::normal_distribution<double> normal;
+  double told2 = 0.0;
+  double found2 = 0.0;
+  for (int k = 0; k < 4; ++k) {
+    SCOPED_TRACE(k);
+    const CameraPose truth = random_view(random_);
+    const Vector6d motion = random_motion(truth, 48.0);
+    PatternRenderOptions render;
+    render.noise_grey = 2.0;
+    render.samples = 96;
+    const GreyImage image = smeared_picture(renderer_, truth, motion, render);
+    AlignmentInput input;
+    input.luma = image.view();
+    input.predicted = truth;
+    input.covariance = loose_prior(0.0005, 0.001);
+    input.exposure_motion = motion;
+    const AlignmentResult& result = aligner.refine(input);
+    ASSERT_TRUE(result.verified);
+    const CameraPose pose = result.T_table_camera;
+    const SmearError error = aligner.smear_error(motion, true);
+    const double told_px = expected_overlay_error_px(camera_, pose, error.covariance);
+    EXPECT_GT(told_px, error.shift_px) << "the overlay stands above the tags";
+    // Of each tag by itself. So little of it that no corner is left out.
+    const double each_px = std::numbers::sqrt2 * error.shift_px;
+    constexpr double kPart = 0.02;
+    constexpr int kDraws = 100;
+    double squares = 0.0;
+    for (int draw = 0; draw < kDraws; ++draw) {
+      std::vector<TagObservation> seen;
+      for (const TagAlignment& tag : result.tags) {
+        TagObservation of;
+        of.id = tag.index;
+        of.corners_table = tags_[static_cast<std::size_t>(tag.index)].corners();
+        const auto at = [&](double share, const Eigen::Vector3d& point) {
+          return camera_.project(perturbed(pose, share * motion).inverse() * point).value();
+        };
+        const Eigen::Vector3d centre = 0.5 * (of.corners_table[0] + of.corners_table[2]);
+        const Eigen::Vector2d by =
+            kPart * each_px * normal(random_) * (at(0.1, centre) - at(-0.1, centre)).normalized();
+        for (std::size_t c = 0; c < 4; ++c) of.corners_px[c] = at(0.0, of.corners_table[c]) + by;
+        seen.push_back(of);
+      }
+      const BoardPose turned = estimate_board_pose(camera_, seen).value();
+      squares += std::pow(overlay_px(turned.best.T_table_camera, pose) / kPart, 2) / kDraws;
+    }
+    told2 += told_px * told_px;
+    found2 += squares;
+  }
+  EXPECT_NEAR(std::sqrt(told2 / found2), 1.0, 0.4);
 }
 
 // Two or three tags of which one lies elsewhere than the map says, by much less than a cell: the
@@ -1178,7 +1240,7 @@ TEST_F(TagAlignmentTest, APictureThatIsNotClearSaysSoByItself) {
       input.predicted = truth;
       input.covariance = loose_prior(0.0005, 0.001);
       const AlignmentResult& result = aligner.refine(input);
-      return result.verified ? std::optional(aligner.smear_error_px(2.0)) : std::nullopt;
+      return result.verified ? std::optional(aligner.smear_error(2.0).shift_px) : std::nullopt;
     };
     EXPECT_EQ(error_px(Vector6d::Zero()), 0.0);
     EXPECT_EQ(error_px(0.4 * motion), 0.0) << "about a cell of some 10 px";
