@@ -24,12 +24,9 @@ constexpr double kConvergesFrom_px = 0.1;
 // The same in standard deviations of the pose, all six numbers in one; 2.4 are what noise does.
 constexpr double kConverged_sigmas = 1.0;
 constexpr double kNearlyConverged_sigmas = 3.0;
-// A step that reckons with the weights leaves a twentieth of itself where next to no sample is
-// beyond the cutoff: 2 % are in a real picture, 4 % and more at first where a third of the tags is
-// covered. What the residuals say of themselves is of before that step, which is to matter little
-// there.
+// A step that reckons with the weights leaves a twentieth of itself. What the residuals say of
+// themselves is of before that step, which is to matter little there.
 constexpr double kSlopeConverged_sigmas = 8.0;
-constexpr double kFewBeyond = 0.03;
 constexpr int kFineRounds = 3;
 constexpr int kFineSteps = 5;        // per round at most
 constexpr int kSparseSamples = 640;  // of all tags
@@ -159,9 +156,7 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent, bool may_be_n
       // While outliers are still being left behind the pose may yet move, but not from where it
       // stands within what noise does.
       const bool at_rest = noise_share > settled * before || step_sigmas < kConverged_sigmas;
-      const double nearly_sigmas = by_slope && share_beyond_cutoff < kFewBeyond
-                                       ? kSlopeConverged_sigmas
-                                       : kNearlyConverged_sigmas;
+      const double nearly_sigmas = by_slope ? kSlopeConverged_sigmas : kNearlyConverged_sigmas;
       // From near, one step says all.
       if (sparse_rounds && round > 0 && moved < near_px && noise_share > 0.9 * before &&
           (!within_noise || step_sigmas < nearly_sigmas))

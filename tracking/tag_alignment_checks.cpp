@@ -164,19 +164,14 @@ void TagAligner::Impl::measure_slope(double cutoff) {
   const double limit = tukey_share(cutoff);
   double slope = 0.0;
   double weight = 0.0;
-  double base_weight = 0.0;
-  double beyond = 0.0;
   visit_evenly(active, 768, [&](const Tag& tag, int k) {
     const double base = static_cast<double>(tag.samples.weight[k]);
     const double t = static_cast<double>(tag.samples.residual[k]) / (limit * tag.gain);
     const double inside = 1.0 - std::min(t * t, 1.0);
-    base_weight += base;
-    if (!(inside > 0.0)) beyond += base;
     weight += base * inside * inside;
     slope += base * inside * (5.0 * inside - 4.0);
   });
   step_slope = weight > 0.0 ? std::clamp(slope / weight, kLeast, 1.0) : 1.0;
-  share_beyond_cutoff = base_weight > 0.0 ? beyond / base_weight : 0.0;
 }
 
 // How many times larger the variance of the mean displacement of an edge is than independent

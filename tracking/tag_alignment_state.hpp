@@ -243,7 +243,6 @@ struct TagAligner::Impl {
   Vector6d last_step = Vector6d::Zero();  // left perturbation of T_camera_table
   double step_sigmas = 0.0;               // how far that was [standard deviations]
   double step_slope = 1.0;                // the share of the equations' H that it was solved with
-  double share_beyond_cutoff = 0.0;       // of the samples, at the last step by slope
   SampleNeed sample_need;
   double seen_contrast = 0.0;  // [grey]
   // How far the search left the tags from where they are, by how they agree; infinite: unknown.

@@ -588,7 +588,7 @@ TEST_F(TagAlignmentTest, SlopeStepsLeadToTheSamePose) {
   const std::vector<MappedTag> many = board(4, 3, 0.03);
   const std::vector<MappedTag> lone = board(1, 1, 0.12);
   for (const auto& [tags, cover_share] :
-       {std::pair(many, 0.0), std::pair(tags_, 0.0), std::pair(tags_, 0.2), std::pair(lone, 0.0)}) {
+       {std::pair(many, 0.0), std::pair(tags_, 0.0), std::pair(tags_, 0.2), std::pair(tags_, 0.4), std::pair(lone, 0.0)}) {
     SCOPED_TRACE(testing::Message() << tags.size() << " tags, covered " << cover_share);
     AlignmentOptions options;
     options.effort = AlignmentEffort::accurate;
@@ -635,6 +635,7 @@ TEST_F(TagAlignmentTest, SlopeStepsLeadToTheSamePose) {
     if (cover_share > 0.0) {
       EXPECT_LT(s.max, 1.5);
       EXPECT_LT(px, px_without);  // what covers is left behind sooner
+      EXPECT_LT(static_cast<double>(evaluated), 1.1 * static_cast<double>(evaluated_without));
     } else {
       EXPECT_LT(s.rmse, 0.25);
       EXPECT_LT(s.max, 0.5);
