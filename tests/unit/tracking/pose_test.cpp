@@ -1,3 +1,7 @@
+#include <ceres/covariance.h>
+#include <ceres/loss_function.h>
+#include <ceres/numeric_diff_cost_function.h>
+#include <ceres/problem.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -161,6 +165,54 @@ TEST(PoseRefiner, TheCovarianceIsWhatTrialsShow) {
     const double expected = 6.0 * kFreedom / (kFreedom - 2.0) / (1.0 + std::sqrt(2.0 / kFreedom));
     // Its spread over 400 trials: sqrt(2 * 6 / 400) = 0.17; four of them.
     EXPECT_NEAR(sum / kTrials, expected, 0.7) << noise;
+  }
+}
+
+// Of a reprojection error, by differences: what Ceres is given to compare with.
+struct Reprojection {
+  const CameraModel& camera;
+  const CameraPose& pose;
+  const PointObservation& point;
+  bool operator()(const double* xi, double* residual) const {
+    const CameraPose moved = perturbed(pose, Eigen::Map<const Vector6d>(xi));
+    Eigen::Map<Eigen::Vector2d>{residual} =
+        camera.project_unchecked(moved.inverse() * point.p_table) - point.pixel;
+    return true;
+  }
+};
+
+TEST_P(EveryLens, TheCovarianceIsTheOneThatCeresFinds) {
+  const CameraModel camera = camera_of(GetParam());
+  std::mt19937 random(11);
+  for (const auto& tags : {sheet(), std::vector<MappedTag>{flat_tag(0, 0.02, 0.01, 0.08)}}) {
+    for (int i = 0; i < 5; ++i) {
+      const CameraPose truth = looking_at_origin(0.45, 0.8, 0.1 * i, -0.2 * i);
+      const auto points = points_of(observe(camera, truth, tags, 0.2, random));
+      RefinerOptions options;
+      options.robust_scale_px = 2.0;  // of normal noise none is beyond it
+      const auto refined = refine_pose(camera, points, truth, options);
+      ASSERT_TRUE(refined);
+      Vector6d xi = Vector6d::Zero();
+      ceres::Problem problem;
+      for (const PointObservation& point : points) {
+        problem.AddResidualBlock(
+            new ceres::NumericDiffCostFunction<Reprojection, ceres::CENTRAL, 2, 6>(
+                new Reprojection{camera, refined->T_table_camera, point}),
+            new ceres::HuberLoss(options.robust_scale_px), xi.data());
+      }
+      ceres::Covariance::Options how;
+      how.algorithm_type = ceres::DENSE_SVD;
+      ceres::Covariance covariance(how);
+      ASSERT_TRUE(covariance.Compute(std::vector<const double*>{xi.data()}, &problem));
+      Eigen::Matrix<double, 6, 6, Eigen::RowMajor> of_ceres;
+      ASSERT_TRUE(covariance.GetCovarianceBlock(xi.data(), xi.data(), of_ceres.data()));
+      const Matrix6d expected = refined->noise_px * refined->noise_px * of_ceres;
+      // Each entry against what its two unknowns have.
+      const Vector6d sigma = expected.diagonal().cwiseSqrt();
+      const Matrix6d apart = sigma.cwiseInverse().asDiagonal() * (refined->covariance - expected) *
+                             sigma.cwiseInverse().asDiagonal();
+      EXPECT_LT(apart.cwiseAbs().maxCoeff(), 1e-4);
+    }
   }
 }
 
