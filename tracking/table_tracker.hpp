@@ -54,8 +54,9 @@ struct TrackerOptions {
   bool quick_search =
       true;  // a search begins at a quarter of the resolution; the same poses without
   // Where the pattern is not near where it was predicted it is looked for further off in a smaller
-  // picture, before tags are detected. Without: where they are detected, too, the same poses to a
-  // twentieth of a pixel.
+  // picture, before tags are detected. It is the pattern itself that is looked for, not its edges:
+  // their place at so low a resolution would say less, for more work. Without: where they are
+  // detected, too, the same poses to a twentieth of a pixel.
   bool coarse_search = true;
   // What was seen a moment ago is searched for about where it was, before the whole frame; the same
   // poses without.

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/evaluation.hpp"
@@ -508,24 +509,30 @@ TEST(TrackingStress, ATagThatWasPutBackCountsAgain) {
   }
 }
 
-// A hand jerks: the pattern is looked for further off, and tags where they were, and what is found
-// is what searching the whole frame finds.
+// A hand jerks: the pattern is looked for further off, then tags where they were, then in the whole
+// frame, and what is found is the same.
 TEST(TrackingStress, WhatJumpsIsFoundNearWhereItWas) {
-  enum class By { pattern, box, frame };
+  enum class By { pattern, box, all, frame };
   int found_by_pattern = 0;
   int found_by_box = 0;
-  for (const double jump_m : {0.05, 0.06, 0.07, 0.09}) {
-    SCOPED_TRACE(jump_m);
+  int found_after_pattern = 0;
+  // The pattern is not looked for turned.
+  for (const auto& [jump_m, turn_deg] :
+       {std::pair(0.05, 0.0), std::pair(0.09, 0.0), std::pair(0.13, 0.0), std::pair(0.0, 40.0)}) {
+    SCOPED_TRACE(testing::Message() << jump_m << " m, " << turn_deg << " degrees");
     Session session = ordinary();
     session.motion.distance.middle = 0.6;
     Session later = session;
     later.motion.x.middle += jump_m;
+    later.motion.roll.middle += radians(turn_deg);
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     std::vector<PoseEstimate> poses;
-    for (const By by : {By::pattern, By::box, By::frame}) {
+    bool pattern_finds = false;
+    bool box_finds = false;
+    for (const By by : {By::pattern, By::box, By::all, By::frame}) {
       TrackerOptions options;
-      options.coarse_search = by == By::pattern;
-      options.box_search = by == By::box;
+      options.coarse_search = by == By::pattern || by == By::all;
+      options.box_search = by == By::box || by == By::all;
       auto tracker =
           TableTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
       for (int f = 0; f < 3; ++f) {
@@ -534,10 +541,18 @@ TEST(TrackingStress, WhatJumpsIsFoundNearWhereItWas) {
       const TrackedFrame jumped = tracker.track(later.picture(renderer, 3));
       EXPECT_EQ(jumped.pose.status, TrackStatus::tracked) << jumped.pose.reason;
       expect_honest(session, jumped.pose, later.truth(3));
-      EXPECT_TRUE(by == By::pattern || !jumped.times.coarse_search);
-      EXPECT_TRUE(by == By::box || !jumped.times.box_detection);
-      found_by_pattern += jumped.times.coarse_search ? 1 : 0;
-      found_by_box += jumped.times.box_detection ? 1 : 0;
+      const bool coarse = jumped.times.coarse_search;
+      const bool in_box = jumped.times.box_detection;
+      if (by == By::pattern) pattern_finds = coarse;
+      if (by == By::box) box_finds = in_box;
+      EXPECT_EQ(coarse, pattern_finds && options.coarse_search);
+      EXPECT_EQ(in_box, box_finds && options.box_search && !coarse);
+      if (coarse) {
+        EXPECT_EQ(jumped.times.detect_ms, 0.0) << "no tag is detected";
+      }
+      found_by_pattern += by == By::pattern && coarse ? 1 : 0;
+      found_by_box += by == By::box && in_box ? 1 : 0;
+      found_after_pattern += by == By::all && in_box ? 1 : 0;
       poses.push_back(jumped.pose);
       // And is followed from there.
       EXPECT_EQ(tracker.track(later.picture(renderer, 4)).pose.status, TrackStatus::tracked);
@@ -550,6 +565,7 @@ TEST(TrackingStress, WhatJumpsIsFoundNearWhereItWas) {
   }
   EXPECT_GE(found_by_pattern, 2);
   EXPECT_GE(found_by_box, 1);
+  EXPECT_GE(found_after_pattern, 1);
 }
 
 // A part of every tag is covered once tracking has begun: all frames are kept.
