@@ -114,6 +114,17 @@ Result<CameraModel> CameraModel::make(const CameraParameters& parameters) {
     return fail("rolling_shutter_row_s is {}; it must be the seconds from row to row",
                 *parameters.rolling_shutter_row_s);
   }
+  // Slow ones take a thirtieth of a second and more, none so long.
+  constexpr double kLongestReadout_s = 0.2;
+  if (parameters.rolling_shutter_row_s &&
+      *parameters.rolling_shutter_row_s * parameters.height > kLongestReadout_s) {
+    return fail(
+        "rolling_shutter_row_s is {}: {} rows then take {:.3g} s, longer than any camera; it must "
+        "be "
+        "the seconds from one row to the next",
+        *parameters.rolling_shutter_row_s, parameters.height,
+        *parameters.rolling_shutter_row_s * parameters.height);
+  }
   if (parameters.overlay_sigma_px &&
       !(*parameters.overlay_sigma_px >= 0.0 && *parameters.overlay_sigma_px <= 1e6)) {
     return fail("uncertainty: overlay_px is {}; it must be a number of pixels",

@@ -115,7 +115,9 @@ Result<bool> YamlFields::has_optional(const char* key) const {
   for (const auto& entry : map_) {
     if (!entry.first.IsScalar()) continue;
     const std::string& other = entry.first.Scalar();
-    if (other.size() > kLongest || letters_apart(other, key) > kMisspelt) continue;
+    if (other.size() > kLongest) continue;
+    const bool without_unit = std::string_view(key).starts_with(other + '_');
+    if (!without_unit && letters_apart(other, key) > kMisspelt) continue;
     return fail("{}: is not known; is it meant to be `{}`?", place_of(other.c_str()), key);
   }
   return false;

@@ -274,6 +274,8 @@ struct TableTracker::Impl : Following {
                   Measurement& measurement);
   [[nodiscard]] ImageMotion motion_found(const Frame& frame, const AlignmentResult& result,
                                          double longest_smear_cells);
+  void align_by_smear_found(const Frame& frame, AlignmentInput& input,
+                            const AlignmentResult& result, SmearError& smear);
   void note_work(const AlignmentResult& result);
   [[nodiscard]] bool is_doubtful(const AlignmentResult& result, bool with_search) const;
   [[nodiscard]] bool may_leave_out(const AlignmentResult& result) const;
@@ -832,6 +834,28 @@ void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& 
   }
 }
 
+// The exposure is not known, but the picture says how much of the frame's motion it was: the frame
+// is aligned once more with tags that are smeared so, and both poses are judged by what their smear
+// hides. `result` is the aligner's own.
+void TableTracker::Impl::align_by_smear_found(const Frame& frame, AlignmentInput& input,
+                                              const AlignmentResult& result, SmearError& smear) {
+  // The smear of a lone tag and its tilt look alike.
+  if (!options.motion_blur || frame.exposure_s || result.tags_verified < 2 ||
+      smear.motion.isZero(0.0))
+    return;
+  const double residual = result.residual_rms;
+  input.exposure_motion = smear.motion;
+  if (align_without(input, left_out, true).verified && result.residual_rms <= residual) {
+    const SmearError left = motion_found(frame, result, kAligned_cells).smear;
+    if (left.shift_px < smear.shift_px) {
+      smear = left;
+      return;
+    }
+  }
+  input.exposure_motion.setZero();
+  static_cast<void>(align_without(input, left_out, true));
+}
+
 // What a measured pose says of the motion in its frame, and that of what it did to the picture.
 // `longest_smear_cells`: that the method which found it reads.
 ImageMotion TableTracker::Impl::motion_found(const Frame& frame, const AlignmentResult& result,
@@ -1078,6 +1102,7 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
     image_motion = motion_found(frame, result, kAligned_cells);
   } else if (result.verified) {
     image_motion.smear = motion_found(frame, result, kAligned_cells).smear;
+    align_by_smear_found(frame, input, result, image_motion.smear);
     image_motion.missed =
         overlay_difference(camera, result.T_table_camera, prediction.T_table_camera).rms_px();
   }

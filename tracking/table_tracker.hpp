@@ -54,15 +54,15 @@ struct TrackerOptions {
   bool quick_search =
       true;  // a search begins at a quarter of the resolution; the same poses without
   // Where the pattern is not near where it was predicted it is looked for further off in a smaller
-  // picture, before tags are detected. It is the pattern itself that is looked for, not its edges:
-  // their place at so low a resolution would say less, for more work. Without: where they are
-  // detected, too, the same poses to a twentieth of a pixel.
+  // picture, before tags are detected. Without: where they are detected, too, the same poses to a
+  // twentieth of a pixel.
   bool coarse_search = true;
   // What was seen a moment ago is searched for about where it was, before the whole frame; the same
   // poses without.
   bool box_search = true;
   // Where a frame's exposure is known, fast motion is expected to have smeared its tags, if the
-  // picture agrees.
+  // picture agrees. Where it is not, and a frame is smeared over more than a cell, the picture says
+  // how far.
   bool motion_blur = true;
   // Alignments do no work whose result is known, and read large cells by their own colour; the same
   // poses without, bit for bit.

@@ -24,8 +24,8 @@ constexpr double kConvergesFrom_px = 0.1;
 // The same in standard deviations of the pose, all six numbers in one; 2.4 are what noise does.
 constexpr double kConverged_sigmas = 1.0;
 constexpr double kNearlyConverged_sigmas = 3.0;
-// A step that reckons with the weights leaves a twentieth of itself. What the residuals say of
-// themselves is of before that step, which is to matter little there.
+// A step that reckons with the weights leaves a twentieth of itself, more where much is covered.
+// What the residuals say of themselves is of before that step, which is to matter little there.
 constexpr double kSlopeConverged_sigmas = 8.0;
 constexpr int kFineRounds = 3;
 constexpr int kFineSteps = 5;        // per round at most

@@ -194,6 +194,9 @@ struct SmearError {
   // Of the pose, where each of them is off by itself: that turns it. As
   // AlignmentResult::covariance.
   Matrix6d covariance = Matrix6d::Zero();
+  // The part of the motion that explains the picture best, as AlignmentInput::exposure_motion; zero
+  // where the picture is clear, or the motion not told.
+  Vector6d motion = Vector6d::Zero();
 };
 
 class TagAligner {

@@ -12,6 +12,7 @@
 #include <functional>
 #include <limits>
 #include <numeric>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -249,7 +250,9 @@ double TagAligner::Impl::design_effect(double cutoff) {
   }
   // The residuals are those before the last step, and hold the displacements that it took away: of
   // a run in proportion to its expected square, all together as many variances as the step's own.
-  found -= last_step.dot(information * last_step) * expected_squares / expected;
+  // A step by slope, in the part that the weights left of them.
+  found -= step_slope * step_slope * last_step.dot(information * last_step) * expected_squares /
+           expected;
   return std::max(found, 0.0) / expected * runs / free;
 }
 
@@ -506,17 +509,20 @@ void TagAligner::Impl::average_cells(Tag& tag) const {
 // No tag holds the others: a pose that turns, and so moves some of them by s and others by -s, is
 // hidden as well as one that moves all by s. Of shift and turn whose sum no tag may exceed, evenly
 // spread, each has half the variance that it had alone. What turns the pose is taken from tags that
-// are off each by itself, by all of the first: a turn that takes all of them along has more. Of the
-// second by half, where a motion is there to explain the rest: a tag that is not like the model
-// need not be displaced. (Of random shakes with smears of up to six cells 1 in 1100 tracked frames
-// is then off by more than 5 px; with a shift alone it was 1 in 100.)
+// are off each by itself, by all of the first; of the second by half as far, where a motion is
+// there to explain the rest: a tag that is not like the model need not be displaced. Tags that are
+// off by themselves turn the pose by less the more they are, what hides a turn is the same for all
+// of them: more than twelve count as twelve. (Of random shakes of 7 to 48 tags with smears of up
+// to six cells 1 in 1100 tracked frames is then off by more than 5 px; with a shift alone it was 1
+// in 100.)
 SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, bool known,
                                          double longest_cells) {
   constexpr int kShares = 8;
   constexpr double kClear = 8.0 / 9.0;
   constexpr double kShared = 0.5;
   constexpr double kOwnAway = 0.25;
-  std::vector<double> shares;  // explained, of each tag
+  constexpr double kMostOwn = 12.0;  // tags
+  std::vector<double> shares;        // explained, of each tag
   const auto median = [&shares] {
     const auto middle = shares.begin() + static_cast<std::ptrdiff_t>(shares.size() / 2);
     std::ranges::nth_element(shares, middle);
@@ -603,6 +609,8 @@ SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, 
   Matrix6d H = variance * Matrix6d::Identity();  // a metre and a radian, where the tags say nothing
   for (const TagEquations& of : agreement) H += of.H;
   const Matrix6d inverse = inverse_of_spd(H);
+  const auto count = static_cast<double>(agreement.size());
+  const bool turns = agreement.size() > 1;
   SmearError error;
   for (const Smear& smear : smears) {
     const double smeared_px = known ? smear.length_px : smear.length_px * share / kShares;
@@ -610,20 +618,30 @@ SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, 
     const double away_px = (1.0 - std::sqrt(best)) * (smear.cell_px + 0.5 * smear.length_px);
     const double flat2 = flat_px * flat_px / 12.0;
     const double away2 = away_px * away_px;
-    squares += kShared * (flat2 + away2);
+    squares += (turns ? kShared : 1.0) * (flat2 + away2);
     const auto of = std::ranges::find(agreement, smear.index, &TagEquations::index);
-    if (of == agreement.end()) continue;
-    const double own2 = flat2 + (motion ? kOwnAway : 1.0) * away2;
-    const Matrix6d moved = inverse * of->H;
+    if (!turns || of == agreement.end()) continue;
+    const double own2 =
+        std::max(count / kMostOwn, 1.0) * (flat2 + (motion ? kOwnAway : 1.0) * away2);
+    // A pixel along each axis, as a motion of the tag's centre.
+    const Tag& tag = tags[static_cast<std::size_t>(smear.index)];
+    const double half = 0.5 * (tag.side - 1);
+    Eigen::Matrix<double, 2, 3> J;
+    std::ignore =
+        camera.project_unchecked(tag.ray_from_lattice * Eigen::Vector3d(half, half, 1.0), &J);
+    Eigen::Matrix<double, 6, 2> motions = Eigen::Matrix<double, 6, 2>::Zero();
+    motions.topRows<2>() = J.leftCols<2>().inverse();
+    const Eigen::Matrix<double, 6, 2> moved = inverse * of->H * motions;
     if (motion) {
-      const Vector6d shift = moved * (of->motions.leftCols<2>() * smear.direction);
+      const Vector6d shift = moved * smear.direction;
       error.covariance += own2 * shift * shift.transpose();
     } else {
-      const Eigen::Matrix<double, 6, 2> shift = moved * of->motions.leftCols<2>();
-      error.covariance += 0.5 * own2 * shift * shift.transpose();
+      error.covariance += 0.5 * own2 * moved * moved.transpose();
     }
   }
-  if (!error.covariance.allFinite()) error.covariance.setZero();
+  // Then nothing is known: a metre and a radian.
+  if (!error.covariance.allFinite()) error.covariance.setIdentity();
+  if (motion && !smears.empty()) error.motion = static_cast<double>(share) / kShares * *motion;
   error.shift_px = std::sqrt(squares / static_cast<double>(seen.size()));
   return error;
 }

@@ -207,7 +207,9 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
     Session session = ordinary();
     session.light.seed = static_cast<std::uint64_t>(k) + 1;
     session.light.lens_blur_px = draw.between(0.4, 0.8);
-    session.tags = test::layout_of(k % 3 == 2 ? Layout::loose : Layout::sheet, draw);
+    // Of 12 tags, some of 7 and of 48.
+    const Layout layout = k % 8 == 7 ? Layout::many : k % 3 == 2 ? Layout::loose : Layout::sheet;
+    session.tags = test::layout_of(layout, draw);
     session.motion =
         test::hand(3, draw.between(0.38, 0.5), radians(draw.between(35.0, 75.0)), draw);
     const double times = draw.between(2.0, 6.0);
@@ -252,14 +254,15 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
   RecordProperty("followed", followed.said());
   RecordProperty("first", first.said());
   EXPECT_GT(6 * smeared, frames) << "of " << frames;
-  EXPECT_GT(2 * followed.tracked(), frames);
+  EXPECT_GT(followed.tracked(), frames) << "of two trackers";
   EXPECT_LT(followed.spread(), 1.0);
+  EXPECT_GT(followed.spread(), 0.5);
   EXPECT_LE(followed.beyond, 0.01 * followed.tracked()) << "of " << followed.tracked();
-  // Over 240 sessions 7 of 7863 by either.
-  EXPECT_LE(followed.wrong, 0.001 * followed.tracked()) << "of " << followed.tracked();
-  EXPECT_LE(first.wrong, 0.001 * first.tracked()) << "of " << first.tracked();
+  const int tracked = followed.tracked() + first.tracked();
+  EXPECT_LE(followed.wrong + first.wrong, 0.0015 * tracked) << "of " << tracked;
   EXPECT_GT(4 * first.tracked(), frames);
   EXPECT_LT(first.spread(), 1.2);
+  EXPECT_GT(first.spread(), 0.5);
   EXPECT_LE(first.beyond, 0.01 * first.tracked()) << "of " << first.tracked();
 }
 
@@ -547,6 +550,7 @@ TEST(TrackingStress, WhatJumpsIsFoundNearWhereItWas) {
       if (by == By::box) box_finds = in_box;
       EXPECT_EQ(coarse, pattern_finds && options.coarse_search);
       EXPECT_EQ(in_box, box_finds && options.box_search && !coarse);
+      EXPECT_EQ(jumped.times.full_detection, !coarse && !in_box);
       if (coarse) {
         EXPECT_EQ(jumped.times.detect_ms, 0.0) << "no tag is detected";
       }

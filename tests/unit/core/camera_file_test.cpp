@@ -91,6 +91,8 @@ TEST_F(CameraFile, ErrorsNameFileAndField) {
   refuses(camera_text() + "tone_curv: 2\n", "is it meant to be `tone_curve`?");
   refuses(camera_text() + "rolling_shutter_row: 0.00003\n", "`rolling_shutter_row_s`?");
   refuses(camera_text() + "uncertainty: {overlay_pix: 3}\n", "`overlay_px`?");
+  refuses(camera_text() + "uncertainty: {overlay: 3}\n", "`overlay_px`?");
+  refuses(camera_text() + "rolling_shutter_row_s: 0.001\n", "480 rows then take 0.48 s");
   refuses(camera_text() + "uncertainty: 3\n", "uncertainty");
   refuses(camera_text() + "uncertainty: {overlay_px: much}\n", "overlay_px");
   refuses(camera_text() + "uncertainty: {overlay_px: -1}\n", "overlay_px");

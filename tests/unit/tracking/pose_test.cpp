@@ -206,7 +206,12 @@ TEST_P(EveryLens, TheCovarianceIsTheOneThatCeresFinds) {
       ASSERT_TRUE(covariance.Compute(std::vector<const double*>{xi.data()}, &problem));
       Eigen::Matrix<double, 6, 6, Eigen::RowMajor> of_ceres;
       ASSERT_TRUE(covariance.GetCovarianceBlock(xi.data(), xi.data(), of_ceres.data()));
-      const Matrix6d expected = refined->noise_px * refined->noise_px * of_ceres;
+      // Huber's cost is half of the squares, that of the residuals' own variance.
+      double cost = 0.0;
+      ASSERT_TRUE(problem.Evaluate({}, &cost, nullptr, nullptr, nullptr));
+      const double freedom = 2.0 * static_cast<double>(points.size()) - 6.0;
+      const double variance = std::max(2.0 * cost / freedom, std::pow(options.noise_floor_px, 2));
+      const Matrix6d expected = variance * (1.0 + std::sqrt(2.0 / freedom)) * of_ceres;
       // Each entry against what its two unknowns have.
       const Vector6d sigma = expected.diagonal().cwiseSqrt();
       const Matrix6d apart = sigma.cwiseInverse().asDiagonal() * (refined->covariance - expected) *

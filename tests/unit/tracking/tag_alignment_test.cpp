@@ -588,7 +588,8 @@ TEST_F(TagAlignmentTest, SlopeStepsLeadToTheSamePose) {
   const std::vector<MappedTag> many = board(4, 3, 0.03);
   const std::vector<MappedTag> lone = board(1, 1, 0.12);
   for (const auto& [tags, cover_share] :
-       {std::pair(many, 0.0), std::pair(tags_, 0.0), std::pair(tags_, 0.2), std::pair(tags_, 0.4), std::pair(lone, 0.0)}) {
+       {std::pair(many, 0.0), std::pair(tags_, 0.0), std::pair(tags_, 0.2), std::pair(tags_, 0.4),
+        std::pair(lone, 0.0)}) {
     SCOPED_TRACE(testing::Message() << tags.size() << " tags, covered " << cover_share);
     AlignmentOptions options;
     options.effort = AlignmentEffort::accurate;
@@ -1180,6 +1181,34 @@ TEST_F(TagAlignmentTest, ASmearTurnsThePose) {
   EXPECT_NEAR(std::sqrt(told2 / found2), 1.0, 0.4);
 }
 
+// Nothing beside a lone tag turns against it: its smear hides a shift, by all of what it may be.
+TEST_F(TagAlignmentTest, TheSmearOfALoneTagTurnsNothing) {
+  const std::vector<MappedTag> lone = board(1, 1, 0.12);
+  PatternRenderer renderer = PatternRenderer::create(camera_, lone).value();
+  AlignmentOptions options;
+  options.exposure_moments = false;
+  auto aligner = TagAligner::create(camera_, lone, options).value();
+  int smeared = 0;
+  for (int k = 0; k < 4; ++k) {
+    const CameraPose truth = random_view(random_);
+    const Vector6d motion = random_motion(truth, 90.0);
+    PatternRenderOptions render;
+    render.noise_grey = 2.0;
+    render.samples = 96;
+    const GreyImage image = smeared_picture(renderer, truth, motion, render);
+    AlignmentInput input;
+    input.luma = image.view();
+    input.predicted = truth;
+    input.covariance = loose_prior(0.0005, 0.001);
+    input.exposure_motion = motion;
+    if (!aligner.refine(input).verified) continue;
+    const SmearError error = aligner.smear_error(motion, true);
+    smeared += error.shift_px > 1.0 ? 1 : 0;
+    EXPECT_TRUE(error.covariance.isZero(0.0));
+  }
+  EXPECT_GE(smeared, 2);
+}
+
 // Two or three tags of which one lies elsewhere than the map says, by much less than a cell: the
 // pose that fits them is off, and says by how much that may be.
 TEST_F(TagAlignmentTest, FewTagsSayWhatAWrongMapDoes) {
@@ -1241,7 +1270,13 @@ TEST_F(TagAlignmentTest, APictureThatIsNotClearSaysSoByItself) {
       input.predicted = truth;
       input.covariance = loose_prior(0.0005, 0.001);
       const AlignmentResult& result = aligner.refine(input);
-      return result.verified ? std::optional(aligner.smear_error(2.0).shift_px) : std::nullopt;
+      if (!result.verified) return std::optional<double>();
+      const SmearError found = aligner.smear_error(2.0);
+      const double told_px =
+          expected_overlay_error_px(camera_, result.T_table_camera, found.covariance);
+      EXPECT_TRUE(found.motion.isZero(0.0)) << "nobody told it";
+      EXPECT_GE(told_px, found.shift_px) << "it may have turned";
+      return std::optional(found.shift_px);
     };
     EXPECT_EQ(error_px(Vector6d::Zero()), 0.0);
     EXPECT_EQ(error_px(0.4 * motion), 0.0) << "about a cell of some 10 px";
