@@ -60,9 +60,9 @@ struct TrackerOptions {
   // What was seen a moment ago is searched for about where it was, before the whole frame; the same
   // poses without.
   bool box_search = true;
-  // Where a frame's exposure is known, fast motion is expected to have smeared its tags, if the
-  // picture agrees. Where it is not, and a frame is smeared over more than a cell, the picture says
-  // how far.
+  // A picture that is not clear is expected to be smeared along the motion: by the frame's
+  // exposure, or where that is not known by as much as explains it. One that is clear is so where
+  // its exposure is known and the motion is even.
   bool motion_blur = true;
   // Alignments do no work whose result is known, and read large cells by their own colour; the same
   // poses without, bit for bit.
