@@ -91,6 +91,24 @@ class TagAlignmentTest : public ::testing::Test {
       path.push_back(perturbed(truth, motion * ((i + 0.5) / kPoses - 0.5)));
     return renderer.render(path, render);
   }
+  // Of a view whose motion is told, to be aligned from the truth.
+  struct SmearedView {
+    GreyImage image;
+    AlignmentInput input;  // of that image
+  };
+  SmearedView smeared_view(PatternRenderer& renderer, double length_px) {
+    PatternRenderOptions render;
+    render.noise_grey = 2.0;
+    render.samples = 96;
+    SmearedView view;
+    view.input.predicted = random_view(random_);
+    view.input.covariance = loose_prior(0.0005, 0.001);
+    view.input.exposure_motion = random_motion(view.input.predicted, length_px);
+    view.image =
+        smeared_picture(renderer, view.input.predicted, view.input.exposure_motion, render);
+    view.input.luma = view.image.view();
+    return view;
+  }
   Vector6d random_motion(const CameraPose& truth, double length_px) {
     return perturbation_between(truth, displaced(camera_, tags_, truth, length_px, random_));
   }
@@ -1135,18 +1153,9 @@ TEST_F(TagAlignmentTest, ASmearTurnsThePose) {
   double found2 = 0.0;
   for (int k = 0; k < 4; ++k) {
     SCOPED_TRACE(k);
-    const CameraPose truth = random_view(random_);
-    const Vector6d motion = random_motion(truth, 48.0);
-    PatternRenderOptions render;
-    render.noise_grey = 2.0;
-    render.samples = 96;
-    const GreyImage image = smeared_picture(renderer_, truth, motion, render);
-    AlignmentInput input;
-    input.luma = image.view();
-    input.predicted = truth;
-    input.covariance = loose_prior(0.0005, 0.001);
-    input.exposure_motion = motion;
-    const AlignmentResult& result = aligner.refine(input);
+    const SmearedView view = smeared_view(renderer_, 48.0);
+    const Vector6d& motion = view.input.exposure_motion;
+    const AlignmentResult& result = aligner.refine(view.input);
     ASSERT_TRUE(result.verified);
     const CameraPose pose = result.T_table_camera;
     const SmearError error = aligner.smear_error(motion, true);
@@ -1190,19 +1199,9 @@ TEST_F(TagAlignmentTest, TheSmearOfALoneTagTurnsNothing) {
   auto aligner = TagAligner::create(camera_, lone, options).value();
   int smeared = 0;
   for (int k = 0; k < 4; ++k) {
-    const CameraPose truth = random_view(random_);
-    const Vector6d motion = random_motion(truth, 90.0);
-    PatternRenderOptions render;
-    render.noise_grey = 2.0;
-    render.samples = 96;
-    const GreyImage image = smeared_picture(renderer, truth, motion, render);
-    AlignmentInput input;
-    input.luma = image.view();
-    input.predicted = truth;
-    input.covariance = loose_prior(0.0005, 0.001);
-    input.exposure_motion = motion;
-    if (!aligner.refine(input).verified) continue;
-    const SmearError error = aligner.smear_error(motion, true);
+    const SmearedView view = smeared_view(renderer, 90.0);
+    if (!aligner.refine(view.input).verified) continue;
+    const SmearError error = aligner.smear_error(view.input.exposure_motion, true);
     smeared += error.shift_px > 1.0 ? 1 : 0;
     EXPECT_TRUE(error.covariance.isZero(0.0));
   }
