@@ -885,9 +885,13 @@ ImageMotion TableTracker::Impl::motion_found(const Frame& frame, const Alignment
   constexpr double kLongestExposure_s = 1.0 / 30.0;
   const double exposure_s = std::min(
       frame.exposure_s.value_or(std::min(frame_interval_s, kLongestExposure_s)), frame_interval_s);
+  // A motion of one step alone is that between two poses of which either may be displaced by a
+  // smear: with a third before them they would have to be displaced alike.
+  const bool of_one_step = motion_there->change == motion_there->velocity;
   if (exposure_s > 0.0)
     found.smear =
-        aligner.smear_error(exposure_s * motion_there->velocity, frame.exposure_s.has_value());
+        aligner.smear_error(exposure_s * motion_there->velocity, frame.exposure_s.has_value(),
+                            of_one_step ? longest_smear_cells : 0.0);
   // What jumped between two clear pictures did not move so within them.
   if (!(found.smear.shift_px > 0.0)) return found;
   found.predicted = std::max(found.predicted, moves_px(motion_there->velocity));

@@ -414,8 +414,8 @@ std::optional<CameraPose> TagAligner::search_coarsely(const AlignmentInput& inpu
   const CameraPose guess = impl.pose();
   return guess.is_finite() ? std::optional(guess) : std::nullopt;
 }
-SmearError TagAligner::smear_error(const Vector6d& motion, bool known) {
-  return impl_->smear_error(motion, known);
+SmearError TagAligner::smear_error(const Vector6d& motion, bool known, double longest_cells) {
+  return impl_->smear_error(motion, known, longest_cells);
 }
 SmearError TagAligner::smear_error(double longest_cells) {
   return impl_->smear_error(std::nullopt, false, longest_cells);

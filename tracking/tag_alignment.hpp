@@ -238,8 +238,11 @@ class TagAligner {
   // the equations don't know. `motion`: what went on during the exposure, as
   // AlignmentInput::exposure_motion; where that is not `known`, the most that may have, and how
   // much of it did the picture says. Nothing where the smear is shorter than a cell, or the picture
-  // as clear as if it were: then an edge has but one place to be.
-  [[nodiscard]] SmearError smear_error(const Vector6d& motion, bool known);
+  // as clear as if it were: then an edge has but one place to be. `longest_cells`: where the motion
+  // itself may be wrong, what it doesn't explain of the picture may be a smear over up to so many
+  // cells in any direction; 0 where it is right.
+  [[nodiscard]] SmearError smear_error(const Vector6d& motion, bool known,
+                                       double longest_cells = 0.0);
   // The same where nothing is known of the motion: of a smear over up to so many cells, in any
   // direction.
   [[nodiscard]] SmearError smear_error(double longest_cells);

@@ -505,16 +505,17 @@ void TagAligner::Impl::average_cells(Tag& tag) const {
 // with a sixth of each neighbour, and its cells by themselves explain 16 / 18 of what is seen. What
 // covers a part of a tag explains nothing either, and is left out.
 // Where the motion is not known the picture says the second only, of a smear as long as can be
-// read.
+// read; and so it does where the motion may be another one than it was taken for, and doesn't
+// explain the picture: two displaced poses make a motion that neither had.
 // No tag holds the others: a pose that turns, and so moves some of them by s and others by -s, is
 // hidden as well as one that moves all by s. Of shift and turn whose sum no tag may exceed, evenly
 // spread, each has half the variance that it had alone. What turns the pose is taken from tags that
 // are off each by itself, by all of the first; of the second by half as far, where a motion is
 // there to explain the rest: a tag that is not like the model need not be displaced. Tags that are
 // off by themselves turn the pose by less the more they are, what hides a turn is the same for all
-// of them: more than twelve count as twelve. (Of random shakes with smears of up to six cells 1 of
-// 1239 tracked frames is then off by more than 5 px where 7 or 12 tags are seen, 2 of 286 where 48
-// are; with a shift alone it was 1 in 100.)
+// of them: more than twelve count as twelve. (Of random shakes with smears of up to six cells, 7,
+// 12 or 48 tags in view, 1 of 4913 tracked frames is off by more than 5 px; with a shift alone it
+// was 1 in 100, with every motion taken for the one that was 7 of 5003.)
 SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, bool known,
                                          double longest_cells) {
   constexpr int kShares = 8;
@@ -553,20 +554,22 @@ SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, 
     Eigen::Vector2d direction = Eigen::Vector2d::Zero();  // where it is known
   };
   std::vector<Smear> smears;
+  std::vector<Smear> others;  // in whatever direction
   if (motion) smear_by(*motion);
   for (Tag* tag : seen) {
     if (!measure(*tag)) continue;
     const int index = static_cast<int>(tag - tags.data());
-    if (!motion) {
+    const double length_px = motion ? tag->motion_px.norm() : 0.0;
+    if (longest_cells > 0.0) {
       const double cell_px =
           std::sqrt(0.5 * (tag->along_a.squaredNorm() + tag->along_b.squaredNorm()));
-      smears.push_back({index, longest_cells * cell_px, cell_px, Eigen::Vector2d::Zero()});
-      continue;
+      others.push_back(
+          {index, std::max(longest_cells * cell_px, length_px), cell_px, Eigen::Vector2d::Zero()});
     }
+    if (!motion) continue;
     Eigen::Matrix2d cell_px;
     cell_px << tag->along_a, tag->along_b;
     const double cells = (cell_px.inverse() * tag->motion_px).cwiseAbs().maxCoeff();
-    const double length_px = tag->motion_px.norm();
     if (cells > 1.0)
       smears.push_back({index, length_px, length_px / cells, tag->motion_px / length_px});
   }
@@ -590,8 +593,11 @@ SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, 
     best = here;
     share = part;
   };
-  if (!smears.empty()) explain_by(0);
-  if (best >= kClear) smears.clear();  // whatever moved, this picture is sharp
+  if (!smears.empty() || !others.empty()) explain_by(0);
+  if (best >= kClear) {  // whatever moved, this picture is sharp
+    smears.clear();
+    others.clear();
+  }
   if (!smears.empty() && known) {
     explain_by(kShares);
   } else if (!smears.empty() && motion) {
@@ -611,18 +617,25 @@ SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, 
   const Matrix6d inverse = inverse_of_spd(H);
   const auto count = static_cast<double>(agreement.size());
   const bool turns = agreement.size() > 1;
+  const bool along = others.empty();  // the motion, if any, and nowhere else
+  const bool is_moved = motion && !smears.empty();
+  smears.insert(smears.end(), others.begin(), others.end());
   SmearError error;
   for (const Smear& smear : smears) {
-    const double smeared_px = known ? smear.length_px : smear.length_px * share / kShares;
+    const bool anywhere = smear.direction.isZero(0.0);
+    const double smeared_px = anywhere ? 0.0
+                              : known  ? smear.length_px
+                                       : smear.length_px * share / kShares;
     const double flat_px = std::max(smeared_px - 2.0 * smear.cell_px, 0.0);
-    const double away_px = (1.0 - std::sqrt(best)) * (smear.cell_px + 0.5 * smear.length_px);
+    const double away_px =
+        anywhere || along ? (1.0 - std::sqrt(best)) * (smear.cell_px + 0.5 * smear.length_px) : 0.0;
     const double flat2 = flat_px * flat_px / 12.0;
     const double away2 = away_px * away_px;
     squares += (turns ? kShared : 1.0) * (flat2 + away2);
     const auto of = std::ranges::find(agreement, smear.index, &TagEquations::index);
     if (!turns || of == agreement.end()) continue;
     const double own2 =
-        std::max(count / kMostOwn, 1.0) * (flat2 + (motion ? kOwnAway : 1.0) * away2);
+        std::max(count / kMostOwn, 1.0) * (flat2 + (anywhere ? 1.0 : kOwnAway) * away2);
     // A pixel along each axis, as a motion of the tag's centre.
     const Tag& tag = tags[static_cast<std::size_t>(smear.index)];
     const double half = 0.5 * (tag.side - 1);
@@ -632,7 +645,7 @@ SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, 
     Eigen::Matrix<double, 6, 2> motions = Eigen::Matrix<double, 6, 2>::Zero();
     motions.topRows<2>() = J.leftCols<2>().inverse();
     const Eigen::Matrix<double, 6, 2> moved = inverse * of->H * motions;
-    if (motion) {
+    if (!anywhere) {
       const Vector6d shift = moved * smear.direction;
       error.covariance += own2 * shift * shift.transpose();
     } else {
@@ -641,7 +654,7 @@ SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, 
   }
   // Then nothing is known: a metre and a radian.
   if (!error.covariance.allFinite()) error.covariance.setIdentity();
-  if (motion && !smears.empty()) error.motion = static_cast<double>(share) / kShares * *motion;
+  if (is_moved) error.motion = static_cast<double>(share) / kShares * *motion;
   error.shift_px = std::sqrt(squares / static_cast<double>(seen.size()));
   return error;
 }

@@ -389,7 +389,7 @@ struct TagAligner::Impl {
   void read_cells(Tag& tag);
   void average_cells(Tag& tag) const;
   [[nodiscard]] SmearError smear_error(const std::optional<Vector6d>& motion, bool known,
-                                       double longest_cells = 0.0);
+                                       double longest_cells);
   void begin(const AlignmentInput& input);
   const AlignmentResult& run(const AlignmentInput& input, bool with_search);
   bool attempt(bool with_search, bool independent, bool may_be_near);

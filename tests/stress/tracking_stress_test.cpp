@@ -259,7 +259,7 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
   EXPECT_GT(followed.spread(), 0.5);
   EXPECT_LE(followed.beyond, 0.01 * followed.tracked()) << "of " << followed.tracked();
   const int tracked = followed.tracked() + first.tracked();
-  EXPECT_LE(followed.wrong + first.wrong, 0.0015 * tracked) << "of " << tracked;
+  EXPECT_LE(followed.wrong + first.wrong, 0.001 * tracked) << "of " << tracked;
   EXPECT_GT(4 * first.tracked(), frames);
   EXPECT_LT(first.spread(), 1.2);
   EXPECT_GT(first.spread(), 0.5);

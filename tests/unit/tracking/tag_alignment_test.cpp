@@ -1190,6 +1190,45 @@ TEST_F(TagAlignmentTest, ASmearTurnsThePose) {
   EXPECT_NEAR(std::sqrt(told2 / found2), 1.0, 0.4);
 }
 
+// A motion that is not the one which smeared the picture explains nothing of it. Where it may be
+// another one, the picture is judged as if none were known.
+TEST_F(TagAlignmentTest, AMotionThatMayBeAnotherIsNotTheOnlyOne) {
+  AlignmentOptions options;
+  options.exposure_moments = false;
+  auto aligner = TagAligner::create(camera_, tags_, options).value();
+  constexpr double kLongest_cells = 3.0;
+  int smeared = 0;
+  for (int k = 0; k < 5; ++k) {
+    SCOPED_TRACE(k);
+    SmearedView view = smeared_view(renderer_, 26.0);
+    const Vector6d nearly_none = 0.1 * view.input.exposure_motion;
+    view.input.exposure_motion.setZero();
+    if (!aligner.refine(view.input).verified) continue;
+    ++smeared;
+    for (const bool known : {false, true}) {
+      const SmearError sure = aligner.smear_error(nearly_none, known);
+      EXPECT_EQ(sure.shift_px, 0.0) << "of less than a cell";
+      const SmearError any = aligner.smear_error(nearly_none, known, kLongest_cells);
+      const SmearError none = aligner.smear_error(kLongest_cells);
+      EXPECT_GT(any.shift_px, 0.3);
+      EXPECT_TRUE(any.motion.isZero(0.0)) << "it smeared nothing";
+      EXPECT_EQ(any.shift_px, none.shift_px);
+      EXPECT_EQ(any.covariance, none.covariance);
+    }
+  }
+  EXPECT_GE(smeared, 2);
+  // Of a clear picture, or of one that its motion explains, nothing is added.
+  for (const double moved_px : {0.0, 14.0}) {
+    const SmearedView view = smeared_view(renderer_, moved_px);
+    ASSERT_TRUE(aligner.refine(view.input).verified);
+    const Vector6d& motion = view.input.exposure_motion;
+    const SmearError sure = aligner.smear_error(motion, true);
+    const SmearError any = aligner.smear_error(motion, true, kLongest_cells);
+    EXPECT_EQ(any.shift_px, sure.shift_px) << moved_px;
+    EXPECT_EQ(any.covariance, sure.covariance) << moved_px;
+  }
+}
+
 // Nothing beside a lone tag turns against it: its smear hides a shift, by all of what it may be.
 TEST_F(TagAlignmentTest, TheSmearOfALoneTagTurnsNothing) {
   const std::vector<MappedTag> lone = board(1, 1, 0.12);
