@@ -11,8 +11,11 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <numeric>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "app/commands/command.hpp"
@@ -51,6 +54,43 @@ std::optional<std::string> unknown_command(const CLI::App& program) {
     known += (known.empty() ? "" : ", ") + command->get_name();
   }
   return fmt::format("'{}' is no command; known: {}", words.front(), known);
+}
+
+// Letters to change, add or leave out to get from one to the other (Levenshtein's distance).
+std::size_t distance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = std::exchange(row[0], i + 1);
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      const std::size_t changed = diagonal + (a[i] == b[j] ? 0 : 1);
+      diagonal = row[j + 1];
+      row[j + 1] = std::min({row[j + 1] + 1, row[j] + 1, changed});
+    }
+  }
+  return row.back();
+}
+
+// The option that was typed and isn't one, with the one that was meant, if that is what is wrong.
+std::optional<std::string> unknown_option(const CLI::App& program) {
+  const auto commands = program.get_subcommands();
+  const CLI::App& command = commands.empty() ? program : *commands.front();
+  for (const std::string& word : command.remaining()) {
+    if (!word.starts_with('-')) continue;
+    const std::string name = word.substr(0, word.find('='));
+    constexpr std::size_t kMostTypos = 2;
+    std::size_t least = kMostTypos + 1;
+    std::string meant;
+    for (const CLI::Option* option : command.get_options()) {
+      const std::size_t typos = distance(name, option->get_name());
+      if (typos >= least) continue;
+      least = typos;
+      meant = option->get_name();
+    }
+    return fmt::format("{}: no such option{}", name,
+                       meant.empty() ? "" : fmt::format("; did you mean {}?", meant));
+  }
+  return std::nullopt;
 }
 
 // No option of ours means anything when it is empty or no number at all; CLI11's own checks of
@@ -97,15 +137,24 @@ ExitCode run(int argc, char** argv) {
   penumbra::add_simulate_command(program, chosen);
   penumbra::add_study_command(program, chosen);
 
+  // "help COMMAND", as other programs with commands have it.
+  std::vector<std::string> words(argv + 1, argv + argc);
+  if (!words.empty() && words.front() == "help") {
+    words.erase(words.begin());
+    if (words.empty() || !words.front().starts_with('-')) words.emplace_back("--help");
+  }
+  std::ranges::reverse(words);  // as CLI11 takes them
+
   try {
-    program.parse(argc, argv);
+    program.parse(std::move(words));
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0 && !unknown_command(program)) {  // --help, --version
       program.exit(error);
       return ExitCode::success;
     }
-    const auto unknown = unknown_command(program);
-    return wrong_usage(program, unknown ? *unknown : error.what());
+    auto wrong = unknown_command(program);
+    if (!wrong) wrong = unknown_option(program);
+    return wrong_usage(program, wrong ? *wrong : error.what());
   }
   if (const auto wrong = meaningless_option(program)) return wrong_usage(program, *wrong);
   const auto result = chosen();

@@ -79,7 +79,10 @@ class Decoder {
     if (!bytes) return tl::unexpected(bytes.error());
     auto frame = decode_image(*bytes, listed.file.string());
     if (frame) return std::optional<Frame>(std::move(*frame));
-    if (!of_camera_) return tl::unexpected(frame.error());
+    if (!of_camera_) {
+      return fail("{}, or take its line out of the list of frames to go on without it",
+                  frame.error().message);
+    }
     faults_.count(CaptureFault::damaged,
                   fmt::format("{}; left out, as it was while recording", frame.error().message));
     return std::optional<Frame>();

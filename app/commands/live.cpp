@@ -98,7 +98,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   command
       ->add_option("--camera", request.camera,
                    "The camera: v4l2:/dev/video0, libcamera:0 or libcamera:NAME, or "
-                   "recording:FOLDER to play a recording as if it were one")
+                   "recording:FOLDER to play a recording as if it were one, over and over")
       ->capture_default_str()
       ->type_name("CAMERA");
   command

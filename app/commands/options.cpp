@@ -265,9 +265,8 @@ void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {
             mode = *known;
           },
           "fast: a limited number of pixels; accurate: every pixel at an edge, but where motion "
-          "blurs them; auto: fast while the view moves, accurate when it rests; detect: every "
-          "frame by detection, the baseline "
-          "to compare with")
+          "blurs them; auto: fast while the view moves, accurate where it rests or few tags are "
+          "seen; detect: every frame by detection, the baseline to compare with")
       ->type_name("fast|accurate|auto|detect")
       ->default_str("auto");
   command

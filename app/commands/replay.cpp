@@ -158,9 +158,16 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       "  penumbra replay recordings/tabletop --shadow volume --output volume.mp4\n"
       "  penumbra replay recordings/tabletop --compare layered,simple,walls,hard --output "
       "compare.mp4");
-  command->callback([options, &chosen] {
+  command->callback([command, options, &chosen] {
     warn_of_no_use(options->shadow);
-    warn_of_no_use(options->request.tracking);
+    if (options->request.poses_from) {
+      for (const char* option : {"--tracking", "--pose-budget"}) {
+        if (command->count(option) > 0)
+          log_warning("{}: --poses-from has no use for it; nothing is tracked", option);
+      }
+    } else {
+      warn_of_no_use(options->request.tracking);
+    }
     apply(options->shadow, options->request.plan);  // wrong usage ends here
     options->request.compare = compared(*options);
     chosen = [options] { return replay(*options); };

@@ -165,6 +165,45 @@ TEST(CommandLine, AnUnknownCommandListsTheKnownOnes) {
   }
 }
 
+TEST(CommandLine, AnUnknownOptionIsToldWithTheOneThatWasMeant) {
+  for (const std::string option : {"--traking", "--trackin", "--trakcing"}) {
+    const ProgramResult result = penumbra({"replay", "r", option, "fast"});
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_THAT(result.err, HasSubstr(option + ": no such option; did you mean --tracking?"));
+    EXPECT_THAT(penumbra({"replay", "r", option + "=fast"}).err,
+                HasSubstr(option + ": no such option; did you mean --tracking?"));
+  }
+  const ProgramResult far = penumbra({"replay", "r", "--bogus"});
+  EXPECT_THAT(far.err, HasSubstr("--bogus: no such option (see penumbra replay --help)"));
+}
+
+TEST(CommandLine, HelpComesByItsNameToo) {
+  for (const char* command : {"replay", "live", "simulate"}) {
+    const ProgramResult named = penumbra({"help", command});
+    EXPECT_EQ(named.exit_code, 0);
+    EXPECT_EQ(named.out, penumbra({command, "--help"}).out);
+    EXPECT_THAT(named.out, HasSubstr(command));
+  }
+  const ProgramResult all = penumbra({"help"});
+  EXPECT_EQ(all.exit_code, 0);
+  EXPECT_EQ(all.out, penumbra({"--help"}).out);
+  const ProgramResult unknown = penumbra({"help", "bogus"});
+  EXPECT_EQ(unknown.exit_code, 2);
+  EXPECT_THAT(unknown.err, HasSubstr("'bogus' is no command"));
+}
+
+// Given poses are not tracked, and detection samples what it finds.
+TEST(CommandLine, WhatHasNoUseIsTold) {
+  const ProgramResult given =
+      penumbra({"replay", "no-such-recording", "--poses-from", "groundtruth", "--tracking", "fast",
+                "--pose-budget", "0.1"});
+  EXPECT_THAT(given.err, HasSubstr("--tracking: --poses-from has no use for it"));
+  EXPECT_THAT(given.err, HasSubstr("--pose-budget: --poses-from has no use for it"));
+  const ProgramResult detected =
+      penumbra({"replay", "no-such-recording", "--tracking", "detect", "--pose-budget", "0.1"});
+  EXPECT_THAT(detected.err, HasSubstr("--pose-budget: detection has no use for it"));
+}
+
 TEST(CommandLine, AnEmptyValueIsToldByItsOption) {
   EXPECT_THAT(penumbra({"replay", "r", "--output", ""}).err, HasSubstr("--output: is empty"));
   EXPECT_THAT(penumbra({"replay", "r", "--scene="}).err, HasSubstr("--scene"));
