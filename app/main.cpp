@@ -71,26 +71,40 @@ std::size_t distance(std::string_view a, std::string_view b) {
   return row.back();
 }
 
-// The option that was typed and isn't one, with the one that was meant, if that is what is wrong.
+// The option that was typed and isn't one, with the one that was meant, if that is what is wrong:
+// of the program's own, before the command, or of the command's.
 std::optional<std::string> unknown_option(const CLI::App& program) {
-  const auto commands = program.get_subcommands();
-  const CLI::App& command = commands.empty() ? program : *commands.front();
-  for (const std::string& word : command.remaining()) {
-    if (!word.starts_with('-')) continue;
-    const std::string name = word.substr(0, word.find('='));
-    constexpr std::size_t kMostTypos = 2;
-    std::size_t least = kMostTypos + 1;
-    std::string meant;
-    for (const CLI::Option* option : command.get_options()) {
-      const std::size_t typos = distance(name, option->get_name());
-      if (typos >= least) continue;
-      least = typos;
-      meant = option->get_name();
+  std::vector<const CLI::App*> readers = {&program};
+  for (const CLI::App* command : program.get_subcommands()) readers.push_back(command);
+  for (const CLI::App* reader : readers) {
+    for (const std::string& word : reader->remaining()) {
+      if (word == "--") break;  // what follows is no option
+      if (!word.starts_with('-')) continue;
+      const std::string name = word.substr(0, word.find('='));
+      constexpr std::size_t kMostTypos = 2;
+      std::size_t least = kMostTypos + 1;
+      std::string meant;
+      for (const CLI::Option* option : reader->get_options()) {
+        if (!option->nonpositional() || option->get_name().empty()) continue;
+        const std::size_t typos = distance(name, option->get_name());
+        if (typos >= least) continue;
+        least = typos;
+        meant = option->get_name();
+      }
+      return fmt::format("{}: no such option{}", name,
+                         meant.empty() ? "" : fmt::format("; did you mean {}?", meant));
     }
-    return fmt::format("{}: no such option{}", name,
-                       meant.empty() ? "" : fmt::format("; did you mean {}?", meant));
   }
   return std::nullopt;
+}
+
+// "help COMMAND", as other programs with commands have it: what else stands there is not read.
+void ask_for_help(std::vector<std::string>& words) {
+  if (words.empty() || words.front() != "help") return;
+  std::vector<std::string> asked = {"--help"};
+  if (words.size() > 1 && words[1] != "help" && !words[1].starts_with('-'))
+    asked.insert(asked.begin(), words[1]);
+  words = std::move(asked);
 }
 
 // No option of ours means anything when it is empty or no number at all; CLI11's own checks of
@@ -137,12 +151,8 @@ ExitCode run(int argc, char** argv) {
   penumbra::add_simulate_command(program, chosen);
   penumbra::add_study_command(program, chosen);
 
-  // "help COMMAND", as other programs with commands have it.
   std::vector<std::string> words(argv + 1, argv + argc);
-  if (!words.empty() && words.front() == "help") {
-    words.erase(words.begin());
-    if (words.empty() || !words.front().starts_with('-')) words.emplace_back("--help");
-  }
+  ask_for_help(words);
   std::ranges::reverse(words);  // as CLI11 takes them
 
   try {
@@ -153,7 +163,10 @@ ExitCode run(int argc, char** argv) {
       return ExitCode::success;
     }
     auto wrong = unknown_command(program);
-    if (!wrong) wrong = unknown_option(program);
+    // What was typed in its place may be why something is missing.
+    const bool left_over = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr ||
+                           dynamic_cast<const CLI::RequiredError*>(&error) != nullptr;
+    if (!wrong && left_over) wrong = unknown_option(program);
     return wrong_usage(program, wrong ? *wrong : error.what());
   }
   if (const auto wrong = meaningless_option(program)) return wrong_usage(program, *wrong);

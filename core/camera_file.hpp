@@ -14,7 +14,8 @@ namespace penumbra {
 // - ROS camera_info YAML: image_width, image_height, camera_matrix.data, distortion_model (or
 //   camera_model), distortion_coefficients.data; optional tone_curve, rolling_shutter_row_s,
 //   uncertainty.overlay_px (or uncertainty.table_volume.tracked_px, of which it is the RMS). Other
-//   keys are ignored (also the flat fx: ... of some recordings: camera_matrix wins).
+//   keys are ignored (also the flat fx: ... of some recordings: camera_matrix wins), but those by
+//   which an optional one may be meant: two letters off, or without its unit.
 // - OpenCV FileStorage YAML: camera_matrix and distortion_coefficients (also as Camera_Matrix,
 //   cameraMatrix, ...) with 4, 5 or 8 coefficients, image_width, image_height; fisheye_model: 1;
 //   optional tone_curve, rolling_shutter_row_s, uncertainty.

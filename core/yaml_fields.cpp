@@ -1,6 +1,7 @@
 #include "core/yaml_fields.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -112,11 +113,13 @@ Result<bool> YamlFields::has_optional(const char* key) const {
   if (has(key)) return true;
   constexpr std::size_t kMisspelt = 2;
   constexpr std::size_t kLongest = 64;
+  constexpr std::array<std::string_view, 3> kUnits = {"_m", "_px", "_s"};
   for (const auto& entry : map_) {
     if (!entry.first.IsScalar()) continue;
     const std::string& other = entry.first.Scalar();
     if (other.size() > kLongest) continue;
-    const bool without_unit = std::string_view(key).starts_with(other + '_');
+    const bool without_unit = std::ranges::any_of(
+        kUnits, [&](std::string_view unit) { return key == other + std::string(unit); });
     if (!without_unit && letters_apart(other, key) > kMisspelt) continue;
     return fail("{}: is not known; is it meant to be `{}`?", place_of(other.c_str()), key);
   }

@@ -27,7 +27,7 @@ class YamlFields {
 
   [[nodiscard]] bool has(const char* key) const;
   // Whether a key that may be left out is there. Fails where it is not, but one that is up to two
-  // letters off is: what is misspelt would be ignored.
+  // letters off or without its unit is: what is misspelt would be ignored.
   [[nodiscard]] Result<bool> has_optional(const char* key) const;
   [[nodiscard]] Result<YAML::Node> node(const char* key, const char* remedy) const;
   [[nodiscard]] Result<double> number(const char* key, const char* remedy) const;

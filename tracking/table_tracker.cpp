@@ -73,6 +73,7 @@ const ImageMotion kUnknownMotion{5.0, 5.0, {}};  // of a frame with none before 
 struct CameraMotion {
   Vector6d velocity;
   Vector6d change;  // of it, since the frame before; all of it where there is but one
+  bool of_one_step = true;
 };
 
 // The longest smears over which tags are read, by libapriltag and by the alignment.
@@ -270,8 +271,8 @@ struct TableTracker::Impl : Following {
                                 std::span<const TagAlignment> seen) const;
   [[nodiscard]] CameraPose mirrored(const CameraPose& pose,
                                     std::span<const TagAlignment> seen) const;
-  bool add_second(ImageView image, const ImageMotion& image_motion, const AlignmentResult& first,
-                  Measurement& measurement);
+  bool add_second(const AlignmentInput& of_first, const ImageMotion& image_motion,
+                  const AlignmentResult& first, Measurement& measurement);
   [[nodiscard]] ImageMotion motion_found(const Frame& frame, const AlignmentResult& result,
                                          double longest_smear_cells);
   void align_by_smear(const Frame& frame, AlignmentInput& input, const AlignmentResult& result,
@@ -706,11 +707,13 @@ CameraPose TableTracker::Impl::mirrored(const CameraPose& pose,
 // The other pose that a lone tag (or a few in one plane, seen from afar) allows, aligned as well:
 // the picture itself is asked which of the two it is. True where it says the other. `first_result`:
 // the aligner's own, of the best pose.
-bool TableTracker::Impl::add_second(ImageView image, const ImageMotion& image_motion,
+bool TableTracker::Impl::add_second(const AlignmentInput& of_first, const ImageMotion& image_motion,
                                     const AlignmentResult& first_result, Measurement& measurement) {
   const std::vector<TagAlignment> seen = first_result.tags;
   AlignmentInput input;
-  input.luma = image;
+  input.luma = of_first.luma;
+  input.exposure_motion = of_first.exposure_motion;
+  input.velocity = of_first.velocity;
   input.predicted = mirrored(measurement.best.T_table_camera, seen);
   input.covariance = loose_covariance();
   input.left_out = left_out;
@@ -779,13 +782,14 @@ std::optional<CameraMotion> TableTracker::Impl::motion_at(std::int64_t timestamp
   const double step_s = seconds(timestamp_ns - measured->timestamp_ns);
   if (!(step_s > 0.0 && step_s <= kPriorLifetime_s)) return std::nullopt;
   const Vector6d mean = perturbation_between(measured->pose, pose) / step_s;
-  CameraMotion motion_there{mean, mean};
+  CameraMotion motion_there{mean, mean, true};
   if (before_measured) {
     const double before_s = seconds(measured->timestamp_ns - before_measured->timestamp_ns);
     if (before_s > 0.0 && before_s <= kPriorLifetime_s) {
       motion_there.change =
           mean - perturbation_between(before_measured->pose, measured->pose) / before_s;
       motion_there.velocity += step_s / (step_s + before_s) * motion_there.change;
+      motion_there.of_one_step = false;
     }
   }
   if (!motion_there.velocity.allFinite() || !motion_there.change.allFinite()) return std::nullopt;
@@ -846,16 +850,24 @@ void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& 
 // Both poses are judged by what their smear hides. `result` is the aligner's own.
 void TableTracker::Impl::align_by_smear(const Frame& frame, AlignmentInput& input,
                                         const AlignmentResult& result, SmearError& smear) {
-  // The smear of a lone tag and its tilt look alike.
-  if (!options.motion_blur || result.tags_verified < 2 || smear.motion.isZero(0.0) ||
+  // The smear of a lone tag and its tilt look alike, and so may those of a few from afar.
+  if (!options.motion_blur || result.tags_verified < 2 || branch_open || smear.motion.isZero(0.0) ||
       !input.exposure_motion.isZero(0.0))
     return;
   const double residual = result.residual_rms;
+  const int tags_before = result.tags_verified;
   input.exposure_motion = smear.motion;
-  if (align_without(input, left_out, true).verified && result.residual_rms <= residual) {
+  static_cast<void>(align_without(input, left_out, true));
+  const bool enough = result.tags_verified >= 2 && 4 * result.tags_verified >= 3 * tags_before;
+  // As shares of the gain: a model that is smeared as the picture is gives the contrast back, too.
+  if (result.verified && enough && result.residual_rms <= residual && result.contradicting < 0 &&
+      !is_doubtful(result, true)) {
     const SmearError left = motion_found(frame, result, kAligned_cells).smear;
-    if (left.shift_px < smear.shift_px) {
+    // A pose from which nothing moved by a cell may have slid along a smear that is still there.
+    const bool slid = left.shift_px == 0.0 && aligner.smear_error(kAligned_cells).shift_px > 0.0;
+    if (left.shift_px < smear.shift_px && !slid) {
       smear = left;
+      note_work(result);
       return;
     }
   }
@@ -887,11 +899,10 @@ ImageMotion TableTracker::Impl::motion_found(const Frame& frame, const Alignment
       frame.exposure_s.value_or(std::min(frame_interval_s, kLongestExposure_s)), frame_interval_s);
   // A motion of one step alone is that between two poses of which either may be displaced by a
   // smear: with a third before them they would have to be displaced alike.
-  const bool of_one_step = motion_there->change == motion_there->velocity;
   if (exposure_s > 0.0)
     found.smear =
         aligner.smear_error(exposure_s * motion_there->velocity, frame.exposure_s.has_value(),
-                            of_one_step ? longest_smear_cells : 0.0);
+                            motion_there->of_one_step ? longest_smear_cells : 0.0);
   // What jumped between two clear pictures did not move so within them.
   if (!(found.smear.shift_px > 0.0)) return found;
   found.predicted = std::max(found.predicted, moves_px(motion_there->velocity));
@@ -1129,7 +1140,7 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   last_tags = result.tags_verified;
   bool other = false;  // whether the picture says that it is not the pose that is followed
   if (result.tags_verified == 1 || branch_open) {
-    other = add_second(image, image_motion, result, measurement);
+    other = add_second(input, image_motion, result, measurement);
   }
   align.add_to(times.align_ms, times.align_cpu_ms);
   std::optional<CameraPose> expected = prediction.T_table_camera;
@@ -1317,7 +1328,7 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
       constexpr double kUnsure_px = 0.5;
       if (measurement->ambiguous || last_tags == 1 ||
           expected_overlay_error_px(camera, best->T_table_camera, best->covariance) > kUnsure_px) {
-        add_second(image, image_motion, result, *measurement);
+        add_second(input, image_motion, result, *measurement);
       } else {
         measurement->second.reset();
       }

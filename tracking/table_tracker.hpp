@@ -62,7 +62,8 @@ struct TrackerOptions {
   bool box_search = true;
   // A picture that is not clear is expected to be smeared along the motion: by the frame's
   // exposure, or where that is not known by as much as explains it. One that is clear is so where
-  // its exposure is known and the motion is even.
+  // its exposure is known and the motion is even. All this while two tags and more are followed: of
+  // a first frame, and of a lone tag, the smear counts in the expected error alone.
   bool motion_blur = true;
   // Alignments do no work whose result is known, and read large cells by their own colour; the same
   // poses without, bit for bit.

@@ -196,7 +196,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       }
     }
     warn_of_no_use(options->shadow);
-    warn_of_no_use(options->request.tracking);
+    warn_of_no_use(*command, options->request.tracking);
     apply(options->shadow, options->request.plan);  // wrong usage ends here
     chosen = [options] { return live(*options); };
   });

@@ -211,7 +211,15 @@ void warn_of_no_use(const ShadowChoice& choice) {
   }
 }
 
-void warn_of_no_use(const TrackerOptions& tracking) {
+void warn_of_no_use(const CLI::App& command, const TrackerOptions& tracking) {
+  const CLI::Option* given = command.get_option_no_throw("--poses-from");
+  if (given != nullptr && given->count() > 0) {
+    for (const char* option : {"--tracking", "--pose-budget", "--no-background-search"}) {
+      if (command.count(option) > 0)
+        log_warning("{}: --poses-from has no use for it; nothing is tracked", option);
+    }
+    return;
+  }
   if (tracking.mode == TrackingMode::detect && tracking.pose_budget_px > 0.0) {
     log_warning("--pose-budget: detection has no use for it; it samples what it finds");
   }

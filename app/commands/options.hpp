@@ -38,7 +38,7 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice);
 void set_technique(ShadowChoice& choice, const std::string& option, const std::string& name);
 // Logs which of the options the technique that --shadow names has no use for.
 void warn_of_no_use(const ShadowChoice& choice);
-void warn_of_no_use(const TrackerOptions& tracking);
+void warn_of_no_use(const CLI::App& command, const TrackerOptions& tracking);
 // Over those of the scene. Throws CLI::ValidationError where the options contradict each other.
 void apply(const ShadowChoice& choice, PlanOptions& plan);
 

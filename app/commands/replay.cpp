@@ -160,14 +160,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       "compare.mp4");
   command->callback([command, options, &chosen] {
     warn_of_no_use(options->shadow);
-    if (options->request.poses_from) {
-      for (const char* option : {"--tracking", "--pose-budget"}) {
-        if (command->count(option) > 0)
-          log_warning("{}: --poses-from has no use for it; nothing is tracked", option);
-      }
-    } else {
-      warn_of_no_use(options->request.tracking);
-    }
+    warn_of_no_use(*command, options->request.tracking);
     apply(options->shadow, options->request.plan);  // wrong usage ends here
     options->request.compare = compared(*options);
     chosen = [options] { return replay(*options); };

@@ -245,6 +245,7 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
     if (chosen_design.experiment != StudyExperiment::drag && command->count("--tolerance") > 0) {
       throw CLI::ValidationError("--tolerance", "is of --experiment drag");
     }
+    warn_of_no_use(*command, options->request.tracking);
     chosen = [options] { return study(*options); };
   });
 }

@@ -175,6 +175,15 @@ TEST(CommandLine, AnUnknownOptionIsToldWithTheOneThatWasMeant) {
   }
   const ProgramResult far = penumbra({"replay", "r", "--bogus"});
   EXPECT_THAT(far.err, HasSubstr("--bogus: no such option (see penumbra replay --help)"));
+  // The program's own, before the command.
+  EXPECT_THAT(penumbra({"--log-levle", "debug", "replay", "r"}).err,
+              HasSubstr("--log-levle: no such option; did you mean --log-level?"));
+  // A word that is meant to be none, and what else is wrong.
+  EXPECT_THAT(penumbra({"map", "--recording", "r", "--output", "t.yaml"}).err,
+              testing::Not(HasSubstr("did you mean")));
+  EXPECT_THAT(penumbra({"replay", "--frames", "3", "--", "r"}).err, HasSubstr("is no range A:B"));
+  EXPECT_THAT(penumbra({"replay", "--"}).err, HasSubstr("RECORDING is required"));
+  EXPECT_THAT(penumbra({"replay", "--", "r", "second"}).err, HasSubstr("second"));
 }
 
 TEST(CommandLine, HelpComesByItsNameToo) {
@@ -187,6 +196,11 @@ TEST(CommandLine, HelpComesByItsNameToo) {
   const ProgramResult all = penumbra({"help"});
   EXPECT_EQ(all.exit_code, 0);
   EXPECT_EQ(all.out, penumbra({"--help"}).out);
+  EXPECT_EQ(penumbra({"help", "help"}).out, all.out);
+  EXPECT_EQ(penumbra({"help", "--log-level"}).out, all.out);
+  const std::string replay = penumbra({"replay", "--help"}).out;
+  EXPECT_EQ(penumbra({"help", "replay", "--output"}).out, replay) << "nothing is run";
+  EXPECT_EQ(penumbra({"help", "replay", "r", "--shadow", "bogus"}).out, replay);
   const ProgramResult unknown = penumbra({"help", "bogus"});
   EXPECT_EQ(unknown.exit_code, 2);
   EXPECT_THAT(unknown.err, HasSubstr("'bogus' is no command"));
@@ -199,6 +213,11 @@ TEST(CommandLine, WhatHasNoUseIsTold) {
                 "--pose-budget", "0.1"});
   EXPECT_THAT(given.err, HasSubstr("--tracking: --poses-from has no use for it"));
   EXPECT_THAT(given.err, HasSubstr("--pose-budget: --poses-from has no use for it"));
+  EXPECT_THAT(
+      penumbra({"study", "--experiment", "heights", "--techniques", "simple", "--participant", "1",
+                "--plan", "--poses-from", "groundtruth", "--tracking", "fast"})
+          .err,
+      HasSubstr("--tracking: --poses-from has no use for it"));
   const ProgramResult detected =
       penumbra({"replay", "no-such-recording", "--tracking", "detect", "--pose-budget", "0.1"});
   EXPECT_THAT(detected.err, HasSubstr("--pose-budget: detection has no use for it"));

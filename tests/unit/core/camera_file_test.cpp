@@ -90,6 +90,8 @@ TEST_F(CameraFile, ErrorsNameFileAndField) {
   refuses(camera_text() + "tone_curve: -2\n", "tone_curve");
   refuses(camera_text() + "tone_curv: 2\n", "is it meant to be `tone_curve`?");
   refuses(camera_text() + "rolling_shutter_row: 0.00003\n", "`rolling_shutter_row_s`?");
+  for (const char* others : {"rolling_shutter: true\n", "rolling: 1\n", "tone: warm\n"})
+    EXPECT_TRUE(load(camera_text() + others)) << "other tools' own: " << others;
   refuses(camera_text() + "uncertainty: {overlay_pix: 3}\n", "`overlay_px`?");
   refuses(camera_text() + "uncertainty: {overlay: 3}\n", "`overlay_px`?");
   refuses(camera_text() + "rolling_shutter_row_s: 0.001\n", "480 rows then take 0.48 s");

@@ -1217,15 +1217,43 @@ TEST_F(TagAlignmentTest, AMotionThatMayBeAnotherIsNotTheOnlyOne) {
     }
   }
   EXPECT_GE(smeared, 2);
-  // Of a clear picture, or of one that its motion explains, nothing is added.
-  for (const double moved_px : {0.0, 14.0}) {
-    const SmearedView view = smeared_view(renderer_, moved_px);
-    ASSERT_TRUE(aligner.refine(view.input).verified);
-    const Vector6d& motion = view.input.exposure_motion;
-    const SmearError sure = aligner.smear_error(motion, true);
-    const SmearError any = aligner.smear_error(motion, true, kLongest_cells);
-    EXPECT_EQ(any.shift_px, sure.shift_px) << moved_px;
-    EXPECT_EQ(any.covariance, sure.covariance) << moved_px;
+  // A picture that its motion explains leaves little to others, a clear one nothing.
+  const SmearedView view = smeared_view(renderer_, 48.0);
+  ASSERT_TRUE(aligner.refine(view.input).verified);
+  const SmearError sure = aligner.smear_error(view.input.exposure_motion, true);
+  const SmearError any = aligner.smear_error(view.input.exposure_motion, true, kLongest_cells);
+  EXPECT_GT(sure.shift_px, 2.0);
+  EXPECT_GT(any.shift_px, 0.99 * sure.shift_px);
+  EXPECT_LT(any.shift_px, 1.2 * sure.shift_px);
+  const auto turns_px = [&](const SmearError& error) {
+    return expected_overlay_error_px(camera_, view.input.predicted, error.covariance);
+  };
+  EXPECT_GT(turns_px(any), turns_px(sure));
+  EXPECT_LT(turns_px(any), 1.5 * turns_px(sure));
+  const SmearedView clear = smeared_view(renderer_, 0.0);
+  ASSERT_TRUE(aligner.refine(clear.input).verified);
+  EXPECT_EQ(aligner.smear_error(view.input.exposure_motion, true, kLongest_cells).shift_px, 0.0);
+}
+
+// Of what went on the picture says how much was in the exposure.
+TEST_F(TagAlignmentTest, APictureSaysHowMuchOfAMotionSmearedIt) {
+  AlignmentOptions options;
+  options.exposure_moments = false;
+  auto aligner = TagAligner::create(camera_, tags_, options).value();
+  for (const double part : {0.375, 0.625, 1.0}) {
+    int found = 0;
+    for (int k = 0; k < 4; ++k) {
+      SCOPED_TRACE(testing::Message() << part << ", " << k);
+      SmearedView view = smeared_view(renderer_, 30.0);
+      const Vector6d smear = std::exchange(view.input.exposure_motion, Vector6d::Zero());
+      if (!aligner.refine(view.input).verified) continue;
+      const Vector6d most = 1.0 / part * smear;
+      const Vector6d told = aligner.smear_error(most, false).motion;
+      ++found;
+      EXPECT_LT((told - smear).norm(), 0.26 * most.norm());
+      EXPECT_LT((told - told.dot(most) / most.squaredNorm() * most).norm(), 1e-9 * most.norm());
+    }
+    EXPECT_GE(found, 2);
   }
 }
 
@@ -1240,9 +1268,23 @@ TEST_F(TagAlignmentTest, TheSmearOfALoneTagTurnsNothing) {
   for (int k = 0; k < 4; ++k) {
     const SmearedView view = smeared_view(renderer, 90.0);
     if (!aligner.refine(view.input).verified) continue;
-    const SmearError error = aligner.smear_error(view.input.exposure_motion, true);
-    smeared += error.shift_px > 1.0 ? 1 : 0;
+    const Vector6d& motion = view.input.exposure_motion;
+    const SmearError error = aligner.smear_error(motion, true);
     EXPECT_TRUE(error.covariance.isZero(0.0));
+    // Cells along the motion, about the tag's middle.
+    const auto at = [&](double share, double x_m, double y_m) {
+      const Eigen::Vector3d point = lone.front().T_table_tag * Eigen::Vector3d(x_m, y_m, 0.0);
+      return camera_.project(perturbed(view.input.predicted, share * motion).inverse() * point)
+          .value();
+    };
+    constexpr double kCell_m = 0.12 / 8.0;
+    Eigen::Matrix2d cell_px;
+    cell_px << at(0.0, kCell_m, 0.0) - at(0.0, 0.0, 0.0), at(0.0, 0.0, kCell_m) - at(0.0, 0.0, 0.0);
+    const Eigen::Vector2d moved_px = at(0.5, 0.0, 0.0) - at(-0.5, 0.0, 0.0);
+    const double cells = (cell_px.inverse() * moved_px).cwiseAbs().maxCoeff();
+    const double flat_px = moved_px.norm() * (1.0 - 2.0 / cells) / std::sqrt(12.0);
+    EXPECT_GT(error.shift_px, 0.9 * flat_px);
+    smeared += flat_px > 1.0 ? 1 : 0;
   }
   EXPECT_GE(smeared, 2);
 }
