@@ -451,6 +451,9 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   report.panes = shown->pane_reports();
   if (const std::int64_t damaged = (*source)->damaged(); damaged > 0) {
     report.camera_faults[std::string(name_of(CaptureFault::damaged))] = damaged;
+    // As live counted them.
+    report.frames_damaged = report.frames_dropped = static_cast<int>(damaged);
+    report.frames_captured = report.frames + report.frames_damaged;
   }
   report.interrupted = interrupt.interrupted();
   report.msaa_samples = shown->samples();

@@ -454,8 +454,9 @@ std::string report_json(const RunReport& report) {
   const Json none = {{"rmse", {}}, {"median", {}}, {"p95", {}}, {"max", {}}};
   json["tracking"] = {
       {"reprojection_rms_px", report.tags_measured ? json_of(report.reprojection_rms_px) : none},
-      {"expected_overlay_px",
-       report.frames_tracked > 0 ? json_of(report.expected_overlay_px) : none},
+      {"expected_overlay_px", report.frames_tracked > 0 && report.tags_measured
+                                  ? json_of(report.expected_overlay_px)
+                                  : none},
       {"full_detections", report.full_detections},
       {"coarse_searches", report.coarse_searches},
       {"box_detections", report.box_detections},

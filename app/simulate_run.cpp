@@ -322,13 +322,20 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   auto path = load_path(request.trajectory);
   if (!path) return tl::unexpected(path.error());
   // The files go into the recording as they are, with all that they say.
-  const auto camera_text = read_text_file(request.camera, kLargestText);
+  auto camera_text = read_text_file(request.camera, kLargestText);
   if (!camera_text) return tl::unexpected(camera_text.error());
   const auto tags_text = read_text_file(request.tags, kLargestText);
   if (!tags_text) return tl::unexpected(tags_text.error());
   if (camera->parameters().rolling_shutter_row_s.value_or(0.0) != 0.0) {
-    log_warning("{}: rolling_shutter_row_s: rows are exposed at once here, whatever it says",
-                request.camera.string());
+    // ... but what would be made up for when it is replayed.
+    log_warning(
+        "{}: rolling_shutter_row_s: rows are exposed at once here; it is left out of the recording",
+        request.camera.string());
+    CameraParameters at_once = camera->parameters();
+    at_once.rolling_shutter_row_s.reset();
+    camera = CameraModel::make(at_once);
+    if (!camera) return fail_in(request.camera.string(), camera.error());
+    camera_text = ros_camera_text(*camera);
   }
   auto renderer = PatternRenderer::create(*camera, tags->tags());
   if (!renderer) return fail_in(request.tags.string(), renderer.error());

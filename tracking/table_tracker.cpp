@@ -916,7 +916,8 @@ void TableTracker::Impl::note_work(const AlignmentResult& result) {
   times.tags_too_small = result.counters.tags_too_small;
   times.sampling_stopped = result.counters.sampling_stopped;
   times.near_start = !result.counters.wide_stage;
-  times.fewer_pixels = options.mode == TrackingMode::automatic && !times.every_pixel;
+  times.fewer_pixels = options.mode == TrackingMode::automatic && !times.every_pixel &&
+                       !(options.pose_budget_px > 0.0);  // that takes them as it needs them
 }
 
 // Whether tags that are not left out are enough to tell that one more of them is wrong: a bare

@@ -176,6 +176,12 @@ Result<void> list_own(const std::filesystem::path& folder, Recording& recording)
                 rows.front().line,
                 !number_column ? "frame" : (!time_column ? "timestamp_s" : "file"));
   }
+  for (const std::string_view name : header) {
+    if (!name.starts_with("exposure") || name == "exposure_s") continue;
+    recording.notices.push_back(
+        fmt::format("{}: column {}: is not read; exposures are read from exposure_s, in seconds",
+                    csv, shown(name)));
+  }
   const auto read = [&](const Row& row) -> Result<RecordedFrame> {
     if (row.fields.size() != header.size()) {
       return fail("{}: line {}: has {} fields; the first line names {}", csv, row.line,

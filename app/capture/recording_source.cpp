@@ -80,8 +80,7 @@ class Decoder {
     auto frame = decode_image(*bytes, listed.file.string());
     if (frame) return std::optional<Frame>(std::move(*frame));
     if (!of_camera_) {
-      return fail("{}, or take its line out of the listing to go on without it",
-                  frame.error().message);
+      return fail("{} (without its line in the listing a replay goes on)", frame.error().message);
     }
     faults_.count(CaptureFault::damaged,
                   fmt::format("{}; left out, as it was while recording", frame.error().message));

@@ -36,6 +36,10 @@ struct EvaluateOptions {
 Result<void> need_a_pose(const Evaluation& evaluation, const std::filesystem::path& estimated,
                          const std::filesystem::path& truth) {
   if (evaluation.frames_with_pose > 0) return {};
+  for (const auto& file : {estimated, truth}) {
+    const auto poses = load_trajectory(file);
+    if (poses && poses->poses.empty()) return fail("{}: holds no pose", file.string());
+  }
   return fail(
       "{}: has no pose within 1 ms of one in {}; are both of the same recording, with times in "
       "seconds?",

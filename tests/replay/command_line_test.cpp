@@ -328,6 +328,11 @@ TEST(Evaluate, FailsInOneLineOnWhatItCannotCompare) {
   expect_failure(
       penumbra({"evaluate", "--estimated", late, "--groundtruth", truth, "--camera", camera}),
       {late, "no pose"});
+  const std::string empty = folder.path() / "empty.tum";
+  std::ofstream(empty) << "# timestamp tx ty tz qx qy qz qw\n";
+  expect_failure(
+      penumbra({"evaluate", "--estimated", empty, "--groundtruth", truth, "--camera", camera}),
+      {empty, "holds no pose"});
   expect_failure(penumbra({"evaluate", "--estimated", folder.path() / "none.tum", "--groundtruth",
                            truth, "--camera", camera}),
                  {"none.tum"});

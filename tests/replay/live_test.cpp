@@ -111,6 +111,8 @@ TEST(Live, ARecordingWithADamagedPictureReplaysWhatLiveSaw) {
       << replayed.err;
   const auto report = test::read_json(path("replay.json"));
   EXPECT_EQ(report["camera_faults"]["damaged"], 2);
+  EXPECT_EQ(report["frames_damaged"], 2);
+  EXPECT_EQ(report["frames_captured"], report["frames"].get<int>() + 2);
   const auto live_poses = load_trajectory(path("live.tum"));
   const auto replay_poses = load_trajectory(path("replay.tum"));
   ASSERT_TRUE(live_poses && replay_poses);

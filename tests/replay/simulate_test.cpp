@@ -94,6 +94,22 @@ TEST_F(Simulate, WhatItWritesIsTrackedToItsTruth) {
   EXPECT_EQ(evaluated.exit_code, 0) << evaluated.err;
 }
 
+// Rows are exposed at once: what a camera's rolling shutter would be made up for is not in the
+// recording.
+TEST_F(Simulate, ARollingShutterIsLeftOutOfTheRecording) {
+  write_text(file("camera.yaml"),
+             bytes_of(file("camera.yaml")) + "rolling_shutter_row_s: 0.00005\n");
+  write_path(6, 0.02);
+  const ProgramResult made = run("made");
+  ASSERT_EQ(made.exit_code, 0) << made.err;
+  EXPECT_THAT(made.err, HasSubstr("left out of the recording"));
+  EXPECT_THAT(bytes_of(file("made/camera.yaml")), testing::Not(HasSubstr("rolling_shutter_row_s")));
+  const ProgramResult replayed =
+      penumbra({"replay", file("made"), "--no-window", "--report", file("report.json")});
+  ASSERT_EQ(replayed.exit_code, 0) << replayed.err;
+  EXPECT_LT(read_json(file("report.json"))["accuracy"]["overlay_px"]["max"].get<double>(), 0.5);
+}
+
 TEST_F(Simulate, TheSameSeedGivesTheSameBytes) {
   ASSERT_EQ(run("a", {"--noise", "3", "--blur", "0.01", "--seed", "7"}).exit_code, 0);
   ASSERT_EQ(run("b", {"--noise", "3", "--blur", "0.01", "--seed", "7"}).exit_code, 0);

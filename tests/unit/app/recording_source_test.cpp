@@ -257,9 +257,16 @@ TEST_F(RecordingOfFrames, ExposuresAreReadWhereTheyAreListed) {
     }
     return text;
   };
+  std::string other = listing("");
+  other.replace(other.find("exposure_s"), 10, "exposure_ms");
+  write_text(folder() / "timestamps.csv", other);
+  const auto not_read = open_recording(folder());
+  ASSERT_TRUE(not_read) << not_read.error().message;
+  EXPECT_THAT(not_read->notices, testing::ElementsAre(HasSubstr("column exposure_ms")));
   write_text(folder() / "timestamps.csv", listing(""));
   const auto recording = open_recording(folder());
   ASSERT_TRUE(recording) << recording.error().message;
+  EXPECT_THAT(recording->notices, testing::IsEmpty());
   const auto source = open_recording_source(*recording);
   ASSERT_TRUE(source);
   for (int i = 0; i < 4; ++i) {
