@@ -11,16 +11,15 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
-#include <numeric>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/logging.hpp"
+#include "core/spelling.hpp"
 
 namespace {
 
@@ -56,21 +55,6 @@ std::optional<std::string> unknown_command(const CLI::App& program) {
   return fmt::format("'{}' is no command; known: {}", words.front(), known);
 }
 
-// Letters to change, add or leave out to get from one to the other (Levenshtein's distance).
-std::size_t distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t{0});
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    std::size_t diagonal = std::exchange(row[0], i + 1);
-    for (std::size_t j = 0; j < b.size(); ++j) {
-      const std::size_t changed = diagonal + (a[i] == b[j] ? 0 : 1);
-      diagonal = row[j + 1];
-      row[j + 1] = std::min({row[j + 1] + 1, row[j] + 1, changed});
-    }
-  }
-  return row.back();
-}
-
 // The option that was typed and isn't one, with the one that was meant, if that is what is wrong:
 // of the program's own, before the command, or of the command's.
 std::optional<std::string> unknown_option(const CLI::App& program) {
@@ -86,7 +70,7 @@ std::optional<std::string> unknown_option(const CLI::App& program) {
       std::string meant;
       for (const CLI::Option* option : reader->get_options()) {
         if (!option->nonpositional() || option->get_name().empty()) continue;
-        const std::size_t typos = distance(name, option->get_name());
+        const std::size_t typos = penumbra::letters_apart(name, option->get_name());
         if (typos >= least) continue;
         least = typos;
         meant = option->get_name();

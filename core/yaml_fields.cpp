@@ -4,14 +4,13 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <optional>
 #include <set>
 #include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
+#include "core/spelling.hpp"
 #include "core/text.hpp"
 
 namespace penumbra {
@@ -25,21 +24,6 @@ std::string shown(const YAML::Node& node) {
     if (static_cast<unsigned char>(c) < 0x20) c = ' ';
   }
   return "'" + text + "'";
-}
-
-// How many letters have to be put in, taken out or replaced to make one of the other (Levenshtein).
-std::size_t letters_apart(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t{0});
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    std::size_t diagonal = std::exchange(row[0], i + 1);
-    for (std::size_t j = 0; j < b.size(); ++j) {
-      const std::size_t replaced = diagonal + (a[i] == b[j] ? 0 : 1);
-      diagonal = row[j + 1];
-      row[j + 1] = std::min({replaced, diagonal + 1, row[j] + 1});
-    }
-  }
-  return row.back();
 }
 
 // What makes a document unreadable though it is YAML: a key that a map names twice (which of the
