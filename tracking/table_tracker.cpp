@@ -705,8 +705,9 @@ CameraPose TableTracker::Impl::mirrored(const CameraPose& pose,
 }
 
 // The other pose that a lone tag (or a few in one plane, seen from afar) allows, aligned as well:
-// the picture itself is asked which of the two it is. True where it says the other. `first_result`:
-// the aligner's own, of the best pose.
+// the picture itself is asked which of the two it is. True where it says the other. `of_first`:
+// with what the best pose was aligned (its smear and velocity are those of both); `first_result`:
+// the aligner's own, of that pose.
 bool TableTracker::Impl::add_second(const AlignmentInput& of_first, const ImageMotion& image_motion,
                                     const AlignmentResult& first_result, Measurement& measurement) {
   const std::vector<TagAlignment> seen = first_result.tags;
