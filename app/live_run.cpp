@@ -470,7 +470,9 @@ Result<RunReport> run_live(const LiveRequest& request) {
       // From the driver's stamp to the picture's being on the screen (or, offscreen, drawn).
       const bool paused = timestamp_ns <= paused_until_ns;
       if (!paused) {
-        run.add_time("latency", {static_cast<double>(monotonic_ns() - timestamp_ns) * 1e-6, 0.0});
+        // Some drivers stamp a frame with the moment at which it is going to end.
+        const std::int64_t age_ns = std::max<std::int64_t>(monotonic_ns() - timestamp_ns, 0);
+        run.add_time("latency", {static_cast<double>(age_ns) * 1e-6, 0.0});
       }
       keep_on(late.write(*done, pixels));
       if (!paused) run.add_time("frame", watch.elapsed());

@@ -245,9 +245,9 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
 }
 
 void RunRecorder::add_reason(const std::string& reason) {
-  constexpr std::size_t kMostReasons = 64;  // there are a dozen; memory stays bounded in any case
+  constexpr std::size_t kMostCountedReasons = 64;  // there are a dozen; memory stays bounded in any case
   std::string general = without_numbers(reason);
-  if (general.empty() || (reasons_.size() >= kMostReasons && !reasons_.contains(general))) {
+  if (general.empty() || (reasons_.size() >= kMostCountedReasons && !reasons_.contains(general))) {
     general = "other";
   }
   ++reasons_[general];
@@ -562,9 +562,11 @@ std::string report_table(const RunReport& report) {
   // Uncertain frames have seen it.
   if (report.frames > 0 && report.frames_tracked == 0 &&
       2 * report.frames_uncertain < report.frames) {
-    text +=
-        "no frame was tracked: is the sheet that --tags lists in view, whole and sharp? Tags of "
-        "other families are not looked for\n";
+    text += report.camera_faults.contains("no_signal")
+                ? "no frame was tracked: the camera's input has no signal\n"
+                : "no frame was tracked: is the sheet that --tags lists in view, whole and sharp? "
+                  "Tags of "
+                  "other families are not looked for\n";
   }
   if (report.frames_dropped > 0) {
     std::vector<std::string> why;

@@ -21,6 +21,7 @@ CaptureFault fault_of(int error) {
     case EPERM:
       return CaptureFault::forbidden;
     case EBUSY:
+    case ENOSPC:  // the bus has no bandwidth left
       return CaptureFault::busy;
     case EINVAL:
       return CaptureFault::refused;

@@ -26,6 +26,10 @@ using Started = tl::expected<T, Trouble>;
 // What to do where a camera may not be opened.
 inline constexpr std::string_view kJoinVideoGroup =
     "join the video group (sudo usermod -aG video $USER) and log in again";
+// What to do where the bus of a camera is full.
+inline constexpr std::string_view kFreeBandwidth =
+    "its USB bus has no bandwidth left beside the other cameras on it; use --format mjpeg, a "
+    "smaller --size or --fps, or a port of another USB controller";
 // What to say where a camera's device (media*, video*) in `devices` may not be opened by this user;
 // nothing where all may be, or there is none. libcamera does not tell that from there being none.
 [[nodiscard]] std::optional<std::string> forbidden_camera_device(

@@ -15,8 +15,9 @@ constexpr std::size_t kMostEvents = 256;
 
 std::string_view name_of(CaptureFault fault) {
   constexpr std::array<std::string_view, kCaptureFaultCount> kNames = {
-      "silent",       "io_error",    "disconnected", "refused", "busy",       "forbidden",
-      "wrong_format", "error_frame", "damaged",      "gap",     "silent_gap", "bad_time"};
+      "silent",     "io_error",     "disconnected", "refused",  "busy",
+      "forbidden",  "wrong_format", "error_frame",  "damaged",  "gap",
+      "silent_gap", "bad_time",     "slow_rate",    "no_signal"};
   return kNames[static_cast<std::size_t>(fault)];
 }
 
@@ -33,7 +34,7 @@ void FaultCounter::count(CaptureFault fault, std::string_view detail, std::uint6
     if (events_.size() < kMostEvents) events_.push_back({now_ns, fault, std::string(detail)});
   }
   if (first) {
-    log_warning("{}: {} (told once, counted from now on)", camera_, detail);
+    log_warning("{}: {} (reported once, then counted)", camera_, detail);
   } else {
     log_debug("{}: {}", camera_, detail);
   }

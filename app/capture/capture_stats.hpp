@@ -24,8 +24,10 @@ enum class CaptureFault {
   gap,           // frames missing by the driver's numbers
   silent_gap,    // frames missing by their times only
   bad_time,      // a timestamp that can't be true
+  slow_rate,     // fewer frames per second than granted, or than before
+  no_signal,     // nothing connected to the input, by the driver
 };
-inline constexpr std::size_t kCaptureFaultCount = 12;
+inline constexpr std::size_t kCaptureFaultCount = 14;
 
 // As in reports: "disconnected".
 [[nodiscard]] std::string_view name_of(CaptureFault fault);

@@ -12,15 +12,44 @@ constexpr std::int64_t kOldest_ns = 10'000'000'000;
 constexpr std::uint32_t kMostLost = 1U << 20U;
 // A pause of this many intervals, with consecutive numbers, has a lost frame in it.
 constexpr double kGap = 1.6;
+// So many long intervals in a row are no gaps but a slower camera.
+constexpr std::uint32_t kSlowerAfter = 5;
 
 }  // namespace
 
 std::int64_t FrameClock::usual_interval_ns() const {
   const std::size_t count = std::min(intervals_, intervals_ns_.size());
-  if (count < intervals_ns_.size()) return granted_ns_;
+  if (count < kSlowerAfter) return granted_ns_;
   auto sorted = intervals_ns_;
-  std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
-  return std::max(granted_ns_, sorted[sorted.size() / 2]);
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(count / 2);
+  std::nth_element(sorted.begin(), middle, sorted.begin() + static_cast<std::ptrdiff_t>(count));
+  return std::max(granted_ns_, *middle);
+}
+
+void FrameClock::judge_interval(std::int64_t interval_ns, bool consecutive, FrameStamp& stamp) {
+  const std::int64_t usual_ns = usual_interval_ns();
+  const bool is_long = consecutive && usual_ns > 0 &&
+                       static_cast<double>(interval_ns) > kGap * static_cast<double>(usual_ns);
+  if (!is_long) {
+    stamp.lost_silent = static_cast<std::uint32_t>(
+        std::min<std::uint64_t>(pending_lost_, std::numeric_limits<std::uint32_t>::max()));
+    pending_lost_ = long_run_ = 0;
+    return;
+  }
+  pending_lost_ += static_cast<std::uint64_t>((interval_ns + usual_ns / 2) / usual_ns - 1);
+  if (++long_run_ < kSlowerAfter) return;
+  // Only the slow intervals are kept: their median is the usual one from now on. This interval is
+  // the last of them.
+  std::array<std::int64_t, kSlowerAfter> slow_ns{};
+  slow_ns.back() = interval_ns;
+  for (std::size_t i = 0; i + 1 < kSlowerAfter; ++i) {
+    slow_ns[i] = intervals_ns_[(intervals_ - 1 - i) % intervals_ns_.size()];
+  }
+  std::copy(slow_ns.begin(), slow_ns.end() - 1, intervals_ns_.begin());
+  intervals_ = kSlowerAfter - 1;
+  pending_lost_ = long_run_ = 0;
+  std::nth_element(slow_ns.begin(), slow_ns.begin() + kSlowerAfter / 2, slow_ns.end());
+  stamp.slower_interval_ns = slow_ns[kSlowerAfter / 2];
 }
 
 FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_ns, bool monotonic,
@@ -51,13 +80,7 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
     stamp.lost_counted = step - 1;
     const std::int64_t interval_ns = stamp.timestamp_ns - timestamp_ns_;
     if (continuous_ && !stamp.bad_time && !last_bad_) {
-      const std::int64_t usual_ns = usual_interval_ns();
-      if (step == 1 && monotonic && usual_ns > 0 &&
-          static_cast<double>(interval_ns) > kGap * static_cast<double>(usual_ns)) {
-        stamp.lost_silent = static_cast<std::uint32_t>(
-            std::min<std::int64_t>((interval_ns + usual_ns / 2) / usual_ns - 1,
-                                   std::numeric_limits<std::uint32_t>::max()));
-      }
+      judge_interval(interval_ns, step == 1 && monotonic, stamp);
       intervals_ns_[intervals_++ % intervals_ns_.size()] = interval_ns / step;
     }
     sequence_ += step;
@@ -73,6 +96,8 @@ FrameStamp FrameClock::next(std::uint32_t driver_sequence, std::int64_t driver_n
 void FrameClock::restart(std::int64_t interval_ns) {
   granted_ns_ = interval_ns;
   intervals_ = 0;
+  long_run_ = 0;
+  pending_lost_ = 0;
   continuous_ = false;
   last_bad_ = false;
 }

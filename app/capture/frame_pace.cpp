@@ -8,6 +8,7 @@ namespace {
 constexpr std::int64_t kMissed = 3;  // intervals
 constexpr std::int64_t kSilent_ns = 1'000'000'000;
 constexpr std::int64_t kStarting_ns = 3'000'000'000;
+constexpr int kMostDoublings = 2;  // of kStarting_ns
 constexpr std::int64_t kStale_ns = 250'000'000;
 
 }  // namespace
@@ -18,9 +19,11 @@ void FramePace::saw(std::int64_t timestamp_ns) {
   }
   last_ns_ = timestamp_ns;
   any_ = true;
+  fruitless_starts_ = 0;
 }
 
 void FramePace::restart(std::int64_t granted_ns) {
+  if (!any_) ++fruitless_starts_;
   granted_ns_ = granted_ns;
   intervals_ = 0;
   any_ = false;
@@ -36,7 +39,8 @@ std::int64_t FramePace::usual_ns() const {
 }
 
 std::int64_t FramePace::silent_after_ns() const {
-  const std::int64_t least = intervals_ == 0 ? kStarting_ns : kSilent_ns;
+  const std::int64_t starting_ns = kStarting_ns << std::min(fruitless_starts_, kMostDoublings);
+  const std::int64_t least = intervals_ == 0 ? starting_ns : kSilent_ns;
   return std::max(least, kMissed * usual_ns());
 }
 

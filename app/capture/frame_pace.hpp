@@ -21,8 +21,8 @@ class FramePace {
   // As granted, or the (lower) median of the last intervals where that is longer.
   [[nodiscard]] std::int64_t usual_ns() const;
   // Without a frame and without an error for so long, a stream is set up again: a second, but three
-  // intervals of a slow camera; and 3 s until the first interval is seen, for many cameras take
-  // that long to start.
+  // intervals of a slow camera. Until the first interval is seen it is 3 s, for many cameras take
+  // that long to start, and twice as long after each start that gave no frame (6 s, then 12 s).
   [[nodiscard]] std::int64_t silent_after_ns() const;
   // A picture that nothing followed for so long is no live one: 250 ms, but three intervals of a
   // slow camera.
@@ -33,7 +33,8 @@ class FramePace {
   std::array<std::int64_t, 5> intervals_ns_{};
   std::size_t intervals_ = 0;  // seen since the restart
   std::int64_t last_ns_ = 0;
-  bool any_ = false;  // a frame was seen since the restart
+  bool any_ = false;          // a frame was seen since the restart
+  int fruitless_starts_ = 0;  // in a row, without a frame
 };
 
 }  // namespace penumbra

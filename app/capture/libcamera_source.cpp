@@ -347,10 +347,12 @@ class Stream {
 
   [[nodiscard]] tl::unexpected<Trouble> trouble(const char* what, int error) const {
     const CaptureFault fault = fault_of(error);
-    const std::string remedy = fault == CaptureFault::busy
-                                   ? "another program holds it; close that one"
-                               : fault == CaptureFault::forbidden ? std::string(kJoinVideoGroup)
-                                                                  : "plug the camera in again";
+    const std::string remedy =
+        std::abs(error) == ENOSPC          ? std::string(kFreeBandwidth)
+        : fault == CaptureFault::busy      ? "another program holds it; close that one"
+        : fault == CaptureFault::forbidden ? std::string(kJoinVideoGroup)
+                                           : "unplug the camera and plug it in again, or see "
+                                             "libcamera's log (LIBCAMERA_LOG_LEVELS=*:DEBUG)";
     return tl::unexpected<Trouble>({fault, fmt::format("libcamera:{}: {} fails: {}; {}", id(), what,
                                                        message_of(error), remedy)});
   }
@@ -701,7 +703,7 @@ class LibcameraSource final : public LiveSource {
     if (const auto us = request->metadata().get(lc::controls::ExposureTime); us && *us > 0) {
       image.exposure_s = 1e-6 * *us;
     }
-    count_stamp(faults_, stamp);
+    count_stamp(faults_, stamp, before_.format);
     pace_.saw(stamp.timestamp_ns);
     std::size_t bytes = 0;
     for (const auto& plane : metadata.planes()) bytes += plane.bytesused;

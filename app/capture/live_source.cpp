@@ -36,18 +36,33 @@ std::span<const std::uint8_t> trim_jpeg(std::span<const std::uint8_t> bytes) {
   return bytes.first(size);
 }
 
-void count_stamp(FaultCounter& faults, const FrameStamp& stamp) {
+void count_stamp(FaultCounter& faults, const FrameStamp& stamp, const StreamFormat& format) {
   if (stamp.lost_counted > 0) {
-    faults.count(CaptureFault::gap, "frames are missing, by the driver's numbers",
+    faults.count(CaptureFault::gap,
+                 "frames were dropped by the camera or its driver, which counts them",
                  stamp.lost_counted);
   }
   if (stamp.lost_silent > 0) {
-    faults.count(CaptureFault::silent_gap, "frames are missing, by the time between others",
-                 stamp.lost_silent);
+    faults.count(
+        CaptureFault::silent_gap,
+        "frames were dropped without the driver counting them: the time between two frames was too "
+        "long",
+        stamp.lost_silent);
   }
   if (stamp.bad_time) {
-    faults.count(CaptureFault::bad_time,
-                 "a timestamp that can't be true; the time of arrival stands for it");
+    faults.count(
+        CaptureFault::bad_time,
+        "the driver's timestamp of a frame is impossible; its time of arrival is used instead");
+  }
+  if (stamp.slower_interval_ns > 0) {
+    faults.count(
+        CaptureFault::slow_rate,
+        fmt::format("{:.3g} frames/s come where {} {:.3g}; in dim light automatic exposure "
+                    "slows a camera down: add light, set a shorter --exposure, or switch "
+                    "its control exposure_dynamic_framerate off",
+                    1e9 / static_cast<double>(stamp.slower_interval_ns),
+                    format.interval_granted ? "the camera granted" : "the request was",
+                    1.0 / format.interval_s));
   }
 }
 

@@ -78,8 +78,9 @@ class LiveSource : public FrameSource {
   StageTime capture_time_;
 };
 
-// Counts what a frame's stamp tells of lost frames and wrong times.
-void count_stamp(FaultCounter& faults, const FrameStamp& stamp);
+// Counts the lost frames, wrong times and changes of rate that a frame's stamp reports. `format`:
+// what was granted.
+void count_stamp(FaultCounter& faults, const FrameStamp& stamp, const StreamFormat& format);
 
 struct JpegSize {
   int width = 0, height = 0;  // [px]

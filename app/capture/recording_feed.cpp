@@ -38,7 +38,10 @@ class RecordingFeed final : public LiveSource {
       const std::uint64_t sequence = std::max(
           next_, static_cast<std::uint64_t>(std::max<std::int64_t>(0, elapsed / interval_)));
       if (sequence > next_) {
-        faults_.count(CaptureFault::gap, "frames are missing: nobody took them", sequence - next_);
+        faults_.count(
+            CaptureFault::gap,
+            "frames were dropped because the program was too slow for the recording's rate",
+            sequence - next_);
       }
       const auto due = *start_ + static_cast<std::int64_t>(sequence) * interval_;
       {

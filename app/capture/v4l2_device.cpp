@@ -115,9 +115,38 @@ std::string v4l2_help(const fs::path& path, int error) {
       return fmt::format(
           "{}: another program uses the camera; close that one (fuser -v {} names it)", name, name);
     default:
-      return fmt::format("{}: the camera does not work: {}; plug it in again", name,
-                         std::generic_category().message(error));
+      return fmt::format(
+          "{}: the camera does not answer: {}; unplug it and plug it in again, or see the kernel's "
+          "log (dmesg)",
+          name, std::generic_category().message(error));
   }
+}
+
+std::string v4l2_call_help(const fs::path& path, const char* call, int error) {
+  const std::string what =
+      fmt::format("{}: {} fails: {}", path.string(), call, std::generic_category().message(error));
+  switch (error) {
+    case ENOSPC:
+      return fmt::format("{}: {}", path.string(), kFreeBandwidth);
+    case EINVAL:
+      return what + "; choose another --format or --size, and see the kernel's log (dmesg)";
+    case ENOMEM:
+      return what + "; close other programs, or choose a smaller --size";
+    case EPIPE:
+      return what + "; its media pipeline is not set up: open the camera through libcamera";
+    case EIO:
+    case EPROTO:
+    case ETIMEDOUT:
+    case EILSEQ:
+    case EOVERFLOW:
+      return what + "; unplug the camera and plug it in again, or try another cable or USB port";
+    default:
+      break;
+  }
+  if (fault_of(error) == CaptureFault::io_error) {
+    return what + "; see the kernel's log (dmesg)";
+  }
+  return v4l2_help(path, error);
 }
 
 Result<V4l2Device> V4l2Device::open(const fs::path& path) {
@@ -139,10 +168,14 @@ Result<V4l2Device> V4l2Device::open(const fs::path& path) {
   const std::uint32_t can =
       (about.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? about.device_caps : about.capabilities;
   if ((can & V4L2_CAP_VIDEO_CAPTURE) == 0) {
-    const char* what = (can & V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0
-                           ? "gives pictures in several planes only, which is not supported"
-                       : (can & V4L2_CAP_META_CAPTURE) != 0 ? "gives data about pictures, not them"
-                                                            : "gives no pictures";
+    if ((can & V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0) {
+      return fail(
+          "{}: has only V4L2's multi-planar interface ({}), which is not read; open the camera "
+          "through libcamera (penumbra devices lists libcamera:0 and so on)",
+          path.string(), device.identity_.card);
+    }
+    const char* what = (can & V4L2_CAP_META_CAPTURE) != 0 ? "gives data about frames, not frames"
+                                                          : "gives no frames";
     return fail("{}: {} ({}); see what there is: penumbra devices", path.string(), what,
                 device.identity_.card);
   }
@@ -241,6 +274,15 @@ std::optional<std::int32_t> V4l2Device::control(std::uint32_t id) const {
   control.id = id;
   if (call(VIDIOC_G_CTRL, &control) != 0) return std::nullopt;
   return control.value;
+}
+
+std::optional<V4l2Range> V4l2Device::range(std::uint32_t id) const {
+  v4l2_queryctrl about{};
+  about.id = id;
+  if (call(VIDIOC_QUERYCTRL, &about) != 0 || (about.flags & V4L2_CTRL_FLAG_DISABLED) != 0) {
+    return std::nullopt;
+  }
+  return V4l2Range{about.minimum, about.maximum, about.default_value};
 }
 
 bool V4l2Device::set_control(std::uint32_t id, std::int32_t value) const {

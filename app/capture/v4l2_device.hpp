@@ -48,6 +48,13 @@ struct V4l2Controls {
   std::vector<V4l2Setting> settings;
 };
 
+// What a numeric control takes, in its own steps.
+struct V4l2Range {
+  std::int32_t minimum = 0;
+  std::int32_t maximum = 0;
+  std::int32_t usual = 0;  // the driver's default
+};
+
 struct V4l2Identity {
   std::string driver, card, bus;
 };
@@ -77,6 +84,8 @@ class V4l2Device {
   void restore(const std::vector<V4l2Setting>& settings) const;
   // Its value; nothing where there is no such control.
   [[nodiscard]] std::optional<std::int32_t> control(std::uint32_t id) const;
+  // Nothing where there is no such control.
+  [[nodiscard]] std::optional<V4l2Range> range(std::uint32_t id) const;
   // False: there is no such control, or it can't be set to that.
   bool set_control(std::uint32_t id, std::int32_t value) const;
 
@@ -90,7 +99,10 @@ class V4l2Device {
 // /dev/video*, in the order of their numbers.
 [[nodiscard]] std::vector<std::filesystem::path> list_v4l2_paths();
 [[nodiscard]] std::string fourcc_text(std::uint32_t fourcc);
-// What to say of a device that answers with this error (an errno).
+// What happened and what to do where opening the device fails with this error (an errno).
 [[nodiscard]] std::string v4l2_help(const std::filesystem::path& path, int error);
+// The same where `call` (an ioctl or what is done with it) fails on an open device.
+[[nodiscard]] std::string v4l2_call_help(const std::filesystem::path& path, const char* call,
+                                         int error);
 
 }  // namespace penumbra

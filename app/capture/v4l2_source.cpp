@@ -26,6 +26,7 @@
 #include "app/capture/frame_pace.hpp"
 #include "app/capture/v4l2_buffer.hpp"
 #include "app/capture/v4l2_device.hpp"
+#include "app/capture/v4l2_setup.hpp"
 #include "app/logging.hpp"
 #include "core/units.hpp"
 
@@ -67,13 +68,7 @@ std::int64_t monotonic_ns() {
 }
 
 tl::unexpected<Trouble> trouble(const V4l2Device& device, const char* call, int error) {
-  const CaptureFault fault = fault_of(error);
-  if (fault == CaptureFault::refused || fault == CaptureFault::io_error) {
-    return tl::unexpected<Trouble>(
-        {fault, fmt::format("{}: {} fails: {}; plug the camera in again", device.path().string(),
-                            call, message_of(error))});
-  }
-  return tl::unexpected<Trouble>({fault, v4l2_help(device.path(), error)});
+  return tl::unexpected<Trouble>({fault_of(error), v4l2_call_help(device.path(), call, error)});
 }
 
 FrameLayout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) {
@@ -107,12 +102,16 @@ class Stream {
                                                 const std::optional<StreamFormat>& as_before,
                                                 const std::vector<V4l2Setting>& settings = {}) {
     std::unique_ptr<Stream> stream(new Stream(std::move(device)));
+    if (!as_before) reset_view(*stream->device_);
     if (auto set = stream->set_format(options, as_before); !set) {
       return tl::unexpected(set.error());
     }
     stream->set_rate(options.fps);
     stream->device_->restore(settings);
-    stream->set_controls(options.controls, !as_before);
+    stream->autofocus_before_ = stream->device_->control(V4L2_CID_FOCUS_AUTO);
+    set_controls(*stream->device_, options.controls, !as_before);
+    stream->focus_ = stream->device_->control(V4L2_CID_FOCUS_ABSOLUTE);
+    stream->exposure_s_ = exposure_in_effect(*stream->device_);
     if (auto mapped = stream->map_buffers(options.dma_buf); !mapped)
       return tl::unexpected(mapped.error());
     if (!stream->ring_->queue_all()) return trouble(*stream->device_, "VIDIOC_QBUF", EINVAL);
@@ -133,6 +132,10 @@ class Stream {
     none.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     none.memory = V4L2_MEMORY_MMAP;
     (void)device_->call(VIDIOC_REQBUFS, &none);
+    // Other programs find the camera's autofocus as it was.
+    if (autofocus_before_ && *autofocus_before_ != 0) {
+      (void)device_->set_control(V4L2_CID_FOCUS_AUTO, *autofocus_before_);
+    }
   }
 
   [[nodiscard]] const std::shared_ptr<const V4l2Device>& device() const { return device_; }
@@ -181,12 +184,27 @@ class Stream {
       }
     }
     if (best) return {};
-    const std::string wish = as_before ? as_before->name : options.format.value_or("");
     return tl::unexpected<Trouble>(
         {CaptureFault::wrong_format,
-         fmt::format("{}: gives {} pictures; see what it offers: penumbra devices",
-                     device_->path().string(),
-                     wish.empty() ? "no NV12, YU12, YUYV, MJPEG or GREY" : "no " + wish)});
+         no_format_text(as_before ? as_before->name : options.format.value_or(""))});
+  }
+
+  // `wanted`: the format that was asked for; empty for any that can be read.
+  [[nodiscard]] std::string no_format_text(const std::string& wanted) const {
+    std::string offered;
+    for (const V4l2Format& format : device_->formats()) {
+      offered += (offered.empty() ? "" : ", ") + fourcc_text(format.fourcc);
+    }
+    if (offered.empty()) offered = "no format";
+    const std::string path = device_->path().string();
+    if (!wanted.empty()) {
+      return fmt::format("{}: gives no {}, but {}; choose another --format", path, wanted, offered);
+    }
+    return fmt::format(
+        "{}: gives {}, and none of NV12, YU12, YUYV, MJPEG and GREY, which can be read; open it "
+        "through libcamera, or convert it (ffmpeg -f v4l2 -i {} -pix_fmt yuyv422 -f v4l2 to a "
+        "v4l2loopback device)",
+        path, offered, path);
   }
 
   Started<void> set_format(const V4l2Options& options,
@@ -216,6 +234,16 @@ class Stream {
                        fourcc_text(granted.pixelformat), options.width, options.height,
                        known_->name)});
     }
+    if (const auto problem = field_problem(granted.field)) {
+      return tl::unexpected<Trouble>(
+          {CaptureFault::wrong_format,
+           fmt::format("{}: {}; choose a progressive size or input (penumbra devices, v4l2-ctl -d "
+                       "{} --list-inputs)",
+                       device_->path().string(), *problem, device_->path().string())});
+    }
+    if (auto filled = fill_frame(*device_, granted.width, granted.height); !filled) {
+      return tl::unexpected<Trouble>({CaptureFault::wrong_format, filled.error().message});
+    }
     if (!known_->jpeg) layout_ = layout_of(*known_, granted);
     return {};
   }
@@ -232,43 +260,6 @@ class Stream {
     if (format_.interval_granted) {
       format_.interval_s = static_cast<double>(interval.numerator) / interval.denominator;
     }
-  }
-
-  void set_controls(const CameraControls& wish, bool say) {
-    const auto set = [&](const char* what, std::uint32_t id, std::int32_t value) {
-      if (!device_->set_control(id, value) && say) {
-        log_warning("{}: the camera takes no {} of {}; it stays as it is", device_->path().string(),
-                    what, value);
-      }
-    };
-    (void)device_->set_control(V4L2_CID_FOCUS_AUTO, 0);
-    if (wish.focus) set("focus", V4L2_CID_FOCUS_ABSOLUTE, in_steps(*wish.focus));
-    focus_ = device_->control(V4L2_CID_FOCUS_ABSOLUTE);
-    if (wish.auto_exposure) {
-      if (!device_->set_control(V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_AUTO)) {
-        set("automatic exposure", V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_APERTURE_PRIORITY);
-      }
-    } else if (wish.exposure_ms) {
-      (void)device_->set_control(V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_MANUAL);
-      constexpr double kSteps_per_ms = 10.0;  // the control counts in 100 us
-      set("exposure [0.1 ms]", V4L2_CID_EXPOSURE_ABSOLUTE,
-          static_cast<std::int32_t>(std::lround(*wish.exposure_ms * kSteps_per_ms)));
-    }
-    if (wish.gain) {
-      (void)device_->set_control(V4L2_CID_AUTOGAIN, 0);
-      set("gain", V4L2_CID_GAIN, in_steps(*wish.gain));
-    }
-    exposure_s_ = exposure_in_effect(*device_);
-    if (wish.auto_white_balance) set("automatic white balance", V4L2_CID_AUTO_WHITE_BALANCE, 1);
-    if (wish.white_balance_k) {
-      (void)device_->set_control(V4L2_CID_AUTO_WHITE_BALANCE, 0);
-      set("white balance [K]", V4L2_CID_WHITE_BALANCE_TEMPERATURE, *wish.white_balance_k);
-    }
-  }
-
-  static std::int32_t in_steps(double value) {
-    constexpr double kMost = std::numeric_limits<std::int32_t>::max();
-    return static_cast<std::int32_t>(std::lround(std::clamp(value, -kMost, kMost)));
   }
 
   Started<void> map_buffers(bool share) {
@@ -310,6 +301,7 @@ class Stream {
   StreamFormat format_;
   std::optional<double> exposure_s_;
   std::optional<double> focus_;
+  std::optional<std::int32_t> autofocus_before_;  // V4L2_CID_FOCUS_AUTO
   FrameLayout layout_;
   std::shared_ptr<const std::vector<V4l2Buffer>> buffers_;
   std::shared_ptr<BufferRing> ring_;
@@ -332,7 +324,9 @@ class V4l2Source final : public LiveSource {
         device_(stream->device()),
         exposure_s_(stream->exposure_s()),
         controls_(device_->controls().value_or(V4l2Controls())),
-        stream_(std::move(stream)) {}
+        stream_(std::move(stream)) {
+    check_input();
+  }
   ~V4l2Source() override { close(stop_); }
 
   Result<std::optional<CapturedImage>> next_image() override {
@@ -387,6 +381,12 @@ class V4l2Source final : public LiveSource {
   static V4l2Options with_focus(V4l2Options options, std::optional<double> focus) {
     if (focus) options.controls.focus = focus;
     return options;
+  }
+
+  void check_input() {
+    if (const auto problem = input_problem(*stream_->device())) {
+      faults_.count(CaptureFault::no_signal, *problem);
+    }
   }
 
   bool stopped() const { return wait(0); }
@@ -486,6 +486,7 @@ class V4l2Source final : public LiveSource {
     clock_.restart(nanoseconds(stream_->format().interval_s));
     pace_.restart(nanoseconds(stream_->format().interval_s));
     faults_.count_restart();
+    check_input();
     return true;
   }
 
@@ -553,7 +554,7 @@ class V4l2Source final : public LiveSource {
       const std::lock_guard lock(mutex_);
       image.exposure_s = exposure_s_;
     }
-    count_stamp(faults_, stamp);
+    count_stamp(faults_, stamp, format_);
     pace_.saw(stamp.timestamp_ns);
 
     if ((buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused == 0) {

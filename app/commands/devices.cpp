@@ -12,6 +12,7 @@
 #include "app/capture/camera_trouble.hpp"
 #include "app/capture/libcamera_source.hpp"
 #include "app/capture/v4l2_device.hpp"
+#include "app/capture/v4l2_setup.hpp"
 #include "app/capture/v4l2_source.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
@@ -58,6 +59,7 @@ Result<ExitCode> list_devices() {
     fmt::print("v4l2:{}  {} ({}, {})\n", path.string(), about.card, about.driver, about.bus);
     if (device->busy())
       fmt::print("  busy: another program uses it (fuser -v {} names it)\n", path.string());
+    if (const auto problem = input_problem(*device)) fmt::print("  {}\n", *problem);
     const auto formats = device->formats();
     if (std::ranges::none_of(formats, reads_v4l2_format, &V4l2Format::fourcc)) {
       fmt::print("  can't be used: it gives no NV12, YU12, YUYV, MJPEG or GREY pictures\n");

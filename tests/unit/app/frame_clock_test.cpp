@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdint>
 
 namespace penumbra {
@@ -39,20 +40,63 @@ TEST(FrameClock, AGapInTheNumbersIsCountedOnce) {
   EXPECT_EQ(stamp.sequence, 4U);
 }
 
-TEST(FrameClock, AGapInTheTimesIsCountedThoughTheNumbersAreWhole) {
+TEST(FrameClock, CountsAGapInTheTimesOnceFramesComeInTimeAgain) {
   Camera camera;
   for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
-  const FrameStamp stamp = camera.frame(20, 240);
-  EXPECT_EQ(stamp.lost_counted, 0U);
-  EXPECT_EQ(stamp.lost_silent, 4U);
-  EXPECT_EQ(camera.frame(21, 250).lost_silent, 0U);
+  const FrameStamp late = camera.frame(20, 240);
+  EXPECT_EQ(late.lost_counted, 0U);
+  EXPECT_EQ(late.lost_silent, 0U);
+  EXPECT_EQ(camera.frame(21, 250).lost_silent, 4U);
+  EXPECT_EQ(camera.frame(22, 260).lost_silent, 0U);
 }
 
-TEST(FrameClock, ACameraSlowerThanItPromisedLosesNothingOnceThatIsKnown) {
+TEST(FrameClock, CountsGapsInARowTogether) {
   Camera camera;
-  for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 30 * i);
-  EXPECT_EQ(camera.frame(20, 600).lost_silent, 0U);
-  EXPECT_EQ(camera.frame(21, 690).lost_silent, 2U);
+  for (std::uint32_t i = 0; i < 20; ++i) (void)camera.frame(i, 10 * i);
+  EXPECT_EQ(camera.frame(20, 220).lost_silent, 0U);  // 2 missing
+  EXPECT_EQ(camera.frame(21, 240).lost_silent, 0U);  // 1
+  EXPECT_EQ(camera.frame(22, 290).lost_silent, 0U);  // 4
+  EXPECT_EQ(camera.frame(23, 300).lost_silent, 7U);
+}
+
+TEST(FrameClock, CountsNoGapOfACameraThatIsSlowerThanGrantedFromTheStart) {
+  for (const std::int64_t interval_ms : {17, 20, 30, 100, 1000}) {
+    Camera camera;
+    int reported = 0;
+    for (std::uint32_t i = 0; i < 100; ++i) {
+      const FrameStamp stamp = camera.frame(i, interval_ms * i);
+      EXPECT_EQ(stamp.lost_silent, 0U) << interval_ms << " ms, frame " << i;
+      if (stamp.slower_interval_ns == 0) continue;
+      EXPECT_EQ(stamp.slower_interval_ns, interval_ms * kMs);
+      ++reported;
+    }
+    EXPECT_EQ(reported, 1) << interval_ms;
+    // What is missing at the slow rate is counted.
+    EXPECT_EQ(camera.frame(100, interval_ms * 103).lost_silent, 0U);
+    EXPECT_EQ(camera.frame(101, interval_ms * 104).lost_silent, 3U);
+  }
+}
+
+TEST(FrameClock, CountsNoGapWhenTheLightGoes) {
+  Camera camera;
+  for (std::uint32_t i = 0; i < 50; ++i) (void)camera.frame(i, 10 * i);
+  std::int64_t slower_ns = 0;
+  for (std::uint32_t i = 0; i < 50; ++i) {
+    const FrameStamp stamp = camera.frame(50 + i, 490 + 20 * (i + 1));
+    EXPECT_EQ(stamp.lost_silent, 0U) << i;
+    slower_ns = std::max(slower_ns, stamp.slower_interval_ns);
+  }
+  EXPECT_EQ(slower_ns, 20 * kMs);
+}
+
+TEST(FrameClock, ReportsNoSlowerCameraForLossesThatTheDriverCounts) {
+  Camera camera;
+  for (std::uint32_t i = 0; i < 100; ++i) {
+    const FrameStamp stamp = camera.frame(3 * i, 30 * i);
+    EXPECT_EQ(stamp.slower_interval_ns, 0);
+    EXPECT_EQ(stamp.lost_silent, 0U);
+    EXPECT_EQ(stamp.lost_counted, i == 0 ? 0U : 2U);
+  }
 }
 
 TEST(FrameClock, NumbersWrapAt32Bits) {

@@ -44,6 +44,18 @@ TEST(FramePace, ACameraThatStartsHasThreeSecondsForItsFirstFrames) {
   EXPECT_EQ(pace.usual_ns(), 33 * kMillisecond);
 }
 
+TEST(FramePace, WaitsTwiceAsLongAfterEachStartWithoutAFrame) {
+  FramePace pace(33 * kMillisecond);
+  EXPECT_EQ(pace.silent_after_ns(), 3000 * kMillisecond);
+  for (const std::int64_t wait_ms : {6000, 12000, 12000, 12000}) {
+    pace.restart(33 * kMillisecond);
+    EXPECT_EQ(pace.silent_after_ns(), wait_ms * kMillisecond);
+  }
+  pace.saw(0);
+  pace.restart(33 * kMillisecond);
+  EXPECT_EQ(pace.silent_after_ns(), 3000 * kMillisecond);
+}
+
 // An outage makes no patient watcher.
 TEST(FramePace, OneLongIntervalChangesNothing) {
   FramePace pace(33 * kMillisecond);

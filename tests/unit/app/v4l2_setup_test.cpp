@@ -1,0 +1,58 @@
+#include "app/capture/v4l2_setup.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <linux/videodev2.h>
+
+#include <cerrno>
+
+#include "app/capture/camera_trouble.hpp"
+
+namespace penumbra {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+TEST(V4l2Setup, AcceptsProgressiveFramesOnly) {
+  for (const std::uint32_t field : {V4L2_FIELD_NONE, V4L2_FIELD_ANY}) {
+    EXPECT_FALSE(field_problem(field)) << field;
+  }
+  for (const std::uint32_t field : {V4L2_FIELD_TOP, V4L2_FIELD_BOTTOM, V4L2_FIELD_INTERLACED,
+                                    V4L2_FIELD_SEQ_TB, V4L2_FIELD_SEQ_BT, V4L2_FIELD_ALTERNATE,
+                                    V4L2_FIELD_INTERLACED_TB, V4L2_FIELD_INTERLACED_BT}) {
+    ASSERT_TRUE(field_problem(field)) << field;
+    EXPECT_THAT(*field_problem(field), HasSubstr("interlaced")) << field;
+  }
+}
+
+TEST(V4l2Setup, NamesWhatTheDriverMadeOfARequest) {
+  EXPECT_EQ(changed_control_text("exposure", 10.0, " ms", 500.0, 2047, V4l2Range{3, 2047, 250}),
+            "exposure: the camera gives 204.7 ms for 500 ms; it takes 0.3 to 204.7 ms");
+  EXPECT_EQ(changed_control_text("focus", 1.0, "", 999.0, 250, std::nullopt),
+            "focus: the camera gives 250 for 999");
+}
+
+TEST(V4l2Setup, AdvisesWhereTheUsbBusIsFull) {
+  const std::string text = v4l2_call_help("/dev/video0", "VIDIOC_STREAMON", ENOSPC);
+  EXPECT_THAT(text, HasSubstr("bandwidth"));
+  EXPECT_THAT(text, HasSubstr("--format mjpeg"));
+  EXPECT_THAT(text, Not(HasSubstr("plug")));
+  EXPECT_THAT(text, Not(HasSubstr("space")));
+  EXPECT_EQ(fault_of(ENOSPC), CaptureFault::busy) << "trying again at once would not help";
+}
+
+TEST(V4l2Setup, AdviceFitsTheError) {
+  const auto help = [](int error) { return v4l2_call_help("/dev/video0", "VIDIOC_S_FMT", error); };
+  EXPECT_THAT(help(EINVAL), HasSubstr("choose another --format or --size"));
+  EXPECT_THAT(help(EPIPE), HasSubstr("libcamera"));
+  EXPECT_THAT(help(EIO), HasSubstr("cable"));
+  EXPECT_THAT(help(EBUSY), HasSubstr("another program"));
+  EXPECT_THAT(help(ENODEV), HasSubstr("no such camera"));
+  for (const int error : {EINVAL, EPIPE, EIO, EBUSY, ENODEV, ENOMEM, EDOM}) {
+    EXPECT_THAT(help(error), HasSubstr("/dev/video0: ")) << error;
+  }
+}
+
+}  // namespace
+}  // namespace penumbra
