@@ -3,7 +3,9 @@
 #include <spng.h>
 #include <turbojpeg.h>
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -282,10 +284,69 @@ Result<void> read_png_rows(spng_ctx* png, int format, int flags, std::uint8_t* p
   return {};
 }
 
-Result<Frame> decode_png(std::span<const std::uint8_t> bytes, const std::string& name) {
+// Samples of a 16-bit PNG as they are stored, rows without padding.
+struct DeepSamples {
+  std::size_t channels = 1;
+  std::size_t colours = 1;  // channels without alpha
+  std::vector<std::uint16_t> values;
+};
+
+Result<DeepSamples> read_deep_samples(spng_ctx* png, const spng_ihdr& header,
+                                      const std::string& name) {
+  DeepSamples samples;
+  const bool grey = header.color_type == SPNG_COLOR_TYPE_GRAYSCALE ||
+                    header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA;
+  const bool alpha = header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA ||
+                     header.color_type == SPNG_COLOR_TYPE_TRUECOLOR_ALPHA;
+  samples.colours = grey ? 1 : 3;
+  samples.channels = samples.colours + (alpha ? 1 : 0);
+  const std::size_t row = samples.channels * header.width;
+  samples.values.resize(row * header.height);
+  const std::size_t row_bytes = row * sizeof(std::uint16_t);
+  if (auto read = read_png_rows(png, SPNG_FMT_PNG, 0,
+                                reinterpret_cast<std::uint8_t*>(samples.values.data()), row_bytes,
+                                row_bytes, name);
+      !read) {
+    return tl::unexpected(read.error());
+  }
+  return samples;
+}
+
+// A 16-bit PNG whose values are in the lowest `sample_bits` bits.
+Result<Frame> decode_deep_png(spng_ctx* png, const spng_ihdr& header, const std::string& name,
+                              const DecodeOptions& options) {
+  const Result<DeepSamples> samples = read_deep_samples(png, header, name);
+  if (!samples) return tl::unexpected(samples.error());
+  const bool grey = samples->colours == 1;
+  FrameBuffer buffer =
+      allocate_frame(grey ? PixelFormat::grey8 : PixelFormat::rgb24, static_cast<int>(header.width),
+                     static_cast<int>(header.height));
+  const auto stride = static_cast<std::size_t>(buffer.frame.planes[0].stride);
+  const auto shift = static_cast<unsigned>(options.sample_bits - 8);
+  bool clamped = false;
+  const std::uint16_t* in = samples->values.data();
+  for (std::size_t y = 0; y < header.height; ++y) {
+    std::uint8_t* out = buffer.plane_data[0] + y * stride;
+    for (std::size_t x = 0; x < header.width; ++x, in += samples->channels) {
+      for (std::size_t c = 0; c < samples->colours; ++c) {
+        const unsigned value = static_cast<unsigned>(in[c]) >> shift;
+        clamped = clamped || value > 255U;
+        *out++ = static_cast<std::uint8_t>(std::min(value, 255U));
+      }
+    }
+  }
+  if (clamped && options.clamped != nullptr) *options.clamped = true;
+  return std::move(buffer.frame);
+}
+
+Result<Frame> decode_png(std::span<const std::uint8_t> bytes, const std::string& name,
+                         const DecodeOptions& options) {
   spng_ihdr header{};
   const Result<Png> png = open_png(bytes, name, header);
   if (!png) return tl::unexpected(png.error());
+  if (header.bit_depth == 16 && options.sample_bits < 16) {
+    return decode_deep_png(png->get(), header, name, options);
+  }
   const int width = static_cast<int>(header.width);
   const int height = static_cast<int>(header.height);
   const auto columns = static_cast<std::size_t>(width);
@@ -338,20 +399,53 @@ Result<RgbaImage> decode_png_rgba(std::span<const std::uint8_t> bytes, const std
 
 }  // namespace
 
-Result<Frame> decode_image(std::span<const std::uint8_t> bytes, const std::string& name) {
+Result<Frame> decode_image(std::span<const std::uint8_t> bytes, const std::string& name,
+                           const DecodeOptions& options) {
+  PENUMBRA_ASSERT(options.sample_bits >= 8 && options.sample_bits <= 16);
   const Result<Kind> kind = kind_of(bytes, name);
   if (!kind) return tl::unexpected(kind.error());
   try {
-    return *kind == Kind::jpeg ? decode_jpeg(bytes, name) : decode_png(bytes, name);
+    return *kind == Kind::jpeg ? decode_jpeg(bytes, name) : decode_png(bytes, name, options);
   } catch (const std::bad_alloc&) {
     return fail("{}: no memory for the picture", name);
   }
 }
 
-Result<Frame> load_image(const std::filesystem::path& file) {
+Result<Frame> load_image(const std::filesystem::path& file, const DecodeOptions& options) {
   const auto bytes = read_file(file);
   if (!bytes) return tl::unexpected(bytes.error());
-  return decode_image(*bytes, file.string());
+  return decode_image(*bytes, file.string(), options);
+}
+
+Result<std::optional<SixteenBitSamples>> sixteen_bit_samples(std::span<const std::uint8_t> bytes,
+                                                             const std::string& name) {
+  const Result<Kind> kind = kind_of(bytes, name);
+  if (!kind) return tl::unexpected(kind.error());
+  if (*kind != Kind::png) return std::optional<SixteenBitSamples>();
+  try {
+    spng_ihdr header{};
+    const Result<Png> png = open_png(bytes, name, header);
+    if (!png) return tl::unexpected(png.error());
+    if (header.bit_depth != 16) return std::optional<SixteenBitSamples>();
+    SixteenBitSamples found;
+    spng_sbit bits{};
+    if (spng_get_sbit(png->get(), &bits) == 0) {
+      const bool grey = header.color_type == SPNG_COLOR_TYPE_GRAYSCALE ||
+                        header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA;
+      found.significant_bits =
+          grey ? bits.grayscale_bits : std::max({bits.red_bits, bits.green_bits, bits.blue_bits});
+    }
+    const Result<DeepSamples> samples = read_deep_samples(png->get(), header, name);
+    if (!samples) return tl::unexpected(samples.error());
+    for (std::size_t at = 0; at < samples->values.size(); at += samples->channels) {
+      for (std::size_t c = 0; c < samples->colours; ++c) {
+        found.brightest = std::max<int>(found.brightest, samples->values[at + c]);
+      }
+    }
+    return std::optional<SixteenBitSamples>(found);
+  } catch (const std::bad_alloc&) {
+    return fail("{}: no memory for the picture", name);
+  }
 }
 
 Result<RgbaImage> decode_rgba(std::span<const std::uint8_t> bytes, const std::string& name) {
@@ -373,10 +467,11 @@ Result<RgbaImage> load_rgba(const std::filesystem::path& file) {
 namespace {
 
 // `samples`: rows without padding, of 1 or 3 bytes for each pixel.
-Result<void> encode_png(const std::filesystem::path& file, int width, int height,
-                        spng_color_type color, std::span<const std::uint8_t> samples) {
+Result<std::vector<std::uint8_t>> encode_png(int width, int height, spng_color_type color,
+                                             std::span<const std::uint8_t> samples,
+                                             std::optional<double> pixels_per_metre) {
   const Png png(spng_ctx_new(SPNG_CTX_ENCODER));
-  if (!png) return fail("{}: no memory for the PNG encoder", file.string());
+  if (!png) return fail("no memory for the PNG encoder");
   spng_ihdr header{};
   header.width = static_cast<std::uint32_t>(width);
   header.height = static_cast<std::uint32_t>(height);
@@ -386,18 +481,30 @@ Result<void> encode_png(const std::filesystem::path& file, int width, int height
   if (status == 0) status = spng_set_option(png.get(), SPNG_IMG_COMPRESSION_LEVEL, 1);
   if (status == 0) status = spng_set_option(png.get(), SPNG_FILTER_CHOICE, SPNG_FILTER_CHOICE_SUB);
   if (status == 0) status = spng_set_ihdr(png.get(), &header);
+  if (status == 0 && pixels_per_metre) {
+    const auto density = static_cast<std::uint32_t>(std::lround(*pixels_per_metre));
+    spng_phys physical{density, density, 1};  // per metre
+    status = spng_set_phys(png.get(), &physical);
+  }
   if (status == 0) {
     status = spng_encode_image(png.get(), samples.data(), samples.size(), SPNG_FMT_PNG,
                                SPNG_ENCODE_FINALIZE);
   }
-  if (status != 0) return fail("{}: cannot be encoded: {}", file.string(), spng_strerror(status));
+  if (status != 0) return fail("cannot be encoded: {}", spng_strerror(status));
   struct FreeBytes {
     void operator()(void* bytes) const { std::free(bytes); }
   };
   std::size_t size = 0;
   const std::unique_ptr<void, FreeBytes> encoded(spng_get_png_buffer(png.get(), &size, &status));
-  if (!encoded) return fail("{}: cannot be encoded: {}", file.string(), spng_strerror(status));
-  return write_file(file, {static_cast<const std::uint8_t*>(encoded.get()), size});
+  if (!encoded) return fail("cannot be encoded: {}", spng_strerror(status));
+  const auto* bytes = static_cast<const std::uint8_t*>(encoded.get());
+  return std::vector<std::uint8_t>(bytes, bytes + size);
+}
+
+Result<void> write_png(const std::filesystem::path& file,
+                       const Result<std::vector<std::uint8_t>>& bytes) {
+  if (!bytes) return fail_in(file.string(), bytes.error());
+  return write_file(file, *bytes);
 }
 
 }  // namespace
@@ -413,16 +520,21 @@ Result<void> save_png(const std::filesystem::path& file, int width, int height,
     rgb[3 * i + 1] = rgba[4 * i + 1];
     rgb[3 * i + 2] = rgba[4 * i + 2];
   }
-  return encode_png(file, width, height, SPNG_COLOR_TYPE_TRUECOLOR, rgb);
+  return write_png(file, encode_png(width, height, SPNG_COLOR_TYPE_TRUECOLOR, rgb, std::nullopt));
 }
 
-Result<void> save_grey_png(const std::filesystem::path& file, ImageView image) {
+Result<std::vector<std::uint8_t>> grey_png(ImageView image,
+                                           std::optional<double> pixels_per_metre) {
   PENUMBRA_ASSERT(!image.empty());
   const auto width = static_cast<std::size_t>(image.width);
   std::vector<std::uint8_t> grey(width * static_cast<std::size_t>(image.height));
   for (int y = 0; y < image.height; ++y)
     std::copy_n(image.row(y), width, grey.begin() + static_cast<std::ptrdiff_t>(width) * y);
-  return encode_png(file, image.width, image.height, SPNG_COLOR_TYPE_GRAYSCALE, grey);
+  return encode_png(image.width, image.height, SPNG_COLOR_TYPE_GRAYSCALE, grey, pixels_per_metre);
+}
+
+Result<void> save_grey_png(const std::filesystem::path& file, ImageView image) {
+  return write_png(file, grey_png(image));
 }
 
 }  // namespace penumbra

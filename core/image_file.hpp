@@ -3,7 +3,9 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "core/error.hpp"
@@ -18,9 +20,27 @@ namespace penumbra {
 // a decoder would paper over it; fill bytes in front of a JPEG's end mark, up to 1 KiB, are not
 // damage. Sides up to 32768 px, 256 Mpx in all. `name` is put into the
 // error. Thread-safe.
+struct DecodeOptions {
+  // Lowest bits of a 16-bit PNG's samples that hold the value, 8 to 16: the upper 8 of them are
+  // kept. 16 is what the PNG specification says; machine-vision cameras store 10, 12 or 14
+  // (see core/sample_depth.hpp). A larger value is clamped to white.
+  int sample_bits = 16;
+  bool* clamped = nullptr;  // set to true where a value was clamped
+};
 [[nodiscard]] Result<Frame> decode_image(std::span<const std::uint8_t> bytes,
-                                         const std::string& name);
-[[nodiscard]] Result<Frame> load_image(const std::filesystem::path& file);
+                                         const std::string& name,
+                                         const DecodeOptions& options = {});
+[[nodiscard]] Result<Frame> load_image(const std::filesystem::path& file,
+                                       const DecodeOptions& options = {});
+
+// Values of a 16-bit PNG, alpha not counted.
+struct SixteenBitSamples {
+  int brightest = 0;
+  std::optional<int> significant_bits;  // by its sBIT chunk, the largest of its channels
+};
+// Nothing where the bytes are no PNG of 16 bits.
+[[nodiscard]] Result<std::optional<SixteenBitSamples>> sixteen_bit_samples(
+    std::span<const std::uint8_t> bytes, const std::string& name);
 
 // RGBA8, rows top to bottom, width * 4 bytes apart.
 struct RgbaImage {
@@ -34,7 +54,9 @@ struct RgbaImage {
 // 8-bit RGB PNG; alpha is dropped.
 [[nodiscard]] Result<void> save_png(const std::filesystem::path& file, int width, int height,
                                     std::span<const std::uint8_t> rgba);
-// 8-bit grey PNG.
+// 8-bit grey PNG, in memory. `pixels_per_metre`: how large it is printed.
+[[nodiscard]] Result<std::vector<std::uint8_t>> grey_png(
+    ImageView image, std::optional<double> pixels_per_metre = std::nullopt);
 [[nodiscard]] Result<void> save_grey_png(const std::filesystem::path& file, ImageView image);
 
 }  // namespace penumbra

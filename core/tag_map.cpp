@@ -194,7 +194,7 @@ Result<TagMap> load_tag_map(const std::filesystem::path& file) {
   }
 }
 
-Result<void> save_tag_map(const std::filesystem::path& file, const TagMap& map) {
+std::string tag_map_text(const TagMap& map) {
   std::string text =
       "# Tag frame: origin at the tag's centre, x right and y up on the upright printed tag, z out "
       "of\n"
@@ -212,7 +212,11 @@ Result<void> save_tag_map(const std::filesystem::path& file, const TagMap& map) 
     if (tag.group != "table") text += fmt::format(", group: {}", in_quotes(tag.group));
     text += "}\n";
   }
-  return write_text_file(file, text);
+  return text;
+}
+
+Result<void> save_tag_map(const std::filesystem::path& file, const TagMap& map) {
+  return write_text_file(file, tag_map_text(map));
 }
 
 }  // namespace penumbra

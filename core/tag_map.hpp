@@ -82,6 +82,7 @@ class TagMap {
 [[nodiscard]] Result<TagMap> load_tag_map(const std::filesystem::path& file);
 
 // Numbers are written so that they read back to the same double.
+[[nodiscard]] std::string tag_map_text(const TagMap& map);
 [[nodiscard]] Result<void> save_tag_map(const std::filesystem::path& file, const TagMap& map);
 
 }  // namespace penumbra

@@ -1,0 +1,171 @@
+// 16-bit pictures that hold fewer bits: found from their values or their sBIT chunk, one depth for
+// all of them.
+#include "core/sample_depth.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "core/file.hpp"
+#include "core/image_file.hpp"
+#include "support/deep_png.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+using testing::HasSubstr;
+using Values = std::vector<std::uint16_t>;
+
+constexpr int kWidth = 16;
+constexpr int kHeight = 9;
+
+using Layout = test::DeepPng;
+
+// Every channel but alpha, which is opaque, runs from 0 to `brightest`.
+Values ramp(int brightest, const Layout& layout = {}) {
+  Values values;
+  const int colours = layout.channels - (layout.alpha ? 1 : 0);
+  const int count = kWidth * kHeight * colours;
+  for (int i = 0; i < count; ++i) {
+    values.push_back(static_cast<std::uint16_t>(std::int64_t{brightest} * i / (count - 1)));
+    if (layout.alpha && (i + 1) % colours == 0) values.push_back(65535);
+  }
+  return values;
+}
+
+std::vector<std::uint8_t> png_of(const Values& values, const Layout& layout = {}) {
+  return test::deep_png(values, kWidth, kHeight, layout);
+}
+
+class SampleDepthTest : public testing::Test {
+ protected:
+  void add(const std::vector<std::uint8_t>& bytes) {
+    pictures_.push_back(folder_.path() / (std::to_string(pictures_.size()) + ".png"));
+    ASSERT_TRUE(write_file(pictures_.back(), bytes));
+  }
+  [[nodiscard]] SampleDepth found() const { return sample_depth_of(pictures_); }
+
+  test::TemporaryFolder folder_;
+  std::vector<std::filesystem::path> pictures_;
+};
+
+TEST_F(SampleDepthTest, IsTheSmallestThatHoldsEveryValue) {
+  for (const auto& [brightest, bits] : {std::pair{0, 16},
+                                        {1, 8},
+                                        {255, 8},
+                                        {256, 9},
+                                        {1020, 10},
+                                        {1023, 10},
+                                        {1024, 11},
+                                        {4080, 12},
+                                        {16383, 14},
+                                        {16384, 16},
+                                        {40000, 16},
+                                        {65535, 16}}) {
+    pictures_.clear();
+    add(png_of(ramp(brightest)));
+    EXPECT_EQ(found().bits, bits) << brightest;
+    EXPECT_EQ(found().brightest, brightest);
+    EXPECT_FALSE(found().by_chunk);
+  }
+}
+
+TEST_F(SampleDepthTest, IsOneForAllPictures) {
+  add(png_of(ramp(700)));
+  add(png_of(ramp(3000)));
+  add(png_of(ramp(90)));
+  EXPECT_EQ(found().bits, 12);
+  EXPECT_EQ(found().text(), "16-bit pictures hold 12 bits (brightest value 3000): read as 12-bit");
+  add(png_of(ramp(65535)));
+  EXPECT_EQ(found().bits, 16);
+  EXPECT_FALSE(found().reduced());
+}
+
+TEST_F(SampleDepthTest, IsThatOfTheChunkWhereTheValuesFit) {
+  add(png_of(ramp(700), {.significant_bits = 12}));
+  EXPECT_EQ(found().bits, 12);
+  EXPECT_TRUE(found().by_chunk);
+  EXPECT_THAT(found().text(), HasSubstr("by their sBIT chunk"));
+  // Scaled up to 16 bits, as the PNG specification asks of whoever writes the chunk.
+  add(png_of(ramp(50000), {.significant_bits = 12}));
+  EXPECT_EQ(found().bits, 16);
+  pictures_.clear();
+  add(png_of(ramp(9000), {.significant_bits = 12}));
+  EXPECT_EQ(found().bits, 16) << "dark, but scaled";
+}
+
+TEST_F(SampleDepthTest, PassesOverWhatIsNoSixteenBitPng) {
+  EXPECT_EQ(found().bits, 16) << "no pictures";
+  add({});
+  std::vector<std::uint8_t> damaged = png_of(ramp(300));
+  damaged[damaged.size() / 2] ^= 0xFFU;
+  add(damaged);
+  pictures_.push_back(folder_.path() / "missing.png");
+  pictures_.push_back(folder_.path());
+  EXPECT_EQ(found().bits, 16);
+  add(png_of(ramp(1020)));
+  EXPECT_EQ(found().bits, 10);
+}
+
+// The upper 8 of the bits that hold the value, in every layout; a larger value is white.
+TEST(DecodeImage, KeepsTheUpperBitsOfReducedSamples) {
+  const Layout layouts[] = {{},
+                            {.interlaced = true},
+                            {SPNG_COLOR_TYPE_GRAYSCALE_ALPHA, 2, true},
+                            {SPNG_COLOR_TYPE_TRUECOLOR, 3},
+                            {SPNG_COLOR_TYPE_TRUECOLOR_ALPHA, 4, true, true}};
+  for (const Layout& layout : layouts) {
+    for (int bits = 8; bits <= 16; ++bits) {
+      for (const int brightest : {(1 << bits) - 1, std::min(2 << bits, 65535)}) {
+        const Values values = ramp(brightest, layout);
+        bool clamped = false;
+        const auto frame = decode_image(png_of(values, layout), "a.png", {bits, &clamped});
+        ASSERT_TRUE(frame) << frame.error().message;
+        const int colours = layout.channels - (layout.alpha ? 1 : 0);
+        EXPECT_EQ(frame->format, colours == 1 ? PixelFormat::grey8 : PixelFormat::rgb24);
+        EXPECT_EQ(clamped, brightest >= 1 << bits) << bits;
+        std::size_t at = 0;
+        int wrong = 0;
+        for (int y = 0; y < kHeight; ++y) {
+          for (int x = 0; x < kWidth; ++x, at += layout.alpha ? 1 : 0) {
+            for (int c = 0; c < colours; ++c, ++at) {
+              const int got = frame->planes[0].data[y * frame->planes[0].stride + x * colours + c];
+              wrong += got != std::min(values[at] >> (bits - 8), 255) ? 1 : 0;
+            }
+          }
+        }
+        EXPECT_EQ(wrong, 0) << bits << " bits, brightest " << brightest;
+      }
+    }
+  }
+}
+
+TEST(DecodeImage, ReadsTheSharedDarkPicturesAsTheirEightBitOriginals) {
+  if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const auto cases = test::shared_dir() / "cases" / "dark-16-bit-pictures";
+  if (!std::filesystem::is_directory(cases)) GTEST_SKIP() << cases << " is missing";
+  for (const auto& [name, bits] : {std::pair{"r_gray10in16", 10}, {"r_gray12in16", 12}}) {
+    const std::vector<std::filesystem::path> pictures = {cases / name / "frames" / "000000.png",
+                                                         cases / name / "frames" / "000001.png"};
+    const SampleDepth depth = sample_depth_of(pictures);
+    EXPECT_EQ(depth.bits, bits);
+    const auto frame = load_image(pictures[0], {depth.bits});
+    ASSERT_TRUE(frame) << frame.error().message;
+    std::vector<std::uint8_t> scratch;
+    const ImageView grey = luma(*frame, scratch);
+    int brightest = 0;
+    for (int y = 0; y < grey.height; ++y) {
+      brightest =
+          std::max<int>(brightest, *std::max_element(grey.row(y), grey.row(y) + grey.width));
+    }
+    EXPECT_GE(brightest, 250);
+  }
+}
+
+}  // namespace
+}  // namespace penumbra
