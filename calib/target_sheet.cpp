@@ -1,6 +1,5 @@
 #include "calib/target_sheet.hpp"
 
-#include <cairo-pdf.h>
 #include <cairo.h>
 
 #include <algorithm>
@@ -9,10 +8,9 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
-#include <functional>
-#include <memory>
 #include <vector>
 
+#include "calib/sheet_page.hpp"
 #include "core/file.hpp"
 #include "core/text.hpp"
 #include "tracking/tag_pattern.hpp"
@@ -20,10 +18,9 @@
 namespace penumbra {
 namespace {
 
-constexpr double kPointsPerMetre = 72.0 / 0.0254;  // PDF's unit is 1/72 inch
-constexpr double kMargin = 0.006;                  // [m] that common printers leave white
-constexpr double kRulerLength = 0.100;             // [m]
-constexpr double kFooter = 0.012;                  // [m] below the board for ruler and text
+// Bounds of the printed scale: true length over nominal length.
+constexpr double kSmallestScale = 0.5;
+constexpr double kLargestScale = 2.0;
 
 struct NamedPage {
   std::string_view name;
@@ -62,14 +59,6 @@ Result<BoardExtent> extent_of(const TagBoard& board) {
   return BoardExtent{board.pitch_m * (board.columns - 1) + printed,
                      board.pitch_m * (board.rows - 1) + printed};
 }
-
-// What is drawn: its size, what draws it around a centre on the page, and what it is in words.
-struct Sheet {
-  double width = 0.0;   // [m]
-  double height = 0.0;  // [m]
-  std::function<void(cairo_t*, double, double)> draw;
-  std::string caption;
-};
 
 // The page as it must lie for the sheet.
 Result<PageSize> turned_page(const Sheet& sheet, const PageSize& page) {
@@ -123,17 +112,29 @@ void draw_tags(cairo_t* cr, const TagMap& map, double centre_x, double centre_y)
   }
 }
 
+// Returns whether a small cross at the origin stays clear of every tag and its white margin
+// (`printed_m` wide).
+bool is_free_at_origin(const TagMap& map, double printed_m) {
+  return std::ranges::all_of(map.tags(), [&](const MappedTag& tag) {
+    const double away = tag.T_table_tag.translation().head<2>().cwiseAbs().maxCoeff();
+    return away - 0.5 * printed_m >= kOriginCross_m + kOriginGap_m;
+  });
+}
+
 Result<Sheet> sheet_of(const TagBoard& board) {
   const Result<BoardExtent> extent = extent_of(board);
   if (!extent) return tl::unexpected(extent.error());
   Result<TagMap> map = tag_map_of(board);
   if (!map) return tl::unexpected(map.error());
+  const double printed = extent->width - board.pitch_m * (board.columns - 1);
+  const bool free = is_free_at_origin(*map, printed);
   return Sheet{
       extent->width, extent->height,
       [map = std::move(*map)](cairo_t* cr, double x, double y) { draw_tags(cr, map, x, y); },
       fmt::format("{} ids {} to {}, black squares {:g} mm, pitch {:g} mm", to_string(board.family),
                   board.first_id, board.first_id + board.columns * board.rows - 1,
-                  board.tag_size_m * 1e3, board.pitch_m * 1e3)};
+                  board.tag_size_m * 1e3, board.pitch_m * 1e3),
+      free};
 }
 
 Result<Sheet> sheet_of(const AprilGrid& grid) {
@@ -147,11 +148,13 @@ Result<Sheet> sheet_of(const AprilGrid& grid) {
     return fail("spacing {}: tags need {:.3f} of their size between them for their white margins",
                 grid.spacing, printed / grid.tag_size_m - 1.0);
   }
+  const bool free = is_free_at_origin(*map, printed);
   return Sheet{
       pitch * (grid.columns - 1) + printed, pitch * (grid.rows - 1) + printed,
       [map = std::move(*map)](cairo_t* cr, double x, double y) { draw_tags(cr, map, x, y); },
       fmt::format("{} x {} {}, tagSize {:g} mm, tagSpacing {:g}", grid.columns, grid.rows,
-                  to_string(grid.family), grid.tag_size_m * 1e3, grid.spacing)};
+                  to_string(grid.family), grid.tag_size_m * 1e3, grid.spacing),
+      free};
 }
 
 Result<Sheet> sheet_of(const CharucoBoard& board) {
@@ -171,7 +174,8 @@ Result<Sheet> sheet_of(const CharucoBoard& board) {
                },
                fmt::format("ChArUco {} x {}, squares {:g} mm, {} {:g} mm from id {}", board.columns,
                            board.rows, board.square_m * 1e3, to_string(board.family),
-                           board.tag_m * 1e3, board.first_id)};
+                           board.tag_m * 1e3, board.first_id),
+               false};
 }
 
 Result<Sheet> sheet_of(const ChessboardSheet& board) {
@@ -191,30 +195,20 @@ Result<Sheet> sheet_of(const ChessboardSheet& board) {
                  cairo_fill(cr);
                },
                fmt::format("{} x {} inner corners, squares {:g} mm", board.inner_columns,
-                           board.inner_rows, board.square_m * 1e3)};
+                           board.inner_rows, board.square_m * 1e3),
+               false};
 }
 
 Result<Sheet> sheet_of(const SheetTarget& target) {
   return std::visit([](const auto& board) { return sheet_of(board); }, target);
 }
 
-void draw_ruler(cairo_t* cr, double x, double y) {
-  cairo_set_line_width(cr, 0.0002);
-  cairo_move_to(cr, x, y);
-  cairo_line_to(cr, x + kRulerLength, y);
-  for (int mm = 0; mm <= 100; mm += 5) {
-    const double tick = mm % 50 == 0 ? 0.003 : mm % 10 == 0 ? 0.002 : 0.001;
-    cairo_move_to(cr, x + mm * 0.001, y);
-    cairo_line_to(cr, x + mm * 0.001, y - tick);
-  }
-  cairo_stroke(cr);
-}
+constexpr std::string_view kMeasuredLine = "# The sheet's 100 mm ruler, on paper [mm]: ";
 
-void draw_text(cairo_t* cr, double x, double y, const std::string& text) {
-  cairo_select_font_face(cr, "sans-serif", CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_NORMAL);
-  cairo_set_font_size(cr, 0.0026);
-  cairo_move_to(cr, x, y);
-  cairo_show_text(cr, text.c_str());
+// A comment, with its line break; empty for a sheet at its true scale.
+std::string measured_line(double printed_scale) {
+  if (printed_scale == 1.0) return {};
+  return fmt::format("{}{:.10g}\n", kMeasuredLine, 100.0 * printed_scale);
 }
 
 }  // namespace
@@ -249,7 +243,7 @@ Result<PageSize> page_size_from_string(std::string_view name) {
 Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale) {
   if (const Result<BoardExtent> extent = extent_of(board); !extent)
     return tl::unexpected(extent.error());
-  if (!(printed_scale >= 0.5 && printed_scale <= 2.0)) {
+  if (!(printed_scale >= kSmallestScale && printed_scale <= kLargestScale)) {
     return fail(
         "the sheet's scale is {}; measure the ruler again: 100 mm should come out at 50 to 200 mm",
         printed_scale);
@@ -289,63 +283,31 @@ Result<void> write_tag_board(const std::filesystem::path& pdf, const TagBoard& b
   return write_sheet(pdf, board, page);
 }
 
-Result<void> write_sheet(const std::filesystem::path& pdf, const SheetTarget& target,
-                         const PageSize& page) {
+Result<void> write_sheet(const std::filesystem::path& file, const SheetTarget& target,
+                         const PageSize& page, SheetFormat format) {
   const Result<Sheet> sheet = sheet_of(target);
   if (!sheet) return tl::unexpected(sheet.error());
   const Result<PageSize> turned = turned_page(*sheet, page);
   if (!turned) return tl::unexpected(turned.error());
-  const double width = turned->width_m;
-  const double height = turned->height_m;
-
-  // Into memory first: a file of cairo's own does not say that the disk was full.
-  std::vector<std::uint8_t> bytes;
-  const auto append = [](void* to, const unsigned char* data, unsigned int length) {
-    auto& all = *static_cast<std::vector<std::uint8_t>*>(to);
-    all.insert(all.end(), data, data + length);
-    return CAIRO_STATUS_SUCCESS;
-  };
-  const std::unique_ptr<cairo_surface_t, decltype(&cairo_surface_destroy)> surface(
-      cairo_pdf_surface_create_for_stream(append, &bytes, width * kPointsPerMetre,
-                                          height * kPointsPerMetre),
-      &cairo_surface_destroy);
-  // The same sheet is the same file: without this the time of writing would stand in it.
-  cairo_pdf_surface_set_metadata(surface.get(), CAIRO_PDF_METADATA_CREATE_DATE,
-                                 "2000-01-01T00:00:00Z");
-  const std::unique_ptr<cairo_t, decltype(&cairo_destroy)> context(cairo_create(surface.get()),
-                                                                   &cairo_destroy);
-  cairo_t* cr = context.get();
-  cairo_scale(cr, kPointsPerMetre, kPointsPerMetre);
-  cairo_set_source_rgb(cr, 0.0, 0.0, 0.0);
-  sheet->draw(cr, 0.5 * width, 0.5 * (height - kFooter));
-  const double footer_y = height - kMargin - 0.002;
-  const double ruler_x = std::min(kMargin + 0.004, width - kMargin - kRulerLength);
-  draw_ruler(cr, ruler_x, footer_y);
-  draw_text(cr, ruler_x, footer_y - 0.0045, "measure this: 100 mm");
-  if (width > 0.25) {
-    draw_text(cr, ruler_x + kRulerLength + 0.006, footer_y,
-              sheet->caption + ". Print at 100 %, not fitted to the page.");
-  }
-  cairo_show_page(cr);
-  cairo_surface_finish(surface.get());
-  if (const cairo_status_t status = cairo_surface_status(surface.get());
-      status != CAIRO_STATUS_SUCCESS) {
-    return fail("{}: cannot be drawn: {}", pdf.string(), cairo_status_to_string(status));
-  }
-  return write_file(pdf, bytes);
+  const Result<std::vector<std::uint8_t>> bytes = page_bytes(*sheet, *turned, format);
+  if (!bytes) return fail_in(file.string(), bytes.error());
+  return write_file(file, *bytes);
 }
 
-Result<void> save_target(const std::filesystem::path& file, const SheetTarget& target,
-                         double printed_scale) {
-  if (!(printed_scale >= 0.5 && printed_scale <= 2.0)) {
+namespace {
+
+// All of the file.
+Result<std::string> target_text(const SheetTarget& target, double printed_scale) {
+  if (!(printed_scale >= kSmallestScale && printed_scale <= kLargestScale)) {
     return fail(
         "the sheet's scale is {}; measure the ruler again: 100 mm should come out at 50 to 200 mm",
         printed_scale);
   }
+  const std::string measured = measured_line(printed_scale);
   if (const auto* tags = std::get_if<TagBoard>(&target)) {
     const Result<TagMap> map = tag_map_of(*tags, printed_scale);
     if (!map) return tl::unexpected(map.error());
-    return save_tag_map(file, *map);
+    return measured + tag_map_text(*map);
   }
   // Lengths to the nanometre: 0.03 m times 0.992 is 0.02976 and not 0.029759999999999998.
   std::string text;
@@ -373,7 +335,34 @@ Result<void> save_target(const std::filesystem::path& file, const SheetTarget& t
         "target_type: checkerboard\ninner_cols: {}\ninner_rows: {}\nsquare_m: {:.9g}\n",
         chess->inner_columns, chess->inner_rows, chess->square_m * printed_scale);
   }
-  return write_text_file(file, text);
+  return measured + text;
+}
+
+}  // namespace
+
+Result<void> save_target(const std::filesystem::path& file, const SheetTarget& target,
+                         double printed_scale) {
+  const Result<std::string> text = target_text(target, printed_scale);
+  if (!text) return tl::unexpected(text.error());
+  return write_text_file(file, *text);
+}
+
+std::optional<double> printed_scale_of(const std::filesystem::path& file,
+                                       const SheetTarget& target) {
+  constexpr std::size_t kMaxBytes = 16'000'000;
+  const Result<std::string> text = read_text_file(file, kMaxBytes);
+  if (!text) return std::nullopt;
+  double measured_mm = 100.0;
+  if (text->starts_with(kMeasuredLine)) {
+    const std::size_t end = std::min(text->find('\n'), text->size());
+    const auto number = parse_number(
+        trim(std::string_view(*text).substr(kMeasuredLine.size(), end - kMeasuredLine.size())));
+    if (!number) return std::nullopt;
+    measured_mm = *number;
+  }
+  const Result<std::string> made = target_text(target, measured_mm / 100.0);
+  if (!made || *made != *text) return std::nullopt;
+  return measured_mm / 100.0;
 }
 
 }  // namespace penumbra

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -51,18 +52,29 @@ struct ChessboardSheet {
 // squares between them: libapriltag finds all of its tags, and Kalibr's own has other ones.
 using SheetTarget = std::variant<TagBoard, AprilGrid, CharucoBoard, ChessboardSheet>;
 
+// At true scale: PNG of 600 dots per inch (300 for pages above 100 Mpx), which its pHYs chunk says.
+enum class SheetFormat { pdf, svg, png };
+// By the file's extension, in any case; PDF where there is none. Fails for any other.
+[[nodiscard]] Result<SheetFormat> sheet_format_of(const std::filesystem::path& file);
+
 // As check_fits and write_tag_board, for every kind of sheet.
 [[nodiscard]] Result<void> check_fits(const SheetTarget& target, const PageSize& page);
-[[nodiscard]] Result<void> write_sheet(const std::filesystem::path& pdf, const SheetTarget& target,
-                                       const PageSize& page);
+[[nodiscard]] Result<void> write_sheet(const std::filesystem::path& file, const SheetTarget& target,
+                                       const PageSize& page, SheetFormat format = SheetFormat::pdf);
 // The file that load_target() reads: tags.yaml for a TagBoard, else target_type and its numbers,
 // lengths times `printed_scale`.
 [[nodiscard]] Result<void> save_target(const std::filesystem::path& file, const SheetTarget& target,
                                        double printed_scale = 1.0);
 
+// The printed scale that the file was saved with; nothing where that is another sheet's file, or
+// one that was changed since.
+[[nodiscard]] std::optional<double> printed_scale_of(const std::filesystem::path& file,
+                                                     const SheetTarget& target);
+
 // The sheet as PDF: tags as vector shapes, a 100 mm ruler ("measure this: 100 mm"), and a line that
-// says what it is. The page is turned to landscape where the board only fits so. Fails, naming both
-// sizes, when it fits neither way, and when the file can't be written.
+// says what it is; marks on the edges show where the origin is and which way x and y run. The page
+// is turned to landscape where the board only fits so. Fails, naming both sizes, when it fits
+// neither way, and when the file can't be written.
 [[nodiscard]] Result<void> write_tag_board(const std::filesystem::path& pdf, const TagBoard& board,
                                            const PageSize& page);
 

@@ -12,7 +12,9 @@
 #include <utility>
 
 #include "calib/target_detector.hpp"
+#include "core/file.hpp"
 #include "core/image_file.hpp"
+#include "core/text.hpp"
 #include "support/paths.hpp"
 #include "tracking/tag_detector.hpp"
 
@@ -156,6 +158,154 @@ TEST_P(EverySheet, HasARulerOfAHundredMillimetres) {
   }
   // The stroke's width adds to both ends, and half a pixel of its raster.
   EXPECT_NEAR(longest / kPixelsPerMetre, 0.1, 4e-4);
+}
+
+// Corners on a page of another resolution, against the map: nothing is scaled or turned to fit.
+void expect_same_scale(const Frame& frame, double pixels_per_metre, const TagMap& map) {
+  std::vector<std::uint8_t> scratch;
+  TagDetector detector = TagDetector::create(map.families()).value();
+  const std::vector<TagDetection> detections = detector.detect(luma(frame, scratch));
+  ASSERT_EQ(detections.size(), map.tags().size());
+  for (const TagDetection& detection : detections) {
+    const MappedTag* tag = map.find(detection.family, detection.id);
+    ASSERT_NE(tag, nullptr);
+    const MappedTag* first = map.find(detections[0].family, detections[0].id);
+    const Eigen::Vector2d from_first = detection.corners_px[0] - detections[0].corners_px[0];
+    const Eigen::Vector3d said = tag->corners()[0] - first->corners()[0];
+    EXPECT_NEAR(from_first.x() / pixels_per_metre, said.x(), 1e-4);
+    EXPECT_NEAR(-from_first.y() / pixels_per_metre, said.y(), 1e-4);
+  }
+}
+
+// Dots for each metre by the file's pHYs chunk.
+double density_of(const std::filesystem::path& png) {
+  const std::vector<std::uint8_t> bytes = read_file(png).value();
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  const std::size_t at = text.find("pHYs");
+  EXPECT_NE(at, std::string_view::npos);
+  if (at == std::string_view::npos) return 0.0;
+  double density = 0.0;
+  for (std::size_t i = 4; i < 8; ++i) density = 256.0 * density + bytes[at + i];
+  EXPECT_EQ(bytes[at + 12], 1) << "the unit is a metre";
+  return density;
+}
+
+TEST_P(EverySheet, IsWrittenAsPngAtTrueScale) {
+  const auto& [sheet, page_name] = GetParam();
+  const test::TemporaryFolder folder;
+  const auto png = folder.path() / "sheet.png";
+  const PageSize page = page_size_from_string(page_name).value();
+  const auto written = write_sheet(png, sheet, page, SheetFormat::png);
+  ASSERT_TRUE(written) << written.error().message;
+  const double density = density_of(png);
+  EXPECT_NEAR(density, 600.0 / 0.0254, 1.0);
+  const Frame frame = load_image(png).value();
+  const double longer = std::max(page.width_m, page.height_m);
+  EXPECT_NEAR(std::max(frame.width, frame.height), longer * density, 1.5);
+  if (const auto* board = std::get_if<TagBoard>(&sheet)) {
+    expect_same_scale(frame, density, tag_map_of(*board).value());
+  } else if (const auto* grid = std::get_if<AprilGrid>(&sheet)) {
+    expect_same_scale(frame, density, tag_map_of(*grid).value());
+  }
+}
+
+TEST_P(EverySheet, IsWrittenAsSvgOfThePagesSize) {
+  const auto& [sheet, page_name] = GetParam();
+  const test::TemporaryFolder folder;
+  const auto svg = folder.path() / "sheet.svg";
+  const PageSize page = page_size_from_string(page_name).value();
+  ASSERT_TRUE(write_sheet(svg, sheet, page, SheetFormat::svg));
+  const std::string text = read_text_file(svg, std::size_t{1} << 26U).value();
+  const auto length_of = [&](std::string_view name) {
+    const std::size_t at = text.find(std::string(name) + "=\"");
+    const std::size_t begin = at + name.size() + 2;
+    const std::size_t end = text.find('"', begin);
+    const std::string value = text.substr(begin, end - begin);
+    EXPECT_TRUE(value.ends_with("pt")) << value;
+    return std::strtod(value.c_str(), nullptr) / 72.0 * 0.0254;
+  };
+  EXPECT_EQ(text.find("<?xml"), 0U);
+  const double width = length_of("width");
+  const double height = length_of("height");
+  EXPECT_NEAR(std::max(width, height), std::max(page.width_m, page.height_m), 1e-5);
+  EXPECT_NEAR(std::min(width, height), std::min(page.width_m, page.height_m), 1e-5);
+}
+
+TEST_P(EverySheet, HasATitle) {
+  const test::TemporaryFolder folder;
+  const auto pdf = folder.path() / "sheet.pdf";
+  ASSERT_TRUE(write_sheet(pdf, GetParam().first, page_size_from_string(GetParam().second).value()));
+  const auto text_file = folder.path() / "info.txt";
+  const std::string command = "pdfinfo '" + pdf.string() + "' > '" + text_file.string() + "'";
+  ASSERT_EQ(std::system(command.c_str()), 0);
+  const std::string info = read_text_file(text_file, 100'000).value();
+  EXPECT_THAT(info, testing::ContainsRegex("Title: +[A-Za-z0-9]"));
+}
+
+// Ink on the page's edges at the height and the breadth of the board's centre, which the detected
+// tags say; none in between.
+TEST(TargetSheet, MarksItsOriginOnTheEdges) {
+  const SheetInHand hand = printed(TagBoard{}, page_size_from_string("a4").value());
+  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+  for (const TargetCorner& corner : hand.view.corners) centre += corner.pixel;
+  centre /= static_cast<double>(hand.view.corners.size());
+  std::vector<std::uint8_t> scratch;
+  const ImageView page = luma(hand.frame, scratch);
+  const auto ink = [&](double x_m, double y_m, double half_m) {  // from the centre, y up
+    const double x = centre.x() + x_m * kPixelsPerMetre;
+    const double y = centre.y() - y_m * kPixelsPerMetre;
+    const int half = static_cast<int>(half_m * kPixelsPerMetre);
+    int dark = 0;
+    for (int j = -half; j <= half; ++j) {
+      for (int i = -half; i <= half; ++i) {
+        dark += page.row(static_cast<int>(y) + j)[static_cast<int>(x) + i] < 128 ? 1 : 0;
+      }
+    }
+    return dark;
+  };
+  // The board is 215 x 160 mm with its white margins.
+  for (const double side : {-1.0, 1.0}) {
+    EXPECT_GT(ink(side * 0.1100, 0.0, 0.0010), 5) << "x axis";
+    EXPECT_GT(ink(0.0, side * 0.0825, 0.0010), 5) << "y axis";
+    EXPECT_EQ(ink(side * 0.1100, 0.02, 0.0010), 0);
+    EXPECT_EQ(ink(0.02, side * 0.0825, 0.0010), 0);
+  }
+}
+
+TEST(TargetSheet, FormatIsThatOfTheExtension) {
+  EXPECT_EQ(sheet_format_of("a.pdf").value(), SheetFormat::pdf);
+  EXPECT_EQ(sheet_format_of("a.PNG").value(), SheetFormat::png);
+  EXPECT_EQ(sheet_format_of("b/a.svg").value(), SheetFormat::svg);
+  EXPECT_EQ(sheet_format_of("a").value(), SheetFormat::pdf);
+  EXPECT_THAT(sheet_format_of("a.jpg").error().message, HasSubstr(".pdf, .svg or .png"));
+}
+
+TEST(TargetSheet, RefusesAPngThatIsTooLarge) {
+  const test::TemporaryFolder folder;
+  const auto png = folder.path() / "sheet.png";
+  const auto written = write_sheet(png, TagBoard{}, {5.0, 5.0}, SheetFormat::png);
+  ASSERT_FALSE(written);
+  EXPECT_THAT(written.error().message, HasSubstr("too large"));
+  EXPECT_FALSE(std::filesystem::exists(png));
+}
+
+// Every kind of sheet at several scales; other sheets and changed files are not recognised.
+TEST_P(EverySheet, KnowsTheScaleThatItsFileWasSavedWith) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "target.yaml";
+  const SheetTarget& sheet = GetParam().first;
+  for (const double measured_mm : {100.0, 99.2, 100.4, 50.0, 200.0, 98.7654321, 99.99}) {
+    ASSERT_TRUE(save_target(file, sheet, measured_mm / 100.0));
+    ASSERT_TRUE(load_target(file)) << load_target(file).error().message;
+    const auto scale = printed_scale_of(file, sheet);
+    ASSERT_TRUE(scale) << measured_mm;
+    EXPECT_DOUBLE_EQ(*scale, measured_mm / 100.0);
+  }
+  EXPECT_FALSE(printed_scale_of(file, TagBoard{TagFamily::tag36h11, 7, 1, 2, 0.03, 0.05}));
+  const std::string text = read_text_file(file, 1'000'000).value();
+  ASSERT_TRUE(write_text_file(file, text + "# mine\n"));
+  EXPECT_FALSE(printed_scale_of(file, sheet));
+  EXPECT_FALSE(printed_scale_of(folder.path() / "missing.yaml", sheet));
 }
 
 TEST(TargetSheet, IdsRunInReadingOrderAroundTheCentre) {
