@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "calib/image_cells.hpp"
+#include "tracking/picture_check.hpp"
 
 namespace penumbra {
 namespace {
@@ -191,6 +192,7 @@ struct CameraCalibrator::Impl {
   Target target;
   CalibrationOptions options;
   std::optional<TargetDetector> detector;
+  std::optional<PictureCheck> check;  // of targets with tags
   std::vector<CalibrationPicture> pictures;
   int width = 0;
   int height = 0;
@@ -206,6 +208,8 @@ struct CameraCalibrator::Impl {
     solver.stop = stop;
     return solver;
   }
+  [[nodiscard]] Result<void> check_picture(const std::string& name, const TargetView& view,
+                                           ImageView luma);
   [[nodiscard]] Result<void> check_found() const;
   [[nodiscard]] Result<void> check_markers() const;
   void leave_out_blurred();
@@ -235,6 +239,11 @@ Result<CameraCalibrator> CameraCalibrator::create(const Target& target,
   Result<TargetDetector> detector = TargetDetector::create(target);
   if (!detector) return tl::unexpected(detector.error());
   impl->detector.emplace(std::move(*detector));
+  if (target.tags) {
+    Result<PictureCheck> check = PictureCheck::create(*target.tags);
+    if (!check) return tl::unexpected(check.error());
+    impl->check.emplace(std::move(*check));
+  }
   return CameraCalibrator(std::move(impl));
 }
 
@@ -255,6 +264,7 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
   picture.view = self.detector->detect(luma);
   ++self.candidates;
   if (!picture.view.corners.empty()) ++self.seen_in;
+  if (auto checked = self.check_picture(name, picture.view, luma); !checked) return checked;
   if (4 * picture.view.two_cell_tags > static_cast<int>(picture.view.corners.size()))
     ++self.wide_in;
   if (!picture.view.problem.empty())
@@ -286,6 +296,19 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
     }
   }
   return {};
+}
+
+// A lens found from mirrored pictures would be mirrored too.
+Result<void> CameraCalibrator::Impl::check_picture(const std::string& name, const TargetView& view,
+                                                   ImageView luma) {
+  if (!check) return {};
+  if (!view.corners.empty() || view.two_cell_tags > 0) {
+    check.reset();
+    return {};
+  }
+  const auto fault = check->nothing_found(luma);
+  if (!fault) return {};
+  return fail("{}: {}", name, advice(*fault));
 }
 
 int CameraCalibrator::held() const {

@@ -1,0 +1,45 @@
+// Why no tag is found in pictures that show some: they are mirrored, or negatives.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string_view>
+
+#include "core/error.hpp"
+#include "core/image_view.hpp"
+#include "core/tag_map.hpp"
+
+namespace penumbra {
+
+enum class PictureFault { mirrored, negative, mirrored_negative };
+
+// "mirrored", ...
+[[nodiscard]] std::string_view to_string(PictureFault fault);
+// One clause for people: what it is and what to do.
+[[nodiscard]] std::string_view advice(PictureFault fault);
+
+// Looks for the map's tags in mirrored and inverted copies of pictures in which nothing was found.
+// Only the 1st, 2nd, 4th, 8th ... such picture is looked at, up to the kLastLook-th. Nothing is
+// ever tracked from such a copy.
+class PictureCheck {
+ public:
+  static constexpr std::uint64_t kLastLook = 1024;
+
+  [[nodiscard]] static Result<PictureCheck> create(const TagMap& tags);
+  PictureCheck(PictureCheck&&) noexcept;
+  PictureCheck& operator=(PictureCheck&&) noexcept;
+  ~PictureCheck();
+
+  // Of a picture without any of the tags. A fault is reported once.
+  [[nodiscard]] std::optional<PictureFault> nothing_found(ImageView luma);
+  // A picture shows tags as they are: no further one is looked at.
+  void found();
+
+ private:
+  struct Impl;
+  explicit PictureCheck(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace penumbra
