@@ -1,5 +1,8 @@
 #include "core/text_encoding.hpp"
 
+#include <array>
+#include <cstdint>
+
 namespace penumbra {
 namespace {
 
@@ -17,6 +20,33 @@ std::string_view wide_encoding(std::string_view text) {
   return {};
 }
 
+// Length of the valid UTF-8 sequence that `text` starts with, or 0.
+std::size_t utf8_sequence_length(std::string_view text) {
+  const auto byte_at = [&](std::size_t i) { return static_cast<std::uint8_t>(text[i]); };
+  const std::uint8_t lead = byte_at(0);
+  if (lead < 0x80U) return 1;
+  const std::size_t length = lead >= 0xF0U ? 4 : lead >= 0xE0U ? 3 : 2;
+  if (lead < 0xC2U || lead > 0xF4U || text.size() < length) return 0;
+  std::uint32_t code = lead & (0xFFU >> (length + 1));
+  for (std::size_t i = 1; i < length; ++i) {
+    if ((byte_at(i) & 0xC0U) != 0x80U) return 0;
+    code = (code << 6U) | (byte_at(i) & 0x3FU);
+  }
+  // Overlong forms, surrogates and codes past the last plane are not valid.
+  constexpr std::array<std::uint32_t, 5> kLeast = {0, 0, 0x80, 0x800, 0x10000};
+  const bool surrogate = code >= 0xD800U && code <= 0xDFFFU;
+  return code < kLeast[length] || code > 0x10FFFFU || surrogate ? 0 : length;
+}
+
+bool is_utf8(std::string_view text) {
+  while (!text.empty()) {
+    const std::size_t length = utf8_sequence_length(text);
+    if (length == 0) return false;
+    text.remove_prefix(length);
+  }
+  return true;
+}
+
 }  // namespace
 
 Result<std::string_view> without_byte_order_mark(std::string_view text, std::string_view name) {
@@ -25,6 +55,21 @@ Result<std::string_view> without_byte_order_mark(std::string_view text, std::str
   }
   if (text.starts_with("\xEF\xBB\xBF"sv)) text.remove_prefix(3);
   return text;
+}
+
+std::string as_utf8(std::string_view text) {
+  if (is_utf8(text)) return std::string(text);
+  std::string converted;
+  for (const char c : text) {
+    const auto byte = static_cast<std::uint8_t>(c);
+    if (byte < 0x80U) {
+      converted += c;
+    } else {
+      converted += static_cast<char>(0xC0U | (byte >> 6U));
+      converted += static_cast<char>(0x80U | (byte & 0x3FU));
+    }
+  }
+  return converted;
 }
 
 }  // namespace penumbra

@@ -1,6 +1,7 @@
-// Byte-order marks at the head of text files.
+// Byte-order marks at the head of text files, and names that are not UTF-8.
 #pragma once
 
+#include <string>
 #include <string_view>
 
 #include "core/error.hpp"
@@ -12,5 +13,9 @@ namespace penumbra {
 // by a zero byte beside the first character. `name` is the file's name in the error.
 [[nodiscard]] Result<std::string_view> without_byte_order_mark(std::string_view text,
                                                                std::string_view name);
+
+// Returns `text` where it is valid UTF-8, else each of its bytes as the Latin-1 character of that
+// number. JSON, SVG and HTML hold UTF-8 only.
+[[nodiscard]] std::string as_utf8(std::string_view text);
 
 }  // namespace penumbra

@@ -76,6 +76,24 @@ std::string usual_geometry_key(const Model& model, UpAxis up) {
   return geometry_key(usual);
 }
 
+// `name` with slashes for backslashes and without a leading "file:".
+std::string plain_path(std::string_view name) {
+  constexpr std::string_view kScheme = "file:";
+  const bool has_scheme =
+      name.size() >= kScheme.size() &&
+      std::equal(kScheme.begin(), kScheme.end(), name.begin(),
+                 [](char a, char b) { return a == std::tolower(static_cast<unsigned char>(b)); });
+  if (has_scheme) name.remove_prefix(kScheme.size());
+  std::string path(name);
+  std::replace(path.begin(), path.end(), '\\', '/');
+  return path;
+}
+
+bool has_drive_letter(std::string_view path) {
+  return path.size() >= 2 && std::isalpha(static_cast<unsigned char>(path[0])) != 0 &&
+         path[1] == ':';
+}
+
 }  // namespace
 
 std::size_t Model::vertex_count() const {
@@ -107,15 +125,26 @@ std::string geometry_key(const Model& model) {
 
 Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
                                            std::string_view name) {
-  const std::filesystem::path path(name);
-  const bool climbs = std::any_of(path.begin(), path.end(),
-                                  [](const std::filesystem::path& part) { return part == ".."; });
-  if (name.empty() || path.is_absolute() || climbs ||
-      name.find_first_of(std::string_view("\\:\0", 3)) != std::string_view::npos) {
-    return fail("\"{}\": is not a file beside the model; name it relative to the model, without ..",
-                name.substr(0, 80));
+  std::string path = plain_path(name);
+  // A colon ends a drive letter or scheme; later on it is part of a file's name.
+  if (leaves_folder(name)) {
+    path = path.substr(path.rfind('/') + 1);
+    if (has_drive_letter(path)) path = path.substr(2);
+  }
+  const std::string last = path.substr(path.rfind('/') + 1);
+  if (last.empty() || last == "." || last == ".." || path.find('\0') != std::string::npos) {
+    return fail("\"{}\": names no file beside the model", name.substr(0, 80));
   }
   return folder / path;
+}
+
+bool leaves_folder(std::string_view name) {
+  const std::string path = plain_path(name);
+  const std::string first = path.substr(0, path.find('/'));
+  if (path.starts_with('/') || first.find(':') != std::string::npos) return true;
+  const std::filesystem::path parts(path);
+  return std::any_of(parts.begin(), parts.end(),
+                     [](const std::filesystem::path& part) { return part == ".."; });
 }
 
 float linear_from_srgb(float encoded) {

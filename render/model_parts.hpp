@@ -25,10 +25,15 @@ inline constexpr std::string_view kKernelGeometryKey = "shadow_kernel_geometry";
 inline constexpr std::string_view kKernelGroupsKey = "shadow_kernel_groups";
 inline constexpr std::size_t kMaxGroups = 1000;
 
-// A file that a model names. Only relative names that stay in the model's folder or below it: no
-// root, no "..", no scheme, no backslash.
+// Path of a file that a model names. It never leaves the model's folder: of a name that does (see
+// leaves_folder()), only the last part is taken and looked for beside the model. Backslashes are
+// read as slashes, and a leading "file:" is skipped. Fails for a name without a last part. The file
+// need not exist.
 [[nodiscard]] Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
                                                          std::string_view name);
+// Returns true for a name that points out of the model's folder: an absolute path, a drive letter,
+// a web address, or a path with "..". Callers warn of it where they use beside_model()'s path.
+[[nodiscard]] bool leaves_folder(std::string_view name);
 
 // sRGB-encoded 0..1 -> linear light.
 [[nodiscard]] float linear_from_srgb(float encoded);

@@ -22,8 +22,7 @@ TEST(ByteOrderMark, TextWithoutMarkIsUnchanged) {
 }
 
 TEST(ByteOrderMark, OnlyTheFirstMarkIsSkipped) {
-  EXPECT_EQ(without_byte_order_mark("\xEF\xBB\xBF\xEF\xBB\xBFv", "a.obj").value(),
-            "\xEF\xBB\xBFv");
+  EXPECT_EQ(without_byte_order_mark("\xEF\xBB\xBF\xEF\xBB\xBFv", "a.obj").value(), "\xEF\xBB\xBFv");
 }
 
 TEST(ByteOrderMark, WideEncodingsAreRefusedByName) {
@@ -38,6 +37,29 @@ TEST(ByteOrderMark, WideEncodingsAreRefusedByName) {
     ASSERT_FALSE(result);
     EXPECT_EQ(result.error().message, "a.tum: is UTF-32 text; save it as UTF-8");
   }
+}
+
+TEST(AsUtf8, KeepsValidUtf8) {
+  for (const std::string_view text : {""sv, "red"sv, "gr\xC3\xBCn"sv, "\xE2\x82\xAC"sv,
+                                      "\xF0\x9F\x98\x80"sv, "\xF4\x8F\xBF\xBF"sv, "a\0b"sv}) {
+    EXPECT_EQ(as_utf8(text), text);
+  }
+}
+
+TEST(AsUtf8, TakesOtherBytesAsLatin1) {
+  EXPECT_EQ(as_utf8("gr\xFCn"), "gr\xC3\xBCn");
+  EXPECT_EQ(as_utf8("T\xF6pfchen"), "T\xC3\xB6pfchen");
+  EXPECT_EQ(as_utf8("\xFF\x80"), "\xC3\xBF\xC2\x80");
+}
+
+TEST(AsUtf8, TakesMalformedUtf8AsLatin1) {
+  // Overlong, a surrogate, past the last plane, cut off, a continuation byte alone.
+  EXPECT_EQ(as_utf8("\xC0\xAF"), "\xC3\x80\xC2\xAF");
+  EXPECT_EQ(as_utf8("\xE0\x80\xAF"), "\xC3\xA0\xC2\x80\xC2\xAF");
+  EXPECT_EQ(as_utf8("\xED\xA0\x80"), "\xC3\xAD\xC2\xA0\xC2\x80");
+  EXPECT_EQ(as_utf8("\xF4\x90\x80\x80"), "\xC3\xB4\xC2\x90\xC2\x80\xC2\x80");
+  EXPECT_EQ(as_utf8("\xE2\x82"), "\xC3\xA2\xC2\x82");
+  EXPECT_EQ(as_utf8("\xBF"), "\xC2\xBF");
 }
 
 }  // namespace

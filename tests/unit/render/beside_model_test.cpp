@@ -1,0 +1,56 @@
+// Paths of the pictures and material files that a model names.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+
+#include "render/model_parts.hpp"
+
+namespace penumbra {
+namespace {
+
+using namespace std::string_view_literals;
+
+TEST(BesideModel, KeepsRelativePaths) {
+  for (const std::string name :
+       {"t.png", "pictures/t.png", "my picture.png", "a/b:c.png", "..t.png", "a/t..png"}) {
+    EXPECT_EQ(beside_model("m", name).value(), "m/" + name);
+    EXPECT_FALSE(leaves_folder(name)) << name;
+  }
+}
+
+TEST(BesideModel, ReadsBackslashesAsSlashes) {
+  EXPECT_EQ(beside_model("m", R"(.\t.png)").value(), "m/./t.png");
+  EXPECT_EQ(beside_model("m", R"(pictures\\wood\t.png)").value(), "m/pictures//wood/t.png");
+  EXPECT_FALSE(leaves_folder(R"(pictures\t.png)"));
+}
+
+TEST(BesideModel, SkipsFileScheme) {
+  EXPECT_EQ(beside_model("m", "file:t.png").value(), "m/t.png");
+  EXPECT_EQ(beside_model("m", "FILE:a/t.png").value(), "m/a/t.png");
+  EXPECT_EQ(beside_model("m", "file:///home/me/t.png").value(), "m/t.png");
+}
+
+TEST(BesideModel, TakesLastPartOfPathThatLeavesTheFolder) {
+  for (const std::string name :
+       {"/t.png", "/etc/t.png", "../t.png", "a/../../t.png", "a/../t.png", R"(..\t.png)",
+        R"(C:\Users\me\t.png)", "c:/t.png", "C:t.png", R"(\\server\share\t.png)", "//server/t.png",
+        "http://example.com/t.png", "file://server/share/t.png", "file:///C:/t.png",
+        R"(file:..\t.png)"}) {
+    EXPECT_EQ(beside_model("m", name).value(), "m/t.png") << name;
+    EXPECT_TRUE(leaves_folder(name)) << name;
+  }
+}
+
+TEST(BesideModel, RefusesNameWithoutLastPart) {
+  for (const std::string_view name :
+       {""sv, "."sv, ".."sv, "/"sv, "a/"sv, "../.."sv, "a/."sv, "C:"sv, R"(C:\)"sv, "C:.."sv,
+        "file:"sv, "t.png\0"sv, "a\0/t.png"sv}) {
+    const auto path = beside_model("m", name);
+    ASSERT_FALSE(path) << name;
+    EXPECT_THAT(path.error().message, testing::HasSubstr("names no file beside the model"));
+  }
+}
+
+}  // namespace
+}  // namespace penumbra
