@@ -1,11 +1,12 @@
-// Buffer views and accessors: the numbers of a file, with every range checked.
+#include "render/gltf/accessors.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 
-#include "render/gltf/gltf_reader.hpp"
+#include "render/gltf/extensions.hpp"
 
-namespace penumbra {
+namespace penumbra::gltf {
 namespace {
 
 std::size_t component_size(int type) {
@@ -34,6 +35,8 @@ std::size_t component_count(int type) {
       return 3;
     case TINYGLTF_TYPE_VEC4:
       return 4;
+    case TINYGLTF_TYPE_MAT4:
+      return 16;
     default:
       return 0;
   }
@@ -67,54 +70,108 @@ double component_at(const std::uint8_t* bytes, int type, bool normalised) {
   }
 }
 
+// Reads one element into `to`.
+void read_element(const std::uint8_t* from, const tinygltf::Accessor& accessor, double* to) {
+  const std::size_t size = component_size(accessor.componentType);
+  for (std::size_t c = 0; c < component_count(accessor.type); ++c) {
+    to[c] = component_at(from + c * size, accessor.componentType, accessor.normalized);
+  }
+}
+
 }  // namespace
 
-Result<std::span<const std::uint8_t>> GltfReader::view_bytes(int view,
-                                                             const std::string& what) const {
+bool is_unsigned(int component_type) {
+  return component_type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE ||
+         component_type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT ||
+         component_type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
+}
+
+Result<std::span<const std::uint8_t>> Accessors::view_bytes(int view,
+                                                            const std::string& what) const {
   if (!has(gltf_.bufferViews, view)) {
     return fail("{}: {}: names buffer view {}, there are {}", name_, what, view,
                 gltf_.bufferViews.size());
   }
   const tinygltf::BufferView& v = gltf_.bufferViews[static_cast<std::size_t>(view)];
-  if (!has(gltf_.buffers, v.buffer)) {
+  if (v.buffer < 0 || static_cast<std::size_t>(v.buffer) >= buffers_.count()) {
     return fail("{}: bufferViews/{}: names buffer {}, there are {}", name_, view, v.buffer,
-                gltf_.buffers.size());
+                buffers_.count());
   }
-  const std::vector<unsigned char>& data = gltf_.buffers[static_cast<std::size_t>(v.buffer)].data;
-  if (v.byteOffset > data.size() || v.byteLength > data.size() - v.byteOffset) {
+  const auto buffer = static_cast<std::size_t>(v.buffer);
+  if (const char* compression = compression_of(v); compression && !buffers_.has_data(buffer)) {
+    return fail_compressed(name_, compression);
+  }
+  const Result<std::span<const std::uint8_t>> data = buffers_.bytes(buffer);
+  if (!data) return data;
+  if (v.byteOffset > data->size() || v.byteLength > data->size() - v.byteOffset) {
     return fail("{}: bufferViews/{}: reaches past the end of its buffer ({} bytes)", name_, view,
-                data.size());
+                data->size());
   }
-  return std::span<const std::uint8_t>(data).subspan(v.byteOffset, v.byteLength);
+  return data->subspan(v.byteOffset, v.byteLength);
 }
 
-Result<GltfReader::Stretch> GltfReader::stretch(int view, std::size_t offset, std::size_t count,
-                                                std::size_t size, std::size_t alignment,
-                                                bool strided, const std::string& what) const {
+Result<Accessors::Stretch> Accessors::stretch(int view, const Layout& layout,
+                                              const std::string& what) const {
   const Result<std::span<const std::uint8_t>> bytes = view_bytes(view, what);
   if (!bytes) return tl::unexpected(bytes.error());
   const tinygltf::BufferView& v = gltf_.bufferViews[static_cast<std::size_t>(view)];
-  std::size_t stride = size;
-  if (strided && v.byteStride != 0) {
+  std::size_t stride = layout.size;
+  if (layout.strided && v.byteStride != 0) {
     stride = v.byteStride;
-    if (stride < size || stride > 252 || stride % alignment != 0) {
+    if (stride < layout.size || stride > 252 || stride % layout.alignment != 0) {
       return fail("{}: bufferViews/{}: a byteStride of {} does not suit elements of {} bytes",
-                  name_, view, stride, size);
+                  name_, view, stride, layout.size);
     }
   }
-  if ((offset % alignment) != 0 || (v.byteOffset % alignment) != 0) {
-    return fail("{}: {}: is not aligned to its components of {} bytes", name_, what, alignment);
+  if (layout.offset % layout.alignment != 0 || v.byteOffset % layout.alignment != 0) {
+    return fail("{}: {}: is not aligned to its components of {} bytes", name_, what,
+                layout.alignment);
   }
   // count is at most 2^32 and stride 252: no overflow in 64 bits.
-  const std::size_t needed = (count - 1) * stride + size;
-  if (offset > bytes->size() || needed > bytes->size() - offset) {
+  const std::size_t needed = (layout.count - 1) * stride + layout.size;
+  if (layout.offset > bytes->size() || needed > bytes->size() - layout.offset) {
     return fail("{}: {}: reaches past the end of its buffer view ({} bytes)", name_, what,
                 bytes->size());
   }
-  return Stretch{bytes->data() + offset, stride};
+  return Stretch{bytes->data() + layout.offset, stride};
 }
 
-Result<Elements> GltfReader::elements(int index, const std::string& what) const {
+Result<void> Accessors::apply_sparse(const tinygltf::Accessor& accessor, Elements& elements,
+                                     const std::string& place) const {
+  const auto& s = accessor.sparse;
+  const std::size_t index_size = component_size(s.indices.componentType);
+  const auto index_offset = static_cast<std::int64_t>(s.indices.byteOffset);
+  const auto value_offset = static_cast<std::int64_t>(s.values.byteOffset);
+  if (!is_unsigned(s.indices.componentType) || s.count <= 0 ||
+      static_cast<std::size_t>(s.count) > accessor.count || index_offset < 0 || value_offset < 0) {
+    return fail("{}: {}: its sparse part is malformed", name_, place);
+  }
+  const auto count = static_cast<std::size_t>(s.count);
+  const std::size_t size = component_size(accessor.componentType);
+  const Result<Stretch> indices =
+      stretch(s.indices.bufferView,
+              {static_cast<std::size_t>(index_offset), count, index_size, index_size, false},
+              place + " sparse indices");
+  if (!indices) return tl::unexpected(indices.error());
+  const Result<Stretch> values =
+      stretch(s.values.bufferView,
+              {static_cast<std::size_t>(value_offset), count, size * elements.width, size, false},
+              place + " sparse values");
+  if (!values) return tl::unexpected(values.error());
+  for (std::size_t i = 0; i < count; ++i) {
+    const double to =
+        component_at(indices->data + i * indices->stride, s.indices.componentType, false);
+    if (!(to < static_cast<double>(accessor.count))) {
+      return fail("{}: {}: a sparse index is {}, there are {} elements", name_, place, to,
+                  accessor.count);
+    }
+    read_element(values->data + i * values->stride, accessor,
+                 elements.values.data() + static_cast<std::size_t>(to) * elements.width);
+  }
+  return {};
+}
+
+Result<Elements> Accessors::elements(int index, const std::string& what) const {
   if (!has(gltf_.accessors, index)) {
     return fail("{}: {}: names accessor {}, there are {}", name_, what, index,
                 gltf_.accessors.size());
@@ -123,7 +180,8 @@ Result<Elements> GltfReader::elements(int index, const std::string& what) const 
   const std::string place = fmt::format("{} (accessors/{})", what, index);
   const std::size_t size = component_size(accessor.componentType);
   const std::size_t width = component_count(accessor.type);
-  if (size == 0 || width == 0) {
+  // Columns of matrices of smaller components have gaps between them.
+  if (size == 0 || width == 0 || (width == 16 && size != 4)) {
     return fail("{}: {}: its component type or shape is not one for this use", name_, place);
   }
   // Indices may be up to three per triangle; nothing else is longer.
@@ -131,53 +189,23 @@ Result<Elements> GltfReader::elements(int index, const std::string& what) const 
   if (accessor.count == 0 || accessor.count > most) {
     return fail("{}: {}: has {} elements; 1 to {} can be read", name_, place, accessor.count, most);
   }
+  // Without a buffer view they are zeros (glTF 2.0, 5.1.1).
   Elements result{accessor.count, width, {}};
-  const bool sparse = accessor.sparse.isSparse;
-  if (accessor.bufferView < 0 && !sparse) {
-    return fail("{}: {}: has no buffer view, so no data", name_, place);
-  }
-  const auto fill = [&](const Stretch& from, std::size_t element, std::size_t to) {
-    for (std::size_t c = 0; c < width; ++c) {
-      result.values[to * width + c] = component_at(from.data + element * from.stride + c * size,
-                                                   accessor.componentType, accessor.normalized);
-    }
-  };
   if (accessor.bufferView >= 0) {
-    const Result<Stretch> from = stretch(accessor.bufferView, accessor.byteOffset, accessor.count,
-                                         size * width, size, true, place);
+    const Result<Stretch> from =
+        stretch(accessor.bufferView,
+                {accessor.byteOffset, accessor.count, size * width, size, true}, place);
     if (!from) return tl::unexpected(from.error());
     result.values.resize(accessor.count * width);
-    for (std::size_t i = 0; i < accessor.count; ++i) fill(*from, i, i);
+    for (std::size_t i = 0; i < accessor.count; ++i) {
+      read_element(from->data + i * from->stride, accessor, result.values.data() + i * width);
+    }
   } else {
     result.values.resize(accessor.count * width, 0.0);
   }
-  if (sparse) {
-    const auto& s = accessor.sparse;
-    const std::size_t index_size = component_size(s.indices.componentType);
-    const bool index_type = s.indices.componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE ||
-                            s.indices.componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT ||
-                            s.indices.componentType == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
-    if (!index_type || s.count <= 0 || static_cast<std::size_t>(s.count) > accessor.count ||
-        s.indices.byteOffset < 0 || s.values.byteOffset < 0) {
-      return fail("{}: {}: its sparse part is malformed", name_, place);
-    }
-    const auto count = static_cast<std::size_t>(s.count);
-    const Result<Stretch> indices =
-        stretch(s.indices.bufferView, static_cast<std::size_t>(s.indices.byteOffset), count,
-                index_size, index_size, false, place + " sparse indices");
-    if (!indices) return tl::unexpected(indices.error());
-    const Result<Stretch> values =
-        stretch(s.values.bufferView, static_cast<std::size_t>(s.values.byteOffset), count,
-                size * width, size, false, place + " sparse values");
-    if (!values) return tl::unexpected(values.error());
-    for (std::size_t i = 0; i < count; ++i) {
-      const double to =
-          component_at(indices->data + i * indices->stride, s.indices.componentType, false);
-      if (!(to < static_cast<double>(accessor.count))) {
-        return fail("{}: {}: a sparse index is {}, there are {} elements", name_, place, to,
-                    accessor.count);
-      }
-      fill(*values, i, static_cast<std::size_t>(to));
+  if (accessor.sparse.isSparse) {
+    if (const Result<void> done = apply_sparse(accessor, result, place); !done) {
+      return tl::unexpected(done.error());
     }
   }
   for (const double value : result.values) {
@@ -188,23 +216,22 @@ Result<Elements> GltfReader::elements(int index, const std::string& what) const 
   return result;
 }
 
-// An attribute's elements; empty where the primitive has none.
-Result<Elements> GltfReader::attribute(const tinygltf::Primitive& primitive, const std::string& key,
-                                       std::size_t min_width, std::size_t max_width,
-                                       std::size_t count, const std::string& what) const {
-  const auto entry = primitive.attributes.find(key);
-  if (entry == primitive.attributes.end()) return Elements{};
-  const std::string place = what + "/attributes/" + key;
+Result<Elements> Accessors::attribute(const std::map<std::string, int>& list,
+                                      const std::string& key, const Shape& shape,
+                                      const std::string& what) const {
+  const auto entry = list.find(key);
+  if (entry == list.end()) return Elements{};
+  const std::string place = what + "/" + key;
   Result<Elements> found = elements(entry->second, place);
   if (!found) return found;
-  if (found->width < min_width || found->width > max_width) {
+  if (found->width < shape.min_width || found->width > shape.max_width) {
     return fail("{}: {}: has {} components, {} to {} expected", name_, place, found->width,
-                min_width, max_width);
+                shape.min_width, shape.max_width);
   }
-  if (count != 0 && found->count != count) {
-    return fail("{}: {}: has {} elements for {} vertices", name_, place, found->count, count);
+  if (shape.count != 0 && found->count != shape.count) {
+    return fail("{}: {}: has {} elements for {} vertices", name_, place, found->count, shape.count);
   }
   return found;
 }
 
-}  // namespace penumbra
+}  // namespace penumbra::gltf

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstring>
 
-namespace penumbra {
+namespace penumbra::gltf {
 namespace {
 
 std::uint32_t word_at(std::span<const std::uint8_t> bytes, std::size_t offset) {
@@ -14,8 +14,8 @@ std::uint32_t word_at(std::span<const std::uint8_t> bytes, std::size_t offset) {
 
 }  // namespace
 
-Result<std::string_view> json_chunk(const std::string& name, std::span<const std::uint8_t> bytes) {
-  constexpr std::uint32_t kMagic = 0x46546C67, kJson = 0x4E4F534A;
+Result<Container> open_glb(const std::string& name, std::span<const std::uint8_t> bytes) {
+  constexpr std::uint32_t kMagic = 0x46546C67, kJson = 0x4E4F534A, kBinary = 0x004E4942;
   if (bytes.size() >= 4 && bytes.size() < 20 && word_at(bytes, 0) == kMagic) {
     return fail("{}: is cut short; export it again", name);
   }
@@ -31,7 +31,7 @@ Result<std::string_view> json_chunk(const std::string& name, std::span<const std
     return fail("{}: is cut off: {} of {} bytes; copy or export it again", name, bytes.size(),
                 length);
   }
-  std::string_view json;
+  Container container;
   std::size_t offset = 12;
   for (int chunk = 0; offset < length; ++chunk) {
     if (length - offset < 8 || word_at(bytes, offset) > length - offset - 8) {
@@ -42,11 +42,13 @@ Result<std::string_view> json_chunk(const std::string& name, std::span<const std
       if (word_at(bytes, offset + 4) != kJson) {
         return fail("{}: its first chunk is not JSON; export it again", name);
       }
-      json = {reinterpret_cast<const char*>(bytes.data()) + offset + 8, size};
+      container.json = {reinterpret_cast<const char*>(bytes.data()) + offset + 8, size};
+    } else if (chunk == 1 && word_at(bytes, offset + 4) == kBinary) {
+      container.binary = bytes.subspan(offset + 8, size);
     }
     offset += 8 + size;
   }
-  return json;
+  return container;
 }
 
 int nesting_depth(std::string_view json) {
@@ -68,4 +70,4 @@ int nesting_depth(std::string_view json) {
   return deepest;
 }
 
-}  // namespace penumbra
+}  // namespace penumbra::gltf

@@ -1,21 +1,26 @@
-// The container of a glTF file: the JSON text in a .glb, and limits that readers of it rely on.
+// The container of a glTF file: the chunks of a .glb, and limits that readers of its JSON rely on.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 
 #include "core/error.hpp"
 
-namespace penumbra {
+namespace penumbra::gltf {
 
-// Returns the JSON text of a .glb, after a walk over its chunks: tinygltf 2.7.0 lets a binary chunk
-// reach 8 bytes past the end of the file.
-[[nodiscard]] Result<std::string_view> json_chunk(const std::string& name,
-                                                  std::span<const std::uint8_t> bytes);
+struct Container {
+  std::string_view json;
+  std::optional<std::span<const std::uint8_t>> binary;  // the data of a .glb's first buffer
+};
 
-// Returns how deep brackets nest, strings left out: tinygltf walks over `extras` by recursion.
+// Walks over the chunks of a .glb, each of which lies in the file.
+[[nodiscard]] Result<Container> open_glb(const std::string& name,
+                                         std::span<const std::uint8_t> bytes);
+
+// Returns the nesting depth of the brackets outside strings: readers of JSON recurse.
 [[nodiscard]] int nesting_depth(std::string_view json);
 
-}  // namespace penumbra
+}  // namespace penumbra::gltf

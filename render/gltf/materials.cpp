@@ -1,13 +1,13 @@
-// Materials with their textures and samplers.
+#include "render/gltf/materials.hpp"
+
 #include <algorithm>
 #include <optional>
 
-#include "render/gltf/gltf_reader.hpp"
 #include "render/model_parts.hpp"
 
-namespace penumbra {
+namespace penumbra::gltf {
 
-Result<TextureSampling> GltfReader::sampling(int index) const {
+Result<TextureSampling> MaterialReader::sampling(int index) const {
   TextureSampling result;
   if (index < 0) return result;
   if (!has(gltf_.samplers, index)) {
@@ -63,129 +63,172 @@ Result<TextureSampling> GltfReader::sampling(int index) const {
 }
 
 template <class Info>
-Result<MaterialTexture> GltfReader::texture(const Info& info, const std::string& what,
-                                            std::vector<int>& texcoord_sets) {
+Result<MaterialTexture> MaterialReader::texture(const Info& info, const std::string& what,
+                                                std::vector<int>& texcoord_sets) {
   MaterialTexture result;
   if (info.index < 0) return result;
-  if (info.extensions.contains("KHR_texture_transform")) {
-    model_.warnings.push_back(
-        fmt::format("{}: {}: its KHR_texture_transform is left out; apply it "
-                    "to the texture coordinates",
-                    name_, what));
+  if (!has(gltf_.textures, info.index)) {
+    return fail("{}: {}: names texture {}, there are {}", name_, what, info.index,
+                gltf_.textures.size());
   }
-  const Result<int> picture = image(info.index, what);
-  if (!picture) return tl::unexpected(picture.error());
   const Result<TextureSampling> sampled =
       sampling(gltf_.textures[static_cast<std::size_t>(info.index)].sampler);
   if (!sampled) return tl::unexpected(sampled.error());
+  const int image = picture(info.index);
+  if (image < 0) return result;
+  if (info.extensions.contains("KHR_texture_transform")) {
+    notes_.add("its KHR_texture_transform is ignored; apply it to the texture coordinates", what);
+  }
   auto set = std::ranges::find(texcoord_sets, info.texCoord);
   if (set == texcoord_sets.end()) {
     if (texcoord_sets.size() == 2) {
-      model_.warnings.push_back(
-          fmt::format("{}: {}: is left out: it is the third of its material's "
-                      "textures that are laid out in "
-                      "different ways",
-                      name_, what));
+      notes_.add(
+          "is ignored: it is the third of its material's textures that are laid out in different "
+          "ways",
+          what);
       return result;
     }
     texcoord_sets.push_back(info.texCoord);
     set = texcoord_sets.end() - 1;
   }
-  result.image = *picture;
+  result.image = image;
   result.texcoords = static_cast<int>(set - texcoord_sets.begin());
   result.sampling = *sampled;
   return result;
 }
 
-// The picture of a texture.
-Result<int> GltfReader::image(int index, const std::string& what) {
-  if (!has(gltf_.textures, index)) {
-    return fail("{}: {}: names texture {}, there are {}", name_, what, index,
-                gltf_.textures.size());
+int MaterialReader::picture(int index) {
+  const tinygltf::Texture& texture = gltf_.textures[static_cast<std::size_t>(index)];
+  const std::string place = fmt::format("textures/{}", index);
+  if (texture.source < 0) {
+    if (texture.extensions.empty()) {
+      notes_.add("has no source; drawn in plain colour", place);
+    } else {
+      notes_.add(fmt::format("has only a picture of the glTF extension {}, which can't be read; "
+                             "drawn in plain colour",
+                             texture.extensions.begin()->first.substr(0, 80)),
+                 place);
+    }
+    return -1;
   }
-  const int source = gltf_.textures[static_cast<std::size_t>(index)].source;
-  if (!has(gltf_.images, source)) {
-    return fail("{}: textures/{}: names image {}, there are {}", name_, index, source,
-                gltf_.images.size());
+  const auto [known, is_new] = texture_of_image_.try_emplace(texture.source, -1);
+  if (!is_new) return known->second;
+  const Result<int> decoded = decoded_image(texture.source);
+  if (decoded) {
+    known->second = *decoded;
+  } else {
+    model_.warnings.push_back(decoded.error().message + "; drawn in plain colour");
   }
-  const auto known = image_index_.find(source);
-  if (known != image_index_.end()) return known->second;
-  const tinygltf::Image& image = gltf_.images[static_cast<std::size_t>(source)];
-  const std::string place = fmt::format("{}: images/{}", name_, source);
-  std::span<const std::uint8_t> coded(image.image);
-  if (image.bufferView >= 0) {
-    const Result<std::span<const std::uint8_t>> view =
-        view_bytes(image.bufferView, fmt::format("images/{}", source));
-    if (!view) return tl::unexpected(view.error());
-    coded = *view;
-  }
-  if (coded.empty()) {
-    return fail("{}: {} can't be read; put it beside the model or embed it", place,
-                image.uri.empty() ? "its data" : image.uri.substr(0, 80));
-  }
-  const Result<int> added = add_texture(model_, coded, place, limits_);
-  if (added) image_index_.emplace(source, *added);
-  return added;
+  return known->second;
 }
 
-Result<void> GltfReader::read_materials() {
-  for (std::size_t i = 0; i < gltf_.materials.size(); ++i) {
-    const tinygltf::Material& from = gltf_.materials[i];
-    const tinygltf::PbrMetallicRoughness& pbr = from.pbrMetallicRoughness;
-    const std::string what = fmt::format("materials/{}", i);
-    const bool shaped = pbr.baseColorFactor.size() == 4 &&
-                        (from.emissiveFactor.empty() || from.emissiveFactor.size() == 3);
-    if (!shaped) return fail("{}: {}: a colour has the wrong number of components", name_, what);
-    Material material;
-    material.name = from.name.empty() ? what : from.name;
-    for (int c = 0; c < 4; ++c) {
-      material.base_color[c] = static_cast<float>(pbr.baseColorFactor[static_cast<std::size_t>(c)]);
+Result<int> MaterialReader::decoded_image(int index) {
+  if (!has(document_.images, index)) {
+    return fail("{}: a texture names image {}, there are {}", name_, index,
+                document_.images.size());
+  }
+  const ImageSource& image = document_.images[static_cast<std::size_t>(index)];
+  const std::string place = fmt::format("{}: images/{}", name_, index);
+  if (image.buffer_view >= 0) {
+    const Result<std::span<const std::uint8_t>> coded =
+        accessors_.view_bytes(image.buffer_view, fmt::format("images/{}", index));
+    if (!coded) return tl::unexpected(coded.error());
+    return add_texture(model_, *coded, place, limits_);
+  }
+  if (image.uri.empty()) return fail("{}: has neither a uri nor a bufferView", place);
+  const Result<std::vector<std::uint8_t>> coded = buffers_.fetch(image.uri);
+  if (!coded) return fail_in(place, coded.error());
+  return add_texture(model_, *coded, place, limits_);
+}
+
+Result<Material> MaterialReader::factors(std::size_t index) const {
+  const tinygltf::Material& from = gltf_.materials[index];
+  const tinygltf::PbrMetallicRoughness& pbr = from.pbrMetallicRoughness;
+  const std::string what = fmt::format("materials/{}", index);
+  if (pbr.baseColorFactor.size() != 4 ||
+      (!from.emissiveFactor.empty() && from.emissiveFactor.size() != 3)) {
+    return fail("{}: {}: a colour has the wrong number of components", name_, what);
+  }
+  // Exporters round 1 upwards and write lights brighter than 1.
+  constexpr double kRounding = 1e-3;
+  const auto in_unit = [&](double factor) {
+    if (factor < -kRounding || factor > 1.0 + kRounding) {
+      notes_.add("a factor is outside 0 to 1 and is clamped", what);
     }
-    if (from.alphaMode == "MASK") {
-      material.alpha_mode = AlphaMode::mask;
-      material.alpha_cutoff = static_cast<float>(from.alphaCutoff);
-    } else if (from.alphaMode == "BLEND") {
-      material.alpha_mode = AlphaMode::blend;
-    } else if (from.alphaMode == "OPAQUE") {
-      material.base_color.a = 1.0F;
+    return static_cast<float>(std::clamp(factor, 0.0, 1.0));
+  };
+  Material material;
+  material.name = from.name.empty() ? what : from.name;
+  for (int c = 0; c < 4; ++c) {
+    material.base_color[c] = in_unit(pbr.baseColorFactor[static_cast<std::size_t>(c)]);
+  }
+  if (from.alphaMode == "MASK") {
+    material.alpha_mode = AlphaMode::mask;
+    material.alpha_cutoff = static_cast<float>(from.alphaCutoff);
+  } else if (from.alphaMode == "BLEND") {
+    material.alpha_mode = AlphaMode::blend;
+  } else if (from.alphaMode == "OPAQUE") {
+    material.base_color.a = 1.0F;
+  } else {
+    return fail("{}: {}/alphaMode: \"{}\" is none of OPAQUE, MASK and BLEND", name_, what,
+                from.alphaMode.substr(0, 40));
+  }
+  for (int c = 0; c < 3 && !from.emissiveFactor.empty(); ++c) {
+    material.emissive[c] = in_unit(from.emissiveFactor[static_cast<std::size_t>(c)]);
+  }
+  material.metallic = in_unit(pbr.metallicFactor);
+  material.roughness = in_unit(pbr.roughnessFactor);
+  material.double_sided = from.doubleSided;
+  material.normal_scale = static_cast<float>(from.normalTexture.scale);
+  const double occlusion = from.occlusionTexture.strength;
+  material.occlusion_strength =
+      static_cast<float>(occlusion > 1.0 && occlusion <= 1.0 + kRounding ? 1.0 : occlusion);
+  return material;
+}
+
+Result<void> MaterialReader::read_textures(std::size_t index, Material& to) {
+  const tinygltf::Material& from = gltf_.materials[index];
+  const tinygltf::PbrMetallicRoughness& pbr = from.pbrMetallicRoughness;
+  std::vector<int>& sets = texcoord_sets_[index];
+  std::optional<Error> failed;
+  const auto take = [&](MaterialTexture& texture_of, const auto& info, const char* which) {
+    if (failed) return;
+    Result<MaterialTexture> taken =
+        texture(info, fmt::format("materials/{}/{}", index, which), sets);
+    if (taken) {
+      texture_of = *taken;
     } else {
-      return fail("{}: {}/alphaMode: \"{}\" is none of OPAQUE, MASK and BLEND", name_, what,
-                  from.alphaMode.substr(0, 40));
+      failed = taken.error();
     }
-    for (int c = 0; c < 3 && !from.emissiveFactor.empty(); ++c) {
-      material.emissive[c] = static_cast<float>(from.emissiveFactor[static_cast<std::size_t>(c)]);
+  };
+  take(to.base_color_texture, pbr.baseColorTexture, "baseColorTexture");
+  take(to.metallic_roughness_texture, pbr.metallicRoughnessTexture, "metallicRoughnessTexture");
+  take(to.normal_texture, from.normalTexture, "normalTexture");
+  take(to.occlusion_texture, from.occlusionTexture, "occlusionTexture");
+  take(to.emissive_texture, from.emissiveTexture, "emissiveTexture");
+  if (failed) return tl::unexpected(*failed);
+  return {};
+}
+
+Result<void> MaterialReader::read(const std::vector<bool>& used) {
+  texcoord_sets_.resize(gltf_.materials.size() + 1);
+  for (std::size_t i = 0; i < gltf_.materials.size(); ++i) {
+    Material material;
+    material.name = gltf_.materials[i].name;
+    if (used[i]) {
+      Result<Material> read = factors(i);
+      if (!read) return tl::unexpected(read.error());
+      material = std::move(*read);
+      if (Result<void> done = read_textures(i, material); !done) return done;
     }
-    material.metallic = static_cast<float>(pbr.metallicFactor);
-    material.roughness = static_cast<float>(pbr.roughnessFactor);
-    material.double_sided = from.doubleSided;
-    material.normal_scale = static_cast<float>(from.normalTexture.scale);
-    material.occlusion_strength = static_cast<float>(from.occlusionTexture.strength);
-    std::vector<int>& sets = texcoord_sets_.emplace_back();
-    std::optional<Error> failed;
-    const auto take = [&](MaterialTexture& to, const auto& info, const char* which) {
-      if (failed) return;
-      Result<MaterialTexture> taken = texture(info, what + "/" + which, sets);
-      if (taken) {
-        to = *taken;
-      } else {
-        failed = taken.error();
-      }
-    };
-    take(material.base_color_texture, pbr.baseColorTexture, "baseColorTexture");
-    take(material.metallic_roughness_texture, pbr.metallicRoughnessTexture,
-         "metallicRoughnessTexture");
-    take(material.normal_texture, from.normalTexture, "normalTexture");
-    take(material.occlusion_texture, from.occlusionTexture, "occlusionTexture");
-    take(material.emissive_texture, from.emissiveTexture, "emissiveTexture");
-    if (failed) return tl::unexpected(*failed);
     model_.materials.push_back(std::move(material));
   }
-  // What a primitive without a material gets, by the specification 5.19; a metal with nothing to
-  // mirror would be black, so it is a plain white body here.
+  // The material of primitives without one. The default of the specification (5.19) is a metal,
+  // which would be black without an environment to mirror; here it is a plain white body.
   Material plain;
   plain.name = "default";
   model_.materials.push_back(plain);
   return {};
 }
 
-}  // namespace penumbra
+}  // namespace penumbra::gltf

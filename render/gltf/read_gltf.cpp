@@ -1,122 +1,197 @@
-// .glb and .gltf -> Model, through tinygltf: it reads the JSON and fetches buffers.
-#include <optional>
+// .glb and .gltf -> Model, in the file's own axes (y up).
+#include <algorithm>
 
-#include "core/file.hpp"
+#include "render/gltf/buffers.hpp"
 #include "render/gltf/container.hpp"
-#include "render/gltf/gltf_reader.hpp"
+#include "render/gltf/document.hpp"
+#include "render/gltf/extensions.hpp"
+#include "render/gltf/materials.hpp"
+#include "render/gltf/meshes.hpp"
+#include "render/gltf/nodes.hpp"
+#include "render/gltf/place.hpp"
+#include "render/gltf/skins.hpp"
+#include "render/gltf/stored_kernels.hpp"
 #include "render/model_parts.hpp"
 
 namespace penumbra {
+namespace gltf {
 namespace {
 
-// tinygltf is told this folder; the file callbacks put the model's own in its place.
-constexpr std::string_view kModelFolder = "model-folder:";
+// Reads the scene of a document. The output of tinygltf is not trusted: every index, range and
+// number is checked.
+class Reader {
+ public:
+  Reader(std::string name, const Document& document, Buffers& buffers, const ModelLimits& limits)
+      : name_(std::move(name)),
+        gltf_(document.model),
+        pose_(rest_pose(name_, gltf_)),
+        accessors_(name_, gltf_, buffers, limits),
+        materials_(name_, document, accessors_, buffers, limits, model_, notes_),
+        meshes_(name_, gltf_, accessors_, materials_, limits, model_, notes_),
+        nodes_(name_, gltf_, pose_, model_),
+        skins_(name_, gltf_, accessors_, nodes_),
+        placer_(name_, limits, model_, notes_),
+        kernels_(name_, model_) {}
 
-// Files beside the model, for tinygltf's callbacks.
-struct Neighbours {
-  std::filesystem::path folder;
-  std::size_t bytes_left = 0;
-  std::string refused;  // why the last file could not be had
+  [[nodiscard]] Result<Model> read();
 
-  [[nodiscard]] std::optional<std::filesystem::path> find(const std::string& path) {
-    if (!path.starts_with(kModelFolder)) return std::nullopt;  // tinygltf's try in "."
-    std::string_view name = std::string_view(path).substr(kModelFolder.size());
-    if (name.starts_with('/')) name.remove_prefix(1);
-    const Result<std::filesystem::path> file = beside_model(folder, name);
-    if (!file) {
-      refused = file.error().message;
-      return std::nullopt;
-    }
-    if (!std::filesystem::is_regular_file(*file)) {
-      refused = file->string() + ": not found; put it beside the model";
-      return std::nullopt;
-    }
-    return *file;
-  }
+ private:
+  [[nodiscard]] std::vector<bool> used_materials(const std::vector<Placement>& placements) const;
+  [[nodiscard]] Result<void> place(const Placement& placement);
+  [[nodiscard]] Result<std::vector<double>> morph_weights(
+      const Placement& placement, const std::vector<Primitive>& primitives) const;
+  // Returns one placement, or one per instance.
+  [[nodiscard]] Result<std::vector<VertexPlacement>> vertex_placements(const Placement& placement);
+
+  std::string name_;
+  const tinygltf::Model& gltf_;
+  Model model_;
+  Notes notes_;
+  Pose pose_;
+  Accessors accessors_;
+  MaterialReader materials_;
+  MeshReader meshes_;
+  Nodes nodes_;
+  Skins skins_;
+  Placer placer_;
+  StoredKernels kernels_;
 };
 
-bool neighbour_exists(const std::string& path, void* user) {
-  return static_cast<Neighbours*>(user)->find(path).has_value();
-}
-
-std::string same_path(const std::string& path, void*) {
-  return path;
-}
-
-bool read_neighbour(std::vector<unsigned char>* bytes, std::string* error, const std::string& path,
-                    void* user) {
-  auto& neighbours = *static_cast<Neighbours*>(user);
-  const auto file = neighbours.find(path);
-  if (!file) return false;
-  Result<std::vector<std::uint8_t>> read = read_file(*file, neighbours.bytes_left);
-  if (!read) {
-    neighbours.refused = read.error().message;
-    if (error != nullptr) *error = neighbours.refused;
-    return false;
+std::vector<bool> Reader::used_materials(const std::vector<Placement>& placements) const {
+  std::vector<bool> used(gltf_.materials.size(), false);
+  for (const Placement& placement : placements) {
+    const tinygltf::Mesh& mesh = gltf_.meshes[static_cast<std::size_t>(placement.mesh)];
+    for (const tinygltf::Primitive& primitive : mesh.primitives) {
+      if (has_surface(primitive) && has(gltf_.materials, primitive.material)) {
+        used[static_cast<std::size_t>(primitive.material)] = true;
+      }
+    }
   }
-  neighbours.bytes_left -= read->size();
-  *bytes = std::move(*read);
-  return true;
+  return used;
 }
 
-bool write_nothing(std::string*, const std::string&, const std::vector<unsigned char>&, void*) {
-  return false;
+// Those of the node, else of the mesh, else 0 (glTF 2.0, 3.7.2.2).
+Result<std::vector<double>> Reader::morph_weights(const Placement& placement,
+                                                  const std::vector<Primitive>& primitives) const {
+  std::vector<double> weights;
+  std::string place = fmt::format("nodes/{}/weights", placement.node);
+  if (placement.node >= 0) weights = pose_.morph_weights[static_cast<std::size_t>(placement.node)];
+  if (weights.empty()) {
+    weights = gltf_.meshes[static_cast<std::size_t>(placement.mesh)].weights;
+    place = fmt::format("meshes/{}/weights", placement.mesh);
+  }
+  for (const Primitive& primitive : primitives) {
+    if (!weights.empty() && weights.size() != primitive.targets.size()) {
+      return fail("{}: {}: are {} for the {} morph targets of {}", name_, place, weights.size(),
+                  primitive.targets.size(), primitive.place);
+    }
+  }
+  return weights;
 }
 
-// Keeps a picture's coded bytes; decoding comes when a material uses it. Pictures in a buffer view
-// are taken from there, after the view has been checked: the pointer given here has not been.
-bool keep_picture(tinygltf::Image* image, const int, std::string*, std::string*, int, int,
-                  const unsigned char* bytes, int size, void*) {
-  if (image->bufferView < 0 && bytes != nullptr && size > 0)
-    image->image.assign(bytes, bytes + size);
-  return true;
+Result<std::vector<VertexPlacement>> Reader::vertex_placements(const Placement& placement) {
+  std::vector<VertexPlacement> result;
+  if (placement.node < 0) {
+    result.emplace_back();
+    return result;
+  }
+  const tinygltf::Node& node = gltf_.nodes[static_cast<std::size_t>(placement.node)];
+  if (node.skin >= 0) {
+    // The node's own transform is ignored (glTF 2.0, 3.7.3.3), except by primitives without joints.
+    const auto matrices = skins_.joint_matrices(node.skin);
+    if (!matrices) return tl::unexpected(matrices.error());
+    result.push_back({placement.T_root_node, *matrices});
+    return result;
+  }
+  const auto instances =
+      instances_of(name_, node, fmt::format("nodes/{}", placement.node), accessors_);
+  if (!instances) return tl::unexpected(instances.error());
+  for (const Eigen::Matrix4d& T_node_instance : *instances) {
+    result.push_back({placement.T_root_node * T_node_instance, nullptr});
+  }
+  return result;
 }
 
-// One line of a library's report.
-std::string first_line(const std::string& text) {
-  const std::string line = text.substr(0, text.find('\n'));
-  return line.empty() ? "malformed" : line.substr(0, 200);
+Result<void> Reader::place(const Placement& placement) {
+  const int skin =
+      placement.node < 0 ? -1 : gltf_.nodes[static_cast<std::size_t>(placement.node)].skin;
+  if (skin >= 0 && !has(gltf_.skins, skin)) {
+    return fail("{}: nodes/{}/skin: names skin {}, there are {}", name_, placement.node, skin,
+                gltf_.skins.size());
+  }
+  const auto primitives = meshes_.mesh(placement.mesh, skin >= 0);
+  if (!primitives) return tl::unexpected(primitives.error());
+  const Result<std::vector<double>> weights = morph_weights(placement, **primitives);
+  if (!weights) return tl::unexpected(weights.error());
+  const auto vertex_placements_of = vertex_placements(placement);
+  if (!vertex_placements_of) return tl::unexpected(vertex_placements_of.error());
+  const tinygltf::Value& extras = gltf_.meshes[static_cast<std::size_t>(placement.mesh)].extras;
+  for (const VertexPlacement& vertices : *vertex_placements_of) {
+    // The stored direction of a skinned mesh is in the root frame.
+    const Eigen::Matrix3d linear = skin >= 0 ? Eigen::Matrix3d(Eigen::Matrix3d::Identity())
+                                             : vertices.T_root_mesh.topLeftCorner<3, 3>();
+    kernels_.take(extras, linear, placement.place);
+    for (const Primitive& primitive : **primitives) {
+      if (vertices.joint_matrices != nullptr) {
+        if (primitive.skin.per_vertex == 0) {
+          notes_.add("has no joints and weights for its skin; it stands where its node is",
+                     primitive.place);
+        }
+        const Result<void> joints = check_joints(name_, primitive, vertices.joint_matrices->size());
+        if (!joints) return joints;
+      }
+      const Result<void> placed =
+          placer_.place(primitive, *weights, vertices, placement.model_node, placement.place);
+      if (!placed) return placed;
+    }
+  }
+  return {};
+}
+
+Result<Model> Reader::read() {
+  model_.culls_back_faces = true;
+  const Result<std::vector<Placement>> placements = nodes_.visible_meshes();
+  if (!placements) return tl::unexpected(placements.error());
+  if (Result<void> done = materials_.read(used_materials(*placements)); !done) {
+    return tl::unexpected(done.error());
+  }
+  if (Result<void> done = meshes_.number_vertices(); !done) return tl::unexpected(done.error());
+  for (const Placement& placement : *placements) {
+    if (Result<void> done = place(placement); !done) return tl::unexpected(done.error());
+  }
+  if (model_.meshes.empty()) {
+    const std::string cause = notes_.first_line(name_);
+    if (!cause.empty()) return fail("{}; the scene shows nothing else", cause);
+    return fail("{}: its scene shows no triangles; export the model with its faces", name_);
+  }
+  for (std::string& line : notes_.lines(name_)) model_.warnings.push_back(std::move(line));
+  kernels_.finish();
+  return std::move(model_);
 }
 
 }  // namespace
+}  // namespace gltf
 
 Result<Model> read_gltf(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
                         bool binary, const ModelLimits& limits) {
   const std::string name = file.string();
-  std::string_view json(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  gltf::Container container{{reinterpret_cast<const char*>(bytes.data()), bytes.size()}, {}};
   if (binary) {
-    const Result<std::string_view> chunk = json_chunk(name, bytes);
-    if (!chunk) return tl::unexpected(chunk.error());
-    json = *chunk;
+    Result<gltf::Container> opened = gltf::open_glb(name, bytes);
+    if (!opened) return tl::unexpected(opened.error());
+    container = *opened;
   }
-  if (nesting_depth(json) > kMaxModelDepth) {
-    return fail("{}: its JSON is nested deeper than {} levels", name, kMaxModelDepth);
+  Result<gltf::Document> document = gltf::parse_document(name, container.json);
+  if (!document) return tl::unexpected(document.error());
+  if (Result<void> done = gltf::check_required(name, *document); !done) {
+    return tl::unexpected(done.error());
   }
-  Neighbours neighbours{file.parent_path(), limits.max_file_bytes, {}};
-  tinygltf::TinyGLTF reader;
-  reader.SetFsCallbacks({neighbour_exists, same_path, read_neighbour, write_nothing, &neighbours});
-  reader.SetImageLoader(keep_picture, nullptr);
-  tinygltf::Model gltf;
-  std::string error, warning;
-  const std::string folder(kModelFolder);
-  const auto size = static_cast<unsigned int>(bytes.size());
-  const bool read =
-      binary
-          ? reader.LoadBinaryFromMemory(&gltf, &error, &warning, bytes.data(), size, folder)
-          : reader.LoadASCIIFromString(&gltf, &error, &warning,
-                                       reinterpret_cast<const char*>(bytes.data()), size, folder);
-  if (!read && !neighbours.refused.empty()) return fail("{}: {}", name, neighbours.refused);
-  if (!read) return fail("{}: is not glTF 2.0: {}", name, first_line(error));
-  if (!neighbours.refused.empty()) return fail("{}: {}", name, neighbours.refused);
-  if (!gltf.asset.version.starts_with("2.") && gltf.asset.version != "2") {
-    return fail("{}: asset: version is '{}'; only glTF 2.0 is read, export it as that", name,
-                gltf.asset.version.substr(0, 20));
-  }
-  Result<Model> model = GltfReader(name, gltf, limits).read();
-  if (model && !model->shadow_kernel_up) {
-    for (Mesh& mesh : model->meshes)
-      mesh.shadow_kernels.clear();  // nobody knows for which direction
-  }
+  gltf::Buffers buffers(file, std::move(document->buffers), container.binary,
+                        limits.max_file_bytes);
+  Result<Model> model = gltf::Reader(name, *document, buffers, limits).read();
+  if (!model) return model;
+  std::vector<std::string> ignored = gltf::ignored_content(name, *document);
+  model->warnings.insert(model->warnings.begin(), ignored.begin(), ignored.end());
   return model;
 }
 

@@ -215,7 +215,7 @@ Result<std::vector<std::optional<Eigen::Affine3d>>> mesh_placements(const Json& 
   const Json none = Json::array();
   const Json& nodes = json.contains("nodes") ? json.at("nodes") : none;
   std::vector<std::optional<Eigen::Affine3d>> placements(json.at("meshes").size());
-  std::optional<std::size_t> shared;
+  std::optional<std::size_t> shared, moved;
   const std::function<void(std::size_t, const Eigen::Affine3d&, int)> walk =
       [&](std::size_t index, const Eigen::Affine3d& parent, int depth) {
         if (depth > kMaxModelDepth) return;
@@ -224,6 +224,8 @@ Result<std::vector<std::optional<Eigen::Affine3d>>> mesh_placements(const Json& 
         if (node.contains("mesh")) {
           const auto mesh = node.at("mesh").get<std::size_t>();
           if (placements.at(mesh)) shared = mesh;
+          const Json extensions = node.value("extensions", Json::object());
+          if (node.contains("skin") || extensions.contains("EXT_mesh_gpu_instancing")) moved = mesh;
           placements[mesh] = placement;
         }
         if (!node.contains("children")) return;
@@ -253,6 +255,11 @@ Result<std::vector<std::optional<Eigen::Affine3d>>> mesh_placements(const Json& 
         "{}: meshes/{}: hangs in the scene more than once, so its vertices have several "
         "kernels; export the copies as meshes of their own",
         name, *shared);
+  }
+  if (moved) {
+    return fail(
+        "{}: meshes/{}: is placed by a skin or by instancing; store the kernels in a .json file",
+        name, *moved);
   }
   return placements;
 }

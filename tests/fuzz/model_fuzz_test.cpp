@@ -8,6 +8,7 @@
 
 #include "render/model.hpp"
 #include "render/scene.hpp"
+#include "support/gltf_builder.hpp"
 #include "support/paths.hpp"
 #include "support/textured_glb.hpp"
 
@@ -59,6 +60,9 @@ std::string mutated(std::string text, std::mt19937& random) {
 void expect_sound(const Model& model) {
   for (const Mesh& mesh : model.meshes) {
     ASSERT_EQ(mesh.normals.size(), mesh.positions.size());
+    for (const glm::vec3& n : mesh.normals) {
+      ASSERT_TRUE(std::abs(n.x) <= 1.01F && std::abs(n.y) <= 1.01F && std::abs(n.z) <= 1.01F);
+    }
     for (const glm::vec3& p : mesh.positions) {
       ASSERT_TRUE(std::abs(p.x) <= 1e6F && std::abs(p.y) <= 1e6F && std::abs(p.z) <= 1e6F);
     }
@@ -88,6 +92,9 @@ int fuzz_model(const std::string& good, const std::string& extension, int count,
     if (model) {
       ++accepted;
       expect_sound(*model);
+      for (const std::string& warning : model->warnings) {
+        EXPECT_EQ(warning.find('\n'), std::string::npos) << warning;
+      }
     } else {
       EXPECT_EQ(model.error().message.find('\n'), std::string::npos) << model.error().message;
       EXPECT_NE(model.error().message.find("model" + extension), std::string::npos)
@@ -139,6 +146,57 @@ TEST(Fuzz, DamagedGltf) {
   const int accepted = fuzz_model(json, ".gltf", 4000, 2);
   EXPECT_GT(accepted, 0);
   EXPECT_LT(accepted, 4000);
+}
+
+// A morphed, skinned and instanced file: two joints with weights of three encodings, two targets of
+// which one is sparse, a copy by instancing, and a hidden node.
+std::string moved_gltf(bool binary) {
+  test::GltfBuilder file;
+  file.json["nodes"] = {{{"mesh", 0}, {"skin", 0}, {"weights", {0.5, 0.25}}},
+                        {{"children", {2}}, {"translation", {0, 0.5, 0}}},
+                        {{"scale", {2, 2, 2}}, {"rotation", {0, 1, 0, 0}}},
+                        {{"mesh", 0}, {"weights", {1, 0}}},
+                        {{"mesh", 0}, {"weights", {0, 1}}}};
+  file.json["scenes"] = {{{"nodes", {0, 1, 3, 4}}}};
+  file.square(0.1F);
+  nlohmann::json& attributes = file.primitive()["attributes"];
+  attributes["NORMAL"] =
+      file.accessor(std::vector<float>{0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0}, "VEC3");
+  for (int set = 0; set < 2; ++set) {
+    attributes[fmt::format("JOINTS_{}", set)] = file.accessor(
+        std::vector<std::uint8_t>{0, 1, 0, 0, 0, 1, 1, 0, 1, 0, 0, 0, 0, 0, 0, 1}, "VEC4");
+  }
+  attributes["WEIGHTS_0"] = file.accessor(
+      std::vector<std::uint16_t>{30000, 30000, 0, 0, 65535, 0, 0, 0, 0, 9, 9, 9, 1, 2, 3, 4},
+      "VEC4", true);
+  attributes["WEIGHTS_1"] = file.accessor(
+      std::vector<float>{0, 0.1F, 0, 0, 0, 0, 0, 0, 0.5F, 0, 0, 0, 0, 0, 0, 1}, "VEC4");
+  const std::size_t deltas =
+      file.accessor(std::vector<float>{0, 0, 0, 0, 0, 0, 0.1F, 0, 0, 0.1F, 0, 0}, "VEC3");
+  file.primitive()["targets"] = {
+      {{"POSITION", deltas}, {"NORMAL", deltas}},
+      {{"POSITION", file.sparse_accessor(4, {1, 3}, {0, 0, 1, 0, 1, 0})}}};
+  std::vector<float> matrices;
+  for (int i = 0; i < 2; ++i) {
+    matrices.insert(matrices.end(), {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0.5F, 0, 0, 1});
+  }
+  file.json["skins"] = {
+      {{"joints", {1, 2}}, {"inverseBindMatrices", file.accessor(matrices, "MAT4")}}};
+  nlohmann::json& instances =
+      file.json["nodes"][3]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"];
+  instances["TRANSLATION"] = file.accessor(std::vector<float>{0, 0, 0, 1, 0, 0}, "VEC3");
+  instances["ROTATION"] = file.accessor(std::vector<float>{0, 0, 0, 1, 0, 0, 1, 0}, "VEC4");
+  file.json["nodes"][4]["extensions"]["KHR_node_visibility"]["visible"] = false;
+  return binary ? file.glb() : file.gltf();
+}
+
+TEST(Fuzz, DamagedSkinsTargetsAndInstances) {
+  for (const bool binary : {false, true}) {
+    const char* extension = binary ? ".glb" : ".gltf";
+    const int accepted = fuzz_model(moved_gltf(binary), extension, 4000, binary ? 7 : 8);
+    EXPECT_GT(accepted, 0);
+    EXPECT_LT(accepted, 4000);
+  }
 }
 
 TEST(Fuzz, DamagedObj) {
