@@ -133,12 +133,18 @@ struct ModelLimits {
   std::size_t max_meshes = 4096;  // one draw each
 };
 
+// How a model file is read.
+struct ModelReading {
+  UpAxis up = UpAxis::by_format;
+  double unit_m = 1.0;  // length of the file's unit [m]; glTF's is the metre
+  ModelLimits limits = {};
+};
+
 // .glb, .gltf, .obj. Whatever the reader returns is checked: finite numbers, index ranges,
 // accessors inside their buffers, counts and sizes; external files only beside the model. Errors
 // name the file and the cause. No input makes it crash.
 [[nodiscard]] Result<Model> load_model(const std::filesystem::path& file,
-                                       UpAxis up = UpAxis::by_format,
-                                       const ModelLimits& limits = {});
+                                       const ModelReading& reading = {});
 
 // A hash of what shadow kernels depend on: every mesh's positions and faces. Tells that a model has
 // changed since its kernels were stored.

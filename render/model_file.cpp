@@ -68,6 +68,15 @@ void turn_up(Model& model) {
   if (model.shadow_kernel_up) model.shadow_kernel_up = turned_up(*model.shadow_kernel_up);
 }
 
+// Turns coordinates of another unit into metres.
+void scale(Model& model, double unit_m) {
+  const auto scaled = [unit_m](const glm::vec3& v) { return glm::vec3(glm::dvec3(v) * unit_m); };
+  for (Mesh& mesh : model.meshes) {
+    for (glm::vec3& p : mesh.positions) p = scaled(p);
+    for (glm::vec3& k : mesh.shadow_kernels) k = scaled(k);
+  }
+}
+
 // Of a glTF file as it is usually read: y up, with whatever axes it is read now.
 std::string usual_geometry_key(const Model& model, UpAxis up) {
   if (up != UpAxis::z) return geometry_key(model);
@@ -306,8 +315,12 @@ Result<void> check_model(Model& model, const std::string& name, const ModelLimit
   return {};
 }
 
-Result<Model> load_model(const std::filesystem::path& file, UpAxis up, const ModelLimits& limits) {
+Result<Model> load_model(const std::filesystem::path& file, const ModelReading& reading) {
   const std::string name = file.string();
+  const UpAxis up = reading.up;
+  // The readers check coordinates in the file's own unit.
+  ModelLimits limits = reading.limits;
+  limits.max_coordinate_m /= reading.unit_m;
   std::string extension = file.extension().string();
   std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
@@ -327,10 +340,13 @@ Result<Model> load_model(const std::filesystem::path& file, UpAxis up, const Mod
     model->name = file.stem().string();
     // The readers give the file's own axes.
     if (up == UpAxis::y || (up == UpAxis::by_format && gltf)) turn_up(*model);
-    const Result<void> checked = check_model(*model, name, limits);
+    // Kernels are stored for the file's own unit.
+    std::string geometry;
+    if (model->shadow_kernel_up) geometry = usual_geometry_key(*model, up);
+    if (reading.unit_m != 1.0) scale(*model, reading.unit_m);
+    const Result<void> checked = check_model(*model, name, reading.limits);
     if (!checked) return tl::unexpected(checked.error());
-    if (model->shadow_kernel_up)
-      check_stored_kernels(*model, usual_geometry_key(*model, up), name, limits);
+    if (model->shadow_kernel_up) check_stored_kernels(*model, geometry, name, reading.limits);
     if (auto lost = warning_of_lost_faces(*model, name)) {
       model->warnings.push_back(std::move(*lost));
     }

@@ -214,7 +214,7 @@ Result<std::shared_ptr<const Model>> SceneReader::model_from(const std::string& 
   const std::string key = fmt::format("{} {}", static_cast<int>(up), model_file);
   std::shared_ptr<const Model>& known = models_[key];
   if (known == nullptr) {
-    Result<Model> model = load_model(path, up);
+    Result<Model> model = load_model(path, {.up = up});
     if (!model) return fail_at(pointer, "{}", model.error().message);
     known = std::make_shared<const Model>(std::move(*model));
     scene_.warnings.insert(scene_.warnings.end(), known->warnings.begin(), known->warnings.end());

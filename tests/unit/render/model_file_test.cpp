@@ -177,7 +177,7 @@ TEST_F(ModelFile, TooManyMaterialsAreRefused) {
   }
   write("m.mtl", materials);
   const auto file = write("model.obj", "mtllib m.mtl\n" + text);
-  EXPECT_THAT(error_of(load_model(file, UpAxis::by_format, limits)),
+  EXPECT_THAT(error_of(load_model(file, {.limits = limits})),
               HasSubstr("has 3 materials in use, more than the 2 allowed"));
   EXPECT_TRUE(load_model(file));
 }
@@ -252,7 +252,7 @@ TEST_F(ModelFile, ObjIsTakenAsWrittenAndTurnedOnRequest) {
   EXPECT_EQ(model->meshes[0].normals[0], glm::vec3(0, 0, 1));
   EXPECT_EQ(model->source_vertex_count, 4U);
   EXPECT_EQ(model->meshes[0].source_vertex[2], 2U);
-  const Result<Model> turned = load_model(folder_.path() / "model.obj", UpAxis::y);
+  const Result<Model> turned = load_model(folder_.path() / "model.obj", {.up = UpAxis::y});
   ASSERT_TRUE(turned);
   EXPECT_EQ(turned->meshes[0].positions[2], glm::vec3(0, 0, 1));
 }
