@@ -1,0 +1,366 @@
+#include "app/commands/shadow_layers.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "app/logging.hpp"
+#include "core/stopwatch.hpp"
+#include "render/shadow/caster.hpp"
+#include "render/shadow/fixed_light.hpp"
+#include "render/shadow/kernel_file.hpp"
+#include "render/shadow/kernel_stamp.hpp"
+#include "render/shadow/part_groups.hpp"
+#include "render/shadow/power_distance.hpp"
+#include "render/shadow/projected_shadow.hpp"
+
+namespace penumbra {
+namespace {
+
+struct KernelSet {
+  ShadowKernels kernels;
+  std::string source;
+  double time_ms = 0.0;
+};
+
+// `stored_source`: of those that came with the mesh, where they may serve.
+KernelSet choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from_file,
+                         std::optional<KernelSource> stored_source) {
+  const Eigen::Vector3d up = up_in_object(job.placement, job.plane);
+  KernelSet choice;
+  const Stopwatch watch;
+  if (from_file) {
+    choice.kernels = stored_kernels_of(mesh);
+    choice.source = job.kernel_file.string();
+    if (!has_stored_kernels_for(mesh, up)) {
+      log_warning(
+          "{}: its kernels are for up {:.3g},{:.3g},{:.3g} and used as they are; the plane's "
+          "normal "
+          "is {:.3g},{:.3g},{:.3g} for the object; a .glb with kernels gets new ones",
+          job.kernel_file.string(), choice.kernels.up.x(), choice.kernels.up.y(),
+          choice.kernels.up.z(), up.x(), up.y(), up.z());
+    }
+  } else {
+    const bool as_stored = stored_source && job.source == KernelSource::automatic;
+    const bool stored = as_stored && has_stored_kernels_for(mesh, up);
+    const KernelSource source = as_stored ? *stored_source : job.source;
+    choice.kernels = stored ? stored_kernels_of(mesh) : generate_kernels(mesh, up, source);
+    choice.source = stored ? "stored" : std::string(to_string(source));
+  }
+  choice.time_ms = watch.elapsed().wall_ms;
+  return choice;
+}
+
+Result<void> add_layer(ShadowResult& result, const std::string& name,
+                       const std::vector<PlanePoint>& triangles) {
+  auto outline = union_of_triangles(triangles);
+  if (!outline) return fail_in(name, outline.error());
+  result.layers.push_back({name, std::move(*outline)});
+  return {};
+}
+
+// The least and the greatest factor between the plane and the caster's top.
+std::pair<double, double> factors_of(std::span<const CasterVertex> vertices,
+                                     const LayeredConstants& constants) {
+  double top = 0.0;
+  for (const CasterVertex& vertex : vertices) top = std::max(top, static_cast<double>(vertex.h));
+  double least = 1.0;
+  double greatest = 1.0;
+  for (const ShadowLayer layer : kShadowLayers) {
+    const double s = layer_factor(constants, layer, top);
+    least = std::min(least, s);
+    greatest = std::max(greatest, s);
+  }
+  return {least, greatest};
+}
+
+// Nothing where the mesh is not worth reducing.
+Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const ShadowMesh& mesh) {
+  if (job.proxy == ProxyMode::automatic) return simplified_caster(mesh);
+  if (job.proxy == ProxyMode::none) return std::optional<ShadowProxy>();
+  const auto model = load_model(job.proxy_file, {.up = job.up});
+  if (!model) return tl::unexpected(model.error());
+  return std::optional<ShadowProxy>(proxy_from_model(mesh, *model));
+}
+
+// The plane with its origin under the middle of the caster: near it floats are fine, wherever in
+// the world that is.
+PlaneFrame plane_under(const ShadowMesh& mesh, const Placement& placement,
+                       const PlaneFrame& plane) {
+  Eigen::AlignedBox3d box;
+  for (const glm::vec3& p : mesh.positions) {
+    box.extend(Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                               static_cast<double>(p.z)));
+  }
+  if (box.isEmpty()) return plane;
+  const Eigen::Vector3d middle = plane.to_plane(placement * box.center());
+  PlaneFrame under = plane;
+  under.q += middle.x() * plane.e1 + middle.y() * plane.e2;
+  return under;
+}
+
+// A shadow without an area, and one that lacks what is above the light, are told with their cause.
+void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertices,
+                     std::span<const std::uint32_t> indices, const ShadowResult& result) {
+  double bottom = std::numeric_limits<double>::infinity();
+  double top = -bottom;
+  for (const std::uint32_t index : indices) {
+    const auto h = static_cast<double>(vertices[index].h);
+    bottom = std::min(bottom, h);
+    top = std::max(top, h);
+  }
+  const std::string name = job.model.string();
+  if (indices.empty()) {
+    log_warning("{}: has no face that casts a shadow", name);
+    return;
+  }
+  if (top < 0.0) {  // in contact it still casts
+    log_warning("{}: is under the plane (its top at {:.3g} m), so there is no shadow", name, top);
+    return;
+  }
+  const bool layers = job.technique == ShadowJob::Technique::layered ||
+                      job.technique == ShadowJob::Technique::field;
+  const double reach = layer_height_range(job.constants, ShadowLayer::penumbra).high;
+  if (layers && bottom >= reach) {
+    log_warning(
+        "{}: is {:.3g} m above the plane, too high for a light of H = {:.3g} m, so there is no "
+        "shadow; raise --light-height",
+        name, bottom, job.constants.light_height);
+    return;
+  }
+  if (layers && top > reach) {
+    log_warning(
+        "{}: reaches to {:.3g} m above the plane; what is above {:.3g} m is too high for a light "
+        "of H = {:.3g} m and casts nothing; raise --light-height",
+        name, top, reach, job.constants.light_height);
+  }
+  // Float heights of vertices: a top that stands exactly at the workspace's is inside.
+  if (layers && job.workspace_height && top > *job.workspace_height * (1.0 + 1e-6)) {
+    log_warning(
+        "{}: reaches to {:.3g} m above the plane, beyond --workspace-height {:g}, and has no umbra "
+        "there; give the highest place that objects come to",
+        name, top, *job.workspace_height);
+  }
+  if (job.technique == ShadowJob::Technique::hard && job.light.w() != 0.0) {
+    const double light = light_height(job.plane, job.light);
+    const double range = hard_shadow_range(job.plane, job.light).high;
+    if (light > 0.0 && bottom >= range) {
+      log_warning(
+          "{}: is {:.3g} m above the plane and the light {:.3g} m, so there is no shadow; raise "
+          "--light",
+          name, bottom, light);
+    } else if (light > 0.0 && top > range) {
+      log_warning(
+          "{}: reaches to {:.3g} m above the plane, over the light at {:.3g} m; what is above the "
+          "light casts nothing; raise --light",
+          name, top, light);
+    }
+  }
+  const auto is_empty = [](const auto& layer) { return layer.outline.area <= 0.0; };
+  if (job.technique != ShadowJob::Technique::hard &&
+      std::all_of(result.layers.begin(), result.layers.end(), is_empty)) {
+    log_warning("{}: no layer of its shadow has an area", name);
+  }
+}
+
+void slide(LayerOutline& outline, const Eigen::Vector2d& by) {
+  for (LayerPolygon& polygon : outline.polygons) {
+    for (Eigen::Vector2d& p : polygon.outer) p += by;
+    for (auto& hole : polygon.holes) {
+      for (Eigen::Vector2d& p : hole) p += by;
+    }
+  }
+}
+
+// What casts: a model with the kernels that its options choose among.
+struct Caster {
+  ShadowMesh mesh;
+  bool kernels_from_file = false;
+  std::optional<KernelSource> stored_source;  // of the kernels that came with the model
+};
+
+// Drops stored kernels that the options can't use, with a warning.
+void check_stored_kernels(const ShadowJob& job, const Model& model, Caster& caster) {
+  const std::string name = (caster.kernels_from_file ? job.kernel_file : job.model).string();
+  const bool automatic = job.source == KernelSource::automatic;
+  if (model.shadow_kernel_up && automatic && !stored_kernels_fit(model, caster.mesh, job.groups)) {
+    log_warning("{}: its kernels are for other parts than --group names; they are made anew", name);
+    caster.kernels_from_file = false;
+  }
+  if (job.fixed_light && !caster.mesh.stored_kernels.empty() && automatic &&
+      !have_thickness(stored_kernel_source(model))) {
+    log_warning(
+        "{}: its kernels (cocl) have no thickness, which a light of one size needs; they are made "
+        "anew",
+        name);
+    caster.kernels_from_file = false;
+    caster.stored_source.reset();
+  }
+}
+
+Result<Caster> load_caster(const ShadowJob& job) {
+  auto model = load_model(job.model, {.up = job.up});
+  if (!model) return tl::unexpected(model.error());
+  Caster caster;
+  if (!job.kernel_file.empty()) {
+    const auto file = load_kernel_file(job.kernel_file);
+    if (!file) return tl::unexpected(file.error());
+    const auto taken = attach_kernels(*model, *file, job.kernel_file.string());
+    if (!taken) return tl::unexpected(taken.error());
+    caster.kernels_from_file = *taken;
+  }
+  for (const std::string& warning : model->warnings) log_warning("{}", warning);
+  if (const auto checked = check_groups(*model, job.groups); !checked) {
+    return fail("{}: {}", job.model.string(), checked.error().message);
+  }
+  caster.mesh = make_shadow_mesh(*model, job.groups);
+  caster.stored_source = stored_kernel_source(*model);
+  if (job.technique == ShadowJob::Technique::layered) check_stored_kernels(job, *model, caster);
+  return caster;
+}
+
+Result<void> add_hard_shadow(const ShadowJob& job, std::span<const CasterVertex> vertices,
+                             const ShadowMesh& mesh, const PlaneFrame& plane,
+                             ShadowResult& result) {
+  const auto triangles = projected_triangles(vertices, mesh.indices, job.light, plane);
+  if (triangles.empty() && plane_covector(plane).dot(job.light) <= 0.0) {
+    log_warning("the light is in or under the plane, so there is no shadow");
+  }
+  return add_layer(result, "shadow", triangles);
+}
+
+Result<void> add_field_layers(const ShadowJob& job, std::span<const CasterVertex> vertices,
+                              const ShadowMesh& mesh, const PlaneFrame& plane,
+                              ShadowResult& result) {
+  // With as many cells as the renderer uses: what is written is what is painted.
+  const ShadowField field = power_distance_layers(
+      vertices, mesh.indices, mesh.part,
+      part_lights(part_discs(mesh, up_in_object(job.placement, plane), kHalfFieldCell, false),
+                  job.placement, plane),
+      job.constants);
+  for (const auto& [layer, name] : kLayerNames) {
+    if (const auto added = add_layer(result, name, field_triangles(field, layer)); !added) {
+      return added;
+    }
+  }
+  return {};
+}
+
+// Where the vertices of a shadow see their kernels; those that share one give one place.
+std::vector<Eigen::Vector2d> kernel_places(std::span<const CasterVertex> vertices) {
+  std::vector<Eigen::Vector2d> places;
+  for (const CasterVertex& vertex : vertices) {
+    const Eigen::Vector2d k(static_cast<double>(vertex.ku), static_cast<double>(vertex.kv));
+    if (k.allFinite()) places.push_back(k);
+  }
+  const auto by_place = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+    return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
+  };
+  std::sort(places.begin(), places.end(), by_place);
+  places.erase(std::unique(places.begin(), places.end()), places.end());
+  return places;
+}
+
+// Compares the layers of a proxy with those of the mesh.
+void judge_proxy(const ShadowJob& job, const ShadowMesh& mesh, const ShadowKernels& at_tilt,
+                 std::span<const PartDisc> parts, const ShadowProxy& proxy, ProxyResult& result) {
+  const ProxyUse use{job.constants, job.fixed_light ? LightMode::fixed : LightMode::proportional,
+                     job.placement.scale};
+  result.agreement = compare_with_proxy(mesh, at_tilt, parts, proxy, use, true);
+  result.faces = proxy.mesh.indices.size() / 3;
+  result.used = result.agreement.kept();
+}
+
+Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
+                                 ShadowKernels kernels, const PlaneFrame& plane,
+                                 ShadowResult& result) {
+  const Eigen::Vector3d up = up_in_object(job.placement, plane);
+  std::vector<PartDisc> parts;
+  if (job.fixed_light) {
+    complete_radii(kernels, mesh, up);
+    parts = part_discs(mesh, up);
+  }
+  // For the tilt of this shadow, which stored kernels are near.
+  const auto at_tilt = [&] {
+    ShadowKernels turned = kernels;
+    turned.up = up;
+    return turned;
+  };
+  const auto proxy = make_proxy(job, mesh);
+  if (!proxy) return tl::unexpected(proxy.error());
+  if (*proxy) judge_proxy(job, mesh, at_tilt(), parts, **proxy, result.proxy);
+  const bool reduced = result.proxy.used;
+  const ShadowMesh& caster = reduced ? (*proxy)->mesh : mesh;
+  if (reduced) kernels = carried_kernels(**proxy, kernels);
+  const auto vertices = place_caster(caster, kernels, job.placement, plane);
+  std::vector<VertexDisc> discs;
+  if (job.fixed_light) {
+    discs = vertex_discs(caster, kernels, parts, job.placement.scale);
+    result.twists = fixed_light_twists(vertices, discs, caster.indices, job.constants);
+  } else {
+    const auto [least, greatest] = factors_of(vertices, job.constants);
+    result.twists = find_twists(vertices, caster.indices, least, greatest);
+    result.spill = layer_spill(caster, at_tilt(), greatest);
+  }
+  result.twisted_faces = result.twists->faces_twisted;
+  for (const auto& [layer, name] : kLayerNames) {
+    const auto triangles =
+        job.fixed_light
+            ? fixed_light_triangles(vertices, discs, caster.indices, job.constants, layer)
+            : layer_triangles(vertices, caster.indices, job.constants, layer);
+    if (const auto added = add_layer(result, name, triangles); !added) return added;
+  }
+  if (job.show_kernels) result.kernels = kernel_places(vertices);
+  return {};
+}
+
+}  // namespace
+
+Result<ShadowResult> compute_shadow(const ShadowJob& job) {
+  const auto caster = load_caster(job);
+  if (!caster) return tl::unexpected(caster.error());
+  const ShadowMesh& mesh = caster->mesh;
+  const PlaneFrame plane = plane_under(mesh, job.placement, job.plane);
+  ShadowResult result;
+  result.faces = mesh.indices.size() / 3;
+  result.vertices = mesh.positions.size();
+  result.parts = mesh.part_count;
+  ShadowKernels kernels;
+  if (job.technique == ShadowJob::Technique::layered) {
+    KernelSet choice = choose_kernels(job, mesh, caster->kernels_from_file, caster->stored_source);
+    result.kernel_source = choice.source;
+    result.kernel_ms = choice.time_ms;
+    kernels = std::move(choice.kernels);
+  } else {
+    kernels.kernels = mesh.positions;
+  }
+  const auto vertices = place_caster(mesh, kernels, job.placement, plane);
+  auto object = union_of_triangles(orthogonal_triangles(vertices, mesh.indices));
+  if (!object) return tl::unexpected(object.error());
+  result.object = *object;
+  Result<void> added;
+  switch (job.technique) {
+    case ShadowJob::Technique::simple:
+      result.layers.push_back({"shadow", std::move(*object)});
+      break;
+    case ShadowJob::Technique::hard:
+      added = add_hard_shadow(job, vertices, mesh, plane, result);
+      break;
+    case ShadowJob::Technique::field:
+      added = add_field_layers(job, vertices, mesh, plane, result);
+      break;
+    case ShadowJob::Technique::layered:
+      added = add_penumbra_layers(job, mesh, std::move(kernels), plane, result);
+      break;
+  }
+  if (!added) return tl::unexpected(added.error());
+  warn_of_heights(job, vertices, mesh.indices, result);
+  const Eigen::Vector2d origin = job.plane.to_plane(plane.q).head<2>();
+  slide(result.object, origin);
+  for (ShadowPicture::Layer& layer : result.layers) slide(layer.outline, origin);
+  for (Eigen::Vector2d& kernel : result.kernels) kernel += origin;
+  return result;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,153 @@
+#include "app/commands/shadow_text.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace penumbra {
+namespace {
+
+nlohmann::ordered_json number_or_inf(double value) {
+  if (std::isinf(value)) return "inf";
+  return value;
+}
+
+// Which shadow it is, as pictures of several lie side by side.
+std::string technique_words(const ShadowJob& job) {
+  switch (job.technique) {
+    case ShadowJob::Technique::field:
+      return "field shadow";
+    case ShadowJob::Technique::simple:
+      return "simple shadow";
+    case ShadowJob::Technique::hard:
+      return "hard shadow";
+    case ShadowJob::Technique::layered:
+      break;
+  }
+  std::string words = job.source == KernelSource::centroid ? "COCL shadow" : "layered shadow";
+  if (!job.kernel_file.empty()) {
+    words += fmt::format(", kernels of {}", job.kernel_file.filename().string());
+  } else if (job.source == KernelSource::smooth) {
+    words += ", smooth kernels";
+  } else if (job.source == KernelSource::per_axis) {
+    words += ", per-axis kernels";
+  }
+  if (job.fixed_light) words += ", one light";
+  return words;
+}
+
+}  // namespace
+
+std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
+  nlohmann::ordered_json json;
+  json["H"] = number_or_inf(job.constants.light_height);
+  json["a"] = number_or_inf(job.constants.light_ratio);
+  if (job.constants.light_ratio > 1.0) {
+    json["umbra_height"] = job.constants.umbra_height;
+  } else {
+    json["umbra_height"] = "inf";  // it never vanishes
+  }
+  const auto ring_json = [](const std::vector<Eigen::Vector2d>& ring) {
+    auto list = nlohmann::ordered_json::array();
+    for (const Eigen::Vector2d& p : ring) list.push_back({p.x(), p.y()});
+    return list;
+  };
+  for (const ShadowPicture::Layer& layer : result.layers) {
+    auto& layer_json = json["layers"][layer.name];
+    layer_json["area"] = layer.outline.area;
+    auto polygons = nlohmann::ordered_json::array();
+    for (const LayerPolygon& polygon : layer.outline.polygons) {
+      nlohmann::ordered_json polygon_json;
+      polygon_json["outer"] = ring_json(polygon.outer);
+      polygon_json["holes"] = nlohmann::ordered_json::array();
+      for (const auto& hole : polygon.holes) polygon_json["holes"].push_back(ring_json(hole));
+      polygons.push_back(std::move(polygon_json));
+    }
+    layer_json["polygons"] = std::move(polygons);
+  }
+  json["kernels"] = {{"source", result.kernel_source}, {"time_ms", result.kernel_ms}};
+  json["twisted_faces"] = result.twisted_faces;
+  if (result.twists) {
+    json["twists"] = {{"faces_tested", result.twists->faces_tested},
+                      {"area_share", result.twists->area_share}};
+    if (result.spill) json["twists"]["spill"] = *result.spill;
+  }
+  if (job.proxy != ProxyMode::none) {
+    auto& proxy = json["proxy"];
+    proxy["used"] = result.proxy.used;
+    proxy["faces"] = result.proxy.faces;
+    proxy["of_faces"] = result.faces;
+    proxy["least_iou"] = kLeastProxyAgreement;
+    auto& heights = proxy["heights"] = nlohmann::ordered_json::array();
+    for (std::size_t i = 0; result.proxy.faces > 0 && i < kProxyHeights.size(); ++i) {
+      auto& height = heights.emplace_back();
+      height["umbra_heights"] = kProxyHeights[i];
+      for (std::size_t layer = 0; layer < kLayerNames.size(); ++layer) {
+        height["iou"][kLayerNames[layer].second] = result.proxy.agreement.iou[i][layer];
+      }
+    }
+  }
+  return json.dump() + "\n";
+}
+
+std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
+  std::string table = fmt::format("{}: {} vertices, {} faces\n", job.model.filename().string(),
+                                  result.vertices, result.faces);
+  if (job.technique == ShadowJob::Technique::layered ||
+      job.technique == ShadowJob::Technique::field) {
+    table += fmt::format("light: H = {:g} m, a = {:g}, the umbra {}\n", job.constants.light_height,
+                         job.constants.light_ratio,
+                         job.constants.light_ratio <= 1.0
+                             ? "never vanishes"
+                             : fmt::format("vanishes at {:g} m", job.constants.umbra_height));
+  }
+  if (!job.groups.empty()) table += fmt::format("parts: {}\n", result.parts);
+  table += "layer      area [cm2]  pieces  holes\n";
+  for (const ShadowPicture::Layer& layer : result.layers) {
+    std::size_t holes = 0;
+    for (const LayerPolygon& polygon : layer.outline.polygons) holes += polygon.holes.size();
+    table += fmt::format("{:<9} {:>11.6g} {:>7} {:>6}\n", layer.name, 1e4 * layer.outline.area,
+                         layer.outline.polygons.size(), holes);
+  }
+  if (job.technique == ShadowJob::Technique::layered) {
+    table += fmt::format("kernels: {}, {:.2f} ms; twisted faces: {} of {}\n", result.kernel_source,
+                         result.kernel_ms, result.twisted_faces,
+                         result.proxy.used ? result.proxy.faces : result.faces);
+    if (result.twists) {
+      table += fmt::format("twisted: {:.2f} % of the area", 100.0 * result.twists->area_share);
+      if (result.spill) {
+        table += fmt::format("; spill beyond the outline: {:.2f} % of the penumbra",
+                             100.0 * *result.spill);
+      }
+      table += "\n";
+    }
+  }
+  if (job.proxy != ProxyMode::none) {
+    table +=
+        result.proxy.faces == 0
+            ? fmt::format("proxy: none, {} faces are not worth reducing\n", result.faces)
+            : fmt::format("proxy: {} faces, its layers agree to {:.4f}: {}\n", result.proxy.faces,
+                          result.proxy.agreement.least(), result.proxy.used ? "used" : "not used");
+  }
+  return table;
+}
+
+ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result) {
+  ShadowPicture picture;
+  picture.title = fmt::format("{}, {}", job.model.stem().string(), technique_words(job));
+  if (job.technique == ShadowJob::Technique::layered ||
+      job.technique == ShadowJob::Technique::field) {
+    picture.subtitle =
+        std::isinf(job.constants.light_height)
+            ? fmt::format("light at the zenith, umbra to {:g} m", job.constants.umbra_height)
+            : fmt::format("H = {:g} m, a = {:.3g}", job.constants.light_height,
+                          job.constants.light_ratio);
+  }
+  picture.layers.assign(result.layers.rbegin(), result.layers.rend());
+  picture.object = result.object;
+  picture.kernels = result.kernels;
+  return picture;
+}
+
+}  // namespace penumbra
