@@ -9,6 +9,7 @@
 #include "app/capture/recording_source.hpp"
 #include "app/logging.hpp"
 #include "app/session.hpp"
+#include "render/shadow/cut_out.hpp"
 #include "render/shadow/kernel_file.hpp"
 #include "tracking/group_tracker.hpp"
 
@@ -104,6 +105,25 @@ Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path
   return loaded;
 }
 
+namespace {
+
+// Names each model of which whole faces cast although it has cut-outs.
+void warn_of_cut_outs(const Scene& scene, const PlanOptions& plan) {
+  std::set<std::string> models;
+  for (const ShadowNode& node : scene.shadows) {
+    const ShadowTechnique technique = plan.technique.value_or(node.technique);
+    if (technique != ShadowTechnique::layered && technique != ShadowTechnique::volume) continue;
+    for (const int caster : node.casters) {
+      const SceneObject& object = scene.objects[static_cast<std::size_t>(caster)];
+      if (!object.model || !object.casts_shadow || !has_cut_outs(*object.model)) continue;
+      models.insert(object.model_file);
+    }
+  }
+  for (const std::string& model : models) log_warning("{}", warning_of_cut_outs(model));
+}
+
+}  // namespace
+
 void tell_warnings(const Scene& scene, const PlanOptions& plan) {
   for (const std::string& warning : scene.warnings) log_warning("{}", warning);
   for (const LayeredAdvice& advice : scene.layered_advice) {
@@ -113,6 +133,7 @@ void tell_warnings(const Scene& scene, const PlanOptions& plan) {
       log_warning("{}", advice.text);
     }
   }
+  warn_of_cut_outs(scene, plan);
 }
 
 void warn_of_unknown_groups(const Scene& scene, const TagMap& tags, const fs::path& tags_file,

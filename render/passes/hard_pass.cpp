@@ -43,7 +43,8 @@ const ShadowMesh& HardPass::mesh_of(const Scene& scene, const HardShadowDraw& dr
   const Model* model =
       casting_model(scene.objects[static_cast<std::size_t>(draw.object)], draw.proxy).get();
   auto& entry = meshes_[model];
-  if (!entry) entry = std::make_unique<ShadowMesh>(make_shadow_mesh(*model));
+  if (!entry)
+    entry = std::make_unique<ShadowMesh>(make_shadow_mesh(*model, {}, CutOuts::what_is_seen));
   return *entry;
 }
 

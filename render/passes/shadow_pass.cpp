@@ -17,6 +17,7 @@
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/object_pass.hpp"
 #include "render/shadow/caster.hpp"
+#include "render/shadow/cut_out.hpp"
 #include "render/shadow/fixed_light.hpp"
 #include "render/shadow/kernel_file.hpp"
 #include "render/shadow/kernel_stamp.hpp"
@@ -258,6 +259,9 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const Camer
   ShadowPass pass(std::move(*shadow), std::move(*field), std::move(*mask), std::move(*strips));
   pass.edges_ = longest_caster_edges(scene, camera);
   pass.steady_ = steady_casters(scene);
+  for (const SceneObject& object : scene.objects) {
+    pass.cut_outs_.push_back(object.model && has_cut_outs(*object.model));
+  }
   pass.edge_at_unit_depth_ = longest_edge(camera) / kNearestDistance;
   pass.finest_field_cell_ =
       kNearestDistance / std::max(camera.parameters().fx, camera.parameters().fy);
@@ -283,14 +287,19 @@ void ShadowPass::set_geometry(Body& body, const ShadowMesh& mesh, float max_edge
   }
 }
 
-ShadowPass::Caster& ShadowPass::caster_of(const Scene& scene, int index) {
-  const SceneObject& object = scene.objects[static_cast<std::size_t>(index)];
-  const float edge = edges_[static_cast<std::size_t>(index)];
-  auto& entry =
-      casters_[{object.model.get(), edge, object.proxy, object.proxy_model.get(), object.groups}];
+ShadowPass::Caster& ShadowPass::caster_of(const Scene& scene, const ShadowDraw& draw) {
+  const auto index = static_cast<std::size_t>(draw.object);
+  const SceneObject& object = scene.objects[index];
+  const float edge = edges_[index];
+  // Kernels are of whole faces.
+  const CutOuts cut_outs = cut_outs_[index] && draw.technique != ShadowTechnique::layered
+                               ? CutOuts::what_is_seen
+                               : CutOuts::whole_faces;
+  auto& entry = casters_[{object.model.get(), edge, object.proxy, object.proxy_model.get(),
+                          object.groups, cut_outs}];
   if (!entry) {
     entry = std::make_unique<Caster>();
-    entry->mesh = make_shadow_mesh(*object.model, object.groups);
+    entry->mesh = make_shadow_mesh(*object.model, object.groups, cut_outs);
     entry->stored_source = stored_kernel_source(*object.model);
     set_geometry(entry->whole, entry->mesh, edge);
     if (object.proxy == ProxyMode::automatic) entry->proxy = simplified_caster(entry->mesh);
@@ -828,7 +837,7 @@ std::optional<ShadowReach> ShadowPass::reach_of(const Scene& scene, const Shadow
   const bool layered =
       draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::proportional;
   if (!layered && draw.technique != ShadowTechnique::simple) return std::nullopt;
-  Caster& caster = caster_of(scene, draw.object);
+  Caster& caster = caster_of(scene, draw);
   ShadowReach reach;
   if (caster.whole.geometry.indices.empty()) return reach;
   const OwnFrame own = OwnFrame::make(draw.T_table_object, draw.plane_frame,
@@ -887,7 +896,7 @@ std::optional<ShadowReach> ShadowPass::reach_of(const Scene& scene, const Shadow
 
 CasterOverPlane ShadowPass::caster_over(const Scene& scene, const ShadowDraw& draw,
                                         ShadowWork& work) {
-  Caster& caster = caster_of(scene, draw.object);
+  Caster& caster = caster_of(scene, draw);
   const OwnFrame own = OwnFrame::make(draw.T_table_object, draw.plane_frame,
                                       draw.T_table_object.scale * caster.size, kLayerBits);
   CasterOverPlane over;
@@ -940,7 +949,7 @@ std::size_t ShadowPass::prepare_flat(const Scene& scene, const ReceivedShadowDra
                                      const PlaneFrame& plane, ShadowWork& work) {
   ShadowDraw shadow = draw.shadow;
   shadow.plane_frame = plane;
-  Caster& caster = caster_of(scene, shadow.object);
+  Caster& caster = caster_of(scene, shadow);
   Prepared& prepared = prepare_level(draw, level, shadow, caster, false, work);
   shadow.fractions = {1.0, 1.0, 1.0};
   flats_.emplace_back(shadow, Item{&caster, &prepared, shadow.node, shadow.object, shadow.plane,
@@ -951,7 +960,7 @@ std::size_t ShadowPass::prepare_flat(const Scene& scene, const ReceivedShadowDra
 bool ShadowPass::covers_flat(const Scene& scene, const FramePlan& plan, const ShadowDraw& draw) {
   if (plan.layers == LayerDrawing::direct) return false;
   if (draw.technique == ShadowTechnique::field) return true;
-  Caster& caster = caster_of(scene, draw.object);
+  Caster& caster = caster_of(scene, draw);
   if (plan.layers == LayerDrawing::automatic && smooth_edges_ &&
       caster.mesh.indices.size() / 3 <= kFewFaces)
     return false;
@@ -964,7 +973,7 @@ void ShadowPass::cover_flat(const Scene& scene, const ReceivedShadowDraw& draw, 
                             std::span<std::uint8_t> rgba, ShadowWork& work) {
   ShadowDraw shadow = draw.shadow;
   shadow.plane_frame = plane;
-  Caster& caster = caster_of(scene, shadow.object);
+  Caster& caster = caster_of(scene, shadow);
   const Prepared& prepared = prepare_level(draw, level, shadow, caster, true, work);
   std::ranges::fill(rgba, std::uint8_t{0});
   if (!prepared.valid) return;
@@ -1008,7 +1017,7 @@ void ShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
   }
   std::map<std::tuple<int, int, int>, int> repeats;
   for (const ShadowDraw& draw : plan.shadows) {
-    Caster& caster = caster_of(scene, draw.object);
+    Caster& caster = caster_of(scene, draw);
     const auto mask = plane_masks_.find(draw.plane);
     const bool masked = mask != plane_masks_.end() && mask->second.in_use;
     const int repeat = repeats[{draw.node, draw.object, draw.plane}]++;
@@ -1091,7 +1100,7 @@ std::optional<double> ShadowPass::mask_depth(const Scene& scene, const FramePlan
     const bool field = draw.technique == ShadowTechnique::field;
     fields = fields || field;
     layers = layers || draw.technique != ShadowTechnique::simple;
-    Caster& caster = caster_of(scene, draw.object);
+    Caster& caster = caster_of(scene, draw);
     faces += caster.mesh.indices.size() / 3;
     if (caster.whole.geometry.indices.empty()) return true;
     if (!field &&

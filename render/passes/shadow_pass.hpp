@@ -299,11 +299,11 @@ class ShadowPass {
         mask_quad_(std::move(mask)),
         mesh_strips_(std::move(strips)) {}
 
-  // The model, its longest edge as a caster, what casts in its place, and its groups.
+  // The model, its longest edge as a caster, what casts in its place, its groups and its cut-outs.
   using CasterKey =
-      std::tuple<const Model*, float, ProxyMode, const Model*, std::vector<std::string>>;
+      std::tuple<const Model*, float, ProxyMode, const Model*, std::vector<std::string>, CutOuts>;
 
-  Caster& caster_of(const Scene& scene, int object);
+  Caster& caster_of(const Scene& scene, const ShadowDraw& draw);
   static void set_geometry(Body& body, const ShadowMesh& mesh, float max_edge);
   KernelSet& kernels_of(Caster& caster, const KernelKey& key, ShadowWork& work);
   bool proxy_casts(const ShadowDraw& draw, Caster& caster, const KernelKey& key, KernelSet& set,
@@ -392,6 +392,7 @@ class ShadowPass {
   bool fetches_video_ = true;        // retextured, and not from a copy
   std::vector<float> edges_;         // the longest of each scene object's model, as a caster
   std::vector<bool> steady_;         // of each scene object: a proxy may cast
+  std::vector<bool> cut_outs_;       // of each scene object: its model has_cut_outs()
   double edge_at_unit_depth_ = 0.0;  // 1 m from the camera, the longest that follows the lens [m]
   // A pixel at the nearest distance expected: finer cells of a field would not be seen [m].
   double finest_field_cell_ = 0.0;

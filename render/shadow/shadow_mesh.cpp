@@ -7,6 +7,7 @@
 #include <limits>
 #include <numeric>
 
+#include "render/shadow/cut_out.hpp"
 #include "render/shadow/kernel_stamp.hpp"
 #include "render/shadow/part_groups.hpp"
 
@@ -24,6 +25,8 @@ constexpr double kRounding = 4.0 * 1.1920929e-7;
 // A cell of the search grid, in weld distances. Most vertices are far enough from their cell's
 // walls to look in one cell only.
 constexpr double kCellSize = 8.0;
+// What cut faces may become, in triangles.
+constexpr std::size_t kMostPieces = 100'000;
 
 struct CellIndex {
   std::int64_t x, y, z;
@@ -195,92 +198,166 @@ bool is_finite(const glm::vec3& p) {
   return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
 }
 
-// `stored`: with the kernels that came with the model.
-ShadowMesh welded_mesh(const Model& model, std::span<const std::string> groups, bool stored) {
-  ShadowMesh mesh;
-  std::size_t vertex_count = 0;
-  std::size_t index_count = 0;
-  for (const Mesh& source : model.meshes) {
-    vertex_count += source.positions.size();
-    index_count += source.indices.size();
-  }
-  mesh.positions.reserve(vertex_count);
-  mesh.indices.reserve(index_count);
-  mesh.from_source.assign(model.source_vertex_count, kNoShadowPosition);
+// How a shadow mesh is made of a model.
+struct Welding {
+  bool stored = false;                          // with the kernels that came with the model
+  std::optional<int> cut_depth = std::nullopt;  // steps of cut_out.hpp, where faces are cut
+};
 
-  WeldGrid grid(vertex_count, weld_distance(model));
-  if (stored) mesh.stored_up = *model.shadow_kernel_up;
-  KernelSplitter splitter;
-  std::vector<std::uint32_t> welded;
-  std::vector<std::array<std::uint32_t, 2>> collapsed_edges;
-  std::vector<std::vector<bool>> members;  // per group, which of the model's nodes
-  for (const std::string& group : groups) members.push_back(nodes_of_group(model, group));
-  std::vector<std::vector<std::uint32_t>> grouped(groups.size());  // positions, one per face
-  for (const Mesh& source : model.meshes) {
-    welded.resize(source.positions.size());
-    for (std::size_t i = 0; i < source.positions.size(); ++i) {
-      // A vertex that is not a number can't cast; its faces are left out below.
-      welded[i] = is_finite(source.positions[i])
-                      ? grid.find_or_add(source.positions[i], mesh.positions)
-                      : kNoShadowPosition;
-      if (stored && welded[i] != kNoShadowPosition && i < source.shadow_kernels.size()) {
-        welded[i] = splitter.position_for(welded[i], source.shadow_kernels[i], mesh);
-      }
-      if (i < source.source_vertex.size() && source.source_vertex[i] < mesh.from_source.size()) {
-        mesh.from_source[source.source_vertex[i]] = welded[i];
-      }
-    }
-    for (std::size_t i = 0; i + 2 < source.indices.size(); i += 3) {
-      std::array<std::uint32_t, 3> face{};
-      bool usable = true;
-      for (std::size_t corner = 0; corner < 3; ++corner) {
-        const std::uint32_t vertex = source.indices[i + corner];
-        face[corner] = vertex < welded.size() ? welded[vertex] : kNoShadowPosition;
-        usable = usable && face[corner] != kNoShadowPosition;
-      }
-      if (!usable) continue;
-      if (face[0] == face[1] || face[1] == face[2] || face[2] == face[0]) {
-        // No area, but it still holds its neighbours together.
-        collapsed_edges.push_back({face[0], face[0] == face[1] ? face[2] : face[1]});
-        continue;
-      }
-      mesh.indices.insert(mesh.indices.end(), face.begin(), face.end());
-    }
-    for (std::size_t group = 0; group < members.size(); ++group) {
-      collect_group(source, welded, members[group], groups[group], grouped[group]);
-    }
-  }
+// Makes a mesh with welded positions.
+class Welder {
+ public:
+  Welder(const Model& model, std::span<const std::string> groups, const Welding& welding)
+      : model_(model), groups_(groups), welding_(welding), grid_(0, 0.0) {}
 
-  UnionFind parts(mesh.positions.size());
-  for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
-    parts.join(mesh.indices[i], mesh.indices[i + 1]);
-    parts.join(mesh.indices[i], mesh.indices[i + 2]);
+  [[nodiscard]] ShadowMesh make();
+
+ private:
+  void weld_vertices(const Mesh& source);
+  void add_faces(const Mesh& source);
+  void add_face(const std::array<std::uint32_t, 3>& face);
+  void add_pieces(const FaceOpacity& opacity, std::size_t index, std::uint32_t corner);
+  void make_parts();
+
+  const Model& model_;
+  std::span<const std::string> groups_;
+  Welding welding_;
+  ShadowMesh mesh_;
+  WeldGrid grid_;
+  KernelSplitter splitter_;
+  std::vector<std::uint32_t> welded_;  // positions of the vertices of the mesh at hand
+  std::vector<std::array<std::uint32_t, 2>> collapsed_edges_;
+  std::vector<std::array<std::uint32_t, 2>> pieces_;  // positions of one face
+  std::vector<std::vector<std::uint32_t>> grouped_;   // per group, one position of each face
+};
+
+void Welder::weld_vertices(const Mesh& source) {
+  welded_.resize(source.positions.size());
+  for (std::size_t i = 0; i < source.positions.size(); ++i) {
+    // A vertex that is not a number can't cast; its faces are left out below.
+    welded_[i] = is_finite(source.positions[i])
+                     ? grid_.find_or_add(source.positions[i], mesh_.positions)
+                     : kNoShadowPosition;
+    if (welding_.stored && welded_[i] != kNoShadowPosition && i < source.shadow_kernels.size()) {
+      welded_[i] = splitter_.position_for(welded_[i], source.shadow_kernels[i], mesh_);
+    }
+    if (i < source.source_vertex.size() && source.source_vertex[i] < mesh_.from_source.size()) {
+      mesh_.from_source[source.source_vertex[i]] = welded_[i];
+    }
   }
-  for (const auto& edge : collapsed_edges) parts.join(edge[0], edge[1]);
-  for (const auto& twins : splitter.twins()) parts.join(twins[0], twins[1]);
+}
+
+void Welder::add_face(const std::array<std::uint32_t, 3>& face) {
+  if (face[0] == face[1] || face[1] == face[2] || face[2] == face[0]) {
+    // No area, but it still holds its neighbours together.
+    collapsed_edges_.push_back({face[0], face[0] == face[1] ? face[2] : face[1]});
+    return;
+  }
+  mesh_.indices.insert(mesh_.indices.end(), face.begin(), face.end());
+}
+
+// `corner`: a position of the face.
+void Welder::add_pieces(const FaceOpacity& opacity, std::size_t index, std::uint32_t corner) {
+  std::vector<glm::vec3> corners;
+  opacity.append_seen(index, *welding_.cut_depth, corners);
+  for (std::size_t i = 0; i + 2 < corners.size(); i += 3) {
+    std::array<std::uint32_t, 3> piece{};
+    for (std::size_t k = 0; k < 3; ++k)
+      piece[k] = grid_.find_or_add(corners[i + k], mesh_.positions);
+    if (piece[0] == piece[1] || piece[1] == piece[2] || piece[2] == piece[0]) continue;
+    mesh_.indices.insert(mesh_.indices.end(), piece.begin(), piece.end());
+    for (const std::uint32_t position : piece) pieces_.push_back({corner, position});
+  }
+}
+
+void Welder::add_faces(const Mesh& source) {
+  const FaceOpacity opacity(model_, source);
+  for (std::size_t i = 0; i + 2 < source.indices.size(); i += 3) {
+    std::array<std::uint32_t, 3> face{};
+    bool usable = true;
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const std::uint32_t vertex = source.indices[i + corner];
+      face[corner] = vertex < welded_.size() ? welded_[vertex] : kNoShadowPosition;
+      usable = usable && face[corner] != kNoShadowPosition;
+    }
+    if (!usable) continue;
+    const FaceSight sight = opacity.sight(i);
+    if (sight == FaceSight::hidden) continue;
+    if (sight == FaceSight::partial && welding_.cut_depth) {
+      add_pieces(opacity, i, face[0]);
+    } else {
+      add_face(face);
+    }
+  }
+}
+
+void Welder::make_parts() {
+  UnionFind parts(mesh_.positions.size());
+  for (std::size_t i = 0; i + 2 < mesh_.indices.size(); i += 3) {
+    parts.join(mesh_.indices[i], mesh_.indices[i + 1]);
+    parts.join(mesh_.indices[i], mesh_.indices[i + 2]);
+  }
+  for (const auto& edge : collapsed_edges_) parts.join(edge[0], edge[1]);
+  for (const auto& pair : pieces_) parts.join(pair[0], pair[1]);
+  for (const auto& twins : splitter_.twins()) parts.join(twins[0], twins[1]);
   std::vector<std::uint32_t> joined;  // a position of each part that groups made
-  for (const std::vector<std::uint32_t>& group : grouped) {
+  for (const std::vector<std::uint32_t>& group : grouped_) {
     for (const std::uint32_t position : group) {
       if (parts.root(position) == parts.root(group.front())) continue;
       parts.join(group.front(), position);
       joined.push_back(position);
     }
   }
-  // A position that no vertex with a kernel made.
-  for (std::size_t i = mesh.stored_kernels.size(); stored && i < mesh.positions.size(); ++i) {
-    mesh.stored_kernels.push_back(mesh.positions[i]);
-  }
-  mesh.part.resize(mesh.positions.size());
-  for (std::uint32_t i = 0; i < mesh.positions.size(); ++i) {
+  mesh_.part.resize(mesh_.positions.size());
+  for (std::uint32_t i = 0; i < mesh_.positions.size(); ++i) {
     const std::uint32_t root = parts.root(i);
-    mesh.part[i] = root == i ? mesh.part_count++ : mesh.part[root];
+    mesh_.part[i] = root == i ? mesh_.part_count++ : mesh_.part[root];
   }
-  if (!joined.empty()) mesh.joined.assign(mesh.part_count, false);
-  for (const std::uint32_t position : joined) mesh.joined[mesh.part[position]] = true;
-  std::vector<bool> casts(mesh.part_count, false);
-  for (std::size_t i = 0; i < mesh.indices.size(); i += 3) casts[mesh.part[mesh.indices[i]]] = true;
-  for (const auto& edge : collapsed_edges) mesh.lost_faces += casts[mesh.part[edge[0]]] ? 0 : 1;
-  return mesh;
+  if (!joined.empty()) mesh_.joined.assign(mesh_.part_count, false);
+  for (const std::uint32_t position : joined) mesh_.joined[mesh_.part[position]] = true;
+  std::vector<bool> casts(mesh_.part_count, false);
+  for (std::size_t i = 0; i < mesh_.indices.size(); i += 3) {
+    casts[mesh_.part[mesh_.indices[i]]] = true;
+  }
+  for (const auto& edge : collapsed_edges_) {
+    mesh_.lost_faces += casts[mesh_.part[edge[0]]] ? 0 : 1;
+  }
+}
+
+ShadowMesh Welder::make() {
+  std::size_t vertex_count = 0;
+  std::size_t index_count = 0;
+  for (const Mesh& source : model_.meshes) {
+    vertex_count += source.positions.size();
+    index_count += source.indices.size();
+  }
+  mesh_.positions.reserve(vertex_count);
+  mesh_.indices.reserve(index_count);
+  mesh_.from_source.assign(model_.source_vertex_count, kNoShadowPosition);
+  grid_ = WeldGrid(vertex_count, weld_distance(model_));
+  if (welding_.stored) mesh_.stored_up = *model_.shadow_kernel_up;
+  std::vector<std::vector<bool>> members;  // per group, which of the model's nodes
+  for (const std::string& group : groups_) members.push_back(nodes_of_group(model_, group));
+  grouped_.resize(groups_.size());
+  for (const Mesh& source : model_.meshes) {
+    weld_vertices(source);
+    add_faces(source);
+    for (std::size_t group = 0; group < members.size(); ++group) {
+      collect_group(source, welded_, members[group], groups_[group], grouped_[group]);
+    }
+  }
+  // A position that no vertex with a kernel made.
+  for (std::size_t i = mesh_.stored_kernels.size(); welding_.stored && i < mesh_.positions.size();
+       ++i) {
+    mesh_.stored_kernels.push_back(mesh_.positions[i]);
+  }
+  make_parts();
+  return std::move(mesh_);
+}
+
+ShadowMesh welded_mesh(const Model& model, std::span<const std::string> groups,
+                       const Welding& welding) {
+  return Welder(model, groups, welding).make();
 }
 
 }  // namespace
@@ -319,11 +396,15 @@ double weld_distance(const Model& model) {
   return std::max(distance, kRounding * static_cast<double>(*median));
 }
 
-ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> groups) {
+ShadowMesh make_shadow_mesh(const Model& model, std::span<const std::string> groups,
+                            CutOuts cut_outs) {
   if (groups.empty()) groups = model.shadow_kernel_groups;
+  if (cut_outs == CutOuts::what_is_seen && has_cut_outs(model)) {
+    return welded_mesh(model, groups, {.cut_depth = cut_out_depth(model, kMostPieces)});
+  }
   const bool stored = model.shadow_kernel_up.has_value();
-  ShadowMesh mesh = welded_mesh(model, groups, stored);
-  if (stored && !stored_kernels_fit(model, mesh, groups)) return welded_mesh(model, groups, false);
+  ShadowMesh mesh = welded_mesh(model, groups, {.stored = stored});
+  if (stored && !stored_kernels_fit(model, mesh, groups)) return welded_mesh(model, groups, {});
   return mesh;
 }
 
@@ -349,7 +430,7 @@ std::optional<std::string> warning_of_lost_faces(const Model& model, const std::
     }
   }
   if (!any_short) return std::nullopt;
-  const ShadowMesh welded = welded_mesh(model, {}, false);
+  const ShadowMesh welded = welded_mesh(model, {}, {});
   const std::size_t lost = welded.lost_faces;
   if (lost == 0) return std::nullopt;
   if (lost == faces) {

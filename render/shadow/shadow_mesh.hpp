@@ -40,9 +40,16 @@ struct ShadowMesh {
 // where all are at one place.
 [[nodiscard]] double weld_distance(const Model& model);
 
-// `groups` name parts that are to be one (part_groups.hpp).
+// What casts of faces that are transparent in part (cut_out.hpp). Faces that are transparent
+// everywhere cast nothing.
+enum class CutOuts { whole_faces, what_is_seen };
+
+// `groups` name parts that are to be one (part_groups.hpp). With what_is_seen the mesh has no
+// stored kernels: its cut faces have corners of their own. What is seen of a face belongs to one
+// part.
 [[nodiscard]] ShadowMesh make_shadow_mesh(const Model& model,
-                                          std::span<const std::string> groups = {});
+                                          std::span<const std::string> groups = {},
+                                          CutOuts cut_outs = CutOuts::whole_faces);
 
 // A line for the user where parts of the model cast nothing, as welding leaves none of their faces:
 // how many faces, and what to do. `file`: what the line is about.
