@@ -8,9 +8,11 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 
 #include "core/units.hpp"
 #include "render/frame_plan.hpp"
+#include "render/model_size.hpp"
 #include "render/scene.hpp"
 #include "render/scene_json.hpp"
 #include "render/shadow/kernel_stamp.hpp"
@@ -41,6 +43,7 @@ class SceneReader {
     return fail("{}: {}: {}", name_, pointer, fmt::format(text, std::forward<Args>(args)...));
   }
 
+  void warn_of_size(const SceneObject& object);
   [[nodiscard]] Result<void> read_object(const json& from, const std::string& pointer,
                                          bool phantom);
   [[nodiscard]] Result<std::shared_ptr<const Model>> read_model(const json& from,
@@ -79,6 +82,7 @@ class SceneReader {
   std::string name_;
   Scene scene_;
   std::map<std::string, std::shared_ptr<const Model>> models_;
+  std::set<std::string> odd_sizes_;          // files of models that were warned of
   std::vector<std::size_t> unwalled_nodes_;  // shadow nodes that leave their walls to us
 };
 
@@ -295,6 +299,17 @@ Result<Animation> SceneReader::read_animation(const json& from, const std::strin
   return animation;
 }
 
+// Once per model.
+void SceneReader::warn_of_size(const SceneObject& object) {
+  if (object.model_file.empty() || odd_sizes_.contains(object.model_file)) return;
+  const auto warning = warning_of_size(
+      *object.model, {.scale = object.placement.scale, .remedy = SizeRemedy::scene_scale},
+      fmt::format("{}: \"{}\"", object.model_file, shortened(object.name)));
+  if (!warning) return;
+  odd_sizes_.insert(object.model_file);
+  scene_.warnings.push_back(*warning);
+}
+
 Result<void> SceneReader::read_object(const json& from, const std::string& pointer, bool phantom) {
   SceneObject object;
   object.name = from.at("name").get<std::string>();
@@ -321,6 +336,7 @@ Result<void> SceneReader::read_object(const json& from, const std::string& point
   object.model = std::move(*model);
   if (Result<void> read = read_casting(from, pointer, object); !read) return read;
   object.placement = placement_of(from);
+  warn_of_size(object);
   // The shadow of a real thing is in the picture already.
   object.casts_shadow = from.value("casts_shadow", !phantom);
   object.cursor = from.value("cursor", false);

@@ -11,6 +11,7 @@
 #include "app/output/frame_writer.hpp"
 #include "app/versions.hpp"
 #include "core/text.hpp"
+#include "render/model_size.hpp"
 
 namespace penumbra {
 namespace {
@@ -385,6 +386,22 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
       ->type_name("FOLDER");
   command.add_option("--report", request.report, "What was measured, as JSON")
       ->type_name("FILE.json");
+}
+
+void add_unit_option(CLI::App& command, double& unit_m) {
+  command
+      .add_option_function<std::string>(
+          "--unit",
+          [&unit_m](const std::string& symbol) {
+            const LengthUnit* unit = length_unit_from_string(symbol);
+            if (unit == nullptr) {
+              throw CLI::ValidationError("--unit",
+                                         fmt::format("{}: is none of mm, cm, m and in", symbol));
+            }
+            unit_m = unit->length_m;
+          },
+          "Unit of the model's coordinates (default: m)")
+      ->type_name("mm|cm|m|in");
 }
 
 void add_common_options(CLI::App& command) {

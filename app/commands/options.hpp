@@ -87,6 +87,9 @@ void add_frame_options(CLI::App& command, const FrameWork& work, const std::stri
 // Every word that --translucency takes, from render/translucency.hpp.
 [[nodiscard]] std::string known_translucencies();
 
+// --unit: the length of a model file's unit [m].
+void add_unit_option(CLI::App& command, double& unit_m);
+
 // --version and --log-level.
 void add_common_options(CLI::App& command);
 

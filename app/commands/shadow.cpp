@@ -135,6 +135,7 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
       ->add_option("--up", options->up,
                    "Which axis of the file points up (default: y for glTF, z for OBJ)")
       ->type_name("y|z");
+  add_unit_option(*command, options->unit_m);
   command->add_flag("--show-kernels", options->show_kernels, "Kernels as dots in the picture");
   command
       ->add_option("--output", options->output,

@@ -214,6 +214,7 @@ ShadowJob job_from(const ShadowOptions& options) {
     wrong("--light-mode", "fixed needs kernels with a thickness; cocl has none");
   }
   job.groups = options.groups;
+  job.unit_m = options.unit_m;
   take_proxy(options, job);
   if (options.up == "y") job.up = UpAxis::y;
   if (options.up == "z") job.up = UpAxis::z;

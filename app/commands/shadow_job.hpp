@@ -25,6 +25,7 @@ struct ShadowOptions {
   std::vector<std::string> groups;
   std::string proxy = "none";
   std::string up;
+  double unit_m = 1.0;
   std::string light_height;
   std::optional<double> light_ratio;
   std::optional<double> umbra_height;
@@ -56,6 +57,7 @@ struct ShadowJob {
   ProxyMode proxy = ProxyMode::none;
   std::filesystem::path proxy_file;
   UpAxis up = UpAxis::by_format;
+  double unit_m = 1.0;  // of the model's coordinates
   LayeredConstants constants;
   std::optional<double> workspace_height;  // [m] that the constants were chosen for
   Placement placement;

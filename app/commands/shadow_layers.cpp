@@ -7,7 +7,9 @@
 
 #include "app/logging.hpp"
 #include "core/stopwatch.hpp"
+#include "render/model_size.hpp"
 #include "render/shadow/caster.hpp"
+#include "render/shadow/cut_out.hpp"
 #include "render/shadow/fixed_light.hpp"
 #include "render/shadow/kernel_file.hpp"
 #include "render/shadow/kernel_stamp.hpp"
@@ -18,15 +20,32 @@
 namespace penumbra {
 namespace {
 
+// Logs a line about the model or its shadow and keeps it.
+template <class... Args>
+void warn(ShadowResult& result, fmt::format_string<Args...> text, Args&&... args) {
+  std::string line = on_one_line(fmt::format(text, std::forward<Args>(args)...));
+  if (std::ranges::find(result.warnings, line) != result.warnings.end()) return;
+  log_warning("{}", line);
+  result.warnings.push_back(std::move(line));
+}
+
 struct KernelSet {
   ShadowKernels kernels;
   std::string source;
   double time_ms = 0.0;
 };
 
-// `stored_source`: of those that came with the mesh, where they may serve.
-KernelSet choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from_file,
-                         std::optional<KernelSource> stored_source) {
+// What casts: a model with the kernels that its options choose among.
+struct Caster {
+  ShadowMesh mesh;
+  bool kernels_from_file = false;
+  std::optional<KernelSource> stored_source;  // of the kernels that came with the model
+};
+
+KernelSet choose_kernels(const ShadowJob& job, const Caster& caster, ShadowResult& result) {
+  const ShadowMesh& mesh = caster.mesh;
+  const bool from_file = caster.kernels_from_file;
+  const std::optional<KernelSource> stored_source = caster.stored_source;
   const Eigen::Vector3d up = up_in_object(job.placement, job.plane);
   KernelSet choice;
   const Stopwatch watch;
@@ -34,12 +53,12 @@ KernelSet choose_kernels(const ShadowJob& job, const ShadowMesh& mesh, bool from
     choice.kernels = stored_kernels_of(mesh);
     choice.source = job.kernel_file.string();
     if (!has_stored_kernels_for(mesh, up)) {
-      log_warning(
-          "{}: its kernels are for up {:.3g},{:.3g},{:.3g} and used as they are; the plane's "
-          "normal "
-          "is {:.3g},{:.3g},{:.3g} for the object; a .glb with kernels gets new ones",
-          job.kernel_file.string(), choice.kernels.up.x(), choice.kernels.up.y(),
-          choice.kernels.up.z(), up.x(), up.y(), up.z());
+      warn(result,
+           "{}: its kernels are for up {:.3g},{:.3g},{:.3g} and used as they are; the plane's "
+           "normal "
+           "is {:.3g},{:.3g},{:.3g} for the object; a .glb with kernels gets new ones",
+           job.kernel_file.string(), choice.kernels.up.x(), choice.kernels.up.y(),
+           choice.kernels.up.z(), up.x(), up.y(), up.z());
     }
   } else {
     const bool as_stored = stored_source && job.source == KernelSource::automatic;
@@ -79,7 +98,7 @@ std::pair<double, double> factors_of(std::span<const CasterVertex> vertices,
 Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const ShadowMesh& mesh) {
   if (job.proxy == ProxyMode::automatic) return simplified_caster(mesh);
   if (job.proxy == ProxyMode::none) return std::optional<ShadowProxy>();
-  const auto model = load_model(job.proxy_file, {.up = job.up});
+  const auto model = load_model(job.proxy_file, {.up = job.up, .unit_m = job.unit_m});
   if (!model) return tl::unexpected(model.error());
   return std::optional<ShadowProxy>(proxy_from_model(mesh, *model));
 }
@@ -102,7 +121,7 @@ PlaneFrame plane_under(const ShadowMesh& mesh, const Placement& placement,
 
 // A shadow without an area, and one that lacks what is above the light, are told with their cause.
 void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertices,
-                     std::span<const std::uint32_t> indices, const ShadowResult& result) {
+                     std::span<const std::uint32_t> indices, ShadowResult& result) {
   double bottom = std::numeric_limits<double>::infinity();
   double top = -bottom;
   for (const std::uint32_t index : indices) {
@@ -112,32 +131,33 @@ void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertice
   }
   const std::string name = job.model.string();
   if (indices.empty()) {
-    log_warning("{}: has no face that casts a shadow", name);
+    warn(result, "{}: has no face that casts a shadow", name);
     return;
   }
   if (top < 0.0) {  // in contact it still casts
-    log_warning("{}: is under the plane (its top at {:.3g} m), so there is no shadow", name, top);
+    warn(result, "{}: is under the plane (its top at {:.3g} m), so there is no shadow", name, top);
     return;
   }
   const bool layers = job.technique == ShadowJob::Technique::layered ||
                       job.technique == ShadowJob::Technique::field;
   const double reach = layer_height_range(job.constants, ShadowLayer::penumbra).high;
   if (layers && bottom >= reach) {
-    log_warning(
-        "{}: is {:.3g} m above the plane, too high for a light of H = {:.3g} m, so there is no "
-        "shadow; raise --light-height",
-        name, bottom, job.constants.light_height);
+    warn(result,
+         "{}: is {:.3g} m above the plane, too high for a light of H = {:.3g} m, so there is no "
+         "shadow; raise --light-height",
+         name, bottom, job.constants.light_height);
     return;
   }
   if (layers && top > reach) {
-    log_warning(
-        "{}: reaches to {:.3g} m above the plane; what is above {:.3g} m is too high for a light "
-        "of H = {:.3g} m and casts nothing; raise --light-height",
-        name, top, reach, job.constants.light_height);
+    warn(result,
+         "{}: reaches to {:.3g} m above the plane; what is above {:.3g} m is too high for a light "
+         "of H = {:.3g} m and casts nothing; raise --light-height",
+         name, top, reach, job.constants.light_height);
   }
   // Float heights of vertices: a top that stands exactly at the workspace's is inside.
   if (layers && job.workspace_height && top > *job.workspace_height * (1.0 + 1e-6)) {
-    log_warning(
+    warn(
+        result,
         "{}: reaches to {:.3g} m above the plane, beyond --workspace-height {:g}, and has no umbra "
         "there; give the highest place that objects come to",
         name, top, *job.workspace_height);
@@ -146,21 +166,21 @@ void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertice
     const double light = light_height(job.plane, job.light);
     const double range = hard_shadow_range(job.plane, job.light).high;
     if (light > 0.0 && bottom >= range) {
-      log_warning(
-          "{}: is {:.3g} m above the plane and the light {:.3g} m, so there is no shadow; raise "
-          "--light",
-          name, bottom, light);
+      warn(result,
+           "{}: is {:.3g} m above the plane and the light {:.3g} m, so there is no shadow; raise "
+           "--light",
+           name, bottom, light);
     } else if (light > 0.0 && top > range) {
-      log_warning(
-          "{}: reaches to {:.3g} m above the plane, over the light at {:.3g} m; what is above the "
-          "light casts nothing; raise --light",
-          name, top, light);
+      warn(result,
+           "{}: reaches to {:.3g} m above the plane, over the light at {:.3g} m; what is above the "
+           "light casts nothing; raise --light",
+           name, top, light);
     }
   }
   const auto is_empty = [](const auto& layer) { return layer.outline.area <= 0.0; };
   if (job.technique != ShadowJob::Technique::hard &&
       std::all_of(result.layers.begin(), result.layers.end(), is_empty)) {
-    log_warning("{}: no layer of its shadow has an area", name);
+    warn(result, "{}: no layer of its shadow has an area", name);
   }
 }
 
@@ -173,34 +193,29 @@ void slide(LayerOutline& outline, const Eigen::Vector2d& by) {
   }
 }
 
-// What casts: a model with the kernels that its options choose among.
-struct Caster {
-  ShadowMesh mesh;
-  bool kernels_from_file = false;
-  std::optional<KernelSource> stored_source;  // of the kernels that came with the model
-};
-
 // Drops stored kernels that the options can't use, with a warning.
-void check_stored_kernels(const ShadowJob& job, const Model& model, Caster& caster) {
+void check_stored_kernels(const ShadowJob& job, const Model& model, Caster& caster,
+                          ShadowResult& result) {
   const std::string name = (caster.kernels_from_file ? job.kernel_file : job.model).string();
   const bool automatic = job.source == KernelSource::automatic;
   if (model.shadow_kernel_up && automatic && !stored_kernels_fit(model, caster.mesh, job.groups)) {
-    log_warning("{}: its kernels are for other parts than --group names; they are made anew", name);
+    warn(result, "{}: its kernels are for other parts than --group names; they are made anew",
+         name);
     caster.kernels_from_file = false;
   }
   if (job.fixed_light && !caster.mesh.stored_kernels.empty() && automatic &&
       !have_thickness(stored_kernel_source(model))) {
-    log_warning(
-        "{}: its kernels (cocl) have no thickness, which a light of one size needs; they are made "
-        "anew",
-        name);
+    warn(result,
+         "{}: its kernels (cocl) have no thickness, which a light of one size needs; they are made "
+         "anew",
+         name);
     caster.kernels_from_file = false;
     caster.stored_source.reset();
   }
 }
 
-Result<Caster> load_caster(const ShadowJob& job) {
-  auto model = load_model(job.model, {.up = job.up});
+Result<Caster> load_caster(const ShadowJob& job, ShadowResult& result) {
+  auto model = load_model(job.model, {.up = job.up, .unit_m = job.unit_m});
   if (!model) return tl::unexpected(model.error());
   Caster caster;
   if (!job.kernel_file.empty()) {
@@ -210,13 +225,21 @@ Result<Caster> load_caster(const ShadowJob& job) {
     if (!taken) return tl::unexpected(taken.error());
     caster.kernels_from_file = *taken;
   }
-  for (const std::string& warning : model->warnings) log_warning("{}", warning);
+  for (const std::string& warning : model->warnings) warn(result, "{}", warning);
+  if (const auto size = warning_of_size(*model, {.unit_m = job.unit_m}, job.model.string())) {
+    warn(result, "{}", *size);
+  }
   if (const auto checked = check_groups(*model, job.groups); !checked) {
     return fail("{}: {}", job.model.string(), checked.error().message);
   }
-  caster.mesh = make_shadow_mesh(*model, job.groups);
   caster.stored_source = stored_kernel_source(*model);
-  if (job.technique == ShadowJob::Technique::layered) check_stored_kernels(job, *model, caster);
+  if (job.technique != ShadowJob::Technique::layered) {
+    caster.mesh = make_shadow_mesh(*model, job.groups, CutOuts::what_is_seen);
+    return caster;
+  }
+  caster.mesh = make_shadow_mesh(*model, job.groups);
+  check_stored_kernels(job, *model, caster, result);
+  if (has_cut_outs(*model)) warn(result, "{}", warning_of_cut_outs(job.model.string()));
   return caster;
 }
 
@@ -225,7 +248,7 @@ Result<void> add_hard_shadow(const ShadowJob& job, std::span<const CasterVertex>
                              ShadowResult& result) {
   const auto triangles = projected_triangles(vertices, mesh.indices, job.light, plane);
   if (triangles.empty() && plane_covector(plane).dot(job.light) <= 0.0) {
-    log_warning("the light is in or under the plane, so there is no shadow");
+    warn(result, "the light is in or under the plane, so there is no shadow");
   }
   return add_layer(result, "shadow", triangles);
 }
@@ -318,17 +341,17 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
 }  // namespace
 
 Result<ShadowResult> compute_shadow(const ShadowJob& job) {
-  const auto caster = load_caster(job);
+  ShadowResult result;
+  const auto caster = load_caster(job, result);
   if (!caster) return tl::unexpected(caster.error());
   const ShadowMesh& mesh = caster->mesh;
   const PlaneFrame plane = plane_under(mesh, job.placement, job.plane);
-  ShadowResult result;
   result.faces = mesh.indices.size() / 3;
   result.vertices = mesh.positions.size();
   result.parts = mesh.part_count;
   ShadowKernels kernels;
   if (job.technique == ShadowJob::Technique::layered) {
-    KernelSet choice = choose_kernels(job, mesh, caster->kernels_from_file, caster->stored_source);
+    KernelSet choice = choose_kernels(job, *caster, result);
     result.kernel_source = choice.source;
     result.kernel_ms = choice.time_ms;
     kernels = std::move(choice.kernels);

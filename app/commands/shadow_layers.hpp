@@ -42,6 +42,7 @@ struct ShadowResult {
   std::size_t vertices = 0;
   std::size_t parts = 0;
   ProxyResult proxy;
+  std::vector<std::string> warnings;  // each once, in the order in which they were logged
 };
 
 [[nodiscard]] Result<ShadowResult> compute_shadow(const ShadowJob& job);

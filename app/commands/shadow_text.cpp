@@ -5,6 +5,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "core/text_encoding.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -66,7 +68,7 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
     }
     layer_json["polygons"] = std::move(polygons);
   }
-  json["kernels"] = {{"source", result.kernel_source}, {"time_ms", result.kernel_ms}};
+  json["kernels"] = {{"source", as_utf8(result.kernel_source)}, {"time_ms", result.kernel_ms}};
   json["twisted_faces"] = result.twisted_faces;
   if (result.twists) {
     json["twists"] = {{"faces_tested", result.twists->faces_tested},
@@ -88,6 +90,8 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
       }
     }
   }
+  json["warnings"] = nlohmann::ordered_json::array();
+  for (const std::string& warning : result.warnings) json["warnings"].push_back(as_utf8(warning));
   return json.dump() + "\n";
 }
 

@@ -5,6 +5,8 @@
 #include <fstream>
 
 #include "render/model.hpp"
+#include "render/model_size.hpp"
+#include "render/scene.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {
@@ -38,6 +40,63 @@ TEST_F(ModelSize, LimitOfCoordinatesIsInMetres) {
       write("far.obj", "v 2000000 0 0\nv 2000001 0 0\nv 2000000 1 0\nf 1 2 3\n");
   EXPECT_FALSE(load_model(file));
   EXPECT_TRUE(load_model(file, {.unit_m = 0.001}));
+}
+
+Model sized(float x, float z) {
+  Model model;
+  model.min_corner = {-0.5F * x, 0.0F, 0.0F};
+  model.max_corner = {0.5F * x, 0.0F, z};
+  return model;
+}
+
+TEST(WarningOfSize, NamesSizeAndLikelyUnit) {
+  using testing::Optional;
+  EXPECT_THAT(warning_of_size(sized(64.0F, 1.0F), {}, "m.obj"),
+              Optional(std::string("m.obj: is 64 m wide; in millimetres? use --unit mm")));
+  EXPECT_THAT(warning_of_size(sized(6.0F, 10.0F), {}, "m.obj"),
+              Optional(std::string("m.obj: is 10 m high; in centimetres? use --unit cm")));
+  EXPECT_THAT(warning_of_size(sized(64.0F, 1.0F), {.remedy = SizeRemedy::scene_scale}, "m"),
+              Optional(std::string("m: is 64 m wide; in millimetres? use scale 0.001")));
+  // One metre, read in millimetres.
+  EXPECT_THAT(warning_of_size(sized(0.001F, 0.0F), {.unit_m = 0.001}, "m"),
+              Optional(std::string("m: is 1 mm wide; in centimetres? use --unit cm")));
+  EXPECT_THAT(warning_of_size(sized(0.0005F, 0.0F), {}, "m"),
+              Optional(std::string("m: is 0.5 mm wide; export it 100 times larger")));
+  EXPECT_THAT(warning_of_size(sized(1e6F, 0.0F), {.remedy = SizeRemedy::scene_scale}, "m"),
+              Optional(std::string("m: is 1e+06 m wide; use scale 1e-07")));
+}
+
+TEST(WarningOfSize, IsSilentForSizesOfATable) {
+  for (const float size : {0.0021F, 0.1F, 4.99F}) {
+    EXPECT_FALSE(warning_of_size(sized(size, 0.0F), {}, "m"));
+  }
+  EXPECT_FALSE(warning_of_size(sized(0.0F, 0.0F), {}, "point"));
+  EXPECT_FALSE(warning_of_size(sized(64.0F, 0.0F), {.scale = 0.001}, "scaled"));
+}
+
+TEST(WarningOfSize, BundledScenesHaveNone) {
+  for (const auto& entry : std::filesystem::directory_iterator(test::source_dir() / "scenes")) {
+    if (entry.path().extension() != ".json" || entry.path().stem().extension() == ".schema")
+      continue;
+    const Result<Scene> scene = load_scene(entry.path());
+    ASSERT_TRUE(scene) << entry.path();
+    for (const std::string& warning : scene->warnings) {
+      EXPECT_THAT(warning, testing::Not(testing::HasSubstr("use scale")));
+    }
+  }
+}
+
+TEST_F(ModelSize, SceneNamesOddSizeOncePerModel) {
+  write("square.obj", kSquare);
+  const std::filesystem::path file = write("scene.json", R"({"objects": [
+    {"name": "a", "model": "square.obj"}, {"name": "b", "model": "square.obj"},
+    {"name": "c", "model": "square.obj", "scale": 0.001}],
+    "shadows": [{"name": "s", "technique": "layered"}]})");
+  const Result<Scene> scene = load_scene(file);
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_THAT(scene->warnings,
+              testing::ElementsAre(testing::HasSubstr(
+                  "square.obj: \"a\": is 64 m wide; in millimetres? use scale 0.001")));
 }
 
 }  // namespace
