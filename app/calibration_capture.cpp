@@ -17,9 +17,11 @@
 
 #include "app/capture/mailbox.hpp"
 #include "app/capture/newest_picture.hpp"
+#include "app/logging.hpp"
 #include "app/picture_source.hpp"
 #include "core/image_file.hpp"
 #include "core/stopwatch.hpp"
+#include "tracking/picture_check.hpp"
 
 namespace penumbra {
 namespace {
@@ -75,11 +77,12 @@ class Looking {
   };
 
   Looking(Pictures pictures, const CaptureOptions& options, CameraCalibrator& calibrator,
-          ViewGuide guide, std::stop_source stop, bool bars)
+          ViewGuide guide, std::optional<PictureCheck> check, std::stop_source stop, bool bars)
       : pictures_(std::move(pictures)),
         calibrator_(calibrator),
         options_(options),
         guide_(std::move(guide)),
+        check_(std::move(check)),
         stop_(std::move(stop)),
         bars_(bars),
         thread_([this] { run(); }) {}
@@ -127,6 +130,7 @@ class Looking {
   // Whether to go on.
   [[nodiscard]] Result<bool> look_at(const Picture& picture) {
     ++looks_;
+    if (!picture.notice.empty()) log_warning("{}", picture.notice);
     if (picture.luma.empty()) {
       calibrator_.add_unreadable(picture.name, picture.unreadable);
       ++reasons_["can't be read"];
@@ -142,6 +146,12 @@ class Looking {
           picture.name, picture.luma.width, picture.luma.height, width_, height_);
     }
     GuideLook look = guide_.look(picture.luma);
+    if (check_ && !look.corners_px.empty()) check_.reset();
+    if (check_) {
+      if (const auto fault = check_->nothing_found(picture.luma)) {
+        return fail("{}: {}", picture.name, advice(*fault));
+      }
+    }
     const GuideProgress& progress = guide_.progress();
     if (look.taken) {
       if (auto taken = take_view(picture.luma, progress); !taken)
@@ -184,6 +194,7 @@ class Looking {
   CameraCalibrator& calibrator_;
   const CaptureOptions& options_;
   ViewGuide guide_;
+  std::optional<PictureCheck> check_;  // until the target is seen
   std::stop_source stop_;
   const bool bars_;
   // The thread's until it has ended:
@@ -211,9 +222,16 @@ Result<Capture> capture(Pictures pictures, const Target& target, const CaptureOp
   guidance.stop = stop.get_token();
   auto guide = ViewGuide::create(target, guidance);
   if (!guide) return tl::unexpected(guide.error());
+  std::optional<PictureCheck> check;
+  if (target.tags) {
+    auto made = PictureCheck::create(*target.tags);
+    if (!made) return tl::unexpected(made.error());
+    check.emplace(std::move(*made));
+  }
   const bool bars = window == nullptr && isatty(STDERR_FILENO) == 1;
   CaptureEnd end = CaptureEnd::no_more;
-  Looking looking(std::move(pictures), options, calibrator, std::move(*guide), stop, bars);
+  Looking looking(std::move(pictures), options, calibrator, std::move(*guide), std::move(check),
+                  stop, bars);
   for (std::optional<Stopwatch> since_first; !looking.finished();) {
     auto looked = looking.take(kPatience);
     if (looked && !since_first) since_first.emplace();

@@ -19,6 +19,7 @@
 #include "app/live_recorder.hpp"
 #include "app/logging.hpp"
 #include "app/overlay.hpp"
+#include "app/picture_watch.hpp"
 #include "app/scene_edit.hpp"
 #include "app/session.hpp"
 #include "app/session_host.hpp"
@@ -158,7 +159,7 @@ Result<CameraModel> calibration_at_size(const LiveRequest& request, const Camera
 Result<void> check_apart_from_record(const LiveRequest& request) {
   if (!request.record) return {};
   for (const auto& output : {request.output, request.poses, request.report, request.group_poses}) {
-    if (output && lies_in(*output, *request.record)) {
+    if (output && !is_stream(*output) && lies_in(*output, *request.record)) {
       return fail("{}: lies in {}, where the recording is made (--record); name another place",
                   output->string(), request.record->string());
     }
@@ -333,6 +334,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (!camera) return tl::unexpected(camera.error());
   const auto tags = load_tag_map(request.tags);
   if (!tags) return tl::unexpected(tags.error());
+  const TagsInUse used_tags = tags_in_use(request.tags, *tags);
   auto loaded_scene = load_run_scene(request.scene, request.kernel_file);
   if (!loaded_scene) return tl::unexpected(loaded_scene.error());
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
@@ -351,6 +353,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   auto context =
       open_run_context({request.window, request.vsync}, {camera->width(), camera->height()});
   if (!context) return tl::unexpected(context.error());
+  print_tags(used_tags);
   SessionOptions session_options;
   session_options.plan = request.plan;
   session_options.rectified = request.rectified;
@@ -378,6 +381,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (name->kind == CameraName::Kind::recording) {
     const auto played = open_as_camera(*name);
     if (!played) return tl::unexpected(played.error());
+    for (const std::string& notice : played->notices) log_warning("{}", notice);
     if (auto apart = check_apart_from(*played, request, request.record); !apart) {
       return tl::unexpected(apart.error());
     }
@@ -434,8 +438,14 @@ Result<RunReport> run_live(const LiveRequest& request) {
     if (!viewer->show(interrupt, picture)) stopped = true;
     if (viewer->paused_ms() > paused_ms) paused_until_ns = monotonic_ns();
   };
+  PictureWatch pictures(*tags);
   LivePipeline pipeline(
-      **source, [&](const Frame& frame) { return session->track(frame); },
+      **source,
+      [&](const Frame& frame) {
+        TrackedFrame tracked = session->track(frame);
+        pictures.saw(tracked);
+        return tracked;
+      },
       [&](const CapturedImage& image) {
         if (const auto writer = recorder.writer()) writer->add_image(image);
       },
@@ -506,6 +516,8 @@ Result<RunReport> run_live(const LiveRequest& request) {
   RunReport report = run.report();
   report.recording = request.camera;
   report.scene = request.scene.string();
+  report.tags = used_tags;
+  report.picture_fault = pictures.fault();
   report.width = camera->width();
   report.height = camera->height();
   report.frames_captured = static_cast<int>(stats.frames);

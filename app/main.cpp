@@ -8,6 +8,7 @@
 #include <CLI/Formatter.hpp>
 #include <algorithm>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -32,7 +33,8 @@ void print_error(std::string message) {
     if (c == '\n' || c == '\r') c = ' ';
   }
   while (!message.empty() && message.back() == ' ') message.pop_back();
-  fmt::print(stderr, "penumbra: error: {}\n", message);
+  // Not fmt's print, which throws where standard error can't be written.
+  std::fputs(("penumbra: error: " + message + "\n").c_str(), stderr);
 }
 
 // Prints what is wrong with the command line and where to read more.
@@ -165,6 +167,8 @@ ExitCode run(int argc, char** argv) {
 int main(int argc, char** argv) {
   // Modules catch what their libraries throw; what still gets here must not look like a crash.
   try {
+    // Who reads an output may go away: writing fails then, and is an error like any other.
+    std::signal(SIGPIPE, SIG_IGN);
     penumbra::set_up_logging();
     const ExitCode code = run(argc, argv);
     if (std::fflush(stdout) != 0 && code == ExitCode::success) {

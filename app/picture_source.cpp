@@ -7,6 +7,7 @@
 
 #include "app/capture/recording_source.hpp"
 #include "core/image_file.hpp"
+#include "core/sample_depth.hpp"
 
 namespace penumbra {
 namespace {
@@ -32,15 +33,21 @@ Result<std::vector<std::filesystem::path>> pictures_in(const std::filesystem::pa
   return files;
 }
 
-Result<void> each_file(const std::vector<std::filesystem::path>& files,
+// `source`: what is named in messages.
+Result<void> each_file(const std::filesystem::path& source,
+                       const std::vector<std::filesystem::path>& files,
                        const std::function<Result<bool>(const Picture&)>& take) {
+  const SampleDepth depth = sample_depth_of(files);
   std::vector<std::uint8_t> scratch;
   for (std::size_t i = 0; i < files.size(); ++i) {
     Picture picture;
+    if (i == 0 && depth.reduced()) {
+      picture.notice = fmt::format("{}: {}", source.string(), depth.text());
+    }
     picture.name = files[i].filename().string();
     picture.index = static_cast<int>(i);
     picture.count = static_cast<int>(files.size());
-    const Result<Frame> frame = load_image(files[i]);
+    const Result<Frame> frame = load_image(files[i], {depth.bits});
     if (frame) {
       picture.frame = *frame;
       picture.luma = luma(*frame, scratch);
@@ -73,7 +80,7 @@ Result<void> for_each_picture(const std::filesystem::path& source,
     if (files->empty())
       return fail("{}: holds no PNG or JPEG pictures; put those of the target there",
                   source.string());
-    return each_file(*files, take);
+    return each_file(source, *files, take);
   }
   OpenRecordingOptions options;
   options.surroundings = false;
@@ -82,7 +89,7 @@ Result<void> for_each_picture(const std::filesystem::path& source,
   if (recording->video.empty()) {
     std::vector<std::filesystem::path> files;
     for (const RecordedFrame& frame : recording->frames) files.push_back(frame.file);
-    return each_file(files, take);
+    return each_file(source, files, take);
   }
   auto frames = open_recording_source(*recording);
   if (!frames) return tl::unexpected(frames.error());

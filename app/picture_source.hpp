@@ -18,6 +18,8 @@ struct Picture {
   Frame frame;             // as it was decoded; empty where it can't be read
   ImageView luma;          // of it, empty where it can't be read ...
   std::string unreadable;  // ... and why
+  // A notice about how all pictures are read. Set on the first picture only.
+  std::string notice;
 };
 
 // Calls `take` for every picture, in order; ends early where it returns false or an error. A

@@ -18,6 +18,7 @@
 #include "app/late_outputs.hpp"
 #include "app/logging.hpp"
 #include "app/overlay.hpp"
+#include "app/picture_watch.hpp"
 #include "app/progress.hpp"
 #include "app/run_outputs.hpp"
 #include "app/scene_edit.hpp"
@@ -306,6 +307,12 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     return tl::unexpected(checked.error());
   const CameraModel& camera = *recording->camera;
 
+  std::optional<TagsInUse> tags;
+  std::optional<PictureWatch> pictures;
+  if (recording->tags) {
+    tags = tags_in_use(request.tags.value_or(recording->folder / "tags.yaml"), *recording->tags);
+    if (!request.poses_from) pictures.emplace(*recording->tags);
+  }
   auto loaded_scene = load_run_scene(request.scene, request.kernel_file);
   if (!loaded_scene) return tl::unexpected(loaded_scene.error());
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
@@ -343,6 +350,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   const GlContext::Size picture = picture_size(request, camera);
   auto context = open_run_context({request.window, true}, window_size_for(picture));
   if (!context) return tl::unexpected(context.error());
+  if (pictures) print_tags(*tags);
   log_info("OpenGL: {}, {}", (*context)->info().renderer, (*context)->info().version);
   for (const auto& [name, version] : component_versions()) log_info("{} {}", name, version);
   SessionOptions session_options;
@@ -386,7 +394,9 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
         auto frame = (*source)->next();
         if (!frame) return tl::unexpected(frame.error());
         if (!*frame) return std::optional<TrackedItem>();
-        return std::optional<TrackedItem>({shown->track(**frame), (*source)->capture_time()});
+        TrackedFrame done = shown->track(**frame);
+        if (pictures) pictures->saw(done);
+        return std::optional<TrackedItem>({std::move(done), (*source)->capture_time()});
       },
       overlapped ? kTrackAhead : 0);
   bool stopped = false;
@@ -446,6 +456,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   report.threads = overlapped ? request.threads : 1;
   report.recording = request.recording.string();
   report.scene = request.scene.string();
+  report.tags = std::move(tags);
+  if (pictures) report.picture_fault = pictures->fault();
   report.width = picture.width;
   report.height = picture.height;
   report.panes = shown->pane_reports();

@@ -36,6 +36,12 @@ Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::pa
   std::error_code ignored;
   for (const auto& output : {request.output, request.poses, request.report, request.group_poses}) {
     if (!output) continue;
+    if (output == request.group_poses &&
+        (is_stream(*output) ||
+         (fs::exists(*output, ignored) && !fs::is_directory(*output, ignored)))) {
+      return fail("{}: is no folder; name one for the poses of groups", output->string());
+    }
+    if (is_stream(*output)) continue;
     for (const fs::path& other : taken) {
       if (same_path(*output, other)) {
         return fail("{}: is read or written by this run already; name another file",
@@ -47,14 +53,7 @@ Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::pa
       return fail("{}: lies in {}, which holds pictures and nothing else; name another place",
                   output->string(), request.output->string());
     }
-    if (output == request.group_poses && fs::exists(*output, ignored) &&
-        !fs::is_directory(*output, ignored)) {
-      return fail("{}: is no folder; name one for the poses of groups", output->string());
-    }
-    // Devices may be named twice (/dev/null).
-    if (!fs::exists(*output, ignored) || fs::is_regular_file(*output, ignored)) {
-      taken.push_back(*output);
-    }
+    if (!fs::is_directory(*output, ignored)) taken.push_back(*output);
   }
   return {};
 }
@@ -80,7 +79,7 @@ Result<void> check_apart_from(const Recording& recording, const OutputRequest& r
   }
   for (const auto& output :
        {request.output, request.poses, request.report, request.group_poses, more}) {
-    if (!output) continue;
+    if (!output || is_stream(*output)) continue;
     if (lies_in(*output, recording.folder)) {
       return fail("{}: lies in the recording {}, which is only read; name a place outside it",
                   output->string(), recording.folder.string());

@@ -431,6 +431,9 @@ std::string report_json(const RunReport& report) {
   Json json;
   json["recording"] = report.recording;
   json["scene"] = report.scene;
+  if (const auto& tags = report.tags) {
+    json["tags"] = {{"file", tags->file}, {"count", tags->count}, {"sizes_m", tags->sizes_m}};
+  }
   json["frames"] = report.frames;
   json["frames_captured"] = report.frames_captured;
   json["frames_dropped"] = report.frames_dropped;
@@ -465,6 +468,9 @@ std::string report_json(const RunReport& report) {
       {"not_tracked", counts_json(report.reasons)},
       {"skipped", counts_json(report.tracking_skipped)},
       {"tags_left_out", counts_json(report.tags_left_out)}};
+  if (const auto& fault = report.picture_fault) {
+    json["tracking"]["picture_fault"] = to_string(*fault);
+  }
   if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
   json["work"] = counts_json(report.work);
   json["skipped"] = counts_json(report.skipped);
@@ -562,11 +568,12 @@ std::string report_table(const RunReport& report) {
   // Uncertain frames have seen it.
   if (report.frames > 0 && report.frames_tracked == 0 &&
       2 * report.frames_uncertain < report.frames) {
-    text += report.camera_faults.contains("no_signal")
-                ? "no frame was tracked: the camera's input has no signal\n"
-                : "no frame was tracked: is the sheet that --tags lists in view, whole and sharp? "
-                  "Tags of "
-                  "other families are not looked for\n";
+    std::string why =
+        "is the sheet that --tags lists in view, whole and sharp? Tags of other families are not "
+        "looked for";
+    if (report.picture_fault) why = advice(*report.picture_fault);
+    if (report.camera_faults.contains("no_signal")) why = "the camera's input has no signal";
+    text += fmt::format("no frame was tracked: {}\n", why);
   }
   if (report.frames_dropped > 0) {
     std::vector<std::string> why;

@@ -13,12 +13,14 @@
 
 #include "app/pose_smoother.hpp"
 #include "app/session.hpp"
+#include "app/tags_in_use.hpp"
 #include "core/error.hpp"
 #include "core/evaluation.hpp"
 #include "core/group_pose.hpp"
 #include "core/running_statistics.hpp"
 #include "core/stopwatch.hpp"
 #include "render/shadow/shadow_node.hpp"
+#include "tracking/picture_check.hpp"
 
 namespace penumbra {
 
@@ -81,8 +83,10 @@ struct RecordedFrames {
 struct RunReport {
   std::string recording;
   std::string scene;
-  int width = 0, height = 0;  // [px]
-  int frames = 0;             // processed
+  std::optional<TagsInUse> tags;              // nothing where poses are given without any
+  std::optional<PictureFault> picture_fault;  // why nothing is tracked, where that is it
+  int width = 0, height = 0;                  // [px]
+  int frames = 0;                             // processed
   int frames_captured = 0, frames_dropped = 0;
   int frames_damaged = 0;  // of those dropped: they could not be decoded; others came too late
   int frames_tracked = 0, frames_uncertain = 0, frames_held = 0, frames_lost = 0;

@@ -12,8 +12,10 @@
 
 #include "app/capture/recording_source.hpp"
 #include "app/capture/video_reader.hpp"
+#include "app/tags_in_use.hpp"
 #include "core/camera_file.hpp"
 #include "core/image_file.hpp"
+#include "core/sample_depth.hpp"
 #include "core/sensor_file.hpp"
 #include "core/text.hpp"
 #include "tracking/group_tracker.hpp"
@@ -353,8 +355,7 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
     if (!map) return tl::unexpected(map.error());
     recording.tags = std::move(*map);
   } else if (options.require_tags) {
-    return fail("{}: no such file; put the list of tags on the table there, or name one (--tags)",
-                tags.string());
+    return fail("{}: no such file; {}", tags.string(), kNameATagMap);
   }
 
   const std::filesystem::path truth = folder / "groundtruth.tum";
@@ -449,6 +450,15 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
   }
   auto settled = recording.video.empty() ? settle_pictures(recording) : settle_video(recording);
   if (!settled) return tl::unexpected(settled.error());
+  if (recording.video.empty()) {
+    std::vector<std::filesystem::path> pictures;
+    for (const RecordedFrame& frame : recording.frames) pictures.push_back(frame.file);
+    const SampleDepth depth = sample_depth_of(pictures);
+    recording.sample_bits = depth.bits;
+    if (depth.reduced()) {
+      recording.notices.push_back(fmt::format("{}: {}", folder.string(), depth.text()));
+    }
+  }
   return recording;
 }
 

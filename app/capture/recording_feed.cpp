@@ -23,6 +23,7 @@ class RecordingFeed final : public LiveSource {
       : name_(recording.name),
         frames_(recording.frames),
         video_file_(recording.video),
+        sample_bits_(recording.sample_bits),
         format_(std::move(format)),
         pixels_(pixels),
         interval_(nanoseconds(format_.interval_s)),
@@ -147,12 +148,13 @@ class RecordingFeed final : public LiveSource {
       image.owner = std::move(kept);
       return true;
     }
-    return take_frame(decode_image(*bytes, file.string()), file.string(), image);
+    return take_frame(decode_image(*bytes, file.string(), {sample_bits_}), file.string(), image);
   }
 
   const std::string name_;
   const std::vector<RecordedFrame> frames_;
   const std::filesystem::path video_file_;  // empty: its pictures are files
+  const int sample_bits_;                   // as Recording's
   std::optional<VideoReader> video_;
   std::size_t video_at_ = 0;  // the frame that it gives next
   const StreamFormat format_;
@@ -171,7 +173,7 @@ Result<Frame> first_frame(const Recording& recording) {
     const std::filesystem::path& file = recording.frames.front().file;
     const auto bytes = read_file(file);
     if (!bytes) return tl::unexpected(bytes.error());
-    return decode_image(*bytes, file.string());
+    return decode_image(*bytes, file.string(), {recording.sample_bits});
   }
   auto video = VideoReader::open(recording.video);
   if (!video) return tl::unexpected(video.error());

@@ -7,6 +7,7 @@
 #include "app/capture/capture_stats.hpp"
 #include "app/capture/look_ahead.hpp"
 #include "app/capture/video_reader.hpp"
+#include "app/logging.hpp"
 #include "core/file.hpp"
 #include "core/image_file.hpp"
 
@@ -27,6 +28,7 @@ class Decoder {
         video_(std::move(video)),
         video_file_(recording.video),
         of_camera_(recording.of_camera),
+        sample_bits_(recording.sample_bits),
         faults_(recording.folder.string()) {
     if (const auto& camera = recording.camera) size_ = {camera->width(), camera->height()};
   }
@@ -77,7 +79,14 @@ class Decoder {
   Result<std::optional<Frame>> next_picture(const RecordedFrame& listed) {
     const auto bytes = read_file(listed.file);
     if (!bytes) return tl::unexpected(bytes.error());
-    auto frame = decode_image(*bytes, listed.file.string());
+    bool clamped = false;
+    auto frame = decode_image(*bytes, listed.file.string(), {sample_bits_, &clamped});
+    if (clamped && !std::exchange(warned_of_clamped_, true)) {
+      log_warning(
+          "{}: holds values above the {} bits that the recording is read with: they are "
+          "drawn white (warned once)",
+          listed.file.string(), sample_bits_);
+    }
     if (frame) return std::optional<Frame>(std::move(*frame));
     if (!of_camera_) {
       return fail("{} (without its line in the listing a replay goes on)", frame.error().message);
@@ -91,6 +100,8 @@ class Decoder {
   std::optional<VideoReader> video_;
   const std::filesystem::path video_file_;
   const bool of_camera_;
+  const int sample_bits_;  // as Recording's
+  bool warned_of_clamped_ = false;
   FaultCounter faults_;
   std::optional<std::pair<int, int>> size_;  // [px]
   std::size_t at_ = 0;

@@ -36,6 +36,7 @@ struct Recording {
   std::string name;
   std::vector<RecordedFrame> frames;  // in order of time
   std::filesystem::path video;        // video.mkv, or empty
+  int sample_bits = 16;               // of 16-bit pictures, as DecodeOptions'
   // What a camera gave, whole or not: by the controls.json that only such a recording has.
   bool of_camera = false;
   std::optional<CameraModel> camera;  // absent only where allowed (stills to calibrate from)

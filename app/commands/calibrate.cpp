@@ -26,6 +26,7 @@
 #include "app/guide_window.hpp"
 #include "app/interrupt.hpp"
 #include "app/live_run.hpp"
+#include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/stoppable.hpp"
 #include "app/picture_source.hpp"
@@ -183,6 +184,7 @@ Result<void> read_pictures(const CalibrateOptions& options,
   const std::filesystem::path& source = options.source;
   std::optional<ProgressBar> progress;
   const auto read = for_each_picture(source, [&](const Picture& picture) -> Result<bool> {
+    if (!picture.notice.empty()) log_warning("{}", picture.notice);
     if (!progress) progress.emplace(picture.count, "pictures");
     if (picture.luma.empty()) {
       calibrator.add_unreadable(picture.name, picture.unreadable);
@@ -360,9 +362,15 @@ Result<void> write_calibration(const CalibrateOptions& options, CalibrateOutputs
   return commit_together(outputs.all());
 }
 
-void print_result(const CalibrateOptions& options, const CameraCalibration& calibration,
-                  const std::optional<CameraModel>& earlier) {
+void print_result(const CalibrateOptions& options, const Target& target,
+                  const CameraCalibration& calibration, const std::optional<CameraModel>& earlier) {
   print_summary(calibration);
+  if (target.kind == TargetKind::chessboard) {
+    fmt::print(
+        "mirrored: not known: a chessboard looks the same in a mirror, and the lens would be "
+        "mirrored too; see that writing in the pictures reads the right way, or calibrate with "
+        "tags\n");
+  }
   if (earlier) {
     const ProjectionDifference difference =
         projection_difference(calibration.solution.camera, *earlier);
@@ -431,7 +439,7 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
   } else {
     written = write_calibration(options, *outputs, *target, *calibration, earlier);
   }
-  if (written) print_result(options, *calibration, earlier);
+  if (written) print_result(options, *target, *calibration, earlier);
   if (person_waits) {
     if (written) {
       window->say(calibration->verdict, calibration->grade);
@@ -530,6 +538,7 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
       "  penumbra calibrate v4l2:/dev/video0 --target target.yaml --output camera.yaml --keep "
       "views");
   command->callback([options, command, &chosen] {
+    claim_outputs(*command, {"--output", "--report"});
     const std::array outputs = {options->output, options->report};
     const std::array inputs = {options->target, options->compare};
     if (const auto once = check_written_once(outputs, inputs); !once)

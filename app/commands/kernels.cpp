@@ -167,9 +167,10 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
       "  penumbra kernels helicopter.glb --output helicopter_kernels.glb\n"
       "  penumbra kernels helicopter.glb --up 0,0.2,1 --output kernels.json\n"
       "  penumbra kernels house.glb --group \"brick*\" --output house_kernels.glb");
-  command->callback([options, &chosen] {
+  command->callback([command, options, &chosen] {
+    claim_outputs(*command, {"--output"});
     const std::string extension = lower_extension(options->output);
-    if (extension != ".json" && extension != ".glb") {
+    if (extension != ".json" && extension != ".glb" && !is_stream(options->output)) {
       throw CLI::ValidationError("--output",
                                  fmt::format("{}: is no .json or .glb", options->output.string()));
     }

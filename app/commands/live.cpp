@@ -12,6 +12,7 @@
 #include "app/commands/options.hpp"
 #include "app/live_run.hpp"
 #include "app/resources.hpp"
+#include "app/tags_in_use.hpp"
 #include "core/text.hpp"
 
 namespace penumbra {
@@ -27,23 +28,16 @@ struct LiveOptions {
 Result<ExitCode> live(const LiveOptions& options) {
   LiveRequest request = options.request;
   const auto resources = find_resources();
-  if (!resources && (!options.scene || !options.tags)) return tl::unexpected(resources.error());
+  if (!resources && !options.scene) return tl::unexpected(resources.error());
   if (!options.calibration) {
     return fail(
         "--calibration: no camera is calibrated yet; name the camera's camera.yaml, which "
         "penumbra calibrate makes");
   }
   request.calibration = *options.calibration;
-  // What lies on the table: as named, or beside the calibration, or the bundled board.
-  std::error_code ignored;
-  const std::filesystem::path beside = request.calibration.parent_path() / "tags.yaml";
-  if (options.tags) {
-    request.tags = *options.tags;
-  } else if (std::filesystem::exists(beside, ignored)) {
-    request.tags = beside;
-  } else {
-    request.tags = *resources / "recordings" / "tabletop" / "tags.yaml";
-  }
+  auto tags = tags_for_camera(options.tags, request.camera, request.calibration);
+  if (!tags) return tl::unexpected(tags.error());
+  request.tags = std::move(*tags);
   request.scene = options.scene ? *options.scene : *resources / "scenes" / "default.json";
   request.kernel_file = options.shadow.kernel_file;
   request.plan.skip = !options.no_skip;
@@ -164,8 +158,8 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       ->type_name("FILE.json");
   command
       ->add_option("--tags", options->tags,
-                   "What lies on the table (default: tags.yaml beside the calibration, or the "
-                   "bundled board's)")
+                   "What lies on the table (default: tags.yaml of the recording that is played, or "
+                   "beside the calibration); penumbra target writes one with the sheet")
       ->type_name("FILE.yaml");
   add_shadow_options(*command, options->shadow);
   add_tracking_options(*command, request.tracking);
@@ -186,8 +180,9 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   command->footer(
       "In the window: F1 lists the keys, space pauses, Esc or q closes. Ctrl-C ends cleanly.\n\n"
       "Example:\n"
-      "  penumbra live --calibration camera.yaml --record session");
+      "  penumbra live --calibration camera.yaml --tags tags.yaml --record session");
   command->callback([command, options, &chosen] {
+    claim_outputs(*command, {"--poses", "--report"});
     if (options->request.camera.starts_with("recording:")) {
       for (const char* option : {"--size", "--format", "--exposure", "--gain", "--white-balance",
                                  "--focus", "--no-dma-buf"}) {

@@ -19,6 +19,7 @@
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
+#include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/stoppable.hpp"
 #include "app/progress.hpp"
@@ -118,6 +119,7 @@ Result<ExitCode> run_map(const MapOptions& options) {
   open.surroundings = false;
   auto recording = open_recording(options.recording, open);
   if (!recording) return tl::unexpected(recording.error());
+  for (const std::string& notice : recording->notices) log_warning("{}", notice);
   auto camera =
       load_camera(options.camera.empty() ? options.recording / "camera.yaml" : options.camera);
   if (!camera) return tl::unexpected(camera.error());
@@ -225,7 +227,8 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
       "See every tag together with others, from several sides.\n\n"
       "Example:\n"
       "  penumbra map sweep --tag-size 0.04 --anchor 5 --output tags.yaml");
-  command->callback([options, size, sizes, &chosen] {
+  command->callback([command, options, size, sizes, &chosen] {
+    claim_outputs(*command, {"--output", "--refine-camera"});
     if (size->count() == 0 && sizes->count() == 0)
       throw CLI::ValidationError("--tag-size", "give the tags' size, or --sizes FILE");
     const std::filesystem::path camera =

@@ -9,6 +9,7 @@
 
 #include "app/logging.hpp"
 #include "app/output/frame_writer.hpp"
+#include "app/output/output_file.hpp"
 #include "app/versions.hpp"
 #include "core/text.hpp"
 #include "render/model_size.hpp"
@@ -362,6 +363,12 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
       .add_option_function<std::string>(
           "--output",
           [&request](const std::string& path) {
+            if (names_standard_output(path)) {
+              throw CLI::ValidationError(
+                  "--output", fmt::format("{}: is for text, and these are frames; name a video or "
+                                          "a folder",
+                                          path));
+            }
             if (names_unknown_video(path)) {
               throw CLI::ValidationError(
                   "--output", fmt::format("{}: end it in .mkv (FFV1, lossless) or .mp4 (H.264), or "
@@ -373,7 +380,9 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
           "Composited frames: *.mkv (FFV1, lossless), *.mp4 (H.264), or a folder of "
           "000000.png ... numbered by frame, which replace those of an earlier run")
       ->type_name("PATH");
-  CLI::Option* poses = command.add_option("--poses", request.poses, "Tracked poses, as a TUM file")
+  CLI::Option* poses = command
+                           .add_option("--poses", request.poses,
+                                       "Tracked poses, as a TUM file; - is standard output")
                            ->type_name("FILE.tum");
   command
       .add_flag("--poses-all", request.poses_all,
@@ -384,7 +393,8 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
                   "Where the tags' groups beside the table are (a wall, a prop): NAME.tum of each, "
                   "with T_table_group, which is the identity where tags.yaml has it")
       ->type_name("FOLDER");
-  command.add_option("--report", request.report, "What was measured, as JSON")
+  command
+      .add_option("--report", request.report, "What was measured, as JSON; - is standard output")
       ->type_name("FILE.json");
 }
 
@@ -402,6 +412,22 @@ void add_unit_option(CLI::App& command, double& unit_m) {
           },
           "Unit of the model's coordinates (default: m)")
       ->type_name("mm|cm|m|in");
+}
+
+void claim_outputs(const CLI::App& command, std::initializer_list<const char*> options) {
+  const char* first = nullptr;
+  for (const char* option : options) {
+    if (command.count(option) == 0) continue;
+    const std::string& path = command.get_option(option)->results().back();
+    if (!names_standard_output(path)) continue;
+    if (first != nullptr) {
+      throw CLI::ValidationError(
+          option, fmt::format("{}: standard output is taken by {}; name a file for one of them",
+                              path, first));
+    }
+    first = option;
+  }
+  if (first != nullptr) claim_standard_output();
 }
 
 void add_common_options(CLI::App& command) {

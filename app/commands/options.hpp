@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <initializer_list>
 #include <optional>
 #include <string>
 
@@ -89,6 +90,11 @@ void add_frame_options(CLI::App& command, const FrameWork& work, const std::stri
 
 // --unit: the length of a model file's unit [m].
 void add_unit_option(CLI::App& command, double& unit_m);
+
+// To be called once the command line is read: where one of these options names standard output
+// ("-"), everything else that is printed goes to standard error. Throws CLI::ValidationError where
+// two of them do.
+void claim_outputs(const CLI::App& command, std::initializer_list<const char*> options);
 
 // --version and --log-level.
 void add_common_options(CLI::App& command);

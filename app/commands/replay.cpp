@@ -159,6 +159,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       "  penumbra replay recordings/tabletop --compare layered,simple,walls,hard --output "
       "compare.mp4");
   command->callback([command, options, &chosen] {
+    claim_outputs(*command, {"--poses", "--report"});
     warn_of_no_use(options->shadow);
     warn_of_no_use(*command, options->request.tracking);
     apply(options->shadow, options->request.plan);  // wrong usage ends here

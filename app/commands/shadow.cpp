@@ -138,15 +138,18 @@ void add_shadow_command(CLI::App& program, ChosenCommand& chosen) {
   add_unit_option(*command, options->unit_m);
   command->add_flag("--show-kernels", options->show_kernels, "Kernels as dots in the picture");
   command
-      ->add_option("--output", options->output,
-                   "Outlines (.json), or a picture (.svg, .png); without it a table is printed")
+      ->add_option(
+          "--output", options->output,
+          "Outlines (.json; - is standard output), or a picture (.svg, .png); without it a "
+          "table is printed")
       ->type_name("FILE");
   command->footer(
       "Example:\n"
       "  penumbra shadow helicopter.glb --pose \"0 0 0.1 0 0 0 1\"\n"
       "  penumbra shadow helicopter.glb --pose \"0 0 0.1 0 0 0 1\" --workspace-height 0.3 "
       "--magnification 1.5 --show-kernels --output layers.svg");
-  command->callback([options, &chosen] {
+  command->callback([command, options, &chosen] {
+    claim_outputs(*command, {"--output"});
     // Wrong usage ends here.
     const auto job = std::make_shared<ShadowJob>(job_from(*options));
     chosen = [job] { return run_shadow(*job); };

@@ -17,6 +17,7 @@
 #include "app/commands/options.hpp"
 #include "app/resources.hpp"
 #include "app/study/study_run.hpp"
+#include "app/tags_in_use.hpp"
 
 namespace penumbra {
 namespace {
@@ -89,27 +90,20 @@ Result<ExitCode> study(const StudyOptions& options) {
     }
     request.camera.calibration = *options.calibration;
   }
-  std::error_code ignored;
-  const std::filesystem::path beside = request.camera.calibration.parent_path() / "tags.yaml";
-  if (options.camera && request.tags) {
-    request.camera.tags = *request.tags;
-  } else if (options.camera && std::filesystem::exists(beside, ignored)) {
-    request.camera.tags = beside;
-  } else if (options.camera || !request.recording) {
+  if (options.camera) {
+    auto tags = tags_for_camera(request.tags, *options.camera, request.camera.calibration);
+    if (!tags) return tl::unexpected(tags.error());
+    request.camera.tags = std::move(*tags);
+  } else if (!request.recording) {
     const auto resources = find_resources();
     if (!resources) return tl::unexpected(resources.error());
-    const std::filesystem::path tabletop = *resources / "recordings" / "tabletop";
-    if (options.camera) {
-      request.camera.tags = tabletop / "tags.yaml";
-    } else {
-      request.recording = tabletop;
-    }
+    request.recording = *resources / "recordings" / "tabletop";
   }
   const auto report = run_study(request);
   if (!report) return tl::unexpected(report.error());
-  fmt::print("{}\nanswers: {}\nsummary: {}\n",
-             summary_table(request.design.experiment, report->summary), request.results.string(),
-             report->summary_file.string());
+  fmt::print("{}\nanswers: {}\n", summary_table(request.design.experiment, report->summary),
+             request.results.string());
+  if (!report->summary_file.empty()) fmt::print("summary: {}\n", report->summary_file.string());
   if (report->answered < report->trials) {
     fmt::print("participant {} has answered {} of {} trials; --resume goes on there\n",
                request.design.participant, report->answered, report->trials);
@@ -147,7 +141,7 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
   command
       ->add_option("--output", options->results,
                    "Answers; those of further participants are added to the same file. The summary "
-                   "is written beside it (NAME-summary.csv)")
+                   "is written beside it (NAME-summary.csv); - is standard output")
       ->type_name("FILE.csv");
   command
       ->add_option("--techniques", options->techniques,
@@ -232,6 +226,7 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
       "  penumbra study --experiment heights --techniques layered,walls --participant 1 --output "
       "heights.csv");
   command->callback([command, options, &chosen] {
+    claim_outputs(*command, {"--output"});
     StudyDesign& chosen_design = options->request.design;
     chosen_design.techniques = techniques_from(options->techniques);
     chosen_design.samples = options->samples.value_or(usual_samples(chosen_design.experiment));

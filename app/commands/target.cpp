@@ -29,7 +29,7 @@ struct TargetOptions {
   std::string page = "a4";
   std::string family = "tag36h11";
   std::string dictionary;  // in place of the family
-  double measured_mm = 100.0;
+  std::optional<double> measured_mm;
   std::string type = "tags";
   int first_id = 0;
   // Each type has its own, where none is given.
@@ -41,8 +41,11 @@ struct TargetOptions {
   std::optional<double> square_m;
 };
 
+constexpr double kRulerMm = 100.0;  // on the sheet
+
 struct ChosenSheet {
   SheetTarget target;
+  SheetFormat format = SheetFormat::pdf;
   PageSize page;
   std::filesystem::path sheet;
   std::filesystem::path tags;
@@ -130,39 +133,77 @@ ChosenSheet target_of(const TargetOptions& options) {
   if (const auto fits = check_fits(target, *page); !fits) {
     throw CLI::ValidationError(fits.error().message);
   }
+  const auto format = sheet_format_of(options.output);
+  if (!format) throw CLI::ValidationError("--output", format.error().message);
   std::filesystem::path tags = options.tags;
   if (tags.empty())
     tags = options.output.parent_path() / (options.type == "tags" ? "tags.yaml" : "target.yaml");
-  if (same_path(options.output, tags)) {
+  if (!is_stream(tags) && same_path(options.output, tags)) {
     throw CLI::ValidationError(
         "--output", fmt::format("{}: is the file of the tags too (--tags); name two files",
                                 options.output.string()));
   }
-  return {target, *page, options.output, tags};
+  return {target, *format, *page, options.output, tags};
 }
 
 // Whether there is a file `old` that would not stay the same.
 bool says_otherwise(const std::filesystem::path& old, const std::filesystem::path& replacement) {
   std::error_code ignored;
-  if (!std::filesystem::exists(old, ignored)) return false;
+  if (is_stream(old) || !std::filesystem::exists(old, ignored)) return false;
   constexpr std::size_t kMaxBytes = 16'000'000;
   const auto before = read_text_file(old, kMaxBytes);
   const auto after = read_text_file(replacement, kMaxBytes);
   return !before || !after || *before != *after;
 }
 
-// Whether `old` says of the same sheet that it came out of the printer at its true scale, which is
-// what a measured ruler corrects. Uses up `file`.
-Result<bool> is_the_unmeasured(const std::filesystem::path& old, const SheetTarget& target,
-                               const OutputFile& file) {
-  if (const auto written = save_target(file.partial(), target, 1.0); !written)
-    return tl::unexpected(written.error());
-  return !says_otherwise(old, file.partial());
+// Returns the ruler's length by the file of an earlier run [mm]; nothing where that is not of this
+// sheet.
+std::optional<double> measured_before(const ChosenSheet& target) {
+  std::error_code ignored;
+  if (is_stream(target.tags) || !std::filesystem::exists(target.tags, ignored)) return std::nullopt;
+  const auto scale = printed_scale_of(target.tags, target.target);
+  if (!scale) return std::nullopt;
+  return kRulerMm * *scale;
+}
+
+// Without --tags, only a file of the same sheet is replaced, by a new measurement of its ruler.
+Result<void> check_replaceable(const TargetOptions& options, const ChosenSheet& target,
+                               const std::filesystem::path& replacement) {
+  if (!options.tags.empty() || !says_otherwise(target.tags, replacement)) return {};
+  const auto before = measured_before(target);
+  if (!before) {
+    return fail(
+        "{}: is there already and says something else; name it with --tags to replace it, or "
+        "another file",
+        target.tags.string());
+  }
+  if (options.measured_mm) return {};
+  return fail(
+      "{0}: is of this sheet with a ruler of {1:g} mm; keep that with --measured {1:g}, or measure "
+      "again and give what the ruler measures now",
+      target.tags.string(), *before);
+}
+
+void print_target(const TargetOptions& options, const ChosenSheet& target,
+                  std::optional<double> before) {
+  const double measured_mm = options.measured_mm.value_or(kRulerMm);
+  fmt::print("sheet: {}\n{}: {}\n", target.sheet.string(),
+             options.type == "tags" ? "tags" : "target", target.tags.string());
+  if (options.measured_mm) {
+    fmt::print("ruler: {:g} mm on paper{}: lengths are {:.3f} % of those on the sheet\n",
+               measured_mm,
+               before && *before != measured_mm ? fmt::format(" (before: {:g} mm)", *before)
+                                                : std::string(),
+               100.0 * measured_mm / kRulerMm);
+  } else {
+    fmt::print(
+        "Print at 100 %. Measure the ruler: if it is not 100 mm, say so with --measured MM.\n");
+  }
 }
 
 Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& target) {
-  const std::filesystem::path& tags_file = target.tags;
   for (const std::filesystem::path& file : {target.sheet, target.tags}) {
+    if (is_stream(file)) continue;
     const std::filesystem::path folder = std::filesystem::absolute(file).parent_path();
     if (is_recording(folder)) {
       return fail("{}: lies in the recording {}; name a place outside it", file.string(),
@@ -171,31 +212,23 @@ Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& tar
   }
   auto sheet = OutputFile::create(target.sheet);
   if (!sheet) return tl::unexpected(sheet.error());
-  auto tags = OutputFile::create(tags_file);
+  auto tags = OutputFile::create(target.tags);
   if (!tags) return tl::unexpected(tags.error());
-  if (const auto written = write_sheet(sheet->partial(), target.target, target.page); !written) {
+  if (const auto written = write_sheet(sheet->partial(), target.target, target.page, target.format);
+      !written) {
     return sheet->failed(written.error());
   }
-  const auto unmeasured = is_the_unmeasured(tags_file, target.target, *tags);
-  if (!unmeasured) return tags->failed(unmeasured.error());
-  if (const auto written = save_target(tags->partial(), target.target, options.measured_mm / 100.0);
-      !written) {
+  const double scale = options.measured_mm.value_or(kRulerMm) / kRulerMm;
+  if (const auto written = save_target(tags->partial(), target.target, scale); !written) {
     return tags->failed(written.error());
   }
-  if (options.tags.empty() && !*unmeasured && says_otherwise(tags_file, tags->partial())) {
-    return fail(
-        "{}: is there already and says something else; name it with --tags to replace it, or "
-        "another file",
-        tags_file.string());
+  if (const auto checked = check_replaceable(options, target, tags->partial()); !checked) {
+    return tl::unexpected(checked.error());
   }
+  const auto before = measured_before(target);
   if (const auto done = commit_together(std::array{&*sheet, &*tags}); !done)
     return tl::unexpected(done.error());
-  fmt::print("sheet: {}\n{}: {}\n", target.sheet.string(),
-             options.type == "tags" ? "tags" : "target", tags_file.string());
-  if (options.measured_mm == 100.0) {
-    fmt::print(
-        "Print at 100 %. Measure the ruler: if it is not 100 mm, say so with --measured MM.\n");
-  }
+  print_target(options, target, before);
   return ExitCode::success;
 }
 
@@ -206,7 +239,9 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
       "target", "Make a sheet to print at true scale, with the file that says what is on it");
   add_common_options(*command);
   const auto options = std::make_shared<TargetOptions>();
-  command->add_option("--output", options->output, "The sheet")->required()->type_name("FILE.pdf");
+  command->add_option("--output", options->output, "The sheet, at true scale")
+      ->required()
+      ->type_name("FILE.pdf|FILE.svg|FILE.png");
   command
       ->add_option("--tags", options->tags,
                    "What lies on the sheet (default: tags.yaml, or target.yaml, beside the sheet)")
@@ -255,21 +290,22 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
       ->check(CLI::Range(0.001, 2.0));
   command
       ->add_option("--measured", options->measured_mm,
-                   "What the sheet's 100 mm ruler measures on paper [mm]: scales the file")
+                   "What the sheet's 100 mm ruler measures on paper [mm]: scales the file, not the "
+                   "sheet. Measured again, the last one counts (default: 100)")
       ->check(CLI::Range(50.0, 200.0))
       ->check([](const std::string& text) {
         // CLI11's own Range lets "nan" through.
         return text.find_first_not_of("0123456789.eE+-") == std::string::npos
                    ? std::string()
                    : text + " is no number of millimetres";
-      })
-      ->capture_default_str();
+      });
   command->footer(
       "Example:\n"
       "  penumbra target --output sheet.pdf --page a4\n"
       "  penumbra target --output sheet.pdf --page a4 --measured 99.2\n"
       "  penumbra target --type aprilgrid --output grid.pdf");
   command->callback([command, options, &chosen] {
+    claim_outputs(*command, {"--output", "--tags"});
     check_options_of_type(*command, options->type);
     chosen = [options, target = target_of(*options)] { return run_target(*options, target); };
   });

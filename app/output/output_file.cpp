@@ -1,94 +1,258 @@
 #include "app/output/output_file.hpp"
 
 #include <fcntl.h>
+#include <sys/mman.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <cerrno>
-#include <cstring>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <limits>
+#include <optional>
 #include <system_error>
+#include <thread>
 #include <utility>
 #include <vector>
+
+#include "core/text.hpp"
 
 namespace penumbra {
 namespace {
 
 namespace fs = std::filesystem;
 
+constexpr std::string_view kStandardOutput = "standard output";
+
 std::string message_of(int error) {
   return std::generic_category().message(error);
 }
 
+// 0, or the error.
+int write_all(int descriptor, std::string_view text) {
+  while (!text.empty()) {
+    const ssize_t count = ::write(descriptor, text.data(), text.size());
+    if (count >= 0) {
+      text.remove_prefix(static_cast<std::size_t>(count));
+    } else if (errno != EINTR) {
+      return errno;
+    }
+  }
+  return 0;
+}
+
+// N where the path is one of the descriptor N of this process: /dev/stdout, /dev/fd/N.
+std::optional<int> descriptor_of(const fs::path& path) {
+  if (path == "-") return STDOUT_FILENO;
+  constexpr int kMostLinks = 8;
+  std::error_code error;
+  const fs::path descriptors = fs::canonical("/proc/self/fd", error);
+  if (error) return std::nullopt;
+  fs::path at = path;
+  for (int i = 0; i < kMostLinks; ++i) {
+    const auto number = parse_integer(at.filename().string());
+    if (number && *number >= 0 && *number <= std::numeric_limits<int>::max() &&
+        fs::canonical(at.parent_path(), error) == descriptors) {
+      return static_cast<int>(*number);
+    }
+    if (!fs::is_symlink(at, error)) return std::nullopt;
+    const fs::path next = fs::read_symlink(at, error);
+    if (error) return std::nullopt;
+    at = next.is_absolute() ? next : at.parent_path() / next;
+  }
+  return std::nullopt;
+}
+
+// Duplicate of standard output, kept while the output owns it; -1: not claimed.
+std::atomic<int>& claimed_output() {
+  static std::atomic<int> descriptor = -1;
+  return descriptor;
+}
+
+// Ctrl-C waits to be asked for while files are open (InterruptWatch).
+bool is_interrupted() {
+  sigset_t pending;
+  sigemptyset(&pending);
+  sigpending(&pending);
+  return sigismember(&pending, SIGINT) == 1 || sigismember(&pending, SIGTERM) == 1 ||
+         sigismember(&pending, SIGHUP) == 1;
+}
+
+// Waits for a reader, as a shell does. -1 with errno where that fails.
+int open_pipe(const fs::path& pipe) {
+  constexpr std::chrono::milliseconds kPatience(20);
+  while (true) {
+    const int handle = ::open(pipe.c_str(), O_WRONLY | O_CLOEXEC | O_NONBLOCK);
+    if (handle >= 0) {
+      (void)fcntl(handle, F_SETFL, O_WRONLY);  // writing waits
+      return handle;
+    }
+    if (errno != ENXIO && errno != EINTR) return -1;
+    if (is_interrupted()) {
+      errno = EINTR;
+      return -1;
+    }
+    std::this_thread::sleep_for(kPatience);
+  }
+}
+
 }  // namespace
+
+bool names_standard_output(const fs::path& path) {
+  return descriptor_of(path) == STDOUT_FILENO;
+}
+
+bool is_stream(const fs::path& path) {
+  if (descriptor_of(path)) return true;
+  std::error_code error;
+  const fs::file_status status = fs::status(path, error);
+  return fs::exists(status) && !fs::is_regular_file(status) && !fs::is_directory(status);
+}
+
+void claim_standard_output() {
+  if (claimed_output() >= 0) return;
+  std::fflush(stdout);
+  const int kept = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, STDERR_FILENO + 1);
+  if (kept < 0) return;  // closed: the output says so itself
+  claimed_output() = kept;
+  dup2(STDERR_FILENO, STDOUT_FILENO);
+}
 
 Result<OutputFile> OutputFile::create(const fs::path& target) {
   if (target.empty()) return fail("the output path is empty; name a file");
   OutputFile file;
-  std::error_code error;
-  // A link is written through, not replaced.
   file.asked_ = target;
-  file.target_ = follow_links(target);
-  const fs::file_status status = fs::status(file.target_, error);
-  if (fs::is_directory(status)) {
-    return fail("{}: is a folder; name a file", target.string());
-  }
-  const fs::path parent =
-      file.target_.has_parent_path() ? file.target_.parent_path() : fs::path(".");
-  if (!fs::is_directory(parent, error)) {
-    return fail("{}: cannot be written: there is no folder {}; make it or choose another place",
-                target.string(), parent.string());
-  }
-  file.direct_ = fs::exists(status) && !fs::is_regular_file(status);
-  int handle = -1;
-  if (file.direct_) {
-    file.partial_ = file.target_;
-    handle = open(file.partial_.c_str(), O_WRONLY | O_CLOEXEC | O_NONBLOCK);
+  if (const auto descriptor = descriptor_of(target)) {
+    file.direct_ = true;
+    int from = *descriptor;
+    if (from == STDOUT_FILENO) {
+      file.asked_ = kStandardOutput;
+      claim_standard_output();
+      from = claimed_output();
+    }
+    file.open_ = fcntl(from, F_DUPFD_CLOEXEC, 0);
+    if (file.open_ < 0) return file.not_written(errno);
   } else {
-    for (int attempt = 0; attempt < kPartialAttempts; ++attempt) {
-      file.partial_ = partial_path(file.target_, attempt);
-      handle = open(file.partial_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-      if (handle >= 0 || errno != EEXIST) break;
+    std::error_code error;
+    // A link is written through, not replaced.
+    file.target_ = follow_links(target);
+    const fs::file_status status = fs::status(file.target_, error);
+    if (fs::is_directory(status)) return fail("{}: is a folder; name a file", target.string());
+    const fs::path parent =
+        file.target_.has_parent_path() ? file.target_.parent_path() : fs::path(".");
+    if (!fs::is_directory(parent, error)) {
+      return fail("{}: cannot be written: there is no folder {}; make it or choose another place",
+                  target.string(), parent.string());
+    }
+    file.direct_ = fs::exists(status) && !fs::is_regular_file(status);
+    if (file.direct_ && fs::is_fifo(status)) {
+      if (access(file.target_.c_str(), W_OK) != 0) return file.not_written(errno);
+    } else if (file.direct_) {
+      if (auto opened = file.open_stream(); !opened) return tl::unexpected(opened.error());
     }
   }
-  if (handle < 0) {
-    const std::string cause = message_of(errno);
-    file.partial_.clear();
-    return fail("{}: cannot be written: {}; choose another place or free this one", target.string(),
-                cause);
-  }
-  close(handle);
+  if (auto created = file.create_partial(); !created) return tl::unexpected(created.error());
   return file;
 }
 
-OutputFile::OutputFile(OutputFile&& other) noexcept
-    : asked_(std::move(other.asked_)),
-      target_(std::move(other.target_)),
-      partial_(std::exchange(other.partial_, {})),
-      direct_(other.direct_) {}
+Result<void> OutputFile::create_partial() {
+  if (direct_) {
+    memory_ = memfd_create("penumbra-output", MFD_CLOEXEC);
+    if (memory_ < 0) return not_written(errno);
+    partial_ = fmt::format("/proc/self/fd/{}", memory_);
+    return {};
+  }
+  for (int attempt = 0; attempt < kPartialAttempts && open_ < 0; ++attempt) {
+    partial_ = partial_path(target_, attempt);
+    open_ = ::open(partial_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666);
+    if (open_ < 0 && errno != EEXIST) break;
+  }
+  if (open_ >= 0) return {};
+  const int cause = errno;
+  partial_.clear();
+  return not_written(cause);
+}
+
+tl::unexpected<Error> OutputFile::not_written(int error) const {
+  const char* remedy = error == ENOSPC || error == EDQUOT
+                           ? "free some space or choose another place"
+                       : error == EPIPE ? "its reader closed it"
+                       : error == EINTR ? "interrupted while waiting for its reader"
+                                        : "choose another place or free this one";
+  return fail("{}: cannot be written: {}; {}", asked_.string(), message_of(error), remedy);
+}
+
+OutputFile::OutputFile(OutputFile&& other) noexcept {
+  swap(other);
+}
 
 OutputFile& OutputFile::operator=(OutputFile&& other) noexcept {
   if (this != &other) {
-    discard();
-    asked_ = std::move(other.asked_);
-    target_ = std::move(other.target_);
-    partial_ = std::exchange(other.partial_, {});
-    direct_ = other.direct_;
+    OutputFile dropped;
+    swap(dropped);
+    swap(other);
   }
   return *this;
 }
 
 OutputFile::~OutputFile() {
-  discard();
-}
-
-void OutputFile::discard() noexcept {
+  close_descriptors();
   if (partial_.empty() || direct_) return;
   std::error_code ignored;
   fs::remove(partial_, ignored);
 }
 
+void OutputFile::swap(OutputFile& other) noexcept {
+  asked_.swap(other.asked_);
+  target_.swap(other.target_);
+  partial_.swap(other.partial_);
+  std::swap(direct_, other.direct_);
+  std::swap(memory_, other.memory_);
+  std::swap(open_, other.open_);
+}
+
+void OutputFile::close_descriptors() noexcept {
+  for (int* descriptor : {&memory_, &open_}) {
+    if (*descriptor >= 0) ::close(*descriptor);
+    *descriptor = -1;
+  }
+}
+
+Result<void> OutputFile::open_stream() {
+  if (open_ >= 0) return {};
+  open_ = open_pipe(target_);
+  if (open_ < 0) return not_written(errno);
+  return {};
+}
+
+Result<void> OutputFile::append(std::string_view text) {
+  if (direct_) {
+    if (auto opened = open_stream(); !opened) return opened;
+  }
+  if (const int error = write_all(open_, text); error != 0) return not_written(error);
+  return {};
+}
+
+Result<void> OutputFile::write_memory_to_stream() {
+  std::array<char, 65536> block;
+  if (lseek(memory_, 0, SEEK_SET) < 0) return not_written(errno);
+  while (true) {
+    const ssize_t count = ::read(memory_, block.data(), block.size());
+    if (count < 0) return not_written(errno);
+    if (count == 0) return {};
+    if (auto written = append({block.data(), static_cast<std::size_t>(count)}); !written) {
+      return written;
+    }
+  }
+}
+
 Result<void> OutputFile::commit() {
-  if (!direct_) {
+  if (direct_) {
+    if (auto written = write_memory_to_stream(); !written) return written;
+  } else {
     std::error_code error;
     fs::rename(partial_, target_, error);
     if (error) {
@@ -96,6 +260,7 @@ Result<void> OutputFile::commit() {
                   error.message());
     }
   }
+  close_descriptors();
   partial_.clear();
   return {};
 }
@@ -124,7 +289,9 @@ Result<void> commit_together(std::span<OutputFile* const> files) {
   std::vector<Committed> done;
   Result<void> result;
   std::error_code ignored;
-  for (OutputFile* file : files) {
+  std::vector<OutputFile*> ordered(files.begin(), files.end());
+  std::ranges::stable_partition(ordered, [](const OutputFile* file) { return !file->direct_; });
+  for (OutputFile* file : ordered) {
     Result<fs::path> old = file->direct_ ? Result<fs::path>() : keep_old(file->target_);
     result =
         old ? file->commit() : tl::unexpected(renamed(old.error(), file->target_, file->asked_));
@@ -193,7 +360,7 @@ bool same_path(const fs::path& a, const fs::path& b) {
 Result<void> check_written_once(std::span<const fs::path> outputs,
                                 std::span<const fs::path> inputs) {
   for (std::size_t i = 0; i < outputs.size(); ++i) {
-    if (outputs[i].empty()) continue;
+    if (outputs[i].empty() || is_stream(outputs[i])) continue;
     const auto is_same = [&](const fs::path& other) {
       return !other.empty() && same_path(outputs[i], other);
     };
@@ -216,20 +383,11 @@ bool lies_in(const fs::path& path, const fs::path& folder) {
 }
 
 Result<void> write_whole(OutputFile& file, const std::string& text) {
-  const int handle = open(file.partial().c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  const int handle = ::open(file.partial().c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
   if (handle < 0) {
     return fail("{}: cannot be written: {}", file.target().string(), message_of(errno));
   }
-  std::size_t done = 0;
-  int error = 0;
-  while (done < text.size() && error == 0) {
-    const ssize_t count = write(handle, text.data() + done, text.size() - done);
-    if (count >= 0) {
-      done += static_cast<std::size_t>(count);
-    } else if (errno != EINTR) {
-      error = errno;
-    }
-  }
+  int error = write_all(handle, text);
   if (close(handle) != 0 && error == 0) error = errno;
   if (error != 0) {
     return fail("{}: cannot be written: {}; free some space or choose another place",

@@ -7,19 +7,15 @@
 
 namespace penumbra {
 
-PoseWriter::PoseWriter(OutputFile file, bool all, std::string_view what)
-    : file_(std::move(file)), stream_(file_.partial(), std::ios::out | std::ios::trunc), all_(all) {
-  stream_ << "# timestamp tx ty tz qx qy qz qw (" << what << ", seconds and metres)\n";
-}
-
 Result<PoseWriter> PoseWriter::create(const std::filesystem::path& file, bool all,
                                       std::string_view what) {
   auto output = OutputFile::create(file);
   if (!output) return tl::unexpected(output.error());
-  PoseWriter writer(std::move(*output), all, what);
-  writer.stream_.flush();
-  if (!writer.stream_) {
-    return fail("{}: cannot be written; free some space or choose another place", file.string());
+  PoseWriter writer(std::move(*output), all);
+  if (auto begun = writer.file_.append(
+          fmt::format("# timestamp tx ty tz qx qy qz qw ({}, seconds and metres)\n", what));
+      !begun) {
+    return tl::unexpected(begun.error());
   }
   return writer;
 }
@@ -37,21 +33,14 @@ Result<void> PoseWriter::write(std::int64_t timestamp_ns, TrackStatus status,
                                const std::string& reason, const CameraPose& pose) {
   const bool tracked = status == TrackStatus::tracked;
   if (status == TrackStatus::lost || (!tracked && !all_)) return {};
+  std::string text;
   if (!tracked) {
-    stream_ << "# " << to_string(status);
-    if (!reason.empty()) stream_ << ": " << reason;
-    stream_ << '\n';
+    text = fmt::format("# {}{}{}\n", to_string(status), reason.empty() ? "" : ": ", reason);
   }
-  stream_ << format_tum({timestamp_ns, pose, {}}) << '\n' << std::flush;
-  if (!stream_) {
-    return fail("{}: cannot be written; free some space or choose another place",
-                file_.target().string());
-  }
-  return {};
+  return file_.append(text + format_tum({timestamp_ns, pose, {}}) + "\n");
 }
 
 void PoseWriter::rescue() {
-  stream_.close();
   constexpr std::size_t kMostBytes = 4'000'000'000;
   const auto text = read_text_file(file_.partial(), kMostBytes);
   const std::size_t end = text ? text->rfind('\n') : std::string::npos;
@@ -62,11 +51,6 @@ void PoseWriter::rescue() {
 }
 
 Result<void> PoseWriter::finish() {
-  stream_.close();
-  if (!stream_) {
-    return fail("{}: cannot be written; free some space or choose another place",
-                file_.target().string());
-  }
   return file_.commit();
 }
 

@@ -3,9 +3,9 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include "app/output/output_file.hpp"
 #include "core/group_pose.hpp"
@@ -29,12 +29,11 @@ class PoseWriter {
   void rescue();
 
  private:
-  PoseWriter(OutputFile file, bool all, std::string_view what);
+  PoseWriter(OutputFile file, bool all) : file_(std::move(file)), all_(all) {}
   // `pose`: whatever the file holds.
   [[nodiscard]] Result<void> write(std::int64_t timestamp_ns, TrackStatus status,
                                    const std::string& reason, const CameraPose& pose);
   OutputFile file_;
-  std::ofstream stream_;
   bool all_ = false;
 };
 

@@ -153,6 +153,17 @@ std::optional<StudyRow> parse_study_row(std::string_view line) {
 
 Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& design, bool resume) {
   std::error_code ignored;
+  if (is_stream(file)) {
+    if (resume) return fail("{}: is a stream, which holds no answers to go on with", file.string());
+    auto stream = OutputFile::create(file);
+    if (!stream) return tl::unexpected(stream.error());
+    StudyFile results(file, -1);
+    results.stream_.emplace(std::move(*stream));
+    if (auto written = results.write_line(std::string(kHeader)); !written) {
+      return tl::unexpected(written.error());
+    }
+    return results;
+  }
   if (fs::exists(file, ignored) && !fs::is_regular_file(file, ignored)) {
     return fail("{}: is no file that rows can be added to; name another", file.string());
   }
@@ -216,6 +227,7 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
 StudyFile::StudyFile(StudyFile&& other) noexcept
     : file_(std::move(other.file_)),
       handle_(std::exchange(other.handle_, -1)),
+      stream_(std::move(other.stream_)),
       rows_(std::move(other.rows_)) {}
 
 StudyFile::~StudyFile() {
@@ -224,6 +236,7 @@ StudyFile::~StudyFile() {
 
 Result<void> StudyFile::write_line(const std::string& text) {
   const std::string line = text + "\n";
+  if (stream_) return stream_->append(line);
   std::size_t done = 0;
   while (done < line.size()) {
     const ssize_t count = write(handle_, line.data() + done, line.size() - done);

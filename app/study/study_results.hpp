@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "app/output/output_file.hpp"
 #include "app/study/study_plan.hpp"
 #include "app/study/study_statistics.hpp"
 #include "core/error.hpp"
@@ -50,7 +51,7 @@ class StudyFile {
   // Makes the file, or opens one of the same study. A last line that was cut off (the power failed)
   // is taken away. Fails, naming the file, where it is of another study or no study at all, where
   // another study is writing to it, and where it has rows of this participant already, unless
-  // `resume`.
+  // `resume`. A stream (standard output, a pipe) receives the header and this study's rows.
   [[nodiscard]] static Result<StudyFile> open(const std::filesystem::path& file,
                                               const StudyDesign& design, bool resume);
   StudyFile(StudyFile&& other) noexcept;
@@ -69,6 +70,7 @@ class StudyFile {
   [[nodiscard]] Result<void> write_line(const std::string& text);
   std::filesystem::path file_;
   int handle_ = -1;
+  std::optional<OutputFile> stream_;  // in place of the handle
   std::vector<StudyRow> rows_;
 };
 // The first trial of the plan that has no rows.

@@ -316,7 +316,7 @@ Result<Pictures> open_pictures(const StudyRequest& request, const Scene& scene) 
     const auto recording = open_recording(*request.recording, options);
     if (!recording) return tl::unexpected(recording.error());
     for (const std::string& notice : recording->notices) log_warning("{}", notice);
-    if (lies_in(request.results, recording->folder)) {
+    if (!is_stream(request.results) && lies_in(request.results, recording->folder)) {
       return fail("{}: lies in the recording {}, which is only read; name a place outside it",
                   request.results.string(), recording->folder.string());
     }
@@ -352,6 +352,7 @@ Result<void> check_paths(const StudyRequest& request) {
     read.push_back(request.camera.calibration);
     read.push_back(request.camera.tags);
   }
+  if (is_stream(request.results)) return {};
   for (const fs::path& written : {request.results, summary_path(request.results)}) {
     for (const fs::path& file : read) {
       if (same_path(written, file)) {
@@ -410,9 +411,13 @@ Result<StudyReport> run_study(const StudyRequest& request) {
   }
 
   StudyReport report;
-  report.summary_file = summary_path(request.results);
-  auto summary_file = OutputFile::create(report.summary_file);
-  if (!summary_file) return tl::unexpected(summary_file.error());
+  std::optional<OutputFile> summary_file;  // beside the answers, which a stream does not have
+  if (!is_stream(request.results)) {
+    report.summary_file = summary_path(request.results);
+    auto created = OutputFile::create(report.summary_file);
+    if (!created) return tl::unexpected(created.error());
+    summary_file.emplace(std::move(*created));
+  }
   auto file = StudyFile::open(request.results, request.design, request.resume);
   if (!file) return tl::unexpected(file.error());
   const StudyPlan plan = plan_study(request.design);
@@ -426,10 +431,11 @@ Result<StudyReport> run_study(const StudyRequest& request) {
   report.trials = static_cast<int>(plan.trials.size());
   report.answered = static_cast<int>(first_open_trial(plan, file->rows()));
   report.summary = summarise(request.design, file->rows());
-  if (auto written =
-          write_text(*summary_file, summary_csv(study_name(request.design), report.summary));
-      !written) {
-    return tl::unexpected(written.error());
+  if (summary_file) {
+    const std::string text = summary_csv(study_name(request.design), report.summary);
+    if (auto written = write_text(*summary_file, text); !written) {
+      return tl::unexpected(written.error());
+    }
   }
   return report;
 }

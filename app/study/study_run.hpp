@@ -30,10 +30,10 @@ struct StudyRequest {
 };
 
 struct StudyReport {
-  int trials = 0;    // of the participant
-  int answered = 0;  // of them, so far
-  std::filesystem::path summary_file;
-  std::vector<StudySummary> summary;  // of everyone in the results file
+  int trials = 0;                      // of the participant
+  int answered = 0;                    // of them, so far
+  std::filesystem::path summary_file;  // empty where the answers went to a stream
+  std::vector<StudySummary> summary;   // of everyone in the results file
 };
 
 // Every path is checked before the first trial. Ended early (window closed, Ctrl-C), the results

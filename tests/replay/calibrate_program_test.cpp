@@ -19,6 +19,7 @@
 #include <thread>
 
 #include "calib/camera_calibration.hpp"
+#include "calib/target.hpp"
 #include "core/camera_file.hpp"
 #include "core/image_file.hpp"
 #include "core/stopwatch.hpp"
@@ -265,6 +266,23 @@ TEST_F(CalibrateProgram, AMeasuredRulerCorrectsTheTargetsFile) {
     ASSERT_EQ(measured.exit_code, 0) << measured.err;
     const std::string corrected = read_text_file(file, 1 << 20).value();
     EXPECT_NE(corrected, nominal);
+    // Measured again, the last one counts, and what it replaces is named.
+    const auto again = print({"--measured", "100.4"});
+    ASSERT_EQ(again.exit_code, 0) << again.err;
+    EXPECT_THAT(again.out, HasSubstr("ruler: 100.4 mm on paper (before: 99.2 mm)"));
+    const auto twice = load_target(file);
+    ASSERT_TRUE(twice) << twice.error().message;
+    test::write_text(file, nominal);
+    EXPECT_NEAR(twice->radius() / load_target(file)->radius(), 1.004, 1e-7);
+    ASSERT_EQ(print({"--measured", "100.4"}).exit_code, 0);
+    // Without a word of the ruler, what was measured stays.
+    const std::string measured_text = read_text_file(file, 1 << 20).value();
+    const auto unsaid = print({});
+    EXPECT_EQ(unsaid.exit_code, 1);
+    EXPECT_THAT(unsaid.err, HasSubstr("keep that with --measured 100.4"));
+    EXPECT_EQ(read_text_file(file, 1 << 20).value(), measured_text);
+    ASSERT_EQ(print({"--measured", "100"}).exit_code, 0);
+    EXPECT_EQ(read_text_file(file, 1 << 20).value(), nominal);
     // Another sheet's file, or one that was changed, is not replaced.
     test::write_text(file, nominal + "# mine\n");
     const auto kept = print({"--measured", "99.2"});

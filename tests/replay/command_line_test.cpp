@@ -98,6 +98,8 @@ INSTANTIATE_TEST_SUITE_P(
         std::vector<std::string>{"target", "--output", "x.pdf", "--tags", "x.pdf"},
         std::vector<std::string>{"target", "--output", "x.pdf", "--tags", "./x.pdf"},
         std::vector<std::string>{"target", "--output", "tags.yaml"},
+        std::vector<std::string>{"target", "--output", "x.jpg"},
+        std::vector<std::string>{"target", "--output", "x.docx"},
         std::vector<std::string>{"target", "--output", "x.pdf", "--page", "b9"},
         std::vector<std::string>{"target", "--output", "x.pdf", "--page", "30x30"},
         std::vector<std::string>{"target", "--output", "x.pdf", "--family", "tag1"},

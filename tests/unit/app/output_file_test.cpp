@@ -3,8 +3,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <array>
+#include <csignal>
 #include <fstream>
+#include <future>
 #include <iterator>
 
 #include "app/output/pose_writer.hpp"
@@ -112,7 +118,6 @@ TEST(OutputFile, WritesThroughALink) {
 TEST(OutputFile, WritesADeviceDirectly) {
   auto file = OutputFile::create("/dev/null");
   ASSERT_TRUE(file) << file.error().message;
-  EXPECT_EQ(file->partial(), "/dev/null");
   EXPECT_TRUE(write_text(*file, "text"));
   EXPECT_TRUE(fs::is_character_file("/dev/null"));
 }
@@ -125,6 +130,97 @@ TEST(OutputFile, AFullDiskIsAnError) {
   EXPECT_THAT(written.error().message,
               testing::StartsWith("/dev/full: cannot be written: No space"));
   EXPECT_FALSE(PoseWriter::create("/dev/full", false));
+}
+
+// Creates a named pipe and returns what its reader receives while `write` runs.
+template <class Write>
+std::string read_through_pipe(const fs::path& pipe, const Write& write) {
+  EXPECT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  auto reader = std::async(std::launch::async, [&] { return text_of(pipe); });
+  write();
+  return reader.get();
+}
+
+TEST(OutputFile, WritesIntoANamedPipe) {
+  const test::TemporaryFolder folder;
+  const fs::path pipe = folder.path() / "pipe";
+  const std::string long_text(1'000'000, 'x');  // more than a pipe holds
+  const std::string text = read_through_pipe(pipe, [&] {
+    auto file = OutputFile::create(pipe);
+    ASSERT_TRUE(file) << file.error().message;
+    EXPECT_TRUE(file->append("first "));
+    EXPECT_TRUE(write_text(*file, long_text));
+  });
+  EXPECT_EQ(text, "first " + long_text);
+  EXPECT_TRUE(fs::is_fifo(pipe)) << "it was not replaced";
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder.path()), {}), 1) << "a part is left";
+}
+
+TEST(OutputFile, WaitsForThePipesReaderWithItsFirstByte) {
+  const test::TemporaryFolder folder;
+  ASSERT_EQ(mkfifo((folder.path() / "pipe").c_str(), 0600), 0);
+  // Neither waits: two pipes may be read one after the other.
+  EXPECT_TRUE(OutputFile::create(folder.path() / "pipe"));
+  EXPECT_TRUE(OutputFile::create(folder.path() / "pipe"));
+}
+
+TEST(OutputFile, WritesPosesIntoAPipeAsTheyCome) {
+  const test::TemporaryFolder folder;
+  const fs::path pipe = folder.path() / "pipe";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  const int reader = open(pipe.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+  ASSERT_GE(reader, 0);
+  auto writer = PoseWriter::create(pipe, false);
+  ASSERT_TRUE(writer) << writer.error().message;
+  std::array<char, 4096> block{};
+  EXPECT_GT(read(reader, block.data(), block.size()), 0) << "the header";
+  PoseEstimate pose;
+  pose.status = TrackStatus::tracked;
+  ASSERT_TRUE(writer->write(1'000'000'000, pose));
+  EXPECT_GT(read(reader, block.data(), block.size()), 0) << "before the writer is done";
+  // Whoever reads goes away.
+  close(reader);
+  const auto before = std::signal(SIGPIPE, SIG_IGN);
+  const auto written = writer->write(2'000'000'000, pose);
+  std::signal(SIGPIPE, before);
+  ASSERT_FALSE(written);
+  EXPECT_THAT(written.error().message, testing::HasSubstr("Broken pipe"));
+}
+
+// An open descriptor is written where it stands, and its file is not replaced.
+TEST(OutputFile, WritesIntoAnOpenDescriptor) {
+  const test::TemporaryFolder folder;
+  const fs::path path = folder.path() / "log";
+  std::ofstream(path) << "before ";
+  const int descriptor = open(path.c_str(), O_WRONLY | O_APPEND | O_CLOEXEC);
+  ASSERT_GE(descriptor, 0);
+  const fs::path name = "/dev/fd/" + std::to_string(descriptor);
+  EXPECT_TRUE(is_stream(name));
+  {
+    auto file = OutputFile::create(name);
+    ASSERT_TRUE(file) << file.error().message;
+    EXPECT_TRUE(write_text(*file, "after"));
+  }
+  EXPECT_EQ(write(descriptor, " open", 5), 5) << "it was closed";
+  close(descriptor);
+  EXPECT_EQ(text_of(path), "before after open");
+  EXPECT_FALSE(OutputFile::create("/dev/fd/876")) << "not open";
+}
+
+TEST(OutputFile, TellsStreamsFromFiles) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder.path() / "file") << "";
+  for (const char* stream : {"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"}) {
+    EXPECT_TRUE(is_stream(stream)) << stream;
+    EXPECT_TRUE(names_standard_output(stream)) << stream;
+  }
+  EXPECT_TRUE(is_stream("/dev/null"));
+  EXPECT_FALSE(names_standard_output("/dev/null"));
+  EXPECT_FALSE(names_standard_output("/dev/stderr"));
+  for (const fs::path& file : {folder.path() / "file", folder.path() / "1", folder.path(),
+                               fs::path("1"), fs::path("./-"), fs::path()}) {
+    EXPECT_FALSE(is_stream(file)) << file;
+  }
 }
 
 PoseEstimate pose_of(TrackStatus status) {

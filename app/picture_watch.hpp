@@ -1,0 +1,32 @@
+// A session that finds no tag from its start on: whether its pictures are mirrored or negative.
+#pragma once
+
+#include <cstdint>
+#include <mutex>
+#include <optional>
+#include <vector>
+
+#include "core/pose_estimate.hpp"
+#include "core/tag_map.hpp"
+#include "tracking/picture_check.hpp"
+#include "tracking/table_tracker.hpp"
+
+namespace penumbra {
+
+class PictureWatch {
+ public:
+  explicit PictureWatch(const TagMap& tags);
+
+  // Every tracked frame, in order. Warns once of what is found. Ends with the first frame in which
+  // tags are seen, and costs nothing from then on.
+  void saw(const TrackedFrame& tracked);
+  [[nodiscard]] std::optional<PictureFault> fault() const;
+
+ private:
+  std::optional<PictureCheck> check_;
+  std::vector<std::uint8_t> scratch_;
+  mutable std::mutex mutex_;  // frames are tracked by another thread than the one that reports
+  std::optional<PictureFault> fault_;
+};
+
+}  // namespace penumbra

@@ -1,0 +1,371 @@
+// Text outputs on standard output and in pipes, and the tag map that a run tracks by.
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <future>
+#include <map>
+#include <thread>
+
+#include "core/image_file.hpp"
+#include "core/tag_map.hpp"
+#include "replay_support.hpp"
+#include "support/deep_png.hpp"
+#include "support/recording_folder.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+using test::bundled;
+using test::bytes_of;
+using test::penumbra;
+using test::TemporaryFolder;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+std::string cube() {
+  return (test::source_dir() / "scenes" / "models" / "cube.glb").string();
+}
+
+// The program by a shell, for what only a shell does.
+test::ProgramResult in_shell(const std::string& script, const fs::path& folder) {
+  return test::run_program("/bin/bash",
+                           {"-c", "set -o pipefail; penumbra() { \"" + test::program().string() +
+                                      "\" \"$@\"; }; " + script},
+                           {}, folder);
+}
+
+TEST(StandardOutput, HoldsPosesAndNothingElse) {
+  const TemporaryFolder folder;
+  const auto file = folder.path() / "poses.tum";
+  ASSERT_EQ(
+      penumbra({"replay", bundled("corner"), "--no-window", "--frames", "0:4", "--poses", file})
+          .exit_code,
+      0);
+  for (const char* name : {"-", "/dev/stdout", "/dev/fd/1"}) {
+    const auto result =
+        penumbra({"replay", bundled("corner"), "--no-window", "--frames", "0:4", "--poses", name});
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    EXPECT_EQ(result.out, bytes_of(file)) << name;
+    EXPECT_THAT(result.err, HasSubstr("tracked 4")) << "the table goes to standard error";
+  }
+}
+
+TEST(StandardOutput, HoldsTheReport) {
+  const auto result =
+      penumbra({"replay", bundled("corner"), "--no-window", "--frames", "0:2", "--report", "-"});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  const auto report = nlohmann::json::parse(result.out, nullptr, false);
+  ASSERT_FALSE(report.is_discarded()) << result.out.substr(0, 200);
+  EXPECT_EQ(report["frames"], 2);
+}
+
+TEST(StandardOutput, HoldsShadowsKernelsAndTargets) {
+  const TemporaryFolder folder;
+  const auto same_as_file = [&](std::vector<std::string> arguments, const std::string& option,
+                                const std::string& name) {
+    SCOPED_TRACE(arguments[0] + " " + name);
+    const auto file = folder.path() / name;
+    std::vector<std::string> to_file = arguments;
+    to_file.insert(to_file.end(), {option, file.string()});
+    ASSERT_EQ(penumbra(to_file).exit_code, 0);
+    arguments.insert(arguments.end(), {option, "-"});
+    const auto result = penumbra(arguments);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    EXPECT_FALSE(result.out.empty());
+    // How long it took stands in one of them.
+    const auto comparable = [](const std::string& text) {
+      return text.substr(0, text.find("\"time_ms\""));
+    };
+    EXPECT_EQ(comparable(result.out), comparable(bytes_of(file)));
+  };
+  same_as_file({"shadow", cube()}, "--output", "layers.json");
+  same_as_file({"kernels", cube()}, "--output", "kernels.json");
+  same_as_file({"target", "--output", folder.path() / "sheet.pdf"}, "--tags", "tags-named.yaml");
+}
+
+TEST(StandardOutput, IsOneOutputs) {
+  const TemporaryFolder folder;
+  using Arguments = std::vector<std::string>;
+  for (const Arguments& arguments :
+       {Arguments{"replay", "r", "--poses", "-", "--report", "-"},
+        Arguments{"replay", "r", "--poses", "-", "--report", "/dev/stdout"},
+        Arguments{"live", "--calibration", "c.yaml", "--poses", "-", "--report", "-"},
+        Arguments{"calibrate", "p", "--target", "t.yaml", "--output", "-", "--report", "-"},
+        Arguments{"map", "r", "--anchor", "1", "--tag-size", "0.04", "--output", "-",
+                  "--refine-camera", "-"},
+        Arguments{"target", "--output", "-", "--tags", "-"}}) {
+    const auto result = penumbra(arguments);
+    EXPECT_EQ(result.exit_code, 2) << result.err;
+    EXPECT_THAT(result.err, HasSubstr("standard output is taken by"));
+    EXPECT_EQ(result.out, "");
+  }
+  const auto frames = penumbra({"replay", "r", "--output", "-"});
+  EXPECT_EQ(frames.exit_code, 2);
+  EXPECT_THAT(frames.err, HasSubstr("name a video or a folder"));
+}
+
+TEST(StandardOutput, IsAppendedToWhereTheShellSaysSo) {
+  const TemporaryFolder folder;
+  const auto result = in_shell("echo first > log; penumbra shadow '" + cube() +
+                                   "' --output /dev/stdout >> log; echo last "
+                                   ">> log",
+                               folder.path());
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  const std::vector<std::string> lines = test::lines_of(bytes_of(folder.path() / "log"));
+  ASSERT_EQ(lines.size(), 3U);
+  EXPECT_EQ(lines.front(), "first");
+  EXPECT_THAT(lines[1], StartsWith("{\"H\":"));
+  EXPECT_EQ(lines.back(), "last");
+}
+
+// The reader is gone before anything is written.
+TEST(StandardOutput, FailsInOneLineWhenItsReaderIsGone) {
+  const TemporaryFolder folder;
+  for (const std::string& command :
+       {"replay '" + bundled("corner") + "' --no-window --frames 0:8 --poses -",
+        "shadow '" + cube() + "' --output -", "kernels '" + cube() + "' --output -"}) {
+    const auto result = in_shell("penumbra " + command + " | true", folder.path());
+    EXPECT_EQ(result.exit_code, 1) << command << result.err;
+    EXPECT_THAT(result.err, HasSubstr("penumbra: error: standard output: cannot be written"));
+    EXPECT_THAT(result.err, HasSubstr("its reader closed it"));
+  }
+}
+
+// One after the other, as a script reads them.
+TEST(NamedPipes, CarryPosesAndReport) {
+  const TemporaryFolder folder;
+  const fs::path poses = folder.path() / "poses";
+  const fs::path report = folder.path() / "report";
+  for (const fs::path& pipe : {poses, report}) ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  auto reader = std::async(std::launch::async, [&] {
+    return std::pair{bytes_of(poses), bytes_of(report)};
+  });
+  const auto result = penumbra({"replay", bundled("corner"), "--no-window", "--frames", "0:3",
+                                "--poses", poses, "--report", report});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  const auto [poses_text, report_text] = reader.get();
+  EXPECT_EQ(test::lines_of(poses_text).size(), 4U);
+  EXPECT_EQ(nlohmann::json::parse(report_text)["frames"], 3);
+  EXPECT_TRUE(fs::is_fifo(poses) && fs::is_fifo(report)) << "a pipe was replaced";
+}
+
+TEST(NamedPipes, CtrlCEndsTheWaitForAReader) {
+  const TemporaryFolder folder;
+  const fs::path pipe = folder.path() / "pipe";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  const auto result = test::run_program(
+      test::program(), {"replay", bundled("corner"), "--no-window", "--poses", pipe}, {}, {},
+      [](pid_t child) {
+        std::this_thread::sleep_for(std::chrono::seconds(3));
+        kill(child, SIGINT);
+      });
+  // Ended by the signal itself where it came before the outputs were opened.
+  EXPECT_TRUE(result.exit_code == 1 || result.exit_code == 128 + SIGINT) << result.exit_code;
+  if (result.exit_code == 1) EXPECT_THAT(result.err, HasSubstr("waiting for its reader"));
+}
+
+// --- the tag map ---
+
+TEST(TagMapInUse, IsPrintedAndReported) {
+  const TemporaryFolder folder;
+  const auto named = folder.path() / "mine.yaml";
+  fs::copy_file(bundled("corner") + "/tags.yaml", named);
+  const TagMap map = load_tag_map(named).value();
+  for (const std::string& file : {named.string(), bundled("corner") + "/tags.yaml"}) {
+    std::vector<std::string> arguments = {"replay",
+                                          bundled("corner"),
+                                          "--no-window",
+                                          "--frames",
+                                          "0:2",
+                                          "--report",
+                                          folder.path() / "report.json"};
+    if (file == named) arguments.insert(arguments.end(), {"--tags", file});
+    const auto result = penumbra(arguments);
+    ASSERT_EQ(result.exit_code, 0) << result.err;
+    EXPECT_THAT(result.out,
+                HasSubstr(fmt::format("tags: {} ({} tags of ", file, map.tags().size())));
+    const auto tags = test::read_json(folder.path() / "report.json")["tags"];
+    EXPECT_EQ(tags["file"], file);
+    EXPECT_EQ(tags["count"], map.tags().size());
+    EXPECT_EQ(tags["sizes_m"].front().get<double>(), 0.04);
+  }
+}
+
+TEST(TagMapInUse, IsNeverAssumed) {
+  const TemporaryFolder folder;
+  const auto recording = folder.path() / "recording";
+  test::write_recording(recording, 2);
+  fs::remove(recording / "tags.yaml");
+  const auto camera = folder.path() / "camera.yaml";
+  fs::copy_file(recording / "camera.yaml", camera);
+  const std::string played = "recording:" + recording.string();
+  const std::vector<std::string> told = {"--tags FILE", "penumbra target", "penumbra map",
+                                         (recording / "tags.yaml").string()};
+  test::expect_failure(penumbra({"replay", recording, "--no-window"}), told);
+  test::expect_failure(
+      penumbra({"live", "--camera", played, "--calibration", camera, "--no-window"}), told);
+  test::expect_failure(
+      penumbra({"study", "--experiment", "heights", "--output", folder.path() / "a.csv", "--camera",
+                played, "--calibration", camera}),
+      told);
+  // The recording's own comes first, then the one beside the calibration.
+  test::write_text(folder.path() / "tags.yaml", test::small_tags_yaml());
+  for (const fs::path& used : {folder.path() / "tags.yaml", recording / "tags.yaml"}) {
+    test::write_text(used, test::small_tags_yaml());
+    const auto result = penumbra(
+        {"live", "--camera", played, "--calibration", camera, "--no-window", "--duration", "0.1"});
+    EXPECT_THAT(result.out, HasSubstr("tags: " + used.string() + " (2 tags of 40 mm)"))
+        << result.err;
+  }
+}
+
+// --- pictures that are not what they seem ---
+
+Frame first_frame_of(const char* recording) {
+  for (const char* extension : {".jpg", ".png"}) {
+    const auto file =
+        test::recordings_dir() / recording / "frames" / ("000000" + std::string(extension));
+    if (fs::exists(file)) return load_image(file).value();
+  }
+  ADD_FAILURE() << recording;
+  return {};
+}
+
+// The bundled recording's first frames as a camera of `bits` bits stores them, and as 8 bits.
+void write_deep_recording(const fs::path& folder, int bits, bool with_chunk) {
+  const fs::path source = bundled("tabletop");
+  fs::create_directories(folder / "frames");
+  for (const char* file : {"camera.yaml", "tags.yaml"}) fs::copy_file(source / file, folder / file);
+  test::write_text(folder / "timestamps.csv", test::listing(2, ".png"));
+  const Frame frame = first_frame_of("tabletop");
+  std::vector<std::uint8_t> scratch;
+  const ImageView grey = luma(frame, scratch);
+  std::vector<std::uint8_t> plain;
+  std::vector<std::uint16_t> values;
+  for (int y = 0; y < grey.height; ++y) {
+    for (int x = 0; x < grey.width; ++x) {
+      plain.push_back(grey.row(y)[x]);
+      values.push_back(static_cast<std::uint16_t>(plain.back() << (bits - 8)));
+    }
+  }
+  for (int i = 0; i < 2; ++i) {
+    const fs::path file = folder / "frames" / (test::number6(i) + ".png");
+    if (bits == 8) {
+      EXPECT_TRUE(save_grey_png(file, {plain.data(), grey.width, grey.height, grey.width}));
+    } else {
+      test::DeepPng layout;
+      if (with_chunk) layout.significant_bits = bits;
+      const auto png = test::deep_png(values, grey.width, grey.height, layout);
+      test::write_text(file, {png.begin(), png.end()});
+    }
+  }
+}
+
+TEST(DarkSixteenBitPictures, AreTrackedAsTheirEightBitOriginals) {
+  const TemporaryFolder folder;
+  std::map<std::string, std::string> poses;
+  for (const auto& [bits, with_chunk] :
+       {std::pair{8, false}, {10, false}, {12, false}, {12, true}, {14, false}, {16, false}}) {
+    const std::string name = fmt::format("{}{}", bits, with_chunk ? "-chunk" : "");
+    write_deep_recording(folder.path() / name, bits, with_chunk);
+    const auto result = penumbra({"replay", folder.path() / name, "--no-window", "--poses", "-"});
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    poses[name] = result.out;
+    EXPECT_EQ(test::lines_of(result.out).size(), 3U) << name;
+    EXPECT_EQ(result.out, poses["8"]) << name;
+    const bool said = result.err.find("16-bit pictures hold") != std::string::npos;
+    EXPECT_EQ(said, bits > 8 && bits < 16) << result.err;
+  }
+}
+
+TEST(DarkSixteenBitPictures, OfTheSharedCasesAreTracked) {
+  if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const auto cases = test::shared_dir() / "cases" / "dark-16-bit-pictures";
+  if (!fs::is_directory(cases)) GTEST_SKIP() << cases << " is missing";
+  const TemporaryFolder folder;
+  const auto report = folder.path() / "report.json";
+  for (const auto& [name, notice] :
+       {std::pair{"r_gray10in16", "read as 10-bit"}, {"r_gray12in16", "read as 12-bit"}}) {
+    const auto result = penumbra({"replay", cases / name, "--no-window", "--report", report});
+    ASSERT_EQ(result.exit_code, 0) << result.err;
+    EXPECT_THAT(result.err, HasSubstr(notice));
+    EXPECT_EQ(test::lines_of(result.err).size(), 1U) << "said once";
+    const auto json = test::read_json(report);
+    EXPECT_EQ(json["frames_tracked"], 2);
+    EXPECT_LT(json["accuracy"]["translation_mm"]["rmse"].get<double>(), 0.2);
+  }
+}
+
+// The recording's first frame with each row as `change` makes it, twice.
+template <class Change>
+fs::path changed_recording(const fs::path& folder, const Change& change) {
+  const fs::path source = bundled("tabletop");
+  fs::create_directories(folder / "frames");
+  for (const char* file : {"camera.yaml", "tags.yaml"}) fs::copy_file(source / file, folder / file);
+  const Frame frame = first_frame_of("tabletop");
+  std::vector<std::uint8_t> scratch;
+  const ImageView grey = luma(frame, scratch);
+  std::vector<std::uint8_t> pixels;
+  for (int y = 0; y < grey.height; ++y) {
+    std::vector<std::uint8_t> row(grey.row(y), grey.row(y) + grey.width);
+    change(row);
+    pixels.insert(pixels.end(), row.begin(), row.end());
+  }
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_TRUE(save_grey_png(folder / "frames" / (test::number6(i) + ".png"),
+                              {pixels.data(), grey.width, grey.height, grey.width}));
+  }
+  test::write_text(folder / "timestamps.csv", test::listing(2, ".png"));
+  return folder;
+}
+
+void mirror(std::vector<std::uint8_t>& row) {
+  std::ranges::reverse(row);
+}
+void negate(std::vector<std::uint8_t>& row) {
+  for (std::uint8_t& value : row) value = static_cast<std::uint8_t>(255 - value);
+}
+
+TEST(MirroredAndNegative, AreNamedByReplayAndLive) {
+  const TemporaryFolder folder;
+  const auto mirrored = changed_recording(folder.path() / "mirrored", mirror);
+  const auto negative = changed_recording(folder.path() / "negative", negate);
+  for (const auto& [recording, what] : {std::pair{mirrored, "the pictures are mirrored"},
+                                        {negative, "the pictures are negative"}}) {
+    const auto report = folder.path() / "report.json";
+    const auto result = penumbra({"replay", recording, "--no-window", "--report", report});
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    EXPECT_THAT(result.err, HasSubstr(what));
+    EXPECT_THAT(result.out, HasSubstr(fmt::format("no frame was tracked: {}", what)));
+    EXPECT_EQ(test::read_json(report)["frames_tracked"], 0);
+    EXPECT_TRUE(test::read_json(report)["tracking"].contains("picture_fault"));
+    const auto live =
+        penumbra({"live", "--camera", "recording:" + recording.string(), "--calibration",
+                  recording / "camera.yaml", "--no-window", "--duration", "0.5"});
+    EXPECT_EQ(live.exit_code, 0) << live.err;
+    EXPECT_THAT(live.err, HasSubstr(what));
+  }
+  const auto plain = penumbra({"replay", bundled("tabletop"), "--no-window", "--frames", "0:1"});
+  EXPECT_EQ(plain.err, "");
+}
+
+TEST(MirroredAndNegative, AreRefusedByCalibrateWithTags) {
+  const TemporaryFolder folder;
+  const auto recording = changed_recording(folder.path() / "mirrored", mirror);
+  const auto output = folder.path() / "camera.yaml";
+  for (const std::string& source : {recording.string(), "recording:" + recording.string()}) {
+    test::expect_failure(penumbra({"calibrate", source, "--no-window", "--target",
+                                   recording / "tags.yaml", "--output", output}),
+                         {"000000.png", "the pictures are mirrored"});
+    EXPECT_FALSE(fs::exists(output));
+  }
+}
+
+}  // namespace
+}  // namespace penumbra
