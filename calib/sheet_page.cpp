@@ -34,7 +34,7 @@ void draw_ruler(cairo_t* cr, double x, double y) {
   cairo_stroke(cr);
 }
 
-// Where the text ends.
+// Returns the width of a text [m].
 double width_of_text(cairo_t* cr, const std::string& text) {
   cairo_select_font_face(cr, "sans-serif", CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_NORMAL);
   cairo_set_font_size(cr, kTextSize_m);

@@ -19,7 +19,7 @@ inline constexpr double kFooter = 0.012;          // [m] below the board for rul
 inline constexpr double kOriginCross_m = 0.0015;  // half of its width
 inline constexpr double kOriginGap_m = 0.0005;    // between it and the tags' white margins
 
-// What is drawn: its size, what draws it around a centre on the page, and what it is in words.
+// A target to draw: its size, the function that draws it around a centre on the page, a caption.
 struct Sheet {
   double width = 0.0;   // [m]
   double height = 0.0;  // [m]

@@ -1,4 +1,4 @@
-// How many bits the samples of a recording's 16-bit pictures hold.
+// Finds the number of bits that a recording's 16-bit images hold.
 #pragma once
 
 #include <filesystem>

@@ -31,7 +31,7 @@ class PictureCheck {
   PictureCheck& operator=(PictureCheck&&) noexcept;
   ~PictureCheck();
 
-  // Of a picture without any of the tags. A fault is reported once.
+  // Takes an image in which none of the tags was found. Returns a fault once.
   [[nodiscard]] std::optional<PictureFault> nothing_found(ImageView luma);
   // A picture shows tags as they are: no further one is looked at.
   void found();

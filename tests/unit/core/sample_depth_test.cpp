@@ -91,7 +91,7 @@ TEST_F(SampleDepthTest, IsThatOfTheChunkWhereTheValuesFit) {
   EXPECT_EQ(found().bits, 12);
   EXPECT_TRUE(found().by_chunk);
   EXPECT_THAT(found().text(), HasSubstr("by their sBIT chunk"));
-  // Scaled up to 16 bits, as the PNG specification asks of whoever writes the chunk.
+  // Scaled up to 16 bits, as the PNG specification asks of the encoder.
   add(png_of(ramp(50000), {.significant_bits = 12}));
   EXPECT_EQ(found().bits, 16);
   pictures_.clear();
