@@ -8,6 +8,7 @@
 #include <system_error>
 
 #include "core/text.hpp"
+#include "core/text_encoding.hpp"
 
 namespace penumbra {
 namespace {
@@ -255,8 +256,13 @@ Result<SceneEvents> load_scene_events(const std::filesystem::path& file) {
                   kMaxLineBytes);
     }
     const auto read = static_cast<std::size_t>(stream.gcount());
-    const std::string_view line =
-        trim(std::string_view(buffer.data(), is_last || read == 0 ? read : read - 1));
+    std::string_view line(buffer.data(), is_last || read == 0 ? read : read - 1);
+    if (number == 1) {
+      const auto content = without_byte_order_mark(line, file.string());
+      if (!content) return tl::unexpected(content.error());
+      line = *content;
+    }
+    line = trim(line);
     if (!line.empty()) {
       auto added = add_event(line, fmt::format("{}: line {}", file.string(), number), events);
       if (!added && !is_last) return tl::unexpected(added.error());

@@ -7,6 +7,8 @@
 #include <fstream>
 #include <system_error>
 
+#include "core/text_encoding.hpp"
+
 namespace penumbra {
 
 Result<std::string> read_text_file(const std::filesystem::path& file, std::size_t max_bytes) {
@@ -30,6 +32,9 @@ Result<std::string> read_text_file(const std::filesystem::path& file, std::size_
     }
   }
   if (stream.bad()) return fail("{}: reading it failed; check the disk", file.string());
+  const Result<std::string_view> content = without_byte_order_mark(text, file.string());
+  if (!content) return tl::unexpected(content.error());
+  text.erase(0, text.size() - content->size());
   return text;
 }
 

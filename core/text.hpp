@@ -12,8 +12,8 @@
 
 namespace penumbra {
 
-// The whole file. Errors name the file: it is missing, a folder, not readable, or larger than
-// `max_bytes`.
+// The whole file, without a UTF-8 byte-order mark. Errors name the file: it is missing, a folder,
+// not readable, larger than `max_bytes`, or UTF-16 or UTF-32 text.
 [[nodiscard]] Result<std::string> read_text_file(const std::filesystem::path& file,
                                                  std::size_t max_bytes);
 [[nodiscard]] Result<void> write_text_file(const std::filesystem::path& file,

@@ -17,6 +17,7 @@
 #include <valijson/validator.hpp>
 
 #include "core/file.hpp"
+#include "core/text_encoding.hpp"
 #include "render/scene_schema.hpp"
 
 namespace penumbra {
@@ -266,9 +267,12 @@ Result<json> read_scene_json(const std::filesystem::path& file) {
   const std::string name = file.string();
   const Result<std::vector<std::uint8_t>> bytes = read_file(file, kMaxSceneBytes);
   if (!bytes) return tl::unexpected(bytes.error());
+  const Result<std::string_view> text =
+      without_byte_order_mark({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, name);
+  if (!text) return tl::unexpected(text.error());
   try {
     DuplicateKeys duplicates;
-    json root = json::parse(bytes->begin(), bytes->end(),
+    json root = json::parse(text->begin(), text->end(),
                             [&duplicates](int, json::parse_event_t event, json& parsed) {
                               return duplicates(event, parsed);
                             });

@@ -179,6 +179,8 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
   }
   auto text = read_text_file(file, kMaxResultBytes);
   if (!text) return tl::unexpected(text.error());
+  // A byte-order mark, which the text does not have.
+  const std::uintmax_t mark_bytes = fs::file_size(file, ignored) - text->size();
   if (kHeader.starts_with(*text)) {  // new, or cut off while it was made
     if (ftruncate(handle, 0) != 0) {
       return fail("{}: cannot be written: {}", file.string(), message_of(errno));
@@ -217,7 +219,7 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
   }
   if (whole < text->size()) {
     log_warning("{}: its last line was cut off, and is taken away", file.string());
-    if (ftruncate(handle, static_cast<off_t>(whole)) != 0) {
+    if (ftruncate(handle, static_cast<off_t>(mark_bytes + whole)) != 0) {
       return fail("{}: cannot be written: {}", file.string(), message_of(errno));
     }
   }

@@ -74,5 +74,16 @@ TEST(Text, InMarkupHasNoMarkupOfItsOwn) {
   EXPECT_EQ(in_markup("0.3 m"), "0.3 m");
 }
 
+TEST(TextFile, IsReadWithoutItsByteOrderMark) {
+  const test::TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "a.txt";
+  ASSERT_TRUE(write_text_file(file, "\xEF\xBB\xBFtext"));
+  EXPECT_EQ(read_text_file(file, 100).value(), "text");
+  ASSERT_TRUE(write_text_file(file, "\xFE\xFF"));
+  const auto wide = read_text_file(file, 100);
+  ASSERT_FALSE(wide);
+  EXPECT_EQ(wide.error().message, file.string() + ": is UTF-16 text; save it as UTF-8");
+}
+
 }  // namespace
 }  // namespace penumbra
