@@ -10,18 +10,30 @@
 
 namespace penumbra {
 
-// What kind of file it is is told by what it holds, never by its name:
+// Which format a file has is decided by what it holds, never by its name or first line:
 // - ROS camera_info YAML: image_width, image_height, camera_matrix.data, distortion_model (or
 //   camera_model), distortion_coefficients.data; optional tone_curve, rolling_shutter_row_s,
 //   uncertainty.overlay_px (or uncertainty.table_volume.tracked_px, of which it is the RMS). Other
 //   keys are ignored (also the flat fx: ... of some recordings: camera_matrix wins), but those by
 //   which an optional one may be meant: two letters off, or without its unit.
-// - OpenCV FileStorage YAML: camera_matrix and distortion_coefficients (also as Camera_Matrix,
-//   cameraMatrix, ...) with 4, 5 or 8 coefficients, image_width, image_height; fisheye_model: 1;
-//   optional tone_curve, rolling_shutter_row_s, uncertainty.
-// - Kalibr camchain YAML: cam0 with pinhole, radtan or equidistant or none.
+// - A ROS message as `ros2 topic echo` and `rostopic echo` print it: width, height, k, d (or K, D).
+// - OpenCV FileStorage YAML, JSON and XML: camera_matrix and distortion_coefficients (also as
+//   Camera_Matrix, cameraMatrix, ...), image_width, image_height or image_size; fisheye_model: 1;
+//   optional tone_curve, rolling_shutter_row_s, uncertainty. Of two cameras: M1 and D1, M2 and D2.
+// - Kalibr camchain YAML: cameras of any name with pinhole, radtan or equidistant or none.
 // - mrcal .cameramodel: LENSMODEL_PINHOLE, LENSMODEL_OPENCV4, 5 and 8.
-// Errors name file and field. An unknown lens model is refused by name.
+// ROS and OpenCV files have 0, 4, 5, 8, 12 or 14 coefficients: those that are missing are 0, those
+// beyond the model's must be 0. Errors name file and field. An unknown lens model is refused by
+// name.
+struct LoadedCamera {
+  CameraModel camera;
+  std::vector<std::string> warnings;  // what was assumed: one line each, with the file's name
+};
+// `name`: which camera of a file that holds several; empty: the only one. Fails, with the names
+// that the file has, where there are several and none is named, or not this one.
+[[nodiscard]] Result<LoadedCamera> load_camera_file(const std::filesystem::path& file,
+                                                    const std::string& name = {});
+// The only camera of a file, without the warnings.
 [[nodiscard]] Result<CameraModel> load_camera(const std::filesystem::path& file);
 
 enum class CameraFileFormat { ros, opencv, kalibr };

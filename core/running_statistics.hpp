@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "core/evaluation.hpp"
@@ -44,5 +45,8 @@ class RunningStatistics {
   std::vector<double> values_;       // while they are few
   std::vector<std::uint64_t> bins_;  // then; the first and the last hold what is beyond the octaves
 };
+
+// In the order of the values; not a number for none.
+[[nodiscard]] double root_mean_square(std::span<const double> values);
 
 }  // namespace penumbra

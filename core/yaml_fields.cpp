@@ -61,6 +61,24 @@ class DocumentCheck {
   int nodes_ = 0;
 };
 
+// Without %YAML lines at its head: OpenCV's "%YAML:1.0" is no YAML, and the version changes
+// nothing. Lines keep their numbers.
+std::string without_version(std::string text) {
+  for (std::size_t start = 0; start < text.size();) {
+    const std::size_t end = std::min(text.find('\n', start), text.size());
+    const std::string_view line = trim(std::string_view(text).substr(start, end - start));
+    if (line.starts_with("%YAML")) {
+      text.erase(start, end - start);
+      ++start;
+    } else if (line.empty() || line.starts_with('#')) {
+      start = end + 1;
+    } else {
+      break;
+    }
+  }
+  return text;
+}
+
 }  // namespace
 
 Result<YAML::Node> load_yaml_map(const std::filesystem::path& file) {
@@ -71,7 +89,7 @@ Result<YAML::Node> load_yaml_map(const std::filesystem::path& file) {
 
 Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& name) {
   try {
-    YAML::Node root = YAML::Load(text);
+    YAML::Node root = YAML::Load(without_version(text));
     if (!root.IsMap()) {
       return fail("{}: is no YAML map; it must hold lines of the form `name: value`", name);
     }

@@ -70,9 +70,8 @@ TEST_F(CameraFile, ReadsEveryModelUnderBothKeys) {
 TEST_F(CameraFile, ErrorsNameFileAndField) {
   refuses("", "map");
   refuses(camera_text("distortion_model: omnidirectional"), "omnidirectional");
-  refuses(camera_text("no_model: x"), "distortion_model: is missing");
   refuses(camera_text("distortion_model: plumb_bob", "[1, 2]"), "distortion_coefficients");
-  refuses(camera_text("distortion_model: equidistant", "[0, 0, 0, 0, 0]"), "equidistant has 4");
+  refuses(camera_text("distortion_model: equidistant", "[0, 0, 0, 0, 0.1]"), "equidistant has 4");
   refuses(camera_text("distortion_model: plumb_bob", "[0, nan, 0, 0, 0]"), "data");
   refuses(camera_text("distortion_model: plumb_bob", "[0, 0, 0, 0, 0]", "[500, 0, 320]"),
           "camera_matrix: data");
