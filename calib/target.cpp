@@ -54,18 +54,22 @@ Result<Target> read_aprilgrid(const YamlFields& fields) {
   grid.rows = *rows;
   grid.tag_size_m = *size;
   grid.spacing = *spacing;
-  if (fields.has("family")) {
-    const Result<std::string> family = fields.text("family", "name a family of libapriltag");
+  for (const char* key : {"family", "tagFamily"}) {
+    if (!fields.has(key)) continue;
+    const Result<std::string> family = fields.text(key, "name a family of tags");
     if (!family) return tl::unexpected(family.error());
     const auto known = tag_family_from_string(*family);
-    if (!known)
-      return fail("{}: '{}' is not known; use tag36h11", fields.place_of("family"), *family);
+    if (!known) return fail("{}: {}", fields.place_of(key), unknown_tag_family(*family));
     grid.family = *known;
+    break;
   }
-  if (fields.has("first_id")) {
-    const Result<int> first = fields.integer("first_id", "give the id of the bottom left tag");
+  // codeOffset is Kalibr's.
+  for (const char* key : {"first_id", "codeOffset"}) {
+    if (!fields.has(key)) continue;
+    const Result<int> first = fields.integer(key, "give the id of the bottom left tag");
     if (!first) return tl::unexpected(first.error());
     grid.first_id = *first;
+    break;
   }
   Result<TagMap> map = tag_map_of(grid);
   if (!map) return fail_in(fields.place(), map.error());
@@ -117,12 +121,7 @@ Result<Target> read_charuco(const YamlFields& fields) {
       fields.text(key, "name a dictionary such as DICT_4X4_50, or a family such as tag36h11");
   if (!family) return tl::unexpected(family.error());
   const auto known = tag_family_from_string(*family);
-  if (!known) {
-    return fail(
-        "{}: '{}' is not known; boards are read with DICT_4X4_*, 5X5_* and 6X6_* (50, 100, 250 or "
-        "1000) of ArUco, and with families of libapriltag such as tag36h11",
-        fields.place_of(key), *family);
-  }
+  if (!known) return fail("{}: {}", fields.place_of(key), unknown_tag_family(*family));
   board = {*columns, *rows, *square, *tag, *known, 0, false};
   if (fields.has("legacy")) {
     // What OpenCV calls its own boards before 4.6: their last row begins with a black square.

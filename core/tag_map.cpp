@@ -36,6 +36,7 @@ constexpr std::array<std::pair<TagFamily, std::string_view>, 21> kFamilies = {{
 }};
 
 constexpr std::string_view kDictionary = "DICT_";
+constexpr std::string_view kTag = "tag";
 
 Result<MappedTag> read_tag(const YamlFields& fields) {
   MappedTag tag;
@@ -47,12 +48,7 @@ Result<MappedTag> read_tag(const YamlFields& fields) {
       fields.text("family", "name a family of libapriltag, such as tag36h11");
   if (!family) return tl::unexpected(family.error());
   const std::optional<TagFamily> known = tag_family_from_string(*family);
-  if (!known) {
-    std::string names;
-    for (const auto& [unused, name] : kFamilies)
-      names += (names.empty() ? "" : ", ") + std::string(name);
-    return fail("{}: '{}' is not known; use one of {}", fields.place_of("family"), *family, names);
-  }
+  if (!known) return fail("{}: {}", fields.place_of("family"), unknown_tag_family(*family));
   tag.family = *known;
 
   const Result<double> size =
@@ -94,6 +90,21 @@ Result<MappedTag> read_tag(const YamlFields& fields) {
   return tag;
 }
 
+// The family whose name is `key` without prefix and separators, in small letters: "36h11",
+// "standard41h12", "4x450".
+std::optional<TagFamily> family_of_key(std::string_view key, bool aruco) {
+  for (const auto& [value, name] : kFamilies) {
+    const bool is_aruco = name.starts_with(kDictionary);
+    if (is_aruco != aruco) continue;
+    std::string known;
+    for (const char c : name.substr(is_aruco ? kDictionary.size() : kTag.size())) {
+      if (c != '_') known += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    }
+    if (known == key) return value;
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 std::string_view to_string(TagFamily family) {
@@ -104,14 +115,41 @@ std::string_view to_string(TagFamily family) {
 }
 
 std::optional<TagFamily> tag_family_from_string(std::string_view name) {
-  std::string upper(name);
-  for (char& c : upper) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
-  for (const auto& [value, known] : kFamilies) {
-    if (known == name) return value;
-    if (!known.starts_with(kDictionary)) continue;
-    if (known == upper || known.substr(kDictionary.size()) == upper) return value;
+  // "cv2.aruco.DICT_4X4_50" and "cv::aruco::DICT_4X4_50".
+  if (const std::size_t scope = name.find_last_of(".:"); scope != std::string_view::npos)
+    name.remove_prefix(scope + 1);
+  std::string plain;
+  for (const char c : name) {
+    if (c == '_' || c == '-' || c == ' ') continue;
+    plain += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   }
-  return std::nullopt;
+  std::string_view rest = plain;
+  const auto without = [&rest](std::string_view prefix) {
+    const bool there = rest.starts_with(prefix);
+    if (there) rest.remove_prefix(prefix.size());
+    return there;
+  };
+  const bool dictionary = without("dict");
+  if (without("aruco")) return family_of_key(rest, true);
+  // "t36h11" is Kalibr's.
+  const bool tag =
+      without("apriltag") || without("tagcodes") || without("tag") ||
+      (rest.size() > 1 && rest[0] == 't' && rest[1] >= '0' && rest[1] <= '9' && without("t"));
+  if (tag) {
+    without("tag");
+    return family_of_key(rest, false);
+  }
+  if (const auto aruco = family_of_key(rest, true)) return aruco;
+  // OpenCV's dictionaries of AprilTags have that in their names.
+  return dictionary ? std::nullopt : family_of_key(rest, false);
+}
+
+std::string unknown_tag_family(std::string_view name) {
+  std::string names;
+  for (const auto& [unused, known] : kFamilies)
+    names += (names.empty() ? "" : ", ") + std::string(known);
+  return fmt::format("'{}' is not known; known: {} (also as DICT_APRILTAG_36h11, 36h11, 4x4_50)",
+                     name, names);
 }
 
 std::optional<ArucoDictionary> aruco_dictionary_of(TagFamily family) {

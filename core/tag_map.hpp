@@ -15,7 +15,7 @@
 namespace penumbra {
 
 // Families of libapriltag; the name in files is the same ("tag36h11"). And the ArUco dictionaries
-// of OpenCV, as in "DICT_4X4_50" (read with and without DICT_, in any case).
+// of OpenCV, as in "DICT_4X4_50".
 enum class TagFamily {
   tag36h11,
   tag36h10,
@@ -48,7 +48,12 @@ struct ArucoDictionary {
 [[nodiscard]] std::optional<ArucoDictionary> aruco_dictionary_of(TagFamily family);
 
 [[nodiscard]] std::string_view to_string(TagFamily family);
+// Names as OpenCV, ROS and AprilTag write them, in any case and with or without separators:
+// "tag36h11", "36h11", "apriltag_36h11", "DICT_APRILTAG_36h11"; "Standard41h12"; "DICT_4X4_50",
+// "4x4_50", "aruco_4x4_50"; "t36h11" (Kalibr).
 [[nodiscard]] std::optional<TagFamily> tag_family_from_string(std::string_view name);
+// "'...' is not known; known: ..."
+[[nodiscard]] std::string unknown_tag_family(std::string_view name);
 
 struct MappedTag {
   int id = 0;

@@ -122,11 +122,7 @@ ChosenSheet target_of(const TargetOptions& options) {
                                     "1000 markers, such as 4x4_50",
                                     options.dictionary));
   }
-  if (!family) {
-    throw CLI::ValidationError(
-        "--family", fmt::format("'{}' is not known; use a family of libapriltag, such as tag36h11",
-                                options.family));
-  }
+  if (!family) throw CLI::ValidationError("--family", unknown_tag_family(options.family));
   const SheetTarget target = sheet_target_of(options, *family);
   const auto page = page_size_from_string(options.page);
   if (!page) throw CLI::ValidationError("--page", page.error().message);

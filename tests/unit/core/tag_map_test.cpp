@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <vector>
 
 #include "core/text.hpp"
 #include "support/paths.hpp"
@@ -152,6 +153,49 @@ TEST(TagMap, ReadsEverySharedMap) {
     ++read;
   }
   EXPECT_GE(read, 8);
+}
+
+TEST(TagFamilyName, IsReadAsOpenCvRosAndAprilTagWriteIt) {
+  struct Names {
+    TagFamily family;
+    std::vector<const char*> names;
+  };
+  for (const auto& [family, names] : std::vector<Names>{
+           {TagFamily::tag36h11,
+            {"tag36h11", "36h11", "Tag36h11", "TAG36H11", "tag_36h11", "apriltag_36h11",
+             "AprilTag 36h11", "apriltag36h11", "DICT_APRILTAG_36h11", "DICT_APRILTAG_36H11",
+             "dict_apriltag_36h11", "cv2.aruco.DICT_APRILTAG_36h11", "tagCodes36h11", "t36h11"}},
+           {TagFamily::tag36h10, {"36h10", "DICT_APRILTAG_36h10"}},
+           {TagFamily::tag25h9, {"25h9", "DICT_APRILTAG_25h9", "tag25h9"}},
+           {TagFamily::tag16h5, {"16h5", "DICT_APRILTAG_16h5", "Tag16h5"}},
+           {TagFamily::tag_circle21h7, {"tagCircle21h7", "Circle21h7"}},
+           {TagFamily::tag_standard41h12,
+            {"tagStandard41h12", "Standard41h12", "standard41h12", "tag_standard_41h12"}},
+           {TagFamily::tag_custom48h12, {"Custom48h12"}},
+           {TagFamily::aruco_4x4_50,
+            {"DICT_4X4_50", "4x4_50", "aruco_4x4_50", "ARUCO_4X4_50", "dict_4x4_50",
+             "cv::aruco::DICT_4X4_50", "DICT_ARUCO_4X4_50"}},
+           {TagFamily::aruco_6x6_1000, {"DICT_6X6_1000", "6x6_1000"}}}) {
+    for (const char* name : names) EXPECT_EQ(tag_family_from_string(name), family) << name;
+  }
+}
+
+TEST(TagFamilyName, OfEveryFamilyReadsBack) {
+  for (int i = 0; i <= static_cast<int>(TagFamily::aruco_6x6_1000); ++i) {
+    const auto family = static_cast<TagFamily>(i);
+    EXPECT_EQ(tag_family_from_string(to_string(family)), family) << to_string(family);
+  }
+}
+
+TEST(TagFamilyName, ThatIsUnknownIsRefusedWithTheKnownOnes) {
+  for (const char* name : {"", "tag", "dict", "DICT_", "tag36h12", "DICT_36h11", "aruco_36h11",
+                           "DICT_7X7_50", "DICT_ARUCO_ORIGINAL", "DICT_ARUCO_MIP_36h12", "4x4",
+                           "4x4_500", "t", "tt36h11", ":", "tag36h11 x"}) {
+    EXPECT_EQ(tag_family_from_string(name), std::nullopt) << name;
+  }
+  EXPECT_THAT(unknown_tag_family("DICT_7X7_50"),
+              testing::AllOf(testing::HasSubstr("'DICT_7X7_50' is not known; known: tag36h11, "),
+                             testing::HasSubstr("DICT_6X6_1000")));
 }
 
 }  // namespace
