@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "app/camera_choice.hpp"
 #include "app/capture/libcamera_source.hpp"
 #include "app/capture/recording_feed.hpp"
 #include "app/capture/recording_writer.hpp"
@@ -175,9 +176,11 @@ Result<void> check_apart_from_record(const LiveRequest& request) {
 // What a recording of this session begins with.
 Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSource& source,
                                      const CameraModel& camera) {
-  // Word for word, with all that calibration says of itself; but not of another size.
-  auto camera_yaml = request.scale_calibration ? Result<std::string>(ros_camera_text(camera))
-                                               : read_text_file(request.calibration, kMaxYamlBytes);
+  // Word for word, with all that calibration says of itself; but not of another size, and not with
+  // other cameras.
+  const bool other = request.scale_calibration || !request.camera_name.empty();
+  auto camera_yaml = other ? Result<std::string>(ros_camera_text(camera))
+                           : read_text_file(request.calibration, kMaxYamlBytes);
   if (!camera_yaml) return tl::unexpected(camera_yaml.error());
   auto tags_yaml = read_text_file(request.tags, kMaxYamlBytes);
   if (!tags_yaml) return tl::unexpected(tags_yaml.error());
@@ -326,7 +329,7 @@ bool names_camera(const std::string& source) {
 Result<RunReport> run_live(const LiveRequest& request) {
   InterruptWatch interrupt;  // first: everything below starts threads
 
-  const auto calibrated = load_camera(request.calibration);
+  const auto calibrated = load_chosen_camera(request.calibration, request.camera_name);
   if (!calibrated) return tl::unexpected(calibrated.error());
   const auto name = parse_camera(request.camera);
   if (!name) return tl::unexpected(name.error());

@@ -21,6 +21,7 @@ namespace penumbra {
 struct LiveRequest : OutputRequest {
   std::string camera = "v4l2:/dev/video0";  // or libcamera:NAME, recording:FOLDER
   std::filesystem::path calibration;
+  std::string camera_name;  // of a calibration with several cameras
   std::filesystem::path tags;
   std::filesystem::path scene;
   PlanOptions plan;

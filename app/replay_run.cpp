@@ -294,17 +294,61 @@ double frame_interval_s(const Recording& recording) {
   return std::clamp(seconds(*middle), 1e-4, 10.0);
 }
 
+namespace {
+
+// Warns before the run where the ground truth can't judge it. The job does not need it.
+void check_groundtruth(const ReplayRequest& request, const Recording& recording) {
+  if (!recording.groundtruth) return;
+  Trajectory frames;
+  for (const RecordedFrame& frame : recording.frames)
+    frames.poses.push_back({frame.timestamp_ns, {}, {}});
+  const auto units =
+      check_units_of_time({frames, recording.folder.string()},
+                          {*recording.groundtruth, "its ground truth"}, request.pairing);
+  if (!units) log_warning("{}", units.error().message);
+}
+
+void add_accuracy(const ReplayRequest& request, const Recording& recording, const RunRecorder& run,
+                  RunReport& report) {
+  if (!recording.groundtruth) return;
+  const CameraModel& camera = *recording.camera;
+  const Trajectory& truth = *recording.groundtruth;
+  const Evaluation accuracy = accuracy_of(camera, run, truth, request.pairing);
+  if (accuracy.frames_with_truth > 0) {
+    report.accuracy = accuracy;
+  } else {
+    log_warning(
+        "{}: its ground truth has no pose at the time of any frame; see --time-offset and "
+        "--max-gap",
+        recording.folder.string());
+  }
+  if (report.smoothing) {
+    report.smoothing->accuracy = accuracy_as_drawn(camera, run, truth, request.pairing);
+  }
+  for (GroupReport& group : report.groups) {
+    const auto places = recording.group_groundtruth.find(group.name);
+    if (places == recording.group_groundtruth.end()) continue;
+    const Evaluation of_group =
+        accuracy_of_group(camera, run, group.name, {truth, places->second}, request.pairing);
+    if (of_group.frames_with_truth > 0) group.accuracy = of_group;
+  }
+}
+
+}  // namespace
+
 Result<RunReport> run_replay(const ReplayRequest& request) {
   InterruptWatch interrupt;  // first: decoders and OpenGL start threads
 
   OpenRecordingOptions open_options;
   open_options.tags = request.tags;
+  open_options.camera_name = request.camera_name;
   open_options.require_tags = !request.poses_from;  // given poses need no tags
   auto recording = open_recording(request.recording, open_options);
   if (!recording) return tl::unexpected(recording.error());
   for (const std::string& notice : recording->notices) log_warning("{}", notice);
   if (auto checked = check_range(request, *recording); !checked)
     return tl::unexpected(checked.error());
+  check_groundtruth(request, *recording);
   const CameraModel& camera = *recording->camera;
 
   std::optional<TagsInUse> tags;
@@ -472,20 +516,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   report.pixel_buffers = shown->pixel_buffers();
   report.gl_renderer = (*context)->info().renderer;
   report.gl_version = (*context)->info().version;
-  if (recording->groundtruth) {
-    const Evaluation accuracy = accuracy_of(camera, run, *recording->groundtruth);
-    if (accuracy.frames_with_truth > 0) report.accuracy = accuracy;
-    if (report.smoothing) {
-      report.smoothing->accuracy = accuracy_as_drawn(camera, run, *recording->groundtruth);
-    }
-    for (GroupReport& group : report.groups) {
-      const auto truth = recording->group_groundtruth.find(group.name);
-      if (truth == recording->group_groundtruth.end()) continue;
-      const Evaluation of_group =
-          accuracy_of_group(camera, run, group.name, *recording->groundtruth, truth->second);
-      if (of_group.frames_with_truth > 0) group.accuracy = of_group;
-    }
-  }
+  add_accuracy(request, *recording, run, report);
   report.failure = std::move(failure);
   if (auto written = outputs->write_report(report); !written && !report.failure) {
     report.failure = written.error();

@@ -22,6 +22,7 @@ namespace penumbra {
 struct ReplayRequest : OutputRequest {
   std::filesystem::path recording;
   std::filesystem::path scene;
+  std::string camera_name;                    // of a camera.yaml with several
   std::optional<std::filesystem::path> tags;  // instead of the recording's
   PlanOptions plan;
   bool rectified = false;   // the picture without the lens's distortion
@@ -40,8 +41,9 @@ struct ReplayRequest : OutputRequest {
   bool realtime = false;
   bool window = true;  // where there is a display
   ViewerOptions viewer;
-  bool smooth = false;  // the pose that is drawn
-  bool edits = true;    // what was moved and changed while it was recorded happens again
+  bool smooth = false;     // the pose that is drawn
+  PairingOptions pairing;  // with the recording's ground truth
+  bool edits = true;       // what was moved and changed while it was recorded happens again
 };
 
 // Every path is checked before the first frame. Stopped by Ctrl-C or by closing the window, the

@@ -24,19 +24,30 @@ Json json_of(const StageSummary& s) {
       {"cpu_median", s.cpu_median}, {"cpu_mean", s.cpu_mean}, {"count", s.count}};
 }
 
+double share_of(int part, int whole) {
+  return whole > 0 ? static_cast<double>(part) / whole : 0.0;
+}
+
 Json json_of(const Evaluation& e) {
   // With no pose there is no error: null, never a perfect 0.
-  const auto known = [&](const Json& value) { return e.frames_with_pose > 0 ? value : Json(); };
+  const auto known = [&](const Json& value) { return e.frames_judged > 0 ? value : Json(); };
   Json json;
   json["translation_mm"] = known(json_of(e.translation_mm));
   json["rotation_deg"] = known(json_of(e.rotation_deg));
   json["overlay_px"] = known(json_of(e.overlay_px));
   json["overlay_frame_px"] = known(json_of(e.overlay_frame_px));
   json["jitter_px"] = e.jitter_changes > 0 ? Json(e.jitter_px) : Json();
+  json["frames_estimated"] = e.frames_estimated;
+  json["frames_judged"] = e.frames_judged;
+  json["share_judged"] = share_of(e.frames_judged, e.frames_estimated);
+  json["not_judged"] = Json::object();
+  for (const NotJudged cause : kNotJudged) {
+    const int count = e.frames_not_judged[static_cast<std::size_t>(cause)];
+    if (count > 0) json["not_judged"][std::string(to_string(cause))] = count;
+  }
   json["frames_with_truth"] = e.frames_with_truth;
-  json["frames_with_pose"] = e.frames_with_pose;
-  json["share_with_pose"] =
-      e.frames_with_truth > 0 ? static_cast<double>(e.frames_with_pose) / e.frames_with_truth : 0.0;
+  json["frames_with_pose"] = e.frames_judged;
+  json["share_with_pose"] = share_of(e.frames_judged, e.frames_with_truth);
   return json;
 }
 
@@ -110,15 +121,21 @@ Json pipeline_json(const RunReport& report) {
           {"critical_ms_per_frame", side_by_side ? most_ms : sum_ms}};
 }
 
-// The true poses that belong to processed frames.
-Trajectory truth_of_processed(const RunRecorder& run, const Trajectory& truth) {
-  Trajectory processed;
-  for (const std::int64_t time_ns : run.times_ns()) {
-    if (const StampedPose* pose = truth.at(time_ns); pose != nullptr) {
-      processed.poses.push_back(*pose);
-    }
-  }
-  return processed;
+// Number of processed frames that have a true pose at their time.
+int frames_with(const Trajectory& truth, const RunRecorder& run, const PairingOptions& options) {
+  return static_cast<int>(std::ranges::count_if(run.times_ns(), [&](std::int64_t time_ns) {
+    return pose_at(truth, shifted(time_ns, options.time_offset_ns), options.max_gap_ns).has_value();
+  }));
+}
+
+// Errors of poses of a run's frames.
+Evaluation evaluate_run(const CameraModel& camera, const RunRecorder& run, const Trajectory& poses,
+                        const Trajectory& truth, const PairingOptions& options) {
+  Trajectory frames;
+  for (const std::int64_t time_ns : run.times_ns()) frames.poses.push_back({time_ns, {}, {}});
+  Evaluation evaluation = evaluate(camera, poses, truth, options, median_interval_ns(frames));
+  evaluation.frames_with_truth = frames_with(truth, run, options);
+  return evaluation;
 }
 
 Json json_of(const SmoothingReport& smoothing) {
@@ -411,20 +428,22 @@ std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
   return counts;
 }
 
-Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run, const Trajectory& truth) {
-  return evaluate(camera, run.tracked(), truth_of_processed(run, truth));
+Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run, const Trajectory& truth,
+                       const PairingOptions& options) {
+  return evaluate_run(camera, run, run.tracked(), truth, options);
 }
 
 Evaluation accuracy_as_drawn(const CameraModel& camera, const RunRecorder& run,
-                             const Trajectory& truth) {
-  return evaluate(camera, run.drawn(), truth_of_processed(run, truth));
+                             const Trajectory& truth, const PairingOptions& options) {
+  return evaluate_run(camera, run, run.drawn(), truth, options);
 }
 
 Evaluation accuracy_of_group(const CameraModel& camera, const RunRecorder& run,
-                             const std::string& group, const Trajectory& truth,
-                             const Trajectory& group_truth) {
-  return evaluate(camera, run.tracked_over(group),
-                  over_group(truth_of_processed(run, truth), group_truth, run.middle_of(group)));
+                             const std::string& group, const GroupTruth& truth,
+                             const PairingOptions& options) {
+  return evaluate_run(
+      camera, run, run.tracked_over(group),
+      over_group(truth.camera, truth.group, run.middle_of(group), options.max_gap_ns), options);
 }
 
 std::string report_json(const RunReport& report) {
@@ -506,7 +525,7 @@ std::string evaluation_table(const Evaluation& evaluation) {
     text += fmt::format("{:<22} {:>10.4f} {:>10.4f} {:>10.4f} {:>10.4f}\n", name, s.rmse, s.median,
                         s.p95, s.max);
   };
-  if (evaluation.frames_with_pose > 0) {
+  if (evaluation.frames_judged > 0) {
     row("translation [mm]", evaluation.translation_mm);
     row("rotation [deg]", evaluation.rotation_deg);
     row("overlay [px]", evaluation.overlay_px);
@@ -514,11 +533,25 @@ std::string evaluation_table(const Evaluation& evaluation) {
       text += fmt::format("{:<22} {:>10.4f}\n", "jitter [px]", evaluation.jitter_px);
     }
   }
-  const double share = evaluation.frames_with_truth > 0
-                           ? 100.0 * evaluation.frames_with_pose / evaluation.frames_with_truth
-                           : 0.0;
-  text += fmt::format("frames with a pose: {} of {} ({:.1f} %)\n", evaluation.frames_with_pose,
-                      evaluation.frames_with_truth, share);
+  text += fmt::format("judged frames with a pose: {} of {} ({:.1f} %)\n", evaluation.frames_judged,
+                      evaluation.frames_estimated,
+                      100.0 * share_of(evaluation.frames_judged, evaluation.frames_estimated));
+  if (const std::string causes = not_judged_in_words(evaluation); !causes.empty()) {
+    text += fmt::format("not judged: {}\n", causes);
+  }
+  return text;
+}
+
+std::string not_judged_in_words(const Evaluation& evaluation) {
+  std::string text;
+  for (const NotJudged cause : kNotJudged) {
+    const int count = evaluation.frames_not_judged[static_cast<std::size_t>(cause)];
+    if (count == 0) continue;
+    text += fmt::format("{}{} {}", text.empty() ? "" : ", ", count,
+                        cause == NotJudged::outside_truth
+                            ? "outside the time of the ground truth"
+                            : "in a gap of the ground truth that is too long (--max-gap)");
+  }
   return text;
 }
 

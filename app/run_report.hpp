@@ -204,19 +204,23 @@ class RunRecorder {
 };
 
 // These need the paths of the run.
-// The errors of the tracked poses against those true poses that belong to processed frames.
+// The errors of the tracked poses against the truth at their times.
 [[nodiscard]] Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run,
-                                     const Trajectory& truth);
+                                     const Trajectory& truth, const PairingOptions& options = {});
 
 // The same of the poses that these frames were drawn with.
 [[nodiscard]] Evaluation accuracy_as_drawn(const CameraModel& camera, const RunRecorder& run,
-                                           const Trajectory& truth);
+                                           const Trajectory& truth,
+                                           const PairingOptions& options = {});
 
-// The same of a group of tags beside the table: of the camera over its middle. `group_truth`:
-// T_table_group.
+// The same of a group of tags beside the table: of the camera over its middle.
+struct GroupTruth {
+  const Trajectory& camera;  // T_table_camera
+  const Trajectory& group;   // T_table_group
+};
 [[nodiscard]] Evaluation accuracy_of_group(const CameraModel& camera, const RunRecorder& run,
-                                           const std::string& group, const Trajectory& truth,
-                                           const Trajectory& group_truth);
+                                           const std::string& group, const GroupTruth& truth,
+                                           const PairingOptions& options = {});
 
 [[nodiscard]] std::string report_json(const RunReport& report);
 // {"rmse", "median", "p95", "max", ...} of an evaluation, as in the report's "accuracy", with the
@@ -227,5 +231,7 @@ class RunRecorder {
 // For people; ends with a line break.
 [[nodiscard]] std::string report_table(const RunReport& report);
 [[nodiscard]] std::string evaluation_table(const Evaluation& evaluation);
+// "3 outside the time of the ground truth, 1 in a gap ..."; empty where all are judged.
+[[nodiscard]] std::string not_judged_in_words(const Evaluation& evaluation);
 
 }  // namespace penumbra

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "app/camera_choice.hpp"
 #include "app/capture/recording_source.hpp"
 #include "app/interrupt.hpp"
 #include "app/logging.hpp"
@@ -107,12 +108,6 @@ Result<Trajectory> load_path(const fs::path& file) {
   if (!path) return path;
   if (path->poses.empty())
     return fail("{}: has no pose; give one line for each frame", file.string());
-  for (std::size_t i = 1; i < path->poses.size(); ++i) {
-    if (path->poses[i].timestamp_ns == path->poses[i - 1].timestamp_ns) {
-      return fail("{}: timestamp: two poses at {} s; each frame needs a time of its own",
-                  file.string(), format_ns_as_seconds(path->poses[i].timestamp_ns));
-    }
-  }
   return path;
 }
 
@@ -315,14 +310,15 @@ class Simulation {
 Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   InterruptWatch interrupt;  // first: OpenGL and the renderer start threads
 
-  auto camera = load_camera(request.camera);
+  auto camera = load_chosen_camera(request.camera, request.camera_name);
   if (!camera) return tl::unexpected(camera.error());
   const auto tags = load_tag_map(request.tags);
   if (!tags) return tl::unexpected(tags.error());
   auto path = load_path(request.trajectory);
   if (!path) return tl::unexpected(path.error());
   // The files go into the recording as they are, with all that they say.
-  auto camera_text = read_text_file(request.camera, kLargestText);
+  auto camera_text = request.camera_name.empty() ? read_text_file(request.camera, kLargestText)
+                                                 : Result<std::string>(ros_camera_text(*camera));
   if (!camera_text) return tl::unexpected(camera_text.error());
   const auto tags_text = read_text_file(request.tags, kLargestText);
   if (!tags_text) return tl::unexpected(tags_text.error());

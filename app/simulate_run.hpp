@@ -15,6 +15,7 @@ namespace penumbra {
 struct SimulateRequest {
   std::optional<std::filesystem::path> scene;  // none: the tags alone
   std::filesystem::path camera;                // camera.yaml
+  std::string camera_name;                     // of a file with several
   std::filesystem::path tags;                  // tags.yaml
   std::filesystem::path trajectory;  // TUM: a frame for each pose, at the middle of its exposure
   // Of groups of tags that move, by their names: TUM, T_table_group over the same time; the

@@ -110,59 +110,86 @@ OverlayDifference overlay_difference(const CameraModel& camera, const CameraPose
   return result;
 }
 
-Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated,
-                    const Trajectory& truth) {
-  Evaluation result;
-  std::vector<double> translation;
-  std::vector<double> rotation;
-  std::vector<double> corner;
-  std::vector<double> frame;
-  double change_sum = 0.0;
-  int change_count = 0;
-  std::optional<OverlayDifference> previous;
-  for (const StampedPose& true_pose : truth.poses) {
-    ++result.frames_with_truth;
-    const StampedPose* pose = estimated.at(true_pose.timestamp_ns);
-    if (pose == nullptr) {
-      previous.reset();
-      continue;
-    }
-    ++result.frames_with_pose;
-    const CameraPose& a = pose->T_table_camera;
-    const CameraPose& b = true_pose.T_table_camera;
-    translation.push_back(1e3 * (a.translation() - b.translation()).norm());
-    rotation.push_back(degrees(a.rotation().angularDistance(b.rotation())));
-    const OverlayDifference difference = overlay_difference(camera, a, b);
+namespace {
+
+// Collects the errors of judged frames.
+class ErrorCollector {
+ public:
+  explicit ErrorCollector(const CameraModel& camera) : camera_(camera) {}
+
+  // `consecutive`: the frame before was added too.
+  void add(const CameraPose& estimated, const CameraPose& truth, bool consecutive) {
+    translation_.push_back(1e3 * (estimated.translation() - truth.translation()).norm());
+    rotation_.push_back(degrees(estimated.rotation().angularDistance(truth.rotation())));
+    const OverlayDifference difference = overlay_difference(camera_, estimated, truth);
     bool any = false;
     for (std::size_t i = 0; i < difference.valid.size(); ++i) {
       if (!difference.valid[i]) continue;
       any = true;
-      corner.push_back(difference.difference_px[i].norm());
-      if (previous && previous->valid[i]) {
-        change_sum += (difference.difference_px[i] - previous->difference_px[i]).squaredNorm();
-        ++change_count;
+      corner_.push_back(difference.difference_px[i].norm());
+      if (consecutive && previous_.valid[i]) {
+        change_sum_ += (difference.difference_px[i] - previous_.difference_px[i]).squaredNorm();
+        ++change_count_;
       }
     }
-    if (any) frame.push_back(difference.rms_px());
-    previous = difference;
+    if (any) frame_.push_back(difference.rms_px());
+    previous_ = difference;
   }
-  result.translation_mm = statistics_of(std::move(translation));
-  result.rotation_deg = statistics_of(std::move(rotation));
-  result.overlay_px = statistics_of(std::move(corner));
-  result.overlay_frame_px = statistics_of(std::move(frame));
-  result.jitter_changes = change_count;
-  result.jitter_px = change_count == 0 ? 0.0 : std::sqrt(change_sum / change_count);
+
+  void finish(Evaluation& result) {
+    result.translation_mm = statistics_of(std::move(translation_));
+    result.rotation_deg = statistics_of(std::move(rotation_));
+    result.overlay_px = statistics_of(std::move(corner_));
+    result.overlay_frame_px = statistics_of(std::move(frame_));
+    result.jitter_changes = change_count_;
+    result.jitter_px = change_count_ == 0 ? 0.0 : std::sqrt(change_sum_ / change_count_);
+  }
+
+ private:
+  const CameraModel& camera_;
+  std::vector<double> translation_, rotation_, corner_, frame_;
+  OverlayDifference previous_;
+  double change_sum_ = 0.0;
+  int change_count_ = 0;
+};
+
+}  // namespace
+
+Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, const Trajectory& truth,
+                    const PairingOptions& options, std::int64_t frame_interval_ns) {
+  Evaluation result;
+  result.frames_with_truth = static_cast<int>(truth.poses.size());
+  const std::int64_t interval_ns =
+      frame_interval_ns > 0 ? frame_interval_ns : median_interval_ns(estimated);
+  ErrorCollector errors(camera);
+  std::optional<std::int64_t> previous_ns;  // of the frame before, where it was judged
+  for (const StampedPose& pose : estimated.poses) {
+    ++result.frames_estimated;
+    const auto true_pose =
+        pose_at(truth, shifted(pose.timestamp_ns, options.time_offset_ns), options.max_gap_ns);
+    if (!true_pose) {
+      ++result.frames_not_judged[static_cast<std::size_t>(true_pose.error())];
+      previous_ns.reset();
+      continue;
+    }
+    ++result.frames_judged;
+    const bool consecutive =
+        previous_ns && pose.timestamp_ns - *previous_ns <= interval_ns + interval_ns / 2;
+    errors.add(pose.T_table_camera, *true_pose, consecutive);
+    previous_ns = pose.timestamp_ns;
+  }
+  errors.finish(result);
   return result;
 }
 
 Trajectory over_group(const Trajectory& camera, const Trajectory& group,
-                      const Transform<frame::Group, frame::GroupMiddle>& T_group_middle) {
+                      const Transform<frame::Group, frame::GroupMiddle>& T_group_middle,
+                      std::int64_t max_gap_ns) {
   Trajectory over;
   for (const StampedPose& pose : camera.poses) {
-    const StampedPose* place = group.at(pose.timestamp_ns);
-    if (place == nullptr) continue;
-    const GroupPose T_table_group(place->T_table_camera.rotation(),
-                                  place->T_table_camera.translation());
+    const auto place = pose_at(group, pose.timestamp_ns, max_gap_ns);
+    if (!place) continue;
+    const GroupPose T_table_group(place->rotation(), place->translation());
     const auto T_middle_camera = (T_table_group * T_group_middle).inverse() * pose.T_table_camera;
     over.poses.push_back({pose.timestamp_ns,
                           CameraPose(T_middle_camera.rotation(), T_middle_camera.translation()),

@@ -3,10 +3,12 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <vector>
 
 #include "core/camera_model.hpp"
 #include "core/group_pose.hpp"
+#include "core/pairing.hpp"
 #include "core/trajectory.hpp"
 
 namespace penumbra {
@@ -39,25 +41,31 @@ struct OverlayDifference {
                                                    const CameraPose& truth);
 
 struct Evaluation {
-  int frames_with_truth = 0;
-  int frames_with_pose = 0;     // estimated poses that have a true one at their time
-  Statistics translation_mm;    // |t_estimated - t_true|
-  Statistics rotation_deg;      // angle of R_estimated^T R_true
-  Statistics overlay_px;        // over all corners of all frames with a pose
-  Statistics overlay_frame_px;  // over the frames' RMS over the corners
-  double jitter_px = 0.0;       // RMS of the change of (estimated - true) corner positions between
-                                // consecutive true frames
-  int jitter_changes = 0;       // how many changes that is; 0: there is no jitter to tell
+  int frames_with_truth = 0;               // true poses; in a run: processed frames with truth
+  int frames_estimated = 0;                // estimated poses
+  int frames_judged = 0;                   // of these, those with a true pose at their time
+  std::array<int, 2> frames_not_judged{};  // the others, by NotJudged
+  Statistics translation_mm;               // |t_estimated - t_true|
+  Statistics rotation_deg;                 // angle of R_estimated^T R_true
+  Statistics overlay_px;                   // over all corners of all judged frames
+  Statistics overlay_frame_px;             // over the frames' RMS over the corners
+  // RMS of the change of (estimated - true) corner positions between consecutive judged frames:
+  // neighbours in the estimate that are at most 1.5 frame intervals apart.
+  double jitter_px = 0.0;
+  int jitter_changes = 0;  // number of these changes; 0: the jitter is unknown
 };
+// Compares each estimated pose with the true one at its time (core/pairing.hpp).
+// `frame_interval_ns`: time between two frames; 0: the median between two estimated poses.
 [[nodiscard]] Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated,
-                                  const Trajectory& truth);
+                                  const Trajectory& truth, const PairingOptions& options = {},
+                                  std::int64_t frame_interval_ns = 0);
 
-// The camera over the middle of a group of tags (T_middle_camera) at the times at which both the
-// camera's pose on the table and the group's place there (T_table_group) are known: what a group's
-// overlay error is of.
+// The camera over the middle of a group of tags (T_middle_camera) at the camera's times at which
+// the group's place on the table (T_table_group) is known, as pose_at() finds it: what a group's
+// overlay error is of. `max_gap_ns` 0: only places at the same times.
 [[nodiscard]] Trajectory over_group(
     const Trajectory& camera, const Trajectory& group,
-    const Transform<frame::Group, frame::GroupMiddle>& T_group_middle);
+    const Transform<frame::Group, frame::GroupMiddle>& T_group_middle, std::int64_t max_gap_ns = 0);
 
 // 1 sigma of the overlay error (RMS over the cube's corners) for a pose covariance as in
 // PoseEstimate.

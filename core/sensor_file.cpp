@@ -61,6 +61,23 @@ Result<CameraModel> read_sensor(const YamlFields& fields) {
   return camera;
 }
 
+Result<Transform<frame::Body, frame::Sensor>> read_mounting(const YamlFields& fields) {
+  constexpr const char* kMatrix = "give data: the 16 numbers of a 4x4 matrix, row by row";
+  const auto matrix = fields.fields("T_BS", kMatrix);
+  if (!matrix) return tl::unexpected(matrix.error());
+  const auto numbers = list_of(*matrix, "data", 16, kMatrix);
+  if (!numbers) return tl::unexpected(numbers.error());
+  const Eigen::Matrix4d T =
+      Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(numbers->data());
+  const Eigen::Matrix3d R = T.topLeftCorner<3, 3>();
+  constexpr double kRounding = 1e-3;
+  const bool rigid = (R * R.transpose() - Eigen::Matrix3d::Identity()).norm() <= kRounding &&
+                     R.determinant() > 0.0 &&
+                     (T.row(3) - Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0)).norm() <= kRounding;
+  if (!rigid) return fail("{}: is no rigid transform; {}", matrix->place_of("data"), kMatrix);
+  return Transform<frame::Body, frame::Sensor>(R, T.topRightCorner<3, 1>());
+}
+
 }  // namespace
 
 Result<CameraModel> load_euroc_sensor(const std::filesystem::path& file) {
@@ -68,6 +85,17 @@ Result<CameraModel> load_euroc_sensor(const std::filesystem::path& file) {
   if (!root) return tl::unexpected(root.error());
   try {
     return read_sensor(YamlFields(*root, file.string()));
+  } catch (const YAML::Exception& error) {
+    return fail("{}: is not valid YAML ({}); correct the file", file.string(), error.msg);
+  }
+}
+
+Result<Transform<frame::Body, frame::Sensor>> load_euroc_mounting(
+    const std::filesystem::path& file) {
+  const auto root = load_yaml_map(file);
+  if (!root) return tl::unexpected(root.error());
+  try {
+    return read_mounting(YamlFields(*root, file.string()));
   } catch (const YAML::Exception& error) {
     return fail("{}: is not valid YAML ({}); correct the file", file.string(), error.msg);
   }

@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include "core/camera_model.hpp"
+#include "core/transform.hpp"
 
 namespace penumbra {
 
@@ -11,5 +12,15 @@ namespace penumbra {
 // cv], distortion_model radial-tangential (plumb_bob with k3 = 0) or equidistant (fisheye),
 // distortion_coefficients of 4 numbers. Other keys are ignored. Errors name file and field.
 [[nodiscard]] Result<CameraModel> load_euroc_sensor(const std::filesystem::path& file);
+
+namespace frame {
+struct Body;    // EuRoC's body frame, in practice the IMU
+struct Sensor;  // of the sensor whose sensor.yaml it is
+}  // namespace frame
+
+// T_BS of a EuRoC sensor.yaml: where the sensor sits on the body. Fails where it is missing or no
+// rigid transform.
+[[nodiscard]] Result<Transform<frame::Body, frame::Sensor>> load_euroc_mounting(
+    const std::filesystem::path& file);
 
 }  // namespace penumbra

@@ -1,5 +1,5 @@
 // Camera poses over time, as TUM files: `timestamp tx ty tz qx qy qz qw`, T_table_camera, seconds
-// and metres; '#' starts a comment.
+// and metres; '#' starts a comment. EuRoC's ground truth is read as well.
 #pragma once
 
 #include <cstdint>
@@ -18,9 +18,11 @@ struct StampedPose {
   std::string comment;  // written after the pose as "# comment"; read back when there is one
 };
 
-// Poses in order of time.
+// Poses in order of time, each at a time of its own.
 struct Trajectory {
   std::vector<StampedPose> poses;
+  // As EuRoC's ground truth is: of the body (the IMU), not of the camera.
+  bool of_body = false;
 
   // The pose whose timestamp is nearest to `timestamp_ns`, or null when none is within
   // `tolerance_ns`.
@@ -34,8 +36,10 @@ struct Trajectory {
 // ends the motion goes on at the end's velocity.
 [[nodiscard]] CameraPose pose_between(const Trajectory& trajectory, std::int64_t timestamp_ns);
 
+// Reads a TUM file, or a CSV file as EuRoC's ground truth (data.csv): time in whole nanoseconds,
+// position, quaternion (w x y z, or as the header names it), further columns that are ignored.
 // Errors name file and line: wrong count of numbers, a non-finite number, a quaternion that is no
-// rotation, time that runs backwards.
+// rotation, a time that is no seconds by its size, or that does not come after the one before.
 [[nodiscard]] Result<Trajectory> load_trajectory(const std::filesystem::path& file);
 [[nodiscard]] Result<void> save_trajectory(const std::filesystem::path& file,
                                            const Trajectory& trajectory);

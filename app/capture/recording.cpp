@@ -82,7 +82,6 @@ struct Row {
 // Comma-separated rows; empty lines and comments are left out. EuRoC's header is a comment too: the
 // first one that speaks of a timestamp.
 std::vector<Row> split_rows(std::string_view text) {
-  if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
   std::vector<Row> rows;
   for (int line = 1; !text.empty(); ++line) {
     const std::size_t end = text.find('\n');
@@ -331,20 +330,60 @@ Result<void> settle_video(Recording& recording) {
   return {};
 }
 
+// The camera's path by EuRoC's ground truth, which is of the body.
+Result<Trajectory> load_euroc_groundtruth(const std::filesystem::path& mav0) {
+  const std::filesystem::path folder = mav0 / "state_groundtruth_estimate0";
+  auto truth = load_trajectory(folder / "data.csv");
+  if (!truth) return truth;
+  const auto T_body_camera = load_euroc_mounting(mav0 / "cam0" / "sensor.yaml");
+  if (!T_body_camera) return tl::unexpected(T_body_camera.error());
+  // EuRoC's ground truth is of the body itself, unless its sensor.yaml has another T_BS.
+  Transform<frame::Body, frame::Sensor> T_body_truth;
+  if (is_there(folder / "sensor.yaml")) {
+    const auto mounting = load_euroc_mounting(folder / "sensor.yaml");
+    if (!mounting) return tl::unexpected(mounting.error());
+    T_body_truth = *mounting;
+  }
+  const auto T_truth_camera = T_body_truth.inverse() * *T_body_camera;
+  for (StampedPose& pose : truth->poses) {
+    const CameraPose& world_truth = pose.T_table_camera;
+    pose.T_table_camera = {
+        world_truth.rotation() * T_truth_camera.rotation(),
+        world_truth.rotation() * T_truth_camera.translation() + world_truth.translation()};
+  }
+  truth->of_body = false;
+  return truth;
+}
+
+// A recording without a ground truth that can be read is replayed all the same.
+void add_euroc_groundtruth(const std::filesystem::path& mav0, Recording& recording) {
+  const std::filesystem::path file = mav0 / "state_groundtruth_estimate0" / "data.csv";
+  if (!is_there(file)) return;
+  auto truth = load_euroc_groundtruth(mav0);
+  if (!truth) {
+    recording.notices.push_back(
+        fmt::format("{}; the ground truth is not read", truth.error().message));
+    return;
+  }
+  recording.notices.push_back(fmt::format(
+      "{}: its world is taken as the table's frame; tags.yaml must be in it", file.string()));
+  recording.groundtruth = std::move(*truth);
+}
+
 Result<void> load_surroundings(const std::filesystem::path& folder,
                                const std::filesystem::path& sensor,
                                const OpenRecordingOptions& options, Recording& recording) {
   if (!options.surroundings) return {};
   const std::filesystem::path camera = options.camera.value_or(folder / "camera.yaml");
-  const auto set_camera = [&](Result<CameraModel> loaded) -> Result<void> {
+  if (options.camera || is_there(camera)) {
+    auto loaded = load_camera_file(camera, options.camera_name);
+    if (!loaded) return tl::unexpected(loaded.error());
+    for (std::string& warning : loaded->warnings) recording.notices.push_back(std::move(warning));
+    recording.camera = std::move(loaded->camera);
+  } else if (!sensor.empty() && is_there(sensor)) {
+    auto loaded = load_euroc_sensor(sensor);
     if (!loaded) return tl::unexpected(loaded.error());
     recording.camera = std::move(*loaded);
-    return {};
-  };
-  if (options.camera || is_there(camera)) {
-    if (auto ok = set_camera(load_camera(camera)); !ok) return ok;
-  } else if (!sensor.empty() && is_there(sensor)) {
-    if (auto ok = set_camera(load_euroc_sensor(sensor)); !ok) return ok;
   } else if (options.require_camera) {
     return fail("{}: no such file; put the camera's calibration there", camera.string());
   }
@@ -363,6 +402,8 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
     auto trajectory = load_trajectory(truth);
     if (!trajectory) return tl::unexpected(trajectory.error());
     recording.groundtruth = std::move(*trajectory);
+  } else if (!sensor.empty()) {
+    add_euroc_groundtruth(sensor.parent_path().parent_path(), recording);
   }
   if (!recording.tags) return {};
   auto paths = load_group_paths(folder / "groups", other_groups(*recording.tags));

@@ -6,7 +6,8 @@
 //   poses.tum? group-poses/NAME.tum? ...   camera and groups as they were tracked live
 //
 // EuRoC/ASL folders open too: mav0/cam0/data.csv (timestamp [ns], filename), mav0/cam0/data/*.png,
-// mav0/cam0/sensor.yaml, and camera.yaml / tags.yaml beside mav0 where given.
+// mav0/cam0/sensor.yaml, mav0/state_groundtruth_estimate0/data.csv, and camera.yaml / tags.yaml /
+// groundtruth.tum beside mav0 where given.
 #pragma once
 
 #include <cstdint>
@@ -52,6 +53,7 @@ struct OpenRecordingOptions {
   bool require_tags = true;
   // Whether camera, tags and ground truth are read at all: calibration looks at pixels only.
   bool surroundings = true;
+  std::string camera_name;                      // of a camera file with several cameras
   std::optional<std::filesystem::path> camera;  // instead of the recording's
   std::optional<std::filesystem::path> tags;    // instead of the recording's
 };

@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "app/calibration_capture.hpp"
+#include "app/camera_choice.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/guide_window.hpp"
@@ -51,6 +52,7 @@ struct CalibrateOptions {
   std::filesystem::path output;
   std::filesystem::path report;
   std::filesystem::path compare;
+  std::string compare_name;  // which camera of this file
   std::string model = "auto";
   std::string board = "auto";
   std::string format = "auto";
@@ -408,7 +410,7 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
   if (!target) return tl::unexpected(target.error());
   std::optional<CameraModel> earlier;
   if (!options.compare.empty()) {
-    auto loaded = load_camera(options.compare);
+    auto loaded = load_chosen_camera(options.compare, options.compare_name);
     if (!loaded) return tl::unexpected(loaded.error());
     earlier = std::move(*loaded);
   }
@@ -501,6 +503,7 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
       ->capture_default_str();
   command->add_option("--compare", options->compare, "An earlier calibration to compare with")
       ->type_name("FILE");
+  add_camera_name_option(*command, options->compare_name);
   command
       ->add_option("--focus-position", options->focus_position,
                    "Where the lens was focused, as its driver counts: kept in the file")

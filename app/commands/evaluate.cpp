@@ -11,14 +11,18 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "app/camera_choice.hpp"
 #include "app/capture/recording_source.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
+#include "app/logging.hpp"
 #include "app/run_report.hpp"
-#include "core/camera_file.hpp"
+#include "core/pairing.hpp"
 #include "core/tag_map.hpp"
+#include "core/text.hpp"
 #include "core/trajectory.hpp"
 #include "tracking/group_tracker.hpp"
 
@@ -29,21 +33,31 @@ struct EvaluateOptions {
   std::filesystem::path estimated;
   std::filesystem::path groundtruth;
   std::filesystem::path camera;
+  std::string camera_name;
   std::optional<std::filesystem::path> tags, estimated_groups, groundtruth_groups;
+  PairingOptions pairing;
   bool json = false;
 };
 
-Result<void> need_a_pose(const Evaluation& evaluation, const std::filesystem::path& estimated,
-                         const std::filesystem::path& truth) {
-  if (evaluation.frames_with_pose > 0) return {};
-  for (const auto& file : {estimated, truth}) {
-    const auto poses = load_trajectory(file);
-    if (poses && poses->poses.empty()) return fail("{}: holds no pose", file.string());
+// "0.000000000 to 3.966667000 s"
+std::string times_of(const Trajectory& trajectory) {
+  return fmt::format("{} to {} s", format_ns_as_seconds(trajectory.poses.front().timestamp_ns),
+                     format_ns_as_seconds(trajectory.poses.back().timestamp_ns));
+}
+
+// Fails where no pose was judged, or where the times are no seconds.
+Result<void> check_pairing(const Evaluation& evaluation, const NamedTrajectory& estimated,
+                           const NamedTrajectory& truth, const PairingOptions& pairing) {
+  for (const auto& [trajectory, name] : {estimated, truth}) {
+    if (trajectory.poses.empty()) return fail("{}: holds no pose", name);
   }
+  if (auto ok = check_units_of_time(estimated, truth, pairing); !ok) return ok;
+  if (evaluation.frames_judged > 0) return {};
   return fail(
-      "{}: has no pose within 1 ms of one in {}; are both of the same recording, with times in "
-      "seconds?",
-      estimated.string(), truth.string());
+      "{}: has no pose that {} can judge: {}; its times are {}, those of the ground truth {}. Are "
+      "both of the same recording? --time-offset shifts the estimate, --max-gap allows longer gaps",
+      estimated.name, truth.name, not_judged_in_words(evaluation), times_of(estimated.trajectory),
+      times_of(truth.trajectory));
 }
 
 // Of the groups of tags that have both a file of estimated places and one of true ones.
@@ -74,11 +88,20 @@ Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions&
     const auto true_place = true_places->find(name);
     if (true_place == true_places->end()) continue;
     const auto T_group_middle = middle_of_group(*tags, name);
-    const Evaluation evaluation = evaluate(camera, over_group(estimated, place, T_group_middle),
-                                           over_group(truth, true_place->second, T_group_middle));
     const auto file = *group_file(name);
-    if (auto checked = need_a_pose(evaluation, *options.estimated_groups / file,
-                                   *options.groundtruth_groups / file);
+    const std::string place_name = (*options.estimated_groups / file).string();
+    const std::string true_name = (*options.groundtruth_groups / file).string();
+    const Trajectory found_over = over_group(estimated, place, T_group_middle);
+    const Trajectory true_over =
+        over_group(truth, true_place->second, T_group_middle, options.pairing.max_gap_ns);
+    if (found_over.poses.empty() || true_over.poses.empty()) {
+      return fail("{}: has no place at the time of any pose of {}",
+                  found_over.poses.empty() ? place_name : true_name,
+                  (found_over.poses.empty() ? options.estimated : options.groundtruth).string());
+    }
+    const Evaluation evaluation = evaluate(camera, found_over, true_over, options.pairing);
+    if (auto checked = check_pairing(evaluation, {found_over, place_name}, {true_over, true_name},
+                                     options.pairing);
         !checked) {
       return tl::unexpected(checked.error());
     }
@@ -93,14 +116,22 @@ Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions&
 }
 
 Result<ExitCode> run_evaluate(const EvaluateOptions& options) {
-  const auto camera = load_camera(options.camera);
+  const auto camera = load_chosen_camera(options.camera, options.camera_name);
   if (!camera) return tl::unexpected(camera.error());
   const auto estimated = load_trajectory(options.estimated);
   if (!estimated) return tl::unexpected(estimated.error());
   const auto truth = load_trajectory(options.groundtruth);
   if (!truth) return tl::unexpected(truth.error());
-  const Evaluation evaluation = evaluate(*camera, *estimated, *truth);
-  if (auto checked = need_a_pose(evaluation, options.estimated, options.groundtruth); !checked) {
+  for (const auto& [trajectory, file] :
+       {std::pair(&*estimated, &options.estimated), std::pair(&*truth, &options.groundtruth)}) {
+    if (!trajectory->of_body) continue;
+    log_warning("{}: EuRoC's poses are of the body (the IMU); they are taken as the camera's",
+                file->string());
+  }
+  const Evaluation evaluation = evaluate(*camera, *estimated, *truth, options.pairing);
+  if (auto checked = check_pairing(evaluation, {*estimated, options.estimated.string()},
+                                   {*truth, options.groundtruth.string()}, options.pairing);
+      !checked) {
     return tl::unexpected(checked.error());
   }
   const auto groups = evaluate_groups(options, *camera, *estimated, *truth);
@@ -126,13 +157,15 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_option("--estimated", options->estimated, "Estimated camera poses")
       ->required()
       ->type_name("FILE.tum");
-  command->add_option("--groundtruth", options->groundtruth, "True camera poses")
+  command
+      ->add_option("--groundtruth", options->groundtruth, "True camera poses, or EuRoC's data.csv")
       ->required()
       ->type_name("FILE.tum");
   command
       ->add_option("--camera", options->camera, "Camera model: what the overlay error is seen by")
       ->required()
       ->type_name("camera.yaml");
+  add_camera_name_option(*command, options->camera_name);
   CLI::Option* tags = command
                           ->add_option("--tags", options->tags,
                                        "Tag map: groups of tags beside the table are compared too")
@@ -150,8 +183,10 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
   tags->needs(estimated_groups)->needs(true_groups);
   estimated_groups->needs(tags);
   true_groups->needs(tags);
+  add_pairing_options(*command, options->pairing);
   command->add_flag("--json", options->json, "JSON instead of a table");
   command->footer(
+      "Each estimated pose is compared with the ground truth at its time, which is interpolated.\n"
       "No alignment: the table frame is known. Overlay error: how far the corners of a 0.2 m cube "
       "on the\ntable's origin are from where the true pose shows them; of a group of tags, one on "
       "the "

@@ -99,6 +99,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       ->add_option("--calibration", options->calibration,
                    "The camera's model, at the size it gives (penumbra calibrate)")
       ->type_name("camera.yaml");
+  add_camera_name_option(*command, request.camera_name);
   command
       ->add_option_function<std::string>(
           "--size",

@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "app/camera_choice.hpp"
 #include "app/capture/recording_source.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
@@ -35,6 +36,7 @@ namespace {
 struct MapOptions {
   std::filesystem::path recording;
   std::filesystem::path camera;
+  std::string camera_name;
   std::filesystem::path sizes;
   std::filesystem::path output;
   std::optional<double> tag_size_m;
@@ -120,8 +122,9 @@ Result<ExitCode> run_map(const MapOptions& options) {
   auto recording = open_recording(options.recording, open);
   if (!recording) return tl::unexpected(recording.error());
   for (const std::string& notice : recording->notices) log_warning("{}", notice);
-  auto camera =
-      load_camera(options.camera.empty() ? options.recording / "camera.yaml" : options.camera);
+  auto camera = load_chosen_camera(
+      options.camera.empty() ? options.recording / "camera.yaml" : options.camera,
+      options.camera_name);
   if (!camera) return tl::unexpected(camera.error());
   recording->camera = std::move(*camera);
   InterruptWatch interrupt;
@@ -210,6 +213,7 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_option("--family", options->family, "Tag family")->capture_default_str();
   command->add_option("--camera", options->camera, "Camera (default: the recording's)")
       ->type_name("camera.yaml");
+  add_camera_name_option(*command, options->camera_name);
   command
       ->add_option("--plane", options->plane,
                    "Where z = 0 is: fitted to the tags that lie flat beside the anchor, or the "
@@ -237,12 +241,8 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
     const std::array inputs = {options->sizes, camera};
     if (const auto once = check_written_once(outputs, inputs); !once)
       throw CLI::ValidationError("--output", once.error().message);
-    if (!tag_family_from_string(options->family)) {
-      throw CLI::ValidationError(
-          "--family",
-          fmt::format("'{}' is not known; use a family of libapriltag, such as tag36h11",
-                      options->family));
-    }
+    if (!tag_family_from_string(options->family))
+      throw CLI::ValidationError("--family", unknown_tag_family(options->family));
     chosen = [options] { return run_map(*options); };
   });
 }

@@ -12,6 +12,7 @@
 #include "app/output/output_file.hpp"
 #include "app/versions.hpp"
 #include "core/text.hpp"
+#include "core/units.hpp"
 #include "render/model_size.hpp"
 
 namespace penumbra {
@@ -258,6 +259,46 @@ ImageSize image_size_from(const std::string& option, std::string_view text) {
   if (!width || !height || *width < 1 || *height < 1 || *width > kLargest || *height > kLargest)
     throw CLI::ValidationError(option, fmt::format("{}: is no size such as 640x480", text));
   return {static_cast<int>(*width), static_cast<int>(*height)};
+}
+
+void add_camera_name_option(CLI::App& command, std::string& name) {
+  command
+      .add_option("--camera-name", name,
+                  "Which camera of a file that holds several (Kalibr's camchain, stereo files of "
+                  "OpenCV)")
+      ->type_name("NAME");
+}
+
+void add_pairing_options(CLI::App& command, PairingOptions& pairing) {
+  const auto seconds_from = [](const std::string& option, const std::string& text, double least,
+                               double most) {
+    const auto value = parse_number(text);
+    if (!value || !(*value >= least && *value <= most)) {
+      throw CLI::ValidationError(
+          option, fmt::format("'{}' is no number of seconds from {:g} to {:g}", text, least, most));
+    }
+    return nanoseconds(*value);
+  };
+  command
+      .add_option_function<std::string>(
+          "--max-gap",
+          [seconds_from, &pairing](const std::string& text) {
+            pairing.max_gap_ns = seconds_from("--max-gap", text, 0.0, 1e6);
+          },
+          "The ground truth is interpolated between two of its poses that are at most this far "
+          "apart; 0: not at all")
+      ->type_name("SECONDS")
+      ->default_str("0.1");
+  command
+      .add_option_function<std::string>(
+          "--time-offset",
+          [seconds_from, &pairing](const std::string& text) {
+            pairing.time_offset_ns = seconds_from("--time-offset", text, -4e9, 4e9);
+          },
+          "Added to the estimate's times (in replay: the recording's): positive where its clock is "
+          "behind that of the ground truth")
+      ->type_name("SECONDS")
+      ->default_str("0");
 }
 
 void add_tracking_options(CLI::App& command, TrackerOptions& tracking) {

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "app/run_outputs.hpp"
+#include "core/pairing.hpp"
 #include "render/frame_plan.hpp"
 #include "render/shadow/technique.hpp"
 #include "tracking/table_tracker.hpp"
@@ -80,6 +81,12 @@ struct FrameWork {
   std::optional<bool>& pixel_buffers;
 };
 void add_frame_options(CLI::App& command, const FrameWork& work, const std::string& side_by_side);
+
+// --camera-name: which camera of a file that holds several.
+void add_camera_name_option(CLI::App& command, std::string& name);
+
+// --max-gap and --time-offset.
+void add_pairing_options(CLI::App& command, PairingOptions& pairing);
 
 // Every word that --shadow takes, from the list in render/shadow/technique.hpp.
 [[nodiscard]] std::string known_techniques();

@@ -98,6 +98,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       ->type_name("FILE.json");
   command->add_option("--tags", request.tags, "What lies on the table (default: the recording's)")
       ->type_name("FILE.yaml");
+  add_camera_name_option(*command, request.camera_name);
   CLI::Option* shadow = add_shadow_options(*command, options->shadow);
   command
       ->add_option_function<std::string>(
@@ -142,6 +143,7 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
                     {request.threads, request.rectified, request.video_light, options->no_skip,
                      request.msaa, request.pixel_buffers},
                     "frames are decoded, tracked, drawn and encoded side by side");
+  add_pairing_options(*command, request.pairing);
   command->add_flag("--realtime", request.realtime,
                     "At the pace it was recorded (always so in a window)");
   command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");

@@ -71,6 +71,7 @@ void add_simulate_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_option("--camera", request->camera, "The camera and its lens")
       ->required()
       ->type_name("camera.yaml");
+  add_camera_name_option(*command, request->camera_name);
   command->add_option("--tags", request->tags, "What lies on the table")
       ->required()
       ->type_name("tags.yaml");

@@ -9,6 +9,7 @@
 #include <thread>
 #include <utility>
 
+#include "app/camera_choice.hpp"
 #include "app/hud.hpp"
 #include "app/interrupt.hpp"
 #include "app/logging.hpp"
@@ -332,7 +333,7 @@ Result<Pictures> open_pictures(const StudyRequest& request, const Scene& scene) 
                                       request.poses_from.has_value())};
   }
   const LiveRequest& live = request.camera;
-  const auto camera = load_camera(live.calibration);
+  const auto camera = load_chosen_camera(live.calibration, live.camera_name);
   if (!camera) return tl::unexpected(camera.error());
   const auto tags = load_tag_map(live.tags);
   if (!tags) return tl::unexpected(tags.error());

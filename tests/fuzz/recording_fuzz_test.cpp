@@ -1,6 +1,7 @@
 // Damaged files of a recording: an error of one line, or finite and ordered values.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 
 #include "app/capture/recording_source.hpp"
@@ -71,6 +72,53 @@ TEST(RecordingFuzz, CameraFile) {
   report(tally);
 }
 
+// Camera files of other programs: ROS messages, OpenCV's FileStorage as YAML, JSON and XML, Kalibr.
+TEST(RecordingFuzz, CameraFileLayouts) {
+  const std::array<std::string, 5> layouts = {
+      "header:\n  stamp:\n    sec: 17\n    nanosec: 5\n  frame_id: cam\nheight: 480\nwidth: 640\n"
+      "distortion_model: plumb_bob\nd:\n- 0.1\n- -0.05\n- 0.001\n- 0.002\n- 0.0\nk: [500, 0, 320, "
+      "0, 500, 240, 0, 0, 1]\nbinning_x: 0\nroi:\n  x_offset: 0\n  width: 0\n---\n",
+      "# mine\n%YAML:1.0\n---\nimage_size: [ 640, 480 ]\nM1: !!opencv-matrix\n   rows: 3\n   dt: "
+      "d\n"
+      "   data: [ 500., 0., 320., 0., 500., 240., 0., 0., 1. ]\nD1: !!opencv-matrix\n   dt: d\n"
+      "   data: [ 0.1, -0.05, 0.001, 0.002, 0., 0.1, 0., 0. ]\n",
+      "{\"image_width\": 640, \"image_height\": 480, \"camera_matrix\": {\"type_id\": "
+      "\"opencv-matrix\", \"dt\": \"d\", \"data\": [500, 0, 320, 0, 500, 240, 0, 0, 1]},\n"
+      "\"distortion_coefficients\": {\"type_id\": \"opencv-matrix\", \"data\": [0.1, 0, 0, 0]}}",
+      "<?xml version=\"1.0\"?>\n<opencv_storage>\n<time>\"a "
+      "b\"</time><image_width>640</image_width>\n"
+      "<image_height>480</image_height>\n<camera_matrix type_id=\"opencv-matrix\"><rows>3</rows>"
+      "<data>500. 0. 320. 0. 500. 240. 0. 0. 1.</data></camera_matrix>\n"
+      "<distortion_coefficients type_id=\"opencv-matrix\"><data>0.1 -0.05 0.001 0.002 0.</data>"
+      "</distortion_coefficients><list><_>1</_><_><a>2</a></_></list>\n</opencv_storage>\n",
+      "left:\n  camera_model: pinhole\n  distortion_coeffs: [0.01, 0.02, -0.003, 0.001]\n"
+      "  distortion_model: equidistant\n  intrinsics: [500.0, 500.0, 320.0, 240.0]\n"
+      "  resolution: [640, 480]\n"};
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "camera.yaml";
+  Random random(18);
+  RecordingTally tally;
+  for (int i = 0; i < 6000; ++i, ++tally.inputs) {
+    const std::string& whole = layouts[static_cast<std::size_t>(i) % layouts.size()];
+    if (i < static_cast<int>(layouts.size())) {
+      write_text(file, whole);
+      ASSERT_TRUE(load_camera(file)) << load_camera(file).error().message;
+    }
+    write_text(file, mutated(whole, random, PENUMBRA_HARD_WORDS));
+    const auto camera = load_camera(file);
+    if (!camera) {
+      ASSERT_NO_FATAL_FAILURE(check_error(camera.error(), "camera.yaml"));
+      continue;
+    }
+    ++tally.accepted;
+    const CameraParameters& p = camera->parameters();
+    ASSERT_TRUE(std::isfinite(p.fx) && std::isfinite(p.fy) && std::isfinite(p.cx) &&
+                std::isfinite(p.cy));
+    for (const double k : p.distortion) ASSERT_TRUE(std::isfinite(k));
+  }
+  report(tally);
+}
+
 TEST(RecordingFuzz, SensorFile) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "sensor.yaml";
@@ -136,10 +184,15 @@ TEST(RecordingFuzz, DeeplyNestedYamlIsAnError) {
 TEST(RecordingFuzz, Trajectory) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "groundtruth.tum";
-  const std::string whole = test::truth(12);
+  std::string euroc = "#timestamp, p_x [m], p_y [m], p_z [m], q_w [], q_x [], q_y [], q_z []\n";
+  for (int i = 0; i < 12; ++i)
+    euroc +=
+        std::to_string(1403636580838555648 + i * 5'000'000LL) + ",4.5,-1.8,0.7,0.6,0.8,0,0,1\n";
+  const std::array<std::string, 2> formats = {test::truth(12), euroc};
   Random random(14);
   RecordingTally tally;
-  for (int i = 0; i < 4000; ++i, ++tally.inputs) {
+  for (int i = 0; i < 6000; ++i, ++tally.inputs) {
+    const std::string& whole = formats[static_cast<std::size_t>(i) % formats.size()];
     write_text(file, mutated(whole, random, PENUMBRA_HARD_WORDS));
     const auto trajectory = load_trajectory(file);
     if (!trajectory) {
@@ -152,7 +205,7 @@ TEST(RecordingFuzz, Trajectory) {
       ASSERT_TRUE(pose.T_table_camera.is_finite());
       ASSERT_NEAR(pose.T_table_camera.rotation().norm(), 1.0, 1e-9);
       if (k > 0) {
-        ASSERT_GE(pose.timestamp_ns, trajectory->poses[k - 1].timestamp_ns);
+        ASSERT_GT(pose.timestamp_ns, trajectory->poses[k - 1].timestamp_ns);
       }
     }
   }

@@ -8,6 +8,7 @@
 namespace penumbra::test {
 namespace {
 
+using testing::AllOf;
 using testing::HasSubstr;
 
 TEST(CommandLine, EveryCommandHasHelpWithAnExample) {
@@ -287,7 +288,106 @@ TEST(Evaluate, ATrajectoryAgainstItselfIsExact) {
   const ProgramResult table =
       penumbra({"evaluate", "--estimated", truth, "--groundtruth", truth, "--camera", camera});
   EXPECT_EQ(table.exit_code, 0);
-  EXPECT_THAT(table.out, HasSubstr("frames with a pose: 120 of 120"));
+  EXPECT_THAT(table.out, HasSubstr("judged frames with a pose: 120 of 120 (100.0 %)"));
+  EXPECT_EQ(json["frames_estimated"], 120);
+  EXPECT_EQ(json["frames_judged"], 120);
+  EXPECT_EQ(json["share_judged"], 1.0);
+  EXPECT_TRUE(json["not_judged"].empty());
+}
+
+// Truth at every third frame, of a clock that is 2 s ahead.
+TEST(Evaluate, InterpolatesTheTruthAndCountsWhatItCanNotJudge) {
+  const TemporaryFolder folder;
+  const std::string camera = bundled("tabletop") + "/camera.yaml";
+  std::string estimated;
+  std::string truth;
+  for (int i = 0; i < 30; ++i) {
+    const std::string pose = std::to_string(0.01 * i) + " 0 0.5 1 0 0 0\n";
+    estimated += std::to_string(0.03 * i) + " " + pose;
+    if (i % 3 == 0 && i < 16) truth += std::to_string(2.0 + 0.03 * i) + " " + pose;
+  }
+  std::ofstream(folder.path() / "e.tum") << estimated;
+  std::ofstream(folder.path() / "t.tum") << truth;
+  const auto evaluate = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {
+        "evaluate",      "--estimated",           folder.path() / "e.tum",
+        "--groundtruth", folder.path() / "t.tum", "--camera",
+        camera};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return penumbra(arguments);
+  };
+  expect_failure(evaluate({}), {"e.tum", "30 outside the time of the ground truth", "2.000000000",
+                                "--time-offset"});
+  const ProgramResult result = evaluate({"--time-offset", "2", "--json"});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const auto json = nlohmann::json::parse(result.out, nullptr, false);
+  EXPECT_EQ(json["frames_estimated"], 30);
+  EXPECT_EQ(json["frames_judged"], 17) << "16 up to the last true pose, one just beyond";
+  EXPECT_EQ(json["not_judged"], nlohmann::json({{"outside_truth", 13}}));
+  EXPECT_LT(json["translation_mm"]["max"].get<double>(), 1e-9);
+  const ProgramResult without = evaluate({"--time-offset", "2", "--max-gap", "0.05"});
+  ASSERT_EQ(without.exit_code, 0) << without.err;
+  EXPECT_THAT(without.out, AllOf(HasSubstr("judged frames with a pose: 6 of 30 (20.0 %)"),
+                                 HasSubstr("10 in a gap of the ground truth")));
+  for (const char* wrong : {"-1", "nan", "1e99", "long"})
+    EXPECT_EQ(evaluate({"--max-gap", wrong}).exit_code, 2) << wrong;
+  EXPECT_EQ(evaluate({"--time-offset", "inf"}).exit_code, 2);
+}
+
+TEST(Evaluate, ReadsTheFilesOfTheSharedCases) {
+  const std::filesystem::path shared = shared_dir();
+  if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const std::filesystem::path cases = shared / "cases";
+  const std::string tabletop = shared / "recordings" / "tabletop";
+  const auto evaluate = [&](const std::filesystem::path& estimated,
+                            const std::filesystem::path& truth, const std::string& camera) {
+    return penumbra({"evaluate", "--estimated", cases / estimated, "--groundtruth", cases / truth,
+                     "--camera", camera});
+  };
+  const std::filesystem::path times = "evaluate-times";
+  const ProgramResult judged = evaluate(times / "estimate-30Hz.tum", times / "truth-100Hz.tum",
+                                        cases / times / "camera.yaml");
+  ASSERT_EQ(judged.exit_code, 0) << judged.err;
+  EXPECT_THAT(judged.out, HasSubstr("judged frames with a pose: 20 of 20 (100.0 %)"));
+  EXPECT_THAT(judged.out, HasSubstr("0.0255"));
+  expect_failure(evaluate(times / "allsame.tum", times / "allsame.tum", tabletop + "/camera.yaml"),
+                 {"allsame.tum", "line 2", "timestamps must increase"});
+  expect_failure(
+      evaluate(times / "ms.tum", tabletop + "/groundtruth.tum", tabletop + "/camera.yaml"),
+      {"ms.tum", "milliseconds"});
+  const std::filesystem::path marks = "tum-byte-order-mark";
+  EXPECT_EQ(evaluate(marks / "bom.tum", marks / "bom.tum", tabletop + "/camera.yaml").exit_code, 0);
+  expect_failure(evaluate(marks / "utf16.tum", marks / "bom.tum", tabletop + "/camera.yaml"),
+                 {"utf16.tum", "UTF-16"});
+  const ProgramResult euroc =
+      evaluate(marks / "euroc.csv", marks / "bom.tum", tabletop + "/camera.yaml");
+  EXPECT_EQ(euroc.exit_code, 0) << euroc.err;
+  EXPECT_THAT(euroc.err, AllOf(HasSubstr("euroc.csv"), HasSubstr("body")));
+  const ProgramResult warned =
+      evaluate(marks / "bom.tum", marks / "bom.tum",
+               cases / "camera-info-coefficients" / "ros_missing_model.yaml");
+  EXPECT_EQ(warned.exit_code, 0) << warned.err;
+  EXPECT_THAT(warned.err, HasSubstr("plumb_bob is assumed"));
+}
+
+TEST(Evaluate, AsksWhichCameraOfSeveral) {
+  const TemporaryFolder folder;
+  const std::string truth = bundled("tabletop") + "/groundtruth.tum";
+  const std::string chain = folder.path() / "camchain.yaml";
+  const auto camera = [](const char* name) {
+    return std::string(name) +
+           ":\n  camera_model: pinhole\n  distortion_coeffs: [0, 0, 0, 0]\n"
+           "  distortion_model: radtan\n  intrinsics: [500, 500, 320, 240]\n"
+           "  resolution: [640, 480]\n";
+  };
+  std::ofstream(chain) << camera("left") << camera("right");
+  std::vector<std::string> arguments = {"evaluate", "--estimated", truth, "--groundtruth",
+                                        truth,      "--camera",    chain};
+  expect_failure(penumbra(arguments), {chain, "left, right", "--camera-name"});
+  arguments.insert(arguments.end(), {"--camera-name", "right"});
+  EXPECT_EQ(penumbra(arguments).exit_code, 0);
+  arguments.back() = "cam2";
+  expect_failure(penumbra(arguments), {chain, "cam2", "left, right"});
 }
 
 TEST(Evaluate, SeesAMovedCamera) {

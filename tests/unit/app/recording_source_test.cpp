@@ -785,6 +785,54 @@ TEST_F(RecordingOfEuroc, EquidistantIsFisheyeAndACameraFileWins) {
   EXPECT_EQ(open_recording(folder())->camera->parameters().fx, 53.0);
 }
 
+// The ground truth is of the body; T_BS says where the camera sits on it.
+TEST_F(RecordingOfEuroc, GroundTruthIsMovedFromTheBodyToTheCamera) {
+  const std::filesystem::path truth = folder() / "mav0" / "state_groundtruth_estimate0";
+  std::filesystem::create_directories(truth);
+  // A quarter turn about z at (1, 2, 3), and half a second later.
+  write_text(truth / "data.csv",
+             "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y "
+             "[], q_RS_z [], v_RS_R_x [m s^-1]\n"
+             "1403636579763555584,1,2,3,0.70710678118654757,0,0,0.70710678118654757,0\n"
+             "1403636580263555584,1,2,4,1,0,0,0,0\n");
+  const auto without = open_recording(folder());
+  ASSERT_TRUE(without) << without.error().message;
+  EXPECT_FALSE(without->groundtruth);
+  ASSERT_EQ(without->notices.size(), 1U);
+  EXPECT_THAT(without->notices[0], AllOf(HasSubstr("T_BS"), HasSubstr("is not read")));
+
+  write_text(cam0() / "sensor.yaml",
+             test::read_bytes(cam0() / "sensor.yaml") +
+                 "T_BS:\n  cols: 4\n  rows: 4\n  data: [0.0, -1.0, 0.0, 0.1,\n         1.0, 0.0, "
+                 "0.0, 0.2,\n         0.0, 0.0, 1.0, 0.3,\n         0.0, 0.0, 0.0, 1.0]\n");
+  const auto recording = open_recording(folder());
+  ASSERT_TRUE(recording) << recording.error().message;
+  ASSERT_TRUE(recording->groundtruth);
+  EXPECT_FALSE(recording->groundtruth->of_body);
+  ASSERT_EQ(recording->notices.size(), 1U);
+  EXPECT_THAT(recording->notices[0], HasSubstr("table's frame"));
+  const CameraPose& pose = recording->groundtruth->poses.at(0).T_table_camera;
+  // The turn takes (0.1, 0.2, 0.3) to (-0.2, 0.1, 0.3).
+  EXPECT_LT((pose.translation() - Eigen::Vector3d(0.8, 2.1, 3.3)).norm(), 1e-12);
+  EXPECT_LT((pose.rotation() * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(-1, 0, 0)).norm(), 1e-12);
+
+  write_text(truth / "sensor.yaml",
+             "T_BS:\n  data: [1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n");
+  const auto mounted = open_recording(folder());
+  ASSERT_TRUE(mounted && mounted->groundtruth);
+  // The truth's sensor is 1 m along the body's x: the camera is 1 m back along the turned one.
+  EXPECT_LT((mounted->groundtruth->poses.at(0).T_table_camera.translation() -
+             Eigen::Vector3d(0.8, 1.1, 3.3))
+                .norm(),
+            1e-12);
+
+  write_text(truth / "data.csv", "1,1,2\n");
+  const auto damaged = open_recording(folder());
+  ASSERT_TRUE(damaged) << "its job does not need the truth: " << damaged.error().message;
+  EXPECT_FALSE(damaged->groundtruth);
+  EXPECT_THAT(damaged->notices.at(0), AllOf(HasSubstr("data.csv"), HasSubstr("line 1")));
+}
+
 TEST_F(RecordingOfEuroc, AnUnknownModelIsNamed) {
   write_sensor("fov");
   EXPECT_THAT(error_of(folder()),

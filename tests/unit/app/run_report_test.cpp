@@ -171,7 +171,9 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   report.accuracy->jitter_px = 0.05;
   report.accuracy->jitter_changes = 8;
   report.accuracy->frames_with_truth = 5;
-  report.accuracy->frames_with_pose = 2;
+  report.accuracy->frames_estimated = 3;
+  report.accuracy->frames_judged = 2;
+  report.accuracy->frames_not_judged = {1, 0};
 
   const Json json = Json::parse(report_json(report));
   EXPECT_EQ(json["frames"], 5);
@@ -235,10 +237,21 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   }
   EXPECT_EQ(json["accuracy"]["overlay_px"]["p95"], 0.4);
   EXPECT_EQ(json["accuracy"]["jitter_px"], 0.05);
+  EXPECT_EQ(json["accuracy"]["frames_estimated"], 3);
+  EXPECT_EQ(json["accuracy"]["frames_judged"], 2);
+  EXPECT_EQ(json["accuracy"]["share_judged"], 2.0 / 3.0);
+  EXPECT_EQ(json["accuracy"]["not_judged"], Json({{"outside_truth", 1}}));
+  EXPECT_EQ(json["accuracy"]["frames_with_truth"], 5);
+  EXPECT_EQ(json["accuracy"]["frames_with_pose"], 2);
+  EXPECT_EQ(json["accuracy"]["share_with_pose"], 0.4);
+  EXPECT_THAT(
+      report_table(report),
+      testing::AllOf(testing::HasSubstr("judged frames with a pose: 2 of 3 (66.7 %)\n"),
+                     testing::HasSubstr("not judged: 1 outside the time of the ground truth\n")));
   report.accuracy->jitter_changes = 0;
   EXPECT_TRUE(Json::parse(report_json(report))["accuracy"]["jitter_px"].is_null());
 
-  report.accuracy->frames_with_pose = 0;
+  report.accuracy->frames_judged = 0;
   EXPECT_TRUE(Json::parse(report_json(report))["accuracy"]["overlay_px"].is_null())
       << "no pose is no error of 0";
   report.accuracy.reset();
@@ -300,7 +313,7 @@ TEST(RunReport, AccuracyIsOfTheTrackedFramesThatWereProcessed) {
   }
   const Evaluation accuracy = accuracy_of(camera, run, truth);
   EXPECT_EQ(accuracy.frames_with_truth, 4);
-  EXPECT_EQ(accuracy.frames_with_pose, 3);
+  EXPECT_EQ(accuracy.frames_judged, 3);
   EXPECT_NEAR(accuracy.translation_mm.max, 3.0, 1e-9);
   // 3 mm beside: 500 px * 0.003 on the table, 500 px * 0.003 / 0.8 at the cube's top.
   EXPECT_NEAR(accuracy.overlay_px.max, 1.875, 1e-9);
@@ -341,9 +354,9 @@ TEST(RunReport, GroupsAreCountedAndComparedWithTheirTruth) {
   EXPECT_EQ(report.groups[0].frames_held, 1);
   EXPECT_EQ(report.groups[0].frames_lost, 1);
   EXPECT_EQ(report.skipped["group_not_in_scene"], 10);
-  const Evaluation accuracy = accuracy_of_group(camera, run, "prop", truth, places);
+  const Evaluation accuracy = accuracy_of_group(camera, run, "prop", {truth, places});
   EXPECT_EQ(accuracy.frames_with_truth, 5);
-  EXPECT_EQ(accuracy.frames_with_pose, 2);
+  EXPECT_EQ(accuracy.frames_judged, 2);
   EXPECT_NEAR(accuracy.translation_mm.max, 4.0, 1e-9);
   EXPECT_NEAR(accuracy.overlay_px.max, 500.0 * 0.004 / 0.8, 1e-9);
   EXPECT_NEAR(accuracy.translation_mm.median, 2.0, 1e-9);

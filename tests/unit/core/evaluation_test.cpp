@@ -7,6 +7,8 @@
 #include <numbers>
 #include <random>
 
+#include "support/paths.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -92,7 +94,7 @@ TEST(Evaluation, ARecordingByHand) {
   Trajectory truth;
   Trajectory estimated;
   for (int i = 0; i < 5; ++i) truth.poses.push_back({i * 33'333'000LL, above(0.0, 0.0, 1.0), {}});
-  // Frame 2 has no pose; frame 3's is 0.4 ms off in time, which still is the same frame.
+  // Frame 2 has no pose; frame 3's is 0.4 ms off in time.
   estimated.poses.push_back({0, above(0.0, 0.0, 1.0), {}});
   estimated.poses.push_back({33'333'000, above(0.001, 0.0, 1.0), {}});
   estimated.poses.push_back({3 * 33'333'000LL + 400'000, above(0.0, 0.002, 1.0), {}});
@@ -101,7 +103,9 @@ TEST(Evaluation, ARecordingByHand) {
 
   const Evaluation e = evaluate(pinhole(), estimated, truth);
   EXPECT_EQ(e.frames_with_truth, 5);
-  EXPECT_EQ(e.frames_with_pose, 4);
+  EXPECT_EQ(e.frames_estimated, 5);
+  EXPECT_EQ(e.frames_judged, 4);
+  EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotJudged::outside_truth)], 1);
   EXPECT_NEAR(e.translation_mm.max, 2.0, 1e-9);
   EXPECT_NEAR(e.translation_mm.median, 1.5, 1e-9);
   EXPECT_NEAR(e.rotation_deg.max, 0.0, 1e-9);
@@ -113,6 +117,71 @@ TEST(Evaluation, ARecordingByHand) {
   EXPECT_EQ(e.jitter_changes, 16);
   // Changes: frames 0-1 (0.5 and 0.625) and 3-4 (none); 1-2 and 2-3 have no pair.
   EXPECT_NEAR(e.jitter_px, std::sqrt((4 * 0.25 + 4 * 0.390625) / 16.0), 1e-9);
+}
+
+// A circle of 0.3 m at 2 rad/s, seen by motion capture at 100 Hz: a chord lies inside the circle by
+// r (1 - cos(w T / 2)) at its middle, which is where every estimate falls.
+TEST(Evaluation, InterpolatedTruthHasTheErrorOfAChord) {
+  constexpr double kRadius = 0.3;
+  constexpr double kRate = 2.0;
+  constexpr std::int64_t kInterval = 10'000'000;
+  const auto on_circle = [](std::int64_t time_ns) {
+    const double a = kRate * 1e-9 * static_cast<double>(time_ns);
+    return above(kRadius * std::cos(a), kRadius * std::sin(a), 1.0);
+  };
+  Trajectory truth;
+  Trajectory estimated;
+  for (int i = 0; i <= 300; ++i)
+    truth.poses.push_back({i * kInterval, on_circle(i * kInterval), {}});
+  for (int i = 0; i < 100; ++i) {
+    const std::int64_t time = 3 * i * kInterval + kInterval / 2;
+    estimated.poses.push_back({time, on_circle(time), {}});
+  }
+  const Evaluation e = evaluate(pinhole(), estimated, truth);
+  EXPECT_EQ(e.frames_judged, 100);
+  EXPECT_NEAR(e.translation_mm.rmse, 1e3 * kRadius * (1.0 - std::cos(kRate * 0.005)), 1e-9);
+  EXPECT_NEAR(e.translation_mm.max, e.translation_mm.rmse, 1e-9);
+  EXPECT_EQ(e.jitter_changes, 99 * 8) << "every third true pose, yet each frame follows another";
+
+  // A clock that is behind by 20 ms moves the estimate along by that much.
+  Trajectory behind = estimated;
+  for (StampedPose& pose : behind.poses) pose.timestamp_ns -= 20'000'000;
+  const Evaluation late = evaluate(pinhole(), behind, truth);
+  EXPECT_NEAR(late.translation_mm.median, 1e3 * 2.0 * kRadius * std::sin(kRate * 0.01), 0.02);
+  EXPECT_EQ(evaluate(pinhole(), behind, truth, {.time_offset_ns = 20'000'000}).translation_mm.rmse,
+            e.translation_mm.rmse);
+}
+
+TEST(Evaluation, CountsWhatCanNotBeJudgedByCause) {
+  Trajectory truth;
+  Trajectory estimated;
+  for (const int ms : {0, 33, 67, 267, 300})
+    truth.poses.push_back({ms * 1'000'000LL, above(0, 0, 1), {}});
+  for (const int ms : {-200, 10, 50, 100, 150, 280, 500, 600})
+    estimated.poses.push_back({ms * 1'000'000LL, above(0, 0, 1), {}});
+  const Evaluation e = evaluate(pinhole(), estimated, truth);
+  EXPECT_EQ(e.frames_estimated, 8);
+  EXPECT_EQ(e.frames_judged, 3);
+  EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotJudged::outside_truth)], 3);
+  EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotJudged::gap_too_long)], 2);
+  EXPECT_EQ(evaluate(pinhole(), estimated, truth, {.max_gap_ns = 200'000'000}).frames_judged, 5);
+}
+
+// The shared case: 20 frames at 30 Hz against motion capture at 100 Hz. The figures are those of an
+// independent calculation (Python: bisection, quaternion logarithm and exponential).
+TEST(Evaluation, AgreesWithAnIndependentCalculation) {
+  const std::filesystem::path shared = test::shared_dir();
+  if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const std::filesystem::path folder = shared / "cases" / "evaluate-times";
+  const auto estimated = load_trajectory(folder / "estimate-30Hz.tum");
+  ASSERT_TRUE(estimated) << estimated.error().message;
+  const auto truth = load_trajectory(folder / "truth-100Hz.tum");
+  ASSERT_TRUE(truth) << truth.error().message;
+  const Evaluation e = evaluate(pinhole(), *estimated, *truth);
+  EXPECT_EQ(e.frames_estimated, 20);
+  EXPECT_EQ(e.frames_judged, 20);
+  EXPECT_NEAR(e.translation_mm.rmse, 0.025489604531, 1e-9);
+  EXPECT_NEAR(e.rotation_deg.rmse, 0.023888263930, 1e-9);
 }
 
 TEST(Evaluation, RotationIsTheWholeAngle) {

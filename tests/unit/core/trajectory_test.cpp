@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "core/pairing.hpp"
 #include "core/text.hpp"
 #include "core/units.hpp"
 #include "support/paths.hpp"
@@ -52,7 +53,89 @@ TEST_F(TrajectoryFile, ErrorsNameFileAndLine) {
   refuses("0 0 0 0 0 0 0 1.01\n", "quaternion");
   refuses("when 0 0 0 0 0 0 1\n", "timestamp");
   refuses("1 0 0 0 0 0 0 1\n0.5 0 0 0 0 0 0 1\n", "line 2");
+  refuses("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 1\n2.0000000001 0 0 0 0 0 0 1\n", "line 3");
+  refuses("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "timestamps must increase");
   EXPECT_FALSE(load_trajectory(folder_.path() / "absent.tum"));
+}
+
+TEST_F(TrajectoryFile, NamesTheUnitOfTimesThatAreTooLargeForSeconds) {
+  refuses("1604644894000 0 0 0 0 0 0 1\n", "milliseconds; divide by 1e3");
+  refuses("1604644894000000 0 0 0 0 0 0 1\n", "microseconds; divide by 1e6");
+  refuses("1403636579763555584 0 0 0 0 0 0 1\n", "nanoseconds; divide by 1e9");
+  refuses("1e300 0 0 0 0 0 0 1\n", "line 1: timestamp");
+  refuses("inf 0 0 0 0 0 0 1\n", "line 1: timestamp");
+}
+
+TEST_F(TrajectoryFile, SkipsByteOrderMarkAndNamesUtf16) {
+  const auto read = load("\xEF\xBB\xBF# timestamp tx ty tz qx qy qz qw\r\n1 2 3 4 0 0 0 1\r\n");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->poses.at(0).T_table_camera.translation(), Eigen::Vector3d(2, 3, 4));
+  refuses(std::string_view("\xFF\xFE#\0 \0\n\0", 8), "UTF-16");
+}
+
+TEST_F(TrajectoryFile, ReadsEurocsGroundTruth) {
+  const char* header =
+      "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], "
+      "q_RS_z [], v_RS_R_x [m s^-1]\n";
+  const std::string rows =
+      "1403636580838555648,4.5,-1.8,0.75,0.6,0.8,0,0,0.1\r\n"
+      "1.403636580843555648e+18, 4.6, -1.7, 0.76, 0.8, 0, 0.6, 0,\n";
+  for (const std::string& text : {header + rows, rows}) {
+    const auto read = load(text);
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_TRUE(read->of_body);
+    ASSERT_EQ(read->poses.size(), 2U);
+    EXPECT_EQ(read->poses[0].timestamp_ns, 1403636580838555648);
+    EXPECT_EQ(read->poses[1].timestamp_ns, 1403636580843555648);
+    EXPECT_EQ(read->poses[0].T_table_camera.translation(), Eigen::Vector3d(4.5, -1.8, 0.75));
+    EXPECT_NEAR(read->poses[0].T_table_camera.rotation().w(), 0.6, 1e-15);
+    EXPECT_NEAR(read->poses[0].T_table_camera.rotation().x(), 0.8, 1e-15);
+    EXPECT_NEAR(read->poses[1].T_table_camera.rotation().y(), 0.6, 1e-15);
+  }
+  // The header decides where w is.
+  const auto w_last = load("timestamp [ns],px,py,pz,qx,qy,qz,qw\n5,1,2,3,0.8,0,0,0.6\n");
+  ASSERT_TRUE(w_last) << w_last.error().message;
+  EXPECT_NEAR(w_last->poses.at(0).T_table_camera.rotation().w(), 0.6, 1e-15);
+  EXPECT_FALSE(load("1 2 3 4 0 0 0 1\n")->of_body);
+}
+
+TEST_F(TrajectoryFile, RefusesOtherCsvFilesByName) {
+  refuses("1403636580838555648,4.5,-1.8,0.75\n", "has 4 values between commas");
+  refuses("1.25,4.5,-1.8,0.75,1,0,0,0\n", "no whole number of nanoseconds");
+  refuses("1,4.5,-1.8,0.75,0.6,0.6,0,0\n", "no rotation");
+  refuses("1,4.5,nan,0.75,1,0,0,0\n", "ty");
+  refuses("5,0,0,1,1,0,0,0\n5,0,0,1,1,0,0,0\n", "timestamps must increase");
+  refuses("1e99999999999,0,0,1,1,0,0,0\n", "nanoseconds");
+}
+
+TEST(TrajectoryCases, SharedFilesAreReadOrNamed) {
+  const std::filesystem::path shared = test::shared_dir();
+  if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const std::filesystem::path folder = shared / "cases" / "tum-byte-order-mark";
+  const auto marked = load_trajectory(folder / "bom.tum");
+  ASSERT_TRUE(marked) << marked.error().message;
+  const auto wide = load_trajectory(folder / "utf16.tum");
+  ASSERT_FALSE(wide);
+  EXPECT_THAT(wide.error().message, testing::HasSubstr("UTF-16"));
+  const auto euroc = load_trajectory(folder / "euroc.csv");
+  ASSERT_TRUE(euroc) << euroc.error().message;
+  // The same path in both formats.
+  ASSERT_LE(euroc->poses.size(), marked->poses.size());
+  for (std::size_t i = 0; i < euroc->poses.size(); ++i) {
+    const StampedPose& a = euroc->poses[i];
+    const StampedPose& b = marked->poses[i];
+    EXPECT_EQ(a.timestamp_ns, b.timestamp_ns);
+    EXPECT_EQ(a.T_table_camera.translation(), b.T_table_camera.translation());
+    EXPECT_LT(a.T_table_camera.rotation().angularDistance(b.T_table_camera.rotation()), 1e-12);
+  }
+  const std::filesystem::path times = shared / "cases" / "evaluate-times";
+  EXPECT_FALSE(load_trajectory(times / "allsame.tum"));
+  const auto truth = load_trajectory(shared / "recordings" / "tabletop" / "groundtruth.tum");
+  const auto milliseconds = load_trajectory(times / "ms.tum");
+  ASSERT_TRUE(truth && milliseconds);
+  const auto checked = check_units_of_time({*milliseconds, "ms.tum"}, {*truth, "truth"}, {});
+  ASSERT_FALSE(checked);
+  EXPECT_THAT(checked.error().message, testing::HasSubstr("milliseconds"));
 }
 
 TEST_F(TrajectoryFile, WhatIsWrittenReadsBackBitForBit) {

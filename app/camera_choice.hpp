@@ -1,0 +1,16 @@
+// The camera that a command names by a file and --camera-name.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "core/camera_model.hpp"
+#include "core/error.hpp"
+
+namespace penumbra {
+
+// Logs what was assumed of the file. `name`: as load_camera_file() has it.
+[[nodiscard]] Result<CameraModel> load_chosen_camera(const std::filesystem::path& file,
+                                                     const std::string& name);
+
+}  // namespace penumbra
