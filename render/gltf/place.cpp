@@ -4,10 +4,10 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <glm/geometric.hpp>
 
 #include "render/gltf/skins.hpp"
 #include "render/model_parts.hpp"
+#include "render/to_eigen.hpp"
 
 namespace penumbra::gltf {
 namespace {
@@ -40,174 +40,180 @@ glm::vec3 single(const Eigen::Vector3d& v) {
   return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
 }
 
-// Places a mesh vertex by vertex.
-class PlacedMesh {
+// Transforms one primitive vertex by vertex.
+class VertexTransformer {
  public:
-  PlacedMesh(const Primitive& primitive, const VertexPlacement& placement)
-      : mesh(primitive.mesh),
-        primitive_(primitive),
-        placement_(placement),
-        is_skinned_(placement.joint_matrices != nullptr && primitive.skin.per_vertex > 0),
-        rigid_(orientation_of(placement.T_root_mesh)) {}
+  explicit VertexTransformer(const PlacedPrimitive& placed)
+      : placed_(placed),
+        base_(placed.primitive->mesh),
+        is_skinned_(placed.placement.joint_matrices != nullptr &&
+                    placed.primitive->skin.per_vertex > 0),
+        is_morphed_(std::ranges::any_of(placed.morph_weights, [](double w) { return w != 0.0; })),
+        rigid_(orientation_of(placed.placement.T_root_mesh)) {}
 
-  // False where a coordinate is too large or not a number.
-  [[nodiscard]] bool place_vertices(double max_coordinate);
-  void turn_windings();
-  void turn_normals();
-  void turn_tangents();
+  // Returns false if a coordinate is not finite or over `max_coordinate`.
+  [[nodiscard]] bool measure(double max_coordinate);
+  // After measure().
+  [[nodiscard]] Mesh mesh(const Eigen::Vector3d& origin) const;
 
+  [[nodiscard]] const Eigen::AlignedBox3d& bounds() const { return bounds_; }
   [[nodiscard]] bool has_surface() const { return has_surface_; }
   [[nodiscard]] bool is_point() const { return is_point_; }
 
-  Mesh mesh;
-
  private:
+  using Deltas = std::vector<glm::vec3> MorphTarget::*;
   [[nodiscard]] Eigen::Matrix4d transform(std::size_t vertex) const {
-    return is_skinned_ ? blended(primitive_.skin, vertex, *placement_.joint_matrices)
-                       : placement_.T_root_mesh;
+    return is_skinned_ ? blended(placed_.primitive->skin, vertex, *placed_.placement.joint_matrices)
+                       : placed_.placement.T_root_mesh;
   }
   [[nodiscard]] Orientation orientation(std::size_t vertex) const {
     return is_skinned_ ? orientation_of(transform(vertex)) : rigid_;
   }
+  // Adds the weighted displacements of the morph targets (glTF 2.0, 3.7.2.2).
+  [[nodiscard]] Eigen::Vector3d morphed(const glm::vec3& base, std::size_t vertex,
+                                        Deltas attribute) const;
+  [[nodiscard]] Eigen::Vector3d morphed_unit(const glm::vec3& base, std::size_t vertex,
+                                             Deltas attribute) const;
+  [[nodiscard]] Eigen::Vector3d position(const Eigen::Matrix4d& T, std::size_t vertex) const {
+    const Eigen::Vector3d p = morphed(base_.positions[vertex], vertex, &MorphTarget::positions);
+    return (T * Eigen::Vector4d(p.x(), p.y(), p.z(), 1.0)).head<3>();
+  }
+  void turn_normals(Mesh& mesh) const;
+  void turn_tangents(Mesh& mesh) const;
 
-  const Primitive& primitive_;
-  const VertexPlacement& placement_;
+  const PlacedPrimitive& placed_;
+  const Mesh& base_;
   bool is_skinned_;
+  bool is_morphed_;
   Orientation rigid_;
+  Eigen::AlignedBox3d bounds_;
   bool has_surface_ = false;
   bool is_point_ = true;
   std::size_t mirrored_ = 0;  // vertices
 };
 
-bool PlacedMesh::place_vertices(double max_coordinate) {
-  for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+Eigen::Vector3d VertexTransformer::morphed(const glm::vec3& base, std::size_t vertex,
+                                           Deltas attribute) const {
+  Eigen::Vector3d sum = to_eigen(base);
+  if (!is_morphed_) return sum;
+  for (std::size_t t = 0; t < placed_.morph_weights.size(); ++t) {
+    const std::vector<glm::vec3>& deltas = placed_.primitive->targets[t].*attribute;
+    if (!deltas.empty()) sum += placed_.morph_weights[t] * to_eigen(deltas[vertex]);
+  }
+  return sum;
+}
+
+Eigen::Vector3d VertexTransformer::morphed_unit(const glm::vec3& base, std::size_t vertex,
+                                                Deltas attribute) const {
+  const Eigen::Vector3d sum = morphed(base, vertex, attribute);
+  return is_morphed_ ? sum.stableNormalized() : sum;
+}
+
+bool VertexTransformer::measure(double max_coordinate) {
+  for (std::size_t i = 0; i < base_.positions.size(); ++i) {
     const Eigen::Matrix4d T = transform(i);
     const Orientation turn = is_skinned_ ? orientation_of(T) : rigid_;
     if (!T.allFinite() || !std::isfinite(turn.determinant)) return false;
     has_surface_ = has_surface_ || turn.has_surface;
     is_point_ = is_point_ && turn.linear.isZero(0.0);
     if (turn.determinant < 0.0) ++mirrored_;
-    glm::vec3& p = mesh.positions[i];
-    const Eigen::Vector4d placed = T * Eigen::Vector4d(p.x, p.y, p.z, 1.0);
-    if (!(placed.head<3>().cwiseAbs().maxCoeff() <= max_coordinate)) return false;
-    p = single(placed.head<3>());
-    if (mesh.shadow_kernels.empty()) continue;
-    glm::vec3& k = mesh.shadow_kernels[i];
-    k = single((T * Eigen::Vector4d(k.x, k.y, k.z, 1.0)).head<3>());
+    const Eigen::Vector3d placed = position(T, i);
+    if (!(placed.cwiseAbs().maxCoeff() <= max_coordinate)) return false;
+    bounds_.extend(placed);
   }
   return true;
 }
 
-// A mirroring turns triangles inside out: their winding is turned back. A skin mirrors where most
-// of its vertices are mirrored.
-void PlacedMesh::turn_windings() {
-  if (2 * mirrored_ <= mesh.positions.size()) return;
-  for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
+Mesh VertexTransformer::mesh(const Eigen::Vector3d& origin) const {
+  Mesh mesh = base_;
+  mesh.node_faces = {{placed_.node, 0, mesh.indices.size()}};
+  for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+    const Eigen::Matrix4d T = transform(i);
+    mesh.positions[i] = single(position(T, i) - origin);
+    if (mesh.shadow_kernels.empty()) continue;
+    const glm::vec3& k = mesh.shadow_kernels[i];
+    const Eigen::Vector4d kernel = T * Eigen::Vector4d(k.x, k.y, k.z, 1.0);
+    mesh.shadow_kernels[i] = single(kernel.head<3>() - origin);
+  }
+  // A mirroring turns triangles inside out: their winding is turned back. A skin mirrors if most of
+  // its vertices are mirrored.
+  for (std::size_t i = 0; i + 2 < mesh.indices.size() && 2 * mirrored_ > mesh.positions.size();
+       i += 3) {
     std::swap(mesh.indices[i + 1], mesh.indices[i + 2]);
   }
+  turn_normals(mesh);
+  turn_tangents(mesh);
+  return mesh;
 }
 
 // Vertices that a transform flattens get the normals of the placed faces.
-void PlacedMesh::turn_normals() {
+void VertexTransformer::turn_normals(Mesh& mesh) const {
   if (mesh.normals.empty() || (!is_skinned_ && rigid_.determinant == 0.0)) {
     generate_normals(mesh);
     mesh.tangents.clear();  // they belong to the normals that are not there (glTF 2.0, 3.7.2.1)
     return;
   }
-  bool is_flat = false;
-  std::vector<bool> flat(mesh.normals.size(), false);
+  std::vector<std::size_t> flat;
   for (std::size_t i = 0; i < mesh.normals.size(); ++i) {
-    glm::vec3& n = mesh.normals[i];
     const Orientation turn = orientation(i);
-    const Eigen::Vector3d turned =
-        (turn.cofactor * Eigen::Vector3d(n.x, n.y, n.z)).stableNormalized();
-    flat[i] = is_skinned_ && (turn.determinant == 0.0 || turned.isZero(0.0));
-    is_flat = is_flat || flat[i];
-    n = single(turned);
+    const Eigen::Vector3d normal = morphed_unit(mesh.normals[i], i, &MorphTarget::normals);
+    const Eigen::Vector3d turned = (turn.cofactor * normal).stableNormalized();
+    if (is_skinned_ && (turn.determinant == 0.0 || turned.isZero(0.0))) flat.push_back(i);
+    mesh.normals[i] = single(turned);
   }
-  if (!is_flat) return;
+  if (flat.empty()) return;
   std::vector<glm::vec3> turned = std::move(mesh.normals);
   generate_normals(mesh);
-  for (std::size_t i = 0; i < turned.size(); ++i) {
-    if (!flat[i]) mesh.normals[i] = turned[i];
-  }
+  for (const std::size_t i : flat) turned[i] = mesh.normals[i];
+  mesh.normals = std::move(turned);
 }
 
-void PlacedMesh::turn_tangents() {
+void VertexTransformer::turn_tangents(Mesh& mesh) const {
   for (std::size_t i = 0; i < mesh.tangents.size(); ++i) {
     glm::vec4& t = mesh.tangents[i];
     const Orientation turn = orientation(i);
-    const Eigen::Vector3d turned =
-        (turn.linear * Eigen::Vector3d(t.x, t.y, t.z)).stableNormalized();
+    const Eigen::Vector3d tangent =
+        morphed_unit(glm::vec3(t.x, t.y, t.z), i, &MorphTarget::tangents);
+    const Eigen::Vector3d turned = (turn.linear * tangent).stableNormalized();
     t = glm::vec4(single(turned), turn.determinant < 0.0 ? -t.w : t.w);
   }
 }
 
 }  // namespace
 
-void apply_morph_targets(Mesh& mesh, const std::vector<MorphTarget>& targets,
-                         const std::vector<double>& weights) {
-  const bool any = std::ranges::any_of(weights, [](double weight) { return weight != 0.0; });
-  if (!any) return;
-  const std::size_t count = std::min(targets.size(), weights.size());
-  // The sum over the targets, in double.
-  const auto moved = [&](glm::dvec3 sum, std::size_t vertex,
-                         std::vector<glm::vec3> MorphTarget::*attribute) {
-    for (std::size_t t = 0; t < count; ++t) {
-      const std::vector<glm::vec3>& deltas = targets[t].*attribute;
-      if (!deltas.empty()) sum += weights[t] * glm::dvec3(deltas[vertex]);
-    }
-    return sum;
-  };
-  const auto unit = [](const glm::dvec3& v) {
-    const double length = glm::length(v);
-    return length > 0.0 && std::isfinite(length) ? v / length : glm::dvec3(0.0);
-  };
-  for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
-    mesh.positions[i] = glm::vec3(moved(glm::dvec3(mesh.positions[i]), i, &MorphTarget::positions));
-  }
-  for (std::size_t i = 0; i < mesh.normals.size(); ++i) {
-    mesh.normals[i] = glm::vec3(unit(moved(glm::dvec3(mesh.normals[i]), i, &MorphTarget::normals)));
-  }
-  for (std::size_t i = 0; i < mesh.tangents.size(); ++i) {
-    const glm::vec4 t = mesh.tangents[i];
-    const glm::dvec3 base(t.x, t.y, t.z);
-    mesh.tangents[i] = glm::vec4(glm::vec3(unit(moved(base, i, &MorphTarget::tangents))), t.w);
-  }
-}
-
-Result<void> Placer::count(const Mesh& mesh, const std::string& what) {
-  placed_vertices_ += mesh.positions.size();
-  placed_triangles_ += mesh.indices.size() / 3;
-  if (placed_vertices_ > limits_.max_vertices || placed_triangles_ > limits_.max_triangles) {
+Result<void> Placer::collect(PlacedPrimitive placed) {
+  const Mesh& mesh = placed.primitive->mesh;
+  vertices_ += mesh.positions.size();
+  triangles_ += mesh.indices.size() / 3;
+  if (vertices_ > limits_.max_vertices || triangles_ > limits_.max_triangles) {
     return fail("{}: {}: the model has more than the {} vertices or {} triangles allowed", name_,
-                what, limits_.max_vertices, limits_.max_triangles);
+                placed.place, limits_.max_vertices, limits_.max_triangles);
   }
+  if (!mesh.indices.empty()) collected_.push_back(std::move(placed));
   return {};
 }
 
-Result<void> Placer::place(const Primitive& primitive, const std::vector<double>& weights,
-                           const VertexPlacement& placement, std::uint32_t node,
-                           const std::string& what) {
-  if (Result<void> done = count(primitive.mesh, what); !done) return done;
-  if (primitive.mesh.indices.empty()) return {};
-  PlacedMesh placed(primitive, placement);
-  Mesh& mesh = placed.mesh;
-  mesh.node_faces = {{node, 0, mesh.indices.size()}};
-  apply_morph_targets(mesh, primitive.targets, weights);
-  if (!placed.place_vertices(limits_.max_coordinate_m)) {
-    return fail("{}: {}: a vertex lies farther than {} m from the origin", name_, what,
-                limits_.max_coordinate_m);
+Result<void> Placer::place_all() {
+  Eigen::AlignedBox3d bounds;
+  std::vector<VertexTransformer> visible;
+  for (const PlacedPrimitive& placed : collected_) {
+    VertexTransformer transformer(placed);
+    if (!transformer.measure(limits_.max_coordinate_m)) {
+      return fail("{}: {}: a vertex lies farther than {} m from the origin", name_, placed.place,
+                  limits_.max_coordinate_m);
+    }
+    if (!transformer.has_surface()) {
+      // A scale of 0 on all axes is the way to hide a node (glTF 2.0, 5.25).
+      notes_.add("its scale leaves no surface to see; it is ignored", placed.place,
+                 transformer.is_point());
+      continue;
+    }
+    bounds.extend(transformer.bounds());
+    visible.push_back(transformer);
   }
-  if (!placed.has_surface()) {
-    // A scale of 0 on all axes is the way to hide a node (glTF 2.0, 5.25).
-    notes_.add("its scale leaves no surface to see; it is ignored", what, placed.is_point());
-    return {};
+  for (const VertexTransformer& transformer : visible) {
+    add(transformer.mesh(Eigen::Vector3d::Zero()));
   }
-  placed.turn_windings();
-  placed.turn_normals();
-  placed.turn_tangents();
-  add(std::move(mesh));
   return {};
 }
 
@@ -216,7 +222,7 @@ void Placer::add(Mesh mesh) {
   if (material.normal_texture.image >= 0 && mesh.tangents.empty()) {
     const std::size_t before = mesh.positions.size();
     generate_tangents(mesh, material.normal_texture.texcoords == 1);
-    placed_vertices_ += mesh.positions.size() - before;
+    vertices_ += mesh.positions.size() - before;
   }
   const auto [entry, is_new] = mesh_of_material_.try_emplace(mesh.material, model_.meshes.size());
   if (is_new) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <string>
 #include <unordered_map>
 #include <vector>
@@ -19,31 +20,35 @@ struct VertexPlacement {
   const std::vector<Eigen::Matrix4d>* joint_matrices = nullptr;  // of a skinned one
 };
 
-// Adds `weights[t]` times target t to the vertices of a mesh.
-void apply_morph_targets(Mesh& mesh, const std::vector<MorphTarget>& targets,
-                         const std::vector<double>& weights);
+// One primitive at one place. Refers to what it is made of.
+struct PlacedPrimitive {
+  const Primitive* primitive = nullptr;
+  std::vector<double> morph_weights;  // per target, or empty
+  VertexPlacement placement;
+  std::uint32_t node = 0;  // index into Model::nodes
+  std::string place;       // of the node in the file
+};
 
+// Collects primitives, then transforms them in double and adds them to a model.
 class Placer {
  public:
   Placer(std::string name, const ModelLimits& limits, Model& model, Notes& notes)
       : name_(std::move(name)), limits_(limits), model_(model), notes_(notes) {}
 
-  // `weights`: of the morph targets. `node`: index into Model::nodes. `what`: place of the node.
-  [[nodiscard]] Result<void> place(const Primitive& primitive, const std::vector<double>& weights,
-                                   const VertexPlacement& placement, std::uint32_t node,
-                                   const std::string& what);
+  [[nodiscard]] Result<void> collect(PlacedPrimitive placed);
+  [[nodiscard]] Result<void> place_all();
 
  private:
-  [[nodiscard]] Result<void> count(const Mesh& mesh, const std::string& what);
   void add(Mesh mesh);
 
   std::string name_;
   const ModelLimits& limits_;
   Model& model_;
   Notes& notes_;
+  std::vector<PlacedPrimitive> collected_;
   std::unordered_map<int, std::size_t> mesh_of_material_;  // -> Model::meshes
-  std::size_t placed_vertices_ = 0;
-  std::size_t placed_triangles_ = 0;
+  std::size_t vertices_ = 0;
+  std::size_t triangles_ = 0;
 };
 
 }  // namespace penumbra::gltf

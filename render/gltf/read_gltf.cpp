@@ -37,7 +37,7 @@ class Reader {
 
  private:
   [[nodiscard]] std::vector<bool> used_materials(const std::vector<Placement>& placements) const;
-  [[nodiscard]] Result<void> place(const Placement& placement);
+  [[nodiscard]] Result<void> collect(const Placement& placement);
   [[nodiscard]] Result<std::vector<double>> morph_weights(
       const Placement& placement, const std::vector<Primitive>& primitives) const;
   // Returns one placement, or one per instance.
@@ -112,7 +112,7 @@ Result<std::vector<VertexPlacement>> Reader::vertex_placements(const Placement& 
   return result;
 }
 
-Result<void> Reader::place(const Placement& placement) {
+Result<void> Reader::collect(const Placement& placement) {
   const int skin =
       placement.node < 0 ? -1 : gltf_.nodes[static_cast<std::size_t>(placement.node)].skin;
   if (skin >= 0 && !has(gltf_.skins, skin)) {
@@ -140,9 +140,9 @@ Result<void> Reader::place(const Placement& placement) {
         const Result<void> joints = check_joints(name_, primitive, vertices.joint_matrices->size());
         if (!joints) return joints;
       }
-      const Result<void> placed =
-          placer_.place(primitive, *weights, vertices, placement.model_node, placement.place);
-      if (!placed) return placed;
+      const Result<void> collected =
+          placer_.collect({&primitive, *weights, vertices, placement.model_node, placement.place});
+      if (!collected) return collected;
     }
   }
   return {};
@@ -157,8 +157,9 @@ Result<Model> Reader::read() {
   }
   if (Result<void> done = meshes_.number_vertices(); !done) return tl::unexpected(done.error());
   for (const Placement& placement : *placements) {
-    if (Result<void> done = place(placement); !done) return tl::unexpected(done.error());
+    if (Result<void> done = collect(placement); !done) return tl::unexpected(done.error());
   }
+  if (Result<void> done = placer_.place_all(); !done) return tl::unexpected(done.error());
   if (model_.meshes.empty()) {
     const std::string cause = notes_.first_line(name_);
     if (!cause.empty()) return fail("{}; the scene shows nothing else", cause);
