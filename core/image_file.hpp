@@ -42,6 +42,10 @@ struct SixteenBitSamples {
 [[nodiscard]] Result<std::optional<SixteenBitSamples>> sixteen_bit_samples(
     std::span<const std::uint8_t> bytes, const std::string& name);
 
+// Fails where an image of this size [px] is not decoded.
+[[nodiscard]] Result<void> check_image_size(std::uint64_t width, std::uint64_t height,
+                                            const std::string& name);
+
 // RGBA8, rows top to bottom, width * 4 bytes apart.
 struct RgbaImage {
   int width = 0;
