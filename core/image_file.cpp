@@ -28,14 +28,13 @@ constexpr std::size_t kMaxChunkBytes = 64'000'000;  // of what PNG stores beside
 enum class Kind { jpeg, png };
 
 Result<Kind> kind_of(std::span<const std::uint8_t> bytes, const std::string& name) {
-  constexpr std::array<std::uint8_t, 3> kJpeg{0xFF, 0xD8, 0xFF};
   constexpr std::array<std::uint8_t, 8> kPng{0x89, 'P', 'N', 'G', '\r', '\n', 0x1A, '\n'};
   const auto starts_with = [&](std::span<const std::uint8_t> magic) {
     return bytes.size() >= magic.size() &&
            std::memcmp(bytes.data(), magic.data(), magic.size()) == 0;
   };
   if (bytes.empty()) return fail("{}: the picture is empty (0 bytes)", name);
-  if (starts_with(kJpeg)) return Kind::jpeg;
+  if (is_jpeg(bytes)) return Kind::jpeg;
   if (starts_with(kPng)) return Kind::png;
   return fail("{}: is neither JPEG nor PNG; convert it to one of them", name);
 }

@@ -14,12 +14,6 @@
 
 namespace penumbra {
 
-// JPEG -> yuv420p / yuv422p / yuv444p / grey8 as it was coded, full range BT.601 (JFIF), no colour
-// conversion. PNG -> grey8 or rgb24 (palette and 16-bit reduced, alpha dropped). Other chroma
-// layouts of JPEG are converted to yuv444p. A truncated or damaged picture is an error, also where
-// a decoder would paper over it; fill bytes in front of a JPEG's end mark, up to 1 KiB, are not
-// damage. Sides up to 32768 px, 256 Mpx in all. `name` is put into the
-// error. Thread-safe.
 struct DecodeOptions {
   // Lowest bits of a 16-bit PNG's samples that hold the value, 8 to 16: the upper 8 of them are
   // kept. 16 is what the PNG specification says; machine-vision cameras store 10, 12 or 14
@@ -27,6 +21,12 @@ struct DecodeOptions {
   int sample_bits = 16;
   bool* clamped = nullptr;  // set to true where a value was clamped
 };
+
+// JPEG -> yuv420p / yuv422p / yuv444p / grey8 as it was coded, full range BT.601 (JFIF), no colour
+// conversion. PNG -> grey8 or rgb24 (palette and 16-bit reduced, alpha dropped). Other chroma
+// layouts of JPEG are converted to yuv444p. A truncated or damaged image is an error, also where
+// a decoder would paper over it; what is no damage of a JPEG is in core/jpeg_file.hpp. Sides up to
+// 32768 px, 256 Mpx in all. `name` is put into the error. Thread-safe.
 [[nodiscard]] Result<Frame> decode_image(std::span<const std::uint8_t> bytes,
                                          const std::string& name,
                                          const DecodeOptions& options = {});

@@ -1,0 +1,191 @@
+#include "core/jpeg_file.hpp"
+
+#include <gtest/gtest.h>
+
+#include "core/jpeg_outline.hpp"
+#include "support/jpeg_images.hpp"
+#include "support/same_pixels.hpp"
+
+namespace penumbra {
+namespace {
+
+std::span<const std::uint8_t> jpeg_bytes(const std::string& text) {
+  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
+}
+
+Result<Frame> decoded(const std::string& jpeg) {
+  return decode_jpeg(jpeg_bytes(jpeg), "a.jpg");
+}
+
+std::string cause_of(const std::string& jpeg) {
+  const auto frame = decoded(jpeg);
+  return frame ? std::string() : frame.error().message;
+}
+
+class CameraJpegKind : public testing::TestWithParam<test::JpegKind> {
+ protected:
+  const std::string sound_ = test::encode_jpeg_kind(GetParam());
+  const Result<Frame> expected_ = decoded(sound_);
+
+  void expect_same(const std::string& jpeg) const {
+    const auto frame = decoded(jpeg);
+    ASSERT_TRUE(frame) << frame.error().message;
+    EXPECT_TRUE(test::same_pixels(*frame, *expected_));
+  }
+};
+
+TEST_P(CameraJpegKind, DecodesInFull) {
+  ASSERT_TRUE(expected_) << expected_.error().message;
+  EXPECT_EQ(expected_->width, GetParam().width);
+  EXPECT_EQ(expected_->height, GetParam().height);
+}
+
+TEST_P(CameraJpegKind, IgnoresWhatFollowsTheEndMark) {
+  ASSERT_TRUE(expected_);
+  const std::string older = test::encode_jpeg_kind(GetParam(), 5);
+  for (const std::string& trail :
+       {std::string(700, '\xFF'), std::string(5000, '\0'), std::string("\x12\x34\xFF\xD9"),
+        older.substr(older.size() / 2), older, std::string(3000, '\x5A')}) {
+    expect_same(sound_ + trail);
+    const auto outline = outline_jpeg(jpeg_bytes(sound_ + trail));
+    ASSERT_TRUE(outline);
+    EXPECT_EQ(outline->bytes.size(), sound_.size());
+  }
+}
+
+TEST_P(CameraJpegKind, NeedsNoEndMarkWhereEveryBlockIsThere) {
+  ASSERT_TRUE(expected_);
+  const std::string unended = sound_.substr(0, sound_.size() - 2);
+  expect_same(unended);
+  expect_same(unended + '\xFF');
+  expect_same(unended + std::string(500, '\xFF'));
+  expect_same(unended + std::string(5000, '\0'));
+  expect_same(unended + test::encode_jpeg_kind(GetParam(), 3));  // the next image
+}
+
+TEST_P(CameraJpegKind, IsRefusedWhereBlocksAreMissing) {
+  const std::size_t headers = test::headers_length(sound_);
+  for (std::size_t length = 0; length + 2 < sound_.size();
+       length += length < headers ? 13 : (length + 40 < sound_.size() ? 5 : 1)) {
+    const std::string half = sound_.substr(0, length);
+    ASSERT_FALSE(decoded(half)) << length << " of " << sound_.size();
+    if (!GetParam().progressive) {  // else an end mark may follow any scan
+      ASSERT_FALSE(decoded(half + "\xFF\xD9")) << length << " of " << sound_.size();
+    }
+    // A zero may complete the last blocks.
+    if (length + 120 < sound_.size()) {
+      ASSERT_FALSE(decoded(half + std::string(4000, '\0'))) << length << " of " << sound_.size();
+    }
+  }
+}
+
+TEST_P(CameraJpegKind, SkipsADoubledStartMark) {
+  ASSERT_TRUE(expected_);
+  expect_same("\xFF\xD8" + sound_);
+  expect_same("\xFF\xD8\xFF\xD8\xFF" + sound_);
+  expect_same(std::string("\xFF\xD8\xFF\xE0\x00\x06"
+                          "AVI1",
+                          10) +
+              sound_);
+}
+
+TEST_P(CameraJpegKind, IgnoresAFewBytesInFrontOfRestartMarks) {
+  ASSERT_TRUE(expected_);
+  const auto restarts = test::restarts_of(sound_);
+  EXPECT_EQ(restarts.empty(), GetParam().restart_rows == 0);
+  for (const std::size_t count : {1, 4, 16}) {
+    std::string stray = sound_;
+    for (auto at = restarts.rbegin(); at != restarts.rend(); ++at) stray.insert(*at, count, '\x33');
+    expect_same(stray);
+  }
+  if (restarts.empty()) return;
+  std::string lost = sound_;
+  lost.insert(restarts[1], 200, '\x33');
+  EXPECT_NE(cause_of(lost).find("a.jpg: damaged JPEG (Corrupt JPEG data: 200 extraneous bytes"),
+            std::string::npos)
+      << cause_of(lost);
+  std::string swapped = sound_;
+  std::swap(swapped[restarts[0] + 1], swapped[restarts[1] + 1]);
+  EXPECT_NE(cause_of(swapped), "");
+}
+
+TEST_P(CameraJpegKind, IsNormalizedForOtherPrograms) {
+  const std::string unended = "\xFF\xD8" + sound_.substr(0, sound_.size() - 2);
+  for (const std::string& jpeg : {unended, sound_ + "trail", "\xFF\xD8" + sound_}) {
+    const auto outline = outline_jpeg(jpeg_bytes(jpeg));
+    ASSERT_TRUE(outline) << outline.error().message;
+    EXPECT_EQ(outline->width, GetParam().width);
+    EXPECT_EQ(outline->height, GetParam().height);
+    const auto bytes = normalized_jpeg(*outline, GetParam().height);
+    EXPECT_EQ(std::string(bytes.begin(), bytes.end()), sound_);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Of, CameraJpegKind, testing::ValuesIn(test::jpeg_kinds()),
+                         [](const auto& test) { return std::string(test.param.name); });
+
+TEST(CameraJpeg, ReportsTheLineWhereBlocksEnd) {
+  const std::string sound = test::encode_jpeg_kind(test::jpeg_kinds()[0]);
+  const std::string cause = cause_of(sound.substr(0, sound.size() * 3 / 4));
+  EXPECT_NE(cause.find("premature end of data segment, after line 48 of 72"), std::string::npos)
+      << cause;
+}
+
+TEST(CameraJpeg, RefusesAComponentWithoutAScan) {
+  test::JpegKind kind = test::jpeg_kinds()[0];
+  kind.separate_scans = true;
+  const std::string sound = test::encode_jpeg_kind(kind);
+  ASSERT_TRUE(decoded(sound)) << cause_of(sound);
+  const std::size_t last = sound.rfind("\xFF\xDA");
+  ASSERT_GT(last, test::headers_length(sound));
+  for (const char* end : {"", "\xFF\xD9"}) {
+    EXPECT_NE(cause_of(sound.substr(0, last) + end).find("ends before the scan of a component"),
+              std::string::npos)
+        << cause_of(sound.substr(0, last) + end);
+  }
+}
+
+TEST(CameraJpeg, RefusesAProgressiveImageThatMayLackScans) {
+  test::JpegKind kind = test::jpeg_kinds()[0];
+  kind.progressive = true;
+  const std::string sound = test::encode_jpeg_kind(kind);
+  // The first scan alone is an image of DC values: whole with an end mark, but not without one.
+  std::size_t second = test::headers_length(sound);
+  while (
+      !(sound[second] == '\xFF' && (sound[second + 1] == '\xC4' || sound[second + 1] == '\xDA'))) {
+    ++second;
+  }
+  EXPECT_TRUE(decoded(sound.substr(0, second) + "\xFF\xD9"));
+  EXPECT_NE(cause_of(sound.substr(0, second)).find("ends before its last scan"), std::string::npos);
+}
+
+TEST(CameraJpeg, PaddingLinesAreCutWhereTheRowsOfBlocksStayTheSame) {
+  test::JpegKind kind = test::jpeg_kinds()[0];
+  kind.width = 64;
+  kind.height = 80;
+  const std::string padded = test::encode_jpeg_kind(kind);
+  const auto outline = outline_jpeg(jpeg_bytes(padded));
+  ASSERT_TRUE(outline);
+  EXPECT_EQ(outline->block_height, 16);
+  const auto full = decoded(padded);
+  ASSERT_TRUE(full);
+  const auto cut = normalized_jpeg(*outline, 72);
+  const auto frame = decode_jpeg(cut, "cut.jpg");
+  ASSERT_TRUE(frame) << frame.error().message;
+  EXPECT_EQ(frame->height, 72);
+  EXPECT_EQ(frame->planes[1].height, 36);
+  for (std::size_t i = 0; i < 3; ++i) {
+    const PixelPlane& plane = frame->planes[i];
+    for (int y = 0; y < plane.height; ++y) {
+      EXPECT_TRUE(std::equal(plane.data + y * plane.stride,
+                             plane.data + y * plane.stride + plane.width,
+                             full->planes[i].data + y * full->planes[i].stride))
+          << i << ", row " << y;
+    }
+  }
+  // With one row of blocks less, the others would be bytes of no block.
+  EXPECT_EQ(outline_jpeg(normalized_jpeg(*outline, 64))->height, 80);
+}
+
+}  // namespace
+}  // namespace penumbra
