@@ -262,9 +262,9 @@ void RunRecorder::add_frame(const SessionFrame& frame) {
 }
 
 void RunRecorder::add_reason(const std::string& reason) {
-  constexpr std::size_t kMostCountedReasons = 64;  // there are a dozen; memory stays bounded in any case
+  constexpr std::size_t kMostKinds = 64;  // there are a dozen; memory stays bounded in any case
   std::string general = without_numbers(reason);
-  if (general.empty() || (reasons_.size() >= kMostCountedReasons && !reasons_.contains(general))) {
+  if (general.empty() || (reasons_.size() >= kMostKinds && !reasons_.contains(general))) {
     general = "other";
   }
   ++reasons_[general];

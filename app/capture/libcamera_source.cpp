@@ -29,6 +29,7 @@
 #include <utility>
 
 #include "app/capture/buffer_ring.hpp"
+#include "app/capture/camera_jpeg.hpp"
 #include "app/capture/camera_trouble.hpp"
 #include "app/capture/dma_buf_memory.hpp"
 #include "app/capture/frame_clock.hpp"
@@ -728,11 +729,14 @@ class LibcameraSource final : public LiveSource {
 
   bool read_jpeg(unsigned index, std::size_t used, CapturedImage& image) {
     auto bytes = stream_->ring().buffer(index);
-    bytes = trim_jpeg(bytes.first(std::min(bytes.size(), used)));
-    if (!is_whole_jpeg(bytes, before_.format.width, before_.format.height)) {
-      faults_.count(CaptureFault::damaged, "a JPEG that is not whole is left out");
+    auto received = receive_camera_jpeg(bytes.first(std::min(bytes.size(), used)),
+                                        {before_.format.width, before_.format.height});
+    if (!received) {
+      faults_.count(received.error().fault, received.error().message);
       return false;
     }
+    bytes = received->bytes;
+    if (received->frame) image.frame = std::move(*received->frame);
     if (stream_->ring().in_driver() < kDriverNeeds) {
       auto copy = std::make_shared<std::vector<std::uint8_t>>(bytes.begin(), bytes.end());
       bytes = *copy;

@@ -21,12 +21,12 @@ struct CapturedImage {
   std::uint64_t sequence = 0;        // from 0; a gap is a lost frame
   std::int64_t timestamp_ns = 0;     // the driver's, on the monotonic clock
   std::optional<double> exposure_s;  // as Frame's
-  // Either a JPEG, not yet decoded, or a frame whose planes lie in the camera's buffer.
+  // Either a JPEG, or a frame whose planes lie in the camera's buffer.
   std::span<const std::uint8_t> jpeg;
-  Frame frame;  // empty for a JPEG
+  Frame frame;  // of a JPEG: where it is decoded already
   std::shared_ptr<const void> owner;
 
-  [[nodiscard]] bool is_jpeg() const { return frame.empty(); }
+  [[nodiscard]] bool is_jpeg() const { return !jpeg.empty(); }
 };
 
 // What the stream is, once it runs.
@@ -81,15 +81,5 @@ class LiveSource : public FrameSource {
 // Counts the lost frames, wrong times and changes of rate that a frame's stamp reports. `format`:
 // what was granted.
 void count_stamp(FaultCounter& faults, const FrameStamp& stamp, const StreamFormat& format);
-
-struct JpegSize {
-  int width = 0, height = 0;  // [px]
-};
-// As a JPEG's header has it; nothing where that is not whole, or no JPEG's.
-[[nodiscard]] std::optional<JpegSize> jpeg_size(std::span<const std::uint8_t> bytes);
-// Whether the bytes are a JPEG of that size from its first mark to its last: half a picture is not.
-[[nodiscard]] bool is_whole_jpeg(std::span<const std::uint8_t> bytes, int width, int height);
-// The JPEG without the zeros that some cameras fill up with.
-[[nodiscard]] std::span<const std::uint8_t> trim_jpeg(std::span<const std::uint8_t> bytes);
 
 }  // namespace penumbra

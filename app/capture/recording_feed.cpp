@@ -6,9 +6,9 @@
 #include <mutex>
 #include <utility>
 
+#include "app/capture/camera_jpeg.hpp"
 #include "app/capture/video_reader.hpp"
 #include "core/file.hpp"
-#include "core/image_file.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {
@@ -138,17 +138,23 @@ class RecordingFeed final : public LiveSource {
       return false;
     }
     if (format_.name == kJpegName) {
-      // One that is torn is left to whoever decodes it, as a camera's is.
-      const auto size = jpeg_size(*bytes);
-      if (size && (size->width != format_.width || size->height != format_.height)) {
-        return is_other(file.string());
+      auto received = receive_camera_jpeg(*bytes, {format_.width, format_.height});
+      if (!received) {
+        faults_.count(received.error().fault,
+                      fmt::format("{}: {}", file.string(), received.error().message));
+        return false;
       }
-      auto kept = std::make_shared<const std::vector<std::uint8_t>>(std::move(*bytes));
-      image.jpeg = *kept;
-      image.owner = std::move(kept);
+      // Moving a vector leaves its bytes where they are.
+      const auto kept = std::make_shared<const std::vector<std::uint8_t>>(std::move(*bytes));
+      image.jpeg = received->bytes;
+      if (received->frame) image.frame = std::move(*received->frame);
+      image.owner = kept;
       return true;
     }
-    return take_frame(decode_image(*bytes, file.string(), {sample_bits_}), file.string(), image);
+    return take_frame(
+        decode_recorded_image(*bytes, file.string(), ImageSize{format_.width, format_.height},
+                              {sample_bits_}),
+        file.string(), image);
   }
 
   const std::string name_;
@@ -168,13 +174,24 @@ class RecordingFeed final : public LiveSource {
   bool stopped_ = false;  // guarded by mutex_
 };
 
-Result<Frame> first_frame(const Recording& recording) {
-  if (recording.video.empty()) {
-    const std::filesystem::path& file = recording.frames.front().file;
-    const auto bytes = read_file(file);
-    if (!bytes) return tl::unexpected(bytes.error());
-    return decode_image(*bytes, file.string(), {recording.sample_bits});
+// The first frame that is whole: a camera's recording may begin with one that is not.
+Result<Frame> first_picture(const Recording& recording) {
+  const auto& camera = recording.camera;
+  const auto size = camera ? std::optional(ImageSize{camera->width(), camera->height()})
+                           : std::optional<ImageSize>();
+  std::optional<Error> first_error;
+  for (const RecordedFrame& listed : recording.frames) {
+    auto frame = read_file(listed.file).and_then([&](const std::vector<std::uint8_t>& bytes) {
+      return decode_recorded_image(bytes, listed.file.string(), size, {recording.sample_bits});
+    });
+    if (frame || !recording.of_camera) return frame;
+    if (!first_error) first_error = frame.error();
   }
+  return tl::unexpected(*first_error);
+}
+
+Result<Frame> first_frame(const Recording& recording) {
+  if (recording.video.empty()) return first_picture(recording);
   auto video = VideoReader::open(recording.video);
   if (!video) return tl::unexpected(video.error());
   auto frame = video->next();

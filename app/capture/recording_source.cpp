@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <utility>
 
+#include "app/capture/camera_jpeg.hpp"
 #include "app/capture/capture_stats.hpp"
 #include "app/capture/look_ahead.hpp"
 #include "app/capture/video_reader.hpp"
 #include "app/logging.hpp"
 #include "core/file.hpp"
-#include "core/image_file.hpp"
 
 namespace penumbra {
 namespace {
@@ -30,7 +30,7 @@ class Decoder {
         of_camera_(recording.of_camera),
         sample_bits_(recording.sample_bits),
         faults_(recording.folder.string()) {
-    if (const auto& camera = recording.camera) size_ = {camera->width(), camera->height()};
+    if (const auto& camera = recording.camera) size_ = ImageSize{camera->width(), camera->height()};
   }
 
   Result<std::optional<TimedFrame>> next() {
@@ -52,11 +52,11 @@ class Decoder {
  private:
   [[nodiscard]] Result<std::optional<TimedFrame>> timed(Frame frame, const RecordedFrame& listed,
                                                         const Stopwatch& watch) const {
-    if (size_ && (frame.width != size_->first || frame.height != size_->second)) {
+    if (size_ && ImageSize{frame.width, frame.height} != *size_) {
       return fail(
           "{}: is {}x{} px, but the camera model is of {}x{} px; calibrate at the size that "
           "is recorded",
-          place(listed), frame.width, frame.height, size_->first, size_->second);
+          place(listed), frame.width, frame.height, size_->width, size_->height);
     }
     frame.sequence = static_cast<std::uint64_t>(listed.number);
     frame.timestamp_ns = listed.timestamp_ns;
@@ -80,7 +80,7 @@ class Decoder {
     const auto bytes = read_file(listed.file);
     if (!bytes) return tl::unexpected(bytes.error());
     bool clamped = false;
-    auto frame = decode_image(*bytes, listed.file.string(), {sample_bits_, &clamped});
+    auto frame = decode_recorded_image(*bytes, listed.file.string(), size_, {sample_bits_, &clamped});
     if (clamped && !std::exchange(warned_of_clamped_, true)) {
       log_warning(
           "{}: holds values above the {} bits that the recording is read with: they are "
@@ -103,7 +103,7 @@ class Decoder {
   const int sample_bits_;  // as Recording's
   bool warned_of_clamped_ = false;
   FaultCounter faults_;
-  std::optional<std::pair<int, int>> size_;  // [px]
+  std::optional<ImageSize> size_;
   std::size_t at_ = 0;
 };
 

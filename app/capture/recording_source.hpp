@@ -85,8 +85,9 @@ struct RecordingSourceOptions {
 
 // Frames as recorded: JPEG is decoded to its own YUV planes, PNG to grey or RGB, FFV1 to the stored
 // planes; nothing is converted. `sequence` is the frame's number in the listing. Every frame must
-// have the camera model's size. A picture that can't be decoded is an error, but for one of a
-// camera's: that one is left out, as it was while it was recorded, told once and counted.
+// have the camera model's size; lines that an encoder padded a JPEG with do not count. An image
+// that can't be decoded is an error, except in a camera's recording: there it is skipped as it was
+// while recording, logged once and counted.
 [[nodiscard]] Result<std::unique_ptr<FrameSource>> open_recording_source(
     const Recording& recording, const RecordingSourceOptions& options = {});
 

@@ -21,6 +21,7 @@
 #include "app/capture/recording_source.hpp"
 #include "app/logging.hpp"
 #include "app/output/output_file.hpp"
+#include "core/jpeg_outline.hpp"
 #include "core/text.hpp"
 #include "core/trajectory.hpp"
 
@@ -217,7 +218,10 @@ struct RecordingWriter::Impl {
         return fail("{}: cannot be written: {}; free some space or choose another place",
                     file.string(), std::generic_category().message(errno));
       }
-      const Result<void> written = write_all(descriptor, image.jpeg, file);
+      const auto outline = outline_jpeg(image.jpeg);
+      const Result<void> written =
+          outline ? write_all(descriptor, normalized_jpeg(*outline, head.format.height), file)
+                  : write_all(descriptor, image.jpeg, file);
       close(descriptor);
       if (!written) {
         std::error_code ignored;

@@ -55,8 +55,9 @@ class RecordingWriter {
   RecordingWriter& operator=(const RecordingWriter&) = delete;
   ~RecordingWriter();  // as finish()
 
-  // None of these waits for the disk. JPEGs are stored byte for byte, other pictures lossless as
-  // FFV1 with a check sum for each slice. By any thread.
+  // None of these waits for the disk. JPEGs are stored byte for byte, but for what cameras
+  // do to their marks and size (normalized_jpeg()), other frames lossless as FFV1 with a check sum
+  // for each slice. By any thread.
   void add_image(const CapturedImage& image);
   // Tracked ones are kept.
   void add_pose(std::int64_t timestamp_ns, const PoseEstimate& pose);

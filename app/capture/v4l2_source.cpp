@@ -19,6 +19,7 @@
 #include <utility>
 
 #include "app/capture/buffer_ring.hpp"
+#include "app/capture/camera_jpeg.hpp"
 #include "app/capture/camera_search.hpp"
 #include "app/capture/camera_trouble.hpp"
 #include "app/capture/frame_clock.hpp"
@@ -565,11 +566,12 @@ class V4l2Source final : public LiveSource {
     auto bytes = stream_->ring().buffer(buffer.index);
     bytes = bytes.first(std::min<std::size_t>(bytes.size(), buffer.bytesused));
     if (stream_->known().jpeg) {
-      bytes = trim_jpeg(bytes);
-      if (!is_whole_jpeg(bytes, format_.width, format_.height)) {
-        return leave_out(std::move(image), CaptureFault::damaged,
-                         "a JPEG that is not whole is left out");
+      auto received = receive_camera_jpeg(bytes, {format_.width, format_.height});
+      if (!received) {
+        return leave_out(std::move(image), received.error().fault, received.error().message);
       }
+      bytes = received->bytes;
+      if (received->frame) image.frame = std::move(*received->frame);
     } else if (bytes.size() < stream_->layout().bytes) {
       return leave_out(std::move(image), CaptureFault::error_frame,
                        "a frame that is too short is left out");

@@ -320,7 +320,7 @@ TEST_F(RecordingOfFrames, MissingFramesAtTheEndLeaveANotice) {
 
 TEST_F(RecordingOfFrames, ALastFrameThatIsNotWholeLeavesANotice) {
   const std::string whole = test::read_bytes(frame(7));
-  for (const std::size_t length : {std::size_t{0}, whole.size() / 2, whole.size() - 2}) {
+  for (const std::size_t length : {std::size_t{0}, whole.size() / 2, whole.size() - 8}) {
     write_text(frame(7), whole.substr(0, length));
     const auto recording = open_recording(folder());
     ASSERT_TRUE(recording) << recording.error().message;

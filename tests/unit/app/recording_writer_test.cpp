@@ -420,20 +420,5 @@ INSTANTIATE_TEST_SUITE_P(Formats, Killed, testing::Bool(), [](const auto& test) 
   return test.param ? std::string("Raw") : std::string("Jpeg");
 });
 
-TEST(WholeJpeg, TellsAHalfPictureFromAWholeOne) {
-  const CapturedImage image = jpeg_image(0);
-  EXPECT_TRUE(is_whole_jpeg(image.jpeg, 640, 480));
-  EXPECT_FALSE(is_whole_jpeg(image.jpeg, 320, 240));
-  for (const std::size_t size : {std::size_t{0}, std::size_t{1}, std::size_t{3}, std::size_t{20},
-                                 image.jpeg.size() / 2, image.jpeg.size() - 1}) {
-    EXPECT_FALSE(is_whole_jpeg(image.jpeg.first(size), 640, 480)) << size;
-  }
-  std::vector<std::uint8_t> padded(image.jpeg.begin(), image.jpeg.end());
-  padded.resize(padded.size() + 100);
-  EXPECT_FALSE(is_whole_jpeg(padded, 640, 480));
-  EXPECT_EQ(trim_jpeg(padded).size(), image.jpeg.size());
-  EXPECT_TRUE(is_whole_jpeg(trim_jpeg(padded), 640, 480));
-}
-
 }  // namespace
 }  // namespace penumbra

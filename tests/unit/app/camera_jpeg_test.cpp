@@ -1,0 +1,242 @@
+#include "app/capture/camera_jpeg.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "app/capture/recording_feed.hpp"
+#include "app/capture/recording_source.hpp"
+#include "app/capture/recording_writer.hpp"
+#include "core/file.hpp"
+#include "core/image_file.hpp"
+#include "support/paths.hpp"
+#include "support/recording_folder.hpp"
+#include "support/same_pixels.hpp"
+
+namespace penumbra {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+
+constexpr ImageSize kTabletop{640, 480};
+
+std::string tabletop_frame(int number) {
+  return test::read_bytes(test::recordings_dir() / "tabletop" / "frames" /
+                          (test::number6(number) + ".jpg"));
+}
+
+std::span<const std::uint8_t> view_of(const std::string& text) {
+  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
+}
+
+// What live makes of a camera's buffer: received, then decoded where that is still to be done.
+Result<Frame> live_frame(const std::string& buffer, const ImageSize& granted) {
+  auto received = receive_camera_jpeg(view_of(buffer), granted);
+  if (!received) return fail("{}", received.error().message);
+  if (received->frame) return std::move(*received->frame);
+  return decode_camera_jpeg(received->bytes, "a frame", granted, kImproveTransfer);
+}
+
+// As many lines as the frame header then has.
+std::string with_height(std::string jpeg, int height) {
+  const std::size_t header = jpeg.find("\xFF\xC0");
+  jpeg[header + 5] = static_cast<char>(height >> 8);
+  jpeg[header + 6] = static_cast<char>(height & 0xFF);
+  return jpeg;
+}
+
+TEST(CameraJpegGate, UsesImagesAsCamerasSendThem) {
+  const std::string sound = tabletop_frame(0);
+  const std::string older = tabletop_frame(1);
+  const std::string unended = sound.substr(0, sound.size() - 2);
+  const auto expected = live_frame(sound, kTabletop);
+  ASSERT_TRUE(expected) << expected.error().message;
+  for (const std::string& buffer :
+       {sound + older.substr(older.size() - 900), sound + std::string(1024, '\xFF'),
+        sound + std::string(9000, '\0'), unended, unended + std::string(9000, '\0'),
+        unended + std::string(512, '\xFF'), "\xFF\xD8" + sound, "\xFF\xD8" + unended}) {
+    const auto frame = live_frame(buffer, kTabletop);
+    ASSERT_TRUE(frame) << frame.error().message;
+    EXPECT_TRUE(test::same_pixels(*frame, *expected));
+    const auto replayed = decode_recorded_image(view_of(buffer), "000000.jpg", kTabletop);
+    ASSERT_TRUE(replayed) << replayed.error().message;
+    EXPECT_TRUE(test::same_pixels(*replayed, *expected));
+  }
+}
+
+TEST(CameraJpegGate, DecodesOnlyWhatHasNoEndMark) {
+  const std::string sound = tabletop_frame(0);
+  const auto ended = receive_camera_jpeg(view_of(sound + "xx"), kTabletop);
+  ASSERT_TRUE(ended);
+  EXPECT_FALSE(ended->frame);
+  EXPECT_EQ(ended->bytes.size(), sound.size());
+  EXPECT_TRUE(receive_camera_jpeg(view_of(sound.substr(0, sound.size() - 2)), kTabletop)->frame);
+}
+
+TEST(CameraJpegGate, SkipsHalfImagesWithTheRemedy) {
+  const std::string sound = tabletop_frame(0);
+  for (const std::size_t length :
+       {std::size_t{0}, std::size_t{2}, std::size_t{300}, sound.size() / 2, sound.size() - 40}) {
+    for (const std::string& buffer :
+         {sound.substr(0, length), sound.substr(0, length) + std::string(5000, '\0'),
+          sound.substr(0, length) + sound}) {
+      const auto received = receive_camera_jpeg(view_of(buffer), kTabletop);
+      if (length <= 2 && buffer.ends_with(sound)) {
+        continue;  // a doubled start mark at most
+      }
+      ASSERT_FALSE(received) << length;
+      EXPECT_EQ(received.error().fault, CaptureFault::damaged);
+      EXPECT_THAT(received.error().message, HasSubstr("try another USB port"));
+    }
+  }
+  const auto half = receive_camera_jpeg(view_of(sound.substr(0, sound.size() / 2)), kTabletop);
+  EXPECT_THAT(half.error().message, AllOf(HasSubstr("after line"), HasSubstr("of 480")));
+}
+
+TEST(CameraJpegGate, UsesTheFirstLinesOfAPaddedImage) {
+  const std::string sound = tabletop_frame(0);
+  const auto expected = live_frame(sound, kTabletop);
+  ASSERT_TRUE(expected);
+  for (const int granted : {479, 472, 465}) {
+    const auto frame = live_frame(sound, {640, granted});
+    ASSERT_TRUE(frame) << frame.error().message;
+    EXPECT_EQ(frame->height, granted);
+    EXPECT_EQ(frame->planes[0].height, granted);
+    EXPECT_EQ(frame->planes[1].height, (granted + 1) / 2);
+    EXPECT_EQ(frame->planes[2].height, (granted + 1) / 2);
+    const auto replayed = decode_recorded_image(view_of(sound), "a.jpg", ImageSize{640, granted});
+    ASSERT_TRUE(replayed);
+    EXPECT_TRUE(test::same_pixels(*replayed, *frame));
+  }
+}
+
+TEST(CameraJpegGate, ReportsBothSizesOfAnotherImage) {
+  const std::string sound = tabletop_frame(0);
+  for (const ImageSize granted : {ImageSize{640, 464}, {640, 481}, {632, 480}, {320, 240}}) {
+    const auto received = receive_camera_jpeg(view_of(sound), granted);
+    ASSERT_FALSE(received);
+    EXPECT_EQ(received.error().fault, CaptureFault::wrong_format);
+    EXPECT_THAT(
+        received.error().message,
+        AllOf(HasSubstr("640x480"), HasSubstr(fmt::format("{}x{}", granted.width, granted.height)),
+              HasSubstr("--size")));
+  }
+}
+
+TEST(CameraJpegGate, LeavesPaddingOfOtherFormatsAlone) {
+  const test::TemporaryFolder folder;
+  const std::vector<std::uint8_t> grey(std::size_t{64} * 48);
+  const auto file = folder.path() / "a.png";
+  ASSERT_TRUE(save_grey_png(file, {grey.data(), 64, 48, 64}));
+  const auto frame = decode_recorded_image(*read_file(file), "a.png", ImageSize{64, 40});
+  ASSERT_TRUE(frame);
+  EXPECT_EQ(frame->height, 48);
+}
+
+// What live records of such a camera is read by other programs, and replays as live saw it.
+TEST(CameraJpegGate, RecordsNormalizedImages) {
+  const test::TemporaryFolder temporary;
+  const std::filesystem::path folder = temporary.path() / "session";
+  const std::string sound = tabletop_frame(0);
+  const std::string buffer = "\xFF\xD8" + sound.substr(0, sound.size() - 2);
+  const ImageSize granted{640, 472};
+  auto received = receive_camera_jpeg(view_of(buffer), granted);
+  ASSERT_TRUE(received);
+  RecordingHead head;
+  head.format.name = "MJPEG";
+  head.format.width = granted.width;
+  head.format.height = granted.height;
+  auto writer = RecordingWriter::create(folder, head);
+  ASSERT_TRUE(writer) << writer.error().message;
+  CapturedImage image;
+  image.jpeg = received->bytes;
+  image.frame = *received->frame;
+  image.owner = std::make_shared<int>(0);
+  (*writer)->add_image(image);
+  ASSERT_TRUE((*writer)->finish());
+  EXPECT_EQ(test::read_bytes(folder / "frames" / "000000.jpg"), with_height(sound, 472));
+
+  OpenRecordingOptions options;
+  options.surroundings = false;
+  const auto recording = open_recording(folder, options);
+  ASSERT_TRUE(recording) << recording.error().message;
+  const auto source = open_recording_source(*recording);
+  ASSERT_TRUE(source);
+  const auto frame = (*source)->next();
+  ASSERT_TRUE(frame && *frame);
+  EXPECT_TRUE(test::same_pixels(**frame, *received->frame));
+}
+
+// A recording as a camera is judged like a camera: it may begin with half an image.
+TEST(CameraJpegGate, ARecordingAsACameraSkipsHalfImages) {
+  const test::TemporaryFolder temporary;
+  const std::filesystem::path folder = temporary.path() / "recording";
+  test::write_recording(folder, 4);
+  test::write_text(folder / "controls.json", "{}\n");
+  const std::string sound = test::jpeg_of(0);
+  test::write_text(folder / "frames" / "000000.jpg", sound.substr(0, sound.size() / 2));
+  const std::string second = test::jpeg_of(1);
+  test::write_text(folder / "frames" / "000001.jpg",
+                   "\xFF\xD8" + second.substr(0, second.size() - 2) + std::string(20, '\0'));
+  const auto recording = open_recording(folder);
+  ASSERT_TRUE(recording) << recording.error().message;
+  const auto feed = open_recording_feed(*recording, 200.0);
+  ASSERT_TRUE(feed) << feed.error().message;
+  const auto frame = (*feed)->next();
+  ASSERT_TRUE(frame && *frame);
+  EXPECT_GE((*frame)->sequence, 1U);
+  EXPECT_EQ((*feed)->faults().stats().of(CaptureFault::damaged), 1U);
+}
+
+struct SharedCase {
+  const char* folder;
+  ImageSize size;
+  int images;
+};
+
+class SharedCameraJpegs : public testing::TestWithParam<SharedCase> {};
+
+TEST_P(SharedCameraJpegs, AreUsed) {
+  const auto shared = test::shared_dir();
+  const auto folder = shared / "cases" / "capture" / GetParam().folder;
+  if (shared.empty() || !std::filesystem::is_directory(folder)) {
+    GTEST_SKIP() << "no ../shared/cases/capture";
+  }
+  int images = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
+    if (entry.path().extension() != ".jpg") continue;
+    ++images;
+    const std::string bytes = test::read_bytes(entry.path());
+    const auto live = live_frame(bytes, GetParam().size);
+    ASSERT_TRUE(live) << entry.path() << ": " << live.error().message;
+    EXPECT_EQ((ImageSize{live->width, live->height}), GetParam().size);
+    const auto replayed = decode_recorded_image(view_of(bytes), "a.jpg", GetParam().size);
+    ASSERT_TRUE(replayed) << replayed.error().message;
+    EXPECT_TRUE(test::same_pixels(*live, *replayed));
+    // The same pictures as in the project's recording, or with restart marks beside them.
+    const auto twin = folder / ("clean-" + entry.path().stem().string().substr(5) + ".jpg");
+    if (entry.path().parent_path().filename() == "frames") {
+      const auto clean = load_image(twin);
+      ASSERT_TRUE(clean) << clean.error().message;
+      EXPECT_TRUE(test::same_pixels(*live, *clean));
+    }
+  }
+  EXPECT_EQ(images, GetParam().images);
+}
+
+INSTANTIATE_TEST_SUITE_P(Cases, SharedCameraJpegs,
+                         testing::Values(SharedCase{"mjpeg-bytes-after-end", kTabletop, 4},
+                                         SharedCase{"mjpeg-bytes-before-restart", kTabletop, 6},
+                                         SharedCase{"mjpeg-no-end-mark", kTabletop, 3},
+                                         SharedCase{"mjpeg-taller-than-granted", {640, 360}, 3},
+                                         SharedCase{"mjpeg-two-start-marks", kTabletop, 3}),
+                         [](const auto& test) {
+                           std::string name = test.param.folder;
+                           std::replace(name.begin(), name.end(), '-', '_');
+                           return name;
+                         });
+
+}  // namespace
+}  // namespace penumbra
