@@ -25,8 +25,9 @@ Frame fitted(Frame frame, const ImageSize& size) {
   if (!has_padding_lines({frame.width, frame.height}, size)) return frame;
   static std::atomic<bool> is_reported = false;
   if (!is_reported.exchange(true)) {
-    log_info("JPEGs have {} lines; the first {} are used, the others are their encoder's padding",
-             frame.height, size.height);
+    log_warning(
+        "JPEGs have {} lines; the first {} are used, the others are their encoder's padding",
+        frame.height, size.height);
   }
   keep_first_lines(frame, size.height);
   return frame;
