@@ -13,6 +13,7 @@
 #include <cstdlib>
 #include <exception>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -20,6 +21,7 @@
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/logging.hpp"
+#include "app/standard_streams.hpp"
 #include "core/spelling.hpp"
 
 namespace {
@@ -145,7 +147,9 @@ ExitCode run(int argc, char** argv) {
     program.parse(std::move(words));
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0 && !unknown_command(program)) {  // --help, --version
-      program.exit(error);
+      std::ostringstream text;
+      program.exit(error, text, text);
+      fmt::print("{}", text.str());
       return ExitCode::success;
     }
     auto wrong = unknown_command(program);
@@ -165,14 +169,16 @@ ExitCode run(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  penumbra::secure_standard_streams();
   // Modules catch what their libraries throw; what still gets here must not look like a crash.
   try {
     // Who reads an output may go away: writing fails then, and is an error like any other.
     std::signal(SIGPIPE, SIG_IGN);
     penumbra::set_up_logging();
     const ExitCode code = run(argc, argv);
-    if (std::fflush(stdout) != 0 && code == ExitCode::success) {
-      print_error("standard output cannot be written");
+    const auto flushed = penumbra::flush_standard_output();
+    if (!flushed && code == ExitCode::success) {
+      print_error(flushed.error().message);
       return static_cast<int>(ExitCode::failure);
     }
     return static_cast<int>(code);
