@@ -1,19 +1,23 @@
 #include "app/interrupt.hpp"
 
+#include <unistd.h>
+
 #include <ctime>
 
 namespace penumbra {
 namespace {
 
-// Ends the process by the first signal, unless hold() sent it.
-void end_by_signal(const sigset_t& watched, const std::atomic<bool>& held) {
-  int number = 0;
-  while (sigwait(&watched, &number) != 0) {
-  }
-  if (held) return;
-  std::signal(number, SIG_DFL);
-  pthread_sigmask(SIG_UNBLOCK, &watched, nullptr);
-  std::raise(number);
+constexpr std::chrono::milliseconds kRequest(1000);  // signals of one request come within it
+
+bool is_ignored(int number) {
+  struct sigaction action {};
+  return sigaction(number, nullptr, &action) == 0 && action.sa_handler == SIG_IGN;
+}
+
+// Takes one pending signal, if there is one.
+bool take_signal(const sigset_t& watched) {
+  const timespec at_once{};
+  return sigtimedwait(&watched, nullptr, &at_once) > 0;
 }
 
 }  // namespace
@@ -22,37 +26,67 @@ InterruptWatch::InterruptWatch() {
   sigemptyset(&watched_);
   sigaddset(&watched_, SIGINT);
   sigaddset(&watched_, SIGTERM);
-  sigaddset(&watched_, SIGHUP);  // its terminal was closed
+  if (!is_ignored(SIGHUP)) sigaddset(&watched_, SIGHUP);
   pthread_sigmask(SIG_BLOCK, &watched_, &before_);
-  ender_ = std::thread([this] { end_by_signal(watched_, held_); });
+  start_ender(Clock::time_point::min(), true);
 }
 
 InterruptWatch::~InterruptWatch() {
-  hold();
-  if (!interrupted_) pthread_sigmask(SIG_SETMASK, &before_, nullptr);
+  stop_ender();
+  // A signal after the last interrupted() would kill the process although the files are closed.
+  while (take_signal(watched_)) {
+  }
+  pthread_sigmask(SIG_SETMASK, &before_, nullptr);
 }
 
 void InterruptWatch::hold() {
-  if (!ender_.joinable()) return;
-  held_ = true;
-  pthread_kill(ender_.native_handle(), SIGTERM);  // to that thread alone
-  ender_.join();
+  stop_ender();
 }
 
 bool InterruptWatch::interrupted() {
   if (interrupted_) return true;
-  const timespec at_once{};
-  if (!ender_.joinable() && sigtimedwait(&watched_, nullptr, &at_once) > 0) {
-    interrupted_ = true;
-    pthread_sigmask(SIG_SETMASK, &before_, nullptr);
-  }
-  return interrupted_;
+  if (ender_.joinable() || !take_signal(watched_)) return false;
+  const auto now = Clock::now();
+  if (now < request_ends_) return false;
+  interrupted_ = true;
+  request_ends_ = now + kRequest;
+  start_ender(request_ends_, false);
+  return true;
 }
 
 void InterruptWatch::again() {
   if (!interrupted_) return;
-  pthread_sigmask(SIG_BLOCK, &watched_, nullptr);
+  stop_ender();
   interrupted_ = false;
+}
+
+// Starts the thread that ends the process by the first signal after `from`; by SIGHUP only if
+// `by_hangup`.
+void InterruptWatch::start_ender(Clock::time_point from, bool by_hangup) {
+  stopped_ = false;
+  ender_ = std::thread([this, from, by_hangup] {
+    while (true) {
+      siginfo_t info{};
+      const int number = sigwaitinfo(&watched_, &info);
+      if (number <= 0) continue;
+      if (stopped_) {
+        // A signal from outside that overtook the one of stop_ender() is still to be asked for.
+        if (info.si_pid != getpid()) kill(getpid(), number);
+        return;
+      }
+      if (Clock::now() < from || (number == SIGHUP && !by_hangup)) continue;
+      std::signal(number, SIG_DFL);
+      pthread_sigmask(SIG_UNBLOCK, &watched_, nullptr);
+      std::raise(number);
+    }
+  });
+}
+
+void InterruptWatch::stop_ender() {
+  if (!ender_.joinable()) return;
+  stopped_ = true;
+  pthread_kill(ender_.native_handle(), SIGTERM);  // to that thread alone
+  ender_.join();
 }
 
 }  // namespace penumbra
