@@ -248,6 +248,9 @@ Result<Capture> capture(Pictures pictures, const Target& target, const CaptureOp
       interrupt.again();  // the views that there are may suffice; the next one ends the rest
     } else if (window != nullptr && window->closed()) {
       end = CaptureEnd::closed;
+      if (window->display_lost()) {
+        log_warning("the connection to the display was lost; going on with the views taken so far");
+      }
     } else if (options.duration_s && since_first &&
                since_first->elapsed().wall_ms >= 1e3 * *options.duration_s) {
       end = CaptureEnd::duration;

@@ -52,6 +52,7 @@ class GuideWindow {
   // folder, F fills the screen.
   void refresh();
   [[nodiscard]] bool closed() const { return closed_; }
+  [[nodiscard]] bool display_lost() const { return context_->display_lost(); }
   // Refreshes until a key is pressed, the window is closed or the program interrupted.
   void wait(InterruptWatch& interrupt);
 

@@ -507,6 +507,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
     if (host.is_over() || interrupt.interrupted()) stopped = true;
   }
   pipeline.stop();
+  if (!failure) failure = display_loss(**context);
   if (const auto error = pipeline.error(); error && !failure) failure = error;
 
   if (const auto rest = late.write_rest(); !rest && !failure) failure = rest.error();

@@ -489,6 +489,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       stopped = interrupt.interrupted() || stopped;
     }
   }
+  if (!failure) failure = display_loss(**context);
   if (run.frames() == 0) {
     return fail("{}: no frame was replayed", recording->folder.string());
   }

@@ -274,4 +274,11 @@ Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
   return with_either_api([](GlApi api) { return create_offscreen_context(api); });
 }
 
+std::optional<Error> display_loss(const GlContext& context) {
+  if (!context.display_lost()) return std::nullopt;
+  return Error{
+      "the connection to the display was lost; the session ended there, and what was made until "
+      "then is kept; run with --no-window where the display may go away"};
+}
+
 }  // namespace penumbra

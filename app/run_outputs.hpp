@@ -102,5 +102,7 @@ struct WindowChoice {
 // `picture`: what it shows, and how large a window is at first.
 [[nodiscard]] Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
                                                                   GlContext::Size picture);
+// The error of a run that ended because its window's display was lost; nothing in any other case.
+[[nodiscard]] std::optional<Error> display_loss(const GlContext& context);
 
 }  // namespace penumbra

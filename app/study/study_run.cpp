@@ -438,6 +438,7 @@ Result<StudyReport> run_study(const StudyRequest& request) {
       return tl::unexpected(written.error());
     }
   }
+  if (auto lost = display_loss(**context)) return tl::unexpected(*lost);
   return report;
 }
 

@@ -44,8 +44,12 @@ class GlContext {
 
   virtual void make_current() = 0;
   [[nodiscard]] virtual const GlInfo& info() const = 0;
-  // Window only: false once a person asked to close it. Offscreen: always true.
+  // Window only: false once a person asked to close it or its display was lost. Offscreen: always
+  // true.
   [[nodiscard]] virtual bool poll_events() = 0;
+  // Window only: the X server ended, or another program destroyed the window. The context still
+  // draws into framebuffer objects.
+  [[nodiscard]] virtual bool display_lost() const { return false; }
   virtual void swap() = 0;
   // Size of the window's framebuffer [px]; {0, 0} offscreen.
   struct Size {

@@ -7,6 +7,7 @@
 
 #include "render/gl/context.hpp"
 #include "render/gl/context_info.hpp"
+#include "render/gl/x11_connection.hpp"
 
 namespace penumbra {
 namespace {
@@ -20,6 +21,7 @@ std::string last_glfw_error() {
 class GlfwContext final : public GlContext {
  public:
   explicit GlfwContext(GLFWwindow* window) : window_(window) {
+    watch_x11_window(window);
     glfwSetWindowUserPointer(window_, this);
     glfwSetKeyCallback(window_, [](GLFWwindow* w, int key, int, int action, int modifiers) {
       if (action == GLFW_REPEAT) return;
@@ -45,28 +47,38 @@ class GlfwContext final : public GlContext {
   GlfwContext(const GlfwContext&) = delete;
   GlfwContext& operator=(const GlfwContext&) = delete;
   ~GlfwContext() override {
+    if (x11_connection_lost()) return;
     glfwDestroyWindow(window_);
     glfwTerminate();
   }
 
   void read_info(GlApi api) { info_ = current_gl_info(api); }
 
-  void make_current() override { glfwMakeContextCurrent(window_); }
+  void make_current() override {
+    if (!x11_connection_lost()) glfwMakeContextCurrent(window_);
+  }
   [[nodiscard]] const GlInfo& info() const override { return info_; }
   [[nodiscard]] bool poll_events() override {
-    glfwPollEvents();
-    return glfwWindowShouldClose(window_) == GLFW_FALSE;
+    if (!x11_connection_lost()) glfwPollEvents();
+    return !x11_connection_lost() && glfwWindowShouldClose(window_) == GLFW_FALSE;
   }
-  void swap() override { glfwSwapBuffers(window_); }
+  [[nodiscard]] bool display_lost() const override { return x11_connection_lost(); }
+  void swap() override {
+    if (!x11_connection_lost()) glfwSwapBuffers(window_);
+  }
   [[nodiscard]] Size window_size() const override {
+    if (x11_connection_lost()) return last_size_;
     Size size;
     glfwGetFramebufferSize(window_, &size.width, &size.height);
-    return size;
+    // GLFW returns undefined values if the display is lost during the call.
+    if (!x11_connection_lost()) last_size_ = size;
+    return last_size_;
   }
   void on_event(std::function<void(const WindowEvent&)> handler) override {
     on_event_ = std::move(handler);
   }
   void toggle_full_screen() override {
+    if (x11_connection_lost()) return;
     if (glfwGetWindowMonitor(window_) != nullptr) {
       glfwSetWindowMonitor(window_, nullptr, at_x_, at_y_, at_width_, at_height_, GLFW_DONT_CARE);
       return;
@@ -111,10 +123,11 @@ class GlfwContext final : public GlContext {
       event.x *= static_cast<double>(width_px) / width;
       event.y *= static_cast<double>(height_px) / height;
     }
-    pass_on(window, event);
+    if (!x11_connection_lost()) pass_on(window, event);
   }
 
   GLFWwindow* window_;
+  mutable Size last_size_;
   GlInfo info_;
   std::function<void(const WindowEvent&)> on_event_;
   // Where the window was before it filled the screen.
@@ -137,9 +150,11 @@ Result<std::unique_ptr<GlContext>> create_window_context(const WindowOptions& op
         "no window: neither DISPLAY nor WAYLAND_DISPLAY is set; run in a desktop session, under "
         "xvfb-run, or without a window");
   }
+  if (x11_connection_lost()) return fail("no window: the connection to the display was lost");
   if (glfwInit() != GLFW_TRUE) {
     return fail("no window: {}; check DISPLAY, or run without a window", last_glfw_error());
   }
+  watch_x11_connection();
   glfwDefaultWindowHints();
   if (options.api == GlApi::gl33) {
     glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
@@ -165,7 +180,7 @@ Result<std::unique_ptr<GlContext>> create_window_context(const WindowOptions& op
   if (window == nullptr) window = create(GLFW_NO_ROBUSTNESS);
   if (window == nullptr) {
     const std::string cause = last_glfw_error();
-    glfwTerminate();
+    if (!x11_connection_lost()) glfwTerminate();
     return fail("no window: {}; the driver must offer {}", cause,
                 options.api == GlApi::gl33 ? "OpenGL 3.3 core" : "OpenGL ES 3.0");
   }

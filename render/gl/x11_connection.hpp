@@ -1,0 +1,16 @@
+// The connection to the X server, which may end while a window is open.
+#pragma once
+
+struct GLFWwindow;
+
+namespace penumbra {
+
+// Remembers the loss of the X server instead of ending the process, as Xlib does by default. Call
+// it after glfwInit(). Other errors of X requests are ignored. Does nothing on Wayland.
+void watch_x11_connection();
+// Counts the window's destruction by another program as a loss, too.
+void watch_x11_window(GLFWwindow* window);
+// Once true, no function of GLFW or Xlib may be called that uses the display.
+[[nodiscard]] bool x11_connection_lost();
+
+}  // namespace penumbra
