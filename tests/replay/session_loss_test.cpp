@@ -1,0 +1,334 @@
+// Sessions whose terminal, log, display or reader goes away: what was made until then is whole.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <pty.h>
+#include <sys/mman.h>
+
+#include <algorithm>
+#include <csignal>
+#include <memory>
+#include <optional>
+#include <random>
+#include <thread>
+
+#include "app/capture/recording_source.hpp"
+#include "core/trajectory.hpp"
+#include "replay/replay_support.hpp"
+#include "support/running_program.hpp"
+#include "support/stress_form.hpp"
+#include "unit/app/decoded_video.hpp"
+
+namespace penumbra::test {
+namespace {
+
+namespace fs = std::filesystem;
+using std::chrono::milliseconds;
+
+// A live session that records and writes everything there is to write.
+class LiveSession {
+ public:
+  [[nodiscard]] std::vector<std::string> words(const std::vector<std::string>& more) const {
+    std::vector<std::string> all = {program().string(), "live",
+                                    "--camera",         "recording:" + bundled("tabletop"),
+                                    "--calibration",    bundled("tabletop") + "/camera.yaml",
+                                    "--record",         path("session"),
+                                    "--output",         path("out.mp4"),
+                                    "--poses",          path("out.tum"),
+                                    "--report",         path("report.json"),
+                                    "--log-level",      "debug"};
+    all.insert(all.end(), more.begin(), more.end());
+    return all;
+  }
+  [[nodiscard]] std::string path(const char* name) const {
+    return (folder_.path() / name).string();
+  }
+  // Until so many frames are drawn and recorded. False where the program ended before.
+  [[nodiscard]] bool wait_for_frames(const RunningProgram& running, std::size_t count) const {
+    constexpr int kMost = 6000;
+    for (int i = 0; i < kMost && running.runs(); ++i) {
+      if (lines_of(bytes_of(path("session/poses.tum"))).size() > count) return true;
+      std::this_thread::sleep_for(milliseconds(10));
+    }
+    return false;
+  }
+  // Every output opens, is complete, and holds what the report says.
+  void expect_whole_outputs() const {
+    const auto report = read_json(path("report.json"));
+    ASSERT_TRUE(report.is_object());
+    const auto frames = report["frames"].get<std::size_t>();
+    EXPECT_GT(frames, 0U);
+    const DecodedVideo video = decode_video(path("out.mp4"));
+    EXPECT_TRUE(video.opened);
+    EXPECT_EQ(video.pictures.size(), frames);
+    EXPECT_TRUE(bytes_of(path("out.tum")).ends_with('\n'));
+    const auto poses = load_trajectory(path("out.tum"));
+    ASSERT_TRUE(poses) << poses.error().message;
+    EXPECT_EQ(poses->poses.size(), report["frames_tracked"].get<std::size_t>());
+    const auto recording = open_recording(path("session"));
+    ASSERT_TRUE(recording) << recording.error().message;
+    EXPECT_EQ(recording->frames.size(), report["recorded"]["written"].get<std::size_t>());
+    EXPECT_NE(lines_of(bytes_of(path("session/events.jsonl"))).back().find("\"end\""),
+              std::string::npos);
+    auto source = open_recording_source(*recording);
+    ASSERT_TRUE(source) << source.error().message;
+    std::size_t read = 0;
+    while (true) {
+      const auto frame = (*source)->next();
+      ASSERT_TRUE(frame) << frame.error().message;
+      if (!*frame) break;
+      ++read;
+    }
+    EXPECT_EQ(read, recording->frames.size());
+    EXPECT_EQ(contents_of(folder_.path()).size(), 4U) << "a partial file was left";
+  }
+
+ private:
+  TemporaryFolder folder_;
+};
+
+enum class Loss { log_reader, output_reader, terminal, display, log_disk };
+
+std::string name_of(const testing::TestParamInfo<Loss>& info) {
+  switch (info.param) {
+    case Loss::log_reader:
+      return "LogReader";
+    case Loss::output_reader:
+      return "OutputReader";
+    case Loss::terminal:
+      return "Terminal";
+    case Loss::display:
+      return "Display";
+    case Loss::log_disk:
+      break;
+  }
+  return "LogDisk";
+}
+
+// The terminal, log, display or reader that a session depends on, and its loss.
+class Surroundings {
+ public:
+  explicit Surroundings(Loss loss) : loss_(loss) {
+    switch (loss) {
+      case Loss::log_reader:
+      case Loss::output_reader: {
+        int ends[2] = {-1, -1};
+        if (pipe2(ends, O_CLOEXEC) != 0) std::abort();
+        mine_ = ends[0];
+        its_ = ends[1];
+        break;
+      }
+      case Loss::terminal:
+        if (openpty(&mine_, &its_, nullptr, nullptr, nullptr) != 0) std::abort();
+        fcntl(mine_, F_SETFD, FD_CLOEXEC);
+        break;
+      case Loss::display:
+        display_.emplace();
+        break;
+      case Loss::log_disk:
+        its_ = memfd_create("log", MFD_CLOEXEC | MFD_ALLOW_SEALING);
+        break;
+    }
+  }
+  Surroundings(const Surroundings&) = delete;
+  Surroundings& operator=(const Surroundings&) = delete;
+  ~Surroundings() {
+    if (mine_ >= 0) close(mine_);
+    if (its_ >= 0) close(its_);
+  }
+
+  // In the program's process.
+  void set_up() const {
+    if (loss_ == Loss::terminal) {
+      setsid();
+      ioctl(its_, TIOCSCTTY, 0);
+      dup2(its_, STDIN_FILENO);
+    }
+    if (loss_ == Loss::terminal || loss_ == Loss::output_reader) dup2(its_, STDOUT_FILENO);
+    if (its_ >= 0) dup2(its_, STDERR_FILENO);
+    if (display_) setenv("DISPLAY", display_->name().c_str(), 1);
+  }
+  // The program has its own copy of the descriptor.
+  void started() {
+    if (loss_ == Loss::log_disk) return;
+    if (its_ >= 0) close(std::exchange(its_, -1));
+  }
+  void lose(int number) {
+    if (display_) display_->end(number);
+    if (mine_ >= 0) close(std::exchange(mine_, -1));
+    if (loss_ == Loss::log_disk) fcntl(its_, F_ADD_SEALS, F_SEAL_GROW);
+  }
+
+ private:
+  Loss loss_;
+  int mine_ = -1;
+  int its_ = -1;
+  std::optional<VirtualDisplay> display_;
+};
+
+class SessionLoss : public testing::TestWithParam<Loss> {};
+
+TEST_P(SessionLoss, LeavesWholeOutputsAtAnyMoment) {
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
+  const Loss loss = GetParam();
+  const bool ends_session = loss == Loss::terminal || loss == Loss::display;
+  // The table printed at the end is lost with the reader or the terminal, and a display was asked
+  // for; a log costs nothing.
+  const int expected_code = loss == Loss::log_reader || loss == Loss::log_disk ? 0 : 1;
+  const int times = long_form() ? 50 : 2;
+  for (int i = 0; i < times; ++i) {
+    SCOPED_TRACE(fmt::format("moment {}", i));
+    std::mt19937 random(static_cast<unsigned>(100 * static_cast<int>(loss) + i));
+    const std::size_t frames = 3 + random() % 40;
+    const milliseconds delay(random() % 50);
+    const LiveSession session;
+    Surroundings surroundings(loss);
+    RunningProgram running(
+        session.words(loss == Loss::display ? std::vector<std::string>{"--duration", "60"}
+                                            : std::vector<std::string>{"--no-window"}),
+        [&] { surroundings.set_up(); });
+    surroundings.started();
+    ASSERT_TRUE(session.wait_for_frames(running, frames));
+    std::this_thread::sleep_for(delay);
+    surroundings.lose(i % 2 == 0 ? SIGKILL : SIGTERM);
+    if (!ends_session) {
+      std::this_thread::sleep_for(milliseconds(random() % 300));
+      running.signal(SIGTERM);
+    }
+    EXPECT_EQ(running.exit_code(), expected_code);
+    session.expect_whole_outputs();
+    const auto report = read_json(session.path("report.json"));
+    EXPECT_EQ(report.contains("failure"), loss == Loss::display);
+    EXPECT_EQ(report["interrupted"].get<bool>(), loss != Loss::display);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Of, SessionLoss,
+                         testing::Values(Loss::log_reader, Loss::output_reader, Loss::terminal,
+                                         Loss::display, Loss::log_disk),
+                         name_of);
+
+// The exit code of the program in a shell with this redirection.
+int exit_code_with(const std::string& redirection, const std::vector<std::string>& arguments) {
+  std::vector<std::string> words = {"/bin/bash", "-c", "exec \"$0\" \"$@\" " + redirection,
+                                    program().string()};
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  return RunningProgram(words).exit_code();
+}
+
+TEST(StandardStreams, FailureExitsWithOneWhenStandardErrorIsFullOrClosed) {
+  for (const char* redirection : {"2>/dev/full", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"}) {
+    SCOPED_TRACE(redirection);
+    EXPECT_EQ(exit_code_with(redirection, {"replay", "nothing"}), 1);
+    EXPECT_EQ(exit_code_with(redirection, {"replay", "--no-such-option"}), 2);
+  }
+}
+
+TEST(StandardStreams, CommandThatPrintsItsResultFailsWhenStandardOutputIsFullOrClosed) {
+  for (const char* redirection : {">&-", ">/dev/full", ">&- 2>&-", ">/dev/full 2>/dev/full"}) {
+    SCOPED_TRACE(redirection);
+    EXPECT_EQ(exit_code_with(redirection, {"devices"}), 1);
+    EXPECT_EQ(exit_code_with(redirection, {"--help"}), 1);
+    const std::string truth = bundled("tabletop") + "/groundtruth.tum";
+    EXPECT_EQ(exit_code_with(redirection, {"evaluate", "--estimated", truth, "--groundtruth", truth,
+                                           "--camera", bundled("tabletop") + "/camera.yaml"}),
+              1);
+  }
+  const ProgramResult closed =
+      run_program("/bin/bash", {"-c", "exec \"$0\" devices >&-", program()});
+  expect_failure(closed, {"standard output", "closed"});
+}
+
+// A lost log alone costs nothing; nor do output files take the place of a closed descriptor.
+TEST(StandardStreams, LiveWritesItsOutputsWhenStreamsAreClosedOrFull) {
+  for (const auto& [redirection, expected_code] : std::vector<std::pair<std::string, int>>{
+           {"2>&-", 0}, {"2>/dev/full", 0}, {"<&- >&- 2>&-", 1}, {">/dev/full 2>/dev/full", 1}}) {
+    SCOPED_TRACE(redirection);
+    const LiveSession session;
+    std::vector<std::string> words = session.words({"--no-window", "--duration", "1"});
+    words.erase(words.begin());
+    EXPECT_EQ(exit_code_with(redirection, words), expected_code);
+    session.expect_whole_outputs();
+  }
+}
+
+TEST(Hangup, IsIgnoredWhenItWasIgnoredAtTheStart) {
+  const TemporaryFolder folder;
+  const std::string report_file = (folder.path() / "report.json").string();
+  const std::string poses = (folder.path() / "out.tum").string();
+  RunningProgram running(
+      {program().string(), "replay", bundled("tabletop"), "--no-window", "--realtime", "--frames",
+       "0:60", "--poses", poses, "--report", report_file},
+      [] { std::signal(SIGHUP, SIG_IGN); });  // as nohup does
+  for (int i = 0; i < 20; ++i) {
+    std::this_thread::sleep_for(milliseconds(100));
+    running.signal(SIGHUP);
+  }
+  EXPECT_EQ(running.exit_code(), 0);
+  const auto report = read_json(report_file);
+  EXPECT_EQ(report["frames"], 60);
+  EXPECT_EQ(report["interrupted"], false);
+}
+
+// A closing terminal sends SIGHUP more than once, timeout(1) SIGTERM twice.
+TEST(Interrupt, SignalsThatFollowAtOnceDoNotKeepOutputsFromBeingClosed) {
+  for (const int number : {SIGHUP, SIGTERM, SIGINT}) {
+    SCOPED_TRACE(number);
+    const LiveSession session;
+    RunningProgram running(session.words({"--no-window"}));
+    ASSERT_TRUE(session.wait_for_frames(running, 5));
+    for (int i = 0; i < 100 && running.runs(); ++i) {
+      running.signal(number);
+      std::this_thread::sleep_for(milliseconds(5));
+      if (fs::exists(session.path("report.json"))) break;
+    }
+    EXPECT_EQ(running.exit_code(), 0);
+    session.expect_whole_outputs();
+  }
+}
+
+TEST(DisplayLoss, EndsReplayWithWholeOutputs) {
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
+  const TemporaryFolder folder;
+  const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
+  for (const char* gl_version : {"", "3.1"}) {  // GLX; OpenGL ES by EGL
+    SCOPED_TRACE(gl_version);
+    VirtualDisplay display;
+    RunningProgram running({program().string(), "replay", bundled("tabletop"), "--output",
+                            path("out.mp4"), "--report", path("report.json")},
+                           [&] {
+                             setenv("DISPLAY", display.name().c_str(), 1);
+                             if (*gl_version != 0)
+                               setenv("MESA_GL_VERSION_OVERRIDE", gl_version, 1);
+                           });
+    const fs::path partial = path("out.mp4") + fmt::format(".partial-{}-0", running.process());
+    for (int i = 0; i < 6000 && running.runs() && !fs::exists(partial); ++i)
+      std::this_thread::sleep_for(milliseconds(10));
+    std::this_thread::sleep_for(milliseconds(500));
+    display.end(SIGKILL);
+    EXPECT_EQ(running.exit_code(), 1);
+    const auto report = read_json(path("report.json"));
+    EXPECT_LT(report["frames"].get<int>(), 120);
+    EXPECT_NE(report["failure"].get<std::string>().find("--no-window"), std::string::npos);
+    EXPECT_EQ(decode_video(path("out.mp4")).pictures.size(), report["frames"].get<std::size_t>());
+    fs::remove(path("report.json"));
+  }
+}
+
+TEST(DisplayLoss, CountsAWindowThatAnotherProgramDestroys) {
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
+  ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
+  const VirtualDisplay display;
+  const LiveSession session;
+  RunningProgram running(session.words({"--duration", "60"}),
+                         [&] { setenv("DISPLAY", display.name().c_str(), 1); });
+  ASSERT_TRUE(session.wait_for_frames(running, 5));
+  const std::string destroy =
+      fmt::format("export DISPLAY={}; xdotool windowclose $(xdotool search --onlyvisible --pid {})",
+                  display.name(), running.process());
+  EXPECT_EQ(std::system(destroy.c_str()), 0);
+  EXPECT_EQ(running.exit_code(), 1);
+  session.expect_whole_outputs();
+}
+
+}  // namespace
+}  // namespace penumbra::test
