@@ -1,0 +1,180 @@
+// The OBJ and glTF models that Debian's assimp-testmodels collected from public reports: each has
+// the area of the table, or is refused for the reason that the table gives.
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <optional>
+#include <regex>
+#include <sstream>
+
+#include "core/text.hpp"
+#include "replay_support.hpp"
+
+namespace penumbra::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+const fs::path kModels = "/usr/share/assimp/models";
+// So far below the models that none is cut: seen along the vertical and along an oblique direction,
+// as in tests/reference/model_areas.py.
+constexpr const char* kVerticalPlane = "0 0 1 0 0 -1000000";
+constexpr const char* kObliquePlane = "0.6 0.48 0.64 -600000 -480000 -640000";
+
+// A row of tests/reference/public_models.csv. A file that is damaged but can be read in part may
+// have both areas and a reason: either will do.
+struct ExpectedModel {
+  bool in_debian_12 = true;
+  std::optional<double> vertical_cm2;
+  std::optional<double> oblique_cm2;
+  double extent_m = 0.0;
+  std::string message;  // what the error has to say (a regular expression), empty: no error
+};
+
+std::map<std::string, ExpectedModel> expected_models() {
+  std::map<std::string, ExpectedModel> models;
+  std::ifstream table(source_dir() / "tests" / "reference" / "public_models.csv");
+  std::string line;
+  std::getline(table, line);
+  EXPECT_EQ(line, "file,debian,vertical_cm2,oblique_cm2,extent_m,message,remark");
+  while (std::getline(table, line)) {
+    std::istringstream row(line);
+    std::vector<std::string> cells(7);
+    for (std::string& cell : cells) std::getline(row, cell, ',');
+    ExpectedModel& model = models[cells[0]];
+    model.in_debian_12 = cells[1] == "12";
+    model.vertical_cm2 = parse_number(cells[2]);
+    model.oblique_cm2 = parse_number(cells[3]);
+    model.extent_m = parse_number(cells[4]).value_or(0.0);
+    model.message = cells[5];
+    EXPECT_EQ(model.vertical_cm2.has_value(), model.oblique_cm2.has_value()) << line;
+    EXPECT_TRUE(model.vertical_cm2 || !model.message.empty()) << line;
+  }
+  return models;
+}
+
+bool is_model(const fs::path& file) {
+  std::string extension = file.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension == ".obj" || extension == ".gltf" || extension == ".glb";
+}
+
+// As named in the table.
+std::vector<std::string> installed_models() {
+  std::vector<std::string> names;
+  for (const auto& entry : fs::recursive_directory_iterator(kModels)) {
+    if (entry.is_regular_file() && is_model(entry.path())) {
+      names.push_back(entry.path().lexically_relative(kModels).string());
+    }
+  }
+  return names;
+}
+
+// Exit code 0 with warnings of one line each, or 1 with one error that names the file.
+void expect_clear_lines(const ProgramResult& result, const std::string& name) {
+  if (result.exit_code != 0) {
+    expect_failure(result, {name});
+    return;
+  }
+  for (const std::string& line : lines_of(result.err)) {
+    EXPECT_TRUE(line.starts_with("penumbra: warning: ")) << line;
+  }
+}
+
+class PublicModels : public testing::TestWithParam<const char*> {
+ protected:
+  void SetUp() override {
+    if (!fs::is_directory(kModels)) {
+      GTEST_SKIP() << "no " << kModels << "; install assimp-testmodels (scripts/setup)";
+    }
+  }
+  // Area of the model's projection onto the plane [cm2]; nothing where the file is refused.
+  std::optional<double> shadow_area(const std::string& name, const std::string& plane,
+                                    const ExpectedModel& expected) {
+    const fs::path output = folder_.path() / "shadow.json";
+    const ProgramResult result = penumbra(
+        {"shadow", kModels / name, "--technique", "simple", "--plane", plane, "--output", output});
+    expect_clear_lines(result, name);
+    if (result.exit_code != 0) {
+      EXPECT_FALSE(expected.message.empty()) << result.err;
+      EXPECT_TRUE(std::regex_search(result.err, std::regex(expected.message)))
+          << result.err << " does not say " << expected.message;
+      return std::nullopt;
+    }
+    EXPECT_TRUE(expected.vertical_cm2) << "has to be refused: " << expected.message;
+    return 1e4 * read_json(output)["layers"]["shadow"]["area"].get<double>();
+  }
+  void expect_kernels(const std::string& name, bool readable) {
+    const fs::path output = folder_.path() / "kernels.json";
+    const ProgramResult result = penumbra({"kernels", kModels / name, "--output", output});
+    expect_clear_lines(result, name);
+    EXPECT_EQ(result.exit_code, readable ? 0 : 1) << result.err;
+    if (!readable || result.exit_code != 0) return;
+    const auto kernels = read_json(output)["kernels"];
+    EXPECT_GT(kernels.size(), 0U);
+    EXPECT_EQ(kernels.size() % 3, 0U);
+    for (const auto& number : kernels) ASSERT_TRUE(std::isfinite(number.get<double>()));
+  }
+
+  TemporaryFolder folder_;
+};
+
+// 1e-5 of the area, and what positions with the resolution of floats let an edge-on face show.
+void expect_area(const std::optional<double>& area, const std::optional<double>& expected,
+                 double extent_m) {
+  if (!area || !expected) return;
+  EXPECT_NEAR(*area, *expected, 1e-5 * *expected + 1e-8 * 1e4 * extent_m * extent_m);
+}
+
+TEST_P(PublicModels, HaveTheAreasOfTheTable) {
+  const std::string folder = GetParam();
+  const auto models = expected_models();
+  int tried = 0;
+  for (const std::string& name : installed_models()) {
+    if (!name.starts_with(folder + "/")) continue;
+    SCOPED_TRACE(name);
+    const auto row = models.find(name);
+    if (row == models.end()) {
+      ADD_FAILURE() << "is not in tests/reference/public_models.csv";
+      continue;
+    }
+    ++tried;
+    const ExpectedModel& expected = row->second;
+    const auto vertical = shadow_area(name, kVerticalPlane, expected);
+    expect_area(vertical, expected.vertical_cm2, expected.extent_m);
+    const auto oblique = shadow_area(name, kObliquePlane, expected);
+    expect_area(oblique, expected.oblique_cm2, expected.extent_m);
+    EXPECT_EQ(vertical.has_value(), oblique.has_value());
+    expect_kernels(name, vertical.has_value());
+  }
+  EXPECT_GT(tried, 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(Folder, PublicModels, testing::Values("OBJ", "glTF", "glTF2", "invalid"),
+                         [](const auto& folder) { return std::string(folder.param); });
+
+TEST(PublicModelTable, NamesEveryInstalledModel) {
+  if (!fs::is_directory(kModels)) {
+    GTEST_SKIP() << "no " << kModels << "; install assimp-testmodels (scripts/setup)";
+  }
+  const auto models = expected_models();
+  EXPECT_GE(models.size(), 80U);
+  std::vector<std::string> named;
+  std::vector<std::string> everywhere;
+  for (const auto& [name, model] : models) {
+    named.push_back(name);
+    if (model.in_debian_12) everywhere.push_back(name);
+  }
+  std::vector<std::string> installed = installed_models();
+  std::sort(installed.begin(), installed.end());
+  EXPECT_THAT(named, testing::IsSupersetOf(installed));
+  EXPECT_THAT(installed, testing::IsSupersetOf(everywhere));
+}
+
+}  // namespace
+}  // namespace penumbra::test
