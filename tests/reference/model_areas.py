@@ -65,6 +65,8 @@ DIRECTIONS = ((0.0, 0.0, 1.0), (0.6, 0.48, 0.64))
 def measures(faces):
     """Areas [cm2] along DIRECTIONS of the union of faces, each an array of corners, z up; and the
     largest edge of their bounding box [m]."""
+    if not faces:
+        return [0.0, 0.0, 0.0]
     corners = np.vstack(faces)
     areas = []
     for direction in DIRECTIONS:
@@ -301,6 +303,18 @@ def triangles_of(mode, indices):
     return np.stack([np.full(len(indices) - 2, indices[0]), indices[1:-1], indices[2:]], axis=1)
 
 
+def is_invisible(gltf, primitive):
+    """By its material's factor alone; textures are not read here."""
+    if "material" not in primitive:
+        return False
+    material = element(gltf.list_of("materials"), primitive["material"], "material")
+    base = material.get("pbrMetallicRoughness", {})
+    alpha = base.get("baseColorFactor", [1, 1, 1, 1])[3] if isinstance(base, dict) else 1
+    mode = material.get("alphaMode", "OPAQUE")
+    return (mode == "BLEND" and alpha <= 0) or (
+        mode == "MASK" and alpha < material.get("alphaCutoff", 0.5))
+
+
 def require_uncompressed(gltf, primitive):
     """An extension that is not required may still be the only place of the geometry."""
     position = element(gltf.list_of("accessors"), primitive["attributes"]["POSITION"], "accessor")
@@ -386,7 +400,7 @@ def gltf_measures(path):
             require(np.all(indices < len(positions)), "an index has no vertex")
             triangles = triangles_of(mode, indices)
             triangle_count += len(triangles)
-            if not visible:
+            if not visible or is_invisible(gltf, primitive):
                 continue
             if "skin" in node:
                 skin = element(gltf.list_of("skins"), node["skin"], "skin")
