@@ -1,10 +1,17 @@
-// A borrowed 8-bit plane: rows of `width` bytes, `stride` bytes apart. Nothing is owned or copied.
+// The size of an image, and a borrowed 8-bit plane: rows of `width` bytes, `stride` bytes apart.
+// Nothing is owned or copied.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 
 namespace penumbra {
+
+struct ImageSize {
+  int width = 0;   // [px]
+  int height = 0;  // [px]
+  bool operator==(const ImageSize&) const = default;
+};
 
 struct ImageView {
   const std::uint8_t* data = nullptr;

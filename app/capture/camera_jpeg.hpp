@@ -13,14 +13,9 @@
 #include "core/error.hpp"
 #include "core/frame.hpp"
 #include "core/image_file.hpp"
+#include "core/image_view.hpp"
 
 namespace penumbra {
-
-struct ImageSize {
-  int width = 0;   // [px]
-  int height = 0;  // [px]
-  bool operator==(const ImageSize&) const = default;
-};
 
 // Encoders in hardware pad images to whole blocks of 16 lines: 1088 for 1080. The first lines are
 // the image.

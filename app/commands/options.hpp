@@ -7,6 +7,7 @@
 #include <string>
 
 #include "app/run_outputs.hpp"
+#include "core/image_view.hpp"
 #include "core/pairing.hpp"
 #include "render/frame_plan.hpp"
 #include "render/shadow/technique.hpp"
@@ -54,10 +55,6 @@ struct KernelChoice {
 // Throws CLI::ValidationError.
 [[nodiscard]] LightMode light_mode_choice_from(const std::string& text);
 
-struct ImageSize {
-  int width = 0;   // [px]
-  int height = 0;  // [px]
-};
 // "640x480", as `option` has it. Throws CLI::ValidationError.
 [[nodiscard]] ImageSize image_size_from(const std::string& option, std::string_view text);
 
