@@ -101,7 +101,7 @@ std::optional<PickedPoint> pick(const Scene& scene, const SceneState& state, con
   for (std::size_t i = 0; i < scene.objects.size(); ++i) {
     const SceneObject& object = scene.objects[i];
     if (!object.model || opacity_of(state, static_cast<int>(i)) <= 0.0) continue;
-    const Placement& T = state.objects[i];
+    const Placement T = placed_model(*object.model, state.objects[i]);
     // In the object's frame, so that a model need not be moved; the direction keeps its length
     // there, and with it the distance along the ray.
     const Eigen::Quaterniond back = T.rotation.conjugate();
@@ -141,7 +141,7 @@ double lowest_point(const Scene& scene, const SceneState& state, int root) {
       const Eigen::Vector3d p((corner & 1U) != 0U ? high.x() : low.x(),
                               (corner & 2U) != 0U ? high.y() : low.y(),
                               (corner & 4U) != 0U ? high.z() : low.z());
-      lowest = std::min(lowest, (state.objects[i] * p).z());
+      lowest = std::min(lowest, (placed_model(*object.model, state.objects[i]) * p).z());
     }
   }
   return lowest;

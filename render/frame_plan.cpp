@@ -125,7 +125,7 @@ class Planner {
       const SceneObject& object = scene_.objects[i];
       if (!object.model) continue;  // a joint of the hierarchy
       const auto index = static_cast<int>(i);
-      const ObjectDraw draw{index, state_.objects[i], opacity_of_object(index)};
+      const ObjectDraw draw{index, placement_of_model(index), opacity_of_object(index)};
       if (draw.opacity <= 0.0F) {
         skip("group_not_seen", object.name, "its tags are not seen");
         continue;
@@ -187,7 +187,7 @@ class Planner {
           }
           draw.proxy = options_.proxies;
           draw.plane_frame = frame;
-          draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
+          draw.T_table_object = placement_of_model(caster);
           draw.constants = node.layered;
           draw.fractions = fractions;
           draw.tone_exponent = plan_.tone_exponent;
@@ -405,7 +405,7 @@ class Planner {
         draw.plane = receiver.plane;
         draw.light = light;
         draw.plane_frame = receiver.frame;
-        draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
+        draw.T_table_object = placement_of_model(caster);
         draw.light_place = place;
         draw.proxy = options_.proxies;
         draw.opacity = std::min(receiver.opacity, opacity_of_object(caster));
@@ -450,7 +450,7 @@ class Planner {
       if (!on_planes && !shown) continue;
       for (const int caster : casters) {
         draw.object = caster;
-        draw.T_table_object = state_.objects[static_cast<std::size_t>(caster)];
+        draw.T_table_object = placement_of_model(caster);
         draw.receivers.clear();
         if (!on_planes) {
           // A volume that is made for other receivers has other triangles, whose edges may fall on
@@ -537,7 +537,7 @@ class Planner {
         if (!object.model || !object.casts_shadow || opacity <= 0.0F) continue;
         const LightRayDraw draw{caster,
                                 light,
-                                state_.objects[static_cast<std::size_t>(caster)],
+                                placement_of_model(caster),
                                 plan_.lights[static_cast<std::size_t>(light)].place,
                                 planes,
                                 options_.proxies,
@@ -667,6 +667,12 @@ class Planner {
       return false;
     }
     return true;
+  }
+
+  [[nodiscard]] Placement placement_of_model(int object) const {
+    const auto index = static_cast<std::size_t>(object);
+    const std::shared_ptr<const Model>& model = scene_.objects[index].model;
+    return model ? placed_model(*model, state_.objects[index]) : state_.objects[index];
   }
 
   [[nodiscard]] float opacity_of_object(int object) const {

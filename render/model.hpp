@@ -2,6 +2,7 @@
 // up, metres.
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <filesystem>
 #include <glm/vec2.hpp>
@@ -100,7 +101,11 @@ struct Model {
   std::vector<Material> materials;
   std::vector<Texture> textures;
   std::vector<ModelNode> nodes;  // those with faces, and their ancestors
-  glm::vec3 min_corner{0.0F};    // bounds over all meshes
+  // Place of the file's coordinates that all positions, kernels and bounds are relative to [m],
+  // object frame. Zero but for a model that lies far from its file's origin for its size: there
+  // floats would lose its shape. placed_model() (scene.hpp) adds it.
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+  glm::vec3 min_corner{0.0F};  // bounds over all meshes
   glm::vec3 max_corner{0.0F};
   std::uint32_t source_vertex_count = 0;
   // The up direction (unit) that Mesh::shadow_kernels were made for; absent where there are none.
@@ -129,7 +134,7 @@ struct ModelLimits {
   std::size_t max_vertices = 20'000'000;
   std::size_t max_triangles = 20'000'000;
   std::size_t max_texture_pixels = std::size_t{64} << 20U;
-  double max_coordinate_m = 1e6;
+  double max_coordinate_m = 1e6;  // from Model::origin
   std::size_t max_meshes = 4096;  // one draw each
 };
 
@@ -145,6 +150,9 @@ struct ModelReading {
 // name the file and the cause. No input makes it crash.
 [[nodiscard]] Result<Model> load_model(const std::filesystem::path& file,
                                        const ModelReading& reading = {});
+
+// Makes everything in the model relative to `origin`; it stays where it is.
+void move_origin(Model& model, const Eigen::Vector3d& origin);
 
 // A hash of what shadow kernels depend on: every mesh's positions and faces. Tells that a model has
 // changed since its kernels were stored.

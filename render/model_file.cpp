@@ -12,6 +12,7 @@
 #include "render/model_parts.hpp"
 #include "render/shadow/kernel_stamp.hpp"
 #include "render/shadow/shadow_mesh.hpp"
+#include "render/to_eigen.hpp"
 
 namespace penumbra {
 namespace {
@@ -66,6 +67,7 @@ void turn_up(Model& model) {
     for (glm::vec3& k : mesh.shadow_kernels) k = turned_up(k);
   }
   if (model.shadow_kernel_up) model.shadow_kernel_up = turned_up(*model.shadow_kernel_up);
+  model.origin = Eigen::Vector3d(model.origin.x(), -model.origin.z(), model.origin.y());
 }
 
 // Turns coordinates of another unit into metres.
@@ -75,6 +77,7 @@ void scale(Model& model, double unit_m) {
     for (glm::vec3& p : mesh.positions) p = scaled(p);
     for (glm::vec3& k : mesh.shadow_kernels) k = scaled(k);
   }
+  model.origin *= unit_m;
 }
 
 // Of a glTF file as it is usually read: y up, with whatever axes it is read now.
@@ -129,6 +132,13 @@ std::string geometry_key(const Model& model) {
     }
     for (const std::uint32_t index : mesh.indices) add(index);
   }
+  if (!model.origin.isZero(0.0)) {
+    for (const double coordinate : model.origin) {
+      const auto bits = std::bit_cast<std::uint64_t>(coordinate);
+      add(static_cast<std::uint32_t>(bits));
+      add(static_cast<std::uint32_t>(bits >> 32U));
+    }
+  }
   return fmt::format("{:016x}", hash);
 }
 
@@ -154,6 +164,44 @@ bool leaves_folder(std::string_view name) {
   const std::filesystem::path parts(path);
   return std::any_of(parts.begin(), parts.end(),
                      [](const std::filesystem::path& part) { return part == ".."; });
+}
+
+Eigen::Vector3d model_origin(const Eigen::AlignedBox3d& bounds) {
+  // At this many times its size from the origin, a float still has a millionth of the size.
+  constexpr double kFar = 64.0;
+  if (bounds.isEmpty()) return Eigen::Vector3d::Zero();
+  const Eigen::Vector3d middle = bounds.center();
+  const bool far = middle.cwiseAbs().maxCoeff() > kFar * bounds.sizes().maxCoeff();
+  return far ? middle : Eigen::Vector3d::Zero();
+}
+
+void move_origin(Model& model, const Eigen::Vector3d& origin) {
+  const Eigen::Vector3d by = model.origin - origin;
+  if (by.isZero(0.0)) return;
+  const auto move = [&by](glm::vec3& p) {
+    const Eigen::Vector3d moved = to_eigen(p) + by;
+    p = {static_cast<float>(moved.x()), static_cast<float>(moved.y()),
+         static_cast<float>(moved.z())};
+  };
+  for (Mesh& mesh : model.meshes) {
+    std::ranges::for_each(mesh.positions, move);
+    std::ranges::for_each(mesh.shadow_kernels, move);
+  }
+  move(model.min_corner);
+  move(model.max_corner);
+  model.origin = origin;
+}
+
+std::optional<std::string> warning_of_distance(const Eigen::AlignedBox3d& bounds, double step,
+                                               const std::string& name) {
+  constexpr double kCoarse = 1e-4;  // of the size
+  if (bounds.isEmpty()) return std::nullopt;
+  const double size = bounds.sizes().maxCoeff();
+  if (!(size > 0.0) || step <= kCoarse * size) return std::nullopt;
+  return fmt::format(
+      "{}: lies {:.4g} km from its origin, where coordinates are exact to {:.2g} m only, for a "
+      "size of {:.3g} m; move it to the origin and export it again",
+      name, 1e-3 * bounds.center().norm(), step, size);
 }
 
 float linear_from_srgb(float encoded) {

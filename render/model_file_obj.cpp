@@ -1,40 +1,20 @@
-// OBJ with its .mtl -> Model, through tinyobjloader, in the file's own axes. tinyobjloader reads
-// `nan` as 0 and lets indices out of range through, so every line is checked before it, and only
-// the lines that are understood here are handed on.
-#include <tiny_obj_loader.h>
-
+// OBJ with its .mtl -> Model, in the file's own axes. Numbers are read in double.
 #include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <cstring>
-#include <glm/geometric.hpp>
 #include <limits>
-#include <map>
-#include <optional>
-#include <unordered_map>
 
-#include "core/file.hpp"
+#include "core/text_encoding.hpp"
 #include "render/model_parts.hpp"
+#include "render/obj_parts.hpp"
 
 namespace penumbra {
 namespace {
 
-constexpr std::size_t kMaxFaceCorners = 255;  // tinyobjloader counts them in a byte
-constexpr std::size_t kMaxMaterials = 10'000;
-constexpr double kCreaseCosine = 0.7071;  // faces that meet at over 45 degrees have an edge
-
-std::vector<std::string_view> words_of(std::string_view line) {
-  std::vector<std::string_view> words;
-  std::size_t at = 0;
-  while (true) {
-    at = line.find_first_not_of(" \t\r", at);
-    if (at == std::string_view::npos) return words;
-    const std::size_t end = std::min(line.find_first_of(" \t\r", at), line.size());
-    words.push_back(line.substr(at, end - at));
-    at = end;
-  }
-}
+constexpr double kMaxTexcoord = 1e6;
+constexpr double kLeastNormal = 1e-30;  // floats hold its parts
+constexpr double kGreatestNormal = 1e30;
 
 bool continues(std::string_view line) {
   if (line.ends_with('\r')) line.remove_suffix(1);
@@ -45,179 +25,233 @@ bool is_comment(std::string_view line) {
   return first != std::string_view::npos && line[first] == '#';
 }
 
-std::optional<double> finite_number(std::string_view word) {
-  if (word.starts_with('+')) word.remove_prefix(1);
-  double value = 0.0;
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-  if (error != std::errc() || end != word.data() + word.size() || !std::isfinite(value)) {
-    return std::nullopt;
-  }
-  return value;
+template <std::size_t kCount>
+bool is_one_of(std::string_view key, const std::array<std::string_view, kCount>& keys) {
+  return std::ranges::find(keys, key) != keys.end();
 }
-
-// One-based or negative (relative to what came before) -> zero-based; nothing where it is neither.
-std::optional<std::int64_t> zero_based(std::string_view word, std::size_t known) {
-  std::int64_t value = 0;
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-  if (error != std::errc() || end != word.data() + word.size() || value == 0) return std::nullopt;
-  const std::int64_t index = value > 0 ? value - 1 : static_cast<std::int64_t>(known) + value;
-  if (index < 0 || index > std::numeric_limits<int>::max()) return std::nullopt;
-  return index;
-}
+constexpr std::array<std::string_view, 2> kNoSurface = {"l", "p"};
+constexpr std::array<std::string_view, 20> kFreeForm = {
+    "vp",   "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim",
+    "hole", "scrv",   "sp",  "end",  "con",  "res",  "bsp",   "bzp",  "cdc",  "cdp"};
+constexpr std::array<std::string_view, 12> kWithoutEffect = {
+    "s",      "mg",     "bevel",      "c_interp",  "d_interp", "lod",
+    "usemap", "maplib", "shadow_obj", "trace_obj", "ctech",    "stech"};
+constexpr std::array<std::string_view, 3> kMissing = {
+    "", "a face names a texture coordinate that is not there; it has none",
+    "a face names a normal that is not there; it is computed from the faces"};
 
 class ObjReader {
  public:
   ObjReader(const std::filesystem::path& file, const ModelLimits& limits)
-      : file_(file), name_(file.string()), limits_(limits) {}
+      : name_(file.string()), limits_(limits), materials_(file, limits), warnings_(name_) {}
 
   [[nodiscard]] Result<Model> read(std::string_view text);
 
  private:
-  struct Counts {
-    std::size_t positions = 0, texcoords = 0, normals = 0;
-  };
+  [[nodiscard]] Result<void> read_lines(std::string_view text);
+  [[nodiscard]] Result<void> read_line(std::string_view line);
+  [[nodiscard]] Result<void> read_position(const std::vector<std::string_view>& words);
+  void read_texcoord(const std::vector<std::string_view>& words);
+  void read_normal(const std::vector<std::string_view>& words);
+  [[nodiscard]] Result<void> read_face(const std::vector<std::string_view>& words);
+  [[nodiscard]] Result<ObjCorner> read_corner(std::string_view word);
+  void use_material(std::string_view name);
+  [[nodiscard]] Result<void> check_indices();
+  [[nodiscard]] std::vector<int> find_materials();
 
-  [[nodiscard]] Result<void> check_lines(std::string_view text);
-  [[nodiscard]] Result<void> check_numbers(const std::vector<std::string_view>& words,
-                                           std::size_t least, std::size_t most);
-  [[nodiscard]] Result<void> check_face(const std::vector<std::string_view>& words);
-  [[nodiscard]] Result<void> read_material_file(std::string_view line);
-  [[nodiscard]] Result<void> take_materials(const std::vector<tinyobj::material_t>& materials);
-  [[nodiscard]] Result<void> take_faces(const tinyobj::attrib_t& attributes,
-                                        const std::vector<tinyobj::shape_t>& shapes);
-
-  std::filesystem::path file_;
   std::string name_;
   const ModelLimits& limits_;
   std::size_t line_ = 0;
-  Counts counts_;                                    // so far
-  std::array<std::int64_t, 3> highest_{-1, -1, -1};  // index named by a face: v, vt, vn
-  std::array<std::size_t, 3> highest_line_{0, 0, 0};
-  std::size_t corners_ = 0;
-  bool has_colors_ = false;
-  std::string obj_, mtl_;  // what tinyobjloader gets
+  ObjFile obj_;
+  ObjMaterials materials_;
+  LineWarnings warnings_;
+  std::map<std::string, std::int32_t> material_index_;  // into ObjFile::material_names
+  std::int32_t material_ = -1;
+  std::string node_name_;
+  bool node_has_faces_ = false;
+  std::size_t without_surface_ = 0;  // lines and points
   Model model_;
 };
 
-Result<void> ObjReader::check_numbers(const std::vector<std::string_view>& words, std::size_t least,
-                                      std::size_t most) {
-  if (words.size() - 1 < least || words.size() - 1 > most) {
-    return fail("{}: line {}: \"{}\" has {} numbers; {} to {} expected", name_, line_, words[0],
-                words.size() - 1, least, most);
+Result<void> ObjReader::read_position(const std::vector<std::string_view>& words) {
+  if (words.size() < 4) {
+    return fail("{}: line {}: \"v\" has {} numbers; 3 are needed", name_, line_, words.size() - 1);
   }
-  for (std::size_t i = 1; i < words.size(); ++i) {
+  Eigen::Vector3d position;
+  for (std::size_t i = 1; i < 4; ++i) {
     const std::optional<double> value = finite_number(words[i]);
     if (!value) {
       return fail("{}: line {}: \"{}\" is not a finite number; export the model again", name_,
                   line_, words[i].substr(0, 40));
     }
-    if (std::abs(*value) > std::max(limits_.max_coordinate_m, 1e6)) {
-      return fail("{}: line {}: {} is over the {} allowed", name_, line_, *value,
-                  std::max(limits_.max_coordinate_m, 1e6));
+    if (std::abs(*value) > kMaxFileCoordinate_m) {
+      return fail("{}: line {}: {} is over the {} allowed; move the model to the origin", name_,
+                  line_, *value, kMaxFileCoordinate_m);
+    }
+    position[static_cast<Eigen::Index>(i) - 1] = *value;
+  }
+  if (obj_.positions.size() >= limits_.max_vertices) {
+    return fail("{}: line {}: more than the {} vertices allowed", name_, line_,
+                limits_.max_vertices);
+  }
+  obj_.positions.push_back(position);
+  // x y z [w] or x y z r g b [...]
+  if (words.size() >= 7) {
+    glm::vec3 color(1.0F);
+    bool finite = true;
+    for (std::size_t i = 4; i < 7; ++i) {
+      const std::optional<double> value = finite_number(words[i]);
+      finite = finite && value;
+      if (value) color[static_cast<int>(i) - 4] = static_cast<float>(std::clamp(*value, 0.0, 1.0));
+    }
+    if (finite) {
+      obj_.colors.resize(obj_.positions.size() - 1, glm::vec3(1.0F));
+      obj_.colors.push_back(color);
+    } else {
+      warnings_.add(line_, "a vertex colour is not of finite numbers and is ignored");
     }
   }
   return {};
 }
 
-Result<void> ObjReader::check_face(const std::vector<std::string_view>& words) {
-  const std::size_t corners = words.size() - 1;
-  if (corners < 3 || corners > kMaxFaceCorners) {
-    return fail("{}: line {}: a face has {} corners; 3 to {} can be read", name_, line_, corners,
-                kMaxFaceCorners);
+// Every line counts, so that the indices of faces stay right: one that can't be read is (0, 0).
+void ObjReader::read_texcoord(const std::vector<std::string_view>& words) {
+  glm::vec2 texcoord(0.0F);
+  bool good = words.size() > 1;
+  for (std::size_t i = 1; i < std::min<std::size_t>(words.size(), 3); ++i) {
+    const std::optional<double> value = finite_number(words[i]);
+    good = good && value && std::abs(*value) <= kMaxTexcoord;
+    if (good) texcoord[static_cast<int>(i) - 1] = static_cast<float>(*value);
   }
-  const std::array<std::size_t, 3> known = {counts_.positions, counts_.texcoords, counts_.normals};
-  for (std::size_t i = 1; i < words.size(); ++i) {
-    std::string_view rest = words[i];
-    for (std::size_t part = 0; part < 3; ++part) {
-      const std::size_t slash = rest.find('/');
-      const std::string_view word = rest.substr(0, slash);
-      // v, v/vt, v//vn, v/vt/vn
-      const bool may_be_empty = part == 1 && slash != std::string_view::npos;
-      if (!(word.empty() && may_be_empty)) {
-        const std::optional<std::int64_t> index = zero_based(word, known[part]);
-        if (!index) {
-          return fail("{}: line {}: \"{}\" is not a corner of a face (v, v/vt, v//vn, v/vt/vn)",
-                      name_, line_, words[i].substr(0, 40));
-        }
-        if (*index > highest_[part]) {
-          highest_[part] = *index;
-          highest_line_[part] = line_;
-        }
+  if (!good) {
+    warnings_.add(line_, "a texture coordinate is not of numbers within +-1e6 and taken as 0 0");
+    texcoord = glm::vec2(0.0F);
+  }
+  obj_.texcoords.push_back(texcoord);
+}
+
+// A normal that can't be read is zero, which means none.
+void ObjReader::read_normal(const std::vector<std::string_view>& words) {
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+  for (std::size_t i = 1; i < 4 && i < words.size(); ++i) {
+    normal[static_cast<Eigen::Index>(i) - 1] =
+        finite_number(words[i]).value_or(std::numeric_limits<double>::quiet_NaN());
+  }
+  const double largest = normal.cwiseAbs().maxCoeff();
+  if (words.size() < 4 || !normal.allFinite() || largest == 0.0) {
+    warnings_.add(line_, "a normal is not a direction; it is computed from the faces");
+    normal.setZero();
+  } else if (!(largest >= kLeastNormal && largest <= kGreatestNormal)) {
+    normal = (normal / largest).normalized();
+  }
+  obj_.normals.emplace_back(static_cast<float>(normal.x()), static_cast<float>(normal.y()),
+                            static_cast<float>(normal.z()));
+}
+
+// v, v/vt, v//vn, v/vt/vn; what is empty or 0 behind v is not there. Positive indices may be of
+// what comes later: they are checked at the end.
+Result<ObjCorner> ObjReader::read_corner(std::string_view word) {
+  const auto wrong = [&] {
+    return fail("{}: line {}: \"{}\" is not a corner of a face (v, v/vt, v//vn, v/vt/vn)", name_,
+                line_, word.substr(0, 40));
+  };
+  const std::array<std::size_t, 3> known = {obj_.positions.size(), obj_.texcoords.size(),
+                                            obj_.normals.size()};
+  std::array<std::int32_t, 3> indices = {-1, -1, -1};
+  std::string_view rest = word;
+  for (std::size_t part = 0; part < 3; ++part) {
+    const std::size_t slash = rest.find('/');
+    const std::string_view text = rest.substr(0, slash);
+    std::int64_t value = 0;
+    if (!text.empty() || part == 0) {
+      const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+      if (error != std::errc() || end != text.data() + text.size()) return wrong();
+      const std::int64_t index =
+          value > 0 ? value - 1 : static_cast<std::int64_t>(known[part]) + value;
+      const bool exists =
+          value != 0 && index >= 0 && index < std::numeric_limits<std::int32_t>::max();
+      if (part == 0 && !exists) return wrong();
+      if (exists) indices[part] = static_cast<std::int32_t>(index);
+      if (!exists && value != 0) {
+        warnings_.add(line_, kMissing[part]);
       }
-      if (slash == std::string_view::npos) break;
-      if (part == 2) {
-        return fail("{}: line {}: \"{}\" is not a corner of a face (v, v/vt, v//vn, v/vt/vn)",
-                    name_, line_, words[i].substr(0, 40));
-      }
-      rest.remove_prefix(slash + 1);
     }
+    if (slash == std::string_view::npos) break;
+    rest.remove_prefix(slash + 1);
+    if (part == 2) return wrong();
   }
-  corners_ += corners;
-  if (corners_ - 2 > 3 * limits_.max_triangles) {
+  return ObjCorner{indices[0], indices[1], indices[2]};
+}
+
+Result<void> ObjReader::read_face(const std::vector<std::string_view>& words) {
+  ObjFace face;
+  face.first_corner = obj_.corners.size();
+  for (std::size_t i = 1; i < words.size(); ++i) {
+    const Result<ObjCorner> corner = read_corner(words[i]);
+    if (!corner) return tl::unexpected(corner.error());
+    obj_.corners.push_back(*corner);
+  }
+  if (obj_.corners.size() > 3 * limits_.max_triangles + 2) {
     return fail("{}: line {}: more than the {} triangles allowed", name_, line_,
                 limits_.max_triangles);
   }
-  return {};
-}
-
-// Numbers of a .mtl are as untrusted as those of the model.
-Result<void> ObjReader::read_material_file(std::string_view line) {
-  std::string_view named = line.substr(std::strlen("mtllib"));
-  const std::size_t first = named.find_first_not_of(" \t");
-  const std::size_t last = named.find_last_not_of(" \t\r");
-  if (first == std::string_view::npos) return {};
-  named = named.substr(first, last - first + 1);
-  const Result<std::filesystem::path> file = beside_model(file_.parent_path(), named);
-  if (!file) return fail("{}: line {}: {}", name_, line_, file.error().message);
-  // Models are often passed on without it.
-  if (!std::filesystem::exists(*file)) {
-    model_.warnings.push_back(
-        fmt::format("{}: line {}: there is no {}; its materials are drawn in plain grey", name_,
-                    line_, file->string()));
+  face.corner_count = static_cast<std::uint32_t>(obj_.corners.size() - face.first_corner);
+  if (face.corner_count < 3) {
+    warnings_.add(line_, "a face has fewer than 3 corners and is skipped");
+    obj_.corners.resize(face.first_corner);
     return {};
   }
-  const Result<std::vector<std::uint8_t>> bytes = read_file(*file, limits_.max_file_bytes);
-  if (!bytes) return fail("{}: line {}: {}", name_, line_, bytes.error().message);
-  const std::string_view text(reinterpret_cast<const char*>(bytes->data()), bytes->size());
-  std::size_t number = 0, materials = 0;
-  for (std::size_t at = 0; at < text.size();) {
-    const std::size_t end = std::min(text.find('\n', at), text.size());
-    const std::string_view mtl_line = text.substr(at, end - at);
-    at = end + 1;
-    ++number;
-    const std::vector<std::string_view> words = words_of(mtl_line);
-    if (words.empty()) continue;
-    const std::string_view key = words[0];
-    const bool color = key == "Kd" || key == "Ke";
-    const bool factor = key == "Pr" || key == "Pm" || key == "d" || key == "Tr";
-    if (color || factor) {
-      if (words.size() != (color ? 4U : 2U)) {
-        return fail("{}: line {}: {} has {} numbers", file->string(), number, key,
-                    words.size() - 1);
-      }
-      for (std::size_t i = 1; i < words.size(); ++i) {
-        const std::optional<double> value = finite_number(words[i]);
-        if (!value || *value < 0.0 || *value > 1e6) {
-          return fail("{}: line {}: \"{}\" is not a finite number from 0", file->string(), number,
-                      words[i].substr(0, 40));
-        }
-      }
-    } else if (key == "newmtl") {
-      if (++materials > kMaxMaterials) {
-        return fail("{}: has more than {} materials", file->string(), kMaxMaterials);
-      }
-    } else if (key != "map_Kd") {
-      continue;
-    }
-    mtl_ += mtl_line;
-    mtl_ += '\n';
+  if (!node_has_faces_) obj_.nodes.push_back({node_name_, "", -1});
+  node_has_faces_ = true;
+  face.node = static_cast<std::uint32_t>(obj_.nodes.size()) - 1;
+  face.material = material_;
+  face.line = static_cast<std::uint32_t>(line_);
+  obj_.faces.push_back(face);
+  return {};
+}
+
+void ObjReader::use_material(std::string_view name) {
+  const auto [entry, is_new] = material_index_.try_emplace(
+      as_utf8(name), static_cast<std::int32_t>(obj_.material_names.size()));
+  if (is_new) obj_.material_names.push_back(entry->first);
+  material_ = entry->second;
+}
+
+Result<void> ObjReader::read_line(std::string_view line) {
+  const std::vector<std::string_view> words = obj_words(line);
+  if (words.empty()) return {};
+  const std::string_view key = words[0];
+  if (key == "v") return read_position(words);
+  if (key == "f" || key == "fo") return read_face(words);
+  if (key == "vt") {
+    read_texcoord(words);
+  } else if (key == "vn") {
+    read_normal(words);
+  } else if (key == "usemtl") {
+    use_material(after_keyword(line));
+  } else if (key == "mtllib") {
+    materials_.read_files(after_keyword(line), line_);
+  } else if (key == "o" || key == "g") {
+    node_name_ = as_utf8(after_keyword(line));
+    node_has_faces_ = false;
+  } else if (is_one_of(key, kNoSurface)) {
+    ++without_surface_;
+    warnings_.add(line_, "lines and points have no surface and are skipped");
+  } else if (is_one_of(key, kFreeForm)) {
+    warnings_.add(line_, "free-form curves and surfaces are skipped; export them as faces");
+  } else if (!is_one_of(key, kWithoutEffect)) {
+    warnings_.add(line_, "a line does not start with a word of the OBJ format and is skipped");
+  }
+  if (obj_.texcoords.size() > 3 * limits_.max_vertices) {
+    return fail("{}: line {}: too many texture coordinates", name_, line_);
+  }
+  if (obj_.normals.size() > 3 * limits_.max_vertices) {
+    return fail("{}: line {}: too many normals", name_, line_);
   }
   return {};
 }
 
-Result<void> ObjReader::check_lines(std::string_view text) {
-  // One list of materials, however many files it came from.
-  obj_ = "mtllib materials\n";
+Result<void> ObjReader::read_lines(std::string_view text) {
   std::string joined;
   std::size_t next_line = 1;
   for (std::size_t at = 0; at < text.size();) {
@@ -245,297 +279,91 @@ Result<void> ObjReader::check_lines(std::string_view text) {
     if (line.find('\0') != std::string_view::npos) {
       return fail("{}: line {}: is not text; is this an OBJ file?", name_, line_);
     }
-    const std::vector<std::string_view> words = words_of(line);
-    if (words.empty() || words[0].starts_with('#')) continue;
-    const std::string_view key = words[0];
-    Result<void> checked;
-    bool hand_on = true;
-    if (key == "v") {
-      checked = check_numbers(words, 3, 7);
-      has_colors_ = has_colors_ || words.size() == 7 || words.size() == 8;
-      if (++counts_.positions > limits_.max_vertices) {
-        return fail("{}: line {}: more than the {} vertices allowed", name_, line_,
-                    limits_.max_vertices);
-      }
-    } else if (key == "vt") {
-      checked = check_numbers(words, 1, 3);
-      if (++counts_.texcoords > limits_.max_vertices * 3) {
-        return fail("{}: line {}: too many texture coordinates", name_, line_);
-      }
-    } else if (key == "vn") {
-      checked = check_numbers(words, 3, 3);
-      if (++counts_.normals > limits_.max_vertices * 3) {
-        return fail("{}: line {}: too many normals", name_, line_);
-      }
-    } else if (key == "f") {
-      checked = check_face(words);
-    } else if (key == "mtllib") {
-      checked = read_material_file(line.substr(line.find("mtllib")));
-      hand_on = false;
-    } else {
-      // Names of objects and groups are kept; smoothing changes nothing here; lines, points and
-      // curves have no surface.
-      hand_on = key == "usemtl" || key == "o" || key == "g";
-    }
-    if (!checked) return checked;
-    if (hand_on) {
-      for (const std::string_view word : words) {
-        obj_ += word;
-        obj_ += ' ';
-      }
-      obj_.back() = '\n';
-    }
+    if (Result<void> read = read_line(line); !read) return read;
   }
-  const std::array<std::size_t, 3> known = {counts_.positions, counts_.texcoords, counts_.normals};
-  constexpr std::array<std::string_view, 3> kinds = {"vertex", "texture coordinate", "normal"};
-  for (std::size_t part = 0; part < 3; ++part) {
-    if (highest_[part] >= static_cast<std::int64_t>(known[part])) {
-      return fail("{}: line {}: a face names {} {}, there are {}", name_, highest_line_[part],
-                  kinds[part], highest_[part] + 1, known[part]);
-    }
-  }
-  if (corners_ == 0) {
-    return fail("{}: has no faces; is this an OBJ file, and was it exported with its faces?",
-                name_);
+  if (obj_.faces.empty()) {
+    return fail("{}: has no faces{}; is this an OBJ file, and was it exported with its faces?",
+                name_,
+                without_surface_ == 0
+                    ? std::string()
+                    : fmt::format(", but {} lines and points without a surface", without_surface_));
   }
   return {};
 }
 
-Result<void> ObjReader::take_materials(const std::vector<tinyobj::material_t>& materials) {
-  const auto display = [](double value) {
-    return linear_from_srgb(static_cast<float>(std::clamp(value, 0.0, 1.0)));
+// A vertex must be there; a texture coordinate or normal that is not there is none.
+Result<void> ObjReader::check_indices() {
+  const auto is_missing = [](std::int32_t index, std::size_t known) {
+    return index >= 0 && static_cast<std::size_t>(index) >= known;
   };
-  std::map<std::string, int> pictures;
-  for (const tinyobj::material_t& from : materials) {
-    Material material;
-    material.name = from.name;
-    // The format says nothing of light; painting programs mean colours as the screen shows them.
-    for (int c = 0; c < 3; ++c) {
-      material.base_color[c] = display(static_cast<double>(from.diffuse[c]));
-      material.emissive[c] = display(static_cast<double>(from.emission[c]));
-    }
-    material.base_color.a = static_cast<float>(std::clamp<double>(from.dissolve, 0.0, 1.0));
-    if (from.roughness > 0) {
-      material.roughness = static_cast<float>(std::min<double>(from.roughness, 1.0));
-    }
-    material.metallic = static_cast<float>(std::clamp<double>(from.metallic, 0.0, 1.0));
-    material.double_sided = true;  // OBJ has no rule for which side of a face is seen
-    const std::string& picture = from.diffuse_texname;
-    if (!picture.empty()) {
-      const auto known = pictures.find(picture);
-      if (known != pictures.end()) {
-        material.base_color_texture.image = known->second;
-      } else {
-        const Result<std::filesystem::path> file = beside_model(file_.parent_path(), picture);
-        if (!file) {
-          return fail("{}: material \"{}\": {}", name_, from.name, file.error().message);
-        }
-        const Result<std::vector<std::uint8_t>> bytes = read_file(*file, limits_.max_file_bytes);
-        if (!bytes) {
-          return fail("{}: material \"{}\": {}", name_, from.name, bytes.error().message);
-        }
-        const Result<int> added = add_texture(model_, *bytes, file->string(), limits_);
-        if (!added) return tl::unexpected(added.error());
-        pictures.emplace(picture, *added);
-        material.base_color_texture.image = *added;
+  for (const ObjFace& face : obj_.faces) {
+    for (std::size_t i = 0; i < face.corner_count; ++i) {
+      ObjCorner& corner = obj_.corners[face.first_corner + i];
+      if (is_missing(corner.position, obj_.positions.size())) {
+        return fail("{}: line {}: a face names vertex {}, there are {}", name_, face.line,
+                    corner.position + 1, obj_.positions.size());
       }
-      // The picture is the colour; many exporters leave a dark Kd beside it.
-      material.base_color = glm::vec4(1.0F, 1.0F, 1.0F, material.base_color.a);
+      if (is_missing(corner.texcoord, obj_.texcoords.size())) {
+        warnings_.add(face.line, kMissing[1]);
+        corner.texcoord = -1;
+      }
+      if (is_missing(corner.normal, obj_.normals.size())) {
+        warnings_.add(face.line, kMissing[2]);
+        corner.normal = -1;
+      } else if (corner.normal >= 0 &&
+                 obj_.normals[static_cast<std::size_t>(corner.normal)] == glm::vec3(0.0F)) {
+        corner.normal = -1;
+      }
     }
-    if (material.base_color.a < 1.0F) material.alpha_mode = AlphaMode::blend;
-    model_.materials.push_back(std::move(material));
   }
-  Material plain;
-  plain.name = "default";
-  plain.base_color = glm::vec4(0.6F, 0.6F, 0.6F, 1.0F);
-  plain.double_sided = true;
-  model_.materials.push_back(plain);
   return {};
 }
 
-// Per corner the normal that a file without normals gets: faces that share the vertex and meet at
-// a flat angle are smoothed together, sharp edges stay sharp.
-std::vector<glm::vec3> creased_normals(const std::vector<glm::vec3>& positions,
-                                       const std::vector<std::uint32_t>& corners) {
-  // Beyond this many faces at a vertex all are smoothed: comparing all pairs would take hours.
-  constexpr std::uint32_t kMaxPairedFaces = 64;
-  struct Corner {
-    glm::dvec3 normal{0.0};  // unit
-    double angle = 0.0;
-  };
-  std::vector<Corner> faces(corners.size());
-  std::vector<std::uint32_t> start(positions.size() + 1, 0);
-  for (std::size_t t = 0; t < corners.size(); t += 3) {
-    std::array<glm::dvec3, 3> p;
-    for (std::size_t k = 0; k < 3; ++k) p[k] = glm::dvec3(positions[corners[t + k]]);
-    const glm::dvec3 normal = glm::cross(p[1] - p[0], p[2] - p[0]);
-    const double length = glm::length(normal);
-    for (std::size_t k = 0; k < 3; ++k) {
-      ++start[corners[t + k] + 1];
-      if (!(length > 0.0)) continue;
-      const glm::dvec3 a = p[(k + 1) % 3] - p[k], b = p[(k + 2) % 3] - p[k];
-      const double cosine = glm::dot(a, b) / (glm::length(a) * glm::length(b));
-      faces[t + k] = {normal / length, std::acos(std::clamp(cosine, -1.0, 1.0))};
+// Gives the model the materials; per name of a material its index there.
+std::vector<int> ObjReader::find_materials() {
+  std::vector<bool> named(obj_.material_names.size(), false);
+  for (const ObjFace& face : obj_.faces) {
+    if (face.material >= 0) named[static_cast<std::size_t>(face.material)] = true;
+  }
+  const auto plain = static_cast<int>(materials_.size());
+  std::vector<int> found(named.size(), plain);
+  std::vector<bool> used(materials_.size(), false);
+  std::string unknown;
+  std::size_t unknown_count = 0;
+  for (std::size_t i = 0; i < named.size(); ++i) {
+    const std::string& name = obj_.material_names[i];
+    std::optional<std::size_t> index = materials_.find(name);
+    // A comment may follow the name.
+    if (!index) index = materials_.find(name.substr(0, name.find(" #")));
+    if (index) {
+      found[i] = static_cast<int>(*index);
+      used[*index] = used[*index] || named[i];
+    } else if (named[i] && unknown_count++ == 0) {
+      unknown = name;
     }
   }
-  for (std::size_t i = 1; i < start.size(); ++i) start[i] += start[i - 1];
-  std::vector<std::uint32_t> at_vertex(corners.size());
-  std::vector<std::uint32_t> next(start.begin(), start.end() - 1);
-  for (std::size_t c = 0; c < corners.size(); ++c) {
-    at_vertex[next[corners[c]]++] = static_cast<std::uint32_t>(c);
+  materials_.give_to(model_, used);
+  if (unknown_count > 0 && !materials_.is_incomplete()) {
+    model_.warnings.push_back(fmt::format(
+        "{}: material \"{}\"{} is in no material file of the model; its faces are drawn in plain "
+        "grey",
+        name_, as_utf8(unknown.substr(0, 60)),
+        unknown_count > 1 ? fmt::format(" (one of {})", unknown_count) : ""));
   }
-  std::vector<glm::vec3> normals(corners.size());
-  for (std::size_t v = 0; v < positions.size(); ++v) {
-    const bool all = start[v + 1] - start[v] > kMaxPairedFaces;
-    glm::dvec3 sum(0.0);
-    for (std::uint32_t i = start[v]; i < start[v + 1]; ++i) {
-      const Corner& own = faces[at_vertex[i]];
-      if (!all || i == start[v]) {
-        sum = glm::dvec3(0.0);
-        for (std::uint32_t j = start[v]; j < start[v + 1]; ++j) {
-          const Corner& other = faces[at_vertex[j]];
-          if (all || glm::dot(own.normal, other.normal) >= kCreaseCosine) {
-            sum += other.normal * other.angle;
-          }
-        }
-      }
-      const double length = glm::length(sum);
-      normals[at_vertex[i]] = length > 1e-9 ? glm::vec3(sum / length) : glm::vec3(own.normal);
-    }
-  }
-  return normals;
-}
-
-Result<void> ObjReader::take_faces(const tinyobj::attrib_t& attributes,
-                                   const std::vector<tinyobj::shape_t>& shapes) {
-  const std::size_t known = attributes.vertices.size() / 3;
-  const auto plain = static_cast<int>(model_.materials.size()) - 1;
-  std::vector<glm::vec3> positions(known);
-  for (std::size_t i = 0; i < known; ++i) {
-    positions[i] = glm::vec3(attributes.vertices[3 * i], attributes.vertices[3 * i + 1],
-                             attributes.vertices[3 * i + 2]);
-  }
-  // All triangles of the file, then one mesh per material.
-  std::vector<tinyobj::index_t> corners;
-  std::vector<int> materials;
-  std::vector<std::uint32_t> nodes;  // of each triangle
-  for (const tinyobj::shape_t& shape : shapes) {
-    if (shape.mesh.indices.size() != 3 * shape.mesh.material_ids.size()) {
-      return fail("{}: a face can't be split into triangles; export triangles", name_);
-    }
-    nodes.insert(nodes.end(), shape.mesh.material_ids.size(),
-                 static_cast<std::uint32_t>(model_.nodes.size()));
-    model_.nodes.push_back({shape.name, "", -1});
-    corners.insert(corners.end(), shape.mesh.indices.begin(), shape.mesh.indices.end());
-    for (const int material : shape.mesh.material_ids) {
-      materials.push_back(material >= 0 && material < plain ? material : plain);
-    }
-  }
-  std::vector<std::uint32_t> vertices;
-  vertices.reserve(corners.size());
-  for (const tinyobj::index_t& corner : corners) {
-    const bool inside =
-        corner.vertex_index >= 0 && static_cast<std::size_t>(corner.vertex_index) < known &&
-        (corner.normal_index < 0 ||
-         static_cast<std::size_t>(corner.normal_index) < attributes.normals.size() / 3) &&
-        (corner.texcoord_index < 0 ||
-         static_cast<std::size_t>(corner.texcoord_index) < attributes.texcoords.size() / 2);
-    if (!inside) return fail("{}: a face names what does not exist", name_);
-    vertices.push_back(static_cast<std::uint32_t>(corner.vertex_index));
-  }
-  const bool creased = std::any_of(corners.begin(), corners.end(),
-                                   [](const tinyobj::index_t& c) { return c.normal_index < 0; });
-  const std::vector<glm::vec3> generated =
-      creased ? creased_normals(positions, vertices) : std::vector<glm::vec3>{};
-  using Key = std::array<std::uint32_t, 5>;  // vertex, texture coordinate, normal's bits
-  struct Hash {
-    std::size_t operator()(const Key& key) const {
-      std::uint64_t h = 1469598103934665603ULL;  // FNV-1a
-      for (const std::uint32_t word : key) h = (h ^ word) * 1099511628211ULL;
-      return static_cast<std::size_t>(h ^ (h >> 32U));
-    }
-  };
-  struct Part {
-    Mesh mesh;
-    std::unordered_map<Key, std::uint32_t, Hash> known;
-  };
-  std::map<int, Part> parts;
-  for (std::size_t t = 0; t < materials.size(); ++t) {
-    Part& part = parts[materials[t]];
-    std::array<std::uint32_t, 3> triangle{};
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::size_t c = 3 * t + k;
-      const tinyobj::index_t& corner = corners[c];
-      glm::vec3 normal(0.0F);
-      if (corner.normal_index >= 0) {
-        const auto n = 3 * static_cast<std::size_t>(corner.normal_index);
-        normal =
-            glm::vec3(attributes.normals[n], attributes.normals[n + 1], attributes.normals[n + 2]);
-      } else {
-        normal = generated[c];
-      }
-      Key key = {vertices[c], static_cast<std::uint32_t>(corner.texcoord_index), 0, 0, 0};
-      std::memcpy(key.data() + 2, &normal, 3 * sizeof(float));
-      Mesh& mesh = part.mesh;
-      const auto [entry, is_new] =
-          part.known.try_emplace(key, static_cast<std::uint32_t>(mesh.positions.size()));
-      if (is_new) {
-        mesh.positions.push_back(positions[vertices[c]]);
-        mesh.normals.push_back(normal);
-        mesh.source_vertex.push_back(vertices[c]);
-        if (!attributes.texcoords.empty()) {
-          glm::vec2 texcoord(0.0F);
-          if (corner.texcoord_index >= 0) {
-            const auto i = 2 * static_cast<std::size_t>(corner.texcoord_index);
-            // OBJ counts v from the picture's bottom.
-            texcoord = {attributes.texcoords[i], 1.0F - attributes.texcoords[i + 1]};
-          }
-          mesh.texcoords.push_back(texcoord);
-        }
-        if (has_colors_ && attributes.colors.size() >= 3 * known) {
-          const auto i = 3 * static_cast<std::size_t>(vertices[c]);
-          const auto display = [&](std::size_t channel) {
-            return linear_from_srgb(
-                std::clamp(static_cast<float>(attributes.colors[i + channel]), 0.0F, 1.0F));
-          };
-          mesh.colors.emplace_back(display(0), display(1), display(2), 1.0F);
-        }
-      }
-      triangle[k] = entry->second;
-    }
-    // A face whose corners coincide stays: it covers nothing, but its vertices are the model's.
-    std::vector<NodeFaces>& runs = part.mesh.node_faces;
-    if (runs.empty() || runs.back().node != nodes[t]) {
-      runs.push_back({nodes[t], part.mesh.indices.size(), 0});
-    }
-    runs.back().index_count += triangle.size();
-    part.mesh.indices.insert(part.mesh.indices.end(), triangle.begin(), triangle.end());
-  }
-  for (auto& [material, part] : parts) {
-    part.mesh.material = material;
-    part.mesh.name = model_.materials[static_cast<std::size_t>(material)].name;
-    model_.meshes.push_back(std::move(part.mesh));
-  }
-  model_.source_vertex_count = static_cast<std::uint32_t>(known);
-  return {};
+  return found;
 }
 
 Result<Model> ObjReader::read(std::string_view text) {
-  if (Result<void> checked = check_lines(text); !checked) return tl::unexpected(checked.error());
-  tinyobj::ObjReader reader;
-  tinyobj::ObjReaderConfig config;
-  config.triangulate = true;
-  config.vertex_color = has_colors_;
-  if (!reader.ParseFromString(obj_, mtl_, config)) {
-    return fail("{}: is not an OBJ file: {}", name_,
-                reader.Error().substr(0, std::min<std::size_t>(reader.Error().find('\n'), 200)));
-  }
-  if (Result<void> done = take_materials(reader.GetMaterials()); !done) {
-    return tl::unexpected(done.error());
-  }
-  if (Result<void> done = take_faces(reader.GetAttrib(), reader.GetShapes()); !done) {
-    return tl::unexpected(done.error());
-  }
+  const Result<std::string_view> plain = without_byte_order_mark(text, name_);
+  if (!plain) return tl::unexpected(plain.error());
+  if (Result<void> done = read_lines(*plain); !done) return tl::unexpected(done.error());
+  if (!obj_.colors.empty()) obj_.colors.resize(obj_.positions.size(), glm::vec3(1.0F));
+  if (Result<void> done = check_indices(); !done) return tl::unexpected(done.error());
+  const std::vector<int> materials = find_materials();
+  Result<void> added = add_obj_meshes(model_, obj_, materials, warnings_, limits_, name_);
+  if (!added) return tl::unexpected(added.error());
+  model_.nodes = std::move(obj_.nodes);
+  warnings_.append_to(model_.warnings);
   return std::move(model_);
 }
 

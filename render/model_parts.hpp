@@ -2,9 +2,11 @@
 // Internal to render.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -34,6 +36,19 @@ inline constexpr std::size_t kMaxGroups = 1000;
 // Returns true for a name that points out of the model's folder: an absolute path, a drive letter,
 // a web address, or a path with "..". Callers warn of it where they use beside_model()'s path.
 [[nodiscard]] bool leaves_folder(std::string_view name);
+
+// The greatest coordinate that a model file may have [m]. Of what is read in double and centred: a
+// model's size is limited by ModelLimits.
+inline constexpr double kMaxFileCoordinate_m = 1e12;
+
+// Model::origin for a model with these bounds in the file: their middle where it is far away for
+// their size, else zero. Readers subtract it in double, before a position becomes a float.
+[[nodiscard]] Eigen::Vector3d model_origin(const Eigen::AlignedBox3d& bounds);
+
+// Warns of a model far from the file's origin whose coordinates there are exact to `step` [m] only,
+// where that is too coarse for its size.
+[[nodiscard]] std::optional<std::string> warning_of_distance(const Eigen::AlignedBox3d& bounds,
+                                                             double step, const std::string& name);
 
 // sRGB-encoded 0..1 -> linear light.
 [[nodiscard]] float linear_from_srgb(float encoded);

@@ -177,6 +177,12 @@ SceneState evaluate_scene(const Scene& scene, double time_s,
   return state;
 }
 
+Placement placed_model(const Model& model, const Placement& T_world_object) {
+  // Nothing is rounded for an ordinary model.
+  if (model.origin.isZero(0.0)) return T_world_object;
+  return {T_world_object * model.origin, T_world_object.rotation, T_world_object.scale};
+}
+
 const std::shared_ptr<const Model>& casting_model(const SceneObject& object, bool proxies) {
   const bool authored =
       proxies && object.proxy == ProxyMode::model && object.proxy_model != nullptr;
@@ -250,8 +256,9 @@ std::vector<double> greatest_over_time(const Scene& scene, const Height& height)
     const SceneState state = evaluate_scene(scene, time);
     for (std::size_t i = 0; i < heights.size(); ++i) {
       if (!scene.objects[i].model) continue;
+      const Model& model = *scene.objects[i].model;
       heights[i] =
-          std::max(heights[i], height(*scene.objects[i].model, state.objects[i], heights[i]));
+          std::max(heights[i], height(model, placed_model(model, state.objects[i]), heights[i]));
     }
   }
   return heights;

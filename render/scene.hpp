@@ -39,6 +39,10 @@ struct Placement {
   }
 };
 
+// Placement of a model's positions, which are relative to Model::origin, where the object that has
+// it stands at `T_world_object`.
+[[nodiscard]] Placement placed_model(const Model& model, const Placement& T_world_object);
+
 struct Keyframe {
   double time_s = 0.0;
   Placement placement;

@@ -256,6 +256,12 @@ Result<void> SceneReader::read_casting(const json& from, const std::string& poin
         model_from(proxy, from, pointer + "/proxy", ignored);
     if (!model) return tl::unexpected(model.error());
     object.proxy_model = std::move(*model);
+    // Both are drawn with one placement.
+    if (object.proxy_model->origin != object.model->origin) {
+      auto moved = std::make_shared<Model>(*object.proxy_model);
+      move_origin(*moved, object.model->origin);
+      object.proxy_model = std::move(moved);
+    }
   }
   return {};
 }
@@ -527,8 +533,9 @@ void SceneReader::advise_on_size(const ShadowNode& node, const std::string& poin
         const Eigen::Vector3d corner(static_cast<double>((i & 1U) != 0U ? high.x : low.x),
                                      static_cast<double>((i & 2U) != 0U ? high.y : low.y),
                                      static_cast<double>((i & 4U) != 0U ? high.z : low.z));
-        footprint.extend(
-            frame.to_plane(start.objects[static_cast<std::size_t>(caster)] * corner).head<2>());
+        const Placement T =
+            placed_model(*object.model, start.objects[static_cast<std::size_t>(caster)]);
+        footprint.extend(frame.to_plane(T * corner).head<2>());
       }
       const double own = 0.5 * footprint.diagonal().norm();
       if (widest == nullptr || own > radius) {

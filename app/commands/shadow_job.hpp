@@ -61,6 +61,7 @@ struct ShadowJob {
   LayeredConstants constants;
   std::optional<double> workspace_height;  // [m] that the constants were chosen for
   Placement placement;
+  Eigen::Vector3d model_origin = Eigen::Vector3d::Zero();  // once it is read; in the placement too
   PlaneFrame plane;
   Eigen::Vector4d light = Eigen::Vector4d::Zero();
   bool show_kernels = false;

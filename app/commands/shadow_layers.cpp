@@ -98,8 +98,9 @@ std::pair<double, double> factors_of(std::span<const CasterVertex> vertices,
 Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const ShadowMesh& mesh) {
   if (job.proxy == ProxyMode::automatic) return simplified_caster(mesh);
   if (job.proxy == ProxyMode::none) return std::optional<ShadowProxy>();
-  const auto model = load_model(job.proxy_file, {.up = job.up, .unit_m = job.unit_m});
+  auto model = load_model(job.proxy_file, {.up = job.up, .unit_m = job.unit_m});
   if (!model) return tl::unexpected(model.error());
+  move_origin(*model, job.model_origin);
   return std::optional<ShadowProxy>(proxy_from_model(mesh, *model));
 }
 
@@ -214,9 +215,12 @@ void check_stored_kernels(const ShadowJob& job, const Model& model, Caster& cast
   }
 }
 
-Result<Caster> load_caster(const ShadowJob& job, ShadowResult& result) {
+// Also moves the job's placement to the model's origin.
+Result<Caster> load_caster(ShadowJob& job, ShadowResult& result) {
   auto model = load_model(job.model, {.up = job.up, .unit_m = job.unit_m});
   if (!model) return tl::unexpected(model.error());
+  job.model_origin = model->origin;
+  job.placement = placed_model(*model, job.placement);
   Caster caster;
   if (!job.kernel_file.empty()) {
     const auto file = load_kernel_file(job.kernel_file);
@@ -340,7 +344,8 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
 
 }  // namespace
 
-Result<ShadowResult> compute_shadow(const ShadowJob& job) {
+Result<ShadowResult> compute_shadow(const ShadowJob& given) {
+  ShadowJob job = given;
   ShadowResult result;
   const auto caster = load_caster(job, result);
   if (!caster) return tl::unexpected(caster.error());

@@ -27,6 +27,11 @@ std::optional<double> number_from(const nlohmann::json& json) {
   return value;
 }
 
+glm::vec3 moved(const glm::vec3& p, const Eigen::Vector3d& by) {
+  const Eigen::Vector3d sum = to_eigen(p) + by;
+  return {static_cast<float>(sum.x()), static_cast<float>(sum.y()), static_cast<float>(sum.z())};
+}
+
 }  // namespace
 
 Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
@@ -43,20 +48,28 @@ Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
                 name);
   }
   KernelFile result;
-  result.kernels.reserve(list->size() / 3);
-  for (std::size_t i = 0; i < list->size(); i += 3) {
-    glm::vec3 kernel(0.0F);
-    for (int axis = 0; axis < 3; ++axis) {
-      const auto value = number_from((*list)[i + static_cast<std::size_t>(axis)]);
-      const std::size_t place = i + static_cast<std::size_t>(axis);
-      if (!value) return fail("{}: kernels[{}]: is not a finite number; give metres", name, place);
-      if (std::abs(*value) > kMaxCoordinate) {
-        return fail("{}: kernels[{}]: {:g} m is farther away than a model may be ({:g} m)", name,
-                    place, *value, kMaxCoordinate);
-      }
-      kernel[axis] = static_cast<float>(*value);
+  std::vector<Eigen::Vector3d> kernels(list->size() / 3);
+  Eigen::AlignedBox3d bounds;
+  for (std::size_t i = 0; i < list->size(); ++i) {
+    const auto value = number_from((*list)[i]);
+    if (!value) return fail("{}: kernels[{}]: is not a finite number; give metres", name, i);
+    if (std::abs(*value) > kMaxFileCoordinate_m) {
+      return fail("{}: kernels[{}]: {:g} m is farther away than a model may be ({:g} m)", name, i,
+                  *value, kMaxFileCoordinate_m);
     }
-    result.kernels.push_back(kernel);
+    kernels[i / 3][static_cast<Eigen::Index>(i % 3)] = *value;
+    if (i % 3 == 2) bounds.extend(kernels[i / 3]);
+  }
+  result.origin = model_origin(bounds);
+  result.kernels.reserve(kernels.size());
+  for (std::size_t i = 0; i < kernels.size(); ++i) {
+    const Eigen::Vector3d kernel = kernels[i] - result.origin;
+    if (kernel.cwiseAbs().maxCoeff() > kMaxCoordinate) {
+      return fail("{}: kernels[{}]: is farther away than a model may be ({:g} m)", name, 3 * i,
+                  kMaxCoordinate);
+    }
+    result.kernels.emplace_back(static_cast<float>(kernel.x()), static_cast<float>(kernel.y()),
+                                static_cast<float>(kernel.z()));
   }
   const auto up = json.find("up");
   if (up != json.end()) {
@@ -97,8 +110,14 @@ std::string kernel_file_json(const KernelFile& kernels) {
   if (!kernels.groups.empty()) json["groups"] = kernels.groups;
   auto& list = json["kernels"] = nlohmann::ordered_json::array();
   for (const glm::vec3& k : kernels.kernels) {
-    // As float, so that the file has no digits that a float does not hold.
-    for (int axis = 0; axis < 3; ++axis) list.push_back(k[axis]);
+    for (int axis = 0; axis < 3; ++axis) {
+      // As float, so that the file has no digits that a float does not hold.
+      if (kernels.origin.isZero(0.0)) {
+        list.push_back(k[axis]);
+      } else {
+        list.push_back(kernels.origin[axis] + static_cast<double>(k[axis]));
+      }
+    }
   }
   return json.dump() + "\n";
 }
@@ -123,10 +142,12 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
   if (const auto checked = check_one_place_each(model, file); !checked) {
     return tl::unexpected(checked.error());
   }
+  const Eigen::Vector3d by = kernels.origin - model.origin;
   for (Mesh& mesh : model.meshes) {
     mesh.shadow_kernels.resize(mesh.positions.size());
     for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
-      mesh.shadow_kernels[i] = kernels.kernels[mesh.source_vertex[i]];
+      const glm::vec3& kernel = kernels.kernels[mesh.source_vertex[i]];
+      mesh.shadow_kernels[i] = by.isZero(0.0) ? kernel : moved(kernel, by);
     }
   }
   model.shadow_kernel_up =
@@ -210,6 +231,7 @@ KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh, const Sha
   KernelFile result;
   result.groups.assign(groups.begin(), groups.end());
   result.up = kernels.up;
+  result.origin = model.origin;
   result.geometry =
       fmt::format("{}-{}-{}", geometry_key(model), parts_key(mesh), to_string(source));
   result.kernels.assign(mesh.from_source.size(), glm::vec3(0.0F));

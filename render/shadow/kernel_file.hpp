@@ -21,7 +21,10 @@
 namespace penumbra {
 
 struct KernelFile {
-  std::vector<glm::vec3> kernels;  // one per vertex of the model file, object frame [m]
+  // One per vertex of the model file, object frame [m], relative to `origin` (Model::origin). The
+  // JSON file has the sums.
+  std::vector<glm::vec3> kernels;
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // unit
   std::string geometry;                           // "" where the file does not say
   std::vector<std::string> groups;                // of parts that are one (part_groups.hpp)

@@ -434,10 +434,16 @@ std::optional<std::string> warning_of_lost_faces(const Model& model, const std::
   const std::size_t lost = welded.lost_faces;
   if (lost == 0) return std::nullopt;
   if (lost == faces) {
+    // Numbers of six digits, as many programs write them, hold no shape so far away.
+    constexpr double kFar = 100.0;  // [m]
+    const double distance_from_origin = model.origin.norm();
     return fmt::format(
-        "{}: casts no shadow: its {} faces have no area, with corners at one place; "
-        "export it again, in larger units",
-        file, faces);
+        "{}: casts no shadow: its {} faces have no area, with corners at one place; {}", file,
+        faces,
+        distance_from_origin > kFar
+            ? fmt::format("it lies {:.4g} km from its origin; move it there and export it again",
+                          1e-3 * distance_from_origin)
+            : "export it again, in larger units");
   }
   return fmt::format(
       "{}: {} of its {} faces cast no shadow: their parts are smaller than {:.2g} m, "

@@ -1,0 +1,157 @@
+// Models far from the origin of their file.
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "render/model_parts.hpp"
+#include "render/scene.hpp"
+#include "render/shadow/kernel_file.hpp"
+#include "render/shadow/shadow_mesh.hpp"
+#include "support/model_text.hpp"
+
+namespace penumbra {
+namespace {
+
+using test::area_of;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+Eigen::AlignedBox3d box(const Eigen::Vector3d& middle, double size) {
+  const Eigen::Vector3d half = Eigen::Vector3d::Constant(0.5 * size);
+  return {Eigen::Vector3d(middle - half), Eigen::Vector3d(middle + half)};
+}
+
+TEST(ModelOrigin, IsZeroForModelNearTheOrigin) {
+  EXPECT_TRUE(model_origin({}).isZero(0.0));
+  EXPECT_TRUE(model_origin(box({0, 0, 0}, 0.1)).isZero(0.0));
+  EXPECT_TRUE(model_origin(box({6, -6, 6}, 0.1)).isZero(0.0));
+}
+
+TEST(ModelOrigin, IsTheMiddleOfModelFarAway) {
+  EXPECT_EQ(model_origin(box({0, -7, 0}, 0.1)), Eigen::Vector3d(0, -7, 0));
+  EXPECT_EQ(model_origin(box({3e5, 5e5, 0}, 1.0)), Eigen::Vector3d(3e5, 5e5, 0));
+}
+
+TEST(ModelOrigin, WarnsWhereCoordinatesAreTooCoarse) {
+  EXPECT_EQ(warning_of_distance(box({3e5, 5e5, 0}, 1.0), 1e-9, "m"), std::nullopt);
+  EXPECT_THAT(warning_of_distance(box({3e5, 4e5, 0}, 1.0), 0.03, "m").value_or(""),
+              HasSubstr("m: lies 500 km from its origin, where coordinates are exact to 0.03 m"));
+}
+
+class FarModel : public testing::Test {
+ protected:
+  // A disc of 32 corners with a radius of 0.5 m.
+  static std::string disc(double x, double y, double z) {
+    std::string text, face = "f";
+    for (int i = 0; i < 32; ++i) {
+      const double angle = 2.0 * M_PI * i / 32;
+      text += fmt::format("v {:.7f} {:.7f} {:.7f}\n", x + 0.5 * std::cos(angle),
+                          y + 0.5 * std::sin(angle), z);
+      face += fmt::format(" {}", i + 1);
+    }
+    return text + face + "\n";
+  }
+  static constexpr double kArea = 16 * 0.25 * 0.19509032201612825;
+  test::ModelFolder folder_;
+};
+
+TEST_F(FarModel, KeepsItsShapeAndPlace) {
+  for (const Eigen::Vector3d& place : {Eigen::Vector3d(3e5, 5e5, 0), Eigen::Vector3d(1e4, 2e4, 3),
+                                       Eigen::Vector3d(458074.6, 5429380.17, 162.9)}) {
+    const Result<Model> model = folder_.obj(disc(place.x(), place.y(), place.z()));
+    ASSERT_TRUE(model) << model.error().message;
+    EXPECT_NEAR(area_of(*model), kArea, 1e-6 * kArea);
+    EXPECT_LT((model->origin - place).norm(), 1e-7);
+    EXPECT_NEAR(model->max_corner.x, 0.5F, 1e-6F);
+    EXPECT_THAT(model->warnings, IsEmpty());
+  }
+}
+
+TEST_F(FarModel, IsPlacedInDouble) {
+  const Result<Model> model = folder_.obj(disc(3e5, 5e5, 0));
+  ASSERT_TRUE(model) << model.error().message;
+  const Placement T{{-6e5, -1e6, 0.25}, Eigen::Quaterniond::Identity(), 2.0};
+  EXPECT_LT((placed_model(*model, T).position - Eigen::Vector3d(0, 0, 0.25)).norm(), 1e-6);
+  const Result<Model> turned = load_model(folder_.path() / "model.obj", {.up = UpAxis::y});
+  ASSERT_TRUE(turned);
+  EXPECT_LT((turned->origin - Eigen::Vector3d(3e5, 0, 5e5)).norm(), 1e-6);
+  Model near = *model;
+  near.origin.setZero();
+  const Eigen::Quaterniond odd(0.1, 0.7, 0.3, 0.64);
+  EXPECT_EQ(placed_model(near, {{1, 2, 3}, odd, 0.7}), (Placement{{1, 2, 3}, odd, 0.7}));
+}
+
+TEST_F(FarModel, MovedOriginLeavesTheModelInItsPlace) {
+  Result<Model> model = folder_.obj(disc(3e5, 5e5, 0));
+  ASSERT_TRUE(model) << model.error().message;
+  const float x = model->meshes[0].positions[0].x;
+  move_origin(*model, {3e5 - 8.0, 5e5, 0});
+  EXPECT_NEAR(model->meshes[0].positions[0].x, x + 8.0F, 1e-5F);
+  EXPECT_NEAR(model->max_corner.x, 8.5F, 1e-5F);
+  EXPECT_EQ(model->origin.x(), 3e5 - 8.0);
+}
+
+TEST_F(FarModel, KernelFilesHaveTheFilesCoordinates) {
+  Result<Model> model = folder_.obj(disc(3e5, 5e5, 1));
+  ASSERT_TRUE(model) << model.error().message;
+  const ShadowMesh mesh = make_shadow_mesh(*model);
+  const ShadowKernels made =
+      generate_kernels(mesh, Eigen::Vector3d::UnitZ(), KernelSource::automatic);
+  const KernelFile kept = kernels_to_keep(*model, mesh, made, KernelSource::automatic);
+  const auto file = folder_.write("kernels.json", kernel_file_json(kept));
+  const Result<KernelFile> read = load_kernel_file(file);
+  ASSERT_TRUE(read) << read.error().message;
+  const Eigen::Vector3d first = read->origin + to_eigen(read->kernels[0]);
+  EXPECT_LT((first - Eigen::Vector3d(3e5, 5e5, 1)).norm(), 1e-3);
+  const Result<bool> taken = attach_kernels(*model, *read, "kernels.json");
+  ASSERT_TRUE(taken) << taken.error().message;
+  EXPECT_TRUE(*taken);
+  for (std::size_t i = 0; i < 32; ++i) {
+    const glm::vec3& kernel = model->meshes[0].shadow_kernels[i];
+    EXPECT_LT((to_eigen(kernel) - to_eigen(kept.kernels[model->meshes[0].source_vertex[i]])).norm(),
+              1e-6);
+  }
+  EXPECT_NE(geometry_key(*model), [&] {
+    Model near = *model;
+    near.origin.setZero();
+    return geometry_key(near);
+  }());
+}
+
+TEST_F(FarModel, ShapeThatItsNumbersLostGetsTheRightAdvice) {
+  const Result<Model> model =
+      folder_.obj("v 583095 583095 0\nv 583095 583095 0\nv 583095 583095 0\nf 1 2 3\n");
+  ASSERT_TRUE(model) << model.error().message;
+  EXPECT_THAT(model->warnings,
+              ElementsAre(testing::AllOf(HasSubstr("lies 824.6 km from its origin"),
+                                         HasSubstr("move it there and export it again"))));
+  const Result<Model> beyond = folder_.obj("v 1e13 0 0\nv 1e13 1 0\nv 1e13 0 1\nf 1 2 3\n");
+  ASSERT_FALSE(beyond);
+  EXPECT_THAT(beyond.error().message, HasSubstr("move the model to the origin"));
+  const Result<Model> coarse =
+      folder_.obj("v 1e11 0 0\nv 1e11 0.1 0\nv 100000000000.0001 0 0.1\nf 1 2 3\n");
+  ASSERT_TRUE(coarse) << coarse.error().message;
+  EXPECT_THAT(coarse->warnings, ElementsAre(HasSubstr("coordinates are exact to 2.2e-05 m only")));
+}
+
+TEST(FarModelCases, SharedFilesHaveTheirArea) {
+  if (test::shared_dir().empty()) GTEST_SKIP() << "no shared cases beside the checkout";
+  const std::filesystem::path folder = test::shared_dir() / "cases" / "obj-far-from-origin";
+  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "no " << folder;
+  // Of the corners as they are written, by the shoelace formula.
+  for (const auto& [file, area_cm2] : {std::pair{"disc-1m-at-100km.obj", 7803.2848},
+                                       {"disc-10cm-at-10km.obj", 78.0584},
+                                       {"far.obj", 100.0},
+                                       {"utm_coords.obj", 100.0}}) {
+    const Result<Model> model = load_model(folder / file);
+    ASSERT_TRUE(model) << model.error().message;
+    EXPECT_NEAR(1e4 * area_of(*model), area_cm2, 1e-6 * area_cm2) << file;
+    EXPECT_THAT(model->warnings, IsEmpty()) << file;
+  }
+}
+
+}  // namespace
+}  // namespace penumbra
