@@ -6,23 +6,29 @@
 
 namespace penumbra {
 
-PictureWatch::PictureWatch(const TagMap& tags) {
-  if (auto check = PictureCheck::create(tags)) check_.emplace(std::move(*check));
-}
-
 void PictureWatch::saw(const TrackedFrame& tracked) {
-  if (!check_) return;
+  if (!tags_) return;
   const PoseEstimate& pose = tracked.pose;
   if (pose.status != TrackStatus::lost || pose.tags_used > 0) {
-    check_.reset();
+    end();
     return;
+  }
+  if (!check_) {
+    auto check = PictureCheck::create(*tags_);
+    if (!check) return;
+    check_.emplace(std::move(*check));
   }
   const auto fault = check_->nothing_found(luma(tracked.frame, scratch_));
   if (!fault) return;
-  check_.reset();
+  end();
   log_warning("{}; nothing is tracked in such pictures", advice(*fault));
   const std::lock_guard lock(mutex_);
   fault_ = fault;
+}
+
+void PictureWatch::end() {
+  check_.reset();
+  tags_.reset();
 }
 
 std::optional<PictureFault> PictureWatch::fault() const {

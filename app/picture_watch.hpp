@@ -15,7 +15,7 @@ namespace penumbra {
 
 class PictureWatch {
  public:
-  explicit PictureWatch(const TagMap& tags);
+  explicit PictureWatch(const TagMap& tags) : tags_(tags) {}
 
   // Every tracked frame, in order. Warns once of what is found. Ends with the first frame in which
   // tags are seen, and costs nothing from then on.
@@ -23,7 +23,9 @@ class PictureWatch {
   [[nodiscard]] std::optional<PictureFault> fault() const;
 
  private:
-  std::optional<PictureCheck> check_;
+  void end();
+  std::optional<TagMap> tags_;         // until tags are seen or a fault is found
+  std::optional<PictureCheck> check_;  // from the first lost frame on
   std::vector<std::uint8_t> scratch_;
   mutable std::mutex mutex_;  // frames are tracked by another thread than the one that reports
   std::optional<PictureFault> fault_;
