@@ -24,8 +24,8 @@ namespace penumbra {
 [[nodiscard]] std::string_view after_keyword(std::string_view line);
 [[nodiscard]] std::optional<double> finite_number(std::string_view word);
 
-// What is wrong or ignored in a text file: one warning for each kind, with the first line and the
-// number of lines.
+// Collects the warnings of a text file: one for each kind, with its first line and the number of
+// lines.
 class LineWarnings {
  public:
   explicit LineWarnings(std::string file) : file_(std::move(file)) {}

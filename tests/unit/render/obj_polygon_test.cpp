@@ -92,7 +92,7 @@ TEST_F(ObjPolygon, CrossingOutlineIsFilledAndNamedOnce) {
   EXPECT_THAT(model->warnings,
               ElementsAre(testing::AllOf(HasSubstr("line 9: a face's outline crosses itself"),
                                          HasSubstr("(2 such lines)"))));
-  // The crossing is a vertex of its own, behind those of the file.
+  // The crossing is a new vertex, behind those of the file.
   EXPECT_EQ(model->source_vertex_count, 6U);
   const Mesh& mesh = model->meshes[0];
   for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
@@ -153,7 +153,8 @@ TEST(ObjPolygonCases, SharedFilesHaveTheirArea) {
            {"obj-concave-polygon/u-clockwise.obj", 63.0, 6},
            {"obj-concave-polygon/comb-clockwise.obj", 171.0, 18},
            {"obj-concave-polygon/concave_polygon-assimp.obj", 2454.97, 64},
-           {"obj-concave-polygon/issue-319-002-tinyobjloader.obj", 0.0, 14},
+           // Two of its 19 corners are at one place.
+           {"obj-concave-polygon/issue-319-002-tinyobjloader.obj", 0.0, 13},
            {"obj-keyhole-and-doubled-corners/keyhole-square-ccw-flat.obj", 84.0, 8},
            {"obj-keyhole-and-doubled-corners/u-corner-twice.obj", 72.0, 6},
            {"obj-face-corner-forms/ngon300.obj", 314.136, 298}}) {
@@ -161,7 +162,9 @@ TEST(ObjPolygonCases, SharedFilesHaveTheirArea) {
     const Result<Model> model = load_model(folder / file);
     ASSERT_TRUE(model) << model.error().message;
     EXPECT_EQ(model->triangle_count(), faces) << file;
-    if (area_cm2 > 0.0) EXPECT_NEAR(1e4 * area_of(*model), area_cm2, 1e-5 * area_cm2) << file;
+    // Three separate polygons that are not level: the number of triangles says enough.
+    if (area_cm2 == 0.0) continue;
+    EXPECT_NEAR(1e4 * area_of(*model), area_cm2, 1e-5 * area_cm2) << file;
   }
 }
 
