@@ -23,7 +23,7 @@ namespace penumbra {
 
 struct CameraJpeg {
   std::span<const std::uint8_t> bytes;  // without what stood before and after the image
-  // Decoded, where only that shows whether it is complete: a camera left out the end mark.
+  // Decoded already if the end mark is missing: only that shows whether the image is complete.
   std::optional<Frame> frame;
 };
 

@@ -29,7 +29,7 @@ Result<Frame> received(const std::string& buffer, const ImageSize& granted) {
   return decode_camera_jpeg(image->bytes, "fuzz", granted, kImproveTransfer);
 }
 
-// What libjpeg makes of the bytes by itself, with its own sources and no rule of ours.
+// libjpeg's own verdict on the bytes, through its own source manager.
 struct Verdict {
   bool has_all_rows = false;
   bool lost_blocks = false;
@@ -129,7 +129,7 @@ TEST_P(CameraJpegFuzz, NeverUsesMoreThanLibjpegDecodesInFull) {
   std::printf("%d mutations, %d used\n", count, used);
 }
 
-// What leaves every block as it is.
+// Changes bytes that belong to no block.
 std::string with_harmless_change(const std::string& sound, test::Random& random) {
   const auto fill = [&](std::size_t most) {
     std::string bytes(1 + random.below(most), '\0');

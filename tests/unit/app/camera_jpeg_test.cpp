@@ -31,7 +31,7 @@ std::span<const std::uint8_t> view_of(const std::string& text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
 
-// What live makes of a camera's buffer: received, then decoded where that is still to be done.
+// Receives a camera's buffer as live does, and decodes the image unless that is done already.
 Result<Frame> live_frame(const std::string& buffer, const ImageSize& granted) {
   auto received = receive_camera_jpeg(view_of(buffer), granted);
   if (!received) return fail("{}", received.error().message);
@@ -135,7 +135,7 @@ TEST(CameraJpegGate, LeavesPaddingOfOtherFormatsAlone) {
   EXPECT_EQ(frame->height, 48);
 }
 
-// What live records of such a camera is read by other programs, and replays as live saw it.
+// Other programs read a recording of such a camera, and replay sees what live saw.
 TEST(CameraJpegGate, RecordsNormalizedImages) {
   const test::TemporaryFolder temporary;
   const std::filesystem::path folder = temporary.path() / "session";
@@ -186,8 +186,9 @@ TEST(CameraJpegGate, ARecordingAsACameraSkipsHalfImages) {
   ASSERT_TRUE(feed) << feed.error().message;
   const auto frame = (*feed)->next();
   ASSERT_TRUE(frame && *frame);
-  EXPECT_GE((*frame)->sequence, 1U);
-  EXPECT_EQ((*feed)->faults().stats().of(CaptureFault::damaged), 1U);
+  EXPECT_NE((*frame)->sequence % 4, 0U);
+  // On a busy machine the recording may have begun again.
+  EXPECT_GE((*feed)->faults().stats().of(CaptureFault::damaged), 1U);
 }
 
 struct SharedCase {
