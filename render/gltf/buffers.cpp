@@ -66,7 +66,13 @@ Result<std::vector<std::uint8_t>> Buffers::fetch(std::string_view uri) {
     return fail("{}: not found; put it beside the model", file->string());
   }
   Result<std::vector<std::uint8_t>> read = read_file(*file, bytes_left_);
-  if (read) bytes_left_ -= read->size();
+  if (!read) return read;
+  bytes_left_ -= read->size();
+  if (leaves_folder(percent_decoded(uri))) {
+    warnings_.push_back(
+        on_one_line(fmt::format("{}: \"{}\" is outside the model's folder; {} is used", name_,
+                                uri.substr(0, 200), file->string())));
+  }
   return read;
 }
 

@@ -29,6 +29,8 @@ class Buffers {
   [[nodiscard]] Result<std::span<const std::uint8_t>> bytes(std::size_t buffer);
   // Returns the bytes of a data URI or of a file beside the model. Errors do not name the model.
   [[nodiscard]] Result<std::vector<std::uint8_t>> fetch(std::string_view uri);
+  // Files that were looked for beside the model although their names lead elsewhere.
+  [[nodiscard]] const std::vector<std::string>& warnings() const { return warnings_; }
 
  private:
   std::string name_;
@@ -36,6 +38,7 @@ class Buffers {
   std::vector<BufferSource> sources_;
   std::optional<std::span<const std::uint8_t>> binary_;
   std::size_t bytes_left_;
+  std::vector<std::string> warnings_;
   std::vector<std::optional<std::vector<std::uint8_t>>> fetched_;  // per buffer
 };
 

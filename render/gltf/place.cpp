@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "render/gltf/skins.hpp"
 #include "render/model_parts.hpp"
@@ -56,7 +57,10 @@ class VertexTransformer {
   // After measure().
   [[nodiscard]] Mesh mesh(const Eigen::Vector3d& origin) const;
 
+  [[nodiscard]] const PlacedPrimitive& placed() const { return placed_; }
   [[nodiscard]] const Eigen::AlignedBox3d& bounds() const { return bounds_; }
+  // The resolution of the file's float coordinates where they are placed [m].
+  [[nodiscard]] double step() const { return step_; }
   [[nodiscard]] bool has_surface() const { return has_surface_; }
   [[nodiscard]] bool is_point() const { return is_point_; }
 
@@ -87,6 +91,7 @@ class VertexTransformer {
   bool is_morphed_;
   Orientation rigid_;
   Eigen::AlignedBox3d bounds_;
+  double step_ = 0.0;
   bool has_surface_ = false;
   bool is_point_ = true;
   std::size_t mirrored_ = 0;  // vertices
@@ -120,6 +125,9 @@ bool VertexTransformer::measure(double max_coordinate) {
     const Eigen::Vector3d placed = position(T, i);
     if (!(placed.cwiseAbs().maxCoeff() <= max_coordinate)) return false;
     bounds_.extend(placed);
+    const double coordinate = to_eigen(base_.positions[i]).cwiseAbs().maxCoeff();
+    step_ = std::max(step_, coordinate * turn.linear.cwiseAbs().maxCoeff() *
+                                std::numeric_limits<float>::epsilon());
   }
   return true;
 }
@@ -195,12 +203,13 @@ Result<void> Placer::collect(PlacedPrimitive placed) {
 
 Result<void> Placer::place_all() {
   Eigen::AlignedBox3d bounds;
+  double step = 0.0;
   std::vector<VertexTransformer> visible;
   for (const PlacedPrimitive& placed : collected_) {
     VertexTransformer transformer(placed);
-    if (!transformer.measure(limits_.max_coordinate_m)) {
-      return fail("{}: {}: a vertex lies farther than {} m from the origin", name_, placed.place,
-                  limits_.max_coordinate_m);
+    if (!transformer.measure(kMaxFileCoordinate_m)) {
+      return fail("{}: {}: a vertex lies farther than {:g} m from the origin", name_, placed.place,
+                  kMaxFileCoordinate_m);
     }
     if (!transformer.has_surface()) {
       // A scale of 0 on all axes is the way to hide a node (glTF 2.0, 5.25).
@@ -209,10 +218,21 @@ Result<void> Placer::place_all() {
       continue;
     }
     bounds.extend(transformer.bounds());
+    step = std::max(step, transformer.step());
     visible.push_back(transformer);
   }
+  model_.origin = model_origin(bounds);
+  if (auto warning = warning_of_distance(bounds, step, name_)) {
+    model_.warnings.push_back(std::move(*warning));
+  }
   for (const VertexTransformer& transformer : visible) {
-    add(transformer.mesh(Eigen::Vector3d::Zero()));
+    const Eigen::AlignedBox3d centred = transformer.bounds().translated(-model_.origin);
+    if (std::max(centred.min().cwiseAbs().maxCoeff(), centred.max().cwiseAbs().maxCoeff()) >
+        limits_.max_coordinate_m) {
+      return fail("{}: {}: a vertex lies farther than {} m from the origin", name_,
+                  transformer.placed().place, limits_.max_coordinate_m);
+    }
+    add(transformer.mesh(model_.origin));
   }
   return {};
 }

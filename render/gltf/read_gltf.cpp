@@ -193,6 +193,8 @@ Result<Model> read_gltf(const std::filesystem::path& file, std::span<const std::
   if (!model) return model;
   std::vector<std::string> ignored = gltf::ignored_content(name, *document);
   model->warnings.insert(model->warnings.begin(), ignored.begin(), ignored.end());
+  model->warnings.insert(model->warnings.end(), buffers.warnings().begin(),
+                         buffers.warnings().end());
   return model;
 }
 

@@ -2,6 +2,9 @@
 // hidden nodes, and content that is ignored with a warning.
 #include <gmock/gmock.h>
 
+#include <Eigen/Core>
+#include <map>
+
 #include "support/gltf_builder.hpp"
 #include "support/model_case.hpp"
 #include "support/textured_glb.hpp"
@@ -153,6 +156,38 @@ TEST_F(GltfForms, FieldsOfAWrongTypeAreNamed) {
 
 TEST_F(GltfForms, ByteOrderMarkIsAccepted) {
   expect_square(loaded("\xEF\xBB\xBF" + square().gltf()));
+}
+
+TEST_F(GltfForms, FilesOutsideTheFolderAreTakenFromBesideTheModel) {
+  GltfBuilder file = square();
+  write("data.bin", file.binary);
+  for (const char* uri : {"..%2Fother/data.bin", "C:%5Cmodels%5Cdata.bin", "/srv/data.bin"}) {
+    file.json["buffers"] = {{{"byteLength", file.binary.size()}, {"uri", uri}}};
+    expect_square_with_warning(file, "is outside the model's folder");
+  }
+}
+
+TEST_F(GltfForms, ModelsFarFromTheOriginKeepTheirShape) {
+  GltfBuilder file = square();
+  file.json["nodes"][0]["translation"] = {300'000.0, 2.0, -500'000.0};
+  file.json["nodes"][0]["scale"] = {0.01, 1, 1};
+  file.json["nodes"].push_back({{"children", {0}}, {"translation", {0.25, 0, 0}}});
+  file.json["scenes"][0]["nodes"] = {1};
+  const auto model = loaded(file.gltf());
+  ASSERT_TRUE(model) << error_of(model);
+  EXPECT_THAT(model->warnings, IsEmpty());
+  EXPECT_NEAR(test::seen_area(*model).front, 1e-4, 1e-9);
+  const Eigen::Vector3d corner =
+      model->origin + Eigen::Vector3d(model->min_corner.x, model->min_corner.y, 0.0);
+  EXPECT_NEAR(corner.x(), 300'000.25, 1e-6);
+  EXPECT_NEAR(corner.y(), 499'999.9, 1e-6);
+  // Names a file whose own floats have lost the shape.
+  GltfBuilder coarse;
+  coarse.node(
+      {{"mesh", coarse.mesh({3e5F, 0, 0, 3e5F, 0, 0.1F, 300000.09375F, 0, 0.1F}, {0, 1, 2})}});
+  const auto lost = loaded(coarse.gltf());
+  ASSERT_TRUE(lost) << error_of(lost);
+  EXPECT_THAT(lost->warnings, ElementsAre(HasSubstr("km from its origin")));
 }
 
 // --- what has no surface ---
