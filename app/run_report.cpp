@@ -24,7 +24,7 @@ Json json_of(const StageSummary& s) {
       {"cpu_median", s.cpu_median}, {"cpu_mean", s.cpu_mean}, {"count", s.count}};
 }
 
-double share_of(int part, int whole) {
+double ratio_of(int part, int whole) {
   return whole > 0 ? static_cast<double>(part) / whole : 0.0;
 }
 
@@ -39,7 +39,7 @@ Json json_of(const Evaluation& e) {
   json["jitter_px"] = e.jitter_changes > 0 ? Json(e.jitter_px) : Json();
   json["frames_estimated"] = e.frames_estimated;
   json["frames_judged"] = e.frames_judged;
-  json["share_judged"] = share_of(e.frames_judged, e.frames_estimated);
+  json["share_judged"] = ratio_of(e.frames_judged, e.frames_estimated);
   json["not_judged"] = Json::object();
   for (const NotJudged cause : kNotJudged) {
     const int count = e.frames_not_judged[static_cast<std::size_t>(cause)];
@@ -47,7 +47,7 @@ Json json_of(const Evaluation& e) {
   }
   json["frames_with_truth"] = e.frames_with_truth;
   json["frames_with_pose"] = e.frames_judged;
-  json["share_with_pose"] = share_of(e.frames_judged, e.frames_with_truth);
+  json["share_with_pose"] = ratio_of(e.frames_judged, e.frames_with_truth);
   return json;
 }
 
@@ -535,7 +535,7 @@ std::string evaluation_table(const Evaluation& evaluation) {
   }
   text += fmt::format("judged frames with a pose: {} of {} ({:.1f} %)\n", evaluation.frames_judged,
                       evaluation.frames_estimated,
-                      100.0 * share_of(evaluation.frames_judged, evaluation.frames_estimated));
+                      100.0 * ratio_of(evaluation.frames_judged, evaluation.frames_estimated));
   if (const std::string causes = not_judged_in_words(evaluation); !causes.empty()) {
     text += fmt::format("not judged: {}\n", causes);
   }

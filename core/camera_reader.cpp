@@ -149,13 +149,13 @@ Result<void> take_coefficients(const PlacedNumbers& given, CameraParameters& p) 
   return {};
 }
 
-// What the calibration says of itself, as far as it concerns what is drawn. Files without
-// overlay_px have the corners it is made of.
+// Reads the calibration's own uncertainty of the overlay. Files without overlay_px have the corners
+// it is made of.
 Result<void> take_uncertainty(const YamlFields& fields, CameraParameters& p) {
   constexpr const char* kRemedy = "leave out `uncertainty`, or calibrate again";
-  const Result<bool> told = fields.has_optional("uncertainty");
-  if (!told) return tl::unexpected(told.error());
-  if (!*told) return {};
+  const Result<bool> present = fields.has_optional("uncertainty");
+  if (!present) return tl::unexpected(present.error());
+  if (!*present) return {};
   const Result<YamlFields> uncertainty = fields.fields("uncertainty", kRemedy);
   if (!uncertainty) return tl::unexpected(uncertainty.error());
   const Result<bool> of_overlay = uncertainty->has_optional("overlay_px");
@@ -174,7 +174,7 @@ Result<void> take_uncertainty(const YamlFields& fields, CameraParameters& p) {
   return {};
 }
 
-// What readers of other tools ignore.
+// Reads the optional keys that other tools ignore.
 Result<void> take_optional(const YamlFields& fields, CameraParameters& p) {
   const Result<bool> toned = fields.has_optional("tone_curve");
   if (!toned) return tl::unexpected(toned.error());
@@ -203,7 +203,7 @@ bool is_opencv_matrix(const YAML::Node& node) {
          (type.IsDefined() && type.IsScalar() && type.Scalar() == "opencv-matrix");
 }
 
-// The lens model that the file names; none where it names no model.
+// The lens model that the file names, if it names one.
 Result<std::optional<DistortionModel>> named_model(const YamlFields& fields) {
   constexpr const char* kModel =
       "name plumb_bob, rational_polynomial or equidistant (also: fisheye)";

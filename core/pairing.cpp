@@ -64,7 +64,7 @@ Result<void> check_interval(const NamedTrajectory& named) {
   return {};
 }
 
-// How many of the estimate's times, scaled, lie in the truth's.
+// Number of the estimate's times that lie in the truth's after scaling.
 std::size_t count_inside(const Trajectory& estimated, const Trajectory& truth, double scale,
                          const PairingOptions& options) {
   const double first_s = seconds(truth.poses.front().timestamp_ns - kNearTime_ns);

@@ -18,7 +18,7 @@ struct StampedPose {
   std::string comment;  // written after the pose as "# comment"; read back when there is one
 };
 
-// Poses in order of time, each at a time of its own.
+// Poses in order of time; timestamps increase.
 struct Trajectory {
   std::vector<StampedPose> poses;
   // As EuRoC's ground truth is: of the body (the IMU), not of the camera.

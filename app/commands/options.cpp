@@ -275,7 +275,7 @@ void add_pairing_options(CLI::App& command, PairingOptions& pairing) {
     const auto value = parse_number(text);
     if (!value || !(*value >= least && *value <= most)) {
       throw CLI::ValidationError(
-          option, fmt::format("'{}' is no number of seconds from {:g} to {:g}", text, least, most));
+          option, fmt::format("is '{}'; give seconds from {:g} to {:g}", text, least, most));
     }
     return nanoseconds(*value);
   };
