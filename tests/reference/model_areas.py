@@ -113,7 +113,7 @@ def obj_number(word, line):
     try:
         value = float(word)
     except ValueError:
-        raise Refusal(f"line {line}: {word}: is no number") from None
+        raise Refusal(f"line {line}: {word}: is not a number") from None
     require(np.isfinite(value), f"line {line}: {word}: is not finite")
     return value
 
