@@ -11,6 +11,8 @@
 #include <string>
 #include <string_view>
 
+#include "core/text_encoding.hpp"
+
 extern "C" {
 #include <libavutil/log.h>
 }
@@ -66,7 +68,7 @@ bool set_log_level(std::string_view name) {
 
 void log_text(LogLevel level, fmt::string_view text, fmt::format_args values) {
   if (!spdlog::should_log(spdlog_level(level))) return;
-  const std::string line = fmt::vformat(text, values);
+  const std::string line = as_printable_line(fmt::vformat(text, values));
   // As a text of its own, not as a format with values.
   spdlog::log(spdlog_level(level), spdlog::string_view_t(line));
 }

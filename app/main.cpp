@@ -15,6 +15,7 @@
 #include <optional>
 #include <sstream>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -23,6 +24,7 @@
 #include "app/logging.hpp"
 #include "app/standard_streams.hpp"
 #include "core/spelling.hpp"
+#include "core/text_encoding.hpp"
 
 namespace {
 
@@ -30,10 +32,8 @@ using penumbra::ChosenCommand;
 using penumbra::ExitCode;
 
 // One line, whatever the message holds.
-void print_error(std::string message) {
-  for (char& c : message) {
-    if (c == '\n' || c == '\r') c = ' ';
-  }
+void print_error(std::string_view text) {
+  std::string message = penumbra::as_printable_line(text);
   while (!message.empty() && message.back() == ' ') message.pop_back();
   // Not fmt's print, which throws where standard error can't be written.
   std::fputs(("penumbra: error: " + message + "\n").c_str(), stderr);

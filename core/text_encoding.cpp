@@ -72,4 +72,18 @@ std::string as_utf8(std::string_view text) {
   return converted;
 }
 
+std::string as_printable_line(std::string_view text) {
+  std::string line = as_utf8(text);
+  for (std::size_t i = 0; i < line.size(); ++i) {
+    const auto byte = static_cast<std::uint8_t>(line[i]);
+    if (byte < 0x20U || byte == 0x7FU) line[i] = ' ';
+    // U+0080 to U+009F are control characters as well.
+    if (byte == 0xC2U && i + 1 < line.size() && static_cast<std::uint8_t>(line[i + 1]) < 0xA0U) {
+      line[i] = ' ';
+      line.erase(i + 1, 1);
+    }
+  }
+  return line;
+}
+
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-// Byte-order marks at the head of text files, and names that are not UTF-8.
+// Byte-order marks at the head of text files, and text that is not UTF-8.
 #pragma once
 
 #include <string>
@@ -17,5 +17,9 @@ namespace penumbra {
 // Returns `text` where it is valid UTF-8, else each of its bytes as the Latin-1 character of that
 // number. JSON, SVG and HTML hold UTF-8 only.
 [[nodiscard]] std::string as_utf8(std::string_view text);
+
+// Returns `text` as one line that a terminal shows: valid UTF-8 by as_utf8(), with a blank in place
+// of each line break and other control character. Messages quote the bytes of damaged files.
+[[nodiscard]] std::string as_printable_line(std::string_view text);
 
 }  // namespace penumbra

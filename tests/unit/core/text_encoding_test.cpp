@@ -62,5 +62,28 @@ TEST(AsUtf8, TakesMalformedUtf8AsLatin1) {
   EXPECT_EQ(as_utf8("\xBF"), "\xC2\xBF");
 }
 
+TEST(AsPrintableLine, KeepsTextAndReplacesControlCharacters) {
+  EXPECT_EQ(as_printable_line("a.obj: line 3: gr\xC3\xBCn"), "a.obj: line 3: gr\xC3\xBCn");
+  EXPECT_EQ(as_printable_line("a\nb\tc\x1B[31m\x7F"), "a b c [31m ");
+  EXPECT_EQ(as_printable_line("a\0b"sv), "a b");
+  EXPECT_EQ(as_printable_line("\xC2\x9B"
+                              "31m\xC2\xA0x"),
+            " 31m\xC2\xA0x");
+}
+
+TEST(AsPrintableLine, IsValidUtf8ForAnyBytes) {
+  for (int high = 0; high < 256; ++high) {
+    for (int low = 0; low < 256; ++low) {
+      const std::string bytes = {static_cast<char>(high), static_cast<char>(low), 'x'};
+      const std::string line = as_printable_line(bytes);
+      EXPECT_EQ(as_utf8(line), line) << high << ' ' << low;
+      EXPECT_TRUE(line.ends_with('x'));
+      for (const char c : line) {
+        EXPECT_TRUE(static_cast<unsigned char>(c) >= 0x20 && c != 0x7F) << high << ' ' << low;
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace penumbra
