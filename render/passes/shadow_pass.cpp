@@ -302,8 +302,11 @@ ShadowPass::Caster& ShadowPass::caster_of(const Scene& scene, const ShadowDraw& 
     entry->mesh = make_shadow_mesh(*object.model, object.groups, cut_outs);
     entry->stored_source = stored_kernel_source(*object.model);
     set_geometry(entry->whole, entry->mesh, edge);
-    if (object.proxy == ProxyMode::automatic) entry->proxy = simplified_caster(entry->mesh);
-    if (object.proxy == ProxyMode::model && object.proxy_model) {
+    const bool whole = cut_outs == CutOuts::whole_faces;
+    if (whole && object.proxy == ProxyMode::automatic) {
+      entry->proxy = simplified_caster(entry->mesh);
+    }
+    if (whole && object.proxy == ProxyMode::model && object.proxy_model) {
       entry->proxy = proxy_from_model(entry->mesh, *object.proxy_model);
     }
     if (entry->proxy) {

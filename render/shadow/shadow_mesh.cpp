@@ -25,7 +25,7 @@ constexpr double kRounding = 4.0 * 1.1920929e-7;
 // A cell of the search grid, in weld distances. Most vertices are far enough from their cell's
 // walls to look in one cell only.
 constexpr double kCellSize = 8.0;
-// What cut faces may become, in triangles.
+// Most triangles that cut faces may become.
 constexpr std::size_t kMostPieces = 100'000;
 
 struct CellIndex {
@@ -76,6 +76,7 @@ class WeldGrid {
     const auto index = static_cast<std::uint32_t>(positions.size());
     positions.push_back(p);
     next_.resize(positions.size(), kNone);
+    if (2 * positions.size() > slots_.size()) grow();
     const std::size_t slot = slot_of(home);
     cells_[slot] = home;
     next_[index] = slots_[slot];
@@ -87,6 +88,18 @@ class WeldGrid {
   static constexpr std::uint32_t kNone = std::numeric_limits<std::uint32_t>::max();
   static constexpr double kLeastDistance = 1e-30;  // [m]; cells must have a size
 
+  void grow() {
+    std::vector<std::uint32_t> slots(2 * slots_.size(), kNone);
+    std::vector<CellIndex> cells(2 * cells_.size());
+    slots.swap(slots_);
+    cells.swap(cells_);
+    for (std::size_t i = 0; i < slots.size(); ++i) {
+      if (slots[i] == kNone) continue;
+      const std::size_t slot = slot_of(cells[i]);
+      slots_[slot] = slots[i];
+      cells_[slot] = cells[i];
+    }
+  }
   static std::int64_t cell_of(double coordinate) {
     // Far beyond any model; float values up there would not fit an integer.
     constexpr double kFar = 1e18;
@@ -234,7 +247,7 @@ class Welder {
 void Welder::weld_vertices(const Mesh& source) {
   welded_.resize(source.positions.size());
   for (std::size_t i = 0; i < source.positions.size(); ++i) {
-    // A vertex that is not a number can't cast; its faces are left out below.
+    // A vertex that is not a number can't cast; its faces are skipped below.
     welded_[i] = is_finite(source.positions[i])
                      ? grid_.find_or_add(source.positions[i], mesh_.positions)
                      : kNoShadowPosition;

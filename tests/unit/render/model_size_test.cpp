@@ -59,7 +59,7 @@ TEST(WarningOfSize, NamesSizeAndLikelyUnit) {
               Optional(std::string("m: is 64 m wide; in millimetres? use scale 0.001")));
   // One metre, read in millimetres.
   EXPECT_THAT(warning_of_size(sized(0.001F, 0.0F), {.unit_m = 0.001}, "m"),
-              Optional(std::string("m: is 1 mm wide; in centimetres? use --unit cm")));
+              Optional(std::string("m: is 1 mm wide; in metres? use --unit m")));
   EXPECT_THAT(warning_of_size(sized(0.0005F, 0.0F), {}, "m"),
               Optional(std::string("m: is 0.5 mm wide; export it 100 times larger")));
   EXPECT_THAT(warning_of_size(sized(1e6F, 0.0F), {.remedy = SizeRemedy::scene_scale}, "m"),
