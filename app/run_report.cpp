@@ -515,7 +515,7 @@ std::string evaluation_json(const Evaluation& evaluation,
                             const std::map<std::string, Evaluation>& groups) {
   Json json = json_of(evaluation);
   for (const auto& [name, of_group] : groups) json["groups"][name] = json_of(of_group);
-  return json.dump(2) + "\n";
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 std::string evaluation_table(const Evaluation& evaluation) {

@@ -22,6 +22,8 @@ struct Texture {
   int width = 0;
   int height = 0;
   std::vector<std::uint8_t> rgba;
+  std::vector<std::uint8_t> encoded =
+      {};  // the file that it came in, where the format has no other
 };
 
 // What a material has of a texture.
@@ -141,7 +143,8 @@ struct ModelLimits {
 // How a model file is read.
 struct ModelReading {
   UpAxis up = UpAxis::by_format;
-  double unit_m = 1.0;  // length of the file's unit [m]; glTF's is the metre
+  double unit_m = 1.0;         // length of the file's unit [m]; glTF's is the metre
+  bool stored_kernels = true;  // false: those of the file are left out
   ModelLimits limits = {};
 };
 

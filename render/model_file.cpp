@@ -70,8 +70,14 @@ void turn_up(Model& model) {
   model.origin = Eigen::Vector3d(model.origin.x(), -model.origin.z(), model.origin.y());
 }
 
+void leave_out_kernels(Model& model) {
+  for (Mesh& mesh : model.meshes) mesh.shadow_kernels.clear();
+  model.shadow_kernel_up.reset();
+  model.shadow_kernel_groups.clear();
+}
+
 // Turns coordinates of another unit into metres.
-void scale(Model& model, double unit_m) {
+void scale_to_metres(Model& model, double unit_m) {
   const auto scaled = [unit_m](const glm::vec3& v) { return glm::vec3(glm::dvec3(v) * unit_m); };
   for (Mesh& mesh : model.meshes) {
     for (glm::vec3& p : mesh.positions) p = scaled(p);
@@ -219,7 +225,8 @@ Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes, const
     return fail("{}: the model's textures have more than the {} pixels allowed", name,
                 limits.max_texture_pixels);
   }
-  model.textures.push_back({image->width, image->height, std::move(image->pixels)});
+  model.textures.push_back({image->width, image->height, std::move(image->pixels),
+                            std::vector<std::uint8_t>(bytes.begin(), bytes.end())});
   return static_cast<int>(model.textures.size()) - 1;
 }
 
@@ -388,10 +395,14 @@ Result<Model> load_model(const std::filesystem::path& file, const ModelReading& 
     model->name = file.stem().string();
     // The readers give the file's own axes.
     if (up == UpAxis::y || (up == UpAxis::by_format && gltf)) turn_up(*model);
+    if (gltf) {
+      for (Texture& texture : model->textures) texture.encoded = {};
+    }
+    if (!reading.stored_kernels) leave_out_kernels(*model);
     // Kernels are stored for the file's own unit.
     std::string geometry;
     if (model->shadow_kernel_up) geometry = usual_geometry_key(*model, up);
-    if (reading.unit_m != 1.0) scale(*model, reading.unit_m);
+    if (reading.unit_m != 1.0) scale_to_metres(*model, reading.unit_m);
     const Result<void> checked = check_model(*model, name, reading.limits);
     if (!checked) return tl::unexpected(checked.error());
     if (model->shadow_kernel_up) check_stored_kernels(*model, geometry, name, reading.limits);

@@ -21,6 +21,7 @@
 #include "core/file.hpp"
 #include "core/stopwatch.hpp"
 #include "core/text.hpp"
+#include "render/model_size.hpp"
 #include "render/shadow/kernel_glb.hpp"
 #include "render/shadow/part_groups.hpp"
 
@@ -35,6 +36,7 @@ struct KernelsOptions {
   std::vector<std::string> groups;
   Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();
   KernelSource source = KernelSource::automatic;
+  double unit_m = 1.0;  // of the model's coordinates
   bool glb = false;
 };
 
@@ -64,22 +66,43 @@ Eigen::Vector3d direction_from(const std::string& text) {
   return direction.stableNormalized();
 }
 
+// Returns the kernel stamp of a glTF file for its coordinates as they are, without --unit.
+Result<std::string> stamp_in_own_unit(const KernelsOptions& options, const std::string& stamp) {
+  if (options.unit_m == 1.0) return stamp;
+  const auto model = load_model(options.model, {.stored_kernels = false});
+  if (!model) return tl::unexpected(model.error());
+  return geometry_key(*model) + stamp.substr(std::min(stamp.find('-'), stamp.size()));
+}
+
 Result<std::vector<std::uint8_t>> encode(const KernelsOptions& options, const Model& model,
-                                         const KernelFile& kernels) {
+                                         KernelFile kernels) {
   if (!options.glb) {
     const std::string text = kernel_file_json(kernels);
     return std::vector<std::uint8_t>(text.begin(), text.end());
   }
-  if (lower_extension(options.model) == ".glb") {
-    const auto bytes = read_file(options.model);
-    if (!bytes) return tl::unexpected(bytes.error());
-    return add_kernels_to_glb(*bytes, kernels, options.model.string());
+  Result<KernelGlb> glb;
+  if (lower_extension(options.model) == ".obj") {
+    glb = make_glb_with_kernels(model, kernels);
+  } else {
+    auto stamp = stamp_in_own_unit(options, kernels.geometry);
+    if (!stamp) return tl::unexpected(stamp.error());
+    kernels.geometry = std::move(*stamp);
+    glb = add_kernels_to_gltf(options.model, kernels, options.unit_m);
   }
-  if (!model.textures.empty()) {
-    log_warning("{}: its {} pictures are not in {}; store the kernels in a .json file to keep them",
-                options.model.string(), model.textures.size(), options.output.string());
+  if (!glb) return tl::unexpected(glb.error());
+  for (const std::string& warning : glb->warnings) log_warning("{}", warning);
+  return std::move(glb->bytes);
+}
+
+void warn_of_model(const KernelsOptions& options, const Model& model) {
+  std::vector<std::string> warnings = model.warnings;
+  if (auto size = warning_of_size(model, {.unit_m = options.unit_m}, options.model.string())) {
+    warnings.push_back(std::move(*size));
   }
-  return make_glb_with_kernels(model, kernels);
+  for (std::size_t i = 0; i < warnings.size(); ++i) {
+    const auto here = warnings.begin() + static_cast<std::ptrdiff_t>(i);
+    if (std::find(warnings.begin(), here, *here) == here) log_warning("{}", *here);
+  }
 }
 
 Result<ExitCode> run_kernels(const KernelsOptions& options) {
@@ -97,19 +120,13 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
   KernelProgress progress;
   const Result<void> made = with_progress(
       [&]() -> Result<void> {
-        auto model = load_model(options.model);
+        // Kernels in the file are replaced, so they are not checked.
+        auto model = load_model(options.model, {.unit_m = options.unit_m, .stored_kernels = false});
         if (!model) return tl::unexpected(model.error());
         if (const auto checked = check_groups(*model, options.groups); !checked) {
           return fail("{}: {}", options.model.string(), checked.error().message);
         }
-        if (const auto checked = check_one_place_each(*model, options.model.string()); !checked) {
-          return checked;
-        }
-        // What was stored before is replaced: the user need not hear that it does not fit.
         plain = std::move(*model);
-        for (Mesh& mesh : plain.meshes) mesh.shadow_kernels.clear();
-        plain.shadow_kernel_up.reset();
-        plain.shadow_kernel_groups.clear();
         const ShadowMesh mesh = make_shadow_mesh(plain, options.groups);
         const Stopwatch watch;
         const ShadowKernels set =
@@ -120,6 +137,7 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
       },
       progress, "vertices", interrupt, *output);
   if (!made) return tl::unexpected(made.error());
+  warn_of_model(options, plain);
   const auto bytes = encode(options, plain, kernels);
   if (!bytes) return tl::unexpected(bytes.error());
   if (const auto done = write_file(output->partial(), *bytes); !done) {
@@ -147,6 +165,7 @@ void add_kernels_command(CLI::App& program, ChosenCommand& chosen) {
                    "ones when they are drawn")
       ->capture_default_str()
       ->type_name("x,y,z");
+  add_unit_option(*command, options->unit_m);
   command->add_option("--kernels", options->kernels, "auto, smooth, per-axis or cocl")
       ->capture_default_str()
       ->type_name("KERNELS");

@@ -1,4 +1,4 @@
-// What penumbra shadow computes, by its options.
+// The options of penumbra shadow and the job that they describe.
 #pragma once
 
 #include <Eigen/Core>

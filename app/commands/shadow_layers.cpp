@@ -35,7 +35,7 @@ struct KernelSet {
   double time_ms = 0.0;
 };
 
-// What casts: a model with the kernels that its options choose among.
+// The casting mesh, and where its kernels may come from.
 struct Caster {
   ShadowMesh mesh;
   bool kernels_from_file = false;
@@ -120,7 +120,7 @@ PlaneFrame plane_under(const ShadowMesh& mesh, const Placement& placement,
   return under;
 }
 
-// A shadow without an area, and one that lacks what is above the light, are told with their cause.
+// Warns of a shadow without an area, and of parts above the light, with the cause.
 void warn_of_heights(const ShadowJob& job, std::span<const CasterVertex> vertices,
                      std::span<const std::uint32_t> indices, ShadowResult& result) {
   double bottom = std::numeric_limits<double>::infinity();
@@ -200,15 +200,15 @@ void check_stored_kernels(const ShadowJob& job, const Model& model, Caster& cast
   const std::string name = (caster.kernels_from_file ? job.kernel_file : job.model).string();
   const bool automatic = job.source == KernelSource::automatic;
   if (model.shadow_kernel_up && automatic && !stored_kernels_fit(model, caster.mesh, job.groups)) {
-    warn(result, "{}: its kernels are for other parts than --group names; they are made anew",
+    warn(result, "{}: its kernels are for other parts than --group names; they are computed again",
          name);
     caster.kernels_from_file = false;
   }
   if (job.fixed_light && !caster.mesh.stored_kernels.empty() && automatic &&
       !have_thickness(stored_kernel_source(model))) {
     warn(result,
-         "{}: its kernels (cocl) have no thickness, which a light of one size needs; they are made "
-         "anew",
+         "{}: its kernels (cocl) have no thickness, which a light of one size needs; they are "
+         "computed again",
          name);
     caster.kernels_from_file = false;
     caster.stored_source.reset();
@@ -274,7 +274,7 @@ Result<void> add_field_layers(const ShadowJob& job, std::span<const CasterVertex
   return {};
 }
 
-// Where the vertices of a shadow see their kernels; those that share one give one place.
+// The kernels of a shadow in its plane, each once.
 std::vector<Eigen::Vector2d> kernel_places(std::span<const CasterVertex> vertices) {
   std::vector<Eigen::Vector2d> places;
   for (const CasterVertex& vertex : vertices) {

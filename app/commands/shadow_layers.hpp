@@ -22,7 +22,7 @@ inline constexpr std::array<std::pair<ShadowLayer, const char*>, 3> kLayerNames 
      {ShadowLayer::middle, "middle"},
      {ShadowLayer::penumbra, "penumbra"}}};
 
-// What the proxy does, told in JSON and in the table.
+// How a proxy compares with the mesh.
 struct ProxyResult {
   std::size_t faces = 0;  // 0: none was made
   bool used = false;

@@ -139,7 +139,7 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
 
 ShadowPicture picture_of(const ShadowJob& job, const ShadowResult& result) {
   ShadowPicture picture;
-  picture.title = fmt::format("{}, {}", job.model.stem().string(), technique_words(job));
+  picture.title = as_utf8(fmt::format("{}, {}", job.model.stem().string(), technique_words(job)));
   if (job.technique == ShadowJob::Technique::layered ||
       job.technique == ShadowJob::Technique::field) {
     picture.subtitle =

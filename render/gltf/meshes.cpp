@@ -298,10 +298,26 @@ Result<void> MeshReader::number_vertices() {
         return fail("{}: has more than the {} vertices allowed", name_, limits_.max_vertices);
       }
       vertices += accessor->count;
+      meshes_[m].vertex_count += static_cast<std::uint32_t>(accessor->count);
     }
   }
   model_.source_vertex_count = static_cast<std::uint32_t>(vertices);
   return {};
+}
+
+Result<std::uint32_t> MeshReader::source_shift_of_next_use(int mesh) {
+  Entry& entry = meshes_[static_cast<std::size_t>(mesh)];
+  if (!entry.is_used || entry.first_vertex.empty()) {
+    entry.is_used = true;
+    return 0U;
+  }
+  const std::uint32_t shift = model_.source_vertex_count - entry.first_vertex.front();
+  const std::size_t count = std::size_t{model_.source_vertex_count} + entry.vertex_count;
+  if (count > limits_.max_vertices) {
+    return fail("{}: has more than the {} vertices allowed", name_, limits_.max_vertices);
+  }
+  model_.source_vertex_count = static_cast<std::uint32_t>(count);
+  return shift;
 }
 
 Result<void> MeshReader::read_mesh(std::size_t index, Entry& entry) {
@@ -321,6 +337,7 @@ Result<void> MeshReader::read_mesh(std::size_t index, Entry& entry) {
     Result<Primitive> read = read_primitive(primitive, place, entry.first_vertex[p]);
     if (!read) return tl::unexpected(read.error());
     read->mesh.name = from.name;
+    read->index = p;
     primitives.push_back(std::move(*read));
   }
   return {};

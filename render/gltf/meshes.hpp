@@ -32,7 +32,8 @@ struct Primitive {
   std::string place;  // in the file
   Mesh mesh;
   std::vector<MorphTarget> targets;
-  SkinWeights skin;  // empty if the primitive has none or no skin uses it
+  SkinWeights skin;       // empty if the primitive has none or no skin uses it
+  std::size_t index = 0;  // among the primitives of its mesh
 };
 
 // Returns true for a primitive of triangles with positions.
@@ -57,11 +58,17 @@ class MeshReader {
   // The primitives of a mesh that have a surface. `skinned`: with their skin weights.
   [[nodiscard]] Result<const std::vector<Primitive>*> mesh(int index, bool skinned);
 
+  // Returns the offset of the source vertices of the next use of a mesh from the numbers of
+  // number_vertices(). Each use but the first is numbered separately, behind all others.
+  [[nodiscard]] Result<std::uint32_t> source_shift_of_next_use(int mesh);
+
  private:
   struct Entry {
     std::optional<std::vector<Primitive>> primitives;
     std::vector<std::uint32_t> first_vertex;  // per primitive
     bool has_skin_weights = false;
+    std::uint32_t vertex_count = 0;
+    bool is_used = false;
   };
   [[nodiscard]] Result<void> read_mesh(std::size_t index, Entry& entry);
   [[nodiscard]] Result<Primitive> read_primitive(const tinygltf::Primitive& from,

@@ -135,6 +135,7 @@ bool VertexTransformer::measure(double max_coordinate) {
 Mesh VertexTransformer::mesh(const Eigen::Vector3d& origin) const {
   Mesh mesh = base_;
   mesh.node_faces = {{placed_.node, 0, mesh.indices.size()}};
+  for (std::uint32_t& source : mesh.source_vertex) source += placed_.placement.source_shift;
   for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
     const Eigen::Matrix4d T = transform(i);
     mesh.positions[i] = single(position(T, i) - origin);

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <unordered_map>
 #include <vector>
@@ -16,8 +17,10 @@ namespace penumbra::gltf {
 
 // The transform of the vertices of a mesh.
 struct VertexPlacement {
-  Eigen::Matrix4d T_root_mesh = Eigen::Matrix4d::Identity();     // of a rigid mesh
-  const std::vector<Eigen::Matrix4d>* joint_matrices = nullptr;  // of a skinned one
+  Eigen::Matrix4d T_root_mesh = Eigen::Matrix4d::Identity();      // of a rigid mesh
+  const std::vector<Eigen::Matrix4d>* joint_matrices = nullptr;   // of a skinned one
+  std::optional<Eigen::Matrix4d> T_node_instance = std::nullopt;  // of one of several instances
+  std::uint32_t source_shift = 0;  // MeshReader::source_shift_of_next_use()
 };
 
 // One primitive at one place. Refers to what it is made of.

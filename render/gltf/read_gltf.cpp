@@ -1,11 +1,13 @@
 // .glb and .gltf -> Model, in the file's own axes (y up).
 #include <algorithm>
 
+#include "core/file.hpp"
 #include "render/gltf/buffers.hpp"
 #include "render/gltf/container.hpp"
 #include "render/gltf/document.hpp"
 #include "render/gltf/extensions.hpp"
 #include "render/gltf/materials.hpp"
+#include "render/gltf/mesh_uses.hpp"
 #include "render/gltf/meshes.hpp"
 #include "render/gltf/nodes.hpp"
 #include "render/gltf/place.hpp"
@@ -34,6 +36,8 @@ class Reader {
         kernels_(name_, model_) {}
 
   [[nodiscard]] Result<Model> read();
+  // Keeps in `uses` where read() puts meshes.
+  void keep_uses(std::vector<MeshUse>& uses) { uses_ = &uses; }
 
  private:
   [[nodiscard]] std::vector<bool> used_materials(const std::vector<Placement>& placements) const;
@@ -55,7 +59,31 @@ class Reader {
   Skins skins_;
   Placer placer_;
   StoredKernels kernels_;
+  std::vector<MeshUse>* uses_ = nullptr;
 };
+
+MeshUse use_of(const Placement& placement, const VertexPlacement& vertices,
+               const std::vector<Primitive>& primitives) {
+  MeshUse use{placement.node,
+              placement.mesh,
+              vertices.T_node_instance,
+              vertices.joint_matrices != nullptr,
+              {}};
+  for (const Primitive& primitive : primitives) {
+    const Mesh& mesh = primitive.mesh;
+    PrimitiveUse& to = use.primitives.emplace_back();
+    to.index = primitive.index;
+    to.source_vertex = mesh.source_vertex.front() + vertices.source_shift;
+    if (!use.is_skinned || primitive.skin.per_vertex == 0) {
+      to.T_root_vertex.push_back(vertices.T_root_mesh);
+      continue;
+    }
+    for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+      to.T_root_vertex.push_back(blended(primitive.skin, i, *vertices.joint_matrices));
+    }
+  }
+  return use;
+}
 
 std::vector<bool> Reader::used_materials(const std::vector<Placement>& placements) const {
   std::vector<bool> used(gltf_.materials.size(), false);
@@ -108,6 +136,7 @@ Result<std::vector<VertexPlacement>> Reader::vertex_placements(const Placement& 
   if (!instances) return tl::unexpected(instances.error());
   for (const Eigen::Matrix4d& T_node_instance : *instances) {
     result.push_back({placement.T_root_node * T_node_instance, nullptr});
+    if (node.extensions.contains(kInstancing)) result.back().T_node_instance = T_node_instance;
   }
   return result;
 }
@@ -123,10 +152,14 @@ Result<void> Reader::collect(const Placement& placement) {
   if (!primitives) return tl::unexpected(primitives.error());
   const Result<std::vector<double>> weights = morph_weights(placement, **primitives);
   if (!weights) return tl::unexpected(weights.error());
-  const auto vertex_placements_of = vertex_placements(placement);
+  auto vertex_placements_of = vertex_placements(placement);
   if (!vertex_placements_of) return tl::unexpected(vertex_placements_of.error());
   const tinygltf::Value& extras = gltf_.meshes[static_cast<std::size_t>(placement.mesh)].extras;
-  for (const VertexPlacement& vertices : *vertex_placements_of) {
+  for (VertexPlacement& vertices : *vertex_placements_of) {
+    const Result<std::uint32_t> shift = meshes_.source_shift_of_next_use(placement.mesh);
+    if (!shift) return tl::unexpected(shift.error());
+    vertices.source_shift = *shift;
+    if (uses_ != nullptr) uses_->push_back(use_of(placement, vertices, **primitives));
     // The stored direction of a skinned mesh is in the root frame.
     const Eigen::Matrix3d linear = skin >= 0 ? Eigen::Matrix3d(Eigen::Matrix3d::Identity())
                                              : vertices.T_root_mesh.topLeftCorner<3, 3>();
@@ -170,32 +203,51 @@ Result<Model> Reader::read() {
   return std::move(model_);
 }
 
-}  // namespace
-}  // namespace gltf
-
-Result<Model> read_gltf(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
-                        bool binary, const ModelLimits& limits) {
+// `uses`: where they are wanted.
+Result<Model> read_bytes(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
+                         bool binary, const ModelLimits& limits, std::vector<MeshUse>* uses) {
   const std::string name = file.string();
-  gltf::Container container{{reinterpret_cast<const char*>(bytes.data()), bytes.size()}, {}};
+  Container container{{reinterpret_cast<const char*>(bytes.data()), bytes.size()}, {}};
   if (binary) {
-    Result<gltf::Container> opened = gltf::open_glb(name, bytes);
+    Result<Container> opened = open_glb(name, bytes);
     if (!opened) return tl::unexpected(opened.error());
     container = *opened;
   }
-  Result<gltf::Document> document = gltf::parse_document(name, container.json);
+  Result<Document> document = parse_document(name, container.json);
   if (!document) return tl::unexpected(document.error());
-  if (Result<void> done = gltf::check_required(name, *document); !done) {
+  if (Result<void> done = check_required(name, *document); !done) {
     return tl::unexpected(done.error());
   }
-  gltf::Buffers buffers(file, std::move(document->buffers), container.binary,
-                        limits.max_file_bytes);
-  Result<Model> model = gltf::Reader(name, *document, buffers, limits).read();
+  Buffers buffers(file, std::move(document->buffers), container.binary, limits.max_file_bytes);
+  Reader reader(name, *document, buffers, limits);
+  if (uses != nullptr) reader.keep_uses(*uses);
+  Result<Model> model = reader.read();
   if (!model) return model;
-  std::vector<std::string> ignored = gltf::ignored_content(name, *document);
+  std::vector<std::string> ignored = ignored_content(name, *document);
   model->warnings.insert(model->warnings.begin(), ignored.begin(), ignored.end());
   model->warnings.insert(model->warnings.end(), buffers.warnings().begin(),
                          buffers.warnings().end());
   return model;
+}
+
+}  // namespace
+
+Result<std::vector<MeshUse>> mesh_uses(const std::filesystem::path& file) {
+  const ModelLimits limits;
+  const Result<std::vector<std::uint8_t>> bytes = read_file(file, limits.max_file_bytes);
+  if (!bytes) return tl::unexpected(bytes.error());
+  const std::string_view text(reinterpret_cast<const char*>(bytes->data()), bytes->size());
+  std::vector<MeshUse> uses;
+  const Result<Model> model = read_bytes(file, *bytes, text.starts_with("glTF"), limits, &uses);
+  if (!model) return tl::unexpected(model.error());
+  return uses;
+}
+
+}  // namespace gltf
+
+Result<Model> read_gltf(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
+                        bool binary, const ModelLimits& limits) {
+  return gltf::read_bytes(file, bytes, binary, limits, nullptr);
 }
 
 }  // namespace penumbra

@@ -12,6 +12,7 @@ namespace {
 
 constexpr int kSightDepth = 5;        // of the search for something that is seen in a face
 constexpr double kFinestStep = 0.25;  // [texels]
+constexpr int kHalvings = 6;          // of an edge on which the cutoff is met
 
 // Texels, first and last.
 struct Span {
@@ -169,7 +170,7 @@ FaceSight FaceOpacity::bounds(const Face& face) const {
   return least >= cutoff ? FaceSight::whole : FaceSight::partial;
 }
 
-// How far the opacity is over the cutoff.
+// Opacity minus cutoff.
 double FaceOpacity::excess(const Corner& corner) const {
   const double alpha = alpha_ ? alpha_->at(corner.texcoord) : 1.0;
   return corner.factor * alpha - static_cast<double>(material_.alpha_cutoff);
@@ -198,7 +199,22 @@ bool FaceOpacity::walk(const Face& face, int depth, const Take& take) const {
     return walk({a, ab, ca}, depth - 1, take) && walk({ab, b, bc}, depth - 1, take) &&
            walk({ca, bc, c}, depth - 1, take) && walk({ab, bc, ca}, depth - 1, take);
   }
-  // Clips the triangle where the opacity, taken as linear, is the cutoff.
+  // Clips the triangle where the opacity is the cutoff: halves an edge, then takes it as linear.
+  const auto crossing = [&](const Corner& p, const Corner& q, double over_p, double over_q) {
+    double from = 0.0, to = 1.0;
+    for (int step = 0; step < kHalvings; ++step) {
+      const double middle = 0.5 * (from + to);
+      const double over_middle = excess(between(p, q, middle));
+      if ((over_middle >= 0.0) == (over_p >= 0.0)) {
+        from = middle;
+        over_p = over_middle;
+      } else {
+        to = middle;
+        over_q = over_middle;
+      }
+    }
+    return between(p, q, from + (to - from) * over_p / (over_p - over_q));
+  };
   const std::array<Corner, 3> corners = {a, b, c};
   const std::array<double, 3> over = {excess(a), excess(b), excess(c)};
   std::vector<Corner> seen;
@@ -206,7 +222,7 @@ bool FaceOpacity::walk(const Face& face, int depth, const Take& take) const {
     const std::size_t next = (i + 1) % 3;
     if (over[i] >= 0.0) seen.push_back(corners[i]);
     if ((over[i] >= 0.0) != (over[next] >= 0.0)) {
-      seen.push_back(between(corners[i], corners[next], over[i] / (over[i] - over[next])));
+      seen.push_back(crossing(corners[i], corners[next], over[i], over[next]));
     }
   }
   for (std::size_t i = 1; i + 1 < seen.size(); ++i) {
@@ -244,11 +260,14 @@ bool has_cut_outs(const Model& model) {
 
 int cut_out_depth(const Model& model, std::size_t most_triangles) {
   constexpr int kFinest = 7;
+  std::vector<FaceOpacity> opacities;
+  for (const Mesh& mesh : model.meshes) opacities.emplace_back(model, mesh);
   const auto is_affordable = [&](int depth) {
     std::vector<glm::vec3> corners;
     std::size_t triangles = 0;
-    for (const Mesh& mesh : model.meshes) {
-      const FaceOpacity opacity(model, mesh);
+    for (std::size_t m = 0; m < model.meshes.size(); ++m) {
+      const Mesh& mesh = model.meshes[m];
+      const FaceOpacity& opacity = opacities[m];
       for (std::size_t i = 0; !opacity.all_whole() && i + 2 < mesh.indices.size(); i += 3) {
         if (opacity.sight(i) != FaceSight::partial) continue;
         corners.clear();

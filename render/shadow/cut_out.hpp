@@ -49,7 +49,7 @@ class FaceOpacity {
  public:
   FaceOpacity(const Model& model, const Mesh& mesh);
 
-  // Whether no face of the mesh can be transparent anywhere.
+  // True if no face of the mesh can be transparent anywhere.
   [[nodiscard]] bool all_whole() const { return all_whole_; }
   // `index`: of the face's first corner in Mesh::indices. Faces with alpha mode BLEND are partial
   // nowhere: they are hidden where nothing of them is seen, else whole.
@@ -81,7 +81,7 @@ class FaceOpacity {
   bool all_whole_ = true;
 };
 
-// Whether some face of the model is seen in part (alpha mode MASK).
+// True if some face of the model is visible in part (alpha mode MASK).
 [[nodiscard]] bool has_cut_outs(const Model& model);
 
 // The finest steps, by FaceOpacity::append_seen(), with which what is seen of the model's partial

@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "core/text.hpp"
+#include "core/text_encoding.hpp"
 #include "render/model_parts.hpp"
 #include "render/shadow/kernel_stamp.hpp"
 #include "render/to_eigen.hpp"
@@ -107,7 +108,7 @@ std::string kernel_file_json(const KernelFile& kernels) {
   nlohmann::ordered_json json;
   json["up"] = {kernels.up.x(), kernels.up.y(), kernels.up.z()};
   if (!kernels.geometry.empty()) json["geometry"] = kernels.geometry;
-  if (!kernels.groups.empty()) json["groups"] = kernels.groups;
+  for (const std::string& group : kernels.groups) json["groups"].push_back(as_utf8(group));
   auto& list = json["kernels"] = nlohmann::ordered_json::array();
   for (const glm::vec3& k : kernels.kernels) {
     for (int axis = 0; axis < 3; ++axis) {
@@ -138,9 +139,6 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
     model.shadow_kernel_geometry = kernels.geometry;
     model.shadow_kernel_groups = kernels.groups;
     return false;
-  }
-  if (const auto checked = check_one_place_each(model, file); !checked) {
-    return tl::unexpected(checked.error());
   }
   const Eigen::Vector3d by = kernels.origin - model.origin;
   for (Mesh& mesh : model.meshes) {
@@ -201,25 +199,6 @@ Result<void> give_kernels(Scene& scene, const KernelFile& kernels, const std::st
         scene.warnings.push_back(fmt::format(
             "{}: was made for other parts than the group of \"{}\"; its kernels are made anew",
             file, object.name));
-      }
-    }
-  }
-  return {};
-}
-
-Result<void> check_one_place_each(const Model& model, const std::string& name) {
-  std::vector<const glm::vec3*> place(model.source_vertex_count, nullptr);
-  for (const Mesh& mesh : model.meshes) {
-    for (std::size_t i = 0; i < mesh.source_vertex.size() && i < mesh.positions.size(); ++i) {
-      if (mesh.source_vertex[i] >= place.size()) continue;
-      const glm::vec3*& known = place[mesh.source_vertex[i]];
-      if (known == nullptr) {
-        known = &mesh.positions[i];
-      } else if (*known != mesh.positions[i]) {
-        return fail(
-            "{}: a mesh hangs in the scene more than once, so its vertices have several kernels; "
-            "export the copies as meshes of their own",
-            name);
       }
     }
   }

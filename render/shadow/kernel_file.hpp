@@ -3,8 +3,10 @@
 //   {"kernels": [x0,y0,z0, x1,...], "up": [0,0,1], "geometry": "...", "groups": ["brick*"]}
 //
 // One triple per vertex of the model file, in its order; object frame, metres; for the direction
-// `up`. "geometry" says what they were made for (kernel_stamp.hpp), "groups" which parts share one
-// light; both may be left out.
+// `up`. Where a glTF file shows a mesh more than once (several nodes, instances), the vertices of
+// each further time have triples of their own behind all others, in the order in which the scene
+// shows them. "geometry" says what they were made for (kernel_stamp.hpp), "groups" which parts
+// share one light; both may be left out.
 #pragma once
 
 #include <Eigen/Core>
@@ -45,10 +47,6 @@ struct KernelFile {
 // that number of vertices.
 [[nodiscard]] Result<void> give_kernels(Scene& scene, const KernelFile& kernels,
                                         const std::string& file);
-
-// Fails, naming what to do, where a vertex of the file stands in several places: a mesh that hangs
-// in the scene more than once. It would need several kernels, and a file keeps one for a vertex.
-[[nodiscard]] Result<void> check_one_place_each(const Model& model, const std::string& name);
 
 // What to keep: a vertex of the file that no face uses gets the origin.
 [[nodiscard]] KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh,

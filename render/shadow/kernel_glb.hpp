@@ -2,7 +2,8 @@
 #pragma once
 
 #include <cstdint>
-#include <span>
+#include <filesystem>
+#include <string>
 #include <vector>
 
 #include "core/error.hpp"
@@ -10,16 +11,23 @@
 
 namespace penumbra {
 
-// A .glb with the kernels added and everything else as it was. Kernels are written in each mesh's
-// own axes, as its positions are; the mesh's extras get the direction and the geometry's key. Fails
-// where a mesh hangs in the scene more than once: its vertices would need several kernels.
-[[nodiscard]] Result<std::vector<std::uint8_t>> add_kernels_to_glb(
-    std::span<const std::uint8_t> glb, const KernelFile& kernels, const std::string& name);
+struct KernelGlb {
+  std::vector<std::uint8_t> bytes;
+  std::vector<std::string> warnings;  // what of the model is not in it
+};
 
-// A new .glb of a model that came in another format: shapes, normals, colours, materials and the
-// names of nodes (an OBJ's objects and groups), but no pictures. The glTF file is y up: (x, y, z)
+// The .glb or .gltf `file` with the kernels added and everything else as it was; what lies beside
+// it is embedded. Kernels are written in each mesh's own axes and in the file's unit, `unit_m` [m],
+// as its positions are; the mesh's extras get the direction and the geometry's key. A mesh that
+// several nodes show, or several instances, is written once for each, with common data: its copies
+// have kernels of their own. Fails where a mesh is flattened.
+[[nodiscard]] Result<KernelGlb> add_kernels_to_gltf(const std::filesystem::path& file,
+                                                    const KernelFile& kernels, double unit_m = 1.0);
+
+// A new .glb of a model that came in another format: shapes, normals, colours, materials, pictures
+// and the names of nodes (an OBJ's objects and groups). The glTF file is y up, in metres: (x, y, z)
 // is written as (x, z, -y).
-[[nodiscard]] Result<std::vector<std::uint8_t>> make_glb_with_kernels(const Model& model,
-                                                                      const KernelFile& kernels);
+[[nodiscard]] Result<KernelGlb> make_glb_with_kernels(const Model& model,
+                                                      const KernelFile& kernels);
 
 }  // namespace penumbra

@@ -40,11 +40,11 @@ struct ShadowMesh {
 // where all are at one place.
 [[nodiscard]] double weld_distance(const Model& model);
 
-// What casts of faces that are transparent in part (cut_out.hpp). Faces that are transparent
+// How faces that are transparent in part cast (cut_out.hpp). Faces that are transparent
 // everywhere cast nothing.
 enum class CutOuts { whole_faces, what_is_seen };
 
-// `groups` name parts that are to be one (part_groups.hpp). With what_is_seen the mesh has no
+// `groups` name parts that become one (part_groups.hpp). With what_is_seen the mesh has no
 // stored kernels: its cut faces have corners of their own. What is seen of a face belongs to one
 // part.
 [[nodiscard]] ShadowMesh make_shadow_mesh(const Model& model,

@@ -79,6 +79,79 @@ TEST_F(ShadowCommand, AModelWithoutExtentIsTold) {
       << last_warnings_;
 }
 
+TEST_F(ShadowCommand, UnitScalesModelAndItsKernels) {
+  write("mm.obj", "v -100 -100 100\nv 100 -100 100\nv 100 100 100\nv -100 100 100\nf 1 2 3 4\n");
+  const auto in_metres = layers({file("square.obj")});
+  EXPECT_EQ(in_metres["warnings"], nlohmann::json::array());
+  const auto computed = layers({file("mm.obj"), "--unit", "mm"});
+  EXPECT_EQ(computed["warnings"], nlohmann::json::array());
+  for (const char* layer : {"umbra", "middle", "penumbra"}) {
+    EXPECT_NEAR(computed["layers"][layer]["area"].get<double>(),
+                in_metres["layers"][layer]["area"].get<double>(), 1e-8);
+  }
+  for (const char* kept : {"k.json", "k.glb"}) {
+    ASSERT_EQ(
+        penumbra({"kernels", file("mm.obj"), "--unit", "mm", "--output", file(kept)}).exit_code, 0);
+  }
+  const auto stored = layers({file("mm.obj"), "--unit", "mm", "--kernels", file("k.json")});
+  EXPECT_EQ(stored["layers"], computed["layers"]);
+  EXPECT_EQ(stored["kernels"]["source"], file("k.json").string());
+  // A .glb is in metres.
+  const auto glb = layers({file("k.glb")});
+  EXPECT_EQ(glb["kernels"]["source"], "stored");
+  EXPECT_NEAR(glb["layers"]["umbra"]["area"].get<double>(),
+              computed["layers"]["umbra"]["area"].get<double>(), 1e-8);
+  const ProgramResult wrong = penumbra({"shadow", file("mm.obj"), "--unit", "furlong"});
+  EXPECT_EQ(wrong.exit_code, 2);
+  EXPECT_THAT(wrong.err, HasSubstr("--unit"));
+}
+
+TEST_F(ShadowCommand, WarningsAreInTheJsonAndPrinted) {
+  write("large.obj", "v 0 0 1\nv 64 0 1\nv 64 64 1\nf 1 2 3\n");
+  const auto json = layers({file("large.obj"), "--technique", "simple"});
+  ASSERT_EQ(json["warnings"].size(), 1U) << json["warnings"];
+  const std::string line = json["warnings"][0];
+  EXPECT_THAT(line, HasSubstr("large.obj: is 64 m wide; in millimetres? use --unit mm"));
+  EXPECT_THAT(last_warnings_, HasSubstr(line));
+  const ProgramResult kernels =
+      penumbra({"kernels", file("large.obj"), "--output", file("large.json")});
+  EXPECT_EQ(kernels.exit_code, 0);
+  EXPECT_THAT(kernels.err, HasSubstr("use --unit mm"));
+}
+
+TEST_F(ShadowCommand, NamesThatAreNotUtf8ReachNoJsonWriter) {
+  write("l\xE4tin.obj", "o T\xF6pf\nusemtl gr\xFCn\nv 0 0 1\nv 64 0 1\nv 64 64 1\nf 1 2 3\n");
+  const auto json = layers({file("l\xE4tin.obj")});
+  ASSERT_FALSE(json["warnings"].empty());
+  EXPECT_THAT(json["warnings"].dump(), HasSubstr("l\xC3\xA4tin.obj"));
+  for (const char* kept : {"k.json", "k.glb"}) {
+    const ProgramResult result =
+        penumbra({"kernels", file("l\xE4tin.obj"), "--group", "T*", "--output", file(kept)});
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+  }
+  EXPECT_EQ(layers({file("k.glb")})["kernels"]["source"], "stored");
+}
+
+TEST_F(ShadowCommand, SharedCutOutsCastWhatIsSeen) {
+  if (shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const fs::path cases = shared_dir() / "cases" / "gltf-cut-out-casts-all";
+  const auto cut = layers({cases / "alpha_MASK.gltf", "--technique", "simple"});
+  EXPECT_NEAR(cut["layers"]["shadow"]["area"].get<double>(), 0.005, 5e-7);
+  EXPECT_TRUE(cut["warnings"].empty()) << cut["warnings"];
+  const auto field =
+      layers({cases / "alpha_MASK.gltf", "--technique", "field", "--pose", "0 0 0.001 0 0 0 1"});
+  EXPECT_NEAR(field["layers"]["middle"]["area"].get<double>(), 0.005, 2e-4);
+  const auto whole = layers({cases / "alpha_MASK.gltf"});
+  EXPECT_THAT(whole["warnings"].dump(), HasSubstr("alphaMode MASK"));
+  for (const char* name : {"factor_BLEND.gltf", "factor_MASK.gltf"}) {
+    for (const char* technique : {"simple", "layered", "field"}) {
+      const auto hidden = layers({cases / name, "--technique", technique});
+      for (const auto& layer : hidden["layers"]) EXPECT_EQ(layer["area"], 0.0) << name;
+      EXPECT_THAT(last_warnings_, HasSubstr("no face that casts a shadow"));
+    }
+  }
+}
+
 TEST_F(ShadowCommand, ConstantsByEveryWay) {
   EXPECT_EQ(layers({file("square.obj"), "--light-height", "inf", "--umbra-height", "0.3"})["H"],
             "inf");

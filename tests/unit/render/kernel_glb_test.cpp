@@ -1,0 +1,343 @@
+// Kernels that are kept in .glb and .json files: what is read back is what was written.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "core/file.hpp"
+#include "core/image_file.hpp"
+#include "render/model.hpp"
+#include "render/shadow/kernel_file.hpp"
+#include "render/shadow/kernel_glb.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+const Eigen::Vector3d kUp = Eigen::Vector3d::UnitZ();
+
+// Writes a binary file beside a .gltf by its accessors.
+class GltfMaker {
+ public:
+  Json json = {{"asset", {{"version", "2.0"}}}};
+
+  template <class T>
+  std::size_t add(const std::vector<T>& numbers, int component, const char* type,
+                  std::size_t count) {
+    while (data_.size() % 4 != 0) data_.push_back('\0');
+    json["bufferViews"].push_back(
+        {{"buffer", 0}, {"byteOffset", data_.size()}, {"byteLength", numbers.size() * sizeof(T)}});
+    data_.append(reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(T));
+    json["accessors"].push_back({{"bufferView", json["bufferViews"].size() - 1},
+                                 {"componentType", component},
+                                 {"count", count},
+                                 {"type", type}});
+    return json["accessors"].size() - 1;
+  }
+  // A box of 4 x 6 x 10 cm that stands beside the origin, as a primitive.
+  Json box() {
+    std::vector<float> positions;
+    for (int i = 0; i < 8; ++i) {
+      positions.insert(positions.end(), {0.02F + ((i & 1) != 0 ? 0.04F : 0.0F),
+                                         (i & 2) != 0 ? 0.06F : 0.0F, (i & 4) != 0 ? 0.1F : 0.0F});
+    }
+    const std::vector<std::uint16_t> indices = {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6,
+                                                0, 1, 4, 1, 5, 4, 2, 6, 3, 3, 6, 7,
+                                                0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5};
+    const std::size_t position = add(positions, 5126, "VEC3", 8);
+    const std::size_t index = add(indices, 5123, "SCALAR", 36);
+    return {{"attributes", {{"POSITION", position}}}, {"indices", index}};
+  }
+  fs::path write(const fs::path& folder, const std::string& name = "model") {
+    json["buffers"] = Json::array({{{"byteLength", data_.size()}, {"uri", name + ".bin"}}});
+    std::ofstream(folder / (name + ".bin"), std::ios::binary) << data_;
+    std::ofstream(folder / (name + ".gltf")) << json.dump();
+    return folder / (name + ".gltf");
+  }
+
+ private:
+  std::string data_;
+};
+
+class KernelGlb : public testing::Test {
+ protected:
+  [[nodiscard]] const fs::path& folder() const { return folder_.path(); }
+  fs::path write(const std::string& name, const std::string& text) {
+    std::ofstream(folder() / name, std::ios::binary) << text;
+    return folder() / name;
+  }
+  fs::path write(const std::string& name, const std::vector<std::uint8_t>& bytes) {
+    return write(name, std::string(bytes.begin(), bytes.end()));
+  }
+
+ private:
+  test::TemporaryFolder folder_;
+};
+
+KernelFile kernels_of(const Model& model) {
+  const ShadowMesh mesh = make_shadow_mesh(model);
+  return kernels_to_keep(model, mesh, generate_kernels(mesh, kUp, KernelSource::automatic),
+                         KernelSource::automatic);
+}
+
+// Checks the kernels that came with a model against those that are made for it, by vertex.
+void expect_kernels_as_made(const Model& model, double tolerance_m = 1e-6) {
+  ASSERT_TRUE(model.shadow_kernel_up) << testing::PrintToString(model.warnings);
+  EXPECT_NEAR(model.shadow_kernel_up->z, 1.0, 1e-6);
+  Model plain = model;
+  for (Mesh& mesh : plain.meshes) mesh.shadow_kernels.clear();
+  plain.shadow_kernel_up.reset();
+  const KernelFile made = kernels_of(plain);
+  std::size_t count = 0;
+  for (const Mesh& mesh : model.meshes) {
+    ASSERT_EQ(mesh.shadow_kernels.size(), mesh.positions.size());
+    for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+      const glm::vec3 kept = mesh.shadow_kernels[i];
+      const glm::vec3 expected = made.kernels[mesh.source_vertex[i]];
+      for (int axis = 0; axis < 3; ++axis) EXPECT_NEAR(kept[axis], expected[axis], tolerance_m);
+      ++count;
+    }
+  }
+  EXPECT_GT(count, 0U);
+}
+
+// Both forms of kept kernels for the glTF file.
+void expect_both_forms(const fs::path& file, const fs::path& glb) {
+  const Result<Model> model = load_model(file);
+  ASSERT_TRUE(model) << model.error().message;
+  const KernelFile kernels = kernels_of(*model);
+  Model with_file = *model;
+  const fs::path json = glb.parent_path() / "kernels.json";
+  std::ofstream(json) << kernel_file_json(kernels);
+  const Result<KernelFile> read = load_kernel_file(json);
+  ASSERT_TRUE(read);
+  const Result<bool> taken = attach_kernels(with_file, *read, "kernels.json");
+  ASSERT_TRUE(taken) << taken.error().message;
+  EXPECT_TRUE(*taken);
+  expect_kernels_as_made(with_file);
+  const auto written = add_kernels_to_gltf(file, kernels);
+  ASSERT_TRUE(written) << written.error().message;
+  ASSERT_TRUE(write_file(glb, written->bytes));
+  const Result<Model> with_kernels = load_model(glb);
+  ASSERT_TRUE(with_kernels) << with_kernels.error().message;
+  EXPECT_EQ(geometry_key(*with_kernels), geometry_key(*model));
+  EXPECT_EQ(with_kernels->source_vertex_count, model->source_vertex_count);
+  expect_kernels_as_made(*with_kernels);
+}
+
+Json json_of(const fs::path& glb) {
+  const auto bytes = read_file(glb);
+  std::uint32_t size = 0;
+  std::memcpy(&size, bytes->data() + 12, 4);
+  return Json::parse(bytes->begin() + 20, bytes->begin() + 20 + size);
+}
+
+TEST_F(KernelGlb, CopiesOfOneMeshHaveKernelsOfTheirOwn) {
+  GltfMaker maker;
+  maker.json["meshes"] = Json::array();
+  const Json wheel = maker.box();
+  const Json body = maker.box();
+  maker.json["meshes"].push_back({{"name", "wheel"}, {"primitives", {wheel}}});
+  maker.json["meshes"].push_back({{"name", "body"}, {"primitives", {body}}});
+  maker.json["nodes"] = Json::parse(R"([
+    {"mesh": 1, "scale": [2, 1, 1], "children": [1, 2]},
+    {"mesh": 0, "translation": [0.3, 0, 0]},
+    {"mesh": 0, "translation": [-0.3, 0.1, 0], "rotation": [0.3826834, 0, 0, 0.9238795]},
+    {"mesh": 0, "translation": [0, 0, 0.5], "scale": [-1, 1, 1.5]}])");
+  maker.json["scenes"] = Json::parse(R"([{"nodes": [0, 3]}])");
+  const fs::path glb = folder() / "kept.glb";
+  expect_both_forms(maker.write(folder()), glb);
+  const Json json = json_of(glb);
+  ASSERT_EQ(json["meshes"].size(), 4U);
+  EXPECT_EQ(json["meshes"][2]["primitives"][0]["attributes"]["POSITION"],
+            json["meshes"][0]["primitives"][0]["attributes"]["POSITION"]);
+  EXPECT_NE(json["meshes"][2]["primitives"][0]["attributes"]["_SHADOW_KERNEL"],
+            json["meshes"][0]["primitives"][0]["attributes"]["_SHADOW_KERNEL"]);
+  // Kernels that are stored again take the places of the old ones.
+  const std::uintmax_t size = fs::file_size(glb);
+  expect_both_forms(glb, folder() / "again.glb");
+  EXPECT_EQ(fs::file_size(folder() / "again.glb"), size);
+}
+
+TEST_F(KernelGlb, InstancesBecomeNodesWithKernelsOfTheirOwn) {
+  GltfMaker maker;
+  const Json box = maker.box();
+  maker.json["meshes"] = Json::array();
+  maker.json["meshes"].push_back({{"primitives", {box}}});
+  const std::size_t places =
+      maker.add<float>({0.3F, 0, 0, 0, 0.2F, 0, 0, 0, -0.4F}, 5126, "VEC3", 3);
+  const std::size_t scales = maker.add<float>({1, 1, 1, 2, 1, 1, 1, 1, 0.5F}, 5126, "VEC3", 3);
+  maker.json["nodes"] = Json::parse(
+      R"([{"mesh": 0, "rotation": [0, 0.3826834, 0, 0.9238795], "children": [1]},
+          {"mesh": 0, "translation": [0, 0.4, 0]}])");
+  maker.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] = {
+      {"TRANSLATION", places}, {"SCALE", scales}};
+  maker.json["extensionsUsed"] = {"EXT_mesh_gpu_instancing"};
+  maker.json["scenes"] = Json::parse(R"([{"nodes": [0]}])");
+  const fs::path glb = folder() / "kept.glb";
+  expect_both_forms(maker.write(folder()), glb);
+  const Json json = json_of(glb);
+  EXPECT_EQ(json["meshes"].size(), 4U);
+  EXPECT_FALSE(json.contains("extensionsUsed"));
+}
+
+TEST_F(KernelGlb, SkinnedMeshKeepsKernelsInItsOwnAxes) {
+  GltfMaker maker;
+  Json box = maker.box();
+  std::vector<std::uint8_t> joints;
+  std::vector<float> weights;
+  for (int i = 0; i < 8; ++i) {
+    joints.insert(joints.end(), {0, 1, 0, 0});
+    const float share = (i & 4) != 0 ? 1.0F : 0.25F;
+    weights.insert(weights.end(), {share, 1.0F - share, 0, 0});
+  }
+  box["attributes"]["JOINTS_0"] = maker.add(joints, 5121, "VEC4", 8);
+  box["attributes"]["WEIGHTS_0"] = maker.add(weights, 5126, "VEC4", 8);
+  maker.json["meshes"] = Json::array();
+  maker.json["meshes"].push_back({{"primitives", {box}}});
+  maker.json["skins"] = Json::parse(R"([{"joints": [1, 2]}])");
+  maker.json["nodes"] = Json::parse(R"([{"mesh": 0, "skin": 0, "translation": [9, 9, 9]},
+    {"translation": [0.1, 0.2, 0], "rotation": [0.3826834, 0, 0, 0.9238795], "children": [2]},
+    {"scale": [1.5, 1, 0.5], "translation": [0, 0.05, 0]}])");
+  maker.json["scenes"] = Json::parse(R"([{"nodes": [0, 1]}])");
+  expect_both_forms(maker.write(folder()), folder() / "kept.glb");
+}
+
+TEST_F(KernelGlb, FlattenedMeshIsRefusedWithTheOtherForm) {
+  GltfMaker maker;
+  const Json box = maker.box();
+  maker.json["meshes"] = Json::array();
+  maker.json["meshes"].push_back({{"primitives", {box}}});
+  maker.json["nodes"] = Json::parse(R"([{"mesh": 0, "scale": [1, 0, 1]}])");
+  maker.json["scenes"] = Json::parse(R"([{"nodes": [0]}])");
+  const fs::path file = maker.write(folder());
+  const Result<Model> model = load_model(file);
+  ASSERT_TRUE(model);
+  const auto written = add_kernels_to_gltf(file, kernels_of(*model));
+  ASSERT_FALSE(written);
+  EXPECT_THAT(written.error().message, HasSubstr("store the kernels in a .json file"));
+}
+
+TEST_F(KernelGlb, PicturesBesideTheModelAreEmbedded) {
+  const std::vector<std::uint8_t> rgba = {255, 0, 0, 255, 0, 255, 0, 255};
+  ASSERT_TRUE(save_png(folder() / "red green.png", 2, 1, rgba));
+  GltfMaker maker;
+  Json box = maker.box();
+  box["attributes"]["TEXCOORD_0"] = maker.add(std::vector<float>(16, 0.25F), 5126, "VEC2", 8);
+  box["material"] = 0;
+  maker.json["meshes"] = Json::array();
+  maker.json["meshes"].push_back({{"primitives", {box}}});
+  maker.json["nodes"] = Json::parse(R"([{"mesh": 0}])");
+  maker.json["scenes"] = Json::parse(R"([{"nodes": [0]}])");
+  maker.json["images"] = Json::parse(R"([{"uri": "red%20green.png"}])");
+  maker.json["textures"] = Json::parse(R"([{"source": 0}])");
+  maker.json["materials"] =
+      Json::parse(R"([{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}])");
+  const fs::path file = maker.write(folder());
+  fs::create_directory(folder() / "elsewhere");
+  const fs::path glb = folder() / "elsewhere" / "kept.glb";
+  expect_both_forms(file, glb);
+  const Result<Model> model = load_model(glb);
+  ASSERT_TRUE(model);
+  EXPECT_THAT(model->warnings, IsEmpty());
+  ASSERT_EQ(model->textures.size(), 1U);
+  EXPECT_EQ(model->textures[0].rgba, rgba);
+}
+
+TEST_F(KernelGlb, PictureThatIsMissingIsNamed) {
+  GltfMaker maker;
+  const Json box = maker.box();
+  maker.json["meshes"] = Json::array();
+  maker.json["meshes"].push_back({{"primitives", {box}}});
+  maker.json["nodes"] = Json::parse(R"([{"mesh": 0}])");
+  maker.json["scenes"] = Json::parse(R"([{"nodes": [0]}])");
+  maker.json["images"] = Json::parse(R"([{"uri": "lost.png"}])");
+  const fs::path file = maker.write(folder());
+  const Result<Model> model = load_model(file);
+  ASSERT_TRUE(model);
+  const auto written = add_kernels_to_gltf(file, kernels_of(*model));
+  ASSERT_TRUE(written);
+  EXPECT_THAT(written->warnings, testing::ElementsAre(HasSubstr("lost.png")));
+}
+
+constexpr const char* kTexturedObj =
+    "mtllib m.mtl\no T\xF6pfchen\nusemtl gr\xFCn\nv 0 0 20\nv 64 0 20\nv 64 64 20\nv 0 64 30\n"
+    "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n";
+
+TEST_F(KernelGlb, ObjWithLatin1NamesAndPictureIsWrittenInMetres) {
+  const std::vector<std::uint8_t> rgba = {255, 0, 0, 255, 0, 255, 0, 255};
+  ASSERT_TRUE(save_png(folder() / "p.png", 2, 1, rgba));
+  write("m.mtl", "newmtl gr\xFCn\nmap_Kd p.png\n");
+  const fs::path file = write("model.obj", kTexturedObj);
+  const Result<Model> model = load_model(file, {.unit_m = 0.001});
+  ASSERT_TRUE(model) << model.error().message;
+  const auto written = make_glb_with_kernels(*model, kernels_of(*model));
+  ASSERT_TRUE(written) << written.error().message;
+  EXPECT_THAT(written->warnings, IsEmpty());
+  fs::create_directory(folder() / "elsewhere");
+  const fs::path glb = write("elsewhere/kept.glb", written->bytes);
+  const Result<Model> kept = load_model(glb);
+  ASSERT_TRUE(kept) << kept.error().message;
+  EXPECT_THAT(kept->warnings, IsEmpty());
+  EXPECT_NEAR(kept->max_corner.x, 0.064, 1e-7);
+  ASSERT_EQ(kept->textures.size(), 1U);
+  EXPECT_EQ(kept->textures[0].rgba, rgba);
+  EXPECT_EQ(kept->materials[0].name, "gr\xC3\xBCn");
+  expect_kernels_as_made(*kept);
+  // The picture's bytes are those of its file.
+  const Json json = json_of(glb);
+  EXPECT_EQ(json["bufferViews"][json["images"][0]["bufferView"].get<std::size_t>()]["byteLength"],
+            fs::file_size(folder() / "p.png"));
+}
+
+TEST_F(KernelGlb, KernelsAreStoredInTheUnitOfTheirFile) {
+  GltfMaker maker;
+  const Json box = maker.box();
+  maker.json["meshes"] = Json::array();
+  maker.json["meshes"].push_back({{"primitives", {box}}});
+  // The box in millimetres.
+  maker.json["nodes"] = Json::parse(R"([{"mesh": 0, "scale": [1000, 1000, 1000]}])");
+  maker.json["scenes"] = Json::parse(R"([{"nodes": [0]}])");
+  const fs::path file = maker.write(folder());
+  const Result<Model> in_metres = load_model(file);
+  const Result<Model> model = load_model(file, {.unit_m = 0.001});
+  ASSERT_TRUE(model && in_metres);
+  EXPECT_NEAR(model->max_corner.z, 0.06, 1e-6);
+  KernelFile kernels = kernels_of(*model);
+  kernels.geometry = geometry_key(*in_metres);
+  const auto written = add_kernels_to_gltf(file, kernels, 0.001);
+  ASSERT_TRUE(written);
+  const fs::path glb = write("kept.glb", written->bytes);
+  const Result<Model> kept = load_model(glb, {.unit_m = 0.001});
+  ASSERT_TRUE(kept);
+  EXPECT_EQ(kept->max_corner, model->max_corner);
+  expect_kernels_as_made(*kept);
+  const Result<Model> as_metres = load_model(glb);
+  ASSERT_TRUE(as_metres);
+  EXPECT_EQ(as_metres->max_corner, in_metres->max_corner);
+  EXPECT_TRUE(as_metres->shadow_kernel_up);
+}
+
+TEST_F(KernelGlb, SharedCaseWithLatin1NamesIsWritten) {
+  const fs::path shared = test::shared_dir();
+  if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  const Result<Model> model = load_model(shared / "cases" / "kernels-name-not-utf8" / "latin1.obj");
+  ASSERT_TRUE(model) << model.error().message;
+  const auto written = make_glb_with_kernels(*model, kernels_of(*model));
+  ASSERT_TRUE(written) << written.error().message;
+  const Result<Model> kept = load_model(write("kept.glb", written->bytes));
+  ASSERT_TRUE(kept) << kept.error().message;
+  expect_kernels_as_made(*kept);
+  ASSERT_FALSE(kept->nodes.empty());
+  EXPECT_EQ(kept->nodes[0].name, "T\xC3\xB6pfchen");
+}
+
+}  // namespace
+}  // namespace penumbra
