@@ -37,7 +37,7 @@ TEST_F(ModelSize, UnitTurnsCoordinatesIntoMetres) {
 
 TEST_F(ModelSize, LimitOfCoordinatesIsInMetres) {
   const std::filesystem::path file =
-      write("far.obj", "v 2000000 0 0\nv 2000001 0 0\nv 2000000 1 0\nf 1 2 3\n");
+      write("far.obj", "v 0 0 0\nv 3000000 0 0\nv 0 1 0\nf 1 2 3\n");
   EXPECT_FALSE(load_model(file));
   EXPECT_TRUE(load_model(file, {.unit_m = 0.001}));
 }
