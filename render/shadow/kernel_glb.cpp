@@ -255,7 +255,8 @@ void note_kernels(Json& mesh, const KernelFile& kernels, const Eigen::Vector3d& 
   Json& extras = mesh["extras"];
   if (!extras.is_object()) extras = Json::object();
   extras[std::string(kKernelUpKey)] = {up.x(), up.y(), up.z()};
-  extras[std::string(kKernelGeometryKey)] = kernels.geometry;
+  extras.erase(std::string(kKernelGeometryKey));
+  if (!kernels.geometry.empty()) extras[std::string(kKernelGeometryKey)] = kernels.geometry;
   extras.erase(std::string(kKernelGroupsKey));
   if (kernels.groups.empty()) return;
   Json& groups = extras[std::string(kKernelGroupsKey)] = Json::array();

@@ -123,6 +123,10 @@ void add_named_node(Json& json, const Model& model, const NamedMesh& piece) {
       top = json["nodes"].size() - 1;
     }
   }
+  if (!model.origin.isZero(0.0)) {
+    const Eigen::Vector3d place = to_file_axes(model.origin);
+    json["nodes"][top]["translation"] = {place.x(), place.y(), place.z()};
+  }
   json["scenes"][0]["nodes"].push_back(top);
 }
 
@@ -252,15 +256,11 @@ Result<KernelGlb> make_document(const Model& model, KernelFile kernels) {
         fmt::format("{}: {} of its pictures are neither PNG nor JPEG and not in the .glb",
                     model.name, left_out));
   }
-  if (!model.origin.isZero(0.0)) {
-    result.warnings.push_back(fmt::format(
-        "{}: lies far from its file's origin; in the .glb its place ({:.10g}, {:.10g}, {:.10g}) is "
-        "the origin",
-        model.name, model.origin.x(), model.origin.y(), model.origin.z()));
-  }
   for (const Material& material : model.materials) materials.add(material);
   const std::vector<NamedMesh> pieces = split_by_node(model);
-  kernels.geometry = stamp_of(pieces, kernels.geometry);
+  // A reader finds its own origin for a model that lies far away: its floats are rounded otherwise.
+  const bool is_far = !model.origin.isZero(0.0);
+  kernels.geometry = is_far ? "" : stamp_of(pieces, kernels.geometry);
   for (const NamedMesh& piece : pieces) {
     const Mesh& from = piece.mesh;
     Json attributes = add_attributes(document, from, kernels);

@@ -297,6 +297,21 @@ TEST_F(KernelGlb, ObjWithLatin1NamesAndPictureIsWrittenInMetres) {
             fs::file_size(folder() / "p.png"));
 }
 
+TEST_F(KernelGlb, ObjFarFromItsOriginKeepsItsPlace) {
+  const fs::path file =
+      write("far.obj", "v 300 500 20\nv 301 500 20\nv 301 501 20.5\nv 300 501 21\nf 1 2 3 4\n");
+  const Result<Model> model = load_model(file);
+  ASSERT_TRUE(model);
+  ASSERT_FALSE(model->origin.isZero(0.0));
+  const auto written = make_glb_with_kernels(*model, kernels_of(*model));
+  ASSERT_TRUE(written) << written.error().message;
+  const Result<Model> kept = load_model(write("kept.glb", written->bytes));
+  ASSERT_TRUE(kept) << kept.error().message;
+  EXPECT_THAT(kept->warnings, IsEmpty());
+  EXPECT_LT((kept->origin - model->origin).norm(), 1e-6);
+  expect_kernels_as_made(*kept);
+}
+
 TEST_F(KernelGlb, KernelsAreStoredInTheUnitOfTheirFile) {
   GltfMaker maker;
   const Json box = maker.box();
