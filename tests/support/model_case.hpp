@@ -31,7 +31,7 @@ class ModelCase : public testing::Test {
                                                   UpAxis up = UpAxis::by_format) {
     const std::filesystem::path folder = shared_dir();
     if (folder.empty() || !std::filesystem::exists(folder / "cases" / file)) return std::nullopt;
-    return load_model(folder / "cases" / file, up);
+    return load_model(folder / "cases" / file, {.up = up});
   }
 
   TemporaryFolder folder_;
