@@ -305,7 +305,11 @@ void check_groundtruth(const ReplayRequest& request, const Recording& recording)
   const auto units =
       check_units_of_time({frames, recording.folder.string()},
                           {*recording.groundtruth, "its ground truth"}, request.pairing);
-  if (!units) log_warning("{}", units.error().message);
+  if (!units) {
+    log_warning("{}", units.error().message);
+    return;
+  }
+  for (const std::string& warning : *units) log_warning("{}", warning);
 }
 
 void add_accuracy(const ReplayRequest& request, const Recording& recording, const RunRecorder& run,

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "core/text.hpp"
@@ -13,6 +15,7 @@ namespace {
 
 constexpr std::int64_t kSameTime_ns = 1'000;  // what rounding to microseconds changes
 constexpr std::int64_t kNearTime_ns = 1'000'000;
+constexpr std::int64_t kMostBeyond_ns = 10'000'000;  // before the first and after the last pose
 
 std::uint64_t distance_ns(std::int64_t a, std::int64_t b) {
   // unsigned: any two times have a distance
@@ -38,30 +41,37 @@ struct TimeUnit {
 constexpr std::array<TimeUnit, 3> kFinerUnits = {
     {{"milliseconds", 1e3}, {"microseconds", 1e6}, {"nanoseconds", 1e9}}};
 
-// Frames that are this far apart are no video, even of one frame a second.
+// Poses that are further apart than this are rarely those of a video.
 constexpr double kLongestInterval_s = 8.0;
 constexpr double kShortestInterval_s = 1e-5;
 
-Result<void> check_interval(const NamedTrajectory& named) {
+// Median interval [s]; none for fewer than three poses.
+std::optional<double> median_interval_s(const Trajectory& trajectory) {
   constexpr std::size_t kFewest = 3;
-  if (named.trajectory.poses.size() < kFewest) return {};
-  const double interval_s = seconds(median_interval_ns(named.trajectory));
-  if (interval_s >= kLongestInterval_s) {
-    // By the interval of a video of 0.2 to 200 frames per second.
-    const TimeUnit& unit = interval_s < 5e3   ? kFinerUnits[0]
-                           : interval_s < 5e6 ? kFinerUnits[1]
-                                              : kFinerUnits[2];
-    return fail(
-        "{}: timestamps are {:.6g} s apart (median), too far for seconds of a video; are they {}? "
-        "Divide them by {:g}",
-        named.name, interval_s, unit.name, unit.per_second);
-  }
-  if (interval_s < kShortestInterval_s) {
-    return fail(
-        "{}: timestamps are {:.3g} s apart (median), too near for a video; give them in seconds",
-        named.name, interval_s);
-  }
-  return {};
+  if (trajectory.poses.size() < kFewest) return std::nullopt;
+  return seconds(median_interval_ns(trajectory));
+}
+
+// Asks for the unit where poses are 8 s or more apart; photographs and time lapses may be.
+std::optional<std::string> long_interval_text(const NamedTrajectory& named) {
+  const std::optional<double> interval_s = median_interval_s(named.trajectory);
+  if (!interval_s || *interval_s < kLongestInterval_s) return std::nullopt;
+  // By the interval of a video of 0.2 to 200 frames per second.
+  const TimeUnit& unit = *interval_s < 5e3   ? kFinerUnits[0]
+                         : *interval_s < 5e6 ? kFinerUnits[1]
+                                             : kFinerUnits[2];
+  return fmt::format(
+      "{}: timestamps are {:.6g} s apart (median), far for seconds of a video; if they are {}, "
+      "divide them by {:g}",
+      named.name, *interval_s, unit.name, unit.per_second);
+}
+
+Result<void> check_not_too_near(const NamedTrajectory& named) {
+  const std::optional<double> interval_s = median_interval_s(named.trajectory);
+  if (!interval_s || *interval_s >= kShortestInterval_s) return {};
+  return fail(
+      "{}: timestamps are {:.3g} s apart (median), too near for a video; give them in seconds",
+      named.name, *interval_s);
 }
 
 // Number of the estimate's times that lie in the truth's after scaling.
@@ -78,6 +88,26 @@ std::size_t count_inside(const Trajectory& estimated, const Trajectory& truth, d
 double duration_s(const Trajectory& trajectory) {
   return seconds(trajectory.poses.back().timestamp_ns) -
          seconds(trajectory.poses.front().timestamp_ns);
+}
+
+// Fails where the times of one trajectory fill those of the other after scaling by a unit.
+Result<void> check_against_each_other(const NamedTrajectory& estimated,
+                                      const NamedTrajectory& truth, const PairingOptions& options) {
+  const std::vector<StampedPose>& poses = estimated.trajectory.poses;
+  for (const TimeUnit& unit : kFinerUnits) {
+    for (const bool truth_is_finer : {false, true}) {
+      const double scale = truth_is_finer ? unit.per_second : 1.0 / unit.per_second;
+      // Times that are all near 0 lie inside too: they have to fill the truth's time as well.
+      const double share = scale * duration_s(estimated.trajectory) / duration_s(truth.trajectory);
+      const std::size_t inside =
+          count_inside(estimated.trajectory, truth.trajectory, scale, options);
+      if (!(share > 0.2) || 10 * inside < 9 * poses.size()) continue;
+      return fail("{}: timestamps look like {}, those of {} like seconds; divide them by {:g}",
+                  truth_is_finer ? truth.name : estimated.name, unit.name,
+                  truth_is_finer ? estimated.name : truth.name, unit.per_second);
+    }
+  }
+  return {};
 }
 
 }  // namespace
@@ -101,9 +131,11 @@ tl::expected<CameraPose, NotJudged> pose_at(const Trajectory& trajectory, std::i
     if (after == poses.end()) --after;
     const StampedPose& before = *std::prev(after);
     const std::uint64_t gap = distance_ns(after->timestamp_ns, before.timestamp_ns);
-    const bool beyond_by_half = std::min(distance_ns(timestamp_ns, before.timestamp_ns),
-                                         distance_ns(timestamp_ns, after->timestamp_ns)) <= gap / 2;
-    if (gap <= static_cast<std::uint64_t>(max_gap_ns) && (inside || beyond_by_half))
+    const std::uint64_t beyond = std::min(distance_ns(timestamp_ns, before.timestamp_ns),
+                                          distance_ns(timestamp_ns, after->timestamp_ns));
+    const bool just_beyond =
+        beyond <= std::min(gap / 2, static_cast<std::uint64_t>(kMostBeyond_ns));
+    if (gap <= static_cast<std::uint64_t>(max_gap_ns) && (inside || just_beyond))
       return interpolated(before, *after, timestamp_ns);
   }
   if (near != nullptr) return near->T_table_camera;
@@ -128,33 +160,31 @@ std::int64_t median_interval_ns(const Trajectory& trajectory) {
   return *middle;
 }
 
-Result<void> check_units_of_time(const NamedTrajectory& estimated, const NamedTrajectory& truth,
-                                 const PairingOptions& options) {
+Result<std::vector<std::string>> check_units_of_time(const NamedTrajectory& estimated,
+                                                     const NamedTrajectory& truth,
+                                                     const PairingOptions& options) {
   for (const NamedTrajectory& named : {estimated, truth}) {
-    if (auto ok = check_interval(named); !ok) return ok;
+    if (auto ok = check_not_too_near(named); !ok) return tl::unexpected(ok.error());
   }
   const std::vector<StampedPose>& poses = estimated.trajectory.poses;
-  if (poses.size() < 2 || truth.trajectory.poses.size() < 2) return {};
   const auto judged = std::ranges::count_if(poses, [&](const StampedPose& pose) {
     return pose_at(truth.trajectory, shifted(pose.timestamp_ns, options.time_offset_ns),
                    options.max_gap_ns)
         .has_value();
   });
-  if (2 * static_cast<std::size_t>(judged) >= poses.size()) return {};
-  for (const TimeUnit& unit : kFinerUnits) {
-    for (const bool truth_is_finer : {false, true}) {
-      const double scale = truth_is_finer ? unit.per_second : 1.0 / unit.per_second;
-      // All times near 0 would do, so that it has to fill the truth's time as well.
-      const double share = scale * duration_s(estimated.trajectory) / duration_s(truth.trajectory);
-      const std::size_t inside =
-          count_inside(estimated.trajectory, truth.trajectory, scale, options);
-      if (!(share > 0.2) || 10 * inside < 9 * poses.size()) continue;
-      return fail("{}: timestamps look like {}, those of {} like seconds; divide them by {:g}",
-                  truth_is_finer ? truth.name : estimated.name, unit.name,
-                  truth_is_finer ? estimated.name : truth.name, unit.per_second);
-    }
+  const bool few_judged = 2 * static_cast<std::size_t>(judged) < poses.size();
+  if (few_judged && poses.size() >= 2 && truth.trajectory.poses.size() >= 2) {
+    if (auto ok = check_against_each_other(estimated, truth, options); !ok)
+      return tl::unexpected(ok.error());
   }
-  return {};
+  std::vector<std::string> warnings;
+  for (const NamedTrajectory& named : {estimated, truth}) {
+    std::optional<std::string> text = long_interval_text(named);
+    if (!text) continue;
+    if (judged == 0) return tl::unexpected(Error{*text});
+    warnings.push_back(std::move(*text));
+  }
+  return warnings;
 }
 
 }  // namespace penumbra

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/error.hpp"
 #include "core/trajectory.hpp"
@@ -31,8 +32,9 @@ inline constexpr std::array<NotJudged, 2> kNotJudged = {NotJudged::outside_truth
 
 // The pose at a time. Within 1 us of a pose of the trajectory, it is that pose: files round their
 // times. Else it is interpolated (position linearly, rotation by slerp) between the two poses
-// around it, where these are at most `max_gap_ns` apart; before the first and after the last pose
-// the line is continued by half of such a gap. Elsewhere it is a pose within 1 ms, if there is one.
+// around it, where these are at most `max_gap_ns` apart. Before the first and after the last pose
+// it is extrapolated by at most half of the interval there, and by at most 10 ms. Elsewhere it is a
+// pose within 1 ms, if there is one.
 [[nodiscard]] tl::expected<CameraPose, NotJudged> pose_at(const Trajectory& trajectory,
                                                           std::int64_t timestamp_ns,
                                                           std::int64_t max_gap_ns);
@@ -48,11 +50,11 @@ struct NamedTrajectory {
   const Trajectory& trajectory;
   std::string_view name;
 };
-// Fails where the times of one of them are no seconds: poses are 8 s or more or less than 10 us
-// apart, or most of the estimate can't be judged and fills the truth's time after it is scaled by
-// 1e3, 1e6 or 1e9.
-[[nodiscard]] Result<void> check_units_of_time(const NamedTrajectory& estimated,
-                                               const NamedTrajectory& truth,
-                                               const PairingOptions& options);
+// Fails where poses are less than 10 us apart, or where most of the estimate can't be judged and
+// fills the truth's time after it is scaled by 1e3, 1e6 or 1e9. Poses that are 8 s or more apart:
+// fails where none can be judged, else returns a warning for each such trajectory.
+[[nodiscard]] Result<std::vector<std::string>> check_units_of_time(const NamedTrajectory& estimated,
+                                                                   const NamedTrajectory& truth,
+                                                                   const PairingOptions& options);
 
 }  // namespace penumbra

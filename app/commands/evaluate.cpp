@@ -45,13 +45,15 @@ std::string times_of(const Trajectory& trajectory) {
                      format_ns_as_seconds(trajectory.poses.back().timestamp_ns));
 }
 
-// Fails where no pose was judged, or where the times are no seconds.
+// Fails where no pose was judged, or where the times are not in seconds.
 Result<void> check_pairing(const Evaluation& evaluation, const NamedTrajectory& estimated,
                            const NamedTrajectory& truth, const PairingOptions& pairing) {
   for (const auto& [trajectory, name] : {estimated, truth}) {
     if (trajectory.poses.empty()) return fail("{}: holds no pose", name);
   }
-  if (auto ok = check_units_of_time(estimated, truth, pairing); !ok) return ok;
+  const auto warnings = check_units_of_time(estimated, truth, pairing);
+  if (!warnings) return tl::unexpected(warnings.error());
+  for (const std::string& warning : *warnings) log_warning("{}", warning);
   if (evaluation.frames_judged > 0) return {};
   return fail(
       "{}: has no pose that {} can judge: {}; its times are {}, those of the ground truth {}. Are "
@@ -76,7 +78,7 @@ Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions&
   for (const auto& folder : {*options.estimated_groups, *options.groundtruth_groups}) {
     std::error_code ignored;
     if (!std::filesystem::is_directory(folder, ignored)) {
-      return fail("{}: is no folder; give the one that holds NAME.tum of each group",
+      return fail("{}: is not a folder; give the one that holds NAME.tum of each group",
                   folder.string());
     }
   }
@@ -187,6 +189,7 @@ void add_evaluate_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_flag("--json", options->json, "JSON instead of a table");
   command->footer(
       "Each estimated pose is compared with the ground truth at its time, which is interpolated.\n"
+      "Beyond its first and last pose it is extrapolated by half of an interval, at most 10 ms.\n"
       "No alignment: the table frame is known. Overlay error: how far the corners of a 0.2 m cube "
       "on the\ntable's origin are from where the true pose shows them; of a group of tags, one on "
       "the "

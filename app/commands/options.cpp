@@ -286,7 +286,8 @@ void add_pairing_options(CLI::App& command, PairingOptions& pairing) {
             pairing.max_gap_ns = seconds_from("--max-gap", text, 0.0, 1e6);
           },
           "The ground truth is interpolated between two of its poses that are at most this far "
-          "apart; 0: not at all")
+          "apart (0: not at all), and extrapolated by at most 10 ms before its first and after its "
+          "last pose")
       ->type_name("SECONDS")
       ->default_str("0.1");
   command

@@ -67,9 +67,9 @@ TEST(Pairing, NamesWhyThereIsNoTruePose) {
   EXPECT_EQ(pose_at(truth, 200 * kMs, kMaxGap).error(), NotJudged::gap_too_long);
   EXPECT_TRUE(pose_at(truth, 200 * kMs, 200 * kMs)) << "a gap of exactly the longest";
   EXPECT_EQ(pose_at(truth, 200 * kMs, 200 * kMs - 1).error(), NotJudged::gap_too_long);
-  // Half of an interval beyond the end; no further, and not beside a long gap.
-  EXPECT_NEAR(pose_at(truth, -25 * kMs, kMaxGap)->translation().x(), -0.025, 1e-12);
-  EXPECT_EQ(pose_at(truth, -26 * kMs, kMaxGap).error(), NotJudged::outside_truth);
+  // 10 ms beyond the end; no further, and not beside a long gap.
+  EXPECT_NEAR(pose_at(truth, -10 * kMs, kMaxGap)->translation().x(), -0.01, 1e-12);
+  EXPECT_EQ(pose_at(truth, -10 * kMs - 1, kMaxGap).error(), NotJudged::outside_truth);
   EXPECT_EQ(pose_at(truth, 302 * kMs, kMaxGap).error(), NotJudged::outside_truth);
   // Beside what can't be interpolated, a pose within 1 ms.
   EXPECT_EQ(pose_at(truth, 300 * kMs + kMs, kMaxGap)->translation().x(), 0.3);
@@ -80,6 +80,26 @@ TEST(Pairing, NamesWhyThereIsNoTruePose) {
   one.poses = {truth.poses[0]};
   EXPECT_TRUE(pose_at(one, 0, kMaxGap));
   EXPECT_EQ(pose_at(one, 2 * kMs, kMaxGap).error(), NotJudged::outside_truth);
+}
+
+TEST(Pairing, ExtrapolatesByHalfAnIntervalAndAtMostTenMilliseconds) {
+  struct Case {
+    std::int64_t interval_ns;
+    std::int64_t most_ns;
+  };
+  for (const auto& [interval, most] :
+       {Case{5 * kMs, 2'500'000}, Case{10 * kMs, 5 * kMs}, Case{100 * kMs, 10 * kMs},
+        Case{1000 * kMs, 10 * kMs}, Case{2000 * kMs, 10 * kMs}}) {
+    const Trajectory truth = even_motion(5, interval);
+    const std::int64_t last = 4 * interval;
+    for (const std::int64_t time : {-most, last + most}) {
+      const auto pose = pose_at(truth, time, 2000 * kMs);
+      ASSERT_TRUE(pose) << interval;
+      EXPECT_NEAR(pose->translation().x(), seconds(time), 1e-12);
+    }
+    for (const std::int64_t time : {-most - 1, last + most + 1, -interval / 2 - 1})
+      EXPECT_EQ(pose_at(truth, time, 2000 * kMs).error(), NotJudged::outside_truth) << interval;
+  }
 }
 
 TEST(Pairing, WithoutGapsTakesOnlyPosesWithinOneMillisecond) {
@@ -177,7 +197,7 @@ std::string unit_error(const Trajectory& estimated, const Trajectory& truth) {
   return checked ? "" : checked.error().message;
 }
 
-TEST(UnitsOfTime, AreRefusedByNameWhereTheyAreNoSeconds) {
+TEST(UnitsOfTime, AreRefusedByNameWhereTheyFitAnotherUnit) {
   const Trajectory truth = even_motion(120, 33 * kMs);
   EXPECT_EQ(unit_error(truth, truth), "");
   EXPECT_EQ(unit_error(even_motion(120, 5 * kMs), even_motion(60, 10 * kMs)), "");
@@ -192,7 +212,9 @@ TEST(UnitsOfTime, AreRefusedByNameWhereTheyAreNoSeconds) {
     const Trajectory other = even_motion(120, 33 * kMs * factor);
     EXPECT_THAT(unit_error(other, truth), AllOf(HasSubstr("e.tum"), HasSubstr(name)));
     EXPECT_THAT(unit_error(truth, other), AllOf(HasSubstr("t.tum"), HasSubstr(name)));
-    EXPECT_THAT(unit_error(other, other), AllOf(HasSubstr("e.tum"), HasSubstr(name)));
+    // Both in the same unit, of clocks that do not overlap: nothing can be judged.
+    EXPECT_THAT(unit_error(other, even_motion(120, 33 * kMs * factor, -4'000 * factor * kMs)),
+                AllOf(HasSubstr("e.tum"), HasSubstr(name)));
   }
   // 200 frames a second in milliseconds: 5 s apart is no error by itself.
   EXPECT_THAT(unit_error(even_motion(120, 5'000 * kMs), even_motion(120, 5 * kMs)),
@@ -202,7 +224,21 @@ TEST(UnitsOfTime, AreRefusedByNameWhereTheyAreNoSeconds) {
   EXPECT_THAT(unit_error(even_motion(120, 33), truth), HasSubstr("too near"));
 }
 
-TEST(UnitsOfTime, AreLeftToOtherChecksWhereTheTimesDoNotOverlap) {
+TEST(UnitsOfTime, WarnOfLongIntervalsWherePosesAreJudged) {
+  // Photographs, one each 10 s, against themselves and against motion capture at 100 Hz.
+  const Trajectory photographs = even_motion(12, 10'000 * kMs);
+  const auto same = check_units_of_time({photographs, "e.tum"}, {photographs, "t.tum"}, {});
+  ASSERT_TRUE(same) << same.error().message;
+  ASSERT_EQ(same->size(), 2U);
+  EXPECT_THAT(same->at(0), AllOf(HasSubstr("e.tum"), HasSubstr("10 s apart")));
+  const Trajectory capture = even_motion(12'000, 10 * kMs);
+  const auto captured = check_units_of_time({photographs, "e.tum"}, {capture, "t.tum"}, {});
+  ASSERT_TRUE(captured) << captured.error().message;
+  EXPECT_THAT(*captured, testing::ElementsAre(HasSubstr("e.tum")));
+  EXPECT_THAT(*check_units_of_time({capture, "e.tum"}, {capture, "t.tum"}, {}), testing::IsEmpty());
+}
+
+TEST(UnitsOfTime, DoNotFailWhereTimesDoNotOverlap) {
   const Trajectory truth = even_motion(120, 33 * kMs);
   EXPECT_EQ(unit_error(even_motion(120, 33 * kMs, 1'000'000 * kMs), truth), "");
   EXPECT_EQ(unit_error(even_motion(1, 33 * kMs), truth), "");
