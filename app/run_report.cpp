@@ -46,8 +46,8 @@ Json json_of(const Evaluation& e) {
     if (count > 0) json["not_judged"][std::string(to_string(cause))] = count;
   }
   json["frames_with_truth"] = e.frames_with_truth;
-  json["frames_with_pose"] = e.frames_judged;
-  json["share_with_pose"] = ratio_of(e.frames_judged, e.frames_with_truth);
+  json["frames_with_pose"] = e.frames_with_pose;
+  json["share_with_pose"] = ratio_of(e.frames_with_pose, e.frames_with_truth);
   return json;
 }
 
@@ -135,6 +135,7 @@ Evaluation evaluate_run(const CameraModel& camera, const RunRecorder& run, const
   for (const std::int64_t time_ns : run.times_ns()) frames.poses.push_back({time_ns, {}, {}});
   Evaluation evaluation = evaluate(camera, poses, truth, options, median_interval_ns(frames));
   evaluation.frames_with_truth = frames_with(truth, run, options);
+  evaluation.frames_with_pose = evaluation.frames_judged;
   return evaluation;
 }
 

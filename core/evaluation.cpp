@@ -153,6 +153,20 @@ class ErrorCollector {
   int change_count_ = 0;
 };
 
+// Index of the pose nearest in time; the trajectory is not empty.
+std::size_t nearest_index(const Trajectory& trajectory, std::int64_t time_ns) {
+  const auto& poses = trajectory.poses;
+  const auto after = std::ranges::lower_bound(poses, time_ns, {}, &StampedPose::timestamp_ns);
+  if (after == poses.begin()) return 0;
+  const auto index = static_cast<std::size_t>(after - poses.begin());
+  if (after == poses.end()) return index - 1;
+  // As doubles: the difference of two times may exceed 64 bits.
+  const double to_before =
+      static_cast<double>(time_ns) - static_cast<double>(poses[index - 1].timestamp_ns);
+  const double to_after = static_cast<double>(after->timestamp_ns) - static_cast<double>(time_ns);
+  return to_before < to_after ? index - 1 : index;
+}
+
 }  // namespace
 
 Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, const Trajectory& truth,
@@ -163,21 +177,24 @@ Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, cons
       frame_interval_ns > 0 ? frame_interval_ns : median_interval_ns(estimated);
   ErrorCollector errors(camera);
   std::optional<std::int64_t> previous_ns;  // of the frame before, where it was judged
+  std::vector<bool> with_pose(truth.poses.size(), false);
   for (const StampedPose& pose : estimated.poses) {
     ++result.frames_estimated;
-    const auto true_pose =
-        pose_at(truth, shifted(pose.timestamp_ns, options.time_offset_ns), options.max_gap_ns);
+    const std::int64_t time_ns = shifted(pose.timestamp_ns, options.time_offset_ns);
+    const auto true_pose = pose_at(truth, time_ns, options.max_gap_ns);
     if (!true_pose) {
       ++result.frames_not_judged[static_cast<std::size_t>(true_pose.error())];
       previous_ns.reset();
       continue;
     }
     ++result.frames_judged;
+    with_pose[nearest_index(truth, time_ns)] = true;
     const bool consecutive =
         previous_ns && pose.timestamp_ns - *previous_ns <= interval_ns + interval_ns / 2;
     errors.add(pose.T_table_camera, *true_pose, consecutive);
     previous_ns = pose.timestamp_ns;
   }
+  result.frames_with_pose = static_cast<int>(std::ranges::count(with_pose, true));
   errors.finish(result);
   return result;
 }

@@ -41,9 +41,10 @@ struct OverlayDifference {
                                                    const CameraPose& truth);
 
 struct Evaluation {
-  int frames_with_truth = 0;               // true poses; in a run: processed frames with truth
-  int frames_estimated = 0;                // estimated poses
-  int frames_judged = 0;                   // of these, those with a true pose at their time
+  int frames_with_truth = 0;  // true poses; in a run: processed frames with truth
+  int frames_estimated = 0;   // estimated poses
+  int frames_with_pose = 0;   // of frames_with_truth: those with a judged pose nearest to them
+  int frames_judged = 0;      // of frames_estimated, those with a true pose at their time
   std::array<int, 2> frames_not_judged{};  // the others, by NotJudged
   Statistics translation_mm;               // |t_estimated - t_true|
   Statistics rotation_deg;                 // angle of R_estimated^T R_true

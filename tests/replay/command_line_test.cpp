@@ -322,8 +322,11 @@ TEST(Evaluate, InterpolatesTheTruthAndCountsWhatItCanNotJudge) {
   ASSERT_EQ(result.exit_code, 0) << result.err;
   const auto json = nlohmann::json::parse(result.out, nullptr, false);
   EXPECT_EQ(json["frames_estimated"], 30);
-  EXPECT_EQ(json["frames_judged"], 17) << "16 up to the last true pose, one just beyond";
-  EXPECT_EQ(json["not_judged"], nlohmann::json({{"outside_truth", 13}}));
+  EXPECT_EQ(json["frames_judged"], 16) << "those up to the last true pose";
+  EXPECT_EQ(json["not_judged"], nlohmann::json({{"outside_truth", 14}}));
+  EXPECT_EQ(json["frames_with_truth"], 6);
+  EXPECT_EQ(json["frames_with_pose"], 6);
+  EXPECT_LE(json["share_with_pose"].get<double>(), 1.0);
   EXPECT_LT(json["translation_mm"]["max"].get<double>(), 1e-9);
   const ProgramResult without = evaluate({"--time-offset", "2", "--max-gap", "0.05"});
   ASSERT_EQ(without.exit_code, 0) << without.err;

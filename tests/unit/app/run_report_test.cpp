@@ -173,6 +173,7 @@ TEST(RunReport, HasEveryFieldOfTheContract) {
   report.accuracy->frames_with_truth = 5;
   report.accuracy->frames_estimated = 3;
   report.accuracy->frames_judged = 2;
+  report.accuracy->frames_with_pose = 2;
   report.accuracy->frames_not_judged = {1, 0};
 
   const Json json = Json::parse(report_json(report));

@@ -105,6 +105,7 @@ TEST(Evaluation, ARecordingByHand) {
   EXPECT_EQ(e.frames_with_truth, 5);
   EXPECT_EQ(e.frames_estimated, 5);
   EXPECT_EQ(e.frames_judged, 4);
+  EXPECT_EQ(e.frames_with_pose, 4);
   EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotJudged::outside_truth)], 1);
   EXPECT_NEAR(e.translation_mm.max, 2.0, 1e-9);
   EXPECT_NEAR(e.translation_mm.median, 1.5, 1e-9);
@@ -152,6 +153,18 @@ TEST(Evaluation, InterpolatedTruthHasTheErrorOfAChord) {
             e.translation_mm.rmse);
 }
 
+// An estimate at three times the truth's rate: no true pose counts twice.
+TEST(Evaluation, CountsTruePosesWithPoseOnceEach) {
+  Trajectory truth;
+  Trajectory estimated;
+  for (int i = 0; i < 6; ++i) truth.poses.push_back({i * 90'000'000LL, above(0, 0, 1), {}});
+  for (int i = 0; i < 30; ++i) estimated.poses.push_back({i * 30'000'000LL, above(0, 0, 1), {}});
+  const Evaluation e = evaluate(pinhole(), estimated, truth);
+  EXPECT_EQ(e.frames_judged, 16);
+  EXPECT_EQ(e.frames_with_pose, 6);
+  EXPECT_EQ(e.frames_with_truth, 6);
+}
+
 TEST(Evaluation, CountsWhatCanNotBeJudgedByCause) {
   Trajectory truth;
   Trajectory estimated;
@@ -162,6 +175,7 @@ TEST(Evaluation, CountsWhatCanNotBeJudgedByCause) {
   const Evaluation e = evaluate(pinhole(), estimated, truth);
   EXPECT_EQ(e.frames_estimated, 8);
   EXPECT_EQ(e.frames_judged, 3);
+  EXPECT_EQ(e.frames_with_pose, 3);
   EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotJudged::outside_truth)], 3);
   EXPECT_EQ(e.frames_not_judged[static_cast<std::size_t>(NotJudged::gap_too_long)], 2);
   EXPECT_EQ(evaluate(pinhole(), estimated, truth, {.max_gap_ns = 200'000'000}).frames_judged, 5);
