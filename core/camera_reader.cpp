@@ -83,7 +83,7 @@ Result<void> take_size(const YamlFields& fields, CameraParameters& p) {
     if (!size) return tl::unexpected(size.error());
     if (size->size() != 2 || !((*size)[0] >= 1.0 && (*size)[0] <= 1e6) ||
         !((*size)[1] >= 1.0 && (*size)[1] <= 1e6))
-      return fail("{}: is no size; give [width, height]", fields.place_of(key.c_str()));
+      return fail("{}: is not a size; give [width, height]", fields.place_of(key.c_str()));
     p.width = static_cast<int>((*size)[0]);
     p.height = static_cast<int>((*size)[1]);
     return {};
@@ -110,7 +110,7 @@ Result<void> take_matrix(const YamlFields& fields, const std::string& key, Camer
                 matrix->place);
   }
   if (k[1] != 0.0 || k[3] != 0.0 || k[6] != 0.0 || k[7] != 0.0 || k[8] != 1.0)
-    return fail("{}: is no camera matrix without skew; {}", matrix->place, kMatrix);
+    return fail("{}: has skew or is not a camera matrix; {}", matrix->place, kMatrix);
   p.fx = k[0];
   p.cx = k[2];
   p.fy = k[4];
@@ -277,6 +277,57 @@ Result<void> check_whole_image(const YamlFields& fields, const CameraParameters&
   return {};
 }
 
+// Fails for the mirror parameter of OpenCV's omnidir, whose coefficients are no pinhole camera's.
+Result<void> check_no_mirror(const YamlFields& fields, const std::string& suffix) {
+  constexpr const char* kRemedy = "give one number";
+  const std::string key = "xi" + suffix;
+  if (!fields.has(key.c_str())) return {};
+  const Result<YAML::Node> node = fields.node(key.c_str(), kRemedy);
+  if (!node) return tl::unexpected(node.error());
+  std::vector<double> values;
+  // A matrix of one number in XML has a scalar as its data.
+  const YAML::Node data = node->IsMap() ? (*node)["data"] : YAML::Node();
+  const bool scalar_data = data.IsDefined() && data.IsScalar();
+  if (node->IsScalar() || scalar_data) {
+    const Result<double> value =
+        scalar_data ? fields.fields(key.c_str(), kRemedy).and_then([&](const YamlFields& matrix) {
+          return matrix.number("data", kRemedy);
+        })
+                    : fields.number(key.c_str(), kRemedy);
+    if (!value) return tl::unexpected(value.error());
+    values.push_back(*value);
+  } else {
+    const Result<PlacedNumbers> numbers = matrix_numbers(fields, key, kRemedy);
+    if (!numbers) return tl::unexpected(numbers.error());
+    values = numbers->values;
+  }
+  const auto mirror = std::ranges::find_if(values, [](double value) { return value != 0.0; });
+  if (mirror == values.end()) return {};
+  return fail(
+      "{}: is {}: the omnidirectional camera model (cv::omnidir) is not supported; calibrate as "
+      "plumb_bob, rational_polynomial or equidistant (penumbra calibrate)",
+      fields.place_of(key.c_str()), *mirror);
+}
+
+// Warning where the file names no lens model and its coefficients may be of more than one.
+std::optional<std::string> assumed_model_text(const YamlFields& fields,
+                                              const std::string& matrix_key,
+                                              const std::vector<double>& coefficients,
+                                              DistortionModel assumed) {
+  if (std::ranges::all_of(coefficients, [](double d) { return d == 0.0; })) return std::nullopt;
+  // In ROS's files the model is needed, and their readers assume one. OpenCV's files name none.
+  const bool ros = matrix_key == "camera_matrix" || matrix_key == "K" || matrix_key == "k";
+  if (ros && !is_opencv_matrix(*fields.node(matrix_key.c_str(), ""))) {
+    return fmt::format("{}: distortion_model: is missing; {} is assumed", fields.place(),
+                       to_string(assumed));
+  }
+  if (coefficients.size() != 4 || fields.has("fisheye_model")) return std::nullopt;
+  return fmt::format(
+      "{}: has 4 distortion coefficients and names no model; {} is assumed. If they are of "
+      "cv::fisheye, add the line `distortion_model: equidistant`",
+      fields.place(), to_string(assumed));
+}
+
 struct ReadCamera {
   CameraParameters parameters;
   std::vector<std::string> warnings;
@@ -291,6 +342,7 @@ Result<ReadCamera> read_ros_or_opencv(const YamlFields& fields, const std::strin
   const std::string matrix_key = key_present(fields, kMatrixKeys, suffix);
   if (auto ok = take_matrix(fields, matrix_key, p); !ok) return tl::unexpected(ok.error());
   if (auto ok = check_whole_image(fields, p); !ok) return tl::unexpected(ok.error());
+  if (auto ok = check_no_mirror(fields, suffix); !ok) return tl::unexpected(ok.error());
 
   const Result<std::optional<DistortionModel>> model = named_model(fields);
   if (!model) return tl::unexpected(model.error());
@@ -299,12 +351,9 @@ Result<ReadCamera> read_ros_or_opencv(const YamlFields& fields, const std::strin
                      "give data: [k1, k2, ...], or data: [] for a lens without distortion");
   if (!coefficients) return tl::unexpected(coefficients.error());
   p.model = model->value_or(model_by_count(coefficients->values));
-  // OpenCV's files name no model; in ROS's it is needed, and their readers assume one.
-  const bool zero = std::ranges::all_of(coefficients->values, [](double d) { return d == 0.0; });
-  const bool ros = matrix_key == "camera_matrix" || matrix_key == "K" || matrix_key == "k";
-  if (!*model && !zero && ros && !is_opencv_matrix(*fields.node(matrix_key.c_str(), ""))) {
-    read.warnings.push_back(fmt::format("{}: distortion_model: is missing; {} is assumed",
-                                        fields.place(), to_string(p.model)));
+  if (!*model) {
+    auto text = assumed_model_text(fields, matrix_key, coefficients->values, p.model);
+    if (text) read.warnings.push_back(std::move(*text));
   }
   if (auto ok = take_coefficients(*coefficients, p); !ok) return tl::unexpected(ok.error());
 
@@ -312,7 +361,7 @@ Result<ReadCamera> read_ros_or_opencv(const YamlFields& fields, const std::strin
     const Result<YAML::Node> name = fields.node("camera_name", "");
     if (!name) return tl::unexpected(name.error());
     if (!name->IsScalar() && !name->IsNull())
-      return fail("{}: is no text; give a name or leave it out", fields.place_of("camera_name"));
+      return fail("{}: is not text; give a name or leave it out", fields.place_of("camera_name"));
     p.name = name->IsScalar() ? name->Scalar() : "";
   }
   if (auto ok = take_optional(fields, p); !ok) return tl::unexpected(ok.error());
@@ -336,7 +385,7 @@ Result<ReadCamera> read_kalibr(const YamlFields& camera) {
   if (!size) return tl::unexpected(size.error());
   if (size->size() != 2 || !((*size)[0] >= 1.0 && (*size)[0] <= 1e6) ||
       !((*size)[1] >= 1.0 && (*size)[1] <= 1e6))
-    return fail("{}: is no size; give [width, height]", camera.place_of("resolution"));
+    return fail("{}: is not a size; give [width, height]", camera.place_of("resolution"));
   p.width = static_cast<int>((*size)[0]);
   p.height = static_cast<int>((*size)[1]);
   p.fx = (*k)[0];
@@ -387,7 +436,7 @@ Result<ReadCamera> read_mrcal(const YamlFields& fields) {
   if (!size) return tl::unexpected(size.error());
   if (size->size() != 2 || !((*size)[0] >= 1.0 && (*size)[0] <= 1e6) ||
       !((*size)[1] >= 1.0 && (*size)[1] <= 1e6))
-    return fail("{}: is no size; give [width, height]", fields.place_of("imagersize"));
+    return fail("{}: is not a size; give [width, height]", fields.place_of("imagersize"));
   p.width = static_cast<int>((*size)[0]);
   p.height = static_cast<int>((*size)[1]);
   p.fx = (*k)[0];
@@ -485,7 +534,7 @@ Result<ReadCamera> read_any(const YAML::Node& root, const std::string& file,
   return read;
 }
 
-// A lens whose picture folds back onto itself so near its middle, or lies elsewhere, was never
+// A lens whose image folds back onto itself so near its middle, or lies elsewhere, was never
 // measured: a sign or a power of ten is wrong, or the coefficients are another model's.
 Result<void> check_lens(const CameraModel& camera) {
   const CameraParameters& p = camera.parameters();
@@ -497,12 +546,12 @@ Result<void> check_lens(const CameraModel& camera) {
         "it, or image_width and image_height",
         p.cx, p.cy, p.width, p.height);
   }
-  // Nor does a lens spread a small part of what a straight one sees over the whole picture.
+  // Nor does a lens spread a small part of what a straight one sees over the whole image.
   const std::optional<Eigen::Vector3d> edge = camera.unproject({p.cx + 0.5 * larger, p.cy});
   const double straight = 0.5 * larger / p.fx;
   if (edge && edge->head<2>().norm() < 0.05 * straight * edge->z()) {
     return fail(
-        "distortion: this lens moves the picture's edge {:.0f} times as far out as a straight one; "
+        "distortion: this lens moves the image's edge {:.0f} times as far out as a straight one; "
         "correct the coefficients or the distortion_model",
         straight * edge->z() / edge->head<2>().norm());
   }
@@ -513,7 +562,7 @@ Result<void> check_lens(const CameraModel& camera) {
       camera.project({camera.max_radius() * (1.0 - 1e-9), 0.0, 1.0});
   if (fold && (*fold - centre).norm() >= 0.25 * shorter) return {};
   return fail(
-      "distortion: this lens folds its picture {:.0f} px from the middle of {} x {}; correct the "
+      "distortion: this lens folds its image {:.0f} px from the middle of {} x {}; correct the "
       "coefficients or the distortion_model",
       fold ? (*fold - centre).norm() : 0.0, camera.width(), camera.height());
 }

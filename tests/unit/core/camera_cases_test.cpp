@@ -181,7 +181,7 @@ TEST(RosMessage, IsReadAsTopicEchoPrintsIt) {
   EXPECT_FALSE(straight->camera.has_distortion());
 }
 
-TEST(RosMessage, OfPartialImagesOrNoCalibrationIsRefused) {
+TEST(RosMessage, IsRefusedForPartialImagesOrNoCalibration) {
   const std::string head =
       "height: 480\nwidth: 640\ndistortion_model: plumb_bob\nd: []\n"
       "k: [500, 0, 320, 0, 501, 240, 0, 0, 1]\n";
@@ -235,6 +235,46 @@ std::string opencv_xml(const std::string& coefficients) {
          coefficients + "</data></distortion_coefficients>\n</opencv_storage>\n";
 }
 
+TEST(OpenCvFile, WarnsOfFourCoefficientsWithoutAModel) {
+  for (const std::string& text :
+       {opencv_text("%YAML:1.0\n---\n", "0.1, -0.05, 0.001, 0.002"),
+        opencv_xml("0.1 -0.05 0.001 0.002"), opencv_json("0.1, -0.05, 0.001, 0.002")}) {
+    const auto camera = read_camera(text);
+    expect_pinhole(camera);
+    ASSERT_TRUE(camera);
+    EXPECT_EQ(camera->camera.parameters().model, DistortionModel::plumb_bob);
+    EXPECT_THAT(camera->warnings,
+                ElementsAre(AllOf(HasSubstr("plumb_bob is assumed"), HasSubstr("cv::fisheye"),
+                                  HasSubstr("equidistant"))));
+  }
+  const std::string four = opencv_text("", "0.1, -0.05, 0.001, 0.002");
+  for (const char* named :
+       {"distortion_model: plumb_bob\n", "fisheye_model: 0\n", "fisheye_model: 1\n"}) {
+    const auto camera = read_camera(four + named);
+    ASSERT_TRUE(camera) << camera.error().message;
+    EXPECT_THAT(camera->warnings, IsEmpty()) << named;
+  }
+  EXPECT_THAT(read_camera(opencv_text("", "0., 0., 0., 0."))->warnings, IsEmpty());
+}
+
+TEST(OpenCvFile, IsRefusedWithAMirrorParameter) {
+  const std::string text = opencv_text("%YAML:1.0\n---\n", "0.1, -0.05, 0.001, 0.002, 0.");
+  const std::string matrix = "xi: !!opencv-matrix\n   rows: 1\n   cols: 1\n   dt: d\n   data: [ ";
+  for (const std::string& xi : {std::string("xi: 0.9\n"), matrix + "0.9 ]\n"}) {
+    EXPECT_THAT(error_of(text + xi), AllOf(HasSubstr("xi"), HasSubstr("is 0.9"),
+                                           HasSubstr("cv::omnidir"), HasSubstr("line 15")));
+  }
+  std::string xml = opencv_xml("0.1 -0.05 0.001 0.002 0.");
+  xml.insert(xml.find("</opencv_storage>"),
+             "<xi type_id=\"opencv-matrix\"><rows>1</rows><cols>1</cols><dt>d</dt>"
+             "<data>0.9</data></xi>\n");
+  EXPECT_THAT(error_of(xml), AllOf(HasSubstr("is 0.9"), HasSubstr("cv::omnidir")));
+  for (const std::string& xi : {std::string("xi: 0.\n"), matrix + "0. ]\n"})
+    EXPECT_EQ(error_of(text + xi), "");
+  for (const std::string& xi : {std::string("xi: .nan\n"), matrix + ".nan ]\n"})
+    EXPECT_NE(error_of(text + xi), "");
+}
+
 TEST(OpenCvFile, IsReadAsJsonAndXml) {
   for (const std::string& text :
        {opencv_json("0.1, -0.05, 0.001, 0.002, 0"), opencv_xml("0.1 -0.05 0.001 0.002 0."),
@@ -260,7 +300,7 @@ TEST(OpenCvFile, DamagedXmlIsRefusedInOneLine) {
   EXPECT_THAT(error_of(deep), HasSubstr("XML"));
 }
 
-TEST(OpenCvFile, OfTwoCamerasNeedsAName) {
+TEST(OpenCvFile, NeedsANameWhenItHoldsTwoCameras) {
   const std::string matrix =
       ": !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 500., 0., 320., 0., 501., "
       "240., 0., 0., 1. ]\n";

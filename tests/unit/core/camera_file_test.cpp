@@ -124,7 +124,7 @@ TEST_F(CameraFile, WhatTheLensAddsToTheOverlaysErrorIsRead) {
 
 // A k1 of -5000 once was a lens that showed a fortieth of the picture and nothing around it.
 TEST_F(CameraFile, ALensThatFoldsItsPictureNearTheMiddleIsRefused) {
-  refuses(camera_text("distortion_model: plumb_bob", "[-5000, 0, 0, 0, 0]"), "folds its picture");
+  refuses(camera_text("distortion_model: plumb_bob", "[-5000, 0, 0, 0, 0]"), "folds its image");
   refuses(camera_text("distortion_model: plumb_bob", "[-20, 0, 0, 0, 0]"), "distortion");
   refuses(camera_text("distortion_model: equidistant", "[-20, 0, 0, 0]"), "folds");
   refuses(camera_text("distortion_model: plumb_bob", "[1e6, 0, 0, 0, 0]"), "times as far out");
