@@ -278,7 +278,7 @@ Result<void> create_keep_folder(const std::filesystem::path& folder) {
     return fail("{}: holds files already; name a new folder for the views", folder.string());
   }
   if (error) {
-    return fail("{}: is no folder that can be made and written: {}", folder.string(),
+    return fail("{}: is not a folder that can be made and written: {}", folder.string(),
                 error.message());
   }
   return {};

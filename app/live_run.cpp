@@ -58,7 +58,7 @@ Result<CameraName> parse_camera(const std::string& camera) {
   if (kind == "recording" && !name.empty()) return CameraName{CameraName::Kind::recording, name};
   if (kind == "libcamera" && !name.empty()) return CameraName{CameraName::Kind::libcamera, name};
   return fail(
-      "--camera {}: is no camera; give v4l2:/dev/video0 or libcamera:0 (penumbra devices lists "
+      "--camera {}: is not a camera; give v4l2:/dev/video0 or libcamera:0 (penumbra devices lists "
       "them), or recording:FOLDER",
       camera);
 }

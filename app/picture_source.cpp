@@ -71,7 +71,7 @@ Result<void> for_each_picture(const std::filesystem::path& source,
                 source.string());
   }
   if (!std::filesystem::is_directory(source, ignored)) {
-    return fail("{}: is no folder; give a recording or a folder of PNG or JPEG pictures",
+    return fail("{}: is not a folder; give a recording or a folder of PNG or JPEG pictures",
                 source.string());
   }
   if (!is_recording(source)) {

@@ -39,7 +39,7 @@ Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::pa
     if (output == request.group_poses &&
         (is_stream(*output) ||
          (fs::exists(*output, ignored) && !fs::is_directory(*output, ignored)))) {
-      return fail("{}: is no folder; name one for the poses of groups", output->string());
+      return fail("{}: is not a folder; name one for the poses of groups", output->string());
     }
     if (is_stream(*output)) continue;
     for (const fs::path& other : taken) {

@@ -58,7 +58,7 @@ class RecordingFolder {
     std::error_code error;
     if (fs::exists(target_, error)) {
       if (!fs::is_directory(target_, error)) {
-        return fail("{}: is no folder; name a new one for the recording", folder.string());
+        return fail("{}: is not a folder; name a new one for the recording", folder.string());
       }
       if (fs::directory_iterator(target_, error) != fs::directory_iterator() || error) {
         return fail("{}: is there already and not empty; name a new folder for the recording",

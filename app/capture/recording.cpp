@@ -282,7 +282,7 @@ Result<void> settle_pictures(Recording& recording) {
                    ((recording.frames.end() - 2)->file.parent_path() / "").lexically_normal()) {
       first_cause = fmt::format("{}: is where the name was cut off", file.string());
     } else if (!std::filesystem::is_regular_file(file, ignored)) {
-      return fail("{}: is no file; a recording's pictures are files", file.string());
+      return fail("{}: is not a file; a recording's pictures are files", file.string());
     } else if (const auto picture = load_image(file); !picture) {
       first_cause = picture.error().message;
     } else {
@@ -381,6 +381,8 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
     for (std::string& warning : loaded->warnings) recording.notices.push_back(std::move(warning));
     recording.camera = std::move(loaded->camera);
   } else if (!sensor.empty() && is_there(sensor)) {
+    if (!options.camera_name.empty())
+      return fail("{}: holds one camera; leave out --camera-name", sensor.string());
     auto loaded = load_euroc_sensor(sensor);
     if (!loaded) return tl::unexpected(loaded.error());
     recording.camera = std::move(*loaded);
@@ -450,7 +452,7 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
                                  const OpenRecordingOptions& options) {
   if (!is_there(folder)) return fail("{}: no such recording", folder.string());
   if (!is_folder(folder)) {
-    return fail("{}: is no folder; a recording is a folder with frames/ or video.mkv",
+    return fail("{}: is not a folder; a recording is a folder with frames/ or video.mkv",
                 folder.string());
   }
   if (auto readable = check_readable(folder); !readable) return tl::unexpected(readable.error());

@@ -156,12 +156,12 @@ Result<V4l2Device> V4l2Device::open(const fs::path& path) {
   device.descriptor_ = ::open(path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
   if (device.descriptor_ < 0) return fail("{}", v4l2_help(path, errno));
   if (!fs::is_character_file(path, ignored)) {
-    return fail("{}: is no camera; see what there is: penumbra devices", path.string());
+    return fail("{}: is not a camera; see what there is: penumbra devices", path.string());
   }
   v4l2_capability about{};
   const int error = device.call(VIDIOC_QUERYCAP, &about);
   if (error == ENOTTY || error == EINVAL) {
-    return fail("{}: is no camera; see what there is: penumbra devices", path.string());
+    return fail("{}: is not a camera; see what there is: penumbra devices", path.string());
   }
   if (error != 0) return fail("{}", v4l2_help(path, error));
   device.identity_ = {text_of(about.driver), text_of(about.card), text_of(about.bus_info)};

@@ -37,7 +37,7 @@ class Demuxer {
     }
     if (!std::filesystem::is_regular_file(status)) {
       return fail("{}: {}", demuxer.name_,
-                  error ? "cannot be read: " + error.message() : "is no file");
+                  error ? "cannot be read: " + error.message() : "is not a file");
     }
     AVFormatContext* format = nullptr;
     const int opened = avformat_open_input(&format, ("file:" + demuxer.name_).c_str(),

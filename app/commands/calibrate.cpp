@@ -501,9 +501,12 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
                    "name (*.yml is OpenCV's, *camchain* Kalibr's)")
       ->check(CLI::IsMember({"auto", "ros", "opencv", "kalibr"}))
       ->capture_default_str();
-  command->add_option("--compare", options->compare, "An earlier calibration to compare with")
-      ->type_name("FILE");
-  add_camera_name_option(*command, options->compare_name);
+  CLI::Option* compare =
+      command->add_option("--compare", options->compare, "An earlier calibration to compare with")
+          ->type_name("FILE");
+  add_camera_name_option(*command, options->compare_name)
+      ->description("Which camera of the file of --compare, where it holds several")
+      ->needs(compare);
   command
       ->add_option("--focus-position", options->focus_position,
                    "Where the lens was focused, as its driver counts: kept in the file")

@@ -257,12 +257,12 @@ ImageSize image_size_from(const std::string& option, std::string_view text) {
       cross == std::string_view::npos ? std::nullopt : parse_integer(text.substr(cross + 1));
   constexpr std::int64_t kLargest = 16384;
   if (!width || !height || *width < 1 || *height < 1 || *width > kLargest || *height > kLargest)
-    throw CLI::ValidationError(option, fmt::format("{}: is no size such as 640x480", text));
+    throw CLI::ValidationError(option, fmt::format("{}: is not a size such as 640x480", text));
   return {static_cast<int>(*width), static_cast<int>(*height)};
 }
 
-void add_camera_name_option(CLI::App& command, std::string& name) {
-  command
+CLI::Option* add_camera_name_option(CLI::App& command, std::string& name) {
+  return command
       .add_option("--camera-name", name,
                   "Which camera of a file that holds several (Kalibr's camchain, stereo files of "
                   "OpenCV)")

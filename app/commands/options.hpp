@@ -80,7 +80,7 @@ struct FrameWork {
 void add_frame_options(CLI::App& command, const FrameWork& work, const std::string& side_by_side);
 
 // --camera-name: which camera of a file that holds several.
-void add_camera_name_option(CLI::App& command, std::string& name);
+CLI::Option* add_camera_name_option(CLI::App& command, std::string& name);
 
 // --max-gap and --time-offset.
 void add_pairing_options(CLI::App& command, PairingOptions& pairing);

@@ -198,9 +198,11 @@ void add_study_command(CLI::App& program, ChosenCommand& chosen) {
                        "recording:FOLDER, as in penumbra live")
           ->type_name("CAMERA")
           ->excludes(recording);
-  command->add_option("--calibration", options->calibration, "The camera's model")
-      ->needs(camera)
-      ->type_name("camera.yaml");
+  CLI::Option* calibration =
+      command->add_option("--calibration", options->calibration, "The camera's model")
+          ->needs(camera)
+          ->type_name("camera.yaml");
+  add_camera_name_option(*command, request.camera.camera_name)->needs(calibration);
   command->add_option("--fps", request.camera.fps, "Rate to ask the camera for (default: 30)")
       ->check(CLI::Range(0.1, 1000.0))
       ->needs(camera)

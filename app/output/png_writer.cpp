@@ -81,7 +81,7 @@ class PngWriter final : public FrameWriter {
     const fs::file_status status = fs::status(folder_, error);
     if (fs::exists(status)) {
       if (!fs::is_directory(status)) {
-        return fail("{}: is no folder; name a folder, or a file ending in .mkv or .mp4",
+        return fail("{}: is not a folder; name a folder, or a file ending in .mkv or .mp4",
                     folder_.string());
       }
       if (auto checked = check_replaceable(folder_); !checked) return checked;

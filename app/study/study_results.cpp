@@ -165,7 +165,7 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
     return results;
   }
   if (fs::exists(file, ignored) && !fs::is_regular_file(file, ignored)) {
-    return fail("{}: is no file that rows can be added to; name another", file.string());
+    return fail("{}: is not a file that rows can be added to; name another", file.string());
   }
   const int handle = ::open(file.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
   if (handle < 0) {

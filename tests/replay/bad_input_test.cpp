@@ -94,7 +94,7 @@ TEST_F(BadInput, APositionFartherThanTheMoon) {
 TEST_F(BadInput, APictureThatIsNoFileIsNoCutOffEnd) {
   fs::remove(recording() / "frames" / "000005.jpg");
   fs::create_directory(recording() / "frames" / "000005.jpg");
-  expect_replay_fails({}, {"000005.jpg", "is no file"});
+  expect_replay_fails({}, {"000005.jpg", "is not a file"});
 }
 
 TEST_F(BadInput, WhatMayNotBeReadIsNotCalledMissing) {

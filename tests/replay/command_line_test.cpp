@@ -393,6 +393,17 @@ TEST(Evaluate, AsksWhichCameraOfSeveral) {
   expect_failure(penumbra(arguments), {chain, "cam2", "left, right"});
 }
 
+TEST(CommandLine, CameraNameNeedsTheFileThatItIsFor) {
+  const ProgramResult calibrated = penumbra(
+      {"calibrate", "views", "--target", "t.yaml", "--output", "c.yaml", "--camera-name", "left"});
+  EXPECT_EQ(calibrated.exit_code, 2);
+  EXPECT_THAT(calibrated.err, HasSubstr("--compare"));
+  const ProgramResult study =
+      penumbra({"study", "--experiment", "heights", "--camera-name", "left"});
+  EXPECT_EQ(study.exit_code, 2);
+  EXPECT_THAT(study.err, HasSubstr("--calibration"));
+}
+
 TEST(Evaluate, SeesAMovedCamera) {
   const TemporaryFolder folder;
   // 1 mm higher in one frame of the 120.

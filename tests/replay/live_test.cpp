@@ -512,7 +512,7 @@ TEST(Live, SaysWhatIsMissingInOneLine) {
                        {"/dev/no-such-camera", "no such camera", "penumbra devices"});
   test::expect_failure(penumbra({"live", "--no-window", "--camera", "v4l2:/dev/null",
                                  "--calibration", calibration()}),
-                       {"/dev/null", "no camera"});
+                       {"/dev/null", "not a camera"});
   test::expect_failure(
       penumbra({"live", "--no-window", "--camera", "telescope", "--calibration", calibration()}),
       {"telescope", "v4l2:/dev/video0"});

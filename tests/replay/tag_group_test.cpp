@@ -275,7 +275,7 @@ TEST_F(TagGroups, AHeldPropIsTrackedToItsTruth) {
   elsewhere.back() = file("nowhere");
   const ProgramResult nowhere = penumbra(elsewhere);
   EXPECT_EQ(nowhere.exit_code, 1);
-  EXPECT_THAT(nowhere.err, HasSubstr(file("nowhere") + ": is no folder"));
+  EXPECT_THAT(nowhere.err, HasSubstr(file("nowhere") + ": is not a folder"));
   elsewhere.resize(elsewhere.size() - 2);
   EXPECT_EQ(penumbra(elsewhere).exit_code, 2);
 

@@ -156,7 +156,7 @@ TEST_F(RecordingOfFrames, CanBeLeftInTheMiddle) {
 
 TEST_F(RecordingOfFrames, AFolderThatIsNoRecordingIsNamed) {
   EXPECT_THAT(error_of(folder() / "none"), HasSubstr("small/none: no such recording"));
-  EXPECT_THAT(error_of(folder() / "camera.yaml"), HasSubstr("is no folder"));
+  EXPECT_THAT(error_of(folder() / "camera.yaml"), HasSubstr("is not a folder"));
   const TemporaryFolder empty;
   EXPECT_THAT(error_of(empty.path()), HasSubstr("neither frames/ nor video.mkv"));
 }
@@ -783,6 +783,15 @@ TEST_F(RecordingOfEuroc, EquidistantIsFisheyeAndACameraFileWins) {
   EXPECT_EQ(open_recording(folder())->camera->parameters().model, DistortionModel::fisheye);
   write_text(folder() / "camera.yaml", test::small_camera_yaml());
   EXPECT_EQ(open_recording(folder())->camera->parameters().fx, 53.0);
+}
+
+TEST_F(RecordingOfEuroc, RefusesACameraName) {
+  OpenRecordingOptions options;
+  options.camera_name = "left";
+  const auto recording = open_recording(folder(), options);
+  ASSERT_FALSE(recording);
+  EXPECT_THAT(recording.error().message,
+              AllOf(HasSubstr("sensor.yaml"), HasSubstr("one camera"), HasSubstr("--camera-name")));
 }
 
 // The ground truth is of the body; T_BS says where the camera sits on it.
