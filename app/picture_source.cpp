@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <system_error>
+#include <utility>
 #include <vector>
 
 #include "app/capture/recording_source.hpp"
@@ -38,6 +39,7 @@ Result<void> each_file(const std::filesystem::path& source,
                        const std::vector<std::filesystem::path>& files,
                        const std::function<Result<bool>(const Picture&)>& take) {
   const SampleDepth depth = sample_depth_of(files);
+  ClampWatch clamps(depth.bits);
   std::vector<std::uint8_t> scratch;
   for (std::size_t i = 0; i < files.size(); ++i) {
     Picture picture;
@@ -47,7 +49,8 @@ Result<void> each_file(const std::filesystem::path& source,
     picture.name = files[i].filename().string();
     picture.index = static_cast<int>(i);
     picture.count = static_cast<int>(files.size());
-    const Result<Frame> frame = load_image(files[i], {depth.bits});
+    const Result<Frame> frame = load_image(files[i], clamps.options());
+    if (auto warning = clamps.take_warning(files[i].string())) picture.notice = std::move(*warning);
     if (frame) {
       picture.frame = *frame;
       picture.luma = luma(*frame, scratch);
@@ -67,18 +70,18 @@ Result<void> for_each_picture(const std::filesystem::path& source,
                               const std::function<Result<bool>(const Picture&)>& take) {
   std::error_code ignored;
   if (!std::filesystem::exists(source, ignored)) {
-    return fail("{}: no such folder; give a recording or a folder of PNG or JPEG pictures",
+    return fail("{}: no such folder; give a recording or a folder of PNG or JPEG images",
                 source.string());
   }
   if (!std::filesystem::is_directory(source, ignored)) {
-    return fail("{}: is not a folder; give a recording or a folder of PNG or JPEG pictures",
+    return fail("{}: is not a folder; give a recording or a folder of PNG or JPEG images",
                 source.string());
   }
   if (!is_recording(source)) {
     const auto files = pictures_in(source);
     if (!files) return tl::unexpected(files.error());
     if (files->empty())
-      return fail("{}: holds no PNG or JPEG pictures; put those of the target there",
+      return fail("{}: holds no PNG or JPEG images; put those of the target there",
                   source.string());
     return each_file(source, *files, take);
   }

@@ -18,7 +18,7 @@ struct Picture {
   Frame frame;             // as it was decoded; empty where it can't be read
   ImageView luma;          // of it, empty where it can't be read ...
   std::string unreadable;  // ... and why
-  // A notice about how all pictures are read. Set on the first picture only.
+  // Warning about how images are read. Each one is set on one image only.
   std::string notice;
 };
 

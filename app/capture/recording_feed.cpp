@@ -8,7 +8,9 @@
 
 #include "app/capture/camera_jpeg.hpp"
 #include "app/capture/video_reader.hpp"
+#include "app/logging.hpp"
 #include "core/file.hpp"
+#include "core/sample_depth.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {
@@ -23,14 +25,14 @@ class RecordingFeed final : public LiveSource {
       : name_(recording.name),
         frames_(recording.frames),
         video_file_(recording.video),
-        sample_bits_(recording.sample_bits),
+        clamps_(recording.sample_bits),
         format_(std::move(format)),
         pixels_(pixels),
         interval_(nanoseconds(format_.interval_s)),
         faults_(name_) {}
 
-  // A picture that can't be read, or is another than the first ones are, is left out and counted,
-  // as a camera's is.
+  // An image that can't be read or has another size or format than the first ones is skipped and
+  // counted, as a camera's is.
   Result<std::optional<CapturedImage>> next_image() override {
     if (!start_) start_ = Clock::now();
     while (true) {
@@ -90,12 +92,11 @@ class RecordingFeed final : public LiveSource {
   bool is_other(const std::string& what) {
     faults_.count(
         CaptureFault::wrong_format,
-        fmt::format("{}: a picture of another size or format than the first ones is left out",
-                    what));
+        fmt::format("{}: an image of another size or format than the first ones is skipped", what));
     return false;
   }
 
-  // False where it is left out.
+  // False where it is skipped.
   bool take_frame(Result<Frame> frame, const std::string& what, CapturedImage& image) {
     if (!frame) {
       faults_.count(CaptureFault::damaged, frame.error().message);
@@ -151,20 +152,20 @@ class RecordingFeed final : public LiveSource {
       image.owner = kept;
       return true;
     }
-    return take_frame(
-        decode_recorded_image(*bytes, file.string(), ImageSize{format_.width, format_.height},
-                              {sample_bits_}),
-        file.string(), image);
+    auto frame = decode_recorded_image(*bytes, file.string(),
+                                       ImageSize{format_.width, format_.height}, clamps_.options());
+    if (const auto warning = clamps_.take_warning(file.string())) log_warning("{}", *warning);
+    return take_frame(std::move(frame), file.string(), image);
   }
 
   const std::string name_;
   const std::vector<RecordedFrame> frames_;
   const std::filesystem::path video_file_;  // empty: its pictures are files
-  const int sample_bits_;                   // as Recording's
+  ClampWatch clamps_;
   std::optional<VideoReader> video_;
   std::size_t video_at_ = 0;  // the frame that it gives next
   const StreamFormat format_;
-  const PixelFormat pixels_;  // where a picture is no JPEG
+  const PixelFormat pixels_;  // where an image is not a JPEG
   const std::chrono::nanoseconds interval_;
   FaultCounter faults_;
   std::optional<Clock::time_point> start_;

@@ -10,7 +10,7 @@
 
 namespace penumbra {
 
-// `fps`: another pace than the recorded one. A damaged frame is left out and counted, as a camera's
+// `fps`: another pace than the recorded one. A damaged frame is skipped and counted, as a camera's
 // is.
 [[nodiscard]] Result<std::unique_ptr<LiveSource>> open_recording_feed(const Recording& recording,
                                                                       std::optional<double> fps);

@@ -10,6 +10,7 @@
 #include "app/capture/video_reader.hpp"
 #include "app/logging.hpp"
 #include "core/file.hpp"
+#include "core/sample_depth.hpp"
 
 namespace penumbra {
 namespace {
@@ -28,7 +29,7 @@ class Decoder {
         video_(std::move(video)),
         video_file_(recording.video),
         of_camera_(recording.of_camera),
-        sample_bits_(recording.sample_bits),
+        clamps_(recording.sample_bits),
         faults_(recording.folder.string()) {
     if (const auto& camera = recording.camera) size_ = ImageSize{camera->width(), camera->height()};
   }
@@ -79,14 +80,9 @@ class Decoder {
   Result<std::optional<Frame>> next_picture(const RecordedFrame& listed) {
     const auto bytes = read_file(listed.file);
     if (!bytes) return tl::unexpected(bytes.error());
-    bool clamped = false;
-    auto frame = decode_recorded_image(*bytes, listed.file.string(), size_, {sample_bits_, &clamped});
-    if (clamped && !std::exchange(warned_of_clamped_, true)) {
-      log_warning(
-          "{}: holds values above the {} bits that the recording is read with: they are "
-          "drawn white (warned once)",
-          listed.file.string(), sample_bits_);
-    }
+    const std::string name = listed.file.string();
+    auto frame = decode_recorded_image(*bytes, name, size_, clamps_.options());
+    if (const auto warning = clamps_.take_warning(name)) log_warning("{}", *warning);
     if (frame) return std::optional<Frame>(std::move(*frame));
     if (!of_camera_) {
       return fail("{} (without its line in the listing a replay goes on)", frame.error().message);
@@ -100,8 +96,7 @@ class Decoder {
   std::optional<VideoReader> video_;
   const std::filesystem::path video_file_;
   const bool of_camera_;
-  const int sample_bits_;  // as Recording's
-  bool warned_of_clamped_ = false;
+  ClampWatch clamps_;
   FaultCounter faults_;
   std::optional<ImageSize> size_;
   std::size_t at_ = 0;

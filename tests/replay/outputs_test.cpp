@@ -279,7 +279,7 @@ TEST(DarkSixteenBitPictures, AreTrackedAsTheirEightBitOriginals) {
     poses[name] = result.out;
     EXPECT_EQ(test::lines_of(result.out).size(), 3U) << name;
     EXPECT_EQ(result.out, poses["8"]) << name;
-    const bool said = result.err.find("16-bit pictures hold") != std::string::npos;
+    const bool said = result.err.find("16-bit images hold") != std::string::npos;
     EXPECT_EQ(said, bits > 8 && bits < 16) << result.err;
   }
 }

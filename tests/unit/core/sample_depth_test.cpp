@@ -80,7 +80,7 @@ TEST_F(SampleDepthTest, IsOneForAllPictures) {
   add(png_of(ramp(3000)));
   add(png_of(ramp(90)));
   EXPECT_EQ(found().bits, 12);
-  EXPECT_EQ(found().text(), "16-bit pictures hold 12 bits (brightest value 3000): read as 12-bit");
+  EXPECT_EQ(found().text(), "16-bit images hold 12 bits (brightest value 3000): read as 12-bit");
   add(png_of(ramp(65535)));
   EXPECT_EQ(found().bits, 16);
   EXPECT_FALSE(found().reduced());
@@ -99,7 +99,7 @@ TEST_F(SampleDepthTest, IsThatOfTheChunkWhereTheValuesFit) {
   EXPECT_EQ(found().bits, 16) << "dark, but scaled";
 }
 
-TEST_F(SampleDepthTest, PassesOverWhatIsNoSixteenBitPng) {
+TEST_F(SampleDepthTest, IgnoresOtherFiles) {
   EXPECT_EQ(found().bits, 16) << "no pictures";
   add({});
   std::vector<std::uint8_t> damaged = png_of(ramp(300));
@@ -141,6 +141,20 @@ TEST(DecodeImage, KeepsTheUpperBitsOfReducedSamples) {
         }
         EXPECT_EQ(wrong, 0) << bits << " bits, brightest " << brightest;
       }
+    }
+  }
+}
+
+TEST(ClampWatch, WarnsOnceOfValuesAboveTheDepth) {
+  ClampWatch watch(10);
+  for (const auto& [brightest, warns] : {std::pair{1023, false}, {1024, true}, {4000, false}}) {
+    const auto frame = decode_image(png_of(ramp(brightest)), "a.png", watch.options());
+    ASSERT_TRUE(frame) << frame.error().message;
+    const auto warning = watch.take_warning("a.png");
+    EXPECT_EQ(warning.has_value(), warns) << brightest;
+    if (warning) {
+      EXPECT_THAT(*warning, testing::AllOf(HasSubstr("a.png: "), HasSubstr("10 bits"),
+                                           HasSubstr("become white")));
     }
   }
 }

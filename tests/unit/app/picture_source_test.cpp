@@ -1,0 +1,48 @@
+// Images to calibrate from.
+#include "app/picture_source.hpp"
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "core/file.hpp"
+#include "support/deep_png.hpp"
+#include "support/paths.hpp"
+
+namespace penumbra {
+namespace {
+
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+// Of 300 images, 256 are decoded to find the depth: the seventh is not among them.
+TEST(PictureSource, WarnsOfValuesAboveTheDepthOfTheOthers) {
+  const test::TemporaryFolder folder;
+  constexpr int kCount = 300;
+  constexpr int kSkipped = 6;
+  const auto name_of = [](int i) { return fmt::format("{:03}.png", i); };
+  for (int i = 0; i < kCount; ++i) {
+    const std::uint16_t brightest = i == kSkipped ? 4000 : 1000;
+    const auto bytes = test::deep_png({0, 100, 500, brightest}, 2, 2);
+    ASSERT_TRUE(write_file(folder.path() / name_of(i), bytes));
+  }
+  std::vector<std::string> notices;
+  int images = 0;
+  const auto read = for_each_picture(folder.path(), [&](const Picture& picture) -> Result<bool> {
+    ++images;
+    if (!picture.notice.empty()) notices.push_back(picture.notice);
+    return true;
+  });
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(images, kCount);
+  EXPECT_THAT(notices, ElementsAre(HasSubstr("read as 10-bit"),
+                                   AllOf(HasSubstr(name_of(kSkipped)), HasSubstr("become white"))));
+}
+
+}  // namespace
+}  // namespace penumbra
