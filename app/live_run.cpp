@@ -521,7 +521,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   report.recording = request.camera;
   report.scene = request.scene.string();
   report.tags = used_tags;
-  report.picture_fault = pictures.fault();
+  report.image_fault = pictures.fault();
   report.width = camera->width();
   report.height = camera->height();
   report.frames_captured = static_cast<int>(stats.frames);

@@ -15,13 +15,18 @@ void PictureWatch::saw(const TrackedFrame& tracked) {
   }
   if (!check_) {
     auto check = PictureCheck::create(*tags_);
-    if (!check) return;
+    if (!check) {
+      log_warning("images are not checked for mirrored or negative tags: {}",
+                  check.error().message);
+      end();
+      return;
+    }
     check_.emplace(std::move(*check));
   }
   const auto fault = check_->nothing_found(luma(tracked.frame, scratch_));
   if (!fault) return;
   end();
-  log_warning("{}; nothing is tracked in such pictures", advice(*fault));
+  log_warning("{}; nothing is tracked in such images", advice(*fault));
   const std::lock_guard lock(mutex_);
   fault_ = fault;
 }

@@ -1,4 +1,4 @@
-// A session that finds no tag from its start on: whether its pictures are mirrored or negative.
+// Detects that a session finds no tag because its images are mirrored or negative.
 #pragma once
 
 #include <cstdint>

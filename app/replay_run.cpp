@@ -506,7 +506,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   report.recording = request.recording.string();
   report.scene = request.scene.string();
   report.tags = std::move(tags);
-  if (pictures) report.picture_fault = pictures->fault();
+  if (pictures) report.image_fault = pictures->fault();
   report.width = picture.width;
   report.height = picture.height;
   report.panes = shown->pane_reports();

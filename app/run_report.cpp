@@ -488,8 +488,8 @@ std::string report_json(const RunReport& report) {
       {"not_tracked", counts_json(report.reasons)},
       {"skipped", counts_json(report.tracking_skipped)},
       {"tags_left_out", counts_json(report.tags_left_out)}};
-  if (const auto& fault = report.picture_fault) {
-    json["tracking"]["picture_fault"] = to_string(*fault);
+  if (const auto& fault = report.image_fault) {
+    json["tracking"]["image_fault"] = to_string(*fault);
   }
   if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
   json["work"] = counts_json(report.work);
@@ -605,7 +605,7 @@ std::string report_table(const RunReport& report) {
     std::string why =
         "is the sheet that --tags lists in view, whole and sharp? Tags of other families are not "
         "looked for";
-    if (report.picture_fault) why = advice(*report.picture_fault);
+    if (report.image_fault) why = advice(*report.image_fault);
     if (report.camera_faults.contains("no_signal")) why = "the camera's input has no signal";
     text += fmt::format("no frame was tracked: {}\n", why);
   }

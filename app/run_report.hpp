@@ -84,7 +84,7 @@ struct RunReport {
   std::string recording;
   std::string scene;
   std::optional<TagsInUse> tags;              // nothing where poses are given without any
-  std::optional<PictureFault> picture_fault;  // why nothing is tracked, where that is it
+  std::optional<PictureFault> image_fault;  // why nothing is tracked, where that is it
   int width = 0, height = 0;                  // [px]
   int frames = 0;                             // processed
   int frames_captured = 0, frames_dropped = 0;

@@ -59,21 +59,21 @@ std::string_view to_string(PictureFault fault) {
 std::string_view advice(PictureFault fault) {
   switch (fault) {
     case PictureFault::mirrored:
-      return "the pictures are mirrored: switch off the camera's mirror or selfie mode";
+      return "the images are mirrored: switch off the camera's mirror or selfie mode";
     case PictureFault::negative:
-      return "the pictures are negative (white tags on black): print the sheet black on white, or "
+      return "the images are negative (white tags on black): print the sheet black on white, or "
              "switch off the camera's inversion";
     case PictureFault::mirrored_negative:
       break;
   }
-  return "the pictures are mirrored and negative (white tags on black): switch off the camera's "
+  return "the images are mirrored and negative (white tags on black): switch off the camera's "
          "mirror mode and its inversion";
 }
 
 struct PictureCheck::Impl {
   TagMap tags;
   TagDetector detector;
-  std::uint64_t empty_pictures = 0;
+  std::uint64_t images_without_tags = 0;
   bool done = false;
 
   [[nodiscard]] bool finds_tags(ImageView luma) {
@@ -102,9 +102,9 @@ Result<PictureCheck> PictureCheck::create(const TagMap& tags) {
 std::optional<PictureFault> PictureCheck::nothing_found(ImageView luma) {
   Impl& self = *impl_;
   if (self.done || luma.empty()) return std::nullopt;
-  ++self.empty_pictures;
-  if (self.empty_pictures >= kLastLook) self.done = true;
-  if (!std::has_single_bit(self.empty_pictures)) return std::nullopt;
+  ++self.images_without_tags;
+  if (self.images_without_tags >= kLastLook) self.done = true;
+  if (!std::has_single_bit(self.images_without_tags)) return std::nullopt;
   for (const Copy& copy : kCopies) {
     const std::vector<std::uint8_t> pixels = copy_of(luma, copy);
     if (!self.finds_tags({pixels.data(), luma.width, luma.height, luma.width})) continue;

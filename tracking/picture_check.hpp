@@ -1,4 +1,4 @@
-// Why no tag is found in pictures that show some: they are mirrored, or negatives.
+// Detects images in which no tag is found because they are mirrored or negative.
 #pragma once
 
 #include <cstdint>
@@ -16,12 +16,12 @@ enum class PictureFault { mirrored, negative, mirrored_negative };
 
 // "mirrored", ...
 [[nodiscard]] std::string_view to_string(PictureFault fault);
-// One clause for people: what it is and what to do.
+// Message for users: the fault and its remedy.
 [[nodiscard]] std::string_view advice(PictureFault fault);
 
-// Looks for the map's tags in mirrored and inverted copies of pictures in which nothing was found.
-// Only the 1st, 2nd, 4th, 8th ... such picture is looked at, up to the kLastLook-th. Nothing is
-// ever tracked from such a copy.
+// Looks for the map's tags in mirrored and inverted copies of images in which nothing was found.
+// Only the 1st, 2nd, 4th, 8th ... such image is checked, up to the kLastLook-th. Nothing is tracked
+// from such a copy.
 class PictureCheck {
  public:
   static constexpr std::uint64_t kLastLook = 1024;
@@ -33,7 +33,7 @@ class PictureCheck {
 
   // Takes an image in which none of the tags was found. Returns a fault once.
   [[nodiscard]] std::optional<PictureFault> nothing_found(ImageView luma);
-  // A picture shows tags as they are: no further one is looked at.
+  // An image shows tags as they are: no further one is checked.
   void found();
 
  private:

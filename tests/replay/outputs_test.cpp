@@ -336,15 +336,15 @@ TEST(MirroredAndNegative, AreNamedByReplayAndLive) {
   const TemporaryFolder folder;
   const auto mirrored = changed_recording(folder.path() / "mirrored", mirror);
   const auto negative = changed_recording(folder.path() / "negative", negate);
-  for (const auto& [recording, what] : {std::pair{mirrored, "the pictures are mirrored"},
-                                        {negative, "the pictures are negative"}}) {
+  for (const auto& [recording, what] : {std::pair{mirrored, "the images are mirrored"},
+                                        {negative, "the images are negative"}}) {
     const auto report = folder.path() / "report.json";
     const auto result = penumbra({"replay", recording, "--no-window", "--report", report});
     EXPECT_EQ(result.exit_code, 0) << result.err;
     EXPECT_THAT(result.err, HasSubstr(what));
     EXPECT_THAT(result.out, HasSubstr(fmt::format("no frame was tracked: {}", what)));
     EXPECT_EQ(test::read_json(report)["frames_tracked"], 0);
-    EXPECT_TRUE(test::read_json(report)["tracking"].contains("picture_fault"));
+    EXPECT_TRUE(test::read_json(report)["tracking"].contains("image_fault"));
     const auto live =
         penumbra({"live", "--camera", "recording:" + recording.string(), "--calibration",
                   recording / "camera.yaml", "--no-window", "--duration", "0.5"});
@@ -362,7 +362,7 @@ TEST(MirroredAndNegative, AreRefusedByCalibrateWithTags) {
   for (const std::string& source : {recording.string(), "recording:" + recording.string()}) {
     test::expect_failure(penumbra({"calibrate", source, "--no-window", "--target",
                                    recording / "tags.yaml", "--output", output}),
-                         {"000000.png", "the pictures are mirrored"});
+                         {"000000.png", "the images are mirrored"});
     EXPECT_FALSE(fs::exists(output));
   }
 }
