@@ -108,8 +108,9 @@ class Stream {
       return tl::unexpected(set.error());
     }
     stream->set_rate(options.fps);
-    stream->device_->restore(settings);
+    // Before restore(), which switches it off as in the stream before.
     stream->autofocus_before_ = stream->device_->control(V4L2_CID_FOCUS_AUTO);
+    stream->device_->restore(settings);
     set_controls(*stream->device_, options.controls, !as_before);
     stream->focus_ = stream->device_->control(V4L2_CID_FOCUS_ABSOLUTE);
     stream->exposure_s_ = exposure_in_effect(*stream->device_);
