@@ -376,14 +376,14 @@ struct RecordingWriter::Impl {
     changed.notify_one();
     if (first_dropped) {
       log_warning(
-          "{}: writing can't keep up (disk or encoder): frames are left out of the recording (told "
-          "once)",
+          "{}: writing can't keep up (disk or encoder): frames are left out of the recording "
+          "(reported once)",
           folder.string());
     }
     if (first_line_dropped) {
       log_warning(
           "{}: writing can't keep up (disk): poses, light and what was done are left out of the "
-          "recording too (told once)",
+          "recording too (reported once)",
           folder.string());
     }
   }
