@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
 
 namespace penumbra {
 
@@ -28,5 +29,19 @@ struct CameraWish {
   bool recording = false;
   CameraControls controls;
 };
+
+// Values that a control takes, in the unit of its option.
+struct ControlRange {
+  double lowest = 0.0;
+  double highest = 0.0;
+};
+struct GrantedControl {
+  double value = 0.0;
+  std::optional<std::string> warning;  // where the value is not the requested one
+};
+// Clamps a requested value to the control's range. `unit`: with a blank before it, or empty. A
+// range that is empty, zero or not finite counts as unknown.
+[[nodiscard]] GrantedControl granted_control(std::string_view name, std::string_view unit,
+                                             double requested, const ControlRange& range);
 
 }  // namespace penumbra

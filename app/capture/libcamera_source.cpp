@@ -26,6 +26,7 @@
 #include <filesystem>
 #include <map>
 #include <mutex>
+#include <type_traits>
 #include <utility>
 
 #include "app/capture/buffer_ring.hpp"
@@ -259,6 +260,21 @@ bool a_device_is_gone() {
   return false;
 }
 
+// The value of a control that is one number.
+std::optional<double> number_of(const lc::ControlValue& value) {
+  if (value.isArray()) return std::nullopt;
+  switch (value.type()) {
+    case lc::ControlTypeInteger32:
+      return value.get<std::int32_t>();
+    case lc::ControlTypeInteger64:
+      return static_cast<double>(value.get<std::int64_t>());
+    case lc::ControlTypeFloat:
+      return value.get<float>();
+    default:
+      return std::nullopt;
+  }
+}
+
 // A camera that streams. Stops when destroyed; the memory that frames still hold stays mapped.
 class Stream {
  public:
@@ -380,10 +396,10 @@ class Stream {
 
   Started<void> configure(lc::CameraConfiguration& configuration, const LibcameraOptions& options,
                           const std::optional<Before>& as_before) {
-    lc::StreamConfiguration& wish = configuration.at(0);
+    lc::StreamConfiguration& requested = configuration.at(0);
     const lc::Size size(static_cast<unsigned>(options.width),
                         static_cast<unsigned>(options.height));
-    const std::vector<lc::PixelFormat> offered = wish.formats().pixelformats();
+    const std::vector<lc::PixelFormat> offered = requested.formats().pixelformats();
     // Tried in the order of what they cost; those that don't come in that size last.
     std::vector<const KnownFormat*> candidates;
     for (const KnownFormat& known : known_formats()) {
@@ -393,8 +409,8 @@ class Stream {
       candidates.push_back(&known);
     }
     const auto has_size = [&](const KnownFormat* known) {
-      return wish.formats().range(known->format).contains(size) ||
-             std::ranges::count(wish.formats().sizes(known->format), size) > 0;
+      return requested.formats().range(known->format).contains(size) ||
+             std::ranges::count(requested.formats().sizes(known->format), size) > 0;
     };
     std::stable_sort(candidates.begin(), candidates.end(),
                      [&](const KnownFormat* a, const KnownFormat* b) {
@@ -412,9 +428,9 @@ class Stream {
                format.empty() ? "no NV12, YU12, YUYV, MJPEG, RGB or GREY" : "no " + format)});
     }
     known_ = candidates.front();
-    wish.pixelFormat = known_->format;
-    wish.size = size;
-    wish.bufferCount = kBuffers;
+    requested.pixelFormat = known_->format;
+    requested.size = size;
+    requested.bufferCount = kBuffers;
     show_upright(
         configuration, camera_->properties().get(lc::properties::Rotation).value_or(0),
         [](int angle, bool* possible) { return lc::transformFromRotation(angle, possible); });
@@ -490,66 +506,89 @@ class Stream {
     return {};
   }
 
-  // What this camera has of what is wished; said where it has not.
-  [[nodiscard]] lc::ControlList start_controls(const LibcameraOptions& options) {
+  [[nodiscard]] bool has(const lc::ControlId& control) const {
     const lc::ControlInfoMap& known = camera_->controls();
-    lc::ControlList list(known);
-    const auto has = [&known](const lc::ControlId& control) {
-      return known.find(&control) != known.end();
-    };
-    const auto missing = [&](bool wished, const char* what) {
-      if (wished) {
-        log_warning("libcamera:{}: the camera has no {} to set; it stays as it is", id(), what);
-      }
-    };
-    const CameraControls& wish = options.controls;
+    return known.find(&control) != known.end();
+  }
+  void warn_of_missing(const char* name) {
+    log_warning("libcamera:{}: the camera has no {} to set; it stays as it is", id(), name);
+  }
+
+  // Requests one interval between frames, within the range that this size and format have.
+  void set_frame_duration(lc::ControlList& list, double fps) {
     namespace c = lc::controls;
     format_.interval_granted = has(c::FrameDurationLimits);
-    if (format_.interval_granted) {
-      auto duration_us = static_cast<std::int64_t>(std::llround(1e6 / options.fps));
-      // As it will be held to what this size and format can do.
-      const lc::ControlInfo& can = known.find(&c::FrameDurationLimits)->second;
-      const auto is_time = [](const lc::ControlValue& value) {
-        return value.type() == lc::ControlTypeInteger64 && !value.isArray();
-      };
-      if (is_time(can.min()) && is_time(can.max())) {
-        const auto shortest_us = can.min().get<std::int64_t>();
-        const auto longest_us = can.max().get<std::int64_t>();
-        if (0 < shortest_us && shortest_us <= longest_us) {
-          duration_us = std::clamp(duration_us, shortest_us, longest_us);
-        }
+    if (!format_.interval_granted) return;
+    auto duration_us = static_cast<std::int64_t>(std::llround(1e6 / fps));
+    const lc::ControlInfo& can = camera_->controls().find(&c::FrameDurationLimits)->second;
+    const auto is_time = [](const lc::ControlValue& value) {
+      return value.type() == lc::ControlTypeInteger64 && !value.isArray();
+    };
+    if (is_time(can.min()) && is_time(can.max())) {
+      const auto shortest_us = can.min().get<std::int64_t>();
+      const auto longest_us = can.max().get<std::int64_t>();
+      if (0 < shortest_us && shortest_us <= longest_us) {
+        duration_us = std::clamp(duration_us, shortest_us, longest_us);
       }
-      format_.interval_s = 1e-6 * static_cast<double>(duration_us);
-      const std::array<std::int64_t, 2> limits = {duration_us, duration_us};
-      list.set(c::FrameDurationLimits, lc::Span<const std::int64_t, 2>(limits));
     }
+    format_.interval_s = 1e-6 * static_cast<double>(duration_us);
+    const std::array<std::int64_t, 2> limits = {duration_us, duration_us};
+    list.set(c::FrameDurationLimits, lc::Span<const std::int64_t, 2>(limits));
+  }
+
+  struct NumberControl {
+    const char* name;
+    const char* unit;       // with a blank before it, or empty
+    double steps_per_unit;  // libcamera's steps in one unit of the option
+  };
+  // Sets a control to the requested value, clamped to its range; warns where it is another or there
+  // is no such control.
+  template <class T>
+  void set_number(lc::ControlList& list, const lc::Control<T>& control, const NumberControl& about,
+                  double requested) {
+    const auto found = camera_->controls().find(&control);
+    if (found == camera_->controls().end()) return warn_of_missing(about.name);
+    const lc::ControlInfo& info = found->second;
+    ControlRange range;
+    if (const auto lowest = number_of(info.min()), highest = number_of(info.max());
+        lowest && highest) {
+      range = {*lowest / about.steps_per_unit, *highest / about.steps_per_unit};
+    }
+    const GrantedControl granted = granted_control(about.name, about.unit, requested, range);
+    if (granted.warning) log_warning("libcamera:{}: {}", id(), *granted.warning);
+    const double steps = granted.value * about.steps_per_unit;
+    list.set(control, static_cast<T>(std::is_integral_v<T> ? std::round(steps) : steps));
+  }
+  void set_switch(lc::ControlList& list, const lc::Control<bool>& control, bool value) const {
+    if (has(control)) list.set(control, value);
+  }
+
+  // The requested controls, as far as this camera has them; warns of the others.
+  [[nodiscard]] lc::ControlList start_controls(const LibcameraOptions& options) {
+    namespace c = lc::controls;
+    lc::ControlList list(camera_->controls());
+    const CameraControls& requested = options.controls;
+    set_frame_duration(list, options.fps);
     // A lens that moves is another camera model.
     if (has(c::AfMode)) list.set(c::AfMode, static_cast<std::int32_t>(c::AfModeManual));
-    if (wish.focus) {
-      if (has(c::LensPosition)) list.set(c::LensPosition, static_cast<float>(*wish.focus));
-      missing(!has(c::LensPosition), "focus");
+    if (requested.focus) {
+      set_number(list, c::LensPosition, {"focus", " dioptres", 1.0}, *requested.focus);
     }
-    if (wish.auto_exposure) {
-      if (has(c::AeEnable)) list.set(c::AeEnable, true);
-      missing(!has(c::AeEnable), "automatic exposure");
-    } else if (wish.exposure_ms) {
-      if (has(c::AeEnable)) list.set(c::AeEnable, false);
-      if (has(c::ExposureTime)) {
-        list.set(c::ExposureTime, static_cast<std::int32_t>(std::lround(*wish.exposure_ms * 1e3)));
-      }
-      missing(!has(c::ExposureTime), "exposure");
+    if (requested.auto_exposure) {
+      set_switch(list, c::AeEnable, true);
+      if (!has(c::AeEnable)) warn_of_missing("automatic exposure");
+    } else if (requested.exposure_ms) {
+      set_switch(list, c::AeEnable, false);
+      set_number(list, c::ExposureTime, {"exposure", " ms", 1e3}, *requested.exposure_ms);
     }
-    if (wish.gain) {
-      if (has(c::AnalogueGain)) list.set(c::AnalogueGain, static_cast<float>(*wish.gain));
-      missing(!has(c::AnalogueGain), "gain");
+    if (requested.gain) set_number(list, c::AnalogueGain, {"gain", "", 1.0}, *requested.gain);
+    if (requested.auto_white_balance || requested.white_balance_k) {
+      set_switch(list, c::AwbEnable, requested.auto_white_balance);
+      if (!has(c::AwbEnable)) warn_of_missing("white balance");
     }
-    if (wish.auto_white_balance || wish.white_balance_k) {
-      if (has(c::AwbEnable)) list.set(c::AwbEnable, wish.auto_white_balance);
-      missing(!has(c::AwbEnable), "white balance");
-    }
-    if (wish.white_balance_k) {
-      if (has(c::ColourTemperature)) list.set(c::ColourTemperature, *wish.white_balance_k);
-      missing(!has(c::ColourTemperature), "white balance [K]");
+    if (requested.white_balance_k) {
+      set_number(list, c::ColourTemperature, {"white balance", " K", 1.0},
+                 *requested.white_balance_k);
     }
     return list;
   }
@@ -709,7 +748,9 @@ class LibcameraSource final : public LiveSource {
     std::size_t bytes = 0;
     for (const auto& plane : metadata.planes()) bytes += plane.bytesused;
     if (metadata.status != lc::FrameMetadata::FrameSuccess || bytes == 0) {
-      faults_.count(CaptureFault::error_frame, "a frame is marked as bad and left out");
+      faults_.count(
+          CaptureFault::error_frame,
+          fmt::format("a frame that the driver marked as bad is skipped; {}", kImproveTransfer));
       return leave_out(std::move(image));
     }
     if (!(stream_->known().jpeg ? read_jpeg(index, bytes, image) : read_planes(index, image))) {
@@ -749,7 +790,8 @@ class LibcameraSource final : public LiveSource {
   bool read_planes(unsigned index, CapturedImage& image) {
     auto frame = stream_->frame(index);
     if (!frame) {
-      faults_.count(CaptureFault::error_frame, "a frame that is too short is left out");
+      faults_.count(CaptureFault::error_frame,
+                    fmt::format("a frame with too few bytes is skipped; {}", kImproveTransfer));
       return false;
     }
     if (stream_->ring().in_driver() < kDriverNeeds) {
