@@ -8,6 +8,13 @@
 #include "app/capture/camera_jpeg.hpp"
 
 namespace penumbra {
+namespace {
+
+constexpr std::string_view kLowerTheLoad =
+    "use a smaller --size or --fps, another USB port, or end other programs";
+
+}  // namespace
+
 std::string rate_in_words(const StreamFormat& format) {
   return fmt::format("{:.4g}/s{}", 1.0 / format.interval_s,
                      format.interval_granted ? "" : " as asked, or its own rate");
@@ -19,21 +26,25 @@ std::chrono::milliseconds bad_frame_pause(double interval_s) {
 
 void count_stamp(FaultCounter& faults, const FrameStamp& stamp, const StreamFormat& format) {
   if (stamp.lost_counted > 0) {
-    faults.count(CaptureFault::gap,
-                 "frames were dropped by the camera or its driver, which counts them",
-                 stamp.lost_counted);
+    faults.count(
+        CaptureFault::gap,
+        fmt::format("frames were dropped by the camera or its driver, which counts them; {}",
+                    kLowerTheLoad),
+        stamp.lost_counted);
   }
   if (stamp.lost_silent > 0) {
     faults.count(
         CaptureFault::silent_gap,
-        "frames were dropped without the driver counting them: the time between two frames was too "
-        "long",
+        fmt::format("frames were dropped without the driver counting them: the time between two "
+                    "frames was too long; {}",
+                    kLowerTheLoad),
         stamp.lost_silent);
   }
   if (stamp.bad_time) {
-    faults.count(
-        CaptureFault::bad_time,
-        "the driver's timestamp of a frame is impossible; its time of arrival is used instead");
+    faults.count(CaptureFault::bad_time,
+                 "the driver's timestamp of a frame is impossible; its time of arrival is used "
+                 "instead, which "
+                 "is less exact: if this recurs, update the kernel or use another camera");
   }
   if (stamp.slower_interval_ns > 0) {
     faults.count(

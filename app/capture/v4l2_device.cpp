@@ -149,6 +149,13 @@ std::string v4l2_call_help(const fs::path& path, const char* call, int error) {
   return v4l2_help(path, error);
 }
 
+std::string multi_planar_text(const fs::path& path, const std::string& card) {
+  return fmt::format(
+      "{}: has only V4L2's multi-planar interface ({}), which is not read; open the camera through "
+      "libcamera (penumbra devices lists libcamera:0 and so on)",
+      path.string(), card);
+}
+
 Result<V4l2Device> V4l2Device::open(const fs::path& path) {
   std::error_code ignored;
   V4l2Device device;
@@ -169,10 +176,7 @@ Result<V4l2Device> V4l2Device::open(const fs::path& path) {
       (about.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? about.device_caps : about.capabilities;
   if ((can & V4L2_CAP_VIDEO_CAPTURE) == 0) {
     if ((can & V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0) {
-      return fail(
-          "{}: has only V4L2's multi-planar interface ({}), which is not read; open the camera "
-          "through libcamera (penumbra devices lists libcamera:0 and so on)",
-          path.string(), device.identity_.card);
+      return fail("{}", multi_planar_text(path, device.identity_.card));
     }
     const char* what = (can & V4L2_CAP_META_CAPTURE) != 0 ? "gives data about frames, not frames"
                                                           : "gives no frames";

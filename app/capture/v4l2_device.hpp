@@ -44,11 +44,12 @@ struct V4l2Setting {
 };
 struct V4l2Controls {
   std::vector<std::pair<std::string, std::int64_t>> named;  // all that are numbers
-  // What a person may have set: not what the camera sets by itself, nor what is its driver's own.
+  // Values that a person may have set: none that the camera sets by itself or that is of its driver
+  // alone.
   std::vector<V4l2Setting> settings;
 };
 
-// What a numeric control takes, in its own steps.
+// Range of a numeric control, in its own steps.
 struct V4l2Range {
   std::int32_t minimum = 0;
   std::int32_t maximum = 0;
@@ -75,7 +76,7 @@ class V4l2Device {
   [[nodiscard]] const V4l2Identity& identity() const { return identity_; }
 
   [[nodiscard]] std::vector<V4l2Format> formats() const;
-  // Whether another program has its buffers: it can't be streamed from now.
+  // Returns true while another program has its buffers: it can't stream then.
   [[nodiscard]] bool busy() const;
   // Nothing where the device goes, or does not answer, meanwhile.
   [[nodiscard]] std::optional<V4l2Controls> controls() const;
@@ -99,10 +100,14 @@ class V4l2Device {
 // /dev/video*, in the order of their numbers.
 [[nodiscard]] std::vector<std::filesystem::path> list_v4l2_paths();
 [[nodiscard]] std::string fourcc_text(std::uint32_t fourcc);
-// What happened and what to do where opening the device fails with this error (an errno).
+// Describes the fault and its remedy where opening the device fails with this error (an errno).
 [[nodiscard]] std::string v4l2_help(const std::filesystem::path& path, int error);
 // The same where `call` (an ioctl or what is done with it) fails on an open device.
 [[nodiscard]] std::string v4l2_call_help(const std::filesystem::path& path, const char* call,
                                          int error);
+
+// Message for a device that has the multi-planar interface alone.
+[[nodiscard]] std::string multi_planar_text(const std::filesystem::path& path,
+                                            const std::string& card);
 
 }  // namespace penumbra

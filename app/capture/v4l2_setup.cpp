@@ -156,8 +156,26 @@ std::optional<std::string> field_problem(std::uint32_t field) {
     case V4L2_FIELD_SEQ_BT:
       return "gives both fields of an interlaced frame one below the other";
     default:
-      return "gives single fields of an interlaced picture";
+      return "gives single fields of an interlaced frame";
   }
+}
+
+std::string no_format_text(const std::filesystem::path& path,
+                           const std::vector<V4l2Format>& offered, const std::string& requested) {
+  std::string names;
+  for (const V4l2Format& format : offered) {
+    names += (names.empty() ? "" : ", ") + fourcc_text(format.fourcc);
+  }
+  if (names.empty()) names = "no format";
+  if (!requested.empty()) {
+    return fmt::format("{}: gives no {}, but {}; choose another --format", path.string(), requested,
+                       names);
+  }
+  return fmt::format(
+      "{0}: gives {1}, and none of NV12, YU12, YUYV, MJPEG and GREY, which can be read; open it "
+      "through libcamera, or convert it (ffmpeg -f v4l2 -i {0} -pix_fmt yuyv422 -f v4l2 to a "
+      "v4l2loopback device)",
+      path.string(), names);
 }
 
 std::optional<std::string> input_problem(const V4l2Device& device) {

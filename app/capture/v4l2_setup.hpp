@@ -3,8 +3,10 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "app/capture/camera_controls.hpp"
 #include "app/capture/v4l2_device.hpp"
@@ -23,8 +25,14 @@ void reset_view(const V4l2Device& device);
 // Why frames of this field order (enum v4l2_field) can't be tracked; nothing for progressive ones.
 [[nodiscard]] std::optional<std::string> field_problem(std::uint32_t field);
 
-// What is wrong with the signal at the device's current input, with the remedy; nothing where there
-// is a signal or the driver does not say.
+// Message for a device that has no format which can be read. `requested`: the format that was asked
+// for; empty for any.
+[[nodiscard]] std::string no_format_text(const std::filesystem::path& path,
+                                         const std::vector<V4l2Format>& offered,
+                                         const std::string& requested);
+
+// Describes a fault of the signal at the device's current input, with the remedy. Returns nothing
+// where there is a signal or the driver does not report one.
 [[nodiscard]] std::optional<std::string> input_problem(const V4l2Device& device);
 
 // Sets the requested controls and switches autofocus off. Every value is read back: `report` logs

@@ -97,8 +97,8 @@ std::optional<double> exposure_in_effect(const V4l2Device& device) {
 // that frames still hold stay mapped until those are gone.
 class Stream {
  public:
-  // `as_before`: only this format will do. `settings`: as its controls are to be, but for what is
-  // wished.
+  // `as_before`: only this format will do. `settings`: control values to restore; the requested
+  // ones go before.
   static Started<std::unique_ptr<Stream>> start(V4l2Device device, const V4l2Options& options,
                                                 const std::optional<StreamFormat>& as_before,
                                                 const std::vector<V4l2Setting>& settings = {}) {
@@ -188,40 +188,23 @@ class Stream {
     if (best) return {};
     return tl::unexpected<Trouble>(
         {CaptureFault::wrong_format,
-         no_format_text(as_before ? as_before->name : options.format.value_or(""))});
-  }
-
-  // `wanted`: the format that was asked for; empty for any that can be read.
-  [[nodiscard]] std::string no_format_text(const std::string& wanted) const {
-    std::string offered;
-    for (const V4l2Format& format : device_->formats()) {
-      offered += (offered.empty() ? "" : ", ") + fourcc_text(format.fourcc);
-    }
-    if (offered.empty()) offered = "no format";
-    const std::string path = device_->path().string();
-    if (!wanted.empty()) {
-      return fmt::format("{}: gives no {}, but {}; choose another --format", path, wanted, offered);
-    }
-    return fmt::format(
-        "{}: gives {}, and none of NV12, YU12, YUYV, MJPEG and GREY, which can be read; open it "
-        "through libcamera, or convert it (ffmpeg -f v4l2 -i {} -pix_fmt yuyv422 -f v4l2 to a "
-        "v4l2loopback device)",
-        path, offered, path);
+         no_format_text(device_->path(), device_->formats(),
+                        as_before ? as_before->name : options.format.value_or(""))});
   }
 
   Started<void> set_format(const V4l2Options& options,
                            const std::optional<StreamFormat>& as_before) {
     if (auto chosen = choose(options, as_before); !chosen) return chosen;
-    v4l2_format wish{};
-    wish.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    wish.fmt.pix.width = static_cast<std::uint32_t>(options.width);
-    wish.fmt.pix.height = static_cast<std::uint32_t>(options.height);
-    wish.fmt.pix.pixelformat = known_->fourcc;
-    wish.fmt.pix.field = V4L2_FIELD_NONE;
-    if (const int error = device_->call(VIDIOC_S_FMT, &wish); error != 0) {
+    v4l2_format requested{};
+    requested.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    requested.fmt.pix.width = static_cast<std::uint32_t>(options.width);
+    requested.fmt.pix.height = static_cast<std::uint32_t>(options.height);
+    requested.fmt.pix.pixelformat = known_->fourcc;
+    requested.fmt.pix.field = V4L2_FIELD_NONE;
+    if (const int error = device_->call(VIDIOC_S_FMT, &requested); error != 0) {
       return trouble(*device_, "VIDIOC_S_FMT", error);
     }
-    const v4l2_pix_format& granted = wish.fmt.pix;
+    const v4l2_pix_format& granted = requested.fmt.pix;
     format_.name = known_->name;
     format_.width = static_cast<int>(granted.width);
     format_.height = static_cast<int>(granted.height);
@@ -560,8 +543,9 @@ class V4l2Source final : public LiveSource {
     pace_.saw(stamp.timestamp_ns);
 
     if ((buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused == 0) {
-      return leave_out(std::move(image), CaptureFault::error_frame,
-                       "a frame is marked as bad and left out");
+      return leave_out(
+          std::move(image), CaptureFault::error_frame,
+          fmt::format("a frame that the driver marked as bad is skipped; {}", kImproveTransfer));
     }
     stream_->buffer(buffer.index).begin_reading();
     auto bytes = stream_->ring().buffer(buffer.index);
@@ -575,7 +559,7 @@ class V4l2Source final : public LiveSource {
       if (received->frame) image.frame = std::move(*received->frame);
     } else if (bytes.size() < stream_->layout().bytes) {
       return leave_out(std::move(image), CaptureFault::error_frame,
-                       "a frame that is too short is left out");
+                       fmt::format("a frame with too few bytes is skipped; {}", kImproveTransfer));
     }
 
     const bool copied = stream_->ring().in_driver() < kDriverNeeds;

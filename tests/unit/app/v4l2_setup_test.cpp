@@ -5,12 +5,16 @@
 #include <linux/videodev2.h>
 
 #include <cerrno>
+#include <limits>
 
+#include "app/capture/camera_controls.hpp"
 #include "app/capture/camera_trouble.hpp"
+#include "app/capture/v4l2_device.hpp"
 
 namespace penumbra {
 namespace {
 
+using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
 
@@ -31,6 +35,41 @@ TEST(V4l2Setup, NamesWhatTheDriverMadeOfARequest) {
             "exposure: the camera gives 204.7 ms for 500 ms; it takes 0.3 to 204.7 ms");
   EXPECT_EQ(changed_control_text("focus", 1.0, "", 999.0, 250, std::nullopt),
             "focus: the camera gives 250 for 999");
+}
+
+TEST(V4l2Setup, AdvisesWhereNoFormatCanBeRead) {
+  V4l2Format uyvy;
+  uyvy.fourcc = V4L2_PIX_FMT_UYVY;
+  EXPECT_THAT(no_format_text("/dev/video3", {uyvy}, ""),
+              AllOf(HasSubstr("/dev/video3: gives UYVY"), HasSubstr("libcamera"),
+                    HasSubstr("ffmpeg -f v4l2 -i /dev/video3"), HasSubstr("v4l2loopback")));
+  EXPECT_EQ(no_format_text("/dev/video3", {uyvy}, "nv12"),
+            "/dev/video3: gives no nv12, but UYVY; choose another --format");
+  EXPECT_THAT(no_format_text("/dev/video3", {}, ""), HasSubstr("gives no format"));
+}
+
+TEST(V4l2Setup, AdvisesLibcameraForMultiPlanarDevices) {
+  EXPECT_THAT(multi_planar_text("/dev/video3", "unicam"),
+              AllOf(HasSubstr("/dev/video3: "), HasSubstr("multi-planar"), HasSubstr("unicam"),
+                    HasSubstr("libcamera:0"), HasSubstr("penumbra devices")));
+}
+
+TEST(CameraControls, AreClampedToTheirRangeWithAWarning) {
+  const GrantedControl exposure = granted_control("exposure", " ms", 500.0, {0.06, 66.7});
+  EXPECT_EQ(exposure.value, 66.7);
+  EXPECT_EQ(exposure.warning,
+            "exposure: the camera gives 66.7 ms for 500 ms; it takes 0.06 to 66.7 ms");
+  EXPECT_EQ(granted_control("gain", "", 0.5, {1.0, 16.0}).warning,
+            "gain: the camera gives 1 for 0.5; it takes 1 to 16");
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  for (const ControlRange& range :
+       {ControlRange{1.0, 16.0}, ControlRange{8.0, 8.0}, ControlRange{0.0, 0.0},
+        ControlRange{9.0, 2.0}, ControlRange{kNan, 1.0}, ControlRange{0.0, kInfinity}}) {
+    const GrantedControl gain = granted_control("gain", "", 8.0, range);
+    EXPECT_EQ(gain.value, 8.0) << range.lowest << " to " << range.highest;
+    EXPECT_FALSE(gain.warning) << range.lowest << " to " << range.highest;
+  }
 }
 
 TEST(V4l2Setup, AdvisesWhereTheUsbBusIsFull) {
