@@ -355,6 +355,8 @@ Result<void> write_calibration(const CalibrateOptions& options, CalibrateOutputs
     input.title = options.source.string();
     input.date = date;
     input.target = target.description;
+    if (target.kind == TargetKind::chessboard)
+      input.target += " (does not show whether the images are mirrored)";
     input.earlier = earlier;
     input.earlier_name = options.compare.string();
     if (auto written = write_whole(*outputs.report, calibration_report(calibration, input));
@@ -368,10 +370,7 @@ void print_result(const CalibrateOptions& options, const Target& target,
                   const CameraCalibration& calibration, const std::optional<CameraModel>& earlier) {
   print_summary(calibration);
   if (target.kind == TargetKind::chessboard) {
-    fmt::print(
-        "mirrored: not known: a chessboard looks the same in a mirror, and the lens would be "
-        "mirrored too; see that writing in the pictures reads the right way, or calibrate with "
-        "tags\n");
+    log_info("a chessboard can't show whether images are mirrored; targets with tags can");
   }
   if (earlier) {
     const ProjectionDifference difference =
@@ -537,7 +536,10 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
       ->check(CLI::Range(0.1, 1e6));
   command->footer(
       "The last line is the verdict. A camera file is written whatever it says, and none where the "
-      "pictures\ncan't fix a camera.\n\n"
+      "pictures\ncan't fix a camera.\n"
+      "A chessboard looks the same in a mirror, and its lens would be mirrored too: check that "
+      "text "
+      "in the\nimages reads the right way, or calibrate with tags.\n\n"
       "Example:\n"
       "  penumbra calibrate pictures --target aprilgrid.yaml --output camera.yaml --report "
       "report.html\n"
