@@ -1,4 +1,4 @@
-// The tag map that a run tracks by: which it is, and what is printed and reported of it.
+// The tag map that a run tracks by, and its lines in the output and the report.
 #pragma once
 
 #include <filesystem>
@@ -20,7 +20,7 @@ struct TagsInUse {
 // "tags: tags.yaml (12 tags of 40 mm)", a line on standard output.
 void print_tags(const TagsInUse& tags);
 
-// What to do where there is no tag map, for the end of a message.
+// Remedy where there is no tag map, for the end of a message.
 inline constexpr std::string_view kNameATagMap =
     "name what lies on the table with --tags FILE (penumbra target writes such a file with the "
     "sheet, penumbra map measures one)";

@@ -11,7 +11,7 @@
 
 namespace penumbra {
 
-// Whether the text starts as XML does.
+// Returns true if the text starts as XML does.
 [[nodiscard]] bool is_xml(std::string_view text);
 
 // The map that <opencv_storage> holds. Elements named "_" are the items of a list; a text of

@@ -1,4 +1,4 @@
-// Why a camera gives no frames, whatever library opens it, and how that is told.
+// Reasons why a camera gives no frames, for every library that opens it, and their messages.
 #pragma once
 
 #include <filesystem>
@@ -11,7 +11,7 @@
 
 namespace penumbra {
 
-// Why a stream could not be started.
+// Reason why a stream could not be started.
 struct Trouble {
   CaptureFault fault;
   std::string message;
@@ -23,15 +23,15 @@ using Started = tl::expected<T, Trouble>;
 [[nodiscard]] CaptureFault fault_of(int error);
 [[nodiscard]] std::string message_of(int error);
 
-// What to do where a camera may not be opened.
+// Remedy where a camera may not be opened.
 inline constexpr std::string_view kJoinVideoGroup =
     "join the video group (sudo usermod -aG video $USER) and log in again";
-// What to do where the bus of a camera is full.
+// Remedy where the bus of a camera is full.
 inline constexpr std::string_view kFreeBandwidth =
     "its USB bus has no bandwidth left beside the other cameras on it; use --format mjpeg, a "
     "smaller --size or --fps, or a port of another USB controller";
-// What to say where a camera's device (media*, video*) in `devices` may not be opened by this user;
-// nothing where all may be, or there is none. libcamera does not tell that from there being none.
+// Message where this user may not open a camera's device (media*, video*) in `devices`; nothing
+// where all may be opened, or there is none. libcamera reports both as no camera.
 [[nodiscard]] std::optional<std::string> forbidden_camera_device(
     const std::filesystem::path& devices = "/dev");
 

@@ -1,4 +1,4 @@
-// A Video4Linux device: what it is, what it offers, and its controls.
+// A Video4Linux device: its identity, formats and controls.
 #pragma once
 
 #include <cstdint>
@@ -35,12 +35,11 @@ struct V4l2Format {
   std::vector<V4l2Size> sizes;
 };
 
-// A control of those that every camera may have (brightness, gain, exposure, ...) and what it is
-// set to.
+// A control of those that every camera may have (brightness, gain, exposure, ...) and its value.
 struct V4l2Setting {
   std::uint32_t id = 0;
   std::int32_t value = 0;
-  bool is_switch = false;  // or a menu: whether something is automatic, say
+  bool is_switch = false;  // or a menu, for example of automatic modes
 };
 struct V4l2Controls {
   std::vector<std::pair<std::string, std::int64_t>> named;  // all that are numbers

@@ -22,7 +22,8 @@ void reset_view(const V4l2Device& device);
 [[nodiscard]] Result<void> fill_frame(const V4l2Device& device, std::uint32_t width,
                                       std::uint32_t height);
 
-// Why frames of this field order (enum v4l2_field) can't be tracked; nothing for progressive ones.
+// Reason why frames of this field order (enum v4l2_field) can't be tracked; nothing for progressive
+// ones.
 [[nodiscard]] std::optional<std::string> field_problem(std::uint32_t field);
 
 // Message for a device that has no format which can be read. `requested`: the format that was asked

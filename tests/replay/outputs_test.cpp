@@ -89,7 +89,7 @@ TEST(StandardOutput, HoldsShadowsKernelsAndTargets) {
   same_as_file({"target", "--output", folder.path() / "sheet.pdf"}, "--tags", "tags-named.yaml");
 }
 
-TEST(StandardOutput, IsOneOutputs) {
+TEST(StandardOutput, IsRefusedForTwoOutputs) {
   const TemporaryFolder folder;
   using Arguments = std::vector<std::string>;
   for (const Arguments& arguments :

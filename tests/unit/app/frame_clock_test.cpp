@@ -77,7 +77,7 @@ TEST(FrameClock, CountsNoGapOfACameraThatIsSlowerThanGrantedFromTheStart) {
   }
 }
 
-TEST(FrameClock, CountsNoGapWhenTheLightGoes) {
+TEST(FrameClock, CountsNoGapWhenTheRateHalves) {
   Camera camera;
   for (std::uint32_t i = 0; i < 50; ++i) (void)camera.frame(i, 10 * i);
   std::int64_t slower_ns = 0;

@@ -207,7 +207,7 @@ TEST(OutputFile, WritesIntoAnOpenDescriptor) {
   EXPECT_FALSE(OutputFile::create("/dev/fd/876")) << "not open";
 }
 
-TEST(OutputFile, TellsStreamsFromFiles) {
+TEST(OutputFile, RecognisesStreamsByTheirPaths) {
   const test::TemporaryFolder folder;
   std::ofstream(folder.path() / "file") << "";
   for (const char* stream : {"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"}) {
