@@ -43,7 +43,8 @@ class RecordingFeed final : public LiveSource {
       if (sequence > next_) {
         faults_.count(
             CaptureFault::gap,
-            "frames were dropped because the program was too slow for the recording's rate",
+            "frames were dropped because the program was too slow for the recording's rate; use a "
+            "smaller --fps, or end other programs",
             sequence - next_);
       }
       const auto due = *start_ + static_cast<std::int64_t>(sequence) * interval_;
