@@ -318,7 +318,7 @@ class Planner {
   };
   [[nodiscard]] OverPlane over_plane(int object, const PlaneFrame& plane) const {
     const auto at = static_cast<std::size_t>(object);
-    const BoxCorners box = box_corners(*scene_.objects[at].model, state_.objects[at]);
+    const BoxCorners box = box_corners(*scene_.objects[at].model, placement_of_model(object));
     const auto [low, high] = heights_above(plane, box);
     return {object, footprint(box, plane), low, high};
   }

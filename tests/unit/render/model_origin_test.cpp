@@ -5,11 +5,14 @@
 
 #include <cmath>
 
+#include "render/frame_plan.hpp"
 #include "render/model_parts.hpp"
 #include "render/scene.hpp"
 #include "render/shadow/kernel_file.hpp"
 #include "render/shadow/shadow_mesh.hpp"
 #include "support/model_text.hpp"
+#include "support/shapes.hpp"
+#include "support/studio.hpp"
 
 namespace penumbra {
 namespace {
@@ -136,6 +139,106 @@ TEST_F(FarModel, ShapeThatItsNumbersLostGetsTheRightAdvice) {
   ASSERT_TRUE(coarse) << coarse.error().message;
   EXPECT_THAT(coarse->warnings, ElementsAre(HasSubstr("coordinates are exact to 2.2e-05 m only")));
 }
+
+// A caster above another object and a phantom beside it; all of them have the same model. With
+// `origin` the model lies there, and the placements bring it back.
+FramePlan plan_of_models_at(const Eigen::Vector3d& origin, const PlanOptions& options) {
+  test::ShapeBuilder shape;
+  shape.box(-0.025, -0.025, -0.025, 0.025, 0.025, 0.025);
+  Model model = *test::finished(shape.build(), glm::vec4(1.0F));
+  model.origin = origin;
+  const auto shared = std::make_shared<const Model>(std::move(model));
+  test::SceneBuilder builder;
+  const auto add = [&](const Placement& T, bool phantom) {
+    const Placement back{T.position - T.rotation * (T.scale * origin), T.rotation, T.scale};
+    builder.add(shared, back, true, phantom);
+  };
+  const Eigen::Quaterniond turned(Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitZ()));
+  add({{0.0, 0.0, 0.15}, turned, 1.0}, false);
+  add({{0.01, 0.0, 0.025}, Eigen::Quaterniond::Identity(), 1.0}, false);
+  add({{-0.03, 0.02, 0.02}, turned, 0.8}, true);
+  add({{5.0, 0.0, 0.1}, Eigen::Quaterniond::Identity(), 1.0}, false);
+  ScenePlane wall;
+  wall.name = "wall";
+  wall.normal = -Eigen::Vector3d::UnitY();
+  wall.point = {0.0, 0.3, 0.0};
+  builder.scene().planes.push_back(wall);
+  builder.scene().lights.emplace_back();
+  for (ShadowNode& node : builder.scene().shadows) {
+    node.walls = {static_cast<int>(builder.scene().planes.size()) - 1};
+    node.lights = {static_cast<int>(builder.scene().lights.size()) - 1};
+  }
+  const auto scene = builder.build();
+  return plan_frame(*scene, evaluate_scene(*scene, 0.0),
+                    test::tracked(test::look_at({0.0, -0.4, 0.5}, {0.0, 0.0, 0.0})),
+                    test::camera_of(320, 240, 300.0), options);
+}
+
+// One line per draw, to a micrometre.
+std::vector<std::string> lines_of(const FramePlan& plan) {
+  std::vector<std::string> lines;
+  const auto text = [](const auto& numbers) {
+    std::string all;
+    for (const double number : numbers) {
+      all += fmt::format(" {:.6f}", std::round(1e6 * number) / 1e6 + 0.0);  // -0 is 0
+    }
+    return all;
+  };
+  const auto add = [&](const char* what, int object, const Placement& T, const std::string& more) {
+    lines.push_back(fmt::format("{} {}{}{}", what, object, text(T.position), more));
+  };
+  const auto shadow = [&](const char* what, const ShadowDraw& draw, const std::string& more) {
+    add(what, draw.object, draw.T_table_object,
+        fmt::format(" on {}: {}{}{} {:.6f}{}{}", draw.plane, draw.umbra, draw.middle, draw.penumbra,
+                    draw.radius, text(draw.centre), more));
+  };
+  for (const ObjectDraw& draw : plan.objects) add("object", draw.object, draw.T_table_object, "");
+  for (const ObjectDraw& draw : plan.phantoms) add("phantom", draw.object, draw.T_table_object, "");
+  for (const ShadowDraw& draw : plan.shadows) shadow("shadow", draw, "");
+  for (const ShadowDraw& draw : plan.unseen_shadows) shadow("unseen", draw, "");
+  for (const ReceivedShadowDraw& draw : plan.received_shadows) {
+    shadow("received", draw.shadow, fmt::format(" by {}: {:.6f}", draw.receiver, draw.top));
+  }
+  lines.push_back(fmt::format("{} pairs may meet", plan.meeting_pairs));
+  for (const HardShadowDraw& draw : plan.hard_shadows) {
+    add("hard", draw.object, draw.T_table_object, fmt::format(" on {}", draw.plane));
+  }
+  for (const ShadowVolumeDraw& draw : plan.volumes) {
+    std::string balls;
+    for (const Ball& ball : draw.receivers) balls += text(ball.middle);
+    add("volume", draw.object, draw.T_table_object, balls);
+  }
+  for (const LightRayDraw& draw : plan.rays) add("rays", draw.object, draw.T_table_object, "");
+  for (const SkippedPass& pass : plan.skipped) lines.push_back(pass.what + " " + pass.reason);
+  return lines;
+}
+
+class FarModelPlan : public testing::TestWithParam<ShadowTechnique> {};
+
+TEST_P(FarModelPlan, IsThatOfModelAtTheOrigin) {
+  for (const bool skip : {true, false}) {
+    PlanOptions options;
+    options.technique = GetParam();
+    options.light_rays = true;
+    options.skip = skip;
+    const FramePlan near = plan_of_models_at({0, 0, 0}, options);
+    EXPECT_FALSE(near.objects.empty() || near.phantoms.empty());
+    if (GetParam() == ShadowTechnique::layered || GetParam() == ShadowTechnique::simple) {
+      EXPECT_GE(near.received_shadows.size(), 2U);
+      EXPECT_GE(near.meeting_pairs, 2U);
+    }
+    const FramePlan far = plan_of_models_at({3e5, 5e5, 0}, options);
+    EXPECT_EQ(lines_of(far), lines_of(near));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Technique, FarModelPlan,
+                         testing::Values(ShadowTechnique::layered, ShadowTechnique::simple,
+                                         ShadowTechnique::walls, ShadowTechnique::hard,
+                                         ShadowTechnique::field, ShadowTechnique::volume),
+                         [](const auto& technique) {
+                           return std::string(to_string(technique.param));
+                         });
 
 TEST(FarModelCases, SharedFilesHaveTheirArea) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared cases beside the checkout";
