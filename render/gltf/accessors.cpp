@@ -171,7 +171,7 @@ Result<void> Accessors::apply_sparse(const tinygltf::Accessor& accessor, Element
   return {};
 }
 
-Result<Elements> Accessors::elements(int index, const std::string& what) const {
+Result<Elements> Accessors::elements(int index, const std::string& what) {
   if (!has(gltf_.accessors, index)) {
     return fail("{}: {}: names accessor {}, there are {}", name_, what, index,
                 gltf_.accessors.size());
@@ -201,6 +201,13 @@ Result<Elements> Accessors::elements(int index, const std::string& what) const {
       read_element(from->data + i * from->stride, accessor, result.values.data() + i * width);
     }
   } else {
+    if (accessor.count * width > zeros_left_) {
+      return fail(
+          "{}: {}: has no buffer view; the file has more than {} numbers without data; export the "
+          "model again",
+          name_, place, zeros_allowed(limits_));
+    }
+    zeros_left_ -= accessor.count * width;
     result.values.resize(accessor.count * width, 0.0);
   }
   if (accessor.sparse.isSparse) {
@@ -218,7 +225,7 @@ Result<Elements> Accessors::elements(int index, const std::string& what) const {
 
 Result<Elements> Accessors::attribute(const std::map<std::string, int>& list,
                                       const std::string& key, const Shape& shape,
-                                      const std::string& what) const {
+                                      const std::string& what) {
   const auto entry = list.find(key);
   if (entry == list.end()) return Elements{};
   const std::string place = what + "/" + key;

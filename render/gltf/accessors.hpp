@@ -40,20 +40,30 @@ struct Shape {
   std::size_t count = 0;  // of elements; 0: any
 };
 
+// Most components, in all accessors together, that may be zero because they have no buffer view:
+// such an accessor costs the file nothing.
+[[nodiscard]] inline std::size_t zeros_allowed(const ModelLimits& limits) {
+  return 4 * limits.max_vertices;
+}
+
 class Accessors {
  public:
   Accessors(std::string name, const tinygltf::Model& gltf, Buffers& buffers,
             const ModelLimits& limits)
-      : name_(std::move(name)), gltf_(gltf), buffers_(buffers), limits_(limits) {}
+      : name_(std::move(name)),
+        gltf_(gltf),
+        buffers_(buffers),
+        limits_(limits),
+        zeros_left_(zeros_allowed(limits)) {}
 
   [[nodiscard]] Result<std::span<const std::uint8_t>> view_bytes(int view,
                                                                  const std::string& what) const;
   // `what`: where the accessor is named.
-  [[nodiscard]] Result<Elements> elements(int accessor, const std::string& what) const;
+  [[nodiscard]] Result<Elements> elements(int accessor, const std::string& what);
   // The elements that `list` names by `key`; empty where it does not. `what`: place of the list.
   [[nodiscard]] Result<Elements> attribute(const std::map<std::string, int>& list,
                                            const std::string& key, const Shape& shape,
-                                           const std::string& what) const;
+                                           const std::string& what);
   // Returns an accessor, for checks of its component type, or nullptr if the index is out of range.
   [[nodiscard]] const tinygltf::Accessor* find(int accessor) const {
     return has(gltf_.accessors, accessor) ? &gltf_.accessors[static_cast<std::size_t>(accessor)]
@@ -82,6 +92,7 @@ class Accessors {
   const tinygltf::Model& gltf_;
   Buffers& buffers_;
   const ModelLimits& limits_;
+  std::size_t zeros_left_;  // of zeros_allowed()
 };
 
 // Returns true for component types of unsigned integers.

@@ -42,7 +42,7 @@ struct Primitive {
 // Reads a mesh when it is first needed: meshes that no node shows may be malformed.
 class MeshReader {
  public:
-  MeshReader(std::string name, const tinygltf::Model& gltf, const Accessors& accessors,
+  MeshReader(std::string name, const tinygltf::Model& gltf, Accessors& accessors,
              const MaterialReader& materials, const ModelLimits& limits, Model& model, Notes& notes)
       : name_(std::move(name)),
         gltf_(gltf),
@@ -57,6 +57,11 @@ class MeshReader {
   [[nodiscard]] Result<void> number_vertices();
   // The primitives of a mesh that have a surface. `skinned`: with their skin weights.
   [[nodiscard]] Result<const std::vector<Primitive>*> mesh(int index, bool skinned);
+
+  // The number of a mesh's vertices, with those of primitives without a surface.
+  [[nodiscard]] std::size_t vertex_count(int mesh) const {
+    return meshes_[static_cast<std::size_t>(mesh)].vertex_count;
+  }
 
   // Returns the offset of the source vertices of the next use of a mesh from the numbers of
   // number_vertices(). Each use but the first is numbered separately, behind all others.
@@ -90,7 +95,7 @@ class MeshReader {
 
   std::string name_;
   const tinygltf::Model& gltf_;
-  const Accessors& accessors_;
+  Accessors& accessors_;
   const MaterialReader& materials_;
   const ModelLimits& limits_;
   Model& model_;

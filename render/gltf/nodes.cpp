@@ -184,8 +184,8 @@ Result<Eigen::Matrix4d> Nodes::T_root_node(int node) {
 
 Result<std::vector<Eigen::Matrix4d>> instances_of(const std::string& name,
                                                   const tinygltf::Node& node,
-                                                  const std::string& place,
-                                                  const Accessors& accessors) {
+                                                  const std::string& place, Accessors& accessors,
+                                                  std::size_t most) {
   const auto extension = node.extensions.find(kInstancing);
   std::map<std::string, int> attributes;
   if (extension != node.extensions.end() && extension->second.Has("attributes")) {
@@ -212,6 +212,9 @@ Result<std::vector<Eigen::Matrix4d>> instances_of(const std::string& name,
     if (elements->count != 0 && elements->count != count) {
       return fail("{}: {}: have {} and {} elements", name, what, elements->count, count);
     }
+  }
+  if (count > most) {
+    return fail("{}: {}: has {} instances; {} of this mesh can be read", name, place, count, most);
   }
   const auto vector_of = [](const Elements& elements, std::size_t i) {
     return Eigen::Vector3d(elements.at(i, 0), elements.at(i, 1), elements.at(i, 2));

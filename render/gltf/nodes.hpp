@@ -62,10 +62,11 @@ class Nodes {
 };
 
 // Returns the transforms of a node's instances (EXT_mesh_gpu_instancing), or one identity if it has
-// none.
+// none. Fails where there are more than `most`.
 [[nodiscard]] Result<std::vector<Eigen::Matrix4d>> instances_of(const std::string& name,
                                                                 const tinygltf::Node& node,
                                                                 const std::string& place,
-                                                                const Accessors& accessors);
+                                                                Accessors& accessors,
+ std::size_t most);
 
 }  // namespace penumbra::gltf

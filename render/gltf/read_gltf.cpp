@@ -25,6 +25,7 @@ class Reader {
  public:
   Reader(std::string name, const Document& document, Buffers& buffers, const ModelLimits& limits)
       : name_(std::move(name)),
+        limits_(limits),
         gltf_(document.model),
         pose_(rest_pose(name_, gltf_)),
         accessors_(name_, gltf_, buffers, limits),
@@ -48,6 +49,7 @@ class Reader {
   [[nodiscard]] Result<std::vector<VertexPlacement>> vertex_placements(const Placement& placement);
 
   std::string name_;
+  const ModelLimits& limits_;
   const tinygltf::Model& gltf_;
   Model model_;
   Notes notes_;
@@ -131,8 +133,9 @@ Result<std::vector<VertexPlacement>> Reader::vertex_placements(const Placement& 
     result.push_back({placement.T_root_node, *matrices});
     return result;
   }
+  const std::size_t most = limits_.max_vertices / meshes_.vertex_count(placement.mesh);
   const auto instances =
-      instances_of(name_, node, fmt::format("nodes/{}", placement.node), accessors_);
+      instances_of(name_, node, fmt::format("nodes/{}", placement.node), accessors_, most);
   if (!instances) return tl::unexpected(instances.error());
   for (const Eigen::Matrix4d& T_node_instance : *instances) {
     result.push_back({placement.T_root_node * T_node_instance, nullptr});
@@ -152,6 +155,7 @@ Result<void> Reader::collect(const Placement& placement) {
   if (!primitives) return tl::unexpected(primitives.error());
   const Result<std::vector<double>> weights = morph_weights(placement, **primitives);
   if (!weights) return tl::unexpected(weights.error());
+  if (meshes_.vertex_count(placement.mesh) == 0) return {};
   auto vertex_placements_of = vertex_placements(placement);
   if (!vertex_placements_of) return tl::unexpected(vertex_placements_of.error());
   const tinygltf::Value& extras = gltf_.meshes[static_cast<std::size_t>(placement.mesh)].extras;

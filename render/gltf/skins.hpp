@@ -15,7 +15,7 @@ namespace penumbra::gltf {
 
 class Skins {
  public:
-  Skins(std::string name, const tinygltf::Model& gltf, const Accessors& accessors, Nodes& nodes)
+  Skins(std::string name, const tinygltf::Model& gltf, Accessors& accessors, Nodes& nodes)
       : name_(std::move(name)), gltf_(gltf), accessors_(accessors), nodes_(nodes) {}
 
   // Per joint of a skin: T_root_joint times its inverse bind matrix, which takes a vertex of the
@@ -28,7 +28,7 @@ class Skins {
 
   std::string name_;
   const tinygltf::Model& gltf_;
-  const Accessors& accessors_;
+  Accessors& accessors_;
   Nodes& nodes_;
   std::map<int, std::vector<Eigen::Matrix4d>> known_;
 };

@@ -126,6 +126,31 @@ TEST_F(GltfForms, AccessorsWithoutABufferViewAreZeros) {
   EXPECT_THAT(model->meshes[0].indices, testing::Each(0U));
 }
 
+TEST_F(GltfForms, NumbersWithoutDataAreLimitedInTotal) {
+  GltfBuilder file = square();
+  for (const char* attribute : {"NORMAL", "TANGENT"}) {
+    const bool is_tangent = std::string(attribute) == "TANGENT";
+    file.json["accessors"].push_back(
+        {{"componentType", 5126}, {"count", 4}, {"type", is_tangent ? "VEC4" : "VEC3"}});
+    file.primitive()["attributes"][attribute] = file.json["accessors"].size() - 1;
+  }
+  // Normals and tangents have 28 numbers; 40 are allowed with the corners.
+  file.json["accessors"][1].erase("bufferView");
+  const auto with_corners = [&](int count) {
+    file.json["accessors"][1]["count"] = count;
+    ModelReading reading;
+    reading.limits.max_vertices = 10;
+    return load_model(write("model.gltf", file.gltf()), reading);
+  };
+  EXPECT_TRUE(with_corners(12)) << error_of(with_corners(12));
+  EXPECT_THAT(error_of(with_corners(15)),
+              HasSubstr("has no buffer view; the file has more than 40 numbers without data"));
+  // A short file that asks for 2 GB.
+  file.json["accessors"][1]["count"] = 60'000'000;
+  file.json["accessors"][1]["type"] = "VEC4";
+  EXPECT_THAT(error_of(loaded(file.gltf())), HasSubstr("has no buffer view"));
+}
+
 TEST_F(GltfForms, WholeNumbersMayBeWrittenWithAPoint) {
   GltfBuilder file = square();
   file.json["nodes"][0]["mesh"] = 0.0;
@@ -302,6 +327,21 @@ TEST_F(GltfForms, InstancesAreCopiesAtTheirOwnPlaces) {
               HasSubstr("nodes/0/extensions/EXT_mesh_gpu_instancing/attributes: have 1 and 3"));
 }
 
+TEST_F(GltfForms, InstancesAreCountedBeforeTheyAreMade) {
+  GltfBuilder file = square();
+  const std::vector<float> places(std::size_t{3} * 6, 0.5F);
+  file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["TRANSLATION"] =
+      file.accessor(places, "VEC3");
+  const auto limited = [&](std::size_t vertices) {
+    ModelReading reading;
+    reading.limits.max_vertices = vertices;
+    return load_model(write("model.gltf", file.gltf()), reading);
+  };
+  EXPECT_TRUE(limited(24)) << error_of(limited(24));
+  EXPECT_THAT(error_of(limited(23)),
+              HasSubstr("nodes/0: has 6 instances; 5 of this mesh can be read"));
+}
+
 TEST_F(GltfForms, SharedCasesOfNodesHaveTheirRightArea) {
   // Areas of shadows; bodies overlap themselves, so only the front faces of boxes count here.
   for (const auto& [file, area] : std::map<std::string, double>{
@@ -379,6 +419,10 @@ TEST_F(GltfForms, PicturesThatCannotBeHadLeavePlainColour) {
   picture("data:image/webp;base64,UklGRg==");
   expect_plain("images/0: is neither JPEG nor PNG");
   picture("data:image/png;base64,");
+  expect_plain("images/0");
+  const auto png = test::png_bytes(test::one_color(9, 9, 9));
+  const std::string half(png.begin(), png.begin() + static_cast<std::ptrdiff_t>(png.size() / 2));
+  picture("data:image/png;base64," + test::base64(half));
   expect_plain("images/0");
   picture(std::string(5000, 'x'));
   expect_plain("not found");
