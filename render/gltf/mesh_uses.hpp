@@ -18,6 +18,7 @@ struct PrimitiveUse {
   std::uint32_t source_vertex = 0;  // that Mesh::source_vertex has for its first vertex there
   // From the primitive's axes to the root's: one for all of its vertices, or one for each (skins).
   std::vector<Eigen::Matrix4d> T_root_vertex;
+  bool is_hidden = false;  // its transforms leave nothing of its surface
 };
 
 // A mesh at one place.

@@ -190,6 +190,10 @@ void VertexTransformer::turn_tangents(Mesh& mesh) const {
 
 }  // namespace
 
+bool keeps_surfaces(const Eigen::Matrix4d& T) {
+  return orientation_of(T).has_surface;
+}
+
 Result<void> Placer::collect(PlacedPrimitive placed) {
   const Mesh& mesh = placed.primitive->mesh;
   vertices_ += mesh.positions.size();

@@ -32,6 +32,9 @@ struct PlacedPrimitive {
   std::string place;       // of the node in the file
 };
 
+// Returns false for a transform that makes lines or points of surfaces, as one that hides a node.
+[[nodiscard]] bool keeps_surfaces(const Eigen::Matrix4d& T);
+
 // Collects primitives, then transforms them in double and adds them to a model.
 class Placer {
  public:

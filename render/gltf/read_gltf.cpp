@@ -84,6 +84,9 @@ MeshUse use_of(const Placement& placement, const VertexPlacement& vertices,
       to.T_root_vertex.push_back(blended(primitive.skin, i, *vertices.joint_matrices));
     }
   }
+  for (PrimitiveUse& primitive : use.primitives) {
+    primitive.is_hidden = std::ranges::none_of(primitive.T_root_vertex, keeps_surfaces);
+  }
   return use;
 }
 
@@ -167,7 +170,9 @@ Result<void> Reader::collect(const Placement& placement) {
     // The stored direction of a skinned mesh is in the root frame.
     const Eigen::Matrix3d linear = skin >= 0 ? Eigen::Matrix3d(Eigen::Matrix3d::Identity())
                                              : vertices.T_root_mesh.topLeftCorner<3, 3>();
-    kernels_.take(extras, linear, placement.place);
+    if (skin >= 0 || keeps_surfaces(vertices.T_root_mesh)) {
+      kernels_.take(extras, linear, placement.place);
+    }
     for (const Primitive& primitive : **primitives) {
       if (vertices.joint_matrices != nullptr) {
         if (primitive.skin.per_vertex == 0) {

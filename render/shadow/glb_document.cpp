@@ -34,15 +34,29 @@ void move_view(Json& view, const std::vector<std::size_t>& begin) {
   for (auto& extension : view.at("extensions")) move_view(extension, begin);
 }
 
-// Puts the bytes of all buffers one behind the other.
+// Marks the buffers that a buffer view, or an extension of it, names.
+void mark_buffers(const Json& view, std::vector<bool>& is_named) {
+  if (view.is_object() && view.contains("buffer")) {
+    is_named.at(view.at("buffer").get<std::size_t>()) = true;
+  }
+  if (!view.contains("extensions")) return;
+  for (const auto& extension : view.at("extensions")) mark_buffers(extension, is_named);
+}
+
+// Puts the bytes of all buffers that buffer views name one behind the other. Others may be missing.
 Result<std::vector<std::uint8_t>> joined_buffers(Json& json, gltf::Buffers& buffers) {
   std::vector<std::uint8_t> binary;
-  std::vector<std::size_t> begin;
+  std::vector<std::size_t> begin(buffers.count(), 0);
+  std::vector<bool> is_named(buffers.count(), false);
+  if (json.contains("bufferViews")) {
+    for (const Json& view : json.at("bufferViews")) mark_buffers(view, is_named);
+  }
   for (std::size_t i = 0; i < buffers.count(); ++i) {
+    if (!is_named[i]) continue;
     const auto bytes = buffers.bytes(i);
     if (!bytes) return tl::unexpected(bytes.error());
     while (binary.size() % 4 != 0) binary.push_back(0);
-    begin.push_back(binary.size());
+    begin[i] = binary.size();
     binary.insert(binary.end(), bytes->begin(), bytes->end());
   }
   if (begin.empty()) return binary;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <algorithm>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -180,10 +181,12 @@ Result<std::vector<glm::vec3>> KernelWriter::local_kernels(const gltf::Primitive
 }
 
 Result<void> KernelWriter::add(const gltf::MeshUse& use) {
-  if (use.primitives.empty()) return {};
+  // Nothing is seen of a node of scale 0, and its mesh stays as it is. Such instances are dropped.
+  if (std::ranges::all_of(use.primitives, &gltf::PrimitiveUse::is_hidden)) return {};
   bool is_copy = false;
   const std::size_t mesh = mesh_of(use, is_copy);
   for (const gltf::PrimitiveUse& primitive : use.primitives) {
+    if (primitive.is_hidden) continue;
     // Copied, because adding accessors may reallocate the document.
     Json attributes =
         document_.json.at("meshes").at(mesh).at("primitives").at(primitive.index).at("attributes");

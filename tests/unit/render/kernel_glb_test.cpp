@@ -210,7 +210,69 @@ TEST_F(KernelGlb, SkinnedMeshKeepsKernelsInItsOwnAxes) {
   expect_both_forms(maker.write(folder()), folder() / "kept.glb");
 }
 
-TEST_F(KernelGlb, FlattenedMeshIsRefusedWithTheOtherForm) {
+TEST_F(KernelGlb, HiddenNodesKeepTheirMesh) {
+  // By scale 0 on all axes or on two, before, between and behind uses that are seen.
+  for (
+      const std::string nodes :
+      {R"([{"mesh": 0, "scale": [0, 0, 0]}, {"mesh": 0}, {"mesh": 1, "scale": [0, 0, 0]}])",
+       R"([{"mesh": 0}, {"mesh": 0, "scale": [1, 0, 0]}, {"mesh": 0, "translation": [0.3, 0, 0]}])",
+       R"([{"mesh": 1, "scale": [2, 1, 1]}, {"mesh": 0}, {"mesh": 0, "scale": [0, 0, 0]}])"}) {
+    GltfMaker maker;
+    maker.json["meshes"] = Json::array();
+    for (int i = 0; i < 2; ++i) {
+      const Json box = maker.box();
+      maker.json["meshes"].push_back({{"primitives", {box}}});
+    }
+    maker.json["nodes"] = Json::parse(nodes);
+    maker.json["scenes"] = Json::parse(R"([{"nodes": [0, 1, 2]}])");
+    expect_both_forms(maker.write(folder()), folder() / "kept.glb");
+    // And again, where the hidden nodes have meshes with kernels of others.
+    expect_both_forms(folder() / "kept.glb", folder() / "again.glb");
+  }
+}
+
+TEST_F(KernelGlb, HiddenInstanceIsDropped) {
+  GltfMaker maker;
+  const Json box = maker.box();
+  maker.json["meshes"] = Json::array();
+  maker.json["meshes"].push_back({{"primitives", {box}}});
+  const std::size_t scales = maker.add<float>({0, 0, 0, 2, 1, 1}, 5126, "VEC3", 2);
+  maker.json["nodes"] = Json::parse(R"([{"mesh": 0}])");
+  maker.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] = {
+      {"SCALE", scales}};
+  maker.json["extensionsUsed"] = {"EXT_mesh_gpu_instancing"};
+  maker.json["scenes"] = Json::parse(R"([{"nodes": [0]}])");
+  const fs::path file = maker.write(folder());
+  const Result<Model> model = load_model(file);
+  ASSERT_TRUE(model) << model.error().message;
+  const auto written = add_kernels_to_gltf(file, kernels_of(*model));
+  ASSERT_TRUE(written) << written.error().message;
+  const Result<Model> kept = load_model(write("kept.glb", written->bytes));
+  ASSERT_TRUE(kept) << kept.error().message;
+  EXPECT_EQ(geometry_key(*kept), geometry_key(*model));
+  EXPECT_THAT(kept->warnings, IsEmpty());
+  expect_kernels_as_made(*kept);
+}
+
+TEST_F(KernelGlb, BuffersThatNothingUsesMayBeMissing) {
+  GltfMaker maker;
+  const Json box = maker.box();
+  maker.json["meshes"] = Json::array();
+  maker.json["meshes"].push_back({{"primitives", {box}}});
+  maker.json["nodes"] = Json::parse(R"([{"mesh": 0}])");
+  maker.json["scenes"] = Json::parse(R"([{"nodes": [0]}])");
+  fs::path file = maker.write(folder());
+  for (const bool is_first : {false, true}) {
+    Json json = maker.json;
+    const Json missing = {{"byteLength", 4'000'000'000U}};
+    json["buffers"].insert(is_first ? json["buffers"].begin() : json["buffers"].end(), missing);
+    for (Json& view : json["bufferViews"]) view["buffer"] = is_first ? 1 : 0;
+    std::ofstream(file) << json.dump();
+    expect_both_forms(file, folder() / "kept.glb");
+  }
+}
+
+TEST_F(KernelGlb, RefusesFlattenedMeshAndNamesJson) {
   GltfMaker maker;
   const Json box = maker.box();
   maker.json["meshes"] = Json::array();
@@ -338,6 +400,18 @@ TEST_F(KernelGlb, KernelsAreStoredInTheUnitOfTheirFile) {
   ASSERT_TRUE(as_metres);
   EXPECT_EQ(as_metres->max_corner, in_metres->max_corner);
   EXPECT_TRUE(as_metres->shadow_kernel_up);
+}
+
+TEST_F(KernelGlb, SharedCasesOfHiddenNodesAndUnusedBuffersAreWritten) {
+  const fs::path cases = test::shared_dir() / "cases";
+  if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
+  for (const std::string file :
+       {"gltf-hidden-node/scale0_all.gltf", "gltf-hidden-node/scale0_two_axes.gltf",
+        "gltf-data-uri-forms/unused-buffer-4GB-without-uri.gltf"}) {
+    if (!fs::exists(cases / file)) GTEST_SKIP() << "no " << file;
+    SCOPED_TRACE(file);
+    expect_both_forms(cases / file, folder() / "kept.glb");
+  }
 }
 
 TEST_F(KernelGlb, SharedCaseWithLatin1NamesIsWritten) {
