@@ -93,7 +93,8 @@ class PublicModels : public testing::TestWithParam<const char*> {
       GTEST_SKIP() << "no " << kModels << "; install assimp-testmodels (scripts/setup)";
     }
   }
-  // Area of the model's projection onto the plane [cm2]; nothing where the file is refused.
+  // Area of the model's projection onto the plane [cm2]; nothing where the file is refused. `name`:
+  // as in the table, or a path.
   std::optional<double> shadow_area(const std::string& name, const std::string& plane,
                                     const ExpectedModel& expected) {
     const fs::path output = folder_.path() / "shadow.json";
@@ -120,6 +121,15 @@ class PublicModels : public testing::TestWithParam<const char*> {
     EXPECT_EQ(kernels.size() % 3, 0U);
     for (const auto& number : kernels) ASSERT_TRUE(std::isfinite(number.get<double>()));
   }
+  // The model as `kernels` writes it into a .glb; nothing where it has to be a .json file.
+  std::optional<std::string> with_kernels(const std::string& name) {
+    const std::string output = folder_.path() / "kernels.glb";
+    const ProgramResult result = penumbra({"kernels", kModels / name, "--output", output});
+    expect_clear_lines(result, name);
+    if (result.exit_code == 0) return output;
+    EXPECT_THAT(result.err, testing::HasSubstr("store the kernels in a .json file"));
+    return std::nullopt;
+  }
 
   TemporaryFolder folder_;
 };
@@ -135,6 +145,7 @@ TEST_P(PublicModels, HaveTheAreasOfTheTable) {
   const std::string folder = GetParam();
   const auto models = expected_models();
   int tried = 0;
+  int written = 0;  // as .glb
   for (const std::string& name : installed_models()) {
     if (!name.starts_with(folder + "/")) continue;
     SCOPED_TRACE(name);
@@ -151,8 +162,16 @@ TEST_P(PublicModels, HaveTheAreasOfTheTable) {
     expect_area(oblique, expected.oblique_cm2, expected.extent_m);
     EXPECT_EQ(vertical.has_value(), oblique.has_value());
     expect_kernels(name, vertical.has_value());
+    if (!vertical) continue;
+    const auto glb = with_kernels(name);
+    if (!glb) continue;
+    ++written;
+    expect_area(shadow_area(*glb, kVerticalPlane, expected), expected.vertical_cm2,
+                expected.extent_m);
   }
   EXPECT_GT(tried, 0);
+  const bool is_mostly_readable = folder == "OBJ" || folder == "glTF2";
+  EXPECT_GE(written, is_mostly_readable ? 10 : 0);
 }
 
 INSTANTIATE_TEST_SUITE_P(Folder, PublicModels, testing::Values("OBJ", "glTF", "glTF2", "invalid"),
