@@ -86,6 +86,10 @@ void scale_to_metres(Model& model, double unit_m) {
   model.origin *= unit_m;
 }
 
+Eigen::AlignedBox3d bounds_of(const Model& model) {
+  return {model.origin + to_eigen(model.min_corner), model.origin + to_eigen(model.max_corner)};
+}
+
 // Of a glTF file as it is usually read: y up, with whatever axes it is read now.
 std::string usual_geometry_key(const Model& model, UpAxis up) {
   if (up != UpAxis::z) return geometry_key(model);
@@ -389,8 +393,9 @@ Result<Model> load_model(const std::filesystem::path& file, const ModelReading& 
   if (bytes->empty()) return fail("{}: is empty; export the model again", name);
   // The readers are libraries: what they throw ends here.
   try {
-    Result<Model> model = gltf ? read_gltf(file, *bytes, extension == ".glb", limits)
-                               : read_obj(file, *bytes, limits);
+    double file_step = 0.0;
+    Result<Model> model = gltf ? read_gltf(file, *bytes, extension == ".glb", limits, file_step)
+                               : read_obj(file, *bytes, limits, file_step);
     if (!model) return model;
     model->name = file.stem().string();
     // The readers give the file's own axes.
@@ -406,6 +411,9 @@ Result<Model> load_model(const std::filesystem::path& file, const ModelReading& 
     const Result<void> checked = check_model(*model, name, reading.limits);
     if (!checked) return tl::unexpected(checked.error());
     if (model->shadow_kernel_up) check_stored_kernels(*model, geometry, name, reading.limits);
+    if (auto coarse = warning_of_distance(bounds_of(*model), file_step * reading.unit_m, name)) {
+      model->warnings.push_back(std::move(*coarse));
+    }
     if (auto lost = warning_of_lost_faces(*model, name)) {
       model->warnings.push_back(std::move(*lost));
     }

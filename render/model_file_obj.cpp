@@ -46,6 +46,7 @@ class ObjReader {
       : name_(file.string()), limits_(limits), materials_(file, limits), warnings_(name_) {}
 
   [[nodiscard]] Result<Model> read(std::string_view text);
+  [[nodiscard]] double file_step() const { return obj_.step; }
 
  private:
   [[nodiscard]] Result<void> read_lines(std::string_view text);
@@ -370,8 +371,11 @@ Result<Model> ObjReader::read(std::string_view text) {
 }  // namespace
 
 Result<Model> read_obj(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
-                       const ModelLimits& limits) {
-  return ObjReader(file, limits).read({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+                       const ModelLimits& limits, double& file_step) {
+  ObjReader reader(file, limits);
+  Result<Model> model = reader.read({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+  file_step = reader.file_step();
+  return model;
 }
 
 }  // namespace penumbra

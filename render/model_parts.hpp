@@ -75,11 +75,13 @@ void append_mesh(Mesh& mesh, const Mesh& more);
 [[nodiscard]] Result<void> check_model(Model& model, const std::string& name,
                                        const ModelLimits& limits);
 
+// Both set `file_step` to the resolution of the file's coordinates where the model lies, in the
+// file's unit.
 [[nodiscard]] Result<Model> read_gltf(const std::filesystem::path& file,
                                       std::span<const std::uint8_t> bytes, bool binary,
-                                      const ModelLimits& limits);
+                                      const ModelLimits& limits, double& file_step);
 [[nodiscard]] Result<Model> read_obj(const std::filesystem::path& file,
-                                     std::span<const std::uint8_t> bytes,
-                                     const ModelLimits& limits);
+                                     std::span<const std::uint8_t> bytes, const ModelLimits& limits,
+                                     double& file_step);
 
 }  // namespace penumbra

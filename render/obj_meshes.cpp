@@ -246,11 +246,7 @@ Result<void> add_obj_meshes(Model& model, ObjFile& file, const std::vector<int>&
                             const std::string& name) {
   const Eigen::AlignedBox3d bounds = bounds_of(file);
   model.origin = model_origin(bounds);
-  const double step =
-      std::numeric_limits<double>::epsilon() * bounds.center().cwiseAbs().maxCoeff();
-  if (auto warning = warning_of_distance(bounds, step, name)) {
-    model.warnings.push_back(std::move(*warning));
-  }
+  file.step = std::numeric_limits<double>::epsilon() * bounds.center().cwiseAbs().maxCoeff();
   FaceSplitter splitter(file, model.origin, warnings);
   for (std::uint32_t i = 0; i < file.faces.size(); ++i) splitter.add(i);
   const ObjTriangles triangles = splitter.take();

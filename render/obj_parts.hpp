@@ -62,6 +62,7 @@ struct ObjFile {
   std::vector<ObjFace> faces;
   std::vector<ModelNode> nodes;             // objects and groups with faces
   std::vector<std::string> material_names;  // named by usemtl
+  double step = 0.0;                        // resolution of the positions, set by add_obj_meshes()
 };
 
 struct ObjMaterial {

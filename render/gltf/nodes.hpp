@@ -67,6 +67,6 @@ class Nodes {
                                                                 const tinygltf::Node& node,
                                                                 const std::string& place,
                                                                 Accessors& accessors,
- std::size_t most);
+                                                                std::size_t most);
 
 }  // namespace penumbra::gltf

@@ -208,13 +208,12 @@ Result<void> Placer::collect(PlacedPrimitive placed) {
 
 Result<void> Placer::place_all() {
   Eigen::AlignedBox3d bounds;
-  double step = 0.0;
   std::vector<VertexTransformer> visible;
   for (const PlacedPrimitive& placed : collected_) {
     VertexTransformer transformer(placed);
     if (!transformer.measure(kMaxFileCoordinate_m)) {
-      return fail("{}: {}: a vertex lies farther than {:g} m from the origin", name_, placed.place,
-                  kMaxFileCoordinate_m);
+      return fail("{}: {}: a vertex lies farther than {:g} units of the file from the origin",
+                  name_, placed.place, kMaxFileCoordinate_m);
     }
     if (!transformer.has_surface()) {
       // A scale of 0 on all axes is the way to hide a node (glTF 2.0, 5.25).
@@ -223,18 +222,15 @@ Result<void> Placer::place_all() {
       continue;
     }
     bounds.extend(transformer.bounds());
-    step = std::max(step, transformer.step());
+    file_step_ = std::max(file_step_, transformer.step());
     visible.push_back(transformer);
   }
   model_.origin = model_origin(bounds);
-  if (auto warning = warning_of_distance(bounds, step, name_)) {
-    model_.warnings.push_back(std::move(*warning));
-  }
   for (const VertexTransformer& transformer : visible) {
     const Eigen::AlignedBox3d centred = transformer.bounds().translated(-model_.origin);
     if (std::max(centred.min().cwiseAbs().maxCoeff(), centred.max().cwiseAbs().maxCoeff()) >
         limits_.max_coordinate_m) {
-      return fail("{}: {}: a vertex lies farther than {} m from the origin", name_,
+      return fail("{}: {}: a vertex lies farther than {} units of the file from the origin", name_,
                   transformer.placed().place, limits_.max_coordinate_m);
     }
     add(transformer.mesh(model_.origin));

@@ -43,6 +43,8 @@ class Placer {
 
   [[nodiscard]] Result<void> collect(PlacedPrimitive placed);
   [[nodiscard]] Result<void> place_all();
+  // The resolution of the file's coordinates where they are placed; after place_all().
+  [[nodiscard]] double file_step() const { return file_step_; }
 
  private:
   void add(Mesh mesh);
@@ -55,6 +57,7 @@ class Placer {
   std::unordered_map<int, std::size_t> mesh_of_material_;  // -> Model::meshes
   std::size_t vertices_ = 0;
   std::size_t triangles_ = 0;
+  double file_step_ = 0.0;
 };
 
 }  // namespace penumbra::gltf

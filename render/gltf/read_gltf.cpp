@@ -37,6 +37,7 @@ class Reader {
         kernels_(name_, model_) {}
 
   [[nodiscard]] Result<Model> read();
+  [[nodiscard]] double file_step() const { return placer_.file_step(); }
   // Keeps in `uses` where read() puts meshes.
   void keep_uses(std::vector<MeshUse>& uses) { uses_ = &uses; }
 
@@ -212,9 +213,14 @@ Result<Model> Reader::read() {
   return std::move(model_);
 }
 
-// `uses`: where they are wanted.
+// What is known of a file beside its model.
+struct FileNotes {
+  double step = 0.0;                     // resolution of its coordinates
+  std::vector<MeshUse>* uses = nullptr;  // null: not wanted
+};
+
 Result<Model> read_bytes(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
-                         bool binary, const ModelLimits& limits, std::vector<MeshUse>* uses) {
+                         bool binary, const ModelLimits& limits, FileNotes& notes) {
   const std::string name = file.string();
   Container container{{reinterpret_cast<const char*>(bytes.data()), bytes.size()}, {}};
   if (binary) {
@@ -229,9 +235,10 @@ Result<Model> read_bytes(const std::filesystem::path& file, std::span<const std:
   }
   Buffers buffers(file, std::move(document->buffers), container.binary, limits.max_file_bytes);
   Reader reader(name, *document, buffers, limits);
-  if (uses != nullptr) reader.keep_uses(*uses);
+  if (notes.uses != nullptr) reader.keep_uses(*notes.uses);
   Result<Model> model = reader.read();
   if (!model) return model;
+  notes.step = reader.file_step();
   std::vector<std::string> ignored = ignored_content(name, *document);
   model->warnings.insert(model->warnings.begin(), ignored.begin(), ignored.end());
   model->warnings.insert(model->warnings.end(), buffers.warnings().begin(),
@@ -247,7 +254,8 @@ Result<std::vector<MeshUse>> mesh_uses(const std::filesystem::path& file) {
   if (!bytes) return tl::unexpected(bytes.error());
   const std::string_view text(reinterpret_cast<const char*>(bytes->data()), bytes->size());
   std::vector<MeshUse> uses;
-  const Result<Model> model = read_bytes(file, *bytes, text.starts_with("glTF"), limits, &uses);
+  FileNotes notes{.uses = &uses};
+  const Result<Model> model = read_bytes(file, *bytes, text.starts_with("glTF"), limits, notes);
   if (!model) return tl::unexpected(model.error());
   return uses;
 }
@@ -255,8 +263,11 @@ Result<std::vector<MeshUse>> mesh_uses(const std::filesystem::path& file) {
 }  // namespace gltf
 
 Result<Model> read_gltf(const std::filesystem::path& file, std::span<const std::uint8_t> bytes,
-                        bool binary, const ModelLimits& limits) {
-  return gltf::read_bytes(file, bytes, binary, limits, nullptr);
+                        bool binary, const ModelLimits& limits, double& file_step) {
+  gltf::FileNotes notes;
+  Result<Model> model = gltf::read_bytes(file, bytes, binary, limits, notes);
+  file_step = notes.step;
+  return model;
 }
 
 }  // namespace penumbra

@@ -163,7 +163,7 @@ TEST_F(GltfMorph, DamageIsRefusedByItsField) {
   EXPECT_THAT(error_with([&](auto& file) { file.json["nodes"][0]["weights"] = {"1"}; }),
               HasSubstr("nodes/0/weights: is [\"1\"]; a list of numbers is expected"));
   EXPECT_THAT(error_with([&](auto& file) { file.json["nodes"][0]["weights"] = {1e30}; }),
-              HasSubstr("m from the origin"));
+              HasSubstr("from the origin"));
 }
 
 TEST_F(GltfMorph, SharedCasesHaveTheirRightSize) {

@@ -140,6 +140,16 @@ TEST_F(FarModel, ShapeThatItsNumbersLostGetsTheRightAdvice) {
   EXPECT_THAT(coarse->warnings, ElementsAre(HasSubstr("coordinates are exact to 2.2e-05 m only")));
 }
 
+TEST_F(FarModel, WarnsInMetresWhereTheFileHasAnotherUnit) {
+  const auto file = folder_.write("model.obj", "v 1e11 0 0\nv 1e11 0.1 0\nv 1e11 0 0.1\nf 1 2 3\n");
+  const Result<Model> model = load_model(file, {.unit_m = 0.001});
+  ASSERT_TRUE(model) << model.error().message;
+  EXPECT_THAT(model->warnings,
+              ElementsAre(testing::AllOf(HasSubstr("lies 1e+05 km from its origin"),
+                                         HasSubstr("are exact to 2.2e-08 m only, for a size of "
+                                                   "0.0001 m"))));
+}
+
 // A caster above another object and a phantom beside it; all of them have the same model. With
 // `origin` the model lies there, and the placements bring it back.
 FramePlan plan_of_models_at(const Eigen::Vector3d& origin, const PlanOptions& options) {
