@@ -25,15 +25,11 @@ bool is_comment(std::string_view line) {
   return first != std::string_view::npos && line[first] == '#';
 }
 
-template <std::size_t kCount>
-bool is_one_of(std::string_view key, const std::array<std::string_view, kCount>& keys) {
-  return std::ranges::find(keys, key) != keys.end();
-}
 constexpr std::array<std::string_view, 2> kNoSurface = {"l", "p"};
 constexpr std::array<std::string_view, 20> kFreeForm = {
     "vp",   "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim",
     "hole", "scrv",   "sp",  "end",  "con",  "res",  "bsp",   "bzp",  "cdc",  "cdp"};
-constexpr std::array<std::string_view, 12> kWithoutEffect = {
+constexpr std::array<std::string_view, 12> kObjWithoutEffect = {
     "s",      "mg",     "bevel",      "c_interp",  "d_interp", "lod",
     "usemap", "maplib", "shadow_obj", "trace_obj", "ctech",    "stech"};
 constexpr std::array<std::string_view, 3> kMissing = {
@@ -162,7 +158,8 @@ Result<ObjCorner> ObjReader::read_corner(std::string_view word) {
   std::string_view rest = word;
   for (std::size_t part = 0; part < 3; ++part) {
     const std::size_t slash = rest.find('/');
-    const std::string_view text = rest.substr(0, slash);
+    std::string_view text = rest.substr(0, slash);
+    if (text.starts_with('+') && !text.starts_with("+-")) text.remove_prefix(1);
     std::int64_t value = 0;
     if (!text.empty() || part == 0) {
       const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -240,7 +237,7 @@ Result<void> ObjReader::read_line(std::string_view line) {
     warnings_.add(line_, "lines and points have no surface and are skipped");
   } else if (is_one_of(key, kFreeForm)) {
     warnings_.add(line_, "free-form curves and surfaces are skipped; export them as faces");
-  } else if (!is_one_of(key, kWithoutEffect)) {
+  } else if (!is_one_of(key, kObjWithoutEffect)) {
     warnings_.add(line_, "a line does not start with a word of the OBJ format and is skipped");
   }
   if (obj_.texcoords.size() > 3 * limits_.max_vertices) {

@@ -1,5 +1,6 @@
 // .mtl -> materials.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <set>
 
@@ -111,7 +112,7 @@ struct PictureLine {
 
 // [options] name with blanks
 PictureLine picture_from(std::string_view line) {
-  PictureLine picture{after_keyword(line)};
+  PictureLine picture{after_keyword(line), false, {}};
   while (true) {
     const std::vector<std::string_view> words = obj_words(picture.name);
     const auto most = words.empty() ? std::nullopt : option_arguments(words[0]);
@@ -134,6 +135,15 @@ PictureLine picture_from(std::string_view line) {
   }
 }
 
+// Highlights and refraction, which nothing is drawn with.
+constexpr std::array<std::string_view, 8> kMtlWithoutEffect = {
+    "Ka", "Ks", "Ns", "Ni", "illum", "sharpness", "Tf", "map_aat"};
+// Words of the format and of its extension for physically based materials.
+constexpr std::array<std::string_view, 23> kMtlIgnored = {
+    "map_Ka", "map_Ks",  "map_Ke",  "map_Ns",   "map_Ni",   "map_Tr", "map_Pr", "map_Pm",
+    "map_Ps", "map_RMA", "map_ORM", "map_bump", "map_Bump", "bump",   "norm",   "disp",
+    "decal",  "refl",    "Ps",      "Pc",       "Pcr",      "aniso",  "anisor"};
+
 // One material of a file as it is being read.
 struct MaterialLines {
   ObjMaterial from;
@@ -148,9 +158,8 @@ void read_material_line(MaterialLines& current, std::string_view line, std::size
   if (key == "Kd" || key == "Ke") {
     const std::optional<glm::vec3> color = color_from(words);
     if (!color) {
-      warnings.add(number, fmt::format("{} is not a colour of finite numbers from 0; it is ignored "
-                                       "and the colour plain",
-                                       key));
+      warnings.add(number, fmt::format("{} is not a colour (numbers of at least 0); {}", key,
+                                       key == "Kd" ? "plain grey is used" : "it is ignored"));
     } else if (key == "Kd") {
       material.base_color = glm::vec4(*color, material.base_color.a);
     } else {
@@ -164,7 +173,7 @@ void read_material_line(MaterialLines& current, std::string_view line, std::size
     const std::optional<double> value =
         words.size() > 1 ? factor_from(words[halo ? 2 : 1]) : std::nullopt;
     if (!value) {
-      warnings.add(number, fmt::format("{} is not a finite number from 0; it is ignored", key));
+      warnings.add(number, fmt::format("{} is not a number of at least 0; it is ignored", key));
       return;
     }
     const auto factor = static_cast<float>(std::min(*value, 1.0));
@@ -186,6 +195,10 @@ void read_material_line(MaterialLines& current, std::string_view line, std::size
     }
   } else if (key == "map_d") {
     warnings.add(number, "map_d is ignored; its material is drawn without cut-outs");
+  } else if (is_one_of(key, kMtlIgnored)) {
+    warnings.add(number, fmt::format("{} is ignored", key));
+  } else if (!is_one_of(key, kMtlWithoutEffect)) {
+    warnings.add(number, "a line does not start with a word of the MTL format and is skipped");
   }
 }
 
@@ -217,6 +230,8 @@ void ObjMaterials::read_file_named(const std::string& name, std::size_t line) {
                                     model_name_, line, cause));
   };
   const Result<std::filesystem::path> file = beside_model(folder_, name);
+  const std::string path = file ? file->lexically_normal().string() : name;
+  if (!files_.insert(path).second) return;
   if (!file) return ignore(file.error().message);
   std::error_code ignored;
   if (!std::filesystem::exists(*file, ignored)) {
@@ -264,6 +279,8 @@ void ObjMaterials::read_text(std::string_view text, const std::string& file) {
       current->from.material = plain_material(as_utf8(after_keyword(line)));
     } else if (current) {
       read_material_line(*current, line, number, warnings);
+    } else {
+      warnings.add(number, "a line before the first newmtl is skipped");
     }
   }
   finish();

@@ -3,12 +3,15 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -22,7 +25,14 @@ namespace penumbra {
 [[nodiscard]] std::vector<std::string_view> obj_words(std::string_view line);
 // The line after its first word, without blanks around.
 [[nodiscard]] std::string_view after_keyword(std::string_view line);
+// Returns zero for a number too small for a double.
 [[nodiscard]] std::optional<double> finite_number(std::string_view word);
+
+template <std::size_t kCount>
+[[nodiscard]] bool is_one_of(std::string_view key,
+                             const std::array<std::string_view, kCount>& keys) {
+  return std::ranges::find(keys, key) != keys.end();
+}
 
 // Collects the warnings of a text file: one for each kind, with its first line and the number of
 // lines.
@@ -100,6 +110,7 @@ class ObjMaterials {
   std::map<std::string, std::size_t> by_name_;
   std::map<std::string, int> pictures_;  // by path -> Model::textures, -1: can't be had
   std::vector<std::string> warnings_;
+  std::set<std::string> files_;  // .mtl files that were named so far
   bool incomplete_ = false;
 };
 

@@ -9,6 +9,24 @@ namespace {
 
 constexpr std::string_view kBlanks = " \t\r\v\f";
 
+// Returns true for a decimal number beyond the range of doubles that is too small, not too large.
+bool is_tiny(std::string_view number) {
+  const std::size_t e = number.find_first_of("eE");
+  const std::string_view mantissa = number.substr(0, e);
+  const std::size_t point = std::min(mantissa.find('.'), mantissa.size());
+  const std::size_t digit = std::min(mantissa.find_first_of("123456789"), mantissa.size());
+  double power = static_cast<double>(point) - static_cast<double>(digit);
+  if (e != std::string_view::npos) {
+    std::string_view text = number.substr(e + 1);
+    if (text.starts_with('+')) text.remove_prefix(1);
+    std::int64_t exponent = 0;
+    const auto error = std::from_chars(text.data(), text.data() + text.size(), exponent).ec;
+    if (error != std::errc()) return text.starts_with('-');
+    power += static_cast<double>(exponent);
+  }
+  return power < 0.0;
+}
+
 }  // namespace
 
 std::vector<std::string_view> obj_words(std::string_view line) {
@@ -33,9 +51,13 @@ std::string_view after_keyword(std::string_view line) {
 }
 
 std::optional<double> finite_number(std::string_view word) {
-  if (word.starts_with('+')) word.remove_prefix(1);
+  if (word.starts_with('+') && !word.starts_with("+-")) word.remove_prefix(1);
   double value = 0.0;
   const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
+  if (error == std::errc::result_out_of_range && end == word.data() + word.size() &&
+      is_tiny(word)) {
+    return 0.0;
+  }
   if (error != std::errc() || end != word.data() + word.size() || !std::isfinite(value)) {
     return std::nullopt;
   }

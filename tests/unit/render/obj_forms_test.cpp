@@ -125,6 +125,55 @@ TEST_F(ObjForms, ColoursOfOtherFormsAreNamedAndPlain) {
   }
 }
 
+TEST_F(ObjForms, IgnoredLinesOfMaterialFilesAreNamedOncePerKind) {
+  // Highlights are drawn nowhere, and nobody misses them.
+  EXPECT_EQ(color_of(kRed + "Ka 1 1 1\nKs 1 1 1\nNs 90\nNi 1.5\nillum 2\nsharpness 60\nTf 1 1 1\n"),
+            glm::vec4(1, 0, 0, 1));
+  for (const std::string key :
+       {"map_Ks", "map_Bump", "bump", "norm", "disp", "decal", "refl", "map_Pr", "Pcr"}) {
+    std::string warning;
+    const std::string line = key + " -type sphere t.png\n";
+    EXPECT_EQ(color_of(kRed + line + line, &warning), glm::vec4(1, 0, 0, 1));
+    EXPECT_THAT(warning, HasSubstr("m.mtl: line 3: " + key + " is ignored (2 such lines)"));
+  }
+  std::string warning;
+  EXPECT_EQ(color_of(kRed + "fnord 1\nKD 0 0 0\n", &warning), glm::vec4(1, 0, 0, 1));
+  EXPECT_THAT(warning, HasSubstr("m.mtl: line 3: a line does not start with a word of the MTL "
+                                 "format and is skipped (2 such lines)"));
+  EXPECT_EQ(color_of("Kd 0 0 0\n" + kRed, &warning), glm::vec4(1, 0, 0, 1));
+  EXPECT_THAT(warning, HasSubstr("m.mtl: line 1: a line before the first newmtl is skipped"));
+}
+
+TEST_F(ObjForms, MaterialFileIsReadOnce) {
+  folder_.write("m.mtl", kRed + "fnord\n");
+  for (const std::string file : {"m.mtl", "gone.mtl"}) {
+    std::string text = "mtllib " + file + "\n" + kCorners + kBox;
+    for (int i = 0; i < 1000; ++i) text += "mtllib ./" + file + "\n";
+    expect_square(text, ElementsAre(HasSubstr(file)));
+  }
+}
+
+TEST_F(ObjForms, TinyNumbersAreZero) {
+  const std::string zeros(400, '0');
+  for (const std::string& tiny :
+       {std::string("1e-400"), std::string("-1e-400"), std::string("1e-99999999999999999999"),
+        "0." + zeros + "1", "0." + zeros + "1e+9", "1" + zeros + "e-999"}) {
+    expect_square("v 0 0 " + tiny + "\nv 0.1 0 0\nv 0.1 0.1 0\nv 0 0.1 0\nf 1 2 3 4\n", IsEmpty());
+  }
+  for (const std::string& vast :
+       {std::string("1e400"), std::string("-1e400"), std::string("1e99999999999999999999"),
+        "1" + zeros, "1" + zeros + "e-9", "0." + zeros + "1e999"}) {
+    EXPECT_FALSE(folder_.obj("v 0 0 " + vast + "\n" + kCorners + "f 1 2 3 4\n")) << vast;
+  }
+}
+
+TEST_F(ObjForms, NumbersMayHaveAPlusSign) {
+  expect_square("v +0 0 0\nv +0.1 0 0\nv 0.1 +1e-1 0\nv 0 0.1 0\nf +1 +2 3 +4\n", IsEmpty());
+  EXPECT_FALSE(folder_.obj(kCorners + "f +1 +-2 3 4\n"));
+  EXPECT_FALSE(folder_.obj(kCorners + "f ++1 2 3 4\n"));
+  EXPECT_FALSE(folder_.obj(kCorners + "f + 2 3 4\n"));
+}
+
 TEST_F(ObjForms, HaloIsOpacity) {
   std::string warning;
   const Material material = material_of(kRed + "d -halo 0.5\n", &warning);
@@ -259,7 +308,7 @@ TEST_F(ObjForms, DamagedFilesAreReadOrRefusedInOneLine) {
   EXPECT_LT(accepted, 4000);
 }
 
-TEST(ObjFormCases, SharedFilesAreSquares) {
+TEST(ObjFormCases, SharedFilesHaveTheirArea) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared cases beside the checkout";
   const std::filesystem::path cases = test::shared_dir() / "cases";
   if (!std::filesystem::exists(cases / "obj-mtl-legal-forms")) GTEST_SKIP() << "no " << cases;
