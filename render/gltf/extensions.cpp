@@ -7,7 +7,19 @@
 namespace penumbra::gltf {
 namespace {
 
-enum class Effect { read, none, light, material, texture, compression, unknown };
+enum class Effect {
+  read,
+  none,
+  light,
+  material,
+  variants,
+  levels,
+  animation,
+  outlines,
+  texture,
+  compression,
+  unknown
+};
 
 // The first entry that an extension's name starts with.
 struct Known {
@@ -23,7 +35,7 @@ constexpr std::array kKnown{
     Known{"KHR_meshopt_compression", Effect::compression},
     Known{"KHR_lights_", Effect::light},
     Known{"EXT_lights_", Effect::light},
-    Known{"KHR_materials_variants", Effect::none},
+    Known{"KHR_materials_variants", Effect::variants},
     Known{"KHR_materials_", Effect::material},
     Known{"EXT_materials_", Effect::material},
     Known{"ADOBE_materials_", Effect::material},
@@ -36,7 +48,7 @@ constexpr std::array kKnown{
     Known{"GOOGLE_texture_basis", Effect::texture},
     // Data about the model, other levels of detail, sound and behaviour.
     Known{"KHR_xmp", Effect::none},
-    Known{"KHR_animation_pointer", Effect::none},
+    Known{"KHR_animation_pointer", Effect::animation},
     Known{"KHR_audio", Effect::none},
     Known{"KHR_interactivity", Effect::none},
     Known{"KHR_node_hoverability", Effect::none},
@@ -48,9 +60,9 @@ constexpr std::array kKnown{
     Known{"EXT_structural_metadata", Effect::none},
     Known{"EXT_feature_metadata", Effect::none},
     Known{"EXT_mesh_manifold", Effect::none},
-    Known{"EXT_property_animation", Effect::none},
-    Known{"CESIUM_primitive_outline", Effect::none},
-    Known{"MSFT_lod", Effect::none},
+    Known{"EXT_property_animation", Effect::animation},
+    Known{"CESIUM_primitive_outline", Effect::outlines},
+    Known{"MSFT_lod", Effect::levels},
     Known{"AGI_", Effect::none},
     Known{"OMI_", Effect::none},
 };
@@ -71,6 +83,14 @@ std::string consequence(Effect effect) {
       return "its lights are not used";
     case Effect::material:
       return "materials are drawn by their base properties";
+    case Effect::variants:
+      return "the default materials are shown";
+    case Effect::levels:
+      return "the finest level of detail is shown";
+    case Effect::animation:
+      return "the rest pose is shown";
+    case Effect::outlines:
+      return "outlines are not drawn";
     case Effect::texture:
       return "textures are drawn without it";
     default:
@@ -119,6 +139,13 @@ std::vector<std::string> ignored_content(const std::string& name, const Document
   }
   if (document.camera_count > 0) {
     lines.push_back(fmt::format("{}: its cameras ({}) are not used", name, document.camera_count));
+  }
+  if (const auto& scenes = document.model.scenes; scenes.size() > 1) {
+    const auto shown = static_cast<std::size_t>(std::max(document.model.defaultScene, 0));
+    const std::string scene = shown < scenes.size() ? scenes[shown].name.substr(0, 60) : "";
+    lines.push_back(
+        on_one_line(fmt::format("{}: has {} scenes; only scenes/{}{} is shown", name, scenes.size(),
+                                shown, scene.empty() ? "" : fmt::format(" (\"{}\")", scene))));
   }
   for (const std::string& extension : document.model.extensionsRequired) {
     const Effect effect = effect_of(extension);

@@ -74,7 +74,7 @@ Result<MaterialTexture> MaterialReader::texture(const Info& info, const std::str
   const Result<TextureSampling> sampled =
       sampling(gltf_.textures[static_cast<std::size_t>(info.index)].sampler);
   if (!sampled) return tl::unexpected(sampled.error());
-  const int image = picture(info.index);
+  const int image = image_of(info.index);
   if (image < 0) return result;
   if (info.extensions.contains("KHR_texture_transform")) {
     notes_.add("its KHR_texture_transform is ignored; apply it to the texture coordinates", what);
@@ -97,14 +97,14 @@ Result<MaterialTexture> MaterialReader::texture(const Info& info, const std::str
   return result;
 }
 
-int MaterialReader::picture(int index) {
+int MaterialReader::image_of(int index) {
   const tinygltf::Texture& texture = gltf_.textures[static_cast<std::size_t>(index)];
   const std::string place = fmt::format("textures/{}", index);
   if (texture.source < 0) {
     if (texture.extensions.empty()) {
       notes_.add("has no source; drawn in plain colour", place);
     } else {
-      notes_.add(fmt::format("has only a picture of the glTF extension {}, which can't be read; "
+      notes_.add(fmt::format("has only an image of the glTF extension {}, which can't be read; "
                              "drawn in plain colour",
                              texture.extensions.begin()->first.substr(0, 80)),
                  place);

@@ -43,7 +43,7 @@ class MaterialReader {
                                                 std::vector<int>& texcoord_sets);
   [[nodiscard]] Result<TextureSampling> sampling(int sampler) const;
   // Index into the model's textures, or -1 where the picture can't be had.
-  [[nodiscard]] int picture(int texture);
+  [[nodiscard]] int image_of(int texture);
   [[nodiscard]] Result<int> decoded_image(int image);
 
   std::string name_;

@@ -83,7 +83,9 @@ Result<void> Nodes::walk(int index, const Eigen::Matrix4d& T_root_parent, int de
   }
   // glTF's nodes are trees: a node met twice is a cycle or has two parents.
   const auto i = static_cast<std::size_t>(index);
-  if (met_[i]) return fail("{}: {}: hangs in the scene twice or inside itself", name_, what);
+  if (met_[i])
+    return fail("{}: {}: has two parents or is its own ancestor; export the scene as a tree", name_,
+                what);
   met_[i] = true;
   const tinygltf::Node& node = gltf_.nodes[i];
   if (is_hidden(node)) return {};

@@ -132,6 +132,10 @@ Result<std::vector<VertexPlacement>> Reader::vertex_placements(const Placement& 
   const tinygltf::Node& node = gltf_.nodes[static_cast<std::size_t>(placement.node)];
   if (node.skin >= 0) {
     // The node's own transform is ignored (glTF 2.0, 3.7.3.3), except by primitives without joints.
+    if (node.extensions.contains(kInstancing)) {
+      notes_.add(fmt::format("is skinned; its instances ({}) are ignored", kInstancing),
+                 placement.place);
+    }
     const auto matrices = skins_.joint_matrices(node.skin);
     if (!matrices) return tl::unexpected(matrices.error());
     result.push_back({placement.T_root_node, *matrices});

@@ -438,7 +438,7 @@ TEST_F(GltfForms, PicturesThatCannotBeHadLeavePlainColour) {
   file.json["materials"][0].erase("emissiveTexture");
   expect_plain("textures/0: has no source; drawn in plain colour");
   file.json["textures"] = {{{"extensions", {{"EXT_texture_webp", {{"source", 0}}}}}}};
-  expect_plain("textures/0: has only a picture of the glTF extension EXT_texture_webp");
+  expect_plain("textures/0: has only an image of the glTF extension EXT_texture_webp");
 }
 
 TEST_F(GltfForms, PictureOfAFallbackIsRead) {
@@ -521,6 +521,30 @@ TEST_F(GltfForms, CompressedDataIsRefusedByItsExtension) {
                              {{"byteLength", 48}}};
   meshopt.json["bufferViews"][0]["buffer"] = 1;
   EXPECT_THAT(error_of(loaded(meshopt.gltf())), HasSubstr("extension EXT_meshopt_compression"));
+}
+
+TEST_F(GltfForms, UsedExtensionsWithVisibleContentAreNamed) {
+  for (const auto& [extension, consequence] : std::map<std::string, std::string>{
+           {"KHR_materials_variants", "the default materials are shown"},
+           {"MSFT_lod", "the finest level of detail is shown"},
+           {"KHR_animation_pointer", "the rest pose is shown"},
+           {"CESIUM_primitive_outline", "outlines are not drawn"}}) {
+    GltfBuilder file = square();
+    file.json["nodes"][0]["extensions"][extension] = {{"a", 1}};
+    expect_square_with_warning(
+        file, "its glTF extension " + extension + " (nodes/0) is not read: " + consequence);
+  }
+  GltfBuilder file = square();
+  file.json["nodes"][0]["extensions"]["KHR_xmp_json_ld"] = {{"packet", 0}};
+  expect_square(file);
+}
+
+TEST_F(GltfForms, SceneThatIsShownIsNamedAmongSeveral) {
+  GltfBuilder file = square();
+  file.json["scenes"].push_back({{"name", "night"}, {"nodes", {0}}});
+  expect_square_with_warning(file, "has 2 scenes; only scenes/0 is shown");
+  file.json["scene"] = 1;
+  expect_square_with_warning(file, "has 2 scenes; only scenes/1 (\"night\") is shown");
 }
 
 TEST_F(GltfForms, WhatIsIgnoredIsNamedOncePerKind) {
