@@ -37,8 +37,8 @@ inline constexpr std::size_t kMaxGroups = 1000;
 // a web address, or a path with "..". Callers warn of it where they use beside_model()'s path.
 [[nodiscard]] bool leaves_folder(std::string_view name);
 
-// The greatest coordinate that a model file may have [m]. Of what is read in double and centred: a
-// model's size is limited by ModelLimits.
+// The greatest coordinate that a model file may have, in the file's unit. Positions are read in
+// double and centred; ModelLimits limits the model's size.
 inline constexpr double kMaxFileCoordinate_m = 1e12;
 
 // Model::origin for a model with these bounds in the file: their middle where it is far away for

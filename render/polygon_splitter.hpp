@@ -38,8 +38,8 @@ struct PolygonSplit {
 // vector; its corners keep their places. A polygon without any area becomes triangles without area.
 //
 // The work for outlines with many crossings or many edges side by side is limited over all polygons
-// of a splitter, as GLU's time grows with the square of their number. What is beyond is too
-// intricate.
+// of a splitter, as GLU's time grows with the square of their number. Polygons beyond that limit
+// get `too_intricate`.
 class PolygonSplitter {
  public:
   PolygonSplitter();

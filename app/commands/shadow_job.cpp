@@ -121,7 +121,7 @@ std::string take_technique(const ShadowOptions& options, ShadowJob& job) {
     }
   } else if (options.technique == "cocl") {
     if (kernels != "auto" && kernels != "cocl") {
-      wrong("--technique", "cocl brings its kernels; leave out --kernels");
+      wrong("--technique", "cocl uses its own centroid kernels; leave out --kernels");
     }
     kernels = "cocl";
   } else if (options.technique == "field") {

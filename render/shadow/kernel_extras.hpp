@@ -1,4 +1,4 @@
-// What both writers of kernels into .glb files share. Internal to render/shadow.
+// Shared by both writers of kernels into .glb files. Internal to render/shadow.
 #pragma once
 
 #include <Eigen/Core>

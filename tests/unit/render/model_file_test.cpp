@@ -96,7 +96,7 @@ TEST_F(ModelFile, MalformedGltfIsRefusedByName) {
               HasSubstr("has a number that is not finite"));
   EXPECT_THAT(error_of(gltf("", "", triangle_data(2e6F))), HasSubstr("farther than 1000000 m"));
   EXPECT_THAT(error_of(gltf(nodes, R"("nodes":[{"mesh":0,"children":[0]}])")),
-              HasSubstr("nodes/0: hangs in the scene twice or inside itself"));
+              HasSubstr("nodes/0: has two parents or is its own ancestor"));
   EXPECT_THAT(error_of(gltf(R"("mesh":0)", R"("mesh":7)")),
               HasSubstr("nodes/0: names mesh 7, there are 1"));
   EXPECT_THAT(error_of(gltf(R"("indices":1)", R"("indices":1,"mode":1)")),
