@@ -142,7 +142,7 @@ TEST(Pairing, KeepsToTheSegmentForAnyTimes) {
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> size(-9.0, 9.0);
   int judged = 0;
-  for (int trial = 0; trial < 2000; ++trial) {
+  for (int trial = 0; trial < 3000; ++trial) {
     Trajectory truth;
     std::set<std::int64_t> times;
     const bool near = trial % 2 == 0;
