@@ -167,7 +167,9 @@ TEST(NamedPipes, CtrlCEndsTheWaitForAReader) {
       });
   // Ended by the signal itself where it came before the outputs were opened.
   EXPECT_TRUE(result.exit_code == 1 || result.exit_code == 128 + SIGINT) << result.exit_code;
-  if (result.exit_code == 1) EXPECT_THAT(result.err, HasSubstr("waiting for its reader"));
+  if (result.exit_code == 1) {
+    EXPECT_THAT(result.err, HasSubstr("waiting for its reader"));
+  }
 }
 
 // --- the tag map ---
@@ -336,8 +338,8 @@ TEST(MirroredAndNegative, AreNamedByReplayAndLive) {
   const TemporaryFolder folder;
   const auto mirrored = changed_recording(folder.path() / "mirrored", mirror);
   const auto negative = changed_recording(folder.path() / "negative", negate);
-  for (const auto& [recording, what] : {std::pair{mirrored, "the images are mirrored"},
-                                        {negative, "the images are negative"}}) {
+  for (const auto& [recording, what] :
+       {std::pair{mirrored, "the images are mirrored"}, {negative, "the images are negative"}}) {
     const auto report = folder.path() / "report.json";
     const auto result = penumbra({"replay", recording, "--no-window", "--report", report});
     EXPECT_EQ(result.exit_code, 0) << result.err;

@@ -1,5 +1,6 @@
 #include "app/capture/camera_trouble.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <unistd.h>
@@ -7,10 +8,15 @@
 #include <cerrno>
 #include <filesystem>
 
+#include "app/capture/frame_clock.hpp"
+#include "app/capture/live_source.hpp"
 #include "support/recording_folder.hpp"
 
 namespace penumbra {
 namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
 
 TEST(Outage, EachKindOfTroubleIsCountedOnceUntilAFrameComes) {
   FaultCounter faults("camera");
@@ -31,6 +37,26 @@ TEST(Outage, EachKindOfTroubleIsCountedOnceUntilAFrameComes) {
   EXPECT_FALSE(outage.end());
   outage.begin({CaptureFault::disconnected, "again"});
   EXPECT_EQ(faults.stats().of(CaptureFault::disconnected), 2U);
+}
+
+TEST(CountStamp, NamesARemedyForEveryFault) {
+  FaultCounter faults("camera");
+  FrameStamp stamp;
+  stamp.lost_counted = 2;
+  stamp.lost_silent = 3;
+  stamp.bad_time = true;
+  stamp.slower_interval_ns = 66'000'000;
+  count_stamp(faults, stamp, StreamFormat());
+  EXPECT_EQ(faults.stats().of(CaptureFault::gap), 2U);
+  EXPECT_EQ(faults.stats().of(CaptureFault::silent_gap), 3U);
+  const auto events = faults.take_events();
+  ASSERT_EQ(events.size(), 4U);
+  for (const std::size_t gap : {0U, 1U}) {
+    EXPECT_THAT(events[gap].detail, AllOf(HasSubstr("frames were dropped"), HasSubstr("--size"),
+                                          HasSubstr("--fps"), HasSubstr("USB port")));
+  }
+  EXPECT_THAT(events[2].detail, AllOf(HasSubstr("timestamp"), HasSubstr("update the kernel")));
+  EXPECT_THAT(events[3].detail, HasSubstr("add light"));
 }
 
 TEST(CameraTrouble, ADeviceThatMayNotBeOpenedIsNamed) {
