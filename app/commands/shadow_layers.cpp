@@ -95,11 +95,13 @@ std::pair<double, double> factors_of(std::span<const CasterVertex> vertices,
 }
 
 // Nothing where the mesh is not worth reducing.
-Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const ShadowMesh& mesh) {
+Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const ShadowMesh& mesh,
+                                              ShadowResult& result) {
   if (job.proxy == ProxyMode::automatic) return simplified_caster(mesh);
   if (job.proxy == ProxyMode::none) return std::optional<ShadowProxy>();
   auto model = load_model(job.proxy_file, {.up = job.up, .unit_m = job.unit_m});
   if (!model) return tl::unexpected(model.error());
+  for (const std::string& warning : model->warnings) warn(result, "{}", warning);
   move_origin(*model, job.model_origin);
   return std::optional<ShadowProxy>(proxy_from_model(mesh, *model));
 }
@@ -314,7 +316,7 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
     turned.up = up;
     return turned;
   };
-  const auto proxy = make_proxy(job, mesh);
+  const auto proxy = make_proxy(job, mesh, result);
   if (!proxy) return tl::unexpected(proxy.error());
   if (*proxy) judge_proxy(job, mesh, at_tilt(), parts, **proxy, result.proxy);
   const bool reduced = result.proxy.used;

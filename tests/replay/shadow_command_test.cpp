@@ -119,6 +119,15 @@ TEST_F(ShadowCommand, WarningsAreInTheJsonAndPrinted) {
   EXPECT_THAT(kernels.err, HasSubstr("use --unit mm"));
 }
 
+TEST_F(ShadowCommand, WarningsOfProxyArePrinted) {
+  const std::string square = "v 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\nf 1 2 3 4\n";
+  write("square.obj", square);
+  write("proxy.obj", square + "l 1 2\n");
+  const auto json = layers({file("square.obj"), "--proxy", file("proxy.obj")});
+  EXPECT_THAT(json["warnings"].dump(), HasSubstr("proxy.obj: line 6: lines and points"));
+  EXPECT_THAT(last_warnings_, HasSubstr("proxy.obj: line 6: lines and points"));
+}
+
 TEST_F(ShadowCommand, NamesThatAreNotUtf8ReachNoJsonWriter) {
   write("l\xE4tin.obj", "o T\xF6pf\nusemtl gr\xFCn\nv 0 0 1\nv 64 0 1\nv 64 64 1\nf 1 2 3\n");
   const auto json = layers({file("l\xE4tin.obj")});
