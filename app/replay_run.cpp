@@ -366,7 +366,10 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
   auto poses = open_replay_poses(request, *recording, *scene);
   if (!poses) return tl::unexpected(poses.error());
-  tell_warnings(*scene, request.plan);
+  std::vector<PlanOptions> plans;
+  for (const ComparedTechnique& pane : request.compare) plans.push_back(pane.plan);
+  if (plans.empty()) plans.push_back(request.plan);
+  tell_warnings(*scene, plans);
 
   auto events = load_scene_events(recording->folder / "events.jsonl");
   if (!request.edits) {

@@ -106,12 +106,22 @@ Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path
 
 namespace {
 
+// Returns true if one of the plans draws the node's shadows with one of the techniques.
+bool is_drawn_by(const ShadowNode& node, std::span<const PlanOptions> plans,
+                 std::initializer_list<ShadowTechnique> techniques) {
+  return std::ranges::any_of(plans, [&](const PlanOptions& plan) {
+    return std::ranges::find(techniques, plan.technique.value_or(node.technique)) !=
+           techniques.end();
+  });
+}
+
 // Names each model of which whole faces cast although it has cut-outs.
-void warn_of_cut_outs(const Scene& scene, const PlanOptions& plan) {
+void warn_of_cut_outs(const Scene& scene, std::span<const PlanOptions> plans) {
   std::set<std::string> models;
   for (const ShadowNode& node : scene.shadows) {
-    const ShadowTechnique technique = plan.technique.value_or(node.technique);
-    if (technique != ShadowTechnique::layered && technique != ShadowTechnique::volume) continue;
+    const bool whole_faces =
+        is_drawn_by(node, plans, {ShadowTechnique::layered, ShadowTechnique::volume});
+    if (!whole_faces) continue;
     for (const int caster : node.casters) {
       const SceneObject& object = scene.objects[static_cast<std::size_t>(caster)];
       if (!object.model || !object.casts_shadow || !has_cut_outs(*object.model)) continue;
@@ -123,16 +133,19 @@ void warn_of_cut_outs(const Scene& scene, const PlanOptions& plan) {
 
 }  // namespace
 
-void tell_warnings(const Scene& scene, const PlanOptions& plan) {
+void tell_warnings(const Scene& scene, std::span<const PlanOptions> plans) {
   for (const std::string& warning : scene.warnings) log_warning("{}", warning);
   for (const LayeredAdvice& advice : scene.layered_advice) {
-    const ShadowTechnique technique =
-        plan.technique.value_or(scene.shadows[static_cast<std::size_t>(advice.node)].technique);
-    if (technique == ShadowTechnique::layered || technique == ShadowTechnique::field) {
+    const ShadowNode& node = scene.shadows[static_cast<std::size_t>(advice.node)];
+    if (is_drawn_by(node, plans, {ShadowTechnique::layered, ShadowTechnique::field})) {
       log_warning("{}", advice.text);
     }
   }
-  warn_of_cut_outs(scene, plan);
+  warn_of_cut_outs(scene, plans);
+}
+
+void tell_warnings(const Scene& scene, const PlanOptions& plan) {
+  tell_warnings(scene, std::span(&plan, 1));
 }
 
 void warn_of_unknown_groups(const Scene& scene, const TagMap& tags, const fs::path& tags_file,

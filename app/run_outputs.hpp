@@ -74,6 +74,8 @@ struct RunOutputs {
 
 // Tells what the scene's file says against advice; of layered shadows where they are drawn.
 void tell_warnings(const Scene& scene, const PlanOptions& plan);
+// The same for shadows that are drawn by several plans side by side.
+void tell_warnings(const Scene& scene, std::span<const PlanOptions> plans);
 
 // Warns of what the scene is tied to and the tags (of the file that is named) do not have;
 // `consequence`: what becomes of it.

@@ -351,7 +351,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
     auto loaded = load_scene(*request.scene);
     if (!loaded) return tl::unexpected(loaded.error());
     scene = std::make_shared<const Scene>(std::move(*loaded));
-    tell_warnings(*scene, {});
+    tell_warnings(*scene, PlanOptions());
     auto opened = open_run_context({false, false},
                                    {simulation.camera().width(), simulation.camera().height()});
     if (!opened) return tl::unexpected(opened.error());

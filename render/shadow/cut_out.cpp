@@ -286,7 +286,7 @@ int cut_out_depth(const Model& model, std::size_t most_triangles) {
 std::string warning_of_cut_outs(const std::string& file) {
   return fmt::format(
       "{}: its materials cut holes into faces (alphaMode MASK), and whole faces cast; the "
-      "techniques field, simple and hard cast what is seen",
+      "techniques field, simple, walls and hard cast what is seen",
       file);
 }
 
