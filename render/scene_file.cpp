@@ -20,6 +20,7 @@
 #include "render/shadow/part_groups.hpp"
 #include "render/shadow/plane_frame.hpp"
 #include "render/shapes.hpp"
+#include "render/to_eigen.hpp"
 
 namespace penumbra {
 namespace {
@@ -44,6 +45,7 @@ class SceneReader {
   }
 
   void warn_of_size(const SceneObject& object);
+  void warn_of_distance(const SceneObject& object);
   [[nodiscard]] Result<void> read_object(const json& from, const std::string& pointer,
                                          bool phantom);
   [[nodiscard]] Result<std::shared_ptr<const Model>> read_model(const json& from,
@@ -83,6 +85,7 @@ class SceneReader {
   Scene scene_;
   std::map<std::string, std::shared_ptr<const Model>> models_;
   std::set<std::string> odd_sizes_;          // files of models that were warned of
+  std::set<std::string> far_models_;         // the same, for their places
   std::vector<std::size_t> unwalled_nodes_;  // shadow nodes that leave their walls to us
 };
 
@@ -307,13 +310,39 @@ Result<Animation> SceneReader::read_animation(const json& from, const std::strin
 
 // Once per model.
 void SceneReader::warn_of_size(const SceneObject& object) {
-  if (object.model_file.empty() || odd_sizes_.contains(object.model_file)) return;
+  // A phantom may be a wall.
+  if (object.phantom || object.model_file.empty() || odd_sizes_.contains(object.model_file)) return;
   const auto warning = warning_of_size(
       *object.model, {.scale = object.placement.scale, .remedy = SizeRemedy::scene_scale},
       fmt::format("{}: \"{}\"", object.model_file, shortened(object.name)));
   if (!warning) return;
   odd_sizes_.insert(object.model_file);
   scene_.warnings.push_back(*warning);
+}
+
+// Once per model. Keyframes may bring an object anywhere.
+void SceneReader::warn_of_distance(const SceneObject& object) {
+  constexpr double kFarthest = 100.0;  // [m]
+  if (object.model_file.empty() || !object.animation.keyframes.empty()) return;
+  Placement T_table_object = object.placement;
+  for (int parent = object.parent; parent >= 0;) {
+    const SceneObject& above = scene_.objects[static_cast<std::size_t>(parent)];
+    T_table_object = above.placement * T_table_object;
+    parent = above.parent;
+  }
+  const Model& model = *object.model;
+  const Eigen::Vector3d middle =
+      placed_model(model, T_table_object) *
+      Eigen::Vector3d(0.5 * (to_eigen(model.min_corner) + to_eigen(model.max_corner)));
+  if (middle.norm() <= kFarthest || !far_models_.insert(object.model_file).second) return;
+  const Eigen::Vector3d position = object.placement.position - middle;
+  scene_.warnings.push_back(
+      fmt::format("{}: \"{}\": lies {:.4g} m from the table's origin; {}", object.model_file,
+                  shortened(object.name), middle.norm(),
+                  object.parent >= 0
+                      ? std::string("change its position or its parent's")
+                      : fmt::format("position [{:.10g}, {:.10g}, {:.10g}] brings its middle there",
+                                    position.x(), position.y(), position.z())));
 }
 
 Result<void> SceneReader::read_object(const json& from, const std::string& pointer, bool phantom) {
@@ -362,6 +391,7 @@ Result<void> SceneReader::read_object(const json& from, const std::string& point
     if (!read) return tl::unexpected(read.error());
     object.animation = std::move(*read);
   }
+  warn_of_distance(object);
   scene_.objects.push_back(std::move(object));
   return {};
 }

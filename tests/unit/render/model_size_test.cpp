@@ -36,8 +36,7 @@ TEST_F(ModelSize, UnitTurnsCoordinatesIntoMetres) {
 }
 
 TEST_F(ModelSize, LimitOfCoordinatesIsInMetres) {
-  const std::filesystem::path file =
-      write("far.obj", "v 0 0 0\nv 3000000 0 0\nv 0 1 0\nf 1 2 3\n");
+  const std::filesystem::path file = write("far.obj", "v 0 0 0\nv 3000000 0 0\nv 0 1 0\nf 1 2 3\n");
   EXPECT_FALSE(load_model(file));
   EXPECT_TRUE(load_model(file, {.unit_m = 0.001}));
 }
@@ -84,6 +83,28 @@ TEST(WarningOfSize, BundledScenesHaveNone) {
       EXPECT_THAT(warning, testing::Not(testing::HasSubstr("use scale")));
     }
   }
+}
+
+TEST_F(ModelSize, PhantomMayHaveAnySize) {
+  write("square.obj", kSquare);
+  const std::filesystem::path file = write("scene.json", R"({"phantoms": [
+    {"name": "wall", "model": "square.obj"}]})");
+  const Result<Scene> scene = load_scene(file);
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_THAT(scene->warnings, testing::IsEmpty());
+}
+
+TEST_F(ModelSize, SceneNamesModelFarFromTheTable) {
+  write("far.obj", "v 458074 5429380 1\nv 458075 5429380 1\nv 458074 5429381 1\nf 1 2 3\n");
+  const std::filesystem::path file = write("scene.json", R"({"objects": [
+    {"name": "a", "model": "far.obj"}, {"name": "b", "model": "far.obj"},
+    {"name": "c", "model": "far.obj", "position": [-458074.5, -5429380.5, -1]}]})");
+  const Result<Scene> scene = load_scene(file);
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_THAT(scene->warnings,
+              testing::ElementsAre(testing::HasSubstr(
+                  "far.obj: \"a\": lies 5.449e+06 m from the table's origin; position "
+                  "[-458074.5, -5429380.5, -1] brings its middle there")));
 }
 
 TEST_F(ModelSize, SceneNamesOddSizeOncePerModel) {
