@@ -128,13 +128,13 @@ TEST_F(GltfForms, AccessorsWithoutABufferViewAreZeros) {
 
 TEST_F(GltfForms, NumbersWithoutDataAreLimitedInTotal) {
   GltfBuilder file = square();
-  for (const char* attribute : {"NORMAL", "TANGENT"}) {
-    const bool is_tangent = std::string(attribute) == "TANGENT";
+  for (const char* attribute : {"NORMAL", "COLOR_0"}) {
+    const bool is_color = std::string(attribute) == "COLOR_0";
     file.json["accessors"].push_back(
-        {{"componentType", 5126}, {"count", 4}, {"type", is_tangent ? "VEC4" : "VEC3"}});
+        {{"componentType", 5126}, {"count", 4}, {"type", is_color ? "VEC4" : "VEC3"}});
     file.primitive()["attributes"][attribute] = file.json["accessors"].size() - 1;
   }
-  // Normals and tangents have 28 numbers; 40 are allowed with the corners.
+  // Normals and colours have 28 numbers; 40 are allowed with the corners.
   file.json["accessors"][1].erase("bufferView");
   const auto with_corners = [&](int count) {
     file.json["accessors"][1]["count"] = count;

@@ -91,6 +91,17 @@ TEST_F(GltfSkin, MissingInverseBindMatricesAreIdentities) {
   EXPECT_EQ(model->min_corner.x, 0.5F);
 }
 
+TEST_F(GltfSkin, InstancesOfSkinnedMeshAreNamed) {
+  GltfBuilder file = skinned_square(kNoFields, kNoFields);
+  file.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]["TRANSLATION"] =
+      file.accessor(std::vector<float>{0, 0, 0, 1, 0, 0}, "VEC3");
+  const auto model = loaded(file.gltf());
+  ASSERT_TRUE(model) << error_of(model);
+  EXPECT_EQ(model->triangle_count(), 2U);
+  EXPECT_THAT(model->warnings, ElementsAre(HasSubstr("nodes/0: is skinned; its instances "
+                                                     "(EXT_mesh_gpu_instancing) are ignored")));
+}
+
 TEST_F(GltfSkin, OneMeshFollowsTheSkinOfEachOfItsNodes) {
   GltfBuilder file = skinned_square(kNoFields, {{"translation", {0.5, 0, 0}}});
   const std::size_t other = file.node({{"translation", {-0.5, 0, 0}}});
