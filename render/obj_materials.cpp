@@ -253,11 +253,13 @@ void ObjMaterials::read_file_named(const std::string& name, std::size_t line) {
 
 void ObjMaterials::read_text(std::string_view text, const std::string& file) {
   LineWarnings warnings(file);
-  std::optional<MaterialLines> current;
+  MaterialLines current;
+  bool has_material = false;
   const auto finish = [&] {
-    if (!current) return;
-    by_name_.try_emplace(current->from.material.name, materials_.size());
-    materials_.push_back(std::move(current->from));
+    if (!has_material) return;
+    by_name_.try_emplace(current.from.material.name, materials_.size());
+    materials_.push_back(std::move(current.from));
+    has_material = false;
   };
   std::size_t number = 0;
   for (std::size_t at = 0; at < text.size();) {
@@ -270,15 +272,15 @@ void ObjMaterials::read_text(std::string_view text, const std::string& file) {
     if (line.ends_with('\r')) line.remove_suffix(1);
     if (words[0] == "newmtl") {
       finish();
-      current.reset();
       if (materials_.size() >= kMaxMaterials) {
         warnings.add(number, fmt::format("only the first {} materials are read", kMaxMaterials));
         break;
       }
-      current.emplace();
-      current->from.material = plain_material(as_utf8(after_keyword(line)));
-    } else if (current) {
-      read_material_line(*current, line, number, warnings);
+      current = {};
+      has_material = true;
+      current.from.material = plain_material(as_utf8(after_keyword(line)));
+    } else if (has_material) {
+      read_material_line(current, line, number, warnings);
     } else {
       warnings.add(number, "a line before the first newmtl is skipped");
     }
