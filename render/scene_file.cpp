@@ -336,13 +336,17 @@ void SceneReader::warn_of_distance(const SceneObject& object) {
       Eigen::Vector3d(0.5 * (to_eigen(model.min_corner) + to_eigen(model.max_corner)));
   if (middle.norm() <= kFarthest || !far_models_.insert(object.model_file).second) return;
   const Eigen::Vector3d position = object.placement.position - middle;
-  scene_.warnings.push_back(
-      fmt::format("{}: \"{}\": lies {:.4g} m from the table's origin; {}", object.model_file,
-                  shortened(object.name), middle.norm(),
-                  object.parent >= 0
-                      ? std::string("change its position or its parent's")
-                      : fmt::format("position [{:.10g}, {:.10g}, {:.10g}] brings its middle there",
-                                    position.x(), position.y(), position.z())));
+  const bool is_allowed = position.cwiseAbs().maxCoeff() <= 1000.0;  // by the schema
+  std::string remedy = "move it to the origin in its file and export it again";
+  if (object.parent >= 0) {
+    remedy = "change its position or its parent's";
+  } else if (is_allowed) {
+    remedy = fmt::format("position [{:.10g}, {:.10g}, {:.10g}] brings its middle there",
+                         position.x(), position.y(), position.z());
+  }
+  scene_.warnings.push_back(fmt::format("{}: \"{}\": lies {:.4g} m from the table's origin; {}",
+                                        object.model_file, shortened(object.name), middle.norm(),
+                                        remedy));
 }
 
 Result<void> SceneReader::read_object(const json& from, const std::string& pointer, bool phantom) {

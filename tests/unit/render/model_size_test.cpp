@@ -87,24 +87,29 @@ TEST(WarningOfSize, BundledScenesHaveNone) {
 
 TEST_F(ModelSize, PhantomMayHaveAnySize) {
   write("square.obj", kSquare);
-  const std::filesystem::path file = write("scene.json", R"({"phantoms": [
+  const std::filesystem::path file = write("scene.json", R"({"objects": [], "phantoms": [
     {"name": "wall", "model": "square.obj"}]})");
   const Result<Scene> scene = load_scene(file);
   ASSERT_TRUE(scene) << scene.error().message;
   EXPECT_THAT(scene->warnings, testing::IsEmpty());
 }
 
-TEST_F(ModelSize, SceneNamesModelFarFromTheTable) {
+TEST_F(ModelSize, SceneNamesModelsFarFromTheTable) {
   write("far.obj", "v 458074 5429380 1\nv 458075 5429380 1\nv 458074 5429381 1\nf 1 2 3\n");
+  write("beside.obj", "v 300 400 1\nv 301 400 1\nv 300 401 1\nf 1 2 3\n");
   const std::filesystem::path file = write("scene.json", R"({"objects": [
     {"name": "a", "model": "far.obj"}, {"name": "b", "model": "far.obj"},
-    {"name": "c", "model": "far.obj", "position": [-458074.5, -5429380.5, -1]}]})");
+    {"name": "c", "model": "beside.obj", "position": [-300.5, -400.5, 0]},
+    {"name": "d", "model": "beside.obj", "position": [0, 0, 0.5]}]})");
   const Result<Scene> scene = load_scene(file);
   ASSERT_TRUE(scene) << scene.error().message;
-  EXPECT_THAT(scene->warnings,
-              testing::ElementsAre(testing::HasSubstr(
-                  "far.obj: \"a\": lies 5.449e+06 m from the table's origin; position "
-                  "[-458074.5, -5429380.5, -1] brings its middle there")));
+  EXPECT_THAT(
+      scene->warnings,
+      testing::ElementsAre(
+          testing::HasSubstr("far.obj: \"a\": lies 5.449e+06 m from the table's origin; move it to "
+                             "the origin in its file and export it again"),
+          testing::HasSubstr("beside.obj: \"d\": lies 500.8 m from the table's origin; position "
+                             "[-300.5, -400.5, -1] brings its middle there")));
 }
 
 TEST_F(ModelSize, SceneNamesOddSizeOncePerModel) {
