@@ -142,20 +142,21 @@ int wrap_mode(TextureWrap wrap) {
   return kRepeat;
 }
 
-// Whether a texture still is the picture that it came with, in a format that glTF holds.
-bool has_own_picture(const Texture& texture) {
+// Returns true for a texture that still is the image file that it came with, in a format that glTF
+// holds.
+bool has_own_image(const Texture& texture) {
   if (media_type_of(texture.encoded).empty()) return false;
   const auto decoded = decode_rgba(texture.encoded, "");
   return decoded && decoded->pixels == texture.rgba;
 }
 
-// Adds pictures and materials.
+// Adds images and materials.
 class MaterialWriter {
  public:
   explicit MaterialWriter(GlbDocument& document) : document_(document) {}
 
-  // Returns how many pictures can't be embedded.
-  std::size_t add_pictures(const Model& model);
+  // Returns the number of images that can't be embedded.
+  std::size_t add_images(const Model& model);
   void add(const Material& material);
 
  private:
@@ -165,10 +166,10 @@ class MaterialWriter {
   std::vector<int> images_;  // per texture of the model, -1 for one that is left out
 };
 
-std::size_t MaterialWriter::add_pictures(const Model& model) {
+std::size_t MaterialWriter::add_images(const Model& model) {
   std::size_t left_out = 0;
   for (const Texture& texture : model.textures) {
-    if (!has_own_picture(texture)) {
+    if (!has_own_image(texture)) {
       ++left_out;
       images_.push_back(-1);
       continue;
@@ -251,10 +252,10 @@ Result<KernelGlb> make_document(const Model& model, KernelFile kernels) {
   json["scenes"] = Json::array({{{"nodes", Json::array()}}});
   KernelGlb result;
   MaterialWriter materials(document);
-  if (const std::size_t left_out = materials.add_pictures(model); left_out > 0) {
-    result.warnings.push_back(
-        fmt::format("{}: {} of its pictures are neither PNG nor JPEG and not in the .glb",
-                    model.name, left_out));
+  if (const std::size_t left_out = materials.add_images(model); left_out > 0) {
+    result.warnings.push_back(fmt::format(
+        "{}: {} of its images can't be written into the .glb; their materials are plain there",
+        model.name, left_out));
   }
   for (const Material& material : model.materials) materials.add(material);
   const std::vector<NamedMesh> pieces = split_by_node(model);
