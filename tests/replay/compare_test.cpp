@@ -3,12 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <fstream>
 
 #include "app/capture/video_reader.hpp"
 #include "app/output/pane_grid.hpp"
 #include "core/image_file.hpp"
 #include "replay/replay_support.hpp"
+#include "support/textured_glb.hpp"
 
 namespace penumbra::test {
 namespace {
@@ -112,6 +114,26 @@ TEST_F(Compare, WhatWasMovedWhileItWasRecordedIsMovedInEveryPane) {
     EXPECT_TRUE(pane_of(together, grid, pane++, alone.width, alone.height).pixels == alone.pixels)
         << technique;
   }
+}
+
+TEST_F(Compare, WarnsOfCutOutsInAnyPane) {
+  const RgbaImage half = image_of(8, 8, [](int x, int) {
+    return std::array<int, 4>{90, 90, 90, x < 4 ? 255 : 0};
+  });
+  std::ofstream(file("cut.glb"), std::ios::binary) << glb_of(
+      {.material = R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0}},"alphaMode":"MASK")",
+       .images = {png_bytes(half)}});
+  std::ofstream(file("scene.json"))
+      << R"({"objects": [{"name": "cut", "model": "cut.glb", "position": [0, 0, 0.05]}],)"
+      << R"("shadows": [{"name": "shadow", "technique": "simple"}]})";
+  const auto said = [&](const std::string& techniques) {
+    const ProgramResult result =
+        replay({"--scene", file("scene.json"), "--compare", techniques, "--output", file("out")});
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    return result.err;
+  };
+  EXPECT_EQ(said("simple,hard"), "");
+  EXPECT_THAT(said("simple,layered"), HasSubstr("cut.glb: its materials cut holes into faces"));
 }
 
 TEST_F(Compare, WritesEveryKindOfOutputAndItsReport) {
