@@ -120,9 +120,10 @@ TEST_F(Compare, WarnsOfCutOutsInAnyPane) {
   const RgbaImage half = image_of(8, 8, [](int x, int) {
     return std::array<int, 4>{90, 90, 90, x < 4 ? 255 : 0};
   });
-  std::ofstream(file("cut.glb"), std::ios::binary) << glb_of(
-      {.material = R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0}},"alphaMode":"MASK")",
-       .images = {png_bytes(half)}});
+  TexturedSquare square;
+  square.material = R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0}},"alphaMode":"MASK")";
+  square.images = {png_bytes(half)};
+  std::ofstream(file("cut.glb"), std::ios::binary) << glb_of(square);
   std::ofstream(file("scene.json"))
       << R"({"objects": [{"name": "cut", "model": "cut.glb", "position": [0, 0, 0.05]}],)"
       << R"("shadows": [{"name": "shadow", "technique": "simple"}]})";

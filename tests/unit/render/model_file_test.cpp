@@ -94,7 +94,7 @@ TEST_F(ModelFile, MalformedGltfIsRefusedByName) {
               HasSubstr("names vertex 3, there are 3"));
   EXPECT_THAT(error_of(gltf("", "", triangle_data(std::nanf("")))),
               HasSubstr("has a number that is not finite"));
-  EXPECT_THAT(error_of(gltf("", "", triangle_data(2e6F))), HasSubstr("farther than 1000000 m"));
+  EXPECT_THAT(error_of(gltf("", "", triangle_data(2e6F))), HasSubstr("farther than 1000000 units"));
   EXPECT_THAT(error_of(gltf(nodes, R"("nodes":[{"mesh":0,"children":[0]}])")),
               HasSubstr("nodes/0: has two parents or is its own ancestor"));
   EXPECT_THAT(error_of(gltf(R"("mesh":0)", R"("mesh":7)")),
