@@ -217,7 +217,7 @@ Result<Model> Reader::read() {
   return std::move(model_);
 }
 
-// What is known of a file beside its model.
+// Facts about a file that its model does not hold.
 struct FileNotes {
   double step = 0.0;                     // resolution of its coordinates
   std::vector<MeshUse>* uses = nullptr;  // null: not wanted

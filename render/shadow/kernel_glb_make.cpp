@@ -163,7 +163,7 @@ class MaterialWriter {
   void add_texture(Json& to, const char* key, const MaterialTexture& texture);
 
   GlbDocument& document_;
-  std::vector<int> images_;  // per texture of the model, -1 for one that is left out
+  std::vector<int> images_;  // per texture of the model, -1 for one that is not written
 };
 
 std::size_t MaterialWriter::add_images(const Model& model) {

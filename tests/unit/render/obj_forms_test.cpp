@@ -126,7 +126,7 @@ TEST_F(ObjForms, ColoursOfOtherFormsAreNamedAndPlain) {
 }
 
 TEST_F(ObjForms, IgnoredLinesOfMaterialFilesAreNamedOncePerKind) {
-  // Highlights are drawn nowhere, and nobody misses them.
+  // Words about highlights and refraction, which are drawn nowhere, are silent.
   EXPECT_EQ(color_of(kRed + "Ka 1 1 1\nKs 1 1 1\nNs 90\nNi 1.5\nillum 2\nsharpness 60\nTf 1 1 1\n"),
             glm::vec4(1, 0, 0, 1));
   for (const std::string key :
