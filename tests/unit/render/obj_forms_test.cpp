@@ -229,9 +229,11 @@ TEST_F(ObjForms, NamesMayHaveBlanksAndOtherEncodings) {
 
 TEST_F(ObjForms, PicturesThatCantBeHadLeaveThePlainColour) {
   folder_.write("t.tga", std::string("\0\0\2\0\0\0\0\0\0\0\0\0\1\0\1\0\30\0abc", 21));
+  const std::string whole = test::png_bytes(test::one_color(200, 90, 30));
+  folder_.write("half.png", whole.substr(0, whole.size() / 2));
   std::filesystem::create_directory(folder_.path() / "folder.png");
-  for (const std::string name :
-       {"gone.png", "t.tga", "folder.png", "C:\\Users\\me\\t.png", "..", "http://x.org/gone.png"}) {
+  for (const std::string name : {"gone.png", "t.tga", "half.png", "folder.png",
+                                 "C:\\Users\\me\\t.png", "..", "http://x.org/gone.png"}) {
     std::string warning;
     EXPECT_EQ(color_of(kRed + "map_Kd " + name + "\n", &warning), glm::vec4(1, 0, 0, 1)) << name;
     EXPECT_THAT(warning, AllOf(HasSubstr("material \"red\""), HasSubstr("drawn in plain colour")));
