@@ -43,7 +43,7 @@ struct Shape {
 // Most components, in all accessors together, that may be zero because they have no buffer view:
 // such an accessor costs the file nothing.
 [[nodiscard]] inline std::size_t zeros_allowed(const ModelLimits& limits) {
-  return 4 * limits.max_vertices;
+  return limits.max_vertices;
 }
 
 class Accessors {

@@ -139,7 +139,7 @@ TEST_F(GltfForms, NumbersWithoutDataAreLimitedInTotal) {
   const auto with_corners = [&](int count) {
     file.json["accessors"][1]["count"] = count;
     ModelReading reading;
-    reading.limits.max_vertices = 10;
+    reading.limits.max_vertices = 40;
     return load_model(write("model.gltf", file.gltf()), reading);
   };
   EXPECT_TRUE(with_corners(12)) << error_of(with_corners(12));
