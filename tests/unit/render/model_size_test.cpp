@@ -88,7 +88,7 @@ TEST(WarningOfSize, BundledScenesHaveNone) {
 TEST_F(ModelSize, PhantomMayHaveAnySize) {
   write("square.obj", kSquare);
   const std::filesystem::path file = write("scene.json", R"({"objects": [], "phantoms": [
-    {"name": "wall", "model": "square.obj"}]})");
+    {"name": "wall", "model": "square.obj"}], "shadows": []})");
   const Result<Scene> scene = load_scene(file);
   ASSERT_TRUE(scene) << scene.error().message;
   EXPECT_THAT(scene->warnings, testing::IsEmpty());
@@ -100,7 +100,8 @@ TEST_F(ModelSize, SceneNamesModelsFarFromTheTable) {
   const std::filesystem::path file = write("scene.json", R"({"objects": [
     {"name": "a", "model": "far.obj"}, {"name": "b", "model": "far.obj"},
     {"name": "c", "model": "beside.obj", "position": [-300.5, -400.5, 0]},
-    {"name": "d", "model": "beside.obj", "position": [0, 0, 0.5]}]})");
+    {"name": "d", "model": "beside.obj", "position": [0, 0, 0.5]}],
+    "shadows": []})");
   const Result<Scene> scene = load_scene(file);
   ASSERT_TRUE(scene) << scene.error().message;
   EXPECT_THAT(
@@ -108,7 +109,7 @@ TEST_F(ModelSize, SceneNamesModelsFarFromTheTable) {
       testing::ElementsAre(
           testing::HasSubstr("far.obj: \"a\": lies 5.449e+06 m from the table's origin; move it to "
                              "the origin in its file and export it again"),
-          testing::HasSubstr("beside.obj: \"d\": lies 500.8 m from the table's origin; position "
+          testing::HasSubstr("beside.obj: \"d\": lies 500.7 m from the table's origin; position "
                              "[-300.5, -400.5, -1] brings its middle there")));
 }
 
