@@ -114,6 +114,14 @@ class RecordingFeed final : public LiveSource {
     return true;
   }
 
+  // A damaged frame counts as captured, so that the report tells it from a late one.
+  void count_refused(const Trouble& trouble, const std::string& what) {
+    const std::string text = fmt::format("{}: {}", what, trouble.message);
+    if (trouble.fault != CaptureFault::damaged) return faults_.count(trouble.fault, text);
+    faults_.count_frame();
+    faults_.count_undecoded(text);
+  }
+
   Result<Frame> frame_of_video(std::size_t index) {
     if (!video_ || index < video_at_) {
       auto opened = VideoReader::open(video_file_);
@@ -142,8 +150,7 @@ class RecordingFeed final : public LiveSource {
     if (format_.name == kJpegName) {
       auto received = receive_camera_jpeg(*bytes, {format_.width, format_.height});
       if (!received) {
-        faults_.count(received.error().fault,
-                      fmt::format("{}: {}", file.string(), received.error().message));
+        count_refused(received.error(), file.string());
         return false;
       }
       // Moving a vector leaves its bytes where they are.
