@@ -66,6 +66,23 @@ void prepare_primitives(Json& root) {
   }
 }
 
+// The file's version where it is another than 2; nothing for 2. Files of glTF 1.0 may leave it out:
+// they have objects where 2.0 has arrays.
+std::optional<std::string> other_version(const Json& root) {
+  const auto asset = root.find("asset");
+  if (asset != root.end() && asset->is_object() && asset->contains("version")) {
+    const Json& version = asset->at("version");
+    if (!version.is_string() && !version.is_number()) return std::nullopt;  // for wrong_field()
+    // Some exporters of version 1.0 wrote a number.
+    const std::string text = version.is_string() ? version.get<std::string>() : version.dump();
+    if (text == "2" || text.starts_with("2.")) return std::nullopt;
+    return text.substr(0, 20);
+  }
+  const auto meshes = root.find("meshes");
+  return meshes != root.end() && meshes->is_object() ? std::optional<std::string>("1.0")
+                                                     : std::nullopt;
+}
+
 }  // namespace
 
 Result<Document> parse_document(const std::string& name, std::string_view text) {
@@ -81,6 +98,10 @@ Result<Document> parse_document(const std::string& name, std::string_view text) 
     return fail("{}: is not glTF 2.0: {}", name, first_line(error.what()));
   }
   if (!root.is_object()) return fail("{}: is not glTF 2.0: its JSON is no object", name);
+  if (const std::optional<std::string> version = other_version(root)) {
+    return fail("{}: asset: version is '{}'; only glTF 2.0 is read, export it as that", name,
+                *version);
+  }
   Document document;
   if (const std::optional<std::string> fault = wrong_field(root, document.erased_fields)) {
     return fail("{}: {}", name, *fault);
@@ -112,10 +133,8 @@ Result<Document> parse_document(const std::string& name, std::string_view text) 
                                   static_cast<unsigned>(prepared.size()), "")) {
     return fail("{}: is not glTF 2.0: {}", name, first_line(error));
   }
-  const std::string& version = document.model.asset.version;
-  if (!version.starts_with("2.") && version != "2") {
-    return fail("{}: asset: version is '{}'; only glTF 2.0 is read, export it as that", name,
-                version.substr(0, 20));
+  if (document.model.asset.version.empty()) {
+    return fail("{}: asset: version is missing; export it as glTF 2.0", name);
   }
   return document;
 }

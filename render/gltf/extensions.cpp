@@ -41,7 +41,7 @@ constexpr std::array kKnown{
     Known{"ADOBE_materials_", Effect::material},
     Known{"NV_materials_", Effect::material},
     Known{"MSFT_packing_", Effect::material},
-    Known{"KHR_techniques_webgl", Effect::material},
+    Known{"KHR_technique", Effect::material},  // _webgl, and techniques_webgl
     Known{"KHR_texture_", Effect::texture},
     Known{"EXT_texture_", Effect::texture},
     Known{"MSFT_texture_dds", Effect::texture},
