@@ -175,7 +175,8 @@ TEST(Window, ALiveSessionFadesWhileItsCameraIsSilentAndIsRecordedByKey) {
   const TemporaryFolder folder;
   const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
   // One view again and again: whatever changes on the screen was drawn. Between whole pictures
-  // damaged ones come for more than a second (at a recording's end they would be left out).
+  // damaged ones come for more than a second (at a recording's end they would be left out). They
+  // have both marks: an image that just ends is not recorded at all.
   const fs::path camera = folder.path() / "camera";
   const fs::path view = fs::path(bundled("tabletop")) / "frames" / "000030.jpg";
   fs::create_directories(camera / "frames");
@@ -186,7 +187,7 @@ TEST(Window, ALiveSessionFadesWhileItsCameraIsSilentAndIsRecordedByKey) {
   for (int i = 1; i < kPictures; ++i) {
     const std::string name = fmt::format("frames/{}.jpg", i);
     std::ofstream(camera / name, std::ios::binary)
-        << (i + 1 < kPictures ? whole.substr(0, whole.size() / 2) : whole);
+        << (i + 1 < kPictures ? whole.substr(0, whole.size() / 2) + "\xFF\xD9" : whole);
     listing += fmt::format("{},{:.1f},{}\n", i, 0.1 * i, name);
   }
   for (const char* file : {"camera.yaml", "tags.yaml"}) {
