@@ -38,15 +38,6 @@ std::size_t utf8_sequence_length(std::string_view text) {
   return code < kLeast[length] || code > 0x10FFFFU || surrogate ? 0 : length;
 }
 
-bool is_utf8(std::string_view text) {
-  while (!text.empty()) {
-    const std::size_t length = utf8_sequence_length(text);
-    if (length == 0) return false;
-    text.remove_prefix(length);
-  }
-  return true;
-}
-
 }  // namespace
 
 Result<std::string_view> without_byte_order_mark(std::string_view text, std::string_view name) {
@@ -58,16 +49,18 @@ Result<std::string_view> without_byte_order_mark(std::string_view text, std::str
 }
 
 std::string as_utf8(std::string_view text) {
-  if (is_utf8(text)) return std::string(text);
   std::string converted;
-  for (const char c : text) {
-    const auto byte = static_cast<std::uint8_t>(c);
-    if (byte < 0x80U) {
-      converted += c;
-    } else {
-      converted += static_cast<char>(0xC0U | (byte >> 6U));
-      converted += static_cast<char>(0x80U | (byte & 0x3FU));
+  while (!text.empty()) {
+    const std::size_t length = utf8_sequence_length(text);
+    if (length > 0) {
+      converted += text.substr(0, length);
+      text.remove_prefix(length);
+      continue;
     }
+    const auto byte = static_cast<std::uint8_t>(text.front());
+    converted += static_cast<char>(0xC0U | (byte >> 6U));
+    converted += static_cast<char>(0x80U | (byte & 0x3FU));
+    text.remove_prefix(1);
   }
   return converted;
 }

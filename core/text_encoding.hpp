@@ -14,8 +14,8 @@ namespace penumbra {
 [[nodiscard]] Result<std::string_view> without_byte_order_mark(std::string_view text,
                                                                std::string_view name);
 
-// Returns `text` where it is valid UTF-8, else each of its bytes as the Latin-1 character of that
-// number. JSON, SVG and HTML hold UTF-8 only.
+// Returns `text` with each byte that belongs to no valid UTF-8 sequence as the Latin-1 character of
+// that number. JSON, SVG and HTML hold UTF-8 only.
 [[nodiscard]] std::string as_utf8(std::string_view text);
 
 // Returns `text` as one line that a terminal shows: valid UTF-8 by as_utf8(), with a blank in place

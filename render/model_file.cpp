@@ -5,9 +5,11 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <system_error>
 
 #include "core/file.hpp"
 #include "core/image_file.hpp"
+#include "core/text_encoding.hpp"
 #include "render/model.hpp"
 #include "render/model_parts.hpp"
 #include "render/shadow/kernel_stamp.hpp"
@@ -163,6 +165,13 @@ Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
   const std::string last = path.substr(path.rfind('/') + 1);
   if (last.empty() || last == "." || last == ".." || path.find('\0') != std::string::npos) {
     return fail("\"{}\": names no file beside the model", name.substr(0, 80));
+  }
+  // Old programs name files in Latin-1; on the disk their names may be UTF-8.
+  std::error_code ignored;
+  if (const std::string utf8 = as_utf8(path); utf8 != path &&
+                                              !std::filesystem::exists(folder / path, ignored) &&
+                                              std::filesystem::exists(folder / utf8, ignored)) {
+    path = utf8;
   }
   return folder / path;
 }

@@ -52,6 +52,10 @@ TEST(AsUtf8, TakesOtherBytesAsLatin1) {
   EXPECT_EQ(as_utf8("\xFF\x80"), "\xC3\xBF\xC2\x80");
 }
 
+TEST(AsUtf8, KeepsValidPartsBesideOtherBytes) {
+  EXPECT_EQ(as_utf8("gr\xC3\xBCn: B\xE4r.png"), "gr\xC3\xBCn: B\xC3\xA4r.png");
+}
+
 TEST(AsUtf8, TakesMalformedUtf8AsLatin1) {
   // Overlong, a surrogate, past the last plane, cut off, a continuation byte alone.
   EXPECT_EQ(as_utf8("\xC0\xAF"), "\xC3\x80\xC2\xAF");

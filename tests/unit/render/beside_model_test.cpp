@@ -5,6 +5,7 @@
 #include <string>
 
 #include "render/model_parts.hpp"
+#include "support/model_text.hpp"
 
 namespace penumbra {
 namespace {
@@ -17,6 +18,15 @@ TEST(BesideModel, KeepsRelativePaths) {
     EXPECT_EQ(beside_model("m", name).value(), "m/" + name);
     EXPECT_FALSE(leaves_folder(name)) << name;
   }
+}
+
+TEST(BesideModel, FindsLatin1NamesThatAreUtf8OnTheDisk) {
+  const test::ModelFolder folder;
+  const auto utf8 = folder.write("B\xC3\xA4r.png", "");
+  EXPECT_EQ(beside_model(folder.path(), "B\xE4r.png").value(), utf8);
+  // The name as it is written comes first.
+  const auto latin1 = folder.write("B\xE4r.png", "");
+  EXPECT_EQ(beside_model(folder.path(), "B\xE4r.png").value(), latin1);
 }
 
 TEST(BesideModel, ReadsBackslashesAsSlashes) {
