@@ -98,12 +98,10 @@ ShadowJob::Format format_of(const std::filesystem::path& output) {
   std::string extension = output.extension().string();
   std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  // A stream whose name has no extension gets JSON.
-  if (extension == ".json" || (extension.empty() && is_stream(output))) {
-    return ShadowJob::Format::json;
-  }
   if (extension == ".svg") return ShadowJob::Format::svg;
   if (extension == ".png") return ShadowJob::Format::png;
+  // Pipes have any name.
+  if (extension == ".json" || is_stream(output)) return ShadowJob::Format::json;
   wrong("--output", fmt::format("{}: is no .json, .svg or .png", output.string()));
 }
 
