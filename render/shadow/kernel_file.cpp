@@ -33,6 +33,25 @@ glm::vec3 moved(const glm::vec3& p, const Eigen::Vector3d& by) {
   return {static_cast<float>(sum.x()), static_cast<float>(sum.y()), static_cast<float>(sum.z())};
 }
 
+// A hash of which vertex of the file each vertex of the meshes is. Two files may hold the same
+// surface with their vertices in another order, and the triples of a kernel file are in that order.
+std::string vertex_order_key(const Model& model) {
+  std::uint64_t hash = 1469598103934665603ULL;  // FNV-1a over 32-bit words
+  for (const Mesh& mesh : model.meshes) {
+    for (const std::uint32_t vertex : mesh.source_vertex) {
+      hash = (hash ^ vertex) * 1099511628211ULL;
+    }
+  }
+  return fmt::format("{:016x}", hash);
+}
+
+// Returns false where the kernels say that they were made for another model.
+bool is_for(const KernelFile& kernels, const Model& model) {
+  return (kernels.geometry.empty() ||
+          kernel_stamp_from(kernels.geometry).geometry == geometry_key(model)) &&
+         (kernels.vertex_order.empty() || kernels.vertex_order == vertex_order_key(model));
+}
+
 }  // namespace
 
 Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
@@ -66,8 +85,16 @@ Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
   for (std::size_t i = 0; i < kernels.size(); ++i) {
     const Eigen::Vector3d kernel = kernels[i] - result.origin;
     if (kernel.cwiseAbs().maxCoeff() > kMaxCoordinate) {
-      return fail("{}: kernels[{}]: is farther away than a model may be ({:g} m)", name, 3 * i,
-                  kMaxCoordinate);
+      // Named by the number that is the largest: the middle of all may lie far from the others.
+      std::size_t farthest = 0;
+      const auto value = [&kernels](std::size_t n) {
+        return kernels[n / 3][static_cast<Eigen::Index>(n % 3)];
+      };
+      for (std::size_t n = 1; n < 3 * kernels.size(); ++n) {
+        if (std::abs(value(n)) > std::abs(value(farthest))) farthest = n;
+      }
+      return fail("{}: kernels[{}]: is {:g} m, farther away than a model may be ({:g} m)", name,
+                  farthest, value(farthest), kMaxCoordinate);
     }
     result.kernels.emplace_back(static_cast<float>(kernel.x()), static_cast<float>(kernel.y()),
                                 static_cast<float>(kernel.z()));
@@ -92,6 +119,13 @@ Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
     }
     result.geometry = geometry->get<std::string>();
   }
+  const auto order = json.find("vertex_order");
+  if (order != json.end()) {
+    if (!order->is_string()) {
+      return fail("{}: vertex_order: is not a text; leave it out or make the file again", name);
+    }
+    result.vertex_order = order->get<std::string>();
+  }
   const auto groups = json.find("groups");
   if (groups != json.end()) {
     const auto is_text = [](const nlohmann::json& group) { return group.is_string(); };
@@ -108,6 +142,7 @@ std::string kernel_file_json(const KernelFile& kernels) {
   nlohmann::ordered_json json;
   json["up"] = {kernels.up.x(), kernels.up.y(), kernels.up.z()};
   if (!kernels.geometry.empty()) json["geometry"] = kernels.geometry;
+  if (!kernels.vertex_order.empty()) json["vertex_order"] = kernels.vertex_order;
   for (const std::string& group : kernels.groups) json["groups"].push_back(as_utf8(group));
   auto& list = json["kernels"] = nlohmann::ordered_json::array();
   for (const glm::vec3& k : kernels.kernels) {
@@ -130,8 +165,7 @@ Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::
         "penumbra kernels",
         file, kernels.kernels.size(), model.name, model.source_vertex_count);
   }
-  if (!kernels.geometry.empty() &&
-      kernel_stamp_from(kernels.geometry).geometry != geometry_key(model)) {
+  if (!is_for(kernels, model)) {
     model.warnings.push_back(
         fmt::format("{}: was made before the model \"{}\" changed; its kernels are made anew", file,
                     model.name));
@@ -178,11 +212,9 @@ Result<void> give_kernels(Scene& scene, const KernelFile& kernels, const std::st
         "with penumbra kernels",
         file, kernels.kernels.size(), scene.file, counts.empty() ? "there is none" : counts);
   }
-  const auto is_for = [&](const auto& model) {
-    return geometry_key(*model) == kernel_stamp_from(kernels.geometry).geometry;
-  };
-  if (!kernels.geometry.empty() && std::any_of(casters.begin(), casters.end(), is_for)) {
-    std::erase_if(casters, [&](const auto& model) { return !is_for(model); });
+  const auto fits = [&](const auto& model) { return is_for(kernels, *model); };
+  if (std::any_of(casters.begin(), casters.end(), fits)) {
+    std::erase_if(casters, [&](const auto& model) { return !fits(model); });
   }
   for (const std::shared_ptr<const Model>& model : casters) {
     const auto changed = std::make_shared<Model>(*model);
@@ -213,6 +245,7 @@ KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh, const Sha
   result.origin = model.origin;
   result.geometry =
       fmt::format("{}-{}-{}", geometry_key(model), parts_key(mesh), to_string(source));
+  result.vertex_order = vertex_order_key(model);
   result.kernels.assign(mesh.from_source.size(), glm::vec3(0.0F));
   for (std::size_t i = 0; i < mesh.from_source.size(); ++i) {
     if (mesh.from_source[i] != kNoShadowPosition) {

@@ -1,12 +1,14 @@
 // Shadow kernels that are kept: in a JSON file beside a model, or in the model itself.
 //
-//   {"kernels": [x0,y0,z0, x1,...], "up": [0,0,1], "geometry": "...", "groups": ["brick*"]}
+//   {"kernels": [x0,y0,z0, x1,...], "up": [0,0,1], "geometry": "...", "vertex_order": "...",
+//    "groups": ["brick*"]}
 //
 // One triple per vertex of the model file, in its order; object frame, metres; for the direction
 // `up`. Where a glTF file shows a mesh more than once (several nodes, instances), the vertices of
 // each further time have triples of their own behind all others, in the order in which the scene
-// shows them. "geometry" says what they were made for (kernel_stamp.hpp), "groups" which parts
-// share one light; both may be left out.
+// shows them. "geometry" says what they were made for (kernel_stamp.hpp), "vertex_order" is a hash
+// of the order of the file's vertices, "groups" names the parts that share one light; each may be
+// absent.
 #pragma once
 
 #include <Eigen/Core>
@@ -29,6 +31,7 @@ struct KernelFile {
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // unit
   std::string geometry;                           // "" where the file does not say
+  std::string vertex_order;                       // the same
   std::vector<std::string> groups;                // of parts that are one (part_groups.hpp)
 };
 
