@@ -20,7 +20,7 @@ struct TagsInUse {
 // "tags: tags.yaml (12 tags of 40 mm)", a line on standard output.
 void print_tags(const TagsInUse& tags);
 
-// Remedy where there is no tag map, for the end of a message.
+// Remedy for a missing tag map: the end of a message.
 inline constexpr std::string_view kNameATagMap =
     "name what lies on the table with --tags FILE (penumbra target writes such a file with the "
     "sheet, penumbra map measures one)";

@@ -144,7 +144,7 @@ struct ModelLimits {
 struct ModelReading {
   UpAxis up = UpAxis::by_format;
   double unit_m = 1.0;         // length of the file's unit [m]; glTF's is the metre
-  bool stored_kernels = true;  // false: those of the file are left out
+  bool stored_kernels = true;  // whether to read the shadow kernels of the file
   ModelLimits limits = {};
 };
 

@@ -114,7 +114,7 @@ class RecordingFeed final : public LiveSource {
     return true;
   }
 
-  // A damaged frame counts as captured, so that the report tells it from a late one.
+  // Counts a damaged frame as captured: the report lists damaged and late frames apart.
   void count_refused(const Trouble& trouble, const std::string& what) {
     const std::string text = fmt::format("{}: {}", what, trouble.message);
     if (trouble.fault != CaptureFault::damaged) return faults_.count(trouble.fault, text);

@@ -376,14 +376,15 @@ struct RecordingWriter::Impl {
     changed.notify_one();
     if (first_dropped) {
       log_warning(
-          "{}: writing can't keep up (disk or encoder): frames are left out of the recording "
+          "{}: writing can't keep up (disk or encoder): frames are dropped from the recording "
           "(reported once)",
           folder.string());
     }
     if (first_line_dropped) {
       log_warning(
-          "{}: writing can't keep up (disk): poses, light and what was done are left out of the "
-          "recording too (reported once)",
+          "{}: writing can't keep up (disk): poses, light and events are dropped from the "
+          "recording "
+          "too (reported once)",
           folder.string());
     }
   }

@@ -43,8 +43,7 @@ struct V4l2Setting {
 };
 struct V4l2Controls {
   std::vector<std::pair<std::string, std::int64_t>> named;  // all that are numbers
-  // Values that a person may have set: none that the camera sets by itself or that is of its driver
-  // alone.
+  // Controls that a user can set: not those that the camera adjusts or that only its driver has.
   std::vector<V4l2Setting> settings;
 };
 

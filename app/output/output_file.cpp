@@ -144,8 +144,9 @@ Result<OutputFile> OutputFile::create(const fs::path& target) {
     const fs::path parent =
         file.target_.has_parent_path() ? file.target_.parent_path() : fs::path(".");
     if (!fs::is_directory(parent, error)) {
-      return fail("{}: cannot be written: there is no folder {}; make it or choose another place",
-                  target.string(), parent.string());
+      return fail(
+          "{}: cannot be written: the folder {} is missing; create it or choose another place",
+          target.string(), parent.string());
     }
     file.direct_ = fs::exists(status) && !fs::is_regular_file(status);
     if (file.direct_ && fs::is_fifo(status)) {

@@ -1,4 +1,5 @@
-// Where a glTF file shows its meshes: shadow kernels are written into the file by it.
+// The places at which a glTF scene shows its meshes. Writing shadow kernels into the file needs
+// them.
 #pragma once
 
 #include <Eigen/Core>

@@ -34,7 +34,7 @@ class GlbDocument {
 
   // Adds a buffer view; returns its index.
   std::size_t add_view(std::span<const std::uint8_t> bytes, std::optional<int> target = {});
-  // Adds an accessor with a view of its own; returns its index.
+  // Adds an accessor and a buffer view for it; returns the accessor's index.
   template <class T>
   std::size_t add(std::span<const T> data, int component, const char* type, std::size_t count,
                   int target) {

@@ -37,7 +37,7 @@ std::size_t add_vertices(GlbDocument& document, const Mesh& mesh) {
   return accessor;
 }
 
-// A run of a mesh's faces from one node, with vertices of its own.
+// The faces of a mesh that come from one node. Its vertices are not shared with other nodes.
 struct NamedMesh {
   Mesh mesh;
   std::optional<std::uint32_t> node;  // of Model::nodes

@@ -207,15 +207,15 @@ TEST(TagMapInUse, IsNeverAssumed) {
   const auto camera = folder.path() / "camera.yaml";
   fs::copy_file(recording / "camera.yaml", camera);
   const std::string played = "recording:" + recording.string();
-  const std::vector<std::string> told = {"--tags FILE", "penumbra target", "penumbra map",
-                                         (recording / "tags.yaml").string()};
-  test::expect_failure(penumbra({"replay", recording, "--no-window"}), told);
+  const std::vector<std::string> expected = {"--tags FILE", "penumbra target", "penumbra map",
+                                             (recording / "tags.yaml").string()};
+  test::expect_failure(penumbra({"replay", recording, "--no-window"}), expected);
   test::expect_failure(
-      penumbra({"live", "--camera", played, "--calibration", camera, "--no-window"}), told);
+      penumbra({"live", "--camera", played, "--calibration", camera, "--no-window"}), expected);
   test::expect_failure(
       penumbra({"study", "--experiment", "heights", "--output", folder.path() / "a.csv", "--camera",
                 played, "--calibration", camera}),
-      told);
+      expected);
   // The recording's own comes first, then the one beside the calibration.
   test::write_text(folder.path() / "tags.yaml", test::small_tags_yaml());
   for (const fs::path& used : {folder.path() / "tags.yaml", recording / "tags.yaml"}) {

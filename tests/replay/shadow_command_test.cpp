@@ -538,7 +538,7 @@ TEST_F(ShadowCommand, KernelsOfAMeshThatTwoNodesUseServeBoth) {
     EXPECT_NEAR(with_file["layers"][layer]["area"].get<double>(), area, 1e-6 * area) << layer;
     EXPECT_NEAR(stored["layers"][layer]["area"].get<double>(), area, 1e-6 * area) << layer;
   }
-  // Kernels of one use do not serve two, whatever the file says of its model.
+  // A file with kernels for one use is refused for two uses, even without its hashes.
   auto kernels = read_json(file("k.json"));
   kernels.erase("geometry");
   kernels.erase("vertex_order");

@@ -174,9 +174,9 @@ TEST(Window, ALiveSessionFadesWhileItsCameraIsSilentAndIsRecordedByKey) {
   ASSERT_EQ(std::system("command -v xdotool >/dev/null 2>&1"), 0) << "scripts/setup installs it";
   const TemporaryFolder folder;
   const auto path = [&folder](const char* name) { return (folder.path() / name).string(); };
-  // One view again and again: whatever changes on the screen was drawn. Between whole pictures
-  // damaged ones come for more than a second (at a recording's end they would be left out). They
-  // have both marks: an image that just ends is not recorded at all.
+  // The same view is played over and over: every change on the screen was drawn. Between whole
+  // images damaged ones come for more than a second; at the end of a recording they would be
+  // trimmed. They have a start and an end mark, as a truncated image is not recorded.
   const fs::path camera = folder.path() / "camera";
   const fs::path view = fs::path(bundled("tabletop")) / "frames" / "000030.jpg";
   fs::create_directories(camera / "frames");

@@ -71,7 +71,7 @@ TEST(FrameClock, CountsNoGapOfACameraThatIsSlowerThanGrantedFromTheStart) {
       ++reported;
     }
     EXPECT_EQ(reported, 1) << interval_ms;
-    // What is missing at the slow rate is counted.
+    // Frames that are missing at the slow rate are counted.
     EXPECT_EQ(camera.frame(100, interval_ms * 103).lost_silent, 0U);
     EXPECT_EQ(camera.frame(101, interval_ms * 104).lost_silent, 3U);
   }

@@ -20,7 +20,7 @@ using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-// Of 300 images, 256 are decoded to find the depth: the seventh is not among them.
+// The depth is found from 256 of the 300 images; the seventh is not one of them.
 TEST(PictureSource, WarnsOfValuesAboveTheDepthOfTheOthers) {
   const test::TemporaryFolder folder;
   constexpr int kCount = 300;

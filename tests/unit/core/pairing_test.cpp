@@ -134,7 +134,7 @@ TEST(Pairing, InterpolatesTheShortWayAndStaysFiniteNearHalfTurns) {
   }
 }
 
-// Between its neighbours and finite, whatever the times and poses.
+// The interpolated pose is finite and lies between its neighbours for any times and poses.
 TEST(Pairing, KeepsToTheSegmentForAnyTimes) {
   std::mt19937_64 random(7);
   constexpr std::int64_t kFarthest = 4'000'000'000'000'000'000;
@@ -216,7 +216,7 @@ TEST(UnitsOfTime, AreRefusedByNameWhereTheyFitAnotherUnit) {
     EXPECT_THAT(unit_error(other, even_motion(120, 33 * kMs * factor, -4'000 * factor * kMs)),
                 AllOf(HasSubstr("e.tum"), HasSubstr(name)));
   }
-  // 200 frames a second in milliseconds: 5 s apart is no error by itself.
+  // 200 frames/s with times in milliseconds: an interval of 5 s alone is not refused.
   EXPECT_THAT(unit_error(even_motion(120, 5'000 * kMs), even_motion(120, 5 * kMs)),
               AllOf(HasSubstr("e.tum"), HasSubstr("milliseconds")));
   EXPECT_THAT(unit_error(even_motion(120, 5 * kMs), even_motion(120, 5'000 * kMs)),

@@ -152,7 +152,7 @@ TEST_F(ModelFile, NodesOfOneMaterialAreOneMesh) {
   EXPECT_EQ(model->meshes[0].name, "a");
   EXPECT_EQ(model->meshes[1].name, "b");
   EXPECT_EQ(model->triangle_count(), std::size_t{kNodes});
-  // Each use of a mesh has vertices of its own: those of first uses come first.
+  // Each use of a mesh has separate vertices; those of the first uses come first.
   EXPECT_EQ(model->source_vertex_count, 3U * kNodes);
   const Mesh& plain = model->meshes[0];
   // Triangle t is of node t + t / 2: every third one is of metal.
