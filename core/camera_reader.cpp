@@ -368,6 +368,26 @@ Result<ReadCamera> read_ros_or_opencv(const YamlFields& fields, const std::strin
   return read;
 }
 
+// Reads the image size from a list [width, height].
+Result<void> read_size(const YamlFields& fields, const char* key, CameraParameters& p) {
+  const Result<std::vector<double>> size = fields.numbers(key, "give [width, height]");
+  if (!size) return tl::unexpected(size.error());
+  const auto is_side = [](double side) { return side >= 1.0 && side <= 1e6; };
+  if (size->size() != 2 || !is_side((*size)[0]) || !is_side((*size)[1]))
+    return fail("{}: is not a size; give [width, height]", fields.place_of(key));
+  p.width = static_cast<int>((*size)[0]);
+  p.height = static_cast<int>((*size)[1]);
+  return {};
+}
+
+// `k`: fx, fy, cx, cy, and what may follow.
+void set_pinhole(const std::vector<double>& k, CameraParameters& p) {
+  p.fx = k[0];
+  p.fy = k[1];
+  p.cx = k[2];
+  p.cy = k[3];
+}
+
 Result<ReadCamera> read_kalibr(const YamlFields& camera) {
   ReadCamera read;
   CameraParameters& p = read.parameters;
@@ -381,17 +401,8 @@ Result<ReadCamera> read_kalibr(const YamlFields& camera) {
   if (k->size() != 4)
     return fail("{}: has {} numbers; give [fx, fy, cx, cy]", camera.place_of("intrinsics"),
                 k->size());
-  const Result<std::vector<double>> size = camera.numbers("resolution", "give [width, height]");
-  if (!size) return tl::unexpected(size.error());
-  if (size->size() != 2 || !((*size)[0] >= 1.0 && (*size)[0] <= 1e6) ||
-      !((*size)[1] >= 1.0 && (*size)[1] <= 1e6))
-    return fail("{}: is not a size; give [width, height]", camera.place_of("resolution"));
-  p.width = static_cast<int>((*size)[0]);
-  p.height = static_cast<int>((*size)[1]);
-  p.fx = (*k)[0];
-  p.fy = (*k)[1];
-  p.cx = (*k)[2];
-  p.cy = (*k)[3];
+  if (auto sized = read_size(camera, "resolution", p); !sized) return tl::unexpected(sized.error());
+  set_pinhole(*k, p);
   const Result<std::string> model =
       camera.text("distortion_model", "name radtan, equidistant or none");
   if (!model) return tl::unexpected(model.error());
@@ -432,17 +443,8 @@ Result<ReadCamera> read_mrcal(const YamlFields& fields) {
   if (k->size() != 4 + count)
     return fail("{}: has {} numbers, but {} has {}", fields.place_of("intrinsics"), k->size(),
                 *model, 4 + count);
-  const Result<std::vector<double>> size = fields.numbers("imagersize", "give [width, height]");
-  if (!size) return tl::unexpected(size.error());
-  if (size->size() != 2 || !((*size)[0] >= 1.0 && (*size)[0] <= 1e6) ||
-      !((*size)[1] >= 1.0 && (*size)[1] <= 1e6))
-    return fail("{}: is not a size; give [width, height]", fields.place_of("imagersize"));
-  p.width = static_cast<int>((*size)[0]);
-  p.height = static_cast<int>((*size)[1]);
-  p.fx = (*k)[0];
-  p.fy = (*k)[1];
-  p.cx = (*k)[2];
-  p.cy = (*k)[3];
+  if (auto sized = read_size(fields, "imagersize", p); !sized) return tl::unexpected(sized.error());
+  set_pinhole(*k, p);
   p.model = count == 8 ? DistortionModel::rational : DistortionModel::plumb_bob;
   std::copy(k->begin() + 4, k->end(), p.distortion.begin());
   return read;

@@ -44,6 +44,12 @@ void check_error(const Error& error, const std::string& name) {
         "- - - -", "? :", "<<: *a", "\xFF\xFE", "4294967296", "1.7976931348623157e308", "#", "---" \
   }
 
+void expect_finite(const CameraParameters& p) {
+  ASSERT_TRUE(std::isfinite(p.fx) && std::isfinite(p.fy) && std::isfinite(p.cx) &&
+              std::isfinite(p.cy));
+  for (const double k : p.distortion) ASSERT_TRUE(std::isfinite(k));
+}
+
 TEST(RecordingFuzz, CameraFile) {
   const test::TemporaryFolder folder;
   const auto file = folder.path() / "camera.yaml";
@@ -111,10 +117,7 @@ TEST(RecordingFuzz, CameraFileLayouts) {
       continue;
     }
     ++tally.accepted;
-    const CameraParameters& p = camera->parameters();
-    ASSERT_TRUE(std::isfinite(p.fx) && std::isfinite(p.fy) && std::isfinite(p.cx) &&
-                std::isfinite(p.cy));
-    for (const double k : p.distortion) ASSERT_TRUE(std::isfinite(k));
+    ASSERT_NO_FATAL_FAILURE(expect_finite(camera->parameters()));
   }
   report(tally);
 }
@@ -137,10 +140,7 @@ TEST(RecordingFuzz, SensorFile) {
       continue;
     }
     ++tally.accepted;
-    const CameraParameters& p = camera->parameters();
-    ASSERT_TRUE(std::isfinite(p.fx) && std::isfinite(p.fy) && std::isfinite(p.cx) &&
-                std::isfinite(p.cy));
-    for (const double k : p.distortion) ASSERT_TRUE(std::isfinite(k));
+    ASSERT_NO_FATAL_FAILURE(expect_finite(camera->parameters()));
   }
   report(tally);
 }
