@@ -874,7 +874,7 @@ TEST(BundledRecordings, OpenAndPlayToTheEnd) {
 
 TEST(SharedRecordings, OpenAndPlayToTheEnd) {
   const auto shared = test::shared_dir();
-  if (shared.empty()) GTEST_SKIP() << "no folder of shared data (PENUMBRA_SHARED)";
+  if (shared.empty()) GTEST_SKIP() << "no shared data beside the checkout";
   int opened = 0;
   for (const auto& entry : std::filesystem::directory_iterator(shared / "recordings")) {
     OpenRecordingOptions options;

@@ -365,7 +365,7 @@ TEST_F(GltfForms, SharedCasesOfNodesHaveTheirRightArea) {
            {"gltf-data-uri-forms/primitive-without-position.gltf", 0.0126},
            {"gltf-instances-and-visibility/visibility-used.gltf", 0.0126}}) {
     const auto model = shared_case(file);
-    if (!model) GTEST_SKIP() << "no shared cases";
+    if (!model) GTEST_SKIP() << "no shared data beside the checkout";
     ASSERT_TRUE(*model) << error_of(*model);
     EXPECT_NEAR(test::seen_area(**model).front, area, 1e-6) << file;
   }

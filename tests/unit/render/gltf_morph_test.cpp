@@ -168,7 +168,7 @@ TEST_F(GltfMorph, DamageIsRefusedByItsField) {
 
 TEST_F(GltfMorph, SharedCasesHaveTheirRightSize) {
   const auto mesh = shared_case("gltf-morph-default-weights/morph_mesh_weights.gltf");
-  if (!mesh) GTEST_SKIP() << "no shared cases";
+  if (!mesh) GTEST_SKIP() << "no shared data beside the checkout";
   EXPECT_NEAR(area(*mesh), 0.02, 1e-8);
   EXPECT_NEAR(area(*shared_case("gltf-morph-default-weights/morph_node_weights.gltf")), 0.02, 1e-8);
   // The triangle (0 0 0) (1 0 0) (0.5 0.5 0) and half of both (-1 1 0) and (1 1 0) at its tip.

@@ -428,7 +428,7 @@ TEST_F(GltfSkin, MatchesTheFormulaForRandomArmatures) {
 
 TEST_F(GltfSkin, SharedCasesHaveTheirRightSizeAndPlace) {
   const auto scaled = shared_case("gltf-skin-ignored/skin_joint_scaled.gltf");
-  if (!scaled) GTEST_SKIP() << "no shared cases";
+  if (!scaled) GTEST_SKIP() << "no shared data beside the checkout";
   ASSERT_TRUE(*scaled) << error_of(*scaled);
   EXPECT_NEAR(test::seen_area(**scaled).front, 0.04, 1e-7);
   EXPECT_NEAR((*scaled)->min_corner.x, 0.2F, 1e-6F);
