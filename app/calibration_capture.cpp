@@ -21,7 +21,7 @@
 #include "app/picture_source.hpp"
 #include "core/image_file.hpp"
 #include "core/stopwatch.hpp"
-#include "tracking/picture_check.hpp"
+#include "tracking/image_check.hpp"
 
 namespace penumbra {
 namespace {
@@ -77,7 +77,7 @@ class Looking {
   };
 
   Looking(Pictures pictures, const CaptureOptions& options, CameraCalibrator& calibrator,
-          ViewGuide guide, std::optional<PictureCheck> check, std::stop_source stop, bool bars)
+          ViewGuide guide, std::optional<ImageCheck> check, std::stop_source stop, bool bars)
       : pictures_(std::move(pictures)),
         calibrator_(calibrator),
         options_(options),
@@ -194,7 +194,7 @@ class Looking {
   CameraCalibrator& calibrator_;
   const CaptureOptions& options_;
   ViewGuide guide_;
-  std::optional<PictureCheck> check_;  // until the target is seen
+  std::optional<ImageCheck> check_;  // until the target is seen
   std::stop_source stop_;
   const bool bars_;
   // The thread's until it has ended:
@@ -222,9 +222,9 @@ Result<Capture> capture(Pictures pictures, const Target& target, const CaptureOp
   guidance.stop = stop.get_token();
   auto guide = ViewGuide::create(target, guidance);
   if (!guide) return tl::unexpected(guide.error());
-  std::optional<PictureCheck> check;
+  std::optional<ImageCheck> check;
   if (target.tags) {
-    auto made = PictureCheck::create(*target.tags);
+    auto made = ImageCheck::create(*target.tags);
     if (!made) return tl::unexpected(made.error());
     check.emplace(std::move(*made));
   }

@@ -14,13 +14,13 @@
 #include "app/capture/recording_writer.hpp"
 #include "app/capture/v4l2_device.hpp"
 #include "app/capture/v4l2_source.hpp"
+#include "app/image_fault_watch.hpp"
 #include "app/interrupt.hpp"
 #include "app/late_outputs.hpp"
 #include "app/live_pipeline.hpp"
 #include "app/live_recorder.hpp"
 #include "app/logging.hpp"
 #include "app/overlay.hpp"
-#include "app/picture_watch.hpp"
 #include "app/scene_edit.hpp"
 #include "app/session.hpp"
 #include "app/session_host.hpp"
@@ -441,7 +441,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
     if (!viewer->show(interrupt, picture)) stopped = true;
     if (viewer->paused_ms() > paused_ms) paused_until_ns = monotonic_ns();
   };
-  PictureWatch pictures(*tags);
+  ImageFaultWatch pictures(*tags);
   LivePipeline pipeline(
       **source,
       [&](const Frame& frame) {

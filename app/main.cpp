@@ -8,7 +8,6 @@
 #include <CLI/Formatter.hpp>
 #include <algorithm>
 #include <cmath>
-#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -172,8 +171,6 @@ int main(int argc, char** argv) {
   penumbra::secure_standard_streams();
   // Modules catch what their libraries throw; what still gets here must not look like a crash.
   try {
-    // Who reads an output may go away: writing fails then, and is an error like any other.
-    std::signal(SIGPIPE, SIG_IGN);
     penumbra::set_up_logging();
     const ExitCode code = run(argc, argv);
     const auto flushed = penumbra::flush_standard_output();

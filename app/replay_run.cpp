@@ -14,11 +14,11 @@
 #include "app/capture/look_ahead.hpp"
 #include "app/capture/recording_source.hpp"
 #include "app/comparison.hpp"
+#include "app/image_fault_watch.hpp"
 #include "app/interrupt.hpp"
 #include "app/late_outputs.hpp"
 #include "app/logging.hpp"
 #include "app/overlay.hpp"
-#include "app/picture_watch.hpp"
 #include "app/progress.hpp"
 #include "app/run_outputs.hpp"
 #include "app/scene_edit.hpp"
@@ -356,7 +356,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   const CameraModel& camera = *recording->camera;
 
   std::optional<TagsInUse> tags;
-  std::optional<PictureWatch> pictures;
+  std::optional<ImageFaultWatch> pictures;
   if (recording->tags) {
     tags = tags_in_use(request.tags.value_or(recording->folder / "tags.yaml"), *recording->tags);
     if (!request.poses_from) pictures.emplace(*recording->tags);

@@ -20,7 +20,7 @@
 #include "core/running_statistics.hpp"
 #include "core/stopwatch.hpp"
 #include "render/shadow/shadow_node.hpp"
-#include "tracking/picture_check.hpp"
+#include "tracking/image_check.hpp"
 
 namespace penumbra {
 
@@ -83,10 +83,10 @@ struct RecordedFrames {
 struct RunReport {
   std::string recording;
   std::string scene;
-  std::optional<TagsInUse> tags;            // nothing where poses are given without any
-  std::optional<PictureFault> image_fault;  // why nothing is tracked, where that is it
-  int width = 0, height = 0;                // [px]
-  int frames = 0;                           // processed
+  std::optional<TagsInUse> tags;          // nothing where poses are given without any
+  std::optional<ImageFault> image_fault;  // why nothing is tracked, where that is it
+  int width = 0, height = 0;              // [px]
+  int frames = 0;                         // processed
   int frames_captured = 0, frames_dropped = 0;
   int frames_damaged = 0;  // of those dropped: they could not be decoded; others came too late
   int frames_tracked = 0, frames_uncertain = 0, frames_held = 0, frames_lost = 0;

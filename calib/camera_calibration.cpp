@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "calib/image_cells.hpp"
-#include "tracking/picture_check.hpp"
+#include "tracking/image_check.hpp"
 
 namespace penumbra {
 namespace {
@@ -192,7 +192,8 @@ struct CameraCalibrator::Impl {
   Target target;
   CalibrationOptions options;
   std::optional<TargetDetector> detector;
-  std::optional<PictureCheck> check;  // of targets with tags
+  std::optional<ImageCheck> check;  // of targets with tags
+  bool some_faulty = false;         // an image was mirrored or negative
   std::vector<CalibrationPicture> pictures;
   int width = 0;
   int height = 0;
@@ -208,8 +209,7 @@ struct CameraCalibrator::Impl {
     solver.stop = stop;
     return solver;
   }
-  [[nodiscard]] Result<void> check_picture(const std::string& name, const TargetView& view,
-                                           ImageView luma);
+  [[nodiscard]] std::string problem_of(const TargetView& view, ImageView luma);
   [[nodiscard]] Result<void> check_found() const;
   [[nodiscard]] Result<void> check_markers() const;
   void leave_out_blurred();
@@ -240,7 +240,7 @@ Result<CameraCalibrator> CameraCalibrator::create(const Target& target,
   if (!detector) return tl::unexpected(detector.error());
   impl->detector.emplace(std::move(*detector));
   if (target.tags) {
-    Result<PictureCheck> check = PictureCheck::create(*target.tags);
+    Result<ImageCheck> check = ImageCheck::create(*target.tags);
     if (!check) return tl::unexpected(check.error());
     impl->check.emplace(std::move(*check));
   }
@@ -264,11 +264,10 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
   picture.view = self.detector->detect(luma);
   ++self.candidates;
   if (!picture.view.corners.empty()) ++self.seen_in;
-  if (auto checked = self.check_picture(name, picture.view, luma); !checked) return checked;
   if (4 * picture.view.two_cell_tags > static_cast<int>(picture.view.corners.size()))
     ++self.wide_in;
   if (!picture.view.problem.empty())
-    self.leave_out(picture, LeftOut::not_seen, picture.view.problem);
+    self.leave_out(picture, LeftOut::not_seen, self.problem_of(picture.view, luma));
   if (picture.left_out.empty()) {
     // Less than a finger's tremor apart: the same view once more weighs its errors double.
     const double nearest = 0.002 * self.width;
@@ -298,17 +297,14 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
   return {};
 }
 
-// A lens found from mirrored pictures would be mirrored too.
-Result<void> CameraCalibrator::Impl::check_picture(const std::string& name, const TargetView& view,
-                                                   ImageView luma) {
-  if (!check) return {};
-  if (!view.corners.empty() || view.two_cell_tags > 0) {
-    check.reset();
-    return {};
-  }
-  const auto fault = check->nothing_found(luma);
-  if (!fault) return {};
-  return fail("{}: {}", name, advice(*fault));
+// Why the target is not seen in an image. A lens found from mirrored images would be mirrored too.
+std::string CameraCalibrator::Impl::problem_of(const TargetView& view, ImageView luma) {
+  if (!check || !view.corners.empty() || view.two_cell_tags > 0) return view.problem;
+  // Once one is faulty, others are likely to be, and each is checked.
+  const auto fault = some_faulty ? check->look(luma) : check->nothing_found(luma);
+  if (!fault) return view.problem;
+  some_faulty = true;
+  return std::string(advice(*fault));
 }
 
 int CameraCalibrator::held() const {
@@ -365,6 +361,10 @@ Result<void> CameraCalibrator::Impl::check_found() const {
     return fail("none of {} pictures can be read ({})", pictures.size(), pictures.front().left_out);
   }
   if (seen_in == 0) {
+    if (some_faulty) {
+      return fail("the target ({}) is in none of {} images as they are{}", target.description,
+                  pictures.size(), because);
+    }
     return fail("the target ({}) is in none of {} pictures{}; is it the right target file?",
                 target.description, pictures.size(), because);
   }

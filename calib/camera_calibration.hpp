@@ -122,8 +122,8 @@ class CameraCalibrator {
   CameraCalibrator& operator=(CameraCalibrator&&) noexcept;
   ~CameraCalibrator();
 
-  // Looks for the target in a picture. Fails when the picture's size is not that of the others, and
-  // where the target's tags are mirrored or negative.
+  // Looks for the target in an image. Fails if the image's size is not that of the others. Images
+  // with mirrored or negative tags are not used; CalibrationPicture::left_out says so.
   [[nodiscard]] Result<void> add(const std::string& name, ImageView luma);
   // A picture that can't be read.
   void add_unreadable(const std::string& name, const std::string& why);

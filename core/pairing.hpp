@@ -23,7 +23,7 @@ struct PairingOptions {
 
 // Why there is no true pose at a time.
 enum class NotJudged {
-  outside_truth,  // before the first or after the last true pose
+  outside_truth,  // further before the first or after the last true pose than is extrapolated
   gap_too_long,   // between two that are further apart than PairingOptions::max_gap_ns
 };
 inline constexpr std::array<NotJudged, 2> kNotJudged = {NotJudged::outside_truth,

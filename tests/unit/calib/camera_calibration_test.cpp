@@ -5,6 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -41,7 +42,15 @@ GreyImage smeared(GreyImage image, int rounds) {
   return image;
 }
 
-TEST(CameraCalibrator, LeavesOutWhatIsBlurredCutOffOrSeenBefore) {
+GreyImage mirrored(GreyImage image) {
+  for (int y = 0; y < image.height; ++y) {
+    const auto row = image.pixels.begin() + static_cast<std::ptrdiff_t>(y) * image.width;
+    std::reverse(row, row + image.width);
+  }
+  return image;
+}
+
+TEST(CameraCalibrator, RejectsBlurredCutOffMirroredAndRepeatedImages) {
   const CameraModel camera = test::wide_camera();
   const auto board = test::board(4, 3, 0.04);
   auto renderer = PatternRenderer::create(camera, board);
@@ -76,13 +85,17 @@ TEST(CameraCalibrator, LeavesOutWhatIsBlurredCutOffOrSeenBefore) {
   add("blurred", smeared(picture({0.0, 0.02, 0.0}, 0.4, radians(55.0), radians(33.0)), 12));
   add("again", good[4]);
   add("cut off", picture({0.25, 0.15, 0.0}, 0.3, radians(75.0), radians(90.0)));
+  for (const std::size_t k : {2U, 5U, 7U}) add("mirrored", mirrored(good[k]));
   const auto result = calibrator->finish();
   ASSERT_TRUE(result) << result.error().message;
-  ASSERT_EQ(result->pictures.size(), 12U);
+  ASSERT_EQ(result->pictures.size(), 15U);
   for (std::size_t k = 0; k < 9; ++k) EXPECT_EQ(result->pictures[k].left_out, "") << k;
   EXPECT_THAT(result->pictures[9].left_out, StartsWith("blurred: edges are "));
   EXPECT_EQ(result->pictures[10].left_out, "the same view as view 4");
   EXPECT_THAT(result->pictures[11].left_out, StartsWith("only 1 of 12 tags are seen whole"));
+  for (std::size_t k = 12; k < 15; ++k) {
+    EXPECT_THAT(result->pictures[k].left_out, StartsWith("the images are mirrored")) << k;
+  }
   EXPECT_EQ(result->solution.views.size(), 9U);
   EXPECT_LT(projection_difference(camera, result->solution.camera).mean_px, 2.0);
 }

@@ -1,4 +1,4 @@
-#include "app/picture_watch.hpp"
+#include "app/image_fault_watch.hpp"
 
 #include <utility>
 
@@ -6,15 +6,19 @@
 
 namespace penumbra {
 
-void PictureWatch::saw(const TrackedFrame& tracked) {
+void ImageFaultWatch::saw(const TrackedFrame& tracked) {
   if (!tags_) return;
   const PoseEstimate& pose = tracked.pose;
   if (pose.status != TrackStatus::lost || pose.tags_used > 0) {
-    end();
+    check_.reset();
+    seen_ = true;
+    lost_ = 0;
     return;
   }
+  ++lost_;
+  if (seen_ && lost_ < kLongLoss) return;
   if (!check_) {
-    auto check = PictureCheck::create(*tags_);
+    auto check = ImageCheck::create(*tags_);
     if (!check) {
       log_warning("images are not checked for mirrored or negative tags: {}",
                   check.error().message);
@@ -31,12 +35,12 @@ void PictureWatch::saw(const TrackedFrame& tracked) {
   fault_ = fault;
 }
 
-void PictureWatch::end() {
+void ImageFaultWatch::end() {
   check_.reset();
   tags_.reset();
 }
 
-std::optional<PictureFault> PictureWatch::fault() const {
+std::optional<ImageFault> ImageFaultWatch::fault() const {
   const std::lock_guard lock(mutex_);
   return fault_;
 }

@@ -1,5 +1,5 @@
 // Mirrored and negative pictures of a board are recognised, now and then, and nothing else is.
-#include "tracking/picture_check.hpp"
+#include "tracking/image_check.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -44,27 +44,27 @@ GreyImage negative(GreyImage image) {
   return image;
 }
 
-TEST(PictureCheck, RecognisesMirroredAndNegativePictures) {
+TEST(ImageCheck, RecognisesMirroredAndNegativePictures) {
   const std::vector<MappedTag> tags = test::board(3, 2, 0.06);
   const TagMap map = TagMap::make(tags).value();
   for (const std::uint64_t seed : {1U, 2U, 3U}) {
     const GreyImage plain = view_of(tags, seed);
     const auto found = [&](const GreyImage& image) {
-      return PictureCheck::create(map).value().nothing_found(image.view());
+      return ImageCheck::create(map).value().nothing_found(image.view());
     };
-    EXPECT_EQ(found(mirrored(plain)), PictureFault::mirrored);
-    EXPECT_EQ(found(upside_down(mirrored(plain))), PictureFault::mirrored);
-    EXPECT_EQ(found(negative(plain)), PictureFault::negative);
-    EXPECT_EQ(found(mirrored(negative(plain))), PictureFault::mirrored_negative);
+    EXPECT_EQ(found(mirrored(plain)), ImageFault::mirrored);
+    EXPECT_EQ(found(upside_down(mirrored(plain))), ImageFault::mirrored);
+    EXPECT_EQ(found(negative(plain)), ImageFault::negative);
+    EXPECT_EQ(found(mirrored(negative(plain))), ImageFault::mirrored_negative);
     EXPECT_EQ(found(plain), std::nullopt);
   }
 }
 
-TEST(PictureCheck, FindsNothingInPicturesOfOtherTags) {
+TEST(ImageCheck, FindsNothingInPicturesOfOtherTags) {
   const std::vector<MappedTag> tags = test::board(3, 2, 0.06);
   std::vector<MappedTag> others = tags;
   for (MappedTag& tag : others) tag.id += 100;
-  auto check = PictureCheck::create(TagMap::make(others).value()).value();
+  auto check = ImageCheck::create(TagMap::make(others).value()).value();
   EXPECT_EQ(check.nothing_found(mirrored(view_of(tags, 1)).view()), std::nullopt);
   const std::vector<std::uint8_t> grey(640 * 480, 128);
   EXPECT_EQ(check.nothing_found({grey.data(), 640, 480, 640}), std::nullopt);
@@ -72,34 +72,38 @@ TEST(PictureCheck, FindsNothingInPicturesOfOtherTags) {
 }
 
 // The 1st, 2nd, 4th, 8th ... picture are looked at; a fault is reported once.
-TEST(PictureCheck, LooksAtFewPictures) {
+TEST(ImageCheck, LooksAtFewPictures) {
   const std::vector<MappedTag> tags = test::board(3, 2, 0.06);
   const GreyImage fault = mirrored(view_of(tags, 1));
   const std::vector<std::uint8_t> grey(640 * 480, 128);
   const ImageView nothing{grey.data(), 640, 480, 640};
-  auto check = PictureCheck::create(TagMap::make(tags).value()).value();
+  auto check = ImageCheck::create(TagMap::make(tags).value()).value();
   for (int i = 1; i <= 4; ++i) EXPECT_EQ(check.nothing_found(nothing), std::nullopt);
   for (int i = 5; i <= 7; ++i) EXPECT_EQ(check.nothing_found(fault.view()), std::nullopt) << i;
-  EXPECT_EQ(check.nothing_found(fault.view()), PictureFault::mirrored);
+  EXPECT_EQ(check.nothing_found(fault.view()), ImageFault::mirrored);
   for (int i = 9; i <= 16; ++i) EXPECT_EQ(check.nothing_found(fault.view()), std::nullopt) << i;
 }
 
-TEST(PictureCheck, EndsOnceTagsAreFound) {
+TEST(ImageCheck, ChecksEveryImageThatItIsAskedFor) {
   const std::vector<MappedTag> tags = test::board(3, 2, 0.06);
-  auto check = PictureCheck::create(TagMap::make(tags).value()).value();
-  check.found();
-  EXPECT_EQ(check.nothing_found(mirrored(view_of(tags, 1)).view()), std::nullopt);
+  const GreyImage plain = view_of(tags, 1);
+  auto check = ImageCheck::create(TagMap::make(tags).value()).value();
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_EQ(check.look(mirrored(plain).view()), ImageFault::mirrored);
+    EXPECT_EQ(check.look(plain.view()), std::nullopt);
+  }
+  EXPECT_EQ(check.look({}), std::nullopt);
 }
 
-TEST(PictureCheck, RecognisesTheSharedPictures) {
+TEST(ImageCheck, RecognisesTheSharedPictures) {
   if (test::shared_dir().empty()) GTEST_SKIP() << "no shared data beside the checkout";
   const auto cases = test::shared_dir() / "cases" / "mirrored-or-negative-sheet";
   const TagMap map = load_tag_map(test::recordings_dir() / "tabletop" / "tags.yaml").value();
-  for (const auto& [name, fault] : {std::pair{"mirrored.png", PictureFault::mirrored},
-                                    {"inverted.png", PictureFault::negative}}) {
+  for (const auto& [name, fault] :
+       {std::pair{"mirrored.png", ImageFault::mirrored}, {"inverted.png", ImageFault::negative}}) {
     const Frame frame = load_image(cases / name).value();
     std::vector<std::uint8_t> scratch;
-    EXPECT_EQ(PictureCheck::create(map).value().nothing_found(luma(frame, scratch)), fault);
+    EXPECT_EQ(ImageCheck::create(map).value().nothing_found(luma(frame, scratch)), fault);
   }
 }
 

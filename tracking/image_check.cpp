@@ -1,4 +1,4 @@
-#include "tracking/picture_check.hpp"
+#include "tracking/image_check.hpp"
 
 #include <algorithm>
 #include <array>
@@ -17,13 +17,13 @@ constexpr std::size_t kFewestTags = 2;  // one alone may be chance, unless the m
 constexpr int kLargePixels = 500'000;   // above, quads are searched at half the resolution
 
 struct Copy {
-  PictureFault fault;
+  ImageFault fault;
   bool mirrored;
   bool inverted;
 };
-constexpr std::array kCopies = {Copy{PictureFault::mirrored, true, false},
-                                Copy{PictureFault::negative, false, true},
-                                Copy{PictureFault::mirrored_negative, true, true}};
+constexpr std::array kCopies = {Copy{ImageFault::mirrored, true, false},
+                                Copy{ImageFault::negative, false, true},
+                                Copy{ImageFault::mirrored_negative, true, true}};
 
 std::vector<std::uint8_t> copy_of(ImageView luma, const Copy& copy) {
   const auto width = static_cast<std::size_t>(luma.width);
@@ -44,33 +44,33 @@ std::vector<std::uint8_t> copy_of(ImageView luma, const Copy& copy) {
 
 }  // namespace
 
-std::string_view to_string(PictureFault fault) {
+std::string_view to_string(ImageFault fault) {
   switch (fault) {
-    case PictureFault::mirrored:
+    case ImageFault::mirrored:
       return "mirrored";
-    case PictureFault::negative:
+    case ImageFault::negative:
       return "negative";
-    case PictureFault::mirrored_negative:
+    case ImageFault::mirrored_negative:
       break;
   }
   return "mirrored and negative";
 }
 
-std::string_view advice(PictureFault fault) {
+std::string_view advice(ImageFault fault) {
   switch (fault) {
-    case PictureFault::mirrored:
+    case ImageFault::mirrored:
       return "the images are mirrored: switch off the camera's mirror or selfie mode";
-    case PictureFault::negative:
+    case ImageFault::negative:
       return "the images are negative (white tags on black): print the sheet black on white, or "
              "switch off the camera's inversion";
-    case PictureFault::mirrored_negative:
+    case ImageFault::mirrored_negative:
       break;
   }
   return "the images are mirrored and negative (white tags on black): switch off the camera's "
          "mirror mode and its inversion";
 }
 
-struct PictureCheck::Impl {
+struct ImageCheck::Impl {
   TagMap tags;
   TagDetector detector;
   std::uint64_t images_without_tags = 0;
@@ -88,34 +88,35 @@ struct PictureCheck::Impl {
   }
 };
 
-PictureCheck::PictureCheck(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-PictureCheck::PictureCheck(PictureCheck&&) noexcept = default;
-PictureCheck& PictureCheck::operator=(PictureCheck&&) noexcept = default;
-PictureCheck::~PictureCheck() = default;
+ImageCheck::ImageCheck(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+ImageCheck::ImageCheck(ImageCheck&&) noexcept = default;
+ImageCheck& ImageCheck::operator=(ImageCheck&&) noexcept = default;
+ImageCheck::~ImageCheck() = default;
 
-Result<PictureCheck> PictureCheck::create(const TagMap& tags) {
+Result<ImageCheck> ImageCheck::create(const TagMap& tags) {
   auto detector = TagDetector::create(tags.families());
   if (!detector) return tl::unexpected(detector.error());
-  return PictureCheck(std::make_unique<Impl>(Impl{tags, std::move(*detector)}));
+  return ImageCheck(std::make_unique<Impl>(Impl{tags, std::move(*detector)}));
 }
 
-std::optional<PictureFault> PictureCheck::nothing_found(ImageView luma) {
+std::optional<ImageFault> ImageCheck::nothing_found(ImageView luma) {
   Impl& self = *impl_;
   if (self.done || luma.empty()) return std::nullopt;
   ++self.images_without_tags;
   if (self.images_without_tags >= kLastLook) self.done = true;
   if (!std::has_single_bit(self.images_without_tags)) return std::nullopt;
-  for (const Copy& copy : kCopies) {
-    const std::vector<std::uint8_t> pixels = copy_of(luma, copy);
-    if (!self.finds_tags({pixels.data(), luma.width, luma.height, luma.width})) continue;
-    self.done = true;
-    return copy.fault;
-  }
-  return std::nullopt;
+  const auto fault = look(luma);
+  if (fault) self.done = true;
+  return fault;
 }
 
-void PictureCheck::found() {
-  impl_->done = true;
+std::optional<ImageFault> ImageCheck::look(ImageView luma) {
+  if (luma.empty()) return std::nullopt;
+  for (const Copy& copy : kCopies) {
+    const std::vector<std::uint8_t> pixels = copy_of(luma, copy);
+    if (impl_->finds_tags({pixels.data(), luma.width, luma.height, luma.width})) return copy.fault;
+  }
+  return std::nullopt;
 }
 
 }  // namespace penumbra

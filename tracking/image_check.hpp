@@ -12,33 +12,33 @@
 
 namespace penumbra {
 
-enum class PictureFault { mirrored, negative, mirrored_negative };
+enum class ImageFault { mirrored, negative, mirrored_negative };
 
 // "mirrored", ...
-[[nodiscard]] std::string_view to_string(PictureFault fault);
+[[nodiscard]] std::string_view to_string(ImageFault fault);
 // Message for users: the fault and its remedy.
-[[nodiscard]] std::string_view advice(PictureFault fault);
+[[nodiscard]] std::string_view advice(ImageFault fault);
 
 // Looks for the map's tags in mirrored and inverted copies of images in which nothing was found.
 // Only the 1st, 2nd, 4th, 8th ... such image is checked, up to the kLastLook-th. Nothing is tracked
 // from such a copy.
-class PictureCheck {
+class ImageCheck {
  public:
   static constexpr std::uint64_t kLastLook = 1024;
 
-  [[nodiscard]] static Result<PictureCheck> create(const TagMap& tags);
-  PictureCheck(PictureCheck&&) noexcept;
-  PictureCheck& operator=(PictureCheck&&) noexcept;
-  ~PictureCheck();
+  [[nodiscard]] static Result<ImageCheck> create(const TagMap& tags);
+  ImageCheck(ImageCheck&&) noexcept;
+  ImageCheck& operator=(ImageCheck&&) noexcept;
+  ~ImageCheck();
 
   // Takes an image in which none of the tags was found. Returns a fault once.
-  [[nodiscard]] std::optional<PictureFault> nothing_found(ImageView luma);
-  // An image shows tags as they are: no further one is checked.
-  void found();
+  [[nodiscard]] std::optional<ImageFault> nothing_found(ImageView luma);
+  // Checks one image, whatever came before it.
+  [[nodiscard]] std::optional<ImageFault> look(ImageView luma);
 
  private:
   struct Impl;
-  explicit PictureCheck(std::unique_ptr<Impl> impl);
+  explicit ImageCheck(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
 
