@@ -9,7 +9,7 @@
 
 namespace penumbra {
 
-// Logs what was assumed of the file. `name`: as load_camera_file() has it.
+// Loads the camera and logs the warnings of load_camera_file(). `name`: as there.
 [[nodiscard]] Result<CameraModel> load_chosen_camera(const std::filesystem::path& file,
                                                      const std::string& name);
 

@@ -27,7 +27,8 @@ namespace penumbra {
 // name.
 struct LoadedCamera {
   CameraModel camera;
-  std::vector<std::string> warnings;  // what was assumed: one line each, with the file's name
+  // What was assumed, and what is likely wrong: one line each, with the file's name.
+  std::vector<std::string> warnings;
 };
 // `name`: which camera of a file that holds several; empty: the only one. Fails, with the names
 // that the file has, where there are several and none is named, or not this one.

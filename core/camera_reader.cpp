@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "core/camera_file.hpp"
+#include "core/camera_plausibility.hpp"
 #include "core/opencv_xml.hpp"
 #include "core/running_statistics.hpp"
 #include "core/text.hpp"
@@ -536,16 +537,17 @@ Result<ReadCamera> read_any(const YAML::Node& root, const std::string& file,
   return read;
 }
 
-// A lens whose image folds back onto itself so near its middle, or lies elsewhere, was never
-// measured: a sign or a power of ten is wrong, or the coefficients are another model's.
+// Fails for a lens that can't be used: its distortion is non-monotonic near the image's centre, or
+// the image lies elsewhere. A sign or a power of ten is wrong, or the coefficients are another
+// model's.
 Result<void> check_lens(const CameraModel& camera) {
   const CameraParameters& p = camera.parameters();
   const Eigen::Vector2d centre(p.cx, p.cy);
   const double larger = std::max(camera.width(), camera.height());
   if (!((centre - 0.5 * Eigen::Vector2d(p.width, p.height)).norm() < 10.0 * larger)) {
     return fail(
-        "camera_matrix: the principal point ({:g}, {:g}) lies far outside {} x {}; correct "
-        "it, or image_width and image_height",
+        "camera_matrix: the principal point ({:g}, {:g}) lies far outside the {} x {} image; "
+        "correct it, or image_width and image_height",
         p.cx, p.cy, p.width, p.height);
   }
   // Nor does a lens spread a small part of what a straight one sees over the whole image.
@@ -553,20 +555,20 @@ Result<void> check_lens(const CameraModel& camera) {
   const double straight = 0.5 * larger / p.fx;
   if (edge && edge->head<2>().norm() < 0.05 * straight * edge->z()) {
     return fail(
-        "distortion: this lens moves the image's edge {:.0f} times as far out as a straight one; "
-        "correct the coefficients or the distortion_model",
+        "distortion coefficients: they move the image's edge {:.0f} times as far out as a lens "
+        "without distortion; correct them or the distortion_model",
         straight * edge->z() / edge->head<2>().norm());
   }
   if (!std::isfinite(camera.max_radius())) return {};
   const double shorter = std::min(camera.width(), camera.height());
   // Just inside, so that rounding does not decide.
-  const std::optional<Eigen::Vector2d> fold =
+  const std::optional<Eigen::Vector2d> limit =
       camera.project({camera.max_radius() * (1.0 - 1e-9), 0.0, 1.0});
-  if (fold && (*fold - centre).norm() >= 0.25 * shorter) return {};
+  if (limit && (*limit - centre).norm() >= 0.25 * shorter) return {};
   return fail(
-      "distortion: this lens folds its image {:.0f} px from the middle of {} x {}; correct the "
-      "coefficients or the distortion_model",
-      fold ? (*fold - centre).norm() : 0.0, camera.width(), camera.height());
+      "distortion coefficients: they are non-monotonic from {:.0f} px off the principal point on, "
+      "in an image of {} x {} px; correct them or the distortion_model",
+      limit ? (*limit - centre).norm() : 0.0, camera.width(), camera.height());
 }
 
 }  // namespace
@@ -584,6 +586,8 @@ Result<LoadedCamera> load_camera_file(const std::filesystem::path& file, const s
     Result<CameraModel> camera = CameraModel::make(read->parameters);
     if (!camera) return fail_in(file.string(), camera.error());
     if (auto ok = check_lens(*camera); !ok) return fail_in(file.string(), ok.error());
+    if (const auto text = implausible_parameter(*camera))
+      read->warnings.push_back(fmt::format("{}: {}", file.string(), *text));
     return LoadedCamera{std::move(*camera), std::move(read->warnings)};
   } catch (const std::exception& error) {  // yaml-cpp's own, should one get past the checks
     return fail("{}: is not readable as a camera file ({}); correct the file", file.string(),

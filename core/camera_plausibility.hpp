@@ -1,0 +1,21 @@
+// Finds camera parameters that can be used but are likely wrong.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "core/camera_model.hpp"
+
+namespace penumbra {
+
+// Describes the first parameter that hardly any camera has: field, value and likely cause, without
+// the file's name. Returns nothing for a plausible camera. The checks, in this order:
+// - the principal point lies outside the image (an off-centre crop of an image has that too),
+// - fx and fy differ by more than a factor of 2,
+// - the horizontal field of view is below 1 degree, above 170 degrees (pinhole models) or above 360
+//   degrees (equidistant),
+// - the distortion is non-monotonic nearer to the principal point than half of the image's shorter
+//   side.
+[[nodiscard]] std::optional<std::string> implausible_parameter(const CameraModel& camera);
+
+}  // namespace penumbra
