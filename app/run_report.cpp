@@ -8,6 +8,9 @@
 
 #include "app/versions.hpp"
 #include "core/assert.hpp"
+#include "core/text.hpp"
+#include "core/units.hpp"
+#include "tracking/table_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -48,6 +51,7 @@ Json json_of(const Evaluation& e) {
   json["frames_with_truth"] = e.frames_with_truth;
   json["frames_with_pose"] = e.frames_with_pose;
   json["share_with_pose"] = ratio_of(e.frames_with_pose, e.frames_with_truth);
+  json["time_offset_s"] = seconds(e.time_offset_ns);
   return json;
 }
 
@@ -269,6 +273,7 @@ void RunRecorder::add_reason(const std::string& reason) {
     general = "other";
   }
   ++reasons_[general];
+  report_.first_reasons.try_emplace(general, general == "other" ? general : reason);
 }
 
 void RunRecorder::add_tracked(const SessionFrame& frame) {
@@ -540,6 +545,10 @@ std::string evaluation_table(const Evaluation& evaluation) {
   if (const std::string causes = not_judged_in_words(evaluation); !causes.empty()) {
     text += fmt::format("not judged: {}\n", causes);
   }
+  if (evaluation.time_offset_ns != 0) {
+    text += fmt::format("time offset added to the estimate: {} s\n",
+                        format_ns_as_seconds(evaluation.time_offset_ns));
+  }
   return text;
 }
 
@@ -586,6 +595,13 @@ std::string left_out_lines(const std::map<std::string, std::int64_t>& tags, std:
   return text;
 }
 
+// Whether no frame was tracked, mostly since the tags that were read agree with no pose.
+bool tags_fit_no_pose(const RunReport& report) {
+  if (report.frames_tracked > 0 || report.reasons.empty()) return false;
+  const std::string& reason = report.reasons.front().first;
+  return reason.starts_with(kContradicting) || reason.starts_with(kNotFitting);
+}
+
 }  // namespace
 
 std::string report_table(const RunReport& report) {
@@ -595,12 +611,21 @@ std::string report_table(const RunReport& report) {
   text += fmt::format("tracked {}, uncertain {}, held {}, lost {}\n", report.frames_tracked,
                       report.frames_uncertain, report.frames_held, report.frames_lost);
   for (std::size_t i = 0; i < std::min<std::size_t>(report.reasons.size(), 3); ++i) {
-    const auto& [reason, count] = report.reasons[i];
-    text += fmt::format("not tracked: {} ({})\n", reason, count);
+    const auto& [general, count] = report.reasons[i];
+    const auto first = report.first_reasons.find(general);
+    const std::string& reason = first == report.first_reasons.end() ? general : first->second;
+    text += fmt::format("not tracked: {} ({} frame{}{})\n", reason, count, count == 1 ? "" : "s",
+                        count > 1 && reason != general ? ", numbers of the first" : "");
+  }
+  const bool misfit = tags_fit_no_pose(report);
+  if (misfit) {
+    text +=
+        "no frame was tracked, though tags of the map were read: check that the camera file is of "
+        "this camera, its focus and its image size; then check the sizes and places in the map\n";
   }
   text += left_out_lines(report.tags_left_out, "the map");
   // Uncertain frames have seen it.
-  if (report.frames > 0 && report.frames_tracked == 0 &&
+  if (!misfit && report.frames > 0 && report.frames_tracked == 0 &&
       2 * report.frames_uncertain < report.frames) {
     std::string why =
         "is the sheet that --tags lists in view, whole and sharp? Tags of other families are not "

@@ -93,6 +93,8 @@ struct RunReport {
   // Why frames were not tracked -> how many, the most frequent first. Numbers in a reason are an N:
   // it is one reason whatever they were.
   std::vector<std::pair<std::string, std::int64_t>> reasons;
+  // The same reasons as they were in their first frame, with its numbers.
+  std::map<std::string, std::string> first_reasons;
   // By id, frames in which a tag contradicted the others: it lies elsewhere than the map says.
   std::map<std::string, std::int64_t> tags_left_out;
   bool interrupted = false;

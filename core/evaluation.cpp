@@ -173,6 +173,7 @@ Evaluation evaluate(const CameraModel& camera, const Trajectory& estimated, cons
                     const PairingOptions& options, std::int64_t frame_interval_ns) {
   Evaluation result;
   result.frames_with_truth = static_cast<int>(truth.poses.size());
+  result.time_offset_ns = options.time_offset_ns;
   const std::int64_t interval_ns =
       frame_interval_ns > 0 ? frame_interval_ns : median_interval_ns(estimated);
   ErrorCollector errors(camera);

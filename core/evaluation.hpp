@@ -46,6 +46,7 @@ struct Evaluation {
   int frames_with_pose = 0;   // of frames_with_truth: those with a judged pose nearest to them
   int frames_judged = 0;      // of frames_estimated, those with a true pose at their time
   std::array<int, 2> frames_not_judged{};  // the others, by NotJudged
+  std::int64_t time_offset_ns = 0;         // PairingOptions::time_offset_ns that was added
   Statistics translation_mm;               // |t_estimated - t_true|
   Statistics rotation_deg;                 // angle of R_estimated^T R_true
   Statistics overlay_px;                   // over all corners of all judged frames

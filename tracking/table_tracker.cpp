@@ -95,8 +95,6 @@ constexpr double kSame_px = 0.15;
 constexpr double kSameResiduals = 2.0;
 constexpr double kRunTogether_sigmas = 5.0;
 
-constexpr std::string_view kContradicting = "the tags contradict each other";
-
 // Of a pose from elsewhere that only says where to begin.
 Matrix6d loose_covariance() {
   Matrix6d covariance = Matrix6d::Zero();
@@ -369,7 +367,7 @@ Result<Measurement> TableTracker::Impl::measure(std::span<const TagDetection> de
   measurement.contradictory = measurement.by_corners.contradictory;
   measurement.left_out = measurement.by_corners.left_out;
   if (measurement.best.rms_px > options.max_reprojection_rms_px)
-    return fail("the tags do not fit the map ({:.1f} px)", measurement.best.rms_px);
+    return fail("{} ({:.1f} px)", kNotFitting, measurement.best.rms_px);
   if (!options.late_ceres) solve_by_ceres(measurement);
   return measurement;
 }

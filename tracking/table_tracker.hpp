@@ -111,6 +111,10 @@ struct TrackedFrame {
 
 // PoseEstimate's reason where two poses explain the tags equally well.
 inline constexpr std::string_view kTwoPoses = "two poses fit";
+// Reasons for which tags of the map were read but agree with no pose: the camera file or the map is
+// wrong. The second is followed by the residual in parentheses.
+inline constexpr std::string_view kContradicting = "the tags contradict each other";
+inline constexpr std::string_view kNotFitting = "the tags do not fit the map";
 
 // How a frame is measured whose search is shared with others (GroupTracker).
 struct SharedFrame {

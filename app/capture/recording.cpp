@@ -14,6 +14,7 @@
 #include "app/capture/video_reader.hpp"
 #include "app/tags_in_use.hpp"
 #include "core/camera_file.hpp"
+#include "core/camera_plausibility.hpp"
 #include "core/image_file.hpp"
 #include "core/sample_depth.hpp"
 #include "core/sensor_file.hpp"
@@ -380,12 +381,16 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
     if (!loaded) return tl::unexpected(loaded.error());
     for (std::string& warning : loaded->warnings) recording.notices.push_back(std::move(warning));
     recording.camera = std::move(loaded->camera);
+    recording.camera_file = camera;
   } else if (!sensor.empty() && is_there(sensor)) {
     if (!options.camera_name.empty())
       return fail("{}: holds one camera; leave out --camera-name", sensor.string());
     auto loaded = load_euroc_sensor(sensor);
     if (!loaded) return tl::unexpected(loaded.error());
+    if (const auto text = implausible_parameter(*loaded))
+      recording.notices.push_back(fmt::format("{}: {}", sensor.string(), *text));
     recording.camera = std::move(*loaded);
+    recording.camera_file = sensor;
   } else if (options.require_camera) {
     return fail("{}: no such file; put the camera's calibration there", camera.string());
   }

@@ -28,6 +28,7 @@ class Decoder {
       : frames_(std::move(frames)),
         video_(std::move(video)),
         video_file_(recording.video),
+        camera_file_(recording.camera_file),
         of_camera_(recording.of_camera),
         clamps_(recording.sample_bits),
         faults_(recording.folder.string()) {
@@ -55,9 +56,10 @@ class Decoder {
                                                         const Stopwatch& watch) const {
     if (size_ && ImageSize{frame.width, frame.height} != *size_) {
       return fail(
-          "{}: is {}x{} px, but the camera model is of {}x{} px; calibrate at the size that "
-          "is recorded",
-          place(listed), frame.width, frame.height, size_->width, size_->height);
+          "{}: is of {}x{} px, but {} is {}x{} px; give this recording its own camera file, or "
+          "calibrate at its image size (penumbra calibrate)",
+          camera_file_.string(), size_->width, size_->height, place(listed), frame.width,
+          frame.height);
     }
     frame.sequence = static_cast<std::uint64_t>(listed.number);
     frame.timestamp_ns = listed.timestamp_ns;
@@ -95,6 +97,7 @@ class Decoder {
   const std::vector<RecordedFrame> frames_;
   std::optional<VideoReader> video_;
   const std::filesystem::path video_file_;
+  const std::filesystem::path camera_file_;
   const bool of_camera_;
   ClampWatch clamps_;
   FaultCounter faults_;

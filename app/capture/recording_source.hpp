@@ -41,6 +41,7 @@ struct Recording {
   // What a camera gave, whole or not: by the controls.json that only such a recording has.
   bool of_camera = false;
   std::optional<CameraModel> camera;  // absent only where allowed (stills to calibrate from)
+  std::filesystem::path camera_file;  // that `camera` was read from
   std::optional<TagMap> tags;
   std::optional<Trajectory> groundtruth;
   // Of groups of tags beside the table, by their names: T_table_group.

@@ -288,9 +288,12 @@ TEST(RunReport, SaysWhyFramesWereNotTracked) {
   EXPECT_EQ(counts, Json({{"N tags in view, none of them of this board (--tags)", 3},
                           {"expected error N px", 2},
                           {"other", 1}}));
-  EXPECT_THAT(report_table(none), testing::HasSubstr("not tracked: N tags in view, none of them of "
-                                                     "this board (--tags) (3)\n"
-                                                     "not tracked: expected error N px (2)\n"));
+  EXPECT_THAT(report_table(none),
+              testing::HasSubstr("not tracked: 24 tags in view, none of them of this board "
+                                 "(--tags) (3 frames, numbers of the first)\n"
+                                 "not tracked: expected error 2.7 px (2 frames, numbers of the "
+                                 "first)\n"
+                                 "not tracked: other (1 frame)\n"));
   EXPECT_THAT(report_table(none), testing::HasSubstr("no frame was tracked"));
   add(TrackStatus::tracked, "");
   EXPECT_THAT(report_table(run.report()), testing::Not(testing::HasSubstr("no frame was tracked")));
@@ -298,6 +301,22 @@ TEST(RunReport, SaysWhyFramesWereNotTracked) {
     add(TrackStatus::lost, std::string(static_cast<std::size_t>(i) + 1, 'x').c_str());
   }
   EXPECT_LE(run.report().reasons.size(), 65U) << "memory is bounded";
+}
+
+TEST(RunReport, NamesTheCameraFileWhereTagsFitNoPose) {
+  for (const char* reason :
+       {"the tags do not fit the map (22.4 px)", "the tags contradict each other"}) {
+    RunRecorder run;
+    SessionFrame frame = frame_of(TrackStatus::lost, 0, true);
+    frame.tracked.pose.reason = reason;
+    run.add_frame(frame);
+    const std::string table = report_table(run.report());
+    EXPECT_THAT(table, testing::HasSubstr(std::string(reason) + " (1 frame)\n"
+                                                                "no frame was tracked, though tags "
+                                                                "of the map were read: check that "
+                                                                "the camera file"));
+    EXPECT_THAT(table, testing::Not(testing::HasSubstr("is the sheet")));
+  }
 }
 
 TEST(RunReport, AccuracyIsOfTheTrackedFramesThatWereProcessed) {
