@@ -21,9 +21,11 @@
 #include "app/logging.hpp"
 #include "app/run_report.hpp"
 #include "core/pairing.hpp"
+#include "core/pose_convention_hint.hpp"
 #include "core/tag_map.hpp"
 #include "core/text.hpp"
 #include "core/trajectory.hpp"
+#include "core/units.hpp"
 #include "tracking/group_tracker.hpp"
 
 namespace penumbra {
@@ -40,9 +42,12 @@ struct EvaluateOptions {
 };
 
 // "0.000000000 to 3.966667000 s"
-std::string times_of(const Trajectory& trajectory) {
-  return fmt::format("{} to {} s", format_ns_as_seconds(trajectory.poses.front().timestamp_ns),
-                     format_ns_as_seconds(trajectory.poses.back().timestamp_ns));
+std::string times_of(const Trajectory& trajectory, std::int64_t offset_ns = 0) {
+  const auto time_of = [&](const StampedPose& pose) {
+    return format_ns_as_seconds(shifted(pose.timestamp_ns, offset_ns));
+  };
+  return fmt::format("{} to {} s", time_of(trajectory.poses.front()),
+                     time_of(trajectory.poses.back()));
 }
 
 // Fails where no pose was judged, or where the times are not in seconds.
@@ -56,9 +61,14 @@ Result<void> check_pairing(const Evaluation& evaluation, const NamedTrajectory& 
   for (const std::string& warning : *warnings) log_warning("{}", warning);
   if (evaluation.frames_judged > 0) return {};
   return fail(
-      "{}: has no pose that {} can judge: {}; its times are {}, those of the ground truth {}. Are "
+      "{}: has no pose that {} can judge: {}; its times are {}{}, those of the ground truth {}. "
+      "Are "
       "both of the same recording? --time-offset shifts the estimate, --max-gap allows longer gaps",
-      estimated.name, truth.name, not_judged_in_words(evaluation), times_of(estimated.trajectory),
+      estimated.name, truth.name, not_judged_in_words(evaluation),
+      times_of(estimated.trajectory, pairing.time_offset_ns),
+      pairing.time_offset_ns == 0
+          ? ""
+          : fmt::format(" with --time-offset {:g} added", seconds(pairing.time_offset_ns)),
       times_of(truth.trajectory));
 }
 
@@ -135,6 +145,11 @@ Result<ExitCode> run_evaluate(const EvaluateOptions& options) {
                                    {*truth, options.groundtruth.string()}, options.pairing);
       !checked) {
     return tl::unexpected(checked.error());
+  }
+  if (const auto hint =
+          pose_convention_hint({*estimated, options.estimated.string()},
+                               {*truth, options.groundtruth.string()}, options.pairing)) {
+    log_warning("{}", *hint);
   }
   const auto groups = evaluate_groups(options, *camera, *estimated, *truth);
   if (!groups) return tl::unexpected(groups.error());

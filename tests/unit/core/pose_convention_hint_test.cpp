@@ -1,0 +1,162 @@
+#include "core/pose_convention_hint.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <random>
+
+namespace penumbra {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+constexpr int kTrajectories = 300;  // of each property
+
+double uniform(std::mt19937& random, double low, double high) {
+  return std::uniform_real_distribution<double>(low, high)(random);
+}
+
+Eigen::Vector3d direction(std::mt19937& random) {
+  std::normal_distribution<double> normal;
+  return Eigen::Vector3d(normal(random), normal(random), normal(random)).normalized();
+}
+
+Eigen::Quaterniond turn(std::mt19937& random, double largest_rad) {
+  return Eigen::Quaterniond(
+      Eigen::AngleAxisd(uniform(random, -largest_rad, largest_rad), direction(random)));
+}
+
+// A camera that moves over the table, 0.2 to 2 m away, and looks roughly at its origin. Not from
+// straight above, where some poses are nearly their own inverse.
+Trajectory random_trajectory(std::mt19937& random) {
+  Trajectory trajectory;
+  const double distance_m = uniform(random, 0.2, 2.0);
+  double azimuth = uniform(random, -3.0, 3.0);
+  double elevation = uniform(random, 0.3, 1.0);
+  for (int i = 0; i < 30; ++i) {
+    azimuth += uniform(random, -0.02, 0.03);
+    elevation += uniform(random, -0.01, 0.01);
+    const Eigen::Vector3d towards(std::cos(elevation) * std::cos(azimuth),
+                                  std::cos(elevation) * std::sin(azimuth), std::sin(elevation));
+    const Eigen::Vector3d z = -towards;
+    const Eigen::Vector3d x = z.cross(Eigen::Vector3d::UnitZ()).normalized();
+    Eigen::Matrix3d R;
+    R << x, z.cross(x), z;
+    const Eigen::Quaterniond rotation = Eigen::Quaterniond(R) * turn(random, 0.05);
+    trajectory.poses.push_back({i * 33'333'333LL, {rotation, distance_m * towards}, {}});
+  }
+  return trajectory;
+}
+
+using Change = std::function<CameraPose(const CameraPose&)>;
+
+Trajectory changed(Trajectory trajectory, const Change& change) {
+  for (StampedPose& pose : trajectory.poses) pose.T_table_camera = change(pose.T_table_camera);
+  return trajectory;
+}
+
+CameraPose in_millimetres(const CameraPose& pose) {
+  return {pose.rotation(), 1000.0 * pose.translation()};
+}
+// Written as w x y z and read as x y z w.
+CameraPose w_first(const CameraPose& pose) {
+  const Eigen::Quaterniond& q = pose.rotation();
+  return {Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()), pose.translation()};
+}
+CameraPose inverted(const CameraPose& pose) {
+  return {pose.inverse().rotation(), pose.inverse().translation()};
+}
+
+// An estimate of the trajectory with errors of up to `share` of the distance and `share` rad.
+Trajectory estimate_of(const Trajectory& truth, double share, std::mt19937& random) {
+  return changed(truth, [&](const CameraPose& pose) {
+    const double distance_m = pose.translation().norm();
+    return CameraPose(
+        pose.rotation() * turn(random, share),
+        pose.translation() + uniform(random, 0.0, share) * distance_m * direction(random));
+  });
+}
+
+std::string hint_for(const Trajectory& estimated, const Trajectory& truth) {
+  return pose_convention_hint({estimated, "est.tum"}, {truth, "truth.tum"}, {}).value_or("");
+}
+
+TEST(PoseConventionHint, NeverHintsForRightTruth) {
+  std::mt19937 random(1);
+  for (int i = 0; i < kTrajectories; ++i) {
+    const Trajectory truth = random_trajectory(random);
+    for (const double share : {0.0, 0.005, 0.1, 1.0})
+      EXPECT_EQ(hint_for(estimate_of(truth, share, random), truth), "") << i << " " << share;
+  }
+}
+
+TEST(PoseConventionHint, NeverHintsForUnrelatedTrajectories) {
+  std::mt19937 random(2);
+  for (int i = 0; i < kTrajectories; ++i) {
+    const Trajectory truth = random_trajectory(random);
+    EXPECT_EQ(hint_for(random_trajectory(random), truth), "") << i;
+    const CameraPose other(turn(random, 3.0), direction(random));
+    EXPECT_EQ(hint_for(changed(truth,
+                               [&](const CameraPose& pose) {
+                                 return CameraPose(
+                                     other.rotation() * pose.rotation(),
+                                     other.rotation() * pose.translation() + other.translation());
+                               }),
+                       truth),
+              "")
+        << "another world frame " << i;
+  }
+}
+
+TEST(PoseConventionHint, NamesTheConvention) {
+  struct Case {
+    Change change;
+    std::vector<const char*> words;
+  };
+  const std::vector<Case> cases = {
+      {in_millimetres, {"positions in millimetres", "give positions in metres"}},
+      {w_first, {"the order w x y z", "give quaternions as qx qy qz qw"}},
+      {inverted, {"inverse poses (T_camera_table)", "give T_table_camera"}},
+      {[](const CameraPose& pose) { return in_millimetres(w_first(pose)); },
+       {"millimetres and quaternions in the order w x y z"}},
+      {[](const CameraPose& pose) { return in_millimetres(inverted(pose)); },
+       {"millimetres and inverse poses"}},
+      {[](const CameraPose& pose) { return w_first(inverted(pose)); },
+       {"the order w x y z and inverse poses"}}};
+  std::mt19937 random(3);
+  for (const Case& c : cases) {
+    for (int i = 0; i < kTrajectories; ++i) {
+      const Trajectory truth = random_trajectory(random);
+      const Trajectory estimated = estimate_of(truth, 0.004, random);
+      const std::string hint = hint_for(estimated, changed(truth, c.change));
+      EXPECT_THAT(hint, AllOf(StartsWith("truth.tum: the ground truth looks like"),
+                              HasSubstr("Nothing was changed")));
+      for (const char* words : c.words) EXPECT_THAT(hint, HasSubstr(words)) << i;
+    }
+  }
+}
+
+TEST(PoseConventionHint, NamesTheEstimateWhereItIsTheOther) {
+  std::mt19937 random(4);
+  for (int i = 0; i < kTrajectories; ++i) {
+    const Trajectory truth = random_trajectory(random);
+    const Trajectory estimated = estimate_of(truth, 0.004, random);
+    for (const Change& change : {Change(in_millimetres), Change(w_first)}) {
+      EXPECT_THAT(hint_for(changed(estimated, change), truth),
+                  StartsWith("est.tum: the estimate looks like"))
+          << i;
+    }
+  }
+}
+
+TEST(PoseConventionHint, IsEmptyWithoutPairs) {
+  std::mt19937 random(5);
+  const Trajectory truth = random_trajectory(random);
+  EXPECT_EQ(hint_for({}, truth), "");
+}
+
+}  // namespace
+}  // namespace penumbra
