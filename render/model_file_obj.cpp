@@ -77,6 +77,12 @@ Result<void> ObjReader::read_position(const std::vector<std::string_view>& words
   Eigen::Vector3d position;
   for (std::size_t i = 1; i < 4; ++i) {
     const std::optional<double> value = finite_number(words[i]);
+    if (!value && has_decimal_comma(words[i])) {
+      return fail(
+          "{}: line {}: \"{}\" has a decimal comma; export the model with decimal points, or "
+          "replace the decimal commas by points",
+          name_, line_, words[i].substr(0, 40));
+    }
     if (!value) {
       return fail("{}: line {}: \"{}\" is not a finite number; export the model again", name_,
                   line_, words[i].substr(0, 40));

@@ -158,7 +158,10 @@ void read_material_line(MaterialLines& current, std::string_view line, std::size
   if (key == "Kd" || key == "Ke") {
     const std::optional<glm::vec3> color = color_from(words);
     if (!color) {
-      warnings.add(number, fmt::format("{} is not a colour (numbers of at least 0); {}", key,
+      warnings.add(number, fmt::format("{} is not a colour (numbers of at least 0{}); {}", key,
+                                       words.size() > 1 && has_decimal_comma(words[1])
+                                           ? ", with decimal points in place of decimal commas"
+                                           : "",
                                        key == "Kd" ? "plain grey is used" : "it is ignored"));
     } else if (key == "Kd") {
       material.base_color = glm::vec4(*color, material.base_color.a);

@@ -27,6 +27,8 @@ namespace penumbra {
 [[nodiscard]] std::string_view after_keyword(std::string_view line);
 // Returns zero for a number too small for a double.
 [[nodiscard]] std::optional<double> finite_number(std::string_view word);
+// Returns true for a number with a comma in place of the decimal point, "0,5".
+[[nodiscard]] bool has_decimal_comma(std::string_view word);
 
 template <std::size_t kCount>
 [[nodiscard]] bool is_one_of(std::string_view key,

@@ -64,6 +64,14 @@ std::optional<double> finite_number(std::string_view word) {
   return value;
 }
 
+bool has_decimal_comma(std::string_view word) {
+  const std::size_t comma = word.find(',');
+  if (comma == std::string_view::npos) return false;
+  std::string with_point(word);
+  with_point[comma] = '.';
+  return finite_number(with_point).has_value();
+}
+
 void LineWarnings::add(std::size_t line, std::string_view kind) {
   const auto known = std::ranges::find(kinds_, kind, &Kind::text);
   if (known == kinds_.end()) {

@@ -122,9 +122,9 @@ Result<ExitCode> run_map(const MapOptions& options) {
   auto recording = open_recording(options.recording, open);
   if (!recording) return tl::unexpected(recording.error());
   for (const std::string& notice : recording->notices) log_warning("{}", notice);
-  auto camera = load_chosen_camera(
-      options.camera.empty() ? options.recording / "camera.yaml" : options.camera,
-      options.camera_name);
+  recording->camera_file =
+      options.camera.empty() ? options.recording / "camera.yaml" : options.camera;
+  auto camera = load_chosen_camera(recording->camera_file, options.camera_name);
   if (!camera) return tl::unexpected(camera.error());
   recording->camera = std::move(*camera);
   InterruptWatch interrupt;
@@ -199,7 +199,8 @@ void add_map_command(CLI::App& program, ChosenCommand& chosen) {
       ->type_name("RECORDING");
   auto* size =
       command->add_option("--tag-size", options->tag_size_m, "Edge of every tag's black square [m]")
-          ->check(CLI::Range(0.001, 10.0));
+          ->check(length_check("m", 0.001, 10.0))
+          ->type_name("METRES");
   auto* sizes = command
                     ->add_option("--sizes", options->sizes,
                                  "Sizes by tag: a YAML file of lines ID: METRES, or a tags.yaml")

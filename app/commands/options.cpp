@@ -440,6 +440,30 @@ void add_output_options(CLI::App& command, OutputRequest& request) {
       ->type_name("FILE.json");
 }
 
+std::function<std::string(const std::string&)> length_check(std::string_view symbol, double least,
+                                                            double most) {
+  return [&unit = *length_unit_from_string(symbol), least, most](const std::string& text) {
+    const auto in_range = [&](double value) { return value >= least && value <= most; };
+    if (const auto value = parse_number(text); value && in_range(*value)) return std::string();
+    const std::string message =
+        fmt::format("is '{}'; give {} from {:g} to {:g}", text, unit.plural, least, most);
+    const std::size_t end = std::min(text.find_first_not_of("0123456789.,+-"), text.size());
+    std::string digits = text.substr(0, end);
+    std::ranges::replace(digits, ',', '.');
+    const auto number = parse_number(digits);
+    if (!number) return message;
+    const std::string_view given_symbol = trim(std::string_view(text).substr(end));
+    for (const LengthUnit& given : kLengthUnits) {
+      const double value = *number * given.length_m / unit.length_m;
+      // Without a unit, one in which the number makes sense.
+      if (!in_range(value) || (!given_symbol.empty() && given.symbol != given_symbol)) continue;
+      if (given.symbol == unit.symbol) return fmt::format("{}: {:g}", message, value);
+      return fmt::format("{}: {:g} for {:g} {}", message, value, *number, given.symbol);
+    }
+    return message;
+  };
+}
+
 void add_unit_option(CLI::App& command, double& unit_m) {
   command
       .add_option_function<std::string>(

@@ -2,9 +2,11 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <initializer_list>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "app/run_outputs.hpp"
 #include "core/image_view.hpp"
@@ -91,6 +93,12 @@ void add_pairing_options(CLI::App& command, PairingOptions& pairing);
 [[nodiscard]] std::string known_kernels();
 // Every word that --translucency takes, from render/translucency.hpp.
 [[nodiscard]] std::string known_translucencies();
+
+// A check for CLI::Option: a length in the unit of this symbol (kLengthUnits), from `least` to
+// `most`. Its message names the unit, and what to type for a value that was given in another one.
+[[nodiscard]] std::function<std::string(const std::string&)> length_check(std::string_view symbol,
+                                                                          double least,
+                                                                          double most);
 
 // --unit: the length of a model file's unit [m].
 void add_unit_option(CLI::App& command, double& unit_m);

@@ -272,10 +272,12 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
       ->add_option(
           "--tag-size", options->tag_size_m,
           "Edge of a tag's black square, white margin not included [m] (0.04, 0.03, 0.0219)")
-      ->check(CLI::Range(0.001, 2.0));
+      ->check(length_check("m", 0.001, 2.0))
+      ->type_name("METRES");
   command
       ->add_option("--pitch", options->pitch_m, "tags: from one's centre to the next [m] (0.055)")
-      ->check(CLI::Range(0.001, 10.0));
+      ->check(length_check("m", 0.001, 10.0))
+      ->type_name("METRES");
   command
       ->add_option("--spacing", options->spacing,
                    "aprilgrid: gap between tags over their size (0.3)")
@@ -283,18 +285,14 @@ void add_target_command(CLI::App& program, ChosenCommand& chosen) {
   command
       ->add_option("--square", options->square_m,
                    "charuco, chessboard: edge of a square [m] (0.03, 0.022)")
-      ->check(CLI::Range(0.001, 2.0));
+      ->check(length_check("m", 0.001, 2.0))
+      ->type_name("METRES");
   command
       ->add_option("--measured", options->measured_mm,
                    "What the sheet's 100 mm ruler measures on paper [mm]: scales the file, not the "
                    "sheet. Measured again, the last one counts (default: 100)")
-      ->check(CLI::Range(50.0, 200.0))
-      ->check([](const std::string& text) {
-        // CLI11's own Range lets "nan" through.
-        return text.find_first_not_of("0123456789.eE+-") == std::string::npos
-                   ? std::string()
-                   : text + " is no number of millimetres";
-      });
+      ->check(length_check("mm", 50.0, 200.0))
+      ->type_name("MM");
   command->footer(
       "Example:\n"
       "  penumbra target --output sheet.pdf --page a4\n"

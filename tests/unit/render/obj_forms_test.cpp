@@ -61,6 +61,20 @@ TEST_F(ObjForms, CornersMayEndInSlashes) {
   expect_square(kCorners + "vn 0 0 1\nf 1/0/1 2/0/1 3/0/1 4/0/1\n", IsEmpty());
 }
 
+TEST_F(ObjForms, DecimalCommasAreNamed) {
+  const Result<Model> model = folder_.obj("v 0 0 0\nv 0,5 0,0 1,0\n");
+  ASSERT_FALSE(model);
+  EXPECT_THAT(model.error().message, HasSubstr("line 2: \"0,5\" has a decimal comma"));
+  for (const char* other : {"0,5,1", "0.5,", ",", "a,b"}) {
+    const Result<Model> wrong = folder_.obj(fmt::format("v {} 0 0\n", other));
+    ASSERT_FALSE(wrong) << other;
+    EXPECT_THAT(wrong.error().message, testing::Not(HasSubstr("decimal comma"))) << other;
+  }
+  std::string warning;
+  material_of("newmtl red\nKd 0,8 0,8 0,8\n", &warning);
+  EXPECT_THAT(warning, HasSubstr("decimal commas"));
+}
+
 TEST_F(ObjForms, CommentsMayFollowAnything) {
   expect_square("v 0 0 0 # first\nv 0.1 0 0\nv 0.1 0.1 0 #third\nv 0 0.1 0\nf 1 2 3 4 # bottom\n",
                 IsEmpty());
