@@ -23,6 +23,7 @@
 #include "app/logging.hpp"
 #include "app/standard_streams.hpp"
 #include "core/spelling.hpp"
+#include "core/text.hpp"
 #include "core/text_encoding.hpp"
 
 namespace {
@@ -172,6 +173,7 @@ int main(int argc, char** argv) {
   // Modules catch what their libraries throw; what still gets here must not look like a crash.
   try {
     penumbra::set_up_logging();
+    penumbra::set_wait_notice([](const std::string& line) { penumbra::log_warning("{}", line); });
     const ExitCode code = run(argc, argv);
     const auto flushed = penumbra::flush_standard_output();
     if (!flushed && code == ExitCode::success) {

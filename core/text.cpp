@@ -1,7 +1,11 @@
 #include "core/text.hpp"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <poll.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <charconv>
 #include <cstdio>
 #include <fstream>
@@ -10,6 +14,43 @@
 #include "core/text_encoding.hpp"
 
 namespace penumbra {
+namespace {
+
+void (*wait_notice)(const std::string& line) = nullptr;
+
+struct Descriptor {
+  int number = -1;
+  explicit Descriptor(int opened) : number(opened) {}
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  ~Descriptor() {
+    if (number >= 0) ::close(number);
+  }
+};
+
+// Waits until a named pipe that was opened with O_NONBLOCK has data or its writer closed it.
+void wait_for_writer(int descriptor, const std::filesystem::path& file) {
+  constexpr int kPatience_ms = 1000;
+  pollfd waiting{descriptor, POLLIN, 0};
+  bool reported = false;
+  while (true) {
+    const int ready = poll(&waiting, 1, reported ? -1 : kPatience_ms);
+    if (ready > 0 || (ready < 0 && errno != EINTR)) break;
+    if (ready < 0) continue;
+    reported = true;
+    if (wait_notice != nullptr) {
+      wait_notice(
+          fmt::format("{}: is a named pipe without data; waiting for its writer", file.string()));
+    }
+  }
+  (void)fcntl(descriptor, F_SETFL, O_RDONLY);  // reading waits
+}
+
+}  // namespace
+
+void set_wait_notice(void (*notice)(const std::string& line)) {
+  wait_notice = notice;
+}
 
 Result<std::string> read_text_file(const std::filesystem::path& file, std::size_t max_bytes) {
   std::error_code code;
@@ -18,20 +59,24 @@ Result<std::string> read_text_file(const std::filesystem::path& file, std::size_
     return fail("{}: there is no such file; check the path", file.string());
   if (std::filesystem::is_directory(status))
     return fail("{}: is a folder; a file is needed here", file.string());
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream) return fail("{}: cannot be opened; check its permissions", file.string());
-  // Read to the end rather than by the size that the file system tells: pipes have none.
+  const bool is_pipe = std::filesystem::is_fifo(status);
+  const Descriptor opened(::open(file.c_str(), O_RDONLY | O_CLOEXEC | (is_pipe ? O_NONBLOCK : 0)));
+  if (opened.number < 0) return fail("{}: cannot be opened; check its permissions", file.string());
+  if (is_pipe) wait_for_writer(opened.number, file);
+  // Read to the end rather than by the size that the file system reports: pipes have none.
   std::string text;
   std::string block(1 << 16, '\0');
-  while (stream.read(block.data(), static_cast<std::streamsize>(block.size())) ||
-         stream.gcount() > 0) {
-    text.append(block, 0, static_cast<std::size_t>(stream.gcount()));
+  while (true) {
+    const ssize_t count = ::read(opened.number, block.data(), block.size());
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0) return fail("{}: reading it failed; check the disk", file.string());
+    if (count == 0) break;
+    text.append(block, 0, static_cast<std::size_t>(count));
     if (text.size() > max_bytes) {
       return fail("{}: is larger than {} bytes, more than such a file ever needs; check the path",
                   file.string(), max_bytes);
     }
   }
-  if (stream.bad()) return fail("{}: reading it failed; check the disk", file.string());
   const Result<std::string_view> content = without_byte_order_mark(text, file.string());
   if (!content) return tl::unexpected(content.error());
   text.erase(0, text.size() - content->size());

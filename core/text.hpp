@@ -13,9 +13,13 @@
 namespace penumbra {
 
 // The whole file, without a UTF-8 byte-order mark. Errors name the file: it is missing, a folder,
-// not readable, larger than `max_bytes`, or UTF-16 or UTF-32 text.
+// not readable, larger than `max_bytes`, or UTF-16 or UTF-32 text. Waits for the writer of a named
+// pipe.
 [[nodiscard]] Result<std::string> read_text_file(const std::filesystem::path& file,
                                                  std::size_t max_bytes);
+// Sets what receives the line that read_text_file() waits for a writer; it does so after a second.
+// Without it, nothing is reported. To be called before other threads start.
+void set_wait_notice(void (*notice)(const std::string& line));
 [[nodiscard]] Result<void> write_text_file(const std::filesystem::path& file,
                                            std::string_view text);
 

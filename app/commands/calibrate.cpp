@@ -123,7 +123,7 @@ void print_summary(const CameraCalibration& calibration) {
     fmt::print("{:<22}{:<9}{:>13.3f}{:>17}{}\n", lens_name(trial), to_string(trial.shape),
                trial.rms_px, trial.held_out_px ? fmt::format("{:.3f}", *trial.held_out_px) : "-",
                trial.chosen    ? "  chosen"
-               : trial.fold_px ? "  folds in the image"
+               : trial.fold_px ? "  non-monotonic in the image"
                                : "");
   }
   const CameraParameters& p = calibration.solution.camera.parameters();
@@ -389,16 +389,16 @@ void print_result(const CalibrateOptions& options, const Target& target,
   std::fflush(stdout);
 }
 
-// A sheet is what was printed, but not what says so.
+// Fails for the printed sheet in place of the file that describes it. A pipe is read only once.
 Result<void> check_is_no_sheet(const std::filesystem::path& target) {
+  if (is_stream(target)) return {};
   std::ifstream file(target, std::ios::binary);
   std::array<char, 4> start{};
   file.read(start.data(), start.size());
   if (std::string_view(start.data(), start.size()) != "%PDF") return {};
   return fail(
       "{}: is a sheet to print; give the target.yaml or tags.yaml that penumbra target wrote "
-      "beside "
-      "it",
+      "beside it",
       target.string());
 }
 

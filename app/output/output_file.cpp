@@ -18,6 +18,7 @@
 #include <utility>
 #include <vector>
 
+#include "app/logging.hpp"
 #include "core/text.hpp"
 
 namespace penumbra {
@@ -81,10 +82,12 @@ bool is_interrupted() {
          sigismember(&pending, SIGHUP) == 1;
 }
 
-// Waits for a reader, as a shell does. -1 with errno where that fails.
+// Opens a named pipe and waits for its reader, which is reported after a second. Returns -1 with
+// errno where that fails.
 int open_pipe(const fs::path& pipe) {
   constexpr std::chrono::milliseconds kPatience(20);
-  while (true) {
+  constexpr int kTriesBeforeNotice = 50;
+  for (int tries = 0;; ++tries) {
     const int handle = ::open(pipe.c_str(), O_WRONLY | O_CLOEXEC | O_NONBLOCK);
     if (handle >= 0) {
       (void)fcntl(handle, F_SETFL, O_WRONLY);  // writing waits
@@ -94,6 +97,9 @@ int open_pipe(const fs::path& pipe) {
     if (is_interrupted()) {
       errno = EINTR;
       return -1;
+    }
+    if (tries == kTriesBeforeNotice) {
+      log_warning("{}: is a named pipe that nothing reads; waiting for its reader", pipe.string());
     }
     std::this_thread::sleep_for(kPatience);
   }
