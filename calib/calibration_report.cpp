@@ -423,7 +423,7 @@ std::string calibration_report(const CameraCalibration& c, const ReportInput& in
                           lens_name(trial), to_string(trial.shape), trial.rms_px,
                           trial.held_out_px ? fmt::format("{:.3f} px", *trial.held_out_px) : "-",
                           trial.chosen    ? "chosen"
-                          : trial.fold_px ? "folds in the image"
+                          : trial.fold_px ? "non-monotonic in the image"
                                           : "");
     }
     html += "</table>\n";

@@ -201,6 +201,9 @@ struct CameraCalibrator::Impl {
   int seen_in = 0;     // pictures with a corner of the target
   int wide_in = 0;     // ... whose tags mostly have a border of two cells
   int candidates = 0;  // pictures that are not left out
+  // Sizes of chessboards in some images, the first of them without the target.
+  std::vector<std::array<int, 2>> boards_seen;
+  int searched_for_boards = 0;
   std::stop_token stop;
 
   [[nodiscard]] SolverOptions solver_options() const {
@@ -210,6 +213,9 @@ struct CameraCalibrator::Impl {
     return solver;
   }
   [[nodiscard]] std::string problem_of(const TargetView& view, ImageView luma);
+  void look_for_board(ImageView luma, int most_images);
+  void look_for_board_in_views();
+  [[nodiscard]] std::optional<std::string> other_board_in_words() const;
   [[nodiscard]] Result<void> check_found() const;
   [[nodiscard]] Result<void> check_markers() const;
   void leave_out_blurred();
@@ -266,8 +272,11 @@ Result<void> CameraCalibrator::add(const std::string& name, ImageView luma) {
   if (!picture.view.corners.empty()) ++self.seen_in;
   if (4 * picture.view.two_cell_tags > static_cast<int>(picture.view.corners.size()))
     ++self.wide_in;
-  if (!picture.view.problem.empty())
+  if (!picture.view.problem.empty()) {
+    constexpr int kMostImages = 8;
+    self.look_for_board(luma, kMostImages);
     self.leave_out(picture, LeftOut::not_seen, self.problem_of(picture.view, luma));
+  }
   if (picture.left_out.empty()) {
     // Less than a finger's tremor apart: the same view once more weighs its errors double.
     const double nearest = 0.002 * self.width;
@@ -305,6 +314,42 @@ std::string CameraCalibrator::Impl::problem_of(const TargetView& view, ImageView
   if (!fault) return view.problem;
   some_faulty = true;
   return std::string(advice(*fault));
+}
+
+// Looks for a chessboard of any size, unless `most_images` were searched: it takes a tenth of a
+// second.
+void CameraCalibrator::Impl::look_for_board(ImageView luma, int most_images) {
+  if (target.kind != TargetKind::chessboard || searched_for_boards >= most_images) return;
+  ++searched_for_boards;
+  if (const auto size = chessboard_size(luma)) boards_seen.push_back(*size);
+}
+
+// A part of a larger board is found as the target in some images, and not in others.
+void CameraCalibrator::Impl::look_for_board_in_views() {
+  if (searched_for_boards == 0) return;
+  constexpr int kMostImages = 12;
+  for (const CalibrationPicture& picture : pictures) {
+    if (picture.left_out.empty()) look_for_board(picture.picture(), kMostImages);
+  }
+}
+
+// Names the size that most of these images show, where it is not the target file's. A board that is
+// seen in part is smaller; a single image may be read wrongly.
+std::optional<std::string> CameraCalibrator::Impl::other_board_in_words() const {
+  constexpr int kLeastImages = 3;
+  std::map<std::array<int, 2>, int> counts;
+  for (const std::array<int, 2>& size : boards_seen) ++counts[size];
+  const auto most = std::ranges::max_element(counts, {}, [](const auto& c) { return c.second; });
+  const std::array target_size = {std::max(target.columns, target.rows),
+                                  std::min(target.columns, target.rows)};
+  if (most == counts.end() || most->second < kLeastImages || most->first == target_size)
+    return std::nullopt;
+  const bool larger = most->first[0] > target_size[0] || most->first[1] > target_size[1];
+  if (!larger && 2 * most->second < static_cast<int>(boards_seen.size())) return std::nullopt;
+  return fmt::format(
+      "{} images show a chessboard of {} x {} inner corners, but the target file says {} x {}: "
+      "correct the target file, or show the whole board",
+      most->second, most->first[0], most->first[1], target.columns, target.rows);
 }
 
 int CameraCalibrator::held() const {
@@ -359,6 +404,9 @@ Result<void> CameraCalibrator::Impl::check_found() const {
   const auto is_unreadable = [](const CalibrationPicture& picture) { return picture.width == 0; };
   if (std::all_of(pictures.begin(), pictures.end(), is_unreadable)) {
     return fail("none of {} pictures can be read ({})", pictures.size(), pictures.front().left_out);
+  }
+  if (usable < 3) {
+    if (const auto other_board = other_board_in_words()) return fail("{}", *other_board);
   }
   if (seen_in == 0) {
     if (some_faulty) {
@@ -491,6 +539,7 @@ Result<void> CameraCalibrator::Impl::check_solution(
         views.size(), tilt);
   }
   if (solution.noise_px > 3.0 || solution.outliers * 2 > solution.corners) {
+    if (const auto other_board = other_board_in_words()) return fail("{}", *other_board);
     return fail(
         "no camera explains the corners: they are off by {:.1f} px, {} of {} outliers; does the "
         "target file say what is printed (tag size, spacing, squares), and is it one camera with "
@@ -585,6 +634,7 @@ void judge(CameraCalibration& result) {
     result.advice.push_back(
         fmt::format("few views near the {}", fmt::join(nearly_empty, ", the ")));
   const bool places = !result.advice.empty();
+  if (result.other_board) result.advice.insert(result.advice.begin(), *result.other_board);
   if (result.tilt_spread_deg < kGoodTilt_deg) {
     // Rounded down: 39.9 is less than 40.
     result.advice.push_back(
@@ -599,27 +649,28 @@ void judge(CameraCalibration& result) {
   }
   if (result.blur_px > 1.5)
     result.advice.push_back(fmt::format(
-        "pictures are blurred ({:.1f} px): hold still, focus, more light", result.blur_px));
+        "images are blurred ({:.1f} px): hold still, focus, more light", result.blur_px));
   // A lens that explains more, but not all of the image: then the one that was taken is wrong
   // somewhere, however sure it is of itself.
-  std::string folds;
+  std::string non_monotonic;
   for (const ModelTrial& trial : result.trials) {
     // Told where that lens might have been the better one.
-    if (!trial.fold_px || !folds.empty() || !trial.held_out_px || !result.held_out_px ||
+    if (!trial.fold_px || !non_monotonic.empty() || !trial.held_out_px || !result.held_out_px ||
         *trial.held_out_px >= kWorthwhile * *result.held_out_px)
       continue;
-    folds = fmt::format(
-        "{} explains the views better ({:.3f} px), but was not taken, since it folds near the {}, "
+    non_monotonic = fmt::format(
+        "{} explains the views better ({:.3f} px), but was not taken, since it is non-monotonic "
+        "near the {}, "
         "where too few corners were seen: take views there",
         lens_name(trial), *trial.held_out_px, cells.name(cells.at(*trial.fold_px)));
-    result.advice.push_back(folds);
+    result.advice.push_back(non_monotonic);
   }
   if (solution.shape != BoardShape::rigid)
     result.advice.emplace_back("the target is not flat or not true: glue it on glass or a board");
 
   const double error = result.held_out_px.value_or(solution.rms_px);
   const double sigma = result.uncertainty.largest_px;
-  const bool finite = std::isfinite(sigma) && std::isfinite(error) && folds.empty();
+  const bool finite = std::isfinite(sigma) && std::isfinite(error) && non_monotonic.empty();
   result.grade = finite && sigma <= kGoodProjection_px && error <= 1.0 ? CalibrationGrade::good
                  : finite && sigma <= 2.0 && error <= 2.0              ? CalibrationGrade::usable
                                                                        : CalibrationGrade::poor;
@@ -643,7 +694,7 @@ void judge(CameraCalibration& result) {
                       worst.empty() ? std::string() : ", and near " + worst));
     }
     if (!result.advice.empty()) text += fmt::format("; {}", fmt::join(result.advice, "; "));
-  } else if (places) {
+  } else if (places || result.other_board) {
     text += fmt::format("; {}", result.advice.front());
   }
   result.verdict = text;
@@ -695,6 +746,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const T
   // Steps before lenses are tried, and after.
   constexpr int kBefore = 3;
   constexpr int kAfter = 1;
+  self.look_for_board_in_views();
   LensChoice choice = {self.options.model, self.options.for_kalibr, self.stop, {}};
   int last = kBefore + most_steps(choice, self.options.shape.has_value()) + kAfter;
   const auto tell_step = [&](const char* what, int step) {
@@ -732,6 +784,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const T
   if (const auto ok = self.check_solution(result.solution, views); !ok)
     return tl::unexpected(ok.error());
   result.pictures = std::move(self.pictures);
+  result.other_board = self.other_board_in_words();
   judge(result);
   tell_step("tone curve", last);
   self.estimate_tone(result);

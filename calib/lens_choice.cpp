@@ -328,7 +328,7 @@ Result<ChosenLens> choose_lens(const CalibrationSolution& start,
     const Eigen::Vector2d& at = *trials.front().fold_px;
     const ImageCells cells{3, 3, start.camera.width(), start.camera.height()};
     return fail(
-        "every lens that explains the views folds its picture back inside the image, first at "
+        "every lens that explains the views has non-monotonic distortion in the image, first at "
         "({:.0f}, {:.0f}): no corners were seen so far out; take views with the target near the {} "
         "and in the other corners{}",
         at.x(), at.y(), cells.name(cells.at(at)),

@@ -50,13 +50,19 @@ void draw_text(cairo_t* cr, double x, double y, const std::string& text) {
   cairo_show_text(cr, text.c_str());
 }
 
-// A line of kMark length that begins at (x, y) and runs along (dx, dy), a unit vector on the page;
-// with a head where it is an axis.
+// Lengths of a mark on the page's edge [m]: as long as there is room for.
 constexpr double kMark = 0.003;
+constexpr double kShortestMark = 0.0015;
+
+// Draws a line from (x, y) along (dx, dy), which is as long as the mark, with a head where it is an
+// axis.
 void draw_mark(cairo_t* cr, double x, double y, double dx, double dy, bool axis) {
   constexpr double kHead = 0.0008;
-  const double end_x = x + kMark * dx;
-  const double end_y = y + kMark * dy;
+  const double end_x = x + dx;
+  const double end_y = y + dy;
+  const double length = std::hypot(dx, dy);
+  dx /= length;
+  dy /= length;
   cairo_move_to(cr, x, y);
   cairo_line_to(cr, end_x, end_y);
   if (axis) {
@@ -68,8 +74,8 @@ void draw_mark(cairo_t* cr, double x, double y, double dx, double dy, bool axis)
   cairo_stroke(cr);
 }
 
-// On the page's edges, outside of the board and its white margin, at the height and the breadth of
-// the origin, which is the board's centre (x, y on the page); a side without room has none.
+// Draws the marks of the origin, which is the board's centre (x, y on the page), on the page's
+// edges, outside of the board and its white margin. A side without room has none.
 void draw_origin(cairo_t* cr, const Sheet& sheet, const PageSize& page, double x, double y) {
   constexpr double kGap = 0.001;  // to the board's margin
   const double right = 0.5 * sheet.width + kGap;
@@ -77,14 +83,16 @@ void draw_origin(cairo_t* cr, const Sheet& sheet, const PageSize& page, double x
   const double beside = 0.5 * page.width_m - kMargin - right;
   const double above = y - kMargin - top;
   cairo_set_line_width(cr, kThinLine_m);
-  if (beside >= kMark) {
-    draw_mark(cr, x - right, y, -1.0, 0.0, false);
-    draw_mark(cr, x + right, y, 1.0, 0.0, true);
+  if (beside >= kShortestMark) {
+    const double length = std::min(beside, kMark);
+    draw_mark(cr, x - right, y, -length, 0.0, false);
+    draw_mark(cr, x + right, y, length, 0.0, true);
     draw_text(cr, x + right + 0.0008, y - 0.0012, "x");
   }
-  if (above >= kMark) {
-    draw_mark(cr, x, y + top, 0.0, 1.0, false);
-    draw_mark(cr, x, y - top, 0.0, -1.0, true);
+  if (above >= kShortestMark) {
+    const double length = std::min(above, kMark);
+    draw_mark(cr, x, y + top, 0.0, length, false);
+    draw_mark(cr, x, y - top, 0.0, -length, true);
     draw_text(cr, x + 0.0014, y - top - 0.0008, "y");
   }
   if (!sheet.free_at_origin) return;

@@ -125,6 +125,21 @@ double corner_distance(std::span<const TargetCorner> a, std::span<const TargetCo
   return std::sqrt(sum / static_cast<double>(count));
 }
 
+std::optional<std::array<int, 2>> chessboard_size(ImageView luma) {
+  constexpr int kLeast = 3;
+  std::vector<cv::Point2f> corners;
+  cv::Mat found;  // a cell for each corner
+  try {
+    if (!cv::findChessboardCornersSB(as_mat(luma), {kLeast, kLeast}, corners,
+                                     cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_LARGER, found)) {
+      return std::nullopt;
+    }
+  } catch (const cv::Exception&) {
+    return std::nullopt;
+  }
+  return std::array{std::max(found.cols, found.rows), std::min(found.cols, found.rows)};
+}
+
 struct TargetDetector::Impl {
   Target target;
   std::optional<TagDetector> tags;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <memory>
 #include <optional>
 #include <span>
@@ -47,6 +48,10 @@ struct TargetView {
 // fewer than half of what either of them has.
 [[nodiscard]] double corner_distance(std::span<const TargetCorner> a,
                                      std::span<const TargetCorner> b);
+
+// Numbers of inner corners of the chessboard in the image, the larger one first. A board that is
+// cut off or hidden has fewer. Nothing where no board of at least 3 x 3 is found.
+[[nodiscard]] std::optional<std::array<int, 2>> chessboard_size(ImageView luma);
 
 class TargetDetector {
  public:

@@ -128,6 +128,23 @@ TEST_F(CalibrateProgram, FindsTheLensOfTheChessboard) {
   EXPECT_THAT(result.out, Not(HasSubstr("mirror")));
 }
 
+TEST_F(CalibrateProgram, NamesTheSizeOfTheChessboardThatIsPrinted) {
+  const auto target = folder() / "target.yaml";
+  const auto images = some_frames("recordings/chessboard", 8);
+  for (const auto& [columns, rows] : {std::pair(8, 5), std::pair(10, 7)}) {
+    test::write_text(target, fmt::format("target_type: checkerboard\ninner_cols: {}\n"
+                                         "inner_rows: {}\nsquare_m: 0.025\n",
+                                         columns, rows));
+    const auto result = calibrate(images, target);
+    EXPECT_EQ(result.exit_code, 1);
+    EXPECT_THAT(
+        result.err,
+        testing::AllOf(HasSubstr("images show a chessboard of 9 x 6 inner corners"),
+                       HasSubstr(fmt::format("the target file says {} x {}", columns, rows)),
+                       HasSubstr("correct the target file")));
+  }
+}
+
 TEST_F(CalibrateProgram, WritesALensThatKalibrsFilesCanSay) {
   const auto chain = folder() / "camchain.yaml";
   const auto source = shared("recordings/chessboard");

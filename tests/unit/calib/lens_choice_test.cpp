@@ -226,7 +226,7 @@ TEST(Verdict, IsPoorWhereALensThatFoldsExplainsMore) {
   judge(c);
   EXPECT_EQ(c.grade, CalibrationGrade::poor);
   EXPECT_THAT(c.verdict, HasSubstr("rational_polynomial explains the views better (0.200 px)"));
-  EXPECT_THAT(c.verdict, HasSubstr("folds near the top left"));
+  EXPECT_THAT(c.verdict, HasSubstr("non-monotonic near the top left"));
   // No better: nothing is wrong with the one that was taken.
   c = sure_of_itself();
   folds.held_out_px = 0.5;

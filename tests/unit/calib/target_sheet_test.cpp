@@ -243,15 +243,15 @@ TEST_P(EverySheet, HasATitle) {
 }
 
 // Ink on the page's edges at the height and the breadth of the board's centre, which the detected
-// tags say; none in between.
-TEST(TargetSheet, MarksItsOriginOnTheEdges) {
-  const SheetInHand hand = printed(TagBoard{}, page_size_from_string("a4").value());
+// corners give; none in between.
+void expect_axes(const SheetTarget& target, double x_mark_m, double y_mark_m, double half_m) {
+  const SheetInHand hand = printed(target, page_size_from_string("a4").value());
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();
   for (const TargetCorner& corner : hand.view.corners) centre += corner.pixel;
   centre /= static_cast<double>(hand.view.corners.size());
   std::vector<std::uint8_t> scratch;
   const ImageView page = luma(hand.frame, scratch);
-  const auto ink = [&](double x_m, double y_m, double half_m) {  // from the centre, y up
+  const auto ink = [&](double x_m, double y_m) {  // from the centre, y up
     const double x = centre.x() + x_m * kPixelsPerMetre;
     const double y = centre.y() - y_m * kPixelsPerMetre;
     const int half = static_cast<int>(half_m * kPixelsPerMetre);
@@ -263,13 +263,21 @@ TEST(TargetSheet, MarksItsOriginOnTheEdges) {
     }
     return dark;
   };
-  // The board is 215 x 160 mm with its white margins.
   for (const double side : {-1.0, 1.0}) {
-    EXPECT_GT(ink(side * 0.1100, 0.0, 0.0010), 5) << "x axis";
-    EXPECT_GT(ink(0.0, side * 0.0825, 0.0010), 5) << "y axis";
-    EXPECT_EQ(ink(side * 0.1100, 0.02, 0.0010), 0);
-    EXPECT_EQ(ink(0.02, side * 0.0825, 0.0010), 0);
+    EXPECT_GT(ink(side * x_mark_m, 0.0), 5) << "x axis";
+    EXPECT_GT(ink(0.0, side * y_mark_m), 5) << "y axis";
+    EXPECT_EQ(ink(side * x_mark_m, 0.02), 0);
+    EXPECT_EQ(ink(0.02, side * y_mark_m), 0);
   }
+}
+
+TEST(TargetSheet, MarksItsAxesOnTheEdges) {
+  expect_axes(TagBoard{}, 0.1100, 0.0825, 0.0010);  // 215 x 160 mm with its white margins
+}
+
+// 2 mm are left between the board and the page's margin.
+TEST(TargetSheet, MarksTheAxesOfACharucoBoard) {
+  expect_axes(CharucoBoard{}, 0.1225, 0.0920, 0.0007);  // 240 x 180 mm
 }
 
 TEST(TargetSheet, FormatIsThatOfTheExtension) {
