@@ -2,6 +2,9 @@
 
 #include <gmock/gmock.h>
 
+#include <Eigen/Geometry>
+
+#include "core/trajectory.hpp"
 #include "render/shadow/technique.hpp"
 #include "replay_support.hpp"
 
@@ -134,6 +137,40 @@ TEST_P(WrongUsage, IsExitCode2AndOneLine) {
   ASSERT_EQ(lines_of(result.err).size(), 1U) << result.err;
   EXPECT_THAT(result.err, testing::StartsWith("penumbra: error: "));
   EXPECT_THAT(result.err, HasSubstr("--help"));
+}
+
+TEST(CommandLine, NamesTheUnitOfALengthAndWhatToType) {
+  struct Case {
+    std::vector<std::string> arguments;
+    const char* message;
+  };
+  using Arguments = std::vector<std::string>;
+  for (const Case& c :
+       {Case{Arguments{"target", "--output", "x.pdf", "--measured", "99.2mm"},
+             "--measured: is '99.2mm'; give millimetres from 50 to 200: 99.2"},
+        Case{Arguments{"target", "--output", "x.pdf", "--measured", "99,2"},
+             "is '99,2'; give millimetres from 50 to 200: 99.2"},
+        Case{Arguments{"target", "--output", "x.pdf", "--measured", "0.0992"},
+             "give millimetres from 50 to 200: 99.2 for 0.0992 m"},
+        Case{Arguments{"target", "--output", "x.pdf", "--measured", "9.92 cm"},
+             "give millimetres from 50 to 200: 99.2 for 9.92 cm"},
+        Case{Arguments{"target", "--output", "x.pdf", "--tag-size", "40"},
+             "--tag-size: is '40'; give metres from 0.001 to 2: 0.04 for 40 mm"},
+        Case{Arguments{"target", "--output", "x.pdf", "--tag-size", "40mm"},
+             "give metres from 0.001 to 2: 0.04 for 40 mm"},
+        Case{Arguments{"target", "--output", "x.pdf", "--pitch", "5.5cm"},
+             "give metres from 0.001 to 10: 0.055 for 5.5 cm"},
+        Case{Arguments{"target", "--output", "x.pdf", "--tag-size", "0,04"},
+             "give metres from 0.001 to 2: 0.04"},
+        Case{Arguments{"target", "--output", "x.pdf", "--tag-size", "big"},
+             "--tag-size: is 'big'; give metres from 0.001 to 2 (see"},
+        Case{Arguments{"map", "r", "--anchor", "0", "--output", "t.yaml", "--tag-size", "40"},
+             "--tag-size: is '40'; give metres from 0.001 to 10: 0.04 for 40 mm"}}) {
+    const ProgramResult result = penumbra(c.arguments);
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_THAT(result.err, HasSubstr(c.message));
+    EXPECT_EQ(lines_of(result.err).size(), 1U) << result.err;
+  }
 }
 
 TEST(CommandLine, TakesEveryKindOfKernels) {
@@ -371,6 +408,62 @@ TEST(Evaluate, ReadsTheFilesOfTheSharedCases) {
                cases / "camera-info-coefficients" / "ros_missing_model.yaml");
   EXPECT_EQ(warned.exit_code, 0) << warned.err;
   EXPECT_THAT(warned.err, HasSubstr("plumb_bob is assumed"));
+}
+
+// Usual mistakes in files of true poses: one line more, and the same numbers.
+TEST(Evaluate, HintsAtUnitsOrderAndDirection) {
+  const TemporaryFolder folder;
+  const std::string truth = bundled("tabletop") + "/groundtruth.tum";
+  const auto written = load_trajectory(truth).value();
+  const auto evaluate = [&](const char* name, const auto& change) {
+    Trajectory other = written;
+    for (StampedPose& pose : other.poses) pose.T_table_camera = change(pose.T_table_camera);
+    const std::filesystem::path file = folder.path() / name;
+    EXPECT_TRUE(save_trajectory(file, other));
+    return penumbra({"evaluate", "--estimated", truth, "--groundtruth", file, "--camera",
+                     bundled("tabletop") + "/camera.yaml"});
+  };
+  const auto millimetres = evaluate("mm.tum", [](const CameraPose& pose) {
+    return CameraPose(pose.rotation(), 1000.0 * pose.translation());
+  });
+  EXPECT_EQ(millimetres.exit_code, 0);
+  ASSERT_EQ(lines_of(millimetres.err).size(), 1U) << millimetres.err;
+  EXPECT_THAT(millimetres.err, HasSubstr("mm.tum: the ground truth looks like it has positions in "
+                                         "millimetres"));
+  EXPECT_THAT(millimetres.out, HasSubstr("translation [mm]"));
+  const auto inverse = evaluate("inverse.tum", [](const CameraPose& pose) {
+    return CameraPose(pose.inverse().rotation(), pose.inverse().translation());
+  });
+  EXPECT_THAT(inverse.err, HasSubstr("inverse poses (T_camera_table)"));
+  const auto w_first = evaluate("wxyz.tum", [](const CameraPose& pose) {
+    const Eigen::Quaterniond& q = pose.rotation();
+    return CameraPose(Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()), pose.translation());
+  });
+  EXPECT_THAT(w_first.err, HasSubstr("quaternions in the order w x y z"));
+  EXPECT_EQ(evaluate("same.tum", [](const CameraPose& pose) { return pose; }).err, "");
+}
+
+TEST(Evaluate, ReportsTheTimeOffset) {
+  const std::string truth = bundled("tabletop") + "/groundtruth.tum";
+  std::vector<std::string> arguments = {"evaluate",
+                                        "--estimated",
+                                        truth,
+                                        "--groundtruth",
+                                        truth,
+                                        "--camera",
+                                        bundled("tabletop") + "/camera.yaml",
+                                        "--time-offset",
+                                        "-0.25"};
+  EXPECT_THAT(penumbra(arguments).out,
+              HasSubstr("time offset added to the estimate: -0.250000000 s\n"));
+  arguments.back() = "100";
+  const ProgramResult apart = penumbra(arguments);
+  EXPECT_EQ(apart.exit_code, 1);
+  EXPECT_THAT(apart.err, HasSubstr("with --time-offset 100 added"));
+  arguments.back() = "0";
+  EXPECT_THAT(penumbra(arguments).out, testing::Not(HasSubstr("time offset")));
+  arguments.emplace_back("--json");
+  EXPECT_EQ(nlohmann::json::parse(penumbra(arguments).out)["time_offset_s"], 0.0);
 }
 
 TEST(Evaluate, AsksWhichCameraOfSeveral) {

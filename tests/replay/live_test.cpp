@@ -192,6 +192,44 @@ TEST(Live, ACalibrationOfAnotherSizeIsScaledOnlyWhereThatIsExact) {
   }
 }
 
+TEST(Live, TakesTheNamedCameraOfAFileWithSeveral) {
+  const test::TemporaryFolder temporary;
+  const auto path = [&](const char* name) { return (temporary.path() / name).string(); };
+  const CameraModel camera = load_camera(calibration()).value();
+  CameraParameters of_chain = camera.parameters();
+  of_chain.distortion[4] = 0.0;  // Kalibr's files have no k3
+  ASSERT_TRUE(save_camera(path("right.yaml"), CameraModel::make(of_chain).value(),
+                          CameraFileFormat::kalibr));
+  std::string left = test::bytes_of(path("right.yaml"));
+  std::string right = left;
+  left.replace(left.find("cam0"), 4, "left");
+  left.replace(left.find("640"), 3, "1280");
+  right.replace(right.find("cam0"), 4, "right");
+  std::ofstream(path("chain.yaml")) << left << right;
+  const auto with = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {"live",
+                                          "--camera",
+                                          "recording:" + bundled("tabletop"),
+                                          "--calibration",
+                                          path("chain.yaml"),
+                                          "--no-window",
+                                          "--duration",
+                                          "0.5"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return penumbra(arguments);
+  };
+  test::expect_failure(with({}), {"chain.yaml", "left, right", "--camera-name"});
+  test::expect_failure(with({"--camera-name", "up"}), {"chain.yaml", "'up'", "left, right"});
+  test::expect_failure(with({"--camera-name", "left"}), {"chain.yaml", "1280x480"});
+  const auto done = with({"--camera-name", "right", "--record", path("session")});
+  ASSERT_EQ(done.exit_code, 0) << done.err;
+  const CameraParameters stored = load_camera(path("session") + "/camera.yaml")->parameters();
+  EXPECT_EQ(stored.width, 640);
+  EXPECT_EQ(stored.fx, of_chain.fx);
+  EXPECT_EQ(stored.cy, of_chain.cy);
+  EXPECT_EQ(stored.distortion, of_chain.distortion);
+}
+
 // Damage is told as damage, not as lateness.
 TEST(Live, DamagedFramesAreCountedApartFromLateOnes) {
   const test::TemporaryFolder temporary;

@@ -11,6 +11,8 @@
 #include <map>
 #include <thread>
 
+#include "app/study/study_results.hpp"
+#include "core/camera_file.hpp"
 #include "core/image_file.hpp"
 #include "core/tag_map.hpp"
 #include "replay_support.hpp"
@@ -89,6 +91,82 @@ TEST(StandardOutput, HoldsShadowsKernelsAndTargets) {
   same_as_file({"target", "--output", folder.path() / "sheet.pdf"}, "--tags", "tags-named.yaml");
 }
 
+// Runs a command with an output in a file, on standard output and in a named pipe; returns the
+// file's text, which the two others repeat.
+std::string same_in_file_output_and_pipe(const std::vector<std::string>& arguments,
+                                         const std::string& option) {
+  const TemporaryFolder folder;
+  const auto to = [&](const std::string& path) {
+    std::vector<std::string> all = arguments;
+    all.insert(all.end(), {option, path});
+    return penumbra(all);
+  };
+  const fs::path file = folder.path() / "file";
+  const auto written = to(file);
+  EXPECT_EQ(written.exit_code, 0) << written.err;
+  std::string text = bytes_of(file);
+  EXPECT_FALSE(text.empty());
+  const auto printed = to("-");
+  EXPECT_EQ(printed.exit_code, 0) << printed.err;
+  EXPECT_EQ(printed.out, text);
+  const fs::path pipe = folder.path() / "pipe";
+  EXPECT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  auto reader = std::async(std::launch::async, [&] { return bytes_of(pipe); });
+  const auto piped = to(pipe);
+  EXPECT_EQ(piped.exit_code, 0) << piped.err;
+  EXPECT_EQ(reader.get(), text);
+  EXPECT_TRUE(fs::is_fifo(pipe)) << "the pipe was replaced";
+  return text;
+}
+
+TEST(TextOutputs, CalibrateWritesTheSameCameraEverywhere) {
+  if (test::shared_dir().empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
+  const fs::path source = test::shared_dir() / "recordings" / "chessboard";
+  const std::string text =
+      same_in_file_output_and_pipe({"calibrate", source, "--target", source / "chessboard.yaml",
+                                    "--model", "plumb_bob", "--views", "8"},
+                                   "--output");
+  const TemporaryFolder folder;
+  test::write_text(folder.path() / "camera.yaml", text);
+  const auto camera = load_camera(folder.path() / "camera.yaml");
+  ASSERT_TRUE(camera) << camera.error().message;
+  EXPECT_EQ(camera->width(), 640);
+  EXPECT_NEAR(camera->parameters().fx, 531.7, 3.0);
+  EXPECT_TRUE(camera->parameters().overlay_sigma_px);
+}
+
+TEST(TextOutputs, MapWritesTheSameTagsEverywhere) {
+  const std::string text = same_in_file_output_and_pipe(
+      {"map", bundled("tabletop"), "--tag-size", "0.04", "--anchor", "5"}, "--output");
+  const TemporaryFolder folder;
+  test::write_text(folder.path() / "tags.yaml", text);
+  const auto tags = load_tag_map(folder.path() / "tags.yaml");
+  ASSERT_TRUE(tags) << tags.error().message;
+  EXPECT_EQ(tags->tags().size(), 12U);
+  EXPECT_LT(tags->find(TagFamily::tag36h11, 5)->T_table_tag.translation().norm(), 1e-4);
+}
+
+TEST(TextOutputs, StudyWritesTheSameAnswersEverywhere) {
+  const TemporaryFolder folder;
+  const fs::path script = folder.path() / "script.txt";
+  test::write_text(script, "1 0.5 click sphere 2\n2 0.25 click sphere 1\n");
+  const std::string text =
+      same_in_file_output_and_pipe({"study", "--experiment", "heights", "--techniques", "layered",
+                                    "--participant", "1", "--seed", "7", "--trials", "2", "--pause",
+                                    "0.05", "--recording", bundled("tabletop"), "--script", script},
+                                   "--output");
+  const std::vector<std::string> lines = test::lines_of(text);
+  ASSERT_EQ(lines.size(), 3U);
+  EXPECT_EQ(lines[0], study_header());
+  for (const std::size_t trial : {1U, 2U}) {
+    const auto row = parse_study_row(lines[trial]);
+    ASSERT_TRUE(row) << lines[trial];
+    EXPECT_EQ(row->trial, static_cast<int>(trial));
+    EXPECT_EQ(row->chosen, trial == 1 ? "2" : "1");
+    EXPECT_EQ(row->response_time_ns, trial == 1 ? 500'000'000 : 250'000'000);
+  }
+}
+
 TEST(StandardOutput, IsRefusedForTwoOutputs) {
   const TemporaryFolder folder;
   using Arguments = std::vector<std::string>;
@@ -153,6 +231,33 @@ TEST(NamedPipes, CarryPosesAndReport) {
   EXPECT_EQ(test::lines_of(poses_text).size(), 4U);
   EXPECT_EQ(nlohmann::json::parse(report_text)["frames"], 3);
   EXPECT_TRUE(fs::is_fifo(poses) && fs::is_fifo(report)) << "a pipe was replaced";
+}
+
+// The reader and the writer come after the notice.
+TEST(NamedPipes, WaitIsReportedOnce) {
+  const TemporaryFolder folder;
+  const fs::path pipe = folder.path() / "pipe";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  const auto read = in_shell(
+      "penumbra shadow '" + cube() + "' --output pipe & sleep 3; cat pipe > layers.json; wait $!",
+      folder.path());
+  EXPECT_EQ(read.exit_code, 0) << read.err;
+  EXPECT_EQ(read.err,
+            "penumbra: warning: pipe: is a named pipe that nothing reads; waiting for "
+            "its reader\n");
+  EXPECT_THAT(bytes_of(folder.path() / "layers.json"), StartsWith("{\"H\":"));
+
+  const std::string evaluate = fmt::format(
+      "penumbra evaluate --estimated pipe --groundtruth '{0}/groundtruth.tum' --camera "
+      "'{0}/camera.yaml' --json",
+      bundled("corner"));
+  const auto written = in_shell(
+      evaluate + " & sleep 3; cat '" + bundled("corner") + "/groundtruth.tum' > pipe; wait $!",
+      folder.path());
+  EXPECT_EQ(written.exit_code, 0) << written.err;
+  EXPECT_EQ(written.err,
+            "penumbra: warning: pipe: is a named pipe without data; waiting for its writer\n");
+  EXPECT_EQ(nlohmann::json::parse(written.out)["translation_mm"]["max"], 0.0);
 }
 
 TEST(NamedPipes, CtrlCEndsTheWaitForAReader) {

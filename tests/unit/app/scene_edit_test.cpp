@@ -8,6 +8,7 @@
 
 #include "support/recording_folder.hpp"
 #include "support/studio.hpp"
+#include "support/utf16.hpp"
 
 namespace penumbra {
 namespace {
@@ -140,6 +141,24 @@ TEST(SceneEdit, AFileCutOffInItsLastLineIsReadUpToThere) {
   const auto damaged = load_scene_events(file);
   ASSERT_FALSE(damaged);
   EXPECT_THAT(damaged.error().message, testing::HasSubstr("line 1"));
+}
+
+TEST(SceneEdit, EventsMayBeginWithAByteOrderMark) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "events.jsonl";
+  const std::string start = "{\"timestamp_s\":0.5,\"event\":\"scene_start\"}\n";
+  test::write_text(file,
+                   "\xEF\xBB\xBF" + start + event_line({1'000'000'000, placed_somewhere()}) + "\n");
+  const auto events = load_scene_events(file);
+  ASSERT_TRUE(events) << events.error().message;
+  EXPECT_EQ(events->scene_start_ns, 500'000'000);
+  ASSERT_EQ(events->edits.size(), 1U);
+  for (const std::string& text : {test::as_utf16(start, true), test::as_utf16(start, false)}) {
+    test::write_text(file, text);
+    const auto wide = load_scene_events(file);
+    ASSERT_FALSE(wide);
+    EXPECT_EQ(wide.error().message, file.string() + ": is UTF-16 text; save it as UTF-8");
+  }
 }
 
 TEST(SceneEdit, LightIsReadAsItWasWrittenBitForBit) {

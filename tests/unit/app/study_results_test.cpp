@@ -13,6 +13,7 @@
 
 #include "app/study/study_statistics.hpp"
 #include "support/paths.hpp"
+#include "support/utf16.hpp"
 
 namespace penumbra {
 namespace {
@@ -133,6 +134,31 @@ TEST(StudyRow, IsReadAsItWasWritten) {
   }
   const auto commas = [](std::string_view text) { return std::ranges::count(text, ','); };
   EXPECT_EQ(commas(line), commas(study_header()));
+}
+
+// As spreadsheets save it.
+TEST(StudyFile, MayBeginWithAByteOrderMark) {
+  const test::TemporaryFolder folder;
+  const fs::path path = folder.path() / "answers.csv";
+  const std::string row = format_study_row(row_of(design_of(1), 1, 1, 1.0, true)) + "\n";
+  const std::string text = std::string(study_header()) + "\n" + row;
+  std::ofstream(path) << "\xEF\xBB\xBF" + text + row.substr(0, 20);
+  {
+    auto file = StudyFile::open(path, design_of(2), false);
+    ASSERT_TRUE(file) << file.error().message;
+    EXPECT_EQ(file->rows().size(), 1U);
+    ASSERT_TRUE(file->append(std::vector{row_of(design_of(2), 1, 1, 2.0, false)}));
+  }
+  EXPECT_EQ(text_of(path), "\xEF\xBB\xBF" + text +
+                               format_study_row(row_of(design_of(2), 1, 1, 2.0, false)) + "\n");
+  for (const bool with_mark : {true, false}) {
+    const std::string wide = test::as_utf16(text, with_mark);
+    std::ofstream(path, std::ios::binary) << wide;
+    const auto file = StudyFile::open(path, design_of(2), false);
+    ASSERT_FALSE(file);
+    EXPECT_EQ(file.error().message, path.string() + ": is UTF-16 text; save it as UTF-8");
+    EXPECT_EQ(text_of(path), wide) << "the file was changed";
+  }
 }
 
 TEST(StudyFile, KeepsWhatIsThereAndRefusesWhatDoesNotBelong) {

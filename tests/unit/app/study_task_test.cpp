@@ -9,7 +9,10 @@
 #include "app/study/scripted_participant.hpp"
 #include "app/study/study_scene.hpp"
 #include "app/study/study_script.hpp"
+#include "core/text.hpp"
 #include "support/cameras.hpp"
+#include "support/paths.hpp"
+#include "support/utf16.hpp"
 
 namespace penumbra {
 namespace {
@@ -167,6 +170,22 @@ TEST(StudyTask, AcceptLeavesTheBallAndTheTargetCannotBeTaken) {
   EXPECT_NEAR(bench.rows_[0].error_m, (target - Eigen::Vector3d(0.0, 0.0, 0.05)).norm(), 1e-12);
   EXPECT_EQ(bench.rows_[1].response_time_ns, kSecond);
   EXPECT_EQ(bench.rows_[2].response_time_ns, 0);
+}
+
+TEST(StudyScript, MayBeginWithAByteOrderMark) {
+  const test::TemporaryFolder folder;
+  const auto file = folder.path() / "script.txt";
+  const std::string text = "1 1.25 click sphere 2\n";
+  ASSERT_TRUE(write_text_file(file, "\xEF\xBB\xBF" + text));
+  const auto script = load_study_script(file);
+  ASSERT_TRUE(script) << script.error().message;
+  EXPECT_EQ(script->actions.size(), 1U);
+  for (const bool with_mark : {true, false}) {
+    ASSERT_TRUE(write_text_file(file, test::as_utf16(text, with_mark)));
+    const auto wide = load_study_script(file);
+    ASSERT_FALSE(wide);
+    EXPECT_EQ(wide.error().message, file.string() + ": is UTF-16 text; save it as UTF-8");
+  }
 }
 
 TEST(StudyScript, IsReadWithCommentsAndBlanks) {

@@ -14,6 +14,7 @@
 #include "render/scene.hpp"
 #include "render/scene_schema.hpp"
 #include "support/paths.hpp"
+#include "support/utf16.hpp"
 
 namespace penumbra {
 namespace {
@@ -52,6 +53,17 @@ class SceneFile : public testing::Test {
   }
   test::TemporaryFolder folder_;
 };
+
+TEST_F(SceneFile, MayBeginWithAByteOrderMark) {
+  const std::string text = "{\"objects\":[" + kBox + "]}";
+  const Result<Scene> scene = load("\xEF\xBB\xBF" + text);
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(scene->objects.size(), 1U);
+  for (const bool with_mark : {true, false}) {
+    EXPECT_THAT(error_of(test::as_utf16(text, with_mark)),
+                HasSubstr("scene.json: is UTF-16 text; save it as UTF-8"));
+  }
+}
 
 TEST_F(SceneFile, DefaultSceneLoadsWithoutWarnings) {
   const Result<Scene> scene = load_scene(test::source_dir() / "scenes/default.json");
