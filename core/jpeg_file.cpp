@@ -123,7 +123,6 @@ class JpegDecoder {
 
   static boolean supply_end_mark(j_decompress_ptr info) {
     static constexpr std::array<JOCTET, 2> kEndMark{0xFF, JPEG_EOI};
-    self(info).is_past_end_ = true;
     info->src->next_input_byte = kEndMark.data();
     info->src->bytes_in_buffer = kEndMark.size();
     return TRUE;
@@ -181,8 +180,8 @@ class JpegDecoder {
       if (source_.bytes_in_buffer > kMostFillBytes + 2) {
         leave("more bytes before the end mark than belong to its blocks");
       }
-    } else if (is_past_end_ && info_.progressive_mode != FALSE) {
-      // Without an end mark only full precision shows that no scan is missing.
+    } else if (info_.progressive_mode != FALSE) {
+      // An end mark may follow any scan: only full precision shows that none is missing.
       for (int i = 0; i < info_.num_components; ++i) {
         const auto* bits = info_.coef_bits[i];
         if (std::any_of(bits, bits + DCTSIZE2, [](int missing) { return missing != 0; })) {
@@ -198,7 +197,6 @@ class JpegDecoder {
   jpeg_progress_mgr progress_{};
   std::jmp_buf on_error_{};
   std::array<char, JMSG_LENGTH_MAX> message_{};
-  bool is_past_end_ = false;
 };
 
 struct JpegSource {

@@ -89,6 +89,23 @@ inline std::vector<std::size_t> restarts_of(const std::string& jpeg) {
   return found;
 }
 
+// Offsets where the scans begin: each with its Huffman tables, the first with all headers.
+inline std::vector<std::size_t> scans_of(const std::string& jpeg) {
+  std::vector<std::size_t> found{0};
+  bool in_blocks = true;
+  for (std::size_t at = headers_length(jpeg); at + 3 < jpeg.size();) {
+    const auto code = static_cast<unsigned char>(jpeg[at + 1]);
+    if (jpeg[at] != '\xFF' || (code != 0xC4 && code != 0xDA)) {
+      ++at;
+      continue;
+    }
+    if (in_blocks) found.push_back(at);
+    in_blocks = code == 0xDA;
+    at += segment_length(jpeg, at);
+  }
+  return found;
+}
+
 // A picture with detail in every block. `seed`: another picture.
 inline std::string encode_jpeg_kind(const JpegKind& kind, unsigned seed = 0) {
   jpeg_compress_struct info{};

@@ -10,6 +10,7 @@
 #include "app/capture/recording_writer.hpp"
 #include "core/file.hpp"
 #include "core/image_file.hpp"
+#include "support/jpeg_images.hpp"
 #include "support/paths.hpp"
 #include "support/recording_folder.hpp"
 #include "support/same_pixels.hpp"
@@ -93,6 +94,25 @@ TEST(CameraJpegGate, SkipsHalfImagesWithTheRemedy) {
   }
   const auto half = receive_camera_jpeg(view_of(sound.substr(0, sound.size() / 2)), kTabletop);
   EXPECT_THAT(half.error().message, AllOf(HasSubstr("after line"), HasSubstr("of 480")));
+}
+
+// The end of a scan is where a progressive image can end with a mark and still lack coefficients.
+TEST(CameraJpegGate, LiveAndReplayRefuseAProgressiveImageThatLacksScans) {
+  test::JpegKind kind = test::jpeg_kinds()[0];
+  kind.progressive = true;
+  const ImageSize size{kind.width, kind.height};
+  const std::string sound = test::encode_jpeg_kind(kind);
+  ASSERT_TRUE(live_frame(sound, size));
+  ASSERT_TRUE(decode_recorded_image(view_of(sound), "a.jpg", size));
+  const auto scans = test::scans_of(sound);
+  for (std::size_t i = 1; i < scans.size(); ++i) {
+    for (const char* end : {"", "\xFF\xD9"}) {
+      const std::string cut = sound.substr(0, scans[i]) + end;
+      EXPECT_FALSE(live_frame(cut, size)) << i << " of " << scans.size() << " scans";
+      EXPECT_FALSE(decode_recorded_image(view_of(cut), "a.jpg", size))
+          << i << " of " << scans.size() << " scans";
+    }
+  }
 }
 
 TEST(CameraJpegGate, UsesTheFirstLinesOfAPaddedImage) {

@@ -69,9 +69,7 @@ TEST_P(CameraJpegKind, IsRefusedWhereBlocksAreMissing) {
        length += length < headers ? 13 : (length + 40 < sound_.size() ? 5 : 1)) {
     const std::string half = sound_.substr(0, length);
     ASSERT_FALSE(decoded(half)) << length << " of " << sound_.size();
-    if (!GetParam().progressive) {  // else an end mark may follow any scan
-      ASSERT_FALSE(decoded(half + "\xFF\xD9")) << length << " of " << sound_.size();
-    }
+    ASSERT_FALSE(decoded(half + "\xFF\xD9")) << length << " of " << sound_.size();
     // A zero may complete the last blocks.
     if (length + 120 < sound_.size()) {
       ASSERT_FALSE(decoded(half + std::string(4000, '\0'))) << length << " of " << sound_.size();
@@ -145,18 +143,24 @@ TEST(CameraJpeg, RefusesAComponentWithoutAScan) {
   }
 }
 
-TEST(CameraJpeg, RefusesAProgressiveImageThatMayLackScans) {
-  test::JpegKind kind = test::jpeg_kinds()[0];
-  kind.progressive = true;
-  const std::string sound = test::encode_jpeg_kind(kind);
-  // The first scan alone is an image of DC values: whole with an end mark, but not without one.
-  std::size_t second = test::headers_length(sound);
-  while (
-      !(sound[second] == '\xFF' && (sound[second + 1] == '\xC4' || sound[second + 1] == '\xDA'))) {
-    ++second;
+// An image is refused whatever number of its scans is missing, with an end mark and without.
+TEST(CameraJpeg, RefusesAProgressiveImageThatLacksScans) {
+  for (const int components : {1, 3}) {
+    test::JpegKind kind = test::jpeg_kinds()[0];
+    kind.components = components;
+    kind.progressive = true;
+    const std::string sound = test::encode_jpeg_kind(kind);
+    EXPECT_TRUE(decoded(sound)) << cause_of(sound);
+    const auto scans = test::scans_of(sound);
+    ASSERT_GE(scans.size(), 6U);
+    for (std::size_t i = 1; i < scans.size(); ++i) {
+      for (const char* end : {"", "\xFF\xD9"}) {
+        const std::string cut = sound.substr(0, scans[i]) + end;
+        EXPECT_NE(cause_of(cut).find("ends before its last scan"), std::string::npos)
+            << i << " of " << scans.size() << " scans: " << cause_of(cut);
+      }
+    }
   }
-  EXPECT_TRUE(decoded(sound.substr(0, second) + "\xFF\xD9"));
-  EXPECT_NE(cause_of(sound.substr(0, second)).find("ends before its last scan"), std::string::npos);
 }
 
 TEST(CameraJpeg, PaddingLinesAreCutWhereTheRowsOfBlocksStayTheSame) {
