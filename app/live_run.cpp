@@ -25,6 +25,7 @@
 #include "app/session.hpp"
 #include "app/session_host.hpp"
 #include "app/silence.hpp"
+#include "app/standard_streams.hpp"
 #include "app/viewer.hpp"
 #include "core/camera_file.hpp"
 #include "core/focus_file.hpp"
@@ -528,6 +529,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   report.frames_dropped = report.frames_captured - report.frames;
   report.frames_damaged = static_cast<int>(stats.undecoded);
   report.interrupted = interrupt.interrupted();
+  report.log_lines_dropped = dropped_log_lines();
   report.threads = request.threads;
   report.msaa_samples = session->samples();
   report.pixel_buffers = session->pixel_buffers();

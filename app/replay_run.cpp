@@ -24,6 +24,7 @@
 #include "app/scene_edit.hpp"
 #include "app/session.hpp"
 #include "app/session_host.hpp"
+#include "app/standard_streams.hpp"
 #include "app/versions.hpp"
 #include "app/viewer.hpp"
 #include "core/units.hpp"
@@ -520,6 +521,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     report.frames_captured = report.frames + report.frames_damaged;
   }
   report.interrupted = interrupt.interrupted();
+  report.log_lines_dropped = dropped_log_lines();
   report.msaa_samples = shown->samples();
   report.pixel_buffers = shown->pixel_buffers();
   report.gl_renderer = (*context)->info().renderer;

@@ -469,6 +469,7 @@ std::string report_json(const RunReport& report) {
   json["frames_lost"] = report.frames_lost;
   json["interrupted"] = report.interrupted;
   if (report.failure) json["failure"] = report.failure->message;
+  if (report.log_lines_dropped > 0) json["log_lines_dropped"] = report.log_lines_dropped;
   Json versions;
   for (const auto& [name, version] : component_versions()) versions[name] = version;
   json["versions"] = versions;
@@ -651,6 +652,10 @@ std::string report_table(const RunReport& report) {
                         group.frames_tracked, group.frames_uncertain, group.frames_held,
                         group.frames_lost);
     text += left_out_lines(group.tags_left_out, "the map of its group");
+  }
+  if (report.log_lines_dropped > 0) {
+    text += fmt::format("log: {} lines dropped, because standard error could not be written\n",
+                        report.log_lines_dropped);
   }
   text += fmt::format("OpenGL: {}, {}\n\n", report.gl_renderer, report.gl_version);
   text += fmt::format("{:<22}{:>10}{:>10}{:>10}{:>10}\n", "time [ms]", "median", "p95", "max",

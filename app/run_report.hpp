@@ -100,7 +100,8 @@ struct RunReport {
   bool interrupted = false;
   // What ended the run early, or was not written of it; the rest is as told here.
   std::optional<Error> failure;
-  int msaa_samples = 0;        // of each pixel; 0: no multisampling
+  std::int64_t log_lines_dropped = 0;  // not written to standard error: its reader stalled or ended
+  int msaa_samples = 0;                // of each pixel; 0: no multisampling
   bool pixel_buffers = false;  // pixels go to the GPU and come from it through the driver's buffers
   std::string gl_renderer;
   std::string gl_version;

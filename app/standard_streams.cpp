@@ -2,61 +2,149 @@
 
 #include <fcntl.h>
 #include <poll.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <atomic>
 #include <cerrno>
+#include <chrono>
+#include <climits>
 #include <csignal>
 #include <cstdio>
 #include <string>
+#include <string_view>
 #include <system_error>
 
 namespace penumbra {
 namespace {
 
-struct Descriptor {
-  int number = -1;
-  std::atomic<int> error = 0;  // errno of the first write that failed
-};
-
 // Static: the C library flushes the streams when the process ends.
-Descriptor& standard_output() {
-  static Descriptor descriptor{STDOUT_FILENO};
-  return descriptor;
-}
-Descriptor& standard_error() {
-  static Descriptor descriptor{STDERR_FILENO};
-  return descriptor;
+std::atomic<int>& output_error() {  // errno of the first write to standard output that failed
+  static std::atomic<int> error = 0;
+  return error;
 }
 
-// A write callback of fopencookie().
-ssize_t write_or_drop(void* cookie, const char* text, std::size_t size) {
-  auto& descriptor = *static_cast<Descriptor*>(cookie);
+// A write callback of fopencookie(). Waits for the reader, because results are for that reader.
+ssize_t write_output(void*, const char* text, std::size_t size) {
   std::size_t done = 0;
   while (done < size) {
-    const ssize_t count = write(descriptor.number, text + done, size - done);
+    const ssize_t count = write(STDOUT_FILENO, text + done, size - done);
     if (count >= 0) {
       done += static_cast<std::size_t>(count);
     } else if (errno == EAGAIN) {
       // Another process made the shared terminal or pipe non-blocking.
-      pollfd writable{descriptor.number, POLLOUT, 0};
+      pollfd writable{STDOUT_FILENO, POLLOUT, 0};
       poll(&writable, 1, -1);
     } else if (errno != EINTR) {
       int none = 0;
-      descriptor.error.compare_exchange_strong(none, errno);
+      output_error().compare_exchange_strong(none, errno);
       break;
     }
   }
   return static_cast<ssize_t>(size);
 }
 
+// Standard error, whose reader must not stop the session: a line that cannot be written in time is
+// dropped. Not for two threads at once; stdio locks the stream.
+class LogDescriptor {
+ public:
+  void write(std::string_view text) {
+    if (unreported_ > 0 && !write_notice()) return drop(text);
+    const std::size_t done = write_in_time(text, is_stalled_ ? milliseconds(0) : kPatience);
+    is_stalled_ = done < text.size();
+    is_cut_ = is_stalled_ && done > 0;
+    drop(text.substr(done));
+  }
+  // By any thread.
+  [[nodiscard]] std::int64_t dropped() const { return dropped_; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  using milliseconds = std::chrono::milliseconds;
+
+  static constexpr milliseconds kPatience{200};  // with a reader that read until now
+
+  void drop(std::string_view text) {
+    const std::int64_t lines = std::count(text.begin(), text.end(), '\n');
+    unreported_ += lines;
+    dropped_ += lines;
+  }
+  bool write_notice() {
+    std::array<char, 128> notice{};
+    const int length = std::snprintf(
+        notice.data(), notice.size(),
+        "%spenumbra: warning: %lld lines of the log were dropped: standard error was not read\n",
+        is_cut_ ? "\n" : "", static_cast<long long>(unreported_));
+    const std::string_view text(notice.data(), static_cast<std::size_t>(length));
+    if (write_in_time(text, milliseconds(0)) < text.size()) return false;
+    unreported_ = 0;
+    return true;
+  }
+  // The number of bytes that were written.
+  static std::size_t write_in_time(std::string_view text, milliseconds patience) {
+    const auto end = Clock::now() + patience;
+    std::size_t done = 0;
+    while (done < text.size()) {
+      const auto left = std::chrono::ceil<milliseconds>(end - Clock::now());
+      pollfd writable{STDERR_FILENO, POLLOUT, 0};
+      const int ready = poll(&writable, 1, std::max(0, static_cast<int>(left.count())));
+      if (ready == 0) break;
+      // A pipe that poll() reports as writable takes that many bytes at once.
+      const ssize_t count = ready > 0 ? write_now(text.substr(done, PIPE_BUF)) : -1;
+      if (count >= 0) {
+        done += static_cast<std::size_t>(count);
+      } else if (errno != EINTR && (errno != EAGAIN || Clock::now() >= end)) {
+        break;
+      }
+    }
+    return done;
+  }
+  static ssize_t write_now(std::string_view text) {
+    const ssize_t sent = send(STDERR_FILENO, text.data(), text.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
+    if (sent >= 0 || errno != ENOTSOCK) return sent;
+    return ::write(STDERR_FILENO, text.data(), text.size());
+  }
+
+  bool is_stalled_ = false;
+  bool is_cut_ = false;                    // the last line that was written has no end
+  std::int64_t unreported_ = 0;            // lines
+  std::atomic<std::int64_t> dropped_ = 0;  // lines
+};
+
+LogDescriptor& log_descriptor() {
+  static LogDescriptor descriptor;
+  return descriptor;
+}
+
+// A write callback of fopencookie().
+ssize_t write_log(void*, const char* text, std::size_t size) {
+  log_descriptor().write({text, size});
+  return static_cast<ssize_t>(size);
+}
+
 // Null where memory is short; the stream then stays as it is.
-std::FILE* dropping_stream(Descriptor& descriptor, int buffering) {
+std::FILE* stream_of(cookie_write_function_t* write, int buffering) {
   cookie_io_functions_t functions{};
-  functions.write = &write_or_drop;
-  std::FILE* stream = fopencookie(&descriptor, "w", functions);
+  functions.write = write;
+  std::FILE* stream = fopencookie(nullptr, "w", functions);
   if (stream != nullptr) std::setvbuf(stream, nullptr, buffering, BUFSIZ);
   return stream;
+}
+
+// Makes writes to a pipe or terminal non-blocking, for this process alone: the mode belongs to the
+// open file description, which other processes share. Libraries that write to the descriptor
+// themselves do not wait then either. Where it cannot be opened again it stays as it is.
+void stop_waiting_for_log_reader() {
+  struct stat about {};
+  if (fstat(STDERR_FILENO, &about) != 0) return;
+  if (!S_ISFIFO(about.st_mode) && isatty(STDERR_FILENO) != 1) return;
+  const int own = open("/proc/self/fd/2", O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
+  if (own < 0) return;
+  dup2(own, STDERR_FILENO);
+  close(own);
 }
 
 void open_closed_descriptors() {
@@ -75,19 +163,24 @@ void secure_standard_streams() {
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);  // ulimit -f
   const int buffering = isatty(STDOUT_FILENO) == 1 ? _IOLBF : _IOFBF;
-  if (std::FILE* out = dropping_stream(standard_output(), buffering)) stdout = out;
-  if (std::FILE* error = dropping_stream(standard_error(), _IONBF)) stderr = error;
+  if (std::FILE* out = stream_of(&write_output, buffering)) stdout = out;
+  stop_waiting_for_log_reader();
+  if (std::FILE* error = stream_of(&write_log, _IONBF)) stderr = error;
 }
 
 Result<void> flush_standard_output() {
   const int flush_error = std::fflush(stdout) == 0 ? 0 : errno;
-  const int written_error = standard_output().error;
+  const int written_error = output_error();
   const int error = written_error != 0 ? written_error : flush_error;
   if (error == 0) return {};
   const std::string cause = error == EBADF   ? "it is closed"
                             : error == EPIPE ? "its reader has ended"
                                              : std::generic_category().message(error);
   return fail("standard output cannot be written: {}", cause);
+}
+
+std::int64_t dropped_log_lines() {
+  return log_descriptor().dropped();
 }
 
 }  // namespace penumbra

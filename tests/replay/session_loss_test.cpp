@@ -5,6 +5,7 @@
 #include <sys/mman.h>
 
 #include <algorithm>
+#include <array>
 #include <csignal>
 #include <memory>
 #include <optional>
@@ -86,12 +87,14 @@ class LiveSession {
   TemporaryFolder folder_;
 };
 
-enum class Loss { log_reader, output_reader, terminal, display, log_disk };
+enum class Loss { log_reader, stalled_log_reader, output_reader, terminal, display, log_disk };
 
 std::string name_of(const testing::TestParamInfo<Loss>& info) {
   switch (info.param) {
     case Loss::log_reader:
       return "LogReader";
+    case Loss::stalled_log_reader:
+      return "StalledLogReader";
     case Loss::output_reader:
       return "OutputReader";
     case Loss::terminal:
@@ -104,17 +107,32 @@ std::string name_of(const testing::TestParamInfo<Loss>& info) {
   return "LogDisk";
 }
 
+// A non-blocking descriptor that writes to the same pipe.
+int own_writer(int pipe_end) {
+  return open(fmt::format("/proc/self/fd/{}", pipe_end).c_str(),
+              O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
+}
+
+// A reader that stalls leaves its pipe full.
+void fill_pipe(int writer) {
+  const std::string line(127, '-');
+  while (write(writer, (line + '\n').data(), line.size() + 1) > 0) {
+  }
+}
+
 // The terminal, log, display or reader that a session depends on, and its loss.
 class Surroundings {
  public:
   explicit Surroundings(Loss loss) : loss_(loss) {
     switch (loss) {
       case Loss::log_reader:
+      case Loss::stalled_log_reader:
       case Loss::output_reader: {
         int ends[2] = {-1, -1};
         if (pipe2(ends, O_CLOEXEC) != 0) std::abort();
         mine_ = ends[0];
         its_ = ends[1];
+        if (loss == Loss::stalled_log_reader) filler_ = own_writer(its_);
         break;
       }
       case Loss::terminal:
@@ -134,6 +152,7 @@ class Surroundings {
   ~Surroundings() {
     if (mine_ >= 0) close(mine_);
     if (its_ >= 0) close(its_);
+    if (filler_ >= 0) close(filler_);
   }
 
   // In the program's process.
@@ -153,6 +172,7 @@ class Surroundings {
     if (its_ >= 0) close(std::exchange(its_, -1));
   }
   void lose(int number) {
+    if (loss_ == Loss::stalled_log_reader) return fill_pipe(filler_);
     if (display_) display_->end(number);
     if (mine_ >= 0) close(std::exchange(mine_, -1));
     if (loss_ == Loss::log_disk) fcntl(its_, F_ADD_SEALS, F_SEAL_GROW);
@@ -162,6 +182,7 @@ class Surroundings {
   Loss loss_;
   int mine_ = -1;
   int its_ = -1;
+  int filler_ = -1;  // writes into the pipe of the log
   std::optional<VirtualDisplay> display_;
 };
 
@@ -173,7 +194,9 @@ TEST_P(SessionLoss, LeavesWholeOutputsAtAnyMoment) {
   const bool ends_session = loss == Loss::terminal || loss == Loss::display;
   // The table printed at the end is lost with the reader or the terminal, and a display was asked
   // for; a log costs nothing.
-  const int expected_code = loss == Loss::log_reader || loss == Loss::log_disk ? 0 : 1;
+  const bool loses_log =
+      loss == Loss::log_reader || loss == Loss::stalled_log_reader || loss == Loss::log_disk;
+  const int expected_code = loses_log ? 0 : 1;
   const int times = long_form() ? 50 : 2;
   for (int i = 0; i < times; ++i) {
     SCOPED_TRACE(fmt::format("moment {}", i));
@@ -199,12 +222,15 @@ TEST_P(SessionLoss, LeavesWholeOutputsAtAnyMoment) {
     const auto report = read_json(session.path("report.json"));
     EXPECT_EQ(report.contains("failure"), loss == Loss::display);
     EXPECT_EQ(report["interrupted"].get<bool>(), loss != Loss::display);
+    // At the debug level the encoder logs when it ends.
+    EXPECT_TRUE(!loses_log || report.contains("log_lines_dropped"));
   }
 }
 
 INSTANTIATE_TEST_SUITE_P(Of, SessionLoss,
-                         testing::Values(Loss::log_reader, Loss::output_reader, Loss::terminal,
-                                         Loss::display, Loss::log_disk),
+                         testing::Values(Loss::log_reader, Loss::stalled_log_reader,
+                                         Loss::output_reader, Loss::terminal, Loss::display,
+                                         Loss::log_disk),
                          name_of);
 
 // The exit code of the program in a shell with this redirection.
@@ -248,6 +274,55 @@ TEST(StandardStreams, LiveWritesItsOutputsWhenStreamsAreClosedOrFull) {
     words.erase(words.begin());
     EXPECT_EQ(exit_code_with(redirection, words), expected_code);
     session.expect_whole_outputs();
+  }
+}
+
+// Appends to `text` until it contains `word`; without one, until the end.
+void read_until(int descriptor, std::string& text, const std::string& word) {
+  std::array<char, 4096> buffer{};
+  while (word.empty() || text.find(word) == std::string::npos) {
+    const ssize_t count = read(descriptor, buffer.data(), buffer.size());
+    if (count <= 0) return;
+    text.append(buffer.data(), static_cast<std::size_t>(count));
+  }
+}
+
+TEST(StandardStreams, LogReaderThatReadsAgainFindsTheNumberOfDroppedLines) {
+  for (const bool is_terminal : {false, true}) {
+    SCOPED_TRACE(is_terminal ? "terminal" : "pipe");
+    const TemporaryFolder folder;
+    const std::string report_file = (folder.path() / "report.json").string();
+    int ends[2] = {-1, -1};
+    if (is_terminal) {
+      ASSERT_EQ(openpty(&ends[0], &ends[1], nullptr, nullptr, nullptr), 0);
+      fcntl(ends[0], F_SETFD, FD_CLOEXEC);
+    } else {
+      ASSERT_EQ(pipe2(ends, O_CLOEXEC), 0);
+    }
+    RunningProgram running({program().string(), "replay", bundled("tabletop"), "--no-window",
+                            "--realtime", "--log-level", "debug", "--report", report_file},
+                           [&] { dup2(ends[1], STDERR_FILENO); });
+    std::string log;
+    read_until(ends[0], log, "frame 10:");
+    const int filler = own_writer(ends[1]);
+    ASSERT_GE(filler, 0);
+    fill_pipe(filler);
+    close(filler);
+    close(ends[1]);
+    std::this_thread::sleep_for(milliseconds(1500));
+    read_until(ends[0], log, "");
+    close(ends[0]);
+    EXPECT_EQ(running.exit_code(), 0);
+    const auto report = read_json(report_file);
+    EXPECT_EQ(report["frames"], 120);
+    ASSERT_TRUE(report.contains("log_lines_dropped"));
+    const auto dropped = report["log_lines_dropped"].get<int>();
+    EXPECT_GE(dropped, 10);
+    const std::string notice = fmt::format("{} lines of the log were dropped", dropped);
+    const std::size_t first = log.find(notice);
+    EXPECT_NE(first, std::string::npos) << log.substr(log.size() - 2000);
+    EXPECT_EQ(log.find("of the log were dropped", first + notice.size()), std::string::npos);
+    EXPECT_NE(log.find("frame 119:"), std::string::npos);
   }
 }
 
