@@ -239,7 +239,7 @@ Result<Capture> capture(Pictures pictures, const Target& target, const CaptureOp
       if (looked) {
         auto shown =
             window->show(looked->frame, std::move(looked->look), std::move(looked->progress));
-        if (!shown) return tl::unexpected(shown.error());
+        if (!shown && !window->display_lost()) return tl::unexpected(shown.error());
       }
       window->refresh();
     }

@@ -450,6 +450,12 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
     window->wait(interrupt);
   }
   if (!written) return tl::unexpected(written.error());
+  if (window && window->display_lost()) {
+    return fail(
+        "the connection to the display was lost; {} is solved from the views taken until then; run "
+        "with --no-window where the display may go away",
+        options.output.string());
+  }
   return ExitCode::success;
 }
 

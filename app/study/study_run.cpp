@@ -424,21 +424,22 @@ Result<StudyReport> run_study(const StudyRequest& request) {
   const StudyPlan plan = plan_study(request.design);
   StudyTask task(plan, first_open_trial(plan, file->rows()));
   interrupt.hold();
+  Result<void> done;
   if (!task.finished()) {
     StudyLoop loop(**context, *session, *feed, task, *file, std::move(overlay), std::move(script),
                    request.pause_s);
-    if (auto done = loop.run(interrupt); !done) return tl::unexpected(done.error());
+    done = loop.run(interrupt);
   }
+  // What fails after the display is lost is its consequence.
+  if (auto lost = display_loss(**context)) done = tl::unexpected(*lost);
   report.trials = static_cast<int>(plan.trials.size());
   report.answered = static_cast<int>(first_open_trial(plan, file->rows()));
   report.summary = summarise(request.design, file->rows());
   if (summary_file) {
     const std::string text = summary_csv(study_name(request.design), report.summary);
-    if (auto written = write_text(*summary_file, text); !written) {
-      return tl::unexpected(written.error());
-    }
+    if (auto written = write_text(*summary_file, text); !written && done) done = written;
   }
-  if (auto lost = display_loss(**context)) return tl::unexpected(*lost);
+  if (!done) return tl::unexpected(done.error());
   return report;
 }
 

@@ -28,6 +28,7 @@
 #include "support/paths.hpp"
 #include "support/recording_folder.hpp"
 #include "support/run_program.hpp"
+#include "support/running_program.hpp"
 #include "support/synthetic_board.hpp"
 #include "tracking/pattern_renderer.hpp"
 
@@ -484,6 +485,47 @@ TEST_F(CalibrateFromCamera, EndedBeforeThereAreEnoughViewsWritesNothingAndSaysSo
   const auto second = test::run_program(test::program(), arguments({"--no-window"}));
   expect_refused(second, "holds files already");
   EXPECT_THAT(second.out, Not(HasSubstr("window")));
+}
+
+// The views that were taken are solved for, and kept for another time.
+TEST_F(CalibrateFromCamera, SolvesFromTheViewsThereAreWhenTheDisplayIsLost) {
+  ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1"), 0) << "scripts/setup installs it";
+  hold(32, 40);
+  test::VirtualDisplay display;
+  std::vector<std::string> words = arguments({"--model", "plumb_bob", "--board", "rigid",
+                                              "--report", (folder() / "report.html").string()});
+  words.insert(words.begin(), test::program().string());
+  test::RunningProgram running(words, [&] { setenv("DISPLAY", display.name().c_str(), 1); });
+  while (running.runs() && !std::filesystem::exists(keep() / "000005.png")) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  display.end(SIGKILL);
+  EXPECT_EQ(running.exit_code(), 1);
+  const auto camera = load_camera(output());
+  ASSERT_TRUE(camera) << camera.error().message;
+  EXPECT_TRUE(test::read_bytes(folder() / "report.html").ends_with("</html>\n"));
+  // From the folder of the views it is the same calibration.
+  const std::string first = test::read_bytes(output());
+  const auto again = calibrate(keep(), shared("recordings/calibration/aprilgrid.yaml"),
+                               {"--model", "plumb_bob", "--board", "rigid"});
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_EQ(test::read_bytes(output()), first);
+}
+
+TEST_F(CalibrateFromCamera, KeepsTheViewsWhenTheDisplayIsLostBeforeThereAreEnough) {
+  ASSERT_EQ(std::system("command -v Xvfb >/dev/null 2>&1"), 0) << "scripts/setup installs it";
+  hold(1, 2000);
+  test::VirtualDisplay display;
+  std::vector<std::string> words = arguments({});
+  words.insert(words.begin(), test::program().string());
+  test::RunningProgram running(words, [&] { setenv("DISPLAY", display.name().c_str(), 1); });
+  while (running.runs() && !std::filesystem::exists(keep() / "000000.png")) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  display.end(SIGTERM);
+  EXPECT_EQ(running.exit_code(), 1);
+  EXPECT_FALSE(std::filesystem::exists(output()));
+  EXPECT_TRUE(load_image(keep() / "000000.png"));
 }
 
 // Ctrl-C and SIGTERM at any time, also while it is solved: it ends soon, and leaves everything as

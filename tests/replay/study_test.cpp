@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
+#include <csignal>
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
@@ -10,6 +12,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <tuple>
 #include <vector>
 
@@ -20,6 +23,7 @@
 #include "core/stopwatch.hpp"
 #include "core/trajectory.hpp"
 #include "replay/replay_support.hpp"
+#include "support/running_program.hpp"
 
 namespace penumbra::test {
 namespace {
@@ -172,6 +176,38 @@ TEST(Window, StudyWritesTheScriptedTimesAndErrors) {
   EXPECT_EQ(bytes_of(offscreen), bytes_of(results));
   expect_failure(penumbra(no_window), {"offscreen.csv", "participant 2", "--resume"});
   EXPECT_EQ(bytes_of(offscreen), bytes_of(results));
+}
+
+// Whatever the moment, the answers given until then are whole, and the participant can go on.
+TEST(DisplayLoss, EndsAStudyWithWholeAnswers) {
+  ASSERT_TRUE(has_xvfb()) << "no Xvfb: scripts/setup installs it";
+  for (const int number : {SIGKILL, SIGTERM}) {
+    SCOPED_TRACE(number);
+    const TemporaryFolder folder;
+    const StudyPlan plan = plan_study(design_of(StudyExperiment::heights, 6, {"layered", "walls"}));
+    const fs::path script = folder.path() / "script.txt", results = folder.path() / "answers.csv";
+    const auto expected = write_heights_script(plan, script);
+    auto arguments = arguments_of(plan.design, results, script);
+    std::vector<std::string> words = arguments;
+    words.insert(words.begin(), program().string());
+    VirtualDisplay display;
+    RunningProgram running(words, [&] { setenv("DISPLAY", display.name().c_str(), 1); });
+    for (int i = 0; i < 6000 && running.runs() && lines_of(bytes_of(results)).size() < 3; ++i) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    display.end(number);
+    EXPECT_EQ(running.exit_code(), 1);
+    const std::size_t answered = rows_of(results).size();
+    EXPECT_GE(answered, 2U);
+    EXPECT_LT(answered, plan.trials.size());
+    EXPECT_TRUE(bytes_of(results).ends_with('\n'));
+    EXPECT_EQ(lines_of(bytes_of(folder.path() / "answers-summary.csv")).size(), 3U);
+    EXPECT_EQ(contents_of(folder.path()).size(), 3U) << "a partial file was left";
+    for (const char* more : {"--no-window", "--resume"}) arguments.emplace_back(more);
+    const ProgramResult rest = penumbra(arguments);
+    EXPECT_EQ(rest.exit_code, 0) << rest.err;
+    check_heights(plan, expected, rows_of(results));
+  }
 }
 
 // Slides along the table and lifts; each target is missed once, then met to a few millimetres.
