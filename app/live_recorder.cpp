@@ -45,12 +45,13 @@ void LiveRecorder::stop() {
     const RecordingCounts counts = writer->counts();
     ended.frames = {static_cast<std::int64_t>(counts.written),
                     static_cast<std::int64_t>(counts.dropped)};
-    fmt::print("recorded {} frames to {}{}\n", counts.written, writer->folder().string(),
-               counts.dropped == 0 ? std::string()
-                                   : fmt::format("; {} left out, {}", counts.dropped,
-                                                 counts.error ? "most after it failed"
-                                                              : "the disk or the encoder was too "
-                                                                "slow"));
+    ended.summary =
+        fmt::format("recorded {} frames to {}", counts.written, writer->folder().string());
+    if (counts.dropped > 0) {
+      ended.summary += fmt::format(
+          "; {} dropped, {}", counts.dropped,
+          counts.error ? "most after it failed" : "because the disk or the encoder was too slow");
+    }
     writer.reset();
     return ended;
   }));
@@ -62,6 +63,7 @@ void LiveRecorder::reap() {
     const Ended one = ended.get();
     frames_.written += one.frames.written;
     frames_.left_out += one.frames.left_out;
+    summaries_.push_back(one.summary);
     if (!one.finished && !failed_) failed_ = one.finished.error();
     return true;
   });

@@ -32,7 +32,7 @@ class LiveRecorder {
   void begin(const std::filesystem::path& folder);
   // What was given so far is written by a thread of its own: the picture goes on.
   void stop();
-  // Ends the last one too, and says what became of each; fails where one is not whole.
+  // Ends the last one too; fails where one is incomplete.
   [[nodiscard]] Result<void> finish();
 
   // By any thread; null while nothing is recorded.
@@ -41,12 +41,15 @@ class LiveRecorder {
   void add(const SessionFrame& frame, const Session& session);
   // Frames of all that are written, and those left out; once finish() has returned, of all.
   [[nodiscard]] RecordedFrames frames() const { return frames_; }
+  // A line for each recording; once finish() has returned, of all.
+  [[nodiscard]] const std::vector<std::string>& summaries() const { return summaries_; }
   // How many that were stopped are still being written.
   [[nodiscard]] std::size_t ending();
 
  private:
   struct Ended {
     RecordedFrames frames;
+    std::string summary;
     Result<void> finished;
   };
   void record_to(std::shared_ptr<RecordingWriter> writer);
@@ -58,7 +61,8 @@ class LiveRecorder {
   std::shared_ptr<RecordingWriter> writer_;  // guarded by mutex_
   std::vector<std::future<Ended>> ended_;
   RecordedFrames frames_;
-  std::optional<Error> failed_;  // the first that is not whole
+  std::vector<std::string> summaries_;
+  std::optional<Error> failed_;  // of the first that is incomplete
   bool scene_told_ = false;
 };
 

@@ -547,7 +547,12 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (const RecordedFrames frames = recorder.frames(); frames.written + frames.left_out > 0) {
     report.recorded = frames;
   }
+  // Printed last: a terminal that stalls must not keep the report from being written.
+  const auto print_recordings = [&recorder] {
+    for (const std::string& summary : recorder.summaries()) fmt::print("{}\n", summary);
+  };
   if (report.frames == 0) {
+    print_recordings();
     if (failure) return tl::unexpected(*failure);
     return fail("{}: gave no frame{}", request.camera,
                 recorded ? std::string() : "; and " + recorded.error().message);
@@ -557,6 +562,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (auto written = outputs->write_report(report); !written && !report.failure) {
     report.failure = written.error();
   }
+  print_recordings();
   return report;
 }
 

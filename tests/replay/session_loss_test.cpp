@@ -113,10 +113,14 @@ int own_writer(int pipe_end) {
               O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
 }
 
-// A reader that stalls leaves its pipe full.
+// A reader that stalls leaves its pipe or terminal full. A terminal passes text on to its other end
+// for a moment, and has room again.
 void fill_pipe(int writer) {
-  const std::string line(127, '-');
-  while (write(writer, (line + '\n').data(), line.size() + 1) > 0) {
+  const std::string line = std::string(127, '-') + '\n';
+  for (bool has_room = true; has_room;) {
+    has_room = false;
+    while (write(writer, line.data(), line.size()) > 0) has_room = true;
+    std::this_thread::sleep_for(milliseconds(10));
   }
 }
 
@@ -324,6 +328,33 @@ TEST(StandardStreams, LogReaderThatReadsAgainFindsTheNumberOfDroppedLines) {
     EXPECT_EQ(log.find("of the log were dropped", first + notice.size()), std::string::npos);
     EXPECT_NE(log.find("frame 119:"), std::string::npos);
   }
+}
+
+// What is printed waits for the terminal; the outputs do not.
+TEST(StandardStreams, StalledTerminalDoesNotKeepOutputsFromBeingWritten) {
+  const LiveSession session;
+  int ends[2] = {-1, -1};
+  ASSERT_EQ(openpty(&ends[0], &ends[1], nullptr, nullptr, nullptr), 0);
+  fcntl(ends[0], F_SETFD, FD_CLOEXEC);
+  const int filler = own_writer(ends[1]);
+  RunningProgram running(session.words({"--no-window"}), [&] {
+    for (const int stream : {STDOUT_FILENO, STDERR_FILENO}) dup2(ends[1], stream);
+  });
+  close(ends[1]);
+  ASSERT_TRUE(session.wait_for_frames(running, 10));
+  fill_pipe(filler);
+  close(filler);
+  running.signal(SIGTERM);
+  for (int i = 0; i < 6000 && !fs::exists(session.path("report.json")); ++i) {
+    std::this_thread::sleep_for(milliseconds(10));
+  }
+  session.expect_whole_outputs();
+  EXPECT_TRUE(running.runs());
+  std::string text;
+  read_until(ends[0], text, "");
+  close(ends[0]);
+  EXPECT_NE(text.find("recorded "), std::string::npos);
+  EXPECT_EQ(running.exit_code(), 0);
 }
 
 TEST(Hangup, IsIgnoredWhenItWasIgnoredAtTheStart) {
