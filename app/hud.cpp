@@ -142,7 +142,7 @@ HudStatus status_of(const GroupEstimate& group) {
 }
 
 std::string age_in_words(const HudState& state) {
-  if (state.silent_s) return fmt::format("the picture is {:.1f} s old", *state.silent_s);
+  if (state.silent_s) return fmt::format("the frame is {:.1f} s old", *state.silent_s);
   return state.latency_ms ? fmt::format("latency {:.0f} ms", *state.latency_ms) : std::string();
 }
 

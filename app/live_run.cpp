@@ -195,9 +195,26 @@ Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSourc
   return head;
 }
 
-// Of a camera whose pictures come, but none that is whole.
-std::uint64_t spoiled_pictures(const CaptureStats& stats) {
+// Frames that arrived damaged.
+std::uint64_t damaged_frames(const CaptureStats& stats) {
   return stats.of(CaptureFault::damaged) + stats.of(CaptureFault::error_frame);
+}
+
+// Why a session has no frame, and the remedy.
+std::string no_frame_text(const LiveRequest& request, const CaptureStats& stats, bool is_over) {
+  const std::string& camera = request.camera;
+  const std::uint64_t unusable = damaged_frames(stats) + stats.of(CaptureFault::wrong_format);
+  if (unusable > 0) {
+    return fmt::format(
+        "{}: gave no frame that can be used: {} are damaged or of another size or format; the "
+        "warnings above have the remedy",
+        camera, unusable);
+  }
+  if (!is_over) return fmt::format("{}: gave no frame before the session was ended", camera);
+  return fmt::format(
+      "{}: gave no frame in {:.0f} s; choose another --format or --size, try another USB port, or "
+      "see the kernel's log (dmesg)",
+      camera, std::max(request.duration_s.value_or(0.0), kLongestStart_s));
 }
 
 // The session in the window, with its camera.
@@ -246,7 +263,7 @@ class LiveHost final : public SessionHost {
   void is_live() {
     if (!std::exchange(has_begun_, true)) watch_.restart();
     silent_s_.reset();
-    spoiled_ = spoiled_pictures(source_.faults().stats());
+    damaged_ = damaged_frames(source_.faults().stats());
   }
   void is_stale(std::int64_t silence_ns) { silent_s_ = seconds(silence_ns); }
 
@@ -259,8 +276,8 @@ class LiveHost final : public SessionHost {
     state.frames_dropped =
         std::max(0, static_cast<int>(stats.frames - stats.undecoded) - run_.frames());
     state.trouble = stats.trouble;
-    if (!state.trouble && silent_s_ && spoiled_pictures(stats) > spoiled_) {
-      state.trouble = "every picture is damaged";
+    if (!state.trouble && silent_s_ && damaged_frames(stats) > damaged_) {
+      state.trouble = "every frame is damaged";
     }
     for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {
       if (stats.faults[i] == 0) continue;
@@ -285,7 +302,7 @@ class LiveHost final : public SessionHost {
   Stopwatch watch_;  // since the first picture, or since it was waited for
   bool has_begun_ = false;
   std::optional<double> silent_s_;
-  std::uint64_t spoiled_ = 0;  // pictures, until the last whole one
+  std::uint64_t damaged_ = 0;  // frames, until the last one that was not
 };
 
 }  // namespace
@@ -318,7 +335,7 @@ std::optional<std::string> focus_warning(const std::filesystem::path& calibratio
   }
   return fmt::format(
       "{}: was calibrated at focus_position {}, but the camera is focused at {:.4g}; ask for that "
-      "focus (--focus {}), or calibrate anew",
+      "focus (--focus {}), or calibrate again",
       calibration.string(), *calibrated, focus->position, *calibrated);
 }
 
@@ -430,7 +447,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   std::optional<Error> failure;
   const auto keep_on = [&](const Result<void>& written) {
     if (written) return;
-    log_warning("{}; it ends here, the picture goes on", written.error().message);
+    log_warning("{}; this output is closed, the session continues", written.error().message);
     if (!failure) failure = written.error();
     if (!outputs->frames) pixels.clear();
   };
@@ -554,7 +571,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (report.frames == 0) {
     print_recordings();
     if (failure) return tl::unexpected(*failure);
-    return fail("{}: gave no frame{}", request.camera,
+    return fail("{}{}", no_frame_text(request, stats, host.is_over()),
                 recorded ? std::string() : "; and " + recorded.error().message);
   }
   if (!recorded && !failure) failure = recorded.error();

@@ -482,7 +482,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       if (auto written = late.write(*done, shown->pixels()); !written) {
         if (!failure) failure = written.error();
         stopped = !outputs->any() && !outputs->report && !has_window;
-        if (!stopped) log_warning("{}; it ends here, the rest goes on", written.error().message);
+        if (!stopped)
+          log_warning("{}; this output is closed, the replay continues", written.error().message);
       }
       run.add_time("frame", frame_watch.elapsed());
       progress.update(run.frames());

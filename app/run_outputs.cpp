@@ -192,7 +192,8 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
     for (const std::string& group : groups) {
       const auto file = group_file(group);
       if (!file) {
-        return fail("group '{}': can be no file's name; give it another in the tags' file", group);
+        return fail("group '{}': its name cannot be the name of a file; rename it in the tag file",
+                    group);
       }
       auto writer =
           PoseWriter::create(*request.group_poses / *file, request.poses_all, "T_table_group");
@@ -290,8 +291,8 @@ Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
 std::optional<Error> display_loss(const GlContext& context) {
   if (!context.display_lost()) return std::nullopt;
   return Error{
-      "the connection to the display was lost; the session ended there, and what was made until "
-      "then is kept; run with --no-window where the display may go away"};
+      "the connection to the display was lost, which ended the session; outputs are complete up to "
+      "then; run with --no-window where the display may go away"};
 }
 
 }  // namespace penumbra

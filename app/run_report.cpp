@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
+#include "app/capture/capture_stats.hpp"
 #include "app/versions.hpp"
 #include "core/assert.hpp"
 #include "core/text.hpp"
@@ -603,6 +604,22 @@ bool tags_fit_no_pose(const RunReport& report) {
   return reason.starts_with(kContradicting) || reason.starts_with(kNotFitting);
 }
 
+// "camera: damaged frames: 3 (damaged)".
+std::string camera_fault_lines(const std::map<std::string, std::int64_t>& faults) {
+  std::string text;
+  const auto add = [&](std::string_view name, std::string_view description) {
+    const auto found = faults.find(std::string(name));
+    if (found == faults.end()) return;
+    text += fmt::format("camera: {}: {} ({})\n", description, found->second, name);
+  };
+  for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {
+    const auto fault = static_cast<CaptureFault>(i);
+    add(name_of(fault), description_of(fault));
+  }
+  add("restarts", "restarts of the stream");
+  return text;
+}
+
 }  // namespace
 
 std::string report_table(const RunReport& report) {
@@ -644,9 +661,7 @@ std::string report_table(const RunReport& report) {
     text +=
         fmt::format("captured {}, of which {}\n", report.frames_captured, fmt::join(why, " and "));
   }
-  for (const auto& [fault, count] : report.camera_faults) {
-    text += fmt::format("camera: {} {}\n", fault, count);
-  }
+  text += camera_fault_lines(report.camera_faults);
   for (const GroupReport& group : report.groups) {
     text += fmt::format("tag group {}: tracked {}, uncertain {}, held {}, lost {}\n", group.name,
                         group.frames_tracked, group.frames_uncertain, group.frames_held,

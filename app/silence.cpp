@@ -22,7 +22,7 @@ std::optional<TrackedFrame> Silence::picture(std::int64_t silence_ns) {
   // Drawn for the last time; its buffer goes back: a driver that lost its camera waits for every
   // one of them before it takes the camera again.
   if (gone) last_.reset();
-  tracked.pose.reason = "no whole picture from the camera";
+  tracked.pose.reason = "no complete frame from the camera";
   return tracked;
 }
 

@@ -42,12 +42,12 @@ bool has_padding_lines(const ImageSize& image, const ImageSize& granted) {
 }
 
 Started<CameraJpeg> receive_camera_jpeg(std::span<const std::uint8_t> bytes,
-                                        const ImageSize& granted) {
+                                        const ImageSize& granted, std::string_view remedy) {
   const auto outline = outline_jpeg(bytes);
   if (!outline) {
     return tl::unexpected<Trouble>(
-        {CaptureFault::damaged, fmt::format("an incomplete JPEG is skipped ({}); {}",
-                                            outline.error().message, kImproveTransfer)});
+        {CaptureFault::damaged,
+         fmt::format("an incomplete JPEG is skipped ({}); {}", outline.error().message, remedy)});
   }
   const ImageSize size{outline->width, outline->height};
   if (size != granted && !has_padding_lines(size, granted)) {
@@ -59,7 +59,7 @@ Started<CameraJpeg> receive_camera_jpeg(std::span<const std::uint8_t> bytes,
   }
   CameraJpeg image{outline->bytes, std::nullopt};
   if (outline->has_end_mark) return image;
-  auto frame = decode_camera_jpeg(outline->bytes, "a frame", granted, kImproveTransfer);
+  auto frame = decode_camera_jpeg(outline->bytes, "a frame", granted, remedy);
   if (!frame) return tl::unexpected<Trouble>({CaptureFault::damaged, frame.error().message});
   image.frame = std::move(*frame);
   return image;

@@ -27,20 +27,22 @@ struct CameraJpeg {
   std::optional<Frame> frame;
 };
 
+// The remedy where a camera's images arrive incomplete, and where a file's are damaged.
+inline constexpr std::string_view kImproveTransfer =
+    "data is lost between the camera and the computer: try another USB port or cable, no hub, or a "
+    "lower --size or --fps";
+inline constexpr std::string_view kRecordAgain = "record or copy it again";
+
 // The image in a camera's buffer, or why it is not used. Decodes only where the end mark is
-// missing.
+// missing. `remedy` ends the message about a damaged one.
 [[nodiscard]] Started<CameraJpeg> receive_camera_jpeg(std::span<const std::uint8_t> bytes,
-                                                      const ImageSize& granted);
+                                                      const ImageSize& granted,
+                                                      std::string_view remedy = kImproveTransfer);
 
 // Decodes an image of a camera. What its encoder padded it with is not part of the frame.
 [[nodiscard]] Result<Frame> decode_camera_jpeg(std::span<const std::uint8_t> bytes,
                                                const std::string& name, const ImageSize& granted,
                                                std::string_view remedy);
-
-// The remedy where a camera's images arrive incomplete.
-inline constexpr std::string_view kImproveTransfer =
-    "data is lost between the camera and the computer: try another USB port or cable, no hub, or a "
-    "lower --size or --fps";
 
 // An image file of a recording: JPEG as above, and PNG. `size`: of the recording's camera.
 // `options`: how PNG samples are read.

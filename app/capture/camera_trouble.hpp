@@ -30,6 +30,12 @@ inline constexpr std::string_view kJoinVideoGroup =
 inline constexpr std::string_view kFreeBandwidth =
     "its USB bus has no bandwidth left beside the other cameras on it; use --format mjpeg, a "
     "smaller --size or --fps, or a port of another USB controller";
+// What happens, and the remedy, where a stream stalls or fails.
+inline constexpr std::string_view kStreamIsRestarted =
+    "the stream is restarted; if this recurs, try another USB port or cable, and see the kernel's "
+    "log (dmesg)";
+inline constexpr std::string_view kDisconnected =
+    "the camera was disconnected; the session continues when it is connected again";
 // Message where this user may not open a camera's device (media*, video*) in `devices`; nothing
 // where all may be opened, or there is none. libcamera reports both as no camera.
 [[nodiscard]] std::optional<std::string> forbidden_camera_device(
@@ -40,7 +46,7 @@ inline constexpr std::string_view kFreeBandwidth =
 class Outage {
  public:
   explicit Outage(FaultCounter& faults) : faults_(faults) {}
-  // `now` is what is told as being wrong right now, where that is said shorter.
+  // `now`: a shorter text for the HUD.
   void begin(const Trouble& trouble, const std::optional<std::string>& now = std::nullopt);
   // A frame has come. True if it ended an outage.
   bool end();

@@ -8,7 +8,7 @@
 namespace penumbra {
 namespace {
 
-// Events nobody takes don't pile up.
+// Limits events that no recording takes.
 constexpr std::size_t kMostEvents = 256;
 
 }  // namespace
@@ -19,6 +19,25 @@ std::string_view name_of(CaptureFault fault) {
       "forbidden",  "wrong_format", "error_frame",  "damaged",  "gap",
       "silent_gap", "bad_time",     "slow_rate",    "no_signal"};
   return kNames[static_cast<std::size_t>(fault)];
+}
+
+std::string_view description_of(CaptureFault fault) {
+  constexpr std::array<std::string_view, kCaptureFaultCount> kDescriptions = {
+      "stream stalls",
+      "I/O errors",
+      "disconnections",
+      "requests refused by the driver",
+      "in use by another program",
+      "no permission",
+      "frames of another size or format",
+      "frames marked as bad by the driver",
+      "damaged frames",
+      "frames dropped, by the driver's numbers",
+      "frames dropped, by their times",
+      "impossible timestamps",
+      "slower frame rates",
+      "no signal"};
+  return kDescriptions[static_cast<std::size_t>(fault)];
 }
 
 void FaultCounter::count(CaptureFault fault, std::string_view detail, std::uint64_t times) {

@@ -1,4 +1,4 @@
-// What a camera did that it should not have: counted, and each kind told once.
+// Faults of a camera: each is counted, and the first of each kind is logged.
 #pragma once
 
 #include <array>
@@ -31,6 +31,9 @@ inline constexpr std::size_t kCaptureFaultCount = 14;
 
 // As in reports: "disconnected".
 [[nodiscard]] std::string_view name_of(CaptureFault fault);
+
+// For people: "frames dropped, by the driver's numbers".
+[[nodiscard]] std::string_view description_of(CaptureFault fault);
 
 struct CaptureStats {
   std::uint64_t frames = 0;     // handed out

@@ -365,11 +365,13 @@ class Stream {
   [[nodiscard]] tl::unexpected<Trouble> trouble(const char* what, int error) const {
     const CaptureFault fault = fault_of(error);
     const std::string remedy =
-        std::abs(error) == ENOSPC          ? std::string(kFreeBandwidth)
-        : fault == CaptureFault::busy      ? "another program holds it; close that one"
-        : fault == CaptureFault::forbidden ? std::string(kJoinVideoGroup)
-                                           : "unplug the camera and plug it in again, or see "
-                                             "libcamera's log (LIBCAMERA_LOG_LEVELS=*:DEBUG)";
+        std::abs(error) == ENOSPC             ? std::string(kFreeBandwidth)
+        : fault == CaptureFault::busy         ? "another program uses it; close that one"
+        : fault == CaptureFault::forbidden    ? std::string(kJoinVideoGroup)
+        : fault == CaptureFault::disconnected ? "connect the camera again"
+                                              : "see libcamera's log "
+                                                "(LIBCAMERA_LOG_LEVELS=*:DEBUG) and the kernel's "
+                                                "(dmesg)";
     return tl::unexpected<Trouble>({fault, fmt::format("libcamera:{}: {} fails: {}; {}", id(), what,
                                                        message_of(error), remedy)});
   }
@@ -424,8 +426,8 @@ class Stream {
       return tl::unexpected<Trouble>(
           {CaptureFault::wrong_format,
            fmt::format(
-               "libcamera:{}: gives {} pictures; see what it offers: penumbra devices", id(),
-               format.empty() ? "no NV12, YU12, YUYV, MJPEG, RGB or GREY" : "no " + format)});
+               "libcamera:{}: gives {} frames; choose another --format (see penumbra devices)",
+               id(), format.empty() ? "no NV12, YU12, YUYV, MJPEG, RGB or GREY" : "no " + format)});
     }
     known_ = candidates.front();
     requested.pixelFormat = known_->format;
@@ -714,10 +716,11 @@ class LibcameraSource final : public LiveSource {
     if (request == nullptr) {
       if (completed_->stopped()) return std::nullopt;
       if (completed_->disconnected()) {
-        lose_stream(CaptureFault::disconnected, "the camera is gone");
+        lose_stream(CaptureFault::disconnected, std::string(kDisconnected));
       } else {
-        lose_stream(CaptureFault::silent, fmt::format("no frame for {:.2g} s, and no error",
-                                                      1e-3 * static_cast<double>(silent.count())));
+        lose_stream(CaptureFault::silent,
+                    fmt::format("the stream stalled: no frame and no error for {:.2g} s; {}",
+                                1e-3 * static_cast<double>(silent.count()), kStreamIsRestarted));
       }
       return std::nullopt;
     }
@@ -727,7 +730,8 @@ class LibcameraSource final : public LiveSource {
     image.owner = stream_->ring().lend(index);
     if (stream_->ring().refused()) {
       image.owner.reset();
-      lose_stream(CaptureFault::refused, "libcamera does not take a request back");
+      lose_stream(CaptureFault::refused,
+                  fmt::format("libcamera refused a request; {}", kStreamIsRestarted));
       return std::nullopt;
     }
     remember_controls(request->metadata());
@@ -884,7 +888,7 @@ Result<std::vector<LibcameraCamera>> list_libcamera_cameras() {
       usable = usable || added.usable;
       for (const lc::Size& size : formats.sizes(format)) added.sizes.push_back(size.toString());
     }
-    if (!usable) about.problem = "it gives no NV12, YU12, YUYV, MJPEG, RGB or GREY pictures";
+    if (!usable) about.problem = "it gives no NV12, YU12, YUYV, MJPEG, RGB or GREY frames";
   }
   return list;
 }

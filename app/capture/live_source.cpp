@@ -58,6 +58,10 @@ void count_stamp(FaultCounter& faults, const FrameStamp& stamp, const StreamForm
   }
 }
 
+std::string_view LiveSource::damage_remedy() const {
+  return kImproveTransfer;
+}
+
 std::optional<Frame> LiveSource::decode(const CapturedImage& image) {
   Frame frame = image.frame;
   if (!image.is_jpeg()) {
@@ -65,15 +69,16 @@ std::optional<Frame> LiveSource::decode(const CapturedImage& image) {
   } else if (frame.empty()) {
     const StreamFormat stream = format();
     const ImageSize granted{stream.width, stream.height};
-    auto decoded = decode_camera_jpeg(image.jpeg, "a frame", granted, kImproveTransfer);
+    auto decoded = decode_camera_jpeg(image.jpeg, "a frame", granted, damage_remedy());
     if (!decoded) {
       faults().count_undecoded(decoded.error().message);
       return std::nullopt;
     }
     if (decoded->width != stream.width || decoded->height != stream.height) {
-      faults().count_undecoded(fmt::format("a frame is {}x{} px, the others {}x{} px",
-                                           decoded->width, decoded->height, stream.width,
-                                           stream.height));
+      faults().count_undecoded(
+          fmt::format("a JPEG of {}x{} px is skipped, as the stream is {}x{} px; choose another "
+                      "--size or --format",
+                      decoded->width, decoded->height, stream.width, stream.height));
       return std::nullopt;
     }
     frame = std::move(*decoded);

@@ -7,6 +7,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -69,6 +70,8 @@ class LiveSource : public FrameSource {
   [[nodiscard]] virtual StreamFormat format() const = 0;
   [[nodiscard]] virtual std::string description() const = 0;  // for people: device, card, format
   [[nodiscard]] virtual FaultCounter& faults() = 0;
+  // Ends the message about a damaged image.
+  [[nodiscard]] virtual std::string_view damage_remedy() const;
   // Once frames come; nothing where the camera does not say.
   [[nodiscard]] virtual std::optional<FocusReading> focus() const { return std::nullopt; }
   // The camera's controls as they are now: name -> value. By any thread.

@@ -266,8 +266,8 @@ Result<void> list_euroc(const std::filesystem::path& cam0, Recording& recording)
   return {};
 }
 
-// Drops the frames at the end that are missing or not whole: what a crash or a full disk leaves. A
-// frame missing before them is an error.
+// Drops the frames at the end that are missing or incomplete, as a crash or a full disk leaves
+// them. A frame missing before them is an error.
 Result<void> settle_pictures(Recording& recording) {
   const std::size_t listed = recording.frames.size();
   std::string first_cause;  // of the first frame that is dropped
@@ -281,9 +281,9 @@ Result<void> settle_pictures(Recording& recording) {
     } else if (recording.frames.size() > 1 &&
                (file / "").lexically_normal() ==
                    ((recording.frames.end() - 2)->file.parent_path() / "").lexically_normal()) {
-      first_cause = fmt::format("{}: is where the name was cut off", file.string());
+      first_cause = fmt::format("{}: the end of its name is missing in the listing", file.string());
     } else if (!std::filesystem::is_regular_file(file, ignored)) {
-      return fail("{}: is not a file; a recording's pictures are files", file.string());
+      return fail("{}: is not a file; a recording's frames are files", file.string());
     } else if (const auto picture = load_image(file); !picture) {
       first_cause = picture.error().message;
     } else {
@@ -292,15 +292,15 @@ Result<void> settle_pictures(Recording& recording) {
     recording.frames.pop_back();
   }
   if (recording.frames.empty()) {
-    return fail("{}; none of the {} listed frames is whole", first_cause, listed);
+    return fail("{}; none of the {} listed frames can be decoded", first_cause, listed);
   }
   for (const RecordedFrame& frame : recording.frames) {
     if (!is_missing(frame.file)) {
       if (auto readable = check_readable(frame.file); !readable) return readable;
     } else {
       return fail(
-          "{}: is listed but missing, and frames after it are there; restore it or take "
-          "its line out of the listing",
+          "{}: is listed but missing, and later frames exist; restore it, or remove its line from "
+          "the listing",
           frame.file.string());
     }
   }
@@ -317,7 +317,8 @@ Result<void> settle_video(Recording& recording) {
   if (!count) return tl::unexpected(count.error());
   const auto stored = static_cast<std::size_t>(*count);
   const std::size_t listed = recording.frames.size();
-  if (stored == 0) return fail("{}: holds 0 whole frames; record again", recording.video.string());
+  if (stored == 0)
+    return fail("{}: holds no complete frame; record or copy it again", recording.video.string());
   if (stored < listed) {
     recording.frames.resize(stored);
     recording.notices.push_back(fmt::format("{}: cut off after frame {}, {} of {} frames",

@@ -79,6 +79,7 @@ class RecordingFeed final : public LiveSource {
   }
   [[nodiscard]] StreamFormat format() const override { return format_; }
   [[nodiscard]] FaultCounter& faults() override { return faults_; }
+  [[nodiscard]] std::string_view damage_remedy() const override { return kRecordAgain; }
   [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const override {
     return {};
   }
@@ -93,7 +94,7 @@ class RecordingFeed final : public LiveSource {
   bool is_other(const std::string& what) {
     faults_.count(
         CaptureFault::wrong_format,
-        fmt::format("{}: an image of another size or format than the first ones is skipped", what));
+        fmt::format("{}: an image of another size or format than the first is skipped", what));
     return false;
   }
 
@@ -117,7 +118,7 @@ class RecordingFeed final : public LiveSource {
   // Counts a damaged frame as captured: the report lists damaged and late frames apart.
   void count_refused(const Trouble& trouble, const std::string& what) {
     const std::string text = fmt::format("{}: {}", what, trouble.message);
-    if (trouble.fault != CaptureFault::damaged) return faults_.count(trouble.fault, text);
+    if (trouble.fault != CaptureFault::damaged) return (void)is_other(what);
     faults_.count_frame();
     faults_.count_undecoded(text);
   }
@@ -137,7 +138,8 @@ class RecordingFeed final : public LiveSource {
     video_at_ = index + 1;
     auto frame = video_->next();
     if (!frame) return tl::unexpected(frame.error());
-    if (!*frame) return fail("{}: ends before frame {}", video_file_.string(), index);
+    if (!*frame)
+      return fail("{}: ends before frame {}; copy it again", video_file_.string(), index);
     return std::move(**frame);
   }
 
@@ -148,7 +150,7 @@ class RecordingFeed final : public LiveSource {
       return false;
     }
     if (format_.name == kJpegName) {
-      auto received = receive_camera_jpeg(*bytes, {format_.width, format_.height});
+      auto received = receive_camera_jpeg(*bytes, {format_.width, format_.height}, kRecordAgain);
       if (!received) {
         count_refused(received.error(), file.string());
         return false;
@@ -183,7 +185,7 @@ class RecordingFeed final : public LiveSource {
   bool stopped_ = false;  // guarded by mutex_
 };
 
-// The first frame that is whole: a camera's recording may begin with one that is not.
+// The first frame that can be decoded: a camera's recording may begin with a damaged one.
 Result<Frame> first_picture(const Recording& recording) {
   const auto& camera = recording.camera;
   const auto size = camera ? std::optional(ImageSize{camera->width(), camera->height()})
@@ -205,7 +207,9 @@ Result<Frame> first_frame(const Recording& recording) {
   if (!video) return tl::unexpected(video.error());
   auto frame = video->next();
   if (!frame) return tl::unexpected(frame.error());
-  if (!*frame) return fail("{}: holds no frame", recording.video.string());
+  if (!*frame) {
+    return fail("{}: holds no complete frame; record or copy it again", recording.video.string());
+  }
   return std::move(**frame);
 }
 

@@ -74,7 +74,9 @@ class Decoder {
 
   Result<std::optional<Frame>> next_of_video(const RecordedFrame& listed) {
     auto frame = video_->next();
-    if (frame && !*frame) return fail("{}: is missing; the file ends before it", place(listed));
+    if (frame && !*frame) {
+      return fail("{}: is missing; the file ends before it: copy it again", place(listed));
+    }
     return frame;
   }
 
@@ -87,10 +89,10 @@ class Decoder {
     if (const auto warning = clamps_.take_warning(name)) log_warning("{}", *warning);
     if (frame) return std::optional<Frame>(std::move(*frame));
     if (!of_camera_) {
-      return fail("{} (without its line in the listing a replay goes on)", frame.error().message);
+      return fail("{}, or remove its line from the listing", frame.error().message);
     }
     faults_.count(CaptureFault::damaged,
-                  fmt::format("{}; left out, as it was while recording", frame.error().message));
+                  fmt::format("{}; it is skipped, as in the live session", frame.error().message));
     return std::optional<Frame>();
   }
 
@@ -137,8 +139,8 @@ Result<std::unique_ptr<FrameSource>> open_recording_source(const Recording& reco
   const int total = static_cast<int>(recording.frames.size());
   const int last = std::min(options.last.value_or(total), total);
   if (options.first < 0 || options.first >= last) {
-    return fail("{}: frames {}:{} are none of its {} frames", recording.folder.string(),
-                options.first, options.last.value_or(total), total);
+    return fail("{}: frames {}:{} hold none of its {} frames (0 is the first)",
+                recording.folder.string(), options.first, options.last.value_or(total), total);
   }
   std::optional<VideoReader> video;
   if (!recording.video.empty()) {

@@ -251,8 +251,8 @@ struct RecordingWriter::Impl {
       if (!name) {
         if (nameless_groups.insert(pose.group).second) {
           log_warning(
-              "group '{}': can be no file's name, and its places are not recorded; give it another "
-              "in the tags' file",
+              "group '{}': its name cannot be the name of a file, so its poses are not recorded; "
+              "rename it in the tag file",
               pose.group);
         }
         return {};
@@ -313,7 +313,7 @@ struct RecordingWriter::Impl {
   void run(bool opened) {
     if (!opened) {
       if (auto made = guarded([this] { return open(); }); !made) {
-        log_warning("{}; nothing is recorded", made.error().message);
+        log_warning("{}; nothing is recorded, the session continues", made.error().message);
         const std::lock_guard lock(mutex);
         counts.error = made.error().message;
       }
@@ -330,7 +330,7 @@ struct RecordingWriter::Impl {
         if (counts.error) continue;  // the disk is full, say: what comes is let go
       }
       if (auto written = guarded([&] { return write(*item); }); !written) {
-        log_warning("{}; the recording ends here, the picture goes on", written.error().message);
+        log_warning("{}; the recording is closed, the session continues", written.error().message);
         const std::lock_guard lock(mutex);
         counts.error = written.error().message;
       }
@@ -376,15 +376,15 @@ struct RecordingWriter::Impl {
     changed.notify_one();
     if (first_dropped) {
       log_warning(
-          "{}: writing can't keep up (disk or encoder): frames are dropped from the recording "
-          "(reported once)",
+          "{}: frames are dropped from the recording, because the disk or the encoder is too slow; "
+          "record to a faster disk, with --format mjpeg, or at a smaller --size or --fps (reported "
+          "once, then counted)",
           folder.string());
     }
     if (first_line_dropped) {
       log_warning(
-          "{}: writing can't keep up (disk): poses, light and events are dropped from the "
-          "recording "
-          "too (reported once)",
+          "{}: poses, light and events are dropped from the recording, because the disk is too "
+          "slow; record to a faster disk (reported once)",
           folder.string());
     }
   }

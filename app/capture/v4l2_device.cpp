@@ -116,7 +116,7 @@ std::string v4l2_help(const fs::path& path, int error) {
           "{}: another program uses the camera; close that one (fuser -v {} names it)", name, name);
     default:
       return fmt::format(
-          "{}: the camera does not answer: {}; unplug it and plug it in again, or see the kernel's "
+          "{}: cannot be opened: {}; unplug the camera and plug it in again, or see the kernel's "
           "log (dmesg)",
           name, std::generic_category().message(error));
   }
@@ -139,7 +139,7 @@ std::string v4l2_call_help(const fs::path& path, const char* call, int error) {
     case ETIMEDOUT:
     case EILSEQ:
     case EOVERFLOW:
-      return what + "; unplug the camera and plug it in again, or try another cable or USB port";
+      return what + "; try another USB port or cable, and see the kernel's log (dmesg)";
     default:
       break;
   }

@@ -390,6 +390,16 @@ class V4l2Source final : public LiveSource {
     looked_around_.reset();
   }
 
+  void lose_stream(CaptureFault fault, const char* call, int error) {
+    if (fault == CaptureFault::disconnected) {
+      return lose_stream(fault, std::string(kDisconnected), "the camera was disconnected");
+    }
+    lose_stream(
+        fault,
+        fmt::format("the stream failed ({}: {}); {}", call, message_of(error), kStreamIsRestarted),
+        fmt::format("the stream failed: {}", message_of(error)));
+  }
+
   // The camera where it was, or where it came back: another number, perhaps another socket.
   Started<V4l2Device> find() {
     std::vector<std::filesystem::path> paths = {options_.device, path_};
@@ -417,8 +427,10 @@ class V4l2Source final : public LiveSource {
       if (const auto found = search_.find(identities)) return std::move(there[*found]);
     }
     return tl::unexpected<Trouble>(
-        first.value_or(Trouble{CaptureFault::disconnected, fmt::format("{}: is another camera now",
-                                                                       options_.device.string())}));
+        first.value_or(Trouble{CaptureFault::disconnected,
+                               fmt::format("{}: is another camera now; connect the one that was "
+                                           "used, or start again with this one",
+                                           options_.device.string())}));
   }
 
   // Whether to open every camera that there is, and not just the device where this one was: just
@@ -484,17 +496,16 @@ class V4l2Source final : public LiveSource {
     const int ready = poll(waiting.data(), waiting.size(), static_cast<int>(silent_ms));
     if (ready < 0 || waiting[1].revents != 0) return std::nullopt;
     if (ready == 0) {
-      lose_stream(
-          CaptureFault::silent,
-          fmt::format("no frame for {:.2g} s, and no error", 1e-3 * static_cast<double>(silent_ms)),
-          "the camera is silent");
+      lose_stream(CaptureFault::silent,
+                  fmt::format("the stream stalled: no frame and no error for {:.2g} s; {}",
+                              1e-3 * static_cast<double>(silent_ms), kStreamIsRestarted),
+                  "the stream stalled");
       return std::nullopt;
     }
     if (stream_->ring().refused()) {
       // A device that failed or went tells so here too, before or in place of VIDIOC_DQBUF.
       const int error = stream_->refusal();
-      lose_stream(fault_of(error),
-                  fmt::format("the driver does not take a buffer back: {}", message_of(error)));
+      lose_stream(fault_of(error), "VIDIOC_QBUF", error);
       return std::nullopt;
     }
     v4l2_buffer buffer{};
@@ -503,12 +514,14 @@ class V4l2Source final : public LiveSource {
     const int error = stream_->device()->call(VIDIOC_DQBUF, &buffer);
     if (error == EAGAIN && (waiting[0].revents & (POLLERR | POLLHUP)) == 0) return std::nullopt;
     if (error != 0) {
-      lose_stream(fault_of(error == EAGAIN ? EIO : error),
-                  fmt::format("no frames: {}", message_of(error == EAGAIN ? EIO : error)));
+      lose_stream(fault_of(error == EAGAIN ? EIO : error), "VIDIOC_DQBUF",
+                  error == EAGAIN ? EIO : error);
       return std::nullopt;
     }
     if (buffer.index >= stream_->ring().size()) {
-      lose_stream(CaptureFault::io_error, "the driver names a buffer that there is not");
+      lose_stream(
+          CaptureFault::io_error,
+          fmt::format("the driver returned a buffer that does not exist; {}", kStreamIsRestarted));
       return std::nullopt;
     }
     return receive(buffer);

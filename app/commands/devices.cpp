@@ -62,7 +62,7 @@ Result<ExitCode> list_devices() {
     if (const auto problem = input_problem(*device)) fmt::print("  {}\n", *problem);
     const auto formats = device->formats();
     if (std::ranges::none_of(formats, reads_v4l2_format, &V4l2Format::fourcc)) {
-      fmt::print("  can't be used: it gives no NV12, YU12, YUYV, MJPEG or GREY pictures\n");
+      fmt::print("  can't be used: it gives no NV12, YU12, YUYV, MJPEG or GREY frames\n");
     }
     for (const V4l2Format& format : formats) {
       const bool read = reads_v4l2_format(format.fourcc);

@@ -40,7 +40,8 @@ class RecordedFeed final : public StudyFeed {
       }
       return std::optional<StudyPicture>(std::move(picture));
     }
-    return fail("{}: has no frame", recording_.folder.string());
+    return fail("{}: holds no frame that can be decoded; record or copy it again",
+                recording_.folder.string());
   }
   void rewind() override { source_.reset(); }
   [[nodiscard]] bool waits() const override { return true; }
@@ -68,7 +69,7 @@ class CameraFeed final : public StudyFeed {
     std::optional<Frame> frame = newest_.take(kPatience);
     if (!frame && finished) {
       if (const auto error = newest_.error()) return tl::unexpected(*error);
-      return fail("{}: gives no more pictures", source_->description());
+      return fail("{}: the stream ended; check the camera's connection", source_->description());
     }
     if (!frame) return std::optional<StudyPicture>();
     const std::int64_t time_ns = frame->timestamp_ns;

@@ -375,7 +375,7 @@ TEST(Live, ARecordingThatCouldNotBeWrittenIsAFailureAndThePictureGoesOn) {
   const auto done =
       with_files_up_to(kLessThanAFrame, live({"--duration", "1", "--record", session}));
   EXPECT_EQ(done.exit_code, 1);
-  EXPECT_NE(done.err.find("the recording ends here, the picture goes on"), std::string::npos)
+  EXPECT_NE(done.err.find("the recording is closed, the session continues"), std::string::npos)
       << done.err;
   const std::string last = test::lines_of(done.err).back();
   EXPECT_NE(last.find(session), std::string::npos) << done.err;
@@ -391,7 +391,7 @@ TEST(Live, WhatCannotBeWrittenDoesNotTakeTheRestWithIt) {
     EXPECT_EQ(done.exit_code, 1);
     const std::string last = test::lines_of(done.err).back();
     EXPECT_NE(last.find(path("out.mkv")), std::string::npos) << done.err;
-    EXPECT_NE(done.err.find("it ends here"), std::string::npos) << done.err;
+    EXPECT_NE(done.err.find("this output is closed"), std::string::npos) << done.err;
     const auto kept = count_video_frames(path("out.mkv"));
     ASSERT_TRUE(kept) << "what was written before is there; " << kept.error().message;
     EXPECT_GT(*kept, 0);

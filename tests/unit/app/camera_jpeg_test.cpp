@@ -207,6 +207,10 @@ TEST(CameraJpegGate, ARecordingAsACameraSkipsHalfImages) {
   const auto frame = (*feed)->next();
   ASSERT_TRUE(frame && *frame);
   EXPECT_NE((*frame)->sequence % 4, 0U);
+  EXPECT_THAT((*feed)->faults().take_events(),
+              testing::Contains(
+                  testing::Field(&FaultCounter::Event::detail,
+                                 AllOf(HasSubstr("000000.jpg"), HasSubstr("copy it again")))));
   // On a busy machine the recording may have begun again.
   EXPECT_GE((*feed)->faults().stats().of(CaptureFault::damaged), 1U);
 }

@@ -35,7 +35,7 @@ HudState busy_state() {
   state.latency_ms = 48.2;
   state.frames_dropped = 3;
   state.faults = {{"silent", 2}, {"gap", 14}};
-  state.trouble = "no frame for 0.8 s";
+  state.trouble = "the stream stalled";
   state.recording = HudRecording{"session", 512, 2, std::nullopt};
   state.nodes = {{"layers on the table", {}}};
   state.skipped = {{"object_out_of_view", "rotor: outside the view"}};
@@ -55,7 +55,7 @@ TEST(HudWords, TheAgeOfAPictureStandsInPlaceOfItsLatency) {
   EXPECT_EQ(age_in_words(state), "latency 48 ms");
   EXPECT_TRUE(warnings_of(state).empty());
   state.silent_s = 3.21;
-  EXPECT_EQ(age_in_words(state), "the picture is 3.2 s old");
+  EXPECT_EQ(age_in_words(state), "the frame is 3.2 s old");
   EXPECT_EQ(warnings_of(state).size(), 1U);
   state.recording = HudRecording{"session", 26, 0, std::nullopt};
   EXPECT_EQ(recording_in_words(*state.recording), "REC session   26 frames");

@@ -482,5 +482,18 @@ TEST(ProgressText, FillsUp) {
   EXPECT_EQ(progress_text(10, 10, 500.0).substr(0, 32), "[" + std::string(30, '#') + "]");
 }
 
+TEST(RunReport, TableDescribesCameraFaultsAndDroppedLogLines) {
+  RunReport report;
+  report.camera_faults = {{"damaged", 3}, {"gap", 12}, {"restarts", 1}};
+  report.log_lines_dropped = 7;
+  const std::string table = report_table(report);
+  EXPECT_NE(table.find("camera: damaged frames: 3 (damaged)\n"), std::string::npos) << table;
+  EXPECT_NE(table.find("camera: frames dropped, by the driver's numbers: 12 (gap)\n"),
+            std::string::npos)
+      << table;
+  EXPECT_NE(table.find("camera: restarts of the stream: 1 (restarts)\n"), std::string::npos);
+  EXPECT_NE(table.find("log: 7 lines dropped"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace penumbra
