@@ -597,7 +597,7 @@ std::string left_out_lines(const std::map<std::string, std::int64_t>& tags, std:
   return text;
 }
 
-// Whether no frame was tracked, mostly since the tags that were read agree with no pose.
+// Returns true if no frame was tracked, mostly because no pose fits the detected tags.
 bool tags_fit_no_pose(const RunReport& report) {
   if (report.frames_tracked > 0 || report.reasons.empty()) return false;
   const std::string& reason = report.reasons.front().first;

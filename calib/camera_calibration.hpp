@@ -99,7 +99,7 @@ struct CameraCalibration {
   std::vector<CalibrationPicture> pictures;
   std::vector<ModelTrial> trials;
   std::optional<double> held_out_px;
-  // Of chessboards: advice where most images show a board of another size than the target file has.
+  // Advice if most images show a chessboard of another size than the target file has.
   std::optional<std::string> other_board;
   UncertaintyMap uncertainty;
   std::optional<TableVolumeUncertainty> table;

@@ -27,7 +27,7 @@ namespace penumbra {
 // name.
 struct LoadedCamera {
   CameraModel camera;
-  // What was assumed, and what is likely wrong: one line each, with the file's name.
+  // Assumptions and implausible values: one line each, with the file's name.
   std::vector<std::string> warnings;
 };
 // `name`: which camera of a file that holds several; empty: the only one. Fails, with the names

@@ -30,7 +30,7 @@ inline constexpr std::string_view kJoinVideoGroup =
 inline constexpr std::string_view kFreeBandwidth =
     "its USB bus has no bandwidth left beside the other cameras on it; use --format mjpeg, a "
     "smaller --size or --fps, or a port of another USB controller";
-// What happens, and the remedy, where a stream stalls or fails.
+// Cause and remedy if a stream stalls or fails.
 inline constexpr std::string_view kStreamIsRestarted =
     "the stream is restarted; if this recurs, try another USB port or cable, and see the kernel's "
     "log (dmesg)";

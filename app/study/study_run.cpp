@@ -430,7 +430,7 @@ Result<StudyReport> run_study(const StudyRequest& request) {
                    request.pause_s);
     done = loop.run(interrupt);
   }
-  // What fails after the display is lost is its consequence.
+  // A failure after the display is lost is its consequence.
   if (auto lost = display_loss(**context)) done = tl::unexpected(*lost);
   report.trials = static_cast<int>(plan.trials.size());
   report.answered = static_cast<int>(first_open_trial(plan, file->rows()));

@@ -330,7 +330,7 @@ TEST(StandardStreams, LogReaderThatReadsAgainFindsTheNumberOfDroppedLines) {
   }
 }
 
-// What is printed waits for the terminal; the outputs do not.
+// Printing waits for the terminal; the outputs do not.
 TEST(StandardStreams, StalledTerminalDoesNotKeepOutputsFromBeingWritten) {
   const LiveSession session;
   int ends[2] = {-1, -1};

@@ -143,7 +143,7 @@ TEST(CameraJpeg, RefusesAComponentWithoutAScan) {
   }
 }
 
-// An image is refused whatever number of its scans is missing, with an end mark and without.
+// An image with any number of missing scans is refused, with an end mark and without.
 TEST(CameraJpeg, RefusesAProgressiveImageThatLacksScans) {
   for (const int components : {1, 3}) {
     test::JpegKind kind = test::jpeg_kinds()[0];
