@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <cstring>
 #include <string>
 #include <utility>
@@ -103,8 +104,13 @@ struct LosslessVideo::Impl {
   std::int64_t last_pts = -1;
 
   tl::unexpected<Error> failed(const char* what, int error) const {
-    return fail("{}: {}: {}; free some space or choose another place", name, what,
-                av_error_text(error));
+    const char* remedy = error == AVERROR(ENOMEM) ? "end other programs, or use a smaller --size"
+                                                  : "free some space or choose another place";
+    return fail("{}: {}: {}; {}", name, what, av_error_text(error), remedy);
+  }
+  tl::unexpected<Error> not_set_up(int error) const {
+    return fail("{}: the encoder cannot be set up: {}; choose another --size, or --format mjpeg",
+                name, av_error_text(error));
   }
 
   Result<void> open(const Frame& first) {
@@ -119,7 +125,8 @@ struct LosslessVideo::Impl {
     encoder.reset(avcodec_alloc_context3(codec));
     picture.reset(av_frame_alloc());
     packet.reset(av_packet_alloc());
-    if (!encoder || !picture || !packet) return fail("{}: no memory for the encoder", name);
+    if (!encoder || !picture || !packet)
+      return failed("the encoder has no memory", AVERROR(ENOMEM));
     encoder->width = first.width;
     encoder->height = first.height;
     encoder->pix_fmt = stored_format(first.format);
@@ -138,20 +145,20 @@ struct LosslessVideo::Impl {
     av_dict_set(&options, "slicecrc", "1", 0);
     error = avcodec_open2(encoder.get(), codec, &options);
     av_dict_free(&options);
-    if (error < 0) return failed("the encoder cannot be set up", error);
+    if (error < 0) return not_set_up(error);
     picture->format = encoder->pix_fmt;
     picture->width = encoder->width;
     picture->height = encoder->height;
     picture->colorspace = encoder->colorspace;
     picture->color_range = encoder->color_range;
     error = av_frame_get_buffer(picture.get(), 0);
-    if (error < 0) return failed("no memory for a picture", error);
+    if (error < 0) return failed("no memory for a frame", error);
 
     AVStream* stream = avformat_new_stream(muxer.get(), nullptr);
-    if (stream == nullptr) return fail("{}: no memory for the encoder", name);
+    if (stream == nullptr) return failed("the encoder has no memory", AVERROR(ENOMEM));
     stream->time_base = kTimeBase;
     error = avcodec_parameters_from_context(stream->codecpar, encoder.get());
-    if (error < 0) return failed("the encoder cannot be set up", error);
+    if (error < 0) return not_set_up(error);
     error = avio_open(&muxer->pb, ("file:" + name).c_str(), AVIO_FLAG_WRITE);
     if (error < 0) return failed("cannot be written", error);
     error = avformat_write_header(muxer.get(), nullptr);
@@ -197,10 +204,12 @@ Result<void> LosslessVideo::write(const Frame& frame) {
   Impl& m = *impl_;
   if (frame.format != m.format || frame.width != m.encoder->width ||
       frame.height != m.encoder->height) {
-    return fail("{}: a picture of another size or format than the first can't be stored", m.name);
+    return fail(
+        "{}: a frame of another size or format than the first cannot be stored; record again",
+        m.name);
   }
   const int error = av_frame_make_writable(m.picture.get());
-  if (error < 0) return m.failed("no memory for a picture", error);
+  if (error < 0) return m.failed("no memory for a frame", error);
   sort_samples(frame, *m.picture);
   m.last_pts = std::max(m.last_pts + 1, (frame.timestamp_ns - m.first_ns) / 1'000'000);
   m.picture->pts = m.last_pts;

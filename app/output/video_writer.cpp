@@ -1,6 +1,7 @@
 #include "app/output/video_writer.hpp"
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <cstring>
 #include <optional>
@@ -110,7 +111,7 @@ class VideoWriter final : public FrameWriter {
     picture_->color_trc = encoder_->color_trc;
     picture_->color_range = encoder_->color_range;
     error = av_frame_get_buffer(picture_.get(), 0);
-    if (error < 0) return failed("no memory for a picture", error);
+    if (error < 0) return failed("no memory for a frame", error);
     if (codec_ == VideoCodec::h264) {
       if (auto made = make_scaler(); !made) return made;
     }
@@ -132,7 +133,7 @@ class VideoWriter final : public FrameWriter {
     PENUMBRA_ASSERT(rgba.size() == static_cast<std::size_t>(format_.width) *
                                        static_cast<std::size_t>(format_.height) * 4U);
     const int error = av_frame_make_writable(picture_.get());
-    if (error < 0) return failed("no memory for a picture", error);
+    if (error < 0) return failed("no memory for a frame", error);
     if (codec_ == VideoCodec::ffv1) {
       copy_bgr(rgba);
     } else {
@@ -164,8 +165,9 @@ class VideoWriter final : public FrameWriter {
  private:
   [[nodiscard]] std::string name() const { return file_.target().string(); }
   [[nodiscard]] tl::unexpected<Error> failed(std::string_view what, int error) const {
-    return fail("{}: {}: {}; free some space or choose another place", name(), what,
-                av_error_text(error));
+    const char* remedy = error == AVERROR(ENOMEM) ? "end other programs, or use smaller frames"
+                                                  : "free some space or choose another place";
+    return fail("{}: {}: {}; {}", name(), what, av_error_text(error), remedy);
   }
 
   // Times in the encoder's clock, each at least one tick of the file's clock after the one before.
