@@ -36,6 +36,8 @@ class RunningProgram {
     close(nothing);
     unsetenv("DISPLAY");
     unsetenv("WAYLAND_DISPLAY");
+    // The tests may run under nohup, or in the background of a script.
+    for (const int number : {SIGHUP, SIGINT}) ::signal(number, SIG_DFL);
     set_up();
     execv(argv[0], argv.data());
     _exit(127);
