@@ -586,8 +586,8 @@ Result<LoadedCamera> load_camera_file(const std::filesystem::path& file, const s
     Result<CameraModel> camera = CameraModel::make(read->parameters);
     if (!camera) return fail_in(file.string(), camera.error());
     if (auto ok = check_lens(*camera); !ok) return fail_in(file.string(), ok.error());
-    if (const auto text = implausible_parameter(*camera))
-      read->warnings.push_back(fmt::format("{}: {}", file.string(), *text));
+    if (const auto implausible = implausible_parameter(*camera))
+      read->warnings.push_back(fmt::format("{}: {}", file.string(), *implausible));
     return LoadedCamera{std::move(*camera), std::move(read->warnings)};
   } catch (const std::exception& error) {  // yaml-cpp's own, should one get past the checks
     return fail("{}: is not readable as a camera file ({}); correct the file", file.string(),
