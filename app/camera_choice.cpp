@@ -3,7 +3,7 @@
 #include <utility>
 
 #include "app/logging.hpp"
-#include "core/camera_file.hpp"
+#include "core/camera/camera_file.hpp"
 
 namespace penumbra {
 

@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <string>
 
-#include "core/camera_model.hpp"
+#include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
 
 namespace penumbra {

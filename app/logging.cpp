@@ -11,7 +11,7 @@
 #include <string>
 #include <string_view>
 
-#include "core/text_encoding.hpp"
+#include "core/text/text_encoding.hpp"
 
 extern "C" {
 #include <libavutil/log.h>

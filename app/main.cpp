@@ -22,9 +22,9 @@
 #include "app/commands/options.hpp"
 #include "app/logging.hpp"
 #include "app/standard_streams.hpp"
-#include "core/spelling.hpp"
-#include "core/text.hpp"
-#include "core/text_encoding.hpp"
+#include "core/text/spelling.hpp"
+#include "core/text/text.hpp"
+#include "core/text/text_encoding.hpp"
 
 namespace {
 

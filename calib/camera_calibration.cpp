@@ -8,8 +8,8 @@
 #include <map>
 #include <utility>
 
-#include "calib/image_cells.hpp"
-#include "tracking/image_check.hpp"
+#include "calib/target/image_cells.hpp"
+#include "tracking/detection/image_check.hpp"
 
 namespace penumbra {
 namespace {

@@ -11,12 +11,12 @@
 #include <string>
 #include <vector>
 
-#include "calib/intrinsics_solver.hpp"
-#include "calib/lens_choice.hpp"
-#include "calib/table_volume.hpp"
-#include "calib/target.hpp"
-#include "calib/target_detector.hpp"
-#include "tracking/tone_estimator.hpp"
+#include "calib/solver/intrinsics_solver.hpp"
+#include "calib/solver/lens_choice.hpp"
+#include "calib/solver/table_volume.hpp"
+#include "calib/target/target.hpp"
+#include "calib/target/target_detector.hpp"
+#include "tracking/alignment/tone_estimator.hpp"
 
 namespace penumbra {
 

@@ -24,9 +24,9 @@
 #include <tl/expected.hpp>
 #include <vector>
 
-#include "core/camera_model.hpp"
+#include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
-#include "core/frame.hpp"
-#include "core/group_pose.hpp"
-#include "core/tag_map.hpp"
-#include "core/transform.hpp"
+#include "core/geometry/group_pose.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/geometry/transform.hpp"
+#include "core/image/frame.hpp"

@@ -6,4 +6,4 @@
 #include <nlohmann/json.hpp>
 
 #include "cmake/common_headers.hpp"
-#include "render/scene.hpp"
+#include "render/scene/scene.hpp"

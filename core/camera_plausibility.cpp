@@ -6,7 +6,7 @@
 #include <cmath>
 #include <span>
 
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {

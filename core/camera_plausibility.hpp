@@ -4,7 +4,7 @@
 #include <optional>
 #include <string>
 
-#include "core/camera_model.hpp"
+#include "core/camera/camera_model.hpp"
 
 namespace penumbra {
 

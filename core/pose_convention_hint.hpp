@@ -4,7 +4,7 @@
 #include <optional>
 #include <string>
 
-#include "core/pairing.hpp"
+#include "core/evaluation/pairing.hpp"
 
 namespace penumbra {
 

@@ -11,10 +11,10 @@
 #include <span>
 #include <vector>
 
-#include "core/camera_model.hpp"
-#include "core/transform.hpp"
-#include "render/scene.hpp"
-#include "render/shadow/plane_frame.hpp"
+#include "core/camera/camera_model.hpp"
+#include "core/geometry/transform.hpp"
+#include "render/scene/plane_frame.hpp"
+#include "render/scene/scene.hpp"
 
 namespace penumbra {
 

@@ -8,13 +8,13 @@
 #include <string>
 #include <vector>
 
-#include "core/camera_model.hpp"
+#include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
-#include "core/frame.hpp"
+#include "core/image/frame.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/context.hpp"
-#include "render/scene.hpp"
-#include "render/shadow/twist.hpp"
+#include "render/scene/scene.hpp"
+#include "render/shadow/layers/twist.hpp"
 #include "render/translucency.hpp"
 
 namespace penumbra {

@@ -10,9 +10,9 @@
 
 #include "core/assert.hpp"
 #include "render/camera_gl.hpp"
-#include "render/shadow/layered_penumbra.hpp"
-#include "render/shadow/light_rays.hpp"
-#include "render/shadow/projected_shadow.hpp"
+#include "render/shadow/layers/layered_penumbra.hpp"
+#include "render/shadow/projected/light_rays.hpp"
+#include "render/shadow/projected/projected_shadow.hpp"
 
 namespace penumbra {
 namespace {

@@ -7,11 +7,11 @@
 #include <string>
 #include <vector>
 
-#include "core/camera_model.hpp"
-#include "core/pose_estimate.hpp"
-#include "render/scene.hpp"
-#include "render/shadow/plane_frame.hpp"
-#include "render/shadow/shadow_volume.hpp"
+#include "core/camera/camera_model.hpp"
+#include "core/geometry/pose_estimate.hpp"
+#include "render/scene/plane_frame.hpp"
+#include "render/scene/scene.hpp"
+#include "render/shadow/volumes/shadow_volume.hpp"
 #include "render/translucency.hpp"
 
 namespace penumbra {

@@ -4,7 +4,7 @@
 #include <glm/mat3x3.hpp>
 #include <glm/vec3.hpp>
 
-#include "core/frame.hpp"
+#include "core/image/frame.hpp"
 
 namespace penumbra {
 

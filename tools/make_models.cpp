@@ -2,7 +2,7 @@
 #include <cstdio>
 #include <filesystem>
 
-#include "core/file.hpp"
+#include "core/text/file.hpp"
 #include "tools/models/bundled_models.hpp"
 #include "tools/models/glb_writer.hpp"
 

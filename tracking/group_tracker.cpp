@@ -6,12 +6,12 @@
 #include <utility>
 
 #include "core/assert.hpp"
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "core/stopwatch.hpp"
 #include "core/units.hpp"
-#include "tracking/background_search.hpp"
-#include "tracking/motion_model.hpp"
-#include "tracking/pose_refiner.hpp"
+#include "tracking/detection/background_search.hpp"
+#include "tracking/detection/pose_refiner.hpp"
+#include "tracking/motion/motion_model.hpp"
 
 namespace penumbra {
 namespace {

@@ -8,11 +8,11 @@
 #include <string>
 #include <vector>
 
-#include "core/camera_model.hpp"
+#include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
-#include "core/frame.hpp"
-#include "core/group_pose.hpp"
-#include "core/tag_map.hpp"
+#include "core/geometry/group_pose.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/image/frame.hpp"
 #include "tracking/table_tracker.hpp"
 
 namespace penumbra {

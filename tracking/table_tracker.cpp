@@ -10,13 +10,13 @@
 #include <vector>
 
 #include "core/assert.hpp"
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "core/stopwatch.hpp"
 #include "core/units.hpp"
-#include "tracking/board_pose.hpp"
-#include "tracking/motion_model.hpp"
-#include "tracking/spd6.hpp"
-#include "tracking/tag_alignment.hpp"
+#include "tracking/alignment/tag_alignment.hpp"
+#include "tracking/detection/board_pose.hpp"
+#include "tracking/motion/motion_model.hpp"
+#include "tracking/motion/spd6.hpp"
 
 namespace penumbra {
 namespace {

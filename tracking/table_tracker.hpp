@@ -7,14 +7,14 @@
 #include <string_view>
 #include <vector>
 
-#include "core/camera_model.hpp"
+#include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
-#include "core/frame.hpp"
-#include "core/group_pose.hpp"
-#include "core/pose_estimate.hpp"
-#include "core/tag_map.hpp"
-#include "tracking/tag_detector.hpp"
-#include "tracking/tag_search.hpp"
+#include "core/geometry/group_pose.hpp"
+#include "core/geometry/pose_estimate.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/image/frame.hpp"
+#include "tracking/detection/tag_detector.hpp"
+#include "tracking/detection/tag_search.hpp"
 
 namespace penumbra {
 

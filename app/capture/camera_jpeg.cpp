@@ -6,9 +6,9 @@
 #include <utility>
 
 #include "app/logging.hpp"
-#include "core/image_file.hpp"
-#include "core/jpeg_file.hpp"
-#include "core/jpeg_outline.hpp"
+#include "core/image/image_file.hpp"
+#include "core/image/jpeg_file.hpp"
+#include "core/image/jpeg_outline.hpp"
 
 namespace penumbra {
 namespace {

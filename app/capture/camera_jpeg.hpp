@@ -11,9 +11,9 @@
 
 #include "app/capture/camera_trouble.hpp"
 #include "core/error.hpp"
-#include "core/frame.hpp"
-#include "core/image_file.hpp"
-#include "core/image_view.hpp"
+#include "core/image/frame.hpp"
+#include "core/image/image_file.hpp"
+#include "core/image/image_view.hpp"
 
 namespace penumbra {
 

@@ -8,7 +8,7 @@
 #include <string>
 #include <utility>
 
-#include "app/capture/v4l2_device.hpp"
+#include "app/capture/v4l2/v4l2_device.hpp"
 
 namespace penumbra {
 

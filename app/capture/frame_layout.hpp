@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "core/frame.hpp"
+#include "core/image/frame.hpp"
 
 namespace penumbra {
 

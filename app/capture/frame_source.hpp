@@ -6,9 +6,9 @@
 #include <memory>
 #include <optional>
 
-#include "core/camera_model.hpp"
+#include "core/camera/camera_model.hpp"
 #include "core/error.hpp"
-#include "core/frame.hpp"
+#include "core/image/frame.hpp"
 #include "core/stopwatch.hpp"
 
 namespace penumbra {

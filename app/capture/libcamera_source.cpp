@@ -29,16 +29,16 @@
 #include <type_traits>
 #include <utility>
 
-#include "app/capture/buffer_ring.hpp"
 #include "app/capture/camera_jpeg.hpp"
 #include "app/capture/camera_trouble.hpp"
-#include "app/capture/dma_buf_memory.hpp"
 #include "app/capture/frame_clock.hpp"
 #include "app/capture/frame_layout.hpp"
 #include "app/capture/frame_pace.hpp"
 #include "app/capture/libcamera_versions.hpp"
+#include "app/capture/v4l2/buffer_ring.hpp"
+#include "app/capture/v4l2/dma_buf_memory.hpp"
 #include "app/logging.hpp"
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {

@@ -10,7 +10,7 @@
 #include "app/capture/live_source.hpp"
 #include "app/capture/mailbox.hpp"
 #include "core/error.hpp"
-#include "core/frame.hpp"
+#include "core/image/frame.hpp"
 
 namespace penumbra {
 

@@ -20,21 +20,21 @@
 #include <utility>
 #include <vector>
 
-#include "app/calibration_capture.hpp"
+#include "app/calibration/calibration_capture.hpp"
+#include "app/calibration/guide_window.hpp"
+#include "app/calibration/picture_source.hpp"
 #include "app/camera_choice.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
-#include "app/guide_window.hpp"
 #include "app/interrupt.hpp"
-#include "app/live_run.hpp"
 #include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/stoppable.hpp"
-#include "app/picture_source.hpp"
 #include "app/progress.hpp"
-#include "calib/calibration_report.hpp"
+#include "app/session/live_run.hpp"
 #include "calib/camera_calibration.hpp"
-#include "core/camera_file.hpp"
+#include "calib/report/calibration_report.hpp"
+#include "core/camera/camera_file.hpp"
 
 namespace penumbra {
 namespace {

@@ -11,9 +11,9 @@
 
 #include "app/capture/camera_trouble.hpp"
 #include "app/capture/libcamera_source.hpp"
-#include "app/capture/v4l2_device.hpp"
-#include "app/capture/v4l2_setup.hpp"
-#include "app/capture/v4l2_source.hpp"
+#include "app/capture/v4l2/v4l2_device.hpp"
+#include "app/capture/v4l2/v4l2_setup.hpp"
+#include "app/capture/v4l2/v4l2_source.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 

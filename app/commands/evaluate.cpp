@@ -1,6 +1,6 @@
 // penumbra evaluate: how far an estimated camera path is from the true one.
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 
 #include <fmt/format.h>
 
@@ -15,16 +15,16 @@
 #include <vector>
 
 #include "app/camera_choice.hpp"
-#include "app/capture/recording_source.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/logging.hpp"
-#include "app/run_report.hpp"
-#include "core/pairing.hpp"
+#include "app/recording/recording_source.hpp"
+#include "app/report/run_report.hpp"
+#include "core/evaluation/pairing.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/geometry/trajectory.hpp"
 #include "core/pose_convention_hint.hpp"
-#include "core/tag_map.hpp"
-#include "core/text.hpp"
-#include "core/trajectory.hpp"
+#include "core/text/text.hpp"
 #include "core/units.hpp"
 #include "tracking/group_tracker.hpp"
 

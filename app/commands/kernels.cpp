@@ -18,12 +18,12 @@
 #include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/with_progress.hpp"
-#include "core/file.hpp"
 #include "core/stopwatch.hpp"
-#include "core/text.hpp"
-#include "render/model_size.hpp"
-#include "render/shadow/kernel_glb.hpp"
-#include "render/shadow/part_groups.hpp"
+#include "core/text/file.hpp"
+#include "core/text/text.hpp"
+#include "render/model/model_size.hpp"
+#include "render/shadow/kernels/kernel_glb.hpp"
+#include "render/shadow/layers/part_groups.hpp"
 
 namespace penumbra {
 namespace {

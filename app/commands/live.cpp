@@ -10,10 +10,10 @@
 
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
-#include "app/live_run.hpp"
 #include "app/resources.hpp"
-#include "app/tags_in_use.hpp"
-#include "core/text.hpp"
+#include "app/session/live_run.hpp"
+#include "app/session/tags_in_use.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {

@@ -16,7 +16,6 @@
 #include <vector>
 
 #include "app/camera_choice.hpp"
-#include "app/capture/recording_source.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
@@ -24,10 +23,11 @@
 #include "app/output/output_file.hpp"
 #include "app/output/stoppable.hpp"
 #include "app/progress.hpp"
+#include "app/recording/recording_source.hpp"
 #include "calib/camera_calibration.hpp"
-#include "calib/tag_survey.hpp"
-#include "core/camera_file.hpp"
-#include "core/tag_map.hpp"
+#include "calib/survey/tag_survey.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/geometry/tag_map.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {

@@ -10,10 +10,10 @@
 #include "app/logging.hpp"
 #include "app/output/frame_writer.hpp"
 #include "app/output/output_file.hpp"
-#include "app/versions.hpp"
-#include "core/text.hpp"
+#include "app/report/versions.hpp"
+#include "core/text/text.hpp"
 #include "core/units.hpp"
-#include "render/model_size.hpp"
+#include "render/model/model_size.hpp"
 
 namespace penumbra {
 namespace {

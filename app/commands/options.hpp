@@ -8,11 +8,11 @@
 #include <string>
 #include <string_view>
 
-#include "app/run_outputs.hpp"
-#include "core/image_view.hpp"
-#include "core/pairing.hpp"
+#include "app/output/run_outputs.hpp"
+#include "core/evaluation/pairing.hpp"
+#include "core/image/image_view.hpp"
 #include "render/frame_plan.hpp"
-#include "render/shadow/technique.hpp"
+#include "render/scene/technique.hpp"
 #include "tracking/table_tracker.hpp"
 
 namespace CLI {
@@ -87,7 +87,7 @@ CLI::Option* add_camera_name_option(CLI::App& command, std::string& name);
 // --max-gap and --time-offset.
 void add_pairing_options(CLI::App& command, PairingOptions& pairing);
 
-// Every word that --shadow takes, from the list in render/shadow/technique.hpp.
+// Every word that --shadow takes, from the list in render/scene/technique.hpp.
 [[nodiscard]] std::string known_techniques();
 // Every word that --kernels takes, from the same place.
 [[nodiscard]] std::string known_kernels();

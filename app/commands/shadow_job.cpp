@@ -12,7 +12,7 @@
 
 #include "app/commands/options.hpp"
 #include "app/output/output_file.hpp"
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {

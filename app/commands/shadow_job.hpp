@@ -7,11 +7,11 @@
 #include <string>
 #include <vector>
 
-#include "render/model.hpp"
-#include "render/scene.hpp"
-#include "render/shadow/layered_penumbra.hpp"
-#include "render/shadow/plane_frame.hpp"
-#include "render/shadow/technique.hpp"
+#include "render/model/model.hpp"
+#include "render/scene/plane_frame.hpp"
+#include "render/scene/scene.hpp"
+#include "render/scene/technique.hpp"
+#include "render/shadow/layers/layered_penumbra.hpp"
 
 namespace penumbra {
 

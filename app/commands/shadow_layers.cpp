@@ -7,15 +7,15 @@
 
 #include "app/logging.hpp"
 #include "core/stopwatch.hpp"
-#include "render/model_size.hpp"
+#include "render/model/model_size.hpp"
 #include "render/shadow/caster.hpp"
-#include "render/shadow/cut_out.hpp"
-#include "render/shadow/fixed_light.hpp"
-#include "render/shadow/kernel_file.hpp"
-#include "render/shadow/kernel_stamp.hpp"
-#include "render/shadow/part_groups.hpp"
-#include "render/shadow/power_distance.hpp"
-#include "render/shadow/projected_shadow.hpp"
+#include "render/shadow/fields/fixed_light.hpp"
+#include "render/shadow/fields/power_distance.hpp"
+#include "render/shadow/kernels/kernel_file.hpp"
+#include "render/shadow/kernels/kernel_stamp.hpp"
+#include "render/shadow/layers/part_groups.hpp"
+#include "render/shadow/masks/cut_out.hpp"
+#include "render/shadow/projected/projected_shadow.hpp"
 
 namespace penumbra {
 namespace {

@@ -14,8 +14,8 @@
 
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
-#include "app/simulate_run.hpp"
-#include "core/text.hpp"
+#include "app/session/simulate_run.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {

@@ -16,8 +16,8 @@
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/resources.hpp"
+#include "app/session/tags_in_use.hpp"
 #include "app/study/study_run.hpp"
-#include "app/tags_in_use.hpp"
 
 namespace penumbra {
 namespace {

@@ -13,12 +13,12 @@
 #include <string_view>
 #include <vector>
 
-#include "app/capture/recording_source.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/output/output_file.hpp"
-#include "calib/target_sheet.hpp"
-#include "core/text.hpp"
+#include "app/recording/recording_source.hpp"
+#include "calib/target/target_sheet.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {

@@ -19,7 +19,7 @@
 #include <vector>
 
 #include "app/logging.hpp"
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra {
 namespace {

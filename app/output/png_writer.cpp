@@ -6,10 +6,10 @@
 #include <system_error>
 #include <vector>
 
-#include "app/capture/recording_source.hpp"
 #include "app/output/output_file.hpp"
+#include "app/recording/recording_source.hpp"
 #include "core/assert.hpp"
-#include "core/image_file.hpp"
+#include "core/image/image_file.hpp"
 
 namespace penumbra {
 namespace {

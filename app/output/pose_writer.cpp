@@ -2,8 +2,8 @@
 
 #include <utility>
 
-#include "core/text.hpp"
-#include "core/trajectory.hpp"
+#include "core/geometry/trajectory.hpp"
+#include "core/text/text.hpp"
 
 namespace penumbra {
 

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "app/output/output_file.hpp"
-#include "core/group_pose.hpp"
-#include "core/pose_estimate.hpp"
+#include "core/geometry/group_pose.hpp"
+#include "core/geometry/pose_estimate.hpp"
 
 namespace penumbra {
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "core/error.hpp"
-#include "render/shadow/layer_polygons.hpp"
+#include "render/shadow/layers/layer_polygons.hpp"
 
 namespace penumbra {
 

@@ -6,9 +6,9 @@
 #include <cstring>
 #include <optional>
 
-#include "app/capture/video_reader.hpp"
 #include "app/libav.hpp"
 #include "app/output/output_file.hpp"
+#include "app/recording/video_reader.hpp"
 #include "core/assert.hpp"
 
 extern "C" {

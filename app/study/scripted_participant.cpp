@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <utility>
 
-#include "app/manipulation.hpp"
-#include "app/pointer.hpp"
 #include "app/study/study_task.hpp"
+#include "app/window/manipulation.hpp"
+#include "app/window/pointer.hpp"
 
 namespace penumbra {
 

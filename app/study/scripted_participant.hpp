@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "app/session.hpp"
+#include "app/session/session.hpp"
 #include "app/study/study_script.hpp"
 #include "core/error.hpp"
 #include "render/gl/context.hpp"

@@ -7,9 +7,9 @@
 #include <optional>
 
 #include "app/capture/live_source.hpp"
-#include "app/capture/recording_source.hpp"
+#include "app/recording/recording_source.hpp"
 #include "core/error.hpp"
-#include "core/frame.hpp"
+#include "core/image/frame.hpp"
 
 namespace penumbra {
 

@@ -14,7 +14,7 @@
 #include <string_view>
 #include <vector>
 
-#include "render/shadow/technique.hpp"
+#include "render/scene/technique.hpp"
 
 namespace penumbra {
 

@@ -13,7 +13,7 @@
 #include <utility>
 
 #include "app/logging.hpp"
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {

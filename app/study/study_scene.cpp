@@ -4,8 +4,8 @@
 #include <numeric>
 #include <utility>
 
-#include "render/shadow/layered_penumbra.hpp"
-#include "render/shapes.hpp"
+#include "render/scene/shapes.hpp"
+#include "render/shadow/layers/layered_penumbra.hpp"
 
 namespace penumbra {
 namespace {

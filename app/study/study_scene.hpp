@@ -2,7 +2,7 @@
 #pragma once
 
 #include "app/study/study_plan.hpp"
-#include "render/scene.hpp"
+#include "render/scene/scene.hpp"
 
 namespace penumbra {
 

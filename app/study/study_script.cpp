@@ -7,7 +7,7 @@
 #include <tuple>
 #include <utility>
 
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 #include "render/gl/context.hpp"
 
 namespace penumbra {

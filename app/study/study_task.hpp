@@ -6,11 +6,11 @@
 #include <optional>
 #include <vector>
 
-#include "app/manipulation.hpp"
-#include "app/scene_edit.hpp"
+#include "app/session/scene_edit.hpp"
 #include "app/study/study_plan.hpp"
 #include "app/study/study_results.hpp"
-#include "render/scene.hpp"
+#include "app/window/manipulation.hpp"
+#include "render/scene/scene.hpp"
 
 namespace penumbra {
 

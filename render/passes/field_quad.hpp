@@ -12,8 +12,8 @@
 #include "render/gl/texture.hpp"
 #include "render/passes/translucent_program.hpp"
 #include "render/passes/unit_grids.hpp"
-#include "render/shadow/own_frame.hpp"
-#include "render/shadow/power_distance.hpp"
+#include "render/shadow/fields/power_distance.hpp"
+#include "render/shadow/layers/own_frame.hpp"
 
 namespace penumbra {
 

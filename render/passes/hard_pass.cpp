@@ -12,7 +12,7 @@
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/light_uniforms.hpp"
 #include "render/shadow/caster.hpp"
-#include "render/shadow/projected_shadow.hpp"
+#include "render/shadow/projected/projected_shadow.hpp"
 
 namespace penumbra {
 Result<HardPass> HardPass::create(GlApi api, const Scene& scene, const CameraModel& camera) {

@@ -20,7 +20,7 @@
 #include "render/passes/receivers.hpp"
 #include "render/passes/shadow_pass.hpp"
 #include "render/passes/translucent_program.hpp"
-#include "render/scene.hpp"
+#include "render/scene/scene.hpp"
 #include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra {

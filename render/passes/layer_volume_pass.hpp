@@ -20,8 +20,8 @@
 #include "render/passes/receivers.hpp"
 #include "render/passes/shadow_pass.hpp"
 #include "render/passes/volume_buffers.hpp"
-#include "render/scene.hpp"
-#include "render/shadow/layer_volume.hpp"
+#include "render/scene/scene.hpp"
+#include "render/shadow/layers/layer_volume.hpp"
 
 namespace penumbra {
 

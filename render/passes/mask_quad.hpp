@@ -14,7 +14,7 @@
 #include "render/gl/texture.hpp"
 #include "render/passes/translucent_program.hpp"
 #include "render/passes/unit_grids.hpp"
-#include "render/shadow/silhouette_mask.hpp"
+#include "render/shadow/masks/silhouette_mask.hpp"
 
 namespace penumbra {
 

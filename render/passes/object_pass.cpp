@@ -13,7 +13,7 @@
 #include "core/assert.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/light_uniforms.hpp"
-#include "render/shadow/receiving_levels.hpp"
+#include "render/shadow/layers/receiving_levels.hpp"
 
 namespace penumbra {
 namespace {

@@ -22,7 +22,7 @@
 #include "render/gl/shader.hpp"
 #include "render/gl/texture.hpp"
 #include "render/passes/translucent_program.hpp"
-#include "render/scene.hpp"
+#include "render/scene/scene.hpp"
 
 namespace penumbra {
 

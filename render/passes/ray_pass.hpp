@@ -8,14 +8,14 @@
 #include <map>
 #include <vector>
 
-#include "core/camera_model.hpp"
+#include "core/camera/camera_model.hpp"
 #include "render/camera_gl.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/framebuffer.hpp"
 #include "render/passes/translucent_program.hpp"
-#include "render/scene.hpp"
-#include "render/shadow/light_rays.hpp"
+#include "render/scene/scene.hpp"
+#include "render/shadow/projected/light_rays.hpp"
 
 namespace penumbra {
 

@@ -20,7 +20,7 @@
 #include "render/passes/object_pass.hpp"
 #include "render/passes/receivers.hpp"
 #include "render/passes/shadow_pass.hpp"
-#include "render/shadow/receiving_levels.hpp"
+#include "render/shadow/layers/receiving_levels.hpp"
 
 namespace penumbra {
 

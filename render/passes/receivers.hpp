@@ -11,7 +11,7 @@
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/shader.hpp"
-#include "render/scene.hpp"
+#include "render/scene/scene.hpp"
 
 namespace penumbra {
 

@@ -6,8 +6,8 @@
 #include <optional>
 #include <vector>
 
-#include "core/camera_model.hpp"
-#include "core/frame.hpp"
+#include "core/camera/camera_model.hpp"
+#include "core/image/frame.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/passes/video_pass.hpp"

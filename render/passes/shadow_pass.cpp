@@ -17,10 +17,10 @@
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/object_pass.hpp"
 #include "render/shadow/caster.hpp"
-#include "render/shadow/cut_out.hpp"
-#include "render/shadow/fixed_light.hpp"
-#include "render/shadow/kernel_file.hpp"
-#include "render/shadow/kernel_stamp.hpp"
+#include "render/shadow/fields/fixed_light.hpp"
+#include "render/shadow/kernels/kernel_file.hpp"
+#include "render/shadow/kernels/kernel_stamp.hpp"
+#include "render/shadow/masks/cut_out.hpp"
 
 namespace penumbra {
 namespace {

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/frame.hpp"
+#include "core/image/frame.hpp"
 #include "render/gl/shader.hpp"
 #include "render/translucency.hpp"
 

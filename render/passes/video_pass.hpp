@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-#include "core/frame.hpp"
+#include "core/image/frame.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/context.hpp"
 #include "render/gl/imported_texture.hpp"

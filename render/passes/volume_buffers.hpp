@@ -7,7 +7,7 @@
 #include "render/camera_gl.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/shader.hpp"
-#include "render/shadow/shadow_volume.hpp"
+#include "render/shadow/volumes/shadow_volume.hpp"
 
 namespace penumbra {
 

@@ -24,8 +24,8 @@
 #include "render/passes/shadow_pass.hpp"
 #include "render/passes/translucent_program.hpp"
 #include "render/passes/volume_buffers.hpp"
-#include "render/scene.hpp"
-#include "render/shadow/shadow_volume.hpp"
+#include "render/scene/scene.hpp"
+#include "render/shadow/volumes/shadow_volume.hpp"
 
 namespace penumbra {
 

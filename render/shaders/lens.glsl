@@ -1,5 +1,5 @@
 // Camera frame (x right, y down, z forward, metres) -> clip coordinates, through the lens: the same
-// formulas as core/camera_model.hpp. Row 0 of the framebuffer is the picture's top row.
+// formulas as core/camera/camera_model.hpp. Row 0 of the framebuffer is the picture's top row.
 uniform vec4 lens_scale_offset;  // normalised distorted (x, y) -> NDC: xy scale, zw offset
 uniform vec4 lens_k_low;         // k1 k2 p1 p2; fisheye: k1 k2 k3 k4
 uniform vec4 lens_k_high;        // k3 k4 k5 k6

@@ -1,5 +1,5 @@
 // A caster's vertex -> its place on the plane in one layer (Layered Penumbrae, section 3): the same
-// formulas as render/shadow/layered_penumbra.hpp, written with 1/H so that a light at the zenith
+// formulas as render/shadow/layers/layered_penumbra.hpp, written with 1/H so that a light at the zenith
 // (H = inf, 1/H = 0) is no special case:
 //   q = 1 / (1 - h/H);  umbra k + (1 - h/h_u) q (x - k);  middle x + (h/H) q (x - k);
 //   penumbra x + (h/H + h/h_u) q (x - k)

@@ -5,11 +5,11 @@
 #include <span>
 #include <vector>
 
-#include "render/scene.hpp"
-#include "render/shadow/layered_penumbra.hpp"
-#include "render/shadow/plane_frame.hpp"
-#include "render/shadow/power_distance.hpp"
-#include "render/shadow/shadow_kernels.hpp"
+#include "render/scene/plane_frame.hpp"
+#include "render/scene/scene.hpp"
+#include "render/shadow/fields/power_distance.hpp"
+#include "render/shadow/kernels/shadow_kernels.hpp"
+#include "render/shadow/layers/layered_penumbra.hpp"
 
 namespace penumbra {
 

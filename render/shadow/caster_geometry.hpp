@@ -6,8 +6,8 @@
 #include <glm/vec3.hpp>
 #include <vector>
 
-#include "render/shadow/layered_penumbra.hpp"
-#include "render/shadow/shadow_kernels.hpp"
+#include "render/shadow/kernels/shadow_kernels.hpp"
+#include "render/shadow/layers/layered_penumbra.hpp"
 #include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra {

@@ -7,9 +7,9 @@
 #include <limits>
 #include <numeric>
 
-#include "render/shadow/cut_out.hpp"
-#include "render/shadow/kernel_stamp.hpp"
-#include "render/shadow/part_groups.hpp"
+#include "render/shadow/kernels/kernel_stamp.hpp"
+#include "render/shadow/layers/part_groups.hpp"
+#include "render/shadow/masks/cut_out.hpp"
 
 namespace penumbra {
 

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "render/model.hpp"
+#include "render/model/model.hpp"
 
 namespace penumbra {
 

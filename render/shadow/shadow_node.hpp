@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "render/scene.hpp"
+#include "render/scene/scene.hpp"
 
 namespace penumbra {
 

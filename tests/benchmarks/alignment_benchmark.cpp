@@ -22,18 +22,18 @@
 #include <string>
 #include <vector>
 
-#include "core/camera_file.hpp"
-#include "core/evaluation.hpp"
-#include "core/image_file.hpp"
-#include "core/tag_map.hpp"
-#include "core/trajectory.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/evaluation/evaluation.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/geometry/trajectory.hpp"
+#include "core/image/image_file.hpp"
 #include "core/units.hpp"
-#include "tracking/motion_model.hpp"
-#include "tracking/pose_refiner.hpp"
-#include "tracking/pose_solver.hpp"
-#include "tracking/tag_alignment.hpp"
-#include "tracking/tag_detector.hpp"
-#include "tracking/tone_estimator.hpp"
+#include "tracking/alignment/tag_alignment.hpp"
+#include "tracking/alignment/tone_estimator.hpp"
+#include "tracking/detection/pose_refiner.hpp"
+#include "tracking/detection/pose_solver.hpp"
+#include "tracking/detection/tag_detector.hpp"
+#include "tracking/motion/motion_model.hpp"
 
 namespace {
 

@@ -18,11 +18,11 @@
 #include <string>
 #include <vector>
 
-#include "app/picture_source.hpp"
+#include "app/calibration/picture_source.hpp"
 #include "calib/camera_calibration.hpp"
-#include "calib/target.hpp"
-#include "calib/target_detector.hpp"
-#include "core/camera_file.hpp"
+#include "calib/target/target.hpp"
+#include "calib/target/target_detector.hpp"
+#include "core/camera/camera_file.hpp"
 #include "support/opencv_calibration.hpp"
 #include "support/recording_folder.hpp"
 

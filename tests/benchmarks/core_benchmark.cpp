@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "core/camera_model.hpp"
+#include "core/camera/camera_model.hpp"
 
 namespace penumbra {
 namespace {

@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "support/random_session.hpp"
 #include "tracking/table_tracker.hpp"
 

@@ -1,5 +1,5 @@
-// Whether the constants of automatic kernels (render/shadow/kernel_tuning.hpp) lie on plateaus:
-// each is varied alone over silhouettes made at random, none of them a test's.
+// Whether the constants of automatic kernels (render/shadow/kernels/kernel_tuning.hpp) lie on
+// plateaus: each is varied alone over silhouettes made at random, none of them a test's.
 //
 //   kernel_constants_benchmark [SHAPES]      (default: 400)
 //   scripts/benchmark --only kernel_constants
@@ -21,9 +21,9 @@
 #include <vector>
 
 #include "render/shadow/caster.hpp"
-#include "render/shadow/coverage.hpp"
-#include "render/shadow/kernel_tuning.hpp"
-#include "render/shadow/power_distance.hpp"
+#include "render/shadow/fields/power_distance.hpp"
+#include "render/shadow/kernels/kernel_tuning.hpp"
+#include "render/shadow/layers/coverage.hpp"
 #include "support/shapes.hpp"
 
 namespace penumbra {

@@ -19,7 +19,7 @@
 #include <string>
 #include <vector>
 
-#include "app/capture/recording_source.hpp"
+#include "app/recording/recording_source.hpp"
 #include "benchmarks/peers/comparison.hpp"
 #include "benchmarks/synthetic_trials.hpp"
 #include "support/visibility.hpp"

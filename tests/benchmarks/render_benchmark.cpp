@@ -11,7 +11,7 @@
 #include <optional>
 #include <string>
 
-#include "app/capture/recording_source.hpp"
+#include "app/recording/recording_source.hpp"
 #include "core/units.hpp"
 #include "render/compositor.hpp"
 #include "support/paths.hpp"

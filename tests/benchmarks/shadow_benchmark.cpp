@@ -18,11 +18,11 @@
 
 #include "models/glb_writer.hpp"
 #include "render/shadow/caster.hpp"
-#include "render/shadow/coverage.hpp"
-#include "render/shadow/kernel_tuning.hpp"
-#include "render/shadow/layer_polygons.hpp"
-#include "render/shadow/layer_update.hpp"
-#include "render/shadow/power_distance.hpp"
+#include "render/shadow/fields/power_distance.hpp"
+#include "render/shadow/kernels/kernel_tuning.hpp"
+#include "render/shadow/layers/coverage.hpp"
+#include "render/shadow/layers/layer_polygons.hpp"
+#include "render/shadow/layers/layer_update.hpp"
 #include "support/kernel_quality.hpp"
 #include "support/shapes.hpp"
 

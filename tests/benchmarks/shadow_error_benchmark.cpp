@@ -24,12 +24,12 @@
 #include <vector>
 
 #include "models/glb_writer.hpp"
-#include "render/model.hpp"
+#include "render/model/model.hpp"
 #include "render/shadow/caster.hpp"
-#include "render/shadow/fixed_light.hpp"
-#include "render/shadow/layer_update.hpp"
-#include "render/shadow/power_distance.hpp"
-#include "render/shadow/shadow_proxy.hpp"
+#include "render/shadow/fields/fixed_light.hpp"
+#include "render/shadow/fields/power_distance.hpp"
+#include "render/shadow/kernels/shadow_proxy.hpp"
+#include "render/shadow/layers/layer_update.hpp"
 #include "support/paths.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"

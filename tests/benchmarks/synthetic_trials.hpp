@@ -11,10 +11,10 @@
 #include <span>
 #include <vector>
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "core/stopwatch.hpp"
 #include "support/synthetic_board.hpp"
-#include "tracking/tag_alignment.hpp"
+#include "tracking/alignment/tag_alignment.hpp"
 
 namespace penumbra::test {
 

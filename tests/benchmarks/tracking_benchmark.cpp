@@ -12,14 +12,14 @@
 #include <random>
 #include <vector>
 
-#include "app/capture/recording_source.hpp"
-#include "core/evaluation.hpp"
+#include "app/recording/recording_source.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "core/units.hpp"
 #include "support/paths.hpp"
 #include "support/synthetic_board.hpp"
-#include "tracking/pattern_renderer.hpp"
+#include "tracking/alignment/pattern_renderer.hpp"
+#include "tracking/detection/tag_detector.hpp"
 #include "tracking/table_tracker.hpp"
-#include "tracking/tag_detector.hpp"
 
 namespace penumbra {
 namespace {

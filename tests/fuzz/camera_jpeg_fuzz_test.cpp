@@ -10,7 +10,7 @@
 #include <jpeglib.h>
 
 #include "app/capture/camera_jpeg.hpp"
-#include "core/jpeg_outline.hpp"
+#include "core/image/jpeg_outline.hpp"
 #include "support/jpeg_images.hpp"
 #include "support/mutate.hpp"
 #include "support/same_pixels.hpp"

@@ -6,8 +6,8 @@
 #include <random>
 #include <string>
 
-#include "render/model.hpp"
-#include "render/scene.hpp"
+#include "render/model/model.hpp"
+#include "render/scene/scene.hpp"
 #include "support/gltf_builder.hpp"
 #include "support/paths.hpp"
 #include "support/textured_glb.hpp"

@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <numeric>
 
-#include "core/image_file.hpp"
+#include "core/image/image_file.hpp"
 #include "support/mutate.hpp"
 #include "support/recording_folder.hpp"
 

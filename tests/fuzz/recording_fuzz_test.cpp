@@ -4,9 +4,9 @@
 #include <array>
 #include <cmath>
 
-#include "app/capture/recording_source.hpp"
-#include "core/camera_file.hpp"
-#include "core/sensor_file.hpp"
+#include "app/recording/recording_source.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/camera/sensor_file.hpp"
 #include "support/mutate.hpp"
 #include "support/recording_folder.hpp"
 #include "support/video_file.hpp"

@@ -5,7 +5,7 @@
 #include <random>
 #include <string>
 
-#include "render/scene.hpp"
+#include "render/scene/scene.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

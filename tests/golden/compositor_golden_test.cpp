@@ -11,9 +11,9 @@
 #include <optional>
 #include <set>
 
-#include "core/camera_file.hpp"
-#include "core/image_file.hpp"
-#include "core/trajectory.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/geometry/trajectory.hpp"
+#include "core/image/image_file.hpp"
 #include "render/passes/rectified_video.hpp"
 #include "support/golden.hpp"
 #include "support/run_program.hpp"

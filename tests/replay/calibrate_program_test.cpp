@@ -19,18 +19,18 @@
 #include <thread>
 
 #include "calib/camera_calibration.hpp"
-#include "calib/target.hpp"
-#include "core/camera_file.hpp"
-#include "core/image_file.hpp"
+#include "calib/target/target.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/image/image_file.hpp"
 #include "core/stopwatch.hpp"
-#include "core/tag_map.hpp"
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 #include "support/paths.hpp"
 #include "support/recording_folder.hpp"
 #include "support/run_program.hpp"
 #include "support/running_program.hpp"
 #include "support/synthetic_board.hpp"
-#include "tracking/pattern_renderer.hpp"
+#include "tracking/alignment/pattern_renderer.hpp"
 
 namespace penumbra {
 namespace {

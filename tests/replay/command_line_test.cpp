@@ -4,8 +4,8 @@
 
 #include <Eigen/Geometry>
 
-#include "core/trajectory.hpp"
-#include "render/shadow/technique.hpp"
+#include "core/geometry/trajectory.hpp"
+#include "render/scene/technique.hpp"
 #include "replay_support.hpp"
 
 namespace penumbra::test {

@@ -6,9 +6,9 @@
 #include <array>
 #include <fstream>
 
-#include "app/capture/video_reader.hpp"
 #include "app/output/pane_grid.hpp"
-#include "core/image_file.hpp"
+#include "app/recording/video_reader.hpp"
+#include "core/image/image_file.hpp"
 #include "replay/replay_support.hpp"
 #include "support/textured_glb.hpp"
 

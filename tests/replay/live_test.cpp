@@ -6,11 +6,11 @@
 #include <filesystem>
 #include <thread>
 
-#include "app/capture/video_reader.hpp"
-#include "core/camera_file.hpp"
-#include "core/evaluation.hpp"
-#include "core/image_file.hpp"
-#include "core/trajectory.hpp"
+#include "app/recording/video_reader.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/evaluation/evaluation.hpp"
+#include "core/geometry/trajectory.hpp"
+#include "core/image/image_file.hpp"
 #include "replay/replay_support.hpp"
 #include "support/recording_folder.hpp"
 

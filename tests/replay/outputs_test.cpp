@@ -12,9 +12,9 @@
 #include <thread>
 
 #include "app/study/study_results.hpp"
-#include "core/camera_file.hpp"
-#include "core/image_file.hpp"
-#include "core/tag_map.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/image/image_file.hpp"
 #include "replay_support.hpp"
 #include "support/deep_png.hpp"
 #include "support/recording_folder.hpp"

@@ -7,8 +7,8 @@
 #include <filesystem>
 #include <thread>
 
-#include "app/capture/video_reader.hpp"
-#include "core/trajectory.hpp"
+#include "app/recording/video_reader.hpp"
+#include "core/geometry/trajectory.hpp"
 #include "replay/replay_support.hpp"
 #include "support/recording_folder.hpp"
 

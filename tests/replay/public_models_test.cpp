@@ -12,7 +12,7 @@
 #include <regex>
 #include <sstream>
 
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 #include "replay_support.hpp"
 
 namespace penumbra::test {

@@ -12,8 +12,8 @@
 #include <random>
 #include <thread>
 
-#include "app/capture/recording_source.hpp"
-#include "core/trajectory.hpp"
+#include "app/recording/recording_source.hpp"
+#include "core/geometry/trajectory.hpp"
 #include "replay/replay_support.hpp"
 #include "support/running_program.hpp"
 #include "support/stress_form.hpp"

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "render/shadow/plane_frame.hpp"
+#include "render/scene/plane_frame.hpp"
 #include "support/kernel_quality.hpp"
 #include "support/run_program.hpp"
 #include "support/shadow_cases.hpp"

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <numeric>
 
-#include "core/image_file.hpp"
-#include "core/trajectory.hpp"
+#include "core/geometry/trajectory.hpp"
+#include "core/image/image_file.hpp"
 #include "core/units.hpp"
 #include "replay_support.hpp"
 #include "support/recording_folder.hpp"

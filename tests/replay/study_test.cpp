@@ -19,9 +19,9 @@
 #include "app/study/study_plan.hpp"
 #include "app/study/study_results.hpp"
 #include "app/study/study_statistics.hpp"
-#include "core/camera_file.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/geometry/trajectory.hpp"
 #include "core/stopwatch.hpp"
-#include "core/trajectory.hpp"
 #include "replay/replay_support.hpp"
 #include "support/running_program.hpp"
 

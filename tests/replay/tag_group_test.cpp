@@ -7,9 +7,9 @@
 #include <numbers>
 #include <regex>
 
-#include "core/image_file.hpp"
-#include "core/tag_map.hpp"
-#include "core/trajectory.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/geometry/trajectory.hpp"
+#include "core/image/image_file.hpp"
 #include "core/units.hpp"
 #include "replay_support.hpp"
 #include "support/recording_folder.hpp"

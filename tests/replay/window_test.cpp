@@ -7,7 +7,7 @@
 #include <cstdlib>
 #include <filesystem>
 
-#include "core/image_file.hpp"
+#include "core/image/image_file.hpp"
 #include "replay/replay_support.hpp"
 #include "support/replay_tracking.hpp"
 

@@ -1,9 +1,9 @@
 // Real photographs: no worse than OpenCV on the same corners, and better on views held out.
 #include <gtest/gtest.h>
 
-#include "app/picture_source.hpp"
-#include "calib/target.hpp"
-#include "calib/target_detector.hpp"
+#include "app/calibration/picture_source.hpp"
+#include "calib/target/target.hpp"
+#include "calib/target/target_detector.hpp"
 #include "support/opencv_calibration.hpp"
 #include "support/paths.hpp"
 

@@ -11,8 +11,8 @@
 #include <fstream>
 #include <string>
 
-#include "app/live_run.hpp"
-#include "core/camera_file.hpp"
+#include "app/session/live_run.hpp"
+#include "core/camera/camera_file.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

@@ -8,11 +8,11 @@
 #include <random>
 
 #include "render/shadow/caster_geometry.hpp"
-#include "render/shadow/fixed_light.hpp"
-#include "render/shadow/layer_polygons.hpp"
-#include "render/shadow/layer_update.hpp"
-#include "render/shadow/projected_shadow.hpp"
-#include "render/shadow/twist.hpp"
+#include "render/shadow/fields/fixed_light.hpp"
+#include "render/shadow/layers/layer_polygons.hpp"
+#include "render/shadow/layers/layer_update.hpp"
+#include "render/shadow/layers/twist.hpp"
+#include "render/shadow/projected/projected_shadow.hpp"
 #include "support/kernel_reach.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "support/group_stage.hpp"
 #include "support/stress_form.hpp"
 #include "tracking/group_tracker.hpp"

@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "support/random_session.hpp"
 #include "support/stress_form.hpp"
 #include "support/tracked_session.hpp"

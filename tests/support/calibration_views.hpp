@@ -6,8 +6,8 @@
 #include <random>
 #include <vector>
 
-#include "calib/intrinsics_solver.hpp"
-#include "core/camera_model.hpp"
+#include "calib/solver/intrinsics_solver.hpp"
+#include "core/camera/camera_model.hpp"
 #include "support/cameras.hpp"
 
 namespace penumbra::test {

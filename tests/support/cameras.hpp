@@ -1,7 +1,7 @@
 // Cameras for tests.
 #pragma once
 
-#include "core/camera_model.hpp"
+#include "core/camera/camera_model.hpp"
 
 namespace penumbra::test {
 

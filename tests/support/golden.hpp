@@ -17,7 +17,7 @@
 #include <filesystem>
 #include <string>
 
-#include "core/image_file.hpp"
+#include "core/image/image_file.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra::test {

@@ -10,11 +10,11 @@
 #include <utility>
 #include <vector>
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "core/units.hpp"
 #include "support/random_session.hpp"
+#include "tracking/alignment/pattern_renderer.hpp"
 #include "tracking/group_tracker.hpp"
-#include "tracking/pattern_renderer.hpp"
 
 namespace penumbra::test {
 

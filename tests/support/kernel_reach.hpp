@@ -7,10 +7,10 @@
 #include <cstdint>
 #include <vector>
 
-#include "render/shadow/kernel_tuning.hpp"
-#include "render/shadow/layer_polygons.hpp"
-#include "render/shadow/plane_frame.hpp"
-#include "render/shadow/shadow_kernels.hpp"
+#include "render/scene/plane_frame.hpp"
+#include "render/shadow/kernels/kernel_tuning.hpp"
+#include "render/shadow/kernels/shadow_kernels.hpp"
+#include "render/shadow/layers/layer_polygons.hpp"
 #include "support/shadow_cases.hpp"
 
 namespace penumbra::test {

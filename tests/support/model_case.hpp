@@ -7,7 +7,7 @@
 #include <glm/geometric.hpp>
 #include <string>
 
-#include "render/model.hpp"
+#include "render/model/model.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra::test {

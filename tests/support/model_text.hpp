@@ -4,8 +4,8 @@
 #include <fstream>
 #include <string>
 
-#include "render/model.hpp"
-#include "render/to_eigen.hpp"
+#include "render/model/model.hpp"
+#include "render/model/to_eigen.hpp"
 #include "support/paths.hpp"
 
 #include <Eigen/Geometry>

@@ -6,8 +6,8 @@
 #include <optional>
 #include <vector>
 
-#include "calib/intrinsics_solver.hpp"
-#include "core/camera_model.hpp"
+#include "calib/solver/intrinsics_solver.hpp"
+#include "core/camera/camera_model.hpp"
 
 namespace penumbra::test {
 

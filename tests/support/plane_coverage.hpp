@@ -4,7 +4,7 @@
 #include <Eigen/Core>
 #include <span>
 
-#include "render/shadow/layered_penumbra.hpp"
+#include "render/shadow/layers/layered_penumbra.hpp"
 
 namespace penumbra::test {
 

@@ -11,14 +11,14 @@
 #include <string>
 #include <vector>
 
-#include "core/camera_model.hpp"
-#include "core/evaluation.hpp"
-#include "core/frame.hpp"
-#include "core/tag_map.hpp"
-#include "core/transform.hpp"
+#include "core/camera/camera_model.hpp"
+#include "core/evaluation/evaluation.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/geometry/transform.hpp"
+#include "core/image/frame.hpp"
 #include "core/units.hpp"
 #include "support/synthetic_board.hpp"
-#include "tracking/pattern_renderer.hpp"
+#include "tracking/alignment/pattern_renderer.hpp"
 
 namespace penumbra::test {
 

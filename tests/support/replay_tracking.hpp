@@ -8,11 +8,11 @@
 #include <utility>
 #include <vector>
 
-#include "core/camera_file.hpp"
-#include "core/evaluation.hpp"
-#include "core/image_file.hpp"
-#include "core/text.hpp"
-#include "core/trajectory.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/evaluation/evaluation.hpp"
+#include "core/geometry/trajectory.hpp"
+#include "core/image/image_file.hpp"
+#include "core/text/text.hpp"
 #include "tracking/table_tracker.hpp"
 
 namespace penumbra::test {

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "core/frame.hpp"
+#include "core/image/frame.hpp"
 
 namespace penumbra::test {
 

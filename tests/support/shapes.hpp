@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-#include "render/model.hpp"
+#include "render/model/model.hpp"
 
 namespace penumbra::test {
 

@@ -11,14 +11,14 @@
 #include <string>
 #include <vector>
 
-#include "core/camera_model.hpp"
-#include "core/frame.hpp"
-#include "core/pose_estimate.hpp"
+#include "core/camera/camera_model.hpp"
+#include "core/geometry/pose_estimate.hpp"
+#include "core/image/frame.hpp"
 #include "render/compositor.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/context.hpp"
-#include "render/scene.hpp"
-#include "render/shadow/layered_penumbra.hpp"
+#include "render/scene/scene.hpp"
+#include "render/shadow/layers/layered_penumbra.hpp"
 
 namespace penumbra::test {
 

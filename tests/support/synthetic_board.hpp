@@ -9,14 +9,14 @@
 #include <span>
 #include <vector>
 
-#include "core/camera_model.hpp"
-#include "core/tag_map.hpp"
-#include "core/transform.hpp"
+#include "core/camera/camera_model.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/geometry/transform.hpp"
 #include "core/units.hpp"
-#include "tracking/pattern_renderer.hpp"
-#include "tracking/pose_refiner.hpp"
-#include "tracking/se3.hpp"
-#include "tracking/tag_pattern.hpp"
+#include "tracking/alignment/pattern_renderer.hpp"
+#include "tracking/alignment/tag_pattern.hpp"
+#include "tracking/detection/pose_refiner.hpp"
+#include "tracking/motion/se3.hpp"
 
 namespace penumbra::test {
 

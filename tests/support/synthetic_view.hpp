@@ -5,11 +5,11 @@
 #include <random>
 #include <vector>
 
-#include "core/camera_model.hpp"
-#include "core/tag_map.hpp"
+#include "core/camera/camera_model.hpp"
+#include "core/geometry/tag_map.hpp"
 #include "core/units.hpp"
 #include "support/cameras.hpp"
-#include "tracking/board_pose.hpp"
+#include "tracking/detection/board_pose.hpp"
 
 namespace penumbra::test {
 

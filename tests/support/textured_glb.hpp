@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "core/image_file.hpp"
+#include "core/image/image_file.hpp"
 
 namespace penumbra::test {
 

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "support/random_session.hpp"
 #include "tracking/table_tracker.hpp"
 

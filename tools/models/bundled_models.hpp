@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "render/model.hpp"
+#include "render/model/model.hpp"
 
 namespace penumbra::models {
 

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "core/error.hpp"
-#include "render/model.hpp"
+#include "render/model/model.hpp"
 
 namespace penumbra::models {
 

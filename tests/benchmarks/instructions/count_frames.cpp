@@ -13,7 +13,7 @@
 #include <string>
 #include <string_view>
 
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 #include "counted_scene.hpp"
 
 namespace penumbra {

@@ -17,11 +17,11 @@
 #include <fstream>
 #include <string>
 
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 #include "counted_scene.hpp"
 #include "render/passes/object_pass.hpp"
 #include "render/passes/video_pass.hpp"
-#include "render/shadow/shadow_kernels.hpp"
+#include "render/shadow/kernels/shadow_kernels.hpp"
 #include "soft_shadows.hpp"
 
 namespace penumbra {

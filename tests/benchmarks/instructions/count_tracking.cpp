@@ -15,14 +15,14 @@
 #include <utility>
 #include <vector>
 
-#include "core/evaluation.hpp"
-#include "core/frame.hpp"
-#include "core/group_pose.hpp"
-#include "core/text.hpp"
+#include "core/evaluation/evaluation.hpp"
+#include "core/geometry/group_pose.hpp"
+#include "core/image/frame.hpp"
+#include "core/text/text.hpp"
 #include "support/replay_tracking.hpp"
-#include "tracking/board_pose.hpp"
+#include "tracking/detection/board_pose.hpp"
+#include "tracking/detection/tag_detector.hpp"
 #include "tracking/table_tracker.hpp"
-#include "tracking/tag_detector.hpp"
 
 namespace penumbra {
 namespace {

@@ -8,7 +8,7 @@
 #include <numbers>
 #include <string>
 
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/translucent_program.hpp"
 

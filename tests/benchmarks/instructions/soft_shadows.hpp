@@ -16,7 +16,7 @@
 #include "render/gl/buffer.hpp"
 #include "render/gl/framebuffer.hpp"
 #include "render/gl/shader.hpp"
-#include "render/shadow/plane_frame.hpp"
+#include "render/scene/plane_frame.hpp"
 #include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra::counted {

@@ -10,9 +10,9 @@
 
 #include "benchmarks/peers/peer.hpp"
 #include "core/error.hpp"
-#include "core/evaluation.hpp"
-#include "core/frame.hpp"
-#include "core/trajectory.hpp"
+#include "core/evaluation/evaluation.hpp"
+#include "core/geometry/trajectory.hpp"
+#include "core/image/frame.hpp"
 
 namespace penumbra::peers {
 

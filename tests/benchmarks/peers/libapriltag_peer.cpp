@@ -5,8 +5,8 @@
 
 #include "benchmarks/peers/peer.hpp"
 #include "core/assert.hpp"
-#include "tracking/board_pose.hpp"
-#include "tracking/tag_detector.hpp"
+#include "tracking/detection/board_pose.hpp"
+#include "tracking/detection/tag_detector.hpp"
 
 namespace penumbra::peers {
 namespace {

@@ -10,11 +10,11 @@
 #include <span>
 #include <vector>
 
-#include "core/camera_model.hpp"
-#include "core/image_view.hpp"
-#include "core/tag_map.hpp"
-#include "core/transform.hpp"
-#include "tracking/pose_solver.hpp"
+#include "core/camera/camera_model.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/geometry/transform.hpp"
+#include "core/image/image_view.hpp"
+#include "tracking/detection/pose_solver.hpp"
 
 namespace penumbra::peers {
 

@@ -6,10 +6,10 @@
 
 #include "benchmarks/peers/comparison.hpp"
 #include "benchmarks/peers/saddle_points.hpp"
-#include "calib/tag_survey.hpp"
-#include "core/image_file.hpp"
-#include "tracking/board_pose.hpp"
-#include "tracking/tag_detector.hpp"
+#include "calib/survey/tag_survey.hpp"
+#include "core/image/image_file.hpp"
+#include "tracking/detection/board_pose.hpp"
+#include "tracking/detection/tag_detector.hpp"
 
 namespace penumbra::peers {
 

@@ -10,7 +10,7 @@
 #include <optional>
 
 #include "core/assert.hpp"
-#include "tracking/tag_pattern.hpp"
+#include "tracking/alignment/tag_pattern.hpp"
 
 namespace penumbra::peers {
 namespace {

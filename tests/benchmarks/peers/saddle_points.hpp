@@ -6,9 +6,9 @@
 #include <span>
 #include <vector>
 
-#include "core/camera_model.hpp"
-#include "core/image_view.hpp"
-#include "core/tag_map.hpp"
+#include "core/camera/camera_model.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/image/image_view.hpp"
 
 namespace penumbra::peers {
 

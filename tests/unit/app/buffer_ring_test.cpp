@@ -1,4 +1,4 @@
-#include "app/capture/buffer_ring.hpp"
+#include "app/capture/v4l2/buffer_ring.hpp"
 
 #include <gtest/gtest.h>
 

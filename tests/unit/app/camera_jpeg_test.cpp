@@ -5,11 +5,11 @@
 
 #include <algorithm>
 
-#include "app/capture/recording_feed.hpp"
-#include "app/capture/recording_source.hpp"
-#include "app/capture/recording_writer.hpp"
-#include "core/file.hpp"
-#include "core/image_file.hpp"
+#include "app/recording/recording_feed.hpp"
+#include "app/recording/recording_source.hpp"
+#include "app/recording/recording_writer.hpp"
+#include "core/image/image_file.hpp"
+#include "core/text/file.hpp"
 #include "support/jpeg_images.hpp"
 #include "support/paths.hpp"
 #include "support/recording_folder.hpp"

@@ -4,7 +4,7 @@
 
 #include "app/capture/frame_layout.hpp"
 #include "app/capture/libcamera_versions.hpp"
-#include "app/capture/v4l2_source.hpp"
+#include "app/capture/v4l2/v4l2_source.hpp"
 
 namespace penumbra {
 namespace {

@@ -1,4 +1,4 @@
-#include "app/hud.hpp"
+#include "app/window/hud.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -6,7 +6,7 @@
 #include <limits>
 #include <set>
 
-#include "render/shadow/layered_penumbra.hpp"
+#include "render/shadow/layers/layered_penumbra.hpp"
 
 namespace penumbra {
 namespace {

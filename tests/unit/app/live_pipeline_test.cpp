@@ -1,5 +1,5 @@
 // The threads of a live session, with a camera of our own.
-#include "app/live_pipeline.hpp"
+#include "app/session/live_pipeline.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,9 @@
 #include <filesystem>
 #include <stdexcept>
 
-#include "app/live_recorder.hpp"
-#include "app/live_run.hpp"
-#include "core/file.hpp"
+#include "app/recording/live_recorder.hpp"
+#include "app/session/live_run.hpp"
+#include "core/text/file.hpp"
 #include "support/recording_folder.hpp"
 
 namespace penumbra {

@@ -1,4 +1,4 @@
-#include "app/capture/look_ahead.hpp"
+#include "app/recording/look_ahead.hpp"
 
 #include <gtest/gtest.h>
 

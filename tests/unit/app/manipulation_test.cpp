@@ -1,4 +1,4 @@
-#include "app/manipulation.hpp"
+#include "app/window/manipulation.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 #include <limits>
 #include <numbers>
 
-#include "render/shapes.hpp"
+#include "render/scene/shapes.hpp"
 #include "support/studio.hpp"
 
 namespace penumbra {

@@ -14,7 +14,7 @@
 #include <iterator>
 
 #include "app/output/pose_writer.hpp"
-#include "core/trajectory.hpp"
+#include "core/geometry/trajectory.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

@@ -1,5 +1,5 @@
 // The HUD drawn offscreen, with both APIs.
-#include "app/overlay.hpp"
+#include "app/window/overlay.hpp"
 
 #include <epoxy/gl.h>
 #include <gtest/gtest.h>
@@ -11,9 +11,9 @@
 #include <set>
 #include <vector>
 
-#include "core/image_file.hpp"
+#include "core/image/image_file.hpp"
 #include "render/gl/framebuffer.hpp"
-#include "render/shapes.hpp"
+#include "render/scene/shapes.hpp"
 #include "support/studio.hpp"
 
 namespace penumbra {

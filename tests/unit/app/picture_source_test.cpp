@@ -1,5 +1,5 @@
 // Images to calibrate from.
-#include "app/picture_source.hpp"
+#include "app/calibration/picture_source.hpp"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "core/file.hpp"
+#include "core/text/file.hpp"
 #include "support/deep_png.hpp"
 #include "support/paths.hpp"
 

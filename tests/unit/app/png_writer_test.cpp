@@ -6,7 +6,7 @@
 #include <fstream>
 #include <set>
 
-#include "core/image_file.hpp"
+#include "core/image/image_file.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

@@ -1,4 +1,4 @@
-#include "app/pose_smoother.hpp"
+#include "app/session/pose_smoother.hpp"
 
 #include <gtest/gtest.h>
 #include <rapidcheck.h>
@@ -9,7 +9,7 @@
 #include <numbers>
 #include <vector>
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "core/units.hpp"
 #include "support/cameras.hpp"
 #include "support/random_session.hpp"

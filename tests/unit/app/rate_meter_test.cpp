@@ -1,4 +1,4 @@
-#include "app/rate_meter.hpp"
+#include "app/report/rate_meter.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "app/capture/recording_source.hpp"
+#include "app/recording/recording_source.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,8 +8,8 @@
 #include <random>
 #include <set>
 
-#include "app/capture/video_reader.hpp"
-#include "core/image_file.hpp"
+#include "app/recording/video_reader.hpp"
+#include "core/image/image_file.hpp"
 #include "support/recording_folder.hpp"
 #include "support/video_file.hpp"
 

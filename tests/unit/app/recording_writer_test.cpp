@@ -1,4 +1,4 @@
-#include "app/capture/recording_writer.hpp"
+#include "app/recording/recording_writer.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/mman.h>
@@ -13,9 +13,9 @@
 #include <random>
 #include <thread>
 
-#include "app/capture/recording_source.hpp"
-#include "core/file.hpp"
-#include "core/text.hpp"
+#include "app/recording/recording_source.hpp"
+#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

@@ -1,4 +1,4 @@
-#include "app/run_report.hpp"
+#include "app/report/run_report.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,9 +9,9 @@
 #include <array>
 #include <nlohmann/json.hpp>
 
-#include "app/frame_range.hpp"
 #include "app/progress.hpp"
-#include "app/session_host.hpp"
+#include "app/recording/frame_range.hpp"
+#include "app/session/session_host.hpp"
 
 namespace penumbra {
 namespace {

@@ -1,4 +1,4 @@
-#include "app/scene_edit.hpp"
+#include "app/session/scene_edit.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

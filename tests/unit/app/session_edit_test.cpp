@@ -5,8 +5,8 @@
 #include <memory>
 #include <vector>
 
-#include "app/session.hpp"
-#include "render/shapes.hpp"
+#include "app/session/session.hpp"
+#include "render/scene/shapes.hpp"
 #include "support/studio.hpp"
 
 namespace penumbra {

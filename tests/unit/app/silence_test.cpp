@@ -1,4 +1,4 @@
-#include "app/silence.hpp"
+#include "app/window/silence.hpp"
 
 #include <gtest/gtest.h>
 

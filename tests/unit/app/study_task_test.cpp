@@ -9,7 +9,7 @@
 #include "app/study/scripted_participant.hpp"
 #include "app/study/study_scene.hpp"
 #include "app/study/study_script.hpp"
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 #include "support/cameras.hpp"
 #include "support/paths.hpp"
 #include "support/utf16.hpp"

@@ -1,4 +1,4 @@
-#include "app/capture/v4l2_setup.hpp"
+#include "app/capture/v4l2/v4l2_setup.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,7 +9,7 @@
 
 #include "app/capture/camera_controls.hpp"
 #include "app/capture/camera_trouble.hpp"
-#include "app/capture/v4l2_device.hpp"
+#include "app/capture/v4l2/v4l2_device.hpp"
 
 namespace penumbra {
 namespace {

@@ -1,4 +1,4 @@
-#include "app/viewer.hpp"
+#include "app/window/viewer.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,9 +6,9 @@
 #include <set>
 #include <utility>
 
-#include "app/overlay.hpp"
+#include "app/window/overlay.hpp"
 #include "render/gl/framebuffer.hpp"
-#include "render/shapes.hpp"
+#include "render/scene/shapes.hpp"
 #include "support/studio.hpp"
 
 namespace penumbra {

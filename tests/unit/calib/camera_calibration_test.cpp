@@ -13,8 +13,8 @@
 #include <random>
 #include <vector>
 
-#include "core/camera_file.hpp"
-#include "core/image_file.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/image/image_file.hpp"
 #include "support/calibration_views.hpp"
 #include "support/recording_folder.hpp"
 #include "support/synthetic_board.hpp"

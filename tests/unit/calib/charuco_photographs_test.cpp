@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "calib/camera_calibration.hpp"
-#include "core/image_file.hpp"
+#include "core/image/image_file.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

@@ -1,5 +1,5 @@
 // The solver against simulated views, where the lens is known.
-#include "calib/intrinsics_solver.hpp"
+#include "calib/solver/intrinsics_solver.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "calib/camera_calibration.hpp"
-#include "calib/image_cells.hpp"
+#include "calib/target/image_cells.hpp"
 #include "core/units.hpp"
 #include "support/calibration_views.hpp"
 

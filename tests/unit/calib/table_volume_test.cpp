@@ -1,5 +1,5 @@
 // What the covariance says of corners over the table is how far they really are off.
-#include "calib/table_volume.hpp"
+#include "calib/solver/table_volume.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,11 +7,11 @@
 #include <Eigen/Eigenvalues>
 #include <random>
 
-#include "calib/intrinsics_solver.hpp"
-#include "calib/target_sheet.hpp"
-#include "core/evaluation.hpp"
+#include "calib/solver/intrinsics_solver.hpp"
+#include "calib/target/target_sheet.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "support/calibration_views.hpp"
-#include "tracking/pose_refiner.hpp"
+#include "tracking/detection/pose_refiner.hpp"
 
 namespace penumbra {
 namespace {

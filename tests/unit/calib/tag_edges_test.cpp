@@ -1,5 +1,5 @@
 // Corners from all of a tag's edges, on pictures with a known truth.
-#include "calib/tag_edges.hpp"
+#include "calib/survey/tag_edges.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Sweeps over loose tags, with corners that are exact but for what each test does to them.
-#include "calib/tag_survey.hpp"
+#include "calib/survey/tag_survey.hpp"
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>

@@ -1,5 +1,5 @@
 // The printed sheet, measured: the PDF is rendered at 300 dpi and its tags are detected on it.
-#include "calib/target_sheet.hpp"
+#include "calib/target/target_sheet.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -11,12 +11,12 @@
 #include <limits>
 #include <utility>
 
-#include "calib/target_detector.hpp"
-#include "core/file.hpp"
-#include "core/image_file.hpp"
-#include "core/text.hpp"
+#include "calib/target/target_detector.hpp"
+#include "core/image/image_file.hpp"
+#include "core/text/file.hpp"
+#include "core/text/text.hpp"
 #include "support/paths.hpp"
-#include "tracking/tag_detector.hpp"
+#include "tracking/detection/tag_detector.hpp"
 
 namespace penumbra {
 namespace {

@@ -1,4 +1,4 @@
-#include "calib/target.hpp"
+#include "calib/target/target.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

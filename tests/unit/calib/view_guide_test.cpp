@@ -1,5 +1,5 @@
 // Views that say something new are taken, others are not.
-#include "calib/view_guide.hpp"
+#include "calib/report/view_guide.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "core/camera_file.hpp"
+#include "core/camera/camera_file.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -6,7 +6,7 @@
 #include <tuple>
 #include <utility>
 
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

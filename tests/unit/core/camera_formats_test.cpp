@@ -8,8 +8,8 @@
 #include <limits>
 #include <string>
 
-#include "core/camera_file.hpp"
-#include "core/text.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/text/text.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

@@ -1,4 +1,4 @@
-#include "core/camera_model.hpp"
+#include "core/camera/camera_model.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

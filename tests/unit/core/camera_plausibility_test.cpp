@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "core/camera_file.hpp"
-#include "core/text.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/text/text.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

@@ -1,4 +1,4 @@
-#include "core/image_file.hpp"
+#include "core/image/image_file.hpp"
 
 #include <gtest/gtest.h>
 #include <spng.h>
@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "core/file.hpp"
+#include "core/text/file.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

@@ -1,8 +1,8 @@
-#include "core/jpeg_file.hpp"
+#include "core/image/jpeg_file.hpp"
 
 #include <gtest/gtest.h>
 
-#include "core/jpeg_outline.hpp"
+#include "core/image/jpeg_outline.hpp"
 #include "support/jpeg_images.hpp"
 #include "support/same_pixels.hpp"
 

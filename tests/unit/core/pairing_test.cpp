@@ -1,4 +1,4 @@
-#include "core/pairing.hpp"
+#include "core/evaluation/pairing.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

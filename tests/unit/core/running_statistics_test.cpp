@@ -1,4 +1,4 @@
-#include "core/running_statistics.hpp"
+#include "core/evaluation/running_statistics.hpp"
 
 #include <gtest/gtest.h>
 #include <rapidcheck.h>

@@ -1,6 +1,6 @@
 // 16-bit pictures that hold fewer bits: found from their values or their sBIT chunk, one depth for
 // all of them.
-#include "core/sample_depth.hpp"
+#include "core/image/sample_depth.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "core/file.hpp"
-#include "core/image_file.hpp"
+#include "core/image/image_file.hpp"
+#include "core/text/file.hpp"
 #include "support/deep_png.hpp"
 #include "support/paths.hpp"
 

@@ -1,4 +1,4 @@
-#include "core/tag_map.hpp"
+#include "core/geometry/tag_map.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "core/text.hpp"
+#include "core/text/text.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

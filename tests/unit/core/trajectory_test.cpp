@@ -1,12 +1,12 @@
-#include "core/trajectory.hpp"
+#include "core/geometry/trajectory.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "core/pairing.hpp"
-#include "core/text.hpp"
+#include "core/evaluation/pairing.hpp"
+#include "core/text/text.hpp"
 #include "core/units.hpp"
 #include "support/paths.hpp"
 

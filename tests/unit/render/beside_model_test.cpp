@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "render/model_parts.hpp"
+#include "render/model/model_parts.hpp"
 #include "support/model_text.hpp"
 
 namespace penumbra {

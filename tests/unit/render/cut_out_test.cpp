@@ -5,8 +5,8 @@
 #include <cmath>
 #include <functional>
 
-#include "render/model.hpp"
-#include "render/shadow/cut_out.hpp"
+#include "render/model/model.hpp"
+#include "render/shadow/masks/cut_out.hpp"
 #include "render/shadow/shadow_mesh.hpp"
 #include "support/paths.hpp"
 

@@ -1,11 +1,11 @@
 // Layers of a light of one size: thin parts lose their umbra first.
-#include "render/shadow/fixed_light.hpp"
+#include "render/shadow/fields/fixed_light.hpp"
 
 #include <gtest/gtest.h>
 
 #include <limits>
 
-#include "render/shadow/layer_polygons.hpp"
+#include "render/shadow/layers/layer_polygons.hpp"
 
 namespace penumbra {
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "render/shadow/caster.hpp"
-#include "render/shadow/projected_shadow.hpp"
+#include "render/shadow/projected/projected_shadow.hpp"
 #include "support/plane_coverage.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"

@@ -11,7 +11,7 @@
 #include <random>
 #include <vector>
 
-#include "core/frame.hpp"
+#include "core/image/frame.hpp"
 #include "render/gl/imported_texture.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"

@@ -1,4 +1,4 @@
-#include "render/shadow/kernel_file.hpp"
+#include "render/shadow/kernels/kernel_file.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

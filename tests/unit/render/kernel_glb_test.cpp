@@ -6,11 +6,11 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "core/file.hpp"
-#include "core/image_file.hpp"
-#include "render/model.hpp"
-#include "render/shadow/kernel_file.hpp"
-#include "render/shadow/kernel_glb.hpp"
+#include "core/image/image_file.hpp"
+#include "core/text/file.hpp"
+#include "render/model/model.hpp"
+#include "render/shadow/kernels/kernel_file.hpp"
+#include "render/shadow/kernels/kernel_glb.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

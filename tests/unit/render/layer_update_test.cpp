@@ -1,4 +1,4 @@
-#include "render/shadow/layer_update.hpp"
+#include "render/shadow/layers/layer_update.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // Layered and simple shadows that climb by nested volumes: every pixel against the points that lie
 // under the imaginary meshes, wherever the eye is; and what may be kept or left out.
-#include "render/shadow/layer_volume.hpp"
+#include "render/shadow/layers/layer_volume.hpp"
 
 #include <gtest/gtest.h>
 
@@ -14,7 +14,7 @@
 
 #include "render/passes/shadow_pass.hpp"
 #include "render/shadow/caster.hpp"
-#include "render/shadow/kernel_direction.hpp"
+#include "render/shadow/kernels/kernel_direction.hpp"
 #include "support/beside_no_edge.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"

@@ -1,4 +1,4 @@
-#include "render/shadow/layered_penumbra.hpp"
+#include "render/shadow/layers/layered_penumbra.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

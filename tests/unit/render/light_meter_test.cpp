@@ -1,5 +1,5 @@
 // The light of a video, measured from its pixels and given to virtual objects.
-#include "render/light_meter.hpp"
+#include "render/scene/light_meter.hpp"
 
 #include <gtest/gtest.h>
 

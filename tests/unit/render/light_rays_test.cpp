@@ -1,5 +1,5 @@
 // Light rays: which vertices they go through, where they end, and that they are drawn with depth.
-#include "render/shadow/light_rays.hpp"
+#include "render/shadow/projected/light_rays.hpp"
 
 #include <gtest/gtest.h>
 

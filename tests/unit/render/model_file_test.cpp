@@ -10,9 +10,9 @@
 #include <map>
 #include <string>
 
-#include "render/model.hpp"
+#include "render/model/model.hpp"
+#include "render/scene/shapes.hpp"
 #include "render/shadow/shadow_mesh.hpp"
-#include "render/shapes.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

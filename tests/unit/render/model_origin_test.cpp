@@ -6,9 +6,9 @@
 #include <cmath>
 
 #include "render/frame_plan.hpp"
-#include "render/model_parts.hpp"
-#include "render/scene.hpp"
-#include "render/shadow/kernel_file.hpp"
+#include "render/model/model_parts.hpp"
+#include "render/scene/scene.hpp"
+#include "render/shadow/kernels/kernel_file.hpp"
 #include "render/shadow/shadow_mesh.hpp"
 #include "support/model_text.hpp"
 #include "support/shapes.hpp"

@@ -4,9 +4,9 @@
 
 #include <fstream>
 
-#include "render/model.hpp"
-#include "render/model_size.hpp"
-#include "render/scene.hpp"
+#include "render/model/model.hpp"
+#include "render/model/model_size.hpp"
+#include "render/scene/scene.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "core/image_file.hpp"
-#include "render/scene.hpp"
-#include "render/shapes.hpp"
+#include "core/image/image_file.hpp"
+#include "render/scene/scene.hpp"
+#include "render/scene/shapes.hpp"
 #include "support/edge_error.hpp"
 #include "support/paths.hpp"
 #include "support/shapes.hpp"

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "render/shadow/caster.hpp"
-#include "render/shadow/layer_polygons.hpp"
-#include "render/shadow/part_groups.hpp"
+#include "render/shadow/layers/layer_polygons.hpp"
+#include "render/shadow/layers/part_groups.hpp"
 #include "support/paths.hpp"
 #include "support/shapes.hpp"
 

@@ -8,10 +8,10 @@
 #include <limits>
 #include <random>
 
+#include "render/scene/shapes.hpp"
 #include "render/shadow/caster.hpp"
-#include "render/shadow/kernel_direction.hpp"
-#include "render/shadow/receiving_levels.hpp"
-#include "render/shapes.hpp"
+#include "render/shadow/kernels/kernel_direction.hpp"
+#include "render/shadow/layers/receiving_levels.hpp"
 #include "support/edge_error.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"

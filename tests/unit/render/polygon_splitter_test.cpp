@@ -1,5 +1,5 @@
 // Polygons become triangles of the same area.
-#include "render/polygon_splitter.hpp"
+#include "render/model/polygon_splitter.hpp"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>

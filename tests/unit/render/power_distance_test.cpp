@@ -1,4 +1,4 @@
-#include "render/shadow/power_distance.hpp"
+#include "render/shadow/fields/power_distance.hpp"
 
 #include <gtest/gtest.h>
 

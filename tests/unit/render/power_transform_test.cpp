@@ -1,4 +1,4 @@
-#include "render/shadow/power_transform.hpp"
+#include "render/shadow/fields/power_transform.hpp"
 
 #include <gtest/gtest.h>
 

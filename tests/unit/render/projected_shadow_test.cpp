@@ -1,5 +1,5 @@
 // The hard shadow of a point or parallel light, against printed examples and an exact oracle.
-#include "render/shadow/projected_shadow.hpp"
+#include "render/shadow/projected/projected_shadow.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <cmath>
 #include <limits>
 
-#include "render/shadow/layer_polygons.hpp"
+#include "render/shadow/layers/layer_polygons.hpp"
 #include "support/shadow_cases.hpp"
 
 namespace penumbra {

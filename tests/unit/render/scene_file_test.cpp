@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
-#include "render/scene.hpp"
-#include "render/scene_schema.hpp"
+#include "render/scene/scene.hpp"
+#include "render/scene/scene_schema.hpp"
 #include "support/paths.hpp"
 #include "support/utf16.hpp"
 

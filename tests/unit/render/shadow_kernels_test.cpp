@@ -1,4 +1,4 @@
-#include "render/shadow/shadow_kernels.hpp"
+#include "render/shadow/kernels/shadow_kernels.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <limits>
 #include <random>
 
-#include "render/shadow/footprint.hpp"
+#include "render/shadow/fields/footprint.hpp"
 #include "support/kernel_reach.hpp"
 #include "support/shapes.hpp"
 

@@ -7,7 +7,7 @@
 #include <limits>
 #include <random>
 
-#include "render/shadow/shadow_kernels.hpp"
+#include "render/shadow/kernels/shadow_kernels.hpp"
 #include "support/shapes.hpp"
 
 namespace penumbra {

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "render/sun.hpp"
+#include "render/scene/sun.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 

@@ -18,10 +18,10 @@
 #include <vector>
 
 #include "render/shadow/caster.hpp"
-#include "render/shadow/kernel_tuning.hpp"
-#include "render/shadow/layer_polygons.hpp"
-#include "render/shadow/shadow_kernels.hpp"
-#include "render/shadow/twist.hpp"
+#include "render/shadow/kernels/kernel_tuning.hpp"
+#include "render/shadow/kernels/shadow_kernels.hpp"
+#include "render/shadow/layers/layer_polygons.hpp"
+#include "render/shadow/layers/twist.hpp"
 #include "support/shapes.hpp"
 
 namespace penumbra {

@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "render/shadow/caster.hpp"
-#include "render/shadow/fixed_light.hpp"
-#include "render/shadow/shadow_proxy.hpp"
+#include "render/shadow/fields/fixed_light.hpp"
+#include "render/shadow/kernels/shadow_proxy.hpp"
 #include "support/paths.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"

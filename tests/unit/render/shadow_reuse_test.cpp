@@ -6,8 +6,8 @@
 #include <numbers>
 
 #include "render/shadow/caster.hpp"
-#include "render/shadow/kernel_direction.hpp"
-#include "render/shadow/own_frame.hpp"
+#include "render/shadow/kernels/kernel_direction.hpp"
+#include "render/shadow/layers/own_frame.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 

@@ -21,7 +21,7 @@
 #include "render/gl/buffer.hpp"
 #include "render/gl/context.hpp"
 #include "render/gl/shader.hpp"
-#include "render/shadow/layered_penumbra.hpp"
+#include "render/shadow/layers/layered_penumbra.hpp"
 #include "support/json_file.hpp"
 #include "support/paths.hpp"
 

@@ -1,5 +1,5 @@
 // Shadow volumes: closed surfaces, and what they darken against points looked up one by one.
-#include "render/shadow/shadow_volume.hpp"
+#include "render/shadow/volumes/shadow_volume.hpp"
 
 #include <gtest/gtest.h>
 
@@ -13,7 +13,7 @@
 #include <tuple>
 
 #include "render/camera_gl.hpp"
-#include "render/model.hpp"
+#include "render/model/model.hpp"
 #include "support/beside_no_edge.hpp"
 #include "support/paths.hpp"
 #include "support/shadow_cases.hpp"

@@ -1,6 +1,6 @@
 // Layers as a mask on their plane: what it covers, and that it shows the same shadow as the faces
 // that it is made of.
-#include "render/shadow/silhouette_mask.hpp"
+#include "render/shadow/masks/silhouette_mask.hpp"
 
 #include <gtest/gtest.h>
 

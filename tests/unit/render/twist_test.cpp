@@ -1,9 +1,9 @@
 // What faces between different kernels cover too much.
-#include "render/shadow/twist.hpp"
+#include "render/shadow/layers/twist.hpp"
 
 #include <gtest/gtest.h>
 
-#include "render/shadow/coverage.hpp"
+#include "render/shadow/layers/coverage.hpp"
 #include "support/shapes.hpp"
 
 namespace penumbra {

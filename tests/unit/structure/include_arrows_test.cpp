@@ -88,16 +88,17 @@ TEST(IncludeArrows, HoldOverTheWholeTree) {
 }
 
 TEST(IncludeArrows, PlantedViolationsAreFound) {
-  EXPECT_THAT(violations_in("render", "render/x.cpp", "#include \"tracking/tag_detector.hpp\"\n"),
-              testing::SizeIs(1));
-  EXPECT_THAT(violations_in("core", "core/x.hpp", "  #  include \"render/scene.hpp\"\n"),
+  EXPECT_THAT(
+      violations_in("render", "render/x.cpp", "#include \"tracking/detection/tag_detector.hpp\"\n"),
+      testing::SizeIs(1));
+  EXPECT_THAT(violations_in("core", "core/x.hpp", "  #  include \"render/scene/scene.hpp\"\n"),
               testing::SizeIs(1));
   EXPECT_THAT(violations_in("tracking", "tracking/x.cpp", "#include <epoxy/gl.h>\n"),
               testing::SizeIs(1));
   EXPECT_THAT(violations_in("app", "app/x.cpp", "#include \"tests/support/paths.hpp\"\n"),
               testing::SizeIs(1));
   EXPECT_THAT(violations_in("tracking", "tracking/x.cpp",
-                            "#include \"core/frame.hpp\"\n#include <ceres/ceres.h>\n"),
+                            "#include \"core/image/frame.hpp\"\n#include <ceres/ceres.h>\n"),
               testing::IsEmpty());
 }
 

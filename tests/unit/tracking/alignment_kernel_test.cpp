@@ -1,4 +1,4 @@
-#include "tracking/alignment_kernel.hpp"
+#include "tracking/alignment/simd/alignment_kernel.hpp"
 
 #include <gtest/gtest.h>
 
@@ -13,8 +13,8 @@
 #include <utility>
 #include <vector>
 
-#include "core/camera_model.hpp"
-#include "tracking/se3.hpp"
+#include "core/camera/camera_model.hpp"
+#include "tracking/motion/se3.hpp"
 
 namespace penumbra {
 namespace {

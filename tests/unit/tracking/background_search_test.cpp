@@ -1,4 +1,4 @@
-#include "tracking/background_search.hpp"
+#include "tracking/detection/background_search.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,11 +1,11 @@
-#include "tracking/board_pose.hpp"
+#include "tracking/detection/board_pose.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <limits>
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "support/synthetic_view.hpp"
 
 namespace penumbra {

@@ -10,7 +10,7 @@
 #include <cmath>
 #include <thread>
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "support/group_stage.hpp"
 
 namespace penumbra {

@@ -1,5 +1,5 @@
 // Mirrored and negative pictures of a board are recognised, now and then, and nothing else is.
-#include "tracking/image_check.hpp"
+#include "tracking/detection/image_check.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,8 +9,8 @@
 #include <random>
 #include <vector>
 
-#include "core/frame.hpp"
-#include "core/image_file.hpp"
+#include "core/image/frame.hpp"
+#include "core/image/image_file.hpp"
 #include "support/paths.hpp"
 #include "support/synthetic_board.hpp"
 

@@ -1,4 +1,4 @@
-#include "tracking/motion_model.hpp"
+#include "tracking/motion/motion_model.hpp"
 
 #include <gtest/gtest.h>
 

@@ -9,10 +9,10 @@
 #include <limits>
 #include <tuple>
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "support/synthetic_view.hpp"
-#include "tracking/pose_refiner.hpp"
-#include "tracking/pose_solver.hpp"
+#include "tracking/detection/pose_refiner.hpp"
+#include "tracking/detection/pose_solver.hpp"
 
 namespace penumbra {
 namespace {

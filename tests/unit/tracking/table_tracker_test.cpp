@@ -11,7 +11,7 @@
 #include "support/random_session.hpp"
 #include "support/replay_tracking.hpp"
 #include "support/synthetic_view.hpp"
-#include "tracking/pattern_renderer.hpp"
+#include "tracking/alignment/pattern_renderer.hpp"
 
 namespace penumbra {
 namespace {

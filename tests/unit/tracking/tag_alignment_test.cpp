@@ -1,4 +1,4 @@
-#include "tracking/tag_alignment.hpp"
+#include "tracking/alignment/tag_alignment.hpp"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -12,11 +12,11 @@
 #include <optional>
 #include <random>
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "support/synthetic_board.hpp"
-#include "tracking/alignment_kernel.hpp"
-#include "tracking/board_pose.hpp"
-#include "tracking/se3.hpp"
+#include "tracking/alignment/simd/alignment_kernel.hpp"
+#include "tracking/detection/board_pose.hpp"
+#include "tracking/motion/se3.hpp"
 
 namespace penumbra {
 namespace {

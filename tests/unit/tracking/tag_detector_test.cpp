@@ -1,4 +1,4 @@
-#include "tracking/tag_detector.hpp"
+#include "tracking/detection/tag_detector.hpp"
 
 #include <apriltag/apriltag.h>
 #include <apriltag/tag36h11.h>
@@ -18,12 +18,12 @@
 #include <random>
 #include <vector>
 
-#include "core/camera_file.hpp"
-#include "core/image_file.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/image/image_file.hpp"
 #include "support/paths.hpp"
 #include "support/replay_tracking.hpp"
-#include "tracking/tag_search.hpp"
-#include "tracking/tone_estimator.hpp"
+#include "tracking/alignment/tone_estimator.hpp"
+#include "tracking/detection/tag_search.hpp"
 
 namespace penumbra {
 namespace {

@@ -1,5 +1,5 @@
 // ArUco's dictionaries as families of tags.
-#include "tracking/tag_families.hpp"
+#include "tracking/detection/tag_families.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,9 +8,9 @@
 #include <bit>
 
 #include "support/synthetic_board.hpp"
-#include "tracking/aruco_codes.hpp"
-#include "tracking/tag_detector.hpp"
-#include "tracking/tag_pattern.hpp"
+#include "tracking/alignment/tag_pattern.hpp"
+#include "tracking/detection/aruco_codes.hpp"
+#include "tracking/detection/tag_detector.hpp"
 
 namespace penumbra {
 namespace {

@@ -1,4 +1,4 @@
-#include "tracking/tag_pattern.hpp"
+#include "tracking/alignment/tag_pattern.hpp"
 
 #include <apriltag/apriltag.h>
 #include <apriltag/tag16h5.h>

@@ -1,4 +1,4 @@
-#include "tracking/tone_estimator.hpp"
+#include "tracking/alignment/tone_estimator.hpp"
 
 #include <gtest/gtest.h>
 
@@ -11,10 +11,10 @@
 #include <string>
 #include <vector>
 
-#include "core/evaluation.hpp"
+#include "core/evaluation/evaluation.hpp"
 #include "support/cameras.hpp"
 #include "support/synthetic_board.hpp"
-#include "tracking/tag_alignment.hpp"
+#include "tracking/alignment/tag_alignment.hpp"
 
 namespace penumbra {
 namespace {

@@ -1,0 +1,301 @@
+#include "app/calibration/calibration_capture.hpp"
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <exception>
+#include <functional>
+#include <map>
+#include <stop_token>
+#include <system_error>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "app/calibration/picture_source.hpp"
+#include "app/capture/mailbox.hpp"
+#include "app/capture/newest_picture.hpp"
+#include "app/logging.hpp"
+#include "core/image/image_file.hpp"
+#include "core/stopwatch.hpp"
+#include "tracking/detection/image_check.hpp"
+
+namespace penumbra {
+namespace {
+
+using TakePicture = std::function<Result<bool>(const Picture&)>;
+// Calls `take` for one picture after the other, until it returns false or an error, there are no
+// more, or the stop is requested.
+using Pictures = std::function<Result<void>(const TakePicture& take, const std::stop_token& stop)>;
+
+Pictures newest_of(LiveSource& source) {
+  return [&source](const TakePicture& take, const std::stop_token& stop) -> Result<void> {
+    constexpr std::chrono::milliseconds kPatience(50);
+    NewestPicture pictures(source);
+    std::vector<std::uint8_t> scratch;
+    while (!stop.stop_requested()) {
+      // Asked first: what comes in between is looked at in the next turn.
+      const bool finished = pictures.finished();
+      const std::optional<Frame> frame = pictures.take(kPatience);
+      if (!frame && finished) {
+        if (const auto error = pictures.error()) return tl::unexpected(*error);
+        return {};
+      }
+      if (!frame) continue;
+      Picture picture;
+      picture.name = "a picture";
+      picture.frame = *frame;
+      picture.luma = luma(*frame, scratch);
+      const Result<bool> more = take(picture);
+      if (!more) return tl::unexpected(more.error());
+      if (!*more) return {};
+    }
+    return {};
+  };
+}
+
+Pictures all_of(const std::filesystem::path& recording) {
+  return [recording](const TakePicture& take, const std::stop_token& stop) {
+    return for_each_picture(recording, [&](const Picture& picture) -> Result<bool> {
+      if (stop.stop_requested()) return false;
+      return take(picture);
+    });
+  };
+}
+
+// Looks at pictures, one after the other, on a thread of its own: a view that is taken is solved
+// for, which takes longer than a window may stand still.
+class Looking {
+ public:
+  struct Looked {
+    Frame frame;
+    GuideLook look;
+    GuideProgress progress;
+  };
+
+  Looking(Pictures pictures, const CaptureOptions& options, CameraCalibrator& calibrator,
+          ViewGuide guide, std::optional<ImageCheck> check, std::stop_source stop, bool bars)
+      : pictures_(std::move(pictures)),
+        calibrator_(calibrator),
+        options_(options),
+        guide_(std::move(guide)),
+        check_(std::move(check)),
+        stop_(std::move(stop)),
+        bars_(bars),
+        thread_([this] { run(); }) {}
+  Looking(const Looking&) = delete;
+  Looking& operator=(const Looking&) = delete;
+  ~Looking() { stop(); }
+
+  // The newest picture that was looked at; nothing when `patience` ended first.
+  [[nodiscard]] std::optional<Looked> take(std::chrono::milliseconds patience) {
+    return looked_.take(patience);
+  }
+  [[nodiscard]] bool finished() const { return looked_.finished(); }
+  // Nothing is looked at any more; the calibrator is the caller's again.
+  void stop() {
+    stop_.request_stop();
+    if (thread_.joinable()) thread_.join();
+  }
+  // After stop().
+  [[nodiscard]] const std::optional<Error>& error() const { return error_; }
+  [[nodiscard]] Capture capture(CaptureEnd end) const {
+    Capture capture;
+    capture.end = guide_.progress().enough ? CaptureEnd::enough : end;
+    capture.pictures = looks_;
+    capture.views = guide_.progress().views;
+    int most = 0;
+    for (const auto& [why, times] : reasons_) {
+      if (times > most) capture.why_not = why;
+      most = std::max(most, times);
+    }
+    return capture;
+  }
+
+ private:
+  void run() {
+    try {
+      const auto done =
+          pictures_([this](const Picture& picture) { return look_at(picture); }, stop_.get_token());
+      if (!done) error_ = done.error();
+    } catch (const std::exception& error) {
+      error_ = Error{error.what()};
+    }
+    looked_.close();
+  }
+
+  // Whether to go on.
+  [[nodiscard]] Result<bool> look_at(const Picture& picture) {
+    ++looks_;
+    if (!picture.notice.empty()) log_warning("{}", picture.notice);
+    if (picture.luma.empty()) {
+      calibrator_.add_unreadable(picture.name, picture.unreadable);
+      ++reasons_["can't be read"];
+      return true;
+    }
+    if (width_ == 0) {
+      width_ = picture.luma.width;
+      height_ = picture.luma.height;
+    } else if (picture.luma.width != width_ || picture.luma.height != height_) {
+      return fail(
+          "{}: is {} x {} px, but those before are {} x {}; give pictures of one camera and "
+          "one size",
+          picture.name, picture.luma.width, picture.luma.height, width_, height_);
+    }
+    GuideLook look = guide_.look(picture.luma);
+    if (check_ && !look.corners_px.empty()) check_.reset();
+    if (check_) {
+      if (const auto fault = check_->nothing_found(picture.luma)) {
+        return fail("{}: {}", picture.name, advice(*fault));
+      }
+    }
+    const GuideProgress& progress = guide_.progress();
+    if (look.taken) {
+      if (auto taken = take_view(picture.luma, progress); !taken)
+        return tl::unexpected(taken.error());
+    } else {
+      ++reasons_[look.why];
+    }
+    if (bars_) {
+      fmt::print(stderr, "\r{}{}\033[K", guide_text(progress),
+                 look.taken ? "" : fmt::format(" ({})", look.why));
+      std::fflush(stderr);
+    }
+    looked_.put({picture.frame, std::move(look), progress});
+    // Of a recording nobody waits for the rest.
+    return !options_.guide.held || !progress.enough;
+  }
+
+  [[nodiscard]] Result<void> take_view(ImageView picture, const GuideProgress& progress) {
+    std::string name = fmt::format("view {}", progress.views);
+    std::string file;
+    if (options_.keep) {
+      name = fmt::format("{:06}.png", progress.views - 1);
+      const std::filesystem::path path = *options_.keep / name;
+      if (auto kept = save_grey_png(path, picture); !kept) return kept;
+      file = fmt::format(" ({})", path.string());
+    }
+    if (auto added = calibrator_.add(name, picture); !added) return added;
+    if (bars_) std::fputs("\r\033[K", stderr);
+    fmt::print("view {}{}: image {:.0f} %, size {:.0f} %, tilt {:.0f} %, {}; {}{}\n",
+               progress.views, file, 100.0 * progress.image, 100.0 * progress.size,
+               100.0 * progress.tilt,
+               progress.largest_px ? fmt::format("projection to {:.2f} px", *progress.largest_px)
+                                   : std::string("no lens yet"),
+               options_.guide.held && !progress.enough ? "next: " : "", progress.advice);
+    std::fflush(stdout);
+    return {};
+  }
+
+  const Pictures pictures_;
+  CameraCalibrator& calibrator_;
+  const CaptureOptions& options_;
+  ViewGuide guide_;
+  std::optional<ImageCheck> check_;  // until the target is seen
+  std::stop_source stop_;
+  const bool bars_;
+  // The thread's until it has ended:
+  std::optional<Error> error_;
+  int looks_ = 0;
+  int width_ = 0;
+  int height_ = 0;
+  std::map<std::string, int> reasons_;  // why pictures were not taken
+  Mailbox<Looked> looked_;
+  std::thread thread_;  // last: it uses all of the above
+};
+
+std::string bar(const char* name, double share) {
+  constexpr int kWidth = 10;
+  const int filled = std::clamp(static_cast<int>(share * kWidth), 0, kWidth);
+  return fmt::format("{} [{:#<{}}{: <{}}]", name, "", filled, "", kWidth - filled);
+}
+
+Result<Capture> capture(Pictures pictures, const Target& target, const CaptureOptions& options,
+                        InterruptWatch& interrupt, CameraCalibrator& calibrator,
+                        GuideWindow* window) {
+  constexpr std::chrono::milliseconds kPatience(30);  // between looks at the window and at Ctrl-C
+  std::stop_source stop;
+  GuideOptions guidance = options.guide;
+  guidance.stop = stop.get_token();
+  auto guide = ViewGuide::create(target, guidance);
+  if (!guide) return tl::unexpected(guide.error());
+  std::optional<ImageCheck> check;
+  if (target.tags) {
+    auto made = ImageCheck::create(*target.tags);
+    if (!made) return tl::unexpected(made.error());
+    check.emplace(std::move(*made));
+  }
+  const bool bars = window == nullptr && isatty(STDERR_FILENO) == 1;
+  CaptureEnd end = CaptureEnd::no_more;
+  Looking looking(std::move(pictures), options, calibrator, std::move(*guide), std::move(check),
+                  stop, bars);
+  for (std::optional<Stopwatch> since_first; !looking.finished();) {
+    auto looked = looking.take(kPatience);
+    if (looked && !since_first) since_first.emplace();
+    if (window != nullptr) {
+      if (looked) {
+        auto shown =
+            window->show(looked->frame, std::move(looked->look), std::move(looked->progress));
+        if (!shown && !window->display_lost()) return tl::unexpected(shown.error());
+      }
+      window->refresh();
+    }
+    if (interrupt.interrupted()) {
+      end = CaptureEnd::interrupted;
+      interrupt.again();  // the views that there are may suffice; the next one ends the rest
+    } else if (window != nullptr && window->closed()) {
+      end = CaptureEnd::closed;
+      if (window->display_lost()) {
+        log_warning("the connection to the display was lost; going on with the views taken so far");
+      }
+    } else if (options.duration_s && since_first &&
+               since_first->elapsed().wall_ms >= 1e3 * *options.duration_s) {
+      end = CaptureEnd::duration;
+    }
+    if (end != CaptureEnd::no_more) break;
+  }
+  looking.stop();
+  if (bars) std::fputs("\r\033[K", stderr);
+  if (looking.error()) return tl::unexpected(*looking.error());
+  return looking.capture(end);
+}
+
+}  // namespace
+
+std::string guide_text(const GuideProgress& progress) {
+  return fmt::format("{}  {}  {}  {}  {} views; {}", bar("image", progress.image),
+                     bar("size", progress.size), bar("tilt", progress.tilt),
+                     bar("certainty", progress.certainty), progress.views, progress.advice);
+}
+
+Result<void> create_keep_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (!error && !std::filesystem::is_empty(folder, error) && !error) {
+    return fail("{}: holds files already; name a new folder for the views", folder.string());
+  }
+  if (error) {
+    return fail("{}: is not a folder that can be made and written: {}", folder.string(),
+                error.message());
+  }
+  return {};
+}
+
+Result<Capture> capture_views(LiveSource& source, const Target& target,
+                              const CaptureOptions& options, InterruptWatch& interrupt,
+                              CameraCalibrator& calibrator, GuideWindow* window) {
+  return capture(newest_of(source), target, options, interrupt, calibrator, window);
+}
+
+Result<Capture> capture_views(const std::filesystem::path& recording, const Target& target,
+                              const CaptureOptions& options, InterruptWatch& interrupt,
+                              CameraCalibrator& calibrator, GuideWindow* window) {
+  CaptureOptions each = options;
+  each.guide.held = false;
+  return capture(all_of(recording), target, each, interrupt, calibrator, window);
+}
+
+}  // namespace penumbra

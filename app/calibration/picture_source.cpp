@@ -1,0 +1,116 @@
+#include "app/calibration/picture_source.hpp"
+
+#include <algorithm>
+#include <cctype>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "app/recording/recording_source.hpp"
+#include "core/image/image_file.hpp"
+#include "core/image/sample_depth.hpp"
+
+namespace penumbra {
+namespace {
+
+bool is_picture(const std::filesystem::path& file) {
+  std::string extension = file.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension == ".png" || extension == ".jpg" || extension == ".jpeg";
+}
+
+Result<std::vector<std::filesystem::path>> pictures_in(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> files;
+  std::error_code error;
+  for (std::filesystem::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    std::error_code ignored;
+    if (entry->is_regular_file(ignored) && is_picture(entry->path()))
+      files.push_back(entry->path());
+  }
+  if (error) return fail("{}: cannot be read: {}", folder.string(), error.message());
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+// `source`: what is named in messages.
+Result<void> each_file(const std::filesystem::path& source,
+                       const std::vector<std::filesystem::path>& files,
+                       const std::function<Result<bool>(const Picture&)>& take) {
+  const SampleDepth depth = sample_depth_of(files);
+  ClampWatch clamps(depth.bits);
+  std::vector<std::uint8_t> scratch;
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    Picture picture;
+    if (i == 0 && depth.reduced()) {
+      picture.notice = fmt::format("{}: {}", source.string(), depth.text());
+    }
+    picture.name = files[i].filename().string();
+    picture.index = static_cast<int>(i);
+    picture.count = static_cast<int>(files.size());
+    const Result<Frame> frame = load_image(files[i], clamps.options());
+    if (auto warning = clamps.take_warning(files[i].string())) picture.notice = std::move(*warning);
+    if (frame) {
+      picture.frame = *frame;
+      picture.luma = luma(*frame, scratch);
+    } else {
+      picture.unreadable = frame.error().message;
+    }
+    const Result<bool> more = take(picture);
+    if (!more) return tl::unexpected(more.error());
+    if (!*more) return {};
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<void> for_each_picture(const std::filesystem::path& source,
+                              const std::function<Result<bool>(const Picture&)>& take) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(source, ignored)) {
+    return fail("{}: no such folder; give a recording or a folder of PNG or JPEG images",
+                source.string());
+  }
+  if (!std::filesystem::is_directory(source, ignored)) {
+    return fail("{}: is not a folder; give a recording or a folder of PNG or JPEG images",
+                source.string());
+  }
+  if (!is_recording(source)) {
+    const auto files = pictures_in(source);
+    if (!files) return tl::unexpected(files.error());
+    if (files->empty())
+      return fail("{}: holds no PNG or JPEG images; put those of the target there",
+                  source.string());
+    return each_file(source, *files, take);
+  }
+  OpenRecordingOptions options;
+  options.surroundings = false;
+  const Result<Recording> recording = open_recording(source, options);
+  if (!recording) return tl::unexpected(recording.error());
+  if (recording->video.empty()) {
+    std::vector<std::filesystem::path> files;
+    for (const RecordedFrame& frame : recording->frames) files.push_back(frame.file);
+    return each_file(source, files, take);
+  }
+  auto frames = open_recording_source(*recording);
+  if (!frames) return tl::unexpected(frames.error());
+  std::vector<std::uint8_t> scratch;
+  for (int i = 0;; ++i) {
+    const auto frame = (*frames)->next();
+    if (!frame) return tl::unexpected(frame.error());
+    if (!*frame) return {};
+    Picture picture;
+    picture.name = fmt::format("frame {}", (*frame)->sequence);
+    picture.index = i;
+    picture.count = (*frames)->frame_count().value_or(0);
+    picture.frame = **frame;
+    picture.luma = luma(**frame, scratch);
+    const Result<bool> more = take(picture);
+    if (!more) return tl::unexpected(more.error());
+    if (!*more) return {};
+  }
+}
+
+}  // namespace penumbra

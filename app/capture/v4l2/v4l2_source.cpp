@@ -1,0 +1,664 @@
+#include "app/capture/v4l2/v4l2_source.hpp"
+
+#include <linux/videodev2.h>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <ctime>
+#include <limits>
+#include <mutex>
+#include <tuple>
+#include <utility>
+
+#include "app/capture/camera_jpeg.hpp"
+#include "app/capture/camera_search.hpp"
+#include "app/capture/camera_trouble.hpp"
+#include "app/capture/frame_clock.hpp"
+#include "app/capture/frame_layout.hpp"
+#include "app/capture/frame_pace.hpp"
+#include "app/capture/v4l2/buffer_ring.hpp"
+#include "app/capture/v4l2/v4l2_buffer.hpp"
+#include "app/capture/v4l2/v4l2_device.hpp"
+#include "app/capture/v4l2/v4l2_setup.hpp"
+#include "app/logging.hpp"
+#include "core/units.hpp"
+
+namespace penumbra {
+namespace {
+
+// One being filled, one waiting, and what the mailbox, the tracker, the renderer and the writer
+// hold.
+constexpr unsigned kBuffers = 6;
+// With fewer than this in the driver it would have to lose frames: pictures are copied then.
+constexpr std::size_t kDriverNeeds = 2;
+constexpr int kRetry_ms = 200;  // between attempts to open the camera again
+constexpr int kFirstTries = 3;  // a camera that was just closed may need a moment
+// Every camera of the machine is looked at so often while this one is away and no other comes.
+constexpr std::int64_t kLookAround_ns = 2'000'000'000;
+
+struct KnownFormat {
+  std::uint32_t fourcc;
+  const char* option;  // of --format
+  const char* name;
+  PixelFormat pixels;  // of what is not a JPEG
+  bool jpeg;
+};
+// In the order of what a frame costs: read as it lies, unpacked, decoded. Grey costs least of all,
+// but a person wants to see colour: it comes last, for cameras that have nothing else.
+constexpr std::array<KnownFormat, 6> kFormats{{
+    {V4L2_PIX_FMT_NV12, "nv12", "NV12", PixelFormat::nv12, false},
+    {V4L2_PIX_FMT_YUV420, "yu12", "YU12", PixelFormat::yuv420p, false},
+    {V4L2_PIX_FMT_YUYV, "yuyv", "YUYV", PixelFormat::yuyv, false},
+    {V4L2_PIX_FMT_MJPEG, "mjpeg", "MJPEG", PixelFormat::yuv420p, true},
+    {V4L2_PIX_FMT_JPEG, "mjpeg", "JPEG", PixelFormat::yuv420p, true},
+    {V4L2_PIX_FMT_GREY, "grey", "GREY", PixelFormat::grey8, false},
+}};
+
+std::int64_t monotonic_ns() {
+  timespec t{};
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
+}
+
+tl::unexpected<Trouble> trouble(const V4l2Device& device, const char* call, int error) {
+  return tl::unexpected<Trouble>({fault_of(error), v4l2_call_help(device.path(), call, error)});
+}
+
+FrameLayout layout_of(const KnownFormat& known, const v4l2_pix_format& granted) {
+  FrameLayout layout = frame_layout(known.pixels, static_cast<int>(granted.width),
+                                    static_cast<int>(granted.height), granted.bytesperline);
+  const VideoColors colors =
+      v4l2_colors(granted.colorspace, granted.ycbcr_enc, granted.quantization);
+  layout.frame.color_matrix = colors.matrix;
+  layout.frame.color_range = colors.range;
+  return layout;
+}
+
+// While the camera chooses, what the control says is of no frame in particular.
+std::optional<double> exposure_in_effect(const V4l2Device& device) {
+  const auto way = device.control(V4L2_CID_EXPOSURE_AUTO);
+  if (way && *way != V4L2_EXPOSURE_MANUAL && *way != V4L2_EXPOSURE_SHUTTER_PRIORITY) {
+    return std::nullopt;
+  }
+  const auto steps = device.control(V4L2_CID_EXPOSURE_ABSOLUTE);
+  constexpr double kStep_s = 1e-4;
+  return steps && *steps > 0 ? std::optional(kStep_s * *steps) : std::nullopt;
+}
+
+// A camera that streams: the device, its buffers, what it granted. Stops when destroyed; buffers
+// that frames still hold stay mapped until those are gone.
+class Stream {
+ public:
+  // `as_before`: only this format will do. `settings`: control values to restore; the requested
+  // ones go before.
+  static Started<std::unique_ptr<Stream>> start(V4l2Device device, const V4l2Options& options,
+                                                const std::optional<StreamFormat>& as_before,
+                                                const std::vector<V4l2Setting>& settings = {}) {
+    std::unique_ptr<Stream> stream(new Stream(std::move(device)));
+    if (!as_before) reset_view(*stream->device_);
+    if (auto set = stream->set_format(options, as_before); !set) {
+      return tl::unexpected(set.error());
+    }
+    stream->set_rate(options.fps);
+    // Before restore(), which switches it off as in the stream before.
+    stream->autofocus_before_ = stream->device_->control(V4L2_CID_FOCUS_AUTO);
+    stream->device_->restore(settings);
+    set_controls(*stream->device_, options.controls, !as_before);
+    stream->focus_ = stream->device_->control(V4L2_CID_FOCUS_ABSOLUTE);
+    stream->exposure_s_ = exposure_in_effect(*stream->device_);
+    if (auto mapped = stream->map_buffers(options.dma_buf); !mapped)
+      return tl::unexpected(mapped.error());
+    if (!stream->ring_->queue_all()) return trouble(*stream->device_, "VIDIOC_QBUF", EINVAL);
+    int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    if (const int error = stream->device_->call(VIDIOC_STREAMON, &type); error != 0) {
+      return trouble(*stream->device_, "VIDIOC_STREAMON", error);
+    }
+    return stream;
+  }
+  Stream(const Stream&) = delete;
+  Stream& operator=(const Stream&) = delete;
+  ~Stream() {
+    if (ring_) ring_->close();
+    int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    (void)device_->call(VIDIOC_STREAMOFF, &type);
+    // Gives the device free for others (and for us, again) though frames may still have it mapped.
+    v4l2_requestbuffers none{};
+    none.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    none.memory = V4L2_MEMORY_MMAP;
+    (void)device_->call(VIDIOC_REQBUFS, &none);
+    // Other programs find the camera's autofocus as it was.
+    if (autofocus_before_ && *autofocus_before_ != 0) {
+      (void)device_->set_control(V4L2_CID_FOCUS_AUTO, *autofocus_before_);
+    }
+  }
+
+  [[nodiscard]] const std::shared_ptr<const V4l2Device>& device() const { return device_; }
+  [[nodiscard]] BufferRing& ring() { return *ring_; }
+  [[nodiscard]] const StreamFormat& format() const { return format_; }
+  // Of every frame; nothing where the camera chooses it.
+  [[nodiscard]] std::optional<double> exposure_s() const { return exposure_s_; }
+  // In steps, once it is locked; nothing where the camera does not say.
+  [[nodiscard]] std::optional<double> focus() const { return focus_; }
+  [[nodiscard]] const KnownFormat& known() const { return *known_; }
+  [[nodiscard]] const FrameLayout& layout() const { return layout_; }
+  [[nodiscard]] const V4l2Buffer& buffer(unsigned index) const { return (*buffers_)[index]; }
+  // Why the driver did not take a buffer back, as an errno.
+  [[nodiscard]] int refusal() const { return refusal_; }
+  [[nodiscard]] bool shares() const { return buffer(0).shared().has_value(); }
+
+ private:
+  explicit Stream(V4l2Device device)
+      : device_(std::make_shared<const V4l2Device>(std::move(device))) {}
+
+  Started<void> choose(const V4l2Options& options, const std::optional<StreamFormat>& as_before) {
+    // By: the size is there, the rate is reached, what a frame costs.
+    using Merit = std::tuple<bool, double, int>;
+    std::optional<Merit> best;
+    for (const V4l2Format& offered : device_->formats()) {
+      const auto known = std::find_if(kFormats.begin(), kFormats.end(), [&](const auto& format) {
+        return format.fourcc == offered.fourcc;
+      });
+      if (known == kFormats.end()) continue;
+      if (as_before && as_before->name != known->name) continue;
+      if (options.format && *options.format != known->option) continue;
+      bool has_size = offered.sizes.empty();  // the driver does not say
+      double rate = options.fps;
+      for (const V4l2Size& size : offered.sizes) {
+        if (!size.covers(options.width, options.height)) continue;
+        has_size = true;
+        if (!size.rates.empty()) rate = size.fastest();
+      }
+      constexpr double kAsGood = 0.95;  // 29.97 is 30
+      int cost = static_cast<int>(known - kFormats.begin());
+      if (options.recording && known->jpeg) cost = -1;
+      const Merit merit(has_size, rate >= kAsGood * options.fps ? options.fps : rate, -cost);
+      if (!best || merit > *best) {
+        best = merit;
+        known_ = &*known;
+      }
+    }
+    if (best) return {};
+    return tl::unexpected<Trouble>(
+        {CaptureFault::wrong_format,
+         no_format_text(device_->path(), device_->formats(),
+                        as_before ? as_before->name : options.format.value_or(""))});
+  }
+
+  Started<void> set_format(const V4l2Options& options,
+                           const std::optional<StreamFormat>& as_before) {
+    if (auto chosen = choose(options, as_before); !chosen) return chosen;
+    v4l2_format requested{};
+    requested.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    requested.fmt.pix.width = static_cast<std::uint32_t>(options.width);
+    requested.fmt.pix.height = static_cast<std::uint32_t>(options.height);
+    requested.fmt.pix.pixelformat = known_->fourcc;
+    requested.fmt.pix.field = V4L2_FIELD_NONE;
+    if (const int error = device_->call(VIDIOC_S_FMT, &requested); error != 0) {
+      return trouble(*device_, "VIDIOC_S_FMT", error);
+    }
+    const v4l2_pix_format& granted = requested.fmt.pix;
+    format_.name = known_->name;
+    format_.width = static_cast<int>(granted.width);
+    format_.height = static_cast<int>(granted.height);
+    const bool same =
+        !as_before || (as_before->width == format_.width && as_before->height == format_.height);
+    if (granted.pixelformat != known_->fourcc || !same || granted.width == 0 ||
+        granted.height == 0) {
+      return tl::unexpected<Trouble>(
+          {CaptureFault::wrong_format,
+           fmt::format("{}: grants {}x{} {} for {}x{} {}; choose another --size or --format",
+                       device_->path().string(), granted.width, granted.height,
+                       fourcc_text(granted.pixelformat), options.width, options.height,
+                       known_->name)});
+    }
+    if (const auto problem = field_problem(granted.field)) {
+      return tl::unexpected<Trouble>(
+          {CaptureFault::wrong_format,
+           fmt::format("{}: {}; choose a progressive size or input (penumbra devices, v4l2-ctl -d "
+                       "{} --list-inputs)",
+                       device_->path().string(), *problem, device_->path().string())});
+    }
+    if (auto filled = fill_frame(*device_, granted.width, granted.height); !filled) {
+      return tl::unexpected<Trouble>({CaptureFault::wrong_format, filled.error().message});
+    }
+    if (!known_->jpeg) layout_ = layout_of(*known_, granted);
+    return {};
+  }
+
+  void set_rate(double fps) {
+    v4l2_streamparm parameters{};
+    parameters.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    v4l2_fract& interval = parameters.parm.capture.timeperframe;
+    interval = {1000, static_cast<std::uint32_t>(std::lround(fps * 1000.0))};
+    format_.interval_s = 1.0 / fps;
+    // A driver without rates answers with an error, and goes on at its own.
+    format_.interval_granted = device_->call(VIDIOC_S_PARM, &parameters) == 0 &&
+                               interval.numerator > 0 && interval.denominator > 0;
+    if (format_.interval_granted) {
+      format_.interval_s = static_cast<double>(interval.numerator) / interval.denominator;
+    }
+  }
+
+  Started<void> map_buffers(bool share) {
+    v4l2_requestbuffers request{};
+    request.count = kBuffers;
+    request.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    request.memory = V4L2_MEMORY_MMAP;
+    if (const int error = device_->call(VIDIOC_REQBUFS, &request); error != 0) {
+      return trouble(*device_, "VIDIOC_REQBUFS", error);
+    }
+    if (request.count < kDriverNeeds) return trouble(*device_, "mapping its buffers", ENOMEM);
+    auto buffers = std::make_shared<std::vector<V4l2Buffer>>();
+    std::vector<std::span<const std::uint8_t>> views;
+    for (unsigned i = 0; i < request.count; ++i) {
+      auto buffer = V4l2Buffer::map(*device_, i, share);
+      if (!buffer) return trouble(*device_, "mapping its buffers", buffer.error());
+      views.push_back(buffer->bytes());
+      buffers->push_back(std::move(*buffer));
+    }
+    buffers_ = buffers;
+    const auto give_back = [&device = *device_, &refusal = refusal_, buffers](unsigned index) {
+      (*buffers)[index].end_reading();
+      v4l2_buffer buffer{};
+      buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+      buffer.memory = V4L2_MEMORY_MMAP;
+      buffer.index = index;
+      const int error = device.call(VIDIOC_QBUF, &buffer);
+      if (error != 0) refusal = error;
+      return error == 0;
+    };
+    ring_ = BufferRing::create(std::move(views), {give_back, [buffers] { buffers->clear(); }});
+    return {};
+  }
+
+  // These outlive the ring's use of them: the destructor closes the ring.
+  const std::shared_ptr<const V4l2Device> device_;
+  std::atomic<int> refusal_ = EINVAL;  // why a buffer was not taken back, an errno
+  const KnownFormat* known_ = nullptr;
+  StreamFormat format_;
+  std::optional<double> exposure_s_;
+  std::optional<double> focus_;
+  std::optional<std::int32_t> autofocus_before_;  // V4L2_CID_FOCUS_AUTO
+  FrameLayout layout_;
+  std::shared_ptr<const std::vector<V4l2Buffer>> buffers_;
+  std::shared_ptr<BufferRing> ring_;
+};
+
+class V4l2Source final : public LiveSource {
+ public:
+  // `stop`: an eventfd, which becomes its own.
+  V4l2Source(V4l2Options options, std::unique_ptr<Stream> stream, int stop)
+      : options_(with_focus(std::move(options), stream->focus())),
+        path_(stream->device()->path()),
+        card_(stream->device()->identity().card),
+        search_(stream->device()->identity()),
+        format_(stream->format()),
+        shares_(stream->shares()),
+        faults_(options_.device.string()),
+        clock_(nanoseconds(format_.interval_s)),
+        pace_(nanoseconds(format_.interval_s)),
+        stop_(stop),
+        device_(stream->device()),
+        exposure_s_(stream->exposure_s()),
+        controls_(device_->controls().value_or(V4l2Controls())),
+        stream_(std::move(stream)) {
+    check_input();
+  }
+  ~V4l2Source() override { close(stop_); }
+
+  Result<std::optional<CapturedImage>> next_image() override {
+    while (!stopped()) {
+      if (!stream_) {
+        // One that starts and fails at once is not asked without a pause either.
+        if (std::exchange(in_vain_, true)) wait(kRetry_ms);
+        if (!reopen()) continue;
+      }
+      if (auto image = dequeue()) {
+        in_vain_ = false;
+        return image;
+      }
+    }
+    set_stream(nullptr);
+    return std::optional<CapturedImage>();
+  }
+
+  void stop() override {
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const ssize_t written = write(stop_, &one, sizeof(one));
+  }
+  [[nodiscard]] StreamFormat format() const override { return format_; }
+  [[nodiscard]] FaultCounter& faults() override { return faults_; }
+  [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const override {
+    // Of a device that may go meanwhile, and take its time about it: not under the lock.
+    const std::shared_ptr<const V4l2Device> device = [this] {
+      const std::lock_guard lock(mutex_);
+      return device_;
+    }();
+    auto controls = device ? device->controls() : std::nullopt;
+    const auto exposure_s = controls ? exposure_in_effect(*device) : std::nullopt;
+    const std::lock_guard lock(mutex_);
+    if (controls) {
+      controls_ = std::move(*controls);
+      if (device == device_) exposure_s_ = exposure_s;
+    }
+    return controls_.named;
+  }
+  [[nodiscard]] std::optional<FocusReading> focus() const override {
+    if (!options_.controls.focus) return std::nullopt;
+    return FocusReading{*options_.controls.focus, 1.0};
+  }
+  [[nodiscard]] std::string description() const override {
+    return fmt::format("{} ({}), {} {}x{} at {}{}", options_.device.string(), card_, format_.name,
+                       format_.width, format_.height, rate_in_words(format_),
+                       shares_ ? ", buffers shared by DMA-BUF" : "");
+  }
+
+ private:
+  // A camera that comes back is focused as it was when it was opened.
+  static V4l2Options with_focus(V4l2Options options, std::optional<double> focus) {
+    if (focus) options.controls.focus = focus;
+    return options;
+  }
+
+  void check_input() {
+    if (const auto problem = input_problem(*stream_->device())) {
+      faults_.count(CaptureFault::no_signal, *problem);
+    }
+  }
+
+  bool stopped() const { return wait(0); }
+  // True once stop() was called.
+  bool wait(int timeout_ms) const {
+    pollfd waiting{stop_, POLLIN, 0};
+    return poll(&waiting, 1, timeout_ms) > 0;
+  }
+
+  void lose_stream(CaptureFault fault, const std::string& what,
+                   const std::optional<std::string>& now = std::nullopt) {
+    outage_.begin({fault, what}, now);
+    is_gone_ = is_gone_ || fault == CaptureFault::disconnected;
+    set_stream(nullptr);
+    search_.begin();
+    looked_around_.reset();
+  }
+
+  void lose_stream(CaptureFault fault, const char* call, int error) {
+    if (fault == CaptureFault::disconnected) {
+      return lose_stream(fault, std::string(kDisconnected), "the camera was disconnected");
+    }
+    lose_stream(
+        fault,
+        fmt::format("the stream failed ({}: {}); {}", call, message_of(error), kStreamIsRestarted),
+        fmt::format("the stream failed: {}", message_of(error)));
+  }
+
+  // The camera where it was, or where it came back: another number, perhaps another socket.
+  Started<V4l2Device> find() {
+    std::vector<std::filesystem::path> paths = {options_.device, path_};
+    const bool around = look_around();
+    if (around) {
+      for (auto& path : list_v4l2_paths()) paths.push_back(std::move(path));
+    }
+    std::optional<Trouble> first;
+    std::vector<V4l2Device> there;
+    std::vector<V4l2Identity> identities;
+    for (const auto& path : paths) {
+      auto device = V4l2Device::open(path);
+      if (device) {
+        if (search_.is_in_place(device->identity())) return std::move(*device);
+        identities.push_back(device->identity());
+        there.push_back(std::move(*device));
+      } else if (!first) {
+        const bool exists = access(path.c_str(), F_OK) == 0;
+        const bool allowed = exists && access(path.c_str(), R_OK | W_OK) == 0;
+        first = Trouble{exists && !allowed ? CaptureFault::forbidden : CaptureFault::disconnected,
+                        device.error().message};
+      }
+    }
+    if (around) {
+      if (const auto found = search_.find(identities)) return std::move(there[*found]);
+    }
+    return tl::unexpected<Trouble>(
+        first.value_or(Trouble{CaptureFault::disconnected,
+                               fmt::format("{}: is another camera now; connect the one that was "
+                                           "used, or start again with this one",
+                                           options_.device.string())}));
+  }
+
+  // Whether to open every camera that there is, and not just the device where this one was: just
+  // after it was lost, when a device came, went or got another owner, and now and then.
+  bool look_around() {
+    std::string listing;
+    for (const auto& path : list_v4l2_paths()) {
+      struct stat about {};
+      if (stat(path.c_str(), &about) != 0) continue;
+      listing += fmt::format("{} {} {}.{}\n", path.string(), about.st_rdev, about.st_ctim.tv_sec,
+                             about.st_ctim.tv_nsec);
+    }
+    const std::int64_t now_ns = monotonic_ns();
+    if (looked_around_ && looked_around_->first == listing &&
+        now_ns - looked_around_->second < kLookAround_ns) {
+      return false;
+    }
+    looked_around_.emplace(std::move(listing), now_ns);
+    return true;
+  }
+
+  // What others call reads the device of the stream that runs.
+  void set_stream(std::unique_ptr<Stream> stream) {
+    {
+      const std::lock_guard lock(mutex_);
+      device_ = stream ? stream->device() : nullptr;
+      if (stream) exposure_s_ = stream->exposure_s();
+    }
+    stream_ = std::move(stream);
+  }
+
+  bool reopen() {
+    auto started = find().and_then([&](V4l2Device device) {
+      // A camera that was without power has forgotten how it was set.
+      const std::vector<V4l2Setting> settings = [this] {
+        const std::lock_guard lock(mutex_);
+        return is_gone_ ? controls_.settings : std::vector<V4l2Setting>();
+      }();
+      return Stream::start(std::move(device), options_, format_, settings);
+    });
+    if (!started) {
+      outage_.begin(started.error());
+      is_gone_ = is_gone_ || started.error().fault == CaptureFault::disconnected;
+      return false;
+    }
+    looked_around_.reset();
+    is_gone_ = false;
+    set_stream(std::move(*started));
+    path_ = stream_->device()->path();
+    clock_.restart(nanoseconds(stream_->format().interval_s));
+    pace_.restart(nanoseconds(stream_->format().interval_s));
+    faults_.count_restart();
+    check_input();
+    return true;
+  }
+
+  // One buffer; nothing where there was none, or none that is any good.
+  std::optional<CapturedImage> dequeue() {
+    std::array<pollfd, 2> waiting{
+        {{stream_->device()->descriptor(), POLLIN, 0}, {stop_, POLLIN, 0}}};
+    constexpr std::int64_t kMs_ns = 1'000'000;
+    const std::int64_t silent_ms = pace_.silent_after_ns() / kMs_ns;
+    const int ready = poll(waiting.data(), waiting.size(), static_cast<int>(silent_ms));
+    if (ready < 0 || waiting[1].revents != 0) return std::nullopt;
+    if (ready == 0) {
+      lose_stream(CaptureFault::silent,
+                  fmt::format("the stream stalled: no frame and no error for {:.2g} s; {}",
+                              1e-3 * static_cast<double>(silent_ms), kStreamIsRestarted),
+                  "the stream stalled");
+      return std::nullopt;
+    }
+    if (stream_->ring().refused()) {
+      // A device that failed or went tells so here too, before or in place of VIDIOC_DQBUF.
+      const int error = stream_->refusal();
+      lose_stream(fault_of(error), "VIDIOC_QBUF", error);
+      return std::nullopt;
+    }
+    v4l2_buffer buffer{};
+    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    buffer.memory = V4L2_MEMORY_MMAP;
+    const int error = stream_->device()->call(VIDIOC_DQBUF, &buffer);
+    if (error == EAGAIN && (waiting[0].revents & (POLLERR | POLLHUP)) == 0) return std::nullopt;
+    if (error != 0) {
+      lose_stream(fault_of(error == EAGAIN ? EIO : error), "VIDIOC_DQBUF",
+                  error == EAGAIN ? EIO : error);
+      return std::nullopt;
+    }
+    if (buffer.index >= stream_->ring().size()) {
+      lose_stream(
+          CaptureFault::io_error,
+          fmt::format("the driver returned a buffer that does not exist; {}", kStreamIsRestarted));
+      return std::nullopt;
+    }
+    return receive(buffer);
+  }
+
+  // A camera that gives nothing else may give it without end and without a pause of its own.
+  std::optional<CapturedImage> leave_out(CapturedImage image, CaptureFault fault,
+                                         std::string_view what) {
+    faults_.count(fault, what);
+    image.owner.reset();
+    (void)wait(static_cast<int>(bad_frame_pause(format_.interval_s).count()));
+    return std::nullopt;
+  }
+
+  std::optional<CapturedImage> receive(const v4l2_buffer& buffer) {
+    CapturedImage image;
+    image.owner = stream_->ring().lend(buffer.index);
+
+    const std::int64_t driver_ns = static_cast<std::int64_t>(
+        static_cast<std::uint64_t>(buffer.timestamp.tv_sec) * std::uint64_t{1'000'000'000} +
+        static_cast<std::uint64_t>(buffer.timestamp.tv_usec) * 1000U);
+    const bool monotonic =
+        (buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
+    const FrameStamp stamp = clock_.next(buffer.sequence, driver_ns, monotonic, monotonic_ns());
+    image.sequence = stamp.sequence;
+    image.timestamp_ns = stamp.timestamp_ns;
+    {
+      const std::lock_guard lock(mutex_);
+      image.exposure_s = exposure_s_;
+    }
+    count_stamp(faults_, stamp, format_);
+    pace_.saw(stamp.timestamp_ns);
+
+    if ((buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused == 0) {
+      return leave_out(
+          std::move(image), CaptureFault::error_frame,
+          fmt::format("a frame that the driver marked as bad is skipped; {}", kImproveTransfer));
+    }
+    stream_->buffer(buffer.index).begin_reading();
+    auto bytes = stream_->ring().buffer(buffer.index);
+    bytes = bytes.first(std::min<std::size_t>(bytes.size(), buffer.bytesused));
+    if (stream_->known().jpeg) {
+      auto received = receive_camera_jpeg(bytes, {format_.width, format_.height});
+      if (!received) {
+        return leave_out(std::move(image), received.error().fault, received.error().message);
+      }
+      bytes = received->bytes;
+      if (received->frame) image.frame = std::move(*received->frame);
+    } else if (bytes.size() < stream_->layout().bytes) {
+      return leave_out(std::move(image), CaptureFault::error_frame,
+                       fmt::format("a frame with too few bytes is skipped; {}", kImproveTransfer));
+    }
+
+    const bool copied = stream_->ring().in_driver() < kDriverNeeds;
+    if (copied) {
+      const std::shared_ptr<std::uint8_t[]> copy(new std::uint8_t[bytes.size()]);
+      std::memcpy(copy.get(), bytes.data(), bytes.size());
+      bytes = {copy.get(), bytes.size()};
+      image.owner = copy;
+    }
+    if (stream_->known().jpeg) {
+      image.jpeg = bytes;
+    } else {
+      image.frame = stream_->layout().frame;
+      for (std::size_t i = 0; i < static_cast<std::size_t>(image.frame.plane_count); ++i) {
+        image.frame.planes[i].data = bytes.data() + stream_->layout().offset[i];
+      }
+      if (const auto& shared = stream_->buffer(buffer.index).shared(); shared && !copied) {
+        image.frame.dma_buf = {shared->descriptor(), shared->number(), stream_->layout().offset};
+      }
+      image.frame.sequence = image.sequence;
+      image.frame.timestamp_ns = image.timestamp_ns;
+    }
+    if (outage_.end()) log_info("{}: frames come again", options_.device.string());
+    faults_.count_frame();
+    return image;
+  }
+
+  const V4l2Options options_;
+  std::filesystem::path path_;  // where the camera is now
+  const std::string card_;
+  CameraSearch search_;
+  std::optional<std::pair<std::string, std::int64_t>> looked_around_;  // at what, and when [ns]
+  const StreamFormat format_;
+  const bool shares_;  // as it was started
+  FaultCounter faults_;
+  Outage outage_{faults_};
+  FrameClock clock_;
+  FramePace pace_;
+  const int stop_;        // an eventfd
+  bool in_vain_ = false;  // tried to open it again, and no frame came since
+  bool is_gone_ = false;  // was unplugged since the last stream
+  mutable std::mutex mutex_;
+  std::shared_ptr<const V4l2Device> device_;  // guarded by mutex_: of the stream, if there is one
+  // Guarded by mutex_; as they were last read.
+  mutable std::optional<double> exposure_s_;
+  mutable V4l2Controls controls_;
+  std::unique_ptr<Stream> stream_;
+};
+
+}  // namespace
+
+VideoColors v4l2_colors(std::uint32_t colorspace, std::uint32_t ycbcr_enc,
+                        std::uint32_t quantization) {
+  const std::uint32_t encoding = ycbcr_enc != V4L2_YCBCR_ENC_DEFAULT
+                                     ? ycbcr_enc
+                                     : std::uint32_t{V4L2_MAP_YCBCR_ENC_DEFAULT(colorspace)};
+  const bool bt601 = encoding == V4L2_YCBCR_ENC_601 || encoding == V4L2_YCBCR_ENC_XV601;
+  const std::uint32_t range =
+      quantization != V4L2_QUANTIZATION_DEFAULT
+          ? quantization
+          : std::uint32_t{V4L2_MAP_QUANTIZATION_DEFAULT(false, colorspace, encoding)};
+  return {bt601 ? ColorMatrix::bt601 : ColorMatrix::bt709,
+          range == V4L2_QUANTIZATION_FULL_RANGE ? ColorRange::full : ColorRange::limited};
+}
+
+bool reads_v4l2_format(std::uint32_t fourcc) {
+  return std::ranges::find(kFormats, fourcc, &KnownFormat::fourcc) != kFormats.end();
+}
+
+Result<std::unique_ptr<LiveSource>> open_v4l2_source(const V4l2Options& options) {
+  for (int attempt = 1;; ++attempt) {
+    auto device = V4l2Device::open(options.device);
+    if (!device) return tl::unexpected(device.error());
+    auto stream = Stream::start(std::move(*device), options, std::nullopt);
+    if (stream) {
+      const int stop = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+      if (stop >= 0) return std::make_unique<V4l2Source>(options, std::move(*stream), stop);
+      return fail("{}: {}; close other programs, or raise the limit of open files (ulimit -n)",
+                  options.device.string(), message_of(errno));
+    }
+    const CaptureFault fault = stream.error().fault;
+    const bool again = fault == CaptureFault::refused || fault == CaptureFault::io_error;
+    if (!again || attempt == kFirstTries) return fail("{}", stream.error().message);
+    log_warning("{}; trying again", stream.error().message);
+    poll(nullptr, 0, kRetry_ms);
+  }
+}
+
+}  // namespace penumbra

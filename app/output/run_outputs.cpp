@@ -1,0 +1,298 @@
+#include "app/output/run_outputs.hpp"
+
+#include <algorithm>
+#include <cstdio>
+#include <set>
+#include <system_error>
+#include <utility>
+
+#include "app/logging.hpp"
+#include "app/recording/recording_source.hpp"
+#include "app/session/session.hpp"
+#include "render/shadow/kernels/kernel_file.hpp"
+#include "render/shadow/masks/cut_out.hpp"
+#include "tracking/group_tracker.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+
+// OpenGL 3.3, or OpenGL ES 3.0 where the driver has no more (Raspberry Pi 4). Fails with what was
+// said of the first.
+template <typename Create>
+Result<std::unique_ptr<GlContext>> with_either_api(const Create& create) {
+  auto context = create(GlApi::gl33);
+  if (context) return context;
+  auto embedded = create(GlApi::gles30);
+  if (!embedded) return context;
+  log_info("{}; going on with OpenGL ES", context.error().message);
+  return embedded;
+}
+
+}  // namespace
+
+Result<void> check_output_paths(const OutputRequest& request, std::vector<fs::path> taken) {
+  std::error_code ignored;
+  for (const auto& output : {request.output, request.poses, request.report, request.group_poses}) {
+    if (!output) continue;
+    if (output == request.group_poses &&
+        (is_stream(*output) ||
+         (fs::exists(*output, ignored) && !fs::is_directory(*output, ignored)))) {
+      return fail("{}: is not a folder; name one for the poses of groups", output->string());
+    }
+    if (is_stream(*output)) continue;
+    for (const fs::path& other : taken) {
+      if (same_path(*output, other)) {
+        return fail("{}: is read or written by this run already; name another file",
+                    output->string());
+      }
+    }
+    if (output != request.output && request.output &&
+        output_kind(*request.output) == OutputKind::folder && lies_in(*output, *request.output)) {
+      return fail("{}: lies in {}, which holds pictures and nothing else; name another place",
+                  output->string(), request.output->string());
+    }
+    if (!fs::is_directory(*output, ignored)) taken.push_back(*output);
+  }
+  return {};
+}
+
+std::vector<fs::path> files_of(const Recording& recording) {
+  std::vector<fs::path> files;
+  for (const char* name : {"camera.yaml", "tags.yaml", "timestamps.csv", "groundtruth.tum"})
+    files.push_back(recording.folder / name);
+  if (!recording.video.empty()) files.push_back(recording.video);
+  return files;
+}
+
+Result<void> check_apart_from(const Recording& recording, const OutputRequest& request,
+                              const std::optional<fs::path>& more) {
+  std::error_code ignored;
+  std::set<fs::path> frame_folders;  // links followed
+  for (const RecordedFrame& frame : recording.frames) {
+    if (frame.file.empty()) continue;
+    frame_folders.insert(frame.file.parent_path());
+    if (fs::is_symlink(frame.file, ignored)) {
+      frame_folders.insert(fs::weakly_canonical(frame.file, ignored).parent_path());
+    }
+  }
+  for (const auto& output :
+       {request.output, request.poses, request.report, request.group_poses, more}) {
+    if (!output || is_stream(*output)) continue;
+    if (lies_in(*output, recording.folder)) {
+      return fail("{}: lies in the recording {}, which is only read; name a place outside it",
+                  output->string(), recording.folder.string());
+    }
+    for (const fs::path& frames : frame_folders) {
+      if (lies_in(frames, *output)) {
+        return fail("{}: holds frames of the recording {}; name another place", output->string(),
+                    recording.folder.string());
+      }
+    }
+  }
+  return {};
+}
+
+Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path>& kernel_file) {
+  Result<Scene> loaded = load_scene(scene);
+  if (!loaded || !kernel_file) return loaded;
+  const Result<KernelFile> kernels = load_kernel_file(*kernel_file);
+  if (!kernels) return tl::unexpected(kernels.error());
+  const Result<void> given = give_kernels(*loaded, *kernels, kernel_file->string());
+  if (!given) return tl::unexpected(given.error());
+  return loaded;
+}
+
+namespace {
+
+// Returns true if one of the plans draws the node's shadows with one of the techniques.
+bool is_drawn_by(const ShadowNode& node, std::span<const PlanOptions> plans,
+                 std::initializer_list<ShadowTechnique> techniques) {
+  return std::ranges::any_of(plans, [&](const PlanOptions& plan) {
+    return std::ranges::find(techniques, plan.technique.value_or(node.technique)) !=
+           techniques.end();
+  });
+}
+
+// Names each model of which whole faces cast although it has cut-outs.
+void warn_of_cut_outs(const Scene& scene, std::span<const PlanOptions> plans) {
+  std::set<std::string> models;
+  for (const ShadowNode& node : scene.shadows) {
+    const bool whole_faces =
+        is_drawn_by(node, plans, {ShadowTechnique::layered, ShadowTechnique::volume});
+    if (!whole_faces) continue;
+    for (const int caster : node.casters) {
+      const SceneObject& object = scene.objects[static_cast<std::size_t>(caster)];
+      if (!object.model || !object.casts_shadow || !has_cut_outs(*object.model)) continue;
+      models.insert(object.model_file);
+    }
+  }
+  for (const std::string& model : models) log_warning("{}", warning_of_cut_outs(model));
+}
+
+}  // namespace
+
+void tell_warnings(const Scene& scene, std::span<const PlanOptions> plans) {
+  for (const std::string& warning : scene.warnings) log_warning("{}", warning);
+  for (const LayeredAdvice& advice : scene.layered_advice) {
+    const ShadowNode& node = scene.shadows[static_cast<std::size_t>(advice.node)];
+    if (is_drawn_by(node, plans, {ShadowTechnique::layered, ShadowTechnique::field})) {
+      log_warning("{}", advice.text);
+    }
+  }
+  warn_of_cut_outs(scene, plans);
+}
+
+void tell_warnings(const Scene& scene, const PlanOptions& plan) {
+  tell_warnings(scene, std::span(&plan, 1));
+}
+
+void warn_of_unknown_groups(const Scene& scene, const TagMap& tags, const fs::path& tags_file,
+                            std::string_view consequence) {
+  const std::vector<std::string> there = other_groups(tags);
+  std::string names(kTableGroup);
+  for (const std::string& group : there) names += ", " + group;
+  for (const std::string& group : tag_groups_of(scene)) {
+    if (std::ranges::find(there, group) != there.end()) continue;
+    log_warning(
+        "{}: moves something with the tag group \"{}\", which {} does not have (it has {}); {}",
+        scene.file, group, tags_file.string(), names, consequence);
+  }
+}
+
+std::optional<std::vector<std::string>> wanted_groups(const Scene& scene, const TagMap& tags,
+                                                      const fs::path& tags_file,
+                                                      const OutputRequest& request, bool skip) {
+  warn_of_unknown_groups(scene, tags, tags_file, "it is not drawn");
+  if (!skip || request.group_poses) return std::nullopt;
+  return tag_groups_of(scene);
+}
+
+Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat& format,
+                                const std::vector<std::string>& groups, int encode_ahead) {
+  RunOutputs outputs;
+  if (request.report) {
+    auto file = OutputFile::create(*request.report);
+    if (!file) return tl::unexpected(file.error());
+    outputs.report = std::move(*file);
+  }
+  if (request.poses) {
+    auto writer = PoseWriter::create(*request.poses, request.poses_all);
+    if (!writer) return tl::unexpected(writer.error());
+    outputs.poses = std::move(*writer);
+  }
+  if (request.group_poses) {
+    std::error_code error;
+    fs::create_directories(*request.group_poses, error);
+    if (error) {
+      return fail("{}: cannot be made: {}; choose another place", request.group_poses->string(),
+                  error.message());
+    }
+    for (const std::string& group : groups) {
+      const auto file = group_file(group);
+      if (!file) {
+        return fail("group '{}': its name cannot be the name of a file; rename it in the tag file",
+                    group);
+      }
+      auto writer =
+          PoseWriter::create(*request.group_poses / *file, request.poses_all, "T_table_group");
+      if (!writer) return tl::unexpected(writer.error());
+      outputs.group_poses.emplace(group, std::move(*writer));
+    }
+  }
+  if (request.output) {
+    auto writer = create_frame_writer(*request.output, format);
+    if (!writer) return tl::unexpected(writer.error());
+    outputs.frames = std::make_unique<BackgroundWriter>(std::move(*writer), encode_ahead);
+  }
+  return outputs;
+}
+
+Result<void> RunOutputs::write_without_picture(const TrackedFrame& frame) {
+  const Frame& video = frame.frame;
+  Result<void> all;
+  const auto done = [&all](const Result<void>& written) {
+    if (!written && all) all = written;
+    return written.has_value();
+  };
+  if (poses && !done(poses->write(video.timestamp_ns, frame.pose))) {
+    poses->rescue();
+    poses.reset();
+  }
+  for (const GroupEstimate& group : frame.groups) {
+    const auto writer = group_poses.find(group.name);
+    if (writer == group_poses.end()) continue;
+    if (done(writer->second.write(video.timestamp_ns, group))) continue;
+    writer->second.rescue();
+    group_poses.erase(writer);
+  }
+  return all;
+}
+
+Result<void> RunOutputs::write(const TrackedFrame& frame, std::span<const std::uint8_t> pixels,
+                               RunRecorder& run) {
+  Result<void> all = write_without_picture(frame);
+  if (!frames) return all;
+  const auto written = frames->write(frame.frame.sequence, frame.frame.timestamp_ns, pixels);
+  for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
+  if (written) return all;
+  frames->rescue();
+  frames.reset();
+  return all ? written : all;
+}
+
+Result<void> RunOutputs::finish(RunRecorder& run) {
+  Result<void> all;
+  const auto finish_or_rescue = [&all](auto& writer) {
+    const Result<void> finished = writer.finish();
+    if (finished) return;
+    writer.rescue();
+    if (all) all = finished;
+  };
+  if (frames) {
+    finish_or_rescue(*frames);
+    for (const StageTime& time : frames->take_times()) run.add_time("encode", time);
+  }
+  for (auto& [unused, writer] : group_poses) finish_or_rescue(writer);
+  if (poses) finish_or_rescue(*poses);
+  return all;
+}
+
+Result<void> RunOutputs::write_report(const RunReport& measured) {
+  if (!report) return {};
+  return write_text(*report, report_json(measured));
+}
+
+Result<std::unique_ptr<GlContext>> open_window(GlContext::Size picture, bool vsync) {
+  return with_either_api([&](GlApi api) {
+    WindowOptions options;
+    options.width = picture.width;
+    options.height = picture.height;
+    options.vsync = vsync;
+    options.api = api;
+    return create_window_context(options);
+  });
+}
+
+Result<std::unique_ptr<GlContext>> open_run_context(const WindowChoice& choice,
+                                                    GlContext::Size picture) {
+  if (choice.window && display_available()) {
+    auto window = open_window(picture, choice.vsync);
+    if (window) return window;
+    fmt::print("{}; going on offscreen\n", window.error().message);
+  } else if (choice.window) {
+    fmt::print("no display; going on offscreen\n");
+  }
+  std::fflush(stdout);
+  return with_either_api([](GlApi api) { return create_offscreen_context(api); });
+}
+
+std::optional<Error> display_loss(const GlContext& context) {
+  if (!context.display_lost()) return std::nullopt;
+  return Error{
+      "the connection to the display was lost, which ended the session; outputs are complete up to "
+      "then; run with --no-window where the display may go away"};
+}
+
+}  // namespace penumbra

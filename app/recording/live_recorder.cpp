@@ -1,0 +1,106 @@
+#include "app/recording/live_recorder.hpp"
+
+#include <fmt/format.h>
+
+#include <chrono>
+#include <utility>
+
+#include "app/session/live_pipeline.hpp"
+#include "app/session/scene_edit.hpp"
+
+namespace penumbra {
+
+Result<void> LiveRecorder::start(const std::filesystem::path& folder) {
+  auto opened = RecordingWriter::create(folder, head_);
+  if (!opened) return tl::unexpected(opened.error());
+  record_to(std::move(*opened));
+  return {};
+}
+
+void LiveRecorder::begin(const std::filesystem::path& folder) {
+  record_to(RecordingWriter::begin(folder, head_));
+}
+
+void LiveRecorder::record_to(std::shared_ptr<RecordingWriter> writer) {
+  reap();
+  writer->add_event(monotonic_ns(), "start", head_.camera);
+  scene_told_ = false;
+  const std::lock_guard lock(mutex_);
+  writer_ = std::move(writer);
+}
+
+void LiveRecorder::stop() {
+  reap();
+  std::shared_ptr<RecordingWriter> writer;
+  {
+    const std::lock_guard lock(mutex_);
+    writer = std::exchange(writer_, nullptr);
+  }
+  if (!writer) return;
+  writer->add_event(monotonic_ns(), "end");
+  // The future lives until it is asked; the writer, with its files, only until it is done.
+  ended_.push_back(std::async(std::launch::async, [writer = std::move(writer)]() mutable {
+    Ended ended;
+    ended.finished = writer->finish();
+    const RecordingCounts counts = writer->counts();
+    ended.frames = {static_cast<std::int64_t>(counts.written),
+                    static_cast<std::int64_t>(counts.dropped)};
+    ended.summary =
+        fmt::format("recorded {} frames to {}", counts.written, writer->folder().string());
+    if (counts.dropped > 0) {
+      ended.summary += fmt::format(
+          "; {} dropped, {}", counts.dropped,
+          counts.error ? "most after it failed" : "because the disk or the encoder was too slow");
+    }
+    writer.reset();
+    return ended;
+  }));
+}
+
+void LiveRecorder::reap() {
+  std::erase_if(ended_, [this](std::future<Ended>& ended) {
+    if (ended.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
+    const Ended one = ended.get();
+    frames_.written += one.frames.written;
+    frames_.left_out += one.frames.left_out;
+    summaries_.push_back(one.summary);
+    if (!one.finished && !failed_) failed_ = one.finished.error();
+    return true;
+  });
+}
+
+std::size_t LiveRecorder::ending() {
+  reap();
+  return ended_.size();
+}
+
+Result<void> LiveRecorder::finish() {
+  stop();
+  for (const std::future<Ended>& ended : ended_) ended.wait();
+  reap();
+  if (failed_) return tl::unexpected(*failed_);
+  return {};
+}
+
+std::shared_ptr<RecordingWriter> LiveRecorder::writer() const {
+  const std::lock_guard lock(mutex_);
+  return writer_;
+}
+
+void LiveRecorder::add(const SessionFrame& frame, const Session& session) {
+  const auto to = writer();
+  if (!to) return;
+  const std::int64_t timestamp_ns = frame.tracked.frame.timestamp_ns;
+  if (!scene_told_) {
+    scene_told_ = true;
+    to->add_event(session.scene_start_ns().value_or(timestamp_ns), kSceneStartEvent);
+    for (const SceneEdit& edit : session.edits_so_far()) to->add_scene_edit({timestamp_ns, edit});
+  } else {
+    for (const SceneEdit& edit : frame.edits) to->add_scene_edit({timestamp_ns, edit});
+  }
+  if (frame.video_light) to->add_light({timestamp_ns, *frame.video_light});
+  to->add_pose(timestamp_ns, frame.tracked.pose);
+  for (const GroupEstimate& group : frame.tracked.groups) to->add_group(timestamp_ns, group);
+}
+
+}  // namespace penumbra

@@ -1,0 +1,241 @@
+#include "app/recording/recording_feed.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
+#include <utility>
+
+#include "app/capture/camera_jpeg.hpp"
+#include "app/logging.hpp"
+#include "app/recording/video_reader.hpp"
+#include "core/image/sample_depth.hpp"
+#include "core/text/file.hpp"
+#include "core/units.hpp"
+
+namespace penumbra {
+namespace {
+
+// Steady time is CLOCK_MONOTONIC here, as drivers use it.
+using Clock = std::chrono::steady_clock;
+
+class RecordingFeed final : public LiveSource {
+ public:
+  RecordingFeed(const Recording& recording, StreamFormat format, PixelFormat pixels)
+      : name_(recording.name),
+        frames_(recording.frames),
+        video_file_(recording.video),
+        clamps_(recording.sample_bits),
+        format_(std::move(format)),
+        pixels_(pixels),
+        interval_(nanoseconds(format_.interval_s)),
+        faults_(name_) {}
+
+  // An image that can't be read or has another size or format than the first ones is skipped and
+  // counted, as a camera's is.
+  Result<std::optional<CapturedImage>> next_image() override {
+    if (!start_) start_ = Clock::now();
+    while (true) {
+      // The frame after the last one, or a later one whose time has come.
+      const auto elapsed = Clock::now() - *start_;
+      const std::uint64_t sequence = std::max(
+          next_, static_cast<std::uint64_t>(std::max<std::int64_t>(0, elapsed / interval_)));
+      if (sequence > next_) {
+        faults_.count(
+            CaptureFault::gap,
+            "frames were dropped because the program was too slow for the recording's rate; use a "
+            "smaller --fps, or end other programs",
+            sequence - next_);
+      }
+      const auto due = *start_ + static_cast<std::int64_t>(sequence) * interval_;
+      {
+        std::unique_lock lock(mutex_);
+        if (stop_changed_.wait_until(lock, due, [this] { return stopped_; })) {
+          return std::optional<CapturedImage>();
+        }
+      }
+      next_ = sequence + 1;
+      CapturedImage image;
+      image.sequence = sequence;
+      image.timestamp_ns =
+          std::chrono::duration_cast<std::chrono::nanoseconds>(due.time_since_epoch()).count();
+      const std::size_t index = sequence % frames_.size();
+      image.exposure_s = frames_[index].exposure_s;
+      if (!(video_file_.empty() ? take(frames_[index].file, image)
+                                : take_frame(frame_of_video(index), video_file_.string(), image))) {
+        continue;
+      }
+      faults_.count_frame();
+      return std::optional<CapturedImage>(std::move(image));
+    }
+  }
+
+  void stop() override {
+    {
+      const std::lock_guard lock(mutex_);
+      stopped_ = true;
+    }
+    stop_changed_.notify_all();
+  }
+  [[nodiscard]] StreamFormat format() const override { return format_; }
+  [[nodiscard]] FaultCounter& faults() override { return faults_; }
+  [[nodiscard]] std::string_view damage_remedy() const override { return kRecordAgain; }
+  [[nodiscard]] std::vector<std::pair<std::string, std::int64_t>> controls() const override {
+    return {};
+  }
+  [[nodiscard]] std::string description() const override {
+    return fmt::format("recording {} as a camera, {} {}x{} at {:.4g}/s", name_, format_.name,
+                       format_.width, format_.height, 1.0 / format_.interval_s);
+  }
+
+  static constexpr const char* kJpegName = "MJPEG";
+
+ private:
+  bool is_other(const std::string& what) {
+    faults_.count(
+        CaptureFault::wrong_format,
+        fmt::format("{}: an image of another size or format than the first is skipped", what));
+    return false;
+  }
+
+  // False where it is skipped.
+  bool take_frame(Result<Frame> frame, const std::string& what, CapturedImage& image) {
+    if (!frame) {
+      faults_.count(CaptureFault::damaged, frame.error().message);
+      return false;
+    }
+    if (frame->width != format_.width || frame->height != format_.height ||
+        frame->format != pixels_) {
+      return is_other(what);
+    }
+    image.frame = std::move(*frame);
+    image.owner = image.frame.owner;
+    image.frame.sequence = image.sequence;
+    image.frame.timestamp_ns = image.timestamp_ns;
+    return true;
+  }
+
+  // Counts a damaged frame as captured: the report lists damaged and late frames apart.
+  void count_refused(const Trouble& trouble, const std::string& what) {
+    const std::string text = fmt::format("{}: {}", what, trouble.message);
+    if (trouble.fault != CaptureFault::damaged) return (void)is_other(what);
+    faults_.count_frame();
+    faults_.count_undecoded(text);
+  }
+
+  Result<Frame> frame_of_video(std::size_t index) {
+    if (!video_ || index < video_at_) {
+      auto opened = VideoReader::open(video_file_);
+      if (!opened) return tl::unexpected(opened.error());
+      video_ = std::move(*opened);
+      video_at_ = 0;
+    }
+    if (index > video_at_) {
+      if (auto skipped = video_->skip(static_cast<int>(index - video_at_)); !skipped) {
+        return tl::unexpected(skipped.error());
+      }
+    }
+    video_at_ = index + 1;
+    auto frame = video_->next();
+    if (!frame) return tl::unexpected(frame.error());
+    if (!*frame)
+      return fail("{}: ends before frame {}; copy it again", video_file_.string(), index);
+    return std::move(**frame);
+  }
+
+  bool take(const std::filesystem::path& file, CapturedImage& image) {
+    auto bytes = read_file(file);
+    if (!bytes) {
+      faults_.count(CaptureFault::damaged, bytes.error().message);
+      return false;
+    }
+    if (format_.name == kJpegName) {
+      auto received = receive_camera_jpeg(*bytes, {format_.width, format_.height}, kRecordAgain);
+      if (!received) {
+        count_refused(received.error(), file.string());
+        return false;
+      }
+      // Moving a vector leaves its bytes where they are.
+      const auto kept = std::make_shared<const std::vector<std::uint8_t>>(std::move(*bytes));
+      image.jpeg = received->bytes;
+      if (received->frame) image.frame = std::move(*received->frame);
+      image.owner = kept;
+      return true;
+    }
+    auto frame = decode_recorded_image(*bytes, file.string(),
+                                       ImageSize{format_.width, format_.height}, clamps_.options());
+    if (const auto warning = clamps_.take_warning(file.string())) log_warning("{}", *warning);
+    return take_frame(std::move(frame), file.string(), image);
+  }
+
+  const std::string name_;
+  const std::vector<RecordedFrame> frames_;
+  const std::filesystem::path video_file_;  // empty: its pictures are files
+  ClampWatch clamps_;
+  std::optional<VideoReader> video_;
+  std::size_t video_at_ = 0;  // the frame that it gives next
+  const StreamFormat format_;
+  const PixelFormat pixels_;  // where an image is not a JPEG
+  const std::chrono::nanoseconds interval_;
+  FaultCounter faults_;
+  std::optional<Clock::time_point> start_;
+  std::uint64_t next_ = 0;
+  std::mutex mutex_;
+  std::condition_variable stop_changed_;
+  bool stopped_ = false;  // guarded by mutex_
+};
+
+// The first frame that can be decoded: a camera's recording may begin with a damaged one.
+Result<Frame> first_picture(const Recording& recording) {
+  const auto& camera = recording.camera;
+  const auto size = camera ? std::optional(ImageSize{camera->width(), camera->height()})
+                           : std::optional<ImageSize>();
+  std::optional<Error> first_error;
+  for (const RecordedFrame& listed : recording.frames) {
+    auto frame = read_file(listed.file).and_then([&](const std::vector<std::uint8_t>& bytes) {
+      return decode_recorded_image(bytes, listed.file.string(), size, {recording.sample_bits});
+    });
+    if (frame || !recording.of_camera) return frame;
+    if (!first_error) first_error = frame.error();
+  }
+  return tl::unexpected(*first_error);
+}
+
+Result<Frame> first_frame(const Recording& recording) {
+  if (recording.video.empty()) return first_picture(recording);
+  auto video = VideoReader::open(recording.video);
+  if (!video) return tl::unexpected(video.error());
+  auto frame = video->next();
+  if (!frame) return tl::unexpected(frame.error());
+  if (!*frame) {
+    return fail("{}: holds no complete frame; record or copy it again", recording.video.string());
+  }
+  return std::move(**frame);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<LiveSource>> open_recording_feed(const Recording& recording,
+                                                        std::optional<double> fps) {
+  const auto first = first_frame(recording);
+  if (!first) return tl::unexpected(first.error());
+  StreamFormat format;
+  const std::string extension = recording.frames.front().file.extension().string();
+  format.name = !recording.video.empty()                      ? "FFV1"
+                : extension == ".jpg" || extension == ".jpeg" ? RecordingFeed::kJpegName
+                                                              : "PNG";
+  format.width = first->width;
+  format.height = first->height;
+  const auto count = static_cast<std::int64_t>(recording.frames.size());
+  if (fps) {
+    format.interval_s = 1.0 / *fps;
+  } else if (count > 1) {
+    format.interval_s =
+        seconds((recording.frames.back().timestamp_ns - recording.frames.front().timestamp_ns) /
+                (count - 1));
+  }
+  format.interval_s = std::clamp(format.interval_s, 1e-4, 10.0);
+  return std::make_unique<RecordingFeed>(recording, std::move(format), first->format);
+}
+
+}  // namespace penumbra

@@ -1,0 +1,163 @@
+// The frames of a recording, decoded ahead.
+#include "app/recording/recording_source.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "app/capture/camera_jpeg.hpp"
+#include "app/capture/capture_stats.hpp"
+#include "app/logging.hpp"
+#include "app/recording/look_ahead.hpp"
+#include "app/recording/video_reader.hpp"
+#include "core/image/sample_depth.hpp"
+#include "core/text/file.hpp"
+
+namespace penumbra {
+namespace {
+
+struct TimedFrame {
+  Frame frame;
+  StageTime time;  // to read and decode it
+};
+
+// Frame after frame: what the look-ahead thread calls.
+class Decoder {
+ public:
+  Decoder(std::vector<RecordedFrame> frames, std::optional<VideoReader> video,
+          const Recording& recording)
+      : frames_(std::move(frames)),
+        video_(std::move(video)),
+        video_file_(recording.video),
+        camera_file_(recording.camera_file),
+        of_camera_(recording.of_camera),
+        clamps_(recording.sample_bits),
+        faults_(recording.folder.string()) {
+    if (const auto& camera = recording.camera) size_ = ImageSize{camera->width(), camera->height()};
+  }
+
+  Result<std::optional<TimedFrame>> next() {
+    while (at_ < frames_.size()) {
+      const Stopwatch watch;
+      const RecordedFrame& listed = frames_[at_++];
+      auto frame = video_ ? next_of_video(listed) : next_picture(listed);
+      if (!frame) return tl::unexpected(frame.error());
+      if (!*frame) continue;
+      return timed(std::move(**frame), listed, watch);
+    }
+    return std::optional<TimedFrame>();
+  }
+  // By any thread.
+  [[nodiscard]] std::int64_t damaged() const {
+    return static_cast<std::int64_t>(faults_.stats().of(CaptureFault::damaged));
+  }
+
+ private:
+  [[nodiscard]] Result<std::optional<TimedFrame>> timed(Frame frame, const RecordedFrame& listed,
+                                                        const Stopwatch& watch) const {
+    if (size_ && ImageSize{frame.width, frame.height} != *size_) {
+      return fail(
+          "{}: is of {}x{} px, but {} is {}x{} px; give this recording its own camera file, or "
+          "calibrate at its image size (penumbra calibrate)",
+          camera_file_.string(), size_->width, size_->height, place(listed), frame.width,
+          frame.height);
+    }
+    frame.sequence = static_cast<std::uint64_t>(listed.number);
+    frame.timestamp_ns = listed.timestamp_ns;
+    frame.exposure_s = listed.exposure_s;
+    return std::optional<TimedFrame>({std::move(frame), watch.elapsed()});
+  }
+
+  [[nodiscard]] std::string place(const RecordedFrame& listed) const {
+    return video_ ? fmt::format("{}: frame {}", video_file_.string(), listed.number)
+                  : listed.file.string();
+  }
+
+  Result<std::optional<Frame>> next_of_video(const RecordedFrame& listed) {
+    auto frame = video_->next();
+    if (frame && !*frame) {
+      return fail("{}: is missing; the file ends before it: copy it again", place(listed));
+    }
+    return frame;
+  }
+
+  // Nothing where it is damaged, as the camera gave it: live left it out too.
+  Result<std::optional<Frame>> next_picture(const RecordedFrame& listed) {
+    const auto bytes = read_file(listed.file);
+    if (!bytes) return tl::unexpected(bytes.error());
+    const std::string name = listed.file.string();
+    auto frame = decode_recorded_image(*bytes, name, size_, clamps_.options());
+    if (const auto warning = clamps_.take_warning(name)) log_warning("{}", *warning);
+    if (frame) return std::optional<Frame>(std::move(*frame));
+    if (!of_camera_) {
+      return fail("{}, or remove its line from the listing", frame.error().message);
+    }
+    faults_.count(CaptureFault::damaged,
+                  fmt::format("{}; it is skipped, as in the live session", frame.error().message));
+    return std::optional<Frame>();
+  }
+
+  const std::vector<RecordedFrame> frames_;
+  std::optional<VideoReader> video_;
+  const std::filesystem::path video_file_;
+  const std::filesystem::path camera_file_;
+  const bool of_camera_;
+  ClampWatch clamps_;
+  FaultCounter faults_;
+  std::optional<ImageSize> size_;
+  std::size_t at_ = 0;
+};
+
+class RecordingSource final : public FrameSource {
+ public:
+  RecordingSource(int count, std::unique_ptr<Decoder> decoder, int look_ahead)
+      : count_(count),
+        decoder_(std::move(decoder)),
+        frames_([this] { return decoder_->next(); }, look_ahead) {}
+
+  Result<std::optional<Frame>> next() override {
+    auto timed = frames_.next();
+    if (!timed) return tl::unexpected(timed.error());
+    if (!*timed) return std::optional<Frame>();
+    capture_time_ = (*timed)->time;
+    return std::optional<Frame>(std::move((*timed)->frame));
+  }
+  [[nodiscard]] StageTime capture_time() const override { return capture_time_; }
+  [[nodiscard]] std::int64_t damaged() const override { return decoder_->damaged(); }
+  [[nodiscard]] std::optional<int> frame_count() const override { return count_; }
+
+ private:
+  const int count_;
+  const std::unique_ptr<Decoder> decoder_;
+  StageTime capture_time_;
+  LookAhead<TimedFrame> frames_;  // last: its thread uses the decoder
+};
+
+}  // namespace
+
+Result<std::unique_ptr<FrameSource>> open_recording_source(const Recording& recording,
+                                                           const RecordingSourceOptions& options) {
+  const int total = static_cast<int>(recording.frames.size());
+  const int last = std::min(options.last.value_or(total), total);
+  if (options.first < 0 || options.first >= last) {
+    return fail("{}: frames {}:{} hold none of its {} frames (0 is the first)",
+                recording.folder.string(), options.first, options.last.value_or(total), total);
+  }
+  std::optional<VideoReader> video;
+  if (!recording.video.empty()) {
+    auto opened = VideoReader::open(recording.video);
+    if (!opened) return tl::unexpected(opened.error());
+    if (options.first > 0) {
+      if (auto skipped = opened->skip(options.first); !skipped) {
+        return tl::unexpected(skipped.error());
+      }
+    }
+    video = std::move(*opened);
+  }
+  std::vector<RecordedFrame> frames(recording.frames.begin() + options.first,
+                                    recording.frames.begin() + last);
+  const int count = last - options.first;
+  auto decoder = std::make_unique<Decoder>(std::move(frames), std::move(video), recording);
+  return std::make_unique<RecordingSource>(count, std::move(decoder), options.look_ahead);
+}
+
+}  // namespace penumbra

@@ -1,0 +1,482 @@
+#include "app/recording/recording_writer.hpp"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <chrono>
+#include <condition_variable>
+#include <deque>
+#include <exception>
+#include <map>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <span>
+#include <system_error>
+#include <thread>
+#include <variant>
+
+#include "app/logging.hpp"
+#include "app/output/output_file.hpp"
+#include "app/recording/lossless_video.hpp"
+#include "app/recording/recording_source.hpp"
+#include "core/geometry/trajectory.hpp"
+#include "core/image/jpeg_outline.hpp"
+#include "core/text/text.hpp"
+
+namespace penumbra {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+// What waits for the disk: a second of video, and lines for far longer.
+constexpr std::size_t kMostImages = 32;
+constexpr std::size_t kMostLines = 4096;
+// How old controls.json may be: what it says is of then, should the program be killed.
+constexpr std::chrono::seconds kControlsAge(1);
+
+Result<void> write_all(int descriptor, std::span<const std::uint8_t> bytes, const fs::path& file) {
+  while (!bytes.empty()) {
+    const ssize_t count = write(descriptor, bytes.data(), bytes.size());
+    if (count < 0 && errno == EINTR) continue;
+    if (count <= 0) {
+      return fail("{}: cannot be written: {}; free some space or choose another place",
+                  file.string(), std::generic_category().message(errno));
+    }
+    bytes = bytes.subspan(static_cast<std::size_t>(count));
+  }
+  return {};
+}
+
+// A file that is only added to, line by line.
+class LineFile {
+ public:
+  LineFile() = default;
+  LineFile(const LineFile&) = delete;
+  LineFile& operator=(const LineFile&) = delete;
+  ~LineFile() {
+    if (descriptor_ >= 0) close(descriptor_);
+  }
+  Result<void> create(const fs::path& file) {
+    file_ = file;
+    descriptor_ = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0666);
+    if (descriptor_ < 0) {
+      return fail("{}: cannot be written: {}; choose another place", file.string(),
+                  std::generic_category().message(errno));
+    }
+    return {};
+  }
+  Result<void> add(std::string_view line) {
+    const std::string whole = std::string(line) + '\n';
+    return write_all(descriptor_,
+                     {reinterpret_cast<const std::uint8_t*>(whole.data()), whole.size()}, file_);
+  }
+
+ private:
+  fs::path file_;
+  int descriptor_ = -1;
+};
+
+struct PoseLine {
+  std::string text;
+  std::string group;  // empty: the camera's
+};
+struct EventLine {
+  std::string text;
+};
+using Item = std::variant<CapturedImage, PoseLine, EventLine>;
+
+std::string event_text(std::int64_t timestamp_ns, std::string_view event, std::string_view detail) {
+  Json json;
+  json["event"] = event;
+  if (!detail.empty()) json["detail"] = detail;
+  const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  // The time is written as a decimal number, to the nanosecond.
+  return fmt::format("{{\"timestamp_s\":{},{}", format_ns_as_seconds(timestamp_ns), text.substr(1));
+}
+
+}  // namespace
+
+struct RecordingWriter::Impl {
+  fs::path folder;
+  RecordingHead head;
+  LineFile timestamps, poses, events;
+  std::map<std::string, LineFile> group_poses;  // of the groups that were tracked so far
+  std::set<std::string> nameless_groups;        // of these, those that were told to have no file
+  std::optional<LosslessVideo> video;
+  bool with_exposure = false;  // as the first picture has it
+  bool is_open = false;        // the folder is there and ours
+
+  mutable std::mutex mutex;
+  std::condition_variable changed;
+  std::deque<Item> queue;          // guarded by mutex
+  std::size_t images_waiting = 0;  // guarded by mutex
+  RecordingCounts counts;          // guarded by mutex
+  bool closing = false;            // guarded by mutex
+  std::uint64_t left_out = 0;      // guarded by mutex: pictures since the last one that was taken
+  std::int64_t left_out_ns = 0;    // guarded by mutex: the time of the first of them
+  std::chrono::steady_clock::time_point controls_written;
+  std::thread thread;
+
+  Result<void> write_controls() {
+    Json json;
+    RecordingCounts now;
+    {
+      const std::lock_guard lock(mutex);
+      now = counts;
+    }
+    if (head.read_controls) {
+      if (auto read = head.read_controls(); !read.empty()) head.controls = std::move(read);
+    }
+    controls_written = std::chrono::steady_clock::now();
+    json["camera"] = head.camera;
+    json["format"] = head.format.name;
+    json["width"] = head.format.width;
+    json["height"] = head.format.height;
+    json["interval_s"] = head.format.interval_s;
+    json["interval_granted"] = head.format.interval_granted;
+    json["controls"] = Json::object();
+    for (const auto& [name, value] : head.controls) json["controls"][name] = value;
+    json["frames_written"] = now.written;
+    json["frames_dropped"] = now.dropped;
+    json["lines_dropped"] = now.lines_dropped;
+    auto file = OutputFile::create(folder / "controls.json");
+    if (!file) return tl::unexpected(file.error());
+    return write_text(*file, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+  }
+
+  Result<void> open() {
+    std::error_code error;
+    if (fs::exists(folder, error) &&
+        (!fs::is_directory(folder, error) ||
+         fs::directory_iterator(folder, error) != fs::directory_iterator())) {
+      return fail("{}: is there already and not empty; name a new folder to record to",
+                  folder.string());
+    }
+    // Deepest first: removed in that order should the rest fail.
+    std::vector<fs::path> made;
+    for (fs::path part = folder; !part.empty() && !fs::exists(part, error);
+         part = part.parent_path()) {
+      made.push_back(part);
+    }
+    auto filled = fill();
+    if (!filled) {
+      for (const char* name : {"camera.yaml", "tags.yaml", "controls.json", "events.jsonl",
+                               "poses.tum", "timestamps.csv", "frames"}) {
+        fs::remove(folder / name, error);
+      }
+      for (const fs::path& part : made) fs::remove(part, error);
+    }
+    is_open = filled.has_value();
+    return filled;
+  }
+
+  // The folder with all that it begins with.
+  Result<void> fill() {
+    std::error_code error;
+    fs::create_directories(folder, error);
+    if (!error && is_jpeg()) fs::create_directories(folder / "frames", error);
+    if (error) {
+      return fail("{}: cannot be made: {}; choose another place", folder.string(), error.message());
+    }
+    if (auto written = write_text_file(folder / "camera.yaml", head.camera_yaml); !written) {
+      return written;
+    }
+    if (auto written = write_text_file(folder / "tags.yaml", head.tags_yaml); !written) {
+      return written;
+    }
+    if (auto written = write_controls(); !written) return written;
+    if (auto made = events.create(folder / "events.jsonl"); !made) return made;
+    if (auto made = poses.create(folder / "poses.tum"); !made) return made;
+    if (auto made = poses.add("# timestamp tx ty tz qx qy qz qw (T_table_camera, tracked poses)");
+        !made) {
+      return made;
+    }
+    return timestamps.create(folder / "timestamps.csv");
+  }
+
+  [[nodiscard]] bool is_jpeg() const {
+    return head.format.name == "MJPEG" || head.format.name == "JPEG";
+  }
+
+  // The first line, once it is known what there is to say of a picture.
+  Result<void> begin_listing() {
+    const char* more = with_exposure ? ",exposure_s" : "";
+    return timestamps.add(fmt::format("frame,timestamp_s,file{}", more));
+  }
+
+  // The picture first, then the line that lists it.
+  Result<void> write_image(const CapturedImage& image, std::uint64_t number) {
+    std::string name = "video.mkv";
+    if (image.is_jpeg()) {
+      name = fmt::format("frames/{:06}.jpg", number);
+      const fs::path file = folder / name;
+      const int descriptor = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+      if (descriptor < 0) {
+        return fail("{}: cannot be written: {}; free some space or choose another place",
+                    file.string(), std::generic_category().message(errno));
+      }
+      const auto outline = outline_jpeg(image.jpeg);
+      const Result<void> written =
+          outline ? write_all(descriptor, normalized_jpeg(*outline, head.format.height), file)
+                  : write_all(descriptor, image.jpeg, file);
+      close(descriptor);
+      if (!written) {
+        std::error_code ignored;
+        fs::remove(file, ignored);
+        return written;
+      }
+    } else {
+      if (!video) {
+        auto made = LosslessVideo::create(folder / name, image.frame);
+        if (!made) return tl::unexpected(made.error());
+        video = std::move(*made);
+      }
+      if (auto written = video->write(image.frame); !written) return written;
+    }
+    std::string line =
+        fmt::format("{},{},{}", number, format_ns_as_seconds(image.timestamp_ns), name);
+    if (with_exposure) {
+      line += image.exposure_s ? fmt::format(",{:.7g}", *image.exposure_s) : std::string(",");
+    }
+    return timestamps.add(line);
+  }
+
+  Result<void> write_group(const PoseLine& pose) {
+    auto file = group_poses.find(pose.group);
+    if (file == group_poses.end()) {
+      const auto name = group_file(pose.group);
+      if (!name) {
+        if (nameless_groups.insert(pose.group).second) {
+          log_warning(
+              "group '{}': its name cannot be the name of a file, so its poses are not recorded; "
+              "rename it in the tag file",
+              pose.group);
+        }
+        return {};
+      }
+      const fs::path in = folder / kGroupPosesFolder;
+      std::error_code error;
+      fs::create_directories(in, error);
+      if (error) {
+        return fail("{}: cannot be made: {}; free some space or choose another place", in.string(),
+                    error.message());
+      }
+      file = group_poses.try_emplace(pose.group).first;
+      if (auto made = file->second.create(in / *name); !made) return made;
+      if (auto head_line =
+              file->second.add("# timestamp tx ty tz qx qy qz qw (T_table_group, tracked poses)");
+          !head_line) {
+        return head_line;
+      }
+    }
+    return file->second.add(pose.text);
+  }
+
+  Result<void> write(const Item& item) {
+    if (const auto* image = std::get_if<CapturedImage>(&item)) {
+      std::uint64_t number = 0;
+      {
+        const std::lock_guard lock(mutex);
+        number = counts.written;
+      }
+      if (number == 0) {
+        with_exposure = image->exposure_s.has_value();
+        if (auto written = begin_listing(); !written) return written;
+      }
+      if (auto written = write_image(*image, number); !written) return written;
+      {
+        const std::lock_guard lock(mutex);
+        ++counts.written;
+      }
+      const bool old = std::chrono::steady_clock::now() - controls_written >= kControlsAge;
+      return number == 0 || old ? write_controls() : Result<void>();
+    }
+    if (const auto* pose = std::get_if<PoseLine>(&item)) {
+      return pose->group.empty() ? poses.add(pose->text) : write_group(*pose);
+    }
+    return events.add(std::get<EventLine>(item).text);
+  }
+
+  template <class Work>
+  Result<void> guarded(const Work& work) {
+    try {
+      return work();
+    } catch (const std::exception& error) {
+      return fail("{}: {}", folder.string(), error.what());
+    }
+  }
+
+  // `opened`: the folder is there.
+  void run(bool opened) {
+    if (!opened) {
+      if (auto made = guarded([this] { return open(); }); !made) {
+        log_warning("{}; nothing is recorded, the session continues", made.error().message);
+        const std::lock_guard lock(mutex);
+        counts.error = made.error().message;
+      }
+    }
+    while (true) {
+      std::optional<Item> item;
+      {
+        std::unique_lock lock(mutex);
+        changed.wait(lock, [this] { return closing || !queue.empty(); });
+        if (queue.empty()) return;
+        item = std::move(queue.front());
+        queue.pop_front();
+        if (std::holds_alternative<CapturedImage>(*item)) --images_waiting;
+        if (counts.error) continue;  // the disk is full, say: what comes is let go
+      }
+      if (auto written = guarded([&] { return write(*item); }); !written) {
+        log_warning("{}; the recording is closed, the session continues", written.error().message);
+        const std::lock_guard lock(mutex);
+        counts.error = written.error().message;
+      }
+    }
+  }
+
+  // The mutex is held.
+  void tell_left_out() {
+    if (left_out == 0) return;
+    queue.push_back(
+        EventLine{event_text(left_out_ns, "left_out",
+                             fmt::format("{} {}, the disk or the encoder was too slow", left_out,
+                                         left_out == 1 ? "frame" : "frames"))});
+    left_out = 0;
+  }
+
+  void add(Item item) {
+    bool first_dropped = false;
+    bool first_line_dropped = false;
+    {
+      const std::lock_guard lock(mutex);
+      if (closing) return;
+      const bool is_image = std::holds_alternative<CapturedImage>(item);
+      if (counts.error) {
+        counts.dropped += is_image ? 1 : 0;
+        return;
+      }
+      if (is_image ? images_waiting >= kMostImages : queue.size() >= kMostLines) {
+        if (is_image) {
+          first_dropped = ++counts.dropped == 1;
+          if (left_out++ == 0) left_out_ns = std::get<CapturedImage>(item).timestamp_ns;
+        } else {
+          first_line_dropped = ++counts.lines_dropped == 1;
+        }
+      } else {
+        if (is_image) {
+          tell_left_out();
+          ++images_waiting;
+        }
+        queue.push_back(std::move(item));
+      }
+    }
+    changed.notify_one();
+    if (first_dropped) {
+      log_warning(
+          "{}: frames are dropped from the recording, because the disk or the encoder is too slow; "
+          "record to a faster disk, with --format mjpeg, or at a smaller --size or --fps (reported "
+          "once, then counted)",
+          folder.string());
+    }
+    if (first_line_dropped) {
+      log_warning(
+          "{}: poses, light and events are dropped from the recording, because the disk is too "
+          "slow; record to a faster disk (reported once)",
+          folder.string());
+    }
+  }
+};
+
+RecordingWriter::RecordingWriter(std::unique_ptr<Impl> impl, bool opened) : impl_(std::move(impl)) {
+  impl_->thread = std::thread([m = impl_.get(), opened] { m->run(opened); });
+}
+
+RecordingWriter::~RecordingWriter() {
+  (void)finish();
+}
+
+Result<std::unique_ptr<RecordingWriter>> RecordingWriter::create(const fs::path& folder,
+                                                                 const RecordingHead& head) {
+  auto impl = std::make_unique<Impl>();
+  impl->folder = folder;
+  impl->head = head;
+  if (auto opened = impl->open(); !opened) return tl::unexpected(opened.error());
+  return std::unique_ptr<RecordingWriter>(new RecordingWriter(std::move(impl), true));
+}
+
+std::unique_ptr<RecordingWriter> RecordingWriter::begin(const fs::path& folder,
+                                                        const RecordingHead& head) {
+  auto impl = std::make_unique<Impl>();
+  impl->folder = folder;
+  impl->head = head;
+  return std::unique_ptr<RecordingWriter>(new RecordingWriter(std::move(impl), false));
+}
+
+void RecordingWriter::add_image(const CapturedImage& image) {
+  impl_->add(image);
+}
+
+void RecordingWriter::add_pose(std::int64_t timestamp_ns, const PoseEstimate& pose) {
+  if (pose.status != TrackStatus::tracked) return;
+  impl_->add(PoseLine{format_tum({timestamp_ns, pose.T_table_camera, {}}), {}});
+}
+
+void RecordingWriter::add_group(std::int64_t timestamp_ns, const GroupEstimate& group) {
+  if (group.status != TrackStatus::tracked) return;
+  const CameraPose place(group.T_table_group.rotation(), group.T_table_group.translation());
+  impl_->add(PoseLine{format_tum({timestamp_ns, place, {}}), group.name});
+}
+
+void RecordingWriter::add_event(std::int64_t timestamp_ns, std::string_view event,
+                                std::string_view detail) {
+  impl_->add(EventLine{event_text(timestamp_ns, event, detail)});
+}
+
+void RecordingWriter::add_scene_edit(const SceneEvent& event) {
+  impl_->add(EventLine{event_line(event)});
+}
+
+void RecordingWriter::add_light(const LitFrame& lit) {
+  impl_->add(EventLine{light_line(lit)});
+}
+
+const std::filesystem::path& RecordingWriter::folder() const {
+  return impl_->folder;
+}
+
+RecordingCounts RecordingWriter::counts() const {
+  const std::lock_guard lock(impl_->mutex);
+  return impl_->counts;
+}
+
+Result<void> RecordingWriter::finish() {
+  Impl& m = *impl_;
+  if (!m.thread.joinable()) return {};
+  {
+    const std::lock_guard lock(m.mutex);
+    m.tell_left_out();
+    m.closing = true;
+  }
+  m.changed.notify_all();
+  m.thread.join();
+  if (m.video && !m.counts.error) {
+    if (auto finished = m.video->finish(); !finished) m.counts.error = finished.error().message;
+  }
+  if (!m.counts.error && m.counts.written == 0) {
+    if (auto begun = m.begin_listing(); !begun) m.counts.error = begun.error().message;
+  }
+  // Also where writing ended early: as far as it can be.
+  const bool whole = !m.counts.error;
+  if (m.is_open) {
+    if (auto written = m.write_controls(); !written && whole) {
+      m.counts.error = written.error().message;
+    }
+  }
+  if (m.counts.error) return fail("{}", *m.counts.error);
+  return {};
+}
+
+}  // namespace penumbra

@@ -1,0 +1,354 @@
+#include "app/recording/video_reader.hpp"
+
+extern "C" {
+#include <libavutil/crc.h>
+#include <libavutil/pixdesc.h>
+}
+
+#include <array>
+#include <deque>
+#include <span>
+#include <string>
+#include <utility>
+
+#include "app/libav.hpp"
+#include "core/assert.hpp"
+
+namespace penumbra {
+namespace {
+
+// Between the blocks of a Matroska file lie headers of some 20 to 60 bytes; after damage the reader
+// looks for the next cluster, and what it jumped over shows as a larger gap.
+constexpr std::int64_t kMaxGapBytes = 512;
+constexpr std::int64_t kMaxPixels = 256'000'000;
+
+// The packets of the video stream, in order.
+class Demuxer {
+ public:
+  static Result<Demuxer> open(const std::filesystem::path& file) {
+    // libav writes to standard error by itself; our errors carry what it has to say.
+    av_log_set_level(AV_LOG_QUIET);
+    Demuxer demuxer;
+    demuxer.name_ = file.string();
+    std::error_code error;
+    const std::filesystem::file_status status = std::filesystem::status(file, error);
+    if (status.type() == std::filesystem::file_type::not_found) {
+      return fail("{}: no such file", demuxer.name_);
+    }
+    if (!std::filesystem::is_regular_file(status)) {
+      return fail("{}: {}", demuxer.name_,
+                  error ? "cannot be read: " + error.message() : "is not a file");
+    }
+    AVFormatContext* format = nullptr;
+    const int opened = avformat_open_input(&format, ("file:" + demuxer.name_).c_str(),
+                                           av_find_input_format("matroska"), nullptr);
+    if (opened < 0) {
+      return fail("{}: cannot be read as Matroska video ({}); record or copy it again",
+                  demuxer.name_, av_error_text(opened));
+    }
+    demuxer.format_.reset(format);
+    for (unsigned i = 0; i < format->nb_streams; ++i) {
+      if (format->streams[i]->codecpar->codec_type == AVMEDIA_TYPE_VIDEO) {
+        demuxer.stream_ = static_cast<int>(i);
+        break;
+      }
+    }
+    if (demuxer.stream_ < 0) return fail("{}: holds no video stream", demuxer.name_);
+    const AVCodecID codec = demuxer.parameters().codec_id;
+    if (codec != AV_CODEC_ID_FFV1 && codec != AV_CODEC_ID_RAWVIDEO) {
+      return fail("{}: is {} video; recordings hold FFV1: ffmpeg -i IN -c:v ffv1 -level 3 {}",
+                  demuxer.name_, avcodec_get_name(codec), file.filename().string());
+    }
+    demuxer.packet_.reset(av_packet_alloc());
+    if (!demuxer.packet_) return fail("{}: no memory for the reader", demuxer.name_);
+    demuxer.end_of_last_ = avio_tell(format->pb);
+    return demuxer;
+  }
+
+  [[nodiscard]] const std::string& name() const { return name_; }
+  [[nodiscard]] const AVCodecParameters& parameters() const {
+    return *format_->streams[stream_]->codecpar;
+  }
+
+  // The next packet, valid until the next call; null at the end.
+  Result<AVPacket*> next() {
+    while (true) {
+      av_packet_unref(packet_.get());
+      const int status = av_read_frame(format_.get(), packet_.get());
+      if (status == AVERROR_EOF) return nullptr;
+      if (status < 0) return fail("{}: cannot be read: {}", name_, av_error_text(status));
+      if (packet_->pos >= 0) {
+        if (packet_->pos - end_of_last_ > kMaxGapBytes) {
+          return fail("{}: damaged after frame {} (bytes {} to {} are no video); copy it again",
+                      name_, frames_ - 1, end_of_last_, packet_->pos);
+        }
+        end_of_last_ = packet_->pos + packet_->size;
+      }
+      if (packet_->stream_index != stream_) continue;
+      ++frames_;
+      return packet_.get();
+    }
+  }
+
+ private:
+  AvInput format_;
+  Av<AVPacket> packet_;
+  std::string name_;
+  int stream_ = -1;
+  int frames_ = 0;
+  std::int64_t end_of_last_ = 0;  // [bytes]
+};
+
+// FFV1 version 3 (RFC 9043, section 4.9): each slice ends with its size (3 bytes) and, where the
+// file has check sums, an error status (1 byte) and a CRC-32 over the slice and itself that comes
+// out as 0. Slices are found from the packet's end. libav's decoder only conceals a slice whose sum
+// is wrong.
+enum class SliceSums { none, right, wrong, no_chain };
+
+SliceSums check_slices(std::span<const std::uint8_t> packet, std::size_t trailer) {
+  const AVCRC* table = av_crc_get_table(AV_CRC_32_IEEE);
+  bool right = true;
+  std::size_t end = packet.size();
+  while (end > 0) {
+    if (end < trailer) return SliceSums::no_chain;
+    const std::uint8_t* field = packet.data() + end - trailer;
+    const std::size_t size =
+        (std::size_t{field[0]} << 16U) | (std::size_t{field[1]} << 8U) | std::size_t{field[2]};
+    if (size + trailer > end) return SliceSums::no_chain;
+    end -= size + trailer;
+    if (trailer > 3 && av_crc(table, 0, packet.data() + end, size + trailer) != 0) right = false;
+  }
+  if (trailer <= 3) return SliceSums::none;
+  return right ? SliceSums::right : SliceSums::wrong;
+}
+
+constexpr std::size_t kTrailerWithSum = 8;
+constexpr std::size_t kTrailerWithout = 3;
+
+// The pixel formats that are passed on, and how.
+struct Mapping {
+  AVPixelFormat stored;
+  PixelFormat format;
+  bool full_range;  // where the file does not say
+};
+constexpr std::array<Mapping, 9> kPlanar{{
+    {AV_PIX_FMT_GRAY8, PixelFormat::grey8, true},
+    {AV_PIX_FMT_YUV420P, PixelFormat::yuv420p, false},
+    {AV_PIX_FMT_YUVJ420P, PixelFormat::yuv420p, true},
+    {AV_PIX_FMT_YUV422P, PixelFormat::yuv422p, false},
+    {AV_PIX_FMT_YUVJ422P, PixelFormat::yuv422p, true},
+    {AV_PIX_FMT_YUV444P, PixelFormat::yuv444p, false},
+    {AV_PIX_FMT_YUVJ444P, PixelFormat::yuv444p, true},
+    {AV_PIX_FMT_NV12, PixelFormat::nv12, false},
+    {AV_PIX_FMT_YUYV422, PixelFormat::yuyv, false},
+}};
+
+// Where the R, G and B of a pixel lie. libav gives 8-bit RGB of FFV1 as bgr0 or bgra (0rgb on a
+// big-endian machine), later versions as planes.
+struct RgbLayout {
+  AVPixelFormat stored;
+  std::array<int, 3> plane;   // of R, G, B
+  std::array<int, 3> offset;  // [bytes] in the plane
+  int step;                   // [bytes] from pixel to pixel
+};
+constexpr std::array<RgbLayout, 5> kRgb{{
+    {AV_PIX_FMT_GBRP, {2, 0, 1}, {0, 0, 0}, 1},
+    {AV_PIX_FMT_BGR0, {0, 0, 0}, {2, 1, 0}, 4},
+    {AV_PIX_FMT_BGRA, {0, 0, 0}, {2, 1, 0}, 4},
+    {AV_PIX_FMT_0RGB, {0, 0, 0}, {1, 2, 3}, 4},
+    {AV_PIX_FMT_RGBA, {0, 0, 0}, {0, 1, 2}, 4},
+}};
+
+Frame to_rgb(const AVFrame& stored, const RgbLayout& layout) {
+  FrameBuffer buffer = allocate_frame(PixelFormat::rgb24, stored.width, stored.height);
+  for (int y = 0; y < stored.height; ++y) {
+    std::array<const std::uint8_t*, 3> in{};
+    for (std::size_t c = 0; c < 3; ++c) {
+      const int plane = layout.plane[c];
+      in[c] = stored.data[plane] + static_cast<std::ptrdiff_t>(y) * stored.linesize[plane] +
+              layout.offset[c];
+    }
+    std::uint8_t* out = buffer.plane_data[0] + y * buffer.frame.planes[0].stride;
+    for (std::ptrdiff_t x = 0; x < stored.width; ++x) {
+      for (std::size_t c = 0; c < 3; ++c) *out++ = in[c][x * layout.step];
+    }
+  }
+  return std::move(buffer.frame);
+}
+
+// Views of the decoder's own buffer.
+Frame to_planar(Av<AVFrame> stored, const Mapping& mapping) {
+  Frame frame;
+  frame.width = stored->width;
+  frame.height = stored->height;
+  frame.format = mapping.format;
+  frame.color_matrix =
+      stored->colorspace == AVCOL_SPC_BT709 ? ColorMatrix::bt709 : ColorMatrix::bt601;
+  const bool full = stored->color_range == AVCOL_RANGE_UNSPECIFIED
+                        ? mapping.full_range
+                        : stored->color_range == AVCOL_RANGE_JPEG;
+  frame.color_range = full ? ColorRange::full : ColorRange::limited;
+  const AVPixFmtDescriptor* description = av_pix_fmt_desc_get(mapping.stored);
+  frame.plane_count = av_pix_fmt_count_planes(mapping.stored);
+  for (int i = 0; i < frame.plane_count; ++i) {
+    PixelPlane& plane = frame.planes[static_cast<std::size_t>(i)];
+    const bool chroma = i > 0;
+    plane.data = stored->data[i];
+    plane.stride = stored->linesize[i];
+    plane.width = chroma ? AV_CEIL_RSHIFT(frame.width, description->log2_chroma_w) : frame.width;
+    plane.height = chroma ? AV_CEIL_RSHIFT(frame.height, description->log2_chroma_h) : frame.height;
+    if (mapping.format == PixelFormat::yuyv) plane.width = (frame.width + 1) / 2;
+  }
+  frame.owner = std::shared_ptr<const void>(std::move(stored));
+  return frame;
+}
+
+}  // namespace
+
+struct VideoReader::Impl {
+  Demuxer demuxer;
+  Av<AVCodecContext> decoder;
+  std::deque<Av<AVPacket>> waiting;  // read while skipping: since the last key frame
+  int frame = 0;                     // number of the next one
+  bool broken = false;               // by a damaged frame, until the next key frame
+  bool has_sums = false;
+
+  tl::unexpected<Error> damaged(std::string_view what) const {
+    return fail("{}: frame {}: damaged ({}); record or copy it again", demuxer.name(), frame, what);
+  }
+
+  Result<void> verify(const AVPacket& packet) {
+    const AVCodecParameters& parameters = demuxer.parameters();
+    // Versions 0 and 1 carry no configuration, and no check sums.
+    if (parameters.codec_id != AV_CODEC_ID_FFV1 || parameters.extradata_size <= 0) return {};
+    const std::span<const std::uint8_t> bytes(packet.data, static_cast<std::size_t>(packet.size));
+    const SliceSums sums = check_slices(bytes, kTrailerWithSum);
+    if (sums == SliceSums::wrong) return damaged("a check sum is wrong");
+    if (sums == SliceSums::right) {
+      has_sums = true;
+    } else if (has_sums || check_slices(bytes, kTrailerWithout) == SliceSums::no_chain) {
+      return damaged("its slices do not fill it");
+    }
+    return {};
+  }
+
+  // The next frame. After a damaged one those that are told as changes to it are damaged too.
+  Result<Av<AVFrame>> decode_next(const AVPacket& packet) {
+    broken = broken && (packet.flags & AV_PKT_FLAG_KEY) == 0;
+    auto decoded =
+        broken ? Result<Av<AVFrame>>(damaged("it builds on a damaged frame")) : decode(packet);
+    broken = !decoded;
+    ++frame;
+    return decoded;
+  }
+
+  Result<Av<AVFrame>> decode(const AVPacket& packet) {
+    if (auto whole = verify(packet); !whole) return tl::unexpected(whole.error());
+    Av<AVFrame> decoded(av_frame_alloc());
+    if (!decoded) return fail("{}: no memory for a frame", demuxer.name());
+    int status = avcodec_send_packet(decoder.get(), &packet);
+    if (status >= 0) status = avcodec_receive_frame(decoder.get(), decoded.get());
+    if (status < 0) return damaged(av_error_text(status));
+    if (decoded->decode_error_flags != 0 || (decoded->flags & AV_FRAME_FLAG_CORRUPT) != 0) {
+      return damaged("the decoder could not read all of it");
+    }
+    if (decoded->width <= 0 || decoded->height <= 0) return damaged("it has no pixels");
+    return decoded;
+  }
+
+  Result<Frame> convert(Av<AVFrame> decoded) const {
+    for (const Mapping& mapping : kPlanar) {
+      if (mapping.stored == decoded->format) return to_planar(std::move(decoded), mapping);
+    }
+    for (const RgbLayout& layout : kRgb) {
+      if (layout.stored == decoded->format) return to_rgb(*decoded, layout);
+    }
+    const char* format = av_get_pix_fmt_name(static_cast<AVPixelFormat>(decoded->format));
+    return fail("{}: pixel format {}; recordings hold 8-bit grey, YUV or RGB", demuxer.name(),
+                format != nullptr ? format : "unknown");
+  }
+};
+
+VideoReader::VideoReader(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+VideoReader::VideoReader(VideoReader&&) noexcept = default;
+VideoReader& VideoReader::operator=(VideoReader&&) noexcept = default;
+VideoReader::~VideoReader() = default;
+
+Result<VideoReader> VideoReader::open(const std::filesystem::path& file) {
+  Result<Demuxer> demuxer = Demuxer::open(file);
+  if (!demuxer) return tl::unexpected(demuxer.error());
+  auto impl = std::make_unique<Impl>();
+  impl->demuxer = std::move(*demuxer);
+  const AVCodecParameters& parameters = impl->demuxer.parameters();
+  const AVCodec* codec = avcodec_find_decoder(parameters.codec_id);
+  if (codec == nullptr) {
+    return fail("{}: this libav has no decoder for {}", file.string(),
+                avcodec_get_name(parameters.codec_id));
+  }
+  impl->decoder.reset(avcodec_alloc_context3(codec));
+  if (!impl->decoder) return fail("{}: no memory for the decoder", file.string());
+  impl->decoder->thread_count = 1;  // looking ahead is done by who reads
+  impl->decoder->max_pixels = kMaxPixels;
+  impl->decoder->err_recognition = AV_EF_CRCCHECK | AV_EF_EXPLODE;
+  int status = avcodec_parameters_to_context(impl->decoder.get(), &parameters);
+  if (status >= 0) status = avcodec_open2(impl->decoder.get(), codec, nullptr);
+  if (status < 0) {
+    return fail("{}: damaged ({}: {}); record or copy it again", file.string(), codec->name,
+                av_error_text(status));
+  }
+  return VideoReader(std::move(impl));
+}
+
+Result<void> VideoReader::skip(int count) {
+  const int target = impl_->frame + count;
+  // One packet more than is skipped, since only the next one tells whether those before it are
+  // needed.
+  while (impl_->frame + static_cast<int>(impl_->waiting.size()) <= target) {
+    const Result<AVPacket*> packet = impl_->demuxer.next();
+    if (!packet) return tl::unexpected(packet.error());
+    if (*packet == nullptr) break;
+    if (((*packet)->flags & AV_PKT_FLAG_KEY) != 0) {
+      impl_->frame += static_cast<int>(impl_->waiting.size());
+      impl_->waiting.clear();
+    }
+    impl_->waiting.emplace_back(av_packet_clone(*packet));
+    if (!impl_->waiting.back()) return fail("{}: no memory", impl_->demuxer.name());
+  }
+  while (impl_->frame < target && !impl_->waiting.empty()) {
+    (void)impl_->decode_next(*impl_->waiting.front());  // one that is wanted tells of it
+    impl_->waiting.pop_front();
+  }
+  return {};
+}
+
+Result<std::optional<Frame>> VideoReader::next() {
+  Av<AVPacket> kept;
+  const AVPacket* packet = nullptr;
+  if (!impl_->waiting.empty()) {
+    kept = std::move(impl_->waiting.front());
+    impl_->waiting.pop_front();
+    packet = kept.get();
+  } else {
+    const Result<AVPacket*> read = impl_->demuxer.next();
+    if (!read) return tl::unexpected(read.error());
+    packet = *read;
+  }
+  if (packet == nullptr) return std::optional<Frame>();
+  auto decoded = impl_->decode_next(*packet);
+  if (!decoded) return tl::unexpected(decoded.error());
+  Result<Frame> frame = impl_->convert(std::move(*decoded));
+  if (!frame) return tl::unexpected(frame.error());
+  return std::optional<Frame>(std::move(*frame));
+}
+
+Result<int> count_video_frames(const std::filesystem::path& file) {
+  Result<Demuxer> demuxer = Demuxer::open(file);
+  if (!demuxer) return tl::unexpected(demuxer.error());
+  for (int count = 0;; ++count) {
+    const Result<AVPacket*> packet = demuxer->next();
+    if (!packet) return tl::unexpected(packet.error());
+    if (*packet == nullptr) return count;
+  }
+}
+
+}  // namespace penumbra

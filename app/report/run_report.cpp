@@ -1,0 +1,703 @@
+#include "app/report/run_report.hpp"
+
+#include <algorithm>
+#include <array>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <numeric>
+
+#include "app/capture/capture_stats.hpp"
+#include "app/report/versions.hpp"
+#include "core/assert.hpp"
+#include "core/text/text.hpp"
+#include "core/units.hpp"
+#include "tracking/table_tracker.hpp"
+
+namespace penumbra {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json json_of(const Statistics& s) {
+  return {{"rmse", s.rmse}, {"median", s.median}, {"p95", s.p95}, {"max", s.max}};
+}
+
+Json json_of(const StageSummary& s) {
+  return {
+      {"median", s.median},         {"p95", s.p95},           {"max", s.max},    {"mean", s.mean},
+      {"cpu_median", s.cpu_median}, {"cpu_mean", s.cpu_mean}, {"count", s.count}};
+}
+
+double ratio_of(int part, int whole) {
+  return whole > 0 ? static_cast<double>(part) / whole : 0.0;
+}
+
+Json json_of(const Evaluation& e) {
+  // With no pose there is no error: null, never a perfect 0.
+  const auto known = [&](const Json& value) { return e.frames_judged > 0 ? value : Json(); };
+  Json json;
+  json["translation_mm"] = known(json_of(e.translation_mm));
+  json["rotation_deg"] = known(json_of(e.rotation_deg));
+  json["overlay_px"] = known(json_of(e.overlay_px));
+  json["overlay_frame_px"] = known(json_of(e.overlay_frame_px));
+  json["jitter_px"] = e.jitter_changes > 0 ? Json(e.jitter_px) : Json();
+  json["frames_estimated"] = e.frames_estimated;
+  json["frames_judged"] = e.frames_judged;
+  json["share_judged"] = ratio_of(e.frames_judged, e.frames_estimated);
+  json["not_judged"] = Json::object();
+  for (const NotJudged cause : kNotJudged) {
+    const int count = e.frames_not_judged[static_cast<std::size_t>(cause)];
+    if (count > 0) json["not_judged"][std::string(to_string(cause))] = count;
+  }
+  json["frames_with_truth"] = e.frames_with_truth;
+  json["frames_with_pose"] = e.frames_with_pose;
+  json["share_with_pose"] = ratio_of(e.frames_with_pose, e.frames_with_truth);
+  json["time_offset_s"] = seconds(e.time_offset_ns);
+  return json;
+}
+
+template <class Counts>
+Json counts_json(const Counts& counts) {
+  Json json = Json::object();
+  for (const auto& [name, count] : counts) json[name] = count;
+  return json;
+}
+
+Json groups_json(const std::vector<GroupReport>& groups) {
+  Json json = Json::object();
+  for (const GroupReport& group : groups) {
+    Json& of_group = json[group.name];
+    of_group["frames_tracked"] = group.frames_tracked;
+    of_group["frames_uncertain"] = group.frames_uncertain;
+    of_group["frames_held"] = group.frames_held;
+    of_group["frames_lost"] = group.frames_lost;
+    of_group["reprojection_rms_px"] =
+        group.tags_measured ? json_of(group.reprojection_rms_px) : Json();
+    of_group["tags_left_out"] = counts_json(group.tags_left_out);
+    if (group.accuracy) of_group["accuracy"] = json_of(*group.accuracy);
+  }
+  return json;
+}
+
+// "expected error 2.7 px" is "expected error N px".
+std::string without_numbers(const std::string& reason) {
+  std::string text;
+  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+  for (std::size_t i = 0; i < reason.size(); ++i) {
+    const bool of_number =
+        is_digit(reason[i]) || (reason[i] == '.' && text.ends_with('N') && i + 1 < reason.size() &&
+                                is_digit(reason[i + 1]));
+    if (!of_number) text.push_back(reason[i]);
+    if (of_number && !text.ends_with('N')) text.push_back('N');
+  }
+  return text;
+}
+
+Json times_json(const std::vector<std::pair<std::string, StageSummary>>& time_ms) {
+  Json json = Json::object();
+  for (const auto& [stage, summary] : time_ms) json[stage] = json_of(summary);
+  return json;
+}
+
+// What each thread of the pipeline was busy with, per frame, and what the frame rate hangs on: the
+// busiest of them where they run side by side, else all of them, one after another.
+Json pipeline_json(const RunReport& report) {
+  constexpr std::array kStages = {"capture", "track", "draw", "encode"};
+  Json busy = Json::object();
+  std::string busiest;
+  double most_ms = 0.0;
+  double sum_ms = 0.0;
+  for (const char* stage : kStages) {
+    for (const auto& [name, summary] : report.time_ms) {
+      if (name != stage || summary.count == 0 || report.frames == 0) continue;
+      const double ms = summary.mean * static_cast<double>(summary.count) / report.frames;
+      busy[stage] = ms;
+      sum_ms += ms;
+      if (ms > most_ms) {
+        most_ms = ms;
+        busiest = stage;
+      }
+    }
+  }
+  const bool side_by_side = report.threads > 1;
+  return {{"threads", report.threads},
+          {"busy_ms_per_frame", busy},
+          {"critical_path", side_by_side ? busiest : "every stage"},
+          {"critical_ms_per_frame", side_by_side ? most_ms : sum_ms}};
+}
+
+// Number of processed frames that have a true pose at their time.
+int frames_with(const Trajectory& truth, const RunRecorder& run, const PairingOptions& options) {
+  return static_cast<int>(std::ranges::count_if(run.times_ns(), [&](std::int64_t time_ns) {
+    return pose_at(truth, shifted(time_ns, options.time_offset_ns), options.max_gap_ns).has_value();
+  }));
+}
+
+// Errors of poses of a run's frames.
+Evaluation evaluate_run(const CameraModel& camera, const RunRecorder& run, const Trajectory& poses,
+                        const Trajectory& truth, const PairingOptions& options) {
+  Trajectory frames;
+  for (const std::int64_t time_ns : run.times_ns()) frames.poses.push_back({time_ns, {}, {}});
+  Evaluation evaluation = evaluate(camera, poses, truth, options, median_interval_ns(frames));
+  evaluation.frames_with_truth = frames_with(truth, run, options);
+  evaluation.frames_with_pose = evaluation.frames_judged;
+  return evaluation;
+}
+
+Json json_of(const SmoothingReport& smoothing) {
+  Json json = {
+      {"lag_ms", json_of(smoothing.lag_ms)},
+      {"measured_lag_ms", smoothing.measured_lag_ms ? Json(*smoothing.measured_lag_ms) : Json()},
+      {"offset_px", json_of(smoothing.offset_px)}};
+  if (smoothing.accuracy) json["accuracy"] = json_of(*smoothing.accuracy);
+  return json;
+}
+
+}  // namespace
+
+void StageTimes::add(StageTime time) {
+  recent_ms_[wall_ms_.count() % kMostRecent] = time.wall_ms;
+  wall_ms_.add(time.wall_ms);
+  cpu_ms_.add(time.cpu_ms);
+}
+
+StageSummary StageTimes::summary() const {
+  const Statistics wall = wall_ms_.statistics();
+  return {wall.median,    wall.p95,        wall.max, wall_ms_.mean(), cpu_ms_.statistics().median,
+          cpu_ms_.mean(), wall_ms_.count()};
+}
+
+std::optional<double> StageTimes::recent_ms() const {
+  const std::size_t used = std::min(kMostRecent, wall_ms_.count());
+  if (used == 0) return std::nullopt;
+  return std::accumulate(recent_ms_.begin(), recent_ms_.begin() + used, 0.0) /
+         static_cast<double>(used);
+}
+
+RunRecorder::RunRecorder(const RunRecorderOptions& options) : keep_paths_(options.keep_paths) {
+  if (options.camera) lag_.emplace(*options.camera);
+  // A stage that never ran is told too, with a count of 0.
+  for (const char* stage :
+       {"capture", "track", "detect", "search", "align", "solve", "light", "plan", "shadow",
+        "render", "gpu", "readback", "draw", "encode", "frame", "latency"}) {
+    stages_.emplace_back(stage, StageTimes());
+  }
+}
+
+void RunRecorder::add_time(std::string_view stage, StageTime time) {
+  auto found = std::find_if(stages_.begin(), stages_.end(),
+                            [&](const auto& entry) { return entry.first == stage; });
+  PENUMBRA_ASSERT(found != stages_.end());
+  found->second.add(time);
+}
+
+void RunRecorder::add_gpu_times(std::span<const double> times_ms) {
+  for (const double time_ms : times_ms) add_time("gpu", {time_ms, 0.0});
+}
+
+void RunRecorder::add_frame(const SessionFrame& frame) {
+  const PoseEstimate& pose = frame.tracked.pose;
+  const TrackTimes& times = frame.tracked.times;
+  const CompositeStats& drawn = frame.composite;
+  ++report_.frames;
+  report_.translucency = drawn.translucency;
+  switch (pose.status) {
+    case TrackStatus::tracked:
+      ++report_.frames_tracked;
+      expected_px_.add(pose.expected_overlay_error_px);
+      add_tracked(frame);
+      break;
+    case TrackStatus::uncertain:
+      ++report_.frames_uncertain;
+      break;
+    case TrackStatus::held:
+      ++report_.frames_held;
+      break;
+    case TrackStatus::lost:
+      ++report_.frames_lost;
+      break;
+  }
+  if (pose.status != TrackStatus::tracked) add_reason(pose.reason);
+  if (frame.smoothed) {
+    lag_ms_.add(frame.smoothed->lag_ms);
+    offset_px_.add(frame.smoothed->offset_px);
+  }
+  report_.pixels_sampled += times.samples;
+  const auto skip = [this](const char* what, std::int64_t count) {
+    if (count > 0) report_.tracking_skipped[what] += count;
+  };
+  skip("tag_out_of_view", times.tags_out_of_view);
+  skip("tag_too_small", times.tags_too_small);
+  skip("pixels_within_budget", times.sampling_stopped ? 1 : 0);
+  skip("pixels_while_moving", times.fewer_pixels ? 1 : 0);
+  skip("wide_stage", times.near_start ? 1 : 0);
+  skip("corner_solve", times.corner_solve_skipped ? 1 : 0);
+  for (const int id : pose.tags_left_out) ++report_.tags_left_out[std::to_string(id)];
+  if (keep_paths_) times_ns_.push_back(frame.tracked.frame.timestamp_ns);
+  if (pose.tags_used > 0) reprojection_px_.add(pose.reprojection_rms_px);
+  if (times.search_came) ++report_.full_detections;
+  if (times.full_detection) {
+    ++report_.full_detections;
+  } else if (times.box_detection) {
+    ++report_.box_detections;
+  } else if (pose.tags_used > 0) {
+    ++report_.tracked_updates;
+    if (times.coarse_search) ++report_.coarse_searches;
+  }
+
+  add_time("track", {times.total_ms, times.total_cpu_ms});
+  if (times.detect_ms > 0.0) add_time("detect", {times.detect_ms, times.detect_cpu_ms});
+  if (times.search_came) add_time("search", {times.search_ms, times.search_cpu_ms});
+  if (times.align_ms > 0.0) add_time("align", {times.align_ms, times.align_cpu_ms});
+  if (times.solve_ms > 0.0) add_time("solve", {times.solve_ms, times.solve_cpu_ms});
+  if (frame.light_time.wall_ms > 0.0) add_time("light", frame.light_time);
+  add_time("plan", frame.plan_time);
+  add_time("shadow", {drawn.shadow_ms, drawn.shadow_cpu_ms});
+  add_time("render", {drawn.render_ms, drawn.render_cpu_ms});
+  add_time("draw", frame.draw_time);
+  if (frame.read_back) add_time("readback", {drawn.readback_ms, drawn.readback_cpu_ms});
+
+  for (const GroupEstimate& group : frame.tracked.groups) add_group(group, frame.tracked);
+  if (frame.tracked.groups_skipped > 0) {
+    report_.skipped["group_not_in_scene"] += frame.tracked.groups_skipped;
+  }
+  add_work(drawn);
+  for (const ShadowEvent& event : frame.events) ++events_[static_cast<std::size_t>(event.kind)];
+  for (const SkippedPass& pass : frame.plan.skipped) ++report_.skipped[pass.what];
+  for (const KeptPart& part : drawn.kept) ++report_.kept[part.what];
+}
+
+void RunRecorder::add_reason(const std::string& reason) {
+  constexpr std::size_t kMostKinds = 64;  // there are a dozen; memory stays bounded in any case
+  std::string general = without_numbers(reason);
+  if (general.empty() || (reasons_.size() >= kMostKinds && !reasons_.contains(general))) {
+    general = "other";
+  }
+  ++reasons_[general];
+  report_.first_reasons.try_emplace(general, general == "other" ? general : reason);
+}
+
+void RunRecorder::add_tracked(const SessionFrame& frame) {
+  const std::int64_t timestamp_ns = frame.tracked.frame.timestamp_ns;
+  const CameraPose& measured = frame.tracked.pose.T_table_camera;
+  const CameraPose& drawn = frame.smoothed ? frame.smoothed->T_table_camera : measured;
+  if (lag_ && frame.smoothed) {
+    lag_->add(timestamp_ns, measured, drawn);
+  } else if (lag_) {
+    lag_->restart();
+  }
+  if (!keep_paths_) return;
+  tracked_.poses.push_back({timestamp_ns, measured, {}});
+  drawn_.poses.push_back({timestamp_ns, drawn, {}});
+}
+
+void RunRecorder::add_group(const GroupEstimate& estimate, const TrackedFrame& tracked) {
+  auto found = std::ranges::find(groups_, estimate.name,
+                                 [](const Group& group) { return group.report.name; });
+  if (found == groups_.end()) {
+    groups_.emplace_back().report.name = estimate.name;
+    found = groups_.end() - 1;
+    found->T_group_middle = estimate.T_group_middle;
+  }
+  switch (estimate.status) {
+    case TrackStatus::tracked: {
+      ++found->report.frames_tracked;
+      if (!keep_paths_) break;
+      const auto T_middle_camera = (estimate.T_table_group * estimate.T_group_middle).inverse() *
+                                   tracked.pose.T_table_camera;
+      found->tracked.poses.push_back(
+          {tracked.frame.timestamp_ns,
+           CameraPose(T_middle_camera.rotation(), T_middle_camera.translation()),
+           {}});
+      break;
+    }
+    case TrackStatus::uncertain:
+      ++found->report.frames_uncertain;
+      break;
+    case TrackStatus::held:
+      ++found->report.frames_held;
+      break;
+    case TrackStatus::lost:
+      ++found->report.frames_lost;
+      break;
+  }
+  if (estimate.tags_used > 0) found->reprojection_px.add(estimate.reprojection_rms_px);
+  for (const int id : estimate.tags_left_out) ++found->report.tags_left_out[std::to_string(id)];
+}
+
+const RunRecorder::Group& RunRecorder::group(const std::string& name) const {
+  const auto found =
+      std::ranges::find(groups_, name, [](const Group& group) { return group.report.name; });
+  PENUMBRA_ASSERT(found != groups_.end());
+  return *found;
+}
+
+const Trajectory& RunRecorder::tracked_over(const std::string& name) const {
+  return group(name).tracked;
+}
+
+Transform<frame::Group, frame::GroupMiddle> RunRecorder::middle_of(const std::string& name) const {
+  return group(name).T_group_middle;
+}
+
+void RunRecorder::add_redrawn(const SessionFrame& frame) {
+  add_work(frame.composite);
+}
+
+void RunRecorder::add_work(const CompositeStats& drawn) {
+  work_.shadow_vertices += drawn.shadow_vertices;
+  work_.kernel_generations += drawn.kernel_generations;
+  work_.reprojections += drawn.reprojections;
+  work_.triples_recomputed += drawn.triples_recomputed;
+  work_.proxy_shadows += drawn.proxy_shadows;
+  work_.proxy_checks += drawn.proxy_checks;
+  work_.proxy_faces_saved += drawn.proxy_faces_saved;
+  work_.layer_masks_drawn += drawn.layer_masks_drawn;
+  work_.layer_masks_kept += drawn.layer_masks_kept;
+  work_.mask_pieces_skipped += drawn.mask_pieces_skipped;
+  work_.masks_drawn += drawn.masks_drawn;
+  work_.masks_kept += drawn.masks_kept;
+  work_.video_copies += drawn.video_copies;
+  work_.video_imports += drawn.video_imports;
+  work_.pixel_buffer_uploads += drawn.pixel_buffer_uploads;
+  work_.pixel_buffer_read_backs += drawn.pixel_buffer_read_backs;
+  work_.faces_tested += drawn.faces_tested;
+  work_.faces_twisted += drawn.faces_twisted;
+  work_.passes_drawn += drawn.passes_drawn;
+  work_.passes_skipped += drawn.passes_skipped;
+  work_.draw_calls += drawn.draw_calls;
+  // Of a frame before this one, or of one drawn again.
+  add_gpu_times(drawn.gpu_ms);
+}
+
+std::optional<double> RunRecorder::recent_ms(std::string_view stage) const {
+  const auto found = std::find_if(stages_.begin(), stages_.end(),
+                                  [&](const auto& entry) { return entry.first == stage; });
+  PENUMBRA_ASSERT(found != stages_.end());
+  return found->second.recent_ms();
+}
+
+RunReport RunRecorder::report() const {
+  RunReport report = report_;
+  report.frames_captured = report.frames;
+  for (const auto& [stage, times] : stages_) {
+    // Where the GPU's clock is not read, it is no stage of this run.
+    if (stage == "gpu" && !times.recent_ms()) continue;
+    report.time_ms.emplace_back(stage, times.summary());
+  }
+  report.reprojection_rms_px = reprojection_px_.statistics();
+  report.tags_measured = !reprojection_px_.empty();
+  report.expected_overlay_px = expected_px_.statistics();
+  if (!lag_ms_.empty()) {
+    report.smoothing.emplace();
+    report.smoothing->lag_ms = lag_ms_.statistics();
+    report.smoothing->offset_px = offset_px_.statistics();
+    if (lag_) report.smoothing->measured_lag_ms = lag_->lag_ms();
+  }
+  report.reasons.assign(reasons_.begin(), reasons_.end());
+  std::ranges::stable_sort(report.reasons, std::greater(),
+                           &std::pair<std::string, std::int64_t>::second);
+  report.work = work();
+  for (const Group& group : groups_) {
+    GroupReport& of_group = report.groups.emplace_back(group.report);
+    of_group.reprojection_rms_px = group.reprojection_px.statistics();
+    of_group.tags_measured = !group.reprojection_px.empty();
+  }
+  return report;
+}
+
+std::vector<std::pair<std::string, std::int64_t>> RunRecorder::work() const {
+  std::vector<std::pair<std::string, std::int64_t>> counts = {
+      {"shadow_vertices", work_.shadow_vertices},
+      {"kernel_generations", work_.kernel_generations},
+      {"reprojections", work_.reprojections},
+      {"triples_recomputed", work_.triples_recomputed},
+      {"proxy_shadows", work_.proxy_shadows},
+      {"proxy_checks", work_.proxy_checks},
+      {"proxy_faces_saved", work_.proxy_faces_saved},
+      {"layer_masks_drawn", work_.layer_masks_drawn},
+      {"layer_masks_kept", work_.layer_masks_kept},
+      {"mask_pieces_skipped", work_.mask_pieces_skipped},
+      {"phantom_masks_drawn", work_.masks_drawn},
+      {"phantom_masks_kept", work_.masks_kept},
+      {"video_copies", work_.video_copies},
+      {"video_imports", work_.video_imports},
+      {"pixel_buffer_uploads", work_.pixel_buffer_uploads},
+      {"pixel_buffer_read_backs", work_.pixel_buffer_read_backs},
+      {"kernel_faces", work_.faces_tested},
+      {"twisted_faces", work_.faces_twisted},
+      {"passes_drawn", work_.passes_drawn},
+      {"passes_skipped", work_.passes_skipped},
+      {"draw_calls", work_.draw_calls}};
+  for (std::size_t i = 0; i < events_.size(); ++i) {
+    counts.emplace_back(kShadowEventNames[i], events_[i]);
+  }
+  return counts;
+}
+
+Evaluation accuracy_of(const CameraModel& camera, const RunRecorder& run, const Trajectory& truth,
+                       const PairingOptions& options) {
+  return evaluate_run(camera, run, run.tracked(), truth, options);
+}
+
+Evaluation accuracy_as_drawn(const CameraModel& camera, const RunRecorder& run,
+                             const Trajectory& truth, const PairingOptions& options) {
+  return evaluate_run(camera, run, run.drawn(), truth, options);
+}
+
+Evaluation accuracy_of_group(const CameraModel& camera, const RunRecorder& run,
+                             const std::string& group, const GroupTruth& truth,
+                             const PairingOptions& options) {
+  return evaluate_run(
+      camera, run, run.tracked_over(group),
+      over_group(truth.camera, truth.group, run.middle_of(group), options.max_gap_ns), options);
+}
+
+std::string report_json(const RunReport& report) {
+  Json json;
+  json["recording"] = report.recording;
+  json["scene"] = report.scene;
+  if (const auto& tags = report.tags) {
+    json["tags"] = {{"file", tags->file}, {"count", tags->count}, {"sizes_m", tags->sizes_m}};
+  }
+  json["frames"] = report.frames;
+  json["frames_captured"] = report.frames_captured;
+  json["frames_dropped"] = report.frames_dropped;
+  json["frames_damaged"] = report.frames_damaged;
+  json["frames_tracked"] = report.frames_tracked;
+  json["frames_uncertain"] = report.frames_uncertain;
+  json["frames_held"] = report.frames_held;
+  json["frames_lost"] = report.frames_lost;
+  json["interrupted"] = report.interrupted;
+  if (report.failure) json["failure"] = report.failure->message;
+  if (report.log_lines_dropped > 0) json["log_lines_dropped"] = report.log_lines_dropped;
+  Json versions;
+  for (const auto& [name, version] : component_versions()) versions[name] = version;
+  json["versions"] = versions;
+  json["gl"] = {{"renderer", report.gl_renderer},
+                {"version", report.gl_version},
+                {"msaa_samples", report.msaa_samples},
+                {"pixel_buffers", report.pixel_buffers},
+                {"translucency", to_string(report.translucency)}};
+  json["time_ms"] = times_json(report.time_ms);
+  json["pipeline"] = pipeline_json(report);
+  const Json none = {{"rmse", {}}, {"median", {}}, {"p95", {}}, {"max", {}}};
+  json["tracking"] = {
+      {"reprojection_rms_px", report.tags_measured ? json_of(report.reprojection_rms_px) : none},
+      {"expected_overlay_px", report.frames_tracked > 0 && report.tags_measured
+                                  ? json_of(report.expected_overlay_px)
+                                  : none},
+      {"full_detections", report.full_detections},
+      {"coarse_searches", report.coarse_searches},
+      {"box_detections", report.box_detections},
+      {"tracked_updates", report.tracked_updates},
+      {"pixels_sampled", report.pixels_sampled},
+      {"not_tracked", counts_json(report.reasons)},
+      {"skipped", counts_json(report.tracking_skipped)},
+      {"tags_left_out", counts_json(report.tags_left_out)}};
+  if (const auto& fault = report.image_fault) {
+    json["tracking"]["image_fault"] = to_string(*fault);
+  }
+  if (!report.groups.empty()) json["groups"] = groups_json(report.groups);
+  json["work"] = counts_json(report.work);
+  json["skipped"] = counts_json(report.skipped);
+  json["kept"] = counts_json(report.kept);
+  for (const PaneReport& pane : report.panes) {
+    json["compare"][pane.technique] = {{"time_ms", times_json(pane.time_ms)},
+                                       {"work", counts_json(pane.work)},
+                                       {"skipped", counts_json(pane.skipped)},
+                                       {"kept", counts_json(pane.kept)}};
+  }
+  if (report.recorded) {
+    json["recorded"] = {{"written", report.recorded->written},
+                        {"left_out", report.recorded->left_out}};
+  }
+  if (!report.camera_faults.empty()) json["camera_faults"] = counts_json(report.camera_faults);
+  if (report.accuracy) json["accuracy"] = json_of(*report.accuracy);
+  if (report.smoothing) json["smoothing"] = json_of(*report.smoothing);
+  // A folder name that is no UTF-8 must not cost the report.
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+std::string evaluation_json(const Evaluation& evaluation,
+                            const std::map<std::string, Evaluation>& groups) {
+  Json json = json_of(evaluation);
+  for (const auto& [name, of_group] : groups) json["groups"][name] = json_of(of_group);
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+std::string evaluation_table(const Evaluation& evaluation) {
+  std::string text =
+      fmt::format("{:<22} {:>10} {:>10} {:>10} {:>10}\n", "error", "rmse", "median", "p95", "max");
+  const auto row = [&](std::string_view name, const Statistics& s) {
+    text += fmt::format("{:<22} {:>10.4f} {:>10.4f} {:>10.4f} {:>10.4f}\n", name, s.rmse, s.median,
+                        s.p95, s.max);
+  };
+  if (evaluation.frames_judged > 0) {
+    row("translation [mm]", evaluation.translation_mm);
+    row("rotation [deg]", evaluation.rotation_deg);
+    row("overlay [px]", evaluation.overlay_px);
+    if (evaluation.jitter_changes > 0) {
+      text += fmt::format("{:<22} {:>10.4f}\n", "jitter [px]", evaluation.jitter_px);
+    }
+  }
+  text += fmt::format("judged frames with a pose: {} of {} ({:.1f} %)\n", evaluation.frames_judged,
+                      evaluation.frames_estimated,
+                      100.0 * ratio_of(evaluation.frames_judged, evaluation.frames_estimated));
+  if (const std::string causes = not_judged_in_words(evaluation); !causes.empty()) {
+    text += fmt::format("not judged: {}\n", causes);
+  }
+  if (evaluation.time_offset_ns != 0) {
+    text += fmt::format("time offset added to the estimate: {} s\n",
+                        format_ns_as_seconds(evaluation.time_offset_ns));
+  }
+  return text;
+}
+
+std::string not_judged_in_words(const Evaluation& evaluation) {
+  std::string text;
+  for (const NotJudged cause : kNotJudged) {
+    const int count = evaluation.frames_not_judged[static_cast<std::size_t>(cause)];
+    if (count == 0) continue;
+    text += fmt::format("{}{} {}", text.empty() ? "" : ", ", count,
+                        cause == NotJudged::outside_truth
+                            ? "outside the time of the ground truth"
+                            : "in a gap of the ground truth that is too long (--max-gap)");
+  }
+  return text;
+}
+
+namespace {
+
+std::string smoothing_table(const SmoothingReport& smoothing) {
+  std::string text = fmt::format(
+      "\nsmoothed as drawn: {:.1f} ms late in the median, {:.1f} at most; {:.3f} px from the "
+      "measured pose, {:.3f} at most\n",
+      smoothing.lag_ms.median, smoothing.lag_ms.max, smoothing.offset_px.rmse,
+      smoothing.offset_px.max);
+  if (smoothing.measured_lag_ms) {
+    text += fmt::format("where the view moves: {:.2f} ms late\n", *smoothing.measured_lag_ms);
+  }
+  if (smoothing.accuracy) text += evaluation_table(*smoothing.accuracy);
+  return text;
+}
+
+// `map`: what says where the tags lie.
+std::string left_out_lines(const std::map<std::string, std::int64_t>& tags, std::string_view map) {
+  constexpr std::size_t kMostNamed = 5;
+  std::string text;
+  std::size_t named = 0;
+  for (const auto& [id, frames] : tags) {
+    if (++named > kMostNamed) break;
+    text += fmt::format(
+        "tag {} does not lie where {} has it: left out of {} frames (measure it, or make a map: "
+        "penumbra map)\n",
+        id, map, frames);
+  }
+  return text;
+}
+
+// Returns true if no frame was tracked, mostly because no pose fits the detected tags.
+bool tags_fit_no_pose(const RunReport& report) {
+  if (report.frames_tracked > 0 || report.reasons.empty()) return false;
+  const std::string& reason = report.reasons.front().first;
+  return reason.starts_with(kContradicting) || reason.starts_with(kNotFitting);
+}
+
+// "camera: damaged frames: 3 (damaged)".
+std::string camera_fault_lines(const std::map<std::string, std::int64_t>& faults) {
+  std::string text;
+  const auto add = [&](std::string_view name, std::string_view description) {
+    const auto found = faults.find(std::string(name));
+    if (found == faults.end()) return;
+    text += fmt::format("camera: {}: {} ({})\n", description, found->second, name);
+  };
+  for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {
+    const auto fault = static_cast<CaptureFault>(i);
+    add(name_of(fault), description_of(fault));
+  }
+  add("restarts", "restarts of the stream");
+  return text;
+}
+
+}  // namespace
+
+std::string report_table(const RunReport& report) {
+  std::string text =
+      fmt::format("{}: {} frames of {} x {}{}\n", report.recording, report.frames, report.width,
+                  report.height, report.interrupted ? " (interrupted)" : "");
+  text += fmt::format("tracked {}, uncertain {}, held {}, lost {}\n", report.frames_tracked,
+                      report.frames_uncertain, report.frames_held, report.frames_lost);
+  for (std::size_t i = 0; i < std::min<std::size_t>(report.reasons.size(), 3); ++i) {
+    const auto& [general, count] = report.reasons[i];
+    const auto first = report.first_reasons.find(general);
+    const std::string& reason = first == report.first_reasons.end() ? general : first->second;
+    text += fmt::format("not tracked: {} ({} frame{}{})\n", reason, count, count == 1 ? "" : "s",
+                        count > 1 && reason != general ? ", numbers of the first" : "");
+  }
+  const bool misfit = tags_fit_no_pose(report);
+  if (misfit) {
+    text +=
+        "no frame was tracked, though tags of the map were read: check that the camera file is of "
+        "this camera, its focus and its image size; then check the sizes and places in the map\n";
+  }
+  text += left_out_lines(report.tags_left_out, "the map");
+  // Uncertain frames have seen it.
+  if (!misfit && report.frames > 0 && report.frames_tracked == 0 &&
+      2 * report.frames_uncertain < report.frames) {
+    std::string why =
+        "is the sheet that --tags lists in view, whole and sharp? Tags of other families are not "
+        "looked for";
+    if (report.image_fault) why = advice(*report.image_fault);
+    if (report.camera_faults.contains("no_signal")) why = "the camera's input has no signal";
+    text += fmt::format("no frame was tracked: {}\n", why);
+  }
+  if (report.frames_dropped > 0) {
+    std::vector<std::string> why;
+    if (report.frames_damaged > 0) why.push_back(fmt::format("{} damaged", report.frames_damaged));
+    if (const int late = report.frames_dropped - report.frames_damaged; late > 0) {
+      why.push_back(fmt::format("{} too late to be shown", late));
+    }
+    text +=
+        fmt::format("captured {}, of which {}\n", report.frames_captured, fmt::join(why, " and "));
+  }
+  text += camera_fault_lines(report.camera_faults);
+  for (const GroupReport& group : report.groups) {
+    text += fmt::format("tag group {}: tracked {}, uncertain {}, held {}, lost {}\n", group.name,
+                        group.frames_tracked, group.frames_uncertain, group.frames_held,
+                        group.frames_lost);
+    text += left_out_lines(group.tags_left_out, "the map of its group");
+  }
+  if (report.log_lines_dropped > 0) {
+    text += fmt::format("log: {} lines dropped, because standard error could not be written\n",
+                        report.log_lines_dropped);
+  }
+  text += fmt::format("OpenGL: {}, {}\n\n", report.gl_renderer, report.gl_version);
+  text += fmt::format("{:<22}{:>10}{:>10}{:>10}{:>10}\n", "time [ms]", "median", "p95", "max",
+                      "CPU mean");
+  for (const auto& [stage, s] : report.time_ms) {
+    if (s.count == 0) continue;
+    text += fmt::format("{:<22}{:>10.3f}{:>10.3f}{:>10.3f}{:>10.3f}\n", stage, s.median, s.p95,
+                        s.max, s.cpu_mean);
+  }
+  for (const PaneReport& pane : report.panes) {
+    for (const auto& [stage, s] : pane.time_ms) {
+      if (stage != "shadow" && stage != "render" && stage != "gpu") continue;
+      text += fmt::format("{:<22}{:>10.3f}{:>10.3f}{:>10.3f}{:>10.3f}\n",
+                          pane.technique + ": " + stage, s.median, s.p95, s.max, s.cpu_mean);
+    }
+  }
+  if (report.accuracy) {
+    text += '\n';
+    text += evaluation_table(*report.accuracy);
+  }
+  if (report.smoothing) text += smoothing_table(*report.smoothing);
+  for (const GroupReport& group : report.groups) {
+    if (!group.accuracy) continue;
+    text += fmt::format("\ntag group {}\n", group.name);
+    text += evaluation_table(*group.accuracy);
+  }
+  return text;
+}
+
+}  // namespace penumbra

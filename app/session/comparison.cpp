@@ -1,0 +1,111 @@
+#include "app/session/comparison.hpp"
+
+#include <utility>
+
+#include "app/session/session_host.hpp"
+#include "core/assert.hpp"
+
+namespace penumbra {
+namespace {
+
+void add(StageTime& to, const StageTime& time) {
+  to.wall_ms += time.wall_ms;
+  to.cpu_ms += time.cpu_ms;
+}
+
+}  // namespace
+
+Comparison::Comparison(const CameraModel& camera, const std::vector<std::string>& names)
+    : grid_(camera.width(), camera.height(), names),
+      pixels_(std::size_t{4} * static_cast<std::size_t>(camera.width()) *
+              static_cast<std::size_t>(camera.height())) {}
+
+Result<Comparison> Comparison::create(GlContext& context, std::shared_ptr<const Scene> scene,
+                                      const CameraModel& camera, PoseSource poses,
+                                      const std::vector<ComparedTechnique>& techniques,
+                                      SessionOptions options) {
+  PENUMBRA_ASSERT(techniques.size() >= kLeastPanes && techniques.size() <= kMostPanes);
+  std::vector<std::string> names;
+  for (const ComparedTechnique& technique : techniques) names.push_back(technique.name);
+  Comparison comparison(camera, names);
+  for (std::size_t i = 0; i < techniques.size(); ++i) {
+    options.plan = techniques[i].plan;
+    // Frames are tracked once, by the first.
+    auto session = Session::create(context, scene, camera,
+                                   i == 0 ? std::move(poses) : PoseSource(GivenPoses()), options);
+    if (!session) return tl::unexpected(session.error());
+    comparison.panes_.push_back({techniques[i].name, std::make_unique<Session>(std::move(*session)),
+                                 std::make_unique<RunRecorder>()});
+  }
+  return comparison;
+}
+
+Result<SessionFrame> Comparison::draw(const TrackedFrame& tracked) {
+  SessionFrame all;
+  for (std::size_t i = 0; i < panes_.size(); ++i) {
+    Pane& pane = panes_[i];
+    auto drawn = pane.session->draw(tracked, pixels_);
+    if (!drawn) return drawn;
+    grid_.put(i, pixels_);
+    pane.run->add_frame(*drawn);
+    if (i == 0) {
+      all = std::move(*drawn);
+      all.composite.gpu_ms.clear();  // each pane's own is in its report
+      continue;
+    }
+    add(all.composite, drawn->composite);
+    add(all.light_time, drawn->light_time);
+    add(all.plan_time, drawn->plan_time);
+    add(all.draw_time, drawn->draw_time);
+    all.plan.skipped.insert(all.plan.skipped.end(), drawn->plan.skipped.begin(),
+                            drawn->plan.skipped.end());
+  }
+  return all;
+}
+
+bool Comparison::replay_edit(const SceneEdit& edit) {
+  bool known = true;
+  for (Pane& pane : panes_) known = pane.session->replay_edit(edit) && known;
+  return known;
+}
+
+void Comparison::take_gpu_times() {
+  for (Pane& pane : panes_) pane.run->add_gpu_times(pane.session->take_gpu_times());
+}
+
+std::vector<PaneReport> Comparison::reports() const {
+  std::vector<PaneReport> reports;
+  for (const Pane& pane : panes_) {
+    RunReport of_pane = pane.run->report();
+    PaneReport& report = reports.emplace_back();
+    report.technique = pane.name;
+    for (auto& [stage, times] : of_pane.time_ms) {
+      if (stage == "light" || stage == "plan" || stage == "shadow" || stage == "render" ||
+          stage == "gpu" || stage == "readback" || stage == "draw") {
+        report.time_ms.emplace_back(stage, times);
+      }
+    }
+    report.work = std::move(of_pane.work);
+    report.skipped = std::move(of_pane.skipped);
+    report.kept = std::move(of_pane.kept);
+  }
+  return reports;
+}
+
+std::string ComparisonHost::save_screenshot() {
+  const PaneGrid& grid = comparison_.grid();
+  return save_picture(grid.width(), grid.height(), grid.rgba(), recording_);
+}
+
+void ComparisonHost::describe(HudState& state, bool debug) const {
+  state.frame_count = frame_count_;
+  if (!last_) return;
+  describe_frame(state, *last_, run_);
+  if (!debug) return;
+  state.drawn = last_->composite;
+  state.skipped = last_->plan.skipped;
+  state.kept = last_->composite.kept;
+  state.work = run_.work();
+}
+
+}  // namespace penumbra

@@ -1,0 +1,165 @@
+#include "app/session/live_pipeline.hpp"
+
+#include <exception>
+#include <utility>
+
+#include "core/units.hpp"
+
+namespace penumbra {
+
+std::int64_t monotonic_ns() {
+  using Clock = std::chrono::steady_clock;  // CLOCK_MONOTONIC
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch())
+      .count();
+}
+
+LivePipeline::LivePipeline(LiveSource& source, Track track, Captured captured, bool side_by_side)
+    : source_(source),
+      track_(std::move(track)),
+      captured_(std::move(captured)),
+      side_by_side_(side_by_side),
+      last_whole_ns_(monotonic_ns()),
+      pace_(nanoseconds(source.format().interval_s)),
+      stale_after_ns_(pace_.stale_after_ns()) {
+  capture_thread_ = std::thread([this] {
+    guarded([this] { capture_all(); });
+    inbox_.close();  // the tracker goes on with what is in it
+  });
+  if (!side_by_side_) return;
+  tracking_thread_ = std::thread([this] {
+    guarded([this] { track_all(); });
+    // However it ended, nobody waits for what it would have given or taken.
+    inbox_.close();
+    ready_.close();
+  });
+}
+
+LivePipeline::~LivePipeline() {
+  stop();
+}
+
+std::optional<ReadyFrame> LivePipeline::take(std::chrono::milliseconds patience) {
+  if (!side_by_side_) return track_next(patience);
+  {
+    const std::lock_guard lock(drawer_mutex_);
+    draw_pace_.asked(monotonic_ns());
+    drawer_waits_ = true;
+  }
+  drawer_changed_.notify_all();
+  auto ready = ready_.take(patience);
+  if (ready) {
+    {
+      const std::lock_guard lock(drawer_mutex_);
+      draw_pace_.took(monotonic_ns());
+      drawer_waits_ = false;
+      ++taken_;
+    }
+    drawer_changed_.notify_all();
+  }
+  return ready;
+}
+
+bool LivePipeline::finished() const {
+  return side_by_side_ ? ready_.finished() : inbox_.finished();
+}
+
+std::optional<std::int64_t> LivePipeline::stale_for_ns() const {
+  if (tracking_now_) return std::nullopt;
+  const std::int64_t age_ns = monotonic_ns() - last_whole_ns_;
+  return age_ns < stale_after_ns_ ? std::nullopt : std::optional(age_ns);
+}
+
+void LivePipeline::stop() {
+  source_.stop();
+  {
+    const std::lock_guard lock(drawer_mutex_);
+    stopping_ = true;
+  }
+  drawer_changed_.notify_all();
+  inbox_.close();
+  ready_.close();
+  if (capture_thread_.joinable()) capture_thread_.join();
+  if (tracking_thread_.joinable()) tracking_thread_.join();
+}
+
+std::optional<Error> LivePipeline::error() const {
+  const std::lock_guard lock(mutex_);
+  return error_;
+}
+
+void LivePipeline::guarded(const std::function<void()>& work) {
+  try {
+    work();
+  } catch (const std::exception& error) {
+    set_error({error.what()});
+  }
+  source_.stop();  // whoever ends, the others have nothing left to do
+}
+
+void LivePipeline::set_error(Error error) {
+  const std::lock_guard lock(mutex_);
+  if (!error_) error_ = std::move(error);
+}
+
+void LivePipeline::capture_all() {
+  while (true) {
+    auto image = source_.next_image();
+    if (!image) {
+      set_error(image.error());
+      return;
+    }
+    if (!*image) return;
+    captured_(**image);
+    inbox_.put(std::move(**image));
+  }
+}
+
+void LivePipeline::track_all() {
+  constexpr std::chrono::milliseconds kPatience(50);
+  // A tracked frame that waits to be drawn grows old; a newer picture is taken when it is gone.
+  while (!inbox_.finished() && ready_.wait_until_empty() && wait_for_drawer()) {
+    auto ready = track_next(kPatience);
+    if (!ready) continue;
+    {
+      const std::lock_guard lock(drawer_mutex_);
+      ++handed_over_;
+    }
+    if (!ready_.hand_over(std::move(*ready))) break;
+  }
+}
+
+// Until it is time for the next picture, or the drawer waits for it. False when all ends.
+bool LivePipeline::wait_for_drawer() {
+  std::unique_lock lock(drawer_mutex_);
+  // The slot is empty: whoever emptied it is about to say so.
+  drawer_changed_.wait(lock, [this] { return stopping_ || taken_ == handed_over_; });
+  if (const auto begin_ns = draw_pace_.begin_at_ns()) {
+    const std::chrono::steady_clock::time_point begin{std::chrono::nanoseconds(*begin_ns)};
+    drawer_changed_.wait_until(lock, begin, [this] { return stopping_ || drawer_waits_; });
+  }
+  return !stopping_;
+}
+
+std::optional<ReadyFrame> LivePipeline::track_next(std::chrono::milliseconds patience) {
+  auto image = inbox_.take(patience);
+  if (!image) return std::nullopt;
+  const Stopwatch watch;
+  const std::int64_t begun_ns = monotonic_ns();
+  const std::optional<Frame> frame = source_.decode(*image);
+  if (!frame) return std::nullopt;
+  image.reset();  // a JPEG's buffer goes back to the camera
+  const StageTime time = watch.elapsed();
+  const std::int64_t now_ns = monotonic_ns();
+  last_whole_ns_ = now_ns;
+  pace_.saw(now_ns);
+  stale_after_ns_ = pace_.stale_after_ns();
+  tracking_now_ = true;
+  ReadyFrame ready{track_(*frame), time};
+  last_whole_ns_ = monotonic_ns();
+  tracking_now_ = false;
+  const std::lock_guard lock(drawer_mutex_);
+  draw_pace_.prepared(last_whole_ns_ - begun_ns);
+  return ready;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,109 @@
+#include "app/session/pose_smoother.hpp"
+
+#include <cmath>
+#include <numbers>
+
+#include "core/evaluation/evaluation.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr double kLeastCutoff_hz = 1.0;
+constexpr double kCutoffGain_s_px2 = 1.0;
+// Of the velocity, whose noise would else open the filter at rest.
+constexpr double kVelocityCutoff_hz = 2.0;
+
+// The share of what is given that a first-order low-pass takes over within dt.
+double share_within(double dt_s, double cutoff_hz) {
+  const double turns = 2.0 * std::numbers::pi * cutoff_hz * dt_s;
+  return std::isinf(turns) ? 1.0 : turns / (1.0 + turns);
+}
+
+// Of any two times in order: their difference may be more than a signed number holds.
+double seconds_between(std::int64_t before_ns, std::int64_t after_ns) {
+  return 1e-9 * static_cast<double>(static_cast<std::uint64_t>(after_ns) -
+                                    static_cast<std::uint64_t>(before_ns));
+}
+
+}  // namespace
+
+SmoothedPose PoseSmoother::start(std::int64_t timestamp_ns, const CameraPose& measured) {
+  last_ = Last{timestamp_ns, measured, {measured, 0.0, 0.0}, Vector6d::Zero()};
+  return last_->drawn;
+}
+
+SmoothedPose PoseSmoother::smooth(std::int64_t timestamp_ns, const CameraPose& measured) {
+  if (!measured.is_finite()) {
+    reset();
+    return {measured, 0.0, 0.0};
+  }
+  if (!last_ || timestamp_ns < last_->timestamp_ns) return start(timestamp_ns, measured);
+  const double dt = seconds_between(last_->timestamp_ns, timestamp_ns);
+  if (dt > kLongestGap_s) return start(timestamp_ns, measured);
+
+  double share = 0.0;
+  double lag_ms = last_->drawn.lag_ms;
+  if (dt > 0.0) {
+    const Vector6d velocity = perturbation_between(last_->measured, measured) / dt;
+    last_->velocity += share_within(dt, kVelocityCutoff_hz) * (velocity - last_->velocity);
+    last_->timestamp_ns = timestamp_ns;
+    last_->measured = measured;
+    const double speed =
+        overlay_difference(camera_, perturbed(measured, last_->velocity * dt), measured).rms_px() /
+        dt;
+    share = share_within(dt, kLeastCutoff_hz + kCutoffGain_s_px2 * speed * speed);
+  }
+  const Vector6d way = perturbation_between(last_->drawn.T_table_camera, measured);
+  SmoothedPose drawn;
+  // The offset is all but proportional to what is left of the way: nearer in a few steps.
+  constexpr int kMostSteps = 8;
+  for (int step = 0; step < kMostSteps; ++step) {
+    drawn.T_table_camera = perturbed(last_->drawn.T_table_camera, share * way);
+    drawn.offset_px = overlay_difference(camera_, drawn.T_table_camera, measured).rms_px();
+    if (drawn.offset_px <= kMostOffset_px && drawn.T_table_camera.is_finite()) {
+      drawn.lag_ms = dt > 0.0 ? 1e3 * dt * (1.0 - share) / share : lag_ms * (1.0 - share);
+      last_->drawn = drawn;
+      return drawn;
+    }
+    const double left = (1.0 - share) * 0.99 * kMostOffset_px / drawn.offset_px;
+    if (!std::isfinite(left)) break;
+    share = 1.0 - left;
+  }
+  return start(timestamp_ns, measured);
+}
+
+void LagMeter::add(std::int64_t timestamp_ns, const CameraPose& measured, const CameraPose& drawn) {
+  const Pose after{timestamp_ns, measured, drawn};
+  if (before_ && here_) compare(*before_, *here_, after);
+  before_ = std::exchange(here_, after);
+}
+
+void LagMeter::compare(const Pose& before, const Pose& here, const Pose& after) {
+  if (after.timestamp_ns <= before.timestamp_ns) return;
+  const double dt = seconds_between(before.timestamp_ns, after.timestamp_ns);
+  if (dt > kLongestGap_s) return;
+  const OverlayDifference from = overlay_difference(camera_, before.measured, here.measured);
+  const OverlayDifference to = overlay_difference(camera_, after.measured, here.measured);
+  const OverlayDifference off = overlay_difference(camera_, here.drawn, here.measured);
+  double along = 0.0;
+  double squares = 0.0;
+  int corners = 0;
+  for (std::size_t k = 0; k < off.valid.size(); ++k) {
+    if (!off.valid[k]) continue;
+    const Eigen::Vector2d velocity = (to.difference_px[k] - from.difference_px[k]) / dt;
+    along -= off.difference_px[k].dot(velocity);
+    squares += velocity.squaredNorm();
+    ++corners;
+  }
+  if (!(squares > corners * kLeastSpeed_px_s * kLeastSpeed_px_s)) return;
+  if (!std::isfinite(along) || !std::isfinite(squares)) return;
+  along_ += along;
+  squares_ += squares;
+}
+
+std::optional<double> LagMeter::lag_ms() const {
+  if (!(squares_ > 0.0) || !std::isfinite(along_) || !std::isfinite(squares_)) return std::nullopt;
+  return 1e3 * along_ / squares_;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,277 @@
+#include "app/session/scene_edit.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <system_error>
+
+#include "core/text/text.hpp"
+#include "core/text/text_encoding.hpp"
+
+namespace penumbra {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr std::size_t kMaxLineBytes = 1U << 20U;
+constexpr std::string_view kMoved = "object_moved";
+constexpr std::string_view kTurned = "object_rotated";
+constexpr std::string_view kStyled = "shadow_changed";
+constexpr std::string_view kLit = "video_light";
+constexpr double kBrightest = 1e6;  // times full white
+constexpr double kFarthest_m = 1e6;
+constexpr double kLongestQuaternionError = 1e-3;
+
+bool usable(const Placement& placement) {
+  return placement.position.allFinite() && placement.position.cwiseAbs().maxCoeff() < kFarthest_m &&
+         placement.rotation.coeffs().allFinite() &&
+         std::abs(placement.rotation.norm() - 1.0) < kLongestQuaternionError &&
+         std::isfinite(placement.scale) && placement.scale > 0.0 && placement.scale < kFarthest_m;
+}
+
+bool usable(const ShadowStyle& style) {
+  const auto positive = [](double value) { return std::isfinite(value) && value > 0.0; };
+  const auto fraction = [](double value) { return value >= 0.0 && value <= 1.0; };
+  const LayeredConstants& c = style.layered;
+  return c.light_height > 0.0 && c.light_ratio > 0.0 && positive(c.umbra_height) &&
+         std::isfinite(c.magnification_cap) && c.magnification_cap > 1.0 &&
+         fraction(style.fractions.umbra) && fraction(style.fractions.middle) &&
+         fraction(style.fractions.penumbra);
+}
+
+bool usable(const VideoLight& light) {
+  const auto good = [](const Eigen::Vector3d& v) {
+    return v.allFinite() && v.minCoeff() > 0.0 && v.maxCoeff() < kBrightest;
+  };
+  return good(light.on_table) && good(light.around);
+}
+
+// JSON has no infinity.
+Json number(double value) {
+  return std::isinf(value) ? Json("inf") : Json(value);
+}
+
+// NaN for what is no number: usable() says no.
+double number_in(const Json& json, const char* key) {
+  const auto found = json.find(key);
+  if (found == json.end()) return std::numeric_limits<double>::quiet_NaN();
+  if (found->is_number()) return found->get<double>();
+  if (found->is_string() && *found == "inf") return std::numeric_limits<double>::infinity();
+  return std::numeric_limits<double>::quiet_NaN();
+}
+
+template <int N>
+Eigen::Matrix<double, N, 1> numbers_in(const Json& json, const char* key) {
+  Eigen::Matrix<double, N, 1> values;
+  values.setConstant(std::numeric_limits<double>::quiet_NaN());
+  const auto found = json.find(key);
+  if (found == json.end() || !found->is_array() || found->size() != static_cast<std::size_t>(N)) {
+    return values;
+  }
+  for (int i = 0; i < N; ++i) {
+    const Json& value = (*found)[static_cast<std::size_t>(i)];
+    if (value.is_number()) values[i] = value.get<double>();
+  }
+  return values;
+}
+
+std::string text_in(const Json& json, const char* key) {
+  const auto found = json.find(key);
+  return found != json.end() && found->is_string() ? found->get<std::string>() : std::string();
+}
+
+// As it is written, not through a double.
+std::optional<std::int64_t> timestamp_of(std::string_view line) {
+  constexpr std::string_view kKey = "\"timestamp_s\":";
+  const std::size_t at = line.find(kKey);
+  if (at == std::string_view::npos) return std::nullopt;
+  const std::string_view rest = line.substr(at + kKey.size());
+  return parse_seconds_as_ns(trim(rest.substr(0, rest.find_first_of(",}"))));
+}
+
+// The time is a decimal number, to the nanosecond.
+std::string line_of(std::int64_t timestamp_ns, const Json& json) {
+  const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return "{\"timestamp_s\":" + format_ns_as_seconds(timestamp_ns) + "," + text.substr(1);
+}
+
+std::optional<VideoLight> light_in(const Json& json) {
+  const VideoLight light = {numbers_in<3>(json, "on_table"), numbers_in<3>(json, "around")};
+  return usable(light) ? std::optional(light) : std::nullopt;
+}
+
+std::optional<SceneEdit> edit_in(const Json& json, std::string_view event) {
+  if (event == kStyled) {
+    ShadowStyled styled;
+    styled.node = text_in(json, "node");
+    const auto technique = shadow_technique_from_string(text_in(json, "technique"));
+    const auto kernels = kernel_source_from_string(text_in(json, "kernels"));
+    if (!technique || !kernels) return std::nullopt;
+    styled.style.technique = *technique;
+    styled.style.kernels = *kernels;
+    styled.style.layered = {number_in(json, "light_height"), number_in(json, "light_ratio"),
+                            number_in(json, "umbra_height"), number_in(json, "magnification_cap")};
+    styled.style.fractions = {number_in(json, "umbra"), number_in(json, "middle"),
+                              number_in(json, "penumbra")};
+    // Not there in recordings of earlier programs, and where there are none.
+    const auto rays = json.find("light_rays");
+    styled.style.light_rays = rays != json.end() && rays->is_boolean() && rays->get<bool>();
+    if (!usable(styled.style)) return std::nullopt;
+    return styled;
+  }
+  ObjectPlaced placed;
+  placed.object = text_in(json, "object");
+  placed.turned = event == kTurned;
+  placed.placement.position = numbers_in<3>(json, "position");
+  placed.placement.rotation.coeffs() = numbers_in<4>(json, "quaternion_xyzw");
+  placed.placement.scale = number_in(json, "scale");
+  if (!usable(placed.placement)) return std::nullopt;
+  return placed;
+}
+
+Result<std::optional<SceneEvent>> event_in(const Json& json, std::string_view line,
+                                           const std::string& name) {
+  if (!json.is_object()) return fail("{}: is no JSON object; remove the line", name);
+  const std::string event = text_in(json, "event");
+  if (event != kMoved && event != kTurned && event != kStyled) return std::nullopt;
+  const auto timestamp_ns = timestamp_of(line);
+  if (!timestamp_ns) return fail("{}: timestamp_s is no time in seconds; remove the line", name);
+  const auto edit = edit_in(json, event);
+  if (!edit) return fail("{}: {}: a number is missing or out of range", name, event);
+  return SceneEvent{*timestamp_ns, *edit};
+}
+
+Result<void> add_event(std::string_view line, const std::string& name, SceneEvents& events) {
+  const Json json = Json::parse(line, nullptr, false);
+  auto event = event_in(json, line, name);
+  if (!event) return tl::unexpected(event.error());
+  if (*event) {
+    events.edits.push_back(std::move(**event));
+    return {};
+  }
+  const std::string kind = text_in(json, "event");
+  if (kind == kSceneStartEvent) events.scene_start_ns = timestamp_of(line);
+  if (kind != kLit) return {};
+  const auto timestamp_ns = timestamp_of(line);
+  const auto light = light_in(json);
+  if (!timestamp_ns || !light) {
+    return fail("{}: {}: a number is missing or out of range; remove the line", name, kind);
+  }
+  events.lights.push_back({*timestamp_ns, *light});
+  return {};
+}
+
+}  // namespace
+
+ShadowStyle style_of(const ShadowNode& node) {
+  return {node.technique, node.kernels, node.layered, node.fractions, node.light_rays};
+}
+
+bool apply(Scene& scene, const SceneEdit& edit) {
+  if (const auto* placed = std::get_if<ObjectPlaced>(&edit)) {
+    const auto object = std::ranges::find(scene.objects, placed->object, &SceneObject::name);
+    if (object == scene.objects.end() || !usable(placed->placement)) return false;
+    object->placement = placed->placement;
+    object->animation = Animation();
+    object->tag_group = kTableGroup;  // where it was put on the table, it stays
+    return true;
+  }
+  const auto& styled = std::get<ShadowStyled>(edit);
+  const auto node = std::ranges::find(scene.shadows, styled.node, &ShadowNode::name);
+  if (node == scene.shadows.end() || !usable(styled.style)) return false;
+  node->technique = styled.style.technique;
+  node->kernels = styled.style.kernels;
+  node->layered = styled.style.layered;
+  node->fractions = styled.style.fractions;
+  node->light_rays = styled.style.light_rays;
+  return true;
+}
+
+std::string event_line(const SceneEvent& event) {
+  Json json;
+  if (const auto* placed = std::get_if<ObjectPlaced>(&event.edit)) {
+    const Eigen::Vector3d& p = placed->placement.position;
+    const Eigen::Quaterniond& q = placed->placement.rotation;
+    json["event"] = placed->turned ? kTurned : kMoved;
+    json["object"] = placed->object;
+    json["position"] = {p.x(), p.y(), p.z()};
+    json["quaternion_xyzw"] = {q.x(), q.y(), q.z(), q.w()};
+    json["scale"] = placed->placement.scale;
+  } else {
+    const auto& styled = std::get<ShadowStyled>(event.edit);
+    const LayeredConstants& c = styled.style.layered;
+    json["event"] = kStyled;
+    json["node"] = styled.node;
+    json["technique"] = to_string(styled.style.technique);
+    json["kernels"] = to_string(styled.style.kernels);
+    json["light_height"] = number(c.light_height);
+    json["light_ratio"] = number(c.light_ratio);
+    json["umbra_height"] = number(c.umbra_height);
+    json["magnification_cap"] = number(c.magnification_cap);
+    json["umbra"] = styled.style.fractions.umbra;
+    json["middle"] = styled.style.fractions.middle;
+    json["penumbra"] = styled.style.fractions.penumbra;
+    if (styled.style.light_rays) json["light_rays"] = true;
+  }
+  return line_of(event.timestamp_ns, json);
+}
+
+std::string light_line(const LitFrame& lit) {
+  const Eigen::Vector3d& table = lit.light.on_table;
+  const Eigen::Vector3d& around = lit.light.around;
+  Json json;
+  json["event"] = kLit;
+  json["on_table"] = {table.x(), table.y(), table.z()};
+  json["around"] = {around.x(), around.y(), around.z()};
+  return line_of(lit.timestamp_ns, json);
+}
+
+const VideoLight* light_at(const std::vector<LitFrame>& lights, std::int64_t timestamp_ns) {
+  if (lights.empty()) return nullptr;
+  const auto later = std::ranges::upper_bound(lights, timestamp_ns, {}, &LitFrame::timestamp_ns);
+  return later == lights.begin() ? &later->light : &std::prev(later)->light;
+}
+
+Result<std::optional<SceneEvent>> parse_event_line(std::string_view line, const std::string& name) {
+  return event_in(Json::parse(line, nullptr, false), line, name);
+}
+
+Result<SceneEvents> load_scene_events(const std::filesystem::path& file) {
+  SceneEvents events;
+  std::error_code ignored;
+  if (!std::filesystem::exists(file, ignored)) return events;
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream || std::filesystem::is_directory(file, ignored)) {
+    return fail("{}: cannot be read; see who may read it", file.string());
+  }
+  // Line by line: a session of a day has as many as frames.
+  std::vector<char> buffer(kMaxLineBytes);
+  for (std::size_t number = 1;; ++number) {
+    stream.getline(buffer.data(), static_cast<std::streamsize>(buffer.size()));
+    const bool is_last = stream.eof();  // without a line break: cut off, perhaps
+    if (!is_last && !stream) {
+      return fail("{}: line {}: is longer than {} bytes; remove the line", file.string(), number,
+                  kMaxLineBytes);
+    }
+    const auto read = static_cast<std::size_t>(stream.gcount());
+    std::string_view line(buffer.data(), is_last || read == 0 ? read : read - 1);
+    if (number == 1) {
+      const auto content = without_byte_order_mark(line, file.string());
+      if (!content) return tl::unexpected(content.error());
+      line = *content;
+    }
+    line = trim(line);
+    if (!line.empty()) {
+      auto added = add_event(line, fmt::format("{}: line {}", file.string(), number), events);
+      if (!added && !is_last) return tl::unexpected(added.error());
+    }
+    if (is_last) break;
+  }
+  std::ranges::stable_sort(events.edits, {}, &SceneEvent::timestamp_ns);
+  std::ranges::stable_sort(events.lights, {}, &LitFrame::timestamp_ns);
+  return events;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,240 @@
+#include "app/session/session.hpp"
+
+#include <cstring>
+#include <limits>
+#include <string>
+#include <utility>
+
+#include "app/logging.hpp"
+#include "core/units.hpp"
+#include "render/passes/rectified_video.hpp"
+
+namespace penumbra {
+namespace {
+
+// A given pose is taken as the truth.
+TrackedFrame look_up(const GivenPoses& given_poses, const std::vector<std::string>& groups,
+                     const Frame& frame) {
+  const Trajectory& trajectory = given_poses.camera;
+  const Stopwatch watch;
+  TrackedFrame tracked;
+  tracked.frame = frame;
+  tracked.pose.ambiguity_ratio = std::numeric_limits<double>::infinity();
+  if (const StampedPose* given = trajectory.at(frame.timestamp_ns); given != nullptr) {
+    tracked.pose.status = TrackStatus::tracked;
+    tracked.pose.T_table_camera = given->T_table_camera;
+  } else {
+    tracked.pose.reason = "no pose given for this time";
+  }
+  for (const std::string& name : groups) {
+    GroupEstimate& group = tracked.groups.emplace_back();
+    group.name = name;
+    group.status = TrackStatus::tracked;
+    const auto given = given_poses.groups.find(name);
+    if (given == given_poses.groups.end()) continue;
+    if (const StampedPose* place = given->second.at(frame.timestamp_ns); place != nullptr) {
+      group.T_table_group = {place->T_table_camera.rotation(), place->T_table_camera.translation()};
+    } else {
+      group.status = TrackStatus::lost;
+      group.reason = "no place given for this time";
+    }
+  }
+  const StageTime time = watch.elapsed();
+  tracked.times.total_ms = time.wall_ms;
+  tracked.times.total_cpu_ms = time.cpu_ms;
+  return tracked;
+}
+
+// Kind and name of what is edited.
+std::pair<std::size_t, std::string> subject_of(const SceneEdit& edit) {
+  if (const auto* placed = std::get_if<ObjectPlaced>(&edit)) return {0, placed->object};
+  return {1, std::get<ShadowStyled>(edit).node};
+}
+
+}  // namespace
+
+Session::Session(const Scene& scene, const CameraModel& camera, PoseSource poses,
+                 const SessionOptions& options, Compositor compositor)
+    : scene_(scene),
+      camera_(camera),
+      tied_(tag_groups_of(scene)),
+      poses_(std::move(poses)),
+      options_(options),
+      smoother_(camera),
+      light_meter_(camera.parameters().tone_curve),
+      compositor_(std::move(compositor)) {}
+
+Result<Session> Session::create(GlContext& context, std::shared_ptr<const Scene> scene,
+                                const CameraModel& camera, PoseSource poses,
+                                const SessionOptions& options) {
+  CompositorOptions of_compositor;
+  of_compositor.rectified = options.rectified;
+  of_compositor.msaa = options.msaa;
+  of_compositor.pixel_buffers = options.pixel_buffers;
+  auto compositor = Compositor::create(context, scene, camera, of_compositor);
+  if (!compositor) return tl::unexpected(compositor.error());
+  return Session(*scene, options.rectified ? without_distortion(camera) : camera, std::move(poses),
+                 options, std::move(*compositor));
+}
+
+TrackedFrame Session::track(const Frame& frame) {
+  if (auto* tracker = std::get_if<GroupTracker>(&poses_)) return tracker->track(frame);
+  return look_up(std::get<GivenPoses>(poses_), tied_, frame);
+}
+
+Result<void> Session::warm_up(PixelFormat format) {
+  const FrameBuffer grey = allocate_frame(format, camera_.width(), camera_.height());
+  constexpr int kMiddle = 128;
+  for (int i = 0; i < grey.frame.plane_count; ++i) {
+    const auto plane = static_cast<std::size_t>(i);
+    const PixelPlane& view = grey.frame.planes[plane];
+    std::memset(grey.plane_data[plane], kMiddle,
+                static_cast<std::size_t>(view.stride) * static_cast<std::size_t>(view.height));
+  }
+  // Straight down onto the table's middle, from where most of it is seen.
+  constexpr double kHeight_m = 0.6;
+  PoseEstimate pose;
+  pose.status = TrackStatus::tracked;
+  const Eigen::Quaterniond half_turn_about_x(0.0, 1.0, 0.0, 0.0);
+  pose.T_table_camera = CameraPose(half_turn_about_x, Eigen::Vector3d(0.0, 0.0, kHeight_m));
+  const SceneState state = evaluate_scene(scene_, 0.0);
+  const FramePlan plan = plan_frame(scene_, state, pose, camera_, options_.plan);
+  if (auto drawn = compositor_.draw(grey.frame, plan); !drawn) {
+    return tl::unexpected(drawn.error());
+  }
+  // Nobody should take it for a picture of the camera.
+  compositor_.clear();
+  return {};
+}
+
+Result<SessionFrame> Session::draw(TrackedFrame tracked, std::span<std::uint8_t> rgba,
+                                   PictureTime picture) {
+  auto result = compose(std::move(tracked), rgba, picture);
+  if (result) result->edits = std::exchange(edits_, {});
+  return result;
+}
+
+Result<SessionFrame> Session::redraw(TrackedFrame tracked) {
+  return compose(std::move(tracked), {}, PictureTime::now);
+}
+
+Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8_t> rgba,
+                                      PictureTime picture) {
+  SessionFrame result;
+  result.tracked = std::move(tracked);
+  const Frame& frame = result.tracked.frame;
+  if (!options_.scene_start_ns) options_.scene_start_ns = frame.timestamp_ns;
+
+  const Stopwatch plan_watch;
+  SceneState state = evaluate_scene(scene_, seconds(frame.timestamp_ns - *options_.scene_start_ns),
+                                    result.tracked.groups);
+  if (options_.video_light) {
+    const Stopwatch light_watch;
+    const VideoLight* recorded = light_at(options_.recorded_light, frame.timestamp_ns);
+    state.video_light = recorded != nullptr ? *recorded : light_meter_.look_at(frame);
+    result.video_light = state.video_light;
+    result.light_time = light_watch.elapsed();
+  }
+  PoseEstimate drawn_pose = result.tracked.pose;
+  if (options_.smooth && drawn_pose.has_pose()) {
+    result.smoothed = smoother_.smooth(frame.timestamp_ns, drawn_pose.T_table_camera);
+    drawn_pose.T_table_camera = result.smoothed->T_table_camera;
+  } else {
+    smoother_.reset();
+  }
+  result.plan = plan_frame(scene_, state, drawn_pose, camera_, options_.plan);
+  if (result.plan.has_pose) {
+    if (state_with_pose_) result.events = shadow_events(*state_with_pose_, state);
+    state_with_pose_ = state;
+  }
+  for (const SkippedPass& left_out : result.plan.skipped) {
+    if (left_out.what == "no_light" && told_.insert(left_out.reason).second) {
+      log_warning("{}: no shadow: {}", scene_.file, left_out.reason);
+    }
+  }
+  state_ = std::move(state);
+  result.plan_time = plan_watch.elapsed();
+  drawn_pose_.reset();
+  if (result.plan.has_pose) drawn_pose_ = result.plan.T_table_camera;
+
+  auto drawn = compositor_.draw(frame, result.plan);
+  if (!drawn) return tl::unexpected(drawn.error());
+  for (const SkippedPass& left_out : drawn->skipped) {
+    result.plan.skipped.push_back(left_out);
+    if (left_out.what == "light_inside_caster" && told_.insert(left_out.reason).second) {
+      log_warning("{}: no shadow of a volume: {}", scene_.file, left_out.reason);
+    }
+  }
+  result.composite = std::move(*drawn);
+  if (!rgba.empty()) {
+    result.picture = compositor_.pixel_buffers() ? picture : PictureTime::now;
+    if (auto read = read_picture(rgba, result); !read) return tl::unexpected(read.error());
+  }
+  result.draw_time = plan_watch.elapsed();
+  return result;
+}
+
+Result<void> Session::read_picture(std::span<std::uint8_t> rgba, SessionFrame& drawn) {
+  const bool later = drawn.picture == PictureTime::later;
+  const bool has_earlier = compositor_.pictures_asked_for() > 0;
+  auto read = later ? compositor_.ask_for_picture() : compositor_.read_back(rgba);
+  if (read && later && has_earlier) read = compositor_.take_picture(rgba);
+  if (!read) return tl::unexpected(read.error());
+  drawn.read_back = !later || has_earlier;
+  drawn.composite.readback_ms = read->readback_ms;
+  drawn.composite.readback_cpu_ms = read->readback_cpu_ms;
+  drawn.composite.pixel_buffer_read_backs = read->pixel_buffer_read_backs;
+  return {};
+}
+
+Result<StageTime> Session::take_picture(std::vector<std::uint8_t>& rgba) {
+  rgba.resize(std::size_t{4} * static_cast<std::size_t>(camera_.width()) *
+              static_cast<std::size_t>(camera_.height()));
+  if (compositor_.pictures_asked_for() == 0) return fail("a picture that was drawn is lost");
+  const Stopwatch watch;
+  const auto taken = compositor_.take_picture(rgba);
+  if (!taken) return tl::unexpected(taken.error());
+  return watch.elapsed();
+}
+
+Result<void> Session::read_back(std::span<std::uint8_t> rgba) {
+  const auto read = compositor_.read_back(rgba);
+  if (!read) return tl::unexpected(read.error());
+  return {};
+}
+
+bool Session::edit(const SceneEdit& edit) {
+  if (std::holds_alternative<ShadowStyled>(edit) &&
+      (options_.plan.technique || options_.plan.kernels || options_.plan.light_rays)) {
+    // What the options said of every node is from now on each node's own.
+    for (ShadowNode& node : scene_.shadows) {
+      const ShadowStyle style = style_in_effect(node);
+      node.technique = style.technique;
+      node.kernels = style.kernels;
+      node.light_rays = style.light_rays;
+    }
+    options_.plan.light_rays = false;
+    options_.plan.technique.reset();
+    options_.plan.kernels.reset();
+  }
+  if (!apply(scene_, edit)) return false;
+  edits_.push_back(edit);
+  std::erase_if(edits_so_far_,
+                [&](const SceneEdit& earlier) { return subject_of(earlier) == subject_of(edit); });
+  edits_so_far_.push_back(edit);
+  return true;
+}
+
+SessionView Session::view() const {
+  return {&scene_, state_ ? &*state_ : nullptr, &camera_, drawn_pose_};
+}
+
+ShadowStyle Session::style_in_effect(const ShadowNode& node) const {
+  ShadowStyle style = style_of(node);
+  style.technique = options_.plan.technique.value_or(node.technique);
+  style.kernels = options_.plan.kernels.value_or(node.kernels);
+  style.light_rays = options_.plan.light_rays || node.light_rays;
+  return style;
+}
+
+}  // namespace penumbra

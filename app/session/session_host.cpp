@@ -1,0 +1,144 @@
+#include "app/session/session_host.hpp"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <cstdint>
+#include <ctime>
+#include <filesystem>
+#include <string_view>
+#include <system_error>
+
+#include "app/logging.hpp"
+#include "app/output/output_file.hpp"
+#include "core/image/image_file.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::array<std::string_view, 7> kStages = {"capture", "track",    "shadow", "render",
+                                                     "gpu",     "readback", "encode"};
+
+}  // namespace
+
+std::filesystem::path free_name(const std::filesystem::path& base, const std::string& extension) {
+  std::error_code ignored;
+  std::filesystem::path name = base.string() + extension;
+  for (int i = 2; std::filesystem::exists(name, ignored); ++i) {
+    name = fmt::format("{}-{}{}", base.string(), i, extension);
+  }
+  return name;
+}
+
+std::filesystem::path free_name(const std::string& extension) {
+  const std::time_t now = std::time(nullptr);
+  std::tm local{};
+  localtime_r(&now, &local);
+  std::array<char, 32> text{};
+  const std::size_t length =
+      std::strftime(text.data(), text.size(), "penumbra-%Y%m%d-%H%M%S", &local);
+  return free_name(std::filesystem::path(std::string(text.data(), length)), extension);
+}
+
+void SessionHost::saw(const SessionFrame& frame) {
+  last_ = frame;
+}
+
+void SessionHost::forget_frame() {
+  if (last_) last_->tracked.frame = Frame();
+}
+
+std::vector<HudNode> SessionHost::nodes() const {
+  std::vector<HudNode> nodes;
+  for (const ShadowNode& node : session_.view().scene->shadows) {
+    nodes.push_back({node.name, session_.style_in_effect(node)});
+  }
+  return nodes;
+}
+
+void SessionHost::edit(const SceneEdit& edit) {
+  session_.edit(edit);
+}
+
+void SessionHost::redraw() {
+  if (!last_ || last_->tracked.frame.empty()) return;
+  auto drawn = session_.redraw(last_->tracked);
+  if (!drawn) {
+    log_warning("{}", drawn.error().message);
+    return;
+  }
+  run_.add_redrawn(*drawn);
+  last_ = std::move(*drawn);
+}
+
+std::string save_picture(int width, int height, std::span<const std::uint8_t> rgba,
+                         const std::optional<std::filesystem::path>& recording) {
+  const std::filesystem::path file = free_name(".png");
+  if (recording && lies_in(file, *recording)) {
+    return "this folder is the recording that is played; start elsewhere to save pictures";
+  }
+  if (auto saved = save_png(file, width, height, rgba); !saved) return saved.error().message;
+  std::error_code ignored;
+  return "picture saved: " + std::filesystem::absolute(file, ignored).string();
+}
+
+std::string SessionHost::save_screenshot() {
+  const CameraModel& camera = session_.camera();
+  std::vector<std::uint8_t> pixels(static_cast<std::size_t>(camera.width()) *
+                                   static_cast<std::size_t>(camera.height()) * 4U);
+  if (auto read = session_.read_back(pixels); !read) return read.error().message;
+  return save_picture(camera.width(), camera.height(), pixels, recording_);
+}
+
+void describe_frame(HudState& state, const SessionFrame& frame, const RunRecorder& run) {
+  state.has_picture = true;
+  state.frame = frame.tracked.frame.sequence;
+  state.pose = frame.tracked.pose;
+  state.smoothed = frame.smoothed;
+  state.groups = frame.tracked.groups;
+  state.translucency_drawn = frame.composite.translucency;
+  const auto add = [&](std::string_view stage) {
+    if (const auto mean = run.recent_ms(stage)) state.stages.emplace_back(stage, *mean);
+  };
+  for (const std::string_view stage : kStages) {
+    add(stage);
+    if (stage != "track") continue;
+    // Only what the last frame went through: the others' times may be old.
+    const TrackTimes& times = frame.tracked.times;
+    if (times.detect_ms > 0.0) add("detect");
+    if (times.align_ms > 0.0) add("align");
+    if (times.solve_ms > 0.0) add("solve");
+  }
+}
+
+std::string SessionHost::toggle_smoothing() {
+  session_.set_smooth(!session_.smooth());
+  return session_.smooth() ? "the drawn pose is smoothed" : "the pose is drawn as measured";
+}
+
+void SessionHost::describe(HudState& state, bool debug) const {
+  state.smooth = session_.smooth();
+  state.frame_count = frame_count_;
+  if (last_) describe_frame(state, *last_, run_);
+  if (!debug || !last_) return;
+  state.drawn = last_->composite;
+  state.kept = last_->composite.kept;
+  state.skipped = last_->plan.skipped;
+  state.work = run_.work();
+  const SessionView view = session_.view();
+  for (const CasterKernels& caster : session_.kernels_in_use()) {
+    state.twists.push_back({view.scene->objects[static_cast<std::size_t>(caster.object)].name,
+                            caster.twist, caster.spill});
+    if (!view.T_table_camera) continue;
+    const auto T_camera_table = view.T_table_camera->inverse();
+    for (const Eigen::Vector3d& p : caster.on_plane) {
+      if (const auto pixel = view.camera->project(T_camera_table * p)) {
+        state.kernels_px.push_back(*pixel);
+      }
+    }
+  }
+  state.picture_width = view.camera->width();
+  state.picture_height = view.camera->height();
+}
+
+}  // namespace penumbra

@@ -1,0 +1,225 @@
+#include "app/window/hud.hpp"
+
+#define GLFW_INCLUDE_NONE
+#include <GLFW/glfw3.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace penumbra {
+namespace {
+
+struct Key {
+  int code;
+  WindowCommand command;
+};
+constexpr std::array kKeys = {
+    Key{GLFW_KEY_ESCAPE, WindowCommand::quit},
+    Key{GLFW_KEY_Q, WindowCommand::quit},
+    Key{GLFW_KEY_SPACE, WindowCommand::pause},
+    Key{GLFW_KEY_PERIOD, WindowCommand::step},
+    Key{GLFW_KEY_S, WindowCommand::screenshot},
+    Key{GLFW_KEY_R, WindowCommand::record},
+    Key{GLFW_KEY_F11, WindowCommand::full_screen},
+    Key{GLFW_KEY_F, WindowCommand::full_screen},
+    Key{GLFW_KEY_H, WindowCommand::hud},
+    Key{GLFW_KEY_F1, WindowCommand::help},
+    Key{GLFW_KEY_D, WindowCommand::debug},
+    Key{GLFW_KEY_P, WindowCommand::panels},
+    Key{GLFW_KEY_C, WindowCommand::layout},
+    Key{GLFW_KEY_X, WindowCommand::slide},
+    Key{GLFW_KEY_Z, WindowCommand::lift},
+    Key{GLFW_KEY_Y, WindowCommand::reach},
+    Key{GLFW_KEY_T, WindowCommand::turn},
+    Key{GLFW_KEY_B, WindowCommand::put},
+    Key{GLFW_KEY_K, WindowCommand::cursor},
+    Key{GLFW_KEY_N, WindowCommand::next_technique},
+    Key{GLFW_KEY_G, WindowCommand::next_node},
+    Key{GLFW_KEY_M, WindowCommand::next_translucency},
+    Key{GLFW_KEY_J, WindowCommand::smooth},
+};
+
+constexpr std::array kHelp = {
+    KeyHelp{"F1", "this help"},
+    KeyHelp{"H", "HUD shown or hidden"},
+    KeyHelp{"P", "panels: translucency, technique, H and a, strength, kernels"},
+    KeyHelp{"C", "compact layout with large buttons, or full"},
+    KeyHelp{"D", "debug view: passes, work, kernels, twisted faces"},
+    KeyHelp{"1 2 3 ...  0", "shadow technique; 0: none"},
+    KeyHelp{"J", "the drawn pose smoothed, or as measured"},
+    KeyHelp{"N", "next technique"},
+    KeyHelp{"G", "which shadow node these keys are for: all, or one by one"},
+    KeyHelp{"M", "next way to let the video shine through shadows"},
+    KeyHelp{"space   .", "pause, one frame on"},
+    KeyHelp{"S", "screenshot (without HUD)"},
+    KeyHelp{"R", "start or stop recording (live)"},
+    KeyHelp{"F11  F   Esc  Q", "full screen, quit"},
+    KeyHelp{"left drag", "object along the table (or as chosen by X, Z, Y, T)"},
+    KeyHelp{"middle drag, Shift + left", "object up and sideways"},
+    KeyHelp{"right drag", "object up and away"},
+    KeyHelp{"Ctrl + left", "turn object"},
+    KeyHelp{"X  Z  Y  T", "left drag slides, lifts, reaches, turns"},
+    KeyHelp{"B", "put the selected object on the table at the pointer"},
+    KeyHelp{"K, wheel", "the scene's 3D cursor follows the pointer; higher, lower"},
+};
+
+}  // namespace
+
+std::span<const KeyHelp> key_help() {
+  return kHelp;
+}
+
+std::optional<WindowCommand> command_of_key(const WindowEvent& event) {
+  if (event.kind != WindowEvent::Kind::key_down || event.control || event.alt) return std::nullopt;
+  const auto key = std::ranges::find(kKeys, event.code, &Key::code);
+  return key != kKeys.end() ? std::optional(key->command) : std::nullopt;
+}
+
+std::vector<ShadowTechnique> techniques_by_key() {
+  std::vector<ShadowTechnique> techniques;
+  for (const ShadowTechniqueName& entry : kShadowTechniqueNames) {
+    if (entry.technique != ShadowTechnique::none) techniques.push_back(entry.technique);
+  }
+  return techniques;
+}
+
+std::optional<ShadowTechnique> technique_of_key(const WindowEvent& event) {
+  if (event.kind != WindowEvent::Kind::key_down || event.control || event.alt) return std::nullopt;
+  int number = -1;
+  if (event.code >= GLFW_KEY_0 && event.code <= GLFW_KEY_9) number = event.code - GLFW_KEY_0;
+  if (event.code >= GLFW_KEY_KP_0 && event.code <= GLFW_KEY_KP_9) {
+    number = event.code - GLFW_KEY_KP_0;
+  }
+  if (number == 0) return ShadowTechnique::none;
+  const std::vector<ShadowTechnique> techniques = techniques_by_key();
+  if (number < 1 || static_cast<std::size_t>(number) > techniques.size()) return std::nullopt;
+  return techniques[static_cast<std::size_t>(number) - 1];
+}
+
+ShadowTechnique technique_after(ShadowTechnique technique) {
+  const std::vector<ShadowTechnique> techniques = techniques_by_key();
+  const auto at = std::ranges::find(techniques, technique);
+  if (at == techniques.end() || at + 1 == techniques.end()) return techniques.front();
+  return *(at + 1);
+}
+
+HudStatus status_of(const PoseEstimate& pose) {
+  HudStatus status;
+  status.text = to_string(pose.status);
+  const std::string why = pose.reason.empty() ? "" : ": " + pose.reason;
+  switch (pose.status) {
+    case TrackStatus::tracked:
+      status.color = {0.45F, 0.92F, 0.45F, 1.0F};
+      return status;
+    case TrackStatus::uncertain:
+      status.color = {1.0F, 0.78F, 0.25F, 1.0F};
+      status.text += why;
+      return status;
+    case TrackStatus::held: {
+      // Never quite gone: it is there to be read.
+      const double left = std::clamp(1.0 - pose.age_s / kHoldSeconds, 0.0, 1.0);
+      status.color = {0.50F, 0.80F, 1.0F, static_cast<float>(0.45 + 0.55 * left)};
+      status.text += fmt::format(" {:.2f} s", pose.age_s) + why;
+      return status;
+    }
+    case TrackStatus::lost:
+      status.color = {1.0F, 0.45F, 0.40F, 1.0F};
+      status.text += why;
+      return status;
+  }
+  return status;
+}
+
+HudStatus status_of(const GroupEstimate& group) {
+  PoseEstimate pose;
+  pose.status = group.status;
+  pose.reason = group.reason;
+  pose.age_s = group.age_s;
+  HudStatus status = status_of(pose);
+  status.text = group.name + ": " + status.text;
+  return status;
+}
+
+std::string age_in_words(const HudState& state) {
+  if (state.silent_s) return fmt::format("the frame is {:.1f} s old", *state.silent_s);
+  return state.latency_ms ? fmt::format("latency {:.0f} ms", *state.latency_ms) : std::string();
+}
+
+std::vector<std::string> warnings_of(const HudState& state) {
+  std::vector<std::string> warnings;
+  if (state.silent_s) warnings.push_back(age_in_words(state));
+  if (state.trouble) warnings.push_back("camera: " + *state.trouble);
+  if (state.recording && state.recording->error) {
+    warnings.push_back(recording_in_words(*state.recording));
+    warnings.push_back(*state.recording->error);
+  }
+  return warnings;
+}
+
+std::string recording_in_words(const HudRecording& recording) {
+  std::string words =
+      fmt::format("{} {}   {} frames", recording.error ? "recording FAILED:" : "REC",
+                  recording.folder, recording.written);
+  if (recording.dropped > 0) words += fmt::format(", {} left out", recording.dropped);
+  return words;
+}
+
+std::string smoothing_in_words(const SmoothedPose& smoothed) {
+  return fmt::format("smoothed: {:.{}f} ms late, {:.2f} px", smoothed.lag_ms,
+                     smoothed.lag_ms < 10.0 ? 1 : 0, smoothed.offset_px);
+}
+
+std::string technique_in_words(std::span<const HudNode> nodes) {
+  std::vector<std::string> words;
+  for (const HudNode& node : nodes) {
+    const bool cocl = node.style.technique == ShadowTechnique::layered &&
+                      node.style.kernels == KernelSource::centroid;
+    const std::string word(cocl ? "cocl" : to_string(node.style.technique));
+    if (std::ranges::find(words, word) == words.end()) words.push_back(word);
+  }
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
+  return text.empty() ? "none" : text;
+}
+
+std::vector<std::string> reasons_in_words(const HudState& state) {
+  std::vector<std::string> lines;
+  const auto add = [&lines](std::string_view head, const auto& parts) {
+    const std::size_t shown = std::min(parts.size(), kMostReasons);
+    for (std::size_t i = 0; i < shown; ++i) {
+      lines.push_back(fmt::format("{}: {}", head, parts[i].reason));
+    }
+    if (parts.size() > shown) {
+      lines.push_back(fmt::format("{}: {} more", head, parts.size() - shown));
+    }
+  };
+  add("left out", state.skipped);
+  add("kept", state.kept);
+  return lines;
+}
+
+std::string in_words(Translucency asked, Translucency drawn) {
+  if (asked != Translucency::automatic || drawn == Translucency::automatic) {
+    return std::string(to_string(asked));
+  }
+  return fmt::format("{} ({})", to_string(asked), to_string(drawn));
+}
+
+Translucency translucency_after(Translucency way) {
+  const auto at = std::ranges::find(kTranslucencyNames, way, &TranslucencyName::way);
+  return at + 1 == kTranslucencyNames.end() ? kTranslucencyNames.front().way : (at + 1)->way;
+}
+
+std::optional<Workspace> workspace_of(const LayeredConstants& constants) {
+  if (std::isinf(constants.light_height)) return Workspace{constants.umbra_height, 1.0};
+  if (!(constants.light_ratio > 1.0)) return std::nullopt;
+  return Workspace{constants.umbra_height, constants.light_ratio / (constants.light_ratio - 1.0)};
+}
+
+LightFractions with_opacity(const LightFractions& full, double opacity) {
+  const auto weaker = [opacity](double fraction) { return 1.0 - opacity * (1.0 - fraction); };
+  return {weaker(full.umbra), weaker(full.middle), weaker(full.penumbra)};
+}
+
+}  // namespace penumbra

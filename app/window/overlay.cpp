@@ -1,0 +1,775 @@
+#include "app/window/overlay.hpp"
+
+#include <fmt/format.h>
+#include <imgui.h>
+
+#define GLFW_INCLUDE_NONE
+#include <GLFW/glfw3.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "app/window/overlay_renderer.hpp"
+#include "core/stopwatch.hpp"
+#include "render/gl/framebuffer.hpp"
+#include "render/shadow/layers/layered_penumbra.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr const char* kFontFile = "/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf";
+constexpr std::array<float, 3> kFontSizes = {15.0F, 18.0F, 24.0F};  // [px]
+// A finger needs so much [px at a font of 15 px].
+constexpr float kTouchHeight = 46.0F;
+constexpr float kHelpWidth = 48.0F;    // with less [em] its lines are broken
+constexpr float kHelpColumns = 26.0F;  // with less [em] a key stands above what it does
+constexpr float kPanelWidth = 12.0F;   // [em] with less its words are cut
+constexpr int kHandheldHeight = 400;   // of a window with less [px] either way every line counts
+constexpr std::size_t kMostDebugLines = 10;
+
+constexpr ImGuiWindowFlags kPlain = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoMove |
+                                    ImGuiWindowFlags_NoSavedSettings |
+                                    ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
+
+ImVec4 to_imgui(const HudColor& color) {
+  return {color.red, color.green, color.blue, color.alpha};
+}
+
+constexpr HudColor kWarning = {1.0F, 0.55F, 0.45F, 1.0F};
+constexpr HudColor kKernelDot = {0.25F, 0.85F, 1.0F, 0.9F};
+constexpr HudColor kQuiet = {0.72F, 0.76F, 0.80F, 1.0F};
+
+void text(const std::string& words) {
+  ImGui::TextUnformatted(words.data(), words.data() + words.size());
+}
+void text(const HudColor& color, const std::string& words) {
+  ImGui::PushStyleColor(ImGuiCol_Text, to_imgui(color));
+  text(words);
+  ImGui::PopStyleColor();
+}
+
+std::string measured_tags(const PoseEstimate& pose) {
+  std::string words = fmt::format("tags {}", pose.tags_used);
+  if (pose.tags_used > 0) {
+    words += fmt::format("   reprojection {:.2f} px", pose.reprojection_rms_px);
+  }
+  if (pose.status == TrackStatus::tracked || pose.status == TrackStatus::uncertain) {
+    words += fmt::format("   expected overlay {:.2f} px", pose.expected_overlay_error_px);
+  }
+  return words;
+}
+
+std::string count_of_faults(const HudState& state) {
+  std::string words;
+  for (const auto& [fault, count] : state.faults) words += fmt::format("   {} {}", fault, count);
+  return words;
+}
+
+std::string frame_in_words(const HudState& state) {
+  return state.frame_count ? fmt::format("frame {} of {}", state.frame, *state.frame_count)
+                           : fmt::format("frame {}", state.frame);
+}
+
+std::string_view word_of(DragMode mode) {
+  switch (mode) {
+    case DragMode::slide:
+      return "slide";
+    case DragMode::lift:
+      return "lift";
+    case DragMode::reach:
+      return "reach";
+    case DragMode::turn:
+      return "turn";
+  }
+  return "slide";
+}
+
+WindowCommand after(DragMode mode) {
+  switch (mode) {
+    case DragMode::slide:
+      return WindowCommand::lift;
+    case DragMode::lift:
+      return WindowCommand::reach;
+    case DragMode::reach:
+      return WindowCommand::turn;
+    case DragMode::turn:
+      return WindowCommand::slide;
+  }
+  return WindowCommand::slide;
+}
+
+}  // namespace
+
+bool is_small(GlContext::Size window) {
+  return window.width < 800 || window.height < 520;
+}
+
+struct Overlay::Impl {
+  Impl() : imgui(ImGui::CreateContext(&fonts)) {}
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+  ~Impl() { ImGui::DestroyContext(imgui); }
+
+  Result<void> open(const GlContext& context) {
+    ImGui::SetCurrentContext(imgui);
+    ImGuiIO& io = ImGui::GetIO();
+    io.IniFilename = nullptr;  // nothing is written beside the program
+    io.LogFilename = nullptr;
+    io.ConfigFlags |= ImGuiConfigFlags_NoMouseCursorChange;
+    io.KeyMap[ImGuiKey_Backspace] = GLFW_KEY_BACKSPACE;
+    io.KeyMap[ImGuiKey_Delete] = GLFW_KEY_DELETE;
+    io.KeyMap[ImGuiKey_Enter] = GLFW_KEY_ENTER;
+    io.KeyMap[ImGuiKey_KeyPadEnter] = GLFW_KEY_KP_ENTER;
+    io.KeyMap[ImGuiKey_Escape] = GLFW_KEY_ESCAPE;
+    io.KeyMap[ImGuiKey_LeftArrow] = GLFW_KEY_LEFT;
+    io.KeyMap[ImGuiKey_RightArrow] = GLFW_KEY_RIGHT;
+    io.KeyMap[ImGuiKey_Home] = GLFW_KEY_HOME;
+    io.KeyMap[ImGuiKey_End] = GLFW_KEY_END;
+    ImGui::StyleColorsDark();
+    std::error_code ignored;
+    const bool has_font = std::filesystem::exists(kFontFile, ignored);
+    for (std::size_t i = 0; i < kFontSizes.size(); ++i) {
+      sized[i] = has_font ? fonts.AddFontFromFileTTF(kFontFile, kFontSizes[i]) : nullptr;
+      if (sized[i] == nullptr) {
+        ImFontConfig config;
+        config.SizePixels = kFontSizes[i];
+        sized[i] = fonts.AddFontDefault(&config);
+      }
+    }
+    auto made = OverlayRenderer::create(context, fonts);
+    if (!made) return tl::unexpected(made.error());
+    renderer.emplace(std::move(*made));
+    return {};
+  }
+
+  // Sizes that follow the letters.
+  void set_style(GlContext::Size size, bool compact) {
+    // As on a wide screen, whatever the window's proportions.
+    const int height = std::min(size.height, size.width * 9 / 16);
+    const std::size_t at = height < 600 ? 0 : height < 900 ? 1 : 2;
+    font = sized[at];
+    em = kFontSizes[at];
+    ImGuiStyle style;
+    ImGui::StyleColorsDark(&style);
+    style.ScaleAllSizes(em / 15.0F);
+    style.WindowRounding = style.FrameRounding = 0.3F * em;
+    style.WindowBorderSize = 0.0F;
+    style.WindowPadding = {0.6F * em, 0.5F * em};
+    style.ItemSpacing = {0.5F * em, 0.3F * em};
+    style.FramePadding = {0.5F * em, 0.25F * em};
+    if (compact) {
+      style.FramePadding = {0.7F * em, 0.7F * em};
+      style.GrabMinSize = 2.0F * em;
+      style.ScrollbarSize = 1.8F * em;
+    }
+    style.Colors[ImGuiCol_WindowBg] = {0.05F, 0.06F, 0.08F, 0.72F};
+    style.Colors[ImGuiCol_PopupBg] = {0.08F, 0.09F, 0.11F, 0.96F};
+    style.Colors[ImGuiCol_Button] = {0.20F, 0.27F, 0.36F, 0.90F};
+    ImGui::GetStyle() = style;
+  }
+
+  void begin_drawing(GlContext::Size size, bool compact) {
+    ImGui::SetCurrentContext(imgui);
+    ImGuiIO& io = ImGui::GetIO();
+    io.DisplaySize = {static_cast<float>(size.width), static_cast<float>(size.height)};
+    io.DeltaTime = std::max(1e-4F, static_cast<float>(since_last.elapsed().wall_ms * 1e-3));
+    since_last.restart();
+    for (std::size_t i = 0; i < down.size(); ++i) {
+      io.MouseDown[i] = down[i] || pressed[i];
+      pressed[i] = false;
+    }
+    set_style(size, compact);
+    windows.clear();
+    ImGui::NewFrame();
+    ImGui::PushFont(font);
+  }
+  void end_drawing(GlContext::Size size) {
+    ImGui::PopFont();
+    ImGui::Render();
+    renderer->draw(*ImGui::GetDrawData(), size);
+  }
+
+  void begin_window(const char* name, ImVec2 at, ImVec2 pivot, ImGuiWindowFlags flags) {
+    ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
+    ImGui::Begin(name, nullptr, flags);
+  }
+  // Where it is, so that clicks on it are not taken for clicks into the picture.
+  void end_window() {
+    const ImVec2 at = ImGui::GetWindowPos();
+    const ImVec2 size = ImGui::GetWindowSize();
+    windows.push_back({at.x, at.y, at.x + size.x, at.y + size.y});
+    ImGui::End();
+  }
+
+  void button(const char* label, WindowCommand command, HudActions& actions, ImVec2 size = {}) {
+    if (ImGui::Button(label, size)) actions.commands.push_back(command);
+  }
+
+  void status(const HudState& state) {
+    const HudStatus status = status_of(state.pose);
+    text(status.color, state.has_picture ? status.text : "waiting for the first picture");
+    if (state.paused) {
+      ImGui::SameLine();
+      text({1.0F, 0.9F, 0.3F, 1.0F}, "  PAUSED");
+    }
+    std::string rate = fmt::format("{:.1f} frames/s", state.frames_per_s);
+    if (const std::string age = age_in_words(state); !age.empty()) rate += "   " + age;
+    text(rate + "   " + frame_in_words(state));
+    text(measured_tags(state.pose));
+    if (state.smoothed) text(kQuiet, smoothing_in_words(*state.smoothed));
+    for (const GroupEstimate& group : state.groups) {
+      const HudStatus of_group = status_of(group);
+      text(of_group.color, of_group.text);
+    }
+    text("shadows: " + technique_in_words(state.nodes));
+    std::string times;
+    for (const auto& [stage, ms] : state.stages) {
+      times += fmt::format("{}{} {:.1f}", times.empty() ? "" : "   ", stage, ms);
+    }
+    if (!times.empty()) text(kQuiet, times + " ms");
+    camera_and_recording(state);
+  }
+
+  void camera_and_recording(const HudState& state, bool selection = true) {
+    if (state.live) {
+      const std::string faults = count_of_faults(state);
+      text(kQuiet, fmt::format("dropped {}{}", state.frames_dropped,
+                               faults.empty() ? "" : "   camera:" + faults));
+      if (state.trouble) text(kWarning, "camera: " + *state.trouble);
+    }
+    if (state.recording) {
+      const HudRecording& recording = *state.recording;
+      text(kWarning, recording_in_words(recording));
+      if (recording.error) text(kWarning, *recording.error);
+    }
+    if (selection && !state.selected.empty()) {
+      text(kQuiet, fmt::format("selected: {}   drag: {}", state.selected, word_of(state.drag)));
+    }
+  }
+
+  void full_layout(const HudState& state, GlContext::Size size, HudActions& actions) {
+    const auto width = static_cast<float>(size.width);
+    const auto height = static_cast<float>(size.height);
+    const float gap = 0.5F * em;
+    begin_window("status", {gap, gap}, {0.0F, 0.0F}, kPlain | ImGuiWindowFlags_AlwaysAutoResize);
+    ImGui::PushTextWrapPos(0.45F * width);
+    status(state);
+    ImGui::PopTextWrapPos();
+    status_bottom = ImGui::GetWindowPos().y + ImGui::GetWindowSize().y;
+    end_window();
+    begin_window("buttons", {gap, height - gap}, {0.0F, 1.0F},
+                 kPlain | ImGuiWindowFlags_AlwaysAutoResize);
+    button("Help F1", WindowCommand::help, actions);
+    ImGui::SameLine();
+    button("Panels P", WindowCommand::panels, actions);
+    ImGui::SameLine();
+    button("Debug D", WindowCommand::debug, actions);
+    ImGui::SameLine();
+    button(state.paused ? "Go on" : "Pause", WindowCommand::pause, actions);
+    ImGui::SameLine();
+    button("Picture S", WindowCommand::screenshot, actions);
+    if (state.live) {
+      ImGui::SameLine();
+      button(state.recording ? "Stop rec. R" : "Record R", WindowCommand::record, actions);
+    }
+    ImGui::SameLine();
+    button(fmt::format("Drag: {}###drag", word_of(state.drag)).c_str(), after(state.drag), actions);
+    ImGui::SameLine();
+    button("Hide H", WindowCommand::hud, actions);
+    buttons_height = ImGui::GetWindowSize().y;
+    end_window();
+  }
+
+  // A strip of measurements above, a row of large buttons below.
+  void compact_layout(const HudState& state, GlContext::Size size, HudActions& actions) {
+    const auto width = static_cast<float>(size.width);
+    const auto height = static_cast<float>(size.height);
+    ImGui::SetNextWindowSize({width, 0.0F});
+    begin_window("status", {0.0F, 0.0F}, {0.0F, 0.0F}, kPlain);
+    ImGui::PushTextWrapPos(width - 0.6F * em);
+    const HudStatus status = status_of(state.pose);
+    text(status.color, state.has_picture ? status.text : "waiting for the first picture");
+    if (state.paused) {
+      ImGui::SameLine();
+      text({1.0F, 0.9F, 0.3F, 1.0F}, "  PAUSED");
+    }
+    std::string line = fmt::format("{:.0f} frames/s", state.frames_per_s);
+    if (const std::string age = age_in_words(state); !age.empty()) line += "   " + age;
+    // A handheld's screen is for the picture: what a stage takes is told on larger ones.
+    const bool handheld = size.height < kHandheldHeight || size.width < kHandheldHeight;
+    if (handheld) {
+      const float right = ImGui::GetItemRectMax().x + ImGui::CalcTextSize(line.c_str()).x;
+      if (right + 1.4F * em < width) {
+        ImGui::SameLine();
+        line.insert(0, "  ");
+      }
+      text(line);
+      text(measured_tags(state.pose));
+    } else {
+      text(line + "   " + measured_tags(state.pose));
+      std::string times;
+      for (const auto& [stage, ms] : state.stages) {
+        times += fmt::format("{}{} {:.1f}", times.empty() ? "" : "   ", stage, ms);
+      }
+      if (!times.empty()) text(kQuiet, times + " ms");
+    }
+    if (state.smoothed && !handheld) text(kQuiet, smoothing_in_words(*state.smoothed));
+    camera_and_recording(state, !handheld);
+    ImGui::PopTextWrapPos();
+    status_bottom = ImGui::GetWindowPos().y + ImGui::GetWindowSize().y;
+    end_window();
+
+    ImGui::SetNextWindowSize({width, 0.0F});
+    ImGui::PushStyleVar(ImGuiStyleVar_WindowPadding, ImVec2(0.2F * em, 0.2F * em));
+    ImGui::PushStyleVar(ImGuiStyleVar_ItemSpacing, ImVec2(0.2F * em, 0.2F * em));
+    ImGui::PushStyleVar(ImGuiStyleVar_FramePadding, ImVec2(0.1F * em, 0.1F * em));
+    begin_window("buttons", {0.0F, height}, {0.0F, 1.0F}, kPlain);
+    std::vector<std::pair<std::string, WindowCommand>> buttons = {
+        {technique_in_words(state.nodes) + "###technique", WindowCommand::next_technique},
+        {fmt::format("{}###drag", word_of(state.drag)), after(state.drag)},
+        {state.paused ? "go on###pause" : "pause###pause", WindowCommand::pause},
+        {"picture", WindowCommand::screenshot}};
+    if (state.live) {
+      buttons.emplace_back(state.recording ? "stop rec###record" : "record###record",
+                           WindowCommand::record);
+    } else {
+      buttons.emplace_back("step", WindowCommand::step);
+    }
+    buttons.emplace_back("panels", WindowCommand::panels);
+    buttons.emplace_back("help", WindowCommand::help);
+    buttons.emplace_back("hide", WindowCommand::hud);
+    // In as many rows as it takes for their words to be read; whatever they say just now, for no
+    // button may come to lie under a finger that means another.
+    float widest = 0.0F;
+    for (const char* words : {"layered", "picture", "go on", "stop rec", "panels"}) {
+      widest = std::max(widest, ImGui::CalcTextSize(words).x + 0.2F * em);
+    }
+    const auto width_of = [&](std::size_t in_row) {
+      const auto count = static_cast<float>(in_row);
+      return std::floor((ImGui::GetContentRegionAvail().x - (count - 1.0F) * 0.2F * em) / count);
+    };
+    std::size_t in_row = buttons.size();
+    while (in_row > 2 && width_of(in_row) < widest) in_row = (in_row + 1) / 2;
+    const float each = width_of(in_row);
+    for (std::size_t i = 0; i < buttons.size(); ++i) {
+      if (i % in_row > 0) ImGui::SameLine();
+      button(buttons[i].first.c_str(), buttons[i].second, actions,
+             {each, kTouchHeight * em / kFontSizes[0]});
+    }
+    buttons_height = ImGui::GetWindowSize().y;
+    end_window();
+    ImGui::PopStyleVar(3);
+  }
+
+  // Of all shadows together.
+  static void translucency_panel(const HudState& state, HudActions& actions) {
+    const std::string words = in_words(state.translucency, state.translucency_drawn);
+    if (!ImGui::BeginCombo("##translucency", fmt::format("translucency: {}", words).c_str()))
+      return;
+    for (const TranslucencyName& entry : kTranslucencyNames) {
+      if (ImGui::Selectable(std::string(entry.name).c_str(), entry.way == state.translucency)) {
+        actions.translucency = entry.way;
+      }
+    }
+    ImGui::EndCombo();
+  }
+
+  void node_panel(const HudNode& node, HudActions& actions) {
+    ImGui::PushID(node.name.c_str());
+    text({1.0F, 1.0F, 1.0F, 1.0F}, node.name);
+    ShadowStyle style = node.style;
+    bool changed = false;
+    if (ImGui::BeginCombo("##technique",
+                          fmt::format("technique: {}", to_string(style.technique)).c_str())) {
+      for (const ShadowTechniqueName& entry : kShadowTechniqueNames) {
+        if (ImGui::Selectable(std::string(entry.name).c_str(),
+                              entry.technique == style.technique)) {
+          style.technique = entry.technique;
+          changed = true;
+        }
+      }
+      ImGui::EndCombo();
+    }
+    if (style.technique == ShadowTechnique::layered &&
+        ImGui::BeginCombo("##kernels",
+                          fmt::format("kernels: {}", to_string(style.kernels)).c_str())) {
+      for (const KernelSourceName& entry : kKernelSourceNames) {
+        if (ImGui::Selectable(std::string(entry.name).c_str(), entry.source == style.kernels)) {
+          style.kernels = entry.source;
+          changed = true;
+        }
+      }
+      ImGui::EndCombo();
+    }
+    if (style.technique == ShadowTechnique::hard || style.technique == ShadowTechnique::volume) {
+      changed = ImGui::Checkbox("light rays", &style.light_rays) || changed;
+    }
+    changed = workspace_panel(style) || changed;
+    changed = strength_panel(node, style) || changed;
+    if (changed) actions.edits.emplace_back(ShadowStyled{node.name, style});
+    ImGui::Separator();
+    ImGui::PopID();
+  }
+
+  // H and a by the height that objects come up to and the middle layer's size there.
+  bool workspace_panel(ShadowStyle& style) {
+    if (style.technique == ShadowTechnique::simple || style.technique == ShadowTechnique::none) {
+      return false;
+    }
+    const std::optional<Workspace> known = workspace_of(style.layered);
+    const Workspace workspace = known.value_or(Workspace());
+    auto height = static_cast<float>(100.0 * workspace.height_m);
+    auto magnification = static_cast<float>(workspace.magnification);
+    bool changed = ImGui::SliderFloat("##height", &height, 5.0F, 100.0F, "workspace height %.0f cm",
+                                      ImGuiSliderFlags_AlwaysClamp | ImGuiSliderFlags_Logarithmic);
+    changed = ImGui::SliderFloat("##magnification", &magnification, 1.05F, 4.0F,
+                                 "magnified there x %.2f", ImGuiSliderFlags_AlwaysClamp) ||
+              changed;
+    if (changed) {
+      const auto constants = layered_constants_for_workspace(0.01 * static_cast<double>(height),
+                                                             static_cast<double>(magnification));
+      if (constants) {
+        const double cap = style.layered.magnification_cap;
+        style.layered = *constants;
+        style.layered.magnification_cap = cap;
+      }
+    }
+    const LayeredConstants& c = style.layered;
+    text(kQuiet,
+         std::isinf(c.light_height)
+             ? fmt::format("light at the zenith, umbra to {:.2f} m", c.umbra_height)
+             : fmt::format("H {:.2f} m   a {:.2f}   umbra {}", c.light_height, c.light_ratio,
+                           known ? fmt::format("to {:.2f} m", c.umbra_height)
+                                 : std::string("never vanishes")));
+    return changed;
+  }
+
+  bool strength_panel(const HudNode& node, ShadowStyle& style) {
+    if (style.technique == ShadowTechnique::none) return false;
+    Strength& strength = strengths[node.name];
+    const auto same = [](const LightFractions& a, const LightFractions& b) {
+      return a.umbra == b.umbra && a.middle == b.middle && a.penumbra == b.penumbra;
+    };
+    // Set from elsewhere: that is the whole strength.
+    if (!same(with_opacity(strength.full, strength.opacity), style.fractions)) {
+      strength = {style.fractions, 1.0};
+    }
+    const auto slider = [](const char* label, double& value) {
+      auto shown = static_cast<float>(value);
+      ImGui::PushID(label);
+      const bool moved =
+          ImGui::SliderFloat("##value", &shown, 0.0F, 1.0F, fmt::format("{} %.2f", label).c_str(),
+                             ImGuiSliderFlags_AlwaysClamp);
+      ImGui::PopID();
+      if (!moved) return false;
+      value = static_cast<double>(shown);
+      return true;
+    };
+    bool changed = slider("strength", strength.opacity);
+    if (style.technique != ShadowTechnique::simple) {
+      changed = slider("light in the umbra", strength.full.umbra) || changed;
+    }
+    changed = slider("light in the middle layer", strength.full.middle) || changed;
+    if (style.technique != ShadowTechnique::simple) {
+      changed = slider("light in the penumbra", strength.full.penumbra) || changed;
+    }
+    if (changed) style.fractions = with_opacity(strength.full, strength.opacity);
+    return changed;
+  }
+
+  // Before what a scene may have many of: a small screen shows it without scrolling.
+  void smoothing_panel(const HudState& state, HudActions& actions) {
+    if (!state.smooth) return;
+    bool smooth = *state.smooth;
+    if (ImGui::Checkbox("smooth the drawn pose (J)", &smooth)) {
+      actions.commands.push_back(WindowCommand::smooth);
+    }
+    if (state.smoothed) text(kQuiet, smoothing_in_words(*state.smoothed));
+    ImGui::Separator();
+  }
+
+  void panels(const HudState& state, const HudPanels& open, GlContext::Size size,
+              HudActions& actions) {
+    const auto width = static_cast<float>(size.width);
+    const auto height = static_cast<float>(size.height);
+    const float below = open.compact ? buttons_height + 0.3F * em : 0.5F * em;
+    // On a handheld's screen over the measurements, for the sliders need the height.
+    const float top = open.compact && size.height >= kHandheldHeight ? status_bottom + 0.3F * em
+                      : open.compact                                 ? 0.0F
+                                                                     : 0.5F * em;
+    // Half of a screen that is wide enough for their words.
+    const bool narrow = 0.46F * width < kPanelWidth * em;
+    const ImVec2 most(!open.compact ? 19.0F * em : (narrow ? width : 0.46F * width),
+                      height - top - below);
+    ImGui::SetNextWindowSizeConstraints({most.x, 0.0F}, most);
+    begin_window("shadows", {width - (open.compact ? 0.0F : 0.5F * em), top}, {1.0F, 0.0F},
+                 (kPlain & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_AlwaysAutoResize);
+    ImGui::PushItemWidth(-1.0F);
+    ImGui::PushTextWrapPos(0.0F);  // at the end of what the scroll bar leaves
+    smoothing_panel(state, actions);
+    translucency_panel(state, actions);
+    for (const HudNode& node : state.nodes) node_panel(node, actions);
+    if (state.nodes.empty()) text("the scene has no shadows");
+    ImGui::PopTextWrapPos();
+    ImGui::PopItemWidth();
+    if (ImGui::Button("close", {ImGui::GetContentRegionAvail().x, 0.0F})) {
+      actions.commands.push_back(WindowCommand::panels);
+    }
+    end_window();
+  }
+
+  // Over the picture and under every window.
+  void kernel_dots(const HudState& state, GlContext::Size size) const {
+    if (state.picture_width <= 0 || state.picture_height <= 0) return;
+    const PictureArea area = picture_area(state.picture_width, state.picture_height, size);
+    const double scale = static_cast<double>(area.width) / state.picture_width;
+    ImDrawList& list = *ImGui::GetBackgroundDrawList();
+    const ImU32 dot = ImGui::ColorConvertFloat4ToU32(to_imgui(kKernelDot));
+    const float radius = std::max(1.5F, 0.12F * em);
+    for (const Eigen::Vector2d& pixel : state.kernels_px) {
+      // Pixel 0's centre is half a pixel into the picture.
+      const ImVec2 at(static_cast<float>(area.x + scale * (pixel.x() + 0.5)),
+                      static_cast<float>(area.y + scale * (pixel.y() + 0.5)));
+      list.AddCircleFilled(at, radius, dot, 8);
+    }
+  }
+
+  void debug(const HudState& state, const HudPanels& open, GlContext::Size size) {
+    const float most_width = (open.compact ? 1.0F : 0.5F) * static_cast<float>(size.width) - em;
+    ImGui::SetNextWindowSizeConstraints(
+        {14.0F * em, 0.0F},
+        {most_width, static_cast<float>(size.height) - status_bottom - 4.0F * em});
+    begin_window("debug", {0.5F * em, status_bottom + 0.5F * em}, {0.0F, 0.0F},
+                 (kPlain & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_AlwaysAutoResize);
+    const CompositeStats& s = state.drawn;
+    ImGui::PushTextWrapPos(most_width - em);
+    text(fmt::format(
+        "this picture: {} passes ({} calls), {} left out; shadows: {} computed, {} reused",
+        s.passes_drawn, s.draw_calls, s.passes_skipped, s.triples_recomputed, s.reprojections));
+    std::string work;
+    for (const auto& [name, count] : state.work) {
+      work += fmt::format("{}{} {}", work.empty() ? "since the start: " : "   ", name, count);
+    }
+    text(kQuiet, work);
+    for (const std::string& line : reasons_in_words(state)) text(kQuiet, line);
+    for (std::size_t i = 0; i < state.twists.size() && i < kMostDebugLines; ++i) {
+      const HudTwist& twist = state.twists[i];
+      text(twist.twist.faces_twisted > 0 ? kWarning : kQuiet,
+           fmt::format("{}: {} of {} faces twisted, {:.1f} % of the area; spill {:.1f} %",
+                       twist.caster, twist.twist.faces_twisted, twist.twist.faces_tested,
+                       100.0 * twist.twist.area_share, 100.0 * twist.spill));
+    }
+    ImGui::PopTextWrapPos();
+    end_window();
+  }
+
+  void help(GlContext::Size size, bool compact, HudActions& actions) {
+    const auto width = static_cast<float>(size.width);
+    const auto height = static_cast<float>(size.height);
+    const bool narrow = compact && width < kHelpWidth * em;
+    ImGui::SetNextWindowSizeConstraints({narrow ? width - em : 0.0F, 0.0F},
+                                        {width - em, height - em});
+    ImGui::PushStyleColor(ImGuiCol_WindowBg, ImVec4(0.05F, 0.06F, 0.08F, 0.94F));
+    ImGui::SetNextWindowFocus();
+    begin_window("help", {0.5F * width, 0.5F * height}, {0.5F, 0.5F},
+                 (kPlain & ~ImGuiWindowFlags_NoScrollbar) | ImGuiWindowFlags_AlwaysAutoResize);
+    float column = 0.0F;
+    for (const KeyHelp& key : key_help()) {
+      column = std::max(column,
+                        ImGui::CalcTextSize(key.keys.data(), key.keys.data() + key.keys.size()).x);
+    }
+    const auto close = [&] {
+      if (ImGui::Button("close", {ImGui::GetContentRegionAvail().x, 0.0F})) {
+        actions.commands.push_back(WindowCommand::help);
+      }
+    };
+    if (compact) {  // a finger reaches them without scrolling
+      // What keys do elsewhere, and no other button does.
+      const float half =
+          0.5F * (ImGui::GetContentRegionAvail().x - ImGui::GetStyle().ItemSpacing.x);
+      button("full screen", WindowCommand::full_screen, actions, {half, 0.0F});
+      ImGui::SameLine();
+      button("quit", WindowCommand::quit, actions, {half, 0.0F});
+      close();
+    }
+    if (narrow) ImGui::PushTextWrapPos(0.0F);
+    const bool columns = width >= kHelpColumns * em;
+    for (const KeyHelp& key : key_help()) {
+      text(std::string(key.keys));
+      if (columns) {
+        ImGui::SameLine(column + (narrow ? 1.5F : 2.0F) * em);
+      } else {
+        ImGui::Indent();
+      }
+      text(kQuiet, std::string(key.what));
+      if (!columns) ImGui::Unindent();
+    }
+    if (narrow) ImGui::PopTextWrapPos();
+    if (!compact) close();
+    end_window();
+    ImGui::PopStyleColor();
+  }
+
+  void message(const HudState& state, GlContext::Size size) {
+    if (state.message.empty()) return;
+    const float above = buttons_height + em;
+    const auto width = static_cast<float>(size.width);
+    begin_window("message", {0.5F * width, static_cast<float>(size.height) - above}, {0.5F, 1.0F},
+                 kPlain | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
+    ImGui::PushTextWrapPos(width - 1.2F * em);
+    text(state.message);
+    ImGui::PopTextWrapPos();
+    ImGui::End();
+  }
+
+  ImFontAtlas fonts;  // before the context that uses it
+  ImGuiContext* imgui;
+  std::array<ImFont*, kFontSizes.size()> sized{};
+  ImFont* font = nullptr;
+  float em = 15.0F;  // height of the letters [px]
+  std::optional<OverlayRenderer> renderer;
+  // A press and release between two drawings still is a click.
+  std::array<bool, 3> pressed{}, down{};
+  std::vector<std::array<float, 4>> windows;  // left, top, right, bottom
+  float status_bottom = 0.0F;
+  float buttons_height = 0.0F;  // [px]
+  struct Strength {
+    LightFractions full;
+    double opacity = 1.0;
+  };
+  std::map<std::string, Strength> strengths;  // of the nodes, by name
+  Stopwatch since_last;
+};
+
+Overlay::Overlay(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Overlay::~Overlay() = default;
+
+Result<std::unique_ptr<Overlay>> Overlay::create(const GlContext& context) {
+  auto impl = std::make_unique<Impl>();
+  if (auto opened = impl->open(context); !opened) return tl::unexpected(opened.error());
+  return std::unique_ptr<Overlay>(new Overlay(std::move(impl)));
+}
+
+void Overlay::handle(const WindowEvent& event) {
+  ImGui::SetCurrentContext(impl_->imgui);
+  ImGuiIO& io = ImGui::GetIO();
+  using Kind = WindowEvent::Kind;
+  const bool has_pointer = event.kind == Kind::button_down || event.kind == Kind::button_up ||
+                           event.kind == Kind::pointer_moved;
+  if (has_pointer) io.MousePos = {static_cast<float>(event.x), static_cast<float>(event.y)};
+  switch (event.kind) {
+    case Kind::button_down:
+    case Kind::button_up:
+      if (event.code >= 0 && event.code < 3) {
+        const auto button = static_cast<std::size_t>(event.code);
+        impl_->down[button] = event.kind == Kind::button_down;
+        if (impl_->down[button]) impl_->pressed[button] = true;
+      }
+      break;
+    case Kind::key_down:
+    case Kind::key_up:
+      if (event.code >= 0 && event.code < IM_ARRAYSIZE(io.KeysDown)) {
+        io.KeysDown[event.code] = event.kind == Kind::key_down;
+      }
+      io.KeyCtrl = event.control;
+      io.KeyShift = event.shift;
+      io.KeyAlt = event.alt;
+      break;
+    case Kind::scrolled:
+      io.MouseWheelH += static_cast<float>(event.x);
+      io.MouseWheel += static_cast<float>(event.y);
+      break;
+    case Kind::text:
+      if (event.code > 0) io.AddInputCharacter(static_cast<unsigned>(event.code));
+      break;
+    case Kind::pointer_moved:
+      break;
+  }
+}
+
+bool Overlay::covers(double x, double y) const {
+  ImGui::SetCurrentContext(impl_->imgui);
+  if (ImGui::IsPopupOpen("", ImGuiPopupFlags_AnyPopup)) return true;
+  return std::ranges::any_of(impl_->windows, [x, y](const std::array<float, 4>& window) {
+    return x >= static_cast<double>(window[0]) && y >= static_cast<double>(window[1]) &&
+           x < static_cast<double>(window[2]) && y < static_cast<double>(window[3]);
+  });
+}
+
+bool Overlay::typing() const {
+  ImGui::SetCurrentContext(impl_->imgui);
+  return ImGui::GetIO().WantTextInput;
+}
+
+void Overlay::draw(const HudState& state, const HudPanels& panels, GlContext::Size size,
+                   HudActions& actions) {
+  if (size.width <= 0 || size.height <= 0) return;
+  Impl& m = *impl_;
+  m.begin_drawing(size, panels.compact);
+  if (panels.compact) {
+    m.compact_layout(state, size, actions);
+  } else {
+    m.full_layout(state, size, actions);
+  }
+  // A small window has room for one of them.
+  const bool panels_fit = !panels.compact || !panels.help;
+  const bool debug_fits = panels_fit && (!panels.compact || !panels.panels);
+  if (panels.debug) m.kernel_dots(state, size);
+  if (panels.debug && debug_fits) m.debug(state, panels, size);
+  if (panels.panels && panels_fit) m.panels(state, panels, size, actions);
+  if (panels.help) m.help(size, panels.compact, actions);
+  m.message(state, size);
+  m.end_drawing(size);
+}
+
+void Overlay::draw_hidden(const HudState& state, GlContext::Size size) {
+  if (size.width <= 0 || size.height <= 0) return;
+  const std::vector<std::string> warnings = warnings_of(state);
+  if (warnings.empty() && state.message.empty()) return;
+  Impl& m = *impl_;
+  m.begin_drawing(size, false);
+  if (!warnings.empty()) {
+    const float gap = 0.5F * m.em;
+    m.begin_window("warnings", {gap, gap}, {0.0F, 0.0F},
+                   kPlain | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
+    ImGui::PushTextWrapPos(0.8F * static_cast<float>(size.width));
+    for (const std::string& warning : warnings) text(kWarning, warning);
+    ImGui::PopTextWrapPos();
+    m.end_window();
+  }
+  m.message(state, size);
+  m.end_drawing(size);
+}
+
+void Overlay::draw_words(const std::string& words, bool in_the_middle, GlContext::Size size) {
+  if (size.width <= 0 || size.height <= 0) return;
+  Impl& m = *impl_;
+  m.begin_drawing(size, false);
+  const auto width = static_cast<float>(size.width);
+  const auto height = static_cast<float>(size.height);
+  const float gap = 0.5F * m.em;
+  m.begin_window("words", in_the_middle ? ImVec2(0.5F * width, 0.5F * height) : ImVec2(gap, gap),
+                 in_the_middle ? ImVec2(0.5F, 0.5F) : ImVec2(0.0F, 0.0F),
+                 kPlain | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoInputs);
+  ImGui::PushTextWrapPos(0.8F * width);
+  text(words);
+  ImGui::PopTextWrapPos();
+  m.end_window();
+  m.end_drawing(size);
+}
+
+void Overlay::draw_own(GlContext::Size size, const std::function<void(float em)>& lay_out) {
+  if (size.width <= 0 || size.height <= 0) return;
+  impl_->begin_drawing(size, false);
+  lay_out(impl_->em);
+  impl_->end_drawing(size);
+}
+
+}  // namespace penumbra

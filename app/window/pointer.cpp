@@ -1,0 +1,36 @@
+#include "app/window/pointer.hpp"
+
+#include "render/gl/framebuffer.hpp"
+
+namespace penumbra {
+namespace {
+
+// Pixels of the picture in one of the window.
+double scale_of(const CameraModel& camera, const PictureArea& area) {
+  return static_cast<double>(camera.width()) / area.width;
+}
+
+}  // namespace
+
+Eigen::Vector2d picture_from_window(const CameraModel& camera, GlContext::Size window,
+                                    const Eigen::Vector2d& window_px) {
+  const PictureArea area = picture_area(camera.width(), camera.height(), window);
+  return (window_px - Eigen::Vector2d(area.x, area.y)) * scale_of(camera, area) -
+         Eigen::Vector2d::Constant(0.5);
+}
+
+Eigen::Vector2d window_from_picture(const CameraModel& camera, GlContext::Size window,
+                                    const Eigen::Vector2d& picture_px) {
+  const PictureArea area = picture_area(camera.width(), camera.height(), window);
+  return (picture_px + Eigen::Vector2d::Constant(0.5)) / scale_of(camera, area) +
+         Eigen::Vector2d(area.x, area.y);
+}
+
+std::optional<PointerView> pointer_in_window(const SessionView& view, GlContext::Size window,
+                                             const Eigen::Vector2d& window_px) {
+  if (view.camera == nullptr || !view.T_table_camera) return std::nullopt;
+  return view_at(*view.camera, *view.T_table_camera,
+                 picture_from_window(*view.camera, window, window_px));
+}
+
+}  // namespace penumbra

@@ -1,0 +1,29 @@
+#include "app/window/silence.hpp"
+
+#include "core/units.hpp"
+
+namespace penumbra {
+
+std::optional<TrackedFrame> Silence::picture(std::int64_t silence_ns) {
+  if (!last_) return std::nullopt;
+  TrackedFrame tracked = *last_;
+  // What was measured was measured of a picture that is no longer the camera's.
+  tracked.pose.tags_used = 0;
+  bool gone = true;
+  const auto hold = [&gone, silence_ns](auto& pose) {
+    if (!pose.has_pose()) return;
+    pose.age_s += seconds(silence_ns);
+    if (pose.status != TrackStatus::held) pose.held_from = pose.status;
+    pose.status = pose.age_s > kHoldSeconds ? TrackStatus::lost : TrackStatus::held;
+    gone = gone && pose.status == TrackStatus::lost;
+  };
+  hold(tracked.pose);
+  for (GroupEstimate& group : tracked.groups) hold(group);
+  // Drawn for the last time; its buffer goes back: a driver that lost its camera waits for every
+  // one of them before it takes the camera again.
+  if (gone) last_.reset();
+  tracked.pose.reason = "no complete frame from the camera";
+  return tracked;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,302 @@
+#include "app/window/viewer.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <thread>
+#include <utility>
+
+#include "app/logging.hpp"
+#include "app/window/pointer.hpp"
+
+namespace penumbra {
+namespace {
+
+// While paused the picture is drawn again at an easy rate: the window may be resized or uncovered.
+constexpr std::chrono::milliseconds kPausedRefresh(30);
+constexpr double kMessage_ms = 4000.0;
+constexpr double kCorner_px = 48.0;  // a touch here brings a hidden HUD back
+
+}  // namespace
+
+Viewer::Viewer(GlContext& context, ViewerHost& host, std::unique_ptr<Overlay> overlay,
+               const ViewerOptions& options)
+    : context_(context), host_(host), overlay_(std::move(overlay)), hud_(options.hud) {
+  context_.on_event([this](const WindowEvent& event) { take(event); });
+}
+
+Viewer::~Viewer() {
+  context_.on_event({});
+}
+
+bool Viewer::show(InterruptWatch& interrupt, Picture picture) {
+  const Stopwatch pause;
+  bool waited = false;
+  step_ = false;
+  if (picture == Picture::next) shown_.add(clock_.elapsed().wall_ms);
+  do {
+    host_.present();
+    draw_hud();
+    context_.swap();
+    if (!context_.poll_events()) closed_ = true;
+    follow_pointer();
+    if (paused_ && !closed_ && !step_) {
+      if (std::exchange(edited_, false)) host_.redraw();
+      waited = true;
+      std::this_thread::sleep_for(kPausedRefresh);
+    }
+  } while (paused_ && !closed_ && !step_ && !host_.is_over() && !interrupt.interrupted());
+  edited_ = false;
+  if (waited) {
+    paused_ms_ += pause.elapsed().wall_ms;
+    shown_.restart();
+  }
+  return !closed_;
+}
+
+void Viewer::draw_hud() {
+  if (!overlay_) return;
+  HudState state;
+  host_.describe(state, hud_ && panels_.debug);
+  if (!message_.empty() && since_message_.elapsed().wall_ms < kMessage_ms) {
+    state.message = message_;
+  }
+  if (!hud_) {
+    overlay_->draw_hidden(state, context_.window_size());
+    return;
+  }
+  state.nodes = host_.nodes();
+  state.translucency = host_.translucency();
+  state.frames_per_s = shown_.per_s(clock_.elapsed().wall_ms);
+  state.paused = paused_;
+  state.selected = manipulator_.selected();
+  state.drag = drag_;
+  const GlContext::Size size = context_.window_size();
+  panels_.compact = compact_.value_or(is_small(size));
+  HudActions actions;
+  overlay_->draw(state, panels_, size, actions);
+  ++hud_drawings_;
+  act_on_clicks(std::move(actions));
+}
+
+void Viewer::act_on_clicks(HudActions actions) {
+  for (const WindowCommand command : actions.commands) act(command);
+  for (const SceneEdit& change : actions.edits) edit(change);
+  if (actions.translucency) set_translucency(*actions.translucency);
+}
+
+void Viewer::take(const WindowEvent& event) {
+  if (overlay_ && hud_) overlay_->handle(event);
+  using Kind = WindowEvent::Kind;
+  switch (event.kind) {
+    case Kind::key_down:
+      take_key(event);
+      break;
+    case Kind::button_down:
+    case Kind::button_up:
+    case Kind::pointer_moved:
+      take_pointer(event);
+      break;
+    case Kind::scrolled:
+      if (cursor_ && !over_hud()) {
+        constexpr double kStep_m = 0.005;
+        raise_m_ += kStep_m * event.y;
+        pointer_moved_ = true;
+      }
+      break;
+    case Kind::key_up:
+    case Kind::text:
+      break;
+  }
+}
+
+bool Viewer::over_hud() const {
+  return overlay_ && hud_ && overlay_->covers(pointer_.x(), pointer_.y());
+}
+
+void Viewer::take_key(const WindowEvent& event) {
+  if (overlay_ && hud_ && overlay_->typing()) return;
+  if (const auto technique = technique_of_key(event)) set_technique(*technique);
+  if (const auto command = command_of_key(event)) act(*command);
+}
+
+void Viewer::take_pointer(const WindowEvent& event) {
+  pointer_ = {event.x, event.y};
+  if (event.kind == WindowEvent::Kind::pointer_moved) {
+    pointer_moved_ = true;
+    return;
+  }
+  if (event.kind == WindowEvent::Kind::button_up) {
+    if (event.code != drag_button_) return;
+    pointer_moved_ = true;
+    follow_pointer();
+    manipulator_.let_go();
+    drag_button_ = -1;
+    return;
+  }
+  if (!hud_ && event.code == WindowEvent::kLeft && event.x < kCorner_px && event.y < kCorner_px) {
+    hud_ = true;
+    return;
+  }
+  if (manipulator_.holding() || over_hud()) return;
+  DragMode mode = drag_;
+  if (event.code == WindowEvent::kMiddle || event.shift) mode = DragMode::lift;
+  if (event.code == WindowEvent::kRight) mode = DragMode::reach;
+  if (event.control) mode = DragMode::turn;
+  const SessionView view = host_.view();
+  const auto pointer = pointer_view();
+  if (!pointer || view.state == nullptr) return;
+  if (const auto held = manipulator_.take(*view.scene, *view.state, *pointer, mode)) {
+    drag_button_ = event.code;
+    edit(*held);
+  }
+}
+
+std::optional<PointerView> Viewer::pointer_view() const {
+  return pointer_in_window(host_.view(), context_.window_size(), pointer_);
+}
+
+// Once for all the moves since the last picture.
+void Viewer::follow_pointer() {
+  if (!std::exchange(pointer_moved_, false)) return;
+  const double raised = std::exchange(raise_m_, 0.0);
+  const bool holding = manipulator_.holding();
+  if (!holding && (!cursor_ || over_hud())) return;
+  const auto pointer = pointer_view();
+  if (!pointer) return;
+  if (holding) {
+    if (const auto placed = manipulator_.drag(*pointer)) edit(*placed);
+    return;
+  }
+  const SessionView view = host_.view();
+  if (view.state == nullptr) return;
+  if (const auto placed = cursor_at(*view.scene, *view.state, *pointer, raised)) edit(*placed);
+}
+
+void Viewer::edit(const SceneEdit& edit) {
+  host_.edit(edit);
+  edited_ = true;
+}
+
+void Viewer::set_technique(ShadowTechnique technique) {
+  std::vector<HudNode> nodes = chosen_nodes();
+  if (nodes.empty()) return;
+  for (HudNode& node : nodes) {
+    node.style.technique = technique;
+    edit(ShadowStyled{node.name, node.style});
+  }
+  say((node_ ? *node_ : std::string("shadows")) + ": " + std::string(to_string(technique)));
+}
+
+void Viewer::set_translucency(Translucency way) {
+  host_.set_translucency(way);
+  edited_ = true;
+  say("translucency: " + std::string(to_string(host_.translucency())));
+}
+
+std::vector<HudNode> Viewer::chosen_nodes() const {
+  std::vector<HudNode> nodes = host_.nodes();
+  if (node_) std::erase_if(nodes, [this](const HudNode& node) { return node.name != *node_; });
+  return nodes;
+}
+
+void Viewer::say(std::string message) {
+  if (message.empty()) return;
+  log_info("{}", message);
+  message_ = std::move(message);
+  since_message_.restart();
+}
+
+void Viewer::act(WindowCommand command) {
+  switch (command) {
+    case WindowCommand::quit:
+      closed_ = true;
+      break;
+    case WindowCommand::pause:
+      paused_ = !paused_;
+      break;
+    case WindowCommand::step:
+      paused_ = step_ = true;
+      break;
+    case WindowCommand::screenshot:
+      say(host_.save_screenshot());
+      break;
+    case WindowCommand::record:
+      say(host_.toggle_recording());
+      break;
+    case WindowCommand::full_screen:
+      context_.toggle_full_screen();
+      break;
+    case WindowCommand::hud:
+      hud_ = !hud_;
+      break;
+    case WindowCommand::help:
+      panels_.help = !panels_.help;
+      hud_ = hud_ || panels_.help;
+      break;
+    case WindowCommand::debug:
+      panels_.debug = !panels_.debug;
+      hud_ = hud_ || panels_.debug;
+      break;
+    case WindowCommand::panels:
+      panels_.panels = !panels_.panels;
+      hud_ = hud_ || panels_.panels;
+      break;
+    case WindowCommand::layout:
+      compact_ = !compact_.value_or(is_small(context_.window_size()));
+      break;
+    case WindowCommand::smooth:
+      say(host_.toggle_smoothing());
+      edited_ = true;  // a picture that stands still is drawn again
+      break;
+    case WindowCommand::slide:
+      drag_ = DragMode::slide;
+      break;
+    case WindowCommand::lift:
+      drag_ = DragMode::lift;
+      break;
+    case WindowCommand::reach:
+      drag_ = DragMode::reach;
+      break;
+    case WindowCommand::turn:
+      drag_ = DragMode::turn;
+      break;
+    case WindowCommand::put: {
+      const SessionView view = host_.view();
+      const auto pointer = pointer_view();
+      if (!pointer || view.state == nullptr) break;
+      if (const auto placed = manipulator_.put(*view.scene, *view.state, *pointer)) edit(*placed);
+      break;
+    }
+    case WindowCommand::cursor: {
+      const Scene* scene = host_.view().scene;
+      const bool has_one =
+          scene != nullptr &&
+          std::ranges::find(scene->objects, true, &SceneObject::cursor) != scene->objects.end();
+      cursor_ = has_one && !cursor_;
+      say(!has_one  ? "the scene has no 3D cursor"
+          : cursor_ ? "the 3D cursor follows the pointer; the wheel lifts it"
+                    : "the 3D cursor rests");
+      break;
+    }
+    case WindowCommand::next_technique: {
+      const std::vector<HudNode> nodes = chosen_nodes();
+      if (!nodes.empty()) set_technique(technique_after(nodes.front().style.technique));
+      break;
+    }
+    case WindowCommand::next_translucency:
+      set_translucency(translucency_after(host_.translucency()));
+      break;
+    case WindowCommand::next_node: {
+      const std::vector<HudNode> nodes = host_.nodes();
+      const auto at = std::ranges::find_if(
+          nodes, [this](const HudNode& node) { return node_ && node.name == *node_; });
+      const auto next = node_ && at != nodes.end() ? at + 1 : nodes.begin();
+      const bool all = next == nodes.end() || (node_ && at == nodes.end());
+      node_ = all ? std::nullopt : std::optional(next->name);
+      say("keys change the technique of " + (node_ ? *node_ : std::string("all shadows")));
+      break;
+    }
+  }
+}
+
+}  // namespace penumbra

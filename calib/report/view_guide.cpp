@@ -1,0 +1,268 @@
+#include "calib/report/view_guide.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string_view>
+#include <utility>
+
+#include "calib/camera_calibration.hpp"
+#include "calib/target/image_cells.hpp"
+#include "core/units.hpp"
+#include "tracking/detection/pose_refiner.hpp"
+#include "tracking/detection/pose_solver.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr int kColumns = 5;  // cells of the image that are to be seen
+constexpr int kRows = 4;
+constexpr int kCornersInCell = 2;
+constexpr double kCellsNeeded = 0.9;
+constexpr double kSizesNeeded = 1.6;           // nearest over furthest
+constexpr double kTiltNeeded = radians(40.0);  // between two views
+constexpr double kFirstMove = 0.08;  // of the width: views before a lens is known differ by this
+constexpr double kSameView = 0.01;   // of the width
+constexpr double kSteady = 0.012;    // of the width, from picture to picture
+constexpr double kSharp = 1.6;       // [px] of blur
+constexpr std::size_t kFirstViews = 4;
+constexpr std::size_t kViewsPerChoice = 4;  // views until the lens is chosen again
+constexpr double kBadFit = 0.5;             // [px] of noise: another lens may explain the views
+
+}  // namespace
+
+std::optional<Eigen::MatrixXd> view_information(const CameraModel& camera,
+                                                const std::vector<Eigen::Vector3d>& board,
+                                                const std::vector<TargetCorner>& corners) {
+  std::vector<PointObservation> points;
+  for (const TargetCorner& corner : corners)
+    points.push_back({board[static_cast<std::size_t>(corner.point)], corner.pixel});
+  std::optional<RefinedPose> best;
+  for (const CameraPose& start : solve_pose(camera, points)) {
+    const auto refined = refine_pose(camera, points, start);
+    if (refined && (!best || refined->rms_px < best->rms_px)) best = refined;
+  }
+  if (!best) return std::nullopt;
+  const int n = 4 + coefficient_count(camera.parameters().model);
+  Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n, n);
+  Eigen::MatrixXd B = Eigen::MatrixXd::Zero(n, 7);
+  Eigen::Matrix<double, 7, 7> C = Eigen::Matrix<double, 7, 7>::Zero();
+  const auto T_camera_board = best->T_table_camera.inverse();
+  bool shifts = false;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Eigen::Vector3d p = T_camera_board * points[i].p_table;
+    const Eigen::MatrixXd J_lens = lens_jacobian(camera, p.head<2>() / p.z());
+    Eigen::Matrix<double, 2, 7> J_view;
+    J_view << reprojection_jacobian(camera, best->T_table_camera, points[i].p_table),
+        corners[i].spread;
+    shifts = shifts || !corners[i].spread.isZero();
+    A += J_lens.transpose() * J_lens;
+    B += J_lens.transpose() * J_view;
+    C += J_view.transpose() * J_view;
+  }
+  C(6, 6) += shifts ? 1e-6 : 1.0;
+  const Eigen::LDLT<Eigen::Matrix<double, 7, 7>> pose(C);
+  const Eigen::MatrixXd information = A - B * pose.solve(B.transpose());
+  if (pose.info() != Eigen::Success || !information.allFinite()) return std::nullopt;
+  return information;
+}
+
+struct ViewGuide::Impl {
+  Target target;
+  GuideOptions options;
+  std::optional<TargetDetector> detector;
+  std::vector<CalibrationView> views;
+  std::vector<double> sizes;       // of the target in each view: its edges' mean length [px]
+  std::vector<TargetCorner> last;  // of the picture before
+  std::array<int, kColumns * kRows> cells{};
+  ModelTrial lens;  // that is solved for
+  std::optional<CalibrationSolution> solution;
+  UncertaintyMap uncertainty;
+  GuideProgress progress;
+  int width = 0;
+  int height = 0;
+
+  [[nodiscard]] ImageCells image_cells() const { return {kColumns, kRows, width, height}; }
+
+  [[nodiscard]] double size_of(const std::vector<TargetCorner>& corners) const {
+    std::vector<const TargetCorner*> at(target.points.size(), nullptr);
+    for (const TargetCorner& corner : corners) at[static_cast<std::size_t>(corner.point)] = &corner;
+    double sum = 0.0;
+    int count = 0;
+    for (const auto& [a, b] : target.edges) {
+      const TargetCorner* p = at[static_cast<std::size_t>(a)];
+      const TargetCorner* q = at[static_cast<std::size_t>(b)];
+      if (p == nullptr || q == nullptr) continue;
+      sum += (p->pixel - q->pixel).norm();
+      ++count;
+    }
+    return count > 0 ? sum / count : 0.0;
+  }
+
+  // Share by which the view would lower the mean uncertainty.
+  [[nodiscard]] double gain_of(const std::vector<TargetCorner>& corners) const {
+    const auto information = view_information(solution->camera, solution->board, corners);
+    if (!information) return 0.0;
+    const Eigen::MatrixXd& P = solution->covariance;
+    const double noise = solution->noise_px * solution->noise_px * solution->clustering;
+    // (P^-1 + I / noise)^-1, without inverting P, whose entries are of very different sizes.
+    const Eigen::MatrixXd one = Eigen::MatrixXd::Identity(P.rows(), P.cols());
+    const Eigen::MatrixXd after = (one + P * *information / noise).partialPivLu().solve(P);
+    const double mean = uncertainty_map(solution->camera, after, 16, 12).mean_px;
+    if (!std::isfinite(mean) || !(uncertainty.mean_px > 0.0)) return 0.0;
+    return std::max(0.0, 1.0 - mean / uncertainty.mean_px);
+  }
+
+  void take(std::vector<TargetCorner> corners) {
+    for (const TargetCorner& corner : corners) ++cells[image_cells().at(corner.pixel)];
+    sizes.push_back(size_of(corners));
+    views.push_back({fmt::format("view {}", views.size() + 1), std::move(corners)});
+    if (views.size() < kFirstViews) return;
+    SolverOptions solver;
+    solver.stop = options.stop;
+    const auto solve_as = [&](DistortionModel model, bool without_k3) {
+      solver.model = model;
+      solver.without_k3 = without_k3;
+      return solution ? solve_intrinsics(*solution, target.points, views, solver)
+                      : solve_intrinsics(width, height, target.points, views, solver);
+    };
+    Result<CalibrationSolution> solved = solve_as(lens.model, lens.without_k3);
+    // A wide lens gives no start from which the choice could find it.
+    const bool explains =
+        solved && solved->noise_px <= kBadFit && solved->outliers * 20 <= solved->corners;
+    if (!options.model && !explains && lens.model == DistortionModel::plumb_bob) {
+      Result<CalibrationSolution> wide = solve_as(DistortionModel::fisheye, false);
+      if (wide && (!solved || wide->noise_px < solved->noise_px)) {
+        lens.model = DistortionModel::fisheye;
+        lens.without_k3 = false;
+        solved = std::move(wide);
+      }
+    }
+    if (!solved) return;
+    if (views.size() % kViewsPerChoice == 0) {
+      std::vector<ModelTrial> trials;
+      auto chosen =
+          choose_lens(*solved, target.points, views,
+                      {options.model, options.for_kalibr, options.stop}, BoardShape::rigid, trials);
+      if (chosen) {
+        lens = trials[chosen->trial];
+        solved = std::move(chosen->solution);
+      }
+    }
+    const UncertaintyMap map = uncertainty_map(solved->camera, solved->covariance, 16, 12);
+    if (!std::isfinite(map.mean_px)) return;
+    uncertainty = map;
+    solution = std::move(*solved);
+  }
+
+  void measure() {
+    std::vector<std::size_t> missing;
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      if (cells[i] < kCornersInCell) missing.push_back(i);
+    }
+    const double seen =
+        1.0 - static_cast<double>(missing.size()) / static_cast<double>(cells.size());
+    progress.views = static_cast<int>(views.size());
+    progress.coverage = {kColumns, kRows, std::vector<bool>(cells.size(), true), std::nullopt};
+    for (const std::size_t cell : missing) progress.coverage.seen[cell] = false;
+    progress.image = std::min(1.0, seen / kCellsNeeded);
+    const auto [least, most] = std::minmax_element(sizes.begin(), sizes.end());
+    if (!sizes.empty() && *least > 0.0)
+      progress.size = std::clamp(std::log(*most / *least) / std::log(kSizesNeeded), 0.0, 1.0);
+    if (solution) {
+      progress.tilt = std::min(1.0, tilt_spread(solution->views) / kTiltNeeded);
+      progress.largest_px = uncertainty.largest_px;
+      progress.lens = lens_name(lens);
+      progress.certainty = std::min(1.0, options.goal_px / uncertainty.largest_px);
+    }
+    progress.enough = progress.image >= 1.0 && progress.size >= 1.0 && progress.tilt >= 1.0 &&
+                      progress.certainty >= 1.0 && progress.views >= options.fewest_views;
+    const double lowest = std::min({progress.image, progress.size, progress.tilt});
+    const auto advise = [&](std::string to_a_person, std::string_view missing_in_a_recording) {
+      progress.advice = options.held ? std::move(to_a_person)
+                                     : fmt::format("still missing: {}", missing_in_a_recording);
+    };
+    if (progress.enough) {
+      progress.advice = "enough: the lens is known";
+    } else if (views.empty()) {
+      advise(last.empty() ? "show the target to the camera" : "hold the target still",
+             "a view of the target");
+    } else if (!solution) {
+      advise("hold the target still elsewhere, each time tilted to another side",
+             "first views, each tilted to another side");
+    } else if (lowest >= 1.0) {
+      advise("more views, each of them a little different", "more views");
+    } else if (lowest == progress.tilt) {
+      advise("tilt the target, to other sides too", "views from other sides, tilted more");
+    } else if (lowest == progress.size) {
+      advise("come closer, or go further away", "views from closer, or from further away");
+    } else {
+      const std::size_t next = missing[missing.size() / 2];
+      const std::string cell = image_cells().name(next);
+      progress.coverage.next = next;
+      advise(fmt::format("move the target to the {}", cell), fmt::format("views at the {}", cell));
+    }
+  }
+};
+
+ViewGuide::ViewGuide(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+ViewGuide::ViewGuide(ViewGuide&&) noexcept = default;
+ViewGuide& ViewGuide::operator=(ViewGuide&&) noexcept = default;
+ViewGuide::~ViewGuide() = default;
+
+Result<ViewGuide> ViewGuide::create(const Target& target, const GuideOptions& options) {
+  auto impl = std::make_unique<Impl>();
+  impl->target = target;
+  impl->options = options;
+  impl->lens.model = options.model.value_or(DistortionModel::plumb_bob);
+  impl->lens.without_k3 =
+      impl->lens.model == DistortionModel::plumb_bob && (!options.model || options.for_kalibr);
+  Result<TargetDetector> detector = TargetDetector::create(target);
+  if (!detector) return tl::unexpected(detector.error());
+  impl->detector.emplace(std::move(*detector));
+  impl->measure();
+  return ViewGuide(std::move(impl));
+}
+
+GuideLook ViewGuide::look(ImageView luma) {
+  Impl& self = *impl_;
+  self.width = luma.width;
+  self.height = luma.height;
+  TargetView view = self.detector->detect(luma);
+  const std::vector<TargetCorner> before = std::exchange(self.last, view.corners);
+  GuideLook result;
+  for (const TargetCorner& corner : view.corners) result.corners_px.push_back(corner.pixel);
+  const auto because = [&](std::string why) {
+    result.why = std::move(why);
+    self.measure();
+    return result;
+  };
+  if (!view.problem.empty()) return because(view.problem);
+  if (view.blur_px > kSharp)
+    return because(self.options.held ? "blurred: hold still, focus, more light" : "blurred");
+  if (self.options.held && !before.empty() &&
+      corner_distance(view.corners, before) > kSteady * luma.width)
+    return because("it moves: hold still");
+  // The same view once more lowers noise, but brings its errors of light and board twice.
+  const double least_px = (self.solution ? kSameView : kFirstMove) * luma.width;
+  for (const CalibrationView& other : self.views) {
+    if (corner_distance(view.corners, other.corners) <= least_px)
+      return because("too much like a view before");
+  }
+  if (self.solution) {
+    result.gain = self.gain_of(view.corners);
+    if (result.gain < self.options.least_gain) return because("says nothing new");
+  }
+  result.taken = true;
+  self.take(std::move(view.corners));
+  self.measure();
+  return result;
+}
+
+const GuideProgress& ViewGuide::progress() const {
+  return impl_->progress;
+}
+
+}  // namespace penumbra

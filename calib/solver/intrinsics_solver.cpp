@@ -1,0 +1,463 @@
+#include "calib/solver/intrinsics_solver.hpp"
+
+#include <ceres/ceres.h>
+
+#include <Eigen/QR>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "calib/solver/bundle.hpp"
+#include "tracking/detection/pose_refiner.hpp"
+#include "tracking/detection/pose_solver.hpp"
+
+namespace penumbra {
+namespace {
+
+std::vector<PointObservation> observations_of(const CalibrationView& view,
+                                              std::span<const Eigen::Vector3d> board) {
+  std::vector<PointObservation> observations;
+  for (std::size_t c = 0; c < view.corners.size(); ++c) {
+    const TargetCorner& corner = view.corners[c];
+    if (view.counts(c))
+      observations.push_back({board[static_cast<std::size_t>(corner.point)], corner.pixel});
+  }
+  return observations;
+}
+
+// Median distance of projected and measured corners [px]; large where something is not seen.
+double median_error(const CameraModel& camera, const CameraPose& pose,
+                    std::span<const PointObservation> observations) {
+  const auto T_camera_board = pose.inverse();
+  std::vector<double> errors;
+  for (const PointObservation& o : observations) {
+    const auto pixel = camera.project(T_camera_board * o.p_table);
+    errors.push_back(pixel ? (*pixel - o.pixel).norm() : 1e6);
+  }
+  const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
+  std::nth_element(errors.begin(), middle, errors.end());
+  return *middle;
+}
+
+// A guess of the lens is as good as the poses that it allows.
+struct Guess {
+  CameraModel camera;
+  double error_px = std::numeric_limits<double>::infinity();
+};
+
+std::vector<Guess> guess_lens(int width, int height, std::span<const Eigen::Vector3d> board,
+                              std::span<const CalibrationView> views,
+                              const SolverOptions& options) {
+  const DistortionModel model = options.model;
+  constexpr std::size_t kMostViews = 8;
+  std::vector<std::vector<PointObservation>> chosen;
+  const std::size_t step = std::max<std::size_t>(1, views.size() / kMostViews);
+  for (std::size_t v = 0; v < views.size() && chosen.size() < kMostViews; v += step)
+    chosen.push_back(observations_of(views[v], board));
+  std::vector<Guess> guesses;
+  const bool fisheye = model == DistortionModel::fisheye;
+  for (const double k1 :
+       fisheye ? std::vector<double>{0.0} : std::vector<double>{0.0, -0.15, -0.3}) {
+    for (double f = 0.25; f < 5.0 && !options.stop.stop_requested(); f *= 1.2) {
+      CameraParameters p;
+      p.width = width;
+      p.height = height;
+      p.fx = p.fy = f * std::max(width, height);
+      p.cx = 0.5 * (width - 1);
+      p.cy = 0.5 * (height - 1);
+      p.model = fisheye ? model : DistortionModel::plumb_bob;
+      p.distortion[0] = k1;
+      const Result<CameraModel> camera = CameraModel::make(p);
+      if (!camera) continue;
+      double sum = 0.0;
+      for (const auto& observations : chosen) {
+        double best = 1e4;
+        for (const CameraPose& pose : solve_pose(*camera, observations))
+          best = std::min(best, median_error(*camera, pose, observations));
+        sum += std::min(best, 0.1 * width);
+      }
+      p.model = model;
+      if (Result<CameraModel> start = CameraModel::make(p))
+        guesses.push_back({*start, sum / static_cast<double>(chosen.size())});
+    }
+  }
+  std::sort(guesses.begin(), guesses.end(),
+            [](const Guess& a, const Guess& b) { return a.error_px < b.error_px; });
+  return guesses;
+}
+
+std::optional<CameraPose> best_pose(const CameraModel& camera,
+                                    std::span<const PointObservation> observations) {
+  std::optional<CameraPose> best;
+  double least = std::numeric_limits<double>::infinity();
+  for (const CameraPose& pose : solve_pose(camera, observations)) {
+    RefinerOptions options;
+    options.robust_scale_px = 3.0;
+    const auto refined = refine_pose(camera, observations, pose, options);
+    const CameraPose& candidate = refined ? refined->T_table_camera : pose;
+    const double error = median_error(camera, candidate, observations);
+    if (error < least) {
+      least = error;
+      best = candidate;
+    }
+  }
+  return best;
+}
+
+constexpr double kBadFit_px = 0.5;     // of noise: such a start is none for a lens of another kind
+constexpr double kFarthest_px = 20.0;  // that a corner is off at a start near by
+
+// The lens of another kind that bends rays most like this one; nothing for one that folds at once.
+std::optional<CameraParameters> as_model(const CameraModel& camera, DistortionModel model) {
+  const CameraParameters& from = camera.parameters();
+  const auto end = camera.unproject(Eigen::Vector2d(0.0, 0.0));
+  constexpr double kWidest = 4.0;  // tangent of the angle from the axis
+  const double furthest = std::min(
+      {end ? end->head<2>().norm() : kWidest,
+       std::isfinite(camera.max_radius()) ? 0.98 * camera.max_radius() : kWidest, kWidest});
+  if (!(furthest > 0.05)) return std::nullopt;
+  constexpr int kSamples = 48;
+  // Unknown are the radial coefficients, in the order of their places in the parameters.
+  const std::vector<std::size_t> places =
+      model == DistortionModel::fisheye    ? std::vector<std::size_t>{0, 1, 2, 3}
+      : model == DistortionModel::rational ? std::vector<std::size_t>{0, 1, 4, 5, 6, 7}
+                                           : std::vector<std::size_t>{0, 1, 4};
+  const auto n = static_cast<Eigen::Index>(places.size());
+  Eigen::MatrixXd A = Eigen::MatrixXd::Zero(kSamples + n, n);
+  Eigen::VectorXd b = Eigen::VectorXd::Zero(kSamples + n);
+  std::array<double, 8> radial = from.distortion;
+  if (from.model != DistortionModel::fisheye) radial[2] = radial[3] = 0.0;
+  for (int i = 0; i < kSamples; ++i) {
+    const double r = furthest * (i + 1) / kSamples;
+    double bent = 0.0;
+    double zero = 0.0;
+    distort(from.model, radial, r, 0.0, bent, zero);
+    const double at = model == DistortionModel::fisheye ? std::atan(r) : r;
+    double power = 1.0;
+    for (Eigen::Index k = 0; k < n; ++k) {
+      if (k == 3 && model == DistortionModel::rational) power = 1.0;
+      power *= at * at;
+      A(i, k) = k >= 3 && model == DistortionModel::rational ? -bent * power : at * power;
+    }
+    b[i] = bent - at;
+  }
+  // Held near 0 by little, since some are as good as others.
+  for (Eigen::Index k = 0; k < n; ++k) A(kSamples + k, k) = 1e-4;
+  const Eigen::VectorXd solved = A.householderQr().solve(b);
+  if (!solved.allFinite()) return std::nullopt;
+  CameraParameters to = from;
+  to.model = model;
+  to.distortion = {};
+  if (from.model != DistortionModel::fisheye && model != DistortionModel::fisheye) {
+    to.distortion[2] = from.distortion[2];
+    to.distortion[3] = from.distortion[3];
+  }
+  for (Eigen::Index k = 0; k < n; ++k)
+    to.distortion[places[static_cast<std::size_t>(k)]] = solved[k];
+  return to;
+}
+
+tl::unexpected<Error> ended_early() {
+  return fail("ended early");
+}
+
+Result<CalibrationSolution> polish(Bundle& bundle, const SolverOptions& options,
+                                   bool robust_first) {
+  double noise = std::clamp(bundle.robust_noise(), 0.02, 2.0);
+  const auto fails = [&options] {
+    if (options.stop.stop_requested()) return ended_early();
+    return fail("no camera explains the corners; is it the right target file, and one camera?");
+  };
+  if (robust_first) {
+    const double scale = std::max(2.0 * noise, 0.5);
+    // Corners far out may be off by much only for want of this lens' further coefficients.
+    const double far = std::min(bundle.distance_at(0.95), kFarthest_px);
+    if (far > 2.0 * scale && !bundle.solve(8, false, true, noise, far, options.max_iterations))
+      return fails();
+    if (!bundle.solve(8, false, true, noise, scale, options.max_iterations)) return fails();
+    noise = bundle.robust_noise();
+  }
+  for (int round = 0; round < 5; ++round) {
+    const double limit = std::max(options.outlier_sigmas * noise, 0.02);
+    const bool changed = options.remove_outliers && bundle.mark_outliers(limit);
+    if (round > 0 && !changed) break;
+    if (!bundle.solve(8, false, true, noise, 0.0, options.max_iterations)) return fails();
+    noise = bundle.robust_noise();
+    if (!options.remove_outliers) break;
+  }
+  return bundle.finish();
+}
+
+Result<void> check_views(std::span<const Eigen::Vector3d> board,
+                         std::span<const CalibrationView> views) {
+  if (views.size() < 3) {
+    return fail(
+        "{} usable views do not fix a camera; take at least 3, better 20, with the target "
+        "tilted in several directions",
+        views.size());
+  }
+  for (const CalibrationView& view : views) {
+    if (!view.outlier.empty() && view.outlier.size() != view.corners.size())
+      return fail("{}: has {} corners, but {} marks", view.name, view.corners.size(),
+                  view.outlier.size());
+    if (view.corners.size() < 4)
+      return fail("{}: has {} corners; 4 fix a pose", view.name, view.corners.size());
+    for (const TargetCorner& corner : view.corners) {
+      if (corner.point < 0 || static_cast<std::size_t>(corner.point) >= board.size() ||
+          !corner.pixel.allFinite())
+        return fail("{}: has a corner that is not on the target", view.name);
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
+std::string_view to_string(BoardShape shape) {
+  switch (shape) {
+    case BoardShape::rigid:
+      return "rigid";
+    case BoardShape::bowed:
+      return "bowed";
+    case BoardShape::free:
+      return "free";
+  }
+  return "rigid";
+}
+
+Result<CalibrationSolution> solve_intrinsics(int width, int height,
+                                             std::span<const Eigen::Vector3d> board,
+                                             std::span<const CalibrationView> views,
+                                             const SolverOptions& options) {
+  if (const auto ok = check_views(board, views); !ok) return tl::unexpected(ok.error());
+  const std::vector<Guess> guesses = guess_lens(width, height, board, views, options);
+  SolverOptions rough = options;
+  rough.shape = BoardShape::rigid;
+  std::optional<CalibrationSolution> best;
+  double least = std::numeric_limits<double>::infinity();
+  std::string why = "no lens explains the corners; is it the right target file, and one camera?";
+  int tried = 0;
+  for (const Guess& guess : guesses) {
+    if (options.stop.stop_requested()) return ended_early();
+    if (tried == 4 || (tried > 0 && guess.error_px > 20.0 * guesses.front().error_px + 5.0)) break;
+    ++tried;
+    Bundle bundle(width, height, board, views, rough);
+    bundle.lens = lens_of(guess.camera.parameters());
+    bool posed = true;
+    for (const CalibrationView& view : views) {
+      const auto observations = observations_of(view, board);
+      const auto pose = best_pose(guess.camera, observations);
+      if (!pose || options.stop.stop_requested()) {
+        posed = false;
+        break;
+      }
+      bundle.poses.push_back(view_of(*pose, 0.0));
+    }
+    if (!posed) continue;
+    const double loose = std::max(2.0, guess.error_px);
+    // From few to many freedoms: far coefficients fitted to a bad start end in folds.
+    if (!bundle.solve(1, true, false, 1.0, loose, 30)) continue;
+    if (!bundle.solve(2, true, true, 1.0, loose, 50)) continue;
+    Result<CalibrationSolution> solved = polish(bundle, rough, true);
+    if (!solved) {
+      why = solved.error().message;
+      continue;
+    }
+    const double error =
+        solved->noise_px * (1.0 + static_cast<double>(solved->outliers) / solved->corners);
+    if (error < 0.98 * least) {
+      least = error;
+      best = std::move(*solved);
+    }
+  }
+  if (options.stop.stop_requested()) return ended_early();
+  if (!best) return fail("{}", why);
+  if (options.shape == BoardShape::rigid) return *best;
+  return solve_intrinsics(*best, board, views, options);
+}
+
+Result<CalibrationSolution> solve_intrinsics(const CalibrationSolution& start,
+                                             std::span<const Eigen::Vector3d> board,
+                                             std::span<const CalibrationView> views,
+                                             const SolverOptions& options) {
+  if (const auto ok = check_views(board, views); !ok) return tl::unexpected(ok.error());
+  CameraParameters parameters = start.camera.parameters();
+  Bundle bundle(parameters.width, parameters.height, board, views, options);
+  if (parameters.model != options.model) {
+    const bool from_fisheye = parameters.model == DistortionModel::fisheye;
+    if (from_fisheye || options.model == DistortionModel::fisheye) {
+      const bool explains = start.noise_px <= kBadFit_px && start.outliers * 20 <= start.corners;
+      const auto alike = explains ? as_model(start.camera, options.model) : std::nullopt;
+      if (!alike)
+        return solve_intrinsics(parameters.width, parameters.height, board, views, options);
+      parameters = *alike;
+    }
+    parameters.model = options.model;
+  }
+  if (options.without_k3 && options.model == DistortionModel::plumb_bob)
+    parameters.distortion[4] = 0.0;
+  bundle.lens = lens_of(parameters);
+  bundle.start_shape(start);
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    if (start.views.size() == views.size()) {
+      bundle.poses.push_back(view_of(start.views[v].T_board_camera, start.views[v].edge_shift_px));
+      continue;
+    }
+    const auto pose = best_pose(start.camera, observations_of(views[v], board));
+    if (!pose) return fail("{}: no pose explains its corners", views[v].name);
+    if (options.stop.stop_requested()) return ended_early();
+    bundle.poses.push_back(view_of(*pose, 0.0));
+  }
+  const bool known = std::all_of(views.begin(), views.end(),
+                                 [](const CalibrationView& view) { return !view.outlier.empty(); });
+  return polish(bundle, options, !known);
+}
+
+double rms_of(std::span<const ViewError> errors) {
+  double sum = 0.0;
+  int count = 0;
+  for (const ViewError& error : errors) {
+    sum += error.squared_px2;
+    count += error.corners;
+  }
+  return std::sqrt(sum / count);
+}
+
+std::optional<std::vector<ViewError>> pose_only_errors(const CameraModel& camera,
+                                                       std::span<const Eigen::Vector3d> board,
+                                                       std::span<const CalibrationView> views) {
+  std::vector<ViewError> errors;
+  for (const CalibrationView& view : views) {
+    const auto pose = best_pose(camera, observations_of(view, board));
+    if (!pose) return std::nullopt;
+    ViewParameters at = view_of(*pose, 0.0);
+    LensParameters lens = lens_of(camera.parameters());
+    ShapeParameters none{};
+    ceres::Problem problem;
+    bool shifts = false;
+    int count = 0;
+    for (std::size_t c = 0; c < view.corners.size(); ++c) {
+      if (!view.counts(c)) continue;
+      const TargetCorner& corner = view.corners[c];
+      shifts = shifts || !corner.spread.isZero();
+      ++count;
+      problem.AddResidualBlock(
+          corner_cost({camera.parameters().model, board[static_cast<std::size_t>(corner.point)],
+                       Eigen::Vector3d::Zero(), false, corner.pixel, corner.spread})
+              .release(),
+          nullptr, lens.data(), at.data(), none.data());
+    }
+    problem.SetParameterBlockConstant(lens.data());
+    problem.SetParameterBlockConstant(none.data());
+    if (!shifts)
+      problem.SetManifold(at.data(), new ceres::SubsetManifold(static_cast<int>(at.size()), {6}));
+    ceres::Solver::Options options;
+    options.linear_solver_type = ceres::DENSE_QR;
+    options.logging_type = ceres::SILENT;
+    options.num_threads = 1;
+    ceres::Solver::Summary summary;
+    ceres::Solve(options, &problem, &summary);
+    if (!summary.IsSolutionUsable()) return std::nullopt;
+    const double squared = 2.0 * summary.final_cost;
+    if (!std::isfinite(squared)) return std::nullopt;
+    errors.push_back({squared, count});
+  }
+  return errors;
+}
+
+std::optional<double> pose_only_error(const CameraModel& camera,
+                                      std::span<const Eigen::Vector3d> board,
+                                      std::span<const CalibrationView> views) {
+  const auto errors = pose_only_errors(camera, board, views);
+  if (!errors || !std::isfinite(rms_of(*errors))) return std::nullopt;
+  return rms_of(*errors);
+}
+
+std::optional<std::vector<ViewError>> held_out_errors(const CalibrationSolution& solution,
+                                                      std::span<const Eigen::Vector3d> board,
+                                                      std::span<const CalibrationView> views,
+                                                      const SolverOptions& options, int folds) {
+  const std::size_t n = views.size();
+  const std::size_t parts = std::min(static_cast<std::size_t>(std::max(folds, 0)), n);
+  if (n < 4 || parts < 2) return std::nullopt;
+  std::vector<ViewError> errors(n);
+  for (std::size_t part = 0; part < parts; ++part) {
+    std::vector<CalibrationView> kept;
+    std::vector<CalibrationView> left;
+    CalibrationSolution start = solution;
+    start.views.clear();
+    for (std::size_t v = 0; v < n; ++v) {
+      if (v % parts == part) {
+        left.push_back(views[v]);
+      } else {
+        kept.push_back(views[v]);
+        if (solution.views.size() == n) start.views.push_back(solution.views[v]);
+      }
+    }
+    const Result<CalibrationSolution> solved = solve_intrinsics(start, board, kept, options);
+    if (!solved) return std::nullopt;
+    const auto found = pose_only_errors(solved->camera, solved->board, left);
+    if (!found) return std::nullopt;
+    for (std::size_t i = 0; i < found->size(); ++i) errors[part + i * parts] = (*found)[i];
+  }
+  return errors;
+}
+
+std::optional<double> held_out_error(const CalibrationSolution& solution,
+                                     std::span<const Eigen::Vector3d> board,
+                                     std::span<const CalibrationView> views,
+                                     const SolverOptions& options, int folds) {
+  const auto errors = held_out_errors(solution, board, views, options, folds);
+  if (!errors || !std::isfinite(rms_of(*errors))) return std::nullopt;
+  return rms_of(*errors);
+}
+
+Eigen::MatrixXd lens_jacobian(const CameraModel& camera, const Eigen::Vector2d& xy) {
+  const CameraParameters& p = camera.parameters();
+  const int count = coefficient_count(p.model);
+  using Jet = ceres::Jet<double, 8>;
+  std::array<Jet, 8> k;
+  for (int i = 0; i < 8; ++i) {
+    k[static_cast<std::size_t>(i)] =
+        i < count ? Jet(p.distortion[static_cast<std::size_t>(i)], i) : Jet(0.0);
+  }
+  Jet x_d;
+  Jet y_d;
+  distort<Jet>(p.model, k, Jet(xy.x()), Jet(xy.y()), x_d, y_d);
+  Eigen::MatrixXd J = Eigen::MatrixXd::Zero(2, 4 + count);
+  J(0, 0) = x_d.a;
+  J(1, 1) = y_d.a;
+  J(0, 2) = 1.0;
+  J(1, 3) = 1.0;
+  for (int i = 0; i < count; ++i) {
+    J(0, 4 + i) = p.fx * x_d.v[i];
+    J(1, 4 + i) = p.fy * y_d.v[i];
+  }
+  return J;
+}
+
+std::optional<Eigen::Matrix2d> projection_covariance(const CameraModel& camera,
+                                                     const Eigen::MatrixXd& covariance,
+                                                     const Eigen::Vector2d& pixel) {
+  const auto direction = camera.unproject(pixel);
+  if (!direction) return std::nullopt;
+  const Eigen::MatrixXd J = lens_jacobian(camera, direction->head<2>());
+  if (J.cols() != covariance.rows()) return std::nullopt;
+  const Eigen::Matrix2d result = J * covariance * J.transpose();
+  if (!result.allFinite()) return std::nullopt;
+  return result;
+}
+
+double tilt_spread(std::span<const SolvedView> views) {
+  double largest = 0.0;
+  std::vector<Eigen::Vector3d> normals;  // in the camera's frame
+  for (const SolvedView& view : views) {
+    normals.emplace_back(view.T_board_camera.rotation().conjugate() * Eigen::Vector3d::UnitZ());
+    for (const Eigen::Vector3d& other : normals)
+      largest = std::max(largest, std::acos(std::clamp(normals.back().dot(other), -1.0, 1.0)));
+  }
+  return largest;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,344 @@
+#include "calib/solver/lens_choice.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "calib/target/image_cells.hpp"
+
+namespace penumbra {
+namespace {
+
+struct Lens {
+  DistortionModel model = DistortionModel::plumb_bob;
+  bool without_k3 = false;
+};
+
+// Simplest first.
+std::vector<Lens> lenses_of(const LensChoice& choice) {
+  constexpr Lens kNoK3 = {DistortionModel::plumb_bob, true};
+  constexpr Lens kPlumbBob = {DistortionModel::plumb_bob, false};
+  if (choice.model)
+    return {{*choice.model, choice.for_kalibr && *choice.model == DistortionModel::plumb_bob}};
+  if (choice.for_kalibr) return {kNoK3, {DistortionModel::fisheye}};
+  return {kNoK3, kPlumbBob, {DistortionModel::fisheye}, {DistortionModel::rational}};
+}
+
+}  // namespace
+
+// Each lens twice; where the board is not given, two more boards, and on one of them the lenses
+// that are richer than the simplest.
+int most_steps(const LensChoice& choice, bool shape_given) {
+  const auto lenses = static_cast<int>(lenses_of(choice).size());
+  return shape_given ? 2 * lenses : 3 * lenses + 1;
+}
+
+std::string lens_name(const ModelTrial& trial) {
+  return fmt::format("{}{}", to_string(trial.model), trial.without_k3 ? ", k3 = 0" : "");
+}
+
+std::optional<Eigen::Vector2d> fold_in_image(const CameraModel& camera) {
+  const CameraParameters& p = camera.parameters();
+  const bool whole = p.model == DistortionModel::fisheye && !std::isfinite(camera.max_radius());
+  // Distortion grows outwards: what the border's pixels show is the furthest that there is.
+  constexpr int kSteps = 64;  // along each side
+  const Eigen::Vector2d centre(p.cx, p.cy);
+  std::optional<Eigen::Vector2d> nearest;
+  const auto look_at = [&](double x, double y) {
+    const Eigen::Vector2d pixel(x, y);
+    const auto direction = camera.unproject(pixel);
+    const bool said =
+        direction ? camera.distortion_jacobian(direction->head<2>()).determinant() > 0.0 : whole;
+    if (!said && (!nearest || (pixel - centre).norm() < (*nearest - centre).norm()))
+      nearest = pixel;
+  };
+  for (int i = 0; i <= kSteps; ++i) {
+    const double x = (p.width - 1.0) * i / kSteps;
+    const double y = (p.height - 1.0) * i / kSteps;
+    look_at(x, 0.0);
+    look_at(x, p.height - 1.0);
+    look_at(0.0, y);
+    look_at(p.width - 1.0, y);
+  }
+  return nearest;
+}
+
+namespace {
+
+constexpr double kMuchBetter = 0.85;  // of the held-out error
+// A lens of another kind: it takes more than a target or corners that are not quite true.
+constexpr double kOtherKind = 0.9;
+constexpr double kMoreOutliers = 0.05;  // of all corners
+constexpr double kSurely = 2.0;         // standard errors over the views
+
+// Tries lenses and boards on the same corners, and keeps the best.
+class Choice {
+ public:
+  Choice(const CalibrationSolution& start, const std::vector<Eigen::Vector3d>& board,
+         const std::vector<CalibrationView>& views, const LensChoice& choice,
+         std::vector<ModelTrial>& trials, int most_steps)
+      : start_(start),
+        board_(board),
+        views_(views),
+        choice_(choice),
+        trials_(trials),
+        most_steps_(most_steps) {}
+
+  // Solves with every lens and leaves out, for all of them, the corners that are outliers to the
+  // one that explains most: to a lens with too few freedoms what is far out is an outlier.
+  void decide_outliers(const std::vector<Lens>& lenses, BoardShape shape);
+  void consider(const Lens& lens, BoardShape shape);
+  // The best one by the corners that are outliers to itself: while the board was wrong, that hid
+  // some. But not where it calls many so: then these are what it can't explain. `for_all`: the
+  // lenses that are tried from now on get the same corners.
+  void find_own_outliers(const std::vector<CalibrationView>& views, bool for_all);
+  // Those that explain the views no worse than the best one, of what is in its way right or wrong.
+  void mark_rivals();
+  void tell(const Lens& lens, BoardShape shape) {
+    ++steps_;
+    if (!choice_.tell) return;
+    ModelTrial trial;
+    trial.model = lens.model;
+    trial.without_k3 = lens.without_k3;
+    choice_.tell({fmt::format("{}, {} board", lens_name(trial), to_string(shape)), steps_,
+                  std::max(steps_, most_steps_)});
+  }
+
+  std::optional<ChosenLens> best;
+  std::optional<Error> first_error;
+
+ private:
+  [[nodiscard]] SolverOptions solver_of(const Lens& lens, BoardShape shape) const {
+    SolverOptions solver;
+    solver.stop = choice_.stop;
+    solver.without_k3 = lens.without_k3;
+    solver.model = lens.model;
+    solver.shape = shape;
+    return solver;
+  }
+
+  const CalibrationSolution& start_;
+  const std::vector<Eigen::Vector3d>& board_;
+  std::vector<CalibrationView> views_;
+  const LensChoice& choice_;
+  std::vector<ModelTrial>& trials_;
+  int steps_ = 0;
+  int most_steps_ = 0;
+  struct Solved {
+    Lens lens;
+    BoardShape shape;
+    CalibrationSolution solution;
+  };
+  std::vector<Solved> first_;
+  std::optional<std::vector<ViewError>> best_held_out_;
+  std::vector<std::optional<std::vector<ViewError>>> held_out_;  // of each trial
+};
+
+// Corners that are within what is an outlier at this noise [px].
+int explained(const CalibrationSolution& solution, double noise_px) {
+  const double limit = SolverOptions{}.outlier_sigmas * noise_px;
+  int count = 0;
+  for (const SolvedView& view : solution.views) {
+    count += static_cast<int>(
+        std::count_if(view.residuals_px.begin(), view.residuals_px.end(),
+                      [&](const Eigen::Vector2d& r) { return r.norm() <= limit; }));
+  }
+  return count;
+}
+
+// By how much the squared error of a view is smaller in `a` than in `b`, in standard errors over
+// the views; 0 where all are alike.
+double standard_errors(const std::vector<ViewError>& a, const std::vector<ViewError>& b) {
+  const auto n = static_cast<double>(a.size());
+  double mean = 0.0;
+  for (std::size_t v = 0; v < a.size(); ++v) mean += (b[v].squared_px2 - a[v].squared_px2) / n;
+  double variance = 0.0;  // of the mean
+  for (std::size_t v = 0; v < a.size(); ++v) {
+    const double off = b[v].squared_px2 - a[v].squared_px2 - mean;
+    variance += off * off / (n * (n - 1.0));
+  }
+  return variance > 0.0 ? mean / std::sqrt(variance) : 0.0;
+}
+
+// By much, or by little, but not for the sake of a few views.
+bool clearly_better(const std::vector<ViewError>& a, const std::vector<ViewError>& b,
+                    double worthwhile) {
+  const double ratio = rms_of(a) / rms_of(b);
+  return ratio < kMuchBetter || (ratio < worthwhile && standard_errors(a, b) > kSurely);
+}
+
+void Choice::decide_outliers(const std::vector<Lens>& lenses, BoardShape shape) {
+  const Solved* clearest = nullptr;
+  first_.reserve(lenses.size());
+  for (const Lens& lens : lenses) {
+    if (choice_.stop.stop_requested()) return;
+    tell(lens, shape);
+    Result<CalibrationSolution> solved = solve_intrinsics(
+        clearest == nullptr ? start_ : clearest->solution, board_, views_, solver_of(lens, shape));
+    if (!solved) {
+      if (!first_error) first_error = solved.error();
+      continue;
+    }
+    first_.push_back({lens, shape, std::move(*solved)});
+    if (clearest == nullptr || first_.back().solution.noise_px < clearest->solution.noise_px)
+      clearest = &first_.back();
+  }
+  if (clearest == nullptr) return;
+  const double noise = clearest->solution.noise_px;
+  const Solved* most = &first_.front();
+  for (const Solved& solved : first_) {
+    if (explained(solved.solution, noise) > explained(most->solution, noise)) most = &solved;
+  }
+  for (std::size_t v = 0; v < views_.size(); ++v)
+    views_[v].outlier = most->solution.views[v].outlier;
+}
+
+void Choice::consider(const Lens& lens, BoardShape shape) {
+  if (choice_.stop.stop_requested()) return;
+  tell(lens, shape);
+  const SolverOptions solver = solver_of(lens, shape);
+  const auto near = std::find_if(first_.begin(), first_.end(), [&](const Solved& s) {
+    return s.lens.model == lens.model && s.lens.without_k3 == lens.without_k3 && s.shape == shape;
+  });
+  Result<CalibrationSolution> solved = solve_intrinsics(near != first_.end() ? near->solution
+                                                        : best               ? best->solution
+                                                                             : start_,
+                                                        board_, views_, solver);
+  if (!solved) {
+    if (!first_error) first_error = solved.error();
+    return;
+  }
+  const auto held_out = held_out_errors(*solved, board_, views_, solver);
+  const std::optional<double> held_out_px =
+      held_out ? std::optional(rms_of(*held_out)) : std::nullopt;
+  const auto fold = fold_in_image(solved->camera);
+  trials_.push_back({lens.model, lens.without_k3, shape, solved->rms_px, held_out_px, fold, false,
+                     false, solved->camera});
+  held_out_.push_back(held_out);
+  const bool other = best && best->solution.camera.parameters().model != lens.model;
+  const double worthwhile = other ? kOtherKind : kWorthwhile;
+  // What explains no view that was left out is worse than what explains some.
+  if (fold || (best && !(held_out && (!best_held_out_ ||
+                                      clearly_better(*held_out, *best_held_out_, worthwhile)))))
+    return;
+  best = ChosenLens{std::move(*solved), held_out_px, lens.without_k3, trials_.size() - 1};
+  best_held_out_ = held_out;
+}
+
+void Choice::mark_rivals() {
+  if (!best_held_out_) return;
+  for (std::size_t t = 0; t < trials_.size(); ++t) {
+    if (t == best->trial || !held_out_[t]) continue;
+    const double ratio = rms_of(*held_out_[t]) / rms_of(*best_held_out_);
+    trials_[t].rival =
+        kWorthwhile * ratio <= 1.0 && standard_errors(*best_held_out_, *held_out_[t]) <= kSurely;
+  }
+}
+
+void Choice::find_own_outliers(const std::vector<CalibrationView>& views, bool for_all) {
+  const CalibrationSolution& before = best->solution;
+  const SolverOptions solver =
+      solver_of({before.camera.parameters().model, best->without_k3}, before.shape);
+  Result<CalibrationSolution> again = solve_intrinsics(before, board_, views, solver);
+  if (!again || again->outliers - before.outliers > kMoreOutliers * before.corners ||
+      fold_in_image(again->camera))
+    return;
+  best->solution = std::move(*again);
+  if (!for_all) return;
+  for (std::size_t v = 0; v < views_.size(); ++v)
+    views_[v].outlier = best->solution.views[v].outlier;
+  best_held_out_ = held_out_errors(best->solution, board_, views_, solver);
+  best->held_out_px.reset();
+  if (best_held_out_) best->held_out_px = rms_of(*best_held_out_);
+  trials_[best->trial].held_out_px = best->held_out_px;
+  trials_[best->trial].rms_px = best->solution.rms_px;
+}
+
+}  // namespace
+
+Result<CalibrationSolution> first_solution(int width, int height,
+                                           const std::vector<Eigen::Vector3d>& board,
+                                           const std::vector<CalibrationView>& views,
+                                           const LensChoice& choice) {
+  SolverOptions solver;
+  solver.without_k3 = choice.for_kalibr;
+  solver.stop = choice.stop;
+  if (choice.model) {
+    solver.model = *choice.model;
+    return solve_intrinsics(width, height, board, views, solver);
+  }
+  Result<CalibrationSolution> best = solve_intrinsics(width, height, board, views, solver);
+  if (best && !solver.without_k3 && fold_in_image(best->camera)) {
+    solver.without_k3 = true;
+    Result<CalibrationSolution> plainer = solve_intrinsics(width, height, board, views, solver);
+    if (plainer) best = std::move(plainer);
+  }
+  solver.model = DistortionModel::fisheye;
+  // A wide lens can't be described by a polynomial in tan(angle): where that fits badly, or not at
+  // all, the other is tried before corners are refined with it.
+  if (!best || best->noise_px > 0.5 || best->outliers * 20 > best->corners) {
+    Result<CalibrationSolution> wide = solve_intrinsics(width, height, board, views, solver);
+    if (wide && (!best || wide->noise_px < best->noise_px)) return wide;
+  }
+  return best;
+}
+
+Result<ChosenLens> choose_lens(const CalibrationSolution& start,
+                               const std::vector<Eigen::Vector3d>& board,
+                               const std::vector<CalibrationView>& views, const LensChoice& choice,
+                               std::optional<BoardShape> shape, std::vector<ModelTrial>& trials) {
+  const std::vector<Lens> lenses = lenses_of(choice);
+  Choice tried(start, board, views, choice, trials, most_steps(choice, shape.has_value()));
+  const BoardShape first_shape = shape.value_or(BoardShape::rigid);
+  tried.decide_outliers(lenses, first_shape);
+  for (const Lens& lens : lenses) tried.consider(lens, first_shape);
+  std::optional<ChosenLens>& best = tried.best;
+  // A lens that was asked for, but folds for want of corners far out, may do without its last term.
+  if (!best && choice.model == DistortionModel::plumb_bob && !choice.for_kalibr)
+    tried.consider({DistortionModel::plumb_bob, true}, first_shape);
+  if (best && !shape) {
+    const auto lens_of_best = [&] {
+      return Lens{best->solution.camera.parameters().model, best->without_k3};
+    };
+    tried.consider(lens_of_best(), BoardShape::bowed);
+    // Offsets of their own need every point seen many times.
+    if (views.size() >= 8) tried.consider(lens_of_best(), BoardShape::free);
+    // What a board that is not flat hides may need a lens with more freedoms.
+    const BoardShape found = best->solution.shape;
+    if (found != BoardShape::rigid && !choice.stop.stop_requested())
+      tried.find_own_outliers(views, true);
+    const Lens before = lens_of_best();
+    bool richer = false;
+    for (const Lens& lens : lenses) {
+      if (found != BoardShape::rigid && richer) tried.consider(lens, found);
+      richer = richer || (lens.model == before.model && lens.without_k3 == before.without_k3);
+    }
+  }
+  if (choice.stop.stop_requested()) return fail("ended early");
+  if (best) {
+    tried.mark_rivals();
+    tried.find_own_outliers(views, false);
+    trials[best->trial].rms_px = best->solution.rms_px;
+    trials[best->trial].camera = best->solution.camera;
+    if (choice.stop.stop_requested()) return fail("ended early");
+    trials[best->trial].chosen = true;
+    return std::move(*best);
+  }
+  if (!trials.empty() && trials.front().fold_px) {
+    const Eigen::Vector2d& at = *trials.front().fold_px;
+    const ImageCells cells{3, 3, start.camera.width(), start.camera.height()};
+    return fail(
+        "every lens that explains the views has non-monotonic distortion in the image, first at "
+        "({:.0f}, {:.0f}): no corners were seen so far out; take views with the target near the {} "
+        "and in the other corners{}",
+        at.x(), at.y(), cells.name(cells.at(at)),
+        choice.model == DistortionModel::fisheye ? "" : ", or try --model fisheye");
+  }
+  return fail(
+      "the views do not fix a lens ({}); take views with the target near every corner of the "
+      "image, "
+      "tilted in several directions",
+      tried.first_error ? tried.first_error->message : "none explains them");
+}
+
+}  // namespace penumbra

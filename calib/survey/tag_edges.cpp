@@ -1,0 +1,231 @@
+#include "calib/survey/tag_edges.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "calib/survey/luma_sample.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr double kNarrowestCell = 2.4;  // [px]
+constexpr double kShiftPrior = 0.5;     // [px], 1 sigma
+constexpr double kMostNoise = 0.6;      // [px] of one sample: more, and it is another pattern
+constexpr int kUnknowns = 10;           // a homography's 8, and 2 shifts
+constexpr std::size_t kFewestSamples = 40;
+
+using Row = Eigen::Matrix<double, kUnknowns, 1>;
+using Normal = Eigen::Matrix<double, kUnknowns, kUnknowns>;
+
+// One place on an edge, and how far along the normal the edge is found from there.
+struct EdgeSample {
+  Eigen::Vector2d pixel;
+  Eigen::Vector2d normal;  // towards larger a or b
+  double polarity = 0.0;   // of the change along the normal: 1 from black to white
+  double reach = 0.0;      // [px], half a cell
+  Row row;                 // d offset / d unknowns
+  double offset = 0.0;
+};
+
+// A homography's displacements around the predicted places: those of its 8 numbers at a point of
+// the tag. `across`, `pixel`: relative to the tag's centre and about 1 in size; `depth` likewise.
+Eigen::Matrix<double, 2, 8> displacements(const Eigen::Vector2d& across,
+                                          const Eigen::Vector2d& pixel, double depth) {
+  const double a = across.x();
+  const double b = across.y();
+  Eigen::Matrix<double, 2, 8> basis;
+  basis << a, b, 1.0, 0.0, 0.0, 0.0, pixel.x() * a, pixel.x() * b,  //
+      0.0, 0.0, 0.0, a, b, 1.0, pixel.y() * a, pixel.y() * b;
+  return basis / depth;
+}
+
+// Distance from the sample, along its normal, of the change between black and white: its centre of
+// mass, seen through a window around `expected` that forgets neighbouring edges. Nothing where
+// there is no such change.
+std::optional<double> find_change(ImageView luma, const EdgeSample& at, double expected,
+                                  double width) {
+  constexpr double kStep = 0.25;  // [px]
+  const int steps = static_cast<int>(at.reach / kStep);
+  double mass = 0.0;
+  double moment = 0.0;
+  std::optional<double> before;
+  for (int s = 0; s <= 2 * steps + 1; ++s) {
+    const double place = (s - steps - 0.5) * kStep;
+    const auto value = sample_luma(luma, at.pixel + (expected + place) * at.normal);
+    if (!value) return std::nullopt;
+    if (before) {
+      const double rise = at.polarity * (*value - *before);
+      const double middle = place - 0.5 * kStep;
+      if (rise > 0.0) {
+        const double weight = rise * std::exp(-0.5 * middle * middle / (width * width));
+        mass += weight;
+        moment += weight * middle;
+      }
+    }
+    before = value;
+  }
+  if (mass < 8.0) return std::nullopt;
+  // The window draws the centre of mass of a change of sigma 0.8 px towards its own middle.
+  const double offset = moment / mass * (1.0 + 0.64 / (width * width));
+  if (!(std::abs(offset) < at.reach)) return std::nullopt;
+  return expected + offset;
+}
+
+class TagFit {
+ public:
+  TagFit(const CameraModel& camera, const TagPattern& pattern, double size_m,
+         const Transform<frame::Camera, frame::Tag>& T_camera_tag)
+      : camera_(camera),
+        T_(T_camera_tag),
+        cell_m_(size_m / pattern.width_at_border()),
+        half_m_(0.5 * size_m),
+        total_(pattern.total_width()) {}
+
+  // False where an edge is out of sight or the cells are too narrow.
+  bool place_samples(const TagPattern& pattern) {
+    const auto centre = project({0.0, 0.0});
+    if (!centre) return false;
+    centre_px_ = *centre;
+    depth_m_ = (T_ * Eigen::Vector3d::Zero()).z();
+    constexpr std::array<std::array<int, 2>, 4> kCorners = {{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}}};
+    for (std::size_t i = 0; i < 4; ++i) {
+      corners_m_[i] = {kCorners[i][0] * half_m_, kCorners[i][1] * half_m_};
+      const auto pixel = project(corners_m_[i]);
+      if (!pixel) return false;
+      corners_px_[i] = *pixel;
+      radius_px_ = std::max(radius_px_, (*pixel - centre_px_).norm());
+    }
+    for (const EdgeRun& run : pattern.runs()) {
+      if (!add_run(run)) return false;
+    }
+    return samples_.size() >= kFewestSamples;
+  }
+
+  bool solve(ImageView luma) {
+    constexpr int kRounds = 5;
+    for (int round = 0; round < kRounds; ++round) {
+      Normal A = Normal::Zero();
+      Row rhs = Row::Zero();
+      double sum = 0.0;
+      double weights = 0.0;
+      std::size_t found = 0;
+      for (EdgeSample& sample : samples_) {
+        const double expected = sample.row.dot(x_);
+        const double width = round < 2 ? 0.6 * sample.reach : std::min(0.6 * sample.reach, 1.2);
+        const auto offset = find_change(luma, sample, expected, width);
+        if (!offset) continue;
+        ++found;
+        const double error = *offset - expected;
+        const double weight = round == 0 ? 1.0 : 1.0 / (1.0 + std::pow(error / (3.0 * noise_), 2));
+        A += weight * sample.row * sample.row.transpose();
+        rhs += weight * *offset * sample.row;
+        sum += weight * error * error;
+        weights += weight;
+      }
+      if (found < kFewestSamples || 10 * found < 6 * samples_.size()) return false;
+      noise_ = std::clamp(std::sqrt(sum / std::max(weights - kUnknowns, 1.0)), 0.02, 2.0);
+      for (int i = 8; i < kUnknowns; ++i) A(i, i) += std::pow(noise_ / kShiftPrior, 2);
+      const Eigen::LDLT<Normal> factor(A);
+      x_ = factor.solve(rhs);
+      if (factor.info() != Eigen::Success || !x_.allFinite()) return false;
+      if (round == kRounds - 1) covariance_ = noise_ * noise_ * factor.solve(Normal::Identity());
+    }
+    return noise_ < kMostNoise && covariance_.allFinite();
+  }
+
+  [[nodiscard]] MeasuredTag result() const {
+    MeasuredTag tag;
+    Eigen::Matrix<double, 8, 8> J;
+    for (std::size_t i = 0; i < 4; ++i) {
+      const Eigen::Matrix<double, 2, 8> here = basis_at(corners_m_[i], corners_px_[i]);
+      J.middleRows<2>(static_cast<Eigen::Index>(2 * i)) = here;
+      tag.corners_px[i] = corners_px_[i] + here * x_.head<8>();
+    }
+    tag.covariance = J * covariance_.topLeftCorner<8, 8>() * J.transpose();
+    tag.edge_shift_px = x_.tail<2>();
+    return tag;
+  }
+
+ private:
+  [[nodiscard]] std::optional<Eigen::Vector2d> project(const Eigen::Vector2d& on_tag) const {
+    return camera_.project(T_ * Eigen::Vector3d(on_tag.x(), on_tag.y(), 0.0));
+  }
+
+  [[nodiscard]] Eigen::Matrix<double, 2, 8> basis_at(const Eigen::Vector2d& on_tag,
+                                                     const Eigen::Vector2d& pixel) const {
+    const double depth = (T_ * Eigen::Vector3d(on_tag.x(), on_tag.y(), 0.0)).z() / depth_m_;
+    return displacements(on_tag / half_m_, (pixel - centre_px_) / radius_px_, depth);
+  }
+
+  bool add_run(const EdgeRun& run) {
+    const auto metres = [&](double lattice) { return (lattice - 0.5 * total_) * cell_m_; };
+    const Eigen::Vector2d along =
+        run.vertical ? Eigen::Vector2d::UnitY() : Eigen::Vector2d::UnitX();
+    const Eigen::Vector2d across =
+        run.vertical ? Eigen::Vector2d::UnitX() : Eigen::Vector2d::UnitY();
+    const auto at = [&](double t) {
+      return Eigen::Vector2d(metres(run.position) * across + metres(t) * along);
+    };
+    const auto first = project(at(run.begin));
+    const auto last = project(at(run.end));
+    if (!first || !last) return false;
+    const double length_px = (*last - *first).norm();
+    const double cell_px = length_px / (run.end - run.begin);
+    // Where the run ends other edges begin: blur mixes them within two sigmas.
+    const double margin = std::min(1.5 / cell_px, 0.35);
+    const double span = run.end - run.begin - 2.0 * margin;
+    const int count = std::clamp(static_cast<int>(span * cell_px), 1, 60);
+    for (int k = 0; k < count; ++k) {
+      const Eigen::Vector2d place = at(run.begin + margin + (k + 0.5) / count * span);
+      const double step = 0.05 * cell_m_;
+      const auto pixel = project(place);
+      const auto next = project(place + step * along);
+      const auto beside = project(place + step * across);
+      if (!pixel || !next || !beside) return false;
+      const Eigen::Vector2d tangent = *next - *pixel;
+      EdgeSample sample;
+      sample.pixel = *pixel;
+      sample.normal = Eigen::Vector2d(-tangent.y(), tangent.x()).normalized();
+      if (sample.normal.dot(*beside - *pixel) < 0.0) sample.normal = -sample.normal;
+      const double width_px = sample.normal.dot(*beside - *pixel) * cell_m_ / step;
+      if (width_px < kNarrowestCell) return false;
+      sample.reach = std::min(0.5 * width_px, 3.5);
+      sample.polarity = run.polarity;
+      sample.row.head<8>() = basis_at(place, *pixel).transpose() * sample.normal;
+      sample.row[8] = run.vertical ? run.polarity : 0.0;
+      sample.row[9] = run.vertical ? 0.0 : run.polarity;
+      samples_.push_back(sample);
+    }
+    return true;
+  }
+
+  const CameraModel& camera_;
+  Transform<frame::Camera, frame::Tag> T_;
+  double cell_m_;
+  double half_m_;
+  double total_;
+  double depth_m_ = 1.0;
+  double radius_px_ = 1.0;
+  Eigen::Vector2d centre_px_ = Eigen::Vector2d::Zero();
+  std::array<Eigen::Vector2d, 4> corners_m_;
+  std::array<Eigen::Vector2d, 4> corners_px_;
+  std::vector<EdgeSample> samples_;
+  Row x_ = Row::Zero();
+  double noise_ = 0.3;
+  Normal covariance_ = Normal::Zero();
+};
+
+}  // namespace
+
+std::optional<MeasuredTag> measure_tag(ImageView luma, const CameraModel& camera,
+                                       const TagPattern& pattern, double size_m,
+                                       const Transform<frame::Camera, frame::Tag>& T_camera_tag) {
+  TagFit fit(camera, pattern, size_m, T_camera_tag);
+  if (!fit.place_samples(pattern) || !fit.solve(luma)) return std::nullopt;
+  return fit.result();
+}
+
+}  // namespace penumbra

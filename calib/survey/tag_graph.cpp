@@ -1,0 +1,551 @@
+#include "calib/survey/tag_graph.hpp"
+
+#include <ceres/ceres.h>
+#include <ceres/rotation.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+
+#include "calib/solver/bundle.hpp"
+#include "calib/solver/stop_callback.hpp"
+#include "calib/survey/edge_spread.hpp"
+#include "tracking/detection/pose_refiner.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr double kNearestPoint = 1e-6;    // [m] in front of the camera
+constexpr double kGraphShiftPrior = 0.5;  // [px]
+constexpr double kDetectionNoise = 0.1;   // [px], of one coordinate of a detector's corner
+constexpr double kMeasuredFloor = 0.01;   // [px]: no lens model is truer than this
+// What stays in a tag's corners however often it is seen: light that falls off across it, the ink
+// of its own cells, compression, and where it moves the blur, which draws all edges the same way.
+// It grows with what single corners are off: on rendered recordings 0.02 px of 0.07 where they are
+// sharp, 0.07 of 0.24 where most of them are blurred by more than a cell.
+constexpr double kCommonError = 0.02;      // [px], at least
+constexpr double kCommonShare = 0.3;       // of the corners' residual (RMS of the distance)
+constexpr std::size_t kFewestFrames = 2;   // that a tag must be seen in
+constexpr std::size_t kMostClusters = 20;  // of neighbouring frames
+constexpr int kTagSize = 6;
+
+std::array<Eigen::Vector3d, 4> corners_of(double size) {
+  const double h = 0.5 * size;
+  return {Eigen::Vector3d(-h, -h, 0.0), Eigen::Vector3d(h, -h, 0.0), Eigen::Vector3d(h, h, 0.0),
+          Eigen::Vector3d(-h, h, 0.0)};
+}
+
+// Four corners of a tag in one frame, whitened.
+struct SightingCost {
+  const TagSighting* sighting;
+  DistortionModel model;
+
+  // T_camera_anchor, T_anchor_tag, edge shift, lens.
+  template <class T>
+  bool operator()(const T* camera_pose, const T* tag_pose, const T* shift, const T* lens,
+                  T* residual) const {
+    return evaluate(camera_pose, tag_pose, T(1.0), shift, lens, residual);
+  }
+
+  // `scale`: of the tag's size.
+  template <class T>
+  bool evaluate(const T* camera_pose, const T* tag_pose, const T& scale, const T* shift,
+                const T* lens, T* residual) const {
+    std::array<T, 8> k;
+    std::copy(lens + 4, lens + kLensSize, k.begin());
+    const auto corners = corners_of(sighting->size_m);
+    std::array<T, 8> errors;
+    for (std::size_t i = 0; i < 4; ++i) {
+      const T p[3] = {scale * corners[i].x(), scale * corners[i].y(), T(0.0)};
+      T at[3];
+      ceres::AngleAxisRotatePoint(tag_pose, p, at);
+      for (int j = 0; j < 3; ++j) at[j] += tag_pose[3 + j];
+      T in_camera[3];
+      ceres::AngleAxisRotatePoint(camera_pose, at, in_camera);
+      for (int j = 0; j < 3; ++j) in_camera[j] += camera_pose[3 + j];
+      if (!(in_camera[2] > T(kNearestPoint))) return false;
+      T x_d;
+      T y_d;
+      distort<T>(model, k, in_camera[0] / in_camera[2], in_camera[1] / in_camera[2], x_d, y_d);
+      const Eigen::Vector2d& pixel = sighting->corners_px[i];
+      const Eigen::Vector2d& spread = sighting->spread[i];
+      errors[2 * i] = lens[0] * x_d + lens[2] + shift[0] * spread.x() - pixel.x();
+      errors[2 * i + 1] = lens[1] * y_d + lens[3] + shift[0] * spread.y() - pixel.y();
+    }
+    for (int i = 0; i < 8; ++i) {
+      residual[i] = T(0.0);
+      for (int j = 0; j <= i; ++j)
+        residual[i] += sighting->whitening(i, j) * errors[static_cast<std::size_t>(j)];
+    }
+    return true;
+  }
+};
+using SightingFunction =
+    ceres::AutoDiffCostFunction<SightingCost, 8, kTagSize, kTagSize, 1, kLensSize>;
+
+// The same with camera and lens as they are, and the tag's size free.
+struct SizedSightingCost {
+  SightingCost cost;
+  Pose6 camera_pose;
+  double shift;
+  LensParameters lens;
+
+  // T_anchor_tag, log of the size's scale.
+  template <class T>
+  bool operator()(const T* tag_pose, const T* log_scale, T* residual) const {
+    std::array<T, 6> camera;
+    std::array<T, kLensSize> with;
+    const auto constant = [](double x) { return T(x); };
+    std::transform(camera_pose.begin(), camera_pose.end(), camera.begin(), constant);
+    std::transform(lens.begin(), lens.end(), with.begin(), constant);
+    const T moved(shift);
+    using std::exp;
+    return cost.evaluate(camera.data(), tag_pose, T(exp(log_scale[0])), &moved, with.data(),
+                         residual);
+  }
+};
+using SizedSightingFunction = ceres::AutoDiffCostFunction<SizedSightingCost, 8, kTagSize, 1>;
+
+struct ShiftPrior {
+  template <class T>
+  bool operator()(const T* shift, T* residual) const {
+    residual[0] = shift[0] / kGraphShiftPrior;
+    return true;
+  }
+};
+
+double middle_of(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// d (angle-axis, translation) / d [position; turn about the anchor's axes].
+Eigen::Matrix<double, 6, 6> tangent_of(const Pose6& pose) {
+  Eigen::Matrix3d turn;  // d turn / d angle-axis, by central differences of the rotation
+  for (int i = 0; i < 3; ++i) {
+    Pose6 after = pose;
+    Pose6 before = pose;
+    after[static_cast<std::size_t>(i)] += 1e-6;
+    before[static_cast<std::size_t>(i)] -= 1e-6;
+    const Eigen::Quaterniond d = unpacked<frame::Table, frame::Tag>(after).rotation() *
+                                 unpacked<frame::Table, frame::Tag>(before).rotation().conjugate();
+    turn.col(i) = (d.w() < 0.0 ? -1.0 : 1.0) * d.vec() / 1e-6;
+  }
+  Eigen::Matrix<double, 6, 6> J = Eigen::Matrix<double, 6, 6>::Zero();
+  J.block<3, 3>(0, 3) = turn.inverse();
+  J.block<3, 3>(3, 0).setIdentity();
+  return J;
+}
+
+// d corners [px] / d distances by which each of them lies further along the tag's own edges [px].
+Matrix8d edge_directions(const TagSighting& sighting) {
+  const auto& c = sighting.corners_px;
+  const Eigen::Vector2d a = (c[1] - c[0] + c[2] - c[3]).normalized();
+  const Eigen::Vector2d b = (c[3] - c[0] + c[2] - c[1]).normalized();
+  Matrix8d directions = Matrix8d::Zero();
+  for (Eigen::Index i = 0; i < 4; ++i) {
+    directions.block<2, 1>(2 * i, 2 * i) = a;
+    directions.block<2, 1>(2 * i, 2 * i + 1) = b;
+  }
+  return directions;
+}
+
+// How the gradients of what is solved for, and of the frame's camera, follow a tag's corners.
+struct SeenTag {
+  int id = 0;
+  Eigen::MatrixXd unknowns;
+  Eigen::MatrixXd camera;
+};
+
+}  // namespace
+
+TagSighting sighting_of(int id, double size_m, const std::array<Eigen::Vector2d, 4>& corners_px) {
+  TagSighting sighting{id, size_m, corners_px, edge_spreads(corners_px), {}};
+  sighting.whitening = Matrix8d::Identity() / kDetectionNoise;
+  return sighting;
+}
+
+TagSighting sighting_of(int id, double size_m, const MeasuredTag& measured) {
+  TagSighting sighting{id, size_m, measured.corners_px, {}, {}};
+  sighting.spread.fill(Eigen::Vector2d::Zero());
+  const Matrix8d covariance =
+      measured.covariance + kMeasuredFloor * kMeasuredFloor * Matrix8d::Identity();
+  const Eigen::LLT<Matrix8d> factor(covariance);
+  sighting.whitening = factor.matrixL().solve(Matrix8d::Identity());
+  return sighting;
+}
+
+TagGraph::TagGraph(const CameraModel& camera, int anchor)
+    : start_(camera), anchor_(anchor), lens_(lens_of(camera.parameters())) {}
+
+double TagPlacement::mean_px() const {
+  double sum = 0.0;
+  for (const auto& [frame, error] : errors_px) sum += std::min(error, kFarOff);
+  return errors_px.empty() ? 0.0 : sum / static_cast<double>(errors_px.size());
+}
+
+double TagPlacement::median_px() const {
+  std::vector<double> errors;
+  for (const auto& [frame, error] : errors_px) errors.push_back(error);
+  return errors.empty() ? 0.0 : middle_of(std::move(errors));
+}
+
+Result<CameraModel> TagGraph::camera() const {
+  if (!lens_is_free) return start_;
+  CameraParameters p = start_.parameters();
+  p.fx = lens_[0];
+  p.fy = lens_[1];
+  p.cx = lens_[2];
+  p.cy = lens_[3];
+  std::copy(lens_.begin() + 4, lens_.end(), p.distortion.begin());
+  p.overlay_sigma_px.reset();  // that was the other lens's
+  return CameraModel::make(p);
+}
+
+std::vector<PointObservation> TagGraph::placed_in(std::size_t frame) const {
+  std::vector<PointObservation> points;
+  for (const TagSighting& sighting : frames[frame]) {
+    const auto placed = tags.find(sighting.id);
+    if (placed == tags.end()) continue;
+    const auto T_anchor_tag = unpacked<frame::Table, frame::Tag>(placed->second);
+    const auto corners = corners_of(sighting.size_m);
+    for (std::size_t i = 0; i < 4; ++i)
+      points.push_back({T_anchor_tag * corners[i], sighting.corners_px[i]});
+  }
+  return points;
+}
+
+void TagGraph::pose_cameras() {
+  cameras.resize(frames.size());
+  const Result<CameraModel> lens = this->camera();
+  if (!lens) return;
+  const CameraModel& camera = *lens;
+  for (std::size_t f = 0; f < frames.size() && !stop.stop_requested(); ++f) {
+    const auto points = placed_in(f);
+    if (points.size() < 4) continue;
+    std::optional<RefinedPose> best;
+    double second = std::numeric_limits<double>::infinity();
+    for (const CameraPose& start : solve_pose(camera, points)) {
+      const auto refined = refine_pose(camera, points, start);
+      if (!refined) continue;
+      const bool other =
+          best && perturbation_between(best->T_table_camera, refined->T_table_camera).norm() > 1e-3;
+      if (!best || refined->rms_px < best->rms_px) {
+        if (other) second = best->rms_px;
+        best = refined;
+      } else if (other) {
+        second = std::min(second, refined->rms_px);
+      }
+    }
+    if (!best || best->rms_px > 5.0) continue;
+    if (points.size() == 4 && second < 2.0 * best->rms_px + 0.1) continue;
+    cameras[f] = packed(best->T_table_camera.inverse());
+  }
+}
+
+std::vector<TagGraph::Seen> TagGraph::seen_of(int id, std::size_t first, std::size_t last) const {
+  std::vector<Seen> seen;
+  for (std::size_t f = first; f < std::min(last, frames.size()); ++f) {
+    if (f >= cameras.size() || !cameras[f]) continue;
+    for (const TagSighting& sighting : frames[f]) {
+      if (sighting.id == id) seen.emplace_back(f, &sighting);
+    }
+  }
+  return seen;
+}
+
+void TagGraph::measure(TagPlacement& fit, const std::vector<Seen>& seen,
+                       const CameraModel& camera) const {
+  fit.errors_px.clear();
+  for (const auto& [frame, sighting] : seen) {
+    const auto T = unpacked<frame::Camera, frame::Table>(*cameras[frame]) * fit.T_anchor_tag;
+    const auto corners = corners_of(fit.scale * sighting->size_m);
+    double sum = 0.0;
+    for (std::size_t i = 0; i < 4; ++i) {
+      const auto pixel = camera.project(T * corners[i]);
+      sum += pixel ? (*pixel + shift * sighting->spread[i] - sighting->corners_px[i]).squaredNorm()
+                   : 1e6;
+    }
+    fit.errors_px.emplace_back(frame, std::sqrt(0.25 * sum));
+  }
+}
+
+void TagGraph::measure(TagPlacement& fit, int id) const {
+  if (const Result<CameraModel> lens = this->camera()) measure(fit, seen_of(id), *lens);
+}
+
+std::optional<TagPlacement> TagGraph::place(int id, double scale, std::size_t first,
+                                            std::size_t last) const {
+  const Result<CameraModel> lens = this->camera();
+  if (!lens) return std::nullopt;
+  const CameraModel& camera = *lens;
+  const std::vector<Seen> seen = seen_of(id, first, last);
+  if (seen.size() < kFewestFrames) return std::nullopt;
+  const auto corners = corners_of(scale * seen.front().second->size_m);
+  std::optional<TagPlacement> best;
+  double least = std::numeric_limits<double>::infinity();
+  const std::size_t step = std::max<std::size_t>(1, seen.size() / 10);
+  for (std::size_t k = 0; k < seen.size() && !stop.stop_requested(); k += step) {
+    const auto& [frame, sighting] = seen[k];
+    std::vector<PointObservation> points;  // "table" is the tag here
+    for (std::size_t i = 0; i < 4; ++i) points.push_back({corners[i], sighting->corners_px[i]});
+    for (const CameraPose& T_tag_camera : solve_pose(camera, points)) {
+      const auto T_camera_anchor = unpacked<frame::Camera, frame::Table>(*cameras[frame]);
+      const Transform<frame::Camera, frame::Tag> T_camera_tag(T_tag_camera.inverse().rotation(),
+                                                              T_tag_camera.inverse().translation());
+      TagPlacement here;
+      here.T_anchor_tag = T_camera_anchor.inverse() * T_camera_tag;
+      here.scale = scale;
+      measure(here, seen, camera);
+      const double middle = here.median_px();
+      if (middle < least) {
+        least = middle;
+        best = std::move(here);
+      }
+    }
+  }
+  return best;
+}
+
+std::optional<TagPlacement> TagGraph::fit(int id, bool free_size, std::size_t first,
+                                          std::size_t last) const {
+  const Result<CameraModel> lens = this->camera();
+  if (!lens) return std::nullopt;
+  // A tag of another size than it says lies elsewhere on each ray: sizes are tried one by one.
+  constexpr double kStep = 1.12;
+  constexpr int kSteps = 16;  // 6 times as large, or as small
+  std::optional<TagPlacement> best;
+  for (int k = free_size ? -kSteps : 0; k <= (free_size ? kSteps : 0); ++k) {
+    auto here = place(id, std::pow(kStep, k), first, last);
+    if (here && (!best || here->mean_px() < best->mean_px())) best = std::move(here);
+  }
+  if (!best) return std::nullopt;
+  const std::vector<Seen> seen = seen_of(id, first, last);
+  Pose6 pose = packed(best->T_anchor_tag);
+  double log_scale = std::log(best->scale);
+  ceres::Problem problem;
+  for (const auto& [frame, sighting] : seen) {
+    problem.AddResidualBlock(
+        new SizedSightingFunction(new SizedSightingCost{
+            {sighting, start_.parameters().model}, *cameras[frame], shift, lens_}),
+        new ceres::CauchyLoss(10.0), pose.data(), &log_scale);
+  }
+  if (!free_size) problem.SetParameterBlockConstant(&log_scale);
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_QR;
+  options.num_threads = 1;
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  if (!summary.IsSolutionUsable()) return best;
+  TagPlacement fitted;
+  fitted.T_anchor_tag = unpacked<frame::Table, frame::Tag>(pose);
+  fitted.scale = std::exp(log_scale);
+  measure(fitted, seen, *lens);
+  return fitted.mean_px() < best->mean_px() ? fitted : best;
+}
+
+template <class Visit>
+void TagGraph::for_each(const Visit& visit) {
+  for (std::size_t f = 0; f < frames.size(); ++f) {
+    if (!cameras[f]) continue;
+    for (const TagSighting& sighting : frames[f]) {
+      const auto placed = tags.find(sighting.id);
+      if (placed != tags.end()) visit(f, sighting, placed->second);
+    }
+  }
+}
+
+void TagGraph::build(ceres::Problem& problem, bool robust) {
+  const DistortionModel model = start_.parameters().model;
+  for_each([&](std::size_t f, const TagSighting& sighting, Pose6& tag) {
+    problem.AddResidualBlock(new SightingFunction(new SightingCost{&sighting, model}),
+                             robust ? new ceres::CauchyLoss(10.0) : nullptr, cameras[f]->data(),
+                             tag.data(), &shift, lens_.data());
+  });
+  problem.AddResidualBlock(new ceres::AutoDiffCostFunction<ShiftPrior, 1, 1>(new ShiftPrior),
+                           nullptr, &shift);
+  if (!shift_is_free) problem.SetParameterBlockConstant(&shift);
+  if (problem.HasParameterBlock(lens_.data())) {
+    const int used = 4 + coefficient_count(model);
+    if (!lens_is_free) {
+      problem.SetParameterBlockConstant(lens_.data());
+    } else if (used < kLensSize) {
+      std::vector<int> unused;
+      for (int i = used; i < kLensSize; ++i) unused.push_back(i);
+      problem.SetManifold(lens_.data(), new ceres::SubsetManifold(kLensSize, unused));
+    }
+  }
+  Pose6& anchor = tags.at(anchor_);
+  if (problem.HasParameterBlock(anchor.data())) problem.SetParameterBlockConstant(anchor.data());
+}
+
+bool TagGraph::adjust(bool robust) {
+  ceres::Problem problem;
+  build(problem, robust);
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_SCHUR;
+  options.max_num_iterations = 60;
+  options.num_threads = 1;  // the same sums in the same order, every time
+  options.logging_type = ceres::SILENT;
+  StopCallback ends(stop);
+  options.callbacks.push_back(&ends);
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  return summary.IsSolutionUsable();
+}
+
+bool TagGraph::drop_outliers(double& rms_px, int& corners) {
+  const DistortionModel model = start_.parameters().model;
+  std::vector<std::pair<std::pair<std::size_t, int>, double>> all;  // frame and tag; RMS, whitened
+  std::map<std::pair<std::size_t, int>, double> squares_px;
+  for_each([&](std::size_t f, const TagSighting& sighting, const Pose6& tag) {
+    Eigen::Matrix<double, 8, 1> r;
+    const SightingCost cost{&sighting, model};
+    if (!cost(cameras[f]->data(), tag.data(), &shift, lens_.data(), r.data())) r.setConstant(1e6);
+    all.push_back({{f, sighting.id}, std::sqrt(r.squaredNorm() / 8.0)});
+    const Eigen::Matrix<double, 8, 1> px =
+        sighting.whitening.triangularView<Eigen::Lower>().solve(r);
+    squares_px[{f, sighting.id}] = px.squaredNorm();
+  });
+  if (all.empty()) return false;
+  std::vector<double> sizes;
+  for (const auto& [key, size] : all) sizes.push_back(size);
+  // That a whole tag is a few times off where its edges fit well is a lens that is not quite true,
+  // not another tag: what is meant is far out.
+  const double limit = std::max(6.0 * middle_of(std::move(sizes)), 3.0);
+  std::set<std::pair<std::size_t, int>> bad;
+  double sum = 0.0;
+  corners = 0;
+  for (const auto& [key, size] : all) {
+    if (size > limit) {
+      bad.insert(key);
+      continue;
+    }
+    sum += squares_px[key];
+    corners += 4;
+  }
+  rms_px = std::sqrt(sum / std::max(corners, 1));
+  for (std::size_t f = 0; f < frames.size(); ++f) {
+    std::erase_if(frames[f], [&](const TagSighting& s) { return bad.count({f, s.id}) > 0; });
+  }
+  return !bad.empty();
+}
+
+Result<GraphCovariance> TagGraph::covariance() {
+  const DistortionModel model = start_.parameters().model;
+  const int n_lens = lens_is_free ? 4 + coefficient_count(model) : 0;
+  GraphCovariance result;
+  std::map<int, Eigen::Index> first;  // row of a tag
+  std::map<int, Eigen::Matrix<double, 6, 6>> tangents;
+  for (const auto& [id, pose] : tags) {
+    if (id == anchor_) continue;
+    first[id] = n_lens + 1 + kTagSize * static_cast<Eigen::Index>(result.ids.size());
+    tangents[id] = tangent_of(pose);
+    result.ids.push_back(id);
+  }
+  // Unknowns: lens, shift, tags. Cameras are eliminated, frame by frame.
+  const Eigen::Index n = n_lens + 1 + kTagSize * static_cast<Eigen::Index>(result.ids.size());
+  Eigen::MatrixXd S = Eigen::MatrixXd::Zero(n, n);
+  S(n_lens, n_lens) = 1.0 / (kGraphShiftPrior * kGraphShiftPrior);
+  std::vector<Eigen::VectorXd> scores;  // by frame: gradients, cameras eliminated
+  // By tag: how the gradient follows errors of its corners, along its own edges, that all frames
+  // have in common [1 / px].
+  std::map<int, Eigen::MatrixXd> common;
+  double sum = 0.0;
+  double squares_px = 0.0;
+  double corners = 0.0;
+  double freedom = static_cast<double>(-n);
+  for (std::size_t f = 0; f < frames.size(); ++f) {
+    if (!cameras[f]) continue;
+    Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n, n);
+    Eigen::MatrixXd B = Eigen::MatrixXd::Zero(n, kTagSize);
+    Eigen::Matrix<double, 6, 6> C = Eigen::Matrix<double, 6, 6>::Zero();
+    Eigen::VectorXd g = Eigen::VectorXd::Zero(n);
+    Eigen::Matrix<double, 6, 1> h = Eigen::Matrix<double, 6, 1>::Zero();
+    std::vector<SeenTag> seen;
+    for (const TagSighting& sighting : frames[f]) {
+      const auto placed = tags.find(sighting.id);
+      if (placed == tags.end()) continue;
+      const SightingFunction cost(new SightingCost{&sighting, model});
+      Eigen::Matrix<double, 8, 1> r;
+      Eigen::Matrix<double, 8, 6, Eigen::RowMajor> J_camera;
+      Eigen::Matrix<double, 8, 6, Eigen::RowMajor> J_tag;
+      Eigen::Matrix<double, 8, 1> J_shift;
+      Eigen::Matrix<double, 8, kLensSize, Eigen::RowMajor> J_lens;
+      const std::array<const double*, 4> at = {cameras[f]->data(), placed->second.data(), &shift,
+                                               lens_.data()};
+      std::array<double*, 4> jacobians = {J_camera.data(), J_tag.data(), J_shift.data(),
+                                          J_lens.data()};
+      if (!cost.Evaluate(at.data(), r.data(), jacobians.data()))
+        return fail("a tag ended up behind the camera; sweep slower, over several tags at a time");
+      Eigen::MatrixXd J = Eigen::MatrixXd::Zero(8, n);
+      J.leftCols(n_lens) = J_lens.leftCols(n_lens);
+      if (shift_is_free) J.col(n_lens) = J_shift;
+      if (sighting.id != anchor_)
+        J.middleCols(first.at(sighting.id), kTagSize) = J_tag * tangents.at(sighting.id);
+      A += J.transpose() * J;
+      B += J.transpose() * J_camera;
+      C += J_camera.transpose() * J_camera;
+      g += J.transpose() * r;
+      h += J_camera.transpose() * r;
+      sum += r.squaredNorm();
+      squares_px += sighting.whitening.triangularView<Eigen::Lower>().solve(r).squaredNorm();
+      corners += 4.0;
+      const Matrix8d along_edges = sighting.whitening * edge_directions(sighting);
+      seen.push_back(
+          {sighting.id, J.transpose() * along_edges, J_camera.transpose() * along_edges});
+    }
+    if (seen.empty()) continue;
+    freedom += 8.0 * static_cast<double>(seen.size()) - 6.0;
+    const Eigen::LDLT<Eigen::Matrix<double, 6, 6>> camera(C);
+    const Eigen::MatrixXd BC = camera.solve(B.transpose()).transpose();
+    S += A - BC * B.transpose();
+    scores.emplace_back(g - BC * h);
+    for (const SeenTag& tag : seen) {
+      const Eigen::MatrixXd follows = tag.unknowns - BC * tag.camera;
+      const auto [at, added] = common.emplace(tag.id, follows);
+      if (!added) at->second += follows;
+    }
+  }
+  if (freedom < 4.0) return fail("too few tags and frames to place them; sweep over all of them");
+  result.noise = std::sqrt(sum / freedom);
+  // Unknowns of very different sizes: scaled to ones on the diagonal.
+  const Eigen::VectorXd scale = S.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const Eigen::MatrixXd scaled = scale.asDiagonal() * S * scale.asDiagonal();
+  const Eigen::LDLT<Eigen::MatrixXd> factor(scaled);
+  Eigen::MatrixXd inverse = factor.solve(Eigen::MatrixXd::Identity(n, n));
+  inverse = scale.asDiagonal() * inverse * scale.asDiagonal();
+  if (factor.info() != Eigen::Success || !(factor.rcond() > 1e-13) || !inverse.allFinite() ||
+      !(inverse.diagonal().minCoeff() > 0.0)) {
+    return fail(
+        "some tags' places are not fixed; see every tag together with others, in several frames");
+  }
+  // Errors of frames that follow one another hang together (light, blur, what the lens model leaves
+  // over): by how much more sums over such stretches scatter than independent errors would.
+  const std::size_t clusters = std::min(kMostClusters, scores.size());
+  std::vector<Eigen::VectorXd> stretches(clusters, Eigen::VectorXd::Zero(n));
+  for (std::size_t k = 0; k < scores.size(); ++k)
+    stretches[k * clusters / scores.size()] += scores[k];
+  double scatter = 0.0;
+  for (const Eigen::VectorXd& stretch : stretches) scatter += stretch.dot(inverse * stretch);
+  scatter *= static_cast<double>(clusters) / std::max(static_cast<double>(clusters) - 1.0, 1.0);
+  const double ratio = scatter / (static_cast<double>(n) * result.noise * result.noise);
+  result.clustering = std::isfinite(ratio) ? std::clamp(ratio, 1.0, 1000.0) : 1.0;
+  Eigen::MatrixXd covariance = inverse * result.noise * result.noise * result.clustering;
+  const double common_px = std::max(kCommonError, kCommonShare * std::sqrt(squares_px / corners));
+  for (const auto& [id, follows] : common) {
+    const Eigen::MatrixXd moved = inverse * follows * common_px;
+    covariance += moved * moved.transpose();
+  }
+  result.lens = covariance.topLeftCorner(n_lens, n_lens);
+  result.tags = covariance.bottomRightCorner(n - n_lens - 1, n - n_lens - 1);
+  return result;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,93 @@
+// What lies on the table: which tags, how large, where. File: tags.yaml (see load_tag_map).
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/error.hpp"
+#include "core/geometry/transform.hpp"
+
+namespace penumbra {
+
+// Families of libapriltag; the name in files is the same ("tag36h11"). And the ArUco dictionaries
+// of OpenCV, as in "DICT_4X4_50".
+enum class TagFamily {
+  tag36h11,
+  tag36h10,
+  tag25h9,
+  tag16h5,
+  tag_circle21h7,
+  tag_circle49h12,
+  tag_standard41h12,
+  tag_standard52h13,
+  tag_custom48h12,
+  aruco_4x4_50,
+  aruco_4x4_100,
+  aruco_4x4_250,
+  aruco_4x4_1000,
+  aruco_5x5_50,
+  aruco_5x5_100,
+  aruco_5x5_250,
+  aruco_5x5_1000,
+  aruco_6x6_50,
+  aruco_6x6_100,
+  aruco_6x6_250,
+  aruco_6x6_1000
+};
+
+struct ArucoDictionary {
+  int cells = 4;   // of data, across
+  int count = 50;  // of markers
+};
+// Nothing for a family of libapriltag.
+[[nodiscard]] std::optional<ArucoDictionary> aruco_dictionary_of(TagFamily family);
+
+[[nodiscard]] std::string_view to_string(TagFamily family);
+// Names as OpenCV, ROS and AprilTag write them, in any case and with or without separators:
+// "tag36h11", "36h11", "apriltag_36h11", "DICT_APRILTAG_36h11"; "Standard41h12"; "DICT_4X4_50",
+// "4x4_50", "aruco_4x4_50"; "t36h11" (Kalibr).
+[[nodiscard]] std::optional<TagFamily> tag_family_from_string(std::string_view name);
+// "'...' is not known; known: ..."
+[[nodiscard]] std::string unknown_tag_family(std::string_view name);
+
+struct MappedTag {
+  int id = 0;
+  TagFamily family = TagFamily::tag36h11;
+  double size_m = 0.0;  // edge of the black border's outer square, the white margin not included
+  Transform<frame::Table, frame::Tag> T_table_tag;
+  std::string group = "table";  // rigid group; only "table" is fixed to the table frame for certain
+
+  // Corners in the table frame [m], in the order libapriltag reports them:
+  // (-s/2, -s/2), (s/2, -s/2), (s/2, s/2), (-s/2, s/2) in the tag frame.
+  [[nodiscard]] std::array<Eigen::Vector3d, 4> corners() const;
+};
+
+class TagMap {
+ public:
+  // Fails on an empty list, a duplicate (family, id), a size that is not positive and finite, or a
+  // non-finite pose.
+  [[nodiscard]] static Result<TagMap> make(std::vector<MappedTag> tags);
+
+  [[nodiscard]] const std::vector<MappedTag>& tags() const { return tags_; }
+  [[nodiscard]] const MappedTag* find(TagFamily family, int id) const;
+  [[nodiscard]] std::vector<TagFamily> families() const;
+
+ private:
+  std::vector<MappedTag> tags_;
+  std::map<std::pair<TagFamily, int>, std::size_t> index_;
+};
+
+// tags.yaml of a recording: `tags:` a list of {id, family, size_m, position, quaternion_xyzw,
+// group?}. Errors name file, tag and field.
+[[nodiscard]] Result<TagMap> load_tag_map(const std::filesystem::path& file);
+
+// Numbers are written so that they read back to the same double.
+[[nodiscard]] std::string tag_map_text(const TagMap& map);
+[[nodiscard]] Result<void> save_tag_map(const std::filesystem::path& file, const TagMap& map);
+
+}  // namespace penumbra

@@ -1,0 +1,240 @@
+// Trajectories on disk: TUM files, and EuRoC's ground truth.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/geometry/trajectory.hpp"
+#include "core/text/text.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::size_t kLargestTrajectoryFile = std::size_t{256} << 20U;
+
+// In the order of a TUM line.
+constexpr std::array<std::string_view, 8> kColumns = {"timestamp", "tx", "ty", "tz",
+                                                      "qx",        "qy", "qz", "qw"};
+using PoseFields = std::array<std::string_view, kColumns.size()>;
+
+// Position and quaternion; the error has no place in front yet.
+Result<CameraPose> parse_placement(const PoseFields& fields) {
+  std::array<double, kColumns.size()> values{};
+  for (std::size_t i = 1; i < fields.size(); ++i) {
+    const std::optional<double> value = parse_number(fields[i]);
+    if (!value || !std::isfinite(*value)) {
+      return fail("{}: '{}' is no finite number; leave out frames that have no pose", kColumns[i],
+                  fields[i]);
+    }
+    // Farther than the Moon is a slip of units, and its squares leave the range of numbers.
+    constexpr double kFarthest_m = 1e9;
+    if (i <= 3 && std::abs(*value) > kFarthest_m) {
+      return fail("{}: {} is no position in metres; give metres in the table's frame", kColumns[i],
+                  fields[i]);
+    }
+    values[i] = *value;
+  }
+  const Eigen::Quaterniond rotation(values[7], values[4], values[5], values[6]);
+  const double norm = rotation.norm();
+  if (!(std::abs(norm - 1.0) <= 1e-3)) {
+    return fail("qx qy qz qw: the quaternion has length {:.6g}, so it is no rotation; it must be 1",
+                norm);
+  }
+  return CameraPose(rotation, Eigen::Vector3d(values[1], values[2], values[3]));
+}
+
+tl::unexpected<Error> fail_with_time(std::string_view text) {
+  const std::optional<double> value = parse_number(text);
+  // Unix times in seconds have 10 digits until the year 2286.
+  constexpr double kLargest_s = 4e9;
+  if (value && std::isfinite(*value) && std::abs(*value) > kLargest_s) {
+    const double size = std::abs(*value) / kLargest_s;
+    const auto [unit, factor] = size <= 1e3   ? std::pair("milliseconds", "1e3")
+                                : size <= 1e6 ? std::pair("microseconds", "1e6")
+                                              : std::pair("nanoseconds", "1e9");
+    return fail("timestamp: {} is too large for seconds, by its size it is {}; divide by {}", text,
+                unit, factor);
+  }
+  return fail("timestamp: '{}' is no time; give it in seconds, as a decimal number", text);
+}
+
+// "timestamp tx ty tz qx qy qz qw"; the error has no place in front yet.
+Result<StampedPose> parse_tum_pose(std::string_view text) {
+  PoseFields fields;
+  std::size_t count = 0;
+  constexpr std::string_view kBlank = " \t\r\v\f";
+  while (true) {
+    const std::size_t start = text.find_first_not_of(kBlank);
+    if (start == std::string_view::npos) break;
+    text.remove_prefix(start);
+    const std::size_t length = std::min(text.find_first_of(kBlank), text.size());
+    if (count < fields.size()) fields[count] = text.substr(0, length);
+    ++count;
+    text.remove_prefix(length);
+  }
+  if (count != fields.size()) {
+    return fail("has {} values; write the 8 of a TUM line, timestamp tx ty tz qx qy qz qw", count);
+  }
+  const std::optional<std::int64_t> time = parse_seconds_as_ns(fields[0]);
+  if (!time) return fail_with_time(fields[0]);
+  const Result<CameraPose> pose = parse_placement(fields);
+  if (!pose) return tl::unexpected(pose.error());
+  return StampedPose{*time, *pose, {}};
+}
+
+std::vector<std::string_view> split_at_commas(std::string_view text) {
+  std::vector<std::string_view> fields;
+  while (true) {
+    const std::size_t comma = text.find(',');
+    fields.push_back(trim(text.substr(0, comma)));
+    if (comma == std::string_view::npos) return fields;
+    text.remove_prefix(comma + 1);
+  }
+}
+
+// Whole nanoseconds, also as "1.403636580838555648e+18".
+std::optional<std::int64_t> parse_whole_ns(std::string_view text) {
+  const std::size_t e = text.find_first_of("eE");
+  if (e == std::string_view::npos) {
+    // A number with decimals is more likely one of seconds.
+    const std::size_t point = text.find('.');
+    if (point != std::string_view::npos &&
+        text.find_first_not_of('0', point + 1) != std::string_view::npos) {
+      return std::nullopt;
+    }
+    return parse_seconds_as_ns(fmt::format("{}e-9", text));
+  }
+  const std::optional<std::int64_t> exponent = parse_integer(text.substr(e + 1));
+  constexpr std::int64_t kMostDigits = 100;
+  if (!exponent || *exponent > kMostDigits || *exponent < -kMostDigits) return std::nullopt;
+  return parse_seconds_as_ns(fmt::format("{}e{}", text.substr(0, e), *exponent - 9));
+}
+
+// Which of the columns 4 to 7 is w, by the header; EuRoC's own files have it first.
+bool header_has_w_last(const std::vector<std::string_view>& header) {
+  const auto names_w = [&](std::size_t column) {
+    if (column >= header.size()) return false;
+    const std::string_view name = header[column].substr(0, header[column].find_first_of(" ["));
+    return !name.empty() && (name.back() == 'w' || name.back() == 'W');
+  };
+  return names_w(7) && !names_w(4);
+}
+
+Result<StampedPose> parse_euroc_pose(std::string_view text, bool w_last) {
+  const std::vector<std::string_view> row = split_at_commas(text);
+  if (row.size() < kColumns.size()) {
+    return fail(
+        "has {} values between commas; EuRoC's ground truth has 8 or more: timestamp [ns], "
+        "position x y z, quaternion w x y z",
+        row.size());
+  }
+  const std::optional<std::int64_t> time = parse_whole_ns(row[0]);
+  if (!time) {
+    return fail(
+        "timestamp: '{}' is no whole number of nanoseconds, as EuRoC's files have; for times in "
+        "seconds write a TUM file, with blanks between the values",
+        row[0]);
+  }
+  PoseFields fields;
+  std::copy_n(row.begin(), fields.size(), fields.begin());
+  if (!w_last) std::rotate(fields.begin() + 4, fields.begin() + 5, fields.end());
+  const Result<CameraPose> pose = parse_placement(fields);
+  if (!pose) return tl::unexpected(pose.error());
+  return StampedPose{*time, *pose, {}};
+}
+
+// Reads line by line what may be either format.
+class TrajectoryReader {
+ public:
+  // The error has no place in front yet.
+  Result<void> read(std::string_view line) {
+    std::string comment;
+    if (const std::size_t hash = line.find('#'); hash != std::string_view::npos) {
+      comment = trim(line.substr(hash + 1));
+      line = line.substr(0, hash);
+    }
+    line = trim(line);
+    std::vector<StampedPose>& poses = trajectory_.poses;
+    if (line.empty()) {
+      if (poses.empty()) take_header(comment);
+      return {};
+    }
+    const bool commas = line.find(',') != std::string_view::npos;
+    if (poses.empty()) {
+      // A header that is no comment.
+      if (commas && line.find("time") != std::string_view::npos) {
+        take_header(line);
+        return {};
+      }
+      trajectory_.of_body = commas;
+    }
+    Result<StampedPose> pose =
+        trajectory_.of_body ? parse_euroc_pose(line, w_last_) : parse_tum_pose(line);
+    if (!pose) return tl::unexpected(pose.error());
+    pose->comment = std::move(comment);
+    if (!poses.empty() && pose->timestamp_ns < poses.back().timestamp_ns) {
+      return fail("timestamp: {} s is before that of the pose above; sort the poses by time",
+                  format_ns_as_seconds(pose->timestamp_ns));
+    }
+    if (!poses.empty() && pose->timestamp_ns == poses.back().timestamp_ns) {
+      return fail(
+          "timestamp: {} s is that of the pose above too; timestamps must increase: write enough "
+          "decimals, and no pose twice",
+          format_ns_as_seconds(pose->timestamp_ns));
+    }
+    poses.push_back(std::move(*pose));
+    return {};
+  }
+  [[nodiscard]] Trajectory take() { return std::move(trajectory_); }
+
+ private:
+  void take_header(std::string_view text) {
+    if (text.find(',') == std::string_view::npos) return;
+    w_last_ = header_has_w_last(split_at_commas(text));
+  }
+
+  Trajectory trajectory_;
+  bool w_last_ = false;
+};
+
+}  // namespace
+
+Result<Trajectory> load_trajectory(const std::filesystem::path& file) {
+  const Result<std::string> text = read_text_file(file, kLargestTrajectoryFile);
+  if (!text) return tl::unexpected(text.error());
+  TrajectoryReader reader;
+  std::string_view rest = *text;
+  for (int line = 1; !rest.empty(); ++line) {
+    const std::size_t end = std::min(rest.find('\n'), rest.size());
+    if (auto ok = reader.read(rest.substr(0, end)); !ok)
+      return fail_in(fmt::format("{}: line {}", file.string(), line), ok.error());
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+  }
+  return reader.take();
+}
+
+std::string format_tum(const StampedPose& pose) {
+  const Eigen::Vector3d& t = pose.T_table_camera.translation();
+  const Eigen::Quaterniond& q = pose.T_table_camera.rotation();
+  std::string line = fmt::format("{} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g} {:.17g}",
+                                 format_ns_as_seconds(pose.timestamp_ns), t.x(), t.y(), t.z(),
+                                 q.x(), q.y(), q.z(), q.w());
+  if (!pose.comment.empty()) {
+    std::string comment = pose.comment;
+    std::replace_if(
+        comment.begin(), comment.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');
+    line += " # " + comment;
+  }
+  return line;
+}
+
+Result<void> save_trajectory(const std::filesystem::path& file, const Trajectory& trajectory) {
+  std::string text = "# timestamp tx ty tz qx qy qz qw: T_table_camera, seconds and metres\n";
+  for (const StampedPose& pose : trajectory.poses) text += format_tum(pose) + "\n";
+  return write_text_file(file, text);
+}
+
+}  // namespace penumbra

@@ -1,0 +1,66 @@
+// Pictures in files and in memory. The kind is told by the first bytes, never by the name.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/error.hpp"
+#include "core/image/frame.hpp"
+#include "core/image/image_view.hpp"
+
+namespace penumbra {
+
+struct DecodeOptions {
+  // Lowest bits of a 16-bit PNG's samples that hold the value, 8 to 16: the upper 8 of them are
+  // kept. 16 is what the PNG specification says; machine-vision cameras store 10, 12 or 14
+  // (see core/image/sample_depth.hpp). A larger value is clamped to white.
+  int sample_bits = 16;
+  bool* clamped = nullptr;  // set to true where a value was clamped
+};
+
+// JPEG -> yuv420p / yuv422p / yuv444p / grey8 as it was coded, full range BT.601 (JFIF), no colour
+// conversion. PNG -> grey8 or rgb24 (palette and 16-bit reduced, alpha dropped). Other chroma
+// layouts of JPEG are converted to yuv444p. A truncated or damaged image is an error, also where
+// a decoder would paper over it; what is no damage of a JPEG is in core/image/jpeg_file.hpp. Sides
+// up to 32768 px, 256 Mpx in all. `name` is put into the error. Thread-safe.
+[[nodiscard]] Result<Frame> decode_image(std::span<const std::uint8_t> bytes,
+                                         const std::string& name,
+                                         const DecodeOptions& options = {});
+[[nodiscard]] Result<Frame> load_image(const std::filesystem::path& file,
+                                       const DecodeOptions& options = {});
+
+// Values of a 16-bit PNG, alpha not counted.
+struct SixteenBitSamples {
+  int brightest = 0;
+  std::optional<int> significant_bits;  // by its sBIT chunk, the largest of its channels
+};
+// Nothing where the bytes are no PNG of 16 bits.
+[[nodiscard]] Result<std::optional<SixteenBitSamples>> sixteen_bit_samples(
+    std::span<const std::uint8_t> bytes, const std::string& name);
+
+// Fails where an image of this size [px] is not decoded.
+[[nodiscard]] Result<void> check_image_size(std::uint64_t width, std::uint64_t height,
+                                            const std::string& name);
+
+// RGBA8, rows top to bottom, width * 4 bytes apart.
+struct RgbaImage {
+  int width = 0;
+  int height = 0;
+  std::vector<std::uint8_t> pixels;
+};
+[[nodiscard]] Result<RgbaImage> load_rgba(const std::filesystem::path& file);  // PNG or JPEG
+[[nodiscard]] Result<RgbaImage> decode_rgba(std::span<const std::uint8_t> bytes,
+                                            const std::string& name);  // PNG or JPEG
+// 8-bit RGB PNG; alpha is dropped.
+[[nodiscard]] Result<void> save_png(const std::filesystem::path& file, int width, int height,
+                                    std::span<const std::uint8_t> rgba);
+// 8-bit grey PNG, in memory. `pixels_per_metre`: how large it is printed.
+[[nodiscard]] Result<std::vector<std::uint8_t>> grey_png(
+    ImageView image, std::optional<double> pixels_per_metre = std::nullopt);
+[[nodiscard]] Result<void> save_grey_png(const std::filesystem::path& file, ImageView image);
+
+}  // namespace penumbra

@@ -1,0 +1,86 @@
+#include "core/image/sample_depth.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <cstring>
+#include <fstream>
+#include <optional>
+
+#include "core/image/image_file.hpp"
+#include "core/text/file.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr int kFewestBits = 8;
+constexpr int kMostBits = 14;  // no camera stores 15
+
+// Reads the first bytes of the file only.
+bool is_sixteen_bit_png(const std::filesystem::path& file) {
+  constexpr std::array<char, 4> kPng{'\x89', 'P', 'N', 'G'};
+  constexpr std::size_t kBitDepth = 24;  // offset in the file: signature, length, "IHDR", sides
+  std::array<char, kBitDepth + 1> start{};
+  std::ifstream stream(file, std::ios::binary);
+  if (!stream.read(start.data(), start.size())) return false;
+  return std::memcmp(start.data(), kPng.data(), kPng.size()) == 0 && start[kBitDepth] == 16;
+}
+
+}  // namespace
+
+std::string SampleDepth::text() const {
+  return by_chunk
+             ? fmt::format(
+                   "16-bit images hold {0} bits by their sBIT chunk (brightest value "
+                   "{1}): read as {0}-bit",
+                   bits, brightest)
+             : fmt::format("16-bit images hold {0} bits (brightest value {1}): read as {0}-bit",
+                           bits, brightest);
+}
+
+SampleDepth sample_depth_of(std::span<const std::filesystem::path> images) {
+  SampleDepth depth;
+  std::optional<int> by_chunk;
+  const std::size_t count = images.size();
+  const std::size_t looks = std::min<std::size_t>(count, kMostLookedAt);
+  for (std::size_t i = 0; i < looks; ++i) {
+    // The first and the last one included.
+    const std::size_t at = looks > 1 ? i * (count - 1) / (looks - 1) : 0;
+    std::error_code ignored;
+    if (!std::filesystem::is_regular_file(images[at], ignored) || !is_sixteen_bit_png(images[at])) {
+      continue;
+    }
+    const auto bytes = read_file(images[at]);
+    if (!bytes) continue;
+    const auto samples = sixteen_bit_samples(*bytes, images[at].string());
+    if (!samples || !*samples) continue;
+    depth.brightest = std::max(depth.brightest, (*samples)->brightest);
+    if (const auto& bits = (*samples)->significant_bits) {
+      by_chunk = std::max(by_chunk.value_or(0), *bits);
+    }
+    if (depth.brightest >= 1 << kMostBits) return depth;
+  }
+  if (depth.brightest == 0) return depth;  // black, or no such image
+  if (by_chunk && *by_chunk >= kFewestBits) {
+    depth.by_chunk = true;
+    if (depth.brightest < 1 << *by_chunk) depth.bits = *by_chunk > kMostBits ? 16 : *by_chunk;
+    return depth;
+  }
+  const auto needed = static_cast<int>(std::bit_width(static_cast<unsigned>(depth.brightest)));
+  depth.bits = std::max(needed, kFewestBits);
+  return depth;
+}
+
+std::optional<std::string> ClampWatch::take_warning(const std::string& name) {
+  if (!clamped_ || warned_) return std::nullopt;
+  warned_ = true;
+  return fmt::format(
+      "{}: holds values above the {} bits that 16-bit images are read with; they become white "
+      "(reported once)",
+      name, sample_bits_);
+}
+
+}  // namespace penumbra

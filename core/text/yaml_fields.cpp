@@ -1,0 +1,197 @@
+#include "core/text/yaml_fields.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <set>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/text/spelling.hpp"
+#include "core/text/text.hpp"
+
+namespace penumbra {
+namespace {
+
+// What is written there, short enough for a message.
+std::string shown(const YAML::Node& node) {
+  if (!node.IsScalar()) return node.IsNull() ? "empty" : "not a single value";
+  std::string text = node.Scalar().substr(0, 40);
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20) c = ' ';
+  }
+  return "'" + text + "'";
+}
+
+// What makes a document unreadable though it is YAML: a key that a map names twice (which of the
+// two is meant, nobody knows; YAML forbids it, yaml-cpp takes the first), and aliases that stand
+// for themselves or for more than any file of ours holds.
+class DocumentCheck {
+ public:
+  [[nodiscard]] std::optional<std::string> problem(const YAML::Node& node, int depth = 0) {
+    constexpr int kDeepest = 32;
+    constexpr int kMostNodes = 1'000'000;
+    if (depth > kDeepest || ++nodes_ > kMostNodes) {
+      return fmt::format(
+          "line {}: holds itself, or far more than such a file does; write values out in place of "
+          "aliases (*name)",
+          node.Mark().line + 1);
+    }
+    if (node.IsMap()) {
+      std::set<std::string> keys;
+      for (const auto& entry : node) {
+        if (entry.first.IsScalar() && !keys.insert(entry.first.Scalar()).second) {
+          return fmt::format("line {}: {} is there twice; keep one of them",
+                             entry.first.Mark().line + 1, shown(entry.first));
+        }
+        if (auto found = problem(entry.second, depth + 1)) return found;
+      }
+    } else if (node.IsSequence()) {
+      for (const auto& entry : node) {
+        if (auto found = problem(entry, depth + 1)) return found;
+      }
+    }
+    return std::nullopt;
+  }
+
+ private:
+  int nodes_ = 0;
+};
+
+// Without %YAML lines at its head: OpenCV's "%YAML:1.0" is no YAML, and the version changes
+// nothing. Lines keep their numbers.
+std::string without_version(std::string text) {
+  for (std::size_t start = 0; start < text.size();) {
+    const std::size_t end = std::min(text.find('\n', start), text.size());
+    const std::string_view line = trim(std::string_view(text).substr(start, end - start));
+    if (line.starts_with("%YAML")) {
+      text.erase(start, end - start);
+      ++start;
+    } else if (line.empty() || line.starts_with('#')) {
+      start = end + 1;
+    } else {
+      break;
+    }
+  }
+  return text;
+}
+
+}  // namespace
+
+Result<YAML::Node> load_yaml_map(const std::filesystem::path& file) {
+  const Result<std::string> text = read_text_file(file, kMaxYamlBytes);
+  if (!text) return tl::unexpected(text.error());
+  return parse_yaml_map(*text, file.string());
+}
+
+Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& name) {
+  try {
+    YAML::Node root = YAML::Load(without_version(text));
+    if (!root.IsMap()) {
+      return fail("{}: is no YAML map; it must hold lines of the form `name: value`", name);
+    }
+    if (const auto problem = DocumentCheck().problem(root)) return fail("{}: {}", name, *problem);
+    return root;
+  } catch (const YAML::Exception& error) {
+    return fail("{}: line {}: is not valid YAML ({}); correct the line", name, error.mark.line + 1,
+                error.msg);
+  } catch (const std::exception& error) {
+    return fail("{}: is not valid YAML ({}); correct the file", name, error.what());
+  }
+}
+
+YAML::Node YamlFields::find(const char* key) const {
+  return map_[key];  // const: never inserts
+}
+
+bool YamlFields::has(const char* key) const {
+  return find(key).IsDefined();
+}
+
+Result<bool> YamlFields::has_optional(const char* key) const {
+  if (has(key)) return true;
+  constexpr std::size_t kMisspelt = 2;
+  constexpr std::size_t kLongest = 64;
+  constexpr std::array<std::string_view, 3> kUnits = {"_m", "_px", "_s"};
+  for (const auto& entry : map_) {
+    if (!entry.first.IsScalar()) continue;
+    const std::string& other = entry.first.Scalar();
+    if (other.size() > kLongest) continue;
+    const bool without_unit = std::ranges::any_of(
+        kUnits, [&](std::string_view unit) { return key == other + std::string(unit); });
+    if (!without_unit && letters_apart(other, key) > kMisspelt) continue;
+    return fail("{}: is not known; is it meant to be `{}`?", place_of(other.c_str()), key);
+  }
+  return false;
+}
+
+std::string YamlFields::place_of(const char* key) const {
+  const YAML::Node found = find(key);
+  if (!found.IsDefined() || found.Mark().line < 0) return fmt::format("{}: {}", place_, key);
+  return fmt::format("{}: {} (line {})", place_, key, found.Mark().line + 1);
+}
+
+Result<YAML::Node> YamlFields::node(const char* key, const char* remedy) const {
+  YAML::Node found = find(key);
+  if (!found.IsDefined()) return fail("{}: {}: is missing; {}", place_, key, remedy);
+  return found;
+}
+
+Result<double> YamlFields::number(const char* key, const char* remedy) const {
+  const Result<YAML::Node> found = node(key, remedy);
+  if (!found) return tl::unexpected(found.error());
+  const std::optional<double> value =
+      found->IsScalar() ? parse_number(found->Scalar()) : std::nullopt;
+  if (!value || !std::isfinite(*value))
+    return fail("{}: {} is no finite number; {}", place_of(key), shown(*found), remedy);
+  return *value;
+}
+
+Result<int> YamlFields::integer(const char* key, const char* remedy) const {
+  const Result<YAML::Node> found = node(key, remedy);
+  if (!found) return tl::unexpected(found.error());
+  const std::optional<std::int64_t> value =
+      found->IsScalar() ? parse_integer(found->Scalar()) : std::nullopt;
+  if (!value || *value < std::numeric_limits<int>::min() ||
+      *value > std::numeric_limits<int>::max())
+    return fail("{}: {} is no whole number; {}", place_of(key), shown(*found), remedy);
+  return static_cast<int>(*value);
+}
+
+Result<std::string> YamlFields::text(const char* key, const char* remedy) const {
+  const Result<YAML::Node> found = node(key, remedy);
+  if (!found) return tl::unexpected(found.error());
+  if (!found->IsScalar() || found->Scalar().empty())
+    return fail("{}: {} is no text; {}", place_of(key), shown(*found), remedy);
+  return found->Scalar();
+}
+
+Result<std::vector<double>> YamlFields::numbers(const char* key, const char* remedy) const {
+  const Result<YAML::Node> found = node(key, remedy);
+  if (!found) return tl::unexpected(found.error());
+  if (!found->IsSequence()) return fail("{}: is no list of numbers; {}", place_of(key), remedy);
+  std::vector<double> values;
+  for (std::size_t i = 0; i < found->size(); ++i) {
+    const YAML::Node item = (*found)[i];
+    const std::optional<double> value =
+        item.IsScalar() ? parse_number(item.Scalar()) : std::nullopt;
+    if (!value || !std::isfinite(*value)) {
+      return fail("{}: value {} is {}, no finite number; {}", place_of(key), i + 1, shown(item),
+                  remedy);
+    }
+    values.push_back(*value);
+  }
+  return values;
+}
+
+Result<YamlFields> YamlFields::fields(const char* key, const char* remedy) const {
+  const Result<YAML::Node> found = node(key, remedy);
+  if (!found) return tl::unexpected(found.error());
+  if (!found->IsMap()) return fail("{}: is no map; {}", place_of(key), remedy);
+  return YamlFields(*found, fmt::format("{}: {}", place_, key));
+}
+
+}  // namespace penumbra

@@ -1,0 +1,244 @@
+#include "render/model/gltf/accessors.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "render/model/gltf/extensions.hpp"
+
+namespace penumbra::gltf {
+namespace {
+
+std::size_t component_size(int type) {
+  switch (type) {
+    case TINYGLTF_COMPONENT_TYPE_BYTE:
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE:
+      return 1;
+    case TINYGLTF_COMPONENT_TYPE_SHORT:
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT:
+      return 2;
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT:
+    case TINYGLTF_COMPONENT_TYPE_FLOAT:
+      return 4;
+    default:
+      return 0;
+  }
+}
+
+std::size_t component_count(int type) {
+  switch (type) {
+    case TINYGLTF_TYPE_SCALAR:
+      return 1;
+    case TINYGLTF_TYPE_VEC2:
+      return 2;
+    case TINYGLTF_TYPE_VEC3:
+      return 3;
+    case TINYGLTF_TYPE_VEC4:
+      return 4;
+    case TINYGLTF_TYPE_MAT4:
+      return 16;
+    default:
+      return 0;
+  }
+}
+
+template <class T>
+T value_at(const std::uint8_t* bytes) {
+  T value;
+  std::memcpy(&value, bytes, sizeof value);
+  return value;
+}
+
+// One component as a number; normalised integers by the formulas of the glTF specification 3.11.
+double component_at(const std::uint8_t* bytes, int type, bool normalised) {
+  const auto scaled = [normalised](double value, double largest) {
+    return normalised ? std::max(value / largest, -1.0) : value;
+  };
+  switch (type) {
+    case TINYGLTF_COMPONENT_TYPE_BYTE:
+      return scaled(value_at<std::int8_t>(bytes), 127.0);
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE:
+      return scaled(value_at<std::uint8_t>(bytes), 255.0);
+    case TINYGLTF_COMPONENT_TYPE_SHORT:
+      return scaled(value_at<std::int16_t>(bytes), 32767.0);
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT:
+      return scaled(value_at<std::uint16_t>(bytes), 65535.0);
+    case TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT:
+      return value_at<std::uint32_t>(bytes);
+    default:
+      return value_at<float>(bytes);
+  }
+}
+
+// Reads one element into `to`.
+void read_element(const std::uint8_t* from, const tinygltf::Accessor& accessor, double* to) {
+  const std::size_t size = component_size(accessor.componentType);
+  for (std::size_t c = 0; c < component_count(accessor.type); ++c) {
+    to[c] = component_at(from + c * size, accessor.componentType, accessor.normalized);
+  }
+}
+
+}  // namespace
+
+bool is_unsigned(int component_type) {
+  return component_type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_BYTE ||
+         component_type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT ||
+         component_type == TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT;
+}
+
+Result<std::span<const std::uint8_t>> Accessors::view_bytes(int view,
+                                                            const std::string& what) const {
+  if (!has(gltf_.bufferViews, view)) {
+    return fail("{}: {}: names buffer view {}, there are {}", name_, what, view,
+                gltf_.bufferViews.size());
+  }
+  const tinygltf::BufferView& v = gltf_.bufferViews[static_cast<std::size_t>(view)];
+  if (v.buffer < 0 || static_cast<std::size_t>(v.buffer) >= buffers_.count()) {
+    return fail("{}: bufferViews/{}: names buffer {}, there are {}", name_, view, v.buffer,
+                buffers_.count());
+  }
+  const auto buffer = static_cast<std::size_t>(v.buffer);
+  if (const char* compression = compression_of(v); compression && !buffers_.has_data(buffer)) {
+    return fail_compressed(name_, compression);
+  }
+  const Result<std::span<const std::uint8_t>> data = buffers_.bytes(buffer);
+  if (!data) return data;
+  if (v.byteOffset > data->size() || v.byteLength > data->size() - v.byteOffset) {
+    return fail("{}: bufferViews/{}: reaches past the end of its buffer ({} bytes)", name_, view,
+                data->size());
+  }
+  return data->subspan(v.byteOffset, v.byteLength);
+}
+
+Result<Accessors::Stretch> Accessors::stretch(int view, const Layout& layout,
+                                              const std::string& what) const {
+  const Result<std::span<const std::uint8_t>> bytes = view_bytes(view, what);
+  if (!bytes) return tl::unexpected(bytes.error());
+  const tinygltf::BufferView& v = gltf_.bufferViews[static_cast<std::size_t>(view)];
+  std::size_t stride = layout.size;
+  if (layout.strided && v.byteStride != 0) {
+    stride = v.byteStride;
+    if (stride < layout.size || stride > 252 || stride % layout.alignment != 0) {
+      return fail("{}: bufferViews/{}: a byteStride of {} does not suit elements of {} bytes",
+                  name_, view, stride, layout.size);
+    }
+  }
+  if (layout.offset % layout.alignment != 0 || v.byteOffset % layout.alignment != 0) {
+    return fail("{}: {}: is not aligned to its components of {} bytes", name_, what,
+                layout.alignment);
+  }
+  // count is at most 2^32 and stride 252: no overflow in 64 bits.
+  const std::size_t needed = (layout.count - 1) * stride + layout.size;
+  if (layout.offset > bytes->size() || needed > bytes->size() - layout.offset) {
+    return fail("{}: {}: reaches past the end of its buffer view ({} bytes)", name_, what,
+                bytes->size());
+  }
+  return Stretch{bytes->data() + layout.offset, stride};
+}
+
+Result<void> Accessors::apply_sparse(const tinygltf::Accessor& accessor, Elements& elements,
+                                     const std::string& place) const {
+  const auto& s = accessor.sparse;
+  const std::size_t index_size = component_size(s.indices.componentType);
+  const auto index_offset = static_cast<std::int64_t>(s.indices.byteOffset);
+  const auto value_offset = static_cast<std::int64_t>(s.values.byteOffset);
+  if (!is_unsigned(s.indices.componentType) || s.count <= 0 ||
+      static_cast<std::size_t>(s.count) > accessor.count || index_offset < 0 || value_offset < 0) {
+    return fail("{}: {}: its sparse part is malformed", name_, place);
+  }
+  const auto count = static_cast<std::size_t>(s.count);
+  const std::size_t size = component_size(accessor.componentType);
+  const Result<Stretch> indices =
+      stretch(s.indices.bufferView,
+              {static_cast<std::size_t>(index_offset), count, index_size, index_size, false},
+              place + " sparse indices");
+  if (!indices) return tl::unexpected(indices.error());
+  const Result<Stretch> values =
+      stretch(s.values.bufferView,
+              {static_cast<std::size_t>(value_offset), count, size * elements.width, size, false},
+              place + " sparse values");
+  if (!values) return tl::unexpected(values.error());
+  for (std::size_t i = 0; i < count; ++i) {
+    const double to =
+        component_at(indices->data + i * indices->stride, s.indices.componentType, false);
+    if (!(to < static_cast<double>(accessor.count))) {
+      return fail("{}: {}: a sparse index is {}, there are {} elements", name_, place, to,
+                  accessor.count);
+    }
+    read_element(values->data + i * values->stride, accessor,
+                 elements.values.data() + static_cast<std::size_t>(to) * elements.width);
+  }
+  return {};
+}
+
+Result<Elements> Accessors::elements(int index, const std::string& what) {
+  if (!has(gltf_.accessors, index)) {
+    return fail("{}: {}: names accessor {}, there are {}", name_, what, index,
+                gltf_.accessors.size());
+  }
+  const tinygltf::Accessor& accessor = gltf_.accessors[static_cast<std::size_t>(index)];
+  const std::string place = fmt::format("{} (accessors/{})", what, index);
+  const std::size_t size = component_size(accessor.componentType);
+  const std::size_t width = component_count(accessor.type);
+  // Columns of matrices of smaller components have gaps between them.
+  if (size == 0 || width == 0 || (width == 16 && size != 4)) {
+    return fail("{}: {}: its component type or shape is not one for this use", name_, place);
+  }
+  // Indices may be up to three per triangle; nothing else is longer.
+  const std::size_t most = std::max(limits_.max_vertices, 3 * limits_.max_triangles);
+  if (accessor.count == 0 || accessor.count > most) {
+    return fail("{}: {}: has {} elements; 1 to {} can be read", name_, place, accessor.count, most);
+  }
+  // Without a buffer view they are zeros (glTF 2.0, 5.1.1).
+  Elements result{accessor.count, width, {}};
+  if (accessor.bufferView >= 0) {
+    const Result<Stretch> from =
+        stretch(accessor.bufferView,
+                {accessor.byteOffset, accessor.count, size * width, size, true}, place);
+    if (!from) return tl::unexpected(from.error());
+    result.values.resize(accessor.count * width);
+    for (std::size_t i = 0; i < accessor.count; ++i) {
+      read_element(from->data + i * from->stride, accessor, result.values.data() + i * width);
+    }
+  } else {
+    if (accessor.count * width > zeros_left_) {
+      return fail(
+          "{}: {}: has no buffer view; the file has more than {} numbers without data; export the "
+          "model again",
+          name_, place, zeros_allowed(limits_));
+    }
+    zeros_left_ -= accessor.count * width;
+    result.values.resize(accessor.count * width, 0.0);
+  }
+  if (accessor.sparse.isSparse) {
+    if (const Result<void> done = apply_sparse(accessor, result, place); !done) {
+      return tl::unexpected(done.error());
+    }
+  }
+  for (const double value : result.values) {
+    if (!std::isfinite(value)) {
+      return fail("{}: {}: has a number that is not finite; export the model again", name_, place);
+    }
+  }
+  return result;
+}
+
+Result<Elements> Accessors::attribute(const std::map<std::string, int>& list,
+                                      const std::string& key, const Shape& shape,
+                                      const std::string& what) {
+  const auto entry = list.find(key);
+  if (entry == list.end()) return Elements{};
+  const std::string place = what + "/" + key;
+  Result<Elements> found = elements(entry->second, place);
+  if (!found) return found;
+  if (found->width < shape.min_width || found->width > shape.max_width) {
+    return fail("{}: {}: has {} components, {} to {} expected", name_, place, found->width,
+                shape.min_width, shape.max_width);
+  }
+  if (shape.count != 0 && found->count != shape.count) {
+    return fail("{}: {}: has {} elements for {} vertices", name_, place, found->count, shape.count);
+  }
+  return found;
+}
+
+}  // namespace penumbra::gltf

@@ -1,0 +1,101 @@
+// Buffer views and accessors: the numbers of a file, with every range checked.
+#pragma once
+
+#include <tiny_gltf.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/error.hpp"
+#include "render/model/gltf/buffers.hpp"
+#include "render/model/model.hpp"
+
+namespace penumbra::gltf {
+
+template <class T>
+[[nodiscard]] bool has(const std::vector<T>& list, int index) {
+  return index >= 0 && static_cast<std::size_t>(index) < list.size();
+}
+
+// The numbers of an accessor: `count` elements of `width` components.
+struct Elements {
+  std::size_t count = 0;
+  std::size_t width = 0;
+  std::vector<double> values;
+
+  [[nodiscard]] double at(std::size_t element, std::size_t component) const {
+    return values[element * width + component];
+  }
+};
+
+// The size that an attribute must have. The component type is free: integers are normalised or
+// quantised numbers (KHR_mesh_quantization).
+struct Shape {
+  std::size_t min_width = 1;
+  std::size_t max_width = 1;
+  std::size_t count = 0;  // of elements; 0: any
+};
+
+// Most components, in all accessors together, that may be zero because they have no buffer view:
+// such an accessor costs the file nothing.
+[[nodiscard]] inline std::size_t zeros_allowed(const ModelLimits& limits) {
+  return limits.max_vertices;
+}
+
+class Accessors {
+ public:
+  Accessors(std::string name, const tinygltf::Model& gltf, Buffers& buffers,
+            const ModelLimits& limits)
+      : name_(std::move(name)),
+        gltf_(gltf),
+        buffers_(buffers),
+        limits_(limits),
+        zeros_left_(zeros_allowed(limits)) {}
+
+  [[nodiscard]] Result<std::span<const std::uint8_t>> view_bytes(int view,
+                                                                 const std::string& what) const;
+  // `what`: where the accessor is named.
+  [[nodiscard]] Result<Elements> elements(int accessor, const std::string& what);
+  // The elements that `list` names by `key`; empty where it does not. `what`: place of the list.
+  [[nodiscard]] Result<Elements> attribute(const std::map<std::string, int>& list,
+                                           const std::string& key, const Shape& shape,
+                                           const std::string& what);
+  // Returns an accessor, for checks of its component type, or nullptr if the index is out of range.
+  [[nodiscard]] const tinygltf::Accessor* find(int accessor) const {
+    return has(gltf_.accessors, accessor) ? &gltf_.accessors[static_cast<std::size_t>(accessor)]
+                                          : nullptr;
+  }
+
+ private:
+  // A stretch of a buffer, checked: elements that are `stride` bytes apart.
+  struct Stretch {
+    const std::uint8_t* data = nullptr;
+    std::size_t stride = 0;
+  };
+  struct Layout {
+    std::size_t offset = 0;
+    std::size_t count = 0;
+    std::size_t size = 0;  // of an element
+    std::size_t alignment = 0;
+    bool strided = false;
+  };
+  [[nodiscard]] Result<Stretch> stretch(int view, const Layout& layout,
+                                        const std::string& what) const;
+  [[nodiscard]] Result<void> apply_sparse(const tinygltf::Accessor& accessor, Elements& elements,
+                                          const std::string& place) const;
+
+  std::string name_;
+  const tinygltf::Model& gltf_;
+  Buffers& buffers_;
+  const ModelLimits& limits_;
+  std::size_t zeros_left_;  // of zeros_allowed()
+};
+
+// Returns true for component types of unsigned integers.
+[[nodiscard]] bool is_unsigned(int component_type);
+
+}  // namespace penumbra::gltf

@@ -1,0 +1,234 @@
+#include "render/model/gltf/materials.hpp"
+
+#include <algorithm>
+#include <optional>
+
+#include "render/model/model_parts.hpp"
+
+namespace penumbra::gltf {
+
+Result<TextureSampling> MaterialReader::sampling(int index) const {
+  TextureSampling result;
+  if (index < 0) return result;
+  if (!has(gltf_.samplers, index)) {
+    return fail("{}: a texture names sampler {}, there are {}", name_, index,
+                gltf_.samplers.size());
+  }
+  const tinygltf::Sampler& from = gltf_.samplers[static_cast<std::size_t>(index)];
+  const auto unknown = [&](const char* field, int value) {
+    return fail("{}: samplers/{}/{}: {} is none of glTF's values", name_, index, field, value);
+  };
+  const auto wrap = [](int value) -> std::optional<TextureWrap> {
+    switch (value) {
+      case TINYGLTF_TEXTURE_WRAP_REPEAT:
+        return TextureWrap::repeat;
+      case TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT:
+        return TextureWrap::mirrored;
+      case TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE:
+        return TextureWrap::clamp;
+      default:
+        return std::nullopt;
+    }
+  };
+  const auto s = wrap(from.wrapS);
+  const auto t = wrap(from.wrapT);
+  if (!s) return unknown("wrapS", from.wrapS);
+  if (!t) return unknown("wrapT", from.wrapT);
+  result.wrap_s = *s;
+  result.wrap_t = *t;
+  if (from.magFilter == TINYGLTF_TEXTURE_FILTER_NEAREST) {
+    result.smooth_near = false;
+  } else if (from.magFilter >= 0 && from.magFilter != TINYGLTF_TEXTURE_FILTER_LINEAR) {
+    return unknown("magFilter", from.magFilter);
+  }
+  switch (from.minFilter) {
+    case TINYGLTF_TEXTURE_FILTER_NEAREST:
+    case TINYGLTF_TEXTURE_FILTER_LINEAR:
+      result.mipmaps = TextureMipmaps::none;
+      break;
+    case TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_NEAREST:
+    case TINYGLTF_TEXTURE_FILTER_LINEAR_MIPMAP_NEAREST:
+      result.mipmaps = TextureMipmaps::nearest;
+      break;
+    case TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_LINEAR:
+    case TINYGLTF_TEXTURE_FILTER_LINEAR_MIPMAP_LINEAR:
+      break;
+    default:
+      if (from.minFilter >= 0) return unknown("minFilter", from.minFilter);
+  }
+  result.smooth_far = from.minFilter != TINYGLTF_TEXTURE_FILTER_NEAREST &&
+                      from.minFilter != TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_NEAREST &&
+                      from.minFilter != TINYGLTF_TEXTURE_FILTER_NEAREST_MIPMAP_LINEAR;
+  return result;
+}
+
+template <class Info>
+Result<MaterialTexture> MaterialReader::texture(const Info& info, const std::string& what,
+                                                std::vector<int>& texcoord_sets) {
+  MaterialTexture result;
+  if (info.index < 0) return result;
+  if (!has(gltf_.textures, info.index)) {
+    return fail("{}: {}: names texture {}, there are {}", name_, what, info.index,
+                gltf_.textures.size());
+  }
+  const Result<TextureSampling> sampled =
+      sampling(gltf_.textures[static_cast<std::size_t>(info.index)].sampler);
+  if (!sampled) return tl::unexpected(sampled.error());
+  const int image = image_of(info.index);
+  if (image < 0) return result;
+  if (info.extensions.contains("KHR_texture_transform")) {
+    notes_.add("its KHR_texture_transform is ignored; apply it to the texture coordinates", what);
+  }
+  auto set = std::ranges::find(texcoord_sets, info.texCoord);
+  if (set == texcoord_sets.end()) {
+    if (texcoord_sets.size() == 2) {
+      notes_.add(
+          "is ignored: it is the third of its material's textures that are laid out in different "
+          "ways",
+          what);
+      return result;
+    }
+    texcoord_sets.push_back(info.texCoord);
+    set = texcoord_sets.end() - 1;
+  }
+  result.image = image;
+  result.texcoords = static_cast<int>(set - texcoord_sets.begin());
+  result.sampling = *sampled;
+  return result;
+}
+
+int MaterialReader::image_of(int index) {
+  const tinygltf::Texture& texture = gltf_.textures[static_cast<std::size_t>(index)];
+  const std::string place = fmt::format("textures/{}", index);
+  if (texture.source < 0) {
+    if (texture.extensions.empty()) {
+      notes_.add("has no source; drawn in plain colour", place);
+    } else {
+      notes_.add(fmt::format("has only an image of the glTF extension {}, which can't be read; "
+                             "drawn in plain colour",
+                             texture.extensions.begin()->first.substr(0, 80)),
+                 place);
+    }
+    return -1;
+  }
+  const auto [known, is_new] = texture_of_image_.try_emplace(texture.source, -1);
+  if (!is_new) return known->second;
+  const Result<int> decoded = decoded_image(texture.source);
+  if (decoded) {
+    known->second = *decoded;
+  } else {
+    model_.warnings.push_back(decoded.error().message + "; drawn in plain colour");
+  }
+  return known->second;
+}
+
+Result<int> MaterialReader::decoded_image(int index) {
+  if (!has(document_.images, index)) {
+    return fail("{}: a texture names image {}, there are {}", name_, index,
+                document_.images.size());
+  }
+  const ImageSource& image = document_.images[static_cast<std::size_t>(index)];
+  const std::string place = fmt::format("{}: images/{}", name_, index);
+  if (image.buffer_view >= 0) {
+    const Result<std::span<const std::uint8_t>> coded =
+        accessors_.view_bytes(image.buffer_view, fmt::format("images/{}", index));
+    if (!coded) return tl::unexpected(coded.error());
+    return add_texture(model_, *coded, place, limits_);
+  }
+  if (image.uri.empty()) return fail("{}: has neither a uri nor a bufferView", place);
+  const Result<std::vector<std::uint8_t>> coded = buffers_.fetch(image.uri);
+  if (!coded) return fail_in(place, coded.error());
+  return add_texture(model_, *coded, place, limits_);
+}
+
+Result<Material> MaterialReader::factors(std::size_t index) const {
+  const tinygltf::Material& from = gltf_.materials[index];
+  const tinygltf::PbrMetallicRoughness& pbr = from.pbrMetallicRoughness;
+  const std::string what = fmt::format("materials/{}", index);
+  if (pbr.baseColorFactor.size() != 4 ||
+      (!from.emissiveFactor.empty() && from.emissiveFactor.size() != 3)) {
+    return fail("{}: {}: a colour has the wrong number of components", name_, what);
+  }
+  // Exporters round 1 upwards and write lights brighter than 1.
+  constexpr double kRounding = 1e-3;
+  const auto in_unit = [&](double factor) {
+    if (factor < -kRounding || factor > 1.0 + kRounding) {
+      notes_.add("a factor is outside 0 to 1 and is clamped", what);
+    }
+    return static_cast<float>(std::clamp(factor, 0.0, 1.0));
+  };
+  Material material;
+  material.name = from.name.empty() ? what : from.name;
+  for (int c = 0; c < 4; ++c) {
+    material.base_color[c] = in_unit(pbr.baseColorFactor[static_cast<std::size_t>(c)]);
+  }
+  if (from.alphaMode == "MASK") {
+    material.alpha_mode = AlphaMode::mask;
+    material.alpha_cutoff = static_cast<float>(from.alphaCutoff);
+  } else if (from.alphaMode == "BLEND") {
+    material.alpha_mode = AlphaMode::blend;
+  } else if (from.alphaMode == "OPAQUE") {
+    material.base_color.a = 1.0F;
+  } else {
+    return fail("{}: {}/alphaMode: \"{}\" is none of OPAQUE, MASK and BLEND", name_, what,
+                from.alphaMode.substr(0, 40));
+  }
+  for (int c = 0; c < 3 && !from.emissiveFactor.empty(); ++c) {
+    material.emissive[c] = in_unit(from.emissiveFactor[static_cast<std::size_t>(c)]);
+  }
+  material.metallic = in_unit(pbr.metallicFactor);
+  material.roughness = in_unit(pbr.roughnessFactor);
+  material.double_sided = from.doubleSided;
+  material.normal_scale = static_cast<float>(from.normalTexture.scale);
+  const double occlusion = from.occlusionTexture.strength;
+  material.occlusion_strength =
+      static_cast<float>(occlusion > 1.0 && occlusion <= 1.0 + kRounding ? 1.0 : occlusion);
+  return material;
+}
+
+Result<void> MaterialReader::read_textures(std::size_t index, Material& to) {
+  const tinygltf::Material& from = gltf_.materials[index];
+  const tinygltf::PbrMetallicRoughness& pbr = from.pbrMetallicRoughness;
+  std::vector<int>& sets = texcoord_sets_[index];
+  std::optional<Error> failed;
+  const auto take = [&](MaterialTexture& texture_of, const auto& info, const char* which) {
+    if (failed) return;
+    Result<MaterialTexture> taken =
+        texture(info, fmt::format("materials/{}/{}", index, which), sets);
+    if (taken) {
+      texture_of = *taken;
+    } else {
+      failed = taken.error();
+    }
+  };
+  take(to.base_color_texture, pbr.baseColorTexture, "baseColorTexture");
+  take(to.metallic_roughness_texture, pbr.metallicRoughnessTexture, "metallicRoughnessTexture");
+  take(to.normal_texture, from.normalTexture, "normalTexture");
+  take(to.occlusion_texture, from.occlusionTexture, "occlusionTexture");
+  take(to.emissive_texture, from.emissiveTexture, "emissiveTexture");
+  if (failed) return tl::unexpected(*failed);
+  return {};
+}
+
+Result<void> MaterialReader::read(const std::vector<bool>& used) {
+  texcoord_sets_.resize(gltf_.materials.size() + 1);
+  for (std::size_t i = 0; i < gltf_.materials.size(); ++i) {
+    Material material;
+    material.name = gltf_.materials[i].name;
+    if (used[i]) {
+      Result<Material> read = factors(i);
+      if (!read) return tl::unexpected(read.error());
+      material = std::move(*read);
+      if (Result<void> done = read_textures(i, material); !done) return done;
+    }
+    model_.materials.push_back(std::move(material));
+  }
+  // The material of primitives without one. The default of the specification (5.19) is a metal,
+  // which would be black without an environment to mirror; here it is a plain white body.
+  Material plain;
+  plain.name = "default";
+  model_.materials.push_back(plain);
+  return {};
+}
+
+}  // namespace penumbra::gltf

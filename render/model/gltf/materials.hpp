@@ -1,0 +1,61 @@
+// Materials with their textures and samplers.
+#pragma once
+
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "core/error.hpp"
+#include "render/model/gltf/accessors.hpp"
+#include "render/model/gltf/notes.hpp"
+
+namespace penumbra::gltf {
+
+// Reads the materials into a model, in the order of the file, and behind them the one of primitives
+// without a material. Pictures that can't be had become warnings and leave plain colour.
+class MaterialReader {
+ public:
+  MaterialReader(std::string name, const Document& document, const Accessors& accessors,
+                 Buffers& buffers, const ModelLimits& limits, Model& model, Notes& notes)
+      : name_(std::move(name)),
+        document_(document),
+        gltf_(document.model),
+        accessors_(accessors),
+        buffers_(buffers),
+        limits_(limits),
+        model_(model),
+        notes_(notes) {}
+
+  // `used`: per material; the pictures of others are not tried.
+  [[nodiscard]] Result<void> read(const std::vector<bool>& used);
+
+  // The TEXCOORD sets of a material's textures, at most two.
+  [[nodiscard]] const std::vector<int>& texcoord_sets(std::size_t material) const {
+    return texcoord_sets_[material];
+  }
+
+ private:
+  [[nodiscard]] Result<Material> factors(std::size_t material) const;
+  [[nodiscard]] Result<void> read_textures(std::size_t material, Material& to);
+  // `Info`: one of tinygltf's kinds of texture reference.
+  template <class Info>
+  [[nodiscard]] Result<MaterialTexture> texture(const Info& info, const std::string& what,
+                                                std::vector<int>& texcoord_sets);
+  [[nodiscard]] Result<TextureSampling> sampling(int sampler) const;
+  // Index into the model's textures, or -1 where the picture can't be had.
+  [[nodiscard]] int image_of(int texture);
+  [[nodiscard]] Result<int> decoded_image(int image);
+
+  std::string name_;
+  const Document& document_;
+  const tinygltf::Model& gltf_;
+  const Accessors& accessors_;
+  Buffers& buffers_;
+  const ModelLimits& limits_;
+  Model& model_;
+  Notes& notes_;
+  std::unordered_map<int, int> texture_of_image_;
+  std::vector<std::vector<int>> texcoord_sets_;
+};
+
+}  // namespace penumbra::gltf

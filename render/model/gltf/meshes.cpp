@@ -1,0 +1,366 @@
+#include "render/model/gltf/meshes.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "render/model/gltf/extensions.hpp"
+
+namespace penumbra::gltf {
+namespace {
+
+glm::vec3 vector_at(const Elements& from, std::size_t i) {
+  return {static_cast<float>(from.at(i, 0)), static_cast<float>(from.at(i, 1)),
+          static_cast<float>(from.at(i, 2))};
+}
+
+std::vector<glm::vec3> vectors(const Elements& from) {
+  std::vector<glm::vec3> result;
+  result.reserve(from.count);
+  for (std::size_t i = 0; i < from.count; ++i) result.push_back(vector_at(from, i));
+  return result;
+}
+
+int mode_of(const tinygltf::Primitive& primitive) {
+  return primitive.mode < 0 ? TINYGLTF_MODE_TRIANGLES : primitive.mode;
+}
+
+// Returns true if the data of a primitive is in its Draco extension alone.
+bool is_draco_only(const tinygltf::Primitive& primitive, const Accessors& accessors) {
+  if (!primitive.extensions.contains(kDraco)) return false;
+  return std::ranges::any_of(primitive.attributes, [&](const auto& attribute) {
+    const tinygltf::Accessor* accessor = accessors.find(attribute.second);
+    return accessor != nullptr && accessor->bufferView < 0 && !accessor->sparse.isSparse;
+  });
+}
+
+// Writes out a list, strip or fan of triangles.
+std::vector<std::uint32_t> as_list(const std::vector<std::uint32_t>& order, int mode) {
+  std::vector<std::uint32_t> result;
+  // Faces whose corners coincide stay in a list; in a strip they only lead on.
+  const bool listed = mode == TINYGLTF_MODE_TRIANGLES;
+  const auto add = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c) {
+    if (listed || (a != b && b != c && c != a)) result.insert(result.end(), {a, b, c});
+  };
+  if (mode == TINYGLTF_MODE_TRIANGLES) {
+    for (std::size_t i = 0; i + 2 < order.size(); i += 3) add(order[i], order[i + 1], order[i + 2]);
+  } else if (mode == TINYGLTF_MODE_TRIANGLE_STRIP) {
+    for (std::size_t i = 0; i + 2 < order.size(); ++i) {
+      const bool odd = i % 2 == 1;
+      add(order[i], order[i + (odd ? 2 : 1)], order[i + (odd ? 1 : 2)]);
+    }
+  } else {
+    for (std::size_t i = 1; i + 1 < order.size(); ++i) add(order[0], order[i], order[i + 1]);
+  }
+  return result;
+}
+
+}  // namespace
+
+bool has_surface(const tinygltf::Primitive& primitive) {
+  return primitive.attributes.contains("POSITION") && mode_of(primitive) >= TINYGLTF_MODE_TRIANGLES;
+}
+
+// The corners' vertices in the order of the file.
+Result<std::vector<std::uint32_t>> MeshReader::corners(const tinygltf::Primitive& from,
+                                                       std::size_t vertices,
+                                                       const std::string& what) const {
+  std::vector<std::uint32_t> order;
+  const auto entry = from.attributes.find(kIndicesKey);
+  if (entry == from.attributes.end()) {
+    order.resize(vertices);
+    for (std::size_t i = 0; i < vertices; ++i) order[i] = static_cast<std::uint32_t>(i);
+    return order;
+  }
+  const std::string place = what + "/indices";
+  const Result<Elements> indices = accessors_.elements(entry->second, place);
+  if (!indices) return tl::unexpected(indices.error());
+  const tinygltf::Accessor* accessor = accessors_.find(entry->second);
+  if (indices->width != 1 || !is_unsigned(accessor->componentType) || accessor->normalized) {
+    return fail("{}: {}: are not unsigned integers", name_, place);
+  }
+  order.reserve(indices->count);
+  for (const double index : indices->values) {
+    if (!(index < static_cast<double>(vertices))) {
+      return fail("{}: {}: names vertex {}, there are {}", name_, place, index, vertices);
+    }
+    order.push_back(static_cast<std::uint32_t>(index));
+  }
+  return order;
+}
+
+// Indices of a triangle list; strips and fans are written out.
+Result<std::vector<std::uint32_t>> MeshReader::triangles(const tinygltf::Primitive& from,
+                                                         std::size_t vertices,
+                                                         const std::string& what) const {
+  const int mode = mode_of(from);
+  if (mode > TINYGLTF_MODE_TRIANGLE_FAN) {
+    return fail("{}: {}/mode: {} is none of glTF's values", name_, what, mode);
+  }
+  const Result<std::vector<std::uint32_t>> order = corners(from, vertices, what);
+  if (!order) return order;
+  if (mode == TINYGLTF_MODE_TRIANGLES && order->size() % 3 != 0) {
+    return fail("{}: {}: has {} indices, not a multiple of 3", name_, what, order->size());
+  }
+  std::vector<std::uint32_t> result = as_list(*order, mode);
+  if (result.size() / 3 > limits_.max_triangles) {
+    return fail("{}: {}: has {} triangles, more than the {} allowed", name_, what,
+                result.size() / 3, limits_.max_triangles);
+  }
+  return result;
+}
+
+Result<void> MeshReader::read_texcoords(const tinygltf::Primitive& from, const std::string& what,
+                                        Mesh& mesh) const {
+  std::vector<int> sets = materials_.texcoord_sets(static_cast<std::size_t>(mesh.material));
+  if (sets.empty()) sets.push_back(0);
+  for (std::size_t s = 0; s < sets.size(); ++s) {
+    const Result<Elements> read =
+        accessors_.attribute(from.attributes, fmt::format("TEXCOORD_{}", sets[s]),
+                             {2, 2, mesh.positions.size()}, what + "/attributes");
+    if (!read) return tl::unexpected(read.error());
+    std::vector<glm::vec2>& to = s == 0 ? mesh.texcoords : mesh.texcoords_2;
+    for (std::size_t i = 0; i < read->count; ++i)
+      to.emplace_back(static_cast<float>(read->at(i, 0)), static_cast<float>(read->at(i, 1)));
+  }
+  return {};
+}
+
+// Everything but positions and faces.
+Result<void> MeshReader::read_attributes(const tinygltf::Primitive& from, const std::string& what,
+                                         Mesh& mesh) const {
+  const std::size_t count = mesh.positions.size();
+  const auto read = [&](const char* key, std::size_t min_width, std::size_t max_width) {
+    return accessors_.attribute(from.attributes, key, {min_width, max_width, count},
+                                what + "/attributes");
+  };
+  const Result<Elements> normals = read("NORMAL", 3, 3);
+  if (!normals) return tl::unexpected(normals.error());
+  const Result<Elements> colors = read("COLOR_0", 3, 4);
+  if (!colors) return tl::unexpected(colors.error());
+  const Result<Elements> kernels = read("_SHADOW_KERNEL", 3, 3);
+  if (!kernels) return tl::unexpected(kernels.error());
+  if (Result<void> done = read_texcoords(from, what, mesh); !done) return done;
+  mesh.normals = vectors(*normals);
+  mesh.shadow_kernels = vectors(*kernels);
+  const auto number = [](const Elements& elements, std::size_t i, std::size_t c) {
+    return static_cast<float>(elements.at(i, c));
+  };
+  for (std::size_t i = 0; i < colors->count; ++i) {
+    mesh.colors.emplace_back(vector_at(*colors, i),
+                             colors->width == 4 ? number(*colors, i, 3) : 1.0F);
+  }
+  const Material& material = model_.materials[static_cast<std::size_t>(mesh.material)];
+  if (material.normal_texture.image < 0) return {};
+  const Result<Elements> tangents = read("TANGENT", 4, 4);
+  if (!tangents) return tl::unexpected(tangents.error());
+  for (std::size_t i = 0; i < tangents->count; ++i) {
+    mesh.tangents.emplace_back(vector_at(*tangents, i), number(*tangents, i, 3));
+  }
+  return {};
+}
+
+Result<void> MeshReader::read_targets(const tinygltf::Primitive& from, Primitive& to) const {
+  for (std::size_t t = 0; t < from.targets.size(); ++t) {
+    const std::string place = fmt::format("{}/targets/{}", to.place, t);
+    MorphTarget target;
+    const auto read = [&](const char* key, std::vector<glm::vec3>& vectors_of) -> Result<void> {
+      const Result<Elements> elements =
+          accessors_.attribute(from.targets[t], key, {3, 3, to.mesh.positions.size()}, place);
+      if (!elements) return tl::unexpected(elements.error());
+      vectors_of = vectors(*elements);
+      return {};
+    };
+    if (Result<void> done = read("POSITION", target.positions); !done) return done;
+    if (Result<void> done = read("NORMAL", target.normals); !done) return done;
+    if (Result<void> done = read("TANGENT", target.tangents); !done) return done;
+    for (const auto& [key, accessor] : from.targets[t]) {
+      if (key.starts_with("TEXCOORD_") || key.starts_with("COLOR_")) {
+        notes_.add("its texture coordinates and colours are not morphed", place);
+        break;
+      }
+    }
+    to.targets.push_back(std::move(target));
+  }
+  return {};
+}
+
+// JOINTS_0, WEIGHTS_0 and the sets that follow them.
+Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& from,
+                                                  const Primitive& to) const {
+  const std::size_t count = to.mesh.positions.size();
+  const std::string place = to.place + "/attributes";
+  std::vector<Elements> joints, weights;
+  for (int set = 0;; ++set) {
+    const std::string joints_key = fmt::format("JOINTS_{}", set);
+    const std::string weights_key = fmt::format("WEIGHTS_{}", set);
+    const auto joints_entry = from.attributes.find(joints_key);
+    const auto weights_entry = from.attributes.find(weights_key);
+    const bool has_joints = joints_entry != from.attributes.end();
+    if (has_joints != (weights_entry != from.attributes.end())) {
+      return fail("{}: {}: has {} without {}", name_, place, has_joints ? joints_key : weights_key,
+                  has_joints ? weights_key : joints_key);
+    }
+    if (!has_joints) break;
+    Result<Elements> j = accessors_.attribute(from.attributes, joints_key, {4, 4, count}, place);
+    if (!j) return tl::unexpected(j.error());
+    Result<Elements> w = accessors_.attribute(from.attributes, weights_key, {4, 4, count}, place);
+    if (!w) return tl::unexpected(w.error());
+    const tinygltf::Accessor* joint_type = accessors_.find(joints_entry->second);
+    const tinygltf::Accessor* weight_type = accessors_.find(weights_entry->second);
+    if (!is_unsigned(joint_type->componentType) || joint_type->normalized) {
+      return fail("{}: {}/{}: are not unsigned integers", name_, place, joints_key);
+    }
+    if (weight_type->componentType != TINYGLTF_COMPONENT_TYPE_FLOAT &&
+        !(is_unsigned(weight_type->componentType) && weight_type->normalized)) {
+      return fail("{}: {}/{}: are neither floats nor normalized unsigned integers", name_, place,
+                  weights_key);
+    }
+    joints.push_back(std::move(*j));
+    weights.push_back(std::move(*w));
+  }
+  SkinWeights skin{4 * joints.size(), {}, {}};
+  bool far_off = false, weightless = false;
+  for (std::size_t i = 0; i < count && skin.per_vertex > 0; ++i) {
+    const std::size_t first = skin.weights.size();
+    double sum = 0.0;
+    for (std::size_t set = 0; set < joints.size(); ++set) {
+      for (std::size_t c = 0; c < 4; ++c) {
+        const double weight = weights[set].at(i, c);
+        if (weight < 0.0) {
+          return fail("{}: {}/WEIGHTS_{}: vertex {} has a weight of {}; export the model again",
+                      name_, place, set, i, weight);
+        }
+        sum += weight;
+        skin.weights.push_back(weight);
+        skin.joints.push_back(static_cast<std::uint32_t>(joints[set].at(i, c)));
+      }
+    }
+    // Eight weights of 8 bits may miss 1 by 8 * 0.5 / 255.
+    far_off = far_off || std::abs(sum - 1.0) > 0.02;
+    if (!(sum > 0.0)) {
+      weightless = true;
+      skin.weights[first] = sum = 1.0;
+    }
+    for (std::size_t k = first; k < skin.weights.size(); ++k) skin.weights[k] /= sum;
+  }
+  if (weightless) {
+    notes_.add("has vertices without weights; they follow the first joint that they name", place);
+  } else if (far_off) {
+    notes_.add("has skin weights that do not add up to 1; they are scaled to do so", place);
+  }
+  return skin;
+}
+
+Result<Primitive> MeshReader::read_primitive(const tinygltf::Primitive& from,
+                                             const std::string& what,
+                                             std::uint32_t first_vertex) const {
+  if (is_draco_only(from, accessors_)) return fail_compressed(name_, kDraco);
+  Primitive primitive{what, {}, {}, {}};
+  Mesh& mesh = primitive.mesh;
+  const Result<Elements> positions =
+      accessors_.attribute(from.attributes, "POSITION", {3, 3, 0}, what + "/attributes");
+  if (!positions) return tl::unexpected(positions.error());
+  if (positions->count > limits_.max_vertices) {
+    return fail("{}: {}: has {} vertices, more than the {} allowed", name_, what, positions->count,
+                limits_.max_vertices);
+  }
+  mesh.positions = vectors(*positions);
+  for (std::size_t i = 0; i < positions->count; ++i) {
+    mesh.source_vertex.push_back(first_vertex + static_cast<std::uint32_t>(i));
+  }
+  const auto materials = static_cast<int>(gltf_.materials.size());
+  if (from.material >= materials) {
+    return fail("{}: {}: names material {}, there are {}", name_, what, from.material, materials);
+  }
+  mesh.material = from.material < 0 ? materials : from.material;
+  if (Result<void> done = read_attributes(from, what, mesh); !done) {
+    return tl::unexpected(done.error());
+  }
+  Result<std::vector<std::uint32_t>> indices = triangles(from, positions->count, what);
+  if (!indices) return tl::unexpected(indices.error());
+  mesh.indices = std::move(*indices);
+  if (Result<void> done = read_targets(from, primitive); !done) {
+    return tl::unexpected(done.error());
+  }
+  return primitive;
+}
+
+Result<void> MeshReader::number_vertices() {
+  std::size_t vertices = 0;
+  for (std::size_t m = 0; m < gltf_.meshes.size(); ++m) {
+    for (const tinygltf::Primitive& primitive : gltf_.meshes[m].primitives) {
+      meshes_[m].first_vertex.push_back(static_cast<std::uint32_t>(vertices));
+      const auto positions = primitive.attributes.find("POSITION");
+      if (positions == primitive.attributes.end()) continue;
+      const tinygltf::Accessor* accessor = accessors_.find(positions->second);
+      if (accessor == nullptr) continue;
+      if (accessor->count > limits_.max_vertices - vertices) {
+        return fail("{}: has more than the {} vertices allowed", name_, limits_.max_vertices);
+      }
+      vertices += accessor->count;
+      meshes_[m].vertex_count += static_cast<std::uint32_t>(accessor->count);
+    }
+  }
+  model_.source_vertex_count = static_cast<std::uint32_t>(vertices);
+  return {};
+}
+
+Result<std::uint32_t> MeshReader::source_shift_of_next_use(int mesh) {
+  Entry& entry = meshes_[static_cast<std::size_t>(mesh)];
+  if (!entry.is_used || entry.first_vertex.empty()) {
+    entry.is_used = true;
+    return 0U;
+  }
+  const std::uint32_t shift = model_.source_vertex_count - entry.first_vertex.front();
+  const std::size_t count = std::size_t{model_.source_vertex_count} + entry.vertex_count;
+  if (count > limits_.max_vertices) {
+    return fail("{}: has more than the {} vertices allowed", name_, limits_.max_vertices);
+  }
+  model_.source_vertex_count = static_cast<std::uint32_t>(count);
+  return shift;
+}
+
+Result<void> MeshReader::read_mesh(std::size_t index, Entry& entry) {
+  const tinygltf::Mesh& from = gltf_.meshes[index];
+  std::vector<Primitive>& primitives = entry.primitives.emplace();
+  for (std::size_t p = 0; p < from.primitives.size(); ++p) {
+    const std::string place = fmt::format("meshes/{}/primitives/{}", index, p);
+    const tinygltf::Primitive& primitive = from.primitives[p];
+    if (!primitive.attributes.contains("POSITION")) {
+      notes_.add("has no POSITION attribute and is ignored", place);
+      continue;
+    }
+    if (!has_surface(primitive)) {
+      notes_.add("draws points or lines, which have no surface, and is ignored", place);
+      continue;
+    }
+    Result<Primitive> read = read_primitive(primitive, place, entry.first_vertex[p]);
+    if (!read) return tl::unexpected(read.error());
+    read->mesh.name = from.name;
+    read->index = p;
+    primitives.push_back(std::move(*read));
+  }
+  return {};
+}
+
+Result<const std::vector<Primitive>*> MeshReader::mesh(int index, bool skinned) {
+  const auto m = static_cast<std::size_t>(index);
+  Entry& entry = meshes_[m];
+  if (!entry.primitives) {
+    if (Result<void> done = read_mesh(m, entry); !done) return tl::unexpected(done.error());
+  }
+  if (skinned && !entry.has_skin_weights) {
+    entry.has_skin_weights = true;
+    std::size_t next = 0;
+    for (const tinygltf::Primitive& from : gltf_.meshes[m].primitives) {
+      if (!has_surface(from)) continue;
+      Primitive& to = (*entry.primitives)[next++];
+      Result<SkinWeights> skin = read_skin_weights(from, to);
+      if (!skin) return tl::unexpected(skin.error());
+      to.skin = std::move(*skin);
+    }
+  }
+  return &*entry.primitives;
+}
+
+}  // namespace penumbra::gltf

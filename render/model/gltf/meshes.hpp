@@ -1,0 +1,106 @@
+// Primitives: attributes, faces, morph targets and skin weights in the frame of their mesh.
+#pragma once
+
+#include <cstdint>
+#include <glm/vec3.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/error.hpp"
+#include "render/model/gltf/accessors.hpp"
+#include "render/model/gltf/materials.hpp"
+#include "render/model/gltf/notes.hpp"
+
+namespace penumbra::gltf {
+
+// Displacements of each vertex at a weight of 1; empty if the target has no such attribute.
+struct MorphTarget {
+  std::vector<glm::vec3> positions;
+  std::vector<glm::vec3> normals;
+  std::vector<glm::vec3> tangents;
+};
+
+// The joints that move each vertex: `per_vertex` of them, with weights that add up to 1.
+struct SkinWeights {
+  std::size_t per_vertex = 0;
+  std::vector<std::uint32_t> joints;
+  std::vector<double> weights;
+};
+
+struct Primitive {
+  std::string place;  // in the file
+  Mesh mesh;
+  std::vector<MorphTarget> targets;
+  SkinWeights skin;       // empty if the primitive has none or no skin uses it
+  std::size_t index = 0;  // among the primitives of its mesh
+};
+
+// Returns true for a primitive of triangles with positions.
+[[nodiscard]] bool has_surface(const tinygltf::Primitive& primitive);
+
+// Reads a mesh when it is first needed: meshes that no node shows may be malformed.
+class MeshReader {
+ public:
+  MeshReader(std::string name, const tinygltf::Model& gltf, Accessors& accessors,
+             const MaterialReader& materials, const ModelLimits& limits, Model& model, Notes& notes)
+      : name_(std::move(name)),
+        gltf_(gltf),
+        accessors_(accessors),
+        materials_(materials),
+        limits_(limits),
+        model_(model),
+        notes_(notes),
+        meshes_(gltf.meshes.size()) {}
+
+  // Numbers the vertices of all meshes, whether they are shown or not.
+  [[nodiscard]] Result<void> number_vertices();
+  // The primitives of a mesh that have a surface. `skinned`: with their skin weights.
+  [[nodiscard]] Result<const std::vector<Primitive>*> mesh(int index, bool skinned);
+
+  // The number of a mesh's vertices, with those of primitives without a surface.
+  [[nodiscard]] std::size_t vertex_count(int mesh) const {
+    return meshes_[static_cast<std::size_t>(mesh)].vertex_count;
+  }
+
+  // Returns the offset of the source vertices of the next use of a mesh from the numbers of
+  // number_vertices(). Each use but the first is numbered separately, behind all others.
+  [[nodiscard]] Result<std::uint32_t> source_shift_of_next_use(int mesh);
+
+ private:
+  struct Entry {
+    std::optional<std::vector<Primitive>> primitives;
+    std::vector<std::uint32_t> first_vertex;  // per primitive
+    bool has_skin_weights = false;
+    std::uint32_t vertex_count = 0;
+    bool is_used = false;
+  };
+  [[nodiscard]] Result<void> read_mesh(std::size_t index, Entry& entry);
+  [[nodiscard]] Result<Primitive> read_primitive(const tinygltf::Primitive& from,
+                                                 const std::string& what,
+                                                 std::uint32_t first_vertex) const;
+  [[nodiscard]] Result<void> read_attributes(const tinygltf::Primitive& from,
+                                             const std::string& what, Mesh& mesh) const;
+  [[nodiscard]] Result<void> read_texcoords(const tinygltf::Primitive& from,
+                                            const std::string& what, Mesh& mesh) const;
+  [[nodiscard]] Result<void> read_targets(const tinygltf::Primitive& from, Primitive& to) const;
+  [[nodiscard]] Result<SkinWeights> read_skin_weights(const tinygltf::Primitive& from,
+                                                      const Primitive& to) const;
+  [[nodiscard]] Result<std::vector<std::uint32_t>> corners(const tinygltf::Primitive& from,
+                                                           std::size_t vertices,
+                                                           const std::string& what) const;
+  [[nodiscard]] Result<std::vector<std::uint32_t>> triangles(const tinygltf::Primitive& from,
+                                                             std::size_t vertices,
+                                                             const std::string& what) const;
+
+  std::string name_;
+  const tinygltf::Model& gltf_;
+  Accessors& accessors_;
+  const MaterialReader& materials_;
+  const ModelLimits& limits_;
+  Model& model_;
+  Notes& notes_;
+  std::vector<Entry> meshes_;
+};
+
+}  // namespace penumbra::gltf

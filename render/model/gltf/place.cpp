@@ -1,0 +1,256 @@
+#include "render/model/gltf/place.hpp"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "render/model/gltf/skins.hpp"
+#include "render/model/model_parts.hpp"
+#include "render/model/to_eigen.hpp"
+
+namespace penumbra::gltf {
+namespace {
+
+// The linear part of an affine transform.
+struct Orientation {
+  Eigen::Matrix3d linear;
+  // Normals follow the cofactor matrix (det * inverse transposed), which also exists where the
+  // inverse does not. Scaled to a largest entry of 1; turned back where the transform mirrors.
+  Eigen::Matrix3d cofactor;
+  double determinant = 0.0;
+  bool has_surface = false;  // false: surfaces become lines or points
+};
+
+Orientation orientation_of(const Eigen::Matrix4d& T) {
+  Orientation result;
+  result.linear = T.topLeftCorner<3, 3>();
+  const Eigen::Matrix3d& linear = result.linear;
+  result.determinant = linear.determinant();
+  result.cofactor << linear.col(1).cross(linear.col(2)), linear.col(2).cross(linear.col(0)),
+      linear.col(0).cross(linear.col(1));
+  if (result.determinant < 0.0) result.cofactor = -result.cofactor;
+  const double size = result.cofactor.cwiseAbs().maxCoeff();
+  result.has_surface = size > 0.0;
+  if (result.has_surface) result.cofactor /= size;
+  return result;
+}
+
+glm::vec3 single(const Eigen::Vector3d& v) {
+  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
+}
+
+// Transforms one primitive vertex by vertex.
+class VertexTransformer {
+ public:
+  explicit VertexTransformer(const PlacedPrimitive& placed)
+      : placed_(placed),
+        base_(placed.primitive->mesh),
+        is_skinned_(placed.placement.joint_matrices != nullptr &&
+                    placed.primitive->skin.per_vertex > 0),
+        is_morphed_(std::ranges::any_of(placed.morph_weights, [](double w) { return w != 0.0; })),
+        rigid_(orientation_of(placed.placement.T_root_mesh)) {}
+
+  // Returns false if a coordinate is not finite or over `max_coordinate`.
+  [[nodiscard]] bool measure(double max_coordinate);
+  // After measure().
+  [[nodiscard]] Mesh mesh(const Eigen::Vector3d& origin) const;
+
+  [[nodiscard]] const PlacedPrimitive& placed() const { return placed_; }
+  [[nodiscard]] const Eigen::AlignedBox3d& bounds() const { return bounds_; }
+  // The resolution of the file's float coordinates where they are placed [m].
+  [[nodiscard]] double step() const { return step_; }
+  [[nodiscard]] bool has_surface() const { return has_surface_; }
+  [[nodiscard]] bool is_point() const { return is_point_; }
+
+ private:
+  using Deltas = std::vector<glm::vec3> MorphTarget::*;
+  [[nodiscard]] Eigen::Matrix4d transform(std::size_t vertex) const {
+    return is_skinned_ ? blended(placed_.primitive->skin, vertex, *placed_.placement.joint_matrices)
+                       : placed_.placement.T_root_mesh;
+  }
+  [[nodiscard]] Orientation orientation(std::size_t vertex) const {
+    return is_skinned_ ? orientation_of(transform(vertex)) : rigid_;
+  }
+  // Adds the weighted displacements of the morph targets (glTF 2.0, 3.7.2.2).
+  [[nodiscard]] Eigen::Vector3d morphed(const glm::vec3& base, std::size_t vertex,
+                                        Deltas attribute) const;
+  [[nodiscard]] Eigen::Vector3d morphed_unit(const glm::vec3& base, std::size_t vertex,
+                                             Deltas attribute) const;
+  [[nodiscard]] Eigen::Vector3d position(const Eigen::Matrix4d& T, std::size_t vertex) const {
+    const Eigen::Vector3d p = morphed(base_.positions[vertex], vertex, &MorphTarget::positions);
+    return (T * Eigen::Vector4d(p.x(), p.y(), p.z(), 1.0)).head<3>();
+  }
+  void turn_normals(Mesh& mesh) const;
+  void turn_tangents(Mesh& mesh) const;
+
+  const PlacedPrimitive& placed_;
+  const Mesh& base_;
+  bool is_skinned_;
+  bool is_morphed_;
+  Orientation rigid_;
+  Eigen::AlignedBox3d bounds_;
+  double step_ = 0.0;
+  bool has_surface_ = false;
+  bool is_point_ = true;
+  std::size_t mirrored_ = 0;  // vertices
+};
+
+Eigen::Vector3d VertexTransformer::morphed(const glm::vec3& base, std::size_t vertex,
+                                           Deltas attribute) const {
+  Eigen::Vector3d sum = to_eigen(base);
+  if (!is_morphed_) return sum;
+  for (std::size_t t = 0; t < placed_.morph_weights.size(); ++t) {
+    const std::vector<glm::vec3>& deltas = placed_.primitive->targets[t].*attribute;
+    if (!deltas.empty()) sum += placed_.morph_weights[t] * to_eigen(deltas[vertex]);
+  }
+  return sum;
+}
+
+Eigen::Vector3d VertexTransformer::morphed_unit(const glm::vec3& base, std::size_t vertex,
+                                                Deltas attribute) const {
+  const Eigen::Vector3d sum = morphed(base, vertex, attribute);
+  return is_morphed_ ? sum.stableNormalized() : sum;
+}
+
+bool VertexTransformer::measure(double max_coordinate) {
+  for (std::size_t i = 0; i < base_.positions.size(); ++i) {
+    const Eigen::Matrix4d T = transform(i);
+    const Orientation turn = is_skinned_ ? orientation_of(T) : rigid_;
+    if (!T.allFinite() || !std::isfinite(turn.determinant)) return false;
+    has_surface_ = has_surface_ || turn.has_surface;
+    is_point_ = is_point_ && turn.linear.isZero(0.0);
+    if (turn.determinant < 0.0) ++mirrored_;
+    const Eigen::Vector3d placed = position(T, i);
+    if (!(placed.cwiseAbs().maxCoeff() <= max_coordinate)) return false;
+    bounds_.extend(placed);
+    const double coordinate = to_eigen(base_.positions[i]).cwiseAbs().maxCoeff();
+    step_ = std::max(step_, coordinate * turn.linear.cwiseAbs().maxCoeff() *
+                                std::numeric_limits<float>::epsilon());
+  }
+  return true;
+}
+
+Mesh VertexTransformer::mesh(const Eigen::Vector3d& origin) const {
+  Mesh mesh = base_;
+  mesh.node_faces = {{placed_.node, 0, mesh.indices.size()}};
+  for (std::uint32_t& source : mesh.source_vertex) source += placed_.placement.source_shift;
+  for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+    const Eigen::Matrix4d T = transform(i);
+    mesh.positions[i] = single(position(T, i) - origin);
+    if (mesh.shadow_kernels.empty()) continue;
+    const glm::vec3& k = mesh.shadow_kernels[i];
+    const Eigen::Vector4d kernel = T * Eigen::Vector4d(k.x, k.y, k.z, 1.0);
+    mesh.shadow_kernels[i] = single(kernel.head<3>() - origin);
+  }
+  // A mirroring turns triangles inside out: their winding is turned back. A skin mirrors if most of
+  // its vertices are mirrored.
+  for (std::size_t i = 0; i + 2 < mesh.indices.size() && 2 * mirrored_ > mesh.positions.size();
+       i += 3) {
+    std::swap(mesh.indices[i + 1], mesh.indices[i + 2]);
+  }
+  turn_normals(mesh);
+  turn_tangents(mesh);
+  return mesh;
+}
+
+// Vertices that a transform flattens get the normals of the placed faces.
+void VertexTransformer::turn_normals(Mesh& mesh) const {
+  if (mesh.normals.empty() || (!is_skinned_ && rigid_.determinant == 0.0)) {
+    generate_normals(mesh);
+    mesh.tangents.clear();  // they belong to the normals that are not there (glTF 2.0, 3.7.2.1)
+    return;
+  }
+  std::vector<std::size_t> flat;
+  for (std::size_t i = 0; i < mesh.normals.size(); ++i) {
+    const Orientation turn = orientation(i);
+    const Eigen::Vector3d normal = morphed_unit(mesh.normals[i], i, &MorphTarget::normals);
+    const Eigen::Vector3d turned = (turn.cofactor * normal).stableNormalized();
+    if (is_skinned_ && (turn.determinant == 0.0 || turned.isZero(0.0))) flat.push_back(i);
+    mesh.normals[i] = single(turned);
+  }
+  if (flat.empty()) return;
+  std::vector<glm::vec3> turned = std::move(mesh.normals);
+  generate_normals(mesh);
+  for (const std::size_t i : flat) turned[i] = mesh.normals[i];
+  mesh.normals = std::move(turned);
+}
+
+void VertexTransformer::turn_tangents(Mesh& mesh) const {
+  for (std::size_t i = 0; i < mesh.tangents.size(); ++i) {
+    glm::vec4& t = mesh.tangents[i];
+    const Orientation turn = orientation(i);
+    const Eigen::Vector3d tangent =
+        morphed_unit(glm::vec3(t.x, t.y, t.z), i, &MorphTarget::tangents);
+    const Eigen::Vector3d turned = (turn.linear * tangent).stableNormalized();
+    t = glm::vec4(single(turned), turn.determinant < 0.0 ? -t.w : t.w);
+  }
+}
+
+}  // namespace
+
+bool keeps_surfaces(const Eigen::Matrix4d& T) {
+  return orientation_of(T).has_surface;
+}
+
+Result<void> Placer::collect(PlacedPrimitive placed) {
+  const Mesh& mesh = placed.primitive->mesh;
+  vertices_ += mesh.positions.size();
+  triangles_ += mesh.indices.size() / 3;
+  if (vertices_ > limits_.max_vertices || triangles_ > limits_.max_triangles) {
+    return fail("{}: {}: the model has more than the {} vertices or {} triangles allowed", name_,
+                placed.place, limits_.max_vertices, limits_.max_triangles);
+  }
+  if (!mesh.indices.empty()) collected_.push_back(std::move(placed));
+  return {};
+}
+
+Result<void> Placer::place_all() {
+  Eigen::AlignedBox3d bounds;
+  std::vector<VertexTransformer> visible;
+  for (const PlacedPrimitive& placed : collected_) {
+    VertexTransformer transformer(placed);
+    if (!transformer.measure(kMaxFileCoordinate_m)) {
+      return fail("{}: {}: a vertex lies farther than {:g} units of the file from the origin",
+                  name_, placed.place, kMaxFileCoordinate_m);
+    }
+    if (!transformer.has_surface()) {
+      // A scale of 0 on all axes is the way to hide a node (glTF 2.0, 5.25).
+      notes_.add("its scale leaves no surface to see; it is ignored", placed.place,
+                 transformer.is_point());
+      continue;
+    }
+    bounds.extend(transformer.bounds());
+    file_step_ = std::max(file_step_, transformer.step());
+    visible.push_back(transformer);
+  }
+  model_.origin = model_origin(bounds);
+  for (const VertexTransformer& transformer : visible) {
+    const Eigen::AlignedBox3d centred = transformer.bounds().translated(-model_.origin);
+    if (std::max(centred.min().cwiseAbs().maxCoeff(), centred.max().cwiseAbs().maxCoeff()) >
+        limits_.max_coordinate_m) {
+      return fail("{}: {}: a vertex lies farther than {} units of the file from the origin", name_,
+                  transformer.placed().place, limits_.max_coordinate_m);
+    }
+    add(transformer.mesh(model_.origin));
+  }
+  return {};
+}
+
+void Placer::add(Mesh mesh) {
+  const Material& material = model_.materials[static_cast<std::size_t>(mesh.material)];
+  if (material.normal_texture.image >= 0 && mesh.tangents.empty()) {
+    const std::size_t before = mesh.positions.size();
+    generate_tangents(mesh, material.normal_texture.texcoords == 1);
+    vertices_ += mesh.positions.size() - before;
+  }
+  const auto [entry, is_new] = mesh_of_material_.try_emplace(mesh.material, model_.meshes.size());
+  if (is_new) {
+    model_.meshes.push_back(std::move(mesh));
+  } else {
+    append_mesh(model_.meshes[entry->second], mesh);
+  }
+}
+
+}  // namespace penumbra::gltf

@@ -1,0 +1,63 @@
+// Transforms primitives to the root frame and adds them to a model.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "core/error.hpp"
+#include "render/model/gltf/meshes.hpp"
+#include "render/model/gltf/notes.hpp"
+#include "render/model/model.hpp"
+
+namespace penumbra::gltf {
+
+// The transform of the vertices of a mesh.
+struct VertexPlacement {
+  Eigen::Matrix4d T_root_mesh = Eigen::Matrix4d::Identity();      // of a rigid mesh
+  const std::vector<Eigen::Matrix4d>* joint_matrices = nullptr;   // of a skinned one
+  std::optional<Eigen::Matrix4d> T_node_instance = std::nullopt;  // of one of several instances
+  std::uint32_t source_shift = 0;  // MeshReader::source_shift_of_next_use()
+};
+
+// One primitive at one place. Refers to what it is made of.
+struct PlacedPrimitive {
+  const Primitive* primitive = nullptr;
+  std::vector<double> morph_weights;  // per target, or empty
+  VertexPlacement placement;
+  std::uint32_t node = 0;  // index into Model::nodes
+  std::string place;       // of the node in the file
+};
+
+// Returns false for a transform that makes lines or points of surfaces, as one that hides a node.
+[[nodiscard]] bool keeps_surfaces(const Eigen::Matrix4d& T);
+
+// Collects primitives, then transforms them in double and adds them to a model.
+class Placer {
+ public:
+  Placer(std::string name, const ModelLimits& limits, Model& model, Notes& notes)
+      : name_(std::move(name)), limits_(limits), model_(model), notes_(notes) {}
+
+  [[nodiscard]] Result<void> collect(PlacedPrimitive placed);
+  [[nodiscard]] Result<void> place_all();
+  // The resolution of the file's coordinates where they are placed; after place_all().
+  [[nodiscard]] double file_step() const { return file_step_; }
+
+ private:
+  void add(Mesh mesh);
+
+  std::string name_;
+  const ModelLimits& limits_;
+  Model& model_;
+  Notes& notes_;
+  std::vector<PlacedPrimitive> collected_;
+  std::unordered_map<int, std::size_t> mesh_of_material_;  // -> Model::meshes
+  std::size_t vertices_ = 0;
+  std::size_t triangles_ = 0;
+  double file_step_ = 0.0;
+};
+
+}  // namespace penumbra::gltf

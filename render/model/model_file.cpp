@@ -1,0 +1,437 @@
+// Model file -> Model: picks the reader, turns the axes, checks whatever came back.
+#include <algorithm>
+#include <bit>
+#include <cctype>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <system_error>
+
+#include "core/image/image_file.hpp"
+#include "core/text/file.hpp"
+#include "core/text/text_encoding.hpp"
+#include "render/model/model.hpp"
+#include "render/model/model_parts.hpp"
+#include "render/model/to_eigen.hpp"
+#include "render/shadow/kernels/kernel_stamp.hpp"
+#include "render/shadow/shadow_mesh.hpp"
+
+namespace penumbra {
+namespace {
+
+bool is_finite(const glm::vec3& v) {
+  return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
+}
+
+// Kernels that don't belong to this geometry are left out: they are made anew where they are
+// needed, for the same groups and in the same way. `geometry`: the key of the model in the axes
+// that kernels are stored for.
+void check_stored_kernels(Model& model, const std::string& geometry, const std::string& name,
+                          const ModelLimits& limits) {
+  const auto drop = [&](std::string_view cause) {
+    for (Mesh& mesh : model.meshes) mesh.shadow_kernels.clear();
+    model.shadow_kernel_up.reset();
+    model.warnings.push_back(
+        fmt::format("{}: its stored shadow kernels are not used and made anew: {}", name, cause));
+  };
+  bool complete = true;
+  bool finite = is_finite(*model.shadow_kernel_up);
+  float farthest = 0.0F;
+  for (const Mesh& mesh : model.meshes) {
+    complete = complete && mesh.shadow_kernels.size() == mesh.positions.size();
+    for (const glm::vec3& k : mesh.shadow_kernels) {
+      finite = finite && is_finite(k);
+      farthest = std::max({farthest, std::abs(k.x), std::abs(k.y), std::abs(k.z)});
+    }
+  }
+  if (!complete) return drop("not every mesh has them");
+  if (!finite) return drop("one is not a finite number");
+  if (static_cast<double>(farthest) > limits.max_coordinate_m) {
+    return drop(
+        fmt::format("one is farther away than a model may be ({:g} m)", limits.max_coordinate_m));
+  }
+  if (!model.shadow_kernel_geometry.empty() &&
+      kernel_stamp_from(model.shadow_kernel_geometry).geometry != geometry) {
+    return drop("the model has changed since; store them again with penumbra kernels");
+  }
+}
+
+// y up -> z up: (x, y, z) -> (x, -z, y).
+glm::vec3 turned_up(const glm::vec3& v) {
+  return {v.x, -v.z, v.y};
+}
+
+void turn_up(Model& model) {
+  for (Mesh& mesh : model.meshes) {
+    for (glm::vec3& p : mesh.positions) p = turned_up(p);
+    for (glm::vec3& n : mesh.normals) n = turned_up(n);
+    for (glm::vec4& t : mesh.tangents) t = glm::vec4(turned_up(glm::vec3(t)), t.w);
+    for (glm::vec3& k : mesh.shadow_kernels) k = turned_up(k);
+  }
+  if (model.shadow_kernel_up) model.shadow_kernel_up = turned_up(*model.shadow_kernel_up);
+  model.origin = Eigen::Vector3d(model.origin.x(), -model.origin.z(), model.origin.y());
+}
+
+void leave_out_kernels(Model& model) {
+  for (Mesh& mesh : model.meshes) mesh.shadow_kernels.clear();
+  model.shadow_kernel_up.reset();
+  model.shadow_kernel_groups.clear();
+}
+
+// Turns coordinates of another unit into metres.
+void scale_to_metres(Model& model, double unit_m) {
+  const auto scaled = [unit_m](const glm::vec3& v) { return glm::vec3(glm::dvec3(v) * unit_m); };
+  for (Mesh& mesh : model.meshes) {
+    for (glm::vec3& p : mesh.positions) p = scaled(p);
+    for (glm::vec3& k : mesh.shadow_kernels) k = scaled(k);
+  }
+  model.origin *= unit_m;
+}
+
+Eigen::AlignedBox3d bounds_of(const Model& model) {
+  return {model.origin + to_eigen(model.min_corner), model.origin + to_eigen(model.max_corner)};
+}
+
+// Of a glTF file as it is usually read: y up, with whatever axes it is read now.
+std::string usual_geometry_key(const Model& model, UpAxis up) {
+  if (up != UpAxis::z) return geometry_key(model);
+  Model usual = model;
+  turn_up(usual);
+  return geometry_key(usual);
+}
+
+// `name` with slashes for backslashes and without a leading "file:".
+std::string plain_path(std::string_view name) {
+  constexpr std::string_view kScheme = "file:";
+  const bool has_scheme =
+      name.size() >= kScheme.size() &&
+      std::equal(kScheme.begin(), kScheme.end(), name.begin(),
+                 [](char a, char b) { return a == std::tolower(static_cast<unsigned char>(b)); });
+  if (has_scheme) name.remove_prefix(kScheme.size());
+  std::string path(name);
+  std::replace(path.begin(), path.end(), '\\', '/');
+  return path;
+}
+
+bool has_drive_letter(std::string_view path) {
+  return path.size() >= 2 && std::isalpha(static_cast<unsigned char>(path[0])) != 0 &&
+         path[1] == ':';
+}
+
+}  // namespace
+
+std::size_t Model::vertex_count() const {
+  std::size_t count = 0;
+  for (const Mesh& mesh : meshes) count += mesh.positions.size();
+  return count;
+}
+
+std::size_t Model::triangle_count() const {
+  std::size_t count = 0;
+  for (const Mesh& mesh : meshes) count += mesh.indices.size() / 3;
+  return count;
+}
+
+std::string geometry_key(const Model& model) {
+  std::uint64_t hash = 1469598103934665603ULL;  // FNV-1a over 32-bit words
+  const auto add = [&hash](std::uint32_t word) { hash = (hash ^ word) * 1099511628211ULL; };
+  for (const Mesh& mesh : model.meshes) {
+    add(static_cast<std::uint32_t>(mesh.positions.size()));
+    add(static_cast<std::uint32_t>(mesh.indices.size()));
+    for (const glm::vec3& p : mesh.positions) {
+      // -0 and 0 are the same place.
+      for (int i = 0; i < 3; ++i) add(std::bit_cast<std::uint32_t>(p[i] == 0.0F ? 0.0F : p[i]));
+    }
+    for (const std::uint32_t index : mesh.indices) add(index);
+  }
+  if (!model.origin.isZero(0.0)) {
+    for (const double coordinate : model.origin) {
+      const auto bits = std::bit_cast<std::uint64_t>(coordinate);
+      add(static_cast<std::uint32_t>(bits));
+      add(static_cast<std::uint32_t>(bits >> 32U));
+    }
+  }
+  return fmt::format("{:016x}", hash);
+}
+
+Result<std::filesystem::path> beside_model(const std::filesystem::path& folder,
+                                           std::string_view name) {
+  std::string path = plain_path(name);
+  // A colon ends a drive letter or scheme; later on it is part of a file's name.
+  if (leaves_folder(name)) {
+    path = path.substr(path.rfind('/') + 1);
+    if (has_drive_letter(path)) path = path.substr(2);
+  }
+  const std::string last = path.substr(path.rfind('/') + 1);
+  if (last.empty() || last == "." || last == ".." || path.find('\0') != std::string::npos) {
+    return fail("\"{}\": names no file beside the model", name.substr(0, 80));
+  }
+  // Old programs name files in Latin-1; on the disk their names may be UTF-8.
+  std::error_code ignored;
+  if (const std::string utf8 = as_utf8(path); utf8 != path &&
+                                              !std::filesystem::exists(folder / path, ignored) &&
+                                              std::filesystem::exists(folder / utf8, ignored)) {
+    path = utf8;
+  }
+  return folder / path;
+}
+
+bool leaves_folder(std::string_view name) {
+  const std::string path = plain_path(name);
+  const std::string first = path.substr(0, path.find('/'));
+  if (path.starts_with('/') || first.find(':') != std::string::npos) return true;
+  const std::filesystem::path parts(path);
+  return std::any_of(parts.begin(), parts.end(),
+                     [](const std::filesystem::path& part) { return part == ".."; });
+}
+
+Eigen::Vector3d model_origin(const Eigen::AlignedBox3d& bounds) {
+  // At this many times its size from the origin, a float still has a millionth of the size.
+  constexpr double kFar = 64.0;
+  if (bounds.isEmpty()) return Eigen::Vector3d::Zero();
+  const Eigen::Vector3d middle = bounds.center();
+  const bool far = middle.cwiseAbs().maxCoeff() > kFar * bounds.sizes().maxCoeff();
+  return far ? middle : Eigen::Vector3d::Zero();
+}
+
+void move_origin(Model& model, const Eigen::Vector3d& origin) {
+  const Eigen::Vector3d by = model.origin - origin;
+  if (by.isZero(0.0)) return;
+  const auto move = [&by](glm::vec3& p) {
+    const Eigen::Vector3d moved = to_eigen(p) + by;
+    p = {static_cast<float>(moved.x()), static_cast<float>(moved.y()),
+         static_cast<float>(moved.z())};
+  };
+  for (Mesh& mesh : model.meshes) {
+    std::ranges::for_each(mesh.positions, move);
+    std::ranges::for_each(mesh.shadow_kernels, move);
+  }
+  move(model.min_corner);
+  move(model.max_corner);
+  model.origin = origin;
+}
+
+std::optional<std::string> warning_of_distance(const Eigen::AlignedBox3d& bounds, double step,
+                                               const std::string& name) {
+  constexpr double kCoarse = 1e-4;  // of the size
+  if (bounds.isEmpty()) return std::nullopt;
+  const double size = bounds.sizes().maxCoeff();
+  if (!(size > 0.0) || step <= kCoarse * size) return std::nullopt;
+  return fmt::format(
+      "{}: lies {:.4g} km from its origin, where coordinates are exact to {:.2g} m only, for a "
+      "size of {:.3g} m; move it to the origin and export it again",
+      name, 1e-3 * bounds.center().norm(), step, size);
+}
+
+float linear_from_srgb(float encoded) {
+  return encoded <= 0.04045F ? encoded / 12.92F : std::pow((encoded + 0.055F) / 1.055F, 2.4F);
+}
+
+Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes, const std::string& name,
+                        const ModelLimits& limits) {
+  Result<RgbaImage> image = decode_rgba(bytes, name);
+  if (!image) return tl::unexpected(image.error());
+  std::size_t pixels =
+      static_cast<std::size_t>(image->width) * static_cast<std::size_t>(image->height);
+  for (const Texture& texture : model.textures) pixels += texture.rgba.size() / 4;
+  if (pixels > limits.max_texture_pixels) {
+    return fail("{}: the model's textures have more than the {} pixels allowed", name,
+                limits.max_texture_pixels);
+  }
+  model.textures.push_back({image->width, image->height, std::move(image->pixels),
+                            std::vector<std::uint8_t>(bytes.begin(), bytes.end())});
+  return static_cast<int>(model.textures.size()) - 1;
+}
+
+Result<void> check_model(Model& model, const std::string& name, const ModelLimits& limits) {
+  if (model.triangle_count() == 0) {
+    return fail("{}: has no triangles; export the model with its faces", name);
+  }
+  if (model.vertex_count() > limits.max_vertices) {
+    return fail("{}: has {} vertices, more than the {} allowed", name, model.vertex_count(),
+                limits.max_vertices);
+  }
+  if (model.triangle_count() > limits.max_triangles) {
+    return fail("{}: has {} triangles, more than the {} allowed", name, model.triangle_count(),
+                limits.max_triangles);
+  }
+  if (model.meshes.size() > limits.max_meshes) {
+    return fail("{}: has {} materials in use, more than the {} allowed; merge some of them", name,
+                model.meshes.size(), limits.max_meshes);
+  }
+  glm::vec3 low(std::numeric_limits<float>::max());
+  glm::vec3 high(std::numeric_limits<float>::lowest());
+  const auto max_coordinate = static_cast<float>(limits.max_coordinate_m);
+  for (Mesh& mesh : model.meshes) {
+    const std::size_t count = mesh.positions.size();
+    const bool agrees = mesh.normals.size() == count && mesh.source_vertex.size() == count &&
+                        (mesh.texcoords.empty() || mesh.texcoords.size() == count) &&
+                        (mesh.texcoords_2.empty() || mesh.texcoords_2.size() == count) &&
+                        (mesh.tangents.empty() || mesh.tangents.size() == count) &&
+                        (mesh.colors.empty() || mesh.colors.size() == count) &&
+                        mesh.indices.size() % 3 == 0;
+    if (!agrees) {
+      return fail("{}: mesh \"{}\": its attributes have different lengths", name, mesh.name);
+    }
+    if (mesh.material < 0 || static_cast<std::size_t>(mesh.material) >= model.materials.size()) {
+      return fail("{}: mesh \"{}\": material {} does not exist", name, mesh.name, mesh.material);
+    }
+    for (const glm::vec3& p : mesh.positions) {
+      if (!is_finite(p)) {
+        return fail("{}: mesh \"{}\": a vertex is not a finite number; export the model again",
+                    name, mesh.name);
+      }
+      const float largest = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)});
+      if (largest > max_coordinate) {
+        return fail("{}: mesh \"{}\": a vertex lies {} m from the origin, over the {} m allowed",
+                    name, mesh.name, largest, limits.max_coordinate_m);
+      }
+      low = glm::vec3(std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z));
+      high = glm::vec3(std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z));
+    }
+    for (glm::vec3& n : mesh.normals) {
+      // In double: the square of a normal from a strange file may overflow or vanish in float.
+      const double length =
+          std::hypot(static_cast<double>(n.x), static_cast<double>(n.y), static_cast<double>(n.z));
+      if (!std::isfinite(length)) {
+        return fail("{}: mesh \"{}\": a normal is not a finite number", name, mesh.name);
+      }
+      n = length > 1e-12
+              ? glm::vec3(static_cast<float>(n.x / length), static_cast<float>(n.y / length),
+                          static_cast<float>(n.z / length))
+              : glm::vec3(0.0F, 0.0F, 1.0F);
+    }
+    for (const std::vector<glm::vec2>* texcoords : {&mesh.texcoords, &mesh.texcoords_2}) {
+      for (const glm::vec2& t : *texcoords) {
+        if (!(std::abs(t.x) <= 1e6F && std::abs(t.y) <= 1e6F)) {
+          return fail(
+              "{}: mesh \"{}\": a texture coordinate is not a number "
+              "within +-1e6",
+              name, mesh.name);
+        }
+      }
+    }
+    for (glm::vec4& t : mesh.tangents) {
+      const double length =
+          std::hypot(static_cast<double>(t.x), static_cast<double>(t.y), static_cast<double>(t.z));
+      if (!std::isfinite(length) || !std::isfinite(t.w)) {
+        return fail("{}: mesh \"{}\": a tangent is not a finite number", name, mesh.name);
+      }
+      t = length > 1e-12
+              ? glm::vec4(static_cast<float>(t.x / length), static_cast<float>(t.y / length),
+                          static_cast<float>(t.z / length), t.w < 0.0F ? -1.0F : 1.0F)
+              : glm::vec4(1.0F, 0.0F, 0.0F, 1.0F);
+    }
+    for (glm::vec4& c : mesh.colors) {
+      for (int i = 0; i < 4; ++i) {
+        if (!std::isfinite(c[i])) {
+          return fail("{}: mesh \"{}\": a vertex colour is not a finite number", name, mesh.name);
+        }
+        c[i] = std::clamp(c[i], 0.0F, 1.0F);
+      }
+    }
+    for (const std::uint32_t index : mesh.indices) {
+      if (index >= count) {
+        return fail("{}: mesh \"{}\": a face names vertex {}, there are {}", name, mesh.name, index,
+                    count);
+      }
+    }
+    for (const NodeFaces& run : mesh.node_faces) {
+      if (run.node >= model.nodes.size() || run.first_index > mesh.indices.size() ||
+          run.index_count > mesh.indices.size() - run.first_index) {
+        return fail("{}: mesh \"{}\": faces of node {} of {}", name, mesh.name, run.node,
+                    model.nodes.size());
+      }
+    }
+    for (const std::uint32_t source : mesh.source_vertex) {
+      if (source >= model.source_vertex_count) {
+        return fail("{}: mesh \"{}\": source vertex {} of {}", name, mesh.name, source,
+                    model.source_vertex_count);
+      }
+    }
+  }
+  for (const Material& material : model.materials) {
+    const auto in_unit = [](float x) { return x >= 0.0F && x <= 1.0F; };  // false for NaN
+    bool good = in_unit(material.metallic) && in_unit(material.roughness);
+    for (int i = 0; i < 4; ++i) good = good && in_unit(material.base_color[i]);
+    for (int i = 0; i < 3; ++i) good = good && in_unit(material.emissive[i]);
+    if (!good) {
+      return fail("{}: material \"{}\": a factor is outside 0 to 1", name, material.name);
+    }
+    const bool scaled = std::abs(material.normal_scale) <= 1e3F &&
+                        in_unit(material.occlusion_strength) && material.alpha_cutoff >= 0.0F &&
+                        material.alpha_cutoff <= 1e3F;
+    if (!scaled) {
+      return fail(
+          "{}: material \"{}\": normal scale {}, occlusion strength {} "
+          "or alpha cutoff {} is out "
+          "of range",
+          name, material.name, material.normal_scale, material.occlusion_strength,
+          material.alpha_cutoff);
+    }
+    for (const MaterialTexture* texture :
+         {&material.base_color_texture, &material.metallic_roughness_texture,
+          &material.normal_texture, &material.occlusion_texture, &material.emissive_texture}) {
+      if (texture->image >= static_cast<int>(model.textures.size())) {
+        return fail("{}: material \"{}\": texture {} does not exist", name, material.name,
+                    texture->image);
+      }
+    }
+  }
+  model.min_corner = low;
+  model.max_corner = high;
+  return {};
+}
+
+Result<Model> load_model(const std::filesystem::path& file, const ModelReading& reading) {
+  const std::string name = file.string();
+  const UpAxis up = reading.up;
+  // The readers check coordinates in the file's own unit.
+  ModelLimits limits = reading.limits;
+  limits.max_coordinate_m /= reading.unit_m;
+  std::string extension = file.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const bool gltf = extension == ".glb" || extension == ".gltf";
+  if (!gltf && extension != ".obj") {
+    return fail("{}: is not a kind of model that can be read; give a .glb, .gltf or .obj file",
+                name);
+  }
+  const Result<std::vector<std::uint8_t>> bytes = read_file(file, limits.max_file_bytes);
+  if (!bytes) return tl::unexpected(bytes.error());
+  if (bytes->empty()) return fail("{}: is empty; export the model again", name);
+  // The readers are libraries: what they throw ends here.
+  try {
+    double file_step = 0.0;
+    Result<Model> model = gltf ? read_gltf(file, *bytes, extension == ".glb", limits, file_step)
+                               : read_obj(file, *bytes, limits, file_step);
+    if (!model) return model;
+    model->name = file.stem().string();
+    // The readers give the file's own axes.
+    if (up == UpAxis::y || (up == UpAxis::by_format && gltf)) turn_up(*model);
+    if (gltf) {
+      for (Texture& texture : model->textures) texture.encoded = {};
+    }
+    if (!reading.stored_kernels) leave_out_kernels(*model);
+    // Kernels are stored for the file's own unit.
+    std::string geometry;
+    if (model->shadow_kernel_up) geometry = usual_geometry_key(*model, up);
+    if (reading.unit_m != 1.0) scale_to_metres(*model, reading.unit_m);
+    const Result<void> checked = check_model(*model, name, reading.limits);
+    if (!checked) return tl::unexpected(checked.error());
+    if (model->shadow_kernel_up) check_stored_kernels(*model, geometry, name, reading.limits);
+    if (auto coarse = warning_of_distance(bounds_of(*model), file_step * reading.unit_m, name)) {
+      model->warnings.push_back(std::move(*coarse));
+    }
+    if (auto lost = warning_of_lost_faces(*model, name)) {
+      model->warnings.push_back(std::move(*lost));
+    }
+    return model;
+  } catch (const std::bad_alloc&) {
+    return fail("{}: needs more memory than there is; give a smaller model", name);
+  } catch (const std::exception& error) {
+    return fail("{}: can't be read: {}", name, error.what());
+  }
+}
+
+}  // namespace penumbra

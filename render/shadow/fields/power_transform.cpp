@@ -1,0 +1,142 @@
+#include "render/shadow/fields/power_transform.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/vector_clones.hpp"
+
+namespace penumbra {
+
+namespace {
+
+constexpr float kUnreached = std::numeric_limits<float>::infinity();
+constexpr std::size_t kBlock = 8;   // cells computed at a time
+constexpr std::size_t kStrip = 16;  // columns of a strip: two copies of 256 rows stay in the cache
+
+// values[i] = min(values[i], squares[i] + lift) for at least the first `count`.
+PENUMBRA_VECTOR_CLONES
+void lower(float* values, const float* squares, std::size_t count, float lift) {
+  for (std::size_t block = 0; block < count; block += kBlock) {
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // two arrays
+#endif
+    for (std::size_t i = block; i < block + kBlock; ++i) {
+      const float value = squares[i] + lift;
+      values[i] = value < values[i] ? value : values[i];
+    }
+  }
+}
+
+// `from` and `to` have a row of infinity before and after the `count` cells they start with.
+// Returns which of them has the result.
+PENUMBRA_VECTOR_CLONES
+float* spread_columns(float* from, float* to, std::size_t count, int steps) {
+  for (int step = 1; step <= steps; ++step) {
+    const auto rise = static_cast<float>(2 * step - 1);
+    const float* before = from - kStrip;
+    const float* here = from;
+    const float* after = from + kStrip;
+    float* out = to;
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // two arrays
+#endif
+    for (std::size_t i = 0; i < count; ++i) {
+      const float beside = (before[i] < after[i] ? before[i] : after[i]) + rise;
+      out[i] = beside < here[i] ? beside : here[i];
+    }
+    std::swap(from, to);
+  }
+  return from;
+}
+
+// A strip of columns out of the rows, and back: there, what is beyond the bound is far.
+PENUMBRA_VECTOR_CLONES
+void take_strip(const float* values, std::size_t stride, std::size_t height, float* strip) {
+  for (std::size_t i = 0; i < height; ++i) {
+    const float* from = values + i * stride;
+    float* to = strip + i * kStrip;
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep  // two arrays
+#endif
+    for (std::size_t j = 0; j < kStrip; ++j) to[j] = from[j];
+  }
+}
+PENUMBRA_VECTOR_CLONES
+void put_strip(const float* strip, std::size_t width, std::size_t stride, std::size_t height,
+               float bound, float* values) {
+  for (std::size_t i = 0; i < height; ++i) {
+    const float* from = strip + i * width;
+    float* to = values + i * stride;
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC ivdep
+#endif
+    for (std::size_t j = 0; j < width; ++j) {
+      to[j] = from[j] <= bound ? from[j] : PowerTransform::kFar;
+    }
+  }
+}
+
+}  // namespace
+
+void PowerTransform::start(int width, int height) {
+  width_ = width;
+  height_ = height;
+  stride_ = (static_cast<std::size_t>(width) + 2 * kStrip - 1) / kStrip * kStrip;
+  sites_.clear();
+}
+
+void PowerTransform::add(int column, int row, float radius) {
+  sites_.push_back({column, row, radius});
+}
+
+void PowerTransform::run() {
+  const auto height = static_cast<std::size_t>(height_);
+  values_.assign(stride_ * height, kUnreached);
+  float largest = 0.0F;
+  for (const Site& site : sites_) largest = std::max(largest, site.radius);
+  // A cell beside the outline is at most sqrt(2) away from it: (r + sqrt(2))^2 - r^2 = 2.83 r + 2.
+  bound_ = 3.0F * largest + 3.0F;
+  // A radius far larger than the raster reaches all of it.
+  const auto reach_of = [this](float radius) {
+    return static_cast<int>(std::min(std::sqrt(radius * radius + bound_),
+                                     static_cast<float>(std::max(width_, height_)))) +
+           1;
+  };
+  const int reach = reach_of(largest);
+  if (reach > squares_reach_) {
+    squares_reach_ = reach;
+    squares_.resize(2 * static_cast<std::size_t>(reach) + 1 + kBlock);
+    for (std::size_t i = 0; i < squares_.size(); ++i) {
+      const float d = static_cast<float>(i) - static_cast<float>(reach);
+      squares_[i] = d * d;
+    }
+  }
+  for (const Site& site : sites_) {
+    const int own_reach = reach_of(site.radius);
+    const int first = std::max(0, site.column - own_reach);
+    const int end = std::min(width_, site.column + own_reach + 1);
+    lower(values_.data() + static_cast<std::size_t>(site.row) * stride_ +
+              static_cast<std::size_t>(first),
+          squares_.data() + (first - site.column + squares_reach_),
+          static_cast<std::size_t>(end - first), -site.radius * site.radius);
+  }
+
+  const std::size_t count = kStrip * height;
+  const std::size_t strip_size = count + 2 * kStrip;
+  strips_.resize(2 * strip_size);
+  for (std::size_t copy = 0; copy < 2; ++copy) {
+    float* strip = strips_.data() + copy * strip_size;
+    std::fill_n(strip, kStrip, kUnreached);
+    std::fill_n(strip + kStrip + count, kStrip, kUnreached);
+  }
+  float* strip = strips_.data() + kStrip;
+  for (std::size_t left = 0; left < static_cast<std::size_t>(width_); left += kStrip) {
+    take_strip(values_.data() + left, stride_, height, strip);
+    const float* result =
+        spread_columns(strip, strip + strip_size, count, std::min(reach, height_ - 1));
+    put_strip(result, kStrip, stride_, height, bound_, values_.data() + left);
+  }
+}
+
+}  // namespace penumbra

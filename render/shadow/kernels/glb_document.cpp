@@ -1,0 +1,184 @@
+#include "render/shadow/kernels/glb_document.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <limits>
+
+#include "core/text/file.hpp"
+#include "core/text/text_encoding.hpp"
+#include "render/model/gltf/buffers.hpp"
+#include "render/model/gltf/container.hpp"
+#include "render/model/gltf/document.hpp"
+#include "render/model/gltf/uri.hpp"
+#include "render/model/model.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::uint32_t kMagic = 0x46546C67;
+constexpr std::uint32_t kJsonChunk = 0x4E4F534A;
+constexpr std::uint32_t kBinaryChunk = 0x004E4942;
+
+using Json = GlbDocument::Json;
+
+// Moves what a buffer view, or an extension of it, names in buffer i to `begin[i]` of buffer 0.
+void move_view(Json& view, const std::vector<std::size_t>& begin) {
+  if (view.is_object() && view.contains("buffer")) {
+    const std::size_t offset =
+        begin.at(view.at("buffer").get<std::size_t>()) + view.value("byteOffset", std::size_t{0});
+    view["buffer"] = 0;
+    if (offset != 0 || view.contains("byteOffset")) view["byteOffset"] = offset;
+  }
+  if (!view.contains("extensions")) return;
+  for (auto& extension : view.at("extensions")) move_view(extension, begin);
+}
+
+// Marks the buffers that a buffer view, or an extension of it, names.
+void mark_buffers(const Json& view, std::vector<bool>& is_named) {
+  if (view.is_object() && view.contains("buffer")) {
+    is_named.at(view.at("buffer").get<std::size_t>()) = true;
+  }
+  if (!view.contains("extensions")) return;
+  for (const auto& extension : view.at("extensions")) mark_buffers(extension, is_named);
+}
+
+// Puts the bytes of all buffers that buffer views name one behind the other. Others may be missing.
+Result<std::vector<std::uint8_t>> joined_buffers(Json& json, gltf::Buffers& buffers) {
+  std::vector<std::uint8_t> binary;
+  std::vector<std::size_t> begin(buffers.count(), 0);
+  std::vector<bool> is_named(buffers.count(), false);
+  if (json.contains("bufferViews")) {
+    for (const Json& view : json.at("bufferViews")) mark_buffers(view, is_named);
+  }
+  for (std::size_t i = 0; i < buffers.count(); ++i) {
+    if (!is_named[i]) continue;
+    const auto bytes = buffers.bytes(i);
+    if (!bytes) return tl::unexpected(bytes.error());
+    while (binary.size() % 4 != 0) binary.push_back(0);
+    begin[i] = binary.size();
+    binary.insert(binary.end(), bytes->begin(), bytes->end());
+  }
+  if (begin.empty()) return binary;
+  if (json.contains("bufferViews")) {
+    for (Json& view : json.at("bufferViews")) move_view(view, begin);
+  }
+  Json first = json.at("buffers").at(0);
+  first.erase("uri");
+  json["buffers"] = Json::array({first});
+  return binary;
+}
+
+void embed_images(GlbDocument& document, gltf::Buffers& buffers, const std::string& name,
+                  std::vector<std::string>& warnings) {
+  if (!document.json.contains("images")) return;
+  for (std::size_t i = 0; i < document.json.at("images").size(); ++i) {
+    const std::string uri = document.json.at("images").at(i).value("uri", "");
+    if (uri.empty() || gltf::is_data_uri(uri)) continue;
+    const auto bytes = buffers.fetch(uri);
+    std::string type = bytes ? media_type_of(*bytes) : "";
+    if (type.empty()) type = document.json.at("images").at(i).value("mimeType", "");
+    if (!bytes || type.empty()) {
+      warnings.push_back(on_one_line(fmt::format(
+          "{}: images/{}: is not in the .glb, which names it: {}", name, i,
+          bytes ? "its kind is unknown; " + uri.substr(0, 80) : bytes.error().message)));
+      continue;
+    }
+    const std::size_t view = document.add_view(*bytes);
+    Json& image = document.json.at("images").at(i);
+    image.erase("uri");
+    image["bufferView"] = view;
+    image["mimeType"] = type;
+  }
+}
+
+}  // namespace
+
+std::string media_type_of(std::span<const std::uint8_t> image) {
+  const auto starts_with = [&](std::string_view start) {
+    return image.size() > start.size() &&
+           std::memcmp(image.data(), start.data(), start.size()) == 0;
+  };
+  if (starts_with("\x89PNG\r\n\x1a\n")) return "image/png";
+  if (starts_with("\xff\xd8\xff")) return "image/jpeg";
+  return "";
+}
+
+Result<GlbDocument> GlbDocument::open(const std::filesystem::path& file,
+                                      std::vector<std::string>& warnings) {
+  const std::string name = file.string();
+  const std::size_t most = ModelLimits().max_file_bytes;
+  const auto bytes = read_file(file, most);
+  if (!bytes) return tl::unexpected(bytes.error());
+  gltf::Container container{{reinterpret_cast<const char*>(bytes->data()), bytes->size()}, {}};
+  if (container.json.starts_with("glTF")) {
+    auto opened = gltf::open_glb(name, *bytes);
+    if (!opened) return tl::unexpected(opened.error());
+    container = *opened;
+  } else {
+    const auto text = without_byte_order_mark(container.json, name);
+    if (!text) return tl::unexpected(text.error());
+    container.json = *text;
+  }
+  auto parsed = gltf::parse_document(name, container.json);
+  if (!parsed) return tl::unexpected(parsed.error());
+  gltf::Buffers buffers(file, std::move(parsed->buffers), container.binary, most);
+  GlbDocument document;
+  document.json = Json::parse(container.json);
+  auto binary = joined_buffers(document.json, buffers);
+  if (!binary) return tl::unexpected(binary.error());
+  document.binary_ = std::move(*binary);
+  embed_images(document, buffers, name, warnings);
+  return document;
+}
+
+std::size_t GlbDocument::add_view(std::span<const std::uint8_t> bytes, std::optional<int> target) {
+  while (binary_.size() % 4 != 0) binary_.push_back(0);
+  Json view = {{"buffer", 0}, {"byteOffset", binary_.size()}, {"byteLength", bytes.size()}};
+  if (target) view["target"] = *target;
+  binary_.insert(binary_.end(), bytes.begin(), bytes.end());
+  json["bufferViews"].push_back(std::move(view));
+  return json["bufferViews"].size() - 1;
+}
+
+std::size_t GlbDocument::add_vectors(std::span<const glm::vec3> vectors) {
+  return add(vectors, kFloat, "VEC3", vectors.size(), kArrayBuffer);
+}
+
+bool GlbDocument::overwrite(std::size_t offset, std::span<const glm::vec3> vectors) {
+  if (offset > binary_.size() || vectors.size_bytes() > binary_.size() - offset) return false;
+  std::memcpy(binary_.data() + offset, vectors.data(), vectors.size_bytes());
+  return true;
+}
+
+Result<std::vector<std::uint8_t>> GlbDocument::finish() {
+  while (binary_.size() % 4 != 0) binary_.push_back(0);
+  Json& buffers = json["buffers"];
+  if (!buffers.is_array() || buffers.empty()) buffers = Json::array({Json::object()});
+  buffers[0]["byteLength"] = binary_.size();
+  std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  while (text.size() % 4 != 0) text += ' ';
+  const std::size_t length = 12 + 8 + text.size() + 8 + binary_.size();
+  if (length > std::numeric_limits<std::uint32_t>::max()) {
+    return fail("the .glb would be over 4 GB; store the kernels in a .json file");
+  }
+  std::vector<std::uint8_t> file;
+  file.reserve(length);
+  const auto word = [&file](std::size_t value) {
+    for (unsigned shift = 0; shift < 32; shift += 8) {
+      file.push_back(static_cast<std::uint8_t>(value >> shift));
+    }
+  };
+  word(kMagic);
+  word(2);
+  word(length);
+  word(text.size());
+  word(kJsonChunk);
+  file.insert(file.end(), text.begin(), text.end());
+  word(binary_.size());
+  word(kBinaryChunk);
+  file.insert(file.end(), binary_.begin(), binary_.end());
+  return file;
+}
+
+}  // namespace penumbra

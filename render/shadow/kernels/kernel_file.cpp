@@ -1,0 +1,283 @@
+#include "render/shadow/kernels/kernel_file.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "core/text/text.hpp"
+#include "core/text/text_encoding.hpp"
+#include "render/model/model_parts.hpp"
+#include "render/model/to_eigen.hpp"
+#include "render/shadow/kernels/kernel_stamp.hpp"
+
+namespace penumbra {
+
+namespace {
+
+constexpr std::size_t kMaxKernelFileBytes = std::size_t{1} << 30U;
+constexpr double kMaxCoordinate = ModelLimits().max_coordinate_m;
+
+std::optional<double> number_from(const nlohmann::json& json) {
+  if (!json.is_number()) return std::nullopt;
+  const double value = json.get<double>();
+  if (!std::isfinite(value)) return std::nullopt;
+  return value;
+}
+
+glm::vec3 moved(const glm::vec3& p, const Eigen::Vector3d& by) {
+  const Eigen::Vector3d sum = to_eigen(p) + by;
+  return {static_cast<float>(sum.x()), static_cast<float>(sum.y()), static_cast<float>(sum.z())};
+}
+
+// A hash of which vertex of the file each vertex of the meshes is. Two files may hold the same
+// surface with their vertices in another order, and the triples of a kernel file are in that order.
+std::string vertex_order_key(const Model& model) {
+  std::uint64_t hash = 1469598103934665603ULL;  // FNV-1a over 32-bit words
+  for (const Mesh& mesh : model.meshes) {
+    for (const std::uint32_t vertex : mesh.source_vertex) {
+      hash = (hash ^ vertex) * 1099511628211ULL;
+    }
+  }
+  return fmt::format("{:016x}", hash);
+}
+
+// Returns false where the kernels say that they were made for another model.
+bool is_for(const KernelFile& kernels, const Model& model) {
+  return (kernels.geometry.empty() ||
+          kernel_stamp_from(kernels.geometry).geometry == geometry_key(model)) &&
+         (kernels.vertex_order.empty() || kernels.vertex_order == vertex_order_key(model));
+}
+
+}  // namespace
+
+Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
+  const std::string name = file.string();
+  const Result<std::string> text = read_text_file(file, kMaxKernelFileBytes);
+  if (!text) return tl::unexpected(text.error());
+  const nlohmann::json json = nlohmann::json::parse(*text, nullptr, false);
+  if (!json.is_object()) {
+    return fail("{}: is not a kernel file (a JSON object); make one with penumbra kernels", name);
+  }
+  const auto list = json.find("kernels");
+  if (list == json.end() || !list->is_array() || list->empty() || list->size() % 3 != 0) {
+    return fail("{}: kernels: is not a list of three numbers per vertex; give x0, y0, z0, x1, ...",
+                name);
+  }
+  KernelFile result;
+  std::vector<Eigen::Vector3d> kernels(list->size() / 3);
+  Eigen::AlignedBox3d bounds;
+  for (std::size_t i = 0; i < list->size(); ++i) {
+    const auto value = number_from((*list)[i]);
+    if (!value) return fail("{}: kernels[{}]: is not a finite number; give metres", name, i);
+    if (std::abs(*value) > kMaxFileCoordinate_m) {
+      return fail("{}: kernels[{}]: {:g} m is farther away than a model may be ({:g} m)", name, i,
+                  *value, kMaxFileCoordinate_m);
+    }
+    kernels[i / 3][static_cast<Eigen::Index>(i % 3)] = *value;
+    if (i % 3 == 2) bounds.extend(kernels[i / 3]);
+  }
+  result.origin = model_origin(bounds);
+  result.kernels.reserve(kernels.size());
+  for (std::size_t i = 0; i < kernels.size(); ++i) {
+    const Eigen::Vector3d kernel = kernels[i] - result.origin;
+    if (kernel.cwiseAbs().maxCoeff() > kMaxCoordinate) {
+      // Named by the number that is the largest: the middle of all may lie far from the others.
+      std::size_t farthest = 0;
+      const auto value = [&kernels](std::size_t n) {
+        return kernels[n / 3][static_cast<Eigen::Index>(n % 3)];
+      };
+      for (std::size_t n = 1; n < 3 * kernels.size(); ++n) {
+        if (std::abs(value(n)) > std::abs(value(farthest))) farthest = n;
+      }
+      return fail("{}: kernels[{}]: is {:g} m, farther away than a model may be ({:g} m)", name,
+                  farthest, value(farthest), kMaxCoordinate);
+    }
+    result.kernels.emplace_back(static_cast<float>(kernel.x()), static_cast<float>(kernel.y()),
+                                static_cast<float>(kernel.z()));
+  }
+  const auto up = json.find("up");
+  if (up != json.end()) {
+    bool usable = up->is_array() && up->size() == 3;
+    for (int axis = 0; usable && axis < 3; ++axis) {
+      const auto value = number_from((*up)[static_cast<std::size_t>(axis)]);
+      usable = value.has_value();
+      if (usable) result.up[axis] = *value;
+    }
+    if (!usable || !(result.up.stableNorm() > 0.0)) {
+      return fail("{}: up: is not a direction; give three numbers, such as [0, 0, 1]", name);
+    }
+    result.up.stableNormalize();
+  }
+  const auto geometry = json.find("geometry");
+  if (geometry != json.end()) {
+    if (!geometry->is_string()) {
+      return fail("{}: geometry: is not a text; leave it out or make the file anew", name);
+    }
+    result.geometry = geometry->get<std::string>();
+  }
+  const auto order = json.find("vertex_order");
+  if (order != json.end()) {
+    if (!order->is_string()) {
+      return fail("{}: vertex_order: is not a text; leave it out or make the file again", name);
+    }
+    result.vertex_order = order->get<std::string>();
+  }
+  const auto groups = json.find("groups");
+  if (groups != json.end()) {
+    const auto is_text = [](const nlohmann::json& group) { return group.is_string(); };
+    if (!groups->is_array() || groups->size() > kMaxGroups ||
+        !std::all_of(groups->begin(), groups->end(), is_text)) {
+      return fail("{}: groups: is not a list of names; leave it out or make the file anew", name);
+    }
+    result.groups = groups->get<std::vector<std::string>>();
+  }
+  return result;
+}
+
+std::string kernel_file_json(const KernelFile& kernels) {
+  nlohmann::ordered_json json;
+  json["up"] = {kernels.up.x(), kernels.up.y(), kernels.up.z()};
+  if (!kernels.geometry.empty()) json["geometry"] = kernels.geometry;
+  if (!kernels.vertex_order.empty()) json["vertex_order"] = kernels.vertex_order;
+  for (const std::string& group : kernels.groups) json["groups"].push_back(as_utf8(group));
+  auto& list = json["kernels"] = nlohmann::ordered_json::array();
+  for (const glm::vec3& k : kernels.kernels) {
+    for (int axis = 0; axis < 3; ++axis) {
+      // As float, so that the file has no digits that a float does not hold.
+      if (kernels.origin.isZero(0.0)) {
+        list.push_back(k[axis]);
+      } else {
+        list.push_back(kernels.origin[axis] + static_cast<double>(k[axis]));
+      }
+    }
+  }
+  return json.dump() + "\n";
+}
+
+Result<bool> attach_kernels(Model& model, const KernelFile& kernels, const std::string& file) {
+  if (kernels.kernels.size() != model.source_vertex_count) {
+    return fail(
+        "{}: kernels: has {} triples, the model \"{}\" has {} vertices; make it anew with "
+        "penumbra kernels",
+        file, kernels.kernels.size(), model.name, model.source_vertex_count);
+  }
+  if (!is_for(kernels, model)) {
+    model.warnings.push_back(
+        fmt::format("{}: was made before the model \"{}\" changed; its kernels are made anew", file,
+                    model.name));
+    // What they say of parts and kind holds on.
+    model.shadow_kernel_geometry = kernels.geometry;
+    model.shadow_kernel_groups = kernels.groups;
+    return false;
+  }
+  const Eigen::Vector3d by = kernels.origin - model.origin;
+  for (Mesh& mesh : model.meshes) {
+    mesh.shadow_kernels.resize(mesh.positions.size());
+    for (std::size_t i = 0; i < mesh.positions.size(); ++i) {
+      const glm::vec3& kernel = kernels.kernels[mesh.source_vertex[i]];
+      mesh.shadow_kernels[i] = by.isZero(0.0) ? kernel : moved(kernel, by);
+    }
+  }
+  model.shadow_kernel_up =
+      glm::vec3(static_cast<float>(kernels.up.x()), static_cast<float>(kernels.up.y()),
+                static_cast<float>(kernels.up.z()));
+  model.shadow_kernel_geometry = kernels.geometry;
+  model.shadow_kernel_groups = kernels.groups;
+  return true;
+}
+
+Result<void> give_kernels(Scene& scene, const KernelFile& kernels, const std::string& file) {
+  std::vector<std::shared_ptr<const Model>> casters;  // each model once
+  std::string counts;
+  for (const SceneObject& object : scene.objects) {
+    if (!object.model || !object.casts_shadow) continue;
+    if (std::find(casters.begin(), casters.end(), object.model) != casters.end()) continue;
+    casters.push_back(object.model);
+    if (casters.size() <= 12) {
+      counts += fmt::format("{}{} {}", casters.size() == 1 ? "" : ", ", object.name,
+                            object.model->source_vertex_count);
+    }
+  }
+  if (casters.size() > 12) counts += ", ...";
+  std::erase_if(casters, [&](const auto& model) {
+    return model->source_vertex_count != kernels.kernels.size();
+  });
+  if (casters.empty()) {
+    return fail(
+        "{}: kernels: has {} triples, and no caster of {} has as many vertices ({}); make it anew "
+        "with penumbra kernels",
+        file, kernels.kernels.size(), scene.file, counts.empty() ? "there is none" : counts);
+  }
+  const auto fits = [&](const auto& model) { return is_for(kernels, *model); };
+  if (std::any_of(casters.begin(), casters.end(), fits)) {
+    std::erase_if(casters, [&](const auto& model) { return !fits(model); });
+  }
+  for (const std::shared_ptr<const Model>& model : casters) {
+    const auto changed = std::make_shared<Model>(*model);
+    changed->warnings.clear();
+    const Result<bool> taken = attach_kernels(*changed, kernels, file);
+    if (!taken) return tl::unexpected(taken.error());
+    scene.warnings.insert(scene.warnings.end(), changed->warnings.begin(), changed->warnings.end());
+    if (!*taken) continue;
+    for (SceneObject& object : scene.objects) {
+      if (object.model != model) continue;
+      object.model = changed;
+      if (object.groups.empty() || !object.casts_shadow) continue;
+      if (!stored_kernels_fit(*changed, make_shadow_mesh(*changed, object.groups), object.groups)) {
+        scene.warnings.push_back(fmt::format(
+            "{}: was made for other parts than the group of \"{}\"; its kernels are made anew",
+            file, object.name));
+      }
+    }
+  }
+  return {};
+}
+
+KernelFile kernels_to_keep(const Model& model, const ShadowMesh& mesh, const ShadowKernels& kernels,
+                           KernelSource source, std::span<const std::string> groups) {
+  KernelFile result;
+  result.groups.assign(groups.begin(), groups.end());
+  result.up = kernels.up;
+  result.origin = model.origin;
+  result.geometry =
+      fmt::format("{}-{}-{}", geometry_key(model), parts_key(mesh), to_string(source));
+  result.vertex_order = vertex_order_key(model);
+  result.kernels.assign(mesh.from_source.size(), glm::vec3(0.0F));
+  for (std::size_t i = 0; i < mesh.from_source.size(); ++i) {
+    if (mesh.from_source[i] != kNoShadowPosition) {
+      result.kernels[i] = kernels.kernels[mesh.from_source[i]];
+    }
+  }
+  return result;
+}
+
+ShadowKernels stored_kernels_of(const ShadowMesh& mesh) {
+  ShadowKernels kernels;
+  kernels.up = to_eigen(mesh.stored_up).normalized();
+  kernels.kernels = mesh.stored_kernels;
+  return kernels;
+}
+
+KernelSource stored_kernel_source(const Model& model) {
+  return kernel_source_from_string(kernel_stamp_from(model.shadow_kernel_geometry).source)
+      .value_or(KernelSource::automatic);
+}
+
+bool has_stored_kernels_for(const ShadowMesh& mesh, const Eigen::Vector3d& up) {
+  if (mesh.stored_kernels.empty()) return false;
+  const Eigen::Vector3d own = to_eigen(mesh.stored_up);
+  // The sine keeps small angles, which the cosine loses.
+  return own.cross(up).norm() <= std::sin(kKernelTiltRad) * own.norm() * up.norm();
+}
+
+bool complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up) {
+  if (kernels.radius.size() == mesh.positions.size()) return false;
+  kernels.radius = generate_kernels(mesh, up, KernelSource::automatic).radius;
+  return true;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,278 @@
+#include "render/shadow/kernels/kernel_glb.hpp"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <span>
+
+#include "core/text/text_encoding.hpp"
+#include "render/model/gltf/extensions.hpp"
+#include "render/model/gltf/mesh_uses.hpp"
+#include "render/model/model_parts.hpp"
+#include "render/model/to_eigen.hpp"
+#include "render/shadow/kernels/glb_document.hpp"
+#include "render/shadow/kernels/kernel_extras.hpp"
+
+namespace penumbra {
+namespace {
+
+using Json = GlbDocument::Json;
+
+// How often accessors and views are read, by whatever: what only old kernels are in may be written
+// over.
+struct Readers {
+  std::map<std::size_t, int> of_accessor, of_view;
+};
+Readers readers_of(const Json& json) {
+  Readers readers;
+  const auto count = [&readers](const Json& accessor) {
+    if (accessor.is_number_unsigned()) ++readers.of_accessor[accessor.get<std::size_t>()];
+  };
+  for (const Json& mesh : json.at("meshes")) {
+    for (const Json& primitive : mesh.at("primitives")) {
+      for (const auto& [name, accessor] : primitive.at("attributes").items()) count(accessor);
+      if (primitive.contains("indices")) count(primitive.at("indices"));
+      if (!primitive.contains("targets")) continue;
+      for (const Json& target : primitive.at("targets")) {
+        for (const auto& [name, accessor] : target.items()) count(accessor);
+      }
+    }
+  }
+  const Json none = Json::array();
+  const auto list = [&none](const Json& from, const char* name) -> const Json& {
+    return from.contains(name) ? from.at(name) : none;
+  };
+  for (const Json& skin : list(json, "skins")) count(skin.value("inverseBindMatrices", Json()));
+  for (const Json& animation : list(json, "animations")) {
+    for (const Json& sampler : list(animation, "samplers")) {
+      count(sampler.value("input", Json()));
+      count(sampler.value("output", Json()));
+    }
+  }
+  const auto count_view = [&readers](const Json& from) {
+    if (from.contains("bufferView")) ++readers.of_view[from.at("bufferView").get<std::size_t>()];
+  };
+  for (const Json& accessor : json.at("accessors")) {
+    count_view(accessor);
+    if (!accessor.contains("sparse")) continue;
+    for (const char* part : {"indices", "values"}) count_view(accessor.at("sparse").at(part));
+  }
+  for (const Json& image : list(json, "images")) count_view(image);
+  return readers;
+}
+
+// Kernels that are there already, of as many vertices, one behind the other and read by nothing
+// else (tools that join equal data let a position and a kernel share it), give their place to the
+// new ones: a file that is stored again and again does not grow.
+bool replace_vectors(GlbDocument& document, const Readers& readers, const Json& attributes,
+                     std::span<const glm::vec3> vectors) {
+  const Json& json = document.json;
+  const auto there = attributes.find("_SHADOW_KERNEL");
+  if (there == attributes.end()) return false;
+  const auto index = there->get<std::size_t>();
+  const Json& accessor = json.at("accessors").at(index);
+  if (readers.of_accessor.at(index) != 1 ||
+      accessor.value("componentType", 0) != GlbDocument::kFloat ||
+      accessor.value("type", "") != "VEC3" ||
+      accessor.value("count", std::size_t{0}) != vectors.size() || accessor.contains("sparse") ||
+      !accessor.contains("bufferView")) {
+    return false;
+  }
+  const auto view_index = accessor.at("bufferView").get<std::size_t>();
+  const Json& view = json.at("bufferViews").at(view_index);
+  const bool dense = !view.contains("byteStride") || view.at("byteStride") == sizeof(glm::vec3);
+  const bool own = readers.of_view.at(view_index) == 1 &&
+                   view.value("byteLength", std::size_t{0}) == vectors.size_bytes() &&
+                   accessor.value("byteOffset", std::size_t{0}) == 0;
+  if (!dense || !own || view.value("buffer", 0) != 0) return false;
+  return document.overwrite(view.value("byteOffset", std::size_t{0}), vectors);
+}
+
+// Adds kernels to the meshes of a document.
+class KernelWriter {
+ public:
+  KernelWriter(GlbDocument& document, const KernelFile& kernels, double unit_m, std::string name)
+      : document_(document),
+        kernels_(kernels),
+        unit_m_(unit_m),
+        name_(std::move(name)),
+        readers_(readers_of(document.json)) {}
+
+  [[nodiscard]] Result<void> add(const gltf::MeshUse& use);
+  // To be called once all uses are added.
+  void finish();
+
+ private:
+  [[nodiscard]] std::size_t mesh_of(const gltf::MeshUse& use, bool& is_copy);
+  void add_instance(const gltf::MeshUse& use, std::size_t mesh);
+  [[nodiscard]] Result<std::vector<glm::vec3>> local_kernels(const gltf::PrimitiveUse& use,
+                                                             std::size_t count) const;
+
+  GlbDocument& document_;
+  const KernelFile& kernels_;
+  double unit_m_;  // of the file
+  std::string name_;
+  Readers readers_;
+  std::set<int> written_;                 // meshes of the file
+  std::map<int, std::size_t> instances_;  // per node, how many nodes stand for its instances
+};
+
+// A mesh keeps its place for its first use and is copied for others, with common data.
+std::size_t KernelWriter::mesh_of(const gltf::MeshUse& use, bool& is_copy) {
+  Json& meshes = document_.json.at("meshes");
+  auto mesh = static_cast<std::size_t>(use.mesh);
+  is_copy = !written_.insert(use.mesh).second;
+  if (is_copy) {
+    Json copy = meshes.at(mesh);
+    meshes.push_back(std::move(copy));
+    mesh = meshes.size() - 1;
+  }
+  if (use.T_node_instance) {
+    add_instance(use, mesh);
+  } else if (use.node >= 0) {
+    document_.json.at("nodes").at(static_cast<std::size_t>(use.node))["mesh"] = mesh;
+  }
+  return mesh;
+}
+
+// Instances become nodes in front of the node's other children.
+void KernelWriter::add_instance(const gltf::MeshUse& use, std::size_t mesh) {
+  Json& nodes = document_.json.at("nodes");
+  Json instance = {{"mesh", mesh}};
+  instance["matrix"] =
+      std::vector<double>(use.T_node_instance->data(), use.T_node_instance->data() + 16);
+  const auto parent = static_cast<std::size_t>(use.node);
+  if (nodes.at(parent).contains("weights")) instance["weights"] = nodes.at(parent).at("weights");
+  nodes.push_back(std::move(instance));
+  Json& node = nodes.at(parent);
+  if (!node.contains("children")) node["children"] = Json::array();
+  Json& children = node.at("children");
+  const auto place = static_cast<std::ptrdiff_t>(instances_[use.node]++);
+  children.insert(children.begin() + place, nodes.size() - 1);
+}
+
+Result<std::vector<glm::vec3>> KernelWriter::local_kernels(const gltf::PrimitiveUse& use,
+                                                           std::size_t count) const {
+  if (use.source_vertex + count > kernels_.kernels.size()) {
+    return fail("{}: has more vertices than there are kernels", name_);
+  }
+  std::vector<Eigen::Affine3d> T_vertex_root;
+  for (const Eigen::Matrix4d& T_root_vertex : use.T_root_vertex) {
+    T_vertex_root.emplace_back(Eigen::Affine3d(T_root_vertex).inverse());
+    if (!T_vertex_root.back().matrix().allFinite()) {
+      return fail(
+          "{}: one of its meshes is flattened by its node or joints; store the kernels in a .json "
+          "file",
+          name_);
+    }
+  }
+  std::vector<glm::vec3> local(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const Eigen::Affine3d& T = T_vertex_root.at(T_vertex_root.size() == 1 ? 0 : i);
+    const Eigen::Vector3d k =
+        T * to_file_axes((kernels_.origin + to_eigen(kernels_.kernels[use.source_vertex + i])) /
+                         unit_m_);
+    local[i] = {static_cast<float>(k.x()), static_cast<float>(k.y()), static_cast<float>(k.z())};
+  }
+  return local;
+}
+
+Result<void> KernelWriter::add(const gltf::MeshUse& use) {
+  // Nothing is seen of a node of scale 0, and its mesh stays as it is. Such instances are dropped.
+  if (std::ranges::all_of(use.primitives, &gltf::PrimitiveUse::is_hidden)) return {};
+  bool is_copy = false;
+  const std::size_t mesh = mesh_of(use, is_copy);
+  for (const gltf::PrimitiveUse& primitive : use.primitives) {
+    if (primitive.is_hidden) continue;
+    // Copied, because adding accessors may reallocate the document.
+    Json attributes =
+        document_.json.at("meshes").at(mesh).at("primitives").at(primitive.index).at("attributes");
+    const auto positions = attributes.at("POSITION").get<std::size_t>();
+    const auto count = document_.json.at("accessors").at(positions).at("count").get<std::size_t>();
+    const auto local = local_kernels(primitive, count);
+    if (!local) return tl::unexpected(local.error());
+    if (!is_copy && replace_vectors(document_, readers_, attributes, *local)) continue;
+    attributes["_SHADOW_KERNEL"] = document_.add_vectors(*local);
+    document_.json.at("meshes").at(mesh).at("primitives").at(primitive.index)["attributes"] =
+        std::move(attributes);
+  }
+  const Eigen::Matrix4d& T_root_vertex = use.primitives.front().T_root_vertex.front();
+  const Eigen::Matrix3d linear = use.is_skinned
+                                     ? Eigen::Matrix3d(Eigen::Matrix3d::Identity())
+                                     : Eigen::Matrix3d(T_root_vertex.topLeftCorner<3, 3>());
+  note_kernels(document_.json.at("meshes").at(mesh), kernels_,
+               (linear.inverse() * to_file_axes(kernels_.up)).normalized());
+  return {};
+}
+
+void KernelWriter::finish() {
+  if (instances_.empty()) return;
+  bool is_used = false;
+  for (Json& node : document_.json.at("nodes")) {
+    if (!node.contains("extensions")) continue;
+    Json& extensions = node.at("extensions");
+    const int index = static_cast<int>(&node - &document_.json.at("nodes").at(0));
+    if (instances_.contains(index)) {
+      // Erasing moves what follows: `extensions` is not used after it.
+      extensions.erase(gltf::kInstancing);
+      if (extensions.empty()) node.erase("extensions");
+      node.erase("mesh");
+      node.erase("weights");
+    } else {
+      is_used = is_used || extensions.contains(gltf::kInstancing);
+    }
+  }
+  for (const char* list : {"extensionsUsed", "extensionsRequired"}) {
+    if (is_used || !document_.json.contains(list)) continue;
+    Json& names = document_.json.at(list);
+    std::erase_if(names.get_ref<Json::array_t&>(),
+                  [](const Json& name) { return name == gltf::kInstancing; });
+    if (names.empty()) document_.json.erase(list);
+  }
+}
+
+Result<KernelGlb> add_to_document(const std::filesystem::path& file, const KernelFile& kernels,
+                                  double unit_m) {
+  KernelGlb result;
+  const auto uses = gltf::mesh_uses(file);
+  if (!uses) return tl::unexpected(uses.error());
+  auto document = GlbDocument::open(file, result.warnings);
+  if (!document) return tl::unexpected(document.error());
+  KernelWriter writer(*document, kernels, unit_m, file.string());
+  for (const gltf::MeshUse& use : *uses) {
+    if (const Result<void> added = writer.add(use); !added) return tl::unexpected(added.error());
+  }
+  writer.finish();
+  auto bytes = document->finish();
+  if (!bytes) return tl::unexpected(bytes.error());
+  result.bytes = std::move(*bytes);
+  return result;
+}
+
+}  // namespace
+
+void note_kernels(Json& mesh, const KernelFile& kernels, const Eigen::Vector3d& up) {
+  Json& extras = mesh["extras"];
+  if (!extras.is_object()) extras = Json::object();
+  extras[std::string(kKernelUpKey)] = {up.x(), up.y(), up.z()};
+  extras.erase(std::string(kKernelGeometryKey));
+  if (!kernels.geometry.empty()) extras[std::string(kKernelGeometryKey)] = kernels.geometry;
+  extras.erase(std::string(kKernelGroupsKey));
+  if (kernels.groups.empty()) return;
+  Json& groups = extras[std::string(kKernelGroupsKey)] = Json::array();
+  for (const std::string& group : kernels.groups) groups.push_back(as_utf8(group));
+}
+
+Result<KernelGlb> add_kernels_to_gltf(const std::filesystem::path& file, const KernelFile& kernels,
+                                      double unit_m) {
+  try {
+    return add_to_document(file, kernels, unit_m);
+  } catch (const std::exception& error) {
+    return fail("{}: kernels can't be added: {}", file.string(), error.what());
+  }
+}
+
+}  // namespace penumbra

@@ -1,0 +1,296 @@
+// A new .glb of a model that came in another format.
+#include <algorithm>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "core/image/image_file.hpp"
+#include "core/text/text_encoding.hpp"
+#include "render/model/model_parts.hpp"
+#include "render/shadow/kernels/glb_document.hpp"
+#include "render/shadow/kernels/kernel_extras.hpp"
+#include "render/shadow/kernels/kernel_glb.hpp"
+
+namespace penumbra {
+namespace {
+
+using Json = GlbDocument::Json;
+
+constexpr int kRepeat = 10497;
+constexpr int kMirroredRepeat = 33648;
+constexpr int kClampToEdge = 33071;
+
+std::size_t add_vertices(GlbDocument& document, const Mesh& mesh) {
+  std::vector<glm::vec3> points(mesh.positions.size());
+  glm::vec3 low(std::numeric_limits<float>::max());
+  glm::vec3 high(std::numeric_limits<float>::lowest());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    points[i] = to_file_axes(mesh.positions[i]);
+    for (int axis = 0; axis < 3; ++axis) {
+      low[axis] = std::min(low[axis], points[i][axis]);
+      high[axis] = std::max(high[axis], points[i][axis]);
+    }
+  }
+  const std::size_t accessor = document.add_vectors(points);
+  document.json.at("accessors").at(accessor)["min"] = {low.x, low.y, low.z};
+  document.json.at("accessors").at(accessor)["max"] = {high.x, high.y, high.z};
+  return accessor;
+}
+
+// The faces of a mesh that come from one node. Its vertices are not shared with other nodes.
+struct NamedMesh {
+  Mesh mesh;
+  std::optional<std::uint32_t> node;  // of Model::nodes
+};
+
+constexpr std::uint32_t kNoVertex = std::numeric_limits<std::uint32_t>::max();
+
+// `new_index`: one kNoVertex per vertex of the mesh, before and after.
+Mesh faces_of(const Mesh& mesh, const NodeFaces& run, std::vector<std::uint32_t>& new_index) {
+  Mesh own;
+  own.name = mesh.name;
+  own.material = mesh.material;
+  const auto copy = [](auto& to, const auto& from, std::uint32_t vertex) {
+    if (!from.empty()) to.push_back(from[vertex]);
+  };
+  for (std::size_t i = 0; i < run.index_count; ++i) {
+    const std::uint32_t vertex = mesh.indices[run.first_index + i];
+    std::uint32_t& index = new_index[vertex];
+    if (index == kNoVertex) {
+      index = static_cast<std::uint32_t>(own.positions.size());
+      copy(own.positions, mesh.positions, vertex);
+      copy(own.normals, mesh.normals, vertex);
+      copy(own.texcoords, mesh.texcoords, vertex);
+      copy(own.colors, mesh.colors, vertex);
+      copy(own.source_vertex, mesh.source_vertex, vertex);
+    }
+    own.indices.push_back(index);
+  }
+  for (std::size_t i = 0; i < run.index_count; ++i) {
+    new_index[mesh.indices[run.first_index + i]] = kNoVertex;
+  }
+  return own;
+}
+
+// The faces in the same order, each with its node: groups of parts are named by it.
+std::vector<NamedMesh> split_by_node(const Model& model) {
+  std::vector<NamedMesh> pieces;
+  for (const Mesh& mesh : model.meshes) {
+    std::size_t named = 0;
+    for (const NodeFaces& run : mesh.node_faces) named += run.index_count;
+    if (named != mesh.indices.size()) {
+      pieces.push_back({mesh, std::nullopt});
+      continue;
+    }
+    std::vector<std::uint32_t> new_index(mesh.positions.size(), kNoVertex);
+    for (const NodeFaces& run : mesh.node_faces) {
+      if (run.index_count > 0) pieces.push_back({faces_of(mesh, run, new_index), run.node});
+    }
+  }
+  return pieces;
+}
+
+// The stamp for the model as the file will have it: a vertex that two nodes share is two there.
+std::string stamp_of(const std::vector<NamedMesh>& pieces, const std::string& stamp) {
+  Model written;
+  for (const NamedMesh& piece : pieces) {
+    const auto same =
+        std::find_if(written.meshes.begin(), written.meshes.end(),
+                     [&piece](const Mesh& mesh) { return mesh.material == piece.mesh.material; });
+    if (same == written.meshes.end()) {
+      written.meshes.push_back(piece.mesh);
+    } else {
+      append_mesh(*same, piece.mesh);
+    }
+  }
+  const std::size_t rest = stamp.find('-');
+  return geometry_key(written) + (rest == std::string::npos ? "" : stamp.substr(rest));
+}
+
+// A node of the scene for the mesh that was written last, below nodes with its ancestors' names.
+void add_named_node(Json& json, const Model& model, const NamedMesh& piece) {
+  json["nodes"].push_back({{"mesh", json["meshes"].size() - 1}});
+  std::size_t top = json["nodes"].size() - 1;
+  if (!piece.node) {
+    json["nodes"][top]["name"] = as_utf8(piece.mesh.name);
+  } else {
+    json["nodes"][top]["name"] = as_utf8(model.nodes[*piece.node].name);
+    for (int parent = model.nodes[*piece.node].parent; parent >= 0;
+         parent = model.nodes[static_cast<std::size_t>(parent)].parent) {
+      json["nodes"].push_back(
+          {{"name", as_utf8(model.nodes[static_cast<std::size_t>(parent)].name)},
+           {"children", Json::array({top})}});
+      top = json["nodes"].size() - 1;
+    }
+  }
+  if (!model.origin.isZero(0.0)) {
+    const Eigen::Vector3d place = to_file_axes(model.origin);
+    json["nodes"][top]["translation"] = {place.x(), place.y(), place.z()};
+  }
+  json["scenes"][0]["nodes"].push_back(top);
+}
+
+int wrap_mode(TextureWrap wrap) {
+  switch (wrap) {
+    case TextureWrap::mirrored:
+      return kMirroredRepeat;
+    case TextureWrap::clamp:
+      return kClampToEdge;
+    case TextureWrap::repeat:
+      break;
+  }
+  return kRepeat;
+}
+
+// Returns true for a texture that still is the image file that it came with, in a format that glTF
+// holds.
+bool has_own_image(const Texture& texture) {
+  if (media_type_of(texture.encoded).empty()) return false;
+  const auto decoded = decode_rgba(texture.encoded, "");
+  return decoded && decoded->pixels == texture.rgba;
+}
+
+// Adds images and materials.
+class MaterialWriter {
+ public:
+  explicit MaterialWriter(GlbDocument& document) : document_(document) {}
+
+  // Returns the number of images that can't be embedded.
+  std::size_t add_images(const Model& model);
+  void add(const Material& material);
+
+ private:
+  void add_texture(Json& to, const char* key, const MaterialTexture& texture);
+
+  GlbDocument& document_;
+  std::vector<int> images_;  // per texture of the model, -1 for one that is not written
+};
+
+std::size_t MaterialWriter::add_images(const Model& model) {
+  std::size_t left_out = 0;
+  for (const Texture& texture : model.textures) {
+    if (!has_own_image(texture)) {
+      ++left_out;
+      images_.push_back(-1);
+      continue;
+    }
+    const std::size_t view = document_.add_view(texture.encoded);
+    Json& images = document_.json["images"];
+    images.push_back({{"bufferView", view}, {"mimeType", media_type_of(texture.encoded)}});
+    images_.push_back(static_cast<int>(images.size()) - 1);
+  }
+  return left_out;
+}
+
+void MaterialWriter::add_texture(Json& to, const char* key, const MaterialTexture& texture) {
+  if (texture.image < 0 || images_.at(static_cast<std::size_t>(texture.image)) < 0) return;
+  Json& json = document_.json;
+  json["samplers"].push_back({{"wrapS", wrap_mode(texture.sampling.wrap_s)},
+                              {"wrapT", wrap_mode(texture.sampling.wrap_t)}});
+  json["textures"].push_back({{"sampler", json["samplers"].size() - 1},
+                              {"source", images_[static_cast<std::size_t>(texture.image)]}});
+  to[key] = {{"index", json["textures"].size() - 1}};
+}
+
+void MaterialWriter::add(const Material& from) {
+  const glm::vec4& c = from.base_color;
+  Json material = {{"name", as_utf8(from.name)},
+                   {"pbrMetallicRoughness",
+                    {{"baseColorFactor", {c.r, c.g, c.b, c.a}},
+                     {"metallicFactor", from.metallic},
+                     {"roughnessFactor", from.roughness}}},
+                   {"emissiveFactor", {from.emissive.r, from.emissive.g, from.emissive.b}}};
+  material["doubleSided"] = from.double_sided;
+  if (from.alpha_mode == AlphaMode::mask) {
+    material["alphaMode"] = "MASK";
+    material["alphaCutoff"] = from.alpha_cutoff;
+  } else if (from.alpha_mode == AlphaMode::blend || c.a < 1.0F) {
+    material["alphaMode"] = "BLEND";
+  }
+  Json& base = material["pbrMetallicRoughness"];
+  add_texture(base, "baseColorTexture", from.base_color_texture);
+  add_texture(base, "metallicRoughnessTexture", from.metallic_roughness_texture);
+  add_texture(material, "normalTexture", from.normal_texture);
+  if (material.contains("normalTexture")) material["normalTexture"]["scale"] = from.normal_scale;
+  add_texture(material, "occlusionTexture", from.occlusion_texture);
+  if (material.contains("occlusionTexture")) {
+    material["occlusionTexture"]["strength"] = from.occlusion_strength;
+  }
+  add_texture(material, "emissiveTexture", from.emissive_texture);
+  document_.json["materials"].push_back(std::move(material));
+}
+
+Json add_attributes(GlbDocument& document, const Mesh& mesh, const KernelFile& kernels) {
+  Json attributes;
+  attributes["POSITION"] = add_vertices(document, mesh);
+  std::vector<glm::vec3> vectors;
+  for (const glm::vec3& n : mesh.normals) vectors.push_back(to_file_axes(n));
+  attributes["NORMAL"] = document.add_vectors(vectors);
+  if (!mesh.colors.empty()) {
+    attributes["COLOR_0"] =
+        document.add(std::span<const glm::vec4>(mesh.colors), GlbDocument::kFloat, "VEC4",
+                     mesh.colors.size(), GlbDocument::kArrayBuffer);
+  }
+  if (!mesh.texcoords.empty()) {
+    attributes["TEXCOORD_0"] =
+        document.add(std::span<const glm::vec2>(mesh.texcoords), GlbDocument::kFloat, "VEC2",
+                     mesh.texcoords.size(), GlbDocument::kArrayBuffer);
+  }
+  vectors.clear();
+  for (const std::uint32_t source : mesh.source_vertex) {
+    vectors.push_back(to_file_axes(kernels.kernels.at(source)));
+  }
+  attributes["_SHADOW_KERNEL"] = document.add_vectors(vectors);
+  return attributes;
+}
+
+Result<KernelGlb> make_document(const Model& model, KernelFile kernels) {
+  GlbDocument document;
+  Json& json = document.json;
+  json["asset"] = {{"version", "2.0"}, {"generator", "penumbra kernels"}};
+  json["scene"] = 0;
+  json["scenes"] = Json::array({{{"nodes", Json::array()}}});
+  KernelGlb result;
+  MaterialWriter materials(document);
+  if (const std::size_t left_out = materials.add_images(model); left_out > 0) {
+    result.warnings.push_back(fmt::format(
+        "{}: {} of its images can't be written into the .glb; their materials are plain there",
+        model.name, left_out));
+  }
+  for (const Material& material : model.materials) materials.add(material);
+  const std::vector<NamedMesh> pieces = split_by_node(model);
+  // A reader finds its own origin for a model that lies far away: its floats are rounded otherwise.
+  const bool is_far = !model.origin.isZero(0.0);
+  kernels.geometry = is_far ? "" : stamp_of(pieces, kernels.geometry);
+  for (const NamedMesh& piece : pieces) {
+    const Mesh& from = piece.mesh;
+    Json attributes = add_attributes(document, from, kernels);
+    const std::size_t indices =
+        document.add(std::span<const std::uint32_t>(from.indices), GlbDocument::kUnsignedInt,
+                     "SCALAR", from.indices.size(), GlbDocument::kElementArrayBuffer);
+    Json primitive = {{"attributes", std::move(attributes)}, {"indices", indices}};
+    primitive["material"] = from.material;
+    const bool has_name = piece.node && !model.nodes[*piece.node].mesh.empty();
+    Json mesh = {{"name", as_utf8(has_name ? model.nodes[*piece.node].mesh : from.name)},
+                 {"primitives", Json::array({std::move(primitive)})}};
+    note_kernels(mesh, kernels, to_file_axes(kernels.up));
+    json["meshes"].push_back(std::move(mesh));
+    add_named_node(json, model, piece);
+  }
+  auto bytes = document.finish();
+  if (!bytes) return tl::unexpected(bytes.error());
+  result.bytes = std::move(*bytes);
+  return result;
+}
+
+}  // namespace
+
+Result<KernelGlb> make_glb_with_kernels(const Model& model, const KernelFile& kernels) {
+  try {
+    return make_document(model, kernels);
+  } catch (const std::exception& error) {
+    return fail("{}: can't be written as glTF: {}", model.name, error.what());
+  }
+}
+
+}  // namespace penumbra

@@ -1,0 +1,51 @@
+// What stored kernels were made for, as one word beside them: "GEOMETRY-PARTS-SOURCE".
+//
+// Files from elsewhere may leave it out, or have the geometry's key alone; what is not said is
+// taken to fit, but for parts that the user names.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "render/scene/technique.hpp"
+#include "render/shadow/shadow_mesh.hpp"
+
+namespace penumbra {
+
+struct KernelStamp {
+  std::string geometry;  // geometry_key() of the model
+  std::string parts;     // parts_key() of its shadow mesh
+  std::string source;    // KernelSource, by its name
+};
+
+[[nodiscard]] inline KernelStamp kernel_stamp_from(std::string_view word) {
+  KernelStamp stamp;
+  const std::size_t first = word.find('-');
+  stamp.geometry = word.substr(0, first);
+  if (first == std::string_view::npos) return stamp;
+  const std::string_view rest = word.substr(first + 1);
+  const std::size_t second = rest.find('-');
+  stamp.parts = rest.substr(0, second);
+  if (second != std::string_view::npos) stamp.source = rest.substr(second + 1);
+  return stamp;
+}
+
+// A hash of which faces belong to one part, whatever the parts are numbered by.
+[[nodiscard]] std::string parts_key(const ShadowMesh& mesh);
+
+// Whether the kernels that came with the model are for the parts that the mesh has. Where no groups
+// are named the kernels' own hold.
+[[nodiscard]] bool stored_kernels_fit(const Model& model, const ShadowMesh& mesh,
+                                      std::span<const std::string> groups);
+
+// How the kernels that came with the model were made, and are to be made for other tilts.
+[[nodiscard]] KernelSource stored_kernel_source(const Model& model);
+
+// Whether a light of one size can use such kernels: those of the centroid have no thickness to
+// compare with it.
+[[nodiscard]] inline bool have_thickness(KernelSource source) {
+  return source != KernelSource::centroid;
+}
+
+}  // namespace penumbra

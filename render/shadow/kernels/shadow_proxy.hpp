@@ -1,0 +1,65 @@
+// A reduced mesh that casts layered shadows in place of its model, where nobody sees the difference
+// (shadows.md 7). It saves triangles on the GPU. Kernels are made for the full mesh and carried
+// over from the nearest of its vertices: made anew on the reduced mesh they agree less.
+//
+// The rule: a proxy casts only where each of its layers agrees with the full mesh's (area of the
+// intersection over that of the union) to 0.98 at both heights, 0.2 and 0.6 h_u.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "render/model/model.hpp"
+#include "render/scene/scene.hpp"
+#include "render/shadow/kernels/shadow_kernels.hpp"
+#include "render/shadow/shadow_mesh.hpp"
+
+namespace penumbra {
+
+struct ShadowProxy {
+  ShadowMesh mesh;  // from_source and stored_kernels are empty; parts are those of the full mesh
+  std::vector<std::uint32_t> source_of;  // per position the nearest position of the full mesh
+};
+
+// Up to here a mesh is drawn as fast as half of it.
+inline constexpr std::size_t kLeastProxyFaces = 2000;
+inline constexpr double kLeastProxyAgreement = 0.98;
+inline constexpr std::array kProxyHeights = {0.2, 0.6};  // of h_u, of the middle of the object
+
+// Half of the faces, a quarter of more than 20,000, by meshoptimizer. Nothing for kLeastProxyFaces
+// or fewer, and where the mesh's joints and borders leave more than three quarters of its faces.
+[[nodiscard]] std::optional<ShadowProxy> simplified_caster(const ShadowMesh& full);
+
+// A model that the author made for it, in the same object frame.
+[[nodiscard]] ShadowProxy proxy_from_model(const ShadowMesh& full, const Model& model);
+
+[[nodiscard]] ShadowKernels carried_kernels(const ShadowProxy& proxy, const ShadowKernels& full);
+
+struct ProxyAgreement {
+  // Per height of kProxyHeights, per layer as in kShadowLayers; 1 where both are empty.
+  std::array<std::array<double, 3>, 2> iou{};
+  [[nodiscard]] double least() const;
+  [[nodiscard]] bool kept() const { return least() >= kLeastProxyAgreement; }
+};
+
+// How the light falls and how large the object is in it.
+struct ProxyUse {
+  LayeredConstants constants;
+  LightMode light_mode = LightMode::proportional;
+  double scale = 1.0;
+};
+
+// Compares the layers for the kernels' own up direction. `kernels` are the full mesh's; `parts` (of
+// part_discs) are needed for a fixed light only, and the radii of the kernels too. Where not
+// `thorough`, it stops at the first layer that breaks the rule and leaves the rest at 0.
+[[nodiscard]] ProxyAgreement compare_with_proxy(const ShadowMesh& full,
+                                                const ShadowKernels& kernels,
+                                                std::span<const PartDisc> parts,
+                                                const ShadowProxy& proxy, const ProxyUse& use,
+                                                bool thorough);
+
+}  // namespace penumbra

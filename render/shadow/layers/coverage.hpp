@@ -1,0 +1,45 @@
+// The cells of a grid that triangles cover, to compare layers with each other.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "render/shadow/layers/layered_penumbra.hpp"
+
+namespace penumbra {
+
+// One bit per cell whose centre a triangle covers; the same grid for both of what is compared.
+class Coverage {
+ public:
+  // Square cells of this size [m] from the lowest corner, in plane coordinates [m].
+  Coverage(const Eigen::Vector2f& low, float cell, int width, int height);
+
+  // Three points each, of either orientation. What lies outside the grid is left out.
+  void cover(std::span<const PlanePoint> triangles);
+  // The cells whose centres lie in a square round a point [m].
+  void cover_square(const PlanePoint& centre, float half_side);
+
+  [[nodiscard]] std::size_t count() const;
+  // Cells that both cover.
+  [[nodiscard]] std::size_t count_with(const Coverage& other) const;
+  // Intersection over union; 1 where both are empty.
+  [[nodiscard]] double iou(const Coverage& other) const;
+
+ private:
+  [[nodiscard]] Eigen::Vector2f cells(const PlanePoint& p) const {
+    return {(p.u - low_.x()) / cell_, (p.v - low_.y()) / cell_};
+  }
+  void cover_triangle(Eigen::Vector2f a, Eigen::Vector2f b, Eigen::Vector2f c);
+  void fill(int row, int from, int to);
+
+  Eigen::Vector2f low_;
+  float cell_;
+  int width_, height_;  // [cells]
+  std::size_t words_;   // of a row
+  std::vector<std::uint64_t> bits_;
+};
+
+}  // namespace penumbra

@@ -1,0 +1,266 @@
+#include "render/shadow/layers/layer_polygons.hpp"
+
+#include <algorithm>
+#include <array>
+#include <clipper.hpp>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+
+namespace penumbra {
+
+namespace {
+
+// Within this range Clipper computes with 64 bits alone.
+constexpr double kGridHalf = 5e8;
+constexpr double kSpeck = 1e-12;  // [m^2]
+
+struct Grid {
+  Eigen::Vector2d middle = Eigen::Vector2d::Zero();
+  double step = 0.0;  // [m]
+
+  [[nodiscard]] std::array<std::int32_t, 2> snap(const PlanePoint& p) const {
+    return {static_cast<std::int32_t>(std::lround((static_cast<double>(p.u) - middle.x()) / step)),
+            static_cast<std::int32_t>(std::lround((static_cast<double>(p.v) - middle.y()) / step))};
+  }
+  [[nodiscard]] std::vector<Eigen::Vector2d> lift(const ClipperLib::Path& path) const {
+    std::vector<Eigen::Vector2d> ring;
+    ring.reserve(path.size());
+    for (const ClipperLib::IntPoint& p : path) {
+      ring.emplace_back(middle.x() + step * static_cast<double>(p.X),
+                        middle.y() + step * static_cast<double>(p.Y));
+    }
+    return ring;
+  }
+};
+
+Grid grid_round(std::span<const PlanePoint> points) {
+  Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+  Eigen::Vector2d high = -low;
+  for (const PlanePoint& point : points) {
+    const Eigen::Vector2d p(static_cast<double>(point.u), static_cast<double>(point.v));
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
+  }
+  Grid grid;
+  grid.middle = 0.5 * (low + high);
+  grid.step = 0.5 * (high - low).maxCoeff() / kGridHalf;
+  return grid;
+}
+
+using Corner = std::array<std::int32_t, 2>;
+
+std::uint64_t key_of(const Corner& corner) {
+  return (static_cast<std::uint64_t>(static_cast<std::uint32_t>(corner[0])) << 32U) |
+         static_cast<std::uint32_t>(corner[1]);
+}
+Corner corner_of(std::uint64_t key) {
+  return {static_cast<std::int32_t>(static_cast<std::uint32_t>(key >> 32U)),
+          static_cast<std::int32_t>(static_cast<std::uint32_t>(key))};
+}
+
+struct Edge {
+  std::uint64_t from, to;
+  int count;
+};
+
+struct Triangle {
+  Corner a, b, c;  // counter-clockwise
+
+  // Three times the centroid's coordinate along an axis.
+  [[nodiscard]] std::int64_t thrice_centroid(std::size_t axis) const {
+    return static_cast<std::int64_t>(a[axis]) + b[axis] + c[axis];
+  }
+};
+
+// Those with an area, turned counter-clockwise.
+std::vector<Triangle> snapped_triangles(std::span<const PlanePoint> points, const Grid& grid) {
+  std::vector<Triangle> triangles;
+  triangles.reserve(points.size() / 3);
+  for (std::size_t i = 0; i + 2 < points.size(); i += 3) {
+    const Corner a = grid.snap(points[i]);
+    const Corner b = grid.snap(points[i + 1]);
+    const Corner c = grid.snap(points[i + 2]);
+    const auto difference = [](std::int32_t p, std::int32_t q) {
+      return static_cast<std::int64_t>(p) - q;
+    };
+    // At most 2e18: it fits.
+    const std::int64_t area = difference(b[0], a[0]) * difference(c[1], a[1]) -
+                              difference(b[1], a[1]) * difference(c[0], a[0]);
+    if (area > 0) triangles.push_back({a, b, c});
+    if (area < 0) triangles.push_back({a, c, b});
+  }
+  return triangles;
+}
+
+// The boundary of all triangles, as directed edges. An edge between two neighbours runs both ways
+// and drops out, so what is left of a mesh is its silhouettes; the winding number round every point
+// is the number of triangles that cover it.
+std::vector<Edge> boundary_edges(std::span<const Triangle> triangles) {
+  std::vector<Edge> edges;
+  edges.reserve(3 * triangles.size());
+  const auto add = [&edges](std::uint64_t from, std::uint64_t to) {
+    edges.push_back(from < to ? Edge{from, to, 1} : Edge{to, from, -1});
+  };
+  for (const Triangle& triangle : triangles) {
+    const std::uint64_t p = key_of(triangle.a);
+    const std::uint64_t q = key_of(triangle.b);
+    const std::uint64_t r = key_of(triangle.c);
+    add(p, q);
+    add(q, r);
+    add(r, p);
+  }
+  std::sort(edges.begin(), edges.end(), [](const Edge& a, const Edge& b) {
+    return a.from < b.from || (a.from == b.from && a.to < b.to);
+  });
+  std::vector<Edge> left;
+  for (std::size_t i = 0; i < edges.size();) {
+    Edge sum = edges[i];
+    for (++i; i < edges.size() && edges[i].from == sum.from && edges[i].to == sum.to; ++i) {
+      sum.count += edges[i].count;
+    }
+    for (; sum.count > 0; --sum.count) left.push_back({sum.from, sum.to, 1});
+    for (; sum.count < 0; ++sum.count) left.push_back({sum.to, sum.from, 1});
+  }
+  std::sort(left.begin(), left.end(), [](const Edge& a, const Edge& b) {
+    return a.from < b.from || (a.from == b.from && a.to < b.to);
+  });
+  return left;
+}
+
+// As many edges leave a corner as arrive, so walks along them close.
+ClipperLib::Paths closed_walks(const std::vector<Edge>& edges) {
+  ClipperLib::Paths walks;
+  std::vector<bool> used(edges.size(), false);
+  // Edges are sorted by `from`: next_unused[i] of a corner's first edge skips those walked already.
+  std::vector<std::size_t> next_unused(edges.size());
+  for (std::size_t i = 0; i < edges.size(); ++i) next_unused[i] = i;
+  const auto first_from = [&edges](std::uint64_t corner) {
+    return static_cast<std::size_t>(
+        std::lower_bound(edges.begin(), edges.end(), corner,
+                         [](const Edge& edge, std::uint64_t key) { return edge.from < key; }) -
+        edges.begin());
+  };
+  for (std::size_t start = 0; start < edges.size(); ++start) {
+    if (used[start]) continue;
+    ClipperLib::Path walk;
+    std::size_t edge = start;
+    while (true) {
+      used[edge] = true;
+      const Corner corner = corner_of(edges[edge].from);
+      walk.emplace_back(corner[0], corner[1]);
+      if (edges[edge].to == edges[start].from) break;
+      const std::size_t first = first_from(edges[edge].to);
+      std::size_t& next = next_unused[first];
+      while (next < edges.size() && edges[next].from == edges[edge].to && used[next]) ++next;
+      if (next >= edges.size() || edges[next].from != edges[edge].to) break;
+      edge = next;
+    }
+    walks.push_back(std::move(walk));
+  }
+  return walks;
+}
+
+// Of a union made in pieces, each is this many times shorter than what goes in one.
+constexpr std::size_t kPiecesShorter = 10;
+
+// Throws what Clipper throws; false where it gives up.
+template <class Solution>
+bool unite(const ClipperLib::Paths& paths, Solution& solution) {
+  // Faces seen edge-on leave nothing; Clipper would call that a failure.
+  if (paths.empty()) return true;
+  ClipperLib::Clipper clipper;
+  clipper.AddPaths(paths, ClipperLib::ptSubject, true);
+  return clipper.Execute(ClipperLib::ctUnion, solution, ClipperLib::pftPositive,
+                         ClipperLib::pftPositive);
+}
+
+// Closed paths, positive inside, whose union is that of the triangles. Where their boundary is too
+// long for one go it is that of the two halves of the plane united, and so on: what lies inside is
+// gone before the halves meet. Changes the order of the triangles.
+bool outline_paths(std::span<Triangle> triangles, std::size_t edges_at_once,
+                   std::size_t edges_of_a_piece, ClipperLib::Paths& outline) {
+  const std::vector<Edge> edges = boundary_edges(triangles);
+  if (edges.size() <= edges_at_once || triangles.size() < 2) {
+    outline = closed_walks(edges);
+    return true;
+  }
+  Corner low = triangles.front().a;
+  Corner high = low;
+  for (const Triangle& triangle : triangles) {
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      low[axis] = std::min(low[axis], triangle.a[axis]);
+      high[axis] = std::max(high[axis], triangle.a[axis]);
+    }
+  }
+  const std::size_t axis =
+      static_cast<std::int64_t>(high[0]) - low[0] < static_cast<std::int64_t>(high[1]) - low[1] ? 1
+                                                                                                : 0;
+  const std::size_t half = triangles.size() / 2;
+  std::nth_element(triangles.begin(), triangles.begin() + static_cast<std::ptrdiff_t>(half),
+                   triangles.end(), [axis](const Triangle& a, const Triangle& b) {
+                     return a.thrice_centroid(axis) < b.thrice_centroid(axis);
+                   });
+  for (const std::span<Triangle>& part : {triangles.first(half), triangles.subspan(half)}) {
+    ClipperLib::Paths paths;
+    ClipperLib::Paths united;
+    if (!outline_paths(part, edges_of_a_piece, edges_of_a_piece, paths) || !unite(paths, united))
+      return false;
+    outline.insert(outline.end(), united.begin(), united.end());
+  }
+  return true;
+}
+
+}  // namespace
+
+Result<LayerOutline> union_of_triangles(std::span<const PlanePoint> triangles,
+                                        std::size_t edges_at_once) {
+  LayerOutline outline;
+  for (const PlanePoint& p : triangles) {
+    if (!std::isfinite(p.u) || !std::isfinite(p.v)) {
+      return fail("shadow layer: has a point that is not finite; check the model and the pose");
+    }
+  }
+  if (triangles.size() < 3) return outline;
+  const Grid grid = grid_round(triangles);
+  if (!(grid.step > 0.0)) return outline;
+
+  ClipperLib::PolyTree tree;
+  try {
+    std::vector<Triangle> snapped = snapped_triangles(triangles, grid);
+    ClipperLib::Paths paths;
+    if (!outline_paths(snapped, edges_at_once, edges_at_once / kPiecesShorter, paths) ||
+        !unite(paths, tree)) {
+      return fail("shadow layer: the union of its triangles failed");
+    }
+  } catch (const ClipperLib::clipperException& error) {
+    return fail("shadow layer: the union of its triangles failed: {}", error.what());
+  }
+
+  const double unit = grid.step * grid.step;
+  double total = 0.0;
+  for (const ClipperLib::PolyNode* node = tree.GetFirst(); node != nullptr;
+       node = node->GetNext()) {
+    total += unit * std::abs(ClipperLib::Area(node->Contour)) * (node->IsHole() ? -1.0 : 1.0);
+  }
+  const double speck = std::min(kSpeck, 1e-9 * total);
+  for (const ClipperLib::PolyNode* node = tree.GetFirst(); node != nullptr;
+       node = node->GetNext()) {
+    if (node->IsHole()) continue;
+    const double area = unit * std::abs(ClipperLib::Area(node->Contour));
+    if (area < speck) continue;
+    outline.area += area;
+    LayerPolygon polygon;
+    polygon.outer = grid.lift(node->Contour);
+    for (const ClipperLib::PolyNode* hole : node->Childs) {
+      const double hole_area = unit * std::abs(ClipperLib::Area(hole->Contour));
+      if (hole_area < speck) continue;
+      outline.area -= hole_area;
+      polygon.holes.push_back(grid.lift(hole->Contour));
+    }
+    outline.polygons.push_back(std::move(polygon));
+  }
+  return outline;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,85 @@
+// Layered penumbrae: the three layers of a shadow cast straight down (Layered Penumbrae, sections 3
+// and 5; shadows.md 2.1 and 2.2).
+//
+//   s_lambda(h) = (H + lambda a h) / (H - h),   lambda = -1 umbra, 0 middle, +1 penumbra
+//   x_lambda    = k + s_lambda(h) (x - k)       x, k in plane coordinates (u, v); h the height
+//   above the plane
+//
+// Zenith limit H = inf with the umbra-vanish height h_u given: s = 1 + lambda h / h_u. The vertex
+// shader has the same formulas.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/error.hpp"
+#include "render/scene/scene.hpp"
+
+namespace penumbra {
+
+enum class ShadowLayer { umbra, middle, penumbra };
+inline constexpr std::array kShadowLayers = {ShadowLayer::umbra, ShadowLayer::middle,
+                                             ShadowLayer::penumbra};
+[[nodiscard]] constexpr int lambda_of(ShadowLayer layer) {
+  return layer == ShadowLayer::umbra ? -1 : layer == ShadowLayer::middle ? 0 : 1;
+}
+
+// Checked constants. Exactly one of light_ratio, umbra_height may be left at 0: it follows from H /
+// a = h_u. H may be +inf with umbra_height. Fails on non-finite or non-positive values; a <= 1 is
+// legal (the umbra never vanishes).
+[[nodiscard]] Result<LayeredConstants> make_layered_constants(double light_height,
+                                                              double light_ratio,
+                                                              double umbra_height);
+// From the highest point an object can take (h_max) and the wanted magnification M > 1 of the
+// middle layer there: a = M / (M - 1), H = a h_max (shadows.md 2.4).
+[[nodiscard]] Result<LayeredConstants> layered_constants_for_workspace(double max_height,
+                                                                       double magnification);
+
+// Heights [low, high] above the plane [m] in which a layer has matter to project: faces are clipped
+// to it. low = 0. high = h_u for the umbra where a > 1, and never above the cap H (1 - 1/m).
+struct HeightRange {
+  double low = 0.0;
+  double high = 0.0;
+};
+[[nodiscard]] HeightRange layer_height_range(const LayeredConstants& constants, ShadowLayer layer);
+
+// s_lambda(h) for h inside the layer's range (clamped to it). float: within 4e-7 (1 + |s|) H / (H -
+// h) of the exact value.
+[[nodiscard]] double layer_factor(const LayeredConstants& constants, ShadowLayer layer, double h);
+[[nodiscard]] float layer_factor_f(const LayeredConstants& constants, ShadowLayer layer, float h);
+// ds_lambda/dh [1/m], for h inside the layer's range (clamped to it).
+[[nodiscard]] double layer_rate(const LayeredConstants& constants, ShadowLayer layer, double h);
+
+// A vertex of a caster in plane coordinates, with its kernel [m].
+struct CasterVertex {
+  float u = 0.0F, v = 0.0F, h = 0.0F;
+  float ku = 0.0F, kv = 0.0F;
+};
+
+// Triangles clipped to a height range, as a plain triangle list. New vertices get u, v and k
+// interpolated along the edge and h assigned the clip height exactly (so that their factor is
+// exactly 1 at the plane and 0 at h_u). Non-finite faces are left out.
+[[nodiscard]] std::vector<CasterVertex> clip_to_heights(std::span<const CasterVertex> vertices,
+                                                        std::span<const std::uint32_t> indices,
+                                                        const HeightRange& range);
+
+// The imaginary vertex x_lambda of a caster vertex: (u, v) [m].
+struct PlanePoint {
+  float u = 0.0F, v = 0.0F;
+};
+[[nodiscard]] PlanePoint project_to_layer(const CasterVertex& vertex,
+                                          const LayeredConstants& constants, ShadowLayer layer);
+
+// A whole layer: the faces clipped to its heights and projected, three points per triangle. Their
+// union is the layer; they overlap and have both orientations.
+[[nodiscard]] std::vector<PlanePoint> layer_triangles(std::span<const CasterVertex> vertices,
+                                                      std::span<const std::uint32_t> indices,
+                                                      const LayeredConstants& constants,
+                                                      ShadowLayer layer);
+// The same for the orthogonal shadow: matter above the plane, projected straight down.
+[[nodiscard]] std::vector<PlanePoint> orthogonal_triangles(std::span<const CasterVertex> vertices,
+                                                           std::span<const std::uint32_t> indices);
+
+}  // namespace penumbra

@@ -1,0 +1,293 @@
+#include "render/shadow/masks/cut_out.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <glm/common.hpp>
+
+namespace penumbra {
+namespace {
+
+constexpr int kSightDepth = 5;        // of the search for something that is seen in a face
+constexpr double kFinestStep = 0.25;  // [texels]
+constexpr int kHalvings = 6;          // of an edge on which the cutoff is met
+
+// Texels, first and last.
+struct Span {
+  std::int64_t first = 0;
+  std::int64_t last = -1;
+};
+
+// The texels that lie at those of an endless row; the second span is for what a repeated texture
+// continues at its other end.
+std::array<Span, 2> wrapped(std::int64_t first, std::int64_t last, std::int64_t size,
+                            TextureWrap wrap) {
+  const auto floor_div = [](std::int64_t a, std::int64_t b) { return (a - ((a % b) + b) % b) / b; };
+  if (wrap == TextureWrap::clamp) {
+    const std::int64_t end = size - 1;
+    return {Span{std::clamp<std::int64_t>(first, 0, end), std::clamp<std::int64_t>(last, 0, end)},
+            {}};
+  }
+  const Span all{0, size - 1};
+  if (last - first + 1 >= size) return {all, {}};
+  const std::int64_t round = floor_div(first, size);
+  const std::int64_t begin = first - round * size;
+  const std::int64_t end = last - round * size;
+  if (wrap == TextureWrap::repeat) {
+    if (end < size) return {Span{begin, end}, {}};
+    return {Span{begin, size - 1}, Span{0, end - size}};
+  }
+  if (end >= size) return {all, {}};
+  if (round % 2 == 0) return {Span{begin, end}, {}};
+  return {Span{size - 1 - end, size - 1 - begin}, {}};
+}
+
+std::int64_t floor_of(double x) {
+  return static_cast<std::int64_t>(std::floor(std::clamp(x, -1e15, 1e15)));
+}
+
+}  // namespace
+
+AlphaPyramid::AlphaPyramid(const Texture& texture, const TextureSampling& sampling)
+    : width_(texture.width), height_(texture.height), sampling_(sampling) {
+  Level level{width_, height_, {}, {}};
+  level.least.resize(texture.rgba.size() / 4);
+  for (std::size_t i = 0; i < level.least.size(); ++i) level.least[i] = texture.rgba[4 * i + 3];
+  level.greatest = level.least;
+  levels_.push_back(std::move(level));
+  while (levels_.back().width > 1 || levels_.back().height > 1) {
+    const Level& fine = levels_.back();
+    Level coarse{(fine.width + 1) / 2, (fine.height + 1) / 2, {}, {}};
+    const auto cells = static_cast<std::size_t>(coarse.width * coarse.height);
+    coarse.least.assign(cells, 255);
+    coarse.greatest.assign(cells, 0);
+    for (std::int64_t y = 0; y < fine.height; ++y) {
+      for (std::int64_t x = 0; x < fine.width; ++x) {
+        const auto from = static_cast<std::size_t>(y * fine.width + x);
+        const auto to = static_cast<std::size_t>((y / 2) * coarse.width + x / 2);
+        coarse.least[to] = std::min(coarse.least[to], fine.least[from]);
+        coarse.greatest[to] = std::max(coarse.greatest[to], fine.greatest[from]);
+      }
+    }
+    levels_.push_back(std::move(coarse));
+  }
+}
+
+AlphaPyramid::Range AlphaPyramid::range(const glm::dvec2& low, const glm::dvec2& high) const {
+  // Texels between whose centres the rectangle lies; of the nearest texel, those that it touches.
+  const double shift = sampling_.smooth_near ? 0.5 : 0.0;
+  const std::int64_t more = sampling_.smooth_near ? 1 : 0;
+  const glm::dvec2 a = low * size() - shift;
+  const glm::dvec2 b = high * size() - shift;
+  const auto columns = wrapped(floor_of(a.x), floor_of(b.x) + more, width_, sampling_.wrap_s);
+  const auto rows = wrapped(floor_of(a.y), floor_of(b.y) + more, height_, sampling_.wrap_t);
+  std::uint8_t least = 255;
+  std::uint8_t greatest = 0;
+  for (const Span& row : rows) {
+    for (const Span& column : columns) {
+      const std::int64_t longest = std::max(row.last - row.first, column.last - column.first);
+      std::size_t n = 0;
+      while (n + 1 < levels_.size() && (longest >> n) > 2) ++n;
+      const Level& level = levels_[n];
+      for (std::int64_t y = row.first >> n; row.last >= row.first && y <= row.last >> n; ++y) {
+        for (std::int64_t x = column.first >> n;
+             column.last >= column.first && x <= column.last >> n; ++x) {
+          const auto cell = static_cast<std::size_t>(y * level.width + x);
+          least = std::min(least, level.least[cell]);
+          greatest = std::max(greatest, level.greatest[cell]);
+        }
+      }
+    }
+  }
+  return {least / 255.0, greatest / 255.0};
+}
+
+double AlphaPyramid::at(const glm::dvec2& texcoord) const {
+  const Level& texels = levels_.front();
+  const auto texel = [&](std::int64_t x, std::int64_t y) {
+    const std::int64_t column = wrapped(x, x, width_, sampling_.wrap_s)[0].first;
+    const std::int64_t row = wrapped(y, y, height_, sampling_.wrap_t)[0].first;
+    return texels.least[static_cast<std::size_t>(row * width_ + column)] / 255.0;
+  };
+  const glm::dvec2 place = texcoord * size() - (sampling_.smooth_near ? 0.5 : 0.0);
+  const std::int64_t x = floor_of(place.x);
+  const std::int64_t y = floor_of(place.y);
+  if (!sampling_.smooth_near) return texel(x, y);
+  const glm::dvec2 t = place - glm::dvec2(static_cast<double>(x), static_cast<double>(y));
+  return glm::mix(glm::mix(texel(x, y), texel(x + 1, y), t.x),
+                  glm::mix(texel(x, y + 1), texel(x + 1, y + 1), t.x), t.y);
+}
+
+FaceOpacity::FaceOpacity(const Model& model, const Mesh& mesh) : mesh_(mesh) {
+  const auto material = static_cast<std::size_t>(mesh.material);
+  if (mesh.material >= 0 && material < model.materials.size()) {
+    material_ = model.materials[material];
+  }
+  if (material_.alpha_mode == AlphaMode::opaque) return;
+  double least = static_cast<double>(material_.base_color.a);
+  for (const glm::vec4& color : mesh.colors) {
+    least = std::min(least, static_cast<double>(material_.base_color.a * color.a));
+  }
+  const MaterialTexture& texture = material_.base_color_texture;
+  const auto& texcoords = texture.texcoords == 1 ? mesh.texcoords_2 : mesh.texcoords;
+  if (texture.image >= 0 && texcoords.size() == mesh.positions.size()) {
+    texcoords_ = &texcoords;
+    alpha_.emplace(model.textures[static_cast<std::size_t>(texture.image)], texture.sampling);
+    least *= alpha_->range({0.0, 0.0}, {1.0, 1.0}).least;
+  }
+  const bool mask = material_.alpha_mode == AlphaMode::mask;
+  all_whole_ = mask ? least >= static_cast<double>(material_.alpha_cutoff) : least > 0.0;
+}
+
+FaceOpacity::Face FaceOpacity::face(std::size_t index) const {
+  const auto corner = [&](std::size_t i) {
+    const std::uint32_t vertex = mesh_.indices[i];
+    Corner result{glm::dvec3(mesh_.positions[vertex]), glm::dvec2(0.0),
+                  static_cast<double>(material_.base_color.a)};
+    if (texcoords_ != nullptr) result.texcoord = glm::dvec2((*texcoords_)[vertex]);
+    if (!mesh_.colors.empty()) result.factor *= static_cast<double>(mesh_.colors[vertex].a);
+    return result;
+  };
+  return {corner(index), corner(index + 1), corner(index + 2)};
+}
+
+FaceSight FaceOpacity::bounds(const Face& face) const {
+  AlphaPyramid::Range texture;
+  if (alpha_) {
+    texture = alpha_->range(glm::min(face.a.texcoord, glm::min(face.b.texcoord, face.c.texcoord)),
+                            glm::max(face.a.texcoord, glm::max(face.b.texcoord, face.c.texcoord)));
+  }
+  const double greatest =
+      texture.greatest * std::max({face.a.factor, face.b.factor, face.c.factor});
+  if (material_.alpha_mode == AlphaMode::blend) {
+    return greatest > 0.0 ? FaceSight::whole : FaceSight::hidden;
+  }
+  const auto cutoff = static_cast<double>(material_.alpha_cutoff);
+  if (greatest < cutoff) return FaceSight::hidden;
+  const double least = texture.least * std::min({face.a.factor, face.b.factor, face.c.factor});
+  return least >= cutoff ? FaceSight::whole : FaceSight::partial;
+}
+
+// Opacity minus cutoff.
+double FaceOpacity::excess(const Corner& corner) const {
+  const double alpha = alpha_ ? alpha_->at(corner.texcoord) : 1.0;
+  return corner.factor * alpha - static_cast<double>(material_.alpha_cutoff);
+}
+
+template <class Take>
+bool FaceOpacity::walk(const Face& face, int depth, const Take& take) const {
+  const auto between = [](const Corner& p, const Corner& q, double t) {
+    return Corner{glm::mix(p.position, q.position, t), glm::mix(p.texcoord, q.texcoord, t),
+                  glm::mix(p.factor, q.factor, t)};
+  };
+  const FaceSight sight = bounds(face);
+  if (sight == FaceSight::hidden) return true;
+  if (sight == FaceSight::whole) return take(face.a, face.b, face.c);
+  const auto& [a, b, c] = face;
+  glm::dvec2 extent(0.0);
+  if (alpha_) {
+    extent = (glm::max(a.texcoord, glm::max(b.texcoord, c.texcoord)) -
+              glm::min(a.texcoord, glm::min(b.texcoord, c.texcoord))) *
+             alpha_->size();
+  }
+  if (depth > 0 && std::max(extent.x, extent.y) > kFinestStep) {
+    const Corner ab = between(a, b, 0.5);
+    const Corner bc = between(b, c, 0.5);
+    const Corner ca = between(c, a, 0.5);
+    return walk({a, ab, ca}, depth - 1, take) && walk({ab, b, bc}, depth - 1, take) &&
+           walk({ca, bc, c}, depth - 1, take) && walk({ab, bc, ca}, depth - 1, take);
+  }
+  // Clips the triangle where the opacity is the cutoff: halves an edge, then takes it as linear.
+  const auto crossing = [&](const Corner& p, const Corner& q, double over_p, double over_q) {
+    double from = 0.0, to = 1.0;
+    for (int step = 0; step < kHalvings; ++step) {
+      const double middle = 0.5 * (from + to);
+      const double over_middle = excess(between(p, q, middle));
+      if ((over_middle >= 0.0) == (over_p >= 0.0)) {
+        from = middle;
+        over_p = over_middle;
+      } else {
+        to = middle;
+        over_q = over_middle;
+      }
+    }
+    return between(p, q, from + (to - from) * over_p / (over_p - over_q));
+  };
+  const std::array<Corner, 3> corners = {a, b, c};
+  const std::array<double, 3> over = {excess(a), excess(b), excess(c)};
+  std::vector<Corner> seen;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::size_t next = (i + 1) % 3;
+    if (over[i] >= 0.0) seen.push_back(corners[i]);
+    if ((over[i] >= 0.0) != (over[next] >= 0.0)) {
+      seen.push_back(crossing(corners[i], corners[next], over[i], over[next]));
+    }
+  }
+  for (std::size_t i = 1; i + 1 < seen.size(); ++i) {
+    if (!take(seen[0], seen[i], seen[i + 1])) return false;
+  }
+  return true;
+}
+
+FaceSight FaceOpacity::sight(std::size_t index) const {
+  if (all_whole_) return FaceSight::whole;
+  const Face whole = face(index);
+  const FaceSight coarse = bounds(whole);
+  if (coarse != FaceSight::partial) return coarse;
+  const bool all_hidden =
+      walk(whole, kSightDepth, [](const Corner&, const Corner&, const Corner&) { return false; });
+  return all_hidden ? FaceSight::hidden : FaceSight::partial;
+}
+
+void FaceOpacity::append_seen(std::size_t index, int depth, std::vector<glm::vec3>& corners) const {
+  walk(face(index), depth, [&corners](const Corner& a, const Corner& b, const Corner& c) {
+    for (const Corner* corner : {&a, &b, &c}) corners.emplace_back(corner->position);
+    return true;
+  });
+}
+
+bool has_cut_outs(const Model& model) {
+  return std::any_of(model.meshes.begin(), model.meshes.end(), [&model](const Mesh& mesh) {
+    const FaceOpacity opacity(model, mesh);
+    for (std::size_t i = 0; !opacity.all_whole() && i + 2 < mesh.indices.size(); i += 3) {
+      if (opacity.sight(i) == FaceSight::partial) return true;
+    }
+    return false;
+  });
+}
+
+int cut_out_depth(const Model& model, std::size_t most_triangles) {
+  constexpr int kFinest = 7;
+  std::vector<FaceOpacity> opacities;
+  for (const Mesh& mesh : model.meshes) opacities.emplace_back(model, mesh);
+  const auto is_affordable = [&](int depth) {
+    std::vector<glm::vec3> corners;
+    std::size_t triangles = 0;
+    for (std::size_t m = 0; m < model.meshes.size(); ++m) {
+      const Mesh& mesh = model.meshes[m];
+      const FaceOpacity& opacity = opacities[m];
+      for (std::size_t i = 0; !opacity.all_whole() && i + 2 < mesh.indices.size(); i += 3) {
+        if (opacity.sight(i) != FaceSight::partial) continue;
+        corners.clear();
+        opacity.append_seen(i, depth, corners);
+        triangles += corners.size() / 3;
+        if (triangles > most_triangles) return false;
+      }
+    }
+    return true;
+  };
+  int depth = kFinest;
+  while (depth > 0 && !is_affordable(depth)) --depth;
+  return depth;
+}
+
+std::string warning_of_cut_outs(const std::string& file) {
+  return fmt::format(
+      "{}: its materials cut holes into faces (alphaMode MASK), and whole faces cast; the "
+      "techniques field, simple, walls and hard cast what is seen",
+      file);
+}
+
+}  // namespace penumbra

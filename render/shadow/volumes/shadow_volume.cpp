@@ -1,0 +1,407 @@
+#include "render/shadow/volumes/shadow_volume.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <optional>
+#include <utility>
+
+#include "core/assert.hpp"
+#include "render/shadow/layers/split_edges.hpp"
+
+namespace penumbra {
+namespace {
+
+// The far end lies this far under a floor [m], behind whatever rounding makes of the floor.
+constexpr double kUnderFloor = 0.02;
+// Of a volume's reach: what is farther away than this has a volume that may be too short.
+constexpr double kFarCaster = 0.5;
+
+glm::vec3 to_float(const Eigen::Vector3d& p) {
+  return {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())};
+}
+
+// t >= 0 with |p + t d| = radius; 0 where p is outside already.
+double leaves_sphere(const Eigen::Vector3d& p, const Eigen::Vector3d& d, double radius) {
+  const double a = d.squaredNorm();
+  const double b = p.dot(d);
+  const double c = p.squaredNorm() - radius * radius;
+  if (!(c < 0.0) || !(a > 0.0)) return 0.0;
+  return (-b + std::sqrt(b * b - a * c)) / a;
+}
+
+// How many lit faces lie above one another as the light sees them, at points of a grid.
+class LightGrid {
+ public:
+  static constexpr int kSide = 160;
+  // So many at the points leave room for what lies between them.
+  static constexpr unsigned kMost = kMostVolumesCounted - 15U;
+
+  LightGrid(const std::vector<Eigen::Vector3d>& points, const std::vector<bool>& used,
+            const Eigen::Vector3d& light, bool local)
+      : counts_(static_cast<std::size_t>(kSide) * kSide, 0U) {
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    double count = 0.0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      if (!used[i]) continue;
+      middle += points[i];
+      count += 1.0;
+    }
+    if (count > 0.0) middle /= count;
+    Eigen::Vector3d forward = (local ? Eigen::Vector3d(middle - light) : -light).normalized();
+    if (!(forward.norm() > 0.5)) forward = Eigen::Vector3d::UnitZ();  // in the very middle
+    const Eigen::Vector3d right = forward.unitOrthogonal();
+    const Eigen::Vector3d up = forward.cross(right);
+    Eigen::AlignedBox2d box;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const Eigen::Vector3d p = local ? Eigen::Vector3d(points[i] - light) : points[i];
+      Eigen::Vector2d seen(right.dot(p), up.dot(p));
+      if (local) {
+        // By the angle from the axis, all round the light: it may stand amid what casts. Triangles
+        // are small or few; that their edges are not quite straight there changes no count by much.
+        const double beside = seen.norm();
+        seen *= beside > 0.0 ? std::atan2(beside, forward.dot(p)) / beside : 0.0;
+      }
+      at_.push_back(seen);
+      if (used[i]) box.extend(seen);
+    }
+    if (box.isEmpty()) return;
+    const double size = std::max(box.sizes().maxCoeff(), 1e-12);
+    for (Eigen::Vector2d& p : at_) p = (p - box.min()) * ((kSide - 1.0) / size);
+  }
+  void clear() {
+    std::ranges::fill(counts_, 0U);
+    most_ = 0;
+  }
+  [[nodiscard]] unsigned most() const { return most_; }
+
+  void cover(std::uint32_t i, std::uint32_t j, std::uint32_t k) {
+    const std::array<Eigen::Vector2d, 3> p = {at_[i], at_[j], at_[k]};
+    const auto low = p[0].cwiseMin(p[1]).cwiseMin(p[2]).eval();
+    const auto high = p[0].cwiseMax(p[1]).cwiseMax(p[2]).eval();
+    const int last_row = std::min(kSide - 1, static_cast<int>(high.y()));
+    for (int y = std::max(0, static_cast<int>(std::ceil(low.y()))); y <= last_row; ++y) {
+      // Where the row enters and leaves the triangle.
+      double begin = high.x();
+      double end = low.x();
+      for (std::size_t c = 0; c < 3; ++c) {
+        const Eigen::Vector2d& a = p[c];
+        const Eigen::Vector2d& b = p[(c + 1) % 3];
+        if ((a.y() > y) == (b.y() > y)) continue;
+        const double x = a.x() + (b.x() - a.x()) * (y - a.y()) / (b.y() - a.y());
+        begin = std::min(begin, x);
+        end = std::max(end, x);
+      }
+      const int first = std::max(0, static_cast<int>(std::ceil(begin)));
+      const int last = std::min(kSide, static_cast<int>(std::ceil(end))) - 1;
+      for (int x = first; x <= last; ++x) {
+        unsigned& here = counts_[static_cast<std::size_t>(y * kSide + x)];
+        most_ = std::max(most_, ++here);
+      }
+    }
+  }
+
+ private:
+  std::vector<Eigen::Vector2d> at_;  // in grid steps
+  std::vector<unsigned> counts_;
+  unsigned most_ = 0;
+};
+
+}  // namespace
+
+VolumeCaster::VolumeCaster(const ShadowMesh& mesh) : indices_(mesh.indices) {
+  positions_.reserve(mesh.positions.size());
+  for (const glm::vec3& p : mesh.positions) {
+    positions_.emplace_back(static_cast<double>(p.x), static_cast<double>(p.y),
+                            static_cast<double>(p.z));
+  }
+  closed_.assign(mesh.part_count, true);
+  std::map<std::pair<std::uint32_t, std::uint32_t>, std::uint32_t> edge_of;
+  std::vector<int> balance;
+  for (std::size_t i = 0; i + 2 < indices_.size(); i += 3) {
+    part_.push_back(mesh.part[indices_[i]]);
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t from = indices_[i + k];
+      const std::uint32_t to = indices_[i + (k + 1) % 3];
+      const auto [found, is_new] =
+          edge_of.try_emplace(std::minmax(from, to), static_cast<std::uint32_t>(edges_.size()));
+      if (is_new) {
+        edges_.push_back({std::min(from, to), std::max(from, to)});
+        balance.push_back(0);
+      }
+      const int sign = from < to ? 1 : -1;
+      balance[found->second] += sign;
+      sides_.push_back({found->second, sign});
+    }
+  }
+  for (std::size_t i = 0; i < sides_.size(); ++i) {
+    if (balance[sides_[i].edge] != 0) closed_[part_[i / 3]] = false;
+  }
+  faces_by_part_.resize(part_.size());
+  std::iota(faces_by_part_.begin(), faces_by_part_.end(), 0U);
+  std::ranges::stable_sort(faces_by_part_, {}, [this](std::uint32_t face) { return part_[face]; });
+  std::vector<Eigen::AlignedBox3d> boxes(mesh.part_count);
+  for (std::size_t i = 0; i < indices_.size(); ++i) {
+    boxes[part_[i / 3]].extend(positions_[indices_[i]]);
+  }
+  for (const Eigen::AlignedBox3d& box : boxes) {
+    balls_.push_back(box.isEmpty() ? Ball() : Ball{box.center(), 0.5 * box.diagonal().norm()});
+  }
+  // Turned inside out: what is closed has its faces to the outside.
+  std::vector<double> volume(mesh.part_count, 0.0);
+  for (std::size_t face = 0; face < part_.size(); ++face) {
+    const Eigen::Vector3d& a = positions_[indices_[3 * face]];
+    volume[part_[face]] +=
+        a.dot(positions_[indices_[3 * face + 1]].cross(positions_[indices_[3 * face + 2]]));
+  }
+  for (std::size_t part = 0; part < volume.size(); ++part) {
+    outside_.push_back(closed_[part] && volume[part] < 0.0 ? -1.0 : 1.0);
+  }
+}
+
+bool may_shadow(const Eigen::Vector4d& light, const Ball& caster, const Ball& receiver) {
+  const double radii = caster.radius + receiver.radius;
+  if (light.w() == 0.0) {
+    const Eigen::Vector3d towards = light.head<3>().normalized();
+    const Eigen::Vector3d apart = caster.middle - receiver.middle;
+    const double along = towards.dot(apart);
+    return (apart - along * towards).norm() <= radii && along >= -radii;
+  }
+  const Eigen::Vector3d to_caster = caster.middle - light.head<3>() / light.w();
+  const Eigen::Vector3d to_receiver = receiver.middle - light.head<3>() / light.w();
+  const double near = to_caster.norm();
+  const double far = to_receiver.norm();
+  if (near <= caster.radius || far <= receiver.radius) return true;
+  if (far + receiver.radius < near - caster.radius) return false;  // nearer to the light
+  const double between =
+      std::atan2(to_caster.cross(to_receiver).norm(), to_caster.dot(to_receiver));
+  return between <= std::asin(caster.radius / near) + std::asin(receiver.radius / far);
+}
+
+ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::Vector4d& light,
+                                  std::span<const PlaneFrame> floors, double reach,
+                                  std::span<const Ball> receivers) const {
+  std::vector<Eigen::Vector3d> near(positions_.size());
+  for (std::size_t i = 0; i < near.size(); ++i) near[i] = T_table_object * positions_[i];
+  std::vector<bool> needed(closed_.size(), receivers.empty());
+  for (std::size_t part = 0; part < needed.size() && !receivers.empty(); ++part) {
+    const Ball ball{T_table_object * balls_[part].middle,
+                    T_table_object.scale * balls_[part].radius};
+    needed[part] = std::ranges::any_of(
+        receivers, [&](const Ball& receiver) { return may_shadow(light, ball, receiver); });
+  }
+  return volume_of(near, light, floors, reach, needed);
+}
+
+ShadowVolume VolumeCaster::volume_at(const std::vector<Eigen::Vector3d>& points,
+                                     const Eigen::Vector4d& light,
+                                     std::span<const PlaneFrame> floors, double reach) const {
+  PENUMBRA_ASSERT(points.size() == positions_.size());
+  return volume_of(points, light, floors, reach, std::vector<bool>(closed_.size(), true));
+}
+
+ShadowVolume VolumeCaster::volume_of(const std::vector<Eigen::Vector3d>& near,
+                                     const Eigen::Vector4d& light,
+                                     std::span<const PlaneFrame> floors, double reach,
+                                     const std::vector<bool>& needed) const {
+  ShadowVolume result;
+  const bool local = light.w() != 0.0;
+  const Eigen::Vector3d from =
+      local ? Eigen::Vector3d(light.head<3>() / light.w()) : light.head<3>().normalized();
+  const auto finite = [](const Eigen::Vector3d& p) { return p.allFinite(); };
+  if (!from.allFinite() || !std::ranges::all_of(near, finite)) return result;
+
+  // Faces that count, each turned towards the light: +1 as it is, -1 the other way round.
+  const std::size_t faces = indices_.size() / 3;
+  std::vector<int> turn(faces, 0);
+  std::vector<int> lit(closed_.size(), 0);
+  std::vector<int> turned_away(closed_.size(), 0);
+  for (std::size_t face = 0; face < faces; ++face) {
+    const Eigen::Vector3d& a = near[indices_[3 * face]];
+    const Eigen::Vector3d normal =
+        (near[indices_[3 * face + 1]] - a).cross(near[indices_[3 * face + 2]] - a);
+    const Eigen::Vector3d to_light = local ? Eigen::Vector3d(from - a) : from;
+    // A light in the face's own plane does not light it.
+    const std::uint32_t part = part_[face];
+    if (!needed[part]) continue;
+    const double facing = outside_[part] * normal.dot(to_light);
+    const double least = 1e-9 * normal.norm() * to_light.norm();
+    if (facing > least) {
+      turn[face] = outside_[part] > 0.0 ? 1 : -1;
+      ++lit[part];
+    } else if (facing < -least) {
+      ++turned_away[part];
+      if (!closed_[part]) {
+        turn[face] = -1;
+        ++lit[part];
+      }
+    }
+  }
+  for (std::size_t part = 0; part < lit.size(); ++part) {
+    if (closed_[part] && lit[part] == 0 && turned_away[part] > 0) result.light_inside = true;
+  }
+
+  // One factor for the whole volume, so that its walls and far end keep the shape of the light's
+  // cone: p + t (p - L), or p - t L.
+  double to_floors = floors.empty() ? std::numeric_limits<double>::infinity() : 0.0;
+  double to_sphere = std::numeric_limits<double>::infinity();
+  double farthest = 0.0;  // from the table's origin
+  std::vector<bool> used(near.size());
+  for (std::size_t face = 0; face < faces; ++face) {
+    for (std::size_t k = 0; k < 3 && turn[face] != 0; ++k) used[indices_[3 * face + k]] = true;
+  }
+  const auto away = [&](const Eigen::Vector3d& p) {
+    return local ? Eigen::Vector3d(p - from) : Eigen::Vector3d(-from);
+  };
+  for (std::size_t i = 0; i < near.size(); ++i) {
+    if (!used[i]) continue;
+    const Eigen::Vector3d direction = away(near[i]);
+    to_sphere = std::min(to_sphere, leaves_sphere(near[i], direction, reach));
+    farthest = std::max(farthest, near[i].norm());
+    for (const PlaneFrame& floor : floors) {
+      const double fall = -floor.n.dot(direction);
+      const double height = floor.height(near[i]) + kUnderFloor;
+      if (height <= 0.0) continue;
+      to_floors =
+          std::max(to_floors, fall > 0.0 ? height / fall : std::numeric_limits<double>::infinity());
+    }
+  }
+  // Of what is near the table it is right to end there: the floor that it would come to is beyond.
+  result.ends_above_floors = !floors.empty() && std::isfinite(to_floors) && to_sphere < to_floors &&
+                             farthest > kFarCaster * reach;
+  const double t = std::min(to_floors, to_sphere);
+  if (!std::isfinite(t) || !(t > 0.0)) return result;
+  std::vector<glm::vec3> here(near.size());
+  std::vector<glm::vec3> far(near.size());
+  for (std::size_t i = 0; i < near.size(); ++i) {
+    here[i] = to_float(near[i]);
+    far[i] = to_float(near[i] + t * away(near[i]));
+  }
+
+  const auto add = [&result](const glm::vec3& a, const glm::vec3& b, const glm::vec3& c) {
+    for (const glm::vec3& p : {a, b, c}) result.triangles.push_back(p);
+  };
+  std::vector<int> silhouette(edges_.size(), 0);
+  const auto add_part = [&](std::span<const std::uint32_t> part) {
+    for (const std::uint32_t face : part) {
+      if (turn[face] == 0) continue;
+      const std::uint32_t a = indices_[3 * face];
+      const std::uint32_t b = indices_[3 * face + (turn[face] > 0 ? 1U : 2U)];
+      const std::uint32_t c = indices_[3 * face + (turn[face] > 0 ? 2U : 1U)];
+      add(here[a], here[b], here[c]);
+      add(far[a], far[c], far[b]);
+      for (std::size_t k = 0; k < 3; ++k) {
+        const Side& side = sides_[3 * face + k];
+        silhouette[side.edge] += turn[face] * side.sign;
+      }
+    }
+    for (const std::uint32_t face : part) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::uint32_t edge = sides_[3 * face + k].edge;
+        // Along a face from a to b, the wall runs from b to a.
+        const auto [a, b] = silhouette[edge] > 0 ? std::pair(edges_[edge].a, edges_[edge].b)
+                                                 : std::pair(edges_[edge].b, edges_[edge].a);
+        for (int n = std::abs(silhouette[edge]); n > 0; --n) {
+          add(here[b], here[a], far[a]);
+          add(here[b], far[a], far[b]);
+        }
+        silhouette[edge] = 0;
+      }
+    }
+  };
+  // Where more lit faces than the stencil counts might lie above one another, it is looked up how
+  // many do.
+  std::size_t all_lit = 0;
+  for (const int count : lit) all_lit += static_cast<std::size_t>(count);
+  std::optional<LightGrid> grid;
+  if (all_lit > kMostVolumesCounted) grid.emplace(near, used, from, local);
+  for (std::size_t begin = 0; begin < faces;) {
+    const std::uint32_t part = part_[faces_by_part_[begin]];
+    std::size_t end = begin;
+    while (end < faces && part_[faces_by_part_[end]] == part) ++end;
+    const std::span<const std::uint32_t> own =
+        std::span(faces_by_part_).subspan(begin, end - begin);
+    begin = end;
+    if (lit[part] == 0) continue;
+    if (grid) {
+      const auto cover = [&] {
+        for (const std::uint32_t face : own) {
+          if (turn[face] == 0) continue;
+          grid->cover(indices_[3 * face], indices_[3 * face + 1], indices_[3 * face + 2]);
+        }
+      };
+      cover();
+      const std::size_t batch = result.batch_ends.empty() ? 0 : result.batch_ends.back();
+      if (grid->most() > LightGrid::kMost && result.triangles.size() > batch) {
+        result.batch_ends.push_back(result.triangles.size());
+        grid->clear();
+        cover();
+      }
+    }
+    add_part(own);
+  }
+  if (!result.triangles.empty()) result.batch_ends.push_back(result.triangles.size());
+  return result;
+}
+
+// As volume_of(): to the floors, where a quotient of two linear functions is largest in a corner of
+// what it is over, or to the sphere.
+std::vector<Eigen::Vector3d> hull_of_volume(std::span<const Eigen::Vector3d> points,
+                                            const Eigen::Vector4d& light,
+                                            std::span<const PlaneFrame> floors, double reach) {
+  const bool local = light.w() != 0.0;
+  const Eigen::Vector3d from =
+      local ? Eigen::Vector3d(light.head<3>() / light.w()) : light.head<3>().normalized();
+  const auto away = [&](const Eigen::Vector3d& p) {
+    return local ? Eigen::Vector3d(p - from) : Eigen::Vector3d(-from);
+  };
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& p : points) middle += p / static_cast<double>(points.size());
+  double farthest = 0.0;  // from the table's origin
+  double radius = 0.0;
+  double to_floors = floors.empty() ? std::numeric_limits<double>::infinity() : 0.0;
+  for (const Eigen::Vector3d& p : points) {
+    farthest = std::max(farthest, p.norm());
+    radius = std::max(radius, (p - middle).norm());
+    for (const PlaneFrame& floor : floors) {
+      const double fall = -floor.n.dot(away(p));
+      const double height = floor.height(p) + kUnderFloor;
+      to_floors = std::max(to_floors, fall > 0.0 ? std::max(height, 0.0) / fall
+                                                 : std::numeric_limits<double>::infinity());
+    }
+  }
+  const double shortest = away(middle).norm() - (local ? radius : 0.0);
+  if (!(shortest > 0.0)) return {};
+  constexpr double kRounding = 1.0 + 1e-6;
+  const double t = kRounding * std::min(to_floors, (reach + farthest) / shortest);
+  if (!std::isfinite(t)) return {};
+  std::vector<Eigen::Vector3d> hull;
+  for (const Eigen::Vector3d& p : points) {
+    hull.push_back(p);
+    hull.emplace_back(p + t * away(p));
+  }
+  return hull;
+}
+
+std::vector<glm::vec3> split_for_lens(const std::vector<glm::vec3>& triangles, double longest_edge,
+                                      std::size_t max_triangles) {
+  const auto longest = static_cast<float>(longest_edge);
+  constexpr auto kNear_m = static_cast<float>(kSplitNear_m);
+  constexpr auto kShare = static_cast<float>(kSplitShare);
+  const auto middle = [](const glm::vec3& a, const glm::vec3& b) { return 0.5F * (a + b); };
+  const auto nothing = [](const glm::vec3&, const glm::vec3&, const glm::vec3&) { return false; };
+  return split_within_budget(triangles, [&](double times) {
+    const auto coarser = static_cast<float>(times);
+    const auto excess = [&](const glm::vec3& a, const glm::vec3& b) {
+      return glm::length(a - b) /
+             (coarser * std::max(longest, kShare * (glm::length(middle(a, b)) - kNear_m)));
+    };
+    return split_triangles(triangles, excess, middle, nothing, max_triangles);
+  });
+}
+
+}  // namespace penumbra

@@ -1,0 +1,393 @@
+#include "tracking/alignment/pattern_renderer.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <random>
+#include <thread>
+
+#include "core/assert.hpp"
+#include "tracking/alignment/tag_pattern.hpp"
+
+namespace penumbra {
+namespace {
+
+struct Sheet {
+  TagPattern pattern;
+  Transform<frame::Table, frame::Tag> T_table_tag;
+  std::string group;
+  double cell_m = 0.0;
+};
+
+// One tag under one camera pose: rays (x, y, 1) of the camera to lattice coordinates.
+struct View {
+  Eigen::Matrix3d
+      lattice_from_ray;         // (A, B, S) = matrix * ray; a = A / S, b = B / S, depth = 1 / S
+  std::array<double, 4> box{};  // pixels that may see it: x0, y0, x1, y1
+};
+
+// Fraction of k times an irrational number: points that fill an interval evenly.
+double scattered(int k, double step) {
+  const double value = k * step;
+  return value - std::floor(value);
+}
+
+// Distribution of the point spread along one axis: the lens's Gaussian and the pixel's box.
+double spread_cdf(double x, double sigma) {
+  const auto integral = [sigma](double z) {  // of the normal distribution
+    if (sigma < 1e-6) return std::max(z, 0.0);
+    const double t = z / sigma;
+    return z * 0.5 * std::erfc(-t / std::numbers::sqrt2) +
+           sigma * std::exp(-0.5 * t * t) / std::sqrt(2.0 * std::numbers::pi);
+  };
+  return integral(x + 0.5) - integral(x - 0.5);
+}
+
+// Where spread_cdf reaches `share`, by bisection.
+double spread_quantile(double share, double sigma) {
+  double low = -0.5 - 9.0 * sigma;
+  double high = -low;
+  for (int i = 0; i < 60; ++i) {
+    const double middle = 0.5 * (low + high);
+    (spread_cdf(middle, sigma) < share ? low : high) = middle;
+  }
+  return 0.5 * (low + high);
+}
+
+// Sub-pixel offsets with the point spread's density: a lattice of two dimensions (steps by the
+// golden ratio), whose error falls almost as 1 / count, through the quantiles of each axis.
+std::vector<Eigen::Vector2d> make_offsets(int count, double sigma) {
+  std::vector<Eigen::Vector2d> offsets;
+  offsets.reserve(static_cast<std::size_t>(count));
+  for (int k = 0; k < count; ++k) {
+    offsets.emplace_back(
+        spread_quantile((k + 0.5) / count, sigma),
+        spread_quantile(scattered(k, std::numbers::phi) * (count - 1.0) / count + 0.5 / count,
+                        sigma));
+  }
+  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+  for (const Eigen::Vector2d& offset : offsets) mean += offset;
+  mean /= count;
+  for (Eigen::Vector2d& offset : offsets) offset -= mean;  // no bias of a finite point set
+  return offsets;
+}
+
+// Gaussian noise that is the same on every machine (the standard's distributions are not).
+class Noise {
+ public:
+  explicit Noise(std::uint64_t seed) : engine_(seed) {}
+  double operator()() {
+    if (has_spare_) {
+      has_spare_ = false;
+      return spare_;
+    }
+    const double u1 = (static_cast<double>(engine_() >> 11) + 0.5) * 0x1.0p-53;
+    const double u2 = (static_cast<double>(engine_() >> 11) + 0.5) * 0x1.0p-53;
+    const double radius = std::sqrt(-2.0 * std::log(u1));
+    spare_ = radius * std::sin(2.0 * std::numbers::pi * u2);
+    has_spare_ = true;
+    return radius * std::cos(2.0 * std::numbers::pi * u2);
+  }
+
+ private:
+  std::mt19937_64 engine_;
+  double spare_ = 0.0;
+  bool has_spare_ = false;
+};
+
+}  // namespace
+
+void add_noise(std::span<std::uint8_t> rgba, double sigma_grey, std::uint64_t seed) {
+  if (!(sigma_grey > 0.0)) return;
+  Noise noise(seed);
+  for (std::size_t i = 0; i < rgba.size(); ++i) {
+    if (i % 4 == 3) continue;
+    rgba[i] = static_cast<std::uint8_t>(
+        std::lround(std::clamp(rgba[i] + sigma_grey * noise(), 0.0, 255.0)));
+  }
+}
+
+struct PatternRenderer::Impl {
+  CameraModel camera;
+  std::vector<Sheet> sheets;
+  // Ray of each pixel's centre and its derivative by the pixel; computed when first needed.
+  struct PixelRay {
+    Eigen::Vector2d xy{std::numeric_limits<double>::quiet_NaN(), 0.0};
+    Eigen::Matrix2d d_xy_d_pixel;
+    bool valid = false;
+    bool known = false;
+  };
+  std::vector<PixelRay> rays;
+
+  const PixelRay& ray(int x, int y) {
+    PixelRay& r = rays[static_cast<std::size_t>(y) * static_cast<std::size_t>(camera.width()) +
+                       static_cast<std::size_t>(x)];
+    if (!r.known) {
+      r.known = true;
+      if (const auto direction = camera.unproject({x, y})) {
+        r.xy = direction->head<2>();
+        const Eigen::Matrix2d d_pixel_d_xy =
+            Eigen::Vector2d(camera.parameters().fx, camera.parameters().fy).asDiagonal() *
+            camera.distortion_jacobian(r.xy);
+        r.valid = std::abs(d_pixel_d_xy.determinant()) > 1e-9;
+        if (r.valid) r.d_xy_d_pixel = d_pixel_d_xy.inverse();
+      }
+    }
+    return r;
+  }
+
+  // Nothing when the tag is seen from behind or lies wholly outside the image.
+  std::optional<View> view_of(const Sheet& sheet, const CameraPose& T_table_camera,
+                              const Transform<frame::Table, frame::Tag>& T_table_tag,
+                              double margin_px) const {
+    const auto T_camera_tag = T_table_camera.inverse() * T_table_tag;
+    const Eigen::Matrix3d R = T_camera_tag.rotation_matrix();
+    if (R.col(2).dot(T_camera_tag.translation()) >= 0.0) return std::nullopt;
+    const double half = 0.5 * sheet.pattern.total_width();
+    Eigen::Matrix3d ray_from_lattice;
+    ray_from_lattice.col(0) = R.col(0) * sheet.cell_m;
+    ray_from_lattice.col(1) = R.col(1) * sheet.cell_m;
+    ray_from_lattice.col(2) =
+        T_camera_tag.translation() - half * sheet.cell_m * (R.col(0) + R.col(1));
+    View view;
+    view.lattice_from_ray = ray_from_lattice.inverse();
+    // The outline, sampled: with a lens it is curved. Where a part of it projects nowhere the whole
+    // image is searched.
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    view.box = {kInfinity, kInfinity, -kInfinity, -kInfinity};
+    bool whole_image = false;
+    constexpr int kSteps = 8;
+    for (int i = 0; i <= kSteps; ++i) {
+      for (int j = 0; j <= kSteps; ++j) {
+        const Eigen::Vector3d p = ray_from_lattice * Eigen::Vector3d(2.0 * half * i / kSteps,
+                                                                     2.0 * half * j / kSteps, 1.0);
+        const auto pixel = camera.project(p);
+        if (!pixel) {
+          whole_image = true;
+          continue;
+        }
+        view.box[0] = std::min(view.box[0], pixel->x());
+        view.box[1] = std::min(view.box[1], pixel->y());
+        view.box[2] = std::max(view.box[2], pixel->x());
+        view.box[3] = std::max(view.box[3], pixel->y());
+      }
+    }
+    if (whole_image)
+      view.box = {0.0, 0.0, static_cast<double>(camera.width()),
+                  static_cast<double>(camera.height())};
+    const double extra = margin_px + 0.05 * (view.box[2] - view.box[0] + view.box[3] - view.box[1]);
+    view.box = {view.box[0] - extra, view.box[1] - extra, view.box[2] + extra, view.box[3] + extra};
+    if (!(view.box[2] >= 0.0 && view.box[3] >= 0.0 && view.box[0] <= camera.width() &&
+          view.box[1] <= camera.height()))
+      return std::nullopt;
+    return view;
+  }
+};
+
+PatternRenderer::PatternRenderer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+PatternRenderer::PatternRenderer(PatternRenderer&&) noexcept = default;
+PatternRenderer& PatternRenderer::operator=(PatternRenderer&&) noexcept = default;
+PatternRenderer::~PatternRenderer() = default;
+
+Result<PatternRenderer> PatternRenderer::create(const CameraModel& camera,
+                                                std::span<const MappedTag> tags) {
+  auto impl = std::make_unique<Impl>();
+  impl->camera = camera;
+  for (const MappedTag& tag : tags) {
+    Result<TagPattern> pattern = TagPattern::make(tag.family, tag.id);
+    if (!pattern) return tl::unexpected<Error>(pattern.error());
+    const double cell_m = tag.size_m / pattern->width_at_border();
+    impl->sheets.push_back({std::move(*pattern), tag.T_table_tag, tag.group, cell_m});
+  }
+  impl->rays.resize(static_cast<std::size_t>(camera.width()) *
+                    static_cast<std::size_t>(camera.height()));
+  return PatternRenderer(std::move(impl));
+}
+
+std::vector<double> PatternRenderer::render_light(std::span<const CameraPose> path,
+                                                  const PatternRenderOptions& options,
+                                                  std::span<const GroupPlacement> placements) {
+  PENUMBRA_ASSERT(!path.empty() && options.samples > 0);
+  const int width = impl_->camera.width();
+  const int height = impl_->camera.height();
+  const auto at = [width](int x, int y) {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
+           static_cast<std::size_t>(x);
+  };
+  std::vector<double> light(at(0, height), options.background * options.gain);
+
+  const std::vector<Eigen::Vector2d> offsets = make_offsets(options.samples, options.lens_blur_px);
+  // The moment of each sub-sample, in no step with its offset.
+  std::vector<std::size_t> times(offsets.size());
+  for (std::size_t s = 0; s < times.size(); ++s) {
+    times[s] =
+        std::min(path.size() - 1,
+                 static_cast<std::size_t>(scattered(static_cast<int>(s), std::numbers::sqrt2) *
+                                          static_cast<double>(path.size())));
+  }
+  double reach_px = 0.0;
+  for (const Eigen::Vector2d& offset : offsets) reach_px = std::max(reach_px, offset.norm());
+
+  // views[tag * path.size() + time]
+  std::vector<std::optional<View>> views;
+  std::vector<std::vector<int>> rows(
+      static_cast<std::size_t>(height));  // tags that may touch a row
+  std::vector<std::array<int, 4>> boxes(impl_->sheets.size(), {width, height, -1, -1});
+  for (std::size_t k = 0; k < impl_->sheets.size(); ++k) {
+    const Sheet& sheet = impl_->sheets[k];
+    std::array<int, 4>& box = boxes[k];
+    for (std::size_t time = 0; time < path.size(); ++time) {
+      Transform<frame::Table, frame::Tag> T_table_tag = sheet.T_table_tag;
+      for (const GroupPlacement& placement : placements) {
+        if (placement.group != sheet.group) continue;
+        PENUMBRA_ASSERT(placement.path.empty() || placement.path.size() == path.size());
+        T_table_tag =
+            (placement.path.empty() ? placement.T_table_group : placement.path[time]) * T_table_tag;
+      }
+      views.push_back(impl_->view_of(sheet, path[time], T_table_tag, reach_px + 2.0));
+      if (const auto& view = views.back()) {
+        const auto clamp = [](double value, int limit) {
+          return static_cast<int>(std::clamp(value, 0.0, static_cast<double>(limit)));
+        };
+        box[0] = std::min(box[0], clamp(std::floor(view->box[0]), width));
+        box[1] = std::min(box[1], clamp(std::floor(view->box[1]), height));
+        box[2] = std::max(box[2], clamp(std::ceil(view->box[2]), width - 1));
+        box[3] = std::max(box[3], clamp(std::ceil(view->box[3]), height - 1));
+      }
+    }
+    for (int y = box[1]; y <= box[3]; ++y)
+      rows[static_cast<std::size_t>(y)].push_back(static_cast<int>(k));
+  }
+
+  // What one ray meets at one time: the nearest tag's cell, else the background.
+  const auto light_at = [&](const std::vector<int>& candidates, std::size_t time,
+                            const Eigen::Vector2d& xy) {
+    double nearest = 0.0;  // 1 / depth
+    double value = options.background;
+    for (const int k : candidates) {
+      const auto& view = views[static_cast<std::size_t>(k) * path.size() + time];
+      if (!view) continue;
+      const Eigen::Vector3d h = view->lattice_from_ray * Eigen::Vector3d(xy.x(), xy.y(), 1.0);
+      if (h.z() <= nearest) continue;
+      const double a = h.x() / h.z();
+      const double b = h.y() / h.z();
+      const TagPattern& pattern = impl_->sheets[static_cast<std::size_t>(k)].pattern;
+      const double size = pattern.total_width();
+      if (!(a >= 0.0 && b >= 0.0 && a < size && b < size)) continue;
+      nearest = h.z();
+      value =
+          pattern.white(static_cast<int>(a), static_cast<int>(b)) ? options.white : options.black;
+      if (a < options.cover_share * size) value = options.cover;
+    }
+    return value;
+  };
+
+  // The one light that every sub-sample of a pixel meets, where that is certain: one tag, and cells
+  // of one colour as far as the point spread reaches at any time of the exposure.
+  const auto uniform_light = [&](int k, const Impl::PixelRay& ray) -> std::optional<double> {
+    if (options.cover_share > 0.0) return std::nullopt;
+    const TagPattern& pattern = impl_->sheets[static_cast<std::size_t>(k)].pattern;
+    const double size = pattern.total_width();
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    Eigen::Vector2d low = Eigen::Vector2d::Constant(kInfinity);
+    Eigen::Vector2d high = -low;
+    bool unseen = false;
+    for (std::size_t time = 0; time < path.size(); ++time) {
+      const auto& view = views[static_cast<std::size_t>(k) * path.size() + time];
+      if (!view) {
+        unseen = true;
+        continue;
+      }
+      const Eigen::Vector3d h =
+          view->lattice_from_ray * Eigen::Vector3d(ray.xy.x(), ray.xy.y(), 1.0);
+      if (h.z() <= 0.0) return std::nullopt;
+      const Eigen::Vector2d ab = h.head<2>() / h.z();
+      const Eigen::Matrix2d d_ab_d_pixel = (view->lattice_from_ray.topLeftCorner<2, 2>() -
+                                            ab * view->lattice_from_ray.bottomLeftCorner<1, 2>()) /
+                                           h.z() * ray.d_xy_d_pixel;
+      const Eigen::Vector2d reach = 1.2 * reach_px * d_ab_d_pixel.rowwise().norm();
+      low = low.cwiseMin(ab - reach);
+      high = high.cwiseMax(ab + reach);
+    }
+    const bool beside = !(high.minCoeff() >= 0.0 && low.maxCoeff() < size);
+    if (beside) return options.background;
+    if (unseen || !(low.minCoeff() >= 0.0 && high.maxCoeff() < size)) return std::nullopt;
+    const bool white = pattern.white(static_cast<int>(low.x()), static_cast<int>(low.y()));
+    for (int j = static_cast<int>(low.y()); j <= static_cast<int>(high.y()); ++j) {
+      for (int i = static_cast<int>(low.x()); i <= static_cast<int>(high.x()); ++i) {
+        if (pattern.white(i, j) != white) return std::nullopt;
+      }
+    }
+    return white ? options.white : options.black;
+  };
+
+  const auto render_row = [&](int y, std::vector<int>& candidates) {
+    const std::vector<int>& in_row = rows[static_cast<std::size_t>(y)];
+    for (int x = 0; x < width && !in_row.empty(); ++x) {
+      candidates.clear();
+      for (const int k : in_row) {
+        const std::array<int, 4>& box = boxes[static_cast<std::size_t>(k)];
+        if (x >= box[0] && x <= box[2]) candidates.push_back(k);
+      }
+      if (candidates.empty()) continue;
+      const Impl::PixelRay& ray = impl_->ray(x, y);
+      if (!ray.valid) continue;
+      if (candidates.size() == 1) {
+        if (const auto uniform = uniform_light(candidates.front(), ray)) {
+          light[at(x, y)] = options.gain * *uniform;
+          continue;
+        }
+      }
+      double sum = 0.0;
+      for (std::size_t s = 0; s < offsets.size(); ++s) {
+        const std::size_t time = times[s];
+        sum += light_at(candidates, time, ray.xy + ray.d_xy_d_pixel * offsets[s]);
+      }
+      light[at(x, y)] = options.gain * sum / static_cast<double>(offsets.size());
+    }
+  };
+  // Rows have nothing in common but what they read.
+  const int threads = std::clamp(options.threads, 1, height);
+  const auto render_rows = [&](int first) {
+    std::vector<int> candidates;
+    for (int y = first; y < height; y += threads) {
+      if (y >= options.first_row && y < options.end_row) render_row(y, candidates);
+    }
+  };
+  std::vector<std::jthread> helpers;
+  for (int k = 1; k < threads; ++k) helpers.emplace_back(render_rows, k);
+  render_rows(0);
+  helpers.clear();  // waits for them
+
+  return light;
+}
+
+GreyImage PatternRenderer::render(std::span<const CameraPose> path,
+                                  const PatternRenderOptions& options,
+                                  std::span<const GroupPlacement> placements) {
+  PENUMBRA_ASSERT(options.gamma > 0.0);
+  const std::vector<double> light = render_light(path, options, placements);
+  GreyImage image;
+  image.width = impl_->camera.width();
+  image.height = impl_->camera.height();
+  const auto grey_of = [&](double linear) {
+    return 255.0 * std::pow(std::clamp(linear, 0.0, 1.0), 1.0 / options.gamma);
+  };
+  image.pixels.assign(light.size(), static_cast<std::uint8_t>(
+                                        std::lround(grey_of(options.background * options.gain))));
+  Noise noise(options.seed);
+  const auto width = static_cast<std::size_t>(image.width);
+  const auto first = static_cast<std::size_t>(std::clamp(options.first_row, 0, image.height));
+  const auto end = static_cast<std::size_t>(std::clamp(options.end_row, 0, image.height));
+  for (std::size_t i = first * width; i < end * width; ++i) {
+    const double grey =
+        grey_of(light[i]) + (options.noise_grey > 0.0 ? options.noise_grey * noise() : 0.0);
+    image.pixels[i] = static_cast<std::uint8_t>(std::lround(std::clamp(grey, 0.0, 255.0)));
+  }
+  return image;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,253 @@
+// Where the tags of a group lie at a pose, and which of them can be used there.
+
+#include "tracking/alignment/tag_alignment_state.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+
+#include "tracking/motion/se3.hpp"
+
+namespace penumbra {
+namespace {
+
+// A wide stage feels edges from further off: the model is blurred by up to a quarter of a cell.
+double wide_variance_px2(double cell_px) {
+  const double added_px = std::min(2.45, 0.25 * cell_px);
+  return added_px * added_px;
+}
+
+}  // namespace
+
+void TagAligner::Impl::place(Tag& tag) const {
+  Eigen::Isometry3d T = T_camera_table * tag.T_table_tag;
+  if (!row_velocity.isZero()) T = tag.row_motion * T;
+  const double half = 0.5 * (tag.side - 1);
+  const Eigen::Matrix3d R = T.linear();
+  tag.ray_from_lattice.col(0) = R.col(0) * tag.cell_m;
+  tag.ray_from_lattice.col(1) = R.col(1) * tag.cell_m;
+  tag.ray_from_lattice.col(2) = T.translation() - half * tag.cell_m * (R.col(0) + R.col(1));
+  tag.R_lattice_camera = R.transpose();
+  tag.centre = -(R.transpose() * T.translation()) / tag.cell_m + Eigen::Vector3d(half, half, 0.0);
+  const Eigen::Matrix3d inverse = tag.ray_from_lattice.inverse() * tag.cell_m;  // S near 1
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c)
+      tag.lattice_from_ray[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(inverse(r, c));
+  }
+}
+
+// When the tag was read out, and so from where.
+void TagAligner::Impl::read_out(Tag& tag) const {
+  tag.row_motion.setIdentity();
+  tag.row_shear.setZero();
+  if (row_velocity.isZero()) return;
+  place(tag);
+  // A second time from the row found: the first one is off by the motion itself.
+  for (int pass = 0; pass < 2; ++pass) {
+    const double half = 0.5 * (tag.side - 1);
+    const Eigen::Vector3d p = tag.ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
+    if (!(p.z() > 0.0)) return;
+    Eigen::Matrix<double, 2, 3> J;
+    tag.row = std::clamp(camera.project_unchecked(p, &J).y(), 0.0, camera.height() - 1.0);
+    // Points of the scene move against the camera.
+    tag.row_shear = -(J * (row_velocity.head<3>() + row_velocity.tail<3>().cross(p)));
+    // What moves as fast as it is read out is a smear.
+    if (!(tag.row_shear.norm() < 0.3)) tag.row_shear.setZero();
+    tag.row_motion = exp_se3(-(tag.row - 0.5 * (camera.height() - 1)) * row_velocity);
+    place(tag);
+  }
+}
+
+// Lattice points into what the rest of `vertices` says, rolling shutter and all.
+void TagAligner::Impl::project(Tag& tag, double added_variance_px2,
+                               kernel::Vertices& vertices) const {
+  std::array<float, 9> M{};
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c)
+      M[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(tag.ray_from_lattice(r, c));
+  }
+  kernel::Blur blur;
+  blur.variance_px2 = static_cast<float>(options.blur_px * options.blur_px + added_variance_px2);
+  blur.motion_x_px = static_cast<float>(tag.smear_px.x());
+  blur.motion_y_px = static_cast<float>(tag.smear_px.y());
+  kernel->project(lens, blur, M.data(), tag.lattice_from_ray.data(), vertices);
+  if (tag.row_shear.isZero()) return;
+  // A vertex is seen in the row r where it is at that row's time: r = y + shear_y (r - tag's row).
+  const auto row = static_cast<float>(tag.row);
+  const Eigen::Vector2f shear = (tag.row_shear / (1.0 - tag.row_shear.y())).cast<float>();
+  for (int k = 0; k < vertices.count; ++k) {
+    const float rows = vertices.pixel_y[k] - row;
+    vertices.pixel_x[k] += shear.x() * rows;
+    vertices.pixel_y[k] += shear.y() * rows;
+  }
+}
+
+void TagAligner::Impl::project_search(Tag& tag) const {
+  kernel::Vertices points;
+  points.count = static_cast<int>(tag.search_a.size());
+  points.a = tag.search_a.data();
+  points.b = tag.search_b.data();
+  points.pixel_x = tag.search_x.data();
+  points.pixel_y = tag.search_y.data();
+  points.depth = tag.search_depth.data();
+  project(tag, 0.0, points);
+}
+
+void TagAligner::Impl::project_lattice(Tag& tag, double added_variance_px2) const {
+  kernel::Vertices vertices;
+  vertices.count = static_cast<int>(tag.lattice_a.size());
+  vertices.a = tag.lattice_a.data();
+  vertices.b = tag.lattice_b.data();
+  vertices.ray_x = tag.ray_x.data();
+  vertices.ray_y = tag.ray_y.data();
+  vertices.pixel_x = tag.pixel_x.data();
+  vertices.pixel_y = tag.pixel_y.data();
+  vertices.depth = tag.depth.data();
+  vertices.ka = tag.ka.data();
+  vertices.kb = tag.kb.data();
+  if (tag.correlated) vertices.rho = tag.rho.data();
+  project(tag, added_variance_px2, vertices);
+  // Depths are linear in the lattice, and the lens model's disc is convex: where the four outermost
+  // vertices are seen, all are.
+  const auto last = static_cast<std::size_t>(tag.side - 1);
+  const auto top = last * static_cast<std::size_t>(tag.side);
+  tag.wholly_seen = tag.depth[0] > 0.0F && tag.depth[last] > 0.0F && tag.depth[top] > 0.0F &&
+                    tag.depth[top + last] > 0.0F;
+}
+
+void TagAligner::Impl::find_cells(const Tag& tag) {
+  cell_places.resize(std::max(cell_places.size(), tag.lattice_a.size()));
+  kernel::CellCorners corners;
+  corners.pixel_x = tag.pixel_x.data();
+  corners.pixel_y = tag.pixel_y.data();
+  corners.depth = tag.depth.data();
+  kernel->cell_places(tag.side, corners, {image.width, image.height, image.stride},
+                      cell_places.data());
+}
+
+// How far the tag moves in the image during the exposure, and as how many moments that is seen.
+void TagAligner::Impl::measure_motion(Tag& tag, const Eigen::Vector3d& centre,
+                                      const Eigen::Matrix<double, 2, 3>& J) const {
+  tag.motion_px.setZero();
+  tag.smear_px.setZero();
+  tag.moments = 1;
+  if (exposure_motion.isZero(0.0)) return;
+  // Points of the scene move against the camera.
+  const auto motion_of = [&](const Eigen::Vector3d& p) -> Eigen::Vector2d {
+    return -(J * (exposure_motion.head<3>() + exposure_motion.tail<3>().cross(p))) *
+           (centre.z() / p.z());
+  };
+  tag.motion_px = motion_of(centre);
+  double longest_px = tag.motion_px.norm();
+  const double last = tag.side - 1;
+  for (const auto& [a, b] :
+       {std::pair(0.0, 0.0), std::pair(last, 0.0), std::pair(0.0, last), std::pair(last, last)}) {
+    const Eigen::Vector3d corner = tag.ray_from_lattice * Eigen::Vector3d(a, b, 1.0);
+    if (corner.z() > 0.0) longest_px = std::max(longest_px, motion_of(corner).norm());
+  }
+  // Point spreads so far apart, each wider by what falls into it, add up to an even smear within a
+  // three-hundredth of the gain.
+  constexpr double kSigmasApart = 4.0;
+  if (options.exposure_moments)
+    tag.moments = std::clamp(ceil_of(std::min(longest_px / (kSigmasApart * options.blur_px), 1e5)),
+                             1, kMostMoments);
+  tag.smear_px = tag.motion_px / tag.moments;
+}
+
+void TagAligner::Impl::place_moments(Tag& tag) {
+  std::vector<Eigen::Isometry3d>& path = paths[static_cast<std::size_t>(tag.moments)];
+  if (path.empty()) {
+    // A right perturbation of T_table_camera is a left one of T_camera_table, the other way.
+    for (int k = 0; k < tag.moments; ++k)
+      path.push_back(exp_se3(-((k + 0.5) / tag.moments - 0.5) * exposure_motion));
+  }
+  tag.moment_samples.resize(path.size());
+  tag.moment_inputs.resize(path.size());
+  for (std::size_t k = 0; k < path.size(); ++k) {
+    Eigen::Matrix3d M = path[k].linear() * tag.ray_from_lattice;
+    M.col(2) += path[k].translation();
+    const Eigen::Matrix3d inverse = M.inverse() * tag.cell_m;
+    const Eigen::Vector3d seen_from = -(path[k].linear().transpose() * path[k].translation());
+    const Eigen::Vector3d centre = tag.R_lattice_camera * seen_from / tag.cell_m + tag.centre;
+    kernel::AccumulateInput& input = tag.moment_inputs[k];
+    for (int r = 0; r < 3; ++r) {
+      for (int c = 0; c < 3; ++c)
+        input.lattice_from_ray[3 * r + c] = static_cast<float>(inverse(r, c));
+      input.centre[r] = static_cast<float>(centre[r]);
+    }
+  }
+}
+
+bool TagAligner::Impl::measure(Tag& tag) const {
+  tag.too_small = false;
+  if (!(tag.centre.z() > 0.5)) return false;  // from behind, or the camera lies in the sheet
+  const double half = 0.5 * (tag.side - 1);
+  const Eigen::Vector3d p = tag.ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
+  if (!(p.z() > 0.0)) return false;
+  if (p.head<2>().norm() >= camera.max_radius() * p.z()) return false;
+  Eigen::Matrix<double, 2, 3> J;
+  const Eigen::Vector2d pixel = camera.project_unchecked(p, &J);
+  const Eigen::Vector2d along_a = J * tag.ray_from_lattice.col(0);
+  const Eigen::Vector2d along_b = J * tag.ray_from_lattice.col(1);
+  tag.along_a = along_a;
+  tag.along_b = along_b;
+  const double area = std::abs(along_a.x() * along_b.y() - along_a.y() * along_b.x());
+  const double across_a = area / along_b.norm();  // the distance between two a-lines
+  const double across_b = area / along_a.norm();
+  tag.cell_px = std::min(across_a, across_b);
+  tag.cell_max_px = std::max(across_a, across_b);
+  if (!(tag.cell_px >= options.min_cell_px)) {
+    tag.too_small = true;
+    return false;
+  }
+  const double reach = half * (along_a.norm() + along_b.norm());
+  if (!(pixel.x() > -reach && pixel.y() > -reach && pixel.x() < camera.width() + reach &&
+        pixel.y() < camera.height() + reach))
+    return false;
+  measure_motion(tag, p, J);
+  const double variance_px = options.blur_px * options.blur_px;
+  const Eigen::Matrix2d cov =
+      variance_px * Eigen::Matrix2d::Identity() + tag.smear_px * tag.smear_px.transpose() / 12.0;
+  Eigen::Matrix2d basis;
+  basis << along_a, along_b;
+  const Eigen::Matrix2d G = basis.inverse();
+  const Eigen::Matrix2d cov_lattice = G * cov * G.transpose();
+  tag.correlation = cov_lattice(0, 1) / std::sqrt(cov_lattice(0, 0) * cov_lattice(1, 1));
+  // A line matters up to 2.5 sigma. With one line per axis the next is half a cell or more away,
+  // with two a whole one, with three one and a half.
+  const double sigma_cells = std::sqrt(std::max(cov_lattice(0, 0), cov_lattice(1, 1)));
+  if (tag.moments > 1) tag.sigma_cells = cov_lattice.diagonal().cwiseSqrt();
+  tag.reach = sigma_cells < 0.2 ? 1 : (sigma_cells < 0.4 ? 2 : 3);
+  // It shows at vertices, and in the mean of many moments no more.
+  constexpr int kMostCorrelated = 2;
+  tag.correlated = tag.moments <= kMostCorrelated && std::abs(tag.correlation) > 0.3;
+  return true;
+}
+
+void TagAligner::Impl::find_visible(Projection projection) {
+  active.clear();
+  result.counters.tags_out_of_view = 0;
+  result.counters.tags_too_small = 0;
+  moved_since_projection_px = 0.0;
+  for (Tag& tag : tags) {
+    if (tag.left_out) continue;
+    read_out(tag);
+    place(tag);
+    tag.visible = measure(tag);
+    if (!tag.visible) {
+      ++(tag.too_small ? result.counters.tags_too_small : result.counters.tags_out_of_view);
+      continue;
+    }
+    if (tag.moments > 1) place_moments(tag);
+    if (projection == Projection::search) {
+      project_search(tag);
+    } else if (projection == Projection::wide) {
+      tag.correlated = false;  // the model is blurred anyway
+      project_lattice(tag, wide_variance_px2(tag.cell_px));
+    } else {
+      project_lattice(tag, 0.0);
+    }
+    active.push_back(&tag);
+  }
+}
+
+}  // namespace penumbra

@@ -1,0 +1,401 @@
+// Which pixels an alignment looks at, and what it needs to know about each.
+
+#include "tracking/alignment/tag_alignment_state.hpp"
+
+#include <algorithm>
+
+#include "core/assert.hpp"
+
+namespace penumbra {
+namespace {
+
+// Of the edges along one of the lattice's directions.
+template <class Tag>
+int edge_cells(const Tag& tag, std::size_t direction) {
+  const auto& cells = tag.edge_cells[direction];
+  return cells.empty() ? 0 : static_cast<int>(cells.size()) - 1;
+}
+
+// Pixels at a step across an edge.
+template <class Band>
+int rows_at_most(const Band& band, double reach_px) {
+  return band.count > 0 ? band.count : std::min(static_cast<int>(3.0 * reach_px) + 2, 17);
+}
+
+// From step to step along edges that are so long altogether, for about `cap` samples [px].
+template <class Band>
+double stride_of(const Band& band, double reach_px, double length, double tilt, int cap) {
+  const double steepness = std::sqrt(1.0 + (tilt / length) * (tilt / length));
+  const double rows = band.count > 0 ? band.count : std::min(2.0 * reach_px * steepness, 16.0);
+  return std::max(1.0, length * rows / cap);
+}
+
+double mean_of(const std::array<double, 2>& reach_px) {
+  return 0.5 * (reach_px[0] + reach_px[1]);
+}
+
+// Rows across an edge, from the first one of a step.
+template <class Band>
+std::array<float, 20> row_offsets(const Band& band) {
+  std::array<float, 20> offsets = {0.0F,  1.0F,  2.0F,  3.0F,  4.0F,  5.0F,  6.0F,
+                                   7.0F,  8.0F,  9.0F,  10.0F, 11.0F, 12.0F, 13.0F,
+                                   14.0F, 15.0F, 16.0F, 17.0F, 18.0F, 19.0F};
+  for (int k = 0; k < band.count; ++k) {
+    const auto at = static_cast<std::size_t>(k);
+    offsets[at] = static_cast<float>(band.offsets[at]);
+  }
+  return offsets;
+}
+
+}  // namespace
+
+// Gain and offset of each tag from its data cells, so that nothing is carried over from another
+// exposure.
+void TagAligner::Impl::read_levels() {
+  for (Tag* tag : active) {
+    double white = 0.0;
+    double black = 0.0;
+    int whites = 0;
+    int blacks = 0;
+    find_cells(*tag);
+    for (const DataCell& cell : tag->pattern.data_cells()) {
+      const std::int32_t place = cell_places[static_cast<std::size_t>(cell.j * tag->side + cell.i)];
+      if (place == kernel::kNowhere) continue;
+      const double value = static_cast<double>(tone[image.data[place]]);
+      (cell.white ? white : black) += value;
+      ++(cell.white ? whites : blacks);
+    }
+    if (whites < 2 || blacks < 2) {
+      tag->gain = 0.0;
+      continue;
+    }
+    tag->offset = black / blacks;
+    tag->gain = white / whites - tag->offset;
+  }
+}
+
+// Where the samples' pixels lie in the image's memory, for finish_samples.
+void TagAligner::Impl::locate_samples(Tag& tag) const {
+  const kernel::Samples& s = tag.samples;
+  const auto stride = static_cast<std::int32_t>(image.stride);
+  for (int i = 0; i < tag.used; ++i)
+    s.vertex[i] =
+        static_cast<std::int32_t>(s.pixel_y[i]) * stride + static_cast<std::int32_t>(s.pixel_x[i]);
+}
+
+// Fills in what the kernel needs beside pixels, their places in memory (in `vertex`) and guesses of
+// their rays.
+void TagAligner::Impl::finish_samples(Tag& tag) {
+  tag.samples.count = (tag.used + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
+  const kernel::Samples s = tag.samples;  // a copy, which the floats that are written are not
+  const int padded = s.count;
+  kernel->read(image.data, tone.data(), tag.used, s);
+  if (!tag.row_shear.isZero()) {
+    // From here on the samples are where they would be, had their rows been read out with the
+    // tag's.
+    const auto row = static_cast<float>(tag.row);
+    const Eigen::Vector2f shear = tag.row_shear.cast<float>();
+    for (int i = 0; i < padded; ++i) {
+      const float rows = s.pixel_y[i] - row;
+      s.pixel_x[i] -= shear.x() * rows;
+      s.pixel_y[i] -= shear.y() * rows;
+    }
+  }
+  kernel->prepare(lens, tag.lattice_from_ray.data(), tag.reach, tag.side, s);
+  if (tag.moments == 1) {
+    attach(tag, s);
+    return;
+  }
+  keep_on_paper(tag);
+  for (int k = 0; k < tag.moments; ++k) {
+    const auto moment = static_cast<std::size_t>(k);
+    kernel::Samples& of = tag.moment_samples[moment];
+    of = tag.samples;
+    if (k > 0) arena.take_anchors(tag.reach, of);
+    kernel->anchor(tag.moment_inputs[moment].lattice_from_ray, tag.reach, tag.side, of);
+    attach(tag, of);
+  }
+}
+
+// A smear mixes a tag with what lies around it, which nobody knows: samples that saw it, or came
+// near, at the exposure's ends are left out.
+void TagAligner::Impl::keep_on_paper(Tag& tag) {
+  const kernel::Samples& s = tag.samples;
+  // A line matters up to 2.5 sigma.
+  const Eigen::Vector2f near = (2.5 * tag.sigma_cells).cast<float>();
+  const auto on_paper = [&](const float* M, int i) {
+    const float x = s.ray_x[i];
+    const float y = s.ray_y[i];
+    const float inverse = 1.0F / (M[6] * x + M[7] * y + M[8]);
+    const float a = (M[0] * x + M[1] * y + M[2]) * inverse;
+    const float b = (M[3] * x + M[4] * y + M[5]) * inverse;
+    const auto last = static_cast<float>(tag.side - 1);
+    if (!(a > near.x() && b > near.y() && a < last - near.x() && b < last - near.y())) return false;
+    for (const float of_a : {a - near.x(), a + near.x()}) {
+      for (const float of_b : {b - near.y(), b + near.y()}) {
+        if (!tag.pattern.printed(static_cast<int>(of_a), static_cast<int>(of_b))) return false;
+      }
+    }
+    return true;
+  };
+  const float* const first = tag.moment_inputs[0].lattice_from_ray;
+  const float* const end =
+      tag.moment_inputs[static_cast<std::size_t>(tag.moments - 1)].lattice_from_ray;
+  int kept = 0;
+  int step = 0;
+  for (int i = 0; i < tag.used; ++i) {
+    while (step < tag.step_count && tag.step_end[static_cast<std::size_t>(step)] <= i)
+      tag.step_end[static_cast<std::size_t>(step++)] = kept;
+    if (!on_paper(first, i) || !on_paper(end, i)) continue;
+    for (float* array : {s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.value}) array[kept] = array[i];
+    ++kept;
+  }
+  while (step < tag.step_count) tag.step_end[static_cast<std::size_t>(step++)] = kept;
+  for (int i = kept; i < tag.used; ++i) s.weight[i] = 0.0F;
+  tag.used = kept;
+  tag.samples.count = (kept + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
+}
+
+// What depends on the anchor alone.
+void TagAligner::Impl::attach(const Tag& tag, const kernel::Samples& samples) const {
+  const kernel::Samples s = samples;  // a copy, which the floats that are written are not
+  const int padded = s.count;
+  if (tag.reach == 1) {
+    kernel->attach(tag.ka.data(), tag.kb.data(), tag.coefficients1.front().data(), s);
+    if (tag.correlated) {
+      for (int i = 0; i < padded; ++i) s.rho[i] = tag.rho[static_cast<std::size_t>(s.vertex[i])];
+    }
+    return;
+  }
+  const std::vector<std::array<float, 16>>& table =
+      tag.reach == 2 ? tag.coefficients2 : tag.coefficients3;
+  for (int i = 0; i < padded; ++i) {
+    const auto v = static_cast<std::size_t>(s.vertex[i]);
+    const std::array<float, 16>& c = table[v];
+    s.ka[i] = tag.ka[v];
+    s.kb[i] = tag.kb[v];
+    s.rho[i] = tag.rho[v];
+    for (const std::size_t k : {0U, 1U, 3U, 4U, 5U, 7U, 12U, 13U, 15U}) s.c[k][i] = c[k];
+    if (tag.reach == 3) {
+      for (const std::size_t k : {2U, 6U, 8U, 9U, 10U, 11U, 14U}) s.c[k][i] = c[k];
+    }
+  }
+}
+
+void TagAligner::Impl::take_samples(Tag& tag, int capacity) {
+  tag.capacity = capacity;
+  arena.take(capacity, tag.reach, tag.samples);
+  // The kernels write whole blocks.
+  if (const auto most = static_cast<std::size_t>(capacity + kernel::kBlock);
+      tag.vertex.size() < most)
+    tag.vertex.resize(most + most / 2);
+  tag.samples.vertex = tag.vertex.data();
+}
+
+void TagAligner::Impl::evaluate(Tag& tag) {
+  kernel::AccumulateInput one;
+  kernel::AccumulateInput& in = tag.moments > 1 ? tag.moment_inputs[0] : one;
+  in.reach = tag.reach;
+  in.correlated = tag.correlated;
+  if (tag.moments > 1) {
+    kernel->evaluate_moments(tag.moment_inputs.data(), tag.moment_samples.data(), tag.moments);
+    return;
+  }
+  std::copy(tag.lattice_from_ray.begin(), tag.lattice_from_ray.end(), in.lattice_from_ray);
+  kernel->evaluate(in, tag.samples);
+}
+
+// Chooses the pixels at the edges, up to about `cap`.
+void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
+  tag.used = 0;
+  tag.step_count = 0;
+  tag.thinned = false;
+  Band band;
+  if (wide) {
+    // Far enough out to feel an edge half a cell away.
+    const double unit = std::max(tag.cell_px / 10.0, 0.3);
+    for (const double o : {-5.0, -3.0, -1.0, 1.0, 3.0, 5.0})
+      band.offsets[static_cast<std::size_t>(band.count++)] = floor_of(o * unit + 0.5);
+  }
+  // Within 2.1 sigma of an edge lies all but a two-hundredth of what it tells; a limited number of
+  // pixels is best spent closer.
+  const double sigmas = options.effort == AlignmentEffort::accurate ? 2.1 : 1.25;
+  // A smear along an edge leaves it as it is.
+  const auto reach_across = [&](const Eigen::Vector2d& along) {
+    const double across_px =
+        (along.x() * tag.motion_px.y() - along.y() * tag.motion_px.x()) / along.norm();
+    return sigmas * std::sqrt(options.blur_px * options.blur_px + across_px * across_px / 12.0);
+  };
+  std::array<double, 2> reach_px = {sigmas * options.blur_px, sigmas * options.blur_px};
+  if (!tag.motion_px.isZero(0.0)) reach_px = {reach_across(tag.along_a), reach_across(tag.along_b)};
+  // Of steps nearer than this two may fall on a pixel where the tag is seen smaller.
+  constexpr double kLeastStep_px = 1.5;
+  // The tilt of a lone tag hangs on single edges.
+  constexpr std::size_t kFewestTags = 3;
+  if (options.lattice_steps && active.size() >= kFewestTags) {
+    // Lengths by the cells at the tag's centre: of each direction's edges along the image axis they
+    // are nearer to, and along the other one.
+    double length = 0.0;
+    double tilt = 0.0;
+    for (const auto& [direction, cell_px] :
+         {std::pair(0U, tag.along_a), std::pair(1U, tag.along_b)}) {
+      const double cells = edge_cells(tag, direction);
+      length += cells * cell_px.cwiseAbs().maxCoeff();
+      tilt += cells * cell_px.cwiseAbs().minCoeff();
+    }
+    const double stride = stride_of(band, mean_of(reach_px), length, tilt, cap);
+    if (stride > kLeastStep_px && length < 1e7) {
+      tag.thinned = true;
+      step_along(tag, band, reach_px, stride);
+      PENUMBRA_ASSERT(tag.used <= tag.capacity);
+      finish_samples(tag);
+      return;
+    }
+  }
+  walk_runs(tag, band, reach_px, cap);
+  PENUMBRA_ASSERT(tag.used <= tag.capacity);
+  finish_samples(tag);
+}
+
+// Each of the lattice's two directions in even steps over all of its edges, about `stride` pixels
+// along the image axis that they are nearer to.
+void TagAligner::Impl::step_along(Tag& tag, const Band& band, const std::array<double, 2>& reach_px,
+                                  double stride) {
+  const std::array<Eigen::Vector2d, 2> cell_px = {tag.along_a, tag.along_b};
+  const std::array<int, 2> cells = {edge_cells(tag, 0), edge_cells(tag, 1)};
+  std::array<int, 2> counts{};
+  for (const std::size_t k : {0U, 1U})
+    counts[k] = static_cast<int>(cells[k] * cell_px[k].cwiseAbs().maxCoeff() / stride + 0.5);
+  const std::array<int, 2> most_rows = {rows_at_most(band, reach_px[0]),
+                                        rows_at_most(band, reach_px[1])};
+  // What is written is up to three pixels more than are counted.
+  take_samples(tag, most_rows[0] * counts[0] + most_rows[1] * counts[1] + 4);
+  tag.step_count = counts[0] + counts[1];
+  if (const auto most = static_cast<std::size_t>(tag.step_count) + 16; tag.step_run.size() < most) {
+    tag.step_end.resize(most);
+    tag.step_run.resize(most);
+  }
+  std::array<float, 9> M{};
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c)
+      M[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(tag.ray_from_lattice(r, c));
+  }
+  const std::array<float, 20> offsets = row_offsets(band);
+  kernel::Walk walk;
+  walk.ray_from_lattice = M.data();
+  walk.width = image.width;
+  walk.height = image.height;
+  walk.stride = image.stride;
+  walk.band_count = band.count;
+  walk.offsets = offsets.data();
+  if (!tag.row_shear.isZero()) {
+    const Eigen::Vector2f shear = (tag.row_shear / (1.0 - tag.row_shear.y())).cast<float>();
+    walk.row = static_cast<float>(tag.row);
+    walk.shear_x = shear.x();
+    walk.shear_y = shear.y();
+  }
+  walk.end = tag.step_end.data();
+  walk.run = tag.step_run.data();
+  for (const std::size_t k : {0U, 1U}) {
+    if (counts[k] == 0) continue;
+    walk.cells = tag.edge_cells[k].data();
+    walk.cell_count = cells[k];
+    walk.count = counts[k];
+    walk.reach_px = static_cast<float>(reach_px[k]);
+    walk.most_rows = most_rows[k];
+    walk.along_b = k == 1;
+    walk.along_x = std::abs(cell_px[k].x()) >= std::abs(cell_px[k].y());
+    tag.used = kernel->walk(lens, walk, tag.samples, tag.used);
+    walk.end += counts[k];
+    walk.run += counts[k];
+  }
+}
+
+// Each run is walked pixel by pixel along the image axis it is nearer to, and at each step the
+// pixels across it that the blur reaches are taken.
+void TagAligner::Impl::walk_runs(Tag& tag, const Band& band, const std::array<double, 2>& reach_px,
+                                 int cap) {
+  kernel::RunWalk walk;
+  constexpr auto kPart = static_cast<std::size_t>(kernel::RunWalk::Part::kRuns);
+  if (const std::size_t parts = (tag.runs.size() + kPart - 1) / kPart; run_parts.size() < parts)
+    run_parts.resize(parts);
+  if (tag.step_run.size() < tag.runs.size()) {
+    tag.step_end.resize(tag.runs.size());
+    tag.step_run.resize(tag.runs.size());
+  }
+  walk.runs = tag.runs.data();
+  walk.count = static_cast<int>(tag.runs.size());
+  walk.ray_x = tag.ray_x.data();
+  walk.ray_y = tag.ray_y.data();
+  walk.pixel_x = tag.pixel_x.data();
+  walk.pixel_y = tag.pixel_y.data();
+  walk.depth = tag.depth.data();
+  walk.parts = run_parts.data();
+  walk.reach_px = reach_px[0];
+  double length = 0.0;
+  double tilt = 0.0;  // along the other axis
+  kernel->measure_runs(walk, length, tilt);
+  if (!(length > 0.0) || !(length < 1e7)) return;
+  if (reach_px[1] != reach_px[0]) {
+    for (std::size_t k = 0; k < tag.runs.size(); ++k) {
+      if (!tag.runs[k].vertical) continue;
+      kernel::RunWalk::Part& part = run_parts[k / kPart];
+      const double slope = part.slope[k % kPart];
+      part.reach[k % kPart] = std::min(reach_px[1] * std::sqrt(1.0 + slope * slope), 8.0);
+    }
+  }
+  walk.stride_px = stride_of(band, mean_of(reach_px), length, tilt, cap);
+  tag.thinned = walk.stride_px > 1.0;
+  walk.most_rows = rows_at_most(band, std::max(reach_px[0], reach_px[1]));
+  // The steps go on from run to run. What is written is up to three pixels more than are counted.
+  take_samples(tag, walk.most_rows * (static_cast<int>(length / walk.stride_px) + 2) + 4);
+  const std::array<float, 20> offsets = row_offsets(band);
+  walk.offsets = offsets.data();
+  walk.band_count = band.count;
+  walk.width = image.width;
+  walk.height = image.height;
+  walk.stride = image.stride;
+  walk.end = tag.step_end.data();
+  walk.run = tag.step_run.data();
+  tag.used = kernel->walk_runs(lens, walk, tag.samples);
+  tag.step_count = walk.walked;
+}
+
+std::vector<EdgePixel> TagAligner::Impl::edge_pixels() {
+  constexpr double kWider = 1.02;  // for the derivative by differences
+  const double wider_px2 = (kWider * kWider - 1.0) * options.blur_px * options.blur_px;
+  std::vector<EdgePixel> pixels;
+  for (std::size_t k = 0; k < result.tags.size(); ++k) {
+    if (!result.tags[k].verified) continue;
+    Tag& tag = tags[static_cast<std::size_t>(result.tags[k].index)];
+    PENUMBRA_ASSERT(tag.row_shear.isZero() && tag.motion_px.isZero());
+    project_lattice(tag, 0.0);
+    arena.give_back();
+    select(tag, false,
+           options.effort == AlignmentEffort::accurate ? 1'000'000 : options.samples_per_tag);
+    kernel::Samples& s = tag.samples;
+    evaluate(tag);
+    const std::size_t first = pixels.size();
+    for (int i = 0; i < tag.used; ++i) {
+      const std::uint8_t grey =
+          image.row(static_cast<int>(s.pixel_y[i]))[static_cast<int>(s.pixel_x[i])];
+      pixels.push_back({static_cast<int>(k), static_cast<float>(grey), s.model[i], 0.0F});
+    }
+    project_lattice(tag, wider_px2);
+    for (int i = 0; i < s.count; ++i) {
+      const auto v = static_cast<std::size_t>(s.vertex[i]);
+      s.ka[i] = tag.ka[v];
+      s.kb[i] = tag.kb[v];
+      s.rho[i] = tag.rho[v];
+    }
+    evaluate(tag);
+    const auto per_log = static_cast<float>(1.0 / std::log(kWider));
+    for (int i = 0; i < tag.used; ++i) {
+      EdgePixel& pixel = pixels[first + static_cast<std::size_t>(i)];
+      pixel.model_blur = (s.model[i] - pixel.model) * per_log;
+    }
+  }
+  return pixels;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,63 @@
+// What is printed on a tag: its cells and the edges between them, on the tag's lattice.
+//
+// Lattice coordinates (a, b): unit = one cell, origin at the lower left corner of the whole printed
+// square (white margin included), a right and b up on the upright tag. Cell (i, j) covers
+// [i, i + 1] x [j, j + 1]. A tag of `size_m` has cells of size_m / width_at_border; the tag frame's
+// origin (its centre) is at (total_width / 2, total_width / 2).
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/error.hpp"
+#include "core/geometry/tag_map.hpp"
+
+namespace penumbra {
+
+// A straight edge between black and white cells, as long as it keeps its polarity.
+struct EdgeRun {
+  bool vertical = false;  // true: a = position, b in [begin, end]; false: b = position, a in [...]
+  int position = 0;
+  int begin = 0;
+  int end = 0;
+  int polarity = 0;  // +1: white on the side of larger a (or b); -1: black there
+};
+
+struct DataCell {
+  int i = 0;
+  int j = 0;
+  bool white = false;
+};
+
+class TagPattern {
+ public:
+  // Fails when the family has no such id.
+  [[nodiscard]] static Result<TagPattern> make(TagFamily family, int id);
+
+  [[nodiscard]] int width_at_border() const { return width_at_border_; }  // [cells]
+  [[nodiscard]] int total_width() const { return total_width_; }          // [cells]
+  // Cell colour; outside the printed square what the paper is: white.
+  [[nodiscard]] bool white(int i, int j) const {
+    if (i < 0 || j < 0 || i >= total_width_ || j >= total_width_) return true;
+    return cells_[static_cast<std::size_t>(j * total_width_ + i)] != 0;
+  }
+  // Whether the family says what the cell is.
+  [[nodiscard]] bool printed(int i, int j) const {
+    if (i < 0 || j < 0 || i >= total_width_ || j >= total_width_) return false;
+    return printed_[static_cast<std::size_t>(j * total_width_ + i)] != 0;
+  }
+  // All edges inside the printed square. Its outline is no edge: families with data outside the
+  // border say nothing about what lies around them.
+  [[nodiscard]] const std::vector<EdgeRun>& runs() const { return runs_; }
+  [[nodiscard]] const std::vector<DataCell>& data_cells() const { return data_cells_; }
+
+ private:
+  int width_at_border_ = 0;
+  int total_width_ = 0;
+  std::vector<std::uint8_t> cells_;    // rows from the bottom, 1 = white
+  std::vector<std::uint8_t> printed_;  // the same, 1 = printed
+  std::vector<EdgeRun> runs_;
+  std::vector<DataCell> data_cells_;
+};
+
+}  // namespace penumbra

@@ -1,0 +1,338 @@
+#include "tracking/alignment/tone_estimator.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "tracking/alignment/tag_alignment.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr double kStart = 1.5;               // an exponent between those of most cameras
+constexpr double kLeast = 0.5, kMost = 4.0;  // beyond lies no camera's curve
+constexpr double kLeastBlur_px = 0.25, kMostBlur_px = 1.6;
+constexpr double kSettledBlur = 0.05;  // of its logarithm, from one alignment to the next
+constexpr double kFartherBlur = 0.3;   // ... and no farther at once, for it is linear near by only
+constexpr int kAlignments = 6;         // of a picture at most
+constexpr int kSteps = 12;             // of Gauss-Newton
+constexpr double kTukey = 4.685;       // in sigmas
+// Of a tag that is used.
+constexpr double kLeastContrast = 0.12;               // white - black, 1 = 255 grey levels
+constexpr float kBlackest = 1.0F, kWhitest = 254.0F;  // [grey levels]: cut off
+constexpr std::size_t kMostCutOff = 50;               // one pixel in so many
+constexpr std::size_t kFewestPixels = 64;
+
+// Of all pictures.
+constexpr int kFewestPictures = 5;
+// What the model misses, as an exponent: no camera's curve is a power (that of sRGB is another one
+// by 0.06 at 0.4 of the exposure), an edge's profile is no normal distribution (0.03 where a lens
+// blurs by 1.2 px), and a printed edge lies some hundredths of a pixel elsewhere.
+constexpr double kModelSigma = 0.1;
+
+struct Levels {
+  double black = 0.0, white = 0.0;  // above 0, to 1
+};
+double clamped(double level) {
+  return std::clamp(level, 0.5 / 255.0, 1.0);
+}
+
+// A picture's own exponent, with what its scatter tells of its error.
+struct PictureTone {
+  double exponent = 1.0;
+  double sigma = 0.0;
+  double blur_px = 0.0;
+};
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// What a pixel should be, and its derivatives by the exponent, the blur's logarithm and the tag's
+// two levels.
+struct Prediction {
+  double value = 0.0;
+  Eigen::Vector2d by_common;
+  Eigen::Vector2d by_levels;
+};
+
+struct Curve {
+  double exponent = 1.0;
+  double black_light = 0.0, white_light = 0.0;
+  double black_slope = 0.0, white_slope = 0.0;  // d light / d level
+  double black_log = 0.0, white_log = 0.0;
+
+  Curve(double g, const Levels& levels) : exponent(g) {
+    black_log = std::log(levels.black);
+    white_log = std::log(levels.white);
+    black_light = std::exp(g * black_log);
+    white_light = std::exp(g * white_log);
+    black_slope = g * black_light / levels.black;
+    white_slope = g * white_light / levels.white;
+  }
+  [[nodiscard]] Prediction at(const EdgePixel& pixel) const {
+    const double m = std::clamp(static_cast<double>(pixel.model), 0.0, 1.0);
+    const double light = black_light + (white_light - black_light) * m;
+    const double log_light = std::log(light);
+    Prediction p;
+    p.value = std::exp(log_light / exponent);
+    const double by_light = p.value / (exponent * light);
+    const double light_by_exponent =
+        black_light * black_log * (1.0 - m) + white_light * white_log * m;
+    p.by_common[0] = by_light * (light_by_exponent - light * log_light / exponent);
+    p.by_common[1] = by_light * (white_light - black_light) * static_cast<double>(pixel.model_blur);
+    p.by_levels[0] = by_light * black_slope * (1.0 - m);
+    p.by_levels[1] = by_light * white_slope * m;
+    return p;
+  }
+};
+
+// Straight from black to white; nothing where these are not far enough apart, or the sensor or the
+// coding cut one of them off: that tells nothing of the curve between them.
+std::optional<Levels> start_levels(std::span<const EdgePixel> pixels) {
+  Eigen::Matrix2d H = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d g = Eigen::Vector2d::Zero();
+  std::size_t cut_off = 0;
+  for (const EdgePixel& pixel : pixels) {
+    const double m = std::clamp(static_cast<double>(pixel.model), 0.0, 1.0);
+    const Eigen::Vector2d row(1.0 - m, m);
+    H += row * row.transpose();
+    g += row * (static_cast<double>(pixel.grey) / 255.0);
+    cut_off += pixel.grey <= kBlackest || pixel.grey >= kWhitest ? 1U : 0U;
+  }
+  const Eigen::Vector2d levels = H.ldlt().solve(g);
+  if (!levels.allFinite() || levels[1] - levels[0] < kLeastContrast ||
+      cut_off * kMostCutOff > pixels.size())
+    return std::nullopt;
+  return Levels{clamped(levels[0]), clamped(levels[1])};
+}
+
+struct Fit {
+  double exponent = kStart;
+  double log_blur = 0.0;  // over the one that the pixels were modelled with
+  double sigma = 0.0;     // of the exponent
+};
+
+// All tags of a picture; `pixels` in the order of their tags.
+std::optional<Fit> fit_tone(const std::vector<EdgePixel>& pixels, double start) {
+  struct Tag {
+    std::span<const EdgePixel> pixels;
+    Levels levels;
+  };
+  std::vector<Tag> tags;
+  for (std::size_t begin = 0; begin < pixels.size();) {
+    std::size_t end = begin;
+    while (end < pixels.size() && pixels[end].tag == pixels[begin].tag) ++end;
+    const std::span<const EdgePixel> own(pixels.data() + begin, end - begin);
+    begin = end;
+    if (own.size() < kFewestPixels) continue;
+    if (const auto levels = start_levels(own)) tags.push_back({own, *levels});
+  }
+  if (tags.empty()) return std::nullopt;
+
+  Fit fit;
+  fit.exponent = start;
+  double cutoff = std::numeric_limits<double>::infinity();
+  std::vector<double> residuals;
+  for (int step = 0; step < kSteps; ++step) {
+    Eigen::Matrix2d H = Eigen::Matrix2d::Zero();
+    Eigen::Vector2d g = Eigen::Vector2d::Zero();
+    Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();  // of the tags' gradients
+    struct Eliminated {
+      Eigen::Matrix2d cross;
+      Eigen::Matrix2d inverse;
+      Eigen::Vector2d gradient;
+    };
+    std::vector<Eliminated> eliminated(tags.size());
+    residuals.clear();
+    double weight = 0.0;
+    double cost = 0.0;
+    for (std::size_t k = 0; k < tags.size(); ++k) {
+      Eigen::Matrix2d common = Eigen::Matrix2d::Zero();
+      Eigen::Matrix2d cross = Eigen::Matrix2d::Zero();
+      Eigen::Matrix2d own = Eigen::Matrix2d::Zero();
+      Eigen::Vector2d g_common = Eigen::Vector2d::Zero();
+      Eigen::Vector2d g_own = Eigen::Vector2d::Zero();
+      const Curve curve(fit.exponent, tags[k].levels);
+      for (const EdgePixel& pixel : tags[k].pixels) {
+        const Prediction p = curve.at(pixel);
+        // The blur as it is by now, to first order.
+        const double r =
+            static_cast<double>(pixel.grey) / 255.0 - p.value - p.by_common[1] * fit.log_blur;
+        residuals.push_back(std::abs(r));
+        const double t = r / cutoff;
+        const double inside = std::max(1.0 - t * t, 0.0);
+        const double w = inside * inside;
+        common += w * p.by_common * p.by_common.transpose();
+        cross += w * p.by_common * p.by_levels.transpose();
+        own += w * p.by_levels * p.by_levels.transpose();
+        g_common += w * r * p.by_common;
+        g_own += w * r * p.by_levels;
+        weight += w;
+        cost += w * r * r;
+      }
+      Eliminated& e = eliminated[k];
+      e.inverse = own.inverse();
+      e.cross = cross;
+      e.gradient = g_own;
+      if (!e.inverse.allFinite()) return std::nullopt;
+      const Eigen::Vector2d g_tag = g_common - cross * e.inverse * g_own;
+      H += common - cross * e.inverse * cross.transpose();
+      g += g_tag;
+      scatter += g_tag * g_tag.transpose();
+    }
+    const Eigen::Vector2d moved = H.ldlt().solve(g);
+    if (!moved.allFinite()) return std::nullopt;
+    const double before = fit.exponent;
+    const double blur_before = fit.log_blur;
+    fit.exponent = std::clamp(before + moved[0], 0.7 * before, 1.4 * before);
+    fit.exponent = std::clamp(fit.exponent, kLeast, kMost);
+    fit.log_blur = std::clamp(fit.log_blur + moved[1], -kFartherBlur, kFartherBlur);
+    for (std::size_t k = 0; k < tags.size(); ++k) {
+      const Eliminated& e = eliminated[k];
+      const Eigen::Vector2d levels =
+          e.inverse *
+          (e.gradient - e.cross.transpose() *
+                            Eigen::Vector2d(fit.exponent - before, fit.log_blur - blur_before));
+      Levels& now = tags[k].levels;
+      now.black = clamped(now.black + levels[0]);
+      now.white = clamped(now.white + levels[1]);
+    }
+    // Of the residuals themselves, whatever covers a part of the tags left out.
+    cutoff = std::max(kTukey * 1.4826 * median(residuals), 1.0 / 255.0);
+    const Eigen::Matrix2d inverse = H.inverse();
+    const double variance = cost / std::max(weight, 1.0);
+    // By the tags' own scatter, where it is more than that of independent pixels.
+    fit.sigma = std::sqrt(std::max(variance * inverse(0, 0), (inverse * scatter * inverse)(0, 0)));
+    if (step > 3 && std::abs(fit.exponent - before) < 1e-4) break;
+  }
+  if (!std::isfinite(fit.sigma) || fit.exponent <= kLeast || fit.exponent >= kMost)
+    return std::nullopt;
+  for (const Tag& tag : tags) {
+    if (!(tag.levels.white > tag.levels.black)) return std::nullopt;
+  }
+  return fit;
+}
+
+}  // namespace
+
+struct ToneEstimator::Impl {
+  CameraModel camera;
+  TagAligner aligner;
+  std::vector<PictureTone> found;
+  double blur_px = 0.0;  // of the last picture
+};
+
+ToneEstimator::ToneEstimator(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+ToneEstimator::ToneEstimator(ToneEstimator&&) noexcept = default;
+ToneEstimator& ToneEstimator::operator=(ToneEstimator&&) noexcept = default;
+ToneEstimator::~ToneEstimator() = default;
+
+Result<ToneEstimator> ToneEstimator::create(const CameraModel& camera,
+                                            std::span<const MappedTag> tags) {
+  CameraParameters p = camera.parameters();
+  p.tone_curve.reset();  // what is looked for
+  const CameraModel untoned = CameraModel::make(p).value();
+  AlignmentOptions options;
+  options.effort = AlignmentEffort::accurate;
+  options.tone_exponent = kStart;
+  options.min_cell_px = 3.0;  // where an edge is not next to another
+  Result<TagAligner> aligner = TagAligner::create(untoned, tags, options);
+  if (!aligner) return tl::unexpected(aligner.error());
+  return ToneEstimator(
+      std::make_unique<Impl>(Impl{untoned, std::move(*aligner), {}, AlignmentOptions().blur_px}));
+}
+
+bool ToneEstimator::add(ImageView luma, const CameraPose& T_table_camera) {
+  if (luma.empty() || luma.width != impl_->camera.width() ||
+      luma.height != impl_->camera.height() || !T_table_camera.is_finite())
+    return false;
+  AlignmentInput input;
+  input.luma = luma;
+  input.predicted = T_table_camera;
+  input.covariance.setZero();
+  input.covariance.diagonal().head<3>().setConstant(0.05 * 0.05);
+  input.covariance.diagonal().tail<3>().setConstant(0.1 * 0.1);
+  TagAligner& aligner = impl_->aligner;
+  double exponent = kStart;
+  double blur_px = impl_->blur_px;
+  for (int i = 0; i < kAlignments; ++i) {
+    aligner.set_blur(blur_px);
+    aligner.set_tone_exponent(exponent);
+    const AlignmentResult& result = aligner.refine(input);
+    if (!result.verified || !result.T_table_camera.is_finite()) return false;
+    input.predicted = result.T_table_camera;
+    const std::optional<Fit> fit = fit_tone(aligner.edge_pixels(), exponent);
+    if (!fit) return false;
+    exponent = fit->exponent;
+    const double blur_before = blur_px;
+    blur_px = blur_px * std::exp(fit->log_blur);
+    if (!(blur_px > kLeastBlur_px && blur_px < kMostBlur_px)) return false;
+    // The pose does not hang on the exponent, but what is fitted does on the blur.
+    if (std::abs(std::log(blur_px / blur_before)) > kSettledBlur) continue;
+    impl_->found.push_back({exponent, fit->sigma, blur_px});
+    impl_->blur_px = blur_px;
+    return true;
+  }
+  return false;
+}
+
+int ToneEstimator::pictures() const {
+  return static_cast<int>(impl_->found.size());
+}
+
+Result<ToneEstimate> ToneEstimator::estimate() const {
+  const std::vector<PictureTone>& found = impl_->found;
+  if (found.size() < kFewestPictures) {
+    return fail("{} pictures with well exposed tags are too few for a tone curve; {} are enough",
+                found.size(), kFewestPictures);
+  }
+  std::vector<double> exponents;
+  std::vector<double> blurs;
+  for (const PictureTone& picture : found) {
+    exponents.push_back(picture.exponent);
+    blurs.push_back(picture.blur_px);
+  }
+  // The pictures' middle one, then the mean of those around it by what each is worth: a picture
+  // with a reflection on its tags is no reason to move.
+  ToneEstimate result;
+  result.pictures = pictures();
+  result.blur_px = median(blurs);
+  const double middle = median(exponents);
+  std::vector<double> distances;
+  for (const double exponent : exponents) distances.push_back(std::abs(exponent - middle));
+  const double spread = std::max(1.4826 * median(distances), 1e-3);
+  double weight = 0.0;
+  double sum = 0.0;
+  for (const PictureTone& picture : found) {
+    const double t = (picture.exponent - middle) / (kTukey * spread);
+    const double inside = std::max(1.0 - t * t, 0.0);
+    const double w = inside * inside / (picture.sigma * picture.sigma + spread * spread);
+    weight += w;
+    sum += w * picture.exponent;
+  }
+  result.exponent = sum / weight;
+  double squares = 0.0;
+  double worth = 0.0;
+  for (const PictureTone& picture : found) {
+    const double t = (picture.exponent - middle) / (kTukey * spread);
+    const double inside = std::max(1.0 - t * t, 0.0);
+    const double w = inside * inside / (picture.sigma * picture.sigma + spread * spread) / weight;
+    const double off = picture.exponent - result.exponent;
+    squares += w * w * std::max(off * off, picture.sigma * picture.sigma);
+    worth += w;
+  }
+  result.sigma = std::hypot(std::sqrt(squares) / worth, kModelSigma);
+  if (!(result.sigma <= kToneKnown)) {
+    return fail("the pictures leave the tone curve's exponent open by {:.2f}", result.sigma);
+  }
+  return result;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,241 @@
+#include "tracking/detection/board_pose.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "tracking/detection/pose_solver.hpp"
+
+namespace penumbra {
+namespace {
+
+using Tags = std::vector<TagObservation>;
+
+std::vector<PointObservation> points_of(const Tags& tags) {
+  std::vector<PointObservation> points;
+  points.reserve(4 * tags.size());
+  for (const TagObservation& tag : tags) {
+    for (std::size_t i = 0; i < 4; ++i) points.push_back({tag.corners_table[i], tag.corners_px[i]});
+  }
+  return points;
+}
+
+// Two minima are one when no corner tells them apart: their pixels differ by less than noise.
+bool is_same(const CameraModel& camera, const RefinedPose& a, const RefinedPose& b,
+             const std::vector<PointObservation>& points) {
+  const auto T_a = a.T_table_camera.inverse();
+  const auto T_b = b.T_table_camera.inverse();
+  if (a.T_table_camera.rotation().angularDistance(b.T_table_camera.rotation()) > 0.02) return false;
+  double sum = 0.0;
+  for (const PointObservation& point : points) {
+    sum += (camera.project_unchecked(T_a * point.p_table) -
+            camera.project_unchecked(T_b * point.p_table))
+               .squaredNorm();
+  }
+  return std::sqrt(sum / static_cast<double>(points.size())) < 0.02;
+}
+
+// Every distinct minimum that the closed-form starts lead to, best fit first.
+std::vector<RefinedPose> minima_of(const CameraModel& camera, const Tags& tags,
+                                   const RefinerOptions& options) {
+  const std::vector<PointObservation> points = points_of(tags);
+  std::vector<RefinedPose> minima;
+  for (const CameraPose& start : solve_pose(camera, points)) {
+    const std::optional<RefinedPose> refined = refine_pose(camera, points, start, options);
+    if (refined) minima.push_back(*refined);
+  }
+  std::stable_sort(minima.begin(), minima.end(),
+                   [](const RefinedPose& a, const RefinedPose& b) { return a.rms_px < b.rms_px; });
+  std::vector<RefinedPose> distinct;
+  for (const RefinedPose& minimum : minima) {
+    if (std::none_of(distinct.begin(), distinct.end(), [&](const RefinedPose& other) {
+          return is_same(camera, minimum, other, points);
+        }))
+      distinct.push_back(minimum);
+  }
+  return distinct;
+}
+
+std::vector<double> tag_rms(const CameraModel& camera, const Tags& tags, const CameraPose& pose) {
+  const auto T_camera_table = pose.inverse();
+  std::vector<double> result;
+  for (const TagObservation& tag : tags) {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < 4; ++i) {
+      const std::optional<Eigen::Vector2d> pixel =
+          camera.project_extended(T_camera_table * tag.corners_table[i]);
+      sum += pixel ? (*pixel - tag.corners_px[i]).squaredNorm()
+                   : std::numeric_limits<double>::infinity();
+    }
+    result.push_back(std::sqrt(sum / 4.0));
+  }
+  return result;
+}
+
+// Whether the tags do not lie where the map says, with no single one to blame (somebody bumped a
+// part of the board). Noise moves the corners of a tag each its own way; a tag that lies elsewhere
+// has its four moved together, and a pose takes only 6 numbers of that away. So compare, per degree
+// of freedom, how far the tags are displaced as wholes with how far their corners scatter.
+bool displaced_as_wholes(const CameraModel& camera, const Tags& tags, const CameraPose& pose) {
+  // Less than this is what lens, tone curve and printing do to real tags [px].
+  constexpr double kLeast_px = 0.5;
+  // Independent noise stays under this in 999 of 1000 cases: the F distribution's quantiles of
+  // 2 n - 6 and 6 n degrees of freedom for 4 and 5 tags, and for 6, which bounds those of more.
+  constexpr std::array<double, 3> kGreatestRatio = {9.4, 6.2, 5.0};
+  constexpr std::size_t kFewestTags = 4;
+  if (tags.size() < kFewestTags) return false;
+  const double greatest_ratio =
+      kGreatestRatio[std::min(tags.size() - kFewestTags, kGreatestRatio.size() - 1)];
+  const auto T_camera_table = pose.inverse();
+  double between = 0.0;
+  double within = 0.0;
+  for (const TagObservation& tag : tags) {
+    std::array<Eigen::Vector2d, 4> residual;
+    Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+    for (std::size_t i = 0; i < 4; ++i) {
+      const std::optional<Eigen::Vector2d> pixel =
+          camera.project_extended(T_camera_table * tag.corners_table[i]);
+      if (!pixel) return false;
+      residual[i] = *pixel - tag.corners_px[i];
+      mean += residual[i] / 4.0;
+    }
+    between += mean.squaredNorm();
+    for (const Eigen::Vector2d& r : residual) within += (r - mean).squaredNorm();
+  }
+  const auto count = static_cast<double>(tags.size());
+  if (between < kLeast_px * kLeast_px * count) return false;
+  const double between_variance = 4.0 * between / (2.0 * count - 6.0);
+  const double within_variance = within / (6.0 * count);
+  return between_variance > greatest_ratio * within_variance;
+}
+
+// The tag without which the others fit best, and their minima then.
+struct WithoutOne {
+  std::size_t index = 0;
+  std::vector<RefinedPose> minima;
+};
+
+WithoutOne leave_one_out(const CameraModel& camera, const Tags& tags,
+                         const std::vector<double>& rms, RefinerOptions options) {
+  // Enough to compare fits: the minima that stay are refined to the end once it is known which.
+  options.max_iterations = std::min(options.max_iterations, 8);
+  constexpr std::size_t kMostToTry = 12;  // more tags than this outvote one: take the worst
+  WithoutOne best;
+  const auto worst =
+      static_cast<std::size_t>(std::max_element(rms.begin(), rms.end()) - rms.begin());
+  best.index = worst;
+  for (std::size_t i = 0; i < tags.size(); ++i) {
+    if (tags.size() > kMostToTry && i != worst) continue;
+    Tags trial = tags;
+    trial.erase(trial.begin() + static_cast<std::ptrdiff_t>(i));
+    std::vector<RefinedPose> minima = minima_of(camera, trial, options);
+    if (minima.empty()) continue;
+    if (best.minima.empty() || minima.front().rms_px < best.minima.front().rms_px) {
+      best.index = i;
+      best.minima = std::move(minima);
+    }
+  }
+  return best;
+}
+
+}  // namespace
+
+double BoardPose::ambiguity_ratio() const {
+  if (!second) return std::numeric_limits<double>::infinity();
+  return best.rms_px > 0.0 ? second->rms_px / best.rms_px : std::numeric_limits<double>::infinity();
+}
+
+bool BoardPose::is_ambiguous(double ratio) const {
+  if (!second) return false;
+  // A fit better than corners ever are proves nothing.
+  const double floor_px = std::sqrt(2.0) * RefinerOptions().noise_floor_px;
+  if (second->rms_px < ratio * std::max(best.rms_px, floor_px)) return true;
+  // One tag has 8 numbers for 6 unknowns: by luck the wrong pose fits it perfectly, and the true
+  // one misses it by what noise there is. Take 0.3 px per axis, and leave the second pose out only
+  // where the log-likelihood speaks 18 / 2 against it (1 in 8000 of the right ones).
+  constexpr double kNoise_px = 0.3;
+  constexpr double kChiSquare = 18.0;
+  const double noise = std::max(kNoise_px, best.noise_px);
+  const double difference =
+      4.0 * tags_used * (second->rms_px * second->rms_px - best.rms_px * best.rms_px);
+  return difference < kChiSquare * noise * noise;
+}
+
+Result<BoardPose> estimate_board_pose(const CameraModel& camera,
+                                      std::span<const TagObservation> tags,
+                                      const BoardPoseOptions& options) {
+  Tags used;
+  for (const TagObservation& tag : tags) {
+    const bool finite = std::all_of(tag.corners_px.begin(), tag.corners_px.end(),
+                                    [](const Eigen::Vector2d& p) { return p.allFinite(); }) &&
+                        std::all_of(tag.corners_table.begin(), tag.corners_table.end(),
+                                    [](const Eigen::Vector3d& p) { return p.allFinite(); });
+    if (finite) used.push_back(tag);
+  }
+  if (used.empty()) return fail("no tag of the table was found");
+
+  BoardPose result;
+  std::vector<RefinedPose> minima = minima_of(camera, used, options.refiner);
+  // A tag that was moved, misread or half hidden pulls at all the others, so that its own error
+  // need not be the largest: leave out the one without which the rest fits best, again and again,
+  // as long as those that stay are the majority.
+  Tags rest = used;
+  std::vector<RefinedPose> rest_minima = minima;
+  std::vector<int> left_out;
+  bool agreed = false;
+  while (true) {
+    std::vector<double> rms(rest.size(), std::numeric_limits<double>::infinity());
+    if (!rest_minima.empty()) rms = tag_rms(camera, rest, rest_minima.front().T_table_camera);
+    std::vector<double> sorted = rms;
+    std::sort(sorted.begin(), sorted.end());
+    const double middle = sorted[(sorted.size() - 1) / 2];  // the lower of two
+    const double worst = sorted.back();
+    agreed = worst <= options.outlier_px;
+    if (agreed) break;
+    const bool alike =
+        worst <= options.outlier_times_middle * middle && worst <= options.outlier_always_px;
+    if (rest.size() <= 2 || 2 * (rest.size() - 1) <= used.size()) {
+      agreed = alike;
+      break;
+    }
+    WithoutOne without = leave_one_out(camera, rest, rms, options.refiner);
+    // Noise alone never falls to a third when one tag goes.
+    agreed = alike && (without.minima.empty() ||
+                       3.0 * without.minima.front().rms_px > rest_minima.front().rms_px);
+    if (agreed) break;
+    left_out.push_back(rest[without.index].id);
+    rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(without.index));
+    rest_minima = std::move(without.minima);
+  }
+  // A bare majority may be the half that was moved, with one or two of the others fitting it.
+  if (3 * left_out.size() > used.size()) agreed = false;
+  if (agreed) {
+    used = std::move(rest);
+    if (!left_out.empty()) minima = minima_of(camera, used, options.refiner);
+    result.left_out = std::move(left_out);
+  } else {
+    result.contradictory = true;
+  }
+  if (minima.empty()) return fail("the corners in view do not fix a pose");
+  result.best = minima.front();
+  if (agreed && displaced_as_wholes(camera, used, result.best.T_table_camera)) {
+    result.contradictory = true;
+  }
+  if (minima.size() > 1) result.second = minima[1];
+  result.points = points_of(used);
+  result.tags_used = static_cast<int>(used.size());
+  return result;
+}
+
+void finish_by_ceres(const CameraModel& camera, BoardPose& pose, const RefinerOptions& options) {
+  RefinerOptions by_ceres = options;
+  by_ceres.by_ceres = true;
+  const auto finish = [&](RefinedPose& minimum) {
+    const auto finished = refine_pose(camera, pose.points, minimum.T_table_camera, by_ceres);
+    if (finished) minimum = *finished;
+  };
+  finish(pose.best);
+  if (pose.second) finish(*pose.second);
+}
+
+}  // namespace penumbra

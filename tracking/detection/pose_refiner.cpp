@@ -1,0 +1,311 @@
+#include "tracking/detection/pose_refiner.hpp"
+
+#include <ceres/ceres.h>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <deque>
+#include <limits>
+#include <tuple>
+
+namespace penumbra {
+namespace {
+
+constexpr double kNearest = 1e-6;  // [m] in front of the camera
+
+Eigen::Quaterniond exp_quaternion(const Eigen::Vector3d& omega) {
+  const double half = 0.5 * omega.norm();
+  // sin(half) / |omega|, by its series where it would be 0 / 0
+  const double scale = half < 1e-6 ? 0.5 - half * half / 12.0 : 0.5 * std::sin(half) / half;
+  return {std::cos(half), scale * omega.x(), scale * omega.y(), scale * omega.z()};
+}
+
+Eigen::Vector3d log_quaternion(const Eigen::Quaterniond& q) {
+  const double sign = q.w() < 0.0 ? -1.0 : 1.0;  // the shorter way round
+  const double s = q.vec().norm();
+  const double angle = 2.0 * std::atan2(s, sign * q.w());
+  return s < 1e-12 ? Eigen::Vector3d(2.0 * sign * q.vec())
+                   : Eigen::Vector3d(sign * angle / s * q.vec());
+}
+
+// A pose as Ceres holds it: qx qy qz qw tx ty tz of T_table_camera.
+using PoseParameters = std::array<double, 7>;
+
+CameraPose to_pose(const double* x) {
+  return {Eigen::Quaterniond(x[3], x[0], x[1], x[2]), Eigen::Vector3d(x[4], x[5], x[6])};
+}
+
+void write_pose(const CameraPose& pose, double* x) {
+  Eigen::Map<Eigen::Vector4d>(x + 0) = pose.rotation().coeffs();
+  Eigen::Map<Eigen::Vector3d>(x + 4) = pose.translation();
+}
+
+// Unit quaternions x R^3 with steps in the camera's own axes. Costs write their derivative by the
+// step itself into the first 6 of the 7 columns, and the two Jacobians here only say which those
+// are: Ceres never uses the ambient derivative for anything but this product.
+class PoseManifold final : public ceres::Manifold {
+ public:
+  int AmbientSize() const override { return 7; }
+  int TangentSize() const override { return 6; }
+  bool Plus(const double* x, const double* delta, double* x_plus_delta) const override {
+    write_pose(perturbed(to_pose(x), Eigen::Map<const Vector6d>(delta)), x_plus_delta);
+    return true;
+  }
+  bool PlusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Eigen::Matrix<double, 7, 6, Eigen::RowMajor>> J(jacobian);
+    J.setIdentity();
+    return true;
+  }
+  bool Minus(const double* y, const double* x, double* y_minus_x) const override {
+    Eigen::Map<Vector6d> difference(y_minus_x);
+    difference = perturbation_between(to_pose(x), to_pose(y));
+    return true;
+  }
+  bool MinusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Eigen::Matrix<double, 6, 7, Eigen::RowMajor>> J(jacobian);
+    J.setIdentity();
+    return true;
+  }
+};
+
+class ReprojectionCost final : public ceres::SizedCostFunction<2, 7> {
+ public:
+  ReprojectionCost(const CameraModel& camera, const PointObservation& observation)
+      : camera_(camera), observation_(observation) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override {
+    const CameraPose pose = to_pose(parameters[0]);
+    const Eigen::Vector3d p = pose.inverse() * observation_.p_table;
+    if (!(p.z() > kNearest)) return false;  // Ceres takes a shorter step
+    Eigen::Map<Eigen::Vector2d> residual(residuals);
+    residual = camera_.project_unchecked(p) - observation_.pixel;
+    if (jacobians != nullptr && jacobians[0] != nullptr) {
+      Eigen::Map<Eigen::Matrix<double, 2, 7, Eigen::RowMajor>> J(jacobians[0]);
+      J.leftCols<6>() = reprojection_jacobian(camera_, pose, observation_.p_table);
+      J.col(6).setZero();
+    }
+    return residual.allFinite();
+  }
+
+ private:
+  const CameraModel& camera_;
+  const PointObservation& observation_;
+};
+
+std::optional<CameraPose> minimum_by_ceres(const CameraModel& camera,
+                                           std::span<const PointObservation> observations,
+                                           const CameraPose& start, const RefinerOptions& options) {
+  PoseParameters x{};
+  write_pose(start, x.data());
+  ceres::Problem::Options ownership;
+  ownership.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ownership.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ownership.disable_all_safety_checks = true;
+  // They must outlive the problem.
+  ceres::HuberLoss loss(options.robust_scale_px);
+  PoseManifold manifold;
+  std::deque<ReprojectionCost> costs;  // their addresses stay
+  ceres::Problem problem(ownership);
+  problem.AddParameterBlock(x.data(), 7, &manifold);
+  for (const PointObservation& observation : observations) {
+    costs.emplace_back(camera, observation);
+    problem.AddResidualBlock(&costs.back(), &loss, x.data());
+  }
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = ceres::DENSE_QR;
+  solver.max_num_iterations = options.max_iterations;
+  solver.num_threads = 1;
+  solver.logging_type = ceres::SILENT;
+  // A step under these moves no corner by 1e-4 px.
+  solver.function_tolerance = 1e-10;
+  solver.parameter_tolerance = 1e-10;
+  solver.gradient_tolerance = 1e-12;
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, &problem, &summary);
+  if (!summary.IsSolutionUsable()) return std::nullopt;
+  return to_pose(x.data());
+}
+
+// The squares' sum of a pose with Huber's loss, and where asked for its normal equations by the
+// step in the camera's own axes. Infinite where a point is not in front of the camera.
+struct NormalEquations {
+  Matrix6d H = Matrix6d::Zero();  // lower triangle
+  Vector6d g = Vector6d::Zero();
+};
+double cost_of(const CameraModel& camera, std::span<const PointObservation> observations,
+               const CameraPose& pose, double robust_scale_px, NormalEquations* equations) {
+  const auto T_camera_table = pose.inverse();
+  const Eigen::Matrix3d R = T_camera_table.rotation_matrix();
+  const Eigen::Vector3d& t = T_camera_table.translation();
+  double cost = 0.0;
+  Eigen::Matrix<double, 2, 3> J_point;
+  for (const PointObservation& observation : observations) {
+    const Eigen::Vector3d p = R * observation.p_table + t;
+    if (!(p.z() > kNearest)) return std::numeric_limits<double>::infinity();
+    const Eigen::Vector2d r =
+        camera.project_unchecked(p, equations != nullptr ? &J_point : nullptr) - observation.pixel;
+    const double square = r.squaredNorm();
+    const bool inside = square <= robust_scale_px * robust_scale_px;
+    const double error = inside ? 0.0 : std::sqrt(square);
+    cost += inside ? square : robust_scale_px * (2.0 * error - robust_scale_px);
+    if (equations == nullptr) continue;
+    const double weight = inside ? 1.0 : robust_scale_px / error;
+    // The camera's own motion moves the point to p - nu - omega x p = p - nu + [p]x omega.
+    std::array<std::array<double, 6>, 2> J;
+    for (int axis = 0; axis < 2; ++axis) {
+      const double x = J_point(axis, 0);
+      const double y = J_point(axis, 1);
+      const double z = J_point(axis, 2);
+      J[static_cast<std::size_t>(axis)] = {
+          -x, -y, -z, y * p.z() - z * p.y(), z * p.x() - x * p.z(), x * p.y() - y * p.x()};
+    }
+    for (std::size_t row = 0; row < 6; ++row) {
+      const double w0 = weight * J[0][row];
+      const double w1 = weight * J[1][row];
+      for (std::size_t column = 0; column <= row; ++column)
+        equations->H(static_cast<int>(row), static_cast<int>(column)) +=
+            w0 * J[0][column] + w1 * J[1][column];
+      equations->g[static_cast<int>(row)] += w0 * r[0] + w1 * r[1];
+    }
+  }
+  return cost;
+}
+
+// Levenberg and Marquardt, with Huber's weights renewed in every step. Where it starts a point must
+// be in front of the camera.
+std::optional<CameraPose> minimum_near(const CameraModel& camera,
+                                       std::span<const PointObservation> observations,
+                                       const CameraPose& start, const RefinerOptions& options) {
+  // A step that moves the points by less, RMS, is the last [px].
+  constexpr double kLastStep_px = 1e-7;
+  const double last_step2 = kLastStep_px * kLastStep_px * static_cast<double>(observations.size());
+  CameraPose pose = start;
+  NormalEquations equations;
+  double cost = cost_of(camera, observations, pose, options.robust_scale_px, &equations);
+  if (!std::isfinite(cost)) return std::nullopt;
+  double damping = 1e-4;
+  double harder = 2.0;
+  for (int i = 0; i < options.max_iterations; ++i) {
+    Matrix6d damped = equations.H;
+    damped.diagonal() += damping * equations.H.diagonal().cwiseMax(1e-6).cwiseMin(1e32);
+    const Vector6d step = damped.ldlt().solve(-equations.g);
+    if (!step.allFinite()) return std::nullopt;
+    const double moved2 = step.dot(equations.H.selfadjointView<Eigen::Lower>() * step);
+    const CameraPose next = perturbed(pose, step);
+    NormalEquations next_equations;
+    const double next_cost =
+        cost_of(camera, observations, next, options.robust_scale_px, &next_equations);
+    if (next_cost <= cost) {
+      pose = next;
+      cost = next_cost;
+      equations = next_equations;
+      damping = std::max(damping / 3.0, 1e-16);
+      harder = 2.0;
+    } else {
+      damping *= harder;
+      harder *= 2.0;
+    }
+    // With rejected steps too: what is left to gain is rounding.
+    if (moved2 <= last_step2) break;
+    if (!(damping < 1e32)) break;
+  }
+  return pose;
+}
+
+}  // namespace
+
+CameraPose perturbed(const CameraPose& T_table_camera, const Vector6d& xi) {
+  return {T_table_camera.rotation() * exp_quaternion(xi.tail<3>()),
+          T_table_camera.translation() + T_table_camera.rotation() * xi.head<3>()};
+}
+
+Vector6d perturbation_between(const CameraPose& from, const CameraPose& to) {
+  Vector6d xi;
+  const Eigen::Quaterniond inverse = from.rotation().conjugate();
+  xi.head<3>() = inverse * (to.translation() - from.translation());
+  xi.tail<3>() = log_quaternion(inverse * to.rotation());
+  return xi;
+}
+
+Eigen::Matrix<double, 2, 6> reprojection_jacobian(const CameraModel& camera,
+                                                  const CameraPose& T_table_camera,
+                                                  const Eigen::Vector3d& p_table) {
+  const Eigen::Vector3d p = T_table_camera.inverse() * p_table;
+  Eigen::Matrix<double, 2, 3> J_point;
+  std::ignore = camera.project_unchecked(p, &J_point);
+  // The camera's own motion moves the point to p - nu - omega x p = p - nu + [p]x omega.
+  Eigen::Matrix<double, 3, 6> J_step;
+  J_step << -1.0, 0.0, 0.0, 0.0, -p.z(), p.y(),  //
+      0.0, -1.0, 0.0, p.z(), 0.0, -p.x(),        //
+      0.0, 0.0, -1.0, -p.y(), p.x(), 0.0;
+  return J_point * J_step;
+}
+
+std::optional<RefinedPose> refine_pose(const CameraModel& camera,
+                                       std::span<const PointObservation> observations,
+                                       const CameraPose& start, const RefinerOptions& options) {
+  if (observations.size() < 3 || !start.is_finite()) return std::nullopt;
+  const auto T_camera_table = start.inverse();
+  for (const PointObservation& observation : observations) {
+    if (!observation.p_table.allFinite() || !observation.pixel.allFinite()) return std::nullopt;
+    if (!((T_camera_table * observation.p_table).z() > kNearest)) return std::nullopt;
+  }
+
+  const std::optional<CameraPose> minimum =
+      options.by_ceres ? minimum_by_ceres(camera, observations, start, options)
+                       : minimum_near(camera, observations, start, options);
+  if (!minimum) return std::nullopt;
+
+  RefinedPose result;
+  result.T_table_camera = *minimum;
+  if (!result.T_table_camera.is_finite()) return std::nullopt;
+  // Information of the weighted problem. Translations are measured in units of the distance, so
+  // that all six directions compare.
+  const auto T_refined = result.T_table_camera.inverse();
+  Matrix6d information = Matrix6d::Zero();
+  double sum = 0.0;
+  double weighted_sum = 0.0;
+  double distance = 0.0;
+  for (const PointObservation& observation : observations) {
+    const Eigen::Vector3d p = T_refined * observation.p_table;
+    if (!(p.z() > kNearest)) return std::nullopt;
+    const double error2 = (camera.project_unchecked(p) - observation.pixel).squaredNorm();
+    const double error = std::sqrt(error2);
+    const double weight = error > options.robust_scale_px ? options.robust_scale_px / error : 1.0;
+    const Eigen::Matrix<double, 2, 6> J =
+        reprojection_jacobian(camera, result.T_table_camera, observation.p_table);
+    information += weight * J.transpose() * J;
+    sum += error2;
+    weighted_sum += weight * error2;
+    distance += p.norm();
+  }
+  const auto count = static_cast<double>(observations.size());
+  distance /= count;
+  Vector6d scale;
+  scale << distance, distance, distance, 1.0, 1.0, 1.0;
+  const Matrix6d scaled = scale.asDiagonal() * information * scale.asDiagonal();
+  if (!scaled.allFinite()) return std::nullopt;
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scaled);
+  if (!(eigen.eigenvalues()[0] > 1e-10 * eigen.eigenvalues()[5])) return std::nullopt;
+  const Matrix6d inverse = eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
+                           eigen.eigenvectors().transpose();
+  result.rms_px = std::sqrt(sum / count);
+  // Variance per axis from the residuals. With few of them that estimate is itself uncertain: the
+  // spread of a chi-square of `freedom` degrees about its mean is sqrt(2 / freedom); take its upper
+  // side.
+  const double freedom = std::max(2.0 * count - 6.0, 1.0);
+  const double floor2 = options.noise_floor_px * options.noise_floor_px;
+  const double variance =
+      std::max(weighted_sum / freedom, floor2) * (1.0 + std::sqrt(2.0 / freedom));
+  result.noise_px = std::sqrt(variance);
+  result.covariance = variance * (scale.asDiagonal() * inverse * scale.asDiagonal());
+  if (!result.covariance.allFinite()) return std::nullopt;
+  return result;
+}
+
+}  // namespace penumbra

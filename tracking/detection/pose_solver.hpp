@@ -1,0 +1,26 @@
+// Closed-form camera poses from points on the table and their pixels: where refinement starts.
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+#include "core/camera/camera_model.hpp"
+#include "core/geometry/transform.hpp"
+
+namespace penumbra {
+
+struct PointObservation {
+  Eigen::Vector3d p_table;  // [m]
+  Eigen::Vector2d pixel;    // [px]
+};
+
+// Poses that explain the observations, closest fit first. Coplanar points have two (Collins and
+// Bartoli, Infinitesimal Plane-based Pose Estimation, IJCV 2014): both are returned where both see
+// all points from in front. Other points: SQPnP (Terzakis and Lourakis, ECCV 2020), and both planar
+// ones too where the points are nearly coplanar. None for fewer than 4 observations with a ray,
+// points on a line, or numbers that are not finite.
+[[nodiscard]] std::vector<CameraPose> solve_pose(const CameraModel& camera,
+                                                 std::span<const PointObservation> observations);
+
+}  // namespace penumbra

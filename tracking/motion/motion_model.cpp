@@ -1,0 +1,110 @@
+#include "tracking/motion/motion_model.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/assert.hpp"
+#include "core/units.hpp"
+#include "tracking/motion/spd6.hpp"
+
+namespace penumbra {
+namespace {
+
+// Accelerations of a hand, as the displacement they add to a prediction over a thirtieth of a
+// second: from a camera at rest to a hard shake (10 mm is 9 m/s^2).
+constexpr double kFrame_s = 1.0 / 30.0;
+constexpr double density(double displacement) {
+  return 3.0 * displacement * displacement / (kFrame_s * kFrame_s * kFrame_s);
+}
+constexpr double kStartLinear_m = 0.010, kLeastLinear_m = 0.0003, kMostLinear_m = 0.030;
+constexpr double kStartAngular_rad = radians(1.0);
+constexpr double kLeastAngular_rad = radians(0.03);
+constexpr double kMostAngular_rad = radians(3.0);
+// How fast a camera in a hand goes, when nothing is known of its motion.
+constexpr double kLinearSpeed_m_s = 0.7;
+constexpr double kAngularSpeed_rad_s = 2.0;
+
+// Moves q towards what the last innovation says: at once when it says more, slowly when less.
+double adapted(double q, double ratio, double least, double most) {
+  const double factor =
+      ratio > 1.0 ? std::min(ratio, 1000.0) : std::pow(std::max(ratio, 0.05), 0.1);
+  return std::clamp(q * factor, least, most);
+}
+
+}  // namespace
+
+Matrix6d unforeseen_motion(double age_s) {
+  constexpr double kLinear = 2.0;    // [m/s^2]
+  constexpr double kAngular = 10.0;  // [rad/s^2]
+  const double travel = 0.5 * kLinear * age_s * age_s;
+  const double turn = 0.5 * kAngular * age_s * age_s;
+  Matrix6d covariance = Matrix6d::Zero();
+  covariance.diagonal().head<3>().setConstant(travel * travel);
+  covariance.diagonal().tail<3>().setConstant(turn * turn);
+  return covariance;
+}
+
+void MotionModel::start(std::int64_t timestamp_ns, const CameraPose& T_table_camera,
+                        const Matrix6d& covariance) {
+  PENUMBRA_ASSERT(T_table_camera.is_finite() && covariance.allFinite());
+  State state;
+  state.timestamp_ns = timestamp_ns;
+  state.pose = T_table_camera;
+  state.P_pose = covariance;
+  state.P_velocity.diagonal().head<3>().setConstant(kLinearSpeed_m_s * kLinearSpeed_m_s);
+  state.P_velocity.diagonal().tail<3>().setConstant(kAngularSpeed_rad_s * kAngularSpeed_rad_s);
+  state.q_linear = density(kStartLinear_m);
+  state.q_angular = density(kStartAngular_rad);
+  state_ = state;
+}
+
+MotionModel::State MotionModel::advanced(std::int64_t timestamp_ns) const {
+  PENUMBRA_ASSERT(state_ && timestamp_ns >= state_->timestamp_ns);
+  State next = *state_;
+  const double dt = seconds(timestamp_ns - state_->timestamp_ns);
+  next.timestamp_ns = timestamp_ns;
+  next.pose = perturbed(state_->pose, state_->velocity * dt);
+  Vector6d q;
+  q << state_->q_linear, state_->q_linear, state_->q_linear, state_->q_angular, state_->q_angular,
+      state_->q_angular;
+  const Matrix6d Q = q.asDiagonal();
+  const Matrix6d& C = state_->P_cross;
+  next.P_pose += dt * (C + C.transpose()) + dt * dt * state_->P_velocity + dt * dt * dt / 3.0 * Q;
+  next.P_cross += dt * state_->P_velocity + dt * dt / 2.0 * Q;
+  next.P_velocity += dt * Q;
+  return next;
+}
+
+MotionPrediction MotionModel::predict(std::int64_t timestamp_ns) const {
+  const State next = advanced(timestamp_ns);
+  return {next.pose, next.P_pose, next.velocity};
+}
+
+void MotionModel::update(std::int64_t timestamp_ns, const CameraPose& T_table_camera,
+                         const Matrix6d& covariance) {
+  PENUMBRA_ASSERT(T_table_camera.is_finite() && covariance.allFinite());
+  State next = advanced(timestamp_ns);
+  const Vector6d moved = perturbation_between(next.pose, T_table_camera);
+  // The pose's correction is passed on to the velocity as far as the two were known to go together.
+  const Matrix6d gain = next.P_cross * inverse_of_spd(next.P_pose);
+  const Matrix6d learned = next.P_pose - covariance;  // E[moved moved^T] if q is right
+  const auto ratio = [&](int first) {
+    const double expected = learned.diagonal().segment<3>(first).sum();
+    const double found = moved.segment<3>(first).squaredNorm();
+    // Where the image says no more than the prediction there is nothing to learn.
+    return expected > 0.1 * next.P_pose.diagonal().segment<3>(first).sum() ? found / expected
+                                                                           : 0.999;
+  };
+  next.q_linear = adapted(next.q_linear, ratio(0), density(kLeastLinear_m), density(kMostLinear_m));
+  next.q_angular =
+      adapted(next.q_angular, ratio(3), density(kLeastAngular_rad), density(kMostAngular_rad));
+  next.velocity += gain * moved;
+  next.P_velocity -= gain * learned * gain.transpose();
+  next.P_cross = gain * covariance;
+  next.P_pose = covariance;
+  next.P_velocity = 0.5 * (next.P_velocity + next.P_velocity.transpose().eval());
+  next.pose = T_table_camera;
+  state_ = next;
+}
+
+}  // namespace penumbra
