@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "calib/target/image_cells.hpp"
+#include "core/propagate.hpp"
 #include "tracking/detection/image_check.hpp"
 
 namespace penumbra {
@@ -242,13 +243,11 @@ Result<CameraCalibrator> CameraCalibrator::create(const Target& target,
   auto impl = std::make_unique<Impl>();
   impl->target = target;
   impl->options = options;
-  Result<TargetDetector> detector = TargetDetector::create(target);
-  if (!detector) return tl::unexpected(detector.error());
-  impl->detector.emplace(std::move(*detector));
+  PENUMBRA_TRY(TargetDetector detector, TargetDetector::create(target));
+  impl->detector.emplace(std::move(detector));
   if (target.tags) {
-    Result<ImageCheck> check = ImageCheck::create(*target.tags);
-    if (!check) return tl::unexpected(check.error());
-    impl->check.emplace(std::move(*check));
+    PENUMBRA_TRY(ImageCheck check, ImageCheck::create(*target.tags));
+    impl->check.emplace(std::move(check));
   }
   return CameraCalibrator(std::move(impl));
 }
@@ -738,8 +737,8 @@ void CameraCalibrator::Impl::estimate_tone(CameraCalibration& result) const {
 Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const TellStep& tell) {
   Impl& self = *impl_;
   self.stop = std::move(stop);
-  if (const auto ok = self.check_found(); !ok) return tl::unexpected(ok.error());
-  if (const auto ok = self.check_markers(); !ok) return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(self.check_found());
+  PENUMBRA_TRY_VOID(self.check_markers());
   self.leave_out_blurred();
   self.leave_out_surplus();
   std::vector<CalibrationView> views = self.used_views();
@@ -760,7 +759,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const T
   Result<CalibrationSolution> solution =
       first_solution(self.width, self.height, self.target.points, views, choice);
   if (!solution) return tl::unexpected(solution.error());
-  if (const auto ok = self.check_solution(*solution, views); !ok) return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(self.check_solution(*solution, views));
   // Corners once more where the solution puts them; twice, since the first solution is off by what
   // straight lines on a bent picture are off.
   for (int round = 0; round < 2; ++round) {
@@ -781,8 +780,7 @@ Result<CameraCalibration> CameraCalibrator::finish(std::stop_token stop, const T
   if (!chosen) return tl::unexpected(chosen.error());
   result.solution = std::move(chosen->solution);
   result.held_out_px = chosen->held_out_px;
-  if (const auto ok = self.check_solution(result.solution, views); !ok)
-    return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(self.check_solution(result.solution, views));
   result.pictures = std::move(self.pictures);
   result.other_board = self.other_board_in_words();
   judge(result);

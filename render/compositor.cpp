@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
 #include "render/camera_gl.hpp"
 #include "render/gl/framebuffer.hpp"
@@ -182,29 +183,22 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   glGetIntegerv(GL_MAX_SAMPLES, &most_samples);
   const int samples =
       options.msaa.value_or(multisampling_for(context.info().software, most_samples));
-  auto framebuffer = Framebuffer::create(camera.width(), camera.height(), samples);
-  if (!framebuffer) return tl::unexpected(framebuffer.error());
-  const auto abilities = probe_picture(context.info().api);
-  if (!abilities) return tl::unexpected(abilities.error());
-  auto objects = ObjectPass::create(context.info().api, *scene, camera);
-  if (!objects) return tl::unexpected(objects.error());
-  auto receivers = Receivers::create(context.info().api, *scene, camera);
-  if (!receivers) return tl::unexpected(receivers.error());
-  auto shadows = ShadowPass::create(context.info().api, *scene, camera, framebuffer->samples());
-  if (!shadows) return tl::unexpected(shadows.error());
-  auto hard = HardPass::create(context.info().api, *scene, camera);
-  if (!hard) return tl::unexpected(hard.error());
-  auto volumes = VolumePass::create(context.info().api, camera);
-  if (!volumes) return tl::unexpected(volumes.error());
-  auto rays = RayPass::create(context.info().api, camera);
-  if (!rays) return tl::unexpected(rays.error());
+  PENUMBRA_TRY(auto framebuffer, Framebuffer::create(camera.width(), camera.height(), samples));
+  PENUMBRA_TRY(const auto abilities, probe_picture(context.info().api));
+  PENUMBRA_TRY(auto objects, ObjectPass::create(context.info().api, *scene, camera));
+  PENUMBRA_TRY(auto receivers, Receivers::create(context.info().api, *scene, camera));
+  PENUMBRA_TRY(auto shadows,
+               ShadowPass::create(context.info().api, *scene, camera, framebuffer.samples()));
+  PENUMBRA_TRY(auto hard, HardPass::create(context.info().api, *scene, camera));
+  PENUMBRA_TRY(auto volumes, VolumePass::create(context.info().api, camera));
+  PENUMBRA_TRY(auto rays, RayPass::create(context.info().api, camera));
   const bool on_gpu = !context.info().software;
   auto timer = options.gpu_time.value_or(on_gpu) ? GpuTimer::create(context.info().api)
                                                  : std::optional<GpuTimer>();
   auto impl = std::make_unique<Impl>(
-      context, std::move(scene), camera, std::move(*framebuffer), *abilities, std::move(*objects),
-      std::move(*receivers), std::move(*shadows), std::move(*hard), std::move(*volumes),
-      std::move(*rays), options.pixel_buffers.value_or(on_gpu), std::move(timer));
+      context, std::move(scene), camera, std::move(framebuffer), abilities, std::move(objects),
+      std::move(receivers), std::move(shadows), std::move(hard), std::move(volumes),
+      std::move(rays), options.pixel_buffers.value_or(on_gpu), std::move(timer));
   if (rectified) impl->rectified.emplace(context.info().api, video_camera);
   // Models, textures and programs are there now, or they are not.
   if (const auto error = noted_gl_error(context.info()))
@@ -222,8 +216,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   }
   m.stats = {};
   const Translucency way = choose_translucency(plan.translucency, m.abilities);
-  if (auto chosen = m.choose(way, frame.format, plan); !chosen)
-    return tl::unexpected(chosen.error());
+  PENUMBRA_TRY_VOID(m.choose(way, frame.format, plan));
   const Stopwatch shadow_clock;
   ShadowWork work;
   m.shadows.prepare(*m.scene, plan, work);

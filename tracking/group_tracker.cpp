@@ -7,6 +7,7 @@
 
 #include "core/assert.hpp"
 #include "core/evaluation/evaluation.hpp"
+#include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
 #include "core/units.hpp"
 #include "tracking/detection/background_search.hpp"
@@ -443,12 +444,10 @@ Result<GroupTracker> GroupTracker::create(const CameraModel& camera, const TagMa
         "tag map: no tag belongs to the group 'table', so nothing says where the table is; leave "
         "out `group` for the tags that are fixed to it");
   }
-  Result<TagSearch> made =
-      TagSearch::create(families, options.detector, camera.parameters().tone_curve);
-  if (!made) return tl::unexpected(made.error());
-  const auto search = std::make_shared<TagSearch>(std::move(*made));
-  Result<TableTracker> table_tracker = TableTracker::create(camera, tags, options, search);
-  if (!table_tracker) return tl::unexpected(table_tracker.error());
+  PENUMBRA_TRY(TagSearch made,
+               TagSearch::create(families, options.detector, camera.parameters().tone_curve));
+  const auto search = std::make_shared<TagSearch>(std::move(made));
+  PENUMBRA_TRY(TableTracker table_tracker, TableTracker::create(camera, tags, options, search));
   std::vector<Impl::Group> groups;
   for (const std::string& name : names) {
     const Result<TagMap> own = map_of_group(tags, name);
@@ -463,17 +462,17 @@ Result<GroupTracker> GroupTracker::create(const CameraModel& camera, const TagMa
   const bool needed = options.search_timing == SearchTiming::when_done ||
                       (options.search_timing == SearchTiming::next_frame && !groups.empty());
   if (needed && options.mode != TrackingMode::detect) {
-    auto begun = BackgroundSearch::create(
-        families, options.detector, camera.parameters().tone_curve,
-        options.search_thread || options.search_timing == SearchTiming::when_done);
-    if (!begun) return tl::unexpected(begun.error());
-    beside = std::move(*begun);
+    PENUMBRA_TRY(auto begun,
+                 BackgroundSearch::create(
+                     families, options.detector, camera.parameters().tone_curve,
+                     options.search_thread || options.search_timing == SearchTiming::when_done));
+    beside = std::move(begun);
   }
   const int skipped = static_cast<int>(all - names.size());
   auto impl = std::make_unique<Impl>(Impl{.camera = camera,
                                           .options = options,
                                           .search = search,
-                                          .table = std::move(*table_tracker),
+                                          .table = std::move(table_tracker),
                                           .groups = std::move(groups),
                                           .skipped = skipped,
                                           .beside = std::move(beside),

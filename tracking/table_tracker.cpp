@@ -11,6 +11,7 @@
 
 #include "core/assert.hpp"
 #include "core/evaluation/evaluation.hpp"
+#include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
 #include "core/units.hpp"
 #include "tracking/alignment/tag_alignment.hpp"
@@ -1371,10 +1372,9 @@ Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMa
         "tag map: no tag belongs to the group 'table', so nothing says where the table is; leave "
         "out `group` for the tags that are fixed to it");
   }
-  Result<TagSearch> search =
-      TagSearch::create(families, options.detector, camera.parameters().tone_curve);
-  if (!search) return tl::unexpected(search.error());
-  return create(camera, tags, options, std::make_shared<TagSearch>(std::move(*search)));
+  PENUMBRA_TRY(TagSearch search,
+               TagSearch::create(families, options.detector, camera.parameters().tone_curve));
+  return create(camera, tags, options, std::make_shared<TagSearch>(std::move(search)));
 }
 
 Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMap& tags,
@@ -1396,10 +1396,9 @@ Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMa
   alignment.exposure_moments = false;
   alignment.keep_projection = options.exact_shortcuts;
   alignment.clear_cells = options.exact_shortcuts;
-  Result<TagAligner> aligner = TagAligner::create(camera, table_tags, alignment);
-  if (!aligner) return tl::unexpected(aligner.error());
+  PENUMBRA_TRY(TagAligner aligner, TagAligner::create(camera, table_tags, alignment));
   return TableTracker(std::make_unique<Impl>(camera, tags, options, std::move(search),
-                                             std::move(*aligner), std::move(table_tags)));
+                                             std::move(aligner), std::move(table_tags)));
 }
 
 TrackedFrame TableTracker::track(const Frame& frame) {

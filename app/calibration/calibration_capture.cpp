@@ -20,6 +20,7 @@
 #include "app/capture/newest_picture.hpp"
 #include "app/logging.hpp"
 #include "core/image/image_file.hpp"
+#include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
 #include "tracking/detection/image_check.hpp"
 
@@ -49,9 +50,8 @@ Pictures newest_of(LiveSource& source) {
       picture.name = "a picture";
       picture.frame = *frame;
       picture.luma = luma(*frame, scratch);
-      const Result<bool> more = take(picture);
-      if (!more) return tl::unexpected(more.error());
-      if (!*more) return {};
+      PENUMBRA_TRY(const bool more, take(picture));
+      if (!more) return {};
     }
     return {};
   };
@@ -154,8 +154,7 @@ class Looking {
     }
     const GuideProgress& progress = guide_.progress();
     if (look.taken) {
-      if (auto taken = take_view(picture.luma, progress); !taken)
-        return tl::unexpected(taken.error());
+      PENUMBRA_TRY_VOID(take_view(picture.luma, progress));
     } else {
       ++reasons_[look.why];
     }
@@ -220,17 +219,15 @@ Result<Capture> capture(Pictures pictures, const Target& target, const CaptureOp
   std::stop_source stop;
   GuideOptions guidance = options.guide;
   guidance.stop = stop.get_token();
-  auto guide = ViewGuide::create(target, guidance);
-  if (!guide) return tl::unexpected(guide.error());
+  PENUMBRA_TRY(auto guide, ViewGuide::create(target, guidance));
   std::optional<ImageCheck> check;
   if (target.tags) {
-    auto made = ImageCheck::create(*target.tags);
-    if (!made) return tl::unexpected(made.error());
-    check.emplace(std::move(*made));
+    PENUMBRA_TRY(auto made, ImageCheck::create(*target.tags));
+    check.emplace(std::move(made));
   }
   const bool bars = window == nullptr && isatty(STDERR_FILENO) == 1;
   CaptureEnd end = CaptureEnd::no_more;
-  Looking looking(std::move(pictures), options, calibrator, std::move(*guide), std::move(check),
+  Looking looking(std::move(pictures), options, calibrator, std::move(guide), std::move(check),
                   stop, bars);
   for (std::optional<Stopwatch> since_first; !looking.finished();) {
     auto looked = looking.take(kPatience);

@@ -16,6 +16,7 @@
 #include "app/output/run_outputs.hpp"
 #include "app/session/session_host.hpp"
 #include "app/window/hud.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -172,18 +173,16 @@ void draw_guide(Overlay& overlay, const GuideHud& hud, GlContext::Size size) {
 
 Result<std::unique_ptr<GuideWindow>> GuideWindow::open(int width, int height) {
   const double scale = std::max(1.0, static_cast<double>(kSmallestWidth) / width);
-  auto context = open_window(
-      {static_cast<int>(scale * width + 0.5), static_cast<int>(scale * height + 0.5)}, true);
-  if (!context) return tl::unexpected(context.error());
-  auto overlay = Overlay::create(**context);
-  if (!overlay) return tl::unexpected(overlay.error());
-  auto picture = Framebuffer::create(width, height);
-  if (!picture) return tl::unexpected(picture.error());
-  picture->bind();
+  PENUMBRA_TRY(auto context, open_window({static_cast<int>(scale * width + 0.5),
+                                          static_cast<int>(scale * height + 0.5)},
+                                         true));
+  PENUMBRA_TRY(auto overlay, Overlay::create(*context));
+  PENUMBRA_TRY(auto picture, Framebuffer::create(width, height));
+  picture.bind();
   glClearColor(0.0F, 0.0F, 0.0F, 1.0F);
   glClear(GL_COLOR_BUFFER_BIT);
   std::unique_ptr<GuideWindow> window(
-      new GuideWindow(std::move(*context), std::move(*overlay), std::move(*picture)));
+      new GuideWindow(std::move(context), std::move(overlay), std::move(picture)));
   window->hud_.width = width;
   window->hud_.height = height;
   window->hud_.words = "waiting for the camera";

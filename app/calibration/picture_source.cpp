@@ -9,6 +9,7 @@
 #include "app/recording/recording_source.hpp"
 #include "core/image/image_file.hpp"
 #include "core/image/sample_depth.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -57,9 +58,8 @@ Result<void> each_file(const std::filesystem::path& source,
     } else {
       picture.unreadable = frame.error().message;
     }
-    const Result<bool> more = take(picture);
-    if (!more) return tl::unexpected(more.error());
-    if (!*more) return {};
+    PENUMBRA_TRY(const bool more, take(picture));
+    if (!more) return {};
   }
   return {};
 }
@@ -78,38 +78,33 @@ Result<void> for_each_picture(const std::filesystem::path& source,
                 source.string());
   }
   if (!is_recording(source)) {
-    const auto files = pictures_in(source);
-    if (!files) return tl::unexpected(files.error());
-    if (files->empty())
+    PENUMBRA_TRY(const auto files, pictures_in(source));
+    if (files.empty())
       return fail("{}: holds no PNG or JPEG images; put those of the target there",
                   source.string());
-    return each_file(source, *files, take);
+    return each_file(source, files, take);
   }
   OpenRecordingOptions options;
   options.surroundings = false;
-  const Result<Recording> recording = open_recording(source, options);
-  if (!recording) return tl::unexpected(recording.error());
-  if (recording->video.empty()) {
+  PENUMBRA_TRY(const Recording recording, open_recording(source, options));
+  if (recording.video.empty()) {
     std::vector<std::filesystem::path> files;
-    for (const RecordedFrame& frame : recording->frames) files.push_back(frame.file);
+    for (const RecordedFrame& frame : recording.frames) files.push_back(frame.file);
     return each_file(source, files, take);
   }
-  auto frames = open_recording_source(*recording);
-  if (!frames) return tl::unexpected(frames.error());
+  PENUMBRA_TRY(auto frames, open_recording_source(recording));
   std::vector<std::uint8_t> scratch;
   for (int i = 0;; ++i) {
-    const auto frame = (*frames)->next();
-    if (!frame) return tl::unexpected(frame.error());
-    if (!*frame) return {};
+    PENUMBRA_TRY(const auto frame, frames->next());
+    if (!frame) return {};
     Picture picture;
-    picture.name = fmt::format("frame {}", (*frame)->sequence);
+    picture.name = fmt::format("frame {}", frame->sequence);
     picture.index = i;
-    picture.count = (*frames)->frame_count().value_or(0);
-    picture.frame = **frame;
-    picture.luma = luma(**frame, scratch);
-    const Result<bool> more = take(picture);
-    if (!more) return tl::unexpected(more.error());
-    if (!*more) return {};
+    picture.count = frames->frame_count().value_or(0);
+    picture.frame = *frame;
+    picture.luma = luma(*frame, scratch);
+    PENUMBRA_TRY(const bool more, take(picture));
+    if (!more) return {};
   }
 }
 

@@ -38,6 +38,7 @@
 #include "app/capture/v4l2/buffer_ring.hpp"
 #include "app/capture/v4l2/dma_buf_memory.hpp"
 #include "app/logging.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/units.hpp"
 
@@ -149,10 +150,9 @@ class MappedBuffer {
       // One of our own: frames may outlive the camera.
       const int own = fcntl(descriptor, F_DUPFD_CLOEXEC, 0);
       if (own < 0) return tl::unexpected(errno);
-      auto memory = DmaBufMemory::map(own, length);
-      if (!memory) return tl::unexpected(memory.error());
-      bytes[descriptor] = memory->bytes();
-      mapped.memories_.push_back(std::move(*memory));
+      PENUMBRA_TRY(auto memory, DmaBufMemory::map(own, length));
+      bytes[descriptor] = memory.bytes();
+      mapped.memories_.push_back(std::move(memory));
     }
     for (const auto& plane : buffer.planes()) {
       mapped.planes_.push_back(bytes[plane.fd.get()].subspan(offset_of(plane), plane.length));
@@ -290,12 +290,9 @@ class Stream {
     if (!manager) {
       return tl::unexpected<Trouble>({CaptureFault::io_error, manager.error().message});
     }
-    auto camera = find_camera(**manager, as_before ? as_before->id : options.camera);
-    if (!camera) return tl::unexpected(camera.error());
-    std::unique_ptr<Stream> stream(new Stream(std::move(*manager), std::move(*camera), completed));
-    if (auto started = stream->run(options, as_before); !started) {
-      return tl::unexpected(started.error());
-    }
+    PENUMBRA_TRY(auto camera, find_camera(**manager, as_before ? as_before->id : options.camera));
+    std::unique_ptr<Stream> stream(new Stream(std::move(*manager), std::move(camera), completed));
+    PENUMBRA_TRY_VOID(stream->run(options, as_before));
     return stream;
   }
   Stream(const Stream&) = delete;
@@ -861,10 +858,9 @@ Result<std::unique_ptr<LiveSource>> open_libcamera_source(const LibcameraOptions
 }
 
 Result<std::vector<LibcameraCamera>> list_libcamera_cameras() {
-  const auto manager = camera_manager();
-  if (!manager) return tl::unexpected(manager.error());
+  PENUMBRA_TRY(const auto manager, camera_manager());
   std::vector<LibcameraCamera> list;
-  for (const auto& camera : (*manager)->cameras()) {
+  for (const auto& camera : manager->cameras()) {
     LibcameraCamera& about = list.emplace_back();
     about.id = camera->id();
     about.model = model_of(*camera);

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "app/capture/camera_jpeg.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -91,11 +92,10 @@ std::optional<Frame> LiveSource::decode(const CapturedImage& image) {
 
 Result<std::optional<Frame>> LiveSource::next() {
   while (true) {
-    auto image = next_image();
-    if (!image) return tl::unexpected(image.error());
-    if (!*image) return std::optional<Frame>();
+    PENUMBRA_TRY(auto image, next_image());
+    if (!image) return std::optional<Frame>();
     const Stopwatch watch;
-    auto frame = decode(**image);
+    auto frame = decode(*image);
     if (!frame) continue;
     capture_time_ = watch.elapsed();
     return frame;

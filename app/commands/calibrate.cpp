@@ -35,6 +35,7 @@
 #include "calib/camera_calibration.hpp"
 #include "calib/report/calibration_report.hpp"
 #include "core/camera/camera_file.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -161,13 +162,11 @@ struct CalibrateOutputs {
 };
 
 Result<CalibrateOutputs> open_calibrate_outputs(const CalibrateOptions& options) {
-  auto camera = OutputFile::create(options.output);
-  if (!camera) return tl::unexpected(camera.error());
-  CalibrateOutputs outputs{std::move(*camera), std::nullopt};
+  PENUMBRA_TRY(auto camera, OutputFile::create(options.output));
+  CalibrateOutputs outputs{std::move(camera), std::nullopt};
   if (!options.report.empty()) {
-    auto report = OutputFile::create(options.report);
-    if (!report) return tl::unexpected(report.error());
-    outputs.report.emplace(std::move(*report));
+    PENUMBRA_TRY(auto report, OutputFile::create(options.report));
+    outputs.report.emplace(std::move(report));
   }
   return outputs;
 }
@@ -185,7 +184,7 @@ Result<void> read_pictures(const CalibrateOptions& options,
                            CameraCalibrator& calibrator) {
   const std::filesystem::path& source = options.source;
   std::optional<ProgressBar> progress;
-  const auto read = for_each_picture(source, [&](const Picture& picture) -> Result<bool> {
+  PENUMBRA_TRY_VOID(for_each_picture(source, [&](const Picture& picture) -> Result<bool> {
     if (!picture.notice.empty()) log_warning("{}", picture.notice);
     if (!progress) progress.emplace(picture.count, "pictures");
     if (picture.luma.empty()) {
@@ -199,8 +198,7 @@ Result<void> read_pictures(const CalibrateOptions& options,
     }
     progress->update(picture.index + 1);
     return !interrupt.interrupted();
-  });
-  if (!read) return tl::unexpected(read.error());
+  }));
   return {};
 }
 
@@ -231,11 +229,10 @@ std::optional<std::filesystem::path> played_recording(const std::filesystem::pat
 // The size of the first picture that can be read.
 Result<ImageSize> picture_size(const std::filesystem::path& recording) {
   std::optional<ImageSize> size;
-  auto read = for_each_picture(recording, [&](const Picture& picture) -> Result<bool> {
+  PENUMBRA_TRY_VOID(for_each_picture(recording, [&](const Picture& picture) -> Result<bool> {
     if (!picture.luma.empty()) size = ImageSize{picture.luma.width, picture.luma.height};
     return !size;
-  });
-  if (!read) return tl::unexpected(read.error());
+  }));
   if (!size) {
     return fail("{}: none of its pictures can be read; give PNG or JPEG pictures of the target",
                 recording.string());
@@ -261,45 +258,41 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
   std::unique_ptr<LiveSource> camera;
   ImageSize size;
   if (recording) {
-    const auto first = picture_size(*recording);
-    if (!first) return tl::unexpected(first.error());
-    size = *first;
+    PENUMBRA_TRY(const auto first, picture_size(*recording));
+    size = first;
     // Nobody waits: what says more than a view of a full set does on average is taken.
     capture.guide.least_gain = 0.5 / options.views;
   } else {
-    auto opened = open_live_source(options.live);
-    if (!opened) return tl::unexpected(opened.error());
-    camera = std::move(*opened);
+    PENUMBRA_TRY(auto opened, open_live_source(options.live));
+    camera = std::move(opened);
     size = {camera->format().width, camera->format().height};
   }
-  if (auto same = check_comparable(options, earlier, size.width, size.height); !same)
-    return tl::unexpected(same.error());
+  PENUMBRA_TRY_VOID(check_comparable(options, earlier, size.width, size.height));
   if (options.keep) {
-    if (auto made = create_keep_folder(*options.keep); !made) return tl::unexpected(made.error());
+    PENUMBRA_TRY_VOID(create_keep_folder(*options.keep));
   }
   Guided guided;
   guided.window = window_for(options, size.width, size.height);
   GuideWindow* window = guided.window.get();
-  auto captured = camera
-                      ? capture_views(*camera, target, capture, interrupt, calibrator, window)
-                      : capture_views(*recording, target, capture, interrupt, calibrator, window);
-  if (!captured) return tl::unexpected(captured.error());
+  PENUMBRA_TRY(auto captured,
+               camera ? capture_views(*camera, target, capture, interrupt, calibrator, window)
+                      : capture_views(*recording, target, capture, interrupt, calibrator, window));
   constexpr int kFewest = 3;
-  if (captured->views < kFewest) {
+  if (captured.views < kFewest) {
     const std::string why =
-        captured->why_not.empty() ? "" : fmt::format(" (most often: {})", captured->why_not);
+        captured.why_not.empty() ? "" : fmt::format(" (most often: {})", captured.why_not);
     return fail(
         "{}: {} of {} picture{} {} taken{}, and a camera needs at least {} views; show the whole "
         "target, sharp and still, tilted in several directions",
-        options.source.string(), captured->views, captured->pictures,
-        captured->pictures == 1 ? "" : "s", captured->views == 1 ? "was" : "were", why, kFewest);
+        options.source.string(), captured.views, captured.pictures,
+        captured.pictures == 1 ? "" : "s", captured.views == 1 ? "was" : "were", why, kFewest);
   }
-  if (captured->end == CaptureEnd::interrupted) {
+  if (captured.end == CaptureEnd::interrupted) {
     fmt::print("solving from {} views; Ctrl-C again ends it without a camera file\n",
-               captured->views);
+               captured.views);
     std::fflush(stdout);
   }
-  guided.capture = std::move(*captured);
+  guided.capture = std::move(captured);
   return guided;
 }
 
@@ -404,33 +397,28 @@ Result<void> check_is_no_sheet(const std::filesystem::path& target) {
 
 Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
   InterruptWatch interrupt;  // first: a window and a camera start threads
-  if (const auto ok = check_is_no_sheet(options.target); !ok) return tl::unexpected(ok.error());
-  const auto target = load_target(options.target);
-  if (!target) return tl::unexpected(target.error());
+  PENUMBRA_TRY_VOID(check_is_no_sheet(options.target));
+  PENUMBRA_TRY(const auto target, load_target(options.target));
   std::optional<CameraModel> earlier;
   if (!options.compare.empty()) {
-    auto loaded = load_chosen_camera(options.compare, options.compare_name);
-    if (!loaded) return tl::unexpected(loaded.error());
-    earlier = std::move(*loaded);
+    PENUMBRA_TRY(auto loaded, load_chosen_camera(options.compare, options.compare_name));
+    earlier = std::move(loaded);
   }
   interrupt.hold();
-  auto outputs = open_calibrate_outputs(options);
-  if (!outputs) return tl::unexpected(outputs.error());
-  auto calibrator = CameraCalibrator::create(*target, calibration_options(options));
+  PENUMBRA_TRY(auto outputs, open_calibrate_outputs(options));
+  auto calibrator = CameraCalibrator::create(target, calibration_options(options));
   if (!calibrator) return fail_in(options.target.string(), calibrator.error());
 
   std::unique_ptr<GuideWindow> window;
   bool person_waits = false;  // for the verdict, in the window
   if (names_camera(options.source.string())) {
-    auto guided = guide(options, *target, earlier, interrupt, *calibrator);
-    if (!guided) return tl::unexpected(guided.error());
-    window = std::move(guided->window);
-    const CaptureEnd end = guided->capture.end;
+    PENUMBRA_TRY(auto guided, guide(options, target, earlier, interrupt, *calibrator));
+    window = std::move(guided.window);
+    const CaptureEnd end = guided.capture.end;
     person_waits = window && end != CaptureEnd::closed && end != CaptureEnd::interrupted &&
                    !options.live.duration_s;
-  } else if (auto read = read_pictures(options, earlier, interrupt, *calibrator); !read) {
-    return tl::unexpected(read.error());
-  }
+  } else
+    PENUMBRA_TRY_VOID(read_pictures(options, earlier, interrupt, *calibrator));
   if (interrupt.interrupted()) return ended_early(options);
   const auto calibration = finish_in(window.get(), interrupt, *calibrator);
   if (interrupt.interrupted()) return ended_early(options);
@@ -438,9 +426,9 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
   if (!calibration) {
     written = fail_in(options.source.string(), calibration.error());
   } else {
-    written = write_calibration(options, *outputs, *target, *calibration, earlier);
+    written = write_calibration(options, outputs, target, *calibration, earlier);
   }
-  if (written) print_result(options, *target, *calibration, earlier);
+  if (written) print_result(options, target, *calibration, earlier);
   if (person_waits) {
     if (written) {
       window->say(calibration->verdict, calibration->grade);

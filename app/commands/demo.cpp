@@ -12,6 +12,7 @@
 #include "app/output/frame_writer.hpp"
 #include "app/resources.hpp"
 #include "app/session/replay_run.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -24,23 +25,21 @@ struct DemoOptions {
 };
 
 Result<ExitCode> demo(const DemoOptions& options) {
-  const auto resources = find_resources();
-  if (!resources) return tl::unexpected(resources.error());
+  PENUMBRA_TRY(const auto resources, find_resources());
   ReplayRequest request;
-  request.recording = *resources / "recordings" / "tabletop";
-  request.scene = *resources / "scenes" / "default.json";
+  request.recording = resources / "recordings" / "tabletop";
+  request.scene = resources / "scenes" / "default.json";
   request.output = options.output;
   request.plan = options.plan;
   request.kernel_file = options.shadow.kernel_file;
   request.window = !options.no_window;
 
-  const auto report = run_replay(request);
-  if (!report) return tl::unexpected(report.error());
-  if (report->failure) {
-    fmt::print("{}", report_table(*report));
-    return tl::unexpected(*report->failure);
+  PENUMBRA_TRY(const auto report, run_replay(request));
+  if (report.failure) {
+    fmt::print("{}", report_table(report));
+    return tl::unexpected(*report.failure);
   }
-  fmt::print("{}\nvideo: {}\n", report_table(*report),
+  fmt::print("{}\nvideo: {}\n", report_table(report),
              std::filesystem::absolute(options.output).lexically_normal().string());
   return ExitCode::success;
 }

@@ -1,6 +1,7 @@
 // penumbra evaluate: how far an estimated camera path is from the true one.
 
 #include "core/evaluation/evaluation.hpp"
+#include "core/propagate.hpp"
 
 #include <fmt/format.h>
 
@@ -56,9 +57,8 @@ Result<void> check_pairing(const Evaluation& evaluation, const NamedTrajectory& 
   for (const auto& [trajectory, name] : {estimated, truth}) {
     if (trajectory.poses.empty()) return fail("{}: holds no pose", name);
   }
-  const auto warnings = check_units_of_time(estimated, truth, pairing);
-  if (!warnings) return tl::unexpected(warnings.error());
-  for (const std::string& warning : *warnings) log_warning("{}", warning);
+  PENUMBRA_TRY(const auto warnings, check_units_of_time(estimated, truth, pairing));
+  for (const std::string& warning : warnings) log_warning("{}", warning);
   if (evaluation.frames_judged > 0) return {};
   return fail(
       "{}: has no pose that {} can judge: {}; its times are {}{}, those of the ground truth {}. "
@@ -79,9 +79,8 @@ Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions&
                                                           const Trajectory& truth) {
   std::map<std::string, Evaluation> evaluations;
   if (!options.tags) return evaluations;
-  const auto tags = load_tag_map(*options.tags);
-  if (!tags) return tl::unexpected(tags.error());
-  const std::vector<std::string> names = other_groups(*tags);
+  PENUMBRA_TRY(const auto tags, load_tag_map(*options.tags));
+  const std::vector<std::string> names = other_groups(tags);
   if (names.empty()) {
     return fail("{}: has no group of tags beside the table", options.tags->string());
   }
@@ -92,14 +91,12 @@ Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions&
                   folder.string());
     }
   }
-  const auto found = load_group_paths(*options.estimated_groups, names);
-  if (!found) return tl::unexpected(found.error());
-  const auto true_places = load_group_paths(*options.groundtruth_groups, names);
-  if (!true_places) return tl::unexpected(true_places.error());
-  for (const auto& [name, place] : *found) {
-    const auto true_place = true_places->find(name);
-    if (true_place == true_places->end()) continue;
-    const auto T_group_middle = middle_of_group(*tags, name);
+  PENUMBRA_TRY(const auto found, load_group_paths(*options.estimated_groups, names));
+  PENUMBRA_TRY(const auto true_places, load_group_paths(*options.groundtruth_groups, names));
+  for (const auto& [name, place] : found) {
+    const auto true_place = true_places.find(name);
+    if (true_place == true_places.end()) continue;
+    const auto T_group_middle = middle_of_group(tags, name);
     const auto file = *group_file(name);
     const std::string place_name = (*options.estimated_groups / file).string();
     const std::string true_name = (*options.groundtruth_groups / file).string();
@@ -112,11 +109,8 @@ Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions&
                   (found_over.poses.empty() ? options.estimated : options.groundtruth).string());
     }
     const Evaluation evaluation = evaluate(camera, found_over, true_over, options.pairing);
-    if (auto checked = check_pairing(evaluation, {found_over, place_name}, {true_over, true_name},
-                                     options.pairing);
-        !checked) {
-      return tl::unexpected(checked.error());
-    }
+    PENUMBRA_TRY_VOID(check_pairing(evaluation, {found_over, place_name}, {true_over, true_name},
+                                    options.pairing));
     evaluations.emplace(name, evaluation);
   }
   if (evaluations.empty()) {
@@ -128,37 +122,30 @@ Result<std::map<std::string, Evaluation>> evaluate_groups(const EvaluateOptions&
 }
 
 Result<ExitCode> run_evaluate(const EvaluateOptions& options) {
-  const auto camera = load_chosen_camera(options.camera, options.camera_name);
-  if (!camera) return tl::unexpected(camera.error());
-  const auto estimated = load_trajectory(options.estimated);
-  if (!estimated) return tl::unexpected(estimated.error());
-  const auto truth = load_trajectory(options.groundtruth);
-  if (!truth) return tl::unexpected(truth.error());
+  PENUMBRA_TRY(const auto camera, load_chosen_camera(options.camera, options.camera_name));
+  PENUMBRA_TRY(const auto estimated, load_trajectory(options.estimated));
+  PENUMBRA_TRY(const auto truth, load_trajectory(options.groundtruth));
   for (const auto& [trajectory, file] :
-       {std::pair(&*estimated, &options.estimated), std::pair(&*truth, &options.groundtruth)}) {
+       {std::pair(&estimated, &options.estimated), std::pair(&truth, &options.groundtruth)}) {
     if (!trajectory->of_body) continue;
     log_warning("{}: EuRoC's poses are of the body (the IMU); they are taken as the camera's",
                 file->string());
   }
-  const Evaluation evaluation = evaluate(*camera, *estimated, *truth, options.pairing);
-  if (auto checked = check_pairing(evaluation, {*estimated, options.estimated.string()},
-                                   {*truth, options.groundtruth.string()}, options.pairing);
-      !checked) {
-    return tl::unexpected(checked.error());
-  }
+  const Evaluation evaluation = evaluate(camera, estimated, truth, options.pairing);
+  PENUMBRA_TRY_VOID(check_pairing(evaluation, {estimated, options.estimated.string()},
+                                  {truth, options.groundtruth.string()}, options.pairing));
   if (const auto hint =
-          pose_convention_hint({*estimated, options.estimated.string()},
-                               {*truth, options.groundtruth.string()}, options.pairing)) {
+          pose_convention_hint({estimated, options.estimated.string()},
+                               {truth, options.groundtruth.string()}, options.pairing)) {
     log_warning("{}", *hint);
   }
-  const auto groups = evaluate_groups(options, *camera, *estimated, *truth);
-  if (!groups) return tl::unexpected(groups.error());
+  PENUMBRA_TRY(const auto groups, evaluate_groups(options, camera, estimated, truth));
   if (options.json) {
-    fmt::print("{}", evaluation_json(evaluation, *groups));
+    fmt::print("{}", evaluation_json(evaluation, groups));
     return ExitCode::success;
   }
   fmt::print("{}", evaluation_table(evaluation));
-  for (const auto& [name, of_group] : *groups) {
+  for (const auto& [name, of_group] : groups) {
     fmt::print("\ntag group {}\n{}", name, evaluation_table(of_group));
   }
   return ExitCode::success;

@@ -18,6 +18,7 @@
 #include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/with_progress.hpp"
+#include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
 #include "core/text/file.hpp"
 #include "core/text/text.hpp"
@@ -69,9 +70,8 @@ Eigen::Vector3d direction_from(const std::string& text) {
 // Returns the kernel stamp of a glTF file for its coordinates as they are, without --unit.
 Result<std::string> stamp_in_own_unit(const KernelsOptions& options, const std::string& stamp) {
   if (options.unit_m == 1.0) return stamp;
-  const auto model = load_model(options.model, {.stored_kernels = false});
-  if (!model) return tl::unexpected(model.error());
-  return geometry_key(*model) + stamp.substr(std::min(stamp.find('-'), stamp.size()));
+  PENUMBRA_TRY(const auto model, load_model(options.model, {.stored_kernels = false}));
+  return geometry_key(model) + stamp.substr(std::min(stamp.find('-'), stamp.size()));
 }
 
 Result<std::vector<std::uint8_t>> encode(const KernelsOptions& options, const Model& model,
@@ -84,9 +84,8 @@ Result<std::vector<std::uint8_t>> encode(const KernelsOptions& options, const Mo
   if (lower_extension(options.model) == ".obj") {
     glb = make_glb_with_kernels(model, kernels);
   } else {
-    auto stamp = stamp_in_own_unit(options, kernels.geometry);
-    if (!stamp) return tl::unexpected(stamp.error());
-    kernels.geometry = std::move(*stamp);
+    PENUMBRA_TRY(auto stamp, stamp_in_own_unit(options, kernels.geometry));
+    kernels.geometry = std::move(stamp);
     glb = add_kernels_to_gltf(options.model, kernels, options.unit_m);
   }
   if (!glb) return tl::unexpected(glb.error());
@@ -112,13 +111,12 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
   }
   InterruptWatch interrupt;
   interrupt.hold();
-  auto output = OutputFile::create(options.output);
-  if (!output) return tl::unexpected(output.error());
+  PENUMBRA_TRY(auto output, OutputFile::create(options.output));
   double time_ms = 0.0;
   Model plain;
   KernelFile kernels;
   KernelProgress progress;
-  const Result<void> made = with_progress(
+  PENUMBRA_TRY_VOID(with_progress(
       [&]() -> Result<void> {
         // Kernels in the file are replaced, so they are not checked.
         auto model = load_model(options.model, {.unit_m = options.unit_m, .stored_kernels = false});
@@ -135,15 +133,13 @@ Result<ExitCode> run_kernels(const KernelsOptions& options) {
         kernels = kernels_to_keep(plain, mesh, set, options.source, options.groups);
         return {};
       },
-      progress, "vertices", interrupt, *output);
-  if (!made) return tl::unexpected(made.error());
+      progress, "vertices", interrupt, output));
   warn_of_model(options, plain);
-  const auto bytes = encode(options, plain, kernels);
-  if (!bytes) return tl::unexpected(bytes.error());
-  if (const auto done = write_file(output->partial(), *bytes); !done) {
-    return output->failed(done.error());
+  PENUMBRA_TRY(const auto bytes, encode(options, plain, kernels));
+  if (const auto done = write_file(output.partial(), bytes); !done) {
+    return output.failed(done.error());
   }
-  if (const auto done = output->commit(); !done) return tl::unexpected(done.error());
+  PENUMBRA_TRY_VOID(output.commit());
   fmt::print("kernels: {} ({} vertices, {:.1f} ms)\n", options.output.string(),
              kernels.kernels.size(), time_ms);
   return ExitCode::success;

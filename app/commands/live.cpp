@@ -13,6 +13,7 @@
 #include "app/resources.hpp"
 #include "app/session/live_run.hpp"
 #include "app/session/tags_in_use.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 
 namespace penumbra {
@@ -35,9 +36,8 @@ Result<ExitCode> live(const LiveOptions& options) {
         "penumbra calibrate makes");
   }
   request.calibration = *options.calibration;
-  auto tags = tags_for_camera(options.tags, request.camera, request.calibration);
-  if (!tags) return tl::unexpected(tags.error());
-  request.tags = std::move(*tags);
+  PENUMBRA_TRY(auto tags, tags_for_camera(options.tags, request.camera, request.calibration));
+  request.tags = std::move(tags);
   request.scene = options.scene ? *options.scene : *resources / "scenes" / "default.json";
   request.kernel_file = options.shadow.kernel_file;
   request.plan.skip = !options.no_skip;
@@ -47,10 +47,9 @@ Result<ExitCode> live(const LiveOptions& options) {
   request.vsync = !options.no_vsync;
   request.dma_buf = !options.no_dma_buf;
 
-  const auto report = run_live(request);
-  if (!report) return tl::unexpected(report.error());
-  fmt::print("{}", report_table(*report));
-  if (report->failure) return tl::unexpected(*report->failure);
+  PENUMBRA_TRY(const auto report, run_live(request));
+  fmt::print("{}", report_table(report));
+  if (report.failure) return tl::unexpected(*report.failure);
   // Without a duration, Ctrl-C is how a session ends.
   return ExitCode::success;
 }

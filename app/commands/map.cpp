@@ -28,6 +28,7 @@
 #include "calib/survey/tag_survey.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/geometry/tag_map.hpp"
+#include "core/propagate.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {
@@ -50,15 +51,13 @@ struct MapOptions {
 template <class Take>
 Result<bool> for_each_luma(const Recording& recording, const char* what, InterruptWatch& interrupt,
                            const Take& take) {
-  auto source = open_recording_source(recording);
-  if (!source) return tl::unexpected(source.error());
-  ProgressBar progress((*source)->frame_count().value_or(0), what);
+  PENUMBRA_TRY(auto source, open_recording_source(recording));
+  ProgressBar progress(source->frame_count().value_or(0), what);
   std::vector<std::uint8_t> scratch;
   for (std::size_t index = 0;; ++index) {
-    const auto frame = (*source)->next();
-    if (!frame) return tl::unexpected(frame.error());
-    if (!*frame) return true;
-    take(index, luma(**frame, scratch));
+    PENUMBRA_TRY(const auto frame, source->next());
+    if (!frame) return true;
+    take(index, luma(*frame, scratch));
     progress.update(static_cast<int>(index) + 1);
     if (interrupt.interrupted()) return false;
   }
@@ -112,39 +111,33 @@ Result<ExitCode> run_map(const MapOptions& options) {
   survey.plane = options.plane == "anchor" ? SurveyPlane::anchor : SurveyPlane::fitted;
   survey.refine_camera = !options.refined_camera.empty();
   if (!options.sizes.empty()) {
-    auto sizes = load_tag_sizes(options.sizes);
-    if (!sizes) return tl::unexpected(sizes.error());
-    survey.sizes_m = std::move(*sizes);
+    PENUMBRA_TRY(auto sizes, load_tag_sizes(options.sizes));
+    survey.sizes_m = std::move(sizes);
   }
   // Where tags lie is what is looked for: a tags.yaml in the recording is not read.
   OpenRecordingOptions open;
   open.surroundings = false;
-  auto recording = open_recording(options.recording, open);
-  if (!recording) return tl::unexpected(recording.error());
-  for (const std::string& notice : recording->notices) log_warning("{}", notice);
-  recording->camera_file =
+  PENUMBRA_TRY(auto recording, open_recording(options.recording, open));
+  for (const std::string& notice : recording.notices) log_warning("{}", notice);
+  recording.camera_file =
       options.camera.empty() ? options.recording / "camera.yaml" : options.camera;
-  auto camera = load_chosen_camera(recording->camera_file, options.camera_name);
-  if (!camera) return tl::unexpected(camera.error());
-  recording->camera = std::move(*camera);
+  PENUMBRA_TRY(auto camera, load_chosen_camera(recording.camera_file, options.camera_name));
+  recording.camera = std::move(camera);
   InterruptWatch interrupt;
   interrupt.hold();
-  auto output = OutputFile::create(options.output);
-  if (!output) return tl::unexpected(output.error());
+  PENUMBRA_TRY(auto output, OutputFile::create(options.output));
   std::optional<OutputFile> refined_camera;
   if (!options.refined_camera.empty()) {
-    auto created = OutputFile::create(options.refined_camera);
-    if (!created) return tl::unexpected(created.error());
-    refined_camera.emplace(std::move(*created));
+    PENUMBRA_TRY(auto created, OutputFile::create(options.refined_camera));
+    refined_camera.emplace(std::move(created));
   }
-  auto detector = TagDetector::create(std::array{survey.family});
-  if (!detector) return tl::unexpected(detector.error());
+  PENUMBRA_TRY(auto detector, TagDetector::create(std::array{survey.family}));
   const auto ended_early = [&] {
     return fail("{}: ended early; no file was written", options.recording.string());
   };
   std::vector<SurveyFrame> frames;
-  auto read = for_each_luma(*recording, "frames", interrupt, [&](std::size_t, ImageView luma) {
-    frames.push_back({detector->detect(luma), {}});
+  auto read = for_each_luma(recording, "frames", interrupt, [&](std::size_t, ImageView luma) {
+    frames.push_back({detector.detect(luma), {}});
   });
   if (!read) return tl::unexpected(read.error());
   if (!*read) return ended_early();
@@ -152,7 +145,7 @@ Result<ExitCode> run_map(const MapOptions& options) {
     return run_stoppable(interrupt, [&](std::stop_token stop) {
       SurveyOptions stoppable = survey;
       stoppable.stop = std::move(stop);
-      return survey_tags(*recording->camera, frames, stoppable);
+      return survey_tags(*recording.camera, frames, stoppable);
     });
   };
   auto result = survey_all();
@@ -163,7 +156,7 @@ Result<ExitCode> run_map(const MapOptions& options) {
   constexpr int kMostRounds = 3;
   for (int round = 0; round < kMostRounds; ++round) {
     const std::vector<int> placed = ids_of(*result);
-    read = for_each_luma(*recording, "edges", interrupt, [&](std::size_t index, ImageView luma) {
+    read = for_each_luma(recording, "edges", interrupt, [&](std::size_t index, ImageView luma) {
       if (index < frames.size())
         frames[index] = measured_frame(*result, index, frames[index], luma);
     });
@@ -174,16 +167,16 @@ Result<ExitCode> run_map(const MapOptions& options) {
     if (!result) return fail_in(options.recording.string(), result.error());
     if (ids_of(*result) == placed) break;
   }
-  if (auto saved = save_tag_survey(output->partial(), *result); !saved)
-    return output->failed(saved.error());
+  if (auto saved = save_tag_survey(output.partial(), *result); !saved)
+    return output.failed(saved.error());
   if (refined_camera) {
     if (auto saved = save_camera(refined_camera->partial(), result->camera); !saved)
       return refined_camera->failed(saved.error());
   }
-  std::vector<OutputFile*> files = {&*output};
+  std::vector<OutputFile*> files = {&output};
   if (refined_camera) files.push_back(&*refined_camera);
-  if (auto done = commit_together(files); !done) return tl::unexpected(done.error());
-  print_survey(*result, *recording->camera, options);
+  PENUMBRA_TRY_VOID(commit_together(files));
+  print_survey(*result, *recording.camera, options);
   return ExitCode::success;
 }
 

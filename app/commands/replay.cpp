@@ -15,6 +15,7 @@
 #include "app/commands/options.hpp"
 #include "app/resources.hpp"
 #include "app/session/replay_run.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -63,9 +64,8 @@ Result<ExitCode> replay(const ReplayOptions& options) {
   if (options.scene) {
     request.scene = *options.scene;
   } else {
-    const auto resources = find_resources();
-    if (!resources) return tl::unexpected(resources.error());
-    request.scene = *resources / "scenes" / "default.json";
+    PENUMBRA_TRY(const auto resources, find_resources());
+    request.scene = resources / "scenes" / "default.json";
   }
   request.kernel_file = options.shadow.kernel_file;
   request.plan.skip = !options.no_skip;
@@ -75,10 +75,9 @@ Result<ExitCode> replay(const ReplayOptions& options) {
   request.viewer.hud = !options.no_hud;
   request.edits = !options.no_edits;
 
-  const auto report = run_replay(request);
-  if (!report) return tl::unexpected(report.error());
-  fmt::print("{}", report_table(*report));
-  if (report->failure) return tl::unexpected(*report->failure);
+  PENUMBRA_TRY(const auto report, run_replay(request));
+  fmt::print("{}", report_table(report));
+  if (report.failure) return tl::unexpected(*report.failure);
   return ExitCode::success;
 }
 

@@ -19,6 +19,7 @@
 #include "app/output/interruptible.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/shadow_picture.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -31,30 +32,27 @@ Result<ExitCode> run_shadow(const ShadowJob& job) {
                 job.constants.light_ratio);
   }
   if (job.format == ShadowJob::Format::table) {
-    const auto result = compute_shadow(job);
-    if (!result) return tl::unexpected(result.error());
-    fmt::print("{}", shadow_table(job, *result));
+    PENUMBRA_TRY(const auto result, compute_shadow(job));
+    fmt::print("{}", shadow_table(job, result));
     return ExitCode::success;
   }
   InterruptWatch interrupt;
   interrupt.hold();
-  auto output = OutputFile::create(job.output);
-  if (!output) return tl::unexpected(output.error());
+  PENUMBRA_TRY(auto output, OutputFile::create(job.output));
   auto computing = std::async(std::launch::async, [&job] { return compute_shadow(job); });
-  while (!is_done_within(computing, std::chrono::milliseconds(1000), interrupt, *output)) {
+  while (!is_done_within(computing, std::chrono::milliseconds(1000), interrupt, output)) {
   }
-  const auto result = computing.get();
-  if (!result) return tl::unexpected(result.error());
+  PENUMBRA_TRY(const auto result, computing.get());
   if (job.format == ShadowJob::Format::png) {
-    if (const auto done = write_shadow_png(output->partial(), picture_of(job, *result)); !done) {
-      return output->failed(done.error());
+    if (const auto done = write_shadow_png(output.partial(), picture_of(job, result)); !done) {
+      return output.failed(done.error());
     }
-    if (const auto done = output->commit(); !done) return tl::unexpected(done.error());
+    PENUMBRA_TRY_VOID(output.commit());
   } else {
     const std::string text = job.format == ShadowJob::Format::json
-                                 ? shadow_json(job, *result)
-                                 : shadow_svg(picture_of(job, *result));
-    if (const auto done = write_text(*output, text); !done) return tl::unexpected(done.error());
+                                 ? shadow_json(job, result)
+                                 : shadow_svg(picture_of(job, result));
+    PENUMBRA_TRY_VOID(write_text(output, text));
   }
   fmt::print("shadow: {}\n", job.output.string());
   return ExitCode::success;

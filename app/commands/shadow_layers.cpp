@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "app/logging.hpp"
+#include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
 #include "render/model/model_size.hpp"
 #include "render/shadow/caster.hpp"
@@ -99,11 +100,10 @@ Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const Shadow
                                               ShadowResult& result) {
   if (job.proxy == ProxyMode::automatic) return simplified_caster(mesh);
   if (job.proxy == ProxyMode::none) return std::optional<ShadowProxy>();
-  auto model = load_model(job.proxy_file, {.up = job.up, .unit_m = job.unit_m});
-  if (!model) return tl::unexpected(model.error());
-  for (const std::string& warning : model->warnings) warn(result, "{}", warning);
-  move_origin(*model, job.model_origin);
-  return std::optional<ShadowProxy>(proxy_from_model(mesh, *model));
+  PENUMBRA_TRY(auto model, load_model(job.proxy_file, {.up = job.up, .unit_m = job.unit_m}));
+  for (const std::string& warning : model.warnings) warn(result, "{}", warning);
+  move_origin(model, job.model_origin);
+  return std::optional<ShadowProxy>(proxy_from_model(mesh, model));
 }
 
 // The plane with its origin under the middle of the caster: near it floats are fine, wherever in
@@ -219,33 +219,30 @@ void check_stored_kernels(const ShadowJob& job, const Model& model, Caster& cast
 
 // Also moves the job's placement to the model's origin.
 Result<Caster> load_caster(ShadowJob& job, ShadowResult& result) {
-  auto model = load_model(job.model, {.up = job.up, .unit_m = job.unit_m});
-  if (!model) return tl::unexpected(model.error());
-  job.model_origin = model->origin;
-  job.placement = placed_model(*model, job.placement);
+  PENUMBRA_TRY(auto model, load_model(job.model, {.up = job.up, .unit_m = job.unit_m}));
+  job.model_origin = model.origin;
+  job.placement = placed_model(model, job.placement);
   Caster caster;
   if (!job.kernel_file.empty()) {
-    const auto file = load_kernel_file(job.kernel_file);
-    if (!file) return tl::unexpected(file.error());
-    const auto taken = attach_kernels(*model, *file, job.kernel_file.string());
-    if (!taken) return tl::unexpected(taken.error());
-    caster.kernels_from_file = *taken;
+    PENUMBRA_TRY(const auto file, load_kernel_file(job.kernel_file));
+    PENUMBRA_TRY(const auto taken, attach_kernels(model, file, job.kernel_file.string()));
+    caster.kernels_from_file = taken;
   }
-  for (const std::string& warning : model->warnings) warn(result, "{}", warning);
-  if (const auto size = warning_of_size(*model, {.unit_m = job.unit_m}, job.model.string())) {
+  for (const std::string& warning : model.warnings) warn(result, "{}", warning);
+  if (const auto size = warning_of_size(model, {.unit_m = job.unit_m}, job.model.string())) {
     warn(result, "{}", *size);
   }
-  if (const auto checked = check_groups(*model, job.groups); !checked) {
+  if (const auto checked = check_groups(model, job.groups); !checked) {
     return fail("{}: {}", job.model.string(), checked.error().message);
   }
-  caster.stored_source = stored_kernel_source(*model);
+  caster.stored_source = stored_kernel_source(model);
   if (job.technique != ShadowJob::Technique::layered) {
-    caster.mesh = make_shadow_mesh(*model, job.groups, CutOuts::what_is_seen);
+    caster.mesh = make_shadow_mesh(model, job.groups, CutOuts::what_is_seen);
     return caster;
   }
-  caster.mesh = make_shadow_mesh(*model, job.groups);
-  check_stored_kernels(job, *model, caster, result);
-  if (has_cut_outs(*model)) warn(result, "{}", warning_of_cut_outs(job.model.string()));
+  caster.mesh = make_shadow_mesh(model, job.groups);
+  check_stored_kernels(job, model, caster, result);
+  if (has_cut_outs(model)) warn(result, "{}", warning_of_cut_outs(job.model.string()));
   return caster;
 }
 
@@ -316,12 +313,11 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
     turned.up = up;
     return turned;
   };
-  const auto proxy = make_proxy(job, mesh, result);
-  if (!proxy) return tl::unexpected(proxy.error());
-  if (*proxy) judge_proxy(job, mesh, at_tilt(), parts, **proxy, result.proxy);
+  PENUMBRA_TRY(const auto proxy, make_proxy(job, mesh, result));
+  if (proxy) judge_proxy(job, mesh, at_tilt(), parts, *proxy, result.proxy);
   const bool reduced = result.proxy.used;
-  const ShadowMesh& caster = reduced ? (*proxy)->mesh : mesh;
-  if (reduced) kernels = carried_kernels(**proxy, kernels);
+  const ShadowMesh& caster = reduced ? proxy->mesh : mesh;
+  if (reduced) kernels = carried_kernels(*proxy, kernels);
   const auto vertices = place_caster(caster, kernels, job.placement, plane);
   std::vector<VertexDisc> discs;
   if (job.fixed_light) {
@@ -349,16 +345,15 @@ Result<void> add_penumbra_layers(const ShadowJob& job, const ShadowMesh& mesh,
 Result<ShadowResult> compute_shadow(const ShadowJob& given) {
   ShadowJob job = given;
   ShadowResult result;
-  const auto caster = load_caster(job, result);
-  if (!caster) return tl::unexpected(caster.error());
-  const ShadowMesh& mesh = caster->mesh;
+  PENUMBRA_TRY(const auto caster, load_caster(job, result));
+  const ShadowMesh& mesh = caster.mesh;
   const PlaneFrame plane = plane_under(mesh, job.placement, job.plane);
   result.faces = mesh.indices.size() / 3;
   result.vertices = mesh.positions.size();
   result.parts = mesh.part_count;
   ShadowKernels kernels;
   if (job.technique == ShadowJob::Technique::layered) {
-    KernelSet choice = choose_kernels(job, *caster, result);
+    KernelSet choice = choose_kernels(job, caster, result);
     result.kernel_source = choice.source;
     result.kernel_ms = choice.time_ms;
     kernels = std::move(choice.kernels);
@@ -366,13 +361,12 @@ Result<ShadowResult> compute_shadow(const ShadowJob& given) {
     kernels.kernels = mesh.positions;
   }
   const auto vertices = place_caster(mesh, kernels, job.placement, plane);
-  auto object = union_of_triangles(orthogonal_triangles(vertices, mesh.indices));
-  if (!object) return tl::unexpected(object.error());
-  result.object = *object;
+  PENUMBRA_TRY(auto object, union_of_triangles(orthogonal_triangles(vertices, mesh.indices)));
+  result.object = object;
   Result<void> added;
   switch (job.technique) {
     case ShadowJob::Technique::simple:
-      result.layers.push_back({"shadow", std::move(*object)});
+      result.layers.push_back({"shadow", std::move(object)});
       break;
     case ShadowJob::Technique::hard:
       added = add_hard_shadow(job, vertices, mesh, plane, result);

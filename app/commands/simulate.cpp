@@ -15,6 +15,7 @@
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/session/simulate_run.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 
 namespace penumbra {
@@ -23,9 +24,8 @@ namespace {
 constexpr const char* kBoard = "board";
 
 Result<ExitCode> simulate(const SimulateRequest& request) {
-  const auto summary = run_simulate(request);
-  if (!summary) return tl::unexpected(summary.error());
-  fmt::print("frames: {}\nrecording: {}\n", summary->frames, request.output.string());
+  PENUMBRA_TRY(const auto summary, run_simulate(request));
+  fmt::print("frames: {}\nrecording: {}\n", summary.frames, request.output.string());
   return ExitCode::success;
 }
 

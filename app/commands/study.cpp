@@ -18,6 +18,7 @@
 #include "app/resources.hpp"
 #include "app/session/tags_in_use.hpp"
 #include "app/study/study_run.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -91,13 +92,12 @@ Result<ExitCode> study(const StudyOptions& options) {
     request.camera.calibration = *options.calibration;
   }
   if (options.camera) {
-    auto tags = tags_for_camera(request.tags, *options.camera, request.camera.calibration);
-    if (!tags) return tl::unexpected(tags.error());
-    request.camera.tags = std::move(*tags);
+    PENUMBRA_TRY(auto tags,
+                 tags_for_camera(request.tags, *options.camera, request.camera.calibration));
+    request.camera.tags = std::move(tags);
   } else if (!request.recording) {
-    const auto resources = find_resources();
-    if (!resources) return tl::unexpected(resources.error());
-    request.recording = *resources / "recordings" / "tabletop";
+    PENUMBRA_TRY(const auto resources, find_resources());
+    request.recording = resources / "recordings" / "tabletop";
   }
   const auto report = run_study(request);
   if (!report) return tl::unexpected(report.error());

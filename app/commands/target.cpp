@@ -18,6 +18,7 @@
 #include "app/output/output_file.hpp"
 #include "app/recording/recording_source.hpp"
 #include "calib/target/target_sheet.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 
 namespace penumbra {
@@ -206,24 +207,19 @@ Result<ExitCode> run_target(const TargetOptions& options, const ChosenSheet& tar
                   folder.string());
     }
   }
-  auto sheet = OutputFile::create(target.sheet);
-  if (!sheet) return tl::unexpected(sheet.error());
-  auto tags = OutputFile::create(target.tags);
-  if (!tags) return tl::unexpected(tags.error());
-  if (const auto written = write_sheet(sheet->partial(), target.target, target.page, target.format);
+  PENUMBRA_TRY(auto sheet, OutputFile::create(target.sheet));
+  PENUMBRA_TRY(auto tags, OutputFile::create(target.tags));
+  if (const auto written = write_sheet(sheet.partial(), target.target, target.page, target.format);
       !written) {
-    return sheet->failed(written.error());
+    return sheet.failed(written.error());
   }
   const double scale = options.measured_mm.value_or(kRulerMm) / kRulerMm;
-  if (const auto written = save_target(tags->partial(), target.target, scale); !written) {
-    return tags->failed(written.error());
+  if (const auto written = save_target(tags.partial(), target.target, scale); !written) {
+    return tags.failed(written.error());
   }
-  if (const auto checked = check_replaceable(options, target, tags->partial()); !checked) {
-    return tl::unexpected(checked.error());
-  }
+  PENUMBRA_TRY_VOID(check_replaceable(options, target, tags.partial()));
   const auto before = measured_before(target);
-  if (const auto done = commit_together(std::array{&*sheet, &*tags}); !done)
-    return tl::unexpected(done.error());
+  PENUMBRA_TRY_VOID(commit_together(std::array{&sheet, &tags}));
   print_target(options, target, before);
   return ExitCode::success;
 }

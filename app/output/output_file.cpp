@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "app/logging.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 
 namespace penumbra {
@@ -158,10 +159,10 @@ Result<OutputFile> OutputFile::create(const fs::path& target) {
     if (file.direct_ && fs::is_fifo(status)) {
       if (access(file.target_.c_str(), W_OK) != 0) return file.not_written(errno);
     } else if (file.direct_) {
-      if (auto opened = file.open_stream(); !opened) return tl::unexpected(opened.error());
+      PENUMBRA_TRY_VOID(file.open_stream());
     }
   }
-  if (auto created = file.create_partial(); !created) return tl::unexpected(created.error());
+  PENUMBRA_TRY_VOID(file.create_partial());
   return file;
 }
 

@@ -10,6 +10,7 @@
 #include "app/recording/recording_source.hpp"
 #include "core/assert.hpp"
 #include "core/image/image_file.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -178,7 +179,7 @@ Result<std::unique_ptr<FrameWriter>> create_png_writer(const fs::path& folder,
     return fail("{}: cannot hold pictures and nothing else; name a new folder", folder.string());
   }
   auto writer = std::make_unique<PngWriter>(name, format);
-  if (auto prepared = writer->prepare(); !prepared) return tl::unexpected(prepared.error());
+  PENUMBRA_TRY_VOID(writer->prepare());
   return writer;
 }
 

@@ -3,20 +3,17 @@
 #include <utility>
 
 #include "core/geometry/trajectory.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 
 namespace penumbra {
 
 Result<PoseWriter> PoseWriter::create(const std::filesystem::path& file, bool all,
                                       std::string_view what) {
-  auto output = OutputFile::create(file);
-  if (!output) return tl::unexpected(output.error());
-  PoseWriter writer(std::move(*output), all);
-  if (auto begun = writer.file_.append(
-          fmt::format("# timestamp tx ty tz qx qy qz qw ({}, seconds and metres)\n", what));
-      !begun) {
-    return tl::unexpected(begun.error());
-  }
+  PENUMBRA_TRY(auto output, OutputFile::create(file));
+  PoseWriter writer(std::move(output), all);
+  PENUMBRA_TRY_VOID(writer.file_.append(
+      fmt::format("# timestamp tx ty tz qx qy qz qw ({}, seconds and metres)\n", what)));
   return writer;
 }
 

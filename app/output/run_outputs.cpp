@@ -9,6 +9,7 @@
 #include "app/logging.hpp"
 #include "app/recording/recording_source.hpp"
 #include "app/session/session.hpp"
+#include "core/propagate.hpp"
 #include "render/shadow/kernels/kernel_file.hpp"
 #include "render/shadow/masks/cut_out.hpp"
 #include "tracking/group_tracker.hpp"
@@ -97,10 +98,8 @@ Result<void> check_apart_from(const Recording& recording, const OutputRequest& r
 Result<Scene> load_run_scene(const fs::path& scene, const std::optional<fs::path>& kernel_file) {
   Result<Scene> loaded = load_scene(scene);
   if (!loaded || !kernel_file) return loaded;
-  const Result<KernelFile> kernels = load_kernel_file(*kernel_file);
-  if (!kernels) return tl::unexpected(kernels.error());
-  const Result<void> given = give_kernels(*loaded, *kernels, kernel_file->string());
-  if (!given) return tl::unexpected(given.error());
+  PENUMBRA_TRY(const KernelFile kernels, load_kernel_file(*kernel_file));
+  PENUMBRA_TRY_VOID(give_kernels(*loaded, kernels, kernel_file->string()));
   return loaded;
 }
 
@@ -173,14 +172,12 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
                                 const std::vector<std::string>& groups, int encode_ahead) {
   RunOutputs outputs;
   if (request.report) {
-    auto file = OutputFile::create(*request.report);
-    if (!file) return tl::unexpected(file.error());
-    outputs.report = std::move(*file);
+    PENUMBRA_TRY(auto file, OutputFile::create(*request.report));
+    outputs.report = std::move(file);
   }
   if (request.poses) {
-    auto writer = PoseWriter::create(*request.poses, request.poses_all);
-    if (!writer) return tl::unexpected(writer.error());
-    outputs.poses = std::move(*writer);
+    PENUMBRA_TRY(auto writer, PoseWriter::create(*request.poses, request.poses_all));
+    outputs.poses = std::move(writer);
   }
   if (request.group_poses) {
     std::error_code error;
@@ -195,16 +192,14 @@ Result<RunOutputs> open_outputs(const OutputRequest& request, const FrameFormat&
         return fail("group '{}': its name cannot be the name of a file; rename it in the tag file",
                     group);
       }
-      auto writer =
-          PoseWriter::create(*request.group_poses / *file, request.poses_all, "T_table_group");
-      if (!writer) return tl::unexpected(writer.error());
-      outputs.group_poses.emplace(group, std::move(*writer));
+      PENUMBRA_TRY(auto writer, PoseWriter::create(*request.group_poses / *file, request.poses_all,
+                                                   "T_table_group"));
+      outputs.group_poses.emplace(group, std::move(writer));
     }
   }
   if (request.output) {
-    auto writer = create_frame_writer(*request.output, format);
-    if (!writer) return tl::unexpected(writer.error());
-    outputs.frames = std::make_unique<BackgroundWriter>(std::move(*writer), encode_ahead);
+    PENUMBRA_TRY(auto writer, create_frame_writer(*request.output, format));
+    outputs.frames = std::make_unique<BackgroundWriter>(std::move(writer), encode_ahead);
   }
   return outputs;
 }

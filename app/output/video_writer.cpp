@@ -10,6 +10,7 @@
 #include "app/output/output_file.hpp"
 #include "app/recording/video_reader.hpp"
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 
 extern "C" {
 #include <libavutil/opt.h>
@@ -282,10 +283,9 @@ Result<std::unique_ptr<FrameWriter>> create_video_writer(const std::filesystem::
                                                          VideoCodec codec,
                                                          const FrameFormat& format) {
   PENUMBRA_ASSERT(format.width > 0 && format.height > 0 && format.frame_interval_s > 0.0);
-  auto output = OutputFile::create(file);
-  if (!output) return tl::unexpected(output.error());
-  auto writer = std::make_unique<VideoWriter>(std::move(*output), codec, format);
-  if (auto opened = writer->open(); !opened) return tl::unexpected(opened.error());
+  PENUMBRA_TRY(auto output, OutputFile::create(file));
+  auto writer = std::make_unique<VideoWriter>(std::move(output), codec, format);
+  PENUMBRA_TRY_VOID(writer->open());
   return writer;
 }
 

@@ -7,13 +7,13 @@
 
 #include "app/session/live_pipeline.hpp"
 #include "app/session/scene_edit.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 
 Result<void> LiveRecorder::start(const std::filesystem::path& folder) {
-  auto opened = RecordingWriter::create(folder, head_);
-  if (!opened) return tl::unexpected(opened.error());
-  record_to(std::move(*opened));
+  PENUMBRA_TRY(auto opened, RecordingWriter::create(folder, head_));
+  record_to(std::move(opened));
   return {};
 }
 

@@ -9,6 +9,7 @@
 
 #include "app/libav.hpp"
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -196,7 +197,7 @@ LosslessVideo::~LosslessVideo() = default;
 Result<LosslessVideo> LosslessVideo::create(const std::filesystem::path& file, const Frame& first) {
   auto impl = std::make_unique<Impl>();
   impl->name = file.string();
-  if (auto opened = impl->open(first); !opened) return tl::unexpected(opened.error());
+  PENUMBRA_TRY_VOID(impl->open(first));
   return LosslessVideo(std::move(impl));
 }
 

@@ -18,6 +18,7 @@
 #include "core/camera_plausibility.hpp"
 #include "core/image/image_file.hpp"
 #include "core/image/sample_depth.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "tracking/group_tracker.hpp"
 
@@ -156,9 +157,8 @@ Result<void> list_own(const std::filesystem::path& folder, Recording& recording)
     return fail("{}: no such file; a recording needs it, with the lines frame,timestamp_s,file",
                 csv);
   }
-  const auto text = read_text_file(csv_file, kMaxListBytes);
-  if (!text) return tl::unexpected(text.error());
-  const std::vector<Row> rows = split_rows(*text);
+  PENUMBRA_TRY(const auto text, read_text_file(csv_file, kMaxListBytes));
+  const std::vector<Row> rows = split_rows(text);
   if (rows.empty()) {
     return fail("{}: is empty; its first line must be frame,timestamp_s,file", csv);
   }
@@ -232,9 +232,8 @@ Result<void> list_own(const std::filesystem::path& folder, Recording& recording)
 Result<void> list_euroc(const std::filesystem::path& cam0, Recording& recording) {
   const std::filesystem::path csv_file = cam0 / "data.csv";
   const std::string csv = csv_file.string();
-  const auto text = read_text_file(csv_file, kMaxListBytes);
-  if (!text) return tl::unexpected(text.error());
-  const std::vector<Row> rows = split_rows(*text);
+  PENUMBRA_TRY(const auto text, read_text_file(csv_file, kMaxListBytes));
+  const std::vector<Row> rows = split_rows(text);
   if (rows.empty() || rows.front().fields.size() < 2 ||
       !rows.front().fields[0].starts_with("timestamp")) {
     return fail("{}: line 1: must be #timestamp [ns],filename", csv);
@@ -313,9 +312,8 @@ Result<void> settle_pictures(Recording& recording) {
 }
 
 Result<void> settle_video(Recording& recording) {
-  const Result<int> count = count_video_frames(recording.video);
-  if (!count) return tl::unexpected(count.error());
-  const auto stored = static_cast<std::size_t>(*count);
+  PENUMBRA_TRY(const int count, count_video_frames(recording.video));
+  const auto stored = static_cast<std::size_t>(count);
   const std::size_t listed = recording.frames.size();
   if (stored == 0)
     return fail("{}: holds no complete frame; record or copy it again", recording.video.string());
@@ -337,16 +335,14 @@ Result<Trajectory> load_euroc_groundtruth(const std::filesystem::path& mav0) {
   const std::filesystem::path folder = mav0 / "state_groundtruth_estimate0";
   auto truth = load_trajectory(folder / "data.csv");
   if (!truth) return truth;
-  const auto T_body_camera = load_euroc_mounting(mav0 / "cam0" / "sensor.yaml");
-  if (!T_body_camera) return tl::unexpected(T_body_camera.error());
+  PENUMBRA_TRY(const auto T_body_camera, load_euroc_mounting(mav0 / "cam0" / "sensor.yaml"));
   // EuRoC's ground truth is of the body itself, unless its sensor.yaml has another T_BS.
   Transform<frame::Body, frame::Sensor> T_body_truth;
   if (is_there(folder / "sensor.yaml")) {
-    const auto mounting = load_euroc_mounting(folder / "sensor.yaml");
-    if (!mounting) return tl::unexpected(mounting.error());
-    T_body_truth = *mounting;
+    PENUMBRA_TRY(const auto mounting, load_euroc_mounting(folder / "sensor.yaml"));
+    T_body_truth = mounting;
   }
-  const auto T_truth_camera = T_body_truth.inverse() * *T_body_camera;
+  const auto T_truth_camera = T_body_truth.inverse() * T_body_camera;
   for (StampedPose& pose : truth->poses) {
     const CameraPose& world_truth = pose.T_table_camera;
     pose.T_table_camera = {
@@ -378,19 +374,17 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
   if (!options.surroundings) return {};
   const std::filesystem::path camera = options.camera.value_or(folder / "camera.yaml");
   if (options.camera || is_there(camera)) {
-    auto loaded = load_camera_file(camera, options.camera_name);
-    if (!loaded) return tl::unexpected(loaded.error());
-    for (std::string& warning : loaded->warnings) recording.notices.push_back(std::move(warning));
-    recording.camera = std::move(loaded->camera);
+    PENUMBRA_TRY(auto loaded, load_camera_file(camera, options.camera_name));
+    for (std::string& warning : loaded.warnings) recording.notices.push_back(std::move(warning));
+    recording.camera = std::move(loaded.camera);
     recording.camera_file = camera;
   } else if (!sensor.empty() && is_there(sensor)) {
     if (!options.camera_name.empty())
       return fail("{}: holds one camera; leave out --camera-name", sensor.string());
-    auto loaded = load_euroc_sensor(sensor);
-    if (!loaded) return tl::unexpected(loaded.error());
-    if (const auto text = implausible_parameter(*loaded))
+    PENUMBRA_TRY(auto loaded, load_euroc_sensor(sensor));
+    if (const auto text = implausible_parameter(loaded))
       recording.notices.push_back(fmt::format("{}: {}", sensor.string(), *text));
-    recording.camera = std::move(*loaded);
+    recording.camera = std::move(loaded);
     recording.camera_file = sensor;
   } else if (options.require_camera) {
     return fail("{}: no such file; put the camera's calibration there", camera.string());
@@ -398,25 +392,22 @@ Result<void> load_surroundings(const std::filesystem::path& folder,
 
   const std::filesystem::path tags = options.tags.value_or(folder / "tags.yaml");
   if (options.tags || is_there(tags)) {
-    auto map = load_tag_map(tags);
-    if (!map) return tl::unexpected(map.error());
-    recording.tags = std::move(*map);
+    PENUMBRA_TRY(auto map, load_tag_map(tags));
+    recording.tags = std::move(map);
   } else if (options.require_tags) {
     return fail("{}: no such file; {}", tags.string(), kNameATagMap);
   }
 
   const std::filesystem::path truth = folder / "groundtruth.tum";
   if (is_there(truth)) {
-    auto trajectory = load_trajectory(truth);
-    if (!trajectory) return tl::unexpected(trajectory.error());
-    recording.groundtruth = std::move(*trajectory);
+    PENUMBRA_TRY(auto trajectory, load_trajectory(truth));
+    recording.groundtruth = std::move(trajectory);
   } else if (!sensor.empty()) {
     add_euroc_groundtruth(sensor.parent_path().parent_path(), recording);
   }
   if (!recording.tags) return {};
-  auto paths = load_group_paths(folder / "groups", other_groups(*recording.tags));
-  if (!paths) return tl::unexpected(paths.error());
-  recording.group_groundtruth = std::move(*paths);
+  PENUMBRA_TRY(auto paths, load_group_paths(folder / "groups", other_groups(*recording.tags)));
+  recording.group_groundtruth = std::move(paths);
   return {};
 }
 
@@ -439,9 +430,8 @@ Result<std::map<std::string, Trajectory>> load_group_paths(const std::filesystem
   for (const std::string& group : groups) {
     const auto file = group_file(group);
     if (!file || !is_there(folder / *file)) continue;
-    auto trajectory = load_trajectory(folder / *file);
-    if (!trajectory) return tl::unexpected(trajectory.error());
-    paths.emplace(group, std::move(*trajectory));
+    PENUMBRA_TRY(auto trajectory, load_trajectory(folder / *file));
+    paths.emplace(group, std::move(trajectory));
   }
   return paths;
 }
@@ -461,7 +451,7 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
     return fail("{}: is not a folder; a recording is a folder with frames/ or video.mkv",
                 folder.string());
   }
-  if (auto readable = check_readable(folder); !readable) return tl::unexpected(readable.error());
+  PENUMBRA_TRY_VOID(check_readable(folder));
   Recording recording;
   recording.folder = folder;
   recording.name = name_of(folder);
@@ -497,8 +487,7 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
       !loaded) {
     return tl::unexpected(loaded.error());
   }
-  auto settled = recording.video.empty() ? settle_pictures(recording) : settle_video(recording);
-  if (!settled) return tl::unexpected(settled.error());
+  PENUMBRA_TRY_VOID(recording.video.empty() ? settle_pictures(recording) : settle_video(recording));
   if (recording.video.empty()) {
     std::vector<std::filesystem::path> pictures;
     for (const RecordedFrame& frame : recording.frames) pictures.push_back(frame.file);

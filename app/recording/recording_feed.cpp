@@ -10,6 +10,7 @@
 #include "app/logging.hpp"
 #include "app/recording/video_reader.hpp"
 #include "core/image/sample_depth.hpp"
+#include "core/propagate.hpp"
 #include "core/text/file.hpp"
 #include "core/units.hpp"
 
@@ -125,22 +126,17 @@ class RecordingFeed final : public LiveSource {
 
   Result<Frame> frame_of_video(std::size_t index) {
     if (!video_ || index < video_at_) {
-      auto opened = VideoReader::open(video_file_);
-      if (!opened) return tl::unexpected(opened.error());
-      video_ = std::move(*opened);
+      PENUMBRA_TRY(auto opened, VideoReader::open(video_file_));
+      video_ = std::move(opened);
       video_at_ = 0;
     }
     if (index > video_at_) {
-      if (auto skipped = video_->skip(static_cast<int>(index - video_at_)); !skipped) {
-        return tl::unexpected(skipped.error());
-      }
+      PENUMBRA_TRY_VOID(video_->skip(static_cast<int>(index - video_at_)));
     }
     video_at_ = index + 1;
-    auto frame = video_->next();
-    if (!frame) return tl::unexpected(frame.error());
-    if (!*frame)
-      return fail("{}: ends before frame {}; copy it again", video_file_.string(), index);
-    return std::move(**frame);
+    PENUMBRA_TRY(auto frame, video_->next());
+    if (!frame) return fail("{}: ends before frame {}; copy it again", video_file_.string(), index);
+    return std::move(*frame);
   }
 
   bool take(const std::filesystem::path& file, CapturedImage& image) {
@@ -203,29 +199,26 @@ Result<Frame> first_picture(const Recording& recording) {
 
 Result<Frame> first_frame(const Recording& recording) {
   if (recording.video.empty()) return first_picture(recording);
-  auto video = VideoReader::open(recording.video);
-  if (!video) return tl::unexpected(video.error());
-  auto frame = video->next();
-  if (!frame) return tl::unexpected(frame.error());
-  if (!*frame) {
+  PENUMBRA_TRY(auto video, VideoReader::open(recording.video));
+  PENUMBRA_TRY(auto frame, video.next());
+  if (!frame) {
     return fail("{}: holds no complete frame; record or copy it again", recording.video.string());
   }
-  return std::move(**frame);
+  return std::move(*frame);
 }
 
 }  // namespace
 
 Result<std::unique_ptr<LiveSource>> open_recording_feed(const Recording& recording,
                                                         std::optional<double> fps) {
-  const auto first = first_frame(recording);
-  if (!first) return tl::unexpected(first.error());
+  PENUMBRA_TRY(const auto first, first_frame(recording));
   StreamFormat format;
   const std::string extension = recording.frames.front().file.extension().string();
   format.name = !recording.video.empty()                      ? "FFV1"
                 : extension == ".jpg" || extension == ".jpeg" ? RecordingFeed::kJpegName
                                                               : "PNG";
-  format.width = first->width;
-  format.height = first->height;
+  format.width = first.width;
+  format.height = first.height;
   const auto count = static_cast<std::int64_t>(recording.frames.size());
   if (fps) {
     format.interval_s = 1.0 / *fps;
@@ -235,7 +228,7 @@ Result<std::unique_ptr<LiveSource>> open_recording_feed(const Recording& recordi
                 (count - 1));
   }
   format.interval_s = std::clamp(format.interval_s, 1e-4, 10.0);
-  return std::make_unique<RecordingFeed>(recording, std::move(format), first->format);
+  return std::make_unique<RecordingFeed>(recording, std::move(format), first.format);
 }
 
 }  // namespace penumbra

@@ -10,6 +10,7 @@
 #include "app/recording/look_ahead.hpp"
 #include "app/recording/video_reader.hpp"
 #include "core/image/sample_depth.hpp"
+#include "core/propagate.hpp"
 #include "core/text/file.hpp"
 
 namespace penumbra {
@@ -39,10 +40,9 @@ class Decoder {
     while (at_ < frames_.size()) {
       const Stopwatch watch;
       const RecordedFrame& listed = frames_[at_++];
-      auto frame = video_ ? next_of_video(listed) : next_picture(listed);
-      if (!frame) return tl::unexpected(frame.error());
-      if (!*frame) continue;
-      return timed(std::move(**frame), listed, watch);
+      PENUMBRA_TRY(auto frame, video_ ? next_of_video(listed) : next_picture(listed));
+      if (!frame) continue;
+      return timed(std::move(*frame), listed, watch);
     }
     return std::optional<TimedFrame>();
   }
@@ -82,10 +82,9 @@ class Decoder {
 
   // Nothing where it is damaged, as the camera gave it: live left it out too.
   Result<std::optional<Frame>> next_picture(const RecordedFrame& listed) {
-    const auto bytes = read_file(listed.file);
-    if (!bytes) return tl::unexpected(bytes.error());
+    PENUMBRA_TRY(const auto bytes, read_file(listed.file));
     const std::string name = listed.file.string();
-    auto frame = decode_recorded_image(*bytes, name, size_, clamps_.options());
+    auto frame = decode_recorded_image(bytes, name, size_, clamps_.options());
     if (const auto warning = clamps_.take_warning(name)) log_warning("{}", *warning);
     if (frame) return std::optional<Frame>(std::move(*frame));
     if (!of_camera_) {
@@ -115,11 +114,10 @@ class RecordingSource final : public FrameSource {
         frames_([this] { return decoder_->next(); }, look_ahead) {}
 
   Result<std::optional<Frame>> next() override {
-    auto timed = frames_.next();
-    if (!timed) return tl::unexpected(timed.error());
-    if (!*timed) return std::optional<Frame>();
-    capture_time_ = (*timed)->time;
-    return std::optional<Frame>(std::move((*timed)->frame));
+    PENUMBRA_TRY(auto timed, frames_.next());
+    if (!timed) return std::optional<Frame>();
+    capture_time_ = timed->time;
+    return std::optional<Frame>(std::move(timed->frame));
   }
   [[nodiscard]] StageTime capture_time() const override { return capture_time_; }
   [[nodiscard]] std::int64_t damaged() const override { return decoder_->damaged(); }
@@ -144,14 +142,11 @@ Result<std::unique_ptr<FrameSource>> open_recording_source(const Recording& reco
   }
   std::optional<VideoReader> video;
   if (!recording.video.empty()) {
-    auto opened = VideoReader::open(recording.video);
-    if (!opened) return tl::unexpected(opened.error());
+    PENUMBRA_TRY(auto opened, VideoReader::open(recording.video));
     if (options.first > 0) {
-      if (auto skipped = opened->skip(options.first); !skipped) {
-        return tl::unexpected(skipped.error());
-      }
+      PENUMBRA_TRY_VOID(opened.skip(options.first));
     }
-    video = std::move(*opened);
+    video = std::move(opened);
   }
   std::vector<RecordedFrame> frames(recording.frames.begin() + options.first,
                                     recording.frames.begin() + last);

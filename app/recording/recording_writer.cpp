@@ -23,6 +23,7 @@
 #include "app/recording/recording_source.hpp"
 #include "core/geometry/trajectory.hpp"
 #include "core/image/jpeg_outline.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 
 namespace penumbra {
@@ -142,9 +143,8 @@ struct RecordingWriter::Impl {
     json["frames_written"] = now.written;
     json["frames_dropped"] = now.dropped;
     json["lines_dropped"] = now.lines_dropped;
-    auto file = OutputFile::create(folder / "controls.json");
-    if (!file) return tl::unexpected(file.error());
-    return write_text(*file, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+    PENUMBRA_TRY(auto file, OutputFile::create(folder / "controls.json"));
+    return write_text(file, json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
   }
 
   Result<void> open() {
@@ -230,9 +230,8 @@ struct RecordingWriter::Impl {
       }
     } else {
       if (!video) {
-        auto made = LosslessVideo::create(folder / name, image.frame);
-        if (!made) return tl::unexpected(made.error());
-        video = std::move(*made);
+        PENUMBRA_TRY(auto made, LosslessVideo::create(folder / name, image.frame));
+        video = std::move(made);
       }
       if (auto written = video->write(image.frame); !written) return written;
     }
@@ -403,7 +402,7 @@ Result<std::unique_ptr<RecordingWriter>> RecordingWriter::create(const fs::path&
   auto impl = std::make_unique<Impl>();
   impl->folder = folder;
   impl->head = head;
-  if (auto opened = impl->open(); !opened) return tl::unexpected(opened.error());
+  PENUMBRA_TRY_VOID(impl->open());
   return std::unique_ptr<RecordingWriter>(new RecordingWriter(std::move(impl), true));
 }
 

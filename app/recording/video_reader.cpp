@@ -13,6 +13,7 @@ extern "C" {
 
 #include "app/libav.hpp"
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -243,7 +244,7 @@ struct VideoReader::Impl {
   }
 
   Result<Av<AVFrame>> decode(const AVPacket& packet) {
-    if (auto whole = verify(packet); !whole) return tl::unexpected(whole.error());
+    PENUMBRA_TRY_VOID(verify(packet));
     Av<AVFrame> decoded(av_frame_alloc());
     if (!decoded) return fail("{}: no memory for a frame", demuxer.name());
     int status = avcodec_send_packet(decoder.get(), &packet);
@@ -275,10 +276,9 @@ VideoReader& VideoReader::operator=(VideoReader&&) noexcept = default;
 VideoReader::~VideoReader() = default;
 
 Result<VideoReader> VideoReader::open(const std::filesystem::path& file) {
-  Result<Demuxer> demuxer = Demuxer::open(file);
-  if (!demuxer) return tl::unexpected(demuxer.error());
+  PENUMBRA_TRY(Demuxer demuxer, Demuxer::open(file));
   auto impl = std::make_unique<Impl>();
-  impl->demuxer = std::move(*demuxer);
+  impl->demuxer = std::move(demuxer);
   const AVCodecParameters& parameters = impl->demuxer.parameters();
   const AVCodec* codec = avcodec_find_decoder(parameters.codec_id);
   if (codec == nullptr) {
@@ -304,14 +304,13 @@ Result<void> VideoReader::skip(int count) {
   // One packet more than is skipped, since only the next one tells whether those before it are
   // needed.
   while (impl_->frame + static_cast<int>(impl_->waiting.size()) <= target) {
-    const Result<AVPacket*> packet = impl_->demuxer.next();
-    if (!packet) return tl::unexpected(packet.error());
-    if (*packet == nullptr) break;
-    if (((*packet)->flags & AV_PKT_FLAG_KEY) != 0) {
+    PENUMBRA_TRY(const AVPacket* packet, impl_->demuxer.next());
+    if (packet == nullptr) break;
+    if ((packet->flags & AV_PKT_FLAG_KEY) != 0) {
       impl_->frame += static_cast<int>(impl_->waiting.size());
       impl_->waiting.clear();
     }
-    impl_->waiting.emplace_back(av_packet_clone(*packet));
+    impl_->waiting.emplace_back(av_packet_clone(packet));
     if (!impl_->waiting.back()) return fail("{}: no memory", impl_->demuxer.name());
   }
   while (impl_->frame < target && !impl_->waiting.empty()) {
@@ -329,25 +328,20 @@ Result<std::optional<Frame>> VideoReader::next() {
     impl_->waiting.pop_front();
     packet = kept.get();
   } else {
-    const Result<AVPacket*> read = impl_->demuxer.next();
-    if (!read) return tl::unexpected(read.error());
-    packet = *read;
+    PENUMBRA_TRY(const AVPacket* read, impl_->demuxer.next());
+    packet = read;
   }
   if (packet == nullptr) return std::optional<Frame>();
-  auto decoded = impl_->decode_next(*packet);
-  if (!decoded) return tl::unexpected(decoded.error());
-  Result<Frame> frame = impl_->convert(std::move(*decoded));
-  if (!frame) return tl::unexpected(frame.error());
-  return std::optional<Frame>(std::move(*frame));
+  PENUMBRA_TRY(auto decoded, impl_->decode_next(*packet));
+  PENUMBRA_TRY(Frame frame, impl_->convert(std::move(decoded)));
+  return std::optional<Frame>(std::move(frame));
 }
 
 Result<int> count_video_frames(const std::filesystem::path& file) {
-  Result<Demuxer> demuxer = Demuxer::open(file);
-  if (!demuxer) return tl::unexpected(demuxer.error());
+  PENUMBRA_TRY(Demuxer demuxer, Demuxer::open(file));
   for (int count = 0;; ++count) {
-    const Result<AVPacket*> packet = demuxer->next();
-    if (!packet) return tl::unexpected(packet.error());
-    if (*packet == nullptr) return count;
+    PENUMBRA_TRY(const AVPacket* packet, demuxer.next());
+    if (packet == nullptr) return count;
   }
 }
 

@@ -4,6 +4,7 @@
 
 #include "app/session/session_host.hpp"
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -31,10 +32,10 @@ Result<Comparison> Comparison::create(GlContext& context, std::shared_ptr<const 
   for (std::size_t i = 0; i < techniques.size(); ++i) {
     options.plan = techniques[i].plan;
     // Frames are tracked once, by the first.
-    auto session = Session::create(context, scene, camera,
-                                   i == 0 ? std::move(poses) : PoseSource(GivenPoses()), options);
-    if (!session) return tl::unexpected(session.error());
-    comparison.panes_.push_back({techniques[i].name, std::make_unique<Session>(std::move(*session)),
+    PENUMBRA_TRY(auto session,
+                 Session::create(context, scene, camera,
+                                 i == 0 ? std::move(poses) : PoseSource(GivenPoses()), options));
+    comparison.panes_.push_back({techniques[i].name, std::make_unique<Session>(std::move(session)),
                                  std::make_unique<RunRecorder>()});
   }
   return comparison;

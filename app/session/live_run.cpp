@@ -29,6 +29,7 @@
 #include "app/window/viewer.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/camera/focus_file.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/units.hpp"
 #include "tracking/group_tracker.hpp"
@@ -67,8 +68,7 @@ Result<CameraName> parse_camera(const std::string& camera) {
 // What is wrong with the camera at first sight: before anything else is set up.
 Result<void> check_camera(const CameraName& camera) {
   if (camera.kind != CameraName::Kind::v4l2) return {};
-  const auto device = V4l2Device::open(camera.name);
-  if (!device) return tl::unexpected(device.error());
+  PENUMBRA_TRY_VOID(V4l2Device::open(camera.name));
   return {};
 }
 
@@ -88,9 +88,8 @@ Result<Recording> open_as_camera(const CameraName& name) {
 Result<std::unique_ptr<LiveSource>> open_camera(const CameraName& name, const LiveRequest& request,
                                                 const CameraWish& usual) {
   if (name.kind == CameraName::Kind::recording) {
-    const auto recording = open_as_camera(name);
-    if (!recording) return tl::unexpected(recording.error());
-    return open_recording_feed(*recording, request.fps);
+    PENUMBRA_TRY(const auto recording, open_as_camera(name));
+    return open_recording_feed(recording, request.fps);
   }
   CameraWish wish = usual;
   wish.width = request.width.value_or(wish.width);
@@ -146,10 +145,9 @@ Result<CameraModel> calibration_at_size(const LiveRequest& request, const Camera
   int width = request.width.value_or(camera.width());
   int height = request.height.value_or(camera.height());
   if (name.kind == CameraName::Kind::recording) {
-    const auto feed = open_camera(name, request, wish_for(camera));
-    if (!feed) return tl::unexpected(feed.error());
-    width = (*feed)->format().width;
-    height = (*feed)->format().height;
+    PENUMBRA_TRY(const auto feed, open_camera(name, request, wish_for(camera)));
+    width = feed->format().width;
+    height = feed->format().height;
   }
   auto scaled = scaled_to(camera, width, height);
   if (!scaled) return fail_in(request.calibration.string(), scaled.error());
@@ -180,18 +178,16 @@ Result<RecordingHead> recording_head(const LiveRequest& request, const LiveSourc
   // Word for word, with all that calibration says of itself; but not of another size, and not with
   // other cameras.
   const bool other = request.scale_calibration || !request.camera_name.empty();
-  auto camera_yaml = other ? Result<std::string>(ros_camera_text(camera))
-                           : read_text_file(request.calibration, kMaxYamlBytes);
-  if (!camera_yaml) return tl::unexpected(camera_yaml.error());
-  auto tags_yaml = read_text_file(request.tags, kMaxYamlBytes);
-  if (!tags_yaml) return tl::unexpected(tags_yaml.error());
+  PENUMBRA_TRY(auto camera_yaml, other ? Result<std::string>(ros_camera_text(camera))
+                                       : read_text_file(request.calibration, kMaxYamlBytes));
+  PENUMBRA_TRY(auto tags_yaml, read_text_file(request.tags, kMaxYamlBytes));
   RecordingHead head;
   head.camera = source.description();
   head.format = source.format();
   head.controls = source.controls();
   head.read_controls = [&source] { return source.controls(); };
-  head.camera_yaml = std::move(*camera_yaml);
-  head.tags_yaml = std::move(*tags_yaml);
+  head.camera_yaml = std::move(camera_yaml);
+  head.tags_yaml = std::move(tags_yaml);
   return head;
 }
 
@@ -309,22 +305,18 @@ class LiveHost final : public SessionHost {
 
 Result<std::unique_ptr<LiveSource>> open_live_source(const LiveRequest& request,
                                                      const CameraModel& camera) {
-  const auto name = parse_camera(request.camera);
-  if (!name) return tl::unexpected(name.error());
-  if (auto checked = check_camera(*name); !checked) return tl::unexpected(checked.error());
-  auto source = open_camera(*name, request, wish_for(camera));
+  PENUMBRA_TRY(const auto name, parse_camera(request.camera));
+  PENUMBRA_TRY_VOID(check_camera(name));
+  auto source = open_camera(name, request, wish_for(camera));
   if (!source) return tl::unexpected(source.error());
-  if (auto checked = check_size(request, (*source)->format(), camera); !checked) {
-    return tl::unexpected(checked.error());
-  }
+  PENUMBRA_TRY_VOID(check_size(request, (*source)->format(), camera));
   return source;
 }
 
 Result<std::unique_ptr<LiveSource>> open_live_source(const LiveRequest& request) {
-  const auto name = parse_camera(request.camera);
-  if (!name) return tl::unexpected(name.error());
-  if (auto checked = check_camera(*name); !checked) return tl::unexpected(checked.error());
-  return open_camera(*name, request, CameraWish());
+  PENUMBRA_TRY(const auto name, parse_camera(request.camera));
+  PENUMBRA_TRY_VOID(check_camera(name));
+  return open_camera(name, request, CameraWish());
 }
 
 std::optional<std::string> focus_warning(const std::filesystem::path& calibration,
@@ -347,33 +339,27 @@ bool names_camera(const std::string& source) {
 Result<RunReport> run_live(const LiveRequest& request) {
   InterruptWatch interrupt;  // first: everything below starts threads
 
-  const auto calibrated = load_chosen_camera(request.calibration, request.camera_name);
-  if (!calibrated) return tl::unexpected(calibrated.error());
-  const auto name = parse_camera(request.camera);
-  if (!name) return tl::unexpected(name.error());
-  const auto camera = calibration_at_size(request, *name, *calibrated);
-  if (!camera) return tl::unexpected(camera.error());
-  const auto tags = load_tag_map(request.tags);
-  if (!tags) return tl::unexpected(tags.error());
-  const TagsInUse used_tags = tags_in_use(request.tags, *tags);
-  auto loaded_scene = load_run_scene(request.scene, request.kernel_file);
-  if (!loaded_scene) return tl::unexpected(loaded_scene.error());
-  const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
+  PENUMBRA_TRY(const auto calibrated, load_chosen_camera(request.calibration, request.camera_name));
+  PENUMBRA_TRY(const auto name, parse_camera(request.camera));
+  PENUMBRA_TRY(const auto camera, calibration_at_size(request, name, calibrated));
+  PENUMBRA_TRY(const auto tags, load_tag_map(request.tags));
+  const TagsInUse used_tags = tags_in_use(request.tags, tags);
+  PENUMBRA_TRY(auto loaded_scene, load_run_scene(request.scene, request.kernel_file));
+  const auto scene = std::make_shared<const Scene>(std::move(loaded_scene));
   TrackerOptions tracking = request.tracking;
   // A camera does not wait.
   if (tracking.search_timing != SearchTiming::in_frame) {
     tracking.search_timing = SearchTiming::when_done;
   }
   auto tracker =
-      GroupTracker::create(*camera, *tags, tracking,
-                           wanted_groups(*scene, *tags, request.tags, request, request.plan.skip));
+      GroupTracker::create(camera, tags, tracking,
+                           wanted_groups(*scene, tags, request.tags, request, request.plan.skip));
   if (!tracker) return fail_in(request.tags.string(), tracker.error());
   tell_warnings(*scene, request.plan);
 
-  if (auto checked = check_camera(*name); !checked) return tl::unexpected(checked.error());
-  auto context =
-      open_run_context({request.window, request.vsync}, {camera->width(), camera->height()});
-  if (!context) return tl::unexpected(context.error());
+  PENUMBRA_TRY_VOID(check_camera(name));
+  PENUMBRA_TRY(auto context, open_run_context({request.window, request.vsync},
+                                              {camera.width(), camera.height()}));
   print_tags(used_tags);
   SessionOptions session_options;
   session_options.plan = request.plan;
@@ -382,65 +368,51 @@ Result<RunReport> run_live(const LiveRequest& request) {
   session_options.msaa = request.msaa;
   session_options.pixel_buffers = request.pixel_buffers;
   session_options.smooth = request.smooth;
-  auto session = Session::create(**context, scene, *camera, std::move(*tracker), session_options);
-  if (!session) return tl::unexpected(session.error());
+  PENUMBRA_TRY(auto session,
+               Session::create(*context, scene, camera, std::move(*tracker), session_options));
   // Before the camera starts: what it gives first would be old by the time it is drawn.
-  if (auto warm = session->warm_up(PixelFormat::yuv420p); !warm) {
-    return tl::unexpected(warm.error());
-  }
+  PENUMBRA_TRY_VOID(session.warm_up(PixelFormat::yuv420p));
 
-  auto source = open_camera(*name, request, wish_for(*camera));
-  if (!source) return tl::unexpected(source.error());
-  if (auto checked = check_size_or_offer(request, *name, (*source)->format(), *camera); !checked) {
-    return tl::unexpected(checked.error());
-  }
-  log_info("{}", (*source)->description());
+  PENUMBRA_TRY(auto source, open_camera(name, request, wish_for(camera)));
+  PENUMBRA_TRY_VOID(check_size_or_offer(request, name, source->format(), camera));
+  log_info("{}", source->description());
 
   std::vector<std::filesystem::path> taken = {request.scene, request.calibration, request.tags};
   if (request.kernel_file) taken.push_back(*request.kernel_file);
   if (request.record) taken.push_back(*request.record);
-  if (name->kind == CameraName::Kind::recording) {
-    const auto played = open_as_camera(*name);
-    if (!played) return tl::unexpected(played.error());
-    for (const std::string& notice : played->notices) log_warning("{}", notice);
-    if (auto apart = check_apart_from(*played, request, request.record); !apart) {
-      return tl::unexpected(apart.error());
-    }
-    for (std::filesystem::path& file : files_of(*played)) taken.push_back(std::move(file));
+  if (name.kind == CameraName::Kind::recording) {
+    PENUMBRA_TRY(const auto played, open_as_camera(name));
+    for (const std::string& notice : played.notices) log_warning("{}", notice);
+    PENUMBRA_TRY_VOID(check_apart_from(played, request, request.record));
+    for (std::filesystem::path& file : files_of(played)) taken.push_back(std::move(file));
   }
-  if (auto checked = check_output_paths(request, std::move(taken)); !checked) {
-    return tl::unexpected(checked.error());
-  }
-  if (auto apart = check_apart_from_record(request); !apart) return tl::unexpected(apart.error());
+  PENUMBRA_TRY_VOID(check_output_paths(request, std::move(taken)));
+  PENUMBRA_TRY_VOID(check_apart_from_record(request));
   interrupt.hold();
   auto outputs =
-      open_outputs(request, {camera->width(), camera->height(), (*source)->format().interval_s},
-                   other_groups(*tags), kEncodeAhead);
+      open_outputs(request, {camera.width(), camera.height(), source->format().interval_s},
+                   other_groups(tags), kEncodeAhead);
   if (!outputs) return tl::unexpected(outputs.error());
-  auto head = recording_head(request, **source, *camera);
-  if (!head) return tl::unexpected(head.error());
-  LiveRecorder recorder(std::move(*head));
+  PENUMBRA_TRY(auto head, recording_head(request, *source, camera));
+  LiveRecorder recorder(std::move(head));
   if (request.record) {
-    if (auto started = recorder.start(*request.record); !started) {
-      return tl::unexpected(started.error());
-    }
+    PENUMBRA_TRY_VOID(recorder.start(*request.record));
   }
 
-  RunRecorder run({*camera});
-  LiveHost host(*session, run, **source, recorder, request);
+  RunRecorder run({camera});
+  LiveHost host(session, run, *source, recorder, request);
   std::optional<Viewer> viewer;
-  if ((*context)->window_size().width > 0) {
-    auto overlay = Overlay::create(**context);
-    if (!overlay) return tl::unexpected(overlay.error());
-    viewer.emplace(**context, host, std::move(*overlay), request.viewer);
+  if (context->window_size().width > 0) {
+    PENUMBRA_TRY(auto overlay, Overlay::create(*context));
+    viewer.emplace(*context, host, std::move(overlay), request.viewer);
   }
   std::vector<std::uint8_t> pixels;
   if (outputs->frames) {
-    pixels.resize(static_cast<std::size_t>(camera->width()) *
-                  static_cast<std::size_t>(camera->height()) * 4U);
+    pixels.resize(static_cast<std::size_t>(camera.width()) *
+                  static_cast<std::size_t>(camera.height()) * 4U);
   }
 
-  LateOutputs late(&*session, *outputs, run);
+  LateOutputs late(&session, *outputs, run);
   Silence silence;
   bool stopped = false;
   // What went wrong first; what was made until then is kept.
@@ -459,11 +431,11 @@ Result<RunReport> run_live(const LiveRequest& request) {
     if (!viewer->show(interrupt, picture)) stopped = true;
     if (viewer->paused_ms() > paused_ms) paused_until_ns = monotonic_ns();
   };
-  ImageFaultWatch pictures(*tags);
+  ImageFaultWatch pictures(tags);
   LivePipeline pipeline(
-      **source,
+      *source,
       [&](const Frame& frame) {
-        TrackedFrame tracked = session->track(frame);
+        TrackedFrame tracked = session.track(frame);
         pictures.saw(tracked);
         return tracked;
       },
@@ -473,7 +445,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
       request.threads > 1);
   while (!stopped && !pipeline.finished()) {
     auto ready = pipeline.take(kPatience);
-    for (const auto& event : (*source)->faults().take_events()) {
+    for (const auto& event : source->faults().take_events()) {
       if (const auto writer = recorder.writer()) {
         writer->add_event(event.timestamp_ns, name_of(event.fault), event.detail);
       }
@@ -481,7 +453,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
     if (ready) {
       host.is_live();
       if (run.frames() == 0) {
-        if (const auto warning = focus_warning(request.calibration, (*source)->focus())) {
+        if (const auto warning = focus_warning(request.calibration, source->focus())) {
           log_warning("{}", *warning);
         }
       }
@@ -489,13 +461,13 @@ Result<RunReport> run_live(const LiveRequest& request) {
       const std::int64_t timestamp_ns = ready->tracked.frame.timestamp_ns;
       run.add_time("capture", ready->capture_time);
       silence.saw(ready->tracked);
-      auto done = session->draw(std::move(ready->tracked), pixels, PictureTime::later);
+      auto done = session.draw(std::move(ready->tracked), pixels, PictureTime::later);
       if (!done) {
         failure = done.error();
         break;
       }
       run.add_frame(*done);
-      recorder.add(*done, *session);
+      recorder.add(*done, session);
       if (viewer) host.saw(*done);
       show(Viewer::Picture::next);
       // From the driver's stamp to the picture's being on the screen (or, offscreen, drawn).
@@ -512,7 +484,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
       const auto silence_ns = pipeline.stale_for_ns();
       if (silence_ns) host.is_stale(*silence_ns);
       if (auto picture = silence_ns ? silence.picture(*silence_ns) : std::nullopt) {
-        auto drawn = session->redraw(std::move(*picture));
+        auto drawn = session.redraw(std::move(*picture));
         if (!drawn) {
           failure = drawn.error();
           break;
@@ -525,7 +497,7 @@ Result<RunReport> run_live(const LiveRequest& request) {
     if (host.is_over() || interrupt.interrupted()) stopped = true;
   }
   pipeline.stop();
-  if (!failure) failure = display_loss(**context);
+  if (!failure) failure = display_loss(*context);
   if (const auto error = pipeline.error(); error && !failure) failure = error;
 
   if (const auto rest = late.write_rest(); !rest && !failure) failure = rest.error();
@@ -533,25 +505,25 @@ Result<RunReport> run_live(const LiveRequest& request) {
   if (const auto finished = outputs->finish(run); !finished && !failure && run.frames() > 0) {
     failure = finished.error();
   }
-  run.add_gpu_times(session->take_gpu_times());
-  const CaptureStats stats = (*source)->faults().stats();
+  run.add_gpu_times(session.take_gpu_times());
+  const CaptureStats stats = source->faults().stats();
   RunReport report = run.report();
   report.recording = request.camera;
   report.scene = request.scene.string();
   report.tags = used_tags;
   report.image_fault = pictures.fault();
-  report.width = camera->width();
-  report.height = camera->height();
+  report.width = camera.width();
+  report.height = camera.height();
   report.frames_captured = static_cast<int>(stats.frames);
   report.frames_dropped = report.frames_captured - report.frames;
   report.frames_damaged = static_cast<int>(stats.undecoded);
   report.interrupted = interrupt.interrupted();
   report.log_lines_dropped = dropped_log_lines();
   report.threads = request.threads;
-  report.msaa_samples = session->samples();
-  report.pixel_buffers = session->pixel_buffers();
-  report.gl_renderer = (*context)->info().renderer;
-  report.gl_version = (*context)->info().version;
+  report.msaa_samples = session.samples();
+  report.pixel_buffers = session.pixel_buffers();
+  report.gl_renderer = context->info().renderer;
+  report.gl_version = context->info().version;
   for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {
     if (stats.faults[i] == 0) continue;
     report.camera_faults[std::string(name_of(static_cast<CaptureFault>(i)))] =

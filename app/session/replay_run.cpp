@@ -27,6 +27,7 @@
 #include "app/standard_streams.hpp"
 #include "app/window/overlay.hpp"
 #include "app/window/viewer.hpp"
+#include "core/propagate.hpp"
 #include "core/units.hpp"
 #include "render/gl/framebuffer.hpp"
 #include "tracking/group_tracker.hpp"
@@ -54,9 +55,7 @@ Result<void> check_outputs(const ReplayRequest& request, const Recording& record
   if (request.tags) taken.push_back(*request.tags);
   for (const fs::path& file : files_of(recording)) taken.push_back(file);
   if (request.poses_from) taken.emplace_back(*request.poses_from);
-  if (auto apart = check_apart_from(recording, request); !apart) {
-    return tl::unexpected(apart.error());
-  }
+  PENUMBRA_TRY_VOID(check_apart_from(recording, request));
   return check_output_paths(request, std::move(taken));
 }
 
@@ -141,14 +140,13 @@ class Shown {
                                           const SessionOptions& options) {
     Shown shown;
     if (request.compare.empty()) {
-      auto session = Session::create(context, scene, camera, std::move(poses), options);
-      if (!session) return tl::unexpected(session.error());
-      shown.session_ = std::make_unique<Session>(std::move(*session));
+      PENUMBRA_TRY(auto session,
+                   Session::create(context, scene, camera, std::move(poses), options));
+      shown.session_ = std::make_unique<Session>(std::move(session));
     } else {
-      auto comparison =
-          Comparison::create(context, scene, camera, std::move(poses), request.compare, options);
-      if (!comparison) return tl::unexpected(comparison.error());
-      shown.comparison_ = std::make_unique<Comparison>(std::move(*comparison));
+      PENUMBRA_TRY(auto comparison, Comparison::create(context, scene, camera, std::move(poses),
+                                                       request.compare, options));
+      shown.comparison_ = std::make_unique<Comparison>(std::move(comparison));
     }
     return shown;
   }
@@ -203,9 +201,8 @@ class Shown {
       return session_host_.get();
     }
     const PaneGrid& grid = comparison_->grid();
-    auto picture = UploadedPicture::create(grid.width(), grid.height());
-    if (!picture) return tl::unexpected(picture.error());
-    comparison_host_ = std::make_unique<ComparisonHost>(*comparison_, context, std::move(*picture),
+    PENUMBRA_TRY(auto picture, UploadedPicture::create(grid.width(), grid.height()));
+    comparison_host_ = std::make_unique<ComparisonHost>(*comparison_, context, std::move(picture),
                                                         run, frame_count);
     comparison_host_->keep_out_of(recording.folder);
     return comparison_host_.get();
@@ -264,11 +261,10 @@ Result<PoseSource> open_replay_poses(const ReplayRequest& request, const Recordi
     }
     return PoseSource(GivenPoses{*recording.groundtruth, recording.group_groundtruth});
   }
-  auto trajectory = load_trajectory(*request.poses_from);
-  if (!trajectory) return tl::unexpected(trajectory.error());
+  PENUMBRA_TRY(auto trajectory, load_trajectory(*request.poses_from));
   const bool any = std::any_of(
       recording.frames.begin(), recording.frames.end(),
-      [&](const RecordedFrame& frame) { return trajectory->at(frame.timestamp_ns) != nullptr; });
+      [&](const RecordedFrame& frame) { return trajectory.at(frame.timestamp_ns) != nullptr; });
   if (!any) {
     return fail("{}: has no pose within 1 ms of any frame of {}; is it of another recording?",
                 *request.poses_from, recording.folder.string());
@@ -276,12 +272,12 @@ Result<PoseSource> open_replay_poses(const ReplayRequest& request, const Recordi
   // Groups as they were tracked together with these poses; else where they truly are.
   std::map<std::string, Trajectory> groups = recording.group_groundtruth;
   if (recording.tags) {
-    auto tracked = load_group_paths(fs::path(*request.poses_from).parent_path() / kGroupPosesFolder,
-                                    other_groups(*recording.tags));
-    if (!tracked) return tl::unexpected(tracked.error());
-    for (auto& [group, path] : *tracked) groups.insert_or_assign(group, std::move(path));
+    PENUMBRA_TRY(auto tracked,
+                 load_group_paths(fs::path(*request.poses_from).parent_path() / kGroupPosesFolder,
+                                  other_groups(*recording.tags)));
+    for (auto& [group, path] : tracked) groups.insert_or_assign(group, std::move(path));
   }
-  return PoseSource(GivenPoses{std::move(*trajectory), std::move(groups)});
+  return PoseSource(GivenPoses{std::move(trajectory), std::move(groups)});
 }
 
 double frame_interval_s(const Recording& recording) {
@@ -348,31 +344,27 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   open_options.tags = request.tags;
   open_options.camera_name = request.camera_name;
   open_options.require_tags = !request.poses_from;  // given poses need no tags
-  auto recording = open_recording(request.recording, open_options);
-  if (!recording) return tl::unexpected(recording.error());
-  for (const std::string& notice : recording->notices) log_warning("{}", notice);
-  if (auto checked = check_range(request, *recording); !checked)
-    return tl::unexpected(checked.error());
-  check_groundtruth(request, *recording);
-  const CameraModel& camera = *recording->camera;
+  PENUMBRA_TRY(auto recording, open_recording(request.recording, open_options));
+  for (const std::string& notice : recording.notices) log_warning("{}", notice);
+  PENUMBRA_TRY_VOID(check_range(request, recording));
+  check_groundtruth(request, recording);
+  const CameraModel& camera = *recording.camera;
 
   std::optional<TagsInUse> tags;
   std::optional<ImageFaultWatch> pictures;
-  if (recording->tags) {
-    tags = tags_in_use(request.tags.value_or(recording->folder / "tags.yaml"), *recording->tags);
-    if (!request.poses_from) pictures.emplace(*recording->tags);
+  if (recording.tags) {
+    tags = tags_in_use(request.tags.value_or(recording.folder / "tags.yaml"), *recording.tags);
+    if (!request.poses_from) pictures.emplace(*recording.tags);
   }
-  auto loaded_scene = load_run_scene(request.scene, request.kernel_file);
-  if (!loaded_scene) return tl::unexpected(loaded_scene.error());
-  const auto scene = std::make_shared<const Scene>(std::move(*loaded_scene));
-  auto poses = open_replay_poses(request, *recording, *scene);
-  if (!poses) return tl::unexpected(poses.error());
+  PENUMBRA_TRY(auto loaded_scene, load_run_scene(request.scene, request.kernel_file));
+  const auto scene = std::make_shared<const Scene>(std::move(loaded_scene));
+  PENUMBRA_TRY(auto poses, open_replay_poses(request, recording, *scene));
   std::vector<PlanOptions> plans;
   for (const ComparedTechnique& pane : request.compare) plans.push_back(pane.plan);
   if (plans.empty()) plans.push_back(request.plan);
   tell_warnings(*scene, plans);
 
-  auto events = load_scene_events(recording->folder / "events.jsonl");
+  auto events = load_scene_events(recording.folder / "events.jsonl");
   if (!request.edits) {
     SceneEvents without;
     if (events) {
@@ -384,26 +376,23 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   }
   if (!events) return tl::unexpected(events.error());
 
-  if (auto checked = check_outputs(request, *recording); !checked)
-    return tl::unexpected(checked.error());
+  PENUMBRA_TRY_VOID(check_outputs(request, recording));
 
   RecordingSourceOptions source_options;
-  source_options.first = place_of(*recording, request.frames.first);
-  if (request.frames.last) source_options.last = place_of(*recording, *request.frames.last);
+  source_options.first = place_of(recording, request.frames.first);
+  if (request.frames.last) source_options.last = place_of(recording, *request.frames.last);
   if (source_options.last && *source_options.last <= source_options.first) {
-    return fail("{}: has no frame in --frames {}:{}", recording->folder.string(),
+    return fail("{}: has no frame in --frames {}:{}", recording.folder.string(),
                 request.frames.first, *request.frames.last);
   }
   const bool overlapped = request.threads > 1;
   if (!overlapped) source_options.look_ahead = 0;
-  auto source = open_recording_source(*recording, source_options);
-  if (!source) return tl::unexpected(source.error());
+  PENUMBRA_TRY(auto source, open_recording_source(recording, source_options));
 
   const GlContext::Size picture = picture_size(request, camera);
-  auto context = open_run_context({request.window, true}, window_size_for(picture));
-  if (!context) return tl::unexpected(context.error());
+  PENUMBRA_TRY(auto context, open_run_context({request.window, true}, window_size_for(picture)));
   if (pictures) print_tags(*tags);
-  log_info("OpenGL: {}, {}", (*context)->info().renderer, (*context)->info().version);
+  log_info("OpenGL: {}, {}", context->info().renderer, context->info().version);
   for (const auto& [name, version] : component_versions()) log_info("{} {}", name, version);
   SessionOptions session_options;
   session_options.plan = request.plan;
@@ -414,41 +403,37 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   session_options.smooth = request.smooth;
   session_options.recorded_light = std::move(events->lights);
   session_options.scene_start_ns =
-      events->scene_start_ns.value_or(recording->frames.front().timestamp_ns);
-  auto shown = Shown::open(request, **context, scene, camera, std::move(*poses), session_options);
-  if (!shown) return tl::unexpected(shown.error());
+      events->scene_start_ns.value_or(recording.frames.front().timestamp_ns);
+  PENUMBRA_TRY(auto shown,
+               Shown::open(request, *context, scene, camera, std::move(poses), session_options));
 
   interrupt.hold();
   const std::vector<std::string> groups =
-      recording->tags ? other_groups(*recording->tags) : std::vector<std::string>();
-  auto outputs =
-      open_outputs(request, {picture.width, picture.height, frame_interval_s(*recording)}, groups,
-                   overlapped ? kEncodeAhead : 0);
+      recording.tags ? other_groups(*recording.tags) : std::vector<std::string>();
+  auto outputs = open_outputs(request, {picture.width, picture.height, frame_interval_s(recording)},
+                              groups, overlapped ? kEncodeAhead : 0);
   if (!outputs) return tl::unexpected(outputs.error());
 
-  RunRecorder run({camera, recording->groundtruth.has_value()});
-  const bool has_window = (*context)->window_size().width > 0;
+  RunRecorder run({camera, recording.groundtruth.has_value()});
+  const bool has_window = context->window_size().width > 0;
   std::optional<Viewer> viewer;
   if (has_window) {
-    auto overlay = Overlay::create(**context);
-    if (!overlay) return tl::unexpected(overlay.error());
-    auto host = shown->open_host(**context, run, *recording);
-    if (!host) return tl::unexpected(host.error());
-    viewer.emplace(**context, **host, std::move(*overlay), request.viewer);
+    PENUMBRA_TRY(auto overlay, Overlay::create(*context));
+    PENUMBRA_TRY(auto host, shown.open_host(*context, run, recording));
+    viewer.emplace(*context, *host, std::move(overlay), request.viewer);
   }
-  LateOutputs late(shown->session(), *outputs, run);
-  RecordedEdits edits(*recording, *events, request.scene);
+  LateOutputs late(shown.session(), *outputs, run);
+  RecordedEdits edits(recording, *events, request.scene);
   Pacer pacer;
   // The next frames are tracked while this one is drawn and the one before it encoded; each stage
   // takes the frames in order, so that nothing depends on which thread was faster.
   TrackAhead tracked(
       [&]() -> TrackAhead::Item {
-        auto frame = (*source)->next();
-        if (!frame) return tl::unexpected(frame.error());
-        if (!*frame) return std::optional<TrackedItem>();
-        TrackedFrame done = shown->track(**frame);
+        PENUMBRA_TRY(auto frame, source->next());
+        if (!frame) return std::optional<TrackedItem>();
+        TrackedFrame done = shown.track(*frame);
         if (pictures) pictures->saw(done);
-        return std::optional<TrackedItem>({std::move(done), (*source)->capture_time()});
+        return std::optional<TrackedItem>({std::move(done), source->capture_time()});
       },
       overlapped ? kTrackAhead : 0);
   bool stopped = false;
@@ -461,7 +446,7 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
     return tl::unexpected(error);
   };
   {
-    ProgressBar progress((*source)->frame_count().value_or(0));
+    ProgressBar progress(source->frame_count().value_or(0));
     while (!stopped) {
       const Stopwatch frame_watch;
       auto item = tracked.next();
@@ -470,16 +455,16 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
       run.add_time("capture", (*item)->capture_time);
       const std::uint64_t sequence = (*item)->tracked.frame.sequence;
       const std::int64_t timestamp_ns = (*item)->tracked.frame.timestamp_ns;
-      edits.replay_until(timestamp_ns, *shown);
+      edits.replay_until(timestamp_ns, shown);
 
-      auto done = shown->draw(std::move((*item)->tracked), outputs->frames != nullptr);
+      auto done = shown.draw(std::move((*item)->tracked), outputs->frames != nullptr);
       if (!done) return end_with(done.error());
       run.add_frame(*done);
       const PoseEstimate& pose = done->tracked.pose;
       log_debug("frame {}: {}{}{}", sequence, to_string(pose.status),
                 pose.reason.empty() ? "" : ": ", pose.reason);
 
-      if (auto written = late.write(*done, shown->pixels()); !written) {
+      if (auto written = late.write(*done, shown.pixels()); !written) {
         if (!failure) failure = written.error();
         stopped = !outputs->any() && !outputs->report && !has_window;
         if (!stopped)
@@ -492,20 +477,20 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
         pacer.wait_for(timestamp_ns, viewer ? viewer->paused_ms() : 0.0);
       }
       if (viewer) {
-        shown->saw(*done);
+        shown.saw(*done);
         stopped = !viewer->show(interrupt) || stopped;
       }
       stopped = interrupt.interrupted() || stopped;
     }
   }
-  if (!failure) failure = display_loss(**context);
+  if (!failure) failure = display_loss(*context);
   if (run.frames() == 0) {
-    return fail("{}: no frame was replayed", recording->folder.string());
+    return fail("{}: no frame was replayed", recording.folder.string());
   }
 
   if (auto rest = late.write_rest(); !rest && !failure) failure = rest.error();
   if (auto finished = outputs->finish(run); !finished && !failure) failure = finished.error();
-  shown->take_gpu_times(run);
+  shown.take_gpu_times(run);
   RunReport report = run.report();
   report.threads = overlapped ? request.threads : 1;
   report.recording = request.recording.string();
@@ -514,8 +499,8 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   if (pictures) report.image_fault = pictures->fault();
   report.width = picture.width;
   report.height = picture.height;
-  report.panes = shown->pane_reports();
-  if (const std::int64_t damaged = (*source)->damaged(); damaged > 0) {
+  report.panes = shown.pane_reports();
+  if (const std::int64_t damaged = source->damaged(); damaged > 0) {
     report.camera_faults[std::string(name_of(CaptureFault::damaged))] = damaged;
     // As live counted them.
     report.frames_damaged = report.frames_dropped = static_cast<int>(damaged);
@@ -523,11 +508,11 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   }
   report.interrupted = interrupt.interrupted();
   report.log_lines_dropped = dropped_log_lines();
-  report.msaa_samples = shown->samples();
-  report.pixel_buffers = shown->pixel_buffers();
-  report.gl_renderer = (*context)->info().renderer;
-  report.gl_version = (*context)->info().version;
-  add_accuracy(request, *recording, run, report);
+  report.msaa_samples = shown.samples();
+  report.pixel_buffers = shown.pixel_buffers();
+  report.gl_renderer = context->info().renderer;
+  report.gl_version = context->info().version;
+  add_accuracy(request, recording, run, report);
   report.failure = std::move(failure);
   if (auto written = outputs->write_report(report); !written && !report.failure) {
     report.failure = written.error();

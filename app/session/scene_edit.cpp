@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <system_error>
 
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/text/text_encoding.hpp"
 
@@ -145,10 +146,9 @@ Result<std::optional<SceneEvent>> event_in(const Json& json, std::string_view li
 
 Result<void> add_event(std::string_view line, const std::string& name, SceneEvents& events) {
   const Json json = Json::parse(line, nullptr, false);
-  auto event = event_in(json, line, name);
-  if (!event) return tl::unexpected(event.error());
-  if (*event) {
-    events.edits.push_back(std::move(**event));
+  PENUMBRA_TRY(auto event, event_in(json, line, name));
+  if (event) {
+    events.edits.push_back(std::move(*event));
     return {};
   }
   const std::string kind = text_in(json, "event");
@@ -258,9 +258,8 @@ Result<SceneEvents> load_scene_events(const std::filesystem::path& file) {
     const auto read = static_cast<std::size_t>(stream.gcount());
     std::string_view line(buffer.data(), is_last || read == 0 ? read : read - 1);
     if (number == 1) {
-      const auto content = without_byte_order_mark(line, file.string());
-      if (!content) return tl::unexpected(content.error());
-      line = *content;
+      PENUMBRA_TRY(const auto content, without_byte_order_mark(line, file.string()));
+      line = content;
     }
     line = trim(line);
     if (!line.empty()) {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "app/logging.hpp"
+#include "core/propagate.hpp"
 #include "core/units.hpp"
 #include "render/passes/rectified_video.hpp"
 
@@ -71,10 +72,9 @@ Result<Session> Session::create(GlContext& context, std::shared_ptr<const Scene>
   of_compositor.rectified = options.rectified;
   of_compositor.msaa = options.msaa;
   of_compositor.pixel_buffers = options.pixel_buffers;
-  auto compositor = Compositor::create(context, scene, camera, of_compositor);
-  if (!compositor) return tl::unexpected(compositor.error());
+  PENUMBRA_TRY(auto compositor, Compositor::create(context, scene, camera, of_compositor));
   return Session(*scene, options.rectified ? without_distortion(camera) : camera, std::move(poses),
-                 options, std::move(*compositor));
+                 options, std::move(compositor));
 }
 
 TrackedFrame Session::track(const Frame& frame) {
@@ -99,9 +99,7 @@ Result<void> Session::warm_up(PixelFormat format) {
   pose.T_table_camera = CameraPose(half_turn_about_x, Eigen::Vector3d(0.0, 0.0, kHeight_m));
   const SceneState state = evaluate_scene(scene_, 0.0);
   const FramePlan plan = plan_frame(scene_, state, pose, camera_, options_.plan);
-  if (auto drawn = compositor_.draw(grey.frame, plan); !drawn) {
-    return tl::unexpected(drawn.error());
-  }
+  PENUMBRA_TRY_VOID(compositor_.draw(grey.frame, plan));
   // Nobody should take it for a picture of the camera.
   compositor_.clear();
   return {};
@@ -157,18 +155,17 @@ Result<SessionFrame> Session::compose(TrackedFrame tracked, std::span<std::uint8
   drawn_pose_.reset();
   if (result.plan.has_pose) drawn_pose_ = result.plan.T_table_camera;
 
-  auto drawn = compositor_.draw(frame, result.plan);
-  if (!drawn) return tl::unexpected(drawn.error());
-  for (const SkippedPass& left_out : drawn->skipped) {
+  PENUMBRA_TRY(auto drawn, compositor_.draw(frame, result.plan));
+  for (const SkippedPass& left_out : drawn.skipped) {
     result.plan.skipped.push_back(left_out);
     if (left_out.what == "light_inside_caster" && told_.insert(left_out.reason).second) {
       log_warning("{}: no shadow of a volume: {}", scene_.file, left_out.reason);
     }
   }
-  result.composite = std::move(*drawn);
+  result.composite = std::move(drawn);
   if (!rgba.empty()) {
     result.picture = compositor_.pixel_buffers() ? picture : PictureTime::now;
-    if (auto read = read_picture(rgba, result); !read) return tl::unexpected(read.error());
+    PENUMBRA_TRY_VOID(read_picture(rgba, result));
   }
   result.draw_time = plan_watch.elapsed();
   return result;
@@ -192,14 +189,12 @@ Result<StageTime> Session::take_picture(std::vector<std::uint8_t>& rgba) {
               static_cast<std::size_t>(camera_.height()));
   if (compositor_.pictures_asked_for() == 0) return fail("a picture that was drawn is lost");
   const Stopwatch watch;
-  const auto taken = compositor_.take_picture(rgba);
-  if (!taken) return tl::unexpected(taken.error());
+  PENUMBRA_TRY_VOID(compositor_.take_picture(rgba));
   return watch.elapsed();
 }
 
 Result<void> Session::read_back(std::span<std::uint8_t> rgba) {
-  const auto read = compositor_.read_back(rgba);
-  if (!read) return tl::unexpected(read.error());
+  PENUMBRA_TRY_VOID(compositor_.read_back(rgba));
   return {};
 }
 

@@ -25,6 +25,7 @@
 #include "core/geometry/tag_map.hpp"
 #include "core/geometry/trajectory.hpp"
 #include "core/image/image_file.hpp"
+#include "core/propagate.hpp"
 #include "core/random.hpp"
 #include "core/text/text.hpp"
 #include "core/units.hpp"
@@ -129,18 +130,17 @@ Result<std::map<std::string, Trajectory>> load_group_paths(const SimulateRequest
       return fail("--group {}: can be no file's name; give it another in {}", group,
                   request.tags.string());
     }
-    auto path = load_path(file);
-    if (!path) return tl::unexpected(path.error());
-    if (path->poses.front().timestamp_ns > camera.poses.front().timestamp_ns ||
-        path->poses.back().timestamp_ns < camera.poses.back().timestamp_ns) {
+    PENUMBRA_TRY(auto path, load_path(file));
+    if (path.poses.front().timestamp_ns > camera.poses.front().timestamp_ns ||
+        path.poses.back().timestamp_ns < camera.poses.back().timestamp_ns) {
       return fail(
           "{}: goes from {} s to {} s, the camera from {} s to {} s; give it for all frames",
-          file.string(), format_ns_as_seconds(path->poses.front().timestamp_ns),
-          format_ns_as_seconds(path->poses.back().timestamp_ns),
+          file.string(), format_ns_as_seconds(path.poses.front().timestamp_ns),
+          format_ns_as_seconds(path.poses.back().timestamp_ns),
           format_ns_as_seconds(camera.poses.front().timestamp_ns),
           format_ns_as_seconds(camera.poses.back().timestamp_ns));
     }
-    paths.emplace(group, std::move(*path));
+    paths.emplace(group, std::move(path));
   }
   return paths;
 }
@@ -172,10 +172,9 @@ class Simulation {
     tied_ = tag_groups_of(*scene);
     SessionOptions options;
     options.scene_start_ns = path_.poses.front().timestamp_ns;
-    auto session =
-        Session::create(context, std::move(scene), camera_, PoseSource(GivenPoses{}), options);
-    if (!session) return tl::unexpected(session.error());
-    session_.emplace(std::move(*session));
+    PENUMBRA_TRY(auto session, Session::create(context, std::move(scene), camera_,
+                                               PoseSource(GivenPoses{}), options));
+    session_.emplace(std::move(session));
     return {};
   }
 
@@ -205,10 +204,9 @@ class Simulation {
     // The scene is drawn over the blurred tags at several moments, and the pictures' light is
     // averaged: an object's edge is as blurred as its motion makes it. The noise comes last.
     const GreyImage tags = renderer_.render(poses, light, placements);
-    auto drawn = draw_scene(tags, moments(middle_ns, kMostSceneMoments));
-    if (!drawn) return tl::unexpected(drawn.error());
-    add_noise(*drawn, request_.noise_grey, light.seed);
-    return save_png(file, camera_.width(), camera_.height(), *drawn);
+    PENUMBRA_TRY(auto drawn, draw_scene(tags, moments(middle_ns, kMostSceneMoments)));
+    add_noise(drawn, request_.noise_grey, light.seed);
+    return save_png(file, camera_.width(), camera_.height(), drawn);
   }
 
  private:
@@ -277,8 +275,7 @@ class Simulation {
         const CameraPose place = pose_between(path->second, time);
         group.T_table_group = {place.rotation(), place.translation()};
       }
-      if (auto drawn = session_->draw(std::move(tracked), rgba); !drawn)
-        return tl::unexpected(drawn.error());
+      PENUMBRA_TRY_VOID(session_->draw(std::move(tracked), rgba));
       if (times.size() == 1) return rgba;
       for (std::size_t i = 0; i < pixels; ++i) {
         for (std::size_t c = 0; c < 3; ++c) sum[3 * i + c] += linear[rgba[4 * i + c]];
@@ -312,16 +309,13 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
 
   auto camera = load_chosen_camera(request.camera, request.camera_name);
   if (!camera) return tl::unexpected(camera.error());
-  const auto tags = load_tag_map(request.tags);
-  if (!tags) return tl::unexpected(tags.error());
-  auto path = load_path(request.trajectory);
-  if (!path) return tl::unexpected(path.error());
+  PENUMBRA_TRY(const auto tags, load_tag_map(request.tags));
+  PENUMBRA_TRY(auto path, load_path(request.trajectory));
   // The files go into the recording as they are, with all that they say.
   auto camera_text = request.camera_name.empty() ? read_text_file(request.camera, kLargestText)
                                                  : Result<std::string>(ros_camera_text(*camera));
   if (!camera_text) return tl::unexpected(camera_text.error());
-  const auto tags_text = read_text_file(request.tags, kLargestText);
-  if (!tags_text) return tl::unexpected(tags_text.error());
+  PENUMBRA_TRY(const auto tags_text, read_text_file(request.tags, kLargestText));
   if (camera->parameters().rolling_shutter_row_s.value_or(0.0) != 0.0) {
     // ... but what would be made up for when it is replayed.
     log_warning(
@@ -333,40 +327,35 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
     if (!camera) return fail_in(request.camera.string(), camera.error());
     camera_text = ros_camera_text(*camera);
   }
-  auto renderer = PatternRenderer::create(*camera, tags->tags());
+  auto renderer = PatternRenderer::create(*camera, tags.tags());
   if (!renderer) return fail_in(request.tags.string(), renderer.error());
 
-  if (request.cover_from >= static_cast<int>(path->poses.size()) && request.cover_from > 0) {
+  if (request.cover_from >= static_cast<int>(path.poses.size()) && request.cover_from > 0) {
     return fail("--cover-from: {} is beyond the last frame; {} has {} poses", request.cover_from,
-                request.trajectory.string(), path->poses.size());
+                request.trajectory.string(), path.poses.size());
   }
-  auto groups = load_group_paths(request, *tags, *path);
-  if (!groups) return tl::unexpected(groups.error());
+  PENUMBRA_TRY(auto groups, load_group_paths(request, tags, path));
 
   std::shared_ptr<const Scene> scene;
   std::unique_ptr<GlContext> context;
-  Simulation simulation(request, std::move(*camera), std::move(*path), std::move(*groups), *tags,
+  Simulation simulation(request, std::move(*camera), std::move(path), std::move(groups), tags,
                         std::move(*renderer));
   if (request.scene) {
-    auto loaded = load_scene(*request.scene);
-    if (!loaded) return tl::unexpected(loaded.error());
-    scene = std::make_shared<const Scene>(std::move(*loaded));
+    PENUMBRA_TRY(auto loaded, load_scene(*request.scene));
+    scene = std::make_shared<const Scene>(std::move(loaded));
     tell_warnings(*scene, PlanOptions());
-    auto opened = open_run_context({false, false},
-                                   {simulation.camera().width(), simulation.camera().height()});
-    if (!opened) return tl::unexpected(opened.error());
-    context = std::move(*opened);
-    if (auto added = simulation.add_scene(*context, scene); !added) {
-      return tl::unexpected(added.error());
-    }
+    PENUMBRA_TRY(auto opened, open_run_context({false, false}, {simulation.camera().width(),
+                                                                simulation.camera().height()}));
+    context = std::move(opened);
+    PENUMBRA_TRY_VOID(simulation.add_scene(*context, scene));
   }
 
   interrupt.hold();
   RecordingFolder folder;
-  if (auto made = folder.create(request.output); !made) return tl::unexpected(made.error());
+  PENUMBRA_TRY_VOID(folder.create(request.output));
   if (auto written = write_text_file(folder.partial() / "camera.yaml", *camera_text); !written)
     return folder.failed(written.error());
-  if (auto written = write_text_file(folder.partial() / "tags.yaml", *tags_text); !written)
+  if (auto written = write_text_file(folder.partial() / "tags.yaml", tags_text); !written)
     return folder.failed(written.error());
 
   SimulateSummary summary;
@@ -375,7 +364,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   std::string listing = fmt::format("frame,timestamp_s,file{}\n", exposed ? ",exposure_s" : "");
   Trajectory truth;
   std::map<std::string, Trajectory> group_truth;
-  for (const std::string& group : other_groups(*tags)) {
+  for (const std::string& group : other_groups(tags)) {
     if (group_file(group)) group_truth[group];
   }
   {
@@ -419,7 +408,7 @@ Result<SimulateSummary> run_simulate(const SimulateRequest& request) {
   }
   if (auto written = write_text_file(folder.partial() / "timestamps.csv", listing); !written)
     return folder.failed(written.error());
-  if (auto done = folder.commit(); !done) return tl::unexpected(done.error());
+  PENUMBRA_TRY_VOID(folder.commit());
   return summary;
 }
 

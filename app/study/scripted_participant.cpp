@@ -6,6 +6,7 @@
 #include "app/study/study_task.hpp"
 #include "app/window/manipulation.hpp"
 #include "app/window/pointer.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 
@@ -67,16 +68,15 @@ Result<std::vector<WindowEvent>> ScriptedParticipant::events_of(const ScriptActi
                 action.line);
   }
   if (action.kind != Kind::release) {
-    const auto pixel = pixel_of(action, view);
-    if (!pixel) return tl::unexpected(pixel.error());
-    const bool inside = pixel->x() >= 0.0 && pixel->y() >= 0.0 &&
-                        pixel->x() <= view.camera->width() - 1 &&
-                        pixel->y() <= view.camera->height() - 1;
+    PENUMBRA_TRY(const auto pixel, pixel_of(action, view));
+    const bool inside = pixel.x() >= 0.0 && pixel.y() >= 0.0 &&
+                        pixel.x() <= view.camera->width() - 1 &&
+                        pixel.y() <= view.camera->height() - 1;
     if (!inside) {
       return fail("{}: line {}: pixel {:.1f} {:.1f} is outside of the picture", script_.name,
-                  action.line, pixel->x(), pixel->y());
+                  action.line, pixel.x(), pixel.y());
     }
-    pointer_ = window_from_picture(*view.camera, window, *pixel);
+    pointer_ = window_from_picture(*view.camera, window, pixel);
   }
   event.x = pointer_.x();
   event.y = pointer_.y();

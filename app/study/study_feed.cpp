@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "app/capture/newest_picture.hpp"
+#include "core/propagate.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {
@@ -19,22 +20,20 @@ class RecordedFeed final : public StudyFeed {
   Result<std::optional<StudyPicture>> next() override {
     for (int attempt = 0; attempt < 2; ++attempt) {
       if (!source_) {
-        auto opened = open_recording_source(recording_);
-        if (!opened) return tl::unexpected(opened.error());
-        source_ = std::move(*opened);
+        PENUMBRA_TRY(auto opened, open_recording_source(recording_));
+        source_ = std::move(opened);
         last_ns_.reset();
       }
-      auto frame = source_->next();
-      if (!frame) return tl::unexpected(frame.error());
-      if (!*frame) {  // the end: from the beginning
+      PENUMBRA_TRY(auto frame, source_->next());
+      if (!frame) {  // the end: from the beginning
         source_.reset();
         continue;
       }
-      const std::int64_t recorded_ns = (*frame)->timestamp_ns;
+      const std::int64_t recorded_ns = frame->timestamp_ns;
       if (started_) clock_ns_ += last_ns_ ? recorded_ns - *last_ns_ : interval_ns_;
       started_ = true;
       last_ns_ = recorded_ns;
-      StudyPicture picture{std::move(**frame), clock_ns_};
+      StudyPicture picture{std::move(*frame), clock_ns_};
       if (!given_poses_) {
         picture.frame.timestamp_ns = recording_.frames.front().timestamp_ns + clock_ns_;
       }

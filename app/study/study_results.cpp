@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "app/logging.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/units.hpp"
 
@@ -155,13 +156,10 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
   std::error_code ignored;
   if (is_stream(file)) {
     if (resume) return fail("{}: is a stream, which holds no answers to go on with", file.string());
-    auto stream = OutputFile::create(file);
-    if (!stream) return tl::unexpected(stream.error());
+    PENUMBRA_TRY(auto stream, OutputFile::create(file));
     StudyFile results(file, -1);
-    results.stream_.emplace(std::move(*stream));
-    if (auto written = results.write_line(std::string(kHeader)); !written) {
-      return tl::unexpected(written.error());
-    }
+    results.stream_.emplace(std::move(stream));
+    PENUMBRA_TRY_VOID(results.write_line(std::string(kHeader)));
     return results;
   }
   if (fs::exists(file, ignored) && !fs::is_regular_file(file, ignored)) {
@@ -177,22 +175,19 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
     return fail("{}: another study is writing to it; wait for its end, or name another file",
                 file.string());
   }
-  auto text = read_text_file(file, kMaxResultBytes);
-  if (!text) return tl::unexpected(text.error());
+  PENUMBRA_TRY(auto text, read_text_file(file, kMaxResultBytes));
   // A byte-order mark, which the text does not have.
-  const std::uintmax_t mark_bytes = fs::file_size(file, ignored) - text->size();
-  if (kHeader.starts_with(*text)) {  // new, or cut off while it was made
+  const std::uintmax_t mark_bytes = fs::file_size(file, ignored) - text.size();
+  if (kHeader.starts_with(text)) {  // new, or cut off while it was made
     if (ftruncate(handle, 0) != 0) {
       return fail("{}: cannot be written: {}", file.string(), message_of(errno));
     }
-    if (auto written = results.write_line(std::string(kHeader)); !written) {
-      return tl::unexpected(written.error());
-    }
+    PENUMBRA_TRY_VOID(results.write_line(std::string(kHeader)));
     return results;
   }
   const std::string study = study_name(design);
-  const std::size_t whole = text->rfind('\n') == std::string::npos ? 0 : text->rfind('\n') + 1;
-  const auto lines = split(std::string_view(*text).substr(0, whole), '\n');
+  const std::size_t whole = text.rfind('\n') == std::string::npos ? 0 : text.rfind('\n') + 1;
+  const auto lines = split(std::string_view(text).substr(0, whole), '\n');
   if (lines[0] != kHeader) {
     return fail("{}: is no results file of penumbra study; name another file", file.string());
   }
@@ -217,7 +212,7 @@ Result<StudyFile> StudyFile::open(const fs::path& file, const StudyDesign& desig
         "on with the first trial that has no answer",
         file.string(), design.participant);
   }
-  if (whole < text->size()) {
+  if (whole < text.size()) {
     log_warning("{}: its last line was cut off, and is taken away", file.string());
     if (ftruncate(handle, static_cast<off_t>(mark_bytes + whole)) != 0) {
       return fail("{}: cannot be written: {}", file.string(), message_of(errno));

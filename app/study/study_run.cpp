@@ -24,6 +24,7 @@
 #include "app/window/pointer.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/geometry/tag_map.hpp"
+#include "core/propagate.hpp"
 #include "core/units.hpp"
 #include "tracking/group_tracker.hpp"
 
@@ -78,21 +79,20 @@ class StudyLoop {
     begin_block();
     while (!task_.finished() && !closed_ && !interrupt.interrupted()) {
       if (phase_ == Phase::pause && time_ns() >= pause_ends_ns_) begin_trial();
-      auto picture = feed_.next();
-      if (!picture) return tl::unexpected(picture.error());
-      if (!*picture) {
+      PENUMBRA_TRY(auto picture, feed_.next());
+      if (!picture) {
         poll();
         continue;
       }
       if (script_) {
-        if (auto acted = act_until((*picture)->clock_ns); !acted) return acted;
+        if (auto acted = act_until(picture->clock_ns); !acted) return acted;
         if (task_.finished()) break;
-        clock_ns_ = (*picture)->clock_ns;
+        clock_ns_ = picture->clock_ns;
       } else if (feed_.waits()) {
-        wait_for((*picture)->clock_ns);
+        wait_for(picture->clock_ns);
         if (task_.finished()) break;
       }
-      if (auto drawn = show((*picture)->frame); !drawn) return drawn;
+      if (auto drawn = show(picture->frame); !drawn) return drawn;
       if (failure_) return tl::unexpected(*failure_);
     }
     if (failure_) return tl::unexpected(*failure_);
@@ -151,9 +151,8 @@ class StudyLoop {
     }
     const int trial = task_.trial().number;
     while (const ScriptAction* action = script_->take(trial, clock_ns - task_.shown_ns())) {
-      const auto events = script_->events_of(*action, session_.view(), window());
-      if (!events) return tl::unexpected(events.error());
-      for (const WindowEvent& event : *events) take(event, task_.shown_ns() + action->at_ns);
+      PENUMBRA_TRY(const auto events, script_->events_of(*action, session_.view(), window()));
+      for (const WindowEvent& event : events) take(event, task_.shown_ns() + action->at_ns);
       if (failure_) return tl::unexpected(*failure_);
       if (task_.finished() || task_.trial().number != trial) return {};
     }
@@ -241,8 +240,7 @@ class StudyLoop {
       tracked.pose.status = TrackStatus::lost;
       tracked.pose.reason = "no trial is shown";
     }
-    auto drawn = session_.draw(std::move(tracked));
-    if (!drawn) return tl::unexpected(drawn.error());
+    PENUMBRA_TRY_VOID(session_.draw(std::move(tracked)));
     if (context_.window_size().width > 0) {
       session_.present();
       if (overlay_) {
@@ -314,33 +312,29 @@ Result<Pictures> open_pictures(const StudyRequest& request, const Scene& scene) 
     OpenRecordingOptions options;
     options.tags = request.tags;
     options.require_tags = !request.poses_from;
-    const auto recording = open_recording(*request.recording, options);
-    if (!recording) return tl::unexpected(recording.error());
-    for (const std::string& notice : recording->notices) log_warning("{}", notice);
-    if (!is_stream(request.results) && lies_in(request.results, recording->folder)) {
+    PENUMBRA_TRY(const auto recording, open_recording(*request.recording, options));
+    for (const std::string& notice : recording.notices) log_warning("{}", notice);
+    if (!is_stream(request.results) && lies_in(request.results, recording.folder)) {
       return fail("{}: lies in the recording {}, which is only read; name a place outside it",
-                  request.results.string(), recording->folder.string());
+                  request.results.string(), recording.folder.string());
     }
     ReplayRequest replay;
     replay.recording = *request.recording;
     replay.tags = request.tags;
     replay.poses_from = request.poses_from;
     replay.tracking = request.tracking;
-    auto poses = open_replay_poses(replay, *recording, scene);
-    if (!poses) return tl::unexpected(poses.error());
-    return Pictures{*recording->camera, std::move(*poses),
-                    feed_of_recording(*recording, frame_interval_s(*recording),
-                                      request.poses_from.has_value())};
+    PENUMBRA_TRY(auto poses, open_replay_poses(replay, recording, scene));
+    return Pictures{
+        *recording.camera, std::move(poses),
+        feed_of_recording(recording, frame_interval_s(recording), request.poses_from.has_value())};
   }
   const LiveRequest& live = request.camera;
-  const auto camera = load_chosen_camera(live.calibration, live.camera_name);
-  if (!camera) return tl::unexpected(camera.error());
-  const auto tags = load_tag_map(live.tags);
-  if (!tags) return tl::unexpected(tags.error());
-  auto tracker = GroupTracker::create(*camera, *tags, request.tracking,
-                                      wanted_groups(scene, *tags, live.tags, live, true));
+  PENUMBRA_TRY(const auto camera, load_chosen_camera(live.calibration, live.camera_name));
+  PENUMBRA_TRY(const auto tags, load_tag_map(live.tags));
+  auto tracker = GroupTracker::create(camera, tags, request.tracking,
+                                      wanted_groups(scene, tags, live.tags, live, true));
   if (!tracker) return fail_in(live.tags.string(), tracker.error());
-  return Pictures{*camera, std::move(*tracker), nullptr};
+  return Pictures{camera, std::move(*tracker), nullptr};
 }
 
 Result<void> check_paths(const StudyRequest& request) {
@@ -371,70 +365,60 @@ Result<StudyReport> run_study(const StudyRequest& request) {
 
   std::optional<ScriptedParticipant> script;
   if (request.script) {
-    auto loaded = load_study_script(*request.script);
-    if (!loaded) return tl::unexpected(loaded.error());
-    script.emplace(std::move(*loaded));
+    PENUMBRA_TRY(auto loaded, load_study_script(*request.script));
+    script.emplace(std::move(loaded));
   } else if (!request.window || !display_available()) {
     return fail(
         "a study needs a window, and there is no display (DISPLAY is not set); open one, or give "
         "--script FILE for a scripted participant");
   }
-  if (auto checked = check_paths(request); !checked) return tl::unexpected(checked.error());
+  PENUMBRA_TRY_VOID(check_paths(request));
   const auto scene = std::make_shared<const Scene>(study_scene(request.design.experiment));
-  auto pictures = open_pictures(request, *scene);
-  if (!pictures) return tl::unexpected(pictures.error());
+  PENUMBRA_TRY(auto pictures, open_pictures(request, *scene));
 
   // A script has nobody who looks: the window need not wait for the display.
-  auto context = open_run_context({request.window, !script},
-                                  {pictures->camera.width(), pictures->camera.height()});
-  if (!context) return tl::unexpected(context.error());
-  const bool has_window = (*context)->window_size().width > 0;
+  PENUMBRA_TRY(auto context, open_run_context({request.window, !script},
+                                              {pictures.camera.width(), pictures.camera.height()}));
+  const bool has_window = context->window_size().width > 0;
   if (!script && !has_window) {
     return fail("a study needs a window, and none could be opened; see the line before");
   }
-  auto session = Session::create(**context, scene, pictures->camera, std::move(pictures->poses),
-                                 SessionOptions());
-  if (!session) return tl::unexpected(session.error());
-  if (auto warm = session->warm_up(PixelFormat::yuv420p); !warm) {
-    return tl::unexpected(warm.error());
-  }
+  PENUMBRA_TRY(auto session, Session::create(*context, scene, pictures.camera,
+                                             std::move(pictures.poses), SessionOptions()));
+  PENUMBRA_TRY_VOID(session.warm_up(PixelFormat::yuv420p));
   std::unique_ptr<Overlay> overlay;
   if (has_window) {
-    auto made = Overlay::create(**context);
-    if (!made) return tl::unexpected(made.error());
-    overlay = std::move(*made);
+    PENUMBRA_TRY(auto made, Overlay::create(*context));
+    overlay = std::move(made);
   }
-  std::unique_ptr<StudyFeed> feed = std::move(pictures->feed);
+  std::unique_ptr<StudyFeed> feed = std::move(pictures.feed);
   if (!feed) {
-    auto source = open_live_source(request.camera, pictures->camera);
-    if (!source) return tl::unexpected(source.error());
-    feed = feed_of_camera(std::move(*source));
+    PENUMBRA_TRY(auto source, open_live_source(request.camera, pictures.camera));
+    feed = feed_of_camera(std::move(source));
   }
 
   StudyReport report;
   std::optional<OutputFile> summary_file;  // beside the answers, which a stream does not have
   if (!is_stream(request.results)) {
     report.summary_file = summary_path(request.results);
-    auto created = OutputFile::create(report.summary_file);
-    if (!created) return tl::unexpected(created.error());
-    summary_file.emplace(std::move(*created));
+    PENUMBRA_TRY(auto created, OutputFile::create(report.summary_file));
+    summary_file.emplace(std::move(created));
   }
-  auto file = StudyFile::open(request.results, request.design, request.resume);
-  if (!file) return tl::unexpected(file.error());
+  PENUMBRA_TRY(auto file, StudyFile::open(request.results, request.design, request.resume));
   const StudyPlan plan = plan_study(request.design);
-  StudyTask task(plan, first_open_trial(plan, file->rows()));
+  StudyTask task(plan, first_open_trial(plan, file.rows()));
   interrupt.hold();
   Result<void> done;
   if (!task.finished()) {
-    StudyLoop loop(**context, *session, *feed, task, *file, std::move(overlay), std::move(script),
+    StudyLoop loop(*context, session, *feed, task, file, std::move(overlay), std::move(script),
                    request.pause_s);
     done = loop.run(interrupt);
   }
   // A failure after the display is lost is its consequence.
-  if (auto lost = display_loss(**context)) done = tl::unexpected(*lost);
+  if (auto lost = display_loss(*context)) done = tl::unexpected(*lost);
   report.trials = static_cast<int>(plan.trials.size());
-  report.answered = static_cast<int>(first_open_trial(plan, file->rows()));
-  report.summary = summarise(request.design, file->rows());
+  report.answered = static_cast<int>(first_open_trial(plan, file.rows()));
+  report.summary = summarise(request.design, file.rows());
   if (summary_file) {
     const std::string text = summary_csv(study_name(request.design), report.summary);
     if (auto written = write_text(*summary_file, text); !written && done) done = written;

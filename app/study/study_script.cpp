@@ -7,6 +7,7 @@
 #include <tuple>
 #include <utility>
 
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "render/gl/context.hpp"
 
@@ -168,9 +169,8 @@ Result<StudyScript> parse_study_script(std::string_view text, std::string name) 
 }
 
 Result<StudyScript> load_study_script(const std::filesystem::path& file) {
-  const auto text = read_text_file(file, kMaxScriptBytes);
-  if (!text) return tl::unexpected(text.error());
-  return parse_study_script(*text, file.string());
+  PENUMBRA_TRY(const auto text, read_text_file(file, kMaxScriptBytes));
+  return parse_study_script(text, file.string());
 }
 
 }  // namespace penumbra

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "app/window/overlay_renderer.hpp"
+#include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
 #include "render/gl/framebuffer.hpp"
 #include "render/shadow/layers/layered_penumbra.hpp"
@@ -143,9 +144,8 @@ struct Overlay::Impl {
         sized[i] = fonts.AddFontDefault(&config);
       }
     }
-    auto made = OverlayRenderer::create(context, fonts);
-    if (!made) return tl::unexpected(made.error());
-    renderer.emplace(std::move(*made));
+    PENUMBRA_TRY(auto made, OverlayRenderer::create(context, fonts));
+    renderer.emplace(std::move(made));
     return {};
   }
 
@@ -653,7 +653,7 @@ Overlay::~Overlay() = default;
 
 Result<std::unique_ptr<Overlay>> Overlay::create(const GlContext& context) {
   auto impl = std::make_unique<Impl>();
-  if (auto opened = impl->open(context); !opened) return tl::unexpected(opened.error());
+  PENUMBRA_TRY_VOID(impl->open(context));
   return std::unique_ptr<Overlay>(new Overlay(std::move(impl)));
 }
 

@@ -10,6 +10,8 @@
 #include <string_view>
 #include <utility>
 
+#include "core/propagate.hpp"
+
 namespace penumbra {
 
 static_assert(sizeof(ImDrawIdx) == 2);
@@ -20,9 +22,8 @@ OverlayRenderer::OverlayRenderer(ShaderProgram program)
 Result<OverlayRenderer> OverlayRenderer::create(const GlContext& context, ImFontAtlas& fonts) {
   constexpr std::array<std::string_view, 1> kVertex = {"overlay.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"overlay.frag.glsl"};
-  auto program = ShaderProgram::link(context.info().api, kVertex, kFragment);
-  if (!program) return tl::unexpected(program.error());
-  OverlayRenderer renderer(std::move(*program));
+  PENUMBRA_TRY(auto program, ShaderProgram::link(context.info().api, kVertex, kFragment));
+  OverlayRenderer renderer(std::move(program));
   unsigned char* texels = nullptr;
   int width = 0, height = 0;
   fonts.GetTexDataAsRGBA32(&texels, &width, &height);

@@ -10,6 +10,7 @@
 
 #include "calib/camera_calibration.hpp"
 #include "calib/target/image_cells.hpp"
+#include "core/propagate.hpp"
 #include "core/units.hpp"
 #include "tracking/detection/pose_refiner.hpp"
 #include "tracking/detection/pose_solver.hpp"
@@ -219,9 +220,8 @@ Result<ViewGuide> ViewGuide::create(const Target& target, const GuideOptions& op
   impl->lens.model = options.model.value_or(DistortionModel::plumb_bob);
   impl->lens.without_k3 =
       impl->lens.model == DistortionModel::plumb_bob && (!options.model || options.for_kalibr);
-  Result<TargetDetector> detector = TargetDetector::create(target);
-  if (!detector) return tl::unexpected(detector.error());
-  impl->detector.emplace(std::move(*detector));
+  PENUMBRA_TRY(TargetDetector detector, TargetDetector::create(target));
+  impl->detector.emplace(std::move(detector));
   impl->measure();
   return ViewGuide(std::move(impl));
 }

@@ -12,6 +12,7 @@
 
 #include "calib/solver/packed_pose.hpp"
 #include "calib/solver/stop_callback.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -189,10 +190,9 @@ bool Bundle::mark_outliers(double limit_px) {
 
 Result<CalibrationSolution> Bundle::finish() {
   CalibrationSolution solution;
-  const Result<CameraModel> camera =
-      CameraModel::make(camera_of(lens, options_.model, width_, height_));
-  if (!camera) return tl::unexpected(camera.error());
-  solution.camera = *camera;
+  PENUMBRA_TRY(const CameraModel camera,
+               CameraModel::make(camera_of(lens, options_.model, width_, height_)));
+  solution.camera = camera;
   solution.shape = options_.shape;
   solution.board.assign(board_.begin(), board_.end());
   for (std::size_t i = 0; i < board_.size(); ++i) {

@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "calib/solver/bundle.hpp"
+#include "core/propagate.hpp"
 #include "tracking/detection/pose_refiner.hpp"
 #include "tracking/detection/pose_solver.hpp"
 
@@ -230,7 +231,7 @@ Result<CalibrationSolution> solve_intrinsics(int width, int height,
                                              std::span<const Eigen::Vector3d> board,
                                              std::span<const CalibrationView> views,
                                              const SolverOptions& options) {
-  if (const auto ok = check_views(board, views); !ok) return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(check_views(board, views));
   const std::vector<Guess> guesses = guess_lens(width, height, board, views, options);
   SolverOptions rough = options;
   rough.shape = BoardShape::rigid;
@@ -281,7 +282,7 @@ Result<CalibrationSolution> solve_intrinsics(const CalibrationSolution& start,
                                              std::span<const Eigen::Vector3d> board,
                                              std::span<const CalibrationView> views,
                                              const SolverOptions& options) {
-  if (const auto ok = check_views(board, views); !ok) return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(check_views(board, views));
   CameraParameters parameters = start.camera.parameters();
   Bundle bundle(parameters.width, parameters.height, board, views, options);
   if (parameters.model != options.model) {

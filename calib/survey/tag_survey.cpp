@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "calib/survey/tag_graph.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/text/yaml_fields.hpp"
 #include "core/units.hpp"
@@ -271,7 +272,7 @@ Result<SettledGraph> settle(const CameraModel& camera, const SurveyInput& input,
   graph.stop = options.stop;
   graph.frames = input.frames;
   graph.shift_is_free = false;
-  if (const auto ok = chain(graph, input, anchor, without); !ok) return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(chain(graph, input, anchor, without));
   const TagGraph chained = graph;
   graph.shift_is_free = options.edge_shift;
   int corners = 0;
@@ -509,20 +510,18 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
     return fail("the anchor, tag {}, is never seen{}; choose one of {}", options.anchor,
                 input.without_size.count(options.anchor) > 0 ? " with a size" : "", joined(ids));
   }
-  auto agreement = agree(camera, input, options.anchor, options);
-  if (!agreement) return tl::unexpected(agreement.error());
-  if (anchor_is_doubtful(*agreement, input, options.anchor)) return blame(camera, input, options);
-  TagGraph& graph = agreement->settled.graph;
+  PENUMBRA_TRY(auto agreement, agree(camera, input, options.anchor, options));
+  if (anchor_is_doubtful(agreement, input, options.anchor)) return blame(camera, input, options);
+  TagGraph& graph = agreement.settled.graph;
   TagSurvey result;
-  result.rms_px = agreement->settled.rms_px;
+  result.rms_px = agreement.settled.rms_px;
   if (result.rms_px > 3.0) {
     return fail(
         "the tags contradict each other by {:.1f} px: did some of them move, are the sizes right, "
         "and is the camera's file of this camera?",
         result.rms_px);
   }
-  const auto covariance = graph.covariance();
-  if (!covariance) return tl::unexpected(covariance.error());
+  PENUMBRA_TRY(const auto covariance, graph.covariance());
   Result<CameraModel> lens = graph.camera();
   if (!lens) {
     return fail(
@@ -531,9 +530,9 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
         lens.error().message);
   }
   result.camera = std::move(*lens);
-  result.lens_covariance = covariance->lens;
+  result.lens_covariance = covariance.lens;
   if (options.refine_camera) {
-    const double spread = std::sqrt(covariance->lens(0, 0)) / result.camera.parameters().fx;
+    const double spread = std::sqrt(covariance.lens(0, 0)) / result.camera.parameters().fx;
     if (!(spread < kMostLensSpread)) {
       return fail(
           "the sweep leaves the focal length open by {:.1f} %; look at the tags from lower and "
@@ -541,7 +540,7 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
           spread * 100.0);
     }
   }
-  result.clustering = covariance->clustering;
+  result.clustering = covariance.clustering;
   result.edge_shift_px = graph.shift;
   result.cameras.resize(frames.size());
   for (std::size_t f = 0; f < graph.frames.size(); ++f) {
@@ -563,7 +562,7 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
   const std::vector<int> on_plane = options.plane == SurveyPlane::fitted
                                         ? tags_on_table(poses, options.anchor, options)
                                         : std::vector{options.anchor};
-  settle_on_plane(result, std::move(poses), *covariance, on_plane, options.anchor);
+  settle_on_plane(result, std::move(poses), covariance, on_plane, options.anchor);
   const TagPose T_table_anchor =
       std::find_if(result.tags.begin(), result.tags.end(), [&](const SurveyedTag& tag) {
         return tag.tag.id == options.anchor;
@@ -575,8 +574,8 @@ Result<TagSurvey> survey_tags(const CameraModel& camera, std::span<const SurveyF
     if (graph.tags.count(id) == 0) left_out.insert(id);
   }
   for (const int id : left_out) {
-    const auto told = agreement->others.find(id);
-    if (told != agreement->others.end()) {
+    const auto told = agreement.others.find(id);
+    if (told != agreement.others.end()) {
       result.left_out.push_back(told->second.words);
       if (told->second.apparent) {
         result.misfits.push_back(*told->second.apparent);
@@ -637,17 +636,15 @@ Result<void> save_tag_survey(const std::filesystem::path& file, const TagSurvey&
 }
 
 Result<std::map<int, double>> load_tag_sizes(const std::filesystem::path& file) {
-  const Result<YAML::Node> root = load_yaml_map(file);
-  if (!root) return tl::unexpected(root.error());
+  PENUMBRA_TRY(const YAML::Node root, load_yaml_map(file));
   try {
     std::map<int, double> sizes;
-    if (YamlFields(*root, file.string()).has("tags")) {
-      const Result<TagMap> map = load_tag_map(file);
-      if (!map) return tl::unexpected(map.error());
-      for (const MappedTag& tag : map->tags()) sizes[tag.id] = tag.size_m;
+    if (YamlFields(root, file.string()).has("tags")) {
+      PENUMBRA_TRY(const TagMap map, load_tag_map(file));
+      for (const MappedTag& tag : map.tags()) sizes[tag.id] = tag.size_m;
       return sizes;
     }
-    for (const auto& entry : *root) {
+    for (const auto& entry : root) {
       const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : "";
       const std::int64_t id = parse_integer(key).value_or(-1);
       const double size =

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/propagate.hpp"
 #include "core/text/yaml_fields.hpp"
 #include "tracking/alignment/tag_pattern.hpp"
 
@@ -40,35 +41,30 @@ void add_grid(Target& target) {
 
 Result<Target> read_aprilgrid(const YamlFields& fields) {
   AprilGrid grid;
-  const Result<int> columns = fields.integer("tagCols", "give the number of tags across");
-  if (!columns) return tl::unexpected(columns.error());
-  const Result<int> rows = fields.integer("tagRows", "give the number of tags down");
-  if (!rows) return tl::unexpected(rows.error());
-  const Result<double> size =
-      fields.number("tagSize", "give the edge of a tag's black square in metres");
-  if (!size) return tl::unexpected(size.error());
-  const Result<double> spacing =
-      fields.number("tagSpacing", "give the gap between tags over their size, such as 0.3");
-  if (!spacing) return tl::unexpected(spacing.error());
-  grid.columns = *columns;
-  grid.rows = *rows;
-  grid.tag_size_m = *size;
-  grid.spacing = *spacing;
+  PENUMBRA_TRY(const int columns, fields.integer("tagCols", "give the number of tags across"));
+  PENUMBRA_TRY(const int rows, fields.integer("tagRows", "give the number of tags down"));
+  PENUMBRA_TRY(const double size,
+               fields.number("tagSize", "give the edge of a tag's black square in metres"));
+  PENUMBRA_TRY(
+      const double spacing,
+      fields.number("tagSpacing", "give the gap between tags over their size, such as 0.3"));
+  grid.columns = columns;
+  grid.rows = rows;
+  grid.tag_size_m = size;
+  grid.spacing = spacing;
   for (const char* key : {"family", "tagFamily"}) {
     if (!fields.has(key)) continue;
-    const Result<std::string> family = fields.text(key, "name a family of tags");
-    if (!family) return tl::unexpected(family.error());
-    const auto known = tag_family_from_string(*family);
-    if (!known) return fail("{}: {}", fields.place_of(key), unknown_tag_family(*family));
+    PENUMBRA_TRY(const std::string family, fields.text(key, "name a family of tags"));
+    const auto known = tag_family_from_string(family);
+    if (!known) return fail("{}: {}", fields.place_of(key), unknown_tag_family(family));
     grid.family = *known;
     break;
   }
   // codeOffset is Kalibr's.
   for (const char* key : {"first_id", "codeOffset"}) {
     if (!fields.has(key)) continue;
-    const Result<int> first = fields.integer(key, "give the id of the bottom left tag");
-    if (!first) return tl::unexpected(first.error());
-    grid.first_id = *first;
+    PENUMBRA_TRY(const int first, fields.integer(key, "give the id of the bottom left tag"));
+    grid.first_id = first;
     break;
   }
   Result<TagMap> map = tag_map_of(grid);
@@ -86,55 +82,45 @@ Result<Target> read_chessboard(const YamlFields& fields) {
   const char* columns_key = kalibr ? "targetCols" : "inner_cols";
   const char* rows_key = kalibr ? "targetRows" : "inner_rows";
   const char* square_key = kalibr ? "colSpacingMeters" : "square_m";
-  const Result<int> columns =
-      fields.integer(columns_key, "give the number of inner corners across");
-  if (!columns) return tl::unexpected(columns.error());
-  const Result<int> rows = fields.integer(rows_key, "give the number of inner corners down");
-  if (!rows) return tl::unexpected(rows.error());
-  const Result<double> square = fields.number(square_key, "give a square's edge in metres");
-  if (!square) return tl::unexpected(square.error());
+  PENUMBRA_TRY(const int columns,
+               fields.integer(columns_key, "give the number of inner corners across"));
+  PENUMBRA_TRY(const int rows, fields.integer(rows_key, "give the number of inner corners down"));
+  PENUMBRA_TRY(const double square, fields.number(square_key, "give a square's edge in metres"));
   if (kalibr && fields.has("rowSpacingMeters")) {
-    const Result<double> other = fields.number("rowSpacingMeters", "give a square's edge");
-    if (!other) return tl::unexpected(other.error());
-    if (std::abs(*other - *square) > 1e-9) {
+    PENUMBRA_TRY(const double other, fields.number("rowSpacingMeters", "give a square's edge"));
+    if (std::abs(other - square) > 1e-9) {
       return fail("{}: is {}, but colSpacingMeters is {}; the squares must be square",
-                  fields.place_of("rowSpacingMeters"), *other, *square);
+                  fields.place_of("rowSpacingMeters"), other, square);
     }
   }
-  Result<Target> target = chessboard_target(*columns, *rows, *square);
+  Result<Target> target = chessboard_target(columns, rows, square);
   if (!target) return fail_in(fields.place(), target.error());
   return target;
 }
 
 Result<Target> read_charuco(const YamlFields& fields) {
   CharucoBoard board;
-  const Result<int> columns = fields.integer("columns", "give the number of squares across");
-  if (!columns) return tl::unexpected(columns.error());
-  const Result<int> rows = fields.integer("rows", "give the number of squares down");
-  if (!rows) return tl::unexpected(rows.error());
-  const Result<double> square = fields.number("square_m", "give a square's edge in metres");
-  if (!square) return tl::unexpected(square.error());
-  const Result<double> tag = fields.number("tag_m", "give the edge of a tag's black border");
-  if (!tag) return tl::unexpected(tag.error());
+  PENUMBRA_TRY(const int columns, fields.integer("columns", "give the number of squares across"));
+  PENUMBRA_TRY(const int rows, fields.integer("rows", "give the number of squares down"));
+  PENUMBRA_TRY(const double square, fields.number("square_m", "give a square's edge in metres"));
+  PENUMBRA_TRY(const double tag, fields.number("tag_m", "give the edge of a tag's black border"));
   const char* key = fields.has("dictionary") ? "dictionary" : "family";
-  const Result<std::string> family =
-      fields.text(key, "name a dictionary such as DICT_4X4_50, or a family such as tag36h11");
-  if (!family) return tl::unexpected(family.error());
-  const auto known = tag_family_from_string(*family);
-  if (!known) return fail("{}: {}", fields.place_of(key), unknown_tag_family(*family));
-  board = {*columns, *rows, *square, *tag, *known, 0, false};
+  PENUMBRA_TRY(
+      const std::string family,
+      fields.text(key, "name a dictionary such as DICT_4X4_50, or a family such as tag36h11"));
+  const auto known = tag_family_from_string(family);
+  if (!known) return fail("{}: {}", fields.place_of(key), unknown_tag_family(family));
+  board = {columns, rows, square, tag, *known, 0, false};
   if (fields.has("legacy")) {
     // What OpenCV calls its own boards before 4.6: their last row begins with a black square.
-    const Result<std::string> legacy = fields.text("legacy", "give true or false");
-    if (!legacy) return tl::unexpected(legacy.error());
-    if (*legacy != "true" && *legacy != "false")
-      return fail("{}: is '{}'; give true or false", fields.place_of("legacy"), *legacy);
-    board.first_white = *legacy == "true" && board.rows % 2 == 0;
+    PENUMBRA_TRY(const std::string legacy, fields.text("legacy", "give true or false"));
+    if (legacy != "true" && legacy != "false")
+      return fail("{}: is '{}'; give true or false", fields.place_of("legacy"), legacy);
+    board.first_white = legacy == "true" && board.rows % 2 == 0;
   }
   if (fields.has("first_id")) {
-    const Result<int> first = fields.integer("first_id", "give the id of the first tag");
-    if (!first) return tl::unexpected(first.error());
-    board.first_id = *first;
+    PENUMBRA_TRY(const int first, fields.integer("first_id", "give the id of the first tag"));
+    board.first_id = first;
   }
   Result<Target> target = charuco_target(board);
   if (!target) return fail_in(fields.place(), target.error());
@@ -158,8 +144,7 @@ Result<Target> tag_target(TagMap map) {
   double smallest = kLargest;
   double largest = 0.0;
   for (const MappedTag& tag : map.tags()) {
-    if (const auto ok = check_length(tag.size_m, fmt::format("size_m of tag {}", tag.id)); !ok)
-      return tl::unexpected(ok.error());
+    PENUMBRA_TRY_VOID(check_length(tag.size_m, fmt::format("size_m of tag {}", tag.id)));
     const int first = static_cast<int>(target.points.size());
     for (const Eigen::Vector3d& corner : tag.corners()) target.points.push_back(corner);
     for (int i = 0; i < 4; ++i) target.edges.emplace_back(first + i, first + (i + 1) % 4);
@@ -175,16 +160,13 @@ Result<Target> tag_target(TagMap map) {
 }
 
 Result<Target> chessboard_target(int inner_columns, int inner_rows, double square_m) {
-  if (const auto ok = check_count(inner_columns, "the number of inner corners across"); !ok)
-    return tl::unexpected(ok.error());
-  if (const auto ok = check_count(inner_rows, "the number of inner corners down"); !ok)
-    return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(check_count(inner_columns, "the number of inner corners across"));
+  PENUMBRA_TRY_VOID(check_count(inner_rows, "the number of inner corners down"));
   if (inner_columns < 3 || inner_rows < 3) {
     return fail("a chessboard of {} x {} inner corners; at least 3 x 3 can be found", inner_columns,
                 inner_rows);
   }
-  if (const auto ok = check_length(square_m, "the edge of a square"); !ok)
-    return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(check_length(square_m, "the edge of a square"));
   Target target;
   target.kind = TargetKind::chessboard;
   target.columns = inner_columns;
@@ -197,26 +179,20 @@ Result<Target> chessboard_target(int inner_columns, int inner_rows, double squar
 }
 
 Result<Target> charuco_target(const CharucoBoard& board) {
-  if (const auto ok = check_count(board.columns, "the number of squares across"); !ok)
-    return tl::unexpected(ok.error());
-  if (const auto ok = check_count(board.rows, "the number of squares down"); !ok)
-    return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(check_count(board.columns, "the number of squares across"));
+  PENUMBRA_TRY_VOID(check_count(board.rows, "the number of squares down"));
   if (board.columns < 3 || board.rows < 3)
     return fail("a ChArUco board of {} x {} squares; give at least 3 x 3", board.columns,
                 board.rows);
-  if (const auto ok = check_length(board.square_m, "the edge of a square"); !ok)
-    return tl::unexpected(ok.error());
-  if (const auto ok = check_length(board.tag_m, "the edge of a tag"); !ok)
-    return tl::unexpected(ok.error());
-  const Result<TagPattern> pattern = TagPattern::make(board.family, board.first_id);
-  if (!pattern) return tl::unexpected(pattern.error());
-  if (pattern->total_width() != pattern->width_at_border() + 2) {
+  PENUMBRA_TRY_VOID(check_length(board.square_m, "the edge of a square"));
+  PENUMBRA_TRY_VOID(check_length(board.tag_m, "the edge of a tag"));
+  PENUMBRA_TRY(const TagPattern pattern, TagPattern::make(board.family, board.first_id));
+  if (pattern.total_width() != pattern.width_at_border() + 2) {
     return fail("{}: has data outside its border; a ChArUco board takes a family such as tag36h11",
                 to_string(board.family));
   }
   // Half a cell of white on each side is what its border is told by.
-  const double needed_m =
-      board.tag_m * (pattern->width_at_border() + 1) / pattern->width_at_border();
+  const double needed_m = board.tag_m * (pattern.width_at_border() + 1) / pattern.width_at_border();
   if (needed_m > board.square_m * (1.0 + 1e-9)) {
     return fail("a tag of {} m needs a square of {:.4f} m with its white margin, and it is {} m",
                 board.tag_m, needed_m, board.square_m);
@@ -238,14 +214,12 @@ Result<Target> charuco_target(const CharucoBoard& board) {
       tag.T_table_tag = {Eigen::Quaterniond::Identity(),
                          {(i - 0.5 * (board.columns - 1)) * board.square_m,
                           (0.5 * (board.rows - 1) - j) * board.square_m, 0.0}};
-      if (const Result<TagPattern> known = TagPattern::make(tag.family, tag.id); !known)
-        return tl::unexpected(known.error());
+      PENUMBRA_TRY_VOID(TagPattern::make(tag.family, tag.id));
       tags.push_back(tag);
     }
   }
-  Result<TagMap> map = TagMap::make(std::move(tags));
-  if (!map) return tl::unexpected(map.error());
-  target.tags = std::move(*map);
+  PENUMBRA_TRY(TagMap map, TagMap::make(std::move(tags)));
+  target.tags = std::move(map);
   target.description = fmt::format("ChArUco board of {} x {} squares of {:g} mm", board.columns,
                                    board.rows, board.square_m * 1e3);
   return target;
@@ -256,8 +230,7 @@ Result<TagMap> tag_map_of(const AprilGrid& grid) {
     return fail("an aprilgrid of {} x {} tags; give 1 to {} of each", grid.columns, grid.rows,
                 kMostAcross);
   }
-  if (const auto ok = check_length(grid.tag_size_m, "tagSize"); !ok)
-    return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(check_length(grid.tag_size_m, "tagSize"));
   if (!(grid.spacing > 0.0 && grid.spacing <= 10.0)) {
     return fail("tagSpacing is {}; give the gap between two tags over their size, such as 0.3",
                 grid.spacing);
@@ -273,8 +246,7 @@ Result<TagMap> tag_map_of(const AprilGrid& grid) {
       tag.T_table_tag = {
           Eigen::Quaterniond::Identity(),
           {(i - 0.5 * (grid.columns - 1)) * pitch, (j - 0.5 * (grid.rows - 1)) * pitch, 0.0}};
-      if (const Result<TagPattern> known = TagPattern::make(tag.family, tag.id); !known)
-        return tl::unexpected(known.error());
+      PENUMBRA_TRY_VOID(TagPattern::make(tag.family, tag.id));
       tags.push_back(tag);
     }
   }
@@ -282,25 +254,22 @@ Result<TagMap> tag_map_of(const AprilGrid& grid) {
 }
 
 Result<Target> load_target(const std::filesystem::path& file) {
-  const Result<YAML::Node> root = load_yaml_map(file);
-  if (!root) return tl::unexpected(root.error());
+  PENUMBRA_TRY(const YAML::Node root, load_yaml_map(file));
   try {
-    const YamlFields fields(*root, file.string());
+    const YamlFields fields(root, file.string());
     if (!fields.has("target_type") && fields.has("tags")) {
-      Result<TagMap> map = load_tag_map(file);
-      if (!map) return tl::unexpected(map.error());
-      Result<Target> target = tag_target(std::move(*map));
+      PENUMBRA_TRY(TagMap map, load_tag_map(file));
+      Result<Target> target = tag_target(std::move(map));
       if (!target) return fail_in(file.string(), target.error());
       return target;
     }
     constexpr const char* kRemedy =
         "name aprilgrid, checkerboard or charuco, or give a tags.yaml with its list `tags`";
-    const Result<std::string> type = fields.text("target_type", kRemedy);
-    if (!type) return tl::unexpected(type.error());
-    if (*type == "aprilgrid") return read_aprilgrid(fields);
-    if (*type == "checkerboard" || *type == "chessboard") return read_chessboard(fields);
-    if (*type == "charuco") return read_charuco(fields);
-    return fail("{}: '{}' is not known; {}", fields.place_of("target_type"), *type, kRemedy);
+    PENUMBRA_TRY(const std::string type, fields.text("target_type", kRemedy));
+    if (type == "aprilgrid") return read_aprilgrid(fields);
+    if (type == "checkerboard" || type == "chessboard") return read_chessboard(fields);
+    if (type == "charuco") return read_charuco(fields);
+    return fail("{}: '{}' is not known; {}", fields.place_of("target_type"), type, kRemedy);
   } catch (const std::exception& error) {  // yaml-cpp's own, should one get past the checks
     return fail("{}: is not readable as a target ({}); correct the file", file.string(),
                 error.what());

@@ -14,6 +14,7 @@
 
 #include "calib/survey/edge_spread.hpp"
 #include "calib/survey/luma_sample.hpp"
+#include "core/propagate.hpp"
 #include "tracking/alignment/tag_pattern.hpp"
 #include "tracking/detection/tag_detector.hpp"
 
@@ -623,9 +624,8 @@ Result<TargetDetector> TargetDetector::create(const Target& target) {
   impl->target = target;
   if (target.tags) {
     const std::vector<TagFamily> families = target.tags->families();
-    Result<TagDetector> tags = TagDetector::create(families);
-    if (!tags) return tl::unexpected(tags.error());
-    impl->tags.emplace(std::move(*tags));
+    PENUMBRA_TRY(TagDetector tags, TagDetector::create(families));
+    impl->tags.emplace(std::move(tags));
     const MappedTag& first = target.tags->tags().front();
     if (const auto pattern = TagPattern::make(first.family, first.id))
       impl->cells = pattern->width_at_border();
@@ -639,9 +639,8 @@ Result<TargetDetector> TargetDetector::create(const Target& target) {
     if (families.size() == 1 && families.front() == TagFamily::tag36h11) {
       TagDetectorOptions options;
       options.border_cells = 2;
-      Result<TagDetector> wide = TagDetector::create(families, options);
-      if (!wide) return tl::unexpected(wide.error());
-      impl->two_cell_tags.emplace(std::move(*wide));
+      PENUMBRA_TRY(TagDetector wide, TagDetector::create(families, options));
+      impl->two_cell_tags.emplace(std::move(wide));
     }
   }
   return TargetDetector(std::move(impl));

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "calib/target/sheet_page.hpp"
+#include "core/propagate.hpp"
 #include "core/text/file.hpp"
 #include "core/text/text.hpp"
 #include "tracking/alignment/tag_pattern.hpp"
@@ -49,9 +50,8 @@ Result<BoardExtent> extent_of(const TagBoard& board) {
   if (!(board.tag_size_m >= 0.001 && board.tag_size_m <= 2.0)) {
     return fail("tag size {} m: give the edge of the black square, 0.001 to 2 m", board.tag_size_m);
   }
-  const Result<TagPattern> pattern = TagPattern::make(board.family, board.first_id);
-  if (!pattern) return tl::unexpected(pattern.error());
-  const double printed = board.tag_size_m * pattern->total_width() / pattern->width_at_border();
+  PENUMBRA_TRY(const TagPattern pattern, TagPattern::make(board.family, board.first_id));
+  const double printed = board.tag_size_m * pattern.total_width() / pattern.width_at_border();
   if (!(board.pitch_m >= printed * (1.0 - 1e-9)) || !std::isfinite(board.pitch_m)) {
     return fail("pitch {} m: tags of {} m need {:.4f} m each with their white margin",
                 board.pitch_m, board.tag_size_m, printed);
@@ -122,14 +122,13 @@ bool is_free_at_origin(const TagMap& map, double printed_m) {
 }
 
 Result<Sheet> sheet_of(const TagBoard& board) {
-  const Result<BoardExtent> extent = extent_of(board);
-  if (!extent) return tl::unexpected(extent.error());
+  PENUMBRA_TRY(const BoardExtent extent, extent_of(board));
   Result<TagMap> map = tag_map_of(board);
   if (!map) return tl::unexpected(map.error());
-  const double printed = extent->width - board.pitch_m * (board.columns - 1);
+  const double printed = extent.width - board.pitch_m * (board.columns - 1);
   const bool free = is_free_at_origin(*map, printed);
   return Sheet{
-      extent->width, extent->height,
+      extent.width, extent.height,
       [map = std::move(*map)](cairo_t* cr, double x, double y) { draw_tags(cr, map, x, y); },
       fmt::format("{} ids {} to {}, black squares {:g} mm, pitch {:g} mm", to_string(board.family),
                   board.first_id, board.first_id + board.columns * board.rows - 1,
@@ -140,10 +139,9 @@ Result<Sheet> sheet_of(const TagBoard& board) {
 Result<Sheet> sheet_of(const AprilGrid& grid) {
   Result<TagMap> map = tag_map_of(grid);
   if (!map) return tl::unexpected(map.error());
-  const Result<TagPattern> pattern = TagPattern::make(grid.family, grid.first_id);
-  if (!pattern) return tl::unexpected(pattern.error());
+  PENUMBRA_TRY(const TagPattern pattern, TagPattern::make(grid.family, grid.first_id));
   const double pitch = grid.tag_size_m * (1.0 + grid.spacing);
-  const double printed = grid.tag_size_m * pattern->total_width() / pattern->width_at_border();
+  const double printed = grid.tag_size_m * pattern.total_width() / pattern.width_at_border();
   if (!(pitch >= printed * (1.0 - 1e-9))) {
     return fail("spacing {}: tags need {:.3f} of their size between them for their white margins",
                 grid.spacing, printed / grid.tag_size_m - 1.0);
@@ -158,7 +156,7 @@ Result<Sheet> sheet_of(const AprilGrid& grid) {
 }
 
 Result<Sheet> sheet_of(const CharucoBoard& board) {
-  Result<Target> target = charuco_target(board);
+  auto target = charuco_target(board);
   if (!target) return tl::unexpected(target.error());
   return Sheet{board.columns * board.square_m, board.rows * board.square_m,
                [board, map = std::move(*target->tags)](cairo_t* cr, double x, double y) {
@@ -179,9 +177,7 @@ Result<Sheet> sheet_of(const CharucoBoard& board) {
 }
 
 Result<Sheet> sheet_of(const ChessboardSheet& board) {
-  const Result<Target> target =
-      chessboard_target(board.inner_columns, board.inner_rows, board.square_m);
-  if (!target) return tl::unexpected(target.error());
+  PENUMBRA_TRY_VOID(chessboard_target(board.inner_columns, board.inner_rows, board.square_m));
   const int columns = board.inner_columns + 1;
   const int rows = board.inner_rows + 1;
   return Sheet{(columns + 1) * board.square_m, (rows + 1) * board.square_m,
@@ -241,8 +237,7 @@ Result<PageSize> page_size_from_string(std::string_view name) {
 }
 
 Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale) {
-  if (const Result<BoardExtent> extent = extent_of(board); !extent)
-    return tl::unexpected(extent.error());
+  PENUMBRA_TRY_VOID(extent_of(board));
   if (!(printed_scale >= kSmallestScale && printed_scale <= kLargestScale)) {
     return fail(
         "the sheet's scale is {}; measure the ruler again: 100 mm should come out at 50 to 200 mm",
@@ -254,8 +249,7 @@ Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale) {
       MappedTag tag;
       tag.id = board.first_id + row * board.columns + column;
       tag.family = board.family;
-      if (const Result<TagPattern> pattern = TagPattern::make(tag.family, tag.id); !pattern)
-        return tl::unexpected(pattern.error());
+      PENUMBRA_TRY_VOID(TagPattern::make(tag.family, tag.id));
       tag.size_m = board.tag_size_m * printed_scale;
       tag.T_table_tag = {Eigen::Quaterniond::Identity(),
                          {(column - 0.5 * (board.columns - 1)) * board.pitch_m * printed_scale,
@@ -267,10 +261,8 @@ Result<TagMap> tag_map_of(const TagBoard& board, double printed_scale) {
 }
 
 Result<void> check_fits(const SheetTarget& target, const PageSize& page) {
-  const Result<Sheet> sheet = sheet_of(target);
-  if (!sheet) return tl::unexpected(sheet.error());
-  const Result<PageSize> turned = turned_page(*sheet, page);
-  if (!turned) return tl::unexpected(turned.error());
+  PENUMBRA_TRY(const Sheet sheet, sheet_of(target));
+  PENUMBRA_TRY_VOID(turned_page(sheet, page));
   return {};
 }
 
@@ -285,11 +277,9 @@ Result<void> write_tag_board(const std::filesystem::path& pdf, const TagBoard& b
 
 Result<void> write_sheet(const std::filesystem::path& file, const SheetTarget& target,
                          const PageSize& page, SheetFormat format) {
-  const Result<Sheet> sheet = sheet_of(target);
-  if (!sheet) return tl::unexpected(sheet.error());
-  const Result<PageSize> turned = turned_page(*sheet, page);
-  if (!turned) return tl::unexpected(turned.error());
-  const Result<std::vector<std::uint8_t>> bytes = page_bytes(*sheet, *turned, format);
+  PENUMBRA_TRY(const Sheet sheet, sheet_of(target));
+  PENUMBRA_TRY(const PageSize turned, turned_page(sheet, page));
+  const Result<std::vector<std::uint8_t>> bytes = page_bytes(sheet, turned, format);
   if (!bytes) return fail_in(file.string(), bytes.error());
   return write_file(file, *bytes);
 }
@@ -305,9 +295,8 @@ Result<std::string> target_text(const SheetTarget& target, double printed_scale)
   }
   const std::string measured = measured_line(printed_scale);
   if (const auto* tags = std::get_if<TagBoard>(&target)) {
-    const Result<TagMap> map = tag_map_of(*tags, printed_scale);
-    if (!map) return tl::unexpected(map.error());
-    return measured + tag_map_text(*map);
+    PENUMBRA_TRY(const TagMap map, tag_map_of(*tags, printed_scale));
+    return measured + tag_map_text(map);
   }
   // Lengths to the nanometre: 0.03 m times 0.992 is 0.02976 and not 0.029759999999999998.
   std::string text;
@@ -342,9 +331,8 @@ Result<std::string> target_text(const SheetTarget& target, double printed_scale)
 
 Result<void> save_target(const std::filesystem::path& file, const SheetTarget& target,
                          double printed_scale) {
-  const Result<std::string> text = target_text(target, printed_scale);
-  if (!text) return tl::unexpected(text.error());
-  return write_text_file(file, *text);
+  PENUMBRA_TRY(const std::string text, target_text(target, printed_scale));
+  return write_text_file(file, text);
 }
 
 std::optional<double> printed_scale_of(const std::filesystem::path& file,

@@ -11,6 +11,7 @@
 #include "core/camera/opencv_xml.hpp"
 #include "core/camera_plausibility.hpp"
 #include "core/evaluation/running_statistics.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/text/yaml_fields.hpp"
 
@@ -63,55 +64,48 @@ Result<PlacedNumbers> matrix_numbers(const YamlFields& fields, const std::string
   if (!node) return tl::unexpected(node.error());
   if (!node->IsMap()) {
     if (node->IsNull()) return PlacedNumbers{{}, fields.place_of(key.c_str())};
-    const Result<std::vector<double>> values = fields.numbers(key.c_str(), remedy);
-    if (!values) return tl::unexpected(values.error());
-    return PlacedNumbers{*values, fields.place_of(key.c_str())};
+    PENUMBRA_TRY(const std::vector<double> values, fields.numbers(key.c_str(), remedy));
+    return PlacedNumbers{values, fields.place_of(key.c_str())};
   }
-  const Result<YamlFields> matrix = fields.fields(key.c_str(), remedy);
-  if (!matrix) return tl::unexpected(matrix.error());
-  const Result<YAML::Node> data = matrix->node("data", remedy);
-  if (!data) return tl::unexpected(data.error());
-  if (data->IsNull()) return PlacedNumbers{{}, matrix->place_of("data")};
-  const Result<std::vector<double>> values = matrix->numbers("data", remedy);
-  if (!values) return tl::unexpected(values.error());
-  return PlacedNumbers{*values, matrix->place_of("data")};
+  PENUMBRA_TRY(const YamlFields matrix, fields.fields(key.c_str(), remedy));
+  PENUMBRA_TRY(const YAML::Node data, matrix.node("data", remedy));
+  if (data.IsNull()) return PlacedNumbers{{}, matrix.place_of("data")};
+  PENUMBRA_TRY(const std::vector<double> values, matrix.numbers("data", remedy));
+  return PlacedNumbers{values, matrix.place_of("data")};
 }
 
 Result<void> take_size(const YamlFields& fields, CameraParameters& p) {
   if (!has_any(fields, kWidthKeys) && has_any(fields, kSizeKeys)) {
     const std::string key = key_present(fields, kSizeKeys);
-    const Result<std::vector<double>> size = fields.numbers(key.c_str(), "give [width, height]");
-    if (!size) return tl::unexpected(size.error());
-    if (size->size() != 2 || !((*size)[0] >= 1.0 && (*size)[0] <= 1e6) ||
-        !((*size)[1] >= 1.0 && (*size)[1] <= 1e6))
+    PENUMBRA_TRY(const std::vector<double> size,
+                 fields.numbers(key.c_str(), "give [width, height]"));
+    if (size.size() != 2 || !(size[0] >= 1.0 && size[0] <= 1e6) ||
+        !(size[1] >= 1.0 && size[1] <= 1e6))
       return fail("{}: is not a size; give [width, height]", fields.place_of(key.c_str()));
-    p.width = static_cast<int>((*size)[0]);
-    p.height = static_cast<int>((*size)[1]);
+    p.width = static_cast<int>(size[0]);
+    p.height = static_cast<int>(size[1]);
     return {};
   }
-  const Result<int> width =
-      fields.integer(key_present(fields, kWidthKeys).c_str(), "give the image's width in pixels");
-  if (!width) return tl::unexpected(width.error());
-  const Result<int> height =
-      fields.integer(key_present(fields, kHeightKeys).c_str(), "give the image's height in pixels");
-  if (!height) return tl::unexpected(height.error());
-  p.width = *width;
-  p.height = *height;
+  PENUMBRA_TRY(const int width, fields.integer(key_present(fields, kWidthKeys).c_str(),
+                                               "give the image's width in pixels"));
+  PENUMBRA_TRY(const int height, fields.integer(key_present(fields, kHeightKeys).c_str(),
+                                                "give the image's height in pixels"));
+  p.width = width;
+  p.height = height;
   return {};
 }
 
 Result<void> take_matrix(const YamlFields& fields, const std::string& key, CameraParameters& p) {
   constexpr const char* kMatrix = "give data: [fx, 0, cx, 0, fy, cy, 0, 0, 1]";
-  const Result<PlacedNumbers> matrix = matrix_numbers(fields, key, kMatrix);
-  if (!matrix) return tl::unexpected(matrix.error());
-  const std::vector<double>& k = matrix->values;
-  if (k.size() != 9) return fail("{}: has {} numbers; {}", matrix->place, k.size(), kMatrix);
+  PENUMBRA_TRY(const PlacedNumbers matrix, matrix_numbers(fields, key, kMatrix));
+  const std::vector<double>& k = matrix.values;
+  if (k.size() != 9) return fail("{}: has {} numbers; {}", matrix.place, k.size(), kMatrix);
   if (std::ranges::all_of(k, [](double value) { return value == 0.0; })) {
     return fail("{}: holds zeros: the camera is not calibrated; calibrate it (penumbra calibrate)",
-                matrix->place);
+                matrix.place);
   }
   if (k[1] != 0.0 || k[3] != 0.0 || k[6] != 0.0 || k[7] != 0.0 || k[8] != 1.0)
-    return fail("{}: has skew or is not a camera matrix; {}", matrix->place, kMatrix);
+    return fail("{}: has skew or is not a camera matrix; {}", matrix.place, kMatrix);
   p.fx = k[0];
   p.cx = k[2];
   p.fy = k[4];
@@ -154,21 +148,16 @@ Result<void> take_coefficients(const PlacedNumbers& given, CameraParameters& p) 
 // it is made of.
 Result<void> take_uncertainty(const YamlFields& fields, CameraParameters& p) {
   constexpr const char* kRemedy = "leave out `uncertainty`, or calibrate again";
-  const Result<bool> present = fields.has_optional("uncertainty");
-  if (!present) return tl::unexpected(present.error());
-  if (!*present) return {};
-  const Result<YamlFields> uncertainty = fields.fields("uncertainty", kRemedy);
-  if (!uncertainty) return tl::unexpected(uncertainty.error());
-  const Result<bool> of_overlay = uncertainty->has_optional("overlay_px");
-  if (!of_overlay) return tl::unexpected(of_overlay.error());
-  if (*of_overlay) {
-    const Result<double> overlay = uncertainty->number("overlay_px", kRemedy);
-    if (!overlay) return tl::unexpected(overlay.error());
-    p.overlay_sigma_px = *overlay;
-  } else if (uncertainty->has("table_volume")) {
-    const Result<YamlFields> table = uncertainty->fields("table_volume", kRemedy);
-    if (!table) return tl::unexpected(table.error());
-    const Result<std::vector<double>> corners = table->numbers("tracked_px", kRemedy);
+  PENUMBRA_TRY(const bool present, fields.has_optional("uncertainty"));
+  if (!present) return {};
+  PENUMBRA_TRY(const YamlFields uncertainty, fields.fields("uncertainty", kRemedy));
+  PENUMBRA_TRY(const bool of_overlay, uncertainty.has_optional("overlay_px"));
+  if (of_overlay) {
+    PENUMBRA_TRY(const double overlay, uncertainty.number("overlay_px", kRemedy));
+    p.overlay_sigma_px = overlay;
+  } else if (uncertainty.has("table_volume")) {
+    PENUMBRA_TRY(const YamlFields table, uncertainty.fields("table_volume", kRemedy));
+    const Result<std::vector<double>> corners = table.numbers("tracked_px", kRemedy);
     if (!corners) return tl::unexpected(corners.error());
     if (!corners->empty()) p.overlay_sigma_px = root_mean_square(*corners);
   }
@@ -177,21 +166,19 @@ Result<void> take_uncertainty(const YamlFields& fields, CameraParameters& p) {
 
 // Reads the optional keys that other tools ignore.
 Result<void> take_optional(const YamlFields& fields, CameraParameters& p) {
-  const Result<bool> toned = fields.has_optional("tone_curve");
-  if (!toned) return tl::unexpected(toned.error());
-  if (*toned) {
-    const Result<double> tone =
-        fields.number("tone_curve", "give the exponent of the tone curve, or leave it out");
-    if (!tone) return tl::unexpected(tone.error());
-    p.tone_curve = *tone;
+  PENUMBRA_TRY(const bool toned, fields.has_optional("tone_curve"));
+  if (toned) {
+    PENUMBRA_TRY(
+        const double tone,
+        fields.number("tone_curve", "give the exponent of the tone curve, or leave it out"));
+    p.tone_curve = tone;
   }
-  const Result<bool> rolls = fields.has_optional("rolling_shutter_row_s");
-  if (!rolls) return tl::unexpected(rolls.error());
-  if (*rolls) {
-    const Result<double> row = fields.number(
-        "rolling_shutter_row_s", "give the seconds from one row to the next, or leave it out");
-    if (!row) return tl::unexpected(row.error());
-    p.rolling_shutter_row_s = *row;
+  PENUMBRA_TRY(const bool rolls, fields.has_optional("rolling_shutter_row_s"));
+  if (rolls) {
+    PENUMBRA_TRY(const double row,
+                 fields.number("rolling_shutter_row_s",
+                               "give the seconds from one row to the next, or leave it out"));
+    p.rolling_shutter_row_s = row;
   }
   return take_uncertainty(fields, p);
 }
@@ -215,21 +202,19 @@ Result<std::optional<DistortionModel>> named_model(const YamlFields& fields) {
     const Result<YAML::Node> node = fields.node(key, kModel);
     if (!node) return tl::unexpected(node.error());
     if (!node->IsNull() && !(node->IsScalar() && node->Scalar().empty())) {
-      const Result<std::string> model = fields.text(key, kModel);
-      if (!model) return tl::unexpected(model.error());
-      if (*model == "plumb_bob") return DistortionModel::plumb_bob;
-      if (*model == "rational_polynomial") return DistortionModel::rational;
-      if (*model == "equidistant" || *model == "fisheye") return DistortionModel::fisheye;
-      const bool projection = key == std::string_view("camera_model") && *model == "pinhole";
+      PENUMBRA_TRY(const std::string model, fields.text(key, kModel));
+      if (model == "plumb_bob") return DistortionModel::plumb_bob;
+      if (model == "rational_polynomial") return DistortionModel::rational;
+      if (model == "equidistant" || model == "fisheye") return DistortionModel::fisheye;
+      const bool projection = key == std::string_view("camera_model") && model == "pinhole";
       if (!projection)
-        return fail("{}: the lens model '{}' is not supported; {}", fields.place_of(key), *model,
+        return fail("{}: the lens model '{}' is not supported; {}", fields.place_of(key), model,
                     kModel);
     }
   }
   if (fields.has("fisheye_model")) {
-    const Result<int> fisheye = fields.integer("fisheye_model", "give 0 or 1");
-    if (!fisheye) return tl::unexpected(fisheye.error());
-    if (*fisheye != 0) return DistortionModel::fisheye;
+    PENUMBRA_TRY(const int fisheye, fields.integer("fisheye_model", "give 0 or 1"));
+    if (fisheye != 0) return DistortionModel::fisheye;
   }
   return std::nullopt;
 }
@@ -247,13 +232,12 @@ Result<void> check_whole_image(const YamlFields& fields, const CameraParameters&
   constexpr const char* kRemedy = "give 0 or 1";
   for (const char* key : {"binning_x", "binning_y"}) {
     if (!fields.has(key)) continue;
-    const Result<int> binning = fields.integer(key, kRemedy);
-    if (!binning) return tl::unexpected(binning.error());
-    if (*binning > 1) {
+    PENUMBRA_TRY(const int binning, fields.integer(key, kRemedy));
+    if (binning > 1) {
       return fail(
           "{}: is {}: images are smaller than the calibration; set the camera to whole "
           "images and take its camera_info again",
-          fields.place_of(key), *binning);
+          fields.place_of(key), binning);
     }
   }
   if (!fields.has("roi")) return {};
@@ -266,13 +250,12 @@ Result<void> check_whole_image(const YamlFields& fields, const CameraParameters&
   for (const auto& [key, whole] : {Part{"x_offset", 0}, Part{"y_offset", 0}, Part{"width", p.width},
                                    Part{"height", p.height}}) {
     if (!roi->has(key)) continue;
-    const Result<int> value = roi->integer(key, "give pixels");
-    if (!value) return tl::unexpected(value.error());
-    if (*value != 0 && *value != whole) {
+    PENUMBRA_TRY(const int value, roi->integer(key, "give pixels"));
+    if (value != 0 && value != whole) {
       return fail(
           "{}: is {}: images are a part of what is calibrated; set the camera to whole "
           "images and take its camera_info again",
-          roi->place_of(key), *value);
+          roi->place_of(key), value);
     }
   }
   return {};
@@ -283,24 +266,22 @@ Result<void> check_no_mirror(const YamlFields& fields, const std::string& suffix
   constexpr const char* kRemedy = "give one number";
   const std::string key = "xi" + suffix;
   if (!fields.has(key.c_str())) return {};
-  const Result<YAML::Node> node = fields.node(key.c_str(), kRemedy);
-  if (!node) return tl::unexpected(node.error());
+  PENUMBRA_TRY(const YAML::Node node, fields.node(key.c_str(), kRemedy));
   std::vector<double> values;
   // A matrix of one number in XML has a scalar as its data.
-  const YAML::Node data = node->IsMap() ? (*node)["data"] : YAML::Node();
+  const YAML::Node data = node.IsMap() ? node["data"] : YAML::Node();
   const bool scalar_data = data.IsDefined() && data.IsScalar();
-  if (node->IsScalar() || scalar_data) {
-    const Result<double> value =
-        scalar_data ? fields.fields(key.c_str(), kRemedy).and_then([&](const YamlFields& matrix) {
-          return matrix.number("data", kRemedy);
-        })
-                    : fields.number(key.c_str(), kRemedy);
-    if (!value) return tl::unexpected(value.error());
-    values.push_back(*value);
+  if (node.IsScalar() || scalar_data) {
+    PENUMBRA_TRY(const double value,
+                 scalar_data
+                     ? fields.fields(key.c_str(), kRemedy).and_then([&](const YamlFields& matrix) {
+                         return matrix.number("data", kRemedy);
+                       })
+                     : fields.number(key.c_str(), kRemedy));
+    values.push_back(value);
   } else {
-    const Result<PlacedNumbers> numbers = matrix_numbers(fields, key, kRemedy);
-    if (!numbers) return tl::unexpected(numbers.error());
-    values = numbers->values;
+    PENUMBRA_TRY(const PlacedNumbers numbers, matrix_numbers(fields, key, kRemedy));
+    values = numbers.values;
   }
   const auto mirror = std::ranges::find_if(values, [](double value) { return value != 0.0; });
   if (mirror == values.end()) return {};
@@ -339,24 +320,23 @@ struct ReadCamera {
 Result<ReadCamera> read_ros_or_opencv(const YamlFields& fields, const std::string& suffix = {}) {
   ReadCamera read;
   CameraParameters& p = read.parameters;
-  if (auto ok = take_size(fields, p); !ok) return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(take_size(fields, p));
   const std::string matrix_key = key_present(fields, kMatrixKeys, suffix);
-  if (auto ok = take_matrix(fields, matrix_key, p); !ok) return tl::unexpected(ok.error());
-  if (auto ok = check_whole_image(fields, p); !ok) return tl::unexpected(ok.error());
-  if (auto ok = check_no_mirror(fields, suffix); !ok) return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(take_matrix(fields, matrix_key, p));
+  PENUMBRA_TRY_VOID(check_whole_image(fields, p));
+  PENUMBRA_TRY_VOID(check_no_mirror(fields, suffix));
 
-  const Result<std::optional<DistortionModel>> model = named_model(fields);
-  if (!model) return tl::unexpected(model.error());
-  const Result<PlacedNumbers> coefficients =
+  PENUMBRA_TRY(const std::optional<DistortionModel> model, named_model(fields));
+  PENUMBRA_TRY(
+      const PlacedNumbers coefficients,
       matrix_numbers(fields, key_present(fields, kDistortionKeys, suffix),
-                     "give data: [k1, k2, ...], or data: [] for a lens without distortion");
-  if (!coefficients) return tl::unexpected(coefficients.error());
-  p.model = model->value_or(model_by_count(coefficients->values));
-  if (!*model) {
-    auto text = assumed_model_text(fields, matrix_key, coefficients->values, p.model);
+                     "give data: [k1, k2, ...], or data: [] for a lens without distortion"));
+  p.model = model.value_or(model_by_count(coefficients.values));
+  if (!model) {
+    auto text = assumed_model_text(fields, matrix_key, coefficients.values, p.model);
     if (text) read.warnings.push_back(std::move(*text));
   }
-  if (auto ok = take_coefficients(*coefficients, p); !ok) return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(take_coefficients(coefficients, p));
 
   if (fields.has("camera_name")) {
     const Result<YAML::Node> name = fields.node("camera_name", "");
@@ -365,19 +345,18 @@ Result<ReadCamera> read_ros_or_opencv(const YamlFields& fields, const std::strin
       return fail("{}: is not text; give a name or leave it out", fields.place_of("camera_name"));
     p.name = name->IsScalar() ? name->Scalar() : "";
   }
-  if (auto ok = take_optional(fields, p); !ok) return tl::unexpected(ok.error());
+  PENUMBRA_TRY_VOID(take_optional(fields, p));
   return read;
 }
 
 // Reads the image size from a list [width, height].
 Result<void> read_size(const YamlFields& fields, const char* key, CameraParameters& p) {
-  const Result<std::vector<double>> size = fields.numbers(key, "give [width, height]");
-  if (!size) return tl::unexpected(size.error());
+  PENUMBRA_TRY(const std::vector<double> size, fields.numbers(key, "give [width, height]"));
   const auto is_side = [](double side) { return side >= 1.0 && side <= 1e6; };
-  if (size->size() != 2 || !is_side((*size)[0]) || !is_side((*size)[1]))
+  if (size.size() != 2 || !is_side(size[0]) || !is_side(size[1]))
     return fail("{}: is not a size; give [width, height]", fields.place_of(key));
-  p.width = static_cast<int>((*size)[0]);
-  p.height = static_cast<int>((*size)[1]);
+  p.width = static_cast<int>(size[0]);
+  p.height = static_cast<int>(size[1]);
   return {};
 }
 
@@ -392,62 +371,56 @@ void set_pinhole(const std::vector<double>& k, CameraParameters& p) {
 Result<ReadCamera> read_kalibr(const YamlFields& camera) {
   ReadCamera read;
   CameraParameters& p = read.parameters;
-  const Result<std::string> kind = camera.text("camera_model", "name pinhole");
-  if (!kind) return tl::unexpected(kind.error());
-  if (*kind != "pinhole")
+  PENUMBRA_TRY(const std::string kind, camera.text("camera_model", "name pinhole"));
+  if (kind != "pinhole")
     return fail("{}: '{}' is not supported; calibrate as pinhole-radtan or pinhole-equi",
-                camera.place_of("camera_model"), *kind);
-  const Result<std::vector<double>> k = camera.numbers("intrinsics", "give [fx, fy, cx, cy]");
-  if (!k) return tl::unexpected(k.error());
-  if (k->size() != 4)
+                camera.place_of("camera_model"), kind);
+  PENUMBRA_TRY(const std::vector<double> k, camera.numbers("intrinsics", "give [fx, fy, cx, cy]"));
+  if (k.size() != 4)
     return fail("{}: has {} numbers; give [fx, fy, cx, cy]", camera.place_of("intrinsics"),
-                k->size());
-  if (auto sized = read_size(camera, "resolution", p); !sized) return tl::unexpected(sized.error());
-  set_pinhole(*k, p);
-  const Result<std::string> model =
-      camera.text("distortion_model", "name radtan, equidistant or none");
-  if (!model) return tl::unexpected(model.error());
-  if (*model == "none") return read;
-  const Result<std::vector<double>> d =
-      camera.numbers("distortion_coeffs", "give the model's 4 coefficients");
-  if (!d) return tl::unexpected(d.error());
-  if (*model != "radtan" && *model != "equidistant")
+                k.size());
+  PENUMBRA_TRY_VOID(read_size(camera, "resolution", p));
+  set_pinhole(k, p);
+  PENUMBRA_TRY(const std::string model,
+               camera.text("distortion_model", "name radtan, equidistant or none"));
+  if (model == "none") return read;
+  PENUMBRA_TRY(const std::vector<double> d,
+               camera.numbers("distortion_coeffs", "give the model's 4 coefficients"));
+  if (model != "radtan" && model != "equidistant")
     return fail("{}: the lens model '{}' is not supported; use radtan or equidistant",
-                camera.place_of("distortion_model"), *model);
-  if (d->size() != 4 && !(*model == "radtan" && d->size() == 5))
-    return fail("{}: has {} numbers, but {} has 4", camera.place_of("distortion_coeffs"), d->size(),
-                *model);
-  p.model = *model == "radtan" ? DistortionModel::plumb_bob : DistortionModel::fisheye;
-  std::copy(d->begin(), d->end(), p.distortion.begin());
+                camera.place_of("distortion_model"), model);
+  if (d.size() != 4 && !(model == "radtan" && d.size() == 5))
+    return fail("{}: has {} numbers, but {} has 4", camera.place_of("distortion_coeffs"), d.size(),
+                model);
+  p.model = model == "radtan" ? DistortionModel::plumb_bob : DistortionModel::fisheye;
+  std::copy(d.begin(), d.end(), p.distortion.begin());
   return read;
 }
 
 Result<ReadCamera> read_mrcal(const YamlFields& fields) {
   ReadCamera read;
   CameraParameters& p = read.parameters;
-  const Result<std::string> model = fields.text("lensmodel", "name LENSMODEL_OPENCV5");
-  if (!model) return tl::unexpected(model.error());
+  PENUMBRA_TRY(const std::string model, fields.text("lensmodel", "name LENSMODEL_OPENCV5"));
   std::size_t count = 0;
-  if (*model == "LENSMODEL_OPENCV4") {
+  if (model == "LENSMODEL_OPENCV4") {
     count = 4;
-  } else if (*model == "LENSMODEL_OPENCV5") {
+  } else if (model == "LENSMODEL_OPENCV5") {
     count = 5;
-  } else if (*model == "LENSMODEL_OPENCV8") {
+  } else if (model == "LENSMODEL_OPENCV8") {
     count = 8;
-  } else if (*model != "LENSMODEL_PINHOLE") {
+  } else if (model != "LENSMODEL_PINHOLE") {
     return fail("{}: '{}' is not supported; fit LENSMODEL_OPENCV8 with mrcal-convert-lensmodel",
-                fields.place_of("lensmodel"), *model);
+                fields.place_of("lensmodel"), model);
   }
-  const Result<std::vector<double>> k =
-      fields.numbers("intrinsics", "give fx, fy, cx, cy and the model's coefficients");
-  if (!k) return tl::unexpected(k.error());
-  if (k->size() != 4 + count)
-    return fail("{}: has {} numbers, but {} has {}", fields.place_of("intrinsics"), k->size(),
-                *model, 4 + count);
-  if (auto sized = read_size(fields, "imagersize", p); !sized) return tl::unexpected(sized.error());
-  set_pinhole(*k, p);
+  PENUMBRA_TRY(const std::vector<double> k,
+               fields.numbers("intrinsics", "give fx, fy, cx, cy and the model's coefficients"));
+  if (k.size() != 4 + count)
+    return fail("{}: has {} numbers, but {} has {}", fields.place_of("intrinsics"), k.size(), model,
+                4 + count);
+  PENUMBRA_TRY_VOID(read_size(fields, "imagersize", p));
+  set_pinhole(k, p);
   p.model = count == 8 ? DistortionModel::rational : DistortionModel::plumb_bob;
-  std::copy(k->begin() + 4, k->end(), p.distortion.begin());
+  std::copy(k.begin() + 4, k.end(), p.distortion.begin());
   return read;
 }
 
@@ -512,20 +485,17 @@ Result<ReadCamera> read_any(const YAML::Node& root, const std::string& file,
   const YamlFields fields(root, file);
   if (!is_camera(fields)) {
     if (const std::vector<std::string> names = wrapped_cameras(root); !names.empty()) {
-      const Result<std::size_t> chosen = choose_camera(names, wanted, file);
-      if (!chosen) return tl::unexpected(chosen.error());
-      const Result<YamlFields> camera =
-          fields.fields(names[*chosen].c_str(), "give the camera's map");
-      if (!camera) return tl::unexpected(camera.error());
-      return is_camera(*camera) ? read_ros_or_opencv(*camera) : read_kalibr(*camera);
+      PENUMBRA_TRY(const std::size_t chosen, choose_camera(names, wanted, file));
+      PENUMBRA_TRY(const YamlFields camera,
+                   fields.fields(names[chosen].c_str(), "give the camera's map"));
+      return is_camera(camera) ? read_ros_or_opencv(camera) : read_kalibr(camera);
     }
     if (const std::vector<std::string> suffixes = pair_suffixes(fields); !suffixes.empty()) {
       std::vector<std::string> names;
       for (const std::string& suffix : suffixes)
         names.push_back(key_present(fields, kMatrixKeys, suffix));
-      const Result<std::size_t> chosen = choose_camera(names, wanted, file);
-      if (!chosen) return tl::unexpected(chosen.error());
-      return read_ros_or_opencv(fields, suffixes[*chosen]);
+      PENUMBRA_TRY(const std::size_t chosen, choose_camera(names, wanted, file));
+      return read_ros_or_opencv(fields, suffixes[chosen]);
     }
   }
   Result<ReadCamera> read =
@@ -576,19 +546,17 @@ Result<void> check_lens(const CameraModel& camera) {
 Result<LoadedCamera> load_camera_file(const std::filesystem::path& file, const std::string& name) {
   const Result<std::string> text = read_text_file(file, kMaxYamlBytes);
   if (!text) return tl::unexpected(text.error());
-  const Result<YAML::Node> root =
-      is_xml(*text) ? parse_opencv_xml(*text, file.string())
-                    : parse_yaml_map(without_bytes_literals(*text), file.string());
-  if (!root) return tl::unexpected(root.error());
+  PENUMBRA_TRY(const YAML::Node root,
+               is_xml(*text) ? parse_opencv_xml(*text, file.string())
+                             : parse_yaml_map(without_bytes_literals(*text), file.string()));
   try {
-    Result<ReadCamera> read = read_any(*root, file.string(), name);
-    if (!read) return tl::unexpected(read.error());
-    Result<CameraModel> camera = CameraModel::make(read->parameters);
+    PENUMBRA_TRY(ReadCamera read, read_any(root, file.string(), name));
+    Result<CameraModel> camera = CameraModel::make(read.parameters);
     if (!camera) return fail_in(file.string(), camera.error());
     if (auto ok = check_lens(*camera); !ok) return fail_in(file.string(), ok.error());
     if (const auto implausible = implausible_parameter(*camera))
-      read->warnings.push_back(fmt::format("{}: {}", file.string(), *implausible));
-    return LoadedCamera{std::move(*camera), std::move(read->warnings)};
+      read.warnings.push_back(fmt::format("{}: {}", file.string(), *implausible));
+    return LoadedCamera{std::move(*camera), std::move(read.warnings)};
   } catch (const std::exception& error) {  // yaml-cpp's own, should one get past the checks
     return fail("{}: is not readable as a camera file ({}); correct the file", file.string(),
                 error.what());
@@ -596,9 +564,8 @@ Result<LoadedCamera> load_camera_file(const std::filesystem::path& file, const s
 }
 
 Result<CameraModel> load_camera(const std::filesystem::path& file) {
-  Result<LoadedCamera> loaded = load_camera_file(file);
-  if (!loaded) return tl::unexpected(loaded.error());
-  return std::move(loaded->camera);
+  PENUMBRA_TRY(LoadedCamera loaded, load_camera_file(file));
+  return std::move(loaded.camera);
 }
 
 }  // namespace penumbra

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "core/propagate.hpp"
 #include "core/text/yaml_fields.hpp"
 
 namespace penumbra {
@@ -20,42 +21,40 @@ Result<std::vector<double>> list_of(const YamlFields& fields, const char* key, s
 
 Result<CameraModel> read_sensor(const YamlFields& fields) {
   CameraParameters parameters;
-  const auto camera_model = fields.text("camera_model", "give pinhole");
-  if (!camera_model) return tl::unexpected(camera_model.error());
-  if (*camera_model != "pinhole") {
+  PENUMBRA_TRY(const auto camera_model, fields.text("camera_model", "give pinhole"));
+  if (camera_model != "pinhole") {
     return fail("{}: is '{}'; only pinhole is known", fields.place_of("camera_model"),
-                *camera_model);
+                camera_model);
   }
-  const auto model = fields.text("distortion_model", "give radial-tangential or equidistant");
-  if (!model) return tl::unexpected(model.error());
-  if (*model == "radial-tangential" || *model == "radtan") {
+  PENUMBRA_TRY(const auto model,
+               fields.text("distortion_model", "give radial-tangential or equidistant"));
+  if (model == "radial-tangential" || model == "radtan") {
     parameters.model = DistortionModel::plumb_bob;
-  } else if (*model == "equidistant") {
+  } else if (model == "equidistant") {
     parameters.model = DistortionModel::fisheye;
   } else {
     return fail("{}: is '{}'; give radial-tangential or equidistant",
-                fields.place_of("distortion_model"), *model);
+                fields.place_of("distortion_model"), model);
   }
-  const auto resolution = list_of(fields, "resolution", 2, "give [width, height] in pixels");
-  if (!resolution) return tl::unexpected(resolution.error());
-  const auto intrinsics = list_of(fields, "intrinsics", 4, "give [fu, fv, cu, cv] in pixels");
-  if (!intrinsics) return tl::unexpected(intrinsics.error());
-  const auto distortion =
-      list_of(fields, "distortion_coefficients", 4, "give the model's 4 coefficients");
-  if (!distortion) return tl::unexpected(distortion.error());
-  for (const double side : *resolution) {
+  PENUMBRA_TRY(const auto resolution,
+               list_of(fields, "resolution", 2, "give [width, height] in pixels"));
+  PENUMBRA_TRY(const auto intrinsics,
+               list_of(fields, "intrinsics", 4, "give [fu, fv, cu, cv] in pixels"));
+  PENUMBRA_TRY(const auto distortion,
+               list_of(fields, "distortion_coefficients", 4, "give the model's 4 coefficients"));
+  for (const double side : resolution) {
     if (side != std::floor(side) || side < 1.0 || side > 32768.0) {
       return fail("{}: {} is no number of pixels from 1 to 32768", fields.place_of("resolution"),
                   side);
     }
   }
-  parameters.width = static_cast<int>((*resolution)[0]);
-  parameters.height = static_cast<int>((*resolution)[1]);
-  parameters.fx = (*intrinsics)[0];
-  parameters.fy = (*intrinsics)[1];
-  parameters.cx = (*intrinsics)[2];
-  parameters.cy = (*intrinsics)[3];
-  for (std::size_t i = 0; i < 4; ++i) parameters.distortion[i] = (*distortion)[i];
+  parameters.width = static_cast<int>(resolution[0]);
+  parameters.height = static_cast<int>(resolution[1]);
+  parameters.fx = intrinsics[0];
+  parameters.fy = intrinsics[1];
+  parameters.cx = intrinsics[2];
+  parameters.cy = intrinsics[3];
+  for (std::size_t i = 0; i < 4; ++i) parameters.distortion[i] = distortion[i];
   auto camera = CameraModel::make(parameters);
   if (!camera) return fail_in(fields.place(), camera.error());
   return camera;
@@ -63,28 +62,25 @@ Result<CameraModel> read_sensor(const YamlFields& fields) {
 
 Result<Transform<frame::Body, frame::Sensor>> read_mounting(const YamlFields& fields) {
   constexpr const char* kMatrix = "give data: the 16 numbers of a 4x4 matrix, row by row";
-  const auto matrix = fields.fields("T_BS", kMatrix);
-  if (!matrix) return tl::unexpected(matrix.error());
-  const auto numbers = list_of(*matrix, "data", 16, kMatrix);
-  if (!numbers) return tl::unexpected(numbers.error());
+  PENUMBRA_TRY(const auto matrix, fields.fields("T_BS", kMatrix));
+  PENUMBRA_TRY(const auto numbers, list_of(matrix, "data", 16, kMatrix));
   const Eigen::Matrix4d T =
-      Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(numbers->data());
+      Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(numbers.data());
   const Eigen::Matrix3d R = T.topLeftCorner<3, 3>();
   constexpr double kRounding = 1e-3;
   const bool rigid = (R * R.transpose() - Eigen::Matrix3d::Identity()).norm() <= kRounding &&
                      R.determinant() > 0.0 &&
                      (T.row(3) - Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0)).norm() <= kRounding;
-  if (!rigid) return fail("{}: is no rigid transform; {}", matrix->place_of("data"), kMatrix);
+  if (!rigid) return fail("{}: is no rigid transform; {}", matrix.place_of("data"), kMatrix);
   return Transform<frame::Body, frame::Sensor>(R, T.topRightCorner<3, 1>());
 }
 
 }  // namespace
 
 Result<CameraModel> load_euroc_sensor(const std::filesystem::path& file) {
-  const auto root = load_yaml_map(file);
-  if (!root) return tl::unexpected(root.error());
+  PENUMBRA_TRY(const auto root, load_yaml_map(file));
   try {
-    return read_sensor(YamlFields(*root, file.string()));
+    return read_sensor(YamlFields(root, file.string()));
   } catch (const YAML::Exception& error) {
     return fail("{}: is not valid YAML ({}); correct the file", file.string(), error.msg);
   }
@@ -92,10 +88,9 @@ Result<CameraModel> load_euroc_sensor(const std::filesystem::path& file) {
 
 Result<Transform<frame::Body, frame::Sensor>> load_euroc_mounting(
     const std::filesystem::path& file) {
-  const auto root = load_yaml_map(file);
-  if (!root) return tl::unexpected(root.error());
+  PENUMBRA_TRY(const auto root, load_yaml_map(file));
   try {
-    return read_mounting(YamlFields(*root, file.string()));
+    return read_mounting(YamlFields(root, file.string()));
   } catch (const YAML::Exception& error) {
     return fail("{}: is not valid YAML ({}); correct the file", file.string(), error.msg);
   }

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/units.hpp"
 
@@ -164,7 +165,7 @@ Result<std::vector<std::string>> check_units_of_time(const NamedTrajectory& esti
                                                      const NamedTrajectory& truth,
                                                      const PairingOptions& options) {
   for (const NamedTrajectory& named : {estimated, truth}) {
-    if (auto ok = check_not_too_near(named); !ok) return tl::unexpected(ok.error());
+    PENUMBRA_TRY_VOID(check_not_too_near(named));
   }
   const std::vector<StampedPose>& poses = estimated.trajectory.poses;
   const auto judged = std::ranges::count_if(poses, [&](const StampedPose& pose) {
@@ -174,8 +175,7 @@ Result<std::vector<std::string>> check_units_of_time(const NamedTrajectory& esti
   });
   const bool few_judged = 2 * static_cast<std::size_t>(judged) < poses.size();
   if (few_judged && poses.size() >= 2 && truth.trajectory.poses.size() >= 2) {
-    if (auto ok = check_against_each_other(estimated, truth, options); !ok)
-      return tl::unexpected(ok.error());
+    PENUMBRA_TRY_VOID(check_against_each_other(estimated, truth, options));
   }
   std::vector<std::string> warnings;
   for (const NamedTrajectory& named : {estimated, truth}) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/text/yaml_fields.hpp"
 
@@ -40,52 +41,46 @@ constexpr std::string_view kTag = "tag";
 
 Result<MappedTag> read_tag(const YamlFields& fields) {
   MappedTag tag;
-  const Result<int> id = fields.integer("id", "give the tag's number in its family");
-  if (!id) return tl::unexpected(id.error());
-  tag.id = *id;
+  PENUMBRA_TRY(const int id, fields.integer("id", "give the tag's number in its family"));
+  tag.id = id;
 
-  const Result<std::string> family =
-      fields.text("family", "name a family of libapriltag, such as tag36h11");
-  if (!family) return tl::unexpected(family.error());
-  const std::optional<TagFamily> known = tag_family_from_string(*family);
-  if (!known) return fail("{}: {}", fields.place_of("family"), unknown_tag_family(*family));
+  PENUMBRA_TRY(const std::string family,
+               fields.text("family", "name a family of libapriltag, such as tag36h11"));
+  const std::optional<TagFamily> known = tag_family_from_string(family);
+  if (!known) return fail("{}: {}", fields.place_of("family"), unknown_tag_family(family));
   tag.family = *known;
 
-  const Result<double> size =
-      fields.number("size_m", "give the edge of the black border's outer square in metres");
-  if (!size) return tl::unexpected(size.error());
-  if (!(*size > 0.0)) {
+  PENUMBRA_TRY(
+      const double size,
+      fields.number("size_m", "give the edge of the black border's outer square in metres"));
+  if (!(size > 0.0)) {
     return fail("{}: is {}; give the edge of the black border's outer square in metres",
-                fields.place_of("size_m"), *size);
+                fields.place_of("size_m"), size);
   }
-  tag.size_m = *size;
+  tag.size_m = size;
 
   constexpr const char* kPosition = "give [x, y, z] in metres in the table frame";
-  const Result<std::vector<double>> position = fields.numbers("position", kPosition);
-  if (!position) return tl::unexpected(position.error());
-  if (position->size() != 3)
-    return fail("{}: has {} numbers; {}", fields.place_of("position"), position->size(), kPosition);
+  PENUMBRA_TRY(const std::vector<double> position, fields.numbers("position", kPosition));
+  if (position.size() != 3)
+    return fail("{}: has {} numbers; {}", fields.place_of("position"), position.size(), kPosition);
 
   constexpr const char* kRotation = "give [x, y, z, w] of a quaternion of length 1";
-  const Result<std::vector<double>> q = fields.numbers("quaternion_xyzw", kRotation);
-  if (!q) return tl::unexpected(q.error());
-  if (q->size() != 4)
-    return fail("{}: has {} numbers; {}", fields.place_of("quaternion_xyzw"), q->size(), kRotation);
-  const Eigen::Quaterniond rotation((*q)[3], (*q)[0], (*q)[1], (*q)[2]);
+  PENUMBRA_TRY(const std::vector<double> q, fields.numbers("quaternion_xyzw", kRotation));
+  if (q.size() != 4)
+    return fail("{}: has {} numbers; {}", fields.place_of("quaternion_xyzw"), q.size(), kRotation);
+  const Eigen::Quaterniond rotation(q[3], q[0], q[1], q[2]);
   if (!(std::abs(rotation.norm() - 1.0) <= 1e-3)) {
     return fail("{}: has length {:.6g}, so it is no rotation; {}",
                 fields.place_of("quaternion_xyzw"), rotation.norm(), kRotation);
   }
   tag.T_table_tag = Transform<frame::Table, frame::Tag>(
-      rotation, Eigen::Vector3d((*position)[0], (*position)[1], (*position)[2]));
+      rotation, Eigen::Vector3d(position[0], position[1], position[2]));
 
-  const Result<bool> in_group = fields.has_optional("group");
-  if (!in_group) return tl::unexpected(in_group.error());
-  if (*in_group) {
-    const Result<std::string> group =
-        fields.text("group", "name the rigid group, or leave it out for 'table'");
-    if (!group) return tl::unexpected(group.error());
-    tag.group = *group;
+  PENUMBRA_TRY(const bool in_group, fields.has_optional("group"));
+  if (in_group) {
+    PENUMBRA_TRY(const std::string group,
+                 fields.text("group", "name the rigid group, or leave it out for 'table'"));
+    tag.group = group;
   }
   return tag;
 }
@@ -205,10 +200,9 @@ std::vector<TagFamily> TagMap::families() const {
 }
 
 Result<TagMap> load_tag_map(const std::filesystem::path& file) {
-  const Result<YAML::Node> root = load_yaml_map(file);
-  if (!root) return tl::unexpected(root.error());
+  PENUMBRA_TRY(const YAML::Node root, load_yaml_map(file));
   try {
-    const YamlFields fields(*root, file.string());
+    const YamlFields fields(root, file.string());
     constexpr const char* kRemedy =
         "list the tags as {id, family, size_m, position, quaternion_xyzw}";
     const Result<YAML::Node> list = fields.node("tags", kRemedy);
@@ -219,9 +213,8 @@ Result<TagMap> load_tag_map(const std::filesystem::path& file) {
       const YAML::Node item = (*list)[i];
       const std::string place = fmt::format("{}: tags[{}]", file.string(), i);
       if (!item.IsMap()) return fail("{}: is no map; {}", place, kRemedy);
-      Result<MappedTag> tag = read_tag(YamlFields(item, place));
-      if (!tag) return tl::unexpected(tag.error());
-      tags.push_back(std::move(*tag));
+      PENUMBRA_TRY(MappedTag tag, read_tag(YamlFields(item, place)));
+      tags.push_back(std::move(tag));
     }
     Result<TagMap> map = TagMap::make(std::move(tags));
     if (!map) return fail_in(file.string(), map.error());

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/geometry/trajectory.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 
 namespace penumbra {
@@ -80,9 +81,8 @@ Result<StampedPose> parse_tum_pose(std::string_view text) {
   }
   const std::optional<std::int64_t> time = parse_seconds_as_ns(fields[0]);
   if (!time) return fail_with_time(fields[0]);
-  const Result<CameraPose> pose = parse_placement(fields);
-  if (!pose) return tl::unexpected(pose.error());
-  return StampedPose{*time, *pose, {}};
+  PENUMBRA_TRY(const CameraPose pose, parse_placement(fields));
+  return StampedPose{*time, pose, {}};
 }
 
 std::vector<std::string_view> split_at_commas(std::string_view text) {
@@ -141,9 +141,8 @@ Result<StampedPose> parse_euroc_pose(std::string_view text, bool w_last) {
   PoseFields fields;
   std::copy_n(row.begin(), fields.size(), fields.begin());
   if (!w_last) std::rotate(fields.begin() + 4, fields.begin() + 5, fields.end());
-  const Result<CameraPose> pose = parse_placement(fields);
-  if (!pose) return tl::unexpected(pose.error());
-  return StampedPose{*time, *pose, {}};
+  PENUMBRA_TRY(const CameraPose pose, parse_placement(fields));
+  return StampedPose{*time, pose, {}};
 }
 
 // Reads line by line what may be either format.
@@ -171,21 +170,20 @@ class TrajectoryReader {
       }
       trajectory_.of_body = commas;
     }
-    Result<StampedPose> pose =
-        trajectory_.of_body ? parse_euroc_pose(line, w_last_) : parse_tum_pose(line);
-    if (!pose) return tl::unexpected(pose.error());
-    pose->comment = std::move(comment);
-    if (!poses.empty() && pose->timestamp_ns < poses.back().timestamp_ns) {
+    PENUMBRA_TRY(StampedPose pose,
+                 trajectory_.of_body ? parse_euroc_pose(line, w_last_) : parse_tum_pose(line));
+    pose.comment = std::move(comment);
+    if (!poses.empty() && pose.timestamp_ns < poses.back().timestamp_ns) {
       return fail("timestamp: {} s is before that of the pose above; sort the poses by time",
-                  format_ns_as_seconds(pose->timestamp_ns));
+                  format_ns_as_seconds(pose.timestamp_ns));
     }
-    if (!poses.empty() && pose->timestamp_ns == poses.back().timestamp_ns) {
+    if (!poses.empty() && pose.timestamp_ns == poses.back().timestamp_ns) {
       return fail(
           "timestamp: {} s is that of the pose above too; timestamps must increase: write enough "
           "decimals, and no pose twice",
-          format_ns_as_seconds(pose->timestamp_ns));
+          format_ns_as_seconds(pose.timestamp_ns));
     }
-    poses.push_back(std::move(*pose));
+    poses.push_back(std::move(pose));
     return {};
   }
   [[nodiscard]] Trajectory take() { return std::move(trajectory_); }
@@ -203,10 +201,9 @@ class TrajectoryReader {
 }  // namespace
 
 Result<Trajectory> load_trajectory(const std::filesystem::path& file) {
-  const Result<std::string> text = read_text_file(file, kLargestTrajectoryFile);
-  if (!text) return tl::unexpected(text.error());
+  PENUMBRA_TRY(const std::string text, read_text_file(file, kLargestTrajectoryFile));
   TrajectoryReader reader;
-  std::string_view rest = *text;
+  std::string_view rest = text;
   for (int line = 1; !rest.empty(); ++line) {
     const std::size_t end = std::min(rest.find('\n'), rest.size());
     if (auto ok = reader.read(rest.substr(0, end)); !ok)

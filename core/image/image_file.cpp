@@ -16,6 +16,7 @@
 
 #include "core/assert.hpp"
 #include "core/image/jpeg_file.hpp"
+#include "core/propagate.hpp"
 #include "core/text/file.hpp"
 
 namespace penumbra {
@@ -82,9 +83,7 @@ Result<Png> open_png(std::span<const std::uint8_t> bytes, const std::string& nam
     return fail("{}: a side is over {} px", name, kMaxSide);
   }
   if (status != 0) return png_failure(status, name);
-  if (auto ok = check_image_size(header.width, header.height, name); !ok) {
-    return tl::unexpected(ok.error());
-  }
+  PENUMBRA_TRY_VOID(check_image_size(header.width, header.height, name));
   return png;
 }
 
@@ -122,32 +121,28 @@ Result<DeepSamples> read_deep_samples(spng_ctx* png, const spng_ihdr& header,
   const std::size_t row = samples.channels * header.width;
   samples.values.resize(row * header.height);
   const std::size_t row_bytes = row * sizeof(std::uint16_t);
-  if (auto read = read_png_rows(png, SPNG_FMT_PNG, 0,
-                                reinterpret_cast<std::uint8_t*>(samples.values.data()), row_bytes,
-                                row_bytes, name);
-      !read) {
-    return tl::unexpected(read.error());
-  }
+  PENUMBRA_TRY_VOID(read_png_rows(png, SPNG_FMT_PNG, 0,
+                                  reinterpret_cast<std::uint8_t*>(samples.values.data()), row_bytes,
+                                  row_bytes, name));
   return samples;
 }
 
 // A 16-bit PNG whose values are in the lowest `sample_bits` bits.
 Result<Frame> decode_deep_png(spng_ctx* png, const spng_ihdr& header, const std::string& name,
                               const DecodeOptions& options) {
-  const Result<DeepSamples> samples = read_deep_samples(png, header, name);
-  if (!samples) return tl::unexpected(samples.error());
-  const bool grey = samples->colours == 1;
+  PENUMBRA_TRY(const DeepSamples samples, read_deep_samples(png, header, name));
+  const bool grey = samples.colours == 1;
   FrameBuffer buffer =
       allocate_frame(grey ? PixelFormat::grey8 : PixelFormat::rgb24, static_cast<int>(header.width),
                      static_cast<int>(header.height));
   const auto stride = static_cast<std::size_t>(buffer.frame.planes[0].stride);
   const auto shift = static_cast<unsigned>(options.sample_bits - 8);
   bool clamped = false;
-  const std::uint16_t* in = samples->values.data();
+  const std::uint16_t* in = samples.values.data();
   for (std::size_t y = 0; y < header.height; ++y) {
     std::uint8_t* out = buffer.plane_data[0] + y * stride;
-    for (std::size_t x = 0; x < header.width; ++x, in += samples->channels) {
-      for (std::size_t c = 0; c < samples->colours; ++c) {
+    for (std::size_t x = 0; x < header.width; ++x, in += samples.channels) {
+      for (std::size_t c = 0; c < samples.colours; ++c) {
         const unsigned value = static_cast<unsigned>(in[c]) >> shift;
         clamped = clamped || value > 255U;
         *out++ = static_cast<std::uint8_t>(std::min(value, 255U));
@@ -161,10 +156,9 @@ Result<Frame> decode_deep_png(spng_ctx* png, const spng_ihdr& header, const std:
 Result<Frame> decode_png(std::span<const std::uint8_t> bytes, const std::string& name,
                          const DecodeOptions& options) {
   spng_ihdr header{};
-  const Result<Png> png = open_png(bytes, name, header);
-  if (!png) return tl::unexpected(png.error());
+  PENUMBRA_TRY(const Png png, open_png(bytes, name, header));
   if (header.bit_depth == 16 && options.sample_bits < 16) {
-    return decode_deep_png(png->get(), header, name, options);
+    return decode_deep_png(png.get(), header, name, options);
   }
   const int width = static_cast<int>(header.width);
   const int height = static_cast<int>(header.height);
@@ -180,16 +174,15 @@ Result<Frame> decode_png(std::span<const std::uint8_t> bytes, const std::string&
   const bool through_rgb =
       grey && (header.color_type != SPNG_COLOR_TYPE_GRAYSCALE || header.bit_depth > 8);
   if (!through_rgb) {
-    auto read = grey ? read_png_rows(png->get(), SPNG_FMT_G8, 0, buffer.plane_data[0], columns,
-                                     stride, name)
-                     : read_png_rows(png->get(), SPNG_FMT_RGB8, 0, buffer.plane_data[0],
-                                     columns * 3, stride, name);
-    if (!read) return tl::unexpected(read.error());
+    PENUMBRA_TRY_VOID(
+        grey ? read_png_rows(png.get(), SPNG_FMT_G8, 0, buffer.plane_data[0], columns, stride, name)
+             : read_png_rows(png.get(), SPNG_FMT_RGB8, 0, buffer.plane_data[0], columns * 3, stride,
+                             name));
     return std::move(buffer.frame);
   }
   std::vector<std::uint8_t> rgb(columns * 3 * static_cast<std::size_t>(height));
   if (auto read =
-          read_png_rows(png->get(), SPNG_FMT_RGB8, 0, rgb.data(), columns * 3, columns * 3, name);
+          read_png_rows(png.get(), SPNG_FMT_RGB8, 0, rgb.data(), columns * 3, columns * 3, name);
       !read) {
     return tl::unexpected(read.error());
   }
@@ -203,16 +196,12 @@ Result<Frame> decode_png(std::span<const std::uint8_t> bytes, const std::string&
 
 Result<RgbaImage> decode_png_rgba(std::span<const std::uint8_t> bytes, const std::string& name) {
   spng_ihdr header{};
-  const Result<Png> png = open_png(bytes, name, header);
-  if (!png) return tl::unexpected(png.error());
+  PENUMBRA_TRY(const Png png, open_png(bytes, name, header));
   RgbaImage image{static_cast<int>(header.width), static_cast<int>(header.height), {}};
   const std::size_t row_bytes = std::size_t{4} * header.width;
   image.pixels.resize(row_bytes * header.height);
-  if (auto read = read_png_rows(png->get(), SPNG_FMT_RGBA8, SPNG_DECODE_TRNS, image.pixels.data(),
-                                row_bytes, row_bytes, name);
-      !read) {
-    return tl::unexpected(read.error());
-  }
+  PENUMBRA_TRY_VOID(read_png_rows(png.get(), SPNG_FMT_RGBA8, SPNG_DECODE_TRNS, image.pixels.data(),
+                                  row_bytes, row_bytes, name));
   return image;
 }
 
@@ -230,44 +219,39 @@ Result<void> check_image_size(std::uint64_t width, std::uint64_t height, const s
 Result<Frame> decode_image(std::span<const std::uint8_t> bytes, const std::string& name,
                            const DecodeOptions& options) {
   PENUMBRA_ASSERT(options.sample_bits >= 8 && options.sample_bits <= 16);
-  const Result<Kind> kind = kind_of(bytes, name);
-  if (!kind) return tl::unexpected(kind.error());
+  PENUMBRA_TRY(const Kind kind, kind_of(bytes, name));
   try {
-    return *kind == Kind::jpeg ? decode_jpeg(bytes, name) : decode_png(bytes, name, options);
+    return kind == Kind::jpeg ? decode_jpeg(bytes, name) : decode_png(bytes, name, options);
   } catch (const std::bad_alloc&) {
     return fail("{}: no memory for the picture", name);
   }
 }
 
 Result<Frame> load_image(const std::filesystem::path& file, const DecodeOptions& options) {
-  const auto bytes = read_file(file);
-  if (!bytes) return tl::unexpected(bytes.error());
-  return decode_image(*bytes, file.string(), options);
+  PENUMBRA_TRY(const auto bytes, read_file(file));
+  return decode_image(bytes, file.string(), options);
 }
 
 Result<std::optional<SixteenBitSamples>> sixteen_bit_samples(std::span<const std::uint8_t> bytes,
                                                              const std::string& name) {
-  const Result<Kind> kind = kind_of(bytes, name);
-  if (!kind) return tl::unexpected(kind.error());
-  if (*kind != Kind::png) return std::optional<SixteenBitSamples>();
+  PENUMBRA_TRY(const Kind kind, kind_of(bytes, name));
+  if (kind != Kind::png) return std::optional<SixteenBitSamples>();
   try {
     spng_ihdr header{};
-    const Result<Png> png = open_png(bytes, name, header);
-    if (!png) return tl::unexpected(png.error());
+    PENUMBRA_TRY(const Png png, open_png(bytes, name, header));
     if (header.bit_depth != 16) return std::optional<SixteenBitSamples>();
     SixteenBitSamples found;
     spng_sbit bits{};
-    if (spng_get_sbit(png->get(), &bits) == 0) {
+    if (spng_get_sbit(png.get(), &bits) == 0) {
       const bool grey = header.color_type == SPNG_COLOR_TYPE_GRAYSCALE ||
                         header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA;
       found.significant_bits =
           grey ? bits.grayscale_bits : std::max({bits.red_bits, bits.green_bits, bits.blue_bits});
     }
-    const Result<DeepSamples> samples = read_deep_samples(png->get(), header, name);
-    if (!samples) return tl::unexpected(samples.error());
-    for (std::size_t at = 0; at < samples->values.size(); at += samples->channels) {
-      for (std::size_t c = 0; c < samples->colours; ++c) {
-        found.brightest = std::max<int>(found.brightest, samples->values[at + c]);
+    PENUMBRA_TRY(const DeepSamples samples, read_deep_samples(png.get(), header, name));
+    for (std::size_t at = 0; at < samples.values.size(); at += samples.channels) {
+      for (std::size_t c = 0; c < samples.colours; ++c) {
+        found.brightest = std::max<int>(found.brightest, samples.values[at + c]);
       }
     }
     return std::optional<SixteenBitSamples>(found);
@@ -277,19 +261,17 @@ Result<std::optional<SixteenBitSamples>> sixteen_bit_samples(std::span<const std
 }
 
 Result<RgbaImage> decode_rgba(std::span<const std::uint8_t> bytes, const std::string& name) {
-  const Result<Kind> kind = kind_of(bytes, name);
-  if (!kind) return tl::unexpected(kind.error());
+  PENUMBRA_TRY(const Kind kind, kind_of(bytes, name));
   try {
-    return *kind == Kind::jpeg ? decode_jpeg_rgba(bytes, name) : decode_png_rgba(bytes, name);
+    return kind == Kind::jpeg ? decode_jpeg_rgba(bytes, name) : decode_png_rgba(bytes, name);
   } catch (const std::bad_alloc&) {
     return fail("{}: no memory for the picture", name);
   }
 }
 
 Result<RgbaImage> load_rgba(const std::filesystem::path& file) {
-  const auto bytes = read_file(file);
-  if (!bytes) return tl::unexpected(bytes.error());
-  return decode_rgba(*bytes, file.string());
+  PENUMBRA_TRY(const auto bytes, read_file(file));
+  return decode_rgba(bytes, file.string());
 }
 
 namespace {

@@ -18,6 +18,7 @@
 
 #include "core/assert.hpp"
 #include "core/image/jpeg_outline.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -285,8 +286,7 @@ Result<std::vector<std::uint8_t>> decode_pixels(JpegDecoder& decoder, J_COLOR_SP
 
 // Other layouts of chroma, and RGB.
 Result<Frame> decode_converted(JpegDecoder& decoder, const JpegSource& source) {
-  const auto rgb = decode_pixels(decoder, JCS_RGB, 3, source);
-  if (!rgb) return tl::unexpected(rgb.error());
+  PENUMBRA_TRY(const auto rgb, decode_pixels(decoder, JCS_RGB, 3, source));
   struct DestroyTurbo {
     void operator()(void* handle) const { tjDestroy(handle); }
   };
@@ -299,7 +299,7 @@ Result<Frame> decode_converted(JpegDecoder& decoder, const JpegSource& source) {
   for (std::size_t i = 0; i < strides.size(); ++i) {
     strides[i] = static_cast<int>(buffer.frame.planes[i].stride);
   }
-  if (tjEncodeYUVPlanes(encoder.get(), rgb->data(), width, width * 3, height, TJPF_RGB,
+  if (tjEncodeYUVPlanes(encoder.get(), rgb.data(), width, width * 3, height, TJPF_RGB,
                         buffer.plane_data.data(), strides.data(), TJSAMP_444, 0) != 0) {
     return source.failure(tjGetErrorStr2(encoder.get()));
   }
@@ -314,9 +314,7 @@ auto with_decoder(std::span<const std::uint8_t> bytes, const JpegSource& source,
   if (!outline) return source.failure(outline.error().message);
   JpegDecoder decoder(outline->bytes);
   if (!decoder.read_header()) return source.failure(decoder.cause());
-  if (auto ok = check_header(decoder.info(), outline->bytes.size(), source); !ok) {
-    return tl::unexpected(ok.error());
-  }
+  PENUMBRA_TRY_VOID(check_header(decoder.info(), outline->bytes.size(), source));
   return decode(decoder);
 }
 
@@ -339,10 +337,9 @@ Result<Frame> decode_jpeg(std::span<const std::uint8_t> bytes, const std::string
 Result<RgbaImage> decode_jpeg_rgba(std::span<const std::uint8_t> bytes, const std::string& name) {
   const JpegSource source{name, "record or copy it again"};
   return with_decoder(bytes, source, [&](JpegDecoder& decoder) -> Result<RgbaImage> {
-    auto pixels = decode_pixels(decoder, JCS_EXT_RGBA, 4, source);
-    if (!pixels) return tl::unexpected(pixels.error());
+    PENUMBRA_TRY(auto pixels, decode_pixels(decoder, JCS_EXT_RGBA, 4, source));
     return RgbaImage{static_cast<int>(decoder.info().image_width),
-                     static_cast<int>(decoder.info().image_height), std::move(*pixels)};
+                     static_cast<int>(decoder.info().image_height), std::move(pixels)};
   });
 }
 

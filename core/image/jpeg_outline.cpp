@@ -4,6 +4,8 @@
 #include <cstring>
 #include <optional>
 
+#include "core/propagate.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -40,7 +42,7 @@ class MarkerWalk {
   explicit MarkerWalk(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
 
   Result<JpegOutline> outline() {
-    if (auto read = read_headers(); !read) return tl::unexpected(read.error());
+    PENUMBRA_TRY_VOID(read_headers());
     const std::size_t end = find_end();
     out_.bytes = bytes_.subspan(start_, end - start_);
     out_.size_offset -= start_;

@@ -11,6 +11,7 @@
 #include <fstream>
 #include <system_error>
 
+#include "core/propagate.hpp"
 #include "core/text/text_encoding.hpp"
 
 namespace penumbra {
@@ -77,9 +78,8 @@ Result<std::string> read_text_file(const std::filesystem::path& file, std::size_
                   file.string(), max_bytes);
     }
   }
-  const Result<std::string_view> content = without_byte_order_mark(text, file.string());
-  if (!content) return tl::unexpected(content.error());
-  text.erase(0, text.size() - content->size());
+  PENUMBRA_TRY(const std::string_view content, without_byte_order_mark(text, file.string()));
+  text.erase(0, text.size() - content.size());
   return text;
 }
 

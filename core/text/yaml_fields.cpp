@@ -10,6 +10,7 @@
 #include <string_view>
 #include <vector>
 
+#include "core/propagate.hpp"
 #include "core/text/spelling.hpp"
 #include "core/text/text.hpp"
 
@@ -82,9 +83,8 @@ std::string without_version(std::string text) {
 }  // namespace
 
 Result<YAML::Node> load_yaml_map(const std::filesystem::path& file) {
-  const Result<std::string> text = read_text_file(file, kMaxYamlBytes);
-  if (!text) return tl::unexpected(text.error());
-  return parse_yaml_map(*text, file.string());
+  PENUMBRA_TRY(const std::string text, read_text_file(file, kMaxYamlBytes));
+  return parse_yaml_map(text, file.string());
 }
 
 Result<YAML::Node> parse_yaml_map(const std::string& text, const std::string& name) {
@@ -141,23 +141,21 @@ Result<YAML::Node> YamlFields::node(const char* key, const char* remedy) const {
 }
 
 Result<double> YamlFields::number(const char* key, const char* remedy) const {
-  const Result<YAML::Node> found = node(key, remedy);
-  if (!found) return tl::unexpected(found.error());
+  PENUMBRA_TRY(const YAML::Node found, node(key, remedy));
   const std::optional<double> value =
-      found->IsScalar() ? parse_number(found->Scalar()) : std::nullopt;
+      found.IsScalar() ? parse_number(found.Scalar()) : std::nullopt;
   if (!value || !std::isfinite(*value))
-    return fail("{}: {} is no finite number; {}", place_of(key), shown(*found), remedy);
+    return fail("{}: {} is no finite number; {}", place_of(key), shown(found), remedy);
   return *value;
 }
 
 Result<int> YamlFields::integer(const char* key, const char* remedy) const {
-  const Result<YAML::Node> found = node(key, remedy);
-  if (!found) return tl::unexpected(found.error());
+  PENUMBRA_TRY(const YAML::Node found, node(key, remedy));
   const std::optional<std::int64_t> value =
-      found->IsScalar() ? parse_integer(found->Scalar()) : std::nullopt;
+      found.IsScalar() ? parse_integer(found.Scalar()) : std::nullopt;
   if (!value || *value < std::numeric_limits<int>::min() ||
       *value > std::numeric_limits<int>::max())
-    return fail("{}: {} is no whole number; {}", place_of(key), shown(*found), remedy);
+    return fail("{}: {} is no whole number; {}", place_of(key), shown(found), remedy);
   return static_cast<int>(*value);
 }
 

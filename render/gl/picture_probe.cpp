@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <cstdlib>
 
+#include "core/propagate.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/framebuffer.hpp"
 #include "render/gl/shader.hpp"
@@ -44,14 +45,11 @@ Result<PictureAbilities> probe_picture(GlApi api) {
   constexpr std::array<std::string_view, 1> kFill = {"fill.frag.glsl"};
   constexpr std::array<std::string_view, 2> kVideo = {"video_texel.glsl", "video.frag.glsl"};
   constexpr std::array<std::string_view, 1> kRgb = {"VIDEO_RGB"};
-  auto framebuffer = Framebuffer::create(kSide, kSide);
-  if (!framebuffer) return tl::unexpected(framebuffer.error());
-  const auto fill = ShaderProgram::link(api, kWhole, kFill);
-  if (!fill) return tl::unexpected(fill.error());
-  const auto fetch = ShaderProgram::link(api, kWhole, kVideo, kRgb);
-  if (!fetch) return tl::unexpected(fetch.error());
+  PENUMBRA_TRY(auto framebuffer, Framebuffer::create(kSide, kSide));
+  PENUMBRA_TRY(const auto fill, ShaderProgram::link(api, kWhole, kFill));
+  PENUMBRA_TRY(const auto fetch, ShaderProgram::link(api, kWhole, kVideo, kRgb));
   const VertexArray no_vertices;
-  framebuffer->bind();
+  framebuffer.bind();
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_SCISSOR_TEST);
@@ -61,15 +59,15 @@ Result<PictureAbilities> probe_picture(GlApi api) {
 
   PictureAbilities abilities;
   Pixels pixels{};
-  fill->use();
-  fill->set("value", color_of(kBefore));
+  fill.use();
+  fill.set("value", color_of(kBefore));
   glDrawArrays(GL_TRIANGLES, 0, 3);
   glEnable(GL_BLEND);
   glBlendFunc(GL_ZERO, GL_SRC_COLOR);
-  fill->set("value", color_of(kFactor));
+  fill.set("value", color_of(kFactor));
   glDrawArrays(GL_TRIANGLES, 0, 3);
   glDisable(GL_BLEND);
-  framebuffer->read_rgba(pixels);
+  framebuffer.read_rgba(pixels);
   abilities.blends = are_product(pixels);
 
   for (std::size_t i = 0; i < pixels.size(); ++i) {
@@ -81,10 +79,10 @@ Result<PictureAbilities> probe_picture(GlApi api) {
   Texture2d texture(TextureFilter::nearest);
   texture.upload(TexelFormat::rgba8, kSide, kSide, pixels.data(), std::ptrdiff_t{4} * kSide);
   texture.bind(0);
-  fetch->use();
-  fetch->set("plane0", 0);
+  fetch.use();
+  fetch.set("plane0", 0);
   glDrawArrays(GL_TRIANGLES, 0, 3);
-  framebuffer->read_rgba(pixels);
+  framebuffer.read_rgba(pixels);
   abilities.fetches = are_product(pixels);
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
   return abilities;

@@ -7,6 +7,8 @@
 #include <charconv>
 #include <glm/gtc/type_ptr.hpp>
 
+#include "core/propagate.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -95,26 +97,22 @@ Result<std::vector<ShaderText>> find_files(std::span<const std::string_view> nam
 Result<ShaderProgram> ShaderProgram::link(GlApi api, std::span<const std::string_view> vertex_files,
                                           std::span<const std::string_view> fragment_files,
                                           std::span<const std::string_view> defines) {
-  const auto vertex = find_files(vertex_files);
-  if (!vertex) return tl::unexpected(vertex.error());
-  const auto fragment = find_files(fragment_files);
-  if (!fragment) return tl::unexpected(fragment.error());
-  return link_texts(api, *vertex, *fragment, defines);
+  PENUMBRA_TRY(const auto vertex, find_files(vertex_files));
+  PENUMBRA_TRY(const auto fragment, find_files(fragment_files));
+  return link_texts(api, vertex, fragment, defines);
 }
 
 Result<ShaderProgram> ShaderProgram::link_texts(GlApi api, std::span<const ShaderText> vertex,
                                                 std::span<const ShaderText> fragment,
                                                 std::span<const std::string_view> defines) {
-  const auto vertex_shader = compile(api, GL_VERTEX_SHADER, vertex, defines);
-  if (!vertex_shader) return tl::unexpected(vertex_shader.error());
-  const auto fragment_shader = compile(api, GL_FRAGMENT_SHADER, fragment, defines);
-  if (!fragment_shader) return tl::unexpected(fragment_shader.error());
+  PENUMBRA_TRY(const auto vertex_shader, compile(api, GL_VERTEX_SHADER, vertex, defines));
+  PENUMBRA_TRY(const auto fragment_shader, compile(api, GL_FRAGMENT_SHADER, fragment, defines));
 
   ShaderProgram program;
   program.program_ = GlHandle<ProgramTraits>::create();
   const GLuint id = program.program_.id();
-  glAttachShader(id, vertex_shader->id());
-  glAttachShader(id, fragment_shader->id());
+  glAttachShader(id, vertex_shader.id());
+  glAttachShader(id, fragment_shader.id());
   glLinkProgram(id);
   GLint ok = GL_FALSE;
   glGetProgramiv(id, GL_LINK_STATUS, &ok);
@@ -125,8 +123,8 @@ Result<ShaderProgram> ShaderProgram::link_texts(GlApi api, std::span<const Shade
     return fail("shaders {} and {} do not link: {}", vertex.back().name, fragment.back().name,
                 std::string_view(log.data(), static_cast<std::size_t>(written)));
   }
-  glDetachShader(id, vertex_shader->id());
-  glDetachShader(id, fragment_shader->id());
+  glDetachShader(id, vertex_shader.id());
+  glDetachShader(id, fragment_shader.id());
 
   GLint count = 0;
   glGetProgramiv(id, GL_ACTIVE_UNIFORMS, &count);

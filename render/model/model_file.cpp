@@ -8,6 +8,7 @@
 #include <system_error>
 
 #include "core/image/image_file.hpp"
+#include "core/propagate.hpp"
 #include "core/text/file.hpp"
 #include "core/text/text_encoding.hpp"
 #include "render/model/model.hpp"
@@ -229,16 +230,15 @@ float linear_from_srgb(float encoded) {
 
 Result<int> add_texture(Model& model, std::span<const std::uint8_t> bytes, const std::string& name,
                         const ModelLimits& limits) {
-  Result<RgbaImage> image = decode_rgba(bytes, name);
-  if (!image) return tl::unexpected(image.error());
+  PENUMBRA_TRY(RgbaImage image, decode_rgba(bytes, name));
   std::size_t pixels =
-      static_cast<std::size_t>(image->width) * static_cast<std::size_t>(image->height);
+      static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
   for (const Texture& texture : model.textures) pixels += texture.rgba.size() / 4;
   if (pixels > limits.max_texture_pixels) {
     return fail("{}: the model's textures have more than the {} pixels allowed", name,
                 limits.max_texture_pixels);
   }
-  model.textures.push_back({image->width, image->height, std::move(image->pixels),
+  model.textures.push_back({image.width, image.height, std::move(image.pixels),
                             std::vector<std::uint8_t>(bytes.begin(), bytes.end())});
   return static_cast<int>(model.textures.size()) - 1;
 }
@@ -397,14 +397,13 @@ Result<Model> load_model(const std::filesystem::path& file, const ModelReading& 
     return fail("{}: is not a kind of model that can be read; give a .glb, .gltf or .obj file",
                 name);
   }
-  const Result<std::vector<std::uint8_t>> bytes = read_file(file, limits.max_file_bytes);
-  if (!bytes) return tl::unexpected(bytes.error());
-  if (bytes->empty()) return fail("{}: is empty; export the model again", name);
+  PENUMBRA_TRY(const std::vector<std::uint8_t> bytes, read_file(file, limits.max_file_bytes));
+  if (bytes.empty()) return fail("{}: is empty; export the model again", name);
   // The readers are libraries: what they throw ends here.
   try {
     double file_step = 0.0;
-    Result<Model> model = gltf ? read_gltf(file, *bytes, extension == ".glb", limits, file_step)
-                               : read_obj(file, *bytes, limits, file_step);
+    Result<Model> model = gltf ? read_gltf(file, bytes, extension == ".glb", limits, file_step)
+                               : read_obj(file, bytes, limits, file_step);
     if (!model) return model;
     model->name = file.stem().string();
     // The readers give the file's own axes.
@@ -417,8 +416,7 @@ Result<Model> load_model(const std::filesystem::path& file, const ModelReading& 
     std::string geometry;
     if (model->shadow_kernel_up) geometry = usual_geometry_key(*model, up);
     if (reading.unit_m != 1.0) scale_to_metres(*model, reading.unit_m);
-    const Result<void> checked = check_model(*model, name, reading.limits);
-    if (!checked) return tl::unexpected(checked.error());
+    PENUMBRA_TRY_VOID(check_model(*model, name, reading.limits));
     if (model->shadow_kernel_up) check_stored_kernels(*model, geometry, name, reading.limits);
     if (auto coarse = warning_of_distance(bounds_of(*model), file_step * reading.unit_m, name)) {
       model->warnings.push_back(std::move(*coarse));

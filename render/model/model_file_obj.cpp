@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/propagate.hpp"
 #include "core/text/text_encoding.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/model/obj_parts.hpp"
@@ -191,9 +192,8 @@ Result<void> ObjReader::read_face(const std::vector<std::string_view>& words) {
   ObjFace face;
   face.first_corner = obj_.corners.size();
   for (std::size_t i = 1; i < words.size(); ++i) {
-    const Result<ObjCorner> corner = read_corner(words[i]);
-    if (!corner) return tl::unexpected(corner.error());
-    obj_.corners.push_back(*corner);
+    PENUMBRA_TRY(const ObjCorner corner, read_corner(words[i]));
+    obj_.corners.push_back(corner);
   }
   if (obj_.corners.size() > 3 * limits_.max_triangles + 2) {
     return fail("{}: line {}: more than the {} triangles allowed", name_, line_,
@@ -358,14 +358,12 @@ std::vector<int> ObjReader::find_materials() {
 }
 
 Result<Model> ObjReader::read(std::string_view text) {
-  const Result<std::string_view> plain = without_byte_order_mark(text, name_);
-  if (!plain) return tl::unexpected(plain.error());
-  if (Result<void> done = read_lines(*plain); !done) return tl::unexpected(done.error());
+  PENUMBRA_TRY(const std::string_view plain, without_byte_order_mark(text, name_));
+  PENUMBRA_TRY_VOID(read_lines(plain));
   if (!obj_.colors.empty()) obj_.colors.resize(obj_.positions.size(), glm::vec3(1.0F));
-  if (Result<void> done = check_indices(); !done) return tl::unexpected(done.error());
+  PENUMBRA_TRY_VOID(check_indices());
   const std::vector<int> materials = find_materials();
-  Result<void> added = add_obj_meshes(model_, obj_, materials, warnings_, limits_, name_);
-  if (!added) return tl::unexpected(added.error());
+  PENUMBRA_TRY_VOID(add_obj_meshes(model_, obj_, materials, warnings_, limits_, name_));
   model_.nodes = std::move(obj_.nodes);
   warnings_.append_to(model_.warnings);
   return std::move(model_);

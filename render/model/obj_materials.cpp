@@ -4,6 +4,7 @@
 #include <cmath>
 #include <set>
 
+#include "core/propagate.hpp"
 #include "core/text/file.hpp"
 #include "core/text/text_encoding.hpp"
 #include "render/model/model_parts.hpp"
@@ -303,15 +304,13 @@ void ObjMaterials::load_picture(Model& model, ObjMaterial& from) {
     return;
   }
   const auto load = [&]() -> Result<int> {
-    const Result<std::filesystem::path> file = beside_model(folder_, name);
-    if (!file) return tl::unexpected(file.error());
-    const Result<std::vector<std::uint8_t>> bytes = read_file(*file, limits_.max_file_bytes);
-    if (!bytes) return tl::unexpected(bytes.error());
-    Result<int> added = add_texture(model, *bytes, file->string(), limits_);
+    PENUMBRA_TRY(const std::filesystem::path file, beside_model(folder_, name));
+    PENUMBRA_TRY(const std::vector<std::uint8_t> bytes, read_file(file, limits_.max_file_bytes));
+    Result<int> added = add_texture(model, bytes, file.string(), limits_);
     if (added && leaves_folder(name)) {
       warnings_.push_back(fmt::format(
           "{}: material \"{}\": \"{}\" is outside the model's folder; {} is used", model_name_,
-          from.material.name, as_utf8(name.substr(0, 200)), file->string()));
+          from.material.name, as_utf8(name.substr(0, 200)), file.string()));
     }
     return added;
   };

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstdint>
 
+#include "core/propagate.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/object_pass.hpp"
 
@@ -55,9 +56,8 @@ void FieldTexture::upload(const ShadowField& field) {
 Result<FieldQuad> FieldQuad::create(GlApi api, double longest_edge_m) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "field.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"field.frag.glsl"};
-  auto program = TranslucentProgram::create(api, kVertex, kFragment, {}, Under::video);
-  if (!program) return tl::unexpected(program.error());
-  return FieldQuad(std::move(*program), longest_edge_m);
+  PENUMBRA_TRY(auto program, TranslucentProgram::create(api, kVertex, kFragment, {}, Under::video));
+  return FieldQuad(std::move(program), longest_edge_m);
 }
 
 void FieldQuad::begin(const ShaderProgram& program, const LensUniforms& lens,

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/light_uniforms.hpp"
 #include "render/shadow/caster.hpp"
@@ -25,11 +26,9 @@ Result<HardPass> HardPass::create(GlApi api, const Scene& scene, const CameraMod
   constexpr std::array<std::string_view, 2> kReceiver = {"lens.glsl", "receiver.vert.glsl"};
   constexpr std::array<std::string_view, 3> kLight = {"ambient.glsl", "light_share.glsl",
                                                       "blocked_light.frag.glsl"};
-  auto shape = ShaderProgram::link(api, kShape, kNothing);
-  if (!shape) return tl::unexpected(shape.error());
-  auto light = TranslucentProgram::create(api, kReceiver, kLight, kLightDefines);
-  if (!light) return tl::unexpected(light.error());
-  HardPass pass(std::move(*shape), std::move(*light));
+  PENUMBRA_TRY(auto shape, ShaderProgram::link(api, kShape, kNothing));
+  PENUMBRA_TRY(auto light, TranslucentProgram::create(api, kReceiver, kLight, kLightDefines));
+  HardPass pass(std::move(shape), std::move(light));
   if (make_lens(camera).model != 0) pass.longest_edge_ = longest_edge(camera);
   return pass;
 }

@@ -6,6 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include "core/propagate.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -29,9 +31,8 @@ LayerVolumePass::LayerVolumePass(GlApi api, const CameraModel& camera) : api_(ap
 
 Result<void> LayerVolumePass::choose(const FramePlan& plan) {
   if (program_ || plan.climbing != Climbing::volumes) return {};
-  auto linked = volume_program(api_);
-  if (!linked) return tl::unexpected(linked.error());
-  program_ = std::move(*linked);
+  PENUMBRA_TRY(auto linked, volume_program(api_));
+  program_ = std::move(linked);
   return {};
 }
 

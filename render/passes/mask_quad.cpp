@@ -8,6 +8,7 @@
 #include <string_view>
 #include <utility>
 
+#include "core/propagate.hpp"
 #include "core/vector_clones.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/object_pass.hpp"
@@ -63,9 +64,8 @@ void MaskTexture::upload(const MaskCells& cells, std::span<const std::uint8_t> c
 Result<MaskQuad> MaskQuad::create(GlApi api, double longest_edge_m) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "mask.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"mask.frag.glsl"};
-  auto program = TranslucentProgram::create(api, kVertex, kFragment, {}, Under::video);
-  if (!program) return tl::unexpected(program.error());
-  return MaskQuad(std::move(*program), longest_edge_m);
+  PENUMBRA_TRY(auto program, TranslucentProgram::create(api, kVertex, kFragment, {}, Under::video));
+  return MaskQuad(std::move(program), longest_edge_m);
 }
 
 int MaskQuad::draw(MaskTexture& mask, const LensUniforms& lens,

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <glm/vec2.hpp>
 
+#include "core/propagate.hpp"
 #include "render/passes/lens_uniforms.hpp"
 
 namespace penumbra {
@@ -22,9 +23,8 @@ constexpr unsigned kDarkest = 127;  // level: black all over
 Result<MeshStrips> MeshStrips::create(GlApi api, const CameraModel& camera) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "mesh_strip.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"fill.frag.glsl"};
-  auto program = ShaderProgram::link(api, kVertex, kFragment);
-  if (!program) return tl::unexpected(program.error());
-  MeshStrips strips(std::move(*program));
+  PENUMBRA_TRY(auto program, ShaderProgram::link(api, kVertex, kFragment));
+  MeshStrips strips(std::move(program));
   strips.piece_ = camera.has_distortion() ? longest_edge(camera) : kTable;
   const std::array<glm::vec2, 4> corners = {glm::vec2(0, 0), glm::vec2(1, 0), glm::vec2(0, 1),
                                             glm::vec2(1, 1)};

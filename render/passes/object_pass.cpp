@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/light_uniforms.hpp"
 #include "render/shadow/layers/receiving_levels.hpp"
@@ -80,14 +81,11 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
                                                        "masked.frag.glsl"};
   constexpr std::array<std::string_view, 1> kMaskDefines = {"MAX_LEVELS 64"};
   static_assert(kMostReceivingLevels == 64);
-  auto program = TranslucentProgram::create(api, kVertex, kFragment, kLightDefines);
-  if (!program) return tl::unexpected(program.error());
-  auto masked = TranslucentProgram::create(api, kVertex, kMasked, kMaskDefines);
-  if (!masked) return tl::unexpected(masked.error());
+  PENUMBRA_TRY(auto program, TranslucentProgram::create(api, kVertex, kFragment, kLightDefines));
+  PENUMBRA_TRY(auto masked, TranslucentProgram::create(api, kVertex, kMasked, kMaskDefines));
   std::vector<std::string_view> darkens(kLightDefines.begin(), kLightDefines.end());
   darkens.emplace_back("DARKENS");
-  auto darkening = TranslucentProgram::create(api, kVertex, kFragment, darkens);
-  if (!darkening) return tl::unexpected(darkening.error());
+  PENUMBRA_TRY(auto darkening, TranslucentProgram::create(api, kVertex, kFragment, darkens));
   const auto any_material = [&scene](const auto& has) {
     return std::ranges::any_of(scene.objects, [&](const SceneObject& object) {
       return object.model && std::ranges::any_of(object.model->materials, has);
@@ -98,16 +96,15 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
   if (any_material(&Material::has_maps)) {
     std::vector<std::string_view> defines(kLightDefines.begin(), kLightDefines.end());
     defines.emplace_back("MATERIAL_MAPS");
-    auto linked = TranslucentProgram::create(api, kVertex, kFragment, defines);
-    if (!linked) return tl::unexpected(linked.error());
-    maps = std::move(*linked);
+    PENUMBRA_TRY(auto linked, TranslucentProgram::create(api, kVertex, kFragment, defines));
+    maps = std::move(linked);
     darkens.emplace_back("MATERIAL_MAPS");
-    auto linked_darkening = TranslucentProgram::create(api, kVertex, kFragment, darkens);
-    if (!linked_darkening) return tl::unexpected(linked_darkening.error());
-    maps_darkening = std::move(*linked_darkening);
+    PENUMBRA_TRY(auto linked_darkening,
+                 TranslucentProgram::create(api, kVertex, kFragment, darkens));
+    maps_darkening = std::move(linked_darkening);
   }
-  ObjectPass pass(api, std::move(*program), std::move(maps), std::move(*masked));
-  pass.darkening_program_ = std::move(*darkening);
+  ObjectPass pass(api, std::move(program), std::move(maps), std::move(masked));
+  pass.darkening_program_ = std::move(darkening);
   pass.maps_darkening_program_ = std::move(maps_darkening);
   pass.blends_ = any_material(
       [](const Material& material) { return material.alpha_mode == AlphaMode::blend; });
@@ -115,7 +112,7 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
     pass.tone_ = {static_cast<float>(1.0 / *tone), 1.0F, 0.0F, 0.0F};
   }
 
-  if (auto fit = images_fit(scene); !fit) return tl::unexpected(fit.error());
+  PENUMBRA_TRY_VOID(images_fit(scene));
 
   const double longest = longest_edge(camera);
   const std::vector<double> scales = largest_scales(scene);
@@ -207,9 +204,8 @@ Result<void> ObjectPass::choose(Translucency way, std::optional<PixelFormat> vid
   if (climbing == Climbing::volumes) {
     constexpr std::array<std::string_view, 1> kLayer = {"layer.frag.glsl"};
     if (!layer_program_) {
-      auto linked = TranslucentProgram::create(api_, kVertex, kLayer);
-      if (!linked) return tl::unexpected(linked.error());
-      layer_program_ = std::move(*linked);
+      PENUMBRA_TRY(auto linked, TranslucentProgram::create(api_, kVertex, kLayer));
+      layer_program_ = std::move(linked);
     }
     if (auto chosen = layer_program_->choose(way, video); !chosen) return chosen;
   }

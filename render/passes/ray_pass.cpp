@@ -10,6 +10,7 @@
 #include <string_view>
 #include <utility>
 
+#include "core/propagate.hpp"
 #include "render/passes/lens_uniforms.hpp"
 
 namespace penumbra {
@@ -34,9 +35,8 @@ glm::vec3 encoded(const glm::vec3& linear) {
 Result<RayPass> RayPass::create(GlApi api, const CameraModel& camera) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "ray.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"ray.frag.glsl"};
-  auto program = TranslucentProgram::create(api, kVertex, kFragment);
-  if (!program) return tl::unexpected(program.error());
-  RayPass pass(std::move(*program));
+  PENUMBRA_TRY(auto program, TranslucentProgram::create(api, kVertex, kFragment));
+  RayPass pass(std::move(program));
   const CameraParameters& p = camera.parameters();
   pass.half_width_ = {static_cast<float>(std::max(kLeastRay_px, kRayPerHeight * p.height) / p.fy),
                       static_cast<float>(std::max(kLeastDot_px, kDotPerHeight * p.height) / p.fy)};

@@ -9,6 +9,7 @@
 #include <glm/vec2.hpp>
 
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 #include "render/passes/lens_uniforms.hpp"
 
 namespace penumbra {
@@ -30,11 +31,9 @@ Result<Receivers> Receivers::create(GlApi api, const Scene& scene, const CameraM
   constexpr std::array<std::string_view, 2> kOutline = {"lens.glsl", "outline.vert.glsl"};
   constexpr std::array<std::string_view, 2> kPlane = {"lens.glsl", "receiver.vert.glsl"};
   constexpr std::array<std::string_view, 1> kNothing = {"outline.frag.glsl"};
-  auto outline = ShaderProgram::link(api, kOutline, kNothing);
-  if (!outline) return tl::unexpected(outline.error());
-  auto plane = ShaderProgram::link(api, kPlane, kNothing);
-  if (!plane) return tl::unexpected(plane.error());
-  Receivers receivers(std::move(*outline), std::move(*plane));
+  PENUMBRA_TRY(auto outline, ShaderProgram::link(api, kOutline, kNothing));
+  PENUMBRA_TRY(auto plane, ShaderProgram::link(api, kPlane, kNothing));
+  Receivers receivers(std::move(outline), std::move(plane));
 
   const double longest = longest_edge(camera);
   for (const ScenePlane& receiver : scene.planes) {

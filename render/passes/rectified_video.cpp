@@ -8,6 +8,7 @@
 #include <glm/vec2.hpp>
 
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -83,9 +84,8 @@ Result<void> RectifiedVideo::draw(const VideoPass& video, const Frame& frame) {
   std::optional<ShaderProgram>& program = programs_[layout_number(frame.format)];
   if (!program) {
     const std::array<std::string_view, 1> defines = {layout_define(frame.format)};
-    auto linked = ShaderProgram::link(api_, kVertex, kFragment, defines);
-    if (!linked) return tl::unexpected(linked.error());
-    program.emplace(std::move(*linked));
+    PENUMBRA_TRY(auto linked, ShaderProgram::link(api_, kVertex, kFragment, defines));
+    program.emplace(std::move(linked));
   }
   program->use();
   video.bind_texels(*program, frame, 0);

@@ -14,6 +14,7 @@
 #include <set>
 
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/object_pass.hpp"
 #include "render/shadow/caster.hpp"
@@ -248,15 +249,11 @@ Result<ShadowPass> ShadowPass::create(GlApi api, const Scene& scene, const Camer
                                       int samples) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "shadow.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"shadow.frag.glsl"};
-  auto shadow = TranslucentProgram::create(api, kVertex, kFragment, {}, Under::video);
-  if (!shadow) return tl::unexpected(shadow.error());
-  auto field = FieldQuad::create(api, longest_edge(camera));
-  if (!field) return tl::unexpected(field.error());
-  auto mask = MaskQuad::create(api, longest_edge(camera));
-  if (!mask) return tl::unexpected(mask.error());
-  auto strips = MeshStrips::create(api, camera);
-  if (!strips) return tl::unexpected(strips.error());
-  ShadowPass pass(std::move(*shadow), std::move(*field), std::move(*mask), std::move(*strips));
+  PENUMBRA_TRY(auto shadow, TranslucentProgram::create(api, kVertex, kFragment, {}, Under::video));
+  PENUMBRA_TRY(auto field, FieldQuad::create(api, longest_edge(camera)));
+  PENUMBRA_TRY(auto mask, MaskQuad::create(api, longest_edge(camera)));
+  PENUMBRA_TRY(auto strips, MeshStrips::create(api, camera));
+  ShadowPass pass(std::move(shadow), std::move(field), std::move(mask), std::move(strips));
   pass.edges_ = longest_caster_edges(scene, camera);
   pass.steady_ = steady_casters(scene);
   for (const SceneObject& object : scene.objects) {

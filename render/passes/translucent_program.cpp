@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 
+#include "core/propagate.hpp"
 #include "render/passes/video_pass.hpp"
 
 namespace penumbra {
@@ -20,9 +21,8 @@ Result<TranslucentProgram> TranslucentProgram::create(
   program.fragment_files_.assign(fragment_files.begin(), fragment_files.end());
   program.defines_.assign(defines.begin(), defines.end());
   program.under_ = under;
-  auto blended = program.link({});
-  if (!blended) return tl::unexpected(blended.error());
-  program.variants_.emplace_back("", std::move(*blended));
+  PENUMBRA_TRY(auto blended, program.link({}));
+  program.variants_.emplace_back("", std::move(blended));
   return program;
 }
 
@@ -56,9 +56,8 @@ Result<void> TranslucentProgram::choose(Translucency way, std::optional<PixelFor
   chosen_ = static_cast<std::size_t>(known - variants_.begin());
   if (known != variants_.end()) return {};
   chosen_ = 0;
-  auto linked = link(defines);
-  if (!linked) return tl::unexpected(linked.error());
-  variants_.emplace_back(name, std::move(*linked));
+  PENUMBRA_TRY(auto linked, link(defines));
+  variants_.emplace_back(name, std::move(linked));
   chosen_ = variants_.size() - 1;
   return {};
 }

@@ -7,6 +7,8 @@
 #include <span>
 #include <tuple>
 
+#include "core/propagate.hpp"
+
 namespace penumbra {
 namespace {
 
@@ -208,17 +210,15 @@ Result<const ShaderProgram*> VideoPass::program_for(PixelFormat format) {
   std::optional<ShaderProgram>& program = programs_[layout_number(format)];
   if (!program) {
     const std::array<std::string_view, 2> defines = {layout_define(format), "WHOLE_PICTURE"};
-    auto linked = ShaderProgram::link(api_, kVertex, kFragment, defines);
-    if (!linked) return tl::unexpected(linked.error());
-    program.emplace(std::move(*linked));
+    PENUMBRA_TRY(auto linked, ShaderProgram::link(api_, kVertex, kFragment, defines));
+    program.emplace(std::move(linked));
   }
   return &*program;
 }
 
 Result<void> VideoPass::draw(const Frame& frame) {
-  const auto program = program_for(frame.format);
-  if (!program) return tl::unexpected(program.error());
-  const ShaderProgram& p = **program;
+  PENUMBRA_TRY(const auto program, program_for(frame.format));
+  const ShaderProgram& p = *program;
   p.use();
   bind_texels(p, frame, 0);
   p.set("plane_extents", plane_extents(frame));

@@ -8,6 +8,7 @@
 #include <functional>
 #include <span>
 
+#include "core/propagate.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/light_uniforms.hpp"
 #include "render/passes/receivers.hpp"
@@ -30,15 +31,11 @@ Result<VolumePass> VolumePass::create(GlApi api, const CameraModel& camera) {
   constexpr std::array<std::string_view, 3> kLight = {"ambient.glsl", "light_share.glsl",
                                                       "blocked_light.frag.glsl"};
   constexpr std::array<std::string_view, 1> kSum = {"light_sum.frag.glsl"};
-  auto volume = volume_program(api);
-  if (!volume) return tl::unexpected(volume.error());
-  auto fill = ShaderProgram::link(api, kWhole, kFill);
-  if (!fill) return tl::unexpected(fill.error());
-  auto plane = TranslucentProgram::create(api, kReceiver, kLight, kLightDefines);
-  if (!plane) return tl::unexpected(plane.error());
-  auto light_sum = TranslucentProgram::create(api, kWhole, kSum);
-  if (!light_sum) return tl::unexpected(light_sum.error());
-  VolumePass pass(std::move(*volume), std::move(*fill), std::move(*plane), std::move(*light_sum));
+  PENUMBRA_TRY(auto volume, volume_program(api));
+  PENUMBRA_TRY(auto fill, ShaderProgram::link(api, kWhole, kFill));
+  PENUMBRA_TRY(auto plane, TranslucentProgram::create(api, kReceiver, kLight, kLightDefines));
+  PENUMBRA_TRY(auto light_sum, TranslucentProgram::create(api, kWhole, kSum));
+  VolumePass pass(std::move(volume), std::move(fill), std::move(plane), std::move(light_sum));
   if (make_lens(camera).model != 0) pass.longest_edge_ = longest_edge(camera);
   return pass;
 }

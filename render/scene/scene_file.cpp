@@ -10,6 +10,7 @@
 #include <optional>
 #include <set>
 
+#include "core/propagate.hpp"
 #include "core/units.hpp"
 #include "render/frame_plan.hpp"
 #include "render/model/model_size.hpp"
@@ -203,9 +204,8 @@ Result<std::shared_ptr<const Model>> SceneReader::read_model(const json& from,
   }
   if (from.contains("shape")) {
     if (from.contains("up")) return fail_at(pointer + "/up", "is for models; remove it");
-    Result<Model> shape = read_shape(from.at("shape"), pointer + "/shape");
-    if (!shape) return tl::unexpected(shape.error());
-    return std::make_shared<const Model>(std::move(*shape));
+    PENUMBRA_TRY(Model shape, read_shape(from.at("shape"), pointer + "/shape"));
+    return std::make_shared<const Model>(std::move(shape));
   }
   return model_from(from.at("model").get<std::string>(), from, pointer + "/model", model_file);
 }
@@ -255,10 +255,9 @@ Result<void> SceneReader::read_casting(const json& from, const std::string& poin
   } else if (proxy != "auto") {
     object.proxy = ProxyMode::model;
     std::string ignored;
-    Result<std::shared_ptr<const Model>> model =
-        model_from(proxy, from, pointer + "/proxy", ignored);
-    if (!model) return tl::unexpected(model.error());
-    object.proxy_model = std::move(*model);
+    PENUMBRA_TRY(std::shared_ptr<const Model> model,
+                 model_from(proxy, from, pointer + "/proxy", ignored));
+    object.proxy_model = std::move(model);
     // Both are drawn with one placement.
     if (object.proxy_model->origin != object.model->origin) {
       auto moved = std::make_shared<Model>(*object.proxy_model);
@@ -370,9 +369,8 @@ Result<void> SceneReader::read_object(const json& from, const std::string& point
     }
     object.tag_group = group->get<std::string>();
   }
-  Result<std::shared_ptr<const Model>> model = read_model(from, pointer, object.model_file);
-  if (!model) return tl::unexpected(model.error());
-  object.model = std::move(*model);
+  PENUMBRA_TRY(std::shared_ptr<const Model> model, read_model(from, pointer, object.model_file));
+  object.model = std::move(model);
   if (Result<void> read = read_casting(from, pointer, object); !read) return read;
   object.placement = placement_of(from);
   warn_of_size(object);
@@ -391,9 +389,8 @@ Result<void> SceneReader::read_object(const json& from, const std::string& point
     return fail_at(pointer + "/cursor", "the scene has another 3D cursor already; keep one");
   }
   if (const auto animation = from.find("animation"); animation != from.end()) {
-    Result<Animation> read = read_animation(*animation, pointer + "/animation");
-    if (!read) return tl::unexpected(read.error());
-    object.animation = std::move(*read);
+    PENUMBRA_TRY(Animation read, read_animation(*animation, pointer + "/animation"));
+    object.animation = std::move(read);
   }
   warn_of_distance(object);
   scene_.objects.push_back(std::move(object));
@@ -468,14 +465,12 @@ Result<void> SceneReader::read_light(const json& from, const std::string& pointe
     light.direction.normalize();
   }
   if (kind == "sun") {
-    Result<Sun> sun = read_sun(from.at("sun"), pointer + "/sun");
-    if (!sun) return tl::unexpected(sun.error());
-    light.sun = *sun;
+    PENUMBRA_TRY(Sun sun, read_sun(from.at("sun"), pointer + "/sun"));
+    light.sun = sun;
   }
   if (const auto animation = from.find("animation"); animation != from.end()) {
-    Result<Animation> read = read_animation(*animation, pointer + "/animation");
-    if (!read) return tl::unexpected(read.error());
-    light.animation = std::move(*read);
+    PENUMBRA_TRY(Animation read, read_animation(*animation, pointer + "/animation"));
+    light.animation = std::move(read);
   }
   if (const auto color = from.find("color"); color != from.end()) light.color = vector_of(*color);
   light.intensity = from.value("intensity", 1.0);
@@ -668,11 +663,10 @@ Result<void> SceneReader::read_shadow(const json& from, const std::string& point
     node.light_mode = *mode;
   }
   if (const auto names = from.find("casters"); names != from.end()) {
-    Result<std::vector<int>> casters =
-        indices_of(*names, scene_.objects, pointer + "/casters", "object");
-    if (!casters) return tl::unexpected(casters.error());
+    PENUMBRA_TRY(std::vector<int> casters,
+                 indices_of(*names, scene_.objects, pointer + "/casters", "object"));
     // An object says last whether it casts.
-    for (const int caster : *casters) {
+    for (const int caster : casters) {
       if (scene_.objects[static_cast<std::size_t>(caster)].casts_shadow) {
         node.casters.push_back(caster);
       }
@@ -683,32 +677,29 @@ Result<void> SceneReader::read_shadow(const json& from, const std::string& point
     }
   }
   if (const auto names = from.find("planes"); names != from.end()) {
-    Result<std::vector<int>> planes =
-        indices_of(*names, scene_.planes, pointer + "/planes", "plane");
-    if (!planes) return tl::unexpected(planes.error());
-    node.planes = std::move(*planes);
+    PENUMBRA_TRY(std::vector<int> planes,
+                 indices_of(*names, scene_.planes, pointer + "/planes", "plane"));
+    node.planes = std::move(planes);
   } else {
     node.planes = {0};
   }
   if (const auto names = from.find("walls"); names != from.end()) {
-    Result<std::vector<int>> walls = indices_of(*names, scene_.planes, pointer + "/walls", "plane");
-    if (!walls) return tl::unexpected(walls.error());
-    node.walls = std::move(*walls);
+    PENUMBRA_TRY(std::vector<int> walls,
+                 indices_of(*names, scene_.planes, pointer + "/walls", "plane"));
+    node.walls = std::move(walls);
     for (const int plane : node.planes) std::erase(node.walls, plane);
   } else {
     unwalled_nodes_.push_back(scene_.shadows.size());
   }
   if (const auto names = from.find("lights"); names != from.end()) {
-    Result<std::vector<int>> lights =
-        indices_of(*names, scene_.lights, pointer + "/lights", "light");
-    if (!lights) return tl::unexpected(lights.error());
-    node.lights = std::move(*lights);
+    PENUMBRA_TRY(std::vector<int> lights,
+                 indices_of(*names, scene_.lights, pointer + "/lights", "light"));
+    node.lights = std::move(lights);
   }
   node.light_rays = from.value("light_rays", false);
   if (const auto layered = from.find("layered"); layered != from.end()) {
-    Result<LayeredConstants> constants = read_layered(*layered, pointer + "/layered");
-    if (!constants) return tl::unexpected(constants.error());
-    node.layered = *constants;
+    PENUMBRA_TRY(LayeredConstants constants, read_layered(*layered, pointer + "/layered"));
+    node.layered = constants;
     if (std::isfinite(node.layered.light_height) && node.layered.light_ratio <= 1.0) {
       scene_.warnings.push_back(
           fmt::format("{}: {}/layered: with a light_ratio of 1 or less the umbra never vanishes; "
@@ -790,10 +781,9 @@ Result<Scene> SceneReader::read(const json& root) {
 }  // namespace
 
 Result<Scene> load_scene(const std::filesystem::path& file) {
-  const Result<json> root = read_scene_json(file);
-  if (!root) return tl::unexpected(root.error());
+  PENUMBRA_TRY(const json root, read_scene_json(file));
   try {
-    return SceneReader(file).read(*root);
+    return SceneReader(file).read(root);
   } catch (const std::exception& error) {
     return fail("{}: can't be read: {}", file.string(), error.what());
   }

@@ -16,6 +16,7 @@
 #include <valijson/validation_results.hpp>
 #include <valijson/validator.hpp>
 
+#include "core/propagate.hpp"
 #include "core/text/file.hpp"
 #include "core/text/text_encoding.hpp"
 #include "render/scene/scene_schema.hpp"
@@ -265,23 +266,20 @@ std::span<const std::string_view> schema_keywords() {
 
 Result<json> read_scene_json(const std::filesystem::path& file) {
   const std::string name = file.string();
-  const Result<std::vector<std::uint8_t>> bytes = read_file(file, kMaxSceneBytes);
-  if (!bytes) return tl::unexpected(bytes.error());
-  const Result<std::string_view> text =
-      without_byte_order_mark({reinterpret_cast<const char*>(bytes->data()), bytes->size()}, name);
-  if (!text) return tl::unexpected(text.error());
+  PENUMBRA_TRY(const std::vector<std::uint8_t> bytes, read_file(file, kMaxSceneBytes));
+  PENUMBRA_TRY(
+      const std::string_view text,
+      without_byte_order_mark({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, name));
   try {
     DuplicateKeys duplicates;
-    json root = json::parse(text->begin(), text->end(),
+    json root = json::parse(text.begin(), text.end(),
                             [&duplicates](int, json::parse_event_t event, json& parsed) {
                               return duplicates(event, parsed);
                             });
     if (duplicates.first()) {
       return fail("{}: {}: is given twice; remove one of them", name, *duplicates.first());
     }
-    if (Result<void> checked = check_schema(name, root); !checked) {
-      return tl::unexpected(checked.error());
-    }
+    PENUMBRA_TRY_VOID(check_schema(name, root));
     return root;
   } catch (const json::exception& error) {
     return fail("{}: is not JSON: {}; check commas and brackets there", name,

@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "core/propagate.hpp"
 #include "tracking/alignment/tag_alignment.hpp"
 
 namespace penumbra {
@@ -243,10 +244,9 @@ Result<ToneEstimator> ToneEstimator::create(const CameraModel& camera,
   options.effort = AlignmentEffort::accurate;
   options.tone_exponent = kStart;
   options.min_cell_px = 3.0;  // where an edge is not next to another
-  Result<TagAligner> aligner = TagAligner::create(untoned, tags, options);
-  if (!aligner) return tl::unexpected(aligner.error());
+  PENUMBRA_TRY(TagAligner aligner, TagAligner::create(untoned, tags, options));
   return ToneEstimator(
-      std::make_unique<Impl>(Impl{untoned, std::move(*aligner), {}, AlignmentOptions().blur_px}));
+      std::make_unique<Impl>(Impl{untoned, std::move(aligner), {}, AlignmentOptions().blur_px}));
 }
 
 bool ToneEstimator::add(ImageView luma, const CameraPose& T_table_camera) {

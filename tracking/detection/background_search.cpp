@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 
@@ -15,9 +16,8 @@ BackgroundSearch::BackgroundSearch(TagSearch search, bool own_thread) : search_(
 Result<std::unique_ptr<BackgroundSearch>> BackgroundSearch::create(
     std::span<const TagFamily> families, const TagDetectorOptions& options,
     std::optional<double> tone_exponent, bool own_thread) {
-  Result<TagSearch> search = TagSearch::create(families, options, tone_exponent);
-  if (!search) return tl::unexpected(search.error());
-  return std::unique_ptr<BackgroundSearch>(new BackgroundSearch(std::move(*search), own_thread));
+  PENUMBRA_TRY(TagSearch search, TagSearch::create(families, options, tone_exponent));
+  return std::unique_ptr<BackgroundSearch>(new BackgroundSearch(std::move(search), own_thread));
 }
 
 BackgroundSearch::~BackgroundSearch() {

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/propagate.hpp"
 #include "tracking/detection/tag_detector.hpp"
 
 namespace penumbra {
@@ -94,9 +95,8 @@ ImageCheck& ImageCheck::operator=(ImageCheck&&) noexcept = default;
 ImageCheck::~ImageCheck() = default;
 
 Result<ImageCheck> ImageCheck::create(const TagMap& tags) {
-  auto detector = TagDetector::create(tags.families());
-  if (!detector) return tl::unexpected(detector.error());
-  return ImageCheck(std::make_unique<Impl>(Impl{tags, std::move(*detector)}));
+  PENUMBRA_TRY(auto detector, TagDetector::create(tags.families()));
+  return ImageCheck(std::make_unique<Impl>(Impl{tags, std::move(detector)}));
 }
 
 std::optional<ImageFault> ImageCheck::nothing_found(ImageView luma) {

@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "core/assert.hpp"
+#include "core/propagate.hpp"
 
 namespace penumbra {
 namespace {
@@ -35,9 +36,8 @@ float decimation(SearchResolution resolution) {
 Result<TagSearch> TagSearch::create(std::span<const TagFamily> families,
                                     const TagDetectorOptions& options,
                                     std::optional<double> tone_exponent) {
-  Result<TagDetector> detector = TagDetector::create(families, options);
-  if (!detector) return tl::unexpected(detector.error());
-  TagSearch search(std::move(*detector), options.quad_decimate);
+  PENUMBRA_TRY(TagDetector detector, TagDetector::create(families, options));
+  TagSearch search(std::move(detector), options.quad_decimate);
   if (tone_exponent) search.linearise_ = linearising_table(*tone_exponent);
   return search;
 }

@@ -29,6 +29,7 @@
 #include "app/capture/v4l2/v4l2_device.hpp"
 #include "app/capture/v4l2/v4l2_setup.hpp"
 #include "app/logging.hpp"
+#include "core/propagate.hpp"
 #include "core/units.hpp"
 
 namespace penumbra {
@@ -104,9 +105,7 @@ class Stream {
                                                 const std::vector<V4l2Setting>& settings = {}) {
     std::unique_ptr<Stream> stream(new Stream(std::move(device)));
     if (!as_before) reset_view(*stream->device_);
-    if (auto set = stream->set_format(options, as_before); !set) {
-      return tl::unexpected(set.error());
-    }
+    PENUMBRA_TRY_VOID(stream->set_format(options, as_before));
     stream->set_rate(options.fps);
     // Before restore(), which switches it off as in the stream before.
     stream->autofocus_before_ = stream->device_->control(V4L2_CID_FOCUS_AUTO);
@@ -114,8 +113,7 @@ class Stream {
     set_controls(*stream->device_, options.controls, !as_before);
     stream->focus_ = stream->device_->control(V4L2_CID_FOCUS_ABSOLUTE);
     stream->exposure_s_ = exposure_in_effect(*stream->device_);
-    if (auto mapped = stream->map_buffers(options.dma_buf); !mapped)
-      return tl::unexpected(mapped.error());
+    PENUMBRA_TRY_VOID(stream->map_buffers(options.dma_buf));
     if (!stream->ring_->queue_all()) return trouble(*stream->device_, "VIDIOC_QBUF", EINVAL);
     int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     if (const int error = stream->device_->call(VIDIOC_STREAMON, &type); error != 0) {
@@ -644,9 +642,8 @@ bool reads_v4l2_format(std::uint32_t fourcc) {
 
 Result<std::unique_ptr<LiveSource>> open_v4l2_source(const V4l2Options& options) {
   for (int attempt = 1;; ++attempt) {
-    auto device = V4l2Device::open(options.device);
-    if (!device) return tl::unexpected(device.error());
-    auto stream = Stream::start(std::move(*device), options, std::nullopt);
+    PENUMBRA_TRY(auto device, V4l2Device::open(options.device));
+    auto stream = Stream::start(std::move(device), options, std::nullopt);
     if (stream) {
       const int stop = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
       if (stop >= 0) return std::make_unique<V4l2Source>(options, std::move(*stream), stop);

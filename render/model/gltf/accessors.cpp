@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "core/propagate.hpp"
 #include "render/model/gltf/extensions.hpp"
 
 namespace penumbra::gltf {
@@ -112,8 +113,7 @@ Result<std::span<const std::uint8_t>> Accessors::view_bytes(int view,
 
 Result<Accessors::Stretch> Accessors::stretch(int view, const Layout& layout,
                                               const std::string& what) const {
-  const Result<std::span<const std::uint8_t>> bytes = view_bytes(view, what);
-  if (!bytes) return tl::unexpected(bytes.error());
+  PENUMBRA_TRY(const std::span<const std::uint8_t> bytes, view_bytes(view, what));
   const tinygltf::BufferView& v = gltf_.bufferViews[static_cast<std::size_t>(view)];
   std::size_t stride = layout.size;
   if (layout.strided && v.byteStride != 0) {
@@ -129,11 +129,11 @@ Result<Accessors::Stretch> Accessors::stretch(int view, const Layout& layout,
   }
   // count is at most 2^32 and stride 252: no overflow in 64 bits.
   const std::size_t needed = (layout.count - 1) * stride + layout.size;
-  if (layout.offset > bytes->size() || needed > bytes->size() - layout.offset) {
+  if (layout.offset > bytes.size() || needed > bytes.size() - layout.offset) {
     return fail("{}: {}: reaches past the end of its buffer view ({} bytes)", name_, what,
-                bytes->size());
+                bytes.size());
   }
-  return Stretch{bytes->data() + layout.offset, stride};
+  return Stretch{bytes.data() + layout.offset, stride};
 }
 
 Result<void> Accessors::apply_sparse(const tinygltf::Accessor& accessor, Elements& elements,
@@ -148,24 +148,22 @@ Result<void> Accessors::apply_sparse(const tinygltf::Accessor& accessor, Element
   }
   const auto count = static_cast<std::size_t>(s.count);
   const std::size_t size = component_size(accessor.componentType);
-  const Result<Stretch> indices =
-      stretch(s.indices.bufferView,
-              {static_cast<std::size_t>(index_offset), count, index_size, index_size, false},
-              place + " sparse indices");
-  if (!indices) return tl::unexpected(indices.error());
-  const Result<Stretch> values =
-      stretch(s.values.bufferView,
-              {static_cast<std::size_t>(value_offset), count, size * elements.width, size, false},
-              place + " sparse values");
-  if (!values) return tl::unexpected(values.error());
+  PENUMBRA_TRY(const Stretch indices, stretch(s.indices.bufferView,
+                                              {static_cast<std::size_t>(index_offset), count,
+                                               index_size, index_size, false},
+                                              place + " sparse indices"));
+  PENUMBRA_TRY(const Stretch values, stretch(s.values.bufferView,
+                                             {static_cast<std::size_t>(value_offset), count,
+                                              size * elements.width, size, false},
+                                             place + " sparse values"));
   for (std::size_t i = 0; i < count; ++i) {
     const double to =
-        component_at(indices->data + i * indices->stride, s.indices.componentType, false);
+        component_at(indices.data + i * indices.stride, s.indices.componentType, false);
     if (!(to < static_cast<double>(accessor.count))) {
       return fail("{}: {}: a sparse index is {}, there are {} elements", name_, place, to,
                   accessor.count);
     }
-    read_element(values->data + i * values->stride, accessor,
+    read_element(values.data + i * values.stride, accessor,
                  elements.values.data() + static_cast<std::size_t>(to) * elements.width);
   }
   return {};
@@ -192,13 +190,12 @@ Result<Elements> Accessors::elements(int index, const std::string& what) {
   // Without a buffer view they are zeros (glTF 2.0, 5.1.1).
   Elements result{accessor.count, width, {}};
   if (accessor.bufferView >= 0) {
-    const Result<Stretch> from =
-        stretch(accessor.bufferView,
-                {accessor.byteOffset, accessor.count, size * width, size, true}, place);
-    if (!from) return tl::unexpected(from.error());
+    PENUMBRA_TRY(const Stretch from,
+                 stretch(accessor.bufferView,
+                         {accessor.byteOffset, accessor.count, size * width, size, true}, place));
     result.values.resize(accessor.count * width);
     for (std::size_t i = 0; i < accessor.count; ++i) {
-      read_element(from->data + i * from->stride, accessor, result.values.data() + i * width);
+      read_element(from.data + i * from.stride, accessor, result.values.data() + i * width);
     }
   } else {
     if (accessor.count * width > zeros_left_) {
@@ -211,9 +208,7 @@ Result<Elements> Accessors::elements(int index, const std::string& what) {
     result.values.resize(accessor.count * width, 0.0);
   }
   if (accessor.sparse.isSparse) {
-    if (const Result<void> done = apply_sparse(accessor, result, place); !done) {
-      return tl::unexpected(done.error());
-    }
+    PENUMBRA_TRY_VOID(apply_sparse(accessor, result, place));
   }
   for (const double value : result.values) {
     if (!std::isfinite(value)) {

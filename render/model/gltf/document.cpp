@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "core/propagate.hpp"
 #include "core/text/text_encoding.hpp"
 #include "render/model/gltf/container.hpp"
 #include "render/model/gltf/fields.hpp"
@@ -86,14 +87,13 @@ std::optional<std::string> other_version(const Json& root) {
 }  // namespace
 
 Result<Document> parse_document(const std::string& name, std::string_view text) {
-  const Result<std::string_view> json = without_byte_order_mark(text, name);
-  if (!json) return tl::unexpected(json.error());
-  if (nesting_depth(*json) > kMaxModelDepth) {
+  PENUMBRA_TRY(const std::string_view json, without_byte_order_mark(text, name));
+  if (nesting_depth(json) > kMaxModelDepth) {
     return fail("{}: its JSON is nested deeper than {} levels", name, kMaxModelDepth);
   }
   Json root;
   try {
-    root = Json::parse(json->begin(), json->end());
+    root = Json::parse(json.begin(), json.end());
   } catch (const Json::exception& error) {
     return fail("{}: is not glTF 2.0: {}", name, first_line(error.what()));
   }

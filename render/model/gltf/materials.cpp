@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <optional>
 
+#include "core/propagate.hpp"
 #include "render/model/model_parts.hpp"
 
 namespace penumbra::gltf {
@@ -71,9 +72,8 @@ Result<MaterialTexture> MaterialReader::texture(const Info& info, const std::str
     return fail("{}: {}: names texture {}, there are {}", name_, what, info.index,
                 gltf_.textures.size());
   }
-  const Result<TextureSampling> sampled =
-      sampling(gltf_.textures[static_cast<std::size_t>(info.index)].sampler);
-  if (!sampled) return tl::unexpected(sampled.error());
+  PENUMBRA_TRY(const TextureSampling sampled,
+               sampling(gltf_.textures[static_cast<std::size_t>(info.index)].sampler));
   const int image = image_of(info.index);
   if (image < 0) return result;
   if (info.extensions.contains("KHR_texture_transform")) {
@@ -93,7 +93,7 @@ Result<MaterialTexture> MaterialReader::texture(const Info& info, const std::str
   }
   result.image = image;
   result.texcoords = static_cast<int>(set - texcoord_sets.begin());
-  result.sampling = *sampled;
+  result.sampling = sampled;
   return result;
 }
 
@@ -130,10 +130,9 @@ Result<int> MaterialReader::decoded_image(int index) {
   const ImageSource& image = document_.images[static_cast<std::size_t>(index)];
   const std::string place = fmt::format("{}: images/{}", name_, index);
   if (image.buffer_view >= 0) {
-    const Result<std::span<const std::uint8_t>> coded =
-        accessors_.view_bytes(image.buffer_view, fmt::format("images/{}", index));
-    if (!coded) return tl::unexpected(coded.error());
-    return add_texture(model_, *coded, place, limits_);
+    PENUMBRA_TRY(const std::span<const std::uint8_t> coded,
+                 accessors_.view_bytes(image.buffer_view, fmt::format("images/{}", index)));
+    return add_texture(model_, coded, place, limits_);
   }
   if (image.uri.empty()) return fail("{}: has neither a uri nor a bufferView", place);
   const Result<std::vector<std::uint8_t>> coded = buffers_.fetch(image.uri);
@@ -216,9 +215,8 @@ Result<void> MaterialReader::read(const std::vector<bool>& used) {
     Material material;
     material.name = gltf_.materials[i].name;
     if (used[i]) {
-      Result<Material> read = factors(i);
-      if (!read) return tl::unexpected(read.error());
-      material = std::move(*read);
+      PENUMBRA_TRY(Material read, factors(i));
+      material = std::move(read);
       if (Result<void> done = read_textures(i, material); !done) return done;
     }
     model_.materials.push_back(std::move(material));

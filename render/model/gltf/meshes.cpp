@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/propagate.hpp"
 #include "render/model/gltf/extensions.hpp"
 
 namespace penumbra::gltf {
@@ -72,14 +73,13 @@ Result<std::vector<std::uint32_t>> MeshReader::corners(const tinygltf::Primitive
     return order;
   }
   const std::string place = what + "/indices";
-  const Result<Elements> indices = accessors_.elements(entry->second, place);
-  if (!indices) return tl::unexpected(indices.error());
+  PENUMBRA_TRY(const Elements indices, accessors_.elements(entry->second, place));
   const tinygltf::Accessor* accessor = accessors_.find(entry->second);
-  if (indices->width != 1 || !is_unsigned(accessor->componentType) || accessor->normalized) {
+  if (indices.width != 1 || !is_unsigned(accessor->componentType) || accessor->normalized) {
     return fail("{}: {}: are not unsigned integers", name_, place);
   }
-  order.reserve(indices->count);
-  for (const double index : indices->values) {
+  order.reserve(indices.count);
+  for (const double index : indices.values) {
     if (!(index < static_cast<double>(vertices))) {
       return fail("{}: {}: names vertex {}, there are {}", name_, place, index, vertices);
     }
@@ -114,13 +114,12 @@ Result<void> MeshReader::read_texcoords(const tinygltf::Primitive& from, const s
   std::vector<int> sets = materials_.texcoord_sets(static_cast<std::size_t>(mesh.material));
   if (sets.empty()) sets.push_back(0);
   for (std::size_t s = 0; s < sets.size(); ++s) {
-    const Result<Elements> read =
-        accessors_.attribute(from.attributes, fmt::format("TEXCOORD_{}", sets[s]),
-                             {2, 2, mesh.positions.size()}, what + "/attributes");
-    if (!read) return tl::unexpected(read.error());
+    PENUMBRA_TRY(const Elements read,
+                 accessors_.attribute(from.attributes, fmt::format("TEXCOORD_{}", sets[s]),
+                                      {2, 2, mesh.positions.size()}, what + "/attributes"));
     std::vector<glm::vec2>& to = s == 0 ? mesh.texcoords : mesh.texcoords_2;
-    for (std::size_t i = 0; i < read->count; ++i)
-      to.emplace_back(static_cast<float>(read->at(i, 0)), static_cast<float>(read->at(i, 1)));
+    for (std::size_t i = 0; i < read.count; ++i)
+      to.emplace_back(static_cast<float>(read.at(i, 0)), static_cast<float>(read.at(i, 1)));
   }
   return {};
 }
@@ -133,28 +132,23 @@ Result<void> MeshReader::read_attributes(const tinygltf::Primitive& from, const 
     return accessors_.attribute(from.attributes, key, {min_width, max_width, count},
                                 what + "/attributes");
   };
-  const Result<Elements> normals = read("NORMAL", 3, 3);
-  if (!normals) return tl::unexpected(normals.error());
-  const Result<Elements> colors = read("COLOR_0", 3, 4);
-  if (!colors) return tl::unexpected(colors.error());
-  const Result<Elements> kernels = read("_SHADOW_KERNEL", 3, 3);
-  if (!kernels) return tl::unexpected(kernels.error());
+  PENUMBRA_TRY(const Elements normals, read("NORMAL", 3, 3));
+  PENUMBRA_TRY(const Elements colors, read("COLOR_0", 3, 4));
+  PENUMBRA_TRY(const Elements kernels, read("_SHADOW_KERNEL", 3, 3));
   if (Result<void> done = read_texcoords(from, what, mesh); !done) return done;
-  mesh.normals = vectors(*normals);
-  mesh.shadow_kernels = vectors(*kernels);
+  mesh.normals = vectors(normals);
+  mesh.shadow_kernels = vectors(kernels);
   const auto number = [](const Elements& elements, std::size_t i, std::size_t c) {
     return static_cast<float>(elements.at(i, c));
   };
-  for (std::size_t i = 0; i < colors->count; ++i) {
-    mesh.colors.emplace_back(vector_at(*colors, i),
-                             colors->width == 4 ? number(*colors, i, 3) : 1.0F);
+  for (std::size_t i = 0; i < colors.count; ++i) {
+    mesh.colors.emplace_back(vector_at(colors, i), colors.width == 4 ? number(colors, i, 3) : 1.0F);
   }
   const Material& material = model_.materials[static_cast<std::size_t>(mesh.material)];
   if (material.normal_texture.image < 0) return {};
-  const Result<Elements> tangents = read("TANGENT", 4, 4);
-  if (!tangents) return tl::unexpected(tangents.error());
-  for (std::size_t i = 0; i < tangents->count; ++i) {
-    mesh.tangents.emplace_back(vector_at(*tangents, i), number(*tangents, i, 3));
+  PENUMBRA_TRY(const Elements tangents, read("TANGENT", 4, 4));
+  for (std::size_t i = 0; i < tangents.count; ++i) {
+    mesh.tangents.emplace_back(vector_at(tangents, i), number(tangents, i, 3));
   }
   return {};
 }
@@ -164,10 +158,10 @@ Result<void> MeshReader::read_targets(const tinygltf::Primitive& from, Primitive
     const std::string place = fmt::format("{}/targets/{}", to.place, t);
     MorphTarget target;
     const auto read = [&](const char* key, std::vector<glm::vec3>& vectors_of) -> Result<void> {
-      const Result<Elements> elements =
-          accessors_.attribute(from.targets[t], key, {3, 3, to.mesh.positions.size()}, place);
-      if (!elements) return tl::unexpected(elements.error());
-      vectors_of = vectors(*elements);
+      PENUMBRA_TRY(
+          const Elements elements,
+          accessors_.attribute(from.targets[t], key, {3, 3, to.mesh.positions.size()}, place));
+      vectors_of = vectors(elements);
       return {};
     };
     if (Result<void> done = read("POSITION", target.positions); !done) return done;
@@ -201,10 +195,10 @@ Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& fro
                   has_joints ? weights_key : joints_key);
     }
     if (!has_joints) break;
-    Result<Elements> j = accessors_.attribute(from.attributes, joints_key, {4, 4, count}, place);
-    if (!j) return tl::unexpected(j.error());
-    Result<Elements> w = accessors_.attribute(from.attributes, weights_key, {4, 4, count}, place);
-    if (!w) return tl::unexpected(w.error());
+    PENUMBRA_TRY(Elements j,
+                 accessors_.attribute(from.attributes, joints_key, {4, 4, count}, place));
+    PENUMBRA_TRY(Elements w,
+                 accessors_.attribute(from.attributes, weights_key, {4, 4, count}, place));
     const tinygltf::Accessor* joint_type = accessors_.find(joints_entry->second);
     const tinygltf::Accessor* weight_type = accessors_.find(weights_entry->second);
     if (!is_unsigned(joint_type->componentType) || joint_type->normalized) {
@@ -215,8 +209,8 @@ Result<SkinWeights> MeshReader::read_skin_weights(const tinygltf::Primitive& fro
       return fail("{}: {}/{}: are neither floats nor normalized unsigned integers", name_, place,
                   weights_key);
     }
-    joints.push_back(std::move(*j));
-    weights.push_back(std::move(*w));
+    joints.push_back(std::move(j));
+    weights.push_back(std::move(w));
   }
   SkinWeights skin{4 * joints.size(), {}, {}};
   bool far_off = false, weightless = false;
@@ -257,15 +251,14 @@ Result<Primitive> MeshReader::read_primitive(const tinygltf::Primitive& from,
   if (is_draco_only(from, accessors_)) return fail_compressed(name_, kDraco);
   Primitive primitive{what, {}, {}, {}};
   Mesh& mesh = primitive.mesh;
-  const Result<Elements> positions =
-      accessors_.attribute(from.attributes, "POSITION", {3, 3, 0}, what + "/attributes");
-  if (!positions) return tl::unexpected(positions.error());
-  if (positions->count > limits_.max_vertices) {
-    return fail("{}: {}: has {} vertices, more than the {} allowed", name_, what, positions->count,
+  PENUMBRA_TRY(const Elements positions,
+               accessors_.attribute(from.attributes, "POSITION", {3, 3, 0}, what + "/attributes"));
+  if (positions.count > limits_.max_vertices) {
+    return fail("{}: {}: has {} vertices, more than the {} allowed", name_, what, positions.count,
                 limits_.max_vertices);
   }
-  mesh.positions = vectors(*positions);
-  for (std::size_t i = 0; i < positions->count; ++i) {
+  mesh.positions = vectors(positions);
+  for (std::size_t i = 0; i < positions.count; ++i) {
     mesh.source_vertex.push_back(first_vertex + static_cast<std::uint32_t>(i));
   }
   const auto materials = static_cast<int>(gltf_.materials.size());
@@ -273,15 +266,10 @@ Result<Primitive> MeshReader::read_primitive(const tinygltf::Primitive& from,
     return fail("{}: {}: names material {}, there are {}", name_, what, from.material, materials);
   }
   mesh.material = from.material < 0 ? materials : from.material;
-  if (Result<void> done = read_attributes(from, what, mesh); !done) {
-    return tl::unexpected(done.error());
-  }
-  Result<std::vector<std::uint32_t>> indices = triangles(from, positions->count, what);
-  if (!indices) return tl::unexpected(indices.error());
-  mesh.indices = std::move(*indices);
-  if (Result<void> done = read_targets(from, primitive); !done) {
-    return tl::unexpected(done.error());
-  }
+  PENUMBRA_TRY_VOID(read_attributes(from, what, mesh));
+  PENUMBRA_TRY(std::vector<std::uint32_t> indices, triangles(from, positions.count, what));
+  mesh.indices = std::move(indices);
+  PENUMBRA_TRY_VOID(read_targets(from, primitive));
   return primitive;
 }
 
@@ -334,11 +322,10 @@ Result<void> MeshReader::read_mesh(std::size_t index, Entry& entry) {
       notes_.add("draws points or lines, which have no surface, and is ignored", place);
       continue;
     }
-    Result<Primitive> read = read_primitive(primitive, place, entry.first_vertex[p]);
-    if (!read) return tl::unexpected(read.error());
-    read->mesh.name = from.name;
-    read->index = p;
-    primitives.push_back(std::move(*read));
+    PENUMBRA_TRY(Primitive read, read_primitive(primitive, place, entry.first_vertex[p]));
+    read.mesh.name = from.name;
+    read.index = p;
+    primitives.push_back(std::move(read));
   }
   return {};
 }
@@ -347,7 +334,7 @@ Result<const std::vector<Primitive>*> MeshReader::mesh(int index, bool skinned) 
   const auto m = static_cast<std::size_t>(index);
   Entry& entry = meshes_[m];
   if (!entry.primitives) {
-    if (Result<void> done = read_mesh(m, entry); !done) return tl::unexpected(done.error());
+    PENUMBRA_TRY_VOID(read_mesh(m, entry));
   }
   if (skinned && !entry.has_skin_weights) {
     entry.has_skin_weights = true;
@@ -355,9 +342,8 @@ Result<const std::vector<Primitive>*> MeshReader::mesh(int index, bool skinned) 
     for (const tinygltf::Primitive& from : gltf_.meshes[m].primitives) {
       if (!has_surface(from)) continue;
       Primitive& to = (*entry.primitives)[next++];
-      Result<SkinWeights> skin = read_skin_weights(from, to);
-      if (!skin) return tl::unexpected(skin.error());
-      to.skin = std::move(*skin);
+      PENUMBRA_TRY(SkinWeights skin, read_skin_weights(from, to));
+      to.skin = std::move(skin);
     }
   }
   return &*entry.primitives;

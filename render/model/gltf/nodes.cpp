@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 
+#include "core/propagate.hpp"
 #include "render/model/gltf/extensions.hpp"
 #include "render/model/model_parts.hpp"
 
@@ -137,9 +138,7 @@ Result<std::vector<Placement>> Nodes::visible_meshes() {
     shown = gltf_.scenes[static_cast<std::size_t>(scene)].nodes;
   }
   for (const int node : shown) {
-    if (Result<void> done = walk(node, Eigen::Matrix4d::Identity(), 1, -1); !done) {
-      return tl::unexpected(done.error());
-    }
+    PENUMBRA_TRY_VOID(walk(node, Eigen::Matrix4d::Identity(), 1, -1));
   }
   if (gltf_.scenes.empty() && gltf_.nodes.empty()) {
     for (std::size_t mesh = 0; mesh < gltf_.meshes.size(); ++mesh) {
@@ -197,20 +196,18 @@ Result<std::vector<Eigen::Matrix4d>> instances_of(const std::string& name,
     }
   }
   const std::string what = fmt::format("{}/extensions/{}/attributes", place, kInstancing);
-  const Result<Elements> translations =
-      accessors.attribute(attributes, "TRANSLATION", {3, 3, 0}, what);
-  if (!translations) return tl::unexpected(translations.error());
-  const Result<Elements> rotations = accessors.attribute(attributes, "ROTATION", {4, 4, 0}, what);
-  if (!rotations) return tl::unexpected(rotations.error());
-  const Result<Elements> scales = accessors.attribute(attributes, "SCALE", {3, 3, 0}, what);
-  if (!scales) return tl::unexpected(scales.error());
-  const std::size_t count = std::max({translations->count, rotations->count, scales->count});
+  PENUMBRA_TRY(const Elements translations,
+               accessors.attribute(attributes, "TRANSLATION", {3, 3, 0}, what));
+  PENUMBRA_TRY(const Elements rotations,
+               accessors.attribute(attributes, "ROTATION", {4, 4, 0}, what));
+  PENUMBRA_TRY(const Elements scales, accessors.attribute(attributes, "SCALE", {3, 3, 0}, what));
+  const std::size_t count = std::max({translations.count, rotations.count, scales.count});
   std::vector<Eigen::Matrix4d> instances;
   if (count == 0) {
     instances.emplace_back(Eigen::Matrix4d::Identity());
     return instances;
   }
-  for (const Elements* elements : {&*translations, &*rotations, &*scales}) {
+  for (const Elements* elements : {&translations, &rotations, &scales}) {
     if (elements->count != 0 && elements->count != count) {
       return fail("{}: {}: have {} and {} elements", name, what, elements->count, count);
     }
@@ -223,16 +220,16 @@ Result<std::vector<Eigen::Matrix4d>> instances_of(const std::string& name,
   };
   for (std::size_t i = 0; i < count; ++i) {
     Eigen::Affine3d instance = Eigen::Affine3d::Identity();
-    if (translations->count > 0) instance.translate(vector_of(*translations, i));
-    if (rotations->count > 0) {
-      const Eigen::Quaterniond rotation(rotations->at(i, 3), rotations->at(i, 0),
-                                        rotations->at(i, 1), rotations->at(i, 2));
+    if (translations.count > 0) instance.translate(vector_of(translations, i));
+    if (rotations.count > 0) {
+      const Eigen::Quaterniond rotation(rotations.at(i, 3), rotations.at(i, 0), rotations.at(i, 1),
+                                        rotations.at(i, 2));
       if (!(std::abs(rotation.norm() - 1.0) < 0.1)) {
         return fail("{}: {}/ROTATION: element {} is not a unit quaternion", name, what, i);
       }
       instance.rotate(rotation.normalized());
     }
-    if (scales->count > 0) instance.scale(vector_of(*scales, i));
+    if (scales.count > 0) instance.scale(vector_of(scales, i));
     instances.push_back(instance.matrix());
   }
   return instances;

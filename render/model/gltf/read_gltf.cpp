@@ -1,6 +1,7 @@
 // .glb and .gltf -> Model, in the file's own axes (y up).
 #include <algorithm>
 
+#include "core/propagate.hpp"
 #include "core/text/file.hpp"
 #include "render/model/gltf/buffers.hpp"
 #include "render/model/gltf/container.hpp"
@@ -136,16 +137,15 @@ Result<std::vector<VertexPlacement>> Reader::vertex_placements(const Placement& 
       notes_.add(fmt::format("is skinned; its instances ({}) are ignored", kInstancing),
                  placement.place);
     }
-    const auto matrices = skins_.joint_matrices(node.skin);
-    if (!matrices) return tl::unexpected(matrices.error());
-    result.push_back({placement.T_root_node, *matrices});
+    PENUMBRA_TRY(const auto matrices, skins_.joint_matrices(node.skin));
+    result.push_back({placement.T_root_node, matrices});
     return result;
   }
   const std::size_t most = limits_.max_vertices / meshes_.vertex_count(placement.mesh);
-  const auto instances =
-      instances_of(name_, node, fmt::format("nodes/{}", placement.node), accessors_, most);
-  if (!instances) return tl::unexpected(instances.error());
-  for (const Eigen::Matrix4d& T_node_instance : *instances) {
+  PENUMBRA_TRY(
+      const auto instances,
+      instances_of(name_, node, fmt::format("nodes/{}", placement.node), accessors_, most));
+  for (const Eigen::Matrix4d& T_node_instance : instances) {
     result.push_back({placement.T_root_node * T_node_instance, nullptr});
     if (node.extensions.contains(kInstancing)) result.back().T_node_instance = T_node_instance;
   }
@@ -159,26 +159,22 @@ Result<void> Reader::collect(const Placement& placement) {
     return fail("{}: nodes/{}/skin: names skin {}, there are {}", name_, placement.node, skin,
                 gltf_.skins.size());
   }
-  const auto primitives = meshes_.mesh(placement.mesh, skin >= 0);
-  if (!primitives) return tl::unexpected(primitives.error());
-  const Result<std::vector<double>> weights = morph_weights(placement, **primitives);
-  if (!weights) return tl::unexpected(weights.error());
+  PENUMBRA_TRY(const auto primitives, meshes_.mesh(placement.mesh, skin >= 0));
+  PENUMBRA_TRY(const std::vector<double> weights, morph_weights(placement, *primitives));
   if (meshes_.vertex_count(placement.mesh) == 0) return {};
-  auto vertex_placements_of = vertex_placements(placement);
-  if (!vertex_placements_of) return tl::unexpected(vertex_placements_of.error());
+  PENUMBRA_TRY(auto vertex_placements_of, vertex_placements(placement));
   const tinygltf::Value& extras = gltf_.meshes[static_cast<std::size_t>(placement.mesh)].extras;
-  for (VertexPlacement& vertices : *vertex_placements_of) {
-    const Result<std::uint32_t> shift = meshes_.source_shift_of_next_use(placement.mesh);
-    if (!shift) return tl::unexpected(shift.error());
-    vertices.source_shift = *shift;
-    if (uses_ != nullptr) uses_->push_back(use_of(placement, vertices, **primitives));
+  for (VertexPlacement& vertices : vertex_placements_of) {
+    PENUMBRA_TRY(const std::uint32_t shift, meshes_.source_shift_of_next_use(placement.mesh));
+    vertices.source_shift = shift;
+    if (uses_ != nullptr) uses_->push_back(use_of(placement, vertices, *primitives));
     // The stored direction of a skinned mesh is in the root frame.
     const Eigen::Matrix3d linear = skin >= 0 ? Eigen::Matrix3d(Eigen::Matrix3d::Identity())
                                              : vertices.T_root_mesh.topLeftCorner<3, 3>();
     if (skin >= 0 || keeps_surfaces(vertices.T_root_mesh)) {
       kernels_.take(extras, linear, placement.place);
     }
-    for (const Primitive& primitive : **primitives) {
+    for (const Primitive& primitive : *primitives) {
       if (vertices.joint_matrices != nullptr) {
         if (primitive.skin.per_vertex == 0) {
           notes_.add("has no joints and weights for its skin; it stands where its node is",
@@ -188,7 +184,7 @@ Result<void> Reader::collect(const Placement& placement) {
         if (!joints) return joints;
       }
       const Result<void> collected =
-          placer_.collect({&primitive, *weights, vertices, placement.model_node, placement.place});
+          placer_.collect({&primitive, weights, vertices, placement.model_node, placement.place});
       if (!collected) return collected;
     }
   }
@@ -197,16 +193,13 @@ Result<void> Reader::collect(const Placement& placement) {
 
 Result<Model> Reader::read() {
   model_.culls_back_faces = true;
-  const Result<std::vector<Placement>> placements = nodes_.visible_meshes();
-  if (!placements) return tl::unexpected(placements.error());
-  if (Result<void> done = materials_.read(used_materials(*placements)); !done) {
-    return tl::unexpected(done.error());
+  PENUMBRA_TRY(const std::vector<Placement> placements, nodes_.visible_meshes());
+  PENUMBRA_TRY_VOID(materials_.read(used_materials(placements)));
+  PENUMBRA_TRY_VOID(meshes_.number_vertices());
+  for (const Placement& placement : placements) {
+    PENUMBRA_TRY_VOID(collect(placement));
   }
-  if (Result<void> done = meshes_.number_vertices(); !done) return tl::unexpected(done.error());
-  for (const Placement& placement : *placements) {
-    if (Result<void> done = collect(placement); !done) return tl::unexpected(done.error());
-  }
-  if (Result<void> done = placer_.place_all(); !done) return tl::unexpected(done.error());
+  PENUMBRA_TRY_VOID(placer_.place_all());
   if (model_.meshes.empty()) {
     const std::string cause = notes_.first_line(name_);
     if (!cause.empty()) return fail("{}; the scene shows nothing else", cause);
@@ -228,22 +221,18 @@ Result<Model> read_bytes(const std::filesystem::path& file, std::span<const std:
   const std::string name = file.string();
   Container container{{reinterpret_cast<const char*>(bytes.data()), bytes.size()}, {}};
   if (binary) {
-    Result<Container> opened = open_glb(name, bytes);
-    if (!opened) return tl::unexpected(opened.error());
-    container = *opened;
+    PENUMBRA_TRY(Container opened, open_glb(name, bytes));
+    container = opened;
   }
-  Result<Document> document = parse_document(name, container.json);
-  if (!document) return tl::unexpected(document.error());
-  if (Result<void> done = check_required(name, *document); !done) {
-    return tl::unexpected(done.error());
-  }
-  Buffers buffers(file, std::move(document->buffers), container.binary, limits.max_file_bytes);
-  Reader reader(name, *document, buffers, limits);
+  PENUMBRA_TRY(Document document, parse_document(name, container.json));
+  PENUMBRA_TRY_VOID(check_required(name, document));
+  Buffers buffers(file, std::move(document.buffers), container.binary, limits.max_file_bytes);
+  Reader reader(name, document, buffers, limits);
   if (notes.uses != nullptr) reader.keep_uses(*notes.uses);
   Result<Model> model = reader.read();
   if (!model) return model;
   notes.step = reader.file_step();
-  std::vector<std::string> ignored = ignored_content(name, *document);
+  std::vector<std::string> ignored = ignored_content(name, document);
   model->warnings.insert(model->warnings.begin(), ignored.begin(), ignored.end());
   model->warnings.insert(model->warnings.end(), buffers.warnings().begin(),
                          buffers.warnings().end());
@@ -254,13 +243,11 @@ Result<Model> read_bytes(const std::filesystem::path& file, std::span<const std:
 
 Result<std::vector<MeshUse>> mesh_uses(const std::filesystem::path& file) {
   const ModelLimits limits;
-  const Result<std::vector<std::uint8_t>> bytes = read_file(file, limits.max_file_bytes);
-  if (!bytes) return tl::unexpected(bytes.error());
-  const std::string_view text(reinterpret_cast<const char*>(bytes->data()), bytes->size());
+  PENUMBRA_TRY(const std::vector<std::uint8_t> bytes, read_file(file, limits.max_file_bytes));
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   std::vector<MeshUse> uses;
   FileNotes notes{.uses = &uses};
-  const Result<Model> model = read_bytes(file, *bytes, text.starts_with("glTF"), limits, notes);
-  if (!model) return tl::unexpected(model.error());
+  PENUMBRA_TRY_VOID(read_bytes(file, bytes, text.starts_with("glTF"), limits, notes));
   return uses;
 }
 

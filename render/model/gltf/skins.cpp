@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "core/propagate.hpp"
+
 namespace penumbra::gltf {
 
 Result<std::vector<Eigen::Matrix4d>> Skins::inverse_bind_matrices(const tinygltf::Skin& skin,
@@ -9,17 +11,16 @@ Result<std::vector<Eigen::Matrix4d>> Skins::inverse_bind_matrices(const tinygltf
   std::vector<Eigen::Matrix4d> matrices(skin.joints.size(), Eigen::Matrix4d::Identity());
   if (skin.inverseBindMatrices < 0) return matrices;
   const std::string what = place + "/inverseBindMatrices";
-  const Result<Elements> elements = accessors_.elements(skin.inverseBindMatrices, what);
-  if (!elements) return tl::unexpected(elements.error());
+  PENUMBRA_TRY(const Elements elements, accessors_.elements(skin.inverseBindMatrices, what));
   const int type = accessors_.find(skin.inverseBindMatrices)->componentType;
-  if (elements->width != 16 || type != TINYGLTF_COMPONENT_TYPE_FLOAT) {
+  if (elements.width != 16 || type != TINYGLTF_COMPONENT_TYPE_FLOAT) {
     return fail("{}: {}: are not 4 x 4 matrices of floats", name_, what);
   }
-  if (elements->count < matrices.size()) {
-    return fail("{}: {}: are {} for {} joints", name_, what, elements->count, matrices.size());
+  if (elements.count < matrices.size()) {
+    return fail("{}: {}: are {} for {} joints", name_, what, elements.count, matrices.size());
   }
   for (std::size_t i = 0; i < matrices.size(); ++i) {
-    matrices[i] = Eigen::Map<const Eigen::Matrix4d>(elements->values.data() + 16 * i);
+    matrices[i] = Eigen::Map<const Eigen::Matrix4d>(elements.values.data() + 16 * i);
     const Eigen::RowVector4d expected(0.0, 0.0, 0.0, 1.0);
     if ((matrices[i].row(3) - expected).cwiseAbs().maxCoeff() > 1e-4) {
       return fail("{}: {}: matrix {} is not a placement in space (last row 0 0 0 1)", name_, what,
@@ -41,17 +42,15 @@ Result<const std::vector<Eigen::Matrix4d>*> Skins::joint_matrices(int index) {
                   gltf_.nodes.size());
     }
   }
-  Result<std::vector<Eigen::Matrix4d>> matrices = inverse_bind_matrices(skin, place);
-  if (!matrices) return tl::unexpected(matrices.error());
-  for (std::size_t i = 0; i < matrices->size(); ++i) {
-    const Result<Eigen::Matrix4d> T_root_joint = nodes_.T_root_node(skin.joints[i]);
-    if (!T_root_joint) return tl::unexpected(T_root_joint.error());
-    (*matrices)[i] = *T_root_joint * (*matrices)[i];
-    if (!(*matrices)[i].allFinite()) {
+  PENUMBRA_TRY(std::vector<Eigen::Matrix4d> matrices, inverse_bind_matrices(skin, place));
+  for (std::size_t i = 0; i < matrices.size(); ++i) {
+    PENUMBRA_TRY(const Eigen::Matrix4d T_root_joint, nodes_.T_root_node(skin.joints[i]));
+    matrices[i] = T_root_joint * matrices[i];
+    if (!matrices[i].allFinite()) {
       return fail("{}: {}: the transform of joint {} is not finite", name_, place, i);
     }
   }
-  return &(known_[index] = std::move(*matrices));
+  return &(known_[index] = std::move(matrices));
 }
 
 Result<void> check_joints(const std::string& name, const Primitive& primitive,

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <limits>
 
+#include "core/propagate.hpp"
 #include "core/text/file.hpp"
 #include "core/text/text_encoding.hpp"
 #include "render/model/gltf/buffers.hpp"
@@ -53,11 +54,10 @@ Result<std::vector<std::uint8_t>> joined_buffers(Json& json, gltf::Buffers& buff
   }
   for (std::size_t i = 0; i < buffers.count(); ++i) {
     if (!is_named[i]) continue;
-    const auto bytes = buffers.bytes(i);
-    if (!bytes) return tl::unexpected(bytes.error());
+    PENUMBRA_TRY(const auto bytes, buffers.bytes(i));
     while (binary.size() % 4 != 0) binary.push_back(0);
     begin[i] = binary.size();
-    binary.insert(binary.end(), bytes->begin(), bytes->end());
+    binary.insert(binary.end(), bytes.begin(), bytes.end());
   }
   if (begin.empty()) return binary;
   if (json.contains("bufferViews")) {
@@ -108,26 +108,21 @@ Result<GlbDocument> GlbDocument::open(const std::filesystem::path& file,
                                       std::vector<std::string>& warnings) {
   const std::string name = file.string();
   const std::size_t most = ModelLimits().max_file_bytes;
-  const auto bytes = read_file(file, most);
-  if (!bytes) return tl::unexpected(bytes.error());
-  gltf::Container container{{reinterpret_cast<const char*>(bytes->data()), bytes->size()}, {}};
+  PENUMBRA_TRY(const auto bytes, read_file(file, most));
+  gltf::Container container{{reinterpret_cast<const char*>(bytes.data()), bytes.size()}, {}};
   if (container.json.starts_with("glTF")) {
-    auto opened = gltf::open_glb(name, *bytes);
-    if (!opened) return tl::unexpected(opened.error());
-    container = *opened;
+    PENUMBRA_TRY(auto opened, gltf::open_glb(name, bytes));
+    container = opened;
   } else {
-    const auto text = without_byte_order_mark(container.json, name);
-    if (!text) return tl::unexpected(text.error());
-    container.json = *text;
+    PENUMBRA_TRY(const auto text, without_byte_order_mark(container.json, name));
+    container.json = text;
   }
-  auto parsed = gltf::parse_document(name, container.json);
-  if (!parsed) return tl::unexpected(parsed.error());
-  gltf::Buffers buffers(file, std::move(parsed->buffers), container.binary, most);
+  PENUMBRA_TRY(auto parsed, gltf::parse_document(name, container.json));
+  gltf::Buffers buffers(file, std::move(parsed.buffers), container.binary, most);
   GlbDocument document;
   document.json = Json::parse(container.json);
-  auto binary = joined_buffers(document.json, buffers);
-  if (!binary) return tl::unexpected(binary.error());
-  document.binary_ = std::move(*binary);
+  PENUMBRA_TRY(auto binary, joined_buffers(document.json, buffers));
+  document.binary_ = std::move(binary);
   embed_images(document, buffers, name, warnings);
   return document;
 }

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/text/text_encoding.hpp"
 #include "render/model/model_parts.hpp"
@@ -56,9 +57,8 @@ bool is_for(const KernelFile& kernels, const Model& model) {
 
 Result<KernelFile> load_kernel_file(const std::filesystem::path& file) {
   const std::string name = file.string();
-  const Result<std::string> text = read_text_file(file, kMaxKernelFileBytes);
-  if (!text) return tl::unexpected(text.error());
-  const nlohmann::json json = nlohmann::json::parse(*text, nullptr, false);
+  PENUMBRA_TRY(const std::string text, read_text_file(file, kMaxKernelFileBytes));
+  const nlohmann::json json = nlohmann::json::parse(text, nullptr, false);
   if (!json.is_object()) {
     return fail("{}: is not a kernel file (a JSON object); make one with penumbra kernels", name);
   }
@@ -219,10 +219,9 @@ Result<void> give_kernels(Scene& scene, const KernelFile& kernels, const std::st
   for (const std::shared_ptr<const Model>& model : casters) {
     const auto changed = std::make_shared<Model>(*model);
     changed->warnings.clear();
-    const Result<bool> taken = attach_kernels(*changed, kernels, file);
-    if (!taken) return tl::unexpected(taken.error());
+    PENUMBRA_TRY(const bool taken, attach_kernels(*changed, kernels, file));
     scene.warnings.insert(scene.warnings.end(), changed->warnings.begin(), changed->warnings.end());
-    if (!*taken) continue;
+    if (!taken) continue;
     for (SceneObject& object : scene.objects) {
       if (object.model != model) continue;
       object.model = changed;

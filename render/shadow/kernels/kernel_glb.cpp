@@ -8,6 +8,7 @@
 #include <set>
 #include <span>
 
+#include "core/propagate.hpp"
 #include "core/text/text_encoding.hpp"
 #include "render/model/gltf/extensions.hpp"
 #include "render/model/gltf/mesh_uses.hpp"
@@ -192,10 +193,9 @@ Result<void> KernelWriter::add(const gltf::MeshUse& use) {
         document_.json.at("meshes").at(mesh).at("primitives").at(primitive.index).at("attributes");
     const auto positions = attributes.at("POSITION").get<std::size_t>();
     const auto count = document_.json.at("accessors").at(positions).at("count").get<std::size_t>();
-    const auto local = local_kernels(primitive, count);
-    if (!local) return tl::unexpected(local.error());
-    if (!is_copy && replace_vectors(document_, readers_, attributes, *local)) continue;
-    attributes["_SHADOW_KERNEL"] = document_.add_vectors(*local);
+    PENUMBRA_TRY(const auto local, local_kernels(primitive, count));
+    if (!is_copy && replace_vectors(document_, readers_, attributes, local)) continue;
+    attributes["_SHADOW_KERNEL"] = document_.add_vectors(local);
     document_.json.at("meshes").at(mesh).at("primitives").at(primitive.index)["attributes"] =
         std::move(attributes);
   }
@@ -237,18 +237,15 @@ void KernelWriter::finish() {
 Result<KernelGlb> add_to_document(const std::filesystem::path& file, const KernelFile& kernels,
                                   double unit_m) {
   KernelGlb result;
-  const auto uses = gltf::mesh_uses(file);
-  if (!uses) return tl::unexpected(uses.error());
-  auto document = GlbDocument::open(file, result.warnings);
-  if (!document) return tl::unexpected(document.error());
-  KernelWriter writer(*document, kernels, unit_m, file.string());
-  for (const gltf::MeshUse& use : *uses) {
-    if (const Result<void> added = writer.add(use); !added) return tl::unexpected(added.error());
+  PENUMBRA_TRY(const auto uses, gltf::mesh_uses(file));
+  PENUMBRA_TRY(auto document, GlbDocument::open(file, result.warnings));
+  KernelWriter writer(document, kernels, unit_m, file.string());
+  for (const gltf::MeshUse& use : uses) {
+    PENUMBRA_TRY_VOID(writer.add(use));
   }
   writer.finish();
-  auto bytes = document->finish();
-  if (!bytes) return tl::unexpected(bytes.error());
-  result.bytes = std::move(*bytes);
+  PENUMBRA_TRY(auto bytes, document.finish());
+  result.bytes = std::move(bytes);
   return result;
 }
 

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "core/image/image_file.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text_encoding.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/shadow/kernels/glb_document.hpp"
@@ -277,9 +278,8 @@ Result<KernelGlb> make_document(const Model& model, KernelFile kernels) {
     json["meshes"].push_back(std::move(mesh));
     add_named_node(json, model, piece);
   }
-  auto bytes = document.finish();
-  if (!bytes) return tl::unexpected(bytes.error());
-  result.bytes = std::move(*bytes);
+  PENUMBRA_TRY(auto bytes, document.finish());
+  result.bytes = std::move(bytes);
   return result;
 }
 
