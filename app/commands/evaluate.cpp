@@ -15,12 +15,12 @@
 #include <utility>
 #include <vector>
 
-#include "app/camera_choice.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/logging.hpp"
 #include "app/recording/recording_source.hpp"
 #include "app/report/run_report.hpp"
+#include "app/session/camera_choice.hpp"
 #include "core/evaluation/pairing.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "core/geometry/trajectory.hpp"

@@ -10,8 +10,8 @@
 
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
+#include "app/live/live_run.hpp"
 #include "app/resources.hpp"
-#include "app/session/live_run.hpp"
 #include "app/session/tags_in_use.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"

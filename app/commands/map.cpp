@@ -15,7 +15,6 @@
 #include <utility>
 #include <vector>
 
-#include "app/camera_choice.hpp"
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
@@ -24,6 +23,7 @@
 #include "app/output/stoppable.hpp"
 #include "app/progress.hpp"
 #include "app/recording/recording_source.hpp"
+#include "app/session/camera_choice.hpp"
 #include "calib/camera_calibration.hpp"
 #include "calib/survey/tag_survey.hpp"
 #include "core/camera/camera_file.hpp"

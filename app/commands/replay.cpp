@@ -13,8 +13,8 @@
 
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
+#include "app/replay/replay_run.hpp"
 #include "app/resources.hpp"
-#include "app/session/replay_run.hpp"
 #include "core/propagate.hpp"
 
 namespace penumbra {

@@ -14,7 +14,7 @@
 
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
-#include "app/session/simulate_run.hpp"
+#include "app/recording/simulate_run.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
 

@@ -9,11 +9,11 @@
 #include <thread>
 #include <utility>
 
-#include "app/camera_choice.hpp"
 #include "app/interrupt.hpp"
 #include "app/logging.hpp"
 #include "app/output/output_file.hpp"
-#include "app/session/replay_run.hpp"
+#include "app/replay/replay_run.hpp"
+#include "app/session/camera_choice.hpp"
 #include "app/session/session.hpp"
 #include "app/study/scripted_participant.hpp"
 #include "app/study/study_feed.hpp"

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "app/session/live_run.hpp"
+#include "app/live/live_run.hpp"
 #include "app/study/study_plan.hpp"
 #include "app/study/study_results.hpp"
 #include "core/error.hpp"

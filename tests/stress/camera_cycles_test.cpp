@@ -11,7 +11,7 @@
 #include <fstream>
 #include <string>
 
-#include "app/session/live_run.hpp"
+#include "app/live/live_run.hpp"
 #include "core/camera/camera_file.hpp"
 #include "support/paths.hpp"
 

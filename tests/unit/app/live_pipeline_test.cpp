@@ -1,5 +1,5 @@
 // The threads of a live session, with a camera of our own.
-#include "app/session/live_pipeline.hpp"
+#include "app/live/live_pipeline.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +7,8 @@
 #include <filesystem>
 #include <stdexcept>
 
-#include "app/recording/live_recorder.hpp"
-#include "app/session/live_run.hpp"
+#include "app/live/live_recorder.hpp"
+#include "app/live/live_run.hpp"
 #include "core/text/file.hpp"
 #include "support/recording_folder.hpp"
 

@@ -1,4 +1,4 @@
-#include "app/session/replay_run.hpp"
+#include "app/replay/replay_run.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -18,8 +18,8 @@
 #include "app/progress.hpp"
 #include "app/recording/look_ahead.hpp"
 #include "app/recording/recording_source.hpp"
+#include "app/replay/comparison.hpp"
 #include "app/report/versions.hpp"
-#include "app/session/comparison.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/scene_edit.hpp"
 #include "app/session/session.hpp"

@@ -1,4 +1,4 @@
-#include "app/session/draw_pace.hpp"
+#include "app/live/draw_pace.hpp"
 
 #include <algorithm>
 

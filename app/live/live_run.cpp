@@ -1,4 +1,4 @@
-#include "app/session/live_run.hpp"
+#include "app/live/live_run.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -8,18 +8,18 @@
 #include <utility>
 #include <vector>
 
-#include "app/camera_choice.hpp"
 #include "app/capture/libcamera_source.hpp"
 #include "app/capture/v4l2/v4l2_device.hpp"
 #include "app/capture/v4l2/v4l2_source.hpp"
 #include "app/interrupt.hpp"
+#include "app/live/live_pipeline.hpp"
+#include "app/live/live_recorder.hpp"
 #include "app/logging.hpp"
 #include "app/output/late_outputs.hpp"
-#include "app/recording/live_recorder.hpp"
 #include "app/recording/recording_feed.hpp"
 #include "app/recording/recording_writer.hpp"
+#include "app/session/camera_choice.hpp"
 #include "app/session/image_fault_watch.hpp"
-#include "app/session/live_pipeline.hpp"
 #include "app/session/scene_edit.hpp"
 #include "app/session/session.hpp"
 #include "app/session/session_host.hpp"

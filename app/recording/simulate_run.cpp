@@ -1,4 +1,4 @@
-#include "app/session/simulate_run.hpp"
+#include "app/recording/simulate_run.hpp"
 
 #include <algorithm>
 #include <array>
@@ -12,13 +12,13 @@
 #include <utility>
 #include <vector>
 
-#include "app/camera_choice.hpp"
 #include "app/interrupt.hpp"
 #include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/run_outputs.hpp"
 #include "app/progress.hpp"
 #include "app/recording/recording_source.hpp"
+#include "app/session/camera_choice.hpp"
 #include "app/session/session.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/evaluation/evaluation.hpp"

@@ -1,4 +1,4 @@
-#include "app/session/live_pipeline.hpp"
+#include "app/live/live_pipeline.hpp"
 
 #include <exception>
 #include <utility>

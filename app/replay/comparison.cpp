@@ -1,4 +1,4 @@
-#include "app/session/comparison.hpp"
+#include "app/replay/comparison.hpp"
 
 #include <utility>
 

@@ -1,4 +1,4 @@
-#include "app/camera_choice.hpp"
+#include "app/session/camera_choice.hpp"
 
 #include <utility>
 

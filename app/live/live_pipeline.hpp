@@ -13,7 +13,7 @@
 #include "app/capture/frame_pace.hpp"
 #include "app/capture/live_source.hpp"
 #include "app/capture/mailbox.hpp"
-#include "app/session/draw_pace.hpp"
+#include "app/live/draw_pace.hpp"
 #include "core/error.hpp"
 #include "core/stopwatch.hpp"
 #include "tracking/group_tracker.hpp"

@@ -1,11 +1,11 @@
-#include "app/recording/live_recorder.hpp"
+#include "app/live/live_recorder.hpp"
 
 #include <fmt/format.h>
 
 #include <chrono>
 #include <utility>
 
-#include "app/session/live_pipeline.hpp"
+#include "app/live/live_pipeline.hpp"
 #include "app/session/scene_edit.hpp"
 #include "core/propagate.hpp"
 
