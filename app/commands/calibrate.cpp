@@ -26,7 +26,7 @@
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/interrupt.hpp"
-#include "app/live/live_run.hpp"
+#include "app/live/live_camera.hpp"
 #include "app/logging.hpp"
 #include "app/output/output_file.hpp"
 #include "app/output/stoppable.hpp"
@@ -62,7 +62,8 @@ struct CalibrateOptions {
   std::optional<std::filesystem::path> keep;
   bool no_window = false;
   std::string size;
-  LiveRequest live;  // where the source is a camera
+  CameraRequest camera;  // if the source is a camera
+  std::optional<double> duration_s;
 };
 
 CameraFileFormat format_of(const CalibrateOptions& options) {
@@ -217,15 +218,6 @@ std::unique_ptr<GuideWindow> window_for(const CalibrateOptions& options, int wid
   return nullptr;
 }
 
-constexpr std::string_view kRecordingPrefix = "recording:";
-
-// "recording:FOLDER" -> FOLDER; nothing for anything else.
-std::optional<std::filesystem::path> played_recording(const std::filesystem::path& source) {
-  const std::string name = source.string();
-  if (!name.starts_with(kRecordingPrefix)) return std::nullopt;
-  return name.substr(kRecordingPrefix.size());
-}
-
 // The size of the first picture that can be read.
 Result<ImageSize> picture_size(const std::filesystem::path& recording) {
   std::optional<ImageSize> size;
@@ -252,9 +244,9 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
   CaptureOptions capture;
   capture.guide.model = calibration_options(options).model;
   capture.guide.for_kalibr = calibration_options(options).for_kalibr;
-  capture.duration_s = options.live.duration_s;
+  capture.duration_s = options.duration_s;
   capture.keep = options.keep;
-  const auto recording = played_recording(options.source);
+  const auto recording = played_recording(options.source.string());
   std::unique_ptr<LiveSource> camera;
   ImageSize size;
   if (recording) {
@@ -263,7 +255,7 @@ Result<Guided> guide(const CalibrateOptions& options, const Target& target,
     // Nobody waits: what says more than a view of a full set does on average is taken.
     capture.guide.least_gain = 0.5 / options.views;
   } else {
-    PENUMBRA_TRY(auto opened, open_live_source(options.live));
+    PENUMBRA_TRY(auto opened, open_live_source(options.camera));
     camera = std::move(opened);
     size = {camera->format().width, camera->format().height};
   }
@@ -416,9 +408,10 @@ Result<ExitCode> run_calibrate(const CalibrateOptions& options) {
     window = std::move(guided.window);
     const CaptureEnd end = guided.capture.end;
     person_waits = window && end != CaptureEnd::closed && end != CaptureEnd::interrupted &&
-                   !options.live.duration_s;
-  } else
+                   !options.duration_s;
+  } else {
     PENUMBRA_TRY_VOID(read_pictures(options, earlier, interrupt, *calibrator));
+  }
   if (interrupt.interrupted()) return ended_early(options);
   const auto calibration = finish_in(window.get(), interrupt, *calibrator);
   if (interrupt.interrupted()) return ended_early(options);
@@ -521,10 +514,10 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_flag("--no-window", options->no_window,
                     "Guide on the terminal, also where there is a display");
   command->add_option("--size", options->size, "Of a camera's pictures")->type_name("WxH");
-  command->add_option("--fps", options->live.fps, "Of a camera")->check(CLI::Range(0.1, 1000.0));
+  command->add_option("--fps", options->camera.fps, "Of a camera")->check(CLI::Range(0.1, 1000.0));
   command
       ->add_option(
-          "--duration", options->live.duration_s,
+          "--duration", options->duration_s,
           "Seconds to take views from a camera; then solves and ends, without waiting for a key "
           "(default: until they are enough, or Ctrl-C)")
       ->check(CLI::Range(0.1, 1e6));
@@ -545,13 +538,13 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
     const std::array inputs = {options->target, options->compare};
     if (const auto once = check_written_once(outputs, inputs); !once)
       throw CLI::ValidationError("--output", once.error().message);
-    options->live.camera = options->source.string();
-    if (played_recording(options->source)) {
+    options->camera.source = options->source.string();
+    if (played_recording(options->camera.source)) {
       for (const char* option : {"--size", "--fps"}) {
         if (command->count(option) > 0)
           throw CLI::ValidationError(option, "is for a camera; a recording has its own");
       }
-    } else if (!names_camera(options->live.camera)) {
+    } else if (!names_camera(options->camera.source)) {
       for (const char* option : {"--size", "--fps", "--duration", "--keep"}) {
         if (command->count(option) > 0)
           throw CLI::ValidationError(option, "is for a camera; the source is a folder");
@@ -559,8 +552,8 @@ void add_calibrate_command(CLI::App& program, ChosenCommand& chosen) {
     }
     if (!options->size.empty()) {
       const ImageSize size = image_size_from("--size", options->size);
-      options->live.width = size.width;
-      options->live.height = size.height;
+      options->camera.width = size.width;
+      options->camera.height = size.height;
     }
     if (format_of(*options) == CameraFileFormat::kalibr && options->model == "rational") {
       throw CLI::ValidationError(

@@ -11,8 +11,7 @@
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/live/live_run.hpp"
-#include "app/resources.hpp"
-#include "app/session/tags_in_use.hpp"
+#include "app/tags_in_use.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
 
@@ -21,31 +20,25 @@ namespace {
 
 struct LiveOptions {
   LiveRequest request;
-  std::optional<std::filesystem::path> calibration, tags, scene;
-  ShadowChoice shadow;
-  bool no_skip = false, no_window = false, no_vsync = false, no_hud = false, no_dma_buf = false;
+  std::optional<std::filesystem::path> calibration, tags;
+  RunChoice run;
+  bool no_vsync = false, no_dma_buf = false;
 };
 
 Result<ExitCode> live(const LiveOptions& options) {
   LiveRequest request = options.request;
-  const auto resources = find_resources();
-  if (!resources && !options.scene) return tl::unexpected(resources.error());
+  PENUMBRA_TRY_VOID(complete(options.run, request));
   if (!options.calibration) {
     return fail(
         "--calibration: no camera is calibrated yet; name the camera's camera.yaml, which "
         "penumbra calibrate makes");
   }
-  request.calibration = *options.calibration;
-  PENUMBRA_TRY(auto tags, tags_for_camera(options.tags, request.camera, request.calibration));
-  request.tags = std::move(tags);
-  request.scene = options.scene ? *options.scene : *resources / "scenes" / "default.json";
-  request.kernel_file = options.shadow.kernel_file;
-  request.plan.skip = !options.no_skip;
-  request.tracking.exact_shortcuts = !options.no_skip;
-  request.window = !options.no_window;
-  request.viewer.hud = !options.no_hud;
+  request.camera.calibration = *options.calibration;
+  PENUMBRA_TRY(request.tags,
+               tags_for_camera(options.tags, request.camera.source, request.camera.calibration));
+  request.camera.recorded = request.record.has_value();
+  request.camera.dma_buf = !options.no_dma_buf;
   request.vsync = !options.no_vsync;
-  request.dma_buf = !options.no_dma_buf;
 
   PENUMBRA_TRY(const auto report, run_live(request));
   fmt::print("{}", report_table(report));
@@ -89,7 +82,7 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
   LiveRequest& request = options->request;
 
   command
-      ->add_option("--camera", request.camera,
+      ->add_option("--camera", request.camera.source,
                    "The camera: v4l2:/dev/video0, libcamera:0 or libcamera:NAME, or "
                    "recording:FOLDER to play a recording as if it were one, over and over")
       ->capture_default_str()
@@ -98,28 +91,28 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       ->add_option("--calibration", options->calibration,
                    "The camera's model, at the size it gives (penumbra calibrate)")
       ->type_name("camera.yaml");
-  add_camera_name_option(*command, request.camera_name);
+  add_camera_name_option(*command, request.camera.camera_name);
   command
       ->add_option_function<std::string>(
           "--size",
           [&request](const std::string& text) {
             const ImageSize size = image_size_from("--size", text);
-            request.width = size.width;
-            request.height = size.height;
+            request.camera.width = size.width;
+            request.camera.height = size.height;
           },
           "Size of the pictures (default: the calibration's)")
       ->type_name("WIDTHxHEIGHT");
-  command->add_flag("--scale-calibration", request.scale_calibration,
+  command->add_flag("--scale-calibration", request.camera.scale_calibration,
                     "For a size other than the calibration's: scale it, where a whole number of "
                     "pixels becomes one. Exact if both sizes show the same view");
-  command->add_option("--fps", request.fps, "Rate to ask the camera for (default: 30)")
+  command->add_option("--fps", request.camera.fps, "Rate to ask the camera for (default: 30)")
       ->check(CLI::Range(0.1, 1000.0))
       ->type_name("RATE");
   command
-      ->add_option("--format", request.format,
+      ->add_option("--format", request.camera.format,
                    "Pixel format (default: the one that costs least at that size and rate)")
       ->check(CLI::IsMember({"grey", "nv12", "yu12", "yuyv", "mjpeg", "rgb"}));
-  CameraControls& controls = request.controls;
+  CameraControls& controls = request.camera.controls;
   command
       ->add_option_function<std::string>(
           "--exposure",
@@ -154,24 +147,19 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
                    "many, but not before 10")
       ->check(CLI::Range(0.001, 1e9))
       ->type_name("SECONDS");
-  command->add_option("--scene", options->scene, "Scene to draw (default: the program's own)")
-      ->type_name("FILE.json");
+  add_scene_option(*command, options->run);
   command
       ->add_option("--tags", options->tags,
                    "What lies on the table (default: tags.yaml of the recording that is played, or "
                    "beside the calibration); penumbra target writes one with the sheet")
       ->type_name("FILE.yaml");
-  add_shadow_options(*command, options->shadow);
+  add_shadow_options(*command, options->run.shadow);
   add_tracking_options(*command, request.tracking);
   add_smooth_option(*command, request.smooth);
   add_output_options(*command, request);
-  add_frame_options(*command,
-                    {request.threads, request.rectified, request.video_light, options->no_skip,
-                     request.msaa, request.pixel_buffers},
+  add_frame_options(*command, request, options->run,
                     "the next frame is tracked while one is drawn");
-  command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
-  command->add_flag("--no-hud", options->no_hud,
-                    "The window's HUD is hidden at first (H shows it)");
+  add_window_options(*command, options->run);
   command->add_flag("--no-vsync", options->no_vsync,
                     "Show frames at once: less latency, perhaps torn");
   command->add_flag("--no-dma-buf", options->no_dma_buf,
@@ -183,16 +171,16 @@ void add_live_command(CLI::App& program, ChosenCommand& chosen) {
       "  penumbra live --calibration camera.yaml --tags tags.yaml --record session");
   command->callback([command, options, &chosen] {
     claim_outputs(*command, {"--poses", "--report"});
-    if (options->request.camera.starts_with("recording:")) {
+    if (played_recording(options->request.camera.source)) {
       for (const char* option : {"--size", "--format", "--exposure", "--gain", "--white-balance",
                                  "--focus", "--no-dma-buf"}) {
         if (command->count(option) == 0) continue;
         throw CLI::ValidationError(option, "a recording that plays as a camera has its own");
       }
     }
-    warn_of_no_use(options->shadow);
+    warn_of_no_use(options->run.shadow);
     warn_of_no_use(*command, options->request.tracking);
-    apply(options->shadow, options->request.plan);  // wrong usage ends here
+    apply(options->run.shadow, options->request.plan);  // wrong usage ends here
     chosen = [options] { return live(*options); };
   });
 }

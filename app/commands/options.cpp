@@ -11,6 +11,8 @@
 #include "app/output/frame_writer.hpp"
 #include "app/output/output_file.hpp"
 #include "app/report/versions.hpp"
+#include "app/resources.hpp"
+#include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/units.hpp"
 #include "render/model/model_size.hpp"
@@ -347,17 +349,43 @@ CLI::Option* add_smooth_option(CLI::App& command, bool& smooth) {
       "as measured; the report and the HUD tell how late the drawn one is");
 }
 
-void add_frame_options(CLI::App& command, const FrameWork& work, const std::string& side_by_side) {
+void add_scene_option(CLI::App& command, RunChoice& choice) {
+  command.add_option("--scene", choice.scene, "Scene to draw (default: the program's own)")
+      ->type_name("FILE.json");
+}
+
+void add_window_options(CLI::App& command, RunChoice& choice) {
+  command.add_flag("--no-window", choice.no_window, "Offscreen, also where there is a display");
+  command.add_flag("--no-hud", choice.no_hud, "The window's HUD is hidden at first (H shows it)");
+}
+
+Result<void> complete(const RunChoice& choice, RunRequest& request) {
+  if (choice.scene) {
+    request.scene = *choice.scene;
+  } else {
+    PENUMBRA_TRY(const auto resources, find_resources());
+    request.scene = resources / "scenes" / "default.json";
+  }
+  request.kernel_file = choice.shadow.kernel_file;
+  request.plan.skip = !choice.no_skip;
+  request.tracking.exact_shortcuts = !choice.no_skip;
+  request.window = !choice.no_window;
+  request.viewer.hud = !choice.no_hud;
+  return {};
+}
+
+void add_frame_options(CLI::App& command, RunRequest& request, RunChoice& choice,
+                       const std::string& side_by_side) {
   command
       .add_option(
-          "--threads", work.threads,
+          "--threads", request.threads,
           "1: one stage after another; more: " + side_by_side + ". The results are the same")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str()
       ->type_name("N");
-  command.add_flag("--rectified", work.rectified,
+  command.add_flag("--rectified", request.rectified,
                    "The picture without the lens's distortion; the video is resampled");
-  std::optional<int>* const msaa = &work.msaa;
+  std::optional<int>* const msaa = &request.msaa;
   command
       .add_option_function<std::string>(
           "--msaa",
@@ -376,7 +404,7 @@ void add_frame_options(CLI::App& command, const FrameWork& work, const std::stri
           "where a processor draws, for it pays for each")
       ->type_name("auto|off|N")
       ->default_str("auto");
-  std::optional<bool>* const pixel_buffers = &work.pixel_buffers;
+  std::optional<bool>* const pixel_buffers = &request.pixel_buffers;
   command
       .add_option_function<std::string>(
           "--pixel-buffers",
@@ -391,11 +419,11 @@ void add_frame_options(CLI::App& command, const FrameWork& work, const std::stri
       ->check(CLI::IsMember({"auto", "on", "off"}))
       ->type_name("auto|on|off")
       ->default_str("auto");
-  bool* const video_light = &work.video_light;
+  bool* const video_light = &request.video_light;
   command.add_flag_callback(
       "--no-video-light", [video_light] { *video_light = false; },
       "Light virtual objects as the scene says, whatever light the video shows");
-  command.add_flag("--no-skip", work.no_skip,
+  command.add_flag("--no-skip", choice.no_skip,
                    "Do all work, also what can't be seen or was done for an earlier frame; the "
                    "results are the same");
 }

@@ -9,6 +9,7 @@
 #include <string_view>
 
 #include "app/output/run_outputs.hpp"
+#include "app/session/run_request.hpp"
 #include "core/evaluation/pairing.hpp"
 #include "core/image/image_view.hpp"
 #include "render/frame_plan.hpp"
@@ -69,17 +70,22 @@ CLI::Option* add_smooth_option(CLI::App& command, bool& smooth);
 // --output, --poses, --poses-all and --report.
 void add_output_options(CLI::App& command, OutputRequest& request);
 
+// What live and replay have in common on the command line, until it is read completely.
+struct RunChoice {
+  std::optional<std::filesystem::path> scene;  // default: the program's own
+  ShadowChoice shadow;
+  bool no_skip = false, no_window = false, no_hud = false;
+};
+// --scene.
+void add_scene_option(CLI::App& command, RunChoice& choice);
 // --threads, --rectified, --msaa, --pixel-buffers, --no-video-light and --no-skip. `side_by_side`:
 // what more than one thread does, a clause.
-struct FrameWork {
-  int& threads;
-  bool& rectified;
-  bool& video_light;
-  bool& no_skip;
-  std::optional<int>& msaa;
-  std::optional<bool>& pixel_buffers;
-};
-void add_frame_options(CLI::App& command, const FrameWork& work, const std::string& side_by_side);
+void add_frame_options(CLI::App& command, RunRequest& request, RunChoice& choice,
+                       const std::string& side_by_side);
+// --no-window and --no-hud.
+void add_window_options(CLI::App& command, RunChoice& choice);
+// Completes the request. Fails if the program's own scene is needed and not found.
+[[nodiscard]] Result<void> complete(const RunChoice& choice, RunRequest& request);
 
 // --camera-name: which camera of a file that holds several.
 CLI::Option* add_camera_name_option(CLI::App& command, std::string& name);

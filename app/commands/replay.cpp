@@ -14,7 +14,6 @@
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/replay/replay_run.hpp"
-#include "app/resources.hpp"
 #include "core/propagate.hpp"
 
 namespace penumbra {
@@ -22,11 +21,9 @@ namespace {
 
 struct ReplayOptions {
   ReplayRequest request;
-  std::optional<std::filesystem::path> scene;
-  ShadowChoice shadow;
-  bool no_skip = false;
+  RunChoice run;
   std::vector<std::string> compare;
-  bool no_window = false, no_hud = false, no_edits = false;
+  bool no_edits = false;
 };
 
 // The panes of --compare. What --kernels and --light-mode say is of every pane, but for cocl, which
@@ -34,7 +31,7 @@ struct ReplayOptions {
 std::vector<ComparedTechnique> compared(const ReplayOptions& options) {
   std::vector<ComparedTechnique> techniques;
   for (const std::string& name : options.compare) {
-    ShadowChoice choice = options.shadow;
+    ShadowChoice choice = options.run.shadow;
     set_technique(choice, "--compare", name);
     if (choice.cocl) {
       choice.kernels.reset();
@@ -61,18 +58,8 @@ std::vector<ComparedTechnique> compared(const ReplayOptions& options) {
 
 Result<ExitCode> replay(const ReplayOptions& options) {
   ReplayRequest request = options.request;
-  if (options.scene) {
-    request.scene = *options.scene;
-  } else {
-    PENUMBRA_TRY(const auto resources, find_resources());
-    request.scene = resources / "scenes" / "default.json";
-  }
-  request.kernel_file = options.shadow.kernel_file;
-  request.plan.skip = !options.no_skip;
-  request.tracking.exact_shortcuts = !options.no_skip;
-  for (ComparedTechnique& technique : request.compare) technique.plan.skip = !options.no_skip;
-  request.window = !options.no_window;
-  request.viewer.hud = !options.no_hud;
+  PENUMBRA_TRY_VOID(complete(options.run, request));
+  for (ComparedTechnique& technique : request.compare) technique.plan.skip = request.plan.skip;
   request.edits = !options.no_edits;
 
   PENUMBRA_TRY(const auto report, run_replay(request));
@@ -93,12 +80,11 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
   command->add_option("RECORDING", request.recording, "The recording")
       ->required()
       ->type_name("FOLDER");
-  command->add_option("--scene", options->scene, "Scene to draw (default: the program's own)")
-      ->type_name("FILE.json");
+  add_scene_option(*command, options->run);
   command->add_option("--tags", request.tags, "What lies on the table (default: the recording's)")
       ->type_name("FILE.yaml");
   add_camera_name_option(*command, request.camera_name);
-  CLI::Option* shadow = add_shadow_options(*command, options->shadow);
+  CLI::Option* shadow = add_shadow_options(*command, options->run.shadow);
   command
       ->add_option_function<std::string>(
           "--compare",
@@ -138,16 +124,12 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
           },
           "Only frames numbered A to B - 1; either may be left out")
       ->type_name("A:B");
-  add_frame_options(*command,
-                    {request.threads, request.rectified, request.video_light, options->no_skip,
-                     request.msaa, request.pixel_buffers},
+  add_frame_options(*command, request, options->run,
                     "frames are decoded, tracked, drawn and encoded side by side");
   add_pairing_options(*command, request.pairing);
   command->add_flag("--realtime", request.realtime,
                     "At the pace it was recorded (always so in a window)");
-  command->add_flag("--no-window", options->no_window, "Offscreen, also where there is a display");
-  command->add_flag("--no-hud", options->no_hud,
-                    "The window's HUD is hidden at first (H shows it)");
+  add_window_options(*command, options->run);
   command->add_flag("--no-edits", options->no_edits,
                     "Leave out what was moved and changed while it was recorded");
   command->footer(
@@ -161,9 +143,9 @@ void add_replay_command(CLI::App& program, ChosenCommand& chosen) {
       "compare.mp4");
   command->callback([command, options, &chosen] {
     claim_outputs(*command, {"--poses", "--report"});
-    warn_of_no_use(options->shadow);
+    warn_of_no_use(options->run.shadow);
     warn_of_no_use(*command, options->request.tracking);
-    apply(options->shadow, options->request.plan);  // wrong usage ends here
+    apply(options->run.shadow, options->request.plan);  // wrong usage ends here
     options->request.compare = compared(*options);
     chosen = [options] { return replay(*options); };
   });

@@ -16,8 +16,8 @@
 #include "app/commands/command.hpp"
 #include "app/commands/options.hpp"
 #include "app/resources.hpp"
-#include "app/session/tags_in_use.hpp"
 #include "app/study/study_run.hpp"
+#include "app/tags_in_use.hpp"
 #include "core/propagate.hpp"
 
 namespace penumbra {
@@ -83,7 +83,7 @@ Result<ExitCode> study(const StudyOptions& options) {
   request.results = *options.results;
   request.window = !options.no_window;
   if (options.camera) {
-    request.camera.camera = *options.camera;
+    request.camera.source = *options.camera;
     if (!options.calibration) {
       return fail(
           "--calibration: is missing; name the camera's camera.yaml, which penumbra calibrate "
@@ -94,7 +94,7 @@ Result<ExitCode> study(const StudyOptions& options) {
   if (options.camera) {
     PENUMBRA_TRY(auto tags,
                  tags_for_camera(request.tags, *options.camera, request.camera.calibration));
-    request.camera.tags = std::move(tags);
+    request.camera_tags = std::move(tags);
   } else if (!request.recording) {
     PENUMBRA_TRY(const auto resources, find_resources());
     request.recording = resources / "recordings" / "tabletop";

@@ -12,7 +12,7 @@
 
 #include "app/recording/recording_source.hpp"
 #include "app/recording/video_reader.hpp"
-#include "app/session/tags_in_use.hpp"
+#include "app/tags_in_use.hpp"
 #include "core/camera/camera_file.hpp"
 #include "core/camera/sensor_file.hpp"
 #include "core/camera_plausibility.hpp"
@@ -20,6 +20,7 @@
 #include "core/image/sample_depth.hpp"
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
+#include "core/units.hpp"
 #include "tracking/group_tracker.hpp"
 
 namespace penumbra {
@@ -498,6 +499,17 @@ Result<Recording> open_recording(const std::filesystem::path& folder,
     }
   }
   return recording;
+}
+
+double median_frame_interval_s(const Recording& recording) {
+  std::vector<std::int64_t> gaps;
+  for (std::size_t i = 1; i < recording.frames.size(); ++i) {
+    gaps.push_back(recording.frames[i].timestamp_ns - recording.frames[i - 1].timestamp_ns);
+  }
+  if (gaps.empty()) return 1.0 / 30.0;
+  const auto middle = gaps.begin() + static_cast<std::ptrdiff_t>(gaps.size() / 2);
+  std::nth_element(gaps.begin(), middle, gaps.end());
+  return std::clamp(seconds(*middle), 1e-4, 10.0);
 }
 
 }  // namespace penumbra

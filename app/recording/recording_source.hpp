@@ -78,6 +78,9 @@ inline constexpr std::string_view kGroupPosesFolder = "group-poses";
 [[nodiscard]] Result<Recording> open_recording(const std::filesystem::path& folder,
                                                const OpenRecordingOptions& options = {});
 
+// Median time between frames, at least 0.1 ms [s].
+[[nodiscard]] double median_frame_interval_s(const Recording& recording);
+
 struct RecordingSourceOptions {
   int first = 0;  // frames [first, last) by position in the list
   std::optional<int> last;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "app/output/pane_grid.hpp"
+#include "app/replay/replay_run.hpp"
 #include "app/report/run_report.hpp"
 #include "app/session/session.hpp"
 #include "app/window/viewer.hpp"
@@ -21,14 +22,6 @@
 #include "render/scene/scene.hpp"
 
 namespace penumbra {
-
-inline constexpr std::size_t kLeastPanes = 2;
-inline constexpr std::size_t kMostPanes = 8;
-
-struct ComparedTechnique {
-  std::string name;  // the caption, and the key in the report
-  PlanOptions plan;
-};
 
 class Comparison {
  public:

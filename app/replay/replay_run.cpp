@@ -2,10 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cstdio>
-#include <map>
 #include <memory>
-#include <span>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -18,19 +15,17 @@
 #include "app/progress.hpp"
 #include "app/recording/look_ahead.hpp"
 #include "app/recording/recording_source.hpp"
-#include "app/replay/comparison.hpp"
+#include "app/replay/replay_poses.hpp"
+#include "app/replay/replay_view.hpp"
 #include "app/report/versions.hpp"
 #include "app/session/image_fault_watch.hpp"
 #include "app/session/scene_edit.hpp"
-#include "app/session/session.hpp"
-#include "app/session/session_host.hpp"
 #include "app/standard_streams.hpp"
+#include "app/tags_in_use.hpp"
 #include "app/window/overlay.hpp"
 #include "app/window/viewer.hpp"
 #include "core/propagate.hpp"
-#include "core/units.hpp"
-#include "render/gl/framebuffer.hpp"
-#include "tracking/group_tracker.hpp"
+#include "core/stopwatch.hpp"
 
 namespace penumbra {
 namespace {
@@ -41,14 +36,8 @@ namespace fs = std::filesystem;
 constexpr int kTrackAhead = 2;
 constexpr int kEncodeAhead = 2;
 
-struct TrackedItem {
-  TrackedFrame tracked;
-  StageTime capture_time;
-};
-using TrackAhead = LookAhead<TrackedItem>;
-
-// No output may take the place of what this run reads, or of another output. A recording is only
-// read: nothing is written anywhere in its folder.
+// No output may replace what this run reads, or another output; nothing is written into the
+// recording's folder.
 Result<void> check_outputs(const ReplayRequest& request, const Recording& recording) {
   std::vector<fs::path> taken = {request.scene};
   if (request.kernel_file) taken.push_back(*request.kernel_file);
@@ -81,17 +70,15 @@ class Pacer {
   Stopwatch start_;
 };
 
-// What a person changed in the scene while it was recorded happens again, at the same frames.
+// Repeats the edits of the recorded session at the same frames.
 class RecordedEdits {
  public:
   RecordedEdits(const Recording& recording, const SceneEvents& events, const fs::path& scene)
       : file_(recording.folder / "events.jsonl"), scene_(scene), events_(events.edits) {}
 
-  // `shown`: the session, or several in comparison.
-  template <class Shown>
-  void replay_until(std::int64_t timestamp_ns, Shown& shown) {
+  void replay_until(std::int64_t timestamp_ns, ReplayView& view) {
     for (; next_ < events_.size() && events_[next_].timestamp_ns <= timestamp_ns; ++next_) {
-      if (shown.replay_edit(events_[next_].edit) || warned_) continue;
+      if (view.replay_edit(events_[next_].edit) || warned_) continue;
       warned_ = true;
       log_warning("{}: changes what is not in {}; such changes are left out", file_.string(),
                   scene_.string());
@@ -122,9 +109,9 @@ Result<void> check_range(const ReplayRequest& request, const Recording& recordin
   return {};
 }
 
-// Where in the listing the first frame with this number or a greater one is: a recording that lost
-// frames has gaps in its numbers.
-int place_of(const Recording& recording, int number) {
+// Index of the first frame with this number or a greater one: a recording that lost frames has gaps
+// in its numbers.
+int index_of(const Recording& recording, int number) {
   const auto found = std::lower_bound(
       recording.frames.begin(), recording.frames.end(), number,
       [](const RecordedFrame& frame, int wanted) { return frame.number < wanted; });
@@ -221,13 +208,6 @@ class Shown {
   std::unique_ptr<ComparisonHost> comparison_host_;
 };
 
-GlContext::Size picture_size(const ReplayRequest& request, const CameraModel& camera) {
-  if (request.compare.empty()) return {camera.width(), camera.height()};
-  const GridSize size =
-      grid_size(camera.width(), camera.height(), static_cast<int>(request.compare.size()));
-  return {size.width, size.height};
-}
-
 // A grid of panes may be larger than any screen.
 GlContext::Size window_size_for(GlContext::Size picture) {
   constexpr double kWidest = 1600.0;
@@ -236,125 +216,78 @@ GlContext::Size window_size_for(GlContext::Size picture) {
   return {static_cast<int>(scale * picture.width), static_cast<int>(scale * picture.height)};
 }
 
-}  // namespace
-
-Result<PoseSource> open_replay_poses(const ReplayRequest& request, const Recording& recording,
-                                     const Scene& scene) {
-  const fs::path tags = request.tags.value_or(recording.folder / "tags.yaml");
-  if (!request.poses_from) {
-    TrackerOptions tracking = request.tracking;
-    tracking.search_thread = request.threads > 1;
-    auto tracker = GroupTracker::create(
-        *recording.camera, *recording.tags, tracking,
-        wanted_groups(scene, *recording.tags, tags, request, request.plan.skip));
-    if (!tracker) return fail_in(tags.string(), tracker.error());
-    return PoseSource(std::move(*tracker));
-  }
-  if (recording.tags) {
-    warn_of_unknown_groups(scene, *recording.tags, tags, "it stays where the scene has it");
-  }
-  if (*request.poses_from == "groundtruth") {
-    if (!recording.groundtruth) {
-      return fail(
-          "{}: there is no such file; give --poses-from a TUM file, or leave it out to track",
-          (recording.folder / "groundtruth.tum").string());
-    }
-    return PoseSource(GivenPoses{*recording.groundtruth, recording.group_groundtruth});
-  }
-  PENUMBRA_TRY(auto trajectory, load_trajectory(*request.poses_from));
-  const bool any = std::any_of(
-      recording.frames.begin(), recording.frames.end(),
-      [&](const RecordedFrame& frame) { return trajectory.at(frame.timestamp_ns) != nullptr; });
-  if (!any) {
-    return fail("{}: has no pose within 1 ms of any frame of {}; is it of another recording?",
-                *request.poses_from, recording.folder.string());
-  }
-  // Groups as they were tracked together with these poses; else where they truly are.
-  std::map<std::string, Trajectory> groups = recording.group_groundtruth;
-  if (recording.tags) {
-    PENUMBRA_TRY(auto tracked,
-                 load_group_paths(fs::path(*request.poses_from).parent_path() / kGroupPosesFolder,
-                                  other_groups(*recording.tags)));
-    for (auto& [group, path] : tracked) groups.insert_or_assign(group, std::move(path));
-  }
-  return PoseSource(GivenPoses{std::move(trajectory), std::move(groups)});
-}
-
-double frame_interval_s(const Recording& recording) {
-  std::vector<std::int64_t> gaps;
-  for (std::size_t i = 1; i < recording.frames.size(); ++i) {
-    gaps.push_back(recording.frames[i].timestamp_ns - recording.frames[i - 1].timestamp_ns);
-  }
-  if (gaps.empty()) return 1.0 / 30.0;
-  const auto middle = gaps.begin() + static_cast<std::ptrdiff_t>(gaps.size() / 2);
-  std::nth_element(gaps.begin(), middle, gaps.end());
-  return std::clamp(seconds(*middle), 1e-4, 10.0);
-}
-
-namespace {
-
-// Warns before the run where the ground truth can't judge it. The job does not need it.
-void check_groundtruth(const ReplayRequest& request, const Recording& recording) {
-  if (!recording.groundtruth) return;
-  Trajectory frames;
-  for (const RecordedFrame& frame : recording.frames)
-    frames.poses.push_back({frame.timestamp_ns, {}, {}});
-  const auto units =
-      check_units_of_time({frames, recording.folder.string()},
-                          {*recording.groundtruth, "its ground truth"}, request.pairing);
-  if (!units) {
-    log_warning("{}", units.error().message);
-    return;
-  }
-  for (const std::string& warning : *units) log_warning("{}", warning);
-}
-
-void add_accuracy(const ReplayRequest& request, const Recording& recording, const RunRecorder& run,
-                  RunReport& report) {
-  if (!recording.groundtruth) return;
-  const CameraModel& camera = *recording.camera;
-  const Trajectory& truth = *recording.groundtruth;
-  const Evaluation accuracy = accuracy_of(camera, run, truth, request.pairing);
-  if (accuracy.frames_with_truth > 0) {
-    report.accuracy = accuracy;
+// The edits and lights of the recorded session; of the edits none if the request leaves them out.
+Result<SceneEvents> load_events(const ReplayRequest& request, const Recording& recording) {
+  auto events = load_scene_events(recording.folder / "events.jsonl");
+  if (request.edits) return events;
+  SceneEvents without;
+  if (events) {
+    without.lights = std::move(events->lights);
   } else {
-    log_warning(
-        "{}: its ground truth has no pose at the time of any frame; see --time-offset and "
-        "--max-gap",
-        recording.folder.string());
+    log_warning("{}; the light is measured again", events.error().message);
   }
-  if (report.smoothing) {
-    report.smoothing->accuracy = accuracy_as_drawn(camera, run, truth, request.pairing);
-  }
-  for (GroupReport& group : report.groups) {
-    const auto places = recording.group_groundtruth.find(group.name);
-    if (places == recording.group_groundtruth.end()) continue;
-    const Evaluation of_group =
-        accuracy_of_group(camera, run, group.name, {truth, places->second}, request.pairing);
-    if (of_group.frames_with_truth > 0) group.accuracy = of_group;
-  }
+  return without;
 }
 
-}  // namespace
+Result<std::unique_ptr<FrameSource>> open_frames(const ReplayRequest& request,
+                                                 const Recording& recording) {
+  RecordingSourceOptions options;
+  options.first = index_of(recording, request.frames.first);
+  if (request.frames.last) options.last = index_of(recording, *request.frames.last);
+  if (options.last && *options.last <= options.first) {
+    return fail("{}: has no frame in --frames {}:{}", recording.folder.string(),
+                request.frames.first, *request.frames.last);
+  }
+  if (request.threads <= 1) options.look_ahead = 0;
+  return open_recording_source(recording, options);
+}
 
-Result<RunReport> run_replay(const ReplayRequest& request) {
-  InterruptWatch interrupt;  // first: decoders and OpenGL start threads
+// What a replay works with, opened.
+struct ReplaySetup {
+  Recording recording;
+  std::optional<TagsInUse> tags;
+  SceneEvents events;
+  std::unique_ptr<FrameSource> source;
+  GlContext::Size image;  // [px]
+  std::unique_ptr<GlContext> context;
+  std::unique_ptr<ReplayView> view;
+  RunOutputs outputs;
 
-  OpenRecordingOptions open_options;
-  open_options.tags = request.tags;
-  open_options.camera_name = request.camera_name;
-  open_options.require_tags = !request.poses_from;  // given poses need no tags
-  PENUMBRA_TRY(auto recording, open_recording(request.recording, open_options));
+  [[nodiscard]] bool has_window() const { return context->window_size().width > 0; }
+};
+
+Result<Recording> open_checked_recording(const ReplayRequest& request) {
+  OpenRecordingOptions options;
+  options.tags = request.tags;
+  options.camera_name = request.camera_name;
+  options.require_tags = !request.poses_from;  // given poses need no tags
+  PENUMBRA_TRY(auto recording, open_recording(request.recording, options));
   for (const std::string& notice : recording.notices) log_warning("{}", notice);
   PENUMBRA_TRY_VOID(check_range(request, recording));
   check_groundtruth(request, recording);
-  const CameraModel& camera = *recording.camera;
+  return recording;
+}
 
-  std::optional<TagsInUse> tags;
-  std::optional<ImageFaultWatch> pictures;
+Result<std::unique_ptr<ReplayView>> open_view(const ReplayRequest& request, ReplaySetup& setup,
+                                              std::shared_ptr<const Scene> scene,
+                                              PoseSource poses) {
+  SessionOptions options = session_options(request);
+  options.recorded_light = std::move(setup.events.lights);
+  options.scene_start_ns =
+      setup.events.scene_start_ns.value_or(setup.recording.frames.front().timestamp_ns);
+  PENUMBRA_TRY(auto view, ReplayView::open(request, *setup.context, scene, *setup.recording.camera,
+                                           std::move(poses), options));
+  return std::make_unique<ReplayView>(std::move(view));
+}
+
+// Opens everything, what fails quickly first.
+Result<ReplaySetup> open_setup(const ReplayRequest& request, InterruptWatch& interrupt) {
+  ReplaySetup setup;
+  PENUMBRA_TRY(setup.recording, open_checked_recording(request));
+  const Recording& recording = setup.recording;
   if (recording.tags) {
-    tags = tags_in_use(request.tags.value_or(recording.folder / "tags.yaml"), *recording.tags);
-    if (!request.poses_from) pictures.emplace(*recording.tags);
+    setup.tags =
+        tags_in_use(request.tags.value_or(recording.folder / "tags.yaml"), *recording.tags);
   }
   PENUMBRA_TRY(auto loaded_scene, load_run_scene(request.scene, request.kernel_file));
   const auto scene = std::make_shared<const Scene>(std::move(loaded_scene));
@@ -363,161 +296,194 @@ Result<RunReport> run_replay(const ReplayRequest& request) {
   for (const ComparedTechnique& pane : request.compare) plans.push_back(pane.plan);
   if (plans.empty()) plans.push_back(request.plan);
   tell_warnings(*scene, plans);
-
-  auto events = load_scene_events(recording.folder / "events.jsonl");
-  if (!request.edits) {
-    SceneEvents without;
-    if (events) {
-      without.lights = std::move(events->lights);
-    } else {
-      log_warning("{}; the light is measured anew", events.error().message);
-    }
-    events = std::move(without);
-  }
-  if (!events) return tl::unexpected(events.error());
-
+  PENUMBRA_TRY(setup.events, load_events(request, recording));
   PENUMBRA_TRY_VOID(check_outputs(request, recording));
+  PENUMBRA_TRY(setup.source, open_frames(request, recording));
 
-  RecordingSourceOptions source_options;
-  source_options.first = place_of(recording, request.frames.first);
-  if (request.frames.last) source_options.last = place_of(recording, *request.frames.last);
-  if (source_options.last && *source_options.last <= source_options.first) {
-    return fail("{}: has no frame in --frames {}:{}", recording.folder.string(),
-                request.frames.first, *request.frames.last);
-  }
-  const bool overlapped = request.threads > 1;
-  if (!overlapped) source_options.look_ahead = 0;
-  PENUMBRA_TRY(auto source, open_recording_source(recording, source_options));
-
-  const GlContext::Size picture = picture_size(request, camera);
-  PENUMBRA_TRY(auto context, open_run_context({request.window, true}, window_size_for(picture)));
-  if (pictures) print_tags(*tags);
-  log_info("OpenGL: {}, {}", context->info().renderer, context->info().version);
+  setup.image = image_size(request, *recording.camera);
+  PENUMBRA_TRY(setup.context,
+               open_run_context({request.window, true}, window_size_for(setup.image)));
+  if (setup.tags && !request.poses_from) print_tags(*setup.tags);
+  log_info("OpenGL: {}, {}", setup.context->info().renderer, setup.context->info().version);
   for (const auto& [name, version] : component_versions()) log_info("{} {}", name, version);
-  SessionOptions session_options;
-  session_options.plan = request.plan;
-  session_options.rectified = request.rectified;
-  session_options.video_light = request.video_light;
-  session_options.msaa = request.msaa;
-  session_options.pixel_buffers = request.pixel_buffers;
-  session_options.smooth = request.smooth;
-  session_options.recorded_light = std::move(events->lights);
-  session_options.scene_start_ns =
-      events->scene_start_ns.value_or(recording.frames.front().timestamp_ns);
-  PENUMBRA_TRY(auto shown,
-               Shown::open(request, *context, scene, camera, std::move(poses), session_options));
+  PENUMBRA_TRY(setup.view, open_view(request, setup, scene, std::move(poses)));
 
   interrupt.hold();
   const std::vector<std::string> groups =
       recording.tags ? other_groups(*recording.tags) : std::vector<std::string>();
-  auto outputs = open_outputs(request, {picture.width, picture.height, frame_interval_s(recording)},
-                              groups, overlapped ? kEncodeAhead : 0);
-  if (!outputs) return tl::unexpected(outputs.error());
+  PENUMBRA_TRY(setup.outputs, open_outputs(request,
+                                           {setup.image.width, setup.image.height,
+                                            median_frame_interval_s(recording)},
+                                           groups, request.threads > 1 ? kEncodeAhead : 0));
+  return setup;
+}
 
-  RunRecorder run({camera, recording.groundtruth.has_value()});
-  const bool has_window = context->window_size().width > 0;
-  std::optional<Viewer> viewer;
-  if (has_window) {
-    PENUMBRA_TRY(auto overlay, Overlay::create(*context));
-    PENUMBRA_TRY(auto host, shown.open_host(*context, run, recording));
-    viewer.emplace(*context, *host, std::move(overlay), request.viewer);
-  }
-  LateOutputs late(shown.session(), *outputs, run);
-  RecordedEdits edits(recording, *events, request.scene);
-  Pacer pacer;
-  // The next frames are tracked while this one is drawn and the one before it encoded; each stage
-  // takes the frames in order, so that nothing depends on which thread was faster.
-  TrackAhead tracked(
-      [&]() -> TrackAhead::Item {
-        PENUMBRA_TRY(auto frame, source->next());
-        if (!frame) return std::optional<TrackedItem>();
-        TrackedFrame done = shown.track(*frame);
-        if (pictures) pictures->saw(done);
-        return std::optional<TrackedItem>({std::move(done), source->capture_time()});
-      },
-      overlapped ? kTrackAhead : 0);
-  bool stopped = false;
-  // What can't be written is given up, and the rest goes on. What can't be read or drawn ends the
-  // run: nothing takes the place of what an earlier one made.
-  std::optional<Error> failure;
-  // An error of the run comes first.
-  const auto end_with = [&](const Error& error) -> tl::unexpected<Error> {
-    if (const auto rest = late.write_rest(); !rest) log_warning("{}", rest.error().message);
-    return tl::unexpected(error);
+// Draws, shows and writes frame after frame. The next frames are tracked while this one is drawn
+// and the one before it is encoded. Each stage takes the frames in order, so that results do not
+// depend on which thread was faster.
+class ReplayLoop {
+ public:
+  ReplayLoop(const ReplayRequest& request, ReplaySetup& setup, InterruptWatch& interrupt)
+      : request_(request),
+        setup_(setup),
+        interrupt_(interrupt),
+        run_({*setup.recording.camera, setup.recording.groundtruth.has_value()}),
+        late_(setup.view->session(), setup.outputs, run_),
+        edits_(setup.recording, setup.events, request.scene),
+        image_faults_(setup.recording.tags && !request.poses_from
+                          ? std::make_unique<ImageFaultWatch>(*setup.recording.tags)
+                          : nullptr),
+        tracked_([this] { return track_next(); }, request.threads > 1 ? kTrackAhead : 0) {}
+
+  [[nodiscard]] Result<void> open_viewer();
+  // What can't be written ends, and the rest continues. What can't be read or drawn ends the run:
+  // outputs of an earlier run are not replaced then.
+  [[nodiscard]] Result<void> run();
+  [[nodiscard]] Result<RunReport> finish();
+
+ private:
+  struct TrackedItem {
+    TrackedFrame tracked;
+    StageTime capture_time;
   };
-  {
-    ProgressBar progress(source->frame_count().value_or(0));
-    while (!stopped) {
-      const Stopwatch frame_watch;
-      auto item = tracked.next();
-      if (!item) return end_with(item.error());
-      if (!*item) break;
-      run.add_time("capture", (*item)->capture_time);
-      const std::uint64_t sequence = (*item)->tracked.frame.sequence;
-      const std::int64_t timestamp_ns = (*item)->tracked.frame.timestamp_ns;
-      edits.replay_until(timestamp_ns, shown);
+  using TrackAhead = LookAhead<TrackedItem>;
 
-      auto done = shown.draw(std::move((*item)->tracked), outputs->frames != nullptr);
-      if (!done) return end_with(done.error());
-      run.add_frame(*done);
-      const PoseEstimate& pose = done->tracked.pose;
-      log_debug("frame {}: {}{}{}", sequence, to_string(pose.status),
-                pose.reason.empty() ? "" : ": ", pose.reason);
+  [[nodiscard]] TrackAhead::Item track_next();
+  [[nodiscard]] Result<void> draw(TrackedItem item);
+  void write(const SessionFrame& frame);
+  [[nodiscard]] RunReport report();
 
-      if (auto written = late.write(*done, shown.pixels()); !written) {
-        if (!failure) failure = written.error();
-        stopped = !outputs->any() && !outputs->report && !has_window;
-        if (!stopped)
-          log_warning("{}; this output is closed, the replay continues", written.error().message);
-      }
-      run.add_time("frame", frame_watch.elapsed());
-      progress.update(run.frames());
+  const ReplayRequest& request_;
+  ReplaySetup& setup_;
+  InterruptWatch& interrupt_;
+  RunRecorder run_;
+  std::unique_ptr<Viewer> viewer_;
+  LateOutputs late_;
+  RecordedEdits edits_;
+  Pacer pacer_;
+  bool stopped_ = false;
+  std::optional<Error> failure_;                   // of the outputs: the first
+  std::unique_ptr<ImageFaultWatch> image_faults_;  // if frames are tracked
+  TrackAhead tracked_;                             // last: its thread uses the others
+};
 
-      if (request.realtime || has_window) {
-        pacer.wait_for(timestamp_ns, viewer ? viewer->paused_ms() : 0.0);
-      }
-      if (viewer) {
-        shown.saw(*done);
-        stopped = !viewer->show(interrupt) || stopped;
-      }
-      stopped = interrupt.interrupted() || stopped;
+Result<void> ReplayLoop::open_viewer() {
+  if (!setup_.has_window()) return {};
+  PENUMBRA_TRY(auto overlay, Overlay::create(*setup_.context));
+  PENUMBRA_TRY(ViewerHost* const host,
+               setup_.view->open_host(*setup_.context, run_, setup_.recording));
+  viewer_ = std::make_unique<Viewer>(*setup_.context, *host, std::move(overlay), request_.viewer);
+  return {};
+}
+
+ReplayLoop::TrackAhead::Item ReplayLoop::track_next() {
+  PENUMBRA_TRY(auto frame, setup_.source->next());
+  if (!frame) return std::optional<TrackedItem>();
+  TrackedFrame done = setup_.view->track(*frame);
+  if (image_faults_) image_faults_->saw(done);
+  return std::optional<TrackedItem>({std::move(done), setup_.source->capture_time()});
+}
+
+Result<void> ReplayLoop::run() {
+  ProgressBar progress(setup_.source->frame_count().value_or(0));
+  while (!stopped_) {
+    auto item = tracked_.next();
+    if (item && !*item) break;
+    const auto done = item ? draw(std::move(**item)) : tl::unexpected(item.error());
+    if (!done) {
+      // The frame before it is complete.
+      if (const auto rest = late_.write_rest(); !rest) log_warning("{}", rest.error().message);
+      return done;
     }
+    progress.update(run_.frames());
   }
-  if (!failure) failure = display_loss(*context);
-  if (run.frames() == 0) {
-    return fail("{}: no frame was replayed", recording.folder.string());
-  }
+  return {};
+}
 
-  if (auto rest = late.write_rest(); !rest && !failure) failure = rest.error();
-  if (auto finished = outputs->finish(run); !finished && !failure) failure = finished.error();
-  shown.take_gpu_times(run);
-  RunReport report = run.report();
-  report.threads = overlapped ? request.threads : 1;
-  report.recording = request.recording.string();
-  report.scene = request.scene.string();
-  report.tags = std::move(tags);
-  if (pictures) report.image_fault = pictures->fault();
-  report.width = picture.width;
-  report.height = picture.height;
-  report.panes = shown.pane_reports();
-  if (const std::int64_t damaged = source->damaged(); damaged > 0) {
+Result<void> ReplayLoop::draw(TrackedItem item) {
+  const Stopwatch watch;
+  run_.add_time("capture", item.capture_time);
+  const std::uint64_t sequence = item.tracked.frame.sequence;
+  const std::int64_t timestamp_ns = item.tracked.frame.timestamp_ns;
+  edits_.replay_until(timestamp_ns, *setup_.view);
+  PENUMBRA_TRY(const auto done,
+               setup_.view->draw(std::move(item.tracked), setup_.outputs.frames != nullptr));
+  run_.add_frame(done);
+  const PoseEstimate& pose = done.tracked.pose;
+  log_debug("frame {}: {}{}{}", sequence, to_string(pose.status), pose.reason.empty() ? "" : ": ",
+            pose.reason);
+  write(done);
+  run_.add_time("frame", watch.elapsed());
+
+  if (request_.realtime || setup_.has_window()) {
+    pacer_.wait_for(timestamp_ns, viewer_ ? viewer_->paused_ms() : 0.0);
+  }
+  if (viewer_) {
+    setup_.view->saw(done);
+    stopped_ = !viewer_->show(interrupt_) || stopped_;
+  }
+  stopped_ = interrupt_.interrupted() || stopped_;
+  return {};
+}
+
+void ReplayLoop::write(const SessionFrame& frame) {
+  const auto written = late_.write(frame, setup_.view->pixels());
+  if (written) return;
+  if (!failure_) failure_ = written.error();
+  stopped_ = !setup_.outputs.any() && !setup_.outputs.report && !setup_.has_window();
+  if (!stopped_) {
+    log_warning("{}; this output is closed, the replay continues", written.error().message);
+  }
+}
+
+RunReport ReplayLoop::report() {
+  setup_.view->take_gpu_times(run_);
+  RunReport report = run_.report();
+  describe_run(request_, *setup_.context, setup_.view->drawing(), report);
+  report.recording = request_.recording.string();
+  report.tags = setup_.tags;
+  if (image_faults_) report.image_fault = image_faults_->fault();
+  report.width = setup_.image.width;
+  report.height = setup_.image.height;
+  report.panes = setup_.view->pane_reports();
+  if (const std::int64_t damaged = setup_.source->damaged(); damaged > 0) {
     report.camera_faults[std::string(name_of(CaptureFault::damaged))] = damaged;
     // As live counted them.
     report.frames_damaged = report.frames_dropped = static_cast<int>(damaged);
     report.frames_captured = report.frames + report.frames_damaged;
   }
-  report.interrupted = interrupt.interrupted();
+  report.interrupted = interrupt_.interrupted();
   report.log_lines_dropped = dropped_log_lines();
-  report.msaa_samples = shown.samples();
-  report.pixel_buffers = shown.pixel_buffers();
-  report.gl_renderer = context->info().renderer;
-  report.gl_version = context->info().version;
-  add_accuracy(request, recording, run, report);
-  report.failure = std::move(failure);
-  if (auto written = outputs->write_report(report); !written && !report.failure) {
+  add_accuracy(request_, setup_.recording, run_, report);
+  return report;
+}
+
+Result<RunReport> ReplayLoop::finish() {
+  if (!failure_) failure_ = display_loss(*setup_.context);
+  if (run_.frames() == 0) {
+    return fail("{}: no frame was replayed", setup_.recording.folder.string());
+  }
+  if (auto rest = late_.write_rest(); !rest && !failure_) failure_ = rest.error();
+  if (auto finished = setup_.outputs.finish(run_); !finished && !failure_) {
+    failure_ = finished.error();
+  }
+  RunReport report = this->report();
+  report.failure = std::move(failure_);
+  if (auto written = setup_.outputs.write_report(report); !written && !report.failure) {
     report.failure = written.error();
   }
   return report;
+}
+
+}  // namespace
+
+Result<RunReport> run_replay(const ReplayRequest& request) {
+  InterruptWatch interrupt;  // first: decoders and OpenGL start threads
+  PENUMBRA_TRY(auto setup, open_setup(request, interrupt));
+  ReplayLoop loop(request, setup, interrupt);
+  PENUMBRA_TRY_VOID(loop.open_viewer());
+  PENUMBRA_TRY_VOID(loop.run());
+  return loop.finish();
 }
 
 }  // namespace penumbra

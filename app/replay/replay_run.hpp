@@ -6,54 +6,39 @@
 #include <string>
 #include <vector>
 
-#include "app/output/run_outputs.hpp"
 #include "app/recording/frame_range.hpp"
-#include "app/recording/recording_source.hpp"
-#include "app/replay/comparison.hpp"
 #include "app/report/run_report.hpp"
-#include "app/session/session.hpp"
-#include "app/window/viewer.hpp"
+#include "app/session/run_request.hpp"
 #include "core/error.hpp"
+#include "core/evaluation/pairing.hpp"
 #include "render/frame_plan.hpp"
-#include "tracking/table_tracker.hpp"
 
 namespace penumbra {
 
-struct ReplayRequest : OutputRequest {
-  std::filesystem::path recording;
-  std::filesystem::path scene;
-  std::string camera_name;                    // of a camera.yaml with several
-  std::optional<std::filesystem::path> tags;  // instead of the recording's
+inline constexpr std::size_t kLeastPanes = 2;
+inline constexpr std::size_t kMostPanes = 8;
+
+struct ComparedTechnique {
+  std::string name;  // the caption, and the key in the report
   PlanOptions plan;
-  bool rectified = false;   // the picture without the lens's distortion
-  std::optional<int> msaa;  // as CompositorOptions'
-  std::optional<bool> pixel_buffers;
-  bool video_light = true;  // virtual objects are lit as the video is
-  // Two or more, side by side in one picture; `plan` is then not used.
+};
+
+// threads: more than 1 decodes, tracks, draws and encodes frames side by side.
+struct ReplayRequest : RunRequest {
+  std::filesystem::path recording;
+  std::string camera_name;                    // in a camera.yaml with several cameras
+  std::optional<std::filesystem::path> tags;  // instead of the recording's
+  // Two or more, side by side in one image; `plan` is then not used.
   std::vector<ComparedTechnique> compare;
-  std::optional<std::filesystem::path> kernel_file;  // for the scene's casters that it fits
-  TrackerOptions tracking;
   std::optional<std::string> poses_from;  // "groundtruth" or a TUM file: no tracker
   FrameRange frames;
-  // 1: one stage after another; more: frames are decoded, tracked, drawn and encoded side by side,
-  // each stage on a thread of its own. The results are the same.
-  int threads = 2;
   bool realtime = false;
-  bool window = true;  // where there is a display
-  ViewerOptions viewer;
-  bool smooth = false;     // the pose that is drawn
   PairingOptions pairing;  // with the recording's ground truth
-  bool edits = true;       // what was moved and changed while it was recorded happens again
+  bool edits = true;       // edits of the recorded session are repeated
 };
 
 // Every path is checked before the first frame. Stopped by Ctrl-C or by closing the window, the
 // files hold the frames up to then and the report says so; an error leaves none.
 [[nodiscard]] Result<RunReport> run_replay(const ReplayRequest& request);
-
-// A tracker of the recording's tags, or the poses that the request names.
-[[nodiscard]] Result<PoseSource> open_replay_poses(const ReplayRequest& request,
-                                                   const Recording& recording, const Scene& scene);
-// The median time between frames.
-[[nodiscard]] double frame_interval_s(const Recording& recording);
 
 }  // namespace penumbra

@@ -13,7 +13,7 @@
 
 #include "app/session/pose_smoother.hpp"
 #include "app/session/session.hpp"
-#include "app/session/tags_in_use.hpp"
+#include "app/tags_in_use.hpp"
 #include "core/error.hpp"
 #include "core/evaluation/evaluation.hpp"
 #include "core/evaluation/running_statistics.hpp"

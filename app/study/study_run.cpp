@@ -12,6 +12,7 @@
 #include "app/interrupt.hpp"
 #include "app/logging.hpp"
 #include "app/output/output_file.hpp"
+#include "app/replay/replay_poses.hpp"
 #include "app/replay/replay_run.hpp"
 #include "app/session/camera_choice.hpp"
 #include "app/session/session.hpp"
@@ -324,16 +325,17 @@ Result<Pictures> open_pictures(const StudyRequest& request, const Scene& scene) 
     replay.poses_from = request.poses_from;
     replay.tracking = request.tracking;
     PENUMBRA_TRY(auto poses, open_replay_poses(replay, recording, scene));
-    return Pictures{
-        *recording.camera, std::move(poses),
-        feed_of_recording(recording, frame_interval_s(recording), request.poses_from.has_value())};
+    return Pictures{*recording.camera, std::move(poses),
+                    feed_of_recording(recording, median_frame_interval_s(recording),
+                                      request.poses_from.has_value())};
   }
-  const LiveRequest& live = request.camera;
-  PENUMBRA_TRY(const auto camera, load_chosen_camera(live.calibration, live.camera_name));
-  PENUMBRA_TRY(const auto tags, load_tag_map(live.tags));
-  auto tracker = GroupTracker::create(camera, tags, request.tracking,
-                                      wanted_groups(scene, tags, live.tags, live, true));
-  if (!tracker) return fail_in(live.tags.string(), tracker.error());
+  PENUMBRA_TRY(const auto camera,
+               load_chosen_camera(request.camera.calibration, request.camera.camera_name));
+  PENUMBRA_TRY(const auto tags, load_tag_map(request.camera_tags));
+  auto tracker =
+      GroupTracker::create(camera, tags, request.tracking,
+                           wanted_groups(scene, tags, request.camera_tags, OutputRequest(), true));
+  if (!tracker) return fail_in(request.camera_tags.string(), tracker.error());
   return Pictures{camera, std::move(*tracker), nullptr};
 }
 
@@ -345,7 +347,7 @@ Result<void> check_paths(const StudyRequest& request) {
   if (request.poses_from) read.emplace_back(*request.poses_from);
   if (!request.recording) {
     read.push_back(request.camera.calibration);
-    read.push_back(request.camera.tags);
+    read.push_back(request.camera_tags);
   }
   if (is_stream(request.results)) return {};
   for (const fs::path& written : {request.results, summary_path(request.results)}) {

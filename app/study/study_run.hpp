@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "app/live/live_run.hpp"
+#include "app/live/live_camera.hpp"
 #include "app/study/study_plan.hpp"
 #include "app/study/study_results.hpp"
 #include "core/error.hpp"
@@ -24,7 +24,8 @@ struct StudyRequest {
   std::optional<std::filesystem::path> recording;
   std::optional<std::filesystem::path> tags;  // instead of the recording's
   std::optional<std::string> poses_from;      // of a recording: "groundtruth" or a TUM file
-  LiveRequest camera;                         // what it says of the camera
+  CameraRequest camera;
+  std::filesystem::path camera_tags;  // what lies under the camera
   TrackerOptions tracking;
   bool window = true;  // where there is a display; a person needs one
 };

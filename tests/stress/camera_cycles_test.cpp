@@ -11,7 +11,7 @@
 #include <fstream>
 #include <string>
 
-#include "app/live/live_run.hpp"
+#include "app/live/live_camera.hpp"
 #include "core/camera/camera_file.hpp"
 #include "support/paths.hpp"
 
@@ -49,9 +49,9 @@ unsigned sum_of(const Frame& frame) {
 }
 
 TEST(CameraCycles, LeaveNothingBehind) {
-  LiveRequest request;
+  CameraRequest request;
   const std::string board = (test::recordings_dir() / "tabletop").string();
-  request.camera = from_environment("PENUMBRA_CAMERA", "recording:" + board);
+  request.source = from_environment("PENUMBRA_CAMERA", "recording:" + board);
   const auto camera =
       load_camera(from_environment("PENUMBRA_CAMERA_CALIBRATION", board + "/camera.yaml"));
   ASSERT_TRUE(camera) << camera.error().message;
@@ -75,7 +75,7 @@ TEST(CameraCycles, LeaveNothingBehind) {
   EXPECT_EQ(after.threads, before.threads);
   constexpr long kMostGrowth_kib = 1024;
   EXPECT_LE(after.resident_kib - before.resident_kib, kMostGrowth_kib);
-  fmt::print("{} cycles of {}: {} KiB more, {} descriptors, {} threads\n", cycles, request.camera,
+  fmt::print("{} cycles of {}: {} KiB more, {} descriptors, {} threads\n", cycles, request.source,
              after.resident_kib - before.resident_kib, after.descriptors, after.threads);
 }
 

@@ -8,7 +8,7 @@
 #include <stdexcept>
 
 #include "app/live/live_recorder.hpp"
-#include "app/live/live_run.hpp"
+#include "app/live/live_camera.hpp"
 #include "core/text/file.hpp"
 #include "support/recording_folder.hpp"
 

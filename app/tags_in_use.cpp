@@ -1,4 +1,4 @@
-#include "app/session/tags_in_use.hpp"
+#include "app/tags_in_use.hpp"
 
 #include <fmt/format.h>
 

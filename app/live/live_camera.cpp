@@ -1,0 +1,168 @@
+#include "app/live/live_camera.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "app/capture/libcamera_source.hpp"
+#include "app/capture/v4l2/v4l2_device.hpp"
+#include "app/capture/v4l2/v4l2_source.hpp"
+#include "app/recording/recording_feed.hpp"
+#include "core/camera/camera_file.hpp"
+#include "core/camera/focus_file.hpp"
+#include "core/propagate.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::string_view kRecordingKind = "recording:";
+
+Result<std::unique_ptr<LiveSource>> open_device(const CameraAddress& address,
+                                                const CameraRequest& request, CameraWish wish) {
+  if (address.kind == CameraAddress::Kind::recording) {
+    PENUMBRA_TRY(const auto recording, open_as_camera(address));
+    return open_recording_feed(recording, request.fps);
+  }
+  wish.width = request.width.value_or(wish.width);
+  wish.height = request.height.value_or(wish.height);
+  wish.fps = request.fps.value_or(wish.fps);
+  wish.format = request.format;
+  wish.recording = request.recorded;
+  wish.controls = request.controls;
+  if (address.kind == CameraAddress::Kind::libcamera) {
+    return open_libcamera_source({wish, address.name, request.dma_buf});
+  }
+  return open_v4l2_source({wish, address.name, request.dma_buf});
+}
+
+bool has_size_of(const StreamFormat& format, const CameraModel& camera) {
+  return format.width == camera.width() && format.height == camera.height();
+}
+
+// The stream's size is not the calibration's.
+std::string size_mismatch(const CameraRequest& request, const StreamFormat& format,
+                          const CameraModel& camera) {
+  // The calibrated size was requested already, unless the request names another; a recording has
+  // only one.
+  const bool other_requested = (request.width && *request.width != camera.width()) ||
+                               (request.height && *request.height != camera.height());
+  return fmt::format(
+      "{}: is a calibration of {}x{} px, but the camera gives {}x{} px; {}calibrate at this size "
+      "(penumbra calibrate)",
+      request.calibration.string(), camera.width(), camera.height(), format.width, format.height,
+      other_requested ? fmt::format("ask for the calibrated one (--size {}x{}), or ",
+                                    camera.width(), camera.height())
+                      : std::string());
+}
+
+}  // namespace
+
+Result<CameraAddress> parse_camera(const std::string& source) {
+  using Kind = CameraAddress::Kind;
+  if (source.starts_with('/')) return CameraAddress{Kind::v4l2, source};
+  const std::size_t colon = source.find(':');
+  const std::string kind = source.substr(0, colon);
+  const std::string name = colon == std::string::npos ? std::string() : source.substr(colon + 1);
+  if (kind == "v4l2" && !name.empty()) return CameraAddress{Kind::v4l2, name};
+  if (kind == "recording" && !name.empty()) return CameraAddress{Kind::recording, name};
+  if (kind == "libcamera" && !name.empty()) return CameraAddress{Kind::libcamera, name};
+  return fail(
+      "--camera {}: is not a camera; give v4l2:/dev/video0 or libcamera:0 (penumbra devices lists "
+      "them), or recording:FOLDER",
+      source);
+}
+
+bool names_camera(const std::string& source) {
+  return source.starts_with("v4l2:") || source.starts_with("libcamera:") ||
+         source.starts_with(kRecordingKind);
+}
+
+std::optional<std::filesystem::path> played_recording(const std::string& source) {
+  if (!source.starts_with(kRecordingKind)) return std::nullopt;
+  return source.substr(kRecordingKind.size());
+}
+
+Result<void> check_camera(const CameraAddress& address) {
+  if (address.kind != CameraAddress::Kind::v4l2) return {};
+  PENUMBRA_TRY_VOID(V4l2Device::open(address.name));
+  return {};
+}
+
+Result<Recording> open_as_camera(const CameraAddress& address) {
+  OpenRecordingOptions options;
+  options.require_camera = options.require_tags = false;
+  return open_recording(address.name, options);
+}
+
+Result<std::unique_ptr<LiveSource>> open_camera(const CameraAddress& address,
+                                                const CameraRequest& request,
+                                                const CameraModel& camera) {
+  CameraWish wish;
+  wish.width = camera.width();
+  wish.height = camera.height();
+  return open_device(address, request, wish);
+}
+
+Result<void> check_size_or_offer_scaling(const CameraRequest& request, const CameraAddress& address,
+                                         const StreamFormat& format, const CameraModel& camera) {
+  if (has_size_of(format, camera)) return {};
+  const std::string mismatch = size_mismatch(request, format, camera);
+  if (request.scale_calibration || !scaled_to(camera, format.width, format.height)) {
+    return fail("{}", mismatch);
+  }
+  const int larger = std::max(format.width, camera.width());
+  const int times = larger / std::min(format.width, camera.width());
+  const std::string size = address.kind == CameraAddress::Kind::recording
+                               ? std::string()
+                               : fmt::format("--size {}x{} ", format.width, format.height);
+  return fail(
+      "{}; or, if both sizes show the same view, {}x{} pixels of one taken together in the other, "
+      "scale the calibration, which is exact then ({}--scale-calibration)",
+      mismatch, times, times, size);
+}
+
+Result<CameraModel> calibration_at_size(const CameraRequest& request, const CameraAddress& address,
+                                        const CameraModel& camera) {
+  if (!request.scale_calibration) return camera;
+  int width = request.width.value_or(camera.width());
+  int height = request.height.value_or(camera.height());
+  if (address.kind == CameraAddress::Kind::recording) {
+    PENUMBRA_TRY(const auto feed, open_camera(address, request, camera));
+    width = feed->format().width;
+    height = feed->format().height;
+  }
+  auto scaled = scaled_to(camera, width, height);
+  if (!scaled) return fail_in(request.calibration.string(), scaled.error());
+  return scaled;
+}
+
+Result<std::unique_ptr<LiveSource>> open_live_source(const CameraRequest& request,
+                                                     const CameraModel& camera) {
+  PENUMBRA_TRY(const auto address, parse_camera(request.source));
+  PENUMBRA_TRY_VOID(check_camera(address));
+  PENUMBRA_TRY(auto source, open_camera(address, request, camera));
+  if (!has_size_of(source->format(), camera)) {
+    return fail("{}", size_mismatch(request, source->format(), camera));
+  }
+  return source;
+}
+
+Result<std::unique_ptr<LiveSource>> open_live_source(const CameraRequest& request) {
+  PENUMBRA_TRY(const auto address, parse_camera(request.source));
+  PENUMBRA_TRY_VOID(check_camera(address));
+  return open_device(address, request, CameraWish());
+}
+
+std::optional<std::string> focus_warning(const std::filesystem::path& calibration,
+                                         const std::optional<FocusReading>& focus) {
+  const auto calibrated = load_focus_position(calibration);
+  if (!focus || !calibrated || std::abs(*calibrated - focus->position) <= 0.5 * focus->step) {
+    return std::nullopt;
+  }
+  return fmt::format(
+      "{}: was calibrated at focus_position {}, but the camera is focused at {:.4g}; ask for that "
+      "focus (--focus {}), or calibrate again",
+      calibration.string(), *calibrated, focus->position, *calibrated);
+}
+
+}  // namespace penumbra

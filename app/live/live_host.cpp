@@ -1,0 +1,114 @@
+#include "app/live/live_host.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <utility>
+
+#include "app/live/live_camera.hpp"
+#include "app/output/output_file.hpp"
+#include "core/units.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr double kLongestStart_s = 10.0;
+
+// Frames that arrived damaged.
+std::uint64_t damaged_frames(const CaptureStats& stats) {
+  return stats.of(CaptureFault::damaged) + stats.of(CaptureFault::error_frame);
+}
+
+}  // namespace
+
+LiveHost::LiveHost(Session& session, RunRecorder& run, LiveSource& source, LiveRecorder& recorder,
+                   const LiveRequest& request)
+    : SessionHost(session, run),
+      run_(run),
+      source_(source),
+      recorder_(recorder),
+      request_(request) {
+  if (auto played = played_recording(request.camera.source)) keep_out_of(std::move(*played));
+}
+
+std::string LiveHost::toggle_recording() {
+  if (const auto writer = recorder_.writer()) {
+    const bool failed = writer->counts().error.has_value();
+    const std::string folder = writer->folder().string();
+    recorder_.stop();
+    // A failed recording has ended already, and the person wants a new one.
+    if (!failed) return "recording ended: " + folder;
+  }
+  const std::filesystem::path folder =
+      request_.record ? free_name(*request_.record, "") : free_name("");
+  const auto played = played_recording(request_.camera.source);
+  if (played && lies_in(folder, *played)) {
+    return "this folder is the recording that is played; start elsewhere to record";
+  }
+  recorder_.begin(folder);
+  return "recording to " + folder.string();
+}
+
+void LiveHost::describe(HudState& state, bool debug) const {
+  SessionHost::describe(state, debug);
+  state.live = true;
+  if (state.has_picture) state.silent_s = stall_s_;
+  if (!stall_s_) state.latency_ms = run_.recent_ms("latency");
+  const CaptureStats stats = source_.faults().stats();
+  state.frames_dropped =
+      std::max(0, static_cast<int>(stats.frames - stats.undecoded) - run_.frames());
+  state.trouble = stats.trouble;
+  if (!state.trouble && stall_s_ && damaged_frames(stats) > damaged_) {
+    state.trouble = "every frame is damaged";
+  }
+  for (std::size_t i = 0; i < kCaptureFaultCount; ++i) {
+    if (stats.faults[i] == 0) continue;
+    state.faults.emplace_back(name_of(static_cast<CaptureFault>(i)),
+                              static_cast<std::int64_t>(stats.faults[i]));
+  }
+  if (stats.restarts > 0) {
+    state.faults.emplace_back("restarts", static_cast<std::int64_t>(stats.restarts));
+  }
+  if (const auto writer = recorder_.writer()) {
+    const RecordingCounts counts = writer->counts();
+    state.recording =
+        HudRecording{writer->folder().string(), counts.written, counts.dropped, counts.error};
+  }
+}
+
+bool LiveHost::is_over() const {
+  if (!request_.duration_s) return false;
+  const double longest_s =
+      has_begun_ ? *request_.duration_s : std::max(*request_.duration_s, kLongestStart_s);
+  return watch_.elapsed().wall_ms >= longest_s * 1e3;
+}
+
+std::string LiveHost::no_frame_text() const {
+  const std::string& camera = request_.camera.source;
+  const CaptureStats stats = source_.faults().stats();
+  const std::uint64_t unusable = damaged_frames(stats) + stats.of(CaptureFault::wrong_format);
+  if (unusable > 0) {
+    return fmt::format(
+        "{}: gave no frame that can be used: {} are damaged or of another size or format; the "
+        "warnings above have the remedy",
+        camera, unusable);
+  }
+  if (!is_over()) return fmt::format("{}: gave no frame before the session was ended", camera);
+  return fmt::format(
+      "{}: gave no frame in {:.0f} s; choose another --format or --size, try another USB port, or "
+      "see the kernel's log (dmesg)",
+      camera, std::max(request_.duration_s.value_or(0.0), kLongestStart_s));
+}
+
+void LiveHost::set_live() {
+  if (!std::exchange(has_begun_, true)) watch_.restart();
+  stall_s_.reset();
+  damaged_ = damaged_frames(source_.faults().stats());
+}
+
+void LiveHost::set_stalled(std::int64_t stall_ns) {
+  stall_s_ = seconds(stall_ns);
+}
+
+}  // namespace penumbra
