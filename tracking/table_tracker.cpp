@@ -369,7 +369,6 @@ Result<Measurement> TableTracker::Impl::measure(std::span<const TagDetection> de
   measurement.left_out = measurement.by_corners.left_out;
   if (measurement.best.rms_px > options.max_reprojection_rms_px)
     return fail("{} ({:.1f} px)", kNotFitting, measurement.best.rms_px);
-  if (!options.late_ceres) solve_by_ceres(measurement);
   return measurement;
 }
 
@@ -552,7 +551,7 @@ PoseEstimate TableTracker::Impl::estimate(const Frame& frame, const SharedFrame&
     if (!followed && shared.hint && !contradicted)
       followed = follow_hint(frame, image, *shared.hint,
                              shared.hint_seen ? Start::seen_hint : Start::hint);
-    if (!followed && options.coarse_search && !contradicted) followed = follow_far(frame, image);
+    if (!followed && !contradicted) followed = follow_far(frame, image);
     if (!followed && !shared.search)
       return without_measurement(frame.timestamp_ns, "not where it was");
     if (shared.begins_finest && shared.finest == SearchResolution::full) full_next = true;
@@ -805,8 +804,7 @@ void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& 
   const double half_readout_s =
       0.5 * camera.parameters().rolling_shutter_row_s.value_or(0.0) * (camera.height() - 1);
   // The smear of a lone tag and its tilt look alike.
-  const double exposure_s =
-      options.motion_blur && result.tags_verified > 1 ? frame.exposure_s.value_or(0.0) : 0.0;
+  const double exposure_s = result.tags_verified > 1 ? frame.exposure_s.value_or(0.0) : 0.0;
   if (!(half_readout_s > 0.0) && !(exposure_s > 0.0)) return;
   constexpr double kElsewhere_px = 0.1;
   constexpr double kSmeared_px = 2.0;
@@ -851,7 +849,7 @@ void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& 
 void TableTracker::Impl::align_by_smear(const Frame& frame, AlignmentInput& input,
                                         const AlignmentResult& result, SmearError& smear) {
   // The smear of a lone tag and its tilt look alike, and so may those of a few from afar.
-  if (!options.motion_blur || result.tags_verified < 2 || branch_open || smear.motion.isZero(0.0) ||
+  if (result.tags_verified < 2 || branch_open || smear.motion.isZero(0.0) ||
       !input.exposure_motion.isZero(0.0))
     return;
   const double residual = result.residual_rms;
@@ -1255,9 +1253,8 @@ std::optional<PixelBox> TableTracker::Impl::box_about(const CameraPose& pose) co
 // half of it where that shows too little.
 Result<Measurement> TableTracker::Impl::measure_by_search(
     SearchResolution finest, const std::optional<CameraPose>& predicted) {
-  const auto box = options.box_search && predicted && finest != SearchResolution::quarter
-                       ? box_about(*predicted)
-                       : std::nullopt;
+  const auto box =
+      predicted && finest != SearchResolution::quarter ? box_about(*predicted) : std::nullopt;
   if (box && !search->searched(SearchResolution::half)) {
     const Stopwatch detect;
     const std::vector<TagDetection> tags_there = search->tags_within(*box);
@@ -1270,13 +1267,11 @@ Result<Measurement> TableTracker::Impl::measure_by_search(
   if (finest == SearchResolution::full && std::exchange(full_next, !full_next)) {
     return measure_by_detection(SearchResolution::full);
   }
-  if (options.quick_search || finest == SearchResolution::quarter) {
-    Result<Measurement> quick = measure_by_detection(SearchResolution::quarter);
-    if (quick && shows_most(*quick)) return quick;
-    if (finest == SearchResolution::quarter) {
-      if (!quick) return quick;
-      return fail("few of the tags are seen yet");
-    }
+  Result<Measurement> quick = measure_by_detection(SearchResolution::quarter);
+  if (quick && shows_most(*quick)) return quick;
+  if (finest == SearchResolution::quarter) {
+    if (!quick) return quick;
+    return fail("few of the tags are seen yet");
   }
   Result<Measurement> half = measure_by_detection(SearchResolution::half);
   const bool enough = half && !half->contradictory &&
@@ -1390,13 +1385,7 @@ Result<TableTracker> TableTracker::create(const CameraModel& camera, const TagMa
   for (const MappedTag& tag : tags.tags()) {
     if (tag.group == kTableGroup) table_tags.push_back(tag);
   }
-  AlignmentOptions alignment;
-  // They ask for the motion more exactly than frames tell it: a hand turns within an exposure
-  // (shake, its exposure told: 0.72 px with them, 0.50 px without).
-  alignment.exposure_moments = false;
-  alignment.keep_projection = options.exact_shortcuts;
-  alignment.clear_cells = options.exact_shortcuts;
-  PENUMBRA_TRY(TagAligner aligner, TagAligner::create(camera, table_tags, alignment));
+  PENUMBRA_TRY(TagAligner aligner, TagAligner::create(camera, table_tags));
   return TableTracker(std::make_unique<Impl>(camera, tags, options, std::move(search),
                                              std::move(aligner), std::move(table_tags)));
 }

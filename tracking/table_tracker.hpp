@@ -51,26 +51,6 @@ struct TrackerOptions {
   // Pixels are sampled until the expected overlay error of their noise is below this [px]; 0: as
   // many as the mode says. `fast` never takes more than its own number.
   double pose_budget_px = 0.0;
-  bool quick_search =
-      true;  // a search begins at a quarter of the resolution; the same poses without
-  // Where the pattern is not near where it was predicted it is looked for further off in a smaller
-  // picture, before tags are detected. Without: where they are detected, too, the same poses to a
-  // twentieth of a pixel.
-  bool coarse_search = true;
-  // What was seen a moment ago is searched for about where it was, before the whole frame; the same
-  // poses without.
-  bool box_search = true;
-  // A picture that is not clear is expected to be smeared along the motion: by the frame's
-  // exposure, or where that is not known by as much as explains it. One that is clear is so where
-  // its exposure is known and the motion is even. All this while two tags and more are followed: of
-  // a first frame, and of a lone tag, the smear counts in the expected error alone.
-  bool motion_blur = true;
-  // Alignments do no work whose result is known, and read large cells by their own colour; the same
-  // poses without, bit for bit.
-  bool exact_shortcuts = true;
-  // In a frame a pose by corners is solved for by Ceres only where it is not aligned with the
-  // picture. Without: always, for the same poses to a hundredth of a pixel.
-  bool late_ceres = true;
   SearchTiming search_timing = SearchTiming::next_frame;
   // next_frame: searched by a thread of its own, beside whatever follows; the same poses without.
   // when_done always has one.

@@ -368,7 +368,6 @@ Result<void> complete(const RunChoice& choice, RunRequest& request) {
   }
   request.kernel_file = choice.shadow.kernel_file;
   request.plan.skip = !choice.no_skip;
-  request.tracking.exact_shortcuts = !choice.no_skip;
   request.window = !choice.no_window;
   request.viewer.hud = !choice.no_hud;
   return {};

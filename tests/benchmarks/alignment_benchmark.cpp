@@ -1,6 +1,5 @@
 // Recordings with exact truth through the pattern alignment and through full-frame libapriltag with
-// PnP, one thread, in one run: time against overlay error; and the alignment by ceres::TinySolver
-// in place of its own steps.
+// PnP, one thread, in one run: time against overlay error.
 //
 //   alignment_benchmark FOLDER_OF_RECORDINGS [name ...] [tone=EXPONENT|estimated] [blur=PX] [-n]
 //
@@ -156,13 +155,12 @@ bool tone_estimated = false;
 double blur = 0.58;
 double exposure_share = 0.0;
 
-Outcome run_alignment(const Recording& recording, AlignmentEffort effort, bool own_steps = true) {
+Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
   Outcome outcome;
   AlignmentOptions options;
   options.effort = effort;
   options.tone_exponent = tone;
   options.blur_px = blur;
-  options.own_steps = own_steps;
   auto aligner = TagAligner::create(recording.camera, recording.tags, options);
   TagDetectorOptions detector_options;
   detector_options.quad_decimate = 2.0F;
@@ -343,10 +341,7 @@ int main(int argc, char** argv) {
       for (int k = 0; k < 20; ++k) run_alignment(*recording, AlignmentEffort::fast);
     }
     print(*recording, "fast", run_alignment(*recording, AlignmentEffort::fast));
-    print(*recording, "fast, TinySolver", run_alignment(*recording, AlignmentEffort::fast, false));
     print(*recording, "accurate", run_alignment(*recording, AlignmentEffort::accurate));
-    print(*recording, "acc., TinySolver",
-          run_alignment(*recording, AlignmentEffort::accurate, false));
   }
   return 0;
 }

@@ -131,14 +131,10 @@ const std::vector<Jump>& jumps() {
   return jumps;
 }
 
-enum class By { pattern, box, frame };
-
 // The frame after each jump alone. `by_pattern`, `by_box`: share of these that were found so.
-void recover(benchmark::State& state, By by) {
+void recover(benchmark::State& state) {
   TrackerOptions options;
   options.mode = TrackingMode::fast;
-  options.coarse_search = by == By::pattern;
-  options.box_search = by != By::frame;
   const CameraModel camera = test::wide_camera();
   const TagMap tags = TagMap::make(test::board(3, 2, 0.06)).value();
   static_cast<void>(jumps());  // made once, not in the time
@@ -183,9 +179,7 @@ BENCHMARK_CAPTURE(track, decimate_1, TrackingMode::detect, 1.0F)->Unit(benchmark
 BENCHMARK_CAPTURE(track, decimate_2, TrackingMode::detect, 2.0F)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(track, fast, TrackingMode::fast, 1.0F)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(track, accurate, TrackingMode::accurate, 1.0F)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(recover, pattern, By::pattern)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(recover, box, By::box)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(recover, frame, By::frame)->Unit(benchmark::kMillisecond);
+BENCHMARK(recover)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace penumbra

@@ -159,32 +159,27 @@ TEST(Shake, WhatJumpsBetweenFramesIsFoundByThePattern) {
   const std::filesystem::path shared = test::shared_dir();
   if (shared.empty()) GTEST_SKIP() << "no shared recordings beside the checkout";
   const std::filesystem::path folder = shared / "recordings" / "shake";
-  std::vector<int> detections;
-  for (const bool by_pattern : {true, false}) {
-    TrackerOptions options;
-    options.coarse_search = by_pattern;
-    const auto result = test::track_recording(folder, options, 3);
-    ASSERT_TRUE(result) << result.error().message;
-    EXPECT_EQ(result->wrong, 0);
-    EXPECT_GE(result->count_of(TrackStatus::tracked), 26);  // 27; of three a smear hides too much
-    ASSERT_EQ(result->overlay_px.size(), 30U);
-    int measured = 0;
-    for (std::size_t i = 0; i < result->overlay_px.size(); ++i) {
-      const TrackStatus status = result->frames[i].pose.status;
-      if (status != TrackStatus::tracked && status != TrackStatus::uncertain) continue;
-      ++measured;
-      EXPECT_LT(result->overlay_px[i], 2.5) << i;  // 1.3
-    }
-    EXPECT_GE(measured, by_pattern ? 30 : 29);
-    int found_by_pattern = 0;
-    int& detected = detections.emplace_back(0);
-    for (const TrackedFrame& frame : result->frames) {
-      found_by_pattern += frame.times.coarse_search ? 1 : 0;
-      detected += frame.times.full_detection || frame.times.box_detection ? 1 : 0;
-    }
-    EXPECT_TRUE(by_pattern ? found_by_pattern >= 4 : found_by_pattern == 0);
+  const auto result = test::track_recording(folder, {}, 3);
+  ASSERT_TRUE(result) << result.error().message;
+  EXPECT_EQ(result->wrong, 0);
+  EXPECT_GE(result->count_of(TrackStatus::tracked), 26);  // 27; of three a blur hides too much
+  ASSERT_EQ(result->overlay_px.size(), 30U);
+  int measured = 0;
+  for (std::size_t i = 0; i < result->overlay_px.size(); ++i) {
+    const TrackStatus status = result->frames[i].pose.status;
+    if (status != TrackStatus::tracked && status != TrackStatus::uncertain) continue;
+    ++measured;
+    EXPECT_LT(result->overlay_px[i], 2.5) << i;  // 1.3
   }
-  EXPECT_LE(2 * detections[0], detections[1]);
+  EXPECT_GE(measured, 30);
+  int found_by_pattern = 0;
+  int detected = 0;
+  for (const TrackedFrame& frame : result->frames) {
+    found_by_pattern += frame.times.coarse_search ? 1 : 0;
+    detected += frame.times.full_detection || frame.times.box_detection ? 1 : 0;
+  }
+  EXPECT_GE(found_by_pattern, 4);
+  EXPECT_LE(detected, found_by_pattern);
 }
 
 // The board leaves the view and comes back.

@@ -200,9 +200,7 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
   int frames = 0;
   int smeared = 0;  // over more than three cells
   Smeared followed;
-  Smeared first;    // of frames without one before them
-  Smeared without;  // smears that the picture shows, its exposure not told
-  int with = 0;     // tracked, of the same frames
+  Smeared first;  // of frames without one before them
   const int sessions = long_form() ? 40 : 8;
   for (int k = 0; k < sessions; ++k) {
     Draw draw(900U + static_cast<std::uint64_t>(k));
@@ -224,9 +222,6 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
     const TagMap map = TagMap::make(session.tags).value();
     auto knows = TableTracker::create(session.camera, map).value();
     auto does_not = TableTracker::create(session.camera, map).value();
-    TrackerOptions sharp;
-    sharp.motion_blur = false;
-    auto takes_none = TableTracker::create(session.camera, map, sharp).value();
     for (int f = 0; f < 20; ++f) {
       SCOPED_TRACE(testing::Message() << "session " << k << ", frame " << f);
       Frame frame = session.picture(renderer, f);
@@ -248,10 +243,7 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
         all.beyond += error > std::max(1.0, 4.0 * pose.expected_overlay_error_px) ? 1 : 0;
         all.wrong += error > 5.0 ? 1 : 0;
       };
-      const int before = followed.tracked();
       track(does_not, followed);
-      with += followed.tracked() - before;
-      track(takes_none, without);
       auto begins = TableTracker::create(session.camera, map).value();
       track(begins, first);
       frame.exposure_s = session.exposure_s;
@@ -261,12 +253,8 @@ TEST(TrackingStress, ASmearOverSeveralCellsIsNotBelieved) {
   RecordProperty("smeared", fmt::format("{} of {} frames", smeared, frames));
   RecordProperty("followed", followed.said());
   RecordProperty("first", first.said());
-  RecordProperty("without", fmt::format("{}; {} with", without.said(), with));
   EXPECT_GT(6 * smeared, frames) << "of " << frames;
   EXPECT_GT(followed.tracked(), (long_form() ? 1.1 : 0.9) * frames) << "of two trackers";
-  EXPECT_GE(with, (long_form() ? 1.03 : 1.0) * without.tracked())
-      << "a smear that is modelled hides less";
-  EXPECT_LE(without.wrong, 0.001 * without.tracked());
   EXPECT_LT(followed.spread(), 1.0);
   EXPECT_GT(followed.spread(), 0.5);
   EXPECT_LE(followed.beyond, 0.01 * followed.tracked()) << "of " << followed.tracked();
@@ -524,14 +512,12 @@ TEST(TrackingStress, ATagThatWasPutBackCountsAgain) {
   }
 }
 
-// A hand jerks: the pattern is looked for further off, then tags where they were, then in the whole
-// frame, and what is found is the same.
-TEST(TrackingStress, WhatJumpsIsFoundNearWhereItWas) {
-  enum class By { pattern, box, all, frame };
+// After a jerk of the hand the pattern is searched for further off, then tags where they were, then
+// in the whole frame; the first of these that finds it is enough.
+TEST(TrackingStress, FindsTableAfterJumpBesideItsPrediction) {
   int found_by_pattern = 0;
-  int found_by_box = 0;
-  int found_after_pattern = 0;
-  // The pattern is not looked for turned.
+  int found_in_box = 0;
+  // The pattern search does not turn the pattern.
   for (const auto& [jump_m, turn_deg] :
        {std::pair(0.05, 0.0), std::pair(0.09, 0.0), std::pair(0.13, 0.0), std::pair(0.0, 40.0)}) {
     SCOPED_TRACE(testing::Message() << jump_m << " m, " << turn_deg << " degrees");
@@ -541,47 +527,26 @@ TEST(TrackingStress, WhatJumpsIsFoundNearWhereItWas) {
     later.motion.x.middle += jump_m;
     later.motion.roll.middle += radians(turn_deg);
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-    std::vector<PoseEstimate> poses;
-    bool pattern_finds = false;
-    bool box_finds = false;
-    for (const By by : {By::pattern, By::box, By::all, By::frame}) {
-      TrackerOptions options;
-      options.coarse_search = by == By::pattern || by == By::all;
-      options.box_search = by == By::box || by == By::all;
-      auto tracker =
-          TableTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
-      for (int f = 0; f < 3; ++f) {
-        ASSERT_EQ(tracker.track(session.picture(renderer, f)).pose.status, TrackStatus::tracked);
-      }
-      const TrackedFrame jumped = tracker.track(later.picture(renderer, 3));
-      EXPECT_EQ(jumped.pose.status, TrackStatus::tracked) << jumped.pose.reason;
-      expect_honest(session, jumped.pose, later.truth(3));
-      const bool coarse = jumped.times.coarse_search;
-      const bool in_box = jumped.times.box_detection;
-      if (by == By::pattern) pattern_finds = coarse;
-      if (by == By::box) box_finds = in_box;
-      EXPECT_EQ(coarse, pattern_finds && options.coarse_search);
-      EXPECT_EQ(in_box, box_finds && options.box_search && !coarse);
-      EXPECT_EQ(jumped.times.full_detection, !coarse && !in_box);
-      if (coarse) {
-        EXPECT_EQ(jumped.times.detect_ms, 0.0) << "no tag is detected";
-      }
-      found_by_pattern += by == By::pattern && coarse ? 1 : 0;
-      found_by_box += by == By::box && in_box ? 1 : 0;
-      found_after_pattern += by == By::all && in_box ? 1 : 0;
-      poses.push_back(jumped.pose);
-      // And is followed from there.
-      EXPECT_EQ(tracker.track(later.picture(renderer, 4)).pose.status, TrackStatus::tracked);
+    auto tracker = TableTracker::create(session.camera, TagMap::make(session.tags).value()).value();
+    for (int f = 0; f < 3; ++f) {
+      ASSERT_EQ(tracker.track(session.picture(renderer, f)).pose.status, TrackStatus::tracked);
     }
-    for (const PoseEstimate& pose : poses) {
-      EXPECT_LT(overlay_difference(session.camera, pose.T_table_camera, poses.back().T_table_camera)
-                    .rms_px(),
-                0.05);
+    const TrackedFrame jumped = tracker.track(later.picture(renderer, 3));
+    EXPECT_EQ(jumped.pose.status, TrackStatus::tracked) << jumped.pose.reason;
+    expect_honest(session, jumped.pose, later.truth(3));
+    const bool by_pattern = jumped.times.coarse_search;
+    const bool in_box = jumped.times.box_detection;
+    EXPECT_FALSE(by_pattern && in_box);
+    EXPECT_EQ(jumped.times.full_detection, !by_pattern && !in_box);
+    if (by_pattern) {
+      EXPECT_EQ(jumped.times.detect_ms, 0.0) << "no tag is detected";
     }
+    found_by_pattern += by_pattern ? 1 : 0;
+    found_in_box += in_box ? 1 : 0;
+    EXPECT_EQ(tracker.track(later.picture(renderer, 4)).pose.status, TrackStatus::tracked);
   }
   EXPECT_GE(found_by_pattern, 2);
-  EXPECT_GE(found_by_box, 1);
-  EXPECT_GE(found_after_pattern, 1);
+  EXPECT_GE(found_in_box, 1);
 }
 
 // A part of every tag is covered once tracking has begun: all frames are kept.

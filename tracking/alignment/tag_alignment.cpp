@@ -126,7 +126,7 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent, bool may_be_n
   // Of few pixels noise leaves more than that.
   const bool within_noise = options.effort == AlignmentEffort::accurate;
   // What is far off is brought near by a few samples first; many are best chosen where they end.
-  const bool sparse_rounds = options.sparse_rounds && !sample_need;
+  const bool sparse_rounds = !sample_need;
   bool sparse =
       sparse_rounds && (starts_far || (near && options.effort == AlignmentEffort::accurate));
   for (int round = 0; round < kFineRounds;) {
@@ -139,8 +139,7 @@ bool TagAligner::Impl::attempt(bool with_search, bool independent, bool may_be_n
       result.counters.samples += tag->used;
     }
     double round_moved = 0.0;
-    const bool by_slope = options.slope_steps && options.own_steps && within_noise &&
-                          !sample_need && round > 0 && !sparse;
+    const bool by_slope = within_noise && !sample_need && round > 0 && !sparse;
     const StepBy by = by_slope ? StepBy::slope : StepBy::weights;
     bool far = false;
     for (int i = 0; i < kFineSteps; ++i) {
@@ -230,7 +229,7 @@ void TagAligner::Impl::begin(const AlignmentInput& input) {
 
 const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool with_search) {
   begin(input);
-  bool good = attempt(with_search, false, options.near_starts);
+  bool good = attempt(with_search, false, true);
   // From where it seemed near, all the way.
   if (!good && !result.counters.wide_stage) good = attempt(with_search, false, false);
   if (!good && with_search && !active.empty()) {
@@ -268,9 +267,9 @@ Result<TagAligner> TagAligner::create(const CameraModel& camera, std::span<const
   impl->camera = camera;
   impl->options = options;
   impl->kernel = &kernel::best_variant();
-  if (options.kernel != nullptr) {
+  if (options.instruction_set != nullptr) {
     for (const kernel::Variant* const* v = kernel::available_variants(); *v != nullptr; ++v) {
-      if (std::strcmp((*v)->name, options.kernel) == 0) impl->kernel = *v;
+      if (std::strcmp((*v)->name, options.instruction_set) == 0) impl->kernel = *v;
     }
   }
   const CameraParameters& p = camera.parameters();

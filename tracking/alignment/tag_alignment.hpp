@@ -39,39 +39,8 @@ struct AlignmentOptions {
   double blur_px = 0.58;
   // Linear light = (grey / 255) ^ exponent; the camera model's tone curve where it has one.
   double tone_exponent = 1.0;
-  double min_cell_px = 0.7;  // tags whose cells are smaller across are left out
-  // Rounds of the fine stage that another one follows use few samples and stop early, and the last
-  // one stops at once where it has nothing left to do. Without: the same poses to a hundredth of a
-  // pixel.
-  bool sparse_rounds = true;
-  // Where a limited number of pixels is far apart, edges are sampled at even steps of the lattice.
-  // Without: each edge is walked pixel by pixel, for the same poses within what their noise says.
-  bool lattice_steps = true;
-  // The code search looks near by first. Without: as far as the prediction may be off, for the same
-  // poses.
-  bool narrow_search = true;
-  // Where the code search leaves the tags near enough for the fine stage, as they agree to say, it
-  // begins there. Without: after the wide stage, for the same poses within what their noise says.
-  bool near_starts = true;
-  // The cells are decoded where the last round saw them, unless the pose moved since. Without: the
-  // same poses, bit for bit.
-  bool keep_projection = true;
-  // Cells that are large against the blur are read against their own colour. Without: against the
-  // blurred model, for the same verdicts.
-  bool clear_cells = true;
-  // Each step is one of Gauss and Newton. Without: a solve by ceres::TinySolver with the weights
-  // held, for the same poses in more time.
-  bool own_steps = true;
-  // Where every pixel is read, the tags are near and own_steps is set, a step reckons with the
-  // weights that it changes, and is the last one more often. Without: more steps, for the same
-  // poses within what their noise says. Where sampling may stop early there are none.
-  bool slope_steps = true;
-  // What a known motion smears is the mean of what the camera sees at moments of the exposure, and
-  // nothing is read where the smear reaches beyond a tag's printed square. Without: the smear is a
-  // Gaussian point spread, one for each tag. That is as good where it is short against a cell, and
-  // better where the motion is only roughly known (TableTracker goes without).
-  bool exposure_moments = true;
-  const char* kernel = nullptr;  // name of the instruction set to use; null: the best
+  double min_cell_px = 0.7;               // tags whose cells are smaller across are left out
+  const char* instruction_set = nullptr;  // name of the SIMD variant to use; null: the widest
 };
 
 struct AlignmentInput {

@@ -438,7 +438,7 @@ void TagAligner::Impl::check_agreement() {
 // beyond that, and what the middle of four corners is off the centre, is left room for.
 bool TagAligner::Impl::reads_clearly(const Tag& tag) const {
   constexpr double kSigmas = 2.2;
-  if (!options.clear_cells || tag.reach != 1 || tag.moments > 1 || !tag.wholly_seen) return false;
+  if (tag.reach != 1 || tag.moments > 1 || !tag.wholly_seen) return false;
   const auto last = static_cast<std::size_t>(tag.side - 1);
   const auto top = last * static_cast<std::size_t>(tag.side);
   float least = std::numeric_limits<float>::infinity();
@@ -541,7 +541,6 @@ SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, 
   if (exposure_motion.isZero(0.0) && median() >= kClear) return {};
 
   const Vector6d motion_before = exposure_motion;
-  const bool moments_before = std::exchange(options.exposure_moments, true);
   const auto smear_by = [this](const Vector6d& smear) {
     exposure_motion = smear;
     for (auto& path : paths) path.clear();
@@ -557,7 +556,7 @@ SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, 
   std::vector<Smear> others;  // in whatever direction
   if (motion) smear_by(*motion);
   for (Tag* tag : seen) {
-    if (!measure(*tag)) continue;
+    if (!measure(*tag, MotionBlur::moments)) continue;
     const int index = static_cast<int>(tag - tags.data());
     const double length_px = motion ? tag->motion_px.norm() : 0.0;
     if (longest_cells > 0.0) {
@@ -579,7 +578,7 @@ SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, 
     smear_by(motion ? Vector6d(static_cast<double>(part) / kShares * *motion) : Vector6d::Zero());
     shares.clear();
     for (Tag* tag : seen) {
-      if (!measure(*tag)) continue;
+      if (!measure(*tag, MotionBlur::moments)) continue;
       if (tag->moments > 1) place_moments(*tag);
       project_lattice(*tag, 0.0);
       arena.give_back();
@@ -607,10 +606,7 @@ SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, 
     if (about < kShares) explain_by(about + 1);
   }
   smear_by(motion_before);
-  options.exposure_moments = moments_before;
-  for (Tag* tag : seen) {
-    if (measure(*tag) && tag->moments > 1) place_moments(*tag);
-  }
+  for (Tag* tag : seen) static_cast<void>(measure(*tag));
   double squares = 0.0;
   Matrix6d H = variance * Matrix6d::Identity();  // a metre and a radian, where the tags say nothing
   for (const TagEquations& of : agreement) H += of.H;
@@ -666,7 +662,7 @@ void TagAligner::Impl::verify() {
   int in_picture = 0;
   // Cells are read at whole pixels; what moved by less than this is where it was projected.
   constexpr double kSamePixels_px = 0.1;
-  const bool projected = options.keep_projection && moved_since_projection_px < kSamePixels_px;
+  const bool projected = moved_since_projection_px < kSamePixels_px;
   for (Tag* tag : active) {
     if (!projected) project_lattice(*tag, 0.0);
     TagAlignment check;

@@ -126,7 +126,7 @@ void TagAligner::Impl::find_cells(const Tag& tag) {
 
 // How far the tag moves in the image during the exposure, and as how many moments that is seen.
 void TagAligner::Impl::measure_motion(Tag& tag, const Eigen::Vector3d& centre,
-                                      const Eigen::Matrix<double, 2, 3>& J) const {
+                                      const Eigen::Matrix<double, 2, 3>& J, MotionBlur blur) const {
   tag.motion_px.setZero();
   tag.smear_px.setZero();
   tag.moments = 1;
@@ -147,7 +147,7 @@ void TagAligner::Impl::measure_motion(Tag& tag, const Eigen::Vector3d& centre,
   // Point spreads so far apart, each wider by what falls into it, add up to an even smear within a
   // three-hundredth of the gain.
   constexpr double kSigmasApart = 4.0;
-  if (options.exposure_moments)
+  if (blur == MotionBlur::moments)
     tag.moments = std::clamp(ceil_of(std::min(longest_px / (kSigmasApart * options.blur_px), 1e5)),
                              1, kMostMoments);
   tag.smear_px = tag.motion_px / tag.moments;
@@ -177,7 +177,7 @@ void TagAligner::Impl::place_moments(Tag& tag) {
   }
 }
 
-bool TagAligner::Impl::measure(Tag& tag) const {
+bool TagAligner::Impl::measure(Tag& tag, MotionBlur blur) const {
   tag.too_small = false;
   if (!(tag.centre.z() > 0.5)) return false;  // from behind, or the camera lies in the sheet
   const double half = 0.5 * (tag.side - 1);
@@ -203,7 +203,7 @@ bool TagAligner::Impl::measure(Tag& tag) const {
   if (!(pixel.x() > -reach && pixel.y() > -reach && pixel.x() < camera.width() + reach &&
         pixel.y() < camera.height() + reach))
     return false;
-  measure_motion(tag, p, J);
+  measure_motion(tag, p, J, blur);
   const double variance_px = options.blur_px * options.blur_px;
   const Eigen::Matrix2d cov =
       variance_px * Eigen::Matrix2d::Identity() + tag.smear_px * tag.smear_px.transpose() / 12.0;
@@ -237,7 +237,6 @@ void TagAligner::Impl::find_visible(Projection projection) {
       ++(tag.too_small ? result.counters.tags_too_small : result.counters.tags_out_of_view);
       continue;
     }
-    if (tag.moments > 1) place_moments(tag);
     if (projection == Projection::search) {
       project_search(tag);
     } else if (projection == Projection::wide) {

@@ -232,7 +232,7 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
   constexpr double kLeastStep_px = 1.5;
   // The tilt of a lone tag hangs on single edges.
   constexpr std::size_t kFewestTags = 3;
-  if (options.lattice_steps && active.size() >= kFewestTags) {
+  if (active.size() >= kFewestTags) {
     // Lengths by the cells at the tag's centre: of each direction's edges along the image axis they
     // are nearer to, and along the other one.
     double length = 0.0;

@@ -173,7 +173,7 @@ bool TagAligner::Impl::search(bool independent) {
     // Most predictions are better than they had to be: where the tags are seen near by as clearly
     // as in the last frame, they are not elsewhere.
     const bool enough = narrow.holds(3.0 * sigma_px);
-    const bool likely = options.narrow_search && seen_contrast > 0.0;
+    const bool likely = seen_contrast > 0.0;
     const double least =
         enough ? kLeastContrast : std::max(kAsSeen * seen_contrast, kLeastContrast);
     if ((enough || likely) && search_within(narrow, false, least)) return true;

@@ -1,8 +1,7 @@
 // What the parts of the alignment share: a tag with its samples, and the aligner's state between
 // them. The geometry is here, the search in tag_alignment_search.cpp, the choice of pixels in
-// tag_alignment_samples.cpp, the steps in tag_alignment_step.cpp (by Ceres:
-// tag_alignment_tiny_solver.cpp), what says whether the result holds in tag_alignment_checks.cpp,
-// and their order in tag_alignment.cpp.
+// tag_alignment_samples.cpp, the steps in tag_alignment_step.cpp, what says whether the result
+// holds in tag_alignment_checks.cpp, and their order in tag_alignment.cpp.
 #pragma once
 
 #include <Eigen/Core>
@@ -206,8 +205,6 @@ struct TagAligner::Impl {
     double weight = 0.0;  // sum of w
   };
 
-  struct Compressed;  // the same for a general solver
-
   // What is wanted of where the tags lie.
   enum class Projection {
     search,  // the cells that are searched for, alone
@@ -295,9 +292,14 @@ struct TagAligner::Impl {
   void place_moments(Tag& tag);
 
   // Whether the tag can be used at the current pose; its size in the image.
-  [[nodiscard]] bool measure(Tag& tag) const;
-  void measure_motion(Tag& tag, const Eigen::Vector3d& centre,
-                      const Eigen::Matrix<double, 2, 3>& J) const;
+  // How a motion during the exposure blurs a tag.
+  enum class MotionBlur {
+    point_spread,  // as a Gaussian point spread, one for each tag
+    moments,       // as the mean of what is seen at some moments of the exposure
+  };
+  [[nodiscard]] bool measure(Tag& tag, MotionBlur blur = MotionBlur::point_spread) const;
+  void measure_motion(Tag& tag, const Eigen::Vector3d& centre, const Eigen::Matrix<double, 2, 3>& J,
+                      MotionBlur blur) const;
 
   void find_visible(Projection projection);
 
@@ -376,7 +378,6 @@ struct TagAligner::Impl {
     slope,    // as they change with the step
   };
   [[nodiscard]] bool step(double cutoff, StepBy by, double& moved_px);
-  [[nodiscard]] bool solve_by_tiny_solver(double cutoff, double& moved_px);
   void measure_noise();
   void measure_slope(double cutoff);
   [[nodiscard]] CameraPose pose() const;

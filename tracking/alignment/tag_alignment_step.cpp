@@ -52,24 +52,16 @@ void TagAligner::Impl::sum_up(double cutoff, Equations& equations) {
       continue;
     }
     result.counters.samples_evaluated += tag.used;
-    kernel::AccumulateInput one;
-    kernel::AccumulateInput& in = tag.moments > 1 ? tag.moment_inputs[0] : one;
-    if (tag.moments == 1) {
-      std::copy(tag.lattice_from_ray.begin(), tag.lattice_from_ray.end(), in.lattice_from_ray);
-      for (int c = 0; c < 3; ++c) in.centre[c] = static_cast<float>(tag.centre[c]);
-    }
+    kernel::AccumulateInput in;
+    std::copy(tag.lattice_from_ray.begin(), tag.lattice_from_ray.end(), in.lattice_from_ray);
+    for (int c = 0; c < 3; ++c) in.centre[c] = static_cast<float>(tag.centre[c]);
     in.gain = static_cast<float>(tag.gain);
     in.offset = static_cast<float>(tag.offset);
     in.inverse_cutoff =
         cutoff > 0.0 ? static_cast<float>(1.0 / (tukey_share(cutoff) * tag.gain)) : 0.0F;
     in.reach = tag.reach;
     in.correlated = tag.correlated;
-    if (tag.moments > 1) {
-      kernel->accumulate_moments(tag.moment_inputs.data(), tag.moment_samples.data(), tag.moments,
-                                 tag.sums);
-    } else {
-      kernel->accumulate(in, tag.samples, tag.sums);
-    }
+    kernel->accumulate(in, tag.samples, tag.sums);
     const kernel::Sums& sums = tag.sums;
     for (std::size_t i = 0; i < 36; ++i) pack.H[i][lane] = sums.H[i];
     for (std::size_t i = 0; i < 8; ++i) pack.g[i][lane] = sums.g[i];
@@ -114,7 +106,6 @@ bool TagAligner::Impl::take_variance(const Equations& equations) {
 // One step by all active tags; false where it can't be made. moved_px: how far the tags' centres
 // and corners went at most.
 bool TagAligner::Impl::step(double cutoff, StepBy by, double& moved_px) {
-  if (!options.own_steps) return solve_by_tiny_solver(cutoff, moved_px);
   Equations equations;
   sum_up(cutoff, equations);
   if (!take_variance(equations)) return false;
@@ -164,7 +155,6 @@ void TagAligner::Impl::follow_tags(const Vector6d& xi, const Eigen::Isometry3d& 
     }
     moved_px2 = std::max(moved_px2, pack.moved_px2[lane]);
     place(tag);
-    if (tag.moments > 1) place_moments(tag);
   }
   moved_px = std::sqrt(moved_px2);
   moved_since_projection_px += moved_px;

@@ -45,43 +45,6 @@ class TagAlignmentTest : public ::testing::Test {
     return overlay_difference(camera_, estimated, truth).rms_px();
   }
 
-  // Pictures of the tags, in part covered, aligned with an option and without: all that is found is
-  // the same, to the bit, for a model of each of these blurs. How many cells read wrong.
-  int cells_wrong_either_way(bool AlignmentOptions::*option, const std::vector<double>& blurs_px) {
-    int wrong = 0;
-    for (std::size_t k = 0; k < 12; ++k) {
-      SCOPED_TRACE(k);
-      AlignmentOptions options;
-      options.blur_px = blurs_px[k % blurs_px.size()];
-      options.*option = true;
-      auto with = TagAligner::create(camera_, tags_, options).value();
-      options.*option = false;
-      auto without = TagAligner::create(camera_, tags_, options).value();
-      const CameraPose truth = random_view(random_);
-      PatternRenderOptions render;
-      render.noise_grey = 6.0;
-      render.samples = 128;
-      render.cover_share = k % 2 == 1 ? 0.3 : 0.0;
-      render.seed = static_cast<std::uint64_t>(k) + 1;
-      const GreyImage image = picture(truth, render);
-      // From the last ones no tag is found: there the cells are read somewhere.
-      const CameraPose start = displaced(camera_, tags_, truth, k < 8 ? 3.0 : 60.0, random_);
-      const AlignmentResult& a = align(with, image, start, 3.0);
-      const AlignmentResult& b = align(without, image, start, 3.0);
-      EXPECT_EQ(a.verified, b.verified);
-      EXPECT_TRUE(a.T_table_camera.matrix() == b.T_table_camera.matrix());
-      EXPECT_TRUE(a.covariance == b.covariance);
-      EXPECT_EQ(a.tags.size(), b.tags.size());
-      for (std::size_t i = 0; i < std::min(a.tags.size(), b.tags.size()); ++i) {
-        EXPECT_EQ(a.tags[i].verified, b.tags[i].verified);
-        EXPECT_EQ(a.tags[i].cells_read, b.tags[i].cells_read);
-        EXPECT_EQ(a.tags[i].cells_wrong, b.tags[i].cells_wrong);
-        wrong += a.tags[i].cells_wrong;
-      }
-    }
-    return wrong;
-  }
-
   // The picture of a camera that moves during the exposure, `truth` being its middle.
   static GreyImage smeared_picture(PatternRenderer& renderer, const CameraPose& truth,
                                    const Vector6d& motion, const PatternRenderOptions& render) {
@@ -111,53 +74,6 @@ class TagAlignmentTest : public ::testing::Test {
   }
   Vector6d random_motion(const CameraPose& truth, double length_px) {
     return perturbation_between(truth, displaced(camera_, tags_, truth, length_px, random_));
-  }
-
-  void sparse_rounds_lead_to_the_same_pose(const std::vector<MappedTag>& tags) {
-    PatternRenderer renderer = PatternRenderer::create(camera_, tags).value();
-    AlignmentOptions options;
-    options.effort = AlignmentEffort::accurate;
-    options.near_starts = false;  // from near every pixel comes after a sparse round anyway
-    auto sparse = TagAligner::create(camera_, tags, options).value();
-    options.sparse_rounds = false;
-    auto whole = TagAligner::create(camera_, tags, options).value();
-    std::int64_t evaluated = 0;  // samples
-    std::int64_t evaluated_whole = 0;
-    for (int k = 0; k < 9; ++k) {
-      const CameraPose truth = random_view(random_);
-      PatternRenderOptions render;
-      render.noise_grey = 2.0;
-      render.samples = 128;
-      render.lens_blur_px = k % 3 == 1 ? 1.0 : 0.5;  // the model takes it for 0.5
-      render.cover_share = k % 3 == 2 ? 0.3 : 0.0;
-      render.seed = static_cast<std::uint64_t>(k) + 1;
-      const std::array<CameraPose, 1> path = {truth};
-      const GreyImage image = renderer.render(path, render);
-      AlignmentInput input;
-      input.luma = image.view();
-      input.predicted = displaced(camera_, tags, truth, 4.0, random_);
-      input.covariance = loose_prior(0.0007 * 4.0, 0.0012 * 4.0);
-      const AlignmentResult& reference = whole.align(input);
-      ASSERT_TRUE(reference.verified) << k;
-      for (const bool starts_far : {false, true}) {
-        SCOPED_TRACE(testing::Message() << k << (starts_far ? " from far" : ""));
-        input.starts_far = starts_far;
-        const AlignmentResult& result = sparse.align(input);
-        ASSERT_TRUE(result.verified);
-        EXPECT_LT(overlay_px(result.T_table_camera, reference.T_table_camera), 0.02);
-        EXPECT_LE(result.counters.fine_rounds, reference.counters.fine_rounds + 1);
-        EXPECT_NEAR(result.counters.samples, reference.counters.samples,
-                    0.01 * reference.counters.samples);
-        // As the last frame's did.
-        if (starts_far != reference.counters.far_start) continue;
-        evaluated += result.counters.samples_evaluated;
-        evaluated_whole += reference.counters.samples_evaluated;
-      }
-      ASSERT_TRUE(sparse.align(input).T_table_camera.matrix() ==
-                  sparse.align(input).T_table_camera.matrix())
-          << "no memory of the input before";
-    }
-    EXPECT_LT(evaluated, evaluated_whole);
   }
 
   const CameraModel camera_ = wide_camera();
@@ -282,10 +198,6 @@ TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
   const CameraPose start = displaced(camera_, tags_, truth, 2.0, random_);
   AlignmentOptions options;
   options.effort = AlignmentEffort::accurate;
-  // The number of pixels depends on where the last round begins.
-  options.sparse_rounds = false;
-  options.near_starts = false;
-  options.lattice_steps = false;
   auto aligner = TagAligner::create(camera_, tags_, options).value();
   const AlignmentResult all = align(aligner, image, start, 2.0);
   ASSERT_TRUE(all.verified);
@@ -321,7 +233,7 @@ TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
     }
   }
   EXPECT_GE(asked, 5);
-  // As much as before is a good beginning: one question then.
+  // A little more than before is a good beginning: one question then.
   const double budget_px = 2.0 * expected_px(all);
   asked = 0;
   aligner.set_sample_need([&](const AlignmentResult& result) {
@@ -332,7 +244,7 @@ TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
   input.luma = image.view();
   input.predicted = start;
   input.covariance = loose_prior(0.0007 * 2.0, 0.0012 * 2.0);
-  input.first_samples = aligner.align(input).counters.samples;
+  input.first_samples = 5 * aligner.align(input).counters.samples / 4;
   asked = 0;
   ASSERT_TRUE(aligner.align(input).verified);
   EXPECT_EQ(asked, 1);
@@ -381,128 +293,10 @@ TEST_F(TagAlignmentTest, HoldsWithAThirdOfEveryTagCovered) {
   EXPECT_LT(std::sqrt(sum2), 0.035);
 }
 
-// Rounds before the last with few samples, and rounds that stop early, cost less and change
-// nothing.
-TEST_F(TagAlignmentTest, SparseRoundsLeadToTheSamePose) {
-  // The samples of such a round are of all tags together: with many, each has few.
-  for (const auto& [columns, rows, size_m] : {std::tuple(3, 2, 0.06), std::tuple(4, 3, 0.045)}) {
-    SCOPED_TRACE(testing::Message() << columns * rows << " tags");
-    sparse_rounds_lead_to_the_same_pose(board(columns, rows, size_m));
-  }
-}
-
-// The product's own step against a solver that others keep. Where outliers are weighed down, which
-// pixels count hangs on the way there: of single pictures poses may be apart by what their noise
-// does, of many they are as good.
-TEST_F(TagAlignmentTest, OwnStepsEndWhereTinySolverDoes) {
-  const std::vector<MappedTag> lone(tags_.begin(), tags_.begin() + 1);
-  for (const AlignmentEffort effort : {AlignmentEffort::fast, AlignmentEffort::accurate}) {
-    for (const std::vector<MappedTag>& tags : {tags_, lone}) {
-      SCOPED_TRACE(testing::Message() << tags.size() << " tags, "
-                                      << (effort == AlignmentEffort::fast ? "fast" : "accurate"));
-      PatternRenderer renderer = PatternRenderer::create(camera_, tags).value();
-      AlignmentOptions options;
-      options.effort = effort;
-      options.slope_steps = false;  // the other knows the weights as they are only
-      auto own = TagAligner::create(camera_, tags, options).value();
-      options.own_steps = false;
-      auto tiny = TagAligner::create(camera_, tags, options).value();
-      int evaluations = 0;
-      int evaluations_tiny = 0;
-      std::vector<double> apart;  // as a share of the error that noise lets expect
-      std::vector<double> errors, errors_tiny, covered_times;
-      for (std::uint64_t k = 0; k < 24; ++k) {
-        SCOPED_TRACE(k);
-        const CameraPose truth = random_view(random_);
-        PatternRenderOptions render;
-        render.noise_grey = k % 2 == 0 ? 2.0 : 6.0;
-        render.samples = 64;
-        render.cover_share = k % 3 == 2 ? 0.2 : 0.0;
-        render.seed = k + 1;
-        const std::array<CameraPose, 1> path = {truth};
-        const GreyImage image = renderer.render(path, render);
-        const CameraPose start = displaced(camera_, tags, truth, 3.0, random_);
-        const AlignmentResult& a = align(own, image, start, 3.0);
-        const AlignmentResult& b = align(tiny, image, start, 3.0);
-        ASSERT_TRUE(a.verified);
-        ASSERT_TRUE(b.verified);
-        const double expected = expected_overlay_error_px(camera_, a.T_table_camera, a.covariance);
-        // What is left of a cover among the samples is a part of their noise.
-        const double times =
-            expected_overlay_error_px(camera_, b.T_table_camera, b.covariance) / expected;
-        if (render.cover_share > 0.0) {
-          covered_times.push_back(times);
-        } else {
-          EXPECT_NEAR(times, 1.0, 0.05);
-        }
-        apart.push_back(overlay_px(a.T_table_camera, b.T_table_camera) / expected);
-        // Every pixel, nothing to weigh down, the tilt well seen: the very same pose.
-        if (effort == AlignmentEffort::accurate && tags.size() > 1 && render.cover_share == 0.0) {
-          EXPECT_LT(apart.back(), 0.25);
-        }
-        errors.push_back(overlay_px(a.T_table_camera, truth));
-        errors_tiny.push_back(overlay_px(b.T_table_camera, truth));
-        evaluations += a.counters.evaluations;
-        evaluations_tiny += b.counters.evaluations;
-      }
-      EXPECT_NEAR(statistics_of(covered_times).median, 1.0, 0.1);
-      EXPECT_LT(statistics_of(covered_times).max, 1.5);
-      EXPECT_LT(statistics_of(apart).median, 0.3);
-      EXPECT_LT(statistics_of(errors).rmse, 1.2 * statistics_of(errors_tiny).rmse);
-      EXPECT_LT(evaluations, evaluations_tiny) << "else it had no reason to be";
-    }
-  }
-}
-
-// Pixels at even steps of the lattice are worth as much as those of a walk along every edge.
-TEST_F(TagAlignmentTest, StepsOfTheLatticeFindTheSamePose) {
-  AlignmentOptions options;
-  options.near_starts = false;  // which pixels a cover leaves hangs on where the fine stage begins
-  auto stepping = TagAligner::create(camera_, tags_, options).value();
-  options.lattice_steps = false;
-  auto walking = TagAligner::create(camera_, tags_, options).value();
-  double stepping2 = 0.0;
-  double walking2 = 0.0;
-  int different = 0;
-  constexpr int kPoses = 16;
-  for (int k = 0; k < kPoses; ++k) {
-    SCOPED_TRACE(k);
-    const CameraPose truth = random_view(random_);
-    PatternRenderOptions render;
-    render.noise_grey = 3.0;
-    render.samples = 128;
-    render.cover_share = k % 4 == 3 ? 0.3 : 0.0;
-    render.seed = static_cast<std::uint64_t>(k) + 1;
-    const GreyImage image = picture(truth, render);
-    const CameraPose start = displaced(camera_, tags_, truth, 4.0, random_);
-    const AlignmentResult a = align(stepping, image, start, 4.0);
-    const AlignmentResult b = align(walking, image, start, 4.0);
-    ASSERT_TRUE(a.verified) << a.reason;
-    ASSERT_TRUE(b.verified) << b.reason;
-    EXPECT_NEAR(a.counters.samples, b.counters.samples, 0.1 * b.counters.samples);
-    // What covers a tag goes into one's pixels otherwise than into the other's.
-    EXPECT_LT(overlay_px(a.T_table_camera, b.T_table_camera), k % 4 == 3 ? 0.15 : 0.06);
-    const double expected_a = expected_overlay_error_px(camera_, a.T_table_camera, a.covariance);
-    const double expected_b = expected_overlay_error_px(camera_, b.T_table_camera, b.covariance);
-    EXPECT_NEAR(expected_a, expected_b, 0.2 * expected_b);
-    different += a.T_table_camera.matrix() == b.T_table_camera.matrix() ? 0 : 1;
-    stepping2 += std::pow(overlay_px(a.T_table_camera, truth), 2) / kPoses;
-    walking2 += std::pow(overlay_px(b.T_table_camera, truth), 2) / kPoses;
-  }
-  EXPECT_EQ(different, kPoses);
-  EXPECT_LT(std::sqrt(stepping2), 1.15 * std::sqrt(walking2));
-  RecordProperty("stepping_px", std::to_string(std::sqrt(stepping2)));
-  RecordProperty("walking_px", std::to_string(std::sqrt(walking2)));
-}
-
-// Tags that are as clearly seen near by as they were are found without looking further off; those
-// that are further off too, by looking there after all.
-TEST_F(TagAlignmentTest, TheNarrowSearchFindsTheSamePose) {
-  AlignmentOptions options;
-  options.near_starts = false;  // as above
-  auto narrow = TagAligner::create(camera_, tags_, options).value();
-  options.narrow_search = false;
-  auto wide = TagAligner::create(camera_, tags_, options).value();
+// A pattern that was seen clearly in the last frame is searched for near its prediction first, and
+// further off where it is not there.
+TEST_F(TagAlignmentTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
+  auto aligner = TagAligner::create(camera_, tags_).value();
   int narrower = 0;
   int again = 0;
   for (int k = 0; k < 10; ++k) {
@@ -517,19 +311,21 @@ TEST_F(TagAlignmentTest, TheNarrowSearchFindsTheSamePose) {
     const GreyImage image = picture(truth, render);
     AlignmentInput input;
     input.luma = image.view();
-    // Whatever is asked for may be off by more than the narrow window holds.
+    // The prediction may be off by more than the near window holds.
     input.covariance = loose_prior(0.0007 * 25.0, 0.0012 * 25.0);
     input.predicted = truth;
-    input.seen_contrast = wide.align(input).counters.contrast;
-    EXPECT_GT(input.seen_contrast, 60.0);
+    const double contrast = aligner.align(input).counters.contrast;
+    EXPECT_GT(contrast, 60.0);
     for (const double start_px : {2.0, 6.0, 22.0}) {
       SCOPED_TRACE(start_px);
       input.predicted = displaced(camera_, tags_, truth, start_px, random_);
-      const AlignmentResult& reference = wide.align(input);
-      const AlignmentResult& result = narrow.align(input);
+      input.seen_contrast = 0.0;
+      const AlignmentResult reference = aligner.align(input);
+      input.seen_contrast = contrast;
+      const AlignmentResult result = aligner.align(input);
       ASSERT_EQ(result.verified, reference.verified);
       if (!reference.verified) continue;
-      EXPECT_LT(overlay_px(result.T_table_camera, reference.T_table_camera), 0.05);
+      EXPECT_LT(overlay_px(result.T_table_camera, reference.T_table_camera), 0.1);
       EXPECT_GT(result.counters.contrast, 0.9 * reference.counters.contrast);
       narrower += result.counters.searched_px < reference.counters.searched_px ? 1 : 0;
       again += result.counters.searched_px > reference.counters.searched_px ? 1 : 0;
@@ -537,145 +333,39 @@ TEST_F(TagAlignmentTest, TheNarrowSearchFindsTheSamePose) {
         EXPECT_LT(result.counters.searched_px, reference.counters.searched_px);
       }
     }
-    // Not known how clearly: as far as it may be.
-    input.seen_contrast = 0.0;
-    EXPECT_EQ(narrow.align(input).counters.searched_px, wide.align(input).counters.searched_px);
   }
   EXPECT_GE(narrower, 10);
   EXPECT_GE(again, 1);
 }
 
-// What the search finds near is left to the fine stage, for less work.
-TEST_F(TagAlignmentTest, NearStartsLeadToTheSamePose) {
+// From a prediction that is off by less than the fine stage reaches no wide stage is needed.
+TEST_F(TagAlignmentTest, SkipsWideStageWhenSearchEndsNear) {
   for (const AlignmentEffort effort : {AlignmentEffort::fast, AlignmentEffort::accurate}) {
     SCOPED_TRACE(effort == AlignmentEffort::fast ? "fast" : "accurate");
     AlignmentOptions options;
     options.effort = effort;
-    auto near = TagAligner::create(camera_, tags_, options).value();
-    options.near_starts = false;
-    auto through = TagAligner::create(camera_, tags_, options).value();
-    int left_out = 0;
-    std::int64_t evaluated = 0;
-    std::int64_t evaluated_through = 0;
-    double error2 = 0.0;
-    double error2_through = 0.0;
+    auto aligner = TagAligner::create(camera_, tags_, options).value();
+    int skipped = 0;
+    std::vector<double> errors;  // as shares of what noise lets expect
     for (int k = 0; k < 24; ++k) {
       SCOPED_TRACE(k);
       const CameraPose truth = random_view(random_);
       PatternRenderOptions render;
       render.noise_grey = k % 2 == 0 ? 1.0 : 6.0;
       render.samples = 128;
-      render.lens_blur_px = k % 4 == 1 ? 1.0 : 0.5;  // the model takes it for 0.5
-      render.cover_share = k % 3 == 2 ? 0.3 : 0.0;
       render.seed = static_cast<std::uint64_t>(k) + 1;
       const GreyImage image = picture(truth, render);
       const CameraPose start = displaced(camera_, tags_, truth, 0.5 * k, random_);
-      const AlignmentResult& a = align(near, image, start, 6.0);
-      const AlignmentResult& b = align(through, image, start, 6.0);
-      ASSERT_EQ(a.verified, b.verified);
-      ASSERT_TRUE(a.verified);
-      EXPECT_TRUE(b.counters.wide_stage);
-      left_out += a.counters.wide_stage ? 0 : 1;
-      evaluated += a.counters.samples_evaluated;
-      evaluated_through += b.counters.samples_evaluated;
-      const double expected = expected_overlay_error_px(camera_, b.T_table_camera, b.covariance);
-      // Every pixel, nothing to weigh down: the same pose. Else by what the noise of those that
-      // count says.
-      const bool of_all = effort == AlignmentEffort::accurate && render.cover_share == 0.0 &&
-                          render.lens_blur_px < 1.0;
-      EXPECT_LT(overlay_px(a.T_table_camera, b.T_table_camera), (of_all ? 0.6 : 3.0) * expected);
-      EXPECT_NEAR(expected_overlay_error_px(camera_, a.T_table_camera, a.covariance), expected,
-                  (render.cover_share > 0.0 ? 0.5 : 0.1) * expected);
-      error2 += std::pow(overlay_px(a.T_table_camera, truth), 2);
-      error2_through += std::pow(overlay_px(b.T_table_camera, truth), 2);
+      const AlignmentResult result = align(aligner, image, start, 6.0);
+      ASSERT_TRUE(result.verified);
+      if (result.counters.wide_stage) continue;
+      ++skipped;
+      errors.push_back(
+          overlay_px(result.T_table_camera, truth) /
+          expected_overlay_error_px(camera_, result.T_table_camera, result.covariance));
     }
-    EXPECT_GE(left_out, 12);
-    EXPECT_LT(evaluated, evaluated_through);
-    EXPECT_LT(std::sqrt(error2), 1.1 * std::sqrt(error2_through));
-    RecordProperty(
-        effort == AlignmentEffort::fast ? "fast" : "accurate",
-        fmt::format("left out {} of 24, samples {} of {}, px {:.4f} of {:.4f}", left_out, evaluated,
-                    evaluated_through, std::sqrt(error2 / 24.0), std::sqrt(error2_through / 24.0)));
-  }
-}
-
-// A step that reckons with the weights' change mostly is the last, and ends no further off: what it
-// leaves is small against what noise does, in the pose and in what the residuals are said to be.
-// Where few tags have few edges to say that, or a part of the tags is covered, one is not enough.
-TEST_F(TagAlignmentTest, SlopeStepsLeadToTheSamePose) {
-  const std::vector<MappedTag> many = board(4, 3, 0.03);
-  const std::vector<MappedTag> lone = board(1, 1, 0.12);
-  for (const auto& [tags, cover_share] :
-       {std::pair(many, 0.0), std::pair(tags_, 0.0), std::pair(tags_, 0.2), std::pair(tags_, 0.4),
-        std::pair(lone, 0.0)}) {
-    SCOPED_TRACE(testing::Message() << tags.size() << " tags, covered " << cover_share);
-    AlignmentOptions options;
-    options.effort = AlignmentEffort::accurate;
-    auto by_slope = TagAligner::create(camera_, tags, options).value();
-    options.slope_steps = false;
-    auto without = TagAligner::create(camera_, tags, options).value();
-    PatternRenderer renderer = PatternRenderer::create(camera_, tags).value();
-    constexpr int kPictures = 24;
-    std::int64_t evaluated = 0;
-    std::int64_t evaluated_without = 0;
-    std::vector<double> apart;  // of what noise does
-    std::vector<double> noise_times, design_times, disagreement_more;
-    double error2 = 0.0;
-    double error2_without = 0.0;
-    for (int k = 0; k < kPictures; ++k) {
-      const CameraPose truth = random_view(random_);
-      PatternRenderOptions render;
-      render.noise_grey = k % 2 == 0 ? 2.0 : 8.0;
-      render.samples = 128;
-      // The model takes it for 0.5.
-      render.lens_blur_px = k % 8 == 3 && cover_share == 0.0 ? 1.0 : 0.5;
-      render.cover_share = cover_share;
-      render.seed = static_cast<std::uint64_t>(k) + 1;
-      const std::array<CameraPose, 1> path = {truth};
-      const GreyImage image = renderer.render(path, render);
-      const CameraPose start = displaced(camera_, tags, truth, 0.5 * k, random_);
-      const AlignmentResult& a = align(by_slope, image, start, 6.0);
-      const AlignmentResult& b = align(without, image, start, 6.0);
-      ASSERT_TRUE(a.verified) << k;
-      ASSERT_TRUE(b.verified) << k;
-      evaluated += a.counters.samples_evaluated;
-      evaluated_without += b.counters.samples_evaluated;
-      apart.push_back(overlay_px(a.T_table_camera, b.T_table_camera) /
-                      expected_overlay_error_px(camera_, b.T_table_camera, b.covariance));
-      noise_times.push_back(a.residual_rms / b.residual_rms);
-      design_times.push_back(a.design_effect / b.design_effect);
-      disagreement_more.push_back(a.disagreement - b.disagreement);
-      error2 += std::pow(overlay_px(a.T_table_camera, truth), 2);
-      error2_without += std::pow(overlay_px(b.T_table_camera, truth), 2);
-    }
-    const Statistics s = statistics_of(apart);
-    const double px = std::sqrt(error2 / kPictures);
-    const double px_without = std::sqrt(error2_without / kPictures);
-    if (cover_share > 0.0) {
-      EXPECT_LT(s.max, 1.5);
-      EXPECT_LT(px, px_without);  // what covers is left behind sooner
-      EXPECT_LT(static_cast<double>(evaluated), 1.1 * static_cast<double>(evaluated_without));
-    } else {
-      EXPECT_LT(s.rmse, 0.25);
-      EXPECT_LT(s.max, 0.5);
-      EXPECT_LT(px, 1.05 * px_without);
-      EXPECT_LE(static_cast<double>(evaluated),
-                (tags.size() > 6 ? 0.95 : 1.0) * static_cast<double>(evaluated_without));
-      EXPECT_NEAR(statistics_of(noise_times).median, 1.0, 0.01);
-      EXPECT_NEAR(statistics_of(design_times).median, 1.0, 0.1);
-      EXPECT_LT(statistics_of(design_times).max, 2.0);
-      EXPECT_LT(statistics_of(disagreement_more).max, 0.2);
-    }
-    const auto said = [](const std::vector<double>& values) {
-      const Statistics of = statistics_of(values);
-      return fmt::format("{:.3f} {:.3f}", of.median, of.max);
-    };
-    RecordProperty(
-        fmt::format("of_{}_covered_{}", tags.size(), cover_share),
-        fmt::format("samples {} of {}, apart rms {:.3f} max {:.3f}, px {:.5f} of {:.5f}, noise {}, "
-                    "design {}, disagreement {}",
-                    evaluated, evaluated_without, s.rmse, s.max, px, px_without, said(noise_times),
-                    said(design_times), said(disagreement_more)));
+    EXPECT_GE(skipped, 12);
+    EXPECT_LT(statistics_of(errors).rmse, 3.0);  // residuals along an edge are correlated
   }
 }
 
@@ -992,15 +682,6 @@ TEST_F(TagAlignmentTest, EveryFamilyIsAligned) {
   }
 }
 
-TEST_F(TagAlignmentTest, DecodingWhereTheLastRoundSawTheCellsChangesNothing) {
-  static_cast<void>(cells_wrong_either_way(&AlignmentOptions::keep_projection, {0.58}));
-}
-
-TEST_F(TagAlignmentTest, CellsReadByTheirOwnColourReadAsByTheModel) {
-  // From cells that are large against the blur to ones that are not.
-  EXPECT_GT(cells_wrong_either_way(&AlignmentOptions::clear_cells, {0.58, 2.0, 4.0}), 0);
-}
-
 TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
   double known2 = 0.0;
   double unknown2 = 0.0;
@@ -1028,13 +709,10 @@ TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
   EXPECT_LT(known2, unknown2);
 }
 
-// To know the motion never does harm, be the smear shorter than a cell (10 px) or longer.
+// A known motion does no harm where the blur is shorter than a cell (10 px).
 TEST_F(TagAlignmentTest, AKnownMotionIsNeverWorseThanAnUnknownOne) {
-  AlignmentOptions options;
-  auto aligner = TagAligner::create(camera_, tags_, options).value();
-  options.exposure_moments = false;
-  auto by_point_spread = TagAligner::create(camera_, tags_, options).value();
-  for (const double length_px : {4.0, 8.0, 16.0, 24.0}) {
+  auto aligner = TagAligner::create(camera_, tags_).value();
+  for (const double length_px : {4.0, 8.0}) {
     SCOPED_TRACE(length_px);
     struct Found {
       std::vector<double> errors_px;  // of what is verified
@@ -1043,7 +721,7 @@ TEST_F(TagAlignmentTest, AKnownMotionIsNeverWorseThanAnUnknownOne) {
       }
       [[nodiscard]] double rms_px() const { return statistics_of(errors_px).rmse; }
     };
-    Found unknown, known, spread;
+    Found unknown, known;
     constexpr int kViews = 10;
     for (int k = 0; k < kViews; ++k) {
       const CameraPose truth = random_view(random_);
@@ -1057,36 +735,27 @@ TEST_F(TagAlignmentTest, AKnownMotionIsNeverWorseThanAnUnknownOne) {
       input.luma = image.view();
       input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
       input.covariance = loose_prior(0.0014, 0.0024);
-      const auto align_with = [&](TagAligner& by, Found& found) {
-        const AlignmentResult& result = by.align(input);
+      const auto align_into = [&](Found& found) {
+        const AlignmentResult& result = aligner.align(input);
         found.add(result, overlay_px(result.T_table_camera, truth));
       };
-      align_with(aligner, unknown);
+      align_into(unknown);
       input.exposure_motion = motion;
-      align_with(aligner, known);
-      align_with(by_point_spread, spread);
+      align_into(known);
     }
     EXPECT_EQ(known.errors_px.size(), std::size_t{kViews});
     EXPECT_GE(known.errors_px.size(), unknown.errors_px.size());
     EXPECT_LE(known.rms_px(), unknown.rms_px());
-    // A Gaussian point spread of the tag's centre does where it is short.
-    EXPECT_LT(known.rms_px(), 1.05 * spread.rms_px());
-    if (length_px > 10.0) {
-      EXPECT_LT(known.rms_px(), 0.6 * spread.rms_px());
-    }
     RecordProperty(fmt::format("unknown_{}_px", length_px),
                    fmt::format("{:.4f}", unknown.rms_px()));
     RecordProperty(fmt::format("known_{}_px", length_px), fmt::format("{:.4f}", known.rms_px()));
-    RecordProperty(fmt::format("spread_{}_px", length_px), fmt::format("{:.4f}", spread.rms_px()));
   }
 }
 
 // A smear of some cells looks the same at many poses along it; one shorter than a cell, or a motion
 // that the picture does not show, at one.
 TEST_F(TagAlignmentTest, ALongSmearSaysWhatItHides) {
-  AlignmentOptions options;
-  options.exposure_moments = false;  // as TableTracker has it
-  auto aligner = TagAligner::create(camera_, tags_, options).value();
+  auto aligner = TagAligner::create(camera_, tags_).value();
   const auto smear_error_px = [&](double moved_px, double taken_for_px, bool known) {
     const CameraPose truth = random_view(random_);
     const Vector6d motion = random_motion(truth, taken_for_px);
@@ -1145,9 +814,7 @@ TEST_F(TagAlignmentTest, ALongSmearSaysWhatItHides) {
 // What a smear hides of the pose is what tags that are displaced, each by itself along the motion,
 // make of a pose by their corners.
 TEST_F(TagAlignmentTest, ASmearTurnsThePose) {
-  AlignmentOptions options;
-  options.exposure_moments = false;
-  auto aligner = TagAligner::create(camera_, tags_, options).value();
+  auto aligner = TagAligner::create(camera_, tags_).value();
   std::normal_distribution<double> normal;
   double told2 = 0.0;
   double found2 = 0.0;
@@ -1193,9 +860,7 @@ TEST_F(TagAlignmentTest, ASmearTurnsThePose) {
 // A motion that is not the one which smeared the picture explains nothing of it. Where it may be
 // another one, the picture is judged as if none were known.
 TEST_F(TagAlignmentTest, AMotionThatMayBeAnotherIsNotTheOnlyOne) {
-  AlignmentOptions options;
-  options.exposure_moments = false;
-  auto aligner = TagAligner::create(camera_, tags_, options).value();
+  auto aligner = TagAligner::create(camera_, tags_).value();
   constexpr double kLongest_cells = 3.0;
   int smeared = 0;
   for (int k = 0; k < 5; ++k) {
@@ -1237,9 +902,7 @@ TEST_F(TagAlignmentTest, AMotionThatMayBeAnotherIsNotTheOnlyOne) {
 
 // Of what went on the picture says how much was in the exposure.
 TEST_F(TagAlignmentTest, APictureSaysHowMuchOfAMotionSmearedIt) {
-  AlignmentOptions options;
-  options.exposure_moments = false;
-  auto aligner = TagAligner::create(camera_, tags_, options).value();
+  auto aligner = TagAligner::create(camera_, tags_).value();
   for (const double part : {0.375, 0.625, 1.0}) {
     int found = 0;
     for (int k = 0; k < 4; ++k) {
@@ -1261,9 +924,7 @@ TEST_F(TagAlignmentTest, APictureSaysHowMuchOfAMotionSmearedIt) {
 TEST_F(TagAlignmentTest, TheSmearOfALoneTagTurnsNothing) {
   const std::vector<MappedTag> lone = board(1, 1, 0.12);
   PatternRenderer renderer = PatternRenderer::create(camera_, lone).value();
-  AlignmentOptions options;
-  options.exposure_moments = false;
-  auto aligner = TagAligner::create(camera_, lone, options).value();
+  auto aligner = TagAligner::create(camera_, lone).value();
   int smeared = 0;
   for (int k = 0; k < 4; ++k) {
     const SmearedView view = smeared_view(renderer, 90.0);
@@ -1369,65 +1030,6 @@ TEST_F(TagAlignmentTest, APictureThatIsNotClearSaysSoByItself) {
   EXPECT_GE(smeared, 2);
 }
 
-// What lies around the tags is smeared into them, and nobody knows what it is.
-TEST_F(TagAlignmentTest, WhatIsSmearedInFromAroundATagCountsForNothing) {
-  const std::vector<MappedTag> small = board(3, 2, 0.03);  // cells of 5 px
-  PatternRenderer renderer = PatternRenderer::create(camera_, small).value();
-  auto aligner = TagAligner::create(camera_, small).value();
-  double apart2 = 0.0;
-  constexpr int kViews = 4;
-  for (int k = 0; k < kViews; ++k) {
-    const CameraPose truth = random_view(random_);
-    AlignmentInput input;
-    input.exposure_motion = random_motion(truth, 10.0);
-    input.predicted = displaced(camera_, small, truth, 1.0, random_);
-    input.covariance = loose_prior(0.0014, 0.0024);
-    std::vector<CameraPose> poses;
-    for (const double background : {0.05, 0.80}) {
-      PatternRenderOptions render;
-      render.background = background;
-      render.samples = 256;
-      const GreyImage image = smeared_picture(renderer, truth, input.exposure_motion, render);
-      input.luma = image.view();
-      const AlignmentResult& result = aligner.align(input);
-      ASSERT_TRUE(result.verified);
-      poses.push_back(result.T_table_camera);
-    }
-    apart2 += std::pow(overlay_px(poses[0], poses[1]), 2) / kViews;
-  }
-  RecordProperty("apart_px", fmt::format("{:.4f}", std::sqrt(apart2)));
-  EXPECT_LT(std::sqrt(apart2), 0.02);
-}
-
-// A camera that rests, or a smear as short as the point spread, is seen as one moment.
-TEST_F(TagAlignmentTest, AShortSmearIsThePointSpreadsEitherWay) {
-  for (const double length_px : {0.0, 1.0, 4.0}) {
-    SCOPED_TRACE(length_px);
-    const CameraPose truth = random_view(random_);
-    AlignmentInput input;
-    if (length_px > 0.0) input.exposure_motion = random_motion(truth, length_px);
-    PatternRenderOptions render;
-    render.noise_grey = 2.0;
-    render.samples = 128;
-    const GreyImage image = smeared_picture(renderer_, truth, input.exposure_motion, render);
-    input.luma = image.view();
-    input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
-    input.covariance = loose_prior(0.0014, 0.0024);
-    for (const AlignmentEffort effort : {AlignmentEffort::fast, AlignmentEffort::accurate}) {
-      AlignmentOptions options;
-      options.effort = effort;
-      auto with = TagAligner::create(camera_, tags_, options).value();
-      options.exposure_moments = false;
-      auto without = TagAligner::create(camera_, tags_, options).value();
-      const AlignmentResult& a = with.align(input);
-      const AlignmentResult& b = without.align(input);
-      ASSERT_TRUE(a.verified);
-      ASSERT_TRUE(b.verified);
-      EXPECT_EQ(a.T_table_camera.matrix() == b.T_table_camera.matrix(), length_px < 2.0);
-    }
-  }
-}
-
 // Rows are read out one after the other: the picture of a camera that moves is sheared.
 TEST_F(TagAlignmentTest, ARollingShutterIsTakenOutWhereTheVelocityIsKnown) {
   CameraParameters p = camera_.parameters();
@@ -1520,7 +1122,7 @@ TEST_F(TagAlignmentTest, EveryInstructionSetGivesTheSamePose) {
   std::optional<CameraPose> first_smeared;
   for (const kernel::Variant* const* v = kernel::available_variants(); *v != nullptr; ++v) {
     AlignmentOptions options;
-    options.kernel = (*v)->name;
+    options.instruction_set = (*v)->name;
     auto aligner = TagAligner::create(camera_, tags_, options).value();
     const auto expect_same = [&](const AlignmentResult& result, std::optional<CameraPose>& as) {
       ASSERT_TRUE(result.verified);

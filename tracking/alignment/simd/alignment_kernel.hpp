@@ -246,17 +246,14 @@ struct Variant {
   void (*accumulate)(const AccumulateInput& input, const Samples& samples, Sums& sums);
   // The anchors alone, by the rays.
   void (*anchor)(const float* lattice_from_ray, int reach, int side, const Samples& samples);
-  // As accumulate, with the mean of what is seen at `count` moments for the model: `inputs` are
-  // where the camera is then, `moments` the same samples, each with the anchor and the blur that it
-  // has then. All else is that of the first ones.
-  void (*accumulate_moments)(const AccumulateInput* inputs, const Samples* moments, int count,
-                             Sums& sums);
   // Gains and offsets solved for in terms of the camera's motion; returns nothing but in the packs.
   void (*eliminate)(TagPack* packs, int count);
   // What the step does to the tags.
   void (*follow)(const CameraStep& step, TagPack* packs, int count);
   // The model alone, at the pose of `input`, into samples.model.
   void (*evaluate)(const AccumulateInput& input, const Samples& samples);
+  // The mean of what is seen at `count` moments: `inputs` are where the camera is then, `moments`
+  // the same samples, each with the anchor and the blur that it has then.
   void (*evaluate_moments)(const AccumulateInput* inputs, const Samples* moments, int count);
   void (*levers)(const LeverInput& input, const Samples& samples);
   // scores[r * columns + c] = sum over the first `positive` points minus the sum over the others of

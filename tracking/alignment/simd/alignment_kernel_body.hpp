@@ -1204,59 +1204,6 @@ void accumulate_as(const AccumulateInput& in, const Samples& samples, Sums& sums
   add_lanes(lanes, sums);
 }
 
-// A fixed ray meets the lattice elsewhere at each moment. What moves the tag moves it at all of
-// them, in the lattice's own frame by the same.
-template <int reach, bool correlated>
-void accumulate_moments_as(const AccumulateInput* inputs, const Samples* moments, int count,
-                           Sums& sums) {
-  const Samples s = moments[0];
-  const AccumulateInput first = inputs[0];
-  const float share = 1.0F / static_cast<float>(count);
-  const float gain_share = -first.gain * share;
-  BlockTerms block;
-  LaneSums lanes;
-  for (int start = 0; start < s.count; start += kBlock) {
-#pragma GCC unroll 1
-    for (int l = 0; l < kBlock; l += kWide) {
-      const int i = start + l;
-      const Wide x = load(s.ray_x + i);
-      const Wide y = load(s.ray_y + i);
-      Wide m = {};
-      Wide J[6] = {};
-#pragma GCC unroll 1
-      for (int k = 0; k < count; ++k) {
-        const AccumulateInput& input = inputs[k];
-        const float* const M = input.lattice_from_ray;
-        const float inverse_cz = 1.0F / input.centre[2];
-        const Wide inverse_s = 1.0F / (M[6] * x + M[7] * y + M[8]);
-        const Wide a = (M[0] * x + M[1] * y + M[2]) * inverse_s;
-        const Wide b = (M[3] * x + M[4] * y + M[5]) * inverse_s;
-        Wide m_a;
-        Wide m_b;
-        m += pattern<reach, correlated>(a - load(moments[k].va + i), b - load(moments[k].vb + i),
-                                        moments[k], i, m_a, m_b);
-        const Wide qa = (a - input.centre[0]) * inverse_cz;
-        const Wide qb = (b - input.centre[1]) * inverse_cz;
-        const Wide jz = m_a * qa + m_b * qb;
-        J[0] += m_a;
-        J[1] += m_b;
-        J[2] += jz;
-        J[3] += jz * b;
-        J[4] -= jz * a;
-        J[5] += m_b * a - m_a * b;
-      }
-      m *= share;
-      weigh(first, s, i, m, block, l);
-#pragma GCC unroll 6
-      for (int p = 0; p < 6; ++p) store(block.J[p] + l, gain_share * J[p]);
-    }
-    start == 0 ? add_block<true>(block, s.residual, s.weight, lanes)
-               : add_block<false>(block, s.residual + start, s.weight + start, lanes);
-  }
-  if (s.count == 0) lanes = {};
-  add_lanes(lanes, sums);
-}
-
 // Four doubles side by side: of four tags.
 using Pack = double __attribute__((vector_size(32)));
 using PackMask = long long __attribute__((vector_size(32)));
@@ -1581,21 +1528,6 @@ void evaluate(const AccumulateInput& in, const Samples& samples) {
   }
 }
 
-void accumulate_moments(const AccumulateInput* inputs, const Samples* moments, int count,
-                        Sums& sums) {
-  const bool correlated = inputs[0].correlated;
-  if (inputs[0].reach == 1) {
-    correlated ? accumulate_moments_as<1, true>(inputs, moments, count, sums)
-               : accumulate_moments_as<1, false>(inputs, moments, count, sums);
-  } else if (inputs[0].reach == 2) {
-    correlated ? accumulate_moments_as<2, true>(inputs, moments, count, sums)
-               : accumulate_moments_as<2, false>(inputs, moments, count, sums);
-  } else {
-    correlated ? accumulate_moments_as<3, true>(inputs, moments, count, sums)
-               : accumulate_moments_as<3, false>(inputs, moments, count, sums);
-  }
-}
-
 void evaluate_moments(const AccumulateInput* inputs, const Samples* moments, int count) {
   const bool correlated = inputs[0].correlated;
   if (inputs[0].reach == 1) {
@@ -1745,7 +1677,6 @@ const Variant kVariant = {PENUMBRA_KERNEL_NAME,
                           attach,
                           accumulate,
                           anchor,
-                          accumulate_moments,
                           eliminate,
                           follow,
                           evaluate,
