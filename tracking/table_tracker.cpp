@@ -274,20 +274,20 @@ struct TableTracker::Impl : Following {
                   const AlignmentResult& first, Measurement& measurement);
   [[nodiscard]] ImageMotion motion_found(const Frame& frame, const AlignmentResult& result,
                                          double longest_smear_cells);
-  void align_by_smear(const Frame& frame, AlignmentInput& input, const AlignmentResult& result,
+  void align_by_smear(const Frame& frame, AlignmentInput& input, AlignmentResult& result,
                       SmearError& smear);
   void note_work(const AlignmentResult& result);
   [[nodiscard]] bool is_doubtful(const AlignmentResult& result, bool with_search) const;
   [[nodiscard]] bool may_leave_out(const AlignmentResult& result) const;
-  const AlignmentResult& align_without(AlignmentInput& input, std::span<const int> without,
-                                       bool with_search);
-  void leave_one_out(AlignmentInput& input, const AlignmentResult& result);
+  [[nodiscard]] AlignmentResult align_without(AlignmentInput& input, std::span<const int> without,
+                                              bool with_search);
+  void leave_one_out(AlignmentInput& input, AlignmentResult& result);
   [[nodiscard]] double scatter_px(const AlignmentResult& joint, const AlignmentInput& input);
-  [[nodiscard]] bool settle(AlignmentInput& input, const AlignmentResult& result, bool with_search);
-  void look_again(AlignmentInput& input, const AlignmentResult& result, bool with_search);
+  [[nodiscard]] bool settle(AlignmentInput& input, AlignmentResult& result, bool with_search);
+  void look_again(AlignmentInput& input, AlignmentResult& result, bool with_search);
   [[nodiscard]] std::optional<CameraMotion> motion_at(std::int64_t timestamp_ns,
                                                       const CameraPose& pose) const;
-  void align_at_own_speed(const Frame& frame, AlignmentInput& input, const AlignmentResult& result);
+  void align_at_own_speed(const Frame& frame, AlignmentInput& input, AlignmentResult& result);
   [[nodiscard]] std::optional<PoseEstimate> follow(const Frame& frame, ImageView image,
                                                    Start start = Start::own_motion);
   [[nodiscard]] std::optional<PoseEstimate> follow_hint(const Frame& frame, ImageView image,
@@ -705,10 +705,10 @@ CameraPose TableTracker::Impl::mirrored(const CameraPose& pose,
 // The other pose that a lone tag (or a few in one plane, seen from afar) allows, aligned as well:
 // the picture itself is asked which of the two it is. True where it says the other. `of_first`:
 // with what the best pose was aligned (its smear and velocity are those of both); `first_result`:
-// the aligner's own, of that pose.
+// of that pose.
 bool TableTracker::Impl::add_second(const AlignmentInput& of_first, const ImageMotion& image_motion,
                                     const AlignmentResult& first_result, Measurement& measurement) {
-  const std::vector<TagAlignment> seen = first_result.tags;
+  const std::vector<TagAlignment>& seen = first_result.tags;
   AlignmentInput input;
   input.luma = of_first.luma;
   input.exposure_motion = of_first.exposure_motion;
@@ -730,7 +730,7 @@ bool TableTracker::Impl::add_second(const AlignmentInput& of_first, const ImageM
            std::max(kSame_px, residuals * residual_px);
   };
   const CameraPose mirror = input.predicted;
-  const AlignmentResult& result = aligner.refine(input);
+  const AlignmentResult result = aligner.refine(input);
   const std::optional<RefinedPose> second = aligned(result, input.covariance, image_motion);
   if (!second) {
     // Cells that read right from one of two poses and wrong from the other are evidence, too, only
@@ -798,9 +798,9 @@ std::optional<CameraMotion> TableTracker::Impl::motion_at(std::int64_t timestamp
 // With a rolling shutter the velocity is a part of the picture's geometry, with a known exposure of
 // its blur. The one that was predicted is that of the frame before; where the one that the pose
 // itself shows puts the first and the last row elsewhere, or smears the picture further, the frame
-// is aligned once more. `result` is the aligner's own.
+// is aligned once more.
 void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& input,
-                                            const AlignmentResult& result) {
+                                            AlignmentResult& result) {
   const double half_readout_s =
       0.5 * camera.parameters().rolling_shutter_row_s.value_or(0.0) * (camera.height() - 1);
   // The smear of a lone tag and its tilt look alike.
@@ -835,19 +835,20 @@ void TableTracker::Impl::align_at_own_speed(const Frame& frame, AlignmentInput& 
     // ... and so it does where the pose before may be far off itself.
     const double residual = elsewhere && measured->tracked ? std::numeric_limits<double>::infinity()
                                                            : result.residual_rms;
-    if (aligner.align(input).verified && result.residual_rms <= residual) continue;
+    result = aligner.align(input);
+    if (result.verified && result.residual_rms <= residual) continue;
     input.velocity = velocity_before;
     input.exposure_motion = smear_before;
-    static_cast<void>(aligner.align(input));
+    result = aligner.align(input);
     return;
   }
 }
 
 // A frame that is not clear is aligned once more with tags that are smeared along its motion: by
 // the exposure, or where that is not known by as much of the frame as explains the picture best.
-// Both poses are judged by what their smear hides. `result` is the aligner's own.
+// Both poses are judged by what their smear hides.
 void TableTracker::Impl::align_by_smear(const Frame& frame, AlignmentInput& input,
-                                        const AlignmentResult& result, SmearError& smear) {
+                                        AlignmentResult& result, SmearError& smear) {
   // The smear of a lone tag and its tilt look alike, and so may those of a few from afar.
   if (result.tags_verified < 2 || branch_open || smear.motion.isZero(0.0) ||
       !input.exposure_motion.isZero(0.0))
@@ -855,7 +856,7 @@ void TableTracker::Impl::align_by_smear(const Frame& frame, AlignmentInput& inpu
   const double residual = result.residual_rms;
   const int tags_before = result.tags_verified;
   input.exposure_motion = smear.motion;
-  static_cast<void>(align_without(input, left_out, true));
+  result = align_without(input, left_out, true);
   const bool enough = result.tags_verified >= 2 && 4 * result.tags_verified >= 3 * tags_before;
   // As shares of the gain: a model that is smeared as the picture is gives the contrast back, too.
   if (result.verified && enough && result.residual_rms <= residual && result.contradicting < 0 &&
@@ -870,7 +871,7 @@ void TableTracker::Impl::align_by_smear(const Frame& frame, AlignmentInput& inpu
     }
   }
   input.exposure_motion.setZero();
-  static_cast<void>(align_without(input, left_out, true));
+  result = align_without(input, left_out, true);
 }
 
 // What a measured pose says of the motion in its frame, and that of what it did to the picture.
@@ -946,9 +947,8 @@ bool TableTracker::Impl::is_doubtful(const AlignmentResult& result, bool with_se
           (result.disagreement >= kDisagree && result.displaced_px >= kDoubtful_px));
 }
 
-const AlignmentResult& TableTracker::Impl::align_without(AlignmentInput& input,
-                                                         std::span<const int> without,
-                                                         bool with_search) {
+AlignmentResult TableTracker::Impl::align_without(AlignmentInput& input,
+                                                  std::span<const int> without, bool with_search) {
   input.left_out = without;
   return with_search ? aligner.align(input) : aligner.refine(input);
 }
@@ -956,7 +956,7 @@ const AlignmentResult& TableTracker::Impl::align_without(AlignmentInput& input,
 // The tag without which all others agree, tried one after the other from where their own corners
 // put the camera: a pose may have been made to fit the wrong one, and the equations there know of
 // no better one.
-void TableTracker::Impl::leave_one_out(AlignmentInput& input, const AlignmentResult& result) {
+void TableTracker::Impl::leave_one_out(AlignmentInput& input, AlignmentResult& result) {
   constexpr std::size_t kMostToTry = 6;
   constexpr double kAgree = 3.0;
   if (result.counters.tags_visible < 4 || !may_leave_out(result)) return;
@@ -977,7 +977,7 @@ void TableTracker::Impl::leave_one_out(AlignmentInput& input, const AlignmentRes
     const Result<BoardPose> start = estimate_board_pose(camera, others);
     if (!start || start->contradictory || !start->best.T_table_camera.is_finite()) continue;
     input.predicted = start->best.T_table_camera;
-    const AlignmentResult& rest = align_without(input, without, false);
+    const AlignmentResult rest = align_without(input, without, false);
     if (!rest.verified || rest.tags_verified < rest.counters.tags_in_picture ||
         !(rest.disagreement < least))
       continue;
@@ -990,24 +990,23 @@ void TableTracker::Impl::leave_one_out(AlignmentInput& input, const AlignmentRes
     left_out.push_back(culprit);
     frames_without = 0;
   }
-  static_cast<void>(align_without(input, left_out, false));
+  result = align_without(input, left_out, false);
 }
 
 // How far each tag would be elsewhere if it were alone [px], RMS over those that can be.
 double TableTracker::Impl::scatter_px(const AlignmentResult& joint, const AlignmentInput& input) {
-  const CameraPose pose = joint.T_table_camera;
-  const std::vector<TagAlignment> visible = joint.tags;
+  const CameraPose& pose = joint.T_table_camera;
   AlignmentInput alone = input;
   alone.predicted = pose;
   alone.covariance = loose_covariance();
   double sum = 0.0;
   double count = 0.0;
-  for (const TagAlignment& tag : visible) {
+  for (const TagAlignment& tag : joint.tags) {
     std::vector<int> others;
     for (int i = 0; i < static_cast<int>(table_tags.size()); ++i) {
       if (i != tag.index) others.push_back(i);
     }
-    const AlignmentResult& own = align_without(alone, others, false);
+    const AlignmentResult own = align_without(alone, others, false);
     if (!own.verified || !own.T_table_camera.is_finite()) continue;
     const auto centre = table_tags[static_cast<std::size_t>(tag.index)].T_table_tag.translation();
     const auto here = camera.project(pose.inverse() * centre);
@@ -1021,14 +1020,12 @@ double TableTracker::Impl::scatter_px(const AlignmentResult& joint, const Alignm
 
 // Leaves out tags that contradict the others and aligns again. False where nothing says which are
 // right: too many would have to go, or the tags lie elsewhere with no single one to blame.
-// `result` is the aligner's own.
-bool TableTracker::Impl::settle(AlignmentInput& input, const AlignmentResult& result,
-                                bool with_search) {
+bool TableTracker::Impl::settle(AlignmentInput& input, AlignmentResult& result, bool with_search) {
   while (result.verified && result.contradicting >= 0) {
     if (!may_leave_out(result)) return false;
     left_out.push_back(result.contradicting);
     frames_without = 0;
-    static_cast<void>(align_without(input, left_out, with_search));
+    result = align_without(input, left_out, with_search);
   }
   const bool doubtful = is_doubtful(result, with_search);
   if (!result.verified || (result.disagreement < kDisagree && !doubtful)) return true;
@@ -1047,13 +1044,13 @@ bool TableTracker::Impl::settle(AlignmentInput& input, const AlignmentResult& re
   constexpr int kSeldom = 15;  // [frames]
   if (with_search && frames_unasked++ % kSeldom != 0) return true;
   const double apart_px = scatter_px(result, input);
-  static_cast<void>(align_without(input, left_out, with_search));
+  result = align_without(input, left_out, with_search);
   return apart_px < kElsewhere_px;
 }
 
 // A tag that is left out counts again when the others agree with it: it may have been put back, and
 // corners alone may have blamed the wrong one.
-void TableTracker::Impl::look_again(AlignmentInput& input, const AlignmentResult& result,
+void TableTracker::Impl::look_again(AlignmentInput& input, AlignmentResult& result,
                                     bool with_search) {
   if (left_out.empty() || !result.verified) return;
   frames_without = 0;
@@ -1062,7 +1059,7 @@ void TableTracker::Impl::look_again(AlignmentInput& input, const AlignmentResult
     std::vector<int> fewer = left_out;
     const int tag = fewer[i];
     fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(i));
-    const AlignmentResult& all = align_without(input, fewer, with_search);
+    const AlignmentResult all = align_without(input, fewer, with_search);
     const auto it = std::ranges::find(all.tags, tag, &TagAlignment::index);
     const bool agrees = all.verified && it != all.tags.end() && it->verified &&
                         all.disagreement < std::max(kDisagree / 2.0, 1.5 * without_it);
@@ -1070,7 +1067,7 @@ void TableTracker::Impl::look_again(AlignmentInput& input, const AlignmentResult
     left_out = fewer;
     break;
   }
-  static_cast<void>(align_without(input, left_out, with_search));
+  result = align_without(input, left_out, with_search);
 }
 
 // The frame by alignment from where the last ones say the camera is; nothing when that does not
@@ -1096,7 +1093,7 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   input.seen_contrast = last_contrast;
   input.velocity = prediction.velocity;
   input.left_out = left_out;
-  const AlignmentResult& result = aligner.align(input);
+  AlignmentResult result = aligner.align(input);
   if (result.verified && !from_hint) align_at_own_speed(frame, input, result);
   if (!settle(input, result, true)) {
     align.add_to(times.align_ms, times.align_cpu_ms);
@@ -1118,7 +1115,7 @@ std::optional<PoseEstimate> TableTracker::Impl::follow(const Frame& frame, Image
   if (from_hint && result.verified) {
     input.predicted = result.T_table_camera;
     input.covariance = loose_covariance();
-    static_cast<void>(aligner.refine(input));  // in the same result
+    result = aligner.refine(input);
     note_work(result);
     image_motion = motion_found(frame, result, kAligned_cells);
   } else if (result.verified) {
@@ -1305,7 +1302,7 @@ PoseEstimate TableTracker::Impl::find(const Frame& frame, ImageView image,
     frames_without = 0;
     input.left_out = left_out;
     // How fast the camera goes is not known here.
-    const AlignmentResult& result = aligner.refine(input);
+    AlignmentResult result = aligner.refine(input);
     if (!left_out.empty()) look_again(input, result, false);
     measurement->contradictory = !settle(input, result, false);
     measurement->left_out = left_out;

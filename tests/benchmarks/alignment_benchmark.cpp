@@ -186,7 +186,7 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
       input.predicted = prediction.T_table_camera;
       input.covariance = prediction.covariance;
       input.exposure_motion = exposure_share / 30.0 * prediction.velocity;
-      const AlignmentResult& result = aligner->align(input);
+      const AlignmentResult result = aligner->align(input);
       counters = result.counters;
       if (result.verified) {
         pose = result.T_table_camera;
@@ -202,7 +202,7 @@ Outcome run_alignment(const Recording& recording, AlignmentEffort effort) {
         input.luma = frame.luma_view;
         input.predicted = *found;
         input.covariance = prior(0.05, 0.1);
-        const AlignmentResult& result = aligner->refine(input);
+        const AlignmentResult result = aligner->refine(input);
         if (result.verified) {
           pose = result.T_table_camera;
           covariance = result.covariance;

@@ -184,7 +184,7 @@ class SyntheticTrials {
     input.covariance = loose_prior(0.0007 * start_px, 0.0012 * start_px);
     input.exposure_motion = motion;
     const Stopwatch watch;
-    const AlignmentResult& result = aligner.align(input);
+    const AlignmentResult result = aligner.align(input);
     score.us.push_back(1e3 * watch.elapsed().cpu_ms);
     count(result.verified ? std::optional(result.T_table_camera) : std::nullopt, truth, score,
           bound_px);

@@ -227,7 +227,7 @@ void TagAligner::Impl::begin(const AlignmentInput& input) {
   }
 }
 
-const AlignmentResult& TagAligner::Impl::run(const AlignmentInput& input, bool with_search) {
+AlignmentResult TagAligner::Impl::run(const AlignmentInput& input, bool with_search) {
   begin(input);
   bool good = attempt(with_search, false, true);
   // From where it seemed near, all the way.
@@ -393,10 +393,10 @@ void TagAligner::set_blur(double blur_px) {
 void TagAligner::set_sample_need(SampleNeed need) {
   impl_->sample_need = std::move(need);
 }
-const AlignmentResult& TagAligner::align(const AlignmentInput& input) {
+AlignmentResult TagAligner::align(const AlignmentInput& input) {
   return impl_->run(input, true);
 }
-const AlignmentResult& TagAligner::refine(const AlignmentInput& input) {
+AlignmentResult TagAligner::refine(const AlignmentInput& input) {
   return impl_->run(input, false);
 }
 std::optional<SearchedPose> TagAligner::search(const AlignmentInput& input) {

@@ -187,11 +187,11 @@ class TagAligner {
   void set_sample_need(SampleNeed need);
 
   // The image's size must be the camera's. Same input, same bits.
-  [[nodiscard]] const AlignmentResult& align(const AlignmentInput& input);
+  [[nodiscard]] AlignmentResult align(const AlignmentInput& input);
 
   // Verifies a pose that came from elsewhere (a detection) as align does its own, and refines it
   // with no search.
-  [[nodiscard]] const AlignmentResult& refine(const AlignmentInput& input);
+  [[nodiscard]] AlignmentResult refine(const AlignmentInput& input);
 
   // Where the code search alone would put the camera, as align begins with it. Nothing where the
   // tags are not found.

@@ -392,7 +392,7 @@ struct TagAligner::Impl {
   [[nodiscard]] SmearError smear_error(const std::optional<Vector6d>& motion, bool known,
                                        double longest_cells);
   void begin(const AlignmentInput& input);
-  const AlignmentResult& run(const AlignmentInput& input, bool with_search);
+  [[nodiscard]] AlignmentResult run(const AlignmentInput& input, bool with_search);
   bool attempt(bool with_search, bool independent, bool may_be_near);
 };
 

@@ -265,7 +265,7 @@ bool ToneEstimator::add(ImageView luma, const CameraPose& T_table_camera) {
   for (int i = 0; i < kAlignments; ++i) {
     aligner.set_blur(blur_px);
     aligner.set_tone_exponent(exponent);
-    const AlignmentResult& result = aligner.refine(input);
+    const AlignmentResult result = aligner.refine(input);
     if (!result.verified || !result.T_table_camera.is_finite()) return false;
     input.predicted = result.T_table_camera;
     const std::optional<Fit> fit = fit_tone(aligner.edge_pixels(), exponent);

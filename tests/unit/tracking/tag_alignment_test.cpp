@@ -33,8 +33,8 @@ class TagAlignmentTest : public ::testing::Test {
     const std::array<CameraPose, 1> path = {pose};
     return renderer_.render(path, options);
   }
-  const AlignmentResult& align(TagAligner& aligner, const GreyImage& image, const CameraPose& start,
-                               double start_px) {
+  AlignmentResult align(TagAligner& aligner, const GreyImage& image, const CameraPose& start,
+                        double start_px) {
     AlignmentInput input;
     input.luma = image.view();
     input.predicted = start;
@@ -89,7 +89,7 @@ TEST_F(TagAlignmentTest, WithoutNoiseThePoseIsTrueToAHundredthOfAPixel) {
   for (int k = 0; k < 3; ++k) {
     const CameraPose truth = random_view(random_);
     const GreyImage image = picture(truth, {});
-    const AlignmentResult& result =
+    const AlignmentResult result =
         align(aligner, image, displaced(camera_, tags_, truth, 2.0, random_), 2.0);
     ASSERT_TRUE(result.verified) << result.reason;
     EXPECT_LT(overlay_px(result.T_table_camera, truth), 0.012);
@@ -161,7 +161,7 @@ TEST_F(TagAlignmentTest, NoiseCostsWhatTheBoundSays) {
         AlignmentOptions options;
         options.effort = effort;
         auto aligner = TagAligner::create(camera_, tags_, options).value();
-        const AlignmentResult& result = align(aligner, image, start, 2.0);
+        const AlignmentResult result = align(aligner, image, start, 2.0);
         ASSERT_TRUE(result.verified);
         const double ratio = overlay_px(result.T_table_camera, truth) / bound;
         (effort == AlignmentEffort::fast ? fast2 : accurate2) +=
@@ -214,7 +214,7 @@ TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
       EXPECT_FALSE(result.verified) << "not decoded yet";
       return std::pow(expected_px(result) / budget_px, 2);
     });
-    const AlignmentResult& result = align(aligner, image, start, 2.0);
+    const AlignmentResult result = align(aligner, image, start, 2.0);
     ASSERT_TRUE(result.verified) << times;
     EXPECT_GE(result.counters.samples, 0.999 * before);
     before = result.counters.samples;
@@ -262,7 +262,7 @@ TEST_F(TagAlignmentTest, ConvergesFromMoreThanACellAway) {
       const CameraPose truth = random_view(random_);
       const GreyImage image = picture(truth, render);
       for (int j = 0; j < kStarts / 4; ++j) {
-        const AlignmentResult& result =
+        const AlignmentResult result =
             align(aligner, image, displaced(camera_, tags_, truth, start_px, random_), start_px);
         const bool close = overlay_px(result.T_table_camera, truth) < 0.15;
         EXPECT_EQ(result.verified, close) << "from " << start_px << " px";
@@ -284,7 +284,7 @@ TEST_F(TagAlignmentTest, HoldsWithAThirdOfEveryTagCovered) {
     render.cover_share = 0.30;
     render.samples = 512;
     render.seed = static_cast<std::uint64_t>(k) + 1;
-    const AlignmentResult& result =
+    const AlignmentResult result =
         align(aligner, picture(truth, render), displaced(camera_, tags_, truth, 2.0, random_), 2.0);
     ASSERT_TRUE(result.verified) << result.reason;
     const double error = overlay_px(result.T_table_camera, truth);
@@ -431,7 +431,7 @@ TEST_F(TagAlignmentTest, FewTagsGoThroughTheWideStage) {
       const CameraPose truth = random_view(random_);
       const std::array<CameraPose, 1> path = {truth};
       const GreyImage image = renderer.render(path, {.samples = 64});
-      const AlignmentResult& result = align(aligner, image, truth, 6.0);
+      const AlignmentResult result = align(aligner, image, truth, 6.0);
       EXPECT_TRUE(result.verified);
       EXPECT_TRUE(result.counters.wide_stage);
     }
@@ -492,7 +492,7 @@ TEST_F(TagAlignmentTest, EachTagHasALightOfItsOwn) {
       options.effort = of.effort;
       auto aligner = TagAligner::create(camera_, tags_, options).value();
       of.even2 += std::pow(overlay_px(align(aligner, even, start, 3.0).T_table_camera, truth), 2);
-      const AlignmentResult& result = align(aligner, uneven, start, 3.0);
+      const AlignmentResult result = align(aligner, uneven, start, 3.0);
       ASSERT_TRUE(result.verified) << result.reason;
       EXPECT_EQ(result.tags_verified, 6);
       for (const TagAlignment& tag : result.tags) {
@@ -537,7 +537,7 @@ TEST_F(TagAlignmentTest, TheCoarseSearchBringsNearWhatIsFarOff) {
       if (!guess) continue;
       AlignmentInput from_guess = input;
       from_guess.predicted = *guess;
-      const AlignmentResult& result = aligner.align(from_guess);
+      const AlignmentResult result = aligner.align(from_guess);
       if (!result.verified) continue;
       EXPECT_LT(overlay_px(result.T_table_camera, truth), 0.3);
       ++near_coarsely;
@@ -629,8 +629,8 @@ TEST_F(TagAlignmentTest, TagsOutOfViewOrTooSmallAreNotLookedAt) {
       render.samples = 128;
       const GreyImage image = picture(truth, render);
       const CameraPose start = displaced(camera_, tags_, truth, 2.0, random_);
-      const AlignmentResult& a = align(all, image, start, 2.0);
-      const AlignmentResult& b = align(seen, image, start, 2.0);
+      const AlignmentResult a = align(all, image, start, 2.0);
+      const AlignmentResult b = align(seen, image, start, 2.0);
       ASSERT_TRUE(b.verified);
       EXPECT_TRUE(a.verified);
       // One that is far off may be both.
@@ -673,7 +673,7 @@ TEST_F(TagAlignmentTest, EveryFamilyIsAligned) {
       const std::array<CameraPose, 1> path = {truth};
       const GreyImage image = renderer.render(path, render);
       const CameraPose start = displaced(camera_, tags, truth, 3.0, random_);
-      const AlignmentResult& result = align(aligner, image, start, 3.0);
+      const AlignmentResult result = align(aligner, image, start, 3.0);
       ASSERT_TRUE(result.verified) << result.reason;
       EXPECT_EQ(result.tags_verified, 6);
       EXPECT_LT(overlay_px(result.T_table_camera, truth), 0.03);
@@ -697,11 +697,11 @@ TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
     input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
     input.covariance = loose_prior(0.003, 0.005);
     auto aligner = TagAligner::create(camera_, tags_).value();
-    const AlignmentResult& without = aligner.align(input);
+    const AlignmentResult without = aligner.align(input);
     ASSERT_TRUE(without.verified);
     unknown2 += std::pow(overlay_px(without.T_table_camera, truth), 2);
     input.exposure_motion = motion;
-    const AlignmentResult& with = aligner.align(input);
+    const AlignmentResult with = aligner.align(input);
     ASSERT_TRUE(with.verified);
     known2 += std::pow(overlay_px(with.T_table_camera, truth), 2);
   }
@@ -736,7 +736,7 @@ TEST_F(TagAlignmentTest, AKnownMotionIsNeverWorseThanAnUnknownOne) {
       input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
       input.covariance = loose_prior(0.0014, 0.0024);
       const auto align_into = [&](Found& found) {
-        const AlignmentResult& result = aligner.align(input);
+        const AlignmentResult result = aligner.align(input);
         found.add(result, overlay_px(result.T_table_camera, truth));
       };
       align_into(unknown);
@@ -769,7 +769,7 @@ TEST_F(TagAlignmentTest, ALongSmearSaysWhatItHides) {
     input.predicted = truth;
     input.covariance = loose_prior(0.0005, 0.001);
     if (known && moved_px > 0.0) input.exposure_motion = motion;
-    const AlignmentResult& result = aligner.refine(input);
+    const AlignmentResult result = aligner.refine(input);
     if (!result.verified) return std::optional<double>();
     const CameraPose pose = result.T_table_camera;
     const SmearError error = aligner.smear_error(motion, known);
@@ -782,7 +782,7 @@ TEST_F(TagAlignmentTest, ALongSmearSaysWhatItHides) {
     if (input.exposure_motion.isZero(0.0)) {
       EXPECT_FALSE(aligner.edge_pixels().empty());
     }
-    const AlignmentResult& again = aligner.refine(input);
+    const AlignmentResult again = aligner.refine(input);
     EXPECT_EQ(again.T_table_camera.matrix(), pose.matrix());
     return std::optional(error_px);
   };
@@ -822,7 +822,7 @@ TEST_F(TagAlignmentTest, ASmearTurnsThePose) {
     SCOPED_TRACE(k);
     const SmearedView view = smeared_view(renderer_, 48.0);
     const Vector6d& motion = view.input.exposure_motion;
-    const AlignmentResult& result = aligner.refine(view.input);
+    const AlignmentResult result = aligner.refine(view.input);
     ASSERT_TRUE(result.verified);
     const CameraPose pose = result.T_table_camera;
     const SmearError error = aligner.smear_error(motion, true);
@@ -973,7 +973,7 @@ TEST_F(TagAlignmentTest, FewTagsSayWhatAWrongMapDoes) {
         input.luma = image.view();
         input.predicted = truth;
         input.covariance = loose_prior(0.01, 0.02);
-        const AlignmentResult& result = aligner.refine(input);
+        const AlignmentResult result = aligner.refine(input);
         ASSERT_TRUE(result.verified) << result.reason;
         ASSERT_TRUE(result.map_covariance.allFinite());
         if (off_m == 0.0) {
@@ -1010,7 +1010,7 @@ TEST_F(TagAlignmentTest, APictureThatIsNotClearSaysSoByItself) {
       input.luma = image.view();
       input.predicted = truth;
       input.covariance = loose_prior(0.0005, 0.001);
-      const AlignmentResult& result = aligner.refine(input);
+      const AlignmentResult result = aligner.refine(input);
       if (!result.verified) return std::optional<double>();
       const SmearError found = aligner.smear_error(2.0);
       const double told_px =
@@ -1062,10 +1062,10 @@ TEST_F(TagAlignmentTest, ARollingShutterIsTakenOutWhereTheVelocityIsKnown) {
     input.luma = image.view();
     input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
     input.covariance = loose_prior(0.003, 0.005);
-    const AlignmentResult& found = aligner.align(input);
+    const AlignmentResult found = aligner.align(input);
     ASSERT_TRUE(found.verified) << found.reason;
     known2 += std::pow(overlay_px(found.T_table_camera, truth), 2) / 4.0;
-    const AlignmentResult& without = global.align(input);
+    const AlignmentResult without = global.align(input);
     ASSERT_TRUE(without.verified) << without.reason;
     global2 += std::pow(overlay_px(without.T_table_camera, truth), 2) / 4.0;
     // A camera that rests has no shear: the same bits.
