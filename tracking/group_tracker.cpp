@@ -13,6 +13,8 @@
 #include "tracking/detection/background_search.hpp"
 #include "tracking/detection/pose_refiner.hpp"
 #include "tracking/motion/motion_model.hpp"
+#include "tracking/pose_confidence.hpp"
+#include "tracking/rigid_tag_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -147,7 +149,7 @@ struct GroupTracker::Impl {
   struct Group {
     std::string name;
     Transform<frame::Group, frame::GroupMiddle> T_group_middle;
-    TableTracker tracker;
+    RigidTagTracker tracker;
     std::optional<Place> found;  // averaged while it rests
     TableFromMiddle shown;       // within a quarter of a pixel of it; at first: as the map has it
     TrackStatus last_status = TrackStatus::tracked;  // of the last measured place
@@ -166,7 +168,7 @@ struct GroupTracker::Impl {
   CameraModel camera;
   TrackerOptions options;
   std::shared_ptr<TagSearch> search;
-  TableTracker table;
+  RigidTagTracker table;
   std::vector<Group> groups;
   int skipped = 0;
   // Beside the tracking; nothing where a frame waits for its search.
@@ -404,7 +406,7 @@ GroupEstimate GroupTracker::Impl::place(Group& group, std::int64_t timestamp_ns,
   }
   estimate.status = worse(seen.status, table_pose.status);
   if (estimate.status == TrackStatus::tracked &&
-      !(estimate.expected_overlay_error_px < options.tracked_overlay_px)) {
+      !(estimate.expected_overlay_error_px < kTrackedOverlay_px)) {
     estimate.status = TrackStatus::uncertain;
     estimate.reason = fmt::format("expected error {:.1f} px", estimate.expected_overlay_error_px);
   } else if (estimate.status == TrackStatus::uncertain) {
@@ -447,12 +449,13 @@ Result<GroupTracker> GroupTracker::create(const CameraModel& camera, const TagMa
   PENUMBRA_TRY(TagSearch made,
                TagSearch::create(families, options.detector, camera.parameters().tone_curve));
   const auto search = std::make_shared<TagSearch>(std::move(made));
-  PENUMBRA_TRY(TableTracker table_tracker, TableTracker::create(camera, tags, options, search));
+  PENUMBRA_TRY(RigidTagTracker table_tracker,
+               RigidTagTracker::create(camera, tags, options, search));
   std::vector<Impl::Group> groups;
   for (const std::string& name : names) {
     const Result<TagMap> own = map_of_group(tags, name);
     if (!own) return fail_in(fmt::format("group '{}'", name), own.error());
-    Result<TableTracker> tracker = TableTracker::create(camera, *own, options, search);
+    Result<RigidTagTracker> tracker = RigidTagTracker::create(camera, *own, options, search);
     if (!tracker) return fail_in(fmt::format("group '{}'", name), tracker.error());
     Impl::Group group{name, middle_of_group(tags, name), std::move(*tracker), {}, {}};
     group.shown = GroupPose() * group.T_group_middle;

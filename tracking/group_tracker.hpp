@@ -13,7 +13,8 @@
 #include "core/geometry/group_pose.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "core/image/frame.hpp"
-#include "tracking/table_tracker.hpp"
+#include "tracking/tracked_frame.hpp"
+#include "tracking/tracker_options.hpp"
 
 namespace penumbra {
 
@@ -36,7 +37,7 @@ class GroupTracker {
   GroupTracker& operator=(GroupTracker&&) noexcept;
   ~GroupTracker();
 
-  // As TableTracker's. Times are those of all groups together.
+  // As RigidTagTracker's. Times are those of all groups together.
   //
   // A group is looked for where the table's pose and its own last place on the table (at first: its
   // place in the map) put it. Where it is not, some frames are searched as a whole, beside the

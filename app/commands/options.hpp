@@ -14,7 +14,7 @@
 #include "core/image/image_view.hpp"
 #include "render/frame_plan.hpp"
 #include "render/scene/technique.hpp"
-#include "tracking/table_tracker.hpp"
+#include "tracking/tracker_options.hpp"
 
 namespace CLI {
 class App;

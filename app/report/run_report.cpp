@@ -11,7 +11,7 @@
 #include "core/assert.hpp"
 #include "core/text/text.hpp"
 #include "core/units.hpp"
-#include "tracking/table_tracker.hpp"
+#include "tracking/pose_confidence.hpp"
 
 namespace penumbra {
 namespace {

@@ -9,7 +9,7 @@
 #include "core/geometry/pose_estimate.hpp"
 #include "core/geometry/tag_map.hpp"
 #include "tracking/detection/image_check.hpp"
-#include "tracking/table_tracker.hpp"
+#include "tracking/tracked_frame.hpp"
 
 namespace penumbra {
 

@@ -10,7 +10,7 @@
 #include "app/window/viewer.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/context.hpp"
-#include "tracking/table_tracker.hpp"
+#include "tracking/tracker_options.hpp"
 
 namespace penumbra {
 

@@ -10,7 +10,7 @@
 #include "app/study/study_plan.hpp"
 #include "app/study/study_results.hpp"
 #include "core/error.hpp"
-#include "tracking/table_tracker.hpp"
+#include "tracking/tracker_options.hpp"
 
 namespace penumbra {
 

@@ -19,7 +19,7 @@
 #include "support/synthetic_board.hpp"
 #include "tracking/alignment/pattern_renderer.hpp"
 #include "tracking/detection/tag_detector.hpp"
-#include "tracking/table_tracker.hpp"
+#include "tracking/rigid_tag_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -67,8 +67,8 @@ void track(benchmark::State& state, TrackingMode mode, float quad_decimate) {
   Trajectory estimated;
   for (auto _ : state) {
     state.PauseTiming();
-    TableTracker tracker =
-        TableTracker::create(*session().recording.camera, *session().recording.tags, options)
+    RigidTagTracker tracker =
+        RigidTagTracker::create(*session().recording.camera, *session().recording.tags, options)
             .value();
     estimated.poses.clear();
     state.ResumeTiming();
@@ -143,7 +143,7 @@ void recover(benchmark::State& state) {
     by_pattern = by_box = tracked = squares = 0.0;
     for (const Jump& jump : jumps()) {
       state.PauseTiming();
-      TableTracker tracker = TableTracker::create(camera, tags, options).value();
+      RigidTagTracker tracker = RigidTagTracker::create(camera, tags, options).value();
       Frame frame = jump.first;
       for (int f = 0; f < 2; ++f) {
         frame.timestamp_ns = nanoseconds(f / 30.0);

@@ -18,7 +18,8 @@
 #include "support/random_session.hpp"
 #include "support/stress_form.hpp"
 #include "support/tracked_session.hpp"
-#include "tracking/table_tracker.hpp"
+#include "tracking/pose_confidence.hpp"
+#include "tracking/rigid_tag_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -31,10 +32,11 @@ using test::long_form;
 using test::ordinary;
 using test::Session;
 
-TableTracker tracker_of(const Session& session, TrackingMode mode = TrackingMode::automatic) {
+RigidTagTracker tracker_of(const Session& session, TrackingMode mode = TrackingMode::automatic) {
   TrackerOptions options;
   options.mode = mode;
-  return TableTracker::create(session.camera, TagMap::make(session.tags).value(), options).value();
+  return RigidTagTracker::create(session.camera, TagMap::make(session.tags).value(), options)
+      .value();
 }
 
 double error_px(const Session& session, const PoseEstimate& pose, int frame) {
@@ -52,7 +54,7 @@ TEST(TrackingStress, JumpsOfTheExposureAreFollowed) {
       Session session = ordinary();
       session.light.noise_grey = noise;
       auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-      TableTracker tracker = tracker_of(session, mode);
+      RigidTagTracker tracker = tracker_of(session, mode);
       for (std::size_t f = 0; f < kGains.size(); ++f) {
         SCOPED_TRACE(f);
         session.light.gain = kGains[f];
@@ -102,7 +104,7 @@ TEST(TrackingStress, TagsThatComeIntoViewAreJoined) {
     session.motion.azimuth.middle = radians(-90.0);
     session.motion.roll.middle = 0.0;
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-    TableTracker tracker = tracker_of(session, mode);
+    RigidTagTracker tracker = tracker_of(session, mode);
     int fewest = 12;
     int most = 0;
     int out = 0;
@@ -146,7 +148,7 @@ TEST(TrackingStress, AFisheyesRimIsAsGoodAsItsMiddle) {
       session.motion.x.middle = aside;
       session.motion.y.middle = 0.7 * aside;
       auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-      TableTracker tracker = tracker_of(session);
+      RigidTagTracker tracker = tracker_of(session);
       for (int f = 0; f < (long_form() ? 20 : 5); ++f) {
         SCOPED_TRACE(f);
         const CameraPose truth = session.truth(f);
@@ -176,7 +178,7 @@ TEST(TrackingStress, APoseGrowsWithItsTable) {
       sway->amplitude *= times;
     }
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-    TableTracker tracker = tracker_of(session);
+    RigidTagTracker tracker = tracker_of(session);
     for (int f = 0; f < 5; ++f) {
       SCOPED_TRACE(f);
       const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;
@@ -201,7 +203,7 @@ TEST(TrackingStress, APoseGrowsWithItsTable) {
 TEST(TrackingStress, TagsTooFarAwayAreLost) {
   Session session = ordinary();
   auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-  TableTracker tracker = tracker_of(session);
+  RigidTagTracker tracker = tracker_of(session);
   constexpr int kFrames = 60;
   for (int f = 0; f < kFrames; ++f) {
     SCOPED_TRACE(f);
@@ -255,7 +257,7 @@ TEST(TrackingStress, WhatIsDrivenToItsEndIsFollowedFar) {
     Session first = ordinary();
     way.set(first, way.from);
     auto renderer = PatternRenderer::create(first.camera, first.tags).value();
-    TableTracker tracker = tracker_of(first);
+    RigidTagTracker tracker = tracker_of(first);
     constexpr int kSteps = 60;
     double reached = way.from;
     for (int f = 0; f <= kSteps; ++f) {
@@ -314,7 +316,7 @@ TEST(TrackingStress, ALoneTagThatGoesAwayDoesNotFlip) {
     session.motion.y.middle = place.y();
     const double reach_px = session.camera.parameters().fx * session.tags.front().size_m;
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
-    TableTracker tracker = tracker_of(session);
+    RigidTagTracker tracker = tracker_of(session);
     constexpr int kFrames = 160;
     for (int f = 0; f < kFrames; ++f) {
       SCOPED_TRACE(testing::Message() << "session " << k << ", frame " << f);
@@ -395,7 +397,7 @@ TEST(TrackingStress, TheSameTagTwiceIsNotBelieved) {
         session.motion.distance.middle = 0.7;
         const auto drawn = with_copies(session, all ? session.tags.size() : 1);
         auto renderer = PatternRenderer::create(session.camera, drawn).value();
-        TableTracker tracker = tracker_of(session, mode);
+        RigidTagTracker tracker = tracker_of(session, mode);
         for (int f = 0; f < 3; ++f) {
           SCOPED_TRACE(f);
           const PoseEstimate pose = tracker.track(session.picture(renderer, f)).pose;

@@ -16,7 +16,7 @@
 #include "tracking/alignment/pattern_renderer.hpp"
 #include "tracking/alignment/tag_pattern.hpp"
 #include "tracking/detection/pose_refiner.hpp"
-#include "tracking/motion/se3.hpp"
+#include "tracking/math/se3.hpp"
 
 namespace penumbra::test {
 

@@ -10,7 +10,7 @@
 #include "tracking/alignment/simd/alignment_kernel.hpp"
 #include "tracking/alignment/tag_alignment_state.hpp"
 #include "tracking/alignment/tag_pattern.hpp"
-#include "tracking/motion/spd6.hpp"
+#include "tracking/math/spd6.hpp"
 
 namespace penumbra {
 namespace {
@@ -47,7 +47,7 @@ constexpr int filled_blocks(int blocks) {
 
 }  // namespace
 
-double samples_for_one(const AlignmentResult& result) {
+double variance_inflation(const AlignmentResult& result) {
   // Tukey's weights at 4.685 sigma: variance E[psi^2] / E[psi']^2 = 1.053 of that of least squares
   // for normal residuals, while sum(w r^2) / sum(w) and sum(w) say 0.758 / 0.915^2 of it.
   constexpr double kTukeyTimes = 1.16;
@@ -406,18 +406,19 @@ std::optional<SearchedPose> TagAligner::search(const AlignmentInput& input) {
   const SearchedPose found = {impl.pose(), impl.search_error_px};
   return found.T_table_camera.is_finite() ? std::optional(found) : std::nullopt;
 }
-std::optional<CameraPose> TagAligner::search_coarsely(const AlignmentInput& input, bool further) {
+std::optional<CameraPose> TagAligner::search_pyramid(const AlignmentInput& input, bool further) {
   Impl& impl = *impl_;
   impl.begin(input);
-  if (!impl.look_where_predicted() || !impl.search_coarsely(further)) return std::nullopt;
+  if (!impl.look_where_predicted() || !impl.search_pyramid(further)) return std::nullopt;
   const CameraPose guess = impl.pose();
   return guess.is_finite() ? std::optional(guess) : std::nullopt;
 }
-SmearError TagAligner::smear_error(const Vector6d& motion, bool known, double longest_cells) {
-  return impl_->smear_error(motion, known, longest_cells);
+MotionBlurError TagAligner::motion_blur_error(const Vector6d& motion, bool known,
+                                              double longest_cells) {
+  return impl_->motion_blur_error(motion, known, longest_cells);
 }
-SmearError TagAligner::smear_error(double longest_cells) {
-  return impl_->smear_error(std::nullopt, false, longest_cells);
+MotionBlurError TagAligner::motion_blur_error(double longest_cells) {
+  return impl_->motion_blur_error(std::nullopt, false, longest_cells);
 }
 std::vector<EdgePixel> TagAligner::edge_pixels() {
   return impl_->edge_pixels();

@@ -139,9 +139,9 @@ struct AlignmentResult {
   std::string_view reason;  // why it is not verified
 };
 
-// How many samples say as much as one that is independent of the others: residuals along an edge
-// go together.
-[[nodiscard]] double samples_for_one(const AlignmentResult& result);
+// Number of correlated samples that carry the information of one independent sample: residuals
+// along an edge are correlated.
+[[nodiscard]] double variance_inflation(const AlignmentResult& result);
 
 // A pixel near an edge of a tag, as the picture has it and as the pattern at the aligned pose
 // would.
@@ -157,7 +157,7 @@ struct EdgePixel {
 using SampleNeed = std::function<double(const AlignmentResult&)>;
 
 // What a smear of the picture hides of the pose, 1 sigma.
-struct SmearError {
+struct MotionBlurError {
   // By which all tags may be off together, RMS over those in the picture.
   double shift_px = 0.0;
   // Of the pose, where each of them is off by itself: that turns it. As
@@ -200,8 +200,7 @@ class TagAligner {
   // The same in a picture made smaller, which reaches as many times further: a guess to align from,
   // off by some pixels or all wrong. `further`: in one smaller again, where a cell is less than a
   // pixel. Nothing where no tag is seen.
-  [[nodiscard]] std::optional<CameraPose> search_coarsely(const AlignmentInput& input,
-                                                          bool further);
+  [[nodiscard]] std::optional<CameraPose> search_pyramid(const AlignmentInput& input, bool further);
 
   // How far off, along a motion that smeared the picture, the last pose (verified) may be by what
   // the equations don't know. `motion`: what went on during the exposure, as
@@ -210,11 +209,11 @@ class TagAligner {
   // as clear as if it were: then an edge has but one place to be. `longest_cells`: where the motion
   // itself may be wrong, what it doesn't explain of the picture may be a smear over up to so many
   // cells in any direction; 0 where it is right.
-  [[nodiscard]] SmearError smear_error(const Vector6d& motion, bool known,
-                                       double longest_cells = 0.0);
+  [[nodiscard]] MotionBlurError motion_blur_error(const Vector6d& motion, bool known,
+                                                  double longest_cells = 0.0);
   // The same where nothing is known of the motion: of a smear over up to so many cells, in any
   // direction.
-  [[nodiscard]] SmearError smear_error(double longest_cells);
+  [[nodiscard]] MotionBlurError motion_blur_error(double longest_cells);
 
   // The pixels at the edges of the tags that the last alignment verified, as many of each as the
   // effort allows. The picture that was aligned must still be there, and its camera at rest (no

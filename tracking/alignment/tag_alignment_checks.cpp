@@ -17,7 +17,7 @@
 #include <vector>
 
 #include "core/assert.hpp"
-#include "tracking/motion/spd6.hpp"
+#include "tracking/math/spd6.hpp"
 
 namespace penumbra {
 namespace {
@@ -301,7 +301,7 @@ void TagAligner::Impl::check_map() {
       paper.block<3, 1>(3, 3 + axis) = turn;
     }
     const Matrix6d weight =
-        inverse_of_spd(variance * samples_for_one(result) * own + paper * paper.transpose());
+        inverse_of_spd(variance * variance_inflation(result) * own + paper * paper.transpose());
     if (!weight.allFinite() || !x.allFinite()) continue;
     tags_count += 1.0;
     H += of.H;
@@ -516,8 +516,8 @@ void TagAligner::Impl::average_cells(Tag& tag) const {
 // of them: more than twelve count as twelve. (Of random shakes with smears of up to six cells, 7,
 // 12 or 48 tags in view, 1 of 4913 tracked frames is off by more than 5 px; with a shift alone it
 // was 1 in 100, with every motion taken for the one that was 7 of 5003.)
-SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, bool known,
-                                         double longest_cells) {
+MotionBlurError TagAligner::Impl::motion_blur_error(const std::optional<Vector6d>& motion,
+                                                    bool known, double longest_cells) {
   constexpr int kShares = 8;
   constexpr double kClear = 8.0 / 9.0;
   constexpr double kShared = 0.5;
@@ -616,7 +616,7 @@ SmearError TagAligner::Impl::smear_error(const std::optional<Vector6d>& motion, 
   const bool along = others.empty();  // the motion, if any, and nowhere else
   const bool is_moved = motion && !smears.empty();
   smears.insert(smears.end(), others.begin(), others.end());
-  SmearError error;
+  MotionBlurError error;
   for (const Smear& smear : smears) {
     const bool anywhere = smear.direction.isZero(0.0);
     const double smeared_px = anywhere ? 0.0

@@ -5,7 +5,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 
-#include "tracking/motion/se3.hpp"
+#include "tracking/math/se3.hpp"
 
 namespace penumbra {
 namespace {

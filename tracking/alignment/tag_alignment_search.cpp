@@ -8,8 +8,8 @@
 #include <limits>
 #include <optional>
 
-#include "tracking/motion/se3.hpp"
-#include "tracking/motion/spd6.hpp"
+#include "tracking/math/se3.hpp"
+#include "tracking/math/spd6.hpp"
 
 namespace penumbra {
 namespace {
@@ -190,7 +190,7 @@ bool TagAligner::Impl::found_near() const {
 // The same in a picture made two to sixteen times smaller, which reaches as many times further, for
 // a hand that jerked: the smaller, the further, as long as a cell is left a pixel. From there it is
 // some pixels more.
-bool TagAligner::Impl::search_coarsely(bool further) {
+bool TagAligner::Impl::search_pyramid(bool further) {
   std::vector<double> cells;
   cells.reserve(active.size());
   for (const Tag* tag : active) cells.push_back(tag->cell_px);

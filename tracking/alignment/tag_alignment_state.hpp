@@ -334,7 +334,7 @@ struct TagAligner::Impl {
   [[nodiscard]] bool look_where_predicted();
   [[nodiscard]] bool search(bool independent);
   [[nodiscard]] bool found_near() const;
-  [[nodiscard]] bool search_coarsely(bool further);
+  [[nodiscard]] bool search_pyramid(bool further);
   [[nodiscard]] ImageView shrink(int scale);
   struct SearchWindow;
   struct CellWindows;
@@ -389,8 +389,8 @@ struct TagAligner::Impl {
   void verify();
   void read_cells(Tag& tag);
   void average_cells(Tag& tag) const;
-  [[nodiscard]] SmearError smear_error(const std::optional<Vector6d>& motion, bool known,
-                                       double longest_cells);
+  [[nodiscard]] MotionBlurError motion_blur_error(const std::optional<Vector6d>& motion, bool known,
+                                                  double longest_cells);
   void begin(const AlignmentInput& input);
   [[nodiscard]] AlignmentResult run(const AlignmentInput& input, bool with_search);
   bool attempt(bool with_search, bool independent, bool may_be_near);

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <utility>
 
-#include "tracking/motion/se3.hpp"
-#include "tracking/motion/spd6.hpp"
+#include "tracking/math/se3.hpp"
+#include "tracking/math/spd6.hpp"
 
 namespace penumbra {
 namespace {

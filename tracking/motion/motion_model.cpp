@@ -5,7 +5,7 @@
 
 #include "core/assert.hpp"
 #include "core/units.hpp"
-#include "tracking/motion/spd6.hpp"
+#include "tracking/math/spd6.hpp"
 
 namespace penumbra {
 namespace {

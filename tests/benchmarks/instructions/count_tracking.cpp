@@ -22,7 +22,7 @@
 #include "support/replay_tracking.hpp"
 #include "tracking/detection/board_pose.hpp"
 #include "tracking/detection/tag_detector.hpp"
-#include "tracking/table_tracker.hpp"
+#include "tracking/rigid_tag_tracker.hpp"
 
 namespace penumbra {
 namespace {
@@ -34,8 +34,8 @@ std::optional<Method> tracker_of(const test::RecordedSession& session, const std
   const auto mode = tracking_mode_from_string(name);
   if (!mode) return std::nullopt;
   options.mode = *mode;
-  auto tracker = std::make_shared<TableTracker>(
-      TableTracker::create(session.camera, session.tags, options).value());
+  auto tracker = std::make_shared<RigidTagTracker>(
+      RigidTagTracker::create(session.camera, session.tags, options).value());
   return [tracker](const Frame& frame) -> std::optional<CameraPose> {
     const PoseEstimate pose = tracker->track(frame).pose;
     if (pose.status != TrackStatus::tracked) return std::nullopt;

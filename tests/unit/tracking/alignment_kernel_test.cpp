@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "core/camera/camera_model.hpp"
-#include "tracking/motion/se3.hpp"
+#include "tracking/math/se3.hpp"
 
 namespace penumbra {
 namespace {

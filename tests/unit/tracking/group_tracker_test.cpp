@@ -12,6 +12,7 @@
 
 #include "core/evaluation/evaluation.hpp"
 #include "support/group_stage.hpp"
+#include "tracking/rigid_tag_tracker.hpp"
 
 namespace penumbra {
 namespace group_tracker_test {
@@ -149,7 +150,7 @@ TEST(GroupTracker, TheTableIsTheSameWhateverIsTrackedBesideIt) {
   for (const TrackingMode mode : {TrackingMode::detect, TrackingMode::automatic}) {
     TrackerOptions options;
     options.mode = mode;
-    auto alone = TableTracker::create(stage.camera, stage.map(), options).value();
+    auto alone = RigidTagTracker::create(stage.camera, stage.map(), options).value();
     auto none = GroupTracker::create(stage.camera, stage.map(), options, std::vector<std::string>())
                     .value();
     auto one = GroupTracker::create(stage.camera, stage.map(), options,

@@ -16,7 +16,7 @@
 #include "support/synthetic_board.hpp"
 #include "tracking/alignment/simd/alignment_kernel.hpp"
 #include "tracking/detection/board_pose.hpp"
-#include "tracking/motion/se3.hpp"
+#include "tracking/math/se3.hpp"
 
 namespace penumbra {
 namespace {
@@ -533,7 +533,7 @@ TEST_F(TagAlignmentTest, TheCoarseSearchBringsNearWhatIsFarOff) {
     input.covariance = loose_prior(0.05, 0.1);
     near_by_itself += aligner.align(input).verified ? 1 : 0;
     for (const bool further : {false, true}) {
-      const std::optional<CameraPose> guess = aligner.search_coarsely(input, further);
+      const std::optional<CameraPose> guess = aligner.search_pyramid(input, further);
       if (!guess) continue;
       AlignmentInput from_guess = input;
       from_guess.predicted = *guess;
@@ -556,8 +556,8 @@ TEST_F(TagAlignmentTest, TheCoarseSearchEndsWhereThePictureCannotBeSmaller) {
   input.luma = image.view();
   input.predicted = near;
   input.covariance = loose_prior(0.05, 0.1);
-  EXPECT_TRUE(aligner.search_coarsely(input, false)) << "cells of more than 16 px";
-  EXPECT_FALSE(aligner.search_coarsely(input, true));
+  EXPECT_TRUE(aligner.search_pyramid(input, false)) << "cells of more than 16 px";
+  EXPECT_FALSE(aligner.search_pyramid(input, true));
 }
 
 TEST_F(TagAlignmentTest, TheCoarseSearchSeesNoTagsWhereThereAreNone) {
@@ -567,8 +567,8 @@ TEST_F(TagAlignmentTest, TheCoarseSearchSeesNoTagsWhereThereAreNone) {
   input.luma = {grey.data(), 1280, 720, 1280};
   input.predicted = random_view(random_);
   input.covariance = loose_prior(0.05, 0.1);
-  EXPECT_FALSE(aligner.search_coarsely(input, false));
-  EXPECT_FALSE(aligner.search_coarsely(input, true));
+  EXPECT_FALSE(aligner.search_pyramid(input, false));
+  EXPECT_FALSE(aligner.search_pyramid(input, true));
 }
 
 // Pictures smaller than what is searched in them, and than a pixel of the smaller one.
@@ -592,7 +592,7 @@ TEST_F(TagAlignmentTest, TheCoarseSearchTakesPicturesOfEverySize) {
       input.predicted = test::looking_at(Eigen::Vector3d::Zero(), 0.2, 1.2, 0.3, 0.0);
       input.covariance = loose_prior(0.05, 0.1);
       for (const bool further : {false, true}) {
-        const std::optional<CameraPose> guess = aligner.search_coarsely(input, further);
+        const std::optional<CameraPose> guess = aligner.search_pyramid(input, further);
         EXPECT_TRUE(!guess || guess->is_finite());
       }
     }
@@ -772,13 +772,13 @@ TEST_F(TagAlignmentTest, ALongSmearSaysWhatItHides) {
     const AlignmentResult result = aligner.refine(input);
     if (!result.verified) return std::optional<double>();
     const CameraPose pose = result.T_table_camera;
-    const SmearError error = aligner.smear_error(motion, known);
+    const MotionBlurError error = aligner.motion_blur_error(motion, known);
     const double error_px = error.shift_px;
     EXPECT_TRUE(std::isfinite(error_px));
     EXPECT_TRUE(error.covariance.allFinite());
     EXPECT_EQ(error.covariance.isZero(0.0), error_px == 0.0);
-    EXPECT_EQ(aligner.smear_error(motion, known).shift_px, error_px) << "asking leaves all";
-    EXPECT_EQ(aligner.smear_error(motion, known).covariance, error.covariance);
+    EXPECT_EQ(aligner.motion_blur_error(motion, known).shift_px, error_px) << "asking leaves all";
+    EXPECT_EQ(aligner.motion_blur_error(motion, known).covariance, error.covariance);
     if (input.exposure_motion.isZero(0.0)) {
       EXPECT_FALSE(aligner.edge_pixels().empty());
     }
@@ -825,7 +825,7 @@ TEST_F(TagAlignmentTest, ASmearTurnsThePose) {
     const AlignmentResult result = aligner.refine(view.input);
     ASSERT_TRUE(result.verified);
     const CameraPose pose = result.T_table_camera;
-    const SmearError error = aligner.smear_error(motion, true);
+    const MotionBlurError error = aligner.motion_blur_error(motion, true);
     const double told_px = expected_overlay_error_px(camera_, pose, error.covariance);
     EXPECT_GT(told_px, error.shift_px) << "the overlay stands above the tags";
     // Of each tag by itself. So little of it that no corner is left out.
@@ -871,10 +871,10 @@ TEST_F(TagAlignmentTest, AMotionThatMayBeAnotherIsNotTheOnlyOne) {
     if (!aligner.refine(view.input).verified) continue;
     ++smeared;
     for (const bool known : {false, true}) {
-      const SmearError sure = aligner.smear_error(nearly_none, known);
+      const MotionBlurError sure = aligner.motion_blur_error(nearly_none, known);
       EXPECT_EQ(sure.shift_px, 0.0) << "of less than a cell";
-      const SmearError any = aligner.smear_error(nearly_none, known, kLongest_cells);
-      const SmearError none = aligner.smear_error(kLongest_cells);
+      const MotionBlurError any = aligner.motion_blur_error(nearly_none, known, kLongest_cells);
+      const MotionBlurError none = aligner.motion_blur_error(kLongest_cells);
       EXPECT_GT(any.shift_px, 0.3);
       EXPECT_TRUE(any.motion.isZero(0.0)) << "it smeared nothing";
       EXPECT_EQ(any.shift_px, none.shift_px);
@@ -885,19 +885,21 @@ TEST_F(TagAlignmentTest, AMotionThatMayBeAnotherIsNotTheOnlyOne) {
   // A picture that its motion explains leaves little to others, a clear one nothing.
   const SmearedView view = smeared_view(renderer_, 48.0);
   ASSERT_TRUE(aligner.refine(view.input).verified);
-  const SmearError sure = aligner.smear_error(view.input.exposure_motion, true);
-  const SmearError any = aligner.smear_error(view.input.exposure_motion, true, kLongest_cells);
+  const MotionBlurError sure = aligner.motion_blur_error(view.input.exposure_motion, true);
+  const MotionBlurError any =
+      aligner.motion_blur_error(view.input.exposure_motion, true, kLongest_cells);
   EXPECT_GT(sure.shift_px, 2.0);
   EXPECT_GT(any.shift_px, 0.99 * sure.shift_px);
   EXPECT_LT(any.shift_px, 1.2 * sure.shift_px);
-  const auto turns_px = [&](const SmearError& error) {
+  const auto turns_px = [&](const MotionBlurError& error) {
     return expected_overlay_error_px(camera_, view.input.predicted, error.covariance);
   };
   EXPECT_GT(turns_px(any), turns_px(sure));
   EXPECT_LT(turns_px(any), 1.5 * turns_px(sure));
   const SmearedView clear = smeared_view(renderer_, 0.0);
   ASSERT_TRUE(aligner.refine(clear.input).verified);
-  EXPECT_EQ(aligner.smear_error(view.input.exposure_motion, true, kLongest_cells).shift_px, 0.0);
+  EXPECT_EQ(aligner.motion_blur_error(view.input.exposure_motion, true, kLongest_cells).shift_px,
+            0.0);
 }
 
 // Of what went on the picture says how much was in the exposure.
@@ -911,7 +913,7 @@ TEST_F(TagAlignmentTest, APictureSaysHowMuchOfAMotionSmearedIt) {
       const Vector6d smear = std::exchange(view.input.exposure_motion, Vector6d::Zero());
       if (!aligner.refine(view.input).verified) continue;
       const Vector6d most = 1.0 / part * smear;
-      const Vector6d told = aligner.smear_error(most, false).motion;
+      const Vector6d told = aligner.motion_blur_error(most, false).motion;
       ++found;
       EXPECT_LT((told - smear).norm(), 0.26 * most.norm());
       EXPECT_LT((told - told.dot(most) / most.squaredNorm() * most).norm(), 1e-9 * most.norm());
@@ -930,7 +932,7 @@ TEST_F(TagAlignmentTest, TheSmearOfALoneTagTurnsNothing) {
     const SmearedView view = smeared_view(renderer, 90.0);
     if (!aligner.refine(view.input).verified) continue;
     const Vector6d& motion = view.input.exposure_motion;
-    const SmearError error = aligner.smear_error(motion, true);
+    const MotionBlurError error = aligner.motion_blur_error(motion, true);
     EXPECT_TRUE(error.covariance.isZero(0.0));
     // Cells along the motion, about the tag's middle.
     const auto at = [&](double share, double x_m, double y_m) {
@@ -1012,7 +1014,7 @@ TEST_F(TagAlignmentTest, APictureThatIsNotClearSaysSoByItself) {
       input.covariance = loose_prior(0.0005, 0.001);
       const AlignmentResult result = aligner.refine(input);
       if (!result.verified) return std::optional<double>();
-      const SmearError found = aligner.smear_error(2.0);
+      const MotionBlurError found = aligner.motion_blur_error(2.0);
       const double told_px =
           expected_overlay_error_px(camera_, result.T_table_camera, found.covariance);
       EXPECT_TRUE(found.motion.isZero(0.0)) << "nobody told it";

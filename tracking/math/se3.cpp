@@ -1,4 +1,4 @@
-#include "tracking/motion/se3.hpp"
+#include "tracking/math/se3.hpp"
 
 #include <cmath>
 

@@ -1,4 +1,4 @@
-#include "tracking/table_tracker.hpp"
+#include "tracking/rigid_tag_tracker.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -26,21 +26,21 @@ Frame grey_frame(int width, int height, std::int64_t timestamp_ns) {
   return buffer.frame;
 }
 
-TEST(TableTracker, NeedsATagThatIsFixedToTheTable) {
+TEST(RigidTagTracker, NeedsATagThatIsFixedToTheTable) {
   std::vector<MappedTag> tags = test::sheet();
   for (MappedTag& tag : tags) tag.group = "lid";
-  const auto tracker = TableTracker::create(test::desk_camera(), TagMap::make(tags).value());
+  const auto tracker = RigidTagTracker::create(test::desk_camera(), TagMap::make(tags).value());
   ASSERT_FALSE(tracker);
   EXPECT_THAT(tracker.error().message, testing::HasSubstr("group"));
   TrackerOptions options;
-  options.tracked_overlay_px = std::nan("");
+  options.hold_s = std::nan("");
   EXPECT_FALSE(
-      TableTracker::create(test::desk_camera(), TagMap::make(test::sheet()).value(), options));
+      RigidTagTracker::create(test::desk_camera(), TagMap::make(test::sheet()).value(), options));
 }
 
-TEST(TableTracker, SaysWhyThereIsNoPose) {
+TEST(RigidTagTracker, SaysWhyThereIsNoPose) {
   auto tracker =
-      TableTracker::create(test::desk_camera(), TagMap::make(test::sheet()).value()).value();
+      RigidTagTracker::create(test::desk_camera(), TagMap::make(test::sheet()).value()).value();
   const PoseEstimate nothing = tracker.track(grey_frame(640, 480, 0)).pose;
   EXPECT_EQ(nothing.status, TrackStatus::lost);
   EXPECT_THAT(nothing.reason, testing::HasSubstr("no tag"));
@@ -82,7 +82,7 @@ TEST_F(OnTabletop, HoldsTheLastMotionForAWhileAndThenLosesIt) {
   TrackerOptions options;
   options.mode = TrackingMode::detect;
   options.hold_s = 0.25;
-  auto tracker = TableTracker::create(*camera_, *map_, options).value();
+  auto tracker = RigidTagTracker::create(*camera_, *map_, options).value();
   constexpr std::size_t kSeen = 6;
   for (std::size_t i = 0; i < kSeen; ++i) {
     const TrackedFrame tracked = tracker.track(frame(i));
@@ -125,7 +125,7 @@ TEST_F(OnTabletop, ATagThatWasMovedDoesNotMoveTheTable) {
   std::vector<MappedTag> tags = map_->tags();
   tags[5].T_table_tag = {tags[5].T_table_tag.rotation(),
                          tags[5].T_table_tag.translation() + Eigen::Vector3d(0.015, 0.01, 0.0)};
-  auto tracker = TableTracker::create(*camera_, TagMap::make(tags).value()).value();
+  auto tracker = RigidTagTracker::create(*camera_, TagMap::make(tags).value()).value();
   for (std::size_t i = 0; i < 5; ++i) {
     const PoseEstimate pose = tracker.track(frame(i)).pose;
     EXPECT_EQ(pose.status, TrackStatus::tracked) << pose.reason;
@@ -140,7 +140,7 @@ TEST_F(OnTabletop, TagsOfOtherGroupsSayNothingAboutTheTable) {
     tags[i].group = "lid";
     tags[i].T_table_tag = {tags[i].T_table_tag.rotation(), Eigen::Vector3d(1.0, 2.0, 3.0)};
   }
-  auto tracker = TableTracker::create(*camera_, TagMap::make(tags).value()).value();
+  auto tracker = RigidTagTracker::create(*camera_, TagMap::make(tags).value()).value();
   const PoseEstimate pose = tracker.track(frame(0)).pose;
   EXPECT_EQ(pose.status, TrackStatus::tracked);
   EXPECT_EQ(pose.tags_used, 8);
@@ -150,7 +150,7 @@ TEST_F(OnTabletop, TagsOfOtherGroupsSayNothingAboutTheTable) {
 TEST_F(OnTabletop, AnotherBoardIsTold) {
   std::vector<MappedTag> tags = map_->tags();
   for (MappedTag& tag : tags) tag.id += 100;
-  auto tracker = TableTracker::create(*camera_, TagMap::make(tags).value()).value();
+  auto tracker = RigidTagTracker::create(*camera_, TagMap::make(tags).value()).value();
   const PoseEstimate pose = tracker.track(frame(0)).pose;
   EXPECT_EQ(pose.status, TrackStatus::lost);
   // At half the resolution one of the twelve is not found.
@@ -163,7 +163,7 @@ TEST_F(OnTabletop, AMapThatDoesNotFitIsNeverTracked) {
   // Every tag in another one's place.
   for (std::size_t i = 0; i < tags.size(); ++i)
     tags[i].T_table_tag = map_->tags()[(i * 7 + 3) % tags.size()].T_table_tag;
-  auto tracker = TableTracker::create(*camera_, TagMap::make(tags).value()).value();
+  auto tracker = RigidTagTracker::create(*camera_, TagMap::make(tags).value()).value();
   const PoseEstimate pose = tracker.track(frame(0)).pose;
   EXPECT_NE(pose.status, TrackStatus::tracked);
   EXPECT_NE(pose.reason, "");
@@ -175,8 +175,8 @@ TEST_F(OnTabletop, AKnownToneCurveTakesTheCornersOutOfTheTags) {
   const CameraModel with_curve = CameraModel::make(parameters).value();
   TrackerOptions options;
   options.mode = TrackingMode::detect;
-  auto plain = TableTracker::create(*camera_, *map_, options).value();
-  auto linear = TableTracker::create(with_curve, *map_, options).value();
+  auto plain = RigidTagTracker::create(*camera_, *map_, options).value();
+  auto linear = RigidTagTracker::create(with_curve, *map_, options).value();
   double plain_rms = 0.0;
   double linear_rms = 0.0;
   for (std::size_t i = 0; i < 10; ++i) {
@@ -196,9 +196,9 @@ TEST_F(OnTabletop, AnUncertainLensIsAddedToWhatIsExpected) {
   for (const TrackingMode mode : {TrackingMode::detect, TrackingMode::automatic}) {
     TrackerOptions options;
     options.mode = mode;
-    auto plain = TableTracker::create(*camera_, *map_, options).value();
-    auto known = TableTracker::create(with_lens(0.7), *map_, options).value();
-    auto hardly_known = TableTracker::create(with_lens(3.0), *map_, options).value();
+    auto plain = RigidTagTracker::create(*camera_, *map_, options).value();
+    auto known = RigidTagTracker::create(with_lens(0.7), *map_, options).value();
+    auto hardly_known = RigidTagTracker::create(with_lens(3.0), *map_, options).value();
     for (std::size_t i = 0; i < 4; ++i) {
       const PoseEstimate a = plain.track(frame(i)).pose;
       const PoseEstimate b = known.track(frame(i)).pose;
@@ -226,8 +226,8 @@ TEST_F(OnTabletop, TheSameFramesGiveTheSameBits) {
                                   TrackingMode::automatic}) {
     TrackerOptions options;
     options.mode = mode;
-    auto a = TableTracker::create(*camera_, *map_, options).value();
-    auto b = TableTracker::create(*camera_, *map_, options).value();
+    auto a = RigidTagTracker::create(*camera_, *map_, options).value();
+    auto b = RigidTagTracker::create(*camera_, *map_, options).value();
     for (std::size_t i = 0; i < 8; ++i) {
       // Nothing to see in between, so that recovery is in it.
       const Frame shown = i == 3 ? grey_frame(640, 480, listed_[i].timestamp_ns) : frame(i);
@@ -246,7 +246,7 @@ TEST_F(OnTabletop, DetectsOnceAndAlignsFromThereOn) {
        {TrackingMode::fast, TrackingMode::accurate, TrackingMode::automatic}) {
     TrackerOptions options;
     options.mode = mode;
-    auto tracker = TableTracker::create(*camera_, *map_, options).value();
+    auto tracker = RigidTagTracker::create(*camera_, *map_, options).value();
     for (std::size_t i = 0; i < 10; ++i) {
       const TrackedFrame tracked = tracker.track(frame(i));
       ASSERT_EQ(tracked.pose.status, TrackStatus::tracked) << tracked.pose.reason;
@@ -264,7 +264,7 @@ TEST_F(OnTabletop, DetectsOnceAndAlignsFromThereOn) {
 }
 
 TEST_F(OnTabletop, AutomaticTakesEveryPixelOnceTheViewRests) {
-  auto tracker = TableTracker::create(*camera_, *map_).value();
+  auto tracker = RigidTagTracker::create(*camera_, *map_).value();
   int moving = 0;
   for (std::size_t i = 0; i < 60; ++i) {
     const TrackedFrame tracked = tracker.track(frame(i));
@@ -293,7 +293,7 @@ TEST_F(OnTabletop, AutomaticTakesEveryPixelOnceTheViewRests) {
 }
 
 TEST_F(OnTabletop, LooksWithOneDetectionAFrameUntilItIsBack) {
-  auto tracker = TableTracker::create(*camera_, *map_).value();
+  auto tracker = RigidTagTracker::create(*camera_, *map_).value();
   for (std::size_t i = 0; i < 5; ++i)
     ASSERT_EQ(tracker.track(frame(i)).pose.status, TrackStatus::tracked);
   std::int64_t time = listed_[4].timestamp_ns;
@@ -312,7 +312,7 @@ TEST_F(OnTabletop, LooksWithOneDetectionAFrameUntilItIsBack) {
 }
 
 // Where the exposure is known the smear of a fast motion no longer displaces the edges.
-TEST(TableTracker, AKnownExposureTakesTheMotionIntoAccount) {
+TEST(RigidTagTracker, AKnownExposureTakesTheMotionIntoAccount) {
   double with = 0.0;
   double without = 0.0;
   int frames = 0;
@@ -330,8 +330,8 @@ TEST(TableTracker, AKnownExposureTakesTheMotionIntoAccount) {
     auto renderer = PatternRenderer::create(session.camera, session.tags).value();
     TrackerOptions options;
     options.mode = TrackingMode::fast;
-    auto knows = TableTracker::create(session.camera, map, options).value();
-    auto does_not = TableTracker::create(session.camera, map, options).value();
+    auto knows = RigidTagTracker::create(session.camera, map, options).value();
+    auto does_not = RigidTagTracker::create(session.camera, map, options).value();
     for (int f = 0; f < 16; ++f) {
       Frame frame = session.picture(renderer, f);
       const PoseEstimate a = does_not.track(frame).pose;
@@ -357,7 +357,7 @@ TEST(TableTracker, AKnownExposureTakesTheMotionIntoAccount) {
 TEST_F(OnTabletop, SkipsCornerSolveWhenPatternIsAligned) {
   for (std::size_t i = 0; i < listed_.size(); i += 10) {
     SCOPED_TRACE(i);
-    const TrackedFrame first = TableTracker::create(*camera_, *map_)->track(frame(i));
+    const TrackedFrame first = RigidTagTracker::create(*camera_, *map_)->track(frame(i));
     ASSERT_EQ(first.pose.status, TrackStatus::tracked);
     EXPECT_TRUE(first.times.corner_solve_skipped);
   }
@@ -367,7 +367,7 @@ TEST_F(OnTabletop, SkipsCornerSolveWhenPatternIsAligned) {
     tags[i].T_table_tag = {tags[i].T_table_tag.rotation(),
                            tags[i].T_table_tag.translation() + Eigen::Vector3d(0.004, 0.0, 0.0)};
   }
-  auto tracker = TableTracker::create(*camera_, TagMap::make(tags).value()).value();
+  auto tracker = RigidTagTracker::create(*camera_, TagMap::make(tags).value()).value();
   const TrackedFrame first = tracker.track(frame(0));
   ASSERT_TRUE(first.pose.has_pose()) << first.pose.reason;
   EXPECT_NE(first.pose.status, TrackStatus::tracked);
@@ -377,8 +377,8 @@ TEST_F(OnTabletop, SkipsCornerSolveWhenPatternIsAligned) {
 TEST_F(OnTabletop, DetectionAndAlignmentAgreeWithinTheirErrors) {
   TrackerOptions detect_options;
   detect_options.mode = TrackingMode::detect;
-  auto detect = TableTracker::create(*camera_, *map_, detect_options).value();
-  auto align = TableTracker::create(*camera_, *map_).value();
+  auto detect = RigidTagTracker::create(*camera_, *map_, detect_options).value();
+  auto align = RigidTagTracker::create(*camera_, *map_).value();
   double ratio2 = 0.0;
   constexpr std::size_t kFrames = 40;
   for (std::size_t i = 0; i < kFrames; ++i) {
@@ -396,7 +396,7 @@ TEST_F(OnTabletop, DetectionAndAlignmentAgreeWithinTheirErrors) {
 }
 
 // A hand's motion through a camera that reads its rows out over most of a frame.
-TEST(TableTracker, ARollingShutterIsTakenOut) {
+TEST(RigidTagTracker, ARollingShutterIsTakenOut) {
   test::Session session;
   CameraParameters p = test::lens_camera(test::Lens::plumb_bob, 640, 480, 0.85).parameters();
   p.rolling_shutter_row_s = 0.8 * session.frame_s / p.height;
@@ -416,8 +416,8 @@ TEST(TableTracker, ARollingShutterIsTakenOut) {
   const TagMap map = TagMap::make(session.tags).value();
   TrackerOptions options;
   options.mode = TrackingMode::fast;
-  auto knowing = TableTracker::create(session.camera, map, options).value();
-  auto unknowing = TableTracker::create(global, map, options).value();
+  auto knowing = RigidTagTracker::create(session.camera, map, options).value();
+  auto unknowing = RigidTagTracker::create(global, map, options).value();
   double knowing2 = 0.0;
   double unknowing2 = 0.0;
   constexpr int kFrames = 24;
@@ -453,14 +453,14 @@ TEST(TrackingModes, HaveTheirWords) {
 }
 
 // One tag, seen from nearly above: two poses explain it, and the tilt goes through zero.
-TEST(TableTracker, FollowsASingleTagWithoutBeingSureOfTheWrongPose) {
+TEST(RigidTagTracker, FollowsASingleTagWithoutBeingSureOfTheWrongPose) {
   const CameraModel camera = test::desk_camera();
   for (const double size_m : {0.03, 0.08}) {
     const std::vector<MappedTag> tags = {test::flat_tag(3, 0.0, 0.0, size_m)};
     auto renderer = PatternRenderer::create(camera, tags).value();
     int tracked = 0, uncertain = 0;
     for (int path = 0; path < 3; ++path) {
-      auto tracker = TableTracker::create(camera, TagMap::make(tags).value()).value();
+      auto tracker = RigidTagTracker::create(camera, TagMap::make(tags).value()).value();
       for (int i = 0; i < 30; ++i) {
         const double t = i / 30.0;
         const CameraPose truth =

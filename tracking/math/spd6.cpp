@@ -1,4 +1,4 @@
-#include "tracking/motion/spd6.hpp"
+#include "tracking/math/spd6.hpp"
 
 #include <Eigen/Cholesky>
 #include <array>

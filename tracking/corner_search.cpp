@@ -1,0 +1,134 @@
+#include "tracking/corner_search.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "core/geometry/group_pose.hpp"
+#include "core/stopwatch.hpp"
+#include "tracking/pose_confidence.hpp"
+
+namespace penumbra {
+namespace {
+
+// A second pose whose reprojection RMS is less than this times the best one's may be the true one.
+constexpr double kAmbiguityRatio = 1.6;
+constexpr double kMostReprojectionRms_px = 3.0;  // a worse fit is no pose
+
+void take_corners(Measurement& measurement) {
+  const BoardPose& board = measurement.by_corners;
+  measurement.best = board.best;
+  measurement.second = board.second;
+  measurement.ambiguity_ratio = board.ambiguity_ratio();
+  measurement.ambiguous = board.is_ambiguous(kAmbiguityRatio);
+}
+
+// Whether two thirds of the tags that should be readable were detected.
+bool shows_most(const RigidTags& group, const Measurement& measurement) {
+  return 3 * measurement.tags_used >= 2 * group.in_view(measurement.best.T_table_camera);
+}
+
+// Whether a finer search would find no other pose, nor tags that contradict each other.
+bool is_conclusive(const RigidTags& group, const Measurement& measurement) {
+  return !measurement.contradictory && !measurement.ambiguous && measurement.tags_used > 1 &&
+         shows_most(group, measurement);
+}
+
+}  // namespace
+
+Result<Measurement> CornerSearch::measure(const RigidTags& group,
+                                          std::span<const TagDetection> detections,
+                                          TrackTimes& times) {
+  const Stopwatch solve;
+  observations_.clear();
+  bool seen_twice = false;
+  int unknown_tags = 0;
+  for (const TagDetection& detection : detections) {
+    const MappedTag* tag = map_.find(detection.family, detection.id);
+    if (tag == nullptr) ++unknown_tags;
+    // Another group is rigid in itself but may stand elsewhere by now.
+    if (tag == nullptr || tag->group != kTableGroup) continue;
+    const auto same = [&](const TagDetection& other) {
+      return other.family == detection.family && other.id == detection.id;
+    };
+    if (std::count_if(detections.begin(), detections.end(), same) > 1) {
+      seen_twice = true;  // nothing says which of them lies where the map has it
+      continue;
+    }
+    const auto known = std::ranges::find_if(group.tags, [tag](const MappedTag& own) {
+      return own.family == tag->family && own.id == tag->id;
+    });
+    const auto index = static_cast<int>(known - group.tags.begin());
+    observations_.push_back({index, tag->corners(), detection.corners_px});
+  }
+  Result<BoardPose> board = estimate_board_pose(group.camera, observations_);
+  solve.add_to(times.solve_ms, times.solve_cpu_ms);
+  if (!board) {
+    if (observations_.empty() && seen_twice) return fail("the same tag is in view twice");
+    // One alone may be a pattern that happens to look like a tag.
+    if (observations_.empty() && unknown_tags > 1) {
+      return fail("{} tags in view, none of them of this board (--tags)", unknown_tags);
+    }
+    return tl::unexpected(board.error());
+  }
+  Measurement measurement;
+  measurement.by_corners = std::move(*board);
+  take_corners(measurement);
+  measurement.tags_used = measurement.by_corners.tags_used;
+  measurement.contradictory = measurement.by_corners.contradictory;
+  measurement.rejected = measurement.by_corners.left_out;
+  if (measurement.best.rms_px > kMostReprojectionRms_px)
+    return fail("{} ({:.1f} px)", kNotFitting, measurement.best.rms_px);
+  return measurement;
+}
+
+void CornerSearch::refine(const RigidTags& group, Measurement& measurement, TrackTimes& times) {
+  if (measurement.aligned || std::exchange(measurement.by_ceres, true)) return;
+  const Stopwatch solve;
+  finish_by_ceres(group.camera, measurement.by_corners);
+  take_corners(measurement);
+  solve.add_to(times.solve_ms, times.solve_cpu_ms);
+}
+
+Result<Measurement> CornerSearch::detect(const RigidTags& group, SearchResolution resolution,
+                                         TrackTimes& times) {
+  const bool again = search_->searched(resolution);
+  const Stopwatch detect;
+  const std::vector<TagDetection>& detections = search_->tags(resolution);
+  if (!again) {  // else it counts where it was done
+    detect.add_to(times.detect_ms, times.detect_cpu_ms);
+    times.full_detection = true;
+  }
+  return measure(group, detections, times);
+}
+
+Result<Measurement> CornerSearch::find(const RigidTags& group, SearchResolution finest,
+                                       const std::optional<CameraPose>& predicted,
+                                       TrackTimes& times) {
+  const auto box =
+      predicted && finest != SearchResolution::quarter ? group.box_about(*predicted) : std::nullopt;
+  if (box && !search_->searched(SearchResolution::half)) {
+    const Stopwatch detect;
+    const std::vector<TagDetection> tags_there = search_->tags_within(*box);
+    detect.add_to(times.detect_ms, times.detect_cpu_ms);
+    Result<Measurement> there = measure(group, tags_there, times);
+    times.box_detection = there && is_conclusive(group, *there);
+    if (times.box_detection) return there;
+  }
+  const bool first = !std::exchange(searched_before_, true) && finest == SearchResolution::full;
+  if (finest == SearchResolution::full && std::exchange(full_next_, !full_next_))
+    return detect(group, SearchResolution::full, times);
+  // A quarter of the resolution costs a quarter of what half of it does.
+  Result<Measurement> quarter = detect(group, SearchResolution::quarter, times);
+  if (quarter && is_conclusive(group, *quarter)) return quarter;
+  if (finest == SearchResolution::quarter) {
+    if (!quarter) return quarter;
+    return fail("few of the tags are seen yet");
+  }
+  Result<Measurement> half = detect(group, SearchResolution::half, times);
+  const bool enough = half && !half->contradictory && shows_most(group, *half);
+  if (!first || enough) return half;
+  Result<Measurement> full = detect(group, SearchResolution::full, times);
+  return full ? full : half;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,135 @@
+#include "tracking/motion/motion_blur.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "core/evaluation/evaluation.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr double kMotionInterval_s = 1.0 / 30.0;
+// Image motion of a frame with no pose before it [px].
+constexpr double kUnknownMotion_px = 5.0;
+
+double moved_px(const CameraModel& camera, const CameraPose& pose, const Vector6d& xi) {
+  return overlay_difference(camera, perturbed(pose, xi), pose).rms_px();
+}
+
+}  // namespace
+
+double image_motion_px(const CameraModel& camera, const CameraPose& pose,
+                       const Vector6d& velocity) {
+  return moved_px(camera, pose, kMotionInterval_s * velocity);
+}
+
+ImageMotion motion_found(const PoseHistory& history, const CameraModel& camera, const Frame& frame,
+                         const Alignment& alignment, double longest_cells) {
+  const AlignmentResult& result = alignment.result;
+  ImageMotion found{kUnknownMotion_px, kUnknownMotion_px, {}};
+  if (!result.verified) return found;
+  const auto motion = history.motion_at(frame.timestamp_ns, result.T_table_camera);
+  if (!motion) {
+    found.blur = alignment.aligner.motion_blur_error(longest_cells);
+    return found;
+  }
+  // Frames that lie further apart than this were dropped or exposed for longer in the dark; the
+  // first is assumed.
+  constexpr double kLongestExposure_s = 1.0 / 30.0;
+  const double interval_s = history.frame_interval_s();
+  const double exposure_s =
+      std::min(frame.exposure_s.value_or(std::min(interval_s, kLongestExposure_s)), interval_s);
+  // Blur may displace either of the two poses of a motion of one step. With a third pose it would
+  // have to displace all of them alike.
+  if (exposure_s > 0.0)
+    found.blur = alignment.aligner.motion_blur_error(exposure_s * motion->velocity,
+                                                     frame.exposure_s.has_value(),
+                                                     motion->of_one_step ? longest_cells : 0.0);
+  // A jump between two sharp images is no motion within them.
+  if (!(found.blur.shift_px > 0.0)) return found;
+  found.predicted_px = std::max(found.predicted_px,
+                                image_motion_px(camera, result.T_table_camera, motion->velocity));
+  found.missed_px =
+      std::max(found.missed_px, image_motion_px(camera, result.T_table_camera, motion->change));
+  return found;
+}
+
+void align_at_own_speed(const PoseHistory& history, const CameraModel& camera, const Frame& frame,
+                        Alignment& alignment) {
+  AlignmentInput& input = alignment.input;
+  AlignmentResult& result = alignment.result;
+  const double half_readout_s =
+      0.5 * camera.parameters().rolling_shutter_row_s.value_or(0.0) * (camera.height() - 1);
+  // The blur of a lone tag and its tilt look alike.
+  const double exposure_s = result.tags_verified > 1 ? frame.exposure_s.value_or(0.0) : 0.0;
+  if (!(half_readout_s > 0.0) && !(exposure_s > 0.0)) return;
+  constexpr double kElsewhere_px = 0.1;
+  constexpr double kBlurred_px = 2.0;
+  // A motion that changes by a larger share within a frame is not known well enough to model its
+  // blur, see docs/tracking.md#motion-blur.
+  constexpr double kEvenly = 0.25;
+  constexpr int kTries = 2;
+  for (int i = 0; i < kTries && result.verified; ++i) {
+    const auto found = history.motion_at(frame.timestamp_ns, result.T_table_camera);
+    if (!found) return;
+    const Vector6d& velocity = found->velocity;
+    const auto apart_px = [&](const Vector6d& xi) {
+      return moved_px(camera, result.T_table_camera, xi);
+    };
+    const Vector6d exposure_motion = exposure_s * velocity;
+    const bool elsewhere = half_readout_s > 0.0 &&
+                           apart_px(half_readout_s * (velocity - input.velocity)) > kElsewhere_px;
+    const bool blurred = exposure_s > 0.0 &&
+                         apart_px(exposure_motion - input.exposure_motion) > kBlurred_px &&
+                         apart_px(exposure_s * found->change) < kEvenly * apart_px(exposure_motion);
+    if (!elsewhere && !blurred) return;
+    const Vector6d velocity_before = std::exchange(input.velocity, velocity);
+    const Vector6d exposure_motion_before = input.exposure_motion;
+    if (blurred) input.exposure_motion = exposure_motion;
+    // The image decides whether it is blurred so, and whether the rows were seen from there where
+    // the pose before may be far off itself.
+    const double residual = elsewhere && history.was_tracked()
+                                ? std::numeric_limits<double>::infinity()
+                                : result.residual_rms;
+    alignment.run();
+    if (result.verified && result.residual_rms <= residual) continue;
+    input.velocity = velocity_before;
+    input.exposure_motion = exposure_motion_before;
+    alignment.run();
+    return;
+  }
+}
+
+bool align_with_motion_blur(const PoseHistory& history, const CameraModel& camera,
+                            const Frame& frame, Alignment& alignment, MotionBlurError& blur) {
+  AlignmentInput& input = alignment.input;
+  const AlignmentResult& result = alignment.result;
+  // The blur of a lone tag and its tilt look alike.
+  if (result.tags_verified < 2 || blur.motion.isZero(0.0) || !input.exposure_motion.isZero(0.0))
+    return false;
+  const double residual = result.residual_rms;
+  const int tags_before = result.tags_verified;
+  input.exposure_motion = blur.motion;
+  alignment.run();
+  const bool enough = result.tags_verified >= 2 && 4 * result.tags_verified >= 3 * tags_before;
+  // As shares of the gain: a model that is blurred as the image is restores the contrast, too.
+  if (result.verified && enough && result.residual_rms <= residual && result.contradicting < 0 &&
+      !most_are_displaced(result)) {
+    const MotionBlurError left =
+        motion_found(history, camera, frame, alignment, kAlignedBlur_cells).blur;
+    // A pose from which nothing moved by a cell may have slid along a blur that is still there.
+    const bool slid = left.shift_px == 0.0 &&
+                      alignment.aligner.motion_blur_error(kAlignedBlur_cells).shift_px > 0.0;
+    if (left.shift_px < blur.shift_px && !slid) {
+      blur = left;
+      return true;
+    }
+  }
+  input.exposure_motion.setZero();
+  alignment.run();
+  return false;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,120 @@
+#include "tracking/pose_ambiguity.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "core/evaluation/evaluation.hpp"
+#include "tracking/pose_confidence.hpp"
+
+namespace penumbra {
+namespace {
+
+// Tuned on random images of a lone tag, see docs/tracking.md#two-poses.
+constexpr double kDecides = 9.0;  // log-likelihood ratio from which on the image decides
+// Two poses whose tag corners differ by less than this are treated as one [px].
+constexpr double kSame_px = 0.15;
+// The same in units of the residual displacement, for cells below kRunTogether_sigmas of the point
+// spread, whose edges run together.
+constexpr double kSameResiduals = 2.0;
+constexpr double kRunTogether_sigmas = 5.0;
+
+// The pose from which the verified tags, all in the plane of the first of them, look the same but
+// for perspective: what was farther from the camera than their middle is nearer by as much.
+CameraPose mirrored(const RigidTags& group, const CameraPose& pose,
+                    std::span<const TagAlignment> seen) {
+  const Transform<frame::Camera, frame::Table> T_camera_table = pose.inverse();
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();  // of the tags, in the table frame
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
+  int count = 0;
+  for (const TagAlignment& tag : seen) {
+    if (!tag.verified) continue;
+    const auto& T_table_tag = group[tag.index].T_table_tag;
+    if (count++ == 0) normal = T_table_tag.rotation() * Eigen::Vector3d::UnitZ();
+    middle += T_table_tag.translation();
+  }
+  if (count > 0) middle /= count;
+  const Eigen::Vector3d at = T_camera_table * middle;
+  const Eigen::Vector3d sight = at.normalized();
+  const auto reflection = [](const Eigen::Vector3d& n) {
+    return Eigen::Matrix3d(Eigen::Matrix3d::Identity() - 2.0 * n * n.transpose());
+  };
+  const Eigen::Matrix3d R =
+      reflection(sight) * T_camera_table.rotation_matrix() * reflection(normal);
+  return Transform<frame::Camera, frame::Table>(Eigen::Quaterniond(R), at - R * middle).inverse();
+}
+
+}  // namespace
+
+bool add_second_pose(const RigidTags& group, const Alignment& first, const ImageMotion& motion,
+                     Measurement& measurement) {
+  const std::vector<TagAlignment>& seen = first.result.tags;
+  Alignment other{first.aligner, {}, false};
+  other.input.luma = first.input.luma;
+  other.input.exposure_motion = first.input.exposure_motion;
+  other.input.velocity = first.input.velocity;
+  other.input.predicted = mirrored(group, measurement.best.T_table_camera, seen);
+  other.input.covariance = loose_covariance();
+  other.input.left_out = first.input.left_out;
+  measurement.second.reset();
+  measurement.ambiguous = false;
+  measurement.ambiguity_ratio = std::numeric_limits<double>::infinity();
+  if (!other.input.predicted.is_finite()) return false;
+  double residuals = kSameResiduals;
+  for (const TagAlignment& tag : seen) {
+    if (tag.verified && tag.cell_px > kRunTogether_sigmas * first.aligner.options().blur_px)
+      residuals = 0.0;
+  }
+  const auto look_the_same = [&](const CameraPose& pose, double residual_px) {
+    return group.corner_distance_px(measurement.best.T_table_camera, pose, seen) <
+           std::max(kSame_px, residuals * residual_px);
+  };
+  const CameraPose mirror = other.input.predicted;
+  other.run();
+  const std::optional<RefinedPose> second = pose_of(group, other, motion);
+  if (!second) {
+    // Cells that read right from one of two poses and wrong from the other are evidence, too, only
+    // where the two look different.
+    if (look_the_same(mirror, measurement.best.noise_px)) {
+      measurement.second = measurement.best;
+      measurement.second->T_table_camera = mirror;
+      measurement.ambiguous = true;
+      measurement.ambiguity_ratio = 1.0;
+    }
+    return false;
+  }
+  // Found again from the other side: the same pose, as far as it is known.
+  constexpr double kSamePose_sigmas = 2.0;
+  if (overlay_difference(group.camera, measurement.best.T_table_camera, second->T_table_camera)
+          .rms_px() < kSamePose_sigmas * expected_overlay_error_px(group.camera,
+                                                                   measurement.best.T_table_camera,
+                                                                   measurement.best.covariance))
+    return false;
+  const double samples = static_cast<double>(other.result.counters.samples);
+  double inflation = std::max(measurement.variance_inflation, variance_inflation(other.result));
+  double first_residual = measurement.best.noise_px;
+  if (second->noise_px < first_residual) {
+    // The first pose had a prediction to fit as well.
+    other.input.predicted = measurement.best.T_table_camera;
+    other.run();
+    const std::optional<RefinedPose> again = pose_of(group, other, motion);
+    if (again) {
+      first_residual = std::min(first_residual, again->noise_px);
+      inflation = std::max(inflation, variance_inflation(other.result));
+    }
+  }
+  measurement.second = second;
+  const double ratio = second->noise_px / std::max(first_residual, 1e-9);
+  const bool is_other = ratio < 1.0;
+  measurement.ambiguity_ratio = is_other ? 1.0 / std::max(ratio, 1e-9) : ratio;
+  measurement.ambiguous =
+      look_the_same(second->T_table_camera, std::min(first_residual, second->noise_px)) ||
+      samples * std::log(measurement.ambiguity_ratio) < kDecides * inflation;
+  if (is_other) std::swap(measurement.best, *measurement.second);
+  return is_other;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,200 @@
+#include "tracking/pose_confidence.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <string>
+
+#include "core/evaluation/evaluation.hpp"
+#include "tracking/math/spd6.hpp"
+
+namespace penumbra {
+namespace {
+
+// Systematic errors that the alignment's covariance, of independent residuals about a true model,
+// does not hold. Tuned on random synthetic sessions, see docs/tracking.md#bias.
+constexpr double kTagBias_px = 0.01;    // of all edges of a tag together
+constexpr double kSpreadBias_px = 0.1;  // of an edge whose point spread reaches the next edge
+constexpr double kPartsOfTag = 8.0;     // groups of a tag's edges that this displaces alike
+constexpr double kToneBias_px = 0.04;   // of all edges, where the camera response is unknown
+// Of the mean pose during an exposure against the pose in its middle, as a share of what a
+// prediction at constant velocity missed.
+constexpr double kExposureShare = 1.0 / 24.0;
+// Sigma of an edge that is blurred over a unit length: 1 / sqrt(12).
+constexpr double kBlurShare = 0.288675134594813;
+
+// By how much the covariance is larger than that of independent residuals about a true model.
+struct CovarianceInflation {
+  double scatter = 1.0;  // factor: correlated residuals, and tags that disagree
+  double bias = 0.0;     // added on top: what displaces a tag as a whole, in every frame alike
+};
+
+// The bias of a tag turns the pose against the other tags. A lone tag takes the pose along by no
+// more than its bias, except where its cells are small against the point spread.
+CovarianceInflation inflation_of(const AlignmentResult& result, double blur_px, double noise_px) {
+  CovarianceInflation inflation;
+  // The disagreement of the tags holds a part of the correlation already.
+  inflation.scatter = variance_inflation(result);
+  if (result.map_covariance.isZero(0.0))
+    inflation.scatter = std::max(inflation.scatter, result.disagreement);
+  if (result.tags_verified == 0 || !(noise_px > 0.0)) return inflation;
+  double bias2 = result.tags_verified > 1 ? kTagBias_px * kTagBias_px : 0.0;
+  const double spread_px = std::min(kSpreadBias_px, noise_px);
+  for (const TagAlignment& tag : result.tags) {
+    if (!tag.verified) continue;
+    const double reach = std::exp(-std::pow(tag.cell_px / blur_px, 2) / 8.0);
+    bias2 += std::pow(spread_px * reach, 2) / (kPartsOfTag * result.tags_verified);
+  }
+  inflation.bias = bias2 / (noise_px * noise_px) * result.counters.samples / result.tags_verified;
+  return inflation;
+}
+
+// Which of two poses the estimate takes.
+struct Choice {
+  RefinedPose pose;
+  bool open = false;  // the other one stays possible, and shows elsewhere
+  // Distance to the other pose on the overlay, where that stays possible [px].
+  double between_px = 0.0;
+};
+
+Choice choose(const RigidTags& group, const Measurement& measurement,
+              const std::optional<CameraPose>& predicted) {
+  constexpr double kClearly = 3.0;
+  Choice choice{measurement.best};
+  if (!measurement.second || !measurement.ambiguous) return choice;
+  const RefinedPose& second = *measurement.second;
+  const auto apart_px = [&](const CameraPose& a, const CameraPose& b) {
+    return overlay_difference(group.camera, a, b).rms_px();
+  };
+  choice.between_px = apart_px(measurement.best.T_table_camera, second.T_table_camera);
+  choice.open = choice.between_px > kTrackedOverlay_px;
+  if (!choice.open || !predicted) return choice;
+  const double best_px = apart_px(measurement.best.T_table_camera, *predicted);
+  const double second_px = apart_px(second.T_table_camera, *predicted);
+  if (best_px * kClearly < second_px) {
+    choice.open = false;
+  } else if (second_px * kClearly < best_px) {
+    choice.open = false;
+    choice.pose = second;
+  }
+  if (!choice.open) choice.between_px = 0.0;
+  return choice;
+}
+
+// Why a pose whose predicted error is too large is uncertain.
+std::string reason_of_error(const CameraModel& camera, const PoseEstimate& estimate,
+                            double of_pose_px, double map_px) {
+  const double predicted_px = estimate.expected_overlay_error_px;
+  if (!std::isfinite(predicted_px)) return "the table's centre is out of sight";
+  if (of_pose_px < kTrackedOverlay_px) {
+    return fmt::format(
+        "the camera file knows its lens to {:.1f} px only; calibrate it from more views",
+        camera.parameters().overlay_sigma_px.value_or(0.0));
+  }
+  if (of_pose_px * of_pose_px - map_px * map_px < kTrackedOverlay_px * kTrackedOverlay_px) {
+    return fmt::format("the few tags in view do not lie as the map says: expected error {:.1f} px",
+                       predicted_px);
+  }
+  return fmt::format("expected error {:.1f} px", predicted_px);
+}
+
+}  // namespace
+
+std::optional<RefinedPose> pose_of(const RigidTags& group, const Alignment& alignment,
+                                   const ImageMotion& motion) {
+  const AlignmentResult& result = alignment.result;
+  const double lens_blur_px = alignment.aligner.options().blur_px;
+  if (!result.verified || !result.T_table_camera.is_finite() || !result.covariance.allFinite())
+    return std::nullopt;
+  RefinedPose pose;
+  pose.T_table_camera = result.T_table_camera;
+  // As a displacement of the edges: a blurred edge rises by 1 / (sqrt(2 pi) sigma) of the gain per
+  // pixel. Two axes.
+  pose.noise_px = result.residual_rms * std::sqrt(2.0 * std::numbers::pi) * lens_blur_px;
+  pose.rms_px = std::sqrt(2.0) * pose.noise_px;
+  const CovarianceInflation inflation = inflation_of(result, lens_blur_px, pose.noise_px);
+  const Matrix6d& inverse = result.covariance;
+  const Matrix6d prior_information = inverse_of_spd(alignment.input.covariance);
+  pose.covariance = inflation.scatter * inverse -
+                    (inflation.scatter - 1.0) * (inverse * prior_information * inverse).eval();
+  if (inflation.bias > 0.0) {
+    // Where the image says nothing of a direction: a metre and a radian.
+    const Matrix6d of_image = inverse_of_spd(inverse) - prior_information;
+    pose.covariance += inflation.bias * inverse_of_spd(of_image + Matrix6d::Identity());
+  }
+  pose.covariance += result.map_covariance + motion.blur.covariance;
+  pose.covariance = 0.5 * (pose.covariance + pose.covariance.transpose()).eval();
+  const double predicted_px =
+      expected_overlay_error_px(group.camera, result.T_table_camera, pose.covariance);
+  if (predicted_px > 0.0 && std::isfinite(predicted_px)) {
+    const double blur_px =
+        std::min(kBlurShare * std::hypot(motion.predicted_px, motion.missed_px), pose.rms_px);
+    const double systematic_px =
+        std::hypot(group.camera.parameters().tone_curve ? 0.0 : kToneBias_px,
+                   kExposureShare * motion.missed_px, std::hypot(blur_px, motion.blur.shift_px));
+    pose.covariance *= 1.0 + systematic_px * systematic_px / (predicted_px * predicted_px);
+  }
+  return pose;
+}
+
+void take_alignment(const RigidTags& group, const Alignment& alignment, const RefinedPose& pose,
+                    Measurement& measurement) {
+  const AlignmentResult& result = alignment.result;
+  measurement.best = pose;
+  measurement.aligned = true;
+  measurement.variance_inflation = variance_inflation(result);
+  measurement.tags_used = result.tags_verified;
+  if (result.map_contradicted)
+    measurement.map_px =
+        expected_overlay_error_px(group.camera, pose.T_table_camera, result.map_covariance);
+}
+
+double samples_needed(const CameraModel& camera, const AlignmentResult& result, double budget_px) {
+  const double noise_px =
+      std::sqrt(variance_inflation(result)) *
+      expected_overlay_error_px(camera, result.T_table_camera, result.covariance);
+  const double tone_px = camera.parameters().tone_curve ? 0.0 : kToneBias_px;
+  const double left = budget_px * budget_px - tone_px * tone_px;
+  if (!(left > 0.0) || !std::isfinite(noise_px)) return std::numeric_limits<double>::infinity();
+  return noise_px * noise_px / left;
+}
+
+JudgedPose judge(const RigidTags& group, const Measurement& measurement,
+                 const std::optional<CameraPose>& predicted) {
+  const Choice chosen = choose(group, measurement, predicted);
+  const CameraPose& pose = chosen.pose.T_table_camera;
+  JudgedPose judged;
+  PoseEstimate& estimate = judged.estimate;
+  estimate.T_table_camera = pose;
+  // Where most of the tags that should be readable are not, the image is blurred or the view
+  // grazing, and the corners that were detected are displaced together: their residuals do not show
+  // that, the share of unread tags does. See docs/tracking.md#unread-tags.
+  const double share = measurement.aligned
+                           ? 1.0
+                           : static_cast<double>(std::max(group.in_view(pose), 1)) /
+                                 static_cast<double>(std::max(measurement.tags_used, 1));
+  estimate.covariance = chosen.pose.covariance * std::max(share, 1.0);
+  estimate.reprojection_rms_px = chosen.pose.rms_px;
+  estimate.ambiguity_ratio = measurement.ambiguity_ratio;
+  estimate.tags_used = measurement.tags_used;
+  for (const int index : measurement.rejected) estimate.tags_left_out.push_back(group[index].id);
+  const double of_pose_px = std::hypot(
+      expected_overlay_error_px(group.camera, pose, estimate.covariance), chosen.between_px);
+  estimate.expected_overlay_error_px = with_lens_error_px(group.camera, of_pose_px);
+  estimate.status = TrackStatus::uncertain;
+  if (measurement.contradictory) {
+    estimate.reason = kContradicting;
+  } else if (chosen.open) {
+    estimate.reason = kTwoPoses;
+  } else if (!(estimate.expected_overlay_error_px < kTrackedOverlay_px)) {
+    estimate.reason = reason_of_error(group.camera, estimate, of_pose_px, measurement.map_px);
+    judged.only_lens_uncertain =
+        std::isfinite(estimate.expected_overlay_error_px) && of_pose_px < kTrackedOverlay_px;
+  } else {
+    estimate.status = TrackStatus::tracked;
+  }
+  return judged;
+}
+
+}  // namespace penumbra

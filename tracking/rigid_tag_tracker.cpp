@@ -1,0 +1,462 @@
+#include "tracking/rigid_tag_tracker.hpp"
+
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/assert.hpp"
+#include "core/evaluation/evaluation.hpp"
+#include "core/geometry/group_pose.hpp"
+#include "core/propagate.hpp"
+#include "core/stopwatch.hpp"
+#include "core/units.hpp"
+#include "tracking/alignment/tag_alignment.hpp"
+#include "tracking/corner_search.hpp"
+#include "tracking/measurement.hpp"
+#include "tracking/motion/motion_blur.hpp"
+#include "tracking/motion/motion_model.hpp"
+#include "tracking/motion/pose_history.hpp"
+#include "tracking/pose_ambiguity.hpp"
+#include "tracking/pose_confidence.hpp"
+#include "tracking/rigid_tags.hpp"
+#include "tracking/tag_consensus.hpp"
+
+namespace penumbra {
+namespace {
+
+// Image motion in a thirtieth of a second [px], RMS over the overlay cube: below the first the view
+// rests, above the second it moves again.
+constexpr double kRests_px = 1.0;
+constexpr double kMoves_px = 1.5;
+constexpr int kFewTags = 3;  // with fewer than these every pixel counts
+// Above this motion blur, of half a frame, is so much wider than the lens's own that more pixels
+// only repeat its error [px].
+constexpr double kBlurs_px = 12.0;
+
+// State of frame to frame tracking that a wrong guess must leave as it was.
+struct Following {
+  MotionModel motion;
+  TagConsensus consensus;
+  bool branch_open = false;  // which of a planar target's two poses is followed is not known
+  bool rests = false;
+  int last_tags = 0;
+  int last_samples = 0;
+  bool last_start_far = false;
+  double last_contrast = 0.0;  // of the last alignment that was verified with a search
+};
+
+// Where an alignment begins: at the predicted pose, or at one from elsewhere, where tags have been
+// seen or not.
+enum class Start { own_motion, hint, seen_hint };
+
+}  // namespace
+
+struct RigidTagTracker::Impl {
+  RigidTags group;
+  TrackerOptions options;
+  TagAligner aligner;
+  CornerSearch corners;
+  PoseHistory history = {};
+  Following state = {};
+  // The last search found tags that contradict each other: where the pattern fits here and there
+  // says nothing.
+  bool contradicted = false;
+  TrackTimes times = {};
+
+  [[nodiscard]] JudgedPose estimate(const Frame& frame, const SharedFrame& shared);
+  [[nodiscard]] JudgedPose measure(const Frame& frame, const SharedFrame& shared);
+  [[nodiscard]] JudgedPose coast(const Frame& frame, std::string reason) const;
+  // By alignment from a prediction; nothing where that does not verify.
+  [[nodiscard]] std::optional<JudgedPose> follow(const Frame& frame, Start start);
+  [[nodiscard]] std::optional<JudgedPose> follow_hint(const Frame& frame, const CameraPose& hint,
+                                                      Start start);
+  [[nodiscard]] std::optional<JudgedPose> follow_far(const Frame& frame);
+  // By detection, refined by alignment where that verifies.
+  [[nodiscard]] JudgedPose find(const Frame& frame, const std::optional<CameraPose>& predicted,
+                                SearchResolution finest);
+
+  struct Followed {
+    Measurement measurement;
+    RefinedPose best;            // of the alignment from the prediction
+    Matrix6d filter_covariance;  // its covariance, as the motion model takes it
+    bool other = false;          // the image decides for the other of two poses
+  };
+  [[nodiscard]] std::optional<Followed> align_followed(const Frame& frame,
+                                                       const MotionPrediction& prediction,
+                                                       Start start);
+  void align_found(const Frame& frame, Measurement& measurement);
+  [[nodiscard]] AlignmentInput input_from(const CameraPose& pose) const;
+  void choose_effort(double motion_px);
+  void set_effort(bool every_pixel);
+  void note_work(const AlignmentResult& result);
+};
+
+JudgedPose RigidTagTracker::Impl::coast(const Frame& frame, std::string reason) const {
+  return {history.coast(group.camera, frame.timestamp_ns, options.hold_s, std::move(reason))};
+}
+
+JudgedPose RigidTagTracker::Impl::estimate(const Frame& frame, const SharedFrame& shared) {
+  if (frame.empty()) return coast(frame, "the frame is empty");
+  if (frame.width != group.camera.width() || frame.height != group.camera.height()) {
+    JudgedPose lost;
+    lost.estimate.reason =
+        fmt::format("the frame is {}x{}, the camera file says {}x{}", frame.width, frame.height,
+                    group.camera.width(), group.camera.height());
+    return lost;
+  }
+  history.begin_frame(frame.timestamp_ns);
+  JudgedPose judged = measure(frame, shared);
+  const PoseEstimate& estimate = judged.estimate;
+  if (estimate.status == TrackStatus::lost || estimate.status == TrackStatus::held) return judged;
+  const bool is_located = estimate.reason != kTwoPoses && estimate.reason != kContradicting;
+  // A lens that is hardly known is the same in all frames.
+  const bool continues = estimate.status == TrackStatus::tracked || judged.only_lens_uncertain;
+  history.add(frame.timestamp_ns, estimate, is_located, continues);
+  return judged;
+}
+
+JudgedPose RigidTagTracker::Impl::measure(const Frame& frame, const SharedFrame& shared) {
+  const std::optional<CameraPose> predicted = history.recent_prediction(frame.timestamp_ns);
+  if (options.mode == TrackingMode::detect) {
+    Result<Measurement> measurement = corners.detect(group, SearchResolution::full, times);
+    if (!measurement) return coast(frame, measurement.error().message);
+    CornerSearch::refine(group, *measurement, times);
+    return judge(group, *measurement, predicted);
+  }
+  MotionModel& motion = state.motion;
+  if (motion.has_state() &&
+      (frame.timestamp_ns <= motion.timestamp_ns() ||
+       seconds(frame.timestamp_ns - motion.timestamp_ns()) > kPriorLifetime_s))
+    motion.reset();
+  std::optional<JudgedPose> followed = follow(frame, Start::own_motion);
+  if (!followed && shared.hint && !contradicted)
+    followed = follow_hint(frame, *shared.hint, shared.hint_seen ? Start::seen_hint : Start::hint);
+  if (!followed && !contradicted) followed = follow_far(frame);
+  if (!followed && !shared.search) return coast(frame, "not where it was");
+  if (shared.begins_finest && shared.finest == SearchResolution::full)
+    corners.begin_at_full_resolution();
+  return followed ? *followed : find(frame, predicted, shared.finest);
+}
+
+void RigidTagTracker::Impl::set_effort(bool every_pixel) {
+  times.every_pixel = every_pixel;
+  aligner.set_effort(every_pixel ? AlignmentEffort::accurate : AlignmentEffort::fast);
+}
+
+void RigidTagTracker::Impl::choose_effort(double motion_px) {
+  state.rests = motion_px < (state.rests ? kMoves_px : kRests_px);
+  bool every_pixel = options.mode == TrackingMode::accurate;
+  if (options.mode == TrackingMode::automatic) {
+    // Sampling with a budget stops by itself.
+    every_pixel = state.rests || state.last_tags < kFewTags || options.pose_budget_px > 0.0;
+  }
+  set_effort(every_pixel && motion_px < kBlurs_px);
+}
+
+void RigidTagTracker::Impl::note_work(const AlignmentResult& result) {
+  times.samples = state.last_samples = result.counters.samples;
+  times.tags_out_of_view = result.counters.tags_out_of_view;
+  times.tags_too_small = result.counters.tags_too_small;
+  times.sampling_stopped = result.counters.sampling_stopped;
+  times.near_start = !result.counters.wide_stage;
+  times.fewer_pixels = options.mode == TrackingMode::automatic && !times.every_pixel &&
+                       !(options.pose_budget_px > 0.0);  // that takes them as it needs them
+}
+
+// An alignment from a pose that only says where to begin.
+AlignmentInput RigidTagTracker::Impl::input_from(const CameraPose& pose) const {
+  AlignmentInput input;
+  input.luma = corners.frame().image();
+  input.predicted = pose;
+  input.covariance = loose_covariance();
+  input.left_out = state.consensus.rejected();
+  return input;
+}
+
+std::optional<RigidTagTracker::Impl::Followed> RigidTagTracker::Impl::align_followed(
+    const Frame& frame, const MotionPrediction& prediction, Start start) {
+  const bool from_hint = start != Start::own_motion;
+  const CameraModel& camera = group.camera;
+  const double motion_px = image_motion_px(camera, prediction.T_table_camera, prediction.velocity);
+  choose_effort(motion_px);
+  Alignment alignment{aligner, input_from(prediction.T_table_camera)};
+  alignment.input.covariance = prediction.covariance;
+  alignment.input.first_samples = state.last_samples;
+  alignment.input.starts_far = state.last_start_far;
+  alignment.input.seen_contrast = state.last_contrast;
+  alignment.input.velocity = prediction.velocity;
+  const AlignmentResult& result = alignment.result;
+  alignment.run();
+  if (result.verified && !from_hint) align_at_own_speed(history, camera, frame, alignment);
+  if (!state.consensus.settle(group, corners.observations(), alignment)) {
+    contradicted = true;
+    return std::nullopt;
+  }
+  state.consensus.look_again_seldom(alignment);
+  note_work(result);
+  state.last_start_far = result.counters.far_start;
+  state.last_contrast = result.verified ? result.counters.contrast : 0.0;
+  // No tag was seen where these are expected: some of them may fit there by a mistake of the map
+  // that a search would find.
+  if (start == Start::hint && 3 * result.tags_verified < 2 * result.counters.tags_visible)
+    return std::nullopt;
+  ImageMotion motion{motion_px, 0.0, {}};
+  if (from_hint && result.verified) {
+    alignment.input.predicted = result.T_table_camera;
+    alignment.input.covariance = loose_covariance();
+    alignment.with_search = false;
+    alignment.run();
+    note_work(result);
+    motion = motion_found(history, camera, frame, alignment, kAlignedBlur_cells);
+  } else if (result.verified) {
+    motion.blur = motion_found(history, camera, frame, alignment, kAlignedBlur_cells).blur;
+    // The blur of a few tags from afar and their tilt may look alike.
+    if (!state.branch_open &&
+        align_with_motion_blur(history, camera, frame, alignment, motion.blur))
+      note_work(result);
+    motion.missed_px =
+        overlay_difference(camera, result.T_table_camera, prediction.T_table_camera).rms_px();
+  }
+  const std::optional<RefinedPose> best = pose_of(group, alignment, motion);
+  if (!best) return std::nullopt;
+  Followed followed{{}, *best, result.covariance};
+  take_alignment(group, alignment, *best, followed.measurement);
+  followed.measurement.rejected = state.consensus.rejected();
+  state.last_tags = result.tags_verified;
+  if (result.tags_verified == 1 || state.branch_open)
+    followed.other = add_second_pose(group, alignment, motion, followed.measurement);
+  return followed;
+}
+
+std::optional<JudgedPose> RigidTagTracker::Impl::follow(const Frame& frame, Start start) {
+  if (!state.motion.has_state()) return std::nullopt;
+  const MotionPrediction prediction = state.motion.predict(frame.timestamp_ns);
+  if (!prediction.T_table_camera.is_finite() || !prediction.covariance.allFinite()) {
+    state.motion.reset();
+    return std::nullopt;
+  }
+  const Stopwatch align;
+  std::optional<Followed> followed = align_followed(frame, prediction, start);
+  align.add_to(times.align_ms, times.align_cpu_ms);
+  if (!followed) return std::nullopt;
+  Measurement& measurement = followed->measurement;
+  std::optional<CameraPose> expected = prediction.T_table_camera;
+  if (state.branch_open || start != Start::own_motion) {
+    expected.reset();
+  } else if (followed->other && !measurement.ambiguous) {
+    // Against what was followed so far one image is not enough: the next one decides.
+    std::swap(measurement.best, *measurement.second);
+    measurement.ambiguous = true;
+    expected.reset();
+  }
+  JudgedPose judged = judge(group, measurement, expected);
+  const PoseEstimate& estimate = judged.estimate;
+  state.branch_open = estimate.status == TrackStatus::uncertain && measurement.ambiguous &&
+                      estimate.reason == kTwoPoses;
+  const CameraPose& aligned = followed->best.T_table_camera;
+  if (start == Start::own_motion && estimate.T_table_camera.matrix() == aligned.matrix()) {
+    state.motion.update(frame.timestamp_ns, aligned, followed->filter_covariance);
+  } else {
+    state.motion.start(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
+  }
+  return judged;
+}
+
+// From a pose that somebody else believes in. It may be off by what the pattern search finds, and
+// says nothing of the pose found.
+std::optional<JudgedPose> RigidTagTracker::Impl::follow_hint(const Frame& frame,
+                                                             const CameraPose& hint, Start start) {
+  if (!hint.is_finite()) return std::nullopt;
+  constexpr double kHintLinear_m = 0.01;
+  constexpr double kHintAngular_rad = 0.03;
+  Matrix6d covariance = Matrix6d::Zero();
+  covariance.diagonal().head<3>().setConstant(kHintLinear_m * kHintLinear_m);
+  covariance.diagonal().tail<3>().setConstant(kHintAngular_rad * kHintAngular_rad);
+  const Following before = state;
+  state.branch_open = false;
+  state.motion.start(frame.timestamp_ns, hint, covariance);
+  std::optional<JudgedPose> found = follow(frame, start);
+  if (!found) state = before;
+  return found;
+}
+
+// Where the camera moved much further than the pattern search reaches.
+std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) {
+  if (!state.motion.has_state()) return std::nullopt;
+  const MotionPrediction prediction = state.motion.predict(frame.timestamp_ns);
+  AlignmentInput input = input_from(prediction.T_table_camera);
+  input.velocity = prediction.velocity;
+  for (const bool further : {false, true}) {
+    const Stopwatch align;
+    input.left_out = state.consensus.rejected();
+    const std::optional<CameraPose> guess = aligner.search_pyramid(input, further);
+    align.add_to(times.align_ms, times.align_cpu_ms);
+    if (!guess) continue;
+    const MotionModel before = state.motion;
+    std::optional<JudgedPose> found = follow_hint(frame, *guess, Start::hint);
+    if (!found) {
+      contradicted = false;  // it was before this guess, which may be all wrong
+      continue;
+    }
+    times.coarse_search = true;
+    if (!state.branch_open) {
+      state.motion = before;  // two poses give a velocity
+      state.motion.update(frame.timestamp_ns, found->estimate.T_table_camera,
+                          found->estimate.covariance);
+    }
+    return found;
+  }
+  return std::nullopt;
+}
+
+void RigidTagTracker::Impl::align_found(const Frame& frame, Measurement& measurement) {
+  // The velocity is not known yet: as if the view moved.
+  set_effort(options.mode == TrackingMode::accurate ||
+             (options.mode == TrackingMode::automatic &&
+              (measurement.tags_used < kFewTags || options.pose_budget_px > 0.0)));
+  TagConsensus& consensus = state.consensus;
+  consensus.begin(measurement.rejected);
+  Alignment alignment{aligner, input_from(measurement.best.T_table_camera), false};
+  alignment.run();
+  consensus.look_again(alignment);
+  measurement.contradictory = !consensus.settle(group, corners.observations(), alignment);
+  measurement.rejected = consensus.rejected();
+  const AlignmentResult& result = alignment.result;
+  note_work(result);
+  const ImageMotion motion =
+      motion_found(history, group.camera, frame, alignment, kDetectedBlur_cells);
+  const std::optional<RefinedPose> best = pose_of(group, alignment, motion);
+  if (best) {
+    take_alignment(group, alignment, *best, measurement);
+    state.last_tags = result.tags_verified;
+    // Until the velocity is known the view counts as resting and every pixel is used; the rounds
+    // that bring them near need not take all of them. Except with few tags, whose tilt depends on
+    // single edges.
+    state.last_start_far = options.mode == TrackingMode::automatic && state.last_tags >= kFewTags &&
+                           result.counters.far_start;
+    // Few or small tags that face the camera may turn either way, though their corners know one.
+    constexpr double kUnsure_px = 0.5;
+    if (measurement.ambiguous || state.last_tags == 1 ||
+        expected_overlay_error_px(group.camera, best->T_table_camera, best->covariance) >
+            kUnsure_px) {
+      add_second_pose(group, alignment, motion, measurement);
+    } else {
+      measurement.second.reset();
+    }
+  }
+  if (measurement.contradictory) {
+    consensus.doubt_less();
+  } else {
+    consensus.trust();
+  }
+}
+
+JudgedPose RigidTagTracker::Impl::find(const Frame& frame,
+                                       const std::optional<CameraPose>& predicted,
+                                       SearchResolution finest) {
+  Result<Measurement> measurement = corners.find(group, finest, predicted, times);
+  if (!measurement) return coast(frame, measurement.error().message);
+  if (measurement->contradictory) {
+    state.consensus.doubt();
+  } else {
+    const Stopwatch align;
+    align_found(frame, *measurement);
+    align.add_to(times.align_ms, times.align_cpu_ms);
+  }
+  CornerSearch::refine(group, *measurement, times);
+  times.corner_solve_skipped = !measurement->by_ceres;
+  JudgedPose judged = judge(group, *measurement, predicted);
+  const PoseEstimate& estimate = judged.estimate;
+  contradicted = measurement->contradictory;
+  if (contradicted) {
+    state.motion.reset();
+    return judged;
+  }
+  const bool was_open = std::exchange(state.branch_open, estimate.reason == kTwoPoses);
+  if (state.motion.has_state() && !was_open && !state.branch_open) {
+    // Two poses give a velocity.
+    state.motion.update(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
+  } else {
+    state.motion.start(frame.timestamp_ns, estimate.T_table_camera, estimate.covariance);
+  }
+  if (estimate.status == TrackStatus::tracked) corners.begin_at_low_resolution();
+  return judged;
+}
+
+RigidTagTracker::RigidTagTracker(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+RigidTagTracker::RigidTagTracker(RigidTagTracker&&) noexcept = default;
+RigidTagTracker& RigidTagTracker::operator=(RigidTagTracker&&) noexcept = default;
+RigidTagTracker::~RigidTagTracker() = default;
+
+Result<RigidTagTracker> RigidTagTracker::create(const CameraModel& camera, const TagMap& tags,
+                                                const TrackerOptions& options) {
+  std::vector<TagFamily> families;
+  for (const MappedTag& tag : tags.tags()) {
+    if (tag.group == kTableGroup) families.push_back(tag.family);
+  }
+  if (families.empty()) {
+    return fail(
+        "tag map: no tag belongs to the group 'table', so nothing says where the table is; leave "
+        "out `group` for the tags that are fixed to it");
+  }
+  PENUMBRA_TRY(TagSearch search,
+               TagSearch::create(families, options.detector, camera.parameters().tone_curve));
+  return create(camera, tags, options, std::make_shared<TagSearch>(std::move(search)));
+}
+
+Result<RigidTagTracker> RigidTagTracker::create(const CameraModel& camera, const TagMap& tags,
+                                                const TrackerOptions& options,
+                                                std::shared_ptr<TagSearch> search) {
+  PENUMBRA_ASSERT(search != nullptr);
+  if (!(options.hold_s >= 0.0) || !std::isfinite(options.pose_budget_px) ||
+      options.pose_budget_px < 0.0)
+    return fail("tracker options: every limit must be a positive number");
+  RigidTags group{camera, {}};
+  for (const MappedTag& tag : tags.tags()) {
+    if (tag.group == kTableGroup) group.tags.push_back(tag);
+  }
+  PENUMBRA_TRY(TagAligner aligner, TagAligner::create(camera, group.tags));
+  if (options.pose_budget_px > 0.0) {
+    aligner.set_sample_need(
+        [camera, budget_px = options.pose_budget_px](const AlignmentResult& result) {
+          return samples_needed(camera, result, budget_px);
+        });
+  }
+  return RigidTagTracker(std::make_unique<Impl>(
+      Impl{std::move(group), options, std::move(aligner), CornerSearch(tags, std::move(search))}));
+}
+
+TrackedFrame RigidTagTracker::track(const Frame& frame) {
+  const Stopwatch total;
+  impl_->corners.frame().begin(frame);
+  TrackedFrame result = track(frame, SharedFrame());
+  total.add_to(result.times.total_ms, result.times.total_cpu_ms);
+  return result;
+}
+
+TrackedFrame RigidTagTracker::track(const Frame& frame, const SharedFrame& shared) {
+  impl_->times = {};
+  TrackedFrame result;
+  result.frame = frame;
+  result.pose = impl_->estimate(frame, shared).estimate;
+  result.times = impl_->times;
+  return result;
+}
+
+PoseEstimate RigidTagTracker::locate(std::span<const TagDetection> detections) {
+  Impl& m = *impl_;
+  Result<Measurement> measurement = m.corners.measure(m.group, detections, m.times);
+  if (!measurement) {
+    PoseEstimate lost;
+    lost.reason = measurement.error().message;
+    return lost;
+  }
+  CornerSearch::refine(m.group, *measurement, m.times);
+  m.contradicted = measurement->contradictory;
+  return judge(m.group, *measurement, std::nullopt).estimate;
+}
+
+}  // namespace penumbra

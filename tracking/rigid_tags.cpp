@@ -1,0 +1,94 @@
+#include "tracking/rigid_tags.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+
+namespace penumbra {
+
+int RigidTags::in_view(const CameraPose& pose) const {
+  constexpr double kMargin = 4.0;          // [px] white around the black square
+  constexpr double kSmallestArea = 200.0;  // [px^2]: 8 cells of a bit less than 2 px
+  const auto T_camera_table = pose.inverse();
+  int count = 0;
+  for (const MappedTag& tag : tags) {
+    std::array<Eigen::Vector2d, 4> corners;
+    bool inside = true;
+    const std::array<Eigen::Vector3d, 4> corners_table = tag.corners();
+    for (std::size_t i = 0; i < 4 && inside; ++i) {
+      const std::optional<Eigen::Vector2d> pixel =
+          camera.project(T_camera_table * corners_table[i]);
+      inside = pixel && pixel->x() >= kMargin && pixel->y() >= kMargin &&
+               pixel->x() <= camera.width() - 1 - kMargin &&
+               pixel->y() <= camera.height() - 1 - kMargin;
+      if (inside) corners[i] = *pixel;
+    }
+    if (!inside) continue;
+    const Eigen::Vector2d a = corners[2] - corners[0];
+    const Eigen::Vector2d b = corners[3] - corners[1];
+    // Half the cross product of the diagonals; negative from in front, because rows count down.
+    if (-0.5 * (a.x() * b.y() - a.y() * b.x()) >= kSmallestArea) ++count;
+  }
+  return count;
+}
+
+std::optional<PixelBox> RigidTags::box_about(const CameraPose& pose) const {
+  constexpr double kLeastRoom_px = 32.0;
+  constexpr double kMostOfImage = 0.6;
+  const auto T_camera_table = pose.inverse();
+  Eigen::AlignedBox2d box;
+  for (const MappedTag& tag : tags) {
+    for (const Eigen::Vector3d& corner : tag.corners()) {
+      const std::optional<Eigen::Vector2d> pixel = camera.project(T_camera_table * corner);
+      if (pixel && pixel->allFinite()) box.extend(*pixel);
+    }
+  }
+  const Eigen::AlignedBox2d image(Eigen::Vector2d::Zero(),
+                                  Eigen::Vector2d(camera.width(), camera.height()));
+  if (box.isEmpty()) return std::nullopt;
+  const double room = std::max(kLeastRoom_px, 0.25 * box.sizes().maxCoeff());
+  box.min().array() -= room;
+  box.max().array() += room;
+  box = box.intersection(image);
+  if (box.isEmpty() || box.volume() > kMostOfImage * image.volume()) return std::nullopt;
+  const auto x = static_cast<int>(box.min().x());
+  const auto y = static_cast<int>(box.min().y());
+  const PixelBox pixels{x, y, static_cast<int>(box.max().x()) - x,
+                        static_cast<int>(box.max().y()) - y};
+  if (pixels.width < 1 || pixels.height < 1) return std::nullopt;
+  return pixels;
+}
+
+double RigidTags::corner_distance_px(const CameraPose& a, const CameraPose& b,
+                                     std::span<const TagAlignment> seen) const {
+  const auto from_a = a.inverse();
+  const auto from_b = b.inverse();
+  double sum = 0.0;
+  double count = 0.0;
+  for (const TagAlignment& tag : seen) {
+    if (!tag.verified) continue;
+    for (const Eigen::Vector3d& corner : (*this)[tag.index].corners()) {
+      const auto here = camera.project(from_a * corner);
+      const auto there = camera.project(from_b * corner);
+      if (!here || !there) continue;
+      sum += (*here - *there).norm();
+      count += 1.0;
+    }
+  }
+  return count > 0.0 ? sum / count : 0.0;
+}
+
+bool most_are_displaced(const AlignmentResult& result) {
+  const auto displaced = std::ranges::count_if(
+      result.tags, [](const TagAlignment& tag) { return !tag.verified && tag.displaced; });
+  return result.verified && result.tags_verified < 2 * displaced;
+}
+
+Matrix6d loose_covariance() {
+  Matrix6d covariance = Matrix6d::Zero();
+  covariance.diagonal().head<3>().setConstant(0.05 * 0.05);
+  covariance.diagonal().tail<3>().setConstant(0.1 * 0.1);
+  return covariance;
+}
+
+}  // namespace penumbra

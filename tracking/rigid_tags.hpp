@@ -1,0 +1,56 @@
+// The tags of one rigid group, and the camera that sees them.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "core/camera/camera_model.hpp"
+#include "core/geometry/tag_map.hpp"
+#include "core/geometry/transform.hpp"
+#include "tracking/alignment/tag_alignment.hpp"
+#include "tracking/detection/tag_search.hpp"
+
+namespace penumbra {
+
+struct RigidTags {
+  CameraModel camera;
+  std::vector<MappedTag> tags;  // in the aligner's order
+
+  [[nodiscard]] const MappedTag& operator[](int index) const {
+    return tags[static_cast<std::size_t>(index)];
+  }
+  // Number of tags that lie wholly inside the image under this pose, show their front, and are
+  // large enough to be read.
+  [[nodiscard]] int in_view(const CameraPose& pose) const;
+  // Region of interest: the box about the tags, with as much room as a hand moves in some frames;
+  // nothing where that is most of the image.
+  [[nodiscard]] std::optional<PixelBox> box_about(const CameraPose& pose) const;
+  // Mean distance between two poses' images of the corners of the verified tags [px].
+  [[nodiscard]] double corner_distance_px(const CameraPose& a, const CameraPose& b,
+                                          std::span<const TagAlignment> seen) const;
+};
+
+// An alignment that may be repeated, with other tags left out or another motion.
+struct Alignment {
+  TagAligner& aligner;
+  AlignmentInput input;
+  bool with_search = true;  // align(), or refine() without
+  AlignmentResult result = {};
+
+  void run() { result = with_search ? aligner.align(input) : aligner.refine(input); }
+  // Aligns without these tags, and leaves `result` as it is.
+  [[nodiscard]] AlignmentResult tried_without(std::span<const int> rejected) {
+    input.left_out = rejected;
+    return with_search ? aligner.align(input) : aligner.refine(input);
+  }
+  void run_without(std::span<const int> rejected) { result = tried_without(rejected); }
+};
+
+// Whether more than half as many tags as fit are read clearly but lie elsewhere.
+[[nodiscard]] bool most_are_displaced(const AlignmentResult& result);
+
+// Covariance of a pose from elsewhere that only says where to begin.
+[[nodiscard]] Matrix6d loose_covariance();
+
+}  // namespace penumbra

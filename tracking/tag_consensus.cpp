@@ -1,0 +1,183 @@
+#include "tracking/tag_consensus.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace penumbra {
+namespace {
+
+// Tags that do not fit the pose though they are seen clearly.
+int displaced_tags(const AlignmentResult& result, std::span<const TagObservation> detected) {
+  int count = 0;
+  for (const TagAlignment& tag : result.tags) {
+    if (tag.verified) continue;
+    const bool seen = std::ranges::find(detected, tag.index, &TagObservation::id) != detected.end();
+    count += tag.displaced || seen ? 1 : 0;
+  }
+  return count;
+}
+
+// Distance between where each tag is seen alone and where all of them put it [px], RMS over those
+// that can be aligned alone.
+double scatter_px(const RigidTags& group, const Alignment& joint) {
+  const CameraPose& pose = joint.result.T_table_camera;
+  Alignment alone{joint.aligner, joint.input, false};
+  alone.input.predicted = pose;
+  alone.input.covariance = loose_covariance();
+  double sum = 0.0;
+  double count = 0.0;
+  for (const TagAlignment& tag : joint.result.tags) {
+    std::vector<int> others;
+    for (int i = 0; i < static_cast<int>(group.tags.size()); ++i) {
+      if (i != tag.index) others.push_back(i);
+    }
+    alone.run_without(others);
+    const AlignmentResult& own = alone.result;
+    if (!own.verified || !own.T_table_camera.is_finite()) continue;
+    const auto centre = group[tag.index].T_table_tag.translation();
+    const auto here = group.camera.project(pose.inverse() * centre);
+    const auto there = group.camera.project(own.T_table_camera.inverse() * centre);
+    if (!here || !there) continue;
+    sum += (*here - *there).squaredNorm();
+    count += 1.0;
+  }
+  return count > 0.0 ? std::sqrt(sum / count) : 0.0;
+}
+
+}  // namespace
+
+void TagConsensus::begin(std::vector<int> rejected) {
+  rejected_ = std::move(rejected);
+  frames_rejected_ = 0;
+}
+
+void TagConsensus::doubt() {
+  constexpr int kDoubtfulFrames = 5;
+  doubtful_frames_ = kDoubtfulFrames;
+}
+
+void TagConsensus::doubt_less() {
+  doubtful_frames_ = std::max(doubtful_frames_ - 1, 0);
+}
+
+// Whether enough tags are left to tell that one more of them is wrong: a bare majority may be the
+// half that was moved, with one or two of the others fitting it.
+bool TagConsensus::may_reject(const AlignmentResult& result) const {
+  return 3 * (rejected_.size() + 1) <=
+         rejected_.size() + static_cast<std::size_t>(result.counters.tags_visible);
+}
+
+// Whether the tags that fit say no more than those that don't. Two or three may fit each other by
+// chance: not where more than a third of what is seen clearly lies elsewhere; nor, for some frames
+// after a contradiction, where they are not most of those in the image or disagree. (For some
+// frames only: the others may be covered, or not there.)
+bool TagConsensus::is_doubtful(std::span<const TagObservation> detected,
+                               const Alignment& alignment) const {
+  const AlignmentResult& result = alignment.result;
+  if (!result.verified) return false;
+  if (alignment.with_search) return most_are_displaced(result);
+  if (result.tags_verified < 2 * displaced_tags(result, detected)) return true;
+  constexpr double kDoubtful_px = 0.15;  // where one tag may have bent the others' pose
+  return doubtful_frames_ > 0 &&
+         (3 * result.tags_verified < 2 * result.counters.tags_in_picture ||
+          (result.disagreement >= kDisagree && result.displaced_px >= kDoubtful_px));
+}
+
+// Rejects the tag without which all others agree. Candidates are tried one after the other from
+// where the others' corners put the camera: a pose that was fitted to the wrong tag has equations
+// that know of no better one.
+void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObservation> detected,
+                              Alignment& alignment) {
+  constexpr std::size_t kMostToTry = 6;
+  constexpr double kAgree = 3.0;
+  const AlignmentResult& result = alignment.result;
+  if (result.counters.tags_visible < 4 || !may_reject(result)) return;
+  std::vector<TagAlignment> candidates = result.tags;
+  std::ranges::stable_sort(candidates, {}, &TagAlignment::weight_share);
+  candidates.resize(std::min(candidates.size(), kMostToTry));
+  double least = kAgree;
+  int outlier = -1;
+  CameraPose best_start = alignment.input.predicted;
+  for (const TagAlignment& candidate : candidates) {
+    std::vector<int> without = rejected_;
+    without.push_back(candidate.index);
+    std::vector<TagObservation> others;
+    for (const TagObservation& seen : detected) {
+      if (std::ranges::find(without, seen.id) == without.end()) others.push_back(seen);
+    }
+    const Result<BoardPose> start = estimate_board_pose(group.camera, others);
+    if (!start || start->contradictory || !start->best.T_table_camera.is_finite()) continue;
+    alignment.input.predicted = start->best.T_table_camera;
+    const AlignmentResult rest = alignment.tried_without(without);
+    if (!rest.verified || rest.tags_verified < rest.counters.tags_in_picture ||
+        !(rest.disagreement < least))
+      continue;
+    least = rest.disagreement;
+    outlier = candidate.index;
+    best_start = alignment.input.predicted;
+  }
+  alignment.input.predicted = best_start;
+  if (outlier >= 0) {
+    rejected_.push_back(outlier);
+    frames_rejected_ = 0;
+  }
+  alignment.run_without(rejected_);
+}
+
+bool TagConsensus::settle(const RigidTags& group, std::span<const TagObservation> detected,
+                          Alignment& alignment) {
+  const AlignmentResult& result = alignment.result;
+  while (result.verified && result.contradicting >= 0) {
+    if (!may_reject(result)) return false;
+    rejected_.push_back(result.contradicting);
+    frames_rejected_ = 0;
+    alignment.run_without(rejected_);
+  }
+  const bool doubtful = is_doubtful(detected, alignment);
+  if (!result.verified || (result.disagreement < kDisagree && !doubtful)) return true;
+  if (!alignment.with_search) reject_one(group, detected, alignment);
+  if (doubtful && is_doubtful(detected, alignment)) return false;
+  // What fits here and there only.
+  if (result.verified && result.disagreement >= kDisagree &&
+      3 * result.tags_verified < 2 * result.counters.tags_visible)
+    return false;
+  // What lens, camera response and paper do to real tags: as far as the pixels that fit the pose
+  // tell, and when each tag is free to move [px].
+  constexpr double kSuspicious_px = 0.3;
+  constexpr double kElsewhere_px = 0.5;
+  if (!result.verified || result.disagreement < kDisagree || result.displaced_px < kSuspicious_px)
+    return true;
+  constexpr int kSeldom = 15;  // [frames]
+  if (alignment.with_search && frames_unasked_++ % kSeldom != 0) return true;
+  const double apart_px = scatter_px(group, alignment);
+  alignment.run_without(rejected_);
+  return apart_px < kElsewhere_px;
+}
+
+void TagConsensus::look_again_seldom(Alignment& alignment) {
+  constexpr int kSeldom = 60;  // [frames]
+  if (!rejected_.empty() && ++frames_rejected_ >= kSeldom) look_again(alignment);
+}
+
+void TagConsensus::look_again(Alignment& alignment) {
+  const AlignmentResult& result = alignment.result;
+  if (rejected_.empty() || !result.verified) return;
+  frames_rejected_ = 0;
+  const double without_it = result.disagreement;
+  for (std::size_t i = 0; i < rejected_.size(); ++i) {
+    std::vector<int> fewer = rejected_;
+    const int tag = fewer[i];
+    fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(i));
+    const AlignmentResult all = alignment.tried_without(fewer);
+    const auto it = std::ranges::find(all.tags, tag, &TagAlignment::index);
+    const bool agrees = all.verified && it != all.tags.end() && it->verified &&
+                        all.disagreement < std::max(kDisagree / 2.0, 1.5 * without_it);
+    if (!agrees) continue;
+    rejected_ = fewer;
+    break;
+  }
+  alignment.run_without(rejected_);
+}
+
+}  // namespace penumbra
