@@ -75,7 +75,7 @@ Result<Measurement> CornerSearch::measure(const RigidTags& group,
   take_corners(measurement);
   measurement.tags_used = measurement.by_corners.tags_used;
   measurement.contradictory = measurement.by_corners.contradictory;
-  measurement.rejected = measurement.by_corners.left_out;
+  measurement.rejected = measurement.by_corners.rejected;
   if (measurement.best.rms_px > kMostReprojectionRms_px)
     return fail("{} ({:.1f} px)", kNotFitting, measurement.best.rms_px);
   return measurement;

@@ -11,6 +11,12 @@ namespace {
 
 using Tags = std::vector<TagObservation>;
 
+// A tag contradicts the others when its RMS is over the first, and either over so many times the
+// middle tag's or over what blur does to any tag.
+constexpr double kOutlier_px = 1.5;
+constexpr double kOutlierTimesMiddle = 2.5;
+constexpr double kOutlierAlways_px = 3.0;
+
 std::vector<PointObservation> points_of(const Tags& tags) {
   std::vector<PointObservation> points;
   points.reserve(4 * tags.size());
@@ -37,7 +43,7 @@ bool is_same(const CameraModel& camera, const RefinedPose& a, const RefinedPose&
 
 // Every distinct minimum that the closed-form starts lead to, best fit first.
 std::vector<RefinedPose> minima_of(const CameraModel& camera, const Tags& tags,
-                                   const RefinerOptions& options) {
+                                   const RefinerOptions& options = {}) {
   const std::vector<PointObservation> points = points_of(tags);
   std::vector<RefinedPose> minima;
   for (const CameraPose& start : solve_pose(camera, points)) {
@@ -116,9 +122,10 @@ struct WithoutOne {
 };
 
 WithoutOne leave_one_out(const CameraModel& camera, const Tags& tags,
-                         const std::vector<double>& rms, RefinerOptions options) {
+                         const std::vector<double>& rms) {
   // Enough to compare fits: the minima that stay are refined to the end once it is known which.
-  options.max_iterations = std::min(options.max_iterations, 8);
+  RefinerOptions options;
+  options.max_iterations = 8;
   constexpr std::size_t kMostToTry = 12;  // more tags than this outvote one: take the worst
   WithoutOne best;
   const auto worst =
@@ -136,6 +143,59 @@ WithoutOne leave_one_out(const CameraModel& camera, const Tags& tags,
     }
   }
   return best;
+}
+
+// Tags that agree, or all of them where no majority does.
+struct Agreement {
+  Tags used;
+  std::vector<RefinedPose> minima;
+  std::vector<int> rejected;
+  bool agreed = false;
+};
+
+// Rejects the tag without which the rest fits best, again and again, as long as those that stay are
+// the majority. A tag that was moved, misread or half hidden pulls at all the others, so that its
+// own error need not be the largest.
+Agreement reject_outliers(const CameraModel& camera, Tags used) {
+  Agreement result;
+  result.minima = minima_of(camera, used);
+  Tags rest = used;
+  std::vector<RefinedPose> rest_minima = result.minima;
+  std::vector<int> rejected;
+  bool agreed = false;
+  while (true) {
+    std::vector<double> rms(rest.size(), std::numeric_limits<double>::infinity());
+    if (!rest_minima.empty()) rms = tag_rms(camera, rest, rest_minima.front().T_table_camera);
+    std::vector<double> sorted = rms;
+    std::sort(sorted.begin(), sorted.end());
+    const double middle = sorted[(sorted.size() - 1) / 2];  // the lower of two
+    const double worst = sorted.back();
+    agreed = worst <= kOutlier_px;
+    if (agreed) break;
+    const bool alike = worst <= kOutlierTimesMiddle * middle && worst <= kOutlierAlways_px;
+    if (rest.size() <= 2 || 2 * (rest.size() - 1) <= used.size()) {
+      agreed = alike;
+      break;
+    }
+    WithoutOne without = leave_one_out(camera, rest, rms);
+    // Noise alone never falls to a third when one tag goes.
+    agreed = alike && (without.minima.empty() ||
+                       3.0 * without.minima.front().rms_px > rest_minima.front().rms_px);
+    if (agreed) break;
+    rejected.push_back(rest[without.index].id);
+    rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(without.index));
+    rest_minima = std::move(without.minima);
+  }
+  // A bare majority may be the half that was moved, with one or two of the others fitting it.
+  result.agreed = agreed && 3 * rejected.size() <= used.size();
+  if (!result.agreed) {
+    result.used = std::move(used);
+    return result;
+  }
+  result.used = std::move(rest);
+  if (!rejected.empty()) result.minima = minima_of(camera, result.used);
+  result.rejected = std::move(rejected);
+  return result;
 }
 
 }  // namespace
@@ -162,8 +222,7 @@ bool BoardPose::is_ambiguous(double ratio) const {
 }
 
 Result<BoardPose> estimate_board_pose(const CameraModel& camera,
-                                      std::span<const TagObservation> tags,
-                                      const BoardPoseOptions& options) {
+                                      std::span<const TagObservation> tags) {
   Tags used;
   for (const TagObservation& tag : tags) {
     const bool finite = std::all_of(tag.corners_px.begin(), tag.corners_px.end(),
@@ -174,61 +233,21 @@ Result<BoardPose> estimate_board_pose(const CameraModel& camera,
   }
   if (used.empty()) return fail("no tag of the table was found");
 
+  Agreement found = reject_outliers(camera, std::move(used));
+  if (found.minima.empty()) return fail("the corners in view do not fix a pose");
   BoardPose result;
-  std::vector<RefinedPose> minima = minima_of(camera, used, options.refiner);
-  // A tag that was moved, misread or half hidden pulls at all the others, so that its own error
-  // need not be the largest: leave out the one without which the rest fits best, again and again,
-  // as long as those that stay are the majority.
-  Tags rest = used;
-  std::vector<RefinedPose> rest_minima = minima;
-  std::vector<int> left_out;
-  bool agreed = false;
-  while (true) {
-    std::vector<double> rms(rest.size(), std::numeric_limits<double>::infinity());
-    if (!rest_minima.empty()) rms = tag_rms(camera, rest, rest_minima.front().T_table_camera);
-    std::vector<double> sorted = rms;
-    std::sort(sorted.begin(), sorted.end());
-    const double middle = sorted[(sorted.size() - 1) / 2];  // the lower of two
-    const double worst = sorted.back();
-    agreed = worst <= options.outlier_px;
-    if (agreed) break;
-    const bool alike =
-        worst <= options.outlier_times_middle * middle && worst <= options.outlier_always_px;
-    if (rest.size() <= 2 || 2 * (rest.size() - 1) <= used.size()) {
-      agreed = alike;
-      break;
-    }
-    WithoutOne without = leave_one_out(camera, rest, rms, options.refiner);
-    // Noise alone never falls to a third when one tag goes.
-    agreed = alike && (without.minima.empty() ||
-                       3.0 * without.minima.front().rms_px > rest_minima.front().rms_px);
-    if (agreed) break;
-    left_out.push_back(rest[without.index].id);
-    rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(without.index));
-    rest_minima = std::move(without.minima);
-  }
-  // A bare majority may be the half that was moved, with one or two of the others fitting it.
-  if (3 * left_out.size() > used.size()) agreed = false;
-  if (agreed) {
-    used = std::move(rest);
-    if (!left_out.empty()) minima = minima_of(camera, used, options.refiner);
-    result.left_out = std::move(left_out);
-  } else {
-    result.contradictory = true;
-  }
-  if (minima.empty()) return fail("the corners in view do not fix a pose");
-  result.best = minima.front();
-  if (agreed && displaced_as_wholes(camera, used, result.best.T_table_camera)) {
-    result.contradictory = true;
-  }
-  if (minima.size() > 1) result.second = minima[1];
-  result.points = points_of(used);
-  result.tags_used = static_cast<int>(used.size());
+  result.best = found.minima.front();
+  result.contradictory =
+      !found.agreed || displaced_as_wholes(camera, found.used, result.best.T_table_camera);
+  if (found.minima.size() > 1) result.second = found.minima[1];
+  result.points = points_of(found.used);
+  result.tags_used = static_cast<int>(found.used.size());
+  result.rejected = std::move(found.rejected);
   return result;
 }
 
-void finish_by_ceres(const CameraModel& camera, BoardPose& pose, const RefinerOptions& options) {
-  RefinerOptions by_ceres = options;
+void finish_by_ceres(const CameraModel& camera, BoardPose& pose) {
+  RefinerOptions by_ceres;
   by_ceres.by_ceres = true;
   const auto finish = [&](RefinedPose& minimum) {
     const auto finished = refine_pose(camera, pose.points, minimum.T_table_camera, by_ceres);

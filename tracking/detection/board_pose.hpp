@@ -1,5 +1,5 @@
-// Corners of several tags -> one camera pose: starts in closed form, refines them, leaves out tags
-// that contradict the others, and says whether a second pose explains the view as well.
+// Corners of several tags -> one camera pose: starts in closed form, refines the starts, rejects
+// tags that contradict the others, and reports whether a second pose explains the view as well.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,7 +18,7 @@ namespace penumbra {
 
 // One tag as it was seen: where its corners are on the table, and in the image.
 struct TagObservation {
-  int id = 0;  // whatever the caller tells it from the others by; BoardPose::left_out says it again
+  int id = 0;                                    // the caller's; BoardPose::rejected returns it
   std::array<Eigen::Vector3d, 4> corners_table;  // [m]
   std::array<Eigen::Vector2d, 4> corners_px;
 };
@@ -28,7 +28,7 @@ struct BoardPose {
   // The other minimum of a planar target, where there is one; it fits worse.
   std::optional<RefinedPose> second;
   int tags_used = 0;
-  std::vector<int> left_out;             // TagObservation::id of those that contradict the rest
+  std::vector<int> rejected;             // TagObservation::id of those that contradict the rest
   std::vector<PointObservation> points;  // the corners that the poses fit
   // The tags contradict each other and no majority says which are right.
   bool contradictory = false;
@@ -39,23 +39,12 @@ struct BoardPose {
   [[nodiscard]] bool is_ambiguous(double ratio) const;
 };
 
-struct BoardPoseOptions {
-  RefinerOptions refiner;
-  // A tag contradicts the others when its RMS is over the first, and either over so many times the
-  // middle tag's or over what blur does to any tag.
-  double outlier_px = 1.5;
-  double outlier_times_middle = 2.5;
-  double outlier_always_px = 3.0;
-};
-
 // An error says in a few words why there is no pose: no usable tags, or corners that fix none.
 [[nodiscard]] Result<BoardPose> estimate_board_pose(const CameraModel& camera,
-                                                    std::span<const TagObservation> tags,
-                                                    const BoardPoseOptions& options = {});
+                                                    std::span<const TagObservation> tags);
 
-// Solves by Ceres for the poses that were found, from where the steps of this project's own solver,
-// which takes a twentieth of the time, have brought them.
-void finish_by_ceres(const CameraModel& camera, BoardPose& pose,
-                     const RefinerOptions& options = {});
+// Refines the poses by Ceres from where this project's own solver, which takes a twentieth of the
+// time, has brought them.
+void finish_by_ceres(const CameraModel& camera, BoardPose& pose);
 
 }  // namespace penumbra

@@ -105,7 +105,7 @@ Result<RealVideo> load_real_video(const std::filesystem::path& folder) {
     const Result<BoardPose> board = estimate_board_pose(footage.camera, observations);
     if (board && !board->contradictory) {
       for (const TagObservation& observation : observations) {
-        if (std::count(board->left_out.begin(), board->left_out.end(), observation.id) > 0)
+        if (std::count(board->rejected.begin(), board->rejected.end(), observation.id) > 0)
           continue;
         for (std::size_t k = 0; k < 4; ++k)
           corners.push_back({observation.corners_table[k], observation.corners_px[k]});

@@ -34,7 +34,7 @@ TEST_F(BoardPoseTest, ASheetOfTagsFixesThePose) {
       estimate_board_pose(camera_, observe(camera_, truth_, sheet(), kNoise_px, random_));
   ASSERT_TRUE(board);
   EXPECT_EQ(board->tags_used, 12);
-  EXPECT_THAT(board->left_out, testing::IsEmpty());
+  EXPECT_THAT(board->rejected, testing::IsEmpty());
   EXPECT_FALSE(board->contradictory);
   EXPECT_GT(board->ambiguity_ratio(), 5.0);
   EXPECT_LT(error_px(*board), 0.5);
@@ -53,7 +53,7 @@ TEST_F(BoardPoseTest, AMovedTagIsFoundAndLeftOut) {
       for (std::size_t i = 0; i < count; ++i) seen[i].corners_table = map[i].corners();
       const auto board = estimate_board_pose(camera_, seen);
       ASSERT_TRUE(board);
-      EXPECT_THAT(board->left_out, testing::ElementsAre(static_cast<int>(moved))) << count;
+      EXPECT_THAT(board->rejected, testing::ElementsAre(static_cast<int>(moved))) << count;
       EXPECT_FALSE(board->contradictory);
       EXPECT_LT(error_px(*board), 3.0);
     }
@@ -66,7 +66,7 @@ TEST_F(BoardPoseTest, AMisreadIdIsFoundAndLeftOut) {
   seen[2].corners_table = sheet()[11].corners();
   const auto board = estimate_board_pose(camera_, seen);
   ASSERT_TRUE(board);
-  EXPECT_THAT(board->left_out, testing::ElementsAre(2));
+  EXPECT_THAT(board->rejected, testing::ElementsAre(2));
   EXPECT_LT(error_px(*board), 1.0);
 }
 
