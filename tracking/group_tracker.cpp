@@ -20,8 +20,8 @@ namespace penumbra {
 namespace {
 
 // Of a group that is not where it was: frames after its loss in which its old place is looked at,
-// and after which the whole picture is searched, at half and full resolution in turn; then every so
-// many frames. A search costs as much as twenty frames of tracking and more.
+// and frames in which the whole image is searched, at half and full resolution in turn; then the
+// intervals of both. A search costs as much as twenty frames of tracking and more.
 constexpr int kLooksAtFirst = 15;
 constexpr int kLooksEvery = 4;
 constexpr int kSearchesAtFirst = 2;
@@ -29,19 +29,20 @@ constexpr int kSearchesEvery = 8;
 
 // Chi-square of 6 degrees of freedom that 99 % of measurements of a resting group stay under.
 constexpr double kRests = 16.8;
-// By how much the covariance of a resting group's place grows from frame to frame: measurements are
+// Growth of the covariance of a resting group's place from frame to frame: measurements are
 // averaged over about five frames.
 constexpr double kForgets = 1.25;
-// A place is shown as long as the averaged one is no farther from it (shadows.md 2.10); and a
-// motion slower than the measurements' covariance tells may have the average lag no farther behind.
+// A place is shown as long as the averaged one is no farther from it than this; and the average
+// lags no farther behind a motion that is slower than the measurements' covariance shows.
 constexpr double kShownWithin_px = 0.25;
-// Two measurements so far apart say nothing of the motion between them.
+// Two measurements that lie further apart give no velocity.
 constexpr double kVelocityLifetime_s = 0.2;
 
 using TableFromMiddle = Transform<frame::Table, frame::GroupMiddle>;
 using MiddleFromCamera = Transform<frame::GroupMiddle, frame::Camera>;
 
-// The trackers' frame is the table's by name; a group's tracker has its middle in place of it.
+// A tracker's poses are over the frame of its tags, which is typed as the table. For a group beside
+// the table it is the group's middle.
 MiddleFromCamera of_middle(const CameraPose& pose) {
   return {pose.rotation(), pose.translation()};
 }
@@ -82,7 +83,7 @@ TrackStatus worse(TrackStatus a, TrackStatus b) {
 static_assert(TrackStatus::tracked < TrackStatus::uncertain &&
               TrackStatus::uncertain < TrackStatus::held && TrackStatus::held < TrackStatus::lost);
 
-// Whether the picture is searched for a group that has not been seen for so many frames.
+// Whether the image is searched for a group that has not been seen for `unseen` frames.
 bool searches(int unseen) {
   return unseen < kSearchesAtFirst || unseen % kSearchesEvery == 0;
 }
@@ -97,7 +98,7 @@ void add(const TrackTimes& more, TrackTimes& times) {
   times.full_detection = times.full_detection || more.full_detection;
 }
 
-// The group's tags as if they were a table of their own, its middle the table's origin.
+// A map of the group's tags alone, with the group's middle as origin.
 Result<TagMap> map_of_group(const TagMap& tags, const std::string& group) {
   const auto T_middle_group = middle_of_group(tags, group).inverse();
   std::vector<MappedTag> own;
@@ -190,12 +191,12 @@ struct GroupTracker::Impl {
                                    const PoseEstimate& table_pose, std::string reason) const;
 };
 
-// Where the group would be seen if it had not moved since.
+// Requests the group where it would be seen if it had not moved since.
 SharedFrame GroupTracker::Impl::request_for(const Group& group,
                                             const PoseEstimate& table_pose) const {
   SharedFrame request;
   const int unseen = group.unseen;
-  // Where the frame is searched anyway, what is found says more: it sees tags in wrong places too.
+  // A search of the frame finds more: it sees tags in wrong places too.
   const bool looks = !search->searched() && (unseen < kLooksAtFirst || unseen % kLooksEvery == 0);
   if (looks && measured(table_pose.status)) {
     request.hint = as_table(group.shown.inverse() * table_pose.T_table_camera);
@@ -208,7 +209,7 @@ SharedFrame GroupTracker::Impl::request_for(const Group& group,
   return request;
 }
 
-// What was searched for beside the tracking, as far as it is of use by now.
+// Takes the result of a background search, if it is still of use.
 std::optional<GroupTracker::Impl::Past> GroupTracker::Impl::take_search(std::int64_t timestamp_ns) {
   if (!beside) return std::nullopt;
   std::optional<PastTags> found = beside->take(options.search_timing == SearchTiming::next_frame);
@@ -218,7 +219,7 @@ std::optional<GroupTracker::Impl::Past> GroupTracker::Impl::take_search(std::int
   return Past{std::move(*found), searched_table_pose, age_s <= options.hold_s};
 }
 
-// Gives this frame to be searched if something waits for that, and if the frame before it is done.
+// Begins a background search of this frame if one is due and the one before is done.
 void GroupTracker::Impl::begin_search(const Frame& frame, const PoseEstimate& table_pose) {
   if (!beside) return;
   const bool table_seen = measured(table_pose.status);
@@ -240,7 +241,7 @@ void GroupTracker::Impl::begin_search(const Frame& frame, const PoseEstimate& ta
                 full ? SearchResolution::full : SearchResolution::half);
 }
 
-// The table, lost or not.
+// Tracks the table, lost or not.
 TrackedFrame GroupTracker::Impl::follow_table(const Frame& frame, const Past* past) {
   SharedFrame request;
   if (beside && options.search_timing == SearchTiming::when_done) {
@@ -260,7 +261,7 @@ TrackedFrame GroupTracker::Impl::follow_table(const Frame& frame, const Past* pa
   return table.track(frame, request);
 }
 
-// A group in the frame, whose table's pose is in `result`.
+// Tracks a group in a frame whose table pose is in `result`.
 GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const Past* past,
                                          TrackedFrame& result) {
   SharedFrame request = request_for(group, result.pose);
@@ -278,7 +279,7 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
   add(seen.times, result.times);
   search_due = search_due || (seen.pose.status != TrackStatus::tracked && searches(group.unseen));
   group.unseen = seen.pose.status == TrackStatus::tracked ? 0 : group.unseen + 1;
-  // Not recognised any more: it is held from where it was seen.
+  // Not verified any more: it is extrapolated from where it was seen.
   const bool newer = !group.found || (past && group.found->timestamp_ns < past->found.timestamp_ns);
   if (measured(then.status) && !measured(seen.pose.status) && newer) {
     static_cast<void>(place(group, past->found.timestamp_ns, past->table_pose, then));
@@ -286,7 +287,7 @@ GroupEstimate GroupTracker::Impl::follow(Group& group, const Frame& frame, const
   return place(group, frame.timestamp_ns, result.pose, seen.pose);
 }
 
-// A new measurement, averaged with those before while they agree.
+// Takes a new measurement, averaged with those before while they agree.
 void GroupTracker::Impl::take(Group& group, const Place& now, bool doubtful,
                               const CameraPose& T_table_camera) const {
   const auto apart_px = [&](const TableFromMiddle& a, const TableFromMiddle& b) {
@@ -349,7 +350,7 @@ GroupEstimate GroupTracker::Impl::held(const Group& group, std::int64_t timestam
   return estimate;
 }
 
-// Where the group is on the table: `table_pose` and `seen` are where the camera is over each.
+// Places the group on the table: `table_pose` and `seen` are where the camera is over each.
 GroupEstimate GroupTracker::Impl::place(Group& group, std::int64_t timestamp_ns,
                                         const PoseEstimate& table_pose,
                                         const PoseEstimate& seen) const {
@@ -400,7 +401,7 @@ GroupEstimate GroupTracker::Impl::place(Group& group, std::int64_t timestamp_ns,
   estimate.expected_overlay_error_px =
       with_lens_error_px(camera, expected_overlay_error_px(camera, drawn, estimate.covariance));
   if (group.rests) {
-    // Both distances are anything up to their limit, as likely as anything else.
+    // Both distances are distributed evenly up to their limit.
     estimate.expected_overlay_error_px =
         std::hypot(estimate.expected_overlay_error_px, kShownWithin_px * std::sqrt(2.0 / 3.0));
   }

@@ -1,6 +1,5 @@
-// Frame -> TrackedFrame with every rigid group of tags: the table, and beside it a wall, a held
-// prop. Each is a body of its own, tracked as the table is; what is searched for in a frame is
-// shared.
+// Tracks every rigid group of tags in a frame: the table, and beside it a wall, a held prop. Each
+// group has a tracker of its own; the search for tags in a frame is shared.
 #pragma once
 
 #include <memory>
@@ -21,15 +20,14 @@ namespace penumbra {
 // The groups beside the table, each once, in the order of the map.
 [[nodiscard]] std::vector<std::string> other_groups(const TagMap& tags);
 
-// The middle of the group's tags. The map has to have such a group.
+// The middle of the group's tags. The map must have such a group.
 [[nodiscard]] Transform<frame::Group, frame::GroupMiddle> middle_of_group(const TagMap& tags,
                                                                           const std::string& group);
 
 class GroupTracker {
  public:
-  // `wanted`: the groups beside the table whose places are asked for, all of them without it;
-  // others are not tracked. The table's poses are the same, bit for bit, whatever is tracked
-  // beside it.
+  // `wanted`: the groups beside the table that are tracked; without it, all of them. The table's
+  // poses are the same, bit for bit, whatever is tracked beside it.
   [[nodiscard]] static Result<GroupTracker> create(
       const CameraModel& camera, const TagMap& tags, const TrackerOptions& options = {},
       const std::optional<std::vector<std::string>>& wanted = std::nullopt);
@@ -39,13 +37,13 @@ class GroupTracker {
 
   // As RigidTagTracker's. Times are those of all groups together.
   //
-  // A group is looked for where the table's pose and its own last place on the table (at first: its
-  // place in the map) put it. Where it is not, some frames are searched as a whole, beside the
-  // tracking of those after them (TrackerOptions::search_timing): what is found is brought forward
-  // by the camera's motion over the table, and counts once the alignment recognises it in the frame
-  // that is tracked by then; else the group is held from where it was seen. Where it rests on the
-  // table, its place is averaged and does not change by less than a quarter of a pixel. Not seen
-  // for a moment it is held where it was, going on as it went.
+  // A group is looked for where the table's pose and its last place on the table (at first: its
+  // place in the map) put it. Where it is missing, some frames are searched as a whole while the
+  // frames after them are tracked (TrackerOptions::search_timing). What is found is moved by the
+  // camera's motion since, and counts once the alignment verifies it; else the group is
+  // extrapolated from where it was seen. The place of a group that rests on the table is averaged,
+  // and changes in steps of a quarter of a pixel. A group that is not seen for a moment is
+  // extrapolated with its motion.
   [[nodiscard]] TrackedFrame track(const Frame& frame);
 
  private:

@@ -58,7 +58,7 @@ bool add_second_pose(const RigidTags& group, const Alignment& first, const Image
   other.input.velocity = first.input.velocity;
   other.input.predicted = mirrored(group, measurement.best.T_table_camera, seen);
   other.input.covariance = loose_covariance();
-  other.input.left_out = first.input.left_out;
+  other.input.rejected = first.input.rejected;
   measurement.second.reset();
   measurement.ambiguous = false;
   measurement.ambiguity_ratio = std::numeric_limits<double>::infinity();

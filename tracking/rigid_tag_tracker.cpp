@@ -172,7 +172,7 @@ AlignmentInput RigidTagTracker::Impl::input_from(const CameraPose& pose) const {
   input.luma = corners.frame().image();
   input.predicted = pose;
   input.covariance = loose_covariance();
-  input.left_out = state.consensus.rejected();
+  input.rejected = state.consensus.rejected();
   return input;
 }
 
@@ -291,7 +291,7 @@ std::optional<JudgedPose> RigidTagTracker::Impl::follow_far(const Frame& frame) 
   input.velocity = prediction.velocity;
   for (const bool further : {false, true}) {
     const Stopwatch align;
-    input.left_out = state.consensus.rejected();
+    input.rejected = state.consensus.rejected();
     const std::optional<CameraPose> guess = aligner.search_pyramid(input, further);
     align.add_to(times.align_ms, times.align_cpu_ms);
     if (!guess) continue;

@@ -41,7 +41,7 @@ struct Alignment {
   void run() { result = with_search ? aligner.align(input) : aligner.refine(input); }
   // Aligns without these tags, and leaves `result` as it is.
   [[nodiscard]] AlignmentResult tried_without(std::span<const int> rejected) {
-    input.left_out = rejected;
+    input.rejected = rejected;
     return with_search ? aligner.align(input) : aligner.refine(input);
   }
   void run_without(std::span<const int> rejected) { result = tried_without(rejected); }

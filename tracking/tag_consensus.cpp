@@ -80,7 +80,7 @@ bool TagConsensus::is_doubtful(std::span<const TagObservation> detected,
   if (result.tags_verified < 2 * displaced_tags(result, detected)) return true;
   constexpr double kDoubtful_px = 0.15;  // where one tag may have bent the others' pose
   return doubtful_frames_ > 0 &&
-         (3 * result.tags_verified < 2 * result.counters.tags_in_picture ||
+         (3 * result.tags_verified < 2 * result.counters.tags_in_image ||
           (result.disagreement >= kDisagree && result.displaced_px >= kDoubtful_px));
 }
 
@@ -110,7 +110,7 @@ void TagConsensus::reject_one(const RigidTags& group, std::span<const TagObserva
     if (!start || start->contradictory || !start->best.T_table_camera.is_finite()) continue;
     alignment.input.predicted = start->best.T_table_camera;
     const AlignmentResult rest = alignment.tried_without(without);
-    if (!rest.verified || rest.tags_verified < rest.counters.tags_in_picture ||
+    if (!rest.verified || rest.tags_verified < rest.counters.tags_in_image ||
         !(rest.disagreement < least))
       continue;
     least = rest.disagreement;

@@ -26,7 +26,7 @@ Frame grey_frame(int width, int height, std::int64_t timestamp_ns) {
   return buffer.frame;
 }
 
-TEST(RigidTagTracker, NeedsATagThatIsFixedToTheTable) {
+TEST(RigidTagTracker, NeedsTagOfTableGroup) {
   std::vector<MappedTag> tags = test::sheet();
   for (MappedTag& tag : tags) tag.group = "lid";
   const auto tracker = RigidTagTracker::create(test::desk_camera(), TagMap::make(tags).value());
@@ -38,7 +38,7 @@ TEST(RigidTagTracker, NeedsATagThatIsFixedToTheTable) {
       RigidTagTracker::create(test::desk_camera(), TagMap::make(test::sheet()).value(), options));
 }
 
-TEST(RigidTagTracker, SaysWhyThereIsNoPose) {
+TEST(RigidTagTracker, GivesReasonWithoutPose) {
   auto tracker =
       RigidTagTracker::create(test::desk_camera(), TagMap::make(test::sheet()).value()).value();
   const PoseEstimate nothing = tracker.track(grey_frame(640, 480, 0)).pose;
@@ -52,7 +52,7 @@ TEST(RigidTagTracker, SaysWhyThereIsNoPose) {
 }
 
 // The bundled recording, its first frames.
-class OnTabletop : public testing::Test {
+class RigidTagTrackerOnTabletop : public testing::Test {
  protected:
   void SetUp() override {
     recording_ = test::recordings_dir() / "tabletop";
@@ -78,7 +78,7 @@ class OnTabletop : public testing::Test {
   std::vector<test::ListedFrame> listed_;
 };
 
-TEST_F(OnTabletop, HoldsTheLastMotionForAWhileAndThenLosesIt) {
+TEST_F(RigidTagTrackerOnTabletop, ExtrapolatesForHoldTimeThenIsLost) {
   TrackerOptions options;
   options.mode = TrackingMode::detect;
   options.hold_s = 0.25;
@@ -121,7 +121,7 @@ TEST_F(OnTabletop, HoldsTheLastMotionForAWhileAndThenLosesIt) {
   EXPECT_EQ(tracker.track(grey_frame(640, 480, 0)).pose.status, TrackStatus::lost);
 }
 
-TEST_F(OnTabletop, ATagThatWasMovedDoesNotMoveTheTable) {
+TEST_F(RigidTagTrackerOnTabletop, RejectsMovedTag) {
   std::vector<MappedTag> tags = map_->tags();
   tags[5].T_table_tag = {tags[5].T_table_tag.rotation(),
                          tags[5].T_table_tag.translation() + Eigen::Vector3d(0.015, 0.01, 0.0)};
@@ -134,7 +134,7 @@ TEST_F(OnTabletop, ATagThatWasMovedDoesNotMoveTheTable) {
   }
 }
 
-TEST_F(OnTabletop, TagsOfOtherGroupsSayNothingAboutTheTable) {
+TEST_F(RigidTagTrackerOnTabletop, IgnoresTagsOfOtherGroups) {
   std::vector<MappedTag> tags = map_->tags();
   for (std::size_t i = 0; i < 4; ++i) {
     tags[i].group = "lid";
@@ -147,7 +147,7 @@ TEST_F(OnTabletop, TagsOfOtherGroupsSayNothingAboutTheTable) {
   EXPECT_LT(error_px(pose, listed_[0].timestamp_ns), 0.6);
 }
 
-TEST_F(OnTabletop, AnotherBoardIsTold) {
+TEST_F(RigidTagTrackerOnTabletop, ReportsTagsOfAnotherBoard) {
   std::vector<MappedTag> tags = map_->tags();
   for (MappedTag& tag : tags) tag.id += 100;
   auto tracker = RigidTagTracker::create(*camera_, TagMap::make(tags).value()).value();
@@ -158,7 +158,7 @@ TEST_F(OnTabletop, AnotherBoardIsTold) {
               testing::ContainsRegex("1[12] tags in view, none of them of this board"));
 }
 
-TEST_F(OnTabletop, AMapThatDoesNotFitIsNeverTracked) {
+TEST_F(RigidTagTrackerOnTabletop, NeverTracksMapThatDoesNotFit) {
   std::vector<MappedTag> tags = map_->tags();
   // Every tag in another one's place.
   for (std::size_t i = 0; i < tags.size(); ++i)
@@ -169,7 +169,7 @@ TEST_F(OnTabletop, AMapThatDoesNotFitIsNeverTracked) {
   EXPECT_NE(pose.reason, "");
 }
 
-TEST_F(OnTabletop, AKnownToneCurveTakesTheCornersOutOfTheTags) {
+TEST_F(RigidTagTrackerOnTabletop, DetectsCornersInLinearLightWhenResponseIsKnown) {
   CameraParameters parameters = camera_->parameters();
   parameters.tone_curve = 1.5;
   const CameraModel with_curve = CameraModel::make(parameters).value();
@@ -187,7 +187,7 @@ TEST_F(OnTabletop, AKnownToneCurveTakesTheCornersOutOfTheTags) {
 }
 
 // What the camera file says of its own lens counts in what is expected, and changes no pose.
-TEST_F(OnTabletop, AnUncertainLensIsAddedToWhatIsExpected) {
+TEST_F(RigidTagTrackerOnTabletop, AddsLensErrorToPredictedError) {
   const auto with_lens = [&](double sigma_px) {
     CameraParameters parameters = camera_->parameters();
     parameters.overlay_sigma_px = sigma_px;
@@ -221,7 +221,7 @@ TEST_F(OnTabletop, AnUncertainLensIsAddedToWhatIsExpected) {
   }
 }
 
-TEST_F(OnTabletop, TheSameFramesGiveTheSameBits) {
+TEST_F(RigidTagTrackerOnTabletop, IsDeterministic) {
   for (const TrackingMode mode : {TrackingMode::detect, TrackingMode::fast, TrackingMode::accurate,
                                   TrackingMode::automatic}) {
     TrackerOptions options;
@@ -241,7 +241,7 @@ TEST_F(OnTabletop, TheSameFramesGiveTheSameBits) {
   }
 }
 
-TEST_F(OnTabletop, DetectsOnceAndAlignsFromThereOn) {
+TEST_F(RigidTagTrackerOnTabletop, DetectsOnceThenAligns) {
   for (const TrackingMode mode :
        {TrackingMode::fast, TrackingMode::accurate, TrackingMode::automatic}) {
     TrackerOptions options;
@@ -263,7 +263,7 @@ TEST_F(OnTabletop, DetectsOnceAndAlignsFromThereOn) {
   }
 }
 
-TEST_F(OnTabletop, AutomaticTakesEveryPixelOnceTheViewRests) {
+TEST_F(RigidTagTrackerOnTabletop, AutomaticModeTakesEveryPixelWhenViewRests) {
   auto tracker = RigidTagTracker::create(*camera_, *map_).value();
   int moving = 0;
   for (std::size_t i = 0; i < 60; ++i) {
@@ -292,7 +292,7 @@ TEST_F(OnTabletop, AutomaticTakesEveryPixelOnceTheViewRests) {
   }
 }
 
-TEST_F(OnTabletop, LooksWithOneDetectionAFrameUntilItIsBack) {
+TEST_F(RigidTagTrackerOnTabletop, DetectsOncePerFrameWhileLost) {
   auto tracker = RigidTagTracker::create(*camera_, *map_).value();
   for (std::size_t i = 0; i < 5; ++i)
     ASSERT_EQ(tracker.track(frame(i)).pose.status, TrackStatus::tracked);
@@ -312,7 +312,7 @@ TEST_F(OnTabletop, LooksWithOneDetectionAFrameUntilItIsBack) {
 }
 
 // Where the exposure is known the smear of a fast motion no longer displaces the edges.
-TEST(RigidTagTracker, AKnownExposureTakesTheMotionIntoAccount) {
+TEST(RigidTagTracker, ModelsBlurWhenExposureIsKnown) {
   double with = 0.0;
   double without = 0.0;
   int frames = 0;
@@ -354,7 +354,7 @@ TEST(RigidTagTracker, AKnownExposureTakesTheMotionIntoAccount) {
 }
 
 // Ceres refines the pose by corners only where no alignment of the pattern replaces it.
-TEST_F(OnTabletop, SkipsCornerSolveWhenPatternIsAligned) {
+TEST_F(RigidTagTrackerOnTabletop, SkipsCornerSolveWhenPatternIsAligned) {
   for (std::size_t i = 0; i < listed_.size(); i += 10) {
     SCOPED_TRACE(i);
     const TrackedFrame first = RigidTagTracker::create(*camera_, *map_)->track(frame(i));
@@ -374,7 +374,7 @@ TEST_F(OnTabletop, SkipsCornerSolveWhenPatternIsAligned) {
   EXPECT_FALSE(first.times.corner_solve_skipped);
 }
 
-TEST_F(OnTabletop, DetectionAndAlignmentAgreeWithinTheirErrors) {
+TEST_F(RigidTagTrackerOnTabletop, DetectionAndAlignmentAgreeWithinErrors) {
   TrackerOptions detect_options;
   detect_options.mode = TrackingMode::detect;
   auto detect = RigidTagTracker::create(*camera_, *map_, detect_options).value();
@@ -396,7 +396,7 @@ TEST_F(OnTabletop, DetectionAndAlignmentAgreeWithinTheirErrors) {
 }
 
 // A hand's motion through a camera that reads its rows out over most of a frame.
-TEST(RigidTagTracker, ARollingShutterIsTakenOut) {
+TEST(RigidTagTracker, CorrectsRollingShutter) {
   test::Session session;
   CameraParameters p = test::lens_camera(test::Lens::plumb_bob, 640, 480, 0.85).parameters();
   p.rolling_shutter_row_s = 0.8 * session.frame_s / p.height;
@@ -444,7 +444,7 @@ TEST(RigidTagTracker, ARollingShutterIsTakenOut) {
   EXPECT_GT(std::sqrt(unknowing2), 15.0 * std::sqrt(knowing2));
 }
 
-TEST(TrackingModes, HaveTheirWords) {
+TEST(TrackingMode, RoundTripsThroughNames) {
   for (const TrackingMode mode :
        {TrackingMode::detect, TrackingMode::fast, TrackingMode::accurate, TrackingMode::automatic})
     EXPECT_EQ(tracking_mode_from_string(to_string(mode)), mode);
@@ -453,7 +453,7 @@ TEST(TrackingModes, HaveTheirWords) {
 }
 
 // One tag, seen from nearly above: two poses explain it, and the tilt goes through zero.
-TEST(RigidTagTracker, FollowsASingleTagWithoutBeingSureOfTheWrongPose) {
+TEST(RigidTagTracker, FollowsLoneTagWithoutTrustingMirroredPose) {
   const CameraModel camera = test::desk_camera();
   for (const double size_m : {0.03, 0.08}) {
     const std::vector<MappedTag> tags = {test::flat_tag(3, 0.0, 0.0, size_m)};

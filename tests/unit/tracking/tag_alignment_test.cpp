@@ -14,7 +14,7 @@
 
 #include "core/evaluation/evaluation.hpp"
 #include "support/synthetic_board.hpp"
-#include "tracking/alignment/simd/alignment_kernel.hpp"
+#include "tracking/alignment/simd/alignment_loops.hpp"
 #include "tracking/detection/board_pose.hpp"
 #include "tracking/math/se3.hpp"
 
@@ -27,7 +27,7 @@ using test::loose_prior;
 using test::random_view;
 using test::wide_camera;
 
-class TagAlignmentTest : public ::testing::Test {
+class TagAlignerTest : public ::testing::Test {
  protected:
   GreyImage picture(const CameraPose& pose, const PatternRenderOptions& options) {
     const std::array<CameraPose, 1> path = {pose};
@@ -46,8 +46,8 @@ class TagAlignmentTest : public ::testing::Test {
   }
 
   // The picture of a camera that moves during the exposure, `truth` being its middle.
-  static GreyImage smeared_picture(PatternRenderer& renderer, const CameraPose& truth,
-                                   const Vector6d& motion, const PatternRenderOptions& render) {
+  static GreyImage blurred_image(PatternRenderer& renderer, const CameraPose& truth,
+                                 const Vector6d& motion, const PatternRenderOptions& render) {
     constexpr int kPoses = 32;
     std::vector<CameraPose> path;
     for (int i = 0; i < kPoses; ++i)
@@ -55,20 +55,19 @@ class TagAlignmentTest : public ::testing::Test {
     return renderer.render(path, render);
   }
   // Of a view whose motion is told, to be aligned from the truth.
-  struct SmearedView {
+  struct BlurredView {
     GreyImage image;
     AlignmentInput input;  // of that image
   };
-  SmearedView smeared_view(PatternRenderer& renderer, double length_px) {
+  BlurredView blurred_view(PatternRenderer& renderer, double length_px) {
     PatternRenderOptions render;
     render.noise_grey = 2.0;
     render.samples = 96;
-    SmearedView view;
+    BlurredView view;
     view.input.predicted = random_view(random_);
     view.input.covariance = loose_prior(0.0005, 0.001);
     view.input.exposure_motion = random_motion(view.input.predicted, length_px);
-    view.image =
-        smeared_picture(renderer, view.input.predicted, view.input.exposure_motion, render);
+    view.image = blurred_image(renderer, view.input.predicted, view.input.exposure_motion, render);
     view.input.luma = view.image.view();
     return view;
   }
@@ -82,7 +81,7 @@ class TagAlignmentTest : public ::testing::Test {
   std::mt19937_64 random_{4};
 };
 
-TEST_F(TagAlignmentTest, WithoutNoiseThePoseIsTrueToAHundredthOfAPixel) {
+TEST_F(TagAlignerTest, FindsPoseWithinHundredthOfPixelWithoutNoise) {
   AlignmentOptions options;
   options.effort = AlignmentEffort::accurate;
   auto aligner = TagAligner::create(camera_, tags_, options).value();
@@ -99,7 +98,7 @@ TEST_F(TagAlignmentTest, WithoutNoiseThePoseIsTrueToAHundredthOfAPixel) {
 
 // What the Cramer-Rao bound stands on, against differences of pictures of many samples. These have
 // grain, less in a soft picture and a longer step, which makes them a percent less.
-TEST_F(TagAlignmentTest, TheBoundsDerivativesAreThoseOfThePicture) {
+TEST_F(TagAlignerTest, BoundUsesDerivativesOfRenderedImage) {
   PatternRenderOptions render;
   render.background = render.white;  // no edge of the sheet
   render.samples = 4096;
@@ -135,7 +134,7 @@ TEST_F(TagAlignmentTest, TheBoundsDerivativesAreThoseOfThePicture) {
   }
 }
 
-TEST_F(TagAlignmentTest, NoiseCostsWhatTheBoundSays) {
+TEST_F(TagAlignerTest, StaysNearCramerRaoBoundWithNoise) {
   double fast2 = 0.0;
   double accurate2 = 0.0;
   double expected2 = 0.0;
@@ -184,7 +183,7 @@ TEST_F(TagAlignmentTest, NoiseCostsWhatTheBoundSays) {
   RecordProperty("accurate_over_bound", std::to_string(std::sqrt(accurate2)));
 }
 
-TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
+TEST_F(TagAlignerTest, StopsSamplingWhenBudgetIsMet) {
   const CameraPose truth = random_view(random_);
   PatternRenderOptions render;
   const std::array<CameraPose, 1> path = {truth};
@@ -250,7 +249,7 @@ TEST_F(TagAlignmentTest, SamplingStopsWhereItIsEnough) {
   EXPECT_EQ(asked, 1);
 }
 
-TEST_F(TagAlignmentTest, ConvergesFromMoreThanACellAway) {
+TEST_F(TagAlignerTest, ConvergesFromMoreThanACellAway) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   PatternRenderOptions render;
   render.noise_grey = 2.0;
@@ -273,7 +272,7 @@ TEST_F(TagAlignmentTest, ConvergesFromMoreThanACellAway) {
   }
 }
 
-TEST_F(TagAlignmentTest, HoldsWithAThirdOfEveryTagCovered) {
+TEST_F(TagAlignerTest, KeepsPoseWhenThirdOfEveryTagIsCovered) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   double sum2 = 0.0;
   constexpr int kPoses = 4;
@@ -295,7 +294,7 @@ TEST_F(TagAlignmentTest, HoldsWithAThirdOfEveryTagCovered) {
 
 // A pattern that was seen clearly in the last frame is searched for near its prediction first, and
 // further off where it is not there.
-TEST_F(TagAlignmentTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
+TEST_F(TagAlignerTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   int narrower = 0;
   int again = 0;
@@ -339,7 +338,7 @@ TEST_F(TagAlignmentTest, SearchesNearPredictionFirstWhenContrastIsKnown) {
 }
 
 // From a prediction that is off by less than the fine stage reaches no wide stage is needed.
-TEST_F(TagAlignmentTest, SkipsWideStageWhenSearchEndsNear) {
+TEST_F(TagAlignerTest, SkipsWideStageWhenSearchEndsNear) {
   for (const AlignmentEffort effort : {AlignmentEffort::fast, AlignmentEffort::accurate}) {
     SCOPED_TRACE(effort == AlignmentEffort::fast ? "fast" : "accurate");
     AlignmentOptions options;
@@ -371,7 +370,7 @@ TEST_F(TagAlignmentTest, SkipsWideStageWhenSearchEndsNear) {
 
 // What the search says of its own error holds whatever the layout and however large the cells:
 // where the narrow window cuts their tops off, and where a row of tags may turn about itself.
-TEST_F(TagAlignmentTest, TheSearchSaysHowFarOffItIs) {
+TEST_F(TagAlignerTest, PatternSearchPredictsItsError) {
   constexpr int kPictures = 24;  // of each layout
   for (const auto& [columns, rows, size_m] : {std::tuple(3, 2, 0.06), std::tuple(3, 2, 0.1),
                                               std::tuple(5, 1, 0.06), std::tuple(4, 3, 0.03)}) {
@@ -422,7 +421,7 @@ TEST_F(TagAlignmentTest, TheSearchSaysHowFarOffItIs) {
 }
 
 // Four tags leave two numbers to judge by, a lone one none: too few to say that a pose is near.
-TEST_F(TagAlignmentTest, FewTagsGoThroughTheWideStage) {
+TEST_F(TagAlignerTest, RunsWideStageForFewTags) {
   for (const std::vector<MappedTag>& tags : {board(2, 2, 0.06), board(1, 1, 0.1)}) {
     SCOPED_TRACE(tags.size());
     PatternRenderer renderer = PatternRenderer::create(camera_, tags).value();
@@ -439,7 +438,7 @@ TEST_F(TagAlignmentTest, FewTagsGoThroughTheWideStage) {
 }
 
 // A lamp or a shadow may fall on some tags and not on others.
-TEST_F(TagAlignmentTest, EachTagHasALightOfItsOwn) {
+TEST_F(TagAlignerTest, FitsGainAndOffsetPerTag) {
   const std::array<double, 6> lights = {1.2, 0.3, 0.7, 0.25, 1.0, 0.5};
   ASSERT_EQ(tags_.size(), lights.size());
   constexpr int kPictures = 4;
@@ -508,7 +507,7 @@ TEST_F(TagAlignmentTest, EachTagHasALightOfItsOwn) {
 }
 
 // The camera turned by up to 110 px between two frames, and about its axis as well.
-TEST_F(TagAlignmentTest, TheCoarseSearchBringsNearWhatIsFarOff) {
+TEST_F(TagAlignerTest, PyramidSearchFindsTagsFarFromPrediction) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   constexpr int kPictures = 24;
@@ -548,7 +547,7 @@ TEST_F(TagAlignmentTest, TheCoarseSearchBringsNearWhatIsFarOff) {
   EXPECT_GE(near_coarsely, kPictures - 2);
 }
 
-TEST_F(TagAlignmentTest, TheCoarseSearchEndsWhereThePictureCannotBeSmaller) {
+TEST_F(TagAlignerTest, PyramidSearchStopsAtSmallestImage) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   const CameraPose near = test::looking_at(Eigen::Vector3d::Zero(), 0.25, 1.2, 0.3, 0.0);
   const GreyImage image = picture(near, {});
@@ -560,7 +559,7 @@ TEST_F(TagAlignmentTest, TheCoarseSearchEndsWhereThePictureCannotBeSmaller) {
   EXPECT_FALSE(aligner.search_pyramid(input, true));
 }
 
-TEST_F(TagAlignmentTest, TheCoarseSearchSeesNoTagsWhereThereAreNone) {
+TEST_F(TagAlignerTest, PyramidSearchFindsNothingWithoutTags) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   const std::vector<std::uint8_t> grey(1280 * 720, 120);
   AlignmentInput input;
@@ -572,7 +571,7 @@ TEST_F(TagAlignmentTest, TheCoarseSearchSeesNoTagsWhereThereAreNone) {
 }
 
 // Pictures smaller than what is searched in them, and than a pixel of the smaller one.
-TEST_F(TagAlignmentTest, TheCoarseSearchTakesPicturesOfEverySize) {
+TEST_F(TagAlignerTest, PyramidSearchTakesImagesOfAnySize) {
   std::uniform_int_distribution<int> grey(0, 255);
   for (int width = 1; width <= 40; width += width < 20 ? 1 : 5) {
     for (int height = 1; height <= 40; height += height < 20 ? 1 : 5) {
@@ -600,7 +599,7 @@ TEST_F(TagAlignmentTest, TheCoarseSearchTakesPicturesOfEverySize) {
 }
 
 // Tags of the map that can't be seen or read cost nothing and change nothing, and are counted.
-TEST_F(TagAlignmentTest, TagsOutOfViewOrTooSmallAreNotLookedAt) {
+TEST_F(TagAlignerTest, SkipsTagsOutOfViewOrTooSmall) {
   std::vector<MappedTag> more = tags_;
   const auto add = [&more](double x, double y, double size_m, bool upside_down) {
     MappedTag tag;
@@ -648,7 +647,7 @@ TEST_F(TagAlignmentTest, TagsOutOfViewOrTooSmallAreNotLookedAt) {
 }
 
 // Families differ in their cells, in how many lie outside the black square, and in which are read.
-TEST_F(TagAlignmentTest, EveryFamilyIsAligned) {
+TEST_F(TagAlignerTest, AlignsEveryTagFamily) {
   for (const TagFamily family :
        {TagFamily::tag36h11, TagFamily::tag36h10, TagFamily::tag25h9, TagFamily::tag16h5,
         TagFamily::tag_circle21h7, TagFamily::tag_circle49h12, TagFamily::tag_standard41h12,
@@ -682,7 +681,7 @@ TEST_F(TagAlignmentTest, EveryFamilyIsAligned) {
   }
 }
 
-TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
+TEST_F(TagAlignerTest, ModelsKnownMotionBlur) {
   double known2 = 0.0;
   double unknown2 = 0.0;
   for (int k = 0; k < 3; ++k) {
@@ -691,7 +690,7 @@ TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
     PatternRenderOptions render;
     render.noise_grey = 2.0;
     render.samples = 512;
-    const GreyImage image = smeared_picture(renderer_, truth, motion, render);
+    const GreyImage image = blurred_image(renderer_, truth, motion, render);
     AlignmentInput input;
     input.luma = image.view();
     input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
@@ -710,7 +709,7 @@ TEST_F(TagAlignmentTest, KnownMotionBlurIsModelled) {
 }
 
 // A known motion does no harm where the blur is shorter than a cell (10 px).
-TEST_F(TagAlignmentTest, AKnownMotionIsNeverWorseThanAnUnknownOne) {
+TEST_F(TagAlignerTest, KnownShortBlurIsNoWorseThanUnknown) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   for (const double length_px : {4.0, 8.0}) {
     SCOPED_TRACE(length_px);
@@ -731,7 +730,7 @@ TEST_F(TagAlignmentTest, AKnownMotionIsNeverWorseThanAnUnknownOne) {
       render.noise_grey = k % 2 == 0 ? 2.0 : 6.0;
       render.samples = 256;
       render.seed = static_cast<std::uint64_t>(k) + 1;
-      const GreyImage image = smeared_picture(renderer_, truth, motion, render);
+      const GreyImage image = blurred_image(renderer_, truth, motion, render);
       input.luma = image.view();
       input.predicted = displaced(camera_, tags_, truth, 2.0, random_);
       input.covariance = loose_prior(0.0014, 0.0024);
@@ -754,7 +753,7 @@ TEST_F(TagAlignmentTest, AKnownMotionIsNeverWorseThanAnUnknownOne) {
 
 // A smear of some cells looks the same at many poses along it; one shorter than a cell, or a motion
 // that the picture does not show, at one.
-TEST_F(TagAlignmentTest, ALongSmearSaysWhatItHides) {
+TEST_F(TagAlignerTest, MotionBlurErrorGrowsWithLongBlur) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   const auto smear_error_px = [&](double moved_px, double taken_for_px, bool known) {
     const CameraPose truth = random_view(random_);
@@ -763,7 +762,7 @@ TEST_F(TagAlignmentTest, ALongSmearSaysWhatItHides) {
     render.noise_grey = 2.0;
     render.samples = 96;
     const GreyImage image =
-        smeared_picture(renderer_, truth, moved_px / taken_for_px * motion, render);
+        blurred_image(renderer_, truth, moved_px / taken_for_px * motion, render);
     AlignmentInput input;
     input.luma = image.view();
     input.predicted = truth;
@@ -813,14 +812,14 @@ TEST_F(TagAlignmentTest, ALongSmearSaysWhatItHides) {
 
 // What a smear hides of the pose is what tags that are displaced, each by itself along the motion,
 // make of a pose by their corners.
-TEST_F(TagAlignmentTest, ASmearTurnsThePose) {
+TEST_F(TagAlignerTest, MotionBlurErrorIncludesRotation) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   std::normal_distribution<double> normal;
   double told2 = 0.0;
   double found2 = 0.0;
   for (int k = 0; k < 4; ++k) {
     SCOPED_TRACE(k);
-    const SmearedView view = smeared_view(renderer_, 48.0);
+    const BlurredView view = blurred_view(renderer_, 48.0);
     const Vector6d& motion = view.input.exposure_motion;
     const AlignmentResult result = aligner.refine(view.input);
     ASSERT_TRUE(result.verified);
@@ -859,13 +858,13 @@ TEST_F(TagAlignmentTest, ASmearTurnsThePose) {
 
 // A motion that is not the one which smeared the picture explains nothing of it. Where it may be
 // another one, the picture is judged as if none were known.
-TEST_F(TagAlignmentTest, AMotionThatMayBeAnotherIsNotTheOnlyOne) {
+TEST_F(TagAlignerTest, MotionBlurErrorAllowsForWrongMotion) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   constexpr double kLongest_cells = 3.0;
   int smeared = 0;
   for (int k = 0; k < 5; ++k) {
     SCOPED_TRACE(k);
-    SmearedView view = smeared_view(renderer_, 26.0);
+    BlurredView view = blurred_view(renderer_, 26.0);
     const Vector6d nearly_none = 0.1 * view.input.exposure_motion;
     view.input.exposure_motion.setZero();
     if (!aligner.refine(view.input).verified) continue;
@@ -883,7 +882,7 @@ TEST_F(TagAlignmentTest, AMotionThatMayBeAnotherIsNotTheOnlyOne) {
   }
   EXPECT_GE(smeared, 2);
   // A picture that its motion explains leaves little to others, a clear one nothing.
-  const SmearedView view = smeared_view(renderer_, 48.0);
+  const BlurredView view = blurred_view(renderer_, 48.0);
   ASSERT_TRUE(aligner.refine(view.input).verified);
   const MotionBlurError sure = aligner.motion_blur_error(view.input.exposure_motion, true);
   const MotionBlurError any =
@@ -896,20 +895,20 @@ TEST_F(TagAlignmentTest, AMotionThatMayBeAnotherIsNotTheOnlyOne) {
   };
   EXPECT_GT(turns_px(any), turns_px(sure));
   EXPECT_LT(turns_px(any), 1.5 * turns_px(sure));
-  const SmearedView clear = smeared_view(renderer_, 0.0);
+  const BlurredView clear = blurred_view(renderer_, 0.0);
   ASSERT_TRUE(aligner.refine(clear.input).verified);
   EXPECT_EQ(aligner.motion_blur_error(view.input.exposure_motion, true, kLongest_cells).shift_px,
             0.0);
 }
 
 // Of what went on the picture says how much was in the exposure.
-TEST_F(TagAlignmentTest, APictureSaysHowMuchOfAMotionSmearedIt) {
+TEST_F(TagAlignerTest, MotionBlurErrorFindsBlurredShareOfMotion) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   for (const double part : {0.375, 0.625, 1.0}) {
     int found = 0;
     for (int k = 0; k < 4; ++k) {
       SCOPED_TRACE(testing::Message() << part << ", " << k);
-      SmearedView view = smeared_view(renderer_, 30.0);
+      BlurredView view = blurred_view(renderer_, 30.0);
       const Vector6d smear = std::exchange(view.input.exposure_motion, Vector6d::Zero());
       if (!aligner.refine(view.input).verified) continue;
       const Vector6d most = 1.0 / part * smear;
@@ -923,13 +922,13 @@ TEST_F(TagAlignmentTest, APictureSaysHowMuchOfAMotionSmearedIt) {
 }
 
 // Nothing beside a lone tag turns against it: its smear hides a shift, by all of what it may be.
-TEST_F(TagAlignmentTest, TheSmearOfALoneTagTurnsNothing) {
+TEST_F(TagAlignerTest, MotionBlurErrorOfLoneTagHasNoRotation) {
   const std::vector<MappedTag> lone = board(1, 1, 0.12);
   PatternRenderer renderer = PatternRenderer::create(camera_, lone).value();
   auto aligner = TagAligner::create(camera_, lone).value();
   int smeared = 0;
   for (int k = 0; k < 4; ++k) {
-    const SmearedView view = smeared_view(renderer, 90.0);
+    const BlurredView view = blurred_view(renderer, 90.0);
     if (!aligner.refine(view.input).verified) continue;
     const Vector6d& motion = view.input.exposure_motion;
     const MotionBlurError error = aligner.motion_blur_error(motion, true);
@@ -954,7 +953,7 @@ TEST_F(TagAlignmentTest, TheSmearOfALoneTagTurnsNothing) {
 
 // Two or three tags of which one lies elsewhere than the map says, by much less than a cell: the
 // pose that fits them is off, and says by how much that may be.
-TEST_F(TagAlignmentTest, FewTagsSayWhatAWrongMapDoes) {
+TEST_F(TagAlignerTest, MapCovarianceCoversMovedTagAmongFew) {
   for (const int columns : {2, 3}) {
     const std::vector<MappedTag> printed = board(columns, 1, 0.07);
     auto renderer = PatternRenderer::create(camera_, printed).value();
@@ -996,7 +995,7 @@ TEST_F(TagAlignmentTest, FewTagsSayWhatAWrongMapDoes) {
 }
 
 // Of a picture by itself, with nothing known of what moved.
-TEST_F(TagAlignmentTest, APictureThatIsNotClearSaysSoByItself) {
+TEST_F(TagAlignerTest, MotionBlurErrorNeedsNoKnownMotion) {
   auto aligner = TagAligner::create(camera_, tags_).value();
   int smeared = 0;
   for (int k = 0; k < 5; ++k) {
@@ -1007,7 +1006,7 @@ TEST_F(TagAlignmentTest, APictureThatIsNotClearSaysSoByItself) {
     render.noise_grey = 2.0;
     render.samples = 96;
     const auto error_px = [&](const Vector6d& smear) {
-      const GreyImage image = smeared_picture(renderer_, truth, smear, render);
+      const GreyImage image = blurred_image(renderer_, truth, smear, render);
       AlignmentInput input;
       input.luma = image.view();
       input.predicted = truth;
@@ -1033,7 +1032,7 @@ TEST_F(TagAlignmentTest, APictureThatIsNotClearSaysSoByItself) {
 }
 
 // Rows are read out one after the other: the picture of a camera that moves is sheared.
-TEST_F(TagAlignmentTest, ARollingShutterIsTakenOutWhereTheVelocityIsKnown) {
+TEST_F(TagAlignerTest, CorrectsRollingShutterWhenVelocityIsKnown) {
   CameraParameters p = camera_.parameters();
   constexpr double kFrame_s = 1.0 / 30.0;
   p.rolling_shutter_row_s = 0.8 * kFrame_s / p.height;
@@ -1081,7 +1080,7 @@ TEST_F(TagAlignmentTest, ARollingShutterIsTakenOutWhereTheVelocityIsKnown) {
   EXPECT_GT(std::sqrt(global2), 10.0 * std::sqrt(known2));
 }
 
-TEST_F(TagAlignmentTest, OtherTagsOrNoneAreNotVerified) {
+TEST_F(TagAlignerTest, RejectsOtherTagsAndBlankImages) {
   auto others = board(3, 2, 0.06);
   for (MappedTag& tag : others) tag.id += 100;
   auto aligner = TagAligner::create(camera_, others).value();
@@ -1106,7 +1105,7 @@ TEST_F(TagAlignmentTest, OtherTagsOrNoneAreNotVerified) {
   EXPECT_FALSE(align(aligner, blank, away, 4.0).verified);
 }
 
-TEST_F(TagAlignmentTest, EveryInstructionSetGivesTheSamePose) {
+TEST_F(TagAlignerTest, EveryInstructionSetGivesSamePose) {
   const CameraPose truth = random_view(random_);
   PatternRenderOptions render;
   render.noise_grey = 3.0;
@@ -1115,14 +1114,13 @@ TEST_F(TagAlignmentTest, EveryInstructionSetGivesTheSamePose) {
   const CameraPose start = displaced(camera_, tags_, truth, 6.0, random_);
   AlignmentInput smeared;
   smeared.exposure_motion = random_motion(truth, 12.0);
-  const GreyImage smeared_image =
-      smeared_picture(renderer_, truth, smeared.exposure_motion, render);
+  const GreyImage smeared_image = blurred_image(renderer_, truth, smeared.exposure_motion, render);
   smeared.luma = smeared_image.view();
   smeared.predicted = displaced(camera_, tags_, truth, 2.0, random_);
   smeared.covariance = loose_prior(0.0014, 0.0024);
   std::optional<CameraPose> first;
   std::optional<CameraPose> first_smeared;
-  for (const kernel::Variant* const* v = kernel::available_variants(); *v != nullptr; ++v) {
+  for (const simd::Loops* const* v = simd::available_loops(); *v != nullptr; ++v) {
     AlignmentOptions options;
     options.instruction_set = (*v)->name;
     auto aligner = TagAligner::create(camera_, tags_, options).value();

@@ -1,16 +1,20 @@
-// Where the tags of a group lie at a pose, and which of them can be used there.
-
-#include "tracking/alignment/tag_alignment_state.hpp"
+#include "tracking/alignment/alignment_problem.hpp"
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+#include "core/assert.hpp"
 
 #include "tracking/math/se3.hpp"
+#include "tracking/math/spd6.hpp"
 
 namespace penumbra {
 namespace {
 
-// A wide stage feels edges from further off: the model is blurred by up to a quarter of a cell.
+// The wide stage finds edges from further off: its model is blurred by up to a quarter of a cell.
 double wide_variance_px2(double cell_px) {
   const double added_px = std::min(2.45, 0.25 * cell_px);
   return added_px * added_px;
@@ -18,7 +22,54 @@ double wide_variance_px2(double cell_px) {
 
 }  // namespace
 
-void TagAligner::Impl::place(Tag& tag) const {
+void AlignmentProblem::set_tone(double exponent) {
+  options.tone_exponent = exponent;
+  for (int i = 0; i < 256; ++i)
+    tone[static_cast<std::size_t>(i)] = static_cast<float>(255.0 * std::pow(i / 255.0, exponent));
+}
+
+void AlignmentProblem::begin(const AlignmentInput& input) {
+  PENUMBRA_ASSERT(input.luma.width == camera.width() && input.luma.height == camera.height() &&
+                  !input.luma.empty());
+  // Places of pixels in memory are 32 bits.
+  PENUMBRA_ASSERT(std::abs(input.luma.stride) * input.luma.height < std::ptrdiff_t{1} << 31);
+  PENUMBRA_ASSERT(input.predicted.is_finite() && input.covariance.allFinite());
+  PENUMBRA_ASSERT(input.velocity.allFinite() && input.exposure_motion.allFinite());
+  counters = {};
+  for (AlignedTag& tag : tags) tag.rejected = false;
+  for (const int index : input.rejected) tags[static_cast<std::size_t>(index)].rejected = true;
+  image = input.luma;
+  T_predicted = Eigen::Isometry3d::Identity();
+  const CameraPose& predicted = input.predicted;
+  T_predicted.linear() = predicted.rotation().conjugate().toRotationMatrix();
+  T_predicted.translation() = -(T_predicted.linear() * predicted.translation());
+  // A right perturbation of T_table_camera by xi is a left one of T_camera_table by -xi: the same
+  // covariance.
+  prior_covariance = input.covariance;
+  prior_information = inverse_of_spd(prior_covariance);
+  PENUMBRA_ASSERT(prior_information.allFinite());
+  row_velocity = camera.parameters().rolling_shutter_row_s.value_or(0.0) * input.velocity;
+  set_exposure_motion(input.exposure_motion);
+}
+
+void AlignmentProblem::set_exposure_motion(const Vector6d& motion) {
+  exposure_motion = motion;
+  if (motion.isZero(0.0)) return;
+  for (auto& path : paths_) path.clear();
+}
+
+CameraPose AlignmentProblem::pose() const {
+  const Eigen::Isometry3d T_table_camera = T_camera_table.inverse();
+  return {Eigen::Matrix3d(T_table_camera.linear()), T_table_camera.translation()};
+}
+
+double AlignmentProblem::smallest_cell_px() const {
+  double smallest = 1e9;
+  for (const AlignedTag* tag : active) smallest = std::min(smallest, tag->cell_px);
+  return smallest;
+}
+
+void AlignmentProblem::place(AlignedTag& tag) const {
   Eigen::Isometry3d T = T_camera_table * tag.T_table_tag;
   if (!row_velocity.isZero()) T = tag.row_motion * T;
   const double half = 0.5 * (tag.side - 1);
@@ -35,41 +86,40 @@ void TagAligner::Impl::place(Tag& tag) const {
   }
 }
 
-// When the tag was read out, and so from where.
-void TagAligner::Impl::read_out(Tag& tag) const {
+// Finds when the tag was read out, and from where.
+void AlignmentProblem::read_out(AlignedTag& tag) const {
   tag.row_motion.setIdentity();
   tag.row_shear.setZero();
   if (row_velocity.isZero()) return;
   place(tag);
   // A second time from the row found: the first one is off by the motion itself.
   for (int pass = 0; pass < 2; ++pass) {
-    const double half = 0.5 * (tag.side - 1);
-    const Eigen::Vector3d p = tag.ray_from_lattice * Eigen::Vector3d(half, half, 1.0);
+    const Eigen::Vector3d p = tag.centre_point();
     if (!(p.z() > 0.0)) return;
     Eigen::Matrix<double, 2, 3> J;
     tag.row = std::clamp(camera.project_unchecked(p, &J).y(), 0.0, camera.height() - 1.0);
     // Points of the scene move against the camera.
     tag.row_shear = -(J * (row_velocity.head<3>() + row_velocity.tail<3>().cross(p)));
-    // What moves as fast as it is read out is a smear.
+    // A tag that moves as fast as it is read out is blurred rather than sheared.
     if (!(tag.row_shear.norm() < 0.3)) tag.row_shear.setZero();
     tag.row_motion = exp_se3(-(tag.row - 0.5 * (camera.height() - 1)) * row_velocity);
     place(tag);
   }
 }
 
-// Lattice points into what the rest of `vertices` says, rolling shutter and all.
-void TagAligner::Impl::project(Tag& tag, double added_variance_px2,
-                               kernel::Vertices& vertices) const {
+// Projects lattice points into the arrays of `vertices`, with the rolling shutter.
+void AlignmentProblem::project(AlignedTag& tag, double added_variance_px2,
+                               simd::Vertices& vertices) const {
   std::array<float, 9> M{};
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c)
       M[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(tag.ray_from_lattice(r, c));
   }
-  kernel::Blur blur;
+  simd::Blur blur;
   blur.variance_px2 = static_cast<float>(options.blur_px * options.blur_px + added_variance_px2);
-  blur.motion_x_px = static_cast<float>(tag.smear_px.x());
-  blur.motion_y_px = static_cast<float>(tag.smear_px.y());
-  kernel->project(lens, blur, M.data(), tag.lattice_from_ray.data(), vertices);
+  blur.motion_x_px = static_cast<float>(tag.spread_px.x());
+  blur.motion_y_px = static_cast<float>(tag.spread_px.y());
+  loops->project(lens, blur, M.data(), tag.lattice_from_ray.data(), vertices);
   if (tag.row_shear.isZero()) return;
   // A vertex is seen in the row r where it is at that row's time: r = y + shear_y (r - tag's row).
   const auto row = static_cast<float>(tag.row);
@@ -81,8 +131,8 @@ void TagAligner::Impl::project(Tag& tag, double added_variance_px2,
   }
 }
 
-void TagAligner::Impl::project_search(Tag& tag) const {
-  kernel::Vertices points;
+void AlignmentProblem::project_search(AlignedTag& tag) const {
+  simd::Vertices points;
   points.count = static_cast<int>(tag.search_a.size());
   points.a = tag.search_a.data();
   points.b = tag.search_b.data();
@@ -92,8 +142,8 @@ void TagAligner::Impl::project_search(Tag& tag) const {
   project(tag, 0.0, points);
 }
 
-void TagAligner::Impl::project_lattice(Tag& tag, double added_variance_px2) const {
-  kernel::Vertices vertices;
+void AlignmentProblem::project_lattice(AlignedTag& tag, double added_variance_px2) const {
+  simd::Vertices vertices;
   vertices.count = static_cast<int>(tag.lattice_a.size());
   vertices.a = tag.lattice_a.data();
   vertices.b = tag.lattice_b.data();
@@ -114,21 +164,23 @@ void TagAligner::Impl::project_lattice(Tag& tag, double added_variance_px2) cons
                     tag.depth[top + last] > 0.0F;
 }
 
-void TagAligner::Impl::find_cells(const Tag& tag) {
-  cell_places.resize(std::max(cell_places.size(), tag.lattice_a.size()));
-  kernel::CellCorners corners;
+const std::int32_t* AlignmentProblem::find_cells(const AlignedTag& tag) {
+  cell_places_.resize(std::max(cell_places_.size(), tag.lattice_a.size()));
+  simd::CellCorners corners;
   corners.pixel_x = tag.pixel_x.data();
   corners.pixel_y = tag.pixel_y.data();
   corners.depth = tag.depth.data();
-  kernel->cell_places(tag.side, corners, {image.width, image.height, image.stride},
-                      cell_places.data());
+  loops->cell_places(tag.side, corners, {image.width, image.height, image.stride},
+                     cell_places_.data());
+  return cell_places_.data();
 }
 
-// How far the tag moves in the image during the exposure, and as how many moments that is seen.
-void TagAligner::Impl::measure_motion(Tag& tag, const Eigen::Vector3d& centre,
-                                      const Eigen::Matrix<double, 2, 3>& J, MotionBlur blur) const {
+// Measures how far the tag moves in the image during the exposure, and as how many moments that is
+// modelled.
+void AlignmentProblem::measure_motion(AlignedTag& tag, const Eigen::Vector3d& centre,
+                                      const Eigen::Matrix<double, 2, 3>& J, BlurModel blur) const {
   tag.motion_px.setZero();
-  tag.smear_px.setZero();
+  tag.spread_px.setZero();
   tag.moments = 1;
   if (exposure_motion.isZero(0.0)) return;
   // Points of the scene move against the camera.
@@ -141,20 +193,20 @@ void TagAligner::Impl::measure_motion(Tag& tag, const Eigen::Vector3d& centre,
   const double last = tag.side - 1;
   for (const auto& [a, b] :
        {std::pair(0.0, 0.0), std::pair(last, 0.0), std::pair(0.0, last), std::pair(last, last)}) {
-    const Eigen::Vector3d corner = tag.ray_from_lattice * Eigen::Vector3d(a, b, 1.0);
+    const Eigen::Vector3d corner = tag.point(a, b);
     if (corner.z() > 0.0) longest_px = std::max(longest_px, motion_of(corner).norm());
   }
-  // Point spreads so far apart, each wider by what falls into it, add up to an even smear within a
-  // three-hundredth of the gain.
+  // Point spreads so many sigmas apart, each widened by the motion between them, add up to an even
+  // blur within a three-hundredth of the gain.
   constexpr double kSigmasApart = 4.0;
-  if (blur == MotionBlur::moments)
+  if (blur == BlurModel::moments)
     tag.moments = std::clamp(ceil_of(std::min(longest_px / (kSigmasApart * options.blur_px), 1e5)),
                              1, kMostMoments);
-  tag.smear_px = tag.motion_px / tag.moments;
+  tag.spread_px = tag.motion_px / tag.moments;
 }
 
-void TagAligner::Impl::place_moments(Tag& tag) {
-  std::vector<Eigen::Isometry3d>& path = paths[static_cast<std::size_t>(tag.moments)];
+void AlignmentProblem::place_moments(AlignedTag& tag) {
+  std::vector<Eigen::Isometry3d>& path = paths_[static_cast<std::size_t>(tag.moments)];
   if (path.empty()) {
     // A right perturbation of T_table_camera is a left one of T_camera_table, the other way.
     for (int k = 0; k < tag.moments; ++k)
@@ -166,18 +218,15 @@ void TagAligner::Impl::place_moments(Tag& tag) {
     Eigen::Matrix3d M = path[k].linear() * tag.ray_from_lattice;
     M.col(2) += path[k].translation();
     const Eigen::Matrix3d inverse = M.inverse() * tag.cell_m;
-    const Eigen::Vector3d seen_from = -(path[k].linear().transpose() * path[k].translation());
-    const Eigen::Vector3d centre = tag.R_lattice_camera * seen_from / tag.cell_m + tag.centre;
-    kernel::AccumulateInput& input = tag.moment_inputs[k];
+    simd::AccumulateInput& input = tag.moment_inputs[k];
     for (int r = 0; r < 3; ++r) {
       for (int c = 0; c < 3; ++c)
         input.lattice_from_ray[3 * r + c] = static_cast<float>(inverse(r, c));
-      input.centre[r] = static_cast<float>(centre[r]);
     }
   }
 }
 
-bool TagAligner::Impl::measure(Tag& tag, MotionBlur blur) const {
+bool AlignmentProblem::measure(AlignedTag& tag, BlurModel blur) const {
   tag.too_small = false;
   if (!(tag.centre.z() > 0.5)) return false;  // from behind, or the camera lies in the sheet
   const double half = 0.5 * (tag.side - 1);
@@ -206,7 +255,7 @@ bool TagAligner::Impl::measure(Tag& tag, MotionBlur blur) const {
   measure_motion(tag, p, J, blur);
   const double variance_px = options.blur_px * options.blur_px;
   const Eigen::Matrix2d cov =
-      variance_px * Eigen::Matrix2d::Identity() + tag.smear_px * tag.smear_px.transpose() / 12.0;
+      variance_px * Eigen::Matrix2d::Identity() + tag.spread_px * tag.spread_px.transpose() / 12.0;
   Eigen::Matrix2d basis;
   basis << along_a, along_b;
   const Eigen::Matrix2d G = basis.inverse();
@@ -217,24 +266,24 @@ bool TagAligner::Impl::measure(Tag& tag, MotionBlur blur) const {
   const double sigma_cells = std::sqrt(std::max(cov_lattice(0, 0), cov_lattice(1, 1)));
   if (tag.moments > 1) tag.sigma_cells = cov_lattice.diagonal().cwiseSqrt();
   tag.reach = sigma_cells < 0.2 ? 1 : (sigma_cells < 0.4 ? 2 : 3);
-  // It shows at vertices, and in the mean of many moments no more.
+  // Correlation shows at vertices only, and hardly in the mean of many moments.
   constexpr int kMostCorrelated = 2;
   tag.correlated = tag.moments <= kMostCorrelated && std::abs(tag.correlation) > 0.3;
   return true;
 }
 
-void TagAligner::Impl::find_visible(Projection projection) {
+void AlignmentProblem::find_visible(Projection projection) {
   active.clear();
-  result.counters.tags_out_of_view = 0;
-  result.counters.tags_too_small = 0;
+  counters.tags_out_of_view = 0;
+  counters.tags_too_small = 0;
   moved_since_projection_px = 0.0;
-  for (Tag& tag : tags) {
-    if (tag.left_out) continue;
+  for (AlignedTag& tag : tags) {
+    if (tag.rejected) continue;
     read_out(tag);
     place(tag);
     tag.visible = measure(tag);
     if (!tag.visible) {
-      ++(tag.too_small ? result.counters.tags_too_small : result.counters.tags_out_of_view);
+      ++(tag.too_small ? counters.tags_too_small : counters.tags_out_of_view);
       continue;
     }
     if (projection == Projection::search) {

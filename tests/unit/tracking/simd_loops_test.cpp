@@ -1,4 +1,4 @@
-#include "tracking/alignment/simd/alignment_kernel.hpp"
+#include "tracking/alignment/simd/alignment_loops.hpp"
 
 #include <gtest/gtest.h>
 
@@ -19,15 +19,14 @@
 namespace penumbra {
 namespace {
 
-using kernel::AccumulateInput;
-using kernel::Samples;
-using kernel::Sums;
-using kernel::Variant;
+using simd::AccumulateInput;
+using simd::Loops;
+using simd::Samples;
+using simd::Sums;
 
-std::vector<const Variant*> variants() {
-  std::vector<const Variant*> list;
-  for (const Variant* const* v = kernel::available_variants(); *v != nullptr; ++v)
-    list.push_back(*v);
+std::vector<const Loops*> variants() {
+  std::vector<const Loops*> list;
+  for (const Loops* const* v = simd::available_loops(); *v != nullptr; ++v) list.push_back(*v);
   return list;
 }
 
@@ -98,18 +97,18 @@ SampleSet random_samples(int count, const Eigen::Isometry3d& T, float correlatio
   return set;
 }
 
-TEST(AlignmentKernel, JacobiansAreThoseOfCentralDifferences) {
+TEST(SimdLoops, JacobiansMatchCentralDifferences) {
   const Eigen::Isometry3d T = lattice_pose();
   for (const int reach : {1, 2, 3}) {
     for (const bool correlated : {false, true}) {
-      SampleSet set = random_samples(kernel::kBlock, T, correlated ? 0.8F : 0.0F);
+      SampleSet set = random_samples(simd::kBlock, T, correlated ? 0.8F : 0.0F);
       AccumulateInput in;
       set_pose(T, in);
       in.gain = 120.0F;
       in.offset = 30.0F;
       in.reach = reach;
       in.correlated = correlated;
-      const Variant& variant = kernel::best_variant();
+      const Loops& variant = simd::widest_loops();
       // The derivative of each sample's model by each motion.
       std::array<std::vector<double>, 6> numeric;
       for (int k = 0; k < 6; ++k) {
@@ -166,14 +165,14 @@ Vector6d some_motion() {
   return (Vector6d() << 0.5, -0.3, 0.4, 0.01, 0.02, -0.03).finished();
 }
 
-TEST(AlignmentKernel, AnchorsAreTheOnesOfPrepare) {
+TEST(SimdLoops, AnchorMatchesPrepare) {
   const Eigen::Isometry3d T = lattice_pose();
   AccumulateInput in;
   set_pose(T, in);
-  for (const Variant* variant : variants()) {
+  for (const Loops* variant : variants()) {
     for (const int reach : {1, 2, 3}) {
-      SampleSet set = random_samples(kernel::kBlock, T, 0.0F);
-      kernel::Lens lens;
+      SampleSet set = random_samples(simd::kBlock, T, 0.0F);
+      simd::Lens lens;
       lens.fx = lens.fy = 500.0F;
       for (int i = 0; i < set.s.count; ++i) {
         set.s.pixel_x[i] = lens.fx * set.s.ray_x[i];
@@ -195,22 +194,22 @@ TEST(AlignmentKernel, AnchorsAreTheOnesOfPrepare) {
 }
 
 // What several moments show is the mean of what each shows.
-TEST(AlignmentKernel, MomentsAreTheMeanOfEach) {
+TEST(SimdLoops, EvaluateMomentsAveragesSingleMoments) {
   const Eigen::Isometry3d T = lattice_pose();
-  const Variant& variant = kernel::best_variant();
+  const Loops& variant = simd::widest_loops();
   for (const int reach : {1, 2, 3}) {
     for (const bool correlated : {false, true}) {
       SCOPED_TRACE(testing::Message() << "reach " << reach << ", correlated " << correlated);
-      SampleSet set = random_samples(kernel::kBlock, T, correlated ? 0.8F : 0.0F);
+      SampleSet set = random_samples(simd::kBlock, T, correlated ? 0.8F : 0.0F);
       AccumulateInput in;
       in.gain = 120.0F;
       in.offset = 30.0F;
       in.reach = reach;
       in.correlated = correlated;
       // One has other anchors and coefficients than the next.
-      std::array<SampleSet, kMoments> sets = {random_samples(kernel::kBlock, T, 0.5F),
-                                              random_samples(kernel::kBlock, T, 0.6F),
-                                              random_samples(kernel::kBlock, T, 0.7F)};
+      std::array<SampleSet, kMoments> sets = {random_samples(simd::kBlock, T, 0.5F),
+                                              random_samples(simd::kBlock, T, 0.6F),
+                                              random_samples(simd::kBlock, T, 0.7F)};
       std::array<Samples, kMoments> moments;
       for (std::size_t k = 0; k < kMoments; ++k) {
         moments[k] = set.s;
@@ -237,12 +236,12 @@ TEST(AlignmentKernel, MomentsAreTheMeanOfEach) {
 
 // Without correlation the bivariate distribution is the product, and with lines far apart the
 // vertex alone says the same as its neighbourhood.
-TEST(AlignmentKernel, ModelsAgreeWhereTheyShould) {
+TEST(SimdLoops, ModelsOfAllReachesAgreeForDistantLines) {
   const Eigen::Isometry3d T = lattice_pose();
-  SampleSet set = random_samples(kernel::kBlock, T, 0.0F);
+  SampleSet set = random_samples(simd::kBlock, T, 0.0F);
   AccumulateInput in;
   set_pose(T, in);
-  const Variant& variant = kernel::best_variant();
+  const Loops& variant = simd::widest_loops();
   for (const int reach : {1, 2, 3}) {
     in.reach = reach;
     in.correlated = false;
@@ -255,10 +254,10 @@ TEST(AlignmentKernel, ModelsAgreeWhereTheyShould) {
   }
 }
 
-TEST(AlignmentKernel, CorrelatedBlurIsTheBivariateNormal) {
+TEST(SimdLoops, CorrelatedBlurMatchesBivariateNormal) {
   // P(X < x, Y < y) by summation over a fine grid, against the kernel with a lone corner.
   const Eigen::Isometry3d T = lattice_pose();
-  SampleSet set = random_samples(kernel::kBlock, T, 0.0F);
+  SampleSet set = random_samples(simd::kBlock, T, 0.0F);
   AccumulateInput in;
   set_pose(T, in);
   in.correlated = true;
@@ -267,7 +266,7 @@ TEST(AlignmentKernel, CorrelatedBlurIsTheBivariateNormal) {
     for (int k = 0; k < 4; ++k) set.s.c[k][i] = k == 3 ? 1.0F : 0.0F;
     set.s.rho[i] = static_cast<float>(correlations[static_cast<std::size_t>(i % 4)]);
   }
-  kernel::best_variant().evaluate(in, set.s);
+  simd::widest_loops().evaluate(in, set.s);
   for (int i = 0; i < 16; ++i) {
     const double rho = static_cast<double>(set.s.rho[i]);
     const Eigen::Matrix3d M =
@@ -292,25 +291,25 @@ TEST(AlignmentKernel, CorrelatedBlurIsTheBivariateNormal) {
 }
 
 // The first block begins the sums and the others go on with them.
-TEST(AlignmentKernel, SumsOverBlocksAreThoseOfEachAddedUp) {
+TEST(SimdLoops, AccumulateAddsUpBlocks) {
   const Eigen::Isometry3d T = lattice_pose();
   constexpr int kBlocks = 5;
-  SampleSet set = random_samples(kBlocks * kernel::kBlock, T, 0.0F);
+  SampleSet set = random_samples(kBlocks * simd::kBlock, T, 0.0F);
   for (int i = 0; i < set.s.count; ++i) set.s.weight[i] = i % 7 == 0 ? 0.0F : 1.0F;
   AccumulateInput in;
   set_pose(T, in);
   in.gain = 120.0F;
   in.offset = 30.0F;
   in.inverse_cutoff = 1.0F / 80.0F;
-  for (const Variant* variant : variants()) {
+  for (const Loops* variant : variants()) {
     SCOPED_TRACE(variant->name);
     Sums whole;
     variant->accumulate(in, set.s, whole);
     Sums added;
     for (int block = 0; block < kBlocks; ++block) {
       Samples part = set.s;
-      part.count = kernel::kBlock;
-      const std::ptrdiff_t begin = std::ptrdiff_t{block} * kernel::kBlock;
+      part.count = simd::kBlock;
+      const std::ptrdiff_t begin = std::ptrdiff_t{block} * simd::kBlock;
       for (float** array : {&part.ray_x, &part.ray_y, &part.value, &part.weight, &part.va, &part.vb,
                             &part.ka, &part.kb, &part.rho, &part.residual})
         *array += begin;
@@ -341,7 +340,7 @@ TEST(AlignmentKernel, SumsOverBlocksAreThoseOfEachAddedUp) {
   }
   // None at all.
   set.s.count = 0;
-  for (const Variant* variant : variants()) {
+  for (const Loops* variant : variants()) {
     Sums sums;
     sums.weight = 1.0;
     variant->accumulate(in, set.s, sums);
@@ -350,21 +349,21 @@ TEST(AlignmentKernel, SumsOverBlocksAreThoseOfEachAddedUp) {
   }
 }
 
-kernel::Lens wide_lens(kernel::Lens::Kind kind) {
-  kernel::Lens lens;
+simd::Lens wide_lens(simd::Lens::Kind kind) {
+  simd::Lens lens;
   lens.fx = 530.0F;
   lens.fy = 528.0F;
   lens.cx = 320.0F;
   lens.cy = 240.0F;
   lens.kind = kind;
-  lens.k[0] = kind == kernel::Lens::Kind::none ? 0.0F : -0.1F;
-  lens.k[1] = kind == kernel::Lens::Kind::none ? 0.0F : 0.02F;
+  lens.k[0] = kind == simd::Lens::Kind::none ? 0.0F : -0.1F;
+  lens.k[1] = kind == simd::Lens::Kind::none ? 0.0F : 0.02F;
   return lens;
 }
 
 // Sums run in fixed lanes and nothing is fused: every instruction set gives the same bits, and so
 // the same poses on every machine.
-TEST(AlignmentKernel, EveryVariantGivesTheSameBits) {
+TEST(SimdLoops, EveryInstructionSetGivesSameBits) {
   const Eigen::Isometry3d T = lattice_pose();
   std::mt19937 random(3);
   std::vector<std::uint8_t> image(200 * 200);
@@ -379,15 +378,15 @@ TEST(AlignmentKernel, EveryVariantGivesTheSameBits) {
   ASSERT_FALSE(all.empty());
   for (const int reach : {1, 2, 3}) {
     for (const bool correlated : {false, true}) {
-      for (const auto kind : {kernel::Lens::Kind::none, kernel::Lens::Kind::polynomial,
-                              kernel::Lens::Kind::rational, kernel::Lens::Kind::fisheye}) {
+      for (const auto kind : {simd::Lens::Kind::none, simd::Lens::Kind::polynomial,
+                              simd::Lens::Kind::rational, simd::Lens::Kind::fisheye}) {
         std::vector<Sums> results;
         std::vector<std::vector<float>> models;
         std::vector<std::vector<float>> rays;
         std::vector<std::vector<std::int16_t>> scores;
-        for (const Variant* variant : all) {
-          SampleSet set = random_samples(4 * kernel::kBlock, T, 0.7F);
-          const kernel::Lens lens = wide_lens(kind);
+        for (const Loops* variant : all) {
+          SampleSet set = random_samples(4 * simd::kBlock, T, 0.7F);
+          const simd::Lens lens = wide_lens(kind);
           for (int i = 0; i < set.s.count; ++i) {
             set.s.pixel_x[i] = std::round(lens.fx * set.s.ray_x[i] + lens.cx);
             set.s.pixel_y[i] = std::round(lens.fy * set.s.ray_y[i] + lens.cy);
@@ -427,7 +426,7 @@ TEST(AlignmentKernel, EveryVariantGivesTheSameBits) {
 
 // Pixels, rays, depths and blur of a lattice are the same whatever else is asked for, and the blur
 // is the image's brought back by the projection's derivative.
-TEST(AlignmentKernel, ProjectsAlikeWhateverIsAskedFor) {
+TEST(SimdLoops, ProjectGivesSameValuesForAnyOutputs) {
   const Eigen::Isometry3d T = lattice_pose();
   constexpr int kSide = 11;
   constexpr std::size_t kCount = 128;
@@ -449,19 +448,19 @@ TEST(AlignmentKernel, ProjectsAlikeWhateverIsAskedFor) {
   }
   struct Projected {
     std::array<std::vector<float>, 8> arrays;
-    kernel::Vertices v;
+    simd::Vertices v;
   };
-  for (const auto kind : {kernel::Lens::Kind::none, kernel::Lens::Kind::polynomial,
-                          kernel::Lens::Kind::rational, kernel::Lens::Kind::fisheye}) {
+  for (const auto kind : {simd::Lens::Kind::none, simd::Lens::Kind::polynomial,
+                          simd::Lens::Kind::rational, simd::Lens::Kind::fisheye}) {
     for (const Eigen::Vector2f& motion :
          {Eigen::Vector2f(0.0F, 0.0F), Eigen::Vector2f(3.0F, 0.0F), Eigen::Vector2f(3.0F, -2.0F)}) {
       SCOPED_TRACE(testing::Message() << static_cast<int>(kind) << ' ' << motion.transpose());
-      const kernel::Lens lens = wide_lens(kind);
-      kernel::Blur blur;
+      const simd::Lens lens = wide_lens(kind);
+      simd::Blur blur;
       blur.variance_px2 = 0.34F;
       blur.motion_x_px = motion.x();
       blur.motion_y_px = motion.y();
-      const auto projected = [&](const Variant& variant, bool spread, bool correlation) {
+      const auto projected = [&](const Loops& variant, bool spread, bool correlation) {
         Projected p;
         for (std::vector<float>& array : p.arrays) array.assign(kCount, -7.0F);
         p.v.count = kCount;
@@ -480,8 +479,8 @@ TEST(AlignmentKernel, ProjectsAlikeWhateverIsAskedFor) {
         variant.project(lens, blur, M.data(), in.lattice_from_ray, p.v);
         return p;
       };
-      const Projected all = projected(kernel::best_variant(), true, true);
-      for (const Variant* variant : variants()) {
+      const Projected all = projected(simd::widest_loops(), true, true);
+      for (const Loops* variant : variants()) {
         SCOPED_TRACE(variant->name);
         const Projected same = projected(*variant, true, true);
         const Projected without = projected(*variant, true, false);
@@ -528,7 +527,7 @@ TEST(AlignmentKernel, ProjectsAlikeWhateverIsAskedFor) {
 
 // Every coefficient of every model, over the whole picture and, of the fisheye, to 75 degrees from
 // the axis: pixels of rays and rays of pixels are those of the camera model in double.
-TEST(AlignmentKernel, LensesAreTheCameraModels) {
+TEST(SimdLoops, LensMatchesCameraModel) {
   struct Case {
     const char* name;
     DistortionModel model;
@@ -562,9 +561,9 @@ TEST(AlignmentKernel, LensesAreTheCameraModels) {
     p.distortion = c.k;
     const CameraModel camera = CameraModel::make(p).value();
     ASSERT_GT(camera.max_radius(), c.radius);
-    const kernel::Lens lens = kernel::lens_of(camera);
+    const simd::Lens lens = simd::lens_of(camera);
     // Vertices whose rays are their places in the lattice, 0.02 apart.
-    constexpr int kCount = 64 * kernel::kBlock;
+    constexpr int kCount = 64 * simd::kBlock;
     constexpr double kCell = 0.02;
     const std::array<float, 9> M = {0.02F, 0, 0, 0, 0.02F, 0, 0, 0, 1};
     const std::array<float, 9> N = {50, 0, 0, 0, 50, 0, 0, 0, 1};
@@ -585,7 +584,7 @@ TEST(AlignmentKernel, LensesAreTheCameraModels) {
     }
     std::array<std::vector<float>, 3> out;
     for (std::vector<float>& array : out) array.resize(kCount);
-    kernel::Vertices vertices;
+    simd::Vertices vertices;
     vertices.count = kCount;
     vertices.a = a.data();
     vertices.b = b.data();
@@ -603,8 +602,8 @@ TEST(AlignmentKernel, LensesAreTheCameraModels) {
       set.s.pixel_x[i] = static_cast<float>(pixels[k].x());
       set.s.pixel_y[i] = static_cast<float>(pixels[k].y());
     }
-    kernel::best_variant().project(lens, {}, M.data(), N.data(), vertices);
-    kernel::best_variant().prepare(lens, N.data(), 1, 11, set.s);
+    simd::widest_loops().project(lens, {}, M.data(), N.data(), vertices);
+    simd::widest_loops().prepare(lens, N.data(), 1, 11, set.s);
     double pixel_off = 0.0;
     double ray_off = 0.0;
     for (int i = 0; i < kCount; ++i) {
@@ -624,24 +623,24 @@ TEST(AlignmentKernel, LensesAreTheCameraModels) {
     if (std::isfinite(camera.max_radius())) {
       a[0] = static_cast<float>(1.01 * camera.max_radius() / kCell);
       b[0] = 0.0F;
-      kernel::best_variant().project(lens, {}, M.data(), N.data(), vertices);
+      simd::widest_loops().project(lens, {}, M.data(), N.data(), vertices);
       EXPECT_LT(out[2][0], 0.0F);
     }
   }
 }
 
 // Steps along edges against the same in double, pixel by pixel.
-TEST(AlignmentKernel, StepsTakeThePixelsWithinReachOfTheirEdge) {
+TEST(SimdLoops, WalkTakesPixelsWithinReachOfEdge) {
   const Eigen::Isometry3d T = lattice_pose();
   // Along a: at b = 3 over 1 to 4, at b = 7 over 2 to 9. Of the other direction, the same.
-  std::vector<kernel::Walk::Cell> cells;
+  std::vector<simd::Walk::Cell> cells;
   for (const auto& [from, to, across, run] : {std::array{1, 4, 3, 5}, std::array{2, 9, 7, 8}}) {
     for (int cell = from; cell < to; ++cell)
       cells.push_back({static_cast<float>(cell - static_cast<int>(cells.size())),
                        static_cast<float>(across), run});
   }
   const auto cell_count = static_cast<int>(cells.size());
-  cells.push_back(kernel::Walk::Cell(cells.back()));
+  cells.push_back(simd::Walk::Cell(cells.back()));
   std::array<float, 9> M{};
   for (int r = 0; r < 3; ++r) {
     M[static_cast<std::size_t>(3 * r)] = static_cast<float>(T.linear()(r, 0));
@@ -651,8 +650,8 @@ TEST(AlignmentKernel, StepsTakeThePixelsWithinReachOfTheirEdge) {
   std::array<float, 20> offsets{};
   for (std::size_t k = 0; k < offsets.size(); ++k) offsets[k] = static_cast<float>(k);
   const std::array<float, 20> band = {-4.0F, -1.0F, 0.0F, 1.0F, 3.0F, 5.0F};
-  for (const auto kind : {kernel::Lens::Kind::none, kernel::Lens::Kind::polynomial}) {
-    const kernel::Lens lens = wide_lens(kind);
+  for (const auto kind : {simd::Lens::Kind::none, simd::Lens::Kind::polynomial}) {
+    const simd::Lens lens = wide_lens(kind);
     const auto pixel_of = [&](double a, double b) {
       const Eigen::Vector3d p = T * Eigen::Vector3d(a, b, 0.0);
       const double x = p.x() / p.z();
@@ -669,7 +668,7 @@ TEST(AlignmentKernel, StepsTakeThePixelsWithinReachOfTheirEdge) {
         const Eigen::Vector2d along = along_b
                                           ? Eigen::Vector2d(pixel_of(5, 5.5) - pixel_of(5, 4.5))
                                           : Eigen::Vector2d(pixel_of(5.5, 5) - pixel_of(4.5, 5));
-        kernel::Walk walk;
+        simd::Walk walk;
         walk.cells = cells.data();
         walk.cell_count = cell_count;
         walk.count = 21;
@@ -689,8 +688,8 @@ TEST(AlignmentKernel, StepsTakeThePixelsWithinReachOfTheirEdge) {
         walk.run = run.data();
         std::vector<SampleSet> sets;
         std::vector<int> used;
-        for (const Variant* variant : variants()) {
-          SampleSet& set = sets.emplace_back(4 * kernel::kBlock);
+        for (const Loops* variant : variants()) {
+          SampleSet& set = sets.emplace_back(4 * simd::kBlock);
           used.push_back(variant->walk(lens, walk, set.s, 0));
           const SampleSet& first = sets.front();
           ASSERT_EQ(used.back(), used.front()) << variant->name;
@@ -753,7 +752,7 @@ TEST(AlignmentKernel, StepsTakeThePixelsWithinReachOfTheirEdge) {
 }
 
 // Runs walked one after the other against the same by doubles, step by step.
-TEST(AlignmentKernel, RunsAreWalkedPixelByPixel) {
+TEST(SimdLoops, WalkRunsVisitsEveryPixel) {
   constexpr int kWidth = 300;
   constexpr int kHeight = 200;
   constexpr int kStride = 350;
@@ -766,7 +765,7 @@ TEST(AlignmentKernel, RunsAreWalkedPixelByPixel) {
   std::vector<float> ray_x(kVertices);
   std::vector<float> ray_y(kVertices);
   std::vector<float> depth(kVertices, 1.0F);
-  std::vector<kernel::RunWalk::Run> runs;
+  std::vector<simd::RunWalk::Run> runs;
   for (std::size_t k = 0; k < kVertices; k += 2) {
     x[k] = anywhere(random);
     y[k] = anywhere(random);
@@ -788,11 +787,11 @@ TEST(AlignmentKernel, RunsAreWalkedPixelByPixel) {
   const std::array<float, 20> band = {-4.0F, -1.0F, 0.0F, 1.0F, 3.0F, 5.0F};
   for (const int band_count : {0, 6}) {
     for (const double stride : {1.0, 1.37, 9.0}) {
-      for (const auto kind : {kernel::Lens::Kind::none, kernel::Lens::Kind::polynomial}) {
+      for (const auto kind : {simd::Lens::Kind::none, simd::Lens::Kind::polynomial}) {
         SCOPED_TRACE(testing::Message() << band_count << ' ' << stride);
-        kernel::Lens lens;
+        simd::Lens lens;
         lens.kind = kind;
-        kernel::RunWalk walk;
+        simd::RunWalk walk;
         walk.runs = runs.data();
         walk.count = static_cast<int>(runs.size());
         walk.pixel_x = x.data();
@@ -869,9 +868,9 @@ TEST(AlignmentKernel, RunsAreWalkedPixelByPixel) {
           carry = at - length;
         }
         ASSERT_GT(expected.size(), 100U);
-        for (const Variant* variant : variants()) {
+        for (const Loops* variant : variants()) {
           SCOPED_TRACE(variant->name);
-          std::vector<kernel::RunWalk::Part> parts((runs.size() + 15) / 16);
+          std::vector<simd::RunWalk::Part> parts((runs.size() + 15) / 16);
           std::vector<std::int32_t> end(runs.size());
           std::vector<std::int32_t> run(runs.size());
           walk.parts = parts.data();
@@ -881,7 +880,7 @@ TEST(AlignmentKernel, RunsAreWalkedPixelByPixel) {
           double across = 0.0;
           variant->measure_runs(walk, along, across);
           EXPECT_EQ(along, along_px);
-          SampleSet set(200 * kernel::kBlock);
+          SampleSet set(200 * simd::kBlock);
           const int used = variant->walk_runs(lens, walk, set.s);
           ASSERT_EQ(static_cast<std::size_t>(used), expected.size());
           ASSERT_EQ(static_cast<std::size_t>(walk.walked), ends.size());
@@ -893,7 +892,7 @@ TEST(AlignmentKernel, RunsAreWalkedPixelByPixel) {
             ASSERT_EQ(static_cast<int>(set.s.pixel_x[i]), expected[i].x) << i;
             ASSERT_EQ(static_cast<int>(set.s.pixel_y[i]), expected[i].y) << i;
             ASSERT_EQ(set.s.vertex[i], expected[i].place) << i;
-            if (kind == kernel::Lens::Kind::none) continue;
+            if (kind == simd::Lens::Kind::none) continue;
             ASSERT_NEAR(set.s.ray_x[i], expected[i].ray_x, 1e-6F) << i;
             ASSERT_NEAR(set.s.ray_y[i], expected[i].ray_y, 1e-6F) << i;
           }
@@ -904,7 +903,7 @@ TEST(AlignmentKernel, RunsAreWalkedPixelByPixel) {
 }
 
 // Values by places, what fills the last block up, and the vertices' records.
-TEST(AlignmentKernel, SamplesAreReadAndGivenTheirVerticesRecords) {
+TEST(SimdLoops, ReadAndAttachFillSamples) {
   std::mt19937 random(8);
   std::uniform_int_distribution<int> byte(0, 255);
   constexpr std::size_t kVertices = 50;
@@ -918,19 +917,19 @@ TEST(AlignmentKernel, SamplesAreReadAndGivenTheirVerticesRecords) {
   for (std::vector<float>* array : {&ka, &kb, &coefficients}) {
     for (float& value : *array) value = static_cast<float>(byte(random));
   }
-  for (const Variant* variant : variants()) {
+  for (const Loops* variant : variants()) {
     for (const int used : {0, 1, 63, 64, 100, 128}) {
       SCOPED_TRACE(testing::Message() << variant->name << ' ' << used);
-      SampleSet set(3 * kernel::kBlock);
-      set.s.count = (used + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
+      SampleSet set(3 * simd::kBlock);
+      set.s.count = (used + simd::kBlock - 1) / simd::kBlock * simd::kBlock;
       const std::array<float*, 4> kept = {set.s.pixel_x, set.s.pixel_y, set.s.ray_x, set.s.ray_y};
       for (std::size_t k = 0; k < kept.size(); ++k) {
-        for (int i = 0; i < 3 * kernel::kBlock; ++i) kept[k][i] = static_cast<float>(i * 4 + k);
+        for (int i = 0; i < 3 * simd::kBlock; ++i) kept[k][i] = static_cast<float>(i * 4 + k);
       }
       std::vector<std::int32_t> places;
       for (int i = 0; i < used; ++i) places.push_back(set.s.vertex[i] = (37 * i + 5) % 1000);
       variant->read(pixels.data(), levels.data(), used, set.s);
-      for (int i = 0; i < 3 * kernel::kBlock; ++i) {
+      for (int i = 0; i < 3 * simd::kBlock; ++i) {
         const bool sampled = i < used;
         const bool filled = i < set.s.count;
         const float value =
@@ -955,7 +954,7 @@ TEST(AlignmentKernel, SamplesAreReadAndGivenTheirVerticesRecords) {
 }
 
 // The pixels nearest to cells against the same by doubles, one cell after the other.
-TEST(AlignmentKernel, CellsLieAtThePixelsNearestToTheirCorners) {
+TEST(SimdLoops, CellPlacesAreNearestPixels) {
   constexpr int kWidth = 90;
   constexpr int kHeight = 70;
   std::mt19937 random(3);
@@ -977,11 +976,11 @@ TEST(AlignmentKernel, CellsLieAtThePixelsNearestToTheirCorners) {
       }
       depth[static_cast<std::size_t>(3 * side + 2)] = -1.0F;
       x[static_cast<std::size_t>(4 * side + 4)] = 1e7F;
-      kernel::CellCorners corners;
+      simd::CellCorners corners;
       corners.pixel_x = x.data();
       corners.pixel_y = y.data();
       corners.depth = depth.data();
-      for (const Variant* variant : variants()) {
+      for (const Loops* variant : variants()) {
         std::vector<std::int32_t> places(vertices, 7);
         variant->cell_places(side, corners, {kWidth, kHeight, stride}, places.data());
         int outside = 0;
@@ -999,9 +998,8 @@ TEST(AlignmentKernel, CellsLieAtThePixelsNearestToTheirCorners) {
             const double py = std::floor(0.25 * sum.y() + 0.5);
             seen = seen && px >= 0.0 && py >= 0.0 && px < kWidth && py < kHeight;
             outside += seen ? 0 : 1;
-            EXPECT_EQ(
-                places[static_cast<std::size_t>(j * side + i)],
-                seen ? static_cast<int>(py) * stride + static_cast<int>(px) : kernel::kNowhere)
+            EXPECT_EQ(places[static_cast<std::size_t>(j * side + i)],
+                      seen ? static_cast<int>(py) * stride + static_cast<int>(px) : simd::kNowhere)
                 << variant->name << ' ' << side << ' ' << i << ' ' << j;
           }
         }
@@ -1013,11 +1011,11 @@ TEST(AlignmentKernel, CellsLieAtThePixelsNearestToTheirCorners) {
 }
 
 // A step over four tags at once against the same by matrices, one tag after the other.
-TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
+TEST(SimdLoops, PackedTagsMatchSingleTags) {
   std::mt19937 random(21);
   std::normal_distribution<double> n(0.0, 1.0);
   constexpr std::size_t kLeftOut = 2;  // in the second pack, and all after it
-  std::array<kernel::TagPack, 2> packs;
+  std::array<simd::TagPack, 2> packs;
   struct Tag {
     Eigen::Matrix<double, 8, 8> H;
     Eigen::Matrix<double, 8, 1> g;
@@ -1044,7 +1042,7 @@ TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
     tag.M.col(2) = Eigen::Vector3d(0.1 * n(random), 0.1 * n(random), 0.6);
     tag.cell_m = 0.01;
     tag.side = 9;
-    kernel::TagPack& pack = packs[k / 4];
+    simd::TagPack& pack = packs[k / 4];
     const std::size_t lane = k % 4;
     int index = 0;
     for (int p = 0; p < 8; ++p) {
@@ -1067,7 +1065,7 @@ TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
   packs[1].weight[kLeftOut] = 3.0;
   packs[1].weight[3] = 100.0;
   packs[1].H[4][3] = std::numeric_limits<double>::quiet_NaN();
-  kernel::CameraStep step;
+  simd::CameraStep step;
   Vector6d xi;
   xi << 0.002, -0.001, 0.003, 0.01, -0.02, 0.005;
   std::copy(xi.data(), xi.data() + 6, step.xi);
@@ -1079,14 +1077,14 @@ TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
   step.fx = 500.0;
   step.fy = 510.0;
   step.slope = 0.8;
-  std::vector<std::array<kernel::TagPack, 2>> results;
-  for (const Variant* variant : variants()) {
+  std::vector<std::array<simd::TagPack, 2>> results;
+  for (const Loops* variant : variants()) {
     results.push_back(packs);
-    variant->eliminate(results.back().data(), 2);
+    variant->marginalise(results.back().data(), 2);
     variant->follow(step, results.back().data(), 2);
     for (std::size_t p = 0; p < 2; ++p) {
-      const kernel::TagPack& a = results.front()[p];
-      const kernel::TagPack& b = results.back()[p];
+      const simd::TagPack& a = results.front()[p];
+      const simd::TagPack& b = results.back()[p];
       EXPECT_EQ(std::memcmp(a.H_camera, b.H_camera, sizeof a.H_camera), 0) << variant->name;
       EXPECT_EQ(std::memcmp(a.g_camera, b.g_camera, sizeof a.g_camera), 0) << variant->name;
       EXPECT_EQ(std::memcmp(a.levels, b.levels, sizeof a.levels), 0) << variant->name;
@@ -1094,7 +1092,7 @@ TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
     }
   }
   for (const std::size_t lane : {kLeftOut, std::size_t{3}}) {
-    const kernel::TagPack& pack = results[0][1];
+    const simd::TagPack& pack = results[0][1];
     EXPECT_FALSE(pack.valid[lane]);
     for (const auto& h : pack.H_camera) EXPECT_EQ(h[lane], 0.0);
     for (const auto& g : pack.g_camera) EXPECT_EQ(g[lane], 0.0);
@@ -1102,7 +1100,7 @@ TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
   for (std::size_t k = 0; k < tags.size(); ++k) {
     SCOPED_TRACE(k);
     const Tag& tag = tags[k];
-    const kernel::TagPack& pack = results[0][k / 4];
+    const simd::TagPack& pack = results[0][k / 4];
     const std::size_t lane = k % 4;
     if (k >= 4 + kLeftOut) continue;
     ASSERT_TRUE(pack.valid[lane]);
@@ -1143,32 +1141,32 @@ TEST(AlignmentKernel, TagsSideBySideAreWhatEachIsAlone) {
   }
 }
 
-TEST(AlignmentKernel, LeversAreThoseOfAnEdgesDisplacement) {
-  for (const Variant* variant : variants()) {
-    SampleSet set(2 * kernel::kBlock);
-    std::vector<float> levers(3 * 2 * kernel::kBlock, -1.0F);
-    set.s.levers = levers.data();
+TEST(SimdLoops, LeverageMatchesEdgeDisplacement) {
+  for (const Loops* variant : variants()) {
+    SampleSet set(2 * simd::kBlock);
+    std::vector<float> leverage(3 * 2 * simd::kBlock, -1.0F);
+    set.s.leverage = leverage.data();
     std::mt19937 random(4);
     std::uniform_real_distribution<float> uniform(-1.0F, 1.0F);
     for (int i = 0; i < set.s.count; ++i) {
       set.s.value[i] = 100.0F + 90.0F * uniform(random);
       set.s.residual[i] = 20.0F * uniform(random);
     }
-    kernel::LeverInput in;
+    simd::LeverageInput in;
     in.inverse_gain = 1.0F / 120.0F;
     in.offset = 40.0F;
     in.inverse_limit = 1.0F / 0.12F;
-    variant->levers(in, set.s);
+    variant->leverage(in, set.s);
     for (int i = 0; i < set.s.count; ++i) {
       const float r = set.s.residual[i] / 120.0F;
       const float m = (set.s.value[i] - 40.0F) / 120.0F - r;
       const float inside = std::max(0.0F, 1.0F - r * r / (0.12F * 0.12F));
       const float slope = std::max(0.0F, m * (1.0F - m));
-      const float lever = slope * inside * inside;
-      const float* const pair = levers.data() + 2 * i;
-      EXPECT_NEAR(pair[0], lever * r, 1e-6F);
-      EXPECT_NEAR(pair[1], lever * slope, 1e-6F);
-      EXPECT_NEAR(levers[static_cast<std::size_t>(2 * set.s.count + i)], lever * lever, 1e-6F);
+      const float effect = slope * inside * inside;
+      const float* const pair = leverage.data() + 2 * i;
+      EXPECT_NEAR(pair[0], effect * r, 1e-6F);
+      EXPECT_NEAR(pair[1], effect * slope, 1e-6F);
+      EXPECT_NEAR(leverage[static_cast<std::size_t>(2 * set.s.count + i)], effect * effect, 1e-6F);
     }
   }
 }

@@ -1,35 +1,35 @@
-#include "tracking/alignment/simd/alignment_kernel.hpp"
+#include "tracking/alignment/simd/alignment_loops.hpp"
 
 #include <array>
 #include <cstddef>
 
 #include "core/camera/camera_model.hpp"
 
-namespace penumbra::kernel {
+namespace penumbra::simd {
 
 namespace generic {
-extern const Variant kVariant;
+extern const Loops kLoops;
 }
 #if defined(__x86_64__)
 namespace avx2 {
-extern const Variant kVariant;
+extern const Loops kLoops;
 }
 namespace avx512 {
-extern const Variant kVariant;
+extern const Loops kLoops;
 }
 #endif
 
 namespace {
 
-struct VariantList {
-  std::array<const Variant*, 4> variants{};
+struct LoopsList {
+  std::array<const Loops*, 4> loops{};
   std::size_t count = 0;
 };
 
-// What is asked for is what the variants are compiled for, see CMakeLists.txt.
-VariantList find_variants() {
-  VariantList list;
-  list.variants[list.count++] = &generic::kVariant;
+// Asks for the features that the loops are compiled for, see CMakeLists.txt.
+LoopsList find_loops() {
+  LoopsList list;
+  list.loops[list.count++] = &generic::kLoops;
 #if defined(__x86_64__)
   __builtin_cpu_init();
   const bool v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
@@ -37,14 +37,14 @@ VariantList find_variants() {
   const bool v4 = v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
                   __builtin_cpu_supports("avx512cd") && __builtin_cpu_supports("avx512dq") &&
                   __builtin_cpu_supports("avx512vl");
-  if (v3) list.variants[list.count++] = &avx2::kVariant;
-  if (v4) list.variants[list.count++] = &avx512::kVariant;
+  if (v3) list.loops[list.count++] = &avx2::kLoops;
+  if (v4) list.loops[list.count++] = &avx512::kLoops;
 #endif
   return list;
 }
 
-const VariantList& variants() {
-  static const VariantList list = find_variants();
+const LoopsList& all_loops() {
+  static const LoopsList list = find_loops();
   return list;
 }
 
@@ -66,12 +66,12 @@ Lens lens_of(const CameraModel& camera) {
   return lens;
 }
 
-const Variant& best_variant() {
-  return *variants().variants[variants().count - 1];
+const Loops& widest_loops() {
+  return *all_loops().loops[all_loops().count - 1];
 }
 
-const Variant* const* available_variants() {
-  return variants().variants.data();
+const Loops* const* available_loops() {
+  return all_loops().loops.data();
 }
 
-}  // namespace penumbra::kernel
+}  // namespace penumbra::simd

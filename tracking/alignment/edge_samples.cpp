@@ -1,67 +1,58 @@
-// Which pixels an alignment looks at, and what it needs to know about each.
-
-#include "tracking/alignment/tag_alignment_state.hpp"
+#include "tracking/alignment/edge_samples.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstddef>
 
 #include "core/assert.hpp"
 
 namespace penumbra {
 namespace {
 
-// Of the edges along one of the lattice's directions.
-template <class Tag>
-int edge_cells(const Tag& tag, std::size_t direction) {
+// Number of cells of the edges along one of the lattice's directions.
+int edge_cells(const AlignedTag& tag, std::size_t direction) {
   const auto& cells = tag.edge_cells[direction];
   return cells.empty() ? 0 : static_cast<int>(cells.size()) - 1;
-}
-
-// Pixels at a step across an edge.
-template <class Band>
-int rows_at_most(const Band& band, double reach_px) {
-  return band.count > 0 ? band.count : std::min(static_cast<int>(3.0 * reach_px) + 2, 17);
-}
-
-// From step to step along edges that are so long altogether, for about `cap` samples [px].
-template <class Band>
-double stride_of(const Band& band, double reach_px, double length, double tilt, int cap) {
-  const double steepness = std::sqrt(1.0 + (tilt / length) * (tilt / length));
-  const double rows = band.count > 0 ? band.count : std::min(2.0 * reach_px * steepness, 16.0);
-  return std::max(1.0, length * rows / cap);
 }
 
 double mean_of(const std::array<double, 2>& reach_px) {
   return 0.5 * (reach_px[0] + reach_px[1]);
 }
 
-// Rows across an edge, from the first one of a step.
-template <class Band>
-std::array<float, 20> row_offsets(const Band& band) {
-  std::array<float, 20> offsets = {0.0F,  1.0F,  2.0F,  3.0F,  4.0F,  5.0F,  6.0F,
-                                   7.0F,  8.0F,  9.0F,  10.0F, 11.0F, 12.0F, 13.0F,
-                                   14.0F, 15.0F, 16.0F, 17.0F, 18.0F, 19.0F};
-  for (int k = 0; k < band.count; ++k) {
-    const auto at = static_cast<std::size_t>(k);
-    offsets[at] = static_cast<float>(band.offsets[at]);
-  }
-  return offsets;
-}
-
 }  // namespace
 
-// Gain and offset of each tag from its data cells, so that nothing is carried over from another
-// exposure.
-void TagAligner::Impl::read_levels() {
-  for (Tag* tag : active) {
+int EdgeSampler::Band::rows_at_most(double reach_px) const {
+  return count > 0 ? count : std::min(static_cast<int>(3.0 * reach_px) + 2, 17);
+}
+
+double EdgeSampler::Band::stride(double reach_px, double length, double tilt, int cap) const {
+  const double steepness = std::sqrt(1.0 + (tilt / length) * (tilt / length));
+  const double rows = count > 0 ? count : std::min(2.0 * reach_px * steepness, 16.0);
+  return std::max(1.0, length * rows / cap);
+}
+
+std::array<float, 20> EdgeSampler::Band::row_offsets() const {
+  std::array<float, 20> rows = {0.0F,  1.0F,  2.0F,  3.0F,  4.0F,  5.0F,  6.0F,
+                                7.0F,  8.0F,  9.0F,  10.0F, 11.0F, 12.0F, 13.0F,
+                                14.0F, 15.0F, 16.0F, 17.0F, 18.0F, 19.0F};
+  for (int k = 0; k < count; ++k) {
+    const auto at = static_cast<std::size_t>(k);
+    rows[at] = static_cast<float>(offsets[at]);
+  }
+  return rows;
+}
+
+void EdgeSampler::read_levels() {
+  for (AlignedTag* tag : problem_.active) {
     double white = 0.0;
     double black = 0.0;
     int whites = 0;
     int blacks = 0;
-    find_cells(*tag);
+    const std::int32_t* const places = problem_.find_cells(*tag);
     for (const DataCell& cell : tag->pattern.data_cells()) {
-      const std::int32_t place = cell_places[static_cast<std::size_t>(cell.j * tag->side + cell.i)];
-      if (place == kernel::kNowhere) continue;
-      const double value = static_cast<double>(tone[image.data[place]]);
+      const std::int32_t place = places[cell.j * tag->side + cell.i];
+      if (place == simd::kNowhere) continue;
+      const double value = static_cast<double>(problem_.tone[problem_.image.data[place]]);
       (cell.white ? white : black) += value;
       ++(cell.white ? whites : blacks);
     }
@@ -74,22 +65,21 @@ void TagAligner::Impl::read_levels() {
   }
 }
 
-// Where the samples' pixels lie in the image's memory, for finish_samples.
-void TagAligner::Impl::locate_samples(Tag& tag) const {
-  const kernel::Samples& s = tag.samples;
-  const auto stride = static_cast<std::int32_t>(image.stride);
+void EdgeSampler::locate_samples(AlignedTag& tag) const {
+  const simd::Samples& s = tag.samples;
+  const auto stride = static_cast<std::int32_t>(problem_.image.stride);
   for (int i = 0; i < tag.used; ++i)
     s.vertex[i] =
         static_cast<std::int32_t>(s.pixel_y[i]) * stride + static_cast<std::int32_t>(s.pixel_x[i]);
 }
 
-// Fills in what the kernel needs beside pixels, their places in memory (in `vertex`) and guesses of
+// Fills in what the loops need beside pixels, their places in memory (in `vertex`) and guesses of
 // their rays.
-void TagAligner::Impl::finish_samples(Tag& tag) {
-  tag.samples.count = (tag.used + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
-  const kernel::Samples s = tag.samples;  // a copy, which the floats that are written are not
+void EdgeSampler::finish_samples(AlignedTag& tag) {
+  tag.samples.count = (tag.used + simd::kBlock - 1) / simd::kBlock * simd::kBlock;
+  const simd::Samples s = tag.samples;  // a copy, which the floats that are written are not
   const int padded = s.count;
-  kernel->read(image.data, tone.data(), tag.used, s);
+  problem_.loops->read(problem_.image.data, problem_.tone.data(), tag.used, s);
   if (!tag.row_shear.isZero()) {
     // From here on the samples are where they would be, had their rows been read out with the
     // tag's.
@@ -101,7 +91,7 @@ void TagAligner::Impl::finish_samples(Tag& tag) {
       s.pixel_y[i] -= shear.y() * rows;
     }
   }
-  kernel->prepare(lens, tag.lattice_from_ray.data(), tag.reach, tag.side, s);
+  problem_.loops->prepare(problem_.lens, tag.lattice_from_ray.data(), tag.reach, tag.side, s);
   if (tag.moments == 1) {
     attach(tag, s);
     return;
@@ -109,18 +99,18 @@ void TagAligner::Impl::finish_samples(Tag& tag) {
   keep_on_paper(tag);
   for (int k = 0; k < tag.moments; ++k) {
     const auto moment = static_cast<std::size_t>(k);
-    kernel::Samples& of = tag.moment_samples[moment];
+    simd::Samples& of = tag.moment_samples[moment];
     of = tag.samples;
-    if (k > 0) arena.take_anchors(tag.reach, of);
-    kernel->anchor(tag.moment_inputs[moment].lattice_from_ray, tag.reach, tag.side, of);
+    if (k > 0) arena_.take_anchors(tag.reach, of);
+    problem_.loops->anchor(tag.moment_inputs[moment].lattice_from_ray, tag.reach, tag.side, of);
     attach(tag, of);
   }
 }
 
-// A smear mixes a tag with what lies around it, which nobody knows: samples that saw it, or came
-// near, at the exposure's ends are left out.
-void TagAligner::Impl::keep_on_paper(Tag& tag) {
-  const kernel::Samples& s = tag.samples;
+// Removes samples that saw what lies around the tag, or came near it, at the ends of the exposure:
+// motion blur mixes the tag with surroundings that are not known.
+void EdgeSampler::keep_on_paper(AlignedTag& tag) const {
+  const simd::Samples& s = tag.samples;
   // A line matters up to 2.5 sigma.
   const Eigen::Vector2f near = (2.5 * tag.sigma_cells).cast<float>();
   const auto on_paper = [&](const float* M, int i) {
@@ -142,26 +132,22 @@ void TagAligner::Impl::keep_on_paper(Tag& tag) {
   const float* const end =
       tag.moment_inputs[static_cast<std::size_t>(tag.moments - 1)].lattice_from_ray;
   int kept = 0;
-  int step = 0;
   for (int i = 0; i < tag.used; ++i) {
-    while (step < tag.step_count && tag.step_end[static_cast<std::size_t>(step)] <= i)
-      tag.step_end[static_cast<std::size_t>(step++)] = kept;
     if (!on_paper(first, i) || !on_paper(end, i)) continue;
     for (float* array : {s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.value}) array[kept] = array[i];
     ++kept;
   }
-  while (step < tag.step_count) tag.step_end[static_cast<std::size_t>(step++)] = kept;
   for (int i = kept; i < tag.used; ++i) s.weight[i] = 0.0F;
   tag.used = kept;
-  tag.samples.count = (kept + kernel::kBlock - 1) / kernel::kBlock * kernel::kBlock;
+  tag.samples.count = (kept + simd::kBlock - 1) / simd::kBlock * simd::kBlock;
 }
 
-// What depends on the anchor alone.
-void TagAligner::Impl::attach(const Tag& tag, const kernel::Samples& samples) const {
-  const kernel::Samples s = samples;  // a copy, which the floats that are written are not
+// Fills in what depends on the anchor alone.
+void EdgeSampler::attach(const AlignedTag& tag, const simd::Samples& samples) const {
+  const simd::Samples s = samples;  // a copy, which the floats that are written are not
   const int padded = s.count;
   if (tag.reach == 1) {
-    kernel->attach(tag.ka.data(), tag.kb.data(), tag.coefficients1.front().data(), s);
+    problem_.loops->attach(tag.ka.data(), tag.kb.data(), tag.coefficients1.front().data(), s);
     if (tag.correlated) {
       for (int i = 0; i < padded; ++i) s.rho[i] = tag.rho[static_cast<std::size_t>(s.vertex[i])];
     }
@@ -182,31 +168,30 @@ void TagAligner::Impl::attach(const Tag& tag, const kernel::Samples& samples) co
   }
 }
 
-void TagAligner::Impl::take_samples(Tag& tag, int capacity) {
+void EdgeSampler::take_samples(AlignedTag& tag, int capacity) {
   tag.capacity = capacity;
-  arena.take(capacity, tag.reach, tag.samples);
-  // The kernels write whole blocks.
-  if (const auto most = static_cast<std::size_t>(capacity + kernel::kBlock);
-      tag.vertex.size() < most)
+  arena_.take(capacity, tag.reach, tag.samples);
+  // The loops write whole blocks.
+  if (const auto most = static_cast<std::size_t>(capacity + simd::kBlock); tag.vertex.size() < most)
     tag.vertex.resize(most + most / 2);
   tag.samples.vertex = tag.vertex.data();
 }
 
-void TagAligner::Impl::evaluate(Tag& tag) {
-  kernel::AccumulateInput one;
-  kernel::AccumulateInput& in = tag.moments > 1 ? tag.moment_inputs[0] : one;
+void EdgeSampler::evaluate(AlignedTag& tag) const {
+  simd::AccumulateInput one;
+  simd::AccumulateInput& in = tag.moments > 1 ? tag.moment_inputs[0] : one;
   in.reach = tag.reach;
   in.correlated = tag.correlated;
   if (tag.moments > 1) {
-    kernel->evaluate_moments(tag.moment_inputs.data(), tag.moment_samples.data(), tag.moments);
+    problem_.loops->evaluate_moments(tag.moment_inputs.data(), tag.moment_samples.data(),
+                                     tag.moments);
     return;
   }
   std::copy(tag.lattice_from_ray.begin(), tag.lattice_from_ray.end(), in.lattice_from_ray);
-  kernel->evaluate(in, tag.samples);
+  problem_.loops->evaluate(in, tag.samples);
 }
 
-// Chooses the pixels at the edges, up to about `cap`.
-void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
+void EdgeSampler::select(AlignedTag& tag, bool wide, int cap) {
   tag.used = 0;
   tag.step_count = 0;
   tag.thinned = false;
@@ -217,22 +202,24 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
     for (const double o : {-5.0, -3.0, -1.0, 1.0, 3.0, 5.0})
       band.offsets[static_cast<std::size_t>(band.count++)] = floor_of(o * unit + 0.5);
   }
-  // Within 2.1 sigma of an edge lies all but a two-hundredth of what it tells; a limited number of
-  // pixels is best spent closer.
-  const double sigmas = options.effort == AlignmentEffort::accurate ? 2.1 : 1.25;
-  // A smear along an edge leaves it as it is.
+  // Within 2.1 sigma of an edge lies all but a two-hundredth of its information; a limited number
+  // of pixels is best spent closer.
+  const double sigmas = problem_.options.effort == AlignmentEffort::accurate ? 2.1 : 1.25;
+  // Motion along an edge does not blur it.
   const auto reach_across = [&](const Eigen::Vector2d& along) {
     const double across_px =
         (along.x() * tag.motion_px.y() - along.y() * tag.motion_px.x()) / along.norm();
-    return sigmas * std::sqrt(options.blur_px * options.blur_px + across_px * across_px / 12.0);
+    return sigmas * std::sqrt(problem_.options.blur_px * problem_.options.blur_px +
+                              across_px * across_px / 12.0);
   };
-  std::array<double, 2> reach_px = {sigmas * options.blur_px, sigmas * options.blur_px};
+  std::array<double, 2> reach_px = {sigmas * problem_.options.blur_px,
+                                    sigmas * problem_.options.blur_px};
   if (!tag.motion_px.isZero(0.0)) reach_px = {reach_across(tag.along_a), reach_across(tag.along_b)};
-  // Of steps nearer than this two may fall on a pixel where the tag is seen smaller.
+  // Two steps that are nearer to each other may fall on one pixel where the tag is seen smaller.
   constexpr double kLeastStep_px = 1.5;
-  // The tilt of a lone tag hangs on single edges.
+  // The tilt of a lone tag depends on single edges.
   constexpr std::size_t kFewestTags = 3;
-  if (active.size() >= kFewestTags) {
+  if (problem_.active.size() >= kFewestTags) {
     // Lengths by the cells at the tag's centre: of each direction's edges along the image axis they
     // are nearer to, and along the other one.
     double length = 0.0;
@@ -243,7 +230,7 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
       length += cells * cell_px.cwiseAbs().maxCoeff();
       tilt += cells * cell_px.cwiseAbs().minCoeff();
     }
-    const double stride = stride_of(band, mean_of(reach_px), length, tilt, cap);
+    const double stride = band.stride(mean_of(reach_px), length, tilt, cap);
     if (stride > kLeastStep_px && length < 1e7) {
       tag.thinned = true;
       step_along(tag, band, reach_px, stride);
@@ -257,17 +244,17 @@ void TagAligner::Impl::select(Tag& tag, bool wide, int cap) {
   finish_samples(tag);
 }
 
-// Each of the lattice's two directions in even steps over all of its edges, about `stride` pixels
-// along the image axis that they are nearer to.
-void TagAligner::Impl::step_along(Tag& tag, const Band& band, const std::array<double, 2>& reach_px,
-                                  double stride) {
+// Samples each of the lattice's two directions in even steps over all of its edges, about `stride`
+// pixels along the image axis that they are nearer to.
+void EdgeSampler::step_along(AlignedTag& tag, const Band& band,
+                             const std::array<double, 2>& reach_px, double stride) {
   const std::array<Eigen::Vector2d, 2> cell_px = {tag.along_a, tag.along_b};
   const std::array<int, 2> cells = {edge_cells(tag, 0), edge_cells(tag, 1)};
   std::array<int, 2> counts{};
   for (const std::size_t k : {0U, 1U})
     counts[k] = static_cast<int>(cells[k] * cell_px[k].cwiseAbs().maxCoeff() / stride + 0.5);
-  const std::array<int, 2> most_rows = {rows_at_most(band, reach_px[0]),
-                                        rows_at_most(band, reach_px[1])};
+  const std::array<int, 2> most_rows = {band.rows_at_most(reach_px[0]),
+                                        band.rows_at_most(reach_px[1])};
   // What is written is up to three pixels more than are counted.
   take_samples(tag, most_rows[0] * counts[0] + most_rows[1] * counts[1] + 4);
   tag.step_count = counts[0] + counts[1];
@@ -280,12 +267,12 @@ void TagAligner::Impl::step_along(Tag& tag, const Band& band, const std::array<d
     for (int c = 0; c < 3; ++c)
       M[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(tag.ray_from_lattice(r, c));
   }
-  const std::array<float, 20> offsets = row_offsets(band);
-  kernel::Walk walk;
+  const std::array<float, 20> offsets = band.row_offsets();
+  simd::Walk walk;
   walk.ray_from_lattice = M.data();
-  walk.width = image.width;
-  walk.height = image.height;
-  walk.stride = image.stride;
+  walk.width = problem_.image.width;
+  walk.height = problem_.image.height;
+  walk.stride = problem_.image.stride;
   walk.band_count = band.count;
   walk.offsets = offsets.data();
   if (!tag.row_shear.isZero()) {
@@ -305,20 +292,20 @@ void TagAligner::Impl::step_along(Tag& tag, const Band& band, const std::array<d
     walk.most_rows = most_rows[k];
     walk.along_b = k == 1;
     walk.along_x = std::abs(cell_px[k].x()) >= std::abs(cell_px[k].y());
-    tag.used = kernel->walk(lens, walk, tag.samples, tag.used);
+    tag.used = problem_.loops->walk(problem_.lens, walk, tag.samples, tag.used);
     walk.end += counts[k];
     walk.run += counts[k];
   }
 }
 
-// Each run is walked pixel by pixel along the image axis it is nearer to, and at each step the
-// pixels across it that the blur reaches are taken.
-void TagAligner::Impl::walk_runs(Tag& tag, const Band& band, const std::array<double, 2>& reach_px,
-                                 int cap) {
-  kernel::RunWalk walk;
-  constexpr auto kPart = static_cast<std::size_t>(kernel::RunWalk::Part::kRuns);
-  if (const std::size_t parts = (tag.runs.size() + kPart - 1) / kPart; run_parts.size() < parts)
-    run_parts.resize(parts);
+// Walks each run pixel by pixel along the image axis it is nearer to, and takes at each step the
+// pixels across it that the blur reaches.
+void EdgeSampler::walk_runs(AlignedTag& tag, const Band& band,
+                            const std::array<double, 2>& reach_px, int cap) {
+  simd::RunWalk walk;
+  constexpr auto kPart = static_cast<std::size_t>(simd::RunWalk::Part::kRuns);
+  if (const std::size_t parts = (tag.runs.size() + kPart - 1) / kPart; run_parts_.size() < parts)
+    run_parts_.resize(parts);
   if (tag.step_run.size() < tag.runs.size()) {
     tag.step_end.resize(tag.runs.size());
     tag.step_run.resize(tag.runs.size());
@@ -330,58 +317,103 @@ void TagAligner::Impl::walk_runs(Tag& tag, const Band& band, const std::array<do
   walk.pixel_x = tag.pixel_x.data();
   walk.pixel_y = tag.pixel_y.data();
   walk.depth = tag.depth.data();
-  walk.parts = run_parts.data();
+  walk.parts = run_parts_.data();
   walk.reach_px = reach_px[0];
   double length = 0.0;
   double tilt = 0.0;  // along the other axis
-  kernel->measure_runs(walk, length, tilt);
+  problem_.loops->measure_runs(walk, length, tilt);
   if (!(length > 0.0) || !(length < 1e7)) return;
   if (reach_px[1] != reach_px[0]) {
     for (std::size_t k = 0; k < tag.runs.size(); ++k) {
       if (!tag.runs[k].vertical) continue;
-      kernel::RunWalk::Part& part = run_parts[k / kPart];
+      simd::RunWalk::Part& part = run_parts_[k / kPart];
       const double slope = part.slope[k % kPart];
       part.reach[k % kPart] = std::min(reach_px[1] * std::sqrt(1.0 + slope * slope), 8.0);
     }
   }
-  walk.stride_px = stride_of(band, mean_of(reach_px), length, tilt, cap);
+  walk.stride_px = band.stride(mean_of(reach_px), length, tilt, cap);
   tag.thinned = walk.stride_px > 1.0;
-  walk.most_rows = rows_at_most(band, std::max(reach_px[0], reach_px[1]));
+  walk.most_rows = band.rows_at_most(std::max(reach_px[0], reach_px[1]));
   // The steps go on from run to run. What is written is up to three pixels more than are counted.
   take_samples(tag, walk.most_rows * (static_cast<int>(length / walk.stride_px) + 2) + 4);
-  const std::array<float, 20> offsets = row_offsets(band);
+  const std::array<float, 20> offsets = band.row_offsets();
   walk.offsets = offsets.data();
   walk.band_count = band.count;
-  walk.width = image.width;
-  walk.height = image.height;
-  walk.stride = image.stride;
+  walk.width = problem_.image.width;
+  walk.height = problem_.image.height;
+  walk.stride = problem_.image.stride;
   walk.end = tag.step_end.data();
   walk.run = tag.step_run.data();
-  tag.used = kernel->walk_runs(lens, walk, tag.samples);
+  tag.used = problem_.loops->walk_runs(problem_.lens, walk, tag.samples);
   tag.step_count = walk.walked;
 }
 
-std::vector<EdgePixel> TagAligner::Impl::edge_pixels() {
+void EdgeSampler::read_cells(AlignedTag& tag) {
+  const std::vector<DataCell>& cells = tag.pattern.data_cells();
+  take_samples(tag, static_cast<int>(cells.size()));
+  simd::Samples& s = tag.samples;
+  tag.used = 0;
+  tag.step_count = 0;
+  for (const DataCell& cell : cells) {
+    int px = 0;
+    int py = 0;
+    if (!problem_.nearest_cell_pixel(tag, cell, px, py)) continue;
+    const auto v = static_cast<std::size_t>(cell.j * tag.side + cell.i);
+    s.pixel_x[tag.used] = static_cast<float>(px);
+    s.pixel_y[tag.used] = static_cast<float>(py);
+    s.ray_x[tag.used] = tag.ray_x[v];
+    s.ray_y[tag.used] = tag.ray_y[v];
+    ++tag.used;
+  }
+  locate_samples(tag);
+  finish_samples(tag);
+  evaluate(tag);
+}
+
+void EdgeSampler::average_cells(AlignedTag& tag) const {
+  const simd::Samples& s = tag.samples;
+  const int about = std::min(static_cast<int>(tag.cell_px / 6.0), 3);
+  // With a rolling shutter samples are no longer where their pixels are.
+  if (about == 0 || !tag.row_shear.isZero(0.0)) return;
+  for (int k = 0; k < tag.used; ++k) {
+    const int x = static_cast<int>(s.pixel_x[k]);
+    const int y = static_cast<int>(s.pixel_y[k]);
+    float sum = 0.0F;
+    int count = 0;
+    for (int v = std::max(y - about, 0); v <= std::min(y + about, problem_.image.height - 1); ++v) {
+      for (int u = std::max(x - about, 0); u <= std::min(x + about, problem_.image.width - 1);
+           ++u) {
+        sum += problem_.tone[problem_.image.data[v * problem_.image.stride + u]];
+        ++count;
+      }
+    }
+    s.value[k] = sum / static_cast<float>(count);
+  }
+}
+
+std::vector<EdgePixel> EdgeSampler::edge_pixels(std::span<const TagAlignment> seen) {
   constexpr double kWider = 1.02;  // for the derivative by differences
-  const double wider_px2 = (kWider * kWider - 1.0) * options.blur_px * options.blur_px;
+  const double wider_px2 =
+      (kWider * kWider - 1.0) * problem_.options.blur_px * problem_.options.blur_px;
   std::vector<EdgePixel> pixels;
-  for (std::size_t k = 0; k < result.tags.size(); ++k) {
-    if (!result.tags[k].verified) continue;
-    Tag& tag = tags[static_cast<std::size_t>(result.tags[k].index)];
+  for (std::size_t k = 0; k < seen.size(); ++k) {
+    if (!seen[k].verified) continue;
+    AlignedTag& tag = problem_.tags[static_cast<std::size_t>(seen[k].index)];
     PENUMBRA_ASSERT(tag.row_shear.isZero() && tag.motion_px.isZero());
-    project_lattice(tag, 0.0);
-    arena.give_back();
+    problem_.project_lattice(tag, 0.0);
+    arena_.give_back();
     select(tag, false,
-           options.effort == AlignmentEffort::accurate ? 1'000'000 : options.samples_per_tag);
-    kernel::Samples& s = tag.samples;
+           problem_.options.effort == AlignmentEffort::accurate ? 1'000'000
+                                                                : problem_.options.samples_per_tag);
+    simd::Samples& s = tag.samples;
     evaluate(tag);
     const std::size_t first = pixels.size();
     for (int i = 0; i < tag.used; ++i) {
       const std::uint8_t grey =
-          image.row(static_cast<int>(s.pixel_y[i]))[static_cast<int>(s.pixel_x[i])];
+          problem_.image.row(static_cast<int>(s.pixel_y[i]))[static_cast<int>(s.pixel_x[i])];
       pixels.push_back({static_cast<int>(k), static_cast<float>(grey), s.model[i], 0.0F});
     }
-    project_lattice(tag, wider_px2);
+    problem_.project_lattice(tag, wider_px2);
     for (int i = 0; i < s.count; ++i) {
       const auto v = static_cast<std::size_t>(s.vertex[i]);
       s.ka[i] = tag.ka[v];

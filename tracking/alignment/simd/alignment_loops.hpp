@@ -1,8 +1,8 @@
-// Inner loops of the pattern alignment, compiled once per instruction set and chosen at run time.
+// Inner loops of the pattern alignment, compiled for each instruction set and chosen at run time.
 //
 // Everything here is plain arrays of float in structure-of-arrays layout: a file that is compiled
 // for a wider instruction set must not instantiate templates that other files share. Sums run in 16
-// fixed lanes and no product is fused with a sum, so every variant gives the same bits.
+// fixed lanes and no product is fused with a sum, so every instruction set gives the same bits.
 //
 // Lattice coordinates (a, b) are those of tag_pattern.hpp; "ray" is (x, y) of the direction
 // (x, y, 1) in the camera frame, without distortion.
@@ -15,7 +15,7 @@ namespace penumbra {
 class CameraModel;
 }
 
-namespace penumbra::kernel {
+namespace penumbra::simd {
 
 inline constexpr int kBlock = 64;  // sample arrays are padded to a multiple of this
 
@@ -36,8 +36,8 @@ struct Blur {
 };
 
 // Lattice points (a, b) -> ray, pixel, depth (<= 0: behind the camera or beyond the lens model),
-// and the blur there. ka, kb: 1 / sigma along a and b [1/cells]; rho: their correlation. Null: rho
-// where it is not asked for; rays, ka, kb and rho where pixels and depths alone are.
+// and the blur there. ka, kb: 1 / sigma along a and b [1/cells]; rho: their correlation. Arrays
+// that are not wanted are null: rho, or rays, ka, kb and rho.
 struct Vertices {
   int count = 0;  // multiple of 16
   const float* a = nullptr;
@@ -54,8 +54,8 @@ struct Vertices {
 
 // One tag's samples: pixels with their grey levels and what the model needs of them. The model is
 // anchored at the lattice vertex (va, vb) nearest to the pixel (with two lines per axis: the vertex
-// below and left of it); `c` are its coefficients (see
-// pattern in the body), ka, kb and rho its blur.
+// below and left of it); `c` are its coefficients (see pattern() in residuals_body.hpp), ka, kb and
+// rho its blur.
 struct Samples {
   int count = 0;  // multiple of kBlock; padding has weight 0
   float* pixel_x = nullptr;
@@ -73,9 +73,9 @@ struct Samples {
   float* c[16] = {};
   float* model = nullptr;     // out of evaluate: the pattern's blurred value, 0 black to 1 white
   float* residual = nullptr;  // out of accumulate
-  // Out of levers: of each sample, one behind the other, its lever times its residual and times its
-  // slope; and after those of all `count` its lever squared, of each.
-  float* levers = nullptr;
+  // Out of leverage: for each sample its leverage times its residual and times its slope, and after
+  // all `count` of these the squares of the leverages.
+  float* leverage = nullptr;
 };
 
 // Four tags side by side in a step, the last index the tag. Matrices by rows.
@@ -88,9 +88,9 @@ struct TagPack {
   double per_cell[4] = {};             // [1/m]
   double ray_from_lattice[9][4] = {};  // where the tag is, before the step
   double side_cells[4] = {};
-  // Out of eliminate: whether the tag takes part; the inverse of its gain's and offset's equations;
-  // and its share in those of the camera's motion, gain and offset solved for: upper triangle of
-  // [nu nu, nu omega; , omega omega], as 6, 9 and 6 numbers, and gradient.
+  // Out of marginalise: whether the tag takes part; the inverse of its gain's and offset's
+  // equations; and its share in those of the camera's motion, gain and offset solved for: upper
+  // triangle of [nu nu, nu omega; , omega omega], as 6, 9 and 6 numbers, and gradient.
   bool valid[4] = {};
   double inverse[3][4] = {};
   double H_camera[21][4] = {};
@@ -214,14 +214,14 @@ struct AccumulateInput {
   bool correlated = false;      // whether rho is used
 };
 
-// What a displacement of the edges would do to residuals, by accumulate's last ones.
-struct LeverInput {
+// For the effect of a displacement of the edges on the residuals of the last accumulate.
+struct LeverageInput {
   float inverse_gain = 0.0F;
   float offset = 0.0F;
   float inverse_limit = 0.0F;  // of Tukey's weights [1 / share of the gain]
 };
 
-struct Variant {
+struct Loops {
   const char* name;
   void (*project)(const Lens& lens, const Blur& blur, const float* ray_from_lattice,
                   const float* lattice_from_ray, const Vertices& vertices);
@@ -247,7 +247,7 @@ struct Variant {
   // The anchors alone, by the rays.
   void (*anchor)(const float* lattice_from_ray, int reach, int side, const Samples& samples);
   // Gains and offsets solved for in terms of the camera's motion; returns nothing but in the packs.
-  void (*eliminate)(TagPack* packs, int count);
+  void (*marginalise)(TagPack* packs, int count);
   // What the step does to the tags.
   void (*follow)(const CameraStep& step, TagPack* packs, int count);
   // The model alone, at the pose of `input`, into samples.model.
@@ -255,7 +255,7 @@ struct Variant {
   // The mean of what is seen at `count` moments: `inputs` are where the camera is then, `moments`
   // the same samples, each with the anchor and the blur that it has then.
   void (*evaluate_moments)(const AccumulateInput* inputs, const Samples* moments, int count);
-  void (*levers)(const LeverInput& input, const Samples& samples);
+  void (*leverage)(const LeverageInput& input, const Samples& samples);
   // scores[r * columns + c] = sum over the first `positive` points minus the sum over the others of
   // point[r * row_step * stride + c]; columns: 32 or 64.
   void (*search)(const std::uint8_t* const* points, const std::ptrdiff_t* strides, int positive,
@@ -270,9 +270,9 @@ struct Variant {
 };
 
 [[nodiscard]] Lens lens_of(const CameraModel& camera);
-// The widest variant that this processor runs.
-[[nodiscard]] const Variant& best_variant();
+// The widest that this processor runs.
+[[nodiscard]] const Loops& widest_loops();
 // All that this processor runs, narrowest first; null ends the list.
-[[nodiscard]] const Variant* const* available_variants();
+[[nodiscard]] const Loops* const* available_loops();
 
-}  // namespace penumbra::kernel
+}  // namespace penumbra::simd

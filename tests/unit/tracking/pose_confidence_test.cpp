@@ -1,0 +1,118 @@
+#include "tracking/pose_confidence.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <optional>
+
+#include "core/evaluation/evaluation.hpp"
+#include "support/synthetic_board.hpp"
+
+namespace penumbra {
+namespace {
+
+using testing::HasSubstr;
+
+class JudgeTest : public ::testing::Test {
+ protected:
+  // A measurement whose predicted overlay error is this.
+  [[nodiscard]] Measurement measured(double error_px) const {
+    Measurement measurement;
+    measurement.best.T_table_camera = pose_;
+    measurement.best.covariance = covariance_of(error_px);
+    measurement.tags_used = 6;
+    measurement.aligned = true;
+    return measurement;
+  }
+  [[nodiscard]] Matrix6d covariance_of(double error_px) const {
+    const double unit = expected_overlay_error_px(group_.camera, pose_, Matrix6d::Identity());
+    return error_px * error_px / (unit * unit) * Matrix6d::Identity();
+  }
+  // A second pose, turned about the table's x axis.
+  void add_second(Measurement& measurement, double turn_rad) const {
+    measurement.second = measurement.best;
+    const Transform<frame::Table, frame::Table> turn(
+        Eigen::Quaterniond(Eigen::AngleAxisd(turn_rad, Eigen::Vector3d::UnitX())),
+        Eigen::Vector3d::Zero());
+    measurement.second->T_table_camera = turn * pose_;
+    measurement.ambiguous = true;
+  }
+
+  const RigidTags group_{test::wide_camera(), test::board(3, 2, 0.06)};
+  const CameraPose pose_ = test::looking_at(Eigen::Vector3d::Zero(), 0.5, 1.0, 0.3, 0.0);
+};
+
+TEST_F(JudgeTest, TracksPoseBelowLimit) {
+  const JudgedPose judged = judge(group_, measured(1.0), std::nullopt);
+  EXPECT_EQ(judged.estimate.status, TrackStatus::tracked);
+  EXPECT_NEAR(judged.estimate.expected_overlay_error_px, 1.0, 1e-6);
+  EXPECT_EQ(judged.estimate.reason, "");
+}
+
+TEST_F(JudgeTest, IsUncertainAboveLimit) {
+  const JudgedPose judged = judge(group_, measured(3.0), std::nullopt);
+  EXPECT_EQ(judged.estimate.status, TrackStatus::uncertain);
+  EXPECT_EQ(judged.estimate.reason, "expected error 3.0 px");
+  EXPECT_FALSE(judged.only_lens_uncertain);
+}
+
+TEST_F(JudgeTest, IsUncertainWhenTagsContradict) {
+  Measurement measurement = measured(0.1);
+  measurement.contradictory = true;
+  EXPECT_EQ(judge(group_, measurement, std::nullopt).estimate.reason, kContradicting);
+}
+
+TEST_F(JudgeTest, IsUncertainWhenTwoPosesFit) {
+  Measurement measurement = measured(0.1);
+  add_second(measurement, 0.4);
+  EXPECT_EQ(judge(group_, measurement, std::nullopt).estimate.reason, kTwoPoses);
+}
+
+TEST_F(JudgeTest, PredictionChoosesBetweenTwoPoses) {
+  Measurement measurement = measured(0.1);
+  add_second(measurement, 0.4);
+  const CameraPose second = measurement.second->T_table_camera;
+  const JudgedPose best = judge(group_, measurement, pose_);
+  EXPECT_EQ(best.estimate.status, TrackStatus::tracked);
+  EXPECT_EQ(best.estimate.T_table_camera.matrix(), pose_.matrix());
+  const JudgedPose other = judge(group_, measurement, second);
+  EXPECT_EQ(other.estimate.status, TrackStatus::tracked);
+  EXPECT_EQ(other.estimate.T_table_camera.matrix(), second.matrix());
+}
+
+TEST_F(JudgeTest, BlamesLensWhenOnlyTheCameraFileIsUncertain) {
+  CameraParameters parameters = group_.camera.parameters();
+  parameters.overlay_sigma_px = 5.0;
+  const RigidTags group{CameraModel::make(parameters).value(), group_.tags};
+  const JudgedPose judged = judge(group, measured(1.0), std::nullopt);
+  EXPECT_EQ(judged.estimate.status, TrackStatus::uncertain);
+  EXPECT_THAT(judged.estimate.reason, HasSubstr("the camera file knows its lens"));
+  EXPECT_TRUE(judged.only_lens_uncertain);
+}
+
+TEST_F(JudgeTest, BlamesMapWhenItAddsTheError) {
+  Measurement measurement = measured(3.0);
+  measurement.map_px = 2.9;
+  EXPECT_THAT(judge(group_, measurement, std::nullopt).estimate.reason,
+              HasSubstr("do not lie as the map says"));
+}
+
+TEST_F(JudgeTest, UnreadTagsEnlargeErrorOfDetectedPose) {
+  Measurement measurement = measured(0.5);
+  measurement.aligned = false;
+  measurement.tags_used = 1;
+  ASSERT_EQ(group_.in_view(pose_), 6);
+  const JudgedPose judged = judge(group_, measurement, std::nullopt);
+  EXPECT_NEAR(judged.estimate.expected_overlay_error_px, 0.5 * std::sqrt(6.0), 1e-6);
+}
+
+TEST_F(JudgeTest, ReportsIdsOfRejectedTags) {
+  Measurement measurement = measured(0.5);
+  measurement.rejected = {4};
+  EXPECT_THAT(judge(group_, measurement, std::nullopt).estimate.tags_left_out,
+              testing::ElementsAre(group_.tags[4].id));
+}
+
+}  // namespace
+}  // namespace penumbra

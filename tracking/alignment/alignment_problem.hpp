@@ -1,0 +1,118 @@
+// What an alignment solves: where the tags of a group lie in an image at the current pose, and
+// which of them can be used there.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "core/camera/camera_model.hpp"
+#include "core/image/image_view.hpp"
+#include "tracking/alignment/aligned_tag.hpp"
+#include "tracking/alignment/simd/alignment_loops.hpp"
+#include "tracking/alignment/tag_alignment.hpp"
+
+namespace penumbra {
+
+// floor and ceil of |x| < 2^20, without a call.
+inline int floor_of(double x) {
+  constexpr int kShift = 1 << 20;
+  return static_cast<int>(x + kShift) - kShift;
+}
+inline int ceil_of(double x) {
+  return -floor_of(-x);
+}
+
+// What of the tags is projected.
+enum class Projection {
+  search,  // the cells that are searched for
+  wide,    // the lattice, blurred as the wide stage's model
+  fine,    // the lattice, as blurred as the image
+};
+
+// How motion during the exposure blurs a tag.
+enum class BlurModel {
+  point_spread,  // as a Gaussian point spread, one for each tag
+  moments,       // as the mean of what is seen at some moments of the exposure
+};
+
+struct AlignmentProblem {
+  CameraModel camera;
+  AlignmentOptions options;
+  const simd::Loops* loops = nullptr;
+  simd::Lens lens;
+  std::array<float, 256> tone{};  // grey level to linear light
+  std::vector<AlignedTag> tags;
+
+  // Of the current frame.
+  ImageView image;
+  Eigen::Isometry3d T_camera_table = Eigen::Isometry3d::Identity();
+  Eigen::Isometry3d T_predicted = Eigen::Isometry3d::Identity();
+  // Covariance of the prediction as a left perturbation of T_camera_table, and its inverse.
+  Matrix6d prior_covariance = Matrix6d::Zero();
+  Matrix6d prior_information = Matrix6d::Zero();
+  Vector6d row_velocity = Vector6d::Zero();     // the camera's, per row [m, rad]
+  Vector6d exposure_motion = Vector6d::Zero();  // the camera's [m, rad]
+  std::vector<AlignedTag*> active;
+  double moved_since_projection_px = 0.0;  // by the farthest tag corner
+  AlignmentCounters counters;
+
+  void set_tone(double exponent);
+  void begin(const AlignmentInput& input);
+  void set_exposure_motion(const Vector6d& motion);
+  [[nodiscard]] CameraPose pose() const;
+  [[nodiscard]] int index_of(const AlignedTag& tag) const {
+    return static_cast<int>(&tag - tags.data());
+  }
+  [[nodiscard]] double smallest_cell_px() const;
+
+  // Takes the tags that can be used at the current pose, and projects them.
+  void find_visible(Projection projection);
+  // Takes a tag to the current pose.
+  void place(AlignedTag& tag) const;
+  // Whether the tag can be used at the current pose; its size and motion in the image.
+  [[nodiscard]] bool measure(AlignedTag& tag, BlurModel blur = BlurModel::point_spread) const;
+  // Of a tag that is seen at several moments: where the camera is then.
+  void place_moments(AlignedTag& tag);
+  // `added_variance_px2` blurs the model more than the lens does.
+  void project_lattice(AlignedTag& tag, double added_variance_px2) const;
+  // The pixel nearest to a cell's centre; false where the cell has no projection or lies outside
+  // the image.
+  [[nodiscard]] bool nearest_cell_pixel(const AlignedTag& tag, const DataCell& cell, int& x,
+                                        int& y) const {
+    const auto v = static_cast<std::size_t>(cell.j * tag.side + cell.i);
+    const std::size_t up = v + static_cast<std::size_t>(tag.side);
+    if (!tag.wholly_seen && !(tag.depth[v] > 0.0F && tag.depth[v + 1] > 0.0F &&
+                              tag.depth[up] > 0.0F && tag.depth[up + 1] > 0.0F))
+      return false;
+    const float* px = tag.pixel_x.data();
+    const float* py = tag.pixel_y.data();
+    const double centre_x = 0.25 * static_cast<double>(px[v] + px[v + 1] + px[up] + px[up + 1]);
+    const double centre_y = 0.25 * static_cast<double>(py[v] + py[v + 1] + py[up] + py[up + 1]);
+    if (!(std::abs(centre_x) < 1e5 && std::abs(centre_y) < 1e5)) return false;
+    x = floor_of(centre_x + 0.5);
+    y = floor_of(centre_y + 0.5);
+    return x >= 0 && y >= 0 && x < image.width && y < image.height;
+  }
+  // Places in memory of the pixels nearest to all cells' centres: that of the cell (i, j) at
+  // j * side + i. Valid until the next call.
+  [[nodiscard]] const std::int32_t* find_cells(const AlignedTag& tag);
+
+ private:
+  void read_out(AlignedTag& tag) const;
+  void project(AlignedTag& tag, double added_variance_px2, simd::Vertices& vertices) const;
+  void project_search(AlignedTag& tag) const;
+  void measure_motion(AlignedTag& tag, const Eigen::Vector3d& centre,
+                      const Eigen::Matrix<double, 2, 3>& J, BlurModel blur) const;
+
+  static constexpr int kMostMoments = 16;  // that an exposure is seen as
+  // For each number of moments, the motions from T_camera_table to them; empty: not computed yet.
+  std::array<std::vector<Eigen::Isometry3d>, kMostMoments + 1> paths_;
+  std::vector<std::int32_t> cell_places_;
+};
+
+}  // namespace penumbra

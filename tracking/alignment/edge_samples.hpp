@@ -1,0 +1,64 @@
+// Which pixels an alignment compares with a tag, and what it needs to know about each.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "tracking/alignment/alignment_problem.hpp"
+#include "tracking/alignment/sample_arena.hpp"
+#include "tracking/alignment/tag_alignment.hpp"
+
+namespace penumbra {
+
+class EdgeSampler {
+ public:
+  EdgeSampler(AlignmentProblem& problem, std::size_t first_floats)
+      : problem_(problem), arena_(first_floats) {}
+
+  // Estimates gain and offset of each tag from its data cells, so that nothing is carried over from
+  // another exposure.
+  void read_levels();
+  // Gives the samples of all tags back, before the next stage selects its own.
+  void give_back() { arena_.give_back(); }
+  // Selects pixels at the edges of a tag, up to about `cap`.
+  void select(AlignedTag& tag, bool wide, int cap);
+  // Samples the cells' centres instead, with the model there.
+  void read_cells(AlignedTag& tag);
+  // Replaces what read_cells read by means of all pixels within a sixth of a cell: less noise.
+  void average_cells(AlignedTag& tag) const;
+  // The pixels at the edges of the verified tags, see TagAligner.
+  [[nodiscard]] std::vector<EdgePixel> edge_pixels(std::span<const TagAlignment> seen);
+
+  [[nodiscard]] SampleArena& arena() { return arena_; }
+
+ private:
+  // Places across an edge that are sampled, in pixels from the edge's own one; none: all within
+  // reach.
+  struct Band {
+    std::array<int, 16> offsets{};
+    int count = 0;
+    [[nodiscard]] int rows_at_most(double reach_px) const;
+    // Distance of steps along edges of this length for about `cap` samples [px].
+    [[nodiscard]] double stride(double reach_px, double length, double tilt, int cap) const;
+    // Rows across an edge, from the first one of a step.
+    [[nodiscard]] std::array<float, 20> row_offsets() const;
+  };
+  // `reach_px`: across edges along a, and along b.
+  void walk_runs(AlignedTag& tag, const Band& band, const std::array<double, 2>& reach_px, int cap);
+  void step_along(AlignedTag& tag, const Band& band, const std::array<double, 2>& reach_px,
+                  double stride);
+  void take_samples(AlignedTag& tag, int capacity);
+  void locate_samples(AlignedTag& tag) const;
+  void finish_samples(AlignedTag& tag);
+  void keep_on_paper(AlignedTag& tag) const;
+  void attach(const AlignedTag& tag, const simd::Samples& samples) const;
+  void evaluate(AlignedTag& tag) const;
+
+  AlignmentProblem& problem_;
+  SampleArena arena_;
+  std::vector<simd::RunWalk::Part> run_parts_;  // of a tag
+};
+
+}  // namespace penumbra

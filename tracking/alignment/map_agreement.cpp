@@ -1,0 +1,202 @@
+#include "tracking/alignment/map_agreement.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <functional>
+#include <numeric>
+#include <utility>
+
+#include "tracking/math/spd6.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::size_t kFewestCompared = 3;  // tags that can be compared with each other
+constexpr std::size_t kFewCompared = 4;     // more of them outvote one that is wrong, and cost more
+
+// Sum of squares per degree of freedom, three for each tag, six of which the pose takes.
+double per_freedom(double sum, std::size_t tags) {
+  constexpr double kOfPose = 6.0;
+  return sum / std::max(3.0 * static_cast<double>(tags) - kOfPose, 1.0);
+}
+
+// Covariance of a pose by what lens, camera response and paper do to each real tag, edge by edge
+// and as a whole: tuned so that the tags of a real sheet differ by as much as chance lets them, see
+// docs/tracking.md#map.
+Matrix6d paper_covariance(const AlignedTag& tag, const TagEquations& of) {
+  constexpr double kShift_px = 0.05;
+  constexpr double kEdge_px = 0.05;
+  constexpr double kTilt_rad = 0.005;
+  const double half = 0.5 * (tag.side - 1);
+  const Eigen::Vector3d centre = tag.centre_point();
+  const double half_px =
+      half *
+      std::sqrt(std::abs(tag.along_a.x() * tag.along_b.y() - tag.along_a.y() * tag.along_b.x()));
+  // Columns: perturbations of one sigma, about the tag's centre.
+  Matrix6d paper = Matrix6d::Zero();
+  paper.block<3, 1>(0, 0) = kShift_px * of.motions.block<3, 1>(0, 0);
+  paper.block<3, 1>(0, 1) = kShift_px * of.motions.block<3, 1>(0, 1);
+  paper.block<3, 1>(0, 2) = kEdge_px / half_px * centre;
+  for (int axis = 0; axis < 3; ++axis) {
+    const Eigen::Vector3d turn = kTilt_rad * Eigen::Vector3d::Unit(axis);
+    paper.block<3, 1>(0, 3 + axis) = centre.cross(turn);
+    paper.block<3, 1>(3, 3 + axis) = turn;
+  }
+  return paper * paper.transpose();
+}
+
+}  // namespace
+
+void MapAgreement::collect(const AlignmentProblem& problem, const PoseSolver& solver) {
+  equations_.clear();
+  for (std::size_t k = 0; k < problem.active.size(); ++k) {
+    const simd::TagPack& pack = solver.packs()[k / 4];
+    const std::size_t lane = k % 4;
+    const AlignedTag& tag = *problem.active[k];
+    if (!pack.valid[lane] || !(tag.sums.weight > kLeastWeightShare * tag.sums.base_weight))
+      continue;
+    const Eigen::Vector3d centre = tag.centre_point();
+    if (!(centre.z() > 0.0)) continue;
+    TagEquations& own = equations_.emplace_back();
+    own.index = problem.index_of(tag);
+    std::size_t h = 0;
+    for (const auto& [row, column] : {std::pair(0, 0), std::pair(0, 3), std::pair(3, 3)}) {
+      for (int p = 0; p < 3; ++p) {
+        for (int q = row == column ? p : 0; q < 3; ++q, ++h)
+          own.H(row + p, column + q) = own.H(column + q, row + p) = pack.H_camera[h][lane];
+      }
+    }
+    for (int i = 0; i < 6; ++i) own.g[i] = pack.g_camera[i][lane];
+    own.g -= solver.slope() * (own.H * solver.last_step());
+    own.motions.setZero();
+    own.motions(0, 0) = centre.z() / problem.camera.parameters().fx;
+    own.motions(1, 1) = centre.z() / problem.camera.parameters().fy;
+    own.motions.col(2).tail<3>() = centre.normalized();
+    own.inverse = (own.motions.transpose() * own.H * own.motions).inverse();
+    if (!own.inverse.allFinite()) equations_.pop_back();
+  }
+}
+
+// Estimates how far wrong places in the map may have put the pose: the scatter of the tags' own
+// poses beyond what their residuals explain (a random effect by its moments, DerSimonian and Laird
+// 1986), carried through the equations.
+void MapAgreement::estimate_map_error(const AlignmentProblem& problem, double variance,
+                                      AlignmentResult& result) const {
+  double tags_count = 0.0;
+  Matrix6d H = Matrix6d::Zero();
+  Matrix6d H_of_places = Matrix6d::Zero();
+  Matrix6d W = Matrix6d::Zero();
+  Matrix6d W_of_places = Matrix6d::Zero();
+  Vector6d asked = Vector6d::Zero();
+  double squares = 0.0;
+  double trace = 0.0;
+  for (const TagEquations& of : equations_) {
+    const Eigen::LDLT<Matrix6d> solver(of.H);
+    // The little that is seen of a tag at the image's border fixes no pose.
+    constexpr double kLeastCondition = 1e-13;
+    if (!solver.isPositive() || !(solver.rcond() > kLeastCondition)) continue;
+    const Matrix6d own = solver.solve(Matrix6d::Identity());
+    const Vector6d x = own * of.g;
+    const AlignedTag& tag = problem.tags[static_cast<std::size_t>(of.index)];
+    const Matrix6d weight =
+        inverse_of_spd(variance * variance_inflation(result) * own + paper_covariance(tag, of));
+    if (!weight.allFinite() || !x.allFinite()) continue;
+    tags_count += 1.0;
+    H += of.H;
+    H_of_places += of.H.leftCols<3>() * of.H.topRows<3>();
+    W += weight;
+    W_of_places += weight.leftCols<3>() * weight.topRows<3>();
+    asked += weight * x;
+    squares += x.dot(weight * x);
+    trace += weight.topLeftCorner<3, 3>().trace();
+  }
+  if (tags_count < 2.0) return;
+  const Eigen::LDLT<Matrix6d> together(W);
+  squares -= asked.dot(together.solve(asked));
+  trace -= together.solve(W_of_places).trace();
+  const double freedom = 6.0 * (tags_count - 1.0);
+  if (!(squares > freedom) || !(trace > 0.0)) return;
+  const Matrix6d inverse = inverse_of_spd(H);
+  // One tag that is wrong is so in three directions: what is estimated from three has, with their
+  // Student's t, three times the variance.
+  constexpr double kOfThree = 3.0;
+  const Matrix6d off = kOfThree * (squares - freedom) / trace * inverse * H_of_places * inverse;
+  if (!off.allFinite()) return;
+  result.map_covariance = off;
+  // Chi-square's 99 % (Wilson and Hilferty, The distribution of chi-square, 1931).
+  constexpr double kNormal99 = 2.326;
+  const double ninth = 2.0 / (9.0 * freedom);
+  result.map_contradicted =
+      squares > freedom * std::pow(1.0 - ninth + kNormal99 * std::sqrt(ninth), 3.0);
+}
+
+int MapAgreement::find_outlier(double squares) const {
+  const std::size_t count = equations_.size();
+  // What is left without it, per degree of freedom: noise alone falls to a ninth when one of four
+  // tags goes, now and then.
+  const double small_part = count > 4 ? 1.0 / 9.0 : 1.0 / 16.0;
+  constexpr std::size_t kMostToTry = 12;  // those that disagree most
+  std::vector<std::size_t> order(count);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::ranges::stable_sort(order, std::greater<>(),
+                           [this](std::size_t k) { return equations_[k].squares; });
+  order.resize(std::min(count, kMostToTry));
+  Matrix6d H_all = Matrix6d::Zero();
+  Vector6d g_all = Vector6d::Zero();
+  for (const TagEquations& of : equations_) {
+    H_all += of.H;
+    g_all += of.g;
+  }
+  double least = small_part * per_freedom(squares, count);
+  int outlier = -1;
+  for (const std::size_t without : order) {
+    const TagEquations& gone = equations_[without];
+    const Vector6d motion = solve_spd(H_all - gone.H, g_all - gone.g);
+    if (!motion.allFinite()) continue;
+    double left = 0.0;
+    for (std::size_t k = 0; k < count; ++k) {
+      if (k == without) continue;
+      const TagEquations& of = equations_[k];
+      const Eigen::Vector3d asked = of.motions.transpose() * (of.g - of.H * motion);
+      left += asked.dot(of.inverse * asked);
+    }
+    if (!(per_freedom(left, count - 1) < least)) continue;
+    least = per_freedom(left, count - 1);
+    outlier = gone.index;
+  }
+  return outlier;
+}
+
+// A tag that was moved has all of its pixels displaced together, by what the pose does not take
+// away: its own equations say by how much it would rather be shifted in the image, and turned in
+// it. (Not how much nearer it would be: a camera response does that to all tags.) Where that is far
+// more than the residuals' variance leaves, and a small part of it once one tag goes, that tag lies
+// elsewhere.
+void MapAgreement::check(const AlignmentProblem& problem, const PoseSolver& solver,
+                         AlignmentResult& result) {
+  collect(problem, solver);
+  const std::size_t count = equations_.size();
+  if (count > 1 && count <= kFewCompared) estimate_map_error(problem, solver.variance(), result);
+  if (count < kFewestCompared) return;
+  double squares = 0.0;
+  double shifts_px2 = 0.0;
+  for (TagEquations& of : equations_) {
+    const Eigen::Vector3d asked = of.motions.transpose() * of.g;
+    const Eigen::Vector3d shift = of.inverse * asked;
+    of.squares = asked.dot(shift);
+    squares += of.squares;
+    shifts_px2 += shift.head<2>().squaredNorm();
+  }
+  result.displaced_px = std::sqrt(shifts_px2 / static_cast<double>(count));
+  result.disagreement = per_freedom(squares, count) / solver.variance();
+  // Less than this is what lens, camera response and paper do to real tags.
+  constexpr double kLeast_px = 0.1;
+  if (count > kFewestCompared && result.displaced_px >= kLeast_px &&
+      result.disagreement >= kDisagree)
+    result.contradicting = find_outlier(squares);
+}
+
+}  // namespace penumbra

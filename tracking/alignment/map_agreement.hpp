@@ -1,0 +1,44 @@
+// Whether the tags lie to each other as the map says, by each tag's own equations.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "tracking/alignment/alignment_problem.hpp"
+#include "tracking/alignment/pose_solver.hpp"
+
+namespace penumbra {
+
+// What one tag says by itself at the solved pose: left perturbation of T_camera_table, gain and
+// offset marginalised.
+struct TagEquations {
+  int index = 0;
+  Matrix6d H = Matrix6d::Zero();
+  Vector6d g = Vector6d::Zero();
+  // The tag's own motions (a pixel along each image axis at its centre, a radian about the ray to
+  // it) as such perturbations, and the inverse of its equations for them.
+  Eigen::Matrix<double, 6, 3> motions = Eigen::Matrix<double, 6, 3>::Zero();
+  Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
+  double squares = 0.0;
+};
+
+class MapAgreement {
+ public:
+  // Fills in the result's displaced_px, disagreement, map_covariance, map_contradicted and
+  // contradicting. The result's design effect is known. See docs/tracking.md#map.
+  void check(const AlignmentProblem& problem, const PoseSolver& solver, AlignmentResult& result);
+
+  // Of the tags that took part in the last check.
+  [[nodiscard]] std::span<const TagEquations> equations() const { return equations_; }
+
+ private:
+  void collect(const AlignmentProblem& problem, const PoseSolver& solver);
+  void estimate_map_error(const AlignmentProblem& problem, double variance,
+                          AlignmentResult& result) const;
+  // The tag without which the others agree; -1: none. `squares`: by which all disagree.
+  [[nodiscard]] int find_outlier(double squares) const;
+
+  std::vector<TagEquations> equations_;
+};
+
+}  // namespace penumbra

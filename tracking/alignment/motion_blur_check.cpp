@@ -1,0 +1,221 @@
+#include "tracking/alignment/motion_blur_check.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <numeric>
+#include <tuple>
+
+#include "tracking/math/spd6.hpp"
+
+namespace penumbra {
+namespace {
+
+// Share of the variance from which on an image counts as sharp: a blur of 1.5 cells leaves
+// 16 / 18.
+constexpr double kClear = 8.0 / 9.0;
+// Shift and turn of a pose whose sum no tag may exceed each have half the variance they have alone.
+constexpr double kShared = 0.5;
+// What the image does not explain displaces a tag by half as far where a motion explains the rest.
+constexpr double kOwnAway = 0.25;
+// Tags beyond this number do not reduce a common turn any further.
+constexpr double kMostOwn = 12.0;
+
+// Share of the variance that the model explains of the cells that nothing covers: a line through
+// the three fifths of them that are nearest to one (least trimmed squares). Negative where too few
+// are seen.
+double explained_by_most(const float* models, const float* values, int count) {
+  constexpr int kFewest = 16;
+  if (count < kFewest) return -1.0;
+  constexpr double kShare = 0.6;
+  // The variance of the middle three fifths of a normal distribution.
+  constexpr double kOfNormal = 0.2145;
+  constexpr int kSteps = 5;
+  const auto n = static_cast<std::size_t>(count);
+  const auto most = static_cast<std::size_t>(kShare * count + 0.5);
+  std::vector<std::size_t> order(n);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::vector<double> squares(n);
+  double gain = 0.0;
+  double spread = 0.0;  // of the models, of all cells
+  double rest = 0.0;    // what is not explained, of those on the line
+  for (int step = 0; step < kSteps; ++step) {
+    const std::size_t used = step == 0 ? n : most;
+    double m = 0.0;
+    double v = 0.0;
+    for (std::size_t k = 0; k < used; ++k) {
+      m += static_cast<double>(models[order[k]]) / static_cast<double>(used);
+      v += static_cast<double>(values[order[k]]) / static_cast<double>(used);
+    }
+    double mm = 0.0;
+    double mv = 0.0;
+    for (std::size_t k = 0; k < used; ++k) {
+      const double of_model = static_cast<double>(models[order[k]]) - m;
+      mm += of_model * of_model;
+      mv += of_model * (static_cast<double>(values[order[k]]) - v);
+    }
+    if (step == 0) spread = mm / static_cast<double>(n);
+    if (!(mm > 0.0)) return 0.0;
+    gain = mv / mm;
+    for (std::size_t i = 0; i < n; ++i) {
+      const double residual =
+          static_cast<double>(values[i]) - v - gain * (static_cast<double>(models[i]) - m);
+      squares[i] = residual * residual;
+    }
+    std::ranges::nth_element(order, order.begin() + static_cast<std::ptrdiff_t>(most), {},
+                             [&squares](std::size_t i) { return squares[i]; });
+    rest = 0.0;
+    for (std::size_t k = 0; k < most; ++k) rest += squares[order[k]] / static_cast<double>(most);
+  }
+  const double explained = gain * gain * spread;
+  if (!(gain > 0.0) || !(explained > 0.0)) return 0.0;
+  return explained / (explained + rest / kOfNormal);
+}
+
+Vector6d part_of(const std::optional<Vector6d>& motion, int share, int shares) {
+  return motion ? Vector6d(static_cast<double>(share) / shares * *motion) : Vector6d::Zero();
+}
+
+}  // namespace
+
+MotionBlurCheck::MotionBlurCheck(AlignmentProblem& problem, EdgeSampler& sampler,
+                                 std::span<const TagAlignment> tags,
+                                 std::span<const TagEquations> equations, double variance)
+    : problem_(problem), sampler_(sampler), equations_(equations), variance_(variance) {
+  // Also tags that are not verified: most of them may be blurred too far.
+  for (const TagAlignment& of : tags) {
+    if (of.explained < 0.0) continue;
+    seen_.push_back(&problem_.tags[static_cast<std::size_t>(of.index)]);
+    shares_.push_back(of.explained);
+  }
+}
+
+double MotionBlurCheck::median() {
+  const auto middle = shares_.begin() + static_cast<std::ptrdiff_t>(shares_.size() / 2);
+  std::ranges::nth_element(shares_, middle);
+  return *middle;
+}
+
+MotionBlurError MotionBlurCheck::check(const std::optional<Vector6d>& motion, bool known,
+                                       double longest_cells) {
+  if (seen_.empty() || (motion && !motion->allFinite())) return {};
+  // Not by the mean: something may cover some of them.
+  if (problem_.exposure_motion.isZero(0.0) && median() >= kClear) return {};
+  const Vector6d motion_before = problem_.exposure_motion;
+  measure(motion, longest_cells);
+  find_share(motion, known);
+  problem_.set_exposure_motion(motion_before);
+  for (AlignedTag* tag : seen_) static_cast<void>(problem_.measure(*tag));
+  return sum_up(motion, known);
+}
+
+// Measures the blur of each tag along the motion, and in any direction.
+void MotionBlurCheck::measure(const std::optional<Vector6d>& motion, double longest_cells) {
+  if (motion) problem_.set_exposure_motion(*motion);
+  for (AlignedTag* tag : seen_) {
+    if (!problem_.measure(*tag, BlurModel::moments)) continue;
+    const int index = problem_.index_of(*tag);
+    const double length_px = motion ? tag->motion_px.norm() : 0.0;
+    if (longest_cells > 0.0) {
+      const double cell_px =
+          std::sqrt(0.5 * (tag->along_a.squaredNorm() + tag->along_b.squaredNorm()));
+      others_.push_back(
+          {index, std::max(longest_cells * cell_px, length_px), cell_px, Eigen::Vector2d::Zero()});
+    }
+    if (!motion) continue;
+    Eigen::Matrix2d cell_px;
+    cell_px << tag->along_a, tag->along_b;
+    const double cells = (cell_px.inverse() * tag->motion_px).cwiseAbs().maxCoeff();
+    if (cells > 1.0)
+      along_.push_back({index, length_px, length_px / cells, tag->motion_px / length_px});
+  }
+}
+
+// Explains the image by a share of the motion, and keeps the share that explains it best.
+void MotionBlurCheck::explain_by(const std::optional<Vector6d>& motion, int share) {
+  problem_.set_exposure_motion(part_of(motion, share, kShares));
+  shares_.clear();
+  for (AlignedTag* tag : seen_) {
+    if (!problem_.measure(*tag, BlurModel::moments)) continue;
+    if (tag->moments > 1) problem_.place_moments(*tag);
+    problem_.project_lattice(*tag, 0.0);
+    sampler_.give_back();
+    sampler_.read_cells(*tag);
+    sampler_.average_cells(*tag);
+    const double here = explained_by_most(tag->samples.model, tag->samples.value, tag->used);
+    if (here >= 0.0) shares_.push_back(here);
+  }
+  const double here = shares_.empty() ? 0.0 : median();
+  if (here <= best_) return;
+  best_ = here;
+  share_ = share;
+}
+
+void MotionBlurCheck::find_share(const std::optional<Vector6d>& motion, bool known) {
+  if (!along_.empty() || !others_.empty()) explain_by(motion, 0);
+  if (best_ >= kClear) {  // whatever moved, this image is sharp
+    along_.clear();
+    others_.clear();
+  }
+  if (along_.empty()) return;
+  if (known) {
+    explain_by(motion, kShares);
+    return;
+  }
+  for (int share = 2; share <= kShares; share += 2) explain_by(motion, share);
+  const int about = share_;
+  if (about > 0) explain_by(motion, about - 1);
+  if (about < kShares) explain_by(motion, about + 1);
+}
+
+MotionBlurError MotionBlurCheck::sum_up(const std::optional<Vector6d>& motion, bool known) const {
+  double squares = 0.0;
+  // A metre and a radian where the tags say nothing.
+  Matrix6d H = variance_ * Matrix6d::Identity();
+  for (const TagEquations& of : equations_) H += of.H;
+  const Matrix6d inverse = inverse_of_spd(H);
+  const auto count = static_cast<double>(equations_.size());
+  const bool turns = equations_.size() > 1;
+  const bool only_along = others_.empty();
+  std::vector<Blur> blurs = along_;
+  blurs.insert(blurs.end(), others_.begin(), others_.end());
+  MotionBlurError error;
+  for (const Blur& blur : blurs) {
+    const bool anywhere = blur.anywhere();
+    const double blurred_px = anywhere ? 0.0
+                              : known  ? blur.length_px
+                                       : blur.length_px * share_ / kShares;
+    const double flat_px = std::max(blurred_px - 2.0 * blur.cell_px, 0.0);
+    const double away_px = anywhere || only_along
+                               ? (1.0 - std::sqrt(best_)) * (blur.cell_px + 0.5 * blur.length_px)
+                               : 0.0;
+    const double flat2 = flat_px * flat_px / 12.0;
+    const double away2 = away_px * away_px;
+    squares += (turns ? kShared : 1.0) * (flat2 + away2);
+    const auto of = std::ranges::find(equations_, blur.index, &TagEquations::index);
+    if (!turns || of == equations_.end()) continue;
+    const double own2 =
+        std::max(count / kMostOwn, 1.0) * (flat2 + (anywhere ? 1.0 : kOwnAway) * away2);
+    // A pixel along each axis, as a motion of the tag's centre.
+    const AlignedTag& tag = problem_.tags[static_cast<std::size_t>(blur.index)];
+    Eigen::Matrix<double, 2, 3> J;
+    std::ignore = problem_.camera.project_unchecked(tag.centre_point(), &J);
+    Eigen::Matrix<double, 6, 2> motions = Eigen::Matrix<double, 6, 2>::Zero();
+    motions.topRows<2>() = J.leftCols<2>().inverse();
+    const Eigen::Matrix<double, 6, 2> moved = inverse * of->H * motions;
+    if (!anywhere) {
+      const Vector6d shift = moved * blur.direction;
+      error.covariance += own2 * shift * shift.transpose();
+    } else {
+      error.covariance += 0.5 * own2 * moved * moved.transpose();
+    }
+  }
+  // Then nothing is known: a metre and a radian.
+  if (!error.covariance.allFinite()) error.covariance.setIdentity();
+  if (motion && !along_.empty()) error.motion = static_cast<double>(share_) / kShares * *motion;
+  error.shift_px = std::sqrt(squares / static_cast<double>(seen_.size()));
+  return error;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,244 @@
+#include "tracking/alignment/pose_solver.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+
+#include "core/assert.hpp"
+#include "tracking/math/se3.hpp"
+#include "tracking/math/spd6.hpp"
+
+namespace penumbra {
+namespace {
+
+// At least a grey level's own rounding.
+double variance_of(double cost, double weight) {
+  return std::max(cost / weight, 0.25);
+}
+
+// Calls each(tag, k) for about `count` of the samples that the last equations are of, evenly over
+// all tags' together.
+template <class Each>
+void visit_evenly(const std::vector<AlignedTag*>& tags, int count, const Each& each) {
+  int total = 0;
+  for (const auto* tag : tags) total += tag->used;
+  const int stride = std::max(1, (total + count - 1) / count);
+  int next = 0;
+  for (const auto* tag : tags) {
+    if (tag->used < kFewestSamples || !(tag->gain > 1.5)) continue;  // not in them
+    for (; next < tag->used; next += stride) each(*tag, next);
+    next -= tag->used;
+  }
+}
+
+}  // namespace
+
+void PoseSolver::begin() {
+  variance_ = 0.0;
+  noise_share_ = 0.0;
+}
+
+double PoseSolver::tukey_share(double cutoff) const {
+  return noise_share_ > 0.0 ? std::clamp(4.685 * noise_share_, 0.03, cutoff) : cutoff;
+}
+
+void PoseSolver::fill_pack(AlignedTag& tag, double cutoff, simd::TagPack& pack, std::size_t lane) {
+  for (int r = 0; r < 3; ++r) {
+    const auto row = static_cast<std::size_t>(3 * r);
+    for (int c = 0; c < 3; ++c) {
+      const auto i = row + static_cast<std::size_t>(c);
+      pack.R[i][lane] = tag.R_lattice_camera(r, c);
+      pack.ray_from_lattice[i][lane] = tag.ray_from_lattice(r, c);
+    }
+    pack.centre[r][lane] = tag.centre[r];
+  }
+  pack.per_cell[lane] = 1.0 / tag.cell_m;
+  pack.side_cells[lane] = tag.side - 1;
+  if (tag.used < kFewestSamples || !(tag.gain > 1.0)) {
+    for (auto& h : pack.H) h[lane] = 0.0;
+    return;
+  }
+  problem_.counters.samples_evaluated += tag.used;
+  simd::AccumulateInput in;
+  std::copy(tag.lattice_from_ray.begin(), tag.lattice_from_ray.end(), in.lattice_from_ray);
+  for (int c = 0; c < 3; ++c) in.centre[c] = static_cast<float>(tag.centre[c]);
+  in.gain = static_cast<float>(tag.gain);
+  in.offset = static_cast<float>(tag.offset);
+  in.inverse_cutoff =
+      cutoff > 0.0 ? static_cast<float>(1.0 / (tukey_share(cutoff) * tag.gain)) : 0.0F;
+  in.reach = tag.reach;
+  in.correlated = tag.correlated;
+  problem_.loops->accumulate(in, tag.samples, tag.sums);
+  const simd::Sums& sums = tag.sums;
+  for (std::size_t i = 0; i < 36; ++i) pack.H[i][lane] = sums.H[i];
+  for (std::size_t i = 0; i < 8; ++i) pack.g[i][lane] = sums.g[i];
+  pack.weight[lane] = sums.weight;
+}
+
+// Accumulates the equations of all active tags at the current pose.
+void PoseSolver::accumulate(double cutoff, Equations& equations) {
+  const std::vector<AlignedTag*>& active = problem_.active;
+  const std::size_t pack_count = (active.size() + 3) / 4;
+  packs_.resize(pack_count);
+  equations.cost = 0.0;
+  equations.weight = 0.0;
+  for (std::size_t k = 0; k < 4 * pack_count; ++k) {
+    simd::TagPack& pack = packs_[k / 4];
+    const std::size_t lane = k % 4;
+    pack.weight[lane] = 0.0;
+    if (k < active.size()) {
+      fill_pack(*active[k], cutoff, pack, lane);
+    } else {
+      for (auto& h : pack.H) h[lane] = 0.0;
+    }
+  }
+  problem_.loops->marginalise(packs_.data(), static_cast<int>(pack_count));
+  std::array<double, 21> H_sum{};
+  std::array<double, 6> g_sum{};
+  for (std::size_t k = 0; k < active.size(); ++k) {
+    if (!packs_[k / 4].valid[k % 4]) continue;
+    equations.cost += active[k]->sums.cost;
+    equations.weight += active[k]->sums.weight;
+  }
+  for (const simd::TagPack& pack : packs_) {
+    // Tags without equations have zeros.
+    const auto over_lanes = [](const double* four) {
+      return (four[0] + four[2]) + (four[1] + four[3]);
+    };
+    for (std::size_t i = 0; i < H_sum.size(); ++i) H_sum[i] += over_lanes(pack.H_camera[i]);
+    for (std::size_t i = 0; i < g_sum.size(); ++i) g_sum[i] += over_lanes(pack.g_camera[i]);
+  }
+  Matrix6d& H = equations.H;
+  const double* h = H_sum.data();
+  for (const auto& [row, column] : {std::pair(0, 0), std::pair(0, 3), std::pair(3, 3)}) {
+    for (int p = 0; p < 3; ++p) {
+      for (int q = row == column ? p : 0; q < 3; ++q, ++h)
+        H(row + p, column + q) = H(column + q, row + p) = *h;
+    }
+  }
+  equations.g = Eigen::Map<const Vector6d>(g_sum.data());
+  ++problem_.counters.evaluations;
+}
+
+// False where the residuals are too few.
+bool PoseSolver::take_variance(const Equations& equations) {
+  if (!(equations.weight > 12.0)) return false;
+  variance_ = variance_of(equations.cost, equations.weight);
+  information_ = equations.H / variance_;
+  return true;
+}
+
+std::optional<PoseSolver::Step> PoseSolver::step(double cutoff, StepBy by) {
+  Equations equations;
+  accumulate(cutoff, equations);
+  if (!take_variance(equations)) return std::nullopt;
+  const Vector6d deviation = log_se3(problem_.T_camera_table * problem_.T_predicted.inverse());
+  slope_ = by == StepBy::slope ? measured_slope(cutoff) : 1.0;
+  const Matrix6d H_prior = slope_ * equations.H + variance_ * problem_.prior_information;
+  const Vector6d xi =
+      solve_spd(H_prior, equations.g - variance_ * (problem_.prior_information * deviation));
+  if (!xi.allFinite()) return std::nullopt;
+  last_step_ = xi;
+  if (by == StepBy::slope) {
+    // This step may be the last, and long: what it takes off the residuals is no noise.
+    const double taken = xi.dot(2.0 * equations.g - equations.H * xi);
+    variance_ = variance_of(equations.cost - taken, equations.weight);
+    information_ = equations.H / variance_;
+  }
+  Step made;
+  made.sigmas = std::sqrt(std::max(xi.dot(information_ * xi), 0.0));
+  const Eigen::Isometry3d motion = exp_se3(xi);
+  problem_.T_camera_table = motion * problem_.T_camera_table;
+  made.moved_px = follow_tags(xi, motion);
+  return made;
+}
+
+double PoseSolver::follow_tags(const Vector6d& xi, const Eigen::Isometry3d& motion) {
+  simd::CameraStep camera_step;
+  std::copy(xi.data(), xi.data() + 6, camera_step.xi);
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) camera_step.R[3 * r + c] = motion.linear()(r, c);
+    camera_step.t[r] = motion.translation()[r];
+  }
+  camera_step.fx = problem_.camera.parameters().fx;
+  camera_step.fy = problem_.camera.parameters().fy;
+  camera_step.slope = slope_;
+  problem_.loops->follow(camera_step, packs_.data(), static_cast<int>(packs_.size()));
+  double moved_px2 = 0.0;
+  for (std::size_t k = 0; k < problem_.active.size(); ++k) {
+    const simd::TagPack& pack = packs_[k / 4];
+    const std::size_t lane = k % 4;
+    AlignedTag& tag = *problem_.active[k];
+    if (pack.valid[lane]) {
+      // A gain of nothing or less is no tag; it is kept just above, to come back.
+      tag.gain = std::max(tag.gain + pack.levels[0][lane], 1.5);
+      tag.offset += pack.levels[1][lane];
+    }
+    moved_px2 = std::max(moved_px2, pack.moved_px2[lane]);
+    problem_.place(tag);
+  }
+  const double moved_px = std::sqrt(moved_px2);
+  problem_.moved_since_projection_px += moved_px;
+  return moved_px;
+}
+
+// The median is that of a histogram whose classes are the leading bits of the floats (16 to an
+// octave), interpolated within its class.
+void PoseSolver::measure_noise() {
+  constexpr std::uint32_t kShift = 19;                  // leaves 4 bits of the mantissa
+  constexpr std::uint32_t kFirst = (127U - 16U) << 4U;  // 2^-16 of the gain and less
+  constexpr std::size_t kClasses = 20 * 16;             // up to 2^4
+  constexpr float kLeast = 0x1p-16F;
+  constexpr float kMost = 0x1.fp3F;  // the last class begins there
+  std::array<std::uint16_t, kClasses> histogram{};
+  int count = 0;
+  visit_evenly(problem_.active, 384, [&](const AlignedTag& tag, int k) {
+    const auto inverse_gain = static_cast<float>(1.0 / tag.gain);
+    const float share = std::min(std::abs(tag.samples.residual[k]) * inverse_gain, kMost);
+    ++histogram[(std::bit_cast<std::uint32_t>(std::max(share, kLeast)) >> kShift) - kFirst];
+    ++count;
+  });
+  if (count < 16) return;
+  const double middle = 0.5 * count;
+  // Octave by octave, then class by class.
+  int below = 0;
+  std::size_t at = 0;
+  for (; at + 16 < kClasses; at += 16) {
+    int octave = 0;
+    for (std::size_t k = 0; k < 16; ++k) octave += histogram[at + k];
+    if (2 * (below + octave) >= count) break;
+    below += octave;
+  }
+  while (at + 1 < kClasses && 2 * (below + histogram[at]) < count) below += histogram[at++];
+  const auto edge = [](std::size_t position) {
+    return static_cast<double>(
+        std::bit_cast<float>((static_cast<std::uint32_t>(position) + kFirst) << kShift));
+  };
+  const double within = (middle - below) / histogram[at];
+  noise_share_ = 1.4826 * (edge(at) + within * (edge(at + 1) - edge(at)));
+}
+
+// Mean slope of the weighted residuals over all samples, sum of d(w r) / dr over that of w: the
+// weights fall as the residuals grow, so a step by weights falls short by this share. See
+// docs/tracking.md#slope-steps.
+double PoseSolver::measured_slope(double cutoff) const {
+  PENUMBRA_ASSERT(cutoff > 0.0);
+  constexpr double kLeast = 0.7;  // 0.83 where residuals are normal
+  const double limit = tukey_share(cutoff);
+  double slope = 0.0;
+  double weight = 0.0;
+  visit_evenly(problem_.active, 768, [&](const AlignedTag& tag, int k) {
+    const double base = static_cast<double>(tag.samples.weight[k]);
+    const double t = static_cast<double>(tag.samples.residual[k]) / (limit * tag.gain);
+    const double inside = 1.0 - std::min(t * t, 1.0);
+    weight += base * inside * inside;
+    slope += base * inside * (5.0 * inside - 4.0);
+  });
+  return weight > 0.0 ? std::clamp(slope / weight, kLeast, 1.0) : 1.0;
+}
+
+}  // namespace penumbra

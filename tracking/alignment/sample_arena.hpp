@@ -1,0 +1,82 @@
+// Memory for the samples of all tags.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "tracking/alignment/simd/alignment_loops.hpp"
+
+namespace penumbra {
+
+// Arrays are taken tag by tag and given back all at once: what one stage used the next one finds in
+// the near caches. The first part is written to when it is made, so that no frame waits for the
+// system to provide it.
+class SampleArena {
+ public:
+  explicit SampleArena(std::size_t first_floats) { parts_.emplace_back(first_floats); }
+  void give_back() {
+    part_ = 0;
+    used_ = 0;
+  }
+  // Arrays of `capacity` samples, 64-byte aligned, except `leverage` and `vertex`; of `c` those
+  // that `reach` has.
+  void take(int capacity, int reach, simd::Samples& s) {
+    s.count = (capacity + simd::kBlock - 1) / simd::kBlock * simd::kBlock;
+    take_each(s.count, s.pixel_x, s.pixel_y, s.ray_x, s.ray_y, s.value, s.weight, s.model,
+              s.residual);
+    take_anchors(reach, s);
+  }
+  // The same samples get arrays of their own for what depends on the anchor.
+  void take_anchors(int reach, simd::Samples& s) {
+    take_each(s.count, s.va, s.vb, s.ka, s.kb, s.rho, s.c[0], s.c[1], s.c[2], s.c[3]);
+    if (reach > 1)
+      take_each(s.count, s.c[4], s.c[5], s.c[6], s.c[7], s.c[8], s.c[9], s.c[10], s.c[11], s.c[12],
+                s.c[13], s.c[14], s.c[15]);
+  }
+  // `count` floats, 64-byte aligned if all that is taken is a multiple of 16.
+  [[nodiscard]] float* floats(std::size_t count) {
+    while (part_ < parts_.size() && used_ + count > parts_[part_].size) {
+      ++part_;
+      used_ = 0;
+    }
+    if (part_ == parts_.size()) parts_.emplace_back(std::max(count, parts_[0].size / 4));
+    float* const at = parts_[part_].begin() + used_;
+    used_ += count;
+#ifdef EIGEN_INITIALIZE_MATRICES_BY_NAN
+    // As matrices are: what is read before it is written shows.
+    std::fill_n(at, count, std::numeric_limits<float>::quiet_NaN());
+#endif
+    return at;
+  }
+  // The same, until something else is taken.
+  [[nodiscard]] float* lend(std::size_t count) {
+    float* const at = floats(count);
+    used_ -= count;
+    return at;
+  }
+
+ private:
+  template <class... Array>
+  void take_each(int count, Array&... arrays) {
+    const auto each = static_cast<std::size_t>(count);
+    float* next = floats(sizeof...(arrays) * each);
+    ((arrays = std::exchange(next, next + each)), ...);
+  }
+  struct Part {
+    explicit Part(std::size_t count) : size(count), data(count + 16, 0.0F) {}
+    [[nodiscard]] float* begin() {
+      const auto address = reinterpret_cast<std::uintptr_t>(data.data());
+      return data.data() + ((64 - address % 64) % 64) / sizeof(float);
+    }
+    std::size_t size = 0;
+    std::vector<float> data;
+  };
+  std::vector<Part> parts_;
+  std::size_t part_ = 0, used_ = 0;
+};
+
+}  // namespace penumbra

@@ -1,0 +1,148 @@
+#include "tracking/alignment/tag_decoding.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+namespace penumbra {
+namespace {
+
+// Share of the variance of a tag's cells in the image that the model explains.
+class Explained {
+ public:
+  void add(double model, double value) {
+    count_ += 1.0;
+    model_ += model;
+    value_ += value;
+    model2_ += model * model;
+    value2_ += value * value;
+    both_ += model * value;
+  }
+  // 0 where the model is no better than its negative, negative where too few cells were seen.
+  [[nodiscard]] double share() const {
+    constexpr double kFewest = 16.0;
+    if (count_ < kFewest) return -1.0;
+    const double both = count_ * both_ - model_ * value_;
+    const double alone =
+        (count_ * model2_ - model_ * model_) * (count_ * value2_ - value_ * value_);
+    return both > 0.0 && alone > 0.0 ? std::min(both * both / alone, 1.0) : 0.0;
+  }
+
+ private:
+  double count_ = 0.0, model_ = 0.0, value_ = 0.0;
+  double model2_ = 0.0, value2_ = 0.0, both_ = 0.0;
+};
+
+struct Cells {
+  int decidable = 0;  // black or white by the model, and inside the image
+  int read = 0;       // of these: neither covered nor too blurred
+  int wrong = 0;      // of these
+  double explained = -1.0;
+};
+
+// Whether the model is within a twentieth of each cell's own colour at the pixel nearest to its
+// centre. That pixel is at most sqrt(1/2) px off, which is at most that many sigmas of the lens's
+// blur in either direction of the lattice, and half a cell is 0.5 / ka; the model is then as far
+// from the colour as the two nearest lines leave of it, each less than a fortieth beyond 1.96
+// sigmas. The scale of a tag in the image is least at one of its corners; the rest is room for what
+// a lens bends beyond that, and for the centre of four corners.
+bool reads_clearly(const AlignedTag& tag, double blur_px) {
+  constexpr double kSigmas = 2.2;
+  if (tag.reach != 1 || !tag.wholly_seen) return false;
+  const auto last = static_cast<std::size_t>(tag.side - 1);
+  const auto top = last * static_cast<std::size_t>(tag.side);
+  float least = std::numeric_limits<float>::infinity();
+  for (const std::size_t v : {std::size_t{0}, last, top, top + last})
+    least = std::min({least, tag.ka[v], tag.kb[v]});
+  return 0.5 * static_cast<double>(least) >= kSigmas + std::sqrt(0.5) / blur_px;
+}
+
+// By the cells' own colours.
+Cells read_by_colour(AlignmentProblem& problem, const AlignedTag& tag) {
+  const double middle = tag.offset + 0.5 * tag.gain;
+  const double covered = 0.25 * tag.gain;
+  Cells cells;
+  Explained explained;
+  const std::int32_t* const places = problem.find_cells(tag);
+  for (const DataCell& cell : tag.pattern.data_cells()) {
+    const std::int32_t place = places[cell.j * tag.side + cell.i];
+    if (place == simd::kNowhere) continue;
+    const double read = static_cast<double>(problem.tone[problem.image.data[place]]) - middle;
+    explained.add(cell.white ? 1.0 : 0.0, read);
+    ++cells.decidable;
+    // What reads as neither black nor white is covered by something.
+    const bool decided = std::abs(read) >= covered;
+    cells.read += decided ? 1 : 0;
+    cells.wrong += decided && (cell.white ? read < 0.0 : read > 0.0) ? 1 : 0;
+  }
+  cells.explained = explained.share();
+  return cells;
+}
+
+// By the model's own blurred values at the cells' centres.
+Cells read_by_model(EdgeSampler& sampler, AlignedTag& tag) {
+  const double middle = tag.offset + 0.5 * tag.gain;
+  const double covered = 0.25 * tag.gain;
+  Cells cells;
+  Explained explained;
+  sampler.give_back();
+  sampler.read_cells(tag);
+  const simd::Samples& s = tag.samples;
+  for (int i = 0; i < tag.used; ++i) {
+    const double expected = static_cast<double>(s.model[i]) - 0.5;
+    const double read = static_cast<double>(s.value[i]) - middle;
+    explained.add(expected, read);
+    if (std::abs(expected) < 0.15) continue;  // too blurred to be one or the other
+    ++cells.decidable;
+    if (std::abs(read) < covered && std::abs(expected) > 0.45) continue;
+    ++cells.read;
+    cells.wrong += expected * read < 0.0 ? 1 : 0;
+  }
+  cells.explained = explained.share();
+  return cells;
+}
+
+}  // namespace
+
+void decode_tags(AlignmentProblem& problem, EdgeSampler& sampler, AlignmentResult& result) {
+  result.tags.clear();
+  result.tags_verified = 0;
+  int in_image = 0;
+  // Cells are read at whole pixels; what moved by less than this is where it was projected.
+  constexpr double kSamePixels_px = 0.1;
+  const bool projected = problem.moved_since_projection_px < kSamePixels_px;
+  for (AlignedTag* tag : problem.active) {
+    if (!projected) problem.project_lattice(*tag, 0.0);
+    const Cells cells = reads_clearly(*tag, problem.options.blur_px) ? read_by_colour(problem, *tag)
+                                                                     : read_by_model(sampler, *tag);
+    TagAlignment check;
+    check.index = problem.index_of(*tag);
+    check.cell_px = tag->cell_px;
+    check.gain = tag->gain;
+    check.offset = tag->offset;
+    check.weight_share =
+        tag->sums.base_weight > 0.0 ? tag->sums.weight / tag->sums.base_weight : 0.0;
+    check.cells_read = cells.read;
+    check.cells_wrong = cells.wrong;
+    check.explained = cells.explained;
+    const int least = std::max(8, static_cast<int>(tag->pattern.data_cells().size()) / 4);
+    const int right = cells.read - cells.wrong;
+    check.verified = cells.read >= least && 4 * cells.wrong <= cells.read &&
+                     20 * right >= 9 * cells.decidable && check.gain > 12.0 &&
+                     check.weight_share > kLeastWeightShare;
+    // Nearly all of a covered tag's cells are not read.
+    check.displaced = check.weight_share <= kLeastWeightShare && cells.decidable >= least &&
+                      5 * right >= 4 * cells.decidable;
+    in_image += cells.decidable >= least ? 1 : 0;
+    result.tags_verified += check.verified ? 1 : 0;
+    result.tags.push_back(check);
+  }
+  result.verified = result.tags_verified > 0 && 10 * result.tags_verified >= 4 * in_image;
+  problem.counters.tags_in_image = in_image;
+  if (!result.verified) result.reason = "the cells do not read as these tags";
+}
+
+}  // namespace penumbra
