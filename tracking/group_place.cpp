@@ -1,0 +1,179 @@
+#include "tracking/group_place.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+#include "core/units.hpp"
+#include "tracking/motion/motion_model.hpp"
+#include "tracking/pose_confidence.hpp"
+
+namespace penumbra {
+namespace {
+
+// Chi-square of 6 degrees of freedom that 99 % of measurements of a resting group stay under.
+constexpr double kRests = 16.8;
+// Growth of the covariance of a resting group's place from frame to frame: measurements are
+// averaged over about five frames.
+constexpr double kForgets = 1.25;
+// A place is shown as long as the averaged one is no farther from it than this; and the average
+// lags no farther behind a motion that is slower than the measurements' covariance shows.
+constexpr double kShownWithin_px = 0.25;
+// Two measurements that lie further apart give no velocity.
+constexpr double kVelocityLifetime_s = 0.2;
+
+// xi_a of a motion that is xi_b in frame b: T_a_b exp(xi_b) = exp(xi_a) T_a_b.
+template <class A, class B>
+Matrix6d adjoint(const Transform<A, B>& T_a_b) {
+  const Eigen::Matrix3d R = T_a_b.rotation_matrix();
+  const Eigen::Vector3d& t = T_a_b.translation();
+  Eigen::Matrix3d cross;
+  cross << 0.0, -t.z(), t.y(), t.z(), 0.0, -t.x(), -t.y(), t.x(), 0.0;
+  Matrix6d A6 = Matrix6d::Zero();
+  A6.topLeftCorner<3, 3>() = R;
+  A6.topRightCorner<3, 3>() = cross * R;
+  A6.bottomRightCorner<3, 3>() = R;
+  return A6;
+}
+
+// Covariance of the camera over a group's middle by that of the place: what `of_place` is there.
+Matrix6d carried_to_camera(const MiddleFromCamera& T_middle_camera, const Matrix6d& of_place) {
+  // Rounding leaves products a little off a rotation.
+  const MiddleFromCamera normalised(T_middle_camera.rotation(), T_middle_camera.translation());
+  const Matrix6d A = adjoint(normalised.inverse());
+  return A * of_place * A.transpose();
+}
+
+TrackStatus worse(TrackStatus a, TrackStatus b) {
+  return std::max(a, b);  // in the order of their declaration
+}
+static_assert(TrackStatus::tracked < TrackStatus::uncertain &&
+              TrackStatus::uncertain < TrackStatus::held && TrackStatus::held < TrackStatus::lost);
+
+}  // namespace
+
+// Averages a measurement with those before while they agree.
+bool GroupPlace::take(const CameraModel& camera, const Place& now, bool doubtful,
+                      const CameraPose& T_table_camera) {
+  const auto apart_px = [&](const TableFromMiddle& a, const TableFromMiddle& b) {
+    return overlay_distance_px(camera, a.inverse() * T_table_camera, b.inverse() * T_table_camera);
+  };
+  bool agrees = false;
+  if (found_) {
+    Place& found = *found_;
+    const Vector6d away = motion_between(found.T_table_middle, now.T_table_middle);
+    const Matrix6d before = kForgets * found.covariance;
+    const Matrix6d total = before + now.covariance;
+    const Vector6d weighed = total.ldlt().solve(away);
+    agrees = away.dot(weighed) < kRests &&
+             apart_px(found.T_table_middle, now.T_table_middle) <= kShownWithin_px;
+    if (!agrees && doubtful) return false;
+    if (agrees) {
+      const Matrix6d gain = total.ldlt().solve(before).transpose();  // before total^-1
+      found.T_table_middle = moved(found.T_table_middle, before * weighed);
+      found.covariance = before - gain * before;
+      found.covariance = 0.5 * (found.covariance + found.covariance.transpose()).eval();
+      found.timestamp_ns = now.timestamp_ns;
+      velocity_.setZero();
+    } else {
+      const double step_s = seconds(now.timestamp_ns - found.timestamp_ns);
+      velocity_ = step_s > 0.0 && step_s <= kVelocityLifetime_s ? Vector6d(away / step_s)
+                                                                : Vector6d::Zero();
+    }
+  }
+  if (!agrees) found_ = now;
+  const bool same_view = agrees && apart_px(shown_, found_->T_table_middle) <= kShownWithin_px;
+  if (!same_view) shown_ = found_->T_table_middle;
+  rests_ = agrees;
+  return true;
+}
+
+GroupEstimate GroupPlace::coasting(const CameraModel& camera, double hold_s,
+                                   std::int64_t timestamp_ns, const PoseEstimate& table_pose,
+                                   std::string reason) const {
+  GroupEstimate estimate;
+  estimate.name = name_;
+  estimate.T_group_middle = T_group_middle_;
+  estimate.reason = std::move(reason);
+  if (!found_ || !table_pose.has_pose()) return estimate;
+  const double age_s = seconds(timestamp_ns - found_->timestamp_ns);
+  if (!(age_s >= 0.0) || age_s > hold_s) return estimate;
+  const TableFromMiddle at = moved(shown_, velocity_ * age_s);
+  if (!at.is_finite()) return estimate;
+  estimate.status = TrackStatus::held;
+  estimate.held_from = last_status_;
+  estimate.age_s = age_s;
+  estimate.rests = rests_;
+  estimate.T_table_group = at * T_group_middle_.inverse();
+  const MiddleFromCamera T_middle_camera = at.inverse() * table_pose.T_table_camera;
+  const Matrix6d of_group = found_->covariance + unforeseen_motion(age_s);
+  estimate.covariance = table_pose.covariance + carried_to_camera(T_middle_camera, of_group);
+  estimate.expected_overlay_error_px =
+      predicted_overlay_px(camera, T_middle_camera, estimate.covariance);
+  return estimate;
+}
+
+GroupEstimate GroupPlace::update(const CameraModel& camera, double hold_s,
+                                 std::int64_t timestamp_ns, const PoseEstimate& table_pose,
+                                 const GroupSighting& seen) {
+  const auto coast = [&](std::string reason) {
+    return coasting(camera, hold_s, timestamp_ns, table_pose, std::move(reason));
+  };
+  // A clock that jumps back leaves nothing of the past to rely on.
+  if (found_ && timestamp_ns <= found_->timestamp_ns) found_.reset();
+  if (!is_measured(seen.status))
+    return coast(seen.reason.empty() ? std::string("not seen") : seen.reason);
+  if (!is_measured(table_pose.status))
+    return coast(fmt::format("the table is {}", to_string(table_pose.status)));
+  Place now;
+  now.timestamp_ns = timestamp_ns;
+  now.T_table_middle = table_pose.T_table_camera * seen.T_middle_camera.inverse();
+  const Matrix6d A = adjoint(seen.T_middle_camera);
+  now.covariance = A * (table_pose.covariance + seen.covariance) * A.transpose();
+  if (!now.T_table_middle.is_finite() || !now.covariance.allFinite())
+    return coast("no finite place");
+  const bool doubtful = worse(seen.status, table_pose.status) != TrackStatus::tracked;
+  const bool old = found_ && seconds(timestamp_ns - found_->timestamp_ns) > hold_s;
+  if (!take(camera, now, doubtful && !old, table_pose.T_table_camera))
+    return coast(seen.reason.empty() ? table_pose.reason : seen.reason);
+  return measured(camera, table_pose, seen);
+}
+
+GroupEstimate GroupPlace::measured(const CameraModel& camera, const PoseEstimate& table_pose,
+                                   const GroupSighting& seen) {
+  GroupEstimate estimate;
+  estimate.name = name_;
+  estimate.T_group_middle = T_group_middle_;
+  estimate.T_table_group = shown_ * T_group_middle_.inverse();
+  estimate.reprojection_rms_px = seen.reprojection_rms_px;
+  estimate.tags_used = seen.tags_used;
+  estimate.tags_left_out = seen.tags_left_out;
+  estimate.rests = rests_;
+  const MiddleFromCamera drawn = shown_.inverse() * table_pose.T_table_camera;
+  if (rests_) {
+    // Drawn by the table's pose, at a place that more frames than this one know.
+    estimate.covariance = table_pose.covariance + carried_to_camera(drawn, found_->covariance);
+  } else {
+    estimate.covariance = seen.covariance;
+  }
+  estimate.expected_overlay_error_px = predicted_overlay_px(camera, drawn, estimate.covariance);
+  if (rests_) {
+    // Both distances are distributed evenly up to their limit.
+    estimate.expected_overlay_error_px =
+        std::hypot(estimate.expected_overlay_error_px, kShownWithin_px * std::sqrt(2.0 / 3.0));
+  }
+  estimate.status = worse(seen.status, table_pose.status);
+  if (estimate.status == TrackStatus::tracked &&
+      !(estimate.expected_overlay_error_px < kTrackedOverlay_px)) {
+    estimate.status = TrackStatus::uncertain;
+    estimate.reason = fmt::format("expected error {:.1f} px", estimate.expected_overlay_error_px);
+  } else if (estimate.status == TrackStatus::uncertain) {
+    estimate.reason = seen.status == TrackStatus::uncertain
+                          ? seen.reason
+                          : fmt::format("the table is uncertain: {}", table_pose.reason);
+  }
+  last_status_ = estimate.status;
+  return estimate;
+}
+
+}  // namespace penumbra

@@ -1,0 +1,67 @@
+// Where a group of tags is on the table: averaged while it rests, extrapolated while it is hidden.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "core/camera/camera_model.hpp"
+#include "core/geometry/group_pose.hpp"
+#include "core/geometry/pose_estimate.hpp"
+#include "tracking/detection/pose_refiner.hpp"
+#include "tracking/group_pose_tracker.hpp"
+
+namespace penumbra {
+
+// Whether the pose was measured in its frame.
+[[nodiscard]] inline bool is_measured(TrackStatus status) {
+  return status == TrackStatus::tracked || status == TrackStatus::uncertain;
+}
+
+class GroupPlace {
+ public:
+  // Begins where the map has the group.
+  GroupPlace(std::string name, const Transform<frame::Group, frame::GroupMiddle>& T_group_middle)
+      : name_(std::move(name)),
+        T_group_middle_(T_group_middle),
+        shown_(GroupPose() * T_group_middle) {}
+
+  // The place as it is shown: within a quarter of a pixel of the average.
+  [[nodiscard]] const TableFromMiddle& shown() const { return shown_; }
+  // Whether the last measurement is older than this time.
+  [[nodiscard]] bool is_older_than(std::int64_t timestamp_ns) const {
+    return !found_ || found_->timestamp_ns < timestamp_ns;
+  }
+
+  // Takes a frame's sighting, with where the camera is over the table. `hold_s`: how long a hidden
+  // group is extrapolated.
+  [[nodiscard]] GroupEstimate update(const CameraModel& camera, double hold_s,
+                                     std::int64_t timestamp_ns, const PoseEstimate& table_pose,
+                                     const GroupSighting& seen);
+
+ private:
+  struct Place {
+    std::int64_t timestamp_ns = 0;
+    TableFromMiddle T_table_middle;
+    Matrix6d covariance = Matrix6d::Zero();  // of T_table_middle * exp(xi)
+  };
+  // False where the measurement is doubtful and disagrees with a surer one.
+  bool take(const CameraModel& camera, const Place& now, bool doubtful,
+            const CameraPose& T_table_camera);
+  [[nodiscard]] GroupEstimate measured(const CameraModel& camera, const PoseEstimate& table_pose,
+                                       const GroupSighting& seen);
+  [[nodiscard]] GroupEstimate coasting(const CameraModel& camera, double hold_s,
+                                       std::int64_t timestamp_ns, const PoseEstimate& table_pose,
+                                       std::string reason) const;
+
+  std::string name_;
+  Transform<frame::Group, frame::GroupMiddle> T_group_middle_;
+  std::optional<Place> found_;  // averaged while it rests
+  TableFromMiddle shown_;
+  TrackStatus last_status_ = TrackStatus::tracked;  // of the last measured place
+  bool rests_ = false;
+  Vector6d velocity_ = Vector6d::Zero();  // [m/s, rad/s], group's middle
+};
+
+}  // namespace penumbra
