@@ -16,7 +16,6 @@
 #include "render/gl/picture_probe.hpp"
 #include "render/gl/pixel_buffer.hpp"
 #include "render/passes/hard_pass.hpp"
-#include "render/passes/layer_volume_pass.hpp"
 #include "render/passes/object_pass.hpp"
 #include "render/passes/ray_pass.hpp"
 #include "render/passes/received_shadow_pass.hpp"
@@ -75,7 +74,6 @@ struct Compositor::Impl {
         shadows(std::move(shadow_pass)),
         hard_shadows(std::move(hard_pass)),
         volumes(std::move(volume_pass)),
-        layer_volumes(gl.info().api, camera),
         rays(std::move(ray_pass)) {}
 
   Impl(const Impl&) = delete;
@@ -101,21 +99,19 @@ struct Compositor::Impl {
   ReceivedShadowPass received_shadows;
   HardPass hard_shadows;
   VolumePass volumes;
-  LayerVolumePass layer_volumes;
   RayPass rays;
   CompositeStats stats;
 
   // All passes draw in one way.
   Result<void> choose(Translucency way, PixelFormat captured, const FramePlan& plan) {
     const auto format = rectified ? std::nullopt : std::optional(captured);
-    if (auto chosen = objects.choose(way, format, plan.climbing); !chosen) return chosen;
+    if (auto chosen = objects.choose(way, format); !chosen) return chosen;
     const bool on_objects =
         way == Translucency::retexture && objects_lie_behind_planes(*scene, plan);
     if (auto chosen = shadows.choose(way, on_objects ? std::nullopt : format); !chosen)
       return chosen;
     if (auto chosen = hard_shadows.choose(way, format); !chosen) return chosen;
     if (auto chosen = volumes.choose(way, format); !chosen) return chosen;
-    if (auto chosen = layer_volumes.choose(plan); !chosen) return chosen;
     return rays.choose(way, format);
   }
 
@@ -222,7 +218,6 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   m.shadows.prepare(*m.scene, plan, work);
   m.hard_shadows.prepare(*m.scene, plan, work);
   m.volumes.prepare(*m.scene, plan, work);
-  m.layer_volumes.prepare(*m.scene, plan, m.shadows, work);
   if (m.gpu_timer) {
     m.gpu_timer->take(m.stats.gpu_ms);
     m.gpu_timer->begin();
@@ -257,7 +252,6 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
     count(m.shadows.draw(plan, m.lens, m.receivers, m.video, frame, m.framebuffer));
     count(received + m.received_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.receivers,
                                              m.framebuffer));
-    count(m.layer_volumes.draw(*m.scene, plan, m.lens, m.objects, way, m.receivers, m.framebuffer));
     count(m.hard_shadows.draw(plan, m.lens, m.receivers, m.framebuffer));
     count(m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer));
     count(m.objects.draw_blended(plan, m.lens, m.framebuffer));

@@ -219,21 +219,6 @@ class Planner {
     }
   }
 
-  // By volumes, if the shadows of all nodes can be, in view or not.
-  void plan_climbing() {
-    for (const ShadowNode& node : scene_.shadows) {
-      const ShadowTechnique technique = options_.technique.value_or(node.technique);
-      const bool one_size = technique == ShadowTechnique::layered &&
-                            options_.kernels.value_or(node.kernels) != KernelSource::centroid &&
-                            options_.light_mode.value_or(node.light_mode) == LightMode::fixed;
-      if (!one_size && technique != ShadowTechnique::field) continue;
-      skip("volumes_impossible", node.name,
-           "its light is of one size, and no mesh tells its layers' volumes");
-      return;
-    }
-    plan_.climbing = Climbing::volumes;
-  }
-
  private:
   void plan_shadow(ShadowDraw draw, const ScenePlane& plane) {
     const SceneObject& object = scene_.objects[static_cast<std::size_t>(draw.object)];
@@ -795,7 +780,6 @@ FramePlan plan_frame(const Scene& scene, const SceneState& state, const PoseEsti
   Planner planner(scene, state, camera, options, plan);
   planner.plan_objects();
   planner.plan_shadows();
-  if (options.climbing == Climbing::volumes) planner.plan_climbing();
   return plan;
 }
 

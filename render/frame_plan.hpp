@@ -27,7 +27,6 @@ struct PlanOptions {
   std::optional<LightMode> light_mode;       // overrides every shadow node's
   bool proxies = true;                       // false: every object casts with its own mesh
   LayerDrawing layers = LayerDrawing::automatic;
-  Climbing climbing = Climbing::heights;
   bool light_rays = false;  // of every shadow node, whatever it says
   // Leave out what can't be seen, and make nothing again that an earlier frame made; the picture is
   // the same either way, bit for bit.
@@ -173,9 +172,6 @@ struct FramePlan {
   CameraPose T_table_camera;
   Translucency translucency = Translucency::automatic;  // of all that is drawn
   LayerDrawing layers = LayerDrawing::automatic;
-  // Volumes only where the shadows of all nodes can be drawn so: not fields, which have no mesh,
-  // nor those of lights of one size.
-  Climbing climbing = Climbing::heights;
   bool finest_edges = false;         // of casters and masks, whatever the distance
   bool whole_masks = false;          // of planes: also where they darken nothing
   bool reuse = true;                 // false: nothing that an earlier frame made, but kernels

@@ -68,16 +68,6 @@ enum class LayerDrawing {
          // told which way faces turn
 };
 
-// How layered and simple shadows lie on phantoms and on other virtual objects.
-enum class Climbing {
-  // On each height as on a plane there: layers tell the height above what they fall on
-  // (render/passes/received_shadow_pass.hpp).
-  heights,
-  // By nested volumes: the outlines that the shadow has on its plane, swept straight up
-  // (render/passes/layer_volume_pass.hpp); to compare with.
-  volumes,
-};
-
 // The screen-door's pattern has so many places: densities are multiples of one of them.
 inline constexpr int kDoorPlaces = 16;
 

@@ -158,22 +158,6 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
           "shadows on a plane are simple")
       ->type_name("auto|direct|mask")
       ->default_str("auto");
-  command
-      .add_option_function<std::string>(
-          "--climb",
-          [&choice](const std::string& name) {
-            if (name != "heights" && name != "volumes") {
-              throw CLI::ValidationError(
-                  "--climb", fmt::format("{}: no such way; known: heights, volumes", name));
-            }
-            choice.climbing = name == "volumes" ? Climbing::volumes : Climbing::heights;
-          },
-          "How layered and simple shadows lie on phantoms and other virtual objects. heights: on "
-          "each height as on a table there, so that the layers tell the height above what they "
-          "fall on; volumes: as the outlines on the table swept straight up, by nested shadow "
-          "volumes, to compare with")
-      ->type_name("heights|volumes")
-      ->default_str("heights");
   command.add_flag("--show-rays", choice.light_rays,
                    "Draw rays from the lights through vertices of what casts to the points of the "
                    "shadow that belong to them, for hard and volume");
@@ -238,7 +222,6 @@ void apply(const ShadowChoice& choice, PlanOptions& plan) {
   plan.light_rays = choice.light_rays;
   plan.translucency = choice.translucency;
   plan.layers = choice.layers;
-  plan.climbing = choice.climbing;
   if (choice.cocl) {
     if (choice.kernel_file || (choice.kernels && *choice.kernels != KernelSource::automatic &&
                                *choice.kernels != KernelSource::centroid)) {

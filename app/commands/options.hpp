@@ -23,7 +23,7 @@ class Option;
 
 namespace penumbra {
 
-// --shadow, --kernels, --light-mode, --proxy, --layers, --climb, --show-rays and --translucency.
+// --shadow, --kernels, --light-mode, --proxy, --layers, --show-rays and --translucency.
 // "cocl" is the layered technique with one kernel per object.
 struct ShadowChoice {
   std::optional<ShadowTechnique> technique;
@@ -36,7 +36,6 @@ struct ShadowChoice {
   bool asks_for_proxies = false;  // by --proxy auto
   Translucency translucency = Translucency::automatic;
   LayerDrawing layers = LayerDrawing::automatic;
-  Climbing climbing = Climbing::heights;
 };
 // Gives --shadow back.
 CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice);

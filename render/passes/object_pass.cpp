@@ -198,17 +198,8 @@ const Texture2d* ObjectPass::texture_of(GpuModel& gpu, const Model& model,
   return &entry->second;
 }
 
-Result<void> ObjectPass::choose(Translucency way, std::optional<PixelFormat> video,
-                                Climbing climbing) {
+Result<void> ObjectPass::choose(Translucency way, std::optional<PixelFormat> video) {
   way_ = way;
-  if (climbing == Climbing::volumes) {
-    constexpr std::array<std::string_view, 1> kLayer = {"layer.frag.glsl"};
-    if (!layer_program_) {
-      PENUMBRA_TRY(auto linked, TranslucentProgram::create(api_, kVertex, kLayer));
-      layer_program_ = std::move(linked);
-    }
-    if (auto chosen = layer_program_->choose(way, video); !chosen) return chosen;
-  }
   if (auto chosen = program_.choose(way, video); !chosen) return chosen;
   for (auto* const program : {&maps_program_, &darkening_program_, &maps_darkening_program_}) {
     if (!*program) continue;
@@ -513,16 +504,6 @@ int ObjectPass::draw_under_shadow(const Scene& scene, const ObjectDraw& draw, co
   p.set("mask_step", static_cast<float>(kLevelStep));
   p.set("mask_level_width", static_cast<float>(kLevelWidth));
   p.set("shadow_mask", kShadowMaskUnit);
-  return draw_all({p, nullptr}, scene, {&draw, 1}, plan.T_table_camera);
-}
-
-int ObjectPass::draw_in_layer(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
-                              const LensUniforms& lens, float light_left) const {
-  const ShaderProgram& p = layer_program_->get();
-  p.use();
-  p.set("picture_before", kPictureBeforeUnit);
-  set_lens(p, lens);
-  p.set("light_left", light_left);
   return draw_all({p, nullptr}, scene, {&draw, 1}, plan.T_table_camera);
 }
 

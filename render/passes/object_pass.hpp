@@ -55,9 +55,8 @@ class ObjectPass {
   [[nodiscard]] static Result<ObjectPass> create(GlApi api, const Scene& scene,
                                                  const CameraModel& camera);
 
-  // How what is translucent is drawn from here on; draw_in_layer() only with Climbing::volumes.
-  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video,
-                                    Climbing climbing = Climbing::heights);
+  // How what is translucent is drawn from here on.
+  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
 
   // Depth of the phantoms. Number of draw calls, here and below.
   int draw_phantoms(const Scene& scene, const FramePlan& plan, const LensUniforms& lens) const;
@@ -84,10 +83,6 @@ class ObjectPass {
   int draw_under_shadow(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
                         const LensUniforms& lens, const ShadowMask& mask,
                         Gathering gathering) const;
-  // The same where all of what passes the tests lies in one layer of such a shadow, whichever way
-  // it faces, which leaves so much of the encoded picture; after choose() for volumes.
-  int draw_in_layer(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
-                    const LensUniforms& lens, float light_left) const;
 
  private:
   struct GpuMesh {
@@ -158,7 +153,6 @@ class ObjectPass {
   glm::vec4 tone_{1.0F / 2.4F, 1.055F, 0.055F, 0.0031308F};
   // Of shadows by masks: light alone would cost many times as much.
   TranslucentProgram masked_program_;
-  std::optional<TranslucentProgram> layer_program_;         // linked when it is first asked for
   std::vector<std::shared_ptr<GpuModel>> models_;           // one per scene object; null: no model
   std::vector<std::shared_ptr<const Model>> descriptions_;  // their materials
 };

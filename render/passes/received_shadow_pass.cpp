@@ -200,7 +200,6 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
     masks_.clear();
     surfaces_.clear();
   }
-  if (plan.climbing == Climbing::volumes) return 0;
   int calls = 0;
   const double texels = most_texels(plan);
   for (const ReceivedShadowDraw& draw : plan.received_shadows) {

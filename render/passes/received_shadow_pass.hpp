@@ -4,8 +4,7 @@
 // several samples a texel. Then the receiver's pixels are darkened by what lies over each of them,
 // once, by the caster that leaves least, as a plane's are (through a screen-door, shadows onto
 // planes that face elsewhere are not darker where they meet). A face gets as much of the light as
-// Lambert's law lets it. (Volumes would sweep one outline straight up: on a box it would tell the
-// height over the table.)
+// Lambert's law lets it.
 #pragma once
 
 #include <array>

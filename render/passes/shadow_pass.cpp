@@ -894,36 +894,6 @@ std::optional<ShadowReach> ShadowPass::reach_of(const Scene& scene, const Shadow
   return reach;
 }
 
-CasterOverPlane ShadowPass::caster_over(const Scene& scene, const ShadowDraw& draw,
-                                        ShadowWork& work) {
-  Caster& caster = caster_of(scene, draw);
-  const OwnFrame own = OwnFrame::make(draw.T_table_object, draw.plane_frame,
-                                      draw.T_table_object.scale * caster.size, kLayerBits);
-  CasterOverPlane over;
-  over.mesh = &caster.mesh;
-  over.constants = draw.constants;
-  if (draw.technique == ShadowTechnique::simple) over.constants = zenith_of_simple();
-  if (caster.whole.geometry.indices.empty()) return over;
-  const CastWith with = cast_with(draw, caster, own, false, work);
-  if (with.reduced) over.mesh = &caster.proxy->mesh;
-  const std::vector<glm::vec3>& kernels =
-      (with.reduced ? with.kernels->reduced : with.kernels->whole).kernels;
-  over.vertices =
-      own_vertices(own, over.mesh->positions,
-                   std::span<const glm::vec3>(kernels).first(over.mesh->positions.size()));
-  const auto placed = [&own](float u, float v) -> Eigen::Vector2f {
-    return (own.T_plane_own * Eigen::Vector2d(static_cast<double>(u), static_cast<double>(v)))
-        .cast<float>();
-  };
-  for (CasterVertex& vertex : over.vertices) {
-    const Eigen::Vector2f x = placed(vertex.u, vertex.v);
-    const Eigen::Vector2f k = placed(vertex.ku, vertex.kv);
-    vertex = {x.x(), x.y(), at_contact(vertex.h), k.x(), k.y()};
-  }
-  work.vertices += static_cast<std::int64_t>(over.vertices.size());
-  return over;
-}
-
 ShadowPass::Prepared& ShadowPass::prepare_level(const ReceivedShadowDraw& draw, int level,
                                                 const ShadowDraw& shadow, Caster& caster,
                                                 bool masked, ShadowWork& work) {

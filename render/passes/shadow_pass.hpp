@@ -31,7 +31,6 @@
 #include "render/shadow/caster_geometry.hpp"
 #include "render/shadow/kernels/kernel_direction.hpp"
 #include "render/shadow/kernels/shadow_proxy.hpp"
-#include "render/shadow/layers/layer_volume.hpp"
 #include "render/shadow/layers/layered_penumbra.hpp"
 #include "render/shadow/layers/own_frame.hpp"
 #include "render/shadow/layers/twist.hpp"
@@ -110,9 +109,6 @@ class ShadowPass {
   // lights of one size, and of fields.
   std::optional<ShadowReach> reach_of(const Scene& scene, const ShadowDraw& draw, double from,
                                       ShadowWork& work);
-  // A layered shadow's caster, of proportional lights, or a simple one's: over its plane, with the
-  // mesh that casts. Until the next prepare().
-  CasterOverPlane caster_over(const Scene& scene, const ShadowDraw& draw, ShadowWork& work);
   // A pixel 1 m from the camera [m].
   [[nodiscard]] double pixel_at_unit_depth() const { return pixel_at_unit_depth_; }
   // One of its layers in white, where the tests and masks as they are let it; with a camera without

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 #include <ctime>
 #include <fstream>
 #include <functional>
@@ -22,7 +21,6 @@
 #include "render/shadow/kernels/kernel_tuning.hpp"
 #include "render/shadow/layers/coverage.hpp"
 #include "render/shadow/layers/layer_polygons.hpp"
-#include "render/shadow/layers/layer_update.hpp"
 #include "support/kernel_quality.hpp"
 #include "support/shapes.hpp"
 
@@ -208,64 +206,6 @@ BENCHMARK_CAPTURE(agreement, per_axis, KernelSource::per_axis)->Unit(benchmark::
 BENCHMARK_CAPTURE(agreement, automatic, KernelSource::automatic)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(agreement, smooth, KernelSource::smooth)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(agreement, field, std::nullopt)->Unit(benchmark::kMillisecond);
-
-// Three layers of the paper's tree size, and a plain copy of as many numbers as that reads and
-// writes.
-constexpr std::size_t kTreeVertices = 12581;
-struct TreeLayers {
-  ShadowMesh mesh = make_shadow_mesh(test::bush_model(1462));
-  ShadowKernels kernels;
-  LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
-  Placement placement;
-  TreeLayers() {
-    mesh.positions.resize(kTreeVertices);
-    kernels.kernels = mesh.positions;
-    for (glm::vec3& k : kernels.kernels) k.x += 0.01F;
-  }
-};
-void memcpy_of_tree(benchmark::State& state) {
-  const std::vector<float> from(6 * kTreeVertices, 1.0F);
-  std::vector<float> to(7 * kTreeVertices);
-  for (auto _ : state) {
-    std::memcpy(to.data(), from.data(), from.size() * sizeof(float));
-    std::memcpy(to.data() + from.size(), from.data(), kTreeVertices * sizeof(float));
-    benchmark::DoNotOptimize(to.data());
-    benchmark::ClobberMemory();
-  }
-}
-// Beside the time the largest distance from the formulas in double precision.
-void layer_update(benchmark::State& state) {
-  TreeLayers tree;
-  const CasterArrays caster = CasterArrays::make(tree.mesh, tree.kernels);
-  LayerArrays layers;
-  for (auto _ : state) {
-    tree.placement.position.z() += 1e-6;
-    update_layers(caster, tree.placement, PlaneFrame(), tree.constants, layers);
-    benchmark::DoNotOptimize(layers.u[2].data());
-    benchmark::ClobberMemory();
-  }
-  tree.placement.position.z() = 0.03;
-  update_layers(caster, tree.placement, PlaneFrame(), tree.constants, layers);
-  double off = 0.0;
-  for (std::size_t i = 0; i < kTreeVertices; ++i) {
-    const glm::dvec3 x(tree.mesh.positions[i]);
-    const glm::dvec3 k(tree.kernels.kernels[i]);
-    for (std::size_t layer = 0; layer < 3; ++layer) {
-      const double s = layer_factor(tree.constants, kShadowLayers[layer], x.z + 0.03);
-      off =
-          std::max({off, std::abs(k.x + s * (x.x - k.x) - static_cast<double>(layers.u[layer][i])),
-                    std::abs(k.y + s * (x.y - k.y) - static_cast<double>(layers.v[layer][i]))});
-    }
-  }
-  state.counters["error_nm"] = 1e9 * off;
-}
-const bool kUpdateRegistered = [] {
-  benchmark::RegisterBenchmark("12,581 vertices/memcpy of the same numbers", memcpy_of_tree)
-      ->Unit(benchmark::kMicrosecond);
-  benchmark::RegisterBenchmark("12,581 vertices/update of 3 layers", layer_update)
-      ->Unit(benchmark::kMicrosecond);
-  return true;
-}();
 
 // Beside the time how its umbra and penumbra agree with a field of 1024 cells (IoU).
 void field(benchmark::State& state, Shape shape, bool own_lights) {

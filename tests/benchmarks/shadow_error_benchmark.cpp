@@ -29,7 +29,6 @@
 #include "render/shadow/fields/fixed_light.hpp"
 #include "render/shadow/fields/power_distance.hpp"
 #include "render/shadow/kernels/shadow_proxy.hpp"
-#include "render/shadow/layers/layer_update.hpp"
 #include "support/paths.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"
@@ -772,37 +771,6 @@ void compare_with_goals(nlohmann::ordered_json& results) {
   }
 }
 
-void compare_update_with_copy(nlohmann::ordered_json& results) {
-  constexpr std::size_t kVertices = 12581;
-  ShadowMesh mesh = make_shadow_mesh(test::bush_model(1462));
-  mesh.positions.resize(kVertices);
-  ShadowKernels kernels;
-  kernels.kernels = mesh.positions;
-  for (glm::vec3& k : kernels.kernels) k.x += 0.01F;
-  const CasterArrays caster = CasterArrays::make(mesh, kernels);
-  const LayeredConstants constants = make_layered_constants(0.9, 3.0, 0.0).value();
-  Placement placement;
-  LayerArrays layers;
-  const double update = cpu_ms([&] {
-    placement.position.z() += 1e-6;
-    update_layers(caster, placement, PlaneFrame(), constants, layers);
-  });
-  // What it reads and writes: six numbers per vertex in, seven out.
-  const std::vector<float> from(6 * kVertices, 1.0F);
-  std::vector<float> to(7 * kVertices);
-  const double copy = cpu_ms([&] {
-    std::memcpy(to.data(), from.data(), from.size() * sizeof(float));
-    std::memcpy(to.data() + from.size(), from.data(), kVertices * sizeof(float));
-    asm volatile("" : : "r"(to.data()) : "memory");
-  });
-  fmt::print(
-      "\n3 layers of 12,581 vertices: {:.1f} us (goal 20); memcpy of the same data: {:.1f} us; "
-      "ratio {:.2f}\n",
-      1e3 * update, 1e3 * copy, update / copy);
-  results["update_us"] = 1e3 * update;
-  results["copy_us"] = 1e3 * copy;
-}
-
 }  // namespace
 }  // namespace penumbra
 
@@ -813,7 +781,6 @@ int main(int argc, char** argv) {
     penumbra::compare_proxies(results);
     penumbra::compare_kernels_with_reading(results);
     penumbra::compare_with_goals(results);
-    penumbra::compare_update_with_copy(results);
     if (argc > 1) std::ofstream(argv[1]) << results.dump(1) << "\n";
   } catch (const std::exception& error) {
     fmt::print(stderr, "shadow_error_benchmark: {}\n", error.what());

@@ -10,7 +10,6 @@
 #include "render/shadow/caster_geometry.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
 #include "render/shadow/layers/layer_polygons.hpp"
-#include "render/shadow/layers/layer_update.hpp"
 #include "render/shadow/layers/twist.hpp"
 #include "render/shadow/projected/projected_shadow.hpp"
 #include "support/kernel_reach.hpp"
@@ -211,11 +210,6 @@ RC_GTEST_PROP(LayerProperties, TotalOnAnySoupOfAnySize, ()) {
   RC_ASSERT(0.0 <= twists.area_share && twists.area_share <= 1.0);
   const double spill = layer_spill(mesh, kernels, real(1.0, 3.0));
   RC_ASSERT(0.0 <= spill && spill <= 1.0);
-  LayerArrays arrays;
-  update_layers(CasterArrays::make(mesh, kernels), placement, plane, constants, arrays);
-  for (std::size_t layer = 0; layer < 3; ++layer)
-    for (std::size_t i = 0; i < arrays.h.size(); ++i)
-      RC_ASSERT(std::isfinite(arrays.u[layer][i]) && std::isfinite(arrays.v[layer][i]));
 }
 
 RC_GTEST_PROP(LayerProperties, VerticesThatAreNoNumbersAreLeftOut, ()) {
@@ -323,8 +317,6 @@ RC_GTEST_PROP(LayerProperties, FloatLayersStayByTheExactOnes, ()) {
   const ShadowKernels kernels =
       generate_kernels(mesh, up_in_object(placement, plane), KernelSource::automatic);
   const auto vertices = place_caster(mesh, kernels, placement, plane);
-  LayerArrays arrays;
-  update_layers(CasterArrays::make(mesh, kernels), placement, plane, constants, arrays);
   const auto exact = [&](const glm::vec3& p) {
     return plane.to_plane(placement * Eigen::Vector3d(static_cast<double>(p.x),
                                                       static_cast<double>(p.y),
@@ -351,10 +343,6 @@ RC_GTEST_PROP(LayerProperties, FloatLayersStayByTheExactOnes, ()) {
                            8.0 * kUlp * (1.0 + s) * size;                // u, v, k
       const PlanePoint one = project_to_layer(vertices[i], constants, kShadowLayers[layer]);
       RC_ASSERT((Eigen::Vector2d(static_cast<double>(one.u), static_cast<double>(one.v)) - expected)
-                    .norm() <= bound);
-      RC_ASSERT((Eigen::Vector2d(static_cast<double>(arrays.u[layer][i]),
-                                 static_cast<double>(arrays.v[layer][i])) -
-                 expected)
                     .norm() <= bound);
     }
   }

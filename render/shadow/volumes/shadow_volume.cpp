@@ -194,20 +194,6 @@ ShadowVolume VolumeCaster::volume(const Placement& T_table_object, const Eigen::
     needed[part] = std::ranges::any_of(
         receivers, [&](const Ball& receiver) { return may_shadow(light, ball, receiver); });
   }
-  return volume_of(near, light, floors, reach, needed);
-}
-
-ShadowVolume VolumeCaster::volume_at(const std::vector<Eigen::Vector3d>& points,
-                                     const Eigen::Vector4d& light,
-                                     std::span<const PlaneFrame> floors, double reach) const {
-  PENUMBRA_ASSERT(points.size() == positions_.size());
-  return volume_of(points, light, floors, reach, std::vector<bool>(closed_.size(), true));
-}
-
-ShadowVolume VolumeCaster::volume_of(const std::vector<Eigen::Vector3d>& near,
-                                     const Eigen::Vector4d& light,
-                                     std::span<const PlaneFrame> floors, double reach,
-                                     const std::vector<bool>& needed) const {
   ShadowVolume result;
   const bool local = light.w() != 0.0;
   const Eigen::Vector3d from =

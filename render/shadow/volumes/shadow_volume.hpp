@@ -59,11 +59,6 @@ class VolumeCaster {
   [[nodiscard]] ShadowVolume volume(const Placement& T_table_object, const Eigen::Vector4d& light,
                                     std::span<const PlaneFrame> floors, double reach,
                                     std::span<const Ball> receivers = {}) const;
-  // The same of a caster whose points are elsewhere, one for each of the mesh's positions, table
-  // frame [m]; its parts are taken to be turned as the mesh's are.
-  [[nodiscard]] ShadowVolume volume_at(const std::vector<Eigen::Vector3d>& points,
-                                       const Eigen::Vector4d& light,
-                                       std::span<const PlaneFrame> floors, double reach) const;
 
  private:
   struct Edge {
@@ -73,11 +68,6 @@ class VolumeCaster {
     std::uint32_t edge = 0;
     int sign = 1;  // +1: the face runs from a to b
   };
-  // Of those parts that are needed.
-  [[nodiscard]] ShadowVolume volume_of(const std::vector<Eigen::Vector3d>& near,
-                                       const Eigen::Vector4d& light,
-                                       std::span<const PlaneFrame> floors, double reach,
-                                       const std::vector<bool>& needed) const;
 
   std::vector<Eigen::Vector3d> positions_;
   std::vector<std::uint32_t> indices_;

@@ -42,7 +42,6 @@ void count(test::Studio& studio, int triangles, counted::Motion motion, int fram
   PlanOptions options;
   options.technique = row.choice.technique;
   options.layers = row.choice.layers;
-  options.climbing = row.choice.climbing;
   options.translucency = row.translucency;
   SceneState state = evaluate_scene(scene, 0.0);
   const auto video = triangles == 12 ? counted::Video::checkerboard : counted::Video::gradients;

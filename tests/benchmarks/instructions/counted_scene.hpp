@@ -101,12 +101,10 @@ inline PoseEstimate pose() {
   return test::tracked(test::look_at({0.1, -0.45, 0.4}, {0.0, 0.0, 0.03}));
 }
 
-// layered-direct and layered-mask are layers drawn in this way, whatever pays; layered-volumes
-// such that climb by nested volumes.
+// layered-direct and layered-mask are layers drawn in this mode, whatever pays.
 struct TechniqueChoice {
   ShadowTechnique technique = ShadowTechnique::none;
   LayerDrawing layers = LayerDrawing::automatic;
-  Climbing climbing = Climbing::heights;
 };
 [[nodiscard]] inline std::optional<TechniqueChoice> technique_of(std::string_view name) {
   TechniqueChoice choice;
@@ -115,11 +113,6 @@ struct TechniqueChoice {
     if (!name.ends_with(suffix)) continue;
     choice.layers = way;
     name.remove_suffix(suffix.size());
-  }
-  constexpr std::string_view kVolumes = "-volumes";
-  if (name.ends_with(kVolumes)) {
-    choice.climbing = Climbing::volumes;
-    name.remove_suffix(kVolumes.size());
   }
   const auto technique = shadow_technique_from_string(name);
   if (!technique) return std::nullopt;
