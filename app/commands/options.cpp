@@ -117,8 +117,10 @@ CLI::Option* add_shadow_options(CLI::App& command, ShadowChoice& choice) {
             choice.proxies = name == "auto";
             choice.asks_for_proxies = choice.proxies;
           },
-          "auto: a reduced mesh casts a layered shadow where that agrees with the model's to 0.98, "
-          "unless the scene says otherwise; none: every object casts with its own mesh")
+          "auto: the reduced model that the scene names (\"proxy\") casts shadows in place of the "
+          "object's; layered ones where their layers agree to 0.98; none: each object casts with "
+          "its "
+          "own mesh")
       ->type_name("auto|none")
       ->default_str("auto");
   command

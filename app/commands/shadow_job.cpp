@@ -175,8 +175,8 @@ void take_proxy(const ShadowOptions& options, ShadowJob& job) {
   if (job.technique != ShadowJob::Technique::layered) {
     wrong("--proxy", "is for layered shadows; leave it out");
   }
-  job.proxy = options.proxy == "auto" ? ProxyMode::automatic : ProxyMode::model;
-  if (job.proxy == ProxyMode::model) job.proxy_file = options.proxy;
+  job.proxy = options.proxy == "auto" ? ShadowJob::Proxy::simplified : ShadowJob::Proxy::from_file;
+  if (job.proxy == ShadowJob::Proxy::from_file) job.proxy_file = options.proxy;
 }
 
 void take_placement(const ShadowOptions& options, ShadowJob& job) {

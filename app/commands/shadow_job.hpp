@@ -46,6 +46,7 @@ struct ShadowOptions {
 struct ShadowJob {
   enum class Technique { layered, field, simple, hard };
   enum class Format { table, json, svg, png };
+  enum class Proxy { none, simplified, from_file };  // mesh that casts in place of the model
   std::filesystem::path model;
   std::filesystem::path output;
   Format format = Format::table;
@@ -54,7 +55,7 @@ struct ShadowJob {
   std::filesystem::path kernel_file;  // in place of the source
   bool fixed_light = false;
   std::vector<std::string> groups;  // of parts that are one
-  ProxyMode proxy = ProxyMode::none;
+  Proxy proxy = Proxy::none;
   std::filesystem::path proxy_file;
   UpAxis up = UpAxis::by_format;
   double unit_m = 1.0;  // of the model's coordinates

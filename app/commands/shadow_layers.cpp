@@ -98,8 +98,8 @@ std::pair<double, double> factors_of(std::span<const CasterVertex> vertices,
 // Nothing where the mesh is not worth reducing.
 Result<std::optional<ShadowProxy>> make_proxy(const ShadowJob& job, const ShadowMesh& mesh,
                                               ShadowResult& result) {
-  if (job.proxy == ProxyMode::automatic) return simplified_caster(mesh);
-  if (job.proxy == ProxyMode::none) return std::optional<ShadowProxy>();
+  if (job.proxy == ShadowJob::Proxy::simplified) return simplified_caster(mesh);
+  if (job.proxy == ShadowJob::Proxy::none) return std::optional<ShadowProxy>();
   PENUMBRA_TRY(auto model, load_model(job.proxy_file, {.up = job.up, .unit_m = job.unit_m}));
   for (const std::string& warning : model.warnings) warn(result, "{}", warning);
   move_origin(model, job.model_origin);

@@ -75,7 +75,7 @@ std::string shadow_json(const ShadowJob& job, const ShadowResult& result) {
                       {"area_share", result.twists->area_share}};
     if (result.spill) json["twists"]["spill"] = *result.spill;
   }
-  if (job.proxy != ProxyMode::none) {
+  if (job.proxy != ShadowJob::Proxy::none) {
     auto& proxy = json["proxy"];
     proxy["used"] = result.proxy.used;
     proxy["faces"] = result.proxy.faces;
@@ -127,7 +127,7 @@ std::string shadow_table(const ShadowJob& job, const ShadowResult& result) {
       table += "\n";
     }
   }
-  if (job.proxy != ProxyMode::none) {
+  if (job.proxy != ShadowJob::Proxy::none) {
     table +=
         result.proxy.faces == 0
             ? fmt::format("proxy: none, {} faces are not worth reducing\n", result.faces)

@@ -292,21 +292,15 @@ ShadowPass::Caster& ShadowPass::caster_of(const Scene& scene, const ShadowDraw& 
   const CutOuts cut_outs = cut_outs_[index] && draw.technique != ShadowTechnique::layered
                                ? CutOuts::what_is_seen
                                : CutOuts::whole_faces;
-  auto& entry = casters_[{object.model.get(), edge, object.proxy, object.proxy_model.get(),
-                          object.groups, cut_outs}];
+  auto& entry =
+      casters_[{object.model.get(), edge, object.proxy_model.get(), object.groups, cut_outs}];
   if (!entry) {
     entry = std::make_unique<Caster>();
     entry->mesh = make_shadow_mesh(*object.model, object.groups, cut_outs);
     entry->stored_source = stored_kernel_source(*object.model);
     set_geometry(entry->whole, entry->mesh, edge);
-    const bool whole = cut_outs == CutOuts::whole_faces;
-    if (whole && object.proxy == ProxyMode::automatic) {
-      entry->proxy = simplified_caster(entry->mesh);
-    }
-    if (whole && object.proxy == ProxyMode::model && object.proxy_model) {
+    if (cut_outs == CutOuts::whole_faces && object.proxy_model) {
       entry->proxy = proxy_from_model(entry->mesh, *object.proxy_model);
-    }
-    if (entry->proxy) {
       set_geometry(entry->reduced, entry->proxy->mesh, edge);
       const auto most =
           kWorthwhileFaces * static_cast<double>(entry->whole.geometry.indices.size());

@@ -297,7 +297,7 @@ class ShadowPass {
 
   // The model, its longest edge as a caster, what casts in its place, its groups and its cut-outs.
   using CasterKey =
-      std::tuple<const Model*, float, ProxyMode, const Model*, std::vector<std::string>, CutOuts>;
+      std::tuple<const Model*, float, const Model*, std::vector<std::string>, CutOuts>;
 
   Caster& caster_of(const Scene& scene, const ShadowDraw& draw);
   static void set_geometry(Body& body, const ShadowMesh& mesh, float max_edge);

@@ -184,9 +184,7 @@ Placement placed_model(const Model& model, const Placement& T_world_object) {
 }
 
 const std::shared_ptr<const Model>& casting_model(const SceneObject& object, bool proxies) {
-  const bool authored =
-      proxies && object.proxy == ProxyMode::model && object.proxy_model != nullptr;
-  return authored ? object.proxy_model : object.model;
+  return proxies && object.proxy_model ? object.proxy_model : object.model;
 }
 
 PlacedPlane placed_plane(const Scene& scene, const SceneState& state, int plane) {

@@ -73,15 +73,14 @@ struct SceneObject {
   bool casts_shadow = true;
   // Parts that share one light: "all", or names of the model's nodes (part_groups.hpp).
   std::vector<std::string> groups;
-  ProxyMode proxy = ProxyMode::automatic;
-  std::shared_ptr<const Model> proxy_model;  // where `proxy` is a model
+  std::shared_ptr<const Model> proxy_model;  // reduced by the author, for casting; may be null
   bool phantom = false;                      // stands for a real thing: writes depth only
   bool cursor = false;                       // a person's 3D cursor; at most one, on the table
 };
 
-// What casts an object's projected and volume shadows: its model, or where `proxies`, the reduced
-// one that its author made. (Layered shadows take that too, or one that is made by itself, but only
-// where their layers agree with the model's: shadow_proxy.hpp.) The object must have a model.
+// Returns the model that casts an object's projected and volume shadows: the author's reduced one
+// where `proxies` is set, else its own. Layered shadows use the reduced one only where its layers
+// agree with the model's (shadow_proxy.hpp). The object must have a model.
 [[nodiscard]] const std::shared_ptr<const Model>& casting_model(const SceneObject& object,
                                                                 bool proxies);
 

@@ -250,10 +250,7 @@ Result<void> SceneReader::read_casting(const json& from, const std::string& poin
     }
   }
   const std::string proxy = from.value("proxy", std::string("auto"));
-  if (proxy == "none") {
-    object.proxy = ProxyMode::none;
-  } else if (proxy != "auto") {
-    object.proxy = ProxyMode::model;
+  if (proxy != "none" && proxy != "auto") {
     std::string ignored;
     PENUMBRA_TRY(std::shared_ptr<const Model> model,
                  model_from(proxy, from, pointer + "/proxy", ignored));

@@ -60,13 +60,6 @@ enum class LightMode {
   return std::nullopt;
 }
 
-// Whether a reduced mesh may cast layered shadows in place of the model (shadow_proxy.hpp).
-enum class ProxyMode {
-  automatic,  // one made from the model, where its layers are as good as the model's
-  none,
-  model,  // a file that the author made; used as it is
-};
-
 // Where shadow kernels come from.
 enum class KernelSource {
   automatic,  // from the silhouette, per connected part: the largest disc near each vertex

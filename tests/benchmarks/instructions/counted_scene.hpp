@@ -79,9 +79,7 @@ inline Scene scene_of(std::shared_ptr<const Model> model, const LayeredConstants
                 true);
   }
   builder.scene().shadows[0].layered = constants;
-  Scene scene = builder.scene();
-  scene.objects[0].proxy = ProxyMode::none;
-  return scene;
+  return builder.scene();
 }
 
 enum class Motion { still, moving, cut };

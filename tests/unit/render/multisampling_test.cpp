@@ -167,7 +167,6 @@ TEST(Multisampling, LeavesFewFacesToTheGpu) {
     shape.torus(0.06, 0.02, around, 16);  // twice 16 times as many faces
     test::SceneBuilder builder;
     builder.add(test::finished(shape.build(), glm::vec4(1.0F)), test::at(0, 0, 0.1));
-    builder.scene().objects[0].proxy = ProxyMode::none;
     return builder.build();
   };
   struct Drawn {

@@ -237,11 +237,11 @@ TEST_F(SceneFile, ObjectsSayWhatCasts) {
   const Result<Scene> plain = load(object(""));
   ASSERT_TRUE(plain) << plain.error().message;
   EXPECT_TRUE(plain->objects[0].groups.empty());
-  EXPECT_EQ(plain->objects[0].proxy, ProxyMode::automatic);
+  EXPECT_EQ(plain->objects[0].proxy_model, nullptr);
   const Result<Scene> one = load(object(R"(,"group":"all","proxy":"none")"));
   ASSERT_TRUE(one) << one.error().message;
   EXPECT_EQ(one->objects[0].groups, std::vector<std::string>{"all"});
-  EXPECT_EQ(one->objects[0].proxy, ProxyMode::none);
+  EXPECT_EQ(one->objects[0].proxy_model, nullptr);
   const Result<Scene> two = load(object(R"(,"group":["*","all"])"));
   ASSERT_TRUE(two) << two.error().message;
   EXPECT_EQ(two->objects[0].groups.size(), 2U);
@@ -253,7 +253,6 @@ TEST_F(SceneFile, ObjectsSayWhatCasts) {
   const Result<Scene> own = load(
       object(",\"proxy\":\"" + (test::source_dir() / "scenes/models/cube.glb").string() + "\""));
   ASSERT_TRUE(own) << own.error().message;
-  EXPECT_EQ(own->objects[0].proxy, ProxyMode::model);
   ASSERT_NE(own->objects[0].proxy_model, nullptr);
   EXPECT_EQ(own->objects[0].proxy_model->name, "cube");
 }

@@ -150,13 +150,12 @@ TEST(ShadowVolume, OfTheAuthorsReducedModel) {
     };
     const auto own = shadow(true);
     SceneObject& object = builder.scene().objects[0];
-    object.proxy = ProxyMode::model;
     object.proxy_model = box(0.1, 0.02, 0.02);
     const auto reduced = shadow(true);
     EXPECT_EQ(shadow(false), own);
     EXPECT_NE(reduced, own);
     object.model = object.proxy_model;
-    object.proxy = ProxyMode::none;
+    object.proxy_model.reset();
     EXPECT_EQ(reduced, shadow(true));
   }
 }

@@ -834,7 +834,6 @@ class DrawnMask : public testing::Test {
     test::SceneBuilder builder;
     for (const auto& [model, placement] : objects) builder.add(model, placement);
     builder.scene().shadows[0].layered = kConstants;
-    for (SceneObject& object : builder.scene().objects) object.proxy = ProxyMode::none;
     return builder.build();
   }
   static std::shared_ptr<const Scene> ring() {
