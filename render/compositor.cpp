@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <iterator>
 #include <optional>
+#include <utility>
+#include <vector>
 
 #include "core/assert.hpp"
 #include "core/propagate.hpp"
@@ -15,66 +17,39 @@
 #include "render/gl/gpu_timer.hpp"
 #include "render/gl/picture_probe.hpp"
 #include "render/gl/pixel_buffer.hpp"
+#include "render/passes/caster_cache.hpp"
+#include "render/passes/draw_context.hpp"
 #include "render/passes/hard_pass.hpp"
-#include "render/passes/object_pass.hpp"
+#include "render/passes/layer_painter.hpp"
+#include "render/passes/object_painter.hpp"
+#include "render/passes/object_passes.hpp"
 #include "render/passes/ray_pass.hpp"
 #include "render/passes/received_shadow_pass.hpp"
 #include "render/passes/receivers.hpp"
 #include "render/passes/rectified_video.hpp"
+#include "render/passes/shadow_geometry.hpp"
 #include "render/passes/shadow_pass.hpp"
-#include "render/passes/video_pass.hpp"
+#include "render/passes/video_texture.hpp"
 #include "render/passes/volume_pass.hpp"
 
 namespace penumbra {
-namespace {
-
-// Whether a plane's shadows may be seen on an object and not on the video: on what lies behind the
-// plane, below a table or a wall's own body. Any part of its box counts.
-bool objects_lie_behind_planes(const Scene& scene, const FramePlan& plan) {
-  constexpr double kContact = 1e-6;  // [m], as of what stands on a plane
-  for (const PlaneReceiver& receiver : plan.receivers) {
-    if (std::ranges::find(plan.shadows, receiver.plane, &ShadowDraw::plane) == plan.shadows.end())
-      continue;
-    const double side = receiver.frame.height(plan.T_table_camera.translation()) < 0.0 ? -1.0 : 1.0;
-    for (const ObjectDraw& object : plan.objects) {
-      const Model* model = scene.objects[static_cast<std::size_t>(object.object)].model.get();
-      if (model == nullptr) continue;
-      for (unsigned corner = 0; corner < 8; ++corner) {
-        const auto at = [&](int axis) {
-          const bool high = (corner >> static_cast<unsigned>(axis) & 1U) != 0;
-          return static_cast<double>((high ? model->max_corner : model->min_corner)[axis]);
-        };
-        const Eigen::Vector3d p = object.T_table_object * Eigen::Vector3d(at(0), at(1), at(2));
-        if (!(side * receiver.frame.height(p) >= -kContact)) return true;
-      }
-    }
-  }
-  return false;
-}
-
-}  // namespace
-
 struct Compositor::Impl {
   Impl(GlContext& gl, std::shared_ptr<const Scene> shown, const CameraModel& camera,
-       Framebuffer target, const PictureAbilities& found, ObjectPass object_pass,
-       Receivers receiving, ShadowPass shadow_pass, HardPass hard_pass, VolumePass volume_pass,
-       RayPass ray_pass, bool with_pixel_buffers, std::optional<GpuTimer> timer)
+       Framebuffer target, ObjectPainter object_painter, Receivers plane_receivers,
+       LayerPainter layer_painter, bool with_pixel_buffers)
       : context(gl),
         scene(std::move(shown)),
         width(camera.width()),
         height(camera.height()),
         lens(make_lens(camera)),
         framebuffer(std::move(target)),
-        abilities(found),
         pixel_buffers(with_pixel_buffers),
-        gpu_timer(std::move(timer)),
         video(gl.info().api, with_pixel_buffers),
-        objects(std::move(object_pass)),
-        receivers(std::move(receiving)),
-        shadows(std::move(shadow_pass)),
-        hard_shadows(std::move(hard_pass)),
-        volumes(std::move(volume_pass)),
-        rays(std::move(ray_pass)) {}
+        objects(std::move(object_painter)),
+        receivers(std::move(plane_receivers)),
+        casters(*scene, camera),
+        geometry(casters, camera),
+        painter(std::move(layer_painter)) {}
 
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
@@ -91,28 +66,74 @@ struct Compositor::Impl {
   bool pixel_buffers;
   ReadBackBuffers pictures;
   std::optional<GpuTimer> gpu_timer;
-  VideoPass video;
+  VideoTexture video;
   std::optional<RectifiedVideo> rectified;
-  ObjectPass objects;
+  // What passes share.
+  ObjectPainter objects;
   Receivers receivers;
-  ShadowPass shadows;
-  ReceivedShadowPass received_shadows;
-  HardPass hard_shadows;
-  VolumePass volumes;
-  RayPass rays;
+  CasterCache casters;
+  ShadowGeometry geometry;
+  LayerPainter painter;
+  // In drawing order: those that write depth, and those that need it with the planes in it.
+  std::vector<std::unique_ptr<Pass>> surfaces, overlays;
+  ShadowPass* shadows = nullptr;  // one of `overlays`
   CompositeStats stats;
 
-  // All passes draw in one way.
-  Result<void> choose(Translucency way, PixelFormat captured, const FramePlan& plan) {
-    const auto format = rectified ? std::nullopt : std::optional(captured);
-    if (auto chosen = objects.choose(way, format); !chosen) return chosen;
-    const bool on_objects =
-        way == Translucency::retexture && objects_lie_behind_planes(*scene, plan);
-    if (auto chosen = shadows.choose(way, on_objects ? std::nullopt : format); !chosen)
-      return chosen;
-    if (auto chosen = hard_shadows.choose(way, format); !chosen) return chosen;
-    if (auto chosen = volumes.choose(way, format); !chosen) return chosen;
-    return rays.choose(way, format);
+  Result<void> make_passes(const CameraModel& camera) {
+    const GlApi api = context.info().api;
+    const bool multisampled = framebuffer.samples() > 0;
+    surfaces.push_back(std::make_unique<PhantomPass>());
+    surfaces.push_back(std::make_unique<ObjectPass>());
+    PENUMBRA_TRY(auto on_planes, ShadowPass::create(api, camera, geometry, painter, multisampled));
+    shadows = on_planes.get();
+    PENUMBRA_TRY(auto hard, HardPass::create(api, *scene, camera));
+    PENUMBRA_TRY(auto volumes, VolumePass::create(api, camera));
+    PENUMBRA_TRY(auto rays, RayPass::create(api, camera));
+    overlays.push_back(std::move(on_planes));
+    overlays.push_back(
+        std::make_unique<ReceivedShadowPass>(camera, geometry, painter, multisampled));
+    overlays.push_back(std::move(hard));
+    overlays.push_back(std::move(volumes));
+    overlays.push_back(std::make_unique<BlendedPass>());
+    overlays.push_back(std::move(rays));
+    return {};
+  }
+
+  Result<void> prepare(const DrawContext& draw_context, const FramePlan& plan) {
+    PENUMBRA_TRY_VOID(objects.choose(draw_context.mode, draw_context.video_format));
+    casters.begin_frame();
+    for (const auto* passes : {&surfaces, &overlays}) {
+      for (const std::unique_ptr<Pass>& pass : *passes)
+        PENUMBRA_TRY_VOID(pass->prepare(draw_context, plan));
+    }
+    return {};
+  }
+
+  void draw_passes(const DrawContext& draw_context, const FramePlan& plan) {
+    glDepthMask(GL_TRUE);
+    glStencilMask(0xFF);
+    glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
+    for (const std::unique_ptr<Pass>& pass : surfaces) count(pass->draw(draw_context, plan));
+    // After the phantoms: one under a plane is not what its pixels show. Not a pass of its own: its
+    // marks are for the passes that follow.
+    stats.draw_calls += receivers.begin_frame(plan, lens, plan.volume_lights > 0);
+    for (const std::unique_ptr<Pass>& pass : overlays) count(pass->draw(draw_context, plan));
+    framebuffer.invalidate_depth_stencil();
+  }
+
+  void count(int draw_calls) {
+    stats.passes_drawn += draw_calls > 0 ? 1 : 0;
+    stats.draw_calls += draw_calls;
+  }
+
+  void upload(const Frame& frame, bool reuse) {
+    const VideoTexture::Way came = video.upload(frame, reuse);
+    const bool buffered = came == VideoTexture::Way::buffered;
+    stats.video_copies = came == VideoTexture::Way::copied || buffered ? 1 : 0;
+    stats.video_imports = came == VideoTexture::Way::imported ? 1 : 0;
+    stats.pixel_buffer_uploads = buffered ? 1 : 0;
+    if (came == VideoTexture::Way::there)
+      stats.kept.push_back({"video", "video: the frame is on the GPU already"});
   }
 
   [[nodiscard]] std::size_t picture_bytes() const {
@@ -180,22 +201,19 @@ Result<Compositor> Compositor::create(GlContext& context, std::shared_ptr<const 
   const int samples =
       options.msaa.value_or(multisampling_for(context.info().software, most_samples));
   PENUMBRA_TRY(auto framebuffer, Framebuffer::create(camera.width(), camera.height(), samples));
-  PENUMBRA_TRY(const auto abilities, probe_picture(context.info().api));
-  PENUMBRA_TRY(auto objects, ObjectPass::create(context.info().api, *scene, camera));
-  PENUMBRA_TRY(auto receivers, Receivers::create(context.info().api, *scene, camera));
-  PENUMBRA_TRY(auto shadows,
-               ShadowPass::create(context.info().api, *scene, camera, framebuffer.samples()));
-  PENUMBRA_TRY(auto hard, HardPass::create(context.info().api, *scene, camera));
-  PENUMBRA_TRY(auto volumes, VolumePass::create(context.info().api, camera));
-  PENUMBRA_TRY(auto rays, RayPass::create(context.info().api, camera));
+  const GlApi api = context.info().api;
+  PENUMBRA_TRY(const auto abilities, probe_picture(api));
+  PENUMBRA_TRY(auto objects, ObjectPainter::create(api, *scene, camera));
+  PENUMBRA_TRY(auto receivers, Receivers::create(api, *scene, camera));
+  PENUMBRA_TRY(auto painter, LayerPainter::create(api, camera));
   const bool on_gpu = !context.info().software;
-  auto timer = options.gpu_time.value_or(on_gpu) ? GpuTimer::create(context.info().api)
-                                                 : std::optional<GpuTimer>();
-  auto impl = std::make_unique<Impl>(
-      context, std::move(scene), camera, std::move(framebuffer), abilities, std::move(objects),
-      std::move(receivers), std::move(shadows), std::move(hard), std::move(volumes),
-      std::move(rays), options.pixel_buffers.value_or(on_gpu), std::move(timer));
-  if (rectified) impl->rectified.emplace(context.info().api, video_camera);
+  auto impl = std::make_unique<Impl>(context, std::move(scene), camera, std::move(framebuffer),
+                                     std::move(objects), std::move(receivers), std::move(painter),
+                                     options.pixel_buffers.value_or(on_gpu));
+  impl->abilities = abilities;
+  PENUMBRA_TRY_VOID(impl->make_passes(camera));
+  if (options.gpu_time.value_or(on_gpu)) impl->gpu_timer = GpuTimer::create(api);
+  if (rectified) impl->rectified.emplace(api, video_camera);
   // Models, textures and programs are there now, or they are not.
   if (const auto error = noted_gl_error(context.info()))
     return fail("{}: {}", impl->scene->file, gl_error_text(*error));
@@ -211,53 +229,34 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
         frame.sequence, frame.width, frame.height, m.width, m.height);
   }
   m.stats = {};
-  const Translucency way = choose_translucency(plan.translucency, m.abilities);
-  PENUMBRA_TRY_VOID(m.choose(way, frame.format, plan));
-  const Stopwatch shadow_clock;
   ShadowWork work;
-  m.shadows.prepare(*m.scene, plan, work);
-  m.hard_shadows.prepare(*m.scene, plan, work);
-  m.volumes.prepare(*m.scene, plan, work);
+  const DrawContext context{*m.scene,
+                            m.lens,
+                            m.framebuffer,
+                            m.receivers,
+                            m.objects,
+                            m.video,
+                            frame,
+                            m.rectified ? std::nullopt : std::optional(frame.format),
+                            choose_translucency(plan.translucency, m.abilities),
+                            work};
+  const Stopwatch shadow_clock;
   if (m.gpu_timer) {
     m.gpu_timer->take(m.stats.gpu_ms);
     m.gpu_timer->begin();
   }
-  const int received = m.received_shadows.prepare(*m.scene, plan, m.shadows, work);
+  if (auto prepared = m.prepare(context, plan); !prepared) {
+    if (m.gpu_timer) m.gpu_timer->end();
+    return tl::unexpected(prepared.error());
+  }
   shadow_clock.add_to(m.stats.shadow_ms, m.stats.shadow_cpu_ms);
 
   const Stopwatch render_clock;
   m.framebuffer.bind();
-  const VideoPass::Way came = m.video.upload(frame, plan.reuse);
-  const bool buffered = came == VideoPass::Way::buffered;
-  m.stats.video_copies = came == VideoPass::Way::copied || buffered ? 1 : 0;
-  m.stats.video_imports = came == VideoPass::Way::imported ? 1 : 0;
-  m.stats.pixel_buffer_uploads = buffered ? 1 : 0;
-  if (came == VideoPass::Way::there)
-    m.stats.kept.push_back({"video", "video: the frame is on the GPU already"});
-  const auto count = [&m](int calls) {
-    m.stats.passes_drawn += calls > 0 ? 1 : 0;
-    m.stats.draw_calls += calls;
-  };
-  auto drawn = m.rectified ? m.rectified->draw(m.video, frame) : m.video.draw(frame);
-  if (drawn) count(1);
-  if (drawn && plan.has_pose) {
-    glDepthMask(GL_TRUE);
-    glStencilMask(0xFF);
-    glClear(GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
-    count(m.objects.draw_phantoms(*m.scene, plan, m.lens));
-    count(m.objects.draw_objects(*m.scene, plan, m.lens, m.framebuffer));
-    // A phantom under a plane is not what its pixels show. No pass of its own: what it marks is for
-    // those behind it.
-    m.stats.draw_calls += m.receivers.begin_frame(plan, m.lens, plan.volume_lights > 0);
-    count(m.shadows.draw(plan, m.lens, m.receivers, m.video, frame, m.framebuffer));
-    count(received + m.received_shadows.draw(*m.scene, plan, m.lens, m.objects, way, m.receivers,
-                                             m.framebuffer));
-    count(m.hard_shadows.draw(plan, m.lens, m.receivers, m.framebuffer));
-    count(m.volumes.draw(*m.scene, plan, m.lens, m.objects, m.receivers, m.framebuffer));
-    count(m.objects.draw_blended(plan, m.lens, m.framebuffer));
-    count(m.rays.draw(*m.scene, plan, m.lens, m.framebuffer));
-    m.framebuffer.invalidate_depth_stencil();
-  }
+  m.upload(frame, plan.reuse);
+  const auto drawn = m.rectified ? m.rectified->draw(m.video, frame) : m.video.draw(frame);
+  if (drawn) m.count(1);
+  if (drawn && plan.has_pose) m.draw_passes(context, plan);
   if (m.gpu_timer) m.gpu_timer->end();
   if (!drawn) return tl::unexpected(drawn.error());
   m.video.hold(frame);
@@ -268,7 +267,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   if (const auto error = noted_gl_error(m.context.info()))
     return fail("frame {}: {}", frame.sequence, gl_error_text(*error));
 
-  m.stats.translucency = way;
+  m.stats.translucency = context.mode;
   m.stats.passes_skipped = static_cast<std::int64_t>(plan.skipped.size() + work.skipped.size());
   m.stats.skipped = std::move(work.skipped);
   m.stats.kept.insert(m.stats.kept.end(), std::make_move_iterator(work.kept.begin()),
@@ -282,7 +281,7 @@ Result<CompositeStats> Compositor::draw(const Frame& frame, const FramePlan& pla
   m.stats.proxy_faces_saved = work.proxy_faces_saved;
   m.stats.layer_masks_drawn = work.layer_masks_drawn;
   m.stats.layer_masks_kept = work.layer_masks_kept;
-  m.stats.mask_pieces_skipped = plan.has_pose ? m.shadows.mask_pieces_skipped() : 0;
+  m.stats.mask_pieces_skipped = work.mask_pieces_skipped;
   m.stats.masks_drawn = work.masks_drawn;
   m.stats.masks_kept = work.masks_kept;
   m.stats.faces_tested = work.faces_tested;
@@ -343,7 +342,7 @@ void Compositor::set_abilities(const PictureAbilities& abilities) {
 }
 
 std::vector<CasterKernels> Compositor::kernels_in_use() const {
-  return impl_->shadows.kernels_in_use();
+  return impl_->shadows->kernels_in_use();
 }
 
 int Compositor::samples() const {

@@ -17,7 +17,7 @@
 #include "core/stopwatch.hpp"
 #include "render/gl/context.hpp"
 #include "render/gl/framebuffer.hpp"
-#include "render/passes/video_pass.hpp"
+#include "render/passes/video_texture.hpp"
 
 namespace penumbra {
 
@@ -65,7 +65,7 @@ class GuideWindow {
   std::unique_ptr<GlContext> context_;  // outlives what is drawn with it
   std::unique_ptr<Overlay> overlay_;
   Framebuffer picture_;
-  VideoPass video_;
+  VideoTexture video_;
   Frame frame_;  // its buffer is held while it is shown
   GuideHud hud_;
   Stopwatch since_taken_;

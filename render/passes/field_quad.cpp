@@ -6,7 +6,7 @@
 
 #include "core/propagate.hpp"
 #include "render/passes/lens_uniforms.hpp"
-#include "render/passes/object_pass.hpp"
+#include "render/passes/object_painter.hpp"
 
 namespace penumbra {
 namespace {

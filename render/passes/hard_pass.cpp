@@ -16,7 +16,9 @@
 #include "render/shadow/projected/projected_shadow.hpp"
 
 namespace penumbra {
-Result<HardPass> HardPass::create(GlApi api, const Scene& scene, const CameraModel& camera) {
+
+Result<std::unique_ptr<HardPass>> HardPass::create(GlApi api, const Scene& scene,
+                                                   const CameraModel& camera) {
   if (scene.lights.size() > kMaxLights) {
     return fail("{}: lights: {} of them; at most {} can be drawn", scene.file, scene.lights.size(),
                 kMaxLights);
@@ -28,14 +30,9 @@ Result<HardPass> HardPass::create(GlApi api, const Scene& scene, const CameraMod
                                                       "blocked_light.frag.glsl"};
   PENUMBRA_TRY(auto shape, ShaderProgram::link(api, kShape, kNothing));
   PENUMBRA_TRY(auto light, TranslucentProgram::create(api, kReceiver, kLight, kLightDefines));
-  HardPass pass(std::move(shape), std::move(light));
-  if (make_lens(camera).model != 0) pass.longest_edge_ = longest_edge(camera);
+  std::unique_ptr<HardPass> pass(new HardPass(std::move(shape), std::move(light)));
+  if (make_lens(camera).model != 0) pass->longest_edge_ = longest_edge(camera);
   return pass;
-}
-
-Result<void> HardPass::choose(Translucency way, std::optional<PixelFormat> video) {
-  way_ = way;
-  return light_program_.choose(way, video);
 }
 
 const ShadowMesh& HardPass::mesh_of(const Scene& scene, const HardShadowDraw& draw) {
@@ -80,7 +77,9 @@ void HardPass::make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& 
   }
 }
 
-void HardPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work) {
+Result<void> HardPass::prepare(const DrawContext& context, const FramePlan& plan) {
+  PENUMBRA_TRY_VOID(light_program_.choose(context.mode, context.video_format));
+  ShadowWork& work = context.work;
   std::set<Key> seen;  // several nodes may ask for the same shadow
   for (const HardShadowDraw& draw : plan.hard_shadows) {
     const Key key = {draw.object, draw.plane, draw.light};
@@ -92,12 +91,15 @@ void HardPass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& wo
       continue;
     }
     ++work.recomputed;
-    make(draw, mesh_of(scene, draw), shadow, work);
+    make(draw, mesh_of(context.scene, draw), shadow, work);
   }
+  return {};
 }
 
-int HardPass::draw_plane(const FramePlan& plan, const PlaneReceiver& receiver,
-                         const LensUniforms& lens, Receivers& receivers) {
+int HardPass::draw_plane(const DrawContext& context, const FramePlan& plan,
+                         const PlaneReceiver& receiver) const {
+  const LensUniforms& lens = context.lens;
+  Receivers& receivers = context.receivers;
   // What one bit stands for: casters that are equally strong, of one light.
   struct Blocked {
     int light = 0;
@@ -160,7 +162,7 @@ int HardPass::draw_plane(const FramePlan& plan, const PlaneReceiver& receiver,
   glStencilMask(0);
   glStencilOp(GL_KEEP, GL_KEEP, GL_KEEP);
   glDisable(GL_DEPTH_TEST);
-  begin_darkening(way_);
+  begin_darkening(context.mode);
   const ShaderProgram& p = light_program_.get();
   p.use();
   p.set("picture_before", kPictureBeforeUnit);
@@ -191,14 +193,13 @@ int HardPass::draw_plane(const FramePlan& plan, const PlaneReceiver& receiver,
   return calls;
 }
 
-int HardPass::draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers,
-                   Framebuffer& framebuffer) {
+int HardPass::draw(const DrawContext& context, const FramePlan& plan) {
   if (plan.hard_shadows.empty()) return 0;
   // No pixel is of two planes: one copy is right for all.
-  if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
+  if (context.mode == Translucency::retexture) context.framebuffer.copy_picture(kPictureBeforeUnit);
   int calls = 0;
   for (const PlaneReceiver& receiver : plan.receivers) {
-    calls += draw_plane(plan, receiver, lens, receivers);
+    calls += draw_plane(context, plan, receiver);
   }
   glStencilMask(0xFF);
   glDisable(GL_STENCIL_TEST);

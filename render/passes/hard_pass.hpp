@@ -17,8 +17,8 @@
 #include "render/gl/buffer.hpp"
 #include "render/gl/framebuffer.hpp"
 #include "render/gl/shader.hpp"
+#include "render/passes/draw_context.hpp"
 #include "render/passes/receivers.hpp"
-#include "render/passes/shadow_pass.hpp"
 #include "render/passes/translucent_program.hpp"
 #include "render/scene/scene.hpp"
 #include "render/shadow/shadow_mesh.hpp"
@@ -27,19 +27,14 @@ namespace penumbra {
 
 static_assert(kShadowBits == (1U << kMaxHardLights) - 1U, "each light has a stencil bit");
 
-class HardPass {
+class HardPass : public Pass {
  public:
-  [[nodiscard]] static Result<HardPass> create(GlApi api, const Scene& scene,
-                                               const CameraModel& camera);
+  [[nodiscard]] static Result<std::unique_ptr<HardPass>> create(GlApi api, const Scene& scene,
+                                                                const CameraModel& camera);
 
-  // The CPU's part: casters clipped and projected where a caster, plane or light moved. Adds to
-  // `work`.
-  void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
-  // How the shadows are drawn from here on.
-  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
-  // The plan must be the one prepared, and `receivers` begun for it. Number of draw calls.
-  int draw(const FramePlan& plan, const LensUniforms& lens, Receivers& receivers,
-           Framebuffer& framebuffer);
+  // Clips and projects casters where a caster, plane or light moved.
+  [[nodiscard]] Result<void> prepare(const DrawContext& context, const FramePlan& plan) override;
+  int draw(const DrawContext& context, const FramePlan& plan) override;
 
  private:
   // One caster's shadow from one light on one plane, on the GPU.
@@ -61,12 +56,11 @@ class HardPass {
 
   const ShadowMesh& mesh_of(const Scene& scene, const HardShadowDraw& draw);
   void make(const HardShadowDraw& draw, const ShadowMesh& mesh, Shadow& shadow, ShadowWork& work);
-  int draw_plane(const FramePlan& plan, const PlaneReceiver& receiver, const LensUniforms& lens,
-                 Receivers& receivers);
+  int draw_plane(const DrawContext& context, const FramePlan& plan,
+                 const PlaneReceiver& receiver) const;
 
   ShaderProgram shape_program_;
   TranslucentProgram light_program_;
-  Translucency way_ = Translucency::blend;
   std::optional<double> longest_edge_;  // [m]; none: the lens keeps straight edges straight
   std::map<const Model*, std::unique_ptr<ShadowMesh>> meshes_;
   std::map<Key, Shadow> shadows_;

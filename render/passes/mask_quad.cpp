@@ -11,7 +11,7 @@
 #include "core/propagate.hpp"
 #include "core/vector_clones.hpp"
 #include "render/passes/lens_uniforms.hpp"
-#include "render/passes/object_pass.hpp"
+#include "render/passes/object_painter.hpp"
 
 namespace penumbra {
 namespace {

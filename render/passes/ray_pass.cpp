@@ -32,21 +32,20 @@ glm::vec3 encoded(const glm::vec3& linear) {
 
 }  // namespace
 
-Result<RayPass> RayPass::create(GlApi api, const CameraModel& camera) {
+Result<std::unique_ptr<RayPass>> RayPass::create(GlApi api, const CameraModel& camera) {
   constexpr std::array<std::string_view, 2> kVertex = {"lens.glsl", "ray.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFragment = {"ray.frag.glsl"};
   PENUMBRA_TRY(auto program, TranslucentProgram::create(api, kVertex, kFragment));
-  RayPass pass(std::move(program));
+  std::unique_ptr<RayPass> pass(new RayPass(std::move(program)));
   const CameraParameters& p = camera.parameters();
-  pass.half_width_ = {static_cast<float>(std::max(kLeastRay_px, kRayPerHeight * p.height) / p.fy),
-                      static_cast<float>(std::max(kLeastDot_px, kDotPerHeight * p.height) / p.fy)};
-  if (camera.has_distortion()) pass.pieces_ = kPieces;
+  pass->half_width_ = {static_cast<float>(std::max(kLeastRay_px, kRayPerHeight * p.height) / p.fy),
+                       static_cast<float>(std::max(kLeastDot_px, kDotPerHeight * p.height) / p.fy)};
+  if (camera.has_distortion()) pass->pieces_ = kPieces;
   return pass;
 }
 
-Result<void> RayPass::choose(Translucency way, std::optional<PixelFormat> video) {
-  way_ = way;
-  return program_.choose(way, video);
+Result<void> RayPass::prepare(const DrawContext& context, const FramePlan& /*plan*/) {
+  return program_.choose(context.mode, context.video_format);
 }
 
 void RayPass::add_ribbon(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
@@ -75,9 +74,9 @@ void RayPass::add_dot(const Eigen::Vector3d& at, const glm::vec3& color) {
   }
 }
 
-int RayPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                  Framebuffer& framebuffer) {
+int RayPass::draw(const DrawContext& context, const FramePlan& plan) {
   if (plan.rays.empty()) return 0;
+  const Scene& scene = context.scene;
   corners_.clear();
   std::vector<Batch> batches;
   std::set<int> lights;
@@ -119,7 +118,7 @@ int RayPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms&
   }
   const auto begin = [&](const ShaderProgram& program) {
     program.use();
-    set_lens(program, lens);
+    set_lens(program, context.lens);
     program.set("camera_from_table", camera_from_object(plan.T_table_camera, Placement()));
     program.set("half_width", half_width_);
     program.set("picture_before", kPictureBeforeUnit);
@@ -142,7 +141,7 @@ int RayPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms&
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
-  if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
+  if (context.mode == Translucency::retexture) context.framebuffer.copy_picture(kPictureBeforeUnit);
   // Dots of several lights at one vertex have one depth: a pixel is of the first.
   glStencilMask(0xFF);
   glClear(GL_STENCIL_BUFFER_BIT);
@@ -150,11 +149,11 @@ int RayPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms&
   glStencilFunc(GL_EQUAL, 0, 0xFF);
   glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
   begin(program_.get());
-  begin_mixing(way_);
+  begin_mixing(context.mode);
   int calls = 1;
   for (const Batch& batch : batches) {
     if (batch.count == 0) continue;
-    set_mixing(way_, program_.get(), batch.opacity);
+    set_mixing(context.mode, program_.get(), batch.opacity);
     glDrawArrays(GL_TRIANGLES, static_cast<GLint>(batch.first), static_cast<GLsizei>(batch.count));
     ++calls;
   }

@@ -6,6 +6,7 @@
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
 #include <map>
+#include <memory>
 #include <vector>
 
 #include "core/camera/camera_model.hpp"
@@ -13,21 +14,20 @@
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/framebuffer.hpp"
+#include "render/passes/draw_context.hpp"
 #include "render/passes/translucent_program.hpp"
 #include "render/scene/scene.hpp"
 #include "render/shadow/projected/light_rays.hpp"
 
 namespace penumbra {
 
-class RayPass {
+class RayPass : public Pass {
  public:
-  [[nodiscard]] static Result<RayPass> create(GlApi api, const CameraModel& camera);
+  [[nodiscard]] static Result<std::unique_ptr<RayPass>> create(GlApi api,
+                                                               const CameraModel& camera);
 
-  // How faint rays are drawn from here on.
-  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
-  // Number of draw calls; none where no rays are asked for.
-  int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-           Framebuffer& framebuffer);
+  [[nodiscard]] Result<void> prepare(const DrawContext& context, const FramePlan& plan) override;
+  int draw(const DrawContext& context, const FramePlan& plan) override;
 
  private:
   // A corner of a ribbon or a dot; both face the camera.
@@ -47,7 +47,6 @@ class RayPass {
   void add_dot(const Eigen::Vector3d& at, const glm::vec3& color);
 
   TranslucentProgram program_;
-  Translucency way_ = Translucency::blend;
   glm::vec2 half_width_{0.0F};  // of a ribbon and of a dot, over the depth
   int pieces_ = 1;              // of a ray, to follow the lens
   std::map<const Model*, std::vector<MarkedVertex>> marked_;

@@ -8,10 +8,13 @@
 #include <cmath>
 #include <limits>
 
+#include "render/passes/plane_masks.hpp"
+#include "render/passes/translucent_program.hpp"
+
 namespace penumbra {
 namespace {
 
-// Each level of a field is computed anew when its caster is lifted.
+// Each level of a field is recomputed when its caster is lifted.
 constexpr std::size_t kMostFieldLevels = 16;
 constexpr double kFinestTexel = 5e-4;  // [m]
 constexpr int kMostTexels = 1024;      // along a side
@@ -22,15 +25,15 @@ constexpr double kMostTexelsOfFrame = 64e6;
 constexpr double kLongestLevelStep = 0.03;  // [m]
 constexpr int kTexelsAtOnce = 32;  // sides are whole numbers of these: storage changes rarely
 
-// By powers of two, so that pairs that come and go seldom change it. Hangs on what meets, in view
-// or not: what is left out of a frame changes no picture.
+// By powers of two, so that pairs that come and go seldom change it. Depends on all pairs that
+// meet, in view or not: culling must not change the image.
 double most_texels(const FramePlan& plan) {
   const auto pairs =
       static_cast<double>(std::bit_ceil(std::max<std::size_t>(plan.meeting_pairs, 1)));
   return std::clamp(kMostTexelsOfFrame / pairs, kLeastTexelsInAll, kMostTexelsInAll);
 }
 
-// The part of the plane where the shadow may meet the surface.
+// Returns the part of the plane where the shadow may meet the surface.
 Eigen::AlignedBox2d meeting(const ReceivedShadowDraw& draw, const ReceivingSurface& surface) {
   Eigen::AlignedBox2d box = surface.bounds();
   if (std::isfinite(draw.radius)) {
@@ -40,8 +43,8 @@ Eigen::AlignedBox2d meeting(const ReceivedShadowDraw& draw, const ReceivingSurfa
   return box;
 }
 
-// About a pixel where the shadow meets the receiver nearest to the camera, in whole octaves, so
-// that a camera that moves seldom changes it [m].
+// Returns about a pixel where the shadow meets the receiver nearest to the camera, in whole
+// octaves, so that a moving camera seldom changes it [m].
 double texel_for(const FramePlan& plan, const ReceivedShadowDraw& draw,
                  const ReceivingSurface& surface, const Model& model,
                  const Placement& T_table_object, double pixel_at_unit_depth) {
@@ -74,8 +77,8 @@ double texel_for(const FramePlan& plan, const ReceivedShadowDraw& draw,
   return std::max(kFinestTexel, std::exp2(std::floor(std::log2(pixel))));
 }
 
-// The plane from straight above, `origin` and `extent` in the picture's corners: at depth 1
-// everywhere, so that nothing is farther away than anything else.
+// The plane from straight above, `origin` and `extent` in the mask's corners: at depth 1
+// everywhere.
 glm::mat4x3 camera_above(const Eigen::Vector2d& origin, const Eigen::Vector2d& extent) {
   const Eigen::Vector2d scale = 2.0 * extent.cwiseInverse();
   const Eigen::Vector2d shift = -origin.cwiseProduct(scale) - Eigen::Vector2d::Ones();
@@ -85,6 +88,13 @@ glm::mat4x3 camera_above(const Eigen::Vector2d& origin, const Eigen::Vector2d& e
 }
 
 }  // namespace
+
+ReceivedShadowPass::ReceivedShadowPass(const CameraModel& camera, const ShadowGeometry& geometry,
+                                       LayerPainter& painter, bool multisampled)
+    : geometry_(geometry),
+      painter_(painter),
+      multisampled_(multisampled),
+      pixel_at_unit_depth_(1.0 / std::max(camera.parameters().fx, camera.parameters().fy)) {}
 
 const ReceivedShadowPass::Surface& ReceivedShadowPass::surface_of(const Scene& scene,
                                                                   const ObjectDraw& receiver,
@@ -104,16 +114,51 @@ const ReceivedShadowPass::Surface& ReceivedShadowPass::surface_of(const Scene& s
   return surface;
 }
 
+bool ReceivedShadowPass::is_covered(const Scene& scene, const FramePlan& plan,
+                                    const ShadowDraw& draw) const {
+  if (plan.layers == LayerDrawing::direct) return false;
+  if (draw.technique == ShadowTechnique::field) return true;
+  CachedCaster& caster = geometry_.casters().caster_of(scene, draw);
+  return !draws_directly(plan.layers, multisampled_, caster.mesh.indices.size() / 3) &&
+         CasterCache::can_be_masked(draw, caster);
+}
+
+ReceivedShadowPass::Level ReceivedShadowPass::prepare_level(const Scene& scene,
+                                                            const ReceivedShadowDraw& draw,
+                                                            int level, const PlaneFrame& plane,
+                                                            bool masked, ShadowWork& work) {
+  Level made;
+  made.shadow = draw.shadow;
+  made.shadow.plane_frame = plane;
+  const ShadowDraw& shadow = made.shadow;
+  CachedCaster& caster = geometry_.casters().caster_of(scene, shadow);
+  PreparedShadow& prepared =
+      levels_[{shadow.node, shadow.object, shadow.plane, draw.receiver, level}];
+  made.item = {&caster, &prepared, shadow.node, shadow.object, shadow.plane, plane};
+  prepared.last_used = frame_count_;
+  prepared.surface = 0;  // no lens: straight edges may be of any length
+  if (caster.is_empty()) {
+    prepared.clear();
+    return made;
+  }
+  // Casters, planes and lights are counted, not a receiver's levels.
+  const ShadowWork before = work;
+  geometry_.prepare(shadow, caster, masked, prepared, work);
+  work.reprojections = before.reprojections;
+  work.recomputed = before.recomputed;
+  work.proxy_shadows = before.proxy_shadows;
+  return made;
+}
+
 int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& draw,
-                                  const Surface& surface, Mask& mask, ShadowPass& shadows,
-                                  ShadowWork& work) {
+                                  const Surface& surface, Mask& mask, ShadowWork& work) {
   mask.shows = false;
   mask.levels.clear();
   Eigen::AlignedBox2d box = meeting(draw, surface.faces);
   if (box.isEmpty()) return 0;
   // Only what of the caster is over the receiver counts.
   LevelSpacing spacing;
-  const auto reach = shadows.reach_of(scene, draw.shadow, surface.faces.lowest(box), work);
+  const auto reach = geometry_.reach_of(scene, draw.shadow, surface.faces.lowest(box), work);
   if (reach) {
     box = box.intersection(reach->box);
     if (box.isEmpty()) return 0;
@@ -143,46 +188,64 @@ int ReceivedShadowPass::make_mask(const Scene& scene, const ReceivedShadowDraw& 
   mask.pictures.resize(size.x(), size.y(), static_cast<int>(mask.levels.size()));
   const MaskCells cells{texel, std::llround(mask.origin.x() / texel),
                         std::llround(mask.origin.y() / texel), size.x(), size.y()};
-  if (mask.covered) {
-    cover_levels(scene, draw, surface, cells, mask, shadows, work);
-    return 0;
-  }
-  return draw_levels(scene, draw, surface, mask, shadows, work);
+  if (!mask.covered) return draw_levels(scene, draw, surface, mask, work);
+  cover_levels(scene, draw, surface, cells, mask, work);
+  return 0;
 }
 
 void ReceivedShadowPass::cover_levels(const Scene& scene, const ReceivedShadowDraw& draw,
                                       const Surface& surface, const MaskCells& cells, Mask& mask,
-                                      ShadowPass& shadows, ShadowWork& work) {
+                                      ShadowWork& work) {
   shares_.resize(std::size_t{4} * static_cast<std::size_t>(cells.width) *
                  static_cast<std::size_t>(cells.height));
   for (std::size_t level = 0; level < mask.levels.size(); ++level) {
     PlaneFrame plane = surface.plane;
     plane.q += mask.levels[level] * plane.n;
-    shadows.cover_flat(scene, draw, static_cast<int>(level), plane, cells, shares_, work);
+    cover_level(prepare_level(scene, draw, static_cast<int>(level), plane, true, work), cells,
+                work);
     mask.shows = mask.shows || std::ranges::any_of(shares_, [](std::uint8_t s) { return s != 0; });
     mask.pictures.upload(static_cast<int>(level), shares_);
   }
 }
 
+// Fills shares_ with how much of these cells each layer covers, exactly, without OpenGL.
+void ReceivedShadowPass::cover_level(const Level& level, const MaskCells& cells, ShadowWork& work) {
+  std::ranges::fill(shares_, std::uint8_t{0});
+  if (!level.item.prepared->valid) return;
+  const MaskPart part =
+      MaskPart::of(level.shadow, *level.item.caster, *level.item.prepared, glm::vec3(0.0F));
+  if (part.covers_nothing()) return;
+  part.project(part.face_images(work), cells.size, mask_caster_, work);
+  // However large the shadow is: only its part over these cells.
+  using Cell = Eigen::Vector<std::int64_t, 2>;
+  const CellBox all(Cell(cells.u, cells.v),
+                    Cell(cells.u + cells.width - 1, cells.v + cells.height - 1));
+  const CellBox over = all.intersection(mask_caster_.bounds());
+  if (over.isEmpty()) return;
+  mask_picture_.begin({cells.size, over.min().x(), over.min().y(),
+                       static_cast<int>(over.sizes().x()) + 1,
+                       static_cast<int>(over.sizes().y()) + 1});
+  part.cover(mask_caster_, mask_picture_);
+  mask_picture_.finish_shares(cells, shares_);
+}
+
 int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw& draw,
-                                    const Surface& surface, Mask& mask, ShadowPass& shadows,
-                                    ShadowWork& work) {
-  const LensUniforms straight;
+                                    const Surface& surface, Mask& mask, ShadowWork& work) {
   const glm::mat4x3 camera = camera_above(mask.origin, mask.extent);
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_STENCIL_TEST);
   glDisable(GL_BLEND);
   int calls = 0;
-  for (std::size_t level = 0; level < mask.levels.size(); ++level) {
+  for (std::size_t i = 0; i < mask.levels.size(); ++i) {
     PlaneFrame plane = surface.plane;
-    plane.q += mask.levels[level] * plane.n;
-    const std::size_t flat =
-        shadows.prepare_flat(scene, draw, static_cast<int>(level), plane, work);
-    mask.pictures.begin(static_cast<int>(level));
+    plane.q += mask.levels[i] * plane.n;
+    Level level = prepare_level(scene, draw, static_cast<int>(i), plane, false, work);
+    level.shadow.fractions = {1.0, 1.0, 1.0};
+    mask.pictures.begin(static_cast<int>(i));
     for (int layer = 0; layer < 3; ++layer) {
       glColorMask(layer == 0 ? GL_TRUE : GL_FALSE, layer == 1 ? GL_TRUE : GL_FALSE,
                   layer == 2 ? GL_TRUE : GL_FALSE, GL_FALSE);
-      const int drawn = shadows.draw_flat(flat, layer, straight, camera);
+      const int drawn = draw_level(level, layer, camera);
       mask.shows = mask.shows || drawn > 0;
       calls += drawn;
     }
@@ -192,15 +255,24 @@ int ReceivedShadowPass::draw_levels(const Scene& scene, const ReceivedShadowDraw
   return calls;
 }
 
-int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, ShadowPass& shadows,
-                                ShadowWork& work) {
+int ReceivedShadowPass::draw_level(const Level& level, int layer, const glm::mat4x3& camera) const {
+  const LensUniforms straight;
+  const LayerPainter::Brush white = painter_.plain();
+  painter_.begin_plane(white, straight, camera);
+  return painter_.draw(level.shadow, level.item, layer, 1, white);
+}
+
+Result<void> ReceivedShadowPass::prepare(const DrawContext& context, const FramePlan& plan) {
+  const Scene& scene = context.scene;
+  ShadowWork& work = context.work;
   ++frame_count_;
+  calls_ = 0;
   shown_.clear();
   if (!plan.reuse) {
     masks_.clear();
     surfaces_.clear();
+    levels_.clear();
   }
-  int calls = 0;
   const double texels = most_texels(plan);
   for (const ReceivedShadowDraw& draw : plan.received_shadows) {
     const ObjectDraw* receiver = drawn_object(plan, draw.receiver);
@@ -211,10 +283,10 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
     masks.last_used = frame_count_;
     const double texel = texel_for(plan, draw, surface.faces,
                                    *scene.objects[static_cast<std::size_t>(draw.receiver)].model,
-                                   receiver->T_table_object, shadows.pixel_at_unit_depth());
-    const bool covers = shadows.covers_flat(scene, plan, draw.shadow);
+                                   receiver->T_table_object, pixel_at_unit_depth_);
+    const bool covered = is_covered(scene, plan, draw.shadow);
     const auto is_it = [&](const Mask& made) {
-      return made.valid && made.covered == covers && made.texel == texel &&
+      return made.valid && made.covered == covered && made.texel == texel &&
              made.most_texels == texels && made.surface == surface.version &&
              made.top == draw.top && same_shapes(made.shadow, draw.shadow);
     };
@@ -227,9 +299,9 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
       mask.top = draw.top;
       mask.texel = texel;
       mask.most_texels = texels;
-      mask.covered = covers;
+      mask.covered = covered;
       mask.shadow = draw.shadow;
-      calls += make_mask(scene, draw, surface, mask, shadows, work);
+      calls_ += make_mask(scene, draw, surface, mask, work);
     }
     if (kept && !mask.levels.empty()) {
       work.kept.push_back(
@@ -246,11 +318,11 @@ int ReceivedShadowPass::prepare(const Scene& scene, const FramePlan& plan, Shado
   };
   std::erase_if(masks_, unused);
   std::erase_if(surfaces_, unused);
-  return calls;
+  std::erase_if(levels_, unused);
+  return {};
 }
 
-int ReceivedShadowPass::draw_shadow(const Scene& scene, const FramePlan& plan,
-                                    const LensUniforms& lens, const ObjectPass& objects,
+int ReceivedShadowPass::draw_shadow(const DrawContext& context, const FramePlan& plan,
                                     const Shown& shown, Gathering gathering) {
   const Mask& mask = *shown.mask;
   mask.pictures.bind(kShadowMaskUnit);
@@ -264,34 +336,63 @@ int ReceivedShadowPass::draw_shadow(const Scene& scene, const FramePlan& plan,
   for (std::size_t i = 0; i < mask.levels.size(); ++i) {
     uniforms.levels[i / 4][static_cast<glm::length_t>(i % 4)] = static_cast<float>(mask.levels[i]);
   }
-  return objects.draw_under_shadow(scene, shown.receiver, plan, lens, uniforms, gathering);
+  return context.objects.draw_under_shadow(context.scene, shown.receiver, plan, context.lens,
+                                           uniforms, gathering);
 }
 
-int ReceivedShadowPass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                             const ObjectPass& objects, Translucency way, Receivers& receivers,
-                             Framebuffer& framebuffer) const {
-  if (shown_.empty()) return 0;
-  // Blended, each pixel once, though faces may lie in one place; a screen-door's darkest is seen
-  // whatever else is drawn there, and what is retextured is written anew.
-  const bool blended = way == Translucency::blend;
-  const bool retextured = way == Translucency::retexture;
+// Darkens a receiver by the shadows of several casters: where the hardware blends or the background
+// is fetched, their darkest values are gathered in the framebuffer's alpha first.
+int ReceivedShadowPass::draw_casters(const DrawContext& context, const FramePlan& plan,
+                                     const std::vector<const Shown*>& casters) const {
+  const bool blended = context.mode == Translucency::blend;
+  const bool retextured = context.mode == Translucency::retexture;
+  Framebuffer& framebuffer = context.framebuffer;
   const auto darken = [&](const Shown& shown, Gathering gathering) {
-    begin_darkening(way);
+    begin_darkening(context.mode);
+    // Blended, each pixel once, though faces may lie in one place; a screen-door's darkest is seen
+    // whatever else is drawn there, and what is retextured is overwritten.
     if (blended) {
       if (gathering == Gathering::result)
         glBlendFuncSeparate(GL_ZERO, GL_DST_ALPHA, GL_ONE, GL_ZERO);
       glEnable(GL_STENCIL_TEST);
     }
-    return draw_shadow(scene, plan, lens, objects, shown, gathering);
+    return draw_shadow(context, plan, shown, gathering);
   };
+  int calls = 0;
+  if (casters.size() == 1 || !(blended || retextured)) {
+    for (const Shown* shown : casters) calls += darken(*shown, Gathering::none);
+    return calls;
+  }
+  glDisable(GL_STENCIL_TEST);
+  for (const Shown* shown : casters) {
+    const bool first = shown == casters.front();
+    if (blended && !first) {
+      glEnable(GL_BLEND);
+      glBlendFunc(GL_ONE, GL_ONE);
+      glBlendEquation(GL_MIN);
+    } else {
+      glDisable(GL_BLEND);
+    }
+    if (retextured && !first) framebuffer.copy_picture(kPictureBeforeUnit);
+    glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_TRUE);
+    calls += draw_shadow(context, plan, *shown, first ? Gathering::first : Gathering::further);
+  }
+  glBlendEquation(GL_FUNC_ADD);
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+  if (retextured) framebuffer.copy_picture(kPictureBeforeUnit);
+  return calls + darken(*casters.front(), Gathering::result);
+}
+
+int ReceivedShadowPass::draw(const DrawContext& context, const FramePlan& plan) {
+  int calls = calls_;
+  if (shown_.empty()) return calls;
   glStencilFunc(GL_EQUAL, 0, 0xFF);
   glStencilOp(GL_KEEP, GL_KEEP, GL_INCR);
   glDisable(GL_STENCIL_TEST);
   glEnable(GL_DEPTH_TEST);
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
-  int calls = 0;
-  // Planes that are parallel have one light: what lies in its shadow for several is darkened once.
+  // Parallel planes have one light: a pixel in its shadow for several of them is darkened once.
   std::vector<const Shown*> left;
   for (const Shown& shown : shown_) left.push_back(&shown);
   while (!left.empty()) {
@@ -299,37 +400,14 @@ int ReceivedShadowPass::draw(const Scene& scene, const FramePlan& plan, const Le
     const auto other = std::ranges::stable_partition(left, [&normal](const Shown* shown) {
       return (shown->draw->shadow.plane_frame.n - normal).norm() < 1e-3;
     });
-    std::map<int, std::vector<const Shown*>> over;  // by receiver: no pixel is of two
+    std::map<int, std::vector<const Shown*>> over;  // by receiver: each pixel shows one at most
     for (auto shown = left.begin(); shown != other.begin(); ++shown)
       over[(*shown)->receiver.object].push_back(*shown);
     left.erase(left.begin(), other.begin());
-    if (blended) receivers.begin_marks();
-    if (retextured) framebuffer.copy_picture(kPictureBeforeUnit);
-    for (const auto& [receiver, casters] : over) {
-      if (casters.size() == 1 || !(blended || retextured)) {
-        for (const Shown* shown : casters) calls += darken(*shown, Gathering::none);
-        continue;
-      }
-      glDisable(GL_STENCIL_TEST);
-      for (const Shown* shown : casters) {
-        const bool first = shown == casters.front();
-        if (blended && !first) {
-          glEnable(GL_BLEND);
-          glBlendFunc(GL_ONE, GL_ONE);
-          glBlendEquation(GL_MIN);
-        } else {
-          glDisable(GL_BLEND);
-        }
-        if (retextured && !first) framebuffer.copy_picture(kPictureBeforeUnit);
-        glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_TRUE);
-        calls += draw_shadow(scene, plan, lens, objects, *shown,
-                             first ? Gathering::first : Gathering::further);
-      }
-      glBlendEquation(GL_FUNC_ADD);
-      glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
-      if (retextured) framebuffer.copy_picture(kPictureBeforeUnit);
-      calls += darken(*casters.front(), Gathering::result);
-    }
+    if (context.mode == Translucency::blend) context.receivers.begin_marks();
+    if (context.mode == Translucency::retexture)
+      context.framebuffer.copy_picture(kPictureBeforeUnit);
+    for (const auto& [receiver, casters] : over) calls += draw_casters(context, plan, casters);
   }
   MaskStack::unbind(kShadowMaskUnit);
   end_translucent();

@@ -1,10 +1,10 @@
-// Layered, field and simple shadows on phantoms and on other virtual objects. Each shadow that such
-// a receiver may meet on its way to a plane is made as seen along the plane's normal, for each of
-// the receiver's levels as on a plane at that height: covered as masks of planes are, or drawn with
-// several samples a texel. Then the receiver's pixels are darkened by what lies over each of them,
-// once, by the caster that leaves least, as a plane's are (through a screen-door, shadows onto
-// planes that face elsewhere are not darker where they meet). A face gets as much of the light as
-// Lambert's law lets it.
+// Layered, field and simple shadows on phantoms and on other virtual objects
+// (docs/rendering.md#shadows-on-receivers). Each shadow that such a receiver may meet on its way to
+// a plane is made as seen along the plane's normal, at each of the receiver's levels as on a plane
+// at that height: covered as masks of planes are, or drawn with several samples a texel. Then the
+// receiver's pixels are darkened by what lies over each of them, once, by the caster that leaves
+// least (through a screen-door, shadows onto planes that face elsewhere are not darker where they
+// meet). A face gets as much of the light as Lambert's law lets it.
 #pragma once
 
 #include <array>
@@ -14,36 +14,37 @@
 #include <utility>
 #include <vector>
 
-#include "render/frame_plan.hpp"
+#include "core/camera/camera_model.hpp"
 #include "render/gl/mask_stack.hpp"
-#include "render/passes/object_pass.hpp"
-#include "render/passes/receivers.hpp"
-#include "render/passes/shadow_pass.hpp"
+#include "render/passes/draw_context.hpp"
+#include "render/passes/layer_painter.hpp"
+#include "render/passes/mask_part.hpp"
+#include "render/passes/shadow_geometry.hpp"
 #include "render/shadow/layers/receiving_levels.hpp"
 
 namespace penumbra {
 
-class ReceivedShadowPass {
+class ReceivedShadowPass : public Pass {
  public:
-  // Draws the shadows of what changed, into framebuffers of its own. The shadows of the plan must
-  // have been prepared. Adds to `work`. Number of draw calls.
-  int prepare(const Scene& scene, const FramePlan& plan, ShadowPass& shadows, ShadowWork& work);
-  // The plan must be the one prepared; with the depth of phantoms, objects and planes, and
-  // `objects` drawing in the same way. Number of draw calls.
-  int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-           const ObjectPass& objects, Translucency way, Receivers& receivers,
-           Framebuffer& framebuffer) const;
+  // `geometry` and `painter` outlive the pass. `multisampled`: pixels of the framebuffer have
+  // several samples.
+  ReceivedShadowPass(const CameraModel& camera, const ShadowGeometry& geometry,
+                     LayerPainter& painter, bool multisampled);
+
+  // Draws the masks of what changed, into framebuffers of their own.
+  [[nodiscard]] Result<void> prepare(const DrawContext& context, const FramePlan& plan) override;
+  int draw(const DrawContext& context, const FramePlan& plan) override;
 
  private:
-  // Of a receiver over a plane.
+  // A receiver over a plane.
   struct Surface {
     Placement T_table_object;
     PlaneFrame plane;
     ReceivingSurface faces;
-    std::uint64_t version = 0;  // no two are alike; 0: not made
+    std::uint64_t version = 0;  // unique; 0: not made
     std::uint64_t last_used = 0;
   };
-  // Of one caster's shadow on the way to a plane, over one receiver.
+  // One caster's shadow on the way to a plane, over one receiver.
   struct Mask {
     bool valid = false;
     ShadowDraw shadow;
@@ -52,9 +53,9 @@ class ReceivedShadowPass {
     double texel = 0.0;  // as the view asks for [m]
     double most_texels = 0.0;
     std::vector<double> levels;
-    bool covered = false;            // made by covers_flat()
-    bool shows = false;              // something is in some picture
-    Eigen::Vector2d origin, extent;  // what the pictures show of the plane [m]
+    bool covered = false;            // made without drawing
+    bool shows = false;              // some level is not empty
+    Eigen::Vector2d origin, extent;  // of the mask on the plane [m]
     MaskStack pictures;
   };
   // The last two: a camera at rest may tremble between two sizes of texels.
@@ -67,24 +68,45 @@ class ReceivedShadowPass {
     const ReceivedShadowDraw* draw = nullptr;
     ObjectDraw receiver;
   };
+  // A shadow on one level of a receiver.
+  struct Level {
+    ShadowDraw shadow;
+    ShadowItem item;
+  };
 
   const Surface& surface_of(const Scene& scene, const ObjectDraw& receiver, int plane,
                             const PlaneFrame& frame);
+  // Whether a shadow's levels are covered as masks of planes are, not drawn.
+  [[nodiscard]] bool is_covered(const Scene& scene, const FramePlan& plan,
+                                const ShadowDraw& draw) const;
+  [[nodiscard]] Level prepare_level(const Scene& scene, const ReceivedShadowDraw& draw, int level,
+                                    const PlaneFrame& plane, bool masked, ShadowWork& work);
   int make_mask(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
-                Mask& mask, ShadowPass& shadows, ShadowWork& work);
-  // Makes the pictures of its levels without drawing ...
+                Mask& mask, ShadowWork& work);
   void cover_levels(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
-                    const MaskCells& cells, Mask& mask, ShadowPass& shadows, ShadowWork& work);
-  // ... or draws them. Number of draw calls.
-  static int draw_levels(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
-                         Mask& mask, ShadowPass& shadows, ShadowWork& work);
-  static int draw_shadow(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                         const ObjectPass& objects, const Shown& shown, Gathering gathering);
+                    const MaskCells& cells, Mask& mask, ShadowWork& work);
+  void cover_level(const Level& level, const MaskCells& cells, ShadowWork& work);
+  int draw_levels(const Scene& scene, const ReceivedShadowDraw& draw, const Surface& surface,
+                  Mask& mask, ShadowWork& work);
+  int draw_level(const Level& level, int layer, const glm::mat4x3& camera) const;
+  static int draw_shadow(const DrawContext& context, const FramePlan& plan, const Shown& shown,
+                         Gathering gathering);
+  int draw_casters(const DrawContext& context, const FramePlan& plan,
+                   const std::vector<const Shown*>& casters) const;
 
+  const ShadowGeometry& geometry_;
+  LayerPainter& painter_;
+  bool multisampled_ = false;
+  double pixel_at_unit_depth_ = 0.0;                       // 1 m from the camera [m]
   std::map<std::pair<int, int>, Surface> surfaces_;        // receiver, plane
   std::map<std::tuple<int, int, int, int>, Masks> masks_;  // node, object, plane, receiver
-  std::vector<Shown> shown_;                               // in this frame
+  // (node, object, plane, receiver, level).
+  std::map<std::tuple<int, int, int, int, int>, PreparedShadow> levels_;
+  std::vector<Shown> shown_;  // in this frame
   std::vector<std::uint8_t> shares_;
+  MaskCaster mask_caster_;
+  MaskPicture mask_picture_;
+  int calls_ = 0;  // draw calls of prepare()
   std::uint64_t frame_count_ = 0;
   std::uint64_t surfaces_made_ = 0;
 };

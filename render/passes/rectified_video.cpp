@@ -78,7 +78,7 @@ RectifiedVideo::RectifiedVideo(GlApi api, const CameraModel& camera)
   index_count_ = static_cast<int>(indices.size());
 }
 
-Result<void> RectifiedVideo::draw(const VideoPass& video, const Frame& frame) {
+Result<void> RectifiedVideo::draw(const VideoTexture& video, const Frame& frame) {
   constexpr std::array<std::string_view, 1> kVertex = {"rectified.vert.glsl"};
   constexpr std::array<std::string_view, 2> kFragment = {"video_texel.glsl", "rectified.frag.glsl"};
   std::optional<ShaderProgram>& program = programs_[layout_number(frame.format)];

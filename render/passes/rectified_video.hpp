@@ -10,7 +10,7 @@
 #include "core/image/frame.hpp"
 #include "render/gl/buffer.hpp"
 #include "render/gl/shader.hpp"
-#include "render/passes/video_pass.hpp"
+#include "render/passes/video_texture.hpp"
 
 namespace penumbra {
 
@@ -31,7 +31,7 @@ class RectifiedVideo {
   RectifiedVideo(GlApi api, const CameraModel& camera);
 
   // The frame that was uploaded to `video`. Covers every pixel.
-  [[nodiscard]] Result<void> draw(const VideoPass& video, const Frame& frame);
+  [[nodiscard]] Result<void> draw(const VideoTexture& video, const Frame& frame);
 
  private:
   GlApi api_;

@@ -7,7 +7,7 @@
 #include <cmath>
 
 #include "core/propagate.hpp"
-#include "render/passes/video_pass.hpp"
+#include "render/passes/video_texture.hpp"
 
 namespace penumbra {
 

@@ -24,7 +24,7 @@ static_assert((kCountBits & (kDarkBit | kMarkBit)) == 0);
 
 }  // namespace
 
-Result<VolumePass> VolumePass::create(GlApi api, const CameraModel& camera) {
+Result<std::unique_ptr<VolumePass>> VolumePass::create(GlApi api, const CameraModel& camera) {
   constexpr std::array<std::string_view, 1> kWhole = {"video.vert.glsl"};
   constexpr std::array<std::string_view, 1> kFill = {"fill.frag.glsl"};
   constexpr std::array<std::string_view, 2> kReceiver = {"lens.glsl", "receiver.vert.glsl"};
@@ -35,18 +35,18 @@ Result<VolumePass> VolumePass::create(GlApi api, const CameraModel& camera) {
   PENUMBRA_TRY(auto fill, ShaderProgram::link(api, kWhole, kFill));
   PENUMBRA_TRY(auto plane, TranslucentProgram::create(api, kReceiver, kLight, kLightDefines));
   PENUMBRA_TRY(auto light_sum, TranslucentProgram::create(api, kWhole, kSum));
-  VolumePass pass(std::move(volume), std::move(fill), std::move(plane), std::move(light_sum));
-  if (make_lens(camera).model != 0) pass.longest_edge_ = longest_edge(camera);
+  std::unique_ptr<VolumePass> pass(
+      new VolumePass(std::move(volume), std::move(fill), std::move(plane), std::move(light_sum)));
+  if (make_lens(camera).model != 0) pass->longest_edge_ = longest_edge(camera);
   return pass;
 }
 
-Result<void> VolumePass::choose(Translucency way, std::optional<PixelFormat> video) {
-  way_ = way;
-  if (auto chosen = plane_program_.choose(way, video); !chosen) return chosen;
-  return light_sum_program_.choose(way, video);
-}
-
-void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work) {
+Result<void> VolumePass::prepare(const DrawContext& context, const FramePlan& plan) {
+  mode_ = context.mode;
+  PENUMBRA_TRY_VOID(plane_program_.choose(mode_, context.video_format));
+  PENUMBRA_TRY_VOID(light_sum_program_.choose(mode_, context.video_format));
+  const Scene& scene = context.scene;
+  ShadowWork& work = context.work;
   for (const ShadowVolumeDraw& draw : plan.volumes) {
     Volume& volume = volumes_[{draw.object, draw.light}];
     if (plan.reuse && volume.valid && volume.T_table_object == draw.T_table_object &&
@@ -73,6 +73,7 @@ void VolumePass::prepare(const Scene& scene, const FramePlan& plan, ShadowWork& 
     volume.floors = draw.floors;
     volume.receivers = draw.receivers;
   }
+  return {};
 }
 
 void VolumePass::note_trouble(const Scene& scene, const ShadowVolumeDraw& draw,
@@ -171,9 +172,9 @@ int VolumePass::darken(const Drawing& drawing, const ShadowVolumeDraw& draw,
 
 void VolumePass::begin(const Darkening& how) const {
   if (how.add_up) {
-    begin_summing(way_);
+    begin_summing(mode_);
   } else {
-    begin_darkening(way_);
+    begin_darkening(mode_);
   }
 }
 
@@ -216,12 +217,12 @@ int VolumePass::darken_planes(const Drawing& drawing, int light, const Darkening
 
 void VolumePass::darken_by_sums(const FramePlan& plan, Framebuffer& framebuffer) const {
   framebuffer.bind();
-  if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
+  if (mode_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
   framebuffer.bind_sums_texture(0);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_STENCIL_TEST);
-  begin_darkening(way_);
+  begin_darkening(mode_);
   const ShaderProgram& p = light_sum_program_.get();
   p.use();
   p.set("sums", 0);
@@ -266,9 +267,8 @@ int VolumePass::draw_light(const Drawing& drawing, Casters casters, bool add_up)
   return calls;
 }
 
-int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                     const ObjectPass& objects, const Receivers& receivers,
-                     Framebuffer& framebuffer) const {
+int VolumePass::draw(const DrawContext& context, const FramePlan& plan) {
+  Framebuffer& framebuffer = context.framebuffer;
   std::vector<Casters> lights;
   for (const ShadowVolumeDraw& draw : plan.volumes) {
     if (volumes_.at({draw.object, draw.light}).buffers.batches() == 0) continue;
@@ -280,15 +280,15 @@ int VolumePass::draw(const Scene& scene, const FramePlan& plan, const LensUnifor
   // Not of those in view: sums are rounded otherwise than one light's share.
   const bool add_up = plan.volume_lights > 1;
   if (add_up) framebuffer.bind_sums();
-  const Drawing drawing{scene, plan, lens, objects, receivers};
+  const Drawing drawing{context.scene, plan, context.lens, context.objects, context.receivers};
   int calls = 0;
   glEnable(GL_STENCIL_TEST);
   glDepthMask(GL_FALSE);
   for (const Casters& casters : lights) {
     // A light darkens a pixel once: before it is soon enough for a copy.
-    if (add_up && way_ != Translucency::blend) {
+    if (add_up && mode_ != Translucency::blend) {
       framebuffer.copy_sums(kSumsBeforeUnit);
-    } else if (!add_up && way_ == Translucency::retexture) {
+    } else if (!add_up && mode_ == Translucency::retexture) {
       framebuffer.copy_picture(kPictureBeforeUnit);
     }
     calls += draw_light(drawing, casters, add_up);

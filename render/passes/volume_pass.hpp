@@ -19,9 +19,9 @@
 #include "render/gl/buffer.hpp"
 #include "render/gl/framebuffer.hpp"
 #include "render/gl/shader.hpp"
-#include "render/passes/object_pass.hpp"
+#include "render/passes/draw_context.hpp"
+#include "render/passes/object_painter.hpp"
 #include "render/passes/receivers.hpp"
-#include "render/passes/shadow_pass.hpp"
 #include "render/passes/translucent_program.hpp"
 #include "render/passes/volume_buffers.hpp"
 #include "render/scene/scene.hpp"
@@ -29,19 +29,16 @@
 
 namespace penumbra {
 
-class VolumePass {
+class VolumePass : public Pass {
  public:
-  [[nodiscard]] static Result<VolumePass> create(GlApi api, const CameraModel& camera);
+  [[nodiscard]] static Result<std::unique_ptr<VolumePass>> create(GlApi api,
+                                                                  const CameraModel& camera);
 
-  // The CPU's part: volumes of casters that moved, or whose light did. Adds to `work`.
-  void prepare(const Scene& scene, const FramePlan& plan, ShadowWork& work);
-  // How the shadows are drawn from here on.
-  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
-  // The plan must be the one prepared; `objects` draws in the same way; `framebuffer` is bound,
-  // with the depth of phantoms, objects and planes. The shadow is as strong as the fainter of what
-  // casts it and what it falls on. Number of draw calls.
-  int draw(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-           const ObjectPass& objects, const Receivers& receivers, Framebuffer& framebuffer) const;
+  // Makes the volumes of casters that moved, or whose light did.
+  [[nodiscard]] Result<void> prepare(const DrawContext& context, const FramePlan& plan) override;
+  // Needs the depth of phantoms, objects and planes. The shadow is as strong as the fainter of its
+  // caster and its receiver.
+  int draw(const DrawContext& context, const FramePlan& plan) override;
 
  private:
   struct Volume {
@@ -78,7 +75,7 @@ class VolumePass {
     const Scene& scene;
     const FramePlan& plan;
     const LensUniforms& lens;
-    const ObjectPass& objects;
+    const ObjectPainter& objects;
     const Receivers& receivers;
   };
 
@@ -102,7 +99,7 @@ class VolumePass {
   ShaderProgram fill_program_;
   TranslucentProgram plane_program_;
   TranslucentProgram light_sum_program_;
-  Translucency way_ = Translucency::blend;
+  Translucency mode_ = Translucency::blend;
   std::optional<double> longest_edge_;  // [m]; none: the lens keeps straight edges straight
   VertexArray no_vertices_;
   std::map<const Model*, std::unique_ptr<VolumeCaster>> casters_;

@@ -19,8 +19,8 @@
 
 #include "core/text/text.hpp"
 #include "counted_scene.hpp"
-#include "render/passes/object_pass.hpp"
-#include "render/passes/video_pass.hpp"
+#include "render/passes/object_painter.hpp"
+#include "render/passes/video_texture.hpp"
 #include "render/shadow/kernels/shadow_kernels.hpp"
 #include "soft_shadows.hpp"
 
@@ -50,7 +50,7 @@ class PeerStudio {
       : scene_(std::move(scene)), camera_(counted::camera()), lens_(make_lens(camera_)) {
     context_ = create_offscreen_context(GlApi::gl33).value();
     framebuffer_.emplace(Framebuffer::create(counted::kWidth, counted::kHeight).value());
-    objects_.emplace(ObjectPass::create(GlApi::gl33, *scene_, camera_).value());
+    objects_.emplace(ObjectPainter::create(GlApi::gl33, *scene_, camera_).value());
     check(objects_->choose(Translucency::blend, PixelFormat::yuyv));
     video_.emplace(GlApi::gl33);
   }
@@ -100,8 +100,8 @@ class PeerStudio {
   LensUniforms lens_;
   std::unique_ptr<GlContext> context_;
   std::optional<Framebuffer> framebuffer_;
-  std::optional<ObjectPass> objects_;
-  std::optional<VideoPass> video_;
+  std::optional<ObjectPainter> objects_;
+  std::optional<VideoTexture> video_;
   std::optional<counted::SoftShadows> soft_;
 };
 

@@ -1,4 +1,4 @@
-#include "render/passes/video_pass.hpp"
+#include "render/passes/video_texture.hpp"
 
 #include <epoxy/gl.h>
 
@@ -81,8 +81,8 @@ std::string_view layout_define(PixelFormat format) {
   return kDefines[layout_number(format)];
 }
 
-void VideoPass::bind_texels(const ShaderProgram& program, const Frame& frame,
-                            int first_unit) const {
+void VideoTexture::bind_texels(const ShaderProgram& program, const Frame& frame,
+                               int first_unit) const {
   program.set("plane0", first_unit);
   program.set("plane1", first_unit + 1);
   program.set("plane2", first_unit + 2);
@@ -100,11 +100,11 @@ void VideoPass::bind_texels(const ShaderProgram& program, const Frame& frame,
   }
 }
 
-VideoPass::~VideoPass() {
+VideoTexture::~VideoTexture() {
   release(0);
 }
 
-VideoPass::Way VideoPass::upload(const Frame& frame, bool reuse) {
+VideoTexture::Way VideoTexture::upload(const Frame& frame, bool reuse) {
   // The same buffer, still held by someone, is the same frame: frames are immutable.
   const bool same =
       frame.owner && !uploaded_owner_.expired() && !uploaded_owner_.owner_before(frame.owner) &&
@@ -126,7 +126,7 @@ VideoPass::Way VideoPass::upload(const Frame& frame, bool reuse) {
   return Way::copied;
 }
 
-bool VideoPass::upload_through_buffer(const Frame& frame) {
+bool VideoTexture::upload_through_buffer(const Frame& frame) {
   constexpr std::size_t kAlignment = 64;  // of a plane's first byte: whole cache lines are copied
   const auto count = static_cast<std::size_t>(frame.plane_count);
   struct Packed {
@@ -165,7 +165,7 @@ bool VideoPass::upload_through_buffer(const Frame& frame) {
   return true;
 }
 
-bool VideoPass::import(const Frame& frame) {
+bool VideoTexture::import(const Frame& frame) {
   const auto known = std::find_if(
       imported_.begin(), imported_.end(),
       [&](const ImportedBuffer& buffer) { return buffer.number == frame.dma_buf.buffer; });
@@ -192,7 +192,7 @@ bool VideoPass::import(const Frame& frame) {
   return true;
 }
 
-void VideoPass::release(std::size_t most) {
+void VideoTexture::release(std::size_t most) {
   while (!in_use_.empty()) {
     auto* fence = static_cast<GLsync>(in_use_.front().drawn);
     const bool wait = in_use_.size() > most;
@@ -204,7 +204,7 @@ void VideoPass::release(std::size_t most) {
   }
 }
 
-Result<const ShaderProgram*> VideoPass::program_for(PixelFormat format) {
+Result<const ShaderProgram*> VideoTexture::program_for(PixelFormat format) {
   constexpr std::array<std::string_view, 1> kVertex = {"video.vert.glsl"};
   constexpr std::array<std::string_view, 2> kFragment = {"video_texel.glsl", "video.frag.glsl"};
   std::optional<ShaderProgram>& program = programs_[layout_number(format)];
@@ -216,7 +216,7 @@ Result<const ShaderProgram*> VideoPass::program_for(PixelFormat format) {
   return &*program;
 }
 
-Result<void> VideoPass::draw(const Frame& frame) {
+Result<void> VideoTexture::draw(const Frame& frame) {
   PENUMBRA_TRY(const auto program, program_for(frame.format));
   const ShaderProgram& p = *program;
   p.use();
@@ -231,7 +231,7 @@ Result<void> VideoPass::draw(const Frame& frame) {
   return {};
 }
 
-void VideoPass::hold(const Frame& frame) {
+void VideoTexture::hold(const Frame& frame) {
   if (!shows_imported_) return;
   if (!in_use_.empty() && in_use_.back().owner == frame.owner) {  // a picture that stands still
     glDeleteSync(static_cast<GLsync>(in_use_.back().drawn));

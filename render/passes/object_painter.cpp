@@ -1,4 +1,4 @@
-#include "render/passes/object_pass.hpp"
+#include "render/passes/object_painter.hpp"
 
 #include <epoxy/gl.h>
 
@@ -70,7 +70,8 @@ float longest_model_edge(double longest_edge_m, double scale) {
   return static_cast<float>(longest_edge_m / std::exp2(std::ceil(4.0 * std::log2(scale)) / 4.0));
 }
 
-Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const CameraModel& camera) {
+Result<ObjectPainter> ObjectPainter::create(GlApi api, const Scene& scene,
+                                            const CameraModel& camera) {
   if (scene.lights.size() > kMaxLights) {
     return fail("{}: lights: {} of them; at most {} can be drawn", scene.file, scene.lights.size(),
                 kMaxLights);
@@ -103,7 +104,7 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
                  TranslucentProgram::create(api, kVertex, kFragment, darkens));
     maps_darkening = std::move(linked_darkening);
   }
-  ObjectPass pass(api, std::move(program), std::move(maps), std::move(masked));
+  ObjectPainter pass(api, std::move(program), std::move(maps), std::move(masked));
   pass.darkening_program_ = std::move(darkening);
   pass.maps_darkening_program_ = std::move(maps_darkening);
   pass.blends_ = any_material(
@@ -132,7 +133,7 @@ Result<ObjectPass> ObjectPass::create(GlApi api, const Scene& scene, const Camer
   return pass;
 }
 
-std::shared_ptr<ObjectPass::GpuModel> ObjectPass::upload(const Model& model, float max_edge) {
+std::shared_ptr<ObjectPainter::GpuModel> ObjectPainter::upload(const Model& model, float max_edge) {
   auto gpu = std::make_shared<GpuModel>();
   for (const Material& material : model.materials) {
     gpu->materials.push_back({texture_of(*gpu, model, material.base_color_texture, true),
@@ -184,8 +185,8 @@ std::shared_ptr<ObjectPass::GpuModel> ObjectPass::upload(const Model& model, flo
   return gpu;
 }
 
-const Texture2d* ObjectPass::texture_of(GpuModel& gpu, const Model& model,
-                                        const MaterialTexture& from, bool color) {
+const Texture2d* ObjectPainter::texture_of(GpuModel& gpu, const Model& model,
+                                           const MaterialTexture& from, bool color) {
   const auto at = static_cast<std::size_t>(from.image);
   if (from.image < 0 || at >= model.textures.size()) return nullptr;
   const auto [entry, is_new] =
@@ -198,31 +199,31 @@ const Texture2d* ObjectPass::texture_of(GpuModel& gpu, const Model& model,
   return &entry->second;
 }
 
-Result<void> ObjectPass::choose(Translucency way, std::optional<PixelFormat> video) {
-  way_ = way;
-  if (auto chosen = program_.choose(way, video); !chosen) return chosen;
+Result<void> ObjectPainter::choose(Translucency mode, std::optional<PixelFormat> video) {
+  mode_ = mode;
+  PENUMBRA_TRY_VOID(program_.choose(mode, video));
   for (auto* const program : {&maps_program_, &darkening_program_, &maps_darkening_program_}) {
     if (!*program) continue;
-    if (auto chosen = (*program)->choose(way, video); !chosen) return chosen;
+    PENUMBRA_TRY_VOID((*program)->choose(mode, video));
   }
-  return masked_program_.choose(way, video);
+  return masked_program_.choose(mode, video);
 }
 
-ObjectPass::Programs ObjectPass::plain_programs() const {
+ObjectPainter::Programs ObjectPainter::plain_programs() const {
   return {program_.plain(), maps_program_ ? &maps_program_->plain() : nullptr};
 }
 
-ObjectPass::Programs ObjectPass::chosen_programs() const {
+ObjectPainter::Programs ObjectPainter::chosen_programs() const {
   return {program_.get(), maps_program_ ? &maps_program_->get() : nullptr};
 }
 
-ObjectPass::Programs ObjectPass::darkening_programs() const {
+ObjectPainter::Programs ObjectPainter::darkening_programs() const {
   return {darkening_program_->get(),
           maps_darkening_program_ ? &maps_darkening_program_->get() : nullptr};
 }
 
 template <class Action>
-void ObjectPass::for_each(const Programs& programs, const Action& action) {
+void ObjectPainter::for_each(const Programs& programs, const Action& action) {
   for (const ShaderProgram* program : {programs.maps, &programs.plain}) {
     if (program == nullptr) continue;
     program->use();
@@ -230,8 +231,8 @@ void ObjectPass::for_each(const Programs& programs, const Action& action) {
   }
 }
 
-void ObjectPass::begin_lit(const Programs& programs, const FramePlan& plan,
-                           const LensUniforms& lens) const {
+void ObjectPainter::begin_lit(const Programs& programs, const FramePlan& plan,
+                              const LensUniforms& lens) const {
   for_each(programs, [&](const ShaderProgram& program) {
     set_lens(program, lens);
     set_light_uniforms(program, plan);
@@ -240,8 +241,8 @@ void ObjectPass::begin_lit(const Programs& programs, const FramePlan& plan,
   });
 }
 
-void ObjectPass::set_material(const ShaderProgram& program, const Model& model, const GpuModel& gpu,
-                              int index, bool maps) {
+void ObjectPainter::set_material(const ShaderProgram& program, const Model& model,
+                                 const GpuModel& gpu, int index, bool maps) {
   const Material& material = material_of(model, index);
   program.set("base_color", glm::vec3(material.base_color));
   program.set("emissive", material.emissive);
@@ -277,9 +278,9 @@ void ObjectPass::set_material(const ShaderProgram& program, const Model& model, 
   program.set("alpha_blends", material.alpha_mode == AlphaMode::blend ? 1 : 0);
 }
 
-int ObjectPass::draw_some(const ShaderProgram& program, bool maps, const Programs& programs,
-                          const Scene& scene, std::span<const ObjectDraw> draws,
-                          const CameraPose& pose) const {
+int ObjectPainter::draw_some(const ShaderProgram& program, bool maps, const Programs& programs,
+                             const Scene& scene, std::span<const ObjectDraw> draws,
+                             const CameraPose& pose) const {
   PENUMBRA_ASSERT(models_.size() == scene.objects.size());
   int calls = 0;
   bool culls = false;
@@ -314,8 +315,8 @@ int ObjectPass::draw_some(const ShaderProgram& program, bool maps, const Program
   return calls;
 }
 
-int ObjectPass::draw_all(const Programs& programs, const Scene& scene,
-                         std::span<const ObjectDraw> draws, const CameraPose& pose) const {
+int ObjectPainter::draw_all(const Programs& programs, const Scene& scene,
+                            std::span<const ObjectDraw> draws, const CameraPose& pose) const {
   glFrontFace(GL_CW);  // counter-clockwise faces, seen in a framebuffer whose
                        // row 0 is the top
   int calls = draw_some(programs.plain, false, programs, scene, draws, pose);
@@ -324,8 +325,8 @@ int ObjectPass::draw_all(const Programs& programs, const Scene& scene,
   return calls;
 }
 
-int ObjectPass::draw_phantoms(const Scene& scene, const FramePlan& plan,
-                              const LensUniforms& lens) const {
+int ObjectPainter::draw_phantoms(const Scene& scene, const FramePlan& plan,
+                                 const LensUniforms& lens) const {
   if (plan.phantoms.empty()) return 0;
   const Programs programs = plain_programs();
   for_each(programs, [&lens](const ShaderProgram& program) { set_lens(program, lens); });
@@ -340,8 +341,8 @@ int ObjectPass::draw_phantoms(const Scene& scene, const FramePlan& plan,
   return calls;
 }
 
-int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
-                             Framebuffer& framebuffer) const {
+int ObjectPainter::draw_objects(const Scene& scene, const FramePlan& plan, const LensUniforms& lens,
+                                Framebuffer& framebuffer) const {
   if (plan.objects.empty()) return 0;
   const Programs plain = plain_programs();
   begin_lit(plain, plan, lens);
@@ -369,16 +370,16 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan, const Le
   glDepthFunc(GL_EQUAL);
   glDepthMask(GL_FALSE);
   const Programs mixed = chosen_programs();
-  if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
+  if (mode_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
   begin_lit(mixed, plan, lens);
-  begin_mixing(way_);
+  begin_mixing(mode_);
   for (std::span<const ObjectDraw> left = faint; !left.empty();) {
     const float opacity = left.front().opacity;
     std::size_t count = 1;
     while (count < left.size() && left[count].opacity == opacity) ++count;
     for_each(mixed, [&](const ShaderProgram& program) {
       program.set("picture_before", kPictureBeforeUnit);
-      set_mixing(way_, program, opacity);
+      set_mixing(mode_, program, opacity);
     });
     calls += draw_all(mixed, scene, left.first(count), plan.T_table_camera);
     left = left.subspan(count);
@@ -389,8 +390,8 @@ int ObjectPass::draw_objects(const Scene& scene, const FramePlan& plan, const Le
   return calls;
 }
 
-int ObjectPass::draw_blended(const FramePlan& plan, const LensUniforms& lens,
-                             Framebuffer& framebuffer) const {
+int ObjectPainter::draw_blended(const FramePlan& plan, const LensUniforms& lens,
+                                Framebuffer& framebuffer) const {
   if (!blends_) return 0;
   struct Surface {
     const ObjectDraw* draw;
@@ -417,7 +418,7 @@ int ObjectPass::draw_blended(const FramePlan& plan, const LensUniforms& lens,
   begin_lit(programs, plan, lens);
   program.use();
   program.set("picture_before", kPictureBeforeUnit);
-  const bool door = way_ != Translucency::blend && way_ != Translucency::retexture;
+  const bool door = mode_ != Translucency::blend && mode_ != Translucency::retexture;
   glFrontFace(GL_CW);
   glDisable(GL_STENCIL_TEST);
   glEnable(GL_DEPTH_TEST);
@@ -439,8 +440,8 @@ int ObjectPass::draw_blended(const FramePlan& plan, const LensUniforms& lens,
     sorted.clear();
     for (const auto& [depth, face] : order)
       sorted.insert(sorted.end(), mesh.faces[face].begin(), mesh.faces[face].end());
-    if (way_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
-    begin_seeing_through(way_);
+    if (mode_ == Translucency::retexture) framebuffer.copy_picture(kPictureBeforeUnit);
+    begin_seeing_through(mode_);
     program.set("opacity", surface.draw->opacity);
     program.set("table_from_object", to_gl(surface.draw->T_table_object));
     program.set("camera_from_object", surface.camera_from_object);
@@ -459,16 +460,16 @@ int ObjectPass::draw_blended(const FramePlan& plan, const LensUniforms& lens,
   return calls;
 }
 
-int ObjectPass::draw_alone(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
-                           const LensUniforms& lens) const {
+int ObjectPainter::draw_alone(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+                              const LensUniforms& lens) const {
   const Programs programs = plain_programs();
   for_each(programs, [&lens](const ShaderProgram& program) { set_lens(program, lens); });
   return draw_all(programs, scene, {&draw, 1}, plan.T_table_camera);
 }
 
-int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
-                              const LensUniforms& lens, int light, float opacity,
-                              bool add_up) const {
+int ObjectPainter::draw_darkened(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
+                                 const LensUniforms& lens, int light, float opacity,
+                                 bool add_up) const {
   const Programs programs = darkening_programs();
   std::vector<float> blocked(plan.lights.size(), 0.0F);
   blocked.at(static_cast<std::size_t>(light)) = 1.0F;
@@ -484,9 +485,9 @@ int ObjectPass::draw_darkened(const Scene& scene, const ObjectDraw& draw, const 
   return draw_all(programs, scene, {&draw, 1}, plan.T_table_camera);
 }
 
-int ObjectPass::draw_under_shadow(const Scene& scene, const ObjectDraw& draw, const FramePlan& plan,
-                                  const LensUniforms& lens, const ShadowMask& mask,
-                                  Gathering gathering) const {
+int ObjectPainter::draw_under_shadow(const Scene& scene, const ObjectDraw& draw,
+                                     const FramePlan& plan, const LensUniforms& lens,
+                                     const ShadowMask& mask, Gathering gathering) const {
   const ShaderProgram& p = masked_program_.get();
   p.use();
   p.set("picture_before", kPictureBeforeUnit);

@@ -26,17 +26,17 @@ inline constexpr std::size_t kVideoLayouts = 5;
 // What video_texel.glsl wants defined for it.
 [[nodiscard]] std::string_view layout_define(PixelFormat format);
 
-class VideoPass {
+class VideoTexture {
  public:
   // The context is current, now and at every later call. `pixel_buffers`: planes are copied through
   // them.
-  explicit VideoPass(GlApi api, bool pixel_buffers = false)
+  explicit VideoTexture(GlApi api, bool pixel_buffers = false)
       : api_(api), pixel_buffers_(pixel_buffers), can_import_(can_import_textures()) {}
-  VideoPass(VideoPass&&) noexcept = default;
-  VideoPass& operator=(VideoPass&&) noexcept = default;
-  VideoPass(const VideoPass&) = delete;
-  VideoPass& operator=(const VideoPass&) = delete;
-  ~VideoPass();
+  VideoTexture(VideoTexture&&) noexcept = default;
+  VideoTexture& operator=(VideoTexture&&) noexcept = default;
+  VideoTexture(const VideoTexture&) = delete;
+  VideoTexture& operator=(const VideoTexture&) = delete;
+  ~VideoTexture();
 
   enum class Way {
     there,     // it was on the GPU already

@@ -48,15 +48,15 @@ struct ShadowMask {
   std::array<glm::vec4, kMostReceivingLevels / 4> levels{};  // heights [m], ascending
 };
 
-class ObjectPass {
+class ObjectPainter {
  public:
   // Uploads every model of the scene, with edges short enough for the camera's lens at the largest
   // scale that the object is drawn at.
-  [[nodiscard]] static Result<ObjectPass> create(GlApi api, const Scene& scene,
-                                                 const CameraModel& camera);
+  [[nodiscard]] static Result<ObjectPainter> create(GlApi api, const Scene& scene,
+                                                    const CameraModel& camera);
 
   // How what is translucent is drawn from here on.
-  [[nodiscard]] Result<void> choose(Translucency way, std::optional<PixelFormat> video);
+  [[nodiscard]] Result<void> choose(Translucency mode, std::optional<PixelFormat> video);
 
   // Depth of the phantoms. Number of draw calls, here and below.
   int draw_phantoms(const Scene& scene, const FramePlan& plan, const LensUniforms& lens) const;
@@ -116,8 +116,8 @@ class ObjectPass {
     const ShaderProgram& plain;
     const ShaderProgram* maps = nullptr;
   };
-  ObjectPass(GlApi api, TranslucentProgram program, std::optional<TranslucentProgram> maps,
-             TranslucentProgram masked)
+  ObjectPainter(GlApi api, TranslucentProgram program, std::optional<TranslucentProgram> maps,
+                TranslucentProgram masked)
       : api_(api),
         program_(std::move(program)),
         maps_program_(std::move(maps)),
@@ -148,7 +148,7 @@ class ObjectPass {
   // Of draw_darkened(), apart from the lit ones: some renderers run both sides of a branch.
   std::optional<TranslucentProgram> darkening_program_, maps_darkening_program_;
   bool blends_ = false;  // some material does
-  Translucency way_ = Translucency::blend;
+  Translucency mode_ = Translucency::blend;
   // Of object.frag.glsl: sRGB's, where the camera's own is not known.
   glm::vec4 tone_{1.0F / 2.4F, 1.055F, 0.055F, 0.0031308F};
   // Of shadows by masks: light alone would cost many times as much.

@@ -1,0 +1,347 @@
+#include "render/passes/caster_cache.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <glm/common.hpp>
+#include <glm/geometric.hpp>
+#include <set>
+#include <span>
+
+#include "render/camera_gl.hpp"
+#include "render/passes/object_painter.hpp"
+#include "render/shadow/caster.hpp"
+#include "render/shadow/fields/fixed_light.hpp"
+#include "render/shadow/kernels/kernel_file.hpp"
+#include "render/shadow/kernels/kernel_stamp.hpp"
+#include "render/shadow/masks/cut_out.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr std::size_t kMaxKernelSets = 64;  // per caster
+constexpr std::size_t kMaxProxyChecks = 4096;
+// A reduced mesh, its edges split for the lens, has at most this share of the model's faces.
+constexpr double kWorthwhileFaces = 0.75;
+// Factors between which faces are tested for twists: from an umbra that has almost vanished to a
+// penumbra at 0.65 of that height.
+constexpr double kLeastFactor = 0.05;
+constexpr double kGreatestTestedFactor = 1.65;
+
+// For each object the largest ratio of a shadow edge to the caster's edge: the penumbra's factor at
+// the greatest height that the object reaches.
+std::vector<double> largest_magnifications(const Scene& scene) {
+  std::vector<double> magnifications(scene.objects.size(), 1.0);
+  std::map<int, std::vector<double>> heights_over;  // a plane
+  for (const ShadowNode& node : scene.shadows) {
+    const HeightRange range = layer_height_range(node.layered, ShadowLayer::penumbra);
+    for (const int plane : node.planes) {
+      std::vector<double>& heights = heights_over[plane];
+      if (heights.empty()) {
+        const ScenePlane& at = scene.planes[static_cast<std::size_t>(plane)];
+        heights = greatest_heights(scene, at.normal, at.point);
+      }
+      for (const int caster : node.casters) {
+        const auto i = static_cast<std::size_t>(caster);
+        const double height = std::clamp(heights[i], range.low, range.high);
+        magnifications[i] =
+            std::max(magnifications[i], layer_factor(node.layered, ShadowLayer::penumbra, height));
+      }
+    }
+  }
+  return magnifications;
+}
+
+// Times at which the objects' placements are compared: their keys, between keys, and around a spin.
+std::set<double> sample_times(const Scene& scene) {
+  constexpr std::size_t kMostKeys = 32;  // of one object
+  constexpr int kSpinSteps = 8;
+  std::set<double> times = {0.0};
+  for (const SceneObject& object : scene.objects) {
+    const std::vector<Keyframe>& keys = object.animation.keyframes;
+    for (std::size_t i = 0; i < keys.size(); i += 1 + keys.size() / kMostKeys) {
+      times.insert(keys[i].time_s);
+      if (i > 0) times.insert(0.5 * (keys[i].time_s + keys[i - 1].time_s));
+    }
+    const double rate = std::abs(object.animation.spin_turns_per_s);
+    for (int i = 1; rate > 0.0 && i < kSpinSteps; ++i) times.insert(i / (kSpinSteps * rate));
+  }
+  return times;
+}
+
+// The tag group that the object moves with: its root's.
+const std::string& tag_group_of(const Scene& scene, int object) {
+  const SceneObject* at = &scene.objects[static_cast<std::size_t>(object)];
+  while (at->parent >= 0) at = &scene.objects[static_cast<std::size_t>(at->parent)];
+  return at->tag_group;
+}
+
+// Returns for each object whether its scale and the tilt of its kernels are constant. A proxy is
+// compared once for each tilt, which costs as much as it saves in many frames. Two tag groups may
+// tilt against each other at any time.
+std::vector<bool> steady_casters(const Scene& scene) {
+  std::vector<bool> steady(scene.objects.size(), true);
+  for (const ShadowNode& node : scene.shadows) {
+    for (const int plane : node.planes) {
+      const std::string& group = scene.planes[static_cast<std::size_t>(plane)].tag_group;
+      for (const int caster : node.casters) {
+        const auto i = static_cast<std::size_t>(caster);
+        steady[i] = steady[i] && tag_group_of(scene, caster) == group;
+      }
+    }
+  }
+  const SceneState start = evaluate_scene(scene, 0.0);
+  for (const double time : sample_times(scene)) {
+    const SceneState state = evaluate_scene(scene, time);
+    for (const ShadowNode& node : scene.shadows) {
+      for (const int plane : node.planes) {
+        const Eigen::Vector3d& up = scene.planes[static_cast<std::size_t>(plane)].normal;
+        const auto tilt = [&up](const Placement& placement) {
+          return KernelDirection::nearest(placement.rotation.conjugate() * up);
+        };
+        for (const int caster : node.casters) {
+          const auto i = static_cast<std::size_t>(caster);
+          const Placement& now = state.objects[i];
+          const Placement& before = start.objects[i];
+          steady[i] = steady[i] && now.scale == before.scale && tilt(now) == tilt(before);
+        }
+      }
+    }
+  }
+  return steady;
+}
+
+void set_geometry(CasterBody& body, const ShadowMesh& mesh, float max_edge) {
+  body.geometry = split_long_edges(mesh, max_edge);
+  if (body.geometry.coarser.empty()) return;
+  for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const std::uint32_t a = mesh.indices[i + corner];
+      const std::uint32_t b = mesh.indices[i + (corner + 1) % 3];
+      const float length = glm::distance(mesh.positions[a], mesh.positions[b]);
+      if (length > max_edge) body.long_edges.push_back({a, b, length});
+    }
+  }
+}
+
+// Kernels that came with the model have no radii: those of generated ones for the same direction
+// serve.
+void complete_set(CachedCaster& caster, KernelSet& set, ShadowWork& work) {
+  if (complete_radii(set.made, caster.mesh, set.made.up)) ++work.kernel_generations;
+}
+
+// Makes the body's kernels and uploads its faces; with `to_gpu` the vertices too.
+void write_vertices(CachedCaster& caster, KernelSet& set, bool reduced, bool to_gpu) {
+  BodyVertices& vertices = reduced ? set.reduced : set.whole;
+  CasterBody& body = reduced ? caster.reduced : caster.whole;
+  if (!vertices.made) {
+    vertices.made = true;
+    vertices.kernels =
+        level_kernels(body.geometry, reduced ? carried_kernels(*caster.proxy, set.made) : set.made);
+  }
+  if (!body.indices_written) {
+    std::vector<std::uint32_t> all;
+    const auto add = [&](const std::vector<std::uint32_t>& indices) {
+      body.ranges.push_back({all.size(), indices.size()});
+      all.insert(all.end(), indices.begin(), indices.end());
+    };
+    for (const CasterGeometry::Coarser& coarser : body.geometry.coarser) add(coarser.indices);
+    add(body.geometry.indices);
+    vertices.layout.bind();
+    body.indices.write(std::span<const std::uint32_t>(all));
+    body.indices_written = true;
+  }
+  if (!to_gpu || vertices.uploaded) return;
+  vertices.uploaded = true;
+  std::vector<glm::vec3> interleaved;
+  interleaved.reserve(2 * vertices.kernels.size());
+  for (std::size_t i = 0; i < vertices.kernels.size(); ++i) {
+    interleaved.push_back(body.geometry.positions[i]);
+    interleaved.push_back(vertices.kernels[i]);
+  }
+  vertices.layout.bind();
+  vertices.vertices.write(std::span<const glm::vec3>(interleaved));
+  VertexArray::attribute(0, 3, 2 * sizeof(glm::vec3), 0);
+  VertexArray::attribute(1, 3, 2 * sizeof(glm::vec3), sizeof(glm::vec3));
+  body.indices.bind();
+}
+
+bool has_edges_or_orientation(CasterBody& body, const ShadowMesh& mesh) {
+  if (!body.edges_made) {
+    body.edges = paired_edges(mesh.indices);
+    if (!body.edges) body.oriented = oriented_faces(mesh.positions, mesh.indices);
+    body.edges_made = true;
+  }
+  return body.edges || body.oriented;
+}
+
+}  // namespace
+
+std::vector<float> longest_caster_edges(const Scene& scene, const CameraModel& camera) {
+  if (!camera.has_distortion()) return std::vector<float>(scene.objects.size(), 0.0F);
+  const double longest = longest_edge(camera);
+  const std::vector<double> scales = largest_scales(scene);
+  const std::vector<double> magnifications = largest_magnifications(scene);
+  std::vector<float> edges;
+  for (std::size_t i = 0; i < scales.size(); ++i) {
+    edges.push_back(longest_model_edge(longest, scales[i] * magnifications[i]));
+  }
+  return edges;
+}
+
+CasterCache::CasterCache(const Scene& scene, const CameraModel& camera)
+    : edges_(longest_caster_edges(scene, camera)), steady_(steady_casters(scene)) {
+  for (const SceneObject& object : scene.objects) {
+    cut_outs_.push_back(object.model && has_cut_outs(*object.model));
+  }
+}
+
+CachedCaster& CasterCache::caster_of(const Scene& scene, const ShadowDraw& draw) {
+  const auto index = static_cast<std::size_t>(draw.object);
+  const SceneObject& object = scene.objects[index];
+  const float edge = edges_[index];
+  // Kernels are of whole faces.
+  const CutOuts cut_outs = cut_outs_[index] && draw.technique != ShadowTechnique::layered
+                               ? CutOuts::what_is_seen
+                               : CutOuts::whole_faces;
+  auto& entry =
+      casters_[{object.model.get(), edge, object.proxy_model.get(), object.groups, cut_outs}];
+  if (entry) return *entry;
+  entry = std::make_unique<CachedCaster>();
+  entry->mesh = make_shadow_mesh(*object.model, object.groups, cut_outs);
+  entry->stored_source = stored_kernel_source(*object.model);
+  set_geometry(entry->whole, entry->mesh, edge);
+  if (cut_outs == CutOuts::whole_faces && object.proxy_model) {
+    entry->proxy = proxy_from_model(entry->mesh, *object.proxy_model);
+    set_geometry(entry->reduced, entry->proxy->mesh, edge);
+    const auto most = kWorthwhileFaces * static_cast<double>(entry->whole.geometry.indices.size());
+    const std::size_t faces = entry->reduced.geometry.indices.size();
+    if (faces == 0 || static_cast<double>(faces) > most) entry->proxy.reset();
+  }
+  if (!entry->mesh.positions.empty()) {
+    entry->min_corner = entry->max_corner = entry->mesh.positions.front();
+    for (const glm::vec3& p : entry->mesh.positions) {
+      entry->min_corner = glm::min(entry->min_corner, p);
+      entry->max_corner = glm::max(entry->max_corner, p);
+      entry->size = std::max(entry->size, static_cast<double>(glm::length(p)));
+    }
+  }
+  return *entry;
+}
+
+KernelSet& CasterCache::kernels_of(CachedCaster& caster, const KernelKey& key, ShadowWork& work) {
+  const auto found = caster.sets.find(key);
+  if (found != caster.sets.end()) {
+    found->second.last_used = frame_count_;
+    return found->second;
+  }
+  if (caster.sets.size() >= kMaxKernelSets) {
+    const auto oldest = std::ranges::min_element(
+        caster.sets, {}, [](const auto& entry) { return entry.second.last_used; });
+    if (oldest->second.last_used != frame_count_) caster.sets.erase(oldest);
+  }
+  KernelSet& set = caster.sets[key];
+  set.last_used = frame_count_;
+  if (!key.source) {
+    set.made.kernels = caster.mesh.positions;
+    return set;
+  }
+  if (key.stored) {
+    set.made = stored_kernels_of(caster.mesh);
+  } else {
+    set.made = generate_kernels(caster.mesh, key.direction.up(), *key.source);
+    ++work.kernel_generations;
+  }
+  set.twist =
+      find_twists(place_caster(caster.mesh, set.made, Placement(),
+                               PlaneFrame::make(key.direction.up(), Eigen::Vector3d::Zero())),
+                  caster.mesh.indices, kLeastFactor, kGreatestTestedFactor);
+  work.faces_tested += static_cast<std::int64_t>(set.twist.faces_tested);
+  work.faces_twisted += static_cast<std::int64_t>(set.twist.faces_twisted);
+  return set;
+}
+
+bool CasterCache::projects_on_cpu(const ShadowDraw& draw, const CasterBody& body) {
+  return draw.technique == ShadowTechnique::layered &&
+         (draw.light_mode == LightMode::fixed || !body.geometry.coarser.empty());
+}
+
+bool CasterCache::can_be_masked(const ShadowDraw& draw, CachedCaster& caster) {
+  return has_edges_or_orientation(caster.whole, caster.mesh) &&
+         (!caster.proxy || !draw.proxy ||
+          has_edges_or_orientation(caster.reduced, caster.proxy->mesh));
+}
+
+// Depends on the tilt alone, so that the same view always has the same shadow.
+bool CasterCache::proxy_casts(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,
+                              KernelSet& set, ShadowWork& work) {
+  if (!caster.proxy || !draw.proxy || draw.technique != ShadowTechnique::layered) return false;
+  if (!steady_[static_cast<std::size_t>(draw.object)]) return false;
+  const LayeredConstants& c = draw.constants;
+  const CachedCaster::ProxyKey proxy_key{
+      key,
+      draw.light_mode,
+      {c.light_height, c.light_ratio, c.umbra_height, c.magnification_cap},
+      draw.T_table_object.scale};
+  const auto known = caster.proxy_kept.find(proxy_key);
+  if (known != caster.proxy_kept.end()) return known->second;
+  if (caster.proxy_kept.size() >= kMaxProxyChecks) caster.proxy_kept.clear();
+  std::span<const PartDisc> parts;
+  if (draw.light_mode == LightMode::fixed) {
+    complete_set(caster, set, work);
+    parts = parts_of(caster, key.direction, false, work);
+  }
+  ++work.proxy_checks;
+  const ProxyUse use{c, draw.light_mode, draw.T_table_object.scale};
+  const bool kept =
+      compare_with_proxy(caster.mesh, set.made, parts, *caster.proxy, use, false).kept();
+  caster.proxy_kept.emplace(proxy_key, kept);
+  return kept;
+}
+
+const std::vector<PartDisc>& CasterCache::parts_of(CachedCaster& caster,
+                                                   const KernelDirection& direction, bool of_field,
+                                                   ShadowWork& work) {
+  const std::pair key(direction, of_field);
+  const auto found = caster.part_sets.find(key);
+  if (found != caster.part_sets.end()) return found->second;
+  // A few bytes for each part: the cache is emptied when it is full.
+  if (caster.part_sets.size() >= 4 * kMaxKernelSets) caster.part_sets.clear();
+  ++work.kernel_generations;
+  return caster.part_sets
+      .emplace(key, part_discs(caster.mesh, direction.up(), kHalfFieldCell, !of_field))
+      .first->second;
+}
+
+std::vector<VertexDisc> CasterCache::discs_of(CachedCaster& caster, const KernelKey& key,
+                                              bool reduced, double scale, ShadowWork& work) {
+  KernelSet& set = caster.sets.at(key);
+  complete_set(caster, set, work);
+  const std::vector<PartDisc>& parts = parts_of(caster, key.direction, false, work);
+  return reduced ? vertex_discs(caster.proxy->mesh, carried_kernels(*caster.proxy, set.made), parts,
+                                scale)
+                 : vertex_discs(caster.mesh, set.made, parts, scale);
+}
+
+CasterCache::Casting CasterCache::casting(const ShadowDraw& draw, CachedCaster& caster,
+                                          const OwnFrame& own, bool to_gpu, ShadowWork& work) {
+  Casting with;
+  if (draw.technique == ShadowTechnique::layered) {
+    const bool stored_serve =
+        draw.kernels == KernelSource::automatic &&
+        (draw.light_mode == LightMode::proportional || have_thickness(caster.stored_source));
+    with.key.source = stored_serve ? caster.stored_source : draw.kernels;
+    // From the own frame: turning on the plane changes nothing, not even by rounding.
+    const Eigen::Vector3d up = own.T_own_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
+    with.key.direction = KernelDirection::nearest(up);
+    // By the tilt itself: the grid's direction may be nearly 2 degrees nearer to the stored one.
+    with.key.stored = stored_serve && has_stored_kernels_for(caster.mesh, up);
+  }
+  if (draw.technique == ShadowTechnique::field) return with;
+  with.kernels = &kernels_of(caster, with.key, work);
+  with.reduced = proxy_casts(draw, caster, with.key, *with.kernels, work);
+  const bool on_cpu = projects_on_cpu(draw, caster.body(with.reduced));
+  write_vertices(caster, *with.kernels, with.reduced, to_gpu && !on_cpu);
+  return with;
+}
+
+}  // namespace penumbra

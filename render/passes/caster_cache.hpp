@@ -1,0 +1,179 @@
+// Meshes that cast shadows, kept between frames: their geometry, kernels and reduced meshes.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <glm/vec3.hpp>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "core/camera/camera_model.hpp"
+#include "render/frame_plan.hpp"
+#include "render/gl/buffer.hpp"
+#include "render/passes/shadow_work.hpp"
+#include "render/scene/scene.hpp"
+#include "render/shadow/caster_geometry.hpp"
+#include "render/shadow/fields/fixed_light.hpp"
+#include "render/shadow/kernels/kernel_direction.hpp"
+#include "render/shadow/kernels/shadow_proxy.hpp"
+#include "render/shadow/layers/own_frame.hpp"
+#include "render/shadow/layers/twist.hpp"
+#include "render/shadow/masks/silhouette_mask.hpp"
+#include "render/shadow/shadow_mesh.hpp"
+
+namespace penumbra {
+
+// For each object of the scene: the longest edge [object units] of the caster made of it, so that
+// its shadow's edges can follow the lens at the nearest distance expected; 0 (no edge needs
+// splitting) for a lens without distortion.
+[[nodiscard]] std::vector<float> longest_caster_edges(const Scene& scene,
+                                                      const CameraModel& camera);
+
+struct KernelKey {
+  std::optional<KernelSource> source;  // none: the technique uses no kernels
+  KernelDirection direction;
+  bool stored = false;  // the kernels that came with the model
+  friend auto operator<=>(const KernelKey&, const KernelKey&) = default;
+};
+
+// A mesh that casts, with its faces on the GPU.
+struct CasterBody {
+  // An edge of the mesh that was split, between two of its positions; object units.
+  struct LongEdge {
+    std::uint32_t a = 0, b = 0;
+    float length = 0.0F;
+  };
+  struct IndexRange {
+    std::size_t first = 0, count = 0;
+  };
+
+  CasterGeometry geometry;
+  std::vector<LongEdge> long_edges;
+  GlBuffer indices{BufferUse::indices};
+  bool indices_written = false;
+  std::vector<IndexRange> ranges;  // of the coarser surfaces, then of the finest
+  // Of the mesh before it was split, made on demand by can_be_masked(): the edges of a closed mesh,
+  // or the faces of an open one where their orientation is known.
+  std::optional<std::vector<FacePair>> edges;
+  std::optional<std::vector<std::uint32_t>> oriented;
+  bool edges_made = false;
+};
+
+// A body's vertices with one set of kernels: { position, kernel }.
+struct BodyVertices {
+  bool made = false, uploaded = false;
+  std::vector<glm::vec3> kernels;
+  VertexArray layout;
+  GlBuffer vertices{BufferUse::vertices};
+};
+
+struct KernelSet {
+  ShadowKernels made;  // for the full mesh; its positions where the technique needs no kernels
+  BodyVertices whole, reduced;
+  TwistReport twist;
+  std::optional<double> overshoot;  // layer_spill(), measured on demand
+  std::uint64_t last_used = 0;
+
+  [[nodiscard]] const BodyVertices& vertices(bool use_reduced) const {
+    return use_reduced ? reduced : whole;
+  }
+};
+
+struct CachedCaster {
+  // A comparison of the proxy with the full mesh.
+  struct ProxyKey {
+    KernelKey kernels;
+    LightMode light_mode = LightMode::proportional;
+    std::array<double, 4> constants{};
+    double scale = 1.0;
+    friend auto operator<=>(const ProxyKey&, const ProxyKey&) = default;
+  };
+
+  ShadowMesh mesh;
+  // Of the kernels that came with the model; the source of those for other tilts too.
+  KernelSource stored_source = KernelSource::automatic;
+  CasterBody whole;
+  // A reduced mesh that may cast layers, and the comparisons that it passed.
+  std::optional<ShadowProxy> proxy;
+  CasterBody reduced;
+  std::map<ProxyKey, bool> proxy_kept;
+  glm::vec3 min_corner{0.0F};
+  glm::vec3 max_corner{0.0F};
+  double size = 0.0;  // largest distance of a point from the object's origin, unscaled [m]
+  std::map<KernelKey, KernelSet> sets;
+  // The size of each part's light, by direction and by whether it is for a field, whose light is as
+  // wide as a body.
+  std::map<std::pair<KernelDirection, bool>, std::vector<PartDisc>> part_sets;
+
+  [[nodiscard]] bool is_empty() const { return whole.geometry.indices.empty(); }
+  [[nodiscard]] const CasterBody& body(bool use_reduced) const {
+    return use_reduced ? reduced : whole;
+  }
+  [[nodiscard]] const ShadowMesh& casting_mesh(bool use_reduced) const {
+    return use_reduced ? proxy->mesh : mesh;
+  }
+  // The kernels of a set, one for each position of the casting mesh.
+  [[nodiscard]] std::span<const glm::vec3> kernels(const KernelSet& set, bool use_reduced) const {
+    return std::span<const glm::vec3>(set.vertices(use_reduced).kernels)
+        .first(casting_mesh(use_reduced).positions.size());
+  }
+};
+
+class CasterCache {
+ public:
+  CasterCache(const Scene& scene, const CameraModel& camera);
+
+  // Starts a frame: kernel sets used before it may be evicted.
+  void begin_frame() { ++frame_count_; }
+
+  CachedCaster& caster_of(const Scene& scene, const ShadowDraw& draw);
+
+  // What casts a shadow. A field uses none of it but the key.
+  struct Casting {
+    KernelKey key;
+    KernelSet* kernels = nullptr;
+    bool reduced = false;  // the proxy casts
+  };
+  // `to_gpu`: the vertex shader will project the vertices.
+  Casting casting(const ShadowDraw& draw, CachedCaster& caster, const OwnFrame& own, bool to_gpu,
+                  ShadowWork& work);
+
+  // The light sizes of a caster's parts.
+  static const std::vector<PartDisc>& parts_of(CachedCaster& caster,
+                                               const KernelDirection& direction, bool of_field,
+                                               ShadowWork& work);
+  // The light sizes at a casting mesh's vertices, for lights of one size.
+  static std::vector<VertexDisc> discs_of(CachedCaster& caster, const KernelKey& key, bool reduced,
+                                          double scale, ShadowWork& work);
+  // Whether the vertices are projected on the CPU, not by the vertex shader.
+  [[nodiscard]] static bool projects_on_cpu(const ShadowDraw& draw, const CasterBody& body);
+  // Whether masks can show the meshes that may cast this shadow.
+  [[nodiscard]] static bool can_be_masked(const ShadowDraw& draw, CachedCaster& caster);
+
+  // The longest edge of an object's caster [object units]; 0: no edge is split.
+  [[nodiscard]] float longest_edge_of(int object) const {
+    return edges_[static_cast<std::size_t>(object)];
+  }
+
+ private:
+  // Model, longest edge, proxy model, groups and cut-outs.
+  using Key = std::tuple<const Model*, float, const Model*, std::vector<std::string>, CutOuts>;
+
+  KernelSet& kernels_of(CachedCaster& caster, const KernelKey& key, ShadowWork& work);
+  bool proxy_casts(const ShadowDraw& draw, CachedCaster& caster, const KernelKey& key,
+                   KernelSet& set, ShadowWork& work);
+
+  std::vector<float> edges_;    // of each scene object
+  std::vector<bool> steady_;    // of each scene object: scale and tilt are constant
+  std::vector<bool> cut_outs_;  // of each scene object: its model has_cut_outs()
+  std::map<Key, std::unique_ptr<CachedCaster>> casters_;
+  std::uint64_t frame_count_ = 0;
+};
+
+}  // namespace penumbra

@@ -1,0 +1,379 @@
+#include "render/passes/plane_masks.hpp"
+
+#include <epoxy/gl.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <string>
+
+#include "core/assert.hpp"
+#include "render/passes/translucent_program.hpp"
+
+namespace penumbra {
+namespace {
+
+constexpr double kNone = std::numeric_limits<double>::infinity();
+
+// Both from the measurements in docs/rendering.md#mask-cells.
+constexpr double kPixelsPerMaskCell = 1.6;
+constexpr double kPixelsPerSeenCell = 1.35;
+constexpr std::int64_t kMostMaskSide = 8192;  // cells, where the driver has textures as large
+constexpr int kMaskCellsAtOnce = 1 << 20;
+// Faces of all casters on a plane: with no more, drawing directly takes the CPU far less than a
+// mask (docs/rendering.md#masks).
+constexpr std::size_t kFewFaces = 500;
+
+// One cell around, which no shadow reaches.
+MaskCells cells_about(const CellBox& box, double cell) {
+  return MaskCells{cell, box.min().x() - 1, box.min().y() - 1,
+                   static_cast<int>(box.sizes().x()) + 3, static_cast<int>(box.sizes().y()) + 3};
+}
+
+// What a mask stores of each layer: what it leaves of the encoded value; through a screen-door, the
+// share of places that it leaves open, a number that 8 bits hold exactly.
+glm::vec3 mask_light(const ShadowDraw& draw, Translucency mode) {
+  const glm::vec3 light = layer_light(draw);
+  if (mode != Translucency::mesh) return light;
+  const auto open = [](float left) {
+    return 1.0F - door_places(left) / static_cast<float>(kDoorPlaces);
+  };
+  return {open(light.x), open(light.y), open(light.z)};
+}
+
+std::array<Eigen::Vector3d, 4> square_in_view(const ShadowDraw& draw, const FramePlan& plan) {
+  const auto T_camera_table = plan.T_table_camera.inverse();
+  std::array<Eigen::Vector3d, 4> square = draw.plane_frame.square_about(draw.centre, draw.radius);
+  for (Eigen::Vector3d& corner : square) corner = T_camera_table * corner;
+  return square;
+}
+
+}  // namespace
+
+bool draws_directly(LayerDrawing layers, bool multisampled, std::size_t faces) {
+  return layers == LayerDrawing::automatic && multisampled && faces <= kFewFaces;
+}
+
+PlaneMasks::PlaneMasks(const CameraModel& camera, bool multisampled)
+    : multisampled_(multisampled),
+      pixel_at_unit_depth_(1.0 / std::max(camera.parameters().fx, camera.parameters().fy)),
+      frustum_(make_frustum(camera)) {
+  GLint most_side = 0;
+  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &most_side);
+  most_side_ = std::min<std::int64_t>(kMostMaskSide, most_side);
+}
+
+std::vector<PlaneMasks::PartCover>::iterator PlaneMasks::Plane::cover_of(const MaskPart& part,
+                                                                         double cell) {
+  return std::ranges::find_if(covers, [&](const PartCover& known) {
+    return known.cell == cell && known.part.covers_same_as(part);
+  });
+}
+
+void PlaneMasks::plan(const Scene& scene, const FramePlan& plan, Translucency mode,
+                      CasterCache& casters, ShadowWork& work) {
+  for (auto& [plane, mask] : planes_) mask.in_use = false;
+  if (plan.layers == LayerDrawing::direct) return;
+  if (mode == Translucency::geometry_mesh) return;  // layers are marked in the stencil
+  for (const PlaneReceiver& receiver : plan.receivers) {
+    const std::optional<double> depth = depth_of(scene, plan, receiver.plane, casters, work);
+    if (!depth) continue;
+    Plane& plane = planes_[receiver.plane];
+    plane.in_use = true;
+    plane.depth = *depth;
+  }
+}
+
+bool PlaneMasks::has_mask(int plane) const {
+  const auto found = planes_.find(plane);
+  return found != planes_.end() && found->second.in_use;
+}
+
+// Returns the depth of the nearest of a plane's shadows [m] if all of them can be in a mask, and
+// nothing where they can't or nothing casts one. Shadows out of sight count like the rest: culling
+// one shadow must not change how the others are drawn.
+std::optional<double> PlaneMasks::depth_of(const Scene& scene, const FramePlan& plan, int plane,
+                                           CasterCache& casters, ShadowWork& work) const {
+  double in_view = kNone;
+  double anywhere = kNone;
+  std::size_t faces = 0;
+  bool layers = false;
+  bool fields = false;
+  int not_masked = -1;  // object
+  const auto serves = [&](const ShadowDraw& draw) {
+    const bool field = draw.technique == ShadowTechnique::field;
+    fields = fields || field;
+    layers = layers || draw.technique != ShadowTechnique::simple;
+    CachedCaster& caster = casters.caster_of(scene, draw);
+    faces += caster.mesh.indices.size() / 3;
+    if (caster.is_empty()) return true;
+    if (!field && !CasterCache::can_be_masked(draw, caster)) {
+      not_masked = draw.object;
+      return false;
+    }
+    const bool one_size = field || draw.light_mode == LightMode::fixed;
+    if (!one_size && cut_layers(draw, caster) == LayerSources{}) return true;
+    const std::array<Eigen::Vector3d, 4> square = square_in_view(draw, plan);
+    double nearest = kNone;
+    for (const Eigen::Vector3d& corner : square) nearest = std::min(nearest, corner.z());
+    anywhere = std::min(anywhere, nearest);
+    if (!draw.off_outline && !frustum_.misses(square)) in_view = std::min(in_view, nearest);
+    return true;
+  };
+  bool serve = true;
+  for (const std::vector<ShadowDraw>* draws : {&plan.shadows, &plan.unseen_shadows}) {
+    for (const ShadowDraw& draw : *draws) {
+      if (draw.plane == plane && !serves(draw)) serve = false;
+    }
+  }
+  // Simple shadows alone are drawn directly: one draw call, and the yardstick of the others.
+  if (!layers && plan.layers == LayerDrawing::automatic) return std::nullopt;
+  if (!serve) {
+    work.skipped.push_back(
+        {"mask_impossible",
+         fmt::format("{}: layers are drawn directly and not as a mask, for it can't be told which "
+                     "way {}'s faces turn",
+                     scene.planes[static_cast<std::size_t>(plane)].name,
+                     scene.objects[static_cast<std::size_t>(not_masked)].name)});
+    return std::nullopt;
+  }
+  // A field drawn directly has no edges that several samples a pixel would smooth.
+  if (!fields && draws_directly(plan.layers, multisampled_, faces)) return std::nullopt;
+  if (anywhere == kNone) return std::nullopt;
+  return in_view == kNone ? anywhere : in_view;
+}
+
+int PlaneMasks::cell_at(double depth, double pixels) const {
+  return static_cast<int>(std::floor(
+      2.0 * std::log2(pixels * pixel_at_unit_depth_ * std::max(depth, kNearestDistance))));
+}
+
+PlaneMasks::LayOut PlaneMasks::layout_for(const FramePlan& plan, const PlaneFrame& frame,
+                                          int half_octave) const {
+  const auto T_camera_table = plan.T_table_camera.inverse();
+  return [this, &plan, &frame, half_octave, T_camera_table](std::span<const CellBox> bounds) {
+    return lay_out_masks(bounds, half_octave, most_side_, [&](const Eigen::AlignedBox2d& box) {
+      std::array<Eigen::Vector3d, 4> corners = {
+          frame.lift(box.min().x(), box.min().y()), frame.lift(box.max().x(), box.min().y()),
+          frame.lift(box.max().x(), box.max().y()), frame.lift(box.min().x(), box.max().y())};
+      for (Eigen::Vector3d& corner : corners) corner = T_camera_table * corner;
+      SeenPart part;
+      double nearest = kNone;
+      for (const Eigen::Vector3d& corner : frustum_.part_in_view(corners)) {
+        nearest = std::min(nearest, corner.z());
+        part.box.extend(frame.to_plane(plan.T_table_camera * corner).head<2>());
+      }
+      if (!part.box.isEmpty()) part.half_octave = cell_at(nearest, kPixelsPerSeenCell);
+      return part;
+    });
+  };
+}
+
+void PlaneMasks::make(const Scene& scene, const FramePlan& plan, Translucency mode,
+                      std::span<const ShadowItem> items, ShadowWork& work) {
+  for (auto& [plane, mask] : planes_) {
+    if (mask.in_use) make_plane(scene, plan, mode, plane, items, work);
+  }
+}
+
+void PlaneMasks::make_plane(const Scene& scene, const FramePlan& plan, Translucency mode, int plane,
+                            std::span<const ShadowItem> items, ShadowWork& work) {
+  Plane& mask = planes_.at(plane);
+  std::vector<MaskPart> parts;
+  for (std::size_t i = 0; i < plan.shadows.size(); ++i) {
+    const ShadowDraw& draw = plan.shadows[i];
+    const PreparedShadow& prepared = *items[i].prepared;
+    if (draw.plane != plane || !prepared.valid) continue;
+    // Shadows out of sight would make the mask larger. Kernels from a file may lie anywhere.
+    if (draw.off_outline ||
+        (!prepared.kernel_key.stored && frustum_.misses(square_in_view(draw, plan))))
+      continue;
+    const MaskPart part = MaskPart::of(draw, *items[i].caster, prepared, mask_light(draw, mode));
+    if (!part.covers_nothing()) parts.push_back(part);
+  }
+  // By half powers of two, so that a moving camera seldom makes another mask. Depends on the
+  // present frame alone; but where a camera at rest trembles between two sizes, both are kept.
+  const int half_octave = cell_at(mask.depth, kPixelsPerMaskCell);
+  const auto receiver = std::ranges::find(plan.receivers, plane, &PlaneReceiver::plane);
+  const LayOut lay_out = layout_for(plan, receiver->frame, half_octave);
+  const auto is_it = [&](const DrawnMasks& masks) {
+    return masks.made && masks.half_octave == half_octave &&
+           std::ranges::equal(masks.parts, parts, &MaskPart::same_as) &&
+           (!masks.layout.of_view || masks.layout == lay_out(masks.bounds));
+  };
+  if (!is_it(mask.now)) std::swap(mask.now, mask.other);
+  const std::int64_t kept_before = work.layer_masks_kept;
+  if (is_it(mask.now)) {
+    work.layer_masks_kept += static_cast<std::int64_t>(mask.now.masks.size());
+  } else {
+    draw_masks(half_octave, std::move(parts), lay_out, mask, work);
+  }
+  if (work.layer_masks_kept > kept_before) {
+    work.kept.push_back(
+        {"layer_mask", fmt::format("{}: its mask is that of an earlier picture",
+                                   scene.planes[static_cast<std::size_t>(plane)].name)});
+  }
+}
+
+void PlaneMasks::draw_masks(int half_octave, std::vector<MaskPart> of, const LayOut& lay_out,
+                            Plane& plane, ShadowWork& work) {
+  DrawnMasks older = std::move(plane.now);
+  DrawnMasks& made = plane.now = {};
+  made.made = true;
+  made.parts = std::move(of);
+  made.half_octave = half_octave;
+  const std::vector<MaskPart>& parts = made.parts;
+  ++plane.times_drawn;
+  if (casters_.size() < parts.size()) casters_.resize(parts.size());
+  // Worth noting is the cover of parts that have rested since the masks before, while others moved.
+  std::vector<bool> rests(parts.size(), false);
+  for (std::size_t i = 0; parts.size() > 1 && i < parts.size(); ++i) {
+    rests[i] = std::ranges::any_of(plane.drawn_before, [&](const MaskPart& before) {
+      return before.covers_same_as(parts[i]);
+    });
+  }
+  plane.drawn_before = parts;
+
+  std::vector<std::optional<MaskPart::Faces>> faces(parts.size());
+  std::vector<double> projected(parts.size(), 0.0);  // for cells of this size
+  const auto project = [&](std::size_t i, double cell) {
+    if (projected[i] == cell) return;
+    if (!faces[i]) faces[i] = parts[i].face_images(work);
+    parts[i].project(*faces[i], cell, casters_[i], work);
+    projected[i] = cell;
+  };
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    const CellBox* known = nullptr;
+    for (const DrawnMasks* before : {&older, &plane.other}) {
+      if (!rests[i] || !before->made || before->half_octave != half_octave) continue;
+      for (std::size_t k = 0; k < before->parts.size() && known == nullptr; ++k) {
+        if (before->parts[k].covers_same_as(parts[i])) known = &before->bounds[k];
+      }
+    }
+    if (known == nullptr) project(i, cell_size(half_octave));
+    made.bounds.push_back(known != nullptr ? *known : casters_[i].bounds());
+  }
+
+  made.layout = lay_out(made.bounds);
+  for (const MaskLayout::Group& group : made.layout.groups) {
+    std::vector<MaskPart> of_group;
+    for (const std::size_t i : group.parts) of_group.push_back(parts[i]);
+    std::shared_ptr<DrawnMask> mask;
+    for (const DrawnMasks* before : {&older, &plane.other}) {
+      const auto shows_it = [&](const std::shared_ptr<DrawnMask>& known) {
+        return known->cells == group.cells &&
+               std::ranges::equal(known->parts, of_group, &MaskPart::same_as);
+      };
+      const auto found = std::ranges::find_if(before->masks, shows_it);
+      if (found == before->masks.end()) continue;
+      mask = *found;
+      break;
+    }
+    if (mask) {
+      ++work.layer_masks_kept;
+      made.masks.push_back(mask);
+      continue;
+    }
+    const double cell = group.cells.size;
+    std::vector<bool> noted(of_group.size(), false);
+    for (std::size_t k = 0; k < of_group.size(); ++k) {
+      const std::size_t i = group.parts[k];
+      noted[k] = rests[i] && !group.cut && of_group.size() > 1;
+      if (noted[k] && plane.cover_of(parts[i], cell) != plane.covers.end()) continue;
+      project(i, cell);
+      if (!noted[k]) continue;
+      PartCover cover{parts[i], cell, {}, 0};
+      const CellBox& bounds = casters_[i].bounds();
+      if (!bounds.isEmpty()) {
+        picture_.begin(cells_about(bounds, cell));
+        parts[i].cover(casters_[i], picture_);
+        picture_.take(cover.cover);
+      }
+      plane.covers.push_back(std::move(cover));
+    }
+    // Reuse the storage of a mask that is no longer shown.
+    for (std::shared_ptr<DrawnMask>& spare : older.masks) {
+      if (spare.use_count() == 1 && !mask) mask = std::move(spare);
+    }
+    std::erase(older.masks, nullptr);
+    if (!mask) mask = std::make_shared<DrawnMask>();
+    mask->cells = group.cells;
+    mask->parts = std::move(of_group);
+    fill_mask(group, noted, plane, *mask);
+    made.masks.push_back(std::move(mask));
+    ++work.layer_masks_drawn;
+  }
+  // Covers of the last two masks stay: a camera may tremble between two sizes of cells.
+  std::erase_if(plane.covers,
+                [&](const PartCover& cover) { return cover.last_used + 1 < plane.times_drawn; });
+}
+
+void PlaneMasks::fill_mask(const MaskLayout::Group& group, const std::vector<bool>& noted,
+                           Plane& plane, DrawnMask& mask) {
+  const MaskCells& cells = mask.cells;
+  const auto width = static_cast<std::size_t>(cells.width);
+  codes_.resize(width * static_cast<std::size_t>(cells.height));
+  // A cut mask may be large: it is made in bands of rows to bound the memory of the sums.
+  const int rows =
+      group.cut ? std::clamp(kMaskCellsAtOnce / cells.width, 1, cells.height) : cells.height;
+  for (int first_row = 0; first_row < cells.height; first_row += rows) {
+    MaskCells band = cells;
+    band.v += first_row;
+    band.height = std::min(rows, cells.height - first_row);
+    cover_band(group, noted, band, plane, mask,
+               std::span(codes_).subspan(width * static_cast<std::size_t>(first_row),
+                                         width * static_cast<std::size_t>(band.height)));
+  }
+  mask.texture.upload(cells, codes_);
+}
+
+void PlaneMasks::cover_band(const MaskLayout::Group& group, const std::vector<bool>& noted,
+                            const MaskCells& band, Plane& plane, const DrawnMask& mask,
+                            std::span<std::uint8_t> codes) {
+  const std::vector<MaskPart>& parts = mask.parts;
+  std::vector<bool> done(parts.size(), false);
+  bool first = true;
+  for (std::size_t of_light = 0; of_light < parts.size(); ++of_light) {
+    if (done[of_light]) continue;
+    const glm::vec3 light = parts[of_light].light;
+    picture_.begin(band);
+    for (std::size_t k = of_light; k < parts.size(); ++k) {
+      if (done[k] || parts[k].light != light) continue;
+      done[k] = true;
+      if (!noted[k]) {
+        parts[k].cover(casters_[group.parts[k]], picture_);
+        continue;
+      }
+      const auto known = plane.cover_of(parts[k], mask.cells.size);
+      PENUMBRA_ASSERT(known != plane.covers.end());
+      known->last_used = plane.times_drawn;
+      picture_.cover(known->cover);
+    }
+    if (first) {
+      picture_.finish(light, codes);
+      first = false;
+      continue;
+    }
+    // Where lights differ, the darkest counts.
+    picture_.finish(light, lighter_codes_);
+    std::ranges::transform(codes, lighter_codes_, codes.begin(),
+                           [](std::uint8_t a, std::uint8_t b) { return std::min(a, b); });
+  }
+}
+
+int PlaneMasks::draw(const FramePlan& plan, const PlaneReceiver& receiver, const LensUniforms& lens,
+                     const MaskQuad& quad, ShadowWork& work) {
+  int calls = 0;
+  for (const std::shared_ptr<DrawnMask>& mask : planes_.at(receiver.plane).now.masks) {
+    work.mask_pieces_skipped +=
+        quad.draw(mask->texture, lens, camera_from_plane(plan.T_table_camera, receiver.frame),
+                  {plan.whole_masks, plan.finest_edges});
+    ++calls;
+  }
+  return calls;
+}
+
+}  // namespace penumbra

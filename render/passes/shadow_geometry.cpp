@@ -1,0 +1,498 @@
+#include "render/passes/shadow_geometry.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+#include "render/camera_gl.hpp"
+#include "render/shadow/caster.hpp"
+#include "render/shadow/fields/fixed_light.hpp"
+
+namespace penumbra {
+namespace {
+
+// A caster that stands on the plane is not cut by rounding: this far below the plane (or above a
+// clip height) still counts as within [m].
+constexpr double kContactTolerance = 1e-6;
+constexpr int kFieldBits = 13;
+
+std::array<bool, 3> wanted_layers(const ShadowDraw& draw) {
+  return {draw.umbra, draw.middle, draw.penumbra};
+}
+
+// Heights above the plane of object points: n . (position + R s p - q).
+struct HeightMap {
+  Eigen::Vector3d gradient;
+  double offset;
+
+  HeightMap(const PlaneFrame& plane, const Placement& T)
+      : gradient(T.scale * (T.rotation.conjugate() * plane.n)), offset(plane.height(T.position)) {}
+  [[nodiscard]] double operator()(const glm::vec3& p) const {
+    return gradient.dot(Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                                        static_cast<double>(p.z))) +
+           offset;
+  }
+};
+
+HeightRange box_heights(const HeightMap& height, const glm::vec3& low, const glm::vec3& high) {
+  HeightRange range{height(low), height(low)};
+  for (int i = 1; i < 8; ++i) {
+    const double h = height({(i & 1) != 0 ? high.x : low.x, (i & 2) != 0 ? high.y : low.y,
+                             (i & 4) != 0 ? high.z : low.z});
+    range.low = std::min(range.low, h);
+    range.high = std::max(range.high, h);
+  }
+  return range;
+}
+HeightRange vertex_heights(const HeightMap& height, const std::vector<glm::vec3>& positions) {
+  HeightRange range{std::numeric_limits<double>::infinity(),
+                    -std::numeric_limits<double>::infinity()};
+  for (const glm::vec3& p : positions) {
+    const double h = height(p);
+    range.low = std::min(range.low, h);
+    range.high = std::max(range.high, h);
+  }
+  return range;
+}
+
+bool within(const HeightRange& heights, const HeightRange& range) {
+  return heights.low >= range.low - kContactTolerance &&
+         heights.high <= range.high + kContactTolerance;
+}
+bool apart(const HeightRange& heights, const HeightRange& range) {
+  return heights.high < range.low - kContactTolerance ||
+         heights.low > range.high + kContactTolerance;
+}
+
+// Share of the light that is left -> factor for the video's encoded value: darkening linear light
+// by k multiplies the encoded value by k^(1/exponent). Fades to 1 with the overlay's opacity.
+float encoded_factor(double light_fraction, double tone_exponent, float opacity) {
+  const double factor = std::pow(std::clamp(light_fraction, 0.0, 1.0), 1.0 / tone_exponent);
+  return static_cast<float>(1.0 - static_cast<double>(opacity) * (1.0 - factor));
+}
+
+// Laid out as the whole caster is: (u, v, h) and (ku, kv); the missing third coordinate is 0.
+void upload_clipped(std::span<const CasterVertex> faces, PreparedShadow& prepared) {
+  prepared.clipped_layout.bind();
+  prepared.clipped.write(faces, BufferLife::every_frame);
+  if (!prepared.clipped_layout_made) {
+    VertexArray::attribute(0, 3, sizeof(CasterVertex), offsetof(CasterVertex, u));
+    VertexArray::attribute(1, 2, sizeof(CasterVertex), offsetof(CasterVertex, ku));
+    prepared.clipped_layout_made = true;
+  }
+}
+
+void upload_placed(const std::array<std::vector<PlanePoint>, 3>& images, const CasterBody& body,
+                   PreparedShadow& prepared) {
+  std::vector<PlanePoint> all;
+  all.reserve(3 * body.geometry.positions.size());
+  std::array<std::size_t, 3> first{};
+  for (std::size_t i = 0; i < 3; ++i) {
+    first[i] = all.size();
+    all.insert(all.end(), images[i].begin(), images[i].end());
+  }
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (images[i].empty()) continue;
+    // Position and kernel are the same place on the plane, where every factor is 1.
+    prepared.placed_layouts[i].bind();
+    if (i == 0 || first[i] == 0) {
+      prepared.placed.write(std::span<const PlanePoint>(all), BufferLife::every_frame);
+    } else {
+      prepared.placed.bind();
+    }
+    for (const unsigned attribute : {0U, 1U}) {
+      VertexArray::attribute(attribute, 2, sizeof(PlanePoint), first[i] * sizeof(PlanePoint));
+    }
+    body.indices.bind();
+  }
+}
+
+void clip_layers(const ShadowDraw& draw, const CachedCaster& caster, const KernelSet& kernels,
+                 PreparedShadow& prepared, ShadowWork& work) {
+  const CasterBody& body = caster.body(prepared.reduced);
+  const std::vector<CasterVertex> vertices = own_vertices(
+      prepared.own, body.geometry.positions, kernels.vertices(prepared.reduced).kernels);
+  work.vertices += static_cast<std::int64_t>(vertices.size());
+
+  std::vector<CasterVertex> clipped;
+  for (std::size_t i = 0; i < 3; ++i) {
+    LayerGeometry& layer = prepared.layers[i];
+    if (layer.source != LayerSource::clipped) continue;
+    const HeightRange range = range_of(draw, kShadowLayers[i]);
+    // Middle and penumbra are cut alike: one copy serves both.
+    if (i == 2 && prepared.layers[1].source == LayerSource::clipped &&
+        range_of(draw, ShadowLayer::middle).high == range.high) {
+      layer = prepared.layers[1];
+      continue;
+    }
+    const std::vector<CasterVertex> faces = clip_to_heights(vertices, body.geometry.indices, range);
+    layer.first = static_cast<int>(clipped.size());
+    layer.count = static_cast<int>(faces.size());
+    clipped.insert(clipped.end(), faces.begin(), faces.end());
+  }
+  upload_clipped(clipped, prepared);
+}
+
+}  // namespace
+
+glm::vec3 layer_light(const ShadowDraw& draw) {
+  const auto factor = [&draw](double fraction) {
+    return encoded_factor(fraction, draw.tone_exponent, draw.opacity);
+  };
+  return {factor(draw.fractions.umbra), factor(draw.fractions.middle),
+          factor(draw.fractions.penumbra)};
+}
+
+LayeredConstants zenith_constants() {
+  LayeredConstants constants;
+  constants.light_height = std::numeric_limits<double>::infinity();
+  constants.umbra_height = 1.0;
+  return constants;
+}
+
+HeightRange range_of(const ShadowDraw& draw, ShadowLayer layer) {
+  if (draw.technique == ShadowTechnique::simple)
+    return {0.0, std::numeric_limits<double>::infinity()};
+  return layer_height_range(draw.constants, layer);
+}
+
+std::vector<CasterVertex> own_vertices(const OwnFrame& own, std::span<const glm::vec3> positions,
+                                       std::span<const glm::vec3> kernels) {
+  const PlaneMap map = plane_map(own.T_own_object, PlaneFrame());
+  std::vector<CasterVertex> vertices;
+  vertices.reserve(positions.size());
+  const auto to_own = [&](const glm::vec3& p) -> Eigen::Vector3d {
+    return map.linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                                        static_cast<double>(p.z)) +
+           map.offset;
+  };
+  for (std::size_t i = 0; i < positions.size(); ++i) {
+    const Eigen::Vector3d x = to_own(positions[i]);
+    const Eigen::Vector3d k = to_own(kernels[i]);
+    vertices.push_back({static_cast<float>(x.x()), static_cast<float>(x.y()),
+                        static_cast<float>(x.z()), static_cast<float>(k.x()),
+                        static_cast<float>(k.y())});
+  }
+  return vertices;
+}
+
+void settle_contact(std::vector<CasterVertex>& vertices) {
+  for (CasterVertex& vertex : vertices) {
+    if (vertex.h < 0.0F && static_cast<double>(vertex.h) > -kContactTolerance) vertex.h = 0.0F;
+  }
+}
+
+LayerSources cut_layers(const ShadowDraw& draw, const CachedCaster& caster) {
+  const HeightMap height(draw.plane_frame, draw.T_table_object);
+  // The box is enough in most frames.
+  const HeightRange box = box_heights(height, caster.min_corner, caster.max_corner);
+  std::optional<HeightRange> exact;
+  LayerSources sources{};
+  const std::array<bool, 3> wanted = wanted_layers(draw);
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (!wanted[i]) continue;
+    const HeightRange range = range_of(draw, kShadowLayers[i]);
+    HeightRange heights = box;
+    if (!within(box, range)) {
+      if (!exact) exact = vertex_heights(height, caster.mesh.positions);
+      heights = *exact;
+    }
+    if (apart(heights, range)) continue;
+    sources[i] = within(heights, range) ? LayerSource::whole : LayerSource::clipped;
+  }
+  return sources;
+}
+
+ShadowGeometry::ShadowGeometry(CasterCache& casters, const CameraModel& camera)
+    : casters_(casters),
+      edge_at_unit_depth_(longest_edge(camera) / kNearestDistance),
+      finest_field_cell_(kNearestDistance /
+                         std::max(camera.parameters().fx, camera.parameters().fy)) {}
+
+void ShadowGeometry::prepare(const ShadowDraw& draw, CachedCaster& caster, bool masked,
+                             PreparedShadow& prepared, ShadowWork& work) const {
+  const bool field = draw.technique == ShadowTechnique::field;
+  const OwnFrame own =
+      OwnFrame::make(draw.T_table_object, draw.plane_frame, draw.T_table_object.scale * caster.size,
+                     field ? kFieldBits : kLayerBits);
+  const auto [key, kernels, reduced] = casters_.casting(draw, caster, own, !masked, work);
+  if (reduced) ++work.proxy_shadows;
+  const bool reused =
+      prepared.valid && prepared.technique == draw.technique && prepared.reduced == reduced &&
+      prepared.masked == masked && prepared.light_mode == draw.light_mode &&
+      prepared.own.same_shape(own) && prepared.kernel_key == key &&
+      (draw.technique == ShadowTechnique::simple || prepared.constants == draw.constants) &&
+      (field || prepared.wanted == wanted_layers(draw));
+  prepared.own = own;
+  prepared.wanted = wanted_layers(draw);
+  if (reused) {
+    ++work.reprojections;
+  } else {
+    ++work.recomputed;
+    prepared.valid = true;
+    prepared.constants = draw.constants;
+    prepared.technique = draw.technique;
+    prepared.light_mode = draw.light_mode;
+    prepared.reduced = reduced;
+    prepared.masked = masked;
+    prepared.kernel_key = key;
+    prepared.magnification = 1.0;
+    prepared.layers = {};
+    if (field) {
+      make_field(draw, caster, prepared, work);
+    } else {
+      place_layers(draw, caster, *kernels, prepared, work);
+    }
+  }
+  if (!field) return;
+  for (std::size_t i = 0; i < 3; ++i) {
+    prepared.layers[i].source = LayerSource::nothing;
+    if (!prepared.wanted[i]) continue;
+    if (masked && !(*prepared.outlines)[i].empty())
+      prepared.layers[i].source = LayerSource::masked_outline;
+    if (!masked && prepared.field.layers()[i]) prepared.layers[i].source = LayerSource::field;
+  }
+}
+
+void ShadowGeometry::place_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
+                                  PreparedShadow& prepared, ShadowWork& work) const {
+  const bool fixed =
+      draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::fixed;
+  if (fixed && !prepared.masked) {
+    image_layers(draw, caster, kernels, prepared, work);
+    return;
+  }
+  const CasterBody& body = caster.body(prepared.reduced);
+  const LayerSources sources = cut_layers(draw, caster);
+  bool clips = false;
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (!prepared.wanted[i]) continue;
+    prepared.layers[i].source = sources[i];
+    clips = clips || sources[i] == LayerSource::clipped;
+    if (!prepared.masked) continue;
+    // In a light of one size each part loses its umbra at a height of its own.
+    if (sources[i] == LayerSource::nothing && !fixed) continue;
+    const bool closes_up = sources[i] == LayerSource::whole && body.edges && !fixed;
+    prepared.layers[i].source = closes_up ? LayerSource::masked : LayerSource::masked_faces;
+  }
+  if (prepared.masked) return;
+  if (CasterCache::projects_on_cpu(draw, body)) {
+    image_layers(draw, caster, kernels, prepared, work);
+  } else if (clips) {
+    clip_layers(draw, caster, kernels, prepared, work);
+  }
+}
+
+// Projects on the CPU, by the functions that `penumbra shadow` uses: lights of one size, for which
+// each vertex has a ratio of its own; and casters whose edges are split for the lens. A layer is
+// the straight-edged image of the mesh's faces, and what splitting adds lies on those edges
+// (docs/shadows.md#layers). What is uploaded lies on the plane.
+void ShadowGeometry::image_layers(const ShadowDraw& draw, CachedCaster& caster, KernelSet& kernels,
+                                  PreparedShadow& prepared, ShadowWork& work) const {
+  const bool fixed = draw.light_mode == LightMode::fixed;
+  const CasterBody& body = caster.body(prepared.reduced);
+  const ShadowMesh& mesh = caster.casting_mesh(prepared.reduced);
+  const Placement& T_own_object = prepared.own.T_own_object;
+  // Kernels are level with their vertices, so that within the threshold of tilt they stay in place.
+  std::vector<CasterVertex> vertices =
+      own_vertices(prepared.own, mesh.positions, caster.kernels(kernels, prepared.reduced));
+  settle_contact(vertices);
+  work.vertices += static_cast<std::int64_t>(vertices.size());
+  std::vector<VertexDisc> discs;
+  if (fixed) {
+    discs = CasterCache::discs_of(caster, prepared.kernel_key, prepared.reduced, T_own_object.scale,
+                                  work);
+  }
+  const float edge = casters_.longest_edge_of(draw.object);
+  // Cut faces are split for the nearest distance expected: the camera may come nearer.
+  const auto longest =
+      edge > 0.0F ? static_cast<float>(edge_at_unit_depth_ * kNearestDistance) : 0.0F;
+  prepared.magnification = 1.0;
+  std::array<std::vector<PlanePoint>, 3> images;
+  std::vector<CasterVertex> cut;
+  for (std::size_t i = 0; i < 3; ++i) {
+    LayerGeometry& layer = prepared.layers[i];
+    if (!prepared.wanted[i] || (!fixed && layer.source == LayerSource::nothing)) continue;
+    const ShadowLayer which = kShadowLayers[i];
+    std::optional<std::vector<PlanePoint>> whole;
+    if (fixed) {
+      whole = fixed_light_images(vertices, discs, draw.constants, which);
+    } else if (layer.source == LayerSource::whole) {
+      whole.emplace();
+      for (const CasterVertex& vertex : vertices)
+        whole->push_back(project_to_layer(vertex, draw.constants, which));
+    }
+    if (whole) {
+      layer.source = LayerSource::placed;
+      images[i] = std::move(*whole);
+      for (const CasterBody::LongEdge& long_edge : body.long_edges) {
+        const PlanePoint& p = images[i][long_edge.a];
+        const PlanePoint& q = images[i][long_edge.b];
+        const double image = static_cast<double>(std::hypot(q.u - p.u, q.v - p.v));
+        prepared.magnification =
+            std::max(prepared.magnification,
+                     image / (T_own_object.scale * static_cast<double>(long_edge.length)));
+      }
+      add_midpoints(body.geometry, images[i]);
+      continue;
+    }
+    const std::vector<PlanePoint> faces = split_long_edges(
+        fixed ? fixed_light_triangles(vertices, discs, mesh.indices, draw.constants, which)
+              : layer_triangles(vertices, mesh.indices, draw.constants, which),
+        longest);
+    if (faces.empty()) {
+      layer.source = LayerSource::nothing;
+      continue;
+    }
+    layer.source = LayerSource::clipped;
+    layer.first = static_cast<int>(cut.size());
+    layer.count = static_cast<int>(faces.size());
+    for (const PlanePoint& p : faces) cut.push_back({p.u, p.v, 0.0F, p.u, p.v});
+  }
+  if (!cut.empty()) upload_clipped(cut, prepared);
+  upload_placed(images, body, prepared);
+}
+
+void ShadowGeometry::make_field(const ShadowDraw& draw, CachedCaster& caster,
+                                PreparedShadow& prepared, ShadowWork& work) const {
+  const Placement& T_own_object = prepared.own.T_own_object;
+  const PlaneFrame plane;
+  const Eigen::Vector3d up = T_own_object.rotation.conjugate() * plane.n;
+  const std::vector<PartDisc>& parts =
+      CasterCache::parts_of(caster, KernelDirection::nearest(up), true, work);
+  const PlaneMap map = plane_map(T_own_object, plane);
+  // What lies on the plane is not cut by the rounding of tilt and height.
+  const auto contact = static_cast<float>(
+      kContactTolerance + std::ldexp(T_own_object.scale * caster.size, 2 - kFieldBits));
+  std::vector<CasterVertex> vertices;
+  vertices.reserve(caster.mesh.positions.size());
+  for (const glm::vec3& p : caster.mesh.positions) {
+    const Eigen::Vector3f x =
+        (map.linear * Eigen::Vector3d(static_cast<double>(p.x), static_cast<double>(p.y),
+                                      static_cast<double>(p.z)) +
+         map.offset)
+            .cast<float>();
+    const float h = x.z() < 0.0F && x.z() > -contact ? 0.0F : x.z();
+    vertices.push_back({x.x(), x.y(), h, x.x(), x.y()});
+  }
+  work.vertices += static_cast<std::int64_t>(vertices.size());
+  ShadowFieldOptions options;
+  options.finest_cell = finest_field_cell_;
+  const ShadowField field =
+      power_distance_layers(vertices, caster.mesh.indices, caster.mesh.part,
+                            part_lights(parts, T_own_object, plane), draw.constants, options);
+  if (!prepared.masked) {
+    prepared.field.upload(field);
+    return;
+  }
+  FieldOutlines outlines;
+  for (std::size_t i = 0; i < 3; ++i) outlines[i] = field_outline(field, kShadowLayers[i]);
+  prepared.outlines = std::make_shared<const FieldOutlines>(std::move(outlines));
+}
+
+std::size_t ShadowGeometry::surface_for(const ShadowDraw& draw, const FramePlan& plan,
+                                        const CachedCaster& caster,
+                                        const PreparedShadow& prepared) const {
+  const CasterBody& body = caster.body(prepared.reduced);
+  const std::size_t finest = body.geometry.coarser.size();
+  if (plan.finest_edges || finest == 0) return finest;
+  std::array<Eigen::Vector3d, 8> corners;
+  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+  double top = 0.0;
+  for (int i = 0; i < 8; ++i) {
+    const Eigen::Vector3d corner(
+        static_cast<double>((i & 1) != 0 ? caster.max_corner.x : caster.min_corner.x),
+        static_cast<double>((i & 2) != 0 ? caster.max_corner.y : caster.min_corner.y),
+        static_cast<double>((i & 4) != 0 ? caster.max_corner.z : caster.min_corner.z));
+    Eigen::Vector3d& on_plane = corners[static_cast<std::size_t>(i)];
+    on_plane = draw.plane_frame.to_plane(draw.T_table_object * corner);
+    centre += on_plane.head<2>() / 8.0;
+    top = std::max(top, on_plane.z());
+  }
+  double radius = 0.0;
+  for (const Eigen::Vector3d& corner : corners)
+    radius = std::max(radius, (corner.head<2>() - centre).norm());
+  double magnification = 1.0;
+  if (draw.technique != ShadowTechnique::simple) {
+    for (const ShadowLayer layer : {ShadowLayer::umbra, ShadowLayer::penumbra})
+      magnification = std::max(magnification, layer_factor(draw.constants, layer, top));
+  }
+  // A kernel lies inside the circle round the footprint: no image is farther out than this.
+  radius *= 1.05 * (2.0 * magnification - 1.0);
+  const Eigen::Vector3d axis = plan.T_table_camera.rotation() * Eigen::Vector3d::UnitZ();
+  const PlaneFrame& plane = draw.plane_frame;
+  const Eigen::Vector3d middle = plane.q + centre.x() * plane.e1 + centre.y() * plane.e2;
+  const double depth = axis.dot(middle - plan.T_table_camera.translation()) -
+                       radius * std::hypot(axis.dot(plane.e1), axis.dot(plane.e2));
+  if (depth <= kNearestDistance) return finest;
+  const double longest =
+      edge_at_unit_depth_ * depth /
+      (draw.T_table_object.scale * std::max(magnification, prepared.magnification));
+  for (std::size_t i = 0; i < finest; ++i) {
+    if (static_cast<double>(body.geometry.coarser[i].longest_edge) <= longest) return i;
+  }
+  return finest;
+}
+
+std::optional<ShadowReach> ShadowGeometry::reach_of(const Scene& scene, const ShadowDraw& draw,
+                                                    double from, ShadowWork& work) const {
+  const bool layered =
+      draw.technique == ShadowTechnique::layered && draw.light_mode == LightMode::proportional;
+  if (!layered && draw.technique != ShadowTechnique::simple) return std::nullopt;
+  CachedCaster& caster = casters_.caster_of(scene, draw);
+  ShadowReach reach;
+  if (caster.is_empty()) return reach;
+  const OwnFrame own = OwnFrame::make(draw.T_table_object, draw.plane_frame,
+                                      draw.T_table_object.scale * caster.size, kLayerBits);
+  const CasterCache::Casting with = casters_.casting(draw, caster, own, false, work);
+  const ShadowMesh& mesh = caster.casting_mesh(with.reduced);
+  const std::vector<CasterVertex> vertices =
+      own_vertices(own, mesh.positions, caster.kernels(*with.kernels, with.reduced));
+  work.vertices += static_cast<std::int64_t>(vertices.size());
+  // A face that is cut at a height has its cut's images between those of its vertices.
+  std::vector<bool> casts(vertices.size(), false);
+  const double least = from - kContactTolerance;
+  for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
+    const std::array<std::uint32_t, 3> face = {mesh.indices[i], mesh.indices[i + 1],
+                                               mesh.indices[i + 2]};
+    const bool over = std::ranges::any_of(face, [&](std::uint32_t corner) {
+      return static_cast<double>(vertices[corner].h) >= least;
+    });
+    if (!over) continue;
+    for (const std::uint32_t corner : face) casts[corner] = true;
+  }
+  double top = 0.0;  // above `from`
+  for (std::size_t i = 0; i < vertices.size(); ++i) {
+    if (casts[i]) top = std::max(top, static_cast<double>(vertices[i].h) - from);
+  }
+  const LayeredConstants& c = draw.constants;
+  const auto image_at = [&](const CasterVertex& vertex, double s) -> Eigen::Vector2d {
+    const Eigen::Vector2d x(static_cast<double>(vertex.u), static_cast<double>(vertex.v));
+    const Eigen::Vector2d k(static_cast<double>(vertex.ku), static_cast<double>(vertex.kv));
+    return own.T_plane_own * Eigen::Vector2d(k + s * (x - k));
+  };
+  reach.low = std::numeric_limits<double>::infinity();
+  double thickest = 0.0;  // of x - k
+  for (std::size_t i = 0; i < vertices.size(); ++i) {
+    if (!casts[i]) continue;
+    const CasterVertex& vertex = vertices[i];
+    const auto h = static_cast<double>(vertex.h);
+    reach.low = std::min(reach.low, h);
+    reach.box.extend(image_at(vertex, 1.0));
+    if (!layered) continue;
+    thickest = std::max(
+        thickest, static_cast<double>(std::hypot(vertex.u - vertex.ku, vertex.v - vertex.kv)));
+    // Images lie between that at the vertex's own height and that at the lowest one; where faces
+    // are cut, the cut's factor may be that of any of their points.
+    for (const ShadowLayer layer : kShadowLayers) {
+      const double highest = layer_height_range(c, layer).high;
+      const double over = top > highest ? highest : std::clamp(h - from, 0.0, highest);
+      reach.box.extend(image_at(vertex, layer_factor(c, layer, over)));
+    }
+  }
+  if (layered) reach.rate = thickest * layer_rate(c, ShadowLayer::penumbra, top);
+  return reach;
+}
+
+}  // namespace penumbra
