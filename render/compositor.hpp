@@ -14,7 +14,7 @@
 #include "render/frame_plan.hpp"
 #include "render/gl/context.hpp"
 #include "render/scene/scene.hpp"
-#include "render/shadow/layers/twist.hpp"
+#include "render/shadow/kernels/twist.hpp"
 #include "render/translucency.hpp"
 
 namespace penumbra {

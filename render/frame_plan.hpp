@@ -90,9 +90,6 @@ struct ReceivedShadowDraw {
   double top = 0.0;  // of the caster above the plane, no less than its own [m]
 };
 
-// Lights whose hard shadows one plane can show.
-inline constexpr std::size_t kMaxHardLights = 7;
-
 // One caster's projected shadow on one plane from one light.
 struct HardShadowDraw {
   int node = 0, object = 0, plane = 0, light = 0;  // indices into the scene

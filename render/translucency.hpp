@@ -5,6 +5,8 @@
 #include <optional>
 #include <string_view>
 
+#include "render/gl/picture_abilities.hpp"
+
 namespace penumbra {
 
 enum class Translucency {
@@ -40,12 +42,6 @@ inline constexpr std::array kTranslucencyNames = {
   }
   return std::nullopt;
 }
-
-// What a context was found to do (render/gl/picture_probe.hpp).
-struct PictureAbilities {
-  bool blends = true;   // a fragment can be multiplied with what is there
-  bool fetches = true;  // a fragment can read texels of a texture
-};
 
 // What is asked for is what is done; `automatic` is exact where it can be: blending and fetching
 // give the same picture, the first at less cost; a mesh needs neither.

@@ -23,8 +23,8 @@
 #include "core/text/file.hpp"
 #include "core/text/text.hpp"
 #include "render/model/model_size.hpp"
+#include "render/model/part_groups.hpp"
 #include "render/shadow/kernels/kernel_glb.hpp"
-#include "render/shadow/layers/part_groups.hpp"
 
 namespace penumbra {
 namespace {

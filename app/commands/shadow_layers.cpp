@@ -8,14 +8,14 @@
 #include "app/logging.hpp"
 #include "core/propagate.hpp"
 #include "core/stopwatch.hpp"
+#include "render/model/cut_out.hpp"
+#include "render/model/kernel_stamp.hpp"
 #include "render/model/model_size.hpp"
-#include "render/shadow/caster.hpp"
+#include "render/model/part_groups.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
 #include "render/shadow/fields/power_distance.hpp"
 #include "render/shadow/kernels/kernel_file.hpp"
-#include "render/shadow/kernels/kernel_stamp.hpp"
-#include "render/shadow/layers/part_groups.hpp"
-#include "render/shadow/masks/cut_out.hpp"
 #include "render/shadow/projected/projected_shadow.hpp"
 
 namespace penumbra {

@@ -12,8 +12,8 @@
 #include "app/commands/shadow_job.hpp"
 #include "app/output/shadow_picture.hpp"
 #include "core/error.hpp"
-#include "render/shadow/kernels/shadow_proxy.hpp"
-#include "render/shadow/layers/twist.hpp"
+#include "render/shadow/casters/shadow_proxy.hpp"
+#include "render/shadow/kernels/twist.hpp"
 
 namespace penumbra {
 

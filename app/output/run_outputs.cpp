@@ -10,8 +10,8 @@
 #include "app/recording/recording_source.hpp"
 #include "app/session/session.hpp"
 #include "core/propagate.hpp"
+#include "render/model/cut_out.hpp"
 #include "render/shadow/kernels/kernel_file.hpp"
-#include "render/shadow/masks/cut_out.hpp"
 #include "tracking/group_tracker.hpp"
 
 namespace penumbra {

@@ -19,7 +19,7 @@
 #include "core/evaluation/running_statistics.hpp"
 #include "core/geometry/group_pose.hpp"
 #include "core/stopwatch.hpp"
-#include "render/shadow/shadow_node.hpp"
+#include "render/scene/shadow_events.hpp"
 #include "tracking/detection/image_check.hpp"
 
 namespace penumbra {

@@ -20,7 +20,7 @@
 #include "render/frame_plan.hpp"
 #include "render/scene/light_meter.hpp"
 #include "render/scene/scene.hpp"
-#include "render/shadow/shadow_node.hpp"
+#include "render/scene/shadow_events.hpp"
 #include "tracking/group_tracker.hpp"
 
 namespace penumbra {

@@ -3,7 +3,7 @@
 
 #include "core/error.hpp"
 #include "render/gl/context.hpp"
-#include "render/translucency.hpp"
+#include "render/gl/picture_abilities.hpp"
 
 namespace penumbra {
 

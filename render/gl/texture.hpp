@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "render/gl/handle.hpp"
-#include "render/model/texture_sampling.hpp"
+#include "render/gl/texture_sampling.hpp"
 
 namespace penumbra {
 

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "core/error.hpp"
-#include "render/model/texture_sampling.hpp"
+#include "render/gl/texture_sampling.hpp"
 
 namespace penumbra {
 

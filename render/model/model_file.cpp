@@ -11,11 +11,11 @@
 #include "core/propagate.hpp"
 #include "core/text/file.hpp"
 #include "core/text/text_encoding.hpp"
+#include "render/model/kernel_stamp.hpp"
 #include "render/model/model.hpp"
 #include "render/model/model_parts.hpp"
+#include "render/model/shadow_mesh.hpp"
 #include "render/model/to_eigen.hpp"
-#include "render/shadow/kernels/kernel_stamp.hpp"
-#include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra {
 namespace {

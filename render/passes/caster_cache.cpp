@@ -8,12 +8,11 @@
 #include <span>
 
 #include "render/camera_gl.hpp"
+#include "render/model/cut_out.hpp"
 #include "render/passes/object_painter.hpp"
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
 #include "render/shadow/kernels/kernel_file.hpp"
-#include "render/shadow/kernels/kernel_stamp.hpp"
-#include "render/shadow/masks/cut_out.hpp"
 
 namespace penumbra {
 namespace {

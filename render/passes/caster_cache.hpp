@@ -16,16 +16,16 @@
 #include "core/camera/camera_model.hpp"
 #include "render/frame_plan.hpp"
 #include "render/gl/buffer.hpp"
+#include "render/model/shadow_mesh.hpp"
 #include "render/passes/shadow_work.hpp"
 #include "render/scene/scene.hpp"
-#include "render/shadow/caster_geometry.hpp"
+#include "render/shadow/casters/caster_geometry.hpp"
+#include "render/shadow/casters/shadow_proxy.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
 #include "render/shadow/kernels/kernel_direction.hpp"
-#include "render/shadow/kernels/shadow_proxy.hpp"
+#include "render/shadow/kernels/twist.hpp"
 #include "render/shadow/layers/own_frame.hpp"
-#include "render/shadow/layers/twist.hpp"
 #include "render/shadow/masks/silhouette_mask.hpp"
-#include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra {
 

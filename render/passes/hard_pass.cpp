@@ -12,7 +12,7 @@
 #include "core/propagate.hpp"
 #include "render/passes/lens_uniforms.hpp"
 #include "render/passes/light_uniforms.hpp"
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "render/shadow/projected/projected_shadow.hpp"
 
 namespace penumbra {

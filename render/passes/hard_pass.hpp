@@ -17,11 +17,11 @@
 #include "render/gl/buffer.hpp"
 #include "render/gl/framebuffer.hpp"
 #include "render/gl/shader.hpp"
+#include "render/model/shadow_mesh.hpp"
 #include "render/passes/draw_context.hpp"
 #include "render/passes/receivers.hpp"
 #include "render/passes/translucent_program.hpp"
 #include "render/scene/scene.hpp"
-#include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra {
 

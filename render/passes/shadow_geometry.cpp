@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "render/camera_gl.hpp"
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
 
 namespace penumbra {

@@ -18,7 +18,7 @@
 #include "render/passes/mesh_strips.hpp"
 #include "render/passes/plane_masks.hpp"
 #include "render/passes/shadow_geometry.hpp"
-#include "render/shadow/layers/twist.hpp"
+#include "render/shadow/kernels/twist.hpp"
 
 namespace penumbra {
 

@@ -16,7 +16,7 @@
 #include "render/gl/pixel_buffer.hpp"
 #include "render/gl/shader.hpp"
 #include "render/gl/texture.hpp"
-#include "render/yuv_conversion.hpp"
+#include "render/scene/yuv_conversion.hpp"
 
 namespace penumbra {
 

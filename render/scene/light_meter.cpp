@@ -6,7 +6,7 @@
 #include <cstddef>
 
 #include "core/assert.hpp"
-#include "render/yuv_conversion.hpp"
+#include "render/scene/yuv_conversion.hpp"
 
 namespace penumbra {
 namespace {

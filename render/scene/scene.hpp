@@ -15,6 +15,7 @@
 #include "core/geometry/group_pose.hpp"
 #include "core/geometry/transform.hpp"
 #include "render/model/model.hpp"
+#include "render/scene/layered_constants.hpp"
 #include "render/scene/light_meter.hpp"
 #include "render/scene/plane_frame.hpp"
 #include "render/scene/technique.hpp"
@@ -117,16 +118,6 @@ struct SceneLight {
   // rotations and the spin (table frame).
   Animation animation;
   std::optional<Sun> sun;  // of a directional light: where its direction comes from
-};
-
-// H > 0: light height above the plane, may be +infinity (then umbra_height says where the umbra
-// vanishes); a > 0: light radius over object radius.
-struct LayeredConstants {
-  double light_height = 0.9;       // H [m]
-  double light_ratio = 3.0;        // a
-  double umbra_height = 0.3;       // h_u = H / a [m]
-  double magnification_cap = 8.0;  // faces are clipped at h = H (1 - 1/m)
-  friend bool operator==(const LayeredConstants&, const LayeredConstants&) = default;
 };
 
 // Share of the light that is left in each layer, in linear light, 0 (black) to 1.

@@ -12,16 +12,14 @@
 
 #include "core/propagate.hpp"
 #include "core/units.hpp"
-#include "render/frame_plan.hpp"
+#include "render/model/kernel_stamp.hpp"
 #include "render/model/model_size.hpp"
+#include "render/model/part_groups.hpp"
 #include "render/model/to_eigen.hpp"
 #include "render/scene/plane_frame.hpp"
 #include "render/scene/scene.hpp"
 #include "render/scene/scene_json.hpp"
 #include "render/scene/shapes.hpp"
-#include "render/shadow/kernels/kernel_stamp.hpp"
-#include "render/shadow/layers/layered_penumbra.hpp"
-#include "render/shadow/layers/part_groups.hpp"
 
 namespace penumbra {
 namespace {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <optional>
 #include <string_view>
 
@@ -16,6 +17,9 @@ enum class ShadowTechnique {
   hard,     // projected from the scene's lights, one layer for each
   volume,   // a light's shadow volume on everything that is there, for a 3D cursor
 };
+
+// Lights whose hard shadows one plane can show.
+inline constexpr std::size_t kMaxHardLights = 7;
 
 struct ShadowTechniqueName {
   ShadowTechnique technique;

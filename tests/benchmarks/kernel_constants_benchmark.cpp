@@ -20,7 +20,7 @@
 #include <string>
 #include <vector>
 
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "render/shadow/fields/power_distance.hpp"
 #include "render/shadow/kernels/kernel_tuning.hpp"
 #include "render/shadow/layers/coverage.hpp"

@@ -16,7 +16,7 @@
 #include <utility>
 
 #include "models/glb_writer.hpp"
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "render/shadow/fields/power_distance.hpp"
 #include "render/shadow/kernels/kernel_tuning.hpp"
 #include "render/shadow/layers/coverage.hpp"

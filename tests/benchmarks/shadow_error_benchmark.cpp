@@ -25,10 +25,10 @@
 
 #include "models/glb_writer.hpp"
 #include "render/model/model.hpp"
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
+#include "render/shadow/casters/shadow_proxy.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
 #include "render/shadow/fields/power_distance.hpp"
-#include "render/shadow/kernels/shadow_proxy.hpp"
 #include "support/paths.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"

@@ -7,10 +7,10 @@
 #include <limits>
 #include <random>
 
-#include "render/shadow/caster_geometry.hpp"
+#include "render/shadow/casters/caster_geometry.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
+#include "render/shadow/kernels/twist.hpp"
 #include "render/shadow/layers/layer_polygons.hpp"
-#include "render/shadow/layers/twist.hpp"
 #include "render/shadow/projected/projected_shadow.hpp"
 #include "support/kernel_reach.hpp"
 #include "support/shadow_cases.hpp"

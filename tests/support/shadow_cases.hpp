@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "support/json_file.hpp"
 #include "support/paths.hpp"
 

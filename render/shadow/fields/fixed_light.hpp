@@ -12,8 +12,8 @@
 #include <span>
 #include <vector>
 
-#include "render/shadow/caster.hpp"
-#include "render/shadow/layers/twist.hpp"
+#include "render/shadow/casters/caster.hpp"
+#include "render/shadow/kernels/twist.hpp"
 
 namespace penumbra {
 

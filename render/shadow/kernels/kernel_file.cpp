@@ -11,9 +11,9 @@
 #include "core/propagate.hpp"
 #include "core/text/text.hpp"
 #include "core/text/text_encoding.hpp"
+#include "render/model/kernel_stamp.hpp"
 #include "render/model/model_parts.hpp"
 #include "render/model/to_eigen.hpp"
-#include "render/shadow/kernels/kernel_stamp.hpp"
 
 namespace penumbra {
 

@@ -66,4 +66,13 @@ inline constexpr double kKernelTiltRad = 2.0 * 3.14159265358979323846 / 180.0;
 // they have their own.
 bool complete_radii(ShadowKernels& kernels, const ShadowMesh& mesh, const Eigen::Vector3d& up);
 
+// How the kernels that came with the model were made, and are to be made for other tilts.
+[[nodiscard]] KernelSource stored_kernel_source(const Model& model);
+
+// Whether a light of one size can use such kernels: those of the centroid have no thickness to
+// compare with it.
+[[nodiscard]] inline bool have_thickness(KernelSource source) {
+  return source != KernelSource::centroid;
+}
+
 }  // namespace penumbra

@@ -8,8 +8,8 @@
 #include <glm/vec3.hpp>
 #include <vector>
 
+#include "render/model/shadow_mesh.hpp"
 #include "render/scene/technique.hpp"
-#include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra {
 

@@ -14,36 +14,9 @@
 #include <span>
 #include <vector>
 
-#include "core/error.hpp"
-#include "render/scene/scene.hpp"
+#include "render/scene/layered_constants.hpp"
 
 namespace penumbra {
-
-enum class ShadowLayer { umbra, middle, penumbra };
-inline constexpr std::array kShadowLayers = {ShadowLayer::umbra, ShadowLayer::middle,
-                                             ShadowLayer::penumbra};
-[[nodiscard]] constexpr int lambda_of(ShadowLayer layer) {
-  return layer == ShadowLayer::umbra ? -1 : layer == ShadowLayer::middle ? 0 : 1;
-}
-
-// Checked constants. Exactly one of light_ratio, umbra_height may be left at 0: it follows from H /
-// a = h_u. H may be +inf with umbra_height. Fails on non-finite or non-positive values; a <= 1 is
-// legal (the umbra never vanishes).
-[[nodiscard]] Result<LayeredConstants> make_layered_constants(double light_height,
-                                                              double light_ratio,
-                                                              double umbra_height);
-// From the highest point an object can take (h_max) and the wanted magnification M > 1 of the
-// middle layer there: a = M / (M - 1), H = a h_max (shadows.md 2.4).
-[[nodiscard]] Result<LayeredConstants> layered_constants_for_workspace(double max_height,
-                                                                       double magnification);
-
-// Heights [low, high] above the plane [m] in which a layer has matter to project: faces are clipped
-// to it. low = 0. high = h_u for the umbra where a > 1, and never above the cap H (1 - 1/m).
-struct HeightRange {
-  double low = 0.0;
-  double high = 0.0;
-};
-[[nodiscard]] HeightRange layer_height_range(const LayeredConstants& constants, ShadowLayer layer);
 
 // s_lambda(h) for h inside the layer's range (clamped to it). float: within 4e-7 (1 + |s|) H / (H -
 // h) of the exact value.

@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "render/model/to_eigen.hpp"
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 
 namespace penumbra {
 namespace {

@@ -13,7 +13,7 @@
 
 #include "core/assert.hpp"
 #include "core/vector_clones.hpp"
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 
 namespace penumbra {
 namespace {

@@ -16,9 +16,9 @@
 #include <span>
 #include <vector>
 
+#include "render/model/shadow_mesh.hpp"
 #include "render/scene/plane_frame.hpp"
 #include "render/scene/scene.hpp"
-#include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra {
 

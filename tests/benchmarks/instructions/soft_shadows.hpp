@@ -16,8 +16,8 @@
 #include "render/gl/buffer.hpp"
 #include "render/gl/framebuffer.hpp"
 #include "render/gl/shader.hpp"
+#include "render/model/shadow_mesh.hpp"
 #include "render/scene/plane_frame.hpp"
-#include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra::counted {
 

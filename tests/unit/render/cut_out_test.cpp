@@ -5,9 +5,9 @@
 #include <cmath>
 #include <functional>
 
+#include "render/model/cut_out.hpp"
 #include "render/model/model.hpp"
-#include "render/shadow/masks/cut_out.hpp"
-#include "render/shadow/shadow_mesh.hpp"
+#include "render/model/shadow_mesh.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

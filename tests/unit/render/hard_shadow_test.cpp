@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "render/shadow/projected/projected_shadow.hpp"
 #include "support/plane_coverage.hpp"
 #include "support/shapes.hpp"

@@ -11,8 +11,8 @@
 #include <string>
 
 #include "render/model/model.hpp"
+#include "render/model/shadow_mesh.hpp"
 #include "render/scene/shapes.hpp"
-#include "render/shadow/shadow_mesh.hpp"
 #include "support/paths.hpp"
 
 namespace penumbra {

@@ -7,9 +7,9 @@
 
 #include "render/frame_plan.hpp"
 #include "render/model/model_parts.hpp"
+#include "render/model/shadow_mesh.hpp"
 #include "render/scene/scene.hpp"
 #include "render/shadow/kernels/kernel_file.hpp"
-#include "render/shadow/shadow_mesh.hpp"
 #include "support/model_text.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"

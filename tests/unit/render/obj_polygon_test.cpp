@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "render/shadow/shadow_mesh.hpp"
+#include "render/model/shadow_mesh.hpp"
 #include "support/model_text.hpp"
 
 namespace penumbra {

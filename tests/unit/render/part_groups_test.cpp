@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "render/shadow/caster.hpp"
+#include "render/model/part_groups.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "render/shadow/layers/layer_polygons.hpp"
-#include "render/shadow/layers/part_groups.hpp"
 #include "support/paths.hpp"
 #include "support/shapes.hpp"
 

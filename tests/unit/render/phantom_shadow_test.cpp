@@ -9,7 +9,7 @@
 #include <random>
 
 #include "render/scene/shapes.hpp"
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "render/shadow/kernels/kernel_direction.hpp"
 #include "render/shadow/layers/receiving_levels.hpp"
 #include "support/edge_error.hpp"

@@ -8,7 +8,7 @@
 #include <map>
 #include <numbers>
 
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"
 

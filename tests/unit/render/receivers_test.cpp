@@ -5,7 +5,7 @@
 #include <limits>
 #include <vector>
 
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "support/plane_coverage.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"

@@ -1,4 +1,4 @@
-#include "render/shadow/shadow_mesh.hpp"
+#include "render/model/shadow_mesh.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

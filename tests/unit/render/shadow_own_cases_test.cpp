@@ -17,11 +17,11 @@
 #include <utility>
 #include <vector>
 
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "render/shadow/kernels/kernel_tuning.hpp"
 #include "render/shadow/kernels/shadow_kernels.hpp"
+#include "render/shadow/kernels/twist.hpp"
 #include "render/shadow/layers/layer_polygons.hpp"
-#include "render/shadow/layers/twist.hpp"
 #include "support/shapes.hpp"
 
 namespace penumbra {

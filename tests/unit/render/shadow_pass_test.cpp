@@ -9,8 +9,8 @@
 #include <set>
 
 #include "render/passes/shadow_pass.hpp"
-#include "render/shadow/caster.hpp"
-#include "render/shadow/caster_geometry.hpp"
+#include "render/shadow/casters/caster.hpp"
+#include "render/shadow/casters/caster_geometry.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
 #include "render/shadow/kernels/kernel_direction.hpp"
 #include "support/plane_coverage.hpp"

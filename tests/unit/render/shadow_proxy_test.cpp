@@ -4,9 +4,9 @@
 
 #include <cmath>
 
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
+#include "render/shadow/casters/shadow_proxy.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
-#include "render/shadow/kernels/shadow_proxy.hpp"
 #include "support/paths.hpp"
 #include "support/shadow_cases.hpp"
 #include "support/shapes.hpp"

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "render/shadow/kernels/kernel_direction.hpp"
 #include "render/shadow/layers/own_frame.hpp"
 #include "support/shapes.hpp"

@@ -2,8 +2,8 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include "render/shadow/kernels/twist.hpp"
 #include "render/shadow/layers/layer_polygons.hpp"
-#include "render/shadow/layers/twist.hpp"
 #include "support/shadow_cases.hpp"
 
 namespace penumbra {

@@ -13,8 +13,8 @@
 #include <set>
 
 #include "render/passes/translucent_program.hpp"
-#include "render/shadow/caster.hpp"
-#include "render/shadow/caster_geometry.hpp"
+#include "render/shadow/casters/caster.hpp"
+#include "render/shadow/casters/caster_geometry.hpp"
 #include "support/edge_error.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"

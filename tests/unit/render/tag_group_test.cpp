@@ -8,7 +8,8 @@
 #include <vector>
 
 #include "render/frame_plan.hpp"
-#include "render/shadow/shadow_node.hpp"
+#include "render/scene/shadow_events.hpp"
+#include "support/shadow_triples.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 
@@ -311,8 +312,8 @@ TEST(TagGroup, AMovedPlaneIsAnEvent) {
   const auto events = shadow_events(a, b);
   EXPECT_EQ(events, (std::vector<ShadowEvent>{{ShadowEventKind::plane_moved, kWall}}));
   EXPECT_TRUE(shadow_events(state({}), state({})).empty());
-  const auto triples = affected_triples(*scene, scene->shadows[0], events);
-  EXPECT_EQ(triples, (std::vector<ShadowTriple>{{0, kWall, 0}}));
+  const auto triples = test::affected_triples(*scene, scene->shadows[0], events);
+  EXPECT_EQ(triples, (std::vector<test::ShadowTriple>{{0, kWall, 0}}));
   EXPECT_EQ(kShadowEventNames[static_cast<std::size_t>(ShadowEventKind::plane_moved)],
             "plane_moved");
 }

@@ -1,5 +1,5 @@
 // What faces between different kernels cover too much.
-#include "render/shadow/layers/twist.hpp"
+#include "render/shadow/kernels/twist.hpp"
 
 #include <gtest/gtest.h>
 

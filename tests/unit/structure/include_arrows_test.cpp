@@ -1,8 +1,9 @@
-// Holds the modules to the arrows between them: core <- tracking <- calib, core <- render, all <-
-// app, all <- tests.
+// Checks the #include arrows between modules (core <- tracking <- calib, core <- render, all <-
+// app, all <- tests) and between the folders inside a module.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -10,6 +11,7 @@
 #include <set>
 #include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "support/paths.hpp"
@@ -19,7 +21,7 @@ namespace {
 
 using Arrows = std::map<std::string, std::set<std::string>>;
 
-// Module -> modules whose headers it may include (its own are always allowed).
+// Module -> modules whose headers it may include, beside its own.
 const Arrows kAllowed = {
     {"core", {}},
     {"tracking", {"core"}},
@@ -29,14 +31,52 @@ const Arrows kAllowed = {
     {"tools", {"core", "tracking", "calib", "render", "app"}},
 };
 
-// Libraries that must stay on one side: module -> headers it may not include, by the start of their
-// names.
+// Module -> library headers that it may not include, by the start of their names.
 const std::map<std::string, std::vector<std::string>> kForbiddenLibraries = {
     {"core", {"epoxy", "GL/", "GLFW", "opencv2", "ceres", "apriltag"}},
     {"tracking", {"epoxy", "GL/", "EGL/", "GLFW", "linux/videodev2"}},
     {"calib", {"epoxy", "GL/", "EGL/", "GLFW", "linux/videodev2"}},
     {"render", {"apriltag", "ceres", "opencv2", "linux/videodev2"}},
 };
+
+// Inside a module: files whose path matches the first expression may not include headers that match
+// the second.
+struct FolderRule {
+  std::regex file, header;
+};
+const std::vector<FolderRule>& folder_rules() {
+  static const std::vector<FolderRule> rules = [] {
+    constexpr std::pair<const char*, const char*> kRules[] = {
+        {"render/shadow/.*", "render/passes/.*"},
+        {"render/(scene|model)/.*", "render/shadow/.*"},
+        {"render/gl/.*", "render/(?!gl/).*"},
+        {"tracking/alignment/.*", R"(tracking/[^/]+\.hpp)"},  // the trackers
+        {"app/capture/.*", "app/output/.*"},
+        {"app/output/.*", "app/capture/.*"},
+    };
+    std::vector<FolderRule> made;
+    for (const auto& [file, header] : kRules)
+      made.push_back({std::regex(file), std::regex(header)});
+    return made;
+  }();
+  return rules;
+}
+
+// A pass may include its own header, and no other pass's.
+bool is_another_pass(const std::string& file, const std::string& header) {
+  static const std::regex pass(R"(render/passes/(\w+_pass)\.\w+)");
+  std::smatch of_file;
+  std::smatch of_header;
+  return std::regex_match(file, of_file, pass) && std::regex_match(header, of_header, pass) &&
+         of_file[1] != of_header[1];
+}
+
+bool breaks_folder_rule(const std::string& file, const std::string& header) {
+  return is_another_pass(file, header) ||
+         std::ranges::any_of(folder_rules(), [&](const FolderRule& rule) {
+           return std::regex_match(file, rule.file) && std::regex_match(header, rule.header);
+         });
+}
 
 std::vector<std::string> violations_in(const std::string& module, const std::string& name,
                                        const std::string& text) {
@@ -49,6 +89,7 @@ std::vector<std::string> violations_in(const std::string& module, const std::str
     if (!std::regex_search(line, match, include_line)) continue;
     const std::string target = match[2];
     if (match[1] == "\"") {
+      if (breaks_folder_rule(name, target)) found.push_back(name + " includes " + target);
       const std::string other = target.substr(0, target.find('/'));
       if (other == module || kAllowed.count(other) == 0) {
         if (other == "tests") found.push_back(name + " includes " + target);
@@ -65,7 +106,7 @@ std::vector<std::string> violations_in(const std::string& module, const std::str
   return found;
 }
 
-TEST(IncludeArrows, HoldOverTheWholeTree) {
+TEST(IncludeArrows, HoldInWholeTree) {
   std::vector<std::string> found;
   int files = 0;
   for (const auto& [module, allowed] : kAllowed) {
@@ -87,7 +128,7 @@ TEST(IncludeArrows, HoldOverTheWholeTree) {
   EXPECT_THAT(found, testing::IsEmpty());
 }
 
-TEST(IncludeArrows, PlantedViolationsAreFound) {
+TEST(IncludeArrows, FindsPlantedViolations) {
   EXPECT_THAT(
       violations_in("render", "render/x.cpp", "#include \"tracking/detection/tag_detector.hpp\"\n"),
       testing::SizeIs(1));
@@ -99,6 +140,30 @@ TEST(IncludeArrows, PlantedViolationsAreFound) {
               testing::SizeIs(1));
   EXPECT_THAT(violations_in("tracking", "tracking/x.cpp",
                             "#include \"core/image/frame.hpp\"\n#include <ceres/ceres.h>\n"),
+              testing::IsEmpty());
+}
+
+TEST(IncludeArrows, FindsPlantedViolationsInsideModules) {
+  const std::vector<std::pair<std::string, std::string>> bad = {
+      {"render/shadow/masks/x.cpp", "render/passes/mask_quad.hpp"},
+      {"render/scene/scene_file.cpp", "render/shadow/layers/layered_penumbra.hpp"},
+      {"render/model/x.hpp", "render/shadow/kernels/kernel_file.hpp"},
+      {"render/gl/texture.hpp", "render/model/model.hpp"},
+      {"render/gl/x.cpp", "render/translucency.hpp"},
+      {"render/passes/received_shadow_pass.cpp", "render/passes/shadow_pass.hpp"},
+      {"tracking/alignment/x.cpp", "tracking/table_tracker.hpp"},
+      {"app/capture/x.cpp", "app/output/video_writer.hpp"},
+      {"app/output/x.cpp", "app/capture/recording.hpp"},
+  };
+  for (const auto& [file, header] : bad) {
+    EXPECT_THAT(
+        violations_in(file.substr(0, file.find('/')), file, "#include \"" + header + "\"\n"),
+        testing::SizeIs(1))
+        << file << " includes " << header;
+  }
+  EXPECT_THAT(violations_in("render", "render/passes/shadow_pass.cpp",
+                            "#include \"render/passes/shadow_pass.hpp\"\n"
+                            "#include \"render/shadow/layers/twist.hpp\"\n"),
               testing::IsEmpty());
 }
 

@@ -1,4 +1,4 @@
-#include "render/shadow/layers/twist.hpp"
+#include "render/shadow/kernels/twist.hpp"
 
 #include <Eigen/Core>
 #include <algorithm>

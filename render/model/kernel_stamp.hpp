@@ -8,8 +8,7 @@
 #include <string>
 #include <string_view>
 
-#include "render/scene/technique.hpp"
-#include "render/shadow/shadow_mesh.hpp"
+#include "render/model/shadow_mesh.hpp"
 
 namespace penumbra {
 
@@ -38,14 +37,5 @@ struct KernelStamp {
 // are named the kernels' own hold.
 [[nodiscard]] bool stored_kernels_fit(const Model& model, const ShadowMesh& mesh,
                                       std::span<const std::string> groups);
-
-// How the kernels that came with the model were made, and are to be made for other tilts.
-[[nodiscard]] KernelSource stored_kernel_source(const Model& model);
-
-// Whether a light of one size can use such kernels: those of the centroid have no thickness to
-// compare with it.
-[[nodiscard]] inline bool have_thickness(KernelSource source) {
-  return source != KernelSource::centroid;
-}
 
 }  // namespace penumbra

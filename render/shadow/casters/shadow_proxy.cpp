@@ -1,4 +1,4 @@
-#include "render/shadow/kernels/shadow_proxy.hpp"
+#include "render/shadow/casters/shadow_proxy.hpp"
 
 #include <meshoptimizer.h>
 
@@ -9,7 +9,7 @@
 #include <numeric>
 
 #include "core/assert.hpp"
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 #include "render/shadow/fields/fixed_light.hpp"
 #include "render/shadow/layers/coverage.hpp"
 

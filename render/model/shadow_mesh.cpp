@@ -1,4 +1,4 @@
-#include "render/shadow/shadow_mesh.hpp"
+#include "render/model/shadow_mesh.hpp"
 
 #include <fmt/format.h>
 #include <algorithm>
@@ -7,9 +7,9 @@
 #include <limits>
 #include <numeric>
 
-#include "render/shadow/kernels/kernel_stamp.hpp"
-#include "render/shadow/layers/part_groups.hpp"
-#include "render/shadow/masks/cut_out.hpp"
+#include "render/model/cut_out.hpp"
+#include "render/model/kernel_stamp.hpp"
+#include "render/model/part_groups.hpp"
 
 namespace penumbra {
 
@@ -207,7 +207,7 @@ void collect_group(const Mesh& source, const std::vector<std::uint32_t>& welded,
   }
 }
 
-bool is_finite(const glm::vec3& p) {
+bool is_finite_position(const glm::vec3& p) {
   return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
 }
 
@@ -248,7 +248,7 @@ void Welder::weld_vertices(const Mesh& source) {
   welded_.resize(source.positions.size());
   for (std::size_t i = 0; i < source.positions.size(); ++i) {
     // A vertex that is not a number can't cast; its faces are skipped below.
-    welded_[i] = is_finite(source.positions[i])
+    welded_[i] = is_finite_position(source.positions[i])
                      ? grid_.find_or_add(source.positions[i], mesh_.positions)
                      : kNoShadowPosition;
     if (welding_.stored && welded_[i] != kNoShadowPosition && i < source.shadow_kernels.size()) {
@@ -380,7 +380,7 @@ double weld_distance(const Model& model) {
   glm::vec3 high(-std::numeric_limits<float>::infinity());
   for (const Mesh& mesh : model.meshes) {
     for (const glm::vec3& p : mesh.positions) {
-      if (!is_finite(p)) continue;
+      if (!is_finite_position(p)) continue;
       low = glm::vec3(std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z));
       high = glm::vec3(std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z));
     }
@@ -399,7 +399,7 @@ double weld_distance(const Model& model) {
   std::vector<float> coordinates;
   for (const Mesh& mesh : model.meshes) {
     for (const glm::vec3& p : mesh.positions) {
-      if (is_finite(p)) {
+      if (is_finite_position(p)) {
         coordinates.push_back(std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}));
       }
     }

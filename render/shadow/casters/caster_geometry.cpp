@@ -1,4 +1,4 @@
-#include "render/shadow/caster_geometry.hpp"
+#include "render/shadow/casters/caster_geometry.hpp"
 
 #include <algorithm>
 #include <cmath>

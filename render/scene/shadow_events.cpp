@@ -1,4 +1,4 @@
-#include "render/shadow/shadow_node.hpp"
+#include "render/scene/shadow_events.hpp"
 
 #include <algorithm>
 
@@ -31,34 +31,6 @@ std::vector<ShadowEvent> shadow_events(const SceneState& before, const SceneStat
         there && (a.frame.n != b.frame.n || a.frame.q != b.frame.q || a.frame.e1 != b.frame.e1));
   }
   return events;
-}
-
-std::vector<ShadowTriple> affected_triples(const Scene& scene, const ShadowNode& node,
-                                           const std::vector<ShadowEvent>& events) {
-  std::vector<int> lights = node.lights;
-  if (lights.empty() && !scene.lights.empty()) lights = {0};
-  std::vector<ShadowTriple> triples;
-  for (const int object : node.casters) {
-    for (const int plane : node.planes) {
-      for (const int light : lights) {
-        const bool named = std::ranges::any_of(events, [&](const ShadowEvent& event) {
-          switch (event.kind) {
-            case ShadowEventKind::light_moved:
-              return event.index == light;
-            case ShadowEventKind::plane_moved:
-              return event.index == plane;
-            default:
-              return event.index == object;
-          }
-        });
-        if (named) triples.push_back({object, plane, light});
-      }
-    }
-  }
-  std::ranges::sort(triples);
-  const auto repeated = std::ranges::unique(triples);
-  triples.erase(repeated.begin(), repeated.end());
-  return triples;
 }
 
 }  // namespace penumbra

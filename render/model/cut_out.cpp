@@ -1,4 +1,4 @@
-#include "render/shadow/masks/cut_out.hpp"
+#include "render/model/cut_out.hpp"
 
 #include <fmt/format.h>
 

@@ -6,9 +6,9 @@
 #include <glm/vec3.hpp>
 #include <vector>
 
+#include "render/model/shadow_mesh.hpp"
 #include "render/shadow/kernels/shadow_kernels.hpp"
 #include "render/shadow/layers/layered_penumbra.hpp"
-#include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra {
 

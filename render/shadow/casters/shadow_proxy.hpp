@@ -14,9 +14,9 @@
 #include <vector>
 
 #include "render/model/model.hpp"
+#include "render/model/shadow_mesh.hpp"
 #include "render/scene/scene.hpp"
 #include "render/shadow/kernels/shadow_kernels.hpp"
-#include "render/shadow/shadow_mesh.hpp"
 
 namespace penumbra {
 

@@ -1,4 +1,4 @@
-#include "render/shadow/layers/part_groups.hpp"
+#include "render/model/part_groups.hpp"
 
 #include <algorithm>
 #include <cstddef>

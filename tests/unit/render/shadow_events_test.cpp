@@ -1,5 +1,5 @@
 // The shadow node's events, what they make be computed again, animated lights and the sun.
-#include "render/shadow/shadow_node.hpp"
+#include "render/scene/shadow_events.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "render/scene/sun.hpp"
+#include "support/shadow_triples.hpp"
 #include "support/shapes.hpp"
 #include "support/studio.hpp"
 
@@ -92,7 +93,7 @@ TEST(ShadowNode, JustTheTriplesOfAnEventAreComputedAgain) {
     std::size_t expected = 12;
     if (before) {
       const auto events = shadow_events(*before, state);
-      expected = affected_triples(studio.scene(), node, events).size();
+      expected = test::affected_triples(studio.scene(), node, events).size();
       EXPECT_EQ(events.size(), time <= 1.0 ? 2U : time <= 2.0 && before->time_s < 2.0 ? 1U : 0U);
       // Light 0: 6 triples; object 0: 4, of which 2 are of that light too, once.
       EXPECT_EQ(expected, time <= 1.0 ? 8U : time <= 2.0 && before->time_s < 2.0 ? 4U : 0U);

@@ -1,6 +1,6 @@
-// What changed between two moments of a scene, in the words of Sudarsky's shadow node (shadows.md
-// 5.1), and which shadows depend on it. An event says what changed, never the new value: shadows
-// are computed from the current places.
+// What changed between two moments of a scene, as events of Sudarsky's shadow node
+// (docs/shadows.md#shadow-nodes). An event names what changed, never the new value: shadows are
+// computed from the current places.
 #pragma once
 
 #include <array>
@@ -32,15 +32,5 @@ struct ShadowEvent {
 // a plane that is not there in either moment has not moved.
 [[nodiscard]] std::vector<ShadowEvent> shadow_events(const SceneState& before,
                                                      const SceneState& now);
-
-// One shadow: a caster on a plane from a light.
-struct ShadowTriple {
-  int object = 0, plane = 0, light = 0;  // indices into the scene
-  friend auto operator<=>(const ShadowTriple&, const ShadowTriple&) = default;
-};
-// The triples of the node that contain what an event names, each once however many events name it,
-// sorted. Lights: the node's, or the scene's first.
-[[nodiscard]] std::vector<ShadowTriple> affected_triples(const Scene& scene, const ShadowNode& node,
-                                                         const std::vector<ShadowEvent>& events);
 
 }  // namespace penumbra

@@ -1,4 +1,4 @@
-#include "render/yuv_conversion.hpp"
+#include "render/scene/yuv_conversion.hpp"
 
 namespace penumbra {
 

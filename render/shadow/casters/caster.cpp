@@ -1,4 +1,4 @@
-#include "render/shadow/caster.hpp"
+#include "render/shadow/casters/caster.hpp"
 
 #include "core/assert.hpp"
 
