@@ -12,7 +12,6 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
-#include <functional>
 #include <glm/vec3.hpp>
 #include <optional>
 #include <span>
@@ -22,66 +21,10 @@
 #include "render/shadow/fields/power_distance.hpp"
 #include "render/shadow/layers/layered_penumbra.hpp"
 #include "render/shadow/layers/own_frame.hpp"
+#include "render/shadow/masks/mask_layout.hpp"
+#include "render/shadow/masks/mesh_edges.hpp"
 
 namespace penumbra {
-
-// An edge from one vertex to another in one face, and back in another.
-struct FacePair {
-  std::uint32_t from = 0, to = 0;       // vertices
-  std::uint32_t forward = 0, back = 0;  // faces
-};
-// All edges of triangles that close up: every edge goes as often one way as the other. Nothing
-// where they do not. Where more than two faces meet, any pairs of them do.
-[[nodiscard]] std::optional<std::vector<FacePair>> paired_edges(
-    std::span<const std::uint32_t> indices);
-
-// The same triangles, turned over where their neighbours ask for it, so that no edge goes the same
-// way in two faces, whichever vertices of one place it is between; without those of no area.
-// Nothing where there is no such way, as on a Moebius strip, or where three faces meet in an edge.
-[[nodiscard]] std::optional<std::vector<std::uint32_t>> oriented_faces(
-    std::span<const glm::vec3> positions, std::span<const std::uint32_t> indices);
-
-// Square cells of the plane whose corners are at whole multiples of their size, so that what a mesh
-// covers of a cell does not depend on what else is drawn.
-struct MaskCells {
-  double size = 0.0;          // [m]
-  std::int64_t u = 0, v = 0;  // of the first cell, in cells from the plane's origin
-  int width = 0, height = 0;
-  friend bool operator==(const MaskCells&, const MaskCells&) = default;
-};
-
-// Boxes of whole cells, first and last.
-using CellBox = Eigen::AlignedBox<std::int64_t, 2>;
-
-// The sides of cells, by half powers of two [m].
-[[nodiscard]] double cell_size(int half_octave);
-
-// What a camera sees of a rectangle of the plane.
-struct SeenPart {
-  Eigen::AlignedBox2d box;  // that holds it [m]; empty: nothing is seen
-  int half_octave = 0;      // of cells as fine as it asks for
-};
-
-// Which parts share a picture, and of which cells it is: nothing is in two pictures' cells, so that
-// what the darkest layer is anywhere one of them tells.
-struct MaskLayout {
-  struct Group {
-    std::vector<std::size_t> parts;
-    MaskCells cells;
-    bool cut = false;  // to what is seen: parts may reach beyond the cells
-    friend bool operator==(const Group&, const Group&) = default;
-  };
-  std::vector<Group> groups;
-  bool of_view = false;  // what is seen was asked for
-  friend bool operator==(const MaskLayout&, const MaskLayout&) = default;
-};
-// One picture where all parts fit into one of moderate size. Else one for each group of parts that
-// lie together, cut to what is seen where that is large, of cells as fine as what is seen asks for;
-// coarser only where there would be too many. `bounds`: of each part, in cells of `half_octave`;
-// `most`: cells along a side that a picture can have at all.
-[[nodiscard]] MaskLayout lay_out_masks(
-    std::span<const CellBox> bounds, int half_octave, std::int64_t most,
-    const std::function<SeenPart(const Eigen::AlignedBox2d&)>& seen);
 
 // One mesh over the plane. Kept between frames for its memory.
 class MaskCaster {

@@ -1,0 +1,140 @@
+#include "render/shadow/masks/mask_layout.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+namespace penumbra {
+namespace {
+
+// A mask with fewer cells along each side is neither split nor cut, so that it is kept wherever the
+// camera goes. All masks of a plane have at most kMostCells, which take 8 MiB of the GPU's memory
+// and some milliseconds where casters move.
+constexpr std::int64_t kCellsOfWhole = 1024;
+constexpr double kMostCells = 1 << 23;
+// The visible part is rounded to multiples of this, so that a small camera motion keeps it.
+constexpr std::int64_t kCutCells = 256;
+
+}  // namespace
+
+double cell_size(int half_octave) {
+  return std::exp2(0.5 * half_octave);
+}
+
+namespace {
+
+// With all of the light around it.
+CellBox with_border(const CellBox& box) {
+  const Eigen::Vector<std::int64_t, 2> one(1, 1);
+  return {box.min() - one, box.max() + one};
+}
+
+MaskCells cells_of(const CellBox& box, double cell) {
+  return {cell, box.min().x(), box.min().y(), static_cast<int>(box.sizes().x()) + 1,
+          static_cast<int>(box.sizes().y()) + 1};
+}
+
+Eigen::AlignedBox2d on_plane(const CellBox& box, double cell) {
+  return {cell * box.min().cast<double>(),
+          cell * (box.max().cast<double>() + Eigen::Vector2d::Ones())};
+}
+
+// What holds the same in cells of another size, whatever has been rounded.
+CellBox in_cells_of(const CellBox& box, int from, int to) {
+  if (from == to) return box;
+  const Eigen::AlignedBox2d place = on_plane(box, cell_size(from) / cell_size(to));
+  return with_border({place.min().array().floor().matrix().cast<std::int64_t>(),
+                      place.max().array().floor().matrix().cast<std::int64_t>()});
+}
+
+// The cells of what is seen of a group, by whole multiples of kCutCells.
+CellBox seen_cells(const Eigen::AlignedBox2d& seen, double cell) {
+  const double step = cell * kCutCells;
+  const Eigen::Vector2d first = (seen.min() / step).array().floor();
+  const Eigen::Vector2d end = (seen.max() / step).array().floor() + 1.0;
+  return {(kCutCells * first).cast<std::int64_t>(),
+          (kCutCells * end).cast<std::int64_t>() - Eigen::Vector<std::int64_t, 2>(1, 1)};
+}
+
+struct PartGroup {
+  std::vector<std::size_t> parts;
+  CellBox box;
+};
+
+// Of parts whose boxes meet, and boxes of those, until none does.
+std::vector<PartGroup> meeting_groups(std::span<const CellBox> boxes) {
+  std::vector<PartGroup> groups;
+  for (std::size_t i = 0; i < boxes.size(); ++i) {
+    if (boxes[i].isEmpty()) continue;
+    PartGroup group{{i}, boxes[i]};
+    for (std::size_t other = 0; other < groups.size();) {
+      if (!groups[other].box.intersects(group.box)) {
+        ++other;
+        continue;
+      }
+      group.box.extend(groups[other].box);
+      group.parts.insert(group.parts.end(), groups[other].parts.begin(), groups[other].parts.end());
+      groups.erase(groups.begin() + static_cast<std::ptrdiff_t>(other));
+      other = 0;  // it is larger now
+    }
+    std::ranges::sort(group.parts);
+    groups.push_back(std::move(group));
+  }
+  return groups;
+}
+
+}  // namespace
+
+MaskLayout lay_out_masks(std::span<const CellBox> bounds, int half_octave, std::int64_t most,
+                         const std::function<SeenPart(const Eigen::AlignedBox2d&)>& seen) {
+  MaskLayout layout;
+  PartGroup all;
+  for (std::size_t i = 0; i < bounds.size(); ++i) {
+    if (bounds[i].isEmpty()) continue;
+    all.parts.push_back(i);
+    all.box.extend(bounds[i]);
+  }
+  if (all.parts.empty()) return layout;
+  if (all.box.sizes().maxCoeff() < kCellsOfWhole) {
+    layout.groups.push_back(
+        {all.parts, cells_of(with_border(all.box), cell_size(half_octave)), false});
+    return layout;
+  }
+  layout.of_view = true;
+  std::vector<SeenPart> of_part(bounds.size());
+  int finest = std::numeric_limits<int>::max();
+  for (const std::size_t i : all.parts) {
+    of_part[i] = seen(on_plane(with_border(bounds[i]), cell_size(half_octave)));
+    if (!of_part[i].box.isEmpty()) finest = std::min(finest, of_part[i].half_octave);
+  }
+  if (finest == std::numeric_limits<int>::max()) return layout;
+  for (int size = finest;; ++size) {
+    layout.groups.clear();
+    std::vector<CellBox> boxes(bounds.size());
+    for (const std::size_t i : all.parts) {
+      if (of_part[i].box.isEmpty()) continue;
+      boxes[i] = with_border(in_cells_of(bounds[i], half_octave, size));
+    }
+    double cells = 0.0;
+    std::int64_t longest = 0;
+    for (const PartGroup& group : meeting_groups(boxes)) {
+      CellBox box = group.box;
+      const bool cut = box.sizes().maxCoeff() >= kCellsOfWhole;
+      if (cut) {
+        Eigen::AlignedBox2d of_group;
+        for (const std::size_t i : group.parts) of_group.extend(of_part[i].box);
+        box = box.intersection(seen_cells(of_group, cell_size(size)));
+        if (box.isEmpty()) continue;
+      }
+      const Eigen::Vector2d sides = box.sizes().cast<double>() + Eigen::Vector2d::Ones();
+      cells += sides.prod();
+      longest = std::max(longest, box.sizes().maxCoeff() + 1);
+      if (cells > kMostCells || longest > most) break;
+      layout.groups.push_back({group.parts, cells_of(box, cell_size(size)), cut});
+    }
+    if (cells <= kMostCells && longest <= most) return layout;
+  }
+}
+
+}  // namespace penumbra
