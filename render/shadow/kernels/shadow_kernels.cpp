@@ -14,14 +14,14 @@
 #include "core/vector_clones.hpp"
 #include "render/model/to_eigen.hpp"
 #include "render/scene/plane_frame.hpp"
-#include "render/shadow/fields/footprint.hpp"
+#include "render/shadow/kernels/footprint.hpp"
 #include "render/shadow/kernels/kernel_tuning.hpp"
 
 namespace penumbra {
 
 namespace {
 
-// Relaxed local thickness (shadows.md 2.6); its constants are in kernel_tuning.hpp.
+// Relaxed local thickness (docs/shadows.md#kernels); its constants are in kernel_tuning.hpp.
 constexpr double kHoleShare = 0.005;  // smaller holes are missing faces
 // Bodies that an author made one part are measured as one across joints of this share of the
 // silhouette's shorter side: else each brick would have the thickness of a brick.
@@ -726,7 +726,7 @@ ShadowKernels generate_for_direction(const ShadowMesh& mesh, const Eigen::Vector
   return result;
 }
 
-// Layered Penumbrae, section 5.3, in the exact form of shadows.md 2.7: k = sum of d_i^2 k_i over
+// Layered Penumbrae, section 5.3, in the exact form of docs/shadows.md#kernel-directions: k = sum of d_i^2 k_i over
 // the sets k_i made for up = axis i. Exact on the axes only.
 ShadowKernels compose_per_axis(const ShadowMesh& mesh, const Eigen::Vector3d& up,
                                KernelProgress* progress) {

@@ -8,7 +8,7 @@
 #include <limits>
 #include <random>
 
-#include "render/shadow/fields/footprint.hpp"
+#include "render/shadow/kernels/footprint.hpp"
 #include "support/kernel_reach.hpp"
 #include "support/shapes.hpp"
 

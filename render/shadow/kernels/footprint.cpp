@@ -1,4 +1,4 @@
-#include "render/shadow/fields/footprint.hpp"
+#include "render/shadow/kernels/footprint.hpp"
 
 #include <algorithm>
 #include <array>
