@@ -250,7 +250,7 @@ Result<void> add_hard_shadow(const ShadowJob& job, std::span<const CasterVertex>
                              const ShadowMesh& mesh, const PlaneFrame& plane,
                              ShadowResult& result) {
   const auto triangles = projected_triangles(vertices, mesh.indices, job.light, plane);
-  if (triangles.empty() && plane_covector(plane).dot(job.light) <= 0.0) {
+  if (triangles.empty() && light_height(plane, job.light) <= 0.0) {
     warn(result, "the light is in or under the plane, so there is no shadow");
   }
   return add_layer(result, "shadow", triangles);

@@ -15,32 +15,6 @@ namespace {
 // Faces end this share of the light's height below the light, where shadows would be infinite.
 constexpr double kLightMargin = 1e-3;
 
-}  // namespace
-
-Eigen::Vector4d plane_covector(const PlaneFrame& plane) {
-  return {plane.n.x(), plane.n.y(), plane.n.z(), -plane.n.dot(plane.q)};
-}
-
-Eigen::Matrix4d shadow_matrix(const Eigen::Vector4d& light, const Eigen::Vector4d& plane) {
-  return light.dot(plane) * Eigen::Matrix4d::Identity() - plane * light.transpose();
-}
-
-Eigen::Vector4d project_from_light(const Eigen::Vector4d& light, const Eigen::Vector4d& plane,
-                                   const Eigen::Vector3d& point) {
-  return (point.homogeneous().transpose() * shadow_matrix(light, plane)).transpose();
-}
-
-ShadowOfPoint classify_shadow(const Eigen::Vector4d& light, const Eigen::Vector4d& plane,
-                              const Eigen::Vector3d& point) {
-  const double d_light = plane.dot(light);
-  const double d_point = plane.dot(point.homogeneous());
-  // w = d_L w_P - d_P w_L; the light's side comes first, since under the plane w is positive too.
-  if (d_light - d_point * light.w() <= 0.0) return ShadowOfPoint::at_or_above_light;
-  return d_point < 0.0 ? ShadowOfPoint::below_plane : ShadowOfPoint::shadow;
-}
-
-namespace {
-
 // In plane coordinates: a place, or a direction.
 Eigen::Vector3d light_on_plane(const PlaneFrame& plane, const Eigen::Vector4d& light) {
   return light.w() != 0.0
@@ -92,44 +66,6 @@ std::vector<PlanePoint> projected_triangles(std::span<const CasterVertex> vertic
     triangles.push_back({static_cast<float>(s.x()), static_cast<float>(s.y())});
   }
   return triangles;
-}
-
-std::vector<PlanePoint> projected_triangles_as_printed(std::span<const CasterVertex> vertices,
-                                                       std::span<const std::uint32_t> indices,
-                                                       const Eigen::Vector4d& light,
-                                                       const PlaneFrame& plane, double c) {
-  const double top =
-      light.w() != 0.0 ? light_on_plane(plane, light).z() : std::numeric_limits<double>::infinity();
-  const auto good = [&](std::uint32_t i) { return static_cast<double>(vertices[i].h) < top; };
-  std::vector<CasterVertex> replaced(vertices.begin(), vertices.end());
-  std::vector<bool> usable(vertices.size());
-  for (std::uint32_t i = 0; i < vertices.size(); ++i) usable[i] = good(i);
-  for (std::size_t face = 0; face + 2 < indices.size(); face += 3) {
-    for (std::size_t from = 0; from < 3; ++from) {
-      const std::uint32_t i = indices[face + from];
-      for (const std::size_t step : {1U, 2U}) {
-        const std::uint32_t j = indices[face + (from + step) % 3];
-        if (usable[i] || !good(j)) continue;
-        const CasterVertex& bad = vertices[i];
-        const CasterVertex& near = vertices[j];
-        // From the bad vertex to Q, and on by c of the way to the neighbour.
-        const double to_q = (static_cast<double>(bad.h) - top) /
-                            (static_cast<double>(bad.h) - static_cast<double>(near.h));
-        const auto t = static_cast<float>(to_q + c * (1.0 - to_q));
-        replaced[i] = {bad.u + t * (near.u - bad.u), bad.v + t * (near.v - bad.v),
-                       bad.h + t * (near.h - bad.h), 0.0F, 0.0F};
-        usable[i] = true;
-      }
-    }
-  }
-  std::vector<std::uint32_t> kept;
-  for (std::size_t face = 0; face + 2 < indices.size(); face += 3) {
-    const auto corners = indices.subspan(face, 3);
-    if (std::ranges::all_of(corners, [&](std::uint32_t i) { return usable[i]; })) {
-      kept.insert(kept.end(), corners.begin(), corners.end());
-    }
-  }
-  return projected_triangles(replaced, kept, light, plane);
 }
 
 std::vector<PlanePoint> split_for_lens(const std::vector<PlanePoint>& triangles,

@@ -1,7 +1,7 @@
 // The hard shadow of a point or parallel light on a plane (Blinn, "Me and My (Fake) Shadow";
-// Sudarsky, "Generating Dynamic Shadows for Virtual Reality Applications"; shadows.md 4 and 5),
-// with exact clipping: every face is cut to the heights from which the light throws it onto the
-// plane.
+// Sudarsky, "Generating Dynamic Shadows for Virtual Reality Applications";
+// docs/shadows.md#projected-shadows), with exact clipping: every face is cut to the heights from
+// which the light throws it onto the plane.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,28 +14,7 @@
 
 namespace penumbra {
 
-// Homogeneous light (x, y, z, w): a place (w = 1) or the direction towards it (w = 0). A plane is
-// the covector (n, -n.q); its product with a point or light is a signed height.
-[[nodiscard]] Eigen::Vector4d plane_covector(const PlaneFrame& plane);
-
-// M = (L.G) I - G L for row vectors, P' = P M.
-[[nodiscard]] Eigen::Matrix4d shadow_matrix(const Eigen::Vector4d& light,
-                                            const Eigen::Vector4d& plane);
-// P M. w > 0 where light throws the point onto the plane; the sign matters, although it does not
-// projectively.
-[[nodiscard]] Eigen::Vector4d project_from_light(const Eigen::Vector4d& light,
-                                                 const Eigen::Vector4d& plane,
-                                                 const Eigen::Vector3d& point);
-
-enum class ShadowOfPoint {
-  shadow,             // on the plane or between it and the light
-  at_or_above_light,  // an antishadow, or no shadow at all
-  below_plane,        // a false shadow: matter that the light reaches only through the plane
-};
-// For a light above the plane.
-[[nodiscard]] ShadowOfPoint classify_shadow(const Eigen::Vector4d& light,
-                                            const Eigen::Vector4d& plane,
-                                            const Eigen::Vector3d& point);
+// A light is homogeneous (x, y, z, w): a place (w = 1) or the direction towards it (w = 0).
 
 // The light's height above the plane [m], or of a direction its third coordinate: > 0 where it
 // throws shadows on it. The plane's point is subtracted first.
@@ -53,15 +32,6 @@ enum class ShadowOfPoint {
                                                           std::span<const std::uint32_t> indices,
                                                           const Eigen::Vector4d& light,
                                                           const PlaneFrame& plane);
-
-// BASELINE, not for drawing: the printed heuristic in place of clipping (Sudarsky; shadows.md 5). A
-// vertex level with or above a local light is replaced by the one point Q + c (P_j - Q) on its edge
-// to one good neighbour P_j, Q being where the edge meets the plane through the light; a vertex
-// without a good neighbour is dropped with its faces. The neighbour is the first that `indices`
-// name, so the outcome depends on their order. A point at infinity is what c = 0 would give.
-[[nodiscard]] std::vector<PlanePoint> projected_triangles_as_printed(
-    std::span<const CasterVertex> vertices, std::span<const std::uint32_t> indices,
-    const Eigen::Vector4d& light, const PlaneFrame& plane, double c);
 
 // Triangles, three points each, cut into smaller ones, so that straight edges can follow a lens:
 // no edge is longer than `longest_edge` [m], or than what looks as short from near the table's

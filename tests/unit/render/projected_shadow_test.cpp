@@ -16,6 +16,77 @@ namespace {
 
 const Eigen::Vector4d kTable(0.0, 0.0, 1.0, 0.0);
 
+// The printed formulas. A plane is the covector (n, -n.q); its product with a point or light is a
+// signed height.
+
+// M = (L.G) I - G L for row vectors, P' = P M.
+Eigen::Matrix4d shadow_matrix(const Eigen::Vector4d& light, const Eigen::Vector4d& plane) {
+  return light.dot(plane) * Eigen::Matrix4d::Identity() - plane * light.transpose();
+}
+
+// P M. w > 0 where the light throws the point onto the plane.
+Eigen::Vector4d project_from_light(const Eigen::Vector4d& light, const Eigen::Vector4d& plane,
+                                   const Eigen::Vector3d& point) {
+  return (point.homogeneous().transpose() * shadow_matrix(light, plane)).transpose();
+}
+
+enum class ShadowOfPoint {
+  shadow,             // on the plane or between it and the light
+  at_or_above_light,  // an antishadow, or no shadow at all
+  below_plane,        // a false shadow: the light reaches it only through the plane
+};
+// For a light above the plane.
+ShadowOfPoint classify_shadow(const Eigen::Vector4d& light, const Eigen::Vector4d& plane,
+                              const Eigen::Vector3d& point) {
+  const double d_light = plane.dot(light);
+  const double d_point = plane.dot(point.homogeneous());
+  // w = d_L w_P - d_P w_L; the light's side comes first: under the plane w is positive too.
+  if (d_light - d_point * light.w() <= 0.0) return ShadowOfPoint::at_or_above_light;
+  return d_point < 0.0 ? ShadowOfPoint::below_plane : ShadowOfPoint::shadow;
+}
+
+// The printed heuristic in place of clipping (Sudarsky). A vertex level with or above a local light
+// is replaced by the one point Q + c (P_j - Q) on its edge to one good neighbour P_j, Q being where
+// the edge meets the plane through the light; a vertex without a good neighbour is dropped with its
+// faces. The neighbour is the first that `indices` name.
+std::vector<PlanePoint> projected_triangles_as_printed(std::span<const CasterVertex> vertices,
+                                                       std::span<const std::uint32_t> indices,
+                                                       const Eigen::Vector4d& light,
+                                                       const PlaneFrame& plane, double c) {
+  const double top =
+      light.w() != 0.0 ? light_height(plane, light) : std::numeric_limits<double>::infinity();
+  const auto good = [&](std::uint32_t i) { return static_cast<double>(vertices[i].h) < top; };
+  std::vector<CasterVertex> replaced(vertices.begin(), vertices.end());
+  std::vector<bool> usable(vertices.size());
+  for (std::uint32_t i = 0; i < vertices.size(); ++i) usable[i] = good(i);
+  for (std::size_t face = 0; face + 2 < indices.size(); face += 3) {
+    for (std::size_t from = 0; from < 3; ++from) {
+      const std::uint32_t i = indices[face + from];
+      for (const std::size_t step : {1U, 2U}) {
+        const std::uint32_t j = indices[face + (from + step) % 3];
+        if (usable[i] || !good(j)) continue;
+        const CasterVertex& bad = vertices[i];
+        const CasterVertex& near = vertices[j];
+        // From the bad vertex to Q, and on by c of the way to the neighbour.
+        const double to_q = (static_cast<double>(bad.h) - top) /
+                            (static_cast<double>(bad.h) - static_cast<double>(near.h));
+        const auto t = static_cast<float>(to_q + c * (1.0 - to_q));
+        replaced[i] = {bad.u + t * (near.u - bad.u), bad.v + t * (near.v - bad.v),
+                       bad.h + t * (near.h - bad.h), 0.0F, 0.0F};
+        usable[i] = true;
+      }
+    }
+  }
+  std::vector<std::uint32_t> kept;
+  for (std::size_t face = 0; face + 2 < indices.size(); face += 3) {
+    const auto corners = indices.subspan(face, 3);
+    if (std::ranges::all_of(corners, [&](std::uint32_t i) { return usable[i]; })) {
+      kept.insert(kept.end(), corners.begin(), corners.end());
+    }
+  }
+  return projected_triangles(replaced, kept, light, plane);
+}
+
 // A cube of edge 1 with its middle at a height, as two triangles a side.
 struct Cube {
   std::vector<CasterVertex> vertices;
